@@ -25,9 +25,9 @@ CONTRACTS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 LAYERS = CONTRACTS[0]["layers"]
 #: What `python -m validation.house` may count at most: lower a bound when its count has fallen.
 BOUNDS = {
-    "circles of imports": 6,
-    "files in circles of imports": 125,
-    "imports of the package inside functions": 214,
+    "circles of imports": 0,
+    "files in circles of imports": 0,
+    "imports of the package inside functions": 0,
     "imports of the package for type checking only": 119,
 }
 

@@ -1,7 +1,4 @@
-"""Eivor: the parameters of moving machines from noisy recordings, with honest intervals and a verdict.
-
-Public names are loaded when they are first used, so that ``import eivor`` costs next to nothing.
-"""
+"""Eivor: the parameters of moving machines from noisy recordings, with honest intervals and a verdict."""
 
 from __future__ import annotations
 

@@ -95,25 +95,13 @@ def whole_file(path: Path) -> Iterator[BinaryIO]:
 
 
 def write_whole(path: Path, content: bytes | str) -> None:
-    """Write a file at once, see `whole_file`; text in UTF-8.
-
-    Raises
-    ------
-    OSError
-        When the system refuses.
-    """
+    """Write a file at once, see `whole_file`; text in UTF-8."""
     with whole_file(path) as file:
         file.write(content.encode("utf-8") if isinstance(content, str) else content)
 
 
 def try_place(path: Path) -> None:
-    """Find out whether `whole_file` could begin: a file appears beside the place and goes again.
-
-    Raises
-    ------
-    OSError
-        What the system says if it could not.
-    """
+    """Find out whether `whole_file` could begin: a file appears beside the place and goes again."""
     mode = _mode(path)
     if mode is not None and not stat.S_ISREG(mode):
         return
@@ -132,13 +120,7 @@ def remove_abandoned(folder: Path) -> None:
 
 
 def _mode(path: Path) -> int | None:
-    """Kind and permissions of what is there; None when there is nothing.
-
-    Raises
-    ------
-    OSError
-        When it may not be written to, is a folder, or its name is none for the system.
-    """
+    """Kind and permissions of what is there; None when there is nothing."""
     try:
         mode = path.stat().st_mode
     except FileNotFoundError:

@@ -24,36 +24,18 @@ REAL_KINDS = frozenset("biuf")
 def kind(
     name: str, value: object, types: type | tuple[type, ...], expected: str, remedy: str = "Correct the call."
 ) -> None:
-    """Refuse what is none of some types.
-
-    Raises
-    ------
-    UsageError
-        With what came instead.
-    """
+    """Refuse what is none of some types."""
     if not isinstance(value, types):
         raise UsageError(f"{expected} for {name}", described(value), remedy)
 
 
 def text(name: str, value: object) -> None:
-    """Refuse what is no text.
-
-    Raises
-    ------
-    UsageError
-        With what came instead.
-    """
+    """Refuse what is no text."""
     kind(name, value, str, "text")
 
 
 def number(name: str, value: object) -> None:
-    """Refuse what is no real number, and whole ones beyond the largest double; NaN and infinity are some.
-
-    Raises
-    ------
-    UsageError
-        With what came instead.
-    """
+    """Refuse what is no real number, and whole ones beyond the largest double; NaN and infinity are some."""
     if isinstance(value, bool):
         raise UsageError(f"a number for {name}", described(value), "Correct the call.")
     kind(name, value, NUMBERS, "a number")
@@ -62,13 +44,7 @@ def number(name: str, value: object) -> None:
 
 
 def within(given: object, ranges: Mapping[str, tuple[float, float]], remedy: str) -> None:
-    """Refuse attributes that are no numbers, or out of their ranges.
-
-    Raises
-    ------
-    UsageError
-        With what came instead.
-    """
+    """Refuse attributes that are no numbers, or out of their ranges."""
     for name, (low, high) in ranges.items():
         value = getattr(given, name)
         number(name, value)
@@ -77,13 +53,7 @@ def within(given: object, ranges: Mapping[str, tuple[float, float]], remedy: str
 
 
 def whole(name: str, value: object) -> None:
-    """Refuse what is no whole number, and what no count of anything can be.
-
-    Raises
-    ------
-    UsageError
-        With what came instead.
-    """
+    """Refuse what is no whole number, and what no count of anything can be."""
     if isinstance(value, bool):
         raise UsageError(f"a whole number for {name}", described(value), "Correct the call.")
     kind(name, value, (int, np.integer), "a whole number")
@@ -92,24 +62,12 @@ def whole(name: str, value: object) -> None:
 
 
 def path(name: str, value: object) -> None:
-    """Refuse what is no path: a number would be taken for an open file.
-
-    Raises
-    ------
-    UsageError
-        With what came instead.
-    """
+    """Refuse what is no path: a number would be taken for an open file."""
     kind(name, value, (str, os.PathLike), "a path, as a text or a Path", 'Give its text: "flight.ulg".')
 
 
 def flag(name: str, value: object) -> None:
-    """Refuse what is neither true nor false.
-
-    Raises
-    ------
-    UsageError
-        With what came instead.
-    """
+    """Refuse what is neither true nor false."""
     kind(name, value, (bool, np.bool_), "True or False")
 
 
@@ -120,13 +78,7 @@ def items(
     expected: str,
     remedy: str = "Correct the call.",
 ) -> None:
-    """Refuse what is no tuple or list of some types.
-
-    Raises
-    ------
-    UsageError
-        With what came instead.
-    """
+    """Refuse what is no tuple or list of some types."""
     kind(name, values, (tuple, list), f"a tuple of {expected}", remedy)
     assert isinstance(values, tuple | list)  # noqa: S101 - `kind` has refused anything else
     for value in values:
@@ -135,13 +87,7 @@ def items(
 
 
 def texts(name: str, values: object, remedy: str = "Correct the call.") -> None:
-    """Refuse what are no several texts; a single one would be taken for its letters.
-
-    Raises
-    ------
-    UsageError
-        With what came instead.
-    """
+    """Refuse what are no several texts; a single one would be taken for its letters."""
     if isinstance(values, str) or not isinstance(values, Iterable):
         raise UsageError(f"several texts for {name}", described(values), remedy)
     for value in values:
@@ -150,13 +96,7 @@ def texts(name: str, values: object, remedy: str = "Correct the call.") -> None:
 
 
 def mapping(name: str, value: object, types: type | tuple[type, ...], expected: str) -> None:
-    """Refuse what is no mapping from texts to some types.
-
-    Raises
-    ------
-    UsageError
-        With what came instead.
-    """
+    """Refuse what is no mapping from texts to some types."""
     expected = f"a mapping of names to {expected}"
     kind(name, value, Mapping, expected, "Give a dictionary.")
     assert isinstance(value, Mapping)  # noqa: S101 - `kind` has refused anything else
@@ -168,20 +108,7 @@ def mapping(name: str, value: object, types: type | tuple[type, ...], expected: 
 
 
 def real_array(name: str, values: Any) -> Float[np.ndarray, "*shape"]:
-    """Array in double precision; what a mask hides is NaN, as it is no value.
-
-    Parameters
-    ----------
-    name : str
-        What messages call it.
-    values : array_like
-        Real numbers in arrays, masked arrays, series, data frames or nested lists; left as they are.
-
-    Raises
-    ------
-    DataError
-        When there are complex numbers, texts, dates or other things than real numbers in it.
-    """
+    """Array in double precision; what a mask hides is NaN, as it is no value."""
     if type(values) is np.ndarray and values.dtype == np.float64:
         return values
     try:

@@ -32,13 +32,7 @@ from eivor.errors import EivorError, InputError, UsageError, did_you_mean
 
 
 def check_among(what: str, name: str, known: Mapping[str, object] | tuple[str, ...]) -> None:
-    """Refuse a name that is not known, and propose the nearest that is.
-
-    Raises
-    ------
-    UsageError
-        With all known names.
-    """
+    """Refuse a name that is not known, and propose the nearest that is."""
     if name not in known:
         remedy = did_you_mean(name, known, "Name one of them.")
         raise UsageError(f"{what} out of {', '.join(known)}", f"'{name}'", remedy)
@@ -98,16 +92,7 @@ UNLIMITED = Limits(math.inf, math.inf)
 
 
 class WorkerProcess:
-    """A function of one item, called in a process of its own.
-
-    Parameters
-    ----------
-    function : callable
-        That can be pickled, as can its items and results. Errors of Eivor are raised here, all others end
-        the process.
-    limits : Limits
-        Of each call.
-    """
+    """A function of one item, called in a process of its own."""
 
     def __init__(self, function: Callable[..., Any], limits: Limits = UNLIMITED) -> None:
         self._pickled, self._limits = pickle.dumps(function), limits
@@ -116,24 +101,7 @@ class WorkerProcess:
     def __call__(
         self, item: Any, *, report: ProgressCallback | None = None, given_up: Callable[[], bool] | None = None
     ) -> Any:
-        """Result of an item.
-
-        Parameters
-        ----------
-        item : object
-            Argument of the function.
-        report : callable, optional
-            Takes what the function sends by a second argument, anew where an item is tried again.
-        given_up : callable, optional
-            Whether nobody waits any more. Default: `abandoned`.
-
-        Raises
-        ------
-        LimitError
-            When the item exceeds a limit, or the process dies.
-        AbandonedError
-            When nobody waits.
-        """
+        """Result of an item."""
         given_up = given_up or abandoned
         for attempt in range(TRIES):
             process, self._process = self._process or _process(), None  # until it has answered
@@ -372,31 +340,7 @@ class Executor(ABC):
     def map(
         self, function: Callable[[Item], Result], items: Iterable[Item]
     ) -> Generator[tuple[int, Result], None, None]:
-        """Result of each item with the item's place, in any order, as they are done; see `in_order`.
-
-        The number of tasks in flight is bounded, so that memory does not grow with the number of items.
-        Closing the iterator ends the work.
-
-        Parameters
-        ----------
-        function : callable
-            A pure function that can be pickled, as can its items and results: one of a module, or an object
-            that holds what all tasks have in common.
-        items : iterable
-            Taken as there is room for them.
-
-        Yields
-        ------
-        int, result
-            Place of an item, counted from zero, and what the function made of it.
-
-        Raises
-        ------
-        InputError
-            When a worker is lost for good.
-        EivorError
-            What the function raises.
-        """
+        """Result of each item with the item's place, in any order, as they are done; see `in_order`."""
 
 
 @dataclass(frozen=True, slots=True)

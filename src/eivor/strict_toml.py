@@ -23,28 +23,10 @@ INTEGER_BITS = 64
 
 @dataclass(frozen=True, slots=True)
 class TomlTable:
-    """A table whose keys are taken one by one.
+    """A table whose keys are taken one by one."""
 
-    Parameters
-    ----------
-    values : mapping
-        Keys and values as read.
-    file : str
-        Name of the file, for messages.
-    path : str
-        Of the table in the file, such as ``methods[2]``; empty for the top.
-    taken : set of str
-        Keys that were asked for.
-    folder : Path
-        Where the file is, and where it looks for files that it names.
-    files : set of Path
-        What was read for it: the file itself, and those that it names.
-    error : type of InputError
-        What is raised for a wrong key.
-    """
-
-    values: Mapping[str, Any]
-    file: str
+    values: Mapping[str, Any]  # Keys and values as read
+    file: str  # Name of the file, for messages
     path: str = ""
     taken: set[str] = field(default_factory=set)
     folder: Path = Path()
@@ -175,13 +157,7 @@ class TomlTable:
         return tuple(self.part(item, f"{key}[{n + 1}]") for n, item in enumerate(value))
 
     def finish(self) -> None:
-        """Refuse keys that nobody asked for.
-
-        Raises
-        ------
-        InputError
-            With the nearest_names key that exists.
-        """
+        """Refuse keys that nobody asked for."""
         for key in self.values:
             if key not in self.taken:
                 raise self.wrong(
@@ -193,22 +169,7 @@ class TomlTable:
 
 
 def read_toml(path: Path, what: str, error: type[InputError] = InputError) -> TomlTable:
-    """Top table of a file.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    what : str
-        What it should be, with its article, for messages.
-    error : type of InputError
-        What is raised for it.
-
-    Raises
-    ------
-    InputError
-        When it cannot be read, or is no TOML.
-    """
+    """Top table of a file."""
     expected = f"{what} in TOML"
     try:
         if path.is_file() and path.stat().st_size > LARGEST_BYTES:

@@ -42,15 +42,7 @@ def plain_letter(letter: str) -> str:
 
 
 def plain_text(text: str, encoding: str) -> str:
-    """Text that the encoding has; what grows takes from the next two blanks or more, so that columns stay.
-
-    Parameters
-    ----------
-    text : str
-        Lines of a report.
-    encoding : str
-        Of the stream that it goes to.
-    """
+    """Text that the encoding has; what grows takes from the next two blanks or more, so that columns stay."""
     try:
         text.encode(encoding)
     except UnicodeEncodeError:
@@ -107,20 +99,7 @@ def silent(_stage: Stage, /) -> None:
 
 
 def late_names(package: str, homes: Mapping[str, str]) -> Callable[[str], object]:
-    """Return the `__getattr__` of a package or module.
-
-    Parameters
-    ----------
-    package : str
-        Its name.
-    homes : mapping of str to str
-        The module where each of its late names lives.
-
-    Returns
-    -------
-    callable
-        From a name to what it stands for. It raises an AttributeError for any other name.
-    """
+    """Return the `__getattr__` of a package or module."""
 
     def load(name: str) -> object:
         if name not in homes:
@@ -134,19 +113,7 @@ def late_names(package: str, homes: Mapping[str, str]) -> Callable[[str], object
 
 
 def html_table(title: str, columns: Sequence[str], rows: Iterable[Sequence[str]], note: str = "") -> str:
-    """Table in HTML.
-
-    Parameters
-    ----------
-    title : str
-        Above it.
-    columns : sequence of str
-        Headings.
-    rows : iterable of sequence of str
-        Cells.
-    note : str
-        Below it; may be empty.
-    """
+    """Table in HTML."""
     head = "".join(f"<th>{escape(column)}</th>" for column in columns)
     body = "".join("<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in cells) + "</tr>" for cells in rows)
     below = f"<p>{escape(note)}</p>" if note else ""

@@ -62,25 +62,10 @@ from eivor.signals.recording import Recording
 
 @dataclass(frozen=True, slots=True)
 class ChosenLogs:
-    """What to read.
-
-    Parameters
-    ----------
-    logs : tuple of LogArgument
-        Each with its own window, where it has one.
-    example : bool
-        The bundled example instead.
-    channel_map : str
-        Of tables; empty for none.
-
-    Raises
-    ------
-    UsageError
-        When there is nothing to read, both logs and the example, or a map for the example.
-    """
+    """What to read."""
 
     logs: tuple[LogArgument, ...]
-    example: bool
+    example: bool  # The bundled example instead
     channel_map: str
 
     def __post_init__(self) -> None:
@@ -98,17 +83,7 @@ class ChosenLogs:
             )
 
     def read(self, options: FlightOptions) -> tuple[list[Recording], list[Window | None]]:
-        """Recordings, and the window of each that has one of its own; those of one file name told apart.
-
-        A log of which several windows are given is read once: standard input cannot be read again.
-
-        Raises
-        ------
-        UsageError
-            When a window lies outside its log.
-        InputError
-            With the name of the log that cannot be read.
-        """
+        """Recordings, and the window of each that has one of its own; those of one file name told apart."""
         if self.example:
             recordings = [example_flight()]
         else:
@@ -124,13 +99,7 @@ class ChosenLogs:
 
 
 def chosen_logs(texts: list[str] | None, *, example: bool, channel_map: str) -> ChosenLogs:
-    """Logs of what was typed, see `ChosenLogs`.
-
-    Raises
-    ------
-    UsageError
-        See there, and when a window is none.
-    """
+    """Logs of what was typed, see `ChosenLogs`."""
     return ChosenLogs(tuple(map(log_argument, texts or ())), example, channel_map)
 
 
@@ -147,23 +116,11 @@ IDENTIFY_EXIT_CODES = (
 
 @dataclass(frozen=True, slots=True)
 class Outputs:
-    """Where to write.
+    """Where to write."""
 
-    Parameters
-    ----------
-    json : str
-        File, "-" for standard output, empty for none.
-    figure : Path or None
-        File.
-    html : str
-        File of the page, empty for none.
-    card : bool
-        Whether the report ends with the flight card.
-    """
-
-    json: str
+    json: str  # File, "-" for standard output, empty for none
     figure: Path | None
-    html: str = ""
+    html: str = ""  # File of the page, empty for none
     card: bool = False
 
 
@@ -246,13 +203,7 @@ def identify(
 
 
 def result_of(chosen: ChosenLogs, motion: Motion[Any], options: FlightOptions) -> FlightEstimate:
-    """Read logs and identify them.
-
-    Raises
-    ------
-    EivorError
-        When one cannot be read, or lacks what the motion needs.
-    """
+    """Read logs and identify them."""
     recordings, windows = chosen.read(options)
     with step("Identifying" + (f" {len(recordings)} flights together" if len(recordings) > 1 else "")):
         return identified(recordings, motion, options, windows)
@@ -279,13 +230,7 @@ def _write_result_json(result: FlightEstimate, place: str) -> None:
 
 
 def write_page(result: FlightEstimate, place: str) -> None:
-    """Write the page of a result to a file, or to standard output where the place is "-".
-
-    Raises
-    ------
-    InputError
-        When the system refuses the file.
-    """
+    """Write the page of a result to a file, or to standard output where the place is "-"."""
     with step(f"Writing {Path(place).name}"):
         page = flight_page(result)
     write_out(page, place)

@@ -72,10 +72,7 @@ class _Late(MetaPathFinder):
     def find_spec(
         self, fullname: str, path: Iterable[str] | None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
-        """Return the specification of one of `LATE`; None of any other module, which others find.
-
-        The folders of a package that has no `__init__.py` are no `Sequence`: they can be iterated over only.
-        """
+        """Return the specification of one of `LATE`; None of any other module, which others find."""
         if fullname not in LATE:
             return None
         found = PathFinder.find_spec(fullname, None if path is None else [*path], target)

@@ -69,15 +69,7 @@ def fleet_paths(text: str) -> Iterable[Path]:
 
 @dataclass(frozen=True, slots=True)
 class Reads:
-    """Declares that a parameter names what the command reads: the guard of outputs protects it.
-
-    Parameters
-    ----------
-    paths : callable
-        Takes the text that was typed, gives the files that it names; those that do not exist are ignored.
-    default : callable, optional
-        Takes the values of all parameters, gives the file where none is typed.
-    """
+    """Declares that a parameter names what the command reads: the guard of outputs protects it."""
 
     paths: Callable[[str], Iterable[Path]] = lambda text: [Path(text)]
     default: Callable[[Mapping[str, Any]], str] | None = None
@@ -85,17 +77,9 @@ class Reads:
 
 @dataclass(frozen=True, slots=True)
 class Writes:
-    """Declares that a parameter names a file that the command writes, or a folder of such files.
+    """Declares that a parameter names a file that the command writes, or a folder of such files."""
 
-    Parameters
-    ----------
-    inside : tuple of str
-        Patterns of the files that are written into the folder; empty for a file.
-    default : callable, optional
-        Takes the values of all parameters, gives the folder where none is typed.
-    """
-
-    inside: tuple[str, ...] = ()
+    inside: tuple[str, ...] = ()  # Patterns of the files that are written into the folder
     default: Callable[[Mapping[str, Any]], str] | None = None
 
 
@@ -288,13 +272,7 @@ def console(*, error: bool = False) -> Console:
 
 
 def show(report: RenderableType) -> None:
-    """Print a report on standard output; in a pipe without the blanks that pad lines to the width.
-
-    Raises
-    ------
-    InputError
-        When the system refuses, for example because the disk is full.
-    """
+    """Print a report on standard output; in a pipe without the blanks that pad lines to the width."""
     screen = console()
     with printing(), screen.capture() as captured:  # even a captured print touches the stream
         screen.print(report)
@@ -305,13 +283,7 @@ def show(report: RenderableType) -> None:
 
 
 def write(text: str) -> None:
-    """Write text on standard output, in letters that it has.
-
-    Raises
-    ------
-    InputError
-        When the system refuses, for example because the disk is full.
-    """
+    """Write text on standard output, in letters that it has."""
     with printing():
         sys.stdout.write(plain_text(text, sys.stdout.encoding or "utf-8"))
         sys.stdout.flush()
@@ -319,15 +291,7 @@ def write(text: str) -> None:
 
 @contextmanager
 def printing() -> Iterator[None]:
-    """Turn the system's error for standard output into one of Eivor's, and print nothing there any more.
-
-    Raises
-    ------
-    InputError
-        When standard output cannot be written to.
-    BrokenPipeError
-        When nobody reads it any more, which needs no words.
-    """
+    """Turn the system's error for standard output into one of Eivor's, and print nothing there any more."""
     expected = "a standard output that can be written to"
     if sys.stdout is None:
         raise InputError(expected, "one that is closed", "Print to a file, a pipe or a terminal.")
@@ -443,18 +407,7 @@ def reported(error: EivorError) -> ExitCode:
 
 
 def refuse_empty_options(context: Any) -> None:
-    """Leave with a message where an option that is nothing by default was given as nothing.
-
-    Parameters
-    ----------
-    context : typer.Context
-        Of the command, its options read.
-
-    Raises
-    ------
-    typer.Exit
-        After the message, with the code of wrong usage.
-    """
+    """Leave with a message where an option that is nothing by default was given as nothing."""
     for option in context.command.params:
         nothing = option.param_type_name == "option" and context.params.get(option.name) == ""
         source = getattr(context.get_parameter_source(option.name), "name", "DEFAULT")
@@ -474,15 +427,7 @@ PACKAGE = Path(__file__).resolve().parents[1]
 
 
 def output_file(text: str, *, option: str) -> Path:
-    """Path of a file that can be written.
-
-    Raises
-    ------
-    UsageError
-        When it is a folder, or lies inside Eivor itself.
-    InputError
-        When its folder does not exist or may not be written, or the system refuses for another reason.
-    """
+    """Path of a file that can be written."""
     path = Path(text)
     if os.path.isdir(path) or not path.name:  # noqa: PTH112 - that of Path fails for a name that is too long
         raise UsageError(f"a file for {option}", f"the folder '{text}'", "Add a file name.")
@@ -504,13 +449,7 @@ def output_file(text: str, *, option: str) -> Path:
 
 
 def figure_file(text: str) -> Path:
-    """Path of a figure.
-
-    Raises
-    ------
-    UsageError
-        When the extension is of no format that can be drawn.
-    """
+    """Path of a figure."""
     path = Path(text)
     if path.suffix.lower() not in FIGURE_FORMATS:
         raise UsageError(
@@ -550,22 +489,7 @@ _replaced_files: ContextVar[Mapping[tuple[int, int], tuple[_Output, Path]]] = Co
 
 
 def guard_outputs(context: Any) -> None:
-    """Refuse a command whose outputs would replace a file that it reads, or each other.
-
-    The parameters declare what they name (`Reads`, `Writes`); those of the groups above the command count.
-
-    Parameters
-    ----------
-    context : typer.Context
-        Of the command, with its parameters read.
-
-    Raises
-    ------
-    UsageError
-        When an output is a file that the command reads, another output, a folder, or a file of Eivor.
-    InputError
-        When an output cannot be written.
-    """
+    """Refuse a command whose outputs would replace a file that it reads, or each other."""
     outputs = [
         _Output(name, Path(text), place.inside)
         for name, place, text in declared(context)
@@ -592,22 +516,7 @@ def guard_outputs(context: Any) -> None:
 
 
 def keep_inputs(name: str, paths: Iterable[Path]) -> None:
-    """Refuse the outputs of the command that would replace one of these files.
-
-    `guard_outputs` calls it for what the parameters name, a command for files that those files name.
-
-    Parameters
-    ----------
-    name : str
-        What names the files, for the message.
-    paths : iterable of Path
-        Files that the command reads; those that do not exist are ignored.
-
-    Raises
-    ------
-    UsageError
-        For the first one.
-    """
+    """Refuse the outputs of the command that would replace one of these files."""
     replaced = _replaced_files.get({})
     for source in paths if replaced else ():
         key = _key(source)
@@ -671,13 +580,7 @@ def _spelling(path: Path) -> str:
 
 @contextmanager
 def writing(path: Path) -> Iterator[None]:
-    """Turn the system's error for an output file into one of Eivor's.
-
-    Raises
-    ------
-    InputError
-        When the file could not be written after all.
-    """
+    """Turn the system's error for an output file into one of Eivor's."""
     try:
         yield
     except OSError as error:
@@ -688,13 +591,7 @@ def writing(path: Path) -> Iterator[None]:
 
 
 def write_out(text: str, place: str) -> None:
-    """Write text to a file, whole, or to standard output where the place is "-".
-
-    Raises
-    ------
-    InputError
-        When the system refuses the file.
-    """
+    """Write text to a file, whole, or to standard output where the place is "-"."""
     if place == STANDARD_OUTPUT:
         write(text)
         return
@@ -703,18 +600,7 @@ def write_out(text: str, place: str) -> None:
 
 
 def deliver(*parts: Callable[[], None]) -> None:
-    """Do every part, whatever happens to those before it.
-
-    Parameters
-    ----------
-    *parts : callable
-        What prints comes first, so that it is there when a file cannot be written.
-
-    Raises
-    ------
-    EivorError, OSError
-        The first that a part raised, once all were tried; the others are told on standard error.
-    """
+    """Do every part, whatever happens to those before it."""
     errors: list[EivorError | OSError] = []
     for part in parts:
         try:
@@ -736,22 +622,7 @@ _READ = "eivor.cli.outputs"
 
 
 def read_repeated_options(context: Any, file: str, commands: Iterable[str]) -> None:
-    """Give the commands of a group the defaults that a file holds, a table for each command.
-
-    Parameters
-    ----------
-    context : typer.Context
-        Of the group.
-    file : str
-        The file; empty for `FILE`, where there is one.
-    commands : iterable of str
-        Names of all commands, those that are not loaded among them, whose tables are left alone.
-
-    Raises
-    ------
-    InputError
-        When the file cannot be read, or names a command or an option that does not exist.
-    """
+    """Give the commands of a group the defaults that a file holds, a table for each command."""
     path = Path(file or FILE)
     if not file and not path.is_file():
         return

@@ -42,28 +42,14 @@ Window = tuple[float, float]
 
 @dataclass(frozen=True, slots=True)
 class LogArgument:
-    """A log as given on the command line.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    window : tuple of float or None
-        Its own window [s], when one was given as LOG@START:END.
-    """
+    """A log as given on the command line."""
 
     path: Path
-    window: Window | None = None
+    window: Window | None = None  # [s]
 
 
 def log_argument(text: str) -> LogArgument:
-    """Log of ``LOG`` or ``LOG@START:END``; a file that exists under the whole name wins.
-
-    Raises
-    ------
-    UsageError
-        When what follows the last @ has a colon and is no window.
-    """
+    """Log of ``LOG`` or ``LOG@START:END``; a file that exists under the whole name wins."""
     name, at, tail = text.rpartition("@")
     if not at or not name or ":" not in tail or os.path.lexists(text):
         return LogArgument(Path(text))
@@ -71,13 +57,7 @@ def log_argument(text: str) -> LogArgument:
 
 
 def parse_window(text: str) -> Window:
-    """Window of ``START:END`` in seconds; an end left out is that of the log.
-
-    Raises
-    ------
-    UsageError
-        When it is not two numbers, or START is not before END.
-    """
+    """Window of ``START:END`` in seconds; an end left out is that of the log."""
     start, end = parse_ends(text)
     if not start < end:
         raise UsageError(
@@ -100,13 +80,7 @@ def parse_ends(text: str) -> Window:
 
 
 def parse_lag(text: str) -> Prior | Bounds:
-    """What is known of a lag [s], of ``MS:STD``, ``LOW..HIGH`` or ``none``.
-
-    Raises
-    ------
-    UsageError
-        When it is none of them: two numbers above zero, or two that are not below zero, in order.
-    """
+    """What is known of a lag [s], of ``MS:STD``, ``LOW..HIGH`` or ``none``."""
     if text.strip().lower() == "none":
         return NO_LAG
     between = ".." in text
@@ -128,13 +102,7 @@ def parse_lag(text: str) -> Prior | Bounds:
 
 
 def parse_names(text: str) -> tuple[str, ...]:
-    """Names of a list with commas.
-
-    Raises
-    ------
-    UsageError
-        When the list is empty, or "references" or "lags" stand beside other names.
-    """
+    """Names of a list with commas."""
     found = tuple(name.strip() for name in text.split(",") if name.strip())
     if not found or (len(found) > 1 and {"references", "lags"} & set(found)):
         raise UsageError(
@@ -147,13 +115,7 @@ def parse_names(text: str) -> tuple[str, ...]:
 
 @contextmanager
 def named(name: str, *, several: bool) -> Iterator[None]:
-    """Say in an error which of several logs it is about, unless it does so already.
-
-    Raises
-    ------
-    EivorError
-        The same kind that was raised inside.
-    """
+    """Say in an error which of several logs it is about, unless it does so already."""
     try:
         yield
     except EivorError as error:
@@ -182,13 +144,7 @@ def told_apart(given: Sequence[LogArgument], recordings: list[Recording]) -> lis
 
 
 def check_windows(recordings: list[Recording], windows: Sequence[Window | None]) -> None:
-    """Refuse windows outside their logs, and name the log.
-
-    Raises
-    ------
-    UsageError
-        For the first one.
-    """
+    """Refuse windows outside their logs, and name the log."""
     for recording, window in zip(recordings, windows, strict=True):
         if window is not None:
             with named(recording.name, several=len(recordings) > 1):
@@ -196,13 +152,7 @@ def check_windows(recordings: list[Recording], windows: Sequence[Window | None])
 
 
 def check_named_instruments(recordings: list[Recording], wanted: tuple[str, ...]) -> None:
-    """Refuse instruments that a log does not have.
-
-    Raises
-    ------
-    UsageError
-        With the channels that there are.
-    """
+    """Refuse instruments that a log does not have."""
     for recording in recordings:
         absent = [name for name in wanted if name not in {"references", "lags", *recording.channels}]
         if absent:
@@ -220,15 +170,7 @@ def identified(
     windows: list[Window | None],
     progress: Progress = silent,
 ) -> FlightEstimate:
-    """Result of the logs.
-
-    Raises
-    ------
-    UsageError
-        For instruments that a log does not have.
-    MissingChannelError
-        With what to log so that the channel is there.
-    """
+    """Result of the logs."""
     check_named_instruments(recordings, options.instruments)
     try:
         return identify_flight(recordings, options, windows=windows, model=motion, progress=progress)
@@ -260,18 +202,7 @@ _REMEDY = (
 
 
 def declared_noise(texts: Iterable[str]) -> Mapping[str, Declared] | str | None:
-    """Noise by channel of ``NAME=STD``, ``NAME=density:D,bandwidth:HZ,step:S``, or ``estimate``.
-
-    Parameters
-    ----------
-    texts : iterable of str
-        Each with one channel or, between commas, several.
-
-    Raises
-    ------
-    UsageError
-        When it is none of them, the number is no standard deviation, or the unit is not the channel's.
-    """
+    """Noise by channel of ``NAME=STD``, ``NAME=density:D,bandwidth:HZ,step:S``, or ``estimate``."""
     given = [text.strip() for text in texts]
     if not given:
         return None
@@ -365,13 +296,7 @@ def _size(name: str, text: str, what: str) -> float:
 
 
 def named_motion(name: str, vehicle: str = "") -> Motion[Any]:
-    """Return the motion of a name, of a vehicle where one is given; its channels are known from then on.
-
-    Raises
-    ------
-    UsageError
-        With the motions that there are; and when the motion does not ask what flies.
-    """
+    """Return the motion of a name, of a vehicle where one is given; its channels are known from then on."""
     motion = motion_by_name(name)
     return motion.of_vehicle(vehicle) if vehicle else motion
 
@@ -395,13 +320,7 @@ def flight_options(
     rotor_radius: float | None = None,
     noise: Sequence[str] = (),
 ) -> FlightOptions:
-    """Options of the library, checked before any log is read.
-
-    Raises
-    ------
-    UsageError
-        When one of them does not exist or makes no sense.
-    """
+    """Options of the library, checked before any log is read."""
     chosen = by_name(method)
     if instruments and not (compare or chosen.of_flights.needs_instruments):
         raise UsageError(
@@ -437,15 +356,7 @@ def flight_options(
 
 
 def given_lag(text: str, file: str) -> Prior | Bounds | None:
-    """Return what is known of the lag: as typed, or from another flight's JSON; None for nothing.
-
-    Raises
-    ------
-    UsageError
-        When both are given, or the other flight could not tell its lag.
-    InputError
-        When the file is no result.
-    """
+    """Return what is known of the lag: as typed, or from another flight's JSON; None for nothing."""
     if text and file:
         raise UsageError("--lag or --lag-from", "both", "Leave out one of them.")
     if text:
@@ -467,13 +378,7 @@ def given_lag(text: str, file: str) -> Prior | Bounds | None:
 
 
 def check_mission(qgc: str, home: str, shape: str) -> None:
-    """Refuse a mission without a place, a place without a mission, and a mission of another shape than steps.
-
-    Raises
-    ------
-    UsageError
-        For the first of them.
-    """
+    """Refuse a mission without a place, a place without a mission."""
     if bool(qgc) != bool(home):
         raise UsageError(
             "--qgc FILE.plan together with --home LAT,LON",
@@ -485,13 +390,7 @@ def check_mission(qgc: str, home: str, shape: str) -> None:
 
 
 def place_of(text: str) -> Place:
-    """Place of ``LAT,LON`` [deg].
-
-    Raises
-    ------
-    UsageError
-        When it is not two numbers.
-    """
+    """Place of ``LAT,LON`` [deg]."""
     latitude, comma, longitude = text.partition(",")
     try:
         return float(latitude), float(longitude if comma else "")
@@ -506,13 +405,7 @@ def flight_limits(
     tilt: float = 20.0,
     time: float = 60.0,
 ) -> FlightLimits:
-    """Limits of a planned flight, with heights as ``LOW:HIGH`` [m].
-
-    Raises
-    ------
-    UsageError
-        When the heights are not two numbers, or no flight can be within the limits.
-    """
+    """Limits of a planned flight, with heights as ``LOW:HIGH`` [m]."""
     low, high = parse_ends(height)
     if not -math.inf < low < high < math.inf:
         expected = "--height LOW:HIGH with both ends, LOW below HIGH"
@@ -524,15 +417,7 @@ def flight_limits(
 
 
 def supplied(mass: str, priors: Sequence[str], vehicle: str) -> Supplied:
-    """What is known beside a flight, of ``KG[:STD]``, ``NAME=VALUE[:STD]`` and a vehicle's name or file.
-
-    Raises
-    ------
-    UsageError
-        When one is no such text, or no such number can be.
-    InputError
-        When the vehicle cannot be read.
-    """
+    """What is known beside a flight, of ``KG[:STD]``, ``NAME=VALUE[:STD]`` and a vehicle's name or file."""
     known = {}
     for text in priors:
         name, equals, number = text.partition("=")

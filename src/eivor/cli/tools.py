@@ -71,21 +71,7 @@ TIMEOUT_S = 30.0
 
 @dataclass(frozen=True, slots=True)
 class PublicLog:
-    """A real log that others published.
-
-    Parameters
-    ----------
-    name : str
-        What to call it on the command line.
-    url : str
-        Where it is, at a fixed version.
-    sha256 : str
-        Hash of its bytes.
-    about : str
-        What it is, in one sentence.
-    licence : str
-        Of the repository it comes from.
-    """
+    """A real log that others published."""
 
     name: str
     url: str
@@ -127,15 +113,7 @@ def cache_folder() -> Path:
 
 
 def fetched(log: PublicLog, *, folder: Path) -> Path:
-    """Local file of a public log; downloaded when it is not there yet, its hash checked in any case.
-
-    Raises
-    ------
-    InputError
-        When it cannot be downloaded or stored.
-    CorruptLogError
-        When what came is not the file that the registry knows.
-    """
+    """Local file of a public log; downloaded when it is not there yet, its hash checked in any case."""
     import pooch
 
     pooch.get_logger().setLevel("ERROR")

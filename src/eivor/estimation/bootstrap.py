@@ -38,10 +38,7 @@ from eivor.tools import Float, Int
 
 
 def flight_products(weights: WeightedRows, points: Sequence[Values]) -> Products:
-    """Products of all columns of weighted rows, flight after flight, a block for each of some values.
-
-    Flights are in the order of their numbers; those without rows are not among them.
-    """
+    """Products of all columns of weighted rows, flight after flight, a block for each of some values."""
     tables = [products_by_flight(weights.rows(at)) for at in points]
     counts, sums = (
         np.stack(parts, axis=1)
@@ -68,23 +65,9 @@ SMALLEST_POWER = 1e-8
 
 @dataclass(frozen=True)
 class Replicate:
-    """The estimate of one draw of flights.
+    """The estimate of one draw of flights."""
 
-    Parameters
-    ----------
-    at : mapping of str to float
-        Value of every nuisance.
-    theta : ndarray, shape (n,)
-        Linear parameters.
-    criterion : float
-        J, with what is known of nuisances beforehand.
-    candidate : int
-        Place of its combination of discrete nuisances among the estimate's candidates.
-    weights : ndarray, shape (T,)
-        What each node of that candidate counts.
-    """
-
-    at: Values
+    at: Values  # Value of every nuisance
     theta: Float[np.ndarray, " n"]
     criterion: float
     candidate: int
@@ -93,30 +76,14 @@ class Replicate:
 
 @dataclass(frozen=True)
 class CandidateFlights:
-    """Flights at one combination of discrete nuisances.
-
-    Parameters
-    ----------
-    number : int
-        Its place among the estimate's candidates.
-    fixed : mapping of str to float
-        Values of all nuisances; those of continuous ones are the pool's.
-    nodes : Nodes
-        Of the continuous nuisances.
-    products : Products
-        Of the whitened rows, flight after flight, a block for each node.
-    misfit : ndarray, shape (q,)
-        Q'e of the pool at its best candidate's estimate.
-    variance : float
-        s^2 of the pool's whitened rows.
-    """
+    """Flights at one combination of discrete nuisances."""
 
     number: int
-    fixed: Values
+    fixed: Values  # Values of all nuisances
     nodes: Nodes
     products: Products
     misfit: Float[np.ndarray, " q"]
-    variance: float
+    variance: float  # s^2 of the pool's whitened rows
 
     @property
     def points(self) -> list[dict[str, float]]:
@@ -126,22 +93,7 @@ class CandidateFlights:
     def estimated(
         self, times: Float[np.ndarray, " F"], known: Mapping[str, Prior], solver: Solver
     ) -> Replicate:
-        """Search the continuous nuisances and solve for the linear parameters.
-
-        Parameters
-        ----------
-        times : ndarray, shape (F,)
-            How often each flight counts.
-        known : mapping of str to Prior
-            What is known of nuisances beforehand, in this replicate.
-        solver : Solver
-            How the equations are solved.
-
-        Raises
-        ------
-        EivorError
-            When these flights do not determine the parameters.
-        """
+        """Search the continuous nuisances and solve for the linear parameters."""
         drawn = self.products.weighted(times)
         known = self._of_one(known)
         equations = drawn.equations.copy()
@@ -177,23 +129,9 @@ class CandidateFlights:
 
 @dataclass(frozen=True)
 class PoolFlights:
-    """A pool, ready to be estimated again from any draw of its flights.
+    """A pool, ready to be estimated again from any draw of its flights."""
 
-    Parameters
-    ----------
-    flights : tuple of int
-        Numbers of the flights that have rows.
-    candidates : tuple of CandidateFlights
-        One for each combination of discrete nuisances.
-    parameters : tuple of Parameter
-        Linear parameters.
-    solver : Solver
-        The method's.
-    known : mapping of str to Prior
-        What is known beforehand of nuisances that were searched for, its mean moved to the pool's value.
-    """
-
-    flights: tuple[int, ...]
+    flights: tuple[int, ...]  # Numbers of the flights that have rows
     candidates: tuple[CandidateFlights, ...]
     parameters: tuple[Parameter, ...]
     solver: Solver
@@ -205,13 +143,7 @@ class PoolFlights:
         return self._estimated(np.ones(len(self.flights)), self.known)
 
     def replicate(self, random: np.random.Generator) -> tuple[Replicate, Float[np.ndarray, " F"]]:
-        """As many flights as there are, drawn with replacement: their estimate, and how often each counts.
-
-        Raises
-        ------
-        EivorError
-            When these flights do not determine the parameters.
-        """
+        """As many flights as there are, drawn with replacement: their estimate, and how often each counts."""
         count = len(self.flights)
         times = np.bincount(random.integers(0, count, count), minlength=count).astype(np.float64)
         known = {
@@ -226,20 +158,7 @@ class PoolFlights:
 
 
 def pool_flights(problem: SeparableProblem, estimate: Estimate) -> PoolFlights:
-    """Multiply the flights of a pool.
-
-    Parameters
-    ----------
-    problem : SeparableProblem
-        The pool.
-    estimate : Estimate
-        Of it, by whitened instruments.
-
-    Raises
-    ------
-    UsageError
-        For another method, and for fewer flights than two.
-    """
+    """Multiply the flights of a pool."""
     method = by_name(estimate.method)
     if not (
         isinstance(method, LinearMethod)
@@ -294,11 +213,7 @@ def _half(gram: Float[np.ndarray, "q q"]) -> Float[np.ndarray, "k q"]:
 
 
 def left_over(equations: Float[np.ndarray, "k q n_plus_1"]) -> Float[np.ndarray, " k"]:
-    """What least squares leaves of the last column of many small systems [A b], squared.
-
-    Columns are taken out of those that follow one after the other (modified Gram-Schmidt, which for least
-    squares is as stable as Householder's reflections, Bjorck 1967). Columns of zeros take nothing.
-    """
+    """What least squares leaves of the last column of many small systems [A b], squared."""
     columns = np.moveaxis(equations, 2, 0).copy()
     for j, column in enumerate(columns[:-1]):
         power = np.einsum("kq,kq->k", column, column)
@@ -312,13 +227,7 @@ def left_over(equations: Float[np.ndarray, "k q n_plus_1"]) -> Float[np.ndarray,
 
 
 class PieceMoments(ABC):
-    """Products of pieces of a record, which the moments of any replicate are added up from.
-
-    Attributes
-    ----------
-    products : Products
-        A block for each piece.
-    """
+    """Products of pieces of a record, which the moments of any replicate are added up from."""
 
     products: Products
 
@@ -330,33 +239,15 @@ class PieceMoments(ABC):
     def influence(
         self, pieces: Int[np.ndarray, " k"] | slice, solved: Solved, count: float, /
     ) -> Float[np.ndarray, "k n"]:
-        """What each of some pieces moves the parameters by, to first order: M^-1 times the sum of its scores.
-
-        Parameters
-        ----------
-        pieces : ndarray of int, shape (k,), or slice
-            Which.
-        solved : Solved
-            What the scores are taken at.
-        count : float
-            Rows of the replicate that was solved.
-        """
+        """What each of some pieces moves the parameters by, to first order."""
 
 
 @dataclass(frozen=True)
 class CrossPieces(PieceMoments):
-    """Cross-products of the instruments with [Phi y].
+    """Cross-products of the instruments with [Phi y]."""
 
-    Parameters
-    ----------
-    products : Products
-        Of [psi phi y]; whole when psi psi' is needed.
-    noise : ndarray, shape (p, n + 1), optional
-        C and c.
-    """
-
-    products: Products
-    noise: Float[np.ndarray, "p n_plus_1"] | None
+    products: Products  # [psi phi y]
+    noise: Float[np.ndarray, "p n_plus_1"] | None  # C and c
 
     def moments(self, drawn: Int[np.ndarray, " k"]) -> CrossMoments:
         """Mean cross-products."""
@@ -379,23 +270,11 @@ class CrossPieces(PieceMoments):
 
 @dataclass(frozen=True)
 class RootPieces(PieceMoments):
-    """Gram matrices of [Phi y] in the coordinates of its triangular root.
+    """Gram matrices of [Phi y] in the coordinates of its triangular root."""
 
-    Parameters
-    ----------
-    products : Products
-        Of Q = [Phi y] R^-1, without instruments.
-    root : ndarray, shape (n + 1, n + 1)
-        R.
-    noise : ndarray, shape (n + 1, n + 1), optional
-        Covariance of the measurement noises of [Phi y].
-    solver : Solver
-        Which corrects the scores.
-    """
-
-    products: Products
+    products: Products  # [Phi y]
     root: Float[np.ndarray, "n_plus_1 n_plus_1"]
-    noise: Float[np.ndarray, "n_plus_1 n_plus_1"] | None
+    noise: Float[np.ndarray, "n_plus_1 n_plus_1"] | None  # Covariance of the measurement noises of [Phi y]
     solver: Solver
 
     def moments(self, drawn: Int[np.ndarray, " k"]) -> TriangularMoments:
@@ -430,12 +309,7 @@ def over_sensitivity(
     A: Float[np.ndarray, "m n"],
     correction: Float[np.ndarray, "n n"] | None = None,
 ) -> Float[np.ndarray, "k n"]:
-    """Rows of scores times (A'A + correction)^-1, without A'A.
-
-    Notes
-    -----
-    With A = Q R it is R^-1 (I + R^-T correction R^-1)^-1 R^-T. Performs no checks.
-    """
+    """Rows of scores times (A'A + correction)^-1, without A'A."""
     R = triangular_root(A)
     inner = scipy.linalg.solve_triangular(R, scores.T, trans="T")
     if correction is not None and correction.any():
@@ -447,23 +321,7 @@ def over_sensitivity(
 
 
 def piece_moments(rows: Regression, method: LinearMethod, whole: Moments, plan: BlockPlan) -> PieceMoments:
-    """Products of the pieces of a plan.
-
-    Parameters
-    ----------
-    rows : Regression
-        The rows.
-    method : LinearMethod
-        What they will be estimated by.
-    whole : Moments
-        Moments of all rows, from the method's assembler.
-    plan : BlockPlan
-        The pieces.
-
-    Notes
-    -----
-    One pass over the rows: O(rows p n), and in memory one block of products for each piece.
-    """
+    """Products of the pieces of a plan."""
     Phi, y = rows.regressors, rows.response
     if isinstance(whole, TriangularMoments):
         Q = _orthonormal(np.column_stack([Phi, y]), whole.root)
@@ -576,17 +434,7 @@ def bootstrap(
 
 @dataclass(frozen=True)
 class _Again:
-    """How a replicate is estimated.
-
-    Parameters
-    ----------
-    method : LinearMethod
-        By what.
-    pieces : PieceMoments
-        From what.
-    factor : ndarray, shape (p, p), optional
-        Factor of a weighting that is kept as the whole sample has it.
-    """
+    """How a replicate is estimated."""
 
     method: LinearMethod
     pieces: PieceMoments

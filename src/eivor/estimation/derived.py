@@ -34,55 +34,26 @@ DEGREES = 8
 
 @dataclass(frozen=True)
 class ParameterSets:
-    """Three 95 % sets of one parameter, or of another level.
+    """Three 95 % sets of one parameter, or of another level."""
 
-    Parameters
-    ----------
-    wald : ConfidenceSet
-        The estimate plus and minus, a union over the candidates that fit.
-    profile, anderson_rubin : ConfidenceSet
-        See `eivor.estimation.derived`.
-    strange : tuple of str
-        Linear parameters that are in none of its equations, those of other axes: how strong their instruments
-        are says nothing of this one.
-    """
-
-    wald: ConfidenceSet
+    wald: ConfidenceSet  # The estimate plus and minus, a union over the candidates that fit
     profile: ConfidenceSet
     anderson_rubin: ConfidenceSet
     strange: tuple[str, ...] = ()
 
     @property
     def robust(self) -> ConfidenceSet:
-        """The Anderson-Rubin set, but never less than the profile set.
-
-        Both are where one criterion is below a bound, so that one holds the other. A criterion that is
-        high at its least makes the Anderson-Rubin set small, or empty, although nothing is told better.
-        """
+        """The Anderson-Rubin set, but never less than the profile set."""
         return ConfidenceSet.union((*self.anderson_rubin.intervals, *self.profile.intervals))
 
 
 @dataclass(frozen=True)
 class CandidateCriterion:
-    """The criterion at one combination of discrete nuisances.
-
-    Parameters
-    ----------
-    nodes : Nodes
-        Of the continuous nuisance; one node for none.
-    equations : ndarray, shape (T, q, m)
-        Q' of residual and regressors, the parameter's own first, at each node.
-    power : ndarray, shape (T, m, m)
-        Their products with each other, over rows less unknowns.
-    misfit : callable
-        From places to the squared distance from what is known beforehand, in standard errors.
-    centre, scale : float
-        The parameter's value where the residual is taken, and what one unit of the forms is.
-    """
+    """The criterion at one combination of discrete nuisances."""
 
     nodes: Nodes
     equations: Float[np.ndarray, "T q m"]
-    power: Float[np.ndarray, "T m m"]
+    power: Float[np.ndarray, "T m m"]  # Their products with each other, over rows less unknowns
     misfit: Callable[[Places], Places]
     centre: float
     scale: float
@@ -114,30 +85,7 @@ class CandidateCriterion:
 def parameter_sets(
     problem: SeparableProblem, estimate: Estimate, name: str, level: float = 0.95
 ) -> ParameterSets | None:
-    """Confidence sets of one linear parameter.
-
-    Parameters
-    ----------
-    problem : SeparableProblem
-        What was estimated.
-    estimate : Estimate
-        Of it.
-    name : str
-        A linear parameter.
-    level : float
-        Confidence level.
-
-    Returns
-    -------
-    ParameterSets or None
-        None for another method than one by whitened instruments, for a problem of several continuous
-        nuisances, and where columns are collinear or leave nothing of the response.
-
-    Raises
-    ------
-    UsageError
-        When the level is not between 0 and 1, or there is no linear parameter of that name.
-    """
+    """Confidence sets of one linear parameter."""
     check_level(level)
     parameters = [parameter.name for parameter in estimate.best.rows.parameters]
     if name not in parameters:
@@ -215,26 +163,11 @@ OfVector = Callable[[Float[np.ndarray, " n"]], float]
 
 @dataclass(frozen=True, slots=True)
 class DerivedQuantity:
-    """A function of the parameters.
+    """A function of the parameters."""
 
-    Parameters
-    ----------
-    value : float
-        At the estimate.
-    std_error : float
-        By the delta method.
-    interval : tuple of float
-        Lowest and highest value.
-    bend : float
-        Largest departure from linear where the interval ends and at the ends of the ellipsoid's axes, as a
-        share of the half-width; infinite for a function without a slope.
-    profiled : bool
-        Whether the interval follows the bend; by the delta method when not.
-    """
-
-    value: float
+    value: float  # At the estimate
     std_error: float
-    interval: tuple[float, float]
+    interval: tuple[float, float]  # Lowest and highest value
     bend: float
     profiled: bool
 
@@ -295,23 +228,7 @@ def derived_from(
     level: float,
     largest_bend: float = LARGEST_BEND,
 ) -> DerivedQuantity:
-    """A smooth function of a vector of estimates, with an interval that is a union over candidates.
-
-    Parameters
-    ----------
-    function : callable
-        Of the vector.
-    candidates : sequence of JointEstimate
-        Vectors with their covariances; the first one's value counts.
-    level : float
-        Confidence level.
-    largest_bend : float
-        Share of the half-width by which the function may bend before it is profiled.
-
-    Notes
-    -----
-    Performs no checks.
-    """
+    """A smooth function of a vector of estimates, with an interval that is a union over candidates."""
     pieces = [
         _of_part(function, candidate, part, level, largest_bend)
         for candidate in candidates

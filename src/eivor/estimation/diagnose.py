@@ -74,15 +74,7 @@ ROUNDING = 1e-13
 
 @dataclass(frozen=True)
 class Evidence:
-    """An estimate at its best candidate, and its record.
-
-    Parameters
-    ----------
-    estimate : Estimate
-        The estimate.
-    solved : Solved
-        How it was solved.
-    """
+    """An estimate at its best candidate, and its record."""
 
     estimate: Estimate
     solved: Solved
@@ -174,11 +166,7 @@ def _strength(evidence: Evidence) -> Strength | None:
 
 
 def _over_identification(evidence: Evidence) -> OverIdentification | None:
-    """Hansen's J; None without instruments.
-
-    Of whitened rows with their variance, which is what the whitening is for; of others with a weight that
-    allows for autocorrelation.
-    """
+    """Hansen's J; None without instruments."""
     if evidence.instrumental and evidence.in_frequency:
         inference = evidence.estimate.best.inference
         J, p_value = inference.over_identification
@@ -201,10 +189,7 @@ def _whiteness(evidence: Evidence) -> ResidualWhiteness:
 
 
 def _memory(evidence: Evidence) -> ResidualMemory | None:
-    """Long memory of the residual.
-
-    None for a record that is too short, a residual of zero, or rows in frequency, which lack the lowest.
-    """
+    """Long memory of the residual."""
     return None if evidence.in_frequency else residual_memory(evidence.record.residual)
 
 
@@ -229,20 +214,7 @@ def _constancy(evidence: Evidence) -> Constancy | None:
 
 
 def periodicity(evidence: Evidence, left_over: tuple[Swing, ...] | None = None) -> Periodicity | None:
-    """Whether the parameters, or what is left over, vary periodically.
-
-    Parameters
-    ----------
-    evidence : Evidence
-        An estimate with its record.
-    left_over : tuple of Swing, optional
-        Of residuals in time. Default: of the rows' own, if they are samples; whitened rows have another unit.
-
-    Returns
-    -------
-    Periodicity or None
-        None for several flights, which share no time, for few samples and for a residual of rounding.
-    """
+    """Whether the parameters, or what is left over, vary periodically."""
     record = evidence.record
     counts = record.products.counts
     if not evidence.in_one_flight or counts.size < LEAST_BLOCKS or evidence.fits_exactly:
@@ -261,10 +233,7 @@ def periodicity(evidence: Evidence, left_over: tuple[Swing, ...] | None = None) 
 
 
 def _leverage(evidence: Evidence) -> SegmentLeverage | None:
-    """What leaving out each of ten segments of equal length does.
-
-    None for too few samples, or for a residual that is nothing but rounding.
-    """
+    """What leaving out each of ten segments of equal length does."""
     record = evidence.record
     counts = record.products.counts
     if counts.size < 2 * SEGMENTS or evidence.fits_exactly:
@@ -357,13 +326,7 @@ class Diagnostics:
         return self.evidence.estimate.names
 
     def __getitem__(self, name: str) -> Diagnostic | None:
-        """Diagnostic of that name; None where it cannot be made.
-
-        Raises
-        ------
-        UsageError
-            When there is none of that name.
-        """
+        """Diagnostic of that name; None where it cannot be made."""
         if name not in DIAGNOSTICS:
             raise UsageError(
                 f"a diagnostic out of {', '.join(DIAGNOSTICS)}", f"'{name}'", "Name one of them."
@@ -477,15 +440,7 @@ class Diagnostics:
 
 
 def contradiction(problem: LinearProblem, estimate: Estimate) -> tuple[Reason, ...]:
-    """Ground against a direct estimate that the problem's own instruments contradict beyond doubt.
-
-    Parameters
-    ----------
-    problem : LinearProblem
-        With instruments.
-    estimate : Estimate
-        By a method without instruments. One of other rows, and a regularised one, are not tested.
-    """
+    """Ground against a direct estimate that the problem's own instruments contradict beyond doubt."""
     direct = estimate.best.solved
     pulled = direct.solution.shrinkage is not None and direct.solution.shrinkage.shift.any()
     if direct.problem is not problem or direct.assembler.needs_instruments or pulled:

@@ -64,38 +64,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Solved:
-    """A solution with all that inference needs to know of how it was made.
-
-    Parameters
-    ----------
-    assembler : Assembler
-        Which equations.
-    solver : Solver
-        How they were solved.
-    moments : Moments
-        What they were made of.
-    problem : LinearProblem or None
-        Weighted rows; None when only moments are at hand.
-    system : LinearSystem
-        Equations before their weighting.
-    factor : ndarray, shape (p, p), optional
-        Factor L of the equations' weighting; None for the identity.
-    solution : Solution
-        What the solver found.
-    nuisance_columns : ndarray, shape (rows, q)
-        Derivatives of Phi theta by the nuisances that were searched for; may have no columns.
-    precision : ndarray, shape (q,)
-        What is known of these beforehand, 1 / std^2; zero for nothing.
-    misfits : tuple of float
-        Squared distance of each nuisance from what is known of it, in standard errors.
-    """
+    """A solution with all that inference needs to know of how it was made."""
 
     assembler: Assembler
     solver: Solver
     moments: Moments
     problem: LinearProblem | None
-    system: LinearSystem
-    factor: Float[np.ndarray, "p p"] | None
+    system: LinearSystem  # Equations before their weighting
+    factor: Float[np.ndarray, "p p"] | None  # Factor L of the equations' weighting
     solution: Solution
     nuisance_columns: Float[np.ndarray, "rows q"] = field(default_factory=lambda: np.empty((0, 0)))
     precision: Float[np.ndarray, " q"] = field(default_factory=lambda: np.empty(0))
@@ -125,13 +101,7 @@ class Solved:
 
     @property
     def rows(self) -> Regression:
-        """Weighted rows.
-
-        Raises
-        ------
-        EstimationError
-            When only moments are at hand.
-        """
+        """Weighted rows."""
         if self.problem is None:
             raise EstimationError(
                 "an estimate with its rows at hand, for residuals and standard errors",
@@ -151,10 +121,7 @@ class Solved:
         return float(residual @ residual) / max(self.count - self.unknowns, 1)
 
     def row_power(self) -> float:
-        """Variance of a row's score over s^2 and over the sensitivity that the row gives.
-
-        One for direct methods, tr(W mean psi psi') / p with instruments: one again for two-stage weights.
-        """
+        """Variance of a row's score over s^2 and over the sensitivity that the row gives."""
         if not self.assembler.moment_equations:
             return 1.0
         psi = self.assembler.test_functions(self.rows)
@@ -186,13 +153,7 @@ WELL_CONDITIONED = 1e4
 
 @dataclass(frozen=True)
 class Inference:
-    """What a second pass over the rows tells; every part is made when it is first asked for.
-
-    Parameters
-    ----------
-    solved : Solved
-        The solution.
-    """
+    """What a second pass over the rows tells; every part is made when it is first asked for."""
 
     solved: Solved
 
@@ -207,12 +168,7 @@ class Inference:
 
     @property
     def criterion(self) -> float:
-        """What candidates are compared by, in units of a chi-square on one degree of freedom.
-
-        J with instruments; without, rows times the logarithm of the objective, twice the negative log
-        likelihood of white residuals of unknown variance. (Divided by its own variance the objective
-        would be alike for every candidate: the likelihood is not.) What is known beforehand counts as data.
-        """
+        """What candidates are compared by, in units of a chi-square on one degree of freedom."""
         if self.solved.assembler.needs_instruments:
             return self.over_identification[0]
         least = np.finfo(np.float64).tiny
@@ -221,11 +177,7 @@ class Inference:
 
     @cached_property
     def over_identification(self) -> tuple[float, float]:
-        """J and its p-value; (0, 1) without instruments, NaN for compensated equations.
-
-        J compares psi'e with nothing but chance; compensated equations have C theta - c in it as well. What
-        is known of a nuisance beforehand is one more equation.
-        """
+        """J and its p-value; (0, 1) without instruments, NaN for compensated equations."""
         if not self.solved.assembler.needs_instruments:
             return 0.0, 1.0
         if self.solved.constant.any():
@@ -239,11 +191,7 @@ class Inference:
 
     @cached_property
     def first_stage(self) -> Float[np.ndarray, " n"]:
-        """Conditional first-stage F of each joint parameter; NaN without instruments.
-
-        A pseudo-observation of what is known beforehand is one row more, and an instrument of its own: what
-        it tells of a nuisance the instruments need not tell.
-        """
+        """Conditional first-stage F of each joint parameter; NaN without instruments."""
         if not self.solved.assembler.needs_instruments:
             return np.full(self.solved.unknowns, np.nan)
         known = np.sqrt(self.residual_variance) * self.solved.prior_rows()
@@ -276,13 +224,7 @@ class Inference:
 
 
 def equation_of(solved: Solved) -> EstimatingEquation:
-    """Estimating equation of a solution whose rows are at hand.
-
-    Raises
-    ------
-    EstimationError
-        When they are not.
-    """
+    """Estimating equation of a solution whose rows are at hand."""
     problem = solved.rows if solved.problem is None else solved.problem
     if not isinstance(problem, Regression) or isinstance(problem.layout, SampleRows):
         return estimating_equation(solved, problem.blocks)
@@ -295,15 +237,7 @@ def equation_of(solved: Solved) -> EstimatingEquation:
 
 
 def estimating_equation(solved: Solved, blocks: Blocks) -> EstimatingEquation:
-    """Estimating equation of a solution.
-
-    Parameters
-    ----------
-    solved : Solved
-        Which.
-    blocks : callable
-        Gives the rows of its problem, block by block; each call starts anew.
-    """
+    """Estimating equation of a solution."""
     if solved.assembler.moment_equations:
         equation = _moment_equation(solved, blocks)
     else:
@@ -389,11 +323,7 @@ def _in_combinations(
 
 
 def _direct_equation(solved: Solved, blocks: Blocks) -> EstimatingEquation:
-    """Equation of a direct method.
-
-    The root is that of the system; where nuisances were searched for, whose columns are not in it, it takes
-    a pass of its own.
-    """
+    """Equation of a direct method."""
     system, theta, solver = solved.system, solved.solution.theta, solved.solver
     covariance, searched = system.error_covariance, solved.nuisance_columns.shape[1]
     known, root = solved.prior_rows(), triangular_root(system.matrix)
@@ -468,13 +398,7 @@ def _condition(root: Float[np.ndarray, "k n"]) -> float:
 
 
 def over_root(rows: Float[np.ndarray, "k n"], root: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "k n"]:
-    """Rows in the coordinates of a triangular root: rows R^-1.
-
-    Raises
-    ------
-    CollinearError
-        When R is singular.
-    """
+    """Rows in the coordinates of a triangular root: rows R^-1."""
     if not np.diag(root).all():
         raise singular_sensitivity()
     found: Float[np.ndarray, "k n"] = scipy.linalg.solve_triangular(root, rows.T, trans="T").T
@@ -609,33 +533,14 @@ ROUNDING = 1e-9
 
 @dataclass(frozen=True)
 class Record:
-    """A record as its diagnostics see it.
+    """A record as its diagnostics see it."""
 
-    Parameters
-    ----------
-    products : EquationProducts
-        With the method's test functions psi as instruments; the sensitivity is that of its equations.
-    weights : ndarray, shape (p, n)
-        W A, the combinations of the equations that the estimate solves.
-    residual : ndarray, shape (samples,)
-        e in time order.
-    columns : tuple of ndarray, shapes (samples,)
-        Regressors in time order; views where that can be, without their gains.
-    factors : tuple of float
-        Parameters, times those gains.
-    step_s : float or None
-        Time between samples [s]; None when it is not known.
-    thinning : int or None
-        For rows in frequency: every so many samples of the residual fill its band. In time it is smooth,
-        however white in the band.
-    """
-
-    products: EquationProducts
-    weights: Float[np.ndarray, "p n"]
-    residual: Float[np.ndarray, " samples"]
-    columns: tuple[Float[np.ndarray, " samples"], ...]
-    factors: tuple[float, ...]
-    step_s: float | None
+    products: EquationProducts  # With the method's test functions psi as instruments
+    weights: Float[np.ndarray, "p n"]  # W A, the combinations of the equations that the estimate solves
+    residual: Float[np.ndarray, " samples"]  # e in time order
+    columns: tuple[Float[np.ndarray, " samples"], ...]  # Regressors in time order
+    factors: tuple[float, ...]  # Parameters, times those gains
+    step_s: float | None  # Time between samples [s]
     thinning: int | None = None
 
     @property
@@ -874,11 +779,6 @@ class Estimate:
 
     def with_covariance(self, estimator: CovarianceEstimator) -> Estimate:
         """Same estimates, with intervals from another covariance.
-
-        Parameters
-        ----------
-        estimator : CovarianceEstimator
-            One of `eivor.covariances`.
 
         Raises
         ------

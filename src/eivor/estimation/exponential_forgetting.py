@@ -34,20 +34,9 @@ BLOCKS_PER_LOOK = 3
 
 @dataclass(frozen=True, slots=True)
 class Forgetting:
-    """How fast rows are forgotten.
+    """How fast rows are forgotten."""
 
-    Parameters
-    ----------
-    memory : float
-        Sum of the weights of all rows before, 1 / (1 - lambda) [samples].
-
-    Raises
-    ------
-    UsageError
-        When it is no number from 10 to 1e7.
-    """
-
-    memory: float = DEFAULT_MEMORY
+    memory: float = DEFAULT_MEMORY  # Sum of the weights of all rows before, 1 / (1 - lambda) [samples]
 
     def __post_init__(self) -> None:
         checks.number("memory", self.memory)
@@ -98,31 +87,13 @@ Places = tuple[tuple[int, int], ...]
 
 @dataclass(frozen=True)
 class TimedRows:
-    """Rows of successive samples.
-
-    Parameters
-    ----------
-    psi : ndarray, shape (samples, p)
-        Test functions.
-    right : ndarray, shape (samples, n + 1)
-        Regressors and response.
-    noise : ndarray, shape (samples, s)
-        What measurement noises add to the products of psi and right at `places`, on average.
-    counted : ndarray, shape (samples,)
-        One where the sample counts, zero where it does not.
-    places : tuple of tuple of int
-        Row and column of each noise.
-
-    Notes
-    -----
-    Performs no checks. Rows that do not count are zeros.
-    """
+    """Rows of successive samples."""
 
     psi: Float[np.ndarray, "samples p"]
-    right: Float[np.ndarray, "samples n_plus_1"]
+    right: Float[np.ndarray, "samples n_plus_1"]  # Regressors and response
     noise: Float[np.ndarray, "samples s"]
     counted: Float[np.ndarray, " samples"]
-    places: Places = ()
+    places: Places = ()  # Row and column of each noise
 
     @property
     def count(self) -> int:
@@ -167,22 +138,7 @@ class TimedRows:
 
 
 def timed_rows(problem: SignalRegression, assembler: Assembler) -> Iterator[TimedRows]:
-    """Rows of signals, stretch by stretch.
-
-    Parameters
-    ----------
-    problem : SignalRegression
-        Rows from its first on.
-    assembler : Assembler
-        Which test functions, and whether their products are compensated.
-
-    Raises
-    ------
-    InstrumentError
-        When instruments share declared noise with other columns and nothing is compensated.
-    MissingNoiseError
-        When a noise that must be compensated is not declared.
-    """
+    """Rows of signals, stretch by stretch."""
     if assembler.plain_products and problem.instruments_share_noise():
         raise InstrumentError(
             "instruments whose measurement noise no regressor and no response shares",
@@ -234,21 +190,11 @@ def counted_rows(
 
 @dataclass(frozen=True)
 class BlockSums:
-    """Weighted sums of blocks of rows. Performs no checks.
-
-    Parameters
-    ----------
-    products : Products
-        Of psi, regressors and response; counts are sums of weights.
-    noise : ndarray, shape (K, s)
-        Weighted sums of what noises add to some of the products.
-    squares : ndarray, shape (K,)
-        Sums of squared weights.
-    """
+    """Weighted sums of blocks of rows. Performs no checks."""
 
     products: Products
     noise: Float[np.ndarray, "K s"]
-    squares: Float[np.ndarray, " K"]
+    squares: Float[np.ndarray, " K"]  # Sums of squared weights
 
     @property
     def blocks(self) -> int:
@@ -279,19 +225,7 @@ class BlockSums:
 
 
 def sums_of_rows(rows: TimedRows, forgetting: Forgetting, length: int, *, whole: bool) -> BlockSums:
-    """Sums of blocks of `length` rows each, weighted to the end of each block.
-
-    Parameters
-    ----------
-    rows : TimedRows
-        A multiple of `length`.
-    forgetting : Forgetting
-        Weights.
-    length : int
-        Rows of a block.
-    whole : bool
-        Whether all columns are multiplied with each other, see `ProductLayout`.
-    """
+    """Sums of blocks of `length` rows each, weighted to the end of each block."""
     weights = forgetting.weights(length)
     blocks = rows.count // max(length, 1)
     left, right, noise = (
@@ -311,30 +245,14 @@ def sums_of_rows(rows: TimedRows, forgetting: Forgetting, length: int, *, whole:
 
 @dataclass(frozen=True)
 class FadedProducts:
-    """Products of all rows so far, faded.
-
-    Parameters
-    ----------
-    forgetting : Forgetting
-        How fast.
-    whole : bool
-        Whether all columns are multiplied with each other.
-    full : BlockSums
-        One sum of all full blocks, faded to the end of the last.
-    closed : BlockSums
-        The last full blocks, each faded to its own end.
-    waiting : TimedRows
-        Rows of the block that is not full yet.
-    samples : int
-        Samples so far, those among them that did not count.
-    """
+    """Products of all rows so far, faded."""
 
     forgetting: Forgetting
     whole: bool
     full: BlockSums
     closed: BlockSums
-    waiting: TimedRows
-    samples: int = 0
+    waiting: TimedRows  # Rows of the block that is not full yet
+    samples: int = 0  # Samples so far, those among them that did not count
 
     def then(self, rows: TimedRows) -> FadedProducts:
         """With the rows that follow."""
@@ -449,22 +367,7 @@ def equation_map(solved: Solved) -> Float[np.ndarray, "n p"]:
 def faded_covariance(
     faded: FadedProducts, theta: Float[np.ndarray, " n"], mapped: Float[np.ndarray, "n p"]
 ) -> JointCovariance:
-    """Covariance of an estimate from faded products.
-
-    Parameters
-    ----------
-    faded : FadedProducts
-        Blocks of rows.
-    theta : ndarray, shape (n,)
-        The estimate.
-    mapped : ndarray, shape (n, p)
-        See `equation_map`.
-
-    Returns
-    -------
-    JointCovariance
-        Of equal-weighted cosines, and of blocks without memory beyond their own length: the wider counts.
-    """
+    """Covariance of an estimate from faded products."""
     scores, weights, leaks = _weighted_blocks(faded, theta, mapped)
     count = faded.total.products.count
     rows = scores / count

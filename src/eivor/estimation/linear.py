@@ -56,31 +56,15 @@ Solve = Callable[[LinearProblem], Solved]
 
 @dataclass(frozen=True)
 class SettledSolution:
-    """Where a method's own equations ask for no change of the nuisances.
+    """Where a method's own equations ask for no change of the nuisances."""
 
-    Parameters
-    ----------
-    at : dict of str to float
-        Values of the nuisances.
-    solved : Solved
-        Solution of the problem beside them: the linear parameters, and changes of the nuisances, none.
-    origin : ndarray, shape (n,)
-        What the changes are changes of: zero for each linear parameter, and the nuisances' values.
-    """
-
-    at: dict[str, float]
+    at: dict[str, float]  # Values of the nuisances
     solved: Solved
     origin: Float[np.ndarray, " n"]
 
 
 def nearly(problem: LinearisableProblem, solve: Solve) -> dict[str, float]:
-    """Values of the nuisances with the least objective of a method, to coarse tolerances.
-
-    Raises
-    ------
-    EstimationError
-        When at no value of the nuisances the linear parameters have a unique solution.
-    """
+    """Values of the nuisances with the least objective of a method, to coarse tolerances."""
     refused: list[EstimationError] = []
 
     def solution(at: Values) -> Solution:
@@ -105,15 +89,7 @@ def nearly(problem: LinearisableProblem, solve: Solve) -> dict[str, float]:
 
 
 def settled(problem: LinearisableProblem, solve: Solve, start: Values) -> SettledSolution:
-    """Solution beside the values at which a method changes nothing.
-
-    Raises
-    ------
-    ConvergenceError
-        When the steps lead out of the range of a nuisance, or do not end.
-    EstimationError
-        When the equations have no unique solution.
-    """
+    """Solution beside the values at which a method changes nothing."""
     low = np.array([nuisance.first for nuisance in problem.nuisances])
     high = np.array([float(nuisance.grid[-1]) for nuisance in problem.nuisances])
     names = [nuisance.name for nuisance in problem.nuisances]
@@ -171,13 +147,7 @@ def pulled(solution: Solution, parameters: tuple[Parameter, ...]) -> tuple[Reaso
 
 
 def check_freedom(rows: int | float, unknowns: int) -> None:
-    """Refuse rows that any parameters fit: their residual of zero would pass for no error at all.
-
-    Raises
-    ------
-    TooFewSamplesError
-        When no degree of freedom is left.
-    """
+    """Refuse rows that any parameters fit: their residual of zero would pass for no error at all."""
     if rows <= unknowns:
         raise TooFewSamplesError(
             f"more rows than the {unknowns} unknowns, since the residual tells their errors",
@@ -187,13 +157,7 @@ def check_freedom(rows: int | float, unknowns: int) -> None:
 
 
 def check_rank(system: LinearSystem) -> None:
-    """Refuse moment equations that rounding alone keeps from being singular.
-
-    Raises
-    ------
-    InstrumentError
-        With the singular values after columns were scaled to unit length, and rows of a square system.
-    """
+    """Refuse moment equations that rounding alone keeps from being singular."""
     lengths = np.sqrt(np.einsum("ij,ij->j", system.matrix, system.matrix))
     scaled = system.matrix / np.where(lengths > 0.0, lengths, 1.0)
     singular = np.linalg.svd(scaled / row_lengths(system.matrix)[:, None], compute_uv=False)
@@ -207,13 +171,7 @@ def check_rank(system: LinearSystem) -> None:
 
 
 def check_instruments(rows: Regression, nuisances: int, method: str) -> None:
-    """Refuse fewer instruments than unknowns, the nuisances that are searched for among them.
-
-    Raises
-    ------
-    InstrumentError
-        With both numbers, and the name of the method that needs them.
-    """
+    """Refuse fewer instruments than unknowns, the nuisances that are searched for among them."""
     needed, available = rows.regressors.shape[1] + nuisances, rows.instruments.shape[1]
     if available < needed:
         raise InstrumentError(
@@ -230,10 +188,7 @@ SAME_COLUMN = 1e-9
 
 
 def first_stage_strengths(moments: Moments) -> Float[np.ndarray, " n"] | None:
-    """Conditional first-stage F of each regressor; None when the moments do not tell.
-
-    Of compensated equations without the noise that instruments and regressors share, which is no strength.
-    """
+    """Conditional first-stage F of each regressor; None when the moments do not tell."""
     if not isinstance(moments, CrossMoments) or moments.instruments is None or moments.regressors is None:
         return None
     cross = moments.equations[:, :-1]
@@ -244,13 +199,7 @@ def first_stage_strengths(moments: Moments) -> Float[np.ndarray, " n"] | None:
 def weak_instruments(
     moments: Moments, system: LinearSystem, parameters: tuple[Parameter, ...]
 ) -> tuple[Reason, ...]:
-    """Grounds for the status weak, told as a warning too; none when strength is not known.
-
-    Warns
-    -----
-    WeakInstrumentsWarning
-        When a conditional first-stage F is below ten.
-    """
+    """Grounds for the status weak, told as a warning too; none when strength is not known."""
     strengths = first_stage_strengths(moments)
     if strengths is None:
         return ()
@@ -273,10 +222,7 @@ def weak_instruments(
 
 
 def overstated_noise(moments: Moments, parameters: tuple[Parameter, ...]) -> tuple[Reason, ...]:
-    """Grounds for the status weak where more noise is taken out of a column than there is of it.
-
-    Only of columns that are instruments themselves: their mean squares hold the whole of their noise.
-    """
+    """Grounds for the status weak where more noise is taken out of a column than there is of it."""
     if not isinstance(moments, CrossMoments) or moments.noise is None:
         return ()
     if moments.instruments is None or moments.regressors is None:
@@ -297,10 +243,7 @@ def overstated_noise(moments: Moments, parameters: tuple[Parameter, ...]) -> tup
 
 
 def user_level() -> int:
-    """Level, as `warnings.warn` of the calling function counts, of the line that called Eivor.
-
-    Chunks, moments and rows come here by ways of different depth.
-    """
+    """Level, as `warnings.warn` of the calling function counts, of the line that called Eivor."""
     frame, level = sys._getframe(1), 1
     while frame.f_back is not None and frame.f_globals.get("__name__", "").partition(".")[0] == "eivor":
         frame, level = frame.f_back, level + 1
@@ -315,25 +258,9 @@ LEAST_SHARE = 0.1
 
 @dataclass(frozen=True, slots=True)
 class LinearMethod(Method):
-    """A method that is linear in its parameters, but for nuisances.
+    """A method that is linear in its parameters, but for nuisances."""
 
-    Parameters
-    ----------
-    name : str
-        The word that results and the command line use.
-    assembler : Assembler
-        Which equations.
-    solver : Solver
-        How the equations are solved.
-    row_weighting : RowWeighting
-        How rows are weighted.
-    equation_weighting : EquationWeighting
-        How equations are weighted.
-    natural_instruments : NaturalInstruments
-        What serves as instruments of a flight when nothing else is asked for.
-    """
-
-    name: str
+    name: str  # The word that results and the command line use
     assembler: Assembler
     solver: Solver
     row_weighting: RowWeighting = field(default_factory=EqualRows)
@@ -391,15 +318,7 @@ class LinearMethod(Method):
         return self.solve_moments(moments, problem)
 
     def solve_moments(self, moments: Moments, problem: LinearProblem | None = None) -> Solved:
-        """Solve for the linear parameters from moments, in as many passes as the equations' weighting asks.
-
-        Raises
-        ------
-        UsageError
-            When the weighting of rows needs spectra and there are none.
-        EstimationError
-            When the equations have no unique solution.
-        """
+        """Solve for the linear parameters from moments."""
         if self.row_weighting.needs_spectra and not _has_spectra(problem):
             raise UsageError(
                 "a flight, whose runs have spectra, for a method with spectral whitening",
@@ -419,17 +338,7 @@ class LinearMethod(Method):
         return Solved(self.assembler, self.solver, moments, problem, system, weighted.factor, solution)
 
     def determined(self, moments: Moments, problem: LinearProblem | None = None) -> Solved:
-        """Solution of moments that determine the parameters, and leave a residual to judge them by.
-
-        Raises
-        ------
-        TooFewSamplesError
-            When there are no more rows than parameters.
-        InstrumentError
-            When the instruments do not determine the parameters.
-        EstimationError
-            When the equations have no unique solution.
-        """
+        """Solution of moments that determine the parameters, and leave a residual to judge them by."""
         system = self.assembler.system(moments)
         check_freedom(moments.rows, system.matrix.shape[1])
         if self.assembler.moment_equations:
@@ -475,13 +384,7 @@ def _reasons(solved: Solved, parameters: tuple[Parameter, ...]) -> tuple[Reason,
 
 
 def check_linear(method: object) -> None:
-    """Refuse what is no linear method.
-
-    Raises
-    ------
-    UsageError
-        With what came instead.
-    """
+    """Refuse what is no linear method."""
     remedy = "Call the function of eivor.methods that is named so."
     checks.kind("method", method, LinearMethod, "a method, such as eivor.methods.least_squares()", remedy)
 
@@ -510,11 +413,7 @@ def _rejected(candidate: Candidate) -> bool:
 def _candidate(
     method: LinearMethod, problem: SeparableProblem, fixed: dict[str, float], beside: Candidate | None
 ) -> Candidate:
-    """Estimate at some values of the discrete nuisances: passes of search and renewed row weights.
-
-    The first pass is spared where a candidate close by has been estimated, and all but the last where nearly
-    the same problem was.
-    """
+    """Estimate at some values of the discrete nuisances: passes of search and renewed row weights."""
     if problem.begun is not None:
         weights = method.row_weighting.last_pass(problem, problem.begun.theta, problem.begun.at)
     else:

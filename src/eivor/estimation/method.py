@@ -22,15 +22,7 @@ class NaturalInstruments(Enum):
 
 
 class Method(ABC):
-    """One way to estimate.
-
-    Attributes
-    ----------
-    name : str
-        The word that results and the command line use.
-    natural_instruments : NaturalInstruments
-        What it takes as instruments of a flight; of no account without instruments.
-    """
+    """One way to estimate."""
 
     name: str
     natural_instruments: NaturalInstruments = NaturalInstruments.REFERENCES
@@ -57,12 +49,4 @@ class Method(ABC):
 
     @abstractmethod
     def estimate(self, problem: Problem) -> Estimate:
-        """Estimate the parameters of a problem.
-
-        Raises
-        ------
-        UsageError
-            When the method cannot use a problem of that kind.
-        EstimationError, InstrumentError, TooFewSamplesError
-            When the problem does not determine its parameters.
-        """
+        """Estimate the parameters of a problem."""

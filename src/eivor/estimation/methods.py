@@ -213,13 +213,7 @@ def generalized_liml() -> LinearMethod:
 
 
 def generalized_fuller(strength: float = 1.0) -> LinearMethod:
-    """Return `fuller` of the compensated equations of generalized IV.
-
-    Parameters
-    ----------
-    strength : float
-        As of `fuller`.
-    """
+    """Return `fuller` of the compensated equations of generalized IV."""
     return _limited_information("generalized_fuller", Compensated(), Fuller(strength))
 
 

@@ -28,32 +28,16 @@ class Moments(ABC):
 
     @abstractmethod
     def merge(self, other: Moments) -> Moments:
-        """Summary of both sets of rows.
-
-        Raises
-        ------
-        UsageError
-            When the two are of different kinds or problems.
-        """
+        """Summary of both sets of rows."""
 
 
 @dataclass(frozen=True, slots=True)
 class TriangularMoments(Moments):
-    """Triangular root of the rows [Phi y].
+    """Triangular root of the rows [Phi y]."""
 
-    Parameters
-    ----------
-    count : float
-        Number of rows.
-    root : ndarray, shape (k, n + 1), k <= n + 1
-        R with R'R = [Phi y]'[Phi y].
-    noise : ndarray, shape (n + 1, n + 1), optional
-        Mean covariance of the measurement noises of [Phi y].
-    """
-
-    count: float
-    root: Float[np.ndarray, "k n_plus_1"]
-    noise: Float[np.ndarray, "n_plus_1 n_plus_1"] | None = None
+    count: float  # Number of rows
+    root: Float[np.ndarray, "k n_plus_1"]  # R with R'R = [Phi y]'[Phi y]
+    noise: Float[np.ndarray, "n_plus_1 n_plus_1"] | None = None  # [Phi y]
 
     @property
     def rows(self) -> float:
@@ -72,18 +56,10 @@ class TriangularMoments(Moments):
 
 @dataclass(frozen=True, slots=True)
 class CrossMoments(Moments):
-    """Mean cross-products of the instruments with [Phi y], a view of a table of products.
+    """Mean cross-products of the instruments with [Phi y], a view of a table of products."""
 
-    Parameters
-    ----------
-    products : Products
-        Of [psi phi y]; whole for weights and the strength of the instruments.
-    noise : ndarray, shape (p, n + 1), optional
-        C and c: what the measurement noises add to mean(psi [phi' y]) on average.
-    """
-
-    products: Products
-    noise: Float[np.ndarray, "p n_plus_1"] | None = None
+    products: Products  # [psi phi y]
+    noise: Float[np.ndarray, "p n_plus_1"] | None = None  # C and c, [phi' y]
 
     @property
     def rows(self) -> float:
@@ -142,15 +118,7 @@ def _columns(moments: CrossMoments) -> tuple[int, int]:
 
 @dataclass(frozen=True)
 class ProblemMoments:
-    """Moments of a problem, with the names of its parameters.
-
-    Parameters
-    ----------
-    parameters : tuple of Parameter
-        In the order of the regressors.
-    moments : Moments
-        What the method's assembler needs.
-    """
+    """Moments of a problem, with the names of its parameters."""
 
     parameters: tuple[Parameter, ...]
     moments: Moments
@@ -161,13 +129,7 @@ class ProblemMoments:
         return tuple(parameter.name for parameter in self.parameters)
 
     def merge(self, other: ProblemMoments) -> ProblemMoments:
-        """Moments of both sets of rows: other chunks, other flights, other machines.
-
-        Raises
-        ------
-        UsageError
-            When the parameters or the kinds of moments differ.
-        """
+        """Moments of both sets of rows: other chunks, other flights, other machines."""
         if self.names != other.names:
             raise UsageError(
                 f"moments of the parameters {', '.join(self.names)}",
@@ -237,13 +199,7 @@ class Assembler(ABC):
 
     @abstractmethod
     def system(self, moments: Moments) -> LinearSystem:
-        """Equations for the parameters.
-
-        Raises
-        ------
-        UsageError
-            When the moments are of another assembler's kind.
-        """
+        """Equations for the parameters."""
 
     @abstractmethod
     def test_functions(self, rows: Regression | RowBlock) -> Float[np.ndarray, "rows p"]:
@@ -286,11 +242,7 @@ class Direct(Assembler):
 
 @dataclass(frozen=True, slots=True)
 class Instrumental(Assembler):
-    """Mean cross-products with the instruments: Psi'Phi theta = Psi'y, the paper's (23).
-
-    Instruments must be uncorrelated with the error; those that share declared measurement noise with a
-    regressor or the response are refused.
-    """
+    """Mean cross-products with the instruments: Psi'Phi theta = Psi'y, the paper's (23)."""
 
     @property
     def needs_instruments(self) -> bool:
@@ -308,13 +260,7 @@ class Instrumental(Assembler):
         return True
 
     def moments(self, problem: LinearProblem) -> CrossMoments:
-        """mean(psi [phi' y]).
-
-        Raises
-        ------
-        InstrumentError
-            When an instrument shares declared noise with a regressor or the response.
-        """
+        """mean(psi [phi' y])."""
         return self._moments(problem, whole=False)
 
     def full_moments(self, problem: LinearProblem) -> CrossMoments:
@@ -341,18 +287,11 @@ class Instrumental(Assembler):
 
 @dataclass(frozen=True, slots=True)
 class Compensated(Assembler):
-    """Cross-products without what the measurement noises add: (R_psi_phi - C) theta = r_psi_y - c.
+    """Cross-products without what the measurement noises add: (R_psi_phi - C) theta = r_psi_y - c."""
 
-    With instruments it is generalized IV, the paper's (29); with the regressors as their own instruments
-    bias-compensated least squares, the paper's (15) with known noise.
+    # Equations (29), (15) of the paper.
 
-    Parameters
-    ----------
-    by_instruments : bool
-        Use the problem's instruments; False uses its regressors.
-    """
-
-    by_instruments: bool = True
+    by_instruments: bool = True  # Use the problem's instruments
 
     @property
     def needs_instruments(self) -> bool:
@@ -380,13 +319,7 @@ class Compensated(Assembler):
         return problem.regressor_noise_covariance()[:-1]
 
     def moments(self, problem: LinearProblem) -> CrossMoments:
-        """mean(psi [phi' y]) and the mean covariance of the noises in it.
-
-        Raises
-        ------
-        MissingNoiseError
-            When a noise that instruments and regressors share is not declared: none is never assumed.
-        """
+        """mean(psi [phi' y]) and the mean covariance of the noises in it."""
         return self._moments(problem, whole=not self.by_instruments)
 
     def full_moments(self, problem: LinearProblem) -> CrossMoments:
@@ -399,26 +332,14 @@ class Compensated(Assembler):
         return CrossMoments(products, noise)
 
     def system(self, moments: Moments) -> LinearSystem:
-        """Compensated mean cross-products as equations.
-
-        Raises
-        ------
-        CovarianceError
-            When the declared noise leaves nothing of the regressors' own moments in some direction. With
-            instruments the moments are no covariance, and there is nothing of that kind to see in them.
-        """
+        """Compensated mean cross-products as equations."""
         found = _instrumental_system(moments, compensated=True)
         if not self.by_instruments and isinstance(moments, CrossMoments):
             _check_compensated(moments.equations[:, :-1], found.matrix)
         return found
 
     def left(self, moments: Moments, solution: Solution, /) -> float:
-        """With instruments what is left of the equations; else the sum of squares without the noise in it.
-
-        The equations of as many regressors are met by whatever the nuisances are. What the regressors' noise
-        adds to the squares of the residual, theta' C theta - 2 c' theta, depends on them as little as the
-        noise of the response, which stays in.
-        """
+        """With instruments what is left of the equations; else the sum of squares without the noise in it."""
         if self.by_instruments or not isinstance(moments, CrossMoments) or not moments.products.layout.whole:
             return solution.objective
         residual = moments.products.with_residual(solution.theta).power.sum()
@@ -479,19 +400,7 @@ def _other_kind(expected: str, moments: Moments) -> UsageError:
 
 @dataclass(frozen=True, slots=True)
 class FittedNoise:
-    """A noise whose spectrum is strength^2 |difference|^(2 order).
-
-    Parameters
-    ----------
-    of : str
-        What it is the noise of: velocity, acceleration, or the disturbance.
-    strength, strength_error : float
-        Strength and its standard error, zero where it was declared.
-    order, order_error : float
-        Order and its standard error, zero where it was declared or is known: 0 is white, -1 a random walk.
-    measure : str
-        What the strength counts in, in words.
-    """
+    """A noise whose spectrum is strength^2 |difference|^(2 order)."""
 
     of: str
     strength: float
@@ -518,17 +427,7 @@ INDEPENDENT = 1e-6
 
 @dataclass(frozen=True)
 class OwnEquations:
-    """Rows, regressors and instruments that go with one parameter.
-
-    Parameters
-    ----------
-    rows : ndarray of bool, shape (rows,)
-        In which its regressor is not zero.
-    regressors : ndarray of int
-        Numbers of those that are not zero there, the parameter's own first.
-    instruments : ndarray, shape (own rows, q)
-        Orthonormal.
-    """
+    """Rows, regressors and instruments that go with one parameter."""
 
     rows: Bool[np.ndarray, " rows"]
     regressors: Int[np.ndarray, " own"]
@@ -549,15 +448,7 @@ class OwnEquations:
 
 
 def own_equations(rows: Regression, place: int) -> OwnEquations:
-    """Equations of the parameter of some number.
-
-    Parameters
-    ----------
-    rows : Regression
-        With orthonormal instruments.
-    place : int
-        Number of the parameter.
-    """
+    """Equations of the parameter of some number."""
     own = rows.regressors[:, place] != 0.0
     others = [j for j in range(rows.regressors.shape[1]) if j != place and rows.regressors[own, j].any()]
     instruments = rows.instruments

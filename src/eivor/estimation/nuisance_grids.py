@@ -33,17 +33,7 @@ def bounded_sums(nuisances: Iterable[Nuisance]) -> tuple[tuple[str, ...], ...]:
 def least_of_competitors(
     bounded: Sequence[Sequence[str]], points: Sequence[Values], criteria: Sequence[float]
 ) -> list[float]:
-    """Return for each candidate the least criterion of those it competes with, itself among them.
-
-    Parameters
-    ----------
-    bounded : sequence of sequence of str
-        See `bounded_sums`.
-    points : sequence of mapping of str to float
-        Values of each candidate's nuisances.
-    criteria : sequence of float
-        Of each candidate.
-    """
+    """Return for each candidate the least criterion of those it competes with, itself among them."""
     classes = [tuple(round(sum(at[name] for name in names), DECIMALS) for names in bounded) for at in points]
     least: dict[tuple[float, ...], float] = {}
     for kind, criterion in zip(classes, criteria, strict=True):
@@ -68,13 +58,7 @@ def while_the_last_alone_fits(
     made: Callable[[dict[str, float], Made | None], Made],
     criterion: Callable[[Made], float],
 ) -> tuple[tuple[Nuisance, ...], Found[Made]]:
-    """Nuisances whose grids go on while that shows the way, and candidates at all of their values.
-
-    Parameters
-    ----------
-    nuisances, made, criterion
-        See `nested_grids.on_nested_grids`.
-    """
+    """Nuisances whose grids go on while that shows the way, and candidates at all of their values."""
     found = [(at, made(at, None)) for at in combinations(nuisances)]
     for one in nuisances:
         while one.longer is not one and _last_alone_fits(one, found, criterion):
@@ -89,15 +73,7 @@ def where_more_is_explained(
     made: Callable[[dict[str, float], Made | None], Made],
     criterion: Callable[[Made], float],
 ) -> tuple[tuple[Nuisance, ...], Found[Made]]:
-    """Nuisances with all values that they may have, where these explain more, and what is found there.
-
-    Parameters
-    ----------
-    nuisances, made, criterion
-        See `nested_grids.on_nested_grids`.
-    found : list
-        Candidates so far, those between the values of the grids among them.
-    """
+    """Nuisances with all values that they may have, where these explain more, and what is found there."""
     further: Found[Made] = []
     for one in nuisances:
         if one.longest is not one:
@@ -108,15 +84,7 @@ def where_more_is_explained(
 
 
 def reaching(nuisances: tuple[Nuisance, ...], points: Sequence[Values]) -> tuple[Nuisance, ...]:
-    """Nuisances whose grids are as long as those of which some points are the best.
-
-    Parameters
-    ----------
-    nuisances : tuple of Nuisance
-        All of a problem.
-    points : sequence of mapping of str to float
-        Values of all nuisances at each point.
-    """
+    """Nuisances whose grids are as long as those of which some points are the best."""
     return tuple(_reaching(one, max(at[one.name] for at in points)) for one in nuisances)
 
 
@@ -184,20 +152,7 @@ def on_nested_grids(
     criterion: Callable[[Made], float],
     rejected: Callable[[Made], bool] = lambda _: False,
 ) -> tuple[Made, ...]:
-    """Candidates in the order of the finest grids.
-
-    Parameters
-    ----------
-    nuisances : tuple of Nuisance
-        All of a problem.
-    made : callable
-        From values of those that are not refined, and the candidate beside it that fits best, to the
-        candidate there; None where none has been made yet.
-    criterion : callable
-        How well a candidate fits.
-    rejected : callable
-        Whether the data reject a candidate. Default: they never do.
-    """
+    """Candidates in the order of the finest grids."""
     nuisances, found = while_the_last_alone_fits(nuisances, made, criterion)
     finest, found = _halved(nuisances, found, made, criterion)
     if rejected(best_of(found, criterion)):
@@ -233,15 +188,7 @@ def _halved(
 
 
 def with_values_tried(nuisances: tuple[Nuisance, ...], tried: Iterable[Values]) -> tuple[Nuisance, ...]:
-    """Nuisances whose discrete ones have the values of some candidates, and no steps to be halved.
-
-    Parameters
-    ----------
-    nuisances : tuple of Nuisance
-        All of a problem.
-    tried : iterable of mapping of str to float
-        Values of all nuisances at each candidate.
-    """
+    """Nuisances whose discrete ones have the values of some candidates, and no steps to be halved."""
     points = list(tried)
     return tuple(
         replace(one, grid=np.unique([at[one.name] for at in points]), halvings=0, furthest=None)
@@ -293,15 +240,7 @@ FEWEST_NODES, MOST_NODES = 17, 1000
 
 @dataclass(frozen=True)
 class NodeAxis:
-    """Nodes of one nuisance.
-
-    Parameters
-    ----------
-    nuisance : Nuisance
-        Which.
-    values : ndarray, shape (T,)
-        Its value at each node, increasing.
-    """
+    """Nodes of one nuisance."""
 
     nuisance: Nuisance
     values: Float[np.ndarray, " T"]
@@ -328,13 +267,7 @@ class NodeAxis:
 
 @dataclass(frozen=True)
 class Nodes:
-    """Product of the nodes of several nuisances; one node for none.
-
-    Parameters
-    ----------
-    axes : tuple of NodeAxis
-        One for each continuous nuisance. The last one runs fastest.
-    """
+    """Product of the nodes of several nuisances; one node for none."""
 
     axes: tuple[NodeAxis, ...]
 
@@ -390,17 +323,7 @@ class Nodes:
 
 
 def nodes_of(nuisances: tuple[Nuisance, ...], fewest: int = FEWEST_NODES) -> Nodes:
-    """Nodes of the nuisances that are searched for between the values of their grids.
-
-    They are the grids; finer where a grid is coarse, thinned where several would have too many.
-
-    Parameters
-    ----------
-    nuisances : tuple of Nuisance
-        All.
-    fewest : int
-        Nodes of one nuisance, at least.
-    """
+    """Nodes of the nuisances that are searched for between the values of their grids."""
     sought = tuple(nuisance for nuisance in nuisances if nuisance.refined)
     grids = product_grids(sought, MOST_NODES)
     fewest = min(fewest, int(MOST_NODES ** (1.0 / max(len(sought), 1))))
@@ -436,15 +359,7 @@ Places = Float[np.ndarray, " k"]
 
 @dataclass(frozen=True)
 class NuisanceScan:
-    """A criterion over one continuous nuisance, or over none.
-
-    Parameters
-    ----------
-    nodes : Nodes
-        Of the nuisance; one node for none.
-    least : callable
-        From places on the scale of the nodes to the criterion, least over everything else.
-    """
+    """A criterion over one continuous nuisance, or over none."""
 
     nodes: Nodes
     least: Callable[[Places], Places]
@@ -473,11 +388,7 @@ class NuisanceScan:
         return float(places[at]), float(J[at])
 
     def stretches(self, bound: float) -> Iterator[tuple[Places, bool]]:
-        """Stretches in which the criterion is at most a bound: places over each, and whether it is cut short.
-
-        A grid ends somewhere, a positive nuisance does not: a stretch that reaches the top of its grid is
-        cut short there.
-        """
+        """Stretches in which the criterion is at most a bound."""
         places, J = self.scanned
         fits = np.concatenate([[False], bound >= J, [False]])
         starts, stops = np.flatnonzero(~fits[:-1] & fits[1:]), np.flatnonzero(fits[:-1] & ~fits[1:])

@@ -40,19 +40,7 @@ ROUNDING = 1e-8
 
 @dataclass(frozen=True)
 class PairedBins:
-    """Bins of all runs at some parameters.
-
-    Parameters
-    ----------
-    layout : BinRows
-        The runs.
-    theta : ndarray, shape (n,)
-        Linear parameters.
-    state : SampledState
-        Whose derivative was measured.
-    least : float
-        Power of a residual below which it counts as rounding.
-    """
+    """Bins of all runs at some parameters."""
 
     layout: BinRows
     theta: Float[np.ndarray, " n"]
@@ -152,13 +140,7 @@ def responses(bins: SpectralRegression) -> Complex[np.ndarray, "bins 2"]:
 
 
 def paired_bins(problem: SeparableProblem, theta: Float[np.ndarray, " n"], at: Values) -> PairedBins:
-    """Bins of a problem at some parameters.
-
-    Raises
-    ------
-    EstimationError
-        When its motion has no state whose derivative was measured.
-    """
+    """Bins of a problem at some parameters."""
     state = problem.sampled_state(at)
     if state is None:
         raise EstimationError(
@@ -192,11 +174,7 @@ LARGEST_LEVERAGE = 3.0
 def signal_weights(
     spectrum: Complex[np.ndarray, " bins"], noise_variance: float
 ) -> Float[np.ndarray, " bins"]:
-    """w, the squared share of signal in the input's power near each bin.
-
-    The power is that of the neighbours. A bin's own power would correlate its weight with its noise, which
-    biases the equations. Only a line counts its own: its weight is near one whatever its noise.
-    """
+    """w, the squared share of signal in the input's power near each bin."""
     own, around = np.abs(spectrum) ** 2, power_around(spectrum)
     line = own > LINE * np.maximum(around, noise_variance)
     share = 1.0 - noise_variance / np.where(line, own, around)
@@ -226,11 +204,7 @@ def held_back(residual: Pair, C: PairSpectrum) -> Float[np.ndarray, " bins"]:
 def corrected_spectrum(
     model: PairSpectrum, residual: Pair, leverage: Float[np.ndarray, " bins"]
 ) -> PairSpectrum:
-    """Spectrum of the residuals, the model corrected by their own periodogram.
-
-    `leverage` is the share of each bin in the information about the parameters, summed over them: a residual
-    is that much smaller than an error.
-    """
+    """Spectrum of the residuals, the model corrected by their own periodogram."""
     lost = np.sqrt(1.0 - np.minimum(leverage, LARGEST_LEVERAGE) / 4.0)
     white = model.whitened(residual) / lost
     index = np.arange(white.shape[1])
@@ -278,17 +252,9 @@ def recoloured(
 
 @dataclass(frozen=True)
 class CombinedProblem(SeparableProblem):
-    """A problem whose candidates for the response are combined, with weights of each bin.
+    """A problem whose candidates for the response are combined, with weights of each bin."""
 
-    Parameters
-    ----------
-    problem : SeparableProblem
-        With two candidates.
-    weights : ndarray of complex, shape (bins, 2)
-        Of both.
-    """
-
-    problem: SeparableProblem
+    problem: SeparableProblem  # With two candidates
     weights: Complex[np.ndarray, "bins 2"]
     nuisances: tuple[Nuisance, ...] = field(init=False)
 
@@ -359,27 +325,13 @@ class CorrectedSpectra(PairSpectra):
 
 @dataclass(frozen=True)
 class PairRows(WeightedRows):
-    """Rows of one pass.
-
-    Parameters
-    ----------
-    problem : SeparableProblem
-        Whose bins.
-    spectra : PairSpectra
-        What the next pass weights by.
-    C : PairSpectrum
-        What this one weights by.
-    white : WhitenedRows
-        The combined and whitened rows.
-    renewals : int
-        Passes that follow.
-    """
+    """Rows of one pass."""
 
     problem: SeparableProblem
     spectra: PairSpectra
     C: PairSpectrum
-    white: WhitenedRows
-    renewals: int
+    white: WhitenedRows  # The combined and whitened rows
+    renewals: int  # Passes that follow
 
     def rows(self, at: Values) -> Regression:
         """Combined and whitened rows."""
@@ -437,15 +389,7 @@ def _weighted(
 
 @dataclass(frozen=True, slots=True)
 class PairWhitening(RowWeighting):
-    """Combine both equations of a sampled state by the spectrum of what they leave.
-
-    Parameters
-    ----------
-    spectra : PairSpectra
-        What rows are weighted by.
-    passes : int
-        Estimates made; the first with both equations alike and flat power.
-    """
+    """Combine both equations of a sampled state by the spectrum of what they leave."""
 
     spectra: PairSpectra
     passes: int = 3
@@ -456,13 +400,7 @@ class PairWhitening(RowWeighting):
         return True
 
     def first_pass(self, problem: SeparableProblem) -> PairRows:
-        """Both alike, flat power.
-
-        Raises
-        ------
-        EstimationError
-            When the problem has no state whose derivative was measured.
-        """
+        """Both alike, flat power."""
         at = problem.first_values
         bins = problem.bins(at)
         paired_bins(problem, np.zeros(bins.regressors.shape[1]), at)

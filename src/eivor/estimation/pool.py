@@ -49,32 +49,14 @@ from eivor.tools import Bool, Float
 
 @dataclass(frozen=True)
 class PoolMember:
-    """One flight at one combination of the discrete nuisances.
-
-    Parameters
-    ----------
-    problem : SeparableProblem
-        The flight's.
-    weights : WeightedRows
-        Its rows, whitened by its own residual.
-    fixed : mapping of str to float
-        Every nuisance; of those that are continuous the value at which it was whitened.
-    centre : ndarray, shape (n,)
-        Linear parameters at which the response is taken.
-    equations : ndarray, shape (T, q, n + 1)
-        Q' of residual and regressors, at each node.
-    power : ndarray, shape (T, n + 1, n + 1)
-        Their products with each other.
-    rows : int
-        Number of rows.
-    """
+    """One flight at one combination of the discrete nuisances."""
 
     problem: SeparableProblem
     weights: WeightedRows
     fixed: Values
-    centre: Float[np.ndarray, " n"]
-    equations: Float[np.ndarray, "T q n_plus_1"]
-    power: Float[np.ndarray, "T n_plus_1 n_plus_1"]
+    centre: Float[np.ndarray, " n"]  # Linear parameters at which the response is taken
+    equations: Float[np.ndarray, "T q n_plus_1"]  # Q' of residual and regressors, at each node
+    power: Float[np.ndarray, "T n_plus_1 n_plus_1"]  # Their products with each other
     rows: int
 
     def at(self, nuisances: Mapping[str, float]) -> dict[str, float]:
@@ -107,21 +89,7 @@ def pool_member(
     theta: Float[np.ndarray, " n"],
     centre: Float[np.ndarray, " n"],
 ) -> PoolMember:
-    """Products of a flight, whitened by its residual at some values.
-
-    Parameters
-    ----------
-    problem : SeparableProblem
-        The flight's.
-    nodes : Nodes
-        Of the continuous nuisances.
-    at : mapping of str to float
-        Value of every nuisance.
-    theta : ndarray, shape (n,)
-        Linear parameters there.
-    centre : ndarray, shape (n,)
-        Linear parameters near which solutions are looked for; what is shared is alike in all flights.
-    """
+    """Products of a flight, whitened by its residual at some values."""
     weights = whitened_by_residuals(problem, theta, at)
     equations, power, count = [], [], 0
     for point in nodes.points:
@@ -149,19 +117,7 @@ Box = Sequence[Float[np.ndarray, " _"]]
 
 @dataclass(frozen=True)
 class PoolCriterion:
-    """J of some flights at one combination of the discrete nuisances.
-
-    Parameters
-    ----------
-    members : tuple of PoolMember
-        One for each flight.
-    own : tuple of int
-        Places of the linear parameters that belong to the flight; the others are shared.
-    nodes : Nodes
-        Of the continuous nuisances, which are shared.
-    known : mapping of str to Prior
-        What is known of these beforehand.
-    """
+    """J of some flights at one combination of the discrete nuisances."""
 
     members: tuple[PoolMember, ...]
     own: tuple[int, ...]
@@ -293,10 +249,7 @@ class PoolCriterion:
         return found
 
     def _others_free(self, Q: Forms) -> list[tuple[Float[np.ndarray, "k b b"], Bool[np.ndarray, " k"]]]:
-        """For each flight the form of its parameters, those of the other flights where the form is least.
-
-        And whether those of another flight can go to infinity at no cost.
-        """
+        """For each flight the form of its parameters, those of the other flights where the form is least."""
         own, kept = [1 + place for place in self.own], [0, *(1 + place for place in self.shared)]
         rest = Q[:, :, kept][:, :, :, kept]
         free = np.zeros(Q.shape[:2], dtype=np.bool_)
@@ -319,45 +272,19 @@ class PoolCriterion:
 
 @dataclass(frozen=True)
 class MemberSlopes:
-    """What a flight says of its own vector at the pool's estimate.
-
-    Parameters
-    ----------
-    seen : ndarray, shape (q, v)
-        A.
-    power : ndarray, shape (v, v)
-        G'G.
-    meat : ndarray, shape (v, v)
-        Covariance of the sum of its scores, by cosine averages.
-    nuisance_columns : ndarray, shape (rows, c)
-        Derivatives by the continuous nuisances.
-    residual_power : float
-        Sum of the squares of its whitened residual.
-    """
+    """What a flight says of its own vector at the pool's estimate."""
 
     seen: Float[np.ndarray, "q v"]
     power: Float[np.ndarray, "v v"]
     meat: Float[np.ndarray, "v v"]
-    nuisance_columns: Float[np.ndarray, "rows c"]
+    nuisance_columns: Float[np.ndarray, "rows c"]  # Derivatives by the continuous nuisances
     residual_power: float
 
 
 def member_slopes(
     member: PoolMember, nuisances: tuple[Nuisance, ...], values: Values, theta: Float[np.ndarray, " n"]
 ) -> MemberSlopes:
-    """Jacobian and scores of a flight.
-
-    Parameters
-    ----------
-    member : PoolMember
-        The flight.
-    nuisances : tuple of Nuisance
-        The continuous ones.
-    values : mapping of str to float
-        Their values.
-    theta : ndarray, shape (n,)
-        Its linear parameters.
-    """
+    """Jacobian and scores of a flight."""
     rows, at = member.rows_at(values), member.at(values)
     moved = [slope(member.weights, nuisance, at, theta) for nuisance in nuisances]
     columns = np.column_stack([np.empty((rows.response.size, 0)), *moved])
@@ -372,17 +299,7 @@ def member_slopes(
 
 @dataclass(frozen=True)
 class PoolJoint:
-    """Linearised pool: every flight's own parameters, then what is shared, then continuous nuisances.
-
-    Parameters
-    ----------
-    criterion : PoolCriterion
-        Which flights, and what is shared.
-    slopes : tuple of MemberSlopes
-        One for each flight.
-    inflation : float
-        By how much more than chance flights differ in what they share: a factor of its variance.
-    """
+    """Linearised pool: every flight's own parameters, then what is shared, then continuous nuisances."""
 
     criterion: PoolCriterion
     slopes: tuple[MemberSlopes, ...]
@@ -458,13 +375,7 @@ class PoolJoint:
         return covariance + (self.inflation - 1.0) * moved @ covariance[first:, first:] @ moved.T
 
     def of(self, mapping: Float[np.ndarray, "v m"]) -> JointCovariance:
-        """Covariance of linear combinations of the pool's parameters.
-
-        Parameters
-        ----------
-        mapping : ndarray, shape (v, m)
-            One row for each combination. Degrees of freedom are those of one flight.
-        """
+        """Covariance of linear combinations of the pool's parameters."""
         robust = mapping @ self.by_cosines @ mapping.T
         cosines = CovariancePart("equal_weighted_cosines", robust, float(COSINE_AVERAGES))
         return JointCovariance((cosines, CovariancePart("classical", mapping @ self.classical @ mapping.T)))
@@ -490,11 +401,7 @@ class PoolJoint:
 
     @cached_property
     def first_stage(self) -> Float[np.ndarray, " m"]:
-        """Conditional first-stage F of each parameter of the pool, as if all instruments were of one flight.
-
-        What is left of a column's instrumented part after all others, over the equations that one flight on
-        average has beyond its unknowns: instruments of other flights do not move what belongs to one.
-        """
+        """Conditional first-stage F of each parameter of the pool."""
         scale = unit_scale(np.diag(self.sensitivity))
         inverse = np.linalg.pinv(np.outer(scale, scale) * self.sensitivity, hermitian=True)
         own = np.diag(inverse)
@@ -516,24 +423,12 @@ class PoolJoint:
 
 @dataclass(frozen=True)
 class PoolCandidate:
-    """A pool at one combination of the discrete nuisances.
-
-    Parameters
-    ----------
-    separate, common : PoolCriterion
-        With parameters of each flight's own, and with all shared.
-    at : mapping of str to float
-        Every nuisance, where `separate` is least.
-    theta : tuple of ndarray, shapes (n,)
-        Linear parameters of each flight there.
-    joint : PoolJoint
-        Linearised there.
-    """
+    """A pool at one combination of the discrete nuisances."""
 
     separate: PoolCriterion
     common: PoolCriterion
-    at: Values
-    theta: tuple[Float[np.ndarray, " n"], ...]
+    at: Values  # Every nuisance, where `separate` is least
+    theta: tuple[Float[np.ndarray, " n"], ...]  # Linear parameters of each flight there
     joint: PoolJoint
 
     @property
@@ -580,45 +475,19 @@ DIFFERENT = 0.05
 
 @dataclass(frozen=True)
 class OwnMean:
-    """One value for all flights of a parameter that belongs to the flight.
-
-    Parameters
-    ----------
-    value : float
-        The common one, or the mean.
-    weights : ndarray, shape (F,)
-        What each flight counts.
-    differing : float or None
-        Variance of the mean over flights that differ; None where they agree.
-    """
+    """One value for all flights of a parameter that belongs to the flight."""
 
     value: float
     weights: Float[np.ndarray, " F"]
-    differing: float | None
+    differing: float | None  # Variance of the mean over flights that differ
 
 
 @dataclass(frozen=True)
 class Pooled:
-    """Estimates of a pool.
-
-    Parameters
-    ----------
-    estimates : tuple of Estimate
-        Of each flight alone.
-    own : tuple of str
-        Linear parameters that belong to the flight.
-    candidates : tuple of PoolCandidate
-        One for each combination of discrete nuisances.
-    nuisances : tuple of Nuisance
-        With what is known of them beforehand.
-    shared_p_value : float
-        Of the test that flights agree in what they share.
-    separate : bool
-        Never take flights as agreeing in what is their own.
-    """
+    """Estimates of a pool."""
 
     estimates: tuple[Estimate, ...]
-    own: tuple[str, ...]
+    own: tuple[str, ...]  # Linear parameters that belong to the flight
     candidates: tuple[PoolCandidate, ...]
     nuisances: tuple[Nuisance, ...]
     shared_p_value: float
@@ -680,12 +549,7 @@ class Pooled:
         )
 
     def member_sets(self, name: str, level: float = 0.95) -> tuple[ParameterSets | None, ...]:
-        """Sets of a parameter of each flight's own; None where several nuisances are continuous.
-
-        The profile set is that of all flights. In place of the Anderson-Rubin set of all instruments stands
-        that of the flight's own, beside what the pool says of the rest: J above its least by the quantile of
-        chi-square with a degree of freedom for each of the flight's instruments.
-        """
+        """Sets of a parameter of each flight's own; None where several nuisances are continuous."""
         if len(self.candidates[0].separate.nodes.axes) > 1:
             return (None,) * len(self.estimates)
         place = self._places([name])[0]
@@ -715,10 +579,7 @@ class Pooled:
         return self._estimate([self._of_all(pool) for pool in self.candidates])
 
     def whole_sets(self, name: str, level: float = 0.95) -> ParameterSets | None:
-        """Sets of a parameter that all flights have in common, or of the common value of one that is not.
-
-        None where flights differ in it, and where several nuisances are continuous.
-        """
+        """Sets of a parameter that all flights have in common, or of the common value of one that is not."""
         own = name in self.own
         if len(self.candidates[0].separate.nodes.axes) > 1 or (own and self.differs):
             return None
@@ -736,11 +597,7 @@ class Pooled:
         )
 
     def lag_set(self, names: Sequence[str], level: float = 0.95) -> ConfidenceSet | None:
-        """Profile set of the continuous nuisance, or of its sum with discrete ones.
-
-        None where none is continuous, or several are. A nuisance that is positive and fits down to the least
-        value of its grid may be none at all; one that fits up to the largest has no upper bound.
-        """
+        """Profile set of the continuous nuisance, or of its sum with discrete ones."""
         nodes = self.candidates[0].separate.nodes
         if len(nodes.axes) != 1:
             return None
@@ -909,21 +766,7 @@ def pooled(
     nuisances: tuple[Nuisance, ...],
     separate: bool = False,
 ) -> Pooled:
-    """Pool flights that share some parameters.
-
-    Parameters
-    ----------
-    problems : sequence of SeparableProblem
-        Of each flight, with the same nuisances.
-    estimates : sequence of Estimate
-        Of each, by whitened instruments.
-    own : sequence of str
-        Linear parameters that belong to the flight.
-    nuisances : tuple of Nuisance
-        Those of the pool: those of the problems, with what is known of them beforehand.
-    separate : bool
-        Never take flights as agreeing in what is their own.
-    """
+    """Pool flights that share some parameters."""
     nuisances = reaching(nuisances, [estimate.best.at for estimate in estimates])
     nodes = nodes_of(nuisances, FEWEST_NODES)
     parameters = [parameter.name for parameter in estimates[0].best.rows.parameters]

@@ -34,25 +34,7 @@ def folded_products(
     blocks: Sequence[tuple[int, int]],
     start_of_others: int,
 ) -> Float[np.ndarray, "others width fold"]:
-    """G of each other series, summed over the blocks.
-
-    Parameters
-    ----------
-    series : ndarray, shape (n,)
-        The lagged series, contiguous; every block starts at the largest lag or later.
-    lags : tuple of int
-        First and last lag.
-    others : sequence of ndarray
-        What to multiply with, contiguous, from sample `start_of_others` on.
-    blocks : sequence of (start, stop)
-        Ranges of samples, whose lengths are multiples of `FOLD`.
-    start_of_others : int
-        First sample of `others`.
-
-    Notes
-    -----
-    Performs no checks.
-    """
+    """G of each other series, summed over the blocks."""
     width = FOLD + lags[1] - lags[0]
     total = np.zeros((len(others), width, FOLD))
     for start, stop in blocks:
@@ -93,10 +75,7 @@ def lags_without_gaps(problem: LinearProblem | None) -> TypeGuard[SignalRegressi
 def filtered_instruments(
     problem: SignalRegression, combinations: Float[np.ndarray, "p n"], start: int, stop: int
 ) -> RowBlock:
-    """Rows from sample `start` to `stop`, with combinations of successive lags in the instruments' place.
-
-    Each combination is a filter of the channel, so that no array of lags is made.
-    """
+    """Rows from sample `start` to `stop`, with combinations of successive lags in the instruments' place."""
     lags = problem.instrument_columns
     reached = problem.signals.channel(lags[0].channel)[start - lags[-1].lag : stop - lags[0].lag]
     taps = lags[0].gain * combinations[::-1].T
@@ -136,10 +115,7 @@ def block_count(rows: int, instruments: int) -> int:
 
 
 def products_of_long_record(problem: SignalRegression) -> Products | None:
-    """Products of a long record whose instruments are successive lags of one channel, else None.
-
-    The last few rows, fewer than are folded into one, are added to the last block.
-    """
+    """Products of a long record whose instruments are successive lags of one channel, else None."""
     psi = problem.instrument_columns
     first, last = problem.first, problem.signals.sample_count
     if problem.used is not None or last - first < FOLDED_FROM or successive_lags(psi) is None:
@@ -176,21 +152,7 @@ def _lag_products(
     edges: Int[np.ndarray, " K_plus_1"],
     last: int,
 ) -> Float[np.ndarray, "K p p_plus_others"]:
-    """Sums over each block of u_k-i u_k-j, and of u_k-i w_k for each other series w.
-
-    Parameters
-    ----------
-    series : ndarray, shape (samples,)
-        u.
-    psi : sequence of Column
-        Its successive lags i.
-    others : sequence of ndarray
-        Each w, from sample ``edges[0]`` on.
-    edges : ndarray of int, shape (K + 1,)
-        First sample of each block, and the end, by steps of `FOLD`.
-    last : int
-        End of the record; rows between the last edge and it belong to the last block.
-    """
+    """Sums over each block of u_k-i u_k-j, and of u_k-i w_k for each other series w."""
     first, least, most = int(edges[0]), psi[0].lag, psi[-1].lag
     with_lagged = [np.ascontiguousarray(series[first - least : last - least]), *others]
 
@@ -249,22 +211,7 @@ THREADED_FROM_STRETCHES = 4
 
 
 def products_of_signals(problem: SignalRegression, *, instruments: bool, whole: bool) -> Products:
-    """Products of a problem's columns, in one block.
-
-    Parameters
-    ----------
-    problem : SignalRegression
-        Rows.
-    instruments : bool
-        False takes the regressors themselves as psi.
-    whole : bool
-        Also multiply instruments, and regressors and response, among themselves.
-
-    Raises
-    ------
-    TooFewSamplesError
-        When there is no row.
-    """
+    """Products of a problem's columns, in one block."""
     right = (*problem.regressor_columns, problem.equation.response)
     left = problem.instrument_columns if instruments else problem.regressor_columns
     counts = np.array([row_count(problem)], dtype=np.float64)
@@ -279,12 +226,7 @@ def products_of_signals(problem: SignalRegression, *, instruments: bool, whole: 
 def _sums(
     problem: SignalRegression, left: Sequence[Column], right: Sequence[Column]
 ) -> Float[np.ndarray, "left right"]:
-    """Sums of products of columns.
-
-    Stretches of a long record are shared between threads (NumPy's products leave the interpreter free).
-    What the stretches are does not depend on the number of threads, and their sums are added in their
-    order, so that the result does not either.
-    """
+    """Sums of products of columns."""
     first, last = problem.first, problem.signals.sample_count
     gains = np.outer([c.gain for c in left], [c.gain for c in right])
     lags = successive_lags(left)
@@ -329,11 +271,7 @@ def _added(
 
 
 def _own_sums(problem: SignalRegression, columns: Sequence[Column]) -> Float[np.ndarray, "p p"]:
-    """Sums of products of columns among themselves.
-
-    For lags of one channel the sum at lags (i + 1, j + 1) is that at (i, j) but for the samples at both
-    ends of the record, so that one row of sums gives them all.
-    """
+    """Sums of products of columns among themselves."""
     count = len(columns)
     sums = np.empty((count, count))
     if successive_lags(columns) is None or problem.used is not None:
@@ -364,13 +302,7 @@ def root_of_signals(problem: SignalRegression) -> tuple[int, Float[np.ndarray, "
 
 
 def row_count(problem: SignalRegression) -> int:
-    """Number of rows of a problem.
-
-    Raises
-    ------
-    TooFewSamplesError
-        When there is none.
-    """
+    """Number of rows of a problem."""
     count = problem.signals.sample_count - problem.first
     if count < 1:
         raise TooFewSamplesError(
@@ -393,29 +325,7 @@ def _slice(problem: SignalRegression, column: Column, start: int, stop: int) -> 
 
 
 def products_of(problem: LinearProblem, *, instruments: bool = True, whole: bool) -> Products:
-    """Products of the columns [psi phi y] of a problem.
-
-    Parameters
-    ----------
-    problem : LinearProblem
-        Rows.
-    instruments : bool
-        False takes the regressors themselves as psi.
-    whole : bool
-        Also multiply instruments, and regressors and response, among themselves.
-
-    Returns
-    -------
-    Products
-        In many blocks where that costs nothing, as diagnostics read them; else in one.
-
-    Raises
-    ------
-    InstrumentError
-        When there are no instruments to multiply with.
-    NonFiniteError
-        When a product is not finite.
-    """
+    """Products of the columns [psi phi y] of a problem."""
     if instruments and not problem.instrument_count:
         raise InstrumentError(
             "instruments",

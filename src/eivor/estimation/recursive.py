@@ -42,38 +42,18 @@ COLLINEAR_SHARE = 1e-10
 
 @dataclass(frozen=True, slots=True)
 class Look:
-    """Means over the rows of a look.
-
-    Parameters
-    ----------
-    sample : int
-        Samples of the stream up to its end.
-    means : ndarray, shape (p, n + 1)
-        Of psi [phi' y], compensated; zeros where no row counted.
-    count : float
-        Rows that counted.
-    """
+    """Means over the rows of a look."""
 
     sample: int
-    means: Float[np.ndarray, "p n_plus_1"]
-    count: float
+    means: Float[np.ndarray, "p n_plus_1"]  # [phi' y]
+    count: float  # Rows that counted
 
 
 @dataclass(frozen=True, slots=True)
 class References:
-    """Successive estimates that later looks are held against.
+    """Successive estimates that later looks are held against."""
 
-    Parameters
-    ----------
-    theta : ndarray, shape (W, n)
-        The estimates, the newest last.
-    mapped : ndarray, shape (W, m, p)
-        What a change of the mean scores changes the parameters by that are watched.
-    watched : slice
-        Which they are.
-    """
-
-    theta: Float[np.ndarray, "W n"]
+    theta: Float[np.ndarray, "W n"]  # The estimates, the newest last
     mapped: Float[np.ndarray, "W m p"]
     watched: slice
 
@@ -95,19 +75,7 @@ def looks_at_once(forgetting: Forgetting) -> int:
 
 
 def looks_between(before: FadedProducts, after: FadedProducts) -> Iterator[tuple[Look, References | None]]:
-    """Looks that rows complete, `looks_at_once` at most.
-
-    Parameters
-    ----------
-    before, after : FadedProducts
-        Before and after the rows.
-
-    Returns
-    -------
-    iterator of (Look, References or None)
-        Each with the least squares solution of the equations of all rows up to its end; None where they
-        have no unique one.
-    """
+    """Looks that rows complete, `looks_at_once` at most."""
     forgetting = after.forgetting
     first, last = (faded.samples // forgetting.look for faded in (before, after))
     if last == first:
@@ -232,17 +200,7 @@ class ChangeDetector:
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """A change that was told.
-
-    Parameters
-    ----------
-    parameter : str
-        Whose.
-    sample : int
-        Samples of the stream, counted from its first row, after which it was told.
-    upwards : bool
-        Whether the parameter grew.
-    """
+    """A change that was told."""
 
     parameter: str
     sample: int
@@ -251,21 +209,7 @@ class Change:
 
 @dataclass(frozen=True)
 class Watch:
-    """What a detector saw so far.
-
-    Parameters
-    ----------
-    references : References or None
-        Estimates that a look may be held against; None for none yet.
-    before : ndarray, shape (looks, m)
-        Changes that the last looks showed against the newest, of one variance; NaN where they showed none.
-    sums : ndarray, shape (2, m)
-        To both sides, upwards first.
-    held : ndarray, shape (2, m)
-        How many references before the newest each sum is held against.
-    resting : int
-        Looks that are not summed any more, after a change.
-    """
+    """What a detector saw so far."""
 
     references: References | None = None
     before: Float[np.ndarray, "looks m"] = field(default_factory=lambda: np.zeros((0, 0)))
@@ -333,33 +277,15 @@ def _scale(before: Float[np.ndarray, "looks m"]) -> Float[np.ndarray, " m"]:
 
 @dataclass(frozen=True)
 class RowRecursion:
-    """What is known after the rows so far.
+    """What is known after the rows so far."""
 
-    Parameters
-    ----------
-    parameters : tuple of Parameter
-        Names and units, in the order of the regressors.
-    method : LinearMethod
-        With cross-products for equations.
-    forgetting : Forgetting
-        How fast rows are forgotten.
-    detector : ChangeDetector, optional
-        What tells a change; None for none.
-    faded : FadedProducts, optional
-        Products so far; None before the first row.
-    watching : Watch
-        Sums of the detector.
-    changes : tuple of Change
-        Those that the last rows showed.
-    """
-
-    parameters: tuple[Parameter, ...]
-    method: LinearMethod
+    parameters: tuple[Parameter, ...]  # Names and units, in the order of the regressors
+    method: LinearMethod  # With cross-products for equations
     forgetting: Forgetting
     detector: ChangeDetector | None = None
-    faded: FadedProducts | None = None
-    watching: Watch = field(default_factory=Watch)
-    changes: tuple[Change, ...] = ()
+    faded: FadedProducts | None = None  # Products so far
+    watching: Watch = field(default_factory=Watch)  # Sums of the detector
+    changes: tuple[Change, ...] = ()  # Those that the last rows showed
 
     @property
     def samples(self) -> int:
@@ -403,15 +329,7 @@ class RowRecursion:
         return replace(self, faded=after, watching=watching), rows.between(0, 0)
 
     def estimate(self) -> Estimate:
-        """Estimate of the rows so far, with the weights that they have now.
-
-        Raises
-        ------
-        TooFewSamplesError
-            When there are no more rows than parameters, or none that is not forgotten.
-        EstimationError
-            When the equations have no unique solution.
-        """
+        """Estimate of the rows so far, with the weights that they have now."""
         if self.faded is None:
             raise _no_rows()
         found = identify(ProblemMoments(self.parameters, _moments(self.faded)), self.method)
@@ -588,13 +506,7 @@ def _estimates(
 
 
 def check_recursive(method: LinearMethod) -> None:
-    """Refuse a method that has no cross-products, or whose weights are made of all rows.
-
-    Raises
-    ------
-    UsageError
-        With methods that can be used.
-    """
+    """Refuse a method that has no cross-products, or whose weights are made of all rows."""
     weighting = method.equation_weighting
     if method.assembler.moment_equations and weighting.passes == 1 and not method.row_weighting.needs_spectra:
         return
@@ -632,40 +544,18 @@ MOST_INFORMATION = 1e200
 
 @dataclass(frozen=True, slots=True)
 class TrackedPoint:
-    """What is known after a look.
+    """What is known after a look."""
 
-    Parameters
-    ----------
-    sample : int
-        Samples of the record so far.
-    value, half_width : float
-        Of the parameter that is followed, 95 %; infinite where nothing was told of late.
-    share : float
-        Weights of the rows that counted over those of a memory without gaps.
-    change : int
-        1 where it was told to have grown, -1 to have fallen, 0 for neither.
-    """
-
-    sample: int
+    sample: int  # Samples of the record so far
     value: float
     half_width: float
-    share: float
+    share: float  # Weights of the rows that counted over those of a memory without gaps
     change: int = 0
 
 
 @dataclass(frozen=True, slots=True)
 class Posterior:
-    """Estimate of faded products and of what was known beforehand.
-
-    Parameters
-    ----------
-    theta : ndarray, shape (n,)
-        The estimate.
-    mapped : ndarray, shape (n, p)
-        What a change of the mean scores changes it by.
-    known : ndarray, shape (n, n)
-        Part of its covariance that comes of what was known.
-    """
+    """Estimate of faded products and of what was known beforehand."""
 
     theta: Float[np.ndarray, " n"]
     mapped: Float[np.ndarray, "n p"]
@@ -674,21 +564,11 @@ class Posterior:
 
 @dataclass(frozen=True, slots=True)
 class Follower:
-    """What follows one parameter of several.
-
-    Parameters
-    ----------
-    place : int
-        Which of them.
-    priors : tuple of Prior or None
-        What is known of each beforehand; None for nothing.
-    start : ndarray, shape (n,)
-        Values near which they are.
-    """
+    """What follows one parameter of several."""
 
     place: int
     priors: tuple[Prior | None, ...]
-    start: Float[np.ndarray, " n"]
+    start: Float[np.ndarray, " n"]  # Values near which they are
 
     def points(
         self, rows: TimedRows, forgetting: Forgetting, detector: ChangeDetector

@@ -26,19 +26,11 @@ Pairs = Complex[np.ndarray, "*shape 2 bins"]
 
 @dataclass(frozen=True)
 class PairSpectrum:
-    """C of each bin, by its entries; of several matrices a bin where these have more axes.
-
-    Parameters
-    ----------
-    first, second : ndarray, shape (..., bins)
-        On the diagonal.
-    cross : ndarray, shape (..., bins)
-        First row, second column; its conjugate is the other.
-    """
+    """C of each bin, by its entries; of several matrices a bin where these have more axes."""
 
     first: Float[np.ndarray, "*shape bins"]
     second: Float[np.ndarray, "*shape bins"]
-    cross: Complex[np.ndarray, "*shape bins"]
+    cross: Complex[np.ndarray, "*shape bins"]  # First row, second column
 
     def __add__(self, other: PairSpectrum) -> PairSpectrum:
         return PairSpectrum(self.first + other.first, self.second + other.second, self.cross + other.cross)
@@ -127,19 +119,7 @@ class PairedEquations(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class NoiseModel:
-    """Strengths and orders.
-
-    Parameters
-    ----------
-    input_variance : float
-        sigma_u^2.
-    velocity_variance, acceleration_variance : float
-        s_v^2 and s_a^2, of the white noise before the operator.
-    disturbance_variance : float
-        S_e.
-    velocity_order, acceleration_order, disturbance_order : float
-        alpha, beta and gamma.
-    """
+    """Strengths and orders."""
 
     input_variance: float
     velocity_variance: float
@@ -193,15 +173,7 @@ ValueAndGradient = Callable[[np.ndarray], tuple[float, np.ndarray]]
 
 @dataclass(frozen=True)
 class NoisePrior:
-    """What is known of the noises before they are fitted.
-
-    Parameters
-    ----------
-    centre : NoiseModel
-        Centres of what is searched over, and what is known.
-    fitted : ndarray of bool, shape (6,)
-        Which are searched over: variances of velocity, acceleration and disturbance, then their orders.
-    """
+    """What is known of the noises before they are fitted."""
 
     centre: NoiseModel
     fitted: Bool[np.ndarray, " 6"]
@@ -219,11 +191,7 @@ def prior_of(
     *,
     disturbance_order: float | None = 0.0,
 ) -> NoisePrior:
-    """Strengths from the residuals' power over the upper half of the band; declared ones of z' and z''.
-
-    Bins are in the order of their frequencies. A disturbance has a given order, or with None one that is
-    fitted.
-    """
+    """Strengths from the residuals' power over the upper half of the band; declared ones of z' and z''."""
     upper = slice(residual.shape[1] // 2, None)
     scale = np.exp(2.0 * USUAL_ORDER * pairs.log_scale[upper])
     of_velocity = pairs.shapes()[1].second[upper]
@@ -246,11 +214,7 @@ def prior_of(
 
 
 def fitted_noise(pairs: PairedEquations, residual: Pair, start: NoiseModel, prior: NoisePrior) -> NoiseModel:
-    """Noise model of the least penalised sum of log det C + r^H C^-1 r, from `start`.
-
-    The search is made in coordinates in which the information at its start is the identity, and learns the
-    curvature from there (Broyden, Fletcher, Goldfarb and Shanno). Steps that lead up are halved.
-    """
+    """Noise model of the least penalised sum of log det C + r^H C^-1 r, from `start`."""
     fit = _Fit(pairs, residual, prior.centre)
     origin, fitted = fit.vector(start), prior.fitted
     unit = np.linalg.inv(_information_root(fit, origin, fitted))
@@ -269,11 +233,7 @@ def fitted_noise(pairs: PairedEquations, residual: Pair, start: NoiseModel, prio
 
 
 def _lowest(function: ValueAndGradient, moves: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " n"]:
-    """Minimum of a function from the origin, where its curvature is near the identity.
-
-    No step moves anything by more than `LONGEST`: far out, where one noise is all that counts, determinants
-    are differences of numbers that agree in every digit.
-    """
+    """Minimum of a function from the origin, where its curvature is near the identity."""
     size = moves.shape[1]
     x, inverse = np.zeros(size), np.eye(size)
     value, gradient = function(x)
@@ -401,10 +361,7 @@ class _Fit:
         )
 
     def value_and_gradient(self, vector: Float[np.ndarray, " 6"]) -> tuple[float, Float[np.ndarray, " 6"]]:
-        """Penalised sum, and its derivatives: of log det C + tr(C^-1 P) by C they are C^-1 - C^-1 P C^-1.
-
-        Of each matrix four numbers are kept, see `_numbers`: arrays are short here, and calls what costs.
-        """
+        """Penalised sum, and its derivatives: of log det C + tr(C^-1 P) by C they are C^-1 - C^-1 P C^-1."""
         from_centre, slopes = self._prior(vector)
         powers = self._powers(vector)
         first, second, real, imaginary = self.base_numbers + (powers[:, None] * self.numbers).sum(axis=0)
@@ -494,23 +451,13 @@ def unitary_bins(values: Float[np.ndarray, " n"]) -> Complex[np.ndarray, " bins"
 
 @dataclass(frozen=True)
 class SampledRecord:
-    """Spectra of a record of z', z'' and u.
+    """Spectra of a record of z', z'' and u."""
 
-    Parameters
-    ----------
-    step_s : float
-        Time between samples [s].
-    count : int
-        Number of samples.
-    acceleration, velocity, input : ndarray, shape (bins,)
-        Unitary spectra.
-    """
-
-    step_s: float
-    count: int
-    acceleration: Bins
-    velocity: Bins
-    input: Bins
+    step_s: float  # Time between samples [s]
+    count: int  # Number of samples
+    acceleration: Bins  # shape (bins,)
+    velocity: Bins  # shape (bins,)
+    input: Bins  # shape (bins,)
 
     @cached_property
     def angle(self) -> Float[np.ndarray, " bins"]:
@@ -546,21 +493,11 @@ class SampledRecord:
 
 @dataclass(frozen=True)
 class SampledMotion:
-    """The motion at some parameters.
-
-    Parameters
-    ----------
-    record : SampledRecord
-        Whose bins.
-    friction, gain : float
-        K [1/s] and b = K_u.
-    blend : float
-        rho.
-    """
+    """The motion at some parameters."""
 
     record: SampledRecord
-    friction: float
-    gain: float
+    friction: float  # [1/s]
+    gain: float  # [1/s]
     blend: float = 0.0
 
     @property
@@ -674,23 +611,7 @@ PILOT_LAGS = (0, 10)
 
 @dataclass(frozen=True)
 class SampledProblem:
-    """A record of one motion, sampled evenly.
-
-    Parameters
-    ----------
-    problem : SignalRegression
-        With instruments.
-    record : SampledRecord
-        Its spectra.
-    input_variance : float
-        Of the noise of the input; zero with instruments of another channel, which do not share it.
-    instrument : ndarray, shape (bins,), or None
-        What instruments of another channel say of the input; None where it is its own.
-    declared : tuple of MeasurementNoise or None
-        Noises of z' and of z'', where the record declares them.
-    noise_sought : bool
-        Whether the noise of the input is unknown, and `input_variance` but where the search of it begins.
-    """
+    """A record of one motion, sampled evenly."""
 
     problem: SignalRegression
     record: SampledRecord
@@ -706,15 +627,7 @@ class SampledProblem:
 
 
 def problem_of_motion(problem: Problem, method: str) -> SignalRegression:
-    """Take a problem for a spectral method; without instruments it has lagged inputs.
-
-    Raises
-    ------
-    UsageError
-        When it is no regression in signals, its equation no sampled motion, or the input's noise not white.
-    MissingNoiseError
-        When nothing is declared of the noise of the input.
-    """
+    """Take a problem for a spectral method; without instruments it has lagged inputs."""
     if not isinstance(problem, SignalRegression):
         raise UsageError(
             f"a record of one motion for {method}, sampled evenly",
@@ -755,13 +668,7 @@ def without_spectra(problem: SignalRegression) -> tuple[str, str] | None:
 
 
 def sampled_problem(problem: SignalRegression, method: str) -> SampledProblem:
-    """Spectra of a problem that has them, see `problem_of_motion` and `without_spectra`.
-
-    Raises
-    ------
-    InstrumentError
-        When instruments of another channel are mixed with inputs.
-    """
+    """Spectra of a problem that has them, see `problem_of_motion` and `without_spectra`."""
     state, response, driver = motion_of(problem, method)
     signals = problem.signals
     noise = signals.noise[driver]

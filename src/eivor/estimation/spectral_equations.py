@@ -41,23 +41,11 @@ GENERALIZED_IV = LinearMethod("generalized_iv", Compensated(), AugmentedLeastSqu
 
 @dataclass(frozen=True)
 class Pilot:
-    """Start of a search.
-
-    Parameters
-    ----------
-    motion : SampledMotion
-        Parameters.
-    transient : float
-        t.
-    noise : NoiseModel
-        Noises that fit.
-    prior : NoisePrior
-        What was known of them.
-    """
+    """Start of a search."""
 
     motion: SampledMotion
     transient: float
-    noise: NoiseModel
+    noise: NoiseModel  # Noises that fit
     prior: NoisePrior
 
 
@@ -100,43 +88,19 @@ RAMP_SAMPLES = 400
 
 @dataclass(frozen=True)
 class SpectralSolution:
-    """Solution of the equations, with what its covariance is made of.
-
-    Parameters
-    ----------
-    motion : SampledMotion
-        Parameters.
-    nuisances : ndarray, shape (q,)
-        Transient, and ramps.
-    spectrum : PairSpectrum
-        C.
-    instrument : ndarray, shape (bins,)
-        U, or what instruments say of it.
-    input_variance : float
-        sigma_u^2; zero with instruments that do not share the input's noise.
-    weights, factors : ndarray, shape (bins,)
-        w and c.
-    free_blend : bool
-        Whether rho is a parameter.
-    change : float
-        Relative change of the parameters in the last pass.
-    noises : tuple of FittedNoise
-        Of the noise model, as it was fitted last.
-    noise_test : ndarray, shape (bins,), optional
-        1 / S_u where sigma_u^2 is unknown. Default: it is given.
-    """
+    """Solution of the equations, with what its covariance is made of."""
 
     motion: SampledMotion
-    nuisances: Float[np.ndarray, " q"]
+    nuisances: Float[np.ndarray, " q"]  # Transient, and ramps
     spectrum: PairSpectrum
     instrument: Complex[np.ndarray, " bins"]
     input_variance: float
     weights: Float[np.ndarray, " bins"]
     factors: Float[np.ndarray, " bins"]
     free_blend: bool
-    change: float = np.inf
+    change: float = np.inf  # Relative change of the parameters in the last pass
     noises: tuple[FittedNoise, ...] = ()
-    noise_test: Float[np.ndarray, " bins"] | None = None
+    noise_test: Float[np.ndarray, " bins"] | None = None  # 1 / S_u where sigma_u^2 is unknown
 
     @property
     def settled(self) -> bool:
@@ -215,27 +179,13 @@ class SpectralSolution:
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """Derivative J of equations by what they are solved for, a sum over bins.
-
-    Parameters
-    ----------
-    tests, moved : ndarray, shape (n, 2, bins)
-        Test function of each equation; what each unknown does to the residuals, whitened twice.
-    own : ndarray, shape (m, 2, bins)
-        Of the compensation: what each equation that has one takes off the input's noise with.
-    taken : ndarray, shape (parameters, 2, bins)
-        What each parameter does to what is taken off, whitened twice.
-    noisy : ndarray of int, shape (m,)
-        Equations that have a compensation.
-    by_noise : ndarray, shape (2, bins), optional
-        Where the input's noise is sought, what that does. Default: it is given.
-    """
+    """Derivative J of equations by what they are solved for, a sum over bins."""
 
     tests: Complex[np.ndarray, "n 2 bins"]
     moved: Complex[np.ndarray, "k 2 bins"]
     own: Complex[np.ndarray, "m 2 bins"]
     taken: Complex[np.ndarray, "p 2 bins"]
-    noisy: Int[np.ndarray, " m"]
+    noisy: Int[np.ndarray, " m"]  # Equations that have a compensation
     by_noise: Complex[np.ndarray, "2 bins"] | None = None
 
     @cached_property
@@ -289,13 +239,7 @@ def solved_equations(
     free_blend: bool = False,
     noise_test: Float[np.ndarray, " bins"] | None = None,
 ) -> SpectralSolution:
-    """Solve from a pilot, with instruments of the input's own spectrum or another.
-
-    Raises
-    ------
-    EstimationError
-        When a step has no solution, or friction or gain leave what the relation can hold.
-    """
+    """Solve from a pilot, with instruments of the input's own spectrum or another."""
     record = pilot.motion.record
     ramps = record.count >= RAMP_SAMPLES
     closed = instrument is not None
@@ -433,25 +377,13 @@ EVERY = slice(None)
 
 @dataclass(frozen=True)
 class SpectralCovariance:
-    """Both covariances of K, b, and rho where it is free.
-
-    Parameters
-    ----------
-    model, in_time : ndarray, shape (n, n)
-        The two.
-    degrees : ndarray, shape (n,)
-        Degrees of freedom of each parameter: few bins that tell it count for few.
-    influence : ndarray, shape (samples, n)
-        Series whose sum is the error of each parameter, to first order.
-    noise_error : float
-        Standard error of sigma_u^2; zero where that is given.
-    """
+    """Both covariances of K, b, and rho where it is free."""
 
     model: Float[np.ndarray, "n n"]
     in_time: Float[np.ndarray, "n n"]
-    degrees: Float[np.ndarray, " n"]
+    degrees: Float[np.ndarray, " n"]  # Degrees of freedom of each parameter
     influence: Float[np.ndarray, "samples n"]
-    noise_error: float = 0.0
+    noise_error: float = 0.0  # Standard error of sigma_u^2
 
 
 def spectral_covariance(solution: SpectralSolution, chosen: slice = EVERY) -> SpectralCovariance:

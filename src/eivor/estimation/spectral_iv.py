@@ -163,13 +163,7 @@ def distance_of(
 
 
 def fallen_back(name: str, plain: Estimate, reason: Reason) -> Estimate:
-    """Generalized IV's answer, with the reason as a warning too.
-
-    Warns
-    -----
-    FallbackWarning
-        Always.
-    """
+    """Generalized IV's answer, with the reason as a warning too."""
     warnings.warn(f"{reason.sentence} {reason.remedy}", FallbackWarning, stacklevel=user_level())
     answer = plain.with_covariance(EqualWeightedCosines())
     return replace(answer, method=name, reasons=(*plain.reasons, reason))
@@ -185,27 +179,13 @@ EVALUATIONS = 60
 
 @dataclass(frozen=True)
 class Likelihood:
-    """Where a search ended.
-
-    Parameters
-    ----------
-    motion : SampledMotion
-        Parameters.
-    transient : float
-        t.
-    noise : NoiseModel
-        Spectra that were fitted or declared.
-    settled : bool
-        False when passes or evaluations ran out.
-    noises : tuple of FittedNoise
-        The same noises with their errors; those that were declared have none.
-    """
+    """Where a search ended."""
 
     motion: SampledMotion
     transient: float
-    noise: NoiseModel
-    settled: bool
-    noises: tuple[FittedNoise, ...]
+    noise: NoiseModel  # Spectra that were fitted or declared
+    settled: bool  # False when passes or evaluations ran out
+    noises: tuple[FittedNoise, ...]  # The same noises with their errors
 
 
 @runtime_checkable
@@ -273,13 +253,7 @@ def corrected_whitening(name: str) -> LinearMethod:
 
 
 def spectral_giv_of_flights(name: str, problem: SeparableProblem) -> Estimate:
-    """Instrumental estimate of both equations, or generalized IV's where that contradicts it beyond chance.
-
-    Raises
-    ------
-    EstimationError
-        When the motion has no state whose derivative was measured, or neither method has an answer.
-    """
+    """Instrumental estimate of both equations."""
     paired_bins(
         problem, np.zeros(problem.bins(problem.first_values).regressors.shape[1]), problem.first_values
     )
@@ -299,13 +273,7 @@ def spectral_giv_of_flights(name: str, problem: SeparableProblem) -> Estimate:
 
 
 def whittle_of_flights(name: str, problem: SeparableProblem) -> Estimate:
-    """Least squares of both equations, weighted by the noises of the largest likelihood.
-
-    Raises
-    ------
-    EstimationError
-        When the motion has no state whose derivative was measured, or the search does not settle.
-    """
+    """Least squares of both equations, weighted by the noises of the largest likelihood."""
     method = LinearMethod(name, Direct(), LeastSquares(), PairWhitening(ModelledSpectra()))
     return with_noises(problem, method.estimate(problem))
 
@@ -327,10 +295,7 @@ def _instead(name: str, plain: Estimate, why: str) -> Estimate:
 
 
 def _apart(found: Estimate, plain: Estimate) -> tuple[float, float]:
-    """Least squared distance of the linear parameters of two estimates, and what chance hardly exceeds.
-
-    Of every candidate that fits with every other one: parameters follow the discrete nuisances.
-    """
+    """Least squared distance of the linear parameters of two estimates, and what chance hardly exceeds."""
     count = found.best.theta.size
     farthest = hotelling_quantile(ALLOWED, count, COSINE_AVERAGES)
     pairs = product(found.tenable(), plain.tenable())
@@ -352,32 +317,14 @@ LEAST_SHARE = 1e-6
 
 @dataclass(frozen=True, slots=True)
 class Begun:
-    """A problem with a noise of its input to begin with.
-
-    Parameters
-    ----------
-    problem : Problem
-        As it was, or with a noise of its input.
-    sought : bool
-        Whether that noise is unknown.
-    """
+    """A problem with a noise of its input to begin with."""
 
     problem: Problem
     sought: bool = False
 
 
 def begun(problem: Problem, method: str) -> Begun | Estimate:
-    """Begin with the noise that is declared, with none for instruments of other channels, or a rough one.
-
-    Where the record does not tell it, what was made of it all the same is returned, refused.
-
-    Raises
-    ------
-    UsageError
-        When the equation is no sampled motion.
-    MissingNoiseError
-        When it could not even be tried.
-    """
+    """Begin with the noise that is declared, with none for instruments of other channels, or a rough one."""
     if not isinstance(problem, SignalRegression):
         return Begun(problem)
     _, _, driver = motion_of(problem, method)
@@ -426,15 +373,9 @@ BLEND = Parameter("intersample_share", "")
 
 @dataclass(frozen=True, slots=True)
 class SpectralGeneralizedIV(Method):
-    """Generalized IV of the least variance: both equations of a sampled motion, weighted by their spectra.
+    """Generalized IV of the least variance: both equations of a sampled motion, weighted by their spectra."""
 
-    Parameters
-    ----------
-    name : str
-        The word that results and the command line use.
-    """
-
-    name: str = "spectral_giv"
+    name: str = "spectral_giv"  # The word that results and the command line use
 
     @property
     def needs_instruments(self) -> bool:
@@ -447,15 +388,7 @@ class SpectralGeneralizedIV(Method):
         return corrected_whitening(self.name)
 
     def estimate(self, problem: Problem) -> Estimate:
-        """Estimate friction and gain of a sampled motion; rho too where it is neither 0 nor 1/2.
-
-        Of flights lag and delay are searched for, and the state of the actuators is linear between samples.
-
-        Raises
-        ------
-        UsageError, MissingNoiseError
-            When the problem is no motion with a declared noise of its input.
-        """
+        """Estimate friction and gain of a sampled motion; rho too where it is neither 0 nor 1/2."""
         if isinstance(problem, SeparableProblem):
             return spectral_giv_of_flights(self.name, problem)
         return _estimated(self.name, problem, alone_from=SHORT_RECORD)
@@ -463,15 +396,9 @@ class SpectralGeneralizedIV(Method):
 
 @dataclass(frozen=True, slots=True)
 class CombinedSpectralIV(Method):
-    """The combination of spectral and plain generalized IV that has the least variance.
+    """The combination of spectral and plain generalized IV that has the least variance."""
 
-    Parameters
-    ----------
-    name : str
-        The word that results and the command line use.
-    """
-
-    name: str = "spectral_giv_combined"
+    name: str = "spectral_giv_combined"  # The word that results and the command line use
 
     @property
     def needs_instruments(self) -> bool:
@@ -575,10 +502,7 @@ def _doubt(found: _Found, plain: Estimate) -> str:
 
 
 def _with_blend(sampled: SampledProblem, start: SampledMotion) -> _Found:
-    """Solution with an input that is held, where one step towards a free rho finds no other; else rho free.
-
-    Or rho 1/2, where it is near that.
-    """
+    """Solution with an input that is held, where one step towards a free rho finds no other."""
     pilot = pilot_at(start, sampled.input_variance)
     noise_test = 1.0 / power_around(sampled.record.input) if sampled.noise_sought else None
     solved = partial(
@@ -636,23 +560,9 @@ USE = "Use spectral_giv, which does not assume these."
 
 @dataclass(frozen=True, slots=True)
 class WhittleLikelihood(Method):
-    """Maximum likelihood in frequency, with noises as they are declared and all others fitted.
+    """Maximum likelihood in frequency, with noises as they are declared and all others fitted."""
 
-    That of the input must be declared, those of velocity and acceleration may be; a disturbance is fitted.
-
-    Parameters
-    ----------
-    name : str
-        The word that results and the command line use.
-
-    Notes
-    -----
-    Efficient where the noises are what the model takes them for, and biased where they are not. The input is
-    taken as held between samples; that is tested as `SpectralGeneralizedIV` does, and an estimate from an
-    input that is not held is weak.
-    """
-
-    name: str = "whittle_ml"
+    name: str = "whittle_ml"  # The word that results and the command line use
 
     @property
     def needs_instruments(self) -> bool:
@@ -660,13 +570,7 @@ class WhittleLikelihood(Method):
         return False
 
     def estimate(self, problem: Problem) -> Estimate:
-        """Estimate friction and gain of a sampled motion.
-
-        Raises
-        ------
-        UsageError, MissingNoiseError
-            When the problem is no motion with a declared noise of its input.
-        """
+        """Estimate friction and gain of a sampled motion."""
         if isinstance(problem, SeparableProblem):
             return whittle_of_flights(self.name, problem)
         checked = problem_of_motion(problem, self.name)

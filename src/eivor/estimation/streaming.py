@@ -69,13 +69,7 @@ def moments(
 
 
 def check_chunked(model: object, method: object, instruments: object) -> None:
-    """Refuse arguments of other types than a model, a method and columns.
-
-    Raises
-    ------
-    UsageError
-        With what came instead.
-    """
+    """Refuse arguments of other types than a model, a method and columns."""
     check_linear(method)
     checks.kind("model", model, SignalModel, "a model", "Make one: ev.VerticalMotion().")
     check_columns("instruments", instruments)
@@ -92,13 +86,7 @@ def chunk_problems(
 
 
 def overlapping(chunks: Iterable[Signals], lag: int) -> Iterator[Signals]:
-    """Each chunk with the last `lag` samples before it, and its place in the record as offset.
-
-    Raises
-    ------
-    UsageError
-        When chunks differ in channels or rate.
-    """
+    """Each chunk with the last `lag` samples before it, and its place in the record as offset."""
     before: Signals | None = None
     for chunk in chunks:
         checks.kind("a chunk", chunk, Signals, "Signals", "Give the stretches of one record in their order.")
@@ -107,13 +95,7 @@ def overlapping(chunks: Iterable[Signals], lag: int) -> Iterator[Signals]:
 
 
 def continued(before: Signals, chunk: Signals, lag: int) -> Signals:
-    """Return a chunk with the last `lag` samples before it.
-
-    Raises
-    ------
-    UsageError
-        When the chunks differ in channels or rate, or do not follow one another.
-    """
+    """Return a chunk with the last `lag` samples before it."""
     _check_successor(before, chunk)
     start = max(before.sample_count - lag, 0)
     channels = {

@@ -41,33 +41,14 @@ class EquationChoice(ABC):
 
     @abstractmethod
     def columns(self, problem: SignalRegression, orders: tuple[str, ...]) -> tuple[Column, ...]:
-        """Test functions: columns of the problem, and others of its channels.
-
-        Parameters
-        ----------
-        problem : SignalRegression
-            With its instruments.
-        orders : tuple of str
-            Channels whose noise has an unknown order.
-        """
+        """Test functions: columns of the problem, and others of its channels."""
 
 
 @dataclass(frozen=True, slots=True)
 class GeneralizedEquations(EquationChoice):
-    """Instruments, and every noisy regressor at some lags: generalized instrumental variables in full.
+    """Instruments, and every noisy regressor at some lags: generalized instrumental variables in full."""
 
-    Parameters
-    ----------
-    lags : int, optional
-        Lags of each regressor's channel. Default: two, and six for a noise whose order is unknown.
-
-    References
-    ----------
-    T. Soderstrom, "A generalized instrumental variable estimation method for errors-in-variables
-    identification problems", Automatica 47 (2011).
-    """
-
-    lags: int | None = None
+    lags: int | None = None  # Lags of each regressor's channel
 
     def __post_init__(self) -> None:
         if self.lags is not None and self.lags < 0:
@@ -87,11 +68,7 @@ class GeneralizedEquations(EquationChoice):
 
 @dataclass(frozen=True, slots=True)
 class BiasEliminating(EquationChoice):
-    """The regressors themselves and instruments: bias-eliminating least squares.
-
-    The normal equations of least squares, with a bias of known form, and equations of instruments that tell
-    it (Zheng 1998).
-    """
+    """The regressors themselves and instruments: bias-eliminating least squares."""
 
     def columns(self, problem: SignalRegression, _orders: tuple[str, ...]) -> tuple[Column, ...]:
         """Regressors, then instruments."""
@@ -100,12 +77,7 @@ class BiasEliminating(EquationChoice):
 
 @dataclass(frozen=True, slots=True)
 class FrischScheme(EquationChoice):
-    """Regressors, response and instruments: the Frisch scheme with the equations of past inputs.
-
-    The covariance of [phi y] less that of its noises is singular along [theta -1] (Beghelli, Guidorzi and
-    Soverini 1990): one more equation, and the strength of the response's noise one more unknown. A
-    disturbance of the equation counts as noise of the response.
-    """
+    """Regressors, response and instruments: the Frisch scheme with the equations of past inputs."""
 
     def columns(self, problem: SignalRegression, _orders: tuple[str, ...]) -> tuple[Column, ...]:
         """Regressors, response, then instruments."""
@@ -129,14 +101,7 @@ RECORD_OVER_LAG = 4
 def long_memory_covariance(
     influence: Float[np.ndarray, "rows k"], error: Float[np.ndarray, " rows"]
 ) -> Float[np.ndarray, "k k"]:
-    """Covariance of the sums of g e, of normal series g (influence) and e (error).
-
-    sum over tau of r_g(tau) r_e(tau) + r_ge(tau) r_ge(-tau)', autocovariances as sums over the rows.
-
-    Notes
-    -----
-    O(rows log(rows) k^2).
-    """
+    """Covariance of the sums of g e, of normal series g (influence) and e (error)."""
     count = error.size
     length = 1 << (2 * count - 1).bit_length()
     lags = np.arange(length)
@@ -168,15 +133,7 @@ FIRST_ORDER = -0.1
 
 @dataclass(frozen=True, slots=True)
 class UnknownNoise:
-    """Noise of one channel.
-
-    Parameters
-    ----------
-    channel : str
-        Whose.
-    fractional : bool
-        Whether its order is unknown as well; else it is white.
-    """
+    """Noise of one channel."""
 
     channel: str
     fractional: bool = False
@@ -191,15 +148,7 @@ class UnknownNoise:
 
 @dataclass(frozen=True)
 class SharedMoments:
-    """Moments of a problem that unknown noises are a part of.
-
-    Parameters
-    ----------
-    problem : SignalRegression
-        Its instruments are the test functions.
-    unknown : tuple of UnknownNoise
-        One for each channel whose noise is not declared.
-    """
+    """Moments of a problem that unknown noises are a part of."""
 
     problem: SignalRegression
     unknown: tuple[UnknownNoise, ...]
@@ -218,10 +167,7 @@ class SharedMoments:
     def unit(
         self, noise: UnknownNoise, order: float, *, slope: bool = False
     ) -> Float[np.ndarray, "p n_plus_1"]:
-        """D of a channel's noise, or its slope by the order.
-
-        D is a smooth function of the order: it is computed at Chebyshev's, and is their polynomial elsewhere.
-        """
+        """D of a channel's noise, or its slope by the order."""
         if noise.channel not in self.made:
             self.made[noise.channel] = self._coefficients(noise)
         coefficients = self.made[noise.channel]
@@ -252,22 +198,7 @@ class SharedMoments:
     def added(
         self, beta: Float[np.ndarray, " k"], known: Float[np.ndarray, "p n_plus_1"]
     ) -> tuple[Float[np.ndarray, " p"], Float[np.ndarray, "p k"]]:
-        """What all noises add to mean(psi e), with its sign turned, and the slopes of that.
-
-        Parameters
-        ----------
-        beta : ndarray, shape (k,)
-            Parameters, and for each noise its variance and, when it is unknown, its order.
-        known : ndarray, shape (p, n + 1)
-            See `known`.
-
-        Returns
-        -------
-        added : ndarray, shape (p,)
-            C theta - c.
-        slopes : ndarray, shape (p, k)
-            By beta.
-        """
+        """What all noises add to mean(psi e), with its sign turned, and the slopes of that."""
         n = len(self.problem.parameters)
         direction = np.append(beta[:n], -1.0)
         total, slopes, place = known.copy(), np.zeros((known.shape[0], beta.size)), n
@@ -297,19 +228,9 @@ CONTRADICTION = 1e-3
 
 @dataclass(frozen=True)
 class NoiseEstimatingIV(Method):
-    """Generalized instrumental variables that estimate the noises that nothing is declared of.
+    """Generalized instrumental variables that estimate the noises that nothing is declared of."""
 
-    Parameters
-    ----------
-    name : str
-        The word that results use.
-    choice : EquationChoice
-        Which equations.
-    orders : tuple of str
-        Channels whose noise is fractional, of unknown order; that of all others is white.
-    """
-
-    name: str
+    name: str  # The word that results use
     choice: EquationChoice = field(default_factory=GeneralizedEquations)
     orders: tuple[str, ...] = ()
 
@@ -319,15 +240,7 @@ class NoiseEstimatingIV(Method):
         return True
 
     def estimate(self, problem: Problem) -> Estimate:
-        """Estimate parameters and noises.
-
-        Raises
-        ------
-        UsageError
-            For another problem than one of signals, or an order of a channel that is not in the equations.
-        InstrumentError
-            When there are fewer equations than unknowns, or they do not tell them apart.
-        """
+        """Estimate parameters and noises."""
         if not isinstance(problem, SignalRegression):
             raise UsageError(
                 "a regression of signals, whose columns say what noises they share",
@@ -357,15 +270,9 @@ class NoiseEstimatingIV(Method):
 
 @dataclass
 class _Search:
-    """The weighted moments of one problem, and their least.
+    """The weighted moments of one problem, and their least."""
 
-    Parameters
-    ----------
-    shared : SharedMoments
-        With the unknown noises.
-    """
-
-    shared: SharedMoments
+    shared: SharedMoments  # With the unknown noises
 
     def __post_init__(self) -> None:
         self.rows = self.shared.problem.rows()
@@ -403,10 +310,7 @@ class _Search:
         return found
 
     def _start(self) -> Float[np.ndarray, " k"]:
-        """Parameters and, times them, variances by linear equations; orders at a first guess.
-
-        Of a channel that is in one column the noise adds D times one number, which is linear.
-        """
+        """Parameters and, times them, variances by linear equations; orders at a first guess."""
         n = self.cross.shape[1] - 1
         units = [self.shared.unit(one, FIRST_ORDER if one.fractional else 0.0) for one in self.shared.unknown]
         linear = [(number, j) for number, unit in enumerate(units) for j in np.flatnonzero(unit.any(axis=0))]
@@ -460,11 +364,7 @@ class _Search:
         return beta
 
     def _covariance(self, beta: Float[np.ndarray, " k"]) -> Float[np.ndarray, "p p"]:
-        """Long-run covariance of the moments of normal series, from autocovariances (Soderstrom 2011).
-
-        sum over tau of r_psi(tau) r_e(tau) + r_psi_e(tau) r_psi_e(-tau)', with Bartlett's weights. Fourth
-        moments of the data are not in it, so that weights hardly depend on the moments that they weight.
-        """
+        """Long-run covariance of the moments of normal series, from autocovariances (Soderstrom 2011)."""
         n, psi, count = self.cross.shape[1] - 1, self.rows.instruments, self._count
         error = self.rows.response - self.rows.regressors @ beta[:n]
         lags = newey_west_bandwidth(count)

@@ -29,20 +29,7 @@ BOX_ROUNDS = 100
 
 
 def least_place(objective: Objective, grid: Box) -> Float[np.ndarray, " axes"]:
-    """Place of the least value between the ends of a grid.
-
-    Parameters
-    ----------
-    objective : callable
-        See `Objective`.
-    grid : sequence of ndarray
-        Where to begin: two places or more for each variable, or no variable at all.
-
-    Raises
-    ------
-    ConvergenceError
-        When the boxes do not shrink.
-    """
+    """Place of the least value between the ends of a grid."""
     axes = len(grid)
     if not axes:
         return np.empty(0)
@@ -98,15 +85,7 @@ Point = tuple[float, ...]
 
 @dataclass(frozen=True)
 class NuisanceProfile:
-    """Objective over the grid of one nuisance, at the best of the others.
-
-    Parameters
-    ----------
-    nuisance : Nuisance
-        Which.
-    grid, objective : ndarray, shape (values,)
-        Values, and what is left at each, a prior's term included.
-    """
+    """Objective over the grid of one nuisance, at the best of the others."""
 
     nuisance: Nuisance
     grid: Float[np.ndarray, " values"]
@@ -115,80 +94,35 @@ class NuisanceProfile:
 
 @dataclass(frozen=True)
 class Minimum:
-    """What a search found.
+    """What a search found."""
 
-    Parameters
-    ----------
-    at : dict of str to float
-        Every nuisance's value.
-    objective : float
-        What is left there, a prior's term included.
-    solution : Solution
-        Linear parameters there.
-    profiles : tuple of NuisanceProfile
-        One for each nuisance that was sought.
-    """
-
-    at: dict[str, float]
+    at: dict[str, float]  # Every nuisance's value
     objective: float
-    solution: Solution
+    solution: Solution  # Linear parameters there
     profiles: tuple[NuisanceProfile, ...]
 
 
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """The objective at one point.
-
-    Parameters
-    ----------
-    point : tuple of float
-        Where.
-    objective : float
-        What is left, a prior's term included.
-    solution : Solution
-        Linear parameters there.
-    """
+    """The objective at one point."""
 
     point: Point
     objective: float
-    solution: Solution
+    solution: Solution  # Linear parameters there
 
 
 @dataclass(frozen=True)
 class Search:
-    """A search over continuous nuisances.
-
-    Parameters
-    ----------
-    sought : tuple of Nuisance
-        What is searched for.
-    fixed : dict of str to float
-        Values of the other nuisances.
-    solve : callable
-        Linear parameters at values of all nuisances.
-    objectives : callable
-        What `solve` would leave at many values of all nuisances.
-    unit : callable
-        Variance of one equation there, in units of the objective. Asked only where something is known
-        beforehand.
-    """
+    """A search over continuous nuisances."""
 
     sought: tuple[Nuisance, ...]
-    fixed: dict[str, float]
-    solve: Callable[[Values], Solution]
+    fixed: dict[str, float]  # Values of the other nuisances
+    solve: Callable[[Values], Solution]  # Linear parameters at values of all nuisances
     objectives: Callable[[Sequence[Values]], Float[np.ndarray, " points"]]
     unit: Callable[[Values], float]
 
     def minimum(self, *, coarse: bool = False) -> Minimum:
-        """Minimise the objective; to coarse tolerances where only weights are made of it.
-
-        Raises
-        ------
-        ConvergenceError
-            When a search of several nuisances does not settle.
-        EstimationError
-            When the linear parameters have no unique solution.
-        """
+        """Minimise the objective; to coarse tolerances where only weights are made of it."""
         grids = product_grids(self.sought)
         points: list[Point] = list(product(*(tuple(grid.tolist()) for grid in grids)))
         left = self.objectives([self._at(point) for point in points])
@@ -288,15 +222,7 @@ def bounded_search(
     grids: list[Float[np.ndarray, " _"]],
     tolerance: float,
 ) -> Trial:
-    """Least trial of several nuisances within their grids, from a good one; never worse than that.
-
-    Each nuisance is searched on a scale from 0 to 1, by ratios where it is positive.
-
-    Raises
-    ------
-    ConvergenceError
-        When it does not settle.
-    """
+    """Least trial of several nuisances within their grids, from a good one; never worse than that."""
     from scipy.optimize import minimize
 
     ends = np.array([[nuisance.grid[0], nuisance.grid[-1]] for nuisance in sought])

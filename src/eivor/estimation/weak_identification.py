@@ -34,30 +34,14 @@ from eivor.tools import Float
 
 @dataclass(frozen=True)
 class MomentRows:
-    """Test functions, columns and noises of ``mean psi_t (y_t - phi_t' theta) + C theta - c``.
-
-    Parameters
-    ----------
-    parameters : tuple of Parameter
-        One for each column of Phi.
-    test_functions : ndarray, shape (rows, p)
-        psi.
-    columns : ndarray, shape (rows, n + 1)
-        [y Phi].
-    noise : ndarray, shape (p, n + 1)
-        [c C].
-    layout : RowLayout
-        What the rows are.
-    partialled : int
-        Number of regressors that were partialled out.
-    """
+    """Test functions, columns and noises of ``mean psi_t (y_t - phi_t' theta) + C theta - c``."""
 
     parameters: tuple[Parameter, ...]
     test_functions: Float[np.ndarray, "rows p"]
-    columns: Float[np.ndarray, "rows n_plus_1"]
-    noise: Float[np.ndarray, "p n_plus_1"]
+    columns: Float[np.ndarray, "rows n_plus_1"]  # [y Phi]
+    noise: Float[np.ndarray, "p n_plus_1"]  # [c C]
     layout: RowLayout
-    partialled: int = 0
+    partialled: int = 0  # Number of regressors that were partialled out
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -99,13 +83,7 @@ class MomentRows:
         )
 
     def independent(self) -> MomentRows:
-        """Equations recombined into orthonormal ones, without directions that are others' combinations.
-
-        Raises
-        ------
-        InstrumentError
-            When fewer are left than there are parameters.
-        """
+        """Equations recombined into orthonormal ones, without directions that are others' combinations."""
         lengths = np.linalg.norm(self.test_functions, axis=0)
         moving = lengths > 0.0
         unit = self.test_functions[:, moving] / lengths[moving]
@@ -134,15 +112,7 @@ class MomentRows:
 
 
 def moment_rows(problem: LinearProblem, method: LinearMethod) -> MomentRows:
-    """Rows of the moment equations that a method makes of a problem.
-
-    Raises
-    ------
-    UsageError
-        When the method's equations are no moment equations, or an argument is of another type.
-    InstrumentError, MissingNoiseError
-        When the method refuses the problem.
-    """
+    """Rows of the moment equations that a method makes of a problem."""
     check_linear(method)
     remedy = "Make one by ev.regression(...) or VerticalMotion().regression(signals)."
     checks.kind("problem", problem, LinearProblem, "a regression", remedy)
@@ -505,11 +475,7 @@ def sign_perturbed_set(
 
 
 def _check_independent(problem: LinearProblem) -> None:
-    """Refuse instruments of a channel whose noise is in the errors of other rows.
-
-    A past input, measured with noise, is uncorrelated with the error of its own row. But its noise is in
-    an earlier row's error, and sign perturbation needs independence of all of them.
-    """
+    """Refuse instruments of a channel whose noise is in the errors of other rows."""
     if not isinstance(problem, SignalRegression):
         return
     others = (*problem.regressor_columns, problem.equation.response)

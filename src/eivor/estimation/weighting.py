@@ -26,40 +26,20 @@ from eivor.tools import Complex, Float
 
 @dataclass(frozen=True, slots=True)
 class UnweightedEquations:
-    """Equations of a method before they are weighted, and what a weight may be made of.
+    """Equations of a method before they are weighted, and what a weight may be made of."""
 
-    Parameters
-    ----------
-    system : LinearSystem
-        A and b, means over the rows.
-    moments : Moments
-        What they were made of.
-    problem : LinearProblem or None
-        The rows; None when only moments are at hand.
-    theta : ndarray, shape (n,), or None
-        Estimate of the pass before; None in the first.
-    """
-
-    system: LinearSystem
+    system: LinearSystem  # A and b, means over the rows
     moments: Moments
     problem: LinearProblem | None
-    theta: Float[np.ndarray, " n"] | None
+    theta: Float[np.ndarray, " n"] | None  # Estimate of the pass before
 
 
 @dataclass(frozen=True, slots=True)
 class WeightedEquations:
-    """Equations after weighting.
+    """Equations after weighting."""
 
-    Parameters
-    ----------
-    system : LinearSystem
-        L^-1 A theta = L^-1 b.
-    factor : ndarray, shape (p, p), optional
-        Lower triangular L; None for the identity.
-    """
-
-    system: LinearSystem
-    factor: Float[np.ndarray, "p p"] | None = None
+    system: LinearSystem  # L^-1 A theta = L^-1 b
+    factor: Float[np.ndarray, "p p"] | None = None  # Lower triangular L
 
 
 class EquationWeighting(ABC):
@@ -185,13 +165,7 @@ class TwoStepRobust(EquationWeighting):
 
 
 def weighted(system: LinearSystem, covariance: Float[np.ndarray, "p p"]) -> WeightedEquations:
-    """Equations divided by the Cholesky factor of a covariance of theirs.
-
-    Raises
-    ------
-    InstrumentError
-        When it is singular.
-    """
+    """Equations divided by the Cholesky factor of a covariance of theirs."""
     scale = np.sqrt(np.diag(covariance))
     correlation = covariance / np.outer(scale, scale) if scale.all() else np.zeros_like(covariance)
     eigenvalues = np.linalg.eigvalsh(correlation)
@@ -228,17 +202,7 @@ class LimitedInformation(EquationWeighting):
         return True
 
     def equations(self, at: UnweightedEquations) -> WeightedEquations:
-        """Two-stage equations with S and its degrees of freedom, rows less instruments.
-
-        Raises
-        ------
-        UsageError
-            When the moments are without products of all columns.
-        InstrumentError
-            When instruments are combinations of one another.
-        NoUniqueSolutionError
-            When parameters fit the record exactly.
-        """
+        """Two-stage equations with S and its degrees of freedom, rows less instruments."""
         two_stage, moments = TwoStage().equations(at), at.moments
         columns = moments.columns if isinstance(moments, CrossMoments) else None
         if columns is None or two_stage.factor is None or not isinstance(moments, CrossMoments):
@@ -336,13 +300,7 @@ class RowWeighting(ABC):
 
 @dataclass(frozen=True, slots=True)
 class TimeRows(WeightedRows):
-    """Rows in time, as they are.
-
-    Parameters
-    ----------
-    problem : SeparableProblem
-        Whose.
-    """
+    """Rows in time, as they are."""
 
     problem: SeparableProblem
 
@@ -384,27 +342,13 @@ POWER_FLOOR = 1e-6
 
 @dataclass(frozen=True, slots=True)
 class WhitenedRows(WeightedRows):
-    """Blend and power at each bin, and the whitened instruments' orthonormal basis.
-
-    Parameters
-    ----------
-    problem : SeparableProblem
-        Whose bins.
-    blend, power : ndarray, shape (bins,)
-        q and S.
-    basis : ndarray, shape (rows, q)
-        Of the instruments divided by sqrt(S).
-    renewals : int
-        Passes that follow.
-    disturbed : float
-        Variance of the response's error in a row beside the noise that is known of it.
-    """
+    """Blend and power at each bin, and the whitened instruments' orthonormal basis."""
 
     problem: SeparableProblem
     blend: Float[np.ndarray, " bins"]
     power: Float[np.ndarray, " bins"]
     basis: Float[np.ndarray, "rows q"]
-    renewals: int = 0
+    renewals: int = 0  # Passes that follow
     disturbed: float = 0.0
 
     def rows(self, at: Values) -> Regression:
@@ -448,13 +392,7 @@ def _apart(rows: Float[np.ndarray, "rows columns"], points: int) -> Float[np.nda
 
 @dataclass(frozen=True, slots=True)
 class SpectralWhitening(RowWeighting):
-    """Blend two responses and whiten all columns, with orthonormal instruments (so two-stage as well).
-
-    Parameters
-    ----------
-    passes : int
-        Estimates made; the first with equal blend and flat power.
-    """
+    """Blend two responses and whiten all columns, with orthonormal instruments (so two-stage as well)."""
 
     passes: int = 3
 

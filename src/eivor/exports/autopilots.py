@@ -28,17 +28,7 @@ from eivor.tools import Float
 
 @dataclass(frozen=True, slots=True)
 class Autopilot:
-    """What an autopilot calls hover and thrust curve.
-
-    Parameters
-    ----------
-    name : str
-        In words.
-    hover, curve : AutopilotParameter
-        Share of thrust at hover, and share of the square in the thrust curve.
-    not_of : tuple of str
-        Formats of the other autopilots' logs, whose shares are counted otherwise.
-    """
+    """What an autopilot calls hover and thrust curve."""
 
     name: str
     hover: AutopilotParameter
@@ -48,20 +38,10 @@ class Autopilot:
 
 @dataclass(frozen=True, slots=True)
 class Chosen:
-    """What is written of a result.
+    """What is written of a result."""
 
-    Parameters
-    ----------
-    written : tuple of (str, Number)
-        Names and numbers.
-    comments : tuple of str
-        Sentences above them.
-    left_out : tuple of str
-        Those of the comments that say what is missing.
-    """
-
-    written: tuple[tuple[str, Number], ...]
-    comments: tuple[str, ...]
+    written: tuple[tuple[str, Number], ...]  # Names and numbers
+    comments: tuple[str, ...]  # Sentences above them
     left_out: tuple[str, ...]
 
 
@@ -74,13 +54,7 @@ class _Found:
 
 
 def chosen_parameters(fitted: Fitted, autopilot: Autopilot) -> Chosen:
-    """Return the parameters of an autopilot that a result tells.
-
-    Raises
-    ------
-    UsageError
-        When the result is of another motion or another autopilot's log, or its commands are no shares.
-    """
+    """Return the parameters of an autopilot that a result tells."""
     fitted.check_vertical(autopilot.name)
     _check_autopilot(fitted, autopilot)
     _check_shares(fitted)
@@ -238,19 +212,7 @@ LAGS = ("actuator_lag", "delay")
 
 @dataclass(frozen=True)
 class StateSpace:
-    """x' = A x + B u(t - delay), y = C x + D u.
-
-    Parameters
-    ----------
-    A, B, C, D : ndarray
-        Of shapes (n, n), (n, 1), (1, n) and (1, 1).
-    states, inputs, outputs : tuple of str
-        Their names; the input is the deviation of the command from hover.
-    delay_s : float
-        Of the input [s].
-    numbers : mapping of str to Number
-        What they are made of.
-    """
+    """x' = A x + B u(t - delay), y = C x + D u."""
 
     A: Float[np.ndarray, "n n"]
     B: Float[np.ndarray, "n 1"]
@@ -263,15 +225,7 @@ class StateSpace:
     numbers: dict[str, Number] = field(default_factory=dict)
 
     def to_control(self) -> Any:
-        """The same as a ``control.StateSpace`` of python-control, without the delay.
-
-        Python-control has no delays in continuous time: multiply by ``control.pade(delay_s, n)``.
-
-        Raises
-        ------
-        MissingReaderError
-            When python-control is not installed.
-        """
+        """The same as a ``control.StateSpace`` of python-control, without the delay."""
         try:
             control = import_module("control")
         except ImportError as error:
@@ -292,15 +246,7 @@ class StateSpace:
 
 
 def state_space(fitted: Fitted, supplied: Supplied) -> StateSpace:
-    """State space of a result of the vertical motion.
-
-    Raises
-    ------
-    NotIdentifiedError
-        When friction, gain, hover input, lag or delay is neither identified nor given.
-    UsageError
-        When the result is of another motion.
-    """
+    """State space of a result of the vertical motion."""
     fitted.check_vertical("a state space")
     names = NEEDED if fitted.input_measured else (*NEEDED, *LAGS)
     numbers = {name: fitted.needed(name, supplied, "a state space") for name in names}

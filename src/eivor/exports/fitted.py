@@ -47,13 +47,7 @@ VERTICAL = "vertical_motion"
 
 
 def known_number(value: float, std: float = 0.0) -> KnownNumber:
-    """Number that a user gives to an export.
-
-    Raises
-    ------
-    UsageError
-        When one is not finite, or the standard deviation is below zero.
-    """
+    """Number that a user gives to an export."""
     if not (math.isfinite(value) and 0.0 <= std < math.inf):
         raise UsageError(
             "a number and a standard deviation that is not below zero",
@@ -65,24 +59,9 @@ def known_number(value: float, std: float = 0.0) -> KnownNumber:
 
 @dataclass(frozen=True, slots=True)
 class Supplied:
-    """What a user knows beside the flight.
+    """What a user knows beside the flight."""
 
-    Parameters
-    ----------
-    mass : KnownNumber or None
-        Of the vehicle with all on board [kg].
-    priors : mapping of str to KnownNumber
-        For quantities that the flight does not tell, by name.
-    vehicle : KnownVehicle or None
-        Where its rotors are, and what else a vehicle file says.
-
-    Raises
-    ------
-    UsageError
-        When the mass is not above zero.
-    """
-
-    mass: KnownNumber | None = None
+    mass: KnownNumber | None = None  # [kg]
     priors: Mapping[str, KnownNumber] = field(default_factory=dict)
     vehicle: KnownVehicle | None = None
 
@@ -91,22 +70,7 @@ class Supplied:
             raise UsageError("a mass above zero [kg]", f"{self.mass.value}", "Give 1.53:0.02, for example.")
 
     def check_only(self, names: tuple[str, ...], target: str, *, body: bool) -> None:
-        """Refuse what a target has no use for: it would be thought to count.
-
-        Parameters
-        ----------
-        names : tuple of str
-            Quantities that it can be given.
-        target : str
-            Its name.
-        body : bool
-            Whether it uses the mass and the vehicle.
-
-        Raises
-        ------
-        UsageError
-            With what is of no use.
-        """
+        """Refuse what a target has no use for: it would be thought to count."""
         if self.mass is not None and not body:
             raise UsageError(
                 f"no mass for {target}, which is made of ratios", f"{self.mass.value} kg", "Leave it out."
@@ -125,17 +89,7 @@ class Supplied:
 
 @dataclass(frozen=True, slots=True)
 class Number:
-    """A number that is written, with what stands beside it.
-
-    Parameters
-    ----------
-    value : float
-        In SI units.
-    interval : tuple of float
-        95 %.
-    source : str
-        "identified", or "given".
-    """
+    """A number that is written, with what stands beside it."""
 
     value: float
     interval: tuple[float, float]
@@ -150,47 +104,17 @@ class Number:
 
 @dataclass(frozen=True)
 class Fitted:
-    """A result as exports see it.
+    """A result as exports see it."""
 
-    Parameters
-    ----------
-    model : str
-        Name of the motion in documents.
-    quantities : mapping of str to Quantity
-        With their verdicts.
-    input : str
-        Channel, or family of channels, that drove the vehicle.
-    map_name : str
-        Input map, see `eivor.signals.thrust_map`.
-    curve_side : CurveSide
-        Where the input stands to the autopilot's thrust curve.
-    curve_in_force : mapping of str to float
-        Parameters of that curve that the logs hold, by the autopilot's names.
-    input_measured : bool
-        Whether the rotor speeds themselves were logged, which do not lag.
-    formats : tuple of str
-        Of the logs.
-    logs : tuple of (str, str)
-        Name and SHA-256 of each log.
-    version : str
-        Of Eivor.
-    vehicle : KnownVehicle or None
-        What the flight was identified with; None where nothing was asked.
-    names : tuple of str
-        Joint vector; empty without an estimate.
-    candidates : tuple of JointEstimate
-        The joint vector with its covariance where it fits, the best first; empty without an estimate.
-    """
-
-    model: str
-    quantities: Mapping[str, Quantity]
-    input: str
-    map_name: str
+    model: str  # Name of the motion in documents
+    quantities: Mapping[str, Quantity]  # With their verdicts
+    input: str  # Channel, or family of channels, that drove the vehicle
+    map_name: str  # Input map, see `eivor.signals.thrust_map`
     curve_side: CurveSide
     curve_in_force: Mapping[str, float]
     input_measured: bool
     formats: tuple[str, ...]
-    logs: tuple[tuple[str, str], ...]
+    logs: tuple[tuple[str, str], ...]  # Name and SHA-256 of each log
     version: str
     vehicle: KnownVehicle | None = None
     names: tuple[str, ...] = ()
@@ -210,13 +134,7 @@ class Fitted:
         yield f"Command: {self.input}{side}, input map {self.map_name}."
 
     def check_vertical(self, target: str) -> None:
-        """Refuse results of other motions.
-
-        Raises
-        ------
-        UsageError
-            With the motion that it is of.
-        """
+        """Refuse results of other motions."""
         if self.model != VERTICAL:
             raise UsageError(
                 f"a result of the vertical motion for {target}",
@@ -240,13 +158,7 @@ class Fitted:
         return f"{name} is {one.verdict.value}. {reasons}".rstrip()
 
     def needed(self, name: str, supplied: Supplied, target: str) -> Number:
-        """A quantity that a target cannot do without: identified, or else given.
-
-        Raises
-        ------
-        NotIdentifiedError
-            When it is neither.
-        """
+        """A quantity that a target cannot do without: identified, or else given."""
         found = self.told(name)
         if found is not None:
             return found
@@ -262,15 +174,7 @@ class Fitted:
 
 @dataclass(frozen=True, slots=True)
 class Exported:
-    """A file's content.
-
-    Parameters
-    ----------
-    text : str
-        All of it.
-    left_out : tuple of str
-        Sentences about what the target would have and is not written; they stand in the text as well.
-    """
+    """A file's content."""
 
     text: str
     left_out: tuple[str, ...] = ()
@@ -291,12 +195,4 @@ class Target(ABC):
 
     @abstractmethod
     def export(self, fitted: Fitted, supplied: Supplied) -> Exported:
-        """The file's content.
-
-        Raises
-        ------
-        NotIdentifiedError
-            When a quantity that it cannot do without is not identified, and was not given.
-        UsageError
-            When the result is not of the kind that the target takes.
-        """
+        """The file's content."""

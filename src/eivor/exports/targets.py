@@ -26,13 +26,7 @@ RANDOMISATIONS: dict[str, Randomisation] = {
 
 
 def randomisation_by_name(name: str) -> Randomisation:
-    """Randomisation of a word.
-
-    Raises
-    ------
-    UsageError
-        When there is none.
-    """
+    """Randomisation of a word."""
     if name not in RANDOMISATIONS:
         known = ", ".join(RANDOMISATIONS)
         remedy = did_you_mean(name, RANDOMISATIONS, "Name one of them, or none for a table.")
@@ -59,13 +53,7 @@ TARGETS: dict[str, Target] = {
 
 
 def target_by_name(name: str) -> Target:
-    """Target of a word.
-
-    Raises
-    ------
-    UsageError
-        When there is none.
-    """
+    """Target of a word."""
     if name not in TARGETS:
         known = ", ".join(TARGETS)
         remedy = "It takes draws: --draws 1000." if name in RANDOMISATIONS else "Name one of them."

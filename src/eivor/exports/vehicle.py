@@ -48,15 +48,7 @@ DRAGS = ("drag_x", "drag_y", "drag_z")
 
 @dataclass(frozen=True)
 class Part:
-    """A number of the vehicle.
-
-    Parameters
-    ----------
-    number : Number
-        With its interval.
-    column : callable
-        A row for each row of the columns that it rests on.
-    """
+    """A number of the vehicle."""
 
     number: Number
     column: Callable[[Columns], Column]
@@ -64,15 +56,7 @@ class Part:
 
 @dataclass(frozen=True)
 class Parts:
-    """What a flight tells of a vehicle.
-
-    Parameters
-    ----------
-    told : mapping of str to Part
-        By the names above.
-    missing : mapping of str to str
-        Why it does not tell the rest of what its motion estimates.
-    """
+    """What a flight tells of a vehicle."""
 
     told: Mapping[str, Part]
     missing: Mapping[str, str]
@@ -84,10 +68,7 @@ def itself(name: str) -> Callable[[Columns], Column]:
 
 
 def of_mass(mass: Number, per_mass: Number, share: float = 1.0) -> Number:
-    """Mass times what a flight tells per mass; both err independently.
-
-    Each side of the interval is the root of the squared sides of both.
-    """
+    """Mass times what a flight tells per mass; both err independently."""
     value = share * mass.value * per_mass.value
     below, above = (
         share
@@ -108,25 +89,7 @@ MARGIN = 1e-6
 
 
 def bodily(values: Columns) -> tuple[Columns, tuple[str, ...]]:
-    """Columns whose moments of inertia are those of bodies.
-
-    A moment that is larger than the other two together is put at their sum: simulators take no other.
-
-    Parameters
-    ----------
-    values : mapping of str to ndarray, shape (n,)
-        By the names of `parts`; without inertias they stay as they are.
-
-    Returns
-    -------
-    mapping of str to ndarray, and tuple of str
-        The columns, and a sentence where one row was changed that is the only one.
-
-    Raises
-    ------
-    ParameterError
-        When the moments of the only row are no body's by more than published ones err.
-    """
+    """Columns whose moments of inertia are those of bodies."""
     if not all(name in values for name in INERTIAS):
         return values, ()
     moments = np.stack([values[name] for name in INERTIAS])
@@ -155,17 +118,7 @@ INPUT_GAIN, FRICTION, ACTUATOR_LAG, INPUT_DELAY = "input_gain", "viscous_frictio
 
 
 def vertical_parts(fitted: Fitted, given: dict[str, Number], count: int) -> Parts:
-    """Thrust, drag along z, lag and delay.
-
-    Parameters
-    ----------
-    fitted : Fitted
-        Of the vertical motion.
-    given : mapping of str to Number
-        What the flight does not tell; the mass among it.
-    count : int
-        Number of rotors.
-    """
+    """Thrust, drag along z, lag and delay."""
     roots = {
         **given,
         **{
@@ -211,25 +164,11 @@ LEAST_SHARE = 0.01
 
 @dataclass(frozen=True)
 class Described:
-    """A vehicle for a simulator.
-
-    Parameters
-    ----------
-    vehicle : KnownVehicle
-        Where its rotors are.
-    thrust_map : InputMap
-        From a command to what thrust is proportional to.
-    values : mapping of str to ndarray, shape (n,)
-        By the names of `parts`; of one row, or of one for each draw.
-    comments : tuple of str
-        Where the numbers come from, each with its interval, and what is missing.
-    left_out : tuple of str
-        Those of the comments that say what the flight should have told.
-    """
+    """A vehicle for a simulator."""
 
     vehicle: KnownVehicle
     thrust_map: InputMap
-    values: Columns
+    values: Columns  # shape (n,)
     comments: tuple[str, ...]
     left_out: tuple[str, ...]
 
@@ -247,32 +186,7 @@ def describe(
     draws: Columns | None = None,
     seed: int = 0,
 ) -> Described:
-    """Vehicle of a result.
-
-    Parameters
-    ----------
-    fitted : Fitted
-        The result, of the vertical motion or of the rigid body.
-    supplied : Supplied
-        Mass, vehicle, and what the flight does not tell.
-    target : str
-        What messages call the simulator.
-    needs : tuple of str
-        Names of `parts` that it cannot do without, beside mass and geometry.
-    draws : mapping of str to ndarray, shape (n,), optional
-        Joint draws of the parameters; without them there is one row, of the estimates.
-    seed : int
-        Of draws of what is given.
-
-    Raises
-    ------
-    NotIdentifiedError
-        With all that is missing, and how to give it.
-    UsageError
-        When the result is of another motion, or a prior is of no use.
-    ParameterError
-        When the inertia is that of no body.
-    """
+    """Vehicle of a result."""
     if fitted.model not in FLIGHT:
         raise UsageError(
             f"a result of the vertical motion or the rigid body for {target}",
@@ -398,19 +312,7 @@ LEVEL = 0.95
 
 
 def rigid_body_parts(fitted: Fitted, given: dict[str, Number], vehicle: KnownVehicle, std: float) -> Parts:
-    """Thrust, drags, inertias, torque ratio, lag and delay.
-
-    Parameters
-    ----------
-    fitted : Fitted
-        Of the rigid body.
-    given : mapping of str to Number
-        What the flight does not tell; the mass among it.
-    vehicle : KnownVehicle
-        Its arms and ratios.
-    std : float
-        Standard deviation of the mass [kg].
-    """
+    """Thrust, drags, inertias, torque ratio, lag and delay."""
     known = replace(vehicle, mass=KnownNumber(given["mass"].value, std))
     found = _identified(fitted)
     told: dict[str, Part] = {}
@@ -471,13 +373,7 @@ QUARTERS = ((1, -1), (-1, -1), (-1, 1), (1, 1))
 
 
 def by_quarters(vehicle: KnownVehicle, target: str) -> tuple[int, ...]:
-    """Numbers of the rotors, from zero, in the order of `QUARTERS`.
-
-    Raises
-    ------
-    UsageError
-        When there is another number of rotors, they are elsewhere, or neighbours turn the same way.
-    """
+    """Numbers of the rotors, from zero, in the order of `QUARTERS`."""
     order = [
         number
         for ahead, left in QUARTERS
@@ -521,22 +417,7 @@ class Randomisation(ABC):
 
     @abstractmethod
     def export(self, fitted: Fitted, supplied: Supplied, draws: Columns, seed: int) -> Exported:
-        """The file's content.
-
-        Parameters
-        ----------
-        fitted, supplied : Fitted, Supplied
-            As for a target.
-        draws : mapping of str to ndarray, shape (n,)
-            Joint draws of the parameters.
-        seed : int
-            Of the draws of what is supplied.
-
-        Raises
-        ------
-        NotIdentifiedError, UsageError, ParameterError
-            See `eivor.exports.vehicle.describe`.
-        """
+        """The file's content."""
 
 
 # -- Rotors --
@@ -549,39 +430,18 @@ def mapped_hover(made: Described) -> Column:
 
 @dataclass(frozen=True)
 class Rotors:
-    """Numbers of a rotor, a row for each vehicle.
+    """Numbers of a rotor, a row for each vehicle."""
 
-    Parameters
-    ----------
-    thrust_constant : ndarray, shape (n,)
-        [N/(rad/s)^2].
-    torque_constant : ndarray, shape (n,)
-        [N m/(rad/s)^2].
-    hover_speed, largest_speed : ndarray, shape (n,)
-        [rad/s]; infinite where the largest command is not known.
-    drag_along, drag_across : ndarray, shape (n,)
-        Force per air speed, along the rotor's axis and across it, and per rotor speed [N s^2/(m rad)]. With
-        all rotors at hover speed they are the drag of the vehicle.
-    """
-
-    thrust_constant: Column
-    torque_constant: Column
-    hover_speed: Column
-    largest_speed: Column
-    drag_along: Column
-    drag_across: Column
+    thrust_constant: Column  # [N/(rad/s)^2], shape (n,)
+    torque_constant: Column  # [N m/(rad/s)^2], shape (n,)
+    hover_speed: Column  # shape (n,), [rad/s]
+    largest_speed: Column  # shape (n,), [rad/s]
+    drag_along: Column  # shape (n,), [N s^2/(m rad)]
+    drag_across: Column  # shape (n,), [N s^2/(m rad)]
 
 
 def rotors_of(made: Described, gravity: float = GRAVITY) -> Rotors:
-    """Rotors of a vehicle.
-
-    Parameters
-    ----------
-    made : Described
-        The vehicle.
-    gravity : float
-        Of the simulator [m/s^2]. Thrust is counted in it, so that the vehicle hovers where it hovered.
-    """
+    """Rotors of a vehicle."""
     values = made.values
     scale, thrust, zero = values["speed_scale"], values["thrust"], np.zeros_like(values["mass"])
     hover = scale * np.sqrt(mapped_hover(made))

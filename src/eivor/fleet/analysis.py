@@ -81,15 +81,7 @@ NOT_BELOW = "not below {:g}, the largest share"
 
 
 def across_of(motion: Motion[Any], further: Sequence[str] = ()) -> tuple[AcrossFlights, ...]:
-    """What a motion compares over flights; its headline as it is where it says nothing.
-
-    Parameters
-    ----------
-    motion : Motion
-        Which.
-    further : sequence of str
-        Columns of covariates that are given, of whose slopes nothing is known where the motion says nothing.
-    """
+    """What a motion compares over flights; its headline as it is where it says nothing."""
     quantities = motion.across or tuple(AcrossFlights(name, told_by=(name,)) for name in motion.headline)
     return tuple(
         replace(
@@ -116,16 +108,7 @@ def wanted_columns(across: Sequence[AcrossFlights]) -> list[str]:
 
 
 def in_order(table: pl.DataFrame) -> pl.DataFrame:
-    """Rows by type, vehicle and time, without copies, with the hours flown before the middle of each flight.
-
-    A log without a vehicle is a vehicle of its own, named after the log: two such logs may be of one vehicle
-    or of two, so that neither its flights nor its type are pooled.
-
-    Parameters
-    ----------
-    table : polars.DataFrame
-        Rows of one motion.
-    """
+    """Rows by type, vehicle and time, without copies."""
     duration = pl.col("duration_s").fill_null(0.0)
     kind, vehicle = (pl.col(name).cast(pl.String) for name in VEHICLE)
     earlier = pl.when(pl.col("name").is_duplicated()).then(pl.format(" {}", pl.col("sha256").str.head(12)))
@@ -146,15 +129,7 @@ def in_order(table: pl.DataFrame) -> pl.DataFrame:
 
 
 def why_left_out(across: AcrossFlights, columns: Sequence[str]) -> pl.Expr:
-    """Why a row does not say anything of a quantity; null where it does.
-
-    Parameters
-    ----------
-    across : AcrossFlights
-        The quantity.
-    columns : sequence of str
-        Of the table.
-    """
+    """Why a row does not say anything of a quantity; null where it does."""
     value, error = pl.col(f"{across.name}.value"), _error(across)
     told = [f"{DIAGNOSTIC}first_stage_F_{name}" for name in across.told_by]
     weak = pl.any_horizontal(
@@ -247,39 +222,17 @@ STEADY, DRIFTS, STEPS = "steady", "drifts", "steps"
 
 @dataclass(frozen=True)
 class Corrected:
-    """Estimates of a quantity without what covariates explain.
-
-    Parameters
-    ----------
-    ordered : Ordered
-        By vehicle, over flight hours.
-    vehicles : Groups
-        Of each set: the vehicles of a type, or one vehicle alone.
-    sets : polars.Series
-        Type of each set; of one vehicle alone that and the vehicle.
-    used : tuple of Covariate
-        Covariates, in the order of the slopes.
-    slopes : SharedSlopes
-        Of each set.
-    """
+    """Estimates of a quantity without what covariates explain."""
 
     ordered: Ordered
     vehicles: Groups
     sets: pl.Series
-    used: tuple[Covariate, ...]
+    used: tuple[Covariate, ...]  # Covariates, in the order of the slopes
     slopes: SharedSlopes
 
 
 def corrected(rows: pl.DataFrame, across: AcrossFlights) -> Corrected:
-    """Estimates without what covariates explain, at the mean conditions of their type.
-
-    Parameters
-    ----------
-    rows : polars.DataFrame
-        Those that say something of the quantity, in order.
-    across : AcrossFlights
-        The quantity.
-    """
+    """Estimates without what covariates explain, at the mean conditions of their type."""
     about, groups = groups_of(rows, *VEHICLE, TOGETHER)
     sets, vehicles = groups_of(about, "type", TOGETHER)
     y, v = (rows.select(one).to_series().to_numpy() for one in compared(across))
@@ -382,36 +335,16 @@ def _about_the_type(name: str) -> pl.Expr:
 
 @dataclass(frozen=True)
 class Course:
-    """What changes in one quantity.
+    """What changes in one quantity."""
 
-    Parameters
-    ----------
-    about : polars.DataFrame
-        `type` and `vehicle` of each group.
-    ordered : Ordered
-        Behind it.
-    drifts : Drifts
-        Straight lines.
-    steps : Steps
-        Best steps.
-    told : ndarray of bool, shape (vehicles,)
-        Whether there are enough flights.
-    """
-
-    about: pl.DataFrame
+    about: pl.DataFrame  # `type` and `vehicle` of each group
     ordered: Ordered
     drifts: Drifts
     steps: Steps
-    told: np.ndarray
+    told: np.ndarray  # shape (vehicles,)
 
     def form(self, tests: Float[np.ndarray, " vehicles"]) -> np.ndarray:
-        """Form of each vehicle's course: `STEADY`, `DRIFTS` or `STEPS`.
-
-        Parameters
-        ----------
-        tests : ndarray, shape (vehicles,)
-            How many there are of the vehicle.
-        """
+        """Form of each vehicle's course: `STEADY`, `DRIFTS` or `STEPS`."""
         p_drift, p_step = self.drifts.p_values * tests, self.steps.p_values * tests
         scale = self.ordered.scale(self.steps.squares, 2)
         by_step = self.steps.squares + SEARCHED * scale < self.drifts.squares
@@ -435,15 +368,7 @@ class Course:
 
 
 def course(rows: pl.DataFrame, across: AcrossFlights) -> tuple[Course, Corrected]:
-    """Drifts and steps of every vehicle.
-
-    Parameters
-    ----------
-    rows : polars.DataFrame
-        Those that say something of the quantity and know their time, in order.
-    across : AcrossFlights
-        The quantity.
-    """
+    """Drifts and steps of every vehicle."""
     about, groups = groups_of(rows, *VEHICLE)
     found = corrected(rows, across)
     return (
@@ -455,16 +380,7 @@ def course(rows: pl.DataFrame, across: AcrossFlights) -> tuple[Course, Corrected
 
 
 def differing_p_values(found: Corrected) -> Float[np.ndarray, " vehicles"]:
-    """P-values of vehicles against the others of their type; not a number where there are too few.
-
-    A vehicle whose flights scatter more than those of its type, which share one variance between them, knows
-    its mean less well: its error goes by its own scatter then.
-
-    Parameters
-    ----------
-    found : Corrected
-        Their estimates.
-    """
+    """P-values of vehicles against the others of their type; not a number where there are too few."""
     ordered, vehicles = found.ordered, found.vehicles
     groups, w = ordered.groups, ordered.weights
     total = groups.sums(w)
@@ -508,15 +424,7 @@ ONLY = ("only_low", "only_high")
 
 
 def pooled_vehicles(rows: pl.DataFrame, across: AcrossFlights) -> pl.DataFrame:
-    """Each vehicle's mean over its flights: `type`, `vehicle`, `pooled` (how many), `POOLED` and `ONLY`.
-
-    Parameters
-    ----------
-    rows : polars.DataFrame
-        Those that say something of the quantity, in order.
-    across : AcrossFlights
-        The quantity.
-    """
+    """Each vehicle's mean over its flights: `type`, `vehicle`, `pooled` (how many), `POOLED` and `ONLY`."""
     about, groups = groups_of(rows, *VEHICLE)
     y, v = (rows.select(one).to_series().to_numpy() for one in pooled(across))
     first = rows[groups.starts].select(own_interval(across))
@@ -529,15 +437,7 @@ def pooled_vehicles(rows: pl.DataFrame, across: AcrossFlights) -> pl.DataFrame:
 
 
 def pooled_types(rows: pl.DataFrame, across: AcrossFlights) -> pl.DataFrame:
-    """Each type's mean over its vehicles: `type`, `pooled` (how many vehicles), and `POOLED`.
-
-    Vehicles whose type is not known, and logs without a vehicle, are of no type.
-
-    Parameters
-    ----------
-    rows, across
-        As for `pooled_vehicles`.
-    """
+    """Each type's mean over its vehicles: `type`, `pooled` (how many vehicles), and `POOLED`."""
     rows = rows.filter(pl.col(TOGETHER) == pl.col("type"))
     about, groups = groups_of(rows, *VEHICLE)
     types, vehicles = groups_of(about, "type")
@@ -639,20 +539,7 @@ QUERIES: Mapping[str, Callable[[pl.DataFrame], pl.DataFrame]] = {
 
 
 def query(table: pl.DataFrame, what: str) -> pl.DataFrame:
-    """Answer of a query.
-
-    Parameters
-    ----------
-    table : polars.DataFrame
-        Rows of a fleet.
-    what : str
-        A name out of `QUERIES`, or a quantity: its value in every flight, by vehicle and time.
-
-    Raises
-    ------
-    UsageError
-        When it is neither.
-    """
+    """Answer of a query."""
     if what in QUERIES:
         return QUERIES[what](table)
     names = quantity_names(table)
@@ -701,58 +588,22 @@ FORMS = 2
 
 @dataclass(frozen=True)
 class FleetReport:
-    """What the flights of one motion say of a fleet.
-
-    Parameters
-    ----------
-    motion : Motion
-        Which.
-    logs : mapping of str to int
-        How many there are, how many are copies, and how many gave no result.
-    quantities : tuple of AcrossFlights
-        Those that any flight tells.
-    vehicles : polars.DataFrame
-        One row for each vehicle and quantity: `type`, `vehicle`, `quantity`, `pooled` (flights), `left_out`,
-        what `pool.POOLED` and `pool.ONLY` name, `course` and what changed.
-    types : polars.DataFrame
-        The same of types, `pooled` vehicles each.
-    left_out : polars.DataFrame
-        `quantity`, `reason`, `flights`.
-    covariates : polars.DataFrame
-        `type`, `quantity`, `covariate`, `slope`, `std_error`: what the flights told and was taken out.
-    deviating : polars.DataFrame
-        Flights that deviate: `type`, `vehicle`, `name`, `start`, `hours`, `quantity`, `value`, `std_error`,
-        `low`, `high`, `expected`, `p_value` (times the number of tests).
-    flights : polars.DataFrame
-        Rows in order, with the hours flown before each; see `pooled_rows.in_order`.
-    expected : frozenset of (str, str)
-        Quantities and covariates that the flights know, whether or not they tell the slope.
-    """
+    """What the flights of one motion say of a fleet."""
 
     motion: Motion[Any]
     logs: dict[str, int]
     quantities: tuple[AcrossFlights, ...]
     vehicles: pl.DataFrame
-    types: pl.DataFrame
-    left_out: pl.DataFrame
-    covariates: pl.DataFrame
-    deviating: pl.DataFrame
-    flights: pl.DataFrame
+    types: pl.DataFrame  # The same of types, `pooled` vehicles each
+    left_out: pl.DataFrame  # `quantity`, `reason`, `flights`
+    covariates: pl.DataFrame  # `type`, `quantity`, `covariate`, `slope`, `std_error`
+    deviating: pl.DataFrame  # Flights that deviate
+    flights: pl.DataFrame  # Rows in order, with the hours flown before each
     expected: frozenset[tuple[str, str]] = frozenset()
 
 
 def fleet_report(table: pl.DataFrame, motion: Motion[Any], further: Sequence[str] = ()) -> FleetReport:
-    """Report of the flights of a motion.
-
-    Parameters
-    ----------
-    table : polars.DataFrame
-        Rows of a fleet, those of other motions among them.
-    motion : Motion
-        Which.
-    further : sequence of str
-        Columns of covariates beside those that the motion knows.
-    """
+    """Report of the flights of a motion."""
     across = across_of(motion, further)
     absent = [name for name in wanted_columns(across) if name not in table.columns]
     table = table.with_columns(pl.lit(None, pl.Float64).alias(name) for name in absent)
@@ -961,22 +812,7 @@ class _Quantity:
 
 
 def fleet_reports(folder: Path, given: pl.DataFrame | None = None) -> tuple[FleetReport, ...]:
-    """Reports of a folder.
-
-    Parameters
-    ----------
-    folder : Path
-        That `eivor fleet run` made.
-    given : polars.DataFrame, optional
-        Covariates of flights, see `given_covariates`.
-
-    Raises
-    ------
-    InputError
-        When it has no table of flights, or covariates are given of none of them.
-    UsageError
-        When the package that brings one of its motions is not there.
-    """
+    """Reports of a folder."""
     motions = [motion_by_name(name) for name in motions_there(folder)]
     columns = [name for motion in motions for name in wanted_columns(across_of(motion))]
     table = read_flights(folder, list(dict.fromkeys(columns)))

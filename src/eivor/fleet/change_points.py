@@ -16,32 +16,14 @@ from eivor.tools import Bool, Float, Int
 
 @dataclass(frozen=True)
 class Ordered:
-    """Estimates in the order of their groups.
-
-    Parameters
-    ----------
-    groups : Groups
-        Of the rows.
-    y, errors : ndarray, shape (rows,)
-        Estimates, less what covariates explain, and their variances v: their own, and what `isolated` adds.
-    weights : ndarray, shape (rows,)
-        w = 1 / (v + variance between).
-    own_weights : ndarray, shape (rows,)
-        The same by their own variances alone.
-    at : ndarray, shape (rows,)
-        When, in a unit that the slopes are of; it rises within a group.
-    covariates : ndarray, shape (p, rows)
-        What y was corrected for.
-    slopes_covariance : ndarray, shape (groups, p, p)
-        Of the slopes by which it was corrected.
-    """
+    """Estimates in the order of their groups."""
 
     groups: Groups
     y: Float[np.ndarray, " rows"]
     errors: Float[np.ndarray, " rows"]
-    weights: Float[np.ndarray, " rows"]
+    weights: Float[np.ndarray, " rows"]  # w = 1 / (v + variance between)
     own_weights: Float[np.ndarray, " rows"]
-    at: Float[np.ndarray, " rows"]
+    at: Float[np.ndarray, " rows"]  # When, in a unit that the slopes are of
     covariates: Float[np.ndarray, "p rows"]
     slopes_covariance: Float[np.ndarray, "groups p p"]
 
@@ -51,30 +33,14 @@ class Ordered:
         return self.groups.sums(self.weights * self.errors) / self.groups.sizes
 
     def scale(self, squares: Float[np.ndarray, " groups"], parameters: int) -> Float[np.ndarray, " groups"]:
-        """Mean of weighted squares about a model, never less than the rows' own variances say.
-
-        Parameters
-        ----------
-        squares : ndarray, shape (groups,)
-            Sum of them.
-        parameters : int
-            Of the model.
-        """
+        """Mean of weighted squares about a model, never less than the rows' own variances say."""
         degrees = np.maximum(self.groups.sizes - parameters, 1)
         return np.maximum(squares / degrees, self.least_scale)
 
     def correction_variance(
         self, differences: Float[np.ndarray, "p rows"], of_rows: bool
     ) -> Float[np.ndarray, " rows"]:
-        """Variance that unknown slopes add to an effect that covariates differ by, d' C d.
-
-        Parameters
-        ----------
-        differences : ndarray, shape (p, groups) or (p, rows)
-            d.
-        of_rows : bool
-            Whether it has a column for each row.
-        """
+        """Variance that unknown slopes add to an effect that covariates differ by, d' C d."""
         covariance = self.slopes_covariance
         if of_rows:
             covariance = np.repeat(covariance, self.groups.sizes, axis=0)
@@ -111,24 +77,7 @@ def deviation_p_values(
     leverage: Float[np.ndarray, " rows"],
     parameters: Float[np.ndarray, " groups"],
 ) -> Float[np.ndarray, " rows"]:
-    """P-value of each row by its residual over what the other rows scatter. Performs no checks.
-
-    An isolated row counts little in its course and in what others scatter, and is judged by its own variance.
-
-    Parameters
-    ----------
-    ordered : Ordered
-        The estimates.
-    line, leverage : ndarray, shape (rows,)
-        Their course, and what each row has of it.
-    parameters : ndarray, shape (groups,)
-        Of the course.
-
-    Returns
-    -------
-    ndarray, shape (rows,)
-        One where too few rows are left, or the row is near; nothing is corrected for their number.
-    """
+    """P-value of each row by its residual over what the other rows scatter. Performs no checks."""
     groups, w = ordered.groups, ordered.weights
     own = np.maximum(1.0 - leverage, 1e-9)
     off = (ordered.y - line) ** 2
@@ -148,26 +97,12 @@ def deviation_p_values(
 
 @dataclass(frozen=True)
 class Drifts:
-    """Straight lines.
-
-    Parameters
-    ----------
-    slope, std_error : ndarray, shape (groups,)
-        By the unit of `Ordered.at`.
-    degrees : ndarray of int, shape (groups,)
-        Of freedom; none for fewer than three estimates.
-    squares : ndarray, shape (groups,)
-        Weighted squares about the line.
-    line : ndarray, shape (rows,)
-        Its values.
-    leverage : ndarray, shape (rows,)
-        What each row has of it.
-    """
+    """Straight lines."""
 
     slope: Float[np.ndarray, " groups"]
     std_error: Float[np.ndarray, " groups"]
     degrees: Int[np.ndarray, " groups"]
-    squares: Float[np.ndarray, " groups"]
+    squares: Float[np.ndarray, " groups"]  # Weighted squares about the line
     line: Float[np.ndarray, " rows"]
     leverage: Float[np.ndarray, " rows"]
 
@@ -184,13 +119,7 @@ class Drifts:
 
 
 def drifts(ordered: Ordered) -> Drifts:
-    """Weighted least squares, with a scale from each group's own scatter. Performs no checks.
-
-    Parameters
-    ----------
-    ordered : Ordered
-        The estimates.
-    """
+    """Weighted least squares, with a scale from each group's own scatter. Performs no checks."""
     groups, w = ordered.groups, ordered.weights
     at, y = centred(groups, w, ordered.at), centred(groups, w, ordered.y)
     found = slope(groups, w, at, y)
@@ -219,28 +148,14 @@ OF_THREE, OF_SQUARES = 0.449, 0.455
 
 @dataclass(frozen=True)
 class Isolation:
-    """What tells isolated estimates of some variances. Performs no checks.
-
-    Parameters
-    ----------
-    groups, sets : Groups
-        Of the rows, and of the groups: those of a set scatter alike, or more.
-    variances : ndarray, shape (rows,)
-        v.
-    """
+    """What tells isolated estimates of some variances. Performs no checks."""
 
     groups: Groups
     sets: Groups
     variances: Float[np.ndarray, " rows"]
 
     def added(self, y: Float[np.ndarray, " rows"]) -> Float[np.ndarray, " rows"]:
-        """Variance to be added to that of isolated estimates, zero for all others.
-
-        Parameters
-        ----------
-        y : ndarray, shape (rows,)
-            Estimates in their order.
-        """
+        """Variance to be added to that of isolated estimates, zero for all others."""
         groups = self.groups
         distance = np.minimum(_distance(groups, y, -1), _distance(groups, y, 1))
         distance[np.isinf(distance)] = 0.0
@@ -315,15 +230,7 @@ SMALL = 1e-6
 
 @dataclass(frozen=True)
 class SharedSlopes:
-    """Slopes of sets of groups.
-
-    Parameters
-    ----------
-    values : ndarray, shape (sets, p)
-        As expected where there is too little to tell them.
-    covariance : ndarray, shape (sets, p, p)
-        Theirs.
-    """
+    """Slopes of sets of groups."""
 
     values: Float[np.ndarray, "sets p"]
     covariance: Float[np.ndarray, "sets p p"]
@@ -339,22 +246,7 @@ def shared_slopes(
     expected: Float[np.ndarray, " p"],
     uncertainty: Float[np.ndarray, " p"],
 ) -> SharedSlopes:
-    """Slopes by weighted least squares. Performs no checks.
-
-    Parameters
-    ----------
-    groups, sets : Groups
-        Of the rows, and of the groups: those of a set share their slopes.
-    y, weights : ndarray, shape (rows,)
-        Estimates, and 1 / variance.
-    courses : ndarray, shape (c, rows)
-        What else groups may go with, each with a slope of its own: time, a step.
-    covariates : ndarray, shape (p, rows)
-        Each row without gaps.
-    expected, uncertainty : ndarray, shape (p,)
-        What slopes are expected to be, and how well that is known (one standard deviation, infinite where it
-        is not): a measurement beside the others.
-    """
+    """Slopes by weighted least squares. Performs no checks."""
     count = covariates.shape[0]
     taken: list[Float[np.ndarray, " rows"]] = []
 
@@ -403,23 +295,7 @@ PLACES = 7.352
 
 @dataclass(frozen=True)
 class Steps:
-    """The best place of a step in each group.
-
-    Parameters
-    ----------
-    place, first, last : ndarray of int, shape (groups,)
-        Rows of the group before the step, and the fewest and most that the estimates leave open.
-    size, half_width : ndarray, shape (groups,)
-        Mean after it less mean before it, with the half-width of its 95 % interval at that place.
-    p_values : ndarray, shape (groups,)
-        Of no step anywhere; one where a group has too few estimates.
-    squares : ndarray, shape (groups,)
-        Weighted squares about both means.
-    line : ndarray, shape (rows,)
-        Those means.
-    leverage : ndarray, shape (rows,)
-        What each row has of its mean.
-    """
+    """The best place of a step in each group."""
 
     place: Int[np.ndarray, " groups"]
     first: Int[np.ndarray, " groups"]
@@ -427,31 +303,19 @@ class Steps:
     size: Float[np.ndarray, " groups"]
     half_width: Float[np.ndarray, " groups"]
     p_values: Float[np.ndarray, " groups"]
-    squares: Float[np.ndarray, " groups"]
+    squares: Float[np.ndarray, " groups"]  # Weighted squares about both means
     line: Float[np.ndarray, " rows"]
     leverage: Float[np.ndarray, " rows"]
 
 
 def after_step(ordered: Ordered) -> Bool[np.ndarray, " rows"]:
-    """Which rows come after the best step of their group; none where there are too few. Performs no checks.
-
-    Parameters
-    ----------
-    ordered : Ordered
-        The estimates.
-    """
+    """Which rows come after the best step of their group."""
     found = _Search.of(ordered)
     return found.possible[found.best[found.group]] & (found.number > found.number[found.best[found.group]])
 
 
 def steps(ordered: Ordered) -> Steps:
-    """Best step of each group, see this module. Performs no checks.
-
-    Parameters
-    ----------
-    ordered : Ordered
-        The estimates.
-    """
+    """Best step of each group, see this module. Performs no checks."""
     groups, w, search = ordered.groups, ordered.weights, _Search.of(ordered)
     best, gain, possible, number = search.best, search.gain, search.possible, search.number
     squares = groups.spread(groups.sums(w * search.y**2)) - gain

@@ -33,24 +33,7 @@ COVARIATE_KEYS = ("sha256", "name")
 
 
 def given_covariates(file: Path) -> pl.DataFrame:
-    """Read a table of covariates.
-
-    Parameters
-    ----------
-    file : Path
-        CSV with a row for each flight: `sha256` or `name` as in the fleet's table, and columns of numbers.
-        Those that are no numbers are left out.
-
-    Returns
-    -------
-    polars.DataFrame
-        One of `COVARIATE_KEYS`, and the columns of numbers.
-
-    Raises
-    ------
-    InputError
-        When it cannot be read, names no flights, names one twice, or has no numbers.
-    """
+    """Read a table of covariates."""
     try:
         table = pl.read_csv(file, infer_schema_length=None)
     except (OSError, pl.exceptions.PolarsError) as error:
@@ -73,13 +56,7 @@ def given_covariates(file: Path) -> pl.DataFrame:
 
 
 def with_covariates(table: pl.DataFrame, given: pl.DataFrame) -> pl.DataFrame:
-    """Rows of a fleet with what is given of them, in place of what is logged where both are there.
-
-    Raises
-    ------
-    InputError
-        When it is given of no flight of the fleet, or of a column that is no covariate.
-    """
+    """Rows of a fleet with what is given of them, in place of what is logged where both are there."""
     key, *names = given.columns
     taken = [name for name in names if name in table.columns and not table.schema[name].is_numeric()]
     if taken or any("." in name for name in names):
@@ -108,13 +85,7 @@ CACHE = "PRAGMA cache_size = -8192"
 
 
 class PrivateDatabase:
-    """A database with these tables; not to be used by a process that was forked from the one that made it.
-
-    Parameters
-    ----------
-    *tables : str
-        Statements that make them.
-    """
+    """A database with these tables; not to be used by a process that was forked from the one that made it."""
 
     def __init__(self, *tables: str) -> None:
         # a log's list may be made by one thread and dropped by another, never used by two at a time
@@ -133,13 +104,7 @@ class PrivateDatabase:
 
 @contextmanager
 def database_errors_told() -> Iterator[None]:
-    """Turn what the database says where it finds no room into an error of Eivor's.
-
-    Raises
-    ------
-    InputError
-        When there is no room, or no folder, for temporary files.
-    """
+    """Turn what the database says where it finds no room into an error of Eivor's."""
     try:
         yield
     except sqlite3.OperationalError as error:
@@ -164,21 +129,7 @@ ALL = "SELECT * FROM logs WHERE name > ? ORDER BY name LIMIT ?"
 
 @dataclass(frozen=True, slots=True)
 class Log:
-    """A log of a fleet.
-
-    Parameters
-    ----------
-    path : str
-        Where it is.
-    name : str
-        What it is called in the table: its path from the folder that was given, with ``/``.
-    told : mapping of str to str
-        What the list says of it, by column.
-    sha256 : str
-        Hash of its bytes; empty until it was hashed, and when it could not be opened.
-    problem : str
-        Why it could not be opened.
-    """
+    """A log of a fleet."""
 
     path: str
     name: str
@@ -188,13 +139,7 @@ class Log:
 
 
 class LogList:
-    """Logs, each by its name once: of several with one name the last counts.
-
-    Parameters
-    ----------
-    logs : iterable of Log
-        In any order, not hashed; taken one after the other.
-    """
+    """Logs, each by its name once: of several with one name the last counts."""
 
     def __init__(self, logs: Iterable[Log] = ()) -> None:
         self.database = PrivateDatabase(LOG_TABLE)
@@ -210,17 +155,7 @@ class LogList:
         return chain.from_iterable(self.pages(ALL))
 
     def pages(self, query: str, *given: object, size: int = PAGE_LOGS) -> Iterator[tuple[Log, ...]]:
-        """Logs of a query, so many at a time, in the order of their names; they may be changed meanwhile.
-
-        Parameters
-        ----------
-        query : str
-            As `ALL`: what it is given last is the name after which the logs begin, and how many.
-        *given : object
-            What else it is given, before that.
-        size : int
-            How many.
-        """
+        """Logs of a query, so many at a time, in the order of their names; they may be changed meanwhile."""
         name = ""
         while rows := self.database.execute(query, (*given, name, size)).fetchall():
             yield tuple(map(_log, rows))
@@ -246,19 +181,7 @@ def is_list(path: Path) -> bool:
 
 
 def listed(path: Path) -> Generator[Log, None, None]:
-    """Logs of a list, in its order; their paths are from its folder.
-
-    Raises
-    ------
-    InputError
-        When a line of a table has more or fewer columns than its first.
-    UsageError
-        When two columns have one name.
-    UnicodeDecodeError
-        When it is no text.
-    OSError
-        When it cannot be read.
-    """
+    """Logs of a list, in its order; their paths are from its folder."""
     rows = _lines(path) if path.suffix.lower() == LINES else _rows(path, _delimiter(path))
     for row in rows:
         name = row.pop(PATH_COLUMN)
@@ -325,17 +248,7 @@ def _rows(path: Path, delimiter: str) -> Iterator[dict[str, str]]:
 
 
 def files_below(folder: Path, note: Callable[[OSError], None]) -> Generator[tuple[str, str], None, None]:
-    """Files, folder after folder: the path of each, and its path from the folder that was given, with ``/``.
-
-    Links to files are files; those to folders are not followed.
-
-    Parameters
-    ----------
-    folder : Path
-        Where to look.
-    note : callable
-        Takes the system's error for a folder that cannot be looked into.
-    """
+    """Files, folder after folder."""
     waiting = PrivateDatabase("CREATE TABLE folders (number INTEGER PRIMARY KEY, inside BLOB)")
     waiting.execute("INSERT INTO folders (inside) VALUES (?)", (b"",))
     number = 0
@@ -372,41 +285,16 @@ FOLDERS = 64
 
 @dataclass(frozen=True, slots=True)
 class LogsFound:
-    """Logs among files.
-
-    Parameters
-    ----------
-    logs : LogList
-        In the order of their names.
-    others : int
-        Files that are no logs.
-    unread_folders : tuple of str
-        Folders that could not be looked into, and why.
-    """
+    """Logs among files."""
 
     logs: LogList
-    others: int
-    unread_folders: tuple[str, ...] = ()
+    others: int  # Files that are no logs
+    unread_folders: tuple[str, ...] = ()  # Folders that could not be looked into, and why
 
 
 @database_errors_told()
 def logs_found(given: str) -> LogsFound:
-    """Logs of a folder and the folders in it, of a glob, of a list, or one log.
-
-    Parameters
-    ----------
-    given : str
-        A folder; a pattern such as ``logs/**/*.ulg``; a text file (.txt) with a path in each line; a table
-        (.csv) with a column `path` and further columns; or a log. Paths of a list are from its folder, and
-        all of them are logs.
-
-    Raises
-    ------
-    InputError
-        When there is no such folder or file, it cannot be read, or there is no room for the list of logs.
-    UsageError
-        When a list names no file, or two columns of it have one name.
-    """
+    """Logs of a folder and the folders in it, of a glob, of a list, or one log."""
     path = Path(given)
     try:
         if path.is_dir():
@@ -539,20 +427,7 @@ def is_pattern(text: str) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class PathPattern:
-    """A pattern of paths that says whose log one is.
-
-    Parameters
-    ----------
-    text : str
-        A path from the folder of the logs, with ``{vehicle}`` and ``{type}`` where these stand in it;
-        ``*`` and ``?`` stay within a folder, ``**/`` is any number of folders. A pattern without a
-        folder is looked for in the file's name alone.
-
-    Raises
-    ------
-    UsageError
-        When it asks for nothing, for something else, or for one thing twice.
-    """
+    """A pattern of paths that says whose log one is."""
 
     text: str
 

@@ -239,17 +239,7 @@ FOREST, LINES = "forest", "lines"
 
 
 def fleet_document(report: FleetReport, title: str, links: Mapping[str, str] | None = None) -> Document:
-    """Document of a fleet's report.
-
-    Parameters
-    ----------
-    report : FleetReport
-        Of one motion.
-    title : str
-        The fleet's name.
-    links : mapping of str to str, optional
-        Addresses of flights' own reports, by the hash of their logs; for media that have links.
-    """
+    """Document of a fleet's report."""
     return Document(title, None, about_fleet(report), tuple(_sections(report, links)))
 
 
@@ -407,13 +397,7 @@ SCHEMA = "eivor.fleet_report/1"
 
 
 def fleet_json(reports: Sequence[FleetReport]) -> dict[str, Json]:
-    """Document of the reports of a fleet, one for each motion; numbers are in SI units.
-
-    Parameters
-    ----------
-    reports : sequence of FleetReport
-        In their order.
-    """
+    """Document of the reports of a fleet, one for each motion; numbers are in SI units."""
     return {
         "schema": SCHEMA,
         "motions": [_motion_json(report) for report in reports],
@@ -460,17 +444,7 @@ NO_REPORTS = "Flights have no reports of their own here; eivor fleet run --repor
 
 
 def fleet_page(reports: Sequence[FleetReport], title: str, links: Mapping[str, str]) -> str:
-    """Text of a page that tells a fleet: HTML without anything to fetch.
-
-    Parameters
-    ----------
-    reports : sequence of FleetReport
-        One for each motion.
-    title : str
-        The fleet's name.
-    links : mapping of str to str
-        Addresses of flights' own reports, by the hash of their logs.
-    """
+    """Text of a page that tells a fleet: HTML without anything to fetch."""
     figures = Figures(0)
     documents = [fleet_document(report, title, links) for report in reports]
     told = [
@@ -604,17 +578,7 @@ def _course(row: Row, across: AcrossFlights, hours: np.ndarray, scale: float) ->
 
 
 def flight_links(folder: Path, page: Path) -> Mapping[str, str]:
-    """Address of the report of each log that has one, by the log's hash, relative to a page.
-
-    An address has the fleet's folder and the hash in it, and nothing that a log says.
-
-    Parameters
-    ----------
-    folder : Path
-        Of the fleet.
-    page : Path
-        Where the page will be.
-    """
+    """Address of the report of each log that has one, by the log's hash, relative to a page."""
     beside = page.resolve().parent
     return {
         sha256: quote(Path(os.path.relpath(report_place(folder.resolve(), sha256), beside)).as_posix())

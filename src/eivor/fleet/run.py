@@ -177,43 +177,7 @@ def run_fleet(
     progress: Progress = no_progress,
     page_of: PageOf | None = None,
 ) -> FleetRun:
-    """Make the rows of a fleet that are not there yet.
-
-    Parameters
-    ----------
-    found : LogsFound
-        The logs, see `logs_found`.
-    folder : Path
-        A new folder, or one in which a fleet was begun with these options.
-    options : FleetOptions
-        What is asked of every log.
-    executor : Executor, optional
-        Where to compute. Default: in this process. The rows do not depend on it.
-    guarded : bool
-        Whether each log is kept to its limits, in a process beside.
-    shared : bool
-        Whether the executor's workers see the logs and should hash them, too.
-    shard_logs : int, optional
-        Logs of a task. Default: by their number.
-    progress : callable
-        See `Progress`.
-    page_of : callable, optional
-        What makes the report of a flight from its result: every log with a result gets one, also those whose
-        rows are there already.
-
-    Returns
-    -------
-    FleetRun
-        With every log's row written.
-
-    Raises
-    ------
-    UsageError
-        When the folder is one of other options.
-    InputError
-        When there are no logs, another run works on the folder, it cannot be written, it was made by other
-        versions, or a worker is lost. What was written is kept.
-    """
+    """Make the rows of a fleet that are not there yet."""
     if not found.logs:
         raise InputError(
             "a folder, a pattern or a list with logs in it",

@@ -36,40 +36,13 @@ SEASON = 60
 
 @dataclass(frozen=True, slots=True)
 class FleetSpec:
-    """A fleet of one type.
-
-    Parameters
-    ----------
-    vehicles, flights : int
-        Vehicles, and flights of each.
-    viscous_friction, hover_input, actuator_lag : float
-        Of the type: K [1/s], command at hover [share of full command], lag [s].
-    between_vehicles, between_flights : float
-        Standard deviations of the logarithms of quantities between vehicles, and between flights.
-    wear : float
-        Share of its thrust that each vehicle has lost at its last flight.
-    broken : tuple of (int, int, float)
-        Vehicle, number of its first flight with a damaged propeller, and the share of thrust that this costs.
-    weather, battery : float
-        Standard deviations of the logarithms of density, of which half goes with the season, and of voltage.
-    payload : float
-        Share by which what is carried has grown the mass at each vehicle's last flight.
-    duration_s : float
-        Of a flight [s].
-    seed : int
-        Of all draws.
-
-    Raises
-    ------
-    UsageError
-        When there is no flight, or thrust would be lost altogether.
-    """
+    """A fleet of one type."""
 
     vehicles: int = 10
     flights: int = 40
-    viscous_friction: float = 0.4
-    hover_input: float = 0.5
-    actuator_lag: float = 0.04
+    viscous_friction: float = 0.4  # [1/s]
+    hover_input: float = 0.5  # [1/s]
+    actuator_lag: float = 0.04  # [1/s]
     between_vehicles: float = 0.05
     between_flights: float = 0.02
     wear: float = 0.0
@@ -94,42 +67,22 @@ class FleetSpec:
 
 @dataclass(frozen=True)
 class FleetTruth:
-    """What is true of the flights of a fleet, vehicle after vehicle.
-
-    Parameters
-    ----------
-    vehicle, flight : ndarray of int, shape (rows,)
-        Numbers.
-    viscous_friction, input_gain, actuator_lag, hover_input : ndarray, shape (rows,)
-        K [1/s], K_u [m/s^2 per squared share of full command], tau [s], and the share at hover.
-    worn : ndarray, shape (rows,)
-        Share of thrust that is left.
-    mass : ndarray, shape (rows,)
-        At take-off [kg].
-    air_density, battery_voltage : ndarray, shape (rows,)
-        [kg/m^3], [V].
-    """
+    """What is true of the flights of a fleet, vehicle after vehicle."""
 
     vehicle: Int[np.ndarray, " rows"]
     flight: Int[np.ndarray, " rows"]
-    viscous_friction: Float[np.ndarray, " rows"]
-    input_gain: Float[np.ndarray, " rows"]
-    actuator_lag: Float[np.ndarray, " rows"]
-    hover_input: Float[np.ndarray, " rows"]
-    worn: Float[np.ndarray, " rows"]
-    mass: Float[np.ndarray, " rows"]
-    air_density: Float[np.ndarray, " rows"]
-    battery_voltage: Float[np.ndarray, " rows"]
+    viscous_friction: Float[np.ndarray, " rows"]  # [1/s]
+    input_gain: Float[np.ndarray, " rows"]  # [1/s]
+    actuator_lag: Float[np.ndarray, " rows"]  # [1/s]
+    hover_input: Float[np.ndarray, " rows"]  # [1/s]
+    worn: Float[np.ndarray, " rows"]  # Share of thrust that is left
+    mass: Float[np.ndarray, " rows"]  # At take-off [kg]
+    air_density: Float[np.ndarray, " rows"]  # [kg/m^3]
+    battery_voltage: Float[np.ndarray, " rows"]  # [kg/m^3]
 
 
 def fleet_truth(spec: FleetSpec) -> FleetTruth:
-    """Draw what is true of every flight.
-
-    Parameters
-    ----------
-    spec : FleetSpec
-        The fleet.
-    """
+    """Draw what is true of every flight."""
     rng = np.random.default_rng([spec.seed, 1])
     shape = (spec.vehicles, spec.flights)
     vehicle, flight = np.indices(shape)
@@ -166,25 +119,7 @@ def fleet_truth(spec: FleetSpec) -> FleetTruth:
 
 
 def write_fleet_logs(spec: FleetSpec, folder: Path) -> Iterator[Path]:
-    """Simulate and write the flights of a fleet, one after the other.
-
-    Parameters
-    ----------
-    spec : FleetSpec
-        The fleet; `duration_s` is that of a flight.
-    folder : Path
-        Gets a folder for each vehicle, made where it is not there.
-
-    Yields
-    ------
-    Path
-        Each log as soon as it is written: ``VEHICLE/FLIGHT.parquet``, the numbers from zero.
-
-    Raises
-    ------
-    ParameterError
-        When a vehicle is lost.
-    """
+    """Simulate and write the flights of a fleet, one after the other."""
     truth = fleet_truth(spec)
     specs = [
         VerticalFlightSpec(
@@ -214,20 +149,7 @@ FIRST_STAGE = 100.0
 
 
 def fleet_rows(spec: FleetSpec, std_errors: tuple[float, float] = STD_ERRORS) -> pl.DataFrame:
-    """Table of a fleet whose estimates are the truth with normal errors.
-
-    Parameters
-    ----------
-    spec : FleetSpec
-        The fleet.
-    std_errors : tuple of float
-        Range of their standard errors, as shares of the values.
-
-    Returns
-    -------
-    polars.DataFrame
-        Columns as `eivor fleet run` writes them.
-    """
+    """Table of a fleet whose estimates are the truth with normal errors."""
     import polars as pl
 
     truth = fleet_truth(spec)

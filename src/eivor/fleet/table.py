@@ -161,13 +161,7 @@ Row = Mapping[str, Any]
 
 
 def flight_frame(rows: Sequence[Row]) -> pl.DataFrame:
-    """Rows as a table: every column that all fleets have, and those that these rows bring.
-
-    Parameters
-    ----------
-    rows : sequence of mapping
-        Values by column; what a row does not name, and numbers that are not finite, are null.
-    """
+    """Rows as a table: every column that all fleets have, and those that these rows bring."""
     own = {name for row in rows for name in row if name not in LEADING and name not in TRAILING}
     schema = {name: LEADING.get(name) or TRAILING.get(name) or _type(name) for name in _in_order(own)}
     known = [{name: _known(row.get(name)) for name in schema} for row in rows]
@@ -201,20 +195,7 @@ def part_files(folder: Path) -> list[Path]:
 
 
 def read_flights(folder: Path, columns: Sequence[str] | None = None) -> pl.DataFrame:
-    """Table of all rows of a fleet, sorted by `ORDER`.
-
-    Parameters
-    ----------
-    folder : Path
-        That `eivor fleet run` made.
-    columns : sequence of str, optional
-        Those that are read, default all; null where no part has one.
-
-    Raises
-    ------
-    InputError
-        When there is no such table, or it cannot be read.
-    """
+    """Table of all rows of a fleet, sorted by `ORDER`."""
     parts = _parts(folder, None if columns is None else {*columns, *ORDER})
     table = pl.concat(parts, how="diagonal", rechunk=True)
     if columns is not None:
@@ -613,15 +594,7 @@ SURROUNDINGS = {
 
 @dataclass(frozen=True, slots=True)
 class FlightRow:
-    """The function from a log to its row.
-
-    Parameters
-    ----------
-    options : FleetOptions
-        What is asked of every log.
-    page_of : callable, optional
-        What makes the page of a result, which the row then holds as `PAGE` until it is written.
-    """
+    """The function from a log to its row."""
 
     options: FleetOptions
     page_of: PageOf | None = None
@@ -658,13 +631,7 @@ class FlightRow:
 
 
 class NamedRow:
-    """What every row of a log has, also of one that is not read: what its name and the list tell of it.
-
-    Parameters
-    ----------
-    options : FleetOptions
-        What is asked of every log.
-    """
+    """What every row of a log has, also of one that is not read: what its name and the list tell of it."""
 
     def __init__(self, options: FleetOptions) -> None:
         self._options, self._marks = options, options.marks()

@@ -66,30 +66,14 @@ LINE_BINS = 3
 
 @dataclass(frozen=True, slots=True)
 class Instruments:
-    """Instruments of a method.
-
-    Parameters
-    ----------
-    rule : InstrumentRule
-        Which columns; `NoInstruments` when the method needs none, or there are none.
-    exogenous : bool
-        They do not answer the vehicle.
-    missing : str
-        Why there are none although the method needs them; else empty.
-    constant : bool
-        There are none, and a reference that is logged is constant.
-    names : tuple of str
-        The references among them.
-    past_inputs : bool
-        They are past inputs, which a controller computes.
-    """
+    """Instruments of a method."""
 
     rule: InstrumentRule
-    exogenous: bool = True
-    missing: str = ""
-    constant: bool = False
-    names: tuple[str, ...] = ()
-    past_inputs: bool = False
+    exogenous: bool = True  # They do not answer the vehicle
+    missing: str = ""  # Why there are none although the method needs them
+    constant: bool = False  # There are none, and a reference that is logged is constant
+    names: tuple[str, ...] = ()  # The references among them
+    past_inputs: bool = False  # They are past inputs, which a controller computes
 
     @property
     def absent(self) -> bool:
@@ -126,10 +110,7 @@ def _none(flying: tuple[PreparedFlight, ...]) -> Instruments:
 
 
 def single_frequency_hz(flying: tuple[PreparedFlight, ...], names: tuple[str, ...]) -> float:
-    """The frequency of references that have only one, all the same; zero for others [Hz].
-
-    A sine, its derivatives and its lags span two dimensions, however many instruments are made of them.
-    """
+    """The frequency of references that have only one, all the same; zero for others [Hz]."""
     peaks: list[float] = []
     for flight in flying:
         longest = max(flight.runs, key=lambda run: run.stop - run.start)
@@ -164,25 +145,7 @@ def estimated(
     *,
     with_sets: bool = True,
 ) -> FlightEstimate:
-    """Estimate one set of parameters, with the method asked for or, without instruments, the fallback.
-
-    Parameters
-    ----------
-    motion : Motion
-        What to identify.
-    prepared : tuple of PreparedFlight
-        One flight, or several that have all parameters in common.
-    options : FlightOptions
-        Choices.
-    agreement : OverIdentification, optional
-        Whether the instruments agree, where that is known better than from the estimate.
-    beside : callable
-        What other motions of the same flight say of the lag, if there are any; called where that serves.
-    progress : callable
-        See `Progress`.
-    with_sets : bool
-        Whether the headline has its confidence sets; who asks for the lag alone needs none.
-    """
+    """Estimate one set of parameters, with the method asked for or, without instruments, the fallback."""
     flying = tuple(flight for flight in prepared if flight.runs)
     if not flying:
         return without_fit(motion, prepared, options, _grounded(motion, prepared))
@@ -247,11 +210,7 @@ def known_lag(
     alone: Estimate,
     beside: LagsBeside = tuple,
 ) -> tuple[GivenLag | None, tuple[Finding, ...]]:
-    """What is known of the lag beside the motion: what a user gave, else what the log tells most closely.
-
-    Telemetry or another motion that may contradict the flight is told, and not used: sensors can be later
-    than is allowed for.
-    """
+    """What is known of the lag beside the motion: what a user gave, else what the log tells most closely."""
     slack_s = max(flight.command_slack_s for flight in flying)
     if options.lag is not None:
         check_lag_searched(problem)
@@ -299,10 +258,7 @@ def circumstances(
 def noises_needed(
     flying: tuple[PreparedFlight, ...], chosen: Instruments, method: Method
 ) -> list[tuple[str, ...]]:
-    """Channels of each flight whose measurement noise a method takes out: those that are columns twice.
-
-    Commands and references are exact; of the input only a measured state has noise.
-    """
+    """Channels of each flight whose measurement noise a method takes out: those that are columns twice."""
     by_input = method.takes_out_own_noise or (chosen.past_inputs and method.first_past_input == 0)
     return [
         (
@@ -472,17 +428,7 @@ COMMAND = "command"
 def lags_beside(
     motions: tuple[Motion[Any], ...], log: Recording, window: tuple[float, float] | None
 ) -> tuple[ToldLag, ...]:
-    """Lags that other motions tell, each where its own verdict on the lag is identified.
-
-    Parameters
-    ----------
-    motions : tuple of Motion
-        The others.
-    log : Recording
-        Of one flight.
-    window : tuple of float, optional
-        The part of it that counts [s].
-    """
+    """Lags that other motions tell, each where its own verdict on the lag is identified."""
     options = FlightOptions(window=window)
     found = (_lag_by(motion, log, options) for motion in motions)
     return tuple(told for told in found if told is not None)

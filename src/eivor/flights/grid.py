@@ -37,11 +37,7 @@ def line_between(
 def curve_between(
     time: Float[np.ndarray, " m"], values: Float[np.ndarray, " m"], t: Float[np.ndarray, " n"]
 ) -> Float[np.ndarray, " n"]:
-    """Cubic curves between even stamps; lines at the ends and between uneven ones.
-
-    With h the length of a piece, x the share of it that has passed, c its chord's slope and s_0, s_1 the
-    slopes at its ends, the curve is off the line by h x (1 - x) [(1 - x)(s_0 - c) - x (s_1 - c)].
-    """
+    """Cubic curves between even stamps; lines at the ends and between uneven ones."""
     line = line_between(time, values, t)
     if time.size < 4:
         return line
@@ -133,17 +129,7 @@ def common_grid(
     memory_s: float = MEMORY_S,
     step_s: float | None = None,
 ) -> Grid:
-    """Grid over the time that all `channels` share; of a given step, or fine when all `fast` ones are.
-
-    Where one of them is silent (`Channel.silences`) no sample can be used, but for held channels that are not
-    among the fast ones: the time between the first second of the silence and its last `memory_s`, in which
-    actuators come to rest, has no samples.
-
-    Raises
-    ------
-    InputError
-        When they share no time, or more than six hours.
-    """
+    """Grid over the time that all `channels` share; of a given step, or fine when all `fast` ones are."""
     start = max(float(channel.time_s[0]) for channel in channels)
     end = min(float(channel.time_s[-1]) for channel in channels)
     names = ", ".join(channel.name for channel in channels)
@@ -202,12 +188,7 @@ def around(used: Bool[np.ndarray, " n"], grid: Grid, memory_s: float = MEMORY_S)
 def on_grid(
     channel: Channel, grid: Grid, between: Between = line_between
 ) -> tuple[Float[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
-    """Values of `channel` on the grid and where they stand on data.
-
-    Held channels keep their last value; others are lines between stamps, or what `between` makes of them, or
-    averaged over each step when they are logged much faster than the grid. Values inside gaps, beyond the
-    ends, or beside missing ones are filled and marked as not standing on data.
-    """
+    """Values of `channel` on the grid and where they stand on data."""
     finite = np.isfinite(channel.values)
     if not finite.any():
         return np.zeros(grid.count), np.zeros(grid.count, dtype=np.bool_)
@@ -247,22 +228,13 @@ def _held(
 
 
 def command_on_grid(channel: Channel, grid: Grid) -> tuple[Float[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
-    """Values of a command on the grid, and where they stand on data.
-
-    A held command is its mean over the step that begins at the sample. Samples within a gap, and those so
-    soon after one that the actuator's state is not known, stand on nothing.
-    """
+    """Values of a command on the grid, and where they stand on data."""
     series, good = _mean_in_force(channel, grid) if channel.held else on_grid(channel, grid)
     return series, _unbroken(channel, grid, good)
 
 
 def _mean_in_force(channel: Channel, grid: Grid) -> tuple[Float[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
-    """Mean of a held channel over the step that begins at each sample.
-
-    What drives an actuator between two samples is every value that was in force between them, for as long
-    as it was. The last value before the sample alone would be late by half a period of the log where stamps
-    lie between samples. Without a stamp inside a step its mean is the value in force.
-    """
+    """Mean of a held channel over the step that begins at each sample."""
     in_force, good = on_grid(channel, grid)
     time, t, step = channel.time_s, grid.time_s, grid.step_s
     # stamps inside the step that begins at a sample are first .. last - 1
@@ -346,17 +318,7 @@ class Active:
 
 
 def airborne_by_log(log: Recording, grid: Grid, input_level: Float[np.ndarray, " n"]) -> Active:
-    """Airborne samples of a log: by its land detector, else by the input and the height it holds.
-
-    Parameters
-    ----------
-    log : Recording
-        Z up; `landed`, `ground_contact` and `position_z` count where they are logged.
-    grid : Grid
-        Samples to judge.
-    input_level : ndarray, shape (n,)
-        Mean of the actuators' commands on the grid, positive up.
-    """
+    """Airborne samples of a log: by its land detector, else by the input and the height it holds."""
     landed = height = None
     if "landed" in log.channels:
         on_ground, known = on_grid(log.channels["landed"], grid)
@@ -378,19 +340,7 @@ def airborne(
     landed: Bool[np.ndarray, " n"] | None,
     height: Float[np.ndarray, " n"] | None,
 ) -> Active:
-    """Airborne samples of a flight on its grid.
-
-    Parameters
-    ----------
-    input_level : ndarray, shape (n,)
-        Mean of the actuators' commands, positive up.
-    step_s : float
-        Step of the grid [s].
-    landed : ndarray of bool, shape (n,), optional
-        The land detector.
-    height : ndarray, shape (n,), optional
-        Height, z up [m].
-    """
+    """Airborne samples of a flight on its grid."""
     if landed is not None:
         flying = ~landed & ~_idle(input_level, ~landed, step_s)
         return Active(_without_margins(flying, step_s), "the log's land detector")
@@ -500,11 +450,7 @@ def _flipped(name: str) -> bool:
 
 
 def white_noise_std(values: Float[np.ndarray, " n"]) -> float:
-    """Standard deviation of the white noise on a smooth signal; zero for fewer than four samples.
-
-    Third differences of white noise of variance s^2 have variance 20 s^2, and those of a motion that is
-    smooth over a few samples almost none; the median makes gaps and outliers harmless.
-    """
+    """Standard deviation of the white noise on a smooth signal; zero for fewer than four samples."""
     if values.size < 4:
         return 0.0
     third = np.diff(values, n=3)

@@ -37,35 +37,7 @@ def identified(
     told: tuple[ToldLag, ...] = (),
     progress: Progress = silent,
 ) -> FlightEstimate:
-    """Identify a motion from the logs of one or several flights of one vehicle.
-
-    Parameters
-    ----------
-    logs : sequence of Recording
-        Several are pooled: what belongs to the vehicle is shared, what belongs to a flight or a run is
-        not. A log given twice is used once.
-    motion : Motion
-        What to identify.
-    options : FlightOptions
-        Choices.
-    windows : sequence of (start, end) or None
-        A window [s] for each log, in place of the options' for those that have one.
-    others : tuple of Motion
-        Those that `Motion.lag_from` names. Flights of a pool tell their lag together, and need none.
-    told : tuple of ToldLag
-        What is known of the lag already, in place of what the others would tell of one flight.
-    progress : callable
-        See `Progress`.
-
-    Raises
-    ------
-    InputError
-        When a channel that is needed is absent.
-    UsageError
-        For options that do not fit, windows outside a log among them.
-    PoolingError
-        When the flights are of vehicles with different input maps or parameters.
-    """
+    """Identify a motion from the logs of one or several flights of one vehicle."""
     by_name(options.method)  # unknown names are told before anything is estimated
     check_options(motion, options)
     if len(windows) != len(logs):
@@ -138,19 +110,7 @@ def with_companions(
     logs: Sequence[Recording],
     windows: Sequence[Window],
 ) -> FlightEstimate:
-    """Result with the quantities that other motions tell, and a finding for each that none tells.
-
-    Parameters
-    ----------
-    result : FlightEstimate
-        Of a motion with companions.
-    motions : mapping of str to Motion
-        Those that its companions name.
-    logs : sequence of Recording
-        Of the flights.
-    windows : sequence of (start, end) or None
-        A window [s] for each log, in place of the options'.
-    """
+    """Result with the quantities that other motions tell, and a finding for each that none tells."""
     if result.fit is None:
         return result
     wording, found, findings = result.motion.wording, dict(result.quantities), list(result.findings)

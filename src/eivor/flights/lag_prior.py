@@ -141,27 +141,13 @@ def _effective_lag(estimate: Estimate) -> Callable[[Candidate], tuple[float, Flo
 
 @dataclass(frozen=True)
 class ToldLag:
-    """The effective lag that telemetry, or another motion of the same flight, tells.
+    """The effective lag that telemetry, or another motion of the same flight, tells."""
 
-    Parameters
-    ----------
-    source : str
-        "telemetry", or the name of the motion.
-    who : str
-        The same in words.
-    told : Unjudged
-        Lag and delay together, as they were estimated, systematic parts included [s].
-    apart_s : float
-        Standard deviation of what its sensors may be later or earlier by than those of the motion [s].
-    apart : str
-        The reason of that in words, after "with".
-    """
-
-    source: str
-    who: str
-    told: Unjudged
+    source: str  # "telemetry", or the name of the motion
+    who: str  # The same in words
+    told: Unjudged  # Lag and delay together, as they were estimated, systematic parts included [s]
     apart_s: float
-    apart: str
+    apart: str  # The reason of that in words, after "with"
 
     @property
     def prior(self) -> Prior:
@@ -192,22 +178,10 @@ EVEN_STD = 3.0**-0.5
 
 @dataclass(frozen=True)
 class GivenLag:
-    """A lag that is known beside the flight, and the flight's own.
+    """A lag that is known beside the flight, and the flight's own."""
 
-    Parameters
-    ----------
-    known : Prior or Bounds
-        Of the effective lag, actuator lag plus delay [s].
-    alone : Unjudged
-        The effective lag that the flight tells without it [s].
-    slack_s : float
-        What the flight's command may be late or early by throughout, and its lag by as much [s].
-    by : ToldLag or None
-        What told it, when it was not a user.
-    """
-
-    known: Prior | Bounds
-    alone: Unjudged
+    known: Prior | Bounds  # [s]
+    alone: Unjudged  # [s]
     slack_s: float = 0.0
     by: ToldLag | None = None
 
@@ -223,10 +197,7 @@ class GivenLag:
 
     @property
     def p_value(self) -> float:
-        """Of the test that both are of one lag: how far they are apart, over the standard error of that.
-
-        A lag of the flight between the bounds that were given is not apart from them.
-        """
+        """Of the test that both are of one lag: how far they are apart, over the standard error of that."""
         known, alone = self.known, self.alone
         if isinstance(known, Prior):
             apart, variance = alone.value - known.mean, alone.std_error**2 + known.std**2
@@ -285,18 +256,7 @@ class GivenLag:
 
 
 def with_given_lag(problem: SeparableProblem, known: Prior | Bounds, alone: Values) -> SeparableProblem:
-    """Return the problem with what is known of the sum of lag and delay.
-
-    Parameters
-    ----------
-    problem : SeparableProblem
-        With a lag to search.
-    known : Prior or Bounds
-        Of the sum [s].
-    alone : mapping of str to float
-        Lag and delay of the flight without it: between bounds that sum is one of those that are tried, and a
-        delay that is no choice of a few stays as it is.
-    """
+    """Return the problem with what is known of the sum of lag and delay."""
     if known == NO_LAG:
         return problem.with_nuisances(
             tuple(
@@ -331,13 +291,7 @@ def lag_searched(problem: SeparableProblem) -> bool:
 
 
 def check_lag_searched(problem: SeparableProblem) -> None:
-    """Refuse what is known of a lag that is not searched for.
-
-    Raises
-    ------
-    UsageError
-        When the problem has no lag to search.
-    """
+    """Refuse what is known of a lag that is not searched for."""
     if not lag_searched(problem):
         raise UsageError(
             "a flight whose actuators' lag is searched for",
@@ -362,15 +316,7 @@ SLOPE, CURVATURE = Parameter("telemetry_slope", ""), Parameter("telemetry_curvat
 
 @dataclass(frozen=True)
 class LaggedParabola:
-    """Mean state of the actuators, and its square, at the stamps of telemetry.
-
-    Parameters
-    ----------
-    flight : PreparedFlight
-        Whose commands.
-    time_s : ndarray, shape (n,)
-        The stamps [s].
-    """
+    """Mean state of the actuators, and its square, at the stamps of telemetry."""
 
     flight: PreparedFlight
     time_s: Float[np.ndarray, " n"]
@@ -386,21 +332,7 @@ class LaggedParabola:
 
 
 def telemetry_lag(flights: tuple[PreparedFlight, ...], families: tuple[str, ...]) -> ToldLag | None:
-    """Lag of the actuators by the telemetry of flights that have it.
-
-    Parameters
-    ----------
-    flights : tuple of PreparedFlight
-        All with runs.
-    families : tuple of str
-        Channels of measured states, the first that a log has.
-
-    Returns
-    -------
-    ToldLag or None
-        None where no flight has telemetry of 20 Hz or more beside its commands, and where it does not
-        follow them.
-    """
+    """Lag of the actuators by the telemetry of flights that have it."""
     found = {
         number: channels
         for number, flight in enumerate(flights)

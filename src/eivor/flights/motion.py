@@ -169,20 +169,10 @@ def all_ahead(
 
 @dataclass(frozen=True)
 class Starts:
-    """Where predictions of a flight start.
-
-    Parameters
-    ----------
-    samples : ndarray of int, shape (starts,)
-        Numbers of samples, all of whose next half second stands on data.
-    steps : tuple of int
-        Samples from a start to each horizon.
-    step_s : float
-        Step of the grid [s].
-    """
+    """Where predictions of a flight start."""
 
     samples: Int[np.ndarray, " starts"]
-    steps: tuple[int, ...]
+    steps: tuple[int, ...]  # Samples from a start to each horizon
     step_s: float
 
     @property
@@ -193,16 +183,7 @@ class Starts:
     def carried(
         self, state: Float[np.ndarray, "parts starts"], derivative: Derivative
     ) -> Float[np.ndarray, "horizons parts starts"]:
-        """States at the horizons by Heun's method, all starts side by side.
-
-        Parameters
-        ----------
-        state : ndarray, shape (parts, starts)
-            At the starts.
-        derivative : callable
-            From states, and the samples at which a step begins, to the states' rates of change, with what
-            drives them as `over_step` has it.
-        """
+        """States at the horizons by Heun's method, all starts side by side."""
         found, stride = [], self._stride
         step_s = stride * self.step_s
         for step in range(0, self.steps[-1], stride):
@@ -256,18 +237,10 @@ def trim(flight: PreparedFlight, left: Float[np.ndarray, " n"]) -> Float[np.ndar
 
 @dataclass(frozen=True, slots=True)
 class Searched:
-    """A nuisance parameter that was searched for on a grid.
-
-    Parameters
-    ----------
-    value : float
-        Where the search ended.
-    highest : float
-        Top of the grid.
-    """
+    """A nuisance parameter that was searched for on a grid."""
 
     value: float
-    highest: float
+    highest: float  # Top of the grid
 
 
 @dataclass(frozen=True, slots=True)

@@ -153,13 +153,7 @@ class FlightOptions:
 
 
 def check_window(window: object) -> None:
-    """Refuse what is no pair of numbers.
-
-    Raises
-    ------
-    UsageError
-        With what came instead.
-    """
+    """Refuse what is no pair of numbers."""
     remedy = "Give (START, END) in seconds from the log's start."
     checks.items("window", window, checks.NUMBERS, "two numbers", remedy)
     if isinstance(window, tuple | list) and len(window) != 2:

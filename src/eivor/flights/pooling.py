@@ -126,24 +126,12 @@ def _sums(motion: Motion[Any], problem: SeparableProblem, pool: PoolFlights) -> 
 
 @dataclass(frozen=True)
 class _Again:
-    """How a draw of flights becomes quantities.
-
-    Parameters
-    ----------
-    motion : Motion
-        Which derives them.
-    problem : SeparableProblem
-        The pool's.
-    pool : PoolFlights
-        Its flights.
-    sums : tuple
-        The motion's, for each candidate.
-    """
+    """How a draw of flights becomes quantities."""
 
     motion: Motion[Any]
     problem: SeparableProblem
     pool: PoolFlights
-    sums: tuple[Sums, ...]
+    sums: tuple[Sums, ...]  # The motion's, for each candidate
 
     def replicates(self, random: np.random.Generator, runs: int) -> Iterator[list[float]]:
         """Quantities of those runs that give an estimate."""
@@ -176,12 +164,7 @@ def _units(motion: Motion[Any], found: Fit, names: tuple[str, ...]) -> tuple[str
 
 
 def agreement(alone: Sequence[FitDiagnostics]) -> OverIdentification | None:
-    """Whether the instruments agree in the flights of a pool, each by itself.
-
-    Flights differ in trim, battery and air, which is nothing that instruments disagree about. The p-value is
-    that of half the flights: with p_(k) the k-th smallest of n, k half of them, n/k p_(k) is a p-value
-    however the flights hang together (Ruger 1978).
-    """
+    """Whether the instruments agree in the flights of a pool, each by itself."""
     found = [one.agreement for one in alone if one.agreement is not None]
     known = sorted(one.p_value for one in found if np.isfinite(one.p_value))
     if not known:
@@ -231,17 +214,7 @@ def pool_findings(motion: Motion[Any], pool: Pooled, at: Circumstances) -> Itera
 
 @dataclass(frozen=True)
 class Member:
-    """A flight of a pool.
-
-    Parameters
-    ----------
-    logged, flight : PreparedFlight
-        The flight as logged, and as it was estimated: with its sensors aligned where that was asked for.
-    fit : Fit
-        Its own fit, by whitened instruments.
-    exogenous : bool
-        Its instruments do not answer the vehicle.
-    """
+    """A flight of a pool."""
 
     logged: PreparedFlight
     flight: PreparedFlight
@@ -255,25 +228,7 @@ def pooled_result(
     options: FlightOptions,
     alone: Sequence[FlightEstimate],
 ) -> FlightEstimate | None:
-    """Result of a pool some of whose parameters belong to the flight.
-
-    Parameters
-    ----------
-    motion : Motion
-        What to identify.
-    prepared : tuple of PreparedFlight
-        The flights.
-    options : FlightOptions
-        Choices.
-    alone : sequence of FlightEstimate
-        Each flight by itself.
-
-    Returns
-    -------
-    FlightEstimate or None
-        None where nothing belongs to the flight, or all is to be common; for another method than one by
-        whitened instruments; and where fewer than two flights have an estimate by it.
-    """
+    """Result of a pool some of whose parameters belong to the flight."""
     if not motion.of_flight or options.pool_friction == "common":
         return None
     members = _members(prepared, options, alone)

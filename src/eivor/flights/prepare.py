@@ -41,17 +41,7 @@ BESIDE_S = 30.0
 
 
 def prepare(recording: Recording, motion: Motion[Any], options: FlightOptions) -> PreparedFlight:
-    """Put a recording on one grid and find the runs that can be used.
-
-    Raises
-    ------
-    MissingChannelError
-        When the motion's channels, or the options', are not in the log.
-    InputError
-        When the channels share no time.
-    UsageError
-        When the window lies outside the log.
-    """
+    """Put a recording on one grid and find the runs that can be used."""
     window = None if options.window is None else interval_within(options.window, recording.span_s)
     log = part_to_read(upward(recording), options.window)
     selected = motion.select(log, options)
@@ -105,13 +95,7 @@ def prepare(recording: Recording, motion: Motion[Any], options: FlightOptions) -
 
 
 def part_to_read(log: Recording, window: tuple[float, float] | None) -> Recording:
-    """Return of a log that does not fit into memory what a window needs; others as they are.
-
-    Raises
-    ------
-    UsageError
-        When the window lies outside the log.
-    """
+    """Return of a log that does not fit into memory what a window needs; others as they are."""
     if window is None:
         return log
     start, end = interval_within(window, log.span_s)
@@ -119,10 +103,7 @@ def part_to_read(log: Recording, window: tuple[float, float] | None) -> Recordin
 
 
 def _runs(standing: Bool[np.ndarray, " n"], usable: Bool[np.ndarray, " n"], step_s: float) -> list[slice]:
-    """Stretches of standing samples, most of them usable, and of a length that spectra are quickly made of.
-
-    Short excursions of samples that stand on data but are beyond a limit are bridged.
-    """
+    """Stretches of standing samples, most of them usable."""
     bridged = usable.copy()
     for excursion in stretches(standing & ~usable):
         inside = (
@@ -145,13 +126,7 @@ def _quick(run: slice) -> slice:
 
 
 def refuse_empty(log: Recording, channel: Channel) -> None:
-    """Raise for a channel without values.
-
-    Raises
-    ------
-    MissingChannelError
-        With what was dropped.
-    """
+    """Raise for a channel without values."""
     if channel.time_s.size < 2 or not np.isfinite(channel.values).any():
         quality = channel.quality
         dropped = quality.duplicated_stamps + quality.backward_stamps
@@ -253,24 +228,7 @@ OVERVIEW_STEP_S = 0.05
 def overview(
     recording: Recording, motion: Motion[Any], options: FlightOptions
 ) -> tuple[str, tuple[tuple[float, float], ...]]:
-    """How it is known when the vehicle moved, and the stretches in which it did [s].
-
-    Parameters
-    ----------
-    recording : Recording
-        Whose channels do not fit into memory together.
-    motion : Motion
-        What it is looked at for.
-    options : FlightOptions
-        Choices; the window is left aside.
-
-    Raises
-    ------
-    MissingChannelError
-        When the motion's channels, or the options', are not in the log.
-    InputError
-        When the channels share no time, or more than six hours.
-    """
+    """How it is known when the vehicle moved, and the stretches in which it did [s]."""
     log = upward(recording)
     log = log.part(*log.span_s, OVERVIEW_STEP_S)
     selected = motion.select(log, options)
@@ -295,15 +253,7 @@ Window = tuple[float, float] | None
 def without_duplicates(
     logs: Sequence[Recording], windows: Sequence[Window]
 ) -> tuple[list[tuple[Recording, Window]], list[Finding]]:
-    """Logs with their windows, each file's content with the same window once only.
-
-    Returns
-    -------
-    kept : list of (Recording, window)
-        In the order given.
-    dropped : list of Finding
-        One for each log that was left out.
-    """
+    """Logs with their windows, each file's content with the same window once only."""
     kept: list[tuple[Recording, Window]] = []
     dropped: list[Finding] = []
     first: dict[tuple[str, Window], str] = {}
@@ -323,13 +273,7 @@ def without_duplicates(
 
 
 def check_poolable(flights: tuple[PreparedFlight, ...], motion: Motion[Any]) -> None:
-    """Refuse flights of vehicles with different input maps, inputs, or parameters.
-
-    Raises
-    ------
-    PoolingError
-        With the first difference that was found.
-    """
+    """Refuse flights of vehicles with different input maps, inputs, or parameters."""
     first = flights[0]
     for other in flights[1:]:
         what = _difference(first, other, motion)
@@ -362,13 +306,7 @@ def _difference(first: PreparedFlight, other: PreparedFlight, motion: Motion[Any
 
 
 def check_options(motion: Motion[Any], options: FlightOptions) -> None:
-    """Refuse options that a motion does not have, its optional terms among them.
-
-    Raises
-    ------
-    UsageError
-        With what there is.
-    """
+    """Refuse options that a motion does not have, its optional terms among them."""
     unknown = [word for word in options.terms if word not in motion.terms]
     if unknown:
         known = ", ".join(motion.terms)

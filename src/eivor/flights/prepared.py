@@ -34,19 +34,11 @@ TOLD = 0.004
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """How far two measurements differ in one way.
-
-    Parameters
-    ----------
-    value, std_error : float
-        In the unit of its parameter; the error is the larger one of white residuals and cosine averages.
-    least : float
-        A smaller difference matters to nothing.
-    """
+    """How far two measurements differ in one way."""
 
     value: float
     std_error: float
-    least: float = 0.0
+    least: float = 0.0  # A smaller difference matters to nothing
 
     @property
     def p_value(self) -> float:
@@ -66,18 +58,7 @@ class Difference:
 
 @dataclass(frozen=True, slots=True)
 class SensorAgreement:
-    """In which ways two measurements of one response differ.
-
-    Parameters
-    ----------
-    differences : mapping of str to Difference
-        By the motion's names.
-    p_value : float
-        Of the test that they differ in no other way (over-identification).
-    either : mapping of str to Difference
-        Where the flight does not tell kinds apart: each that explains all of the difference, as large as it
-        is without the others.
-    """
+    """In which ways two measurements of one response differ."""
 
     differences: Mapping[str, Difference]
     p_value: float
@@ -103,21 +84,7 @@ class SensorAgreement:
 
 
 def sensor_agreement(problem: LaggedRuns | None, least: Mapping[str, float]) -> SensorAgreement | None:
-    """Estimate in which ways two measurements differ.
-
-    Parameters
-    ----------
-    problem : LaggedRuns or None
-        Their difference, one column for each kind of disagreement, and instruments; None where the log has
-        but one measurement.
-    least : mapping of str to float
-        The smallest difference of each kind that matters.
-
-    Returns
-    -------
-    SensorAgreement or None
-        None where the instruments tell nothing of it.
-    """
+    """Estimate in which ways two measurements differ."""
     if problem is None:
         return None
     try:
@@ -132,15 +99,7 @@ def sensor_agreement(problem: LaggedRuns | None, least: Mapping[str, float]) -> 
 
 @dataclass(frozen=True, slots=True)
 class Estimated:
-    """Coefficients of columns with their standard errors.
-
-    Parameters
-    ----------
-    differences : dict of str to Difference
-        By parameter.
-    none_p_value, p_value : float
-        Of the tests that all of them are zero, and that no other column is missing (over-identification).
-    """
+    """Coefficients of columns with their standard errors."""
 
     differences: dict[str, Difference]
     none_p_value: float
@@ -148,13 +107,7 @@ class Estimated:
 
 
 def estimated(problem: LaggedRuns, least: Mapping[str, float]) -> Estimated:
-    """Coefficients of a problem without nuisances, estimated and judged as disagreements are.
-
-    Raises
-    ------
-    EstimationError
-        When nothing is left of the difference to judge them by.
-    """
+    """Coefficients of a problem without nuisances, estimated and judged as disagreements are."""
     estimate = identify(problem, reference_iv())
     _, p_value = estimate.best.inference.over_identification
     parts = [
@@ -227,15 +180,7 @@ class InputFamily:
 
 @dataclass(frozen=True, slots=True)
 class Limit:
-    """Samples count only where a channel is within bounds.
-
-    Parameters
-    ----------
-    channel : str
-        Name.
-    low, high : float
-        Bounds, both included, in the channel's unit.
-    """
+    """Samples count only where a channel is within bounds."""
 
     channel: str
     low: float = -math.inf
@@ -388,19 +333,7 @@ def spread_alike(
     clocks: dict[str, CommandClock],
     grid: Grid,
 ) -> dict[str, Float[np.ndarray, " n"]]:
-    """Channels on a grid, commands and what was measured spread by each other's triangles.
-
-    Parameters
-    ----------
-    channels : dict of str to ndarray, shape (n,)
-        Of the selection, as lines between their stamps.
-    selected : Selection
-        Which are commands, and which were measured.
-    clocks : dict of str to CommandClock
-        Of the commands.
-    grid : Grid
-        Where they are known.
-    """
+    """Channels on a grid, commands and what was measured spread by each other's triangles."""
     measured = (*selected.states.values(), *selected.logged_responses)
     commanded_s = max((one.logged_s for one in clocks.values() if one.thinned), default=0.0)
     measured_s = max(1.0 / one.rate_hz for one in measured)
@@ -416,17 +349,7 @@ def spread_alike(
 
 
 def triangle_mean(values: Float[np.ndarray, " n"], grid: Grid, width_s: float) -> Float[np.ndarray, " n"]:
-    """Mean of a series around each sample, weighted by a triangle of so long a half.
-
-    Parameters
-    ----------
-    values : ndarray, shape (n,)
-        On the grid.
-    grid : Grid
-        Its pieces are taken each by itself.
-    width_s : float
-        From the triangle's tip to its end [s]; nothing changes for one up to the grid's step.
-    """
+    """Mean of a series around each sample, weighted by a triangle of so long a half."""
     reach = int(np.ceil(width_s / grid.step_s)) - 1
     if reach < 1:
         return values

@@ -19,46 +19,20 @@ from eivor.tools import Float
 
 @dataclass(frozen=True, slots=True)
 class Covariate:
-    """What a quantity goes with.
+    """What a quantity goes with."""
 
-    Parameters
-    ----------
-    name : str
-        Column of a fleet's table; its logarithm counts.
-    slope, uncertainty : float
-        The power of it that the quantity goes with, as far as that is known beforehand (one standard
-        deviation).
-    """
-
-    name: str
+    name: str  # Column of a fleet's table
     slope: float = 0.0
     uncertainty: float = math.inf
 
 
 @dataclass(frozen=True, slots=True)
 class AcrossFlights:
-    """A quantity that flights of one vehicle share but for chance.
-
-    Parameters
-    ----------
-    name : str
-        Of the quantity.
-    logarithm : bool
-        Compared as its logarithm: what changes it multiplies it, and it is positive.
-    covariates : tuple of Covariate
-        What it goes with.
-    largest : float
-        Bound of a quantity that is a share, such as 1: means and intervals are those of its logit,
-        log(x / (largest - x)), so that they stay between zero and the bound. It needs `logarithm`. A type
-        whose flights lie above it for the most part has another unit, and no bound.
-    told_by : tuple of str
-        Parameters by whose first-stage F a flight tells it: where its excitation cannot tell them it is left
-        out, and nowhere else, since leaving out by the value itself would bias the mean.
-    """
+    """A quantity that flights of one vehicle share but for chance."""
 
     name: str
     logarithm: bool = False
-    largest: float = math.inf
+    largest: float = math.inf  # Bound of a quantity that is a share, such as 1
     covariates: tuple[Covariate, ...] = ()
     told_by: tuple[str, ...] = ()
 
@@ -83,17 +57,7 @@ class Counts(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Allowance:
-    """What one systematic cause may do to a quantity.
-
-    Parameters
-    ----------
-    counts : Counts
-        How it counts.
-    below, above : float
-        How far the quantity may lie below and above what the data say, in its unit; not negative.
-    sentence : str
-        What it is for.
-    """
+    """What one systematic cause may do to a quantity."""
 
     counts: Counts
     below: float
@@ -126,15 +90,7 @@ def reserved(allowances: Iterable[Allowance]) -> float:
 
 
 def clock_allowance(slack_s: float) -> tuple[Allowance, ...]:
-    """What commands that may have been issued between those that are logged leave open of a lag.
-
-    A command that is late throughout is a shorter lag, and moves no other parameter.
-
-    Parameters
-    ----------
-    slack_s : float
-        What the command may be late or early by [s].
-    """
+    """What commands that may have been issued between those that are logged leave open of a lag."""
     if not slack_s:
         return ()
     sentence = (
@@ -149,21 +105,7 @@ def clock_allowance(slack_s: float) -> tuple[Allowance, ...]:
 
 @dataclass(frozen=True, slots=True)
 class Companion:
-    """A quantity of another motion of the same flight that belongs to a motion's result.
-
-    Parameters
-    ----------
-    motion, quantity : str
-        Names of that motion, and of its quantity.
-    called : str
-        Name of the quantity in this motion's results, which its wording has.
-    input : str
-        Channel, or family of channels, that drives it there.
-    input_map : str
-        Of that channel, unless a user names another.
-    needs : mapping of str to tuple of str
-        What must be logged, in words, and the channels of which one will do.
-    """
+    """A quantity of another motion of the same flight that belongs to a motion's result."""
 
     motion: str
     quantity: str
@@ -178,21 +120,11 @@ class Companion:
 
 @dataclass(frozen=True, slots=True)
 class Drawn:
-    """What a draw of flights says, before quantities are derived from it.
-
-    Parameters
-    ----------
-    parameters : mapping of str to float
-        Linear parameters.
-    at : mapping of str to float
-        Every nuisance.
-    sums : mapping of str to float
-        Those of `Motion.flight_sums` there, over the flights drawn.
-    """
+    """What a draw of flights says, before quantities are derived from it."""
 
     parameters: Mapping[str, float]
     at: Values
-    sums: Mapping[str, float]
+    sums: Mapping[str, float]  # Those of `Motion.flight_sums` there, over the flights drawn
 
 
 # -- Implied quantities --
@@ -200,23 +132,7 @@ class Drawn:
 
 @dataclass(frozen=True, slots=True)
 class Implied:
-    """One such number, or why it does not follow.
-
-    Parameters
-    ----------
-    name, words : str
-        For programs, and for people.
-    symbol, unit : str
-        Of the number.
-    value : float or None
-        None where it does not follow.
-    std_error : float or None
-        Of it.
-    interval : tuple of float or None
-        95 %, with the errors of what was supplied.
-    sentence : str
-        What it rests on; or what is missing, what there is in its place, and what to supply.
-    """
+    """One such number, or why it does not follow."""
 
     name: str
     words: str
@@ -230,15 +146,7 @@ class Implied:
 
 @dataclass(frozen=True, slots=True)
 class Implications:
-    """All of them.
-
-    Parameters
-    ----------
-    numbers : tuple of Implied
-        In the order in which they are shown; none for a motion that has nothing of the kind.
-    contradictions : tuple of str
-        Sentences about what cannot be, or does not fit what was supplied.
-    """
+    """All of them."""
 
     numbers: tuple[Implied, ...] = ()
     contradictions: tuple[str, ...] = ()
@@ -263,17 +171,7 @@ class Horizon(Enum):
 
 @dataclass(frozen=True)
 class Predicted:
-    """A measured quantity over the samples of all runs, run after run, and what given numbers say of it.
-
-    Parameters
-    ----------
-    horizon : Horizon
-        How far ahead it looks.
-    quantity, unit : str
-        What is measured, in words, and its unit as it is shown.
-    measured, predicted : ndarray, shape (samples,)
-        In that unit. What belongs to a run alone, its trim and its start, is fitted in both alike.
-    """
+    """A measured quantity over the samples of all runs, run after run, and what given numbers say of it."""
 
     horizon: Horizon
     quantity: str
@@ -284,18 +182,10 @@ class Predicted:
 
 @dataclass(frozen=True, slots=True)
 class SimpleModel:
-    """Numbers that a simpler way of looking at the same flight gives, to be held against an estimate.
-
-    Parameters
-    ----------
-    words : str
-        What it is.
-    values : mapping of str to float
-        Every linear parameter and every nuisance.
-    """
+    """Numbers that a simpler way of looking at the same flight gives, to be held against an estimate."""
 
     words: str
-    values: Mapping[str, float]
+    values: Mapping[str, float]  # Every linear parameter and every nuisance
 
 
 # -- Plot data --
@@ -363,27 +253,13 @@ class Panel:
 
 @dataclass(frozen=True)
 class Followed:
-    """A parameter that is followed over a flight, and the rows that tell it.
-
-    Parameters
-    ----------
-    name : str
-        The parameter, one of the problem's.
-    runs : LaggedRuns
-        Columns of the flight.
-    known : mapping of str to Prior
-        What is known of other parameters.
-    intercept : Prior or None
-        What is known of the response without any input and motion; None for nothing.
-    told : tuple of str
-        The same in sentences.
-    """
+    """A parameter that is followed over a flight, and the rows that tell it."""
 
     name: str
-    runs: LaggedRuns
+    runs: LaggedRuns  # Columns of the flight
     known: Mapping[str, Prior]
     intercept: Prior | None
-    told: tuple[str, ...]
+    told: tuple[str, ...]  # The same in sentences
 
 
 # -- Quantities without a lag --
@@ -393,15 +269,7 @@ NAME, WORDS = "least_squares", "no-lag least squares"
 
 
 def least_squares_without_lag(problem: LaggedRuns, at: Values) -> SimpleModel:
-    """Least squares of all rows in frequency with neither lag nor delay.
-
-    Parameters
-    ----------
-    problem : LaggedRuns
-        Of the flights.
-    at : mapping of str to float
-        Values of all nuisances, of which lag and delay count as zero.
-    """
+    """Least squares of all rows in frequency with neither lag nor delay."""
     without = {**at, ACTUATOR_LAG.name: 0.0, DELAY.name: 0.0}
     bins = problem.bins(without)
     rows = np.concatenate([bins.regressors.real, bins.regressors.imag])
@@ -532,15 +400,7 @@ class Wording:
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """Values of a quantity that takes only a few.
-
-    Parameters
-    ----------
-    fitting : tuple of float
-        Those that the data cannot tell from the best one.
-    tried : tuple of float
-        All.
-    """
+    """Values of a quantity that takes only a few."""
 
     fitting: tuple[float, ...]
     tried: tuple[float, ...]
@@ -616,17 +476,7 @@ class Unjudged:
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
-    """One result.
-
-    Parameters
-    ----------
-    value, unit, std_error, interval, choice, by_run, allowances
-        See `Unjudged`; the interval is cut where the quantity cannot be.
-    verdict : Status
-        How far it may be trusted.
-    reasons : tuple of Reason
-        Why no further, worst first.
-    """
+    """One result."""
 
     value: float
     unit: str
@@ -635,7 +485,7 @@ class Quantity:
     verdict: Status
     choice: Choice | None = None
     by_run: tuple[float, ...] = ()
-    reasons: tuple[Reason, ...] = ()
+    reasons: tuple[Reason, ...] = ()  # Why no further, worst first
     allowances: tuple[Allowance, ...] = ()
 
     @property

@@ -29,23 +29,9 @@ Declared = float | DataSheet
 
 @dataclass(frozen=True, slots=True)
 class NoiseLevel:
-    """Noise of one channel.
+    """Noise of one channel."""
 
-    Parameters
-    ----------
-    std : float
-        Standard deviation on the grid, in the channel's unit.
-    logged_std : float
-        Of a sample as logged.
-    unit : str
-        The channel's.
-    source : str
-        Where it is from, in words; empty for what nothing is declared of, which is read off the grid.
-    density : float
-        Amplitude density at frequencies far below the rate of the log, in the channel's unit per root of Hz.
-    """
-
-    std: float
+    std: float  # Standard deviation on the grid, in the channel's unit
     logged_std: float
     unit: str
     source: str = ""
@@ -65,26 +51,7 @@ def noise_levels(
     on: tuple[Grid, Bool[np.ndarray, " n"], Mapping[str, Float[np.ndarray, " n"]]],
     between: Callable[[Channel], Between],
 ) -> dict[str, NoiseLevel]:
-    """Noise of each channel that was measured.
-
-    Parameters
-    ----------
-    log : Recording
-        Whose channel map may have noises.
-    channels : iterable of Channel
-        What was measured, or drives the vehicle.
-    noise : mapping, or str, or None
-        See `FlightOptions.noise`.
-    on : tuple
-        The grid, the samples of it that are used, and the channels' values on it.
-    between : callable
-        Gives what a channel was between its stamps.
-
-    Raises
-    ------
-    UsageError
-        When a noise is declared of a channel that is not there.
-    """
+    """Noise of each channel that was measured."""
     measured = {channel.name: channel for channel in channels}
     declared = _by_channel(log, measured, {} if noise is None or isinstance(noise, str) else noise)
     grid, used, values = on
@@ -143,10 +110,7 @@ def _read_off(channel: Channel, grid: Grid, used: Bool[np.ndarray, " n"]) -> flo
 def share_left(
     channel: Channel, grid: Grid, used: Bool[np.ndarray, " n"], between: Between = line_between
 ) -> float:
-    """Variance on the grid of noise that is white from stamp to stamp, over its variance there.
-
-    Combs of ones, so far apart that no sample of the grid sees two, give the weights of all stamps.
-    """
+    """Variance on the grid of noise that is white from stamp to stamp, over its variance there."""
     if not used.any():
         return 1.0
     apart = math.ceil(grid.step_s * channel.rate_hz) + 3
@@ -163,22 +127,7 @@ def share_left(
 def check_declared(
     levels: Sequence[Mapping[str, NoiseLevel]], needed: Sequence[Sequence[str]], method: str
 ) -> None:
-    """Refuse to estimate with noises that nothing is declared of.
-
-    Parameters
-    ----------
-    levels : sequence of mapping of str to NoiseLevel
-        By flight and channel.
-    needed : sequence of sequence of str
-        Channels of each flight whose noise the method takes out.
-    method : str
-        Its name.
-
-    Raises
-    ------
-    MissingNoiseError
-        With what to say.
-    """
+    """Refuse to estimate with noises that nothing is declared of."""
     missing = {
         name: own[name].unit if name in own else ""
         for own, names in zip(levels, needed, strict=True)
@@ -203,13 +152,7 @@ def noise_findings(levels: Mapping[str, NoiseLevel]) -> list[Finding]:
 
 
 def check_noise(noise: object) -> None:
-    """Refuse what declares no noise.
-
-    Raises
-    ------
-    UsageError
-        With what came instead.
-    """
+    """Refuse what declares no noise."""
     if noise is None or (isinstance(noise, str) and noise == ESTIMATE):
         return
     if not isinstance(noise, Mapping):
@@ -279,21 +222,7 @@ class ReferenceSource:
 
 @dataclass(frozen=True, slots=True)
 class Reference:
-    """One candidate instrument.
-
-    Parameters
-    ----------
-    name : str
-        Channel.
-    usable : bool
-        It may serve as an instrument.
-    exogenous : bool
-        It does not answer the vehicle.
-    remark : str
-        Why not, or how much it moves.
-    values : ndarray, shape (n,)
-        On the flight's grid, filled where it is not in force.
-    """
+    """One candidate instrument."""
 
     name: str
     usable: bool
@@ -370,10 +299,7 @@ def _reference(
 
 
 def jumps(channel: Channel, grid: Grid, used: Bool[np.ndarray, " n"]) -> bool:
-    """Whether a channel jumps, or has a kink, between two of its stamps within the samples `used`.
-
-    Stamps may be uneven, or err: what is smooth against stamps, or against the samples' numbers, is smooth.
-    """
+    """Whether a channel jumps, or has a kink, between two of its stamps within the samples `used`."""
     if channel.values.size < FEWEST_VALUES:
         return False
     times = grid.time_s
@@ -396,10 +322,7 @@ def _jumps(at: Float[np.ndarray, " n"], values: Float[np.ndarray, " n"]) -> bool
 def _bends(
     at: Float[np.ndarray, " n"], values: Float[np.ndarray, " n"], samples: int
 ) -> Float[np.ndarray, " m"]:
-    """Distances of values from the line between those so many samples before and after them, where known.
-
-    Of uneven stamps each is that of even ones: for a second derivative a it is a (samples h)^2 / 2.
-    """
+    """Distances of values from the line between those so many samples before and after them, where known."""
     before, middle, after = at[: -2 * samples], at[samples:-samples], at[2 * samples :]
     share = (middle - before) / (after - before)
     line = (1.0 - share) * values[: -2 * samples] + share * values[2 * samples :]
@@ -433,12 +356,6 @@ def exogenous(name: str) -> bool:
 
 
 def named_reference(recording: Recording, name: str, grid: Grid) -> Reference:
-    """Any channel, taken as an instrument at the user's word.
-
-    Raises
-    ------
-    MissingChannelError
-        When the log does not have it.
-    """
+    """Any channel, taken as an instrument at the user's word."""
     values, _ = on_grid(recording.channel(name), grid)
     return Reference(name, usable=True, exogenous=exogenous(name), remark="named by the user", values=values)

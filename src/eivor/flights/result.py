@@ -153,31 +153,9 @@ def flight_diagnostics(prepared: tuple[PreparedFlight, ...]) -> dict[str, float]
 
 @dataclass(frozen=True)
 class FitDiagnostics:
-    """Diagnostics of a flight's estimate: what reports, documents and verdicts read alike.
+    """Diagnostics of a flight's estimate: what reports, documents and verdicts read alike."""
 
-    Parameters
-    ----------
-    first_stage : mapping of str to float
-        Conditional first-stage F of each joint parameter; NaN without instruments.
-    rank : int
-        Independent instruments; 0 without.
-    agreement : OverIdentification or None
-        Whether the instruments agree; None without any.
-    endogeneity : Endogeneity or None
-        Least squares beside the estimate.
-    constancy : Constancy or None
-        Whether the parameters stay the same.
-    periodicity : Periodicity or None
-        Whether the parameters, or the residual of each axis in time, swing; None for several flights.
-    leverage : SegmentLeverage or None
-        Of every run where there are three or more, else of tenths.
-    memory : ResidualMemory or None
-        Of the residual in time, before any whitening.
-    residual_variance, condition, durbin_watson, r_squared : float
-        Of the weighted rows, of the equations, and of the residual in time.
-    """
-
-    first_stage: Mapping[str, float]
+    first_stage: Mapping[str, float]  # Conditional first-stage F of each joint parameter
     rank: int
     agreement: OverIdentification | None
     endogeneity: Endogeneity | None
@@ -362,23 +340,11 @@ def _saturation(flight: PreparedFlight, prefix: str) -> list[Finding]:
 
 @dataclass(frozen=True, slots=True)
 class FlightRow:
-    """One flight's result beside that of a pool, or one method's beside the chosen one.
+    """One flight's result beside that of a pool, or one method's beside the chosen one."""
 
-    Parameters
-    ----------
-    label : str
-        Log or method.
-    verdict : Status
-        Overall verdict.
-    quantities : mapping of str to Quantity
-        The motion's `rows`, or all; empty when nothing was estimated.
-    reasons : tuple of str
-        Sentences.
-    """
-
-    label: str
+    label: str  # Log or method
     verdict: Status
-    quantities: Mapping[str, Quantity]
+    quantities: Mapping[str, Quantity]  # The motion's `rows`, or all
     reasons: tuple[str, ...]
 
 
@@ -390,15 +356,7 @@ def pooled_traces(motion: Motion[Any], pool: Pooled) -> tuple[Trace, ...]:
 
 @dataclass(frozen=True)
 class Unaided:
-    """What flights tell by themselves, without what was given beside them.
-
-    Parameters
-    ----------
-    problem : SeparableProblem
-        Of all flights that have runs.
-    estimate : Estimate
-        Its solution.
-    """
+    """What flights tell by themselves, without what was given beside them."""
 
     problem: SeparableProblem
     estimate: Estimate

@@ -30,15 +30,7 @@ MOST_INSTANTS = 20 * MOST_BEATING_STAMPS
 
 
 def beating_step(time_s: Float[np.ndarray, " n"], shortest_s: float) -> float | None:
-    """Time between two commands h_c [s] that jittering stamps beat with; None where they do not.
-
-    Parameters
-    ----------
-    time_s : ndarray, shape (n,)
-        Stamps [s], increasing.
-    shortest_s : float
-        No controller is quicker [s].
-    """
+    """Time between two commands h_c [s] that jittering stamps beat with; None where they do not."""
     if time_s.size < FEWEST_STAMPS:
         return None
     number = _even_instants(time_s[:MOST_BEATING_STAMPS])
@@ -194,22 +186,10 @@ MORE_OFTEN = 0.7
 
 @dataclass(frozen=True, slots=True)
 class CommandClock:
-    """When a command was logged and when it was issued.
-
-    Parameters
-    ----------
-    logged_s : float
-        Median distance of its stamps h_l [s].
-    issued_s : float
-        Time between two commands h_c that is assumed [s]: `logged_s` for a log that holds every command.
-    told : bool
-        The log tells it; else it lies between zero and the longest that it can be, of which half is assumed.
-    looked : bool
-        The log holds what was in force when the logger looked, which may have been issued some time before.
-    """
+    """When a command was logged and when it was issued."""
 
     logged_s: float
-    issued_s: float
+    issued_s: float  # Time between two commands h_c that is assumed [s]
     told: bool = True
     looked: bool = False
 
@@ -250,17 +230,7 @@ class CommandClock:
 
 @dataclass(frozen=True, slots=True)
 class _Witness:
-    """What another channel tells of a command's clock.
-
-    Parameters
-    ----------
-    told : tuple of float
-        See `told_of_stamps`.
-    step_s : float
-        Median distance of its stamps [s], infinite where it has none.
-    sampled_with_it : bool
-        It is sampled, and has the command's stamps.
-    """
+    """What another channel tells of a command's clock."""
 
     told: tuple[float, float]
     step_s: float
@@ -278,17 +248,7 @@ class _Witness:
 def command_clock(
     command: Channel, others: Iterable[Channel], issued_within_s: float = np.inf
 ) -> CommandClock:
-    """Read a held command's clock off its stamps, and the rates of other channels.
-
-    Parameters
-    ----------
-    command : Channel
-        With two samples or more.
-    others : iterable of Channel
-        What else was logged of the flight; looked at once, one after the other.
-    issued_within_s : float
-        The longest that the next command can be waited for [s], where stamps do not tell.
-    """
+    """Read a held command's clock off its stamps, and the rates of other channels."""
     steps = np.diff(command.time_s)
     logged = float(np.median(steps))
     finer = finer_step(command.time_s)
@@ -332,14 +292,7 @@ def _repeats(command: Channel) -> bool:
 
 
 def finer_step(time_s: Float[np.ndarray, " n"]) -> float | None:
-    """Largest step of which distances of stamps are multiples, and not the usual distance; None without.
-
-    Notes
-    -----
-    The usual distance is a multiple of it, so that only its parts are tried: h = usual / k. Distances d lie
-    on the circle of a step at the angles 2 pi d / h, which are zero where it is theirs, and jitter about zero
-    where stamps do. Only those that are no multiples of the usual distance tell that the step is finer.
-    """
+    """Largest step of which distances of stamps are multiples, and not the usual distance; None without."""
     distances = np.diff(time_s[:MOST_COMMAND_STAMPS])
     if not distances.size:
         return None
@@ -371,10 +324,7 @@ def _rounded(time_s: Float[np.ndarray, " n"], step: float) -> bool:
 
 
 def as_issued(command: Channel, clock: CommandClock) -> Channel:
-    """Return the command with what was issued between its stamps: the line between them, held h_c at a time.
-
-    Gaps, and what lies beside missing values, stay as they are.
-    """
+    """Return the command with what was issued between its stamps."""
     time, values = command.time_s, command.values
     distances = np.diff(time)
     parts = np.maximum(np.rint(distances / clock.issued_s), 1.0).astype(np.int64)
@@ -404,13 +354,7 @@ ADDED_UP = 1.15
 
 
 def with_even_stamps(log: Recording) -> tuple[Recording, tuple[Finding, ...]]:
-    """Log with stamps that err evened, and a finding that says so; the same log where none is known to err.
-
-    Parameters
-    ----------
-    log : Recording
-        With channels that are smooth between their samples.
-    """
+    """Log with stamps that err evened, and a finding that says so."""
     doubtful = {name: one for name, one in log.channels.items() if uneven(one)}
     if stamps_are_true([one for one in doubtful.values() if not one.held]) is not False:
         return log, ()
@@ -434,13 +378,7 @@ def with_even_stamps(log: Recording) -> tuple[Recording, tuple[Finding, ...]]:
 
 
 def even_stamps(time_s: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"] | None:
-    """Stamps of an even clock with their errors averaged out; None where their errors add up.
-
-    Parameters
-    ----------
-    time_s : ndarray, shape (n,)
-        Increasing stamps [s].
-    """
+    """Stamps of an even clock with their errors averaged out; None where their errors add up."""
     distances = np.diff(time_s)
     longest_s = UNEVEN_PAUSE * float(np.median(distances))
     unbroken = np.cumsum(np.concatenate([[0], distances > longest_s]))

@@ -28,24 +28,12 @@ DETECTOR = ChangeDetector(held_looks=1)
 
 @dataclass(frozen=True, slots=True)
 class Moment:
-    """What is said of the parameter at one time.
+    """What is said of the parameter at one time."""
 
-    Parameters
-    ----------
-    time_s : float
-        On the log's clock [s].
-    value, half_width : float
-        With 95 %.
-    share : float
-        Part of the memory that holds samples that count.
-    change : int
-        1 where it grew all at once, -1 where it fell, 0 for neither.
-    """
-
-    time_s: float
+    time_s: float  # On the log's clock [s]
     value: float
     half_width: float
-    share: float
+    share: float  # Part of the memory that holds samples that count
     change: int = 0
 
     @property
@@ -56,30 +44,14 @@ class Moment:
 
 @dataclass(frozen=True)
 class Track:
-    """A parameter over a flight.
-
-    Parameters
-    ----------
-    result : FlightEstimate
-        Of the flight as a whole, which tells the lag.
-    name, unit : str
-        The parameter.
-    memory_s : float
-        Sum of the weights of the time before [s].
-    at : mapping of str to float
-        Nuisances, such as the lag, at which it was followed.
-    moments : tuple of Moment
-        An eighth of the memory apart, in order.
-    known : tuple of str
-        Sentences about what was taken as known.
-    """
+    """A parameter over a flight."""
 
     result: FlightEstimate
     name: str
     unit: str
-    memory_s: float
+    memory_s: float  # Sum of the weights of the time before [s]
     at: Values
-    moments: tuple[Moment, ...]
+    moments: tuple[Moment, ...]  # An eighth of the memory apart, in order
     known: tuple[str, ...]
 
     @property
@@ -94,20 +66,7 @@ class Track:
 
 
 def track(result: FlightEstimate, memory_s: float | None = None) -> Track:
-    """Follow a parameter over a flight that was identified.
-
-    Parameters
-    ----------
-    result : FlightEstimate
-        Of one flight, identified or not.
-    memory_s : float, optional
-        Sum of the weights of the time before [s]. Default: 5 s, or the length of a flight that is shorter.
-
-    Raises
-    ------
-    UsageError
-        When the motion has nothing to follow, there are several flights, or the memory does not fit.
-    """
+    """Follow a parameter over a flight that was identified."""
     checks.kind("result", result, FlightEstimate, "a FlightEstimate", "Identify the flight first.")
     if memory_s is not None:
         checks.number("memory_s", memory_s)

@@ -79,17 +79,7 @@ def untold(name: str, strength: Strength) -> bool:
 
 
 def unbounded_reasons(quantity: Unjudged, words: str, others: Sequence[Reason]) -> list[Reason]:
-    """Ground against a number whose interval has no end, where no other ground refuses it.
-
-    Parameters
-    ----------
-    quantity : Unjudged
-        The number.
-    words : str
-        What it is called.
-    others : sequence of Reason
-        The motion's own grounds.
-    """
+    """Ground against a number whose interval has no end, where no other ground refuses it."""
     if any(reason.status is Status.REFUSED for reason in others) or not any(
         math.isinf(end) for end in quantity.interval
     ):

@@ -36,16 +36,7 @@ SMALLEST_SHARE = 1e-13
 
 @dataclass(frozen=True)
 class LinearScores:
-    """Sums and cosine averages of scores that are linear in (1; -theta).
-
-    Parameters
-    ----------
-    total : ndarray, shape (p, n + 1)
-        G: sums over the rows, the constants of compensated equations among them.
-    cosines : ndarray, shape (B, p, n + 1)
-        L_j = sqrt(2 samples) times the mean of the scores times cos(pi j (t - 1/2) / samples): their
-        mean square estimates the covariance of the sum.
-    """
+    """Sums and cosine averages of scores that are linear in (1; -theta)."""
 
     total: Float[np.ndarray, "p n_plus_1"]
     cosines: Float[np.ndarray, "averages p n_plus_1"]
@@ -58,13 +49,7 @@ class LinearScores:
 
 
 def averages_for(samples: int, equations: int) -> int:
-    """Number of cosine averages B for so many samples and equations.
-
-    Raises
-    ------
-    TooFewSamplesError
-        When there are fewer than four samples for each average.
-    """
+    """Number of cosine averages B for so many samples and equations."""
     averages = max(round(AVERAGES_RATE * samples ** (2.0 / 3.0)), AVERAGES_PER_EQUATION * equations)
     if 4 * averages > samples:
         raise TooFewSamplesError(
@@ -77,18 +62,10 @@ def averages_for(samples: int, equations: int) -> int:
 
 @dataclass(frozen=True)
 class RobustShape(RegionShape):
-    """Region of the autocorrelation-robust test, in coordinates in which V is the identity at the pivot.
-
-    Parameters
-    ----------
-    scores : LinearScores
-        In these coordinates; signs such that (1; theta) multiplies it.
-    critical : float
-        Value that AR must not exceed.
-    """
+    """Region of the autocorrelation-robust test, in coordinates in which V is the identity at the pivot."""
 
     scores: LinearScores
-    critical: float
+    critical: float  # Value that AR must not exceed
 
     @property
     def unknowns(self) -> int:
@@ -115,10 +92,7 @@ class RobustShape(RegionShape):
     def along(
         self, base: Float[np.ndarray, " n_plus_1"], step: Float[np.ndarray, " n_plus_1"]
     ) -> ConfidenceSet:
-        """Members on a line: AR = c where the matrix polynomial c V(s) - g(s) g(s)' is singular.
-
-        Its 2p eigenvalues hold every end there is; between them one point each decides.
-        """
+        """Members on a line: AR = c where the matrix polynomial c V(s) - g(s) g(s)' is singular."""
         b, d = self.scores.total @ base, self.scores.total @ step
         c = self.critical
         M0 = c * self._between(base, base) - np.outer(b, b)
@@ -142,21 +116,11 @@ class RobustShape(RegionShape):
 
 @dataclass(frozen=True)
 class HomoskedasticShape(RegionShape):
-    """Region of the classical test, a quadratic inequality.
-
-    Parameters
-    ----------
-    explained, unexplained : ndarray, shape (n + 1, n + 1)
-        Z'P Z and Z'(I - P)Z in coordinates in which (1; theta) multiplies them.
-    critical : float
-        Ratio that they must not exceed for the joint region.
-    shadow_critical : float
-        The same for one parameter with the others concentrated out.
-    """
+    """Region of the classical test, a quadratic inequality."""
 
     explained: Float[np.ndarray, "m m"]
     unexplained: Float[np.ndarray, "m m"]
-    critical: float
+    critical: float  # Ratio that they must not exceed for the joint region
     shadow_critical: float
 
     @property
@@ -196,22 +160,7 @@ class HomoskedasticShape(RegionShape):
 
 
 def robust_region(names: tuple[str, ...], scores: LinearScores, level: float) -> ConfidenceRegion:
-    """Autocorrelation-robust region.
-
-    Parameters
-    ----------
-    names : tuple of str
-        Parameters.
-    scores : LinearScores
-        Of (1; -theta); the equations must be independent.
-    level : float
-        Confidence level.
-
-    Raises
-    ------
-    CollinearError
-        When the errors do not vary, or the scores of some equations are always the same.
-    """
+    """Autocorrelation-robust region."""
     p, averages = scores.total.shape[0], scores.cosines.shape[0]
     pivot = _weighted_solution(scores.total, np.eye(p))
     root = np.eye(p)
@@ -234,34 +183,7 @@ def homoskedastic_region(
     level: float,
     partialled: int = 0,
 ) -> ConfidenceRegion:
-    """Classical region.
-
-    Parameters
-    ----------
-    names : tuple of str
-        Parameters.
-    instruments : ndarray, shape (rows, p)
-        Independent columns.
-    columns : ndarray, shape (rows, n + 1)
-        [y Phi].
-    level : float
-        Confidence level.
-    partialled : int
-        Number of exogenous regressors that instruments and columns were freed of.
-
-    Notes
-    -----
-    One parameter among n has p - n + 1 numerator degrees of freedom instead of p: with the others
-    concentrated out the statistic is no larger than in the strongly identified case (Guggenberger,
-    Kleibergen, Mavroeidis and Chen 2012; in large samples).
-
-    Raises
-    ------
-    TooFewSamplesError
-        When there are no more rows than instruments.
-    CollinearError
-        When nothing is left unexplained.
-    """
+    """Classical region."""
     rows, p = instruments.shape
     n = columns.shape[1] - 1
     Q = np.linalg.qr(instruments)[0]
@@ -330,13 +252,7 @@ def _standard_errors(
 
 
 def _triangular_root(rows: Float[np.ndarray, "averages p"]) -> Float[np.ndarray, "p p"]:
-    """Lower triangular L with L L' = rows' rows, by QR.
-
-    Raises
-    ------
-    CollinearError
-        When there is none of full rank.
-    """
+    """Lower triangular L with L L' = rows' rows, by QR."""
     root: Float[np.ndarray, "p p"] = np.asarray(np.linalg.qr(rows, mode="r")).T
     lengths = np.linalg.norm(root, axis=1)
     if not lengths.all() or (np.abs(np.diag(root)) < 1e-10 * lengths).any():
@@ -373,13 +289,7 @@ def _no_error() -> CollinearError:
 
 
 def least_ratio(N: Float[np.ndarray, "k m m"], D: Float[np.ndarray, "k m m"]) -> Float[np.ndarray, " k"]:
-    """Least J over all parameters.
-
-    Raises
-    ------
-    LinAlgError
-        When a D is not positive definite: columns are collinear, or nothing is left of the response.
-    """
+    """Least J over all parameters."""
     root = np.linalg.cholesky(D)
     half = np.linalg.solve(root, N)
     return np.asarray(np.linalg.eigvalsh(np.linalg.solve(root, half.transpose(0, 2, 1)))[:, 0])
@@ -387,15 +297,7 @@ def least_ratio(N: Float[np.ndarray, "k m m"], D: Float[np.ndarray, "k m m"]) ->
 
 @dataclass(frozen=True)
 class Allowed:
-    """For each pair of forms the values that stay below its bound.
-
-    Parameters
-    ----------
-    low, high : ndarray, shape (k,)
-        Ends; NaN where no value does, infinite where all do.
-    outside : ndarray of bool, shape (k,)
-        Whether it is what lies not between but beyond the ends.
-    """
+    """For each pair of forms the values that stay below its bound."""
 
     low: Float[np.ndarray, " k"]
     high: Float[np.ndarray, " k"]
@@ -467,21 +369,11 @@ ROUNDING = 1e-13
 
 @dataclass(frozen=True)
 class SignPerturbedShape(RegionShape):
-    """Region of the rank of the unperturbed sum.
+    """Region of the rank of the unperturbed sum."""
 
-    Parameters
-    ----------
-    sums : ndarray, shape (m, p, n + 1)
-        S_i as matrices that multiply x, shaped; the first one has no signs.
-    excluded : int
-        q.
-    order : ndarray of int, shape (m,)
-        Random order by which ties are broken: of equal lengths the one with the larger number is longer.
-    """
-
-    sums: Float[np.ndarray, "m p n_plus_1"]
+    sums: Float[np.ndarray, "m p n_plus_1"]  # S_i as matrices that multiply x, shaped
     excluded: int
-    order: Int[np.ndarray, " m"]
+    order: Int[np.ndarray, " m"]  # Random order by which ties are broken
 
     @property
     def unknowns(self) -> int:
@@ -549,13 +441,7 @@ class SignPerturbedShape(RegionShape):
 
 
 def excluded_sums(level: float, sums: int) -> int:
-    """Return q such that 1 - q/m is the level.
-
-    Raises
-    ------
-    ParameterError
-        When no whole number is: the coverage would not be the level.
-    """
+    """Return q such that 1 - q/m is the level."""
     excluded = (1 - Fraction(level).limit_denominator(10**6)) * sums
     if not (0.0 < level < 1.0 and excluded.denominator == 1 and 1 <= excluded < sums):
         raise ParameterError(
@@ -575,34 +461,7 @@ def sign_perturbed_region(
     level: float,
     sums: int,
 ) -> ConfidenceRegion:
-    """Region by sign perturbation.
-
-    Parameters
-    ----------
-    names : tuple of str
-        Parameters.
-    instruments : ndarray, shape (rows, p)
-        Independent columns.
-    columns : ndarray, shape (rows, n + 1)
-        [y Phi].
-    rng : numpy.random.Generator
-        Draws signs and the order of ties.
-    level : float
-        Coverage.
-    sums : int
-        m.
-
-    Raises
-    ------
-    CollinearError
-        When an instrument is a combination of others.
-    ParameterError
-        When level and number of sums do not fit.
-
-    Notes
-    -----
-    O(rows m p n) once; a point then costs O(m p n), a line O(m^2 p n).
-    """
+    """Region by sign perturbation."""
     excluded = excluded_sums(level, sums)
     rows, p = instruments.shape
     root = np.asarray(np.linalg.qr(instruments, mode="r")).T

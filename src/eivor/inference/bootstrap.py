@@ -37,23 +37,11 @@ class BlockScheme(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class BlockPlan:
-    """Rows in atoms, and atoms in blocks.
-
-    Parameters
-    ----------
-    rows : int
-        Rows of the record.
-    blocks : int
-        Blocks of a replicate.
-    steps : int
-        Atoms of a block.
-    scheme : BlockScheme
-        How they are drawn.
-    """
+    """Rows in atoms, and atoms in blocks."""
 
     rows: int
     blocks: int
-    steps: int
+    steps: int  # Atoms of a block
     scheme: BlockScheme = BlockScheme.CIRCULAR
 
     @property
@@ -100,21 +88,7 @@ class BlockPlan:
 
 
 def block_plan(rows: int, length: float, scheme: BlockScheme = BlockScheme.CIRCULAR) -> BlockPlan:
-    """Plan with blocks of about `length` rows, so many that they fill the record.
-
-    Parameters
-    ----------
-    rows : int
-        Rows of the record.
-    length : float
-        Rows of a block, from 1 to `rows`. The plan's own is the nearest that divides the record.
-    scheme : BlockScheme
-        How blocks are drawn.
-
-    Notes
-    -----
-    Performs no checks.
-    """
+    """Plan with blocks of about `length` rows, so many that they fill the record."""
     blocks = min(max(round(rows / length), 1), rows)
     steps = min(rows // blocks, max(STEPS_PER_BLOCK, FINEST_ATOMS // blocks))
     return BlockPlan(rows, blocks, steps, scheme)
@@ -123,27 +97,7 @@ def block_plan(rows: int, length: float, scheme: BlockScheme = BlockScheme.CIRCU
 def automatic_block_length(
     series: Float[np.ndarray, "rows n"], scheme: BlockScheme = BlockScheme.CIRCULAR
 ) -> float:
-    """Block length that makes the variance of a mean most accurate, for the most persistent series.
-
-    Parameters
-    ----------
-    series : ndarray, shape (rows, n)
-        Series whose means matter: an estimate's influence of each row.
-    scheme : BlockScheme
-        How blocks will be drawn.
-
-    Returns
-    -------
-    float
-        ``(2 G^2 / D)^(1/3) N^(1/3)`` of Politis and White (2004, with the correction of Patton, Politis
-        and White 2009), between 1 and min(3 sqrt(N), N/3); the longest over the columns.
-
-    Notes
-    -----
-    G = sum |k| R_k and g = sum R_k, with a flat-top window up to twice the lag after which
-    autocorrelations are negligible; D = 4/3 g^2 for blocks of one length and 2 g^2 for random ones.
-    One FFT for each column. Performs no checks.
-    """
+    """Block length that makes the variance of a mean most accurate, for the most persistent series."""
     rows = series.shape[0]
     longest = min(3.0 * math.sqrt(rows), rows / 3.0)
     centred = series - series.mean(axis=0)
@@ -195,19 +149,7 @@ def autocovariance(series: Float[np.ndarray, " rows"], lags: int) -> Float[np.nd
 def piece_sums(
     atom_sums: Float[np.ndarray, "atoms *columns"], plan: BlockPlan
 ) -> Float[np.ndarray, "pieces *columns"]:
-    """Sums over the atoms of each piece.
-
-    Parameters
-    ----------
-    atom_sums : ndarray, shape (atoms, ...)
-        Sums over each atom.
-    plan : BlockPlan
-        Which atoms a piece has.
-
-    Notes
-    -----
-    Atoms are added one by one: no difference of long sums loses digits. O(atoms columns steps).
-    """
+    """Sums over the atoms of each piece."""
     wrapped = np.concatenate([atom_sums, atom_sums[: plan.span - 1]])
     total = wrapped[: plan.pieces].copy()
     for step in range(1, plan.span):
@@ -219,13 +161,7 @@ def piece_sums(
 
 
 def check_draws(runs: object, seed: object) -> None:
-    """Refuse fewer replicates than two, and a seed that is none.
-
-    Raises
-    ------
-    UsageError
-        With what came instead.
-    """
+    """Refuse fewer replicates than two, and a seed that is none."""
     checks.whole("runs", runs)
     if isinstance(runs, int | np.integer) and runs < 2:
         raise UsageError("two runs or more", f"runs={runs}", "A thousand are usual.")
@@ -372,13 +308,7 @@ class Bootstrap:
 
 
 def _quantiles(values: Float[np.ndarray, " runs"], level: float) -> tuple[float, float]:
-    """Order statistics (R + 1) p of R runs: another replicate is below the p-quantile with probability p.
-
-    Raises
-    ------
-    UsageError
-        When R is too small for such an order statistic to be there.
-    """
+    """Order statistics (R + 1) p of R runs: another replicate is below the p-quantile with probability p."""
     needed = math.ceil(2.0 / (1.0 - level) * (1.0 - 1e-12)) - 1
     if values.size < needed:
         raise UsageError(

@@ -268,19 +268,7 @@ def profile_interval(
     covariance: Float[np.ndarray, "n n"],
     half_widths: float,
 ) -> tuple[float, float]:
-    """Least and greatest value of a function over the ellipsoid of `half_widths` standard errors.
-
-    Parameters
-    ----------
-    function : callable
-        Of the vector of estimates; finite and smooth over the ellipsoid.
-    values : ndarray, shape (n,)
-        Estimates.
-    covariance : ndarray, shape (n, n)
-        Their covariance.
-    half_widths : float
-        t.
-    """
+    """Least and greatest value of a function over the ellipsoid of `half_widths` standard errors."""
     from scipy.optimize import minimize
 
     L = principal_axes(covariance, half_widths)

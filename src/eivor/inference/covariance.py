@@ -38,25 +38,12 @@ LARGEST_VARIANCE = 1e250
 
 @dataclass(frozen=True)
 class CovariancePart:
-    """Covariance under one assumption on the residual, and what its intervals are read from.
-
-    Parameters
-    ----------
-    name : str
-        Of the assumption: "classical", "equal_weighted_cosines", ...
-    matrix : ndarray, shape (n, n)
-        Covariance of the estimates.
-    degrees : float
-        Degrees of freedom of Student's t; infinite for the normal distribution.
-    share : float
-        Share of the variance that the estimator is expected to see. Below one for kernels, which are
-        made of centred scores: fixed-b critical values allow for it.
-    """
+    """Covariance under one assumption on the residual, and what its intervals are read from."""
 
     name: str
-    matrix: Float[np.ndarray, "n n"]
-    degrees: float = math.inf
-    share: float = 1.0
+    matrix: Float[np.ndarray, "n n"]  # Covariance of the estimates
+    degrees: float = math.inf  # Degrees of freedom of Student's t
+    share: float = 1.0  # Share of the variance that the estimator is expected to see
 
     def variance(self, direction: Float[np.ndarray, " n"]) -> float:
         """Variance of ``direction @ estimates``."""
@@ -74,13 +61,7 @@ class CovariancePart:
 
 @dataclass(frozen=True)
 class JointCovariance:
-    """Covariances of one vector of estimates; intervals are the widest that one of them asks for.
-
-    Parameters
-    ----------
-    parts : tuple of CovariancePart
-        One or more, the leading one first.
-    """
+    """Covariances of one vector of estimates; intervals are the widest that one of them asks for."""
 
     parts: tuple[CovariancePart, ...]
 
@@ -90,13 +71,7 @@ class JointCovariance:
         return JointCovariance(tuple(replace(part, matrix=part.matrix + square) for part in self.parts))
 
     def part(self, name: str) -> CovariancePart:
-        """Part of that name.
-
-        Raises
-        ------
-        UsageError
-            When there is none.
-        """
+        """Part of that name."""
         for one in self.parts:
             if one.name == name:
                 return one
@@ -110,17 +85,7 @@ class JointCovariance:
     def half_width(
         self, direction: Float[np.ndarray, " n"], level: float = 0.95, extra_variance: float = 0.0
     ) -> float:
-        """Half-width of the interval for ``direction @ estimates``: the widest of the parts'.
-
-        Parameters
-        ----------
-        direction : ndarray, shape (n,)
-            Gradient of the quantity.
-        level : float
-            Confidence level.
-        extra_variance : float
-            Variance to add that does not come from the estimates.
-        """
+        """Half-width of the interval for ``direction @ estimates``: the widest of the parts'."""
         return max(part.half_width(direction, level, extra_variance) for part in self.parts)
 
     @property
@@ -134,15 +99,7 @@ class JointCovariance:
 
 
 def sandwich(M: Float[np.ndarray, "n n"], meat: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "n n"]:
-    """M^-1 meat M^-T without an explicit inverse.
-
-    A sensitivity that is singular but for rounding gives the huge variances that it deserves.
-
-    Raises
-    ------
-    CollinearError
-        When the sensitivity is singular altogether, or so nearly that variances are no numbers.
-    """
+    """M^-1 meat M^-T without an explicit inverse."""
     # units apart by many powers of ten (a gain per squared rotor speed) must not pass for collinearity
     columns = unit_scale(np.einsum("ij,ij->j", M, M))
     rows = unit_scale(np.einsum("ij,ij->i", M * columns, M * columns))
@@ -169,15 +126,7 @@ def unit_scale(squares: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:
 
 @dataclass(frozen=True, slots=True)
 class JointEstimate:
-    """A vector of estimates with its covariance.
-
-    Parameters
-    ----------
-    values : ndarray, shape (n,)
-        The vector.
-    covariance : JointCovariance
-        Of it.
-    """
+    """A vector of estimates with its covariance."""
 
     values: Float[np.ndarray, " n"]
     covariance: JointCovariance
@@ -198,21 +147,7 @@ SHORTEST_GROUP = 8
 def cosine_covariance(
     scores: Iterable[Float[np.ndarray, "_ n"]], count: int, averages: int = COSINE_AVERAGES
 ) -> Float[np.ndarray, "n n"]:
-    """Covariance of the sum of autocorrelated scores. Performs no checks.
-
-    Parameters
-    ----------
-    scores : iterable of ndarray, shapes (samples, n)
-        Successive blocks.
-    count : int
-        Number of scores in all of them.
-    averages : int
-        B.
-
-    Notes
-    -----
-    O(count n B).
-    """
+    """Covariance of the sum of autocorrelated scores. Performs no checks."""
     sums = cosine_sums(scores, count, averages)
     covariance: Float[np.ndarray, "n n"] = (2.0 / averages) * sums.T @ sums
     return covariance
@@ -260,15 +195,7 @@ def _sums_of_groups(
 def cosine_averages(
     scores: Float[np.ndarray, "samples *shape"], averages: int
 ) -> Float[np.ndarray, "averages *shape"]:
-    """sqrt(count) L_j of scores that are all at hand: the mean of their squares is the variance of the sum.
-
-    By a cosine transform, O(count log(count)) for each column however many averages. Performs no checks.
-
-    Notes
-    -----
-    The transform is the Fourier transform of the even scores followed by the odd ones backwards, each
-    coefficient turned by half a sample (Makhoul 1980); `scipy.fft` alone takes longer to load than that.
-    """
+    """sqrt(count) L_j of scores that are all at hand."""
     count = scores.shape[0]
     spectrum = np.fft.fft(np.concatenate([scores[::2], scores[1::2][::-1]]), axis=0)[1 : averages + 1]
     turned = np.exp(-0.5j * np.pi * np.arange(1, averages + 1) / count)[: spectrum.shape[0]]
@@ -331,13 +258,7 @@ class CovarianceEstimator(ABC):
 
 
 def check_covariance_estimator(estimator: object) -> None:
-    """Refuse what is no estimator of covariances.
-
-    Raises
-    ------
-    UsageError
-        With what came instead.
-    """
+    """Refuse what is no estimator of covariances."""
     checks.kind(
         "covariance",
         estimator,
@@ -581,18 +502,10 @@ FURTHEST = 100.0
 
 @dataclass(frozen=True, slots=True)
 class FixedBReference:
-    """Student's t, divided by the root of a share.
-
-    Parameters
-    ----------
-    degrees : float
-        nu.
-    share : float
-        c, share of the long-run variance that the kernel is expected to see.
-    """
+    """Student's t, divided by the root of a share."""
 
     degrees: float
-    share: float
+    share: float  # c, share of the long-run variance that the kernel is expected to see
 
 
 @lru_cache(maxsize=256)
@@ -682,29 +595,7 @@ STRATA = 16384
 def joint_draws(
     values: Float[np.ndarray, " n"], covariance: JointCovariance, count: int, rng: np.random.Generator
 ) -> Float[np.ndarray, "count n"]:
-    """Draw vectors around the estimates.
-
-    Parameters
-    ----------
-    values : ndarray, shape (n,)
-        Estimates: the medians.
-    covariance : JointCovariance
-        Of them.
-    count : int
-        How many.
-    rng : numpy.random.Generator
-        Where they come from.
-
-    Returns
-    -------
-    ndarray, shape (count, n)
-        One vector in each row.
-
-    Raises
-    ------
-    EstimationError
-        When an estimate has no finite variance.
-    """
+    """Draw vectors around the estimates."""
     laws = [_law(covariance, direction) for direction in np.eye(values.size)]
     degrees = np.array([one for one, _ in laws])
     scales = np.array([scale for _, scale in laws])

@@ -15,18 +15,7 @@ from eivor.tools import Float
 
 
 def shares_in_order(excesses: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-    """Share of each value. Performs no checks.
-
-    Parameters
-    ----------
-    excesses : ndarray, shape (n,)
-        Of the criterion over the least, in the order of the nuisance's values.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-        They add up to one.
-    """
+    """Share of each value. Performs no checks."""
     best = int(np.argmin(excesses))
     roots = np.sqrt(np.maximum(excesses, 0.0))
     above = np.maximum.accumulate(roots[best:])
@@ -48,13 +37,7 @@ def shares_by_likelihood(excesses: Float[np.ndarray, " n"]) -> Float[np.ndarray,
 
 
 def check_level(level: float) -> None:
-    """Refuse a confidence level that is none.
-
-    Raises
-    ------
-    UsageError
-        With the range.
-    """
+    """Refuse a confidence level that is none."""
     checks.number("level", level)
     if not 0.0 < level < 1.0:
         raise UsageError("a confidence level between 0 and 1", f"{level}", "Use 0.95, for example.")

@@ -14,54 +14,22 @@ from eivor.tools import Float, Int
 
 @dataclass(frozen=True)
 class EquationRows:
-    """Successive rows of an estimating equation, in coordinates of its own.
-
-    Parameters
-    ----------
-    test_functions : ndarray, shape (rows, n)
-        P, test functions.
-    residual : ndarray, shape (rows,)
-        e.
-    scores : ndarray, shape (samples, n)
-        Terms of the equation in time order; as many as rows when rows are samples.
-    flight_of_row : ndarray of int, shape (rows,)
-        Flight of each row.
-    constant : ndarray, shape (n,), optional
-        What each row's score has beside p_t e_t; none unless the equations are compensated.
-    """
+    """Successive rows of an estimating equation, in coordinates of its own."""
 
     test_functions: Float[np.ndarray, "rows n"]
     residual: Float[np.ndarray, " rows"]
-    scores: Float[np.ndarray, "samples n"]
+    scores: Float[np.ndarray, "samples n"]  # Terms of the equation in time order
     flight_of_row: Int[np.ndarray, " rows"]
     constant: Float[np.ndarray, " n"] | None = None
 
 
 @dataclass(frozen=True)
 class EstimatingEquation:
-    """Sensitivity of an estimating equation, and its rows.
+    """Sensitivity of an estimating equation, and its rows."""
 
-    Parameters
-    ----------
-    root : ndarray, shape (n, n)
-        R, upper triangular: the method's own test functions are those of the rows times R.
-    slope : ndarray, shape (n, n)
-        R^-T M, minus the derivative of the sum of the rows' scores by the joint vector.
-    sample_count : int
-        Number of scores.
-    blocks : callable
-        Gives the rows in blocks, in order, in orthonormal coordinates; each call starts anew.
-    prior_scores : ndarray, shape (k, n), optional
-        Standard errors of scores that come from what is known beforehand, and not from rows: pseudo-
-        observations, independent of the rows and of each other. The slope has their part already.
-    move : ndarray, shape (n,), optional
-        What regularisation moved the joint vector by. Nothing tells how much of it was too much, so every
-        covariance counts its square; rows and slope are those without regularisation.
-    """
-
-    root: Float[np.ndarray, "n n"]
+    root: Float[np.ndarray, "n n"]  # R, upper triangular
     slope: Float[np.ndarray, "n n"]
-    sample_count: int
+    sample_count: int  # Number of scores
     blocks: Callable[[], Iterable[EquationRows]]
     prior_scores: Float[np.ndarray, "k n"] | None = None
     move: Float[np.ndarray, " n"] | None = None

@@ -104,22 +104,7 @@ class QuadraticSpectral(Kernel):
 def kernel_sum_covariance(
     blocks: Iterable[Float[np.ndarray, "_ n"]], count: int, kernel: Kernel, bandwidth: float
 ) -> Float[np.ndarray, "n n"]:
-    """Covariance of the sum of autocorrelated scores, sum_l k(l/S) sum_t s_t s_{t-l}'.
-
-    Parameters
-    ----------
-    blocks : iterable of ndarray, shapes (samples, n)
-        Successive scores.
-    count : int
-        Number of scores in all of them.
-    kernel, bandwidth : Kernel, float
-        See this module; a bandwidth longer than the scores counts every lag.
-
-    Notes
-    -----
-    A kernel that ends keeps as many scores as its bandwidth; O(count n^2 bandwidth). One without an end
-    needs all scores at once, and takes their autocovariances by FFT; O(n^2 count log(count)).
-    """
+    """Covariance of the sum of autocorrelated scores, sum_l k(l/S) sum_t s_t s_{t-l}'."""
     if kernel.ends:
         span = kernel.span(bandwidth)
         return _from_blocks(blocks, kernel, min(int(np.ceil(span)) - 1, count - 1), span)

@@ -19,15 +19,7 @@ CHUNK_PRODUCTS = 4_000_000
 
 @dataclass(frozen=True, slots=True)
 class ProductLayout:
-    """Which columns a table of products is of.
-
-    Parameters
-    ----------
-    instruments, regressors : int
-        p and n.
-    whole : bool
-        Whether instruments, and regressors and response, are multiplied among themselves as well.
-    """
+    """Which columns a table of products is of."""
 
     instruments: int
     regressors: int
@@ -47,23 +39,9 @@ class ProductLayout:
 
 @dataclass(frozen=True)
 class Products:
-    """Sums of products of [psi phi y] over successive blocks of rows.
+    """Sums of products of [psi phi y] over successive blocks of rows."""
 
-    Parameters
-    ----------
-    counts : ndarray, shape (K,)
-        Rows in each block; not necessarily whole numbers, so that rows may count less than one.
-    sums : ndarray, shape (K, ...)
-        Products of the columns, as the layout says.
-    layout : ProductLayout
-        Which columns.
-
-    Notes
-    -----
-    Performs no checks when it is made.
-    """
-
-    counts: Float[np.ndarray, " K"]
+    counts: Float[np.ndarray, " K"]  # Rows in each block
     sums: Float[np.ndarray, "K left right"]
     layout: ProductLayout
 
@@ -86,49 +64,25 @@ class Products:
 
     @property
     def instruments(self) -> Float[np.ndarray, "K p p"]:
-        """Psi psi' of each block.
-
-        Raises
-        ------
-        UsageError
-            When they are not in the table.
-        """
+        """Psi psi' of each block."""
         self._check_whole("psi psi'")
         return self.sums[:, : self.layout.instruments, : self.layout.instruments]
 
     @property
     def regressors(self) -> Float[np.ndarray, "K n n"]:
-        """Phi phi' of each block.
-
-        Raises
-        ------
-        UsageError
-            When they are not in the table.
-        """
+        """Phi phi' of each block."""
         self._check_whole("phi phi'")
         return self.sums[:, self.layout.instruments : -1, self.layout.instruments : -1]
 
     @property
     def regressor_response(self) -> Float[np.ndarray, "K n"]:
-        """Phi y of each block; phi e at an estimate.
-
-        Raises
-        ------
-        UsageError
-            When they are not in the table.
-        """
+        """Phi y of each block; phi e at an estimate."""
         self._check_whole("phi y")
         return self.sums[:, self.layout.instruments : -1, -1]
 
     @property
     def power(self) -> Float[np.ndarray, " K"]:
-        """y^2 of each block; e^2 at an estimate.
-
-        Raises
-        ------
-        UsageError
-            When they are not in the table.
-        """
+        """y^2 of each block; e^2 at an estimate."""
         self._check_whole("y^2")
         return self.sums[:, -1, -1]
 
@@ -165,13 +119,7 @@ class Products:
     # -- operations ---------------------------------------------------------------------------------------
 
     def __add__(self, other: Products) -> Products:
-        """Blocks of both, one after the other.
-
-        Raises
-        ------
-        UsageError
-            When their columns differ.
-        """
+        """Blocks of both, one after the other."""
         if self.layout != other.layout:
             raise UsageError(
                 f"products of {_words(self.layout)}",
@@ -185,13 +133,7 @@ class Products:
         )
 
     def grouped(self, edges: Sequence[int] | Int[np.ndarray, " groups_plus_1"]) -> Products:
-        """Sums over groups of successive blocks.
-
-        Parameters
-        ----------
-        edges : sequence of int
-            First block of each group, increasing, and the end of the last.
-        """
+        """Sums over groups of successive blocks."""
         ends = list(pairwise(edges))
         return replace(
             self,
@@ -208,14 +150,7 @@ class Products:
         )
 
     def weighted(self, weights: Float[np.ndarray, " F"]) -> Products:
-        """Sum of stretches of successive blocks, in which each stretch counts as often as its weight says.
-
-        Parameters
-        ----------
-        weights : ndarray, shape (F,)
-            One for each of F stretches of K / F blocks. As many as there are blocks leave one block; else
-            the first block of the sum is that of all first blocks, and so on.
-        """
+        """Sum of stretches of successive blocks, in which each stretch counts as often as its weight says."""
         stretches = weights.size
         return replace(
             self,
@@ -224,10 +159,7 @@ class Products:
         )
 
     def with_residual(self, theta: Float[np.ndarray, " n"]) -> Products:
-        """The same with the residual y - Phi theta in the response's place.
-
-        A difference of large numbers: the power of a residual that is small beside y loses digits.
-        """
+        """The same with the residual y - Phi theta in the response's place."""
         n, first = self.layout.regressors, self.layout.first_right
         turned = np.eye(self.sums.shape[2])
         turned[first : first + n, -1] = -theta
@@ -255,22 +187,7 @@ def products_of_rows(
     edges: Int[np.ndarray, " K_plus_1"],
     whole: bool = True,
 ) -> Products:
-    """Products of rows in arrays. Performs no checks.
-
-    Parameters
-    ----------
-    instruments, regressors, response : ndarray, shapes (rows, p), (rows, n) and (rows,)
-        psi, phi and y.
-    edges : ndarray of int, shape (K + 1,)
-        First row of each block, and the end of the last.
-    whole : bool
-        See `ProductLayout`.
-
-    Notes
-    -----
-    One matrix product for each block; where blocks are short and many, for a stretch of them at once.
-    O(rows (p + n)^2).
-    """
+    """Products of rows in arrays. Performs no checks."""
     layout = ProductLayout(instruments.shape[1], regressors.shape[1], whole)
     right = (regressors, response[:, None])
     counts = np.diff(edges)

@@ -17,13 +17,7 @@ from eivor.tools import Bool, Float, Int
 
 @dataclass(frozen=True)
 class Groups:
-    """Consecutive rows of groups.
-
-    Parameters
-    ----------
-    sizes : ndarray of int, shape (groups,)
-        Rows of each group, at least one.
-    """
+    """Consecutive rows of groups."""
 
     sizes: Int[np.ndarray, " groups"]
 
@@ -57,24 +51,12 @@ def one_group(rows: int) -> Groups:
 
 @dataclass(frozen=True)
 class Weighted:
-    """Weighted means.
+    """Weighted means."""
 
-    Parameters
-    ----------
-    weights : ndarray, shape (rows,)
-        w = 1 / (v + between).
-    total : ndarray, shape (groups,)
-        Sum of the weights of a group.
-    mean : ndarray, shape (groups,)
-        Weighted mean.
-    squares : ndarray, shape (rows,)
-        w (y - mean)^2.
-    """
-
-    weights: Float[np.ndarray, " rows"]
-    total: Float[np.ndarray, " groups"]
+    weights: Float[np.ndarray, " rows"]  # w = 1 / (v + between)
+    total: Float[np.ndarray, " groups"]  # Sum of the weights of a group
     mean: Float[np.ndarray, " groups"]
-    squares: Float[np.ndarray, " rows"]
+    squares: Float[np.ndarray, " rows"]  # w (y - mean)^2
 
 
 def weighted(
@@ -83,17 +65,7 @@ def weighted(
     variances: Float[np.ndarray, " rows"],
     between: Float[np.ndarray, " groups"],
 ) -> Weighted:
-    """Weighted means of groups. Performs no checks.
-
-    Parameters
-    ----------
-    groups : Groups
-        Of the rows.
-    estimates, variances : ndarray, shape (rows,)
-        y, and v > 0.
-    between : ndarray, shape (groups,)
-        Variance between the estimates of each group.
-    """
+    """Weighted means of groups. Performs no checks."""
     weights = weights_of(groups, variances, between)
     total = groups.sums(weights)
     mean = groups.sums(weights * estimates) / total
@@ -124,15 +96,7 @@ BETWEEN_TOLERANCE = 1e-8
 def moment_between(
     groups: Groups, estimates: Float[np.ndarray, " rows"], variances: Float[np.ndarray, " rows"]
 ) -> Float[np.ndarray, " groups"]:
-    """Variance between estimates by moments, of groups of two rows or more. Performs no checks.
-
-    Parameters
-    ----------
-    groups : Groups
-        Of the rows.
-    estimates, variances : ndarray, shape (rows,)
-        y and v.
-    """
+    """Variance between estimates by moments, of groups of two rows or more. Performs no checks."""
     fixed = weighted(groups, estimates, variances, np.zeros(groups.sizes.size))
     excess = groups.sums(fixed.squares) - (groups.sizes - 1)
     scale = fixed.total - groups.sums(fixed.weights**2) / fixed.total
@@ -146,21 +110,7 @@ def paule_mandel(
     together: Groups | None = None,
     near: Float[np.ndarray, " groups"] | None = None,
 ) -> Float[np.ndarray, " groups"]:
-    """Variance between estimates where Q is its expectation; zero where it is below that without any.
-
-    Performs no checks.
-
-    Parameters
-    ----------
-    groups : Groups
-        Of the rows.
-    estimates, variances : ndarray, shape (rows,)
-        y and v.
-    together : Groups, optional
-        Groups of the groups that have one variance between them; by default each has its own.
-    near : ndarray, shape (groups,), optional
-        Variances that are near, where the search is quick from; it ends at the same without.
-    """
+    """Variance between estimates where Q is its expectation; zero where it is below that without any."""
     together = together or _each_alone(groups)
     expected = together.sums((groups.sizes - 1).astype(float))
     return _where(groups, estimates, variances, expected, together, near)
@@ -173,20 +123,7 @@ def q_profile(
     level: float = 0.95,
     near: Float[np.ndarray, " groups"] | None = None,
 ) -> tuple[Float[np.ndarray, " groups"], Float[np.ndarray, " groups"]]:
-    """Interval of the variance between estimates; from zero to infinity for a single one. Performs no checks.
-
-    Parameters
-    ----------
-    groups, estimates, variances, near
-        As for `paule_mandel`.
-    level : float
-        Its confidence.
-
-    Returns
-    -------
-    low, high : ndarray, shape (groups,)
-        Ends.
-    """
+    """Interval of the variance between estimates."""
     degrees = groups.sizes - 1
     tail = 0.5 * (1.0 - level)
     several = degrees > 0
@@ -216,11 +153,7 @@ def _where(
     together: Groups,
     near: Float[np.ndarray, " groups"] | None,
 ) -> Float[np.ndarray, " groups"]:
-    """Variance at which Q, summed over groups that go together, has a value; zero where it begins below.
-
-    Newton's method on 1/Q, which is concave and rises: from below it climbs to the root and never beyond;
-    from above it comes out below.
-    """
+    """Variance at which Q, summed over groups that go together, has a value; zero where it begins below."""
     found = np.zeros(wanted.size) if near is None else near[together.starts]
     for _ in range(BETWEEN_STEPS):
         at = weighted(groups, estimates, variances, together.spread(found))
@@ -239,19 +172,7 @@ def _where(
 
 @dataclass(frozen=True)
 class RandomEffectsMeans:
-    """Means of groups of estimates that differ by more than chance.
-
-    Parameters
-    ----------
-    value, variance : ndarray, shape (groups,)
-        The means, and their variances.
-    between : ndarray, shape (groups,)
-        Variance between what is estimated.
-    degrees : ndarray of int, shape (groups,)
-        Of freedom of the variance; none for a single estimate, whose variance is its own.
-    weights : ndarray, shape (rows,)
-        What each estimate counts; their sum over a group is one.
-    """
+    """Means of groups of estimates that differ by more than chance."""
 
     value: Float[np.ndarray, " groups"]
     variance: Float[np.ndarray, " groups"]
@@ -260,13 +181,7 @@ class RandomEffectsMeans:
     weights: Float[np.ndarray, " rows"]
 
     def half_widths(self, level: float = 0.95) -> Float[np.ndarray, " groups"]:
-        """Half-widths of the means' intervals; infinite for a single estimate.
-
-        Parameters
-        ----------
-        level : float
-            Of confidence.
-        """
+        """Half-widths of the means' intervals; infinite for a single estimate."""
         several = self.degrees > 0
         quantile = special.stdtrit(np.maximum(self.degrees, 1), 0.5 + 0.5 * level)
         return np.where(several, quantile * np.sqrt(self.variance), np.inf)
@@ -278,17 +193,7 @@ def random_effects_means(
     variances: Float[np.ndarray, " rows"],
     between: Float[np.ndarray, " groups"],
 ) -> RandomEffectsMeans:
-    """Means of groups, see this module. Performs no checks.
-
-    Parameters
-    ----------
-    groups : Groups
-        Of the rows.
-    estimates, variances : ndarray, shape (rows,)
-        y and v.
-    between : ndarray, shape (groups,)
-        Variance between the estimates of each group, as `between` finds it.
-    """
+    """Means of groups, see this module. Performs no checks."""
     found = weighted(groups, estimates, variances, between)
     degrees = groups.sizes - 1
     q = groups.sums(found.squares) / np.maximum(degrees, 1)
@@ -317,16 +222,7 @@ HALF_WIDTH_STEPS, HALF_WIDTH_TOLERANCE = 30, 1e-4
 
 @dataclass(frozen=True)
 class BetweenDistribution:
-    """The variance between estimates as a distribution, group by group.
-
-    Parameters
-    ----------
-    sizes : ndarray of int, shape (groups,)
-        Members of each.
-    means, mean_errors, next_errors : ndarray, shape (nodes, groups)
-        Mean, its standard deviation and that of the next member, at the variances between that are not
-        exceeded with `PROBABILITIES`.
-    """
+    """The variance between estimates as a distribution, group by group."""
 
     sizes: Int[np.ndarray, " groups"]
     means: Float[np.ndarray, "nodes groups"]
@@ -336,10 +232,7 @@ class BetweenDistribution:
     def mean_half_widths(
         self, found: RandomEffectsMeans, level: float = 0.95
     ) -> Float[np.ndarray, " groups"]:
-        """Half-widths of the means: Hartung and Knapp's, but not less than this distribution says.
-
-        Alone, theirs covers .94 where the variance between is about that of the errors.
-        """
+        """Half-widths of the means: Hartung and Knapp's, but not less than this distribution says."""
         half = found.half_widths(level)
         short = self._missed(half, found.value, self.mean_errors)[0] > 1.0 - level
         half[short] = self._only(short)._half_widths(found.value[short], self.mean_errors[:, short], level)
@@ -390,15 +283,7 @@ class BetweenDistribution:
 def between_distribution(
     groups: Groups, estimates: Float[np.ndarray, " rows"], variances: Float[np.ndarray, " rows"]
 ) -> BetweenDistribution:
-    """Confidence distribution of the variance between the estimates of each group. Performs no checks.
-
-    Parameters
-    ----------
-    groups : Groups
-        Of the rows.
-    estimates, variances : ndarray, shape (rows,)
-        y and v.
-    """
+    """Confidence distribution of the variance between the estimates of each group. Performs no checks."""
     degrees = np.maximum(groups.sizes - 1, 1)
     centre = groups.sums(estimates) / groups.sizes
     about = estimates - groups.spread(centre)

@@ -62,18 +62,9 @@ class RegionShape(ABC):
 
 @dataclass(frozen=True)
 class RegionFrame:
-    """Origin and units in which a region is computed.
+    """Origin and units in which a region is computed."""
 
-    Parameters
-    ----------
-    pivot : ndarray, shape (n,)
-        A point near the region's middle, in the parameters' units: residuals are formed from it, so that
-        nothing cancels near it.
-    scale : ndarray, shape (n,)
-        Positive; about one standard error of each parameter.
-    """
-
-    pivot: Float[np.ndarray, " n"]
+    pivot: Float[np.ndarray, " n"]  # A point near the region's middle, in the parameters' units
     scale: Float[np.ndarray, " n"]
 
     def homogeneous(self, theta: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n_plus_1"]:
@@ -214,12 +205,7 @@ class ConfidenceRegion:
 
 
 def scanned_shadow(shape: RegionShape, axis: int) -> ConfidenceSet:
-    """Shadow of a region on an axis (from 1), by the planes on which that coordinate is held.
-
-    The planes are base(u) = (cos u; 0, ..., sin u, ..., 0) plus the other axes, u over half a circle:
-    u = pi/2 is infinity. Whether a plane meets the region is exact for one or two parameters, and found
-    by search for more. Ends are bisected between neighbouring planes.
-    """
+    """Shadow of a region on an axis (from 1), by the planes on which that coordinate is held."""
     size = shape.unknowns + 1
     others = [i for i in range(1, size) if i != axis]
     if not others:
@@ -254,10 +240,7 @@ def scanned_shadow(shape: RegionShape, axis: int) -> ConfidenceSet:
 
 
 def least_points(shape: RegionShape) -> list[Float[np.ndarray, " n_plus_1"]]:
-    """Points at which the statistic has a local minimum, the least first.
-
-    Deterministic: starts are the pivot, and the best of points spread over the sphere.
-    """
+    """Points at which the statistic has a local minimum, the least first."""
     size = shape.unknowns + 1
     spread = np.random.default_rng(0).standard_normal((SEARCH_POINTS, size))
     spread[0] = np.eye(size)[0]
@@ -289,10 +272,7 @@ def _meeting(shape: RegionShape, others: list[int]) -> Callable[[Float[np.ndarra
 def _searched(
     shape: RegionShape, span: Float[np.ndarray, "m n_plus_1"], start: Float[np.ndarray, " m"]
 ) -> tuple[Float[np.ndarray, " m"], float]:
-    """Weights of the rows of `span` at which the statistic is least near a start, and its value there.
-
-    By quasi-Newton steps, and by a simplex where they end just outside: the rank statistic has kinks.
-    """
+    """Weights of the rows of `span` at which the statistic is least near a start, and its value there."""
     from scipy.optimize import minimize
 
     moves = SEARCH_STEP * np.vstack([np.eye(start.size), -np.eye(start.size)])
@@ -438,13 +418,7 @@ class Ellipse:
         return math.pi * self.squared_radius * float(np.prod(self.std_errors)) * shape
 
     def outline(self, points: int = 181) -> Float[np.ndarray, "points 2"]:
-        """Points around the ellipse, the first one again as the last.
-
-        Parameters
-        ----------
-        points : int
-            How many.
-        """
+        """Points around the ellipse, the first one again as the last."""
         angle = np.linspace(0.0, 2.0 * np.pi, points)
         r = self.correlation
         # principal axes of the correlation matrix, whatever r: the diagonals of the unit square
@@ -492,26 +466,7 @@ def joint_ellipse(
     level: float = 0.95,
     degrees: float = math.inf,
 ) -> Ellipse:
-    """Confidence ellipse of two linear combinations of a vector of estimates.
-
-    Parameters
-    ----------
-    values : ndarray, shape (n,)
-        Estimates.
-    covariance : ndarray, shape (n, n)
-        Their covariance.
-    directions : ndarray, shape (2, n)
-        Each combination's coefficients; two rows of the identity for two parameters.
-    level : float
-        Confidence level.
-    degrees : float
-        Degrees of freedom of the covariance.
-
-    Raises
-    ------
-    ShapeError, UsageError
-        When shapes do not fit; see also `Ellipse`.
-    """
+    """Confidence ellipse of two linear combinations of a vector of estimates."""
     size = values.size
     if covariance.shape != (size, size) or directions.shape != (2, size):
         raise ShapeError(
@@ -524,22 +479,7 @@ def joint_ellipse(
 
 
 def hotelling_quantile(level: float, dimension: int, degrees: float = math.inf) -> float:
-    """Value that Hotelling's T^2 stays below with probability `level`.
-
-    Parameters
-    ----------
-    level : float
-        Probability.
-    dimension : int
-        q, estimates that are judged together.
-    degrees : float
-        B, degrees of freedom of their covariance; chi-square when infinite.
-
-    Raises
-    ------
-    UsageError
-        When the level is not between 0 and 1, or there are fewer degrees of freedom than estimates.
-    """
+    """Value that Hotelling's T^2 stays below with probability `level`."""
     check_level(level)
     if not degrees >= dimension:
         raise UsageError(
@@ -559,21 +499,7 @@ def hotelling_quantile(level: float, dimension: int, degrees: float = math.inf) 
 def fieller_set(
     pair: Float[np.ndarray, "2"], covariance: Float[np.ndarray, "2 2"], half_widths: float
 ) -> ConfidenceSet:
-    """Values of the ratio that the estimates do not rule out.
-
-    Parameters
-    ----------
-    pair : ndarray, shape (2,)
-        Numerator p and denominator q.
-    covariance : ndarray, shape (2, 2)
-        V; a row and column of zeros for a number that is exact.
-    half_widths : float
-        t, half-width of an interval in standard errors.
-
-    Notes
-    -----
-    Scaled by the estimates' sizes, so that units do not matter. Performs no checks.
-    """
+    """Values of the ratio that the estimates do not rule out."""
     size = np.maximum(np.abs(pair), np.sqrt(np.diag(covariance)) * half_widths)
     size = np.where(size > 0.0, size, 1.0)
     p, q = pair / size

@@ -36,15 +36,7 @@ class Reason:
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """Status and the reasons for it.
-
-    Parameters
-    ----------
-    status : Status
-        The worst status that a reason asks for; identified without reasons.
-    reasons : tuple of Reason
-        Worst first.
-    """
+    """Status and the reasons for it."""
 
     status: Status
     reasons: tuple[Reason, ...] = ()

@@ -173,13 +173,7 @@ def paper(
 
 
 def _page_text(page: str) -> str:
-    """Text of the page that the tables go into.
-
-    Raises
-    ------
-    InputError
-        When it cannot be read.
-    """
+    """Text of the page that the tables go into."""
     try:
         return Path(page).read_text(encoding="utf-8")
     except (OSError, ValueError) as error:
@@ -252,13 +246,7 @@ def _list(readings: Sequence[Reading]) -> None:
 
 
 def _folder(text: str) -> Path:
-    """Folder of the figures, made when it is not there.
-
-    Raises
-    ------
-    InputError
-        When it cannot be made.
-    """
+    """Folder of the figures, made when it is not there."""
     folder = Path(text)
     try:
         folder.mkdir(parents=True, exist_ok=True)

@@ -113,17 +113,7 @@ def _records(scenario: Scenario, seed: int, runs: int) -> Iterator[SimulatedReco
 
 
 def disturbance_power(scenario: Scenario, seed: int = 0) -> Float[np.ndarray, " bins"]:
-    """Mean power of a scenario's disturbance in each bin, over records: of unitary bins, as a variance.
-
-    A trend, and whatever else is the same in every record, is no random number, and is left out.
-
-    Parameters
-    ----------
-    scenario : Scenario
-        Whose disturbance; one that is the same in every record counts as white.
-    seed : int
-        Of the records.
-    """
+    """Mean power of a scenario's disturbance in each bin, over records: of unitary bins, as a variance."""
     series = (record.truth.channel("disturbance") for record in _records(scenario, seed, DISTURBED_RUNS))
     first = next(series)
     alike, power = unitary_bins(first), np.abs(unitary_bins(first)) ** 2
@@ -161,17 +151,7 @@ def _information(
 
 @dataclass(frozen=True)
 class KnownNoise:
-    """Noises of a simulated record as they really are.
-
-    Parameters
-    ----------
-    noise : NoiseModel
-        Strengths and orders of what is measured; without the disturbance.
-    disturbance : ndarray, shape (bins,)
-        Power of the disturbance in each bin.
-    moves : bool
-        Whether the disturbance moves the vehicle; else it shifts the response and nothing else.
-    """
+    """Noises of a simulated record as they really are."""
 
     noise: NoiseModel
     disturbance: Float[np.ndarray, " bins"]
@@ -185,13 +165,7 @@ class KnownNoise:
 
 
 def noise_of_record(scenario: Scenario, record: SimulatedRecord) -> KnownNoise:
-    """Noises of one record of a scenario; its disturbance counts as white.
-
-    Raises
-    ------
-    ParameterError
-        For noises that are neither white nor fractional, and of a strength above zero.
-    """
+    """Noises of one record of a scenario; its disturbance counts as white."""
     series = record.truth.channel("disturbance")
     white = np.full(unitary_bins(series).size, float(series.var()))
     return KnownNoise(_known_noise(record.signals.noise), white, scenario.route is Route.DYNAMICS)

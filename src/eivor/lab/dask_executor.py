@@ -26,18 +26,7 @@ NUMERIC_PACKAGES = ("eivor", "numpy", "scipy")
 
 @dataclass(frozen=True, slots=True)
 class DaskCluster(Executor):
-    """On the workers of a Dask scheduler; what a lost worker had at hand is computed by another.
-
-    Parameters
-    ----------
-    address : str
-        Of the scheduler, such as ``tcp://127.0.0.1:8786``.
-
-    Raises
-    ------
-    UsageError
-        When it is no address.
-    """
+    """On the workers of a Dask scheduler; what a lost worker had at hand is computed by another."""
 
     address: str
 
@@ -50,15 +39,7 @@ class DaskCluster(Executor):
     def map(
         self, function: Callable[[Item], Result], items: Iterable[Item]
     ) -> Generator[tuple[int, Result], None, None]:
-        """As they are done, see `Executor.map`.
-
-        Raises
-        ------
-        UsageError
-            When Dask is not installed.
-        InputError
-            When the scheduler does not answer, or its workers cannot compute tasks.
-        """
+        """As they are done, see `Executor.map`."""
         try:
             import distributed
         except ImportError as error:

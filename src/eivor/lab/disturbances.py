@@ -94,13 +94,7 @@ class GivenCourse(Course):
         return len(self.series)
 
     def values(self, count: int) -> Float[np.ndarray, " count"]:
-        """Beginning of the series.
-
-        Raises
-        ------
-        ParameterError
-            When it is shorter than the record.
-        """
+        """Beginning of the series."""
         return beginning_of(self.series, count)
 
 
@@ -442,13 +436,7 @@ class GivenDisturbance(Disturbance):
         finite("value", *self.values)
 
     def sample(self, count: int, _step_s: float, _rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
-        """Draw nothing: it is always the same.
-
-        Raises
-        ------
-        ParameterError
-            When the series is shorter than the record.
-        """
+        """Draw nothing: it is always the same."""
         return beginning_of(self.values, count)
 
     @property
@@ -612,20 +600,7 @@ class ThresholdMovingAverage(Disturbance):
 
 @dataclass(frozen=True, slots=True)
 class BilinearTerm:
-    """b x[k - series_lag] w[k - shock_lag].
-
-    Parameters
-    ----------
-    coefficient : float
-        b, in units of one over that of the equation.
-    series_lag, shock_lag : int
-        One or more; x must be strictly older than the shock that it multiplies.
-
-    Raises
-    ------
-    ParameterError
-        When a number is out of range, or x is not the older one.
-    """
+    """b x[k - series_lag] w[k - shock_lag]."""
 
     coefficient: float
     series_lag: int = 2

@@ -96,45 +96,17 @@ LARGEST_ROOT = 1.0
 
 @dataclass(frozen=True, slots=True)
 class DifferenceEquation(Experiment):
-    """A linear difference equation, simulated and posed as a regression.
-
-    Parameters
-    ----------
-    output_coefficients : tuple of float
-        a_1, a_2, ...: coefficients of y(k-1), y(k-2), ...; empty for a finite impulse response.
-    input_coefficients : tuple of float
-        Coefficients of u(k-d), u(k-d-1), ..., at least one.
-    excitation : Excitation
-        The input.
-    delay : int
-        d, lag of the first input coefficient in samples.
-    samples : int
-        Length of the record.
-    rate_hz : float
-        Samples per second [Hz]; the equation does not depend on it, an excitation may.
-    noise : mapping of str to MeasurementNoise
-        Of `output` and `input`, in their units.
-    noise_to_signal : mapping of str to float
-        For channels named here the noise's std is this ratio times the standard deviation of the noise-free
-        channel over the record; the noise given is the shape, white when none is.
-    disturbance : Disturbance, optional
-        e(k), in the unit of the output; it moves the machine.
-
-    Raises
-    ------
-    ParameterError
-        When a number is outside its range, the equation is unstable, or a channel is none of its own.
-    """
+    """A linear difference equation, simulated and posed as a regression."""
 
     output_coefficients: tuple[float, ...]
     input_coefficients: tuple[float, ...]
     excitation: Excitation
-    delay: int = 1
-    samples: int = 1000
-    rate_hz: float = 1.0
+    delay: int = 1  # d, lag of the first input coefficient in samples
+    samples: int = 1000  # Length of the record
+    rate_hz: float = 1.0  # Samples per second [Hz]
     noise: Mapping[str, MeasurementNoise] = field(default_factory=dict)
     noise_to_signal: Mapping[str, float] = field(default_factory=dict)
-    disturbance: Disturbance | None = None
+    disturbance: Disturbance | None = None  # e(k), in the unit of the output
 
     def __post_init__(self) -> None:
         if not self.input_coefficients:
@@ -218,10 +190,7 @@ class DifferenceEquation(Experiment):
 def recursion(
     coefficients: tuple[float, ...], driven: Float[np.ndarray, " samples"]
 ) -> Float[np.ndarray, " samples"]:
-    """y(k) = sum_i a_i y(k-i) + driven(k) from rest, as the banded triangular system that it is.
-
-    Performs no checks; linear in samples.
-    """
+    """y(k) = sum_i a_i y(k-i) + driven(k) from rest, as the banded triangular system that it is."""
     if not coefficients:
         return driven
     band = np.ones((len(coefficients) + 1, driven.size))
@@ -245,13 +214,7 @@ def markdown(header: Sequence[str], lines: Iterable[Sequence[str]]) -> str:
 
 
 def page_with(page: str, parts: Mapping[str, str]) -> str:
-    """Page with each part between its marks, ``<!-- generated: NAME -->`` and ``<!-- end: NAME -->``.
-
-    Raises
-    ------
-    InputError
-        When the marks of a part are not there, once each and in order.
-    """
+    """Page with each part between its marks, ``<!-- generated: NAME -->`` and ``<!-- end: NAME -->``."""
     for name, text in parts.items():
         begin, end = marks(name)
         if page.count(begin) != 1 or page.partition(begin)[2].count(end) != 1:
@@ -266,13 +229,7 @@ def page_with(page: str, parts: Mapping[str, str]) -> str:
 
 
 def page_text(path: Path, part: str) -> str:
-    """Text of a page that has the marks of a part.
-
-    Raises
-    ------
-    InputError
-        When it cannot be read, or has no marks.
-    """
+    """Text of a page that has the marks of a part."""
     try:
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:

@@ -45,25 +45,7 @@ Kept = dict[tuple[str, float, bool], Float[np.ndarray, " n"]]
 
 @dataclass(frozen=True)
 class FilteredSignals:
-    """Channels behind the operators of one equation.
-
-    Parameters
-    ----------
-    signals : Signals
-        One whole record.
-    operator : FractionalOperator
-        What an order means.
-    known_orders : frozenset of float
-        Orders whose series are kept, since they are asked for again.
-    both_sides : ndarray, shape (m,)
-        Weights of a causal filter of both sides of the equation, which stays as it was; one for none.
-
-    Raises
-    ------
-    DataError
-        When samples are not valid, or the record is part of another one: an operator needs all samples that
-        came before.
-    """
+    """Channels behind the operators of one equation."""
 
     signals: Signals
     operator: FractionalOperator
@@ -89,15 +71,7 @@ class FilteredSignals:
         return self.signals.sample_count
 
     def values(self, column: FractionalColumn, first: int) -> Float[np.ndarray, " rows"]:
-        """Column of the samples from `first` on.
-
-        Raises
-        ------
-        MissingChannelError
-            When a channel is absent.
-        TooFewSamplesError
-            When there is no such sample.
-        """
+        """Column of the samples from `first` on."""
         if self.count <= first:
             raise TooFewSamplesError(
                 f"more than {first} samples", f"{self.count}", "Give a longer record or fewer lags."
@@ -111,15 +85,7 @@ class FilteredSignals:
     def shared_noise(
         self, left: Sequence[Column], right: Sequence[FractionalColumn], first: int
     ) -> Float[np.ndarray, "left right"]:
-        """Average covariance of the noises of plain columns with those of fractional ones, C of (29).
-
-        Raises
-        ------
-        MissingNoiseError
-            When two are of one channel whose noise is not declared.
-        UsageError
-            When a column on the left multiplies a channel that the right has as well by another channel.
-        """
+        """Average covariance of the noises of plain columns with those of fractional ones, C of (29)."""
         shared = np.zeros((len(left), len(right)))
         for channel in self._channels(right):
             own = [i for i, column in enumerate(left) if column.channel == channel]
@@ -142,13 +108,7 @@ class FilteredSignals:
     def noise_covariance(
         self, columns: Sequence[FractionalColumn], first: int
     ) -> Float[np.ndarray, "columns columns"]:
-        """Average covariance of the noises of columns among themselves.
-
-        Raises
-        ------
-        MissingNoiseError
-            When the noise of a channel is not declared.
-        """
+        """Average covariance of the noises of columns among themselves."""
         total = np.zeros((len(columns), len(columns)))
         for channel in self._channels(columns):
             noises = self._noise_of(channel, columns)
@@ -209,25 +169,7 @@ class FilteredSignals:
 
 @dataclass(frozen=True)
 class FractionalRegression(LinearProblem):
-    """Rows of a fractional difference equation whose orders are known.
-
-    Parameters
-    ----------
-    filtered : FilteredSignals
-        Where columns come from.
-    parameters : tuple of Parameter
-        One for each regressor.
-    response : FractionalColumn
-        Left side.
-    regressors : tuple of FractionalColumn
-        Right side.
-    instrument_columns : tuple of Column
-        Instruments; may be empty.
-
-    Notes
-    -----
-    Rows start at the largest lag of any column. O(n log n) in the samples.
-    """
+    """Rows of a fractional difference equation whose orders are known."""
 
     filtered: FilteredSignals
     parameters: tuple[Parameter, ...]
@@ -271,23 +213,11 @@ class FractionalRegression(LinearProblem):
         return self.filtered.noise_covariance((*self.regressors, self.response), self.first)
 
     def regressor_noise_covariance(self) -> Float[np.ndarray, "n_plus_1 n_plus_1"]:
-        """Noise covariance of [Phi y] from the columns' tags and the declared noises.
-
-        Raises
-        ------
-        MissingNoiseError
-            When the noise of a channel is not declared.
-        """
+        """Noise covariance of [Phi y] from the columns' tags and the declared noises."""
         return self._own_noise
 
     def instrument_noise_covariance(self) -> Float[np.ndarray, "p n_plus_1"]:
-        """C and c from the columns' tags and the declared noises.
-
-        Raises
-        ------
-        MissingNoiseError
-            When an instrument and another column are of one channel whose noise is not declared.
-        """
+        """C and c from the columns' tags and the declared noises."""
         columns = (*self.regressors, self.response)
         return self.filtered.shared_noise(self.instrument_columns, columns, self.first)
 
@@ -309,20 +239,10 @@ ORDER_TOLERANCE = 1e-5
 
 @dataclass(frozen=True)
 class ChannelTerm:
-    """A term of the equation with the channel it is of.
-
-    Parameters
-    ----------
-    channel : str
-        Canonical name.
-    term : FractionalTerm
-        Order and lag.
-    sign : float
-        1 on the right side, -1 for what is brought there.
-    """
+    """A term of the equation with the channel it is of."""
 
     channel: str
-    term: FractionalTerm
+    term: FractionalTerm  # Order and lag
     sign: float = 1.0
 
     def column(self, at: Values) -> FractionalColumn:
@@ -332,27 +252,13 @@ class ChannelTerm:
 
 @dataclass(frozen=True)
 class FractionalProblem(LinearisableProblem):
-    """A fractional difference equation and a record of it.
-
-    Parameters
-    ----------
-    filtered : FilteredSignals
-        The record.
-    response : ChannelTerm
-        Left side, of a known order.
-    terms : tuple of (Parameter, ChannelTerm)
-        Right side.
-    instruments : tuple of Column
-        May be empty.
-    nuisances : tuple of Nuisance
-        Orders that are sought.
-    """
+    """A fractional difference equation and a record of it."""
 
     filtered: FilteredSignals
-    response: ChannelTerm
+    response: ChannelTerm  # Left side, of a known order
     terms: tuple[tuple[Parameter, ChannelTerm], ...]
-    instruments: tuple[Column, ...] = ()
-    nuisances: tuple[Nuisance, ...] = field(default=())
+    instruments: tuple[Column, ...] = ()  # May be empty
+    nuisances: tuple[Nuisance, ...] = field(default=())  # Orders that are sought
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -390,13 +296,7 @@ class FractionalProblem(LinearisableProblem):
         )
 
     def bins(self, at: Values) -> SpectralRegression:
-        """Nothing: an operator's memory does not end with a run.
-
-        Raises
-        ------
-        UsageError
-            Always.
-        """
+        """Nothing: an operator's memory does not end with a run."""
         raise UsageError(
             "a method without spectral whitening for a fractional difference equation",
             f"one that asks for its spectra at {dict(at)}",
@@ -656,13 +556,7 @@ class FractionalDifferenceModel:
             yield Parameter(f"input_coefficient_{number}"), ChannelTerm(self.input_channel, term)
 
     def _solved_for_output(self, parameters: Parameters, count: int, *, rate_hz: float) -> Series:
-        """Weights of the filter that undoes the output's side.
-
-        Raises
-        ------
-        ParameterError
-            See `impulse_response`.
-        """
+        """Weights of the filter that undoes the output's side."""
         left = self._side("output", parameters, rate_hz)
         own = left.weights(count)
         if abs(own[0]) <= LEAST_OWN_COEFFICIENT * max(abs(coefficient) for coefficient, _, _ in left.terms):
@@ -681,13 +575,7 @@ class FractionalDifferenceModel:
         return reciprocal(own)
 
     def _side(self, side: str, parameters: Parameters, rate_hz: float) -> Side:
-        """One side of the equation at some values of its parameters.
-
-        Raises
-        ------
-        ParameterError
-            When one is missing or not finite, or the rate is not positive.
-        """
+        """One side of the equation at some values of its parameters."""
         checks.mapping("parameters", parameters, checks.NUMBERS, "numbers")
         checks.number("rate_hz", rate_hz)
         missing = [one.name for one in self.parameters if not np.isfinite(parameters.get(one.name, np.nan))]

@@ -19,27 +19,13 @@ from eivor.tools import Complex, Float
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """``gain * operator^order channel[k - lag]``, or its derivative by the order. Performs no checks.
-
-    Parameters
-    ----------
-    channel : str
-        Canonical name.
-    order : float
-        Of the operator.
-    lag : int
-        Samples back.
-    gain : float
-        Constant, noise-free factor.
-    by_order : bool
-        True for the derivative by the order.
-    """
+    """``gain * operator^order channel[k - lag]``, or its derivative by the order. Performs no checks."""
 
     channel: str
     order: float = 0.0
     lag: int = 0
-    gain: float = 1.0
-    by_order: bool = False
+    gain: float = 1.0  # Constant, noise-free factor
+    by_order: bool = False  # True for the derivative by the order
 
     @property
     def derivative(self) -> Part:
@@ -136,21 +122,11 @@ NEAREST_ANGLE = 1e-9
 
 @dataclass(frozen=True, slots=True)
 class Side:
-    """sum_i c_i z^-lag_i operator^order_i.
+    """sum_i c_i z^-lag_i operator^order_i."""
 
-    Parameters
-    ----------
-    terms : tuple of (float, float, int)
-        Coefficient, order and lag of each term.
-    operator : FractionalOperator
-        What an order means.
-    step_s : float
-        Time between samples [s].
-    """
-
-    terms: tuple[tuple[float, float, int], ...]
+    terms: tuple[tuple[float, float, int], ...]  # Coefficient, order and lag of each term
     operator: FractionalOperator
-    step_s: float
+    step_s: float  # Time between samples [s]
 
     def weights(self, count: int) -> Float[np.ndarray, " count"]:
         """Weights of the side as one filter."""
@@ -169,12 +145,7 @@ class Side:
 
     @property
     def growing_modes(self) -> int:
-        """Roots inside the unit circle of z^-1: each is a mode of the output that grows.
-
-        The argument principle: a side is analytic inside the circle, so that the number of its roots there
-        is how often its value winds about zero along the circle. Powers of 1 - z^-1 that all terms share
-        have no root inside, and are taken out, since they vanish or grow without bound at one.
-        """
+        """Roots inside the unit circle of z^-1: each is a mode of the output that grows."""
         shared = min(order for _, order, _ in self.terms)
         angles = np.geomspace(NEAREST_ANGLE, np.pi, CIRCLE_POINTS)
         back = np.exp(-1j * angles)
@@ -285,15 +256,7 @@ class FractionalTerm:
 
 
 def terms_of(name: str, given: object) -> tuple[FractionalTerm, ...]:
-    """Terms from a sequence of them, of orders, or of both.
-
-    Raises
-    ------
-    UsageError
-        When it is no sequence of these, or empty.
-    ParameterError
-        When two terms of one lag are of one order, or might be, which no data can tell apart.
-    """
+    """Terms from a sequence of them, of orders, or of both."""
     kinds = (FractionalTerm, UnknownOrder, *checks.NUMBERS)
     if not isinstance(given, tuple | list) or not given or not all(isinstance(one, kinds) for one in given):
         raise UsageError(

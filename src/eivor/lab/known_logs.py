@@ -25,19 +25,7 @@ SCHEMA = "eivor.simulate/1"
 
 @dataclass(frozen=True)
 class KnownLog:
-    """A log and its truth.
-
-    Parameters
-    ----------
-    recording : Recording
-        As it would be logged.
-    rate_hz : float
-        Its rate [Hz].
-    samples : int
-        Its length.
-    truth : mapping of str to object
-        Parameters, their units and what was added to the channels, as a JSON document.
-    """
+    """A log and its truth."""
 
     recording: Recording
     rate_hz: float
@@ -46,24 +34,7 @@ class KnownLog:
 
 
 def log_about_hover(scenario: Scenario, seed: int, *, hover: bool = False) -> KnownLog:
-    """Log of a scenario.
-
-    Parameters
-    ----------
-    scenario : Scenario
-        What is simulated; its input is a deviation from hover.
-    seed : int
-        Of all randomness.
-    hover : bool
-        Add the input that carries the weight, g / K_u, so that the log has the whole input.
-
-    Raises
-    ------
-    UsageError
-        When no input carries the weight.
-    ParameterError
-        When the scenario cannot be simulated at its rate and length.
-    """
+    """Log of a scenario."""
     record = simulate(scenario, np.random.default_rng(seed))
     hover_input = _hover_input(scenario) if hover else 0.0
     truth = _scenario_truth(scenario, record) | {"hover_input": hover_input, "seed": seed}
@@ -71,37 +42,13 @@ def log_about_hover(scenario: Scenario, seed: int, *, hover: bool = False) -> Kn
 
 
 def log_of_flight(spec: VerticalFlightSpec) -> KnownLog:
-    """Log of a flight.
-
-    Parameters
-    ----------
-    spec : VerticalFlightSpec
-        The flight.
-
-    Raises
-    ------
-    ParameterError
-        When the vehicle is lost.
-    """
+    """Log of a flight."""
     (log,) = logs_of_flights([spec])
     return log
 
 
 def logs_of_flights(specs: Sequence[VerticalFlightSpec]) -> Iterator[KnownLog]:
-    """Logs of flights of one duration, in order; many are flown side by side.
-
-    Parameters
-    ----------
-    specs : sequence of VerticalFlightSpec
-        The flights.
-
-    Raises
-    ------
-    ParameterError
-        When a vehicle is lost.
-    UsageError
-        When the durations differ.
-    """
+    """Logs of flights of one duration, in order; many are flown side by side."""
     for spec, flight in zip(specs, simulate_vertical_flights(specs), strict=True):
         if not flight.flew:
             raise ParameterError(
@@ -210,18 +157,7 @@ UNITS = {
 
 
 def log_of_rigid_body_flight(spec: RigidBodyFlightSpec) -> KnownLog:
-    """Log of a flight of a whole vehicle.
-
-    Parameters
-    ----------
-    spec : RigidBodyFlightSpec
-        The flight.
-
-    Raises
-    ------
-    ParameterError
-        When the vehicle is lost.
-    """
+    """Log of a flight of a whole vehicle."""
     (flight,) = simulate_rigid_body_flights([spec])
     if not flight.flew:
         raise ParameterError(
@@ -261,16 +197,7 @@ def _rigid_body_truth(spec: RigidBodyFlightSpec, flight: RigidBodyFlight) -> dic
 
 
 def viscous_friction(truth: RigidBodyTruth) -> float:
-    """Friction along z at the speeds of a flight: d_z at hover, and c_z sum |v| v_z^2 / sum v_z^2.
-
-    It is what `eivor identify` calls viscous friction: the body's quadratic drag, at the speeds that it was
-    flown at, is part of it.
-
-    Parameters
-    ----------
-    truth : RigidBodyTruth
-        Of a flight.
-    """
+    """Friction along z at the speeds of a flight: d_z at hover, and c_z sum |v| v_z^2 / sum v_z^2."""
     told = truth.parameters
     w, x, y, z = truth.attitude.T
     along_x, along_y, along_z = truth.air_velocity.T

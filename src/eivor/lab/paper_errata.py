@@ -40,15 +40,7 @@ STRONG = Example(0, 0.1, {})
 
 @dataclass(frozen=True, slots=True)
 class Erratum:
-    """One place.
-
-    Parameters
-    ----------
-    where, printed, used : str
-        Equation, what it says as printed, what is used here.
-    check : str
-        What was computed.
-    """
+    """One place."""
 
     where: str
     printed: str

@@ -58,13 +58,7 @@ Series = Float[np.ndarray, " n"]
 
 @dataclass(frozen=True, slots=True)
 class AlternatingNoise(MeasurementNoise):
-    """Fractional noise with binom(order, j) as weights, which is (-1)^k Delta^order of white noise.
-
-    Parameters
-    ----------
-    std, order : float
-        See `FractionalNoise`.
-    """
+    """Fractional noise with binom(order, j) as weights, which is (-1)^k Delta^order of white noise."""
 
     std: float
     order: float
@@ -90,13 +84,7 @@ class AlternatingNoise(MeasurementNoise):
 
 @dataclass(frozen=True, slots=True)
 class SampleClockInput(Excitation):
-    """The paper's (35) with t counted in samples.
-
-    Parameters
-    ----------
-    variance : float
-        Variance of w.
-    """
+    """The paper's (35) with t counted in samples."""
 
     variance: float
 
@@ -107,13 +95,7 @@ class SampleClockInput(Excitation):
 
 @dataclass(frozen=True, slots=True)
 class WhiteInput(Excitation):
-    """White input.
-
-    Parameters
-    ----------
-    variance : float
-        Its variance.
-    """
+    """White input."""
 
     variance: float
 
@@ -213,15 +195,7 @@ def integrated_height(velocity: Series, drive: Series, *, intersample: Intersamp
 
 
 def euler_steps(drive: Series) -> tuple[Series, Series]:
-    """Motion from rest by Euler's steps: y[k] = -K v[k-1] + K_u u[k], v[k] = v[k-1] + T y[k].
-
-    Beside v[k], y[k] obeys an equation whose parameters are both greater by 1/(1 - K T).
-
-    Returns
-    -------
-    v, y : ndarray, shape (n,)
-        Velocity [m/s] and acceleration [m/s^2].
-    """
+    """Motion from rest by Euler's steps: y[k] = -K v[k-1] + K_u u[k], v[k] = v[k-1] + T y[k]."""
     from scipy.signal import lfilter
 
     K, K_u, T = TRUTH["viscous_friction"], TRUTH["input_gain"], 1.0 / RATE_HZ
@@ -255,17 +229,9 @@ _DIFFERENCES: Mapping[MotionSource, Callable[[Series, Series], tuple[Series, Ser
 
 @dataclass(frozen=True, slots=True)
 class Estimates:
-    """What every method says of one record, in the order of `METHODS`.
+    """What every method says of one record, in the order of `METHODS`."""
 
-    Parameters
-    ----------
-    theta : ndarray, shape (methods, parameters)
-        NaN where a method gives none.
-    weak : ndarray, shape (methods,)
-        Whether a first-stage F of its instruments is below ten; never for direct methods.
-    """
-
-    theta: Float[np.ndarray, "methods parameters"]
+    theta: Float[np.ndarray, "methods parameters"]  # NaN where a method gives none
     weak: Bool[np.ndarray, " methods"]
 
 
@@ -419,17 +385,7 @@ class Nearness:
 
 
 def run_example(reading: Reading, example: Example, runs: int, seed: int = SEED) -> PaperResult:
-    """Result of some runs of an example under a reading, on one thread.
-
-    Parameters
-    ----------
-    reading, example : Reading, Example
-        What to run.
-    runs : int
-        Number of runs.
-    seed : int
-        Run `index` draws from the seed sequence's child of that number.
-    """
+    """Result of some runs of an example under a reading, on one thread."""
     return run_together((reading,), example, runs, seed)[0]
 
 
@@ -458,24 +414,7 @@ def trial_generator(index: int, seed: int = SEED) -> np.random.Generator:
 def run_paper(
     readings: Sequence[Reading], *, runs: int, seed: int = SEED, workers: int | None = None
 ) -> Iterator[PaperResult]:
-    """Results of every reading in their order, example 1 before example 2, as they are done.
-
-    Parameters
-    ----------
-    readings : sequence of Reading
-        Which.
-    runs : int
-        Runs of each.
-    seed : int
-        See `run_example`.
-    workers : int, optional
-        Processes; default one for each core, and none but this for a single core.
-
-    Raises
-    ------
-    UsageError
-        When there are fewer than two runs: a standard deviation needs two.
-    """
+    """Results of every reading in their order, example 1 before example 2, as they are done."""
     if runs < 2:
         raise UsageError("two runs or more", f"{runs}", "The paper has 100.")
     return _results(readings, runs, seed, workers)

@@ -388,13 +388,7 @@ READINGS: tuple[Reading, ...] = (
 
 
 def named_readings(names: tuple[str, ...]) -> tuple[Reading, ...]:
-    """Readings of those names, in the order of the names; all for none.
-
-    Raises
-    ------
-    UsageError
-        When there is no reading of a name.
-    """
+    """Readings of those names, in the order of the names; all for none."""
     known = {reading.name: reading for reading in READINGS}
     for name in names:
         if name not in known:

@@ -22,24 +22,12 @@ from eivor.tools import Float
 
 @dataclass(frozen=True, slots=True)
 class Feedback:
-    """A controller's law, u = proportional d + integral T sum(d).
+    """A controller's law, u = proportional d + integral T sum(d)."""
 
-    Here d = reference_gain reference - measured velocity - altitude_gain measured altitude.
-
-    Parameters
-    ----------
-    reference_gain : float
-        Velocity setpoint per unit of the reference.
-    altitude_gain : float
-        Velocity setpoint per altitude missing [1/s].
-    proportional, integral : float
-        Input per velocity missing [input per m/s], and per metre that it adds up to.
-    """
-
-    reference_gain: float
-    altitude_gain: float
-    proportional: float
-    integral: float
+    reference_gain: float  # Velocity setpoint per unit of the reference
+    altitude_gain: float  # Velocity setpoint per altitude missing [1/s]
+    proportional: float  # [input per m/s]
+    integral: float  # [input per m/s]
 
 
 class Control(ABC):
@@ -163,27 +151,13 @@ SMALL = 1e-2
 
 @dataclass(frozen=True, slots=True)
 class SampledVehicle:
-    """Coefficients of the step, see this module.
+    """Coefficients of the step, see this module."""
 
-    Parameters
-    ----------
-    input_gain : float
-        K_u [m/s^2 per unit of input].
-    step_s : float
-        T [s].
-    decay : float
-        Of the velocity [-].
-    held : float
-        Velocity per held acceleration [s].
-    ramp : float
-        Velocity per acceleration that grows from 0 to 1 over the step [s].
-    """
-
-    input_gain: float
+    input_gain: float  # K_u [m/s^2 per unit of input]
     step_s: float
-    decay: float
-    held: float
-    ramp: float
+    decay: float  # [-]
+    held: float  # Velocity per held acceleration [s]
+    ramp: float  # Velocity per acceleration that grows from 0 to 1 over the step [s]
 
     @property
     def rise(self) -> float:
@@ -192,21 +166,7 @@ class SampledVehicle:
 
 
 def sampled_vehicle(viscous_friction: float, input_gain: float, step_s: float) -> SampledVehicle:
-    """Step of a vehicle.
-
-    Parameters
-    ----------
-    viscous_friction : float
-        K [1/s], zero or more.
-    input_gain : float
-        K_u [m/s^2 per unit of input].
-    step_s : float
-        T [s].
-
-    Notes
-    -----
-    held = T (1 - e^-x)/x and ramp = T (e^-x - 1 + x)/x^2 at x = K T. Performs no checks.
-    """
+    """Step of a vehicle."""
     x = viscous_friction * step_s
     if x < SMALL:
         held = 1.0 - x / 2.0 * (1.0 - x / 3.0 * (1.0 - x / 4.0 * (1.0 - x / 5.0 * (1.0 - x / 6.0))))
@@ -224,21 +184,7 @@ Series = Float[np.ndarray, " samples"]
 
 @dataclass(frozen=True, slots=True)
 class SampledLoop:
-    """Matrices of the recursion; u[k] = error_gain d[k] + (the sum's share).
-
-    Parameters
-    ----------
-    matrix : ndarray, shape (states, states)
-        M.
-    error_effect : ndarray, shape (states,)
-        Of an addition to the error d.
-    push_effect : ndarray, shape (states,)
-        Of an acceleration of the vehicle.
-    input_from_state : ndarray, shape (states,)
-        What the state contributes to u.
-    error_gain : float
-        What an addition to d contributes to u.
-    """
+    """Matrices of the recursion; u[k] = error_gain d[k] + (the sum's share)."""
 
     matrix: Float[np.ndarray, "states states"]
     error_effect: Float[np.ndarray, " states"]
@@ -269,13 +215,7 @@ def sampled_loop(vehicle: SampledVehicle, feedback: Feedback) -> SampledLoop:
 
 
 def check_stable(vehicle: SampledVehicle, control: Control) -> None:
-    """Refuse gains with which the sampled loop is not stable.
-
-    Raises
-    ------
-    ParameterError
-        With the spectral radius of the loop.
-    """
+    """Refuse gains with which the sampled loop is not stable."""
     feedback = control.feedback
     if feedback is None:
         return
@@ -292,10 +232,7 @@ def check_stable(vehicle: SampledVehicle, control: Control) -> None:
 def from_rest(
     matrix: Float[np.ndarray, "states states"], forcing: Float[np.ndarray, "steps states"]
 ) -> Float[np.ndarray, "samples states"]:
-    """x[k+1] = M x[k] + forcing[k] from x[0] = 0, as the banded triangular system that it is.
-
-    Performs no checks; linear in samples.
-    """
+    """x[k+1] = M x[k] + forcing[k] from x[0] = 0, as the banded triangular system that it is."""
     steps, states = forcing.shape
     band = np.zeros((2 * states, (steps + 1) * states))
     band[0] = 1.0
@@ -310,24 +247,7 @@ def from_rest(
 def driven_loop(
     loop: SampledLoop, additions: Series, pushes: Series
 ) -> tuple[Series, Float[np.ndarray, "samples states"]]:
-    """Input and states of a loop from rest.
-
-    Parameters
-    ----------
-    loop : SampledLoop
-        The loop.
-    additions : ndarray, shape (samples,)
-        To the error d [m/s].
-    pushes : ndarray, shape (samples,)
-        Held accelerations of the vehicle [m/s^2].
-
-    Returns
-    -------
-    input : ndarray, shape (samples,)
-        u.
-    states : ndarray, shape (samples, states)
-        Velocity [m/s], then altitude [m] and the sum of errors where the controller uses them.
-    """
+    """Input and states of a loop from rest."""
     forcing = np.outer(additions[:-1], loop.error_effect) + np.outer(pushes[:-1], loop.push_effect)
     states = from_rest(loop.matrix, forcing)
     return loop.error_gain * additions + states @ loop.input_from_state, states
@@ -486,22 +406,11 @@ class Scenario:
 
 @dataclass(frozen=True)
 class SimulatedRecord:
-    """A simulated record and its truth.
-
-    Parameters
-    ----------
-    signals : Signals
-        As measured, with the noises that were really added declared (their true std), and under control
-        the reference as `reference_velocity_z` or `reference_position_z`.
-    truth : Signals
-        The same channels without measurement noise; `disturbance` beside them.
-    parameters : mapping of str to float
-        viscous_friction and input_gain.
-    """
+    """A simulated record and its truth."""
 
     signals: Signals
-    truth: Signals
-    parameters: Mapping[str, float]
+    truth: Signals  # The same channels without measurement noise
+    parameters: Mapping[str, float]  # viscous_friction and input_gain
 
 
 #: For channels that a scenario does not measure, or not always.
@@ -524,21 +433,11 @@ SOURCES = ("excitation", "disturbance", *NOISY_CHANNELS)
 
 @dataclass(frozen=True, slots=True)
 class LinearMotion:
-    """Input and motion at the samples; motions add, since the model is linear.
+    """Input and motion at the samples; motions add, since the model is linear."""
 
-    Parameters
-    ----------
-    input : ndarray, shape (samples,)
-        What the actuator got.
-    velocity : ndarray, shape (samples,)
-        z' [m/s].
-    altitude : ndarray, shape (samples,), or None
-        z [m], under altitude control.
-    """
-
-    input: Series
-    velocity: Series
-    altitude: Series | None = None
+    input: Series  # shape (samples,)
+    velocity: Series  # z' [m/s], shape (samples,)
+    altitude: Series | None = None  # z [m], under altitude control, shape (samples,)
 
     def __add__(self, other: LinearMotion) -> LinearMotion:
         altitude = None
@@ -622,17 +521,7 @@ def pushed_motion(scenario: Scenario, disturbance: Series) -> LinearMotion:
 
 
 def misled_motion(scenario: Scenario, feedback: Feedback, errors: Mapping[str, Series]) -> LinearMotion:
-    """Motion of a controlled vehicle under the errors of what its controller measures alone.
-
-    Parameters
-    ----------
-    scenario : Scenario
-        The vehicle.
-    feedback : Feedback
-        Its controller.
-    errors : mapping of str to ndarray, shape (samples,)
-        Of `velocity_z` [m/s], and of `position_z` [m] under altitude control.
-    """
+    """Motion of a controlled vehicle under the errors of what its controller measures alone."""
     error = errors["velocity_z"]
     if feedback.altitude_gain != 0.0:
         error = error + feedback.altitude_gain * errors["position_z"]

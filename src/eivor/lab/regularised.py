@@ -82,23 +82,9 @@ class ReducedProblem:
 
 @dataclass(frozen=True)
 class Tikhonov:
-    """Parameter, and the vector that the solution is pulled towards.
+    """Parameter, and the vector that the solution is pulled towards."""
 
-    Parameters
-    ----------
-    parameter : float, optional
-        Zero or more: at 1 a regressor that is orthogonal to all others keeps half of its coefficient. None
-        takes generalized cross-validation.
-    towards : ndarray, shape (n,), optional
-        In the units of theta; zero by default.
-
-    Raises
-    ------
-    UsageError, NonFiniteError
-        When an argument is out of range or not finite.
-    """
-
-    parameter: float | None = None
+    parameter: float | None = None  # Zero or more
     towards: Float[np.ndarray, " n"] | None = None
 
     def __post_init__(self) -> None:
@@ -141,29 +127,12 @@ class Tikhonov:
 
 @dataclass(frozen=True)
 class RegularisedLeastSquares(UnweightedScore):
-    """Least of ||b - A theta||^2 + a ||D (theta - towards)||^2, D the columns' lengths.
+    """Least of ||b - A theta||^2 + a ||D (theta - towards)||^2, D the columns' lengths."""
 
-    Columns are scaled to unit length first, so that the result does not depend on their units. Every column
-    is pulled, an intercept's as well: give its value in `towards`, or leave it out of the model.
-
-    Parameters
-    ----------
-    scheme : Tikhonov
-        Parameter and vector.
-    """
-
-    scheme: Tikhonov = Tikhonov()
+    scheme: Tikhonov = Tikhonov()  # Parameter and vector
 
     def solve(self, system: LinearSystem) -> Solution:
-        """Regularised solution, see `Solver.solve`.
-
-        Raises
-        ------
-        EstimationError
-            When cross-validation needs more equations than unknowns and there are not.
-        ShapeError
-            When the number of unknowns differs from that of `towards`.
-        """
+        """Regularised solution, see `Solver.solve`."""
         n = system.matrix.shape[1]
         scale = column_lengths(system.matrix)
         root = triangular_root(np.column_stack([system.matrix / scale, system.right]))
@@ -178,27 +147,12 @@ class RegularisedLeastSquares(UnweightedScore):
 
 @dataclass(frozen=True)
 class RegularisedTotalLeastSquares(ErrorsInColumns):
-    """Generalized total least squares with the shift a taken off sigma^2, sigma = sigma_min([A b]).
+    """Generalized total least squares with the shift a taken off sigma^2, sigma = sigma_min([A b])."""
 
-    In the coordinates in which the declared errors are alike; see `GeneralizedTotalLeastSquares` for them.
-    Columns without error are not pulled.
-
-    Parameters
-    ----------
-    scheme : Tikhonov
-        Parameter and vector.
-    """
-
-    scheme: Tikhonov = Tikhonov()
+    scheme: Tikhonov = Tikhonov()  # Parameter and vector
 
     def solve(self, system: LinearSystem) -> Solution:
-        """Regularised solution, see `RegularisedLeastSquares.solve` and `GeneralizedTotalLeastSquares.solve`.
-
-        Raises
-        ------
-        TooFewSamplesError, NoUniqueSolutionError, CovarianceError, EstimationError, ShapeError
-            As they do.
-        """
+        """Regularised solution, see `RegularisedLeastSquares.solve`."""
         split = split_problem(system)
         if not split.noisy.size:
             return split.solution(split.theta(np.empty(0)))

@@ -76,19 +76,7 @@ LARGEST_BYTES, MOST_NUMBERS = 200_000_000, 10_000_000
 
 
 def numbers_in_file(table: TomlTable) -> tuple[float, ...]:
-    """Numbers of a table ``{ file = ..., column = ... }``.
-
-    Parameters
-    ----------
-    table : TomlTable
-        Its two keys; it knows the folder of the scenario.
-
-    Raises
-    ------
-    InputError
-        When a key is missing or unknown, the file is elsewhere or cannot be read, the column does not
-        exist, or one of its values is no finite number.
-    """
+    """Numbers of a table ``{ file = ..., column = ... }``."""
     path = _path(table, table.text("file"))
     name = table.text("column")
     table.finish()
@@ -220,22 +208,7 @@ USUAL: Mapping[type, str] = {Course: "sinusoid"}
 
 
 def of_kind(table: TomlTable, family: type, **known: object) -> Any:
-    """Object that a table with a `kind` describes.
-
-    Parameters
-    ----------
-    table : TomlTable
-        Its keys, apart from those taken already.
-    family : type
-        A key of `KINDS`: what is described.
-    **known
-        Parameters that do not come from the table.
-
-    Raises
-    ------
-    InputError
-        When the kind or a key is unknown, a value of the wrong type, or a parameter out of its range.
-    """
+    """Object that a table with a `kind` describes."""
     kinds = KINDS[family]
     kind = table.text("kind", USUAL[family]) if family in USUAL else table.text("kind")
     if kind not in kinds:
@@ -330,13 +303,7 @@ FLIGHT_KIND = "flight"
 
 
 def read_flight(path: Path) -> VerticalFlightSpec:
-    """Flight from a file, with the seed zero.
-
-    Raises
-    ------
-    InputError
-        When the file cannot be read, or does not describe a flight; says where and why.
-    """
+    """Flight from a file, with the seed zero."""
     return flight_from_table(read_toml(path, "a flight"))
 
 
@@ -347,18 +314,7 @@ def shipped_flight() -> VerticalFlightSpec:
 
 
 def flight_from_table(table: TomlTable) -> VerticalFlightSpec:
-    """Flight from the top table of a TOML file, all of whose keys it takes.
-
-    Parameters
-    ----------
-    table : TomlTable
-        With ``kind = "flight"``.
-
-    Raises
-    ------
-    InputError
-        When a key is unknown, a value of the wrong type, or a number out of its range.
-    """
+    """Flight from the top table of a TOML file, all of whose keys it takes."""
     table.choice("kind", (FLIGHT_KIND,))
     known: dict[str, object] = {"seed": 0}
     if table.has("trajectory"):
@@ -382,20 +338,7 @@ RATIO = "ratio_to_signal"
 def noises(
     table: TomlTable, channels: tuple[str, ...]
 ) -> tuple[dict[str, MeasurementNoise], dict[str, float]]:
-    """Noise of each channel, and the ratio of those that are measured by their signal.
-
-    Parameters
-    ----------
-    table : TomlTable
-        Of a scenario; its table [noise] is taken when there is one.
-    channels : tuple of str
-        What may have a noise.
-
-    Raises
-    ------
-    InputError
-        When a channel is none of these, or its noise is not described by its kind and one size.
-    """
+    """Noise of each channel, and the ratio of those that are measured by their signal."""
     noise: dict[str, MeasurementNoise] = {}
     ratios: dict[str, float] = {}
     if not table.has("noise"):
@@ -424,13 +367,7 @@ def noises(
 
 
 def ratio_to_signal(table: TomlTable) -> float | None:
-    """Ratio that a table gives, None when it gives none.
-
-    Raises
-    ------
-    InputError
-        When it is negative.
-    """
+    """Ratio that a table gives, None when it gives none."""
     table.taken.add(RATIO)
     if not table.has(RATIO):
         return None
@@ -451,24 +388,12 @@ MOST_STEPS = 2_000_000
 
 
 def read_rigid_body_flight(path: Path) -> RigidBodyFlightSpec:
-    """Flight from a file, with the seed zero.
-
-    Raises
-    ------
-    InputError
-        When the file cannot be read, or does not describe such a flight; says where and why.
-    """
+    """Flight from a file, with the seed zero."""
     return rigid_body_flight_from_table(read_toml(path, "a flight of a rigid body"))
 
 
 def shipped_rigid_body_flight(name: str) -> RigidBodyFlightSpec:
-    """Flight that comes with the package.
-
-    Raises
-    ------
-    UsageError
-        When there is none of that name.
-    """
+    """Flight that comes with the package."""
     if name not in SHIPPED:
         raise UsageError(f"a flight out of {', '.join(SHIPPED)}", f"'{name}'", "Name one of them.")
     with as_file(files("eivor.lab").joinpath("scenario_flights", f"{name}.toml")) as path:
@@ -476,18 +401,7 @@ def shipped_rigid_body_flight(name: str) -> RigidBodyFlightSpec:
 
 
 def rigid_body_flight_from_table(table: TomlTable) -> RigidBodyFlightSpec:
-    """Flight from the top table of a TOML file, all of whose keys it takes.
-
-    Parameters
-    ----------
-    table : TomlTable
-        With ``kind = "rigid-body"``.
-
-    Raises
-    ------
-    InputError
-        When a key is unknown, a value of the wrong type, or a number out of its range.
-    """
+    """Flight from the top table of a TOML file, all of whose keys it takes."""
     table.choice("kind", (RIGID_BODY_KIND,))
     flight: RigidBodyFlightSpec = built(table, RigidBodyFlightSpec, seed=0)
     if flight.count > MOST_STEPS:
@@ -504,18 +418,7 @@ AnyEnum = TypeVar("AnyEnum", bound=Enum)
 
 
 def read_scenario(path: Path) -> Scenario:
-    """Scenario from a file.
-
-    Parameters
-    ----------
-    path : Path
-        TOML, see this module.
-
-    Raises
-    ------
-    InputError
-        When the file cannot be read, or does not describe a scenario; says where and why.
-    """
+    """Scenario from a file."""
     return scenario_from_table(read_toml(path, "a scenario"))
 
 
@@ -543,18 +446,7 @@ def shipped_scenario(name: str) -> Scenario:
 
 
 def scenario_from_table(table: TomlTable) -> Scenario:
-    """Scenario from a table of a TOML file, all of whose keys it takes.
-
-    Parameters
-    ----------
-    table : TomlTable
-        The file's top, or a table in it. It may say ``kind = "vertical"``.
-
-    Raises
-    ------
-    InputError
-        When a key is unknown, a value of the wrong type, or a number out of its range.
-    """
+    """Scenario from a table of a TOML file, all of whose keys it takes."""
     if table.has("kind") and table.text("kind") != "vertical":
         raise table.wrong("kind", "'vertical'", repr(table.values["kind"]))
     noise, ratios = noises(table, NOISY_CHANNELS)
@@ -585,13 +477,7 @@ def scenario_from_table(table: TomlTable) -> Scenario:
 
 
 def sample_count(table: TomlTable, default: int) -> int:
-    """Samples of a record; default when the table does not say.
-
-    Raises
-    ------
-    InputError
-        When it is no whole number, or more than `MOST_SAMPLES`.
-    """
+    """Samples of a record; default when the table does not say."""
     samples = table.whole("samples", default)
     if samples > MOST_SAMPLES:
         raise table.wrong("samples", f"{MOST_SAMPLES} samples or fewer", f"{samples}", "Ask for fewer.")

@@ -74,20 +74,7 @@ MOST_RUNS = 10_000_000
 
 @dataclass(frozen=True, slots=True)
 class Regularisation:
-    """Tikhonov's regularisation of a method.
-
-    Parameters
-    ----------
-    parameter : float, optional
-        Generalized cross-validation chooses it by default.
-    towards : str
-        One of `TARGETS`.
-
-    Raises
-    ------
-    UsageError
-        When the target is unknown or the parameter is out of range.
-    """
+    """Tikhonov's regularisation of a method."""
 
     parameter: float | None = None
     towards: str = "zero"
@@ -268,13 +255,7 @@ class Study:
 
 
 def check_runs(runs: int) -> None:
-    """Refuse a number of runs that is none.
-
-    Raises
-    ------
-    UsageError
-        With the range.
-    """
+    """Refuse a number of runs that is none."""
     if not 1 <= runs <= MOST_RUNS:
         raise UsageError(f"runs from 1 to {MOST_RUNS}", f"{runs}", "Ask for a number of trials.")
 
@@ -312,15 +293,7 @@ FAILED = "failed"
 
 @dataclass(frozen=True, slots=True)
 class ParameterRecord:
-    """What a method found for one parameter.
-
-    Parameters
-    ----------
-    value : float
-        Estimate.
-    std_error, low, high : float or None
-        Standard error and interval; None when they were not asked for.
-    """
+    """What a method found for one parameter."""
 
     value: float
     std_error: float | None = None
@@ -330,47 +303,23 @@ class ParameterRecord:
 
 @dataclass(frozen=True, slots=True)
 class MethodRecord:
-    """What a method did on one record.
+    """What a method did on one record."""
 
-    Parameters
-    ----------
-    status : str
-        The estimate's status, or `FAILED`.
-    error : str
-        Name of the exception of a method that failed; empty otherwise.
-    parameters : tuple of ParameterRecord
-        One for each parameter of the study; empty when the method failed.
-    """
-
-    status: str
-    error: str = ""
+    status: str  # The estimate's status, or `FAILED`
+    error: str = ""  # Name of the exception of a method that failed
     parameters: tuple[ParameterRecord, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
 class TrialRecord:
-    """One trial. It holds nothing that differs from one computation of it to the next, such as a time.
+    """One trial. It holds nothing that differs from one computation of it to the next, such as a time."""
 
-    Parameters
-    ----------
-    index : int
-        Number of the trial.
-    methods : tuple of MethodRecord
-        One for each method of the study.
-    """
-
-    index: int
+    index: int  # Number of the trial
     methods: tuple[MethodRecord, ...]
 
 
 def trial(study: Study, index: int) -> TrialRecord:
-    """Compute a trial, a pure function of study and index.
-
-    Raises
-    ------
-    MemoryError
-        The only error that is not recorded: it belongs to the computer, not to the trial.
-    """
+    """Compute a trial, a pure function of study and index."""
     with warnings.catch_warnings(), np.errstate(all="ignore"):
         warnings.simplefilter("ignore")  # weak instruments are recorded as a status
         try:

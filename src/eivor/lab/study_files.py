@@ -30,34 +30,12 @@ KINDS = ("vertical", "difference_equation")
 
 
 def read_study(path: Path) -> Study:
-    """Study from a file.
-
-    Parameters
-    ----------
-    path : Path
-        TOML; a scenario file that it names is looked for beside it.
-
-    Raises
-    ------
-    InputError
-        When a file cannot be read, or does not describe a study; says where and why.
-    """
+    """Study from a file."""
     return study_from_table(read_toml(path, "a study"))
 
 
 def study_from_table(top: TomlTable) -> Study:
-    """Study from the top table of a file, all of whose keys it takes.
-
-    Parameters
-    ----------
-    top : TomlTable
-        As `read_toml` gives it; its `files` are all that were read once the study is there.
-
-    Raises
-    ------
-    InputError
-        When a file that it names cannot be read, or it does not describe a study; says where and why.
-    """
+    """Study from the top table of a file, all of whose keys it takes."""
     name = top.text("name", Path(top.file).stem)
     runs, seed = top.whole("runs"), top.whole("seed")
     intervals, level = top.flag("intervals", default=False), top.number("level", 0.95)
@@ -74,20 +52,7 @@ def study_from_table(top: TomlTable) -> Study:
 
 
 def method_choice(table: TomlTable, channel: str = INPUT) -> MethodChoice:
-    """Method and its options, from a table all of whose keys it takes.
-
-    Parameters
-    ----------
-    table : TomlTable
-        One of [[methods]].
-    channel : str
-        What instruments are lags of, when the table does not say.
-
-    Raises
-    ------
-    InputError
-        When a key is unknown or a value does not fit.
-    """
+    """Method and its options, from a table all of whose keys it takes."""
     name = table.text("name")
     lags = table.span("lags") if table.has("lags") else None
     channel = table.text("channel", channel)
@@ -159,17 +124,7 @@ def _placed(table: TomlTable, error: EivorError) -> InputError:
 
 @dataclass(frozen=True, slots=True)
 class SuiteStudy:
-    """One study of a suite.
-
-    Parameters
-    ----------
-    scenario : str
-        Name of its scenario.
-    samples : int
-        Length of its records.
-    study : Study
-        What to run.
-    """
+    """One study of a suite."""
 
     scenario: str
     samples: int
@@ -178,18 +133,10 @@ class SuiteStudy:
 
 @dataclass(frozen=True, slots=True)
 class Suite:
-    """Studies with the same methods, runs and seed.
-
-    Parameters
-    ----------
-    name : str
-        What reports call it.
-    studies : tuple of SuiteStudy
-        Every scenario at every length, lengths first.
-    """
+    """Studies with the same methods, runs and seed."""
 
     name: str
-    studies: tuple[SuiteStudy, ...]
+    studies: tuple[SuiteStudy, ...]  # Every scenario at every length, lengths first
 
     def reduced(self, runs: int) -> Suite:
         """Same suite with other numbers of runs; trials are the same as far as they go."""
@@ -198,13 +145,7 @@ class Suite:
 
 
 def read_suite(path: Path) -> Suite:
-    """Suite from a file.
-
-    Raises
-    ------
-    InputError
-        When a file cannot be read, or does not describe a suite; says where and why.
-    """
+    """Suite from a file."""
     top = read_toml(path, "a suite of studies")
     name, runs, seed = top.text("name", path.stem), top.whole("runs"), top.whole("seed")
     level = top.number("level", 0.95)

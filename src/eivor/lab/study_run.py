@@ -35,15 +35,7 @@ GROUP_ROWS = 10_000
 
 
 def sealed(table: pl.DataFrame, facts: Mapping[str, str]) -> bytes:
-    """Parquet of a table, sealed. Equal tables and facts give equal bytes.
-
-    Parameters
-    ----------
-    table : polars.DataFrame
-        What to keep.
-    facts : mapping of str to str
-        What it is of, kept beside the seal.
-    """
+    """Parquet of a table, sealed. Equal tables and facts give equal bytes."""
     content = parquet_bytes(table, {SEAL_KEY: "0" * SEAL_BYTES, **facts})
     place = content.rindex(SEAL_MARK) + len(SEAL_MARK)
     return content[:place] + _checksum(content, place) + content[place + SEAL_BYTES :]
@@ -82,22 +74,7 @@ def _checksum(content: bytes, place: int) -> bytes:
 
 @contextmanager
 def system_errors_told(folder: Path, *, of: str, kept: str) -> Iterator[None]:
-    """Turn the system's error for a file of a folder of tables into one of Eivor's.
-
-    Parameters
-    ----------
-    folder : Path
-        The folder.
-    of : str
-        What its tables are of.
-    kept : str
-        What was written before and stays.
-
-    Raises
-    ------
-    InputError
-        When a file could not be read or written.
-    """
+    """Turn the system's error for a file of a folder of tables into one of Eivor's."""
     try:
         yield
     except (OSError, pl.exceptions.PolarsError, pl.exceptions.PanicException) as error:
@@ -126,15 +103,7 @@ study_errors_told = partial(system_errors_told, of="study", kept="Trials that we
 
 @dataclass(frozen=True, slots=True)
 class TrialShards:
-    """Shards of a study in a folder.
-
-    Parameters
-    ----------
-    study : Study
-        Whose trials.
-    folder : Path
-        Where.
-    """
+    """Shards of a study in a folder."""
 
     study: Study
     folder: Path
@@ -170,13 +139,7 @@ class TrialShards:
         return {"eivor.study": self.study.identity, "eivor.trials": f"{trials.start} to {trials.stop - 1}"}
 
     def _read(self, number: int) -> pl.DataFrame:
-        """Trials of a shard.
-
-        Raises
-        ------
-        InputError
-            When it is not whole.
-        """
+        """Trials of a shard."""
         content = self.path(number).read_bytes()
         if not is_sealed(content, self._facts(number)):
             raise InputError(
@@ -187,24 +150,12 @@ class TrialShards:
         return pl.read_parquet(io.BytesIO(content))
 
     def write(self, number: int, trials: Sequence[TrialRecord]) -> None:
-        """Keep the trials of a shard.
-
-        Raises
-        ------
-        InputError
-            When the system refuses, for example because the disk is full. What was complete stays.
-        """
+        """Keep the trials of a shard."""
         with study_errors_told(self.folder):
             write_whole(self.path(number), sealed(frame(self.study, trials), self._facts(number)))
 
     def consolidate(self) -> pl.DataFrame:
-        """Make the table of all trials from the shards.
-
-        Raises
-        ------
-        InputError
-            When the system refuses, or a shard is not whole.
-        """
+        """Make the table of all trials from the shards."""
         with study_errors_told(self.folder):
             # In two steps: thousands of small tables at once take many times the memory of one large one.
             table = pl.concat(
@@ -230,16 +181,7 @@ def shard_trials(runs: int, number: int) -> range:
 
 
 def open_folder(study: Study, folder: Path) -> TrialShards:
-    """Folder for a study: new, or one in which this study was begun.
-
-    Raises
-    ------
-    UsageError
-        When it holds another study, more runs than asked for, or files that are not a study's.
-    InputError
-        When it cannot be read or written, or when trials are missing and others were computed by other
-        versions.
-    """
+    """Folder for a study: new, or one in which this study was begun."""
     shards = TrialShards(study, folder)
     with study_errors_told(folder):
         if folder.exists() and not folder.is_dir():
@@ -490,23 +432,7 @@ class Spread:
 
 @dataclass(frozen=True, slots=True)
 class ParameterScore:
-    """How a method did on one parameter.
-
-    Parameters
-    ----------
-    name : str
-        The parameter.
-    truth : float
-        Its value.
-    estimate : Spread
-        Of the estimates.
-    nrmse : Spread
-        In percent.
-    bias, rmse : float
-        Mean error and root mean square error, in the parameter's unit.
-    coverage : Share or None
-        Of the intervals that held the truth; None when the study records no intervals.
-    """
+    """How a method did on one parameter."""
 
     name: str
     truth: float
@@ -519,21 +445,7 @@ class ParameterScore:
 
 @dataclass(frozen=True, slots=True)
 class MethodScore:
-    """How a method did.
-
-    Parameters
-    ----------
-    label : str
-        The method.
-    trials, failed, weak : int
-        Trials, those in which it gave no estimate, and those whose estimate it called weak.
-    first_failure : int or None
-        First trial in which it gave no estimate.
-    parameters : tuple of ParameterScore
-        In the order of the equation.
-    together : Spread
-        NRMSE of the vector of parameters, in percent.
-    """
+    """How a method did."""
 
     label: str
     trials: int
@@ -541,7 +453,7 @@ class MethodScore:
     weak: int
     first_failure: int | None
     parameters: tuple[ParameterScore, ...]
-    together: Spread
+    together: Spread  # NRMSE of the vector of parameters, in percent
 
 
 def scores(result: StudyResult) -> tuple[MethodScore, ...]:

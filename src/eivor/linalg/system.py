@@ -33,29 +33,13 @@ THREADED_FROM = 8
 
 
 def row_blocks(first: int, stop: int, size: int) -> Iterator[tuple[int, int]]:
-    """First row of each block from `first` to `stop`, and the row after its last.
-
-    Parameters
-    ----------
-    first, stop : int
-        First row of all, and the row after the last.
-    size : int
-        Rows of every block but the last, which may have fewer.
-    """
+    """First row of each block from `first` to `stop`, and the row after its last."""
     for start in range(first, stop, size):
         yield start, min(start + size, stop)
 
 
 def made_ahead(make: Callable[[Block], Made], blocks: Iterable[Block]) -> Iterator[Made]:
-    """What is made of each block, in order; of many blocks by threads, a few ahead of what is used.
-
-    Parameters
-    ----------
-    make : callable
-        Makes something of one block, without side effects. What it makes does not depend on the threads.
-    blocks : iterable
-        The blocks.
-    """
+    """What is made of each block, in order; of many blocks by threads, a few ahead of what is used."""
     remaining = iter(blocks)
     first = list(islice(remaining, THREADED_FROM))
     if len(first) < THREADED_FROM:
@@ -76,10 +60,7 @@ def made_ahead(make: Callable[[Block], Made], blocks: Iterable[Block]) -> Iterat
 
 
 def triangular_root(rows: Float[np.ndarray, "m n"]) -> Float[np.ndarray, "k n"]:
-    """R of the QR factorisation of `rows`, k = min(m, n): R'R = rows' rows, and no condition is squared.
-
-    Performs no checks; O(m n^2), in blocks, so that the copy that QR makes stays small.
-    """
+    """R of the QR factorisation of `rows`, k = min(m, n): R'R = rows' rows, and no condition is squared."""
     if rows.shape[0] <= 2 * COPIED_ROWS:
         return _reduced(rows)
     root = _reduced(rows[:COPIED_ROWS])
@@ -103,33 +84,13 @@ def _reduced(rows: Float[np.ndarray, "m n"]) -> Float[np.ndarray, "k n"]:
 
 @dataclass(frozen=True, slots=True)
 class LinearSystem:
-    """Equations A theta = b, usually more of them than unknowns.
-
-    Parameters
-    ----------
-    matrix : ndarray, shape (m, n)
-        A.
-    right : ndarray, shape (m,)
-        b.
-    error_covariance : ndarray, shape (n + 1, n + 1), optional
-        Covariance of the errors in one row of [A b], up to a common factor; zero rows and columns for
-        columns without error. Only total least squares uses it; None stands for the identity.
-    count : float, optional
-        Number of equations that these are a triangular root of; None for as many as there are.
-    error_degrees : float, optional
-        Degrees of freedom that the error covariance was estimated on; None when it is a declared one.
-
-    Raises
-    ------
-    ShapeError, NonFiniteError, TooFewSamplesError
-        When shapes do not fit, a number is not finite, or there are fewer equations than unknowns.
-    """
+    """Equations A theta = b, usually more of them than unknowns."""
 
     matrix: Float[np.ndarray, "m n"]
     right: Float[np.ndarray, " m"]
-    error_covariance: Float[np.ndarray, "n_plus_1 n_plus_1"] | None = None
-    count: float | None = None
-    error_degrees: float | None = None
+    error_covariance: Float[np.ndarray, "n_plus_1 n_plus_1"] | None = None  # [A b]
+    count: float | None = None  # Number of equations that these are a triangular root of
+    error_degrees: float | None = None  # Degrees of freedom that the error covariance was estimated on
 
     def __post_init__(self) -> None:
         for name in ("matrix", "right", "error_covariance"):
@@ -172,66 +133,32 @@ class LinearSystem:
 
 @dataclass(frozen=True, slots=True)
 class Shrinkage:
-    """What regularisation did to a solution.
-
-    Parameters
-    ----------
-    scheme, choice : str
-        Names of the regularisation and of what chose its parameter.
-    parameter : float
-        The parameter.
-    kept : float
-        Number of parameters that are left, of n: the sum of the shares of each direction that are kept.
-    shift : ndarray, shape (n,)
-        Theta less the solution that is not regularised.
-    """
+    """What regularisation did to a solution."""
 
     scheme: str
     choice: str
     parameter: float
-    kept: float
-    shift: Float[np.ndarray, " n"]
+    kept: float  # Number of parameters that are left, of n
+    shift: Float[np.ndarray, " n"]  # Theta less the solution that is not regularised
 
 
 @dataclass(frozen=True, slots=True)
 class Solution:
-    """What a solver found.
-
-    Parameters
-    ----------
-    theta : ndarray, shape (n,)
-        Unknowns.
-    residual : ndarray, shape (m,)
-        b - A theta.
-    objective : float
-        What the solver minimised.
-    condition : float
-        Condition number of the matrix after columns were scaled to unit length.
-    shrinkage : Shrinkage, optional
-        What regularisation did; None without any.
-    """
+    """What a solver found."""
 
     theta: Float[np.ndarray, " n"]
-    residual: Float[np.ndarray, " m"]
+    residual: Float[np.ndarray, " m"]  # b - A theta
     objective: float
-    condition: float
+    condition: float  # Condition number of the matrix after columns were scaled to unit length
     shrinkage: Shrinkage | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class ScoreCorrection:
-    """What to add to the test functions of a direct method, and to the sensitivity of its score.
+    """What to add to the test functions of a direct method, and to the sensitivity of its score."""
 
-    Parameters
-    ----------
-    rows : ndarray, shape (rows, n)
-        Added to the regressors: the part of each residual that the solver attributes to them.
-    sensitivity : ndarray, shape (n, n)
-        Added to G'G.
-    """
-
-    rows: Float[np.ndarray, "rows n"]
-    sensitivity: Float[np.ndarray, "n n"]
+    rows: Float[np.ndarray, "rows n"]  # Added to the regressors
+    sensitivity: Float[np.ndarray, "n n"]  # Added to G'G
 
 
 class Solver(ABC):
@@ -239,13 +166,7 @@ class Solver(ABC):
 
     @abstractmethod
     def solve(self, system: LinearSystem) -> Solution:
-        """Solution of `system`.
-
-        Raises
-        ------
-        CollinearError
-            When columns are combinations of one another.
-        """
+        """Solution of `system`."""
 
     def objectives(self, systems: Float[np.ndarray, "systems m n_plus_1"]) -> Float[np.ndarray, " systems"]:
         """What `solve` would leave of many systems [A b] of one size. Performs no checks."""

@@ -32,11 +32,7 @@ def solve_augmented(
     lower: float,
     below: Float[np.ndarray, " n"] | None = None,
 ) -> Float[np.ndarray, " n"]:
-    """Theta of the augmented system with `upper` and `lower` on its diagonal blocks, and `below` for c.
-
-    A symmetric indefinite solve (Bunch-Kaufman), O((m + n)^3): give it a triangular A of size n.
-    Performs no checks.
-    """
+    """Theta of the augmented system with `upper` and `lower` on its diagonal blocks, and `below` for c."""
     rows, unknowns = A.shape
     matrix = np.zeros((rows + unknowns, rows + unknowns))
     matrix[:rows, :rows] = upper * np.eye(rows)
@@ -119,11 +115,7 @@ class LeastSquares(UnweightedLeastSquares):
 
 @dataclass(frozen=True, slots=True)
 class AugmentedLeastSquares(UnweightedLeastSquares):
-    """Minimise ||b - A theta||_2 through the augmented system, the paper's (10), (25), (31).
-
-    [[s I, A], [A', 0]] [r/s; theta] = [b; 0] with s = sigma_min(A)/sqrt(2). An orthogonal reduction of
-    [A b] leaves solution and conditioning as they are and shrinks the system from m + n to 2 n.
-    """
+    """Minimise ||b - A theta||_2 through the augmented system, the paper's (10), (25), (31)."""
 
     def triangular_solution(
         self, R: Float[np.ndarray, "n n"], right: Float[np.ndarray, " n"], smallest: float
@@ -133,13 +125,7 @@ class AugmentedLeastSquares(UnweightedLeastSquares):
 
 
 def column_lengths(matrix: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " n"]:
-    """Euclidean length of each column.
-
-    Raises
-    ------
-    CollinearError
-        When a column is zero.
-    """
+    """Euclidean length of each column."""
     lengths: Float[np.ndarray, " n"] = np.sqrt(np.einsum("ij,ij->j", matrix, matrix))
     if not lengths.all():
         raise CollinearError(
@@ -151,10 +137,7 @@ def column_lengths(matrix: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " n"]:
 
 
 def row_lengths(matrix: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " m"]:
-    """Euclidean lengths of the rows of a square matrix whose columns are given unit length.
-
-    Ones where there are more rows than columns: their units are their weights. Ones for zero rows too.
-    """
+    """Euclidean lengths of the rows of a square matrix whose columns are given unit length."""
     if matrix.shape[0] != matrix.shape[1]:
         return np.ones(matrix.shape[0])
     columns = np.einsum("ij,ij->j", matrix, matrix)
@@ -163,14 +146,7 @@ def row_lengths(matrix: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " m"]:
 
 
 def smallest_singular_value(R: Float[np.ndarray, "n n"]) -> tuple[float, float]:
-    """Smallest singular value and condition number of the triangular factor of unit-length columns.
-
-    Raises
-    ------
-    CollinearError
-        When the condition exceeds .001/(n eps), 2e12 for two columns: one of them is a combination of the
-        others but for rounding, which three digits of the solution do not survive.
-    """
+    """Smallest singular value and condition number of the triangular factor of unit-length columns."""
     singular = np.linalg.svd(R, compute_uv=False)
     if lost_to_rounding(singular, R.shape[0]):
         raise CollinearError(
@@ -182,15 +158,7 @@ def smallest_singular_value(R: Float[np.ndarray, "n n"]) -> tuple[float, float]:
 
 
 def lost_to_rounding(singular: Float[np.ndarray, " n"], size: int) -> bool:
-    """Whether rounding takes more than its share of what a matrix of these singular values is solved for.
-
-    Parameters
-    ----------
-    singular : ndarray, shape (n,)
-        Of the matrix with columns of unit length, in descending order.
-    size : int
-        Its larger dimension.
-    """
+    """Whether rounding takes more than its share of what a matrix of these singular values is solved for."""
     return bool(singular[-1] * LARGEST_ROUNDING <= singular[0] * size * np.finfo(np.float64).eps)
 
 
@@ -202,46 +170,19 @@ SEPARATION = 1e-12
 
 @dataclass(frozen=True)
 class SplitProblem:
-    """Whitened columns with errors, and the way back.
-
-    Notation: with S = L L' the covariance of the noisy columns' errors and the response's, the rows
-    [A b] L^-T have errors of covariance I, and [theta; -1] becomes L' [theta; -1] up to a factor.
-
-    Parameters
-    ----------
-    system : LinearSystem
-        The problem.
-    covariance : ndarray, shape (n + 1, n + 1)
-        S, of all columns.
-    exact, noisy : ndarray of int
-        Columns without and with errors.
-    root : ndarray, shape (k, n + 1)
-        Triangular root of [A b], exact columns first.
-    factor : ndarray, shape (q + 1, q + 1)
-        L of the noisy columns and the response.
-    R : ndarray, shape (q, q)
-        Triangular factor of the whitened regressors.
-    right : ndarray, shape (q,)
-        Right-hand side in its coordinates.
-    outside : float
-        Square of the whitened right-hand side that no regressor reaches.
-    smallest : float
-        Smallest singular value of the whitened [A b].
-    condition : float
-        Condition number of A, columns scaled to unit length.
-    """
+    """Whitened columns with errors, and the way back."""
 
     system: LinearSystem
-    covariance: Float[np.ndarray, "n_plus_1 n_plus_1"]
+    covariance: Float[np.ndarray, "n_plus_1 n_plus_1"]  # S, of all columns
     exact: Int[np.ndarray, " k"]
     noisy: Int[np.ndarray, " q"]
-    root: Float[np.ndarray, "rows n_plus_1"]
-    factor: Float[np.ndarray, "q_plus_1 q_plus_1"]
-    R: Float[np.ndarray, "q q"]
+    root: Float[np.ndarray, "rows n_plus_1"]  # Triangular root of [A b], exact columns first
+    factor: Float[np.ndarray, "q_plus_1 q_plus_1"]  # L of the noisy columns and the response
+    R: Float[np.ndarray, "q q"]  # Triangular factor of the whitened regressors
     right: Float[np.ndarray, " q"]
-    outside: float
-    smallest: float
-    condition: float
+    outside: float  # Square of the whitened right-hand side that no regressor reaches
+    smallest: float  # Smallest singular value of the whitened [A b]
+    condition: float  # Condition number of A, columns scaled to unit length
 
     def theta(self, whitened: Float[np.ndarray, " q"]) -> Float[np.ndarray, " n"]:
         """All unknowns, from those of the whitened columns."""
@@ -270,17 +211,7 @@ class SplitProblem:
 
 
 def split_problem(system: LinearSystem) -> SplitProblem:
-    """Split and whiten a problem.
-
-    Raises
-    ------
-    TooFewSamplesError
-        With fewer than n + 1 equations.
-    NoUniqueSolutionError
-        When sigma_min([A b]) is not below sigma_min(A).
-    CovarianceError
-        When the errors of the noisy columns have a singular covariance.
-    """
+    """Split and whiten a problem."""
     rows, unknowns = system.matrix.shape
     if rows < unknowns + 1:
         raise TooFewSamplesError(
@@ -371,12 +302,7 @@ class ErrorsInColumns(Solver):
         theta: Float[np.ndarray, " n"],
         error_covariance: Float[np.ndarray, "n_plus_1 n_plus_1"] | None,
     ) -> ScoreCorrection:
-        """e_t (W theta - w) / s beside the regressors and -(e'e / s) W beside G'G.
-
-        W is the covariance of the regressors' errors, w that with the response's, s the weight of the
-        residual. The score of (13) is the sum of e_t (x_t + e_t (W theta - w) / s); its derivative follows
-        because e'e / s is stationary at the solution.
-        """
+        """e_t (W theta - w) / s beside the regressors and -(e'e / s) W beside G'G."""
         S = np.eye(theta.size + 1) if error_covariance is None else error_covariance
         W, pull = S[:-1, :-1], S[:-1, :-1] @ theta - S[:-1, -1]
         weight = residual_weight(theta, S)
@@ -385,10 +311,7 @@ class ErrorsInColumns(Solver):
 
 
 class GeneralizedTotalLeastSquares(ErrorsInColumns):
-    """Minimise ||b - A theta||^2 / ([theta; -1]' S [theta; -1]), the paper's (13) with any covariance S.
-
-    What the ways to solve it have in common: all but the last step, for whitened errors.
-    """
+    """Minimise ||b - A theta||^2 / ([theta; -1]' S [theta; -1]), the paper's (13) with any covariance S."""
 
     @abstractmethod
     def whitened_solution(
@@ -397,17 +320,7 @@ class GeneralizedTotalLeastSquares(ErrorsInColumns):
         """Theta of (R'R - smallest^2 I) theta = R' right."""
 
     def solve(self, system: LinearSystem) -> Solution:
-        """Total least squares solution, see `Solver.solve`.
-
-        Raises
-        ------
-        TooFewSamplesError
-            With fewer than n + 1 equations.
-        NoUniqueSolutionError
-            When sigma_min([A b]) is not below sigma_min(A).
-        CovarianceError
-            When the errors of the noisy columns have a singular covariance.
-        """
+        """Total least squares solution, see `Solver.solve`."""
         split = split_problem(system)
         whitened = np.empty(0)
         if split.noisy.size:
@@ -430,10 +343,7 @@ class TotalLeastSquares(GeneralizedTotalLeastSquares):
 
 @dataclass(frozen=True, slots=True)
 class AugmentedTotalLeastSquares(GeneralizedTotalLeastSquares):
-    """Generalized total least squares through the augmented system, the paper's (16), (27), (33).
-
-    [[s I, A], [A', s I]] [r/s; theta] = [b; 0] with s = sigma_min([A b]), reduced to 2 n.
-    """
+    """Generalized total least squares through the augmented system, the paper's (16), (27), (33)."""
 
     def whitened_solution(
         self, R: Float[np.ndarray, "n n"], right: Float[np.ndarray, " n"], smallest: float
@@ -449,37 +359,15 @@ class AugmentedTotalLeastSquares(GeneralizedTotalLeastSquares):
 
 @dataclass(frozen=True, slots=True)
 class Fuller(ErrorsInColumns):
-    """Total least squares with less of a shift: (R'R - (sigma^2 - a/nu) I) theta = R' right (Fuller 1977).
+    """Total least squares with less of a shift: (R'R - (sigma^2 - a/nu) I) theta = R' right (Fuller 1977)."""
 
-    Of two-stage equations whose columns' errors have the covariance that the instruments leave (see
-    `eivor.estimation.weighting`) total least squares is limited information maximum
-    likelihood, and this is Fuller's modification of it, the k-class with k = k_LIML - a/nu. Unlike LIML it
-    has moments: a = 1 is nearly unbiased, a = 4 has a small mean square error.
-
-    Parameters
-    ----------
-    strength : float
-        a, zero for LIML.
-
-    Raises
-    ------
-    UsageError
-        When it is no number of zero or more.
-    """
-
-    strength: float = 1.0
+    strength: float = 1.0  # a, zero for LIML
 
     def __post_init__(self) -> None:
         checks.within(self, {"strength": (0.0, 1e6)}, "Use 1, or 4.")
 
     def solve(self, system: LinearSystem) -> Solution:
-        """Solution, see `Solver.solve`.
-
-        Raises
-        ------
-        UsageError
-            When the errors' covariance is no estimate, which has degrees of freedom.
-        """
+        """Solution, see `Solver.solve`."""
         if system.error_degrees is None:
             raise UsageError(
                 "equations whose errors' covariance was estimated, on so many degrees of freedom",

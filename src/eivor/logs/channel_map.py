@@ -57,17 +57,7 @@ Step = float | str | np.ufunc
 
 @dataclass(frozen=True, slots=True)
 class Expression:
-    """A checked expression.
-
-    Parameters
-    ----------
-    text : str
-        As it stands in the channel map.
-    steps : tuple of float, str or ufunc
-        Numbers, names of columns and functions, each function after its arguments.
-    columns : tuple of str
-        Columns that it uses, at least one.
-    """
+    """A checked expression."""
 
     text: str
     steps: tuple[Step, ...]
@@ -93,20 +83,7 @@ class Expression:
 
 
 def parse_expression(text: str, where: str) -> Expression:
-    """Check an expression and name its columns.
-
-    Parameters
-    ----------
-    text : str
-        The expression.
-    where : str
-        File and key, for messages.
-
-    Raises
-    ------
-    ChannelMapError
-        When the text is anything but elementwise arithmetic over columns.
-    """
+    """Check an expression and name its columns."""
     if len(text) > MAX_LENGTH:
         raise _refused(where, f"{len(text)} characters")
     compiler = _Compiler(text, where)
@@ -248,72 +225,24 @@ class ValidRange:
 
 @dataclass(frozen=True, slots=True)
 class ChannelRule:
-    """How one channel is made of columns.
-
-    Parameters
-    ----------
-    name : str
-        Canonical name.
-    expression : Expression
-        What is computed from the columns; one column's name most often.
-    factor : float
-        From the logged unit to SI, with sign and scale.
-    held : bool
-        True for commands, setpoints and states.
-    optional : bool
-        True when the channel is left out of tables that lack its columns.
-    angles : tuple of str
-        Columns of roll and pitch, when the channel is computed from these.
-    angle_unit : str
-        Their unit, "rad" or "deg".
-    estimated : bool
-        True when an estimator makes the values.
-    delay_s : float
-        The sensor's own delay [s]: a value is of so long before its stamp; below zero, of after it.
-    noise : float or DataSheet, optional
-        Measurement noise of a sample in SI units, see `Channel`.
-    curve_side : CurveSide
-        Of a command, see `Channel`.
-    """
+    """How one channel is made of columns."""
 
     name: str
     expression: Expression
     factor: float = 1.0
-    held: bool = False
+    held: bool = False  # True for commands, setpoints and states
     optional: bool = False
-    angles: tuple[str, ...] = ()
-    angle_unit: str = ""
-    estimated: bool = False
+    angles: tuple[str, ...] = ()  # Columns of roll and pitch, when the channel is computed from these
+    angle_unit: str = ""  # Their unit, "rad" or "deg"
+    estimated: bool = False  # True when an estimator makes the values
     delay_s: float = 0.0
-    noise: float | DataSheet | None = None
+    noise: float | DataSheet | None = None  # Measurement noise of a sample in SI units, see `Channel`
     curve_side: CurveSide = CurveSide.UNKNOWN
 
 
 @dataclass(frozen=True, slots=True)
 class ChannelMap:
-    """A checked channel map.
-
-    Parameters
-    ----------
-    name : str
-        Name of the map.
-    time_column : str
-        Column of the stamps.
-    time_unit : str
-        Unit of the stamps: "s", "ms", "us" or "ns".
-    rules : tuple of ChannelRule
-        One for each channel.
-    frame : Frame
-        Which way z points.
-    input_map : str
-        Name of the vehicle's input map, empty when the map does not state one.
-    ranges : mapping of str to ValidRange
-        By column.
-    origin : str
-        File of the map, for messages.
-    airframe : str
-        Which kind of vehicle the logs are of; empty when nothing is known.
-    """
+    """A checked channel map."""
 
     name: str
     time_column: str
@@ -322,7 +251,7 @@ class ChannelMap:
     frame: Frame
     input_map: str
     ranges: Mapping[str, ValidRange]
-    origin: str
+    origin: str  # File of the map, for messages
     airframe: str = ""
 
     @property
@@ -344,13 +273,7 @@ def shipped_maps() -> tuple[str, ...]:
 
 
 def load_channel_map(source: str | os.PathLike[str]) -> ChannelMap:
-    """Load a map by the name of a shipped one or by its path, and check every key of it.
-
-    Raises
-    ------
-    ChannelMapError
-        With file, key, what was expected and what stands there.
-    """
+    """Load a map by the name of a shipped one or by its path, and check every key of it."""
     if isinstance(source, str) and source in shipped_maps():
         text = (resources.files("eivor.logs") / "maps" / f"{source}.toml").read_text(encoding="utf-8")
         return parse_channel_map(text, f"{source}.toml")
@@ -365,20 +288,7 @@ def load_channel_map(source: str | os.PathLike[str]) -> ChannelMap:
 
 
 def parse_channel_map(text: str, origin: str) -> ChannelMap:
-    """Parse and check the text of a map.
-
-    Parameters
-    ----------
-    text : str
-        TOML.
-    origin : str
-        File of the map, for messages.
-
-    Raises
-    ------
-    ChannelMapError
-        With file, key, what was expected and what stands there.
-    """
+    """Parse and check the text of a map."""
     return _channel_map(toml_table(text, Path(origin), "a channel map", ChannelMapError))
 
 

@@ -28,19 +28,7 @@ from eivor.tools import Bool, Float
 
 @dataclass(frozen=True, slots=True)
 class Columns:
-    """Columns of a table as numbers.
-
-    Parameters
-    ----------
-    values : mapping of str to ndarray, shape (n,)
-        By column name, in the logged unit; NaN where the table has no number.
-    unreadable : mapping of str to int
-        Number of cells, by column, that hold a text which is no number.
-    seconds : frozenset of str
-        Columns that hold points in time and have been turned into seconds.
-    lists : mapping of str to str
-        The first cell of columns whose cells are lists, which are no numbers.
-    """
+    """Columns of a table as numbers."""
 
     values: Mapping[str, Float[np.ndarray, " n"]]
     unreadable: Mapping[str, int] = field(default_factory=dict)
@@ -72,15 +60,7 @@ def element_name(column: str, index: int) -> str:
 
 
 def element_of(name: str, columns: Sequence[str]) -> tuple[str, int] | None:
-    """Return the column and the place that a name means; None for a column of its own, or of none.
-
-    Parameters
-    ----------
-    name : str
-        As a channel map has it.
-    columns : sequence of str
-        Columns of the table.
-    """
+    """Return the column and the place that a name means; None for a column of its own, or of none."""
     match = _ELEMENT.fullmatch(name)
     if match is None or name in columns or match[1] not in columns:
         return None
@@ -104,15 +84,7 @@ TOGETHER_ROWS = 5
 def without_extrapolation(
     time_s: Float[np.ndarray, " n"], columns: Mapping[str, Float[np.ndarray, " n"]]
 ) -> tuple[dict[str, Float[np.ndarray, " n"]], Finding | None]:
-    """Return the columns with made-up values as NaN, and what was found.
-
-    Parameters
-    ----------
-    time_s : ndarray, shape (n,)
-        Stamps of the rows [s].
-    columns : mapping of str to ndarray, shape (n,)
-        Columns of the table, in any unit.
-    """
+    """Return the columns with made-up values as NaN, and what was found."""
     starts = {name: _line_start(time_s, values) for name, values in columns.items()}
     begun = {name: start for name, start in starts.items() if start is not None}
     if len(begun) < MIN_COLUMNS:
@@ -163,38 +135,17 @@ _Values = Mapping[str, Float[np.ndarray, " _"]]
 
 
 def channel_findings(channels: Mapping[str, Channel]) -> tuple[Finding, ...]:
-    """Return everything that stands out in a set of channels.
-
-    Parameters
-    ----------
-    channels : mapping of str to Channel
-        By canonical name, in SI units.
-
-    Returns
-    -------
-    tuple of Finding
-        Counts first, then doubts about units.
-    """
+    """Return everything that stands out in a set of channels."""
     looks = {name: look(channel) for name, channel in channels.items()}
     return findings_of(looks, channels)
 
 
 @dataclass(frozen=True, slots=True)
 class Look:
-    """What findings need of every channel.
-
-    Parameters
-    ----------
-    quality : ChannelQuality
-        What was set right.
-    step_s : float
-        Median step of a sampled channel, NaN where there is none [s].
-    values : ndarray
-        Its values where sizes are doubted, of a long channel so many that their median is that of all.
-    """
+    """What findings need of every channel."""
 
     quality: ChannelQuality
-    step_s: float
+    step_s: float  # Median step of a sampled channel, NaN where there is none [s]
     values: Float[np.ndarray, " n"]
 
 
@@ -208,15 +159,7 @@ def look(channel: Channel) -> Look:
 
 
 def findings_of(looks: Mapping[str, Look], channels: Mapping[str, Channel]) -> tuple[Finding, ...]:
-    """Return what `channel_findings` does, of channels that were looked at as they were made.
-
-    Parameters
-    ----------
-    looks : mapping of str to Look
-        By canonical name.
-    channels : mapping of str to Channel
-        The same, of which some are asked for.
-    """
+    """Return what `channel_findings` does, of channels that were looked at as they were made."""
     qualities = {name: one.quality for name, one in looks.items()}
     steps = [one.step_s for one in looks.values() if np.isfinite(one.step_s)]
     return (*_count_findings(qualities), *_time_findings(steps), *_unit_findings(looks, channels))
@@ -358,13 +301,7 @@ MAX_FILES = 10_000
 
 
 def file_names(folder: Path) -> Iterator[str]:
-    """Names of the regular files of a folder, in any order, one after the other: it may have very many.
-
-    Raises
-    ------
-    OSError
-        When the folder cannot be looked into.
-    """
+    """Names of the regular files of a folder, in any order, one after the other: it may have very many."""
     with os.scandir(folder) as entries:
         for entry in entries:
             if entry.is_file():
@@ -400,33 +337,17 @@ KEPT_BYTES = 48 << 20
 
 @dataclass(slots=True)
 class KeptChannels(MadeChannels):
-    """Channels by name, the first of which are kept.
+    """Channels by name, the first of which are kept."""
 
-    Parameters
-    ----------
-    limit : int
-        What kept channels may hold together [bytes].
-    cut : callable, optional
-        Reads a part of the log: from one second to another, its samples so many seconds apart.
-    """
-
-    limit: int = KEPT_BYTES
-    cut: Cut | None = None
+    limit: int = KEPT_BYTES  # [bytes]
+    cut: Cut | None = None  # Reads a part of the log
     _makers: dict[str, Callable[[], Channel]] = field(default_factory=dict)
     _kept: dict[str, Channel] = field(default_factory=dict)
     _held: dict[int, int] = field(default_factory=dict)
     _span_s: tuple[float, float] = (inf, -inf)
 
     def put(self, channel: Channel, make: Callable[[], Channel]) -> None:
-        """Add a channel, or put it in the place of another.
-
-        Parameters
-        ----------
-        channel : Channel
-            Kept when there is room.
-        make : callable
-            Makes the same channel again.
-        """
+        """Add a channel, or put it in the place of another."""
         self._kept.pop(channel.name, None)
         self._makers[channel.name] = make
         if channel.time_s.size:
@@ -480,18 +401,10 @@ HEAD_BYTES = 65536
 
 @dataclass(frozen=True, slots=True)
 class ReadOptions:
-    """What a reader is told beside the file.
-
-    Parameters
-    ----------
-    channel_map : str or path, optional
-        A channel map (TOML), or the name of a shipped one; only for formats that take one.
-    sha256 : str
-        Hash of the file's bytes, for the Recording.
-    """
+    """What a reader is told beside the file."""
 
     channel_map: str | os.PathLike[str] | None = None
-    sha256: str = ""
+    sha256: str = ""  # Hash of the file's bytes, for the Recording
 
 
 def begins_with(magic: bytes) -> Callable[[bytes, Path], bool]:
@@ -506,15 +419,7 @@ def no_advice(_channel: str) -> tuple[str, ...]:
 
 @dataclass(frozen=True, slots=True)
 class FolderParts:
-    """Files of a folder that are no logs themselves.
-
-    Parameters
-    ----------
-    members : frozenset of str
-        Names of those that are one log together: the folder is the log.
-    derived : frozenset of str
-        Names of those that were made of logs that lie beside them.
-    """
+    """Files of a folder that are no logs themselves."""
 
     members: frozenset[str] = frozenset()
     derived: frozenset[str] = frozenset()
@@ -527,44 +432,16 @@ def no_parts(_folder: Path) -> FolderParts:
 
 @dataclass(frozen=True, slots=True)
 class LogFormat:
-    """A format of logs, one row of the table in `eivor.logs.read`.
+    """A format of logs, one row of the table in `eivor.logs.read`."""
 
-    Parameters
-    ----------
-    name : str
-        The word of `Recording.format`: "ulog".
-    label : str
-        What people call it: "ULog".
-    sniff : callable
-        Says whether a file is of this format, from its first `HEAD_BYTES` (or all of it) and, for formats
-        that are told by more, the file. Its name says nothing.
-    read : callable
-        Reads a file with `ReadOptions` into a Recording, or raises an `InputError` with the reason and what
-        to do. What it needs beyond NumPy it imports when it is called.
-    is_read : bool
-        False for a format that is recognised only to say what to do with such a file.
-    takes_map : bool
-        True when columns may have any name, so that a channel map can say what they are.
-    advice : callable
-        Sentences that say what to log, the most important first: for a canonical channel, or for the whole
-        flight when it is given an empty name.
-    setpoints : str
-        Sentence that names the setpoints and commands to log; empty when nothing special is known.
-    endings : tuple of str
-        How names of such logs end, in small letters: a file of such a name is taken for a log in a folder of
-        many, whatever is in it.
-    parts : callable
-        Says which files of a folder are one log of this format together.
-    """
-
-    name: str
+    name: str  # The word of `Recording.format`
     label: str
     sniff: Callable[[bytes, Path], bool]
     read: Callable[[Path, ReadOptions], Recording]
     is_read: bool = True
     takes_map: bool = False
     advice: Callable[[str], tuple[str, ...]] = no_advice
-    setpoints: str = ""
+    setpoints: str = ""  # Sentence that names the setpoints and commands to log
     endings: tuple[str, ...] = ()
     parts: Callable[[Path], FolderParts] = no_parts
 
@@ -576,15 +453,7 @@ SILENCE_S = 1.0
 
 
 def silenced(channel: Channel, end_s: float) -> Channel:
-    """Return the channel with a NaN where its topic falls silent: a held value would outlive its setpoint.
-
-    Parameters
-    ----------
-    channel : Channel
-        Setpoint that is logged only while it is in force.
-    end_s : float
-        Where the log ends [s].
-    """
+    """Return the channel with a NaN where its topic falls silent: a held value would outlive its setpoint."""
     limit = SILENCE_S
     if channel.time_s.size > 1:
         limit = max(limit, 5.0 * float(np.median(np.diff(channel.time_s))))
@@ -606,15 +475,7 @@ FEWEST_VALUES = 10
 
 
 def on_own_clock(channel: Channel) -> Channel:
-    """Return the channel at the rows that it has values in, where these are its own; else as it is.
-
-    A setpoint or a command that has no value for longer than a second is not in force from then on.
-
-    Parameters
-    ----------
-    channel : Channel
-        With a value or NaN for each row of a table.
-    """
+    """Return the channel at the rows that it has values in, where these are its own; else as it is."""
     own = np.isfinite(channel.values)
     rows = np.flatnonzero(own)
     if rows.size < FEWEST_VALUES or np.mean(np.diff(rows) > 1) < SKIPPING_SHARE:
@@ -645,13 +506,7 @@ AHEAD_S = 1.0
 
 
 def believable(time_s: Float[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
-    """Which stamps can be: of the span of a log, and not far ahead of both their neighbours.
-
-    Parameters
-    ----------
-    time_s : ndarray, shape (n,)
-        Stamps, of which those of a sound log are near zero [s].
-    """
+    """Which stamps can be: of the span of a log, and not far ahead of both their neighbours."""
     within = bool(np.all(np.abs(time_s[:1]) <= MAX_SPAN_S) and np.all(np.abs(time_s[-1:]) <= MAX_SPAN_S))
     if within and np.all(time_s[1:] >= time_s[:-1]):
         return np.ones(time_s.size, dtype=np.bool_)
@@ -672,10 +527,7 @@ _BLOCK_BYTES = 1 << 20
 
 
 def is_stream(file: Path) -> bool:
-    """Say whether a path means standard input, or a pipe that this process was given open (``/dev/fd/63``).
-
-    Other pipes are not read: to open one may wait for ever.
-    """
+    """Say whether a path means standard input."""
     if str(file) == STANDARD_INPUT:
         return not os.path.lexists(file)
     try:
@@ -688,22 +540,7 @@ def is_stream(file: Path) -> bool:
 
 @contextmanager
 def kept(file: Path, max_bytes: int) -> Iterator[Path]:
-    """Copy a stream into a file, which is there while the context lasts.
-
-    Parameters
-    ----------
-    file : Path
-        For which `is_stream` holds.
-    max_bytes : int
-        Most bytes that are read.
-
-    Raises
-    ------
-    LogTooLargeError
-        When there are more.
-    InputError
-        When there is no stream, or it cannot be copied.
-    """
+    """Copy a stream into a file, which is there while the context lasts."""
     with TemporaryDirectory(prefix="eivor-") as folder:
         copy = Path(folder) / NAME
         try:

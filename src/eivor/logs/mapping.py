@@ -51,13 +51,7 @@ def canonical_map(names: Sequence[str], origin: str) -> ChannelMap | None:
 
 
 def fitting_map(names: Sequence[str], table: str) -> tuple[ChannelMap, Finding | None]:
-    """Return the map for a table that came without one, and a finding when a shipped map was chosen.
-
-    Raises
-    ------
-    ChannelMapError
-        When the names are not canonical and no shipped map fits.
-    """
+    """Return the map for a table that came without one, and a finding when a shipped map was chosen."""
     canonical = canonical_map(names, table)
     if canonical is not None:
         return canonical, None
@@ -77,13 +71,7 @@ def fitting_map(names: Sequence[str], table: str) -> tuple[ChannelMap, Finding |
 
 
 def fitted_rules(chosen: ChannelMap, names: Sequence[str], table: str) -> tuple[ChannelRule, ...]:
-    """Rules of a map that the table can serve, after all its columns have been found.
-
-    Raises
-    ------
-    ChannelMapError
-        When a column that is not optional is not in the table, or stands there twice.
-    """
+    """Rules of a map that the table can serve, after all its columns have been found."""
     known = set(names)
     rules = []
     for rule in chosen.rules:
@@ -162,26 +150,7 @@ def mapped_recording(
     sha256: str = "",
     findings: Sequence[Finding] = (),
 ) -> Recording:
-    """Return the recording of a table.
-
-    Parameters
-    ----------
-    chosen : ChannelMap
-        The map.
-    rules : sequence of ChannelRule
-        Those of its rules that the table can serve, see `fitted_rules`.
-    columns : Columns
-        Every column that the rules need.
-    name, log_format, sha256 : str
-        As in `Recording`.
-    findings : sequence of Finding
-        What has been found so far.
-
-    Raises
-    ------
-    EmptyLogError
-        When no channel has a value, or no row a stamp.
-    """
+    """Return the recording of a table."""
     channels, found = mapped_channels(chosen, rules, columns, name)
     if not channels:
         lists = f". {_lists_told(columns)}" if columns.lists else ""
@@ -223,24 +192,7 @@ def without_a_number(
 def mapped_channels(
     chosen: ChannelMap, rules: Sequence[ChannelRule], columns: Columns, name: str
 ) -> tuple[dict[str, Channel], list[Finding]]:
-    """Return the channels with a value that rules make of columns of one clock, and what was found.
-
-    Parameters
-    ----------
-    chosen : ChannelMap
-        The map: its time column, its unit and its ranges.
-    rules : sequence of ChannelRule
-        Those whose columns are there.
-    columns : Columns
-        Every column that the rules need.
-    name : str
-        What to call the table in messages.
-
-    Raises
-    ------
-    EmptyLogError
-        When no row has a stamp.
-    """
+    """Return the channels with a value that rules make of columns of one clock, and what was found."""
     found = _text_findings(columns)
     time_s, stamped, more = _clock(chosen, columns, name)
     found += more

@@ -204,13 +204,7 @@ def readable_formats() -> tuple[LogFormat, ...]:
 
 
 def declare_format(added: LogFormat) -> None:
-    """Add a format to the table, for this process. Declaring the same format again changes nothing.
-
-    Raises
-    ------
-    UsageError
-        When its name is that of another format.
-    """
+    """Add a format to the table, for this process. Declaring the same format again changes nothing."""
     known = log_format(added.name)
     if known is not None and known != added:
         raise UsageError(
@@ -232,20 +226,7 @@ def advising_format(name: str) -> LogFormat:
 
 
 def format_of(head: bytes, file: Path) -> LogFormat:
-    """Return the format of a file.
-
-    Parameters
-    ----------
-    head : bytes
-        The first `HEAD_BYTES` of the file, or all of it.
-    file : Path
-        The file.
-
-    Raises
-    ------
-    UnknownFormatError
-        When the content is that of no known format.
-    """
+    """Return the format of a file."""
     for row in log_formats():
         if row.sniff(head, file):
             return row
@@ -258,15 +239,7 @@ def format_of(head: bytes, file: Path) -> LogFormat:
 
 
 def format_at(path: Path) -> LogFormat:
-    """Return the format of a file, or of a folder that is a log, by what is in it.
-
-    Raises
-    ------
-    UnknownFormatError
-        When the content is that of no known format.
-    OSError
-        When it cannot be opened.
-    """
+    """Return the format of a file, or of a folder that is a log, by what is in it."""
     if path.is_dir():
         return format_of(b"", path)
     with path.open("rb") as stream:
@@ -274,39 +247,14 @@ def format_at(path: Path) -> LogFormat:
 
 
 def folder_parts(folder: Path) -> FolderParts:
-    """Return which files of a folder are one log together, and which were made of logs beside them.
-
-    Raises
-    ------
-    OSError
-        When the folder cannot be looked into.
-    """
+    """Return which files of a folder are one log together, and which were made of logs beside them."""
     found = [row.parts(folder) for row in readable_formats()]
     derived = frozenset().union(*(one.derived for one in found))
     return FolderParts(next((one.members for one in found if one.members), frozenset()), derived)
 
 
 def logging_advice(name: str = ULOG.name, channel: str = "") -> tuple[str, ...]:
-    """Sentences that say what to log.
-
-    Parameters
-    ----------
-    name : str
-        Of a format that is read: "ulog", "ulog2csv" (PX4), "dataflash" (ArduPilot), "crazyflie", "ros1",
-        "ros2", "mcap", "matlab", "hdf5", "csv", "parquet".
-    channel : str
-        A canonical channel: only the advice for it; empty for the advice on the whole flight.
-
-    Returns
-    -------
-    tuple of str
-        Whole sentences, the most important first. Empty when nothing is known about `channel`.
-
-    Raises
-    ------
-    UsageError
-        When there is no such format.
-    """
+    """Sentences that say what to log."""
     row = log_format(name)
     if row is None or not row.is_read:
         known = ", ".join(f"'{known.name}'" for known in readable_formats())
@@ -404,13 +352,7 @@ def _read(file: Path, channel_map: str | os.PathLike[str] | None, max_bytes: int
 
 
 def _check_name(file: Path) -> None:
-    """Raise for a path that is not text: the table readers take their paths in UTF-8.
-
-    Raises
-    ------
-    InputError
-        With the bytes that are not.
-    """
+    """Raise for a path that is not text: the table readers take their paths in UTF-8."""
     try:
         str(file).encode("utf-8")
     except UnicodeEncodeError as error:
@@ -432,13 +374,7 @@ def _head(file: Path) -> tuple[bytes, str]:
 
 
 def _log_size(file: Path) -> int:
-    """Size of a regular file, or of the files of a folder that is a log [bytes].
-
-    Raises
-    ------
-    InputError
-        When there is no such file, or it is neither.
-    """
+    """Size of a regular file, or of the files of a folder that is a log [bytes]."""
     try:
         status = file.stat()
     except (OSError, ValueError) as error:

@@ -62,10 +62,7 @@ def lag_and_delay(
 
 
 def measured_state() -> tuple[Nuisance, Nuisance]:
-    """Nuisances of actuators whose state was measured: no lag, and a delay of either sign.
-
-    Telemetry of an actuator is late against the sensors of the motion, or early when theirs is later.
-    """
+    """Nuisances of actuators whose state was measured: no lag, and a delay of either sign."""
     lag, delay = lag_and_delay()
     late_or_early = replace(delay, grid=TELEMETRY_DELAYS_S, discrete=False, tolerance=1e-9)
     return lag.known_at(0.0), late_or_early
@@ -73,18 +70,10 @@ def measured_state() -> tuple[Nuisance, Nuisance]:
 
 @dataclass(frozen=True, slots=True)
 class RowNoise:
-    """What measurement noises add to the products of rows in time.
+    """What measurement noises add to the products of rows in time."""
 
-    Parameters
-    ----------
-    regressors : ndarray, shape (n + 1, n + 1), or None
-        Covariance of the noises of [Phi y]; None when it is not known.
-    instruments : ndarray, shape (p, n + 1)
-        Covariance of the instruments' noises with those of [Phi y].
-    """
-
-    regressors: Float[np.ndarray, "n_plus_1 n_plus_1"] | None
-    instruments: Float[np.ndarray, "p n_plus_1"]
+    regressors: Float[np.ndarray, "n_plus_1 n_plus_1"] | None  # Covariance of the noises of [Phi y]
+    instruments: Float[np.ndarray, "p n_plus_1"]  # [Phi y]
 
 
 @dataclass(frozen=True)

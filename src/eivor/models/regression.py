@@ -104,13 +104,7 @@ class Column:
 
 
 def check_columns(name: str, columns: object) -> None:
-    """Refuse what is no tuple of columns.
-
-    Raises
-    ------
-    UsageError
-        With what came instead.
-    """
+    """Refuse what is no tuple of columns."""
     checks.items(name, columns, Column, "columns", 'Give ev.lags("input", 1, 10), for example.')
 
 
@@ -155,20 +149,10 @@ class Parameter:
 
 @dataclass(frozen=True, slots=True)
 class Equation:
-    """``response = sum of parameter * column + error``.
-
-    Parameters
-    ----------
-    response : Column
-        Left side.
-    terms : tuple of (Parameter, Column)
-        Right side, in the order of the parameter vector.
-    derivative_of : str
-        Channel whose time derivative the response is, but for a constant; empty for none.
-    """
+    """``response = sum of parameter * column + error``."""
 
     response: Column
-    terms: tuple[tuple[Parameter, Column], ...]
+    terms: tuple[tuple[Parameter, Column], ...]  # Right side, in the order of the parameter vector
     derivative_of: str = ""
 
 
@@ -197,13 +181,7 @@ class RowLayout(ABC):
 
 @dataclass(frozen=True, slots=True)
 class SampleRows(RowLayout):
-    """Rows are time samples of one axis, in their order.
-
-    Parameters
-    ----------
-    flights : ndarray of int, shape (rows,)
-        Flight of each row.
-    """
+    """Rows are time samples of one axis, in their order."""
 
     flights: Int[np.ndarray, " rows"]
 
@@ -226,13 +204,7 @@ class SampleRows(RowLayout):
 
 @dataclass(frozen=True, slots=True)
 class AxisRows(RowLayout):
-    """Rows are time samples of several axes.
-
-    Parameters
-    ----------
-    flights, axes, samples : ndarray of int, shape (rows,)
-        Flight, axis, and sample of the flight, of each row. Rows of one flight and sample are of one time.
-    """
+    """Rows are time samples of several axes."""
 
     flights: Int[np.ndarray, " rows"]
     axes: Int[np.ndarray, " rows"]
@@ -271,15 +243,7 @@ ONE_FLIGHT = SampleRows(np.zeros(0, dtype=np.int64))
 
 @dataclass(frozen=True, slots=True)
 class RowBlock:
-    """Successive rows of a problem. Performs no checks.
-
-    Parameters
-    ----------
-    response, regressors, instruments : ndarray, shapes (rows,), (rows, n) and (rows, p)
-        See `Regression`.
-    flights : ndarray of int, shape (rows,)
-        Flight of each row.
-    """
+    """Successive rows of a problem. Performs no checks."""
 
     response: Float[np.ndarray, " rows"]
     regressors: Float[np.ndarray, "rows n"]
@@ -307,23 +271,11 @@ class LinearProblem(ABC):
 
     @abstractmethod
     def regressor_noise_covariance(self) -> Float[np.ndarray, "n_plus_1 n_plus_1"]:
-        """Covariance of the measurement noises of [Phi y], averaged over the rows.
-
-        Raises
-        ------
-        MissingNoiseError
-            When it is not declared.
-        """
+        """Covariance of the measurement noises of [Phi y], averaged over the rows."""
 
     @abstractmethod
     def instrument_noise_covariance(self) -> Float[np.ndarray, "p n_plus_1"]:
-        """Covariance of the noises of Psi with those of [Phi y], averaged over the rows: C and c.
-
-        Raises
-        ------
-        MissingNoiseError
-            When it is not declared.
-        """
+        """Covariance of the noises of Psi with those of [Phi y], averaged over the rows: C and c."""
 
     @abstractmethod
     def instruments_share_noise(self) -> bool:
@@ -483,13 +435,7 @@ def _check_rows(y: np.ndarray, Phi: np.ndarray, Psi: np.ndarray, names: tuple[st
 
 
 def check_finite(name: str, values: Float[np.ndarray, "..."]) -> None:
-    """Raise when a value is not finite; sums first, since almost always all are.
-
-    Raises
-    ------
-    NonFiniteError
-        With the number of bad values and the row of the first.
-    """
+    """Raise when a value is not finite; sums first, since almost always all are."""
     with np.errstate(invalid="ignore", over="ignore"):
         if np.isfinite(np.sum(values)):
             return
@@ -531,14 +477,7 @@ def _check_noise(Phi: np.ndarray, Psi: np.ndarray, own: np.ndarray | None, share
 
 
 def check_covariance(matrix: Float[np.ndarray, "n n"]) -> None:
-    """Raise when a matrix is not a covariance.
-
-    Raises
-    ------
-    NonFiniteError, CovarianceError
-        When it is not finite, larger than products can be formed with, not symmetric, or has a negative
-        eigenvalue.
-    """
+    """Raise when a matrix is not a covariance."""
     check_finite("covariance", matrix)
     if np.abs(matrix).max(initial=0.0) > LARGEST_VARIANCE:
         raise CovarianceError(

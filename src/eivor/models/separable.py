@@ -64,21 +64,10 @@ class InstrumentRule(ABC):
 
 @dataclass(frozen=True, slots=True)
 class LaggedReferences(InstrumentRule):
-    """Each reference and successive first-order lags of it.
+    """Each reference and successive first-order lags of it."""
 
-    Four of 0.4 s for a position or a stick, one of 0.2 s for a velocity or an acceleration; four of 0.4 s
-    for whatever stands alone, since gain, friction and lag need three columns and a fourth to check them.
-
-    Parameters
-    ----------
-    channels : tuple of str
-        References to use, all present in the signals.
-    lags : tuple of (int, float), optional
-        How many lags each has, and their time constant [s]. Default: those above.
-    """
-
-    channels: tuple[str, ...]
-    lags: tuple[int, float] | None = None
+    channels: tuple[str, ...]  # References to use, all present in the signals
+    lags: tuple[int, float] | None = None  # [s]
 
     @property
     def label(self) -> str:
@@ -105,15 +94,7 @@ class LaggedReferences(InstrumentRule):
 
 @dataclass(frozen=True, slots=True)
 class LaggedInputs(InstrumentRule):
-    """Past mapped commands, the paper's (21): u(k - first) ... u(k - last).
-
-    Exogenous only in open loop: in closed loop the input answers past disturbances.
-
-    Parameters
-    ----------
-    first, last : int
-        Lags in samples, both included.
-    """
+    """Past mapped commands, the paper's (21): u(k - first) ... u(k - last)."""
 
     first: int = 1
     last: int = 15
@@ -225,50 +206,15 @@ class Bounds:
 
 @dataclass(frozen=True, eq=False)
 class Nuisance:
-    """A parameter that moves columns, and where it is looked for.
+    """A parameter that moves columns, and where it is looked for."""
 
-    Parameters
-    ----------
-    parameter : Parameter
-        Name and unit.
-    grid : ndarray, shape (values,)
-        Values to search, increasing; a single one when it is known.
-    discrete : bool
-        True when nothing between the grid's values is possible, or worth telling apart: each has a
-        candidate estimate. Otherwise the grid's minimum is refined and the parameter is part of the joint
-        covariance.
-    prior : Prior, optional
-        What is known of it beforehand.
-    bounds : Bounds, optional
-        Between what it is known to be, of a discrete one: every value of its grid then counts in intervals,
-        however well it fits.
-    known_with : tuple of str
-        Discrete nuisances that are added to this one in what is known: a prior of lag and delay together is
-        one of their sum, and with bounds the grid is one of their sum.
-    tolerance : float
-        Accuracy of the refinement, in the parameter's unit.
-    halvings : int
-        How often the steps of a discrete one are halved beside the value that fits best.
-    furthest : float, optional
-        Largest value of a discrete one: where the last of its grid alone fits, the grid goes on by its last
-        step, up to here. Default: it ends where it ends.
-    resolution : float
-        Of a positive one: columns hardly move with values below it, as samples do not with a lag that is
-        much shorter than their step. A derivative there says nothing of larger values; a difference does.
-
-    Raises
-    ------
-    ParameterError
-        When the grid is empty, not increasing, or not finite, or the tolerance is not positive.
-    """
-
-    parameter: Parameter
-    grid: Float[np.ndarray, " values"]
-    discrete: bool = False
+    parameter: Parameter  # Name and unit
+    grid: Float[np.ndarray, " values"]  # Values to search, increasing
+    discrete: bool = False  # True when nothing between the grid's values is possible, or worth telling apart
     prior: Prior | None = None
     bounds: Bounds | None = None
     known_with: tuple[str, ...] = ()
-    tolerance: float = 1e-6
+    tolerance: float = 1e-6  # Accuracy of the refinement, in the parameter's unit
     halvings: int = 0
     furthest: float | None = None
     resolution: float = 0.0
@@ -304,13 +250,7 @@ class Nuisance:
         return float(self.grid[0])
 
     def misfit(self, at: Values) -> float:
-        """Squared distance of its value from what is known beforehand, in standard errors; zero for nothing.
-
-        Parameters
-        ----------
-        at : mapping of str to float
-            Values of all nuisances.
-        """
+        """Squared distance of its value from what is known beforehand, in standard errors."""
         if self.prior is None:
             return 0.0
         return self.prior.misfit(self.with_others(at))
@@ -352,11 +292,7 @@ class Nuisance:
         return replace(self, grid=np.array([value]), prior=None, bounds=None, known_with=())
 
     def around(self, value: float) -> tuple[float, float]:
-        """Values below and above one, for a numerical derivative.
-
-        A thousandth of the value away, the one above not below the resolution; or, for a grid that is not
-        positive, a thousandth of its span, and not beyond its ends, where the parameter may have no meaning.
-        """
+        """Values below and above one, for a numerical derivative."""
         if self.positive:
             return (1.0 - DIFFERENCE) * value, max((1.0 + DIFFERENCE) * value, self.resolution)
         low, high = float(self.grid[0]), float(self.grid[-1])
@@ -371,15 +307,7 @@ class Nuisance:
 
 
 def combinations(nuisances: Sequence[Nuisance]) -> Iterator[dict[str, float]]:
-    """Every combination of the values of nuisances that are not refined, in the order of their grids.
-
-    A grid of a sum leaves its own nuisance what the others do not take, if that is not below zero.
-
-    Parameters
-    ----------
-    nuisances : sequence of Nuisance
-        All of a problem.
-    """
+    """Every combination of the values of nuisances that are not refined, in the order of their grids."""
     others = [nuisance for nuisance in nuisances if not nuisance.refined]
     names = [nuisance.name for nuisance in others]
     for values in product(*(nuisance.grid.tolist() for nuisance in others)):
@@ -393,19 +321,7 @@ def combinations(nuisances: Sequence[Nuisance]) -> Iterator[dict[str, float]]:
 
 @dataclass(frozen=True, slots=True)
 class SampledState:
-    """A state whose derivative was measured as well, so that bins have two candidates for one response.
-
-    Parameters
-    ----------
-    place : int
-        Number of the linear parameter whose regressor is minus the state. The last candidate is the state's
-        central difference.
-    state_density, response_density : float
-        Amplitude densities of the declared noises of the state and of the response, in their units per root
-        of Hz, far below the rate of the log; NaN where nothing is declared.
-    driven_density : ndarray, shape (n,)
-        Of the regressors' declared noises; zero for the state's own, and for what is exact.
-    """
+    """A state whose derivative was measured as well, so that bins have two candidates for one response."""
 
     place: int
     state_density: float
@@ -415,30 +331,14 @@ class SampledState:
 
 @dataclass(frozen=True, slots=True)
 class Begun:
-    """An estimate of nearly the same columns, whose residuals tell the weights of rows.
-
-    Parameters
-    ----------
-    theta : ndarray, shape (n,)
-        Linear parameters.
-    at : mapping of str to float
-        Every nuisance's value.
-    """
+    """An estimate of nearly the same columns, whose residuals tell the weights of rows."""
 
     theta: Float[np.ndarray, " n"]
-    at: Values
+    at: Values  # Every nuisance's value
 
 
 class SeparableProblem(ABC):
-    """A regression for each value of the nuisances.
-
-    Attributes
-    ----------
-    nuisances : tuple of Nuisance
-        What moves columns, in the order of results.
-    begun : Begun or None
-        What an estimate has its weights from; by default it finds them in passes of its own.
-    """
+    """A regression for each value of the nuisances."""
 
     nuisances: tuple[Nuisance, ...]
     begun: Begun | None = None
@@ -487,15 +387,7 @@ class LinearisableProblem(SeparableProblem):
 
     @abstractmethod
     def linearised(self, at: Values, theta: Float[np.ndarray, " n"]) -> LinearProblem:
-        """Problem of the linear parameters and of the changes of the nuisances, beside a point.
-
-        Parameters
-        ----------
-        at : mapping of str to float
-            Values of the nuisances.
-        theta : ndarray, shape (n,)
-            Linear parameters, which the nuisances' columns are in proportion to.
-        """
+        """Problem of the linear parameters and of the changes of the nuisances, beside a point."""
 
     def rows(self, at: Values) -> Regression:
         """Rows in time."""

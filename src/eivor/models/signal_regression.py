@@ -41,28 +41,7 @@ def cross_fitted(
     used: Bool[np.ndarray, " n"],
     blocks: int = BLOCKS,
 ) -> Float[np.ndarray, "n k"]:
-    """Predictions of each column, by least squares with a constant over the samples used of other blocks.
-
-    Parameters
-    ----------
-    exogenous : ndarray, shape (n, p)
-        What predicts; none for the means alone.
-    values : ndarray, shape (n, k)
-        What is predicted.
-    used : ndarray of bool, shape (n,)
-        Samples that are fitted to. All are predicted.
-    blocks : int
-        Stretches with equally many of them.
-
-    Returns
-    -------
-    ndarray, shape (n, k)
-        Without instruments, or with too few samples to leave a block out, the means.
-
-    Notes
-    -----
-    Performs no checks. Sums of products of each block are made once; those of a fit are all but its own.
-    """
+    """Predictions of each column, by least squares with a constant over the samples used of other blocks."""
     design = _scaled(exogenous, used)
     samples = np.flatnonzero(used)
     if samples.size < 2 * blocks * design.shape[1]:
@@ -102,31 +81,7 @@ def shared_noise(
     first: int,
     rows: Bool[np.ndarray, " rows"] | None = None,
 ) -> Float[np.ndarray, "left right"]:
-    """Average covariance of the measurement noises of two sets of columns.
-
-    Parameters
-    ----------
-    left, right : sequence of Column
-        Tags.
-    signals : Signals
-        With the declared noises.
-    first : int
-        First row's sample, counted from the signals' own beginning.
-    rows : ndarray of bool, optional
-        Which of the samples from `first` on are used. Default: all.
-
-    Returns
-    -------
-    ndarray, shape (len(left), len(right))
-        In products of the columns' units.
-
-    Raises
-    ------
-    MissingNoiseError
-        When two columns are of one channel whose noise is not declared.
-    TooFewSamplesError
-        When there is no row to average over.
-    """
+    """Average covariance of the measurement noises of two sets of columns."""
     count = signals.sample_count - first
     if count < 1 or not (rows is None or rows.any()):
         raise TooFewSamplesError(
@@ -178,18 +133,7 @@ def _growth(
 def shared_noise_of_rows(
     left: Sequence[Column], right: Sequence[Column], signals: Signals, first: int
 ) -> dict[tuple[int, int], Float[np.ndarray, " rows"]]:
-    """Covariance of the measurement noises of two sets of columns in every row from `first` on.
-
-    Returns
-    -------
-    dict of tuple of int to ndarray, shape (rows,)
-        Of the pairs that are of one channel, but white ones of different lags, which share nothing.
-
-    Raises
-    ------
-    MissingNoiseError
-        When two columns are of one channel whose noise is not declared.
-    """
+    """Covariance of the measurement noises of two sets of columns in every row from `first` on."""
     whole = slice(0, max(signals.sample_count - first, 0))
     found = {}
     for i, one in enumerate(left):

@@ -22,30 +22,12 @@ SMOOTHING_BINS = 10
 
 @dataclass(frozen=True)
 class SpectralRun:
-    """One run of one axis, and its place among the bins.
-
-    Parameters
-    ----------
-    flight : int
-        Number of the flight it belongs to.
-    length : int
-        Samples in the run.
-    step_s : float
-        Time between samples [s].
-    band_hz : tuple of float
-        Lowest and highest frequency that may be kept [Hz].
-    axis : int
-        Number of the axis of motion that it is a run of.
-    start : int
-        Sample of its flight at which it begins: runs of several axes with one start are of one time.
-    counted : ndarray of bool, shape (length,), optional
-        Samples that count. Default: all.
-    """
+    """One run of one axis, and its place among the bins."""
 
     flight: int
-    length: int
-    step_s: float
-    band_hz: tuple[float, float]
+    length: int  # Samples in the run
+    step_s: float  # Time between samples [s]
+    band_hz: tuple[float, float]  # Lowest and highest frequency that may be kept [Hz]
     axis: int = 0
     start: int = 0
     counted: Bool[np.ndarray, " length"] | None = field(default=None, compare=False, repr=False)
@@ -146,13 +128,7 @@ def _fading(counted: Bool[np.ndarray, " length"], edge: int) -> Float[np.ndarray
 
 @dataclass(frozen=True)
 class BinRows(RowLayout):
-    """Rows are, run after run, the real parts and then the imaginary parts of the bins kept.
-
-    Parameters
-    ----------
-    runs : tuple of SpectralRun
-        In the order of the rows.
-    """
+    """Rows are, run after run, the real parts and then the imaginary parts of the bins kept."""
 
     runs: tuple[SpectralRun, ...]
 
@@ -195,10 +171,7 @@ class BinRows(RowLayout):
     def scores(
         self, test: Float[np.ndarray, "rows n"], residual: Float[np.ndarray, " rows"]
     ) -> Float[np.ndarray, "samples n"]:
-        """Half the products of the time series: by Parseval they add up to ``test.T @ residual``.
-
-        Those of several axes at one time are added.
-        """
+        """Half the products of the time series: by Parseval they add up to ``test.T @ residual``."""
         series = self.series(np.column_stack([test, residual]))
         scores = 0.5 * series[:, :-1] * series[:, -1:]
         if len({run.axis for run in self.runs}) < 2:
@@ -213,24 +186,7 @@ class BinRows(RowLayout):
 
 @dataclass(frozen=True)
 class SpectralRegression:
-    """Columns of all runs, bin by bin, before whitening.
-
-    Parameters
-    ----------
-    responses : ndarray of complex, shape (bins, r)
-        One or two candidate responses of each run's axis, such as the acceleration that was measured and
-        the derivative of the velocity; an axis with one, where others have two, has it twice.
-    regressors : ndarray of complex, shape (bins, n)
-        Phi.
-    instruments : ndarray of complex, shape (bins, p)
-        Psi.
-    parameters : tuple of Parameter
-        One for each column of Phi.
-    layout : BinRows
-        The runs.
-    noisier : SpectralRegression, optional
-        The same columns with so much more of every noise that is known of what was measured.
-    """
+    """Columns of all runs, bin by bin, before whitening."""
 
     responses: Complex[np.ndarray, "bins r"]
     regressors: Complex[np.ndarray, "bins n"]
@@ -245,17 +201,7 @@ class SpectralRegression:
         power: Float[np.ndarray, " bins"],
         instruments: Float[np.ndarray, "rows q"],
     ) -> Regression:
-        """Rows with the responses blended and every column divided by sqrt(power).
-
-        Parameters
-        ----------
-        blend : ndarray, shape (bins,)
-            Weight of the last response; the first one has the rest.
-        power : ndarray, shape (bins,)
-            Power of the residual.
-        instruments : ndarray, shape (rows, q)
-            Instruments that are whitened already.
-        """
+        """Rows with the responses blended and every column divided by sqrt(power)."""
         rows = self.whitened_rows(blend, power, self.regressors)
         found = Regression(rows[:, 0], rows[:, 1:], instruments, self.parameters, self.layout)
         if self.noisier is None:

@@ -49,13 +49,7 @@ def motion_by_name(name: str) -> Motion[Any]:
 
 
 def motion_of_model(model_name: str) -> Motion[Any]:
-    """Motion that a JSON document names by its `model_name`, Eivor's own first.
-
-    Raises
-    ------
-    UsageError
-        When no motion has that name, or one of another package cannot be loaded.
-    """
+    """Motion that a JSON document names by its `model_name`, Eivor's own first."""
     for name in motion_names():
         motion = motion_by_name(name)
         if motion.model_name == model_name:
@@ -98,13 +92,7 @@ def _added() -> dict[str, EntryPoint]:
 
 
 def _loaded(point: EntryPoint) -> Motion[Any]:
-    """Motion of another package.
-
-    Raises
-    ------
-    UsageError
-        When it fails to load, or is no motion of that name.
-    """
+    """Motion of another package."""
     try:
         kind = point.load()
     except Exception as error:

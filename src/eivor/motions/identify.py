@@ -134,13 +134,7 @@ def identify_flight(
 
 
 def _chosen(options: FlightOptions | None, choices: Choices) -> FlightOptions:
-    """Options with the choices that were named one by one.
-
-    Raises
-    ------
-    UsageError
-        For a choice that does not exist, or that is given twice.
-    """
+    """Options with the choices that were named one by one."""
     start = FlightOptions() if options is None else options
     checks.kind("options", start, FlightOptions, "FlightOptions", "Give ev.FlightOptions(...), or nothing.")
     known = {field.name: field.default for field in fields(FlightOptions)}

@@ -46,21 +46,11 @@ TILT_CORRELATION_S, TILT_SMOOTHING_S = 1.0, 0.15
 
 @dataclass(frozen=True)
 class Flown:
-    """A shape, flown once.
-
-    Parameters
-    ----------
-    shape : Shape
-        What was asked for.
-    height, velocity : ndarray, shape (n,)
-        What the vehicle did, from the middle [m], [m/s].
-    recording : Recording
-        Its log.
-    """
+    """A shape, flown once."""
 
     shape: Shape
-    height: Float[np.ndarray, " n"]
-    velocity: Float[np.ndarray, " n"]
+    height: Float[np.ndarray, " n"]  # [m]
+    velocity: Float[np.ndarray, " n"]  # [m]
     recording: Recording
 
     def keeps(self, limits: FlightLimits) -> bool:
@@ -74,17 +64,7 @@ class Flown:
 
 
 def fly(shapes: Sequence[Shape], vehicle: VehicleGuess, seeds: Sequence[int]) -> list[Flown]:
-    """Fly each shape with its seed, all side by side.
-
-    Parameters
-    ----------
-    shapes : sequence of Shape
-        Of one length.
-    vehicle : VehicleGuess
-        Numbers, controller and what pushes it.
-    seeds : sequence of int
-        Of wind, sensors and tilt; one for each shape.
-    """
+    """Fly each shape with its seed, all side by side."""
     count, flights = shapes[0].offset.size, len(shapes)
     drawn = [_surroundings(vehicle, count, seed) for seed in seeds]
     derivatives = [shape.derivatives for shape in shapes]
@@ -238,19 +218,9 @@ SMALLER, OFTEN = 0.85, 4
 
 @dataclass(frozen=True, slots=True)
 class Predicted:
-    """Half-width of a 95 % interval that the flight is expected to give.
+    """Half-width of a 95 % interval that the flight is expected to give."""
 
-    Parameters
-    ----------
-    half_width : float
-        Median over the simulated flights, in the target's unit.
-    value : float
-        Of the vehicle that was simulated, in that unit; for what is told as a share 100 %.
-    verdicts : tuple of Status
-        Of each simulated flight.
-    """
-
-    half_width: float
+    half_width: float  # Median over the simulated flights, in the target's unit
     value: float
     verdicts: tuple[Status, ...]
 
@@ -347,32 +317,7 @@ def make_plan(
     shape: str = "",
     seed: int = 0,
 ) -> FlightPlan:
-    """Choose a flight for the smallest interval of what is asked.
-
-    Parameters
-    ----------
-    vehicle : VehicleGuess
-        From rough numbers, or from a result.
-    target : str
-        "friction", "gain" or "lag"; empty for what the vehicle's result could not tell, else friction.
-    limits : FlightLimits, optional
-        Default: those of `FlightLimits`.
-    shape : str
-        "multisine" or "steps"; empty for the better one.
-    seed : int
-        Of phases, step heights, wind and noise.
-
-    Raises
-    ------
-    UsageError
-        For words that do not exist, and arguments of other types.
-    InputError
-        When no flight within the limits can be flown.
-
-    Notes
-    -----
-    Sixty shapes are ranked, three flown and identified. About seven seconds for flights of a minute.
-    """
+    """Choose a flight for the smallest interval of what is asked."""
     checks.kind("vehicle", vehicle, VehicleGuess, "a VehicleGuess", "Give ev.VehicleGuess(hover_input=0.5).")
     limits = FlightLimits() if limits is None else limits
     checks.kind("limits", limits, FlightLimits, "FlightLimits", "Give ev.FlightLimits(), or nothing.")
@@ -396,11 +341,7 @@ def make_plan(
 def _finalists(
     vehicle: VehicleGuess, limits: FlightLimits, target: str, kinds: tuple[str, ...], seed: int
 ) -> list[Shape]:
-    """The best of each kind by the formula, which errs between kinds, then those that tell the lag too.
-
-    What the recipe says of friction and gain is a union over delays: it suffers more from a lag that is
-    hardly told than the formula knows.
-    """
+    """The best of each kind by the formula, which errs between kinds, then those that tell the lag too."""
     shapes = list(candidates(limits, kinds, seed))
     errors = np.array([ranked_std_errors(one, vehicle) for one in shapes])
     words = list(TARGETS)
@@ -415,13 +356,7 @@ def _finalists(
 def _flown_within(
     shapes: list[Shape], vehicle: VehicleGuess, limits: FlightLimits, seed: int
 ) -> list[list[Flown]]:
-    """Flights of each shape, which is made smaller until all of them keep the limits.
-
-    Raises
-    ------
-    InputError
-        When even small flights leave them.
-    """
+    """Flights of each shape, which is made smaller until all of them keep the limits."""
     runs = RUNS if limits.duration_s <= LONG_S else 1
     for _ in range(OFTEN):
         seeds = [seed + run for run in range(runs)]
@@ -477,20 +412,7 @@ CLIMB, DESCENT = 2.0, 3.0
 
 
 def qgc_text(plan: FlightPlan, home: tuple[float, float]) -> str:
-    """Text of a .plan file.
-
-    Parameters
-    ----------
-    plan : FlightPlan
-        Of steps.
-    home : tuple of float
-        Latitude and longitude of the place [deg].
-
-    Raises
-    ------
-    UsageError
-        For another shape, or a place that is none.
-    """
+    """Text of a .plan file."""
     if plan.shape.kind != "steps":
         raise UsageError("a plan of steps", f"a {plan.shape.kind}", "Plan with --shape steps.")
     latitude, longitude = home
@@ -668,21 +590,7 @@ Place = tuple[float, float]
 
 @dataclass(frozen=True, slots=True)
 class WrittenPlan:
-    """A kind of file.
-
-    Parameters
-    ----------
-    name : str
-        Its word on the command line.
-    words : str
-        What the file is.
-    file : str
-        How such a file may be called.
-    of_plan : callable or None
-        From a plan to the file's text; None of a mission.
-    of_place : callable or None
-        From a plan of steps and a place to the text, of a mission, which has levels only and is at a place.
-    """
+    """A kind of file."""
 
     name: str
     words: str

@@ -92,21 +92,11 @@ SMOOTHINGS = 4
 
 @dataclass(frozen=True)
 class Shape:
-    """What a flight does, by the numbers that it was drawn with.
+    """What a flight does, by the numbers that it was drawn with."""
 
-    Parameters
-    ----------
-    kind : str
-        "multisine" or "steps".
-    words : str
-        In words.
-    offset : ndarray, shape (n,)
-        Height from the middle, every `STEP_S` [m].
-    """
-
-    kind: str
+    kind: str  # "multisine" or "steps"
     words: str
-    offset: Float[np.ndarray, " n"]
+    offset: Float[np.ndarray, " n"]  # Height from the middle, every `STEP_S` [m]
 
     @cached_property
     def derivatives(self) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
@@ -194,19 +184,7 @@ def _steps(count: int, hold_s: float, smoothing_s: float, rng: np.random.Generat
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """A quantity of the vertical motion.
-
-    Parameters
-    ----------
-    quantity : str
-        Its name in results.
-    words, unit : str
-        In words, and the unit that half-widths are told in.
-    scale : float
-        From SI to that unit.
-    relative : bool
-        Told as a share of the value.
-    """
+    """A quantity of the vertical motion."""
 
     quantity: str
     words: str
@@ -224,13 +202,7 @@ TARGETS = {
 
 
 def check_target(word: str) -> None:
-    """Refuse a word that is none of `TARGETS`.
-
-    Raises
-    ------
-    UsageError
-        With those that there are.
-    """
+    """Refuse a word that is none of `TARGETS`."""
     if word not in TARGETS:
         known = ", ".join(TARGETS)
         raise UsageError(
@@ -258,21 +230,12 @@ HALF_STEP_S = 0.005
 
 @dataclass(frozen=True)
 class Densities:
-    """One-sided densities over frequency of what no model predicts, straight lines in logarithms.
-
-    Parameters
-    ----------
-    frequency_hz : ndarray, shape (n,)
-        Increasing [Hz].
-    force, accelerometer, velocity : ndarray, shape (n,)
-        Of the force on the vehicle and of the accelerometer's error [(m/s^2)^2/Hz], and of the velocity's
-        [(m/s)^2/Hz].
-    """
+    """One-sided densities over frequency of what no model predicts, straight lines in logarithms."""
 
     frequency_hz: Float[np.ndarray, " n"]
-    force: Float[np.ndarray, " n"]
-    accelerometer: Float[np.ndarray, " n"]
-    velocity: Float[np.ndarray, " n"]
+    force: Float[np.ndarray, " n"]  # [(m/s^2)^2/Hz]
+    accelerometer: Float[np.ndarray, " n"]  # [(m/s^2)^2/Hz]
+    velocity: Float[np.ndarray, " n"]  # [(m/s^2)^2/Hz]
 
     def at(self, name: str, frequency_hz: Float[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:
         """Density of that name above zero frequency; constant beyond the ends, force falls above them."""
@@ -363,13 +326,7 @@ class VehicleGuess:
 
 
 def vehicle_of_result(document: Mapping[str, Any]) -> VehicleGuess:
-    """Vehicle of a document of schema ``eivor.identify/1``; what it does not tell is taken as usual.
-
-    Raises
-    ------
-    UsageError
-        When it is a result of another motion than the vertical one.
-    """
+    """Vehicle of a document of schema ``eivor.identify/1``; what it does not tell is taken as usual."""
     if document["model"]["name"] != "vertical_motion":
         raise UsageError(
             "a result of the vertical motion",
@@ -400,13 +357,7 @@ def rough_vehicle(
     lag: float | None = None,
     gusts: float | None = None,
 ) -> VehicleGuess:
-    """Vehicle of rough numbers as they are typed: the lag in milliseconds; what is not given is as usual.
-
-    Raises
-    ------
-    UsageError
-        When a number is out of its range.
-    """
+    """Vehicle of rough numbers as they are typed: the lag in milliseconds; what is not given is as usual."""
     usual = VehicleGuess()
     return VehicleGuess(
         hover_input=usual.hover_input if hover is None else hover,
@@ -417,15 +368,7 @@ def rough_vehicle(
 
 
 def read_vehicle(path: Path) -> VehicleGuess:
-    """Vehicle from a TOML file with the rough numbers of `VehicleGuess`, all optional.
-
-    Raises
-    ------
-    InputError
-        When the file cannot be read, a key is unknown, or a value no number.
-    UsageError
-        When a number is out of its range.
-    """
+    """Vehicle from a TOML file with the rough numbers of `VehicleGuess`, all optional."""
     table = read_toml(path, "a vehicle")
     usual = VehicleGuess()
     guess = VehicleGuess(

@@ -41,28 +41,14 @@ class Tone(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Bullets:
-    """Sentences, one below the other.
-
-    Parameters
-    ----------
-    sentences : tuple of str
-        In their order.
-    """
+    """Sentences, one below the other."""
 
     sentences: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True)
 class Fact:
-    """Something told, with its label.
-
-    Parameters
-    ----------
-    label : str
-        A word; empty for what continues the fact above.
-    told : str or Bullets
-        The text.
-    """
+    """Something told, with its label."""
 
     label: str
     told: str | Bullets
@@ -70,59 +56,27 @@ class Fact:
 
 @dataclass(frozen=True, slots=True)
 class Facts:
-    """Facts, one below the other.
-
-    Parameters
-    ----------
-    facts : tuple of Fact
-        In their order.
-    """
+    """Facts, one below the other."""
 
     facts: tuple[Fact, ...]
 
 
 @dataclass(frozen=True, slots=True)
 class TableColumn:
-    """A column of a table.
+    """A column of a table."""
 
-    Parameters
-    ----------
-    title : str
-        May be empty.
-    right : bool
-        Texts end at the right.
-    strong : bool
-        Texts are what a reader looks for.
-    whole : bool
-        No line is broken, as numbers are not.
-    below : Tone
-        How second lines are meant.
-    """
-
-    title: str
-    right: bool = False
+    title: str  # May be empty
+    right: bool = False  # Texts end at the right
     strong: bool = False
-    whole: bool = False
+    whole: bool = False  # No line is broken, as numbers are not
     below: Tone = Tone.PLAIN
 
 
 @dataclass(frozen=True, slots=True)
 class Cell:
-    """A cell of a table.
+    """A cell of a table."""
 
-    Parameters
-    ----------
-    text : str
-        The first line.
-    below : str
-        The second; may be empty.
-    status : Status or None
-        The verdict that the last line says.
-    link : str
-        Relative address of what the first line names, for media that have links; may be empty.
-    """
-
-    text: str
+    text: str  # The first line
     below: str = ""
     status: Status | None = None
     link: str = ""
@@ -130,33 +84,15 @@ class Cell:
 
 @dataclass(frozen=True, slots=True)
 class TableOf:
-    """Rows of cells under columns.
-
-    Parameters
-    ----------
-    columns : tuple of TableColumn
-        The first one says what a row is about.
-    rows : tuple of tuple of Cell
-        A cell for each column.
-    """
+    """Rows of cells under columns."""
 
     columns: tuple[TableColumn, ...]
-    rows: tuple[tuple[Cell, ...], ...]
+    rows: tuple[tuple[Cell, ...], ...]  # A cell for each column
 
 
 @dataclass(frozen=True, slots=True)
 class Statement:
-    """A verdict, in a line of its own.
-
-    Parameters
-    ----------
-    text : str
-        The verdict.
-    status : Status
-        What it amounts to.
-    more : str
-        What follows it in the line.
-    """
+    """A verdict, in a line of its own."""
 
     text: str
     status: Status
@@ -165,13 +101,7 @@ class Statement:
 
 @dataclass(frozen=True, slots=True)
 class Figure:
-    """A place for a figure; a medium that has none leaves it out.
-
-    Parameters
-    ----------
-    name : str
-        Which one.
-    """
+    """A place for a figure; a medium that has none leaves it out."""
 
     name: str
 
@@ -181,35 +111,15 @@ Part: TypeAlias = Facts | TableOf | Bullets | Statement | Figure
 
 @dataclass(frozen=True, slots=True)
 class Section:
-    """Parts under a heading.
+    """Parts under a heading."""
 
-    Parameters
-    ----------
-    heading : str
-        May be empty.
-    parts : tuple of Part
-        In their order.
-    """
-
-    heading: str
+    heading: str  # May be empty
     parts: tuple[Part, ...]
 
 
 @dataclass(frozen=True, slots=True)
 class Document:
-    """What is told, from its verdict to its details.
-
-    Parameters
-    ----------
-    title : str
-        What it is about; empty for a document that goes on with those before it.
-    status : Status or None
-        The overall verdict, when there is one.
-    about : str
-        What that verdict means; without one, what the title's subject is.
-    sections : tuple of Section
-        What matters most comes first.
-    """
+    """What is told, from its verdict to its details."""
 
     title: str
     status: Status | None

@@ -59,15 +59,7 @@ def ahead_rows(ahead: Ahead) -> list[tuple[str, ...]]:
 
 
 def ahead_parts(ahead: Ahead, *, sentence: bool = True) -> tuple[Part, ...]:
-    """Root mean square errors of every quantity and model by horizon, and what is left out.
-
-    Parameters
-    ----------
-    ahead : Ahead
-        The predictions.
-    sentence : bool
-        Whether what was found is said besides.
-    """
+    """Root mean square errors of every quantity and model by horizon, and what is left out."""
     said = (ahead.sentence,) if sentence and ahead.errors else ()
     table = (_table(ahead),) if ahead.errors else ()
     bullets = (*said, *ahead.left_out)
@@ -271,35 +263,17 @@ class FlightRun:
 
 @dataclass(frozen=True)
 class Autocorrelation:
-    """Autocorrelation of a residual.
-
-    Parameters
-    ----------
-    what : str
-        Whose, in words.
-    shift_s, correlation : ndarray, shape (lags,)
-        Shifts from zero on [s], and the correlation at each.
-    band : float
-        White noise keeps 95 % of its correlations within plus and minus this.
-    """
+    """Autocorrelation of a residual."""
 
     what: str
     shift_s: Float[np.ndarray, " lags"]
-    correlation: Float[np.ndarray, " lags"]
+    correlation: Float[np.ndarray, " lags"]  # [s]
     band: float
 
 
 @dataclass(frozen=True)
 class ProfileCurve:
-    """How well each value of a continuous nuisance fits, with the discrete ones at one of their choices.
-
-    Parameters
-    ----------
-    choice : str
-        Values of the discrete ones, in the motion's words: "delay 10 ms".
-    values, excess : ndarray, shape (values,)
-        Values in SI units, and the objective above the least of all curves, in units of chi-square.
-    """
+    """How well each value of a continuous nuisance fits, with the discrete ones at one of their choices."""
 
     choice: str
     values: Float[np.ndarray, " values"]
@@ -427,17 +401,7 @@ QUIET_FINDINGS = ("epoch_time",)
 
 @dataclass(frozen=True, slots=True)
 class ToldQuantity:
-    """A quantity with its words.
-
-    Parameters
-    ----------
-    name : str
-        Its name.
-    wording : Wording
-        How it is called, measured and shown.
-    quantity : Quantity
-        Its numbers and its verdict.
-    """
+    """A quantity with its words."""
 
     name: str
     wording: Wording
@@ -451,24 +415,12 @@ class ToldQuantity:
 
 @dataclass(frozen=True, slots=True)
 class ToldRow:
-    """One flight of a pool by itself, or one method beside the chosen one.
+    """One flight of a pool by itself, or one method beside the chosen one."""
 
-    Parameters
-    ----------
-    label : str
-        Log or method.
-    status : Status
-        Its verdict.
-    reasons : tuple of str
-        Sentences, each with its remedy.
-    quantities : tuple of ToldQuantity
-        The motion's `rows`, without numbers where nothing was estimated.
-    """
-
-    label: str
+    label: str  # Log or method
     status: Status
     reasons: tuple[str, ...]
-    quantities: tuple[ToldQuantity, ...]
+    quantities: tuple[ToldQuantity, ...]  # The motion's `rows`, without numbers where nothing was estimated
 
     def first_reason(self, fly: str) -> str:
         """The first reason, without the advice `fly` that all of them end with; empty for none."""
@@ -477,51 +429,7 @@ class ToldRow:
 
 @dataclass(frozen=True, slots=True)
 class ToldFlight:
-    """A result, ready to be told.
-
-    Parameters
-    ----------
-    logs : tuple of str
-        Names of the logs.
-    verdict : Verdict
-        The overall one, with reasons and remedies.
-    meaning : str
-        What its status means.
-    equation : tuple of str
-        The motion's equation, and what its symbols are.
-    symbols : str
-        What the symbols are in this flight.
-    method, instruments : str
-        What it was estimated with.
-    used : str
-        How much of the flights was used.
-    quantities : tuple of ToldQuantity
-        Every one, in the order of results.
-    order : tuple of str
-        Their names in the order of reports.
-    checks : tuple of (str, str)
-        What was checked, a title and a sentence each.
-    diagnostics : mapping of str to float
-        The numbers behind it.
-    findings : tuple of Finding
-        All that was noticed.
-    flights, comparisons : tuple of ToldRow
-        Flights by themselves, and methods.
-    by_flight : tuple of ToldRow
-        What a pool says of each flight, every quantity.
-    own : tuple of str
-        Quantities of which each flight of a pool has its own.
-    fly : str
-        What to fly when nothing else helps.
-    card : tuple of CardSection
-        What to fly and to log, step by step; empty when the flight is identified.
-    rows : tuple of str
-        Names of the quantities that tables of flights show.
-    implications : Implications
-        What follows for the vehicle from the estimate and from what was supplied.
-    ahead : Ahead or None
-        Predictions of the flights themselves some tenths of a second ahead.
-    """
+    """A result, ready to be told."""
 
     logs: tuple[str, ...]
     verdict: Verdict
@@ -532,19 +440,19 @@ class ToldFlight:
     instruments: str
     used: str
     quantities: tuple[ToldQuantity, ...]
-    order: tuple[str, ...]
+    order: tuple[str, ...]  # Their names in the order of reports
     checks: tuple[Check, ...]
     diagnostics: Mapping[str, float]
-    findings: tuple[Finding, ...]
+    findings: tuple[Finding, ...]  # All that was noticed
     flights: tuple[ToldRow, ...]
     comparisons: tuple[ToldRow, ...]
     by_flight: tuple[ToldRow, ...]
     own: tuple[str, ...]
     fly: str
     card: tuple[CardSection, ...]
-    rows: tuple[str, ...]
+    rows: tuple[str, ...]  # Names of the quantities that tables of flights show
     implications: Implications
-    ahead: Ahead | None
+    ahead: Ahead | None  # Predictions of the flights themselves some tenths of a second ahead
 
     @property
     def brief(self) -> tuple[ToldQuantity, ...]:
@@ -590,10 +498,7 @@ class ToldFlight:
 
     @property
     def summary(self) -> str:
-        """What is told, what is told weakly, and what is not and why; empty without numbers.
-
-        It speaks of the quantities that tables of flights show.
-        """
+        """What is told, what is told weakly, and what is not and why; empty without numbers."""
         if not self.brief or all(
             told.quantity.verdict is self.brief[0].quantity.verdict for told in self.brief
         ):
@@ -717,15 +622,7 @@ WHERE_THE_CARD_IS = "What to fly and what to log, step by step: the same command
 
 
 def flight_document(result: FlightEstimate, *, card: bool = False) -> Document:
-    """Document of a result.
-
-    Parameters
-    ----------
-    result : FlightEstimate
-        With or without an estimate.
-    card : bool
-        Whether the flight card is part of it, or only a line that says where it is.
-    """
+    """Document of a result."""
     return document_of(told_flight(result), card=card)
 
 

@@ -215,15 +215,7 @@ def _path_line(path: str, look: str) -> Markup:
 
 
 def number_table(titles: Iterable[str], rows: Iterable[Iterable[float | str | Cell]]) -> TableOf:
-    """Table of numbers, and of words where a row has them.
-
-    Parameters
-    ----------
-    titles : iterable of str
-        Of the columns, with their units.
-    rows : iterable of iterables of float, str or Cell
-        Numbers are written to four significant digits.
-    """
+    """Table of numbers, and of words where a row has them."""
     told = tuple(tuple(one if isinstance(one, Cell) else Cell(_told(one)) for one in row) for row in rows)
     left = {place for row in told for place, cell in enumerate(row) if cell.text and cell.text[0].isalpha()}
     columns = (
@@ -726,15 +718,7 @@ def more_said(told: ToldFlight) -> tuple[str, ...]:
 
 
 def verdict_data(document: Document, told: ToldFlight) -> dict[str, object]:
-    """The verdict, what is said of it, and the quantities that it is about.
-
-    Parameters
-    ----------
-    document : Document
-        Of the result.
-    told : ToldFlight
-        What it was made of.
-    """
+    """The verdict, what is said of it, and the quantities that it is about."""
     return {
         "status": told.verdict.status.value,
         "about": printable(document.about),
@@ -779,13 +763,7 @@ SHORT = {
 
 
 def flight_page(result: FlightEstimate) -> str:
-    """Text of a page that tells a result: HTML without anything to fetch.
-
-    Parameters
-    ----------
-    result : FlightEstimate
-        With or without an estimate.
-    """
+    """Text of a page that tells a result: HTML without anything to fetch."""
     told = told_flight(result)
     document, numbers = document_of(told, card=True), json_of(told, result)
     over_time = list(flights_over_time(result))

@@ -35,13 +35,7 @@ VOID = frozenset({"br", "col", "hr", "link", "meta"})
 
 @dataclass(frozen=True, slots=True)
 class Markup:
-    """A piece of HTML.
-
-    Parameters
-    ----------
-    html : str
-        Its source, made by `element` and `joined`.
-    """
+    """A piece of HTML."""
 
     html: str
 
@@ -51,17 +45,7 @@ Content = Markup | str
 
 
 def element(name: str, attributes: Mapping[str, str] | None = None, *content: Content) -> Markup:
-    """Element with its attributes and what is in it.
-
-    Parameters
-    ----------
-    name : str
-        Tag.
-    attributes : mapping of str to str, optional
-        Values are text, and escaped.
-    *content : Markup or str
-        In order.
-    """
+    """Element with its attributes and what is in it."""
     told = "".join(f' {key}="{escaped(value)}"' for key, value in (attributes or {}).items())
     if name in VOID:
         return Markup(f"<{name}{told}>")
@@ -185,17 +169,7 @@ def _unbroken(text: str) -> Markup:
 
 @dataclass(frozen=True, slots=True)
 class Vendored:
-    """A release of another project.
-
-    Parameters
-    ----------
-    name, version : str
-        What it is.
-    script, style : str
-        Its sources.
-    licence : str
-        The text of its licence, which goes where the sources go.
-    """
+    """A release of another project."""
 
     name: str
     version: str
@@ -229,17 +203,7 @@ UNSCRIPTED = "This browser runs no scripts: they draw the charts over time, and 
 
 @dataclass(frozen=True, slots=True)
 class Sources:
-    """What a page is made of beside its body.
-
-    Parameters
-    ----------
-    style, script : str
-        The only ones that its policy allows.
-    framed : tuple of Sources
-        Those of pages that it shows within itself, which its policy is for too.
-    directives : tuple of str
-        What else its policy says.
-    """
+    """What a page is made of beside its body."""
 
     style: str
     script: str
@@ -271,19 +235,7 @@ def report_sources() -> Sources:
 
 
 def whole_page(title: str, body: Markup, data: Mapping[str, object], sources: Sources | None = None) -> str:
-    """Text of a page.
-
-    Parameters
-    ----------
-    title : str
-        Of the window.
-    body : Markup
-        What is shown.
-    data : mapping of str to object
-        What scripts read and users save, as JSON, by the identifier of its element.
-    sources : Sources, optional
-        Default: those of a report.
-    """
+    """Text of a page."""
     made_of = sources or report_sources()
     head = joined(
         [

@@ -36,27 +36,7 @@ Stretches = tuple[tuple[float, float], ...]
 
 @dataclass(frozen=True, slots=True)
 class ChannelSummary:
-    """One channel in numbers.
-
-    Parameters
-    ----------
-    name, source, unit : str
-        The channel's.
-    held, estimated : bool
-        The channel's.
-    delay_s : float
-        The sensor's own delay [s].
-    quality : ChannelQuality
-        What the reader set right.
-    samples : int
-        Number of stamps.
-    rate_hz : float
-        Mean rate [Hz].
-    lowest, highest : float
-        Range of its values in its unit; NaN when it has none.
-    gaps : tuple of (start, end)
-        Intervals without a sample [s].
-    """
+    """One channel in numbers."""
 
     name: str
     source: str
@@ -65,71 +45,37 @@ class ChannelSummary:
     estimated: bool
     delay_s: float
     quality: ChannelQuality
-    samples: int
+    samples: int  # Number of stamps
     rate_hz: float
     lowest: float
     highest: float
-    gaps: tuple[tuple[float, float], ...]
+    gaps: tuple[tuple[float, float], ...]  # Intervals without a sample [s]
 
 
 @dataclass(frozen=True)
 class Flown:
-    """When a vehicle moved as the motion says, and what told it.
-
-    Parameters
-    ----------
-    rule : str
-        How it is known.
-    active, used : tuple of (start, end)
-        Stretches in which the motion holds, and of those that count [s].
-    used_s : float
-        Time that counts [s].
-    references : tuple of Reference
-        Channels that may be instruments.
-    """
+    """When a vehicle moved as the motion says, and what told it."""
 
     rule: str
-    active: Stretches
-    used: Stretches
-    used_s: float
-    references: tuple[Reference, ...]
+    active: Stretches  # [s]
+    used: Stretches  # [s]
+    used_s: float  # Time that counts [s]
+    references: tuple[Reference, ...]  # Channels that may be instruments
 
 
 @dataclass(frozen=True)
 class Inspection:
-    """A log, and what can be made of it.
-
-    Parameters
-    ----------
-    motion : Motion
-        What it was tried for.
-    recording : Recording
-        The log.
-    channels : tuple of ChannelSummary
-        In the order of their names.
-    result : FlightEstimate or None
-        What `identify` says; None when it cannot even begin.
-    obstacle : EivorError or None
-        Why it cannot.
-    missing : tuple of str
-        Channels without which nothing can be identified, and that the log lacks.
-    advice : tuple of str
-        How to log them.
-    whole : tuple of str and Stretches, optional
-        Of a log that does not fit into memory: how it is known when the vehicle moved, and when it did.
-    tried : (start, end), optional
-        The part of it that `identify` was tried on [s]; None for all of it.
-    """
+    """A log, and what can be made of it."""
 
     motion: Motion[Any]
     recording: Recording
     channels: tuple[ChannelSummary, ...]
     result: FlightEstimate | None
     obstacle: EivorError | None
-    missing: tuple[str, ...]
+    missing: tuple[str, ...]  # Channels without which nothing can be identified, and that the log lacks
     advice: tuple[str, ...]
     whole: tuple[str, Stretches] | None = None
-    tried: tuple[float, float] | None = None
+    tried: tuple[float, float] | None = None  # [s]
 
     @property
     def verdict(self) -> str:
@@ -170,17 +116,7 @@ class Inspection:
 
 @dataclass(frozen=True)
 class PooledInspection:
-    """Several logs, each by itself, and what can be made of them together.
-
-    Parameters
-    ----------
-    logs : tuple of Inspection
-        In the order given.
-    result : FlightEstimate or None
-        What `identify` says of all of them; None when it cannot even begin.
-    obstacle : EivorError or None
-        Why it cannot.
-    """
+    """Several logs, each by itself, and what can be made of them together."""
 
     logs: tuple[Inspection, ...]
     result: FlightEstimate | None
@@ -213,19 +149,7 @@ def pooled_inspection(
     windows: Sequence[tuple[float, float] | None],
     motion: Motion[Any],
 ) -> PooledInspection:
-    """Inspect logs, each by itself and all together; never raises for what they lack.
-
-    Parameters
-    ----------
-    recordings : sequence of Recording
-        From `read_log`.
-    options : FlightOptions
-        What to run `identify_flight` with.
-    windows : sequence of (start, end) or None
-        A window [s] for each recording, in place of the options' for those that have one.
-    motion : Motion
-        What to run it for.
-    """
+    """Inspect logs, each by itself and all together; never raises for what they lack."""
     logs = tuple(
         inspection(recording, options if window is None else replace(options, window=window), motion)
         for recording, window in zip(recordings, windows, strict=True)
@@ -241,17 +165,7 @@ def pooled_inspection(
 
 
 def inspection(recording: Recording, options: FlightOptions, motion: Motion[Any]) -> Inspection:
-    """Inspect a log; never raises for what the log lacks.
-
-    Parameters
-    ----------
-    recording : Recording
-        From `read_log`.
-    options : FlightOptions
-        What to run `identify_flight` with.
-    motion : Motion
-        What to run it for.
-    """
+    """Inspect a log; never raises for what the log lacks."""
     result, obstacle, whole, tried = None, None, None, None
     try:
         if isinstance(recording.channels, MadeChannels) and options.window is None:

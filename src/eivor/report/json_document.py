@@ -62,18 +62,7 @@ Json = object
 
 
 def json_document(result: FlightEstimate) -> dict[str, Json]:
-    """Document of a result.
-
-    Parameters
-    ----------
-    result : FlightEstimate
-        With or without an estimate.
-
-    Returns
-    -------
-    dict
-        Ready for `json_text`.
-    """
+    """Document of a result."""
     return json_of(told_flight(result), result)
 
 

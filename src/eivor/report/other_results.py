@@ -62,32 +62,7 @@ def draws_table(
     *,
     delays: Literal["best", "all"] = "best",
 ) -> pl.DataFrame:
-    """Table of joint draws.
-
-    Parameters
-    ----------
-    fit : SavedFit
-        The result.
-    n, seed : int
-        See `SavedFit.sample`.
-    mass : KnownNumber, optional
-        Of the vehicle [kg]: drawn from a normal distribution beside the others, cut at zero.
-    delays : {"best", "all"}
-        See `SavedFit.sample`.
-
-    Returns
-    -------
-    polars.DataFrame
-        A row for each draw; a column for each parameter of the joint vector that is identified, one for
-        each value of `prediction.at` beside it that is (such as the delay), and `mass` where it is given.
-
-    Raises
-    ------
-    NotIdentifiedError
-        When no parameter of the joint vector is identified.
-    EstimationError, UsageError
-        See `SavedFit.sample`.
-    """
+    """Table of joint draws."""
     import polars as pl
 
     draws = fit.sample(n, seed, delays=delays)

@@ -34,23 +34,9 @@ from eivor.tools import Float, html_table
 
 @dataclass(frozen=True)
 class SavedCandidate:
-    """Joint vector and covariance at one combination of the discrete nuisances.
+    """Joint vector and covariance at one combination of the discrete nuisances."""
 
-    Parameters
-    ----------
-    at : mapping of str to float
-        Value of every nuisance.
-    best : bool
-        Whether it is the one that fits best.
-    values : ndarray, shape (n,)
-        Joint vector.
-    covariance : JointCovariance
-        Of the joint vector.
-    excess : float
-        What its criterion is above the least one that it competes with.
-    """
-
-    at: Mapping[str, float]
+    at: Mapping[str, float]  # Value of every nuisance
     best: bool
     values: Float[np.ndarray, " n"]
     covariance: JointCovariance
@@ -76,11 +62,7 @@ def drawn_at_all(
     n: int,
     rng: np.random.Generator,
 ) -> dict[str, Float[np.ndarray, " n"]]:
-    """Joint draws at all candidates, and one array more for each discrete nuisance.
-
-    One that they differ in alone has its confidence distribution; combinations of several are drawn by their
-    likelihood.
-    """
+    """Joint draws at all candidates, and one array more for each discrete nuisance."""
     apart = [
         name
         for name in candidates[0].at

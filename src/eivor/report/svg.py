@@ -25,47 +25,21 @@ BROKEN_AFTER = 1.5
 
 @dataclass(frozen=True)
 class Line:
-    """One series.
-
-    Parameters
-    ----------
-    label : str
-        What it is.
-    look : str
-        How it is drawn, a word of the page's style: "measured", "predicted", "residual", "asked".
-    values : ndarray, shape (n,)
-        Not a number where there is none.
-    """
+    """One series."""
 
     label: str
     look: str
-    values: Float[np.ndarray, " n"]
+    values: Float[np.ndarray, " n"]  # Not a number where there is none
 
 
 @dataclass(frozen=True)
 class Chart:
-    """Series over one time.
-
-    Parameters
-    ----------
-    group : str
-        Charts of one group are zoomed together.
-    unit : str
-        Of all lines.
-    time_s : ndarray, shape (n,)
-        Increasing [s].
-    lines : tuple of Line
-        With values at these times.
-    over_s, view_s : tuple of float
-        First and last second of the flight, and of what is shown at first [s].
-    left_out_s : tuple of (float, float)
-        Stretches of it that the estimate does not use.
-    """
+    """Series over one time."""
 
     group: str
     unit: str
     time_s: Float[np.ndarray, " n"]
-    lines: tuple[Line, ...]
+    lines: tuple[Line, ...]  # With values at these times
     over_s: tuple[float, float]
     view_s: tuple[float, float]
     left_out_s: tuple[tuple[float, float], ...]
@@ -152,15 +126,7 @@ ROUND_STEPS = (1.0, 2.0, 2.5, 5.0, 10.0)
 
 @dataclass(frozen=True, slots=True)
 class Tick:
-    """A value that is written at an axis.
-
-    Parameters
-    ----------
-    at : float
-        The value.
-    words : str
-        As it is written.
-    """
+    """A value that is written at an axis."""
 
     at: float
     words: str
@@ -183,15 +149,7 @@ class Scale(ABC):
 
 @dataclass(frozen=True, slots=True)
 class Linear(Scale):
-    """Equal steps.
-
-    Parameters
-    ----------
-    words : str
-        What the axis shows.
-    low, high : float
-        Its ends.
-    """
+    """Equal steps."""
 
     words: str
     low: float
@@ -213,15 +171,7 @@ class Linear(Scale):
 
 @dataclass(frozen=True, slots=True)
 class Logarithmic(Scale):
-    """Equal ratios.
-
-    Parameters
-    ----------
-    words : str
-        What the axis shows.
-    low, high : float
-        Its ends, above zero.
-    """
+    """Equal ratios."""
 
     words: str
     low: float
@@ -248,15 +198,7 @@ class Logarithmic(Scale):
 
 @dataclass(frozen=True, slots=True)
 class LinearBelow(Scale):
-    """Equal steps up to a value, equal ratios above it, from zero on.
-
-    Parameters
-    ----------
-    words : str
-        What the axis shows.
-    bend, high : float
-        Where the steps end, and the upper end.
-    """
+    """Equal steps up to a value, equal ratios above it, from zero on."""
 
     words: str
     bend: float
@@ -318,15 +260,7 @@ MOST_TICKS = 6
 
 @dataclass(frozen=True)
 class Points:
-    """Places in a drawing.
-
-    Parameters
-    ----------
-    label, look : str
-        What they are, empty for what the legend leaves out, and how they look.
-    x, y : ndarray, shape (n,)
-        Where.
-    """
+    """Places in a drawing."""
 
     label: str
     look: str
@@ -348,17 +282,7 @@ class Stems(Points):
 
 @dataclass(frozen=True)
 class Band:
-    """A range of one axis, over all of the other.
-
-    Parameters
-    ----------
-    label, look : str
-        See `Points`.
-    low, high : float
-        Its ends.
-    upright : bool
-        Whether it is a range of the abscissa.
-    """
+    """A range of one axis, over all of the other."""
 
     label: str
     look: str
@@ -369,17 +293,7 @@ class Band:
 
 @dataclass(frozen=True)
 class Rule:
-    """One value of an axis, over all of the other.
-
-    Parameters
-    ----------
-    label, look : str
-        See `Points`.
-    at : float
-        The value.
-    upright : bool
-        Whether it is one of the abscissa.
-    """
+    """One value of an axis, over all of the other."""
 
     label: str
     look: str
@@ -392,15 +306,7 @@ Mark = Curve | Dots | Stems | Band | Rule
 
 @dataclass(frozen=True)
 class Plot:
-    """A drawing.
-
-    Parameters
-    ----------
-    x, y : Scale
-        Its axes.
-    marks : tuple of Curve, Dots, Stems, Band or Rule
-        From the back to the front.
-    """
+    """A drawing."""
 
     x: Scale
     y: Scale
@@ -532,43 +438,19 @@ WIDEST = 6.0
 
 @dataclass(frozen=True)
 class ForestRow:
-    """One row.
-
-    Parameters
-    ----------
-    label : str
-        What it is.
-    numbers : str
-        Value and interval as tables show them.
-    value : float
-        The point; not a number for none.
-    pieces : tuple of (float, float)
-        The interval, or the pieces of a set; ends may be infinite.
-    status : Status or None
-        Its verdict.
-    whole : bool
-        Whether it is what the other rows are part of, such as a pool.
-    """
+    """One row."""
 
     label: str
-    numbers: str
+    numbers: str  # Value and interval as tables show them
     value: float
-    pieces: tuple[tuple[float, float], ...]
+    pieces: tuple[tuple[float, float], ...]  # The interval, or the pieces of a set
     status: Status | None = None
     whole: bool = False
 
 
 @dataclass(frozen=True)
 class Forest:
-    """Rows over one axis.
-
-    Parameters
-    ----------
-    words : str
-        What the axis shows, with its unit.
-    rows : tuple of ForestRow
-        From the top.
-    """
+    """Rows over one axis."""
 
     words: str
     rows: tuple[ForestRow, ...]
@@ -664,37 +546,17 @@ def _point(x: float, y: float, look: str) -> Markup:
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """One picture.
-
-    Parameters
-    ----------
-    title : str
-        What it shows.
-    words : str
-        How to read it.
-    drawn : Chart, Plot or Forest
-        Series over time to zoom into, a drawing, or intervals side by side.
-    table : TableOf or None
-        Its numbers; None where they stand beside it in any case.
-    """
+    """One picture."""
 
     title: str
     words: str
-    drawn: Chart | Plot | Forest
+    drawn: Chart | Plot | Forest  # Series over time to zoom into, a drawing, or intervals side by side
     table: TableOf | None
 
 
 @dataclass(frozen=True, slots=True)
 class Pictures:
-    """Pictures that belong together: those over time share their axis.
+    """Pictures that belong together: those over time share their axis."""
 
-    Parameters
-    ----------
-    heading : str
-        May be empty.
-    pictures : tuple of Picture
-        In their order.
-    """
-
-    heading: str
+    heading: str  # May be empty
     pictures: tuple[Picture, ...]

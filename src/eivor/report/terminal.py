@@ -124,13 +124,7 @@ def _facts(part: Facts) -> Table:
 
 @dataclass(frozen=True, slots=True)
 class FoldingTable:
-    """A table whose columns become lines below the first one where numbers would break side by side.
-
-    Parameters
-    ----------
-    table : TableOf
-        What to show.
-    """
+    """A table whose columns become lines below the first one where numbers would break side by side."""
 
     table: TableOf
 
@@ -170,10 +164,7 @@ def _width(text: str) -> int:
 
 
 def _side_by_side(table: TableOf, *, whole: bool, names: bool) -> Table:
-    """A column for each; `whole` keeps intervals in one line, else they break between their numbers.
-
-    `names` gives the first column all the width that it asks for: names of channels' sources are long words.
-    """
+    """A column for each; `whole` keeps intervals in one line, else they break between their numbers."""
     shown = Table(box=None, pad_edge=False, padding=(0, GAP, 0, 0), header_style="dim")
     for number, column in enumerate(table.columns):
         short = not number and all(_width(row[0].text) <= LONGEST_WHOLE for row in table.rows)

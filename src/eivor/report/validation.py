@@ -72,16 +72,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class PredictionError:
-    """What a prediction leaves.
-
-    Parameters
-    ----------
-    rms : float
-        Root mean square of what was measured less what was predicted.
-    explained : float
-        One less its sum of squares over that of what was measured without its mean; below zero for a
-        prediction that is worse than the mean.
-    """
+    """What a prediction leaves."""
 
     rms: float
     explained: float
@@ -89,23 +80,7 @@ class PredictionError:
 
 @dataclass(frozen=True)
 class ModelPrediction:
-    """One measured quantity as one model predicts it.
-
-    Parameters
-    ----------
-    model, words : str
-        The model's name, and what it is.
-    horizon : Horizon
-        How far ahead it looks.
-    quantity, unit : str
-        What is predicted.
-    measured, predicted : ndarray, shape (samples,)
-        Run after run.
-    error : PredictionError
-        Over all runs.
-    by_run : tuple of PredictionError
-        In each run.
-    """
+    """One measured quantity as one model predicts it."""
 
     model: str
     words: str
@@ -114,7 +89,7 @@ class ModelPrediction:
     unit: str
     measured: Float[np.ndarray, " samples"] = field(repr=False)
     predicted: Float[np.ndarray, " samples"] = field(repr=False)
-    error: PredictionError
+    error: PredictionError  # Over all runs
     by_run: tuple[PredictionError, ...]
 
 
@@ -548,31 +523,7 @@ TITLE_LETTERS = 120
 
 
 def validation_figure(found: Validation, axes: GivenAxes | None = None) -> Figure:
-    """Figure of a validation.
-
-    Parameters
-    ----------
-    found : Validation
-        What was predicted.
-    axes : mapping of str to Axes, or sequence of Axes, optional
-        Where to draw: panels by name, or all in order. Default: a figure of its own.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        With a canvas of its own, or that of `axes`.
-
-    Raises
-    ------
-    UsageError
-        When `axes` do not fit the panels.
-
-    Notes
-    -----
-    For each quantity a panel of the name of its horizon, "one_step" or "open_loop", with what was measured
-    and predicted in the liveliest part of the longest run; and below it "HORIZON residual" with what each
-    model leaves there. Of predictions ahead for each quantity a panel of its name, and "QUANTITY by horizon".
-    """
+    """Figure of a validation."""
     panels: Panels = {} if found.ahead is None else ahead_panels(found.ahead)
     for models in found.by_quantity:
         name = models[0].horizon.value

@@ -65,13 +65,7 @@ def serve(
 
 
 def _options(port: int, workers: int | None, memory: float, time: float, largest: float) -> ServeOptions:
-    """What the server may spend.
-
-    Raises
-    ------
-    UsageError
-        For what cannot be.
-    """
+    """What the server may spend."""
     if not 0 <= port < 1 << 16:
         raise UsageError("a port of 0 to 65535", str(port), "Leave it out for any that is free.")
     if workers is not None and workers < 1:
@@ -88,11 +82,7 @@ def _options(port: int, workers: int | None, memory: float, time: float, largest
 
 @contextmanager
 def _stop_asked_for() -> Iterator[list[int]]:
-    """A list that whatever asks to stop adds to, while the block lasts.
-
-    It may not set a `threading.Event`: the thread that it interrupts may hold its lock. `nohup` is obeyed: a
-    terminal that may be closed is ignored already.
-    """
+    """A list that whatever asks to stop adds to, while the block lasts."""
     came: list[int] = []
     known = [getattr(signal, name) for name in STOPS if hasattr(signal, name)]
     signals = [one for one in known if one == signal.SIGINT or signal.getsignal(one) != signal.SIG_IGN]

@@ -158,10 +158,7 @@ OUTCOME_OF = "eivor.serve.worker:outcome_of"
 
 @dataclass(frozen=True, slots=True)
 class Work:
-    """The function of worker processes: a task to its outcome.
-
-    A process that unpickles it loads everything that tasks need: neither time nor memory of the first task.
-    """
+    """The function of worker processes: a task to its outcome."""
 
     def __call__(self, item: Task, report: ProgressCallback) -> Outcome:
         """Outcome of a task."""
@@ -840,11 +837,7 @@ class BoundedProtocol(H11Protocol):
 
 
 class Gate:
-    """Lets the page of this run pass, in a browser on this machine, and nobody else.
-
-    Another page in the same browser can send requests to the loopback address. It knows no token, it cannot
-    set the header that has it, its `Origin` is its own, and a name that it makes point here is in `Host`.
-    """
+    """Lets the page of this run pass, in a browser on this machine, and nobody else."""
 
     def __init__(self, app: ASGIApp, port: int, token: str) -> None:
         self._app, self._token = app, token

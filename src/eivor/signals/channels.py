@@ -17,14 +17,7 @@ from eivor.tools import Float
 
 
 def roll_pitch_yaw(quaternions: Float[np.ndarray, "4 n"]) -> Float[np.ndarray, "3 n"]:
-    """Roll, pitch and yaw of attitudes [rad]: about z first, then the new y, then the new x.
-
-    Parameters
-    ----------
-    quaternions : ndarray, shape (4, n)
-        From body to world, w, x, y, z, of length 1. Yaw has no jumps by whole turns; where a component is
-        missing so are all angles.
-    """
+    """Roll, pitch and yaw of attitudes [rad]: about z first, then the new y, then the new x."""
     w, x, y, z = quaternions
     roll = np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
     pitch = np.arcsin(np.clip(2.0 * (w * y - z * x), -1.0, 1.0))
@@ -180,13 +173,7 @@ def canonical_channel(name: str) -> CanonicalChannel | None:
 
 
 def unit_of(name: str) -> str:
-    """Return the SI unit of a canonical channel, empty for a pure number.
-
-    Raises
-    ------
-    UsageError
-        When the name is not canonical.
-    """
+    """Return the SI unit of a canonical channel, empty for a pure number."""
     channel = canonical_channel(name)
     if channel is None:
         raise UsageError(
@@ -204,18 +191,7 @@ def held_by_default(name: str) -> bool:
 
 
 def declare_channels(*declared: CanonicalChannel) -> None:
-    """Add channels to the table, for this process. Declaring the same channel again changes nothing.
-
-    Parameters
-    ----------
-    *declared : CanonicalChannel
-        Channels with names of their own.
-
-    Raises
-    ------
-    UsageError
-        When a name is taken by a channel that is another one. Then none of them is added.
-    """
+    """Add channels to the table, for this process. Declaring the same channel again changes nothing."""
     added: dict[str, CanonicalChannel] = {}
     for channel in declared:
         taken = [other for other in (*_TABLE.values(), *added.values()) if _collide(channel, other)]
@@ -253,15 +229,7 @@ def is_member(suffix: str) -> bool:
 
 
 def family_members(name: str, among: Iterable[str]) -> list[str]:
-    """Names out of several that are `name`, or members of the family of that name, in their order.
-
-    Parameters
-    ----------
-    name : str
-        Of a channel or of a family; ``_*`` at its end changes nothing.
-    among : iterable of str
-        Names that there are.
-    """
+    """Names out of several that are `name`, or members of the family of that name, in their order."""
     names = set(among)
     if name in names:
         return [name]

@@ -42,11 +42,7 @@ def actuator_state(
 
 
 def _recursion(driven: Float[np.ndarray, "n rotors"], decay: float) -> Float[np.ndarray, "n rotors"]:
-    """w[k] = decay w[k-1] + driven[k] from rest, as the bidiagonal triangular system that it is.
-
-    LAPACK solves it as fast as a filter would, and is at hand without loading SciPy's signal processing,
-    which takes longer than the whole search for a lag.
-    """
+    """w[k] = decay w[k-1] + driven[k] from rest, as the bidiagonal triangular system that it is."""
     band = np.empty((2, driven.shape[0]))
     band[0], band[1] = 1.0, -decay
     state: Float[np.ndarray, "n rotors"] = dtbtrs(band, driven, uplo="L", diag="U", overwrite_b=True)[0]
@@ -65,22 +61,7 @@ def delayed_by(values: Float[np.ndarray, "n columns"], samples: int) -> Float[np
 def shifted_by(
     values: Float[np.ndarray, "n columns"], *, step_s: float, delay_s: float
 ) -> Float[np.ndarray, "n columns"]:
-    """Sampled values so much later; earlier for a negative delay.
-
-    Between samples by the cubic through the four nearest, whose error is of the fourth order in the step;
-    beyond the ends the first and the last value are held.
-
-    Parameters
-    ----------
-    values : ndarray, shape (n, columns)
-        A continuous quantity, sampled.
-    step_s, delay_s : float
-        Step and delay [s].
-
-    Notes
-    -----
-    Performs no checks.
-    """
+    """Sampled values so much later; earlier for a negative delay."""
     whole = int(np.floor(delay_s / step_s))
     f = delay_s / step_s - whole
     # Lagrange's weights for the value between samples 0 and -1, of samples 1, 0, -1, -2 from there
@@ -130,18 +111,7 @@ def in_a_row(one: Float[np.ndarray, " m"], other: Float[np.ndarray, " k"]) -> Fl
 
 
 def reciprocal(weights: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-    """Weights of the inverse filter: those that make 1, 0, 0, ... of the filter's own.
-
-    Parameters
-    ----------
-    weights : ndarray, shape (n,)
-        The first one is not zero.
-
-    Notes
-    -----
-    Newton's iteration r <- r (2 - w r), which doubles the number of right weights (Sieveking 1972); the
-    error is of the order of rounding times the largest weight. Performs no checks.
-    """
+    """Weights of the inverse filter: those that make 1, 0, 0, ... of the filter's own."""
     found = _first_weights(weights[:FIRST_WEIGHTS])
     while found.size < weights.size:
         count = min(2 * found.size, weights.size)
@@ -169,18 +139,7 @@ WEIGHTS = (45.0 / 60.0, -9.0 / 60.0, 1.0 / 60.0)
 
 
 def time_derivative(values: Float[np.ndarray, " n"], step_s: float) -> Float[np.ndarray, " n"]:
-    """Derivative of a series by central differences of seven samples; of fewer near its ends.
-
-    Amplitudes at a frequency f are those of the derivative within .1 % for f h up to .08, where a
-    difference of two samples has lost 4 %.
-
-    Parameters
-    ----------
-    values : ndarray, shape (n,)
-        With two samples or more.
-    step_s : float
-        Time between samples h [s].
-    """
+    """Derivative of a series by central differences of seven samples; of fewer near its ends."""
     derivative: Float[np.ndarray, " n"] = np.gradient(values, step_s)
     reach = len(WEIGHTS)
     if values.size > 2 * reach:
@@ -201,10 +160,7 @@ FACTORS = (2, 3, 5, 7, 11, 13, 17, 19, 23)
 
 
 def fast_length(count: int) -> int:
-    """Return the largest length up to a count, from 1 on, that has small prime factors only.
-
-    Of ten thousand samples a dozen are left out in the mean, and never more than seventy.
-    """
+    """Return the largest length up to a count, from 1 on, that has small prime factors only."""
     return next(length for length in range(count, 0, -1) if _remainder(length) == 1)
 
 
@@ -222,23 +178,7 @@ def _remainder(length: int) -> int:
 def low_passed(
     values: Float[np.ndarray, "n columns"], *, step_s: float, cutoff_hz: float
 ) -> Float[np.ndarray, "n columns"]:
-    """Columns behind the filter, which has seen their first values for ever.
-
-    Parameters
-    ----------
-    values : ndarray, shape (n, columns)
-        Sampled; between samples it is the line.
-    step_s : float
-        Step of the grid [s].
-    cutoff_hz : float
-        At which the power is halved [Hz].
-
-    Notes
-    -----
-    Performs no checks. Linear in n. Late by sqrt(2) / w far below the cutoff. With s = w / sqrt(2) the answer
-    to a ramp t is ``t - (1 - exp(-s t) cos(s t)) / s``; its second difference over the step, behind the
-    recursion's denominator, is the numerator.
-    """
+    """Columns behind the filter, which has seen their first values for ever."""
     s = np.sqrt(2.0) * np.pi * cutoff_hz
     t = step_s * np.arange(1, 4)
     ramp = t - (1.0 - np.exp(-s * t) * np.cos(s * t)) / s
@@ -268,13 +208,7 @@ PAUSE = 10.0
 
 
 def evened(time_s: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-    """Stamps with their errors averaged out, where they err; else the same array.
-
-    Parameters
-    ----------
-    time_s : ndarray, shape (n,)
-        Finite stamps in the order of the samples [s].
-    """
+    """Stamps with their errors averaged out, where they err; else the same array."""
     if time_s.size <= 2 * REACH:
         return time_s
     distances = np.diff(time_s)
@@ -288,15 +222,7 @@ def evened(time_s: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
 
 
 def on_lines(time_s: Float[np.ndarray, " n"], longest_s: float) -> Float[np.ndarray, " n"]:
-    """Each stamp on the line through those around it, whether they err or not.
-
-    Parameters
-    ----------
-    time_s : ndarray, shape (n,)
-        Stamps in the order of the samples [s].
-    longest_s : float
-        Lines end where two stamps are further apart [s].
-    """
+    """Each stamp on the line through those around it, whether they err or not."""
     ends = np.flatnonzero(np.diff(time_s) > longest_s) + 1
     return np.concatenate([_on_lines(part) for part in np.split(time_s, ends)])
 

@@ -20,24 +20,13 @@ KEPT = 1 << 16
 
 
 def fractional_weights(order: float, count: int) -> Float[np.ndarray, " count"]:
-    """Return a_0 ... a_{count-1}. Performs no checks.
-
-    Parameters
-    ----------
-    order : float
-        Any real number; negative orders sum, positive ones take differences.
-    count : int
-        Number of weights, one or more.
-    """
+    """Return a_0 ... a_{count-1}. Performs no checks."""
     lags = np.arange(1.0, count)
     return np.concatenate([[1.0], np.cumprod((lags - 1.0 - order) / lags)])
 
 
 def order_slope(order: float, count: int) -> Float[np.ndarray, " count"]:
-    """Derivatives of a_0 ... a_{count-1} by the order: the weights of log(1 - z) Delta^order.
-
-    Those of log(1 - z) are 0, -1, -1/2, -1/3, ...; O(n log n). Performs no checks.
-    """
+    """Derivatives of a_0 ... a_{count-1} by the order: the weights of log(1 - z) Delta^order."""
     logarithm = np.zeros((count, 1))
     logarithm[1:, 0] = -1.0 / np.arange(1.0, count)
     return fractional_difference(logarithm, order)[:, 0]
@@ -46,26 +35,7 @@ def order_slope(order: float, count: int) -> Float[np.ndarray, " count"]:
 def fractional_difference(
     values: Float[np.ndarray, "n *columns"], order: float
 ) -> Float[np.ndarray, "n *columns"]:
-    """Fractional difference of each column along the first axis.
-
-    Parameters
-    ----------
-    values : ndarray, shape (n, ...)
-        Record, zero before it starts.
-    order : float
-        Any real number.
-
-    Returns
-    -------
-    ndarray, shape (n, ...)
-        Same unit as `values`: the step of the record is not in it.
-
-    Notes
-    -----
-    Convolution by FFT, O(n log n), 1e6 samples within half a second; the error is of the order of
-    rounding times the largest output.
-    Performs no checks.
-    """
+    """Fractional difference of each column along the first axis."""
     count = values.shape[0]
     length = padded_length(count)
     response = _kept_response(order, count) if count <= KEPT else _response(order, count)
@@ -99,21 +69,11 @@ BLOCK = 4_096
 
 @dataclass(slots=True)
 class GrowthTable:
-    """Autocovariance of one order at one lag, block by block.
+    """Autocovariance of one order at one lag, block by block."""
 
-    Parameters
-    ----------
-    order : float
-        Exponent of Delta.
-    lag : int
-        Samples between the two factors.
-    states : list of (sum, a_q, a_{q + lag})
-        Before each block: the sum so far and the two weights of its first term.
-    """
-
-    order: float
-    lag: int
-    states: list[tuple[float, float, float]] = field(default_factory=list)
+    order: float  # Exponent of Delta
+    lag: int  # Samples between the two factors
+    states: list[tuple[float, float, float]] = field(default_factory=list)  # Before each block
 
     def stretch(self, start: int, count: int) -> Float[np.ndarray, " count"]:
         """Values for m = start .. start + count - 1."""
@@ -170,10 +130,7 @@ class MeasurementNoise(ABC):
 
     @abstractmethod
     def autocovariance(self, lag: int, start: int, count: int, /) -> Float[np.ndarray, " count"]:
-        """E[x(m) x(m + lag)] for m = start .. start + count - 1 samples since the record began.
-
-        In the square of the channel's unit; `lag` is zero or more.
-        """
+        """E[x(m) x(m + lag)] for m = start .. start + count - 1 samples since the record began."""
 
     @abstractmethod
     def moving_average(self, count: int) -> Float[np.ndarray, " count"]:
@@ -181,10 +138,7 @@ class MeasurementNoise(ABC):
 
     @abstractmethod
     def sample(self, count: int, rng: np.random.Generator) -> Float[np.ndarray, " count"]:
-        """One realisation of the noise of a record that begins with its first sample.
-
-        Equal generators give noises that are proportional to their std, sample by sample.
-        """
+        """One realisation of the noise of a record that begins with its first sample."""
 
     @abstractmethod
     def with_std(self, std: float) -> MeasurementNoise:

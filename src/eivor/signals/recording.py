@@ -22,27 +22,11 @@ from eivor.tools import Bool, Float, html_table
 
 @dataclass(frozen=True, slots=True)
 class DataSheet:
-    """White noise and rounding of a sensor, as a data sheet tells them.
+    """White noise and rounding of a sensor, as a data sheet tells them."""
 
-    Parameters
-    ----------
-    density : float
-        Noise density, in the channel's unit per square root of a hertz.
-    bandwidth_hz : float, optional
-        Noise bandwidth of the sensor's filter [Hz], 1.57 times the cut-off of one of first order. Default:
-        half the rate at which the channel is logged.
-    step : float
-        Quantisation step, in the channel's unit.
-
-    Raises
-    ------
-    UsageError
-        When a number is negative or not finite, or nothing is stated.
-    """
-
-    density: float = 0.0
+    density: float = 0.0  # Noise density, in the channel's unit per square root of a hertz
     bandwidth_hz: float | None = None
-    step: float = 0.0
+    step: float = 0.0  # Quantisation step, in the channel's unit
 
     def __post_init__(self) -> None:
         stated = {"density": self.density, "step": self.step}
@@ -60,10 +44,7 @@ class DataSheet:
             )
 
     def std(self, rate_hz: float) -> float:
-        """Standard deviation of one sample of a channel that is logged at that rate, in its unit.
-
-        The root of density^2 times the bandwidth plus step^2 / 12.
-        """
+        """Standard deviation of one sample of a channel that is logged at that rate, in its unit."""
         bandwidth = 0.5 * rate_hz if self.bandwidth_hz is None else self.bandwidth_hz
         return math.sqrt(self.density**2 * bandwidth + self.step**2 / 12.0)
 
@@ -76,23 +57,11 @@ EARLIEST, LATEST = datetime(2000, 1, 1, tzinfo=UTC), datetime(2100, 1, 1, tzinfo
 
 @dataclass(frozen=True, slots=True)
 class LogOrigin:
-    """What a log says of the machine that wrote it; empty where it says nothing.
+    """What a log says of the machine that wrote it; empty where it says nothing."""
 
-    Parameters
-    ----------
-    board : str
-        Unique id of the board.
-    airframe : str
-        Which kind of vehicle the firmware was set up for, by the firmware's own word.
-    firmware : str
-        Name and version.
-    start : datetime, optional
-        First second of the log (its time 0), UTC.
-    """
-
-    board: str = ""
+    board: str = ""  # Unique id of the board
     airframe: str = ""
-    firmware: str = ""
+    firmware: str = ""  # Name and version
     start: datetime | None = None
 
     def __post_init__(self) -> None:
@@ -103,13 +72,7 @@ class LogOrigin:
 
 
 def utc_time(seconds: float) -> datetime | None:
-    """Time of seconds since 1970; None of a clock that was never set.
-
-    Parameters
-    ----------
-    seconds : float
-        Since 1970-01-01 UTC [s].
-    """
+    """Time of seconds since 1970; None of a clock that was never set."""
     try:
         told = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(seconds=seconds)
     except (OverflowError, ValueError):
@@ -134,15 +97,7 @@ class MadeChannels(Mapping[str, "Channel"]):
 
     @abstractmethod
     def part(self, start_s: float, end_s: float, step_s: float = 0.0) -> MadeChannels:
-        """Return the channels of a part of the log, or of more of it where its reader cannot cut.
-
-        Parameters
-        ----------
-        start_s, end_s : float
-            The part [s]. States that were set before it are in it.
-        step_s : float
-            Samples that are closer are thinned to this distance [s]; zero keeps all.
-        """
+        """Return the channels of a part of the log, or of more of it where its reader cannot cut."""
 
 
 # -- Recording --
@@ -184,48 +139,14 @@ class ChannelQuality:
 
 @dataclass(frozen=True, slots=True)
 class Channel:
-    """One quantity as logged, on its own clock.
+    """One quantity as logged, on its own clock."""
 
-    Parameters
-    ----------
-    name : str
-        Canonical name, see `eivor.signals.channels`.
-    time_s : ndarray, shape (n,)
-        Stamps [s], finite and strictly increasing.
-    values : ndarray, shape (n,)
-        Values in `unit`; NaN where the log has none.
-    unit : str
-        SI unit, empty for a pure number.
-    source : str
-        Where the channel came from, in the log's own words ("vehicle_local_position.vz").
-    held : bool
-        True when the value holds until the next stamp (commands, setpoints, states).
-    quality : ChannelQuality
-        What the reader set right.
-    estimated : bool
-        True when an estimator made the value of other measurements: its own dynamics are in it.
-    delay_s : float
-        The sensor's own delay, which has been taken off the stamps [s].
-    noise : float or DataSheet, optional
-        What is known of the measurement noise: the standard deviation of a sample in `unit`, or what the
-        sensor's data sheet says.
-    curve_side : CurveSide
-        Of a command: before the autopilot's thrust curve (a thrust setpoint) or behind it (a motor signal).
-
-    Raises
-    ------
-    ShapeError
-        When stamps and values differ in length.
-    NonFiniteError
-        When a stamp is not finite, or stamps do not strictly increase.
-    """
-
-    name: str
-    time_s: Float[np.ndarray, " n"]
+    name: str  # Canonical name, see `eivor.signals.channels`
+    time_s: Float[np.ndarray, " n"]  # Stamps [s], finite and strictly increasing
     values: Float[np.ndarray, " n"]
-    unit: str
+    unit: str  # SI unit, empty for a pure number
     source: str = ""
-    held: bool = False
+    held: bool = False  # True when the value holds until the next stamp (commands, setpoints, states)
     quality: ChannelQuality = field(default_factory=ChannelQuality)
     estimated: bool = False
     delay_s: float = 0.0
@@ -286,19 +207,7 @@ def clean_channel(
     noise: float | DataSheet | None = None,
     curve_side: CurveSide = CurveSide.UNKNOWN,
 ) -> Channel:
-    """Channel from raw stamps and values: samples whose stamp repeats or goes backward are dropped.
-
-    A stamp counts as backward when it lies before the latest stamp seen so far; the first sample of a
-    repeated stamp is kept. Stamps that err again and again by small amounts are evened first, see
-    `eivor.signals.filters`. Infinite values, and those that nothing measures, become NaN. What was dropped is
-    counted in the channel's quality; nothing is sorted, since a log's order is evidence of its own. Stamps
-    are not copied when all of them are kept, so that channels of one clock share it.
-
-    Raises
-    ------
-    ShapeError
-        When stamps and values differ in length.
-    """
+    """Channel from raw stamps and values: samples whose stamp repeats or goes backward are dropped."""
     time = checks.real_array(f"stamps of channel '{name}'", time_s)
     series = np.array(checks.real_array(f"channel '{name}'", values))
     if time.shape != series.shape:
@@ -460,13 +369,7 @@ class Recording:
 
 
 def interval_within(window: tuple[float, float], span: tuple[float, float]) -> tuple[float, float]:
-    """Return the part of `window` [s] that lies in `span` [s].
-
-    Raises
-    ------
-    UsageError
-        When the window is empty, reversed, or outside the span.
-    """
+    """Return the part of `window` [s] that lies in `span` [s]."""
     start, end = max(window[0], span[0]), min(window[1], span[1])
     if not window[0] < window[1] or not start < end:
         raise UsageError(

@@ -34,18 +34,7 @@ class InputMap(ABC):
 
 @dataclass(frozen=True, slots=True)
 class Power(InputMap):
-    """``state ** exponent``, sign kept: 1 for thrust commands, 2 for rotor speeds.
-
-    Parameters
-    ----------
-    exponent : float
-        Positive.
-
-    Raises
-    ------
-    UsageError
-        When the exponent is not positive.
-    """
+    """``state ** exponent``, sign kept: 1 for thrust commands, 2 for rotor speeds."""
 
     exponent: float = 1.0
 
@@ -78,20 +67,9 @@ class Power(InputMap):
 
 @dataclass(frozen=True, slots=True)
 class Mixed(InputMap):
-    """``(1 - share) state + share state**2``: PX4's thrust curve, share = THR_MDL_FAC.
+    """``(1 - share) state + share state**2``: PX4's thrust curve, share = THR_MDL_FAC."""
 
-    Parameters
-    ----------
-    share : float
-        Between 0 and 1.
-
-    Raises
-    ------
-    UsageError
-        When the share lies outside that range.
-    """
-
-    share: float
+    share: float  # Between 0 and 1
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.share <= 1.0:
@@ -126,13 +104,7 @@ def _shortest(number: float) -> str:
 
 
 def input_map(name: str) -> InputMap:
-    """Input map of a name: linear, square, power:EXPONENT, or mixed:SHARE.
-
-    Raises
-    ------
-    UsageError
-        When no map has that name.
-    """
+    """Input map of a name: linear, square, power:EXPONENT, or mixed:SHARE."""
     word, _, number = name.partition(":")
     try:
         if word in {"linear", "square"} and not number:

@@ -104,52 +104,24 @@ CONTROLLER_RANGES = {
 
 @dataclass(frozen=True, slots=True)
 class Gains:
-    """Numbers of the loops, of one flight or of several.
-
-    Parameters
-    ----------
-    rate, integral, derivative : tuple
-        Normalised torque on each axis per rad/s, per rad and per rad/s^2.
-    attitude : tuple
-        Rate asked for per rad on each axis [1/s].
-    climb, climb_integral, height : float or ndarray, shape (flights,)
-        Acceleration asked for per m/s and per m of accumulated error, climb rate per m.
-    hold : float or ndarray, shape (flights,)
-        Velocity asked for per metre [1/s].
-    derivative_decay : float or ndarray, shape (flights,)
-        What is left of the filtered derivative after a period of the rate loop.
-    weight, full_thrust : float or ndarray, shape (flights,)
-        [N].
-    mass : float or ndarray, shape (flights,)
-        [kg].
-    """
+    """Numbers of the loops, of one flight or of several."""
 
     rate: tuple[Value, ...]
     integral: tuple[Value, ...]
     derivative: tuple[Value, ...]
-    attitude: tuple[Value, ...]
-    climb: Value
-    climb_integral: Value
-    height: Value
-    hold: Value
-    derivative_decay: Value
-    weight: Value
-    full_thrust: Value
-    mass: Value
+    attitude: tuple[Value, ...]  # [1/s]
+    climb: Value  # shape (flights,)
+    climb_integral: Value  # shape (flights,)
+    height: Value  # shape (flights,)
+    hold: Value  # shape (flights,), [1/s]
+    derivative_decay: Value  # shape (flights,)
+    weight: Value  # shape (flights,)
+    full_thrust: Value  # shape (flights,)
+    mass: Value  # shape (flights,), [kg]
 
 
 def gains_of(controller: FlightController, vehicle: Vehicle, sensing_s: float) -> Gains:
-    """Gains that suit a vehicle.
-
-    Parameters
-    ----------
-    controller : FlightController
-        How quick the loops are.
-    vehicle : Vehicle
-        What they control.
-    sensing_s : float
-        Delay of the measured rates, with that of their filter [s].
-    """
+    """Gains that suit a vehicle."""
     rotors = vehicle.rotors
     slowness = max(rotors.lag_up, rotors.lag_down) + rotors.delay + sensing_s + 0.5 / controller.rate_hz
     quickest = min(controller.quickness / slowness, LARGEST_RATE_GAIN)
@@ -201,15 +173,7 @@ def between(value: Value, low: Value, high: Value) -> Value:
 
 
 class Cascade:
-    """The three loops of a flight, or of several side by side, and what they remember.
-
-    Parameters
-    ----------
-    gains : Gains
-        Their numbers.
-    rate_period_s, height_period_s : float
-        Of rate and height loop [s].
-    """
+    """The three loops of a flight, or of several side by side, and what they remember."""
 
     def __init__(self, gains: Gains, rate_period_s: float, height_period_s: float) -> None:
         self._gains = gains
@@ -221,15 +185,7 @@ class Cascade:
         self._differentiates = bool(np.any(np.array(gains.derivative)))
 
     def thrust(self, reference: Triple, height: Value, climb: Value, cosine: Value) -> Value:
-        """Collective thrust, as a share of the full one.
-
-        Parameters
-        ----------
-        reference : three components
-            Height [m], climb rate [m/s] and acceleration [m/s^2] that are asked for.
-        height, climb, cosine : component
-            As measured: height [m], climb rate [m/s], cosine of the tilt.
-        """
+        """Collective thrust, as a share of the full one."""
         g = self._gains
         wanted_height, wanted_climb, acceleration = reference
         error = wanted_climb + g.height * (wanted_height - height) - climb
@@ -240,15 +196,7 @@ class Cascade:
         return between(thrust, LEAST_WEIGHT * g.weight, MOST_THRUST * g.full_thrust) / g.full_thrust
 
     def holding(self, wanted: Components, place: Components, drift: Components) -> list[Value]:
-        """Attitude that is asked for, tilted towards the place where the flight began.
-
-        Parameters
-        ----------
-        wanted : four components
-            Attitude from outside, w, x, y, z.
-        place, drift : two components
-            Measured position [m] and velocity [m/s] in the world, forward and left of the start.
-        """
+        """Attitude that is asked for, tilted towards the place where the flight began."""
         hold = self._gains.hold
         most = MOST_HOLDING_TILT * GRAVITY
         forward, left = (
@@ -300,24 +248,13 @@ class Cascade:
 
 @dataclass(frozen=True, slots=True)
 class Mixer:
-    """From normalised thrust and torques to the rotors' commands.
-
-    Parameters
-    ----------
-    shares : tuple
-        Of each rotor, or of all as arrays of shape (rotors, flights): its thrust [N] per unit of thrust,
-        roll, pitch and yaw.
-    thrust_linear, thrust_quadratic : float or ndarray, shape (flights,)
-        Of a rotor.
-    least, most : float or ndarray, shape (flights,)
-        Thrust of a rotor at its limits [N].
-    """
+    """From normalised thrust and torques to the rotors' commands."""
 
     shares: tuple[tuple[Value, Value, Value, Value], ...]
-    thrust_linear: Value
-    thrust_quadratic: Value
-    least: Value
-    most: Value
+    thrust_linear: Value  # shape (flights,)
+    thrust_quadratic: Value  # shape (flights,)
+    least: Value  # shape (flights,)
+    most: Value  # shape (flights,)
 
     def commands(self, thrust: Value, torques: Triple) -> list[Value]:
         """Rotor speeds whose thrusts have this sum and these torques, as far as the rotors can."""
@@ -331,13 +268,7 @@ class Mixer:
 
 
 def mixer_of(vehicle: Vehicle) -> Mixer:
-    """Mixer of one vehicle, in floats.
-
-    Raises
-    ------
-    ParameterError
-        When the rotors cannot give thrust and torque about each axis independently.
-    """
+    """Mixer of one vehicle, in floats."""
     rotors = vehicle.rotors
     x, y, _ = np.array(rotors.positions).T
     geometry = np.stack([np.ones(rotors.count), y, -x, rotors.torque_ratio * np.array(rotors.spins)])
@@ -380,15 +311,7 @@ def gains_side_by_side(each: Sequence[Gains]) -> Gains:
 
 
 class DelayLine:
-    """What is on its way.
-
-    Parameters
-    ----------
-    late : int or ndarray of int, shape (flights,)
-        Steps that it takes.
-    before : sequence of components, optional
-        What arrives first; the first values that are sent when it is left out.
-    """
+    """What is on its way."""
 
     def __init__(
         self, late: int | Int[np.ndarray, " flights"], before: Sequence[Value] | None = None
@@ -533,13 +456,7 @@ class Sensor:
 
 
 def low_pass(cutoff_hz: float, step_s: float) -> tuple[Float[np.ndarray, " 3"], Float[np.ndarray, " 3"]]:
-    """Numerator and denominator of the filter at a rate; see `Sensor`.
-
-    Raises
-    ------
-    ParameterError
-        When the cut-off is not below half the rate.
-    """
+    """Numerator and denominator of the filter at a rate; see `Sensor`."""
     from scipy.signal import butter
 
     if not cutoff_hz < 0.5 / step_s:
@@ -553,15 +470,7 @@ def low_pass(cutoff_hz: float, step_s: float) -> tuple[Float[np.ndarray, " 3"], 
 
 
 class LiveFilter:
-    """A sensor's filter and delay while a flight goes on, on components; the same numbers as `readings`.
-
-    Parameters
-    ----------
-    numerator, denominator : sequence of 3 components, or None
-        Of the filter; None for none.
-    late : int or ndarray of int, shape (flights,)
-        Steps by which readings are late.
-    """
+    """A sensor's filter and delay while a flight goes on, on components; the same numbers as `readings`."""
 
     def __init__(
         self,

@@ -25,11 +25,7 @@ STUDENT_DOF = 4.0
 
 
 class NoiseKind(StrEnum):
-    """Distribution and memory of the noise of acceleration and velocity.
-
-    Fractional noise has the order -0.5 on acceleration and -0.4 on velocity. Position, attitude and rate
-    noise are white in every kind.
-    """
+    """Distribution and memory of the noise of acceleration and velocity."""
 
     WHITE = "white"
     HEAVY_TAILED = "heavy-tailed"
@@ -84,13 +80,7 @@ class SensorNoise:
 
 @dataclass(frozen=True, slots=True)
 class SensorErrors:
-    """What is added to each measurement, one row for each stamp, in SI units.
-
-    Parameters
-    ----------
-    acceleration, velocity, position, attitude, angular_rate : ndarray, shape (n, axes)
-        Errors along each axis.
-    """
+    """What is added to each measurement, one row for each stamp, in SI units."""
 
     acceleration: Float[np.ndarray, "n axes"]
     velocity: Float[np.ndarray, "n axes"]
@@ -100,17 +90,7 @@ class SensorErrors:
 
 
 def sensor_errors(noise: SensorNoise, *, count: int, axes: int, rng: np.random.Generator) -> SensorErrors:
-    """Independent errors of every sensor on every axis.
-
-    Parameters
-    ----------
-    noise : SensorNoise
-        Kind and levels.
-    count, axes : int
-        Samples and axes.
-    rng : numpy.random.Generator
-        Where they come from.
-    """
+    """Independent errors of every sensor on every axis."""
     acceleration, velocity = (
         level * _unit_noise(noise.kind, order, (count, axes), rng)
         for level, order in ((noise.acceleration, ACCELERATION_ORDER), (noise.velocity, VELOCITY_ORDER))
@@ -146,19 +126,7 @@ def simulated_recording(
     held: Mapping[str, Float[np.ndarray, " n"]],
     sampled: Mapping[str, Float[np.ndarray, " n"]],
 ) -> Recording:
-    """Log of a simulated flight whose rotors' thrust goes with the square of their state.
-
-    Parameters
-    ----------
-    name, simulator : str
-        What to call the log, and the source of its channels.
-    time_s : ndarray, shape (n,)
-        Stamps of every channel [s].
-    held : mapping of str to ndarray, shape (n,)
-        Commands and setpoints, each in force until the next stamp.
-    sampled : mapping of str to ndarray, shape (n,)
-        Measurements at the stamps.
-    """
+    """Log of a simulated flight whose rotors' thrust goes with the square of their state."""
     channels = {
         key: Channel(key, time_s, values.copy(), unit_of(key), source=simulator, held=key in held)
         for key, values in (dict(held) | dict(sampled)).items()
@@ -192,37 +160,17 @@ OWN_HEIGHT = frozenset({TrajectoryKind.CLIMBS, TrajectoryKind.HOVER_STEPS})
 
 @dataclass(frozen=True, slots=True)
 class Trajectory:
-    """Altitude reference and its derivatives on the log's grid.
+    """Altitude reference and its derivatives on the log's grid."""
 
-    Parameters
-    ----------
-    position, velocity, acceleration : ndarray, shape (n,)
-        [m], [m/s], [m/s^2].
-    """
-
-    position: Float[np.ndarray, " n"]
-    velocity: Float[np.ndarray, " n"]
-    acceleration: Float[np.ndarray, " n"]
+    position: Float[np.ndarray, " n"]  # [m]
+    velocity: Float[np.ndarray, " n"]  # [m]
+    acceleration: Float[np.ndarray, " n"]  # [m]
 
 
 def altitude_reference(
     kind: TrajectoryKind, *, count: int, step_s: float, rng: np.random.Generator, vigour: float = 1.0
 ) -> Trajectory:
-    """Shape of the kind, scaled so that speed and acceleration reach the smaller of their limits.
-
-    Parameters
-    ----------
-    kind : TrajectoryKind
-        What to fly.
-    count : int
-        Samples.
-    step_s : float
-        Time between them [s].
-    rng : numpy.random.Generator
-        Draws the shape and its limits.
-    vigour : float
-        Share of the limits that is flown.
-    """
+    """Shape of the kind, scaled so that speed and acceleration reach the smaller of their limits."""
     from scipy.interpolate import make_interp_spline
 
     time = step_s * np.arange(count)
@@ -339,47 +287,18 @@ _SHAPES: Mapping[TrajectoryKind, _Shape] = {
 
 @dataclass(frozen=True, slots=True)
 class FlightTruth:
-    """Noise-free arrays of a simulated flight, and its nominal parameters.
+    """Noise-free arrays of a simulated flight, and its nominal parameters."""
 
-    Parameters
-    ----------
-    time_s : ndarray, shape (n,)
-        Stamps [s] of the rows.
-    specific_force_z : ndarray, shape (n,)
-        Acceleration plus g along the world's z [m/s^2].
-    air_velocity_z : ndarray, shape (n,)
-        Vertical velocity minus vertical wind [m/s].
-    rotor_state : ndarray, shape (n, rotors)
-        Actual rotor states, in the commands' unit.
-    cos_tilt : ndarray, shape (n,)
-        Cosine of the angle between the body's and the world's z.
-    actuator_lag : float
-        Time constant of the rotors [s].
-    delay : float
-        Time from a command to its effect on the rotor's first-order lag [s].
-    viscous_friction : float
-        K at hover in still air [1/s].
-    input_gain : float
-        K_u [m/s^2 per unit of the mean mapped rotor state], at the beginning where it changes.
-    hover_input : float
-        Rotor state at hover.
-
-    Raises
-    ------
-    ShapeError
-        When the arrays differ in their number of rows.
-    """
-
-    time_s: Float[np.ndarray, " n"]
-    specific_force_z: Float[np.ndarray, " n"]
-    air_velocity_z: Float[np.ndarray, " n"]
-    rotor_state: Float[np.ndarray, "n rotors"]
-    cos_tilt: Float[np.ndarray, " n"]
-    actuator_lag: float
-    delay: float
-    viscous_friction: float
-    input_gain: float
-    hover_input: float
+    time_s: Float[np.ndarray, " n"]  # Stamps [s] of the rows
+    specific_force_z: Float[np.ndarray, " n"]  # Acceleration plus g along the world's z [m/s^2]
+    air_velocity_z: Float[np.ndarray, " n"]  # Vertical velocity minus vertical wind [m/s]
+    rotor_state: Float[np.ndarray, "n rotors"]  # Actual rotor states, in the commands' unit
+    cos_tilt: Float[np.ndarray, " n"]  # Cosine of the angle between the body's and the world's z
+    actuator_lag: float  # Time constant of the rotors [s]
+    delay: float  # [s]
+    viscous_friction: float  # K at hover in still air [1/s]
+    input_gain: float  # [m/s^2 per unit of the mean mapped rotor state]
+    hover_input: float  # Rotor state at hover
 
     def __post_init__(self) -> None:
         arrays = (self.time_s, self.specific_force_z, self.air_velocity_z, self.rotor_state, self.cos_tilt)
@@ -427,38 +346,7 @@ def effective_parameters(
     rows: Bool[np.ndarray, " n"],
     input_map: Callable[[Float[np.ndarray, "m rotors"]], Float[np.ndarray, "m rotors"]],
 ) -> EffectiveParameters:
-    """Least squares of the true specific force on (-air velocity, U, 1) over the given rows.
-
-    Parameters
-    ----------
-    truth : FlightTruth
-        The flight.
-    rows : ndarray of bool, shape (n,)
-        Rows to use, normally those that an estimate used.
-    input_map : callable
-        Maps rotor states elementwise, for instance `np.square`.
-
-    Returns
-    -------
-    EffectiveParameters
-        K [1/s], K_u [m/s^2 per unit of the mean mapped state], b [m/s^2]. In gusts, K and K_u are of the
-        motion through the air, which an estimator that sees the ground velocity only can still reach
-        with instruments that the gusts do not touch.
-
-    Raises
-    ------
-    ShapeError
-        When the mask does not fit the flight.
-    TooFewSamplesError
-        With fewer than four rows.
-    CollinearError
-        When velocity or input does not vary over the rows, so that they are one with the intercept.
-
-    Notes
-    -----
-    Columns are scaled to unit norm after their means are taken off: a squared rotor speed is of the order
-    of 1e6, an intercept of 1. One QR-based solution of n rows and two columns.
-    """
+    """Least squares of the true specific force on (-air velocity, U, 1) over the given rows."""
     if rows.shape != truth.time_s.shape:
         raise ShapeError(
             f"a mask of {truth.time_s.size} rows",
@@ -497,21 +385,7 @@ def effective_parameters(
 def gusts(
     *, count: int, axes: int, step_s: float, rms: float, correlation_s: float, rng: np.random.Generator
 ) -> Float[np.ndarray, "count axes"]:
-    """Independent wind on each axis, sampled exactly and meant to be held over a step.
-
-    Parameters
-    ----------
-    count, axes : int
-        Samples and axes.
-    step_s : float
-        Time between samples [s].
-    rms : float
-        Standard deviation on each axis [m/s].
-    correlation_s : float
-        Time in which the correlation falls to 1/e [s].
-    rng : numpy.random.Generator
-        Source of the shocks.
-    """
+    """Independent wind on each axis, sampled exactly and meant to be held over a step."""
     from scipy.signal import lfilter
 
     shocks = rng.standard_normal((count, axes))

@@ -487,20 +487,7 @@ class WhiteDisturbance(Disturbance):
 def autoregression(
     driven: Float[np.ndarray, " n"], coefficients: Float[np.ndarray, "n lags"]
 ) -> Float[np.ndarray, " n"]:
-    """x[k] = driven[k] + sum_i coefficients[k, i] x[k - 1 - i], with zeros before the record.
-
-    Parameters
-    ----------
-    driven : ndarray, shape (n,)
-        Right-hand side.
-    coefficients : ndarray, shape (n, lags)
-        Row k belongs to x[k].
-
-    Notes
-    -----
-    Performs no checks. Linear in n times lags; forward substitution, so its error is that of the
-    recursion itself.
-    """
+    """x[k] = driven[k] + sum_i coefficients[k, i] x[k - 1 - i], with zeros before the record."""
     count, lags = driven.size, min(coefficients.shape[1], max(driven.size - 1, 0))
     if lags == 0:
         return driven.copy()

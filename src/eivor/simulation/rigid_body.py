@@ -55,45 +55,18 @@ from eivor.tools import Float
 
 @dataclass(frozen=True, slots=True)
 class Flown:
-    """What happened in one flight, a row for each step.
+    """What happened in one flight, a row for each step."""
 
-    Parameters
-    ----------
-    body : ndarray, shape (n, 13)
-        Position [m], velocity [m/s], attitude w, x, y, z, body rates [rad/s].
-    rotor_speed, rotor_command : ndarray, shape (n, rotors)
-        [rad/s]; the command is issued at the row's time.
-    thrust : ndarray, shape (n,)
-        Collective thrust setpoint, a share of full thrust.
-    torque : ndarray, shape (n, 3)
-        Torque setpoints that the mixer got, what is injected included.
-    wanted_rate : ndarray, shape (n, 3)
-        Body rates that the attitude loop asked for [rad/s].
-    """
-
-    body: Float[np.ndarray, "n 13"]
-    rotor_speed: Float[np.ndarray, "n rotors"]
-    rotor_command: Float[np.ndarray, "n rotors"]
-    thrust: Float[np.ndarray, " n"]
+    body: Float[np.ndarray, "n 13"]  # Position [m], velocity [m/s], attitude w, x, y, z, body rates [rad/s]
+    rotor_speed: Float[np.ndarray, "n rotors"]  # [rad/s]
+    rotor_command: Float[np.ndarray, "n rotors"]  # [rad/s]
+    thrust: Float[np.ndarray, " n"]  # Collective thrust setpoint, a share of full thrust
     torque: Float[np.ndarray, "n 3"]
-    wanted_rate: Float[np.ndarray, "n 3"]
+    wanted_rate: Float[np.ndarray, "n 3"]  # [rad/s]
 
 
 def fly(specs: Sequence[RigidBodyFlightSpec], met: Sequence[Surroundings]) -> Iterator[Flown]:
-    """Fly specifications that agree in everything that `alike` compares, side by side.
-
-    Parameters
-    ----------
-    specs : sequence of RigidBodyFlightSpec
-        The flights. Performs no checks.
-    met : sequence of Surroundings
-        What each meets.
-
-    Yields
-    ------
-    Flown
-        Of each, in order, with arrays of its own.
-    """
+    """Fly specifications that agree in everything that `alike` compares, side by side."""
     series = _alone(specs[0], met[0]) if len(specs) == 1 else _together(specs, met)
     for flight in range(len(specs)):
         yield Flown(*(np.ascontiguousarray(part[..., flight]) for part in series))
@@ -316,19 +289,7 @@ SIMULATOR = "rigid body"
 def recording_of(
     spec: RigidBodyFlightSpec, met: Surroundings, flown: Flown, force: Float[np.ndarray, "n 3"]
 ) -> Recording:
-    """Log of a flight.
-
-    Parameters
-    ----------
-    spec : RigidBodyFlightSpec
-        The flight.
-    met : Surroundings
-        What it met.
-    flown : Flown
-        What happened.
-    force : ndarray, shape (n, 3)
-        True specific force on the body's axes [m/s^2].
-    """
+    """Log of a flight."""
     rng = stamping_stream(spec)
     channels: dict[str, Channel] = {}
     for sensor, series in _measured(spec, met, flown, force):
@@ -440,90 +401,35 @@ LOST_M, LOST_COSINE = 5.0, 0.17
 
 @dataclass(frozen=True, slots=True)
 class RigidBodyTruth:
-    """What is true of a flight, a row for each step of the simulation, without errors of sensors.
-
-    Parameters
-    ----------
-    time_s : ndarray, shape (n,)
-        [s].
-    position, velocity : ndarray, shape (n, 3)
-        In the world [m, m/s].
-    attitude : ndarray, shape (n, 4)
-        From body to world, w, x, y, z.
-    angular_rate : ndarray, shape (n, 3)
-        Body rates [rad/s].
-    specific_force : ndarray, shape (n, 3)
-        On the body's axes [m/s^2].
-    air_velocity : ndarray, shape (n, 3)
-        Of the body against the air, in the world [m/s].
-    rotor_speed, rotor_command : ndarray, shape (n, rotors)
-        [rad/s]. A command is issued at its row's time, and held until the next.
-    thrust_setpoint : ndarray, shape (n,)
-        A share of full thrust.
-    torque_setpoint : ndarray, shape (n, 3)
-        Normalised, what is injected included.
-    disturbance : ndarray, shape (n, 3)
-        Torque from outside [N m].
-    parameters : EffectiveParameters
-        Combinations of the vehicle's parameters that the flight shows.
-    control_effectiveness : tuple of float
-        Angular acceleration per unit of each torque setpoint [rad/s^2].
-    """
+    """What is true of a flight, a row for each step of the simulation, without errors of sensors."""
 
     time_s: Float[np.ndarray, " n"]
-    position: Float[np.ndarray, "n 3"]
-    velocity: Float[np.ndarray, "n 3"]
+    position: Float[np.ndarray, "n 3"]  # [m, m/s]
+    velocity: Float[np.ndarray, "n 3"]  # [m, m/s]
     attitude: Float[np.ndarray, "n 4"]
-    angular_rate: Float[np.ndarray, "n 3"]
-    specific_force: Float[np.ndarray, "n 3"]
-    air_velocity: Float[np.ndarray, "n 3"]
-    rotor_speed: Float[np.ndarray, "n rotors"]
-    rotor_command: Float[np.ndarray, "n rotors"]
-    thrust_setpoint: Float[np.ndarray, " n"]
+    angular_rate: Float[np.ndarray, "n 3"]  # Body rates [rad/s]
+    specific_force: Float[np.ndarray, "n 3"]  # On the body's axes [m/s^2]
+    air_velocity: Float[np.ndarray, "n 3"]  # [m/s]
+    rotor_speed: Float[np.ndarray, "n rotors"]  # [rad/s]
+    rotor_command: Float[np.ndarray, "n rotors"]  # [rad/s]
+    thrust_setpoint: Float[np.ndarray, " n"]  # A share of full thrust
     torque_setpoint: Float[np.ndarray, "n 3"]
-    disturbance: Float[np.ndarray, "n 3"]
-    parameters: EffectiveParameters
-    control_effectiveness: tuple[float, float, float]
+    disturbance: Float[np.ndarray, "n 3"]  # Torque from outside [N m]
+    parameters: EffectiveParameters  # Combinations of the vehicle's parameters that the flight shows
+    control_effectiveness: tuple[float, float, float]  # [rad/s^2]
 
 
 @dataclass(frozen=True, slots=True)
 class RigidBodyFlight:
-    """A flight as its log has it, and as it was.
-
-    Parameters
-    ----------
-    recording : Recording
-        Noisy channels, each group on its own stamps, z up.
-    truth : RigidBodyTruth
-        What was flown.
-    flew : bool
-        False when the vehicle was lost.
-    """
+    """A flight as its log has it, and as it was."""
 
     recording: Recording
     truth: RigidBodyTruth
-    flew: bool
+    flew: bool  # False when the vehicle was lost
 
 
 def simulate_rigid_body_flights(specs: Sequence[RigidBodyFlightSpec]) -> Iterator[RigidBodyFlight]:
-    """Fly each specification and give its log and its truth, in order.
-
-    Parameters
-    ----------
-    specs : sequence of RigidBodyFlightSpec
-        Neighbours that have rate, duration, loops' rates and number of rotors in common are simulated side by
-        side.
-
-    Yields
-    ------
-    RigidBodyFlight
-        With the channels of `eivor.simulation.rigid_body`.
-
-    Notes
-    -----
-    At 500 Hz a flight of 30 s takes about 2 s by itself, and .2 s among forty. Each keeps its arrays of some
-    10 MB.
-    """
+    """Fly each specification and give its log and its truth, in order."""
     for _, group in groupby(specs, alike):
         together = list(group)
         first = together[0]

@@ -35,21 +35,11 @@ Moved: TypeAlias = tuple[Body, list[Value]]
 
 @dataclass(frozen=True, slots=True)
 class HeldInputs:
-    """What acts on a vehicle over a step.
-
-    Parameters
-    ----------
-    command : sequence of components
-        What each rotor goes for, within its limits; as floats, or one array of shape (rotors, flights).
-    wind : three components
-        Velocity of the air [m/s].
-    disturbance : three components
-        Torque from outside, on the body's axes [N m].
-    """
+    """What acts on a vehicle over a step."""
 
     command: Sequence[Value]
-    wind: Triple = (0.0, 0.0, 0.0)
-    disturbance: Triple = (0.0, 0.0, 0.0)
+    wind: Triple = (0.0, 0.0, 0.0)  # Velocity of the air [m/s]
+    disturbance: Triple = (0.0, 0.0, 0.0)  # Torque from outside, on the body's axes [N m]
 
 
 class Integrator(ABC):
@@ -189,15 +179,7 @@ class _DividedStep(Stepper):
 
 
 class RotorCourse:
-    """Speeds of rotors a fixed time later, under a held command: the closed form.
-
-    Parameters
-    ----------
-    coefficients : Coefficients
-        With the rotors' time constants.
-    time_s : float
-        How much later [s].
-    """
+    """Speeds of rotors a fixed time later, under a held command: the closed form."""
 
     def __init__(self, coefficients: Coefficients, time_s: float) -> None:
         self._down = _decay(time_s * coefficients.rate_down)
@@ -483,31 +465,13 @@ SPEC_RANGES = {
 
 @dataclass(frozen=True, slots=True)
 class Surroundings:
-    """What one flight meets, a row for each step.
+    """What one flight meets, a row for each step."""
 
-    Parameters
-    ----------
-    height : ndarray, shape (n, 3)
-        Height [m], climb rate [m/s] and acceleration [m/s^2] that are asked for.
-    attitude : ndarray, shape (n, 4)
-        Attitude that is asked for, w, x, y, z.
-    injected : ndarray, shape (n, 3)
-        What is added to the torque setpoints.
-    wind : ndarray, shape (n, 3)
-        Velocity of the air [m/s].
-    disturbance : ndarray, shape (n, 3)
-        Torque from outside [N m].
-    rate_error, attitude_error, velocity_error, position_error, force_error : ndarray, shape (n, 3)
-        Errors of the sensors, before their filters.
-    speed_error : ndarray, shape (n, rotors)
-        Likewise of the rotors' speeds.
-    """
-
-    height: Float[np.ndarray, "n 3"]
+    height: Float[np.ndarray, "n 3"]  # [m]
     attitude: Float[np.ndarray, "n 4"]
     injected: Float[np.ndarray, "n 3"]
-    wind: Float[np.ndarray, "n 3"]
-    disturbance: Float[np.ndarray, "n 3"]
+    wind: Float[np.ndarray, "n 3"]  # Velocity of the air [m/s]
+    disturbance: Float[np.ndarray, "n 3"]  # Torque from outside [N m]
     rate_error: Float[np.ndarray, "n 3"]
     attitude_error: Float[np.ndarray, "n 3"]
     velocity_error: Float[np.ndarray, "n 3"]
@@ -517,13 +481,7 @@ class Surroundings:
 
 
 def surroundings_of(spec: RigidBodyFlightSpec) -> Surroundings:
-    """Draw everything that a flight meets.
-
-    Parameters
-    ----------
-    spec : RigidBodyFlightSpec
-        The flight. Each part has a stream of its own, so that a change of one leaves the others as they were.
-    """
+    """Draw everything that a flight meets."""
     height, angles, injected, air, torque, *sensing = _streams(spec.seed)
     count, step_s, sensors = spec.count, spec.step_s, spec.sensors
     reference = altitude_reference(
@@ -596,15 +554,7 @@ def _series(
 
 
 def vehicle_text(spec: RigidBodyFlightSpec, name: str) -> str:
-    """Text of the vehicle file of a flight's vehicle; what a flight is to tell is not in it.
-
-    Parameters
-    ----------
-    spec : RigidBodyFlightSpec
-        The flight, whose sensors may have filters.
-    name : str
-        What the vehicle is called.
-    """
+    """Text of the vehicle file of a flight's vehicle; what a flight is to tell is not in it."""
     rotors, sensors = spec.vehicle.rotors, spec.sensors
     lines = ["# The simulated vehicle as it is: every number is exact.", f"name = {_text(name)}"]
     lines.append(f"mass = {spec.vehicle.mass!r}")

@@ -35,88 +35,46 @@ THRUST_RANGE = np.array([[0.05], [3.0]])
 
 @dataclass(frozen=True, slots=True)
 class VerticalVehicles:
-    """Physical parameters of several vehicles, arrays of shape (flights,).
+    """Physical parameters of several vehicles, arrays of shape (flights,)."""
 
-    Parameters
-    ----------
-    viscous_friction : ndarray
-        K [1/s], above zero, and neither 1/tau nor 2/tau.
-    input_gain : ndarray
-        K_u [m/s^2 per squared unit of rotor state].
-    lag_s, delay_s : ndarray
-        Actuator lag and command delay [s].
-    """
-
-    viscous_friction: Float[np.ndarray, " flights"]
-    input_gain: Float[np.ndarray, " flights"]
+    viscous_friction: Float[np.ndarray, " flights"]  # K [1/s], above zero, and neither 1/tau nor 2/tau
+    input_gain: Float[np.ndarray, " flights"]  # K_u [m/s^2 per squared unit of rotor state]
     lag_s: Float[np.ndarray, " flights"]
     delay_s: Float[np.ndarray, " flights"]
 
 
 @dataclass(frozen=True, slots=True)
 class VerticalEnvironment:
-    """What acts on the flights from outside, arrays of shape (samples, flights).
+    """What acts on the flights from outside, arrays of shape (samples, flights)."""
 
-    Parameters
-    ----------
-    reference_position, reference_velocity, reference_acceleration : ndarray
-        Trajectory [m, m/s, m/s^2].
-    gust : ndarray
-        Vertical wind [m/s].
-    cos_tilt : ndarray
-        Cosine of the tilt.
-    position_noise, velocity_noise, acceleration_noise : ndarray
-        Errors of the measurements [m, m/s, m/s^2].
-    """
-
-    reference_position: Float[np.ndarray, "samples flights"]
-    reference_velocity: Float[np.ndarray, "samples flights"]
-    reference_acceleration: Float[np.ndarray, "samples flights"]
-    gust: Float[np.ndarray, "samples flights"]
+    reference_position: Float[np.ndarray, "samples flights"]  # [m, m/s, m/s^2]
+    reference_velocity: Float[np.ndarray, "samples flights"]  # [m, m/s, m/s^2]
+    reference_acceleration: Float[np.ndarray, "samples flights"]  # [m, m/s, m/s^2]
+    gust: Float[np.ndarray, "samples flights"]  # Vertical wind [m/s]
     cos_tilt: Float[np.ndarray, "samples flights"]
-    position_noise: Float[np.ndarray, "samples flights"]
-    velocity_noise: Float[np.ndarray, "samples flights"]
-    acceleration_noise: Float[np.ndarray, "samples flights"]
+    position_noise: Float[np.ndarray, "samples flights"]  # [m, m/s, m/s^2]
+    velocity_noise: Float[np.ndarray, "samples flights"]  # [m, m/s, m/s^2]
+    acceleration_noise: Float[np.ndarray, "samples flights"]  # [m, m/s, m/s^2]
 
 
 @dataclass(frozen=True, slots=True)
 class AltitudeController:
-    """Position, velocity and integral gains around the trajectory's feed-forward.
+    """Position, velocity and integral gains around the trajectory's feed-forward."""
 
-    See `simulation.records.control` for why that of sampled records is another one.
-
-    Parameters
-    ----------
-    position_gain : float or ndarray, shape (flights,)
-        Velocity asked for per metre of error [1/s].
-    velocity_gain : float or ndarray
-        Acceleration asked for per m/s of error [1/s].
-    integral_gain : float or ndarray
-        Acceleration asked for per metre of accumulated velocity error [1/s^2].
-    """
-
-    position_gain: float | Float[np.ndarray, " flights"] = 1.2
-    velocity_gain: float | Float[np.ndarray, " flights"] = 3.0
-    integral_gain: float | Float[np.ndarray, " flights"] = 1.0
+    position_gain: float | Float[np.ndarray, " flights"] = 1.2  # [1/s]
+    velocity_gain: float | Float[np.ndarray, " flights"] = 3.0  # [1/s]
+    integral_gain: float | Float[np.ndarray, " flights"] = 1.0  # [1/s^2]
 
 
 @dataclass(frozen=True, slots=True)
 class SimulatedMotion:
-    """What happened, arrays of shape (samples, flights).
+    """What happened, arrays of shape (samples, flights)."""
 
-    Parameters
-    ----------
-    command, rotor_state : ndarray
-        Commanded and actual rotor state; ``command[k]`` holds from sample k on.
-    position, velocity, specific_force : ndarray
-        True motion [m, m/s, m/s^2], z up.
-    """
-
-    command: Float[np.ndarray, "samples flights"]
-    rotor_state: Float[np.ndarray, "samples flights"]
-    position: Float[np.ndarray, "samples flights"]
-    velocity: Float[np.ndarray, "samples flights"]
-    specific_force: Float[np.ndarray, "samples flights"]
+    command: Float[np.ndarray, "samples flights"]  # [k]
+    rotor_state: Float[np.ndarray, "samples flights"]  # [k]
+    position: Float[np.ndarray, "samples flights"]  # [m, m/s, m/s^2]
+    velocity: Float[np.ndarray, "samples flights"]  # [m, m/s, m/s^2]
+    specific_force: Float[np.ndarray, "samples flights"]  # [m, m/s, m/s^2]
 
 
 def simulate_vertical(
@@ -127,23 +85,7 @@ def simulate_vertical(
     controller: AltitudeController,
     gain_share: Float[np.ndarray, "samples flights"] | None = None,
 ) -> SimulatedMotion:
-    """Fly every vehicle through its environment under altitude control.
-
-    Parameters
-    ----------
-    vehicles, environment : VerticalVehicles, VerticalEnvironment
-        Equally many flights.
-    step_s : float
-        Control and logging period [s].
-    controller : AltitudeController
-        Gains of each flight, or the same ones for all.
-    gain_share : ndarray, shape (samples, flights), optional
-        What is left of each vehicle's K_u, which its controller does not know; all of it by default.
-
-    Notes
-    -----
-    The flight starts in equilibrium on the trajectory. Performs no checks; linear in samples and flights.
-    """
+    """Fly every vehicle through its environment under altitude control."""
     count, flights = environment.gust.shape
     hover = np.sqrt(GRAVITY / vehicles.input_gain)
     state = hover.copy()
@@ -178,17 +120,7 @@ def simulate_vertical(
 
 
 class CommandHistory:
-    """Commands of the last control periods, and what reaches the actuator in each substep.
-
-    Parameters
-    ----------
-    hover : ndarray, shape (flights,)
-        Command before the record.
-    delay_s : ndarray, shape (flights,)
-        Delays [s], rounded to whole substeps.
-    step_s : float
-        Control period [s].
-    """
+    """Commands of the last control periods, and what reaches the actuator in each substep."""
 
     def __init__(
         self, hover: Float[np.ndarray, " flights"], delay_s: Float[np.ndarray, " flights"], step_s: float
@@ -211,15 +143,7 @@ class CommandHistory:
 
 
 class ExactSubstep:
-    """Closed-form motion over one substep with command, gust and tilt held.
-
-    Parameters
-    ----------
-    vehicles : VerticalVehicles
-        The vehicles.
-    duration_s : float
-        Length of the substep [s].
-    """
+    """Closed-form motion over one substep with command, gust and tilt held."""
 
     def __init__(self, vehicles: VerticalVehicles, duration_s: float) -> None:
         K, h = vehicles.viscous_friction, duration_s
@@ -405,29 +329,7 @@ SIMULATOR = "vertical"
 
 
 def simulate_vertical_flights(specs: Sequence[VerticalFlightSpec]) -> Iterator[SimulatedFlight]:
-    """Fly each specification and give its log and its truth, in order.
-
-    Parameters
-    ----------
-    specs : sequence of VerticalFlightSpec
-        All of one duration. Flights are simulated side by side in batches; which ones share a batch makes
-        no difference to any of them.
-
-    Yields
-    ------
-    SimulatedFlight
-        Recording with the channels rotor_command_1, velocity_z, position_z, specific_force_z, cos_tilt and
-        reference_*_z, and the truth.
-
-    Raises
-    ------
-    UsageError
-        When the durations differ.
-
-    Notes
-    -----
-    About .03 s for a flight of 60 s in a full batch.
-    """
+    """Fly each specification and give its log and its truth, in order."""
     if len({spec.count for spec in specs}) > 1:
         durations = sorted({spec.duration for spec in specs})
         raise UsageError("flights of one duration", f"durations {durations} s", "Simulate them separately.")

@@ -28,25 +28,13 @@ LEAST_BLOCKS = 32
 
 @dataclass(frozen=True, slots=True)
 class Swing:
-    """The strongest line of one series.
-
-    Parameters
-    ----------
-    of, unit : str
-        Name of a parameter, or of what is left over, and its unit.
-    period : float
-        In the unit of time.
-    amplitude : float
-        Half of what it varies by.
-    p_value : float
-        Tail of the supremum over all frequencies.
-    """
+    """The strongest line of one series."""
 
     of: str
     unit: str
     period: float
     amplitude: float
-    p_value: float
+    p_value: float  # Tail of the supremum over all frequencies
 
     @property
     def extent(self) -> str:
@@ -56,19 +44,7 @@ class Swing:
 
 @dataclass(frozen=True)
 class Periodicity(Diagnostic):
-    """Whether the parameters, or what is left over, vary periodically.
-
-    Parameters
-    ----------
-    parameters : tuple of Swing
-        Of each joint parameter.
-    left_over : tuple of Swing
-        Of each residual in time.
-    time_unit : str
-        Of the periods.
-    resolution : float
-        Smallest difference of frequencies that is told, cycles per unit of time.
-    """
+    """Whether the parameters, or what is left over, vary periodically."""
 
     parameters: tuple[Swing, ...]
     left_over: tuple[Swing, ...]
@@ -92,11 +68,7 @@ class Periodicity(Diagnostic):
 
     @property
     def strongest(self) -> Swing:
-        """What varies: the one of the smallest p-value.
-
-        Where that is something left over, and a parameter varies beyond doubt with the same period, it is
-        the parameter: a gain that varies also pushes.
-        """
+        """What varies: the one of the smallest p-value."""
         first = min(self.tested, key=lambda one: one.p_value)
         if first in self.parameters:
             return first
@@ -143,20 +115,10 @@ class Periodicity(Diagnostic):
 
 @dataclass(frozen=True)
 class BlockSums:
-    """Sums of series over successive blocks of time.
-
-    Parameters
-    ----------
-    sums : ndarray, shape (K, s)
-        The sums.
-    times : ndarray, shape (K,)
-        Mean time of each block.
-    block, span : float
-        Time that one block is of, and that all are of, gaps not counted; several axes are of one time.
-    """
+    """Sums of series over successive blocks of time."""
 
     sums: Float[np.ndarray, "K s"]
-    times: Float[np.ndarray, " K"]
+    times: Float[np.ndarray, " K"]  # Mean time of each block
     block: float
     span: float
 
@@ -167,19 +129,7 @@ def block_sums(
     times: Float[np.ndarray, " rows"] | None,
     step: float,
 ) -> BlockSums:
-    """Sums that are made, with the times that they are of.
-
-    Parameters
-    ----------
-    sums : ndarray, shape (K, s)
-        The sums.
-    counts : ndarray, shape (K,)
-        Rows in each block.
-    times : ndarray, shape (rows,), or None
-        Time of each row; None for rows one step apart.
-    step : float
-        Time that one row is of.
-    """
+    """Sums that are made, with the times that they are of."""
     first = np.concatenate([[0.0], np.cumsum(counts)[:-1]])
     if times is None:
         span = step * float(counts.sum())
@@ -202,18 +152,7 @@ def blocks_of(
 def strongest_swings(
     of: BlockSums, named: Sequence[tuple[str, str]], weight: float = 1.0
 ) -> tuple[Swing, ...]:
-    """Strongest line of each series; none for fewer than 32 blocks. Performs no checks.
-
-    Parameters
-    ----------
-    of : BlockSums
-        The series.
-    named : sequence of tuple of two str
-        Name and unit of each.
-    weight : float
-        By which the sum over all blocks is multiplied to give a mean: 1 for influences, which add up to a
-        deviation of the parameter, and one over the rows for a residual.
-    """
+    """Strongest line of each series; none for fewer than 32 blocks. Performs no checks."""
     if of.times.size < LEAST_BLOCKS:
         return ()
     frequency = np.arange(STEPS // 2, int(0.5 * STEPS * of.span / of.block) + 1) / (STEPS * of.span)
@@ -261,21 +200,11 @@ BADLY_CONDITIONED = 1e3
 
 @dataclass(frozen=True)
 class Information(Diagnostic):
-    """Scaled information matrix.
-
-    Parameters
-    ----------
-    matrix : ndarray, shape (n, n)
-        Unit diagonal.
-    eigenvalues : ndarray, shape (n,)
-        Increasing; all one when no column can be mistaken for others.
-    eigenvectors : ndarray, shape (n, n)
-        Columns, in the order of `eigenvalues`; the first is the combination that is determined worst.
-    """
+    """Scaled information matrix."""
 
     matrix: Float[np.ndarray, "n n"]
     eigenvalues: Float[np.ndarray, " n"]
-    eigenvectors: Float[np.ndarray, "n n"]
+    eigenvectors: Float[np.ndarray, "n n"]  # Columns, in the order of `eigenvalues`
 
     @property
     def condition(self) -> float:
@@ -312,19 +241,7 @@ class Information(Diagnostic):
 
 @dataclass(frozen=True)
 class BandPower(Diagnostic):
-    """Power of the model part against that of the residual in bands.
-
-    Parameters
-    ----------
-    low_hz, high_hz : ndarray, shape (bands,)
-        Ends of each band [Hz]; cycles per sample when the rate is not known.
-    input_power : ndarray, shape (bands, n)
-        Power of each column times its parameter, in the response's unit squared.
-    residual_power : ndarray, shape (bands,)
-        The residual's.
-    share_above : ndarray, shape (n,)
-        Share of each column's power in bands where it is above the residual's.
-    """
+    """Power of the model part against that of the residual in bands."""
 
     low_hz: Float[np.ndarray, " bands"]
     high_hz: Float[np.ndarray, " bands"]
@@ -372,15 +289,7 @@ def largest(series: Float[np.ndarray, " rows"]) -> float:
 
 
 def information(products: EquationProducts, *, instrumental: bool) -> Information:
-    """Information about the parameters, scaled. Performs no checks.
-
-    Parameters
-    ----------
-    products : EquationProducts
-        At the estimate.
-    instrumental : bool
-        By way of the instruments, as A' mean(psi psi')^-1 A; False takes mean(G G').
-    """
+    """Information about the parameters, scaled. Performs no checks."""
     matrix = products.regressor_mean
     if instrumental:
         a = products.whitening.T @ products.sensitivity
@@ -398,25 +307,7 @@ def band_power(
     residual: Float[np.ndarray, " rows"],
     rate_hz: float = 1.0,
 ) -> BandPower:
-    """Spectra of what each column contributes and of the residual, in bands of equal ratio.
-
-    Parameters
-    ----------
-    columns : sequence of ndarray, shapes (rows,)
-        Columns of the model, in time order.
-    factors : sequence of float
-        Their parameters.
-    residual : ndarray, shape (rows,)
-        e.
-    rate_hz : float
-        Samples per second.
-
-    Notes
-    -----
-    Performs no checks. Hann windows over at most 16 stretches of at most 4096 samples, evenly spread over
-    the record (Welch 1967), so that the cost does not grow with it. Frequencies below those of a stretch
-    are not seen.
-    """
+    """Spectra of what each column contributes and of the residual, in bands of equal ratio."""
     length = min(STRETCH, residual.size)
     number = min(STRETCHES, residual.size // length)
     window = np.sin(np.pi * (np.arange(length) + 0.5) / length) ** 2

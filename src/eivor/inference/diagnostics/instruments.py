@@ -35,33 +35,17 @@ NOTABLE_BIAS = 0.5
 
 @dataclass(frozen=True)
 class Endogeneity(Diagnostic):
-    """Least squares, or another direct estimate, against the estimate.
+    """Least squares, or another direct estimate, against the estimate."""
 
-    Parameters
-    ----------
-    difference : ndarray, shape (n,)
-        Estimate minus least squares, to first order.
-    degrees : int
-        Endogenous directions that are tested.
-    statistic, p_value : float
-        Robust: the quadratic form of the difference, and its tail by Hotelling's F.
-    durbin, durbin_p_value : float
-        For white errors, chi-square.
-    wu, wu_p_value : float
-        The same as an F.
-    averages : int
-        Cosine averages of the long-run covariance.
-    """
-
-    difference: Float[np.ndarray, " n"]
-    degrees: int
+    difference: Float[np.ndarray, " n"]  # Estimate minus least squares, to first order
+    degrees: int  # Endogenous directions that are tested
     statistic: float
     p_value: float
     durbin: float
     durbin_p_value: float
     wu: float
     wu_p_value: float
-    averages: int
+    averages: int  # Cosine averages of the long-run covariance
 
     def notable(self, bias: float) -> bool:
         """Whether a bias of least squares, in standard errors of the estimate, is worth a word."""
@@ -92,24 +76,12 @@ class Endogeneity(Diagnostic):
 
 @dataclass(frozen=True, slots=True)
 class DirectScores:
-    """Scores G e + v e^2 + k of a direct estimate, which sum to zero at it.
-
-    Parameters
-    ----------
-    difference : ndarray, shape (n,)
-        Direct estimate minus the instrumental one.
-    pull : ndarray, shape (n,)
-        v.
-    constant : ndarray, shape (n,)
-        k of one sample.
-    sensitivity : ndarray, shape (n, n)
-        H, minus the derivative of the scores' sum.
-    """
+    """Scores G e + v e^2 + k of a direct estimate, which sum to zero at it."""
 
     difference: Float[np.ndarray, " n"]
     pull: Float[np.ndarray, " n"]
     constant: Float[np.ndarray, " n"]
-    sensitivity: Float[np.ndarray, "n n"]
+    sensitivity: Float[np.ndarray, "n n"]  # H, minus the derivative of the scores' sum
 
 
 def endogeneity(
@@ -118,25 +90,7 @@ def endogeneity(
     averages: int | None = None,
     direct: DirectScores | None = None,
 ) -> Endogeneity | None:
-    """Test of a direct estimate against an instrumental one. Performs no checks.
-
-    Parameters
-    ----------
-    products : EquationProducts
-        At the estimate.
-    weights : ndarray, shape (p, n)
-        W A: the combinations of the equations that the estimate solves.
-    averages : int, optional
-        Cosine averages. Default: three for each endogenous direction, at least eight.
-    direct : DirectScores, optional
-        The direct estimate that is tested. Default: least squares. Durbin's and Wu's statistics are of that.
-
-    Returns
-    -------
-    Endogeneity or None
-        None when the test functions are combinations of the columns: the estimate is least squares, or
-        differs from it by the compensation alone.
-    """
+    """Test of a direct estimate against an instrumental one. Performs no checks."""
     GG = np.asarray(products.regressors.sum(axis=0))
     scale = unit_scale(np.diag(GG))
     GG = np.outer(scale, scale) * GG  # columns of unit length: gamma and M are in their units
@@ -194,23 +148,10 @@ def endogeneity(
 
 @dataclass(frozen=True)
 class OverIdentification(Diagnostic):
-    """Hansen's J.
-
-    Parameters
-    ----------
-    J : float
-        Statistic; 0 with as many equations as unknowns.
-    degrees : int
-        Equations that are left over.
-    p_value : float
-        From F(q, B - q + 1) for B cosine averages, from chi-square for other weights; NaN when there are
-        too few averages.
-    averages : int or None
-        B.
-    """
+    """Hansen's J."""
 
     J: float
-    degrees: int
+    degrees: int  # Equations that are left over
     p_value: float
     averages: int | None
 
@@ -246,21 +187,7 @@ def hansen_j(
     count: int | float,
     averages: int | None = None,
 ) -> OverIdentification:
-    """J of equations with any weight. Performs no checks.
-
-    Parameters
-    ----------
-    equations : ndarray, shape (p,)
-        g, means over the record at an estimate.
-    sensitivity : ndarray, shape (p, n)
-        A, minus the derivative of g.
-    covariance : ndarray, shape (p, p)
-        S, long-run covariance of the scores of one sample.
-    count : int
-        N.
-    averages : int, optional
-        Cosine averages behind S; None for a weight that is taken as known.
-    """
+    """J of equations with any weight. Performs no checks."""
     scale = unit_scale(np.diag(covariance))
     unknowns = sensitivity.shape[1]
     free = np.linalg.qr(scale[:, None] * sensitivity, mode="complete")[0][:, unknowns:]
@@ -274,15 +201,7 @@ def hansen_j(
 
 
 def robust_over_identification(products: EquationProducts, averages: int | None = None) -> OverIdentification:
-    """J with a weight that allows for autocorrelation, from the products at an estimate. Performs no checks.
-
-    Parameters
-    ----------
-    products : EquationProducts
-        At the estimate.
-    averages : int, optional
-        Cosine averages. Default: three for each equation that is left over, at least eight.
-    """
+    """J with a weight that allows for autocorrelation, from the products at an estimate."""
     T = products.whitening
     degrees = max(T.shape[1] - products.sensitivity.shape[1], 0)
     B = joint_averages(degrees, products.counts.size) if averages is None else averages
@@ -303,39 +222,17 @@ UNEXPLAINED = 1e-10
 
 @dataclass(frozen=True)
 class Strength(Diagnostic):
-    """Strength of instruments.
-
-    Parameters
-    ----------
-    conditional : ndarray, shape (n,)
-        First-stage F of each column given the others, for white errors (Sanderson and Windmeijer 2016): what
-        a verdict holds against ten.
-    effective : ndarray, shape (n,)
-        The same, robust; infinite when they are all their own instruments.
-    critical : ndarray, shape (n,)
-        Value that `effective` exceeds with probability .05 when the bias is a tenth of the worst case.
-    partial_r_squared : ndarray, shape (n,)
-        Share of the column, given the others, that the instruments explain.
-    shea_r_squared : ndarray, shape (n,)
-        Shea (1997): squared standard error of least squares over that of two-stage least squares.
-    cragg_donald : float
-        Smallest eigenvalue for white errors; infinite when every column is its own instrument.
-    smallest_eigenvalue, smallest_critical : float
-        The robust one, and the critical value of the effective F in its direction.
-    averages : int
-        Cosine averages of the long-run covariance; 0 when there are fewer instruments than columns, which
-        have no strength then.
-    """
+    """Strength of instruments."""
 
     conditional: Float[np.ndarray, " n"]
-    effective: Float[np.ndarray, " n"]
+    effective: Float[np.ndarray, " n"]  # The same, robust
     critical: Float[np.ndarray, " n"]
     partial_r_squared: Float[np.ndarray, " n"]
     shea_r_squared: Float[np.ndarray, " n"]
-    cragg_donald: float
+    cragg_donald: float  # Smallest eigenvalue for white errors
     smallest_eigenvalue: float
     smallest_critical: float
-    averages: int
+    averages: int  # Cosine averages of the long-run covariance
 
     def rows(self, of: Subject, /) -> Iterator[Row]:
         """Every F with what it needs, and the shares of variance."""
@@ -381,17 +278,7 @@ def strength(
     averages: int | None = None,
     conditional: Float[np.ndarray, " n"] | None = None,
 ) -> Strength:
-    """Strength of the instruments behind time products. Performs no checks.
-
-    Parameters
-    ----------
-    products : EquationProducts
-        Of at least as many independent instruments as columns.
-    averages : int, optional
-        Cosine averages of S. Default: three for each instrument.
-    conditional : ndarray, shape (n,), optional
-        Conditional first-stage F, where it was made of the rows, which keeps more digits than their products.
-    """
+    """Strength of the instruments behind time products. Performs no checks."""
     T = products.whitening
     # columns in units of their own rms, so that units cannot pass for strength or collinearity
     scale = unit_scale(np.diag(products.regressor_mean))
@@ -431,10 +318,7 @@ def _conditional(
     L: Float[np.ndarray, "averages q n"],
     sizes: tuple[float, float],
 ) -> tuple[float, float, float, float]:
-    """Effective F, its critical value, white F and partial R2 of column j given the others.
-
-    Means are over the samples, degrees of freedom are counted in rows: `sizes` has both.
-    """
+    """Effective F, its critical value, white F and partial R2 of column j given the others."""
     (count, rows), (rank, unknowns) = sizes, a.shape
     direction = np.zeros(unknowns)
     others = np.arange(unknowns) != j
@@ -492,12 +376,7 @@ def _least_eigenvalue(
 
 
 def critical_value(W: Float[np.ndarray, "q q"], bias: float = TOLERATED_BIAS, size: float = SIZE) -> float:
-    """Critical value of the effective F, simplified procedure of Montiel Olea and Pflueger (2013).
-
-    The 1 - `size` quantile of a noncentral chi-square over its degrees of freedom,
-    K = tr(W)^2 (1 + 2x) / (tr(W^2) + 2 x tr(W) maxeig(W)), noncentrality x K, x = 1 / `bias`.
-    23.1 with one instrument and a tenth of the worst bias.
-    """
+    """Critical value of the effective F, simplified procedure of Montiel Olea and Pflueger (2013)."""
     x = 1.0 / bias
     eigenvalues = np.linalg.eigvalsh(W)
     trace = float(eigenvalues.sum())

@@ -63,21 +63,9 @@ BEYOND_DOUBT = 0.001
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One number of a diagnostic.
+    """One number of a diagnostic."""
 
-    Parameters
-    ----------
-    diagnostic : str
-        Name of the number.
-    of : str
-        Parameter, lag or band that it is of; empty for the whole.
-    value : float
-        The number.
-    compare : float or None
-        The critical value, p-value, standard error or band that it is to be held against.
-    """
-
-    diagnostic: str
+    diagnostic: str  # Name of the number
     of: str
     value: float
     compare: float | None
@@ -85,21 +73,9 @@ class Row:
 
 @dataclass(frozen=True)
 class Subject:
-    """What a diagnostic is of, as its sentences name it.
+    """What a diagnostic is of, as its sentences name it."""
 
-    Parameters
-    ----------
-    names : tuple of str
-        Each joint parameter.
-    std_errors : ndarray, shape (n,)
-        Of the parameters.
-    at_row : callable
-        Where a row of the record is, in words.
-    rows : int
-        Rows of the record.
-    """
-
-    names: tuple[str, ...]
+    names: tuple[str, ...]  # Each joint parameter
     std_errors: Float[np.ndarray, " n"]
     at_row: Callable[[int], str]
     rows: int
@@ -126,15 +102,7 @@ class Diagnostic(ABC):
 
 
 def told(p_value: float, words: tuple[str, str, str]) -> str:
-    """Word for the outcome of a test: kept, doubtful, rejected.
-
-    Parameters
-    ----------
-    p_value : float
-        Of the test.
-    words : tuple of str
-        For p-values from `SIGNIFICANT` on, above `BEYOND_DOUBT`, and from there down.
-    """
+    """Word for the outcome of a test: kept, doubtful, rejected."""
     if p_value >= SIGNIFICANT:
         return words[0]
     return words[1] if p_value > BEYOND_DOUBT else words[2]
@@ -147,10 +115,7 @@ SMALLEST_DIRECTION = 1e-4
 
 
 def orthonormal_basis(instruments: Float[np.ndarray, "rows p"]) -> Float[np.ndarray, "rows q"]:
-    """Orthonormal basis of the space of the instruments, each scaled to unit length first.
-
-    Zero columns, and directions with singular values below 1e-4, are left out.
-    """
+    """Orthonormal basis of the space of the instruments, each scaled to unit length first."""
     lengths = np.sqrt(np.einsum("ij,ij->j", instruments, instruments))
     moving = lengths > 0.0
     if not moving.any():
@@ -163,11 +128,7 @@ def orthonormal_basis(instruments: Float[np.ndarray, "rows p"]) -> Float[np.ndar
 def conditional_first_stage(
     basis: Float[np.ndarray, "rows p"], jacobian: Float[np.ndarray, "rows n"]
 ) -> Float[np.ndarray, " n"]:
-    """F statistic of each column of G given the others (Sanderson and Windmeijer 2016, for whitened rows).
-
-    delta = least squares of Q'G_j on Q'G_-j; r = G_j - G_-j delta;
-    F_j = (|Q'r|^2 / (p - n + 1)) / (|r - QQ'r|^2 / (rows - p)). Zero without enough instruments.
-    """
+    """F statistic of each column of G given the others (Sanderson and Windmeijer 2016, for whitened rows)."""
     rows, rank = basis.shape
     count = jacobian.shape[1]
     degrees = rank - (count - 1)
@@ -195,15 +156,7 @@ def first_stage_of_products(
     rows: int | float,
     shared: Float[np.ndarray, "p n"] | None = None,
 ) -> Float[np.ndarray, " n"]:
-    """Conditional first-stage F from mean(psi psi'), mean(psi phi') and mean(phi phi').
-
-    Of compensated equations `shared` is C, what the measurement noises add to mean(psi phi'). Noise that
-    instruments and regressors share moves both and would pass for strength: what is explained is that
-    by mean(psi phi') - C, and the rest is the variance of phi less that.
-
-    The same statistic as `conditional_first_stage`, from moments alone: rounding limits it to about
-    half the digits, which is enough to compare it with ten. Zero when the instruments are collinear.
-    """
+    """Conditional first-stage F from mean(psi psi'), mean(psi phi') and mean(phi phi')."""
     available, count = cross.shape
     degrees = available - (count - 1)
     scale = np.sqrt(np.diag(instruments))
@@ -246,25 +199,12 @@ def over_identification(
 
 @dataclass(frozen=True)
 class EquationProducts:
-    """Products of [psi G e] over K successive blocks of time, and what compensation adds.
-
-    Parameters
-    ----------
-    products : Products
-        Of all columns, the residual in the response's place.
-    shared : ndarray, shape (p, n)
-        C: what the measurement noises add to psi G' in a sample on average; zero unless compensated.
-    constant : ndarray, shape (p,)
-        C theta - c.
-    rows : float, optional
-        Rows that the sums are of. Default: as many as samples. Those in frequency are fewer, as a band holds
-        fewer numbers than the time it is of.
-    """
+    """Products of [psi G e] over K successive blocks of time, and what compensation adds."""
 
     products: Products
     shared: Float[np.ndarray, "p n"]
-    constant: Float[np.ndarray, " p"]
-    rows: float | None = None
+    constant: Float[np.ndarray, " p"]  # C theta - c
+    rows: float | None = None  # Rows that the sums are of
 
     @property
     def counts(self) -> Float[np.ndarray, " K"]:
@@ -356,21 +296,7 @@ def equation_products(
     shared: Float[np.ndarray, "p n"] | None = None,
     constant: Float[np.ndarray, " p"] | None = None,
 ) -> EquationProducts:
-    """Products of rows that are samples in time order. Performs no checks.
-
-    Parameters
-    ----------
-    instruments, jacobian, residual : ndarray, shapes (rows, p), (rows, n) and (rows,)
-        psi, G and e.
-    blocks : int
-        K, at most the number of rows.
-    shared, constant : ndarray, shapes (p, n) and (p,), optional
-        C and C theta - c of compensated equations. Default: zero.
-
-    Notes
-    -----
-    One matrix product for each block, O(rows (p + n)^2).
-    """
+    """Products of rows that are samples in time order. Performs no checks."""
     rows, p = instruments.shape
     n = jacobian.shape[1]
     return EquationProducts(

@@ -37,15 +37,7 @@ QUANTILES: dict[int, tuple[float, ...]] = {
 def influences(
     sums: Float[np.ndarray, "K n"], sensitivity: Float[np.ndarray, "n n"]
 ) -> Float[np.ndarray, "K n"]:
-    """What each block adds to each parameter. Performs no checks.
-
-    Parameters
-    ----------
-    sums : ndarray, shape (K, n)
-        Sums of the scores over each block.
-    sensitivity : ndarray, shape (n, n)
-        M, of the whole record.
-    """
+    """What each block adds to each parameter. Performs no checks."""
     scale = unit_scale(np.abs(np.diag(sensitivity)))
     scaled = np.outer(scale, scale) * sensitivity
     found: Float[np.ndarray, "n K"] = np.linalg.lstsq(scaled, scale[:, None] * sums.T, rcond=None)[0]
@@ -62,23 +54,9 @@ SIDE_AVERAGES = 6
 
 @dataclass(frozen=True)
 class Constancy(Diagnostic):
-    """Whether the parameters changed during the record.
+    """Whether the parameters changed during the record."""
 
-    Parameters
-    ----------
-    statistic : float
-        Supremum, as an F.
-    p_value : float
-        Of all parameters together; .001 stands for that or less, .5 for that or more.
-    p_values : ndarray, shape (n,)
-        Of each parameter by itself.
-    break_at : float
-        Where a change is most likely, as a share of the record.
-    change : ndarray, shape (n,)
-        Parameters after less before it, to first order.
-    """
-
-    statistic: float
+    statistic: float  # Supremum, as an F
     p_value: float
     p_values: Float[np.ndarray, " n"]
     break_at: float
@@ -119,15 +97,7 @@ class Constancy(Diagnostic):
 
 
 def constancy(sums: Float[np.ndarray, "K n"], sensitivity: Float[np.ndarray, "n n"]) -> Constancy:
-    """Test of a change of the parameters. Performs no checks.
-
-    Parameters
-    ----------
-    sums : ndarray, shape (K, n)
-        Sums of the scores over blocks of equal length; K a multiple of 64.
-    sensitivity : ndarray, shape (n, n)
-        M, of the whole record.
-    """
+    """Test of a change of the parameters. Performs no checks."""
     influence = influences(sums, sensitivity)
     groups = influence.reshape(GROUPS, -1, influence.shape[1]).sum(axis=1)
     unknowns = groups.shape[1]
@@ -169,17 +139,7 @@ def p_value(statistic: float, unknowns: int) -> float:
 
 
 def simulated_suprema(unknowns: int, runs: int, rng: np.random.Generator) -> Float[np.ndarray, " runs"]:
-    """Suprema under constant parameters, from independent normal group sums.
-
-    Parameters
-    ----------
-    unknowns : int
-        n.
-    runs : int
-        Number of draws.
-    rng : numpy.random.Generator
-        Source of randomness.
-    """
+    """Suprema under constant parameters, from independent normal group sums."""
     return np.array([wald_path(rng.standard_normal((GROUPS, unknowns))).max() for _ in range(runs)])
 
 
@@ -208,22 +168,11 @@ LARGE_LEVERAGE = 1.5
 
 @dataclass(frozen=True)
 class SegmentLeverage(Diagnostic):
-    """What leaving out each stretch does.
-
-    Parameters
-    ----------
-    shift : ndarray, shape (S, n)
-        Change of the estimate when a stretch is left out, in the parameters' units; NaN where the rest
-        does not determine them.
-    in_std_errors : ndarray, shape (S, n)
-        The same over the standard errors of the estimate.
-    segments : tuple of (int, int)
-        First row and end of each stretch.
-    """
+    """What leaving out each stretch does."""
 
     shift: Float[np.ndarray, "S n"]
-    in_std_errors: Float[np.ndarray, "S n"]
-    segments: tuple[tuple[int, int], ...]
+    in_std_errors: Float[np.ndarray, "S n"]  # The same over the standard errors of the estimate
+    segments: tuple[tuple[int, int], ...]  # First row and end of each stretch
 
     @property
     def most(self) -> Int[np.ndarray, " n"]:
@@ -269,19 +218,7 @@ def segment_leverage(
     std_errors: Float[np.ndarray, " n"],
     segments: tuple[tuple[int, int], ...],
 ) -> SegmentLeverage:
-    """Drop-one estimates from the stretches' own equations. Performs no checks.
-
-    Parameters
-    ----------
-    sums : ndarray, shape (S, n)
-        Sum of the scores over each stretch; zero in total.
-    sensitivities : ndarray, shape (S, n, n)
-        Minus their derivatives by the estimate.
-    std_errors : ndarray, shape (n,)
-        Of the estimate.
-    segments : tuple of (int, int)
-        First row and end of each stretch.
-    """
+    """Drop-one estimates from the stretches' own equations. Performs no checks."""
     M = sensitivities.sum(axis=0)
     scale = unit_scale(np.abs(np.diag(M)))
     shift = np.full(sums.shape, np.nan)
@@ -302,18 +239,9 @@ NOT_STATIONARY = 0.5
 
 @dataclass(frozen=True, slots=True)
 class ResidualMemory(Diagnostic):
-    """Memory of a residual.
+    """Memory of a residual."""
 
-    Parameters
-    ----------
-    memory : float
-        d = -order of the fractional noise: 0 without memory, positive for a residual that drifts, 1 for a
-        random walk.
-    order_error : float
-        Standard error.
-    """
-
-    memory: float
+    memory: float  # d = -order of the fractional noise
     order_error: float
 
     @property
@@ -342,24 +270,7 @@ class ResidualMemory(Diagnostic):
 
 
 def residual_memory(residual: Float[np.ndarray, " rows"]) -> ResidualMemory | None:
-    """Local Whittle order of a residual in time order, with its standard error. Performs no checks.
-
-    Parameters
-    ----------
-    residual : ndarray, shape (rows,)
-        e.
-
-    Returns
-    -------
-    ResidualMemory or None
-        None for records of fewer than 17 samples, or constant ones.
-
-    Notes
-    -----
-    The order is that of the spectrum's slope at low frequencies, which averages over blocks leave alone:
-    a long record is averaged to about 8192 samples, so that the transform costs no more than the pass
-    over the record. The order is sought between -1 and 1.
-    """
+    """Local Whittle order of a residual in time order, with its standard error. Performs no checks."""
     width = -(-residual.size // LONGEST)
     usable = residual.size // width
     means = (
@@ -384,25 +295,13 @@ FOLDED_ROWS = 512
 
 @dataclass(frozen=True)
 class ResidualWhiteness(Diagnostic):
-    """Whiteness of a residual.
+    """Whiteness of a residual."""
 
-    Parameters
-    ----------
-    autocorrelation : ndarray, shape (L,)
-        At lags 1..L. The mean is not taken off: an equation with an intercept has none.
-    band : float
-        White noise stays within +- this at a given lag with probability .95.
-    ljung_box, p_value : float
-        N (N + 2) sum r_l^2 / (N - l) and its tail, chi-square on L degrees of freedom (Ljung and Box 1978).
-    durbin_watson : float
-        sum (e_t - e_t-1)^2 / sum e_t^2: 2 for white noise, near 0 for a drifting residual.
-    """
-
-    autocorrelation: Float[np.ndarray, " L"]
+    autocorrelation: Float[np.ndarray, " L"]  # At lags 1..L
     band: float
     ljung_box: float
     p_value: float
-    durbin_watson: float
+    durbin_watson: float  # sum (e_t - e_t-1)^2 / sum e_t^2
 
     @property
     def outside(self) -> int:
@@ -433,15 +332,7 @@ class ResidualWhiteness(Diagnostic):
 
 
 def residual_whiteness(residual: Float[np.ndarray, " rows"], lags: int = LAGS) -> ResidualWhiteness:
-    """Whiteness of a residual in time order. Performs no checks; O(rows lags).
-
-    Parameters
-    ----------
-    residual : ndarray, shape (rows,)
-        e, in any unit.
-    lags : int
-        L; fewer when the record has less than four times as many samples.
-    """
+    """Whiteness of a residual in time order. Performs no checks; O(rows lags)."""
     count = residual.size
     lags = max(min(lags, (count - 1) // 4), 1)
     sums = _autoproducts(residual, lags)
@@ -455,10 +346,7 @@ def residual_whiteness(residual: Float[np.ndarray, " rows"], lags: int = LAGS) -
 
 
 def _autoproducts(e: Float[np.ndarray, " rows"], lags: int) -> Float[np.ndarray, " lags_plus_1"]:
-    """sum_t e_t e_t-l for l = 0..lags, with time folded into rows of `lags` samples.
-
-    R'R holds the products within rows and R_k'R_(k+1) those with the next row: lag l is a diagonal of each.
-    """
+    """sum_t e_t e_t-l for l = 0..lags, with time folded into rows of `lags` samples."""
     rows = e.size // lags
     R = e[: rows * lags].reshape(rows, lags)
     within, across = np.zeros((lags, lags)), np.zeros((lags, lags))

@@ -29,17 +29,7 @@ VELOCITY_SETPOINTS = {"ctrltarget.vz": "ctrltarget.z", "ctrltargetZ.vz": "ctrlta
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """One place where a quantity may be.
-
-    Parameters
-    ----------
-    quantity : str
-        What it is; of several sources of a quantity the first that a log has is used.
-    rules : tuple of ChannelRule
-        The channels that it makes, all of variables of one event.
-    zero_is_absent : bool
-        True when zeros throughout mean that nothing measures or estimates it.
-    """
+    """One place where a quantity may be."""
 
     quantity: str
     rules: tuple[ChannelRule, ...]
@@ -235,16 +225,7 @@ def delay_findings(channels: Iterable[Channel]) -> list[Finding]:
 
 
 def unpacked_quaternion(packed: Float[np.ndarray, " n"]) -> dict[str, Float[np.ndarray, " n"]]:
-    """Return the parts of quaternions in 32 bits, by the names of `UNPACKED`.
-
-    The two highest bits say which part is the largest, which is positive and not stored; the others follow in
-    the order x, y, z, w, each of a sign and nine bits that span 0 to sqrt(1/2).
-
-    Parameters
-    ----------
-    packed : ndarray, shape (n,)
-        Whole numbers from 1 to 2^32 - 1; zero is what an estimator leaves that makes no quaternion.
-    """
+    """Return the parts of quaternions in 32 bits, by the names of `UNPACKED`."""
     sound = (packed > 0.0) & (packed < 2.0**32)
     bits = np.where(sound, packed, 0.0).astype(np.uint32)
     largest = bits >> 30

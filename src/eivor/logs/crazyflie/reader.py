@@ -60,19 +60,7 @@ MAX_NAME_BYTES = 255
 
 @dataclass(frozen=True, slots=True)
 class EventType:
-    """A type of events.
-
-    Parameters
-    ----------
-    number : int
-        Its id.
-    name : str
-        Its name, printable.
-    variables : tuple of str
-        Names of its variables, printable.
-    record : dtype
-        Of its records: "id", "stamp", and the variables under their numbers "0", "1", ...
-    """
+    """A type of events."""
 
     number: int
     name: str
@@ -82,38 +70,15 @@ class EventType:
 
 @dataclass(frozen=True, slots=True)
 class Header:
-    """The head of a log.
-
-    Parameters
-    ----------
-    types : tuple of EventType
-        With ids of their own.
-    tick_s : float
-        Unit of the stamps [s].
-    length : int
-        Where the records begin [bytes].
-    """
+    """The head of a log."""
 
     types: tuple[EventType, ...]
-    tick_s: float
-    length: int
+    tick_s: float  # Unit of the stamps [s]
+    length: int  # [bytes]
 
 
 def parse_header(data: bytes, name: str) -> Header:
-    """Read the head of a log.
-
-    Parameters
-    ----------
-    data : bytes
-        The file, or enough of its start.
-    name : str
-        What to call the file in messages.
-
-    Raises
-    ------
-    CorruptLogError
-        When it is cut, of a version that is not known, or not sound.
-    """
+    """Read the head of a log."""
     cursor = _Cursor(data, name, len(MAGIC))
     version, count = cursor.number(), cursor.number()
     if version not in STAMPS:
@@ -272,24 +237,12 @@ SEARCH_BLOCK = 512
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """The records of one type.
-
-    Parameters
-    ----------
-    name : str
-        Of the type.
-    variables : tuple of str
-        Its variables; of two of one name the first counts.
-    records : ndarray, shape (n,)
-        Structured, as `EventType.record` says.
-    time_s : ndarray, shape (n,)
-        Stamps from the log's start on [s].
-    """
+    """The records of one type."""
 
     name: str
     variables: tuple[str, ...]
-    records: np.ndarray
-    time_s: Float[np.ndarray, " n"]
+    records: np.ndarray  # shape (n,)
+    time_s: Float[np.ndarray, " n"]  # Stamps from the log's start on [s]
 
     def values(self, variable: str) -> Float[np.ndarray, " n"]:
         """Return the values of a variable as logged; NaN for what nothing measures."""
@@ -310,15 +263,7 @@ class _Walk:
 
 
 def read_events(data: bytes, header: Header) -> tuple[list[Event], list[Finding]]:
-    """Return the events of a log that have a record, on one clock, and what is wrong with the file.
-
-    Parameters
-    ----------
-    data : bytes
-        The whole file.
-    header : Header
-        Its head.
-    """
+    """Return the events of a log that have a record, on one clock, and what is wrong with the file."""
     body = memoryview(data)[:-CHECKSUM_BYTES]
     sound = len(data) >= header.length + CHECKSUM_BYTES and (
         zlib.crc32(body) == struct.unpack_from("<I", data, len(data) - CHECKSUM_BYTES)[0]
@@ -557,29 +502,7 @@ class _Table:
 
 
 def read_crazyflie(file: Path, options: ReadOptions) -> Recording:
-    """Read a Crazyflie microSD log.
-
-    Parameters
-    ----------
-    file : Path
-        The file; `read_log` has checked its size and its first bytes.
-    options : ReadOptions
-        A channel map, and the hash of the file's bytes.
-
-    Returns
-    -------
-    Recording
-        In `Frame.Z_UP`.
-
-    Raises
-    ------
-    CorruptLogError
-        When the head cannot be read.
-    EmptyLogError
-        When it holds no record, or none with a variable that is a channel.
-    ChannelMapError
-        When the map is wrong, or does not fit the log.
-    """
+    """Read a Crazyflie microSD log."""
     try:
         data = file.read_bytes()
     except OSError as error:
@@ -660,10 +583,7 @@ def _chosen(tables: Sequence[_Table], findings: list[Finding]) -> list[tuple[Sou
 
 
 def _answering(source: Source, table: _Table) -> Finding | None:
-    """Doubt a velocity setpoint that is not planned: it changes while the height setpoint stands still.
-
-    Firmware of some years ago lets the position loop write its own velocity over the setpoint's.
-    """
+    """Doubt a velocity setpoint that is not planned: it changes while the height setpoint stands still."""
     column = source.columns[0]
     beside = VELOCITY_SETPOINTS.get(column)
     if beside is None or not table.has((beside,)):
@@ -716,13 +636,7 @@ def _by_map(
 
 
 def _place(rule: ChannelRule, chosen: ChannelMap, tables: Sequence[_Table], name: str) -> int:
-    """Number of the event with the most records that has all that a rule needs.
-
-    Raises
-    ------
-    ChannelMapError
-        When no event has all of it: they have no clock in common.
-    """
+    """Number of the event with the most records that has all that a rule needs."""
     needed = (chosen.time_column, *rule.expression.columns)
     for place, table in enumerate(tables):
         if table.has(needed):

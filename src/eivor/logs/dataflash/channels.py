@@ -59,13 +59,7 @@ SAME = 1e-3
 
 
 def unit_findings(tables: Mapping[str, Messages]) -> list[Finding]:
-    """Name the columns that the log declares to be in another unit than they are read in.
-
-    Parameters
-    ----------
-    tables : mapping of str to Messages
-        By name.
-    """
+    """Name the columns that the log declares to be in another unit than they are read in."""
     letters, units, multipliers = _letters(tables), _units(tables), _multipliers(tables)
     doubts = {}
     for source, unit in _columns_read():
@@ -151,15 +145,7 @@ LOW_PASSES = {"specific_force_body": "INS_ACCEL_FILTER", "angular_rate": "INS_GY
 
 
 def delay_of(channel: str, parameters: Mapping[str, float]) -> float:
-    """Delay of a channel [s], zero where none is known.
-
-    Parameters
-    ----------
-    channel : str
-        Canonical name.
-    parameters : mapping of str to float
-        Of the log.
-    """
+    """Delay of a channel [s], zero where none is known."""
     family = channel.rpartition("_")[0]
     cutoff = parameters.get(LOW_PASSES.get(family, ""), 0.0)
     delay = low_pass_delay_s(cutoff) if cutoff > 0.0 else 0.0
@@ -199,26 +185,14 @@ LEAST_THROTTLE, LEAST_COUNT, LEAST_SPREAD = 0.1, 50, 0.01
 
 @dataclass(frozen=True, slots=True)
 class MotorRange:
-    """Range of the motors' pulse widths, and the curve of their thrust.
+    """Range of the motors' pulse widths, and the curve of their thrust."""
 
-    Parameters
-    ----------
-    low, high : float
-        Pulse widths [us].
-    names : str
-        The parameters that say so.
-    spin_min, spin_max : float
-        Shares of the range that are in use.
-    curve : float
-        Share of the square in the thrust.
-    """
-
-    low: float
-    high: float
+    low: float  # [us]
+    high: float  # [us]
     names: str
     spin_min: float
     spin_max: float
-    curve: float
+    curve: float  # Share of the square in the thrust
 
     def share(self, widths: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
         """Shares of the range in use, from zero to one."""
@@ -235,13 +209,7 @@ class MotorRange:
 
 
 def motor_columns(parameters: Mapping[str, float]) -> dict[int, int]:
-    """Output of each motor, both from 1 on.
-
-    Parameters
-    ----------
-    parameters : mapping of str to float
-        Of the log.
-    """
+    """Output of each motor, both from 1 on."""
     told = {
         MOTOR_FUNCTIONS[function]: output
         for output in range(1, OUTPUTS + 1)
@@ -251,13 +219,7 @@ def motor_columns(parameters: Mapping[str, float]) -> dict[int, int]:
 
 
 def motor_range(parameters: Mapping[str, float]) -> MotorRange | None:
-    """Range of the motors; None where no parameter tells it.
-
-    Parameters
-    ----------
-    parameters : mapping of str to float
-        Of the log.
-    """
+    """Range of the motors; None where no parameter tells it."""
     for names in (("MOT_PWM_MIN", "MOT_PWM_MAX"), ("RC3_MIN", "RC3_MAX")):
         low, high = (parameters.get(name, 0.0) for name in names)
         if 0.0 < low < high:
@@ -275,22 +237,7 @@ def motor_range(parameters: Mapping[str, float]) -> MotorRange | None:
 def disagreement(
     throttle: Float[np.ndarray, " n"], thrust: Float[np.ndarray, " n"], known: MotorRange
 ) -> str:
-    """Sentence on pulse widths that do not fit the throttle; empty where they do, or nothing can be told.
-
-    Parameters
-    ----------
-    throttle : ndarray, shape (n,)
-        Share of the full thrust that is asked for, at each message of the outputs.
-    thrust : ndarray, shape (n,)
-        Mean thrust of the motors by their pulse widths.
-    known : MotorRange
-        With which it was computed.
-
-    Notes
-    -----
-    The slope is the median over pairs that are half of all sorted throttles apart: moments at which motors
-    are at their bounds, as in an upset, do not move it.
-    """
+    """Sentence on pulse widths that do not fit the throttle; empty where they do, or nothing can be told."""
     flown = np.isfinite(throttle) & np.isfinite(thrust) & (throttle > LEAST_THROTTLE)
     asked, given = throttle[flown], thrust[flown]
     if asked.size < LEAST_COUNT or asked.std() < LEAST_SPREAD:
@@ -635,13 +582,7 @@ _PREFIXES = ("ardu", "apm:", "")
 
 
 def vehicle_of(tables: Mapping[str, Messages]) -> str:
-    """Kind of vehicle in words, empty when the log does not say.
-
-    Parameters
-    ----------
-    tables : mapping of str to Messages
-        By name.
-    """
+    """Kind of vehicle in words, empty when the log does not say."""
     version = tables.get("VER")
     if version is not None and version.has("BU"):
         kinds = [BUILDS[kind] for kind in np.unique(version.values("BU")).tolist() if kind in BUILDS]

@@ -41,17 +41,7 @@ MAX_FORMATS = 10_000
 
 @dataclass(frozen=True, slots=True)
 class Field:
-    """A field of a message.
-
-    Parameters
-    ----------
-    kind : dtype
-        As stored.
-    offset : int
-        From the message's first byte.
-    factor : float
-        What one of it is in the field's unit.
-    """
+    """A field of a message."""
 
     kind: np.dtype[np.generic]
     offset: int
@@ -65,23 +55,11 @@ class Field:
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """What a FMT message says of a type.
-
-    Parameters
-    ----------
-    number : int
-        The type.
-    name : str
-        "ATT".
-    length : int
-        Of the whole message, head and type included [bytes].
-    fields : mapping of str to Field
-        By name; empty when codes, names and length do not agree.
-    """
+    """What a FMT message says of a type."""
 
     number: int
     name: str
-    length: int
+    length: int  # [bytes]
     fields: Mapping[str, Field]
 
     def misfits(self) -> list[str]:
@@ -99,23 +77,11 @@ class Layout:
 
 @dataclass(slots=True)
 class Described:
-    """Layouts of types as FMT messages give them, one after the other.
-
-    Where a type is described again and differently, the first description counts.
-
-    Parameters
-    ----------
-    layouts : dict of int to Layout
-        By number.
-    unsound : int
-        Descriptions that cannot be.
-    changed : set of str
-        Names of types that were described again and differently.
-    """
+    """Layouts of types as FMT messages give them, one after the other."""
 
     layouts: dict[int, Layout] = field(default_factory=dict)
-    unsound: int = 0
-    changed: set[str] = field(default_factory=set)
+    unsound: int = 0  # Descriptions that cannot be
+    changed: set[str] = field(default_factory=set)  # Names of types that were described again and differently
 
     def add(self, payload: bytes, *, is_message: bool = True) -> bool:
         """Take in the content of a FMT message; say whether it can be one, and count it where it cannot."""
@@ -141,17 +107,7 @@ class Described:
 
 
 def begins_within(head: bytes) -> bool:
-    """Say whether a log in binary form, whose beginning is lost, goes on in some bytes.
-
-    Parameters
-    ----------
-    head : bytes
-        The first ones of a file.
-
-    Notes
-    -----
-    It does where two descriptions of messages stand one behind the other, which no other content has.
-    """
+    """Say whether a log in binary form, whose beginning is lost, goes on in some bytes."""
     mark = HEAD + bytes([FMT_TYPE])
     place = head.find(mark)
     while place >= 0:
@@ -163,13 +119,7 @@ def begins_within(head: bytes) -> bool:
 
 
 def read_layouts(data: mmap.mmap) -> tuple[dict[int, Layout], list[Finding]]:
-    """Return the layouts of all types by number, and what is wrong with FMT messages.
-
-    Parameters
-    ----------
-    data : mmap
-        The file.
-    """
+    """Return the layouts of all types by number, and what is wrong with FMT messages."""
     described = Described()
     mark = HEAD + bytes([FMT_TYPE])
     place = data.find(mark)
@@ -219,21 +169,11 @@ LONG_FILE_BYTES = 1 << 27
 
 @dataclass(frozen=True)
 class Messages:
-    """All messages of a type, or of one instance of it.
-
-    Parameters
-    ----------
-    layout : Layout
-        Of the type.
-    data : ndarray of uint8
-        The file.
-    places : ndarray, shape (n,)
-        Where each message begins.
-    """
+    """All messages of a type, or of one instance of it."""
 
     layout: Layout
     data: np.ndarray
-    places: np.ndarray
+    places: np.ndarray  # shape (n,)
 
     @property
     def name(self) -> str:
@@ -310,15 +250,7 @@ MAX_BREAKS = 1_000_000
 
 @dataclass(slots=True)
 class Places:
-    """Where messages begin.
-
-    Parameters
-    ----------
-    by_type : dict of int to list of ndarray
-        Places of the wanted types, block by block.
-    skipped, cut : int
-        Bytes that belong to no message, and those of a message that the file's end cuts.
-    """
+    """Where messages begin."""
 
     by_type: dict[int, list[np.ndarray]] = field(default_factory=dict)
     skipped: int = 0
@@ -349,15 +281,7 @@ class Places:
 
 
 def read_messages(content: mmap.mmap, names: Collection[str]) -> tuple[list[Messages], list[Finding]]:
-    """Return all messages of some types, and what is wrong with the file.
-
-    Parameters
-    ----------
-    content : mmap
-        A log in binary form.
-    names : collection of str
-        Of the types that are wanted.
-    """
+    """Return all messages of some types, and what is wrong with the file."""
     layouts, findings = read_layouts(content)
     wanted = {number: layout for number, layout in layouts.items() if layout.name in names}
     data = np.frombuffer(content, dtype=np.uint8)
@@ -367,17 +291,7 @@ def read_messages(content: mmap.mmap, names: Collection[str]) -> tuple[list[Mess
 
 
 def find_places(data: np.ndarray, layouts: Mapping[int, Layout], wanted: Collection[int]) -> Places:
-    """Return the places of all messages of the wanted types.
-
-    Parameters
-    ----------
-    data : ndarray of uint8, shape (n,)
-        The file.
-    layouts : mapping of int to Layout
-        Of all types.
-    wanted : collection of int
-        Types.
-    """
+    """Return the places of all messages of the wanted types."""
     lengths = np.zeros(256, dtype=np.int64)
     for number, layout in layouts.items():
         lengths[number] = layout.length
@@ -496,15 +410,7 @@ def is_text(head: bytes) -> bool:
 
 
 def read_lines(content: mmap.mmap, names: Collection[str]) -> tuple[list[Messages], list[Finding]]:
-    """Return all messages of some types, and what is wrong with the file.
-
-    Parameters
-    ----------
-    content : mmap
-        A log in text.
-    names : collection of str
-        Of the types that are wanted.
-    """
+    """Return all messages of some types, and what is wrong with the file."""
     described = _described(content)
     layouts = {one.name: one for one in reversed(described.layouts.values())}
     wanted = {name: layout for name, layout in layouts.items() if name in names}

@@ -96,27 +96,7 @@ SELDOM = 0.1
 
 
 def read_dataflash(file: Path, *, sha256: str = "") -> Recording:
-    """Read a DataFlash log.
-
-    Parameters
-    ----------
-    file : Path
-        The file; `read_log` has checked its size and its first bytes.
-    sha256 : str
-        Hash of its bytes, for the Recording.
-
-    Returns
-    -------
-    Recording
-        In `Frame.NED`, `input` positive up.
-
-    Raises
-    ------
-    CorruptLogError
-        When the file cannot be read.
-    EmptyLogError
-        When it holds none of the messages that are needed.
-    """
+    """Read a DataFlash log."""
     try:
         with file.open("rb") as stream:
             content = mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ)

@@ -28,15 +28,7 @@ GPS_EPOCH_S, WEEK_S, LEAP_S = 315_964_800.0, 604_800.0, 18.0
 
 
 def dataflash_origin(tables: Mapping[str, Messages], parameters: Mapping[str, float]) -> LogOrigin:
-    """Origin of a log.
-
-    Parameters
-    ----------
-    tables : mapping of str to Messages
-        By name.
-    parameters : mapping of str to float
-        Of the vehicle; its own serial number comes before the board's id.
-    """
+    """Origin of a log."""
     told = tables.get("MSG")
     texts = told.texts("Message") if told is not None and told.has("Message") else []
     serial = parameters.get("BRD_SERIAL_NUM", 0.0)
@@ -56,10 +48,7 @@ def _first(pattern: re.Pattern[str], texts: list[str]) -> str:
 
 
 def _start(table: Messages | None) -> datetime | None:
-    """Time of the log's time 0 by satellites; None while there are none.
-
-    Logs before 2017 are told up to two seconds early.
-    """
+    """Time of the log's time 0 by satellites; None while there are none."""
     if table is None or not table.has("GMS", "GWk") or not table.clock:
         return None
     weeks, milliseconds = table.values("GWk"), table.values("GMS")
@@ -80,21 +69,7 @@ CONTROLLERS = ("PSCD", "PSCZ")
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """One place where a channel may be.
-
-    Parameters
-    ----------
-    message, column : str
-        Names in the log.
-    factor : float
-        What one of the logged unit is in the channel's; negative where it points the other way.
-    old_factor : float
-        Times this where the column holds whole numbers, or the log counts milliseconds (up to 3.3).
-    zero_is_absent : bool
-        True when zeros throughout mean that nothing measures it.
-    needs_height_loop : bool
-        True for a height target that is zero or follows the vehicle where no loop holds the height.
-    """
+    """One place where a channel may be."""
 
     message: str
     column: str
@@ -114,13 +89,7 @@ class Source:
         return self.message in CONTROLLERS
 
     def factor_in(self, table: Messages) -> float:
-        """Return what one of the column's unit is in the channel's, by the firmware that wrote a log.
-
-        Parameters
-        ----------
-        table : Messages
-            Of this source.
-        """
+        """Return what one of the column's unit is in the channel's, by the firmware that wrote a log."""
         is_old = table.clock == "TimeMS" or table.layout.fields[self.column].is_whole
         return self.factor * (self.old_factor if is_old else 1.0)
 
@@ -268,17 +237,7 @@ _PRIMARY = {"XKF1": ("XKFS", "XKF4"), "NKF1": ("NKF4",), "EKF1": ()}
 def choose_estimator(
     tables: dict[str, Messages], parameters: Mapping[str, float], findings: list[Finding]
 ) -> None:
-    """Leave of all estimates the one that flies, under the name of its first core.
-
-    Parameters
-    ----------
-    tables : dict of str to Messages
-        By name; changed.
-    parameters : mapping of str to float
-        Of the log.
-    findings : list of Finding
-        To which is added when the core in use changed.
-    """
+    """Leave of all estimates the one that flies, under the name of its first core."""
     logged = [name for name in ESTIMATORS if name in tables]
     if not logged:
         return
@@ -335,27 +294,7 @@ LONG_BYTES = 1 << 23
 
 @dataclass(slots=True)
 class Reading:
-    """Channels that are being made of messages.
-
-    Parameters
-    ----------
-    tables : mapping of str to Messages
-        By name, on the autopilot's clock.
-    parameters : mapping of str to float
-        Of the log.
-    findings : list of Finding
-        What is to be said of the log.
-    start_s, end_s : float
-        First and last stamp [s], on the autopilot's clock.
-    channels : KeptChannels
-        Made so far.
-    heads : dict of str to Channel
-        The same without their arrays.
-    looks : dict of str to Look
-        What findings need of each.
-    silent : list of str
-        Setpoints that are not in force throughout.
-    """
+    """Channels that are being made of messages."""
 
     tables: Mapping[str, Messages]
     parameters: Mapping[str, float]
@@ -363,9 +302,9 @@ class Reading:
     start_s: float
     end_s: float
     channels: KeptChannels = field(default_factory=KeptChannels)
-    heads: dict[str, Channel] = field(default_factory=dict)
+    heads: dict[str, Channel] = field(default_factory=dict)  # The same without their arrays
     looks: dict[str, Look] = field(default_factory=dict)
-    silent: list[str] = field(default_factory=list)
+    silent: list[str] = field(default_factory=list)  # Setpoints that are not in force throughout
     _clocks: dict[tuple[int, float], tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
 
     @classmethod
@@ -381,15 +320,7 @@ class Reading:
         return cls(tables, parameters, findings, start, end)
 
     def part(self, start_s: float, end_s: float, step_s: float) -> Reading:
-        """Return a reading of the messages of a part of the log, on the same clock.
-
-        Parameters
-        ----------
-        start_s, end_s : float
-            The part [s]. Messages of states, and those without a clock, are all in it.
-        step_s : float
-            Messages that are closer are thinned to this distance [s]; zero keeps all.
-        """
+        """Return a reading of the messages of a part of the log, on the same clock."""
         tables = {}
         for name, table in self.tables.items():
             if not table.clock or name in STATES:
@@ -487,17 +418,7 @@ class Reading:
     def modes_at(
         self, table: Messages, modes: tuple[int, ...], *, before: bool = False
     ) -> Bool[np.ndarray, " n"]:
-        """Whether the vehicle was in one of some modes at each message.
-
-        Parameters
-        ----------
-        table : Messages
-            With a clock.
-        modes : tuple of int
-            Numbers of modes.
-        before : bool
-            The answer where the mode is not known.
-        """
+        """Whether the vehicle was in one of some modes at each message."""
         return self._stated(table, "MODE", "ModeNum", {float(mode): 1.0 for mode in modes}, before)
 
     def with_sweeps(self, modes: tuple[int, ...]) -> tuple[int, ...]:

@@ -32,20 +32,7 @@ def is_px4(name: str, kind: str) -> bool:
 
 
 def px4_channels(raws: Sequence[RawTopic], findings: list[Finding]) -> tuple[dict[str, Channel], str]:
-    """Return the channels of PX4's topics, z down, and the kind of vehicle.
-
-    Parameters
-    ----------
-    raws : sequence of RawTopic
-        For which `is_px4` holds.
-    findings : list of Finding
-        Gets what is found.
-
-    Raises
-    ------
-    InputError
-        When they are of several vehicles.
-    """
+    """Return the channels of PX4's topics, z down, and the kind of vehicle."""
     places = {match["vehicle"] for raw in raws if (match := _NAME.fullmatch(raw.name)) is not None}
     if len(places) > 1:
         raise InputError(
@@ -156,32 +143,14 @@ MAX_ROTORS = 12
 
 @dataclass(frozen=True, slots=True)
 class RosSource:
-    """One place where a channel may be.
-
-    Parameters
-    ----------
-    topic : str
-        What its name ends with, from the folder of mavros on; empty for the only topic of its type.
-    kind : str
-        Type of its messages.
-    field : str
-        Full name of the field.
-    sign : float
-        -1 where the channel is the negative of the field.
-    estimated : bool
-        True when an estimator makes the values.
-    is_setpoint : bool
-        True when the topic falls silent where the setpoint is not in force.
-    is_asked : bool
-        For the only topic of its type: whether its name must say that it is asked for, or must not.
-    """
+    """One place where a channel may be."""
 
     topic: str
     kind: str
-    field: str
-    sign: float = 1.0
-    estimated: bool = False
-    is_setpoint: bool = False
+    field: str  # Full name of the field
+    sign: float = 1.0  # -1 where the channel is the negative of the field
+    estimated: bool = False  # True when an estimator makes the values
+    is_setpoint: bool = False  # True when the topic falls silent where the setpoint is not in force
     is_asked: bool = False
 
     def serves(self, name: str, kind: str) -> bool:
@@ -333,20 +302,7 @@ def is_known(name: str, kind: str) -> bool:
 
 
 def ros_channels(raws: Sequence[RawTopic], findings: list[Finding]) -> dict[str, Channel]:
-    """Return the channels of topics, z up.
-
-    Parameters
-    ----------
-    raws : sequence of RawTopic
-        For which `is_known` holds.
-    findings : list of Finding
-        Gets what is found.
-
-    Raises
-    ------
-    InputError
-        When they are of several vehicles.
-    """
+    """Return the channels of topics, z up."""
     _check_vehicles([raw.name for raw in raws])
     columns = [as_columns(raw, raw.defined(), findings) for raw in raws]
     topics = of_one_clock([_complete(one, findings) for one in columns if one is not None], findings)

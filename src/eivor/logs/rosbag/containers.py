@@ -138,10 +138,7 @@ def is_bag_folder(folder: Path) -> bool:
 
 
 def bag_parts(folder: Path) -> FolderParts:
-    """Return the files of a folder that ROS 2 made: it has metadata, or parts that are called like it.
-
-    Bags without either, which were put into one folder, may be of several flights.
-    """
+    """Return the files of a folder that ROS 2 made: it has metadata, or parts that are called like it."""
     found = _candidates(folder)
     names = {match[1] for file in found if (match := _PART.fullmatch(file.name)) is not None}
     has_metadata = (folder / METADATA).is_file()
@@ -151,18 +148,7 @@ def bag_parts(folder: Path) -> FolderParts:
 
 
 def bag_files(path: Path) -> list[Path]:
-    """Return the files of a bag, in their order.
-
-    Parameters
-    ----------
-    path : Path
-        A file, or a folder of one bag: parts of one name and one kind, with numbers.
-
-    Raises
-    ------
-    InputError
-        When the folder holds several bags.
-    """
+    """Return the files of a bag, in their order."""
     if not path.is_dir():
         return [path]
     found = _candidates(path)
@@ -194,13 +180,7 @@ MAX_BYTES = 1 << 24
 
 
 def check_schemas(file: Path) -> None:
-    """Raise for a file none of whose schemas is of ROS 2.
-
-    Raises
-    ------
-    MissingReaderError
-        With the schemas that it has.
-    """
+    """Raise for a file none of whose schemas is of ROS 2."""
     found = _schemas(file)
     if not found or any(encoding in ENCODINGS for _, encoding in found):
         return
@@ -269,27 +249,11 @@ _REMEDIES = {
 
 @dataclass(frozen=True, slots=True)
 class Connection:
-    """One topic of a bag's file.
-
-    Parameters
-    ----------
-    topic : str
-        Its name.
-    kind : str
-        Type of its messages, "package/Type".
-    text : str
-        Definition of that type, empty where the bag has none.
-    is_idl : bool
-        Whether the definition is of the interface definition language, not of `.msg`.
-    count : int
-        Number of messages, as the bag says.
-    handle : Any
-        What rosbags calls it.
-    """
+    """One topic of a bag's file."""
 
     topic: str
     kind: str
-    text: str
+    text: str  # Definition of that type, empty where the bag has none
     is_idl: bool
     count: int
     handle: Any
@@ -297,19 +261,7 @@ class Connection:
 
 @dataclass(frozen=True, slots=True)
 class Container:
-    """One open file of a bag.
-
-    Parameters
-    ----------
-    connections : tuple of Connection
-        Its topics.
-    ros1 : bool
-        Whether messages are written as in ROS 1.
-    reader : Any
-        rosbags' own.
-    budget : Budget
-        For messages that are compressed one by one.
-    """
+    """One open file of a bag."""
 
     connections: tuple[Connection, ...]
     ros1: bool
@@ -329,13 +281,7 @@ class Container:
 
 
 def check_installed() -> None:
-    """Raise when rosbags is not there.
-
-    Raises
-    ------
-    MissingReaderError
-        With the command that installs it.
-    """
+    """Raise when rosbags is not there."""
     try:
         import rosbags.rosbag1
         import rosbags.rosbag2  # noqa: F401
@@ -349,20 +295,7 @@ def check_installed() -> None:
 
 @contextmanager
 def opened(file: Path, budget: Budget) -> Iterator[Container]:
-    """Open one file of a bag.
-
-    Parameters
-    ----------
-    file : Path
-        Of any of the kinds, told by its content; or one that is compressed as a whole.
-    budget : Budget
-        How much may be decompressed.
-
-    Raises
-    ------
-    CorruptLogError
-        When it cannot be read, also while the context lasts.
-    """
+    """Open one file of a bag."""
     kind = ""
     damage: tuple[type[Exception], ...] = (*_DAMAGE, *_errors_of_rosbags())
     try:
@@ -448,13 +381,7 @@ def _bag_reader(file: Path, budget: Budget) -> Any:
 
 
 def _check_database(file: Path) -> None:
-    """Raise for a database that would compute anything: a bag has tables of plain columns.
-
-    Raises
-    ------
-    ValueError
-        When it has views, triggers, or columns that are computed.
-    """
+    """Raise for a database that would compute anything: a bag has tables of plain columns."""
     database = sqlite3.connect(f"file:{quote(str(file))}?mode=ro&immutable=1", uri=True)
     try:
         rows = database.execute("SELECT type, sql FROM sqlite_master").fetchall()

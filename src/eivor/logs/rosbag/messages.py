@@ -44,21 +44,11 @@ _SHORT = {"Header": "std_msgs/Header"}
 
 @dataclass(frozen=True, slots=True)
 class MessageField:
-    """One field of a message.
-
-    Parameters
-    ----------
-    name : str
-        Its name.
-    kind : str
-        A key of `SIZES`, "string", or the name of another type.
-    count : int or None
-        Number of values of an array; -1 where each message says it; None for one value.
-    """
+    """One field of a message."""
 
     name: str
-    kind: str
-    count: int | None = None
+    kind: str  # A key of `SIZES`, "string", or the name of another type
+    count: int | None = None  # Number of values of an array
 
 
 #: Fields of each type, by "package/Type".
@@ -72,20 +62,7 @@ def type_name(name: str) -> str:
 
 
 def parsed_definition(text: str, name: str) -> dict[str, tuple[MessageField, ...]]:
-    """Return the types of a definition, with those that follow it in the same text.
-
-    Parameters
-    ----------
-    text : str
-        As bags keep it: lines of ``type name``, then blocks under a line of equals signs and ``MSG: name``.
-    name : str
-        Of the first type.
-
-    Notes
-    -----
-    Lines that say no field are constants, comments, or damage; a type with damage in it does not fit the
-    length of its messages.
-    """
+    """Return the types of a definition, with those that follow it in the same text."""
     parts = _NEXT.split(text[:MAX_TEXT])
     names = [name, *parts[1::2]]
     return {
@@ -232,22 +209,11 @@ class UnsoundMessageError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """Where the fields of a message are.
+    """Where the fields of a message are."""
 
-    Parameters
-    ----------
-    fields : mapping of str to tuple
-        Offset in the message [bytes] and NumPy's type of each field, by its full name: ``pose.position.z``,
-        ``q[2]``.
-    lengths : tuple of int
-        Offsets of the words that say how long texts and sequences are, and how the message is written.
-    size : int
-        Length of the message [bytes].
-    """
-
-    fields: Mapping[str, tuple[int, str]]
+    fields: Mapping[str, tuple[int, str]]  # [bytes]
     lengths: tuple[int, ...]
-    size: int
+    size: int  # Length of the message [bytes]
 
     def table(self, joined: bytes) -> np.ndarray:
         """Return messages of this layout, one after the other, as a structured array."""
@@ -266,25 +232,7 @@ class Layout:
 
 
 def message_layout(message: bytes, kind: str, types: Types, *, ros1: bool) -> Layout:
-    """Return the layout of a message, and of all whose texts and sequences are as long.
-
-    Parameters
-    ----------
-    message : bytes
-        As the bag has it.
-    kind : str
-        Its type.
-    types : mapping
-        Fields of it and of the types in it.
-    ros1 : bool
-        Whether it is written as in ROS 1: without encapsulation, texts without a zero at their end, no
-        alignment.
-
-    Raises
-    ------
-    UnsoundMessageError
-        When its length is not that of its type, or the type is not known.
-    """
+    """Return the layout of a message, and of all whose texts and sequences are as long."""
     if ros1:
         walk = _Walk(message, types, 0, "<", aligned=False)
     else:
@@ -389,33 +337,15 @@ MAX_LAYOUTS = 256
 
 @dataclass(frozen=True, slots=True)
 class Decoded:
-    """Messages of a topic.
+    """Messages of a topic."""
 
-    Parameters
-    ----------
-    fields : mapping of str to ndarray, shape (n,)
-        Columns that all of the messages have, by the full name of the field, in the order of the record.
-    places : ndarray, shape (n,)
-        Which of the messages they are.
-    reason : str
-        Why others are none; empty when there are no others.
-    """
-
-    fields: Mapping[str, np.ndarray]
+    fields: Mapping[str, np.ndarray]  # shape (n,)
     places: Int[np.ndarray, " n"]
-    reason: str
+    reason: str  # Why others are none
 
 
 def decoded(payloads: Sequence[bytes], layout_of: Callable[[bytes], Layout]) -> Decoded:
-    """Read the messages of a topic.
-
-    Parameters
-    ----------
-    payloads : sequence of bytes
-        The messages.
-    layout_of : callable
-        Gives the layout of one, or raises `UnsoundMessageError`.
-    """
+    """Read the messages of a topic."""
     tables: list[tuple[list[int], np.ndarray]] = []
     reason, tried = "", 0
     by_length: dict[int, list[int]] = {}

@@ -98,30 +98,7 @@ _SHOWN = 12
 
 
 def read_bag(path: Path, options: ReadOptions, log_format: str) -> Recording:
-    """Read a bag.
-
-    Parameters
-    ----------
-    path : Path
-        A file, or the folder of one bag.
-    options : ReadOptions
-        A channel map, and the hash of the bytes.
-    log_format : str
-        Name of the format.
-
-    Raises
-    ------
-    MissingReaderError
-        When rosbags is not installed.
-    CorruptLogError
-        When it cannot be read.
-    EmptyLogError
-        When no channel is made of its topics.
-    ChannelMapError
-        When the map is wrong, or does not fit the bag.
-    InputError
-        When it holds several vehicles, or the folder several bags.
-    """
+    """Read a bag."""
     check_installed()
     files = bag_files(path)
     findings: list[Finding] = []

@@ -165,29 +165,15 @@ TEXTS = frozenset({("mavros_msgs/State", "mode")})
 
 @dataclass(slots=True)
 class RawTopic:
-    """Messages of a topic as a bag has them.
-
-    Parameters
-    ----------
-    name, kind : str
-        The topic, and the type of its messages.
-    text : str
-        Definition of that type; empty where the bag has none.
-    is_idl, ros1 : bool
-        How the definition and the messages are written.
-    payloads : list of bytes
-        The messages.
-    record_ns : list of int
-        When they were recorded [ns].
-    """
+    """Messages of a topic as a bag has them."""
 
     name: str
     kind: str
-    text: str
+    text: str  # Definition of that type
     is_idl: bool
     ros1: bool
     payloads: list[bytes] = field(default_factory=list)
-    record_ns: list[int] = field(default_factory=list)
+    record_ns: list[int] = field(default_factory=list)  # When they were recorded [ns]
 
     def types(self) -> Types:
         """Fields of its type and of those in it: of the bag's own definition where it has one."""
@@ -204,25 +190,13 @@ class RawTopic:
 
 @dataclass(frozen=True, slots=True)
 class BagTopic:
-    """A topic as columns.
-
-    Parameters
-    ----------
-    name, kind : str
-        The topic, and the type of its messages.
-    fields : mapping of str to ndarray, shape (n,)
-        Numbers and texts by the full name of the field.
-    stamp_ns : ndarray, shape (n,)
-        What each message says of when it is from [ns].
-    record_ns : ndarray, shape (n,)
-        When it was recorded [ns].
-    """
+    """A topic as columns."""
 
     name: str
     kind: str
-    fields: Mapping[str, np.ndarray]
-    stamp_ns: Int[np.ndarray, " n"]
-    record_ns: Int[np.ndarray, " n"]
+    fields: Mapping[str, np.ndarray]  # Numbers and texts by the full name of the field, shape (n,)
+    stamp_ns: Int[np.ndarray, " n"]  # [ns]
+    record_ns: Int[np.ndarray, " n"]  # [ns]
 
     def numbers(self) -> list[str]:
         """Names of the fields that hold numbers."""
@@ -235,18 +209,10 @@ class BagTopic:
 
 @dataclass(slots=True)
 class Contents:
-    """What was read of a bag.
+    """What was read of a bag."""
 
-    Parameters
-    ----------
-    topics : dict of str to RawTopic
-        Those that were wanted, with their messages.
-    listed : dict of str to str
-        Type of each topic that has messages.
-    """
-
-    topics: dict[str, RawTopic] = field(default_factory=dict)
-    listed: dict[str, str] = field(default_factory=dict)
+    topics: dict[str, RawTopic] = field(default_factory=dict)  # Those that were wanted, with their messages
+    listed: dict[str, str] = field(default_factory=dict)  # Type of each topic that has messages
 
     @property
     def size(self) -> int:
@@ -257,22 +223,7 @@ class Contents:
 def read_contents(
     files: Sequence[Path], wanted: Callable[[Connection], bool], findings: list[Finding]
 ) -> Contents:
-    """Read the messages of some topics out of the files of a bag.
-
-    Parameters
-    ----------
-    files : sequence of Path
-        In the order of the record.
-    wanted : callable
-        Says which topics are needed.
-    findings : list of Finding
-        Gets what was left out.
-
-    Raises
-    ------
-    CorruptLogError
-        When nothing can be read.
-    """
+    """Read the messages of some topics out of the files of a bag."""
     budget = Budget.of(sum(file.stat().st_size for file in files))
     contents = Contents()
     for file in files:
@@ -305,17 +256,7 @@ def _add_file(file: Path, wanted: Callable[[Connection], bool], budget: Budget, 
 def as_columns(
     raw: RawTopic, layout_of: Callable[[bytes], Layout], findings: list[Finding]
 ) -> BagTopic | None:
-    """Return a topic as columns; None when it has no sound message, or none that says when it is from.
-
-    Parameters
-    ----------
-    raw : RawTopic
-        Its messages.
-    layout_of : callable
-        Gives the layout of one.
-    findings : list of Finding
-        Gets what was left out.
-    """
+    """Return a topic as columns; None when it has no sound message, or none that says when it is from."""
     made = decoded(raw.payloads, layout_of)
     lost = len(raw.payloads) - made.places.size
     if lost:
@@ -367,10 +308,7 @@ def _stamps(fields: Mapping[str, np.ndarray]) -> Int[np.ndarray, " n"] | None:
 
 
 def of_one_clock(topics: Sequence[BagTopic], findings: list[Finding]) -> list[BagTopic]:
-    """Return the topics whose stamps are of one clock: that of most messages.
-
-    Clocks are told apart by how far their stamps are from the time of the record, which serves nothing else.
-    """
+    """Return the topics whose stamps are of one clock: that of most messages."""
     if not topics:
         return []
     ahead = [float(np.median(one.stamp_ns - one.record_ns)) * 1e-9 for one in topics]
@@ -416,28 +354,7 @@ def map_channels(
     name: str,
     findings: list[Finding],
 ) -> dict[str, Channel]:
-    """Return the channels that a map makes of a bag.
-
-    Parameters
-    ----------
-    chosen : ChannelMap
-        The map.
-    raws : mapping of str to RawTopic
-        The topics that it names, as far as they are there.
-    available : mapping of str to str
-        Types of all topics.
-    name : str
-        What to call the bag.
-    findings : list of Finding
-        Gets what is found.
-
-    Raises
-    ------
-    ChannelMapError
-        When the map does not fit.
-    EmptyLogError
-        When no channel has a value.
-    """
+    """Return the channels that a map makes of a bag."""
     _check(chosen, available, name)
     columns = [as_columns(raw, raw.defined(), findings) for raw in raws.values()]
     topics = of_one_clock([one for one in columns if one is not None], findings)

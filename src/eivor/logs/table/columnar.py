@@ -58,11 +58,7 @@ except (ImportError, ValueError, OSError):
 def decode_in_child(
     file: Path, code: str, asked: Mapping[str, Any], *, max_bytes: int, timeout_s: float, kind: str
 ) -> None:
-    """Decode a file in a child process, and refuse one that the child refuses, dies of or does not finish.
-
-    The program `code` begins with `BEGINNING` and leaves with `REFUSED` for a damaged file. Nothing is
-    decoded where no interpreter can be started (frozen or embedded programs), nor in a sandbox.
-    """
+    """Decode a file in a child process, and refuse one that the child refuses, dies of or does not finish."""
     if SANDBOX in os.environ:
         return
     if not sys.executable or getattr(sys, "frozen", False):
@@ -122,17 +118,7 @@ def exactly(column: str) -> str:
 
 
 def probe_parquet(file: Path, columns: Sequence[str], max_bytes: int) -> None:
-    """Decode columns of a Parquet file in a child process; `decode_in_child` says what it raises.
-
-    Parameters
-    ----------
-    file : Path
-        The file.
-    columns : sequence of str
-        The columns that are needed.
-    max_bytes : int
-        Memory that the child may use [bytes].
-    """
+    """Decode columns of a Parquet file in a child process; `decode_in_child` says what it raises."""
     asked = {"patterns": [*map(exactly, columns)]}
     decode_in_child(
         file, _PARQUET_CODE, asked, max_bytes=max_bytes, timeout_s=PARQUET_TIMEOUT_S, kind="a Parquet file"
@@ -158,17 +144,7 @@ _CUT = "Cut the log to the manoeuvre of interest."
 
 
 def open_parquet(file: Path) -> TableSource:
-    """Read the footer of a Parquet file.
-
-    Raises
-    ------
-    CorruptLogError
-        When the footer cannot be read.
-    EmptyLogError
-        When there are no rows.
-    LogTooLargeError
-        When the footer states more rows than `MAX_ROWS`.
-    """
+    """Read the footer of a Parquet file."""
     import polars as pl
 
     try:
@@ -304,24 +280,7 @@ def variables_source(
     shapes: Mapping[str, tuple[int, ...]],
     values: Callable[[Sequence[str]], Mapping[str, np.ndarray]],
 ) -> TableSource:
-    """Return the table of a file's variables.
-
-    Parameters
-    ----------
-    name : str
-        What to call the file.
-    shapes : mapping of str to tuple of int
-        Of the variables that hold numbers.
-    values : callable
-        Gives some, by their names.
-
-    Raises
-    ------
-    EmptyLogError
-        When there are none.
-    CorruptLogError
-        When there are too many.
-    """
+    """Return the table of a file's variables."""
     if not shapes:
         raise EmptyLogError(
             "a file with vectors or matrices of numbers",
@@ -405,17 +364,7 @@ except BaseException as error:
 
 
 def open_hdf5(file: Path) -> TableSource:
-    """Name the variables of an HDF5 file.
-
-    Raises
-    ------
-    MissingReaderError
-        When h5py is not installed.
-    CorruptLogError
-        When it cannot be read.
-    EmptyLogError
-        When it holds no vectors of numbers.
-    """
+    """Name the variables of an HDF5 file."""
     try:
         import h5py
     except ImportError as error:
@@ -507,15 +456,7 @@ except BaseException as error:
 
 
 def open_matlab(file: Path) -> TableSource:
-    """Read the variables of a MATLAB file.
-
-    Raises
-    ------
-    CorruptLogError
-        When it cannot be read.
-    EmptyLogError
-        When it holds no vectors of numbers.
-    """
+    """Read the variables of a MATLAB file."""
     from scipy.io import loadmat
 
     limit = MATLAB_DECODER_BYTES + BYTES_PER_BYTE * file.stat().st_size
@@ -556,24 +497,7 @@ _VERSION = 1
 
 
 def write_recording(recording: Recording, path: str | os.PathLike[str]) -> None:
-    """Write a recording as one table with canonical column names.
-
-    Parameters
-    ----------
-    recording : Recording
-        Channels with stamps of their own, other than those of most, have a value at each.
-    path : str or path
-        Ends in ".parquet" or ".csv".
-
-    Raises
-    ------
-    UsageError
-        When there are no channels, when one that has a clock of its own has NaN, when the ending is another
-        one, or when a CSV cannot keep what the recording says (z down, an input map, several clocks, unusual
-        held channels).
-    OSError
-        When the system refuses; an earlier file is as it was.
-    """
+    """Write a recording as one table with canonical column names."""
     import polars as pl
 
     place = Path(path)
@@ -681,15 +605,7 @@ def _metadata(recording: Recording) -> str:
 
 
 def restore(recording: Recording, metadata: str) -> Recording:
-    """Return the recording with what `write_recording` left in the file's metadata.
-
-    Parameters
-    ----------
-    recording : Recording
-        As read from the table alone.
-    metadata : str
-        JSON, empty when there is none. What is not understood is left out, with a finding.
-    """
+    """Return the recording with what `write_recording` left in the file's metadata."""
     if not metadata:
         return recording
     try:

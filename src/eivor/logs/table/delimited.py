@@ -151,22 +151,10 @@ MAX_COLUMNS = 4096
 
 @dataclass(frozen=True, slots=True)
 class TableSource:
-    """A table whose header has been read.
+    """A table whose header has been read."""
 
-    Parameters
-    ----------
-    names : tuple of str
-        Columns, in their order.
-    read : callable
-        Reads some columns, by name.
-    findings : tuple of Finding
-        What the header and the layout showed.
-    metadata : str
-        What `write_recording` left in the file, as JSON; empty when nothing did.
-    """
-
-    names: tuple[str, ...]
-    read: Callable[[Sequence[str]], Columns]
+    names: tuple[str, ...]  # Columns, in their order
+    read: Callable[[Sequence[str]], Columns]  # Reads some columns, by name
     findings: tuple[Finding, ...] = ()
     metadata: str = ""
 
@@ -189,11 +177,7 @@ _WORDS = {"true": "1", "false": "0"}
 
 @dataclass(frozen=True, slots=True)
 class _Layout:
-    """How the lines are made: where the rows begin, how many there are, and what splits them.
-
-    `cut` says that the last line was incomplete and is not counted, `open_end` that the last cell may be
-    incomplete, as no line break follows it.
-    """
+    """How the lines are made: where the rows begin, how many there are, and what splits them."""
 
     names: tuple[str, ...]
     delimiter: str
@@ -206,17 +190,7 @@ class _Layout:
 
 
 def open_csv(file: Path) -> TableSource:
-    """Check the lines of a delimited text and name its columns.
-
-    Raises
-    ------
-    CorruptLogError
-        When a line is too long, holds NUL bytes, or has another number of fields than the header.
-    EmptyLogError
-        When there is a header only.
-    UnknownFormatError
-        When there is no line of column names.
-    """
+    """Check the lines of a delimited text and name its columns."""
     try:
         with file.open("rb") as stream:
             layout = _layout(stream, file.name)

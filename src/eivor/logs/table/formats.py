@@ -17,26 +17,7 @@ from eivor.signals.recording import Recording
 
 
 def read_table(file: Path, source: TableSource, log_format: str, options: ReadOptions) -> Recording:
-    """Read a table.
-
-    Parameters
-    ----------
-    file : Path
-        The file; `read_log` has checked its size and its first bytes.
-    source : TableSource
-        Its columns.
-    log_format : str
-        Name of its format.
-    options : ReadOptions
-        A channel map, and the hash of the file's bytes.
-
-    Raises
-    ------
-    ChannelMapError
-        When no map fits, or the map is wrong.
-    CorruptLogError, EmptyLogError, LogTooLargeError, UnknownFormatError
-        When the table cannot be read.
-    """
+    """Read a table."""
     findings = list(source.findings)
     if options.channel_map is None:
         chosen, finding = fitting_map(source.names, file.name)

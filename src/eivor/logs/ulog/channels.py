@@ -47,19 +47,7 @@ UNIT_WITHIN = 0.05
 
 @dataclass(frozen=True)
 class SetpointSeries:
-    """A channel to be made.
-
-    Parameters
-    ----------
-    name : str
-        Canonical.
-    topic : str
-        Whose stamps it has.
-    values : ndarray, shape (n,)
-        NaN where it is not in force.
-    label : str
-        The source in the log's own words.
-    """
+    """A channel to be made."""
 
     name: str
     topic: str
@@ -70,19 +58,7 @@ class SetpointSeries:
 def attitude_setpoints(
     topics: Mapping[str, Topic], clocks: Mapping[str, Float[np.ndarray, " _"]]
 ) -> Iterator[SetpointSeries]:
-    """Setpoints of roll, pitch and yaw, and of their rates, each where it is what its name says.
-
-    Parameters
-    ----------
-    topics : mapping of str to Topic
-        Of the log.
-    clocks : mapping of str to ndarray
-        Seconds of each topic's messages.
-
-    Notes
-    -----
-    Without the navigation state every attitude is taken as computed by a loop, and no rate as the sticks'.
-    """
+    """Setpoints of roll, pitch and yaw, and of their rates, each where it is what its name says."""
     attitude = topics.get(ATTITUDE_SETPOINT)
     if attitude is not None:
         by_sticks = _in_states(topics, clocks, ATTITUDE_SETPOINT, ATTITUDE_STATES)
@@ -169,17 +145,9 @@ LONGEST_MEAN_S = 0.02
 
 @dataclass(frozen=True, slots=True)
 class Delay:
-    """One cause of a topic's delay.
+    """One cause of a topic's delay."""
 
-    Parameters
-    ----------
-    seconds : float
-        How much later than what it tells its stamp is [s].
-    cause : str
-        What makes it.
-    """
-
-    seconds: float
+    seconds: float  # [s]
     cause: str
 
 
@@ -238,15 +206,7 @@ def delay_findings(channels: Iterable[Channel], delays: Mapping[str, tuple[Delay
 
 
 def unknown_filters(channels: Iterable[Channel], holder: str) -> list[Finding]:
-    """Say that delays of filters are not known where the parameters are not.
-
-    Parameters
-    ----------
-    channels : iterable of Channel
-        Of the log.
-    holder : str
-        What holds no parameters: "A bag holds".
-    """
+    """Say that delays of filters are not known where the parameters are not."""
     if not any(channel.source.lstrip("-").partition(".")[0] in LOW_PASSES for channel in channels):
         return []
     sentence = (
@@ -269,18 +229,10 @@ DSHOT_RATES = range(-5, -1)
 
 @dataclass(frozen=True, slots=True)
 class PulseRange:
-    """Range of an output.
+    """Range of an output."""
 
-    Parameters
-    ----------
-    low, high : float
-        Pulse widths of a motor that idles, and at full signal [us].
-    names : tuple of str
-        The parameters that say so.
-    """
-
-    low: float
-    high: float
+    low: float  # [us]
+    high: float  # [us]
     names: tuple[str, str]
 
     def share(self, widths: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
@@ -302,20 +254,7 @@ def are_pulses(columns: Sequence[Float[np.ndarray, " n"]], parameters: Mapping[s
 def as_shares(
     widths: Mapping[int, Float[np.ndarray, " n"]], parameters: Mapping[str, float]
 ) -> tuple[dict[int, Float[np.ndarray, " n"]], Finding]:
-    """Outputs of motors as shares, in the order of the motors, and what to say of it.
-
-    Parameters
-    ----------
-    widths : mapping of int to ndarray
-        Pulse widths of the outputs that move [us], by their place from 0 on.
-    parameters : mapping of str to float
-        Of the log.
-
-    Returns
-    -------
-    dict, Finding
-        The pulse widths themselves where a range is not known.
-    """
+    """Outputs of motors as shares, in the order of the motors, and what to say of it."""
     group, motors = motor_outputs(list(widths), parameters)
     ranges = {place: pulse_range(group, place, parameters) for place in motors}
     known = {place: one for place, one in ranges.items() if one is not None}
@@ -339,15 +278,7 @@ def as_shares(
 
 
 def motor_outputs(places: Sequence[int], parameters: Mapping[str, float]) -> tuple[str, dict[int, int]]:
-    """Group that outputs are of, and the motor of each, from 1 on; of all in order where nothing tells.
-
-    Parameters
-    ----------
-    places : sequence of int
-        Outputs that move, from 0 on.
-    parameters : mapping of str to float
-        Of the log.
-    """
+    """Group that outputs are of, and the motor of each, from 1 on; of all in order where nothing tells."""
     for group in GROUPS:
         function = {place: int(parameters.get(f"{group}_FUNC{place + 1}", 0.0)) for place in places}
         motors = {
@@ -401,19 +332,7 @@ class _Reading:
 def read_topics(
     topics: Mapping[str, Topic], start: np.uint64, parameters: Mapping[str, float], findings: list[Finding]
 ) -> dict[str, Channel]:
-    """Return all channels that topics hold.
-
-    Parameters
-    ----------
-    topics : mapping of str to Topic
-        One instance of each, by name.
-    start : uint64
-        Stamp of time 0 [us].
-    parameters : mapping of str to float
-        Of the vehicle, as far as they are known.
-    findings : list of Finding
-        Gets what is found.
-    """
+    """Return all channels that topics hold."""
     delays = {name: topic_delays(topic, parameters) for name, topic in topics.items()}
     late = {name: sum((one.seconds for one in causes), 0.0) for name, causes in delays.items()}
     clocks = {name: _seconds(topic.fields["timestamp"], start) - late[name] for name, topic in topics.items()}
@@ -587,10 +506,7 @@ def _add_attitude_setpoints(reading: _Reading, clocks: Mapping[str, Float[np.nda
 def _add_actuators(
     reading: _Reading, clocks: Mapping[str, Float[np.ndarray, " _"]], parameters: Mapping[str, float]
 ) -> None:
-    """Add the motor outputs that move, numbered from 1; an unused one is NaN or constant.
-
-    Those in microseconds become shares, where parameters tell their range.
-    """
+    """Add the motor outputs that move, numbered from 1; an unused one is NaN or constant."""
     for topic_name, stem, side in ACTUATOR_SOURCES:
         topic = reading.topics.get(topic_name)
         used = varying_fields(topic, stem) if topic is not None else []

@@ -49,22 +49,12 @@ _TABLE = re.compile(r".*_\d+\.csv")
 
 @dataclass(frozen=True, slots=True)
 class TopicTable:
-    """A table of one topic.
-
-    Parameters
-    ----------
-    file : Path
-        The table.
-    log, topic : str
-        What its name says.
-    instance : int
-        Number of the topic's instance.
-    """
+    """A table of one topic."""
 
     file: Path
     log: str
     topic: str
-    instance: int
+    instance: int  # Number of the topic's instance
 
 
 def tables_of(folder: Path) -> list[TopicTable]:
@@ -81,10 +71,7 @@ def tables_of(folder: Path) -> list[TopicTable]:
 
 
 def csv_parts(folder: Path) -> FolderParts:
-    """Return the tables that `ulog2csv` made, with those of topics that are not needed.
-
-    Tables beside their ULog are not another log.
-    """
+    """Return the tables that `ulog2csv` made, with those of topics that are not needed."""
     logs = {table.log for table in tables_of(folder)}
     beside = {log for log in logs if any((folder / f"{log}{end}").is_file() for end in ULOG_ENDINGS)}
     names = [name for name in file_names(folder) if _TABLE.fullmatch(name)] if logs else []
@@ -105,24 +92,7 @@ _LAST_US = float(1 << 62)
 
 
 def read_csv_folder(folder: Path, options: ReadOptions, log_format: str) -> Recording:
-    """Read a folder of `ulog2csv`.
-
-    Parameters
-    ----------
-    folder : Path
-        It holds tables of topics that are needed.
-    options : ReadOptions
-        The hash of the bytes.
-    log_format : str
-        Name of the format.
-
-    Raises
-    ------
-    InputError
-        When the tables are of several logs.
-    EmptyLogError
-        When no channel is made of them.
-    """
+    """Read a folder of `ulog2csv`."""
     tables = tables_of(folder)
     logs = sorted({table.log for table in tables})
     if len(logs) > 1:
@@ -298,32 +268,14 @@ MAX_SEARCH_BYTES = 1 << 20
 
 @dataclass(slots=True)
 class CleanLog:
-    """What the walk found.
-
-    Parameters
-    ----------
-    definitions, data : bytearray
-        The two sections of a ULog file with the needed messages only, but those of the topics.
-    rows : dict of int to list of bytes
-        Messages of each topic, by the number of its subscription, all of one length.
-    skipped_bytes : int
-        Bytes that belong to no plausible message.
-    rejected_messages : int
-        Messages with an impossible content.
-    cut_bytes : int
-        Bytes of an incomplete last message.
-    lost_topics : list of str
-        Needed topics that were left out, as their definition is damaged.
-    about : dict of str to bytes
-        What the log says of itself, by key: `ABOUT`, the first of each.
-    """
+    """What the walk found."""
 
     definitions: bytearray
     data: bytearray = field(default_factory=bytearray)
     rows: dict[int, list[bytes]] = field(default_factory=dict)
-    skipped_bytes: int = 0
-    rejected_messages: int = 0
-    cut_bytes: int = 0
+    skipped_bytes: int = 0  # Bytes that belong to no plausible message
+    rejected_messages: int = 0  # Messages with an impossible content
+    cut_bytes: int = 0  # Bytes of an incomplete last message
     lost_topics: list[str] = field(default_factory=list)
     about: dict[str, bytes] = field(default_factory=dict)
     _formats: dict[str, bytes] = field(default_factory=dict)
@@ -343,22 +295,7 @@ class CleanLog:
 
 
 def clean_log(data: memory_map | bytes, topics: Collection[str], name: str) -> CleanLog:
-    """Walk the messages of `data` and keep those that the `topics` need.
-
-    Parameters
-    ----------
-    data : mmap or bytes
-        The whole file.
-    topics : collection of str
-        Topics to keep.
-    name : str
-        What to call the file in messages.
-
-    Raises
-    ------
-    CorruptLogError
-        When the file is shorter than a header, or was written with features that are not known.
-    """
+    """Walk the messages of `data` and keep those that the `topics` need."""
     if len(data) < _HEADER_BYTES:
         raise CorruptLogError(
             f"a ULog header of {_HEADER_BYTES} bytes",
@@ -404,10 +341,7 @@ def _appended_offsets(data: memory_map | bytes, name: str) -> list[int]:
 
 
 def _messages(data: memory_map | bytes, start: int, end: int, log: CleanLog) -> Iterator[tuple[int, bytes]]:
-    """Complete messages between two offsets; a broken chain is resumed at the next sync mark.
-
-    Messages of topics, which are nearly all there are, are not handed on but kept here.
-    """
+    """Complete messages between two offsets; a broken chain is resumed at the next sync mark."""
     head, subscription = struct.Struct("<HB").unpack_from, struct.Struct("<H").unpack_from
     sizes, rows = log._sizes, log.rows
     position = start
@@ -593,27 +527,7 @@ PARSED = (*NEEDED_TOPICS, *(topic for topic in ORIGIN_TOPICS if topic not in NEE
 
 
 def read_ulog(file: Path, *, sha256: str = "") -> Recording:
-    """Read a ULog file.
-
-    Parameters
-    ----------
-    file : Path
-        The file; `read_log` has checked its size and its first bytes.
-    sha256 : str
-        Hash of its bytes, for the Recording.
-
-    Returns
-    -------
-    Recording
-        In `Frame.NED`, `input` positive up.
-
-    Raises
-    ------
-    CorruptLogError
-        When the file cannot be decoded.
-    EmptyLogError
-        When it holds none of the topics that are needed.
-    """
+    """Read a ULog file."""
     try:
         with file.open("rb") as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as data:
             clean = clean_log(data, PARSED, file.name)

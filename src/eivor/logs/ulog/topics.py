@@ -19,27 +19,13 @@ ESTIMATOR_TOPIC = "vehicle_local_position"
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """One place where a channel may be.
-
-    Parameters
-    ----------
-    topic, field : str
-        Names in the log.
-    sign : float
-        -1 where the channel is the negative of the logged value.
-    valid_field : str
-        Field of the same message that is zero when the value means nothing; empty when there is none.
-    zero_is_absent : bool
-        True when firmware that does not estimate the value logs zeros throughout.
-    is_setpoint : bool
-        True when the topic falls silent in the modes in which the setpoint is not in force.
-    """
+    """One place where a channel may be."""
 
     topic: str
     field: str
-    sign: float = 1.0
-    valid_field: str = ""
-    zero_is_absent: bool = False
+    sign: float = 1.0  # -1 where the channel is the negative of the logged value
+    valid_field: str = ""  # Field of the same message that is zero when the value means nothing
+    zero_is_absent: bool = False  # True when firmware that does not estimate the value logs zeros throughout
     is_setpoint: bool = False
 
     @property
@@ -179,17 +165,7 @@ NEEDED_TOPICS: tuple[str, ...] = tuple(
 
 @dataclass(frozen=True, slots=True)
 class TopicLogging:
-    """How PX4's logger treats a topic.
-
-    Parameters
-    ----------
-    topic : str
-        Name of the topic.
-    default_rate_hz : float
-        Rate in the default profile [Hz]; infinite where every message is logged.
-    full_rate_bits : tuple of int
-        Bits of SDLOG_PROFILE that log the topic at its full rate; empty when none does.
-    """
+    """How PX4's logger treats a topic."""
 
     topic: str
     default_rate_hz: float
@@ -304,15 +280,7 @@ def place_of(field: str) -> int:
 
 
 def choose_instance(candidates: Sequence[Topic], findings: list[Finding]) -> Topic:
-    """Return the instance to use; a choice is reported in `findings`.
-
-    Parameters
-    ----------
-    candidates : sequence of Topic
-        Instances of one topic, at least one.
-    findings : list of Finding
-        Gets one more entry when there is a choice.
-    """
+    """Return the instance to use; a choice is reported in `findings`."""
     ordered = sorted(candidates, key=lambda topic: topic.instance)
     if len(ordered) == 1:
         return ordered[0]
@@ -356,19 +324,7 @@ def ulog_origin(
     start: np.uint64,
     parameters: Mapping[str, float],
 ) -> LogOrigin:
-    """Origin of a log.
-
-    Parameters
-    ----------
-    about : mapping of str to bytes
-        What it says of itself, see `eivor.logs.ulog.reader.ABOUT`.
-    topics : mapping of str to Topic
-        `ORIGIN_TOPICS`, as far as the log has them.
-    start : uint64
-        Stamp of the log's time 0 [us].
-    parameters : mapping of str to float
-        Of the vehicle.
-    """
+    """Origin of a log."""
     name = _text(about.get("sys_name", b""))
     airframe = parameters.get("SYS_AUTOSTART", 0.0)
     version = int.from_bytes(about.get("ver_sw_release", b"")[:4], "little")
@@ -444,11 +400,7 @@ MAV_TYPES = {
 
 
 def vehicle_of(topics: Mapping[str, Topic], parameters: Mapping[str, float]) -> str:
-    """Kind of vehicle in words, empty when the log does not say.
-
-    What flies on rotors at some time is one of rotary wings, whatever else it does: a convertible plane can
-    be identified where it hovers.
-    """
+    """Kind of vehicle in words, empty when the log does not say."""
     status = topics.get("vehicle_status")
     told = status.fields.get("vehicle_type") if status is not None else None
     kinds = (

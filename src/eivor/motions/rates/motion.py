@@ -60,17 +60,7 @@ STAYS = "stays as it is"
 def rates_ahead(
     flights: tuple[PreparedFlight, ...], models: Mapping[str, SimpleModel], refused: frozenset[str]
 ) -> Ahead:
-    """Rates after each horizon, by each model and by the rates at the start.
-
-    Parameters
-    ----------
-    flights : tuple of PreparedFlight
-        With runs.
-    models : mapping of str to SimpleModel
-        The fit first.
-    refused : frozenset of str
-        Quantities of the fit that are not told: axes whose effectiveness is among them are left out.
-    """
+    """Rates after each horizon, by each model and by the rates at the start."""
     fit = next(iter(models.values())).values
     logged = [axis for axis in AXES if all(axis.torque in flight.signals.channels for flight in flights)]
     told = [axis for axis in logged if axis.effectiveness.name in fit.keys() - refused]
@@ -149,15 +139,7 @@ DELAYS_S = (0.0, 0.005, 0.010, 0.015, 0.020, 0.030)
 
 @dataclass(frozen=True)
 class LaggedTorque:
-    """Columns of what the actuators make of a torque setpoint.
-
-    Parameters
-    ----------
-    signals : Signals
-        One flight.
-    axis : Axis
-        Whose setpoint.
-    """
+    """Columns of what the actuators make of a torque setpoint."""
 
     signals: Signals
     axis: Axis
@@ -173,15 +155,7 @@ class LaggedTorque:
 
 
 def rates_problem(flights: tuple[PreparedFlight, ...], rule: InstrumentRule) -> LaggedRuns:
-    """Regressions of the flights for each lag and delay.
-
-    Parameters
-    ----------
-    flights : tuple of PreparedFlight
-        All with runs; axes are those that all of them have.
-    rule : InstrumentRule
-        What serves as instruments. References of an axis serve that axis, or all where it has none.
-    """
+    """Regressions of the flights for each lag and delay."""
     axes = tuple(axis for axis in AXES if all(axis.torque in flight.signals.channels for flight in flights))
     fixed = tuple(axis.damping for axis in axes)
     moving = (
@@ -266,15 +240,7 @@ def axes_of(log: Recording) -> tuple[Axis, ...]:
 
 
 def selected(log: Recording, options: FlightOptions) -> Selection:
-    """Channels of a log by role.
-
-    Raises
-    ------
-    MissingChannelError
-        When torque setpoints or rates of roll and pitch are not in the log.
-    InputError
-        When the log says that it is of a vehicle without rotors, or rates are in degrees.
-    """
+    """Channels of a log by role."""
     if log.vehicle not in ("", ROTARY_WING):
         raise InputError(
             "a log of a multirotor",
@@ -314,13 +280,7 @@ _NO_YAW = Finding(
 
 
 def refuse_degrees(rate: Channel, log: Recording) -> None:
-    """Refuse a rate that is faster than any vehicle turns.
-
-    Raises
-    ------
-    InputError
-        When it is.
-    """
+    """Refuse a rate that is faster than any vehicle turns."""
     fastest = float(np.nanmax(np.abs(rate.values), initial=0.0))
     usual = float(np.nanquantile(np.abs(rate.values), 0.99)) if rate.values.size else 0.0
     if usual > FASTEST_RATE:

@@ -41,21 +41,9 @@ from eivor.models.regression import Parameter
 
 @dataclass(frozen=True)
 class Axis:
-    """One axis.
+    """One axis."""
 
-    Parameters
-    ----------
-    name : str
-        "roll", "pitch" or "yaw".
-    letter : str
-        Of its channels: "x", "y" or "z".
-    number : int
-        From 0.
-    reacts : bool
-        The rotors' own acceleration turns the vehicle.
-    """
-
-    name: str
+    name: str  # "roll", "pitch" or "yaw"
     letter: str
     number: int
     reacts: bool = False
@@ -87,13 +75,7 @@ class Axis:
 
     @property
     def references(self) -> tuple[ReferenceSource, ...]:
-        """Channels that may be instruments: what is injected, the pilot's or planner's attitude, the stick.
-
-        Sticks that set anything else than attitude or rates move the vehicle too slowly to tell. The
-        attitude setpoint that a position loop computes answers the vehicle, slowly. The rate setpoint
-        of an attitude loop answers it at once; in acro mode, where it is the stick's, it is what moves the
-        vehicle.
-        """
+        """Channels that may be instruments."""
         return (
             ReferenceSource(f"injected_torque_{self.letter}", axis=self.name),
             ReferenceSource(f"reference_{self.name}", axis=self.name),

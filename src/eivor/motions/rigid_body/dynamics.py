@@ -23,64 +23,32 @@ Place: TypeAlias = tuple[Value, Value, Value, Value]
 
 @dataclass(frozen=True, slots=True)
 class Coefficients:
-    """Every number of the equations of motion; see `Vehicle` and `Rotors` for what they mean.
-
-    Parameters
-    ----------
-    rotors : int
-        How many.
-    gyroscopic : bool
-        Whether rotors have inertia.
-    weight_acceleration : float
-        g [m/s^2].
-    mass : float or ndarray, shape (flights,)
-        [kg].
-    inertia, inverse_inertia : tuple
-        Elements xx, yy, zz, xy, xz, yz of the matrix and of its inverse [kg m^2 and its inverse].
-    places : tuple
-        Position [m] and spin of each rotor; or one entry with all of them.
-    thrust_linear, thrust_quadratic, torque_ratio, rotor_inertia : float or ndarray, shape (flights,)
-        Of the rotors.
-    rate_up, rate_down : float or ndarray, shape (flights,)
-        One over the rotors' time constants [1/s].
-    drag, inflow, translational_lift, flapping : float or ndarray, shape (flights,)
-        Of the rotors.
-    body_linear, body_quadratic, body_rotational : tuple
-        Drag of the body on three axes.
-    """
+    """Every number of the equations of motion; see `Vehicle` and `Rotors` for what they mean."""
 
     rotors: int
     gyroscopic: bool
-    weight_acceleration: float
-    mass: Value
-    inertia: tuple[Value, ...]
-    inverse_inertia: tuple[Value, ...]
-    places: tuple[Place, ...]
-    thrust_linear: Value
-    thrust_quadratic: Value
-    torque_ratio: Value
-    rotor_inertia: Value
-    rate_up: Value
-    rate_down: Value
-    drag: Value
-    inflow: Value
-    translational_lift: Value
-    flapping: Value
+    weight_acceleration: float  # g [m/s^2]
+    mass: Value  # shape (flights,), [kg]
+    inertia: tuple[Value, ...]  # [kg m^2 and its inverse]
+    inverse_inertia: tuple[Value, ...]  # [kg m^2 and its inverse]
+    places: tuple[Place, ...]  # Position [m] and spin of each rotor
+    thrust_linear: Value  # shape (flights,)
+    thrust_quadratic: Value  # shape (flights,)
+    torque_ratio: Value  # shape (flights,)
+    rotor_inertia: Value  # shape (flights,)
+    rate_up: Value  # shape (flights,), [1/s]
+    rate_down: Value  # shape (flights,), [1/s]
+    drag: Value  # shape (flights,)
+    inflow: Value  # shape (flights,)
+    translational_lift: Value  # shape (flights,)
+    flapping: Value  # shape (flights,)
     body_linear: tuple[Value, ...]
     body_quadratic: tuple[Value, ...]
     body_rotational: tuple[Value, ...]
 
 
 def coefficients_of(vehicle: Vehicle, gravity: float = GRAVITY) -> Coefficients:
-    """Coefficients of one vehicle, all of them floats.
-
-    Parameters
-    ----------
-    vehicle : Vehicle
-        What flies.
-    gravity : float
-        Acceleration of gravity [m/s^2].
-    """
+    """Coefficients of one vehicle, all of them floats."""
     rotors, drag = vehicle.rotors, vehicle.drag
     matrix = vehicle.inertia_matrix
     inverse = np.linalg.solve(matrix, np.eye(3))
@@ -111,20 +79,7 @@ def coefficients_of(vehicle: Vehicle, gravity: float = GRAVITY) -> Coefficients:
 
 
 def side_by_side(vehicles: Sequence[Vehicle], gravity: float = GRAVITY) -> Coefficients:
-    """Coefficients of several vehicles as arrays, or of one for arrays of any length.
-
-    Parameters
-    ----------
-    vehicles : sequence of Vehicle
-        One for each flight, with equally many rotors.
-    gravity : float
-        Acceleration of gravity [m/s^2].
-
-    Raises
-    ------
-    UsageError
-        When they have not equally many rotors.
-    """
+    """Coefficients of several vehicles as arrays, or of one for arrays of any length."""
     counts = sorted({vehicle.rotors.count for vehicle in vehicles})
     if len(counts) != 1:
         raise UsageError("vehicles with equally many rotors", f"{counts} rotors", "Simulate them separately.")
@@ -162,57 +117,25 @@ def stacked(values: Sequence[Any]) -> Any:
 
 @dataclass(frozen=True, slots=True)
 class EffectiveParameters:
-    """What the equations of motion hold, at hover in still air.
-
-    Parameters
-    ----------
-    gyroscopic_ratios : tuple of float
-        beta_1, beta_2, beta_3.
-    torque_gains : tuple of float
-        alpha_p, alpha_q [rad/s^2 per metre and unit of phi], alpha_r [rad/s^2 per unit of phi].
-    rate_damping : tuple of float
-        d_p, d_q, d_r [1/s].
-    thrust_gain : float
-        alpha_z [m/s^2 per unit of phi].
-    drag : tuple of float
-        d_x, d_y, d_z [1/s].
-    rotor_rate_drag : tuple of float
-        e_p, e_q, e_r [1/s per m^2 and rad/s].
-    rotor_drag : tuple of float
-        e_x, e_y, e_z [1/s per rad/s].
-    quadratic_drag : tuple of float
-        c_x, c_y, c_z [1/m].
-    translational_lift : float
-        h [1/m].
-    rotor_reaction : float
-        j, inertia of a rotor over that of the body about z.
-    lag_up, lag_down, delay : float
-        Of the rotors [s].
-    """
+    """What the equations of motion hold, at hover in still air."""
 
     gyroscopic_ratios: tuple[float, float, float]
-    torque_gains: tuple[float, float, float]
-    rate_damping: tuple[float, float, float]
-    thrust_gain: float
-    drag: tuple[float, float, float]
-    rotor_rate_drag: tuple[float, float, float]
-    rotor_drag: tuple[float, float, float]
-    quadratic_drag: tuple[float, float, float]
-    translational_lift: float
-    rotor_reaction: float
-    lag_up: float
-    lag_down: float
-    delay: float
+    torque_gains: tuple[float, float, float]  # [rad/s^2 per metre and unit of phi]
+    rate_damping: tuple[float, float, float]  # d_p, d_q, d_r [1/s]
+    thrust_gain: float  # alpha_z [m/s^2 per unit of phi]
+    drag: tuple[float, float, float]  # d_x, d_y, d_z [1/s]
+    rotor_rate_drag: tuple[float, float, float]  # e_p, e_q, e_r [1/s per m^2 and rad/s]
+    rotor_drag: tuple[float, float, float]  # e_x, e_y, e_z [1/s per rad/s]
+    quadratic_drag: tuple[float, float, float]  # c_x, c_y, c_z [1/m]
+    translational_lift: float  # h [1/m]
+    rotor_reaction: float  # j, inertia of a rotor over that of the body about z
+    lag_up: float  # [s]
+    lag_down: float  # [s]
+    delay: float  # [s]
 
 
 def effective_parameters(vehicle: Vehicle) -> EffectiveParameters:
-    """Combinations that a flight of the vehicle shows.
-
-    Parameters
-    ----------
-    vehicle : Vehicle
-        Elements of its inertia off the diagonal are left out.
-    """
+    """Combinations that a flight of the vehicle shows."""
     rotors, mass, speed = vehicle.rotors, vehicle.mass, vehicle.hover_speed
     ix, iy, iz = vehicle.inertia[:3]
     gain = rotors.thrust_quadratic or rotors.thrust_linear
@@ -271,24 +194,7 @@ def state_derivative(
     command: Float[np.ndarray, "*batch rotors"],
     wind: Float[np.ndarray, "*batch 3"],
 ) -> Float[np.ndarray, "*batch components"]:
-    """Time derivative of the states of bodies and rotors.
-
-    Parameters
-    ----------
-    coefficients : Coefficients
-        Of `side_by_side`: of one vehicle, or of as many as there are states.
-    state : ndarray, shape (batch, 13 + rotors)
-        Position [m], velocity [m/s], attitude w, x, y, z, rates [rad/s], rotor speeds; or without a batch.
-    command : ndarray, shape (batch, rotors)
-        Rotor speeds that are asked for.
-    wind : ndarray, shape (batch, 3)
-        Of the air in the world [m/s].
-
-    Raises
-    ------
-    ShapeError
-        When state or command do not fit the rotors.
-    """
+    """Time derivative of the states of bodies and rotors."""
     rotors = coefficients.rotors
     if state.shape[-1] != BODY + rotors or command.shape[-1] != rotors:
         raise ShapeError(
@@ -326,21 +232,7 @@ def body_derivative(
     wind: Triple,
     disturbance: Triple,
 ) -> list[Value]:
-    """Time derivative of the 13 components of a body's state.
-
-    Parameters
-    ----------
-    coefficients : Coefficients
-        Of the vehicle.
-    body : list, or ndarray of shape (13, flights)
-        The state. The attitude's length does not matter to forces and torques.
-    speeds, spin_up : sequence of components
-        Rotor speeds, and their derivatives, which matter to rotors with inertia only.
-    wind : three components
-        Velocity of the air in the world [m/s].
-    disturbance : three components
-        Torque from outside on the body's axes [N m].
-    """
+    """Time derivative of the 13 components of a body's state."""
     _, _, _, vx, vy, vz, w, x, y, z, p, q, r = body
     rows = rotation(w, x, y, z)
     air = into_body(rows, vx - wind[0], vy - wind[1], vz - wind[2])
@@ -373,10 +265,7 @@ def body_derivative(
 
 
 def specific_force(coefficients: Coefficients, body: Body, speeds: Sequence[Value], wind: Triple) -> Triple:
-    """What an accelerometer in the centre of mass measures on the body's axes [m/s^2]: +g upward in hover.
-
-    See `body_derivative` for the arguments.
-    """
+    """What an accelerometer in the centre of mass measures on the body's axes [m/s^2]: +g upward in hover."""
     _, _, _, vx, vy, vz, w, x, y, z, p, q, r = body
     air = into_body(rotation(w, x, y, z), vx - wind[0], vy - wind[1], vz - wind[2])
     fx, fy, fz = wrench(coefficients, air, (p, q, r), speeds)[0]
@@ -420,19 +309,7 @@ def into_body(rows: tuple[Triple, Triple, Triple], x: Value, y: Value, z: Value)
 def wrench(
     coefficients: Coefficients, air: Triple, rates: Triple, speeds: Sequence[Value]
 ) -> tuple[Triple, Triple]:
-    """Force [N] and torque [N m] of rotors and air on the body's axes, without what the rotors' inertia does.
-
-    Parameters
-    ----------
-    coefficients : Coefficients
-        Of the vehicle.
-    air : three components
-        Velocity of the body against the air, on its own axes [m/s].
-    rates : three components
-        Body rates [rad/s].
-    speeds : sequence of components
-        Rotor speeds.
-    """
+    """Force [N] and torque [N m] of rotors and air on the body's axes."""
     c = coefficients
     u, v, w = air
     p, q, r = rates

@@ -24,23 +24,10 @@ Formula = Callable[[Mapping[str, float]], float]
 
 @dataclass(frozen=True)
 class Combinations:
-    """What a flight tells of a vehicle, in the order of its names.
+    """What a flight tells of a vehicle, in the order of its names."""
 
-    Parameters
-    ----------
-    names : tuple of str
-        Such as ``roll_gain``, see `eivor.motions.rigid_body.physical_parameters`.
-    candidates : tuple of JointEstimate
-        Vectors that fit, with their covariances; the first is the best.
-
-    Raises
-    ------
-    ShapeError
-        When a vector has another length than the names.
-    """
-
-    names: tuple[str, ...]
-    candidates: tuple[JointEstimate, ...]
+    names: tuple[str, ...]  # Such as ``roll_gain``, see `eivor.motions.rigid_body.physical_parameters`
+    candidates: tuple[JointEstimate, ...]  # Vectors that fit, with their covariances
 
     def __post_init__(self) -> None:
         size = len(self.names)
@@ -60,15 +47,7 @@ class Combinations:
 
     @classmethod
     def of_values(cls, values: Mapping[str, float], covariance: Float[np.ndarray, "n n"]) -> Combinations:
-        """Those of plain numbers.
-
-        Parameters
-        ----------
-        values : mapping of str to float
-            By name.
-        covariance : ndarray, shape (n, n)
-            In the order of the names.
-        """
+        """Those of plain numbers."""
         vector = np.array(list(values.values()), dtype=np.float64)
         joint = JointCovariance((CovariancePart("given", covariance),))
         return cls(tuple(values), (JointEstimate(vector, joint),))
@@ -103,24 +82,7 @@ class Combinations:
         level: float,
         largest_bend: float = LARGEST_BEND,
     ) -> DerivedQuantity:
-        """Value of a formula, with an interval that holds the errors of all it is made of.
-
-        By the delta method where the formula, or its logarithm, is straight over the interval; by the
-        profile over the joint ellipsoid (for a ratio that is Fieller's interval) where both bend.
-
-        Parameters
-        ----------
-        formula : callable
-            From the mapping of names to values.
-        names : tuple of str
-            Combinations that it takes.
-        supplied : mapping of str to KnownNumber
-            What else it takes; its errors are independent of the flight.
-        level : float
-            Confidence level.
-        largest_bend : float
-            Share of the half-width by which the formula may bend before it is profiled.
-        """
+        """Value of a formula, with an interval that holds the errors of all it is made of."""
         exact = {name: number.value for name, number in supplied.items() if number.std == 0.0}
         known = {name: number for name, number in supplied.items() if number.std > 0.0}
         places = [self.names.index(name) for name in names]
@@ -205,45 +167,21 @@ TILTING = ("roll_gain", "pitch_gain")
 
 @dataclass(frozen=True)
 class Route:
-    """A way to Izz.
-
-    Parameters
-    ----------
-    words : str
-        What it rests on, for sentences.
-    found : tuple of str
-        Combinations that it takes.
-    supplied : tuple of str
-        What else, apart from the mass.
-    per_mass : callable
-        Izz over the mass [m^2].
-    over_thrust : callable, optional
-        Izz over k and the arm's scale, for a way that needs no torque ratio and so tells it.
-    """
+    """A way to Izz."""
 
     words: str
     found: tuple[str, ...]
     supplied: tuple[str, ...]
-    per_mass: Formula
+    per_mass: Formula  # Izz over the mass [m^2]
     over_thrust: Formula | None = None
 
 
 @dataclass(frozen=True)
 class YawInertia:
-    """What there is to be said of Izz.
-
-    Parameters
-    ----------
-    couplings : Route or None
-        By the couplings, when all that it takes was identified, whether it tells Izz or not.
-    ratio : DerivedQuantity or None
-        Izz / Ixx by them.
-    routes : tuple of Route
-        Those that tell Izz, the shortest interval first.
-    """
+    """What there is to be said of Izz."""
 
     couplings: Route | None
-    ratio: DerivedQuantity | None
+    ratio: DerivedQuantity | None  # Izz / Ixx by them
     routes: tuple[Route, ...]
 
     @property
@@ -253,17 +191,7 @@ class YawInertia:
 
 
 def yaw_inertia(found: Combinations, known: KnownVehicle, level: float) -> YawInertia:
-    """Ways to Izz that are open; all gains that are taken must be told from zero.
-
-    Parameters
-    ----------
-    found : Combinations
-        Of the flight.
-    known : KnownVehicle
-        What is supplied.
-    level : float
-        Confidence level.
-    """
+    """Ways to Izz that are open; all gains that are taken must be told from zero."""
     couplings = _by_couplings(found, level)
     ratio = None
     routes = []
@@ -378,19 +306,7 @@ GYRATION = (0.02, 1.5)
 def contradictions(
     found: Combinations, known: KnownVehicle, yaw: YawInertia, level: float
 ) -> tuple[str, ...]:
-    """Sentences about what no rigid body has, and about what is supplied and does not fit.
-
-    Parameters
-    ----------
-    found : Combinations
-        Of the flight.
-    known : KnownVehicle
-        What is supplied.
-    yaw : YawInertia
-        What there is to be said of Izz.
-    level : float
-        Confidence level of the intervals that have to contradict; `SURE` when it is lower.
-    """
+    """Sentences about what no rigid body has, and about what is supplied and does not fit."""
     level = max(level, SURE)
     return (
         *_of_couplings(found, level),

@@ -93,11 +93,7 @@ from eivor.tools import Float
 
 
 def at_hover(problem: LaggedRuns, joint: Mapping[str, Unjudged]) -> dict[str, Unjudged]:
-    """Parameters with drag and damping for the rotors' state at hover, where thrust tells that.
-
-    What rotors drag grows with their state; the estimate is for that of the flight's mean thrust, which
-    differs from hover's by little: the ratio is taken as known.
-    """
+    """Parameters with drag and damping for the rotors' state at hover, where thrust tells that."""
     found, ratio = dict(joint), _hover_over_usual(problem, joint)
     for parameter in (*DRAG, *DAMPING):
         one = found.get(parameter.name)
@@ -107,11 +103,7 @@ def at_hover(problem: LaggedRuns, joint: Mapping[str, Unjudged]) -> dict[str, Un
 
 
 def viscous_friction(problem: LaggedRuns, estimate: Estimate) -> dict[str, Unjudged]:
-    """Friction along z at the speeds of the flights: d_z at hover, and c_z sum |v| v_z^2 / sum v_z^2.
-
-    It is what the vertical motion calls viscous friction. Where speeds are alike, what rotors and what the
-    body drag trade, and each has a long interval; their sum has a short one. Nothing where either is unknown.
-    """
+    """Friction along z at the speeds of the flights: d_z at hover, and c_z sum |v| v_z^2 / sum v_z^2."""
     linear, quadratic = DRAG[2].name, QUADRATIC_DRAG[2].name
     climbs = [one for one in problem.columns if one.axis == FORCE_Z_EQUATION]
     if not {linear, quadratic} <= set(estimate.parameters) or not climbs:
@@ -172,17 +164,7 @@ NEAR = 2.0
 def settled_band(
     problem: LaggedRuns, estimate: Estimate, estimated: Callable[[LaggedRuns], Estimate]
 ) -> tuple[LaggedRuns, Estimate]:
-    """The problem in the whole band, and its estimate, where axes disagree about the lag; else as they were.
-
-    Parameters
-    ----------
-    problem : LaggedRuns
-        Of the flights.
-    estimate : Estimate
-        Its estimate.
-    estimated : callable
-        From a problem to its estimate.
-    """
+    """The problem in the whole band, and its estimate, where axes disagree about the lag."""
     if lags_apart(estimate) is None:
         return problem, estimate
     whole = in_whole_band(problem)
@@ -330,15 +312,7 @@ SETTLED_S = 1.0
 
 @dataclass(frozen=True)
 class RigidBody(Motion[LaggedRuns]):
-    """Turning about three axes and the force along them, behind the lag of the rotors.
-
-    Parameters
-    ----------
-    vehicle : KnownVehicle, optional
-        What flies; without it nothing is identified.
-    pooled : bool
-        Several of its flights are identified, so that what is said of the vehicle file is said of all.
-    """
+    """Turning about three axes and the force along them, behind the lag of the rotors."""
 
     vehicle: KnownVehicle | None = None
     pooled: bool = False
@@ -358,13 +332,7 @@ class RigidBody(Motion[LaggedRuns]):
 
     @property
     def layout(self) -> RotorLayout:
-        """Where the rotors are.
-
-        Raises
-        ------
-        UsageError
-            When nobody said what flies.
-        """
+        """Where the rotors are."""
         if self.vehicle is None:
             raise UsageError(
                 "a vehicle: places and spins of its rotors tell what turns it",
@@ -412,10 +380,7 @@ class RigidBody(Motion[LaggedRuns]):
     def settled(
         self, problem: LaggedRuns, estimated: Callable[[LaggedRuns], Estimate], _options: FlightOptions, /
     ) -> tuple[LaggedRuns, Estimate]:
-        """With one inertia of the rotors about all axes where the flights tell it, and in a band that serves.
-
-        See `one_spin` and `whole_band`.
-        """
+        """With one inertia of the rotors about all axes where the flights tell it."""
         return settled_band(*settled_spin(problem, estimated), estimated)
 
     def quantities(self, problem: LaggedRuns, estimate: Estimate) -> Mapping[str, Unjudged]:
@@ -457,10 +422,7 @@ class RigidBody(Motion[LaggedRuns]):
     def diagnostics(
         self, problem: LaggedRuns, estimate: Estimate, flights: tuple[PreparedFlight, ...], /
     ) -> Mapping[str, float]:
-        """Where a flight contradicts the vehicle file, `rotor_order` and `filters_shown`, or our equations.
-
-        That a steady wind blew is `wind_shown`, that axes disagree about the lag `lags_apart`.
-        """
+        """Where a flight contradicts the vehicle file, `rotor_order` and `filters_shown`."""
         shown = order_shown(flights, self.layout)
         if shown is not None:
             return shown.numbers

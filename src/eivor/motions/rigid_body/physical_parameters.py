@@ -31,19 +31,7 @@ SUPPLIED = {
 
 @dataclass(frozen=True)
 class Way:
-    """A formula for a parameter, or for what is left of it without what it needs.
-
-    Parameters
-    ----------
-    symbol, unit : str
-        Of what comes out.
-    found : tuple of str
-        Combinations that it takes.
-    supplied : tuple of str
-        Names in `SUPPLIED` that it takes.
-    formula : callable
-        From the mapping of all these names to values.
-    """
+    """A formula for a parameter, or for what is left of it without what it needs."""
 
     symbol: str
     unit: str
@@ -54,40 +42,18 @@ class Way:
 
 @dataclass(frozen=True)
 class Sought:
-    """A physical parameter.
-
-    Parameters
-    ----------
-    name, words : str
-        For programs, and for people.
-    ways : tuple of Way
-        The first tells it; the others tell combinations, the fullest first.
-    remark : str
-        What its value rests on beside what is supplied, as a sentence; empty for nothing.
-    refusal : str
-        Why the first way does not tell it, as a sentence; empty when it does.
-    helps : tuple of str
-        Names in `SUPPLIED` of which each would help against that.
-    """
+    """A physical parameter."""
 
     name: str
     words: str
     ways: tuple[Way, ...]
     remark: str = ""
     refusal: str = ""
-    helps: tuple[str, ...] = ()
+    helps: tuple[str, ...] = ()  # Names in `SUPPLIED` of which each would help against that
 
 
 def sought(yaw: YawInertia, thrust_map: InputMap) -> tuple[Sought, ...]:
-    """Every physical parameter that a flight may tell.
-
-    Parameters
-    ----------
-    yaw : YawInertia
-        What there is to be said of Izz.
-    thrust_map : InputMap
-        From a rotor's state to phi.
-    """
+    """Every physical parameter that a flight may tell."""
     return (
         _tilting_inertia("xx", "roll"),
         _tilting_inertia("yy", "pitch"),
@@ -335,25 +301,13 @@ DRAGS = ("drag_x", "drag_y", "drag_z", "roll_drag", "pitch_drag", "yaw_drag")
 
 @dataclass(frozen=True, slots=True)
 class Told:
-    """A number with its interval.
-
-    Parameters
-    ----------
-    symbol, unit : str
-        Of what it is; the unit is empty for a pure number.
-    value : float
-        The estimate.
-    std_error : float
-        By the delta method.
-    interval : tuple of float
-        Lowest and highest value; it includes the errors of what is supplied.
-    """
+    """A number with its interval."""
 
     symbol: str
     unit: str
     value: float
     std_error: float
-    interval: tuple[float, float]
+    interval: tuple[float, float]  # Lowest and highest value
 
     def __str__(self) -> str:
         low, high = self.interval
@@ -362,19 +316,7 @@ class Told:
 
 @dataclass(frozen=True, slots=True)
 class PhysicalParameter:
-    """A physical parameter, or why it is not told.
-
-    Parameters
-    ----------
-    name, words : str
-        For programs, and for people.
-    told : Told or None
-        Its value; None when the flight and what is supplied do not tell it.
-    instead : Told or None
-        What they tell of it when its value is not told; None when that is nothing.
-    sentence : str
-        What the value rests on; or what is missing, and what to supply.
-    """
+    """A physical parameter, or why it is not told."""
 
     name: str
     words: str
@@ -385,15 +327,7 @@ class PhysicalParameter:
 
 @dataclass(frozen=True, slots=True)
 class PhysicalParameters:
-    """All of them, and what speaks against them.
-
-    Parameters
-    ----------
-    rows : tuple of PhysicalParameter
-        In the order in which they are shown.
-    contradictions : tuple of str
-        Sentences about combinations that no rigid body has, and supplied numbers that do not fit the flight.
-    """
+    """All of them, and what speaks against them."""
 
     rows: tuple[PhysicalParameter, ...]
     contradictions: tuple[str, ...]
@@ -403,29 +337,7 @@ class PhysicalParameters:
 
 
 def physical_parameters(found: Combinations, known: KnownVehicle, level: float = 0.95) -> PhysicalParameters:
-    """Physical parameters with intervals, each as far as the flight and what is supplied tell it.
-
-    Parameters
-    ----------
-    found : Combinations
-        Of the flight, see the names above.
-    known : KnownVehicle
-        What is supplied; its errors count as independent of the flight and of each other.
-    level : float
-        Confidence level.
-
-    Returns
-    -------
-    PhysicalParameters
-        A row for each parameter. A value is there only when every gain it is made of is told from zero, and
-        everything it needs is supplied; else a sentence says what is missing, with the combination that is
-        all that can be had.
-
-    Raises
-    ------
-    UsageError
-        When the level is not between 0 and 1.
-    """
+    """Physical parameters with intervals, each as far as the flight and what is supplied tell it."""
     check_level(level)
     found = found.finite()
     yaw = yaw_inertia(found, known, level)

@@ -58,13 +58,7 @@ _POSITION = tuple(f"position_{axis}" for axis in "xyz")
 
 @dataclass(frozen=True)
 class LoggedState:
-    """Position, velocity, attitude and rates on a flight's grid.
-
-    Parameters
-    ----------
-    flight : PreparedFlight
-        Of which log.
-    """
+    """Position, velocity, attitude and rates on a flight's grid."""
 
     flight: PreparedFlight
 
@@ -85,11 +79,7 @@ class LoggedState:
 
     @cached_property
     def body(self) -> Float[np.ndarray, "13 n"]:
-        """The state at every sample.
-
-        What is not logged at all is at rest, and level; what was not logged at a sample is NaN, but for the
-        rates and for what the equations rest on: samples without these are not usable.
-        """
+        """The state at every sample."""
         body = np.zeros((BODY, self.flight.signals.sample_count))
         body[6] = 1.0
         for axis in self.placed:
@@ -121,33 +111,14 @@ class LoggedState:
 
 @dataclass(frozen=True)
 class CarriedBody:
-    """Rates of change of a body's state at the samples of a flight.
+    """Rates of change of a body's state at the samples of a flight."""
 
-    Parameters
-    ----------
-    flight : PreparedFlight
-        With the rotors' commands, or their speeds.
-    layout : RotorLayout
-        Of the rotors.
-    values : mapping of str to float
-        Parameters and nuisances; what is missing is zero. Drag and damping are told for the mean state of
-        the flights that they come from, and count here for that of this flight: one vehicle hovers in both.
-    logged : LoggedState
-        What is known of the flight's state.
-    starts : Starts
-        Where predictions start.
-    turns : tuple of bool
-        Axes that the rotors turn; the rate of others stays.
-    lifts : bool
-        Whether thrust is known; else the velocity stays.
-    """
-
-    flight: PreparedFlight
+    flight: PreparedFlight  # With the rotors' commands, or their speeds
     layout: RotorLayout
-    values: Values
+    values: Values  # Parameters and nuisances
     logged: LoggedState
     starts: Starts
-    turns: tuple[bool, ...]
+    turns: tuple[bool, ...]  # Axes that the rotors turn
     lifts: bool
 
     def __call__(
@@ -180,11 +151,7 @@ class CarriedBody:
         rows: tuple[Triple, Triple, Triple],
         sums: Float[np.ndarray, "7 starts"],
     ) -> tuple[Triple, Triple]:
-        """What coupling and damping do to the rates, drag and lift to the velocity.
-
-        Sums over the rotors of n, or of n times an arm, times the velocity at the hub, which is linear in
-        the velocity of the body and in its rates: by the moments of n.
-        """
+        """What coupling and damping do to the rates, drag and lift to the velocity."""
         p, q, r = body[10:13]
         velocity = np.zeros_like(body[3:6])
         if self.logged.moves:
@@ -317,15 +284,7 @@ WITH_DRAG = {one.name: drag.name for one, drag in zip(QUADRATIC_DRAG, DRAG, stri
 
 @dataclass(frozen=True)
 class Predictable:
-    """What of a body's state can be predicted.
-
-    Parameters
-    ----------
-    known, told : frozenset of str
-        Quantities of the fit, and those that are not refused.
-    logged : tuple of LoggedState
-        Of every flight.
-    """
+    """What of a body's state can be predicted."""
 
     known: frozenset[str]
     told: frozenset[str]
@@ -400,20 +359,7 @@ def rigid_body_ahead(
     models: Mapping[str, SimpleModel],
     refused: frozenset[str],
 ) -> Ahead:
-    """The state after each horizon, by each model and by rates and velocity at the start.
-
-    Parameters
-    ----------
-    flights : tuple of PreparedFlight
-        With runs.
-    layout : RotorLayout
-        Of their rotors.
-    models : mapping of str to SimpleModel
-        The fit first.
-    refused : frozenset of str
-        Quantities of the fit that are not told. What rests on a gain among them is left out; couplings,
-        damping, drag and lift among them count as zero in the fit.
-    """
+    """The state after each horizon, by each model and by rates and velocity at the start."""
     first, *_ = models
     models = with_spin_moments(models, first)
     own = models[first].values

@@ -89,32 +89,14 @@ ALONG_OTHERS = ((1, 2), (0, 2), (0, 1))
 
 
 def drag_moments(axis: int, velocity: Float[np.ndarray, "3 n"]) -> Float[np.ndarray, "2 n"]:
-    """What drag beside the centre of mass turns about an axis, but for the two constants.
-
-    Parameters
-    ----------
-    axis : int
-        About which, from 0.
-    velocity : ndarray, shape (3, n)
-        Of the body through the air, on its own axes.
-    """
+    """What drag beside the centre of mass turns about an axis, but for the two constants."""
     return velocity[list(ALONG_OTHERS[axis])]
 
 
 def spin_moment(
     axis: int, rates: Float[np.ndarray, "3 n"], spin: Float[np.ndarray, " n"]
 ) -> Float[np.ndarray, " n"]:
-    """What rotors that spin turn about x or y, but for their inertia over the body's.
-
-    Parameters
-    ----------
-    axis : int
-        0 or 1.
-    rates : ndarray, shape (3, n)
-        Body rates.
-    spin : ndarray, shape (n,)
-        Sum of the rotors' speeds, each with the sign of its reaction torque.
-    """
+    """What rotors that spin turn about x or y, but for their inertia over the body's."""
     return rates[PITCH_EQUATION] * spin if axis == ROLL_EQUATION else -rates[ROLL_EQUATION] * spin
 
 
@@ -135,11 +117,7 @@ def body_velocity(signals: Signals) -> Float[np.ndarray, "n 3"] | None:
 
 
 def force_by_velocity(signals: Signals) -> Float[np.ndarray, "n 3"] | None:
-    """What an accelerometer would read where the velocity changes as it does [m/s^2]; None likewise.
-
-    Its noise grows with frequency, where that of an accelerometer stays or falls: below a hertz or two it
-    tells more.
-    """
+    """What an accelerometer would read where the velocity changes as it does [m/s^2]; None likewise."""
     if not set(NEEDED) <= set(signals.channels):
         return None
     forward, left, up = (
@@ -179,15 +157,7 @@ TAKEN_OUT_HZ = FROM_HZ / 4.0
 
 
 def inferred_velocity(signals: Signals, runs: Sequence[slice]) -> Float[np.ndarray, " n"] | None:
-    """Velocity along z within each run [m/s], zero elsewhere; None without a specific force along z.
-
-    Parameters
-    ----------
-    signals : Signals
-        Of a flight, with its rates.
-    runs : sequence of slice
-        Stretches to integrate over, each by itself.
-    """
+    """Velocity along z within each run [m/s], zero elsewhere; None without a specific force along z."""
     if FORCE not in signals.channels:
         return None
     velocity = np.zeros(signals.sample_count)
@@ -226,15 +196,7 @@ TILTED = (PITCH_EQUATION, ROLL_EQUATION)
 
 @dataclass(frozen=True)
 class Predictors:
-    """Exogenous signals of one flight, with their lags.
-
-    Parameters
-    ----------
-    flight : PreparedFlight
-        Which.
-    rule : LaggedReferences
-        What serves.
-    """
+    """Exogenous signals of one flight, with their lags."""
 
     flight: PreparedFlight
     rule: LaggedReferences
@@ -257,19 +219,7 @@ class Predictors:
 
 
 def predicted_flight(flight: PreparedFlight, layout: RotorLayout, rule: LaggedReferences) -> PreparedFlight:
-    """The same flight with predictions in place of its commands, rates and velocity.
-
-    It is level throughout, so that its velocity in the world is the one that is predicted on the body's axes.
-
-    Parameters
-    ----------
-    flight : PreparedFlight
-        Which.
-    layout : RotorLayout
-        Of its rotors.
-    rule : LaggedReferences
-        What predicts.
-    """
+    """The same flight with predictions in place of its commands, rates and velocity."""
     signals, says = flight.signals, Predictors(flight, rule)
     channels = dict(signals.channels)
     for axis in (ROLL_EQUATION, PITCH_EQUATION, YAW_EQUATION):
@@ -317,32 +267,14 @@ Columns = Callable[[Values], Float[np.ndarray, "n k"]]
 
 @dataclass(frozen=True)
 class AxisInstruments:
-    """Instruments of every equation of one flight.
-
-    Parameters
-    ----------
-    flight : PreparedFlight
-        Which.
-    layout : RotorLayout
-        Of its rotors.
-    rule : InstrumentRule
-        What serves.
-    """
+    """Instruments of every equation of one flight."""
 
     flight: PreparedFlight
     layout: RotorLayout
     rule: InstrumentRule
 
     def of_axis(self, axis: int, columns_of: Callable[[PreparedFlight], Columns]) -> Float[np.ndarray, "n p"]:
-        """Columns for one equation; none where the rule has none.
-
-        Parameters
-        ----------
-        axis : int
-            Number of the equation.
-        columns_of : callable
-            From a flight to the equation's moving columns.
-        """
+        """Columns for one equation; none where the rule has none."""
         signals = self.flight.signals
         if isinstance(self.rule, NoInstruments):
             return np.empty((signals.sample_count, 0))
@@ -412,21 +344,11 @@ class AxisInstruments:
 
 @dataclass(frozen=True, slots=True)
 class OnboardFilter:
-    """A low-pass of second order that one axis' sensor has.
-
-    Parameters
-    ----------
-    step_s : float
-        Step of the grid [s].
-    cutoff_hz : float
-        Of the filter [Hz].
-    taken_s : float
-        Delay that has been taken off the sensor's stamps [s]; of it the filter's own counts.
-    """
+    """A low-pass of second order that one axis' sensor has."""
 
     step_s: float
     cutoff_hz: float
-    taken_s: float
+    taken_s: float  # Delay that has been taken off the sensor's stamps [s]
 
     def __call__(self, column: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """Return a column as the sensor would have logged it."""
@@ -504,32 +426,16 @@ def searched_lag_and_delay(known: KnownNumber | None = None) -> tuple[Nuisance, 
 
 @dataclass(frozen=True, slots=True)
 class RotorSums:
-    """Sums over a flight's rotors, see `RotorLayout.sums`.
-
-    Parameters
-    ----------
-    state, thrust : ndarray, shape (7, n)
-        Of their states, and of what thrust goes with, at each sample.
-    mean_thrust : ndarray, shape (7, n)
-        The latter's mean over the step that ends there.
-    """
+    """Sums over a flight's rotors, see `RotorLayout.sums`."""
 
     state: Float[np.ndarray, "7 n"]
     thrust: Float[np.ndarray, "7 n"]
-    mean_thrust: Float[np.ndarray, "7 n"]
+    mean_thrust: Float[np.ndarray, "7 n"]  # The latter's mean over the step that ends there
 
 
 @dataclass
 class RotorStates:
-    """What all axes ask of a flight's rotors; states at a lag and a delay are remembered for the next axis.
-
-    Parameters
-    ----------
-    flight : PreparedFlight
-        Of which log.
-    layout : RotorLayout
-        Where the rotors are.
-    """
+    """What all axes ask of a flight's rotors."""
 
     flight: PreparedFlight
     layout: RotorLayout
@@ -581,29 +487,11 @@ class RotorStates:
 
 @dataclass(frozen=True)
 class RotorColumns:
-    """Columns of what the rotors do to one axis, among those of all.
-
-    Thrust and torque go with the map of a rotor's state; what a rotor drags through the air goes with its
-    state and the air's velocity at its hub, (v_x - r y, v_y + r x, v_z + p y - q x). Drag and damping are
-    for the state `usual`.
-
-    Parameters
-    ----------
-    states : RotorStates
-        Of a flight's rotors.
-    axis : int
-        Number of the equation.
-    moving : tuple of Parameter
-        Parameters of all moving columns.
-    usual : float
-        State of a rotor that drag and damping are told for.
-    one_spin : InertiaRatios, optional
-        By which rotors that spin turn all axes with one inertia; see `eivor.motions.rigid_body.verdict`.
-    """
+    """Columns of what the rotors do to one axis, among those of all."""
 
     states: RotorStates
-    axis: int
-    moving: tuple[Parameter, ...]
+    axis: int  # Number of the equation
+    moving: tuple[Parameter, ...]  # Parameters of all moving columns
     usual: float
     one_spin: InertiaRatios | None = None
 
@@ -678,17 +566,7 @@ def dragged_by(
     velocity: Float[np.ndarray, "3 n"],
     rates: Float[np.ndarray, "3 n"],
 ) -> Float[np.ndarray, " n"]:
-    """Sum over the rotors of state times the velocity at each: along an axis, or its moment about one.
-
-    Parameters
-    ----------
-    axis : int
-        Number of the equation.
-    state : ndarray, shape (7, n)
-        Sums over the rotors, see `RotorLayout.sums`.
-    velocity, rates : ndarray, shape (3, n)
-        Of the body through the air, on its own axes.
-    """
+    """Sum over the rotors of state times the velocity at each: along an axis, or its moment about one."""
     total, x, y, xx, xy, yy, _ = state
     (u, v, w), (p, q, r) = velocity, rates
     if axis == ROLL_EQUATION:
@@ -705,17 +583,7 @@ def dragged_by(
 def rigid_body_problem(
     flights: tuple[PreparedFlight, ...], layout: RotorLayout, rule: InstrumentRule
 ) -> LaggedRuns:
-    """Regressions of the flights for each lag and delay.
-
-    Parameters
-    ----------
-    flights : tuple of PreparedFlight
-        All with runs.
-    layout : RotorLayout
-        Of their rotors.
-    rule : InstrumentRule
-        What serves as instruments.
-    """
+    """Regressions of the flights for each lag and delay."""
     terms, usual = _terms(flights), usual_state(flights)
     columns = tuple(
         one
@@ -729,18 +597,10 @@ def rigid_body_problem(
 
 @dataclass(frozen=True)
 class Terms:
-    """What the equations of flights have, given what all of them logged.
+    """What the equations of flights have, given what all of them logged."""
 
-    Parameters
-    ----------
-    forces : tuple of int
-        Axes along which the specific force is known, from 0.
-    velocity : bool
-        The velocity on the body's axes is known; else that along z is inferred.
-    """
-
-    forces: tuple[int, ...]
-    velocity: bool
+    forces: tuple[int, ...]  # Axes along which the specific force is known, from 0
+    velocity: bool  # The velocity on the body's axes is known
 
     @property
     def fixed(self) -> tuple[Parameter, ...]:
@@ -861,11 +721,7 @@ SEED = 0
 
 
 def noises_known(flight: PreparedFlight) -> bool:
-    """Whether noises are declared of all that is measured, and in every equation: speeds, rates and forces.
-
-    Commands of rotors and references are exact; velocity and attitude are taken to be, where nothing is
-    declared of them.
-    """
+    """Whether noises are declared of all that is measured, and in every equation."""
     channels = flight.signals.channels
     speeds = family_members(flight.input.name, channels) if flight.input.measured else ()
     forces = {f"specific_force_body_{along}" for along in ALONG} & set(channels)

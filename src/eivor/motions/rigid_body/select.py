@@ -36,22 +36,7 @@ AS_NAMED = ((0, 1), (1, 1), (2, 1), (3, 1))
 
 
 def refuse_other_turns(attitude: Sequence[Channel], rates: Sequence[Channel], log_name: str) -> None:
-    """Refuse an attitude that turns otherwise than the gyroscope says, where another order or unit does.
-
-    Parameters
-    ----------
-    attitude : sequence of Channel
-        w, x, y, z, with the stamps of the first.
-    rates : sequence of Channel
-        About x, y, z of the body.
-    log_name : str
-        Of the log.
-
-    Raises
-    ------
-    InputError
-        With the order that fits, or when the rates are in degrees.
-    """
+    """Refuse an attitude that turns otherwise than the gyroscope says, where another order or unit does."""
     time = attitude[0].time_s
     if len({one.values.size for one in attitude}) != 1:
         return
@@ -143,16 +128,7 @@ UNIT_WITHIN = 0.05
 
 
 def selected(log: Recording, options: FlightOptions, layout: RotorLayout) -> Selection:
-    """Channels of a log by role.
-
-    Raises
-    ------
-    MissingChannelError
-        When rotors or rates are not in the log.
-    InputError
-        When the vehicle has no rotors, other rotors than the layout, rates in degrees, or an attitude that
-        is none.
-    """
+    """Channels of a log by role."""
     if log.vehicle not in ("", ROTARY_WING):
         raise InputError(
             "a log of a multirotor",

@@ -94,13 +94,7 @@ TELLING = (
 
 @dataclass(frozen=True, slots=True)
 class InertiaRatios:
-    """Ratios of a body's inertias.
-
-    Parameters
-    ----------
-    roll, pitch : float
-        Izz / Ixx and Izz / Iyy.
-    """
+    """Ratios of a body's inertias."""
 
     roll: float
     pitch: float
@@ -178,20 +172,7 @@ def within(given: object, ranges: Mapping[str, tuple[float, float]], remedy: str
 
 @dataclass(frozen=True, slots=True)
 class KnownNumber:
-    """A value from outside the flight.
-
-    Parameters
-    ----------
-    value : float
-        In the unit of what it is.
-    std : float
-        Standard deviation of its error; zero for a number that counts as exact.
-
-    Raises
-    ------
-    ParameterError
-        When the value is not finite, or the standard deviation below zero.
-    """
+    """A value from outside the flight."""
 
     value: float
     std: float = 0.0
@@ -207,22 +188,7 @@ class KnownNumber:
         return self.value - half, self.value + half
 
     def check(self, name: str, low: float, high: float, unit: str) -> None:
-        """Refuse what cannot be such a number, or is not told from zero by its own uncertainty.
-
-        Parameters
-        ----------
-        name : str
-            What messages call it.
-        low, high : float
-            Least and greatest value.
-        unit : str
-            With a blank before it, or empty.
-
-        Raises
-        ------
-        ParameterError
-            With what came instead.
-        """
+        """Refuse what cannot be such a number, or is not told from zero by its own uncertainty."""
         if not low <= self.value <= high:
             raise ParameterError(
                 f"a {name} between {low:g} and {high:g}{unit}",
@@ -393,60 +359,21 @@ RADII = (0.005, 5.0)
 
 @dataclass(frozen=True, slots=True)
 class KnownVehicle:
-    """What is known of a vehicle; None for what is not.
-
-    Parameters
-    ----------
-    name : str
-        For people.
-    positions : tuple of (float, float)
-        Of each rotor forward and left of the centre, in the order of the commands: in metres where
-        `arm_scale` is known, else in arms (the distance from the centre to a rotor).
-    spins : tuple of int
-        Of each rotor: +1 where its reaction torque on the body points up (clockwise from above), and else -1.
-    arm_scale : KnownNumber, optional
-        What all positions have to be multiplied by: one, with the relative error of the lengths. None when
-        they are in arms of an unknown length.
-    mass : KnownNumber, optional
-        With everything on board [kg].
-    speed_scale : KnownNumber, optional
-        From the logged commands to rotor speeds [rad/s per unit of command].
-    torque_ratio : KnownNumber, optional
-        kappa, a rotor's reaction torque over its thrust [m].
-    yaw_inertia_ratio : KnownNumber, optional
-        Izz over the mean of Ixx and Iyy, where it is assumed.
-    delay : KnownNumber, optional
-        From a command to its first effect [s].
-    thrust_map : str
-        From a rotor's state to phi, which its thrust is proportional to: ``square``, ``linear``,
-        ``power:EXPONENT`` or ``mixed:SHARE``; for c1 n + c2 n^2 the share is c2 / (c1 + c2), with n in the
-        unit of the commands.
-    gyro_cutoff_hz, accelerometer_cutoff_hz : float, optional
-        Of the onboard filters that the logged values have passed, low-passes of second order [Hz].
-    rotor_radius : float, optional
-        Of a rotor [m]; heights over the ground are counted in it.
-
-    Raises
-    ------
-    ParameterError
-        When a number is out of its range, or the rotors cannot turn the vehicle about every axis.
-    UsageError
-        When there is no such thrust map.
-    """
+    """What is known of a vehicle; None for what is not."""
 
     name: str
     positions: tuple[tuple[float, ...], ...]
     spins: tuple[int, ...]
     arm_scale: KnownNumber | None = None
-    mass: KnownNumber | None = None
-    speed_scale: KnownNumber | None = None
+    mass: KnownNumber | None = None  # With everything on board [kg]
+    speed_scale: KnownNumber | None = None  # [rad/s per unit of command]
     torque_ratio: KnownNumber | None = None
     yaw_inertia_ratio: KnownNumber | None = None
-    delay: KnownNumber | None = None
+    delay: KnownNumber | None = None  # [s]
     thrust_map: str = "square"
     gyro_cutoff_hz: float | None = None
     accelerometer_cutoff_hz: float | None = None
-    rotor_radius: float | None = None
+    rotor_radius: float | None = None  # [m]
 
     def __post_init__(self) -> None:
         _check_rotors(self.positions, self.spins)
@@ -516,13 +443,7 @@ def _check_rotors(positions: tuple[tuple[float, ...], ...], spins: tuple[int, ..
 
 @dataclass(frozen=True)
 class RotorLayout:
-    """Arms and signs of a vehicle's rotors, in the order of their commands. Performs no checks.
-
-    Parameters
-    ----------
-    vehicle : KnownVehicle
-        Whose rotors; in metres, or in arms where nobody knows how long these are.
-    """
+    """Arms and signs of a vehicle's rotors, in the order of their commands. Performs no checks."""
 
     vehicle: KnownVehicle
 
@@ -612,13 +533,7 @@ LAYOUTS: dict[str, dict[str, tuple[Rotor, ...]]] = {
 
 
 def vehicle_told(told: object) -> KnownVehicle:
-    """Vehicle of what `dataclasses.asdict` made of it, and JSON of that.
-
-    Raises
-    ------
-    InputError
-        When it is no vehicle.
-    """
+    """Vehicle of what `dataclasses.asdict` made of it, and JSON of that."""
     try:
         if not isinstance(told, Mapping):
             raise TypeError("there is none")
@@ -659,20 +574,7 @@ def shipped_vehicles() -> tuple[str, ...]:
 
 
 def load_vehicle(source: str | os.PathLike[str]) -> KnownVehicle:
-    """Vehicle by the name of a shipped one, or from a file.
-
-    Parameters
-    ----------
-    source : str or path
-        A name, or the path of a file, which ends in .toml or has a folder before it.
-
-    Raises
-    ------
-    UsageError
-        When the source is neither text nor a path.
-    InputError
-        When there is no such vehicle, the file cannot be read, or a key of it is wrong; says where and why.
-    """
+    """Vehicle by the name of a shipped one, or from a file."""
     checks.path("source", source)
     name, path = os.fspath(source), Path(source)
     if name in shipped_vehicles():

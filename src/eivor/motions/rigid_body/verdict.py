@@ -150,15 +150,7 @@ _SPINS = (*(one.name for one in SPIN_MOMENT), REACTION.name)
 def settled_spin(
     problem: LaggedRuns, estimated: Callable[[LaggedRuns], Estimate]
 ) -> tuple[LaggedRuns, Estimate]:
-    """The problem with one inertia of the rotors where the flights tell that there is one, and its estimate.
-
-    Parameters
-    ----------
-    problem : LaggedRuns
-        Of the flights.
-    estimated : callable
-        From a problem to its estimate.
-    """
+    """The problem with one inertia of the rotors where the flights tell that there is one."""
     free = estimated(problem)
     ratios = ratios_told(free)
     if ratios is None:
@@ -168,13 +160,7 @@ def settled_spin(
 
 
 def ratios_told(estimate: Estimate) -> InertiaRatios | None:
-    """Ratios of the inertias; None where they are not told, or the three columns are not of one inertia.
-
-    Parameters
-    ----------
-    estimate : Estimate
-        With a parameter for each column.
-    """
+    """Ratios of the inertias; None where they are not told, or the three columns are not of one inertia."""
     found = Combinations.of_estimate(estimate).finite()
     if not found.has(*TELLING, *_SPINS):
         return None
@@ -193,17 +179,7 @@ def ratios_told(estimate: Estimate) -> InertiaRatios | None:
 
 
 def with_one_spin(problem: LaggedRuns, ratios: InertiaRatios, free: Candidate | None = None) -> LaggedRuns:
-    """The same problem whose columns of rotors that spin go with J / Izz alone.
-
-    Parameters
-    ----------
-    problem : LaggedRuns
-        With a parameter for each column.
-    ratios : InertiaRatios
-        By which J / Ixx and J / Iyy are multiples of it.
-    free : Candidate, optional
-        An estimate of it, where that of the new one begins.
-    """
+    """The same problem whose columns of rotors that spin go with J / Izz alone."""
     moving = problem.parameters[problem.columns[0].fixed.shape[1] :]
     kept = tuple(one for one in moving if one not in SPIN_MOMENT)
     combination = np.array([[float(one == other) for other in kept] for one in moving])
@@ -233,15 +209,7 @@ def spin_moments(problem: LaggedRuns, joint: Mapping[str, Unjudged]) -> dict[str
 
 
 def with_spin_moments(models: Mapping[str, SimpleModel], fit: str) -> dict[str, SimpleModel]:
-    """Models of flights with J / Ixx and J / Iyy as well, by the ratios of the fit among them.
-
-    Parameters
-    ----------
-    models : mapping of str to SimpleModel
-        All of the same columns. Where these were three they are returned as they are.
-    fit : str
-        Name of the one whose gains and couplings count.
-    """
+    """Models of flights with J / Ixx and J / Iyy as well, by the ratios of the fit among them."""
     values = models[fit].values
     if not {REACTION.name, *TELLING} <= set(values) or SPIN_MOMENT[ROLL_EQUATION].name in values:
         return dict(models)
@@ -286,17 +254,9 @@ _WITH, _WITHOUT = "filters_j", "_left_out_j"
 
 @dataclass(frozen=True, slots=True)
 class FiltersNotPassed:
-    """Filters of the vehicle file without which the references agree far better.
+    """Filters of the vehicle file without which the references agree far better."""
 
-    Parameters
-    ----------
-    with_all : float
-        J of the references with the filters of the vehicle file.
-    without : dict of str to float
-        By the key of the vehicle file, J without that filter.
-    """
-
-    with_all: float
+    with_all: float  # J of the references with the filters of the vehicle file
     without: Mapping[str, float]
 
     @classmethod
@@ -331,19 +291,7 @@ class FiltersNotPassed:
 def filters_not_passed(
     problem: LaggedRuns, estimate: Estimate, flights: Sequence[PreparedFlight], layout: RotorLayout
 ) -> FiltersNotPassed | None:
-    """Filters of the vehicle file that flights have not passed; None where nothing says so.
-
-    Parameters
-    ----------
-    problem : LaggedRuns
-        Of the flights, with the filters of the vehicle file.
-    estimate : Estimate
-        Its solution.
-    flights : sequence of PreparedFlight
-        The flights; of several the longest is asked.
-    layout : RotorLayout
-        Of their vehicle.
-    """
+    """Filters of the vehicle file that flights have not passed; None where nothing says so."""
     named = [key for key in FILTERS if getattr(layout.vehicle, key) is not None]
     if not named or not estimate.best.solved.assembler.needs_instruments:
         return None
@@ -399,17 +347,7 @@ _P_VALUE, _COMMON, _CHANGE = "lag_agreement_p", "lag_of_all_s", "_lag_change_s"
 
 @dataclass(frozen=True, slots=True)
 class LagsApart:
-    """Axes that do not agree about the lag.
-
-    Parameters
-    ----------
-    lag_s : float
-        Of all axes together [s].
-    changes_s : mapping of str to float
-        By the axis, what it would change it by [s].
-    p_value : float
-        Of as large a disagreement by chance.
-    """
+    """Axes that do not agree about the lag."""
 
     lag_s: float
     changes_s: Mapping[str, float]
@@ -453,13 +391,7 @@ class LagsApart:
 
 
 def lags_apart(estimate: Estimate) -> LagsApart | None:
-    """Axes that disagree about the lag beyond doubt; None where they agree, or instruments say more.
-
-    Parameters
-    ----------
-    estimate : Estimate
-        Of whitened rows.
-    """
+    """Axes that disagree about the lag beyond doubt; None where they agree, or instruments say more."""
     if estimate.best.solved.assembler.needs_instruments:
         return None
     found = {name: (change, variance) for name, change, variance in _changes(estimate)}
@@ -518,21 +450,10 @@ ALIKE = 0.05
 
 @dataclass(frozen=True, slots=True)
 class Order:
-    """As which rotors of the vehicle file the commands act.
-
-    Parameters
-    ----------
-    acts_as : tuple of int
-        For each command the number of the rotor at whose place it acts, from 1; below zero where its spin is
-        not that rotor's.
-    axis : int
-        Number of the axis that this explains so much better.
-    explained, before : float
-        Share of that axis that the rotors explain so, and by the vehicle file.
-    """
+    """As which rotors of the vehicle file the commands act."""
 
     acts_as: tuple[int, ...]
-    axis: int
+    axis: int  # Number of the axis that this explains so much better
     explained: float
     before: float
 
@@ -583,15 +504,7 @@ def _rotors(numbers: Sequence[int]) -> str:
 
 
 def order_shown(flights: Sequence[PreparedFlight], layout: RotorLayout) -> Order | None:
-    """Order that flights show where it is clearly another than that of the vehicle file; else None.
-
-    Parameters
-    ----------
-    flights : sequence of PreparedFlight
-        Of one vehicle, with runs.
-    layout : RotorLayout
-        By the vehicle file.
-    """
+    """Order that flights show where it is clearly another than that of the vehicle file; else None."""
     sums = reduce(operator.add, (_Sums.of_flight(flight, layout.count) for flight in flights))
     given = _candidate(layout, tuple(range(layout.count)), np.asarray(layout.yaw))
     found = [given, *_others(layout)]
@@ -653,17 +566,7 @@ def _orders(count: int) -> Iterator[tuple[int, ...]]:
 
 @dataclass(frozen=True)
 class _Sums:
-    """Sums of products over the bins, for each lag and axis, what stays being taken out of both sides.
-
-    Parameters
-    ----------
-    rotors : ndarray, shape (lags, 3, rotors, rotors)
-        Of the rotors among each other.
-    across : ndarray, shape (lags, 3, rotors)
-        Of the rotors with the angular acceleration.
-    turning : ndarray, shape (lags, 3)
-        Of the angular acceleration with itself.
-    """
+    """Sums of products over the bins, for each lag and axis, what stays being taken out of both sides."""
 
     rotors: Float[np.ndarray, "lags 3 rotors rotors"]
     across: Float[np.ndarray, "lags 3 rotors"]
@@ -736,16 +639,10 @@ _WIND = (Parameter("wind_drag_x", "m/s^2"), Parameter("wind_drag_y", "m/s^2"))
 
 @dataclass(frozen=True, slots=True)
 class SteadyWind:
-    """A wind that blew in a flight, over its mean and along the axes of the logged velocity.
+    """A wind that blew in a flight, over its mean and along the axes of the logged velocity."""
 
-    Parameters
-    ----------
-    x, y : float
-        Of the air over the ground [m/s].
-    """
-
-    x: float
-    y: float
+    x: float  # [m/s]
+    y: float  # [m/s]
 
     @classmethod
     def of_numbers(cls, numbers: Mapping[str, float]) -> SteadyWind | None:
@@ -779,17 +676,7 @@ class SteadyWind:
 
 
 def steady_wind(problem: LaggedRuns, at: Values, flights: Sequence[PreparedFlight]) -> SteadyWind | None:
-    """The strongest wind that a flight shows; None where none does, or no drag across is told.
-
-    Parameters
-    ----------
-    problem : LaggedRuns
-        Of the flights.
-    at : mapping of str to float
-        Lag and delay that were found.
-    flights : sequence of PreparedFlight
-        The flights.
-    """
+    """The strongest wind that a flight shows; None where none does, or no drag across is told."""
     if not set(QUADRATIC_DRAG[:2]) <= set(problem.parameters):
         return None
     found = [_of_flight(problem, at, number, flight) for number, flight in enumerate(flights)]

@@ -75,25 +75,7 @@ _TERMS: dict[str, Callable[[_Flight], Column | None]] = {
 def left_out(
     problem: VerticalFlights, estimate: Estimate, flights: Sequence[PreparedFlight]
 ) -> dict[str, Difference]:
-    """Coefficient of each term as if it alone were added; none without instruments.
-
-    Terms that the problem has are not tested.
-
-    Parameters
-    ----------
-    problem : VerticalFlights
-        The flights' own problem.
-    estimate : Estimate
-        Of it.
-    flights : sequence of PreparedFlight
-        The same flights, on the same samples.
-
-    Returns
-    -------
-    dict of str to Difference
-        In 1/m, in m^3/s^2, and as shares of the gain: of the curve's bend, and of the supply for the
-        voltage's own share, or over the flight where not all flights have a voltage.
-    """
+    """Coefficient of each term as if it alone were added; none without instruments."""
     own = problem.runs.columns
     if not all(one.instruments.shape[1] for one in own):
         return {}
@@ -260,20 +242,7 @@ SIDEWAYS_LAGS_S = (0.2, 0.2, 0.4)
 
 
 def difference_problem(problem: VerticalFlights, flights: Sequence[PreparedFlight]) -> LaggedRuns | None:
-    """Regression of D - A on what each kind of disagreement would leave of it.
-
-    Parameters
-    ----------
-    problem : VerticalFlights
-        The flights' own problem, with instruments.
-    flights : sequence of PreparedFlight
-        The same flights, on the same samples.
-
-    Returns
-    -------
-    LaggedRuns or None
-        None without instruments, or where a flight has no accelerometer.
-    """
+    """Regression of D - A on what each kind of disagreement would leave of it."""
     own = problem.runs.columns
     if any(one.responses.shape[1] < 2 or not one.instruments.shape[1] for one in own):
         return None
@@ -429,12 +398,7 @@ def told(agreement: SensorAgreement) -> str:
 def sensor_allowances(
     agreement: SensorAgreement | None, quantities: Mapping[str, Unjudged], *, aligned: bool
 ) -> dict[str, list[Allowance]]:
-    """What disagreeing sensors add to intervals; of aligned ones, what is not known of the alignment.
-
-    A sensor may be late, and cannot be early: the lag was sought between the clocks of both, and may be
-    shorter by all of the offset. A velocity that reads more lets K come out too small, as does an
-    accelerometer that reads less.
-    """
+    """What disagreeing sensors add to intervals; of aligned ones, what is not known of the alignment."""
     found: dict[str, list[Allowance]] = {}
     if agreement is None:
         return found

@@ -28,15 +28,9 @@ Interval = tuple[float, tuple[float, float]]
 
 @dataclass(frozen=True, slots=True)
 class CurveFamily:
-    """Maps of one parameter.
+    """Maps of one parameter."""
 
-    Parameters
-    ----------
-    of_share : bool
-        ``mixed:SHARE``, else ``power:EXPONENT``.
-    """
-
-    of_share: bool
+    of_share: bool  # ``mixed:SHARE``, else ``power:EXPONENT``
 
     @property
     def grid(self) -> Float[np.ndarray, " values"]:
@@ -77,15 +71,7 @@ def family_of_fitted(chosen: InputMap) -> CurveFamily:
 
 @dataclass(frozen=True, slots=True)
 class AutopilotParameter:
-    """One parameter of an autopilot.
-
-    Parameters
-    ----------
-    name, autopilot : str
-        As the autopilot calls it, and the autopilot.
-    lowest, highest : float
-        What the autopilot takes.
-    """
+    """One parameter of an autopilot."""
 
     name: str
     autopilot: str
@@ -149,19 +135,7 @@ def motor_signal(command: float, in_force: float | None) -> float:
 
 
 def plant_share(family: CurveFamily, value: float, hover: float, in_force: float | None) -> float:
-    """Share f of the vehicle's own curve, see the module; infinite where no share has its exponent.
-
-    Parameters
-    ----------
-    family : CurveFamily
-        Of the curve that was found.
-    value : float
-        Its parameter: exponent or share, of the command.
-    hover : float
-        Command at hover, a share of the largest above zero.
-    in_force : float or None
-        Share of the autopilot's own curve, of a command before it; None of a command behind it.
-    """
+    """Share f of the vehicle's own curve, see the module; infinite where no share has its exponent."""
     if family.of_share and in_force is None:
         return value
     exponent = family.exponent(value, hover)
@@ -178,24 +152,7 @@ def proposed(
     hover: Interval,
     in_force: float | None,
 ) -> tuple[Interval, Interval]:
-    """Parameter of a thrust curve, and share of thrust at hover with it in force.
-
-    Parameters
-    ----------
-    parameter : AutopilotParameter
-        To be proposed. Ends of intervals are cut to its range, the value is not.
-    family : CurveFamily
-        Of the curve that was found.
-    curve, hover : tuple
-        Value and interval of its parameter, and of the command at hover.
-    in_force : float or None
-        See `plant_share`.
-
-    Returns
-    -------
-    share, thrust : tuple
-        Each a value and an interval, which holds whatever curve and command are within theirs.
-    """
+    """Parameter of a thrust curve, and share of thrust at hover with it in force."""
     commands = [min(max(one, LEAST_COMMAND), 1.0) for one in (hover[0], *hover[1])]
     corners = [
         (plant_share(family, value, command, in_force), motor_signal(command, in_force))

@@ -201,17 +201,7 @@ ANY_FRICTION = Prior(0.3, 0.3)
 def followed_gain(
     problem: VerticalFlights, quantities: Mapping[str, Quantity], options: FlightOptions
 ) -> Followed:
-    """Rows that tell K_u over a flight, and what is known of K and the intercept.
-
-    Parameters
-    ----------
-    problem : VerticalFlights
-        Of one flight.
-    quantities : mapping of str to Quantity
-        Of the flight as a whole.
-    options : FlightOptions
-        With the standard deviation of the accelerometer's bias.
-    """
+    """Rows that tell K_u over a flight, and what is known of K and the intercept."""
     found = quantities["viscous_friction"]
     friction = ANY_FRICTION
     source = "as of any multirotor: the flight does not tell it"
@@ -249,17 +239,7 @@ PerDelay = Float[np.ndarray, " k"]
 def map_numbers(
     problem: VerticalFlights, estimate: Estimate, left_out: Mapping[str, Difference]
 ) -> dict[str, float]:
-    """Least intercept, and the p-value of the test that the input map fits.
-
-    Parameters
-    ----------
-    problem : VerticalFlights
-        What was estimated.
-    estimate : Estimate
-        Of it.
-    left_out : mapping of str to Difference
-        Terms that the model leaves out, the bend among them where the instruments tell it.
-    """
+    """Least intercept, and the p-value of the test that the input map fits."""
     found = []
     for candidate in estimate.candidates:
         terms = balance(problem, candidate)
@@ -276,15 +256,7 @@ def map_numbers(
 
 
 def least_in_set(values: PerDelay, halves: PerDelay, excesses: PerDelay) -> float:
-    """Least size of an intercept in the 95 % set of all delays together; zero where zero is in it.
-
-    Parameters
-    ----------
-    values, halves : ndarray, shape (k,)
-        Intercept and half-width of its 95 % interval at each delay [m/s^2].
-    excesses : ndarray, shape (k,)
-        What the criterion of each is above the least.
-    """
+    """Least size of an intercept in the 95 % set of all delays together; zero where zero is in it."""
     allowance = chi_square_quantile(SET_LEVEL, 1)
     fits = excesses <= allowance
     left = halves[fits] * np.sqrt(1.0 - excesses[fits] / allowance)
@@ -299,17 +271,7 @@ def beyond(values: PerDelay, halves: PerDelay, excesses: PerDelay) -> float:
 
 
 def fitting_p_value(distance: float, value: float, bend: Difference | None) -> float:
-    """P-value of the test that the input map fits; one where the intercept is within what it leaves.
-
-    Parameters
-    ----------
-    distance : float
-        Squared distance of the intercept from there, in standard errors.
-    value : float
-        The intercept [m/s^2].
-    bend : Difference or None
-        Of the thrust curve.
-    """
+    """P-value of the test that the input map fits; one where the intercept is within what it leaves."""
     if not 0.0 < distance < np.inf:
         return 1.0
     bent = 0.0
@@ -476,20 +438,10 @@ def _not_logged(length_s: float) -> Finding:
 
 @dataclass(frozen=True)
 class Vertical(Motion[VerticalFlights]):
-    """z'' + g = K_u U - K z' + b, behind the lag of the actuators.
-
-    Parameters
-    ----------
-    added : tuple of OptionalTerm
-        Terms that were asked for.
-    rotor_radius : float, optional
-        Of a rotor [m].
-    mean_voltage : float, optional
-        Voltage that the gain belongs to, where a term follows the voltage [V].
-    """
+    """z'' + g = K_u U - K z' + b, behind the lag of the actuators."""
 
     added: tuple[OptionalTerm, ...] = ()
-    rotor_radius: float | None = None
+    rotor_radius: float | None = None  # [m]
     mean_voltage: float | None = None
 
     name = "vertical"
@@ -544,13 +496,7 @@ class Vertical(Motion[VerticalFlights]):
         return selected(log, options)
 
     def of_vehicle(self, vehicle: str) -> Vertical:
-        """Return the same motion with the radius of a vehicle's rotors, see `Motion.of_vehicle`.
-
-        Raises
-        ------
-        UsageError
-            When the vehicle tells none.
-        """
+        """Return the same motion with the radius of a vehicle's rotors, see `Motion.of_vehicle`."""
         radius = load_vehicle(vehicle).rotor_radius
         if radius is None:
             raise UsageError(
@@ -606,10 +552,7 @@ class Vertical(Motion[VerticalFlights]):
         return VerticalFlights(cut, model, rule, terms=self.added)
 
     def signals(self, flight: PreparedFlight, lag_s: float, delay_s: float) -> Signals:
-        """Signals with `input`: the mean of the mapped actuators, late, times the cosine of tilt.
-
-        A commanded input is exact unless a noise is declared of it.
-        """
+        """Signals with `input`: the mean of the mapped actuators, late, times the cosine of tilt."""
         cut, motion = vertical_flight(flight), VerticalMotion(input_map(flight.input_map))
         driving = cut.mapped_input(motion, lag_s, delay_s)
         noise = WhiteNoise(input_variance(cut, motion.input_map) ** 0.5)

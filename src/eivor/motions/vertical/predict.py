@@ -40,24 +40,7 @@ def dragged_run(
     drag: float,
     step_s: float,
 ) -> Float[np.ndarray, " counted"]:
-    """Answer to the input of one run, at the samples that count.
-
-    Parameters
-    ----------
-    driven, measured : ndarray, shape (n,)
-        Force of the input [m/s^2], and the climb rate [m/s].
-    counted : ndarray of bool or slice
-        Samples that count.
-    friction, drag : float
-        K [1/s] and K_2 [1/m].
-    step_s : float
-        Time between samples [s].
-
-    Raises
-    ------
-    EstimationError
-        When the climb rate grows beyond all numbers.
-    """
+    """Answer to the input of one run, at the samples that count."""
     force, wanted = driven - driven.mean(), measured[counted]
     trim, start = 0.0, float(wanted[0])
     for _ in range(STEPS):
@@ -113,18 +96,10 @@ LEAST_EXPLAINED = 0.5
 
 @dataclass(frozen=True, slots=True)
 class Taken:
-    """Numbers that a flight is simulated with: the estimate's where it tells them, else what is usual.
+    """Numbers that a flight is simulated with: the estimate's where it tells them, else what is usual."""
 
-    Parameters
-    ----------
-    friction, gain, lag_s, delay_s : float
-        K [1/s], K_u [m/s^2], lag and delay [s].
-    others : mapping of str to float
-        Further parameters and nuisances of the problem, by name.
-    """
-
-    friction: float
-    gain: float
+    friction: float  # [1/s]
+    gain: float  # [1/s]
     lag_s: float
     delay_s: float
     others: Mapping[str, float] = field(default_factory=dict)
@@ -158,11 +133,7 @@ def flown(
 
 
 def taken(problem: VerticalFlights, estimate: Estimate) -> Taken:
-    """Numbers to simulate with.
-
-    An estimate that tells nothing fits the disturbance away: what it leaves would make every plan look good.
-    The gain that carries the weight at the mean input is right as far as the input map is.
-    """
+    """Numbers to simulate with."""
     friction, gain = estimate.best.theta[:2].tolist()
     at = estimate.best.at
     lag, delay = at[ACTUATOR_LAG.name], at[DELAY.name]
@@ -183,11 +154,7 @@ def _half_width(estimate: Estimate, name: str) -> float:
 
 
 def residual_densities(problem: VerticalFlights, numbers: Taken) -> dict[str, list[float]]:
-    """One-sided densities at `NODES_HZ`: of the force on the vehicle, and of each sensor's own error.
-
-    `force` and `accelerometer` are in (m/s^2)^2/Hz, `velocity` in (m/s)^2/Hz. Without an accelerometer all
-    that the velocity's derivative leaves is force above the velocity's own noise at the highest node.
-    """
+    """One-sided densities at `NODES_HZ`: of the force on the vehicle, and of each sensor's own error."""
     bins = problem.bins({nuisance.name: numbers.values[nuisance.name] for nuisance in problem.nuisances})
     left = bins.residuals(np.array([numbers.values[parameter.name] for parameter in bins.parameters]))
     first, second = left[:, 0], left[:, -1]
@@ -345,10 +312,7 @@ def _run(
     friction: float,
     step_s: float,
 ) -> Float[np.ndarray, " counted"]:
-    """Answer to the input of one run, with the trim and the start that suit what was measured best.
-
-    With a friction below zero the same answers are taken from the end backward: forward they would grow.
-    """
+    """Answer to the input of one run, with the trim and the start that suit what was measured best."""
     if friction < 0.0:
         turned = counted[::-1] if isinstance(counted, np.ndarray) else counted
         return _run(-driven[::-1], measured[::-1], turned, -friction, step_s)[::-1]

@@ -59,13 +59,7 @@ BEFORE = 50
 
 
 def row_noise(problem: VerticalFlights, at: Values) -> RowNoise:
-    """Variances of the errors in z', U, the terms and z'', and what past inputs share with U.
-
-    Each is averaged over the samples that flights use. A commanded input is exact unless something is
-    declared of it, references are, and terms are taken to be. Noise of the input goes through the map's slope
-    and the actuator. Without an accelerometer z'' is the central difference of z', whose white noise of
-    variance s^2 it turns into one of variance s^2 / (2 h^2); with z' itself it shares nothing.
-    """
+    """Variances of the errors in z', U, the terms and z'', and what past inputs share with U."""
     n, weights, own, shared = len(problem.parameters), [], [], []
     for flight in problem.flights:
         noise = {name: one.std**2 for name, one in flight.signals.noise.items()}
@@ -99,10 +93,7 @@ def input_variance(flight: VerticalFlight, level: InputMap) -> float:
 
 
 def noise_powers(flight: VerticalFlight, level: InputMap) -> tuple[float, float, float]:
-    """Powers per Hz of the errors in z', U and z'' at low frequencies; NaN for what nothing is declared of.
-
-    There the actuators' response is one. An input that nothing is declared of is exact.
-    """
+    """Powers per Hz of the errors in z', U and z'' at low frequencies."""
     noise = {name: WhiteNoise(density) for name, density in flight.densities.items()}
     driving = input_variance(replace(flight, signals=replace(flight.signals, noise=noise)), level)
     velocity, response = (flight.densities.get(name, np.nan) for name in ("velocity_z", "specific_force_z"))
@@ -148,23 +139,11 @@ TermColumn = Float[np.ndarray, " n"]
 
 @dataclass(frozen=True)
 class TermIngredients:
-    """What optional terms of one flight are made of, arrays of shape (n,).
+    """What optional terms of one flight are made of, arrays of shape (n,)."""
 
-    Parameters
-    ----------
-    velocity : ndarray
-        z' [m/s].
-    lift : ndarray
-        The mapped input over its mean, times g [m/s^2].
-    radii : ndarray, optional
-        Height over the ground in rotor radii.
-    voltage : ndarray, optional
-        Voltage over that which the gain belongs to, less one.
-    """
-
-    velocity: TermColumn
-    lift: TermColumn
-    radii: TermColumn | None = None
+    velocity: TermColumn  # z' [m/s]
+    lift: TermColumn  # [m/s^2]
+    radii: TermColumn | None = None  # Height over the ground in rotor radii
     voltage: TermColumn | None = None
 
 
@@ -253,19 +232,7 @@ def term_instruments(
     references: Float[np.ndarray, "n p"],
     runs: Sequence[slice],
 ) -> Float[np.ndarray, "n terms"]:
-    """An instrument for each term; performs no checks.
-
-    Parameters
-    ----------
-    terms : sequence of OptionalTerm
-        The terms.
-    of : TermIngredients
-        As measured.
-    references : ndarray, shape (n, p)
-        Instruments of the equation without them.
-    runs : sequence of slice
-        Stretches used.
-    """
+    """An instrument for each term; performs no checks."""
     parts = [of.velocity, of.lift, *([] if of.radii is None else [of.radii])]
     velocity, lift, *radii = explained(references, runs, np.column_stack(parts)).T
     voltage = None
@@ -292,33 +259,13 @@ def explained(
 
 @dataclass(frozen=True)
 class VerticalFlight:
-    """One flight on its grid, and the runs of it that count.
-
-    Parameters
-    ----------
-    signals : Signals
-        z up, with `velocity_z`, `cos_tilt`, the input's family, the references, and `specific_force_z`
-        unless only the velocity was logged.
-    input : str
-        Family of channels that drive the vehicle ("rotor_command").
-    measured : bool
-        True when that family is the actuators' measured state, which does not lag, and may be late or early.
-    runs : tuple of slice
-        Stretches to use; of their samples those count that are valid.
-    band_hz : tuple of float
-        Band of spectral rows [Hz].
-    radii, voltage : ndarray, shape (n,), optional
-        Height over the ground in rotor radii, and the supply's voltage over that which the gain belongs to,
-        less one: for terms that need them.
-    densities : mapping of str to float
-        Amplitude densities of declared noises by channel, in the channel's unit per root of Hz.
-    """
+    """One flight on its grid, and the runs of it that count."""
 
     signals: Signals
-    input: str
+    input: str  # Family of channels that drive the vehicle ("rotor_command")
     measured: bool
-    runs: tuple[slice, ...]
-    band_hz: tuple[float, float] = BAND_HZ
+    runs: tuple[slice, ...]  # Stretches to use
+    band_hz: tuple[float, float] = BAND_HZ  # Band of spectral rows [Hz]
     radii: Float[np.ndarray, " n"] | None = None
     voltage: Float[np.ndarray, " n"] | None = None
     densities: Mapping[str, float] = field(default_factory=dict)
@@ -359,20 +306,10 @@ class VerticalFlight:
 
 @dataclass(frozen=True)
 class MovingColumns:
-    """The mapped input, which moves with lag and delay, and the optional terms.
-
-    Parameters
-    ----------
-    flight : VerticalFlight
-        Whose input.
-    motion : VerticalMotion
-        With the input map.
-    terms : tuple of OptionalTerm
-        Terms beside the model's.
-    """
+    """The mapped input, which moves with lag and delay, and the optional terms."""
 
     flight: VerticalFlight
-    motion: VerticalMotion
+    motion: VerticalMotion  # With the input map
     terms: tuple[OptionalTerm, ...] = ()
 
     def __call__(self, at: Values) -> Float[np.ndarray, "n m"]:
@@ -406,36 +343,12 @@ class MovingColumns:
 
 @dataclass(frozen=True)
 class VerticalFlights(SeparableProblem):
-    """Regressions of vertical motion for each actuator lag and delay.
-
-    Parameters
-    ----------
-    flights : tuple of VerticalFlight
-        One or more, of one vehicle.
-    motion : VerticalMotion
-        The model.
-    rule : InstrumentRule
-        What serves as instruments.
-    nuisances : tuple of Nuisance
-        Lag and delay of the actuators. Default: what is searched for commands, and for a state that is
-        measured no lag and a delay of either sign.
-    curve : FittedCurve, optional
-        How the model's input map was found out; None for one that was chosen.
-    terms : tuple of OptionalTerm
-        Terms beside the model's; their parameters follow its own.
-
-    Raises
-    ------
-    TooFewSamplesError
-        When no flight has a run.
-    InstrumentError
-        When the rule gives different columns for different flights.
-    """
+    """Regressions of vertical motion for each actuator lag and delay."""
 
     flights: tuple[VerticalFlight, ...]
     motion: VerticalMotion
     rule: InstrumentRule = field(default_factory=NoInstruments)
-    nuisances: tuple[Nuisance, ...] = ()
+    nuisances: tuple[Nuisance, ...] = ()  # Lag and delay of the actuators
     curve: FittedCurve | None = None
     terms: tuple[OptionalTerm, ...] = ()
     runs: LaggedRuns = field(init=False, repr=False, compare=False)
@@ -535,29 +448,15 @@ class VerticalFlights(SeparableProblem):
 
 @dataclass(frozen=True)
 class Balance:
-    """Means over the runs of every term of the equation of motion, at one candidate.
+    """Means over the runs of every term of the equation of motion, at one candidate."""
 
-    Parameters
-    ----------
-    derivative, velocity, mapped : float
-        Means of z'' (from the velocity) [m/s^2], z' [m/s] and U.
-    mapped_slope : float
-        Derivative of the mean of U by the lag that was searched for, or by the delay of measured actuators.
-    terms : ndarray, shape (terms,)
-        Means of the columns of optional terms [m/s^2 per unit of their parameters].
-    residual_variance : float
-        Autocorrelation-robust variance of the mean residual [m^2/s^4].
-    by_run : ndarray, shape (runs, 3 + terms)
-        Means of z'', z', U and the columns of terms in each run.
-    """
-
-    derivative: float
-    velocity: float
-    mapped: float
+    derivative: float  # [m/s^2]
+    velocity: float  # [m/s^2]
+    mapped: float  # [m/s^2]
     mapped_slope: float
-    terms: Float[np.ndarray, " terms"]
-    residual_variance: float
-    by_run: Float[np.ndarray, "runs m"]
+    terms: Float[np.ndarray, " terms"]  # [m/s^2 per unit of their parameters]
+    residual_variance: float  # Autocorrelation-robust variance of the mean residual [m^2/s^4]
+    by_run: Float[np.ndarray, "runs m"]  # Means of z'', z', U and the columns of terms in each run
 
 
 def balance(problem: VerticalFlights, candidate: Candidate) -> Balance:
@@ -610,10 +509,7 @@ def balance_sums(problem: VerticalFlights, at: Values) -> dict[str, Float[np.nda
 
 
 def apparent_gravity(problem: VerticalFlights) -> float:
-    """Mean of the specific force less the velocity's derivative; NaN without an accelerometer [m/s^2].
-
-    It is g and the accelerometer's bias, unless the accelerometer is in another unit.
-    """
+    """Mean of the specific force less the velocity's derivative; NaN without an accelerometer [m/s^2]."""
     resting = [
         run
         for flight in problem.flights
@@ -679,10 +575,7 @@ def height_logged(flight: PreparedFlight) -> Float[np.ndarray, " n"] | None:
 
 
 def ground(flight: PreparedFlight) -> float | None:
-    """Height of the ground, of a flight that has runs; None where the log does not tell it [m].
-
-    It is told where the log begins or ends on it: its lowest height is then below all of the flight.
-    """
+    """Height of the ground, of a flight that has runs; None where the log does not tell it [m]."""
     height = height_logged(flight)
     if height is None:
         return None
@@ -709,10 +602,7 @@ def voltage(flight: PreparedFlight) -> Float[np.ndarray, " n"] | None:
 
 
 def voltage_change(flight: PreparedFlight) -> float | None:
-    """What the voltage changed by over the time used, as a share of its mean; None where it is not logged.
-
-    The ends of a steady fall are the root of 12 standard deviations apart.
-    """
+    """What the voltage changed by over the time used, as a share of its mean; None where it is not logged."""
     volts = voltage(flight)
     return (
         None if volts is None else float(np.sqrt(12.0) * volts[flight.used].std() / volts[flight.used].mean())
@@ -723,20 +613,7 @@ def voltage_change(flight: PreparedFlight) -> float | None:
 
 
 def check_terms(options: FlightOptions, radius: float | None = None) -> None:
-    """Refuse a term near the ground without the rotors' radius.
-
-    Parameters
-    ----------
-    options : FlightOptions
-        With the terms, and perhaps the radius.
-    radius : float, optional
-        Of the vehicle that was named [m].
-
-    Raises
-    ------
-    UsageError
-        With what to give.
-    """
+    """Refuse a term near the ground without the rotors' radius."""
     if GroundEffect.word in options.terms and options.rotor_radius is None and radius is None:
         raise UsageError(
             f"the radius of a rotor with the term {GroundEffect.word}, which counts heights in radii",
@@ -746,15 +623,7 @@ def check_terms(options: FlightOptions, radius: float | None = None) -> None:
 
 
 def check_flights(flights: Sequence[PreparedFlight], options: FlightOptions) -> None:
-    """Refuse a term that a flight does not log enough for.
-
-    Raises
-    ------
-    MissingChannelError
-        For a channel that is absent.
-    InputError
-        When a log does not tell where the ground is, or its input is no command.
-    """
+    """Refuse a term that a flight does not log enough for."""
     for flight in flights:
         if not flight.runs:
             continue
@@ -811,19 +680,7 @@ def mean_voltage(flights: Sequence[PreparedFlight]) -> float | None:
 def with_surroundings(
     cut: VerticalFlight, flight: PreparedFlight, radius: float | None, reference_voltage: float | None
 ) -> VerticalFlight:
-    """A flight with its height in rotor radii, and its voltage over the one given less one, as far as told.
-
-    Parameters
-    ----------
-    cut : VerticalFlight
-        What the regressions need of it.
-    flight : PreparedFlight
-        The same, on the same samples.
-    radius : float, optional
-        Of a rotor [m].
-    reference_voltage : float, optional
-        None where none is known [V].
-    """
+    """A flight with its height in rotor radii, and its voltage over the one given less one."""
     height, volts = height_over_ground(flight), voltage(flight)
     radii = None if height is None or radius is None else height / radius
     away = None if volts is None or reference_voltage is None else volts / reference_voltage - 1.0

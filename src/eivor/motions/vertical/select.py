@@ -25,15 +25,7 @@ from eivor.tools import Float
 
 
 def vertical_row(attitude: list[Channel]) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n 3"]]:
-    """Stamps [s], and the last row of the rotation from body to world at each.
-
-    Its last element is the cosine of the tilt. Quaternions are normalised; those of no length give NaN.
-
-    Raises
-    ------
-    ShapeError
-        When the four parts are on different clocks.
-    """
+    """Stamps [s], and the last row of the rotation from body to world at each."""
     if any(not np.array_equal(channel.time_s, attitude[0].time_s) for channel in attitude[1:]):
         raise ShapeError(
             "the four parts of an attitude on one clock",
@@ -52,28 +44,14 @@ def vertical_row(attitude: list[Channel]) -> tuple[Float[np.ndarray, " n"], Floa
 
 @dataclass(frozen=True)
 class FittedCurve:
-    """A map that was found out, and estimates with maps to either side.
-
-    Parameters
-    ----------
-    family : CurveFamily
-        Of which maps.
-    value : float
-        Its parameter.
-    bias_std : float
-        Standard deviation of the accelerometer's bias that was assumed; infinite for none [m/s^2].
-    below, above : tuple of (float, Estimate)
-        Parameter and estimate to either side.
-    curvature_error : float
-        Standard error by curvature alone, where no bias is assumed; infinite where it cannot tell.
-    """
+    """A map that was found out, and estimates with maps to either side."""
 
     family: CurveFamily
     value: float
-    bias_std: float
+    bias_std: float  # Standard deviation of the accelerometer's bias that was assumed, [m/s^2]
     below: tuple[float, Estimate]
     above: tuple[float, Estimate]
-    curvature_error: float = math.inf
+    curvature_error: float = math.inf  # Standard error by curvature alone, where no bias is assumed
 
 
 # -- Remedies --
@@ -223,15 +201,7 @@ SLOW_ACCELERATION_HZ = 20.0
 
 
 def selected(log: Recording, options: FlightOptions) -> Selection:
-    """Channels of a log by role, tilt limited.
-
-    Raises
-    ------
-    MissingChannelError, UsageError
-        When velocity or input are not in the log.
-    InputError
-        When the log says that it is of a vehicle without rotors.
-    """
+    """Channels of a log by role, tilt limited."""
     if log.vehicle not in ("", ROTARY_WING):
         raise InputError(
             "a log of a vehicle that hovers on its rotors",

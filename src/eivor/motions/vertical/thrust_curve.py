@@ -50,22 +50,7 @@ def hover_and_exponent(problem: VerticalFlights, candidate: Candidate) -> tuple[
 def settled_curve(
     problem: VerticalFlights, estimated: Estimated, bias_std: float
 ) -> tuple[VerticalFlights, Estimate]:
-    """Find the map, and estimate with it.
-
-    Parameters
-    ----------
-    problem : VerticalFlights
-        With the map to begin with, which says of which family it is.
-    estimated : callable
-        From a problem to its estimate.
-    bias_std : float
-        Standard deviation of the accelerometer's bias [m/s^2]; infinite when nothing is known of it.
-
-    Returns
-    -------
-    problem, estimate
-        The problem has a `FittedCurve`, unless the gain or the hover input is not positive.
-    """
+    """Find the map, and estimate with it."""
     family = family_of(problem.motion.input_map)
     curvature_error = math.inf
     if math.isinf(bias_std):
@@ -87,10 +72,7 @@ def settled_curve(
 def _by_intercept(
     problem: VerticalFlights, estimated: Estimated, family: CurveFamily
 ) -> tuple[float, VerticalFlights, Estimate]:
-    """Parameter with which the intercept vanishes, or the nearest that is possible, NaN for none.
-
-    With the problem and the estimate of that map.
-    """
+    """Parameter with which the intercept vanishes, or the nearest that is possible, NaN for none."""
     value, chosen, estimate = math.nan, problem, estimated(problem)
     for _ in range(SEARCHES):
         before, value = value, _at_nuisances(chosen, estimated, estimate.best, family)
@@ -142,24 +124,12 @@ def _by_curvature(problem: VerticalFlights, estimated: Estimated, family: CurveF
 
 @dataclass(frozen=True)
 class AtCandidate:
-    """A candidate with its balance, and the same combination of nuisances with maps to either side.
-
-    Parameters
-    ----------
-    problem : VerticalFlights
-        With its curve.
-    candidate : Candidate
-        With the map that was found.
-    terms : Balance
-        Its balance.
-    sides : tuple of (VerticalFlights, Candidate, Balance)
-        With the maps below and above.
-    """
+    """A candidate with its balance, and the same combination of nuisances with maps to either side."""
 
     problem: VerticalFlights
     candidate: Candidate
     terms: Balance
-    sides: tuple[tuple[VerticalFlights, Candidate, Balance], ...]
+    sides: tuple[tuple[VerticalFlights, Candidate, Balance], ...]  # With the maps below and above
 
 
 #: From flights, a candidate and its balance.

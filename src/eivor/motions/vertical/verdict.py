@@ -427,17 +427,7 @@ NEAR_GROUND, LOWEST = "near_ground_share", "lowest_radii"
 def near_ground(
     flights: Sequence[PreparedFlight], radius: float | None, *, corrected: bool
 ) -> Mapping[str, float]:
-    """Share of the time used that was near the ground, and the lowest height; of the lowest flight.
-
-    Parameters
-    ----------
-    flights : sequence of PreparedFlight
-        With runs.
-    radius : float, optional
-        Of a rotor [m]; nothing is told without it, nor where a log does not tell the ground.
-    corrected : bool
-        The equation has the ground's effect: nothing is told then.
-    """
+    """Share of the time used that was near the ground, and the lowest height; of the lowest flight."""
     if radius is None or corrected:
         return {}
     shares, lowest = [], []
@@ -611,21 +601,14 @@ def thrust_curve_reasons(quantities: Mapping[str, Unjudged], at: Circumstances) 
 
 
 def intercept_reasons(quantities: Mapping[str, Unjudged], at: Circumstances) -> list[Reason]:
-    """Grounds against the hover input: the same, of an intercept that is clear without the bend.
-
-    The flight hovers within what it has flown: a curve that only bends there moves the balance little.
-    """
+    """Grounds against the hover input: the same, of an intercept that is clear without the bend."""
     intercept = quantities["intercept"]
     least = at.numbers.get(LEAST_INTERCEPT, abs(intercept.value) - intercept.half_width)
     return thrust_curve_reasons(quantities, at) if least > CLEAR_INTERCEPT else []
 
 
 def _bend(intercept: Unjudged, at: Circumstances) -> str:
-    """What the bend of the thrust curve adds to that, with a blank before it; empty for nothing.
-
-    With thrust as the power p and a map of the exponent m, a curve over the mapped input bends by
-    (p / m - 1) / 2 = -b / (2 g), as a share of the gain.
-    """
+    """What the bend of the thrust curve adds to that, with a blank before it; empty for nothing."""
     name = f"{PREFIX}{CURVATURE}"
     bend, half = at.numbers.get(name, np.nan), at.numbers.get(f"{name}_half_width", np.nan)
     if not (at.numbers.get(f"{name}_p_value", 1.0) < BENDS and bend * intercept.value < 0.0):
