@@ -18,7 +18,7 @@ from PIL import Image
 from playwright.sync_api import sync_playwright
 from report_pictures import launched
 
-from eivor.serve.jobs import Server
+from eivor.serve.app import Server
 
 IMAGES = Path(__file__).parent / "images" / "serve"
 #: Colours of a picture: more are not seen, and make it large.

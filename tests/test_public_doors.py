@@ -12,8 +12,8 @@ import polars as pl
 import pytest
 
 import eivor as ev
+from eivor import methods
 from eivor.errors import EivorError
-from eivor.estimation import methods
 from eivor.linalg import LinearSystem
 from eivor.models.regression import Parameter, SampleRows
 from eivor.signals.recording import Frame, LogOrigin

@@ -4,7 +4,39 @@ from __future__ import annotations
 
 import gc
 import sys
+from collections.abc import Iterable
+from importlib.abc import MetaPathFinder
+from importlib.machinery import ModuleSpec, PathFinder
+from importlib.util import LazyLoader
 from pkgutil import resolve_name
+from types import ModuleType
+
+# -- Late modules --
+
+#: The reader of Fortran, and what tests are written with, which brings the standard library's own.
+LATE = frozenset({"numpy.f2py", "numpy.testing"})
+
+
+class _Late(MetaPathFinder):
+    """Finds the modules of `LATE` where they are, and has each loaded by the first look into it."""
+
+    def find_spec(
+        self, fullname: str, path: Iterable[str] | None, target: ModuleType | None = None
+    ) -> ModuleSpec | None:
+        """Return the specification of one of `LATE`; None of any other module, which others find."""
+        if fullname not in LATE:
+            return None
+        found = PathFinder.find_spec(fullname, None if path is None else [*path], target)
+        if found is not None and found.loader is not None:
+            found.loader = LazyLoader(found.loader)
+        return found
+
+
+def load_late() -> None:
+    """Have the modules of `LATE` loaded when they are first used; asked twice, it is as asked once."""
+    if not any(isinstance(finder, _Late) for finder in sys.meta_path):
+        sys.meta_path.insert(0, _Late())
+
 
 # -- Entry --
 
@@ -18,6 +50,7 @@ OBJECTS_BETWEEN_COLLECTIONS = 200_000
 def run() -> None:
     """Import the command line, run it, and leave with its exit code."""
     gc.set_threshold(OBJECTS_BETWEEN_COLLECTIONS)
+    load_late()
     try:
         resolve_name("eivor.cli.main:run")()
     except KeyboardInterrupt:

@@ -57,3 +57,8 @@ __all__ = [
     "whitened_least_squares",
     "whittle_ml",
 ]
+
+
+def __dir__() -> list[str]:
+    """Names that the module offers."""
+    return __all__

@@ -18,7 +18,7 @@ import pytest
 import eivor as ev
 from eivor.flights.result import FlightEstimate
 from eivor.report.flight import told_flight
-from eivor.serve.jobs import ServeOptions, Server
+from eivor.serve.app import ServeOptions, Server
 
 pytestmark = pytest.mark.thorough
 

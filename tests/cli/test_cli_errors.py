@@ -197,7 +197,7 @@ def test_an_interrupt_while_libraries_are_loaded_leaves_with_130() -> None:
         "        if name == 'numpy._typing': raise KeyboardInterrupt\n"
         "sys.meta_path.insert(0, Interrupted())\n"
         "sys.argv = ['eivor', 'identify', '--example']\n"
-        "from eivor.cli.main import run; run()"
+        "from eivor.__main__ import run; run()"
     )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert (run.returncode, run.stderr) == (130, "eivor: interrupted\n")

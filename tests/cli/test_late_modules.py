@@ -6,7 +6,7 @@ import subprocess
 import sys
 from importlib import import_module
 
-from eivor.cli.main import load_late
+from eivor.__main__ import load_late
 
 #: Each is loaded with the part of NumPy that it belongs to.
 WITHIN = ("numpy.f2py.crackfortran", "numpy.testing._private.utils")
@@ -21,7 +21,7 @@ def printed(code: str) -> str:
 def test_scipy_does_not_load_them():
     code = (
         "import sys\n"
-        "from eivor.cli.main import load_late\n"
+        "from eivor.__main__ import load_late\n"
         "load_late()\n"
         "import scipy.linalg, scipy.special\n"
         f"print([name for name in {WITHIN!r} if name in sys.modules])"
@@ -32,7 +32,7 @@ def test_scipy_does_not_load_them():
 def test_they_are_whole_when_they_are_used():
     code = (
         "import sys\n"
-        "from eivor.cli.main import load_late\n"
+        "from eivor.__main__ import load_late\n"
         "load_late()\n"
         "import numpy as np, scipy.linalg\n"
         "from numpy.testing import assert_allclose\n"
@@ -47,7 +47,7 @@ def test_they_are_whole_when_they_are_used():
 def test_asked_twice_is_as_asked_once():
     code = (
         "import sys\n"
-        "from eivor.cli.main import load_late\n"
+        "from eivor.__main__ import load_late\n"
         "load_late(); before = list(sys.meta_path); load_late()\n"
         "print(before == sys.meta_path)"
     )

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from eivor.process_pool import Limits
-from eivor.serve.jobs import ServeOptions, Server
+from eivor.serve.app import ServeOptions, Server
 from serve.quick_work import QuickWork
 
 

@@ -12,7 +12,7 @@ import polars as pl
 import pytest
 
 from eivor.serve import jobs
-from eivor.serve.jobs import ServeOptions, Server
+from eivor.serve.app import ServeOptions, Server
 from serve.conftest import Asking
 
 #: What memory may have grown by [bytes].

@@ -13,7 +13,7 @@ import pytest
 
 from eivor.process_pool import TRIES, Limits
 from eivor.serve import jobs
-from eivor.serve.jobs import KEPT_S
+from eivor.serve.app import KEPT_S
 from serve.conftest import Clock, closed
 
 

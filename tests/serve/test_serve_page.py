@@ -12,7 +12,7 @@ import pytest
 
 from eivor.inference.verdict import Status
 from eivor.report.html import report_sources
-from eivor.serve.app import PARTS, page_text
+from eivor.serve.page import PARTS, page_text
 from report.parsed_page import Element, parsed
 
 #: What would make HTML or code of a string.

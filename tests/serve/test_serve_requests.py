@@ -13,9 +13,9 @@ from contextlib import ExitStack, suppress
 
 import pytest
 
-from eivor.serve import jobs
-from eivor.serve.app import page_text
+from eivor.serve import app, jobs
 from eivor.serve.jobs import shown_name
+from eivor.serve.page import page_text
 from serve.conftest import closed, wait_for
 
 NOBODY = "0" * 32
@@ -209,8 +209,8 @@ def test_a_log_that_breaks_off_leaves_nothing(page):
 
 def test_connections_are_bounded(page, monkeypatch):
     closed(page.server)
-    monkeypatch.setattr(jobs, "MOST_CONNECTIONS", 3)
-    monkeypatch.setattr(jobs, "HEAD_S", 600.0)
+    monkeypatch.setattr(app, "MOST_CONNECTIONS", 3)
+    monkeypatch.setattr(app, "HEAD_S", 600.0)
     address = ("127.0.0.1", page.server.port)
     with ExitStack() as held:
         for _ in range(3):
@@ -226,14 +226,14 @@ def test_connections_are_bounded(page, monkeypatch):
 
 
 def test_a_connection_must_say_what_it_wants(page, monkeypatch):
-    monkeypatch.setattr(jobs, "HEAD_S", 0.2)
+    monkeypatch.setattr(app, "HEAD_S", 0.2)
     with socket.create_connection(("127.0.0.1", page.server.port), timeout=30.0) as slow:
         slow.sendall(b"GET / HTTP/1.1\r\nHo")
         assert slow.recv(100) == b""
 
 
 def test_a_slow_log_is_given_up(page, monkeypatch):
-    monkeypatch.setattr(jobs, "BODY_S", -10.0)
+    monkeypatch.setattr(app, "BODY_S", -10.0)
     assert page.refused("POST", "/logs", b"slow")[0] == 408
     assert page.server.logs._coming == 0
 
@@ -253,6 +253,6 @@ def test_a_full_disk_is_told(page, monkeypatch):
 
 
 def test_the_server_loads_nothing_heavy():
-    code = "import sys, eivor.serve.jobs; print(*sys.modules)"
+    code = "import sys, eivor.serve.app; print(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert not {"numpy", "scipy", "polars", "matplotlib", "eivor.serve.worker"} & set(done.stdout.split())
+    assert not {"polars", "matplotlib", "pyulog", "eivor.serve.worker"} & set(done.stdout.split())

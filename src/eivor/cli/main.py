@@ -6,14 +6,10 @@ import io
 import os
 import sys
 import warnings
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
 from importlib import import_module
-from importlib.abc import MetaPathFinder
-from importlib.machinery import ModuleSpec, PathFinder
 from importlib.metadata import EntryPoint, entry_points
-from importlib.util import LazyLoader
-from types import ModuleType
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -58,33 +54,6 @@ def _interrupts_told() -> Iterator[None]:
     except KeyboardInterrupt:
         complain("interrupted")
         raise typer.Exit(code=int(ExitCode.INTERRUPTED)) from None
-
-
-# -- Late modules --
-
-#: The reader of Fortran, and what tests are written with, which brings the standard library's own.
-LATE = frozenset({"numpy.f2py", "numpy.testing"})
-
-
-class _Late(MetaPathFinder):
-    """Finds the modules of `LATE` where they are, and has each loaded by the first look into it."""
-
-    def find_spec(
-        self, fullname: str, path: Iterable[str] | None, target: ModuleType | None = None
-    ) -> ModuleSpec | None:
-        """Return the specification of one of `LATE`; None of any other module, which others find."""
-        if fullname not in LATE:
-            return None
-        found = PathFinder.find_spec(fullname, None if path is None else [*path], target)
-        if found is not None and found.loader is not None:
-            found.loader = LazyLoader(found.loader)
-        return found
-
-
-def load_late() -> None:
-    """Have the modules of `LATE` loaded when they are first used; asked twice, it is as asked once."""
-    if not any(isinstance(finder, _Late) for finder in sys.meta_path):
-        sys.meta_path.insert(0, _Late())
 
 
 # -- Main --
@@ -243,7 +212,6 @@ def run() -> None:
             stream.reconfigure(errors=tools.ERRORS)
     for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ.setdefault(variable, "1")  # the matrices are small: threads would wait for each other
-    load_late()
     if os.environ.get(DEBUG_VARIABLE) != "1":
         warnings.simplefilter("ignore")  # those of libraries; Eivor's own are findings and reasons
     try:

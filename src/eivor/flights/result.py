@@ -8,7 +8,7 @@ from functools import cache, cached_property
 from importlib.metadata import entry_points
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Protocol
+from typing import TYPE_CHECKING, Any, Literal, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -50,6 +50,7 @@ if TYPE_CHECKING:
 OUTPUTS = "eivor.outputs"
 
 
+@runtime_checkable
 class StateSpaceArrays(Protocol):
     """x' = A x + B u(t - delay_s), y = C x + D u, with the names of states, inputs and outputs."""
 
@@ -77,6 +78,7 @@ class StateSpaceArrays(Protocol):
         """The same as a ``control.StateSpace`` of python-control, without the delay."""
 
 
+@runtime_checkable
 class SavedResult(Protocol):
     """A result as its document holds it; see `eivor.SavedFit`."""
 
@@ -101,6 +103,7 @@ class SavedResult(Protocol):
         """Content of an exported file."""
 
 
+@runtime_checkable
 class ResultOutputs(Protocol):
     """What reports and exports make of a result; `eivor.report.outputs` implements and registers it."""
 

@@ -1,111 +1,491 @@
-"""HTTP server and page."""
+"""The server of the page: Starlette's routes behind a gate, run by uvicorn on the loopback address only."""
 
 from __future__ import annotations
 
+import asyncio
+import hmac
+import html
+import os
+import re
+import secrets
+import shutil
+import socket
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from dataclasses import dataclass, field
+from http import HTTPStatus
 from importlib import resources
+from pathlib import Path
+from typing import cast
+from urllib.parse import parse_qs, quote
 
-from eivor.report.html import SHAPES, Markup, Sources, element, joined, own, report_sources, whole_page
+import anyio.from_thread
+import anyio.to_thread
+import uvicorn
+from starlette.applications import Starlette
+from starlette.exceptions import HTTPException
+from starlette.requests import ClientDisconnect, Request
+from starlette.responses import HTMLResponse, JSONResponse, PlainTextResponse, Response, StreamingResponse
+from starlette.routing import Route
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+from uvicorn.protocols.http.h11_impl import H11Protocol
 
-#: Parts of the script, in the order in which they stand in it.
-PARTS = (
-    "base",
-    "talk",
-    "folders",
-    "flights",
-    "course",
-    "choices",
-    "downloads",
-    "result",
-    "compare",
-    "start",
+from eivor.errors import EivorError
+from eivor.process_pool import Limits
+from eivor.serve.jobs import (
+    RESULT,
+    Export,
+    File,
+    Jobs,
+    KeptLogs,
+    ListExports,
+    Outcome,
+    Plan,
+    Refused,
+    Supply,
+    Task,
+    Work,
+    Workers,
+    WorkFunction,
+    shown_name,
 )
-#: Shapes of stages, drawn as those of verdicts are: gone by, at it, to come.
-STAGES = {"over": "M6 10.4l2.8 2.9 5.4-6.4", "now": "M6 10h7.6M10.4 6.6l3.4 3.4-3.4 3.4", "ahead": ""}
-#: What the script may ask: its own server, and reports within the page, which it makes itself.
-DIRECTIVES = ("connect-src 'self'", "frame-src blob:")
-TITLE = "Drop a flight log"
-PRIVACY = "The log stays on this machine: the page talks to the Eivor that runs on it, and to nobody else."
-#: What comes back, shown while nothing was dropped.
-COMES_BACK = (
-    ("A verdict first", "Identified, weak, provisional or refused, in a sentence, and why."),
-    ("Numbers with intervals", "Friction, gain, hover input, lag: each with a verdict of its own."),
-    ("What to do with it", "The next flight to fly, and files for autopilots and simulators."),
-)
-FORMATS = "ULog, ArduPilot, ROS bags and MCAP, Crazyflie, CSV, Parquet. Several logs are compared."
+from eivor.serve.page import page_text
+from eivor.serve.requests import RefusedError, asked_job, sent_files, status_of, told
+
+#: The only address, and the header with the token.
+ADDRESS, TOKEN = "127.0.0.1", "X-Eivor-Token"
+#: Logs and results are deleted after this time, and the server looks for them this often [s].
+KEPT_S, LOOK_S = 3600.0, 1.0
+#: Time for the head of a request, and for its body beside the bytes per second that it must reach [s].
+HEAD_S, BODY_S, BODY_RATE = 10.0, 30.0, 100_000.0
+#: A refused body is read for this long, since a browser that still sends would not see the answer [s].
+LINGER_S = 1.0
+#: Time to finish answers when the server ends [s].
+LAST_S = 2
+#: Connections at a time, and bytes of a request's head and of a request that is no log.
+MOST_CONNECTIONS, MOST_HEAD, MOST_JSON = 64, 65_536, 1_000_000
+#: Fields of a query, and its letters.
+MOST_FIELDS, LONGEST_QUERY = 20, 200_000
+#: The flight that comes with Eivor.
+EXAMPLE = "example_flight.parquet"
+_REOPEN = "Open the address that `eivor serve` has printed."
+_RELOAD = "Load the page again."
+_HEADERS = {
+    "Cache-Control": "no-store",
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "X-Frame-Options": "DENY",
+    "Connection": "close",
+    "Content-Security-Policy": "default-src 'none'; frame-ancestors 'none'",
+}
+_POLICY = re.compile(r'http-equiv="Content-Security-Policy" content="([^"]*)"')
 
 
-def page_text() -> str:
-    """Text of the page: HTML with its style, its script and a policy that allows nothing else."""
-    shapes = {status.value: path for status, path in SHAPES.items()} | STAGES
-    return whole_page("Eivor", _body(), {"shapes": shapes}, _sources())
+@dataclass(frozen=True, slots=True)
+class ServeOptions:
+    """Resources of a server."""
+
+    port: int = 0  # zero for any that is free
+    workers: int = 2  # processes at most
+    limits: Limits = field(default_factory=Limits)  # of each job
+    largest: int = 500_000_000  # bytes of a log at most
+    most_waiting: int = 256  # jobs in the queue
+    clock: Callable[[], float] = time.monotonic
+    work: WorkFunction = field(default_factory=Work)  # function of the worker processes
 
 
-def _sources() -> Sources:
-    """The report's style with what is this page's own; its policy is for the reports in it, too."""
-    folder = resources.files("eivor.serve").joinpath("static")
-    scripts = [folder.joinpath(f"{name}.js").read_text(encoding="utf-8") for name in PARTS]
-    style = f"{own('page.css')}\n{folder.joinpath('serve.css').read_text(encoding='utf-8')}"
-    script = "\n".join(['"use strict";', "(() => {", *scripts, "})();"])
-    return Sources(style, script, (report_sources(),), DIRECTIVES)
+class Server:
+    """A page on this machine, until it is closed."""
 
-
-def _body() -> Markup:
-    theme = element("button", {"type": "button", "id": "theme"}, "Dark")
-    about = element("p", {"class": "about"}, "Eivor · on this machine")
-    return joined(
-        [
-            element("header", None, element("div", None, about, element("h1", None, TITLE)), theme),
-            element(
-                "main",
-                {"id": "main"},
-                _drop(),
-                element("div", {"class": "comes"}, *(_promise(*one) for one in COMES_BACK)),
-                element("p", {"id": "status", "role": "status", "class": "unseen"}),
-                _flights(),
-                element(
-                    "section",
-                    {"id": "comparison", "aria-labelledby": "comparison-heading", "hidden": ""},
-                    element("h2", {"id": "comparison-heading"}, "Flights compared"),
-                    element("div", {"id": "compared"}),
-                ),
-                element("section", {"id": "result", "aria-labelledby": "result-heading", "hidden": ""}),
-            ),
+    def __init__(self, options: ServeOptions | None = None) -> None:
+        self.options = chosen = options or ServeOptions()
+        self.page = page_text()
+        self.token = secrets.token_urlsafe(24)
+        listening = _listening(chosen.port)
+        self.port: int = listening.getsockname()[1]
+        self.folder = Path(tempfile.mkdtemp(prefix="eivor-serve-"))
+        self.workers = Workers(chosen.workers, chosen.limits, chosen.most_waiting, chosen.work)
+        self.logs = KeptLogs(self.folder / "logs", chosen.largest, chosen.clock)
+        self.jobs = Jobs(self.folder / "jobs", self.workers, chosen.clock)
+        self._uvicorn = uvicorn.Server(
+            uvicorn.Config(
+                Gate(_application(self), self.port, self.token),
+                http=BoundedProtocol,
+                ws="none",
+                lifespan="off",
+                log_config=None,
+                log_level="critical",
+                access_log=False,
+                server_header=False,
+                h11_max_incomplete_event_size=MOST_HEAD,
+                timeout_graceful_shutdown=LAST_S,
+            )
+        )
+        self._closed = threading.Event()
+        self._threads = [
+            threading.Thread(target=self._uvicorn.run, args=([listening],), daemon=True),
+            threading.Thread(target=self._look_after, daemon=True),
         ]
+        for thread in self._threads:
+            thread.start()
+
+    @property
+    def url(self) -> str:
+        """Address of the page."""
+        return f"http://{ADDRESS}:{self.port}/?token={self.token}"
+
+    @property
+    def connections(self) -> int:
+        """Number of open connections."""
+        return len(self._uvicorn.server_state.connections)
+
+    def policy(self) -> str:
+        """Content security policy of the page, as it declares itself, and that nobody may frame it."""
+        stated = _POLICY.search(self.page)
+        own = html.unescape(stated.group(1)) if stated else "default-src 'none'"
+        return f"{own}; frame-ancestors 'none'"
+
+    def forget(self) -> None:
+        """Delete what is an hour old."""
+        self.jobs.forget_older(KEPT_S)
+        self.logs.forget_older(KEPT_S, self.jobs.in_use())
+
+    def close(self) -> None:
+        """End connections and processes, and delete the files."""
+        self._closed.set()
+        self._uvicorn.should_exit = True
+        self.workers.close()
+        for thread in self._threads:
+            thread.join()
+        shutil.rmtree(self.folder, ignore_errors=True)
+
+    def _look_after(self) -> None:
+        while not self._closed.wait(LOOK_S):
+            self.forget()
+
+
+def _listening(port: int) -> socket.socket:
+    listening = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+    try:
+        if os.name == "posix":  # elsewhere another program could take the port over
+            listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listening.bind((ADDRESS, port))
+        listening.listen(128)
+    except OSError:
+        listening.close()
+        raise
+    return listening
+
+
+class BoundedProtocol(H11Protocol):
+    """Connections of a limited number, whose requests come within a limited time."""
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        """Accept a connection when there is room."""
+        super().connection_made(transport)
+        if len(self.connections) > MOST_CONNECTIONS:
+            error = RefusedError(
+                HTTPStatus.SERVICE_UNAVAILABLE, "fewer connections", "one more", "Close some tabs."
+            )
+            self._end(error)
+        else:
+            self.loop.call_later(HEAD_S, self._end_late)
+
+    def send_400_response(self, msg: str) -> None:
+        """Answer what is no request."""
+        self._end(RefusedError(HTTPStatus.BAD_REQUEST, "a request of the page", msg, _RELOAD))
+
+    def _end_late(self) -> None:
+        if cast("object", self.cycle) is None and not self.transport.is_closing():
+            self.transport.close()
+
+    def _end(self, error: EivorError) -> None:
+        answer, status = _refused(error), status_of(error)
+        head = [f"HTTP/1.1 {status.value} {status.phrase}".encode()]
+        head += [name + b": " + value for name, value in answer.raw_headers]
+        self.transport.write(b"\r\n".join([*head, b"", bytes(answer.body)]))
+        self.transport.close()
+
+
+class Gate:
+    """Lets the page of this run pass, in a browser on this machine, and nobody else."""
+
+    def __init__(self, app: ASGIApp, port: int, token: str) -> None:
+        self._app, self._token = app, token
+        self._hosts = f"{ADDRESS}:{port}", f"localhost:{port}"
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer a request."""
+
+        async def with_headers(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                present = {name.lower() for name, _ in message["headers"]}
+                own = [(name.lower().encode(), value.encode()) for name, value in _HEADERS.items()]
+                message["headers"] = [*message["headers"], *(one for one in own if one[0] not in present)]
+            await send(message)
+
+        anyio.to_thread.current_default_thread_limiter().total_tokens = 2 * MOST_CONNECTIONS
+        request = Request(scope, receive)
+        try:
+            self._check(request)
+        except RefusedError as error:
+            await _read_on(request)
+            await _refused(error)(scope, receive, with_headers)
+        else:
+            with suppress(ClientDisconnect):
+                await self._app(scope, receive, with_headers)
+
+    def _check(self, request: Request) -> None:
+        headers = request.headers
+        host, origin = headers.get("host", ""), headers.get("origin")
+        if host.lower() not in self._hosts:
+            received = f"'{host[:100]}'"
+            raise RefusedError(
+                HTTPStatus.MISDIRECTED_REQUEST, f"the host {self._hosts[0]}", received, _REOPEN
+            )
+        if origin is not None and origin.lower() not in {f"http://{own}" for own in self._hosts}:
+            raise _forbidden("a request of the page itself", f"one of '{origin[:100]}'")
+        site = headers.get("sec-fetch-site", "none")
+        if site not in ("same-origin", "none"):
+            raise _forbidden("a request of the page itself", f"one that is {site[:100]}")
+        token = headers.get(TOKEN, "")
+        if request.scope["path"] == "/" and request.method == "GET":
+            token = token or _fields(request).get("token", "")
+        if not hmac.compare_digest(token.encode("utf-8", "replace"), self._token.encode()):
+            raise _forbidden("the token of this run", "another one" if token else "none")
+
+
+def _forbidden(expected: str, received: str) -> RefusedError:
+    return RefusedError(HTTPStatus.FORBIDDEN, expected, received, _REOPEN)
+
+
+def _refused(error: EivorError) -> Response:
+    return JSONResponse({"error": told(error)}, status_of(error), headers=_HEADERS)
+
+
+async def _read_on(request: Request) -> None:
+    """Read what is sent all the same, for a while."""
+    with suppress(ClientDisconnect, RuntimeError), anyio.move_on_after(LINGER_S):
+        if request.headers.get("content-length", "0") != "0":
+            async for _ in request.stream():
+                pass
+
+
+# -- routes -----------------------------------------------------------------------------------------------
+
+
+class _Routes:
+    """What answers each path; functions that are not `async` run in threads."""
+
+    def __init__(self, server: Server) -> None:
+        self._server, self._logs, self._jobs = server, server.logs, server.jobs
+
+    def page(self, _request: Request) -> Response:
+        return HTMLResponse(self._server.page, headers={"Content-Security-Policy": self._server.policy()})
+
+    def choices(self, _request: Request) -> Response:
+        return JSONResponse(
+            {**self._server.workers.choices().known, "largest_bytes": self._server.options.largest}
+        )
+
+    async def keep_log(self, request: Request) -> Response:
+        size = _length(request, self._server.options.largest)
+        name = shown_name(request.headers.get("x-eivor-name", ""))
+        body = _Body(request, size)
+        sent = sent_files(request.headers.get("x-eivor-files", ""), size)
+        files = [(one.name, one.size) for one in sent] or [("", size)]
+        parts = ((one, body.parts(length)) for one, length in files)
+        log = await anyio.to_thread.run_sync(lambda: self._logs.keep(name, size, parts, self._jobs.in_use))
+        return JSONResponse({"log": log, "name": name, "bytes": size})
+
+    def keep_example(self, _request: Request) -> Response:
+        content = resources.files("eivor.data").joinpath(EXAMPLE).read_bytes()
+        log = self._logs.keep(EXAMPLE, len(content), [("", iter([content]))], self._jobs.in_use)
+        return JSONResponse({"log": log, "name": EXAMPLE, "bytes": len(content)})
+
+    def forget_log(self, request: Request) -> Response:
+        log = request.path_params["log"]
+        if log in self._jobs.in_use():
+            raise RefusedError(
+                HTTPStatus.CONFLICT, "a log that nobody works on", "one of a job", "Cancel the job first."
+            )
+        self._logs.forget(log)
+        return JSONResponse({})
+
+    async def begin_job(self, request: Request) -> Response:
+        body = _Body(request, _length(request, MOST_JSON))
+
+        def begin() -> str:
+            asked = asked_job(b"".join(body.parts(body.left)))
+            return self._jobs.begin(asked, {log: self._logs.get(log) for log, _ in asked.logs})
+
+        return JSONResponse({"job": await anyio.to_thread.run_sync(begin)})
+
+    def end_job(self, request: Request) -> Response:
+        self._jobs.end(request.path_params["job"])
+        return JSONResponse({})
+
+    def events(self, request: Request) -> Response:
+        job = self._jobs.get(request.path_params["job"])
+        lines = (bytes(JSONResponse(event).body) + b"\n" for event in job.events())
+        return StreamingResponse(lines, media_type="application/x-ndjson; charset=utf-8")
+
+    def result(self, request: Request) -> Response:
+        folder = self._jobs.get(request.path_params["job"]).result_folder()
+        return Response((folder / RESULT).read_bytes(), media_type="application/json; charset=utf-8")
+
+    def report(self, request: Request) -> Response:
+        return HTMLResponse(self._jobs.get(request.path_params["job"]).report().read_bytes())
+
+    def list_exports(self, request: Request) -> Response:
+        job, fields = self._jobs.get(request.path_params["job"]), _fields(request)
+        outcome = self._done(ListExports(job.result_folder(), _supply(fields, job.asked.mass), job.stem))
+        return JSONResponse({"targets": outcome})
+
+    def export(self, request: Request) -> Response:
+        job, target = self._jobs.get(request.path_params["job"]), request.path_params["target"]
+        supply = _supply(_fields(request), job.asked.mass)
+        return _file(self._done(Export(job.result_folder(), supply, job.stem, target)))
+
+    def plan(self, request: Request) -> Response:
+        job, fields = self._jobs.get(request.path_params["job"]), _fields(request)
+        form, home, target = request.path_params["form"], fields.get("home", ""), fields.get("for", "")
+        return _file(self._done(Plan(job.result_folder(), job.stem, form, home, target)))
+
+    def _done(self, task: Task) -> Outcome:
+        outcome = self._jobs.do(task)
+        if isinstance(outcome, Refused):
+            parts = outcome.told
+            status = HTTPStatus(outcome.status)
+            raise RefusedError(status, parts["expected"], parts["received"], parts["advice"])
+        if outcome is None:
+            unavailable = HTTPStatus.SERVICE_UNAVAILABLE
+            raise RefusedError(
+                unavailable, "a server that stays", "one that stops", "Start it again: eivor serve."
+            )
+        return outcome
+
+    async def refuse(self, request: Request, error: Exception) -> Response:
+        await _read_on(request)
+        return _refused(_as_refusal(request, error))
+
+
+def _application(server: Server) -> Starlette:
+    answers = _Routes(server)
+    app = Starlette(
+        routes=[
+            Route(path, endpoint, methods=[method])
+            for method, path, endpoint in (
+                ("GET", "/", answers.page),
+                ("GET", "/choices", answers.choices),
+                ("POST", "/logs", answers.keep_log),
+                ("POST", "/example", answers.keep_example),
+                ("DELETE", "/logs/{log}", answers.forget_log),
+                ("POST", "/jobs", answers.begin_job),
+                ("DELETE", "/jobs/{job}", answers.end_job),
+                ("GET", "/jobs/{job}/events", answers.events),
+                ("GET", "/jobs/{job}/result.json", answers.result),
+                ("GET", "/jobs/{job}/report.html", answers.report),
+                ("GET", "/jobs/{job}/exports", answers.list_exports),
+                ("GET", "/jobs/{job}/exports/{target}", answers.export),
+                ("GET", "/jobs/{job}/plan/{form}", answers.plan),
+            )
+        ],
+        exception_handlers=dict.fromkeys((EivorError, HTTPException, OSError, TimeoutError), answers.refuse),
     )
+    app.router.redirect_slashes = False
+    return app
 
 
-def _drop() -> Markup:
-    """Where logs are dropped, or chosen with a button."""
-    box = {"viewBox": "0 0 48 48", "class": "arrow", "aria-hidden": "true"}
-    arrow = element("svg", box, element("path", {"d": "M24 6v24M14 21l10 10 10-10M7 35v6h34v-6"}))
-    one_or_more = {"type": "file", "multiple": "", "class": "unseen"}
-    files = element("input", {**one_or_more, "id": "files"})
-    folder = element("input", {**one_or_more, "id": "folder", "webkitdirectory": ""})
-    words = element(
-        "p",
-        {"class": "call"},
-        "Drop flight logs here, or ",
-        element("label", {"class": "button"}, "Choose files", files),
-        " ",
-        element("label", {"class": "button second"}, "Choose a folder", folder),
-    )
-    notes = element("div", {"class": "notes"}, element("p", None, PRIVACY), element("p", None, FORMATS))
-    example = element("button", {"type": "button", "id": "example"}, "Try the example flight")
-    none_at_hand = element("p", {"class": "example"}, "No log at hand? ", example)
-    return element("div", {"id": "drop", "class": "drop"}, arrow, words, notes, none_at_hand)
+def _as_refusal(request: Request, error: Exception) -> EivorError:
+    if isinstance(error, EivorError):
+        return error
+    if isinstance(error, TimeoutError):
+        return RefusedError(
+            HTTPStatus.REQUEST_TIMEOUT, "a log that comes at once", "a slow one", "Drop it again."
+        )
+    if isinstance(error, OSError):
+        said = error.strerror or type(error).__name__
+        return RefusedError(HTTPStatus.INTERNAL_SERVER_ERROR, "files that can be written", said, "Make room.")
+    status = HTTPStatus(error.status_code) if isinstance(error, HTTPException) else HTTPStatus(500)
+    if status == HTTPStatus.METHOD_NOT_ALLOWED and isinstance(error, HTTPException):
+        return RefusedError(status, (error.headers or {}).get("Allow", ""), request.method, _RELOAD)
+    return RefusedError(status, "an address of the page", f"'{request.url.path[:100]}'", _RELOAD)
 
 
-def _promise(title: str, words: str) -> Markup:
-    return element("div", None, element("h2", None, title), element("p", None, words))
+# -- what comes -------------------------------------------------------------------------------------------
 
 
-def _flights() -> Markup:
-    """One card for each flight, and what can be done with all of them."""
-    compare = element("button", {"type": "button", "id": "compare", "aria-pressed": "false"}, "Compare")
-    pool = element("button", {"type": "button", "id": "pool"}, "Pool as one vehicle")
-    together = element("p", {"id": "together", "class": "together", "hidden": ""}, compare, pool)
-    head = element("div", {"class": "head"}, element("h2", {"id": "flights-heading"}, "Flights"), together)
-    cards = element("ul", {"id": "cards", "class": "cards"})
-    return element(
-        "section", {"id": "flights", "aria-labelledby": "flights-heading", "hidden": ""}, head, cards
-    )
+class _Body:
+    """The body of a request, read by a thread in parts as they come."""
+
+    def __init__(self, request: Request, size: int) -> None:
+        self.left = size
+        self._chunks = request.stream()
+        self._rest = b""
+        self._end = time.monotonic() + BODY_S + size / BODY_RATE
+
+    def parts(self, size: int) -> Iterator[bytes]:
+        """The next bytes, so many of them."""
+        while size:
+            chunk = self._rest or anyio.from_thread.run(self._next)
+            if time.monotonic() > self._end:
+                raise TimeoutError
+            part, self._rest = chunk[:size], chunk[size:]
+            size, self.left = size - len(part), self.left - len(part)
+            yield part
+
+    async def _next(self) -> bytes:
+        with anyio.fail_after(self._end - time.monotonic()):
+            async for chunk in self._chunks:
+                if chunk:
+                    return chunk
+        raise ClientDisconnect
+
+
+def _length(request: Request, most: int) -> int:
+    """Bytes of the body, before any of it is read."""
+    text = request.headers.get("content-length", "")
+    if "transfer-encoding" in request.headers or not re.fullmatch("[0-9]{1,15}", text):
+        raise RefusedError(
+            HTTPStatus.LENGTH_REQUIRED, "a request that says how long it is", "one that does not", _RELOAD
+        )
+    if int(text) > most:
+        raise RefusedError(
+            HTTPStatus.REQUEST_ENTITY_TOO_LARGE,
+            f"at most {most} bytes",
+            f"{text} bytes",
+            "Cut the log to the manoeuvre of interest, or start with more: eivor serve --largest MB.",
+        )
+    return int(text)
+
+
+def _fields(request: Request) -> dict[str, str]:
+    """Fields of the query."""
+    query = request.scope["query_string"].decode("latin-1")
+    try:
+        if len(query) > LONGEST_QUERY:
+            raise ValueError
+        fields = parse_qs(query, max_num_fields=MOST_FIELDS, errors="replace")
+    except ValueError:
+        expected = f"at most {MOST_FIELDS} fields"
+        raise RefusedError(HTTPStatus.BAD_REQUEST, expected, "more", _RELOAD) from None
+    return {name: "\n".join(values) for name, values in fields.items()}
+
+
+def _supply(fields: dict[str, str], mass: str) -> Supply:
+    priors = tuple(line for line in fields.get("prior", "").split("\n") if line)
+    return Supply(fields.get("mass", "") or mass, fields.get("vehicle", ""), priors)
+
+
+def _file(outcome: Outcome) -> Response:
+    if not isinstance(outcome, File):
+        raise TypeError(f"a file, not {type(outcome).__name__}")
+    plain = re.sub(r"[^\w.-]+", "_", outcome.name, flags=re.ASCII) or "file"
+    where = f"attachment; filename=\"{plain}\"; filename*=UTF-8''{quote(outcome.name, safe='')}"
+    return PlainTextResponse(outcome.text, headers={"Content-Disposition": where})

@@ -16,7 +16,7 @@ import typer
 from eivor.cli.outputs import ExitCode, WorkersOption, guarded, write
 from eivor.errors import InputError, UsageError
 from eivor.process_pool import Limits
-from eivor.serve.jobs import ServeOptions, Server
+from eivor.serve.app import ServeOptions, Server
 
 #: Ctrl-C, the system's polite end, and a terminal or a console that is closed.
 STOPS = ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK")
