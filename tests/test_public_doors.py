@@ -456,6 +456,10 @@ def doors(folder):
         ),
         "example_flight": (ev.example_flight, {}),
         "load_fit": (ev.load_fit, {"file": fit_file}),
+        "log_signals": (
+            ev.log_signals,
+            {"log": ev.example_flight(), "actuator_lag": 0.05, "delay": 0.0, "model": "vertical"},
+        ),
         "lags": (ev.lags, {"channel": "input", "first": 0, "last": 2}),
         "moments": (ev.moments, {"chunks": [m.signals], **model}),
         "motion_by_name": (ev.motion_by_name, {"name": "vertical"}),
