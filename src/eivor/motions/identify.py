@@ -192,6 +192,7 @@ def log_signals(
     UsageError
         For choices that do not fit.
     """
+    checks.kind("log", log, Recording, "a recording", READ_FIRST)
     for name, value in {"actuator_lag": actuator_lag, "delay": delay}.items():
         checks.number(name, value)
         if not 0.0 <= value <= 1.0:
