@@ -80,9 +80,10 @@ def test_contracts_hold(copy):
         ("flights/identify.py", "import matplotlib.pyplot", 1),
         ("logs/read.py", "def f():\n    import pyulog", 2),
         ("logs/read.py", "def f():\n    import rosbags", 3),
-        ("flights/grid.py", "import polars", 4),
-        ("models/regression.py", "def f():\n    import validation", 5),
-        ("motions/vertical/model.py", "import rotorpy", 6),
+        ("flights/grid.py", "import uvicorn", 4),
+        ("flights/grid.py", "import polars", 5),
+        ("models/regression.py", "def f():\n    import validation", 6),
+        ("motions/vertical/model.py", "import rotorpy", 7),
     ],
 )
 def test_contracts_catch(copy, file, line, contract):
