@@ -79,6 +79,7 @@ def test_a_folder_that_breaks_off_leaves_nothing(page):
             f"POST /logs HTTP/1.1\r\nHost: 127.0.0.1:{page.server.port}\r\nX-Eivor-Files: a/3 b/9\r\n"
             f"X-Eivor-Token: {page.server.token}\r\nContent-Length: 12\r\n\r\nabcd".encode()
         )
+        wait_for(lambda: page.server.logs._coming > 0)
     wait_for(lambda: set(page.server.folder.rglob("*")) == before)
 
 

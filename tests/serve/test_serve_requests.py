@@ -203,6 +203,7 @@ def test_a_log_that_breaks_off_leaves_nothing(page):
             f"POST /logs HTTP/1.1\r\nHost: 127.0.0.1:{page.server.port}\r\n"
             f"X-Eivor-Token: {page.server.token}\r\nContent-Length: 500\r\n\r\nhalf".encode()
         )
+        wait_for(lambda: page.server.logs._coming > 0)
     wait_for(lambda: set(page.server.folder.rglob("*")) == before and page.server.logs._coming == 0)
 
 
