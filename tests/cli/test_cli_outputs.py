@@ -459,7 +459,7 @@ def test_simulate_keeps_every_file_that_it_names(eivor: Caller, study: Path) -> 
 def test_outputs_of_paper_do_not_replace_each_other(
     eivor: Caller, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("eivor.lab.paper_examples.run_paper", None)
+    monkeypatch.setattr("eivor.lab.cli.run_paper", None)
     page = tmp_path / "page.md"
     page.write_text("mine", encoding="utf-8")
     assert "different files for --json and --page" in eivor("paper", "--json", page, "--page", page).err

@@ -41,7 +41,7 @@ def test_tables_have_measured_beside_printed():
 @pytest.mark.thorough
 def test_without_names_there_is_an_overview(two_readings, monkeypatch):
     """The nearest reading in full, every reading in a line; a screen or two, not hundreds of lines."""
-    monkeypatch.setattr("eivor.lab.paper_examples.run_paper", lambda *_, **__: iter(two_readings))
+    monkeypatch.setattr("eivor.lab.cli.run_paper", lambda *_, **__: iter(two_readings))
     short = eivor(*SMALL)
     assert short.exit_code == 0, short.output
     assert "187.2 ± 119.4" in short.output
@@ -137,7 +137,7 @@ def test_readings_are_listed():
     ],
 )
 def test_wrong_usage_is_told_before_anything_runs(arguments, message, monkeypatch):
-    monkeypatch.setattr("eivor.lab.paper_examples.run_paper", None)
+    monkeypatch.setattr("eivor.lab.cli.run_paper", None)
     run = eivor("paper", *arguments)
     assert run.exit_code in (1, 2)
     assert message in run.output
