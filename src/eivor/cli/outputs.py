@@ -17,6 +17,7 @@ from fnmatch import fnmatchcase
 from glob import escape
 from itertools import combinations
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Annotated, Any, ParamSpec
 from unicodedata import normalize
 
@@ -24,10 +25,13 @@ import typer
 from typer import Exit
 from typer.core import TyperArgument, TyperCommand, TyperGroup, TyperOption
 
+<<<<<<< HEAD
 from eivor.atomic_file import try_place, write_whole
 from eivor.cli.parsing import log_argument
+=======
+from eivor.atomic_file import check_writable, write_atomically
+>>>>>>> 3b15011 (Help loads no reader of logs)
 from eivor.errors import EivorError, InputError, UsageError, did_you_mean
-from eivor.logs.common import folder_files
 from eivor.report.document import printable
 from eivor.strict_toml import TomlTable, read_toml
 from eivor.tools import plain_text
@@ -53,8 +57,10 @@ def log_paths(text: str) -> Iterable[Path]:
     if text == STANDARD_OUTPUT:
         return [Path("/dev/stdin")]
 
-    path = log_argument(text).path
-    return folder_files(path) if path.is_dir() else [path]
+    # By name, since help loads no reader of logs.
+    path: Path = resolve_name("eivor.cli.parsing:log_argument")(text).path
+    files: Iterable[Path] = resolve_name("eivor.logs.common:folder_files")(path) if path.is_dir() else [path]
+    return files
 
 
 def map_paths(text: str) -> Iterable[Path]:
