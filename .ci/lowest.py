@@ -160,7 +160,7 @@ def use(installed: Installed, modules: list[str]) -> None:
     for table in ("flight.csv", "flight.parquet"):
         installed.eivor("identify", table)
         installed.eivor("inspect", table)
-    installed.run("-c", ULOG, "made.ulg", PYTHONPATH=str(ROOT / "tests" / "logs"))
+    installed.run("-c", ULOG, "made.ulg", PYTHONPATH=f"{ROOT / 'tests' / 'logs'}{os.pathsep}{ROOT / 'tests'}")
     data = Path(os.environ.get("EIVOR_DATA", "/nowhere"))
     for log in (Path("made.ulg"), *sorted(data.glob("px4/*.ulg"))):
         installed.eivor("inspect", str(log))
