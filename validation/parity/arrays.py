@@ -234,7 +234,7 @@ CONFIGURED: Mapping[str, Mapping[str, Callable[[], Any]]] = {
     "shared": {
         "generalized_iv_two_stage": lambda: M.generalized_iv(M.TwoStage()),
         "generalized_iv_two_step": lambda: M.generalized_iv(M.TwoStepRobust()),
-        "regularised": lambda: M.regularised(M.generalized_iv(), M.Tikhonov(), M.GivenParameter(0.01)),
+        "regularised": lambda: M.regularised(M.generalized_iv(), 0.01),
     },
 }
 COVARIANCES: Mapping[str, Any] = {

@@ -221,7 +221,7 @@ def studies(folder: Folder) -> Iterator[tuple[str, Any]]:
     """Monte Carlo studies of arrays, and the paper's tables under some readings."""
     few = ("--runs", RUNS, "--workers", 1, "--json", "document.json")
     for name in STUDIES:
-        yield name, folder.eivor("study", f"lab/{name}.toml", "--out", f"study-{name}", *few)
+        yield name, folder.eivor("study", f"studies/{name}.toml", "--out", f"study-{name}", *few)
     yield "paper", folder.eivor("paper", "--readings", READINGS, *few)
 
 
