@@ -25,12 +25,7 @@ import typer
 from typer import Exit
 from typer.core import TyperArgument, TyperCommand, TyperGroup, TyperOption
 
-<<<<<<< HEAD
 from eivor.atomic_file import try_place, write_whole
-from eivor.cli.parsing import log_argument
-=======
-from eivor.atomic_file import check_writable, write_atomically
->>>>>>> 3b15011 (Help loads no reader of logs)
 from eivor.errors import EivorError, InputError, UsageError, did_you_mean
 from eivor.report.document import printable
 from eivor.strict_toml import TomlTable, read_toml
