@@ -87,7 +87,7 @@ def lower_bounds() -> tuple[tuple[int, int], dict[str, str]]:
     if python is None:
         sys.exit(f"Expected requires-python >=X.Y; received {project['requires-python']!r}")
     lowest = {}
-    extras = (one for extra in EXTRAS for one in project["optional-dependencies"][extra])
+    extras = (item for extra in EXTRAS for item in project["optional-dependencies"][extra])
     for requirement in (*project["dependencies"], *extras):
         bound = _BOUND.match(requirement)
         if bound is None:
@@ -102,13 +102,13 @@ def interpreter(version: tuple[int, int]) -> str | None:
     for candidate in (sys.executable, shutil.which(name)):
         if candidate is None:
             continue
-        asked = subprocess.run(
+        completed = subprocess.run(
             [candidate, "-c", "import sys, ensurepip; print(*sys.version_info[:2])"],
             capture_output=True,
             text=True,
             check=False,
         )
-        if asked.stdout.split() == [str(number) for number in version]:
+        if completed.stdout.split() == [str(number) for number in version]:
             return candidate
     return None
 
@@ -178,15 +178,15 @@ def use(installed: Installed, modules: list[str]) -> None:
 def main() -> None:
     """Check the lower bounds."""
     python, lowest = lower_bounds()
-    found = interpreter(python)
-    if found is None:
+    result = interpreter(python)
+    if result is None:
         print(
             "Left out: the lowest versions have wheels for Python {}.{}, which is not here.".format(*python)
         )
         return
     folder = Path(sys.argv[1]).resolve()
     folder.mkdir(parents=True)
-    use(Installed(folder, found, lowest), list(lowest))
+    use(Installed(folder, result, lowest), list(lowest))
 
 
 if __name__ == "__main__":

@@ -46,17 +46,17 @@ def least_seconds(
     """Least time of some runs of `action` [s], by the clock on the wall or another."""
     best = float("inf")
     for _ in range(repeats):
-        begun = clock()
+        started = clock()
         action()
-        best = min(best, clock() - begun)
+        best = min(best, clock() - started)
     return best
 
 
 def process_seconds(command: tuple[str, ...], *, allowed: tuple[int, ...] = (0,)) -> float:
     """Wall time of a whole process, interpreter start included [s]."""
-    begun = time.perf_counter()
+    start_s = time.perf_counter()
     run = subprocess.run(command, capture_output=True, text=True, check=False)
-    seconds = time.perf_counter() - begun
+    seconds = time.perf_counter() - start_s
     if run.returncode not in allowed:
         raise RuntimeError(f"{command} left with {run.returncode}:\n{run.stdout}{run.stderr}")
     return seconds

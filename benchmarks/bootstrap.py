@@ -43,12 +43,12 @@ def coverage(rows: int, memory: float, trials: int, runs: int) -> None:
     lengths = []
     for trial in range(trials):
         problem = autocorrelated(trial, rows, memory)
-        found = ev.bootstrap(problem, ev.methods.least_squares(), runs=runs, seed=trial)
-        lengths.append(found.block_length)
+        bootstrap = ev.bootstrap(problem, ev.methods.least_squares(), runs=runs, seed=trial)
+        lengths.append(bootstrap.block_length)
         for kind in IntervalKind:
-            for place, truth in enumerate((1.0, 0.5)):
-                low, high = found.interval(found.names[place], kind=kind)
-                held[kind][place] += low <= truth <= high
+            for index, truth in enumerate((1.0, 0.5)):
+                low, high = bootstrap.interval(bootstrap.names[index], kind=kind)
+                held[kind][index] += low <= truth <= high
     shares = "  ".join(f"{kind} {a / trials:.3f} {b / trials:.3f}" for kind, (a, b) in held.items())
     print(
         f"rows {rows}, memory {memory}, blocks of {np.median(lengths):.0f}, {trials} trials: {shares}",
@@ -64,8 +64,8 @@ def pool(fit: FlightEstimate, recordings: list[Recording]) -> FlightEstimate:
     problem = replace(fit.fit.problem, flights=tuple(vertical_flight(flight) for flight in prepared))
     estimate = identify(problem, reference_iv())
     quantities = {
-        name: unjudged.judged(fit.verdict, fit.motion.wording[name])
-        for name, unjudged in fit.motion.quantities(problem, estimate).items()
+        name: quantity_estimate.judged(fit.verdict, fit.motion.wording[name])
+        for name, quantity_estimate in fit.motion.quantities(problem, estimate).items()
     }
     return replace(fit, fit=replace(fit.fit, problem=problem, estimate=estimate), quantities=quantities)
 
@@ -82,14 +82,14 @@ def flights(pools: int, runs: int) -> None:
         recordings = [flight.recording for flight in simulate_vertical_flights(specs)]
         first = first or ev.identify_flight(recordings[:2])
         fit, spec = pool(first, recordings), specs[0]
-        found = ev.bootstrap_flights(fit, runs=runs, seed=number)
+        bootstrap_flights = ev.bootstrap_flights(fit, runs=runs, seed=number)
         truth = (spec.viscous_friction, spec.input_gain, spec.actuator_lag + spec.delay, spec.hover_input)
         row = []
-        for place, name in enumerate(QUANTITIES):
-            (low, high), (lower, upper) = found.interval(name), fit.quantities[name].interval
+        for index, name in enumerate(QUANTITIES):
+            (low, high), (lower, upper) = bootstrap_flights.interval(name), fit.quantities[name].interval
             row.append((high - low) / (upper - lower))
-            ours[place] += low <= truth[place] <= high
-            theirs[place] += lower <= truth[place] <= upper
+            ours[index] += low <= truth[index] <= high
+            theirs[index] += lower <= truth[index] <= upper
         ratios.append(row)
         print(number, gusts, delay, np.round(row, 2), flush=True)
     for share in (0.0, 0.1, 0.25, 0.5, 0.75, 0.9, 1.0):
@@ -99,12 +99,12 @@ def flights(pools: int, runs: int) -> None:
 
 def main() -> None:
     small = arguments(__doc__).small
-    begun = time.perf_counter()
+    start_s = time.perf_counter()
     flights(1 if small else 40, 50 if small else 400)
     for rows in (200,) if small else (500, 4000):
         for memory in (0.5,) if small else (0.0, 0.5, 0.9):
             coverage(rows, memory, 3 if small else 400, 49 if small else 199)
-    print(f"{time.perf_counter() - begun:.0f} s")
+    print(f"{time.perf_counter() - start_s:.0f} s")
 
 
 if __name__ == "__main__":

@@ -51,7 +51,7 @@ RATIOS: dict[str, dict[str, str]] = {
 
 def written_ratios(readme: str) -> dict[tuple[str, str], float]:
     """Largest ratio of each row of the table, by benchmark and by what the row is of."""
-    found, script = {}, ""
+    results, script = {}, ""
     for line in readme.splitlines():
         cells = [cell.strip() for cell in line.strip().strip("|").split("|")]
         if len(cells) != 7:
@@ -61,16 +61,16 @@ def written_ratios(readme: str) -> dict[tuple[str, str], float]:
         last = re.search(r"^(?:.*-)?(1/)?([\d.,]+)$", cells[4])
         if script and last:
             number = float(last[2].replace(",", ""))
-            found[script, cells[1]] = 1.0 / number if last[1] else number
-    return found
+            results[script, cells[1]] = 1.0 / number if last[1] else number
+    return results
 
 
 def measured_ratio(printed: str, pattern: str) -> float:
     """Ratio that a benchmark printed."""
-    found = re.search(pattern, printed, re.MULTILINE)
-    if found is None:
+    match = re.search(pattern, printed, re.MULTILINE)
+    if match is None:
         raise SystemExit(f"Expected a line like {pattern!r}; received\n{printed}")
-    return 1.0 / float(found[1]) if pattern.endswith("x faster") else float(found[1])
+    return 1.0 / float(match[1]) if pattern.endswith("x faster") else float(match[1])
 
 
 def exceeded(script: str, printed: str, written: dict[tuple[str, str], float]) -> list[str]:
@@ -78,10 +78,12 @@ def exceeded(script: str, printed: str, written: dict[tuple[str, str], float]) -
     broken = []
     for begins, pattern in RATIOS[script].items():
         rows = [row for of, row in written if of == script and row.startswith(begins)]
-        told = written[script, min(rows, key=len)]
+        reported = written[script, min(rows, key=len)]
         ratio = measured_ratio(printed, pattern)
-        verdict = "holds" if ratio <= TOLERATED * told else "EXCEEDED"
-        print(f"{script:<20}{begins:<32}written {told:8.4g}   measured {ratio:8.4g}   {verdict}", flush=True)
+        verdict = "holds" if ratio <= TOLERATED * reported else "EXCEEDED"
+        print(
+            f"{script:<20}{begins:<32}written {reported:8.4g}   measured {ratio:8.4g}   {verdict}", flush=True
+        )
         if verdict != "holds":
             broken.append(f"{script}, {begins}")
     return broken
@@ -91,20 +93,20 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("benchmarks", nargs="*", metavar="NAME", help=f"out of {', '.join(RATIOS)}")
     parser.add_argument("--small", action="store_true", help="see that it works; compare nothing")
-    asked = parser.parse_args()
-    unknown = [name for name in asked.benchmarks if name not in RATIOS]
+    parse_args = parser.parse_args()
+    unknown = [name for name in parse_args.benchmarks if name not in RATIOS]
     if unknown:
         parser.error(f"expected names out of {', '.join(RATIOS)}; received {', '.join(unknown)}")
     written = written_ratios((FOLDER / "README.md").read_text(encoding="utf-8"))
     broken: list[str] = []
-    for name in ["inference"] if asked.small else asked.benchmarks or RATIOS:
-        small = ["--small"] if asked.small else []
+    for name in ["inference"] if parse_args.small else parse_args.benchmarks or RATIOS:
+        small = ["--small"] if parse_args.small else []
         command = [sys.executable, str(FOLDER / f"{name}.py"), *small]
         run = subprocess.run(command, capture_output=True, text=True, check=False)
         if run.returncode:
             raise SystemExit(f"{name} failed:\n{run.stdout}{run.stderr}")
-        found = exceeded(name, run.stdout, written)
-        broken += [] if asked.small else found
+        result = exceeded(name, run.stdout, written)
+        broken += [] if parse_args.small else result
     if broken:
         raise SystemExit(
             f"More than {TOLERATED:g} times what benchmarks/README.md says: {'; '.join(broken)}."

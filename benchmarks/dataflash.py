@@ -49,14 +49,14 @@ def synthetic(path: Path, megabytes: float) -> Path:
             message = HEAD + struct.pack("<BQ" + "".join(kinds[code] for code in codes[1:]), n, 0, *values)
             logged.append((round(1e6 * (k + 1) / rate_hz), message))
     logged.sort(key=lambda pair: pair[0])
-    one = b"".join(message for _, message in logged)
+    joined = b"".join(message for _, message in logged)
     stamps = np.array([stamp for stamp, _ in logged])
-    places = 3 + np.cumsum([0, *(len(message) for _, message in logged)])[:-1]
-    count = max(1, round(1e6 * megabytes / len(one)))
-    whole = np.tile(np.frombuffer(one, dtype=np.uint8), (count, 1))
+    positions = 3 + np.cumsum([0, *(len(message) for _, message in logged)])[:-1]
+    count = max(1, round(1e6 * megabytes / len(joined)))
+    whole = np.tile(np.frombuffer(joined, dtype=np.uint8), (count, 1))
     ticks = (stamps + (np.arange(count) * round(1e6 * PERIOD_S))[:, None]).astype("<u8")
     for byte in range(8):
-        whole[:, places + byte] = ticks[..., None].view(np.uint8)[:, :, byte]
+        whole[:, positions + byte] = ticks[..., None].view(np.uint8)[:, :, byte]
     path.write_bytes(descriptions + whole.tobytes())
     return path
 

@@ -53,8 +53,8 @@ def main() -> None:
     print(machine())
     count, duration_s, rounds = (2, 4.0, 1) if small else (200, 30.0, 2)
     many = {"damaged": (10,), "identical": (10,)} if small else MANY
-    with tempfile.TemporaryDirectory() as place:
-        folder = Path(place)
+    with tempfile.TemporaryDirectory() as position:
+        folder = Path(position)
         spec = FleetSpec(vehicles=2, flights=count // 2, duration_s=duration_s)
         logs = write_as_csv(list(write_fleet_logs(spec, folder / "made")), folder / "logs")
         cases: dict[str, Callable[[int], Took]] = {
@@ -64,11 +64,11 @@ def main() -> None:
             "fleet, one process": lambda turn: fleet(folder / "logs", folder / f"1-{turn}", 1),
             "fleet, two processes": lambda turn: fleet(folder / "logs", folder / f"2-{turn}", 2),
         }
-        found = {name: [case(0)] for name, case in cases.items()}
+        results = {name: [case(0)] for name, case in cases.items()}
         for turn in range(1, rounds):
             for name, case in cases.items():
-                found[name].append(case(turn))
-        print_run(count, {name: least(tries) for name, tries in found.items()})
+                results[name].append(case(turn))
+        print_run(count, {name: least(tries) for name, tries in results.items()})
         for kind, numbers in many.items():
             for number in numbers:
                 print_memory(kind, number, folder)
@@ -79,28 +79,28 @@ def write_as_csv(logs: Sequence[Path], folder: Path) -> list[Path]:
     import polars as pl
 
     folder.mkdir()
-    places = [folder / f"{number:04d}.csv" for number in range(len(logs))]
-    for log, place in zip(logs, places, strict=True):
-        pl.read_parquet(log).write_csv(place)
-    return places
+    path = [folder / f"{number:04d}.csv" for number in range(len(logs))]
+    for log, item in zip(logs, path, strict=True):
+        pl.read_parquet(log).write_csv(item)
+    return path
 
 
 def loops(logs: Sequence[Path], count: int) -> Took:
     """Plain loops at once, each over its share of the logs."""
-    begun = [
+    started = [
         subprocess.Popen(
-            (sys.executable, "-c", LOOP, *map(str, logs[place::count])), stdout=subprocess.PIPE, text=True
+            (sys.executable, "-c", LOOP, *map(str, logs[index::count])), stdout=subprocess.PIPE, text=True
         )
-        for place in range(count)
+        for index in range(count)
     ]
-    told = [tuple(map(float, process.communicate()[0].split())) for process in begun]
-    return Took(max(wall for wall, _ in told), sum(cpu for _, cpu in told))
+    selected = [tuple(map(float, process.communicate()[0].split())) for process in started]
+    return Took(max(wall for wall, _ in selected), sum(cpu for _, cpu in selected))
 
 
 def fleet(logs: Path, out: Path, workers: int) -> Took:
     """A run of the command line, its start included."""
     command = (*EIVOR, "fleet", "run", str(logs), "-o", str(out), "--workers", str(workers))
-    begun, memory = time.perf_counter(), 0.0
+    start_s, memory = time.perf_counter(), 0.0
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL)
     while True:
         memory = max(memory, memory_mb(process.pid))
@@ -111,7 +111,7 @@ def fleet(logs: Path, out: Path, workers: int) -> Took:
     process.returncode = os.waitstatus_to_exitcode(status)
     if process.returncode:
         raise RuntimeError(f"{command} left with {process.returncode}")
-    return Took(time.perf_counter() - begun, usage.ru_utime + usage.ru_stime, memory)
+    return Took(time.perf_counter() - start_s, usage.ru_utime + usage.ru_stime, memory)
 
 
 def memory_mb(pid: int) -> float:
@@ -124,19 +124,21 @@ def memory_mb(pid: int) -> float:
 
 
 def least(tries: Sequence[Took]) -> Took:
-    return Took(*(min(getattr(one, name) for one in tries) for name in ("wall_s", "cpu_s", "memory_mb")))
+    return Took(*(min(getattr(item, name) for item in tries) for name in ("wall_s", "cpu_s", "memory_mb")))
 
 
 def print_run(count: int, took: dict[str, Took]) -> None:
-    for name, one in took.items():
-        memory = f", first process {one.memory_mb:.0f} MB" if one.memory_mb else ""
-        print(f"{name:21} {one.wall_s:7.1f} s, of processors {one.cpu_s:7.1f} s{memory}")
+    for name, item in took.items():
+        memory = f", first process {item.memory_mb:.0f} MB" if item.memory_mb else ""
+        print(f"{name:21} {item.wall_s:7.1f} s, of processors {item.cpu_s:7.1f} s{memory}")
     plain, alone = took["plain loop"], took["fleet, one log"]
-    one, two = took["fleet, one process"], took["fleet, two processes"]
-    work = (one.cpu_s - alone.cpu_s) / (count - 1) * count
-    print(f"processors, fleet over plain loop: {one.cpu_s / plain.cpu_s:.2f} with its start of some seconds;")
-    print(f"    {work / plain.cpu_s:.2f} without; two processes over one: {two.cpu_s / one.cpu_s:.2f}")
-    reached, most = one.wall_s / two.wall_s, plain.wall_s / took["two plain loops"].wall_s
+    item, two = took["fleet, one process"], took["fleet, two processes"]
+    work = (item.cpu_s - alone.cpu_s) / (count - 1) * count
+    print(
+        f"processors, fleet over plain loop: {item.cpu_s / plain.cpu_s:.2f} with its start of some seconds;"
+    )
+    print(f"    {work / plain.cpu_s:.2f} without; two processes over one: {two.cpu_s / item.cpu_s:.2f}")
+    reached, most = item.wall_s / two.wall_s, plain.wall_s / took["two plain loops"].wall_s
     print(f"two processes {reached:.2f} times one; plain loops {most:.2f}; of these {reached / most:.2f}")
 
 
@@ -145,8 +147,8 @@ def print_memory(kind: str, count: int, folder: Path) -> None:
     logs = folder / f"{kind}-{count}"
     logs.mkdir()
     for number in range(count):
-        own = number if kind == "damaged" else 0
-        (logs / f"{number}.ulg").write_bytes(b"ULog\x01\x12\x35\x01" + own.to_bytes(8, "little"))
+        current = number if kind == "damaged" else 0
+        (logs / f"{number}.ulg").write_bytes(b"ULog\x01\x12\x35\x01" + current.to_bytes(8, "little"))
     took = fleet(logs, folder / f"of-{kind}-{count}", 1)
     print(f"{count:7,d} {kind} logs: {took.wall_s:.1f} s, first process {took.memory_mb:.0f} MB")
 

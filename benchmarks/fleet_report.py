@@ -33,17 +33,17 @@ def main() -> None:
         table[f"input_gain.{part}"].to_numpy()[:rows].reshape(POOLED, -1) for part in ("value", "std_error")
     )
     with tempfile.TemporaryDirectory() as folder:
-        place = Path(folder) / "flights" / "part-0.parquet"
-        place.parent.mkdir()
-        table.write_parquet(place)
-        own, cpu = (
+        path = Path(folder) / "flights" / "part-0.parquet"
+        path.parent.mkdir()
+        table.write_parquet(path)
+        current, cpu = (
             least_seconds(lambda: fleet_reports(Path(folder)), repeats, clock)
             for clock in (time.perf_counter, time.process_time)
         )
     peer = least_seconds(lambda: pooled(np.log(gain), (error / gain) ** 2), repeats, time.process_time)
     scaled = peer * vehicles / POOLED
-    told = f"report {own:.2f} s, of processors {cpu:.2f} s; pooled one by one {scaled:.2f} s"
-    print(f"{table.height:9,d} rows: {told}; ratio {cpu / scaled:.2f}")
+    text = f"report {current:.2f} s, of processors {cpu:.2f} s; pooled one by one {scaled:.2f} s"
+    print(f"{table.height:9,d} rows: {text}; ratio {cpu / scaled:.2f}")
 
 
 def pooled(values: np.ndarray, variances: np.ndarray) -> None:

@@ -86,10 +86,13 @@ def main() -> None:
     repeats = 1 if small else 5
 
     data = arrays(50_000 if small else 1_000_000)
-    own, peer = least_seconds(lambda: fit(*data), repeats), least_seconds(lambda: peer_fit(*data), repeats)
+    current, peer = (
+        least_seconds(lambda: fit(*data), repeats),
+        least_seconds(lambda: peer_fit(*data), repeats),
+    )
     print(
-        f"fit, N = {data[0].size:.0e}   {1e3 * own:8.1f} ms   IV2SLS {1e3 * peer:9.1f} ms   "
-        f"{peer / own:6.0f} x faster (target 100 at 1e6)"
+        f"fit, N = {data[0].size:.0e}   {1e3 * current:8.1f} ms   IV2SLS {1e3 * peer:9.1f} ms   "
+        f"{peer / current:6.0f} x faster (target 100 at 1e6)"
     )
 
     data = arrays(200_000 if small else 30_000_000)

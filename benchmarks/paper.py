@@ -45,8 +45,8 @@ def main() -> None:
     signals = [record(reading, EXAMPLES[0], trial_generator(index)).signals for index in range(20)]
 
     def fits() -> None:
-        for one in signals:
-            estimates(reading, one)
+        for signal in signals:
+            estimates(reading, signal)
 
     with threadpool_limits(limits=1):
         fits()

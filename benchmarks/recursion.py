@@ -53,7 +53,7 @@ def main() -> None:
         ("without detector", None, chunks),
         ("with detector", ev.ChangeDetector(), chunks[: max(len(chunks) // 20, 1)]),
     ):
-        seconds = least_seconds(lambda given=part, told=detector: updated(given, told), repeats, clock)
+        seconds = least_seconds(lambda given=part, item=detector: updated(given, item), repeats, clock)
         samples = CHUNK * len(part)
         ratio = seconds / (batch * samples / count)
         print(
@@ -61,9 +61,9 @@ def main() -> None:
             f"samples/s   ratio {ratio:7.1f}"
         )
     part = chunks[: max(len(chunks) // 20, 1)]
-    begun = updated(part[:1], None)
+    started = updated(part[:1], None)
     with warnings.catch_warnings(action="ignore", category=WeakInstrumentsWarning):
-        seconds = least_seconds(lambda: list(ev.identify_recursively(part[1:], begun)), repeats, clock)
+        seconds = least_seconds(lambda: list(ev.identify_recursively(part[1:], started)), repeats, clock)
     print(f"estimates after each chunk {CHUNK * (len(part) - 1) / seconds:11,.0f} samples/s")
     recursion = updated(chunks[:10], None)
     print(f"estimate with intervals: {1e3 * least_seconds(recursion.estimate, repeats, clock):6.2f} ms")

@@ -33,13 +33,13 @@ def main() -> None:
     spec = replace(shipped_rigid_body_flight("crazyflie"), duration=duration, rate_hz=rate_hz)
     log = next(iter(simulate_rigid_body_flights([spec]))).recording
     rotors = spec.vehicle.rotors
-    places = tuple((x, y) for x, y, _ in rotors.positions)
-    motion = RigidBody(KnownVehicle("simulated", places, rotors.spins))
-    own = least_seconds(lambda: identify_flight(log, model=motion), repeats, time.process_time)
+    positions = tuple((x, y) for x, y, _ in rotors.positions)
+    motion = RigidBody(KnownVehicle("simulated", positions, rotors.spins))
+    seconds = least_seconds(lambda: identify_flight(log, model=motion), repeats, time.process_time)
     peer = least_seconds(lambda: axis_by_axis(log, motion, rotors.lag_up), repeats, time.process_time)
     print(
-        f"{duration:g} s at {rate_hz:g} Hz   eivor {own:6.2f} s   least squares by axis {peer:6.2f} s   "
-        f"ratio {own / peer:5.1f}   of target {own / TARGET_S:5.2f}"
+        f"{duration:g} s at {rate_hz:g} Hz   eivor {seconds:6.2f} s   least squares by axis {peer:6.2f} s   "
+        f"ratio {seconds / peer:5.1f}   of target {seconds / TARGET_S:5.2f}"
     )
 
 

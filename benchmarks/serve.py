@@ -42,14 +42,14 @@ class Served:
 
     def verdict_seconds(self, log: Path) -> float:
         """From a drop to the verdict's document [s]."""
-        begun = time.perf_counter()
+        start_s = time.perf_counter()
         kept = json.loads(self.ask("POST", "/logs", log.read_bytes(), log.name))["log"]
         job = json.loads(self.ask("POST", "/jobs", json.dumps({"logs": [kept]}).encode()))["job"]
         last = json.loads(self.ask("GET", f"/jobs/{job}/events").splitlines()[-1])
         if "done" not in last:
             raise RuntimeError(str(last))
         self.ask("GET", f"/jobs/{job}/result.json")
-        seconds = time.perf_counter() - begun
+        seconds = time.perf_counter() - start_s
         self.ask("GET", f"/jobs/{job}/report.html")
         return seconds
 
@@ -77,13 +77,13 @@ def _held_mb(process: int) -> float:
 @contextmanager
 def served() -> Iterator[Served]:
     """A server, while the block lasts."""
-    begun = time.perf_counter()
+    started = time.perf_counter()
     command = (*EIVOR, "serve", "--no-browser", "--workers", "1")
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         try:
             assert process.stdout is not None
             url = urlsplit(process.stdout.readline().strip())
-            start_s = time.perf_counter() - begun
+            start_s = time.perf_counter() - started
             assert url.port is not None
             yield Served(
                 process.pid, url.port, parse_qs(url.query)["token"][0], start_s, _processor_s(process.pid)
@@ -102,10 +102,10 @@ def main() -> None:
             f"of target {page.start_s / TARGET_START_S:.2f}, {page.processor_s / TARGET_START_S:.2f}"
         )
         page.ask("GET", "/choices")
-        own, waiting = page.held_mb()
+        current, waiting = page.held_mb()
         print(
-            f"idle {own:.0f} MB and {waiting:.0f} MB of the process that waits; "
-            f"of target {(own + waiting) / TARGET_IDLE_MB:.2f}"
+            f"idle {current:.0f} MB and {waiting:.0f} MB of the process that waits; "
+            f"of target {(current + waiting) / TARGET_IDLE_MB:.2f}"
         )
         for log in [example_flight()] if small else [example_flight(), *real_ulogs()]:
             typed = (*EIVOR, "identify", str(log), "--json", str(Path(folder) / "fit.json"))

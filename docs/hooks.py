@@ -104,8 +104,10 @@ def _command(name: str, command: Any) -> str:
             value = "" if parameter.is_flag else f" {parameter.metavar or parameter.type.name.upper()}"
             label = code(f"{option}{value}" for option in (*parameter.opts, *parameter.secondary_opts))
         default = parameter.default
-        shown = "" if default in (None, "", (), [], False) or callable(default) else f" Default: `{default}`."
-        rows.append((label, f"{(parameter.help or '').replace(chr(10), ' ')}{shown}"))
+        displayed = (
+            "" if default in (None, "", (), [], False) or callable(default) else f" Default: `{default}`."
+        )
+        rows.append((label, f"{(parameter.help or '').replace(chr(10), ' ')}{displayed}"))
     text = (command.help or "").replace("\f", "").replace("\b", "")
     listed = table(("argument or option", "meaning"), rows) if rows else ""
     return f"## {name}\n\n{text}\n\n{listed}\n"

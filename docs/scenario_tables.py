@@ -121,9 +121,9 @@ def keys(maker: Callable[..., Any], elsewhere: Set[str] = ELSEWHERE) -> str:
         defaults = dict.fromkeys(
             shown(known[name][1]) for name in names if known[name][1] is not inspect.Parameter.empty
         )
-        left_out = f"; {' and '.join(defaults)} when left out" if defaults else ""
+        text = f"; {' and '.join(defaults)} when left out" if defaults else ""
         called = ", ".join(f"`{name}`" for name in names)
-        lines.append(f"{called}, {kind_of_value(annotation)}{each}{left_out}: {meaning}")
+        lines.append(f"{called}, {kind_of_value(annotation)}{each}{text}: {meaning}")
     return "<br>".join(lines)
 
 

@@ -32,8 +32,8 @@ def main() -> None:
         browser.close()
     given = ev.FlightOptions(lag=ev.Prior(0.065, 0.015))
     trefoil = ev.identify_flight(public_log("B9_trefoil_fast_rep14"), given)
-    found = ev.validate(trefoil, public_log("B9_trefoil_slow_rep13"))
-    found.plot().savefig(IMAGES / "slow.png", dpi=100)
+    validate = ev.validate(trefoil, public_log("B9_trefoil_slow_rep13"))
+    validate.plot().savefig(IMAGES / "slow.png", dpi=100)
 
 
 def public_log(name: str) -> ev.Recording:

@@ -18,9 +18,9 @@ PICTURES = Path(__file__).resolve().parents[1] / "docs" / "images"
 
 
 def main(folder: Path) -> None:
-    place = folder / "example.png"
-    save_figure(flight_figure(ev.identify_flight(example_flight())), place)
-    print(place)
+    path = folder / "example.png"
+    save_figure(flight_figure(ev.identify_flight(example_flight())), path)
+    print(path)
 
 
 if __name__ == "__main__":

@@ -15,7 +15,7 @@ from matplotlib.axes import Axes
 
 import eivor as ev
 from eivor.report.figure_panels import BLUE, DARK, GREY, RED, labelled, legend, page
-from validation.fractional.records import ARC, ARC_ORDER, OHMIC, TIME_CONSTANT, Cell, ways
+from validation.fractional.records import ARC, ARC_ORDER, OHMIC, TIME_CONSTANT, Cell, formulas
 from validation.fractional.relaxation import step_response
 
 PICTURES = Path(__file__).resolve().parents[1] / "docs" / "images"
@@ -28,9 +28,9 @@ def main(folder: Path) -> None:
     impedance, error = figure.subplots(1, 2)
     draw_impedance(impedance)
     draw_error(error)
-    place = folder / "fractional.png"
-    figure.savefig(place, dpi=110)
-    print(place)
+    path = folder / "fractional.png"
+    figure.savefig(path, dpi=110)
+    print(path)
 
 
 def draw_impedance(axes: Axes) -> None:
@@ -40,12 +40,12 @@ def draw_impedance(axes: Axes) -> None:
     frequency_hz = np.geomspace(0.005, 5.0, 60)
     true = OHMIC + ARC / (1.0 + (2j * np.pi * frequency_hz * TIME_CONSTANT) ** ARC_ORDER)
     axes.plot(1e3 * true.real, -1e3 * true.imag, color=DARK, linewidth=3, alpha=0.4, label="the cell")
-    shown = {"least_squares": RED, "total_least_squares": BLUE}
-    for name, color in shown.items():
+    displayed = {"least_squares": RED, "total_least_squares": BLUE}
+    for name, color in displayed.items():
         problem = cell.model.problem(signals, divided_by_output_at=cell.guess)
-        found = ev.identify(problem, ways()[name].method)
-        low, high = found.interval("order")
-        response = cell.model.frequency_response(found.parameters, frequency_hz, rate_hz=cell.rate_hz)
+        result = ev.identify(problem, formulas()[name].method)
+        low, high = result.interval("order")
+        response = cell.model.frequency_response(result.parameters, frequency_hz, rate_hz=cell.rate_hz)
         label = f"{name.replace('_', ' ')}: order {low:.3f} to {high:.3f}"
         axes.plot(1e3 * response.real, -1e3 * response.imag, color=color, linewidth=1.2, label=label)
     labelled(axes, x="real part [milliohm]", y="- imaginary part [milliohm]", size=9)
@@ -65,9 +65,9 @@ def draw_error(axes: Axes) -> None:
             driven[0] = 0.5  # a jump enters with the mean of its two sides
             gain = step_s**-STEP_ORDER if name == "difference" else 1.0
             parameters = {"output_coefficient_2": gain, "input_coefficient_1": 1.0}
-            found = model.simulate(parameters, driven, rate_hz=1.0 / step_s)[1:]
-            error = np.abs(found - step_response(time, STEP_ORDER))
-            label = f"{name}, steps {', '.join(f'{one:g}' for one in STEPS_S)} s" if number == 0 else None
+            result = model.simulate(parameters, driven, rate_hz=1.0 / step_s)[1:]
+            error = np.abs(result - step_response(time, STEP_ORDER))
+            label = f"{name}, steps {', '.join(f'{item:g}' for item in STEPS_S)} s" if number == 0 else None
             axes.plot(time, error, color=color, linewidth=1.6 - 0.5 * number, label=label)
     axes.set_yscale("log")
     axes.axhline(0.0, color=GREY)

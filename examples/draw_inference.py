@@ -31,9 +31,11 @@ SCENARIO, SAMPLES = "rich-high", 4000
 
 def main(folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
-    (one,) = (one for one in coverage_suite().studies if (one.scenario, one.samples) == (SCENARIO, SAMPLES))
-    truth = dict(one.study.experiment.truth)
-    record = one.study.experiment.record(one.study.rng(0))
+    (item,) = (
+        study for study in coverage_suite().studies if (study.scenario, study.samples) == (SCENARIO, SAMPLES)
+    )
+    truth = dict(item.study.experiment.truth)
+    record = item.study.experiment.record(item.study.rng(0))
     motion = ev.VerticalMotion(intercept=False)
     lagged = motion.regression(record, ev.lags("input", 0, 10))
     past = motion.regression(record, ev.lags("input", 1, 10))
@@ -68,7 +70,7 @@ def coverage_of_the_study() -> object:
     rows = read_coverage(COVERAGE).filter(
         pl.col("samples") == min(BOUNDS), pl.col("method").is_in([JUDGED, "newey_west", "classical"])
     )
-    shown = [
+    displayed = [
         CoverageRow(
             row["method"].replace("_", " "),
             f"{row['scenario']}, {SYMBOLS[row['parameter']]}",
@@ -77,7 +79,7 @@ def coverage_of_the_study() -> object:
         )
         for row in rows.iter_rows(named=True)
     ]
-    return coverage_figure(shown, band=BOUNDS[min(BOUNDS)], title=f"Coverage at N = {min(BOUNDS)}")
+    return coverage_figure(displayed, band=BOUNDS[min(BOUNDS)], title=f"Coverage at N = {min(BOUNDS)}")
 
 
 if __name__ == "__main__":

@@ -118,10 +118,10 @@ def test_rooms_name_no_parameter_of_a_motion(room):
 
     of_actuators = {"actuator_lag", "delay", "effective_lag"}  # of every motion whose actuators lag
     plain_words = {"intercept"}
-    own = set(motion_by_name("vertical").wording) - of_actuators - plain_words
-    assert {"viscous_friction", "input_gain", "hover_input"} <= own
+    current = set(motion_by_name("vertical").wording) - of_actuators - plain_words
+    assert {"viscous_friction", "input_gain", "hover_input"} <= current
     for path in (ROOT / "src" / "eivor" / room).rglob("*.py"):
-        named = [name for name in own if name in path.read_text(encoding="utf-8")]
+        named = [name for name in current if name in path.read_text(encoding="utf-8")]
         assert not named, f"{path} names {', '.join(named)}"
 
 

@@ -19,12 +19,12 @@ PARAMETERS = ROWS.parameters
 REGION = ev.anderson_rubin_set(ROWS, ev.methods.extended_iv()).region
 
 
-def hidden(values, *places):
+def hidden(values, *positions):
     """A masked array, with 1e9 where the mask is."""
     data = np.array(values)
     mask = np.zeros(data.shape, dtype=bool)
-    for place in places:
-        data[place], mask[place] = 1e9, True
+    for position in positions:
+        data[position], mask[position] = 1e9, True
     return np.ma.masked_array(data, mask)
 
 
@@ -32,10 +32,10 @@ def hidden(values, *places):
 @pytest.mark.parametrize("argument", ["response", "regressors", "instruments"])
 def test_what_a_mask_hides_is_no_value_of_a_regression(argument):
     right = {"response": Y, "regressors": PHI, "instruments": PSI}
-    place = (7,) if argument == "response" else (7, 0)
+    position = (7,) if argument == "response" else (7, 0)
     for call in (ev.regression, lambda **given: ev.Regression(**given, parameters=PARAMETERS)):
         with pytest.raises(EivorError, match=f"finite {argument}.*1 NaN or infinite, the first in row 7"):
-            call(**{**right, argument: hidden(right[argument], place)})
+            call(**{**right, argument: hidden(right[argument], position)})
         kept = call(**{**right, argument: np.ma.masked_array(right[argument])})
         assert type(getattr(kept, argument)) is np.ndarray
         np.testing.assert_array_equal(getattr(kept, argument), right[argument])
@@ -59,13 +59,13 @@ def test_what_a_mask_hides_is_no_value_of_signals():
 
 @pytest.mark.usefixtures("unchecked_shapes")
 def test_what_a_mask_hides_is_no_value_of_a_recording():
-    found = ev.recording_from_columns({"time": np.arange(60), "velocity_z": hidden(Y, (7,))})
-    channel = found.channels["velocity_z"]
+    recording = ev.recording_from_columns({"time": np.arange(60), "velocity_z": hidden(Y, (7,))})
+    channel = recording.channels["velocity_z"]
     assert np.isnan(channel.values[7])
     assert channel.quality.missing_values == 1
     whole = hidden(np.arange(60), (3,))
-    found = ev.recording_from_columns({"time": np.arange(60), "velocity_z": whole})
-    np.testing.assert_array_equal(np.flatnonzero(np.isnan(found.channels["velocity_z"].values)), [3])
+    recording = ev.recording_from_columns({"time": np.arange(60), "velocity_z": whole})
+    np.testing.assert_array_equal(np.flatnonzero(np.isnan(recording.channels["velocity_z"].values)), [3])
     memory = ev.estimate_long_memory(np.ma.masked_array(Y))
     assert memory.order == ev.estimate_long_memory(Y).order
 
@@ -105,12 +105,12 @@ def test_only_real_numbers_are_taken(spoil, said):
 def test_numbers_of_other_kinds_are_converted():
     for kind in (np.float32, np.int16, np.uint8, np.bool_, object):
         values = (10.0 * np.abs(Y)).astype(np.uint8).astype(kind)
-        found = ev.Signals(5.0, {"input": values}).channels["input"]
-        assert found.dtype == np.float64
-        np.testing.assert_array_equal(found, values.astype(np.float64))
+        channel = ev.Signals(5.0, {"input": values}).channels["input"]
+        assert channel.dtype == np.float64
+        np.testing.assert_array_equal(channel, values.astype(np.float64))
     series = pl.Series([1, None, 3])
-    found = ev.recording_from_columns({"time": [0, 1, 2], "velocity_z": series}).channels["velocity_z"]
-    np.testing.assert_array_equal(found.values, [1.0, np.nan, 3.0])
+    channel = ev.recording_from_columns({"time": [0, 1, 2], "velocity_z": series}).channels["velocity_z"]
+    np.testing.assert_array_equal(channel.values, [1.0, np.nan, 3.0])
 
 
 @pytest.mark.usefixtures("unchecked_shapes")
@@ -128,6 +128,8 @@ def test_values_that_nothing_measures_are_missing():
     """A velocity of 1e300 m/s ended in an overflow, long after it was read."""
     values = np.full(20, 0.5)
     values[[3, 4]] = 1e300, -1e101
-    found = ev.recording_from_columns({"time": np.arange(20.0), "velocity_z": values}).channels["velocity_z"]
-    np.testing.assert_array_equal(np.flatnonzero(np.isnan(found.values)), [3, 4])
-    assert found.quality.missing_values == 2
+    channel = ev.recording_from_columns({"time": np.arange(20.0), "velocity_z": values}).channels[
+        "velocity_z"
+    ]
+    np.testing.assert_array_equal(np.flatnonzero(np.isnan(channel.values)), [3, 4])
+    assert channel.quality.missing_values == 2

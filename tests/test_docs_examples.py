@@ -25,15 +25,15 @@ def check_intervals(names: dict[str, Any]) -> None:
 
 
 def check_diagnostics(names: dict[str, Any]) -> None:
-    found = names["found"]
-    assert found.constancy.break_at == pytest.approx(0.6, abs=0.02)
-    assert any("input_gain by +0.5" in reason.sentence for reason in found.reasons)
+    name = names["found"]
+    assert name.constancy.break_at == pytest.approx(0.6, abs=0.02)
+    assert any("input_gain by +0.5" in reason.sentence for reason in name.reasons)
     page = (DOCS / "diagnostics.md").read_text(encoding="utf-8")
-    assert all(line in page for line in found.summary().splitlines() if not line.startswith("- "))
+    assert all(line in page for line in name.summary().splitlines() if not line.startswith("- "))
 
 
 def check_weak_identification(names: dict[str, Any]) -> None:
-    assert all(found.is_bounded for found in names["known"].intervals.values())
+    assert all(interval.is_bounded for interval in names["known"].intervals.values())
     assert not names["unknown"].interval("input_gain").is_bounded
     assert names["sets"].region.contains([0.3, 0.5])
 
@@ -87,8 +87,8 @@ def test_every_option_that_is_named_exists(name):
     from eivor.cli.main import app
 
     def options(command: Any) -> set[str]:
-        own = {option for parameter in command.params for option in parameter.opts}
-        return own.union(*(options(child) for child in getattr(command, "commands", {}).values()))
+        selected = {option for parameter in command.params for option in parameter.opts}
+        return selected.union(*(options(child) for child in getattr(command, "commands", {}).values()))
 
     named = set(re.findall(r"(?<![\w-])--[a-z][a-z-]+", (DOCS / name).read_text(encoding="utf-8")))
     assert named

@@ -69,7 +69,7 @@ def test_the_check_of_benchmarks_reads_every_row_and_sees_what_is_slower(capsys)
             assert any(of == script and row.startswith(begins) for of, row in written), begins
     rows = ["| `python benchmarks/report.py` | the page of a report | 1 s | | 0.1-0.2 | | |"]
     rows += ["| | with every method | 1 s | | 1/4 | | |"]
-    told = check.written_ratios("\n".join(rows))
-    assert told == {("report", "the page of a report"): 0.2, ("report", "with every method"): 0.25}
+    written_ratios = check.written_ratios("\n".join(rows))
+    assert written_ratios == {("report", "the page of a report"): 0.2, ("report", "with every method"): 0.25}
     printed = "one method: page; ratio 0.29; x\nevery method: page; ratio 0.38; x\n"
-    assert check.exceeded("report", printed, told) == ["report, with every method"]
+    assert check.exceeded("report", printed, written_ratios) == ["report, with every method"]

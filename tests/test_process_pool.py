@@ -105,8 +105,8 @@ def test_nothing_outlives_a_parent_that_is_killed(tmp_path):
     with subprocess.Popen([sys.executable, "-c", PARENT, str(noted)], env=environment) as parent:
         wait_until(lambda: noted.exists() and noted.read_text(encoding="ascii"), parent)
         parent.kill()
-    begun = int(noted.read_text(encoding="ascii"))
-    wait_until(lambda: not is_alive(begun))
+    started = int(noted.read_text(encoding="ascii"))
+    wait_until(lambda: not is_alive(started))
 
 
 @pytest.mark.thorough
@@ -143,13 +143,13 @@ def test_a_process_that_may_die_decodes_at_once(tmp_path, monkeypatch):
     """What decoders do to a process is a further one's business, but where this one is there for it."""
     from eivor.logs.table import columnar
 
-    begun = []
-    monkeypatch.setattr(columnar.subprocess, "run", lambda *_, **__: begun.append(1) or columnar.subprocess)
+    started = []
+    monkeypatch.setattr(columnar.subprocess, "run", lambda *_, **__: started.append(1) or columnar.subprocess)
     monkeypatch.setattr(columnar.subprocess, "returncode", 0, raising=False)
 
     def decoded():
         columnar.decode_in_child(tmp_path / "a", "", {}, max_bytes=1, timeout_s=1.0, kind="a file")
-        return len(begun)
+        return len(started)
 
     monkeypatch.delenv(SANDBOX, raising=False)
     assert decoded() == 1
@@ -160,14 +160,14 @@ def test_a_process_that_may_die_decodes_at_once(tmp_path, monkeypatch):
 @pytest.fixture
 def begun(monkeypatch):
     """Processes that are begun."""
-    popen, found = subprocess.Popen, []
+    popen, results = subprocess.Popen, []
 
     def beginning(*given, **options):
-        found.append(popen(*given, **options))
-        return found[-1]
+        results.append(popen(*given, **options))
+        return results[-1]
 
     monkeypatch.setattr(subprocess, "Popen", beginning)
-    return found
+    return results
 
 
 def test_a_process_that_was_begun_in_advance_is_taken(begun):

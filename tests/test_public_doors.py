@@ -616,7 +616,9 @@ def test_wrong_types_are_told_in_a_sentence(door, tmp_path):
     call, right = doors(tmp_path)[door]
     # No argument is left out.
     parameters = inspect.signature(call).parameters
-    assert set(right) == {name for name, one in parameters.items() if one.kind is not one.VAR_KEYWORD}
+    assert set(right) == {
+        name for name, parameter in parameters.items() if parameter.kind is not parameter.VAR_KEYWORD
+    }
     if door not in FLIGHTS:
         call(**right)
     for argument in right:
@@ -627,16 +629,19 @@ def test_wrong_types_are_told_in_a_sentence(door, tmp_path):
                 if kind not in {"function", "type"} and door not in FLIGHTS:
                     call(**arguments)
             else:
-                with pytest.raises(EivorError) as told:
+                with pytest.raises(EivorError) as reported:
                     call(**arguments)
-                assert all((told.value.expected, told.value.received, told.value.remedy)), (argument, kind)
-                assert len(str(told.value)) < 2000, (argument, kind)
+                assert all((reported.value.expected, reported.value.received, reported.value.remedy)), (
+                    argument,
+                    kind,
+                )
+                assert len(str(reported.value)) < 2000, (argument, kind)
 
 
 @pytest.mark.usefixtures("unchecked_shapes")
 def test_messages_say_what_to_do():
     m = made()
-    for call, said in (
+    for call, item in (
         (lambda: ev.identify(m.rows, "least_squares"), r"least_squares\(\); received 'least_squares'. Call"),
         (lambda: ev.bootstrap(m.rows, "least_squares"), r"least_squares\(\) for method; received 'least"),
         (lambda: ev.identify(m.signals, m.iv), r"a model's regression, .*; received Signals"),
@@ -654,5 +659,5 @@ def test_messages_say_what_to_do():
             r"variances up to 1e\+150; received 1e\+308",
         ),
     ):
-        with pytest.raises(EivorError, match=said):
+        with pytest.raises(EivorError, match=item):
             call()

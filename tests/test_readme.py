@@ -19,8 +19,8 @@ PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").r
 
 def blocks(text: str, language: str) -> list[str]:
     """Fenced blocks of a language, without a list's indentation."""
-    found = re.findall(rf"^( *)```{language}\n(.*?)^ *```$", text, flags=re.MULTILINE | re.DOTALL)
-    return [re.sub(rf"^{indent}", "", body, flags=re.MULTILINE) for indent, body in found]
+    match = re.findall(rf"^( *)```{language}\n(.*?)^ *```$", text, flags=re.MULTILINE | re.DOTALL)
+    return [re.sub(rf"^{indent}", "", body, flags=re.MULTILINE) for indent, body in match]
 
 
 @pytest.mark.usefixtures("unchecked_shapes")  # a reader's run checks none
@@ -43,8 +43,8 @@ def test_python_example(number, tmp_path, monkeypatch, capsys):
         assert not within(0.021, scope["biased"].interval("input_gain"))
         assert scope["biased"].status.value == "weak"
         assert scope["fit"].status.value == "identified"
-        (said,) = re.findall(r"reasons\[0\].sentence  # (.*), \.\.\.", blocks(README, "python")[number])
-        assert scope["biased"].reasons[0].sentence.startswith(said)
+        (match,) = re.findall(r"reasons\[0\].sentence  # (.*), \.\.\.", blocks(README, "python")[number])
+        assert scope["biased"].reasons[0].sentence.startswith(match)
         truth = {"viscous_friction": 0.293, "input_gain": 0.021}
         code = blocks(README, "python")[number]
         assert all(f"{value} * " in code for value in truth.values())
@@ -68,19 +68,19 @@ def test_sample_output_is_what_is_printed():
         check=True,
         env={"COLUMNS": "100", "PATH": "", "NO_COLOR": "1"},
     )
-    shown = blocks(README, "text")[0]
+    block = blocks(README, "text")[0]
     number = r"-?\d[\d.]*(e-?\d+)?"
-    assert re.sub(number, "#", shown).split() == re.sub(number, "#", run.stdout).split()
-    assert numbers(shown) == pytest.approx(numbers(run.stdout), rel=1e-2, abs=2e-3)
+    assert re.sub(number, "#", block).split() == re.sub(number, "#", run.stdout).split()
+    assert numbers(block) == pytest.approx(numbers(run.stdout), rel=1e-2, abs=2e-3)
 
 
 def test_intervals_of_the_sample_output_hold_the_truth():
     """What the README prints beside a truth that it states."""
-    said = re.search(r"a friction of ([\d.]+) 1/s, a lag of ([\d.]+) ms", README)
-    assert said is not None
-    shown = blocks(README, "text")[0]
-    for row, truth in zip(("viscous friction", "actuator lag"), said.groups(), strict=True):
-        interval = re.search(rf"^{row}.*\[(.+), (.+)\]", shown, flags=re.MULTILINE)
+    match = re.search(r"a friction of ([\d.]+) 1/s, a lag of ([\d.]+) ms", README)
+    assert match is not None
+    block = blocks(README, "text")[0]
+    for row, truth in zip(("viscous friction", "actuator lag"), match.groups(), strict=True):
+        interval = re.search(rf"^{row}.*\[(.+), (.+)\]", block, flags=re.MULTILINE)
         assert interval is not None
         assert within(float(truth), (float(interval[1]), float(interval[2]))), row
 
@@ -105,9 +105,9 @@ def test_vehicle_files_in_the_pages_are_valid(tmp_path):
     from eivor.motions.rigid_body.vehicle import load_vehicle
 
     page = (ROOT / "docs" / "rigid-body.md").read_text(encoding="utf-8")
-    found = blocks(page, "toml")
-    assert found
-    for block in found:
+    result = blocks(page, "toml")
+    assert result
+    for block in result:
         file = tmp_path / "vehicle.toml"
         file.write_text(block, encoding="utf-8")
         assert len(load_vehicle(file).spins) == 4

@@ -30,12 +30,12 @@ class Pair:
         _ = B.shape
 
 
-def product(one: Vector, other: Float[np.ndarray, "n m"], *, times: int = 1) -> Float[np.ndarray, "m"]:
-    return times * (one @ other)
+def product(vector: Vector, other: Float[np.ndarray, "n m"], *, times: int = 1) -> Float[np.ndarray, "m"]:
+    return times * (vector @ other)
 
 
-def wrong_result(one: Vector) -> Vector:
-    return np.append(one, 0.0)
+def wrong_result(vector: Vector) -> Vector:
+    return np.append(vector, 0.0)
 
 
 def one_of(table: tuple[Vector, ...], which: Callable[[Vector], float] = np.sum) -> float:
@@ -46,13 +46,13 @@ def name_of(word: str, *more: int) -> str:
     return word * len(more)
 
 
-def parts(one: Vector) -> Iterator[Vector]:
+def parts(vector: Vector) -> Iterator[Vector]:
     yield B
-    yield one
+    yield vector
 
 
-def unknown(one: NotThere) -> int:
-    return len(one)
+def unknown(not_there: NotThere) -> int:
+    return len(not_there)
 
 
 ACCEPTED = [
@@ -96,8 +96,8 @@ def decorated(what: Any, decorator: Callable[..., Any]) -> Any:
 def test_what_fits_goes_through(what, arguments, named, decorator):
     checked = decorated(what, decorator)
     for _ in range(2):
-        found = checked(*arguments, **named)
-        assert np.array_equal(found, what(*arguments, **named)) or isinstance(what, type) or what is parts
+        result = checked(*arguments, **named)
+        assert np.array_equal(result, what(*arguments, **named)) or isinstance(what, type) or what is parts
 
 
 @pytest.mark.parametrize("decorator", DECORATORS.values(), ids=list(DECORATORS))
@@ -117,13 +117,13 @@ def test_the_first_calls_are_checked_and_some_of_those_that_follow():
     checked = decorated(wrong_result, shape_checks.jaxtyped)
 
     def refused(times: int) -> list[int]:
-        found = []
+        results = []
         for call in range(1, times + 1):
             try:
                 checked(A)
             except Exception:  # noqa: BLE001 - beartype's or jaxtyping's
-                found.append(call)
-        return found
+                results.append(call)
+        return results
 
     first, one_in = shape_checks.FIRST, shape_checks.ONE_IN
     assert 2 <= first < one_in
@@ -137,8 +137,8 @@ def test_calls_inside_have_letters_of_their_own():
     inner = decorated(product, shape_checks.jaxtyped)
 
     @shape_checks.jaxtyped(typechecker=beartype)
-    def outer(one: Float[np.ndarray, "m"]) -> float:
-        return float(inner(np.append(one, 1.0), np.ones((one.size + 1, 5))).sum())
+    def outer(first: Float[np.ndarray, "m"]) -> float:
+        return float(inner(np.append(first, 1.0), np.ones((first.size + 1, 5))).sum())
 
     assert outer(np.ones(3)) == 20.0
 

@@ -14,10 +14,10 @@ from eivor.atomic_file import (
     ABANDONED_S,
     PREFIX,
     SUFFIX,
+    atomic_write,
+    check_writable,
     remove_abandoned,
-    try_place,
-    whole_file,
-    write_whole,
+    write_atomically,
 )
 
 PACKAGE = Path(eivor.__file__).parent
@@ -28,7 +28,7 @@ def names(folder: Path) -> list[str]:
 
 
 def half_written(path: Path, error: BaseException) -> None:
-    with whole_file(path) as file:
+    with atomic_write(path) as file:
         file.write(b"half")
         raise error
 
@@ -36,12 +36,12 @@ def half_written(path: Path, error: BaseException) -> None:
 def test_a_file_appears_when_it_is_whole(tmp_path: Path) -> None:
     path = tmp_path / "x"
     path.write_bytes(b"old")
-    with whole_file(path) as file:
+    with atomic_write(path) as file:
         file.write(b"new")
         file.flush()
         assert path.read_bytes() == b"old"
     assert path.read_bytes() == b"new"
-    write_whole(path, "Größe")
+    write_atomically(path, "Größe")
     assert path.read_text(encoding="utf-8") == "Größe"
     assert names(tmp_path) == ["x"]
 
@@ -61,10 +61,10 @@ def test_permissions_are_those_of_the_user_or_of_the_earlier_file(tmp_path: Path
     path = tmp_path / "x"
     before = os.umask(0o027)
     try:
-        write_whole(path, b"")
+        write_atomically(path, b"")
         assert path.stat().st_mode & 0o777 == 0o640
         path.chmod(0o606)
-        write_whole(path, b"")
+        write_atomically(path, b"")
         assert path.stat().st_mode & 0o777 == 0o606
     finally:
         os.umask(before)
@@ -75,16 +75,16 @@ def test_what_is_no_file_is_written_to_and_stays(tmp_path: Path) -> None:
     os.mkfifo(pipe)
     reader = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
     try:
-        try_place(pipe)
-        write_whole(pipe, b"through")
+        check_writable(pipe)
+        write_atomically(pipe, b"through")
         assert os.read(reader, 100) == b"through"
         assert pipe.is_fifo()
     finally:
         os.close(reader)
     with pytest.raises(OSError, match="No space left"):
-        write_whole(Path("/dev/full"), b"x")
+        write_atomically(Path("/dev/full"), b"x")
     with pytest.raises(IsADirectoryError):
-        write_whole(tmp_path, b"x")
+        write_atomically(tmp_path, b"x")
 
 
 def test_a_file_that_is_protected_stays(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -92,19 +92,19 @@ def test_a_file_that_is_protected_stays(tmp_path: Path, monkeypatch: pytest.Monk
     path.write_bytes(b"old")
     path.chmod(0o444)
     monkeypatch.setattr(os, "access", lambda _path, _mode: False)  # for the superuser nothing is protected
-    for attempt in (lambda: write_whole(path, b"new"), lambda: try_place(path)):
+    for attempt in (lambda: write_atomically(path, b"new"), lambda: check_writable(path)):
         with pytest.raises(PermissionError):
             attempt()
     assert path.read_bytes() == b"old"
 
 
 def test_a_place_is_tried_without_a_trace(tmp_path: Path) -> None:
-    try_place(tmp_path / "x")
+    check_writable(tmp_path / "x")
     assert names(tmp_path) == []
     with pytest.raises(FileNotFoundError):
-        try_place(tmp_path / "no" / "x")
+        check_writable(tmp_path / "no" / "x")
     with pytest.raises(OSError, match="too long"):
-        try_place(tmp_path / ("x" * 300))
+        check_writable(tmp_path / ("x" * 300))
 
 
 def test_what_a_killed_process_left_is_removed(tmp_path: Path) -> None:
@@ -120,13 +120,13 @@ def test_what_a_killed_process_left_is_removed(tmp_path: Path) -> None:
 
 def test_nothing_else_in_the_package_writes_files() -> None:
     """Other ways to write a file would leave half of one behind."""
-    ways = re.compile(
+    formulas = re.compile(
         r"\.write_(text|bytes)\(|\.(write_csv|write_parquet|savefig)\((?!\s*(?:file|buffer)\b)"
         r"|mkstemp|open\([^)]*[\"'][wax]"
     )
-    found = {
+    results = {
         str(file.relative_to(PACKAGE))
         for file in PACKAGE.rglob("*.py")
-        if ways.search(file.read_text(encoding="utf-8"))
+        if formulas.search(file.read_text(encoding="utf-8"))
     }
-    assert found - {"logs/common.py"} == {"atomic_file.py"}  # a copy of a pipe, in a folder that goes again
+    assert results - {"logs/common.py"} == {"atomic_file.py"}  # a copy of a pipe, in a folder that goes again

@@ -62,16 +62,16 @@ def draws(outer: TomlTable, key: str) -> dict[str, Draw]:
     if not outer.has(key):
         return {}
     table = outer.section(key)
-    found: dict[str, Draw] = {}
+    result: dict[str, Draw] = {}
     for rule in RULES:
         part = table.section(rule) if table.has(rule) else table.part({}, rule)
         for name, values in lists(part).items():
-            found[name] = Draw(rule, values)
+            result[name] = Draw(rule, values)
             ends = part.numbers(name) if rule in RANGES else (0.0, 1.0)
             if len(ends) != 2 or ends[0] >= ends[1]:
                 raise part.wrong(name, "a range of two numbers, the smaller first,", f"{list(ends)}")
     table.finish()
-    return found
+    return result
 
 
 def lists(table: TomlTable) -> dict[str, tuple[Value, ...]]:

@@ -95,13 +95,13 @@ class Module:
 
 def modules(package: Path) -> list[Module]:
     """Every module of a package."""
-    found = []
+    results = []
     for path in sorted(package.rglob("*.py")):
         parts = path.relative_to(package.parent).with_suffix("").parts
         name = ".".join(parts).removesuffix(".__init__")
         text = path.read_text(encoding="utf-8")
-        found.append(Module(name, text, ast.parse(text), path))
-    return found
+        results.append(Module(name, text, ast.parse(text), path))
+    return results
 
 
 def function_lengths(tree: ast.Module) -> Iterator[int]:
@@ -154,13 +154,13 @@ def imports(module: Module, known: set[str], nodes: Iterable[ast.AST] | None = N
     nodes : iterable of ast.AST, optional
         Where to look; default: everywhere, so in functions and under TYPE_CHECKING too.
     """
-    found = []
+    results = []
     for node in ast.walk(module.tree) if nodes is None else nodes:
         if isinstance(node, ast.Import):
-            found.append({alias.name for alias in node.names} & known)
+            results.append({alias.name for alias in node.names} & known)
         elif isinstance(node, ast.ImportFrom):
-            found.append(_imported_from(node, module, known) & known)
-    return [names for names in found if names]
+            results.append(_imported_from(node, module, known) & known)
+    return [names for names in results if names]
 
 
 def in_functions(module: Module) -> list[ast.AST]:
@@ -179,11 +179,11 @@ def _imported_from(node: ast.ImportFrom, module: Module, known: set[str]) -> set
     return {member if member in known else base for member in members}
 
 
-def import_graph(found: list[Module], *, at_start: bool = False) -> dict[str, set[str]]:
+def import_graph(result: list[Module], *, at_start: bool = False) -> dict[str, set[str]]:
     """The modules that each module imports, itself left out."""
-    known = {module.name for module in found}
+    known = {module.name for module in result}
     graph = {}
-    for module in found:
+    for module in result:
         named = imports(module, known, module.tree.body if at_start else None)
         graph[module.name] = set().union(*named) - {module.name}
     return graph
@@ -240,9 +240,9 @@ def identifiers(module: Module) -> Iterator[str]:
             yield node.arg
 
 
-def replaced_names(found: list[Module]) -> list[str]:
+def replaced_names(result: list[Module]) -> list[str]:
     """Patterns of `REPLACED` that still stand."""
-    present = {name for module in found for name in identifiers(module)}
+    present = {name for module in result for name in identifiers(module)}
     plain = {name.removesuffix(".py") for name in present}
 
     def stands(pattern: str) -> bool:
@@ -255,10 +255,10 @@ def replaced_names(found: list[Module]) -> list[str]:
     return [pattern for pattern in REPLACED if stands(pattern)]
 
 
-def motion_members(found: list[Module]) -> int:
+def motion_members(result: list[Module]) -> int:
     """Members of the protocol of motions: the largest class that is named Motion."""
     members = [0]
-    for module in found:
+    for module in result:
         for node in module.tree.body:
             if isinstance(node, ast.ClassDef) and node.name == "Motion":
                 names = {
@@ -280,34 +280,34 @@ def motion_members(found: list[Module]) -> int:
 
 def architecture(package: Path) -> dict[str, int]:
     """The counts that have bounds: `tests/test_architecture.py` holds them."""
-    found = modules(package)
-    known = {module.name for module in found}
-    knots = circles(import_graph(found))
-    folders = Counter(module.path.parent for module in found)
-    words = (re.findall(r"\b(?:told|tells)\b", module.text, re.IGNORECASE) for module in found)
-    plain = [module for module in found if not module.is_package]
+    result = modules(package)
+    known = {module.name for module in result}
+    knots = circles(import_graph(result))
+    folders = Counter(module.path.parent for module in result)
+    words = (re.findall(r"\b(?:told|tells)\b", module.text, re.IGNORECASE) for module in result)
+    plain = [module for module in result if not module.is_package]
     return {
-        "files": len(found),
-        "lines": sum(module.lines for module in found),
-        "lines of code without docstrings and imports": sum(map(code_lines, found)),
+        "files": len(result),
+        "lines": sum(module.lines for module in result),
+        "lines of code without docstrings and imports": sum(map(code_lines, result)),
         "circles of imports": len(knots),
         "files in circles of imports": sum(map(len, knots)),
         "files in the largest circle": max(map(len, knots), default=0),
         "imports of the package inside functions": sum(
-            len(imports(module, known, in_functions(module))) for module in found
+            len(imports(module, known, in_functions(module))) for module in result
         ),
         "imports of the package for type checking only": sum(
             len(imports(module, known))
             - len(imports(module, known, module.tree.body))
             - len(imports(module, known, in_functions(module)))
-            for module in found
+            for module in result
         ),
         f"files of fewer than {SMALL} lines": sum(module.lines < SMALL for module in plain),
         f"files of more than {LARGE} lines": sum(module.lines > LARGE for module in plain),
         "files in the largest folder": max(folders.values()),
-        "replaced names that still stand": len(replaced_names(found)),
+        "replaced names that still stand": len(replaced_names(result)),
         "the words told and tells": sum(map(len, words)),
-        "members of the protocol of motions": motion_members(found),
+        "members of the protocol of motions": motion_members(result),
     }
 
 
@@ -319,40 +319,40 @@ def only_forwards(tree: ast.Module) -> bool:
 
 def counts(package: Path) -> dict[str, str]:
     """Every count, in words."""
-    found = modules(package)
-    plain = [module for module in found if not module.name.endswith(package.name)]
-    lengths = sorted(length for module in found for length in function_lengths(module.tree))
-    total = sum(module.lines for module in found)
-    docstrings, comments = (sum(part) for part in zip(*map(prose_lines, found), strict=True))
-    graph, loaded = import_graph(found), import_graph(found, at_start=True)
+    result = modules(package)
+    plain = [module for module in result if not module.name.endswith(package.name)]
+    lengths = sorted(length for module in result for length in function_lengths(module.tree))
+    total = sum(module.lines for module in result)
+    docstrings, comments = (sum(part) for part in zip(*map(prose_lines, result), strict=True))
+    graph, loaded = import_graph(result), import_graph(result, at_start=True)
     importers = Counter(name for imported in graph.values() for name in imported)
-    files = [module.lines for module in found]
+    files = [module.lines for module in result]
     rooms = dict.fromkeys(GENERAL_ROOMS, 0)
-    for module in found:
+    for module in result:
         room = module.name.split(".")[1] if module.name.count(".") else ""
         if room in rooms and A_PARAMETER.search(module.text):
             rooms[room] += 1
     return {
-        "files / lines": f"{len(found)} / {total / 1000:.1f}k",
+        "files / lines": f"{len(result)} / {total / 1000:.1f}k",
         "file median / max": f"{statistics.median(files):.0f} / {max(files)}",
         "function median / p90 / max": f"{statistics.median(lengths):.0f} / "
         f"{lengths[int(0.9 * len(lengths))]} / {lengths[-1]}",
         "docstring / comment share": f"{docstrings / total:.0%} / {comments / total:.1%}",
-        "public top-level names": f"{sum(len(list(public_names(module.tree))) for module in found)}",
+        "public top-level names": f"{sum(len(list(public_names(module.tree))) for module in result)}",
         "modules that one other imports": f"{sum(importers[m.name] == 1 for m in plain)}",
         "modules that only forward": f"{sum(only_forwards(module.tree) for module in plain)}",
         "modules in circles of imports when they are loaded": f"{sum(map(len, circles(loaded)))}",
         "files of general rooms that name a parameter of a motion": f"{sum(rooms.values())}",
-        "`del argument` lines": f"{sum(len(DELETED.findall(module.text)) for module in found)}",
-        "types for sums of products": f"{len(product_types(found))}: {', '.join(product_types(found))}",
+        "`del argument` lines": f"{sum(len(DELETED.findall(module.text)) for module in result)}",
+        "types for sums of products": f"{len(product_types(result))}: {', '.join(product_types(result))}",
     }
 
 
-def product_types(found: list[Module]) -> list[str]:
+def product_types(result: list[Module]) -> list[str]:
     """Classes that hold sums, means or roots of products of rows themselves; views of one do not count."""
     fields = re.compile(r"^    (?:cross|sums|products|root|table|own|moving)\b[^:]*: Float", re.MULTILINE)
     names = []
-    for module in found:
+    for module in result:
         for node in module.tree.body:
             if isinstance(node, ast.ClassDef):
                 text = ast.get_source_segment(module.text, node) or ""
@@ -461,14 +461,14 @@ def walk(name: str, package: Path) -> dict[str, int]:
 def walks(package: Path) -> dict[str, dict[str, int]]:
     """What each run enters, in a process of its own that imports this package."""
     environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(package.parent), str(ROOT)])}
-    found = {}
+    results = {}
     for name, (title, _) in WALKS.items():
         if name == "px4" and not px4_log().exists():
             continue
         command = [sys.executable, "-m", "validation.house", "--package", str(package), "--walk", name]
         done = subprocess.run(command, capture_output=True, text=True, check=True, env=environment)
-        found[title] = json.loads(done.stdout)
-    return found
+        results[title] = json.loads(done.stdout)
+    return results
 
 
 def main() -> None:

@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
-from eivor.atomic_file import write_whole
+from eivor.atomic_file import write_atomically
 from eivor.errors import EivorError
 from eivor.lab.experiments import page_text, page_with
 from validation.requirement import Requirement
@@ -24,10 +24,10 @@ Told = TypeVar("Told")
 Answer = tuple[str, Iterable[Requirement]]
 
 
-def keep(path: Path, told: Iterable[Any]) -> None:
+def keep(path: Path, record: Iterable[Any]) -> None:
     """Add lines to the file of a study."""
     with path.open("a", encoding="utf-8") as file:
-        file.writelines(json.dumps(asdict(one)) + "\n" for one in told)
+        file.writelines(json.dumps(asdict(item)) + "\n" for item in record)
 
 
 def kept_lines(path: Path, kind: type[Told]) -> list[Told]:
@@ -80,6 +80,6 @@ class KeptStudyCommand:
         page = page_text(chosen.page, self.part) if chosen.page else ""
         tables, requirements = self.answer(chosen.grid, chosen.size, chosen.kept)
         if chosen.page:
-            write_whole(chosen.page, page_with(page, {self.part: tables}))
+            write_atomically(chosen.page, page_with(page, {self.part: tables}))
         sys.stdout.write(tables + "\n")
-        return 0 if all(one.met for one in requirements) else NOT_MET
+        return 0 if all(requirement.met for requirement in requirements) else NOT_MET

@@ -16,7 +16,7 @@ from typing import Generic, Protocol, TypeVar, runtime_checkable
 
 import polars as pl
 
-from eivor.atomic_file import write_whole
+from eivor.atomic_file import write_atomically
 from eivor.errors import InputError
 from eivor.lab.study_run import is_sealed, sealed
 from eivor.process_pool import local_executor
@@ -70,7 +70,7 @@ class StudyTable:
     def write(self, path: Path) -> None:
         """Write one sealed file."""
         narrow = self.rows.with_columns(pl.col(pl.Float64).cast(pl.Float32))
-        write_whole(path, sealed(narrow, self.origin))
+        write_atomically(path, sealed(narrow, self.origin))
 
 
 def read_study_table(path: Path) -> StudyTable:
@@ -124,7 +124,7 @@ class StudyFolder(Generic[Task]):
     def write(self, task: Task, rows: Sequence[Row]) -> None:
         """Keep the rows of a task."""
         self.folder.mkdir(parents=True, exist_ok=True)
-        write_whole(self._path(task), sealed(pl.DataFrame(list(rows)), self._facts(task)))
+        write_atomically(self._path(task), sealed(pl.DataFrame(list(rows)), self._facts(task)))
 
     def run(self, rows_of: Callable[[Task], Sequence[Row]], workers: int | None = None) -> None:
         """Do what is left of the study.
@@ -145,8 +145,8 @@ class StudyFolder(Generic[Task]):
             task = bar.add_task("tasks", total=len(missing))
             if missing:
                 with closing(local_executor(workers, len(missing)).map(rows_of, missing)) as results:
-                    for place, rows in results:
-                        self.write(missing[place], rows)
+                    for item, rows in results:
+                        self.write(missing[item], rows)
                         bar.advance(task)
 
     def gathered(self) -> StudyTable:

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import polars as pl
 
-from eivor.atomic_file import whole_file, write_whole
+from eivor.atomic_file import atomic_write, write_atomically
 from eivor.errors import EivorError, InputError
 from eivor.lab.experiments import page_text, page_with
 from eivor.lab.study_files import Suite, SuiteStudy, read_suite
@@ -97,7 +97,7 @@ class SuiteCommand:
         if chosen.out and not chosen.out.parent.is_dir():
             raise InputError("a folder that exists", f"{chosen.out.parent}", "Make it first.")
         if chosen.sources:
-            rows = joined([read_rows(one, self.columns, self.kind) for one in chosen.sources])
+            rows = joined([read_rows(source, self.columns, self.kind) for source in chosen.sources])
         else:
             suite = read_suite(chosen.suite) if chosen.suite else self.suite()
             if chosen.runs is not None:
@@ -109,7 +109,7 @@ class SuiteCommand:
             write_rows(rows, chosen.out)
         tables = self.tables(rows)
         if chosen.page:
-            write_whole(chosen.page, page_with(page, {self.part: tables}))
+            write_atomically(chosen.page, page_with(page, {self.part: tables}))
         sys.stdout.write(tables + "\n")
         return 0 if all(item.met for item in self.requirements(rows)) else NOT_MET
 
@@ -140,10 +140,10 @@ def run_suite(
     rows: list[Row] = []
     with Progress(console=console, disable=not console.is_terminal) as bar:
         task = bar.add_task("studies", total=len(suite.studies))
-        for one in suite.studies:
-            executor = local_executor(workers, tasks=-(-one.study.runs // SHARD_TRIALS))
-            result = run_study(one.study, folder / f"{one.scenario}-{one.samples}", executor=executor)
-            rows.extend(rows_of(one, result))
+        for study in suite.studies:
+            executor = local_executor(workers, tasks=-(-study.study.runs // SHARD_TRIALS))
+            result = run_study(study.study, folder / f"{study.scenario}-{study.samples}", executor=executor)
+            rows.extend(rows_of(study, result))
             bar.advance(task)
     return pl.DataFrame(rows)
 
@@ -174,7 +174,7 @@ def write_rows(rows: pl.DataFrame, path: Path) -> None:
         When it cannot be written.
     """
     try:
-        with whole_file(path) as file:
+        with atomic_write(path) as file:
             rows.write_parquet(file, compression="zstd", statistics=False)
     except OSError as error:
         raise InputError("a file that can be written", f"{path}: {error}", "Choose another.") from error

@@ -26,10 +26,10 @@ class _Late(MetaPathFinder):
         """Return the specification of one of `LATE`; None of any other module, which others find."""
         if fullname not in LATE:
             return None
-        found = PathFinder.find_spec(fullname, None if path is None else [*path], target)
-        if found is not None and found.loader is not None:
-            found.loader = LazyLoader(found.loader)
-        return found
+        spec = PathFinder.find_spec(fullname, None if path is None else [*path], target)
+        if spec is not None and spec.loader is not None:
+            spec.loader = LazyLoader(spec.loader)
+        return spec
 
 
 def load_late() -> None:

@@ -61,7 +61,7 @@ ABANDONED_S = 60.0
 
 
 @contextmanager
-def whole_file(path: Path) -> Iterator[BinaryIO]:
+def atomic_write(path: Path) -> Iterator[BinaryIO]:
     """File to write to, which takes its place when the block ends without an error.
 
     Parameters
@@ -80,7 +80,7 @@ def whole_file(path: Path) -> Iterator[BinaryIO]:
         with path.open("wb") as device:
             yield device
         return
-    target, temporary = _places(path)
+    target, temporary = _positions(path)
     try:
         with temporary.open("xb") as file:
             if mode is not None:
@@ -94,18 +94,18 @@ def whole_file(path: Path) -> Iterator[BinaryIO]:
         raise
 
 
-def write_whole(path: Path, content: bytes | str) -> None:
-    """Write a file at once, see `whole_file`; text in UTF-8."""
-    with whole_file(path) as file:
+def write_atomically(path: Path, content: bytes | str) -> None:
+    """Write a file at once, see `atomic_write`; text in UTF-8."""
+    with atomic_write(path) as file:
         file.write(content.encode("utf-8") if isinstance(content, str) else content)
 
 
-def try_place(path: Path) -> None:
-    """Find out whether `whole_file` could begin: a file appears beside the place and goes again."""
+def check_writable(path: Path) -> None:
+    """Find out whether `atomic_write` could begin: a file appears beside the place and goes again."""
     mode = _mode(path)
     if mode is not None and not stat.S_ISREG(mode):
         return
-    _, temporary = _places(path)
+    _, temporary = _positions(path)
     temporary.open("xb").close()
     temporary.unlink()
 
@@ -132,7 +132,7 @@ def _mode(path: Path) -> int | None:
     return mode
 
 
-def _places(path: Path) -> tuple[Path, Path]:
+def _positions(path: Path) -> tuple[Path, Path]:
     """Where the file goes once links are followed, and a new name beside it."""
     target = Path(os.path.realpath(path))
     return target, target.with_name(f"{PREFIX}{os.urandom(8).hex()}{SUFFIX}")

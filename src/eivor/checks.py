@@ -100,10 +100,10 @@ def mapping(name: str, value: object, types: type | tuple[type, ...], expected: 
     expected = f"a mapping of names to {expected}"
     kind(name, value, Mapping, expected, "Give a dictionary.")
     assert isinstance(value, Mapping)  # noqa: S101 - `kind` has refused anything else
-    for key, one in value.items():
-        if not isinstance(key, str) or not isinstance(one, types):
+    for key, item in value.items():
+        if not isinstance(key, str) or not isinstance(item, types):
             raise UsageError(
-                f"{expected} for {name}", f"{described(one)} for {described(key)}", "Correct the call."
+                f"{expected} for {name}", f"{described(item)} for {described(key)}", "Correct the call."
             )
 
 
@@ -113,7 +113,7 @@ def real_array(name: str, values: Any) -> Float[np.ndarray, "*shape"]:
         return values
     try:
         array = _unmasked(values)
-        if array.dtype.kind == "O" and not any(isinstance(one, str | bytes) for one in array.flat):
+        if array.dtype.kind == "O" and not any(isinstance(item, str | bytes) for item in array.flat):
             array = array.astype(np.float64)
     except (TypeError, ValueError, OverflowError) as error:
         raise DataError(f"real numbers in {name}", f"{error}", "Convert them first.") from error

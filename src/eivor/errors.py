@@ -43,7 +43,7 @@ def did_you_mean(name: str, known: Iterable[str], otherwise: str, *, most: int =
         At most so many are named.
     """
     near = nearest_names(name, known, most)
-    return f"Did you mean {' or '.join(repr(str(one)) for one in near)}?" if near else otherwise
+    return f"Did you mean {' or '.join(repr(str(item)) for item in near)}?" if near else otherwise
 
 
 def nearest_names(name: str, known: Iterable[str], most: int = 1) -> list[str]:

@@ -224,9 +224,9 @@ class _Process:
         lines = self._printed.read().decode("utf-8", "replace").strip().splitlines()
         # an allocation that fails is printed in the library's way, followed by hints for debugging
         telling = [line for line in lines if "memory" in line.lower()] or lines
-        said = f", and said last: {telling[-1]}" if telling else ""
+        text = f", and said last: {telling[-1]}" if telling else ""
         how = f"signal {-code}" if code < 0 else f"exit code {code}"
-        return f"The process that worked on it died ({how}){said}."
+        return f"The process that worked on it died ({how}){text}."
 
     def end(self) -> None:
         """Kill the process and what it has begun."""
@@ -351,10 +351,10 @@ class InProcess(Executor):
         self, function: Callable[[Item], Result], items: Iterable[Item]
     ) -> Generator[tuple[int, Result], None, None]:
         """In order, see `Executor.map`."""
-        for place, item in enumerate(items):
+        for index, item in enumerate(items):
             with threadpool_limits(limits=1):
                 result = function(item)
-            yield place, result
+            yield index, result
 
 
 @dataclass(frozen=True, slots=True)
@@ -373,15 +373,15 @@ class LocalThreads(Executor):
         waiting, running = enumerate(items), set[Future[tuple[int, Result]]]()
         stop = threading.Event()
 
-        def call(place: int, item: Item) -> tuple[int, Result]:
+        def call(position: int, item: Item) -> tuple[int, Result]:
             _TASK.stop = stop
-            return place, function(item)
+            return position, function(item)
 
         pool = ThreadPoolExecutor(self.workers)
         try:
             while True:
                 room = TASKS_PER_WORKER * self.workers - len(running)
-                running |= {pool.submit(call, *one) for one in islice(waiting, room)}
+                running |= {pool.submit(call, *item) for item in islice(waiting, room)}
                 if not running:
                     return
                 done, running = wait(running, return_when=FIRST_COMPLETED)
@@ -455,8 +455,8 @@ def in_order(results: Generator[tuple[int, Result], None, None]) -> Generator[Re
     early: dict[int, Result] = {}
     turn = 0
     with closing(results):
-        for place, result in results:
-            early[place] = result
+        for item, result in results:
+            early[item] = result
             while turn in early:
                 yield early.pop(turn)
                 turn += 1

@@ -34,7 +34,7 @@ class TomlTable:
     error: type[InputError] = InputError
 
     def part(self, values: Mapping[str, Any], path: str) -> TomlTable:
-        """Table of the same file, none of whose keys was asked for yet."""
+        """Table of the same file, none of whose keys was requested yet."""
         return replace(self, values=values, path=path, taken=set())
 
     def neighbour(self, key: str, what: str) -> TomlTable:
@@ -134,8 +134,8 @@ class TomlTable:
         value = self._take(key, "a list", None)
         if not isinstance(value, list):
             raise self.wrong(key, "a list", repr(value))
-        places = {f"{key}[{number + 1}]": item for number, item in enumerate(value)}
-        return self.part(places, self.path)
+        positions = {f"{key}[{number + 1}]": item for number, item in enumerate(value)}
+        return self.part(positions, self.path)
 
     def section(self, key: str) -> TomlTable:
         """A table in this one."""
@@ -196,14 +196,14 @@ def _check_integers(table: TomlTable) -> None:
     """Refuse integers that TOML does not have: the parser takes them, and no float or array does."""
     waiting: list[tuple[str, object]] = list(table.values.items())
     while waiting:
-        place, value = waiting.pop()
+        position, value = waiting.pop()
         if isinstance(value, dict):
-            waiting += [(f"{place}.{key}", item) for key, item in value.items()]
+            waiting += [(f"{position}.{key}", item) for key, item in value.items()]
         elif isinstance(value, list):
-            waiting += [(f"{place}[{number + 1}]", item) for number, item in enumerate(value)]
+            waiting += [(f"{position}[{number + 1}]", item) for number, item in enumerate(value)]
         elif isinstance(value, int) and value.bit_length() >= INTEGER_BITS:
             raise table.wrong(
-                place, f"whole numbers of {INTEGER_BITS} bits", f"one of {value.bit_length() + 1}"
+                position, f"whole numbers of {INTEGER_BITS} bits", f"one of {value.bit_length() + 1}"
             )
 
 

@@ -91,8 +91,8 @@ class Stage(StrEnum):
 Progress = Callable[[Stage], None]
 
 
-def silent(_stage: Stage, /) -> None:
-    """Tell nobody."""
+def no_stage_callback(_stage: Stage, /) -> None:
+    """Report to no one."""
 
 
 # -- Late names --

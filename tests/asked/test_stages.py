@@ -9,6 +9,6 @@ from eivor.tools import Stage
 @pytest.mark.usefixtures("coarse_search")
 def test_stages_come_in_order():
     log = ev.example_flight()
-    told: list[Stage] = []
-    ev.identify_flight(log, window=(0.0, 20.0), progress=told.append)
-    assert told == list(Stage)
+    stages: list[Stage] = []
+    ev.identify_flight(log, window=(0.0, 20.0), progress=stages.append)
+    assert stages == list(Stage)

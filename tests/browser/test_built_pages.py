@@ -40,9 +40,9 @@ def searched(page, word):
     """Names of the pages that a search finds."""
     page.locator(".md-search__input").fill("")
     page.locator(".md-search__input").press_sequentially(word)
-    found = page.locator(".md-search-result__link", has_text=word)
-    found.first.wait_for(state="attached")
-    return {one.get_attribute("href").partition("#")[0].rpartition("/")[2] for one in found.all()}
+    locator = page.locator(".md-search-result__link", has_text=word)
+    locator.first.wait_for(state="attached")
+    return {item.get_attribute("href").partition("#")[0].rpartition("/")[2] for item in locator.all()}
 
 
 @pytest.fixture

@@ -21,7 +21,7 @@ pytestmark = pytest.mark.thorough
 
 LOOKS = (Path(__file__).parent / "looks.js").read_text(encoding="utf-8")
 HOSTILE = "</script><script>alert(1)</script><img src=x onerror=alert(2)>\u202e\u2066" + 10_000 * "W"
-SHOWN = ".charts .shown"
+PLOTTED = ".charts .shown"
 UNFOLD = "document.querySelectorAll('details').forEach((one) => { one.open = true; })"
 KINDS = ("fit", "pool", "refused", "hostile")
 
@@ -80,9 +80,9 @@ def test_the_policy_holds(opened, pages):
 
 def test_it_zooms_by_pointer_keys_and_buttons(opened, pages):
     page = opened(pages["fit"])
-    shown = page.locator(SHOWN)
-    begun = shown.text_content()
-    assert begun == "8.4 s to 51.6 s"
+    locator = page.locator(PLOTTED)
+    text_content = locator.text_content()
+    assert text_content == "8.4 s to 51.6 s"
     chart = page.locator(".chart .u-over").first
     chart.scroll_into_view_if_needed()
     box = chart.bounding_box()
@@ -91,25 +91,25 @@ def test_it_zooms_by_pointer_keys_and_buttons(opened, pages):
     page.mouse.down()
     page.mouse.move(box["x"] + 0.5 * box["width"], middle, steps=5)
     page.mouse.up()
-    first, last = seconds(shown.text_content())
+    first, last = seconds(locator.text_content())
     assert first == pytest.approx(8.4 + 0.25 * 43.2, abs=0.3)
     assert last == pytest.approx(8.4 + 0.5 * 43.2, abs=0.3)
     assert page.locator(".legend output").first.text_content().endswith("m/s²")
     chart.dblclick()
-    assert shown.text_content() == begun
+    assert locator.text_content() == text_content
     page.locator(".chart").nth(1).focus()
     page.keyboard.press("+")
-    assert seconds(shown.text_content()) == pytest.approx((19.2, 40.8), abs=0.11)
+    assert seconds(locator.text_content()) == pytest.approx((19.2, 40.8), abs=0.11)
     page.keyboard.press("ArrowRight")
-    assert seconds(shown.text_content()) == pytest.approx((24.6, 46.2), abs=0.11)
+    assert seconds(locator.text_content()) == pytest.approx((24.6, 46.2), abs=0.11)
     page.keyboard.press("0")
-    assert seconds(shown.text_content()) == pytest.approx((0.0, 60.0), abs=0.11)
+    assert seconds(locator.text_content()) == pytest.approx((0.0, 60.0), abs=0.11)
     page.get_by_role("button", name="Show what is used").click()
-    assert shown.text_content() == begun
+    assert locator.text_content() == text_content
 
 
 def seconds(text: str) -> tuple[float, ...]:
-    return tuple(float(one.removesuffix(" s")) for one in text.split(" to "))
+    return tuple(float(item.removesuffix(" s")) for item in text.split(" to "))
 
 
 def test_what_a_log_says_stays_text(opened, pages):
@@ -151,6 +151,10 @@ def test_nothing_serious_stands_in_anybodys_way(opened, pages, kind, scheme, rul
     page = opened(pages[kind], scheme=scheme)
     page.evaluate(UNFOLD)
     page.evaluate(axe.read_text(encoding="utf-8"))
-    found = page.evaluate(f"axe.run(document, {rules}).then((done) => done.violations)")
-    told = [(one["id"], one["nodes"][0]["html"]) for one in found if one["impact"] in {"serious", "critical"}]
-    assert told == []
+    evaluate = page.evaluate(f"axe.run(document, {rules}).then((done) => done.violations)")
+    selected = [
+        (item["id"], item["nodes"][0]["html"])
+        for item in evaluate
+        if item["impact"] in {"serious", "critical"}
+    ]
+    assert selected == []

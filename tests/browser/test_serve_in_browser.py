@@ -17,7 +17,7 @@ import pytest
 
 import eivor as ev
 from eivor.flights.result import FlightEstimate
-from eivor.report.flight import told_flight
+from eivor.report.flight import flight_report
 from eivor.serve.app import ServeOptions, Server
 
 pytestmark = pytest.mark.thorough
@@ -86,15 +86,15 @@ def nothing_stands_in_the_way(page: Any) -> None:
     page.evaluate(axe.read_text(encoding="utf-8"))
     for scheme, rules in (("dark", "runOnly: ['color-contrast']"), ("light", "")):
         page.emulate_media(color_scheme=scheme)
-        found = page.evaluate(
+        evaluate = page.evaluate(
             f"axe.run(document, {{iframes: false, {rules}}}).then((done) => done.violations)"
         )
-        assert [(one["id"], one["nodes"][0]["html"]) for one in found] == []
+        assert [(item["id"], item["nodes"][0]["html"]) for item in evaluate] == []
 
 
 def nothing_went_wrong(page: Any, server: Server) -> None:
-    own = server.url.partition("?")[0]
-    assert [url for url in page.asked if not url.startswith((own, f"blob:{own}", "data:"))] == []
+    current = server.url.partition("?")[0]
+    assert [url for url in page.asked if not url.startswith((current, f"blob:{current}", "data:"))] == []
     assert page.said == []
     assert page.evaluate("broken") == []
 
@@ -105,18 +105,18 @@ def test_a_log_is_dropped_and_its_verdict_comes_back(served, server, log, result
     looks_right(page)
     drop(page, (log.name, log.read_bytes()))
     done(page)
-    told = told_flight(result)
-    assert page.locator("#verdict .said").text_content() == f"{told.verdict.status.value}: {told.meaning}"
+    flight = flight_report(result)
+    assert page.locator("#verdict .said").text_content() == f"{flight.verdict.status.value}: {flight.meaning}"
     readings = [
-        tuple(one.locator(part).text_content() for part in (".value", ".interval", ".badge"))
-        for one in page.locator(".reading").all()
+        tuple(item.locator(part).text_content() for part in (".value", ".interval", ".badge"))
+        for item in page.locator(".reading").all()
     ]
-    assert readings == [(*one.shown, one.quantity.verdict.value) for one in told.brief]
+    assert readings == [(*item.numbers_text, item.quantity.verdict.value) for item in flight.brief]
     page.evaluate(UNFOLD)
     page.locator('.files [data-refused="true"]').first.wait_for(timeout=A_WHILE)
     reasons = page.locator('.files [data-refused="true"] .why').all_text_contents()
     assert reasons
-    assert all(len(one) > 20 for one in reasons)
+    assert all(len(reason) > 20 for reason in reasons)
     with page.expect_download() as saved:
         page.get_by_role("button", name="result.json").click()
     saved.value.save_as(tmp_path / "saved.json")
@@ -158,8 +158,8 @@ def test_keys_alone_fit_another_window_again(served, server, log):
     assert page.locator(".ends output").text_content() == "3.0 s to 15.0 s"
     assert page.locator(".panel > details").get_attribute("open") is None
     window = ev.identify_flight(ev.read_log(log), window=(3.0, 14.99))
-    shown = [one.shown[0] for one in told_flight(window).brief]
-    assert page.locator(".reading .value").all_text_contents() == shown
+    displayed = [item.numbers_text[0] for item in flight_report(window).brief]
+    assert page.locator(".reading .value").all_text_contents() == displayed
     nothing_went_wrong(page, server)
 
 
@@ -172,7 +172,7 @@ def test_flights_are_compared_and_one_may_be_cancelled(served, server, log, resu
     done(page, 2)
     rows = page.locator("#compared tbody th").all_text_contents()
     assert sorted(rows) == ["first.parquet", "second.parquet"]
-    assert page.locator("#compared .forest").count() == len(told_flight(result).brief)
+    assert page.locator("#compared .forest").count() == len(flight_report(result).brief)
     looks_right(page)
     nothing_stands_in_the_way(page)
     page.get_by_role("button", name="third.parquet", exact=True).click()
@@ -200,9 +200,11 @@ def test_what_a_log_and_its_name_say_stays_text(served, server):
 def workers_of_this_process() -> list[int]:
     """Worker processes, whatever they do."""
     below = [
-        int(one) for told in Path("/proc/self/task").glob("*/children") for one in told.read_text().split()
+        int(item)
+        for entry in Path("/proc/self/task").glob("*/children")
+        for item in entry.read_text().split()
     ]
-    return [one for one in below if b"process_pool" in Path(f"/proc/{one}/cmdline").read_bytes()]
+    return [item for item in below if b"process_pool" in Path(f"/proc/{item}/cmdline").read_bytes()]
 
 
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="processes are looked for in /proc")
@@ -215,13 +217,13 @@ def test_a_worker_that_is_killed_is_a_sentence(served, server):
     for _ in range(200):
         if failed.count():
             break
-        for one in workers_of_this_process():
-            os.kill(one, signal.SIGKILL)
+        for item in workers_of_this_process():
+            os.kill(item, signal.SIGKILL)
         page.wait_for_timeout(50)
     assert page.locator("#result h2").text_content() == "example_flight.parquet"
-    said = page.locator("#result .failure").text_content()
-    assert "the process that worked on it died (signal 9)" in said
-    assert "eivor serve --time S --memory GB." in said
+    text_content = page.locator("#result .failure").text_content()
+    assert "the process that worked on it died (signal 9)" in text_content
+    assert "eivor serve --time S --memory GB." in text_content
     nothing_went_wrong(page, server)
 
 
@@ -237,15 +239,15 @@ def test_folders_are_dropped(served, server, log, tmp_path):
     (flights / "notes.txt").write_text("windy")
     page = served()
     known = page.context.new_cdp_session(page)
-    carried = {"items": [], "files": [str(tables), str(flights.parent)], "dragOperationsMask": 1}
+    propagate = {"items": [], "files": [str(tables), str(flights.parent)], "dragOperationsMask": 1}
     for kind in ("dragEnter", "dragOver", "drop"):
-        known.send("Input.dispatchDragEvent", {"type": kind, "x": 200, "y": 200, "data": carried})
+        known.send("Input.dispatchDragEvent", {"type": kind, "x": 200, "y": 200, "data": propagate})
     done(page)
     page.locator('[data-state="failed"]').wait_for(timeout=A_WHILE)
     assert page.locator(".flight-name").all_text_contents() == [tables.name, log.name]
     page.get_by_role("button", name=tables.name, exact=True).click()
-    said = page.locator("#result .failure").text_content()
-    assert f"Expected tables with flight data; received '{tables.name}' without a value." in said
+    text_content = page.locator("#result .failure").text_content()
+    assert f"Expected tables with flight data; received '{tables.name}' without a value." in text_content
     (flights / log.name).unlink()
     page.set_input_files("#folder", flights)
     page.locator('[data-state="failed"]').nth(1).wait_for()

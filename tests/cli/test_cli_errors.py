@@ -90,10 +90,10 @@ def test_help_names_every_method_and_shipped_map(eivor: Caller) -> None:
 )
 def test_help_shows_what_to_type_and_no_types(eivor: Caller, command: tuple[str, ...]) -> None:
     """<bool> and <list[str]> are the programmer's; lines are as long as the terminal is wide."""
-    shown = eivor(*command, "--help").out
-    assert not re.search(r"<\w+(\[\w+\])?>|BOOLEAN|TEXT", shown)
-    assert "--help" in shown
-    paragraphs = [line for line in shown.splitlines() if line.startswith(" ") and line.endswith(",")]
+    out = eivor(*command, "--help").out
+    assert not re.search(r"<\w+(\[\w+\])?>|BOOLEAN|TEXT", out)
+    assert "--help" in out
+    paragraphs = [line for line in out.splitlines() if line.startswith(" ") and line.endswith(",")]
     assert all(len(line) > 60 for line in paragraphs)
 
 

@@ -31,11 +31,11 @@ def server(tmp_path: Path) -> Iterator[str]:
     folder = tmp_path / "origin"
     folder.mkdir()
     (folder / "x.ulg").write_bytes(CONTENT)
-    with ThreadingHTTPServer(("127.0.0.1", 0), partial(_Quiet, directory=str(folder))) as found:
-        thread = threading.Thread(target=found.serve_forever, daemon=True)
+    with ThreadingHTTPServer(("127.0.0.1", 0), partial(_Quiet, directory=str(folder))) as result:
+        thread = threading.Thread(target=result.serve_forever, daemon=True)
         thread.start()
-        yield f"http://127.0.0.1:{found.server_address[1]}"
-        found.shutdown()
+        yield f"http://127.0.0.1:{result.server_address[1]}"
+        result.shutdown()
         thread.join()
 
 

@@ -129,26 +129,26 @@ def test_report_prints_and_writes(eivor, tmp_path):
     assert "24 logs; 3 vehicles of 1 type" in run.out
     assert "the input gain steps by" in run.out
     assert "\x1b[31m" not in run.out
-    told = json.loads(files[0].read_text())
-    assert told["schema"] == "eivor.fleet_report/1"
-    (motion,) = told["motions"]
+    reported = json.loads(files[0].read_text())
+    assert reported["schema"] == "eivor.fleet_report/1"
+    (motion,) = reported["motions"]
     keys = set(re.findall(r"`(\w+)`", Path("docs/fleet-report.md").read_text()))
     for name in ("types", "vehicles", "deviating", "left_out", "covariates"):
-        assert all(set(one) <= keys for one in motion[name])
-    assert [one["course"] for one in motion["vehicles"] if one["quantity"] == "input_gain"].count(
+        assert all(set(item) <= keys for item in motion[name])
+    assert [item["course"] for item in motion["vehicles"] if item["quantity"] == "input_gain"].count(
         "steps"
     ) == 1
     page = parsed(files[1].read_text())
     assert not page.all("img")
     assert len(page.all("svg", class_="forest")) == 4
     assert HOSTILE.split("\x1b", maxsplit=1)[0] in page.all("main")[0].text
-    assert json.loads(page.all("script", id="result")[0].text) == told
+    assert json.loads(page.all("script", id="result")[0].text) == reported
     links = [link.attributes["href"] for link in page.all("a") if "fleet/" in link.attributes["href"]]
     assert set(links) == {f"fleet/reports/{3:064x}.html"}
     assert "no report of its own" in page.all("main")[0].text
     run = eivor("fleet", "report", tmp_path / "fleet", "--json", "-")
-    assert json.loads(run.out) == told
-    (tmp_path / "masses.csv").write_text("\n".join(["name,mass", *(f"{one},1" for one in table["name"])]))
+    assert json.loads(run.out) == reported
+    (tmp_path / "masses.csv").write_text("\n".join(["name,mass", *(f"{item},1" for item in table["name"])]))
     run = eivor("fleet", "report", tmp_path / "fleet", "--covariates", tmp_path / "masses.csv")
     assert (run.code, run.err) == (0, "")
     assert "mass is not known" not in run.out
@@ -159,5 +159,5 @@ def test_report_of_what_tells_nothing(eivor, tmp_path):
     fleet = write_fleet(tmp_path / "fleet", [row("a", verdict="failed", reason="It is empty.")])
     run = eivor("fleet", "report", fleet, "--html", tmp_path / "report.html")
     assert run.code == 0
-    assert "No flight tells a quantity" in run.out
+    assert "No flight identifies a quantity" in run.out
     assert eivor("fleet", "report", tmp_path).code == 1

@@ -40,11 +40,11 @@ def test_bounds_of_a_lag_and_no_lag_are_given(eivor: Caller, log: Path) -> None:
 def test_a_lag_is_taken_from_another_flight(eivor: Caller, log: Path, tmp_path: Path) -> None:
     other = tmp_path / "other.json"
     assert eivor("identify", log, "--json", other).code == 0
-    told = json.loads(other.read_text())["derived"]["effective_lag"]
+    reported = json.loads(other.read_text())["derived"]["effective_lag"]
     given = json.loads(eivor("identify", log, "--lag-from", other, "--json", "-").out)["given_lag"]
-    assert given["mean"] == told["value"]
-    low, high = told["interval"]
-    assert given["std"] == pytest.approx(max((high - low) / 4.0, told["std_error"]))
+    assert given["mean"] == reported["value"]
+    low, high = reported["interval"]
+    assert given["std"] == pytest.approx(max((high - low) / 4.0, reported["std_error"]))
 
 
 @pytest.mark.parametrize(

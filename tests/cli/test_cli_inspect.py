@@ -85,8 +85,8 @@ def test_it_foretells_what_identify_says(eivor: Caller, log: Path, arguments: tu
     """With the same arguments, for one log and for several."""
     typed = [argument.replace("LOG", str(log)) for argument in arguments]
     foretold = json.loads(eivor("inspect", *typed, "--json", "-").out)
-    said = json.loads(eivor("identify", *typed, "--json", "-").out)
-    assert (foretold["verdict"], foretold["reasons"]) == (said["verdict"], said["reasons"])
+    sentence = json.loads(eivor("identify", *typed, "--json", "-").out)
+    assert (foretold["verdict"], foretold["reasons"]) == (sentence["verdict"], sentence["reasons"])
 
 
 @pytest.mark.thorough

@@ -112,8 +112,8 @@ COMMANDS = commands()
 
 def named(words: tuple[str, ...], kind: type) -> list[Any]:
     """Parameters of a command that declare one kind of file."""
-    places = declarations(COMMANDS[words])
-    return [one for one in COMMANDS[words].params if isinstance(places.get(one.name), kind)]
+    positions = declarations(COMMANDS[words])
+    return [param for param in COMMANDS[words].params if isinstance(positions.get(param.name), kind)]
 
 
 def label(parameter: Any) -> str:
@@ -134,7 +134,7 @@ OUTPUTS = [
 ]
 
 
-def place_of(words: tuple[str, ...], parameter: Any) -> Reads | Writes:
+def position_of(words: tuple[str, ...], parameter: Any) -> Reads | Writes:
     return {**declarations(COMMANDS[()]), **declarations(COMMANDS[words])}[parameter.name]
 
 
@@ -164,10 +164,10 @@ def contents(folder: Path) -> dict[str, bytes]:
 
 def test_every_text_of_a_command_declares_its_files() -> None:
     """A new option fails here until it declares `Reads` or `Writes`, or stands in `WORDS`."""
-    silent = []
+    no_stage_callback = []
     for words, command in COMMANDS.items():
         assert hasattr(command, "commands") or isinstance(command, ReadableCommand)  # which guards outputs
-        places = declarations(command)
+        positions = declarations(command)
         known = inspect.signature(command.callback, eval_str=True).parameters if command.callback else {}
         for parameter in command.params:
             if parameter.name in COMPLETION:
@@ -175,9 +175,9 @@ def test_every_text_of_a_command_declares_its_files() -> None:
             kind = known[parameter.name].annotation
             kinds = str(get_args(kind)[0] if hasattr(kind, "__metadata__") else kind)
             is_text = any(word in kinds for word in ("str", "Path"))
-            if is_text and parameter.name not in places and label(parameter) not in WORDS:
-                silent.append((*words, label(parameter)))
-    assert silent == []
+            if is_text and parameter.name not in positions and label(parameter) not in WORDS:
+                no_stage_callback.append((*words, label(parameter)))
+    assert no_stage_callback == []
     assert len(PAIRS) > 40
 
 
@@ -190,7 +190,7 @@ def test_no_output_replaces_an_input(
     source: Any,
     output: Any,
 ) -> None:
-    reads, writes = place_of(words, source), place_of(words, output)
+    reads, writes = position_of(words, source), position_of(words, output)
     assert isinstance(reads, Reads)
     assert isinstance(writes, Writes)
     for number, alias in enumerate(("itself", "dots", "symbolic link", "hard link")):
@@ -238,12 +238,12 @@ def test_two_outputs_are_two_files(
 ) -> None:
     (tmp_path / "sub").mkdir()
     monkeypatch.chdir(tmp_path)
-    folders = [one for one in (first, second) if place_of(words, one).inside]  # type: ignore[union-attr]
-    inside = place_of(words, folders[0]).inside[0].replace("*", "0") if folders else ""  # type: ignore[union-attr]
+    folders = [item for item in (first, second) if position_of(words, item).inside]  # type: ignore[union-attr]
+    inside = position_of(words, folders[0]).inside[0].replace("*", "0") if folders else ""  # type: ignore[union-attr]
     for text in ("target.x", "sub/../target.x", "TARGET.X", str(tmp_path / "target.x")):
         texts = {
-            one.name: (one, "target.x" if one in folders else f"{text}/{inside}".rstrip("/"))
-            for one in (first, second)
+            item.name: (item, "target.x" if item in folders else f"{text}/{inside}".rstrip("/"))
+            for item in (first, second)
         }
         if not folders:
             texts[first.name] = (first, "target.x")
@@ -303,19 +303,19 @@ def test_standard_input_is_a_file_too(log: Path) -> None:
 
 
 def test_the_files_of_folders_are_those_that_are_written(tmp_path: Path) -> None:
-    from eivor.fleet.table import FLIGHTS, IDENTITY, PART, RUN, UNOPENED, report_place
+    from eivor.fleet.table import FLIGHTS, IDENTITY, PART, RUN, UNOPENED, report_path
     from eivor.lab.figures import figure_files, picture_files
     from eivor.lab.study_run import IDENTITY_FILE, TABLE_FILE
 
     fleet = {IDENTITY, RUN, f"{FLIGHTS}/{PART}", f"{FLIGHTS}/{UNOPENED}"}
-    fleet.add(report_place(Path(), "0").as_posix())
+    fleet.add(report_path(Path(), "0").as_posix())
     study = {IDENTITY_FILE, TABLE_FILE, "shards/000000.parquet", *map(str, picture_files(Path()))}
     for names, patterns in (
         (fleet, (*FLEET_FILES, FLEET_PARTS)),
         (study, STUDY_FILES),
         (set(map(str, figure_files(Path()))), PAPER_FILES),
     ):
-        assert not [name for name in names if not any(fnmatch(name, one) for one in patterns)]
+        assert not [name for name in names if not any(fnmatch(name, pattern) for pattern in patterns)]
 
 
 def test_an_output_needs_a_folder(tmp_path: Path) -> None:

@@ -49,9 +49,9 @@ def test_rough_numbers_and_limits_reach_the_plan(
     run = eivor("plan", "--hover", "0.4", "--lag", "80", "--gusts", "0.6", *limits, "--json", "-")
     assert json.loads(run.out)["target"] == "friction"
     assert asked[0]["vehicle"] == VehicleGuess(hover_input=0.4, lag_s=0.08, gust_rms=0.6)
-    found = asked[0]["limits"]
-    assert (found.height_m, found.speed, found.duration_s) == ((2.0, 4.0), 1.0, 90.0)
-    assert (found.tilt_deg, found.acceleration) == (15.0, 2.0)
+    result = asked[0]["limits"]
+    assert (result.height_m, result.speed, result.duration_s) == ((2.0, 4.0), 1.0, 90.0)
+    assert (result.tilt_deg, result.acceleration) == (15.0, 2.0)
     vehicle = tmp_path / "vehicle.toml"
     vehicle.write_text("viscous_friction = 0.7\n")
     assert eivor("plan", vehicle).code == 3

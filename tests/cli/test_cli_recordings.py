@@ -96,10 +96,10 @@ def test_the_hover_input_is_known_where_the_friction_is_not(eivor: Caller, recor
     assert 0.10 < document["derived"]["hover_input"]["value"] < 0.14
     # its interval is wider than identified asks for: it is not held against the autopilot's parameter
     assert document["derived"]["hover_input"]["verdict"] == "weak"
-    said = {finding["name"]: finding["message"] for finding in document["findings"]}
-    assert "hover_parameter" not in said
-    assert "hover_estimate" not in said
-    assert "lower limit, 0.15 (MPC_THR_HOVER - HTE_THR_RANGE)" in said["hover_estimate_at_limit"]
+    sentence = {finding["name"]: finding["message"] for finding in document["findings"]}
+    assert "hover_parameter" not in sentence
+    assert "hover_estimate" not in sentence
+    assert "lower limit, 0.15 (MPC_THR_HOVER - HTE_THR_RANGE)" in sentence["hover_estimate_at_limit"]
     with coarse():
         inspected = eivor("inspect", path)
     assert inspected.code == 0
@@ -110,7 +110,7 @@ def test_the_hover_input_is_known_where_the_friction_is_not(eivor: Caller, recor
 @pytest.mark.thorough
 def test_the_hover_input_is_the_autopilot_s_own(eivor: Caller, recordings: Path) -> None:
     document = _document(eivor("identify", recordings / "px4" / "battery_brownout.ulg", "--json", "-"))
-    (message,) = [one["message"] for one in document["findings"] if one["name"] == "hover_estimate"]
+    (message,) = [item["message"] for item in document["findings"] if item["name"] == "hover_estimate"]
     assert "is 0.524 (median of" in message
     assert document["derived"]["hover_input"]["value"] == pytest.approx(0.524, rel=0.03)
 
@@ -122,7 +122,7 @@ def test_thrust_that_a_pilot_sets_is_its_own_instrument(eivor: Caller, recording
             eivor("identify", f"{recordings / 'px4' / 'ekf_failure.ulg'}@4:61", "--json", "-")
         )
     assert document["instruments"] == "input"
-    assert any(one["name"] == "open_loop_input" for one in document["findings"])
+    assert any(item["name"] == "open_loop_input" for item in document["findings"])
     assert document["diagnostics"]["first_stage_F_viscous_friction"] > 10.0
     assert not any("feedback" in reason for reason in document["reasons"])
 

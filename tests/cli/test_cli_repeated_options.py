@@ -24,8 +24,11 @@ def test_it_is_read_where_it_is_and_said(eivor, written):
     written('[identify]\nlag = "65:15"\nterm = ["quadratic-drag", "voltage"]\nalign = true\nmax-tilt = 20\n')
     ran = eivor("identify", "missing.ulg")
     assert ran.code == 1
-    said, missing = ran.err.splitlines()[0], ran.err
-    assert said == "eivor: options of eivor.toml: max-tilt 20, lag 65:15, align, term quadratic-drag voltage"
+    splitline, missing = ran.err.splitlines()[0], ran.err
+    assert (
+        splitline
+        == "eivor: options of eivor.toml: max-tilt 20, lag 65:15, align, term quadratic-drag voltage"
+    )
     assert "missing.ulg" in missing
     assert ran.out == ""
 
@@ -92,8 +95,8 @@ def test_tables_of_commands_that_are_not_loaded(written):
 def test_the_file_of_the_page_is_valid(eivor, written):
     (block,) = re.findall(r"```text\n(\[identify\]\n.*?)```", PAGE, flags=re.DOTALL)
     written(block)
-    said = eivor("identify", "missing.ulg").err.splitlines()[0]
-    assert said.startswith("eivor: options of eivor.toml: ")
+    splitline = eivor("identify", "missing.ulg").err.splitlines()[0]
+    assert splitline.startswith("eivor: options of eivor.toml: ")
     assert all(
-        option in said for option in ("lag 65:15", "map mycopter.toml", "align", "term quadratic-drag")
+        option in splitline for option in ("lag 65:15", "map mycopter.toml", "align", "term quadratic-drag")
     )

@@ -20,13 +20,13 @@ def embedded(page: Path) -> dict:
 
 
 def test_a_report_is_what_identify_finds(eivor, log, tmp_path):
-    page, beside = tmp_path / "flight.html", tmp_path / "flight.json"
-    told = eivor("report", log, "-o", page)
-    other = eivor("identify", log, "--json", beside, "--html", tmp_path / "other.html")
-    assert told.code == other.code == 0
-    assert "IDENTIFIED" in told.out
-    assert str(page) in re.sub(r"\s", "", told.out)
-    assert embedded(page) == json.loads(beside.read_text()) == embedded(tmp_path / "other.html")
+    page, path = tmp_path / "flight.html", tmp_path / "flight.json"
+    reported = eivor("report", log, "-o", page)
+    other = eivor("identify", log, "--json", path, "--html", tmp_path / "other.html")
+    assert reported.code == other.code == 0
+    assert "IDENTIFIED" in reported.out
+    assert str(page) in re.sub(r"\s", "", reported.out)
+    assert embedded(page) == json.loads(path.read_text()) == embedded(tmp_path / "other.html")
     assert page.read_bytes() == (tmp_path / "other.html").read_bytes()
 
 
@@ -38,36 +38,36 @@ def test_a_refusal_is_a_report_too(eivor, log, tmp_path):
 
 
 def test_a_report_on_standard_output_is_nothing_else(eivor, log):
-    told = eivor("report", log, "--window", "0:4", "-o", "-")
-    assert told.out.startswith("<!DOCTYPE html>")
-    assert told.out.endswith("</html>\n")
+    reported = eivor("report", log, "--window", "0:4", "-o", "-")
+    assert reported.out.startswith("<!DOCTYPE html>")
+    assert reported.out.endswith("</html>\n")
 
 
 @pytest.mark.parametrize("arguments", [("report", "-o"), ("identify", "--html")])
 def test_a_report_is_written_over_no_log(eivor, log, arguments):
     command, option = arguments
     before = log.read_bytes()
-    told = eivor(command, log, option, log)
-    assert told.code == 2
-    assert "would replace" in told.err
+    reported = eivor(command, log, option, log)
+    assert reported.code == 2
+    assert "would replace" in reported.err
     assert log.read_bytes() == before
 
 
 def test_a_report_needs_a_file(eivor, log):
-    told = eivor("report", log)
-    assert told.code == 2
-    assert "-o flight.html" in told.err
+    reported = eivor("report", log)
+    assert reported.code == 2
+    assert "-o flight.html" in reported.err
 
 
 def test_a_log_that_cannot_be_read_gives_a_sentence_and_no_page(eivor, tmp_path):
     broken, page = tmp_path / "broken.ulg", tmp_path / "flight.html"
     broken.write_bytes(b"ULog\x01\x12\x35 nothing")
-    told = eivor("report", broken, "-o", page)
-    assert told.code == 1
-    assert told.err.startswith("eivor: ")
+    reported = eivor("report", broken, "-o", page)
+    assert reported.code == 1
+    assert reported.err.startswith("eivor: ")
     assert not page.exists()
 
 
 def test_a_report_takes_what_identify_takes():
-    own, known = (inspect.signature(one).parameters for one in (report, identify))
-    assert set(own) - {"out"} == set(known) - set(NOT_HERE)
+    current, known = (inspect.signature(item).parameters for item in (report, identify))
+    assert set(current) - {"out"} == set(known) - set(NOT_HERE)

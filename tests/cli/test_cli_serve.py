@@ -43,10 +43,10 @@ def test_it_opens_the_page_and_stops(eivor, monkeypatch, tmp_path, stop):
 @pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="no terminals here that can be closed")
 def test_it_outlives_its_terminal_where_it_shall(eivor, monkeypatch):
     before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
-    found = []
+    results = []
 
     def browser(_url: str) -> None:
-        found.append(signal.getsignal(signal.SIGHUP))
+        results.append(signal.getsignal(signal.SIGHUP))
         os.kill(os.getpid(), signal.SIGTERM)
 
     monkeypatch.setattr("webbrowser.open", browser)
@@ -54,7 +54,7 @@ def test_it_outlives_its_terminal_where_it_shall(eivor, monkeypatch):
         assert eivor("serve", "--workers", 1).code == 0
     finally:
         signal.signal(signal.SIGHUP, before)
-    assert found == [signal.SIG_IGN]
+    assert results == [signal.SIG_IGN]
 
 
 @pytest.mark.parametrize(
@@ -105,6 +105,6 @@ def test_its_process_ends_with_its_workers(tmp_path, stop):
     assert process.stdout is not None
     assert process.stdout.readline().startswith(b"http://127.0.0.1:")
     process.send_signal(stop)
-    _, said = process.communicate(timeout=60.0)
-    assert (process.returncode, said) == (0, b"")
+    _, sentence = process.communicate(timeout=60.0)
+    assert (process.returncode, sentence) == (0, b"")
     assert list(Path(tmp_path).iterdir()) == []

@@ -104,9 +104,9 @@ def test_same_seed_same_bytes(eivor, tmp_path):
     for name in ("one", "two", "three"):
         seed = 8 if name == "three" else 7
         assert eivor("simulate", "rich", "-o", f"{name}.parquet", "--seed", seed).code == 0
-    one, two, three = ((tmp_path / f"{name}.parquet").read_bytes() for name in ("one", "two", "three"))
-    assert one == two
-    assert one != three
+    item, two, three = ((tmp_path / f"{name}.parquet").read_bytes() for name in ("one", "two", "three"))
+    assert item == two
+    assert item != three
 
 
 def test_csv_has_the_same_numbers(eivor):

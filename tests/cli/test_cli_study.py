@@ -111,9 +111,9 @@ def test_failures_are_told(eivor, file):
     run = eivor("study", file, "--workers", 1)
     assert run.code == 0
     assert re.search(r"blind +30 failed", run.out)
-    said = " ".join(run.out.split())
+    text = " ".join(run.out.split())
     assert (
-        "blind failed in 30 of 30 trials; 0: MissingNoiseError: Expected a declared noise of channel" in said
+        "blind failed in 30 of 30 trials; 0: MissingNoiseError: Expected a declared noise of channel" in text
     )
     before, blind = STUDY.split("[[methods]]", 1)[0], BLIND
     file.write_text(before + blind, encoding="utf-8")
@@ -188,7 +188,7 @@ def test_interrupted_on_a_terminal(file, tmp_path, workers):
         assert process.poll() is None
         time.sleep(0.01)
     os.killpg(process.pid, signal.SIGINT)
-    shown = b""
+    displayed = b""
     while True:
         try:
             part = os.read(screen, 65536)
@@ -196,12 +196,12 @@ def test_interrupted_on_a_terminal(file, tmp_path, workers):
             break
         if not part:
             break
-        shown += part
+        displayed += part
     os.close(screen)
     out, _ = process.communicate()
     assert process.returncode == 130
     assert out == b""
-    text = shown.decode()
+    text = displayed.decode()
     assert "/2000" in text
     assert "eivor: interrupted" in text
     assert "Run the same command again to go on" in text

@@ -26,7 +26,7 @@ def test_wrong_usage_is_told(eivor):
     run = eivor("track", "--example", "--memory", "900")
     assert (run.code, "the length of the flight" in run.err) == (2, True)
     run = eivor("track", "--example", "--window", "10:12")
-    assert (run.code, "no moment tells it" in run.out) == (3, True)
+    assert (run.code, "no moment identifies it" in run.out) == (3, True)
 
 
 DAMAGED = """

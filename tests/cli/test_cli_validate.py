@@ -23,8 +23,8 @@ def test_another_flight_is_predicted(eivor: Caller, log: Path, tmp_path: Path) -
     assert "leaves less than the simpler models" in " ".join(run.out.split())
     assert "RMS error" in run.out
     assert figure.stat().st_size > 1000
-    told = eivor("validate", fit, log, "--window", "15:30", "--json", "-")
-    assert json.loads(told.out)["schema"] == "eivor.validate/1"
+    reported = eivor("validate", fit, log, "--window", "15:30", "--json", "-")
+    assert json.loads(reported.out)["schema"] == "eivor.validate/1"
 
     document = json.loads(fit.read_text())
     document["covariance"]["candidates"][0]["values"] = [9.0, 1.0, 0.2]

@@ -67,8 +67,8 @@ def flown(rng: np.random.Generator) -> Columns:
         silence = np.zeros(time.size)
     dropped = rng.choice(list(values), int(rng.choice([0, 0, 1, 3])))
     return {
-        name: _logged(rng, time + silence, np.asarray(one, dtype=np.float64), usual.get(name, 2.0))
-        for name, one in values.items()
+        name: _logged(rng, time + silence, np.asarray(value, dtype=np.float64), usual.get(name, 2.0))
+        for name, value in values.items()
         if name not in dropped
     }
 
@@ -79,8 +79,8 @@ def _logged(
     """One channel, with a clock and values that are spoilt now and then."""
     if rng.random() < 0.15:
         rate_hz = float(rng.choice(RATES_HZ))
-    places = np.unique(np.arange(0, time.size, max(250.0 / rate_hz, 1.0)).astype(np.int64))
-    stamps, values = time[places], values[places].copy()
+    positions = np.unique(np.arange(0, time.size, max(250.0 / rate_hz, 1.0)).astype(np.int64))
+    stamps, values = time[positions], values[positions].copy()
     jitter = rng.choice([0.0, 0.0, 1e-4, 0.4 / rate_hz])
     stamps = stamps + jitter * rng.standard_normal(stamps.size)
     kind = int(rng.integers(0, 16))
@@ -120,9 +120,9 @@ def recording_of(columns: Columns, name: str = "hostile") -> Any:
     from eivor.signals.recording import Recording, clean_channel
 
     channels = {}
-    for one, (stamps, values) in columns.items():
-        known = canonical_channel(one)
-        channels[one] = clean_channel(one, stamps, values, known.unit, held=known.held)
+    for item, (stamps, values) in columns.items():
+        known = canonical_channel(item)
+        channels[item] = clean_channel(item, stamps, values, known.unit, held=known.held)
     return Recording(name, "csv", channels)
 
 
@@ -133,8 +133,8 @@ def write_csv(columns: Columns, path: Path) -> None:
         for name, (stamps, values) in columns.items()
     ]
     whole = tables[0]
-    for one in tables[1:]:
-        whole = whole.join(one, on="time", how="full", coalesce=True)
+    for table in tables[1:]:
+        whole = whole.join(table, on="time", how="full", coalesce=True)
     whole.sort("time").fill_nan(None).write_csv(path)
 
 
@@ -148,13 +148,13 @@ def use_library(log: Any, fit: Any, choices: dict[str, Any]) -> str:
     from eivor.report.flight_page import flight_page
     from eivor.report.inspection import pooled_inspection
 
-    said = []
+    sentence = []
 
     def called(action: Callable[[], Any]) -> None:
         try:
-            said.append(str(action()))
+            sentence.append(str(action()))
         except EivorError as error:
-            said.append(str(error))
+            sentence.append(str(error))
 
     def identified() -> str:
         result = ev.identify_flight(log, **choices)
@@ -166,7 +166,7 @@ def use_library(log: Any, fit: Any, choices: dict[str, Any]) -> str:
     called(identified)
     called(lambda: pooled_inspection([log], FlightOptions(), [None], vertical).logs[0].reasons)
     called(lambda: ev.validate(fit, log).summary())
-    return "\n".join(said)
+    return "\n".join(sentence)
 
 
 CHOICES: tuple[dict[str, Any], ...] = (
@@ -203,7 +203,7 @@ def still_in_turns() -> Columns:
     noise = 0.2 * np.random.default_rng(0).standard_normal(time.size)
     values = {"velocity_z": speed, "specific_force_z": force + noise, "reference_position_z": reference}
     values["input"] = force / 40.0 + 0.02 * reference
-    return {name: (time, one) for name, one in values.items()}
+    return {name: (time, value) for name, value in values.items()}
 
 
 def slow_command() -> Columns:
@@ -232,15 +232,15 @@ def good_fit(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def use_commands(eivor: Caller, columns: Columns, fit: Path, folder: Path) -> dict[str, str]:
     """What each command prints of a log, with a documented exit code."""
-    log, said = folder / "log.csv", {}
+    log, sentence = folder / "log.csv", {}
     write_csv(columns, log)
     given = {"report": ["-o", folder / "page.html"]}
     for command, codes in COMMANDS.items():
         run = eivor(command, *([fit] if command == "validate" else []), log, *given.get(command, []))
-        said[command] = f"{run.out}\n{run.err}"
-        assert run.code in codes, said[command]
-        assert not INTERNAL.search(" ".join(said[command].split())), said[command]
-    return said
+        sentence[command] = f"{run.out}\n{run.err}"
+        assert run.code in codes, sentence[command]
+        assert not INTERNAL.search(" ".join(sentence[command].split())), sentence[command]
+    return sentence
 
 
 @pytest.mark.parametrize(
@@ -253,18 +253,18 @@ def use_commands(eivor: Caller, columns: Columns, fit: Path, folder: Path) -> di
 def test_what_tells_nothing_is_refused_in_a_sentence(
     eivor: Caller, good_fit: Path, tmp_path: Path, columns: Columns, sentence: str
 ) -> None:
-    said = use_commands(eivor, columns, good_fit, tmp_path)
-    assert "REFUSED" in said["identify"]
-    assert sentence in " ".join(said["identify"].split())
-    assert sentence in " ".join(said["inspect"].split())
+    commands = use_commands(eivor, columns, good_fit, tmp_path)
+    assert "REFUSED" in commands["identify"]
+    assert sentence in " ".join(commands["identify"].split())
+    assert sentence in " ".join(commands["inspect"].split())
 
 
 def check_library(seed: int, fit: Path) -> None:
     rng = np.random.default_rng(seed)
     columns = flown(rng)
     choices = CHOICES[int(rng.integers(0, len(CHOICES)))]
-    said = use_library(recording_of(columns), fit, choices)
-    assert not INTERNAL.search(said), said
+    library = use_library(recording_of(columns), fit, choices)
+    assert not INTERNAL.search(library), library
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -297,10 +297,10 @@ def cut_short(log: Any, rng: np.random.Generator) -> Any:
     first = rng.uniform(start, end)
     last = first + float(rng.choice([0.5, 2.0, 4.0, 8.0, 20.0, 60.0]))
     channels = {}
-    for name, one in log.channels.items():
-        inside = (one.time_s >= first) & (one.time_s < last)
+    for name, channel in log.channels.items():
+        inside = (channel.time_s >= first) & (channel.time_s < last)
         if rng.random() > 0.05:
-            channels[name] = replace(one, time_s=one.time_s[inside], values=one.values[inside])
+            channels[name] = replace(channel, time_s=channel.time_s[inside], values=channel.values[inside])
     return replace(log, channels=channels)
 
 
@@ -314,5 +314,5 @@ def test_parts_of_real_flights_end_so(recordings: Path, good_fit: Path, seed: in
         (*recordings.glob("px4*/*.ulg"), *recordings.glob("ardupilot/*.bin"), *recordings.glob("nano*/*.csv"))
     )
     log = cut_short(ev.read_log(files[int(rng.integers(0, len(files)))]), rng)
-    said = use_library(log, good_fit, CHOICES[int(rng.integers(0, len(CHOICES)))])
-    assert not INTERNAL.search(said), said
+    library = use_library(log, good_fit, CHOICES[int(rng.integers(0, len(CHOICES)))])
+    assert not INTERNAL.search(library), library

@@ -23,21 +23,25 @@ def numbers(text: str) -> list[float]:
     return [float(number) for number in NUMBER.findall(text)]
 
 
-def same(shown: str, lines: list[str]) -> bool:
+def same(displayed: str, lines: list[str]) -> bool:
     printed = "\n".join(lines)
-    return masked(shown) == masked(printed) and numbers(shown) == pytest.approx(numbers(printed), **CLOSE)
+    return masked(displayed) == masked(printed) and numbers(displayed) == pytest.approx(
+        numbers(printed), **CLOSE
+    )
 
 
-def check(shown: str, printed: str) -> None:
+def check(displayed: str, printed: str) -> None:
     """Every part of what is shown, between lines of three dots, stands in what is printed, in this order."""
     left = [line for line in printed.splitlines() if line.strip()]
-    for part in re.split(r"^\.\.\.\n", shown, flags=re.MULTILINE):
+    for part in re.split(r"^\.\.\.\n", displayed, flags=re.MULTILINE):
         rows = [line for line in part.splitlines() if line.strip()]
         count = len(rows)
-        places = (place for place in range(len(left) - count + 1) if same(part, left[place : place + count]))
-        place = next(places, None)
-        assert place is not None, f"not printed:\n{part}\nbut\n{printed}"
-        left = left[place + count :]
+        positions = (
+            index for index in range(len(left) - count + 1) if same(part, left[index : index + count])
+        )
+        position = next(positions, None)
+        assert position is not None, f"not printed:\n{part}\nbut\n{printed}"
+        left = left[position + count :]
 
 
 @pytest.mark.thorough
@@ -46,9 +50,9 @@ def test_every_command_prints_what_is_shown(eivor, recordings, tmp_path, monkeyp
     cache.mkdir()
     monkeypatch.setenv("EIVOR_CACHE", str(cache))
     monkeypatch.chdir(tmp_path)
-    steps = [(line, shown) for block, shown in COMMANDS.findall(PAGE) for line in block.splitlines()]
+    steps = [(line, item) for block, item in COMMANDS.findall(PAGE) for line in block.splitlines()]
     assert len(steps) == PAGE.count("\n$ ") > 10
-    for line, shown in steps:
+    for line, entry in steps:
         fetched = re.fullmatch(r'\$ cp "\$\((eivor example fetch (\w+))\)" \.', line)
         words = shlex.split(fetched[1] if fetched else line.removeprefix("$ "))
         assert words[0] == "eivor"
@@ -58,5 +62,5 @@ def test_every_command_prints_what_is_shown(eivor, recordings, tmp_path, monkeyp
         ran = eivor(*words[1:])
         if fetched:
             shutil.copy(ran.out.strip(), tmp_path)
-        check(shown, ran.out + ran.err)
+        check(entry, ran.out + ran.err)
     assert (tmp_path / "hover.html").stat().st_size > 100_000

@@ -39,9 +39,9 @@ class Driven:
 
     command: np.ndarray
 
-    def __call__(self, at) -> np.ndarray:
-        state = first_order_lag(self.command, step_s=STEP_S, lag_s=at["actuator_lag"])
-        return curved(state, at["curve_share"])[:, None]
+    def __call__(self, nuisance_values) -> np.ndarray:
+        state = first_order_lag(self.command, step_s=STEP_S, lag_s=nuisance_values["actuator_lag"])
+        return curved(state, nuisance_values["curve_share"])[:, None]
 
 
 def sines(rng: np.random.Generator, hertz=HERTZ, size: float = 0.15) -> np.ndarray:
@@ -57,7 +57,7 @@ def columns(seed: int, *, noise: float = 0.02, hertz=HERTZ, flight: int = 0, axi
     truth = driven({"actuator_lag": LAG_S, "curve_share": SHARE})[:, 0]
     response = -FRICTION * velocity + GAIN * truth + noise * rng.standard_normal(SAMPLES)
     known = [first_order_lag(command, step_s=STEP_S, lag_s=lag_s) for lag_s in (0.0, 0.04, 0.15, 0.5)]
-    instruments = np.column_stack([velocity, *known, *(one**2 for one in known)])
+    instruments = np.column_stack([velocity, *known, *(item**2 for item in known)])
     runs = (slice(100, 800), slice(850, SAMPLES))
     return AxisColumns(STEP_S, runs, response[:, None], -velocity[:, None], driven, instruments, flight, axis)
 
@@ -69,7 +69,7 @@ def problem(*nuisances: Nuisance, seed: int = 0, **more) -> LaggedRuns:
 def residual(made: LaggedRuns, joint: np.ndarray) -> np.ndarray:
     """Residual of the rows in time, written out run by run."""
     friction, gain, lag_s, bend = joint
-    (one,) = made.columns
-    driven = one.moving({"actuator_lag": lag_s, "curve_share": bend})[:, 0]
-    whole = one.responses[:, 0] - friction * one.fixed[:, 0] - gain * driven
-    return np.concatenate([whole[run] - whole[run].mean() for run in one.runs])
+    (item,) = made.columns
+    driven = item.moving({"actuator_lag": lag_s, "curve_share": bend})[:, 0]
+    whole = item.responses[:, 0] - friction * item.fixed[:, 0] - gain * driven
+    return np.concatenate([whole[run] - whole[run].mean() for run in item.runs])

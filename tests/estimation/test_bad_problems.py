@@ -208,13 +208,13 @@ def test_more_noise_than_there_is_of_a_column_that_is_its_own_instrument(over, t
     noise[0, 0] = over * np.mean(PHI[:, 0] ** 2)
     instruments = np.column_stack([-2.0 * PHI[:, 0], PSI[:, 1:]])
     shared = np.diag([-2.0, 1.0, 1.0]) @ noise
-    found = ev.identify(
+    result = ev.identify(
         ev.regression(
             response=Y, regressors=PHI, instruments=instruments, instrument_noise_covariance=shared
         ),
         ev.methods.generalized_iv(),
     )
-    assert ("1.05 times its root mean square" in found.summary()) is told
+    assert ("1.05 times its root mean square" in result.summary()) is told
     other = np.zeros((3, 3))
     other[1, 0] = 10.0
     elsewhere = ev.regression(
@@ -305,8 +305,8 @@ def test_the_warning_of_weak_instruments_points_to_the_users_line(tmp_path):
     file.write_text(CALLER, encoding="utf-8")
     done = subprocess.run([sys.executable, str(file)], capture_output=True, text=True, check=True)
     lines = CALLER.splitlines()
-    for told in done.stdout.splitlines():
-        name, category, filename, number = told.split()
+    for splitline in done.stdout.splitlines():
+        name, category, filename, number = splitline.split()
         assert category == "WeakInstrumentsWarning"
         assert filename == str(file)
         assert lines[int(number) - 1].endswith(f"# {name}")

@@ -79,11 +79,11 @@ def test_instruments_that_share_noise_are_refused_where_nothing_is_taken_off():
 def test_instruments_are_weak_below_a_first_stage_f_of_ten(strength, weak):
     """One instrument that moves the regressor so much that F is about 5, and about 20."""
     rng = np.random.default_rng(3)
-    z, own, error = rng.standard_normal((3, ROWS))
+    z, current, error = rng.standard_normal((3, ROWS))
     z -= z.mean()
-    own -= z * (z @ own) / (z @ z)
-    x = strength * z + own
-    first_stage = strength**2 * (z @ z) / (own @ own / (ROWS - 1))
+    current -= z * (z @ current) / (z @ z)
+    x = strength * z + current
+    first_stage = strength**2 * (z @ z) / (current @ current / (ROWS - 1))
     assert 4.0 < first_stage < 6.0 if weak else 15.0 < first_stage < 25.0
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from eivor.estimation.nuisance_grids import bounded_sums, least_of_competitors
+from eivor.estimation.nuisance_grids import bounded_sums, least_comparable_criteria
 from eivor.models.regression import Parameter
 from eivor.models.separable import Bounds, Nuisance
 
@@ -16,7 +16,7 @@ CRITERIA = [4.0, 3.0, 2.0, 1.0]
 def test_without_bounds_every_candidate_competes_with_every_other() -> None:
     free = Nuisance(Parameter("lag", "s"), GRID, discrete=True)
     assert bounded_sums([free]) == ()
-    assert least_of_competitors((), POINTS, CRITERIA) == [1.0, 1.0, 1.0, 1.0]
+    assert least_comparable_criteria((), POINTS, CRITERIA) == [1.0, 1.0, 1.0, 1.0]
 
 
 def test_candidates_of_one_bounded_sum_compete() -> None:
@@ -26,4 +26,4 @@ def test_candidates_of_one_bounded_sum_compete() -> None:
     bounded = bounded_sums([Nuisance(Parameter("delay", "s"), GRID, discrete=True), lag])
     assert bounded == (("lag", "delay"),)
     # .05 and .07 stand alone; .05 + .01 and .06 + 0 are one sum, but for rounding
-    assert least_of_competitors(bounded, POINTS, CRITERIA) == [4.0, 2.0, 2.0, 1.0]
+    assert least_comparable_criteria(bounded, POINTS, CRITERIA) == [4.0, 2.0, 2.0, 1.0]

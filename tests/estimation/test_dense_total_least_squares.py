@@ -63,11 +63,11 @@ def shared(left, right, rows):
         [
             [
                 0.0
-                if one != other
-                else sign * its * np.mean([covariance[one][k - lag, k - late] for k in rows])
+                if item != other
+                else sign * its * np.mean([covariance[item][k - lag, k - late] for k in rows])
                 for other, late, its in right
             ]
-            for one, lag, sign in left
+            for item, lag, sign in left
         ]
     )
 
@@ -167,10 +167,10 @@ def test_every_method_that_total_least_squares_solves_has_its_form_here():
 def test_the_formula_as_it_stands(signals, name):
     first, wanted = FORMS[name]
     method, problem = methods_by_name()[name], problem_of(signals, first)
-    found = method.solve(problem).solution.theta
-    np.testing.assert_allclose(found, wanted(signals), rtol=EXACT)
+    theta = method.solve(problem).solution.theta
+    np.testing.assert_allclose(theta, wanted(signals), rtol=EXACT)
     swapped = replace(method, solver=AugmentedLeastSquares()).solve(problem).solution.theta
-    assert np.abs(swapped / found - 1.0).max() > 1e6 * EXACT, "least squares in its place is not noticed"
+    assert np.abs(swapped / theta - 1.0).max() > 1e6 * EXACT, "least squares in its place is not noticed"
 
 
 @pytest.mark.parametrize(("name", "first"), [("extended_iv_tls", 1), ("generalized_iv_tls", 0)])
@@ -179,5 +179,5 @@ def test_the_augmented_systems_with_all_their_rows(signals, name, first):
     dense = Dense(signals, first)
     np.testing.assert_allclose(dense.augmented(), dense.shifted(), rtol=EXACT)
     np.testing.assert_allclose(dense.eigenvector(), dense.shifted(), rtol=EXACT)
-    found = methods_by_name()[name].solve(problem_of(signals, first)).solution.theta
-    np.testing.assert_allclose(found, dense.augmented(), rtol=EXACT)
+    theta = methods_by_name()[name].solve(problem_of(signals, first)).solution.theta
+    np.testing.assert_allclose(theta, dense.augmented(), rtol=EXACT)

@@ -34,11 +34,11 @@ def fit_of(noise, seed=1, count=400, truth=(0.3, 1.2)):
 def test_fieller_set_is_the_inverted_test(p, q, corr, unit):
     V = np.array([[1.0, 0.8 * corr], [0.8 * corr, 0.64]])
     scale = np.diag([1.0, unit])
-    found = fieller_set(scale @ [p, q], scale @ V @ scale, 1.5)
+    result = fieller_set(scale @ [p, q], scale @ V @ scale, 1.5)
     for r in np.concatenate([np.linspace(-40, 40, 161), [-1e6, 1e6]]):
         distance = (p - r * q) ** 2 - 1.5**2 * (V[0, 0] - 2 * r * V[0, 1] + r**2 * V[1, 1])
         if abs(distance) > 1e-6 * (1 + r**2):
-            assert found.contains(r / unit) == (distance <= 0.0)
+            assert result.contains(r / unit) == (distance <= 0.0)
 
 
 def test_time_constant_is_the_inverse_of_the_interval():
@@ -75,8 +75,8 @@ def test_profile_of_a_linear_function_is_the_delta_method():
     root = rng.standard_normal((3, 3))
     values, C, c = rng.standard_normal(3), root @ root.T, rng.standard_normal(3)
     half = 2.0 * np.sqrt(c @ C @ c)
-    found = profile_interval(lambda v: float(c @ v), values, C, 2.0)
-    assert found == pytest.approx((c @ values - half, c @ values + half), rel=1e-7)
+    interval = profile_interval(lambda v: float(c @ v), values, C, 2.0)
+    assert interval == pytest.approx((c @ values - half, c @ values + half), rel=1e-7)
 
 
 @pytest.mark.thorough
@@ -106,16 +106,16 @@ def test_profile_does_not_depend_on_a_monotone_scale():
 def test_derived_quantity_is_profiled_when_it_bends(noise):
     fit = fit_of(noise)
     low, high = fit.interval("a")
-    found = ev.derived(fit, lambda p: float(np.exp(3.0 * p["a"])))
-    assert found.profiled == (noise == 1.0)
-    assert found.value == pytest.approx(np.exp(3.0 * fit.parameters["a"]))
-    assert found.std_error == pytest.approx(3.0 * found.value * fit.std_error("a"), rel=1e-4)
-    wanted = (np.exp(3.0 * low), np.exp(3.0 * high)) if found.profiled else None
+    derived = ev.derived(fit, lambda p: float(np.exp(3.0 * p["a"])))
+    assert derived.profiled == (noise == 1.0)
+    assert derived.value == pytest.approx(np.exp(3.0 * fit.parameters["a"]))
+    assert derived.std_error == pytest.approx(3.0 * derived.value * fit.std_error("a"), rel=1e-4)
+    wanted = (np.exp(3.0 * low), np.exp(3.0 * high)) if derived.profiled else None
     if wanted:
-        assert found.interval == pytest.approx(wanted, rel=1e-6)
+        assert derived.interval == pytest.approx(wanted, rel=1e-6)
     else:
-        half = found.value * 1.5 * (high - low)
-        assert found.interval == pytest.approx((found.value - half, found.value + half), rel=1e-4)
+        half = derived.value * 1.5 * (high - low)
+        assert derived.interval == pytest.approx((derived.value - half, derived.value + half), rel=1e-4)
     linear = ev.derived(fit, lambda p: p["a"] - 2.0 * p["b"])
     assert not linear.profiled
     assert linear.bend < 1e-9
@@ -175,9 +175,9 @@ def test_bends_across_the_slope_are_seen():
     assert high == pytest.approx(reached.max(), rel=1e-4)
     assert low == pytest.approx(0.92, rel=1e-4)
     fit = fit_of(0.5)
-    at = fit.parameters["b"]
-    assert ev.derived(fit, lambda p: p["a"] + 500.0 * (p["b"] - at) ** 2).profiled
-    flat = ev.derived(fit, lambda p: (p["b"] - at) ** 2)
+    parameter = fit.parameters["b"]
+    assert ev.derived(fit, lambda p: p["a"] + 500.0 * (p["b"] - parameter) ** 2).profiled
+    flat = ev.derived(fit, lambda p: (p["b"] - parameter) ** 2)
     low, high = fit.interval("b")
     assert flat.profiled
     assert flat.interval == pytest.approx((0.0, (0.5 * (high - low)) ** 2), rel=1e-6)

@@ -79,8 +79,8 @@ def test_folded_products_are_those_of_rows(lags):
     # blocks differ by a few samples: their sums agree, and so does everything said of the whole
     scale = np.abs(folded.products.instruments.sum(axis=0)).max()
     for name in ("instruments", "cross", "residual", "regressors", "regressor_residual", "power"):
-        one, other = (np.sum(getattr(each.products, name), axis=0) for each in (folded, plain))
-        np.testing.assert_allclose(one, other, atol=1e-9 * scale)
+        item, other = (np.sum(getattr(each.products, name), axis=0) for each in (folded, plain))
+        np.testing.assert_allclose(item, other, atol=1e-9 * scale)
     np.testing.assert_allclose(folded.products.shared, noise[:, :-1], atol=1e-9)
     np.testing.assert_allclose(plain.products.shared, noise[:, :-1], atol=1e-9)
     np.testing.assert_allclose(folded.weights, plain.weights, rtol=1e-6)
@@ -90,21 +90,21 @@ def test_blocks_of_folded_products_are_their_rows():
     made = signals(1, FOLDED_FROM + 1237)
     cut = problem(made)
     solved = ev.identify(cut, ev.methods.generalized_iv()).best.solved
-    found = record_of(solved)
+    record = record_of(solved)
     rows = cut.rows()
     Z = np.column_stack(
         [rows.instruments, rows.regressors, rows.response - rows.regressors @ solved.solution.theta]
     )
-    edges = np.concatenate([[0], np.cumsum(found.products.counts)]).astype(int)
+    edges = np.concatenate([[0], np.cumsum(record.products.counts)]).astype(int)
     for k in (0, 1, 77, 127):
-        own = Z[edges[k] : edges[k + 1]].T @ Z[edges[k] : edges[k + 1]]
-        scale = np.abs(own).max()
-        np.testing.assert_allclose(found.products.instruments[k], own[:6, :6], atol=1e-10 * scale)
-        np.testing.assert_allclose(found.products.cross[k], own[:6, 6:8], atol=1e-10 * scale)
-        np.testing.assert_allclose(found.products.residual[k], own[:6, 8], atol=1e-10 * scale)
-        np.testing.assert_allclose(found.products.regressors[k], own[6:8, 6:8], atol=1e-10 * scale)
-        np.testing.assert_allclose(found.products.regressor_residual[k], own[6:8, 8], atol=1e-10 * scale)
-        np.testing.assert_allclose(found.products.power[k], own[8, 8], atol=1e-10 * scale)
+        current = Z[edges[k] : edges[k + 1]].T @ Z[edges[k] : edges[k + 1]]
+        scale = np.abs(current).max()
+        np.testing.assert_allclose(record.products.instruments[k], current[:6, :6], atol=1e-10 * scale)
+        np.testing.assert_allclose(record.products.cross[k], current[:6, 6:8], atol=1e-10 * scale)
+        np.testing.assert_allclose(record.products.residual[k], current[:6, 8], atol=1e-10 * scale)
+        np.testing.assert_allclose(record.products.regressors[k], current[6:8, 6:8], atol=1e-10 * scale)
+        np.testing.assert_allclose(record.products.regressor_residual[k], current[6:8, 8], atol=1e-10 * scale)
+        np.testing.assert_allclose(record.products.power[k], current[8, 8], atol=1e-10 * scale)
 
 
 METHODS = {
@@ -128,15 +128,15 @@ def estimate_of(method, made):
 def test_every_method_s_scores_are_its_own(method):
     """Scores in blocks add up to those of the estimating equation, with its sensitivity."""
     fit = estimate_of(method, signals(2))
-    found = record_of(fit.best.solved)
+    record = record_of(fit.best.solved)
     equation = fit.best.equation
-    edges = np.concatenate([[0], np.cumsum(found.products.counts)]).astype(int)
+    edges = np.concatenate([[0], np.cumsum(record.products.counts)]).astype(int)
     scale = np.abs(equation.scores).sum()
     np.testing.assert_allclose(
-        found.score_sums, np.add.reduceat(equation.scores, edges[:-1], axis=0), atol=1e-9 * scale
+        record.score_sums, np.add.reduceat(equation.scores, edges[:-1], axis=0), atol=1e-9 * scale
     )
     np.testing.assert_allclose(
-        found.sensitivities.sum(axis=0),
+        record.sensitivities.sum(axis=0),
         equation.sensitivity,
         rtol=1e-6,
         atol=1e-9 * np.abs(equation.sensitivity).max(),
@@ -145,48 +145,48 @@ def test_every_method_s_scores_are_its_own(method):
 
 @pytest.mark.parametrize("method", METHODS)
 def test_every_method_is_diagnosed(method):
-    found = ev.diagnose(estimate_of(method, signals(3)))
+    diagnose = ev.diagnose(estimate_of(method, signals(3)))
     instrumental = METHODS[method].assembler.needs_instruments
-    assert (found.first_stage is not None) == instrumental
-    assert (found.over_identification is not None) == instrumental
-    assert (found.endogeneity is not None) == instrumental
-    assert found.constancy is not None
-    assert found.leverage is not None
-    assert found.whiteness.durbin_watson < 1.0
-    assert found.information.matrix.shape == (2, 2)
-    table = found.to_frame()
+    assert (diagnose.first_stage is not None) == instrumental
+    assert (diagnose.over_identification is not None) == instrumental
+    assert (diagnose.endogeneity is not None) == instrumental
+    assert diagnose.constancy is not None
+    assert diagnose.leverage is not None
+    assert diagnose.whiteness.durbin_watson < 1.0
+    assert diagnose.information.matrix.shape == (2, 2)
+    table = diagnose.to_frame()
     assert table.columns == ["diagnostic", "of", "value", "compare"]
     assert ("effective_F" in set(table["diagnostic"])) == instrumental
-    text = found.summary()
+    text = diagnose.summary()
     assert "Durbin-Watson" in text
-    assert all(f"- {reason.sentence}" in text for reason in found.reasons)
+    assert all(f"- {reason.sentence}" in text for reason in diagnose.reasons)
 
 
 def test_leverage_of_a_direct_method_is_that_of_leaving_rows_out():
     made = signals(4, 1280)
     fit = ev.identify(problem(made), ev.methods.least_squares())
-    found = ev.diagnose(fit)
+    diagnose = ev.diagnose(fit)
     rows = fit.best.rows
-    for k, (first, end) in enumerate(found.segments):
+    for k, (first, end) in enumerate(diagnose.segments):
         rest = np.ones(rows.response.size, dtype=bool)
         rest[first:end] = False
         again = np.linalg.lstsq(rows.regressors[rest], rows.response[rest], rcond=None)[0]
-        np.testing.assert_allclose(found.leverage.shift[k], again - fit.best.theta, rtol=1e-6, atol=1e-12)
+        np.testing.assert_allclose(diagnose.leverage.shift[k], again - fit.best.theta, rtol=1e-6, atol=1e-12)
 
 
 def test_samples_without_history_are_left_out():
     valid = np.ones(3000, dtype=bool)
     valid[1000:1100] = False
-    found = diagnosed(signals(5, 3000, valid=valid))
-    assert found.segments[-1][1] == found.estimate.best.rows.response.size
-    assert found.over_identification.p_value > 1e-4
+    result = diagnosed(signals(5, 3000, valid=valid))
+    assert result.segments[-1][1] == result.estimate.best.rows.response.size
+    assert result.over_identification.p_value > 1e-4
 
 
 @pytest.mark.thorough
 def test_frequency_rows_have_their_own_degrees_of_freedom():
     """Not those of the samples, of which there are ten times as many in a band of 5 Hz at 100 Hz."""
     fit = ev.identify(flight_problem(*flights(2, seconds=40.0, noise=Noise())), ev.methods.reference_iv())
-    found, rows = ev.diagnose(fit), fit.best.rows
+    diagnose, rows = ev.diagnose(fit), fit.best.rows
     weights = record_of(fit.best.solved).weights
     products = equation_products(
         instruments=rows.instruments,
@@ -194,22 +194,22 @@ def test_frequency_rows_have_their_own_degrees_of_freedom():
         residual=fit.residuals,
         blocks=100,
     )
-    np.testing.assert_allclose(found.first_stage.conditional, fit.best.inference.first_stage, rtol=1e-6)
+    np.testing.assert_allclose(diagnose.first_stage.conditional, fit.best.inference.first_stage, rtol=1e-6)
     direct = strength(products)
-    assert found.first_stage.cragg_donald == pytest.approx(direct.cragg_donald, rel=1e-6)
-    np.testing.assert_allclose(found.first_stage.shea_r_squared, direct.shea_r_squared, rtol=1e-6)
+    assert diagnose.first_stage.cragg_donald == pytest.approx(direct.cragg_donald, rel=1e-6)
+    np.testing.assert_allclose(diagnose.first_stage.shea_r_squared, direct.shea_r_squared, rtol=1e-6)
     against = endogeneity(products, weights)
     for name in ("durbin", "durbin_p_value", "wu", "wu_p_value"):
-        assert getattr(found.endogeneity, name) == pytest.approx(getattr(against, name), rel=1e-6)
+        assert getattr(diagnose.endogeneity, name) == pytest.approx(getattr(against, name), rel=1e-6)
 
 
 @pytest.mark.thorough
 def test_frequency_rows_are_diagnosed_in_time():
     made = flight_problem(*flights(2, seconds=40.0, noise=Noise()))
     fit = ev.identify(made, ev.methods.reference_iv())
-    found = ev.diagnose(fit)
-    assert found.names == fit.names
-    assert len(found.names) == 3
+    diagnose = ev.diagnose(fit)
+    assert diagnose.names == fit.names
+    assert len(diagnose.names) == 3
     products = record_of(fit.best.solved)
     equation = fit.best.equation
     # by Parseval the products in time add up to those of the bins
@@ -219,12 +219,12 @@ def test_frequency_rows_are_diagnosed_in_time():
         rtol=1e-6,
         atol=1e-9 * np.abs(equation.sensitivity).max(),
     )
-    assert found.first_stage.effective.min() > 10.0
-    assert found.bands.high_hz[-1] == pytest.approx(50.0)
-    assert " s of the time used" in found.when(0.5)
+    assert diagnose.first_stage.effective.min() > 10.0
+    assert diagnose.bands.high_hz[-1] == pytest.approx(50.0)
+    assert " s of the time used" in diagnose.when(0.5)
     # whitened in a band of 5 Hz at 100 Hz: every tenth sample is all there is, and that is white
-    assert abs(found.whiteness.durbin_watson - 2.0) < 0.3
-    assert found.memory is None
+    assert abs(diagnose.whiteness.durbin_watson - 2.0) < 0.3
+    assert diagnose.memory is None
 
 
 # -- calibration ------------------------------------------------------------------------------------------
@@ -234,21 +234,21 @@ def test_frequency_rows_are_diagnosed_in_time():
 def test_sizes_of_generalized_iv_in_autocorrelated_disturbances():
     """J and constancy with compensated equations: shares of 5 % tests that reject a good estimate."""
     runs = 300
-    found = [diagnosed(signals(seed, 1500)) for seed in range(runs)]
+    results = [diagnosed(signals(seed, 1500)) for seed in range(runs)]
     low, high = stats.binom.ppf([1e-4, 1.0 - 1e-4], runs, [0.04, 0.065])
-    assert low <= sum(one.over_identification.p_value < 0.05 for one in found) <= high
-    assert low <= sum(one.constancy.p_value < 0.05 for one in found) <= high
-    told = sum(any(reason.status is Status.WEAK for reason in one.reasons) for one in found)
-    assert told <= stats.binom.ppf(1.0 - 1e-4, runs, 0.06)
+    assert low <= sum(result.over_identification.p_value < 0.05 for result in results) <= high
+    assert low <= sum(result.constancy.p_value < 0.05 for result in results) <= high
+    reported = sum(any(reason.status is Status.WEAK for reason in result.reasons) for result in results)
+    assert reported <= stats.binom.ppf(1.0 - 1e-4, runs, 0.06)
 
 
 def test_a_gain_that_changes_is_told_with_its_time():
     count = 4000
     gain = np.where(np.arange(count) < 0.6 * count, 0.5, 1.0)
-    found = diagnosed(signals(6, count, gain=gain, memory=0.3))
-    sentence = next(r.sentence for r in found.reasons if "change during" in r.sentence)
+    result = diagnosed(signals(6, count, gain=gain, memory=0.3))
+    sentence = next(r.sentence for r in result.reasons if "change during" in r.sentence)
     assert "input_gain by +0.4" in sentence or "input_gain by +0.5" in sentence
-    assert found.constancy.break_at == pytest.approx(0.6, abs=0.05)
+    assert result.constancy.break_at == pytest.approx(0.6, abs=0.05)
 
 
 def test_a_wrong_declared_noise_is_told():
@@ -256,18 +256,18 @@ def test_a_wrong_declared_noise_is_told():
     wrong = ev.Signals(
         rate_hz=5.0, channels=dict(made.channels), noise={**made.noise, "input": ev.WhiteNoise(std=0.0)}
     )
-    found = diagnosed(wrong)
-    assert any("disagree" in reason.sentence for reason in found.reasons)
+    result = diagnosed(wrong)
+    assert any("disagree" in reason.sentence for reason in result.reasons)
     assert not any("disagree" in reason.sentence for reason in diagnosed(made).reasons)
 
 
 def test_noise_in_the_input_makes_least_squares_biased_and_that_is_told():
-    found = diagnosed(signals(8, 20_000))
-    assert any("Least squares would be biased" in reason.sentence for reason in found.reasons)
-    fit = found.estimate
+    result = diagnosed(signals(8, 20_000))
+    assert any("Least squares would be biased" in reason.sentence for reason in result.reasons)
+    fit = result.estimate
     least_squares = ev.identify(problem(signals(8, 20_000)), ev.methods.least_squares())
     np.testing.assert_allclose(
-        found.endogeneity.difference, fit.best.theta - least_squares.best.theta, rtol=1e-6
+        result.endogeneity.difference, fit.best.theta - least_squares.best.theta, rtol=1e-6
     )
 
 
@@ -281,8 +281,8 @@ DIRECT = [
 def arrays(seed, *, shared=0.0, noise=0.5, declared=0.5, instruments=3):
     """Slope 2: `shared` is in regressor and error alike, `noise` is measured with the regressor."""
     rng = np.random.default_rng(seed)
-    Z, common, own = rng.standard_normal((400, 3)), *rng.standard_normal((2, 400))
-    x = Z.sum(axis=1) + common + own
+    Z, common, current = rng.standard_normal((400, 3)), *rng.standard_normal((2, 400))
+    x = Z.sum(axis=1) + common + current
     y = 2.0 * x + 1.0 + autoregression(rng, 400, 0.5) + shared * common
     return ev.regression(
         response=y,
@@ -296,17 +296,17 @@ def arrays(seed, *, shared=0.0, noise=0.5, declared=0.5, instruments=3):
 @pytest.mark.parametrize("method", DIRECT)
 def test_direct_estimates_that_instruments_contradict_are_weak(method):
     made = arrays(1, shared=3.0)
-    found = ev.identify(made, method())
-    assert found.parameters["slope"] > 2.3
-    assert found.status is Status.WEAK
-    assert "Use extended_iv" in found.summary()
+    result = ev.identify(made, method())
+    assert result.parameters["slope"] > 2.3
+    assert result.status is Status.WEAK
+    assert "Use extended_iv" in result.summary()
     instrumental = ev.identify(made, ev.methods.extended_iv(ev.methods.TwoStage()))
     assert instrumental.status is Status.IDENTIFIED
     given = f"they give slope {instrumental.parameters['slope']:.4g}"
-    assert f"The instruments contradict it: {given}" in found.reasons[0].sentence
+    assert f"The instruments contradict it: {given}" in result.reasons[0].sentence
     alone = ev.identify(replace(made, instruments=np.empty((400, 0))), method())
     assert alone.status is Status.IDENTIFIED
-    np.testing.assert_array_equal(alone.covariance, found.covariance)
+    np.testing.assert_array_equal(alone.covariance, result.covariance)
 
 
 @pytest.mark.parametrize("method", DIRECT[1:])
@@ -323,8 +323,8 @@ def test_direct_estimates_that_hold_are_not_contradicted(method):
 
 
 def test_instruments_that_say_nothing_contradict_nothing():
-    one = ev.identify(arrays(1, shared=3.0, instruments=0), ev.methods.least_squares())
-    assert one.status is Status.IDENTIFIED
+    item = ev.identify(arrays(1, shared=3.0, instruments=0), ev.methods.least_squares())
+    assert item.status is Status.IDENTIFIED
     made = arrays(1, noise=0.0)
     exact = replace(made, response=made.regressors @ [2.0, 1.0])
     assert ev.identify(exact, ev.methods.least_squares()).status is Status.IDENTIFIED
@@ -334,9 +334,9 @@ def test_one_bad_stretch_is_told():
     count = 4000
     gain = np.full(count, 0.5)
     gain[2000:2300] = 8.0
-    found = diagnosed(signals(9, count, gain=gain, memory=0.0))
-    assert found.leverage.most[1] == 5
-    assert found.segments[5][0] <= 2000 < found.segments[5][1]
+    result = diagnosed(signals(9, count, gain=gain, memory=0.0))
+    assert result.leverage.most[1] == 5
+    assert result.segments[5][0] <= 2000 < result.segments[5][1]
 
 
 def test_a_drifting_residual_is_told():
@@ -346,9 +346,9 @@ def test_a_drifting_residual_is_told():
     channels["specific_force_z"] = channels["specific_force_z"] + drift
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        found = diagnosed(ev.Signals(rate_hz=5.0, channels=channels, noise=made.noise))
-    assert found.memory.memory > 0.7
-    assert any("drifts" in reason.sentence for reason in found.reasons)
+        result = diagnosed(ev.Signals(rate_hz=5.0, channels=channels, noise=made.noise))
+    assert result.memory.memory > 0.7
+    assert any("drifts" in reason.sentence for reason in result.reasons)
 
 
 @pytest.mark.filterwarnings("ignore::eivor.errors.WeakInstrumentsWarning")
@@ -359,8 +359,8 @@ def test_weak_instruments_are_told():
         rate_hz=5.0,
         channels={"velocity_z": rng.standard_normal(3000), "specific_force_z": 0.5 * u, "input": u},
     )
-    found = ev.diagnose(ev.identify(problem(made, 1, 5), ev.methods.extended_iv()))
-    assert any("hardly move" in r.sentence and r.status is Status.WEAK and r.remedy for r in found.reasons)
+    diagnose = ev.diagnose(ev.identify(problem(made, 1, 5), ev.methods.extended_iv()))
+    assert any("hardly move" in r.sentence and r.status is Status.WEAK and r.remedy for r in diagnose.reasons)
 
 
 @pytest.mark.parametrize("units", [1e-5, 1e5])
@@ -372,32 +372,34 @@ def test_units_do_not_count(units):
         rate_hz=5.0, channels=channels, noise={**made.noise, "input": ev.WhiteNoise(std=units * NOISE)}
     )
     two_stage = ev.methods.generalized_iv(methods.TwoStage())
-    one, other = diagnosed(made, two_stage), diagnosed(scaled, two_stage)
-    np.testing.assert_allclose(one.first_stage.effective, other.first_stage.effective, rtol=1e-5)
-    assert pytest.approx(other.over_identification.J, rel=1e-5) == one.over_identification.J
-    assert one.endogeneity.statistic == pytest.approx(other.endogeneity.statistic, rel=1e-5)
-    assert one.constancy.statistic == pytest.approx(other.constancy.statistic, rel=1e-5)
-    assert one.information.condition == pytest.approx(other.information.condition, rel=1e-5)
-    np.testing.assert_allclose(one.bands.share_above, other.bands.share_above, rtol=1e-6)
-    np.testing.assert_allclose(one.leverage.in_std_errors, other.leverage.in_std_errors, rtol=1e-5)
+    item, other = diagnosed(made, two_stage), diagnosed(scaled, two_stage)
+    np.testing.assert_allclose(item.first_stage.effective, other.first_stage.effective, rtol=1e-5)
+    assert pytest.approx(other.over_identification.J, rel=1e-5) == item.over_identification.J
+    assert item.endogeneity.statistic == pytest.approx(other.endogeneity.statistic, rel=1e-5)
+    assert item.constancy.statistic == pytest.approx(other.constancy.statistic, rel=1e-5)
+    assert item.information.condition == pytest.approx(other.information.condition, rel=1e-5)
+    np.testing.assert_allclose(item.bands.share_above, other.bands.share_above, rtol=1e-6)
+    np.testing.assert_allclose(item.leverage.in_std_errors, other.leverage.in_std_errors, rtol=1e-5)
 
 
 # -- what cannot be said ----------------------------------------------------------------------------------
 
 
 def test_short_records_say_less():
-    found = diagnosed(signals(13, 26, memory=0.0))
-    assert found.constancy is None
-    assert found.first_stage is None
-    assert found.over_identification is None
-    assert "whiteness" in found.summary()
+    result = diagnosed(signals(13, 26, memory=0.0))
+    assert result.constancy is None
+    assert result.first_stage is None
+    assert result.over_identification is None
+    assert "whiteness" in result.summary()
 
 
 def test_moments_alone_cannot_be_diagnosed():
     fit = ev.identify(problem(signals(14)), ev.methods.generalized_iv())
     moments_only = replace(fit.best.solved, problem=None)
     without = replace(fit, candidates=(replace(fit.best, solved=moments_only),))
-    with pytest.raises(EstimationError, match="Expected an estimate with its rows at hand, for diagnostics"):
+    with pytest.raises(
+        EstimationError, match="Expected an estimate with its rows available, for diagnostics"
+    ):
         ev.diagnose(without)
 
 
@@ -431,15 +433,15 @@ def test_a_diagnostic_is_one_class_and_one_line(monkeypatch):
         "largest_residual",
         lambda evidence: LargestResidual(float(np.abs(evidence.record.residual).max())),
     )
-    found = ev.diagnose(fit)
-    assert isinstance(found["largest_residual"], LargestResidual)
-    assert f"largest residual     {largest:>10.4g}" in found.summary()
-    assert "Look at row 0." in found.summary()
-    table = found.to_frame()
+    diagnose = ev.diagnose(fit)
+    assert isinstance(diagnose["largest_residual"], LargestResidual)
+    assert f"largest residual     {largest:>10.4g}" in diagnose.summary()
+    assert "Look at row 0." in diagnose.summary()
+    table = diagnose.to_frame()
     assert table.filter(table["diagnostic"] == "largest_residual")["value"].to_list() == [
         pytest.approx(largest)
     ]
-    assert any("stands out" in reason.sentence for reason in found.reasons)
+    assert any("stands out" in reason.sentence for reason in diagnose.reasons)
 
 
 def test_a_diagnostic_that_there_is_not():

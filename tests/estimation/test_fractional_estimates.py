@@ -14,7 +14,7 @@ from eivor.errors import (
     UsageError,
 )
 from eivor.estimation import methods
-from eivor.estimation.linear import settled
+from eivor.estimation.linear import refined_nuisances
 
 ORDER = ev.UnknownOrder("order", 0.3, 1.1)
 MODEL = ev.FractionalDifferenceModel((0.0, ORDER), (0.0,))
@@ -51,16 +51,16 @@ def record(seed=0, count=1500, noise_ratio=0.01, model=MODEL, truth=TRUTH, shape
 @pytest.mark.parametrize("name", METHODS)
 def test_without_noise_every_method_finds_the_truth(name):
     method, instruments = METHODS[name]
-    found = ev.identify(MODEL.problem(record(noise_ratio=0.0), instruments), method)
-    assert found.parameters == pytest.approx(TRUTH, rel=1e-8)
+    result = ev.identify(MODEL.problem(record(noise_ratio=0.0), instruments), method)
+    assert result.parameters == pytest.approx(TRUTH, rel=1e-8)
 
 
 @pytest.mark.parametrize("name", METHODS)
 def test_known_orders_are_a_linear_problem(name):
     method, instruments = METHODS[name]
     model = ev.FractionalDifferenceModel((0.0, 0.7), (0.0,))
-    found = ev.identify(model.problem(record(noise_ratio=0.0), instruments), method)
-    assert found.parameters == pytest.approx({k: v for k, v in TRUTH.items() if k != "order"}, rel=1e-9)
+    result = ev.identify(model.problem(record(noise_ratio=0.0), instruments), method)
+    assert result.parameters == pytest.approx({k: v for k, v in TRUTH.items() if k != "order"}, rel=1e-9)
 
 
 @pytest.mark.parametrize("name", [name for name in METHODS if name != "bias_compensated_least_squares"])
@@ -72,9 +72,9 @@ def test_the_settled_order_has_the_least_objective(name):
     def objective(order):
         return 1e3 * method.solve(problem.regression({"order": order})).solution.objective
 
-    found = ev.identify(problem, method).parameters["order"]
-    least = minimize_scalar(objective, bounds=(found - 0.05, found + 0.05), options={"xatol": 1e-10})
-    assert found == pytest.approx(least.x, abs=1e-5)
+    parameter = ev.identify(problem, method).parameters["order"]
+    least = minimize_scalar(objective, bounds=(parameter - 0.05, parameter + 0.05), options={"xatol": 1e-10})
+    assert parameter == pytest.approx(least.x, abs=1e-5)
 
 
 def test_bias_compensation_settles_where_the_compensated_misfit_is_least():
@@ -87,9 +87,9 @@ def test_bias_compensation_settles_where_the_compensated_misfit_is_least():
         moments = columns.T @ columns / rows.response.size - rows.regressor_noise_covariance()
         return moments[-1, -1] - moments[-1, :-1] @ np.linalg.solve(moments[:-1, :-1], moments[:-1, -1])
 
-    found = ev.identify(problem, method).parameters["order"]
-    least = minimize_scalar(misfit, bounds=(found - 0.05, found + 0.05), options={"xatol": 1e-10})
-    assert found == pytest.approx(least.x, abs=1e-6)
+    parameter = ev.identify(problem, method).parameters["order"]
+    least = minimize_scalar(misfit, bounds=(parameter - 0.05, parameter + 0.05), options={"xatol": 1e-10})
+    assert parameter == pytest.approx(least.x, abs=1e-6)
 
 
 def test_dividing_both_sides_leaves_the_equation_and_whitens_its_noise():
@@ -117,11 +117,11 @@ def test_compensated_orders_are_right_where_those_of_least_squares_are_not(shape
     errors = {"least_squares": [], "total_least_squares": [], "generalized_iv": []}
     for seed in range(4):
         signals = record(seed, 1000, noise_ratio=0.1, shape=shape)
-        for name, found in errors.items():
+        for name, error in errors.items():
             method, instruments = METHODS[name]
             problem = MODEL.problem(signals, instruments, divided_by_output_at=TRUTH | {"order": 0.6})
-            found.append(ev.identify(problem, method).parameters["output_coefficient_2"] - 8.0)
-    means = {name: abs(np.mean(found)) for name, found in errors.items()}
+            error.append(ev.identify(problem, method).parameters["output_coefficient_2"] - 8.0)
+    means = {name: abs(np.mean(item)) for name, item in errors.items()}
     assert means["total_least_squares"] < 0.3 * means["least_squares"]
     assert means["generalized_iv"] < 0.3 * means["least_squares"]
 
@@ -130,22 +130,22 @@ def test_two_orders_are_found_together():
     model = ev.FractionalDifferenceModel((0.0, ORDER), (ev.UnknownOrder("input_order", -0.4, 0.6),))
     truth = TRUTH | {"input_order": 0.25}
     signals = record(noise_ratio=0.0, model=model, truth=truth)
-    found = ev.identify(model.problem(signals), methods.total_least_squares())
-    assert found.parameters == pytest.approx(truth, rel=1e-6)
-    assert found.names == ("output_coefficient_2", "input_coefficient_1", "order", "input_order")
+    result = ev.identify(model.problem(signals), methods.total_least_squares())
+    assert result.parameters == pytest.approx(truth, rel=1e-6)
+    assert result.names == ("output_coefficient_2", "input_coefficient_1", "order", "input_order")
 
 
 def test_the_estimate_is_one_like_all_others():
     problem = MODEL.problem(record(noise_ratio=0.05), LAGS)
-    found = ev.identify(problem, methods.generalized_iv())
+    result = ev.identify(problem, methods.generalized_iv())
     for name, value in TRUTH.items():
-        low, high = found.interval(name, 0.999)
+        low, high = result.interval(name, 0.999)
         assert low < value < high
-    assert found.covariance.shape == (3, 3)
-    time_constant = ev.derived(found, lambda one: one["output_coefficient_2"] ** (1.0 / one["order"]))
+    assert result.covariance.shape == (3, 3)
+    time_constant = ev.derived(result, lambda item: item["output_coefficient_2"] ** (1.0 / item["order"]))
     assert time_constant.interval[0] < 8.0 ** (1.0 / 0.7) < time_constant.interval[1]
-    assert "order" in found.summary()
-    assert found.with_covariance(ev.covariances.Classical()).std_error("order") > 0.0
+    assert "order" in result.summary()
+    assert result.with_covariance(ev.covariances.Classical()).std_error("order") > 0.0
 
 
 @pytest.mark.parametrize(
@@ -213,4 +213,4 @@ def test_steps_that_never_end_are_told():
             return solved
 
     with pytest.raises(ConvergenceError, match="steps of order that end"):
-        settled(problem, Wandering(), {"order": 0.7})
+        refined_nuisances(problem, Wandering(), {"order": 0.7})

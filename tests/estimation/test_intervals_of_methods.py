@@ -54,19 +54,19 @@ def problem(rng: np.random.Generator, kind: str) -> ev.Regression:
     y = x @ TRUTH + autocorrelated(rng, memory, NOISE, 1)[:, 0]
     errors = np.zeros((COUNT, 2)) if kind == "exact" else NOISE * rng.standard_normal((COUNT, 2))
     noisy = x + errors
-    own = np.diag([NOISE**2, NOISE**2, NOISE**2 if kind == "errors in all" else 0.0])
+    current = np.diag([NOISE**2, NOISE**2, NOISE**2 if kind == "errors in all" else 0.0])
     other = x + autocorrelated(rng, 0.3, 0.5, 2)
     instruments, shared = [other, other**3], np.zeros((4, 3))
     if kind == "shared":
         # The noisy regressors are instruments themselves: their noise is known, and taken out.
         instruments.append(noisy)
-        shared = np.vstack([shared, own[:2]])
+        shared = np.vstack([shared, current[:2]])
     return ev.regression(
         response=y,
         regressors=noisy,
         instruments=np.column_stack(instruments),
         names=["a", "b"],
-        noise_covariance=own,
+        noise_covariance=current,
         instrument_noise_covariance=shared,
     )
 

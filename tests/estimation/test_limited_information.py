@@ -19,11 +19,11 @@ def weakly_instrumented(seed, rows=300):
     """An endogenous regressor, one that is its own instrument, a constant, and four instruments."""
     rng = np.random.default_rng(seed)
     Z = rng.standard_normal((rows, 4))
-    own, shared = rng.standard_normal(rows), rng.standard_normal(rows)
-    moved = Z @ [0.3, 0.2, 0.1, 0.1] + 0.4 * own + shared
-    y = 0.8 * moved - 0.5 * own + 2.0 + 0.7 * shared + rng.standard_normal(rows)
-    regressors = np.column_stack([moved, own, np.ones(rows)])
-    return y, regressors, np.column_stack([own, np.ones(rows), Z])
+    standard_normal, shared = rng.standard_normal(rows), rng.standard_normal(rows)
+    moved = Z @ [0.3, 0.2, 0.1, 0.1] + 0.4 * standard_normal + shared
+    y = 0.8 * moved - 0.5 * standard_normal + 2.0 + 0.7 * shared + rng.standard_normal(rows)
+    regressors = np.column_stack([moved, standard_normal, np.ones(rows)])
+    return y, regressors, np.column_stack([standard_normal, np.ones(rows), Z])
 
 
 def k_class(y, X, Z, strength):
@@ -50,9 +50,9 @@ def test_the_k_class(seed, strength):
     problem = ev.regression(response=y, regressors=X, instruments=Z)
     wanted = k_class(y, X, Z, strength)
     two_stage = ev.identify(problem, ev.methods.extended_iv(ev.methods.TwoStage()))
-    found = ev.identify(problem, ev.methods.fuller(strength))
-    np.testing.assert_allclose(list(found.parameters.values()), wanted, rtol=1e-9)
-    assert abs(found.parameters["theta_1"] - two_stage.parameters["theta_1"]) > 1e-3
+    result = ev.identify(problem, ev.methods.fuller(strength))
+    np.testing.assert_allclose(list(result.parameters.values()), wanted, rtol=1e-9)
+    assert abs(result.parameters["theta_1"] - two_stage.parameters["theta_1"]) > 1e-3
     peer = linearmodels.IVLIML(y, X[:, 1:], X[:, :1], Z[:, 2:], fuller=strength).fit()
     np.testing.assert_allclose(peer.params.to_numpy()[[2, 0, 1]], wanted, rtol=1e-8)
     if strength == 0.0:
@@ -77,20 +77,20 @@ def test_the_compensated_k_class():
     for strength, method in ((0.0, ev.methods.generalized_liml()), (4.0, ev.methods.generalized_fuller(4.0))):
         shift = 1.0 / largest - strength / (rows - 6)
         wanted = np.linalg.solve(G[:-1, :-1] - shift * S[:-1, :-1], G[:-1, -1] - shift * S[:-1, -1])
-        found = ev.identify(problem, method)
-        np.testing.assert_allclose(list(found.parameters.values()), wanted, rtol=1e-9)
+        result = ev.identify(problem, method)
+        np.testing.assert_allclose(list(result.parameters.values()), wanted, rtol=1e-9)
 
 
 @pytest.mark.filterwarnings("ignore::eivor.errors.WeakInstrumentsWarning")
 def test_fuller_repairs_what_weak_instruments_do_to_limited_information():
     """LIML has no moments: a single record may lie anywhere. Fuller's estimates stay where the truth is."""
-    found = {"liml": [], "fuller": []}
+    results = {"liml": [], "fuller": []}
     for seed in range(40):
         y, X, Z = weakly_instrumented([5, seed], rows=40)
         problem = ev.regression(response=y, regressors=X, instruments=np.column_stack([Z[:, :2], Z[:, 3:]]))
         for name, method in (("liml", ev.methods.liml()), ("fuller", ev.methods.fuller(4.0))):
-            found[name].append(ev.identify(problem, method).parameters["theta_1"] - 0.8)
-    rmse = {name: float(np.sqrt(np.mean(np.square(errors)))) for name, errors in found.items()}
+            results[name].append(ev.identify(problem, method).parameters["theta_1"] - 0.8)
+    rmse = {name: float(np.sqrt(np.mean(np.square(errors)))) for name, errors in results.items()}
     assert rmse["fuller"] < 0.5 * rmse["liml"]
 
 

@@ -18,9 +18,9 @@ def test_it_is_the_sum_over_lags():
         both = [(t + lag, t) for t in range(40) if 0 <= t + lag < 40]
         of_g = sum(np.outer(g[t], g[s]) for t, s in both)
         of_e = sum(e[t] * e[s] for t, s in both)
-        ahead = sum(g[t] * e[s] for t, s in both)
+        prediction = sum(g[t] * e[s] for t, s in both)
         behind = sum(g[s] * e[t] for t, s in both)
-        naive += (1.0 - abs(lag) / (most + 1.0)) * (of_g * of_e + np.outer(ahead, behind)) / 40
+        naive += (1.0 - abs(lag) / (most + 1.0)) * (of_g * of_e + np.outer(prediction, behind)) / 40
     np.testing.assert_allclose(long_memory_covariance(g, e), naive, rtol=1e-12)
 
 
@@ -29,10 +29,10 @@ def test_it_widens_the_interval_of_an_order():
     scenario = replace(scenario, noise={**scenario.noise, "velocity_z": ev.FractionalNoise(1.0, -0.4)})
     signals = replace(ev.simulate(scenario, np.random.default_rng(1)).signals, noise={})
     problem = ev.VerticalMotion(intercept=False).regression(signals, ev.lags("input", 0, 10))
-    told = ev.identify(problem, ev.methods.generalized_iv_unknown_noise(orders=("velocity_z",)))
-    place = told.names.index("noise_order_velocity_z")
-    errors = {part.name: part.matrix[place, place] ** 0.5 for part in told.best.covariance.parts}
+    reported = ev.identify(problem, ev.methods.generalized_iv_unknown_noise(orders=("velocity_z",)))
+    index = reported.names.index("noise_order_velocity_z")
+    errors = {part.name: part.matrix[index, index] ** 0.5 for part in reported.best.covariance.parts}
     assert errors["of_long_memory"] > 1.2 * errors["of_normal_series"]
-    assert told.std_error("noise_order_velocity_z") >= errors["of_long_memory"]
+    assert reported.std_error("noise_order_velocity_z") >= errors["of_long_memory"]
     white = ev.identify(problem, ev.methods.generalized_iv_unknown_noise())
     assert "of_long_memory" not in {part.name for part in white.best.covariance.parts}

@@ -99,10 +99,10 @@ def test_merge_is_associative_and_weighted_by_rows(name):
         ev.moments([record(seed, count)], model=MOTION, method=method, instruments=instruments)
         for seed, count in ((1, 100), (2, 250), (3, 470))
     )
-    for one, other in zip(
+    for item, other in zip(
         normalised(a.merge(b).merge(c).moments), normalised(a.merge(b.merge(c)).moments), strict=True
     ):
-        np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-12 * np.abs(other).max())
+        np.testing.assert_allclose(item, other, rtol=1e-12, atol=1e-12 * np.abs(other).max())
     assert a.merge(b).moments.rows == a.moments.rows + b.moments.rows
 
 
@@ -112,9 +112,9 @@ def test_an_estimate_from_moments_says_that_its_rows_are_gone():
     fit = ev.identify(ev.moments([record()], model=MOTION, method=method, instruments=instruments), method)
     assert set(fit.to_frame().columns) == {"parameter", "value", "unit"}
     assert "from moments" in fit.summary()
-    with pytest.raises(EstimationError, match="rows at hand"):
+    with pytest.raises(EstimationError, match="rows available"):
         fit.interval("viscous_friction")
-    with pytest.raises(EstimationError, match="rows at hand"):
+    with pytest.raises(EstimationError, match="rows available"):
         _ = fit.residuals
 
 

@@ -34,8 +34,8 @@ def exact(regressors, instruments, response, weighting):
     with mpmath.workdps(DIGITS):
         G, Z, y = (mpmath.matrix(a.tolist()) for a in (regressors, instruments, response))
         A = Z.T * G / ROWS
-        own = Z.T * Z / ROWS
-        W = mpmath.eye(Z.cols) if weighting is None else own**-1
+        current = Z.T * Z / ROWS
+        W = mpmath.eye(Z.cols) if weighting is None else current**-1
         if weighting == "robust":
             theta = mpmath.lu_solve(A.T * W * A, A.T * W * (Z.T * y) / ROWS)
             scores = times(Z, y - G * theta)
@@ -45,11 +45,11 @@ def exact(regressors, instruments, response, weighting):
         e, P = y - G * theta, Z * W * A
         variance = (e.T * e)[0] / (ROWS - 2)
         scores = times(P, e)
-        found = {}
+        results = {}
         for name, meat in (("classical", variance * (P.T * P)), ("robust", scores.T * scores)):
             covariance = M**-1 * meat * (M**-1).T / ROWS**2
-            found[name] = [float(mpmath.sqrt(covariance[i, i])) for i in range(2)]
-    return found
+            results[name] = [float(mpmath.sqrt(covariance[i, i])) for i in range(2)]
+    return results
 
 
 def condition(equations):
@@ -91,9 +91,9 @@ def test_standard_errors_are_right_or_the_problem_is_refused(name):
         )
         try:
             fit = ev.identify(problem, method)
-            found = {
-                key: [fit.with_covariance(one).std_error(p) for p in fit.names]
-                for key, one in COVARIANCES.items()
+            results = {
+                key: [fit.with_covariance(item).std_error(p) for p in fit.names]
+                for key, item in COVARIANCES.items()
             }
         except (CollinearError, InstrumentError):
             refused.append(distance)
@@ -103,7 +103,7 @@ def test_standard_errors_are_right_or_the_problem_is_refused(name):
         moments = method.assembler.moment_equations
         rounding = ALLOWED * condition(instruments.T @ regressors if moments else regressors)
         for key, errors in exact(regressors, instruments, response, weighting).items():
-            np.testing.assert_allclose(found[key], errors, rtol=rounding, err_msg=f"{key} {distance}")
+            np.testing.assert_allclose(results[key], errors, rtol=rounding, err_msg=f"{key} {distance}")
     squared = which == "regressors" and method.assembler.moment_equations
     # A double has sixteen digits, and three are to be left.
     assert len(refused) == len([d for d in DISTANCES if d < (1e-6 if squared else 1e-12)])

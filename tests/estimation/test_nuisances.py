@@ -59,7 +59,7 @@ def test_two_nuisances_are_found_exactly_without_noise(method):
     fit = ev.identify(problem(lag(), share(), noise=0.0), method)
     assert fit.names == ("friction", "gain", "actuator_lag", "curve_share")
     np.testing.assert_allclose(fit.best.values, TRUTH, rtol=1e-3)
-    assert fit.best.at == {"actuator_lag": fit.best.values[2], "curve_share": fit.best.values[3]}
+    assert fit.best.nuisances == {"actuator_lag": fit.best.values[2], "curve_share": fit.best.values[3]}
 
 
 def test_two_nuisances_are_joint_nonlinear_least_squares():
@@ -72,18 +72,20 @@ def test_two_nuisances_are_joint_nonlinear_least_squares():
     wanted = variance * np.linalg.inv(joint.jac.T @ joint.jac)
     errors = np.sqrt(np.diag(wanted))
     np.testing.assert_allclose(fit.best.values, joint.x, atol=1e-3 * errors.min(), rtol=1e-5)
-    found = fit.best.covariance.part("classical").matrix
-    np.testing.assert_allclose(found / np.outer(errors, errors), wanted / np.outer(errors, errors), atol=2e-3)
+    matrix = fit.best.covariance.part("classical").matrix
+    np.testing.assert_allclose(
+        matrix / np.outer(errors, errors), wanted / np.outer(errors, errors), atol=2e-3
+    )
 
 
 def test_the_order_of_the_nuisances_is_that_of_the_joint_vector_only():
-    one, other = (
+    item, other = (
         ev.identify(problem(*pair), least_squares()) for pair in ((lag(), share()), (share(), lag()))
     )
     assert other.names == ("friction", "gain", "curve_share", "actuator_lag")
-    for name in one.names:
-        assert other.parameters[name] == pytest.approx(one.parameters[name], rel=1e-4)
-        assert other.std_error(name) == pytest.approx(one.std_error(name), rel=1e-3)
+    for name in item.names:
+        assert other.parameters[name] == pytest.approx(item.parameters[name], rel=1e-4)
+        assert other.std_error(name) == pytest.approx(item.std_error(name), rel=1e-3)
 
 
 def test_profiles_are_the_least_over_the_others():
@@ -120,7 +122,7 @@ def test_products_of_grids_stay_small_and_keep_their_ends(count):
 def test_a_minimum_at_the_end_of_a_grid_stays_there():
     fit = ev.identify(problem(lag(), share(grid=np.linspace(0.0, 0.2, 6))), least_squares())
     assert fit.parameters["curve_share"] == pytest.approx(0.2, abs=1e-4)
-    assert fit.best.at["curve_share"] <= 0.2
+    assert fit.best.nuisances["curve_share"] <= 0.2
 
 
 RUNS = 300
@@ -177,7 +179,7 @@ def test_a_prior_that_says_nothing_changes_nothing(method):
 def pseudo_observed(made, method, prior):
     """Joint minimum with the prior as one more row, and the covariance of that; s^2 is that of the rows."""
     fit = ev.identify(made, method)
-    rows = made.rows(fit.best.at)
+    rows = made.rows(fit.best.nuisances)
     variance = float(np.sum((rows.response - rows.regressors @ fit.best.theta) ** 2)) / (
         rows.response.size - 3
     )
@@ -200,13 +202,13 @@ def test_a_prior_is_a_pseudo_observation(method, prior):
     fit, values, covariance = pseudo_observed(made, method, prior)
     errors = np.sqrt(np.diag(covariance))
     np.testing.assert_allclose(fit.best.values / errors, values / errors, atol=2e-3)
-    found = fit.best.covariance.part("classical").matrix
+    matrix = fit.best.covariance.part("classical").matrix
     np.testing.assert_allclose(
-        found / np.outer(errors, errors), covariance / np.outer(errors, errors), atol=2e-3
+        matrix / np.outer(errors, errors), covariance / np.outer(errors, errors), atol=2e-3
     )
     plain = ev.identify(problem(lag(), KNOWN_SHARE, noise=0.2, hertz=HERTZ[:2]), method)
     part = plain.best.covariance.part("classical").matrix
-    assert found[2, 2] < min(part[2, 2], prior.std**2)
+    assert matrix[2, 2] < min(part[2, 2], prior.std**2)
 
 
 @pytest.mark.parametrize("method", [TWO_STAGE, reference_iv()], ids=named)
@@ -238,7 +240,7 @@ def test_priors_of_two_nuisances_are_searched_together(method):
 @pytest.mark.calibration
 @pytest.mark.parametrize(
     "method",
-    [one if one.name == "reference_iv" else pytest.param(one, marks=pytest.mark.long) for one in METHODS],
+    [item if item.name == "reference_iv" else pytest.param(item, marks=pytest.mark.long) for item in METHODS],
     ids=named,
 )
 def test_intervals_with_a_prior_cover(method):
@@ -264,10 +266,10 @@ def test_a_prior_of_a_discrete_nuisance_counts_in_the_comparison():
     known = replace(late, prior=Prior(0.5, 0.02))
     for method in METHODS:
         plain, prior = (
-            ev.identify(problem(lag(grid=FEW_LAGS), one, noise=0.5), method) for one in (late, known)
+            ev.identify(problem(lag(grid=FEW_LAGS), item, noise=0.5), method) for item in (late, known)
         )
         for before, after in zip(plain.candidates, prior.candidates, strict=True):
-            misfit = ((after.at["curve_share"] - 0.5) / 0.02) ** 2
+            misfit = ((after.nuisances["curve_share"] - 0.5) / 0.02) ** 2
             assert after.criterion - before.criterion == pytest.approx(misfit, abs=1e-6)
         assert prior.names == ("friction", "gain", "actuator_lag")
 
@@ -279,17 +281,17 @@ def test_a_prior_of_a_sum_is_one_of_each_part_at_the_other(method):
     together = replace(lag(grid=FEW_LAGS, prior=Prior(0.45, 0.004)), known_with=(CURVE_SHARE.name,))
     both = ev.identify(problem(together, discrete, noise=0.5), method)
     for candidate in both.candidates:
-        fixed = candidate.at[CURVE_SHARE.name]
-        own = lag(grid=FEW_LAGS, prior=Prior(0.45 - fixed, 0.004))
-        alone = ev.identify(problem(own, discrete.known_at(fixed), noise=0.5), method).best
+        fixed = candidate.nuisances[CURVE_SHARE.name]
+        current = lag(grid=FEW_LAGS, prior=Prior(0.45 - fixed, 0.004))
+        alone = ev.identify(problem(current, discrete.known_at(fixed), noise=0.5), method).best
         np.testing.assert_allclose(candidate.values, alone.values, rtol=1e-5)
         np.testing.assert_allclose(candidate.covariance.matrix, alone.covariance.matrix, rtol=1e-4)
         assert candidate.criterion == pytest.approx(alone.criterion, rel=1e-5)
 
 
 def test_a_known_nuisance_needs_no_instrument():
-    (one,) = problem(lag(), KNOWN_SHARE).columns
-    few = replace(one, instruments=one.instruments[:, :2])
+    (item,) = problem(lag(), KNOWN_SHARE).columns
+    few = replace(item, instruments=item.instruments[:, :2])
     with pytest.raises(InstrumentError, match="at least 3 independent instruments"):
         ev.identify(LaggedRuns((few,), PARAMETERS, (lag(), KNOWN_SHARE)), TWO_STAGE)
     known = lag(prior=Prior(LAG_S, 0.001))
@@ -321,13 +323,16 @@ def test_discrete_nuisances_have_a_candidate_for_each_combination():
     shares = Nuisance(CURVE_SHARE, np.array([0.2, SHARE, 0.6]), discrete=True)
     lags = Nuisance(ACTUATOR_LAG, np.array([0.05, LAG_S]), discrete=True)
     fit = ev.identify(problem(lags, shares), least_squares())
-    places = [(one.at["actuator_lag"], one.at["curve_share"]) for one in fit.candidates]
-    assert places == [(tau, bend) for tau in lags.grid for bend in shares.grid]
-    assert fit.best.at == {"actuator_lag": LAG_S, "curve_share": SHARE}
+    positions = [
+        (candidate.nuisances["actuator_lag"], candidate.nuisances["curve_share"])
+        for candidate in fit.candidates
+    ]
+    assert positions == [(tau, bend) for tau in lags.grid for bend in shares.grid]
+    assert fit.best.nuisances == {"actuator_lag": LAG_S, "curve_share": SHARE}
     assert fit.names == ("friction", "gain")
-    for one in fit.candidates:
-        rows = problem(lags, shares).rows(one.at)
-        np.testing.assert_allclose(one.theta, np.linalg.lstsq(rows.regressors, rows.response)[0], rtol=1e-9)
+    for item in fit.candidates:
+        rows = problem(lags, shares).rows(item.nuisances)
+        np.testing.assert_allclose(item.theta, np.linalg.lstsq(rows.regressors, rows.response)[0], rtol=1e-9)
 
 
 def test_a_choice_of_two_discrete_nuisances_has_two_degrees_of_freedom():
@@ -335,9 +340,9 @@ def test_a_choice_of_two_discrete_nuisances_has_two_degrees_of_freedom():
     lags = Nuisance(ACTUATOR_LAG, np.linspace(0.074, 0.086, 7), discrete=True)
     for pair, degrees in (((lags, shares), 2), ((lags, KNOWN_SHARE), 1), ((lag(), shares), 1)):
         fit = ev.identify(problem(*pair, noise=0.5), least_squares())
-        criteria = np.array([one.criterion for one in fit.candidates])
+        criteria = np.array([candidate.criterion for candidate in fit.candidates])
         fitting = criteria <= criteria.min() + stats.chi2(degrees).ppf(0.95)
-        assert [one in fit.tenable() for one in fit.candidates] == fitting.tolist()
+        assert [candidate in fit.tenable() for candidate in fit.candidates] == fitting.tolist()
         assert 1 < fitting.sum() < fitting.size
 
 
@@ -349,11 +354,11 @@ def test_axes_without_a_parameter_in_common_are_as_if_alone():
     quiet, loud = columns(1, noise=0.02), columns(2, noise=3.0, axis=1)
     nuisances = lag(grid=np.array([LAG_S])), KNOWN_SHARE
     alone = [
-        ev.identify(LaggedRuns((replace(one, axis=0),), PARAMETERS, nuisances), reference_iv())
-        for one in (quiet, loud)
+        ev.identify(LaggedRuns((replace(item, axis=0),), PARAMETERS, nuisances), reference_iv())
+        for item in (quiet, loud)
     ]
     names = (*PARAMETERS, *(replace(p, name=f"{p.name}_2") for p in PARAMETERS))
-    both = ev.identify(LaggedRuns(_apart(quiet, loud), names, nuisances), reference_iv())
+    both = ev.identify(LaggedRuns(_separated(quiet, loud), names, nuisances), reference_iv())
     rows = both.best.rows
     assert set(zip(rows.layout.axis_of_row, rows.layout.flight_of_row, strict=True)) == {(0, 0), (1, 0)}
     np.testing.assert_allclose(
@@ -373,12 +378,14 @@ class Beside:
     fixed: np.ndarray
     first: bool
 
-    def __call__(self, at):
-        own = np.column_stack([self.fixed, self.moving(at)])
-        return np.hstack([own, np.zeros_like(own)] if self.first else [np.zeros_like(own), own])
+    def __call__(self, nuisance_values):
+        current = np.column_stack([self.fixed, self.moving(nuisance_values)])
+        return np.hstack(
+            [current, np.zeros_like(current)] if self.first else [np.zeros_like(current), current]
+        )
 
 
-def _apart(one, other):
+def _separated(formula_function, other):
     """Two axes of one flight, every parameter of which is in one of them."""
     return tuple(
         replace(
@@ -387,23 +394,23 @@ def _apart(one, other):
             moving=Beside(axis.moving, axis.fixed, number == 0),
             axis=number,
         )
-        for number, axis in enumerate((one, other))
+        for number, axis in enumerate((formula_function, other))
     )
 
 
 @pytest.mark.parametrize("method", METHODS, ids=named)
 def test_one_axis_told_twice_is_no_more_than_once(method):
     """Scores of one time are one score: two axes that err together do not halve the variance."""
-    one = columns(3, noise=0.3)
+    item = columns(3, noise=0.3)
     nuisances = lag(), KNOWN_SHARE
-    once = ev.identify(LaggedRuns((one,), PARAMETERS, nuisances), method)
-    twice = ev.identify(LaggedRuns((one, replace(one, axis=1)), PARAMETERS, nuisances), method)
+    once = ev.identify(LaggedRuns((item,), PARAMETERS, nuisances), method)
+    twice = ev.identify(LaggedRuns((item, replace(item, axis=1)), PARAMETERS, nuisances), method)
     np.testing.assert_allclose(twice.best.values, once.best.values, rtol=1e-4)
-    found, wanted = (fit.best.covariance.part("equal_weighted_cosines").matrix for fit in (twice, once))
-    np.testing.assert_allclose(np.sqrt(np.diag(found)), np.sqrt(np.diag(wanted)), rtol=1e-3)
+    result, wanted = (fit.best.covariance.part("equal_weighted_cosines").matrix for fit in (twice, once))
+    np.testing.assert_allclose(np.sqrt(np.diag(result)), np.sqrt(np.diag(wanted)), rtol=1e-3)
     other = columns(4, noise=0.3, axis=1)
-    apart = ev.identify(LaggedRuns((one, other), PARAMETERS, nuisances), method)
-    assert apart.best.equation.sample_count == once.best.equation.sample_count
+    separated = ev.identify(LaggedRuns((item, other), PARAMETERS, nuisances), method)
+    assert separated.best.equation.sample_count == once.best.equation.sample_count
 
 
 def test_flights_of_one_axis_are_told_apart():
@@ -461,4 +468,4 @@ def test_an_estimate_survives_pickling(method):
     again = pickle.loads(pickle.dumps(fit))  # noqa: S301 - made here
     assert again.interval("actuator_lag") == interval
     assert again.best.criterion == criterion
-    assert DELAY.name not in again.best.at
+    assert DELAY.name not in again.best.nuisances

@@ -197,18 +197,18 @@ class TestErrataOfEquation29:
     RUNS, STD = 100, 0.5
 
     def estimates(self, shared):
-        found = []
+        results = []
         for run in range(self.RUNS):
             rng = np.random.default_rng([29, run])
             signals = noisy(motion(rng, 500, white_input=True), {"input": self.STD}, rng)
             rows = MOTION.regression(signals, ev.lags("input", 0, 5)).rows()
             problem = replace(rows, instrument_noise=shared(rows.response.size))
-            found.append(ev.identify(problem, ev.methods.generalized_iv()).parameters["input_gain"])
-        return np.array(found)
+            results.append(ev.identify(problem, ev.methods.generalized_iv()).parameters["input_gain"])
+        return np.array(results)
 
     def relative_bias(self, shared):
-        found = self.estimates(shared)
-        return (found.mean() - K_U) / K_U, found.std(ddof=1) / np.sqrt(self.RUNS) / K_U
+        estimates = self.estimates(shared)
+        return (estimates.mean() - K_U) / K_U, estimates.std(ddof=1) / np.sqrt(self.RUNS) / K_U
 
     @staticmethod
     def compensation(row, size):

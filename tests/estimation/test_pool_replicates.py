@@ -29,9 +29,11 @@ def pool(numbers: list[int], *nuisances: Nuisance, noise: float = 0.02) -> Lagge
     return LaggedRuns(tuple(made), PARAMETERS, nuisances)
 
 
-def joint(estimate: Estimate, found: Replicate) -> np.ndarray:
+def joint(estimate: Estimate, replicate: Replicate) -> np.ndarray:
     """The joint vector of a replicate."""
-    return np.array([*found.theta, *(found.at[name] for name in estimate.names[found.theta.size :])])
+    return np.array(
+        [*replicate.theta, *(replicate.nuisances[name] for name in estimate.names[replicate.theta.size :])]
+    )
 
 
 def errors(estimate: Estimate) -> np.ndarray:
@@ -54,25 +56,29 @@ def test_nodes_are_the_grid_made_finer_or_thinned():
 
 def test_a_cubic_between_nodes_is_itself():
     nodes = nodes_of((lag(), share()))
-    at = [np.log([0.0123, 0.2]), np.array([0.01, 0.5, 0.99])]
+    index = [np.log([0.0123, 0.2]), np.array([0.01, 0.5, 0.99])]
 
     def cubic(lag_s, bend):
         return np.log(lag_s) ** 3 * bend - bend**3 + 2.0
 
     values = np.array([[cubic(*point.values()), 1.0] for point in nodes.points])
-    expected = [[cubic(np.exp(place), bend), 1.0] for place in at[0] for bend in at[1]]
-    np.testing.assert_allclose(nodes.over(values, at), expected, rtol=1e-9)
-    place = np.array([at[0][1], at[1][0]])
-    np.testing.assert_allclose(nodes.weights(place) @ values, expected[3], rtol=1e-9)
-    assert nodes.at(place) == pytest.approx({"actuator_lag": 0.2, "curve_share": 0.01})
+    expected = [[cubic(np.exp(item), bend), 1.0] for item in index[0] for bend in index[1]]
+    np.testing.assert_allclose(nodes.over(values, index), expected, rtol=1e-9)
+    position = np.array([index[0][1], index[1][0]])
+    np.testing.assert_allclose(nodes.weights(position) @ values, expected[3], rtol=1e-9)
+    assert nodes.values_at(position) == pytest.approx({"actuator_lag": 0.2, "curve_share": 0.01})
 
 
 def test_what_least_squares_leaves():
     systems = np.random.default_rng(3).standard_normal((6, 7, 4))
     systems[2, :, 1] = 0.0
-    expected = [np.linalg.lstsq(one[:, :-1], one[:, -1], rcond=None)[0] for one in systems]
-    residuals = [one[:, -1] - one[:, :-1] @ theta for one, theta in zip(systems, expected, strict=True)]
-    np.testing.assert_allclose(left_over(systems), [one @ one for one in residuals], rtol=1e-12)
+    expected = [np.linalg.lstsq(system[:, :-1], system[:, -1], rcond=None)[0] for system in systems]
+    residuals = [
+        system[:, -1] - system[:, :-1] @ theta for system, theta in zip(systems, expected, strict=True)
+    ]
+    np.testing.assert_allclose(
+        left_over(systems), [residual @ residual for residual in residuals], rtol=1e-12
+    )
 
 
 # -- replicates ----------------------------------------------------------------------------------------------
@@ -94,19 +100,19 @@ def test_what_least_squares_leaves():
 def test_all_flights_once_give_the_estimate_again(nuisances):
     problem = pool([0, 1, 2, 3], *nuisances)
     estimate = ev.identify(problem, reference_iv())
-    found = pool_flights(problem, estimate).whole
-    assert (np.abs(joint(estimate, found) - estimate.best.values) < 0.01 * errors(estimate)).all()
-    assert found.at == pytest.approx(estimate.best.at, rel=1e-3)
-    assert found.criterion < 1e-2
+    whole = pool_flights(problem, estimate).whole
+    assert (np.abs(joint(estimate, whole) - estimate.best.values) < 0.01 * errors(estimate)).all()
+    assert whole.nuisances == pytest.approx(estimate.best.nuisances, rel=1e-3)
+    assert whole.criterion < 1e-2
 
 
 def test_a_replicate_written_out():
     """Two-stage equations of the drawn rows, without the pool's own misfit, and their J."""
     problem = pool([0, 1, 2, 3], KNOWN_LAG, KNOWN_SHARE)
     estimate = ev.identify(problem, reference_iv())
-    found, times = pool_flights(problem, estimate).replicate(np.random.default_rng(7))
+    result, times = pool_flights(problem, estimate).replicate(np.random.default_rng(7))
     best = estimate.best
-    rows = whitened_by_residuals(problem, best.theta, best.at).rows(best.at)
+    rows = whitened_by_residuals(problem, best.theta, best.nuisances).rows(best.nuisances)
     misfit = rows.instruments.T @ (rows.response - rows.regressors @ best.theta)
     drawn = np.repeat(np.arange(rows.response.size), times[rows.layout.flight_of_row].astype(int))
     Q, Phi, y = rows.instruments[drawn], rows.regressors[drawn], rows.response[drawn]
@@ -115,8 +121,8 @@ def test_a_replicate_written_out():
     theta = np.linalg.solve(A.T @ W @ A, A.T @ W @ b)
     variance = ((y - Phi @ theta) ** 2).sum() / (y.size - theta.size)
     left = b - A @ theta
-    np.testing.assert_allclose(found.theta, theta, rtol=1e-9)
-    assert found.criterion == pytest.approx(left @ W @ left / variance, rel=1e-6)
+    np.testing.assert_allclose(result.theta, theta, rtol=1e-9)
+    assert result.criterion == pytest.approx(left @ W @ left / variance, rel=1e-6)
 
 
 @pytest.mark.thorough
@@ -128,12 +134,12 @@ def test_replicates_are_what_the_method_makes_of_the_drawn_flights(nuisances):
     again, random = pool_flights(problem, estimate), np.random.default_rng(1)
     moved = []
     for _ in range(4):
-        found, times = again.replicate(random)
+        result, times = again.replicate(random)
         drawn = [seed for seed, count in enumerate(times) for _ in range(int(count))]
         full = ev.identify(pool(drawn, *nuisances), reference_iv())
-        away = joint(estimate, found) - full.best.values
+        away = joint(estimate, result) - full.best.values
         assert (np.abs(away) < 0.25 * errors(estimate)).all()
-        moved.append(np.abs(joint(estimate, found) - estimate.best.values) / errors(estimate))
+        moved.append(np.abs(joint(estimate, result) - estimate.best.values) / errors(estimate))
     assert (np.max(moved, axis=0) > 0.3).all()
 
 
@@ -144,10 +150,10 @@ def test_what_is_known_beforehand_is_measured_again():
     problem = pool([0, 1, 2, 3], *nuisances, noise=30.0)
     estimate = ev.identify(problem, reference_iv())
     again, random = pool_flights(problem, estimate), np.random.default_rng(2)
-    found = np.array([again.replicate(random)[0].at["curve_share"] for _ in range(200)])
-    assert abs(again.whole.at["curve_share"] - estimate.parameters["curve_share"]) < 1e-3
-    assert found.std() == pytest.approx(0.05, rel=0.15)
-    assert found.mean() == pytest.approx(estimate.parameters["curve_share"], abs=0.012)
+    result = np.array([again.replicate(random)[0].nuisances["curve_share"] for _ in range(200)])
+    assert abs(again.whole.nuisances["curve_share"] - estimate.parameters["curve_share"]) < 1e-3
+    assert result.std() == pytest.approx(0.05, rel=0.15)
+    assert result.mean() == pytest.approx(estimate.parameters["curve_share"], abs=0.012)
 
 
 @pytest.mark.thorough
@@ -157,9 +163,9 @@ def test_what_is_known_of_a_sum_is_measured_again_at_each_other_part():
     problem = pool([0, 1, 2, 3], *nuisances, noise=30.0)
     estimate = ev.identify(problem, reference_iv())
     again, random = pool_flights(problem, estimate), np.random.default_rng(2)
-    found = [again.replicate(random)[0].at for _ in range(100)]
-    sums = np.array([at["actuator_lag"] + at["curve_share"] for at in found])
-    wanted = estimate.parameters["actuator_lag"] + estimate.best.at["curve_share"]
+    ats = [again.replicate(random)[0].nuisances for _ in range(100)]
+    sums = np.array([item["actuator_lag"] + item["curve_share"] for item in ats])
+    wanted = estimate.parameters["actuator_lag"] + estimate.best.nuisances["curve_share"]
     assert sums.std() == pytest.approx(0.002, rel=0.25)
     assert sums.mean() == pytest.approx(wanted, abs=0.001)
 
@@ -174,7 +180,7 @@ def test_values_of_a_discrete_nuisance_known_beforehand_are_told_apart_by_it():
         )
         estimate = ev.identify(problem, reference_iv())
         again, random = pool_flights(problem, estimate), np.random.default_rng(2)
-        made.append({again.replicate(random)[0].at["curve_share"] for _ in range(60)})
+        made.append({again.replicate(random)[0].nuisances["curve_share"] for _ in range(60)})
     assert made[0] == {0.4}
     assert len(made[1]) > 1
 
@@ -182,14 +188,14 @@ def test_values_of_a_discrete_nuisance_known_beforehand_are_told_apart_by_it():
 def test_the_order_of_axes_and_flights_does_not_matter():
     """Rows of one flight need not follow each other."""
     parts = [replace(columns(10 * k + axis, axis=axis), flight=k) for k in range(3) for axis in range(2)]
-    found = []
-    for ordered in (parts, sorted(parts, key=lambda one: one.axis)):
+    results = []
+    for ordered in (parts, sorted(parts, key=lambda part: part.axis)):
         problem = LaggedRuns(tuple(ordered), PARAMETERS, (lag(), KNOWN_SHARE))
         estimate = ev.identify(problem, reference_iv())
         again, random = pool_flights(problem, estimate), np.random.default_rng(4)
         assert again.flights == (0, 1, 2)
-        found.append([joint(estimate, again.replicate(random)[0]) / errors(estimate) for _ in range(5)])
-    np.testing.assert_allclose(found[0], found[1], atol=0.01)
+        results.append([joint(estimate, again.replicate(random)[0]) / errors(estimate) for _ in range(5)])
+    np.testing.assert_allclose(results[0], results[1], atol=0.01)
 
 
 def test_what_cannot_be_drawn_again_is_refused():

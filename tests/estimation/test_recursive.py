@@ -11,7 +11,14 @@ import pytest
 import eivor as ev
 from eivor.errors import InstrumentError, MissingNoiseError, TooFewSamplesError, UsageError
 from eivor.estimation.exponential_forgetting import timed_rows
-from eivor.estimation.recursive import Look, References, Watch, looks_between, newest_look, newest_reference
+from eivor.estimation.recursive import (
+    References,
+    SequentialLook,
+    Watch,
+    looks_between,
+    newest_look,
+    newest_reference,
+)
 from eivor.models.signal_regression import shared_noise_of_rows
 
 MOTION = ev.VerticalMotion(intercept=False)
@@ -67,8 +74,8 @@ def batch(signals):
     noise = shared_noise_of_rows(
         INSTRUMENTS, (*problem.regressor_columns, problem.equation.response), signals, problem.first
     )
-    for place, series in noise.items():
-        table[place] -= w @ series[used]
+    for name, series in noise.items():
+        table[name] -= w @ series[used]
     return np.linalg.lstsq(table[:, :2] / w.sum(), table[:, 2] / w.sum(), rcond=None)[0]
 
 
@@ -109,12 +116,12 @@ def test_chunks_of_any_size_give_the_same_estimate_and_intervals(cuts):
 def test_changes_do_not_depend_on_chunks(memory):
     signals = dropped(record(1500), 900)
     given = {"detector": ev.ChangeDetector(), "memory": memory}
-    told, recursion = [], after(part(signals, 0, 1), **given)
+    selected, recursion = [], after(part(signals, 0, 1), **given)
     for first, last in pairwise(range(1, 1501, 13)):
         recursion = recursion.update(part(signals, first, last))
-        told += recursion.changes
-    assert tuple(told) == after(part(signals, 0, last), **given).changes
-    assert told
+        selected += recursion.changes
+    assert tuple(selected) == after(part(signals, 0, last), **given).changes
+    assert selected
 
 
 def dropped(signals, sample):
@@ -139,13 +146,13 @@ def test_a_drop_is_told_and_what_lay_before_it_forgotten():
 
 def test_looks_of_a_chunk_are_those_of_its_products_one_by_one():
     signals = record(700, masked=True)
-    faded = after(part(signals, 0, 100))._rows.faded
+    weighted = after(part(signals, 0, 100))._rows.products
     problem = MOTION.regression(part(signals, 90, 700), INSTRUMENTS)
     (rows,) = timed_rows(problem, ev.methods.generalized_iv().assembler)
-    found = list(looks_between(faded, faded.then(rows)))
-    assert [look.sample for look, _ in found] == [*range(96, 691, 24)]
-    for look, reference in found[1:]:
-        here = faded.then(rows.between(0, look.sample - faded.samples))
+    between = list(looks_between(weighted, weighted.then(rows)))
+    assert [look.sample for look, _ in between] == [*range(96, 691, 24)]
+    for look, reference in between[1:]:
+        here = weighted.then(rows.between(0, look.sample - weighted.samples))
         np.testing.assert_allclose(look.means, newest_look(here).means, rtol=1e-10, atol=1e-12)
         np.testing.assert_allclose(reference.theta, newest_reference(here).theta, rtol=1e-9)
         means = here.compensated(here.full)[0] / here.full.products.count
@@ -157,9 +164,9 @@ def test_a_sum_is_held_against_the_estimate_from_before_it_began():
     mapped = np.ones((1, 1, 1))
     for number, change in enumerate((1.0, -1.0, 1.0, -1.0, 3.0, 3.0, 3.0, 3.0, 3.0, 3.0)):
         # an estimate that has followed by the next look; what a look shows is its change of 3 less that
-        followed = 3.0 * (number > 4)
-        watch = watch.expecting(References(np.array([[followed]]), mapped, slice(0, 1)), detector)
-        watch = watch.after(Look(number, np.array([[1.0, change]]), 24.0), detector)
+        tracked_parameter = 3.0 * (number > 4)
+        watch = watch.expecting(References(np.array([[tracked_parameter]]), mapped, slice(0, 1)), detector)
+        watch = watch.after(SequentialLook(number, np.array([[1.0, change]]), 24.0), detector)
     per_look = 3.0 / 1.4826 - detector.drift
     assert watch.sums[0, 0] == pytest.approx(6 * per_look, rel=1e-6)
     assert watch.before[-1, 0] == 0.0
@@ -172,7 +179,7 @@ def test_a_look_at_an_input_that_stands_still_counts_as_an_average_one():
     looks = ((1.0, 1.0), (1.0, -1.0), (9.0, 9.0), (9.0, -9.0), (0.01, 50.0), (-1.0, 50.0), (4.0, 12.0))
     for number, (seen, change) in enumerate(looks):
         watch = watch.expecting(expected, detector)
-        watch = watch.after(Look(number, np.array([[seen, change]]), 24.0), detector)
+        watch = watch.after(SequentialLook(number, np.array([[seen, change]]), 24.0), detector)
     np.testing.assert_allclose(watch.before[:, 0], [1.0, -1.0, 1.0, -1.0, np.nan, np.nan, 3.0])
     assert watch.sums[0, 0] == pytest.approx(3.0 / 1.4826 - detector.drift, rel=1e-6)
 
@@ -182,18 +189,18 @@ def test_memory_does_not_grow_with_the_stream():
     signals = record(9000)
 
     def held(recursion):
-        faded, tail = recursion._rows.faded, recursion._tail
+        weighted, tail = recursion._rows.products, recursion._tail
         return (
-            faded.closed.products.sums.nbytes,
-            faded.full.products.sums.nbytes,
-            faded.waiting.columns.shape[1],
+            weighted.closed.products.sums.nbytes,
+            weighted.full.products.sums.nbytes,
+            weighted.waiting.columns.shape[1],
             tail.sample_count,
         )
 
     early = after(part(signals, 0, 3000), (1000, 2000), detector=ev.ChangeDetector())
     late = after(signals, range(1000, 9000, 1000), detector=ev.ChangeDetector())
     assert held(early) == held(late)
-    assert late._rows.faded.waiting.count < 10
+    assert late._rows.products.waiting.count < 10
     assert late._rows.watching.before.shape[0] <= 80
     assert late._rows.watching.references.theta.shape[0] <= 16
 
@@ -222,10 +229,10 @@ def test_intervals_are_wider_in_errors_with_memory_than_for_white_ones():
 def test_estimates_follow_the_stream():
     signals = record(600)
     chunks = [part(signals, k, k + 50) for k in range(0, 600, 50)]
-    begun = ev.RecursiveIdentification(MOTION, ev.methods.generalized_iv(), INSTRUMENTS)
-    found = list(ev.identify_recursively(chunks, begun))
-    assert [recursion.samples for recursion, _ in found] == [*range(40, 600, 50)]
-    low, high = found[-1][1].interval("input_gain")
+    recursive_identification = ev.RecursiveIdentification(MOTION, ev.methods.generalized_iv(), INSTRUMENTS)
+    identify_recursively = list(ev.identify_recursively(chunks, recursive_identification))
+    assert [recursion.samples for recursion, _ in identify_recursively] == [*range(40, 600, 50)]
+    low, high = identify_recursively[-1][1].interval("input_gain")
     assert low < 0.1 < high
 
 

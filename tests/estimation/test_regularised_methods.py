@@ -43,11 +43,11 @@ def test_rows_are_the_equations_of_a_direct_method():
     """The root of three rows stands for all: as many as the whole matrix has."""
     rows = problem_of(1).rows()
     whole = RegularisedLeastSquares().solve(LinearSystem(rows.regressors, rows.response))
-    found = ev.identify(rows, M.regularised(M.least_squares()))
-    assert parameter(found) == whole.shrinkage.parameter
-    np.testing.assert_allclose(found.best.theta, whole.theta, rtol=1e-9)
+    result = ev.identify(rows, M.regularised(M.least_squares()))
+    assert parameter(result) == whole.shrinkage.parameter
+    np.testing.assert_allclose(result.best.theta, whole.theta, rtol=1e-9)
     uncounted = RegularisedLeastSquares().solve(
-        LinearSystem(found.best.solved.system.matrix, found.best.solved.system.right)
+        LinearSystem(result.best.solved.system.matrix, result.best.solved.system.right)
     )
     assert uncounted.shrinkage.parameter != whole.shrinkage.parameter
 
@@ -65,10 +65,10 @@ def test_moments_are_the_equations_of_an_instrumental_method(weighting):
     for a in grid:
         hat = unit @ np.linalg.solve(unit.T @ unit + a * np.eye(2), unit.T)
         scores.append(np.sum((b - hat @ b) ** 2) / (7.0 - np.trace(hat)) ** 2)
-    found = ev.identify(made, M.regularised(method))
-    best = scores[int(np.flatnonzero(grid == parameter(found))[0])]
+    result = ev.identify(made, M.regularised(method))
+    best = scores[int(np.flatnonzero(grid == parameter(result))[0])]
     assert best == pytest.approx(min(scores), rel=1e-9)
-    assert parameter(found) > 0.0
+    assert parameter(result) > 0.0
 
 
 def test_moments_without_an_equation_left_over_tell_no_noise():
@@ -86,11 +86,11 @@ def test_moments_without_an_equation_left_over_tell_no_noise():
 def test_nothing_is_changed_by_a_parameter_of_zero(name):
     method, made = getattr(M, name)(), problem_of(4)
     plain = ev.identify(made, method)
-    found = ev.identify(made, M.regularised(method, parameter=0.0))
-    np.testing.assert_allclose(found.best.values, plain.best.values, rtol=1e-9)
-    np.testing.assert_allclose(found.covariance, plain.covariance, rtol=1e-7)
-    assert found.status is plain.status
-    assert found.method == f"{name}_tikhonov"
+    result = ev.identify(made, M.regularised(method, parameter=0.0))
+    np.testing.assert_allclose(result.best.values, plain.best.values, rtol=1e-9)
+    np.testing.assert_allclose(result.covariance, plain.covariance, rtol=1e-7)
+    assert result.status is plain.status
+    assert result.method == f"{name}_tikhonov"
 
 
 @pytest.mark.parametrize(
@@ -100,14 +100,14 @@ def test_intervals_count_the_whole_move(name):
     """Mean square errors: what the equations leave, and the square of what regularisation did."""
     method, made = getattr(M, name)(), problem_of(5)
     plain = ev.identify(made, method)
-    found = ev.identify(made, M.regularised(method, parameter=0.3))
-    move = found.best.values - plain.best.values
-    np.testing.assert_allclose(found.best.solution.shrinkage.shift, move, rtol=1e-6)
-    left = np.diag(found.covariance) - move**2
+    result = ev.identify(made, M.regularised(method, parameter=0.3))
+    move = result.best.values - plain.best.values
+    np.testing.assert_allclose(result.best.solution.shrinkage.shift, move, rtol=1e-6)
+    left = np.diag(result.covariance) - move**2
     assert (left > 0.5 * np.diag(plain.covariance)).all()
-    assert found.status is Status.WEAK
-    assert "of 2 parameters are left, and it moved viscous_friction by" in found.reasons[-1].sentence
-    assert "A pulled estimate is biased" in found.summary()
+    assert result.status is Status.WEAK
+    assert "of 2 parameters are left, and it moved viscous_friction by" in result.reasons[-1].sentence
+    assert "A pulled estimate is biased" in result.summary()
 
 
 def test_intervals_cover_although_the_estimate_is_biased():
@@ -117,12 +117,12 @@ def test_intervals_cover_although_the_estimate_is_biased():
         rng = np.random.default_rng([6, run])
         X = rng.standard_normal((60, 2))
         rows = ev.regression(response=X @ [1.0, 2.0] + rng.standard_normal(60), regressors=X)
-        found = ev.identify(rows, M.regularised(M.least_squares(), parameter=0.1))
-        found = found.with_covariance(ev.covariances.Classical())
-        low, high = found.interval("theta_2")
+        covariance = ev.identify(rows, M.regularised(M.least_squares(), parameter=0.1))
+        covariance = covariance.with_covariance(ev.covariances.Classical())
+        low, high = covariance.interval("theta_2")
         covered += low <= 2.0 <= high
-        error = found.std_error("theta_2") ** 2 - found.best.solution.shrinkage.shift[1] ** 2
-        narrow += abs(found.parameters["theta_2"] - 2.0) <= 1.96 * np.sqrt(error)
+        error = covariance.std_error("theta_2") ** 2 - covariance.best.solution.shrinkage.shift[1] ** 2
+        narrow += abs(covariance.parameters["theta_2"] - 2.0) <= 1.96 * np.sqrt(error)
     assert narrow < 0.85 * runs
     assert covered > 0.91 * runs
 
@@ -130,10 +130,10 @@ def test_intervals_cover_although_the_estimate_is_biased():
 def test_towards_the_estimate_of_another_method():
     """All the way it is that estimate; the input's gain of a white input is then that of least squares."""
     made, least = problem_of(7), M.least_squares()
-    found = ev.identify(made, M.regularised(M.generalized_iv(), parameter=1e9, towards=least))
+    result = ev.identify(made, M.regularised(M.generalized_iv(), parameter=1e9, towards=least))
     wanted = ev.identify(made, least)
-    np.testing.assert_allclose(found.best.values, wanted.best.values, rtol=1e-6)
-    assert found.status is Status.WEAK
+    np.testing.assert_allclose(result.best.values, wanted.best.values, rtol=1e-6)
+    assert result.status is Status.WEAK
     given = M.regularised(M.generalized_iv(), parameter=0.5, towards=wanted.best.theta)
     named = M.regularised(M.generalized_iv(), parameter=0.5, towards=least)
     np.testing.assert_allclose(
@@ -156,11 +156,11 @@ def test_chunks_are_the_whole_record():
 @pytest.mark.usefixtures("unchecked_shapes")
 def test_a_nuisance_beside_it_is_not_moved():
     made = problem(lag(), share(grid=np.array([0.4])))
-    found = ev.identify(made, M.regularised(M.least_squares(), parameter=1e-3))
-    assert found.names == ("friction", "gain", "actuator_lag")
-    assert "it moved friction by" in found.reasons[-1].sentence
-    move = found.best.equation.move
-    np.testing.assert_array_equal(move, np.append(found.best.solution.shrinkage.shift, 0.0))
+    result = ev.identify(made, M.regularised(M.least_squares(), parameter=1e-3))
+    assert result.names == ("friction", "gain", "actuator_lag")
+    assert "it moved friction by" in result.reasons[-1].sentence
+    move = result.best.equation.move
+    np.testing.assert_array_equal(move, np.append(result.best.solution.shrinkage.shift, 0.0))
 
 
 def test_what_cannot_be_regularised_is_refused():

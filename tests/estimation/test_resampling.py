@@ -52,9 +52,9 @@ def rows_of(index: np.ndarray, *, compensated: bool) -> Regression:
 @pytest.mark.parametrize("method", METHODS.values(), ids=METHODS)
 def test_replicates_are_estimates_from_the_drawn_rows(method: LinearMethod, scheme: BlockScheme) -> None:
     problem = partial(rows_of, compensated=method.name.startswith("generalized"))
-    found = bootstrap(problem(np.arange(ROWS)), method, runs=4, block_length=7, scheme=scheme, seed=3)
+    result = bootstrap(problem(np.arange(ROWS)), method, runs=4, block_length=7, scheme=scheme, seed=3)
     plan, random = block_plan(ROWS, 7.0, scheme), np.random.default_rng(3)
-    for replicate in found.replicates:
+    for replicate in result.replicates:
         drawn = plan.rows_of(plan.drawn(random))
         wanted = method.solve(problem(drawn)).solution.theta
         np.testing.assert_allclose(replicate, wanted, rtol=1e-10)
@@ -66,9 +66,11 @@ def test_ill_conditioned_rows_are_resampled_as_accurately_as_they_are_estimated(
     x = random.normal(size=500)
     Phi = np.column_stack([x, x + 1e-8 * random.normal(size=500)])
     y = Phi @ [1.0, 1.0] + 1e-9 * random.normal(size=500)
-    found = bootstrap(regression(response=y, regressors=Phi), methods.least_squares(), runs=5, block_length=5)
+    result = bootstrap(
+        regression(response=y, regressors=Phi), methods.least_squares(), runs=5, block_length=5
+    )
     plan, draws = block_plan(500, 5.0), np.random.default_rng(0)
-    for replicate in found.replicates:
+    for replicate in result.replicates:
         rows = plan.rows_of(plan.drawn(draws))
         wanted = methods.least_squares().solve(regression(response=y[rows], regressors=Phi[rows])).solution
         np.testing.assert_allclose(replicate, wanted.theta, atol=1e-6)
@@ -77,20 +79,20 @@ def test_ill_conditioned_rows_are_resampled_as_accurately_as_they_are_estimated(
 def test_an_exact_fit_has_replicates_without_spread() -> None:
     random = np.random.default_rng(3)
     Phi = random.normal(size=(300, 2))
-    found = bootstrap(
+    result = bootstrap(
         regression(response=Phi @ [2.0, -1.0], regressors=Phi),
         methods.least_squares(),
         runs=20,
         block_length=5,
         scheme="stationary",
     )
-    np.testing.assert_allclose(found.replicates, np.tile([2.0, -1.0], (20, 1)), rtol=1e-12)
+    np.testing.assert_allclose(result.replicates, np.tile([2.0, -1.0], (20, 1)), rtol=1e-12)
 
 
 def test_robust_weights_are_those_of_the_sample() -> None:
     """A weight made of residuals is kept, and the replicates are close to those that renew it."""
     method = methods.extended_iv(methods.TwoStepRobust())
-    found = bootstrap(rows_of(np.arange(ROWS), compensated=False), method, runs=20, block_length=7, seed=3)
+    result = bootstrap(rows_of(np.arange(ROWS), compensated=False), method, runs=20, block_length=7, seed=3)
     plan, random = block_plan(ROWS, 7.0), np.random.default_rng(3)
     renewed = np.array(
         [
@@ -98,9 +100,9 @@ def test_robust_weights_are_those_of_the_sample() -> None:
             for _ in range(20)
         ]
     )
-    away = (found.replicates - renewed).std(axis=0) / renewed.std(axis=0)
+    away = (result.replicates - renewed).std(axis=0) / renewed.std(axis=0)
     assert (away < 0.5).all()
-    assert found.values == pytest.approx(
+    assert result.values == pytest.approx(
         method.solve(rows_of(np.arange(ROWS), compensated=False)).solution.theta
     )
 
@@ -108,12 +110,12 @@ def test_robust_weights_are_those_of_the_sample() -> None:
 def test_the_seed_decides_and_is_told() -> None:
     problem = rows_of(np.arange(ROWS), compensated=True)
     make = partial(eivor.bootstrap, problem, methods.generalized_iv(), runs=30)
-    one, same, other = make(seed=5), make(seed=5), make(seed=6)
-    np.testing.assert_array_equal(one.replicates, same.replicates)
-    assert not np.array_equal(one.replicates, other.replicates)
-    assert (one.seed, other.seed) == (5, 6)
+    item, same, other = make(seed=5), make(seed=5), make(seed=6)
+    np.testing.assert_array_equal(item.replicates, same.replicates)
+    assert not np.array_equal(item.replicates, other.replicates)
+    assert (item.seed, other.seed) == (5, 6)
     given = make(seed=np.random.default_rng(5))
-    np.testing.assert_array_equal(one.replicates, given.replicates)
+    np.testing.assert_array_equal(item.replicates, given.replicates)
     assert given.seed is None
 
 
@@ -121,11 +123,11 @@ def test_the_seed_decides_and_is_told() -> None:
 def test_standard_errors_agree_with_the_spread_of_replicates() -> None:
     problem = rows_of(np.arange(ROWS), compensated=True)
     for method in (methods.least_squares(), methods.total_least_squares(), methods.generalized_iv()):
-        found = bootstrap(problem, method, runs=500, block_length=10, seed=1)
-        assert found.std_errors is not None
-        spread = [found.std_error(name) for name in found.names]
+        result = bootstrap(problem, method, runs=500, block_length=10, seed=1)
+        assert result.std_errors is not None
+        spread = [result.std_error(name) for name in result.names]
         # 3 % is the chance of 500 runs
-        assert found.std_errors == pytest.approx(spread, rel=0.1)
+        assert result.std_errors == pytest.approx(spread, rel=0.1)
 
 
 @pytest.mark.thorough
@@ -136,30 +138,30 @@ def test_the_spread_of_independent_rows_is_the_robust_standard_error() -> None:
     Phi = np.column_stack([np.ones(2000), x])
     y = Phi @ [1.0, 0.5] + random.normal(size=2000) * (0.5 + np.abs(x))
     problem = regression(response=y, regressors=Phi)
-    found = bootstrap(problem, methods.least_squares(), runs=600, block_length=1, seed=1)
-    e = y - Phi @ found.values
+    result = bootstrap(problem, methods.least_squares(), runs=600, block_length=1, seed=1)
+    e = y - Phi @ result.values
     bread = np.linalg.inv(Phi.T @ Phi)
     robust = np.sqrt(np.diag(bread @ (Phi.T * e**2) @ Phi @ bread))
-    assert found.std_errors == pytest.approx(robust, rel=1e-3)
-    assert [found.std_error(name) for name in found.names] == pytest.approx(robust, rel=0.1)
-    assert found.pieces == 2000
-    assert found.block_length == 1.0
+    assert result.std_errors == pytest.approx(robust, rel=1e-3)
+    assert [result.std_error(name) for name in result.names] == pytest.approx(robust, rel=0.1)
+    assert result.pieces == 2000
+    assert result.block_length == 1.0
 
 
 def test_intervals_of_every_kind_are_their_formulas() -> None:
-    found = bootstrap(rows_of(np.arange(ROWS), compensated=True), methods.generalized_iv(), runs=199, seed=2)
-    value, column = found.values[0], found.replicates[:, 0]
+    result = bootstrap(rows_of(np.arange(ROWS), compensated=True), methods.generalized_iv(), runs=199, seed=2)
+    value, column = result.values[0], result.replicates[:, 0]
     low, high = np.quantile(column, [0.05, 0.95], method="weibull")
     kinds = IntervalKind
-    assert found.interval("theta_1", 0.9, kinds.PERCENTILE) == pytest.approx((low, high))
-    assert found.interval("theta_1", 0.9, kinds.BASIC) == pytest.approx((2 * value - high, 2 * value - low))
-    assert found.studentised is not None
-    assert found.std_errors is not None
-    t_low, t_high = np.quantile(found.studentised[:, 0], [0.05, 0.95], method="weibull")
-    error = found.std_errors[0]
+    assert result.interval("theta_1", 0.9, kinds.PERCENTILE) == pytest.approx((low, high))
+    assert result.interval("theta_1", 0.9, kinds.BASIC) == pytest.approx((2 * value - high, 2 * value - low))
+    assert result.studentised is not None
+    assert result.std_errors is not None
+    t_low, t_high = np.quantile(result.studentised[:, 0], [0.05, 0.95], method="weibull")
+    error = result.std_errors[0]
     wanted = (value - t_high * error, value - t_low * error)
-    assert found.interval("theta_1", 0.9, kinds.STUDENTISED) == pytest.approx(wanted)
-    wide = found.interval("theta_1", 0.9)
+    assert result.interval("theta_1", 0.9, kinds.STUDENTISED) == pytest.approx(wanted)
+    wide = result.interval("theta_1", 0.9)
     assert wide[0] < low
     assert wide[1] > high
 
@@ -177,8 +179,8 @@ def test_intervals_of_autocorrelated_errors_cover() -> None:
     trials, held = 150, 0
     for trial in range(trials):
         problem = autocorrelated(trial, 1000, 0.6)
-        found = bootstrap(problem, methods.least_squares(), runs=99, seed=trial)
-        low, high = found.interval("theta_1", 0.9)
+        result = bootstrap(problem, methods.least_squares(), runs=99, seed=trial)
+        low, high = result.interval("theta_1", 0.9)
         held += low <= 0.5 <= high
     error = 3.0 * np.sqrt(0.9 * 0.1 / trials)
     assert 0.86 - error < held / trials < 0.9 + error
@@ -187,17 +189,17 @@ def test_intervals_of_autocorrelated_errors_cover() -> None:
 @pytest.mark.calibration
 def test_the_spread_tells_the_truth_about_autocorrelated_errors_and_rows_alone_do_not() -> None:
     """Variance of the slope over 150 data sets, against the mean of what the blocks say (no runs needed)."""
-    trials, slopes, told, alone = 150, [], [], []
+    trials, slopes, selected, alone = 150, [], [], []
     for trial in range(trials):
         problem = autocorrelated(trial, 1000, 0.9)
-        found = bootstrap(problem, methods.least_squares(), runs=2, seed=trial)
+        result = bootstrap(problem, methods.least_squares(), runs=2, seed=trial)
         single = bootstrap(problem, methods.least_squares(), runs=2, block_length=1, seed=trial)
-        assert found.std_errors is not None
+        assert result.std_errors is not None
         assert single.std_errors is not None
-        slopes.append(found.values[0])
-        told.append(found.std_errors[0] ** 2)
+        slopes.append(result.values[0])
+        selected.append(result.std_errors[0] ** 2)
         alone.append(single.std_errors[0] ** 2)
-    ratio = np.mean(told) / np.var(slopes)
+    ratio = np.mean(selected) / np.var(slopes)
     # a variance from 150 values is known to 12 %; blocks see 80 to 95 % of it
     assert 0.85 * 0.65 < ratio < 1.3
     assert np.mean(alone) / np.var(slopes) < 0.4
@@ -212,13 +214,13 @@ def test_what_cannot_be_resampled_is_refused() -> None:
         bootstrap(problem, method, block_length=0)
     with pytest.raises(UsageError, match="scheme out of circular"):
         bootstrap(problem, method, scheme="jackknife")
-    found = bootstrap(problem, method, runs=5, scheme="stationary")
+    result = bootstrap(problem, method, runs=5, scheme="stationary")
     with pytest.raises(UsageError, match="standard errors of their own"):
-        found.interval("theta_1", kind=IntervalKind.STUDENTISED)
+        result.interval("theta_1", kind=IntervalKind.STUDENTISED)
     with pytest.raises(UsageError, match="quantity out of theta_1"):
-        found.std_error("theta_9")
+        result.std_error("theta_9")
     with pytest.raises(UsageError, match="between 0 and 1"):
-        found.interval("theta_1", 95.0)
+        result.interval("theta_1", 95.0)
     flights = SampleRows(np.arange(ROWS) // 500)
     pool = Regression(problem.response, problem.regressors, problem.instruments, problem.parameters, flights)
     with pytest.raises(UsageError, match="bootstrap_flights"):
@@ -232,6 +234,6 @@ def test_runs_without_an_estimate_are_counted() -> None:
     Phi[30, 1] = 1.0
     y = Phi @ [1.0, 1.0] + 0.1 * random.normal(size=60)
     problem = regression(response=y, regressors=Phi, instruments=Phi)
-    found = bootstrap(problem, methods.extended_iv(), runs=300, block_length=1, scheme="stationary", seed=1)
-    assert 0.25 < found.failed / 300 < 0.5
-    assert found.replicates.shape == (300 - found.failed, 2)
+    result = bootstrap(problem, methods.extended_iv(), runs=300, block_length=1, scheme="stationary", seed=1)
+    assert 0.25 < result.failed / 300 < 0.5
+    assert result.replicates.shape == (300 - result.failed, 2)

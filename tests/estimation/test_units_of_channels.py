@@ -31,7 +31,7 @@ def in_units(signals, of_input, of_motion):
     return replace(
         signals,
         channels={name: units[name] * signals.channels[name] for name in units},
-        noise={name: replace(one, std=units[name] * one.std) for name, one in signals.noise.items()},
+        noise={name: replace(item, std=units[name] * item.std) for name, item in signals.noise.items()},
     )
 
 
@@ -61,6 +61,6 @@ def test_as_many_equations_as_unknowns_are_met_in_any_units():
     A, theta = np.array([[2.0, 1.0], [1.0, 3.0]]), np.array([0.5, -0.25])
     rows, columns = np.array([1e15, 1e-15]), np.array([1e-9, 1e9])
     scaled = rows[:, None] * A * columns
-    found = LeastSquares().solve(LinearSystem(scaled, rows * (A @ theta)))
-    np.testing.assert_allclose(found.theta * columns, theta, rtol=1e-13)
-    assert found.condition < 10.0
+    solve = LeastSquares().solve(LinearSystem(scaled, rows * (A @ theta)))
+    np.testing.assert_allclose(solve.theta * columns, theta, rtol=1e-13)
+    assert solve.condition < 10.0

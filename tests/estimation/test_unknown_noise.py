@@ -76,14 +76,17 @@ def test_a_white_input_is_refused_with_the_reason():
     signals = record("white", samples=2000)
     estimate = ev.identify(undeclared(signals), ev.methods.generalized_iv_unknown_noise())
     assert estimate.status.value == "refused"
-    assert any("does not tell the input gain from the noises" in one.sentence for one in estimate.reasons)
+    assert any(
+        "does not distinguish the input gain from the noises" in reason.sentence
+        for reason in estimate.reasons
+    )
 
 
 def test_a_noise_that_is_none_cannot_be_told_from_none():
     signals = record(samples=1500, noise_to_signal={"velocity_z": 0.3, "acceleration_z": 0.2, "input": 0.0})
     estimate = ev.identify(undeclared(signals), ev.methods.generalized_iv_unknown_noise())
     assert estimate.status.value == "weak"
-    assert any("input cannot be told from none" in one.sentence for one in estimate.reasons)
+    assert any("input cannot be distinguished from none" in reason.sentence for reason in estimate.reasons)
 
 
 def test_slopes_are_those_of_what_is_added():
@@ -93,10 +96,10 @@ def test_slopes_are_those_of_what_is_added():
     shared = SharedMoments(whole, (UnknownNoise("velocity_z", fractional=True), UnknownNoise("input")))
     known, beta = shared.known(), np.array([0.3, 0.02, 0.04, -0.23, 0.5])
     slopes = shared.added(beta, known)[1]
-    for place in range(beta.size):
-        step = 1e-6 * np.eye(beta.size)[place]
-        ahead, behind = (shared.added(beta + sign * step, known)[0] for sign in (1.0, -1.0))
-        np.testing.assert_allclose(slopes[:, place], (ahead - behind) / 2e-6, rtol=1e-6, atol=1e-8)
+    for index in range(beta.size):
+        step = 1e-6 * np.eye(beta.size)[index]
+        prediction, behind = (shared.added(beta + sign * step, known)[0] for sign in (1.0, -1.0))
+        np.testing.assert_allclose(slopes[:, index], (prediction - behind) / 2e-6, rtol=1e-6, atol=1e-8)
 
 
 def test_noise_of_any_order_adds_what_its_autocovariance_says():
@@ -110,14 +113,14 @@ def test_noise_of_any_order_adds_what_its_autocovariance_says():
     )
     right = (*problem.regressor_columns, problem.equation.response)
     expected = shared_noise(psi, right[:2], signals, shared.problem.first)
-    found = shared.unit(UnknownNoise("velocity_z", fractional=True), order)
-    np.testing.assert_allclose(found[:, :2], expected, rtol=1e-6, atol=1e-9)
+    unit = shared.unit(UnknownNoise("velocity_z", fractional=True), order)
+    np.testing.assert_allclose(unit[:, :2], expected, rtol=1e-6, atol=1e-9)
 
 
 def test_schemes_are_choices_of_equations():
     problem = undeclared(record(samples=100))
     names = {
-        choice: [one.name for one in choice.columns(problem, ())]
+        choice: [column.name for column in choice.columns(problem, ())]
         for choice in (GeneralizedEquations(), BiasEliminating(), FrischScheme())
     }
     assert names[GeneralizedEquations()][-2:] == ["velocity_z(k-1)", "velocity_z(k-2)"]

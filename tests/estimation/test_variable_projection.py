@@ -83,7 +83,7 @@ def test_instrumental_search_is_the_joint_minimum_of_its_equations():
 def test_intervals_include_the_uncertainty_of_the_lag(method):
     (flight,) = flights(1, seconds=20.0, noise=Noise(), seed=3)
     searched = identify(problem(flight), method)
-    fixed = identify(problem(flight, lags=np.array([searched.best.at["actuator_lag"]])), method)
+    fixed = identify(problem(flight, lags=np.array([searched.best.nuisances["actuator_lag"]])), method)
     assert "actuator_lag" not in fixed.names
     for number, name in enumerate(("viscous_friction", "input_gain")):
         assert fixed.parameters[name] == pytest.approx(searched.parameters[name], rel=1e-3)
@@ -104,9 +104,9 @@ def test_intervals_include_the_uncertainty_of_the_lag(method):
 def test_delay_is_found_and_told_from_the_others(method, delay_s):
     (flight,) = flights(1, seconds=12.0, noise=Noise(), delay_s=delay_s, seed=4)
     fit = identify(problem(flight, delays=(0.0, 0.01, 0.02, 0.03, 0.04)), method)
-    assert fit.best.at["delay"] == delay_s
+    assert fit.best.nuisances["delay"] == delay_s
     assert fit.parameters["actuator_lag"] == pytest.approx(LAG_S, abs=0.004)
-    assert [candidate.at["delay"] for candidate in fit.tenable()] == [delay_s]
+    assert [candidate.nuisances["delay"] for candidate in fit.tenable()] == [delay_s]
 
 
 @pytest.mark.thorough
@@ -167,7 +167,7 @@ def test_a_lag_outside_the_grid_stops_at_its_end():
     (flight,) = flights(1, seconds=12.0, noise=Noise(), seed=8)
     for grid, end in ((np.geomspace(0.002, 0.02, 8), 0.02), (np.geomspace(0.1, 0.3, 8), 0.1)):
         fit = identify(problem(flight, lags=grid), least_squares())
-        assert fit.best.at["actuator_lag"] == pytest.approx(end, abs=1e-4)
+        assert fit.best.nuisances["actuator_lag"] == pytest.approx(end, abs=1e-4)
 
 
 # -- the joint covariance against many flights ------------------------------------------------------------
@@ -209,10 +209,10 @@ def test_estimates_correlate_as_they_say(spread):
     values, covariances = spread
     mean = np.mean([C.part("classical").matrix for C in covariances], axis=0)
     scale = np.sqrt(np.diag(mean))
-    wanted, found = mean / np.outer(scale, scale), np.corrcoef(values.T)
+    wanted, result = mean / np.outer(scale, scale), np.corrcoef(values.T)
     # Fisher's z of a correlation has standard error 1 / sqrt(runs - 3).
     for i, j in ((0, 1), (0, 2), (1, 2)):
-        assert abs(np.arctanh(found[i, j]) - np.arctanh(wanted[i, j])) < 4.0 / np.sqrt(RUNS - 3)
+        assert abs(np.arctanh(result[i, j]) - np.arctanh(wanted[i, j])) < 4.0 / np.sqrt(RUNS - 3)
 
 
 @pytest.mark.calibration

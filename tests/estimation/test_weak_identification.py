@@ -53,7 +53,7 @@ def test_compensation_is_in_the_statistic():
     problem = ev.VerticalMotion(intercept=False).regression(
         simulated("white", 500, [32]), ev.lags("input", 0, 3)
     )
-    found = anderson_rubin_set(problem, ev.methods.generalized_iv(), errors=AutocorrelatedErrors(20))
+    result = anderson_rubin_set(problem, ev.methods.generalized_iv(), errors=AutocorrelatedErrors(20))
     theta = np.array([0.25, 0.0211])
     rows, shared = problem.rows(), problem.instrument_noise_covariance()
     scores = rows.instruments * (rows.response - rows.regressors @ theta)[:, None]
@@ -64,7 +64,7 @@ def test_compensation_is_in_the_statistic():
     AR = total @ np.linalg.solve(L.T @ L / 20, total)
     bound = 4 * 20 / 17 * stats.f(4, 17).ppf(LEVEL)
     assert shared.any()
-    assert found.region.excess(theta) == pytest.approx(AR / bound, rel=1e-8)
+    assert result.region.excess(theta) == pytest.approx(AR / bound, rel=1e-8)
 
 
 @pytest.mark.thorough
@@ -73,15 +73,15 @@ def test_white_input_strictly_delayed_instruments_say_nothing():
     problem = ev.VerticalMotion(intercept=False).regression(
         simulated("white", 500, [33]), ev.lags("input", 1, 5)
     )
-    found = anderson_rubin_set(problem, ev.methods.extended_iv())
-    assert not found.interval("input_gain").is_bounded
-    assert found.interval("input_gain").contains(0.021)
-    assert not found.is_empty
+    result = anderson_rubin_set(problem, ev.methods.extended_iv())
+    assert not result.interval("input_gain").is_bounded
+    assert result.interval("input_gain").contains(0.021)
+    assert not result.is_empty
     strong = ev.VerticalMotion(intercept=False).regression(
         simulated("white", 500, [33]), ev.lags("input", 0, 5)
     )
     known = anderson_rubin_set(strong, ev.methods.generalized_iv())
-    assert all(found.is_bounded for found in known.intervals.values())
+    assert all(interval.is_bounded for interval in known.intervals.values())
     text = known.summary()
     assert "viscous_friction" in text
     assert known.assumptions in text
@@ -106,34 +106,34 @@ def housing() -> ev.Regression:
 
 def test_housing_against_stata_and_textbook_regressions(housing):
     """The least AR is LIML's kappa less one (Stata: 1.256906483), and AR is the F of a plain regression."""
-    found = anderson_rubin_set(housing, ev.methods.extended_iv(), errors=HomoskedasticErrors())
-    assert found.partialled_out == ("pcturban", "constant")
-    assert found.region.names == ("hsngval",)
+    result = anderson_rubin_set(housing, ev.methods.extended_iv(), errors=HomoskedasticErrors())
+    assert result.partialled_out == ("pcturban", "constant")
+    assert result.region.names == ("hsngval",)
     liml_estimate = np.array([0.00266862318])
     critical = 4 / 44 * stats.f(4, 44).ppf(LEVEL)
-    assert found.region.excess(liml_estimate) * critical + 1.0 == pytest.approx(1.256906483, rel=1e-8)
+    assert result.region.excess(liml_estimate) * critical + 1.0 == pytest.approx(1.256906483, rel=1e-8)
     y, X, Z = housing.response, housing.regressors, housing.instruments
     for value in (0.001, 0.002, 0.004):
         e = y - value * X[:, 0]
         full, short = (float(np.linalg.lstsq(W, e, rcond=None)[1][0]) for W in (Z, X[:, 1:]))
         F = (short - full) / 4 / (full / 44)
-        excess = found.region.excess(np.array([value]))
+        excess = result.region.excess(np.array([value]))
         assert excess * stats.f(4, 44).ppf(LEVEL) == pytest.approx(F, rel=1e-8)
     # At LIML the F is 2.83, above 2.58: at 95 % the instruments are rejected, at 99 % they are not.
-    assert found.is_empty
-    assert "the data reject the model" in found.summary()
+    assert result.is_empty
+    assert "the data reject the model" in result.summary()
     wide = anderson_rubin_set(housing, ev.methods.extended_iv(), errors=HomoskedasticErrors(), level=0.99)
     assert wide.interval("hsngval").contains(0.00266862318)
 
 
 def test_partialling_out_equals_concentrating_out(housing):
     """Classical errors: the set of hsngval from all equations, its exogenous companions left open."""
-    found = anderson_rubin_set(housing, ev.methods.extended_iv(), errors=HomoskedasticErrors(), level=0.99)
+    result = anderson_rubin_set(housing, ev.methods.extended_iv(), errors=HomoskedasticErrors(), level=0.99)
     rows = moment_rows(housing, ev.methods.extended_iv()).independent()
     whole = HomoskedasticErrors().region(rows, 0.99)
-    assert whole.interval("hsngval").hull == pytest.approx(found.interval("hsngval").hull, rel=1e-9)
+    assert whole.interval("hsngval").hull == pytest.approx(result.interval("hsngval").hull, rel=1e-9)
     # For an exogenous parameter the endogenous one is concentrated out, and its own column kept.
-    assert whole.interval("pcturban").hull == pytest.approx(found.interval("pcturban").hull, rel=1e-9)
+    assert whole.interval("pcturban").hull == pytest.approx(result.interval("pcturban").hull, rel=1e-9)
 
 
 @pytest.mark.long
@@ -147,14 +147,14 @@ def test_an_intercept_costs_nothing():
     )
     sets = [
         anderson_rubin_set(
-            ev.VerticalMotion().regression(one, ev.lags("input", 0, 3)), ev.methods.generalized_iv()
+            ev.VerticalMotion().regression(item, ev.lags("input", 0, 3)), ev.methods.generalized_iv()
         )
-        for one in (signals, shifted)
+        for item in (signals, shifted)
     ]
     assert sets[0].partialled_out == ("intercept",)
     for name in ("viscous_friction", "input_gain"):
         assert sets[0].interval(name).hull == pytest.approx(sets[1].interval(name).hull, rel=1e-6)
-    moved = [found.interval("intercept").hull for found in sets]
+    moved = [item.interval("intercept").hull for item in sets]
     assert moved[1] == pytest.approx(tuple(end + 9.8 for end in moved[0]), rel=1e-5)
 
 
@@ -164,16 +164,16 @@ def test_sign_perturbed_set_of_a_record_with_an_exact_input():
     record = ev.simulate(scenario, np.random.default_rng(35))
     signals = exact_input(record.signals, record.truth)
     problem = ev.VerticalMotion(intercept=False).regression(signals, ev.lags("input", 0, 3))
-    found, again, other = (
+    result, again, other = (
         sign_perturbed_set(problem, ev.methods.extended_iv(), np.random.default_rng(seed))
         for seed in (0, 0, 1)
     )
-    assert found.region.contains(np.array([0.293, 0.021]))
-    assert found.intervals == again.intervals
-    assert found.intervals != other.intervals
-    assert not found.is_empty
-    assert found.interval("input_gain").contains(0.021)
-    assert "symmetric" in found.summary()
+    assert result.region.contains(np.array([0.293, 0.021]))
+    assert result.intervals == again.intervals
+    assert result.intervals != other.intervals
+    assert not result.is_empty
+    assert result.interval("input_gain").contains(0.021)
+    assert "symmetric" in result.summary()
 
 
 def test_sign_perturbation_refuses_what_would_break_its_exactness():
@@ -223,10 +223,10 @@ def test_regressors_that_are_all_their_own_instruments():
     problem = ev.regression(
         response=Phi @ [1.0, 2.0] + rng.standard_normal(200), regressors=Phi, instruments=Phi
     )
-    found = anderson_rubin_set(problem, ev.methods.extended_iv(), errors=HomoskedasticErrors())
-    assert found.partialled_out == ()
+    result = anderson_rubin_set(problem, ev.methods.extended_iv(), errors=HomoskedasticErrors())
+    assert result.partialled_out == ()
     fit = ev.identify(problem, ev.methods.least_squares())
-    half = found.interval("theta_1").length / 2.0
+    half = result.interval("theta_1").length / 2.0
     # One parameter among exogenous ones: the t interval of least squares.
     white = fit.residuals @ fit.residuals / 198
     error = np.sqrt(white * np.linalg.inv(Phi.T @ Phi)[0, 0])

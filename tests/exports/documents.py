@@ -40,16 +40,16 @@ def quantity(
 
 def document(degrees: float | None = 8.0, log: str = "flight.ulg", **numbers: Any) -> dict[str, Any]:
     """A result of the vertical motion; `numbers` take the place of `NUMBERS`."""
-    told = {**NUMBERS, **numbers}
-    scale = np.array([told[name][1] for name in JOINT])
+    selected = {**NUMBERS, **numbers}
+    scale = np.array([selected[name][1] for name in JOINT])
     matrix = CORRELATIONS * np.outer(scale, scale)
     parts = [
         {"name": "equal_weighted_cosines", "matrix": matrix.tolist(), "degrees": degrees, "share": 1.0},
         {"name": "classical", "matrix": (0.25 * matrix).tolist(), "degrees": None, "share": 1.0},
     ]
-    at = {name: told[name][0] for name in ("actuator_lag", "delay")}
-    best = {"at": at, "best": True, "excess": 0.0, "values": [told[name][0] for name in JOINT]}
-    parameters = {name: quantity(*told[name], unit) for name, unit in UNITS.items()}
+    index = {name: selected[name][0] for name in ("actuator_lag", "delay")}
+    best = {"at": index, "best": True, "excess": 0.0, "values": [selected[name][0] for name in JOINT]}
+    parameters = {name: quantity(*selected[name], unit) for name, unit in UNITS.items()}
     parameters["actuator_lag"]["lowest"] = 0.0
     return {
         "schema": "eivor.identify/1",
@@ -63,34 +63,36 @@ def document(degrees: float | None = 8.0, log: str = "flight.ulg", **numbers: An
         "verdict": "identified",
         "reasons": [],
         "parameters": parameters,
-        "derived": {"hover_input": quantity(*told["hover_input"])},
+        "derived": {"hover_input": quantity(*selected["hover_input"])},
         "covariance": {"names": list(JOINT), "choices": 1, "candidates": [{**best, "parts": parts}]},
-        "prediction": {"at": at},
+        "prediction": {"at": index},
         "provenance": {"version": "0.1.0", "logs": [{"name": log, "sha256": "ab" * 32}]},
     }
 
 
-def refused(told: dict[str, Any], name: str, reason: str = "The flight does not tell it.") -> dict[str, Any]:
+def refused(
+    record: dict[str, Any], name: str, reason: str = "The flight does not identify it."
+) -> dict[str, Any]:
     """The same document with a quantity refused."""
     for part in ("parameters", "derived"):
-        if name in told[part]:
-            told[part][name] |= {"verdict": "refused", "reasons": [reason]}
-    return told
+        if name in record[part]:
+            record[part][name] |= {"verdict": "refused", "reasons": [reason]}
+    return record
 
 
-def written(told: dict[str, Any], folder: Path) -> Path:
+def written(record: dict[str, Any], folder: Path) -> Path:
     """Its file."""
     path = folder / "fit.json"
-    path.write_text(json.dumps(told), encoding="utf-8")
+    path.write_text(json.dumps(record), encoding="utf-8")
     return path
 
 
-def of_speeds(told: dict[str, Any] | None = None, **numbers: Any) -> dict[str, Any]:
+def of_speeds(record: dict[str, Any] | None = None, **numbers: Any) -> dict[str, Any]:
     """The document of a flight whose commands are rotor speeds."""
     speeds = {"input_gain": (3.068e-6, 8e-9), "hover_input": (1787.9, 2.0), "actuator_lag": (0.072, 0.001)}
-    told = told or document(**(speeds | numbers))
-    told["model"] |= {"input": "rotor_command", "input_map": "square"}
-    return told
+    record = record or document(**(speeds | numbers))
+    record["model"] |= {"input": "rotor_command", "input_map": "square"}
+    return record
 
 
 #: Combinations of a rigid body, each with its standard error: those of 30 g with inertias of 1.43e-5,
@@ -112,13 +114,13 @@ COMBINATIONS = {
 
 def of_rigid_body(vehicle: dict[str, Any]) -> dict[str, Any]:
     """A result of the rigid body whose combinations are independent."""
-    told = document()
-    told["model"] |= {"name": "rigid_body", "input": "rotor_command", "input_map": "square"}
-    told["parameters"] = {name: quantity(*pair) for name, pair in COMBINATIONS.items()}
-    told["derived"] = {}
+    reported = document()
+    reported["model"] |= {"name": "rigid_body", "input": "rotor_command", "input_map": "square"}
+    reported["parameters"] = {name: quantity(*pair) for name, pair in COMBINATIONS.items()}
+    reported["derived"] = {}
     values, errors = (np.array([pair[side] for pair in COMBINATIONS.values()]) for side in (0, 1))
     parts = [{"name": "given", "matrix": np.diag(errors**2).tolist(), "degrees": 30.0, "share": 1.0}]
     best = {"at": {}, "best": True, "excess": 0.0, "values": values.tolist(), "parts": parts}
-    told["covariance"] = {"names": list(COMBINATIONS), "choices": 1, "candidates": [best]}
-    told["prediction"] = {"at": {}, "vehicle": vehicle}
-    return told
+    reported["covariance"] = {"names": list(COMBINATIONS), "choices": 1, "candidates": [best]}
+    reported["prediction"] = {"at": {}, "vehicle": vehicle}
+    return reported

@@ -21,15 +21,15 @@ HOVER = 0.25
 
 def px4_log(in_force: float = 0.3, outputs: str = "actuator_motors", true: float = TRUE) -> bytes:
     """A ULog of a minute."""
-    flown = dataflash_writer.simulated(seed=3, duration=60.0)
-    content: bytes = ulog_writer.flight_log(flown, true, in_force, outputs).bytes()
+    simulated = dataflash_writer.simulated(seed=3, duration=60.0)
+    content: bytes = ulog_writer.flight_log(simulated, true, in_force, outputs).bytes()
     return content
 
 
 def ardupilot_log(in_force: float = 0.3, true: float = TRUE) -> bytes:
     """A DataFlash log of the same flight, motor outputs at 50 Hz."""
-    flown = dataflash_writer.simulated(seed=3, duration=60.0)
-    content: bytes = dataflash_writer.flight_log(flown, true=true, in_force=in_force, every=2).bytes()
+    simulated = dataflash_writer.simulated(seed=3, duration=60.0)
+    content: bytes = dataflash_writer.flight_log(simulated, true=true, in_force=in_force, every=2).bytes()
     return content
 
 
@@ -46,4 +46,4 @@ def identified(log: bytes, **choices: Any) -> dict[str, Any]:
 
 def curve_told(document: dict[str, Any]) -> str:
     """What the report says of the curve."""
-    return " ".join(one["message"] for one in document["findings"] if one["name"] == "thrust_curve")
+    return " ".join(item["message"] for item in document["findings"] if item["name"] == "thrust_curve")

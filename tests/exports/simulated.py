@@ -41,11 +41,11 @@ def vehicle_file(folder: Path, numbering: str = "crazyflie") -> Path:
 
 
 def exported(
-    to: str, folder: Path, told: dict[str, Any] | None = None, numbering: str = "crazyflie", **priors: Any
+    to: str, folder: Path, record: dict[str, Any] | None = None, numbering: str = "crazyflie", **priors: Any
 ) -> str:
     """Text for a simulator; `priors` take the place of `PRIORS`."""
-    fit = ev.load_fit(written(told or of_speeds(), folder))
-    given = {name: one for name, one in (PRIORS | priors).items() if one is not None}
+    fit = ev.load_fit(written(record or of_speeds(), folder))
+    given = {name: item for name, item in (PRIORS | priors).items() if item is not None}
     return fit.export(to, vehicle=vehicle_file(folder, numbering), priors=given)
 
 
@@ -54,11 +54,11 @@ def lopsided_file(folder: Path) -> Path:
     path = vehicle_file(folder)
     text = path.read_text(encoding="utf-8")
     layout = 'layout = "quad-x"\nnumbering = "crazyflie"\narm = { value = 0.043, std = 0.0004 }\n'
-    places = (
+    texts = (
         "positions = [[0.04, -0.03], [-0.03, -0.03], [-0.03, 0.02], [0.03, 0.03]]\nspins = [-1, 1, -1, 1]\n"
     )
     assert layout in text
-    path.write_text(text.replace(layout, places), encoding="utf-8")
+    path.write_text(text.replace(layout, texts), encoding="utf-8")
     return path
 
 

@@ -33,7 +33,7 @@ def qgc(text: str) -> dict[str, float]:
     assert text.isascii()
     assert text.endswith("\n")
     assert HEADER in text.split("\n")
-    found: dict[str, float] = {}
+    nuisances: dict[str, float] = {}
     for line in text[:-1].split("\n"):
         assert not re.search(r"[\x00-\x08\x0b-\x1f\x7f]", line)
         if line.startswith("#"):
@@ -43,10 +43,10 @@ def qgc(text: str) -> dict[str, float]:
         assert (vehicle, component, kind) == ("1", "1", "9")
         assert re.fullmatch(r"[A-Z][A-Z0-9_]{0,15}", name)
         assert re.fullmatch(r"-?\d+\.\d+", value)
-        assert name not in found
+        assert name not in nuisances
         assert float(np.float32(value)) == pytest.approx(float(value), rel=1e-7)
-        found[name] = float(np.float32(value))
-    return found
+        nuisances[name] = float(np.float32(value))
+    return nuisances
 
 
 def ardupilot(text: str) -> dict[str, float]:
@@ -57,8 +57,8 @@ def ardupilot(text: str) -> dict[str, float]:
     return {name: float(value) for name, value in rows}
 
 
-def exported(told: Document, folder: Path, to: str = "px4") -> str:
-    return ev.load_fit(written(told, folder)).export(to)
+def exported(record: Document, folder: Path, to: str = "px4") -> str:
+    return ev.load_fit(written(record, folder)).export(to)
 
 
 def interval(text: str, name: str) -> tuple[float, float]:
@@ -69,22 +69,22 @@ def interval(text: str, name: str) -> tuple[float, float]:
 @pytest.fixture(scope="module")
 def setpoint() -> Callable[[], Document]:
     """A result of PX4's thrust setpoint, with the map as it is."""
-    told = identified(px4_log(in_force=TRUE))
-    return lambda: copy.deepcopy(told)
+    reported = identified(px4_log(in_force=TRUE))
+    return lambda: copy.deepcopy(reported)
 
 
 @pytest.fixture(scope="module")
 def motors() -> Callable[[], Document]:
     """A result of PX4's `actuator_motors` with a curve that was fitted; another one is in force."""
-    told = identified(px4_log(in_force=0.3), **FITTED)
-    return lambda: copy.deepcopy(told)
+    reported = identified(px4_log(in_force=0.3), **FITTED)
+    return lambda: copy.deepcopy(reported)
 
 
 @pytest.fixture(scope="module")
 def outputs() -> Callable[[], Document]:
     """A result of PX4's `actuator_outputs`, which are behind the curve."""
-    told = identified(px4_log(in_force=0.3, outputs="actuator_outputs"), **FITTED)
-    return lambda: copy.deepcopy(told)
+    reported = identified(px4_log(in_force=0.3, outputs="actuator_outputs"), **FITTED)
+    return lambda: copy.deepcopy(reported)
 
 
 def test_hover_of_a_thrust_setpoint(setpoint: Callable[[], Document], tmp_path: Path) -> None:
@@ -118,49 +118,49 @@ def test_the_curve_of_the_motors_is_written_on_either_side(
     content = log()
     of_px4 = content.startswith(b"ULog")
     curve, hover = ("THR_MDL_FAC", "MPC_THR_HOVER") if of_px4 else ("MOT_THST_EXPO", "MOT_THST_HOVER")
-    told = identified(content, **choices)
-    assert told["model"]["autopilot_curve"]["side"] == side
-    text = exported(told, tmp_path, "px4" if of_px4 else "ardupilot")
-    found = qgc(text) if of_px4 else ardupilot(text)
-    assert found == {curve: pytest.approx(TRUE, abs=0.03), hover: pytest.approx(HOVER, abs=0.005)}
+    reported = identified(content, **choices)
+    assert reported["model"]["autopilot_curve"]["side"] == side
+    text = exported(reported, tmp_path, "px4" if of_px4 else "ardupilot")
+    result = qgc(text) if of_px4 else ardupilot(text)
+    assert result == {curve: pytest.approx(TRUE, abs=0.03), hover: pytest.approx(HOVER, abs=0.005)}
     for name, truth in ((curve, TRUE), (hover, HOVER)):
         low, high = interval(text, name)
         assert low < truth < high
-    assert f"would be set to {found[curve]:.2f} [" in curve_told(told)
+    assert f"would be set to {result[curve]:.2f} [" in curve_told(reported)
 
 
 @pytest.mark.parametrize("in_force", [1.0, 0.65])
 def test_a_curve_is_not_applied_again_to_signals_behind_it(in_force: float, tmp_path: Path) -> None:
     """Thrust that is the square of what `RCOU` holds is a share of one, whatever is in force."""
-    told = identified(ardupilot_log(in_force=in_force, true=1.0), **FITTED)
-    assert told["parameters"]["thrust_curve"]["value"] == pytest.approx(1.0, abs=0.02)
-    said = curve_told(told)
-    assert "MOT_THST_EXPO" in said
+    reported = identified(ardupilot_log(in_force=in_force, true=1.0), **FITTED)
+    assert reported["parameters"]["thrust_curve"]["value"] == pytest.approx(1.0, abs=0.02)
+    curve = curve_told(reported)
+    assert "MOT_THST_EXPO" in curve
     numbers = [
-        float(one) for one in re.findall(r"would be set to (\S+) \[(\S+), (\S+)\]", said) for one in one
+        float(item) for item in re.findall(r"would be set to (\S+) \[(\S+), (\S+)\]", curve) for item in item
     ]
-    assert all(0.9 < one <= 1.0 for one in numbers)
-    assert not re.search(r"1\.[1-9]", said)
-    found = ardupilot(exported(told, tmp_path, "ardupilot"))
-    assert found.get("MOT_THST_EXPO", 1.0) == pytest.approx(1.0, abs=0.02)
+    assert all(0.9 < number <= 1.0 for number in numbers)
+    assert not re.search(r"1\.[1-9]", curve)
+    result = ardupilot(exported(reported, tmp_path, "ardupilot"))
+    assert result.get("MOT_THST_EXPO", 1.0) == pytest.approx(1.0, abs=0.02)
 
 
 def test_a_value_in_force_that_is_too_large_is_said(tmp_path: Path) -> None:
-    told = identified(px4_log(in_force=0.9), **FITTED)
-    assert "THR_MDL_FAC 0.9, which is in force, is too large for this vehicle" in curve_told(told)
-    assert qgc(exported(told, tmp_path)) == {}
+    reported = identified(px4_log(in_force=0.9), **FITTED)
+    assert "THR_MDL_FAC 0.9, which is in force, is too large for this vehicle" in curve_told(reported)
+    assert qgc(exported(reported, tmp_path)) == {}
 
 
-@pytest.mark.parametrize("parameter", [THR_MDL_FAC, MOT_THST_EXPO], ids=lambda one: one.name)
+@pytest.mark.parametrize("parameter", [THR_MDL_FAC, MOT_THST_EXPO], ids=lambda item: item.name)
 @pytest.mark.parametrize("away", [1e-6, 0.3, math.inf])
 def test_a_value_beyond_the_range_is_a_sentence_without_it(
     parameter: AutopilotParameter, away: float
 ) -> None:
     for value, side in ((parameter.lowest - away, "below"), (parameter.highest + away, "above")):
-        said = parameter.beyond((value, (value, value)))
-        assert f"lies {side} the range of {parameter.lowest:g} to {parameter.highest:g}" in said
-        assert "reaches" not in said
-        assert f"{value:.2f}" not in said or away == 1e-6
+        beyond = parameter.beyond((value, (value, value)))
+        assert f"lies {side} the range of {parameter.lowest:g} to {parameter.highest:g}" in beyond
+        assert "reaches" not in beyond
+        assert f"{value:.2f}" not in beyond or away == 1e-6
     assert parameter.beyond((parameter.highest, (0.0, 2.0))) == ""
     near = parameter.beyond((parameter.highest + 0.01, (parameter.highest - 0.1, parameter.highest)))
     assert "Its 95 % interval reaches into that range." in near
@@ -177,15 +177,15 @@ def test_what_px4_does_not_take_is_a_comment(
     tmp_path: Path,
 ) -> None:
     """Of signals behind the curve, hover and curve are both left out."""
-    told = outputs()
+    reported = outputs()
     for quantity, given in (
-        (told["parameters"]["thrust_curve"], curve),
-        (told["derived"]["hover_input"], hover),
+        (reported["parameters"]["thrust_curve"], curve),
+        (reported["derived"]["hover_input"], hover),
     ):
         if given is not None:
             value, std = given
             quantity |= {"value": value, "std_error": std, "interval": [value - 2 * std, value + 2 * std]}
-    text = exported(told, tmp_path)
+    text = exported(reported, tmp_path)
     assert qgc(text) == {}
     assert text.count("is not written") == 2
     assert "that PX4 takes" in text
@@ -195,10 +195,12 @@ def test_what_px4_does_not_take_is_a_comment(
 def test_a_curve_beyond_the_range_leaves_the_hover_of_the_setpoint(
     motors: Callable[[], Document], tmp_path: Path
 ) -> None:
-    told = motors()
-    told["parameters"]["thrust_curve"] |= {"value": -1.0, "interval": [-1.1, -0.9]}
-    text = exported(told, tmp_path)
-    assert qgc(text) == {"MPC_THR_HOVER": pytest.approx(told["derived"]["hover_input"]["value"], rel=1e-6)}
+    reported = motors()
+    reported["parameters"]["thrust_curve"] |= {"value": -1.0, "interval": [-1.1, -0.9]}
+    text = exported(reported, tmp_path)
+    assert qgc(text) == {
+        "MPC_THR_HOVER": pytest.approx(reported["derived"]["hover_input"]["value"], rel=1e-6)
+    }
     assert "THR_MDL_FAC is not written: what was found lies below the range of 0 to 1" in text
     assert "The value in force stays." in text
 
@@ -209,7 +211,7 @@ def test_curve_and_hover_of_motor_signals_go_together(
 ) -> None:
     text = exported(refused(outputs(), name), tmp_path)
     assert qgc(text) == {}
-    assert "The flight does not tell it." in text
+    assert "The flight does not identify it." in text
 
 
 def test_a_refused_hover_is_a_comment_with_its_reason(
@@ -223,9 +225,9 @@ def test_a_refused_hover_is_a_comment_with_its_reason(
 def test_without_the_value_in_force_a_setpoint_tells_no_curve(
     motors: Callable[[], Document], tmp_path: Path
 ) -> None:
-    told = motors()
-    told["model"]["autopilot_curve"]["in_force"] = {}
-    text = exported(told, tmp_path)
+    reported = motors()
+    reported["model"]["autopilot_curve"]["in_force"] = {}
+    text = exported(reported, tmp_path)
     assert list(qgc(text)) == ["MPC_THR_HOVER"]
     assert "is before the curve, and the result has no value of it that is in force" in text
 
@@ -234,18 +236,18 @@ def test_without_the_value_in_force_a_setpoint_tells_no_curve(
 def test_a_result_that_does_not_know_the_side_is_read_and_says_so(
     missing: str, motors: Callable[[], Document], tmp_path: Path
 ) -> None:
-    told = motors()
+    reported = motors()
     if missing == "key":  # as older versions wrote it
-        del told["model"]["autopilot_curve"]
+        del reported["model"]["autopilot_curve"]
     else:
-        told["model"]["autopilot_curve"]["side"] = None
-    text = exported(told, tmp_path)
+        reported["model"]["autopilot_curve"]["side"] = None
+    text = exported(reported, tmp_path)
     assert qgc(text) == {}
     assert (
         text.count("does not say whether 'actuator_output' is before or behind the autopilot's thrust") == 2
     )
     assert "Identify the log again." in text
-    assert "actuator" in exported(told, tmp_path, "statespace")
+    assert "actuator" in exported(reported, tmp_path, "statespace")
 
 
 def test_rotor_speeds_and_other_motions_are_refused(setpoint: Callable[[], Document], tmp_path: Path) -> None:
@@ -276,13 +278,13 @@ def test_rotor_speeds_and_other_motions_are_refused(setpoint: Callable[[], Docum
 def test_no_name_of_a_log_becomes_a_parameter(
     to: str, format_name: str, setpoint: Callable[[], Document], tmp_path: Path
 ) -> None:
-    told = refused(setpoint(), "viscous_friction", HOSTILE)
-    told["logs"][0] |= {"name": HOSTILE, "format": format_name}
-    told["provenance"]["logs"][0]["name"] = HOSTILE
-    told["model"]["autopilot_curve"]["in_force"] = {}
-    told["parameters"]["delay"]["reasons"] = [HOSTILE]
-    text = exported(told, tmp_path, to)
+    reported = refused(setpoint(), "viscous_friction", HOSTILE)
+    reported["logs"][0] |= {"name": HOSTILE, "format": format_name}
+    reported["provenance"]["logs"][0]["name"] = HOSTILE
+    reported["model"]["autopilot_curve"]["in_force"] = {}
+    reported["parameters"]["delay"]["reasons"] = [HOSTILE]
+    text = exported(reported, tmp_path, to)
     read = qgc if to == "px4" else ardupilot
     assert list(read(text).values()) == [pytest.approx(HOVER, rel=0.01)]
-    hostile = exported(refused(told, "hover_input", HOSTILE), tmp_path, to)
+    hostile = exported(refused(reported, "hover_input", HOSTILE), tmp_path, to)
     assert read(hostile) == {}

@@ -24,9 +24,9 @@ def test_marginal_laws_and_correlations(degrees: float | None, tmp_path: Path) -
     assert list(draws) == list(JOINT)
     edge = stats.norm.ppf(0.975) if degrees is None else stats.t.ppf(0.975, degrees)
     scaled = [(draws[name] - NUMBERS[name][0]) / NUMBERS[name][1] for name in JOINT]
-    for one in scaled:
-        assert np.median(one) == pytest.approx(0.0, abs=0.002)
-        assert np.quantile(one, [0.025, 0.975]) == pytest.approx([-edge, edge], abs=0.005)
+    for item in scaled:
+        assert np.median(item) == pytest.approx(0.0, abs=0.002)
+        assert np.quantile(item, [0.025, 0.975]) == pytest.approx([-edge, edge], abs=0.005)
     np.testing.assert_allclose(np.corrcoef(scaled), CORRELATIONS, atol=0.01)
 
 
@@ -65,18 +65,18 @@ def test_different_degrees_keep_their_correlation() -> None:
 
 def at_delays(*others: tuple[float, float, float]) -> dict[str, Any]:
     """A document whose best candidate has no delay, with others: delay, lag, and excess of the criterion."""
-    told = document()
-    (best,) = told["covariance"]["candidates"]
+    reported = document()
+    (best,) = reported["covariance"]["candidates"]
     for delay, lag, excess in others:
         other = {**best, "best": False, "excess": excess, "at": {"actuator_lag": lag, "delay": delay}}
-        told["covariance"]["candidates"].append({**other, "values": [0.3, 23.9, lag]})
-    return told
+        reported["covariance"]["candidates"].append({**other, "values": [0.3, 23.9, lag]})
+    return reported
 
 
 def test_delays_are_drawn_by_their_confidence_distribution(tmp_path: Path) -> None:
     """Halfway to one that fits worse by 4 is one standard error; candidates may stand in any order."""
-    told = at_delays((0.02, 0.03, 16.0), (0.01, 0.04, 4.0))
-    fit = ev.load_fit(written(told, tmp_path))
+    delays = at_delays((0.02, 0.03, 16.0), (0.01, 0.04, 4.0))
+    fit = ev.load_fit(written(delays, tmp_path))
     draws = fit.sample(20_000, seed=1, delays="all")
     assert list(draws) == [*JOINT, "delay"]
     delay, lag = draws["delay"], draws["actuator_lag"]
@@ -103,10 +103,10 @@ def test_a_delay_at_the_end_of_what_is_possible_is_in_the_band_when_it_fits() ->
 
 
 def test_several_nuisances_are_drawn_by_their_likelihood(tmp_path: Path) -> None:
-    told = at_delays((0.01, 0.04, 2.0))
-    for number, candidate in enumerate(told["covariance"]["candidates"]):
+    delays = at_delays((0.01, 0.04, 2.0))
+    for number, candidate in enumerate(delays["covariance"]["candidates"]):
         candidate["at"]["other"] = float(number)
-    draws = ev.load_fit(written(told, tmp_path)).sample(20_000, seed=1, delays="all")
+    draws = ev.load_fit(written(delays, tmp_path)).sample(20_000, seed=1, delays="all")
     assert np.mean(draws["delay"] == 0.01) == pytest.approx(1.0 / (1.0 + np.e), abs=0.01)
     np.testing.assert_array_equal(draws["other"] == 1.0, draws["delay"] == 0.01)
 

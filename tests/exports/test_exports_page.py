@@ -17,7 +17,7 @@ PAGE = Path(__file__).parents[2] / "docs" / "exports.md"
 COMMANDS = re.findall(r"^\$ eivor (.*)$", PAGE.read_text(encoding="utf-8"), re.MULTILINE)
 #: Those of autopilots, which need the two logs alone.
 OF_AUTOPILOTS = [
-    one for one in COMMANDS if re.search(r"--json|--to (px4|ardupilot)", one) and "rigid" not in one
+    item for item in COMMANDS if re.search(r"--json|--to (px4|ardupilot)", item) and "rigid" not in item
 ]
 
 
@@ -42,8 +42,8 @@ def test_what_a_simulated_flight_of_each_autopilot_tells(
     assert len(OF_AUTOPILOTS) == 5
     for command in OF_AUTOPILOTS:
         assert called(command) == 0, command
-    for found in (qgc(Path("vehicle.params").read_text()), ardupilot(Path("vehicle.param").read_text())):
-        assert sorted(found.values()) == [pytest.approx(HOVER, abs=0.005), pytest.approx(TRUE, abs=0.03)]
+    for item in (qgc(Path("vehicle.params").read_text()), ardupilot(Path("vehicle.param").read_text())):
+        assert sorted(item.values()) == [pytest.approx(HOVER, abs=0.005), pytest.approx(TRUE, abs=0.03)]
 
 
 @pytest.mark.thorough
@@ -84,9 +84,9 @@ def test_real_flights(log: str, recordings: Path, tmp_path: Path, monkeypatch: p
 @pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 def test_a_real_flight_whose_curve_is_below_the_range(recordings: Path) -> None:
     log = (recordings / "px4" / "battery_brownout.ulg").read_bytes()
-    told = identified(log, input="actuator_output", input_map="fit")
-    assert told["parameters"]["thrust_curve"]["value"] < 0.0
-    assert curve_told(told).startswith(
+    reported = identified(log, input="actuator_output", input_map="fit")
+    assert reported["parameters"]["thrust_curve"]["value"] < 0.0
+    assert curve_told(reported).startswith(
         "No THR_MDL_FAC is proposed: what was found lies below the range of 0 to 1"
     )
-    assert not re.search(r"-\d", curve_told(told))
+    assert not re.search(r"-\d", curve_told(reported))

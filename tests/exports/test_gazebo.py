@@ -59,9 +59,9 @@ def check(element: Element) -> None:
 def body(link: Element) -> tuple[float, np.ndarray, np.ndarray]:
     """Mass, centre and inertia about it of a link that a simulator takes."""
     (mass,) = link.numbers("inertial/mass")
-    place, centre = (np.array(link.numbers(path)) for path in ("pose", "inertial/pose"))
-    assert place.shape == centre.shape == (6,)
-    assert not np.any(place[3:])
+    position, centre = (np.array(link.numbers(path)) for path in ("pose", "inertial/pose"))
+    assert position.shape == centre.shape == (6,)
+    assert not np.any(position[3:])
     inertia = link.one("inertial/inertia")
     xx, xy, xz, yy, yz, zz = (inertia.numbers(name)[0] for name in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"))
     matrix = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
@@ -69,7 +69,7 @@ def body(link: Element) -> tuple[float, np.ndarray, np.ndarray]:
     assert mass > 0.0
     assert moments[0] > 0.0
     assert moments[2] <= moments[:2].sum() * (1.0 + 1e-9)
-    return mass, place[:3] + centre[:3], matrix
+    return mass, position[:3] + centre[:3], matrix
 
 
 @pytest.mark.parametrize("vehicle", [vehicle_file, lopsided_file])
@@ -80,9 +80,11 @@ def test_links_together_are_the_vehicle(vehicle: Callable[[Path], Path], tmp_pat
     assert (root.name, root.attributes["version"]) == ("sdf", "1.9")
     model = root.one("model")
     bodies = [body(link) for link in model.all("link")]
-    mass = sum(one[0] for one in bodies)
-    centre = sum(one[0] * one[1] for one in bodies) / mass
-    inertia = sum(matrix + each * (at @ at * np.eye(3) - np.outer(at, at)) for each, at, matrix in bodies)
+    mass = sum(item[0] for item in bodies)
+    centre = sum(item[0] * item[1] for item in bodies) / mass
+    inertia = sum(
+        matrix + each * (item @ item * np.eye(3) - np.outer(item, item)) for each, item, matrix in bodies
+    )
     assert mass == pytest.approx(0.03, rel=1e-12)
     np.testing.assert_allclose(centre, 0.0, atol=1e-15)
     np.testing.assert_allclose(inertia, np.diag([1.43e-5, 1.45e-5, 2.7e-5]), atol=1e-17)

@@ -23,8 +23,8 @@ COUNT = 2000
 GAIN_SPREAD, MASS_SPREAD = 8e-9 / GAIN * (8.0 / 6.0) ** 0.5, 0.01
 
 
-def drawn(to: str, folder: Path, told: dict[str, Any] | None = None) -> str:
-    fit = ev.load_fit(written(told or of_speeds(), folder))
+def drawn(to: str, folder: Path, record: dict[str, Any] | None = None) -> str:
+    fit = ev.load_fit(written(record or of_speeds(), folder))
     return fit.export(to, vehicle=vehicle_file(folder), priors=PRIORS, draws=COUNT, seed=3)
 
 
@@ -41,17 +41,17 @@ def spread(column: Any) -> float:
 def test_vehicles_of_rotorpy_hover_alike_though_masses_differ(tmp_path: Path) -> None:
     vehicles = python_file("rotorpy", tmp_path)["vehicles"]
     assert len(vehicles) == COUNT
-    mass, thrust = (np.array([one[name] for one in vehicles]) for name in ("mass", "k_eta"))
+    mass, thrust = (np.array([vehicle[name] for vehicle in vehicles]) for name in ("mass", "k_eta"))
     hover = np.sqrt(mass * 9.81 / (4 * thrust))
     assert np.median(hover) == pytest.approx(HOVER, rel=1e-4)
     assert spread(hover) == pytest.approx(GAIN_SPREAD / 2.0, rel=0.1)
     assert spread(mass) == pytest.approx(MASS_SPREAD, rel=0.1)
     boxes = np.sqrt(np.random.default_rng(1).permutation(mass) / thrust)
     assert spread(boxes) > 4.0 * spread(hover)
-    assert all(one["Izz"] <= one["Ixx"] + one["Iyy"] for one in vehicles)
-    arms = [np.hypot(*one["rotor_pos"]["r1"][:2]) for one in vehicles]
+    assert all(vehicle["Izz"] <= vehicle["Ixx"] + vehicle["Iyy"] for vehicle in vehicles)
+    arms = [np.hypot(*vehicle["rotor_pos"]["r1"][:2]) for vehicle in vehicles]
     assert spread(arms) == pytest.approx(0.0004 / 0.043, rel=0.1)
-    assert min(one["tau_m"] for one in vehicles) > 0.05
+    assert min(vehicle["tau_m"] for vehicle in vehicles) > 0.05
 
 
 def test_rotorpy_flies_a_draw(tmp_path: Path) -> None:
@@ -68,7 +68,7 @@ def test_rotorpy_flies_a_draw(tmp_path: Path) -> None:
 @pytest.mark.thorough  # of the extra `simulators`
 def test_fields_of_mujoco_fit_its_model(tmp_path: Path) -> None:
     mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed")
-    fields = {name: np.array(one) for name, one in json.loads(drawn("mujoco", tmp_path))["fields"].items()}
+    fields = {name: np.array(load) for name, load in json.loads(drawn("mujoco", tmp_path))["fields"].items()}
     model = mujoco.MjModel.from_xml_path(saved("mujoco", tmp_path))
     assert spread(fields["actuator_gainprm"] / fields["body_mass"]) == pytest.approx(GAIN_SPREAD, rel=0.1)
     row = int(np.argmax(fields["body_mass"]))
@@ -87,12 +87,12 @@ def test_fields_of_mujoco_fit_its_model(tmp_path: Path) -> None:
 
 
 def test_ranges_of_isaac_lab_hold_95_percent_of_the_draws(tmp_path: Path) -> None:
-    found = python_file("isaaclab", tmp_path)
-    draws, thruster = found["draws"], found["thruster"]
+    file = python_file("isaaclab", tmp_path)
+    draws, thruster = file["draws"], file["thruster"]
     hover = np.sqrt(np.array(draws["mass"]) * 9.81 / (4 * np.array(draws["thrust_const"])))
     assert np.median(hover) * 2.0 * np.pi == pytest.approx(HOVER, rel=1e-4)
     assert spread(hover) < 0.002
-    ends = found["events"]["randomize_rigid_body_mass"]["mass_distribution_params"]
+    ends = file["events"]["randomize_rigid_body_mass"]["mass_distribution_params"]
     for (low, high), name in (
         (ends, "mass"),
         (thruster["tau_inc_range"], "time_constant"),
@@ -106,11 +106,11 @@ def test_ranges_of_isaac_lab_hold_95_percent_of_the_draws(tmp_path: Path) -> Non
 
 def test_draws_of_a_rigid_body_keep_what_its_flight_tells(tmp_path: Path) -> None:
     """Inertia over mass and arm is a ratio of gains, told to a tenth of a percent."""
-    told = of_rigid_body(asdict(load_vehicle(vehicle_file(tmp_path))))
-    told["prediction"]["vehicle"]["torque_ratio"] = None
-    fit = ev.load_fit(written(told, tmp_path))
+    rigid_body = of_rigid_body(asdict(load_vehicle(vehicle_file(tmp_path))))
+    rigid_body["prediction"]["vehicle"]["torque_ratio"] = None
+    fit = ev.load_fit(written(rigid_body, tmp_path))
     fields = {
-        name: np.array(one) for name, one in json.loads(fit.export("mujoco", draws=COUNT))["fields"].items()
+        name: np.array(load) for name, load in json.loads(fit.export("mujoco", draws=COUNT))["fields"].items()
     }
     ratio = fields["body_inertia"][:, 0] / (fields["body_mass"] * fields["site_pos"])
     assert spread(ratio) < 0.004
@@ -121,15 +121,15 @@ def test_draws_of_a_rigid_body_keep_what_its_flight_tells(tmp_path: Path) -> Non
 
 @pytest.mark.parametrize("to", ["rotorpy", "isaaclab", "mujoco"])
 def test_no_name_breaks_out_of_draws(to: str, tmp_path: Path) -> None:
-    told = refused(of_speeds(), "viscous_friction", WORSE)
-    told["provenance"]["logs"][0]["name"] = WORSE
-    text = drawn(to, tmp_path, told)
+    reported = refused(of_speeds(), "viscous_friction", WORSE)
+    reported["provenance"]["logs"][0]["name"] = WORSE
+    text = drawn(to, tmp_path, reported)
     assert text.isascii()
     assert "drag_z is not written: viscous_friction is refused. a" in text
     if to == "mujoco":
         assert not np.any(json.loads(text)["fields"]["dof_damping"])
     else:
-        assert "linear_damping" not in python_file(to, tmp_path, told=told).get("draws", {})
+        assert "linear_damping" not in python_file(to, tmp_path, record=reported).get("draws", {})
 
 
 def test_other_targets_take_no_draws(tmp_path: Path) -> None:

@@ -34,9 +34,9 @@ def identified_again(
     for k in range(count):
         height, velocity, acceleration = np.array(measure()) + errors[k]
         correction = 6.0 * (wanted.position[k] - height) + 4.0 * (wanted.velocity[k] - velocity)
-        told = command(wanted.acceleration[k] + correction)
-        rows.append((height, velocity, acceleration + GRAVITY, told))
-        advance(told)
+        reported = command(wanted.acceleration[k] + correction)
+        rows.append((height, velocity, acceleration + GRAVITY, reported))
+        advance(reported)
     logged = dict(
         zip(("position_z", "velocity_z", "specific_force_z", channel), np.array(rows).T, strict=True)
     )
@@ -69,12 +69,12 @@ def test_mujoco(tmp_path: Path) -> None:
         mujoco.mj_forward(model, data)
         return data.qpos[2], data.qvel[2], data.qacc[2]
 
-    def advance(told: float) -> None:
-        data.ctrl[:] = told
+    def advance(record: float) -> None:
+        data.ctrl[:] = record
         mujoco.mj_step(model, data, steps)
 
-    found = identified_again(lambda wanted: 1.0 + wanted / GRAVITY, measure, advance, "input", "linear")
-    holds(found, viscous_friction=FRICTION, input_gain=GRAVITY, actuator_lag=LAG, hover_input=1.0)
+    again = identified_again(lambda wanted: 1.0 + wanted / GRAVITY, measure, advance, "input", "linear")
+    holds(again, viscous_friction=FRICTION, input_gain=GRAVITY, actuator_lag=LAG, hover_input=1.0)
 
 
 @pytest.mark.thorough  # RotorPy takes a millisecond for a step
@@ -86,17 +86,17 @@ def test_rotorpy(tmp_path: Path) -> None:
         "rotor_speeds": np.full(4, HOVER),
     }
     vehicle = rotorpy.Multirotor(quad_params(tmp_path), state, "cmd_motor_speeds")
-    told = [HOVER]
+    selected = [HOVER]
 
     def measure() -> tuple[float, float, float]:
-        rate = vehicle.statedot(state, {"cmd_motor_speeds": np.full(4, told[-1])}, STEP_S)["vdot"]
+        rate = vehicle.statedot(state, {"cmd_motor_speeds": np.full(4, selected[-1])}, STEP_S)["vdot"]
         return state["x"][2], state["v"][2], rate[2]
 
     def advance(command: float) -> None:
-        told.append(command)
+        selected.append(command)
         state.update(vehicle.step(state, {"cmd_motor_speeds": np.full(4, command)}, STEP_S))
 
-    found = identified_again(
+    again = identified_again(
         lambda wanted: HOVER * (1.0 + 0.5 * wanted / GRAVITY), measure, advance, "rotor_command_1", "square"
     )
-    holds(found, viscous_friction=FRICTION, input_gain=GAIN, actuator_lag=LAG, hover_input=HOVER)
+    holds(again, viscous_friction=FRICTION, input_gain=GAIN, actuator_lag=LAG, hover_input=HOVER)

@@ -36,28 +36,28 @@ WORSE = f'{HOSTILE} --> </sdf> """ \' # [other]\nmass = 9 <!-- -'
 
 
 def test_rotorpy_by_hand(tmp_path: Path) -> None:
-    found = quad_params(tmp_path)
-    assert found["k_eta"] == pytest.approx(0.03 * GAIN / 4 * 9.81 / GRAVITY)
-    assert found["k_z"] == pytest.approx(FRICTION * 0.03 / (4 * HOVER))
-    assert found["k_m"] == pytest.approx(0.034 * found["k_eta"])
-    assert (found["tau_m"], found["mass"], found["Izz"], found["k_d"]) == (0.072, 0.03, 2.7e-5, 0.0)
-    np.testing.assert_array_equal(found["rotor_directions"], [-1, 1, -1, 1])
-    np.testing.assert_allclose(found["rotor_pos"]["r1"], [0.043 / 2**0.5, -0.043 / 2**0.5, 0.0])
+    params = quad_params(tmp_path)
+    assert params["k_eta"] == pytest.approx(0.03 * GAIN / 4 * 9.81 / GRAVITY)
+    assert params["k_z"] == pytest.approx(FRICTION * 0.03 / (4 * HOVER))
+    assert params["k_m"] == pytest.approx(0.034 * params["k_eta"])
+    assert (params["tau_m"], params["mass"], params["Izz"], params["k_d"]) == (0.072, 0.03, 2.7e-5, 0.0)
+    np.testing.assert_array_equal(params["rotor_directions"], [-1, 1, -1, 1])
+    np.testing.assert_allclose(params["rotor_pos"]["r1"], [0.043 / 2**0.5, -0.043 / 2**0.5, 0.0])
 
 
 def test_a_rigid_body_tells_inertia_and_torque(tmp_path: Path) -> None:
     """Of a flight that turns about all axes only the largest command is asked for."""
-    told = of_rigid_body(asdict(load_vehicle(vehicle_file(tmp_path))) | {"name": WORSE})
-    told["prediction"]["vehicle"]["torque_ratio"] = None
-    fit = ev.load_fit(written(told, tmp_path))
-    found = table(fit.export("drone-models"))
-    np.testing.assert_allclose(np.diag(found["J"]) * 1e5, [1.43, 1.45, 2.7], rtol=1e-3)
-    assert found["thrust2torque"] == pytest.approx(0.034, rel=1e-3)
-    assert found["rpm2thrust"][2] == pytest.approx(2.3e-8 * (2.0 * np.pi / 60.0) ** 2)
-    np.testing.assert_allclose(np.diag(found["drag_matrix"]), [-0.0075, -0.0081, -0.0054])
-    refused(told, "roll_coupling")
-    refused(told, "pitch_coupling")
-    fit = ev.load_fit(written(told, tmp_path))
+    rigid_body = of_rigid_body(asdict(load_vehicle(vehicle_file(tmp_path))) | {"name": WORSE})
+    rigid_body["prediction"]["vehicle"]["torque_ratio"] = None
+    fit = ev.load_fit(written(rigid_body, tmp_path))
+    result = table(fit.export("drone-models"))
+    np.testing.assert_allclose(np.diag(result["J"]) * 1e5, [1.43, 1.45, 2.7], rtol=1e-3)
+    assert result["thrust2torque"] == pytest.approx(0.034, rel=1e-3)
+    assert result["rpm2thrust"][2] == pytest.approx(2.3e-8 * (2.0 * np.pi / 60.0) ** 2)
+    np.testing.assert_allclose(np.diag(result["drag_matrix"]), [-0.0075, -0.0081, -0.0054])
+    refused(rigid_body, "roll_coupling")
+    refused(rigid_body, "pitch_coupling")
+    fit = ev.load_fit(written(rigid_body, tmp_path))
     with pytest.raises(NotIdentifiedError, match=r"inertia in yaw .* torque over thrust"):
         fit.export("drone-models")
     given = fit.export("drone-models", priors={"inertia_zz": (2.6e-5, 1e-6), "torque_ratio": (0.03, 0.0)})
@@ -66,12 +66,12 @@ def test_a_rigid_body_tells_inertia_and_torque(tmp_path: Path) -> None:
 
 def test_shares_of_the_largest_command_need_no_largest_command(tmp_path: Path) -> None:
     """Of a thrust setpoint SIH's largest thrust is mass times gain over the rotors."""
-    found = qgc(exported("sih", tmp_path, document(), "px4", largest_command=None))
-    assert found["SIH_T_MAX"] == pytest.approx(1 / 4 * 0.03 * 23.9, rel=1e-6)
-    assert found["MPC_THR_HOVER"] == pytest.approx(GRAVITY / 23.9, rel=1e-6)
-    assert found["THR_MDL_FAC"] == 0.0
-    assert (found["SIH_T_TAU"], found["SIH_KDV"]) == pytest.approx((0.05, 0.009))
-    assert found["SIH_L_ROLL"] == pytest.approx(0.043 / 2**0.5, rel=1e-6)
+    result = qgc(exported("sih", tmp_path, document(), "px4", largest_command=None))
+    assert result["SIH_T_MAX"] == pytest.approx(1 / 4 * 0.03 * 23.9, rel=1e-6)
+    assert result["MPC_THR_HOVER"] == pytest.approx(GRAVITY / 23.9, rel=1e-6)
+    assert result["THR_MDL_FAC"] == 0.0
+    assert (result["SIH_T_TAU"], result["SIH_KDV"]) == pytest.approx((0.05, 0.009))
+    assert result["SIH_L_ROLL"] == pytest.approx(0.043 / 2**0.5, rel=1e-6)
     root = xml_tree(exported("pybullet", tmp_path, document(), "px4", largest_command=None))
     assert float(root[0].attributes["thrust2weight"]) == pytest.approx(23.9 / GRAVITY)
 
@@ -105,11 +105,11 @@ def test_intervals_log_and_hash_stand_beside_the_numbers(target: str, tmp_path: 
 
 @pytest.mark.parametrize("target", TARGETS)
 def test_no_name_and_no_reason_breaks_out_of_a_comment(target: str, tmp_path: Path) -> None:
-    plain, told = exported(target, tmp_path), of_speeds()
-    for one in told["logs"], told["provenance"]["logs"]:
-        one[0]["name"] = WORSE
-    told["provenance"]["version"] = WORSE
-    hostile = exported(target, tmp_path, refused(told, "viscous_friction", WORSE))
+    plain, speeds = exported(target, tmp_path), of_speeds()
+    for item in speeds["logs"], speeds["provenance"]["logs"]:
+        item[0]["name"] = WORSE
+    speeds["provenance"]["version"] = WORSE
+    hostile = exported(target, tmp_path, refused(speeds, "viscous_friction", WORSE))
     without = exported(target, tmp_path, refused(of_speeds(), "viscous_friction"))
     assert hostile.isascii()
     assert content(target, hostile) == content(target, without)
@@ -129,13 +129,13 @@ def content(target: str, text: str) -> Any:
 
 @pytest.mark.parametrize("target", TARGETS)
 def test_a_refused_lag_must_be_given(target: str, tmp_path: Path) -> None:
-    told = refused(of_speeds(), "actuator_lag", "Nothing moves.")
+    reported = refused(of_speeds(), "actuator_lag", "Nothing moves.")
     if target == "pybullet":  # has none
-        assert "actuator_lag is not written" in exported(target, tmp_path, told)
+        assert "actuator_lag is not written" in exported(target, tmp_path, reported)
         return
     with pytest.raises(NotIdentifiedError, match=r"refused. Nothing moves. .*--prior actuator_lag=VALUE:STD"):
-        exported(target, tmp_path, told)
-    text = exported(target, tmp_path, told, actuator_lag=(0.06, 0.01))
+        exported(target, tmp_path, reported)
+    text = exported(target, tmp_path, reported, actuator_lag=(0.06, 0.01))
     assert "lag of the rotors [s]: 0.06, 95 % interval [0.0404004, 0.0795996], given" in text
 
 
@@ -160,8 +160,8 @@ def test_all_that_is_missing_is_said_at_once(tmp_path: Path) -> None:
 def test_what_no_vehicle_has_is_refused(name: str, tmp_path: Path) -> None:
     with pytest.raises(UsageError, match=f"a {name} above zero"):
         exported("mujoco", tmp_path, **{name: (-1.0, 0.0)})
-    told = refused(of_speeds(), "viscous_friction")
-    assert 'axis="0 0 1" damping="0.0"' in exported("mujoco", tmp_path, told, viscous_friction=(0.0, 0.1))
+    reported = refused(of_speeds(), "viscous_friction")
+    assert 'axis="0 0 1" damping="0.0"' in exported("mujoco", tmp_path, reported, viscous_friction=(0.0, 0.1))
 
 
 def test_moments_of_inertia_are_those_of_a_body(tmp_path: Path) -> None:
@@ -185,10 +185,10 @@ def test_rotors_elsewhere_are_refused_where_a_simulator_knows_one_order(tmp_path
 
 
 def test_other_motions_are_refused(tmp_path: Path) -> None:
-    told = of_speeds()
-    told["model"]["name"] = "angular_rates"
+    speeds = of_speeds()
+    speeds["model"]["name"] = "angular_rates"
     with pytest.raises(UsageError, match="the vertical motion or the rigid body"):
-        exported("mujoco", tmp_path, told)
+        exported("mujoco", tmp_path, speeds)
 
 
 def test_a_delay_is_said(tmp_path: Path) -> None:

@@ -24,10 +24,10 @@ def test_the_gain_at_rest_is_that_of_the_equation(tmp_path: Path) -> None:
 
 
 def test_a_curved_map_enters_by_its_slope_at_hover(tmp_path: Path) -> None:
-    told = document()
-    told["model"]["input_map"] = "square"
-    told["model"]["input_measured"] = True
-    made = ev.load_fit(written(told, tmp_path)).to_statespace()
+    reported = document()
+    reported["model"]["input_map"] = "square"
+    reported["model"]["input_measured"] = True
+    made = ev.load_fit(written(reported, tmp_path)).to_statespace()
     assert made.B.item() == pytest.approx(23.9 * 2.0 * 0.41)
     assert (made.A.item(), made.states) == (-0.3, ("velocity_z",))
 
@@ -35,13 +35,13 @@ def test_a_curved_map_enters_by_its_slope_at_hover(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", [*JOINT, "delay", "hover_input"])
 def test_what_is_refused_must_be_given(name: str, tmp_path: Path) -> None:
     fit = ev.load_fit(written(refused(document(), name), tmp_path))
-    with pytest.raises(NotIdentifiedError, match=f"{name} is refused. The flight does not tell it"):
+    with pytest.raises(NotIdentifiedError, match=f"{name} is refused. The flight does not identify it"):
         fit.to_statespace()
-    told = json.loads(fit.export("statespace", priors={name: (0.2, 0.01)}))
-    assert told["numbers"][name]["value"] == 0.2
-    assert told["numbers"][name]["source"] == "given"
-    assert told["schema"] == "eivor.statespace/1"
-    assert np.shape(told["A"]) == (2, 2)
+    reported = json.loads(fit.export("statespace", priors={name: (0.2, 0.01)}))
+    assert reported["numbers"][name]["value"] == 0.2
+    assert reported["numbers"][name]["source"] == "given"
+    assert reported["schema"] == "eivor.statespace/1"
+    assert np.shape(reported["A"]) == (2, 2)
 
 
 def test_wrong_priors_are_told(tmp_path: Path) -> None:
@@ -57,14 +57,14 @@ def test_wrong_priors_are_told(tmp_path: Path) -> None:
 @pytest.mark.thorough  # python-control takes seconds to import
 def test_python_control_takes_it_and_climbs_as_the_flight_did(tmp_path: Path) -> None:
     control = pytest.importorskip("control", reason="python-control is not installed")
-    told = of_speeds(delay=(0.02, 0.0))
-    told["parameters"]["viscous_friction"] = quantity(FRICTION, 0.02)
-    linear = ev.load_fit(written(told, tmp_path)).to_statespace()
+    speeds = of_speeds(delay=(0.02, 0.0))
+    speeds["parameters"]["viscous_friction"] = quantity(FRICTION, 0.02)
+    linear = ev.load_fit(written(speeds, tmp_path)).to_statespace()
     made = linear.to_control()
     assert made.input_labels == ["rotor_command"]
     assert made.output_labels == ["velocity_z"]
     assert made.state_labels == ["actuator", "velocity_z"]
-    hover = told["derived"]["hover_input"]["value"]
+    hover = speeds["derived"]["hover_input"]["value"]
     assert float(np.real(control.dcgain(made))) == pytest.approx(2.0 * GAIN * hover / FRICTION)
     answer = control.step_response(made, T=np.linspace(0.0, 1.0, 101))
     assert 1e-4 * hover * answer.outputs[-1] == pytest.approx(climb(1.0 + 1e-4, 1.0), rel=1e-3)

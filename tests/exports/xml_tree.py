@@ -15,8 +15,8 @@ class Element:
     children: list[Element] = field(default_factory=list)
     text: str = ""
 
-    def __getitem__(self, place: int) -> Element:
-        return self.children[place]
+    def __getitem__(self, position: int) -> Element:
+        return self.children[position]
 
     def all(self, name: str) -> list[Element]:
         """Its children of a name."""
@@ -24,10 +24,10 @@ class Element:
 
     def one(self, path: str) -> Element:
         """The only child of each name on the path."""
-        found = self
+        result = self
         for name in path.split("/"):
-            (found,) = found.all(name)
-        return found
+            (result,) = result.all(name)
+        return result
 
     def numbers(self, path: str) -> list[float]:
         """Numbers in the text of the only child on the path."""

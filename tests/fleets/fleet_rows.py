@@ -13,7 +13,9 @@ from eivor.lab.study_run import parquet_bytes
 def row(name: str, **values: Any) -> dict[str, Any]:
     """A row with a result of one quantity, unless it says otherwise."""
     start = datetime(2026, 5, 1, 12, tzinfo=UTC)
-    told = {f"gain.{part}": 1.0 for part in ("value", "std_error", "low", "high")} | {"gain.verdict": "weak"}
+    reported = {f"gain.{part}": 1.0 for part in ("value", "std_error", "low", "high")} | {
+        "gain.verdict": "weak"
+    }
     given = {
         "motion": "vertical",
         "sha256": name * 8,
@@ -21,7 +23,12 @@ def row(name: str, **values: Any) -> dict[str, Any]:
         "start": start,
         "duration_s": 1800.0,
     }
-    return {"name": name, **given, **({} if values.get("verdict") in ("failed", "copy") else told), **values}
+    return {
+        "name": name,
+        **given,
+        **({} if values.get("verdict") in ("failed", "copy") else reported),
+        **values,
+    }
 
 
 def write_fleet(folder: Path, *parts: list[dict[str, Any]]) -> Path:

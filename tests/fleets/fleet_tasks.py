@@ -14,7 +14,7 @@ from eivor.fleet.table import PAGE, FleetOptions, NamedRow, PageOf
 
 @dataclass(frozen=True)
 class QuickRow:
-    """Rows in place of those of `FlightRow`: a log is a text, which some make mistakes at."""
+    """Rows in place of those of `RowOfLog`: a log is a text, which some make mistakes at."""
 
     options: FleetOptions
     page_of: PageOf | None = None
@@ -23,9 +23,9 @@ class QuickRow:
         text = Path(log.path).read_text(encoding="utf-8")
         if text.startswith("slow"):
             time.sleep(0.02)
-        told = {"verdict": "weak", "gain.value": float(len(text)), "gain.verdict": "weak"}
+        selected = {"verdict": "weak", "gain.value": float(len(text)), "gain.verdict": "weak"}
         page = {} if self.page_of is None else {PAGE: f"page of {text}"}
-        return {**NamedRow(self.options)(log), **told, **page}
+        return {**NamedRow(self.options)(log), **selected, **page}
 
 
 def write_logs(folder: Path, texts: dict[str, str]) -> Path:
@@ -42,4 +42,4 @@ def rows_of(monkeypatch: Any, made: Callable[..., Any] = QuickRow) -> None:
     def row_maker(options: FleetOptions, page_of: PageOf | None = None) -> Any:
         return made(options) if page_of is None else made(options, page_of)
 
-    monkeypatch.setattr("eivor.fleet.run.FlightRow", row_maker)
+    monkeypatch.setattr("eivor.fleet.run.RowOfLog", row_maker)

@@ -28,12 +28,12 @@ def test_clocks_of_1970_tell_no_time(tmp_path: Path) -> None:
         rows.with_columns(pl.col("time") - rows["time"][0] + begin).write_csv(logs / "one" / f"{name}.csv")
     options = FleetOptions(vehicle_from="{vehicle}/*.csv")
     run_fleet(logs_found(str(logs)), tmp_path / "fleet", options, guarded=False)
-    told = read_flights(tmp_path / "fleet", ["name", "start", "duration_s"])
-    assert dict(told.select("name", "start").rows()) == {
+    path = read_flights(tmp_path / "fleet", ["name", "start", "duration_s"])
+    assert dict(path.select("name", "start").rows()) == {
         f"one/{name}.csv": datetime(2026, 2, 2, 2, 40, tzinfo=UTC) if name == "set" else None
         for name in BEGIN
     }
-    assert told["duration_s"].is_between(5.9, 6.0).all()
+    assert path["duration_s"].is_between(5.9, 6.0).all()
     (report,) = fleet_reports(tmp_path / "fleet")
     assert report.logs["logs"] == len(BEGIN)
     assert report.flights["vehicle"].to_list() == ["one"] * len(BEGIN)

@@ -27,7 +27,7 @@ from eivor.fleet.table import FleetOptions
 from eivor.fleet.logs import logs_found
 from eivor.fleet.run import run_fleet
 from fleets.fleet_tasks import QuickRow
-shard.FlightRow = QuickRow
+shard.RowOfLog = QuickRow
 logs, folder, kills, options = sys.argv[1], Path(sys.argv[2]), int(sys.argv[3]), FleetOptions()
 plan, killed, fleets = np.random.default_rng({seed}), 0, 1
 while killed < kills:

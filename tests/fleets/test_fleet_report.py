@@ -26,7 +26,7 @@ from eivor.fleet.analysis import (
     wanted_columns,
 )
 from eivor.fleet.logs import given_covariates, with_covariates
-from eivor.fleet.report import few_told, fleet_document, interval_told, next_told
+from eivor.fleet.report import few_footnote, fleet_document, interval_text, next_text
 from eivor.fleet.simulate import FleetSpec, fleet_rows, fleet_truth
 from eivor.fleet.table import LEADING, TRAILING, read_flights
 from eivor.motions import motion_by_name
@@ -58,14 +58,14 @@ def of_hover(table: pl.DataFrame, value: np.ndarray, error: float) -> pl.DataFra
     """Table with other hover inputs, of one standard error as a share of them."""
     reach = 1.96 * error * value
     numbers = {"value": value, "std_error": error * value, "low": value - reach, "high": value + reach}
-    return table.with_columns(pl.Series(f"{HOVER}.{part}", one) for part, one in numbers.items())
+    return table.with_columns(pl.Series(f"{HOVER}.{part}", number) for part, number in numbers.items())
 
 
 def at(table: pl.DataFrame, column: str, rows: dict[int, object]) -> pl.DataFrame:
     """Table with a column changed in some rows."""
     values = table[column].to_list()
-    for place, value in rows.items():
-        values[place] = value
+    for name, value in rows.items():
+        values[name] = value
     return table.with_columns(pl.Series(column, values, dtype=table.schema[column]))
 
 
@@ -76,12 +76,18 @@ def test_vehicles_are_pooled_as_statsmodels_does():
         rows = table.filter(pl.col("vehicle") == vehicle)
         value, error = (rows[f"{GAIN}.{part}"].to_numpy() for part in ("value", "std_error"))
         truth = combine_effects(np.log(value), (error / value) ** 2, method_re="iterated", atol=1e-12)
-        (told,) = of(report, GAIN).filter(pl.col("vehicle") == vehicle).rows(named=True)
-        assert np.log(told["mean"]) == pytest.approx(truth.mean_effect_re, abs=1e-6)
-        assert told["between"] == pytest.approx(np.sqrt(truth.tau2), abs=1e-6)
-        assert told["pooled"] == 9
-        assert told["next_low"] < told["low"] < told["mean"] < told["high"] < told["next_high"]
-        assert told["between_low"] <= told["between"] <= told["between_high"]
+        (identified,) = of(report, GAIN).filter(pl.col("vehicle") == vehicle).rows(named=True)
+        assert np.log(identified["mean"]) == pytest.approx(truth.mean_effect_re, abs=1e-6)
+        assert identified["between"] == pytest.approx(np.sqrt(truth.tau2), abs=1e-6)
+        assert identified["pooled"] == 9
+        assert (
+            identified["next_low"]
+            < identified["low"]
+            < identified["mean"]
+            < identified["high"]
+            < identified["next_high"]
+        )
+        assert identified["between_low"] <= identified["between"] <= identified["between_high"]
 
 
 def test_what_excitation_tells_is_pooled_whatever_its_verdict():
@@ -96,26 +102,28 @@ def test_what_excitation_tells_is_pooled_whatever_its_verdict():
     report = reported(FleetSpec(), table)
     assert of(report, FRICTION).select("pooled", "left_out").rows() == [(7, 4)]
     assert report.logs == {"logs": 12, "copies": 1, "failed": 1}
-    told = {(row["quantity"], row["reason"]): row["flights"] for row in report.left_out.iter_rows(named=True)}
+    selected = {
+        (row["quantity"], row["reason"]): row["flights"] for row in report.omitted.iter_rows(named=True)
+    }
     for reason in (NO_RESULT, NO_NUMBER, NO_REFERENCE, NOT_EXCITED):
-        assert told[FRICTION, reason] == 1
-    assert told[GAIN, NOT_POSITIVE] == 1
+        assert selected[FRICTION, reason] == 1
+    assert selected[GAIN, NOT_POSITIVE] == 1
 
 
 def test_pooling_identified_flights_only_would_bias_upward():
     """The trap: flights whose interval reaches zero are refused; without them the mean is too large."""
     errors = 0.2 * np.ones(400)
-    found = 0.25 + errors * np.random.default_rng(0).standard_normal(400)
+    result = 0.25 + errors * np.random.default_rng(0).standard_normal(400)
     rows = [
         row(f"{number:03d}", vehicle="one", type="quad")
         | {f"{FRICTION}.value": value, f"{FRICTION}.std_error": 0.2}
         | {f"{FRICTION}.verdict": "identified" if value > 0.4 else "refused"}
-        for number, value in enumerate(found.tolist())
+        for number, value in enumerate(result.tolist())
     ]
     report = fleet_report(pl.DataFrame(rows), VERTICAL)
-    (told,) = of(report, FRICTION).rows(named=True)
-    assert told["low"] < 0.25 < told["high"]
-    assert np.mean(found[found > 0.4]) > told["next_high"]
+    (identified,) = of(report, FRICTION).rows(named=True)
+    assert identified["low"] < 0.25 < identified["high"]
+    assert np.mean(result[result > 0.4]) > identified["next_high"]
 
 
 def test_a_single_flight_has_a_mean_and_no_interval():
@@ -127,18 +135,18 @@ def test_a_single_flight_has_a_mean_and_no_interval():
     for end in ("low", "high"):  # what the flight tells by itself is kept
         assert of(report, GAIN)[f"only_{end}"].to_list() == table[f"{GAIN}.{end}"].to_list()
     assert of(reported(FleetSpec(vehicles=1, flights=2)), GAIN)["only_low"].null_count() == 1
-    (told,) = report.types.filter(pl.col("quantity") == GAIN).rows(named=True)
-    assert told["pooled"] == 3
-    assert told["low"] < told["mean"] < told["high"]
+    (identified,) = report.types.filter(pl.col("quantity") == GAIN).rows(named=True)
+    assert identified["pooled"] == 3
+    assert identified["low"] < identified["mean"] < identified["high"]
 
 
 def test_logs_without_a_vehicle_are_pooled_with_nothing() -> None:
     """Ten logs of nobody knows how many vehicles; three of them say their type, one path has two contents."""
     table = fleet_rows(FleetSpec(vehicles=3, flights=10, between_vehicles=0.3, weather=0.05, seed=6))
-    nobody = (pl.col("vehicle") == "v0001").alias("nobody")
+    no_progress = (pl.col("vehicle") == "v0001").alias("nobody")
     table = table.with_columns(
-        vehicle=pl.when(nobody).then(None).otherwise("vehicle"),
-        type=pl.when(nobody & (pl.col("name") > "v0001-0002.ulg")).then(None).otherwise("type"),
+        vehicle=pl.when(no_progress).then(None).otherwise("vehicle"),
+        type=pl.when(no_progress & (pl.col("name") > "v0001-0002.ulg")).then(None).otherwise("type"),
     )
     table = at(table, "name", {11: table["name"][10]})
     report = reported(FleetSpec(), table)
@@ -193,23 +201,23 @@ def test_a_share_above_its_bound_is_left_out_and_another_unit_has_no_bound() -> 
     value = np.array([0.5, 0.52, 1.4, 0.48, 0.51, 0.49])
     report = reported(FleetSpec(), of_hover(table, value, 0.05))
     assert of(report, HOVER)["pooled"].to_list() == [5]
-    assert report.left_out.filter(quantity=HOVER)["reason"].to_list() == ["not below 1, the largest share"]
+    assert report.omitted.filter(quantity=HOVER)["reason"].to_list() == ["not below 1, the largest share"]
     speeds = reported(FleetSpec(), of_hover(table, 1000.0 * value, 0.05))  # of rotors, in rad/s
-    (told,) = of(speeds, HOVER).rows(named=True)
-    assert told["pooled"] == 6
-    assert told["low"] < 600.0 < told["high"]
+    (identified,) = of(speeds, HOVER).rows(named=True)
+    assert identified["pooled"] == 6
+    assert identified["low"] < 600.0 < identified["high"]
 
 
 def test_a_slope_that_the_flights_leave_as_expected_is_not_told() -> None:
     """Voltage that hardly varies: its slope is what was expected, 1 +- 1 of the gain; density is told."""
     spec = FleetSpec(vehicles=4, flights=12, weather=0.05, battery=1e-4, seed=2)
     report = reported(spec)
-    told = report.covariates.filter(pl.col("quantity") == GAIN)["covariate"].to_list()
-    assert told == ["air_density"]
+    identified = report.covariates.filter(pl.col("quantity") == GAIN)["covariate"].to_list()
+    assert identified == ["air_density"]
     text = plain(report)
     assert "goes with battery voltage (type" not in text
     assert (
-        "The flights do not tell how input gain, effective lag or hover input goes with battery voltage"
+        "The flights do not identify how input gain, effective lag or hover input goes with battery voltage"
         in text
     )
     assert "battery voltage is not known of enough flights" not in text
@@ -224,23 +232,23 @@ def test_flights_without_a_time_are_pooled_and_have_no_course():
     table = fleet_rows(FleetSpec(vehicles=1, flights=12)).with_columns(
         start=pl.lit(None, pl.Datetime("us", "UTC"))
     )
-    (told,) = of(reported(FleetSpec(), table), GAIN).rows(named=True)
-    assert (told["pooled"], told["course"]) == (12, "")
+    (identified,) = of(reported(FleetSpec(), table), GAIN).rows(named=True)
+    assert (identified["pooled"], identified["course"]) == (12, "")
     half = at(fleet_rows(FleetSpec(vehicles=1, flights=12)), "start", dict.fromkeys(range(7)))
-    (told,) = of(reported(FleetSpec(), half), GAIN).rows(named=True)
-    assert (told["pooled"], told["course"], told["change"]) == (12, "", None)
+    (identified,) = of(reported(FleetSpec(), half), GAIN).rows(named=True)
+    assert (identified["pooled"], identified["course"], identified["change"]) == (12, "", None)
 
 
 def test_a_broken_propeller_is_dated_in_its_vehicle_and_nowhere_else():
     spec = FleetSpec(vehicles=6, flights=40, weather=0.05, battery=0.03, broken=((2, 17, 0.15),), seed=3)
     gains = of(reported(spec), GAIN)
     assert gains.filter(pl.col("course") != STEADY)["vehicle"].to_list() == ["v0002"]
-    (told,) = gains.filter(pl.col("vehicle") == "v0002").rows(named=True)
-    assert told["course"] == STEPS
-    assert abs(told["step_flight"] - 18) <= 3
-    assert told["step_flight_first"] <= 18 <= told["step_flight_last"]
-    assert told["step_low"] < -0.15 < told["step_high"] < 0.0
-    assert told["step_start"] == fleet_rows(spec)["start"][int(told["step_flight"]) - 1]
+    (identified,) = gains.filter(pl.col("vehicle") == "v0002").rows(named=True)
+    assert identified["course"] == STEPS
+    assert abs(identified["step_flight"] - 18) <= 3
+    assert identified["step_flight_first"] <= 18 <= identified["step_flight_last"]
+    assert identified["step_low"] < -0.15 < identified["step_high"] < 0.0
+    assert identified["step_start"] == fleet_rows(spec)["start"][int(identified["step_flight"]) - 1]
 
 
 def test_wear_is_a_drift_whose_interval_covers():
@@ -254,9 +262,9 @@ def test_covariates_come_first_and_are_told():
     spec = FleetSpec(vehicles=8, flights=30, weather=0.05, battery=0.05, seed=2)
     report = reported(spec)
     slopes = report.covariates.filter(pl.col("quantity") == GAIN).rows(named=True)
-    for told, power in zip(slopes, (1.0, 1.5), strict=True):
-        assert told["slope"] == pytest.approx(power, abs=3 * told["std_error"])
-        assert told["std_error"] < 0.15
+    for slope, power in zip(slopes, (1.0, 1.5), strict=True):
+        assert slope["slope"] == pytest.approx(power, abs=3 * slope["std_error"])
+        assert slope["std_error"] < 0.15
     unknown = fleet_rows(spec).drop("air_density", "battery_voltage")
     assert not reported(spec, unknown).covariates.height
 
@@ -268,17 +276,17 @@ def test_a_payload_that_grows_is_no_wear(tmp_path) -> None:
     for wear, forms in ((0.0, {STEADY}), (0.12, {DRIFTS})):
         spec = FleetSpec(wear=wear, **heavier)
         table = fleet_rows(spec)
-        told = of(reported(spec), GAIN)
-        assert set(told["course"]) == {DRIFTS}
-        assert (told["change_high"] < -0.12).all()
+        identified = of(reported(spec), GAIN)
+        assert set(identified["course"]) == {DRIFTS}
+        assert (identified["change_high"] < -0.12).all()
         lines = [f"{name},{mass}" for name, mass in zip(table["name"], fleet_truth(spec).mass, strict=True)]
         file = tmp_path / "masses.csv"
         file.write_text("\n".join(["name,mass", *lines]))
         given = given_covariates(file)
         report = fleet_report(with_covariates(table, given), VERTICAL, given.columns[1:])
-        told = of(report, GAIN)
-        assert set(told["course"]) == forms
-        assert ((told["change_low"] < -wear) & (told["change_high"] > -wear)).all()
+        identified = of(report, GAIN)
+        assert set(identified["course"]) == forms
+        assert ((identified["change_low"] < -wear) & (identified["change_high"] > -wear)).all()
         assert set(of(report, FRICTION)["course"]) == {STEADY}
         assert "mass" in report.covariates["covariate"].to_list()
 
@@ -293,9 +301,9 @@ def test_covariates_of_any_name_are_taken_out() -> None:
     joined = with_covariates(table, given)
     assert set(joined["air_density"]) == {1.2}
     report = fleet_report(joined, VERTICAL, given.columns[1:])
-    (told,) = report.covariates.filter(quantity=GAIN, covariate="rotor_age").rows(named=True)
-    assert told["slope"] == pytest.approx(0.5, abs=3.0 * told["std_error"])
-    assert told["std_error"] < 0.05
+    (identified,) = report.covariates.filter(quantity=GAIN, covariate="rotor_age").rows(named=True)
+    assert identified["slope"] == pytest.approx(0.5, abs=3.0 * identified["std_error"])
+    assert identified["std_error"] < 0.05
 
 
 @pytest.mark.parametrize(
@@ -322,7 +330,7 @@ def test_a_flight_and_a_vehicle_that_are_out_of_line_are_named():
     table = fleet_rows(FleetSpec(vehicles=9, flights=12, between_vehicles=0.02, seed=5))
     value = table[f"{GAIN}.value"].to_list()
     table = at(
-        table, f"{GAIN}.value", {30: 1.4 * value[30], **{place: 0.7 * value[place] for place in range(12)}}
+        table, f"{GAIN}.value", {30: 1.4 * value[30], **{index: 0.7 * value[index] for index in range(12)}}
     )
     report = reported(FleetSpec(), table)
     assert report.deviating.select("name", "quantity").rows() == [(table["name"][30], GAIN)]
@@ -334,13 +342,13 @@ def test_a_flight_that_deviates_hides_no_step() -> None:
     spec = FleetSpec(vehicles=2, flights=40, weather=0.05, battery=0.03, broken=((1, 17, 0.12),), seed=3)
     table = fleet_rows(spec)
     value = table[f"{GAIN}.value"].to_list()
-    table = at(table, f"{GAIN}.value", {place: 1.6 * value[place] for place in (8, 30, 50, 72)})
+    table = at(table, f"{GAIN}.value", {item: 1.6 * value[item] for item in (8, 30, 50, 72)})
     report = reported(FleetSpec(), table)
     first, second = of(report, GAIN).rows(named=True)
     assert (first["course"], second["course"]) == (STEADY, STEPS)
     assert abs(second["step_flight"] - 18) <= 3
-    told = report.deviating.filter(pl.col("quantity") == GAIN)["name"].to_list()
-    assert set(told) == {table["name"][place] for place in (8, 30, 50, 72)}
+    identified = report.deviating.filter(pl.col("quantity") == GAIN)["name"].to_list()
+    assert set(identified) == {table["name"][item] for item in (8, 30, 50, 72)}
 
 
 def test_a_vehicle_whose_flights_scatter_more_does_not_differ() -> None:
@@ -348,7 +356,7 @@ def test_a_vehicle_whose_flights_scatter_more_does_not_differ() -> None:
     table = fleet_rows(FleetSpec(vehicles=12, flights=8, between_vehicles=0.01, seed=2))
     value = table[f"{GAIN}.value"].to_list()
     scatter = 1.12 + 0.35 * np.random.default_rng(1).standard_normal(8)
-    table = at(table, f"{GAIN}.value", {place: scatter[place] * value[place] for place in range(8)})
+    table = at(table, f"{GAIN}.value", {index: scatter[index] * value[index] for index in range(8)})
     vehicles = of(reported(FleetSpec(), table), GAIN)
     assert vehicles["mean"][0] > 1.08 * vehicles["mean"].median()
     assert not vehicles["differs"].any()
@@ -387,16 +395,16 @@ def test_a_folder_has_a_report_for_each_motion(tmp_path):
 def test_a_next_vehicle_that_may_be_anywhere_has_no_interval() -> None:
     wording = RigidBody.wording["roll_gain"]
     row = {"mean": 2.0, "next_low": 0.0, "next_high": None, "pooled": 2}
-    assert next_told(row, wording) == "–"
-    assert not list(few_told([row], "vehicles"))
-    assert next_told(row | {"next_high": 4.0}, wording).endswith(" *")
+    assert next_text(row, wording) == "–"
+    assert not list(few_footnote([row], "vehicles"))
+    assert next_text(row | {"next_high": 4.0}, wording).endswith(" *")
 
 
 def test_a_mean_that_reaches_far_keeps_its_digits() -> None:
     wording, names = RigidBody.wording["pitch_damping"], ("mean", "low", "high")
-    assert interval_told({"mean": 0.2432, "low": 1.7e-5, "high": 3412.0}, wording, names) == (
+    assert interval_text({"mean": 0.2432, "low": 1.7e-5, "high": 3412.0}, wording, names) == (
         "0.24",
         "[1.7e-05, 3400]",
     )
-    assert interval_told({"mean": 24.32, "low": 11.0, "high": 350.0}, wording, names)[0] == "20"
-    assert interval_told({"mean": None, "low": None, "high": None}, wording, names) == ("–", "–")
+    assert interval_text({"mean": 24.32, "low": 11.0, "high": 350.0}, wording, names)[0] == "20"
+    assert interval_text({"mean": None, "low": None, "high": None}, wording, names) == ("–", "–")

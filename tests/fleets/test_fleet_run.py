@@ -20,7 +20,7 @@ from eivor.fleet.table import (
     FleetOptions,
     part_files,
     read_flights,
-    report_place,
+    report_path,
     reports_there,
 )
 from eivor.lab.study_run import parquet_bytes
@@ -54,8 +54,8 @@ def parts(folder: Path) -> dict[Path, int]:
 
 
 def test_every_log_has_a_row_and_a_copy_no_numbers(logs, tmp_path):
-    told: list[tuple[int, int]] = []
-    done = run(logs, tmp_path / "fleet", progress=lambda *numbers: told.append(numbers))
+    selected: list[tuple[int, int]] = []
+    done = run(logs, tmp_path / "fleet", progress=lambda *numbers: selected.append(numbers))
     table = read_flights(tmp_path / "fleet")
     assert table.select("name", "verdict", "gain.value").rows() == [
         ("a.csv", "weak", 3.0),
@@ -68,7 +68,7 @@ def test_every_log_has_a_row_and_a_copy_no_numbers(logs, tmp_path):
     assert copy["reason"] == "A copy of a.csv, whose row has the numbers."
     assert (done.logs, done.before, done.others, done.elsewhere) == (4, 0, 1, 0)
     assert done.verdicts == {"weak": 3, "copy": 1}
-    assert (told[0], told[-1]) == ((0, 4), (4, 4))
+    assert (selected[0], selected[-1]) == ((0, 4), (4, 4))
     assert set(table["options_hash"]) == {OPTIONS.hash()}
 
 
@@ -109,7 +109,7 @@ def test_an_interrupt_keeps_what_was_done(logs, tmp_path, monkeypatch):
 
     from eivor.fleet import run as shard
 
-    expected = shard.FlightRow
+    expected = shard.RowOfLog
     rows_of(monkeypatch, stopped)
     with pytest.raises(KeyboardInterrupt):
         run(logs, folder, shard_logs=3)
@@ -120,9 +120,9 @@ def test_an_interrupt_keeps_what_was_done(logs, tmp_path, monkeypatch):
 
 
 def test_ten_thousand_copies_are_identified_once(tmp_path, monkeypatch):
-    found = logs_found(str(write_logs(tmp_path / "logs", {"a.csv": "one"})))
-    (first,) = found.logs
-    many = replace(found, logs=LogList(replace(first, name=f"{number:05d}.csv") for number in range(10_000)))
+    path = logs_found(str(write_logs(tmp_path / "logs", {"a.csv": "one"})))
+    (first,) = path.logs
+    many = replace(path, logs=LogList(replace(first, name=f"{number:05d}.csv") for number in range(10_000)))
     once = hashed(first)
     monkeypatch.setattr("eivor.fleet.run.hashed", lambda log: replace(log, sha256=once.sha256))
     done = run_fleet(many, tmp_path / "fleet", OPTIONS, guarded=False)
@@ -177,14 +177,14 @@ def test_every_row_has_the_vehicle_that_its_path_or_the_list_tells(logs, tmp_pat
         "path;tail\nlogs/gone.csv;N1\nlogs/a.csv;N2\nlogs/copies/a.csv;\n", encoding="utf-8"
     )
     run(tmp_path / "list.csv", tmp_path / "listed", FleetOptions(vehicle_from="tail"))
-    told = ["verdict", "vehicle"]
-    assert read_flights(tmp_path / "listed", told).rows() == [
+    texts = ["verdict", "vehicle"]
+    assert read_flights(tmp_path / "listed", texts).rows() == [
         ("weak", "N2"),
         ("copy", None),
         ("failed", "N1"),
     ]
     run(logs, tmp_path / "named", FleetOptions(vehicle_from="**/{vehicle}.csv"))
-    rows = read_flights(tmp_path / "named", told).rows()
+    rows = read_flights(tmp_path / "named", texts).rows()
     assert rows == [("weak", "a"), ("weak", "b"), ("copy", "a"), ("weak", "d"), ("failed", "gone")]
 
 
@@ -202,7 +202,7 @@ def test_damaged_parts_are_set_aside_and_made_anew(logs, tmp_path):
 def test_a_full_disk_loses_nothing_that_was_written(logs, tmp_path, monkeypatch):
     from eivor.fleet import table
 
-    folder, whole = tmp_path / "fleet", table.write_whole
+    folder, whole = tmp_path / "fleet", table.write_atomically
     run(logs, tmp_path / "expected")
 
     def full(path: Path, data: bytes | str) -> None:
@@ -210,11 +210,11 @@ def test_a_full_disk_loses_nothing_that_was_written(logs, tmp_path, monkeypatch)
             raise OSError(errno.ENOSPC, "No space left on device")
         whole(path, data)
 
-    monkeypatch.setattr(table, "write_whole", full)
+    monkeypatch.setattr(table, "write_atomically", full)
     with pytest.raises(InputError, match=r"No space left on device.*Rows that were written are kept"):
         run(logs, folder, shard_logs=1)
     assert read_flights(folder).height == 2
-    monkeypatch.setattr(table, "write_whole", whole)
+    monkeypatch.setattr(table, "write_atomically", whole)
     assert run(logs, folder).before == 2
     assert content(folder) == content(tmp_path / "expected")
 
@@ -296,20 +296,20 @@ def test_flights_have_reports_of_their_own_where_they_are_asked_for(logs, tmp_pa
     """Also those whose rows are there already, and only those: rows stay, and failed logs have none."""
     folder = tmp_path / "fleet"
     run(logs, folder)
-    before, told = parts(folder), content(folder)
+    before, reported = parts(folder), content(folder)
     assert not set(reports_there(folder))
     run(logs, folder, page_of=str)
     table = read_flights(folder)
     assert set(reports_there(folder)) == set(table["sha256"])
     first = table.row(0, named=True)
-    assert report_place(folder, first["sha256"]).read_text() == "page of one"
-    assert (parts(folder), content(folder)) == (before, told)
+    assert report_path(folder, first["sha256"]).read_text() == "page of one"
+    assert (parts(folder), content(folder)) == (before, reported)
     written = {path: path.stat().st_mtime_ns for path in (folder / "reports").iterdir()}
     run(logs, folder, page_of=str)
     assert {path: path.stat().st_mtime_ns for path in (folder / "reports").iterdir()} == written
     run(logs, tmp_path / "new", page_of=str)
     assert set(reports_there(tmp_path / "new")) == set(reports_there(folder))
-    assert content(tmp_path / "new") == told
+    assert content(tmp_path / "new") == reported
 
 
 def test_a_report_that_cannot_be_written_is_no_fault_of_its_log(logs, tmp_path):

@@ -19,10 +19,10 @@ BLOCK = re.compile(r"^```sql\n(.*?)^```", re.MULTILINE | re.DOTALL)
 def test_the_questions_of_the_page(tmp_path, monkeypatch):
     duckdb = pytest.importorskip("duckdb")
     table = fleet_rows(FleetSpec(vehicles=3, flights=4))
-    place = tmp_path / "fleet" / "flights"
-    place.mkdir(parents=True)
-    table.write_parquet(place / "part-0.parquet")
-    flight_frame([row("a", verdict="failed", reason="It is empty.")]).write_parquet(place / "part-1.parquet")
+    path = tmp_path / "fleet" / "flights"
+    path.mkdir(parents=True)
+    table.write_parquet(path / "part-0.parquet")
+    flight_frame([row("a", verdict="failed", reason="It is empty.")]).write_parquet(path / "part-1.parquet")
     monkeypatch.chdir(tmp_path)
     questions = [text for block in BLOCK.findall(PAGE.read_text("utf-8")) for text in block.split(";")]
     fixed, failed, over_time = (duckdb.sql(text) for text in questions if text.strip())
@@ -30,6 +30,6 @@ def test_the_questions_of_the_page(tmp_path, monkeypatch):
     expected = table.group_by("vehicle").agg(
         pl.len(), (pl.col("input_gain.value") * weight).sum() / weight.sum()
     )
-    assert fixed.fetchall() == [pytest.approx(one) for one in expected.sort("vehicle").rows()]
+    assert fixed.fetchall() == [pytest.approx(item) for item in expected.sort("vehicle").rows()]
     assert failed.fetchall() == [("a", "It is empty.")]
     assert over_time.shape == (table.height, 5)

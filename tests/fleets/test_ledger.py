@@ -25,29 +25,29 @@ def log(name: str, content: str = "") -> Log:
     return Log(f"/logs/{name}", name, {"tail": "N1"}, sha256(content) if content else "")
 
 
-def rows(*told: tuple[str, str, str]) -> pl.DataFrame:
+def rows(*record: tuple[str, str, str]) -> pl.DataFrame:
     columns = ("name", "sha256", "verdict")
     return pl.DataFrame(
-        [(name, sha256(content) if content else None, verdict) for name, content, verdict in told],
+        [(name, sha256(content) if content else None, verdict) for name, content, verdict in record],
         schema=dict.fromkeys(columns, pl.String),
         orient="row",
     )
 
 
 def ledger_of(*logs: Log) -> Ledger:
-    ledger = Ledger(LogList(replace(one, sha256="") for one in logs))
+    ledger = Ledger(LogList(replace(item, sha256="") for item in logs))
     ledger.note(logs)
     return ledger
 
 
 def names(pages) -> list[str]:
-    return [one.name for page in pages for one in page]
+    return [item.name for page in pages for item in page]
 
 
 def test_logs_are_in_the_order_of_their_names_and_once():
     paths = ("b/é.ulg", "a.ulg", "b/z.ulg", "b.ulg", "a.ulg", "\U0001f681")
-    logs = LogList(Log(f"/{place}", name, {}) for place, name in enumerate(paths))
-    assert [one.name for one in logs] == sorted(set(paths))
+    logs = LogList(Log(f"/{index}", name, {}) for index, name in enumerate(paths))
+    assert [item.name for item in logs] == sorted(set(paths))
     assert next(iter(logs)).path == "/4"
     assert names(logs.pages("SELECT * FROM logs WHERE name > ? ORDER BY name LIMIT ?", size=2)) == sorted(
         set(paths)
@@ -55,8 +55,8 @@ def test_logs_are_in_the_order_of_their_names_and_once():
 
 
 def test_a_path_that_is_no_text_stays_as_it_is():
-    (one,) = LogList([Log("/\udcff.ulg", "x", {"a": "\n"})])
-    assert (one.path, one.told) == ("/\udcff.ulg", {"a": "\n"})
+    (log_list,) = LogList([Log("/\udcff.ulg", "x", {"a": "\n"})])
+    assert (log_list.path, log_list.metadata) == ("/\udcff.ulg", {"a": "\n"})
 
 
 def test_the_numbers_are_of_the_row_that_is_there_else_of_the_first_by_name():
@@ -64,7 +64,7 @@ def test_the_numbers_are_of_the_row_that_is_there_else_of_the_first_by_name():
     ledger.take_rows([rows(("gone", "two", "weak"), ("b", "two", "copy")), rows(("e", "three", "failed"))])
     ledger.settle()
     assert names(ledger.of_task(Task.IDENTIFY)) == ["a"]
-    assert [(one.name, ledger.first(one)) for page in ledger.of_task(Task.TELL_COPY) for one in page] == [
+    assert [(item.name, ledger.first(item)) for page in ledger.of_task(Task.TELL_COPY) for item in page] == [
         ("c", "a"),
         ("d", "gone"),
     ]
@@ -82,9 +82,9 @@ def test_a_log_of_another_content_under_an_old_name_is_another_log():
 def test_logs_that_cannot_be_opened_are_in_the_share_of_their_name():
     given = [log(f"{number}") for number in range(200)]
     ledger = ledger_of(*given, log("a", "one"))
-    found = [[one.name for one in ledger.unopened(share)] for share in range(SHARES)]
-    assert sorted(name for some in found for name in some) == sorted(one.name for one in given)
-    assert all(share_of(name) == share for share, some in enumerate(found) for name in some)
+    results = [[item.name for item in ledger.unopened(share)] for share in range(SHARES)]
+    assert sorted(name for some in results for name in some) == sorted(item.name for item in given)
+    assert all(share_of(name) == share for share, some in enumerate(results) for name in some)
     assert (ledger.has("7"), ledger.has("nobody"), ledger.opened()) == (True, False, 1)
 
 
@@ -114,7 +114,7 @@ def peak(count: int) -> int:
         contents = {number: sha256(str(number // 2)) for number in range(2)}
         ledger = Ledger(LogList(log(f"vehicle/{number}.ulg") for number in range(count)))
         for page in ledger.logs():
-            ledger.note([replace(one, sha256=contents[len(one.name) % 2]) for one in page])
+            ledger.note([replace(item, sha256=contents[len(item.name) % 2]) for item in page])
         ledger.take_rows(rows((f"vehicle/{number}.ulg", "x", "copy")) for number in range(0, count, 50))
         ledger.settle()
         assert sum(len(page) for page in ledger.of_task(Task.TELL_COPY)) > count / 2

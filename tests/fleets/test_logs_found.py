@@ -16,8 +16,8 @@ from fleets.fleet_tasks import write_logs
 CANONICAL = "time,velocity_z,input\n0,0,0\n"
 
 
-def names(found):
-    return [log.name for log in found.logs]
+def names(result):
+    return [log.name for log in result.logs]
 
 
 def test_content_or_ending_makes_a_log(tmp_path):
@@ -28,9 +28,9 @@ def test_content_or_ending_makes_a_log(tmp_path):
         "old.bag": "",
     }
     others = {"README.md": "Logs, and more\nof them\n", "b/notes": "a, b", "image.png": "\x00", "empty": ""}
-    found = logs_found(str(write_logs(tmp_path, {**logs, **others})))
-    assert names(found) == ["a.ulg", "b/flight.CSV", "old.bag", "table"]
-    assert found.others == len(others)
+    result = logs_found(str(write_logs(tmp_path, {**logs, **others})))
+    assert names(result) == ["a.ulg", "b/flight.CSV", "old.bag", "table"]
+    assert result.others == len(others)
     (tmp_path / "flight").write_bytes(b"ULog\x01\x12\x35\x01")
     assert "flight" in names(logs_found(str(tmp_path)))
 
@@ -40,17 +40,20 @@ def test_globs_and_lists(tmp_path, monkeypatch):
     assert names(logs_found(f"{tmp_path}/x/**/*")) == ["1/a.csv", "2/a.csv"]
     assert names(logs_found(f"{tmp_path}/*/a.csv")) == ["y/a.csv"]
     (tmp_path / "list.txt").write_text("# mine\ny/a.csv\n\nx/1/a.csv\ny/a.csv\nnowhere\n")
-    found = logs_found(str(tmp_path / "list.txt"))
-    assert names(found) == ["nowhere", "x/1/a.csv", "y/a.csv"]
-    assert list(found.logs)[2].path == str(tmp_path / "y/a.csv")
+    path = logs_found(str(tmp_path / "list.txt"))
+    assert names(path) == ["nowhere", "x/1/a.csv", "y/a.csv"]
+    assert list(path.logs)[2].path == str(tmp_path / "y/a.csv")
     (tmp_path / "list.csv").write_text("path,tail\ny/a.csv,N1\nx/1/a.csv,\n")
-    assert [log.told for log in logs_found(str(tmp_path / "list.csv")).logs] == [{"tail": ""}, {"tail": "N1"}]
+    assert [log.metadata for log in logs_found(str(tmp_path / "list.csv")).logs] == [
+        {"tail": ""},
+        {"tail": "N1"},
+    ]
     assert names(logs_found(str(tmp_path / "y/a.csv"))) == ["a.csv"]
 
 
 def told(tmp_path, name, text):
     (tmp_path / name).write_text(text, encoding="utf-8")
-    return [(log.name, dict(log.told)) for log in logs_found(str(tmp_path / name)).logs]
+    return [(log.name, dict(log.metadata)) for log in logs_found(str(tmp_path / name)).logs]
 
 
 def test_lists_of_other_makings(tmp_path):
@@ -81,17 +84,17 @@ def test_lists_that_cannot_be_read_are_told(tmp_path, text, error, match):
 @pytest.mark.skipif(os.name == "nt", reason="paths are shorter there")
 def test_deep_folders_and_links(tmp_path):
     """Many folders in each other; links to files are files, those to folders are not followed."""
-    place = tmp_path / "/".join("d" * 200)
+    path = tmp_path / "/".join("d" * 200)
     made = tmp_path
-    for part in place.relative_to(tmp_path).parts:
+    for part in path.relative_to(tmp_path).parts:
         made /= part
         made.mkdir()
-    (place / "a.csv").touch()
+    (path / "a.csv").touch()
     (tmp_path / "loop").symlink_to(tmp_path)
-    (tmp_path / "b.csv").symlink_to(place / "a.csv")
-    found = logs_found(str(tmp_path))
-    assert names(found) == ["b.csv", f"{'d/' * 200}a.csv"]
-    assert (found.others, found.unread_folders) == (0, ())
+    (tmp_path / "b.csv").symlink_to(path / "a.csv")
+    logs = logs_found(str(tmp_path))
+    assert names(logs) == ["b.csv", f"{'d/' * 200}a.csv"]
+    assert (logs.others, logs.unread_folders) == (0, ())
 
 
 def test_what_is_not_there_is_told(tmp_path):
@@ -123,8 +126,8 @@ def test_files_that_are_one_log_together_count_once(tmp_path):
             "beside/b.ulg": "",
         },
     )
-    found = logs_found(str(tmp_path))
-    assert names(found) == [
+    logs = logs_found(str(tmp_path))
+    assert names(logs) == [
         "bag",
         "bag/other.ulg",
         "beside/b.ulg",
@@ -134,7 +137,7 @@ def test_files_that_are_one_log_together_count_once(tmp_path):
         "tables/notes_1.csv",
         "x/bag_2026",
     ]
-    assert found.others == 1
+    assert logs.others == 1
     assert names(logs_found(f"{tmp_path}/*/*.db3")) == names(logs_found(f"{tmp_path}/ba*")) == ["bag"]
     assert names(logs_found(str(tmp_path / "bag"))) == ["bag", "other.ulg"]
     (log, _) = logs_found(str(tmp_path / "bag")).logs
@@ -148,8 +151,8 @@ def test_strange_names_and_files(tmp_path):
     os.mkfifo(tmp_path / "pipe.ulg")
     os.mkfifo(tmp_path / "pipe")
     (tmp_path / "broken.csv").symlink_to("nowhere")
-    found = logs_found(str(tmp_path))
-    assert names(found) == [r"\udcff.ulg", "broken.csv", "pipe.ulg"]
+    logs = logs_found(str(tmp_path))
+    assert names(logs) == [r"\udcff.ulg", "broken.csv", "pipe.ulg"]
 
 
 @pytest.mark.skipif(os.name == "nt" or os.geteuid() == 0, reason="this user may read everything")
@@ -157,11 +160,11 @@ def test_closed_folders_are_told(tmp_path):
     write_logs(tmp_path, {"a.csv": "", "closed/b.csv": ""})
     (tmp_path / "closed").chmod(0)
     try:
-        found = logs_found(str(tmp_path))
+        logs = logs_found(str(tmp_path))
     finally:
         (tmp_path / "closed").chmod(0o700)
-    assert names(found) == ["a.csv"]
-    assert "Permission denied" in found.unread_folders[0]
+    assert names(logs) == ["a.csv"]
+    assert "Permission denied" in logs.unread_folders[0]
 
 
 @pytest.mark.parametrize(
@@ -175,13 +178,13 @@ def test_closed_folders_are_told(tmp_path):
     ],
 )
 def test_vehicles_by_path(pattern, name, told):
-    assert PathPattern(pattern).told(name) == told
+    assert PathPattern(pattern).fields_of(name) == told
 
 
 @pytest.mark.parametrize("pattern", ["{}", "{serial}/*", "{type}/*", "{vehicle}/{vehicle}"])
 def test_patterns_that_cannot_be(pattern):
     if pattern == "{type}/*":
-        assert PathPattern(pattern).told("quad/a.csv") == {"type": "quad"}
+        assert PathPattern(pattern).fields_of("quad/a.csv") == {"type": "quad"}
         return
     with pytest.raises(UsageError, match=r"a pattern with \{vehicle\}"):
         PathPattern(pattern)

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eivor.flights.motion import Ahead, AheadError, Starts, all_ahead, starts_of
+from eivor.flights.motion import HorizonErrors, MultiStepPrediction, Starts, multi_step_predictions, starts_of
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepare import prepare
 from eivor.flights.prepared import PreparedFlight
@@ -15,8 +15,8 @@ from eivor.motions import motion_by_name
 from motions.turning_logs import turned
 
 
-def error(model: str, quantity: str, size: float) -> AheadError:
-    return AheadError(model, f"model {model}", quantity, "rad/s", np.full((4, 5), size))
+def error(model: str, quantity: str, size: float) -> HorizonErrors:
+    return HorizonErrors(model, f"model {model}", quantity, "rad/s", np.full((4, 5), size))
 
 
 def test_states_are_carried_on_as_their_equation_says():
@@ -25,15 +25,17 @@ def test_states_are_carried_on_as_their_equation_says():
     time = 0.005 * np.arange(600)
     force, decay = np.sin(3.0 * time), 1.5
 
-    def truth(at: np.ndarray) -> np.ndarray:
-        return (decay * np.sin(3.0 * time[at]) - 3.0 * np.cos(3.0 * time[at])) / (decay**2 + 9.0)
+    def truth(nuisances: np.ndarray) -> np.ndarray:
+        return (decay * np.sin(3.0 * time[nuisances]) - 3.0 * np.cos(3.0 * time[nuisances])) / (
+            decay**2 + 9.0
+        )
 
-    begun = np.stack([truth(samples), truth(samples) + 1.0])
+    started = np.stack([truth(samples), truth(samples) + 1.0])
     driven = starts.over_step(force)
-    found = starts.carried(begun, lambda state, now: driven[now] - decay * state)
-    assert np.allclose(found[:, 0], truth(starts.ends), atol=2e-5)
+    carried = starts.propagate(started, lambda state, now: driven[now] - decay * state)
+    assert np.allclose(carried[:, 0], truth(starts.ends), atol=2e-5)
     left = np.exp(-decay * 0.005 * np.array(starts.steps))[:, None]
-    assert np.allclose(found[:, 1], truth(starts.ends) + left, atol=3e-5)
+    assert np.allclose(carried[:, 1], truth(starts.ends) + left, atol=3e-5)
 
 
 def test_fine_grids_are_passed_in_longer_steps_that_meet_the_horizons():
@@ -44,8 +46,8 @@ def test_fine_grids_are_passed_in_longer_steps_that_meet_the_horizons():
         visited.append(int(now[0]))
         return np.ones_like(state)
 
-    found = starts.carried(np.zeros((1, 1)), derivative)
-    assert np.allclose(found[:, 0, 0], [0.1, 0.2, 0.3, 0.4, 0.5])
+    carried = starts.propagate(np.zeros((1, 1)), derivative)
+    assert np.allclose(carried[:, 0, 0], [0.1, 0.2, 0.3, 0.4, 0.5])
     assert len(visited) == 2 * 50
     assert visited[-1] == 248
 
@@ -54,10 +56,10 @@ def test_what_drives_counts_with_all_its_samples():
     quick = np.cos(0.9 * np.pi * np.arange(400))
     starts = Starts(np.array([7]), (50, 100), 0.002)
     driven = starts.over_step(np.stack([quick, np.ones(400)]))
-    found = starts.carried(np.zeros((2, 1)), lambda _state, now: driven[:, now])
+    carried = starts.propagate(np.zeros((2, 1)), lambda _state, now: driven[:, now])
     whole = 0.002 * np.cumsum(0.5 * (quick[7:-1] + quick[8:]))
-    assert np.allclose(found[:, 0, 0], whole[[49, 99]], atol=1e-12)
-    assert np.allclose(found[:, 1, 0], [0.1, 0.2])
+    assert np.allclose(carried[:, 0, 0], whole[[49, 99]], atol=1e-12)
+    assert np.allclose(carried[:, 1, 0], [0.1, 0.2])
 
 
 @pytest.fixture(scope="module")
@@ -78,9 +80,9 @@ def test_every_half_second_that_is_predicted_stands_on_data(broken):
     starts = starts_of(broken)
     assert starts.steps == (20, 40, 60, 80, 100)
     assert starts.samples.size > 200
-    inside = [any(run.start <= one < run.stop - 100 for run in broken.runs) for one in starts.samples]
+    inside = [any(run.start <= sample < run.stop - 100 for run in broken.runs) for sample in starts.samples]
     assert all(inside)
-    assert all(broken.usable[one : one + 101].all() for one in starts.samples)
+    assert all(broken.usable[sample : sample + 101].all() for sample in starts.samples)
 
 
 def test_long_flights_have_no_more_starts(broken, monkeypatch):
@@ -95,14 +97,14 @@ def test_errors_are_held_against_those_of_simpler_models():
         error("fit", "yaw rate", 1.0),
         error("other", "yaw rate", 0.5),
     )
-    ahead = Ahead(errors, np.arange(4.0))
-    assert ahead.ratios["model other"] == pytest.approx(np.sqrt(0.25 * 2.0))
-    assert ahead.predicts
-    assert "'model other' leaves less of yaw rate." in ahead.sentence
-    assert "roll rate" not in ahead.sentence
-    worse = replace(ahead, errors=(error("fit", "roll rate", 5.0), *errors[1:]))
+    multi_step_prediction = MultiStepPrediction(errors, np.arange(4.0))
+    assert multi_step_prediction.ratios["model other"] == pytest.approx(np.sqrt(0.25 * 2.0))
+    assert multi_step_prediction.predicts
+    assert "'model other' leaves less of yaw rate." in multi_step_prediction.sentence
+    assert "roll rate" not in multi_step_prediction.sentence
+    worse = replace(multi_step_prediction, errors=(error("fit", "roll rate", 5.0), *errors[1:]))
     assert not worse.predicts
-    alone = Ahead(errors[:1], np.arange(4.0))
+    alone = MultiStepPrediction(errors[:1], np.arange(4.0))
     assert "nothing to hold" in alone.sentence
 
 
@@ -111,9 +113,11 @@ def test_flights_follow_each_other_and_what_nobody_measured_is_left_out():
     half = replace(
         error("fit", "roll rate", 3.0), left=np.vstack([np.full((2, 5), 3.0), np.full((2, 5), np.nan)])
     )
-    one = (error("fit", "roll rate", 1.0), unmeasured)
-    found = all_ahead([one, (half, unmeasured), ()], [np.arange(4.0), np.arange(4.0), np.empty(0)], ("said",))
-    assert [each.quantity for each in found.errors] == ["roll rate"]
-    assert found.errors[0].rms[0] == pytest.approx(np.sqrt((4 * 1.0 + 2 * 9.0) / 6))
-    assert found.start_s.size == 8
-    assert found.left_out == ("said",)
+    item = (error("fit", "roll rate", 1.0), unmeasured)
+    result = multi_step_predictions(
+        [item, (half, unmeasured), ()], [np.arange(4.0), np.arange(4.0), np.empty(0)], ("said",)
+    )
+    assert [each.quantity for each in result.errors] == ["roll rate"]
+    assert result.errors[0].rms[0] == pytest.approx(np.sqrt((4 * 1.0 + 2 * 9.0) / 6))
+    assert result.start_s.size == 8
+    assert result.omitted == ("said",)

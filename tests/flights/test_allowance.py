@@ -4,16 +4,24 @@ from __future__ import annotations
 
 import pytest
 
-from eivor.flights.estimate import with_allowances
-from eivor.flights.quantity import NAN, Allowance, Counts, Unjudged, Wording, reserved, widened
+from eivor.flights.estimate import with_systematic_uncertainties
+from eivor.flights.quantity import (
+    NAN,
+    Counts,
+    QuantityEstimate,
+    SystematicUncertainty,
+    Wording,
+    reserved_uncertainty,
+    widened,
+)
 from eivor.inference.verdict import Status, Verdict
 from eivor.motions.vertical.motion import Vertical
 
-LATE = Allowance(Counts.ADDED, 0.0, 0.25, "late by up to a quarter")
-BOTH = Allowance(Counts.ADDED, 0.5, 0.5, "either way")
-LEAST = Allowance(Counts.AT_LEAST, 2.0, 2.0, "at least")
-OWN = Allowance(Counts.INDEPENDENT, 0.75, 2.4, "of its own")
-RESERVE = Allowance(Counts.RESERVED, 0.1, 0.3, "for the verdict")
+LATE = SystematicUncertainty(Counts.ADDED, 0.0, 0.25, "late by up to a quarter")
+BOTH = SystematicUncertainty(Counts.ADDED, 0.5, 0.5, "either way")
+LEAST = SystematicUncertainty(Counts.AT_LEAST, 2.0, 2.0, "at least")
+OWN = SystematicUncertainty(Counts.INDEPENDENT, 0.75, 2.4, "of its own")
+RESERVE = SystematicUncertainty(Counts.RESERVED, 0.1, 0.3, "for the verdict")
 
 
 @pytest.mark.parametrize(
@@ -35,29 +43,31 @@ def test_intervals_with_their_systematic_parts(parts, wanted):
 
 
 def test_a_reserve_is_the_verdicts():
-    assert reserved((LATE, RESERVE, LEAST, RESERVE)) == pytest.approx(0.6)
+    assert reserved_uncertainty((LATE, RESERVE, LEAST, RESERVE)) == pytest.approx(0.6)
 
 
 def test_a_result_keeps_its_parts_and_widens_other_levels_by_them():
-    unjudged = Unjudged(
-        10.0, "s", 0.5, widened((9.0, 11.0), 10.0, (BOTH, RESERVE)), allowances=(BOTH, RESERVE)
+    quantity_estimate = QuantityEstimate(
+        10.0, "s", 0.5, widened((9.0, 11.0), 10.0, (BOTH, RESERVE)), systematic_uncertainties=(BOTH, RESERVE)
     )
-    found = unjudged.judged(Verdict(Status.WEAK), Wording("lag", "τ", "s"))
-    assert found.allowances == (BOTH, RESERVE)
-    assert found.interval == (8.5, 11.5)
-    assert found.widened((9.5, 10.5)) == (9.0, 11.0)
+    result = quantity_estimate.judged(Verdict(Status.WEAK), Wording("lag", "τ", "s"))
+    assert result.systematic_uncertainties == (BOTH, RESERVE)
+    assert result.interval == (8.5, 11.5)
+    assert result.widened((9.5, 10.5)) == (9.0, 11.0)
 
 
 def test_what_follows_from_a_headline_follows_it_when_it_widens():
     quantities = {
-        "viscous_friction": Unjudged(0.5, "1/s", 0.05, (0.4, 0.6)),
-        "hover_input": Unjudged(10.0, "", 0.5, (9.0, 11.0)),
-        "time_constant": Unjudged(2.0, "s", 0.2, (1.6, 2.6)),
+        "viscous_friction": QuantityEstimate(0.5, "1/s", 0.05, (0.4, 0.6)),
+        "hover_input": QuantityEstimate(10.0, "", 0.5, (9.0, 11.0)),
+        "time_constant": QuantityEstimate(2.0, "s", 0.2, (1.6, 2.6)),
     }
-    same = with_allowances(Vertical(), quantities, {"viscous_friction": (RESERVE,), "hover_input": (LEAST,)})
+    same = with_systematic_uncertainties(
+        Vertical(), quantities, {"viscous_friction": (RESERVE,), "hover_input": (LEAST,)}
+    )
     assert same["time_constant"] == quantities["time_constant"]
     assert same["hover_input"].interval == (8.0, 12.0)
-    part = Allowance(Counts.ADDED, 0.15, 0.4, "more")
-    wider = with_allowances(Vertical(), quantities, {"viscous_friction": (part,)})
+    part = SystematicUncertainty(Counts.ADDED, 0.15, 0.4, "more")
+    wider = with_systematic_uncertainties(Vertical(), quantities, {"viscous_friction": (part,)})
     assert wider["viscous_friction"].interval == pytest.approx((0.25, 1.0))
     assert wider["time_constant"].interval == pytest.approx((1.0, 4.0))

@@ -47,8 +47,8 @@ def pooled(pair: FlightEstimate, recordings: list[Recording]) -> FlightEstimate:
     problem = replace(problem_of(pair), flights=tuple(vertical_flight(flight) for flight in prepared))
     estimate = identify(problem, reference_iv())
     quantities = {
-        name: found.judged(Verdict(Status.IDENTIFIED), pair.motion.wording[name])
-        for name, found in pair.motion.quantities(problem, estimate).items()
+        name: quantity.judged(Verdict(Status.IDENTIFIED), pair.motion.wording[name])
+        for name, quantity in pair.motion.quantities(problem, estimate).items()
     }
     assert pair.fit is not None
     return replace(
@@ -113,14 +113,14 @@ def test_intervals_agree_with_those_of_pools_of_ten(pool: FlightEstimate) -> Non
     for number, gusts in ((2, 1.0), (3, 0.3)):
         other = pooled(pool, logs(number, 10, gusts))
         pools.append((other, bootstrap_flights(other, runs=200)))
-    ratios = np.array([[_ratio(one, replicates, name) for name in QUANTITIES] for one, replicates in pools])
+    ratios = np.array([[_ratio(item, replicates, name) for name in QUANTITIES] for item, replicates in pools])
     assert 0.8 < float(np.median(ratios)) < 1.2
     assert (np.abs(np.median(ratios, axis=0) - 1.0) < 0.3).all()
 
 
-def _ratio(one: FlightEstimate, replicates: Bootstrap, name: str) -> float:
+def _ratio(result: FlightEstimate, replicates: Bootstrap, name: str) -> float:
     low, high = replicates.interval(name)
-    return 0.5 * (high - low) / one.quantities[name].half_width
+    return 0.5 * (high - low) / result.quantities[name].half_width
 
 
 def test_percentiles_of_few_flights_are_too_narrow_by_the_factor_that_is_told(found: Bootstrap) -> None:
@@ -142,8 +142,8 @@ def test_measured_states_have_a_delay_and_no_lag() -> None:
 
 def test_what_cannot_be_resampled_is_refused(pool: FlightEstimate) -> None:
     assert pool.fit is not None
-    one = replace(problem_of(pool), flights=problem_of(pool).flights[:1])
-    alone = replace(pool, fit=replace(pool.fit, problem=one))
+    item = replace(problem_of(pool), flights=problem_of(pool).flights[:1])
+    alone = replace(pool, fit=replace(pool.fit, problem=item))
     with pytest.raises(UsageError, match="two flights or more"):
         bootstrap_flights(alone)
     by_another = replace(pool.fit.estimate, method="least_squares")

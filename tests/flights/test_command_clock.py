@@ -10,16 +10,16 @@ import pytest
 from flight_logs import changed, flown, prepare_vertical
 
 from eivor.flights.grid import Grid, command_on_grid
-from eivor.flights.lag_prior import GivenLag
+from eivor.flights.lag_prior import LagPrior
 from eivor.flights.options import FlightOptions
-from eivor.flights.quantity import Unjudged
+from eivor.flights.quantity import QuantityEstimate
 from eivor.flights.references import jumps
 from eivor.flights.timestamps import (
     CommandClock,
     as_issued,
-    beating_step,
     command_clock,
     finer_step,
+    period_from_aliasing,
     stamps_are_true,
 )
 from eivor.models.separable import Bounds, Prior
@@ -99,7 +99,7 @@ def test_a_quick_log_holds_every_command_unless_others_are_logged_more_often():
 )
 def test_stamps_that_jitter_by_much_beat_with_the_step_of_their_controller(issued_s, rate_hz, jitter_s):
     stamps = logged(issued_s, rate_hz, jitter_s=jitter_s)
-    assert beating_step(stamps, 0.001) == pytest.approx(issued_s, rel=0.01)
+    assert period_from_aliasing(stamps, 0.001) == pytest.approx(issued_s, rel=0.01)
     lost = stamps[(stamps < 20.0) | (stamps > 20.5)]
     assert command_clock(command(lost), []).issued_s == pytest.approx(issued_s, rel=0.05)
 
@@ -107,8 +107,8 @@ def test_stamps_that_jitter_by_much_beat_with_the_step_of_their_controller(issue
 @pytest.mark.parametrize("rate_hz", [50.0, 100.0, 250.0])
 def test_stamps_of_every_command_do_not_beat(rate_hz):
     for jitter_s in (0.0, 0.001, 0.3 / rate_hz):
-        assert beating_step(logged(1.0 / rate_hz, rate_hz, jitter_s=jitter_s), 0.001) is None
-    assert beating_step(np.arange(0.0, 4.0, 0.01), 0.001) is None
+        assert period_from_aliasing(logged(1.0 / rate_hz, rate_hz, jitter_s=jitter_s), 0.001) is None
+    assert period_from_aliasing(np.arange(0.0, 4.0, 0.01), 0.001) is None
 
 
 def test_even_commands_among_irregular_samples_are_all_of_them():
@@ -120,14 +120,14 @@ def test_even_commands_among_irregular_samples_are_all_of_them():
     stamped_wrongly = Channel("position_z", instants, np.sin(time), "m")
     issued = command(np.arange(0.0, 60.0, 0.01))
     some = command(np.delete(issued.time_s, random.integers(0, issued.time_s.size, 400)))
-    for one in (issued, some):
-        clock = command_clock(one, [irregular])
-        assert clock.told
+    for item in (issued, some):
+        clock = command_clock(item, [irregular])
+        assert clock.is_known
         assert not clock.thinned
-    assert not command_clock(issued, [even]).told
-    assert not command_clock(issued, [stamped_wrongly]).told
+    assert not command_clock(issued, [even]).is_known
+    assert not command_clock(issued, [stamped_wrongly]).is_known
     slow = command(np.arange(0.0, 60.0, 0.02))
-    assert not command_clock(slow, [irregular]).told
+    assert not command_clock(slow, [irregular]).is_known
 
 
 def test_what_a_slow_even_log_does_not_tell_is_slack_to_both_sides():
@@ -140,18 +140,18 @@ def test_what_a_slow_even_log_does_not_tell_is_slack_to_both_sides():
 
 def test_a_clock_that_is_told_leaves_no_slack():
     clock = command_clock(command(logged(0.004, 47.3)), [])
-    assert clock.told
+    assert clock.is_known
     assert clock.thinned
     assert clock.slack_s == 0.0
     assert "issued every 4 ms" in clock.sentence
 
 
 def test_commands_between_stamps_lie_on_the_line_between_them():
-    found = as_issued(
+    issued = as_issued(
         command(np.array([0.0, 0.02, 0.032]), np.array([1.0, 2.0, 5.0])), CommandClock(0.02, 0.004)
     )
-    np.testing.assert_allclose(found.time_s, 0.004 * np.arange(9))
-    np.testing.assert_allclose(found.values, [1.0, 1.2, 1.4, 1.6, 1.8, 2.0, 3.0, 4.0, 5.0])
+    np.testing.assert_allclose(issued.time_s, 0.004 * np.arange(9))
+    np.testing.assert_allclose(issued.values, [1.0, 1.2, 1.4, 1.6, 1.8, 2.0, 3.0, 4.0, 5.0])
 
 
 def test_a_log_of_every_command_stays_as_it_is():
@@ -163,11 +163,11 @@ def test_nothing_is_put_into_gaps_or_beside_missing_values():
     time = np.concatenate([np.arange(0.0, 1.0, 0.02), np.arange(3.0, 4.0, 0.02)])
     values = np.ones(time.size)
     values[10] = np.nan
-    found = as_issued(command(time, values), CommandClock(0.02, 0.01))
-    assert not ((found.time_s > 0.99) & (found.time_s < 3.0)).any()
-    assert np.isnan(found.values).sum() == 1
-    assert not ((found.time_s > time[9]) & (found.time_s < time[10])).any()
-    assert not ((found.time_s > time[10]) & (found.time_s < time[11])).any()
+    issued = as_issued(command(time, values), CommandClock(0.02, 0.01))
+    assert not ((issued.time_s > 0.99) & (issued.time_s < 3.0)).any()
+    assert np.isnan(issued.values).sum() == 1
+    assert not ((issued.time_s > time[9]) & (issued.time_s < time[10])).any()
+    assert not ((issued.time_s > time[10]) & (issued.time_s < time[11])).any()
 
 
 def thinned(log, every: int):
@@ -184,15 +184,15 @@ def lateness(rate_hz: float, clock: CommandClock) -> float:
     kept = logged(0.004, rate_hz)
     grid = Grid(1.0, 0.01, (range(5500),))
     whole, thin = (
-        command_on_grid(one, grid)[0] for one in (command(issued), as_issued(command(kept), clock))
+        command_on_grid(item, grid)[0] for item in (command(issued), as_issued(command(kept), clock))
     )
     slope = -np.sin(grid.time_s)
     return float((whole - thin) @ slope / (slope @ slope))
 
 
 def test_a_thinned_command_is_neither_late_nor_early():
-    told = command_clock(command(logged(0.004, 47.3)), [])
-    assert lateness(47.3, told) == pytest.approx(0.0, abs=2e-5)
+    clock = command_clock(command(logged(0.004, 47.3)), [])
+    assert lateness(47.3, clock) == pytest.approx(0.0, abs=2e-5)
     # held from stamp to stamp it is late by half of what the log's step is longer than the controller's
     assert lateness(47.3, CommandClock(0.0211, 0.0211)) == pytest.approx(0.0086, abs=2e-4)
 
@@ -208,7 +208,7 @@ def test_what_the_log_does_not_tell_is_said_with_the_lag():
     log = thinned(flown(seconds=20.0, seed=4)[0], 3)
     prepared = prepare_vertical(log, FlightOptions())
     assert prepared.command_slack_s == pytest.approx(0.0075)
-    assert [found.name for found in prepared.findings] == ["command_clock"]
+    assert [finding.name for finding in prepared.findings] == ["command_clock"]
 
 
 def test_a_log_of_every_command_has_no_slack():
@@ -219,13 +219,13 @@ def test_a_log_of_every_command_has_no_slack():
 
 
 def test_a_given_lag_is_less_certain_where_the_command_may_be_late():
-    told = Unjudged(0.050, "s", 0.002, (0.046, 0.054))
-    given = GivenLag(Prior(0.060, 0.003), told, 0.006)
+    quantity_estimate = QuantityEstimate(0.050, "s", 0.002, (0.046, 0.054))
+    given = LagPrior(Prior(0.060, 0.003), quantity_estimate, 0.006)
     assert given.for_the_log.std == pytest.approx(np.hypot(0.003, 0.006 / np.sqrt(3.0)))
-    assert GivenLag(Bounds(0.04, 0.05), told, 0.006).for_the_log == Bounds(0.034, 0.056)
-    assert GivenLag(Prior(0.060, 0.003), told).for_the_log == Prior(0.060, 0.003)
+    assert LagPrior(Bounds(0.04, 0.05), quantity_estimate, 0.006).for_the_log == Bounds(0.034, 0.056)
+    assert LagPrior(Prior(0.060, 0.003), quantity_estimate).for_the_log == Prior(0.060, 0.003)
     # 10 ms apart: with standard errors of 2 and 3 ms much, with 6 ms more that are open less
-    assert given.p_value > 5.0 * GivenLag(Prior(0.060, 0.003), told).p_value
+    assert given.p_value > 5.0 * LagPrior(Prior(0.060, 0.003), quantity_estimate).p_value
     assert "[40, 60] ms" in given.sentence
 
 
@@ -251,15 +251,15 @@ def test_uneven_stamps_and_stamps_that_err_make_no_jump():
     grid, rng = Grid(0.0, 0.01, (range(4000),)), np.random.default_rng(7)
     used = np.ones(4000, dtype=np.bool_)
     even = np.arange(0.0, 39.9, 0.02)
-    uneven = np.sort(even + rng.uniform(0.0, 0.015, even.size))
+    has_jitter = np.sort(even + rng.uniform(0.0, 0.015, even.size))
     wave = np.sin
-    assert not jumps(command(uneven, wave(uneven)), grid, used)
-    assert not jumps(command(uneven, wave(even)), grid, used)
-    late = wave(uneven - rng.uniform(0.0, 0.004, even.size))  # a setpoint that is renewed every 4 ms
-    assert not jumps(command(uneven, late), grid, used)
-    assert jumps(command(uneven, late + (uneven > 20.0)), grid, used)
+    assert not jumps(command(has_jitter, wave(has_jitter)), grid, used)
+    assert not jumps(command(has_jitter, wave(even)), grid, used)
+    late = wave(has_jitter - rng.uniform(0.0, 0.004, even.size))  # a setpoint that is renewed every 4 ms
+    assert not jumps(command(has_jitter, late), grid, used)
+    assert jumps(command(has_jitter, late + (has_jitter > 20.0)), grid, used)
     # of what is not used nothing counts
-    assert not jumps(command(uneven, late + (uneven > 20.0)), grid, grid.time_s < 19.0)
+    assert not jumps(command(has_jitter, late + (has_jitter > 20.0)), grid, grid.time_s < 19.0)
 
 
 def looked_at(issued_s: float, instants, name: str = "input"):
@@ -316,9 +316,9 @@ def test_rounded_values_repeat_by_themselves():
 
 def test_what_a_logger_looked_at_is_not_late():
     _, instants = irregular(0.01, 0.002)
-    found = as_issued(looked_at(0.01, instants), CommandClock(0.01, 0.00125, looked=True))
+    result = as_issued(looked_at(0.01, instants), CommandClock(0.01, 0.00125, looked=True))
     grid = Grid(1.0, 0.01, (range(5500),))
-    thin = command_on_grid(found, grid)[0]
+    thin = command_on_grid(result, grid)[0]
     issued = np.arange(0.0, 62.0, 0.01)
     whole = command_on_grid(command(issued, looked_at(0.01, issued).values), grid)[0]
     slope = -np.sin(grid.time_s)
@@ -329,8 +329,8 @@ def test_a_clock_that_jumps_by_days_takes_no_memory_for_them():
     rng = np.random.default_rng(0)
     time_s = 0.02 * np.arange(1500) + 0.002 * rng.random(1500)
     tracemalloc.start()
-    late = beating_step(np.append(time_s[:900], time_s[900:] + 1e6), 0.001)
+    late = period_from_aliasing(np.append(time_s[:900], time_s[900:] + 1e6), 0.001)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
-    assert late == beating_step(time_s[:900], 0.001)
+    assert late == period_from_aliasing(time_s[:900], 0.001)
     assert peak < 50e6

@@ -62,9 +62,9 @@ def test_what_is_declared_a_data_sheet_and_a_map_say_the_same(log):
 
 
 def test_noise_is_estimated_from_the_fastest_part(log):
-    found = level(log, noise="estimate")
-    assert found.std == pytest.approx(np.hypot(NOISE, 0.03), rel=0.05)
-    assert "estimated" in found.sentence
+    result = level(log, noise="estimate")
+    assert result.std == pytest.approx(np.hypot(NOISE, 0.03), rel=0.05)
+    assert "estimated" in result.sentence
 
 
 @pytest.mark.thorough
@@ -74,7 +74,7 @@ def test_the_lag_is_searched_with_the_noise_taken_out(log):
     assert lag.interval[0] < LAG_S < lag.interval[1]
     assert lag.half_width < 0.02
     assert result.verdict.status.value == "provisional"
-    assert any(one.name == "noise" and "velocity_z" in one.message for one in result.findings)
+    assert any(finding.name == "noise" and "velocity_z" in finding.message for finding in result.findings)
 
 
 def test_without_a_declared_noise_it_says_what_to_do(log):
@@ -93,7 +93,9 @@ def test_generalized_iv_by_references_needs_no_noise_and_by_past_inputs_is_provi
     assert friction.interval[0] < FRICTION < friction.interval[1]
     by_inputs = ev.identify_flight(log, method="generalized_iv", instruments=("lags",))
     assert by_inputs.verdict.status.value in ("provisional", "refused")
-    assert any(one.startswith("Past inputs are the instruments") for one in by_inputs.verdict.sentences)
+    assert any(
+        sentence.startswith("Past inputs are the instruments") for sentence in by_inputs.verdict.sentences
+    )
 
 
 @pytest.mark.parametrize(

@@ -28,22 +28,22 @@ def example() -> ev.FlightEstimate:
 def test_leverage_of_a_run_is_the_solution_without_it():
     made = problem(*flights(4, seconds=30.0, noise=Noise(gust=0.3)), lags=LAGS)
     fit = ev.identify(made, ev.methods.reference_iv())
-    found = run_leverage(ev.diagnose(fit))
-    assert found.shift.shape == (4, 3)
+    leverage = run_leverage(ev.diagnose(fit))
+    assert leverage.shift.shape == (4, 3)
     equation, rows = fit.best.equation, fit.best.rows
     jacobian = np.column_stack([rows.regressors, fit.best.solved.nuisance_columns])
     for flight in range(4):
         rest = rows.layout.flight_of_row != flight
         P, G, e = equation.test_functions[rest], jacobian[rest], equation.residual[rest]
         # the lag was searched for to a tolerance, so that the scores add up to zero only nearly
-        np.testing.assert_allclose(found.shift[flight], np.linalg.solve(P.T @ G, P.T @ e), rtol=0.03)
+        np.testing.assert_allclose(leverage.shift[flight], np.linalg.solve(P.T @ G, P.T @ e), rtol=0.03)
 
 
 @pytest.mark.thorough
 def test_few_runs_are_cut_into_tenths():
     made = problem(*flights(FEWEST_RUNS - 1, seconds=30.0, noise=Noise()), lags=LAGS)
-    found = run_leverage(ev.diagnose(ev.identify(made, ev.methods.reference_iv())))
-    assert found.shift.shape == (10, 3)
+    leverage = run_leverage(ev.diagnose(ev.identify(made, ev.methods.reference_iv())))
+    assert leverage.shift.shape == (10, 3)
 
 
 @pytest.mark.calibration
@@ -51,8 +51,8 @@ def test_constancy_keeps_its_size_in_flights():
     """Flights in gusts: no more of them change than the level says."""
     runs = 12
     each = [problem(*flights(1, seconds=40.0, noise=Noise(gust=0.5), seed=s), lags=LAGS) for s in range(runs)]
-    found = [ev.diagnose(ev.identify(one, ev.methods.reference_iv())).constancy.p_value for one in each]
-    assert sum(p < 0.05 for p in found) <= stats.binom.ppf(1.0 - 1e-4, runs, 0.06)
+    p_values = [ev.diagnose(ev.identify(item, ev.methods.reference_iv())).constancy.p_value for item in each]
+    assert sum(p < 0.05 for p in p_values) <= stats.binom.ppf(1.0 - 1e-4, runs, 0.06)
 
 
 @pytest.mark.thorough
@@ -63,14 +63,14 @@ def test_a_change_between_flights_is_told():
     channels["rotor_command_1"] = 1.1 * channels["rotor_command_1"]
     changed = replace(second, signals=replace(second.signals, channels=channels))
     fit = ev.identify(problem(first, changed, lags=LAGS), ev.methods.reference_iv())
-    found = ev.diagnose(fit)
-    assert found.constancy.p_value <= 0.01
-    assert found.constancy.break_at == pytest.approx(0.5, abs=0.05)
+    diagnose = ev.diagnose(fit)
+    assert diagnose.constancy.p_value <= 0.01
+    assert diagnose.constancy.break_at == pytest.approx(0.5, abs=0.05)
     gain = fit.names.index("input_gain")
-    assert found.constancy.change[gain] / fit.parameters["input_gain"] == pytest.approx(
+    assert diagnose.constancy.change[gain] / fit.parameters["input_gain"] == pytest.approx(
         1.0 / 1.21 - 1.0, abs=0.07
     )
-    assert any("change during the record" in reason.sentence for reason in found.reasons)
+    assert any("change during the record" in reason.sentence for reason in diagnose.reasons)
 
 
 def test_numbers_of_the_example(example):
@@ -87,8 +87,8 @@ def test_numbers_of_the_example(example):
 
 
 def test_checks_are_said_in_words(example):
-    said = dict(checks(example))
-    assert list(said) == [
+    sentence = dict(checks(example))
+    assert list(sentence) == [
         "sensors",
         "instruments",
         "agreement",
@@ -99,53 +99,53 @@ def test_checks_are_said_in_words(example):
         "least squares",
         "left out",
     ]
-    assert "first-stage F" in said["instruments"]
-    assert said["agreement"].startswith("the instruments agree")
-    assert said["constancy"].startswith("the parameters stay the same")
-    assert said["periods"].startswith("nothing varies periodically (p ")
-    assert said["least squares"] == "would give K 0.186 1/s"
-    found = example.fit.checks
-    place = example.names.index("viscous_friction")
+    assert "first-stage F" in sentence["instruments"]
+    assert sentence["agreement"].startswith("the instruments agree")
+    assert sentence["constancy"].startswith("the parameters stay the same")
+    assert sentence["periods"].startswith("no periodic component in the residual (p ")
+    assert sentence["least squares"] == "would give K 0.186 1/s"
+    result = example.fit.checks
+    index = example.names.index("viscous_friction")
 
     def moved(values: np.ndarray, by: float) -> np.ndarray:
-        return np.where(np.arange(values.size) == place, by, values)
+        return np.where(np.arange(values.size) == index, by, values)
 
     worse = replace(
-        found,
-        agreement=replace(found.agreement, p_value=1e-9),
+        result,
+        agreement=replace(result.agreement, p_value=1e-9),
         constancy=replace(
-            found.constancy, p_value=0.001, break_at=0.4, change=moved(found.constancy.change, 0.1)
+            result.constancy, p_value=0.001, break_at=0.4, change=moved(result.constancy.change, 0.1)
         ),
         endogeneity=replace(
-            found.endogeneity, p_value=0.001, difference=moved(found.endogeneity.difference, -0.3)
+            result.endogeneity, p_value=0.001, difference=moved(result.endogeneity.difference, -0.3)
         ),
         leverage=replace(
-            found.leverage,
-            in_std_errors=np.vstack([moved(row, -3.0) for row in found.leverage.in_std_errors]),
+            result.leverage,
+            in_std_errors=np.vstack([moved(row, -3.0) for row in result.leverage.in_std_errors]),
         ),
-        memory=replace(found.memory, memory=0.9),
+        memory=replace(result.memory, memory=0.9),
         periodicity=replace(
-            found.periodicity, parameters=(Swing("viscous_friction", "1/s", 6.0, 0.1, 1e-6),), left_over=()
+            result.periodicity, parameters=(Swing("viscous_friction", "1/s", 6.0, 0.1, 1e-6),), left_over=()
         ),
     )
-    said = dict(checks(replace(example, fit=replace(example.fit, checks=worse))))
-    assert said["agreement"] == "the instruments disagree (p <= 0.001)"
-    assert said["constancy"] == (
+    sentence = dict(checks(replace(example, fit=replace(example.fit, checks=worse))))
+    assert sentence["agreement"] == "the instruments disagree (p <= 0.001)"
+    assert sentence["constancy"] == (
         "the parameters change (p <= 0.001), most likely 40% into the time used: K by +0.1 1/s"
     )
-    assert said["periods"] == "K varies by ±0.1 1/s with a period of 6 s (p <= 0.001)"
+    assert sentence["periods"] == "K varies by ±0.1 1/s with a period of 6 s (p <= 0.001)"
     pushed = replace(
         worse,
-        periodicity=replace(found.periodicity, left_over=(Swing("acceleration", "m/s²", 6.0, 0.3, 1e-6),)),
+        periodicity=replace(result.periodicity, left_over=(Swing("acceleration", "m/s²", 6.0, 0.3, 1e-6),)),
     )
     said_of_a_push = dict(checks(replace(example, fit=replace(example.fit, checks=pushed))))["periods"]
     assert said_of_a_push == (
         "what the model leaves over of the acceleration swings by ±0.3 m/s² with a period of 6 s "
         "(p <= 0.001), as by a wind or a supply that swings"
     )
-    assert "standard errors off" in said["least squares"]
-    assert said["residual"].endswith("(it drifts)")
-    assert said["leverage"].endswith("-3.0 standard errors: look at it")
+    assert "standard errors off" in sentence["least squares"]
+    assert sentence["residual"].endswith("(it drifts)")
+    assert sentence["leverage"].endswith("-3.0 standard errors: inspect that part")
 
 
 def test_nothing_is_checked_without_an_estimate(example):
@@ -154,8 +154,8 @@ def test_nothing_is_checked_without_an_estimate(example):
 
 @pytest.mark.thorough
 def test_a_direct_method_has_fewer_checks():
-    found = ev.identify_flight(ev.read_log(str(EXAMPLE)), ev.FlightOptions(method="least_squares"))
-    said = dict(checks(found))
-    assert "instruments" not in said
-    assert "least squares" not in said
-    assert "constancy" in said
+    identify_flight = ev.identify_flight(ev.read_log(str(EXAMPLE)), ev.FlightOptions(method="least_squares"))
+    sentence = dict(checks(identify_flight))
+    assert "instruments" not in sentence
+    assert "least squares" not in sentence
+    assert "constancy" in sentence

@@ -42,8 +42,8 @@ def test_short_excursions_are_left_out_of_a_run_and_long_ones_end_it(log):
 
 
 def test_runs_of_a_second_serve_and_those_mostly_beyond_the_limit_do_not(log):
-    apart = [(1.3 + 2.5 * i, 2.5 + 2.5 * i) for i in range(8)]
-    assert len(prepare_vertical(tilting(log, *apart), FlightOptions()).runs) == 8
+    separated = [(1.3 + 2.5 * i, 2.5 + 2.5 * i) for i in range(8)]
+    assert len(prepare_vertical(tilting(log, *separated), FlightOptions()).runs) == 8
     shaken = [(0.4 * i, 0.4 * i + 0.25) for i in range(50)]
     assert prepare_vertical(tilting(log, *shaken), FlightOptions()).runs == ()
     short = [(1.3 + 2.5 * i, 3.4 + 2.5 * i) for i in range(8)]  # a run of 1.3 s, the others too short
@@ -58,10 +58,10 @@ def test_what_is_measured_beyond_a_limit_counts_for_nothing(log, method):
     force = tilted.channel("specific_force_z").values.copy()
     spoilt = changed(tilted, specific_force_z=np.where(tilted.channel("cos_tilt").values < 0.9, 1e3, force))
     options = FlightOptions(method=method)
-    was, found = identify_flight(tilted, options), identify_flight(spoilt, options)
+    was, flight = identify_flight(tilted, options), identify_flight(spoilt, options)
     for name, quantity in was.quantities.items():
-        assert found.quantities[name].value == pytest.approx(quantity.value, rel=1e-9)
-        assert found.quantities[name].interval == pytest.approx(quantity.interval, rel=1e-9)
+        assert flight.quantities[name].value == pytest.approx(quantity.value, rel=1e-9)
+        assert flight.quantities[name].interval == pytest.approx(quantity.interval, rel=1e-9)
 
 
 @pytest.mark.thorough
@@ -69,9 +69,9 @@ def test_what_is_measured_beyond_a_limit_counts_for_nothing(log, method):
 def test_a_flight_that_tilts_now_and_then_tells_what_it_tells_level(log):
     # the tilt is made up: the cosine of those samples is wrong, and would be seen in the gain
     excursions = [(1.0 + i, 1.2 + i) for i in range(18)]
-    found = identify_flight(tilting(log, *excursions)).quantities["input_gain"]
-    assert abs(found.value - GAIN) < 3.0 * found.std_error
-    assert found.half_width < 0.1 * GAIN
+    quantity = identify_flight(tilting(log, *excursions)).quantities["input_gain"]
+    assert abs(quantity.value - GAIN) < 3.0 * quantity.std_error
+    assert quantity.half_width < 0.1 * GAIN
 
 
 @pytest.mark.thorough
@@ -87,6 +87,6 @@ def test_pictures_and_predictions_leave_them_out(log):
     passed = run.spectral.band_passed(trace.measured[:, None])
     assert passed.shape == (2000 - 140, 1)
     predicted = result.motion.predictions(
-        result.fit.problem, dict(result.fit.estimate.best.at) | result.parameters
+        result.fit.problem, dict(result.fit.estimate.best.nuisances) | result.parameters
     )
-    assert {one.measured.size for one in predicted} == {2000 - 140}
+    assert {item.measured.size for item in predicted} == {2000 - 140}

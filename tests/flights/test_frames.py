@@ -69,9 +69,9 @@ def test_z_down_log_gives_the_answers_of_the_z_up_log():
     for name in ("position_z", "velocity_z", "specific_force_z", "reference_position_z",
                  "reference_velocity_z", "attitude_y", "attitude_z"):  # fmt: skip
         down[name] = replace(down[name], values=-down[name].values)
-    found = identify_flight(leaning)
+    flight = identify_flight(leaning)
     mirrored = identify_flight(replace(leaning, channels=down, frame=Frame.NED))
-    for name, quantity in found.quantities.items():
+    for name, quantity in flight.quantities.items():
         assert mirrored.quantities[name].value == pytest.approx(quantity.value, rel=1e-9)
         assert mirrored.quantities[name].interval == pytest.approx(quantity.interval, rel=1e-6)
     np.testing.assert_array_equal(down["velocity_z"].values, -leaning.channels["velocity_z"].values)
@@ -120,8 +120,8 @@ def test_axes_of_the_accelerometer_may_have_their_own_clocks():
         for i, axis in enumerate("xy")
     }
     flown_with = changed(log, **moved, specific_force_body_z=replace(z, values=smooth[:, 2].copy()))
-    found = prepare_vertical(flown_with, FlightOptions()).signals.channel("specific_force_z")
-    np.testing.assert_allclose(found[2:-2], 9.8, atol=2e-3)
+    result = prepare_vertical(flown_with, FlightOptions()).signals.channel("specific_force_z")
+    np.testing.assert_allclose(result[2:-2], 9.8, atol=2e-3)
     # An axis without a sample is no accelerometer.
     empty = changed(log, specific_force_body_x=channel("specific_force_body_x", [], []))
     names = [finding.name for finding in prepare_vertical(empty, FlightOptions()).findings]

@@ -11,8 +11,8 @@ from flight_logs import LAG_S, changed, flown
 
 import eivor as ev
 from eivor.errors import ParameterError, UsageError
-from eivor.flights.lag_prior import GivenLag, with_given_lag
-from eivor.flights.quantity import Unjudged
+from eivor.flights.lag_prior import LagPrior, with_lag_prior
+from eivor.flights.quantity import QuantityEstimate
 from eivor.inference.verdict import Status
 from eivor.models.separable import Nuisance, SeparableProblem, combinations
 from eivor.motions.rigid_body.regression import searched_lag_and_delay
@@ -44,12 +44,12 @@ def test_a_given_lag_narrows_what_it_moves(log):
 def test_the_report_says_what_the_flight_alone_says(log):
     alone = ev.identify_flight(log).quantities["effective_lag"]
     known = ev.identify_flight(log, lag=ev.Prior(LAG_S, 0.015))
-    given = known.fit.given_lag
+    given = known.fit.lag_prior
     assert given.alone.value == alone.value
     assert given.p_value > 0.05
-    said = dict(checks(known))["lag"]
-    assert said.startswith("given 50 ± 15 ms (one standard deviation); the flight alone says ")
-    assert "they agree" in said
+    sentence = dict(checks(known))["lag"]
+    assert sentence.startswith("given 50 ± 15 ms (one standard deviation); the flight alone says ")
+    assert "they agree" in sentence
     document = json.loads(known.to_json())
     assert document["given_lag"]["alone"] == alone.value
     assert document["provenance"]["options"]["lag"] == {"mean": LAG_S, "std": 0.015}
@@ -71,7 +71,9 @@ def test_with_bounds_the_numbers_hold_for_every_lag_between(log):
     assert lag.interval == (0.03, 0.08)
     assert lag.value == pytest.approx(min(max(alone.quantities["effective_lag"].value, 0.03), 0.08))
     assert "actuator_lag" not in between.estimate.names
-    assert all(0.03 <= sum(candidate.at.values()) <= 0.08 + 1e-9 for candidate in between.estimate.candidates)
+    assert all(
+        0.03 <= sum(candidate.nuisances.values()) <= 0.08 + 1e-9 for candidate in between.estimate.candidates
+    )
     # the profile set is a union too, each lag having a least J of its own
     sets = between.fit.sets["viscous_friction"]
     ends = [at_one.fit.sets["viscous_friction"].profile.hull for at_one in known]
@@ -82,11 +84,11 @@ def test_with_bounds_the_numbers_hold_for_every_lag_between(log):
 def test_bounds_are_held_against_what_the_flight_says():
     good = flown(seconds=15.0)[0]
     around, beyond = (ev.identify_flight(good, lag=ev.Bounds(*ends)) for ends in ((0.02, 0.2), (0.12, 0.15)))
-    said = dict(checks(around))["lag"]
-    assert said.startswith("given 20 to 200 ms; the flight alone says ")
-    assert "they agree, and the flight alone is closer" in said
-    assert around.fit.given_lag.p_value == 1.0
-    assert beyond.fit.given_lag.contradicted
+    message = dict(checks(around))["lag"]
+    assert message.startswith("given 20 to 200 ms; the flight alone says ")
+    assert "they agree, and the flight alone is closer" in message
+    assert around.fit.lag_prior.p_value == 1.0
+    assert beyond.fit.lag_prior.contradicted
     assert beyond.quantities["viscous_friction"].verdict is Status.WEAK
     assert any("given 120 to 150 ms" in sentence for sentence in beyond.verdict.sentences)
 
@@ -94,11 +96,11 @@ def test_bounds_are_held_against_what_the_flight_says():
 def test_neither_lag_nor_delay_is_searched():
     good = flown(seconds=15.0)[0]
     none = ev.identify_flight(good, lag=ev.Bounds(0.0, 0.0))
-    assert dict(none.estimate.best.at) == {"actuator_lag": 0.0, "delay": 0.0}
+    assert dict(none.estimate.best.nuisances) == {"actuator_lag": 0.0, "delay": 0.0}
     assert len(none.estimate.candidates) == 1
     assert none.quantities["effective_lag"].interval == (0.0, 0.0)
     assert "given neither lag nor delay" in dict(checks(none))["lag"]
-    assert none.fit.given_lag.contradicted
+    assert none.fit.lag_prior.contradicted
 
 
 def test_the_instruments_agree_or_not_whatever_was_given():
@@ -115,15 +117,17 @@ def test_what_is_known_the_instruments_need_not_tell(log):
     assert strengths[0]["actuator_lag"] < strengths[1]["actuator_lag"] < strengths[2]["actuator_lag"]
     # with a lag that is known exactly the others are as strong as without one to find
     problem = alone.fit.problem
-    at = problem.with_nuisances((problem.lag.known_at(sure.estimate.best.at["actuator_lag"]), problem.delay))
-    fixed = ev.identify(at, ev.methods.reference_iv()).best.inference.first_stage[0]
+    index = problem.with_nuisances(
+        (problem.lag.known_at(sure.estimate.best.nuisances["actuator_lag"]), problem.delay)
+    )
+    fixed = ev.identify(index, ev.methods.reference_iv()).best.inference.first_stage[0]
     assert strengths[2]["viscous_friction"] == pytest.approx(fixed, rel=0.05)
 
 
 def test_a_contradiction_is_said_and_makes_the_numbers_weak():
     good = flown(seconds=15.0)[0]
     wrong = ev.identify_flight(good, lag=ev.Prior(0.15, 0.01))
-    assert wrong.fit.given_lag.contradicted
+    assert wrong.fit.lag_prior.contradicted
     for name in ("viscous_friction", "input_gain", "effective_lag"):
         assert wrong.quantities[name].verdict is Status.WEAK
         assert any("contradicts the flight" in reason.sentence for reason in wrong.quantities[name].reasons)
@@ -135,8 +139,8 @@ def test_a_contradiction_is_said_and_makes_the_numbers_weak():
     ("value", "error", "p_value"), [(0.07, 0.004, 1.0), (0.08, 0.0, 0.0455), (0.083, 0.012, 0.4053)]
 )
 def test_the_test_is_that_of_two_independent_numbers(value, error, p_value):
-    alone = Unjudged(value, "s", error, (value - 2.0 * error, value + 2.0 * error))
-    given = GivenLag(ev.Prior(0.07, 0.005 if error < 0.01 else 0.01), alone)
+    alone = QuantityEstimate(value, "s", error, (value - 2.0 * error, value + 2.0 * error))
+    given = LagPrior(ev.Prior(0.07, 0.005 if error < 0.01 else 0.01), alone)
     assert given.p_value == pytest.approx(p_value, abs=1e-3)
 
 
@@ -177,20 +181,20 @@ class Searched(SeparableProblem):
 
     nuisances: tuple[Nuisance, ...]
 
-    def rows(self, at):
+    def rows(self, nuisance_values):
         raise NotImplementedError
 
-    def bins(self, at):
+    def bins(self, nuisance_values):
         raise NotImplementedError
 
 
 def test_bounds_leave_a_delay_that_is_no_choice_of_a_few_as_the_flight_tells_it():
     lag, delay = searched_lag_and_delay()
     alone = {lag.name: 0.044, delay.name: 0.008}
-    known = with_given_lag(Searched((lag, delay)), ev.Bounds(0.05, 0.06), alone)
+    known = with_lag_prior(Searched((lag, delay)), ev.Bounds(0.05, 0.06), alone)
     tried = list(combinations(known.nuisances))
-    assert {at[delay.name] for at in tried} == {0.008}
-    sums = [at[lag.name] + at[delay.name] for at in tried]
+    assert {item[delay.name] for item in tried} == {0.008}
+    sums = [item[lag.name] + item[delay.name] for item in tried]
     assert min(sums) == pytest.approx(0.05)
     assert max(sums) == pytest.approx(0.06)
-    assert any(abs(one - 0.052) < 1e-9 for one in sums)  # the flight's own is among them
+    assert any(abs(item - 0.052) < 1e-9 for item in sums)  # the flight's own is among them

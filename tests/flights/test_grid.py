@@ -228,9 +228,9 @@ def gridded(*channels: Channel) -> Grid:
 
 
 def test_a_jump_of_the_clock_costs_no_samples():
-    found = [gridded(jumping(jump)) for jump in (20.0, 1e4, 1e9)]
-    assert [grid.count for grid in found] == [found[0].count] * 3
-    for grid, jump in zip(found, (20.0, 1e4, 1e9), strict=True):
+    results = [gridded(jumping(jump)) for jump in (20.0, 1e4, 1e9)]
+    assert [grid.count for grid in results] == [results[0].count] * 3
+    for grid, jump in zip(results, (20.0, 1e4, 1e9), strict=True):
         assert grid.count * grid.step_s == pytest.approx(20.0 + MARGIN_S + MEMORY_S, abs=0.03)
         assert grid.time_s[0] == 0.0
         assert grid.time_s[-1] == pytest.approx(19.99 + jump)
@@ -290,10 +290,10 @@ def test_around_what_is_used_stays_what_it_needs(seed, runs):
     wanted = [
         used.any()
         and bool(
-            ((t[used] - one >= -1e-9) & (t[used] - one <= 2.0 + 1e-9)).any()
-            or ((one - t[used] >= -1e-9) & (one - t[used] <= MARGIN_S + 1e-9)).any()
+            ((t[used] - item >= -1e-9) & (t[used] - item <= 2.0 + 1e-9)).any()
+            or ((item - t[used] >= -1e-9) & (item - t[used] <= MARGIN_S + 1e-9)).any()
         )
-        for one in t
+        for item in t
     ]
     np.testing.assert_array_equal(kept, wanted)
     cut = grid.kept(kept)

@@ -10,11 +10,10 @@ import pytest
 from flight_logs import LAG_S, changed, flown, prepare_vertical
 
 import eivor as ev
-from eivor.flights import identify
-from eivor.flights.estimate import SENSORS_APART_S, estimated, lags_beside
-from eivor.flights.lag_prior import ToldLag
+from eivor.flights.estimate import SENSORS_APART_S, estimated, lags_from_rates
+from eivor.flights.lag_prior import LagMeasurement
 from eivor.flights.options import FlightOptions
-from eivor.flights.quantity import Unjudged
+from eivor.flights.quantity import QuantityEstimate
 from eivor.lab.disturbances import OrnsteinUhlenbeck
 from eivor.motions.rates.motion import Rates
 from eivor.motions.vertical.motion import Vertical
@@ -52,15 +51,17 @@ def slow() -> Recording:
     return flown(seconds=15.0, gust=3.0, amplitude=0.4, seed=5)[0]
 
 
-def told(value: float = LAG_S, half_width: float = 0.004, source: str = "other") -> ToldLag:
+def told(value: float = LAG_S, half_width: float = 0.004, source: str = "other") -> LagMeasurement:
     interval = (value - half_width, value + half_width)
-    lag = Unjudged(value, "s", 0.5 * half_width, interval)
-    return ToldLag(source, f"{source} motion", lag, SENSORS_APART_S, "delays")
+    lag = QuantityEstimate(value, "s", 0.5 * half_width, interval)
+    return LagMeasurement(source, f"{source} motion", lag, SENSORS_APART_S, "delays")
 
 
-def estimate(log: Recording, *beside: ToldLag, options: FlightOptions | None = None):
+def estimate(log: Recording, *lag_measurement: LagMeasurement, options: FlightOptions | None = None):
     chosen = options or FlightOptions()
-    return estimated(Vertical(), (prepare_vertical(log, chosen),), chosen, beside=lambda: beside)
+    return estimated(
+        Vertical(), (prepare_vertical(log, chosen),), chosen, lag_measurements=lambda: lag_measurement
+    )
 
 
 @pytest.mark.thorough
@@ -69,8 +70,8 @@ def test_the_lag_by_turning_is_used_and_said(slow, turning):
     alone, known = estimate(log), ev.identify_flight(log)
     for name in ("effective_lag", "viscous_friction"):
         assert known.quantities[name].half_width < alone.quantities[name].half_width
-    said = dict(checks(known))["lag"]
-    assert said.startswith("turning about the body axes (--model rates) says ")
+    sentence = dict(checks(known))["lag"]
+    assert sentence.startswith("turning about the body axes (--model rates) says ")
     given = json.loads(known.to_json())["given_lag"]
     low, high = given["told_interval"]
     assert low < LAG_S < high
@@ -81,13 +82,13 @@ def test_the_lag_by_turning_is_used_and_said(slow, turning):
 
 
 def test_what_a_user_knows_comes_first_and_nothing_else_is_asked(slow):
-    def asked() -> tuple[ToldLag, ...]:
+    def asked() -> tuple[LagMeasurement, ...]:
         raise AssertionError("asked")
 
     for lag in (ev.Prior(LAG_S, 0.01), ev.Bounds(0.0, 0.0)):
         options = FlightOptions(lag=lag)
         flights = (prepare_vertical(slow, options),)
-        given = estimated(Vertical(), flights, options, beside=asked).fit.given_lag
+        given = estimated(Vertical(), flights, options, lag_measurements=asked).fit.lag_prior
         assert given.by is None
         assert given.known == lag
 
@@ -95,25 +96,25 @@ def test_what_a_user_knows_comes_first_and_nothing_else_is_asked(slow):
 def test_a_lag_that_contradicts_the_flight_is_told_and_not_used():
     log = flown(seconds=15.0)[0]
     alone, late = estimate(log), estimate(log, told(LAG_S + 0.1))
-    assert late.fit.given_lag is None
+    assert late.fit.lag_prior is None
     assert late.quantities["viscous_friction"] == alone.quantities["viscous_friction"]
-    (finding,) = [one for one in late.findings if one.name == "other_contradicts"]
+    (finding,) = [item for item in late.findings if item.name == "other_contradicts"]
     assert "is not used" in finding.message
 
 
 def test_the_closest_that_agrees_serves():
     log = flown(seconds=15.0)[0]
     both = estimate(log, told(half_width=0.02, source="rough"), told(source="close"))
-    assert both.fit.given_lag.by.source == "close"
+    assert both.fit.lag_prior.by.source == "close"
     wrong = estimate(log, told(half_width=0.02, source="rough"), told(LAG_S + 0.1, source="wrong"))
-    assert wrong.fit.given_lag.by.source == "rough"
-    assert any(one.name == "wrong_contradicts" for one in wrong.findings)
+    assert wrong.fit.lag_prior.by.source == "rough"
+    assert any(finding.name == "wrong_contradicts" for finding in wrong.findings)
 
 
 def every(log: Recording, family: str, nth: int) -> Recording:
     slower = {
-        name: replace(one, time_s=one.time_s[::nth], values=one.values[::nth])
-        for name, one in log.channels.items()
+        name: replace(channel, time_s=channel.time_s[::nth], values=channel.values[::nth])
+        for name, channel in log.channels.items()
         if name.startswith(family)
     }
     return changed(log, **slower)
@@ -136,34 +137,34 @@ def answering(log: Recording) -> Recording:
 )
 def test_turning_that_cannot_tell_is_not_estimated(turning, spoilt, monkeypatch):
     unmade(monkeypatch)
-    assert lags_beside((Rates(),), spoilt(turning), None) == ()
+    assert lags_from_rates((Rates(),), spoilt(turning), None) == ()
     with pytest.raises(AssertionError, match="estimated"):
-        lags_beside((Rates(),), turning, None)
+        lags_from_rates((Rates(),), turning, None)
 
 
 def test_turning_that_hardly_moves_the_lag_is_not_estimated_closely(monkeypatch):
     unmade(monkeypatch)
-    assert lags_beside((Rates(),), turned(4, vehicle=ROTORS, seconds=26.0, size=0.02), None) == ()
+    assert lags_from_rates((Rates(),), turned(4, vehicle=ROTORS, seconds=26.0, size=0.02), None) == ()
 
 
 def unmade(monkeypatch: pytest.MonkeyPatch) -> None:
     def not_to_be_made(*_: object, **__: object) -> None:
         raise AssertionError("estimated")
 
-    monkeypatch.setattr(identify, "estimated", not_to_be_made)
+    monkeypatch.setattr("eivor.flights.estimate.estimated", not_to_be_made)
 
 
 @pytest.mark.thorough
 def test_turning_that_is_not_trusted_says_nothing(turning):
-    assert lags_beside((Rates(),), turning, (5.0, 18.0)) == ()  # too short to be identified
+    assert lags_from_rates((Rates(),), turning, (5.0, 18.0)) == ()  # too short to be identified
 
 
 @pytest.mark.thorough
 def test_flights_of_a_pool_tell_their_lag_together(monkeypatch):
-    monkeypatch.setattr("eivor.flights.identify.lags_beside", lambda *_: (told(),))
+    monkeypatch.setattr("eivor.flights.identify.lags_from_rates", lambda *_: (told(),))
     logs = [flown(seconds=10.0, seed=seed)[0] for seed in (1, 2)]
-    assert ev.identify_flight(logs[0]).fit.given_lag.by.source == "other"
-    assert ev.identify_flight(logs).fit.given_lag is None
+    assert ev.identify_flight(logs[0]).fit.lag_prior.by.source == "other"
+    assert ev.identify_flight(logs).fit.lag_prior is None
 
 
 @pytest.mark.long
@@ -184,7 +185,7 @@ def test_a_whole_vehicle_that_turns_and_climbs_tells_more_of_its_climbs():
     )
     (flight,) = simulate_rigid_body_flights([spec])
     alone, known = estimate(flight.recording), ev.identify_flight(flight.recording)
-    low, high = known.fit.given_lag.by.told.interval
+    low, high = known.fit.lag_prior.by.measured.interval
     assert low < flight.truth.parameters.lag_up + flight.truth.parameters.delay < high
     for name in ("viscous_friction", "effective_lag"):
         assert known.quantities[name].half_width < alone.quantities[name].half_width

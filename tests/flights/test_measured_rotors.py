@@ -26,27 +26,27 @@ def telemetry(log: Recording, late_s: float) -> Recording:
 
 @pytest.mark.parametrize("late_s", [0.0, 0.02, pytest.param(-0.023, marks=pytest.mark.thorough)])
 def test_late_telemetry_moves_no_parameter_and_is_told(late_s):
-    found = ev.identify_flight(telemetry(flown(seconds=26.0)[0], late_s))
-    delay = found.quantities["delay"]
+    identify_flight = ev.identify_flight(telemetry(flown(seconds=26.0)[0], late_s))
+    delay = identify_flight.quantities["delay"]
     assert delay.interval[0] < -late_s < delay.interval[1]
     assert delay.half_width < 0.01
-    assert found.quantities["effective_lag"].value == delay.value
+    assert identify_flight.quantities["effective_lag"].value == delay.value
     for name, truth in (("viscous_friction", FRICTION), ("input_gain", GAIN)):
-        low, high = found.quantities[name].interval
+        low, high = identify_flight.quantities[name].interval
         assert low < truth < high
-    assert found.verdict.status is Status.IDENTIFIED
-    assert found.names == ("viscous_friction", "input_gain", "delay")
-    assert "their stamps are late" in found.motion.symbols(found.prepared[0])
+    assert identify_flight.verdict.status is Status.IDENTIFIED
+    assert identify_flight.names == ("viscous_friction", "input_gain", "delay")
+    assert "their stamps are late" in identify_flight.motion.symbols(identify_flight.prepared[0])
 
 
 @pytest.mark.thorough
 def test_the_delay_is_part_of_the_friction_s_interval():
     log = telemetry(flown(seconds=26.0)[0], 0.0)
-    found = ev.identify_flight(log)
-    problem = found.fit.problem
+    identify_flight = ev.identify_flight(log)
+    problem = identify_flight.fit.problem
     known = problem.with_nuisances((problem.lag, problem.delay.known_at(0.0)))
     sure = ev.identify(known, ev.methods.reference_iv())
-    assert found.estimate.std_error("viscous_friction") > 1.05 * sure.std_error("viscous_friction")
+    assert identify_flight.estimate.std_error("viscous_friction") > 1.05 * sure.std_error("viscous_friction")
 
 
 @pytest.mark.parametrize("delay_s", [0.0, 0.01, -0.03, 0.0137, -0.0042])

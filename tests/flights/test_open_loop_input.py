@@ -21,7 +21,7 @@ def usable(log: Recording, **open_loop: list[float]) -> dict[str, str]:
     """Remarks on what may serve, with states of the loop at some times."""
     log = changed(log, input_open_loop=channel("landed", open_loop["at"], open_loop["states"]))
     references = prepare_vertical(log, FlightOptions()).references
-    return {one.name: one.remark for one in references if one.usable}
+    return {reference.name: reference.remark for reference in references if reference.usable}
 
 
 def test_it_serves_alone_where_no_loop_acts(log):
@@ -35,9 +35,9 @@ def test_it_does_not_serve_where_a_loop_acts_now_and_then_or_nothing_is_known(lo
     flight = prepare_vertical(
         changed(log, input_open_loop=channel("landed", [0.0, 15.0], [1.0, 0.0])), FlightOptions()
     )
-    (remark,) = [one.remark for one in flight.references if one.name == "input"]
+    (remark,) = [reference.remark for reference in flight.references if reference.name == "input"]
     assert remark == "a loop acts on it, though for 25% of the flight only"
-    assert "input" not in [one.name for one in prepare_vertical(log, FlightOptions()).references]
+    assert "input" not in [reference.name for reference in prepare_vertical(log, FlightOptions()).references]
 
 
 @pytest.mark.thorough
@@ -46,6 +46,6 @@ def test_the_reason_is_given(log):
     flown_by_hand = changed(log, input_open_loop=channel("landed", [0.0, 19.9], [1.0, 1.0]))
     result = identify_flight(flown_by_hand)
     assert result.instruments == "input"
-    (said,) = [one.message for one in result.findings if one.name == "open_loop_input"]
-    assert said == "No loop acts on the input in this mode of flight: it is its own instrument."
+    (messages,) = [finding.message for finding in result.findings if finding.name == "open_loop_input"]
+    assert messages == "No loop acts on the input in this mode of flight: it is its own instrument."
     assert np.isfinite(result.quantities["viscous_friction"].value)

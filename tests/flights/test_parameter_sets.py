@@ -48,21 +48,21 @@ def searched(result: FlightEstimate, values: np.ndarray) -> np.ndarray:
     problem, estimate = result.fit.problem, result.fit.estimate
     grid = problem.lag.grid
     lags = np.geomspace(grid[0], grid[-1], 301)
-    found = np.full(values.size, np.inf)
+    results = np.full(values.size, np.inf)
     for candidate in estimate.candidates:
-        weights = whitened_by_residuals(problem, candidate.theta, candidate.at)
+        weights = whitened_by_residuals(problem, candidate.theta, candidate.nuisances)
         for lag_s in lags:
-            at = {**candidate.at, "actuator_lag": float(lag_s)}
-            rows = weights.rows(at)
+            index = {**candidate.nuisances, "actuator_lag": float(lag_s)}
+            rows = weights.rows(index)
             columns = np.column_stack([rows.response, rows.regressors])
             seen = rows.instruments.T @ columns
             N, D = seen.T @ seen, columns.T @ columns / (len(columns) - candidate.solved.unknowns)
-            misfit = sum(nuisance.misfit(at) for nuisance in problem.nuisances)
-            for place, value in enumerate(values):
+            misfit = sum(nuisance.misfit(index) for nuisance in problem.nuisances)
+            for item, value in enumerate(values):
                 T = np.array([[1.0, 0.0], [-value, 0.0], [0.0, 1.0]])
                 least = scipy.linalg.eigh(T.T @ N @ T, T.T @ D @ T, eigvals_only=True)[0]
-                found[place] = min(found[place], least + misfit)
-    return found
+                results[item] = min(results[item], least + misfit)
+    return results
 
 
 @pytest.mark.thorough
@@ -93,7 +93,7 @@ def test_one_frequency_tells_no_friction_without_the_lag(one_frequency):
     quantity = alone.quantities[K]
     assert quantity.interval == sets.robust.hull
     assert alone.verdict.status is Status.REFUSED
-    (reason,) = [one for one in alone.quantities[K].reasons if one.status is Status.REFUSED]
+    (reason,) = [item for item in alone.quantities[K].reasons if item.status is Status.REFUSED]
     assert "one frequency (0.3" in reason.sentence
     assert "leave the viscous friction anywhere in [" in reason.sentence
     assert reason.remedy.endswith("--lag MS:STD or --lag LOW..HIGH.")
@@ -199,8 +199,8 @@ def test_sets_cover_and_tell_where_instruments_are_weak():
     weak = [result for result in results if min(result.fit.checks.first_stage.values()) < STRONG_FIRST_STAGE]
     assert len(weak) >= 10
     robust = [result.fit.sets[K].robust for result in weak]
-    covered = sum(found.contains(FRICTION) for found in robust)
+    covered = sum(item.contains(FRICTION) for item in robust)
     assert covered >= scipy.stats.binom.ppf(1e-3, len(robust), 0.95)
-    told = [found.is_bounded and found.hull[0] > 0.0 for found in robust]
-    assert np.mean(told) >= 0.3
-    assert np.mean([result.fit.sets[K].wald.hull[0] > 0.0 for result in weak]) < np.mean(told)
+    selected = [item.is_bounded and item.hull[0] > 0.0 for item in robust]
+    assert np.mean(selected) >= 0.3
+    assert np.mean([result.fit.sets[K].wald.hull[0] > 0.0 for result in weak]) < np.mean(selected)

@@ -17,7 +17,7 @@ from eivor.inference.distributions import t_quantile
 from eivor.inference.verdict import Status
 from eivor.models.lagged_runs import LAG_GRID_S
 from eivor.motions.vertical.motion import Vertical
-from eivor.report.flight import told_flight
+from eivor.report.flight import flight_report
 from eivor.signals.recording import Recording
 
 pytestmark = [pytest.mark.thorough, pytest.mark.usefixtures("unchecked_shapes", "coarse_search")]
@@ -63,9 +63,9 @@ def test_flights_that_agree_have_one_friction_and_one_for_each(alike):
     assert min(values) < alike.quantities[K].value < max(values)
     assert alike.diagnostics["pool_own_p_value"] > 0.05
     # flight by flight the pool tells the lag better than the flight does, and the friction no worse
-    for row, own in zip(alike.by_flight, alike.flights, strict=True):
-        assert row.quantities["effective_lag"].half_width < own.quantities["effective_lag"].half_width
-        assert row.quantities[K].half_width < 1.1 * own.quantities[K].half_width
+    for row, flight in zip(alike.by_flight, alike.flights, strict=True):
+        assert row.quantities["effective_lag"].half_width < flight.quantities["effective_lag"].half_width
+        assert row.quantities[K].half_width < 1.1 * flight.quantities[K].half_width
 
 
 def test_common_and_separate_are_what_they_say(alike):
@@ -89,15 +89,15 @@ class Laden(Vertical):
 
 
 def test_a_motion_says_what_belongs_to_the_flight(alike):
-    found = ev.identify_flight([flight.recording for flight in alike.prepared], model=Laden())
-    rows = [row.quantities for row in found.by_flight]
+    identify_flight = ev.identify_flight([flight.recording for flight in alike.prepared], model=Laden())
+    rows = [row.quantities for row in identify_flight.by_flight]
     assert len({row["input_gain"].value for row in rows}) == 2
     assert len({row[K].value for row in rows}) == 1
     for name, value in {K: FRICTION, "input_gain": GAIN}.items():
-        low, high = found.quantities[name].interval
+        low, high = identify_flight.quantities[name].interval
         assert low < value < high
-    ends = found.fit.sets[K].profile.hull
-    assert ends[0] < found.quantities[K].value < ends[1]
+    ends = identify_flight.fit.sets[K].profile.hull
+    assert ends[0] < identify_flight.quantities[K].value < ends[1]
 
 
 @pytest.mark.long
@@ -105,9 +105,9 @@ def test_one_frequency_tells_the_lag_by_differences_of_the_friction(one_sine):
     low, high = one_sine.quantities["effective_lag"].interval
     assert low < LAG_S < high
     assert high - low < min(row.quantities["effective_lag"].half_width for row in one_sine.flights)
-    found = {finding.name: finding.message for finding in one_sine.findings}
-    assert "the lag rests on the differences of the viscous friction" in found["lag_by_differences"]
-    assert "The flights differ in viscous friction" in found["flights_differ"]
+    results = {finding.name: finding.message for finding in one_sine.findings}
+    assert "the lag rests on the differences of the viscous friction" in results["lag_by_differences"]
+    assert "The flights differ in viscous friction" in results["flights_differ"]
     for row, more in zip(one_sine.by_flight, MORE, strict=True):
         low, high = row.quantities[K].interval
         assert low < FRICTION + more < high
@@ -120,8 +120,8 @@ def test_a_pool_is_told_and_read_back(one_sine, tmp_path):
     file.write_text(one_sine.to_json())
     read = ev.load_fit(file)
     for row in one_sine.by_flight:
-        own = read.by_flight[row.label][K]
-        assert (own.value, own.interval) == (row.quantities[K].value, row.quantities[K].interval)
+        current = read.by_flight[row.label][K]
+        assert (current.value, current.interval) == (row.quantities[K].value, row.quantities[K].interval)
     for level in (0.8, 0.95):
         assert read.interval(K, level) == pytest.approx(one_sine.interval(K, level))
     assert read.interval("actuator_lag") == one_sine.interval("actuator_lag")
@@ -135,13 +135,13 @@ def test_what_a_pool_tells_of_the_lag_is_where_its_criterion_is_small(one_sine):
     assert one_sine.by_flight[0].quantities["effective_lag"].interval == (low, high)
 
     def excess(whole_s: float) -> float:
-        lags = [(one, whole_s - one.at["delay"]) for one in pool.candidates]
-        J = [one.separate.least([np.log([lag])])[0] for one, lag in lags if lag >= LAG_GRID_S[0]]
-        return float(min(J)) - min(one.criterion for one in pool.candidates)
+        lags = [(candidate, whole_s - candidate.nuisances["delay"]) for candidate in pool.candidates]
+        J = [item.separate.least([np.log([lag])])[0] for item, lag in lags if lag >= LAG_GRID_S[0]]
+        return float(min(J)) - min(candidate.criterion for candidate in pool.candidates)
 
-    allowance = pool.inflation * t_quantile(0.95, 8) ** 2
-    assert excess(high) == pytest.approx(allowance, rel=0.01)
-    assert excess(0.5 * (low + high)) < allowance < excess(1.05 * high)
+    uncertainty = pool.inflation * t_quantile(0.95, 8) ** 2
+    assert excess(high) == pytest.approx(uncertainty, rel=0.01)
+    assert excess(0.5 * (low + high)) < uncertainty < excess(1.05 * high)
     shorter = one_sine.interval("actuator_lag", 0.8)
     longer = one_sine.interval("actuator_lag")
     assert longer[0] <= shorter[0] < shorter[1] < longer[1]
@@ -164,10 +164,10 @@ def test_a_pool_has_the_verdict_of_its_own_quantities(alike, one_sine):
     order = list(Status)
     for pool in (alike, one_sine):
         headline = [pool.quantities[name] for name in pool.motion.headline]
-        assert pool.verdict.status is max((one.verdict for one in headline), key=order.index)
+        assert pool.verdict.status is max((item.verdict for item in headline), key=order.index)
         assert bool(pool.verdict.reasons) == (pool.verdict.status is not Status.IDENTIFIED)
     assert {row.verdict for row in one_sine.by_flight} == {Status.IDENTIFIED}
     assert one_sine.quantities[K].verdict is not Status.IDENTIFIED
-    told = told_flight(one_sine)
-    assert "viscous friction" in told.summary
-    assert told.reasons
+    flight = flight_report(one_sine)
+    assert "viscous friction" in flight.summary
+    assert flight.reasons

@@ -23,8 +23,8 @@ def problem():
 
 def left(problem, values):
     return [
-        float(np.std(one.measured - one.predicted) / np.std(one.measured))
-        for one in Vertical().predictions(problem, values)
+        float(np.std(prediction.measured - prediction.predicted) / np.std(prediction.measured))
+        for prediction in Vertical().predictions(problem, values)
     ]
 
 
@@ -47,10 +47,10 @@ def test_other_numbers_do_not(problem, name, value):
 
 
 def test_the_simpler_models_come_from_the_same_flight(problem):
-    found = Vertical().simple_models(problem, identify(problem, by_name("least_squares")))
-    assert set(found) == {"least_squares", "hover"}
-    hover = found["hover"].values
+    simple_models = Vertical().simple_models(problem, identify(problem, by_name("least_squares")))
+    assert set(simple_models) == {"least_squares", "hover"}
+    hover = simple_models["hover"].values
     assert hover["viscous_friction"] == hover["actuator_lag"] == hover["delay"] == 0.0
     assert hover["input_gain"] == pytest.approx(9.80665 / HOVER**2, rel=0.01)
-    assert found["least_squares"].values["actuator_lag"] == 0.0
-    assert left(problem, found["least_squares"].values)[0] < left(problem, hover)[0]
+    assert simple_models["least_squares"].values["actuator_lag"] == 0.0
+    assert left(problem, simple_models["least_squares"].values)[0] < left(problem, hover)[0]

@@ -121,9 +121,9 @@ def test_the_actuator_runs_over_the_whole_log_before_runs_are_cut(log):
 def test_acceleration_may_be_logged_without_gravity(log):
     force = log.channels["specific_force_z"].values
     coordinate = changed(log, "specific_force_z", acceleration_z=force - GRAVITY)
-    one, other = prepare_vertical(log, FlightOptions()), prepare_vertical(coordinate, FlightOptions())
+    vertical, other = prepare_vertical(log, FlightOptions()), prepare_vertical(coordinate, FlightOptions())
     np.testing.assert_allclose(
-        other.signals.channel("specific_force_z"), one.signals.channel("specific_force_z")
+        other.signals.channel("specific_force_z"), vertical.signals.channel("specific_force_z")
     )
 
 
@@ -132,7 +132,7 @@ def test_acceleration_may_be_logged_without_gravity(log):
 )
 def test_what_is_not_logged_becomes_a_finding(log, missing, finding):
     prepared = prepare_vertical(changed(log, missing), FlightOptions())
-    assert finding in [found.name for found in prepared.findings]
+    assert finding in [item.name for item in prepared.findings]
     np.testing.assert_array_equal(prepared.signals.channel("cos_tilt"), 1.0)
     assert prepared.rates_hz["acceleration"] == (
         0.0 if missing == "specific_force_z" else pytest.approx(100.0)
@@ -283,8 +283,8 @@ def test_instruments_may_be_named(log):
 def test_named_channels_of_the_vehicle_itself_answer_it(log):
     extra = changed(log, battery_voltage=np.ones(2000), pilot_in_control=np.ones(2000))
     names = ("velocity_z", "rotor_command_1", "battery_voltage", "pilot_in_control", "reference_velocity_z")
-    found = prepare_vertical(extra, FlightOptions(instruments=names)).references
-    assert {r.name: r.exogenous for r in found} == dict(
+    references = prepare_vertical(extra, FlightOptions(instruments=names)).references
+    assert {r.name: r.exogenous for r in references} == dict(
         zip(names, (False, False, False, True, True), strict=True)
     )
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from eivor.flights.quantity import Unjudged, Wording
+from eivor.flights.quantity import QuantityEstimate, Wording
 from eivor.inference.verdict import Status, Verdict
 
 LAG = Wording("lag", "τ", "s", lowest=0.0)
@@ -25,12 +25,14 @@ INFINITY = float("inf")
     ],
 )
 def test_intervals_end_where_the_quantity_does(interval, possible):
-    quantity = Unjudged(1.0, "s", 0.5, interval).judged(Verdict(Status.WEAK), LAG)
+    quantity = QuantityEstimate(1.0, "s", 0.5, interval).judged(Verdict(Status.WEAK), LAG)
     assert quantity.interval == possible
     assert quantity.verdict is Status.WEAK
-    anything = Unjudged(1.0, "s", 0.5, interval).judged(Verdict(Status.WEAK), replace(LAG, lowest=-INFINITY))
+    anything = QuantityEstimate(1.0, "s", 0.5, interval).judged(
+        Verdict(Status.WEAK), replace(LAG, lowest=-INFINITY)
+    )
     assert anything.interval == interval
 
 
 def test_what_is_not_judged_has_no_verdict():
-    assert not hasattr(Unjudged(1.0, "s", 0.5, (0.0, 2.0)), "verdict")
+    assert not hasattr(QuantityEstimate(1.0, "s", 0.5, (0.0, 2.0)), "verdict")

@@ -75,7 +75,7 @@ def test_an_excited_flight_is_identified_and_its_intervals_hold_the_truth(fit):
     assert fit.instruments == "reference_position_z, reference_velocity_z"
     assert fit.window_s == pytest.approx((0.0, 29.99))
     # the interval of the hover input, which is that of one flight's conditions, is a percent wide
-    (floor,) = fit.quantities["hover_input"].allowances
+    (floor,) = fit.quantities["hover_input"].systematic_uncertainties
     assert fit.quantities["hover_input"].half_width == pytest.approx(0.005 * HOVER, rel=0.01)
     assert "this flight's conditions" in floor.sentence
     (of_run,) = fit.quantities["intercept"].by_run
@@ -105,22 +105,22 @@ def test_names_and_levels_of_intervals(fit):
 def test_an_accelerometer_in_g_refuses_what_rests_on_it(log):
     force = log.channels["specific_force_z"]
     in_g = replace(force, values=force.values / 9.80665)
-    found = identify_flight(replace(log, channels=log.channels | {"specific_force_z": in_g}))
-    assert found.diagnostics["apparent_gravity"] == pytest.approx(1.0, abs=0.05)
-    assert found.verdict.status is found.quantities["hover_input"].verdict is Status.REFUSED
-    assert "its values look like g." in found.verdict.reasons[0].sentence
+    flight = identify_flight(replace(log, channels=log.channels | {"specific_force_z": in_g}))
+    assert flight.diagnostics["apparent_gravity"] == pytest.approx(1.0, abs=0.05)
+    assert flight.verdict.status is flight.quantities["hover_input"].verdict is Status.REFUSED
+    assert "its values look like g." in flight.verdict.reasons[0].sentence
 
 
 @pytest.mark.thorough
 def test_friction_of_an_estimator_is_reserved(log, coarse_fit):
     channels = log.channels | {"velocity_z": replace(log.channels["velocity_z"], estimated=True)}
-    found = identify_flight(replace(log, channels=channels))
-    friction, measured = found.quantities["viscous_friction"], coarse_fit.quantities["viscous_friction"]
-    (reserve,) = friction.allowances
+    flight = identify_flight(replace(log, channels=channels))
+    friction, measured = flight.quantities["viscous_friction"], coarse_fit.quantities["viscous_friction"]
+    (reserve,) = friction.systematic_uncertainties
     assert (reserve.below, reserve.above) == (0.03, 0.03)
     assert reserve.sentence.startswith("Velocity from an estimator: ")
     assert friction.interval == measured.interval  # it is the verdict's
-    assert measured.allowances == ()
+    assert measured.systematic_uncertainties == ()
 
 
 # -- what cannot be told ----------------------------------------------------------------------------------
@@ -167,7 +167,7 @@ def gusty():
 def test_friction_not_told_from_zero_is_refused(gusty):
     result = gusty
     assert result.verdict.status is Status.REFUSED
-    assert "cannot be told from zero" in result.verdict.sentences[0]
+    assert "cannot be distinguished from zero" in result.verdict.sentences[0]
     low, _ = result.quantities["viscous_friction"].interval
     assert low <= 0.0
 
@@ -244,8 +244,8 @@ def test_constant_input_tells_nothing_but_its_mean(log):
 def test_a_wrong_input_map_is_told_with_the_exponent_that_thrust_has(log, taken, exponent):
     result = identify_flight(log, FlightOptions(input_map=taken))
     assert result.diagnostics["thrust_exponent"] == pytest.approx(exponent, abs=0.15)
-    told = [reason.sentence for reason in result.quantities["input_gain"].reasons]
-    assert any("thrust grows" in sentence for sentence in told) == (taken != "square")
+    sentences = [reason.sentence for reason in result.quantities["input_gain"].reasons]
+    assert any("thrust grows" in sentence for sentence in sentences) == (taken != "square")
     least, b = result.diagnostics["least_intercept"], result.quantities["intercept"]
     if taken == "square":
         assert least < 0.1
@@ -313,8 +313,8 @@ def test_methods_have_instruments_of_their_own(log, method, asked, used):
     result = identify_flight(log, FlightOptions(method=method, instruments=asked, window=(0.0, 8.0)))
     assert result.instruments == used
     # Past inputs answer the vehicle: that is said wherever they come from.
-    told = any("Past inputs are the instruments" in sentence for sentence in result.verdict.sentences)
-    assert told is used.startswith("input lagged")
+    reported = any("Past inputs are the instruments" in sentence for sentence in result.verdict.sentences)
+    assert reported is used.startswith("input lagged")
 
 
 @pytest.mark.parametrize("options", [{"method": "magic"}, {"input_map": "cubic"}])
@@ -409,8 +409,8 @@ def test_clusters_come_in_from_ten_flights_on(fleet):
 
 @pytest.mark.long
 def test_order_of_the_flights_does_not_matter(fleet, three):
-    one, other = three, identify_flight(fleet[2::-1])
-    for name, quantity in one.quantities.items():
+    item, other = three, identify_flight(fleet[2::-1])
+    for name, quantity in item.quantities.items():
         assert other.quantities[name].value == pytest.approx(quantity.value, rel=1e-4, abs=1e-6)
 
 
@@ -420,7 +420,7 @@ def test_a_log_given_twice_is_used_once(fleet):
     again = replace(fleet[0], sha256="a", name="copy")
     result = identify_flight([first, again])
     assert result.flights == ()
-    (finding,) = [found for found in result.findings if found.name == "duplicate_log"]
+    (finding,) = [item for item in result.findings if item.name == "duplicate_log"]
     assert finding.message == "copy has the same content as flight 0; it is used once only."
     # Two windows of one log are two flights; logs without a file are never taken for one another.
     windows = [(0.0, 5.0), (5.0, 9.9)]
@@ -508,11 +508,11 @@ def test_calls_that_do_not_fit_are_refused(fleet, logs, windows, said):
 def test_hover_intervals_cover():
     runs = 25
     logs = flown(runs, seconds=12.0, noise=2.0, gust=0.5, seed=15)
-    found = [identify_flight(log).quantities["hover_input"] for log in logs]
-    covered = sum(quantity.interval[0] <= HOVER <= quantity.interval[1] for quantity in found)
+    results = [identify_flight(log).quantities["hover_input"] for log in logs]
+    covered = sum(quantity.interval[0] <= HOVER <= quantity.interval[1] for quantity in results)
     assert covered >= stats.binom.ppf(1e-4, runs, 0.95)
     # And they are not so wide that covering is no feat: errors fill a good part of them.
-    errors = np.array([(quantity.value - HOVER) / quantity.half_width for quantity in found])
+    errors = np.array([(quantity.value - HOVER) / quantity.half_width for quantity in results])
     assert np.sqrt(np.mean(errors**2)) > 0.15
 
 
@@ -598,14 +598,14 @@ def test_broken_logs_give_a_verdict_or_an_error_of_ours(rich, seed):
     method = str(
         rng.choice(["reference_iv", "least_squares", "total_least_squares", "extended_iv"], p=weights)
     )
-    said = ""
+    text = ""
     try:
         result = identify_flight(damaged(rich, rng), FlightOptions(method=method))
     except EivorError as error:
-        said = str(error)
-    if said:
-        assert said.startswith("Expected ")
-        assert "; received " in said
+        text = str(error)
+    if text:
+        assert text.startswith("Expected ")
+        assert "; received " in text
         return
     assert (result.verdict.status is Status.IDENTIFIED) == (not result.verdict.sentences)
     result.summary()

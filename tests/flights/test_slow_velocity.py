@@ -19,8 +19,8 @@ def test_gains_are_not_small():
     for spec, flight in zip(specs, simulate_vertical_flights(specs), strict=True):
         channels = dict(flight.recording.channels)
         for name in ("velocity_z", "position_z"):
-            one = channels[name]
-            channels[name] = Channel(name, one.time_s[::10], one.values[::10], one.unit)
+            channel = channels[name]
+            channels[name] = Channel(name, channel.time_s[::10], channel.values[::10], channel.unit)
         fit = identify_flight(Recording("slow", "simulated", channels))
         gain = fit.quantities["input_gain"]
         errors.append((gain.value / spec.input_gain - 1.0, gain.std_error / spec.input_gain))

@@ -26,7 +26,7 @@ def test_amplitudes_shrink_as_those_of_a_line_between_stamps(frequency_hz):
     inside = slice(100, -100)
     spread = triangle_mean(series, GRID, width_s)
     gains = [
-        float(one[inside] @ series[inside] / (series[inside] @ series[inside])) for one in (spread, lines)
+        float(item[inside] @ series[inside] / (series[inside] @ series[inside])) for item in (spread, lines)
     ]
     assert gains[0] == pytest.approx(gains[1], abs=6e-3)
     assert gains[0] < 1.0

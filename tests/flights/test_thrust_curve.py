@@ -13,8 +13,8 @@ from flight_logs import FRICTION, changed, flown
 
 import eivor as ev
 from eivor.errors import UsageError
-from eivor.flights.motion import Circumstances
-from eivor.flights.quantity import Unjudged
+from eivor.flights.motion import VerdictInputs
+from eivor.flights.quantity import QuantityEstimate
 from eivor.inference.verdict import Status, verdict
 from eivor.motions.vertical.model import (
     MOT_THST_EXPO,
@@ -47,10 +47,10 @@ def commanded(
 ) -> Recording:
     """The same flight, its commands such that thrust goes with another map of them."""
     command = log.channels["rotor_command_1"]
-    values = np.array([true.inverse(one) for one in command.values**2])
+    values = np.array([true.inverse(item) for item in command.values**2])
     name = "input" if thrust else "rotor_command_1"
-    told = replace(command, name=name, values=values, curve_side=side)
-    return replace(changed(log, "rotor_command_1", **{name: told}), input_map="")
+    reported = replace(command, name=name, values=values, curve_side=side)
+    return replace(changed(log, "rotor_command_1", **{name: reported}), input_map="")
 
 
 @pytest.mark.parametrize(
@@ -62,39 +62,39 @@ def commanded(
     ],
 )
 def test_the_curve_is_found_out(log, true, thrust, value):
-    found = ev.identify_flight(commanded(log, true, thrust=thrust), input_map="fit")
-    curve = found.quantities["thrust_curve"]
+    identify_flight = ev.identify_flight(commanded(log, true, thrust=thrust), input_map="fit")
+    curve = identify_flight.quantities["thrust_curve"]
     low, high = curve.interval
     assert low < value < high
     assert curve.half_width < 0.3
     assert curve.value == pytest.approx(value, abs=0.05)
-    friction = found.quantities["viscous_friction"]
+    friction = identify_flight.quantities["viscous_friction"]
     assert friction.value == pytest.approx(FRICTION, abs=1.5 * friction.half_width)
     # the map's own error is part of the gain's interval, and the bias of the intercept's
-    conditional = found.estimate.interval("input_gain")
-    assert found.quantities["input_gain"].interval != pytest.approx(conditional, rel=1e-3)
-    assert found.quantities["intercept"].half_width >= 1.9 * 0.1
+    conditional = identify_flight.estimate.interval("input_gain")
+    assert identify_flight.quantities["input_gain"].interval != pytest.approx(conditional, rel=1e-3)
+    assert identify_flight.quantities["intercept"].half_width >= 1.9 * 0.1
     # no share is below zero: there an intercept is left that is none within its error
-    left = found.quantities["intercept"]
+    left = identify_flight.quantities["intercept"]
     assert abs(left.value) < (0.03 if curve.value > 0.0 else 0.5 * left.half_width)
 
 
 @pytest.mark.thorough
 def test_what_was_found_is_told_and_can_be_typed(log):
     flight = replace(commanded(log, Mixed(0.5), thrust=True), parameters={"THR_MDL_FAC": 0.0})
-    found = ev.identify_flight(flight, input_map="fit")
-    document = json.loads(found.to_json())
+    identify_flight = ev.identify_flight(flight, input_map="fit")
+    document = json.loads(identify_flight.to_json())
     name = document["model"]["input_map"]
     assert name.startswith("mixed:0.")
     assert document["parameters"]["thrust_curve"]["value"] == pytest.approx(
         float(name.split(":")[1]), abs=1e-3
     )
     assert document["provenance"]["options"]["accelerometer_bias"] == 0.1
-    (said,) = [one.message for one in found.findings if one.name == "thrust_curve"]
-    assert "THR_MDL_FAC (PX4) would be set to 0." in said
-    assert "The log has THR_MDL_FAC 0." in said
+    (messages,) = [finding.message for finding in identify_flight.findings if finding.name == "thrust_curve"]
+    assert "THR_MDL_FAC (PX4) would be set to 0." in messages
+    assert "The log has THR_MDL_FAC 0." in messages
     typed = ev.identify_flight(flight, input_map=name)
-    assert typed.parameters["input_gain"] == pytest.approx(found.parameters["input_gain"], rel=1e-3)
+    assert typed.parameters["input_gain"] == pytest.approx(identify_flight.parameters["input_gain"], rel=1e-3)
     assert "thrust_curve" not in typed.quantities
     assert "thrust_curve" not in json.loads(typed.to_json())["parameters"]
 
@@ -114,10 +114,10 @@ def test_the_curve_rests_on_the_accelerometer_s_bias(log):
 
 @pytest.mark.thorough
 def test_curvature_alone_is_refused_when_it_cannot_tell(log):
-    found = ev.identify_flight(
+    identify_flight = ev.identify_flight(
         commanded(log, Power(1.5), thrust=False), input_map="fit", accelerometer_bias=math.inf
     )
-    curve = found.quantities["thrust_curve"]
+    curve = identify_flight.quantities["thrust_curve"]
     assert curve.verdict is Status.REFUSED
     assert any("Curvature alone" in reason.sentence for reason in curve.reasons)
 
@@ -134,14 +134,14 @@ def test_curvature_alone_is_refused_when_it_cannot_tell(log):
 )
 def test_every_ground_against_a_curve(curve, intercept, status, said):
     numbers = {
-        name: Unjudged(value, "", 0.5 * half, (value - half, value + half))
+        name: QuantityEstimate(value, "", 0.5 * half, (value - half, value + half))
         for name, (value, half) in {"thrust_curve": curve, "intercept": intercept}.items()
     }
-    at = Circumstances(1, 100.0, 100.0, exogenous=True, direct=False)
-    reasons = curve_reasons(numbers, at)
+    verdict_inputs = VerdictInputs(1, 100.0, 100.0, exogenous=True, direct=False)
+    reasons = curve_reasons(numbers, verdict_inputs)
     assert verdict(reasons).status is status
     assert said in " ".join(reason.sentence for reason in reasons)
-    assert curve_reasons({"intercept": numbers["intercept"]}, at) == []
+    assert curve_reasons({"intercept": numbers["intercept"]}, verdict_inputs) == []
 
 
 @pytest.mark.parametrize(
@@ -171,12 +171,14 @@ def test_before_the_curve_both_curves_together_are_the_vehicle_s(in_force, true)
     """Commands went through the inverse of one curve, and thrust is another of the signal."""
     signal, step = 0.45, 1e-6
 
-    def setpoint(at):
-        return thrust_of(in_force, at)
+    def setpoint(nuisances):
+        return thrust_of(in_force, nuisances)
 
     hover = setpoint(signal)
     assert motor_signal(hover, in_force) == pytest.approx(signal)
-    ends = [(math.log(thrust_of(true, at)), math.log(setpoint(at))) for at in (signal - step, signal + step)]
+    ends = [
+        (math.log(thrust_of(true, item)), math.log(setpoint(item))) for item in (signal - step, signal + step)
+    ]
     seen = (ends[1][0] - ends[0][0]) / (ends[1][1] - ends[0][1])
     assert plant_share(CurveFamily(False), seen, hover, in_force) == pytest.approx(true, abs=1e-6)
     of_commands = share_of(seen, hover)
@@ -192,10 +194,10 @@ def test_intervals_hold_every_pair_and_are_cut_to_the_range(in_force):
     share, thrust = proposed(THR_MDL_FAC, CurveFamily(True), curve, hover, in_force)
     for value in np.linspace(0.5, 0.7, 9):
         for command in np.linspace(0.38, 0.42, 9):
-            one = plant_share(CurveFamily(True), value, command, in_force)
-            assert share[1][0] - 1e-12 <= one <= share[1][1] + 1e-12
-            told = thrust_of(one, motor_signal(command, in_force))
-            assert thrust[1][0] - 1e-12 <= told <= thrust[1][1] + 1e-12
+            item = plant_share(CurveFamily(True), value, command, in_force)
+            assert share[1][0] - 1e-12 <= item <= share[1][1] + 1e-12
+            reported = thrust_of(item, motor_signal(command, in_force))
+            assert thrust[1][0] - 1e-12 <= reported <= thrust[1][1] + 1e-12
     wide = (0.6, (-math.inf, math.inf))
     assert proposed(THR_MDL_FAC, CurveFamily(True), wide, hover, in_force)[0][1] == (0.0, 1.0)
     exponents = (1.4, (0.2, 40.0))
@@ -223,10 +225,10 @@ def test_a_fitted_exponent_of_one_is_no_share():
 )
 def test_what_the_report_says_without_a_value_in_force(log, side, parameters, said):
     flight = commanded(log, Mixed(0.5), thrust=True, side=side)
-    found = ev.identify_flight(replace(flight, parameters=parameters), input_map="fit")
-    (told,) = [one.message for one in found.findings if one.name == "thrust_curve"]
-    assert re.search(said, told)
-    document = json.loads(found.to_json())["model"]["autopilot_curve"]
+    identify_flight = ev.identify_flight(replace(flight, parameters=parameters), input_map="fit")
+    (messages,) = [finding.message for finding in identify_flight.findings if finding.name == "thrust_curve"]
+    assert re.search(said, messages)
+    document = json.loads(identify_flight.to_json())["model"]["autopilot_curve"]
     assert document == {"side": side.value or None, "in_force": parameters}
 
 

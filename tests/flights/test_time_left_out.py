@@ -55,8 +55,10 @@ def test_only_the_samples_used_are_searched():
     np.testing.assert_array_equal(short.grid.time_s[short.used], prepared.grid.time_s[prepared.used])
     np.testing.assert_array_equal(short.used_input, prepared.used_input)
     motion = Vertical()
-    for at in ({"actuator_lag": 0.3, "delay": 0.04}, {"actuator_lag": 0.02, "delay": 0.0}):
-        whole, cut = (motion.problem((flight,), LaggedInputs(1, 20)).rows(at) for flight in (prepared, short))
+    for item in ({"actuator_lag": 0.3, "delay": 0.04}, {"actuator_lag": 0.02, "delay": 0.0}):
+        whole, cut = (
+            motion.problem((flight,), LaggedInputs(1, 20)).rows(item) for flight in (prepared, short)
+        )
         for name in ("response", "regressors", "instruments"):
             was = getattr(whole, name)
             np.testing.assert_allclose(getattr(cut, name), was, rtol=0.0, atol=1e-10 * np.abs(was).max())

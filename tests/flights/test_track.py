@@ -12,7 +12,7 @@ from flight_logs import GAIN, flown
 import eivor as ev
 from eivor.errors import UsageError
 from eivor.flights.track import Moment, Track, track
-from eivor.report.other_results import changes_told, marks, track_document, track_figure, track_json, untold
+from eivor.report.other_results import marks, report_changes, track_document, track_figure, track_json, untold
 from eivor.report.terminal import on_terminal
 
 
@@ -38,40 +38,40 @@ def test_a_drop_is_told_where_it_is_and_by_how_much(dropped):
     (change,) = dropped.changes
     assert change.change == -1
     assert 20.0 < change.time_s < 23.0
-    (sentence,) = changes_told(dropped)
+    (sentence,) = report_changes(dropped)
     assert re.search("input gain K_u fell by 20 %", sentence)
-    early = [one for one in dropped.told if one.time_s < 20.0]
-    late = [one for one in dropped.told if one.time_s > 25.0]
+    early = [item for item in dropped.precise_moments if item.time_s < 20.0]
+    late = [item for item in dropped.precise_moments if item.time_s > 25.0]
     for moments, truth in ((early, GAIN), (late, 0.8 * GAIN)):
         assert len(moments) > 5
-        assert all(abs(one.value - truth) < one.half_width < 0.05 * truth for one in moments)
+        assert all(abs(moment.value - truth) < moment.half_width < 0.05 * truth for moment in moments)
 
 
 @pytest.mark.thorough
 def test_nothing_is_told_of_a_flight_that_stays_as_it_is(hover):
-    found = track(ev.identify_flight(hover))
-    assert found.changes == ()
-    assert "None" in next(iter(changes_told(found)))
+    result = track(ev.identify_flight(hover))
+    assert result.changes == ()
+    assert "None" in next(iter(report_changes(result)))
 
 
 @pytest.mark.thorough
 def test_hover_tells_nothing_when_nothing_is_known_of_the_intercept(hover):
-    found = track(ev.identify_flight(hover, accelerometer_bias=float("inf")))
-    assert found.told == ()
-    assert "wider than ±20 %" in " ".join(untold(found))
-    assert "only movement tells" in found.known[1]
-    figure = track_figure(found)
-    assert "told at no moment" in figure.get_suptitle()
+    result = track(ev.identify_flight(hover, accelerometer_bias=float("inf")))
+    assert result.precise_moments == ()
+    assert "wider than ±20 %" in " ".join(untold(result))
+    assert "only movement identifies" in result.known[1]
+    figure = track_figure(result)
+    assert "reported at no moment" in figure.get_suptitle()
 
 
 @pytest.mark.thorough
 def test_a_window_without_samples_is_not_told():
     moments = tuple(Moment(float(t), 40.0, 1.0, 0.1 if 3 <= t < 6 else 0.9) for t in range(10))
     result = ev.identify_flight(flown(seconds=10.0)[0])
-    found = Track(result, "input_gain", "m/s^2", 5.0, {}, moments, ())
-    (sentence,) = untold(found)
+    results = Track(result, "input_gain", "m/s^2", 5.0, {}, moments, ())
+    (sentence,) = untold(results)
     assert sentence.startswith("3.0 to 5.0 s: hardly any sample")
-    assert len(found.told) == 7
+    assert len(results.precise_moments) == 7
 
 
 @pytest.mark.thorough
@@ -100,7 +100,7 @@ def test_marks_span_what_is_told_and_a_tenth_at_least():
 @pytest.mark.thorough
 def test_what_cannot_be_followed_is_refused(hover):
     result = ev.identify_flight(hover)
-    with pytest.raises(UsageError, match=r"memory of 0.1 s up to .* 30 s; received 99 s"):
+    with pytest.raises(UsageError, match=r"memory of 0.1 to 30 s, the length of the flight; received 99 s"):
         track(result, 99.0)
     with pytest.raises(UsageError, match="one flight to follow; received 2"):
         track(replace(result, prepared=result.prepared * 2))

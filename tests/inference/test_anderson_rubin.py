@@ -99,11 +99,11 @@ def test_robust_ends_are_roots_and_membership_agrees_along_the_line():
     for seed, strength in ((5, 0.3), (6, 0.1), (7, 0.02)):
         psi, columns = record(np.random.default_rng(seed), strength)
         region = robust(psi, columns)
-        found = region.interval("a")
-        for end in (end for piece in found.intervals for end in piece if np.isfinite(end)):
+        interval = region.interval("a")
+        for end in (end for piece in interval.intervals for end in piece if np.isfinite(end)):
             assert region.excess(np.array([end])) == pytest.approx(1.0, abs=1e-7)
         for value in np.tan(np.linspace(-1.57, 1.57, 501)):
-            assert region.contains(np.array([value])) == found.contains(value)
+            assert region.contains(np.array([value])) == interval.contains(value)
 
 
 @pytest.mark.thorough
@@ -139,9 +139,9 @@ def test_units_and_mixtures_of_instruments_change_nothing():
     psi, columns = two_columns(rng)
     mixed, units = psi @ rng.standard_normal((5, 5)), np.array([1e3, 1e-4, 30.0])
     for make in (robust, classical):
-        one, other = make(psi, columns), make(mixed, columns * units)
-        assert one.interval("a").hull == pytest.approx(other.interval("a").scaled(1e-7).hull, rel=1e-6)
-        assert one.excess(np.array([1.0, 2.0])) == pytest.approx(
+        item, other = make(psi, columns), make(mixed, columns * units)
+        assert item.interval("a").hull == pytest.approx(other.interval("a").scaled(1e-7).hull, rel=1e-6)
+        assert item.excess(np.array([1.0, 2.0])) == pytest.approx(
             other.excess(np.array([1e7, 2e3 / 30.0])), rel=1e-7
         )
 
@@ -216,10 +216,16 @@ def test_every_shape_is_reached():
     for seed in range(40):
         psi, columns = record(np.random.default_rng([14, seed]), 0.02 if seed % 2 else 0.3)
         for make in (robust, classical):
-            found = make(psi, columns).interval("a")
-            rays = not found.is_bounded and len(found.intervals) == 2
+            interval = make(psi, columns).interval("a")
+            rays = not interval.is_bounded and len(interval.intervals) == 2
             kinds.add(
-                "whole" if found.is_whole_line else "rays" if rays else "bounded" if found.is_bounded else ""
+                "whole"
+                if interval.is_whole_line
+                else "rays"
+                if rays
+                else "bounded"
+                if interval.is_bounded
+                else ""
             )
     assert {"whole", "rays", "bounded"} <= kinds
 

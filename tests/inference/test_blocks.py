@@ -77,11 +77,11 @@ def test_sums_over_pieces_are_sums_over_their_rows(scheme: BlockScheme) -> None:
     values = np.random.default_rng(6).normal(size=(20_001, 2))
     plan = block_plan(20_001, 100.0, scheme)
     atoms = np.add.reduceat(values, plan.bounds[:-1], axis=0)
-    found = piece_sums(atoms, plan)
-    assert found.shape == (plan.pieces, 2)
+    sums = piece_sums(atoms, plan)
+    assert sums.shape == (plan.pieces, 2)
     for piece in (0, 17, plan.pieces - 1):
         wanted = values[plan.rows_of(np.array([piece]))].sum(axis=0)
-        np.testing.assert_allclose(found[piece], wanted, rtol=1e-12, atol=1e-12)
+        np.testing.assert_allclose(sums[piece], wanted, rtol=1e-12, atol=1e-12)
 
 
 def test_autocovariance_is_its_formula() -> None:
@@ -98,12 +98,12 @@ def test_automatic_length_finds_the_best_one_of_first_order_noise(
 ) -> None:
     """AR(1): G / g = 2 r / (1 - r^2), so the best length is (factor r^2 / (1 - r^2)^2 N)^(1/3)."""
     rows, random = 4000, np.random.default_rng(9)
-    found = [
+    results = [
         automatic_block_length(lfilter([1.0], [1.0, -memory], random.normal(size=(rows, 1)), axis=0), scheme)
         for _ in range(60)
     ]
     best = (factor * memory**2 / (1.0 - memory**2) ** 2 * rows) ** (1.0 / 3.0)
-    assert float(np.median(found)) == pytest.approx(best, rel=0.15)
+    assert float(np.median(results)) == pytest.approx(best, rel=0.15)
 
 
 def test_automatic_length_of_white_noise_is_short_and_that_of_a_trend_long() -> None:

@@ -46,9 +46,9 @@ def test_the_values_are_those_that_a_search_finds(seed, strength):
     ratios = np.array([searched(N, D, value) for value in VALUES])
     assert least <= ratios.min() + 1e-8
     for bound in (0.5 * least, least + 1.0, least + 4.0):
-        found = ConfidenceSet.union(allowed(N[None], D[None], np.array([bound])).pieces())
+        union = ConfidenceSet.union(allowed(N[None], D[None], np.array([bound])).pieces())
         clear = np.abs(ratios - bound) > 1e-4
-        inside = np.array([found.contains(float(value)) for value in VALUES])
+        inside = np.array([union.contains(float(value)) for value in VALUES])
         assert (inside == (ratios <= bound))[clear].all()
 
 

@@ -34,9 +34,9 @@ COEFFICIENT = st.floats(min_value=-1e6, max_value=1e6, allow_subnormal=False)
     ],
 )
 def test_quadratic_inequalities_of_every_kind(coefficients, wanted, text):
-    found = ConfidenceSet.from_quadratic(*coefficients)
-    assert found.intervals == wanted
-    assert str(found) == text
+    from_quadratic = ConfidenceSet.from_quadratic(*coefficients)
+    assert from_quadratic.intervals == wanted
+    assert str(from_quadratic) == text
 
 
 @pytest.mark.parametrize(
@@ -55,8 +55,8 @@ def test_roots_are_right_to_rounding(coefficients):
         a, b, c = map(mpmath.mpf, coefficients)
         root = mpmath.sqrt(b * b - 4 * a * c)
         low, high = (-b - root) / (2 * a), (-b + root) / (2 * a)
-        found = ConfidenceSet.from_quadratic(*coefficients)
-        assert found.hull == pytest.approx((float(low), float(high)), rel=3e-16)
+        from_quadratic = ConfidenceSet.from_quadratic(*coefficients)
+        assert from_quadratic.hull == pytest.approx((float(low), float(high)), rel=3e-16)
 
 
 def test_whether_there_are_roots_is_decided_exactly():

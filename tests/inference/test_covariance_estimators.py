@@ -63,14 +63,14 @@ def in_our_order(covariance):
     ids=["classical", "robust"],
 )
 def test_stata_s_printed_covariances(housing, estimator, published):
-    found = housing[0].with_covariance(estimator).covariance
-    np.testing.assert_allclose(found, published, rtol=2e-7)
+    covariance = housing[0].with_covariance(estimator).covariance
+    np.testing.assert_allclose(covariance, published, rtol=2e-7)
 
 
 def test_linearmodels_robust_covariance(housing):
     fit, peer = housing
-    found = fit.with_covariance(cov.HeteroskedasticityRobust()).covariance
-    np.testing.assert_allclose(found, in_our_order(peer.fit(cov_type="robust").cov), rtol=1e-8)
+    covariance = fit.with_covariance(cov.HeteroskedasticityRobust()).covariance
+    np.testing.assert_allclose(covariance, in_our_order(peer.fit(cov_type="robust").cov), rtol=1e-8)
 
 
 @pytest.mark.parametrize("bandwidth", [0, 1, 5, 20])
@@ -121,14 +121,14 @@ def chunks_of(record, size, last=None):
 def test_chunks_give_the_covariance_of_the_whole_record(record, method, instruments):
     whole = ev.identify(MOTION.regression(record, instruments), method)
     for name, make in TABLE.items():
-        found = ev.identify_chunks(
+        identify_chunks = ev.identify_chunks(
             chunks_of(record, 457), model=MOTION, method=method, instruments=instruments, covariance=make()
         )
         wanted = whole.with_covariance(make())
-        np.testing.assert_allclose(found.covariance, wanted.covariance, rtol=1e-6, err_msg=name)
+        np.testing.assert_allclose(identify_chunks.covariance, wanted.covariance, rtol=1e-6, err_msg=name)
         for parameter in whole.names:
-            assert found.interval(parameter) == pytest.approx(wanted.interval(parameter), rel=1e-7)
-    assert "std. error" in found.summary()
+            assert identify_chunks.interval(parameter) == pytest.approx(wanted.interval(parameter), rel=1e-7)
+    assert "std. error" in identify_chunks.summary()
 
 
 @pytest.mark.parametrize(("method", "instruments"), METHODS, ids=lambda value: getattr(value, "name", ""))
@@ -192,14 +192,14 @@ def test_covariances_that_cannot_be_are_refused(record):
 
 
 def test_another_covariance_is_refused_where_rows_are_gone(record):
-    found = ev.identify_chunks(
+    identify_chunks = ev.identify_chunks(
         chunks_of(record, 500),
         model=MOTION,
         method=ev.methods.generalized_iv(),
         instruments=ev.lags("input", 0, 5),
     )
     with pytest.raises(EstimationError, match="for another covariance; received one from chunks"):
-        found.with_covariance(cov.Classical())
+        identify_chunks.with_covariance(cov.Classical())
 
 
 @pytest.mark.filterwarnings("ignore::eivor.errors.WeakInstrumentsWarning")
@@ -254,8 +254,8 @@ def test_clusters_of_compensated_equations_have_their_constant():
     )
     fit = ev.identify(problem, ev.methods.generalized_iv())
     robust, clustered = (
-        fit.with_covariance(one).std_error("a")
-        for one in (cov.HeteroskedasticityRobust(), cov.ClusteredByFlight())
+        fit.with_covariance(item).std_error("a")
+        for item in (cov.HeteroskedasticityRobust(), cov.ClusteredByFlight())
     )
     # Forty clusters tell a standard error to 11 %.
     assert clustered == pytest.approx(robust, rel=0.45)
@@ -265,9 +265,9 @@ def test_ellipses_are_no_narrower_than_what_intervals_allow_for(record):
     fit = ev.identify(MOTION.regression(record), ev.methods.least_squares())
     wide = cov.KernelRobust(cov.Bartlett(), cov.FixedBandwidth(900))
     for chosen in (wide, cov.Widest((cov.Classical(), cov.EqualWeightedCosines(3)))):
-        found = fit.with_covariance(chosen)
-        bounds = found.ellipse("viscous_friction", "input_gain").bounds
-        low, high = found.interval("input_gain")
+        covariance = fit.with_covariance(chosen)
+        bounds = covariance.ellipse("viscous_friction", "input_gain").bounds
+        low, high = covariance.interval("input_gain")
         assert bounds[1][0] < low < high < bounds[1][1]
 
 

@@ -47,10 +47,10 @@ def test_cosine_averages_of_white_noise_agree_with_its_variance():
     """B V / (N s^2) is chi-square on B degrees of freedom: its mean, and its whole distribution."""
     runs, count, std = 2000, 300, 1.7
     rng = np.random.default_rng(1)
-    found = np.array(
+    result = np.array(
         [long_run_sum_covariance(std * rng.standard_normal((count, 1)))[0, 0] for _ in range(runs)]
     )
-    ratio = found / (count * std**2)
+    ratio = result / (count * std**2)
     error = np.sqrt(2.0 / COSINE_AVERAGES / runs)
     assert abs(ratio.mean() - 1.0) < 4.0 * error
     assert stats.kstest(COSINE_AVERAGES * ratio, stats.chi2(COSINE_AVERAGES).cdf).pvalue > 1e-4
@@ -99,9 +99,9 @@ def test_sandwich_is_its_formula_in_any_units(seed, scale):
     inverse = np.linalg.inv(M)
     wanted = inverse @ (root @ root.T) @ inverse.T
     units = np.diag([1.0, scale, 1.0])
-    found = sandwich(units @ M @ units, units @ root @ root.T @ units)
-    np.testing.assert_allclose(units @ found @ units, wanted, rtol=1e-7, atol=1e-9 * np.abs(wanted).max())
-    np.testing.assert_array_equal(found, found.T)
+    result = sandwich(units @ M @ units, units @ root @ root.T @ units)
+    np.testing.assert_allclose(units @ result @ units, wanted, rtol=1e-7, atol=1e-9 * np.abs(wanted).max())
+    np.testing.assert_array_equal(result, result.T)
 
 
 @pytest.mark.parametrize("flights", [3, 9, 10, 15])
@@ -161,9 +161,9 @@ def test_bartlett_covariance_is_its_double_sum(count, bandwidth, seed):
         for s in range(count):
             weight = max(0.0, 1.0 - abs(t - s) / (bandwidth + 1.0))
             wanted += weight * np.outer(scores[t], scores[s]) / count
-    found = bartlett_covariance(scores, bandwidth)
-    np.testing.assert_allclose(found, wanted, atol=1e-12)
-    assert np.linalg.eigvalsh(found)[0] > -1e-12
+    covariance = bartlett_covariance(scores, bandwidth)
+    np.testing.assert_allclose(covariance, wanted, atol=1e-12)
+    assert np.linalg.eigvalsh(covariance)[0] > -1e-12
 
 
 def test_rule_of_thumb_and_quantiles_are_the_published_ones():

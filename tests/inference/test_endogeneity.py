@@ -17,19 +17,19 @@ def two_stage_weights(products: EquationProducts) -> np.ndarray:
     return np.linalg.solve(products.instrument_mean, products.sensitivity)
 
 
-def endogeneity_of(found, blocks=25):
-    products = data.products_of(*found, blocks)
+def endogeneity_of(result, blocks=25):
+    products = data.products_of(*result, blocks)
     return endogeneity(products, two_stage_weights(products))
 
 
 @pytest.mark.parametrize("case", ["housing", "griliches"])
 def test_linearmodels_durbin_and_wu_hausman(case):
-    found = data.housing() if case == "housing" else data.griliches()
-    if found is None:
+    result = data.housing() if case == "housing" else data.griliches()
+    if result is None:
         pytest.skip("statsmodels, which ships griliches76.dta, is not installed")
-    y, endogenous, exogenous, excluded = found
+    y, endogenous, exogenous, excluded = result
     peer = linearmodels.IV2SLS(y, exogenous, endogenous, excluded).fit(cov_type="unadjusted")
-    test = endogeneity_of(found)
+    test = endogeneity_of(result)
     assert test.degrees == endogenous.shape[1]
     assert test.durbin == pytest.approx(peer.durbin().stat, rel=1e-6)
     assert test.durbin_p_value == pytest.approx(peer.durbin().pval, rel=1e-6)
@@ -38,17 +38,17 @@ def test_linearmodels_durbin_and_wu_hausman(case):
 
 
 def test_difference_is_that_of_the_two_estimates():
-    found = data.housing()
-    theta, X, *_ = data.two_stage(*found)
-    least_squares = np.linalg.lstsq(X, found[0], rcond=None)[0]
-    np.testing.assert_allclose(endogeneity_of(found).difference, theta - least_squares, rtol=1e-6)
+    housing = data.housing()
+    theta, X, *_ = data.two_stage(*housing)
+    least_squares = np.linalg.lstsq(X, housing[0], rcond=None)[0]
+    np.testing.assert_allclose(endogeneity_of(housing).difference, theta - least_squares, rtol=1e-6)
 
 
 def test_covariance_is_that_of_the_difference_of_influence_functions():
     """The statistic from the difference of both estimates and of their influence functions, row by row."""
     y, endogenous, exogenous, excluded = drawn(0, 0.3, 640)
     products = data.products_of(y, endogenous, exogenous, excluded, 128)
-    found = endogeneity(products, two_stage_weights(products))
+    result = endogeneity(products, two_stage_weights(products))
     theta, X, Z, _ = data.two_stage(y, endogenous, exogenous, excluded)
     least_squares = np.linalg.lstsq(X, y, rcond=None)[0]
     fitted = Z @ np.linalg.lstsq(Z, X, rcond=None)[0]
@@ -58,9 +58,9 @@ def test_covariance_is_that_of_the_difference_of_influence_functions():
         X.T @ X, (X * e_ls[:, None]).T
     )
     sums = influence.T.reshape(128, 5, -1).sum(axis=1)[:, :1]
-    cosines = np.cos(np.pi / 128 * np.outer(np.arange(1, found.averages + 1), np.arange(128) + 0.5))
-    variance = 2.0 * np.sum((cosines @ sums) ** 2) / found.averages
-    assert found.statistic == pytest.approx((theta - least_squares)[0] ** 2 / variance, rel=1e-6)
+    cosines = np.cos(np.pi / 128 * np.outer(np.arange(1, result.averages + 1), np.arange(128) + 0.5))
+    variance = 2.0 * np.sum((cosines @ sums) ** 2) / result.averages
+    assert result.statistic == pytest.approx((theta - least_squares)[0] ** 2 / variance, rel=1e-6)
 
 
 def drawn(seed, endogenous=0.0, count=800, memory=0.8):
@@ -106,10 +106,10 @@ def test_noise_in_a_regressor_is_endogeneity_and_a_declared_zero_is_not():
             shared=shared,
             constant=shared[:, 0] * theta,
         )
-        found = endogeneity(products, A)
-        assert (found.p_value < 0.001) == endogenous
+        result = endogeneity(products, A)
+        assert (result.p_value < 0.001) == endogenous
         slope = float(X[:, 0] @ y / (X[:, 0] @ X[:, 0]))
-        assert found.difference[0] == pytest.approx(theta - slope, rel=1e-6)
+        assert result.difference[0] == pytest.approx(theta - slope, rel=1e-6)
 
 
 def test_least_squares_is_not_compared_with_itself():
@@ -121,7 +121,7 @@ def test_least_squares_is_not_compared_with_itself():
 @pytest.mark.parametrize("units", [1e-6, 1e6])
 def test_units_do_not_count(units):
     y, endogenous, exogenous, excluded = drawn(4)
-    one = endogeneity_of((y, endogenous, exogenous, excluded))
+    item = endogeneity_of((y, endogenous, exogenous, excluded))
     other = endogeneity_of((y / units, units * endogenous, exogenous, excluded))
-    assert one.statistic == pytest.approx(other.statistic, rel=1e-6)
-    assert one.durbin == pytest.approx(other.durbin, rel=1e-6)
+    assert item.statistic == pytest.approx(other.statistic, rel=1e-6)
+    assert item.durbin == pytest.approx(other.durbin, rel=1e-6)

@@ -45,8 +45,8 @@ def test_covariance_is_its_double_sum_however_scores_are_cut(kernel, count, band
     if kernel.ends:
         weights = np.where(lag <= bandwidth, weights, 0.0)
     blocks = [scores[:cut], scores[cut:]] if cut < count else [scores]
-    found = kernel_sum_covariance(blocks, count, kernel, float(bandwidth))
-    np.testing.assert_allclose(found, scores.T @ weights @ scores, atol=1e-10)
+    covariance = kernel_sum_covariance(blocks, count, kernel, float(bandwidth))
+    np.testing.assert_allclose(covariance, scores.T @ weights @ scores, atol=1e-10)
 
 
 @pytest.mark.parametrize("kernel", KERNELS, ids=lambda kernel: kernel.name)
@@ -54,8 +54,8 @@ def test_covariance_is_its_double_sum_however_scores_are_cut(kernel, count, band
 def test_kernels_are_those_of_linearmodels(kernel, bandwidth):
     scores = lfilter([1.0], [1.0, -0.7], np.random.default_rng(5).standard_normal((300, 3)), axis=0)
     peer = cov_kernel(scores, peer_weights(kernel, bandwidth, 300))
-    found = kernel_sum_covariance([scores[:100], scores[100:]], 300, kernel, float(bandwidth)) / 300
-    np.testing.assert_allclose(found, peer, rtol=1e-10)
+    result = kernel_sum_covariance([scores[:100], scores[100:]], 300, kernel, float(bandwidth)) / 300
+    np.testing.assert_allclose(result, peer, rtol=1e-10)
 
 
 def test_quadratic_spectral_kernel_is_smooth_at_zero():
@@ -102,8 +102,8 @@ def test_fixed_b_quantiles_are_near_the_published_ones(b, share):
     """Kiefer and Vogelsang (2005): 95 % two-sided, Bartlett kernel, a cubic in b."""
     published = 1.9600 + 2.9694 * b + 0.4160 * b**2 - 0.5324 * b**3
     reference = fixed_b_reference(Bartlett(), b)
-    found = t_quantile(0.95, reference.degrees) / np.sqrt(reference.share)
-    assert found == pytest.approx(published, rel=share)
+    result = t_quantile(0.95, reference.degrees) / np.sqrt(reference.share)
+    assert result == pytest.approx(published, rel=share)
 
 
 @pytest.mark.parametrize("kernel", KERNELS, ids=lambda kernel: kernel.name)

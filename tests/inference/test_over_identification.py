@@ -23,18 +23,18 @@ from reference import constants as truth
 linearmodels = pytest.importorskip("linearmodels")
 
 
-def parts(found):
-    theta, X, Z, residual = data.two_stage(*found)
+def parts(result):
+    theta, X, Z, residual = data.two_stage(*result)
     count = residual.size
     return Z * residual[:, None], Z.T @ X / count, count, theta
 
 
 def test_stata_two_step_gmm():
     scores, A, count, _ = parts(data.housing())
-    found = hansen_j(scores.mean(axis=0), A, scores.T @ scores / count, count)
-    assert pytest.approx(truth.STATA_GMM_J, rel=1e-9) == found.J
-    assert found.degrees == 3
-    assert found.p_value == pytest.approx(stats.chi2(3).sf(truth.STATA_GMM_J), rel=1e-9)
+    result = hansen_j(scores.mean(axis=0), A, scores.T @ scores / count, count)
+    assert pytest.approx(truth.STATA_GMM_J, rel=1e-9) == result.J
+    assert result.degrees == 3
+    assert result.p_value == pytest.approx(stats.chi2(3).sf(truth.STATA_GMM_J), rel=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -48,9 +48,9 @@ def test_linearmodels_kernel_weights(kernel, name, bandwidth):
     peer = linearmodels.IVGMM(
         y, exogenous, endogenous, excluded, weight_type="kernel", kernel=name, bandwidth=bandwidth
     ).fit(iter_limit=2)
-    found = hansen_j(scores.mean(axis=0), A, S, count)
-    assert pytest.approx(peer.j_stat.stat, rel=1e-6) == found.J
-    assert found.p_value == pytest.approx(peer.j_stat.pval, rel=1e-6)
+    result = hansen_j(scores.mean(axis=0), A, S, count)
+    assert pytest.approx(peer.j_stat.stat, rel=1e-6) == result.J
+    assert result.p_value == pytest.approx(peer.j_stat.pval, rel=1e-6)
 
 
 def test_it_is_the_minimum_whatever_the_estimate():
@@ -67,8 +67,8 @@ def test_it_is_the_minimum_whatever_the_estimate():
 
 def test_exactly_identified_equations_cannot_disagree():
     g, A = np.zeros(2), np.eye(2)
-    found = hansen_j(g, A, np.eye(2), 10)
-    assert (found.J, found.degrees, found.p_value) == (0.0, 0, 1.0)
+    result = hansen_j(g, A, np.eye(2), 10)
+    assert (result.J, result.degrees, result.p_value) == (0.0, 0, 1.0)
 
 
 def test_too_few_averages_are_told():

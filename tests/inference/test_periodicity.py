@@ -42,27 +42,27 @@ def found_of(seed, *, slope=0.0, pushed=0.0, period=5.0, memory=0.5, count=2560,
 @pytest.mark.parametrize(("what", "of"), [("slope", "slope"), ("pushed", "push")])
 def test_what_swings_is_named_with_period_and_amplitude(what, of, gap):
     for seed in range(5):
-        found = found_of(seed, gap=gap, **{what: 0.8})
-        assert found.speaks
-        assert found.strongest.of == of
-        assert found.strongest.period == pytest.approx(5.0, rel=0.03)
-        assert found.strongest.amplitude == pytest.approx(0.8, rel=0.35)
+        result = found_of(seed, gap=gap, **{what: 0.8})
+        assert result.speaks
+        assert result.strongest.of == of
+        assert result.strongest.period == pytest.approx(5.0, rel=0.03)
+        assert result.strongest.amplitude == pytest.approx(0.8, rel=0.35)
 
 
 def test_a_parameter_that_pushes_too_is_the_one_that_varies():
-    found = found_of(1, slope=0.8, pushed=1.0)
-    assert min(found.tested, key=lambda one: one.p_value).of == "push"
-    assert found.strongest.of == "slope"
+    result = found_of(1, slope=0.8, pushed=1.0)
+    assert min(result.tested, key=lambda item: item.p_value).of == "push"
+    assert result.strongest.of == "slope"
 
 
 def test_sentences_have_number_unit_and_period():
     parameter, push = found_of(1, slope=0.8), found_of(1, pushed=0.8)
-    (weak,), (told,) = list(parameter.reasons(SUBJECT)), list(push.reasons(SUBJECT))
+    (weak,), (reported,) = list(parameter.reasons(SUBJECT)), list(push.reasons(SUBJECT))
     assert weak.status is Status.WEAK
     assert weak.sentence.startswith(f"slope varies by {parameter.strongest.extent} with a period of ")
     assert parameter.strongest.extent.endswith(" N/m")
-    assert told.status is Status.IDENTIFIED
-    assert f"swings by {push.strongest.extent} with a period of" in told.sentence
+    assert reported.status is Status.IDENTIFIED
+    assert f"swings by {push.strongest.extent} with a period of" in reported.sentence
     assert not list(found_of(1).reasons(SUBJECT))
     assert [row.of for row in push.rows(SUBJECT)] == ["", *2 * ["slope"], *2 * ["other"], *2 * ["push"]]
     assert "most likely push by" in next(iter(push.lines(SUBJECT)))
@@ -72,9 +72,9 @@ def test_sentences_have_number_unit_and_period():
 def test_size(memory):
     """Bonferroni's bound holds: rejections at .05 are at most that, within their binomial error."""
     runs = 60
-    found = [found_of(seed, memory=memory) for seed in range(runs)]
-    assert sum(one.p_value < 0.05 for one in found) <= stats.binom.ppf(1.0 - 1e-3, runs, 0.05)
-    assert sum(one.speaks for one in found) <= stats.binom.ppf(1.0 - 1e-3, runs, 0.01)
+    results = [found_of(seed, memory=memory) for seed in range(runs)]
+    assert sum(result.p_value < 0.05 for result in results) <= stats.binom.ppf(1.0 - 1e-3, runs, 0.05)
+    assert sum(result.speaks for result in results) <= stats.binom.ppf(1.0 - 1e-3, runs, 0.01)
 
 
 def test_few_blocks_and_no_power_say_nothing():
@@ -86,7 +86,7 @@ def test_few_blocks_and_no_power_say_nothing():
 
 def test_rows_one_step_apart_need_no_times():
     counts = np.array([3.0, 4.0, 3.0])
-    told = block_sums(np.zeros((3, 1)), counts, 0.1 * np.arange(10), 0.1)
+    sums = block_sums(np.zeros((3, 1)), counts, 0.1 * np.arange(10), 0.1)
     even = block_sums(np.zeros((3, 1)), counts, None, 0.1)
-    np.testing.assert_allclose(even.times, told.times, rtol=1e-14)
-    assert (even.block, even.span) == pytest.approx((told.block, told.span), rel=1e-14)
+    np.testing.assert_allclose(even.times, sums.times, rtol=1e-14)
+    assert (even.block, even.span) == pytest.approx((sums.block, sums.span), rel=1e-14)

@@ -28,17 +28,17 @@ def test_blocks_are_the_products_of_their_rows(blocks, whole):
     """Long blocks by matrix products, short ones many at once."""
     psi, phi, y = rows()
     edges = block_edges(ROWS, blocks)
-    found = table(blocks, whole=whole)
+    result = table(blocks, whole=whole)
     for k in range(blocks):
         here = slice(edges[k], edges[k + 1])
-        assert found.counts[k] == edges[k + 1] - edges[k]
-        np.testing.assert_allclose(found.cross[k], psi[here].T @ phi[here], atol=1e-12)
-        np.testing.assert_allclose(found.instrument_response[k], psi[here].T @ y[here], atol=1e-12)
+        assert result.counts[k] == edges[k + 1] - edges[k]
+        np.testing.assert_allclose(result.cross[k], psi[here].T @ phi[here], atol=1e-12)
+        np.testing.assert_allclose(result.instrument_response[k], psi[here].T @ y[here], atol=1e-12)
         if whole:
-            np.testing.assert_allclose(found.instruments[k], psi[here].T @ psi[here], atol=1e-12)
-            np.testing.assert_allclose(found.regressors[k], phi[here].T @ phi[here], atol=1e-12)
-            np.testing.assert_allclose(found.regressor_response[k], phi[here].T @ y[here], atol=1e-12)
-            np.testing.assert_allclose(found.power[k], y[here] @ y[here], atol=1e-12)
+            np.testing.assert_allclose(result.instruments[k], psi[here].T @ psi[here], atol=1e-12)
+            np.testing.assert_allclose(result.regressors[k], phi[here].T @ phi[here], atol=1e-12)
+            np.testing.assert_allclose(result.regressor_response[k], phi[here].T @ y[here], atol=1e-12)
+            np.testing.assert_allclose(result.power[k], y[here] @ y[here], atol=1e-12)
 
 
 @pytest.mark.parametrize("whole", [True, False])
@@ -50,34 +50,34 @@ def test_residual_in_the_responses_place(whole):
 
 
 def test_totals_groups_and_sums():
-    found = table(6)
-    np.testing.assert_allclose(found.total.sums, table(1).sums, atol=1e-12)
-    assert found.total.count == found.count == ROWS
-    grouped = found.grouped([0, 2, 6])
-    np.testing.assert_allclose(grouped.sums[0], found.sums[0] + found.sums[1], atol=1e-12)
-    np.testing.assert_array_equal(grouped.counts, [found.counts[:2].sum(), found.counts[2:].sum()])
-    np.testing.assert_allclose((grouped + found).total.sums, 2.0 * found.total.sums, atol=1e-12)
-    np.testing.assert_allclose(found.equations_only.sums, table(6, whole=False).sums, atol=1e-12)
-    np.testing.assert_allclose(found.means, found.total.sums[0] / ROWS)
+    result = table(6)
+    np.testing.assert_allclose(result.total.sums, table(1).sums, atol=1e-12)
+    assert result.total.count == result.count == ROWS
+    grouped = result.grouped([0, 2, 6])
+    np.testing.assert_allclose(grouped.sums[0], result.sums[0] + result.sums[1], atol=1e-12)
+    np.testing.assert_array_equal(grouped.counts, [result.counts[:2].sum(), result.counts[2:].sum()])
+    np.testing.assert_allclose((grouped + result).total.sums, 2.0 * result.total.sums, atol=1e-12)
+    np.testing.assert_allclose(result.equations_only.sums, table(6, whole=False).sums, atol=1e-12)
+    np.testing.assert_allclose(result.means, result.total.sums[0] / ROWS)
 
 
 def test_replicates_count_blocks_as_often_as_they_are_drawn():
-    found = table(5)
+    result = table(5)
     drawn = np.array([0, 3, 3, 4])
-    once = found.weighted(np.bincount(drawn, minlength=5).astype(np.float64))
-    np.testing.assert_allclose(found.resampled(drawn).sums, once.sums, atol=1e-12)
-    assert found.resampled(drawn).count == once.count
+    once = result.weighted(np.bincount(drawn, minlength=5).astype(np.float64))
+    np.testing.assert_allclose(result.resampled(drawn).sums, once.sums, atol=1e-12)
+    assert result.resampled(drawn).count == once.count
     # rows may count less than one, so that old ones are forgotten
-    faded = found.weighted(0.9 ** np.arange(5.0))
-    assert faded.count == pytest.approx(float(0.9 ** np.arange(5.0) @ found.counts))
+    weighted = result.weighted(0.9 ** np.arange(5.0))
+    assert weighted.count == pytest.approx(float(0.9 ** np.arange(5.0) @ result.counts))
 
 
 def test_stretches_of_blocks_are_added_as_often_as_they_are_drawn():
     """Three stretches of two blocks each: first blocks with first ones, and second with second."""
-    found = table(6)
-    drawn = found.weighted(np.array([2.0, 0.0, 1.0]))
-    np.testing.assert_allclose(drawn.sums, 2.0 * found.sums[:2] + found.sums[4:], atol=1e-12)
-    np.testing.assert_array_equal(drawn.counts, 2.0 * found.counts[:2] + found.counts[4:])
+    result = table(6)
+    drawn = result.weighted(np.array([2.0, 0.0, 1.0]))
+    np.testing.assert_allclose(drawn.sums, 2.0 * result.sums[:2] + result.sums[4:], atol=1e-12)
+    np.testing.assert_array_equal(drawn.counts, 2.0 * result.counts[:2] + result.counts[4:])
 
 
 def test_what_is_not_in_the_table_is_not_made_up():

@@ -33,9 +33,9 @@ def record(error: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.
     """Instruments (an AR(1) input and a constant), and [y Phi] with a regressor that answers the error."""
     reference = np.convolve(rng.standard_normal(error.size + 20), 0.8 ** np.arange(20))[20 : 20 + error.size]
     regressor = reference + 0.7 * error + rng.standard_normal(error.size)
-    ones = np.ones(error.size)
-    return np.column_stack([reference, ones]), np.column_stack(
-        [2.0 * regressor - 1.0 + error, regressor, ones]
+    entries = np.ones(error.size)
+    return np.column_stack([reference, entries]), np.column_stack(
+        [2.0 * regressor - 1.0 + error, regressor, entries]
     )
 
 
@@ -117,11 +117,11 @@ def test_region_does_not_depend_on_units_or_on_the_mixture_of_instruments():
     rng = np.random.default_rng(9)
     psi, columns = record(rng.standard_t(2, ROWS), rng)
     mixed, units = psi @ rng.standard_normal((2, 2)), np.array([1e3, 1e-3, 7.0])
-    one = sign_perturbed_region(("a", "b"), psi, columns, np.random.default_rng(1), level=0.95, sums=100)
+    region = sign_perturbed_region(("a", "b"), psi, columns, np.random.default_rng(1), level=0.95, sums=100)
     other = sign_perturbed_region(
         ("a", "b"), mixed, columns * units, np.random.default_rng(1), level=0.95, sums=100
     )
-    assert one.interval("a").hull == pytest.approx(other.interval("a").scaled(1e-6).hull, rel=1e-7)
+    assert region.interval("a").hull == pytest.approx(other.interval("a").scaled(1e-6).hull, rel=1e-7)
 
 
 def test_a_useless_instrument_gives_the_whole_line():
@@ -138,6 +138,6 @@ def test_levels_and_instruments_that_do_not_fit_are_refused():
     for level, sums in ((0.975, 100), (1.0, 100), (0.95, 10)):
         with pytest.raises(ParameterError, match="whole number"):
             excluded_sums(level, sums)
-    ones = np.ones((20, 2))
+    entries = np.ones((20, 2))
     with pytest.raises(CollinearError, match="independent instruments"):
-        sign_perturbed_region(("a",), ones, ones, np.random.default_rng(0), level=0.95, sums=100)
+        sign_perturbed_region(("a",), entries, entries, np.random.default_rng(0), level=0.95, sums=100)

@@ -25,7 +25,7 @@ def problem(seed: int, rows: int = 200, count: int = 5) -> tuple[np.ndarray, np.
 def test_conditional_strength_is_that_of_two_stage_residuals(seed):
     """Sanderson and Windmeijer: regress G_j on the others by 2SLS, then its residual on the instruments."""
     Z, G = problem(seed)
-    found = conditional_first_stage(orthonormal_basis(Z), G)
+    stage = conditional_first_stage(orthonormal_basis(Z), G)
     for j in range(3):
         others = np.delete(G, j, axis=1)
         fitted = Z @ np.linalg.lstsq(Z, others)[0]
@@ -33,7 +33,7 @@ def test_conditional_strength_is_that_of_two_stage_residuals(seed):
         residual = G[:, j] - others @ delta
         explained = Z @ np.linalg.lstsq(Z, residual)[0]
         wanted = (np.sum(explained**2) / (5 - 2)) / (np.sum((residual - explained) ** 2) / (200 - 5))
-        assert found[j] == pytest.approx(wanted, rel=1e-8)
+        assert stage[j] == pytest.approx(wanted, rel=1e-8)
 
 
 def test_one_regressors_strength_is_the_ordinary_first_stage_f():

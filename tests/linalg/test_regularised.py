@@ -54,13 +54,13 @@ def pulled_least_squares(A, b, strength, towards):
 def test_tikhonov_is_the_penalised_normal_equations(strength):
     A, b = noisy(1)
     solver = RegularisedLeastSquares(Tikhonov(strength, TOWARDS))
-    found = solver.solve(LinearSystem(A, b))
-    np.testing.assert_allclose(found.theta, pulled_least_squares(A, b, strength, TOWARDS), rtol=1e-10)
+    solve = solver.solve(LinearSystem(A, b))
+    np.testing.assert_allclose(solve.theta, pulled_least_squares(A, b, strength, TOWARDS), rtol=1e-10)
     least = LeastSquares().solve(LinearSystem(A, b)).theta
-    np.testing.assert_allclose(found.shrinkage.shift, found.theta - least, atol=1e-10)
+    np.testing.assert_allclose(solve.shrinkage.shift, solve.theta - least, atol=1e-10)
     unit = A / np.linalg.norm(A, axis=0)
     hat = unit @ np.linalg.solve(unit.T @ unit + strength * np.eye(3), unit.T)
-    assert found.shrinkage.kept == pytest.approx(np.trace(hat), rel=1e-10)
+    assert solve.shrinkage.kept == pytest.approx(np.trace(hat), rel=1e-10)
 
 
 def test_tikhonov_is_the_full_augmented_system():
@@ -71,8 +71,8 @@ def test_tikhonov_is_the_full_augmented_system():
     m, n = A.shape
     full = np.block([[s * np.eye(m), unit], [unit.T, -a / s * np.eye(n)]])
     wanted = np.linalg.solve(full, np.append(b, -a / s * TOWARDS * lengths))[m:] / lengths
-    found = RegularisedLeastSquares(Tikhonov(a, TOWARDS)).solve(LinearSystem(A, b))
-    np.testing.assert_allclose(found.theta, wanted, rtol=1e-11)
+    solve = RegularisedLeastSquares(Tikhonov(a, TOWARDS)).solve(LinearSystem(A, b))
+    np.testing.assert_allclose(solve.theta, wanted, rtol=1e-11)
 
 
 @pytest.mark.parametrize("strength", [0.0, 1e-3, 0.3])
@@ -84,10 +84,10 @@ def test_total_form_is_the_shifted_normal_equations(strength):
     shift = np.linalg.svd(np.column_stack([A, b]), compute_uv=False)[-1] ** 2
     a = strength * np.trace(G) / 3
     wanted = np.linalg.solve(G + (a - shift) * np.eye(3), right + a * TOWARDS)
-    found = RegularisedTotalLeastSquares(Tikhonov(strength, TOWARDS)).solve(LinearSystem(A, b))
-    np.testing.assert_allclose(found.theta, wanted, rtol=1e-10)
+    solve = RegularisedTotalLeastSquares(Tikhonov(strength, TOWARDS)).solve(LinearSystem(A, b))
+    np.testing.assert_allclose(solve.theta, wanted, rtol=1e-10)
     total = TotalLeastSquares().solve(LinearSystem(A, b)).theta
-    np.testing.assert_allclose(found.shrinkage.shift, found.theta - total, atol=1e-10)
+    np.testing.assert_allclose(solve.shrinkage.shift, solve.theta - total, atol=1e-10)
 
 
 @pytest.mark.parametrize("parameter", [None, 0.1])
@@ -109,10 +109,10 @@ def test_units_do_not_matter(parameter):
 def test_columns_without_error_are_not_pulled():
     A, b = noisy(6)
     S = np.diag([0.3, 0.0, 0.0, 0.5])
-    found = RegularisedTotalLeastSquares(Tikhonov(1e8, TOWARDS)).solve(LinearSystem(A, b, S))
-    assert found.theta[0] == pytest.approx(TOWARDS[0], rel=1e-4)
+    solve = RegularisedTotalLeastSquares(Tikhonov(1e8, TOWARDS)).solve(LinearSystem(A, b, S))
+    assert solve.theta[0] == pytest.approx(TOWARDS[0], rel=1e-4)
     left = LeastSquares().solve(LinearSystem(A[:, 1:], b - TOWARDS[0] * A[:, 0])).theta
-    np.testing.assert_allclose(found.theta[1:], left, rtol=1e-4)
+    np.testing.assert_allclose(solve.theta[1:], left, rtol=1e-4)
     exact = RegularisedTotalLeastSquares().solve(LinearSystem(A, b, np.diag([0.0, 0.0, 0.0, 1.0])))
     np.testing.assert_allclose(exact.theta, LeastSquares().solve(LinearSystem(A, b)).theta, rtol=1e-9)
 
@@ -167,7 +167,7 @@ def test_cross_validation_needs_an_equation_left_over():
 @pytest.mark.usefixtures("unchecked_shapes")
 def test_what_cannot_be_used_is_refused():
     A, b = noisy(8)
-    with pytest.raises(ShapeError, match="3 numbers to be pulled towards"):
+    with pytest.raises(ShapeError, match="3 numbers to be shrunk towards"):
         RegularisedLeastSquares(Tikhonov(towards=np.ones(2))).solve(LinearSystem(A, b))
     with pytest.raises(NonFiniteError, match="a vector of finite numbers"):
         Tikhonov(towards=np.array([1.0, np.nan]))

@@ -54,13 +54,13 @@ def covariance(seed: int, size: int) -> np.ndarray:
 def test_least_squares_is_numpys(solver, seed, rows, scale):
     A, b = noisy(seed, rows)
     A = A * np.array([1.0, scale, 1.0])
-    found = solver.solve(LinearSystem(A, b))
+    solve = solver.solve(LinearSystem(A, b))
     units = np.array([1.0, scale, 1.0])
     wanted = np.linalg.lstsq(A / units, b)[0] / units
     size = np.abs(wanted * units).max() + 1e-3
-    np.testing.assert_allclose(found.theta * units, wanted * units, atol=1e-8 * size)
-    np.testing.assert_allclose(found.residual, b - A @ found.theta, atol=1e-12)
-    assert found.objective == pytest.approx(float(found.residual @ found.residual))
+    np.testing.assert_allclose(solve.theta * units, wanted * units, atol=1e-8 * size)
+    np.testing.assert_allclose(solve.residual, b - A @ solve.theta, atol=1e-12)
+    assert solve.objective == pytest.approx(float(solve.residual @ solve.residual))
 
 
 def test_augmented_solution_is_that_of_the_full_system():
@@ -94,9 +94,9 @@ def test_high_condition_numbers_are_not_squared(solver):
     V, _ = np.linalg.qr(rng.standard_normal((4, 4)))
     A = U * np.geomspace(1.0, 1e-8, 4) @ V
     theta = np.ones(4)
-    found = solver.solve(LinearSystem(A, A @ theta))
-    np.testing.assert_allclose(found.theta, theta, atol=1e-6)
-    assert found.condition > 1e7
+    solve = solver.solve(LinearSystem(A, A @ theta))
+    np.testing.assert_allclose(solve.theta, theta, atol=1e-6)
+    assert solve.condition > 1e7
 
 
 # -- total least squares ----------------------------------------------------------------------------------
@@ -108,12 +108,12 @@ def test_high_condition_numbers_are_not_squared(solver):
 def test_total_least_squares_is_the_textbooks_formula(solver, seed):
     """(A'A - sigma^2 I)^-1 A'b, and the smallest right singular vector of [A b]."""
     A, b = noisy(seed)
-    found = solver.solve(LinearSystem(A, b))
+    solve = solver.solve(LinearSystem(A, b))
     _, singular, Vt = np.linalg.svd(np.column_stack([A, b]))
-    np.testing.assert_allclose(found.theta, -Vt[-1, :3] / Vt[-1, 3], rtol=1e-7)
+    np.testing.assert_allclose(solve.theta, -Vt[-1, :3] / Vt[-1, 3], rtol=1e-7)
     wanted = np.linalg.solve(A.T @ A - singular[-1] ** 2 * np.eye(3), A.T @ b)
-    np.testing.assert_allclose(found.theta, wanted, rtol=1e-7)
-    assert found.objective == pytest.approx(singular[-1] ** 2)
+    np.testing.assert_allclose(solve.theta, wanted, rtol=1e-7)
+    assert solve.objective == pytest.approx(singular[-1] ** 2)
 
 
 @pytest.mark.parametrize("solver", TOTAL)
@@ -125,14 +125,14 @@ def test_any_covariance_is_the_generalized_eigenproblem(solver, seed):
     S = covariance(seed, 4)
     rows = np.column_stack([A, b])
     values, vectors = scipy.linalg.eigh(rows.T @ rows, S)
-    found = solver.solve(LinearSystem(A, b, S))
-    np.testing.assert_allclose(found.theta, -vectors[:-1, 0] / vectors[-1, 0], rtol=1e-6)
-    assert found.objective == pytest.approx(values[0], rel=1e-8)
+    solve = solver.solve(LinearSystem(A, b, S))
+    np.testing.assert_allclose(solve.theta, -vectors[:-1, 0] / vectors[-1, 0], rtol=1e-6)
+    assert solve.objective == pytest.approx(values[0], rel=1e-8)
     # Only the proportions of the covariance count, and its units go along with the columns'.
     units = np.array([1e-5, 1.0, 3e4])
     scaled = solver.solve(LinearSystem(A * units, b, 7.0 * S * np.outer([*units, 1.0], [*units, 1.0])))
-    np.testing.assert_allclose(scaled.theta * units, found.theta, rtol=1e-6)
-    assert 7.0 * scaled.objective == pytest.approx(found.objective, rel=1e-7)
+    np.testing.assert_allclose(scaled.theta * units, solve.theta, rtol=1e-6)
+    assert 7.0 * scaled.objective == pytest.approx(solve.objective, rel=1e-7)
 
 
 @pytest.mark.parametrize("solver", TOTAL)
@@ -151,9 +151,9 @@ def test_exact_columns_are_eliminated_first(solver, exact):
     v = np.linalg.svd(projected * weights)[2][-1] * weights
     noisy_part = -v[:-1] / v[-1]
     exact_part = np.linalg.lstsq(A[:, exact], b - A[:, rest] @ noisy_part)[0]
-    found = solver.solve(LinearSystem(A, b, np.diag(variances))).theta
-    np.testing.assert_allclose(found[rest], noisy_part, rtol=1e-8)
-    np.testing.assert_allclose(found[exact], exact_part, rtol=1e-8)
+    theta = solver.solve(LinearSystem(A, b, np.diag(variances))).theta
+    np.testing.assert_allclose(theta[rest], noisy_part, rtol=1e-8)
+    np.testing.assert_allclose(theta[exact], exact_part, rtol=1e-8)
 
 
 @pytest.mark.parametrize("solver", TOTAL)
@@ -166,9 +166,9 @@ def test_exact_regressors_make_it_least_squares_and_exact_data_are_found(solver)
         rtol=1e-12,
     )
     theta = np.array([1.0, -2.0, 3.0])
-    found = solver.solve(LinearSystem(A, A @ theta, covariance(5, 4)))
-    np.testing.assert_allclose(found.theta, theta, rtol=1e-10)
-    assert found.objective == pytest.approx(0.0, abs=1e-20)
+    solve = solver.solve(LinearSystem(A, A @ theta, covariance(5, 4)))
+    np.testing.assert_allclose(solve.theta, theta, rtol=1e-10)
+    assert solve.objective == pytest.approx(0.0, abs=1e-20)
 
 
 @pytest.mark.parametrize("solver", TOTAL)
@@ -183,10 +183,10 @@ def test_the_solution_is_where_its_objective_is_least(solver, seed):
         direction = np.append(theta, -1.0)
         return float(np.sum((A @ theta - b) ** 2) / (direction @ S @ direction))
 
-    found = solver.solve(LinearSystem(A, b, S))
-    assert found.objective == pytest.approx(objective(found.theta))
+    solve = solver.solve(LinearSystem(A, b, S))
+    assert solve.objective == pytest.approx(objective(solve.theta))
     for move in 1e-3 * np.vstack([np.eye(3), -np.eye(3)]):
-        assert objective(found.theta + move) > found.objective
+        assert objective(solve.theta + move) > solve.objective
 
 
 @pytest.mark.parametrize("solver", TOTAL)
@@ -231,9 +231,9 @@ def test_pearsons_points_with_rounded_standard_deviations():
     x_std = np.array([0.03, 0.03, 0.04, 0.035, 0.07, 0.11, 0.13, 0.22, 0.74, 1.0])
     y_std = np.array([1.0, 0.74, 0.5, 0.35, 0.22, 0.22, 0.12, 0.12, 0.1, 0.04])
     system = LinearSystem(np.column_stack([np.ones(10), truth.PEARSON_X]), truth.PEARSON_Y)
-    found = weighted_total_least_squares(system, row_covariances(np.zeros(10), x_std**2, y_std**2))
+    squares = weighted_total_least_squares(system, row_covariances(np.zeros(10), x_std**2, y_std**2))
     # ODRPACK stops at the square root of the precision; SciPy compares six decimals.
-    np.testing.assert_allclose(found.theta, [5.4767400299231674, -0.4796082367610305], atol=5e-6)
+    np.testing.assert_allclose(squares.theta, [5.4767400299231674, -0.4796082367610305], atol=5e-6)
 
 
 @settings(max_examples=30)
@@ -243,9 +243,9 @@ def test_rows_with_one_covariance_are_generalized_total_least_squares(seed, scal
     units = np.array([1.0, scale, 1.0])
     S = np.diag([0.3, 0.0, 1.0, 0.6]) * np.outer([*units, 1.0], [*units, 1.0])
     wanted = TotalLeastSquares().solve(LinearSystem(A * units, b, S))
-    found = weighted_total_least_squares(LinearSystem(A * units, b), np.tile(S, (40, 1, 1)))
-    np.testing.assert_allclose(found.theta, wanted.theta, rtol=1e-8)
-    assert found.objective == pytest.approx(wanted.objective)
+    squares = weighted_total_least_squares(LinearSystem(A * units, b), np.tile(S, (40, 1, 1)))
+    np.testing.assert_allclose(squares.theta, wanted.theta, rtol=1e-8)
+    assert squares.objective == pytest.approx(wanted.objective)
 
 
 @settings(max_examples=30)
@@ -254,9 +254,11 @@ def test_row_weights_that_belong_to_the_response_are_weighted_least_squares(seed
     A, b = noisy(seed)
     variances = np.random.default_rng(seed).uniform(0.1, 3.0, 40)
     zeros = np.zeros(40)
-    found = weighted_total_least_squares(LinearSystem(A, b), row_covariances(zeros, zeros, zeros, variances))
+    squares = weighted_total_least_squares(
+        LinearSystem(A, b), row_covariances(zeros, zeros, zeros, variances)
+    )
     root = 1.0 / np.sqrt(variances)
-    np.testing.assert_allclose(found.theta, np.linalg.lstsq(A * root[:, None], b * root)[0], rtol=1e-9)
+    np.testing.assert_allclose(squares.theta, np.linalg.lstsq(A * root[:, None], b * root)[0], rtol=1e-9)
 
 
 # -- refusals ---------------------------------------------------------------------------------------------

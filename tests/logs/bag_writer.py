@@ -46,13 +46,15 @@ def px4_topics(flight):
     position = {"z": -values["position_z"], "vz": -values["velocity_z"], "x": zeros, "y": zeros}
     position |= {"vx": zeros, "vy": zeros}
     position |= dict.fromkeys(("xy_valid", "z_valid", "v_xy_valid", "v_z_valid"), yes)
-    asked = {name: down(values[f"reference_{name}_z"]) for name in ("position", "velocity", "acceleration")}
+    requested = {
+        name: down(values[f"reference_{name}_z"]) for name in ("position", "velocity", "acceleration")
+    }
     return {
         "vehicle_local_position": ("VehicleLocalPosition", t, position),
         "vehicle_attitude": ("VehicleAttitude", t, {"q": turn}),
         "vehicle_acceleration": ("VehicleAcceleration", t, {"xyz": down(force)}),
         "vehicle_thrust_setpoint": ("VehicleThrustSetpoint", t, {"xyz": down(throttle)}),
-        "trajectory_setpoint": ("TrajectorySetpoint", t, asked),
+        "trajectory_setpoint": ("TrajectorySetpoint", t, requested),
         "vehicle_status": (
             "VehicleStatus",
             t[:1],
@@ -79,16 +81,16 @@ def stores(release="1.15"):
         if float(number) <= float(release):
             texts |= {f"px4_msgs/{name}": text for name, text in changed.items()}
     texts |= {name: text for name, text in _TEXTS.items() if name.startswith("mav")}
-    found = []
+    results = []
     for store in (Stores.ROS1_NOETIC, Stores.ROS2_HUMBLE):
-        one = get_typestore(store)
+        typestore = get_typestore(store)
         types = {}
         for name, text in texts.items():
             package, _, kind = name.partition("/")
             types |= get_types_from_msg(text.replace("; ", "\n") + "\n", f"{package}/msg/{kind}")
-        one.register(types)
-        found.append(one)
-    return found
+        typestore.register(types)
+        results.append(typestore)
+    return results
 
 
 def px4_messages(store, flight, prefix="/fmu/out/", but=()):
@@ -99,8 +101,8 @@ def px4_messages(store, flight, prefix="/fmu/out/", but=()):
         full = f"px4_msgs/msg/{kind}"
         plain = blank(store, full)
         for row, time in enumerate(times):
-            told = {key: _of(plain[key], np.asarray(value)[row]) for key, value in fields.items()}
-            message = store.types[full](**(plain | told | {"timestamp": BOOT_US + round(time * 1e6)}))
+            selected = {key: _of(plain[key], np.asarray(value)[row]) for key, value in fields.items()}
+            message = store.types[full](**(plain | selected | {"timestamp": BOOT_US + round(time * 1e6)}))
             yield f"{prefix}{name}", full, time, message
 
 
@@ -110,7 +112,7 @@ def _of(like, value):
 
 def blank(store, kind):
     """A message of zeros, by field."""
-    return {name: _zero(store, one) for name, one in store.fielddefs[kind][1]}
+    return {name: _zero(store, item) for name, item in store.fielddefs[kind][1]}
 
 
 def _zero(store, described):
@@ -151,36 +153,38 @@ def mavros_messages(store, flight, prefix="/mavros/"):
 
     twist = store.types["geometry_msgs/msg/Twist"]
     for row, time in enumerate(times):
-        at = {"header": header(store, time)}
+        index = {"header": header(store, time)}
         zero = vector(store, 0, 0, 0)
         orientation = turned(store, *turn[row])
         up = vector(store, 0, 0, values["velocity_z"][row])
-        place = vector(store, 0, 0, values["position_z"][row], "Point")
-        pose = store.types["geometry_msgs/msg/Pose"](position=place, orientation=orientation)
-        told = (
-            ("local_position/pose", *made("geometry_msgs/msg/PoseStamped", **at, pose=pose)),
+        position = vector(store, 0, 0, values["position_z"][row], "Point")
+        pose = store.types["geometry_msgs/msg/Pose"](position=position, orientation=orientation)
+        selected = (
+            ("local_position/pose", *made("geometry_msgs/msg/PoseStamped", **index, pose=pose)),
             (
                 "local_position/velocity_local",
-                *made("geometry_msgs/msg/TwistStamped", **at, twist=twist(linear=up, angular=zero)),
+                *made("geometry_msgs/msg/TwistStamped", **index, twist=twist(linear=up, angular=zero)),
             ),
             (
                 "imu/data",
                 *made(
                     "sensor_msgs/msg/Imu",
-                    **at,
+                    **index,
                     orientation=orientation,
                     linear_acceleration=vector(store, 0, 0, force[row]),
                 ),
             ),
             (
                 "setpoint_raw/target_attitude",
-                *made("mavros_msgs/msg/AttitudeTarget", **at, thrust=throttle[row], orientation=orientation),
+                *made(
+                    "mavros_msgs/msg/AttitudeTarget", **index, thrust=throttle[row], orientation=orientation
+                ),
             ),
             (
                 "setpoint_raw/local",
                 *made(
                     "mavros_msgs/msg/PositionTarget",
-                    **at,
+                    **index,
                     coordinate_frame=1,
                     position=vector(store, 0, 0, values["reference_position_z"][row], "Point"),
                     velocity=vector(store, 0, 0, values["reference_velocity_z"][row]),
@@ -189,11 +193,14 @@ def mavros_messages(store, flight, prefix="/mavros/"):
             ),
         )
         if row % 25 == 0:
-            told += (
-                ("state", *made("mavros_msgs/msg/State", **at, mode="OFFBOARD" if row else "AUTO.TAKEOFF")),
-                ("extended_state", *made("mavros_msgs/msg/ExtendedState", **at, landed_state=2)),
+            selected += (
+                (
+                    "state",
+                    *made("mavros_msgs/msg/State", **index, mode="OFFBOARD" if row else "AUTO.TAKEOFF"),
+                ),
+                ("extended_state", *made("mavros_msgs/msg/ExtendedState", **index, landed_state=2)),
             )
-        for name, kind, message in told:
+        for name, kind, message in selected:
             yield f"{prefix}{name}", kind, time, message
 
 
@@ -208,7 +215,7 @@ def write_ros1(path, messages, store, compression=None):
     if compression is not None:
         writer.set_compression(compression)
     with writer:
-        for topic, kind, time, message in sorted(messages, key=lambda one: one[2]):
+        for topic, kind, time, message in sorted(messages, key=lambda item: item[2]):
             if topic not in connections:
                 connections[topic] = writer.add_connection(topic, kind, typestore=store)
             writer.write(connections[topic], record_ns(time, rng), store.serialize_ros1(message, kind))

@@ -77,7 +77,9 @@ class DataflashWriter:
         for letter, factor in MULTIPLIERS.items():
             self.add("MULT", 0.0, "bd", Id=ord(letter), Mult=factor)
         for name, columns in list(self.columns.items()):
-            unit, scale = ("".join(one) for one in zip(*(letters.get(c, "--") for c in columns), strict=True))
+            unit, scale = (
+                "".join(item) for item in zip(*(letters.get(c, "--") for c in columns), strict=True)
+            )
             of = {"FmtType": self.numbers[name], "UnitIds": unit.encode(), "MultIds": scale.encode()}
             self.add("FMTU", 0.0, "BNN", **of)
         return self
@@ -86,7 +88,7 @@ class DataflashWriter:
         return self.add("MSG", 0.0, "Z", Message=words.encode())
 
     def bytes(self):
-        return self.head + b"".join(one for _, one in sorted(self.messages, key=lambda pair: pair[0]))
+        return self.head + b"".join(item for _, item in sorted(self.messages, key=lambda pair: pair[0]))
 
     def lines(self, *, modes=None, newline="\n"):
         """The same log in text, as ground stations write it; `modes` are names for numbers of modes."""
@@ -94,8 +96,8 @@ class DataflashWriter:
         names = {number: name for name, number in self.numbers.items() if number != 128}
         kinds = {name: [KINDS[code] for code in codes] for name, codes in self.codes.items()}
         rows = {
-            name: np.dtype(",".join(["S2", "u1", *(f"<{kind}" for kind in one)]))
-            for name, one in kinds.items()
+            name: np.dtype(",".join(["S2", "u1", *(f"<{kind}" for kind in item)]))
+            for name, item in kinds.items()
         }
         for number, name in names.items():
             columns = ",".join(self.columns[name])
@@ -107,7 +109,7 @@ class DataflashWriter:
             if name == "MODE" and modes:
                 cells[1] = modes[cells[1]]
             written.append(", ".join([name, *cells]))
-        return "".join(one + newline for one in written).encode()
+        return "".join(item + newline for item in written).encode()
 
 
 def in_text(code, value):
@@ -121,7 +123,7 @@ def in_text(code, value):
 
 def told(recording, name):
     """The sentences of a finding of one name."""
-    return " ".join(one.message for one in recording.findings if one.name == name)
+    return " ".join(finding.message for finding in recording.findings if finding.name == name)
 
 
 def survives(read, content):
@@ -149,14 +151,14 @@ def simulated(**spec):
     return flight.recording
 
 
-def flight_log(flown, dialect="4.6", vehicle="", high=HIGH, modes=MODES, true=1.0, in_force=CURVE, every=10):
+def flight_log(flight, dialect="4.6", vehicle="", high=HIGH, modes=MODES, true=1.0, in_force=CURVE, every=10):
     """Write a simulated flight as firmware of a dialect logs it, throttle and accelerations at 100 Hz.
 
     `true` is the curve of the motors, `in_force` the autopilot's; motor outputs are at 100 Hz over `every`.
     """
-    values = {name: channel.values for name, channel in flown.channels.items()}
+    values = {name: channel.values for name, channel in flight.channels.items()}
     values |= commands(values["rotor_command_1"] ** 2, true, in_force)
-    t = flown.channels["position_z"].time_s
+    t = flight.channels["position_z"].time_s
     writer = DataflashWriter("TimeMS" if dialect == "3.3" else "TimeUS")
     writer.text(vehicle or FIRMWARES[dialect]).text("Frame: QUAD")
     writer.parameters(MOT_PWM_MIN=0.0, MOT_PWM_MAX=0.0, RC3_MIN=LOW, RC3_MAX=HIGH)
@@ -165,8 +167,8 @@ def flight_log(flown, dialect="4.6", vehicle="", high=HIGH, modes=MODES, true=1.
     writer.add("MODE", list(modes), "MBB", Mode=numbers, ModeNum=numbers, Rsn=1)
     writer.add("EV", [0.0, 0.0, t[-1]], "B", Id=[10, 28, 18])
     add_fast(writer, t, values, dialect)
-    add_estimates(writer, t[::4], {name: one[::4] for name, one in values.items()}, dialect)
-    slow = {name: one[::10] for name, one in values.items()}
+    add_estimates(writer, t[::4], {name: value[::4] for name, value in values.items()}, dialect)
+    slow = {name: value[::10] for name, value in values.items()}
     add_control(writer, t[::10], slow, dialect)
     widths = LOW + (SPIN_MIN + values["signal"][::every] * (SPIN_MAX - SPIN_MIN)) * (high - LOW)
     writer.add("RCOU", t[::every], "H" * 4, **{f"C{n}": widths for n in range(1, 5)})
@@ -176,7 +178,7 @@ def flight_log(flown, dialect="4.6", vehicle="", high=HIGH, modes=MODES, true=1.
 
 def commands(thrust, true, in_force):
     """Motor signals that give shares of thrust, and setpoints of which an autopilot makes those signals."""
-    signal = np.array([Mixed(true).inverse(one) for one in thrust])
+    signal = np.array([Mixed(true).inverse(item) for item in thrust])
     return {"signal": signal, "throttle": np.asarray(Mixed(in_force)(signal))}
 
 
@@ -209,8 +211,8 @@ def add_estimates(writer, t, values, dialect):
         writer.add("NKF1", t, "ffffff", **wrong).add("NKF6", t, "ffffff", **estimate)
         writer.add("NKF4", t, "b", PI=1)
     else:
-        for core, one in enumerate((wrong, estimate)):
-            writer.add("XKF1", t, "Bffffff", C=core, **one)
+        for core, item in enumerate((wrong, estimate)):
+            writer.add("XKF1", t, "Bffffff", C=core, **item)
             writer.add("NKF1", t, "Bffffff", C=core, **wrong)
         writer.add("XKF4", t, "Bb", C=0, PI=1)
 

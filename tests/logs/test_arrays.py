@@ -54,10 +54,14 @@ def test_wrong_columns(columns, error, words):
         recording_from_columns(columns)
 
 
-def same(one, other):
-    assert (one.frame, one.input_map, one.parameters) == (other.frame, other.input_map, other.parameters)
-    assert list(one.channels) == list(other.channels)
-    for name, channel in one.channels.items():
+def same(first, other):
+    assert (first.frame, first.input_map, first.parameters) == (
+        other.frame,
+        other.input_map,
+        other.parameters,
+    )
+    assert list(first.channels) == list(other.channels)
+    for name, channel in first.channels.items():
         twin = other.channels[name]
         np.testing.assert_array_equal(channel.time_s, twin.time_s)
         np.testing.assert_array_equal(channel.values, twin.values)
@@ -89,7 +93,7 @@ def test_delays_of_sensors_are_kept(tmp_path):
         r, channels={name: replace(channel, delay_s=0.004) for name, channel in r.channels.items()}
     )
     write_recording(late, tmp_path / "r.parquet")
-    assert {one.delay_s for one in read_log(tmp_path / "r.parquet").channels.values()} == {0.004}
+    assert {channel.delay_s for channel in read_log(tmp_path / "r.parquet").channels.values()} == {0.004}
     with pytest.raises(UsageError, match="the delay of"):
         write_recording(late, tmp_path / "r.csv")
 
@@ -111,21 +115,24 @@ def test_what_cannot_be_written(tmp_path):
         recording_from_columns(COLUMNS, estimated=("vz",))
     with pytest.raises(UsageError, match="ends in"):
         write_recording(recording_from_columns(COLUMNS), tmp_path / "r.txt")
-    own = Channel("landed", np.array([0.5, 1.5]), np.array([0.0, np.nan]), "")
-    apart = Recording(
+    channel = Channel("landed", np.array([0.5, 1.5]), np.array([0.0, np.nan]), "")
+    recording = Recording(
         name="r",
         format="",
-        channels={"input": Channel("input", np.arange(2.0), np.zeros(2), ""), "landed": own},
+        channels={"input": Channel("input", np.arange(2.0), np.zeros(2), ""), "landed": channel},
     )
     with pytest.raises(UsageError, match=r"all stamps of 'landed'.*NaN among them"):
-        write_recording(apart, tmp_path / "r.parquet")
+        write_recording(recording, tmp_path / "r.parquet")
     with pytest.raises(UsageError, match="the stamps of input and others"):
         write_recording(
-            replace(apart, channels=dict(apart.channels) | {"landed": replace(own, values=np.zeros(2))}),
+            replace(
+                recording,
+                channels=dict(recording.channels) | {"landed": replace(channel, values=np.zeros(2))},
+            ),
             tmp_path / "r.csv",
         )
     with pytest.raises(UsageError, match="a recording with channels"):
-        write_recording(replace(apart, channels={}), tmp_path / "r.parquet")
+        write_recording(replace(recording, channels={}), tmp_path / "r.parquet")
 
 
 def test_channels_of_several_clocks_read_back_the_same(tmp_path):

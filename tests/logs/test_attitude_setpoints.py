@@ -39,39 +39,44 @@ def log(states=(), **attitude) -> tuple[dict[str, Topic], dict[str, np.ndarray]]
 
 
 def made(topics, clocks) -> dict[str, np.ndarray]:
-    return {one.name: one.values for one in attitude_setpoints(topics, clocks)}
+    return {
+        attitude_setpoint.name: attitude_setpoint.values
+        for attitude_setpoint in attitude_setpoints(topics, clocks)
+    }
 
 
 def of(angles) -> dict[str, np.ndarray]:
-    parts = np.stack([quaternion(*one) for one in angles], axis=1)
+    parts = np.stack([quaternion(*angle) for angle in angles], axis=1)
     return {f"q_d[{index}]": part for index, part in enumerate(parts)}
 
 
 def test_quaternions_become_angles_and_yaw_has_no_jumps():
     angles = [(0.1 * k, -0.05 * k, 2.5 + 0.2 * k) for k in range(COUNT)]
-    found = made(*log((15, 15, 15, 15), **of(angles)))
+    result = made(*log((15, 15, 15, 15), **of(angles)))
     for number, name in enumerate(("roll", "pitch", "yaw")):
-        np.testing.assert_allclose(found[f"reference_{name}"], [one[number] for one in angles], atol=1e-12)
-        assert np.isnan(found[f"feedback_reference_{name}"]).all()
+        np.testing.assert_allclose(
+            result[f"reference_{name}"], [angle[number] for angle in angles], atol=1e-12
+        )
+        assert np.isnan(result[f"feedback_reference_{name}"]).all()
 
 
 def test_they_are_told_apart_by_the_mode_in_force():
     # from second 0 stabilized, from 2 position, from 4 acro, from 6 altitude
-    found = made(*log((15, 2, 10, 1), **of([(0.3, 0.2, 0.1)] * COUNT)))
-    by_sticks = np.isfinite(found["reference_roll"])
+    result = made(*log((15, 2, 10, 1), **of([(0.3, 0.2, 0.1)] * COUNT)))
+    by_sticks = np.isfinite(result["reference_roll"])
     np.testing.assert_array_equal(by_sticks, [True, True, False, False, False, False, True, True])
-    np.testing.assert_array_equal(np.isfinite(found["feedback_reference_roll"]), ~by_sticks)
+    np.testing.assert_array_equal(np.isfinite(result["feedback_reference_roll"]), ~by_sticks)
     np.testing.assert_array_equal(
-        np.isfinite(found["reference_angular_rate_y"]), [*[False] * 4, True, True, *[False] * 2]
+        np.isfinite(result["reference_angular_rate_y"]), [*[False] * 4, True, True, *[False] * 2]
     )
-    assert found["reference_angular_rate_y"][4] == 2.0
+    assert result["reference_angular_rate_y"][4] == 2.0
 
 
 def test_without_a_mode_a_loop_made_them():
-    found = made(*log(**of([(0.3, 0.2, 0.1)] * COUNT)))
-    assert np.isnan(found["reference_roll"]).all()
-    assert np.isfinite(found["feedback_reference_roll"]).all()
-    assert np.isnan(found["reference_angular_rate_x"]).all()
+    result = made(*log(**of([(0.3, 0.2, 0.1)] * COUNT)))
+    assert np.isnan(result["reference_roll"]).all()
+    assert np.isfinite(result["feedback_reference_roll"]).all()
+    assert np.isnan(result["reference_angular_rate_x"]).all()
 
 
 def test_old_logs_hold_angles():
@@ -79,16 +84,16 @@ def test_old_logs_hold_angles():
         f"{name}_body": np.full(COUNT, value) for name, value in (("roll", 0.1), ("pitch", 0.2), ("yaw", 0.3))
     }
     never = {f"q_d[{index}]": np.zeros(COUNT) for index in range(4)}
-    found = made(*log((0, 0, 0, 0), **angles, **never))
-    assert found["reference_pitch"] == pytest.approx(np.full(COUNT, 0.2))
+    result = made(*log((0, 0, 0, 0), **angles, **never))
+    assert result["reference_pitch"] == pytest.approx(np.full(COUNT, 0.2))
 
 
 def test_damaged_quaternions_are_missing():
     parts = of([(0.3, 0.2, 0.1)] * COUNT)
     parts["q_d[0]"][3], parts["q_d[1]"][5] = np.nan, 9.0
-    found = made(*log((15,), **parts))
-    np.testing.assert_array_equal(np.flatnonzero(np.isnan(found["reference_yaw"])), [3, 5])
+    result = made(*log((15,), **parts))
+    np.testing.assert_array_equal(np.flatnonzero(np.isnan(result["reference_yaw"])), [3, 5])
 
 
 def test_a_setpoint_of_neither_kind_makes_no_channel():
-    assert [one for one in made(*log((15,))) if "angular" not in one] == []
+    assert [item for item in made(*log((15,))) if "angular" not in item] == []

@@ -37,24 +37,24 @@ def ulog(flight, tmp_path_factory):
 
 
 def told(recording, name):
-    return " ".join(one.message for one in recording.findings if one.name == name)
+    return " ".join(finding.message for finding in recording.findings if finding.name == name)
 
 
 def same(recording, expected, *, sign=1.0, but=()):
     """Whether every channel of a recording is that of another, with z turned where the sign says so."""
     for name in set(expected.channels) - set(but):
-        one, other = recording.channels[name], expected.channels[name]
+        channel, other = recording.channels[name], expected.channels[name]
         down = name.endswith("_z") and not name.startswith("attitude")
-        np.testing.assert_allclose(one.time_s, other.time_s, rtol=0, atol=1e-9, err_msg=name)
+        np.testing.assert_allclose(channel.time_s, other.time_s, rtol=0, atol=1e-9, err_msg=name)
         turned = sign * other.values if down else other.values
-        np.testing.assert_allclose(one.values, turned, rtol=1e-12, atol=1e-12, err_msg=name)
-        assert (one.held, one.estimated) == (other.held, other.estimated) or sign < 0, name
+        np.testing.assert_allclose(channel.values, turned, rtol=1e-12, atol=1e-12, err_msg=name)
+        assert (channel.held, channel.estimated) == (other.held, other.estimated) or sign < 0, name
     return True
 
 
 def thorough(*rest):
     """Parameters of cases beside which something quicker stands."""
-    return [pytest.param(one, marks=pytest.mark.thorough) for one in rest]
+    return [pytest.param(item, marks=pytest.mark.thorough) for item in rest]
 
 
 @pytest.mark.thorough
@@ -174,13 +174,17 @@ def odometry(store, *, in_world=False):
     for time in np.arange(200) * 0.02:
         stamped = {"header": bag_writer.header(store, time)}
         kind = kinds["nav_msgs"]
-        one = store.types[kind](**(bag_writer.blank(store, kind) | stamped))
-        place, orientation, speed = one.pose.pose.position, one.pose.pose.orientation, one.twist.twist.linear
-        place.x, place.z = np.sin(time), 0.5 * np.sin(2 * time)
+        types = store.types[kind](**(bag_writer.blank(store, kind) | stamped))
+        position, orientation, speed = (
+            types.pose.pose.position,
+            types.pose.pose.orientation,
+            types.twist.twist.linear,
+        )
+        position.x, position.z = np.sin(time), 0.5 * np.sin(2 * time)
         orientation.w = orientation.z = np.sqrt(0.5)
         speed.z = np.cos(2 * time)
         speed.x, speed.y = (np.cos(time), 0.0) if in_world else (0.0, -np.cos(time))
-        yield "/odom", kind, time, one
+        yield "/odom", kind, time, types
         kind = kinds["sensor_msgs"]
         stamped = {"header": bag_writer.header(store, time)}
         force = {"linear_acceleration": bag_writer.vector(store, 0.0, 0.0, 9.8 + 0.1 * np.sin(time))}

@@ -46,9 +46,9 @@ def store():
 def inertial(store, n=60):
     kind = "sensor_msgs/msg/Imu"
     for row in range(n):
-        told = {"header": header(store, 0.01 * row)}
-        told["linear_acceleration"] = vector(store, 0.0, 0.1 * row, 9.8)
-        yield "/imu", kind, 0.01 * row, store.types[kind](**(blank(store, kind) | told))
+        selected = {"header": header(store, 0.01 * row)}
+        selected["linear_acceleration"] = vector(store, 0.0, 0.1 * row, 9.8)
+        yield "/imu", kind, 0.01 * row, store.types[kind](**(blank(store, kind) | selected))
 
 
 @pytest.fixture(scope="module")
@@ -79,7 +79,7 @@ def read(tmp_path):
 
 
 def told(recording, name):
-    return " ".join(one.message for one in recording.findings if one.name == name)
+    return " ".join(finding.message for finding in recording.findings if finding.name == name)
 
 
 def survives(read, content, ending):
@@ -94,13 +94,13 @@ def survives(read, content, ending):
 def mutated(content, seed):
     rng = np.random.default_rng(seed)
     data = bytearray(content)
-    for place in rng.integers(16, len(data), size=rng.integers(1, 30)).tolist():
+    for integer in rng.integers(16, len(data), size=rng.integers(1, 30)).tolist():
         if seed % 3 == 0:
-            data[place] = int(rng.integers(256))
+            data[integer] = int(rng.integers(256))
         elif seed % 3 == 1:
-            del data[place : place + int(rng.integers(1, 200))]
+            del data[integer : integer + int(rng.integers(1, 200))]
         else:
-            data[place:place] = rng.bytes(int(rng.integers(1, 100)))
+            data[integer:integer] = rng.bytes(int(rng.integers(1, 100)))
     return bytes(data)
 
 
@@ -140,9 +140,9 @@ def test_a_part_that_is_damaged_is_left_out(tmp_path, store, sound):
 
 def test_one_large_chunk_that_says_nothing_is_refused(read, sound):
     """A chunk of zeros in a thousandth of its size: neither read nor kept in memory."""
-    place = sound["mcap"].index(b"\x04\0\0\0zstd") + 8
+    index = sound["mcap"].index(b"\x04\0\0\0zstd") + 8
     bomb = zstd.compress(bytes(1 << 27))
-    start = place - 8 - 28 - 9
+    start = index - 8 - 28 - 9
     record = (
         struct.pack("<QQQI", 0, 1 << 62, 1 << 27, 0) + b"\x04\0\0\0zstd" + struct.pack("<Q", len(bomb)) + bomb
     )
@@ -244,22 +244,22 @@ def test_definitions_with_fields_of_another_kind(tmp_path, store, monkeypatch, k
             cache[key] = decoded(payloads, layout_of)
             known.extend((key, name) for name in cache[key].fields)
         fields = dict(cache[key].fields)
-        for name in [name for place, name in wanted if place == key]:
+        for name in [name for item, name in wanted if item == key]:
             other = of_another_kind(how, fields.pop(name))
             fields |= {} if other is None else {name: other}
-        return Decoded(fields, cache[key].places, cache[key].reason)
+        return Decoded(fields, cache[key].indices, cache[key].reason)
 
     cache, wanted = {}, []
     monkeypatch.setattr(topics, "decoded", changed)
     whole = read_log(bag)
     assert len(known) > 50
-    for one in known:
-        wanted[:] = [one]
+    for entry in known:
+        wanted[:] = [entry]
         try:
-            found = read_log(bag)
+            result = read_log(bag)
         except EivorError:
             continue
-        assert set(found.channels) <= {*whole.channels, *whole.looked_for}
+        assert set(result.channels) <= {*whole.channels, *whole.looked_for}
 
 
 def test_messages_of_other_lengths_stand_beside_each_other():
@@ -272,10 +272,10 @@ def test_messages_of_other_lengths_stand_beside_each_other():
 
     made = [message(b"abc" * (row % 3), float(row)) for row in range(20)]
     made.insert(7, b"\0\1\0\0junk")
-    found = decoded(made, lambda one: message_layout(one, "a/B", types, ros1=False))
-    assert found.fields["x"].tolist() == [float(row) for row in range(20)]
-    assert found.places.tolist() == [*range(7), *range(8, 21)]
-    assert "goes on after" in found.reason
+    result = decoded(made, lambda item: message_layout(item, "a/B", types, ros1=False))
+    assert result.fields["x"].tolist() == [float(row) for row in range(20)]
+    assert result.indices.tolist() == [*range(7), *range(8, 21)]
+    assert "goes on after" in result.reason
 
 
 def test_stamps_that_cannot_be(tmp_path, store):

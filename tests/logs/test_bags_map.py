@@ -39,15 +39,15 @@ def bag(tmp_path_factory):
     }
     for row, time in enumerate(np.arange(50) * 0.02):
         for topic, kind in kinds.items():
-            one = store.types[kind](**(blank(store, kind) | {"header": header(store, time)}))
+            types = store.types[kind](**(blank(store, kind) | {"header": header(store, time)}))
             if "twist" in topic:
-                one.twist.linear.z = 100.0 * row
+                types.twist.linear.z = 100.0 * row
             elif "pose" in topic:
-                one.point.z = 2.0 * row
-                one.header.frame_id = "a" * (row % 3)
+                types.point.z = 2.0 * row
+                types.header.frame_id = "a" * (row % 3)
             else:
-                one.angular_velocities = np.array([1.0, 2.0 + row, 3.0])
-            made.append((topic, kind, time, one))
+                types.angular_velocities = np.array([1.0, 2.0 + row, 3.0])
+            made.append((topic, kind, time, types))
     folder = tmp_path_factory.mktemp("bag") / "rig"
     return write_ros2(folder, made, store, StoragePlugin.MCAP)
 
@@ -105,7 +105,7 @@ def test_a_bag_without_stamps_says_so(tmp_path):
 def test_a_bag_of_nothing_that_is_known_names_its_topics(tmp_path):
     _, store = stores()
     kind = "geometry_msgs/msg/Vector3Stamped"
-    one = store.types[kind](**(blank(store, kind) | {"header": header(store, 0.0)}))
-    folder = write_ros2(tmp_path / "flight", [("/wind", kind, 0.0, one)], store)
+    types = store.types[kind](**(blank(store, kind) | {"header": header(store, 0.0)}))
+    folder = write_ros2(tmp_path / "flight", [("/wind", kind, 0.0, types)], store)
     with pytest.raises(EmptyLogError, match=r"/wind \(geometry_msgs/Vector3Stamped\).*TOPIC.FIELD"):
         read_log(folder)

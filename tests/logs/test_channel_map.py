@@ -85,8 +85,8 @@ optional = true
 
 
 def test_a_map_says_where_every_channel_comes_from(table):
-    own = '[channels.velocity_z]\ncolumn = "v down"\nsource = "sensor"\n'
-    r = read(table, 'source = "estimator"\n' + HEAD + PWM + own)
+    text = '[channels.velocity_z]\ncolumn = "v down"\nsource = "sensor"\n'
+    r = read(table, 'source = "estimator"\n' + HEAD + PWM + text)
     assert {name: channel.estimated for name, channel in r.channels.items()} == {
         "input": True,
         "velocity_z": False,
@@ -99,8 +99,8 @@ def test_a_declared_delay_is_taken_off_the_stamps(table):
     np.testing.assert_allclose(r.channels["velocity_z"].time_s, 0.01 * np.arange(100) - 0.008, atol=1e-12)
     np.testing.assert_allclose(r.channels["input"].time_s, 0.01 * np.arange(100))
     assert (r.channels["velocity_z"].delay_s, r.channels["input"].delay_s) == (0.008, 0.0)
-    (found,) = [f.message for f in r.findings if f.name == "sensor_delay"]
-    assert found == "Taken off the stamps, as m.toml says: velocity_z 8 ms."
+    (messages,) = [f.message for f in r.findings if f.name == "sensor_delay"]
+    assert messages == "Taken off the stamps, as m.toml says: velocity_z 8 ms."
     write_recording(r, table.parent / "r.parquet")
     back = read_log(table.parent / "r.parquet").channels["velocity_z"]
     np.testing.assert_array_equal(back.time_s, r.channels["velocity_z"].time_s)
@@ -111,10 +111,10 @@ def test_the_side_of_the_thrust_curve_is_declared_and_kept(table):
     declared = '[channels.rotor_command_1]\ncolumn = "pwm"\ncurve_side = "behind"\n'
     r = read(table, HEAD + PWM + declared)
     sides = {"input": CurveSide.UNKNOWN, "rotor_command_1": CurveSide.BEHIND}
-    assert {name: one.curve_side for name, one in r.channels.items()} == sides
+    assert {name: channel.curve_side for name, channel in r.channels.items()} == sides
     write_recording(r, table.parent / "r.parquet")
     back = read_log(table.parent / "r.parquet").channels
-    assert {name: one.curve_side for name, one in back.items()} == sides
+    assert {name: item.curve_side for name, item in back.items()} == sides
     with pytest.raises(UsageError, match="the curve_side of rotor_command_1"):
         write_recording(r, table.parent / "r.csv")
 
@@ -257,8 +257,8 @@ def test_maps_that_are_not_there(table):
 def test_which_bounds_are_saturation(tmp_path, valid, stated, low, high):
     values = [0.0, 0.0, 0.0, 4.0, 10.0] if valid[0] == 0 else [-5.0, 0.0, -5.0, 4.0, 10.0]
     pl.DataFrame({"t": np.arange(5.0), "pwm": values}).write_csv(tmp_path / "t.csv")
-    said = f'saturates = "{stated}"\n' if stated else ""
-    r = read(tmp_path, HEAD + f'[columns.pwm]\nvalid = {valid}\n{said}[channels.input]\ncolumn = "pwm"\n')
+    text = f'saturates = "{stated}"\n' if stated else ""
+    r = read(tmp_path, HEAD + f'[columns.pwm]\nvalid = {valid}\n{text}[channels.input]\ncolumn = "pwm"\n')
     assert r.channels["input"].quality.saturated == low + high
 
 

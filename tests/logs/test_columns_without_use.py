@@ -32,9 +32,9 @@ def test_a_clock_that_runs_backwards_is_named():
 
 
 def test_an_accelerometer_without_an_attitude_is_said_to_be_of_no_use():
-    (found,) = (
-        one.message
-        for one in identify_flight(recording_from_columns(COLUMNS)).findings
-        if one.name == "no_accelerometer"
+    (results,) = (
+        finding.message
+        for finding in identify_flight(recording_from_columns(COLUMNS)).findings
+        if finding.name == "no_accelerometer"
     )
-    assert found.startswith("Without an attitude the accelerometer cannot be turned to the world's axes")
+    assert results.startswith("Without an attitude the accelerometer cannot be turned to the world's axes")

@@ -56,8 +56,8 @@ def test_delays_of_the_firmware_s_filters_are_taken_off(tmp_path):
     assert force.delay_s == pytest.approx(np.sqrt(2.0) / (2.0 * np.pi * 30.0))
     np.testing.assert_allclose(force.time_s, 0.01 * np.arange(200) - force.delay_s, atol=1e-9)
     assert rate.time_s[0] == pytest.approx(-np.sqrt(2.0) / (2.0 * np.pi * 80.0))
-    (told,) = messages(r, "sensor_delay")
-    assert "acc.z: 7.5 ms (low-pass of 30 Hz); gyro.y: 2.8 ms (low-pass of 80 Hz)" in told
+    (reported,) = messages(r, "sensor_delay")
+    assert "acc.z: 7.5 ms (low-pass of 30 Hz); gyro.y: 2.8 ms (low-pass of 80 Hz)" in reported
 
 
 def one_row(tmp_path, **variables):
@@ -137,21 +137,21 @@ def test_the_preferred_source_comes_first_and_zeros_are_none(tmp_path):
     )
     assert values == pytest.approx({"velocity_z": 0.2, "rotor_command_1": 0.0})
     assert messages(r, "never_valid") == ["Logged as zero throughout: 'stateEstimate.vz', 'rpm.m1'."]
-    (told,) = messages(r, "ignored_columns")
-    assert "'baro.asl'" in told
+    (reported,) = messages(r, "ignored_columns")
+    assert "'baro.asl'" in reported
     values, _ = one_row(tmp_path, stateEstimateZ__vz=200.0, stateEstimate__vz=0.5)
     assert values == pytest.approx({"velocity_z": 0.5})
 
 
 def packed(quaternion):
     """A quaternion x, y, z, w in 32 bits, by the rule of the firmware in plain Python."""
-    largest = max(range(4), key=lambda place: abs(quaternion[place]))
+    largest = max(range(4), key=lambda item: abs(quaternion[item]))
     negated = quaternion[largest] < 0
     bits = largest
-    for place in range(4):
-        if place != largest:
-            size = int(511 * abs(quaternion[place]) / np.sqrt(0.5) + 0.5)
-            bits = bits << 10 | ((quaternion[place] < 0) ^ negated) << 9 | size
+    for index in range(4):
+        if index != largest:
+            size = int(511 * abs(quaternion[index]) / np.sqrt(0.5) + 0.5)
+            bits = bits << 10 | ((quaternion[index] < 0) ^ negated) << 9 | size
     return bits
 
 
@@ -217,26 +217,26 @@ def test_maps_that_do_not_fit(tmp_path, rule, words):
 
 def test_a_flight_reads_back_as_it_was(tmp_path):
     """The example flight as a Crazyflie would log it, with the accelerometer on a later clock of its own."""
-    flown = read_log(str(resources.files("eivor.data") / "example_flight.parquet")).channels
+    channels = read_log(str(resources.files("eivor.data") / "example_flight.parquet")).channels
     named = {"stateEstimate.z": "position_z", "stateEstimate.vz": "velocity_z"}
     named |= {f"stateEstimate.q{part}": f"attitude_{part}" for part in "wxyz"}
     named |= {"ctrltarget.z": "reference_position_z", "ctrltarget.vz": "reference_velocity_z"}
-    powers = [np.rint(20.0 * flown[f"rotor_command_{rotor}"].values).astype(int) for rotor in range(1, 5)]
+    powers = [np.rint(20.0 * channels[f"rotor_command_{rotor}"].values).astype(int) for rotor in range(1, 5)]
     log = UsdLog()
     motors = [f"motor.m{rotor}(I)" for rotor in range(1, 5)]
     log.add_type(0xFFFF, "fixedFrequency", *(f"{name}(f)" for name in named), *motors)
     log.add_type(0, "estAcceleration", "acc.z(f)")
     late_us = round(1e6 * np.sqrt(2.0) / (2.0 * np.pi * 30.0))
-    force = flown["specific_force_body_z"].values / G
-    for row, time_s in enumerate(flown["velocity_z"].time_s):
+    force = channels["specific_force_body_z"].values / G
+    for row, time_s in enumerate(channels["velocity_z"].time_s):
         stamp = round(1e6 * time_s) + 5_000_000
-        values = [flown[name].values[row] for name in named.values()]
+        values = [channels[name].values[row] for name in named.values()]
         log.add_record(0xFFFF, stamp, *values, *(int(power[row]) for power in powers))
         log.add_record(0, stamp + late_us, force[row])
     read_back = read(tmp_path, log).channels
     for name in (*named.values(), "specific_force_body_z"):
-        np.testing.assert_allclose(read_back[name].values, flown[name].values, atol=1e-5)
-        np.testing.assert_allclose(read_back[name].time_s, flown[name].time_s, atol=2e-6)
+        np.testing.assert_allclose(read_back[name].values, channels[name].values, atol=1e-5)
+        np.testing.assert_allclose(read_back[name].time_s, channels[name].time_s, atol=2e-6)
     np.testing.assert_allclose(read_back["rotor_command_2"].values, powers[1] / 65535.0)
     assert read_back["reference_velocity_z"].held
 
@@ -250,10 +250,10 @@ def test_a_cut_log_is_read_as_far_as_it_goes(tmp_path):
     whole = log.head() + bytes(log.body[:sizes])
     r = read(tmp_path, whole + bytes(log.body[sizes:][:11]))
     assert r.channels["velocity_z"].values.size == 3
-    (told,) = messages(r, "truncated")
-    assert "11 bytes at its end, of no whole record, were left out" in told
-    (told,) = messages(read(tmp_path, whole), "truncated")
-    assert "no record is broken" in told
+    (reported,) = messages(r, "truncated")
+    assert "11 bytes at its end, of no whole record, were left out" in reported
+    (reported,) = messages(read(tmp_path, whole), "truncated")
+    assert "no record is broken" in reported
 
 
 def test_a_wrong_checksum_is_told(tmp_path):
@@ -272,8 +272,10 @@ def test_lost_bytes_cost_only_the_records_around_them(tmp_path, lost):
     r = read(tmp_path, with_checksum(content))
     assert 200 - lost / 40 - 3 <= r.channels["velocity_z"].values.size < 200
     assert r.channels["velocity_z"].time_s[-1] == pytest.approx(1.99)
-    told = messages(r, "corrupt_parts") + messages(r, "time_stamps")
-    assert any("bytes that belong to no record" in one or "their stamp cannot be" in one for one in told)
+    reported = messages(r, "corrupt_parts") + messages(r, "time_stamps")
+    assert any(
+        "bytes that belong to no record" in item or "their stamp cannot be" in item for item in reported
+    )
 
 
 @pytest.mark.parametrize("filler", [b"\x00", b"\xff", b"\x37"])
@@ -329,12 +331,14 @@ def test_gaps_of_regular_events(tmp_path):
         if not 20 <= row < 25 and not 60 <= row < 63:
             log.add_record(3, 1000 * row, 1.0)
         log.add_record(4, 1000 * row + (row * row * 7919) % 900_000, 3.7)
-    (told,) = messages(read(tmp_path, log), "dropouts")
-    assert told == ("Records are missing in 'fixedFrequency' (2 gaps of 4 to 6 ms, steps of 1 ms otherwise).")
+    (reported,) = messages(read(tmp_path, log), "dropouts")
+    assert reported == (
+        "Records are missing in 'fixedFrequency' (2 gaps of 4 to 6 ms, steps of 1 ms otherwise)."
+    )
 
 
 def head(*parts):
-    return b"\xbc" + b"".join(struct.pack("<H", one) if isinstance(one, int) else one for one in parts)
+    return b"\xbc" + b"".join(struct.pack("<H", part) if isinstance(part, int) else part for part in parts)
 
 
 @pytest.mark.parametrize(
@@ -415,13 +419,13 @@ def test_a_long_log_of_alternating_types_takes_few_steps(tmp_path, monkeypatch):
 
 
 def test_many_small_damages_are_given_up_too(tmp_path, monkeypatch):
-    asked = []
+    requested = []
     plain = reader._candidates
     monkeypatch.setattr(reader, "MAX_SEARCH_BYTES", 1 << 14)
-    monkeypatch.setattr(reader, "_candidates", lambda *a: asked.append(1) or plain(*a))
+    monkeypatch.setattr(reader, "_candidates", lambda *a: requested.append(1) or plain(*a))
     content = flight().head() + (bytes(14) + b"\x37") * 1000
     assert read(tmp_path, content).channels
-    assert len(asked) <= reader.MAX_SEARCH_BYTES / reader.SEARCH_BLOCK
+    assert len(requested) <= reader.MAX_SEARCH_BYTES / reader.SEARCH_BLOCK
 
 
 def test_a_search_without_end_is_given_up(tmp_path, monkeypatch):
@@ -442,9 +446,9 @@ def survives(tmp_path, content):
 @pytest.mark.parametrize("version", [1, 2])
 def test_cut_or_changed_anywhere(tmp_path, version):
     content = flight(version, 12).bytes()
-    for place in range(0, len(content), 37):
-        survives(tmp_path, content[:place])
-        survives(tmp_path, content[:place] + bytes([content[place] ^ 0x5A]) + content[place + 1 :])
+    for index in range(0, len(content), 37):
+        survives(tmp_path, content[:index])
+        survives(tmp_path, content[:index] + bytes([content[index] ^ 0x5A]) + content[index + 1 :])
 
 
 # What people are told.
@@ -467,7 +471,7 @@ def test_the_command_line_says_what_to_log(tmp_path, capsys, monkeypatch):
         with pytest.raises(SystemExit) as left:
             app([command, str(tmp_path / "log07")], prog_name="eivor")
         assert int(left.value.code or 0) == code
-        told = " ".join("".join(capsys.readouterr()).split())
-        assert "looked for stateEstimate.vz" in told.replace("looked for:", "looked for")
-        assert "Add stateEstimate.vz to config.txt on the card." in told
-        assert "Name these variables below 'on:fixedFrequency'" in told
+        text = " ".join("".join(capsys.readouterr()).split())
+        assert "looked for stateEstimate.vz" in text.replace("looked for:", "looked for")
+        assert "Add stateEstimate.vz to config.txt on the card." in text
+        assert "Name these variables below 'on:fixedFrequency'" in text

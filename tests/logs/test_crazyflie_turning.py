@@ -76,36 +76,38 @@ def test_the_mellinger_controller_has_a_group_of_its_own(tmp_path):
 
 def test_what_is_turned_by_the_mixer_turns_that_way():
     """The signs above against the motors' places: m1 to m4 as the firmware adds up what it is asked."""
-    places = np.array([[1.0, -1.0], [-1.0, -1.0], [-1.0, 1.0], [1.0, 1.0]])
+    positions = np.array([[1.0, -1.0], [-1.0, -1.0], [-1.0, 1.0], [1.0, 1.0]])
     spins = np.array([-1.0, 1.0, -1.0, 1.0])  # of the reaction: m1 and m3 turn counterclockwise
-    for asked, motors in (
+    for item, motors in (
         ((1.0, 0.0, 0.0), (-0.5, -0.5, 0.5, 0.5)),
         ((0.0, -1.0, 0.0), (0.5, -0.5, -0.5, 0.5)),
         ((0.0, 0.0, -1.0), (1.0, -1.0, 1.0, -1.0)),
     ):
         thrust = np.array(motors)
-        torque = (thrust @ places[:, 1], -thrust @ places[:, 0], thrust @ spins)
-        assert np.sign(torque) == pytest.approx(np.array(asked))
+        torque = (thrust @ positions[:, 1], -thrust @ positions[:, 0], thrust @ spins)
+        assert np.sign(torque) == pytest.approx(np.array(item))
 
 
 @pytest.mark.thorough
 def test_the_rates_model_takes_such_a_log(tmp_path):
     vehicle = Vehicle()
-    flown = turned(3, vehicle=vehicle, seconds=40.0, command_hz=200.0)
-    clock = flown.channels["angular_rate_x"].time_s
+    flight = turned(3, vehicle=vehicle, seconds=40.0, command_hz=200.0)
+    clock = flight.channels["angular_rate_x"].time_s
     columns = []
     for _, name, factor in TURNING:
-        channel = flown.channels[name]
-        at = np.searchsorted(channel.time_s, clock + 1e-9, side="right") - 1
-        columns.append(factor * channel.values[np.maximum(at, 0)])
+        channel = flight.channels[name]
+        indices = np.searchsorted(channel.time_s, clock + 1e-9, side="right") - 1
+        columns.append(factor * channel.values[np.maximum(indices, 0)])
     log = UsdLog()
     log.add_type(0xFFFF, "fixedFrequency", *(f"{name}(f)" for name, _, _ in TURNING))
     for second, row in zip(clock, np.column_stack(columns), strict=True):
         log.add_record(0xFFFF, 1_000_000 + round(1e6 * second), *row)
-    found = identify_flight(read(tmp_path, log), model="rates")
-    assert found.verdict.status is Status.IDENTIFIED
+    result = identify_flight(read(tmp_path, log), model="rates")
+    assert result.verdict.status is Status.IDENTIFIED
     for axis, truth in zip(("roll", "pitch"), vehicle.effectiveness, strict=False):
-        assert found.quantities[f"{axis}_effectiveness"].value == pytest.approx(truth, rel=0.08)
+        assert result.quantities[f"{axis}_effectiveness"].value == pytest.approx(truth, rel=0.08)
     # the reader takes the delay of a low-pass off the gyroscope's stamps that this flight did not have
     late = read_log(tmp_path / "log03").channels["angular_rate_x"].delay_s
-    assert found.quantities["effective_lag"].value + late == pytest.approx(vehicle.effective_lag_s, abs=0.006)
+    assert result.quantities["effective_lag"].value + late == pytest.approx(
+        vehicle.effective_lag_s, abs=0.006
+    )

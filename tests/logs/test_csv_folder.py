@@ -22,7 +22,7 @@ def folder(tmp_path):
 
 
 def told(recording, name):
-    return " ".join(one.message for one in recording.findings if one.name == name)
+    return " ".join(finding.message for finding in recording.findings if finding.name == name)
 
 
 def test_the_same_channels(folder):

@@ -38,21 +38,21 @@ def damaged(blob, rng):
     data = bytearray(blob)
     for _ in range(rng.integers(1, 4)):
         kind = rng.integers(6)
-        at = int(rng.integers(len(data))) if data else 0
+        index = int(rng.integers(len(data))) if data else 0
         length = int(rng.integers(1, 200))
         if kind == 0:
-            for place in rng.integers(0, max(len(data), 1), rng.integers(1, 20)):
-                data[place : place + 1] = rng.bytes(1)
+            for integer in rng.integers(0, max(len(data), 1), rng.integers(1, 20)):
+                data[integer : integer + 1] = rng.bytes(1)
         elif kind == 1:
-            del data[at:]
+            del data[index:]
         elif kind == 2:
-            data[at:at] = data[int(rng.integers(len(data) + 1)) :][:length]
+            data[index:index] = data[int(rng.integers(len(data) + 1)) :][:length]
         elif kind == 3:
-            del data[at : at + length]
+            del data[index : index + length]
         elif kind == 4:
-            data[at : at + length] = bytes(length)
+            data[index : index + length] = bytes(length)
         else:
-            data[at:at] = rng.bytes(length)
+            data[index:index] = rng.bytes(length)
     return bytes(data)
 
 
@@ -253,12 +253,12 @@ def test_a_parquet_that_repeats_itself_is_refused_before_it_is_decoded(tmp_path,
 
 
 def test_the_package_s_own_file_is_decoded_at_once(tmp_path, monkeypatch):
-    own = Path(str(resources.files("eivor.data"))) / "example_flight.parquet"
-    copy = tmp_path / own.name
-    copy.write_bytes(own.read_bytes())
+    path = Path(str(resources.files("eivor.data"))) / "example_flight.parquet"
+    copy = tmp_path / path.name
+    copy.write_bytes(path.read_bytes())
     probed = []
     monkeypatch.setattr(columnar, "probe_parquet", lambda file, *_: probed.append(file))
-    assert read_log(own).channels.keys() == read_log(copy).channels.keys()
+    assert read_log(path).channels.keys() == read_log(copy).channels.keys()
     assert probed == [copy]
 
 

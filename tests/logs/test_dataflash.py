@@ -47,7 +47,7 @@ def test_a_flight_in_each_dialect(tmp_path, flight, dialect):
     throttle = truth["rotor_command_1"].values ** 2
     np.testing.assert_allclose(channels["input"].values, throttle, atol=1e-6)
     assert channels["input"].source == "RATE.AOut"
-    sides = {name: one.curve_side for name, one in channels.items() if one.curve_side.value}
+    sides = {name: channel.curve_side for name, channel in channels.items() if channel.curve_side.value}
     outputs = {f"actuator_output_{n}": CurveSide.BEHIND for n in range(1, 5)}
     assert sides == {"input": CurveSide.BEFORE, **outputs}
     force = -truth["specific_force_z"].values / truth["cos_tilt"].values
@@ -56,8 +56,8 @@ def test_a_flight_in_each_dialect(tmp_path, flight, dialect):
     held = channels["reference_position_z"].values
     np.testing.assert_allclose(held[: reference.size - 1], reference[:-1], atol=1e-6)
     feedback = -truth["reference_velocity_z"].values[::10] - 0.07
-    told = channels["feedback_reference_velocity_z"].values
-    np.testing.assert_allclose(told[: feedback.size - 1], feedback[:-1], atol=0.006)
+    reported = channels["feedback_reference_velocity_z"].values
+    np.testing.assert_allclose(reported[: feedback.size - 1], feedback[:-1], atol=0.006)
     np.testing.assert_allclose(channels["battery_voltage"].values, 14.8, atol=1e-5)
     share = truth["rotor_command_1"].values[::10]
     np.testing.assert_allclose(channels["actuator_output_4"].values, share, atol=1e-3)
@@ -71,12 +71,12 @@ def test_attitude_turns_without_a_jump(tmp_path, flight):
     tilt = flight.channels["cos_tilt"].values
     w, x, y, z = (r.channels[f"attitude_{part}"].values for part in "wxyz")
     np.testing.assert_allclose(1.0 - 2.0 * (x * x + y * y), tilt, atol=2e-5)
-    assert max(np.abs(np.diff(one)).max() for one in (w, z)) < 0.01  # yaw goes from 350 to 10 degrees
+    assert max(np.abs(np.diff(item)).max() for item in (w, z)) < 0.01  # yaw goes from 350 to 10 degrees
 
 
 def test_pulse_widths_that_do_not_fit_the_throttle(tmp_path, flight):
     r = read(tmp_path, flight_log(flight, "4.6", high=1700.0))
-    (finding,) = [one for one in r.findings if one.name == "motor_range"]
+    (finding,) = [item for item in r.findings if item.name == "motor_range"]
     assert "RC3_MIN and RC3_MAX" in finding.message
 
 
@@ -90,15 +90,17 @@ def declared(tmp_path, letters):
     """Sentence on a log of a climb in whole cm/s and a pitch in centidegrees, whose units are declared so."""
     writer = DataflashWriter().add("CTUN", [0.0, 0.1], "h", DCRt=[100, 50])
     writer.add("ATT", [0.0, 0.1], "ccc", Roll=1.0, Pitch=2.0, Yaw=3.0).units(letters)
-    return " ".join(one.message for one in read(tmp_path, writer).findings if one.name == "declared_units")
+    return " ".join(
+        finding.message for finding in read(tmp_path, writer).findings if finding.name == "declared_units"
+    )
 
 
 def test_declared_units_that_disagree(tmp_path):
     assert not declared(tmp_path, {"DCRt": "nB", "Pitch": "dB", "Roll": "d-", "Yaw": "h?"})
-    told = declared(tmp_path, {"DCRt": "nC", "Pitch": "n0", "Roll": "E0"})
-    assert "CTUN.DCRt as 0.001 m/s, read as 0.01" in told
-    assert "ATT.Pitch in m/s, read in rad" in told
-    assert "ATT.Roll in rad/s" in told
+    reported = declared(tmp_path, {"DCRt": "nC", "Pitch": "n0", "Roll": "E0"})
+    assert "CTUN.DCRt as 0.001 m/s, read as 0.01" in reported
+    assert "ATT.Pitch in m/s, read in rad" in reported
+    assert "ATT.Roll in rad/s" in reported
     assert "ATT.Roll as 0.01 rad, read as 0.0001745" in declared(tmp_path, {"Roll": "r0"})
 
 
@@ -133,7 +135,7 @@ def test_height_targets_of_modes_without_a_height_loop(tmp_path, flight):
 def test_setpoints_end_where_their_message_falls_silent(tmp_path, flight):
     writer = flight_log(flight, "4.6")
     number = writer.numbers["PSCD"]
-    writer.messages = [(time, one) for time, one in writer.messages if one[2] != number or time < 110.0]
+    writer.messages = [(time, item) for time, item in writer.messages if item[2] != number or time < 110.0]
     r = read(tmp_path, writer)
     assert np.isnan(r.channels["reference_position_z"].values[-1])
     assert "setpoint_silent" in findings(r)
@@ -144,7 +146,9 @@ def test_delays_of_filters_are_taken_off(tmp_path, flight):
     r = read(tmp_path, writer)
     assert r.channels["specific_force_body_z"].delay_s == pytest.approx(np.sqrt(2.0) / (2.0 * np.pi * 20.0))
     assert r.channels["angular_rate_x"].delay_s == pytest.approx(np.sqrt(2.0) / (2.0 * np.pi * 40.0))
-    assert "INS_ACCEL_FILTER" in next(one.message for one in r.findings if one.name == "sensor_delay")
+    assert "INS_ACCEL_FILTER" in next(
+        finding.message for finding in r.findings if finding.name == "sensor_delay"
+    )
 
 
 @pytest.mark.parametrize(
@@ -172,12 +176,12 @@ def test_sticks_ask_beside_a_sweep_of_the_attitude(tmp_path, flight):
     """Sticks set the attitude before the sweep, a loop after it: what the loop asks for is no reference."""
     writer = flight_log(flight, "4.6", modes={0.0: 0, 5.0: 25, 7.0: 5})
     writer.add("SIDS", 5.0, "Bf", Ax=3, Mag=1.0).add("SIDD", np.arange(5.0, 7.0, 0.01), "f", Targ=1.0)
-    asked = read(tmp_path, writer).channels["reference_yaw"]
-    before, sweep = asked.time_s < 4.99, (asked.time_s > 5.02) & (asked.time_s < 6.98)
-    np.testing.assert_allclose(asked.values[before], np.radians(350.0), atol=1e-6)
-    np.testing.assert_allclose(asked.values[sweep], np.radians(1.0), atol=1e-6)
-    assert np.all(asked.values[asked.time_s > 7.02] == 0.0)
-    assert asked.quality.duplicated_stamps == 0
+    channel = read(tmp_path, writer).channels["reference_yaw"]
+    before, sweep = channel.time_s < 4.99, (channel.time_s > 5.02) & (channel.time_s < 6.98)
+    np.testing.assert_allclose(channel.values[before], np.radians(350.0), atol=1e-6)
+    np.testing.assert_allclose(channel.values[sweep], np.radians(1.0), atol=1e-6)
+    assert np.all(channel.values[channel.time_s > 7.02] == 0.0)
+    assert channel.quality.duplicated_stamps == 0
 
 
 @pytest.mark.parametrize(("axis", "by_sticks"), [(7, True), (13, True), (14, False), (0, False)])

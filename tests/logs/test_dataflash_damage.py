@@ -12,14 +12,14 @@ from eivor.logs.dataflash import messages
 def writer(n=60):
     t = np.arange(n) * 0.02
     wave = np.sin(t)
-    one = DataflashWriter().text(FIRMWARES["4.6"]).parameters(MOT_PWM_MIN=1000.0, MOT_PWM_MAX=2000.0)
-    one.add("MODE", 0.0, "MB", Mode=3, ModeNum=3).add("EV", [0.0, 0.1], "B", Id=[10, 28])
-    one.add("XKF1", t, "Bfff", C=0, VN=wave, VD=wave, PD=wave)
-    one.add("RATE", t, "ff", R=wave, AOut=0.5 + 0.1 * wave)
-    one.add("IMU", t, "Bfff", I=0, AccX=0.0, AccY=0.0, AccZ=-9.8 + wave)
-    one.add("ATT", t, "ccC", Roll=wave, Pitch=wave, Yaw=10.0)
-    one.add("RCOU", t[::5], "HHHH", C1=1500, C2=1500, C3=1500, C4=1500)
-    return one.add("PSCD", t[::5], "ff", DPD=wave[::5], DVD=wave[::5]).units()
+    parameters = DataflashWriter().text(FIRMWARES["4.6"]).parameters(MOT_PWM_MIN=1000.0, MOT_PWM_MAX=2000.0)
+    parameters.add("MODE", 0.0, "MB", Mode=3, ModeNum=3).add("EV", [0.0, 0.1], "B", Id=[10, 28])
+    parameters.add("XKF1", t, "Bfff", C=0, VN=wave, VD=wave, PD=wave)
+    parameters.add("RATE", t, "ff", R=wave, AOut=0.5 + 0.1 * wave)
+    parameters.add("IMU", t, "Bfff", I=0, AccX=0.0, AccY=0.0, AccZ=-9.8 + wave)
+    parameters.add("ATT", t, "ccC", Roll=wave, Pitch=wave, Yaw=10.0)
+    parameters.add("RCOU", t[::5], "HHHH", C1=1500, C2=1500, C3=1500, C4=1500)
+    return parameters.add("PSCD", t[::5], "ff", DPD=wave[::5], DVD=wave[::5]).units()
 
 
 @pytest.fixture(scope="module")
@@ -50,13 +50,13 @@ def test_bytes_between_messages(read, sound, monkeypatch, block, extra):
     middle = writer()
     middle.messages.insert(200, (middle.messages[200][0], extra))
     pairs = middle.messages
-    content = middle.head + b"".join(one for _, one in pairs)
+    content = middle.head + b"".join(item for _, item in pairs)
     r = read(content)
-    whole = read(middle.head + b"".join(one for _, one in pairs if one is not extra))
+    whole = read(middle.head + b"".join(item for _, item in pairs if item is not extra))
     assert "bytes that belong to no message" in told(r, "corrupt_parts")
     lost = [whole.channels[name].values.size - r.channels[name].values.size for name in whole.channels]
     assert set(lost) <= {0, 1}
-    assert "corrupt_parts" not in [one.name for one in whole.findings]
+    assert "corrupt_parts" not in [finding.name for finding in whole.findings]
 
 
 def test_lost_bytes_cost_one_message(read, sound):
@@ -68,18 +68,18 @@ def test_lost_bytes_cost_one_message(read, sound):
 
 
 def test_a_stamp_far_ahead_costs_its_message_only(read):
-    one = writer()
-    place = next(n for n, pair in enumerate(one.messages) if pair[1][2] == one.numbers["XKF1"]) + 20
-    time, row = one.messages[place]
-    one.messages[place] = (time, row[:9] + b"\x40" + row[10:])  # eight thousand years ahead
-    r = read(one.bytes())
+    item = writer()
+    position = next(n for n, pair in enumerate(item.messages) if pair[1][2] == item.numbers["XKF1"]) + 20
+    time, row = item.messages[position]
+    item.messages[position] = (time, row[:9] + b"\x40" + row[10:])  # eight thousand years ahead
+    r = read(item.bytes())
     assert r.channels["velocity_z"].values.size == 59
     assert "cannot be: 1" in told(r, "time_stamps")
 
 
 def test_layouts_that_cannot_be(read, sound):
-    at = sound.index(b"XKF1") - 5
-    assert "left out: 1" in told(read(sound[: at + 4] + b"\0" + sound[at + 5 :]), "message_formats")
+    index = sound.index(b"XKF1") - 5
+    assert "left out: 1" in told(read(sound[: index + 4] + b"\0" + sound[index + 5 :]), "message_formats")
     names = sound.index(b"C,VN,VD")
     r = read(sound[:names] + b"C,VN;VD" + sound[names + 7 :])
     assert "disagree: XKF1" in told(r, "message_formats")
@@ -88,11 +88,11 @@ def test_layouts_that_cannot_be(read, sound):
 
 
 def test_bytes_that_look_like_a_layout_by_chance_are_no_damage(read):
-    one = writer()
-    place = next(n for n, pair in enumerate(one.messages) if pair[1][2] == one.numbers["IMU"]) + 20
-    time, row = one.messages[place]
-    one.messages[place] = (time, row[:-4] + b"\xa3\x95\x80\x41")
-    r = read(one.bytes())
+    item = writer()
+    position = next(n for n, pair in enumerate(item.messages) if pair[1][2] == item.numbers["IMU"]) + 20
+    time, row = item.messages[position]
+    item.messages[position] = (time, row[:-4] + b"\xa3\x95\x80\x41")
+    r = read(item.bytes())
     assert not told(r, "message_formats")
     assert r.channels["specific_force_body_z"].values.size == 60
 
@@ -127,45 +127,47 @@ def test_a_log_without_descriptions_says_what_is_missing(read, sound):
     ],
 )
 def test_texts_and_lists_where_numbers_belong(read, name, codes, changed):
-    for place, others in zip(changed[::2], changed[1::2], strict=True):
+    for item, others in zip(changed[::2], changed[1::2], strict=True):
         for code in others:
-            if code == codes[place]:
+            if code == codes[item]:
                 continue
-            one = writer()
-            columns = one.columns[name]
-            made = codes[:place] + code + codes[place + 1 :]
+            entry = writer()
+            columns = entry.columns[name]
+            made = codes[:item] + code + codes[item + 1 :]
             length = 3 + sum(np.dtype(KINDS[each]).itemsize for each in made)
-            number = one.numbers[name]
-            at = one.head.index(name.encode().ljust(4, b"\0"), 89) - 5
-            one.head = (
-                one.head[:at] + fmt(number, length, name, made, ",".join(columns)) + one.head[at + 89 :]
+            number = entry.numbers[name]
+            index = entry.head.index(name.encode().ljust(4, b"\0"), 89) - 5
+            entry.head = (
+                entry.head[:index]
+                + fmt(number, length, name, made, ",".join(columns))
+                + entry.head[index + 89 :]
             )
-            one.messages = [
+            entry.messages = [
                 (time, row[:3] + (row[3:] + b"\x31" * length)[: length - 3] if row[2] == number else row)
-                for time, row in one.messages
+                for time, row in entry.messages
             ]
-            r = read(one.bytes())
+            r = read(entry.bytes())
             if not (code == "Z" and name == "PARM"):
-                assert f"{name}.{columns[place]}" in told(r, "message_formats"), (name, place, code)
+                assert f"{name}.{columns[item]}" in told(r, "message_formats"), (name, item, code)
 
 
 def test_a_few_messages_of_a_lower_instance_are_damage(read):
-    one = writer()
-    for pair in [pair for pair in one.messages if pair[1][2] == one.numbers["IMU"]][3:]:
-        one.messages[one.messages.index(pair)] = (pair[0], pair[1][:11] + b"\x01" + pair[1][12:])
-    assert read(one.bytes()).channels["specific_force_body_z"].values.size == 57
+    item = writer()
+    for pair in [pair for pair in item.messages if pair[1][2] == item.numbers["IMU"]][3:]:
+        item.messages[item.messages.index(pair)] = (pair[0], pair[1][:11] + b"\x01" + pair[1][12:])
+    assert read(item.bytes()).channels["specific_force_body_z"].values.size == 57
 
 
 def test_a_layout_is_said_again(read):
-    one = writer()
-    number = one.numbers["XKF1"]
-    again = one.head[one.head.index(b"XKF1") - 5 :][:89]
-    one.messages.append((100.5, again))
-    r = read(one.bytes())
+    item = writer()
+    number = item.numbers["XKF1"]
+    again = item.head[item.head.index(b"XKF1") - 5 :][:89]
+    item.messages.append((100.5, again))
+    r = read(item.bytes())
     assert r.channels["velocity_z"].values.size == 60
     assert not told(r, "message_formats")
-    one.messages[-1] = (100.5, fmt(number, 20, "XKF1", "QBd", "TimeUS,C,VD"))
-    r = read(one.bytes())
+    item.messages[-1] = (100.5, fmt(number, 20, "XKF1", "QBd", "TimeUS,C,VD"))
+    r = read(item.bytes())
     assert r.channels["velocity_z"].values.size == 60
     assert "the first counts: XKF1" in told(r, "message_formats")
 
@@ -180,15 +182,15 @@ def mutated(content, seed):
     rng = np.random.default_rng(seed)
     data = bytearray(content)
     kind = seed % 4
-    for place in rng.integers(2, len(data), size=rng.integers(1, 30)).tolist():
+    for integer in rng.integers(2, len(data), size=rng.integers(1, 30)).tolist():
         if kind == 0:
-            data[place] = int(rng.integers(256))
+            data[integer] = int(rng.integers(256))
         elif kind == 1:
-            del data[place : place + int(rng.integers(1, 200))]
+            del data[integer : integer + int(rng.integers(1, 200))]
         elif kind == 2:
-            data[place:place] = rng.bytes(int(rng.integers(1, 100)))
+            data[integer:integer] = rng.bytes(int(rng.integers(1, 100)))
         else:
-            data[place : place + 89] = data[:89]
+            data[integer : integer + 89] = data[:89]
         if len(data) < 3:
             break
     return bytes(data)

@@ -43,29 +43,29 @@ def swept(seconds=80.0, start=12.0, end=70.0):
     for k in range(time.size):
         if k % 4 == 0:
             gains = (0.003, 0.002) if within[k] else (0.02, 0.04)
-            asked = 0.25 + gains[0] * (5.0 - height) - gains[1] * speed + sweep[k]
+            requested = 0.25 + gains[0] * (5.0 - height) - gains[1] * speed + sweep[k]
         gust = kept * gust + gusts[k]
         climb = gain * state - 9.80665 - TRUTH["viscous_friction"] * (speed - gust)
-        rows.append((height, speed, climb + 9.80665, asked))
-        state += (asked - state) * (1.0 - np.exp(-step / lag))
+        rows.append((height, speed, climb + 9.80665, requested))
+        state += (requested - state) * (1.0 - np.exp(-step / lag))
         speed, height = speed + step * climb, height + step * speed
     time, sweep, within = time[::4], sweep[::4], within[::4]
-    height, speed, force, asked = np.array(rows[::4]).T
+    height, speed, force, requested = np.array(rows[::4]).T
     values = {"position_z": height, "velocity_z": speed + 0.02 * rng.standard_normal(time.size)}
     values |= {
         "specific_force_z": force + 0.3 * rng.standard_normal(time.size),
         "cos_tilt": np.ones(time.size),
     }
-    values |= {"rotor_command_1": np.sqrt(asked), "reference_position_z": np.full(time.size, 5.0)}
+    values |= {"rotor_command_1": np.sqrt(requested), "reference_position_z": np.full(time.size, 5.0)}
     values |= dict.fromkeys(("reference_velocity_z", "reference_acceleration_z"), np.zeros(time.size))
-    channels = {name: Channel(name, time, one, "") for name, one in values.items()}
+    channels = {name: Channel(name, time, value, "") for name, value in values.items()}
     return Recording("swept", "simulated", channels), time[within], sweep[within]
 
 
 @pytest.mark.thorough
 def test_a_sweep_into_the_throttle_is_the_instrument(tmp_path):
-    flown, time, sweep = swept()
-    writer = flight_log(flown, "4.6", modes={0.0: LOITER, time[0]: SYSTEM_IDENTIFICATION, time[-1]: LOITER})
+    flight, time, sweep = swept()
+    writer = flight_log(flight, "4.6", modes={0.0: LOITER, time[0]: SYSTEM_IDENTIFICATION, time[-1]: LOITER})
     writer.add("SIDS", time[0], "Bf", Ax=THROTTLE_AXIS, Mag=0.08)
     writer.add("SIDD", time, "ff", Time=time - time[0], Targ=sweep)
     fit = identified(tmp_path, writer)
@@ -85,7 +85,7 @@ def test_other_vehicles_are_refused(tmp_path, capsys, monkeypatch, firmware, kin
     ):
         with pytest.raises(SystemExit) as left:
             app(["identify", str(path), "--model", model], prog_name="eivor")
-        told = " ".join(capsys.readouterr().err.split())
+        text = " ".join(capsys.readouterr().err.split())
         assert left.value.code == 1
-        assert wanted in told
-        assert f"which says that it is of a {kind}" in told
+        assert wanted in text
+        assert f"which says that it is of a {kind}" in text

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from dataflash_writer import KINDS, DataflashWriter, flight_log, simulated
 
-from eivor.logs.dataflash.messages import Messages, find_places, read_layouts
+from eivor.logs.dataflash.messages import Messages, find_offsets, read_layouts
 
 
 def all_messages(path):
@@ -15,8 +15,8 @@ def all_messages(path):
         content = mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ)
     layouts, _ = read_layouts(content)
     data = np.frombuffer(content, dtype=np.uint8)
-    places = find_places(data, layouts, layouts)
-    return {one.name: Messages(one, data, places.of(number)) for number, one in layouts.items()}
+    positions = find_offsets(data, layouts, layouts)
+    return {layout.name: Messages(layout, data, positions.of(number)) for number, layout in layouts.items()}
 
 
 def peers_messages(path):
@@ -24,27 +24,27 @@ def peers_messages(path):
     from pymavlink.DFReader import DFReader_binary
 
     log = DFReader_binary(str(path))
-    found = {}
+    results = {}
     while (message := log.recv_msg()) is not None:
-        found.setdefault(message.get_type(), []).append(message)
+        results.setdefault(message.get_type(), []).append(message)
     log.filehandle.close()
-    return found
+    return results
 
 
 def assert_alike(path):
     """Compare all messages; return how many there are."""
     ours, theirs = all_messages(path), peers_messages(path)
-    assert {name: one.count for name, one in ours.items() if one.count} == {
+    assert {name: our.count for name, our in ours.items() if our.count} == {
         name: len(messages) for name, messages in theirs.items()
     }
     for name, messages in theirs.items():
         for column, field in ours[name].layout.fields.items():
-            told = [getattr(message, column) for message in messages]
+            selected = [getattr(message, column) for message in messages]
             if field.kind.kind == "S":
-                assert ours[name].texts(column) == told, (name, column)
+                assert ours[name].texts(column) == selected, (name, column)
             else:
                 values = ours[name].stored(column) if field.kind.subdtype else ours[name].values(column)
-                np.testing.assert_allclose(values, told, rtol=1e-15, err_msg=f"{name}.{column}")
+                np.testing.assert_allclose(values, selected, rtol=1e-15, err_msg=f"{name}.{column}")
     return sum(map(len, theirs.values()))
 
 

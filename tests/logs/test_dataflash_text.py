@@ -81,10 +81,10 @@ def test_a_text_with_commas(read):
 def test_damaged_lines_are_left_out_and_counted(read, flight):
     writer = flight_log(flight, "4.6")
     lines = writer.lines().split(b"\n")
-    at = next(n for n, line in enumerate(lines) if line.startswith(b"XKF1"))
-    lines[at] = lines[at].replace(b"XKF1", b"XK@1")
-    lines[at + 20 :] = [
-        line.replace(b"1", b"?") if n < 3 else line for n, line in enumerate(lines[at + 20 :])
+    index = next(n for n, line in enumerate(lines) if line.startswith(b"XKF1"))
+    lines[index] = lines[index].replace(b"XKF1", b"XK@1")
+    lines[index + 20 :] = [
+        line.replace(b"1", b"?") if n < 3 else line for n, line in enumerate(lines[index + 20 :])
     ]
     lines[5:5] = [b"FMT, 900, 20, ABC, Qf, TimeUS,X", b"FMT, 1", b"FMT, 77, 20, ABC, Q" + b"f" * 40 + b", X"]
     lines = [b"BAT, 1" if line.startswith(b"BAT") else line for line in lines]
@@ -105,11 +105,11 @@ def test_a_log_without_flight_data(read):
 def mutated(content, seed):
     rng = np.random.default_rng(seed)
     data = bytearray(content)
-    for place in rng.integers(70, len(data), size=rng.integers(1, 30)).tolist():
+    for integer in rng.integers(70, len(data), size=rng.integers(1, 30)).tolist():
         if seed % 2:
-            data[place] = int(rng.integers(256))
+            data[integer] = int(rng.integers(256))
         else:
-            del data[place : place + int(rng.integers(1, 200))]
+            del data[integer : integer + int(rng.integers(1, 200))]
     return bytes(data)
 
 

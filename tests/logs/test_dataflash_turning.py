@@ -16,24 +16,24 @@ LETTERS = {"x": "R", "y": "P", "z": "Y"}
 STABILIZE, SYSTEM_IDENTIFICATION = 0, 25
 
 
-def turning_log(flown, mode):
+def turning_log(flight, mode):
     """Write turning as firmware 4.6 does with LOG_BITMASK's bit 0: RATE and ATT at 400 Hz, IMU at 25 Hz."""
     writer = DataflashWriter().text(FIRMWARES["4.6"]).parameters(SID_AXIS=10.0)
-    time = flown.channels["angular_rate_x"].time_s
+    time = flight.channels["angular_rate_x"].time_s
     writer.add("MODE", 0.0, "MBB", Mode=mode, ModeNum=mode, Rsn=1)
     writer.add("EV", [0.0, time[-1]], "B", Id=[28, 18])
     rate, gyro = {}, {}
     for letter, axis in LETTERS.items():
-        turns = DOWN[letter] * flown.channels[f"angular_rate_{letter}"].values
-        out = DOWN[letter] * flown.channels[f"torque_setpoint_{letter}"].values
+        turns = DOWN[letter] * flight.channels[f"angular_rate_{letter}"].values
+        out = DOWN[letter] * flight.channels[f"torque_setpoint_{letter}"].values
         rate |= {f"{axis}Des": 0.0, axis: turns * DEG, f"{axis}Out": out}
         gyro[f"Gyr{letter.upper()}"] = turns[::16]
     writer.add("RATE", time, "f" * 12, **rate, ADes=0.0, A=0.0, AOut=0.4)
     writer.add("IMU", time[::16], "Bffffff", I=0, **gyro, AccX=0.0, AccY=0.0, AccZ=-9.8)
     attitude = {"AEKF": 3}
     for angle, letter in (("Roll", "x"), ("Pitch", "y"), ("Yaw", "z")):
-        asked = DOWN[letter] * flown.channels[f"reference_{angle.lower()}"].values * DEG
-        attitude |= {f"Des{angle}": asked, angle: 0.0}
+        requested = DOWN[letter] * flight.channels[f"reference_{angle.lower()}"].values * DEG
+        attitude |= {f"Des{angle}": requested, angle: 0.0}
     return writer.add("ATT", time[::8], "Bffffff", **attitude).units()
 
 
@@ -46,8 +46,11 @@ def identified(tmp_path, writer):
     fit = identify_flight(log, model="rates")
     assert fit.verdict.status is Status.IDENTIFIED
     truth = Vehicle()
-    told = {"roll_effectiveness": truth.effectiveness[0], "pitch_effectiveness": truth.effectiveness[1]}
-    for name, value in (told | {"effective_lag": truth.effective_lag_s}).items():
+    lag_measurements = {
+        "roll_effectiveness": truth.effectiveness[0],
+        "pitch_effectiveness": truth.effectiveness[1],
+    }
+    for name, value in (lag_measurements | {"effective_lag": truth.effective_lag_s}).items():
         low, high = fit.quantities[name].interval
         assert low <= value <= high, name
     return fit
@@ -55,8 +58,8 @@ def identified(tmp_path, writer):
 
 @pytest.mark.thorough
 def test_sticks_in_stabilize(tmp_path):
-    flown = turned(1, command_hz=400.0, rate_hz=400.0)
-    identified(tmp_path, turning_log(flown, STABILIZE))
+    flight = turned(1, command_hz=400.0, rate_hz=400.0)
+    identified(tmp_path, turning_log(flight, STABILIZE))
 
 
 @pytest.mark.thorough
@@ -70,8 +73,8 @@ def test_sweeps_into_the_mixer_are_the_instruments(tmp_path):
         within = (time >= start) & (time < start + 26.0)
         since = time[within] - start
         injected[within, axis] = 0.15 * np.sin(2.0 * np.pi * (0.3 * since + 0.5 * 7.7 / 26.0 * since**2))
-    flown = turned(1, command_hz=400.0, rate_hz=400.0, seconds=60.0, size=0.0, injected=injected)
-    writer = turning_log(flown, SYSTEM_IDENTIFICATION)
+    flight = turned(1, command_hz=400.0, rate_hz=400.0, seconds=60.0, size=0.0, injected=injected)
+    writer = turning_log(flight, SYSTEM_IDENTIFICATION)
     for axis, start, number in sweeps:
         within = (time >= start) & (time < start + 26.0)
         sample = DOWN["xyz"[axis]] * injected[within, axis]
@@ -89,8 +92,8 @@ def test_a_short_sweep_of_the_attitude_serves_its_axis(tmp_path):
     since = time[within] - 10.0
     swept = np.zeros((time.size, 3))
     swept[within, 0] = 0.12 * np.sin(2.0 * np.pi * (0.3 * since + 0.5 * 7.7 / 15.0 * since**2))
-    flown = turned(0, command_hz=400.0, rate_hz=400.0, seconds=30.0, size=0.0, swept=swept)
-    writer = turning_log(flown, SYSTEM_IDENTIFICATION)
+    flight = turned(0, command_hz=400.0, rate_hz=400.0, seconds=30.0, size=0.0, swept=swept)
+    writer = turning_log(flight, SYSTEM_IDENTIFICATION)
     writer.add("SIDS", 10.0, "Bf", Ax=1, Mag=7.0)
     writer.add("SIDD", time[within], "ff", Time=since, Targ=swept[within, 0] * DEG)
     path = tmp_path / "flight.bin"

@@ -37,10 +37,10 @@ def test_as_many_as_fit_are_kept():
     assert made == []
     assert channels["input"] is not channels["input"]
     assert made == ["input", "input"]
-    assert channels.settled() is channels
+    assert channels.finished() is channels
     channels.put(channel("input", count=1), lambda: channel("input"))
-    assert isinstance(channels.settled(), dict)
-    assert list(channels.settled()) == ["velocity_z", "position_z", "input"]
+    assert isinstance(channels.finished(), dict)
+    assert list(channels.finished()) == ["velocity_z", "position_z", "input"]
     with pytest.raises(KeyError):
         channels["landed"]
 
@@ -49,7 +49,7 @@ def test_what_is_not_kept_is_made_only_when_it_is_asked_for():
     channels, made = KeptChannels(0), []
     for name in ("position_z", "velocity_z"):
         channels.put(channel(name), lambda name=name: made.append(name) or channel(name))
-    log = Recording("long", "dataflash", channels.settled(), Frame.NED)
+    log = Recording("long", "dataflash", channels.finished(), Frame.NED)
     risen = upward(log)
     assert "velocity_z" in log.channels
     assert "velocity_z" in risen.channels
@@ -64,8 +64,8 @@ def test_what_is_not_kept_is_made_only_when_it_is_asked_for():
 def test_sizes_of_long_channels_are_told_of_some_of_their_values(monkeypatch):
     monkeypatch.setattr(common, "ENOUGH", 10)
     channels = {f"specific_force_body_{axis}": channel(f"specific_force_body_{axis}") for axis in "xyz"}
-    (told,) = common.channel_findings(channels)
-    assert "has a median of 1.73 m/s^2, where about 9.8 is expected" in told.message
+    (channel_findings,) = common.channel_findings(channels)
+    assert "has a median of 1.73 m/s^2, where about 9.8 is expected" in channel_findings.message
     assert common.look(channels["specific_force_body_x"]).values.size == 10
 
 
@@ -80,10 +80,10 @@ def test_a_log_that_does_not_fit_is_the_same(tmp_path, monkeypatch, dialect):
     assert isinstance(made.channels, KeptChannels)
     assert made.findings == whole.findings
     assert list(made.channels) == list(whole.channels)
-    for name, one in whole.channels.items():
-        np.testing.assert_array_equal(made.channels[name].time_s, one.time_s)
-        np.testing.assert_array_equal(made.channels[name].values, one.values)
-        assert made.channels[name].quality == one.quality
+    for name, item in whole.channels.items():
+        np.testing.assert_array_equal(made.channels[name].time_s, item.time_s)
+        np.testing.assert_array_equal(made.channels[name].values, item.values)
+        assert made.channels[name].quality == item.quality
 
 
 def long_log(tmp_path, monkeypatch, **spec):
@@ -102,18 +102,18 @@ def test_a_part_of_a_long_log_is_its_samples_and_what_is_in_force(tmp_path, monk
     assert whole.part(10.0, 12.0) is whole
     assert part.span_s == made.span_s == whole.span_s
     assert list(part.channels) == list(whole.channels)
-    for name, one in whole.channels.items():
+    for name, item in whole.channels.items():
         cut = part.channels[name]
-        inside = (one.time_s >= 10.0) & (one.time_s <= 12.0)
+        inside = (item.time_s >= 10.0) & (item.time_s <= 12.0)
         if name in ("landed", "pilot_in_control", "input_open_loop", "pilot_sets_attitude"):
-            np.testing.assert_array_equal(cut.values, one.values)
+            np.testing.assert_array_equal(cut.values, item.values)
             continue
         taken = (cut.time_s >= 10.0) & (cut.time_s <= 12.0)
-        np.testing.assert_array_equal(cut.time_s[taken], one.time_s[inside])
+        np.testing.assert_array_equal(cut.time_s[taken], item.time_s[inside])
         assert 9.8 < cut.time_s[0] < 10.0
         assert 12.0 < cut.time_s[-1] < 13.2
         if not name.startswith(("attitude", "feedback_reference_yaw")):  # turns are counted from the first
-            np.testing.assert_array_equal(cut.values[taken], one.values[inside])
+            np.testing.assert_array_equal(cut.values[taken], item.values[inside])
     thin = made.part(*made.span_s, 0.05)
     assert 20.0 <= thin.channels["input"].rate_hz < 30.0
     assert thin.channels["reference_position_z"].rate_hz == pytest.approx(10.0, rel=0.05)
@@ -126,14 +126,14 @@ def test_a_window_of_a_long_log_is_identified_alike(tmp_path, monkeypatch):
     whole, made = long_log(tmp_path, monkeypatch)
     fits = [identify_flight(log, window=(10.0, 25.0)) for log in (whole, made)]
     assert fits[1].prepared[0].grid.count < fits[0].prepared[0].grid.count
-    assert [one.name for one in fits[1].findings] == [one.name for one in fits[0].findings]
+    assert [finding.name for finding in fits[1].findings] == [finding.name for finding in fits[0].findings]
     for name, quantity in fits[0].quantities.items():
         # the grid begins elsewhere, so that a run may have a sample more or less, and an interval, which is a
         # union over delays, one delay more or less
-        one = fits[1].quantities[name]
+        item = fits[1].quantities[name]
         if np.isfinite(quantity.std_error):
-            assert abs(one.value - quantity.value) <= 0.1 * quantity.std_error, name
-            assert one.interval[0] < quantity.value < one.interval[1]
+            assert abs(item.value - quantity.value) <= 0.1 * quantity.std_error, name
+            assert item.interval[0] < quantity.value < item.interval[1]
     with pytest.raises(UsageError, match=r"spans 0\.00 to 29\.99 s"):
         identify_flight(made, window=(40.0, 50.0))
 
@@ -145,17 +145,19 @@ def test_a_long_log_is_inspected_in_its_middle(tmp_path, monkeypatch):
     monkeypatch.setattr(inspected, "TRIED_S", 10.0)
     whole, made = long_log(tmp_path, monkeypatch)
     motion = motion_by_name("vertical")
-    of_whole, found = (inspected.inspection(log, FlightOptions(), motion) for log in (whole, made))
+    of_whole, result = (inspected.inspection(log, FlightOptions(), motion) for log in (whole, made))
     assert of_whole.tried is None
-    assert found.channels == of_whole.channels
-    assert found.tried == pytest.approx((10.0, 20.0), abs=1.0)
-    assert found.flown.active == pytest.approx(np.array(of_whole.flown.active), abs=0.2)
-    assert found.flown.used_s == pytest.approx(10.0, abs=0.2)
-    (verdict,) = (one for one in inspection_document(found).sections if "identify says" in one.heading)
-    start, end = found.tried
+    assert result.channels == of_whole.channels
+    assert result.tried == pytest.approx((10.0, 20.0), abs=1.0)
+    assert result.airborne.active == pytest.approx(np.array(of_whole.airborne.active), abs=0.2)
+    assert result.airborne.used_s == pytest.approx(10.0, abs=0.2)
+    (verdict,) = (
+        section for section in inspection_document(result).sections if "identify says" in section.heading
+    )
+    start, end = result.tried
     assert verdict.heading == f"What identify says of {start:.1f} to {end:.1f} s (found by running it)"
     assert "--window START:END" in str(verdict.parts[-1])
-    assert inspection_json(found)["tried"] == list(found.tried)
+    assert inspection_json(result)["tried"] == list(result.tried)
     assert inspection_json(of_whole)["tried"] is None
     monkeypatch.setattr(inspected, "TRIED_WHOLE_S", 600.0)
     assert inspected.inspection(made, FlightOptions(), motion).tried is None
@@ -172,13 +174,13 @@ def test_memory_of_a_long_log(tmp_path, monkeypatch):
     """What is kept, and some arrays of one channel: less than a third of a log that is all needed."""
     path, writer = tmp_path / "flight.bin", flight_log(simulated(seed=3, duration=60.0), "4.6")
     once = np.frombuffer(b"".join(message for _, message in writer.messages), dtype=np.uint8)
-    places = 3 + np.cumsum([0, *(len(message) for _, message in writer.messages)])[:-1]
-    ticks = once[places[:, None] + np.arange(8)].copy().view("<u8")[:, 0]
+    positions = 3 + np.cumsum([0, *(len(message) for _, message in writer.messages)])[:-1]
+    ticks = once[positions[:, None] + np.arange(8)].copy().view("<u8")[:, 0]
     with path.open("wb") as log:
         log.write(writer.head)
         for copy in range(5):
             again = once.copy()
-            again[places[:, None] + np.arange(8)] = (ticks + copy * 70_000_000)[:, None].view(np.uint8)
+            again[positions[:, None] + np.arange(8)] = (ticks + copy * 70_000_000)[:, None].view(np.uint8)
             log.write(again.tobytes())
     whole = peak_of(path)
     monkeypatch.setattr(KeptChannels, "__init__", limited(KeptChannels.__init__, 0))

@@ -76,7 +76,7 @@ def test_lists_are_told_from_empty_columns(tmp_path):
     frame = pl.DataFrame({"time": TIMES, "velocity_z": VECTORS.tolist(), "position_z": TIMES})
     frame.write_parquet(tmp_path / "t.parquet")
     r = read_log(tmp_path / "t.parquet")
-    assert "List(Float64)" in next(one.message for one in r.findings if one.name == "lists")
+    assert "List(Float64)" in next(finding.message for finding in r.findings if finding.name == "lists")
 
 
 @pytest.mark.parametrize(

@@ -44,15 +44,15 @@ def messages(store, flight):
     for row, time in enumerate(times):
         for topic, kind in kinds.items():
             stamped = {"header": bag_writer.header(store, time)}
-            one = store.types[kind](**(bag_writer.blank(store, kind) | stamped))
+            types = store.types[kind](**(bag_writer.blank(store, kind) | stamped))
             if "odom" in topic:
-                one.pose.pose.orientation.w, one.pose.pose.orientation.x = turn[row, :2]
-                one.twist.twist.linear.z = values["velocity_z"][row]
+                types.pose.pose.orientation.w, types.pose.pose.orientation.x = turn[row, :2]
+                types.twist.twist.linear.z = values["velocity_z"][row]
             elif "planner" in topic:
-                one.pose.position.z = values["reference_position_z"][row]
+                types.pose.position.z = values["reference_position_z"][row]
             else:
-                one.angular_velocities = np.array([throttle[row]])
-            yield topic, kind, time, one
+                types.angular_velocities = np.array([throttle[row]])
+            yield topic, kind, time, types
 
 
 @pytest.fixture
@@ -75,11 +75,11 @@ def files(tmp_path, monkeypatch):
 def test_commands_run(monkeypatch, capsys):
     assert len(COMMANDS) == 4
     for command in COMMANDS:
-        piped, _, own = command.rpartition(" | ")
+        piped, _, current = command.rpartition(" | ")
         if piped:
             monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(Path("flight.csv").read_bytes())))
         with pytest.raises(SystemExit) as left:
-            app(shlex.split(own)[1:], prog_name="eivor")
+            app(shlex.split(current)[1:], prog_name="eivor")
         assert left.value.code == 0, command
         assert "velocity_z" in capsys.readouterr().out
 

@@ -58,7 +58,7 @@ def test_clocks_that_were_never_set_tell_no_time(seconds, told):
 @pytest.mark.parametrize(("first", "start"), [(START.timestamp(), START), (0.0, None), (5e7, None)])
 def test_tables_on_a_clock_of_the_day_know_when(tmp_path, first, start):
     path = tmp_path / "log.csv"
-    rows = "".join(f"{first + 0.1 * place:.1f},{place}\n" for place in range(5))
+    rows = "".join(f"{first + 0.1 * index:.1f},{index}\n" for index in range(5))
     path.write_text(f"time,velocity_z\n{rows}")
     assert read_log(path).origin.start == start
 

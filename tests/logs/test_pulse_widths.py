@@ -13,14 +13,14 @@ RISING = np.linspace(1100.0, 1900.0, 5)
 
 
 def test_the_range_in_force_is_the_outputs_own_or_else_that_of_all():
-    own = {"PWM_MAIN_MIN2": 1100.0, "PWM_MAIN_MAX2": 1900.0, "PWM_MIN": 1000.0, "PWM_MAX": 2000.0}
-    found = pulse_range("PWM_MAIN", 1, own)
-    assert found is not None
-    assert (found.low, found.high, found.names) == (1100.0, 1900.0, ("PWM_MAIN_MIN2", "PWM_MAIN_MAX2"))
+    selected = {"PWM_MAIN_MIN2": 1100.0, "PWM_MAIN_MAX2": 1900.0, "PWM_MIN": 1000.0, "PWM_MAX": 2000.0}
+    result = pulse_range("PWM_MAIN", 1, selected)
+    assert result is not None
+    assert (result.low, result.high, result.names) == (1100.0, 1900.0, ("PWM_MAIN_MIN2", "PWM_MAIN_MAX2"))
     np.testing.assert_allclose(
-        found.share(np.array([900.0, 1100.0, 1500.0, 2000.0, np.nan])), [0, 0, 0.5, 1, np.nan]
+        result.share(np.array([900.0, 1100.0, 1500.0, 2000.0, np.nan])), [0, 0, 0.5, 1, np.nan]
     )
-    general = pulse_range("PWM_MAIN", 0, {**own, "PWM_MAIN_MIN1": -1.0, "PWM_MAIN_MAX1": -1.0})
+    general = pulse_range("PWM_MAIN", 0, {**selected, "PWM_MAIN_MIN1": -1.0, "PWM_MAIN_MAX1": -1.0})
     assert general is not None
     assert general.names == ("PWM_MIN", "PWM_MAX")
     assert pulse_range("PWM_MAIN", 0, {}) is None
@@ -47,7 +47,7 @@ def test_a_range_that_no_parameter_tells_is_said():
     values, finding = as_shares({0: RISING}, {})
     assert values[0] is RISING
     assert finding.name == "pulse_range_unknown"
-    assert "no parameter tells their range (PWM_MAIN_MIN1 and PWM_MAIN_MAX1" in finding.message
+    assert "no parameter gives their range (PWM_MAIN_MIN1 and PWM_MAIN_MAX1" in finding.message
 
 
 def test_a_log_of_pulses_has_shares_for_an_input(tmp_path):
@@ -67,7 +67,7 @@ def test_a_log_of_pulses_has_shares_for_an_input(tmp_path):
         "actuator_outputs.output[0]",
     ]
     np.testing.assert_allclose(r.channels["actuator_output_1"].values, (100 + t * 10) / 800)
-    (finding,) = [one for one in r.findings if one.name == "pulse_widths"]
+    (finding,) = [item for item in r.findings if item.name == "pulse_widths"]
     assert finding.message.endswith("shares of the range 1100 to 1900 (PWM_MAIN_MIN2 and PWM_MAIN_MAX2).")
     assert INPUTS[-1].name == "actuator_output"
     assert not INPUTS[-1].measured

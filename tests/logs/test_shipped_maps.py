@@ -20,7 +20,7 @@ def parts(flight):
 
 
 def used(recording):
-    return next(one.message for one in recording.findings if one.name == "channel_map")
+    return next(finding.message for finding in recording.findings if finding.name == "channel_map")
 
 
 def inav(flight):
@@ -89,14 +89,14 @@ def test_units_and_signs(tmp_path, name, made):
     assert "reference_velocity_z" not in r.channels
 
 
-def betaflight(flown):
+def betaflight(flight):
     """A flight as Betaflight's table."""
-    clock = flown.channels["angular_rate_x"].time_s
+    clock = flight.channels["angular_rate_x"].time_s
 
     def held(name):
-        channel = flown.channels[name]
-        at = np.searchsorted(channel.time_s, clock + 1e-9, side="right") - 1
-        return channel.values[np.maximum(at, 0)]
+        channel = flight.channels[name]
+        indices = np.searchsorted(channel.time_s, clock + 1e-9, side="right") - 1
+        return channel.values[np.maximum(indices, 0)]
 
     table = {"loopIteration": np.arange(clock.size), " time (us)": np.round(1e6 * clock) + 7e6}
     for axis, letter in enumerate("xyz"):
@@ -105,8 +105,8 @@ def betaflight(flown):
         for part, share in zip("PIDF" if axis < 2 else "PIF", shares, strict=True):
             table[f" axis{part}[{axis}]"] = share * 1000.0 * held(f"torque_setpoint_{letter}")
     for axis, name in enumerate(("roll", "pitch", "yaw")):
-        asked = f"reference_{name}"
-        stick = 400.0 * held(asked) if asked in flown.channels else 0.0 * clock
+        text = f"reference_{name}"
+        stick = 400.0 * held(text) if text in flight.channels else 0.0 * clock
         table[f" rcCommand[{axis}]"] = stick
     table[" rcCommand[3]"] = 1500.0 + 0.0 * clock
     table[" accSmooth[2]"] = 2048.0 + 0.0 * clock
@@ -118,14 +118,14 @@ def betaflight(flown):
 @pytest.mark.long
 def test_betaflight_turns_by_its_sticks(tmp_path):
     vehicle = Vehicle()
-    flown = turned(3, vehicle=vehicle, seconds=40.0, command_hz=200.0)
+    flight = turned(3, vehicle=vehicle, seconds=40.0, command_hz=200.0)
     path = tmp_path / "btfl_001.01.csv"
-    pl.DataFrame(betaflight(flown)).write_csv(path)
+    pl.DataFrame(betaflight(flight)).write_csv(path)
     recording = read_log(path)
-    found = identify_flight(recording, model="rates")
-    assert found.verdict.status is Status.IDENTIFIED
+    result = identify_flight(recording, model="rates")
+    assert result.verdict.status is Status.IDENTIFIED
     for axis, truth in zip(("roll", "pitch"), vehicle.effectiveness, strict=False):
-        assert found.quantities[f"{axis}_effectiveness"].value == pytest.approx(truth, rel=0.08)
+        assert result.quantities[f"{axis}_effectiveness"].value == pytest.approx(truth, rel=0.08)
 
 
 def test_betaflight_has_no_velocity(tmp_path):
@@ -140,8 +140,8 @@ def test_betaflight_has_no_velocity(tmp_path):
 
 def telemetry(messages=5, magic=0xFD):
     head = {0xFE: 8, 0xFD: 12}[magic]
-    one = bytes([magic, 20, 0]) + bytes(head - 3 + 20)
-    return b"".join((1_600_000_000_000_000 + 250_000 * n).to_bytes(8, "big") + one for n in range(messages))
+    item = bytes([magic, 20, 0]) + bytes(head - 3 + 20)
+    return b"".join((1_600_000_000_000_000 + 250_000 * n).to_bytes(8, "big") + item for n in range(messages))
 
 
 @pytest.mark.parametrize(

@@ -141,14 +141,16 @@ def test_old_topic_names(tmp_path):
 
 
 def test_commands_before_and_behind_the_thrust_curve(tmp_path):
-    flown = simulated(seed=3, duration=5.0)
+    record = simulated(seed=3, duration=5.0)
     sides = {}
     for topic in ("actuator_motors", "actuator_outputs"):
-        writer = flight_log(flown, 0.65, 0.3, topic)
+        writer = flight_log(record, 0.65, 0.3, topic)
         t = np.arange(50) * 0.1
         writer.topic("esc_status", t, **{f"esc[{n}].esc_rpm": 5000.0 + t for n in range(4)})
         r = read(tmp_path, writer)
-        sides[topic] = {name: one.curve_side for name, one in r.channels.items() if one.curve_side.value}
+        sides[topic] = {
+            name: channel.curve_side for name, channel in r.channels.items() if channel.curve_side.value
+        }
         assert r.channels["actuator_output_1"].source.startswith(topic)
     speeds = {f"rotor_speed_{n}": CurveSide.BEHIND for n in range(1, 5)}
     for topic, side in (("actuator_motors", CurveSide.BEFORE), ("actuator_outputs", CurveSide.BEHIND)):
@@ -340,13 +342,13 @@ def test_a_damaged_definition_is_told(tmp_path, capfd, found, bits):
     writer = UlogWriter().topic("vehicle_attitude", t, q=np.tile([1.0, 0, 0, 0], (50, 1)))
     writer.topic("sensor_combined", t, gyro_rad=0 * force, accelerometer_m_s2=force)
     blob = writer.bytes()
-    for place in range(blob.index(found), blob.index(found) + len(found)):
+    for index in range(blob.index(found), blob.index(found) + len(found)):
         for bit in bits:
             damaged = bytearray(blob)
-            damaged[place] ^= 1 << bit
+            damaged[index] ^= 1 << bit
             r = read(tmp_path, bytes(damaged))
-            told = [f.message for f in r.findings if f.name == "corrupt_parts"]
-            assert (len(told) == 1 and "all of sensor_combined" in told[0]) or (
+            messages = [f.message for f in r.findings if f.name == "corrupt_parts"]
+            assert (len(messages) == 1 and "all of sensor_combined" in messages[0]) or (
                 # a field of another name is no damage that a reader can know
                 bit != 7 and "specific_force_body_z" in r.channels
             )
@@ -355,8 +357,8 @@ def test_a_damaged_definition_is_told(tmp_path, capfd, found, bits):
 
 def test_a_damaged_subscription_is_counted(tmp_path):
     blob = flight().bytes()
-    place = blob.rindex(b"vehicle_attitude")
-    r = read(tmp_path, blob[:place] + b"\xf6" + blob[place + 1 :])
+    rindex = blob.rindex(b"vehicle_attitude")
+    r = read(tmp_path, blob[:rindex] + b"\xf6" + blob[rindex + 1 :])
     assert "attitude_w" not in r.channels
     assert "corrupt_parts" in names(r)
 
@@ -414,7 +416,7 @@ def test_telemetry_of_speed_controllers_are_rotor_speeds(tmp_path, functions, na
     writer.data += message("A", struct.pack("<BH", 0, 3) + b"esc_status")
     for k, time in enumerate(t):
         reports = [(9000 + 10 * k, functions[0]), (4000 + k, functions[1]), (0, functions[2])]
-        payload = b"".join(struct.pack("<iB", *one) for one in reports)
+        payload = b"".join(struct.pack("<iB", *item) for item in reports)
         stamp = writer.start_us + round(time * 1e6)
         writer.data += message("D", struct.pack("<HQB", 3, stamp, 3) + payload)
     r = read(tmp_path, writer)
@@ -436,8 +438,8 @@ def test_nothing_is_printed(tmp_path):
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
         for _ in range(60):
             damaged = bytearray(blob)
-            for place in rng.integers(16, len(blob), 30):
-                damaged[place] = rng.integers(256)
+            for integer in rng.integers(16, len(blob), 30):
+                damaged[integer] = rng.integers(256)
             with contextlib.suppress(CorruptLogError, EmptyLogError):
                 read(tmp_path, bytes(damaged))
     assert out.getvalue() == ""

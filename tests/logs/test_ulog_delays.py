@@ -38,8 +38,8 @@ def test_low_passes_are_late_by_their_group_delay():
 @pytest.mark.parametrize("name", ["IMU_GYRO_NF0", "IMU_GYRO_NF1", "IMU_GYRO_NF"])
 def test_notches_are_late_by_their_group_delay(name):
     frequency = f"{name}_FREQ" if name.endswith("NF") else f"{name}_FRQ"
-    found = seconds("vehicle_angular_velocity", {frequency: 80.0, f"{name}_BW": 20.0})
-    assert found == pytest.approx(late_at_one_hertz(*iirnotch(80.0, 80.0 / 20.0, fs=RATE_HZ)), rel=0.02)
+    result = seconds("vehicle_angular_velocity", {frequency: 80.0, f"{name}_BW": 20.0})
+    assert result == pytest.approx(late_at_one_hertz(*iirnotch(80.0, 80.0 / 20.0, fs=RATE_HZ)), rel=0.02)
 
 
 @pytest.mark.parametrize("length", [np.full(50, 5000, dtype=np.uint32), np.full(50, 0.005)])
@@ -72,7 +72,8 @@ def test_a_log_is_read_with_them(tmp_path):
     np.testing.assert_allclose(channel.time_s, time - late, atol=1e-9)
     assert channel.delay_s == pytest.approx(late)
     np.testing.assert_allclose(r.channels["input"].time_s, time, atol=1e-9)
-    (found,) = [one.message for one in r.findings if one.name == "sensor_delay"]
+    (messages,) = [finding.message for finding in r.findings if finding.name == "sensor_delay"]
     assert (
-        found == "Taken off the stamps of vehicle_acceleration: 7.5 ms (low-pass of 30 Hz, IMU_ACCEL_CUTOFF)."
+        messages
+        == "Taken off the stamps of vehicle_acceleration: 7.5 ms (low-pass of 30 Hz, IMU_ACCEL_CUTOFF)."
     )

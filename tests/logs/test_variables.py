@@ -68,13 +68,15 @@ def matlab_73(path, tree):
         group.attrs["MATLAB_class"] = np.bytes_("struct")
         for name, value in tree.items():
             if isinstance(value, str):
-                one = group.create_dataset(
+                create_dataset = group.create_dataset(
                     name, data=np.frombuffer(value.encode("utf-16-le"), "<u2")[:, None]
                 )
-                one.attrs["MATLAB_class"] = np.bytes_("char")
+                create_dataset.attrs["MATLAB_class"] = np.bytes_("char")
             else:
-                one = group.create_dataset(name, data=np.atleast_2d(value).T if value.ndim == 1 else value.T)
-                one.attrs["MATLAB_class"] = np.bytes_("double")
+                create_dataset = group.create_dataset(
+                    name, data=np.atleast_2d(value).T if value.ndim == 1 else value.T
+                )
+                create_dataset.attrs["MATLAB_class"] = np.bytes_("double")
         file["#refs#/a"] = np.zeros(3)
     with path.open("r+b") as file:
         file.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(508) + b"\0\0\x02IM"[:4])
@@ -178,8 +180,8 @@ def test_damaged_files(tmp_path, kind, count):
     for seed in range(count):
         rng = np.random.default_rng(seed)
         data = bytearray(content)
-        for place in rng.integers(128, len(data), size=40).tolist():
-            data[place] = int(rng.integers(256))
+        for integer in rng.integers(128, len(data), size=40).tolist():
+            data[integer] = int(rng.integers(256))
         (tmp_path / "b.dat").write_bytes(data[: len(data) // 2] if seed % 2 == 0 else data)
         try:
             read_log(tmp_path / "b.dat")

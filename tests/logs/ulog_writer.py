@@ -84,7 +84,7 @@ def flight(n=200):
     """A short flight in new topic names."""
     t = np.arange(n) * 0.02
     z = -1.0 - 0.2 * np.sin(t)
-    ones = np.ones(n)
+    entries = np.ones(n)
     return (
         UlogWriter()
         .parameter("MPC_THR_HOVER", 0.5)
@@ -97,9 +97,9 @@ def flight(n=200):
             vy=0 * t,
             vz=-0.2 * np.cos(t),
             az=0.2 * np.sin(t),
-            z_valid__bool=ones > 0,
-            v_z_valid__bool=ones > 0,
-            v_xy_valid__bool=ones > 0,
+            z_valid__bool=entries > 0,
+            v_z_valid__bool=entries > 0,
+            v_xy_valid__bool=entries > 0,
         )
         .topic("vehicle_thrust_setpoint", t, xyz=np.stack([0 * t, 0 * t, -0.5 - 0.1 * np.sin(t)], 1))
         .topic(
@@ -120,24 +120,24 @@ def flight(n=200):
 LOW, HIGH = 1000.0, 1950.0
 
 
-def flight_log(flown, true=1.0, in_force=0.0, outputs="actuator_motors"):
+def flight_log(record, true=1.0, in_force=0.0, outputs="actuator_motors"):
     """Write a simulated flight as PX4 logs it: `true` is the curve of the motors, `in_force` THR_MDL_FAC.
 
     Firmware without `actuator_motors` logs pulse widths in `actuator_outputs` alone.
     """
-    values = {name: channel.values for name, channel in flown.channels.items()}
-    t = flown.channels["position_z"].time_s
+    values = {name: channel.values for name, channel in record.channels.items()}
+    t = record.channels["position_z"].time_s
     values |= commands(values["rotor_command_1"] ** 2, true, in_force)
-    nothing, ones = 0.0 * t, np.ones(t.size)
+    nothing, entries = 0.0 * t, np.ones(t.size)
     roll = 0.5 * np.arccos(np.clip(values["cos_tilt"], -1.0, 1.0))
     force = -values["specific_force_z"] / values["cos_tilt"]
-    asked = [-values[f"reference_{name}_z"] for name in ("position", "velocity", "acceleration")]
+    requested = [-values[f"reference_{name}_z"] for name in ("position", "velocity", "acceleration")]
     setpoint = {
-        name: np.stack([nothing, nothing, one], 1)
-        for name, one in zip(("position", "velocity", "acceleration"), asked, strict=True)
+        name: np.stack([nothing, nothing, item], 1)
+        for name, item in zip(("position", "velocity", "acceleration"), requested, strict=True)
     }
     local = {"z": -values["position_z"], "vx": nothing, "vy": nothing, "vz": -values["velocity_z"]}
-    valid = {f"{name}_valid__bool": ones > 0.0 for name in ("z", "v_z", "v_xy")}
+    valid = {f"{name}_valid__bool": entries > 0.0 for name in ("z", "v_z", "v_xy")}
     writer = (
         UlogWriter()
         .parameter("THR_MDL_FAC", in_force)

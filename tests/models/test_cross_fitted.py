@@ -30,7 +30,7 @@ def test_a_block_is_predicted_by_the_others_alone():
     changed = values.copy()
     first = slice(0, COUNT // BLOCKS)
     changed[first] += 10.0
-    before, after = (cross_fitted(exogenous, one, ALL) for one in (values, changed))
+    before, after = (cross_fitted(exogenous, item, ALL) for item in (values, changed))
     np.testing.assert_allclose(after[first], before[first])
     assert np.abs(after[first.stop :] - before[first.stop :]).max() > 0.1
 
@@ -40,11 +40,11 @@ def test_many_columns_that_say_nothing_do_not_follow_the_values():
     values = RNG.standard_normal((COUNT, 1))
     design = np.column_stack([np.ones(COUNT), exogenous])
     fitted = design @ np.linalg.lstsq(design, values, rcond=None)[0]
-    followed = [
-        np.corrcoef(one[:, 0], values[:, 0])[0, 1] for one in (fitted, cross_fitted(exogenous, values, ALL))
+    tracked_parameter = [
+        np.corrcoef(item[:, 0], values[:, 0])[0, 1] for item in (fitted, cross_fitted(exogenous, values, ALL))
     ]
-    assert followed[0] > 0.3
-    assert abs(followed[1]) < 0.12
+    assert tracked_parameter[0] > 0.3
+    assert abs(tracked_parameter[1]) < 0.12
 
 
 def test_samples_that_are_not_used_are_predicted_and_not_fitted_to():
@@ -60,11 +60,11 @@ def test_samples_that_are_not_used_are_predicted_and_not_fitted_to():
 def test_without_columns_or_with_too_few_samples_it_is_the_mean(columns):
     exogenous = RNG.standard_normal((100, columns))
     values = RNG.standard_normal((100, 1))
-    found = cross_fitted(exogenous, values, np.ones(100, dtype=np.bool_))
-    assert np.ptp(found) < 0.3
-    assert found.mean() == pytest.approx(values.mean(), abs=0.3)
+    fitted = cross_fitted(exogenous, values, np.ones(100, dtype=np.bool_))
+    assert np.ptp(fitted) < 0.3
+    assert fitted.mean() == pytest.approx(values.mean(), abs=0.3)
     if columns:
-        np.testing.assert_allclose(found, values.mean())
+        np.testing.assert_allclose(fitted, values.mean())
 
 
 def test_columns_that_hardly_differ_do_not_lead_astray():

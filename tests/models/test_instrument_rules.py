@@ -34,18 +34,18 @@ AT = {"actuator_lag": 0.05, "delay": 0.02}
 
 def test_references_come_with_successive_lags_each_started_at_rest():
     signals = flight_signals()
-    found = LaggedReferences(("reference_position_z", "reference_velocity_z")).columns(
+    columns = LaggedReferences(("reference_position_z", "reference_velocity_z")).columns(
         DrivenSignals(signals, np.zeros(800))
     )
-    assert found.shape == (800, 5 + 2)
+    assert columns.shape == (800, 5 + 2)
     wanted = [signals.channel("reference_position_z")]
     for _ in range(4):
         before, state = wanted[-1], [wanted[-1][0]]
         for k in range(1, 800):
             state.append(before[k - 1] + (state[-1] - before[k - 1]) * np.exp(-STEP_S / 0.4))
         wanted.append(np.array(state))
-    np.testing.assert_allclose(found[:, :5], np.column_stack(wanted), atol=1e-10)
-    np.testing.assert_array_equal(found[:, 5], signals.channel("reference_velocity_z"))
+    np.testing.assert_allclose(columns[:, :5], np.column_stack(wanted), atol=1e-10)
+    np.testing.assert_array_equal(columns[:, 5], signals.channel("reference_velocity_z"))
     assert LaggedReferences(()).columns(DrivenSignals(signals, np.zeros(800))).shape == (800, 0)
     assert LaggedReferences(("a", "b")).label == "a, b"
     with pytest.raises(MissingChannelError, match="pilot_throttle"):
@@ -54,10 +54,10 @@ def test_references_come_with_successive_lags_each_started_at_rest():
 
 def test_lagged_inputs_are_the_past_and_rest_before_it():
     mapped = np.random.default_rng(1).standard_normal(50)
-    found = LaggedInputs(1, 4).columns(DrivenSignals(flight_signals(50), mapped))
+    columns = LaggedInputs(1, 4).columns(DrivenSignals(flight_signals(50), mapped))
     for j, lag in enumerate(range(1, 5)):
-        np.testing.assert_allclose(found[lag:, j], mapped[:-lag], atol=1e-12)
-        np.testing.assert_allclose(found[:lag, j], mapped[0], atol=1e-12)
+        np.testing.assert_allclose(columns[lag:, j], mapped[:-lag], atol=1e-12)
+        np.testing.assert_allclose(columns[:lag, j], mapped[0], atol=1e-12)
     short = LaggedInputs(1, 15).columns(DrivenSignals(flight_signals(6), mapped[:6]))
     np.testing.assert_allclose(short[:, 10], mapped[0], atol=1e-12)
     assert NoInstruments().columns(DrivenSignals(flight_signals(6), mapped[:6])).shape == (6, 0)
@@ -68,24 +68,24 @@ def test_several_rotors_enter_by_the_mean_of_their_mapped_states_times_the_tilt(
     rotors = {f"rotor_command_{i}": 100.0 + 10.0 * rng.standard_normal(400) for i in (1, 2, 3, 4)}
     signals = flight_signals(400, **rotors)
     flight = VerticalFlight(signals, "rotor_command", False, (slice(0, 400),))
-    found = flight.mapped_input(VerticalMotion(Power(2.0)), 0.0, 0.0)
+    mapped_input = flight.mapped_input(VerticalMotion(Power(2.0)), 0.0, 0.0)
     wanted = 0.98 * np.mean([values**2 for values in rotors.values()], axis=0)
-    np.testing.assert_allclose(found, wanted, rtol=1e-13)
+    np.testing.assert_allclose(mapped_input, wanted, rtol=1e-13)
     # The rotor is slow, not its thrust: the lag comes first.
     lagged = flight.mapped_input(VerticalMotion(Power(2.0)), 0.05, 0.0)
-    apart = [
+    separated = [
         VerticalFlight(signals, name, False, (slice(0, 400),)).mapped_input(
             VerticalMotion(Power(2.0)), 0.05, 0.0
         )
         for name in rotors
     ]
-    np.testing.assert_allclose(lagged, np.mean(apart, axis=0), rtol=1e-12)
+    np.testing.assert_allclose(lagged, np.mean(separated, axis=0), rtol=1e-12)
 
 
 def test_rows_of_pooled_flights_are_those_of_each_without_its_means():
-    one, other = flight_signals(seed=3), flight_signals(seed=4)
+    signals, other = flight_signals(seed=3), flight_signals(seed=4)
     flights = (
-        VerticalFlight(one, "input", False, (slice(0, 300), slice(350, 800))),
+        VerticalFlight(signals, "input", False, (slice(0, 300), slice(350, 800))),
         VerticalFlight(other, "input", False, (slice(100, 700),)),
     )
     problem = VerticalFlights(flights, VerticalMotion(), LaggedReferences(("reference_position_z",)))

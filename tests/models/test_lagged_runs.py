@@ -29,8 +29,8 @@ class Throttle:
 
     throttle: np.ndarray
 
-    def __call__(self, at):
-        return first_order_lag(self.throttle, step_s=STEP_S, lag_s=at["actuator_lag"])[:, None]
+    def __call__(self, nuisance_values):
+        return first_order_lag(self.throttle, step_s=STEP_S, lag_s=nuisance_values["actuator_lag"])[:, None]
 
 
 def rover(velocity: np.ndarray, acceleration: np.ndarray, throttle: np.ndarray) -> LaggedRuns:
@@ -101,31 +101,31 @@ PAIR = (Parameter("a"), Parameter("b"))
 
 
 def test_rows_of_an_axis_are_cut_from_its_grid_and_lose_the_means_of_their_run():
-    one = columns(1, candidates=2)
+    item = columns(1, candidates=2)
     for intercepts in (True, False):
-        rows = LaggedRuns((one,), PAIR, (LAG,), intercepts).rows(AT)
-        moved, start = one.moving(AT)[:, 0], 0
-        for run in one.runs:
+        rows = LaggedRuns((item,), PAIR, (LAG,), intercepts).rows(AT)
+        moved, start = item.moving(AT)[:, 0], 0
+        for run in item.runs:
             here = slice(start, start + run.stop - run.start)
             start = here.stop
             parts = (
-                (rows.response[here], one.responses[run, 0]),
-                (rows.regressors[here, 0], one.fixed[run, 0]),
+                (rows.response[here], item.responses[run, 0]),
+                (rows.regressors[here, 0], item.fixed[run, 0]),
                 (rows.regressors[here, 1], moved[run]),
-                (rows.instruments[here, 2], one.instruments[run, 2]),
+                (rows.instruments[here, 2], item.instruments[run, 2]),
             )
-            for found, wanted in parts:
+            for entry, wanted in parts:
                 mean = wanted.mean() if intercepts else 0.0
-                np.testing.assert_allclose(found, wanted - mean, atol=1e-13)
+                np.testing.assert_allclose(entry, wanted - mean, atol=1e-13)
         assert start == rows.response.size
 
 
 def test_instruments_of_an_axis_are_not_those_of_another():
     """Each axis has equations of its own; the parameters may be shared."""
-    one, other = columns(1), columns(2, instruments=3, axis=4)
-    problem = LaggedRuns((one, other), PAIR, (LAG,))
+    item, other = columns(1), columns(2, instruments=3, axis=4)
+    problem = LaggedRuns((item, other), PAIR, (LAG,))
     assert problem.axes == (0, 4)
-    alone = [LaggedRuns((each,), PAIR, (LAG,)) for each in (one, other)]
+    alone = [LaggedRuns((each,), PAIR, (LAG,)) for each in (item, other)]
     for rows, parts in (
         (problem.rows(AT).instruments, [each.rows(AT).instruments for each in alone]),
         (problem.bins(AT).instruments, [each.bins(AT).instruments for each in alone]),
@@ -156,8 +156,8 @@ def test_flights_of_one_axis_use_the_candidates_that_all_have():
     last = LaggedRuns((replace(two, responses=two.responses[:, 1:]),), PAIR, (LAG,))
     bins = problem.bins(AT)
     assert bins.responses.shape[1] == 1
-    found = last.bins(AT).responses
-    np.testing.assert_array_equal(bins.responses[: found.shape[0]], found)
+    responses = last.bins(AT).responses
+    np.testing.assert_array_equal(bins.responses[: responses.shape[0]], responses)
     np.testing.assert_array_equal(
         problem.rows(AT).response[:550], LaggedRuns((two,), PAIR, (LAG,)).rows(AT).response
     )
@@ -165,9 +165,9 @@ def test_flights_of_one_axis_use_the_candidates_that_all_have():
 
 def test_scores_of_one_time_are_added_over_the_axes():
     rng = np.random.default_rng(3)
-    one, other = columns(1), columns(2, axis=1)
+    item, other = columns(1), columns(2, axis=1)
     late = columns(4, flight=1, axis=1, runs=(slice(10, 50),))
-    rows = LaggedRuns((one, other, late), PAIR, (LAG,)).rows(AT)
+    rows = LaggedRuns((item, other, late), PAIR, (LAG,)).rows(AT)
     assert isinstance(rows.layout, AxisRows)
     test, e = rng.standard_normal((rows.response.size, 2)), rng.standard_normal(rows.response.size)
     scores = rows.layout.scores(test, e)
@@ -180,15 +180,15 @@ def test_scores_of_one_time_are_added_over_the_axes():
 
 def test_scores_of_bins_at_one_time_are_added_over_the_axes():
     rng = np.random.default_rng(5)
-    one, other = columns(1), columns(2, axis=1)
-    layout = LaggedRuns((one, other), PAIR, (LAG,)).bins(AT).layout
-    alone = LaggedRuns((one,), PAIR, (LAG,)).bins(AT).layout
+    item, other = columns(1), columns(2, axis=1)
+    layout = LaggedRuns((item, other), PAIR, (LAG,)).bins(AT).layout
+    alone = LaggedRuns((item,), PAIR, (LAG,)).bins(AT).layout
     count = alone.flight_of_row.size
     test, e = rng.standard_normal((2 * count, 3)), rng.standard_normal(2 * count)
     wanted = alone.scores(test[:count], e[:count]) + alone.scores(test[count:], e[count:])
     np.testing.assert_allclose(layout.scores(test, e), wanted, atol=1e-12)
     # Runs that begin at other times are of other times.
-    moved = LaggedRuns((one, replace(other, runs=(slice(50, 300),))), PAIR, (LAG,)).bins(AT).layout
+    moved = LaggedRuns((item, replace(other, runs=(slice(50, 300),))), PAIR, (LAG,)).bins(AT).layout
     rows = moved.flight_of_row.size
     assert moved.scores(rng.standard_normal((rows, 3)), rng.standard_normal(rows)).shape[0] == 550 + 250
 
@@ -209,9 +209,9 @@ def test_bins_at_many_lags_are_those_at_each(monkeypatch, together, remembered):
     axes = (columns(1), columns(2, axis=1, moved=(0,)))
     problem, alone = (LaggedRuns(axes, PAIR, (LAG,)) for _ in range(2))
     points = [{"actuator_lag": lag} for lag in (0.1, 0.03, 0.1, 0.4, 0.2, 0.05)]
-    for found, at in zip(problem.many_bins(points), points, strict=True):
-        np.testing.assert_allclose(found.regressors, alone.bins(at).regressors, rtol=1e-12, atol=1e-12)
-    assert sum(one.size for one in problem._moving_bins.values()) <= remembered
+    for many_bin, point in zip(problem.many_bins(points), points, strict=True):
+        np.testing.assert_allclose(many_bin.regressors, alone.bins(point).regressors, rtol=1e-12, atol=1e-12)
+    assert sum(_moving_bin.size for _moving_bin in problem._moving_bins.values()) <= remembered
 
 
 @pytest.mark.parametrize(
@@ -242,11 +242,11 @@ def test_an_axis_says_which_of_the_moving_parameters_its_equation_has():
     nothing = np.zeros((velocity.size, 1))
     names = (*problem.parameters[:2], Parameter("absent", ""), problem.parameters[2])
     among = replace(alone, moved=(1,))
-    padded = replace(alone, moving=lambda at: np.column_stack([nothing, alone.moving(at)]))
-    said, zeros = (LaggedRuns((one,), names, (LAG,)) for one in (among, padded))
-    np.testing.assert_array_equal(said.rows(AT).regressors, zeros.rows(AT).regressors)
-    np.testing.assert_allclose(said.bins(AT).regressors, zeros.bins(AT).regressors, atol=1e-13)
-    assert not said.bins(AT).regressors[:, 2].any()
+    padded = replace(alone, moving=lambda item: np.column_stack([nothing, alone.moving(item)]))
+    sentence, zeros = (LaggedRuns((item,), names, (LAG,)) for item in (among, padded))
+    np.testing.assert_array_equal(sentence.rows(AT).regressors, zeros.rows(AT).regressors)
+    np.testing.assert_allclose(sentence.bins(AT).regressors, zeros.bins(AT).regressors, atol=1e-13)
+    assert not sentence.bins(AT).regressors[:, 2].any()
     with pytest.raises(ShapeError, match="moving column for each"):
         LaggedRuns((replace(alone, moved=(0, 1)),), names, (LAG,)).rows(AT)
 
@@ -259,8 +259,8 @@ def test_a_lag_shorter_than_the_step_has_the_slope_of_longer_ones():
     def slope(lag_s: float, resolution: float) -> float:
         (lag, _) = lag_and_delay(step_s=resolution)
 
-        def state(at):
-            return actuator_state(command, step_s=step_s, lag_s=at[lag.name], delay_s=0.0)
+        def state(nuisances):
+            return actuator_state(command, step_s=step_s, lag_s=nuisances[lag.name], delay_s=0.0)
 
         return float(np.linalg.norm(lag.derivative(state, {lag.name: lag_s})))
 

@@ -71,12 +71,12 @@ def test_rows_are_those_of_a_loop_over_valid_histories(mask, lag, gain, seed):
         with pytest.raises(TooFewSamplesError, match="Expected"):
             problem.rows()
         return
-    found, wanted = problem.rows(), np.array(rows)
-    np.testing.assert_array_equal(found.response, wanted[:, 0])
-    np.testing.assert_allclose(found.regressors, wanted[:, 1:4], rtol=1e-15)
-    np.testing.assert_array_equal(found.instruments, wanted[:, 4:])
-    assert found.names == ("a", "b", "c")
-    assert problem.rows() is found
+    result, wanted = problem.rows(), np.array(rows)
+    np.testing.assert_array_equal(result.response, wanted[:, 0])
+    np.testing.assert_allclose(result.regressors, wanted[:, 1:4], rtol=1e-15)
+    np.testing.assert_array_equal(result.instruments, wanted[:, 4:])
+    assert result.names == ("a", "b", "c")
+    assert problem.rows() is result
 
 
 def test_vertical_motion_has_the_signs_of_its_equation():
@@ -142,7 +142,7 @@ def test_the_response_is_the_specific_force_and_else_the_acceleration():
 
 def naive_shared(left, right, signals: Signals, first: int, rows) -> np.ndarray:
     """C by its definition: a mean over the rows of gains times an autocovariance at the record's age."""
-    found = np.zeros((len(left), len(right)))
+    result = np.zeros((len(left), len(right)))
     used = [k for k in range(first, signals.sample_count) if rows is None or rows[k - first]]
     longest = signals.offset + signals.sample_count
 
@@ -150,21 +150,21 @@ def naive_shared(left, right, signals: Signals, first: int, rows) -> np.ndarray:
     def growth(name: str, lag: int) -> np.ndarray:
         return signals.noise[name].autocovariance(lag, 0, longest)
 
-    for i, one in enumerate(left):
+    for i, item in enumerate(left):
         for j, other in enumerate(right):
-            if not one.channel or one.channel != other.channel:
+            if not item.channel or item.channel != other.channel:
                 continue
             total = 0.0
             for k in used:
-                gains = one.gain * other.gain
-                for column in (one, other):
+                gains = item.gain * other.gain
+                for column in (item, other):
                     if column.gain_channel:
                         gains *= signals.channel(column.gain_channel)[k]
-                age = signals.offset + k - max(one.lag, other.lag)
-                lag = abs(one.lag - other.lag)
-                total += gains * growth(one.channel, lag)[age]
-            found[i, j] = total / len(used)
-    return found
+                age = signals.offset + k - max(item.lag, other.lag)
+                lag = abs(item.lag - other.lag)
+                total += gains * growth(item.channel, lag)[age]
+            result[i, j] = total / len(used)
+    return result
 
 
 @settings(max_examples=30)
@@ -197,9 +197,11 @@ def test_shared_noise_is_the_mean_over_the_rows_that_are_used(order, offset, mas
     rows = problem.used
     wanted = naive_shared(instruments, columns, signals, 3, rows)
     np.testing.assert_allclose(problem.instrument_noise_covariance(), wanted, rtol=1e-9, atol=1e-14)
-    own = problem.regressor_noise_covariance()
-    np.testing.assert_allclose(own, naive_shared(columns, columns, signals, 3, rows), rtol=1e-9, atol=1e-14)
-    np.testing.assert_allclose(own, own.T, rtol=1e-12)
+    regressor_noise_covariance = problem.regressor_noise_covariance()
+    np.testing.assert_allclose(
+        regressor_noise_covariance, naive_shared(columns, columns, signals, 3, rows), rtol=1e-9, atol=1e-14
+    )
+    np.testing.assert_allclose(regressor_noise_covariance, regressor_noise_covariance.T, rtol=1e-12)
 
 
 def test_shared_noise_is_what_noise_really_adds_to_the_products():

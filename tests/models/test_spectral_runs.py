@@ -109,8 +109,8 @@ def test_whitening_divides_every_column_and_blends_the_responses():
     blend, power = rng.uniform(0.0, 1.0, run.count), rng.uniform(0.5, 2.0, run.count)
     theta = np.array([0.7, -0.3])
     rows = bins.whitened(blend, power, np.empty((2 * run.count, 0)))
-    one, other = bins.residuals(theta).T
-    wanted = ((1.0 - blend) * one + blend * other) / np.sqrt(power)
+    item, other = bins.residuals(theta).T
+    wanted = ((1.0 - blend) * item + blend * other) / np.sqrt(power)
     np.testing.assert_allclose(
         rows.response - rows.regressors @ theta, np.concatenate([wanted.real, wanted.imag]), atol=1e-12
     )

@@ -10,7 +10,7 @@ import pytest
 from turning_logs import turned
 
 from eivor.flights import identify
-from eivor.flights.identify import with_companions
+from eivor.flights.identify import with_coupled_axes
 from eivor.flights.quantity import Quantity
 from eivor.flights.result import FlightEstimate
 from eivor.inference.verdict import Reason, Status
@@ -45,44 +45,44 @@ def logging(*names: str) -> Recording:
 )
 def test_what_is_not_logged_refuses_the_thrust_gain(turning, logged, missing):
     bare = replace(turning, findings=())
-    found = with_companions(bare, MOTIONS, [logging(*logged)], [None])
-    (finding,) = found.findings
+    companions = with_coupled_axes(bare, MOTIONS, [logging(*logged)], [None])
+    (finding,) = companions.findings
     assert finding.name == "no_thrust_gain"
     assert missing in finding.message
-    assert "thrust_gain" not in found.quantities
-    assert found.verdict == turning.verdict
+    assert "thrust_gain" not in companions.quantities
+    assert companions.verdict == turning.verdict
 
 
 @pytest.mark.thorough
 def test_the_other_motion_is_given_the_lag_and_has_its_own_verdict(turning, monkeypatch):
-    asked = {}
+    requested = {}
     why = Reason(Status.WEAK, "The input gain's interval is wide.", "Fly steps.")
     gain = Quantity(30.0, "m/s^2", 1.0, (28.0, 32.0), Status.WEAK, reasons=(why,))
 
-    def identified(_logs, _motion, options, _windows, *, told):
-        asked.update(options=options, told=told)
+    def identified(_logs, _motion, options, _windows, *, lag_measurements):
+        requested.update(options=options, lag_measurements=lag_measurements)
         return SimpleNamespace(quantities={"input_gain": gain})
 
     monkeypatch.setattr(identify, "identified", identified)
-    found = with_companions(turning, MOTIONS, [logging("input", "acceleration_z")], [None])
-    assert found.quantities["thrust_gain"].value == 30.0
-    assert found.quantities["thrust_gain"].reasons[0].sentence == "The thrust gain's interval is wide."
-    assert found.quantities["roll_effectiveness"] == turning.quantities["roll_effectiveness"]
-    assert (asked["options"].input, asked["options"].input_map) == ("input", "linear")
-    (told,) = asked["told"]
-    assert told.prior.mean == turning.quantities["effective_lag"].value
+    companions = with_coupled_axes(turning, MOTIONS, [logging("input", "acceleration_z")], [None])
+    assert companions.quantities["thrust_gain"].value == 30.0
+    assert companions.quantities["thrust_gain"].reasons[0].sentence == "The thrust gain's interval is wide."
+    assert companions.quantities["roll_effectiveness"] == turning.quantities["roll_effectiveness"]
+    assert (requested["options"].input, requested["options"].input_map) == ("input", "linear")
+    (reported,) = requested["lag_measurements"]
+    assert reported.prior.mean == turning.quantities["effective_lag"].value
 
 
 @pytest.mark.thorough
 def test_a_lag_that_is_not_identified_is_not_passed_on(turning, monkeypatch):
     passed = []
 
-    def identified(_logs, _motion, _options, _windows, *, told):
-        passed.append(told)
+    def identified(_logs, _motion, _options, _windows, *, lag_measurements):
+        passed.append(lag_measurements)
         return SimpleNamespace(quantities={"input_gain": turning.quantities["roll_effectiveness"]})
 
     monkeypatch.setattr(identify, "identified", identified)
     rough = replace(turning.quantities["effective_lag"], verdict=Status.WEAK)
     weak = replace(turning, quantities={**turning.quantities, "effective_lag": rough})
-    with_companions(weak, MOTIONS, [logging("input", "acceleration_z")], [None])
+    with_coupled_axes(weak, MOTIONS, [logging("input", "acceleration_z")], [None])
     assert passed == [()]

@@ -69,15 +69,15 @@ def test_own_motions_are_known_by_name():
 @pytest.mark.parametrize("name", ["vertical"])
 def test_a_motion_has_words_for_all_that_it_shows(name):
     motion = motion_by_name(name)
-    assert set(motion.shown) == set(motion.wording)
+    assert set(motion.plotted) == set(motion.wording)
     assert {*motion.headline, *motion.rows} <= set(motion.wording)
     assert isinstance(motion, Motion)
 
 
 def test_words_of_quantities_are_found_and_unknown_ones_have_none():
-    found = wording_of("viscous_friction")
-    assert found is not None
-    assert (found.words, found.symbol, found.shown_unit) == ("viscous friction", "K", "1/s")
+    wording = wording_of("viscous_friction")
+    assert wording is not None
+    assert (wording.words, wording.symbol, wording.shown_unit) == ("viscous friction", "K", "1/s")
     assert wording_of("theta_1") is None
 
 

@@ -62,43 +62,43 @@ def test_without_noise_the_numbers_are_those_of_the_vehicle():
     exact = identify_flight(
         turned(0, command_hz=400.0, rate_hz=400.0, disturbance=0.0, noise=0.0, seconds=20.0), model="rates"
     )
-    found = {name: quantity.value for name, quantity in exact.quantities.items()}
+    results = {name: quantity.value for name, quantity in exact.quantities.items()}
     for axis, effect, damping in zip(
         ("roll", "pitch", "yaw"), TRUTH.effectiveness, TRUTH.damping, strict=True
     ):
-        assert found[f"{axis}_effectiveness"] == pytest.approx(effect, rel=1e-3)
-        assert found[f"{axis}_damping"] == pytest.approx(damping, abs=0.03)
-    assert found["yaw_reaction"] == pytest.approx(0.0, abs=0.02)
-    assert found["effective_lag"] == pytest.approx(TRUTH.effective_lag_s, abs=2e-4)
+        assert results[f"{axis}_effectiveness"] == pytest.approx(effect, rel=1e-3)
+        assert results[f"{axis}_damping"] == pytest.approx(damping, abs=0.03)
+    assert results["yaw_reaction"] == pytest.approx(0.0, abs=0.02)
+    assert results["effective_lag"] == pytest.approx(TRUTH.effective_lag_s, abs=2e-4)
 
 
 @pytest.mark.thorough
 def test_references_that_hardly_move_tell_nothing():
     for size in (0.0, 0.01):
-        found = identify_flight(turned(2, size=size, seconds=20.0), model="rates")
-        assert found.verdict.status is Status.REFUSED
-        assert found.quantities["roll_effectiveness"].verdict is Status.REFUSED
+        flight = identify_flight(turned(2, size=size, seconds=20.0), model="rates")
+        assert flight.verdict.status is Status.REFUSED
+        assert flight.quantities["roll_effectiveness"].verdict is Status.REFUSED
 
 
 @pytest.mark.thorough
 def test_a_setpoint_of_the_other_sign_is_named(log):
     torque = log.channels["torque_setpoint_y"]
     turned_over = changed(log, torque_setpoint_y=replace(torque, values=-torque.values))
-    found = identify_flight(turned_over, model="rates")
-    assert found.verdict.status is Status.REFUSED
+    flight = identify_flight(turned_over, model="rates")
+    assert flight.verdict.status is Status.REFUSED
     assert any(
         "opposite signs" in reason.sentence and "torque_setpoint_y" in reason.remedy
-        for reason in found.quantities["pitch_effectiveness"].reasons
+        for reason in flight.quantities["pitch_effectiveness"].reasons
     )
-    assert found.quantities["roll_effectiveness"].verdict is Status.IDENTIFIED
+    assert flight.quantities["roll_effectiveness"].verdict is Status.IDENTIFIED
 
 
 @pytest.mark.thorough
 def test_yaw_may_be_missing(log):
-    found = identify_flight(changed(log, torque_setpoint_z=None), model="rates")
-    assert "yaw_effectiveness" not in found.quantities
-    assert found.quantities["roll_effectiveness"].verdict is Status.IDENTIFIED
-    assert any(finding.name == "no_yaw" for finding in found.findings)
+    flight = identify_flight(changed(log, torque_setpoint_z=None), model="rates")
+    assert "yaw_effectiveness" not in flight.quantities
+    assert flight.quantities["roll_effectiveness"].verdict is Status.IDENTIFIED
+    assert any(finding.name == "no_yaw" for finding in flight.findings)
 
 
 @pytest.mark.parametrize("missing", ["torque_setpoint_x", "angular_rate_y"])
@@ -124,9 +124,9 @@ def test_an_attitude_that_a_loop_computes_is_weak_at_most(log):
         for name in ("reference_roll", "reference_pitch", "reference_yaw")
     }
     gone = dict.fromkeys(("reference_roll", "reference_pitch", "reference_yaw"))
-    found = identify_flight(changed(log, **answering, **gone), model="rates")
-    assert found.verdict.status is Status.WEAK
-    assert any("answer" in reason.sentence for reason in found.verdict.reasons)
+    flight = identify_flight(changed(log, **answering, **gone), model="rates")
+    assert flight.verdict.status is Status.WEAK
+    assert any("answer" in reason.sentence for reason in flight.verdict.reasons)
 
 
 @pytest.mark.thorough
@@ -142,7 +142,7 @@ def test_an_axis_that_nothing_moves_leaves_the_others_their_sets(log, fit):
 
 @pytest.mark.thorough
 def test_what_an_unknown_clock_leaves_open_is_in_the_lag(fit):
-    part, rotors = fit.quantities["effective_lag"].allowances
+    part, rotors = fit.quantities["effective_lag"].systematic_uncertainties
     assert part.above == pytest.approx(0.25 * 0.005)  # once a rate of 200 Hz at least
     assert "how often" in part.sentence
     assert (rotors.below, rotors.above) == (0.001, 0.001)
@@ -150,22 +150,22 @@ def test_what_an_unknown_clock_leaves_open_is_in_the_lag(fit):
 
 @pytest.mark.thorough
 def test_what_rotors_do_to_large_setpoints_is_in_the_effectiveness(fit):
-    found = fit.quantities["roll_effectiveness"]
-    (part,) = found.allowances
-    assert part.above == pytest.approx(0.02 * found.value)
-    assert found.half_width > part.above
+    quantity = fit.quantities["roll_effectiveness"]
+    (part,) = quantity.systematic_uncertainties
+    assert part.above == pytest.approx(0.02 * quantity.value)
+    assert quantity.half_width > part.above
 
 
 @pytest.mark.thorough
 def test_a_real_log_of_the_default_profile_is_told_weakly(recordings):
-    found = identify_flight(read_log(recordings / "px4" / "battery_brownout.ulg"), model="rates")
-    assert found.verdict.status is Status.WEAK
-    low, high = found.quantities["pitch_effectiveness"].interval
+    flight = identify_flight(read_log(recordings / "px4" / "battery_brownout.ulg"), model="rates")
+    assert flight.verdict.status is Status.WEAK
+    low, high = flight.quantities["pitch_effectiveness"].interval
     assert 100.0 < low < high < 220.0
-    assert 0.03 < found.quantities["effective_lag"].value < 0.06
+    assert 0.03 < flight.quantities["effective_lag"].value < 0.06
 
 
 @pytest.mark.thorough
 def test_a_real_log_without_excitation_is_refused(recordings):
-    found = identify_flight(read_log(recordings / "px4" / "ekf_failure.ulg"), model="rates")
-    assert found.verdict.status is Status.REFUSED
+    flight = identify_flight(read_log(recordings / "px4" / "ekf_failure.ulg"), model="rates")
+    assert flight.verdict.status is Status.REFUSED

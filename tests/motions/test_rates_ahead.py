@@ -16,8 +16,8 @@ from motions.turning_logs import AXES, Vehicle, turned
 
 VEHICLE = Vehicle()
 TRUTH = {
-    **{f"{name}_effectiveness": one for name, one in zip(AXES, VEHICLE.effectiveness, strict=True)},
-    **{f"{name}_damping": one for name, one in zip(AXES, VEHICLE.damping, strict=True)},
+    **{f"{name}_effectiveness": item for name, item in zip(AXES, VEHICLE.effectiveness, strict=True)},
+    **{f"{name}_damping": item for name, item in zip(AXES, VEHICLE.damping, strict=True)},
     "yaw_reaction": 0.0,
     "actuator_lag": VEHICLE.lag_s,
     "delay": VEHICLE.delayed * 0.0025,
@@ -37,29 +37,31 @@ def models(fit: dict[str, float] = TRUTH) -> dict[str, SimpleModel]:
 
 
 def test_the_truth_predicts_and_numbers_without_a_lag_do_not(flight):
-    ahead = Rates().ahead((flight,), models(), frozenset())
-    assert [one[0].quantity for one in ahead.by_quantity] == ["roll rate", "pitch rate", "yaw rate"]
-    assert [one.model for one in ahead.by_quantity[0]] == ["fit", "least_squares", "unchanged"]
-    for own, without, unchanged in ahead.by_quantity:
-        assert own.rms[-1] < 0.03 * unchanged.rms[-1]
-        assert own.rms[0] < 0.1 * without.rms[0]
-        assert np.array_equal(unchanged.series[:, 0], own.series[:, 0])
-    assert ahead.predicts
-    assert not ahead.left_out
+    prediction = Rates().multi_step_prediction((flight,), models(), frozenset())
+    assert [item[0].quantity for item in prediction.by_quantity] == ["roll rate", "pitch rate", "yaw rate"]
+    assert [item.model for item in prediction.by_quantity[0]] == ["fit", "least_squares", "unchanged"]
+    for entry, without, unchanged in prediction.by_quantity:
+        assert entry.rms[-1] < 0.03 * unchanged.rms[-1]
+        assert entry.rms[0] < 0.1 * without.rms[0]
+        assert np.array_equal(unchanged.series[:, 0], entry.series[:, 0])
+    assert prediction.predicts
+    assert not prediction.omitted
 
 
 def test_axes_that_are_not_told_are_left_out_and_it_is_said(flight):
-    ahead = Rates().ahead((flight,), models(), frozenset({"pitch_effectiveness"}))
-    assert [one[0].quantity for one in ahead.by_quantity] == ["roll rate", "yaw rate"]
-    assert ahead.left_out == ("The pitch rate is not predicted: its effectiveness is refused.",)
-    blind = Rates().ahead((flight,), models(), frozenset({"effective_lag"}))
+    prediction = Rates().multi_step_prediction((flight,), models(), frozenset({"pitch_effectiveness"}))
+    assert [item[0].quantity for item in prediction.by_quantity] == ["roll rate", "yaw rate"]
+    assert prediction.omitted == ("The pitch rate is not predicted: its effectiveness is refused.",)
+    blind = Rates().multi_step_prediction((flight,), models(), frozenset({"effective_lag"}))
     assert not blind.errors
-    assert len(blind.left_out) == 3
-    channels = {name: one for name, one in flight.signals.channels.items() if name != "torque_setpoint_z"}
+    assert len(blind.omitted) == 3
+    channels = {
+        name: channel for name, channel in flight.signals.channels.items() if name != "torque_setpoint_z"
+    }
     two = replace(flight, signals=replace(flight.signals, channels=channels))
-    found = Rates().ahead((two,), models(), frozenset())
-    assert [one[0].quantity for one in found.by_quantity] == ["roll rate", "pitch rate"]
-    assert "not logged" in found.left_out[0]
-    no_yaw = {name: one for name, one in TRUTH.items() if not name.startswith("yaw")}
+    result = Rates().multi_step_prediction((two,), models(), frozenset())
+    assert [item[0].quantity for item in result.by_quantity] == ["roll rate", "pitch rate"]
+    assert "not logged" in result.omitted[0]
+    no_yaw = {name: item for name, item in TRUTH.items() if not name.startswith("yaw")}
     lesser = {"fit": SimpleModel("the fit", no_yaw)}
-    assert "the fit knows none" in Rates().ahead((flight,), lesser, frozenset()).left_out[0]
+    assert "the fit knows none" in Rates().multi_step_prediction((flight,), lesser, frozenset()).omitted[0]

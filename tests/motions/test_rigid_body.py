@@ -44,7 +44,10 @@ def truth_of(flight: RigidBodyFlight) -> dict[str, float]:
     turning = ("roll", "pitch", "yaw")
     return {
         **{f"{axis}_gain": gain for axis, gain in zip(turning, parameters.torque_gains, strict=True)},
-        **{f"{axis}_coupling": one for axis, one in zip(turning, parameters.gyroscopic_ratios, strict=True)},
+        **{
+            f"{axis}_coupling": gyroscopic_ratio
+            for axis, gyroscopic_ratio in zip(turning, parameters.gyroscopic_ratios, strict=True)
+        },
         **{f"drag_{axis}": drag for axis, drag in zip("xyz", parameters.drag, strict=True)},
         "thrust_gain": parameters.thrust_gain,
         "effective_lag": parameters.lag_up + parameters.delay,
@@ -86,50 +89,50 @@ def test_commands_and_noisy_sensors_tell_every_axis(flight, fit):
 @pytest.mark.thorough
 def test_without_noise_the_numbers_are_those_of_the_vehicle():
     flight = flown(replace(SPEC, sensors=EXACT, duration=30.0))
-    found = identify_flight(flight.recording, model=RigidBody(known(SPEC)), method="whitened_least_squares")
+    result = identify_flight(flight.recording, model=RigidBody(known(SPEC)), method="whitened_least_squares")
     for name, truth in truth_of(flight).items():
         expected = (
             pytest.approx(truth, abs=1e-3) if name == "yaw_coupling" else pytest.approx(truth, rel=1e-3)
         )
-        assert found.quantities[name].value == expected, name
+        assert result.quantities[name].value == expected, name
 
 
 @pytest.mark.thorough
 def test_a_delay_is_told_from_the_lag():
     rotors = replace(SPEC.vehicle.rotors, delay=0.004)
     flight = flown(replace(SPEC, vehicle=replace(SPEC.vehicle, rotors=rotors), duration=30.0))
-    found = identify_flight(flight.recording, model=RigidBody(known(SPEC)))
-    assert found.quantities["delay"].value == pytest.approx(0.004, abs=3e-4)
-    assert found.quantities["roll_gain"].value == pytest.approx(truth_of(flight)["roll_gain"], rel=5e-3)
+    result = identify_flight(flight.recording, model=RigidBody(known(SPEC)))
+    assert result.quantities["delay"].value == pytest.approx(0.004, abs=3e-4)
+    assert result.quantities["roll_gain"].value == pytest.approx(truth_of(flight)["roll_gain"], rel=5e-3)
 
 
 @pytest.mark.thorough
 def test_spins_that_contradict_the_data_are_named(flight):
     turned = replace(known(SPEC), spins=tuple(-spin for spin in SPEC.vehicle.rotors.spins))
-    found = identify_flight(flight.recording, model=RigidBody(turned))
-    (reason,) = [r for r in found.quantities["yaw_gain"].reasons if "spin" in r.sentence]
+    result = identify_flight(flight.recording, model=RigidBody(turned))
+    (reason,) = [r for r in result.quantities["yaw_gain"].reasons if "spin" in r.sentence]
     assert reason.status is Status.REFUSED
-    assert found.quantities["roll_gain"].verdict is Status.IDENTIFIED
+    assert result.quantities["roll_gain"].verdict is Status.IDENTIFIED
 
 
 @pytest.mark.thorough
 def test_an_order_that_contradicts_the_data_is_named(flight):
     positions = known(SPEC).positions
     mirrored = replace(known(SPEC), positions=tuple((x, -y) for x, y in positions))
-    found = identify_flight(flight.recording, model=RigidBody(mirrored))
-    assert found.verdict.status is Status.REFUSED
-    assert any("order about roll" in reason.sentence for reason in found.quantities["roll_gain"].reasons)
+    result = identify_flight(flight.recording, model=RigidBody(mirrored))
+    assert result.verdict.status is Status.REFUSED
+    assert any("order about roll" in reason.sentence for reason in result.quantities["roll_gain"].reasons)
 
 
 @pytest.mark.thorough
 def test_without_velocity_only_drag_along_z_is_told_and_it_is_said(flight):
     blind = changed(flight.recording, **{f"velocity_{axis}": None for axis in "xyz"})
-    found = identify_flight(blind, model=RigidBody(known(SPEC)))
-    assert [name for name in found.quantities if name.startswith("drag")] == ["drag_z"]
-    (said,) = [finding for finding in found.findings if finding.name == "no_body_velocity"]
-    assert "drag along x and y" in said.message
-    assert found.quantities["roll_gain"].value == pytest.approx(truth_of(flight)["roll_gain"], rel=0.02)
-    assert found.quantities["thrust_gain"].value == pytest.approx(truth_of(flight)["thrust_gain"], rel=0.05)
+    result = identify_flight(blind, model=RigidBody(known(SPEC)))
+    assert [name for name in result.quantities if name.startswith("drag")] == ["drag_z"]
+    (findings_kept,) = [finding for finding in result.findings if finding.name == "no_body_velocity"]
+    assert "drag along x and y" in findings_kept.message
+    assert result.quantities["roll_gain"].value == pytest.approx(truth_of(flight)["roll_gain"], rel=0.02)
+    assert result.quantities["thrust_gain"].value == pytest.approx(truth_of(flight)["thrust_gain"], rel=0.05)
 
 
 @pytest.mark.thorough
@@ -137,7 +140,7 @@ def test_what_is_supplied_makes_physical_parameters_and_what_is_not_is_said(flig
     mass = SPEC.vehicle.mass
     supplied = replace(known(SPEC), mass=KnownNumber(mass, 0.01 * mass), arm_scale=KnownNumber(1.0))
     motion = RigidBody(supplied)
-    follows = {one.name: one for one in motion.implications(fit.fit.estimate).numbers}
+    follows = {number.name: number for number in motion.implications(fit.fit.estimate).numbers}
     for name, truth in zip(("inertia_xx", "inertia_yy", "inertia_zz"), SPEC.vehicle.inertia, strict=True):
         low, high = follows[name].interval
         assert low - 0.01 * truth <= truth <= high + 0.01 * truth
@@ -145,8 +148,10 @@ def test_what_is_supplied_makes_physical_parameters_and_what_is_not_is_said(flig
     # nobody said what a command is in rad/s, and of the first vehicle neither mass nor arms are known
     assert follows["rotor_inertia"].value is None
     assert fit.implications.numbers
-    assert all(one.value is None for one in fit.implications.numbers if one.name.startswith("inertia"))
-    assert any("mass" in one.sentence for one in fit.implications.numbers)
+    assert all(
+        number.value is None for number in fit.implications.numbers if number.name.startswith("inertia")
+    )
+    assert any("mass" in number.sentence for number in fit.implications.numbers)
     headings = [section.heading for section in flight_document(replace(fit, motion=motion)).sections]
     assert "What follows for the vehicle" in headings
     assert json_document(replace(fit, motion=motion))["implied"]
@@ -166,7 +171,9 @@ def test_the_friction_of_climbs_is_told_better_than_either_of_its_parts(flight, 
 def test_forces_are_told_by_the_accelerometer_and_by_the_velocity(flight):
     motion = RigidBody(known(SPEC))
     prepared = prepare(flight.recording, motion, FlightOptions())
-    responses = {one.axis: one.responses for one in motion.problem((prepared,), NoInstruments()).columns}
+    responses = {
+        column.axis: column.responses for column in motion.problem((prepared,), NoInstruments()).columns
+    }
     assert [responses[axis].shape[1] for axis in range(6)] == [1, 1, 1, 2, 2, 2]
     by_sensor, by_velocity = responses[FORCE_Z_EQUATION].T
     slow = np.fft.rfft(by_sensor - by_velocity)[2:8]  # below half a hertz, where velocity tells more
@@ -227,11 +234,13 @@ def test_what_the_body_drags_stands_beside_what_its_rotors_do():
     rows = problem.rows({"actuator_lag": truth.lag_up, "delay": truth.delay})
     size = np.linalg.norm(rows.regressors, axis=0)
     theta = np.linalg.lstsq(rows.regressors / size, rows.response, rcond=None)[0] / size
-    told = {parameter.name: value for parameter, value in zip(rows.parameters, theta.tolist(), strict=True)}
+    selected = {
+        parameter.name: value for parameter, value in zip(rows.parameters, theta.tolist(), strict=True)
+    }
     # not along z, where the rotors' state before the first command is not known
-    for axis, own in zip("xy", truth.quadratic_drag[:2], strict=True):
-        assert told[f"quadratic_drag_{axis}"] == pytest.approx(own, rel=1e-8)
-    assert "quadratic_drag_z" in told
+    for axis, item in zip("xy", truth.quadratic_drag[:2], strict=True):
+        assert selected[f"quadratic_drag_{axis}"] == pytest.approx(item, rel=1e-8)
+    assert "quadratic_drag_z" in selected
 
 
 @pytest.mark.thorough
@@ -244,6 +253,8 @@ def test_quick_rotors_leave_no_error_of_a_derivative():
     rows = motion.problem((prepared,), NoInstruments()).rows({"actuator_lag": truth.lag_up, "delay": 0.0})
     size = np.linalg.norm(rows.regressors, axis=0)
     theta = np.linalg.lstsq(rows.regressors / size, rows.response, rcond=None)[0] / size
-    told = {parameter.name: value for parameter, value in zip(rows.parameters, theta.tolist(), strict=True)}
+    selected = {
+        parameter.name: value for parameter, value in zip(rows.parameters, theta.tolist(), strict=True)
+    }
     for axis, gain in zip(("roll", "pitch", "yaw"), truth.torque_gains, strict=True):
-        assert told[f"{axis}_gain"] == pytest.approx(gain, rel=2e-4)
+        assert selected[f"{axis}_gain"] == pytest.approx(gain, rel=2e-4)

@@ -18,15 +18,15 @@ VEHICLE = KnownVehicle("Crazyflie", ((ARM, -ARM), (-ARM, -ARM), (-ARM, ARM), (AR
 @pytest.mark.thorough
 def test_roll_and_pitch_manoeuvres_tell_inertias_and_nothing_is_called_identified(recordings):
     log = read_log(recordings / "arpl-crazyflie" / "log15")
-    found = identify_flight(log, model=RigidBody(VEHICLE), window=(15.8, 50.8))
-    assert found.verdict.status is Status.PROVISIONAL  # no setpoint is logged
-    thrust = MASS * found.quantities["thrust_gain"].value
-    about_x, about_y = (thrust / found.quantities[f"{axis}_gain"].value for axis in ("roll", "pitch"))
+    flight = identify_flight(log, model=RigidBody(VEHICLE), window=(15.8, 50.8))
+    assert flight.verdict.status is Status.PROVISIONAL  # no setpoint is logged
+    thrust = MASS * flight.quantities["thrust_gain"].value
+    about_x, about_y = (thrust / flight.quantities[f"{axis}_gain"].value for axis in ("roll", "pitch"))
     assert 1.1e-5 < about_x < 1.4e-5
     assert 1.02 < about_y / about_x < 1.09
-    assert 0.045 < found.quantities["effective_lag"].value < 0.09
-    assert not {"drag_x", "drag_y"} & set(found.quantities)  # no velocity is logged
-    assert 0.15 < found.quantities["drag_z"].value < 0.65
-    (yaw,) = [one for one in found.implications.numbers if one.name == "inertia_zz"]
+    assert 0.045 < flight.quantities["effective_lag"].value < 0.09
+    assert not {"drag_x", "drag_y"} & set(flight.quantities)  # no velocity is logged
+    assert 0.15 < flight.quantities["drag_z"].value < 0.65
+    (yaw,) = [number for number in flight.implications.numbers if number.name == "inertia_zz"]
     assert yaw.value is None
-    assert "do not tell Izz" in yaw.sentence
+    assert "do not identify Izz" in yaw.sentence

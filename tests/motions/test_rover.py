@@ -14,8 +14,8 @@ import eivor as ev
 from eivor import motions
 from eivor.cli.main import app
 from eivor.errors import ChannelMapError
-from eivor.flights.motion import Circumstances, Strength
-from eivor.flights.quantity import Unjudged
+from eivor.flights.motion import InstrumentStrength, VerdictInputs
+from eivor.flights.quantity import QuantityEstimate
 from eivor.inference.confidence_set import ConfidenceSet
 from eivor.inference.verdict import verdict
 from eivor.motions import loaded_motion, motion_by_name
@@ -70,15 +70,15 @@ def test_a_pool_of_drives_is_drawn_again(simulate):
     rover = motion_by_name("rover")
     drives = [ev.recording_from_columns(simulate.drive(seed), name=f"drive {seed}") for seed in (1, 2)]
     pool = ev.identify_flight(drives, model=rover)
-    found = ev.bootstrap_flights(pool, runs=39)
-    assert found.names == ("rolling_drag", "dry_friction", "drive_gain", "actuator_lag", "delay")
-    assert found.units == ("1/s", "m/s^2", "m/s^2", "s", "s")
-    assert (found.pieces, found.failed) == (2, 0)
-    for name, value in zip(found.names, found.values, strict=True):
+    bootstrap_flights = ev.bootstrap_flights(pool, runs=39)
+    assert bootstrap_flights.names == ("rolling_drag", "dry_friction", "drive_gain", "actuator_lag", "delay")
+    assert bootstrap_flights.units == ("1/s", "m/s^2", "m/s^2", "s", "s")
+    assert (bootstrap_flights.pieces, bootstrap_flights.failed) == (2, 0)
+    for name, value in zip(bootstrap_flights.names, bootstrap_flights.values, strict=True):
         assert value == pytest.approx(pool.quantities[name].value, rel=1e-4)
         if name != "delay":
             # draws of two drives are three, one of them the pool: their range holds it and no more is claimed
-            low, high = found.interval(name)
+            low, high = bootstrap_flights.interval(name)
             assert low <= value <= high
             assert high - low > 0.1 * pool.quantities[name].half_width
 
@@ -91,14 +91,14 @@ def test_other_motions_do_not_know_its_channels(simulate, tmp_path):
 
 @pytest.mark.usefixtures("simulate")
 def test_weak_instruments_refuse_what_has_no_set():
-    from eivor_rover.rule import grounds
+    from eivor_rover.rule import reasons
 
     names = ("drive_gain", "dry_friction", "rolling_drag", "effective_lag")
-    quantities = {name: Unjudged(1.0, "", 0.02, (0.95, 1.05)) for name in names}
-    at = Circumstances(1, 100.0, 100.0, exogenous=True, direct=False)
+    quantities = {name: QuantityEstimate(1.0, "", 0.02, (0.95, 1.05)) for name in names}
+    verdict_inputs = VerdictInputs(1, 100.0, 100.0, exogenous=True, direct=False)
     sets = dict.fromkeys(names[:2], ConfidenceSet(((0.95, 1.05),)))
     for F, robust, wanted in ((3.0, sets, "refused"), (3.0, {}, "refused"), (30.0, {}, "identified")):
-        found = grounds(quantities, Strength({"drive_gain": F}, 0.5, {}, robust), at)
-        said = {name: verdict(list(reasons)).status.value for name, reasons in found.items()}
-        assert said["rolling_drag"] == said["breakaway_command"] == wanted
-        assert said["drive_gain"] == ("weak" if robust else wanted)
+        result = reasons(quantities, InstrumentStrength({"drive_gain": F}, 0.5, {}, robust), verdict_inputs)
+        sentence = {name: verdict(list(reasons)).status.value for name, reasons in result.items()}
+        assert sentence["rolling_drag"] == sentence["breakaway_command"] == wanted
+        assert sentence["drive_gain"] == ("weak" if robust else wanted)

@@ -31,10 +31,10 @@ class Vehicle:
 
 def steps(rng: np.random.Generator, count: int, size: float) -> np.ndarray:
     """Steps to either side or back, at uneven times."""
-    series, at = np.zeros(count), int(rng.uniform(0.0, 400.0))
-    while at < count:
-        series[at:] = size * rng.choice([-1.0, 0.0, 1.0])
-        at += int(rng.uniform(0.7, 1.8) / STEP_S)
+    series, index = np.zeros(count), int(rng.uniform(0.0, 400.0))
+    while index < count:
+        series[index:] = size * rng.choice([-1.0, 0.0, 1.0])
+        index += int(rng.uniform(0.7, 1.8) / STEP_S)
     return series
 
 
@@ -55,8 +55,8 @@ def turned(
 
     `injected` is added to the torques, and `swept` to the attitude that is asked for.
     """
-    flown, rng, count = vehicle or Vehicle(), np.random.default_rng(seed), round(seconds / STEP_S)
-    effect = np.array(flown.effectiveness)
+    flight, rng, count = vehicle or Vehicle(), np.random.default_rng(seed), round(seconds / STEP_S)
+    effect = np.array(flight.effectiveness)
     reference = np.stack([steps(rng, count, size) for _ in AXES], axis=1)
     reference += 0.0 if swept is None else swept
     kept = np.exp(-STEP_S / 0.3)
@@ -64,13 +64,13 @@ def turned(
         [np.sqrt(1.0 - kept**2)], [1.0, -kept], rng.standard_normal((count, 3)), axis=0
     )
     measured = noise * rng.standard_normal((count, 3))
-    moves = [_discrete(flown, axis) for axis in range(3)]
-    onward = np.stack([one[0] for one in moves])
-    driven = np.stack([one[1] for one in moves])
+    moves = [_discrete(flight, axis) for axis in range(3)]
+    onward = np.stack([move[0] for move in moves])
+    driven = np.stack([move[1] for move in moves])
     bandwidth = np.array([18.0, 18.0, 8.0])
     gain, derivative, outer = bandwidth / effect, 0.02 * bandwidth / effect, np.array([5.0, 5.0, 3.0])
     state = np.zeros((3, 3))
-    issued = np.zeros((count + flown.delayed + 1, 3))
+    issued = np.zeros((count + flight.delayed + 1, 3))
     slope, before = np.zeros(3), np.zeros(3)
     kept = np.exp(-2.0 * np.pi * 30.0 * STEP_S)
     rates = np.empty((count, 3))
@@ -80,21 +80,21 @@ def turned(
         slope = kept * slope + (1.0 - kept) * (before - rate) / STEP_S
         before = rate
         wanted = outer * (reference[k] - state[:, 2]) - rate
-        asked = gain * wanted + derivative * slope + (0.0 if injected is None else injected[k])
-        issued[k + flown.delayed] = np.clip(asked, -1.0, 1.0)
+        requested = gain * wanted + derivative * slope + (0.0 if injected is None else injected[k])
+        issued[k + flight.delayed] = np.clip(requested, -1.0, 1.0)
         inputs = np.stack([issued[k], torque[k]], axis=1)
         state = (onward @ state[:, :, None] + driven @ inputs[:, :, None])[:, :, 0]
     time = np.arange(count) * STEP_S
     every, seen = round(1.0 / (command_hz * STEP_S)), round(1.0 / (rate_hz * STEP_S))
     channels = {}
     for axis, (name, letter) in enumerate(zip(AXES, LETTERS, strict=True)):
-        command = issued[flown.delayed : flown.delayed + count : every, axis]
-        for channel, at, values, unit, held in (
+        command = issued[flight.delayed : flight.delayed + count : every, axis]
+        for channel, item, values, unit, held in (
             (f"angular_rate_{letter}", time[::seen], rates[::seen, axis], "rad/s", False),
             (f"torque_setpoint_{letter}", time[::every], command, "", True),
             (f"reference_{name}", time[::8], reference[::8, axis], "rad", True),
         ):
-            channels[channel] = Channel(channel, at, values, unit, held=held)
+            channels[channel] = Channel(channel, item, values, unit, held=held)
     return Recording("turned.csv", "csv", channels)
 
 

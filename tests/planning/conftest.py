@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from eivor.inference.verdict import Status
-from eivor.planning.plan import FlightPlan, Predicted
+from eivor.planning.plan import ExpectedInterval, FlightPlan
 from eivor.planning.vehicle import FlightLimits, VehicleGuess, candidates
 
 LIMITS = FlightLimits(duration_s=30.0)
@@ -19,7 +19,7 @@ def planned(kind: str) -> FlightPlan:
     """The first shape of that kind."""
     shape = next(candidates(LIMITS, (kind,), 0))
     predicted = {
-        word: Predicted(width, value, (Status.IDENTIFIED, Status.WEAK))
+        word: ExpectedInterval(width, value, (Status.IDENTIFIED, Status.WEAK))
         for word, width, value in (("friction", 0.05, 0.3), ("gain", 1.2, 100.0), ("lag", 3.0, 50.0))
     }
     return FlightPlan(VehicleGuess(), LIMITS, "friction", shape, predicted, (4.0, 7.0, 1.5))

@@ -118,7 +118,7 @@ class Autopilot:
         self._socket.settimeout(TICK_S)
         self._link = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
         self._link.robust_parsing = True
-        self._begun = time.monotonic()
+        self._started = time.monotonic()
         self._rates = RATES_HZ | {"heartbeat": self.heartbeats_hz}
         self._sent = dict.fromkeys(RATES_HZ, -math.inf)
         self._last_setpoint = -math.inf
@@ -136,7 +136,7 @@ class Autopilot:
 
     def setpoints(self) -> list[Received]:
         """Setpoints in order of arrival."""
-        return [one for one in self.received if one.is_setpoint()]
+        return [item for item in self.received if item.is_setpoint()]
 
     def flying_s(self) -> float:
         """Time since offboard mode was entered [s]; negative before."""
@@ -166,24 +166,24 @@ class Autopilot:
             except (TimeoutError, ConnectionRefusedError):
                 continue
             for message in self._link.parse_buffer(data) or []:
-                one = Received(time.monotonic(), message, self.mode)
-                self.received.append(one)
-                if wanted := one.wanted_mode():
-                    self.commanded.append((one.time, wanted))
-                self.happens(self, one)
-                self._take(one)
+                received = Received(time.monotonic(), message, self.mode)
+                self.received.append(received)
+                if wanted := received.wanted_mode():
+                    self.commanded.append((received.time, wanted))
+                self.happens(self, received)
+                self._take(received)
 
-    def _take(self, one: Received) -> None:
+    def _take(self, received: Received) -> None:
         """Do what a message says."""
-        message = one.message
-        if one.is_setpoint():
-            self._last_setpoint = one.time
+        message = received.message
+        if received.is_setpoint():
+            self._last_setpoint = received.time
             if self.mode == "OFFBOARD":
                 self.height, self.climb = -20.0 - message.z, -message.vz
-        elif message.get_type() == "COMMAND_LONG" and one.wanted_mode() not in self.ignores:
-            wanted = one.wanted_mode()
+        elif message.get_type() == "COMMAND_LONG" and received.wanted_mode() not in self.ignores:
+            wanted = received.wanted_mode()
             result = mavlink.MAV_RESULT_ACCEPTED
-            late = one.time - self._last_setpoint > OFFBOARD_LOSS_S
+            late = received.time - self._last_setpoint > OFFBOARD_LOSS_S
             if wanted in self.refuses or (wanted == "OFFBOARD" and late):
                 result = mavlink.MAV_RESULT_DENIED
             if wanted and result == mavlink.MAV_RESULT_ACCEPTED:
@@ -202,7 +202,7 @@ class Autopilot:
 
     def _time_ms(self) -> int:
         """Time since boot [ms]."""
-        return int((time.monotonic() - self._begun) * 1000.0)
+        return int((time.monotonic() - self._started) * 1000.0)
 
     def _heartbeat(self) -> Any:
         main, sub = MODES[self.mode]

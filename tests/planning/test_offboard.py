@@ -153,8 +153,8 @@ def test_checks_before_the_flight(program: Any, changes: dict[str, Any], words: 
 def test_limits_on_the_way(program: Any, changes: dict[str, Any], code: int, words: str) -> None:
     start = SimpleNamespace(north_m=1.0, east_m=0.0, down_m=-25.5)
     assert program.breach(telemetry(program), start, True) is None
-    found, sentence = program.breach(telemetry(program, **changes), start, True)
-    assert (found, words in sentence) == (code, True), sentence
+    result, sentence = program.breach(telemetry(program, **changes), start, True)
+    assert (result, words in sentence) == (code, True), sentence
 
 
 def test_only_numbers_enter_the_program(multisine: FlightPlan, steps: FlightPlan) -> None:
@@ -281,15 +281,15 @@ def becomes(**changes: Any) -> Callable[[Autopilot], None]:
 
 def children(process: int) -> dict[str, int]:
     """Process ids of children, by the ends of their names."""
-    found = {}
+    results = {}
     for folder in Path("/proc").glob("[0-9]*"):
         try:
             fields = (folder / "stat").read_text().rsplit(")", 1)
         except OSError:
             continue
         if int(fields[1].split()[1]) == process:
-            found[fields[0].split("(", 1)[1]] = int(folder.name)
-    return found
+            results[fields[0].split("(", 1)[1]] = int(folder.name)
+    return results
 
 
 def lives(process: int) -> bool:
@@ -329,28 +329,28 @@ def flown(case: Case, folder: Path) -> list[str]:
 
 def unexpected(case: Case, autopilot: FlyingAutopilot, out: str, error: str, ended: float) -> list[str]:
     """What is not as expected."""
-    found = []
+    results = []
     if autopilot.process.returncode != case.code:
-        found.append(f"exit code {autopilot.process.returncode}, not {case.code}")
+        results.append(f"exit code {autopilot.process.returncode}, not {case.code}")
     if error:
-        found.append(error)
+        results.append(error)
     if case.words.lower() not in out.lower():
-        found.append(f"not printed: {case.words}")
+        results.append(f"not printed: {case.words}")
     commands = tuple(name for _, name in autopilot.commanded)
     if commands != case.commands:
-        found.append(f"commands {commands}")
+        results.append(f"commands {commands}")
     if case.taken:
-        late = [one for one in autopilot.setpoints() if one.time > autopilot.told[-1][0] + IN_FLIGHT_S]
-        found += [f"{len(late)} setpoints after the mode message"] if late else []
+        late = [item for item in autopilot.setpoints() if item.time > autopilot.told[-1][0] + IN_FLIGHT_S]
+        results += [f"{len(late)} setpoints after the mode message"] if late else []
         late_commands = [name for when, name in autopilot.commanded if when > autopilot.changed[-1][0]]
-        found += [f"{late_commands} commanded after the takeover"] if late_commands else []
-    stray = {one.message.get_type() for one in autopilot.received if one.time > ended + IN_FLIGHT_S}
+        results += [f"{late_commands} commanded after the takeover"] if late_commands else []
+    stray = {item.message.get_type() for item in autopilot.received if item.time > ended + IN_FLIGHT_S}
     if stray:
-        found.append(f"{stray} after the end: the server lives")
-    found += [f"{name} lives" for name, number in autopilot.children.items() if lives(number)]
+        results.append(f"{stray} after the end: the server lives")
+    results += [f"{name} lives" for name, number in autopilot.children.items() if lives(number)]
     if wrong := case.check(autopilot):
-        found.append(str(wrong))
-    return found
+        results.append(str(wrong))
+    return results
 
 
 def all_flown(cases: list[Case], folder: Path) -> None:
@@ -362,7 +362,7 @@ def all_flown(cases: list[Case], folder: Path) -> None:
 
 def follows_the_plan(autopilot: Autopilot) -> str:
     """The setpoints of the plan arrived, and a neutral one at last."""
-    heights = [-20.0 - one.message.z for one in autopilot.setpoints()]
+    heights = [-20.0 - item.message.z for item in autopilot.setpoints()]
     plan = planned("multisine").height[::5][:SHORT]
     missing = [height for height in plan if min(abs(np.array(heights) - height)) > 2e-3]
     last = autopilot.setpoints()[-1].message
@@ -408,9 +408,9 @@ def silenced_by_the_end(after: float) -> Callable[[FlyingAutopilot], str]:
     def check(autopilot: FlyingAutopilot) -> str:
         if not autopilot.changed:
             return "offboard mode was not entered"
-        late = [one for one in autopilot.setpoints() if one.time > autopilot.changed[0][0] + 0.5 + after]
-        own = [name for _, name in autopilot.changed] == ["OFFBOARD", "HOLD"]
-        return "" if own and not late else f"{len(late)} late setpoints, modes {autopilot.changed}"
+        late = [item for item in autopilot.setpoints() if item.time > autopilot.changed[0][0] + 0.5 + after]
+        current = [name for _, name in autopilot.changed] == ["OFFBOARD", "HOLD"]
+        return "" if current and not late else f"{len(late)} late setpoints, modes {autopilot.changed}"
 
     return check
 
@@ -459,19 +459,24 @@ def test_a_takeover_is_never_overridden(tmp_path: Path) -> None:
         ("RTL", "RETURN_TO_LAUNCH", {"batteries": {0: 25}, "gust": 3.5}),
         ("LAND", "LAND", {"in_air": False, "gust": -3.0}),
     ):
-        said = words + printed
+        sentence = words + printed
         cases += [
-            Case(f"{name} before", 20, (), once(setpoint, mode(name)), said, taken=True),
-            Case(f"{name} during", 20, STARTED, at(0.5, mode(name)), said, taken=True),
+            Case(f"{name} before", 20, (), once(setpoint, mode(name)), sentence, taken=True),
+            Case(f"{name} during", 20, STARTED, at(0.5, mode(name)), sentence, taken=True),
             Case(
-                f"{name} and a limit", 20, STARTED, at(0.4, mode(name, quiet=True, **harm)), said, taken=True
+                f"{name} and a limit",
+                20,
+                STARTED,
+                at(0.4, mode(name, quiet=True, **harm)),
+                sentence,
+                taken=True,
             ),
             Case(
                 f"{name} at the end",
                 20,
                 STARTED,
                 at(SHORT_S + 0.15, mode(name, quiet=True)),
-                said,
+                sentence,
                 taken=True,
             ),
             Case(
@@ -479,7 +484,7 @@ def test_a_takeover_is_never_overridden(tmp_path: Path) -> None:
                 20,
                 FLOWN,
                 once(hold_refused, mode(name)),
-                said,
+                sentence,
                 taken=True,
                 vehicle={"refuses": {"HOLD"}},
             ),

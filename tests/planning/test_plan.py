@@ -57,13 +57,17 @@ def test_the_controller_is_read_off_a_flight(flown_first):
 @pytest.mark.thorough
 def test_forces_and_sensors_are_told_apart_by_frequency(flown_first):
     spec, _, problem = flown_first
-    found = residual_densities(problem, Taken(spec.viscous_friction, spec.input_gain, spec.actuator_lag, 0.0))
+    densities = residual_densities(
+        problem, Taken(spec.viscous_friction, spec.input_gain, spec.actuator_lag, 0.0)
+    )
     gust = 4.0 * spec.gust_rms**2 / (1.0 + (2.0 * np.pi * NODES_HZ) ** 2)
     slow = slice(2, 6)
     expected = (spec.viscous_friction**2 * gust)[slow].mean()
-    assert np.mean(found["force"][slow]) == pytest.approx(expected, rel=0.5)
-    assert np.mean(found["accelerometer"][5:]) == pytest.approx(spec.noise.acceleration**2 / 50.0, rel=0.15)
-    assert found["velocity"][0] == pytest.approx(spec.noise.velocity**2 / 50.0, rel=0.15)
+    assert np.mean(densities["force"][slow]) == pytest.approx(expected, rel=0.5)
+    assert np.mean(densities["accelerometer"][5:]) == pytest.approx(
+        spec.noise.acceleration**2 / 50.0, rel=0.15
+    )
+    assert densities["velocity"][0] == pytest.approx(spec.noise.velocity**2 / 50.0, rel=0.15)
 
 
 @pytest.mark.thorough
@@ -71,16 +75,16 @@ def test_simulated_flights_have_the_densities_that_were_asked_for(flown_first):
     """What was read off a flight comes back from a simulated one."""
     vehicle = VehicleGuess(gust_rms=0.5)
     shape = next(candidates(FlightLimits(duration_s=40.0), ("multisine",), 0))
-    (flown,) = fly([shape], vehicle, [1])
-    prepared = prepare_vertical(flown.recording, FlightOptions())
+    (flight,) = fly([shape], vehicle, [1])
+    prepared = prepare_vertical(flight.recording, FlightOptions())
     problem = Vertical().problem((prepared,), NoInstruments())
     numbers = Taken(vehicle.viscous_friction, vehicle.input_gain, vehicle.lag_s, 0.0)
-    found = residual_densities(problem, numbers)
+    densities = residual_densities(problem, numbers)
     slow = slice(2, 6)
-    expected = vehicle.left.at("force", NODES_HZ)[slow].mean()
-    assert np.mean(found["force"][slow]) == pytest.approx(expected, rel=0.5)
-    assert found["velocity"][0] == pytest.approx(vehicle.velocity_noise**2 / 50.0, rel=0.15)
-    assert np.abs(flown.height - shape.offset).max() < 0.5
+    expected = vehicle.left.density_at("force", NODES_HZ)[slow].mean()
+    assert np.mean(densities["force"][slow]) == pytest.approx(expected, rel=0.5)
+    assert densities["velocity"][0] == pytest.approx(vehicle.velocity_noise**2 / 50.0, rel=0.15)
+    assert np.abs(flight.height - shape.offset).max() < 0.5
 
 
 @pytest.mark.parametrize("kind", ["multisine", "steps"])
@@ -123,15 +127,15 @@ def test_a_plan_is_chosen_by_flying_it(monkeypatch):
     monkeypatch.setattr(planning, "RUNS", 2)
     made = ev.plan(rough_vehicle(friction=0.5, gusts=0.1), target="lag", limits=LIMITS, shape="multisine")
     assert made.target == "lag"
-    found = made.predicted["lag"]
-    assert len(found.verdicts) == 2
-    assert 0.5 < found.half_width < 20.0
-    assert found.value == 50.0
+    result = made.predicted["lag"]
+    assert len(result.verdicts) == 2
+    assert 0.5 < result.half_width < 20.0
+    assert result.value == 50.0
     low, high, speed = made.reached
     assert LIMITS.height_m[0] <= low < high <= LIMITS.height_m[1]
     assert speed <= LIMITS.speed
     assert made.height.shape == made.velocity.shape == made.acceleration.shape == made.time_s.shape
-    assert f"{found.half_width:.2g} ms" in made.sentence
+    assert f"{result.half_width:.2g} ms" in made.sentence
 
 
 @pytest.mark.thorough
@@ -201,9 +205,9 @@ def test_wrong_arguments_are_told(call, words):
 def test_a_plan_is_told(multisine: FlightPlan):
     assert "± 0.05 1/s" in multisine.summary()
     assert "identified in 1 of 2 simulated flights" in multisine.sentence
-    assert not multisine.telling
+    assert not multisine.is_informative
     always = replace(multisine.predicted["friction"], verdicts=(Status.IDENTIFIED,))
-    assert replace(multisine, predicted={**multisine.predicted, "friction": always}).telling
+    assert replace(multisine, predicted={**multisine.predicted, "friction": always}).is_informative
     assert on_terminal(plan_document(multisine)).renderables
     document = json.loads(json.dumps(plan_json(multisine), allow_nan=False))
     assert document["predicted"]["lag"] == {

@@ -72,11 +72,11 @@ def test_the_mission_climbs_to_every_level_and_loiters(steps: FlightPlan) -> Non
     assert commands[-1] == 17
     assert set(commands[3:-1]) == {16}
     low, high = steps.limits.height_m
-    flown = [(item["Altitude"], item["params"][0]) for item in items if item["command"] == 16]
-    assert flown == levels(steps)
-    assert all(low < height < high and hold >= 0.0 for height, hold in flown)
-    rises = np.sign(np.diff([height for height, _ in flown]))
-    assert len(flown) > 5
+    flight = [(item["Altitude"], item["params"][0]) for item in items if item["command"] == 16]
+    assert flight == levels(steps)
+    assert all(low < height < high and hold >= 0.0 for height, hold in flight)
+    rises = np.sign(np.diff([height for height, _ in flight]))
+    assert len(flight) > 5
     assert (rises[1:-1] != rises[2:]).all()
 
 
@@ -97,9 +97,9 @@ def test_the_table_is_the_plan(multisine: FlightPlan) -> None:
 
 def test_the_trajectory_gives_flat_outputs(multisine: FlightPlan, tmp_path: Path) -> None:
     flight = written_module(rotorpy_text(multisine), tmp_path).PlannedFlight(place=(1.0, 2.0))
-    told = flight.update(10.0)
-    np.testing.assert_allclose(told["x"], [1.0, 2.0, multisine.height[1000]], atol=1e-3)
-    np.testing.assert_allclose(told["x_dot"], [0.0, 0.0, multisine.velocity[1000]], atol=1e-3)
-    np.testing.assert_allclose(told["x_ddot"], [0.0, 0.0, multisine.acceleration[1000]], atol=1e-3)
-    assert {"x_dddot", "x_ddddot", "yaw", "yaw_dot", "yaw_ddot"} <= set(told)
+    update = flight.update(10.0)
+    np.testing.assert_allclose(update["x"], [1.0, 2.0, multisine.height[1000]], atol=1e-3)
+    np.testing.assert_allclose(update["x_dot"], [0.0, 0.0, multisine.velocity[1000]], atol=1e-3)
+    np.testing.assert_allclose(update["x_ddot"], [0.0, 0.0, multisine.acceleration[1000]], atol=1e-3)
+    assert {"x_dddot", "x_ddddot", "yaw", "yaw_dot", "yaw_ddot"} <= set(update)
     np.testing.assert_allclose(flight.update(1e3)["x"][2], multisine.height[-2:], atol=1e-3)

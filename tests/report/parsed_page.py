@@ -17,7 +17,7 @@ class Element:
 
     @property
     def text(self) -> str:
-        return "".join(one if isinstance(one, str) else one.text for one in self.children)
+        return "".join(child if isinstance(child, str) else child.text for child in self.children)
 
     @property
     def classes(self) -> list[str]:
@@ -25,14 +25,14 @@ class Element:
 
     def all(self, tag: str = "", **wanted: str) -> list[Element]:
         """Elements below this one with a tag and with attributes; `class_` is one of the classes."""
-        found = []
-        for one in self.children:
-            if isinstance(one, str):
+        results = []
+        for child in self.children:
+            if isinstance(child, str):
                 continue
-            if one._is(tag, wanted):
-                found.append(one)
-            found += one.all(tag, **wanted)
-        return found
+            if child._is(tag, wanted):
+                results.append(child)
+            results += child.all(tag, **wanted)
+        return results
 
     def _is(self, tag: str, wanted: dict[str, str]) -> bool:
         known = {**self.attributes, "class_": ""}
@@ -77,10 +77,10 @@ def parsed(page: str) -> Element:
 
 def numbers_in(text: str) -> list[tuple[float, float]]:
     """Numbers of a text, each with half a unit of its last digit."""
-    found = []
+    results = []
     for mantissa, exponent in re.findall(r"(?<![\w.])([-−]?\d+(?:\.\d+)?)(?:e([-−]?\d+))?(?!\w)", text):
         power = int(exponent.replace("−", "-") or 0)
         whole, point, decimals = mantissa.partition(".")
         digits = len(decimals) if point else len(whole.rstrip("0")) - len(whole)
-        found.append((float(mantissa.replace("−", "-")) * 10.0**power, 0.5 * 10.0 ** (power - digits)))
-    return found
+        results.append((float(mantissa.replace("−", "-")) * 10.0**power, 0.5 * 10.0 ** (power - digits)))
+    return results

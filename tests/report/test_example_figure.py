@@ -27,9 +27,9 @@ def squares(path: Path) -> np.ndarray:
 @pytest.mark.thorough
 def test_the_picture_is_what_is_drawn(tmp_path):
     runpy.run_path(str(SCRIPT))["main"](tmp_path)
-    drawn, shown = squares(tmp_path / "example.png"), squares(PICTURE)
-    assert drawn.shape == shown.shape
-    assert np.abs(drawn - shown).max() <= TOLERANCE, f"run {SCRIPT.relative_to(ROOT)}"
+    drawn, displayed = squares(tmp_path / "example.png"), squares(PICTURE)
+    assert drawn.shape == displayed.shape
+    assert np.abs(drawn - displayed).max() <= TOLERANCE, f"run {SCRIPT.relative_to(ROOT)}"
 
 
 def test_what_the_pages_say_of_it():

@@ -43,7 +43,7 @@ from eivor.models.regression import Parameter, regression
 from eivor.models.separable import Nuisance
 from eivor.motions.vertical.motion import Vertical
 from eivor.report.figure_panels import (
-    ShownInterval,
+    PlottedInterval,
     ellipse_figure,
     estimates_figure,
     interval_figure,
@@ -179,7 +179,7 @@ SEVERAL: dict[str, tuple[tuple[str, ...], Callable[[Any, FlightEstimate, Path], 
     "intervals": (
         ("a", "b"),
         lambda axes, _fit, _folder: interval_figure(
-            {name: [ShownInterval("one", 1.0, ((0.0, 2.0),))] for name in "ab"}, axes=axes
+            {name: [PlottedInterval("one", 1.0, ((0.0, 2.0),))] for name in "ab"}, axes=axes
         ),
     ),
     "estimates": (
@@ -225,19 +225,19 @@ def test_panels_are_drawn_in_order_or_by_name(name: str, fit: FlightEstimate, tm
     names, draw = SEVERAL[name]
     figure, axes = page(len(names))
     assert draw(np.array(axes), fit, tmp_path) is figure
-    assert all(drawn(one) for one in axes)
+    assert all(drawn(axis) for axis in axes)
     # every panel stands by itself: it says what both of its axes are
-    assert all(one.get_ylabel() or one.get_yticklabels() for one in axes)
-    assert all(one.get_xlabel() and one.xaxis.label.get_visible() for one in axes)
+    assert all(axis.get_ylabel() or axis.get_yticklabels() for axis in axes)
+    assert all(axis.get_xlabel() and axis.xaxis.label.get_visible() for axis in axes)
     assert inside(figure)
-    beside, (left, right) = page(1, 2)
-    assert draw({names[-1]: right}, fit, tmp_path) is beside
+    neighbours, (left, right) = page(1, 2)
+    assert draw({names[-1]: right}, fit, tmp_path) is neighbours
     assert drawn(right)
     assert not drawn(left)
     assert right.get_xlabel() == axes[-1].get_xlabel()
-    assert beside._suptitle is None  # type: ignore[attr-defined]
-    assert len(beside.axes) == 2
-    assert inside(beside)
+    assert neighbours._suptitle is None  # type: ignore[attr-defined]
+    assert len(neighbours.axes) == 2
+    assert inside(neighbours)
 
 
 @pytest.mark.thorough
@@ -245,31 +245,31 @@ def test_panels_are_drawn_in_order_or_by_name(name: str, fit: FlightEstimate, tm
 @pytest.mark.parametrize("name", SEVERAL)
 def test_axes_that_do_not_fit_are_refused(name: str, fit: FlightEstimate, tmp_path: Path) -> None:
     names, draw = SEVERAL[name]
-    figure, (one,) = page(1)
+    figure, (item,) = page(1)
     _, (other,) = page(1)
     for wrong, expected in (
         (3, "as many as there are panels"),
         ("fit", "as many as there are panels"),
         (figure, "as many as there are panels"),
         ([], f"{len(names)} Axes"),
-        ([one] * (len(names) + 1), f"received {len(names) + 1}"),
-        (one, "received 1"),
-        ([one] * (len(names) - 1) + [3], "Matplotlib Axes"),
+        ([item] * (len(names) + 1), f"received {len(names) + 1}"),
+        (item, "received 1"),
+        ([item] * (len(names) - 1) + [3], "Matplotlib Axes"),
         ({}, "Axes to draw into"),
         ({names[0]: 3}, "Matplotlib Axes"),
-        ({f"{names[0]}s": one}, "Did you mean"),
-        ({3: one}, "Name some of"),
-        ({names[0]: one, names[1]: other}, "of one figure"),
+        ({f"{names[0]}s": item}, "Did you mean"),
+        ({3: item}, "Name some of"),
+        ({names[0]: item, names[1]: other}, "of one figure"),
     ):
         with pytest.raises(UsageError, match=expected):
             draw(wrong, fit, tmp_path)
-    assert not drawn(one)
+    assert not drawn(item)
 
 
 def test_the_title_stands_above_the_first_panel_that_is_given() -> None:
     _, axes = page(3)
     residual_figure(NOISE, rate_hz=5.0, title="$a_b", axes=axes)
-    assert [one.get_title() for one in axes] == ["$a_b", "", ""]
+    assert [axis.get_title() for axis in axes] == ["$a_b", "", ""]
 
 
 # -- flights -----------------------------------------------------------------------------------------
@@ -308,11 +308,13 @@ def curved(fit: FlightEstimate) -> FlightEstimate:
         least = candidate.solution.objective
         share = NuisanceProfile(nuisance, grid, least * (1.0 + (grid - 0.4) ** 2))
         return replace(
-            candidate, at={**candidate.at, "curve_share": 0.4}, profiles=(*candidate.profiles, share)
+            candidate,
+            nuisances={**candidate.nuisances, "curve_share": 0.4},
+            profiles=(*candidate.profiles, share),
         )
 
     estimate = replace(
-        fit.fit.estimate, candidates=tuple(with_share(one) for one in fit.fit.estimate.candidates)
+        fit.fit.estimate, candidates=tuple(with_share(candidate) for candidate in fit.fit.estimate.candidates)
     )
     share = replace(fit.quantities["actuator_lag"], value=0.4, interval=(0.3, 0.5))
     return replace(

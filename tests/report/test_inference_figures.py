@@ -21,7 +21,7 @@ from eivor.lab.records import Scenario
 from eivor.lab.study import MethodChoice, Study
 from eivor.lab.study_run import StudyResult
 from eivor.report.figure_panels import (
-    ShownInterval,
+    PlottedInterval,
     ellipse_figure,
     estimates_figure,
     interval_figure,
@@ -80,8 +80,8 @@ def test_each_parameter_has_a_panel_with_its_unit_and_the_truth(estimate: Estima
 
 def test_ends_without_bound_are_arrows_and_an_empty_set_says_so() -> None:
     rows = [
-        ShownInterval("$both_", 0.3, ((-math.inf, 0.2), (0.4, math.inf))),
-        ShownInterval("none", math.nan, ()),
+        PlottedInterval("$both_", 0.3, ((-math.inf, 0.2), (0.4, math.inf))),
+        PlottedInterval("none", math.nan, ()),
     ]
     figure = interval_figure({"a_b": rows}, units={"a_b": "m"})
     markers = [line.get_marker() for line in figure.axes[0].lines]
@@ -93,13 +93,13 @@ def test_ends_without_bound_are_arrows_and_an_empty_set_says_so() -> None:
 
 
 def test_a_single_exact_value_still_has_an_axis() -> None:
-    figure = interval_figure({"a": [ShownInterval("one", 2.0, ((2.0, 2.0),))]})
+    figure = interval_figure({"a": [PlottedInterval("one", 2.0, ((2.0, 2.0),))]})
     low, high = figure.axes[0].get_xlim()
     assert low < 2.0 < high
 
 
 @pytest.mark.parametrize("panels", [{}, {"a": []}])
-def test_no_interval_is_no_figure(panels: dict[str, list[ShownInterval]]) -> None:
+def test_no_interval_is_no_figure(panels: dict[str, list[PlottedInterval]]) -> None:
     with pytest.raises(UsageError, match="intervals to draw"):
         interval_figure(panels)
 

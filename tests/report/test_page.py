@@ -69,8 +69,8 @@ def pages(request: pytest.FixtureRequest) -> Pages:
 
 
 def data_of(page: Element, name: str) -> Any:
-    (found,) = page.all("script", id=name)
-    return json.loads(found.text)
+    (result,) = page.all("script", id=name)
+    return json.loads(result.text)
 
 
 @pytest.mark.thorough
@@ -82,12 +82,13 @@ def test_results_are_of_every_kind(pages):
 def test_the_page_is_told_in_order(pages, name):
     result, _, page = pages[name]
     (main,) = page.all("main")
-    (said,) = main.all("p", class_="said")
+    (sentence,) = main.all("p", class_="said")
     assert (
-        said.text == f"{result.verdict.status.value}: {result.motion.words.meanings[result.verdict.status]}"
+        sentence.text
+        == f"{result.verdict.status.value}: {result.motion.words.meanings[result.verdict.status]}"
     )
     assert main.children[0].classes[0] == "verdict"
-    headings = [one.text for one in page.all("h2")]
+    headings = [item.text for item in page.all("h2")]
     wanted = [
         "Why",
         "What to do",
@@ -97,8 +98,8 @@ def test_the_page_is_told_in_order(pages, name):
         "Flight card",
         "Pictures",
     ]
-    wanted = [one for one in wanted if one in headings]
-    assert [one for one in headings if one in wanted] == wanted
+    wanted = [item for item in wanted if item in headings]
+    assert [heading for heading in headings if heading in wanted] == wanted
     assert {"Pictures", "Provenance"} <= set(headings)
     assert ("Why" in headings) == bool(result.verdict.reasons)
     assert len(page.all("h1")) == 1
@@ -107,15 +108,15 @@ def test_the_page_is_told_in_order(pages, name):
 @pytest.mark.parametrize("name", RESULTS)
 def test_names_of_elements_are_unique_and_lead_somewhere(pages, name):
     _, _, page = pages[name]
-    names = [one.attributes["id"] for one in page.all() if "id" in one.attributes]
+    names = [item.attributes["id"] for item in page.all() if "id" in item.attributes]
     assert len(names) == len(set(names))
-    for one in page.all():
+    for entry in page.all():
         for key in ("aria-labelledby", "aria-describedby"):
-            assert set(one.attributes.get(key, "").split()) <= set(names)
-        if one.tag == "a" and one.attributes["href"].startswith("#"):
-            assert one.attributes["href"][1:] in names
+            assert set(entry.attributes.get(key, "").split()) <= set(names)
+        if entry.tag == "a" and entry.attributes["href"].startswith("#"):
+            assert entry.attributes["href"][1:] in names
     charts = data_of(page, "charts")
-    assert {one.attributes["id"] for one in page.all("div", class_="chart")} == set(charts)
+    assert {item.attributes["id"] for item in page.all("div", class_="chart")} == set(charts)
 
 
 @pytest.mark.parametrize("name", RESULTS)
@@ -124,9 +125,11 @@ def test_every_picture_has_its_numbers_beside_it(pages, name):
     figures = page.all("figure")
     assert figures
     for section in page.all("section"):
-        beside = [one for one in section.children if isinstance(one, Element) and "table" in one.classes]
+        neighbours = [
+            child for child in section.children if isinstance(child, Element) and "table" in child.classes
+        ]
         for figure in section.all("figure"):
-            assert figure.all("details") or beside, figure.all("h4")[0].text
+            assert figure.all("details") or neighbours, figure.all("h4")[0].text
 
 
 def test_numbers_with_powers_stay_in_one_line_each():
@@ -134,7 +137,7 @@ def test_numbers_with_powers_stay_in_one_line_each():
     table = TableOf((TableColumn("K_u"),), ((Cell(text, below="[2.9e-6, 3.0e-6]"),),))
     cell = parsed(table_html(table).html).all("th")[1]
     assert cell.text == f"{text}[2.9e-6, 3.0e-6]"
-    assert [one.text for one in cell.all("span", class_="one")] == [
+    assert [item.text for item in cell.all("span", class_="one")] == [
         "-2.98e-6",
         "3.1e-05",
         "[2.9e-6,",
@@ -151,14 +154,14 @@ def test_the_json_in_the_page_is_that_of_the_command_line(pages, name):
 @pytest.mark.parametrize("name", RESULTS)
 def test_numbers_are_those_of_the_json(pages, name):
     result, _, page = pages[name]
-    told = json.loads(result.to_json())
-    known = {**told["parameters"], **told["derived"]}
+    reported = json.loads(result.to_json())
+    known = {**reported["parameters"], **reported["derived"]}
     by_words = {words.words: key for key, words in result.motion.wording.items()}
     rows = [row for row in page.all("tr") if row.all("th") and row.all("th")[0].text in by_words]
     assert {by_words[row.all("th")[0].text] for row in rows} >= set(known)
     for row in rows[: len(known)]:
         key = by_words[row.all("th")[0].text]
-        cells = [one.text for one in row.children if isinstance(one, Element)]
+        cells = [child.text for child in row.children if isinstance(child, Element)]
         check(known[key], result.motion.wording[key].scale, cells[2], cells[3])
         assert cells[-1] == known[key]["verdict"]
     for reading in page.all("div", class_="reading"):
@@ -168,22 +171,22 @@ def test_numbers_are_those_of_the_json(pages, name):
         check(known[key], result.motion.wording[key].scale, value, interval)
 
 
-def check(told: dict[str, Any], scale: float, value: str, interval: str) -> None:
+def check(record: dict[str, Any], scale: float, value: str, interval: str) -> None:
     """Shown numbers are those told, rounded."""
-    if told["value"] is None:
+    if record["value"] is None:
         assert value == "–"
         return
-    ((shown, half),) = numbers_in(value)
-    assert shown == pytest.approx(scale * told["value"], abs=1.001 * half)
+    ((displayed, half),) = numbers_in(value)
+    assert displayed == pytest.approx(scale * record["value"], abs=1.001 * half)
     if interval.startswith("["):
-        for (end, half), wanted in zip(numbers_in(interval), told["interval"], strict=True):
+        for (end, half), wanted in zip(numbers_in(interval), record["interval"], strict=True):
             assert end == pytest.approx(scale * wanted, abs=1.001 * half)
 
 
 @pytest.mark.thorough
 def test_rows_of_flights_and_methods_are_those_of_the_json(pages):
     result, _, page = pages["pool"]
-    told = json.loads(result.to_json())
+    reported = json.loads(result.to_json())
     for identifier, key, label in (
         ("flights-one-by-one", "flights", "log"),
         ("methods-side-by-side", "comparisons", "method"),
@@ -192,16 +195,16 @@ def test_rows_of_flights_and_methods_are_those_of_the_json(pages):
         drawn = section.all("svg", class_="forest")
         assert len(drawn) == len(result.motion.rows)
         for svg, name in zip(
-            drawn, [one for one in result.motion.shown if one in result.motion.rows], strict=True
+            drawn, [item for item in result.motion.plotted if item in result.motion.rows], strict=True
         ):
             texts = svg.all("text", class_="row")
-            shown = dict(
-                zip([one.text for one in texts[::2]], [one.text for one in texts[1::2]], strict=True)
+            displayed = dict(
+                zip([text.text for text in texts[::2]], [text.text for text in texts[1::2]], strict=True)
             )
-            assert list(shown)[: len(told[key])] == [row[label] for row in told[key]]
-            for row in told[key]:
+            assert list(displayed)[: len(reported[key])] == [row[label] for row in reported[key]]
+            for row in reported[key]:
                 quantity = {**row["parameters"], **row["derived"]}[name]
-                value, _, interval = shown[row[label]].partition(" ")
+                value, _, interval = displayed[row[label]].partition(" ")
                 check(quantity, result.motion.wording[name].scale, value, interval)
 
 
@@ -210,21 +213,23 @@ def test_the_verdict_is_there_for_pages_of_several_reports(pages, name):
     _, _, page = pages[name]
     verdict = data_of(page, "verdict")
     (box,) = page.all("div", class_="verdict")
-    (said, *more) = [one.text for one in box.children if one.tag == "p" and one.classes != ["note"]]
-    assert said == f"{verdict['status']}: {verdict['about']}"
+    (texts, *more) = [child.text for child in box.children if child.tag == "p" and child.classes != ["note"]]
+    assert texts == f"{verdict['status']}: {verdict['about']}"
     assert more == verdict["more"]
-    shown = [
+    displayed = [
         {
-            "name": one.attributes["data-quantity"],
-            "shown": [one.all(class_="value")[0].text, one.all(class_="interval")[0].text],
-            "status": one.all(class_="badge")[0].text,
+            "name": item.attributes["data-quantity"],
+            "shown": [item.all(class_="value")[0].text, item.all(class_="interval")[0].text],
+            "status": item.all(class_="badge")[0].text,
         }
-        for one in box.all("div", class_="reading")
+        for item in box.all("div", class_="reading")
     ]
-    assert shown == [{key: one[key] for key in ("name", "shown", "status")} for one in verdict["readings"]]
-    for one in verdict["readings"]:
-        numbers = numbers_in(" ".join(one["shown"]))
-        drawn = [number for number in (one["at"], *one["interval"]) if number is not None]
+    assert displayed == [
+        {key: item[key] for key in ("name", "shown", "status")} for item in verdict["readings"]
+    ]
+    for entry in verdict["readings"]:
+        numbers = numbers_in(" ".join(entry["shown"]))
+        drawn = [number for number in (entry["at"], *entry["interval"]) if number is not None]
         for number, (written, half) in zip(drawn, numbers, strict=True):
             assert number == pytest.approx(written, abs=1.001 * half)
 
@@ -232,21 +237,21 @@ def test_the_verdict_is_there_for_pages_of_several_reports(pages, name):
 @pytest.mark.parametrize("name", RESULTS)
 def test_the_policy_allows_what_is_in_the_page_and_nothing_else(pages, name):
     _, text, page = pages[name]
-    (policy,) = (one.attributes["content"] for one in page.all("meta") if "http-equiv" in one.attributes)
+    (policy,) = (item.attributes["content"] for item in page.all("meta") if "http-equiv" in item.attributes)
     assert text.index("Content-Security-Policy") < text.index("<style")
     assert "default-src 'none'" in policy
     assert "unsafe" not in policy
-    styles = [one.text for one in page.all("style")]
-    scripts = [one.text for one in page.all("script") if one.attributes.get("type") != "application/json"]
+    styles = [item.text for item in page.all("style")]
+    scripts = [item.text for item in page.all("script") if item.attributes.get("type") != "application/json"]
     assert len(styles) == len(scripts) == 1
     for source, rule in ((styles[0], "style-src"), (scripts[0], "script-src")):
         digest = base64.b64encode(hashlib.sha256(source.encode()).digest()).decode()
         assert f"{rule} 'sha256-{digest}'" in policy
-    for one in page.all():
+    for entry in page.all():
         assert not {
-            key for key in one.attributes if key.startswith("on") or key in {"style", "src", "srcset"}
+            key for key in entry.attributes if key.startswith("on") or key in {"style", "src", "srcset"}
         }
-        assert one.attributes.get("href", "#")[0] == "#" or one.attributes["href"] == "data:,"
+        assert entry.attributes.get("href", "#")[0] == "#" or entry.attributes["href"] == "data:,"
     assert not re.search(
         r"@import|url\(|\beval\b|new Function|innerHTML|document\.write", styles[0] + scripts[0]
     )
@@ -293,21 +298,21 @@ def test_what_is_vendored_is_the_release(name):
 def test_its_licence_goes_with_it(pages):
     _, _, page = pages["fit"]
     (licence,) = [
-        one for one in page.all("details") if one.all("summary")[0].text.startswith("Licence of uPlot")
+        item for item in page.all("details") if item.all("summary")[0].text.startswith("Licence of uPlot")
     ]
     assert "Permission is hereby granted" in licence.text
     assert "Copyright (c) 2022 Leon Sorokin" in licence.text
 
 
 def luminance(colour: str) -> float:
-    shares = [int(colour[place : place + 2], 16) / 255.0 for place in (1, 3, 5)]
-    linear = [one / 12.92 if one <= 0.04045 else ((one + 0.055) / 1.055) ** 2.4 for one in shares]
+    shares = [int(colour[item : item + 2], 16) / 255.0 for item in (1, 3, 5)]
+    linear = [share / 12.92 if share <= 0.04045 else ((share + 0.055) / 1.055) ** 2.4 for share in shares]
     return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
 
 
-def contrast(one: str, other: str) -> float:
+def contrast(first: str, other: str) -> float:
     """Ratio of WCAG 2.2, 1.4.3."""
-    low, high = sorted((luminance(one), luminance(other)))
+    low, high = sorted((luminance(first), luminance(other)))
     return (high + 0.05) / (low + 0.05)
 
 
@@ -320,7 +325,7 @@ def test_words_stand_out_from_their_paper_in_both_themes():
     assert len(themes) == 3
     assert themes[1] == themes[2]
     for theme in themes[:2]:
-        for status in (one.value for one in Status):
+        for status in (item.value for item in Status):
             for ink in ("ink", "soft", status):
                 assert contrast(theme[ink], theme[f"{status}-paper"]) >= 4.5
             assert contrast(theme[status], theme["paper"]) >= 4.5

@@ -101,9 +101,9 @@ def test_ticks_are_within_the_scale_and_say_what_they_are(scale, least):
     assert len({tick.words for tick in ticks}) == len(ticks)
     for tick in ticks:
         assert float(tick.words.replace("−", "-")) == pytest.approx(
-            tick.at, rel=1e-9, abs=1e-12 * abs(scale.high)
+            tick.value, rel=1e-9, abs=1e-12 * abs(scale.high)
         )
-    shares = scale.share(np.array([tick.at for tick in ticks]))
+    shares = scale.share(np.array([tick.value for tick in ticks]))
     assert ((shares >= -1e-9) & (shares <= 1.0 + 1e-9)).all()
     assert (np.diff(shares) > 0.0).all()
 
@@ -115,10 +115,10 @@ def test_words_of_ticks_do_not_touch():
         (Curve("c", "first", np.arange(3.0), np.zeros(3)),),
     )
     (svg,) = parsed(plot.drawn("p", "A title").html).all("svg")
-    at = [(float(one.attributes["x"]), len(one.text)) for one in svg.all("text", class_="middle")[:-1]]
-    ends = [(x - 3.7 * letters, x + 3.7 * letters) for x, letters in at]
-    assert len(at) >= 3
-    assert all(one[1] < other[0] for one, other in pairwise(ends))
+    index = [(float(item.attributes["x"]), len(item.text)) for item in svg.all("text", class_="middle")[:-1]]
+    ends = [(x - 3.7 * letters, x + 3.7 * letters) for x, letters in index]
+    assert len(index) >= 3
+    assert all(item[1] < other[0] for item, other in pairwise(ends))
     assert ends[-1][1] <= WIDTH
 
 
@@ -139,10 +139,10 @@ def test_a_forest_is_made_for_what_is_known_and_cuts_the_rest():
         ForestRow("a name of " + 80 * "m", "1 [0, 2]", 1.0, ((0.0, 2.0),), None, whole=True),
     )
     root = parsed(Forest("K [1/s]", rows).drawn("p", "t").html)
-    ticks = [float(one.text.replace("−", "-")) for one in root.all("text", class_="tick")]
+    ticks = [float(item.text.replace("−", "-")) for item in root.all("text", class_="tick")]
     assert min(ticks) >= -1.0
     assert max(ticks) <= 4.0
-    points = [one.classes[1] for one in root.all() if "point" in one.classes]
+    points = [item.classes[1] for item in root.all() if "point" in item.classes]
     assert points == ["identified", "weak", "refused", "whole"]
     last = root.all("text", class_="row")[-2].text
     assert last.endswith("…")
@@ -167,4 +167,4 @@ def test_an_axis_that_no_input_moves_has_no_spectrum(fit, monkeypatch):
     still = replace(trace, axis="side", driven=np.zeros_like(trace.driven))
     monkeypatch.setattr(type(fit.fit), "traces", lambda *_: (trace, still))
     titles = [picture.title for picture in flight_page.pictures_of_fit(fit, fit.fit).pictures]
-    assert [one for one in titles if "excites" in one] == [f"What excites the {trace.axis}"]
+    assert [title for title in titles if "excites" in title] == [f"What excites the {trace.axis}"]

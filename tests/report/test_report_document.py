@@ -14,7 +14,7 @@ from eivor.flights.result import FlightEstimate
 from eivor.inference.verdict import Reason, Status, Verdict
 from eivor.motions.vertical.motion import Vertical
 from eivor.report.document import Bullets, Document, Facts, Figure, Part, Statement, TableOf
-from eivor.report.flight import document_of, flight_document, told_flight
+from eivor.report.flight import document_of, flight_document, flight_report
 from eivor.report.inspection import PooledInspection, inspection_document, pooled_documents, pooled_inspection
 from eivor.report.json_document import inspection_json, json_document, json_of, json_text
 from eivor.signals.recording import Finding, Recording
@@ -34,8 +34,8 @@ def _lines(part: Part) -> Iterator[str]:
     match part:
         case Facts():
             for fact in part.facts:
-                told = fact.told.sentences if isinstance(fact.told, Bullets) else (fact.told,)
-                yield f"*{fact.label}* {'; '.join(told)}"
+                reported = fact.text.sentences if isinstance(fact.text, Bullets) else (fact.text,)
+                yield f"*{fact.label}* {'; '.join(reported)}"
         case TableOf():
             yield "|".join(column.title for column in part.columns)
             yield "|".join("--:" if column.right else ":--" for column in part.columns)
@@ -69,11 +69,11 @@ def inspected(recording: Recording) -> PooledInspection:
 
 @pytest.mark.thorough
 def test_another_medium_tells_inspections(recording: Recording, inspected: PooledInspection) -> None:
-    found = inspected
-    lines = list(markdown(inspection_document(found.logs[0])))
+    result = inspected
+    lines = list(markdown(inspection_document(result.logs[0])))
     assert all(any(line.startswith(f"{name} ") for line in lines) for name in recording.channels)
     assert "**identified** (method reference_iv)" in lines
-    *logs, together = pooled_documents(found)
+    *logs, together = pooled_documents(result)
     assert [log.title for log in logs] == [recording.name]
     assert [section.heading for section in together.sections] == [
         "What identify says of the 1 logs together (found by running it)"
@@ -83,22 +83,24 @@ def test_another_medium_tells_inspections(recording: Recording, inspected: Poole
 @pytest.mark.thorough
 def test_what_is_told_is_told_by_every_medium(pool: FlightEstimate) -> None:
     """Whatever the one source says is in the document and in JSON; neither asks the result for it."""
-    told = told_flight(pool)
-    friction = replace(told.quantities[0], quantity=replace(told.quantities[0].quantity, value=4321.0))
-    row = replace(told.flights[0], label="another log", reasons=("A reason of it.",), quantities=(friction,))
-    told = replace(
-        told,
+    flight = flight_report(pool)
+    friction = replace(flight.quantities[0], quantity=replace(flight.quantities[0].quantity, value=4321.0))
+    row = replace(
+        flight.flights[0], label="another log", reasons=("A reason of it.",), quantities=(friction,)
+    )
+    flight = replace(
+        flight,
         verdict=Verdict(Status.WEAK, (Reason(Status.WEAK, "A reason.", "A remedy."),)),
         equation=("an equation", "its symbols"),
         method="a method",
         instruments="an instrument",
-        quantities=(friction, *told.quantities[1:]),
+        quantities=(friction, *flight.quantities[1:]),
         findings=(Finding("name", "A finding."),),
         flights=(row,),
         comparisons=(replace(row, label="another method"),),
     )
-    shown = "\n".join(markdown(document_of(told)))
-    written = json_text(json_of(told, pool))
+    displayed = "\n".join(markdown(document_of(flight)))
+    written = json_text(json_of(flight, pool))
     for words in (
         "weak",
         "A reason.",
@@ -112,19 +114,19 @@ def test_what_is_told_is_told_by_every_medium(pool: FlightEstimate) -> None:
         "A reason of it.",
         "another method",
     ):
-        assert words in shown, words
+        assert words in displayed, words
         assert words in written, words
 
 
 @pytest.mark.thorough
 def test_json_and_document_of_an_inspection_take_one_flight(inspected: PooledInspection) -> None:
-    (found,) = inspected.logs
-    flown = found.flown
-    assert flown is not None
-    written: dict[str, Any] = inspection_json(found)
-    assert written["airborne"]["segments"] == [list(stretch) for stretch in flown.active]
-    (start, end) = flown.active[0]
-    assert any(f"{start:.1f} to {end:.1f} s" in line for line in markdown(inspection_document(found)))
+    (logs,) = inspected.logs
+    flight = logs.airborne
+    assert flight is not None
+    written: dict[str, Any] = inspection_json(logs)
+    assert written["airborne"]["segments"] == [list(stretch) for stretch in flight.active]
+    (start, end) = flight.active[0]
+    assert any(f"{start:.1f} to {end:.1f} s" in line for line in markdown(inspection_document(logs)))
 
 
 @pytest.mark.parametrize("name", ["fit", pytest.param("pool", marks=pytest.mark.thorough), "still"])
@@ -141,9 +143,9 @@ def test_json_and_document_tell_the_same(name: str, request: pytest.FixtureReque
         assert reason.removeprefix(sentence).strip() in remedies
     table = sections[""][1]
     assert isinstance(table, TableOf)
-    told = json["parameters"] | json["derived"]
-    shown = [told[key]["verdict"] for key in result.motion.shown if key in told]
-    assert [row[-1].status for row in table.rows] == [Status(verdict) for verdict in shown]
+    reported = json["parameters"] | json["derived"]
+    displayed = [reported[key]["verdict"] for key in result.motion.plotted if key in reported]
+    assert [row[-1].status for row in table.rows] == [Status(verdict) for verdict in displayed]
     rows = [row["verdict"] for row in (*json["flights"], *json["comparisons"])]
     tables = [
         sections[title][0] for title in ("Flights one by one", "Methods side by side") if title in sections

@@ -63,7 +63,7 @@ def test_the_lag_profile_is_least_at_the_lag(fit: FlightEstimate) -> None:
     panel = flight_figure(fit).axes[3]
     curve = next(line for line in panel.lines if str(line.get_label()).startswith("delay"))
     fitting = fit.estimate.tenable() if fit.estimate is not None else ()
-    assert {f"delay {1e3 * one.at['delay']:g} ms" for one in fitting} <= {
+    assert {f"delay {1e3 * item.nuisances['delay']:g} ms" for item in fitting} <= {
         line.get_label() for line in panel.lines
     }
     lags, heights = np.asarray(curve.get_xdata()), np.asarray(curve.get_ydata())

@@ -57,8 +57,8 @@ def test_no_number_is_broken(name: str, width: int, request: pytest.FixtureReque
     numbers = [part for cell in cells for part in (cell.text, cell.below) if re.search(r"\d", part)]
     assert len(numbers) >= (0 if name == "still" else 14)
     pieces = numbers if width < 72 else [word for part in numbers for word in part.split()]
-    shown, needed = Counter(" ".join(text.split("\n")).split()), Counter(" ".join(pieces).split())
-    assert needed <= shown
+    counter, needed = Counter(" ".join(text.split("\n")).split()), Counter(" ".join(pieces).split())
+    assert needed <= counter
     assert all(any(piece in line for line in text.splitlines()) for piece in pieces)
 
 
@@ -144,10 +144,10 @@ def test_strings_of_a_log_are_shown_and_not_obeyed(fit: FlightEstimate) -> None:
 def test_an_inspection_shows_hostile_sources(recording: Recording) -> None:
     channels = {**recording.channels}
     channels["velocity_z"] = replace(channels["velocity_z"], source=HOSTILE)
-    found = inspection(
+    result = inspection(
         replace(recording, channels=channels, parameters={"MPC_THR_HOVER": 0.35}), _options(), Vertical()
     )
-    text = _text(on_terminal(inspection_document(found)), 120)
+    text = _text(on_terminal(inspection_document(result)), 120)
     assert "\x1b" not in text
     assert "[red]x[/]" in text
     assert "MPC_THR_HOVER = 0.35" in text
@@ -156,12 +156,12 @@ def test_an_inspection_shows_hostile_sources(recording: Recording) -> None:
 @pytest.mark.thorough
 @pytest.mark.parametrize("width", [40, 60, 80])
 def test_no_number_of_an_inspection_is_broken(recording: Recording, width: int) -> None:
-    found = inspection(recording, _options(), Vertical())
-    text = _text(on_terminal(inspection_document(found)), width)
+    result = inspection(recording, _options(), Vertical())
+    text = _text(on_terminal(inspection_document(result)), width)
     assert max(map(len, text.splitlines())) <= width
     words = Counter(text.split())
-    rates = Counter(f"{summary.rate_hz:.1f}" for summary in found.channels)
-    ends = Counter(f"{end:.4g}" for summary in found.channels for end in (summary.lowest, summary.highest))
+    rates = Counter(f"{summary.rate_hz:.1f}" for summary in result.channels)
+    ends = Counter(f"{end:.4g}" for summary in result.channels for end in (summary.lowest, summary.highest))
     assert rates + ends <= words
 
 
@@ -172,18 +172,18 @@ def test_a_source_is_not_broken_where_it_fits(recording: Recording) -> None:
     channels = {
         name: replace(channel, source=source, delay_s=0.0025) for name, channel in recording.channels.items()
     }
-    found = inspection(replace(recording, channels=channels), _options(), Vertical())
-    text = _text(on_terminal(inspection_document(found)), 80)
+    result = inspection(replace(recording, channels=channels), _options(), Vertical())
+    text = _text(on_terminal(inspection_document(result)), 80)
     assert max(map(len, text.splitlines())) <= 80
     assert text.split().count(source) == len(channels)
 
 
 @pytest.mark.thorough
 def test_what_is_logged_now_and_then_has_a_rate(recording: Recording) -> None:
-    found = inspection(recording, _options(), Vertical())
-    seldom = replace(found, channels=tuple(replace(one, rate_hz=0.0137) for one in found.channels))
+    result = inspection(recording, _options(), Vertical())
+    seldom = replace(result, channels=tuple(replace(channel, rate_hz=0.0137) for channel in result.channels))
     words = _text(on_terminal(inspection_document(seldom)), 80).split()
-    assert words.count("0.014") == len(found.channels)
+    assert words.count("0.014") == len(result.channels)
 
 
 def _options() -> object:

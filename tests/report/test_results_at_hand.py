@@ -25,9 +25,9 @@ def travelled(result: Any) -> Any:
 
 def test_one_line_for_the_prompt(fit: FlightEstimate, still: FlightEstimate):
     log = fit.prepared[0].recording
-    for shown in (repr(log), repr(fit), repr(fit.estimate), repr(still)):
-        assert "\n" not in shown
-        assert len(shown) < LONGEST_LINE
+    for item in (repr(log), repr(fit), repr(fit.estimate), repr(still)):
+        assert "\n" not in item
+        assert len(item) < LONGEST_LINE
     assert "identified" in repr(fit)
     assert "refused" in repr(still)
     assert log.name in repr(log)
@@ -37,9 +37,9 @@ def test_a_table_for_a_notebook_escapes_what_a_log_says(fit: FlightEstimate):
     hostile = "<script>alert(1)</script>"
     log = fit.prepared[0].recording
     channels = {name: replace(channel, source=hostile) for name, channel in log.channels.items()}
-    shown = replace(log, name=hostile, channels=channels)._repr_html_()
-    assert "<script>" not in shown
-    assert "&lt;script&gt;" in shown
+    repr_html_ = replace(log, name=hostile, channels=channels)._repr_html_()
+    assert "<script>" not in repr_html_
+    assert "&lt;script&gt;" in repr_html_
     for table in (fit._repr_html_(), fit.estimate._repr_html_()):  # type: ignore[union-attr]
         assert table.count("<tr>") == table.count("</tr>") > 2
         assert "viscous_friction" in table

@@ -144,9 +144,9 @@ def test_the_fitted_line_lies_on_the_bands(order):
     figure = noise_spectrum_figure(values, rate_hz=50.0, unit="m/s²", title="accelerometer")
     axes = figure.axes[0]
     bands, fitted = axes.lines[1], axes.lines[3]
-    at = np.interp(np.log(bands.get_xdata()), np.log(fitted.get_xdata()), np.log(fitted.get_ydata()))
+    index = np.interp(np.log(bands.get_xdata()), np.log(fitted.get_xdata()), np.log(fitted.get_ydata()))
     inner = (bands.get_xdata() < fitted.get_xdata()[-1]) & (bands.get_xdata() > 200.0 * fitted.get_xdata()[0])
-    assert np.abs(np.log(bands.get_ydata()) - at)[inner].max() < 0.25
+    assert np.abs(np.log(bands.get_ydata()) - index)[inner].max() < 0.25
     assert axes.get_ylabel() == "amplitude density [m/s² per √Hz]"
     assert axes.get_xlabel() == "frequency [Hz]"
     assert inside(figure)
@@ -160,8 +160,8 @@ def test_density_integrates_to_the_variance():
 
 
 def test_an_estimate_of_ones_own_is_drawn():
-    found = LongMemory(order=-0.2, order_error=0.01, std=1.0, std_error=0.1, bandwidth=20)
-    figure = noise_spectrum_figure(np.arange(100.0) % 7, rate_hz=1.0, estimate=found)
+    long_memory = LongMemory(order=-0.2, order_error=0.01, std=1.0, std_error=0.1, bandwidth=20)
+    figure = noise_spectrum_figure(np.arange(100.0) % 7, rate_hz=1.0, estimate=long_memory)
     assert any("order -0.200 ± 0.010" in label for label in labels(figure))
     with pytest.raises(NonFiniteError, match="positive rate"):
         noise_spectrum_figure(np.arange(100.0), rate_hz=0.0)

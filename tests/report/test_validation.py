@@ -47,21 +47,23 @@ def found(fit: FlightEstimate, recording: Recording) -> Validation:
 
 
 def test_the_fit_predicts_better_than_simpler_models(found: Validation) -> None:
-    assert [one.model for one in found.predictions] == ["fit", "least_squares", "hover"] * 2
-    assert [one.horizon.value for one in found.predictions] == ["one_step"] * 3 + ["open_loop"] * 3
+    assert [prediction.model for prediction in found.predictions] == ["fit", "least_squares", "hover"] * 2
+    assert [prediction.horizon.value for prediction in found.predictions] == ["one_step"] * 3 + [
+        "open_loop"
+    ] * 3
     assert found.predicts
     assert "leaves less than the simpler models" in found.sentence
     for models in found.by_quantity:
-        assert models[0].error.rms < min(one.error.rms for one in models[1:])
+        assert models[0].error.rms < min(model.error.rms for model in models[1:])
         assert 0.5 < models[0].error.explained < 1.0
 
 
 def test_errors_of_runs_make_those_of_the_flight(found: Validation) -> None:
     assert len(found.spans_s) == 2
     lengths = np.array([run.stop - run.start for run in found.flight.runs])
-    for one in found.predictions:
-        squares = np.array([run.rms**2 for run in one.by_run])
-        assert one.error.rms == pytest.approx(np.sqrt(squares @ lengths / lengths.sum()))
+    for prediction in found.predictions:
+        squares = np.array([run.rms**2 for run in prediction.by_run])
+        assert prediction.error.rms == pytest.approx(np.sqrt(squares @ lengths / lengths.sum()))
 
 
 def test_json_holds_what_the_page_says(found: Validation) -> None:
@@ -107,7 +109,7 @@ def test_a_result_read_back_predicts_the_same(
     del older["prediction"]["beside"]  # as it was written before validation
     path.write_text(json.dumps(older))
     alone = ev.validate(path, recording, window=window, max_tilt_deg=20.0)
-    assert [one.model for one in alone.predictions] == ["fit", "fit"]
+    assert [prediction.model for prediction in alone.predictions] == ["fit", "fit"]
     assert alone.predicts
 
 
@@ -115,9 +117,9 @@ def test_a_wrong_fit_does_not_predict(fit: FlightEstimate, recording: Recording)
     saved = saved_fit(fit)
     (best,) = [candidate for candidate in saved.candidates if candidate.best]
     wrong = replace(saved, candidates=(replace(best, values=best.values * [-5.0, 0.5, 1.0]),))
-    found = ev.validate(wrong, recording, window=(0.0, 30.0))
-    assert not found.predicts
-    assert "leave less" in found.sentence
+    validate = ev.validate(wrong, recording, window=(0.0, 30.0))
+    assert not validate.predicts
+    assert "leave less" in validate.sentence
 
 
 def test_what_cannot_be_validated_is_told(

@@ -79,8 +79,8 @@ class Asking:
 
     def job(self, content: bytes, name: str = "flight.csv", **options: object) -> str:
         """Identifier of a job of a log that is dropped."""
-        asked = {"logs": [self.dropped(content, name)], "options": options}
-        job: str = self.json("POST", "/jobs", asked)["job"]
+        requested = {"logs": [self.dropped(content, name)], "options": options}
+        job: str = self.json("POST", "/jobs", requested)["job"]
         return job
 
     @contextmanager

@@ -13,15 +13,15 @@ from eivor.serve.jobs import (
     REPORT,
     RESULT,
     Begin,
-    Choices,
     Export,
     File,
     Found,
     Identify,
     ListExports,
+    PageChoices,
     Plan,
     Refused,
-    Stage,
+    StageStarted,
 )
 
 
@@ -31,7 +31,7 @@ class QuickWork:
     def __call__(self, item: Any, tell: ProgressCallback) -> Any:
         """Outcome of a task."""
         if isinstance(item, Begin):
-            return Choices({"models": [{"name": "vertical", "words": "up and down"}]})
+            return PageChoices({"models": [{"name": "vertical", "words": "up and down"}]})
         if isinstance(item, Identify):
             return self._identified(item, tell)
         if isinstance(item, ListExports):
@@ -42,28 +42,28 @@ class QuickWork:
         return Refused(409, dict.fromkeys(("expected", "received", "advice", "sentence"), item.form))
 
     def _identified(self, item: Identify, tell: ProgressCallback) -> Refused | None:
-        tell(Stage("reading"))
-        said = b" ".join(log.path.read_bytes() for log in item.logs.values()).decode()
-        tell(Stage("identifying"))
-        if "child" in said:
+        tell(StageStarted("reading"))
+        decode = b" ".join(log.path.read_bytes() for log in item.logs.values()).decode()
+        tell(StageStarted("identifying"))
+        if "child" in decode:
             child = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(600)"])
             (item.folder / "child").write_text(str(child.pid), encoding="ascii")
-        if "sleep" in said:
+        if "sleep" in decode:
             (item.folder / "pid").write_text(str(os.getpid()), encoding="ascii")
-            tell(Stage("sleeping"))
+            tell(StageStarted("sleeping"))
             time.sleep(600.0)
-        if "die" in said:
+        if "die" in decode:
             os._exit(7)
-        if "memory" in said:
+        if "memory" in decode:
             len(bytearray(10**10))
-        if "refuse" in said:
-            return Refused(400, {"sentence": f"It is {said}."})
-        if "once" in said and not (item.folder / "died").exists():
+        if "refuse" in decode:
+            return Refused(400, {"sentence": f"It is {decode}."})
+        if "once" in decode and not (item.folder / "died").exists():
             (item.folder / "died").touch()
             os._exit(9)
-        (item.folder / RESULT).write_text(said, encoding="utf-8")
+        (item.folder / RESULT).write_text(decode, encoding="utf-8")
         tell(Found("identified"))
-        if "unreported" in said:
-            return Refused(500, dict.fromkeys(("expected", "received", "advice", "sentence"), said))
-        (item.folder / REPORT).write_text(f"<p>{said}", encoding="utf-8")
+        if "unreported" in decode:
+            return Refused(500, dict.fromkeys(("expected", "received", "advice", "sentence"), decode))
+        (item.folder / REPORT).write_text(f"<p>{decode}", encoding="utf-8")
         return None

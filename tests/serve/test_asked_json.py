@@ -6,14 +6,14 @@ import json
 
 import pytest
 
-from eivor.serve.requests import AskedJob, RefusedError, asked_job
+from eivor.serve.requests import JobRequest, RefusedError, parse_job
 
 LOG = "a" * 32
 
 
-def asked(**options: object) -> AskedJob:
+def asked(**options: object) -> JobRequest:
     """Job of a log with these options."""
-    return asked_job(json.dumps({"logs": [LOG], "options": options}).encode())
+    return parse_job(json.dumps({"logs": [LOG], "options": options}).encode())
 
 
 def test_options_are_words_of_the_command_line():
@@ -47,8 +47,8 @@ def test_options_are_words_of_the_command_line():
         "terms": ["quadratic-drag"],
         "noise": ["estimate"],
     }
-    several = asked_job(json.dumps({"logs": [LOG, {"log": LOG, "window": [None, 3]}]}).encode())
-    assert several == AskedJob(((LOG, ""), (LOG, ":3.0")), "vertical")
+    several = parse_job(json.dumps({"logs": [LOG, {"log": LOG, "window": [None, 3]}]}).encode())
+    assert several == JobRequest(((LOG, ""), (LOG, ":3.0")), "vertical")
 
 
 @pytest.mark.parametrize(
@@ -75,7 +75,7 @@ def test_options_are_words_of_the_command_line():
 )
 def test_absurd_jobs_are_refused(body):
     with pytest.raises(RefusedError, match=r"Expected .*; received .*") as refused:
-        asked_job(body)
+        parse_job(body)
     assert len(str(refused.value)) < 1000
 
 

@@ -8,7 +8,7 @@ from importlib import resources
 
 import pytest
 
-from eivor.serve.jobs import Begin, Choices
+from eivor.serve.jobs import Begin, PageChoices
 from eivor.serve.requests import MOST_FILES, RefusedError, plain_name, sent_files
 from eivor.serve.worker import outcome_of
 from serve.conftest import wait_for
@@ -58,9 +58,9 @@ def test_more_files_than_a_folder_may_have():
 
 def test_its_files_are_kept_and_deleted_with_it(page):
     files = {"a_0.db3": b"123", "metadata.yaml": b"", "..%2Fb%3C_1.db3": b"4567"}
-    told = " ".join(f"{name}/{len(content)}" for name, content in files.items())
+    text = " ".join(f"{name}/{len(content)}" for name, content in files.items())
     body = b"".join(files.values())
-    log = page.json("POST", "/logs", body, x_eivor_name="my%2Fbag", x_eivor_files=told)
+    log = page.json("POST", "/logs", body, x_eivor_name="my%2Fbag", x_eivor_files=text)
     assert (log["name"], log["bytes"]) == ("bag", 7)
     folder = page.server.folder / "logs" / log["log"]
     kept = {file.name: file.read_bytes() for file in folder.iterdir()}
@@ -93,9 +93,9 @@ def test_the_example_is_kept_as_if_it_was_dropped(opening):
 
 @pytest.mark.thorough
 def test_the_page_is_told_which_files_of_folders_are_logs():
-    told = outcome_of(Begin(), lambda _told: None)
-    assert isinstance(told, Choices)
-    folders = told.known["folders"]
+    outcome = outcome_of(Begin(), lambda _report: None)
+    assert isinstance(outcome, PageChoices)
+    folders = outcome.known["folders"]
     assert {".ulg", ".bin", ".mcap", ".parquet", ".csv"} <= set(folders["endings"])
     assert {".db3", ".mcap"} <= set(folders["bags"])
     assert re.fullmatch(folders["tables"], "my_log_sensor_combined_0.csv")[1] == "my_log"

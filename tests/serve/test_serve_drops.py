@@ -31,11 +31,11 @@ def fresh(server: Server) -> int:
     used, end = set(server.workers.pids()), time.monotonic() + 60.0
     assert used
     while time.monotonic() < end:
-        found = server.workers.pids()
-        if len(found) == 1 and found[0] not in used:
-            return found[0]
+        pids = server.workers.pids()
+        if len(pids) == 1 and pids[0] not in used:
+            return pids[0]
         time.sleep(0.05)
-    raise AssertionError(f"no new process: {found}")
+    raise AssertionError(f"no new process: {pids}")
 
 
 def dropped(page: Asking, content: bytes, count: int, at_once: int) -> None:

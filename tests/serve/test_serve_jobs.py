@@ -19,7 +19,7 @@ from serve.conftest import Clock, closed
 
 def until(events, stage):
     """Wait for a stage."""
-    assert any(one["stage"] == stage for one in events)
+    assert any(event["stage"] == stage for event in events)
 
 
 def is_alive(process):
@@ -34,13 +34,17 @@ def is_alive(process):
 def test_a_job_tells_its_stages_and_has_a_result(page):
     job = page.job("a flight ü".encode(), "my ü flight.ulg", mass="1.5")
     with page.events(job) as events:
-        told = list(events)
-    assert list(dict.fromkeys(one["stage"] for one in told[:-1])) == ["waiting", "reading", "identifying"]
-    assert all(one["elapsed"] >= 0.0 for one in told[:-1])
-    assert told[-1] == {"done": {"status": "identified"}}
+        reported = list(events)
+    assert list(dict.fromkeys(item["stage"] for item in reported[:-1])) == [
+        "waiting",
+        "reading",
+        "identifying",
+    ]
+    assert all(item["elapsed"] >= 0.0 for item in reported[:-1])
+    assert reported[-1] == {"done": {"status": "identified"}}
     assert page("GET", f"/jobs/{job}/result.json")[1].decode() == "a flight ü"
     assert page("GET", f"/jobs/{job}/report.html")[1].decode() == "<p>a flight ü"
-    assert page.last(job) == told[-1]  # for those who come late, too
+    assert page.last(job) == reported[-1]  # for those who come late, too
     targets = page.json("GET", f"/jobs/{job}/exports")["targets"]
     assert targets == [{"name": "px4", "file": "my ü flight-px4.params", "reason": "1.5"}]
     status, body, headers = page("GET", f"/jobs/{job}/exports/px4?mass=2:1&prior=a=1&prior=b=2&vehicle=x")
@@ -95,10 +99,10 @@ def test_a_log_that_is_refused_is_a_sentence(page):
 )
 def test_what_a_process_dies_of_is_a_sentence(opening, content, sentence):
     page = opening(workers=1, limits=Limits(0.6, 0.2))
-    told = page.last(page.job(content))["failed"]
-    assert told["expected"] == "a log that takes at most 0.6 s and 0.2 GB"
-    assert sentence in told["sentence"]
-    assert "eivor serve --time S --memory GB" in told["advice"]
+    reported = page.last(page.job(content))["failed"]
+    assert reported["expected"] == "a log that takes at most 0.6 s and 0.2 GB"
+    assert sentence in reported["sentence"]
+    assert "eivor serve --time S --memory GB" in reported["advice"]
     assert page.last(page.job(b"once")) == {"done": {"status": "identified"}}
 
 
@@ -137,16 +141,16 @@ def test_the_queue_is_bounded(opening):
     page.job(b"sleep")
     page.job(b"sleep")
     log = page.dropped(b"sleep")
-    asked = json.dumps({"logs": [log]}).encode()
-    status, sentence = page.refused("POST", "/jobs", asked)
+    requested = json.dumps({"logs": [log]}).encode()
+    status, sentence = page.refused("POST", "/jobs", requested)
     assert (status, "at most 2 tasks that wait" in sentence) == (503, True)
     assert len(list(page.server.folder.glob("jobs/*"))) == 3
 
 
 def test_many_drops_at_once_are_all_answered(page):
     with ThreadPoolExecutor(20) as many:
-        told = list(many.map(lambda number: page.last(page.job(b"%d" % number)), range(20)))
-    assert told == [{"done": {"status": "identified"}}] * 20
+        reported = list(many.map(lambda number: page.last(page.job(b"%d" % number)), range(20)))
+    assert reported == [{"done": {"status": "identified"}}] * 20
 
 
 def test_what_is_old_is_forgotten(opening):

@@ -35,10 +35,10 @@ def page() -> Element:
 
 
 def test_the_policy_allows_the_page_its_reports_and_its_own_server(page):
-    (policy,) = (one.attributes["content"] for one in page.all("meta") if "http-equiv" in one.attributes)
-    rules = dict(one.split(" ", 1) for one in policy.split("; "))
+    (policy,) = (item.attributes["content"] for item in page.all("meta") if "http-equiv" in item.attributes)
+    rules = dict(item.split(" ", 1) for item in policy.split("; "))
     (style,) = page.all("style")
-    (script,) = (one for one in page.all("script") if one.attributes.get("type") != "application/json")
+    (script,) = (item for item in page.all("script") if item.attributes.get("type") != "application/json")
     report = report_sources()
     assert rules == {
         "default-src": "'none'",
@@ -58,22 +58,22 @@ def checksum(source: str) -> str:
 
 
 def test_nothing_in_it_is_fetched_or_handled_inline(page):
-    for one in page.all():
+    for item in page.all():
         assert not {
-            key for key in one.attributes if key.startswith("on") or key in {"style", "src", "srcset"}
+            key for key in item.attributes if key.startswith("on") or key in {"style", "src", "srcset"}
         }
-        assert one.attributes.get("href", "data:,") == "data:,"
+        assert item.attributes.get("href", "data:,") == "data:,"
     assert page.all("noscript")
 
 
 def test_text_never_becomes_markup():
     folder = resources.files("eivor.serve").joinpath("static")
     scripts = {
-        one.name: one.read_text(encoding="utf-8") for one in folder.iterdir() if one.name.endswith(".js")
+        item.name: item.read_text(encoding="utf-8") for item in folder.iterdir() if item.name.endswith(".js")
     }
     assert set(scripts) == {f"{name}.js" for name in PARTS}
     for name, script in scripts.items():
-        assert [one for one in NEVER if one in script] == [], name
+        assert [item for item in NEVER if item in script] == [], name
         assert not re.search(r"https?://(?!www\.w3\.org/2000/svg)", script), name
 
 

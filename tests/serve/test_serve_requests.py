@@ -31,9 +31,9 @@ def test_the_page_comes_with_its_token_and_a_policy(page):
     assert headers["Cache-Control"] == "no-store"
     assert headers["X-Content-Type-Options"] == "nosniff"
     assert page.server.url == f"http://127.0.0.1:{page.server.port}/?token={page.server.token}"
-    told = page.json("GET", "/choices")
-    assert told["models"] == [{"name": "vertical", "words": "up and down"}]
-    assert told["largest_bytes"] == 1000
+    json = page.json("GET", "/choices")
+    assert json["models"] == [{"name": "vertical", "words": "up and down"}]
+    assert json["largest_bytes"] == 1000
 
 
 @pytest.mark.parametrize(
@@ -128,25 +128,25 @@ def test_a_body_says_how_long_it_is(page, length):
 )
 def test_whatever_comes_is_answered_once_and_no_more_is_read(page, capfd, status, request_line, rest):
     """As one request and as three, one after the other, in what is sent at once."""
-    own = f"Host: 127.0.0.1:{page.server.port}\r\nX-Eivor-Token: {page.server.token}\r\n"
-    request = f"{request_line}\r\n{own}{rest}\r\n".encode()
+    text = f"Host: 127.0.0.1:{page.server.port}\r\nX-Eivor-Token: {page.server.token}\r\n"
+    request = f"{request_line}\r\n{text}{rest}\r\n".encode()
     for times in (1, 3):
         with socket.create_connection(("127.0.0.1", page.server.port), timeout=10.0) as line:
             line.sendall(times * request)
-            said = received(line)
-        assert said.startswith(f"HTTP/1.1 {status} ".encode())
-        assert said.count(b"HTTP/1.1 ") == 1
-        assert said.count(b'"error"') == (status >= 400)
+            sentence = received(line)
+        assert sentence.startswith(f"HTTP/1.1 {status} ".encode())
+        assert sentence.count(b"HTTP/1.1 ") == 1
+        assert sentence.count(b'"error"') == (status >= 400)
     assert capfd.readouterr() == ("", "")
 
 
 def received(line):
     """What comes until the other side closes; it may do so before all was read that was sent."""
-    said = b""
+    sentence = b""
     with suppress(ConnectionResetError):
         while part := line.recv(65536):
-            said += part
-    return said
+            sentence += part
+    return sentence
 
 
 def test_a_body_beyond_the_limit_is_refused_before_it_is_read(page):
@@ -155,9 +155,9 @@ def test_a_body_beyond_the_limit_is_refused_before_it_is_read(page):
             f"POST /logs HTTP/1.1\r\nHost: 127.0.0.1:{page.server.port}\r\n"
             f"X-Eivor-Token: {page.server.token}\r\nContent-Length: 1001\r\n\r\n".encode()
         )
-        said = received(line)
-    assert said.startswith(b"HTTP/1.1 413 ")
-    assert json.loads(said.partition(b"\r\n\r\n")[2])["error"]["received"] == "1001 bytes"
+        sentence = received(line)
+    assert sentence.startswith(b"HTTP/1.1 413 ")
+    assert json.loads(sentence.partition(b"\r\n\r\n")[2])["error"]["received"] == "1001 bytes"
     assert page.refused("POST", "/logs", bytes(1001))[0] == 413
     assert page.json("POST", "/logs", bytes(1000))["bytes"] == 1000
     assert page.refused("POST", "/jobs", b" " * 1_000_001)[0] == 413
@@ -247,7 +247,7 @@ def test_a_full_disk_is_told(page, monkeypatch):
     def full(_path):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr(jobs, "whole_file", full)
+    monkeypatch.setattr(jobs, "atomic_write", full)
     status, sentence = page.refused("POST", "/logs", b"log")
     assert (status, "No space left on device" in sentence) == (500, True)
 

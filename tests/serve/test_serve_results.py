@@ -13,20 +13,20 @@ import pytest
 from eivor.cli.main import application
 from eivor.serve.jobs import (
     Begin,
-    Choices,
     Export,
     File,
     Found,
     Identify,
     KeptLog,
     ListExports,
+    PageChoices,
     Plan,
     Refused,
-    Stage,
+    StageStarted,
     Supply,
     Work,
 )
-from eivor.serve.requests import asked_job
+from eivor.serve.requests import parse_job
 from eivor.serve.worker import outcome_of
 
 pytestmark = pytest.mark.usefixtures("coarse_search")
@@ -43,25 +43,25 @@ def content() -> bytes:
 def identified(folder: Path, logs: dict[str, bytes], **options: Any) -> tuple[Any, list[Any]]:
     """Outcome of identifying logs that are kept under other names, and what was told."""
     kept = {}
-    for number, (name, said) in enumerate(logs.items()):
+    for number, (name, log) in enumerate(logs.items()):
         path = folder / f"{number}a5b6c7{number}{Path(name).suffix}"
-        path.write_bytes(said)
-        kept[str(number)] = KeptLog(path, name, len(said))
-    asked = asked_job(json.dumps({"logs": list(kept), "options": options}).encode())
-    told: list[Any] = []
-    return outcome_of(Identify(asked, kept, folder), told.append), told
+        path.write_bytes(log)
+        kept[str(number)] = KeptLog(path, name, len(log))
+    requested = parse_job(json.dumps({"logs": list(kept), "options": options}).encode())
+    lag_measurements: list[Any] = []
+    return outcome_of(Identify(requested, kept, folder), lag_measurements.append), lag_measurements
 
 
 @pytest.mark.thorough
 def test_a_result_is_that_of_the_command_line(tmp_path, content, monkeypatch):
-    outcome, told = identified(
+    outcome, reported = identified(
         tmp_path, {"my flight.csv": content}, window=[1, 29.5], lag="60:20", max_tilt=20
     )
     assert outcome is None
     stages = ["reading", "preparing", "identifying", "diagnosing", "writing"]
-    assert told[:-1] == [Stage(name) for name in stages]
-    own = json.loads((tmp_path / "result.json").read_bytes())
-    assert told[-1] == Found(own["verdict"])
+    assert reported[:-1] == [StageStarted(name) for name in stages]
+    path = json.loads((tmp_path / "result.json").read_bytes())
+    assert reported[-1] == Found(path["verdict"])
     (tmp_path / "typed").mkdir()
     monkeypatch.chdir(tmp_path / "typed")
     Path("my flight.csv").write_bytes(content)
@@ -73,18 +73,18 @@ def test_a_result_is_that_of_the_command_line(tmp_path, content, monkeypatch):
     assert (tmp_path / "result.json").read_bytes() == Path("fit.json").read_bytes()
     assert (tmp_path / "report.html").read_bytes() == Path("page.html").read_bytes()
 
-    listed = outcome_of(ListExports(tmp_path, Supply(), "x"), told.append)
+    listed = outcome_of(ListExports(tmp_path, Supply(), "x"), reported.append)
     assert isinstance(listed, list)
-    ready = {one["name"] for one in listed if not one["reason"]}
+    ready = {item["name"] for item in listed if not item["reason"]}
     assert "statespace" in ready
-    assert all(one["file"].startswith(f"x-{one['name']}.") for one in listed)
-    for one in listed:
-        made = outcome_of(Export(tmp_path, Supply(), "x", one["name"]), told.append)
-        assert isinstance(made, Refused if one["reason"] else File)
-        assert one["reason"] == (made.told["sentence"] if isinstance(made, Refused) else "")
-    refused = outcome_of(Plan(tmp_path, "x", "qgc"), told.append)
+    assert all(item["file"].startswith(f"x-{item['name']}.") for item in listed)
+    for entry in listed:
+        made = outcome_of(Export(tmp_path, Supply(), "x", entry["name"]), reported.append)
+        assert isinstance(made, Refused if entry["reason"] else File)
+        assert entry["reason"] == (made.error_parts["sentence"] if isinstance(made, Refused) else "")
+    refused = outcome_of(Plan(tmp_path, "x", "qgc"), reported.append)
     assert isinstance(refused, Refused)
-    assert "--home" in refused.told["sentence"]
+    assert "--home" in refused.error_parts["sentence"]
 
 
 @pytest.mark.parametrize(
@@ -111,8 +111,8 @@ def test_what_makes_no_sense_is_told_as_on_the_command_line(tmp_path, content, o
     outcome, _ = identified(tmp_path, {"hidden.csv": content}, **options)
     assert isinstance(outcome, Refused)
     assert outcome.status == 400
-    assert sentence in outcome.told["sentence"]
-    assert str(tmp_path) not in outcome.told["sentence"]
+    assert sentence in outcome.error_parts["sentence"]
+    assert str(tmp_path) not in outcome.error_parts["sentence"]
 
 
 @pytest.mark.parametrize(
@@ -126,25 +126,25 @@ def test_what_makes_no_sense_is_told_as_on_the_command_line(tmp_path, content, o
     ],
 )
 def test_a_damaged_log_is_a_sentence_with_its_own_name(tmp_path, name, said):
-    outcome, told = identified(tmp_path, {name: said})
+    outcome, reported = identified(tmp_path, {name: said})
     assert isinstance(outcome, Refused)
-    assert told == [Stage("reading")]
-    assert name in outcome.told["sentence"]
-    assert "a5b6c7" not in outcome.told["sentence"]
-    assert str(tmp_path) not in outcome.told["sentence"]
+    assert reported == [StageStarted("reading")]
+    assert name in outcome.error_parts["sentence"]
+    assert "a5b6c7" not in outcome.error_parts["sentence"]
+    assert str(tmp_path) not in outcome.error_parts["sentence"]
 
 
 def test_choices_are_those_that_there_are():
-    found = Work()(Begin(), lambda _: None)
-    assert isinstance(found, Choices)
-    known = dict(found.known)
+    work = Work()(Begin(), lambda _: None)
+    assert isinstance(work, PageChoices)
+    known = dict(work.known)
     folders = known.pop("folders")
     assert {".ulg", ".bin", ".csv", ".mcap"} <= set(folders["endings"])
     assert folders["metadata"] == "metadata.yaml"
     assert set(known) == {"models", "methods", "maps", "vehicles", "targets", "plans"}
     for entries in known.values():
-        assert all(one["name"] and one["words"] for one in entries)
-    assert [one["needs"] for one in found.known["plans"] if one["name"] == "qgc"] == [["home"]]
+        assert all(entry["name"] and entry["words"] for entry in entries)
+    assert [item["needs"] for item in work.known["plans"] if item["name"] == "qgc"] == [["home"]]
 
 
 @pytest.mark.thorough
@@ -152,5 +152,5 @@ def test_several_logs_are_pooled_and_told_apart(tmp_path, content):
     other = content + content.splitlines(keepends=True)[-1].replace(b"29.99", b"30.00", 1)
     outcome, _ = identified(tmp_path, {"a.csv": content, "b.csv": other})
     assert outcome is None
-    own = json.loads((tmp_path / "result.json").read_bytes())
-    assert [one["name"] for one in own["logs"]] == ["a.csv", "b.csv"]
+    path = json.loads((tmp_path / "result.json").read_bytes())
+    assert [item["name"] for item in path["logs"]] == ["a.csv", "b.csv"]

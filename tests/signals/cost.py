@@ -15,9 +15,9 @@ def in_transforms(computation: Callable[[], object], size: int) -> float:
 
 
 def _least(computation: Callable[[], object], tries: int = 3) -> float:
-    found = []
+    results = []
     for _ in range(tries):
-        begun = time.process_time()
+        process_time = time.process_time()
         computation()
-        found.append(time.process_time() - begun)
-    return min(found)
+        results.append(time.process_time() - process_time)
+    return min(results)

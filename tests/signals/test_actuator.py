@@ -40,8 +40,8 @@ def exact_state(command: np.ndarray, lag_s: float, delay_s: float) -> np.ndarray
 )
 def test_state_is_exact_for_any_lag_and_any_fraction_of_a_delay(lag_s, delay_s, seed):
     command = np.random.default_rng(seed).standard_normal(25)
-    found = actuator_state(command[:, None], step_s=STEP_S, lag_s=lag_s, delay_s=delay_s)[:, 0]
-    np.testing.assert_allclose(found, exact_state(command, lag_s, delay_s), atol=1e-6)
+    result = actuator_state(command[:, None], step_s=STEP_S, lag_s=lag_s, delay_s=delay_s)[:, 0]
+    np.testing.assert_allclose(result, exact_state(command, lag_s, delay_s), atol=1e-6)
 
 
 @pytest.mark.parametrize(("lag_s", "delay_s"), [(0.05, 0.0), (0.004, 0.013), (0.12, 0.0379), (0.03, 0.02)])
@@ -62,18 +62,20 @@ def test_state_is_that_of_a_general_integrator(lag_s, delay_s):
                     lambda _, w, held=held: (held - w) / lag_s, (begin, end), [state], rtol=1e-10, atol=1e-12
                 ).y[0, -1]
         states.append(state)
-    found = actuator_state(command[:, None], step_s=STEP_S, lag_s=lag_s, delay_s=delay_s)[:, 0]
-    np.testing.assert_allclose(found, states, atol=1e-8)
+    result = actuator_state(command[:, None], step_s=STEP_S, lag_s=lag_s, delay_s=delay_s)[:, 0]
+    np.testing.assert_allclose(result, states, atol=1e-8)
 
 
 @given(seed=st.integers(0, 1000), factor=st.floats(-5.0, 5.0), lag_s=st.floats(0.0, 0.3))
 def test_state_is_linear_and_its_rotors_are_apart(seed, factor, lag_s):
-    one, other = np.random.default_rng(seed).standard_normal((2, 40, 3))
-    at = {"step_s": STEP_S, "lag_s": lag_s, "delay_s": 0.017}
-    together = actuator_state(one + factor * other, **at)
-    apart = actuator_state(one, **at) + factor * actuator_state(other, **at)
-    np.testing.assert_allclose(together, apart, atol=1e-12)
-    np.testing.assert_array_equal(actuator_state(one, **at)[:, [1]], actuator_state(one[:, [1]].copy(), **at))
+    item, other = np.random.default_rng(seed).standard_normal((2, 40, 3))
+    index = {"step_s": STEP_S, "lag_s": lag_s, "delay_s": 0.017}
+    together = actuator_state(item + factor * other, **index)
+    separated = actuator_state(item, **index) + factor * actuator_state(other, **index)
+    np.testing.assert_allclose(together, separated, atol=1e-12)
+    np.testing.assert_array_equal(
+        actuator_state(item, **index)[:, [1]], actuator_state(item[:, [1]].copy(), **index)
+    )
 
 
 @pytest.mark.parametrize("samples", [0, 1, 3, 39, 40, 100])

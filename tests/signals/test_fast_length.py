@@ -15,6 +15,6 @@ def test_the_largest_length_of_small_factors(count: int, length: int) -> None:
 
 
 def test_little_is_left_out() -> None:
-    left_out = [count - fast_length(count) for count in range(9_000, 11_000)]
+    omitted = [count - fast_length(count) for count in range(9_000, 11_000)]
     assert 29 not in FACTORS
-    assert 1 < max(left_out) <= 70
+    assert 1 < max(omitted) <= 70

@@ -52,19 +52,19 @@ def test_one_dimension_stays_one():
 def test_fft_agrees_with_direct_summation_to_ten_digits(order, count):
     values = np.random.default_rng(3).standard_normal(count)
     direct = np.convolve(fractional_weights(order, count), values)[:count]
-    found = fractional_difference(values, order)
-    assert np.abs(found - direct).max() <= 1e-10 * np.abs(direct).max()
+    difference = fractional_difference(values, order)
+    assert np.abs(difference - direct).max() <= 1e-10 * np.abs(direct).max()
 
 
 @pytest.mark.thorough
 def test_a_million_samples_take_as_long_as_a_few_transforms():
     """About four; direct summation takes as long as a hundred thousand. One is 0.04 s."""
     values = np.random.default_rng(3).standard_normal(999_983)  # a prime: the FFT's worst case
-    found = fractional_difference(values, -0.5)
+    difference = fractional_difference(values, -0.5)
     assert in_transforms(lambda: fractional_difference(values, -0.5), values.size) < 15.0
     # The last sample, by direct summation over the whole record.
     direct = fractional_weights(-0.5, values.size) @ values[::-1]
-    assert found[-1] == pytest.approx(direct, rel=1e-10)
+    assert difference[-1] == pytest.approx(direct, rel=1e-10)
 
 
 def test_kept_weights_do_not_leak_between_orders_and_lengths():

@@ -22,10 +22,10 @@ NOISES = [
 @pytest.mark.parametrize("lag", [0, 1, 7])
 def test_samples_have_the_autocovariance(noise: MeasurementNoise, lag: int) -> None:
     series = noise.sample(COUNT, np.random.default_rng(4))
-    found = np.mean(series[: COUNT - lag] * series[lag:])
+    result = np.mean(series[: COUNT - lag] * series[lag:])
     expected = noise.autocovariance(lag, 1_000, 3)
     assert expected.shape == (3,)
-    assert found == pytest.approx(expected[0], abs=0.03 * noise.std**2)
+    assert result == pytest.approx(expected[0], abs=0.03 * noise.std**2)
 
 
 @pytest.mark.parametrize("noise", NOISES, ids=repr)
@@ -42,7 +42,7 @@ def test_the_moving_average_has_the_autocovariance_of_a_record_that_begins(
 @pytest.mark.parametrize("noise", NOISES, ids=repr)
 def test_another_size_is_the_same_noise_larger(noise: MeasurementNoise) -> None:
     louder = noise.with_std(2.0 * noise.std)
-    once, twice = (one.sample(50, np.random.default_rng(1)) for one in (noise, louder))
+    once, twice = (item.sample(50, np.random.default_rng(1)) for item in (noise, louder))
     np.testing.assert_allclose(twice, 2.0 * once, rtol=1e-12)
 
 

@@ -20,14 +20,14 @@ RUNS = 500
 def test_estimates_are_centred_and_their_errors_cover(order, bandwidth):
     rng = np.random.default_rng([31, int(10 * order + 10), bandwidth or 0])
     records = 1.7 * fractional_difference(rng.standard_normal((4000, RUNS)), order) + 9.81
-    found = [estimate_long_memory(record.copy(), bandwidth=bandwidth) for record in records.T]
-    order_scores = np.array([(one.order - order) / one.order_error for one in found])
-    std_scores = np.array([(one.std - 1.7) / one.std_error for one in found])
+    results = [estimate_long_memory(record.copy(), bandwidth=bandwidth) for record in records.T]
+    order_scores = np.array([(result.order - order) / result.order_error for result in results])
+    std_scores = np.array([(result.std - 1.7) / result.std_error for result in results])
     # The periodogram's own bias is of the order of log(m)/sqrt(m): a fifth of a standard error at most.
     for scores in (order_scores, std_scores):
         assert abs(scores.mean()) < 0.2 + 4.0 / np.sqrt(RUNS)
         assert scores.std() == pytest.approx(1.0, abs=0.03 + 4.0 / np.sqrt(2.0 * RUNS))
-    covered = np.mean([low <= order <= high for low, high in (one.order_interval() for one in found)])
+    covered = np.mean([low <= order <= high for low, high in (result.order_interval() for result in results)])
     assert abs(covered - 0.95) < 0.01 + 3.5 * np.sqrt(0.95 * 0.05 / RUNS)
 
 
@@ -45,10 +45,10 @@ def test_errors_are_those_of_the_theory():
 
 def test_unit_and_mean_do_not_matter():
     values = FractionalNoise(0.02, -0.4).sample(3000, np.random.default_rng(6))
-    one, other = estimate_long_memory(values), estimate_long_memory(1e3 * values + 5.0)
-    assert other.order == pytest.approx(one.order, abs=1e-9)
-    assert other.std == pytest.approx(1e3 * one.std, rel=1e-9)
-    assert one.memory == -one.order
+    memory, other = estimate_long_memory(values), estimate_long_memory(1e3 * values + 5.0)
+    assert other.order == pytest.approx(memory.order, abs=1e-9)
+    assert other.std == pytest.approx(1e3 * memory.std, rel=1e-9)
+    assert memory.memory == -memory.order
 
 
 def test_short_memory_at_high_frequencies_is_left_out():
@@ -65,9 +65,9 @@ def test_short_memory_at_high_frequencies_is_left_out():
 
 def test_noise_to_declare():
     record = fractional_difference(np.random.default_rng(3).standard_normal(2000), -0.7)
-    found = estimate_long_memory(record)
-    assert found.order < -0.5
-    assert found.noise() == FractionalNoise(found.std, found.order)
+    memory = estimate_long_memory(record)
+    assert memory.order < -0.5
+    assert memory.noise() == FractionalNoise(memory.std, memory.order)
 
 
 @pytest.mark.thorough
@@ -75,9 +75,9 @@ def test_a_million_samples_take_as_long_as_a_few_transforms():
     """About six, of 0.04 s each."""
     rng = np.random.default_rng(0)
     values = FractionalNoise(1.0, -0.5).sample(999_983, rng)  # a prime: the FFT's worst case
-    found = estimate_long_memory(values)
+    memory = estimate_long_memory(values)
     assert in_transforms(lambda: estimate_long_memory(values), values.size) < 20.0
-    assert abs(found.order + 0.5) < 5.0 * found.order_error
+    assert abs(memory.order + 0.5) < 5.0 * memory.order_error
 
 
 @pytest.mark.parametrize(

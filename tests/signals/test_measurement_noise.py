@@ -34,8 +34,8 @@ def direct(order: float, lag: int, start: int, count: int) -> np.ndarray:
     count=st.integers(1, 40),
 )
 def test_fractional_autocovariance_is_the_double_sum(order, lag, start, count):
-    found = FractionalNoise(2.0, order).autocovariance(lag, start, count)
-    np.testing.assert_allclose(found, 4.0 * direct(order, lag, start, count), rtol=1e-11, atol=1e-14)
+    autocovariance = FractionalNoise(2.0, order).autocovariance(lag, start, count)
+    np.testing.assert_allclose(autocovariance, 4.0 * direct(order, lag, start, count), rtol=1e-11, atol=1e-14)
 
 
 @pytest.mark.parametrize("lag", [0, 3, 11])
@@ -55,8 +55,8 @@ def test_growth_across_the_border_of_real_blocks():
     lag, order = 4, -0.4
     weights = fractional_weights(order, border + 40)
     whole = np.cumsum(weights[: border + 20] * weights[lag : border + 20 + lag])
-    found = GrowthTable(order, lag).stretch(border - 10, 25)
-    np.testing.assert_allclose(found, whole[border - 10 : border + 15], rtol=1e-10)
+    stretch = GrowthTable(order, lag).stretch(border - 10, 25)
+    np.testing.assert_allclose(stretch, whole[border - 10 : border + 15], rtol=1e-10)
 
 
 @pytest.mark.parametrize(("order", "lag"), [(-0.5, 0), (-0.4, 3), (0.4, 1)])
@@ -124,8 +124,8 @@ def test_half_derivative_of_a_ramp():
     """The half-derivative of t at t = 1 is 2 / sqrt(pi)."""
     step = 1e-5
     ramp = step * np.arange(100_001)
-    found = fractional_difference(ramp, 0.5)[-1] / np.sqrt(step)
-    assert found == pytest.approx(2.0 / np.sqrt(np.pi), rel=1e-5)
+    result = fractional_difference(ramp, 0.5)[-1] / np.sqrt(step)
+    assert result == pytest.approx(2.0 / np.sqrt(np.pi), rel=1e-5)
 
 
 @pytest.mark.parametrize("noise", [WhiteNoise(0.3), FractionalNoise(0.3, -0.4), FractionalNoise(0.3, 0.5)])
@@ -141,9 +141,9 @@ def test_sampled_noise_has_its_autocovariance(noise):
 
 @pytest.mark.parametrize("noise", [WhiteNoise(0.3), FractionalNoise(0.3, -0.5)])
 def test_another_std_scales_every_sample(noise):
-    one = noise.sample(50, np.random.default_rng(5))
+    sample = noise.sample(50, np.random.default_rng(5))
     other = noise.with_std(0.9).sample(50, np.random.default_rng(5))
-    np.testing.assert_allclose(other, 3.0 * one, rtol=1e-12)
+    np.testing.assert_allclose(other, 3.0 * sample, rtol=1e-12)
     assert noise.with_std(0.9).std == 0.9
     assert noise.with_std(noise.std) == noise
     np.testing.assert_array_equal(noise.with_std(0.0).sample(50, np.random.default_rng(5)), 0.0)

@@ -43,20 +43,22 @@ def test_cleaning_is_the_naive_walk_through_the_samples(stamps, seed):
             backward += 1
     time = np.array(stamps, dtype=float)
     before = (time.copy(), values.copy())
-    found = clean_channel("velocity_z", time, values, "m/s", overflowed=2, saturated=3)
-    np.testing.assert_array_equal(found.time_s, time[kept])
-    np.testing.assert_array_equal(found.values, np.where(np.isfinite(values[kept]), values[kept], np.nan))
-    assert found.quality.duplicated_stamps == duplicated
-    assert found.quality.backward_stamps == backward
-    assert found.quality.missing_values == int((~np.isfinite(values[kept])).sum())
-    assert (found.quality.overflowed, found.quality.saturated) == (2, 3)
+    result = clean_channel("velocity_z", time, values, "m/s", overflowed=2, saturated=3)
+    np.testing.assert_array_equal(result.time_s, time[kept])
+    np.testing.assert_array_equal(result.values, np.where(np.isfinite(values[kept]), values[kept], np.nan))
+    assert result.quality.duplicated_stamps == duplicated
+    assert result.quality.backward_stamps == backward
+    assert result.quality.missing_values == int((~np.isfinite(values[kept])).sum())
+    assert (result.quality.overflowed, result.quality.saturated) == (2, 3)
     np.testing.assert_array_equal(time, before[0])
     np.testing.assert_array_equal(values, before[1])
 
 
 def test_cleaning_keeps_the_first_of_a_repeated_stamp():
-    found = clean_channel("velocity_z", np.array([0.0, 1.0, 1.0, 2.0]), np.array([1.0, 2.0, 3.0, 4.0]), "m/s")
-    np.testing.assert_array_equal(found.values, [1.0, 2.0, 4.0])
+    result = clean_channel(
+        "velocity_z", np.array([0.0, 1.0, 1.0, 2.0]), np.array([1.0, 2.0, 3.0, 4.0]), "m/s"
+    )
+    np.testing.assert_array_equal(result.values, [1.0, 2.0, 4.0])
 
 
 @pytest.mark.parametrize("stamps", [[0.0, 1.0, 1.0], [0.0, 2.0, 1.0], [0.0, np.nan], [0.0, np.inf]])
@@ -81,9 +83,9 @@ def test_rate_is_steps_over_span(time, rate):
 
 def test_gaps_are_long_in_median_steps_and_in_seconds():
     time = np.concatenate([np.arange(0.0, 1.0, 0.01), np.arange(1.06, 2.0, 0.01), np.arange(2.5, 3.0, 0.01)])
-    found = channel(time).gaps()
-    assert len(found) == 1
-    assert found[0] == pytest.approx((1.99, 2.5), abs=1e-9)
+    gaps = channel(time).gaps()
+    assert len(gaps) == 1
+    assert gaps[0] == pytest.approx((1.99, 2.5), abs=1e-9)
     assert len(channel(time).gaps(at_least_s=0.01)) == 2
     assert channel([]).gaps() == []
     assert channel([1.0]).gaps() == []
@@ -94,8 +96,8 @@ def test_families_are_in_the_order_of_their_numbers():
     names = ["rotor_command_10", "rotor_command_2", "rotor_command_1", "rotor_command_x", "input"]
     log = Recording("log", "frame", {name: channel([0.0, 1.0], name=name) for name in names})
     ordered = ["rotor_command_1", "rotor_command_2", "rotor_command_10"]
-    for asked in ("rotor_command", "rotor_command_", "rotor_command_*"):
-        assert [c.name for c in log.family(asked)] == ordered
+    for item in ("rotor_command", "rotor_command_", "rotor_command_*"):
+        assert [c.name for c in log.family(item)] == ordered
     assert [c.name for c in log.family("rotor_command_2")] == ["rotor_command_2"]
     assert log.family("rotor_speed") == []
     signals = Signals(10.0, {name: np.full(3, float(i)) for i, name in enumerate(names)})

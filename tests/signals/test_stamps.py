@@ -34,15 +34,15 @@ def test_stamps_that_err_are_evened_and_none_is_lost(step_s, error_s):
 def test_it_is_said():
     even, stamps = erring(0.004, 0.004)
     channel = clean_channel("velocity_z", stamps, np.sin(even), "m/s")
-    (found,) = channel_findings({"velocity_z": channel})
-    assert found.name == "time_stamps"
-    assert "evened: velocity_z 10000" in found.message
+    (findings,) = channel_findings({"velocity_z": channel})
+    assert findings.name == "time_stamps"
+    assert "evened: velocity_z 10000" in findings.message
 
 
 def test_a_pause_stays():
     even, stamps = erring(0.004, 0.004)
-    found = evened(stamps + np.where(even > 20.0, 3.0, 0.0))
-    assert np.diff(found).max() == pytest.approx(3.0, abs=0.02)
+    result = evened(stamps + np.where(even > 20.0, 3.0, 0.0))
+    assert np.diff(result).max() == pytest.approx(3.0, abs=0.02)
 
 
 def test_stamps_that_are_in_order_stay_however_uneven():

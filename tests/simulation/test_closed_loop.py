@@ -83,8 +83,8 @@ def test_flight_is_that_of_an_independent_integration(index):
     for k in range(met["gust"].size):
         w, z, v = state
         force = K_u * met["cos_tilt"][k] * w**2 - K * (v - met["gust"][k])
-        found = (motion.rotor_state, motion.position, motion.velocity, motion.specific_force)
-        ours = [column[k, index] for column in found]
+        results = (motion.rotor_state, motion.position, motion.velocity, motion.specific_force)
+        ours = [column[k, index] for column in results]
         np.testing.assert_allclose(ours, [w, z, v, force], rtol=1e-9, atol=1e-8)
         wanted = met["reference_velocity"][k]
         wanted += gains["position_gain"] * (met["reference_position"][k] - z - met["position_noise"][k])

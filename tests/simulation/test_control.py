@@ -17,8 +17,8 @@ from eivor.lab.records import (
     SMALL,
     AltitudeControl,
     Control,
+    DisturbanceRoute,
     OpenLoop,
-    Route,
     Scenario,
     VelocityControl,
     driven_motion,
@@ -28,7 +28,7 @@ from eivor.lab.records import (
     simulate,
 )
 from eivor.signals.noise import FractionalNoise, WhiteNoise
-from eivor.simulation.excitation import GivenSeries, Steps, WhiteDisturbance, WhiteExcitation
+from eivor.simulation.excitation import GivenSeries, SteppedExcitation, WhiteDisturbance, WhiteExcitation
 
 K, K_U, T = 0.293, 0.021, 0.2
 VELOCITY = VelocityControl(15.0, 4.0)
@@ -44,7 +44,7 @@ NOISY = replace(
         "position_z": FractionalNoise(0.05, -0.2),
     },
     disturbance=WhiteDisturbance(0.05),
-    route=Route.DYNAMICS,
+    route=DisturbanceRoute.DYNAMICS,
 )
 
 
@@ -53,7 +53,7 @@ def rng(seed: int = 1) -> np.random.Generator:
 
 
 @pytest.mark.parametrize("control", CONTROLS, ids=str)
-@pytest.mark.parametrize("route", list(Route))
+@pytest.mark.parametrize("route", list(DisturbanceRoute))
 @pytest.mark.parametrize("friction", [0.0, K])
 def test_loop_is_that_of_a_flight_controller(control, route, friction):
     """Sample by sample, in the order in which a controller computes; motion between samples by expm."""
@@ -61,8 +61,8 @@ def test_loop_is_that_of_a_flight_controller(control, route, friction):
     if isinstance(control, AltitudeControl):
         noise["position_z"] = NOISY.noise["position_z"]
     scenario = replace(NOISY, viscous_friction=friction, control=control, noise=noise, route=route)
-    found = simulate(scenario, rng())
-    truth, signals = found.truth.channels, found.signals.channels
+    result = simulate(scenario, rng())
+    truth, signals = result.truth.channels, result.signals.channels
     errors = {name: signals[name] - truth[name] for name in noise}
     flow = expm(T * np.array([[-friction, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]]))
     velocity, altitude, total = 0.0, 0.0, 0.0
@@ -79,7 +79,7 @@ def test_loop_is_that_of_a_flight_controller(control, route, friction):
         assert truth["input"][k] == pytest.approx(u, abs=1e-9)
         force = K_U * u + disturbance[k]
         assert truth["acceleration_z"][k] == pytest.approx(force - friction * velocity, abs=1e-11)
-        push = K_U * u + (disturbance[k] if route is Route.DYNAMICS else 0.0)
+        push = K_U * u + (disturbance[k] if route is DisturbanceRoute.DYNAMICS else 0.0)
         velocity, altitude, _ = flow @ [velocity, altitude, push]
 
 
@@ -109,12 +109,14 @@ def test_step_is_the_matrix_exponentials(friction):
 @pytest.mark.parametrize("control", CONTROLS, ids=str)
 def test_causes_add(control):
     """The record is the sum of what reference, disturbance and measurement errors do alone."""
-    scenario = replace(QUIET, control=control, disturbance=WhiteDisturbance(0.05), route=Route.DYNAMICS)
+    scenario = replace(
+        QUIET, control=control, disturbance=WhiteDisturbance(0.05), route=DisturbanceRoute.DYNAMICS
+    )
     noise = {name: NOISY.noise[name] for name in scenario.measured}
     scenario = replace(scenario, noise=noise)
-    found = simulate(scenario, rng())
-    truth = found.truth.channels
-    errors = {name: found.signals.channels[name] - truth[name] for name in scenario.measured}
+    result = simulate(scenario, rng())
+    truth = result.truth.channels
+    errors = {name: result.signals.channels[name] - truth[name] for name in scenario.measured}
     feedback = control.feedback
     assert feedback is not None
     parts = [
@@ -145,13 +147,13 @@ def test_noise_of_what_is_fed_back_moves_the_vehicle(channel):
 
 def test_altitude_noise_is_declared_and_of_its_own_stream():
     """The others' realisations are those of a scenario without an altitude."""
-    silent = {name: noise for name, noise in NOISY.noise.items() if name != "position_z"}
-    with_altitude, without = simulate(NOISY, rng()), simulate(replace(NOISY, noise=silent), rng())
+    no_stage_callback = {name: noise for name, noise in NOISY.noise.items() if name != "position_z"}
+    with_altitude, without = simulate(NOISY, rng()), simulate(replace(NOISY, noise=no_stage_callback), rng())
     for name in ALWAYS_MEASURED:
-        one, other = (
-            found.signals.channel(name) - found.truth.channel(name) for found in (with_altitude, without)
+        item, other = (
+            entry.signals.channel(name) - entry.truth.channel(name) for entry in (with_altitude, without)
         )
-        np.testing.assert_allclose(one, other, atol=1e-12)
+        np.testing.assert_allclose(item, other, atol=1e-12)
     error = with_altitude.signals.channel("position_z") - with_altitude.truth.channel("position_z")
     np.testing.assert_allclose(error, NOISY.noise["position_z"].sample(150, rng().spawn(6)[5]), atol=1e-12)
     assert with_altitude.signals.noise["position_z"] == NOISY.noise["position_z"]
@@ -167,11 +169,11 @@ def test_altitude_noise_by_ratio():
 
 def test_altitude_follows_its_reference():
     """Without steady error, also against a constant push, since the velocity's errors are summed."""
-    steps = replace(QUIET, excitation=Steps((1.0,), 1e6), samples=1500)
-    found = simulate(steps, rng())
-    assert found.truth.channel("position_z")[-1] == pytest.approx(1.0, abs=1e-8)
-    assert found.truth.channel("position_z")[0] == 0.0
-    np.testing.assert_array_equal(found.signals.channel("reference_position_z"), 1.0)
+    steps = replace(QUIET, excitation=SteppedExcitation((1.0,), 1e6), samples=1500)
+    result = simulate(steps, rng())
+    assert result.truth.channel("position_z")[-1] == pytest.approx(1.0, abs=1e-8)
+    assert result.truth.channel("position_z")[0] == 0.0
+    np.testing.assert_array_equal(result.signals.channel("reference_position_z"), 1.0)
     pushed = pushed_motion(steps, np.full(1500, 0.3))
     assert pushed.altitude is not None
     assert pushed.altitude[-1] == pytest.approx(0.0, abs=1e-7)
@@ -187,10 +189,10 @@ def test_altitude_follows_its_reference():
     ],
 )
 def test_records_have_what_their_control_needs(control, channels):
-    found = simulate(replace(QUIET, control=control), rng())
-    assert set(found.signals.channels) == set(channels)
-    assert set(found.truth.channels) == {*channels, "disturbance"}
-    assert set(found.signals.noise) == set(channels)
+    result = simulate(replace(QUIET, control=control), rng())
+    assert set(result.signals.channels) == set(channels)
+    assert set(result.truth.channels) == {*channels, "disturbance"}
+    assert set(result.signals.noise) == set(channels)
 
 
 def test_velocity_control_is_altitude_control_that_does_not_look():
@@ -255,8 +257,10 @@ def test_grid_of_loops_holds_both_kinds():
     ids=str,
 )
 def test_unstable_loops_are_refused(control):
-    said = r"loop is stable.*received (Velocity|Altitude)Control\(.*at input_gain=0.021 and 5 Hz.*a factor of"
-    with pytest.raises(ParameterError, match=said):
+    sentence = (
+        r"loop is stable.*received (Velocity|Altitude)Control\(.*at input_gain=0.021 and 5 Hz.*a factor of"
+    )
+    with pytest.raises(ParameterError, match=sentence):
         replace(QUIET, control=control)
 
 

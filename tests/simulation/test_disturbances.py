@@ -73,7 +73,7 @@ STATIONARY = [
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("disturbance", STATIONARY, ids=lambda one: type(one).__name__)
+@pytest.mark.parametrize("disturbance", STATIONARY, ids=lambda item: type(item).__name__)
 def test_variance_is_that_of_the_first_and_of_the_last_sample(disturbance):
     series = realisations(disturbance, 60, 1500)
     assert disturbance.variance is not None
@@ -95,7 +95,7 @@ EVERY = [
 ]
 
 
-@pytest.mark.parametrize("disturbance", EVERY, ids=lambda one: type(one).__name__)
+@pytest.mark.parametrize("disturbance", EVERY, ids=lambda item: type(item).__name__)
 @pytest.mark.parametrize("count", [1, 2, 3, 500])
 def test_same_generator_same_series(disturbance, count):
     series = disturbance.sample(count, STEP_S, rng(5))
@@ -221,9 +221,9 @@ def test_several_bilinear_terms_follow_their_recursion():
 
 def test_one_bilinear_term_of_a_sum_is_bilinear():
     alone, summed = Bilinear(0.5, 3, 1, 0.8), BilinearSum((BilinearTerm(0.5, 3, 1),), 0.8)
-    one, other = (np.mean(realisations(each, 300, 300) ** 2) for each in (alone, summed))
-    assert one == pytest.approx(other, rel=0.05)
-    assert one == pytest.approx(alone.variance, rel=0.05)
+    item, other = (np.mean(realisations(each, 300, 300) ** 2) for each in (alone, summed))
+    assert item == pytest.approx(other, rel=0.05)
+    assert item == pytest.approx(alone.variance, rel=0.05)
 
 
 def test_a_series_of_ones_own_is_taken_as_it_is():
@@ -235,12 +235,12 @@ def test_a_series_of_ones_own_is_taken_as_it_is():
 
 def test_coefficients_of_ones_own_make_the_recursion():
     """The same coefficients by a sinusoid, by its values, and as a sum of its halves."""
-    course = CoefficientCourse(mean=0.2, amplitude=0.6, cycles=3.0)
-    given = GivenCourse(tuple(course.values(200).tolist()))
+    trend = CoefficientCourse(mean=0.2, amplitude=0.6, cycles=3.0)
+    given = GivenCourse(tuple(trend.values(200).tolist()))
     half = CoefficientCourse(mean=0.1, amplitude=0.3, cycles=3.0)
     series = [
-        TimeVaryingArma(1.0, (one,), (one,)).sample(200, STEP_S, rng())
-        for one in (course, given, SumOfCourses((half, half)))
+        TimeVaryingArma(1.0, (item,), (item,)).sample(200, STEP_S, rng())
+        for item in (trend, given, SumOfCourses((half, half)))
     ]
     np.testing.assert_allclose(series[1], series[0], rtol=1e-12)
     np.testing.assert_allclose(series[2], series[0], rtol=1e-10)
@@ -331,9 +331,9 @@ def test_papers_first_coefficient_has_mean_zero_and_its_second_mean_three():
 
 def test_parts_of_a_sum_keep_to_themselves():
     """A part's realisation does not depend on what stands before it."""
-    one = SumOfDisturbances((Trend((0.0,)), WhiteDisturbance(1.0))).sample(20, STEP_S, rng())
+    sample = SumOfDisturbances((Trend((0.0,)), WhiteDisturbance(1.0))).sample(20, STEP_S, rng())
     other = SumOfDisturbances((Arma(0.0, (0.5,)), WhiteDisturbance(1.0))).sample(20, STEP_S, rng())
-    np.testing.assert_array_equal(one, other)
+    np.testing.assert_array_equal(sample, other)
 
 
 def test_adversary_is_at_its_bounds_and_in_every_band():

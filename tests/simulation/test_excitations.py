@@ -16,7 +16,7 @@ from eivor.simulation.excitation import (
     PseudoRandomBinary,
     RandomSteps,
     ScaledExcitation,
-    Steps,
+    SteppedExcitation,
     WhiteExcitation,
     maximal_sequence,
 )
@@ -114,9 +114,9 @@ def test_binary_sequence_is_held_and_shifted():
 
 
 def test_steps_come_in_their_order():
-    series = sampled(Steps((1.0, -1.0, 0.5), 0.6), 12)
+    series = sampled(SteppedExcitation((1.0, -1.0, 0.5), 0.6), 12)
     np.testing.assert_array_equal(series, np.repeat([1.0, -1.0, 0.5, 1.0], 3))
-    np.testing.assert_array_equal(sampled(Steps((1.0, 2.0), 0.3), 6), [1, 1, 2, 1, 1, 2])
+    np.testing.assert_array_equal(sampled(SteppedExcitation((1.0, 2.0), 0.3), 6), [1, 1, 2, 1, 1, 2])
 
 
 def test_random_steps_have_their_levels_and_times():
@@ -142,7 +142,7 @@ def test_scaled_has_its_std_exactly():
     assert series.std() == pytest.approx(0.044, rel=1e-12)
     np.testing.assert_allclose(series / series[0], sampled(PaperInput(1.0)) / sampled(PaperInput(1.0))[0])
     with pytest.raises(ParameterError, match=r"a series that varies.*received a constant one"):
-        sampled(ScaledExcitation(Steps((1.0,), 1.0), 1.0))
+        sampled(ScaledExcitation(SteppedExcitation((1.0,), 1.0), 1.0))
 
 
 @pytest.mark.parametrize(
@@ -163,8 +163,8 @@ def test_scaled_has_its_std_exactly():
         (lambda: PseudoRandomBinary(1.0, 5, 0), "hold of 1 or more"),
         (lambda: RandomSteps(0.2, 2.0, 1.0), "a shortest_s up to longest_s"),
         (lambda: RandomSteps(0.2, 0.0), "a finite shortest_s above zero"),
-        (lambda: Steps((), 1.0), "one or more levels"),
-        (lambda: Steps((1.0,), 0.0), "a finite dwell_s above zero"),
+        (lambda: SteppedExcitation((), 1.0), "one or more levels"),
+        (lambda: SteppedExcitation((1.0,), 0.0), "a finite dwell_s above zero"),
         (lambda: GivenSeries(()), "one or more values"),
         (lambda: GivenSeries((1.0, float("inf"))), "a finite value"),
         (lambda: ScaledExcitation(PaperInput(), -1.0), "a finite std of zero or more"),

@@ -25,20 +25,20 @@ def reference(kind: TrajectoryKind, *, seed: int = 1, count: int = 6000, vigour:
 
 @pytest.mark.parametrize("kind", list(TrajectoryKind))
 def test_reference_and_its_derivatives_belong_together(kind):
-    flown = reference(kind)
+    flight = reference(kind)
     np.testing.assert_allclose(
-        np.gradient(flown.position, STEP_S)[1:-1], flown.velocity[1:-1], rtol=0.0, atol=5e-3
+        np.gradient(flight.position, STEP_S)[1:-1], flight.velocity[1:-1], rtol=0.0, atol=5e-3
     )
     np.testing.assert_allclose(
-        np.gradient(flown.velocity, STEP_S)[1:-1], flown.acceleration[1:-1], rtol=0.0, atol=5e-2
+        np.gradient(flight.velocity, STEP_S)[1:-1], flight.acceleration[1:-1], rtol=0.0, atol=5e-2
     )
 
 
 @pytest.mark.parametrize("kind", [TrajectoryKind.STEPS, TrajectoryKind.MULTISINE, TrajectoryKind.CHIRP])
 @pytest.mark.parametrize("seed", range(5))
 def test_excitation_reaches_a_limit_and_passes_none(kind, seed):
-    flown = reference(kind, seed=seed)
-    speed, acceleration = np.abs(flown.velocity).max(), np.abs(flown.acceleration).max()
+    flight = reference(kind, seed=seed)
+    speed, acceleration = np.abs(flight.velocity).max(), np.abs(flight.acceleration).max()
     assert speed <= 2.2 + 1e-9
     assert acceleration <= 4.0 + 1e-9
     assert speed >= 1.6 - 1e-9 or acceleration >= 3.0 - 1e-9

@@ -88,39 +88,39 @@ def told_the_delay(spec: VerticalFlightSpec, method: str) -> dict[str, float]:
 def test_every_method_recovers_the_parameters_from_the_actual_rotor_state(method, spec):
     recording = actual_state_recording(flights()[spec])
     exact = {"velocity_z": 0.0, "rotor_speed_1": 0.0} if method == "bias_compensated_least_squares" else None
-    found = identify_flight(recording, FlightOptions(method=method, noise=exact)).quantities
+    quantities = identify_flight(recording, FlightOptions(method=method, noise=exact)).quantities
     tolerance = SPECTRAL if method in WHITENED else EXACT
-    assert found["viscous_friction"].value == pytest.approx(spec.viscous_friction, rel=tolerance)
-    assert found["input_gain"].value == pytest.approx(spec.input_gain, rel=tolerance)
+    assert quantities["viscous_friction"].value == pytest.approx(spec.viscous_friction, rel=tolerance)
+    assert quantities["input_gain"].value == pytest.approx(spec.input_gain, rel=tolerance)
     # The velocity's derivative carries the balance, hence the difference quotient's error.
-    assert found["hover_input"].value == pytest.approx(spec.hover_input, rel=1e-4)
+    assert quantities["hover_input"].value == pytest.approx(spec.hover_input, rel=1e-4)
 
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("spec", LEVEL, ids=lambda spec: f"lag {spec.actuator_lag}")
 @pytest.mark.parametrize("method", [name for name in TABLE if name not in WHITENED])
 def test_method_told_the_delay_recovers_the_lag_from_commands(method, spec):
-    found = told_the_delay(spec, method)
-    assert found["actuator_lag"] == pytest.approx(spec.actuator_lag, abs=1e-5)
-    assert found["viscous_friction"] == pytest.approx(spec.viscous_friction, rel=1e-3)
-    assert found["input_gain"] == pytest.approx(spec.input_gain, rel=1e-3)
+    delay = told_the_delay(spec, method)
+    assert delay["actuator_lag"] == pytest.approx(spec.actuator_lag, abs=1e-5)
+    assert delay["viscous_friction"] == pytest.approx(spec.viscous_friction, rel=1e-3)
+    assert delay["input_gain"] == pytest.approx(spec.input_gain, rel=1e-3)
 
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("spec", QUIET, ids=lambda spec: str(spec.trajectory))
 def test_recipe_told_the_delay_recovers_the_lag_from_commands(spec):
-    found = told_the_delay(spec, "reference_iv")
+    delay = told_the_delay(spec, "reference_iv")
     tolerance = 1.5e-3 if spec.actuator_lag < STEP_S else 2e-4
-    assert found["actuator_lag"] == pytest.approx(spec.actuator_lag, abs=tolerance)
-    assert found["viscous_friction"] == pytest.approx(spec.viscous_friction, rel=SPECTRAL)
-    assert found["input_gain"] == pytest.approx(spec.input_gain, rel=SPECTRAL)
+    assert delay["actuator_lag"] == pytest.approx(spec.actuator_lag, abs=tolerance)
+    assert delay["viscous_friction"] == pytest.approx(spec.viscous_friction, rel=SPECTRAL)
+    assert delay["input_gain"] == pytest.approx(spec.input_gain, rel=SPECTRAL)
 
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("spec", FAINT, ids=lambda spec: str(spec.trajectory))
 def test_recipe_tells_the_delay_from_a_tenth_of_a_sensors_noise(spec):
-    found = identify_flight(flights()[spec].recording).quantities
-    assert found["delay"].value == spec.delay
-    assert found["effective_lag"].value == pytest.approx(spec.actuator_lag + spec.delay, abs=2.5e-3)
-    assert found["viscous_friction"].value == pytest.approx(spec.viscous_friction, rel=SPECTRAL)
-    assert found["input_gain"].value == pytest.approx(spec.input_gain, rel=SPECTRAL)
+    quantities = identify_flight(flights()[spec].recording).quantities
+    assert quantities["delay"].value == spec.delay
+    assert quantities["effective_lag"].value == pytest.approx(spec.actuator_lag + spec.delay, abs=2.5e-3)
+    assert quantities["viscous_friction"].value == pytest.approx(spec.viscous_friction, rel=SPECTRAL)
+    assert quantities["input_gain"].value == pytest.approx(spec.input_gain, rel=SPECTRAL)

@@ -123,8 +123,8 @@ def test_columns_that_are_refused(series, tmp_path, column, said):
 def test_columns_of_parquet_that_are_refused(series, tmp_path):
     holes = [1.0] * 59 + [None]
     table(flag=[True] * 60, hole=holes, nan=[np.nan] * 60).write_parquet(tmp_path / "mine.parquet")
-    for column, said in (("flag", "values of Boolean"), ("hole", "no value"), ("nan", "received nan")):
-        with pytest.raises(InputError, match=said):
+    for column, item in (("flag", "values of Boolean"), ("hole", "no value"), ("nan", "received nan")):
+        with pytest.raises(InputError, match=item):
             read_scenario(series("mine.parquet", column))
 
 
@@ -169,10 +169,10 @@ def test_a_study_depends_on_the_numbers_and_not_on_the_file(tmp_path):
     changed[59] += 1e-15
     table(u=changed).write_csv(tmp_path / "three.csv")
     names = {name: f'{{ file = "{name}", column = "u" }}' for name in ("one.csv", "two.parquet", "three.csv")}
-    found = {name: study_identity(tmp_path, values) for name, values in names.items()}
-    assert found["one.csv"] == found["two.parquet"] == study_identity(tmp_path, str(VALUES.tolist()))
-    assert found["one.csv"] == study_identity(tmp_path, '{ file = "two.parquet", column = "v" }')
-    assert found["three.csv"] != found["one.csv"]
+    results = {name: study_identity(tmp_path, values) for name, values in names.items()}
+    assert results["one.csv"] == results["two.parquet"] == study_identity(tmp_path, str(VALUES.tolist()))
+    assert results["one.csv"] == study_identity(tmp_path, '{ file = "two.parquet", column = "v" }')
+    assert results["three.csv"] != results["one.csv"]
 
 
 def test_a_file_of_a_scenario_that_a_study_names_is_beside_the_scenario(tmp_path):

@@ -14,7 +14,7 @@ from eivor.lab.scenario_files import SHIPPED, read_rigid_body_flight, shipped_ri
 from eivor.motions.identify import identify_flight
 from eivor.signals.noise import FractionalNoise, WhiteNoise
 from eivor.simulation.environment import TrajectoryKind
-from eivor.simulation.excitation import DrydenGust, RandomSteps, Steps
+from eivor.simulation.excitation import DrydenGust, RandomSteps, SteppedExcitation
 from eivor.simulation.rigid_body import simulate_rigid_body_flights
 from eivor.simulation.rigid_body_spec import AdaptiveSteps
 
@@ -77,7 +77,7 @@ def test_everything_is_read(file):
     assert flight.vehicle.drag.linear == (0.1, 0.1, 0.2)
     assert flight.attitude.roll == RandomSteps(0.2)
     assert flight.attitude.pitch is None
-    assert flight.injection.yaw == Steps((0.1, -0.1), 0.1)
+    assert flight.injection.yaw == SteppedExcitation((0.1, -0.1), 0.1)
     assert (flight.wind.steady, flight.wind.z) == ((1.0, 0.0, 0.0), DrydenGust(0.3, 3.0, 2.0))
     assert flight.sensors.angular_rate.noise == FractionalNoise(0.02, -0.2)
     assert flight.sensors.velocity.noise == WhiteNoise(0.05)
@@ -143,8 +143,11 @@ def test_their_vertical_motion_is_identified():
     for flight in flights:
         fit = identify_flight(flight.recording)
         accepted += fit.verdict.status.value == "identified"
-        told = flight.truth.parameters
-        for name, truth in (("viscous_friction", told.drag[2]), ("input_gain", 4.0 * told.thrust_gain)):
+        parameters = flight.truth.parameters
+        for name, truth in (
+            ("viscous_friction", parameters.drag[2]),
+            ("input_gain", 4.0 * parameters.thrust_gain),
+        ):
             low, high = fit.interval(name)
             held += low <= truth <= high
     assert accepted >= binom.ppf(chance, seeds, 0.9)

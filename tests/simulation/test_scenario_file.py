@@ -19,9 +19,9 @@ from eivor.lab.disturbances import (
 )
 from eivor.lab.records import (
     AltitudeControl,
+    DisturbanceRoute,
     Intersample,
     OpenLoop,
-    Route,
     Scenario,
     VelocityControl,
     simulate,
@@ -49,7 +49,7 @@ def test_what_is_left_out_has_the_scenarios_default(read):
 
 
 def test_everything_can_be_said(read):
-    found = read(
+    result = read(
         TRUTH
         + """
 rate_hz = 10
@@ -85,7 +85,7 @@ kind = "paper"
 ratio_to_signal = 0.5
 """
     )
-    assert found == Scenario(
+    assert result == Scenario(
         0.293,
         0.021,
         rate_hz=10.0,
@@ -99,7 +99,7 @@ ratio_to_signal = 0.5
         noise_to_signal={"velocity_z": 0.1},
         disturbance=paper_disturbance(),
         disturbance_to_signal=0.5,
-        route=Route.DYNAMICS,
+        route=DisturbanceRoute.DYNAMICS,
         control=AltitudeControl(0.4, 30.0, 5.0),
     )
     assert read(TRUTH + 'intersample = "linear"').intersample is Intersample.LINEAR
@@ -147,25 +147,25 @@ KINDS = [
 ]
 
 
-@pytest.mark.parametrize("route", [route.value for route in Route])
+@pytest.mark.parametrize("route", [route.value for route in DisturbanceRoute])
 @pytest.mark.parametrize(("section", "body"), KINDS, ids=[body.split('"')[1] for _, body in KINDS])
 def test_every_kind_simulates(read, section, body, route):
     """A disturbance moves the vehicle by the dynamics, and by the equation only shifts its response."""
     scenario = read(f'{TRUTH}samples = 100\nroute = "{route}"\n[{section}]\n{body}\n')
-    found = simulate(scenario, np.random.default_rng(1))
-    assert np.isfinite(found.signals.channel("acceleration_z")).all()
+    result = simulate(scenario, np.random.default_rng(1))
+    assert np.isfinite(result.signals.channel("acceleration_z")).all()
     calm = simulate(replace(scenario, disturbance=None), np.random.default_rng(1)).truth
-    moved = np.any(found.truth.channel("velocity_z") != calm.channel("velocity_z"))
+    moved = np.any(result.truth.channel("velocity_z") != calm.channel("velocity_z"))
     assert moved == (section == "disturbance" and route == "dynamics")
 
 
 def test_nested_values_arrive(read):
-    found = read(f"{TRUTH}[disturbance]\n{KINDS[3][1]}").disturbance
-    assert found == ThresholdMovingAverage((0.0,), ((0.1,), (0.9,)), delay=2)
-    found = read(f"{TRUTH}[disturbance]\n{KINDS[11][1]}").disturbance
-    assert found == SumOfDisturbances((paper_disturbance(), WhiteDisturbance(1.0)))
-    found = read(f"{TRUTH}[excitation]\n{KINDS[-1][1]}").excitation
-    assert found == GivenSeries((1.0, -1.0) * 60)
+    disturbance = read(f"{TRUTH}[disturbance]\n{KINDS[3][1]}").disturbance
+    assert disturbance == ThresholdMovingAverage((0.0,), ((0.1,), (0.9,)), delay=2)
+    disturbance = read(f"{TRUTH}[disturbance]\n{KINDS[11][1]}").disturbance
+    assert disturbance == SumOfDisturbances((paper_disturbance(), WhiteDisturbance(1.0)))
+    disturbance = read(f"{TRUTH}[excitation]\n{KINDS[-1][1]}").excitation
+    assert disturbance == GivenSeries((1.0, -1.0) * 60)
 
 
 CONTROL = "[control]\nkind='velocity'\nvelocity_gain=15\n"
@@ -234,7 +234,7 @@ WRONG = [
 ]
 
 
-@pytest.mark.parametrize(("text", "said"), WRONG, ids=[said[:40] for _, said in WRONG])
+@pytest.mark.parametrize(("text", "said"), WRONG, ids=[item[:40] for _, item in WRONG])
 def test_mistakes_are_told_with_their_place(read, text, said):
     with pytest.raises(InputError, match=f"(?s)Expected .*{said}") as caught:
         read(text)

@@ -35,17 +35,17 @@ def test_every_kind_has_a_row():
 @pytest.mark.thorough
 def test_examples_are_read_and_simulated(tmp_path):
     examples = re.findall(r"^```toml\n(.*?)^```", PAGE, flags=re.MULTILINE | re.DOTALL)
-    about_hover, courses, flight, whole = examples
+    about_hover, trends, flight, whole = examples
     path = tmp_path / "mine.toml"
     (tmp_path / "mine.csv").write_text("a1\n" + "0.5\n-0.5\n" * 50, encoding="utf-8")
-    path.write_text(f"viscous_friction = 0.3\ninput_gain = 0.02\nsamples = 100\n{courses}", encoding="utf-8")
+    path.write_text(f"viscous_friction = 0.3\ninput_gain = 0.02\nsamples = 100\n{trends}", encoding="utf-8")
     assert simulate(read_scenario(path), np.random.default_rng(0)).signals.sample_count == 100
     path.write_text(about_hover, encoding="utf-8")
     record = simulate(read_scenario(path), np.random.default_rng(0))
     assert record.signals.sample_count == 4000
     path.write_text(flight, encoding="utf-8")
-    (flown,) = simulate_vertical_flights([read_flight(path)])
-    assert flown.flew
+    (flights,) = simulate_vertical_flights([read_flight(path)])
+    assert flights.flew
     path.write_text(whole.replace("duration = 30.0", "duration = 2.0"), encoding="utf-8")
     (flight_of_all,) = simulate_rigid_body_flights([read_rigid_body_flight(path)])
     assert flight_of_all.flew

@@ -11,14 +11,21 @@ from scipy.integrate import solve_ivp
 
 from eivor.errors import ParameterError
 from eivor.lab.disturbances import Arma
-from eivor.lab.records import ALWAYS_MEASURED, Intersample, Route, Scenario, VelocityControl, simulate
+from eivor.lab.records import (
+    ALWAYS_MEASURED,
+    DisturbanceRoute,
+    Intersample,
+    Scenario,
+    VelocityControl,
+    simulate,
+)
 from eivor.motions.vertical.model import VerticalMotion
 from eivor.signals.noise import FractionalNoise, WhiteNoise
 from eivor.simulation.excitation import (
     GivenSeries,
     PaperInput,
     PseudoRandomBinary,
-    Steps,
+    SteppedExcitation,
     WhiteDisturbance,
     WhiteExcitation,
 )
@@ -72,7 +79,7 @@ def test_velocity_is_the_integrators(friction, intersample):
         intersample=intersample,
         excitation=WhiteExcitation(1.0),
         disturbance=WhiteDisturbance(0.02),
-        route=Route.DYNAMICS,
+        route=DisturbanceRoute.DYNAMICS,
     )
     truth = simulate(scenario, rng()).truth
     expected = integrated(scenario, truth.channel("input"), truth.channel("disturbance"))
@@ -86,15 +93,17 @@ def test_series_and_closed_form_of_the_step_agree(friction):
     scenario = replace(
         OPEN, viscous_friction=friction, samples=50, excitation=ramp, intersample=Intersample.LINEAR
     )
-    found = simulate(scenario, rng()).truth.channel("velocity_z")
+    channel = simulate(scenario, rng()).truth.channel("velocity_z")
     t, K = 0.2 * np.arange(50), friction
     with np.errstate(all="ignore"):
         exact = 0.021 * 5.0 * (t / K - (1.0 - np.exp(-K * t)) / K**2)
     close = 0.021 * 5.0 * (t**2 / 2 - K * t**3 / 6 + K**2 * t**4 / 24 - K**3 * t**5 / 120)
-    np.testing.assert_allclose(found, close if friction < 1e-3 else exact, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(channel, close if friction < 1e-3 else exact, rtol=1e-9, atol=1e-12)
 
 
-@pytest.mark.parametrize("scenario", [FULL, replace(FULL, route=Route.DYNAMICS), replace(FULL, **CONTROL)])
+@pytest.mark.parametrize(
+    "scenario", [FULL, replace(FULL, route=DisturbanceRoute.DYNAMICS), replace(FULL, **CONTROL)]
+)
 def test_truth_obeys_the_equation(scenario):
     truth = simulate(scenario, rng()).truth
     v, u, e = (truth.channel(name) for name in ("velocity_z", "input", "disturbance"))
@@ -103,7 +112,7 @@ def test_truth_obeys_the_equation(scenario):
 
 def test_constant_input_ends_in_steady_state():
     """Work in equals work lost: z'' = 0 and z' = K_u u / K."""
-    truth = simulate(replace(OPEN, excitation=Steps((2.0,), 1e6), samples=600), rng()).truth
+    truth = simulate(replace(OPEN, excitation=SteppedExcitation((2.0,), 1e6), samples=600), rng()).truth
     assert truth.channel("velocity_z")[-1] == pytest.approx(0.021 * 2.0 / 0.293, rel=1e-9)
     assert abs(truth.channel("acceleration_z")[-1]) < 1e-9
     assert truth.channel("velocity_z")[0] == 0.0
@@ -127,7 +136,7 @@ def test_routes_differ_as_they_should():
     """In the equation e shifts the response only; in the dynamics the velocity responds as to an input."""
     calm = simulate(replace(FULL, disturbance=None, disturbance_to_signal=None), rng()).truth
     shifted = simulate(FULL, rng()).truth
-    pushed = simulate(replace(FULL, route=Route.DYNAMICS), rng()).truth
+    pushed = simulate(replace(FULL, route=DisturbanceRoute.DYNAMICS), rng()).truth
     e = shifted.channel("disturbance")
     np.testing.assert_array_equal(pushed.channel("disturbance"), e)
     np.testing.assert_array_equal(shifted.channel("velocity_z"), calm.channel("velocity_z"))
@@ -140,33 +149,33 @@ def test_routes_differ_as_they_should():
     assert np.std(moved) > 0.01 * np.std(calm.channel("velocity_z"))
 
 
-@pytest.mark.parametrize("route", list(Route))
+@pytest.mark.parametrize("route", list(DisturbanceRoute))
 @pytest.mark.parametrize("control", [{}, CONTROL])
 def test_ratios_are_of_the_motion_without_noise(route, control):
     scenario = replace(FULL, route=route, **control)
-    found = simulate(scenario, rng())
+    result = simulate(scenario, rng())
     noiseless = simulate(replace(scenario, noise_to_signal=dict.fromkeys(RATIOS, 0.0)), rng()).truth
     undisturbed = simulate(
         replace(scenario, noise_to_signal={}, noise={}, disturbance=None, disturbance_to_signal=None), rng()
     ).truth
     response = undisturbed.channel("acceleration_z")
-    assert found.truth.channel("disturbance").std() == pytest.approx(0.3 * response.std(), rel=1e-12)
+    assert result.truth.channel("disturbance").std() == pytest.approx(0.3 * response.std(), rel=1e-12)
     for name, ratio in RATIOS.items():
         expected = NOISY[name].with_std(ratio * float(noiseless.channel(name).std()))
-        assert found.signals.noise[name].std == pytest.approx(expected.std, rel=1e-12)
-        assert type(found.signals.noise[name]) is type(expected)
+        assert result.signals.noise[name].std == pytest.approx(expected.std, rel=1e-12)
+        assert type(result.signals.noise[name]) is type(expected)
 
 
 @pytest.mark.parametrize("control", [{}, CONTROL])
 def test_measured_is_true_plus_declared(control):
     """Each error, divided by its declared std, is the unit noise of its own stream."""
-    found = simulate(replace(FULL, **control), rng())
+    result = simulate(replace(FULL, **control), rng())
     streams = rng().spawn(5)
     for name, stream in zip(ALWAYS_MEASURED, streams[2:], strict=True):
-        error = found.signals.channel(name) - found.truth.channel(name)
-        declared = found.signals.noise[name]
+        error = result.signals.channel(name) - result.truth.channel(name)
+        declared = result.signals.noise[name]
         np.testing.assert_allclose(error, declared.sample(200, stream), atol=1e-12)
-    assert found.parameters == {"viscous_friction": 0.293, "input_gain": 0.021}
+    assert result.parameters == {"viscous_friction": 0.293, "input_gain": 0.021}
 
 
 def test_absolute_std_is_kept_and_silence_declared():
@@ -181,10 +190,10 @@ def test_absolute_std_is_kept_and_silence_declared():
 
 def test_noise_by_ratio_alone_is_white():
     scenario = replace(OPEN, noise_to_signal={"input": 0.1})
-    found = simulate(scenario, rng())
-    std = 0.1 * float(found.truth.channel("input").std())
-    assert isinstance(found.signals.noise["input"], WhiteNoise)
-    assert found.signals.noise["input"].std == pytest.approx(std)
+    result = simulate(scenario, rng())
+    std = 0.1 * float(result.truth.channel("input").std())
+    assert isinstance(result.signals.noise["input"], WhiteNoise)
+    assert result.signals.noise["input"].std == pytest.approx(std)
 
 
 CHANGES = [
@@ -201,11 +210,11 @@ def test_changing_one_source_leaves_the_others(changed, change):
     """Realisations in units of their own std, since ratios make sizes depend on each other."""
 
     def sources(scenario: Scenario) -> dict[str, np.ndarray]:
-        found = simulate(scenario, rng())
-        errors = {name: found.signals.channel(name) - found.truth.channel(name) for name in ALWAYS_MEASURED}
+        result = simulate(scenario, rng())
+        errors = {name: result.signals.channel(name) - result.truth.channel(name) for name in ALWAYS_MEASURED}
         errors |= {
-            "excitation": found.truth.channel("input"),
-            "disturbance": found.truth.channel("disturbance"),
+            "excitation": result.truth.channel("input"),
+            "disturbance": result.truth.channel("disturbance"),
         }
         return {name: values / values.std() for name, values in errors.items()}
 
@@ -216,20 +225,20 @@ def test_changing_one_source_leaves_the_others(changed, change):
 
 
 def test_same_generator_same_record_and_the_next_another():
-    one, other = simulate(FULL, rng()).signals, simulate(FULL, rng()).signals
+    signals, other = simulate(FULL, rng()).signals, simulate(FULL, rng()).signals
     stream = rng()
     simulate(FULL, stream)
     following = simulate(FULL, stream).signals
     for name in ALWAYS_MEASURED:
-        np.testing.assert_array_equal(one.channel(name), other.channel(name))
-        assert not np.array_equal(one.channel(name), following.channel(name))
+        np.testing.assert_array_equal(signals.channel(name), other.channel(name))
+        assert not np.array_equal(signals.channel(name), following.channel(name))
 
 
-@pytest.mark.parametrize("route", list(Route))
+@pytest.mark.parametrize("route", list(DisturbanceRoute))
 def test_control_is_its_recursion(route):
     """Sample by sample: u = P d + I T sum(d), d = r - measured velocity."""
-    found = simulate(replace(FULL, route=route, **CONTROL), rng())
-    truth, signals = found.truth, found.signals
+    result = simulate(replace(FULL, route=route, **CONTROL), rng())
+    truth, signals = result.truth, result.signals
     r, e = truth.channel("reference_velocity_z"), truth.channel("disturbance")
     error = signals.channel("velocity_z") - truth.channel("velocity_z")
     a = np.exp(-0.293 * 0.2)
@@ -241,22 +250,22 @@ def test_control_is_its_recursion(route):
         total += d
         u = 15.0 * d + 4.0 * 0.2 * total
         assert truth.channel("input")[k] == pytest.approx(u, abs=1e-10)
-        v = a * v + H * (0.021 * u + (e[k] if route is Route.DYNAMICS else 0.0))
+        v = a * v + H * (0.021 * u + (e[k] if route is DisturbanceRoute.DYNAMICS else 0.0))
 
 
 def test_control_follows_its_reference():
-    scenario = replace(OPEN, excitation=Steps((1.0,), 1e6), samples=400, **CONTROL)
-    found = simulate(scenario, rng())
-    assert found.truth.channel("velocity_z")[-1] == pytest.approx(1.0, abs=1e-6)
-    np.testing.assert_array_equal(found.signals.channel("reference_velocity_z"), 1.0)
-    assert found.signals.noise["reference_velocity_z"] == WhiteNoise(0.0)
+    scenario = replace(OPEN, excitation=SteppedExcitation((1.0,), 1e6), samples=400, **CONTROL)
+    result = simulate(scenario, rng())
+    assert result.truth.channel("velocity_z")[-1] == pytest.approx(1.0, abs=1e-6)
+    np.testing.assert_array_equal(result.signals.channel("reference_velocity_z"), 1.0)
+    assert result.signals.noise["reference_velocity_z"] == WhiteNoise(0.0)
 
 
 def test_record_without_noise_gives_its_parameters_back():
     signals = simulate(replace(OPEN, excitation=PaperInput()), rng()).signals
     rows = VerticalMotion(intercept=False).regression(signals).rows()
-    found = np.linalg.lstsq(rows.regressors, rows.response, rcond=None)[0]
-    np.testing.assert_allclose(found, [0.293, 0.021], rtol=1e-10)
+    solution = np.linalg.lstsq(rows.regressors, rows.response, rcond=None)[0]
+    np.testing.assert_allclose(solution, [0.293, 0.021], rtol=1e-10)
 
 
 @pytest.mark.parametrize(

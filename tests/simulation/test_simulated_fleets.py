@@ -34,8 +34,8 @@ def test_rows_are_the_truth_with_errors_as_they_say():
     rows, truth = fleet_rows(spec), fleet_truth(spec)
     off = (rows["input_gain.value"].to_numpy() - truth.input_gain) / rows["input_gain.std_error"].to_numpy()
     assert np.std(off) == pytest.approx(1.0, abs=0.06)
-    told = set(wanted_columns(across_of(motion_by_name("vertical"))))
-    assert told - set(rows.columns) == {"mass"}  # which no log tells
+    columns = set(wanted_columns(across_of(motion_by_name("vertical"))))
+    assert columns - set(rows.columns) == {"mass"}  # which no log tells
     assert rows.equals(fleet_rows(spec))
     assert rows.filter(pl.col("vehicle") == "v0001")["start"].is_sorted()
 

@@ -80,36 +80,40 @@ def test_the_gain_changes_when_it_is_to_and_the_controller_does_not_know(over, h
     share = (truth.specific_force_z + spec.viscous_friction * truth.air_velocity_z) / (
         spec.input_gain * truth.cos_tilt * truth.rotor_state[:, 0] ** 2
     )
-    at = np.searchsorted(truth.time_s, [3.9, 5.0, 7.9])
-    np.testing.assert_allclose(share[at], [1.0, halfway, 0.8], rtol=1e-9)
+    indices = np.searchsorted(truth.time_s, [3.9, 5.0, 7.9])
+    np.testing.assert_allclose(share[indices], [1.0, halfway, 0.8], rtol=1e-9)
     hover = truth.rotor_state[[0, -1], 0] ** 2
     assert hover[1] / hover[0] > 1.1
 
 
 def test_effective_parameters_are_the_nominal_ones():
     truth = fly(LOUD).truth
-    found = effective_parameters(truth, np.ones(truth.time_s.size, dtype=bool), np.square)
-    np.testing.assert_allclose(found, (LOUD.viscous_friction, LOUD.input_gain, 0.0), rtol=1e-9, atol=1e-9)
+    parameters = effective_parameters(truth, np.ones(truth.time_s.size, dtype=bool), np.square)
+    np.testing.assert_allclose(
+        parameters, (LOUD.viscous_friction, LOUD.input_gain, 0.0), rtol=1e-9, atol=1e-9
+    )
 
 
 def test_rotor_is_the_lag_of_the_delayed_command():
     flight = fly(LOUD)
     late = round(LOUD.delay / STEP_S)
-    told = np.concatenate([np.full(late, LOUD.hover_input), values(flight, "rotor_command_1")])
+    reported = np.concatenate([np.full(late, LOUD.hover_input), values(flight, "rotor_command_1")])
     decay = np.exp(-STEP_S / LOUD.actuator_lag)
     state = LOUD.hover_input
     for k, actual in enumerate(flight.truth.rotor_state[:, 0]):
         assert actual == pytest.approx(state, rel=1e-9)
-        state = decay * state + (1.0 - decay) * told[k]
+        state = decay * state + (1.0 - decay) * reported[k]
 
 
 def test_bias_and_noise_are_on_the_logged_force_alone():
     quiet = replace(LOUD, noise=SensorNoise(NoiseKind.FRACTIONAL, acceleration=0.0), accelerometer_bias=0.0)
-    loud, silent = fly(LOUD), fly(quiet)
+    loud, no_stage_callback = fly(LOUD), fly(quiet)
     error = values(loud, "specific_force_z") - loud.truth.specific_force_z
     assert error.mean() == pytest.approx(LOUD.accelerometer_bias, abs=0.3)
     assert np.std(error) == pytest.approx(LOUD.noise.acceleration, rel=0.4)
-    np.testing.assert_allclose(values(silent, "rotor_command_1"), values(loud, "rotor_command_1"), rtol=1e-12)
+    np.testing.assert_allclose(
+        values(no_stage_callback, "rotor_command_1"), values(loud, "rotor_command_1"), rtol=1e-12
+    )
 
 
 @pytest.mark.thorough

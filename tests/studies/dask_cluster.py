@@ -61,8 +61,8 @@ def dask_cluster(tmp_path: Path) -> Iterator[Cluster]:
 def address_in(scheduler_file: Path) -> str:
     import json
 
-    found: str = json.loads(scheduler_file.read_text(encoding="utf-8"))["address"]
-    return found
+    result: str = json.loads(scheduler_file.read_text(encoding="utf-8"))["address"]
+    return result
 
 
 def wait_for_workers(address: str, count: int) -> None:

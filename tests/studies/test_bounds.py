@@ -84,15 +84,15 @@ def test_a_coloured_disturbance_gives_the_bound_of_generalized_least_squares() -
     bound = ev.bounds.cramer_rao(scenario, runs=1).covariance
     np.testing.assert_allclose(np.sqrt(np.diag(bound)), np.sqrt(np.diag(expected)), rtol=0.05)
     white = replace(scenario, disturbance=WhiteDisturbance(std / np.sqrt(1.0 - phi**2)))
-    apart = np.diag(ev.bounds.cramer_rao(white, runs=1).covariance) / np.diag(expected)
-    assert np.abs(np.log(apart)).max() > 1.0
+    separated = np.diag(ev.bounds.cramer_rao(white, runs=1).covariance) / np.diag(expected)
+    assert np.abs(np.log(separated)).max() > 1.0
 
 
 def test_what_every_record_has_alike_is_no_noise() -> None:
     white = WhiteDisturbance(1e-3)
     alone, drifting = (
-        ev.bounds.cramer_rao(replace(exact_regressors(one, 1e-5), samples=500), runs=2).covariance
-        for one in (SumOfDisturbances((white,)), SumOfDisturbances((white, Trend((0.0, 5.0)))))
+        ev.bounds.cramer_rao(replace(exact_regressors(item, 1e-5), samples=500), runs=2).covariance
+        for item in (SumOfDisturbances((white,)), SumOfDisturbances((white, Trend((0.0, 5.0)))))
     )
     np.testing.assert_allclose(drifting, alone, rtol=1e-6)
 

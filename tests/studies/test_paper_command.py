@@ -55,9 +55,9 @@ def test_without_names_there_is_an_overview(two_readings, monkeypatch):
 
 
 def test_help_names_the_paper():
-    said = " ".join(eivor("paper", "--help").output.replace("│", " ").split())
-    assert "D. Ivanov, A. Zhdanov and I. Sandler, Identification of dynamical systems with" in said
-    assert "(2024)" in said
+    text = " ".join(eivor("paper", "--help").output.replace("│", " ").split())
+    assert "D. Ivanov, A. Zhdanov and I. Sandler, Identification of dynamical systems with" in text
+    assert "(2024)" in text
 
 
 @pytest.mark.thorough
@@ -75,13 +75,13 @@ def test_json_is_finite_and_complete(two_readings):
 @pytest.mark.thorough
 def test_weak_instruments_are_told(two_readings):
     run = eivor(*SMALL, "--readings", "white-input")
-    said = "Weak instruments (first-stage F below 10): of IV in 3 of 3 runs."
-    assert " ".join(run.output.split()).count(said) == 2
+    text = "Weak instruments (first-stage F below 10): of IV in 3 of 3 runs."
+    assert " ".join(run.output.split()).count(text) == 2
     assert max(map(len, run.output.splitlines())) <= 80
-    assert said not in " ".join(eivor(*SMALL, "--readings", "ratios-of-variances").output.split())
+    assert text not in " ".join(eivor(*SMALL, "--readings", "ratios-of-variances").output.split())
     document = figures.paper_document(two_readings, seconds=1.0)
     counts = [
-        one["methods"]["extended_iv"]["weak"] for part in document["readings"] for one in part["examples"]
+        item["methods"]["extended_iv"]["weak"] for part in document["readings"] for item in part["examples"]
     ]
     assert counts == [0, 0, 3, 3]
     page = figures.page_parts(two_readings)["example 1"]

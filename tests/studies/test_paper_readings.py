@@ -36,7 +36,7 @@ from eivor.lab.paper_readings import (
     TRUTH,
     Compensation,
     MotionSource,
-    Reading,
+    PaperReading,
     named_readings,
 )
 from eivor.lab.records import Intersample
@@ -54,10 +54,10 @@ PROTOTYPE = {
     ("ratios-of-variances", 1): ((6.02, 1.45), (4.30, 1.07), (1.03, 0.88), (1.03, 0.87)),
     ("ratios-of-variances", 2): ((6.85, 1.63), (5.16, 1.19), (1.19, 0.95), (1.19, 0.95)),
 }
-PLACES = (("least_squares", 0), ("least_squares", 1), ("extended_iv", 0), ("generalized_iv", 0))
+POSITIONS = (("least_squares", 0), ("least_squares", 1), ("extended_iv", 0), ("generalized_iv", 0))
 
 
-def reading(name: str, **changes: object) -> Reading:
+def reading(name: str, **changes: object) -> PaperReading:
     return replace(named_readings((name,))[0], **changes)
 
 
@@ -72,7 +72,7 @@ def results() -> dict[tuple[str, int], PaperResult]:
 @pytest.mark.parametrize(("name", "number"), list(PROTOTYPE))
 def test_the_prototype_is_met_within_three_standard_errors(results, name, number):
     result = results[name, number]
-    for (method, score), (mean, std) in zip(PLACES, PROTOTYPE[name, number], strict=True):
+    for (method, score), (mean, std) in zip(POSITIONS, PROTOTYPE[name, number], strict=True):
         measured = result.spreads(method)[score]
         error = np.hypot(measured.std / np.sqrt(RUNS), std / np.sqrt(PROTOTYPE_RUNS))
         assert abs(measured.mean - mean) <= 3.0 * error, (method, score)
@@ -92,8 +92,8 @@ def test_central_differences_bias_least_squares_as_in_the_prototype():
 def test_no_method_but_least_squares_is_biased_by_ratios_of_variances(results):
     result = results["ratios-of-variances", 1]
     truth = np.array(list(TRUTH.values()))
-    for place, method in enumerate(METHODS):
-        errors = result.estimates[:, place] / truth - 1.0
+    for index, method in enumerate(METHODS):
+        errors = result.estimates[:, index] / truth - 1.0
         bias = np.abs(errors.mean(axis=0)) * np.sqrt(RUNS) / errors.std(axis=0, ddof=1)
         assert (bias > 10.0).all() if method == "least_squares" else (bias < 3.5).all(), method
 
@@ -111,10 +111,10 @@ def test_shared_moments_give_what_identify_gives(name):
     signals = record(chosen, EXAMPLES[0], trial_generator(3)).signals
     model = VerticalMotion(intercept=False)
     instruments = {"extended": lags("input", 1, chosen.lags), "generalized": lags("input", 0, chosen.lags)}
-    for method, found in zip(METHODS, estimates(chosen, signals).theta, strict=True):
+    for method, item in zip(METHODS, estimates(chosen, signals).theta, strict=True):
         columns = instruments.get(method.partition("_iv")[0], ())
         expected = identify(model.regression(signals, columns), getattr(methods, method)())
-        assert found == pytest.approx(list(expected.parameters.values()), rel=1e-9), method
+        assert item == pytest.approx(list(expected.parameters.values()), rel=1e-9), method
 
 
 @pytest.mark.parametrize(
@@ -140,12 +140,12 @@ def test_compensation_is_where_the_reading_has_it(compensation, row, counted):
     smallest = np.linalg.svd(np.column_stack([X, b]), compute_uv=False)[-1]
     least = np.linalg.solve(X.T @ X, X.T @ b)
     total = np.linalg.solve(X.T @ X - smallest**2 * np.eye(2), X.T @ b)
-    found = dict(zip(METHODS, estimates(chosen, signals).theta, strict=True))
-    assert found["generalized_iv"] == pytest.approx(least, rel=1e-8)
-    assert found["generalized_iv_tls"] == pytest.approx(total, rel=1e-8)
+    result = dict(zip(METHODS, estimates(chosen, signals).theta, strict=True))
+    assert result["generalized_iv"] == pytest.approx(least, rel=1e-8)
+    assert result["generalized_iv_tls"] == pytest.approx(total, rel=1e-8)
     # What rounding leaves is far below what the misprints do.
     shared = estimates(replace(chosen, compensation=Compensation.SHARED), signals).theta[-2]
-    far = np.abs(found["generalized_iv"] / shared - 1.0).max()
+    far = np.abs(result["generalized_iv"] / shared - 1.0).max()
     assert far == 0.0 if compensation is Compensation.SHARED else far > 1e-3
 
 
@@ -171,7 +171,7 @@ def test_too_few_instruments_for_total_least_squares_are_no_estimate():
 # -- records -----------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", [one.name for one in READINGS])
+@pytest.mark.parametrize("name", [item.name for item in READINGS])
 def test_every_reading_makes_records_of_the_papers_length(name):
     made = record(reading(name), EXAMPLES[1], trial_generator(0))
     assert made.signals.sample_count == made.truth.sample_count == 4000
@@ -229,26 +229,26 @@ def test_noise_that_is_differentiated_is_in_both_channels():
 def test_alternating_noise_has_the_printed_weights():
     rng = np.random.default_rng(5)
     white = np.random.default_rng(5).standard_normal(60)
-    found = AlternatingNoise(2.0, -0.4).sample(60, rng)
+    sample = AlternatingNoise(2.0, -0.4).sample(60, rng)
     signs = (-1.0) ** np.arange(60)
     weights = binom(-0.4, np.arange(60))
     expected = 2.0 * np.convolve(weights, white * signs)[:60]
-    assert found == pytest.approx(expected, rel=1e-10)
+    assert sample == pytest.approx(expected, rel=1e-10)
 
 
 def test_alternating_noise_has_the_autocovariance_of_its_weights():
     weights = binom(-0.4, np.arange(40))
-    found = AlternatingNoise(1.5, -0.4).autocovariance(3, 10, 5)
+    autocovariance = AlternatingNoise(1.5, -0.4).autocovariance(3, 10, 5)
     expected = [2.25 * weights[: m + 1] @ weights[3 : m + 4] for m in range(10, 15)]
-    assert found == pytest.approx(expected, rel=1e-10)
+    assert autocovariance == pytest.approx(expected, rel=1e-10)
 
 
 def test_ratios_are_of_what_the_reading_says():
     std, variance = reading("ratios-of-std"), reading("ratios-of-variances")
     after = reading("ratio-after-delta")
     noise = {
-        one.name: record(one, EXAMPLES[0], trial_generator(0)).signals.noise["velocity_z"].std
-        for one in (std, variance, after)
+        item.name: record(item, EXAMPLES[0], trial_generator(0)).signals.noise["velocity_z"].std
+        for item in (std, variance, after)
     }
     assert noise["ratios-of-variances"] == pytest.approx(10.0 * noise["ratios-of-std"])
     mean_variance = FractionalNoise(noise["ratio-after-delta"], -0.4).autocovariance(0, 0, 4000).mean()
@@ -288,8 +288,8 @@ def test_direct_methods_use_no_more_of_a_noise_than_its_mean_variance():
 @pytest.mark.thorough
 def test_results_do_not_depend_on_the_number_of_processes():
     chosen = (reading("two-lags"),)
-    one, other = (list(run_paper(chosen, runs=2, workers=workers)) for workers in (1, 2))
-    for left, right in zip(one, other, strict=True):
+    item, other = (list(run_paper(chosen, runs=2, workers=workers)) for workers in (1, 2))
+    for left, right in zip(item, other, strict=True):
         assert np.array_equal(left.estimates, right.estimates, equal_nan=True)
 
 
@@ -316,7 +316,9 @@ def test_readings_with_records_in_common_give_what_they_give_alone():
     chosen = (reading("central-5-lags"), reading("two-lags"), reading("central-2-lags"))
     assert chosen[0].records == chosen[2].records != chosen[1].records
     together = list(run_paper(chosen, runs=2, workers=1))
-    assert [(one.reading, one.example.number) for one in together] == [(r, n) for r in chosen for n in (1, 2)]
+    assert [(item.reading, item.example.number) for item in together] == [
+        (r, n) for r in chosen for n in (1, 2)
+    ]
     for result in together:
         alone = run_example(result.reading, result.example, 2).estimates
         assert np.array_equal(result.estimates, alone, equal_nan=True)
@@ -343,9 +345,9 @@ def test_nearness_of_the_printed_tables_to_themselves():
             theta[:, METHODS.index(method)] = np.array(list(TRUTH.values())) * (
                 1.0 + np.column_stack(columns) / 100.0
             )
-        found = nearness([PaperResult(READINGS[0], example, theta, np.zeros(theta.shape[:2], dtype=bool))])
-        assert found.agreeing == found.printed == 6
-        assert (found.means, found.spreads) == (pytest.approx(1.0, abs=1e-2), pytest.approx(1.0, abs=2e-1))
+        result = nearness([PaperResult(READINGS[0], example, theta, np.zeros(theta.shape[:2], dtype=bool))])
+        assert result.agreeing == result.printed == 6
+        assert (result.means, result.spreads) == (pytest.approx(1.0, abs=1e-2), pytest.approx(1.0, abs=2e-1))
 
 
 def test_no_estimate_is_infinitely_far():
@@ -360,7 +362,7 @@ def test_no_estimate_is_infinitely_far():
 
 
 def test_names_and_runs_are_checked():
-    names = [one.name for one in READINGS]
+    names = [item.name for item in READINGS]
     assert len(set(names)) == len(names)
     assert named_readings(()) == READINGS
     with pytest.raises(UsageError, match="readings out of ratios-of-std"):

@@ -43,7 +43,7 @@ def test_a_trial_is_that_of_the_method():
 @pytest.mark.parametrize(
     ("make", "said"),
     [
-        (lambda: Regularisation(towards="truth"), "a vector to be pulled towards out of zero"),
+        (lambda: Regularisation(towards="truth"), "a vector to be shrunk towards out of zero"),
         (lambda: Regularisation(-1.0), "a parameter of zero or more"),
         (lambda: MethodChoice("generalized_iv", (0, 5), strength=4.0), "a strength for fuller"),
         (lambda: MethodChoice("fuller", (1, 5), strength=-4.0), "strength between 0 and"),

@@ -35,8 +35,8 @@ def content(table) -> bytes:
 def test_the_file_is_what_was_sealed(table, content):
     assert is_sealed(content, FACTS)
     assert pl.read_parquet(io.BytesIO(content)).equals(table)
-    found = pl.read_parquet_metadata(io.BytesIO(content))
-    assert {key: found[key] for key in FACTS} == FACTS
+    result = pl.read_parquet_metadata(io.BytesIO(content))
+    assert {key: result[key] for key in FACTS} == FACTS
 
 
 def test_another_tables_seal_is_refused(content):
@@ -46,11 +46,11 @@ def test_another_tables_seal_is_refused(content):
 
 def test_every_flipped_bit_is_noticed(content):
     """Of every byte each bit, and the whole byte: nothing is decoded, so nothing can crash."""
-    for place in range(len(content)):
+    for index in range(len(content)):
         for flip in (1, 2, 4, 8, 16, 32, 64, 128, 255):
             damaged = bytearray(content)
-            damaged[place] ^= flip
-            assert not is_sealed(bytes(damaged), FACTS), (place, flip)
+            damaged[index] ^= flip
+            assert not is_sealed(bytes(damaged), FACTS), (index, flip)
 
 
 def test_every_cut_and_every_addition_is_noticed(content):
@@ -80,7 +80,7 @@ def test_equal_tables_give_equal_bytes_in_every_process():
         "sys.stdout.buffer.write(sealed(pl.DataFrame({'a': [1.5, None]}), {'x': '1', 'y': '2', 'z': '3'}))"
     )
     made = [subprocess.run([sys.executable, "-c", script], capture_output=True, check=True) for _ in range(3)]
-    assert len({one.stdout for one in made}) == 1
+    assert len({item.stdout for item in made}) == 1
     assert is_sealed(made[0].stdout, {"x": "1", "y": "2", "z": "3"})
 
 

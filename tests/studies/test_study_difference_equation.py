@@ -39,7 +39,7 @@ def test_noise_is_declared_as_added():
         (0.5,), (2.0,), Coin(), noise={"output": FractionalNoise(1.0, -0.4)}, noise_to_signal={"output": 0.1}
     )
     quiet = DifferenceEquation((0.5,), (2.0,), Coin())
-    noisy, true = (one.record(np.random.default_rng(3)) for one in (equation, quiet))
+    noisy, true = (item.record(np.random.default_rng(3)) for item in (equation, quiet))
     declared = noisy.noise["output"]
     assert isinstance(declared, FractionalNoise)
     assert declared.order == -0.4

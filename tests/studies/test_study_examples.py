@@ -33,32 +33,32 @@ def scored(tmp_path_factory: pytest.TempPathFactory) -> Scored:
 @pytest.mark.calibration
 def test_dynamic_errors_in_variables(scored):
     """Within three standard errors of what another implementation found in 200 runs."""
-    found = scored("dynamic-errors-in-variables.toml", 200)
+    result = scored("dynamic-errors-in-variables.toml", 200)
     published = {
         ("least_squares", 0): (0.454, None),
         ("least_squares", 1): (1.819, None),
         ("generalized_iv", 0): (0.4994, 0.013),
         ("generalized_iv", 1): (2.0000, 0.037),
     }
-    for (label, place), (mean, std) in published.items():
-        score = found[label].parameters[place]
-        runs = found[label].trials
-        assert found[label].failed == 0
-        own = score.estimate.std
-        error = math.sqrt(own**2 / runs + (std or own) ** 2 / PUBLISHED_RUNS)
+    for (label, name), (mean, std) in published.items():
+        score = result[label].parameters[name]
+        runs = result[label].trials
+        assert result[label].failed == 0
+        current = score.estimate.std
+        error = math.sqrt(current**2 / runs + (std or current) ** 2 / PUBLISHED_RUNS)
         assert abs(score.estimate.mean - mean) < 3.0 * error, (label, score)
         if std is not None:
             # Standard error of a standard deviation, of both, and half of the last digit that is printed.
-            error = math.sqrt(own**2 / (2 * runs) + std**2 / (2 * PUBLISHED_RUNS))
-            assert abs(own - std) < 3.0 * error + 0.0005, (label, score)
+            error = math.sqrt(current**2 / (2 * runs) + std**2 / (2 * PUBLISHED_RUNS))
+            assert abs(current - std) < 3.0 * error + 0.0005, (label, score)
 
 
 @pytest.mark.calibration
 def test_white_input(scored):
     """Delayed white inputs are weak instruments, are called so, and cost more than a factor of ten."""
-    found = scored("white-input.toml", 50)
-    extended, generalized = found["extended_iv"], found["generalized_iv"]
-    gains = [one.parameters[1] for one in (extended, generalized)]
+    result = scored("white-input.toml", 50)
+    extended, generalized = result["extended_iv"], result["generalized_iv"]
+    gains = [item.parameters[1] for item in (extended, generalized)]
     assert gains[0].name == "input_gain"
     assert gains[0].rmse > 10.0 * gains[1].rmse
     assert extended.weak == extended.trials
@@ -69,18 +69,18 @@ def test_white_input(scored):
 @pytest.mark.calibration
 def test_altitude_control(scored):
     """Only the reference is an instrument that the controller's answers do not spoil."""
-    found = scored("altitude-control.toml", 100)
+    result = scored("altitude-control.toml", 100)
     errors = {
         label: [
-            (one.estimate.mean - truth) / (one.estimate.std / math.sqrt(score.trials))
-            for one, truth in zip(score.parameters, (0.293, 0.021), strict=True)
+            (parameter.estimate.mean - truth) / (parameter.estimate.std / math.sqrt(score.trials))
+            for parameter, truth in zip(score.parameters, (0.293, 0.021), strict=True)
         ]
-        for label, score in found.items()
+        for label, score in result.items()
     }
     assert max(errors["least_squares"]) < -20.0
     assert errors["iv_of_input"][1] < -20.0
     assert max(map(abs, errors["iv_of_reference"])) < 4.0
-    assert found["iv_of_reference"].weak == 0
+    assert result["iv_of_reference"].weak == 0
 
 
 @pytest.mark.parametrize("path", sorted(FOLDER.glob("*.toml")), ids=lambda path: path.stem)

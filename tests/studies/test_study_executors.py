@@ -123,9 +123,9 @@ def test_a_lost_worker_is_a_sentence():
 def children() -> list[int]:
     """Worker processes of this one."""
     below = [
-        int(one) for task in Path("/proc/self/task").glob("*/children") for one in task.read_text().split()
+        int(item) for task in Path("/proc/self/task").glob("*/children") for item in task.read_text().split()
     ]
-    return [one for one in below if b"process_pool" in Path(f"/proc/{one}/cmdline").read_bytes()]
+    return [item for item in below if b"process_pool" in Path(f"/proc/{item}/cmdline").read_bytes()]
 
 
 def test_workers_are_counted():
@@ -145,7 +145,7 @@ def test_no_more_processes_than_tasks(monkeypatch):
 def test_any_function_is_mapped(executor):
     """A flight, a scenario or a study: an executor does not know what a task is."""
     items = ["a", ("b", 1), None, 3.5]
-    assert dict(executor.map(text_of, items)) == {place: text_of(item) for place, item in enumerate(items)}
+    assert dict(executor.map(text_of, items)) == {index: text_of(item) for index, item in enumerate(items)}
     assert list(executor.map(text_of, [])) == []
     with pytest.raises(InputError, match=r"Expected no 7; received one\. Leave it out"):
         list(executor.map(refusing, [7]))
@@ -161,7 +161,7 @@ def test_a_worker_that_begins_is_not_interrupted(capfd):
 def test_results_in_the_order_of_their_items():
     mapped = LocalProcesses(2).map(late_first, range(6))
     assert list(in_order(mapped)) == list(range(6))
-    shuffled = ((place, 10 * place) for place in (3, 0, 2, 1))
+    shuffled = ((item, 10 * item) for item in (3, 0, 2, 1))
     assert list(in_order(shuffled)) == [0, 10, 20, 30]
 
 
@@ -185,8 +185,8 @@ def test_closing_ends_the_work(executor, tmp_path):
 
 @pytest.fixture
 def cluster(tmp_path: Path) -> Iterator[Cluster]:
-    with dask_cluster(tmp_path) as begun:
-        yield begun
+    with dask_cluster(tmp_path) as started:
+        yield started
 
 
 @pytest.mark.thorough

@@ -43,11 +43,11 @@ class Recorder(Executor):
     def map(
         self, function: Callable[[Item], Result], items: Iterable[Item]
     ) -> Generator[tuple[int, Result], None, None]:
-        for count, (place, item) in enumerate(reversed(list(enumerate(items)))):
+        for count, (entry, item) in enumerate(reversed(list(enumerate(items)))):
             if count == self.stop_after:
                 raise KeyboardInterrupt
             self.asked.append(item)
-            yield place, function(item)
+            yield entry, function(item)
 
 
 @pytest.fixture(scope="module")
@@ -227,13 +227,15 @@ def test_other_versions_do_not_finish_it(tmp_path):
 def test_what_another_version_finished_is_looked_at_and_never_mixed(finished, tmp_path):
     """The folder goes on saying who made it, so that more runs are refused the second time as well."""
     shutil.copytree(finished.folder, tmp_path, dirs_exist_ok=True)
-    said = of_another_version(tmp_path)
+    another_version = of_another_version(tmp_path)
     recorder = Recorder()
     for name in ("small", "renamed"):
         result = run_study(small_study(name=name), tmp_path, executor=recorder)
         assert result.trials.equals(finished.trials)
     assert recorder.asked == []
-    assert json.loads((tmp_path / "study.json").read_text(encoding="utf-8")) == said | {"name": "renamed"}
+    assert json.loads((tmp_path / "study.json").read_text(encoding="utf-8")) == another_version | {
+        "name": "renamed"
+    }
     kept = content(tmp_path)
     with pytest.raises(InputError, match=r"the versions that .* eivor 0\.0\.9, .*never put together"):
         run_study(small_study(90), tmp_path)
@@ -307,9 +309,9 @@ def test_scores_by_hand():
     ]
     trials.append(TrialRecord(3, (MethodRecord("failed", "EstimationError"),)))
     result = StudyResult(study, Path(), frame(study, trials))
-    (found,) = scores(result)
-    a, b = found.parameters
-    assert (found.trials, found.failed, found.weak, found.first_failure) == (4, 1, 2, 3)
+    (results,) = scores(result)
+    a, b = results.parameters
+    assert (results.trials, results.failed, results.weak, results.first_failure) == (4, 1, 2, 3)
     assert a.nrmse.mean == pytest.approx(np.mean([20, 0, 10]))
     assert a.nrmse.std == pytest.approx(10.0)
     assert (a.bias, a.rmse) == pytest.approx((0.05 / 3, np.sqrt((0.1**2 + 0.05**2) / 3)))
@@ -318,7 +320,9 @@ def test_scores_by_hand():
     length = np.hypot(0.5, 2.0)
     expected = 100.0 * np.hypot([0.1, 0.0, -0.05], [0.0, -0.2, 0.4]) / length
     np.testing.assert_allclose(trial_nrmse(result, "least_squares"), expected)
-    assert (found.together.mean, found.together.std) == pytest.approx((expected.mean(), expected.std(ddof=1)))
+    assert (results.together.mean, results.together.std) == pytest.approx(
+        (expected.mean(), expected.std(ddof=1))
+    )
 
 
 def test_what_a_killed_run_left_is_removed(tmp_path):

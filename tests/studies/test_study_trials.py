@@ -35,10 +35,10 @@ def test_a_trial_is_what_identify_says():
     fit = eivor.identify(EQUATION.problem(signals, eivor.lags("input", 0, 5)), eivor.methods.generalized_iv())
     record = trial(study, 3).methods[2]
     assert record.status == fit.status.value
-    for found, name in zip(record.parameters, fit.names, strict=True):
-        assert found.value == fit.parameters[name]
-        assert found.std_error == fit.std_error(name)
-        assert (found.low, found.high) == fit.interval(name)
+    for parameter, name in zip(record.parameters, fit.names, strict=True):
+        assert parameter.value == fit.parameters[name]
+        assert parameter.std_error == fit.std_error(name)
+        assert (parameter.low, parameter.high) == fit.interval(name)
 
 
 @pytest.mark.parametrize("name", METHOD_NAMES)
@@ -56,7 +56,7 @@ def test_every_method_on_the_vertical_experiment(name):
         assert record.error == "InstrumentError"
         return
     assert not record.error
-    assert [one.value for one in record.parameters] == pytest.approx([0.293, 0.021], rel=1e-8)
+    assert [parameter.value for parameter in record.parameters] == pytest.approx([0.293, 0.021], rel=1e-8)
 
 
 def test_noise_that_is_not_known_is_not_used():
@@ -84,9 +84,9 @@ class Broken(DifferenceEquation):
 
 def test_a_broken_record_is_a_result():
     study = small_study(experiment=Broken((0.5,), (2.0,), Coin(), samples=100))
-    found = [{one.error for one in trial(study, index).methods} for index in range(20)]
-    assert {"ZeroDivisionError"} in found
-    assert {""} in found
+    results = [{method.error for method in trial(study, index).methods} for index in range(20)]
+    assert {"ZeroDivisionError"} in results
+    assert {""} in results
 
 
 def test_broken_records_in_the_middle_of_a_study_stop_nothing(tmp_path):
@@ -97,8 +97,8 @@ def test_broken_records_in_the_middle_of_a_study_stop_nothing(tmp_path):
     broken = result.trials.filter(result.trials[f"{label}.error"] == "ZeroDivisionError")
     assert result.trials.height == 30
     assert 0 < broken.height < 30
-    found = scores(result)[0]
-    assert (found.failed, found.first_failure) == (broken.height, broken["trial"][0])
+    score = scores(result)[0]
+    assert (score.failed, score.first_failure) == (broken.height, broken["trial"][0])
     assert failure(study, broken["trial"][0], label).startswith("ZeroDivisionError: ")
 
 
@@ -117,7 +117,7 @@ def test_identity():
         replace(study, experiment=replace(EQUATION, output_coefficients=(np.nextafter(0.5, 1.0),))),
         replace(study, experiment=replace(EQUATION, noise={})),
     ]
-    assert len({one.identity for one in [study, *others]}) == 6
+    assert len({item.identity for item in [study, *others]}) == 6
 
 
 @pytest.mark.parametrize(

@@ -56,9 +56,9 @@ def test_thinned_logs_keep_every_so_many_samples():
 
 def test_the_page_holds_a_run():
     begin, end = marks(PART)
-    shown = PAGE.read_text(encoding="utf-8").partition(begin)[2].partition(end)[0]
-    assert f"{study.FLIGHTS} flights, seeds 0 to {study.FLIGHTS - 1}" in shown
-    assert shown.count(f" of {study.FLIGHTS} |") >= len(THINNINGS) * len(QUANTITIES)
+    displayed = PAGE.read_text(encoding="utf-8").partition(begin)[2].partition(end)[0]
+    assert f"{study.FLIGHTS} flights, seeds 0 to {study.FLIGHTS - 1}" in displayed
+    assert displayed.count(f" of {study.FLIGHTS} |") >= len(THINNINGS) * len(QUANTITIES)
 
 
 def test_wrong_calls_are_told(capsys):
@@ -72,7 +72,7 @@ def test_quick_logs_are_identified_and_a_delay_belongs_into_the_model():
     trials = study.run(SEEDS, workers=1)
     full = [trial.rates[0] for trial in trials]
     assert sum(rate.verdict == "identified" for rate in full) >= binom.ppf(CHANCE, SEEDS, 0.95)
-    assert all(trial.rates[place].verdict != "identified" for trial in trials for place in (2, 3))
+    assert all(trial.rates[item].verdict != "identified" for trial in trials for item in (2, 3))
     held = [all_held for rate in full for all_held in rate.held]
     assert sum(held) >= binom.ppf(CHANCE, len(held), 0.93)
     shift = np.array([[trial.with_delay.error, trial.without_delay.error] for trial in trials]).mean(axis=0)

@@ -126,7 +126,7 @@ def test_published_page_is_made_of_the_published_table():
     assert page_with(page, {PART: coverage_tables(rows)}) == page
     assert set(rows["runs"]) == {1000}
     suite = coverage_suite()
-    assert set(rows["scenario"]) == {one.scenario for one in suite.studies}
+    assert set(rows["scenario"]) == {item.scenario for item in suite.studies}
     assert set(rows["method"]) == {choice.label for choice in suite.studies[0].study.methods}
 
 
@@ -153,7 +153,10 @@ def test_own_suite_with_own_scenario(tmp_path, capsys):
     (tmp_path / "suite.toml").write_text(SUITE.format(runs=3))
     (tmp_path / "mine.toml").write_text(MINE)
     suite = read_suite(tmp_path / "suite.toml")
-    assert [(one.scenario, one.samples) for one in suite.studies] == [("rich-high", 500), ("mine.toml", 500)]
+    assert [(item.scenario, item.samples) for item in suite.studies] == [
+        ("rich-high", 500),
+        ("mine.toml", 500),
+    ]
     code = coverage_study.main(
         [str(tmp_path / "suite.toml"), "--folder", str(tmp_path / "trials"), "--workers", "1"]
     )
@@ -163,7 +166,7 @@ def test_own_suite_with_own_scenario(tmp_path, capsys):
 
 
 def test_instruments_are_what_the_vehicle_does_not_answer():
-    channels = {one.scenario: one.study.methods[0].channel for one in coverage_suite().studies}
+    channels = {item.scenario: item.study.methods[0].channel for item in coverage_suite().studies}
     assert channels.pop("closed-loop") == "reference_velocity_z"
     assert set(channels.values()) == {"input"}
 

@@ -16,21 +16,21 @@ def logs(recordings) -> Logs:
 
 
 def test_the_published_numbers_come_out(logs):
-    found = numbers(logs, Steps())
-    assert found.thrust == pytest.approx(PUBLISHED.thrust, abs=1e-4)
-    assert found.inertia == pytest.approx(PUBLISHED.inertia, rel=1e-3)
+    result = numbers(logs, Steps())
+    assert result.thrust == pytest.approx(PUBLISHED.thrust, abs=1e-4)
+    assert result.inertia == pytest.approx(PUBLISHED.inertia, rel=1e-3)
 
 
 @pytest.mark.thorough
 def test_each_step_does_what_the_page_says(logs):
-    found = numbers(logs, Steps())
-    assert numbers(logs, Steps(gravity=9.81)).inertia[0] / found.inertia[0] == pytest.approx(9.81 / 9.18)
-    assert numbers(logs, Steps(torque_has_the_noise=True)).inertia[1] > 1.4 * found.inertia[1]
-    assert numbers(logs, Steps(own_thrust=True)).inertia[0] < 0.9 * found.inertia[0]
+    result = numbers(logs, Steps())
+    assert numbers(logs, Steps(gravity=9.81)).inertia[0] / result.inertia[0] == pytest.approx(9.81 / 9.18)
+    assert numbers(logs, Steps(torque_has_the_noise=True)).inertia[1] > 1.4 * result.inertia[1]
+    assert numbers(logs, Steps(own_thrust=True)).inertia[0] < 0.9 * result.inertia[0]
     lag = best_lag(logs.thrust)
     assert lag == pytest.approx(0.0741, abs=2e-4)
     assert lag > PUBLISHED_LAG_S + 0.002
-    assert numbers(logs, Steps(lag_s=lag)).inertia[0] / found.inertia[0] == pytest.approx(0.981, abs=2e-3)
+    assert numbers(logs, Steps(lag_s=lag)).inertia[0] / result.inertia[0] == pytest.approx(0.981, abs=2e-3)
 
 
 @pytest.mark.thorough

@@ -52,43 +52,47 @@ def test_published_page_is_made_of_the_published_table(published: pl.DataFrame) 
     page = (DOCS / "efficiency.md").read_text(encoding="utf-8")
     assert page_with(page, {PART: efficiency_tables(published)}) == page
     suite = efficiency_suite()
-    assert set(published["scenario"]) == {one.scenario for one in suite.studies}
+    assert set(published["scenario"]) == {study.scenario for study in suite.studies}
     assert set(published["method"]) == {KNOWN, *(each.label for each in suite.studies[0].study.methods)}
 
 
 def test_the_held_scenarios_are_those_that_are_judged() -> None:
     held = read_suite(HELD_SUITE)
-    assert {(one.scenario, one.samples) for one in held.studies} == {(a, b) for a in HELD for b in OVER_BOUND}
-    whole = {(one.scenario, one.samples): one.study for one in efficiency_suite().studies}
-    assert all(one.study == whole[one.scenario, one.samples] for one in held.studies)
+    assert {(study.scenario, study.samples) for study in held.studies} == {
+        (a, b) for a in HELD for b in OVER_BOUND
+    }
+    whole = {(study.scenario, study.samples): study.study for study in efficiency_suite().studies}
+    assert all(study.study == whole[study.scenario, study.samples] for study in held.studies)
 
 
 def test_the_quick_methods_are_on_the_same_records() -> None:
-    quick = {(one.scenario, one.samples): one.study for one in read_suite(QUICK_SUITE).studies}
-    whole = {(one.scenario, one.samples): one.study for one in efficiency_suite().studies}
+    quick = {(item.scenario, item.samples): item.study for item in read_suite(QUICK_SUITE).studies}
+    whole = {(item.scenario, item.samples): item.study for item in efficiency_suite().studies}
     assert quick.keys() == whole.keys()
-    for place, study in quick.items():
-        assert study == dataclasses.replace(whole[place], methods=study.methods)
-        assert set(study.methods) < set(whole[place].methods)
+    for name, study in quick.items():
+        assert study == dataclasses.replace(whole[name], methods=study.methods)
+        assert set(study.methods) < set(whole[name].methods)
 
 
 def test_a_likelihood_that_knows_the_spectra_is_on_the_same_records(tmp_path: Path) -> None:
-    one = next(
-        one for one in read_suite(HELD_SUITE).studies if (one.scenario, one.samples) == ("rich-high", 500)
+    item = next(
+        study
+        for study in read_suite(HELD_SUITE).studies
+        if (study.scenario, study.samples) == ("rich-high", 500)
     )
-    found = [trial(one, run) for run in range(3)]
+    results = [trial(item, run) for run in range(3)]
     plain = [
         ev.identify(
-            one.study.experiment.problem(one.study.experiment.record(one.study.rng(run)), ()),
+            item.study.experiment.problem(item.study.experiment.record(item.study.rng(run)), ()),
             ev.methods.spectral_giv(),
         )
         for run in range(3)
     ]
-    rows = list(rows_of(one, found))
+    rows = list(rows_of(item, results))
     assert [row["parameter"] for row in rows] == ["viscous_friction", "input_gain"]
-    for each, other in zip(found, plain, strict=True):
-        apart = np.abs(np.array(each.values) - other.best.values[:2])
-        assert (apart < 2.0 * np.array([other.std_error(name) for name in other.names[:2]])).all()
+    for each, other in zip(results, plain, strict=True):
+        separated = np.abs(np.array(each.values) - other.best.values[:2])
+        assert (separated < 2.0 * np.array([other.std_error(name) for name in other.names[:2]])).all()
     assert all(float(row["rmse"]) < 2.5 * float(row["bound"]) for row in rows)
 
 
@@ -115,10 +119,10 @@ def test_runs_of_other_lengths_make_one_page(
     for rows, file in zip(parts, files, strict=True):
         write_rows(rows, file)
     main([word for file in files for word in ("--from", str(file))])
-    told = capsys.readouterr().out
-    assert told == efficiency_tables(pl.concat(parts)) + "\n"
-    assert "7 to" in told
-    assert "| v | 7 |" in told
+    out = capsys.readouterr().out
+    assert out == efficiency_tables(pl.concat(parts)) + "\n"
+    assert "7 to" in out
+    assert "| v | 7 |" in out
 
 
 def test_a_row_of_several_runs_is_of_most_records(published: pl.DataFrame) -> None:
@@ -138,12 +142,12 @@ def test_requirements_can_fail(published: pl.DataFrame) -> None:
         .alias("rmse"),
         pl.lit(0).alias("hits"),
     )
-    found = {item.what: item for item in requirements(worse)}
-    over_bound = found["spectral_giv, N = 4000: RMSE over the bound"]
+    results = {item.what: item for item in requirements(worse)}
+    over_bound = results["spectral_giv, N = 4000: RMSE over the bound"]
     assert not over_bound.met
     assert "rich, N = 4000, viscous_friction" in over_bound.measured
-    assert not found["spectral_giv, rich: RMSE of K over generalized IV's"].met
-    assert not found["spectral_giv, N = 4000: mean coverage"].met
+    assert not results["spectral_giv, rich: RMSE of K over generalized IV's"].met
+    assert not results["spectral_giv, N = 4000: mean coverage"].met
     shifted = published.with_columns(pl.lit(0.9).alias("bias"))
     assert not {item.what: item for item in requirements(shifted)}[
         "spectral_giv, N = 500: bias over the scatter"
@@ -176,11 +180,11 @@ def test_bounds_of_finished_rows_are_computed_anew(tmp_path: Path, published: pl
     suite.write_text(SUITE, encoding="utf-8")
     rows = published.filter(pl.col("samples") == 500, pl.col("scenario").is_in(["white", "trend"]))
     wrong = rows.with_columns(bound=pl.lit(7.0))
-    found = with_bounds(wrong, read_suite(suite))
-    assert found.drop("bound").equals(rows.drop("bound"))
+    result = with_bounds(wrong, read_suite(suite))
+    assert result.drop("bound").equals(rows.drop("bound"))
     of_white = pl.col("scenario") == "white"
-    np.testing.assert_allclose(found.filter(of_white)["bound"], rows.filter(of_white)["bound"], rtol=1e-12)
-    assert (found.filter(~of_white)["bound"] == 7.0).all()
+    np.testing.assert_allclose(result.filter(of_white)["bound"], rows.filter(of_white)["bound"], rtol=1e-12)
+    assert (result.filter(~of_white)["bound"] == 7.0).all()
 
 
 def test_the_command_of_bounds_says_what_is_wrong(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -29,7 +29,7 @@ def test_steps_are_dated_and_nothing_is_not_told():
 def test_the_command_makes_the_page_of_a_kept_study(tmp_path, capsys):
     grid, page, kept = (tmp_path / name for name in ("grid.toml", "page.md", "kept.jsonl"))
     cell = '[[cells]]\nwhat = "{}"\nshare = {}\nflights = 14\nvehicles = 2\nsmall = 1\nfull = 2\n'
-    cells = [cell.format(*one) for one in (("nothing", 0.0), ("wear", 0.1), ("step", 0.08))]
+    cells = [cell.format(*item) for item in (("nothing", 0.0), ("wear", 0.1), ("step", 0.08))]
     grid.write_text("weather = 0.01\nbattery = 0.01\n" + "".join(cells))
     page.write_text("<!-- generated: fleet-changes -->\n<!-- end: fleet-changes -->\n")
     arguments = ["--grid", str(grid), "--kept", str(kept), "--page", str(page)]

@@ -32,19 +32,19 @@ def test_grid_is_as_large_as_promised(grid):
 
 
 def test_grid_covers_its_ranges(grid):
-    own = [case.spec for case in grid.cases if case.simulator == "vertical"]
+    specs = [case.spec for case in grid.cases if case.simulator == "vertical"]
     for name, (low, high) in {
         "viscous_friction": (0.18, 0.87),
         "actuator_lag": (0.005, 0.12),
         "gust_rms": (0.0, 1.5),
         "vigour": (0.6, 1.0),
     }.items():
-        drawn = np.array([getattr(spec, name) for spec in own])
+        drawn = np.array([getattr(spec, name) for spec in specs])
         assert low <= drawn.min() <= low * 1.05 + 1e-12
         assert high * 0.95 <= drawn.max() <= high
     for name in ("acceleration", "velocity"):
-        assert len({getattr(spec.noise, name) for spec in own}) > 100
-    assert {spec.delay for spec in own} == {0.0, 0.01, 0.02}
+        assert len({getattr(spec.noise, name) for spec in specs}) > 100
+    assert {spec.delay for spec in specs} == {0.0, 0.01, 0.02}
     assert len({spec.vehicle for spec in (c.spec for c in grid.cases) if hasattr(spec, "vehicle")}) == 3
 
 

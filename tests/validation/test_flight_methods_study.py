@@ -10,7 +10,7 @@ import pytest
 from eivor.estimation.methods import TABLE
 from eivor.lab.experiments import marks
 from validation.flight_methods.study import GRID, PART, _judged, _line, _requirements, main, read_grid
-from validation.flight_methods.trials import LEFT_OUT, SEARCHED, Told
+from validation.flight_methods.trials import OMITTED, SEARCHED, Told
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "efficiency.md"
 REGIME = """
@@ -55,11 +55,15 @@ def test_the_command_makes_the_page_of_a_kept_study(
 
 
 def test_what_is_asked() -> None:
-    good = [told("reference_iv"), told("spectral_giv"), told("reference_iv", lag=LEFT_OUT, verdict="weak")]
-    assert all(one.met for one in _requirements(good))
-    trusted = told("reference_iv", lag=LEFT_OUT, held=False)
+    good = [told("reference_iv"), told("spectral_giv"), told("reference_iv", lag=OMITTED, verdict="weak")]
+    assert all(_requirement.met for _requirement in _requirements(good))
+    trusted = told("reference_iv", lag=OMITTED, held=False)
     missed = told("spectral_giv", held=False)
-    assert [one.met for one in _requirements([*good, trusted, missed])] == [False, True, False]
+    assert [_requirement.met for _requirement in _requirements([*good, trusted, missed])] == [
+        False,
+        True,
+        False,
+    ]
 
 
 def test_a_line_leaves_out_what_has_no_estimate() -> None:

@@ -79,12 +79,12 @@ def missed(trials: list[FlightTrial]) -> list[str]:
 
 def test_score_is_what_it_says():
     rows = rows_of([trial(k, error=error) for k, error in enumerate([-0.6, -0.01, 0.0, 0.015, 0.03])])
-    found = score(rows, "viscous_friction")
-    assert found.median == pytest.approx(0.015, abs=2e-5)
-    assert found.ninetieth == pytest.approx(np.quantile([0.0, 0.01, 0.015, 0.03, 0.6], 0.9), abs=2e-5)
-    assert found.bias == pytest.approx(-0.565 / 5, abs=2e-5)
-    assert (found.coverage.hits, found.coverage.count) == (3, 5)
-    assert found.beyond_half.hits == 1
+    result = score(rows, "viscous_friction")
+    assert result.median == pytest.approx(0.015, abs=2e-5)
+    assert result.ninetieth == pytest.approx(np.quantile([0.0, 0.01, 0.015, 0.03, 0.6], 0.9), abs=2e-5)
+    assert result.bias == pytest.approx(-0.565 / 5, abs=2e-5)
+    assert (result.coverage.hits, result.coverage.count) == (3, 5)
+    assert result.beyond_half.hits == 1
     assert score(rows, "effective_lag").median == pytest.approx(0.015 * 0.05, abs=2e-6)
 
 
@@ -123,12 +123,12 @@ def test_each_requirement_can_be_missed(count, changes, what):
 def test_chance_is_allowed_to_few_flights_only():
     def judged(count: int, *, allow_chance: bool) -> bool:
         rows = rows_of([trial(k, verdict="weak" if k % 2 else "identified") for k in range(count)])
-        found = next(
+        result = next(
             item
             for item in requirements(rows, allow_chance=allow_chance)
             if item.what == "calm excited flights accepted"
         )
-        return found.met
+        return result.met
 
     assert not judged(6, allow_chance=False)
     assert judged(6, allow_chance=True)

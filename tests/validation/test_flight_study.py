@@ -102,8 +102,8 @@ def test_intervals_of_accepted_flights_hold_the_truth(table, quantity):
 
 @pytest.mark.parametrize("quantity", list(ERROR_BOUNDS))
 def test_errors_of_calm_accepted_flights_are_small(calm, quantity):
-    found = score(accepted(calm), quantity)
-    assert found.median <= ERROR_BOUNDS[quantity][0]
+    result = score(accepted(calm), quantity)
+    assert result.median <= ERROR_BOUNDS[quantity][0]
     # Of flights whose 90th percentile is at the bound, so many may lie beyond it.
     beyond = accepted(calm).filter(
         (pl.col(f"recipe.{quantity}.value") - pl.col(f"truth.{quantity}")).abs()
@@ -160,11 +160,11 @@ def test_missed_requirement_is_the_exit_code(table, tmp_path, capsys, monkeypatc
 def test_the_table_does_not_depend_on_the_number_of_workers(tmp_path, monkeypatch):
     """A few flights of both simulators, cut short, by one process and by two: the same bytes."""
     whole = published_grid()
-    own = [case for case in whole.cases if case.simulator == "vertical"][::200]
+    current = [case for case in whole.cases if case.simulator == "vertical"][::200]
     other = [case for case in whole.cases if case.simulator == "rotorpy"][:1]
     short = [
         *(replace(case, spec=replace(case.spec, duration=2.0)) for case in other),
-        *(replace(case, spec=replace(case.spec, duration=12.0)) for case in own),
+        *(replace(case, spec=replace(case.spec, duration=12.0)) for case in current),
     ]
     monkeypatch.setattr(flight_study, "published_grid", lambda: replace(whole, cases=tuple(short)))
     monkeypatch.setattr(flight_trials, "FLIGHTS_TOGETHER", 2)
@@ -174,8 +174,8 @@ def test_the_table_does_not_depend_on_the_number_of_workers(tmp_path, monkeypatc
         written.append((tmp_path / "trials.parquet").read_bytes())
     assert written[0] == written[1]
     rows = read_trial_table(tmp_path / "trials.parquet").rows
-    assert rows["flight"].to_list() == [case.name for case in (*own, *other)]
-    assert rows["recipe.viscous_friction.value"].is_finite().sum() >= len(own)
+    assert rows["flight"].to_list() == [case.name for case in (*current, *other)]
+    assert rows["recipe.viscous_friction.value"].is_finite().sum() >= len(current)
 
 
 def test_workers_are_counted(capsys):

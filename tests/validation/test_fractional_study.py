@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from eivor.lab.experiments import marks
-from validation.fractional.records import Cell, Relaxation, sharper_ways, ways
+from validation.fractional.records import Cell, Relaxation, formulas, sharper_ways
 from validation.fractional.study import PART, answers, main
 
 COMPENSATED = ("total_least_squares", "bias_compensated_least_squares", "generalized_iv")
@@ -14,16 +14,16 @@ ORDER_PLACE = -1
 @pytest.mark.thorough
 @pytest.mark.parametrize("scenario", [Relaxation(), Cell()], ids=lambda scenario: scenario.name)
 def test_orders_are_within_a_hundredth_at_40_db(scenario):
-    errors = answers(scenario, ways()["total_least_squares"], range(3))[:, ORDER_PLACE, 0]
+    errors = answers(scenario, formulas()["total_least_squares"], range(3))[:, ORDER_PLACE, 0]
     assert errors.size == 3
     assert np.abs(errors).max() < 0.01
 
 
 @pytest.mark.thorough
 def test_the_cells_order_by_least_squares_is_wrong_and_its_interval_does_not_say_so():
-    found = answers(Cell(), ways()["least_squares"], range(3))[:, ORDER_PLACE]
-    assert (found[:, 0] < -0.03).all()
-    assert not found[:, 1].any()
+    answer = answers(Cell(), formulas()["least_squares"], range(3))[:, ORDER_PLACE]
+    assert (answer[:, 0] < -0.03).all()
+    assert not answer[:, 1].any()
 
 
 @pytest.mark.thorough
@@ -38,9 +38,9 @@ def test_the_cells_order_is_within_a_hundredth_by_other_methods_too(name):
 @pytest.mark.filterwarnings("ignore::eivor.errors.WeakInstrumentsWarning")
 def test_intervals_of_the_cell_cover_by_the_papers_method():
     """24 runs: of 95 % intervals fewer than 18 cover once in ten thousand times."""
-    found = answers(Cell(), sharper_ways()["generalized_iv, far"], range(24))
-    assert len(found) == 24
-    assert found[:, :, 1].sum(axis=0).min() >= 18
+    result = answers(Cell(), sharper_ways()["generalized_iv, far"], range(24))
+    assert len(result) == 24
+    assert result[:, :, 1].sum(axis=0).min() >= 18
 
 
 @pytest.mark.long
@@ -49,15 +49,16 @@ def test_intervals_of_the_cell_cover_by_the_papers_method():
 @pytest.mark.filterwarnings("ignore::eivor.errors.WeakInstrumentsWarning")
 def test_intervals_cover(scenario, name):
     """60 runs: of 95 % intervals fewer than 51 cover once in ten thousand times."""
-    found = answers(scenario, ways()[name], range(60))
-    assert len(found) == 60
-    assert found[:, :, 1].sum(axis=0).min() >= 51
+    result = answers(scenario, formulas()[name], range(60))
+    assert len(result) == 60
+    assert result[:, :, 1].sum(axis=0).min() >= 51
 
 
 def test_a_page_has_the_tables(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr("validation.fractional.study.SCENARIOS", (Relaxation(),))
     monkeypatch.setattr(
-        "validation.fractional.study.ways", lambda: {"total_least_squares": ways()["total_least_squares"]}
+        "validation.fractional.study.formulas",
+        lambda: {"total_least_squares": formulas()["total_least_squares"]},
     )
     page = tmp_path / "page.md"
     begin, end = marks(PART)

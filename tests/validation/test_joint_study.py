@@ -20,28 +20,28 @@ from validation.joint.trials import ALONE, GIVEN, JOINT, LOST, TURNING, Told, re
 from validation.joint.truth import effective_along, effective_vertical
 
 
-def told(flight: str, way: str, half: float = 0.1, value: float = 0.42, **changes: object) -> Told:
-    one = Told(flight, way, "identified", "identified", 0.4, value, value - half, value + half)
-    return replace(one, **changes)
+def told(flight: str, formula: str, half: float = 0.1, value: float = 0.42, **changes: object) -> Told:
+    item = Told(flight, formula, "identified", "identified", 0.4, value, value - half, value + half)
+    return replace(item, **changes)
 
 
 def whole(half: float = 0.05) -> list[Told]:
     """Twenty flights, one of which misses, by each way."""
     return [
-        told(f"gusty {number:03d}", way, half if way == JOINT else 0.08, 0.6 if number == 0 else 0.42)
+        told(f"gusty {number:03d}", formula, half if formula == JOINT else 0.08, 0.6 if number == 0 else 0.42)
         for number in range(20)
-        for way in (JOINT, GIVEN, TURNING, ALONE)
+        for formula in (JOINT, GIVEN, TURNING, ALONE)
     ]
 
 
 def test_settings_are_those_of_the_gusty_class_of_the_vertical_study():
-    own, published = read_grid(GRID), published_grid()
+    grid, published = read_grid(GRID), published_grid()
     gusty = [case.spec for case in published.cases if case.flight_class == "RotorPy, gusty"]
-    assert len(own.cases) == 4 * len(gusty)
-    assert len({case.spec.seed for case in (*own.cases, *published.cases)}) == len(own.cases) + len(
+    assert len(grid.cases) == 4 * len(gusty)
+    assert len({case.spec.seed for case in (*grid.cases, *published.cases)}) == len(grid.cases) + len(
         published.cases
     )
-    for case in own.cases:
+    for case in grid.cases:
         assert 0.5 <= case.spec.gust_rms <= 1.5
         assert 0.2 <= case.spec.noise.acceleration <= 0.5
 
@@ -70,12 +70,12 @@ def test_without_gusts_and_tilt_both_truths_are_the_vehicle_s():
 
 
 def test_requirements_compare_what_is_identified_and_how_long_intervals_are():
-    assert all(one.met for one in requirements(whole()))
-    assert [one.met for one in requirements(whole(0.09))] == [True, False, True]
-    weak = [replace(one, verdict="weak") if one.way == JOINT else one for one in whole()]
-    assert [one.met for one in requirements(weak)] == [False, True, True]
-    missing = [replace(one, truth=1.0) if one.way == JOINT else one for one in whole()]
-    assert [one.met for one in requirements(missing)] == [True, True, False]
+    assert all(requirement.met for requirement in requirements(whole()))
+    assert [requirement.met for requirement in requirements(whole(0.09))] == [True, False, True]
+    weak = [replace(item, verdict="weak") if item.formula == JOINT else item for item in whole()]
+    assert [requirement.met for requirement in requirements(weak)] == [False, True, True]
+    missing = [replace(item, truth=1.0) if item.formula == JOINT else item for item in whole()]
+    assert [requirement.met for requirement in requirements(missing)] == [True, True, False]
 
 
 def test_tables_leave_out_what_was_lost():
@@ -87,15 +87,15 @@ def test_tables_leave_out_what_was_lost():
 
 def test_a_run_goes_on_where_it_was_interrupted(tmp_path, monkeypatch):
     grid, kept = read_grid(GRID).small(), tmp_path / "kept.jsonl"
-    flown = []
+    flight = []
 
     def fly(specs):
-        flown.extend(specs)
+        flight.extend(specs)
         return iter(specs)
 
     monkeypatch.setattr(trials, "simulate_rigid_body_flights", fly)
-    monkeypatch.setattr(trials, "told_of", lambda case, _flight, _vehicle: [told(case.name, JOINT)])
+    monkeypatch.setattr(trials, "strength_of", lambda case, _flight, _vehicle: [told(case.name, JOINT)])
     first = run(grid, kept)
-    assert len(flown) == len(first) == len(grid.cases) == 12
+    assert len(flight) == len(first) == len(grid.cases) == 12
     assert run(grid, kept) == first == read_told(kept)
-    assert len(flown) == len(first)
+    assert len(flight) == len(first)

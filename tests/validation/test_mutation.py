@@ -87,10 +87,10 @@ def test_what_is_noticed_is_told_and_shown(project, capsys):
     chosen = table(project, TWICE, HALF)
     page = project / "page.md"
     assert main(["--page", str(page)], project=project, table=chosen) == 0
-    told = capsys.readouterr().out
-    assert "twice: noticed by 1" in told
-    assert "half: noticed by 1" in told
-    assert "2 of 2 noticed" in told
+    out = capsys.readouterr().out
+    assert "twice: noticed by 1" in out
+    assert "half: noticed by 1" in out
+    assert "2 of 2 noticed" in out
     assert (project / "src" / "toy.py").read_text() == SOURCE
     text = page.read_text()
     assert "old" not in text
@@ -109,10 +109,10 @@ def test_what_survives_is_told(project, capsys):
     blind = TWICE | {"tests": [*TWICE["tests"], "tests/test_toy.py::TestHalf::test_half"]}
     equal = HALF | {"replacement": "return 0.5 * x"}
     assert main([], project=project, table=table(project, blind, equal)) == UNNOTICED
-    told = capsys.readouterr().out
-    assert "twice: NOT NOTICED by tests/test_toy.py::TestHalf::test_half" in told
-    assert "half: NOT NOTICED by tests/test_toy.py::TestHalf" in told
-    assert "0 of 2 noticed" in told
+    out = capsys.readouterr().out
+    assert "twice: NOT NOTICED by tests/test_toy.py::TestHalf::test_half" in out
+    assert "half: NOT NOTICED by tests/test_toy.py::TestHalf" in out
+    assert "0 of 2 noticed" in out
 
 
 @pytest.mark.thorough
@@ -131,9 +131,9 @@ def test_what_survives_is_told(project, capsys):
 )
 def test_mutants_that_cannot_be_tried(project, capsys, change, said):
     assert main(["--only", "twice"], project=project, table=table(project, TWICE | change, HALF)) == UNNOTICED
-    told = capsys.readouterr()
-    assert re.search(said, told.err)
-    assert "noticed" not in told.out
+    readouterr = capsys.readouterr()
+    assert re.search(said, readouterr.err)
+    assert "noticed" not in readouterr.out
 
 
 @pytest.mark.thorough

@@ -24,7 +24,7 @@ def test_published_page_is_made_of_the_published_table(published: pl.DataFrame) 
     page = (DOCS / "paper.md").read_text(encoding="utf-8")
     assert page_with(page, {PART: claims_tables(published)}) == page
     suite = claims_suite()
-    assert set(published["scenario"]) == {one.scenario for one in suite.studies}
+    assert set(published["scenario"]) == {study.scenario for study in suite.studies}
     assert set(published["method"]) == {choice.label for choice in suite.studies[0].study.methods}
 
 

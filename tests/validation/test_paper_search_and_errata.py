@@ -25,13 +25,13 @@ def test_every_combination_is_searched_once():
 @pytest.mark.thorough
 def test_each_choice_of_instruments_is_tried_with_both_solvers_where_there_are_enough(tried):
     assert len(tried) == 2 * len(INSTRUMENTS) - 2  # n = 2 has no total least squares solution
-    assert all(np.isfinite(one.means).all() for one in tried)
+    assert all(np.isfinite(item.means).all() for item in tried)
 
 
 def test_distance_is_a_factor(tried):
-    one = tried[0]
+    item = tried[0]
     printed, _ = paper_search.printed_table()
-    twice = paper_search.Tried(one.reading, 2.0 * printed, one.spreads, one.total_least_squares)
+    twice = paper_search.Tried(item.reading, 2.0 * printed, item.spreads, item.total_least_squares)
     assert twice.off_by((0, 1, 2), spreads=False) == pytest.approx(2.0)
     assert twice.off_by((0, 2), spreads=False) == pytest.approx(2.0)
 
@@ -67,10 +67,10 @@ def test_euler_angles_are_no_body_rates(checks):
     """By hand: phi'' = p' + theta' psi' at zero tilt, and so on."""
     x, y, z = INERTIA
     printed = np.array([(y - z) / x, (z - x) / y, (x - y) / z])
-    found = re.findall(r"([+-][\d.]+) \(printed ([+-][\d.]+)\)", checks["(1) rows 1 to 3"])
-    np.testing.assert_allclose(np.array(found, dtype=float)[:, 1], printed, atol=0.005)
+    match = re.findall(r"([+-][\d.]+) \(printed ([+-][\d.]+)\)", checks["(1) rows 1 to 3"])
+    np.testing.assert_allclose(np.array(match, dtype=float)[:, 1], printed, atol=0.005)
     turned = np.array([1.0, -1.0, 1.0])
-    np.testing.assert_allclose(np.array(found, dtype=float)[:, 0], printed + turned, atol=0.005)
+    np.testing.assert_allclose(np.array(match, dtype=float)[:, 0], printed + turned, atol=0.005)
 
 
 def test_the_error_of_the_variables_has_the_other_sign(checks):

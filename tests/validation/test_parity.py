@@ -51,10 +51,10 @@ def changed(path: str, value: object) -> dict:
     """The record with one value replaced."""
     content = copy.deepcopy(CONTENT)
     part, name, *keys, last = path.split("/")
-    at = content[f"{part}/{name}"]
+    index = content[f"{part}/{name}"]
     for key in keys:
-        at = at[int(key)] if isinstance(at, list) else at[key]
-    at[int(last) if isinstance(at, list) else last] = value
+        index = index[int(key)] if isinstance(index, list) else index[key]
+    index[int(last) if isinstance(index, list) else last] = value
     return record(content)
 
 
@@ -168,18 +168,18 @@ def test_the_command(tmp_path, capsys):
 
 def test_documents_are_kept_without_version(tmp_path):
     folder = recording.Folder(tmp_path)
-    found = folder.identify("--example", "--window", "5:40", files={"page": "none.html"})
-    assert found["exit_code"] in {0, 3}
-    assert found["document"]["provenance"].keys() == {"logs", "options"}
-    assert found["page"] is None
-    assert "message" not in found
+    result = folder.identify("--example", "--window", "5:40", files={"page": "none.html"})
+    assert result["exit_code"] in {0, 3}
+    assert result["document"]["provenance"].keys() == {"logs", "options"}
+    assert result["page"] is None
+    assert "message" not in result
     assert folder.eivor("identify", "none.ulg")["message"].startswith("eivor: ")
 
 
 def test_files_are_equal_to_the_byte(tmp_path):
-    found = {"schema": recording.SCHEMA, "entries": record({"b/2": {"z": 1 / 3, "a": [1]}, "a/1": {}})}
+    results = {"schema": recording.SCHEMA, "entries": record({"b/2": {"z": 1 / 3, "a": [1]}, "a/1": {}})}
     for name in ("one.json.xz", "two.json.xz"):
-        write_record(tmp_path / name, found)
+        write_record(tmp_path / name, results)
     assert (tmp_path / "one.json.xz").read_bytes() == (tmp_path / "two.json.xz").read_bytes()
     kept = recording.read_record(tmp_path / "one.json.xz")["entries"]["b/2"]
     assert kept["content"] == {"z": 0.33333333333, "a": [1]}

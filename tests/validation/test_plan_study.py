@@ -21,9 +21,9 @@ def test_vehicles_follow_a_plan_under_both_controllers():
     reference = Trajectory(shape.offset, *shape.derivatives)
     heights = []
     for gains in (1.0, OTHER_CONTROLLER):
-        flown = vehicle.fly(reference, 1, gains=gains)
-        assert np.abs(flown.height - shape.offset).max() < 0.6
-        heights.append(flown.height)
+        flight = vehicle.fly(reference, 1, gains=gains)
+        assert np.abs(flight.height - shape.offset).max() < 0.6
+        heights.append(flight.height)
     assert np.abs(heights[0] - heights[1]).max() > 0.005
 
 
@@ -32,46 +32,48 @@ def test_six_vehicles_are_flown():
 
 
 def test_the_table_has_medians_and_shares():
-    own = [
+    selected = [
         Outcome("a", "lag", 0, "steps", 2.0, reached, True, kept)
         for reached, kept in ((2.0, True), (4.0, False))
     ]
     other = Outcome("b", "friction", 0, "steps", 0.1, 0.05, False, True)
-    lines = table([*own, other]).splitlines()
+    lines = table([*selected, other]).splitlines()
     assert "| a | effective lag | 2 | 2 ms | 3 ms | 1.50 | 2 of 2 | 1 of 2 |" in lines
     assert "| **all** | viscous friction | 1 | 0.1 1/s | 0.05 1/s | 0.50 | 0 of 1 | 1 of 1 |" in lines
 
 
 def test_flights_that_are_kept_are_not_flown_again(tmp_path, monkeypatch):
-    def flown(vehicle, asked, seed):
-        asked_of.append((vehicle.name, *asked))
-        return (Outcome(vehicle.name, *each, "steps", 1.0, 1.2, True, True) for each in asked)
+    def flown(vehicle, requested, seed):
+        asked_of.append((vehicle.name, *requested))
+        return (Outcome(vehicle.name, *each, "steps", 1.0, 1.2, True, True) for each in requested)
 
     monkeypatch.setattr("validation.plan.study.outcomes", flown)
     asked_of: list[tuple[object, ...]] = []
     kept = tmp_path / "kept.jsonl"
     first, _ = answer(GRID, "small", kept)
-    assert [one for one in asked_of if one[1:]] == [
+    assert [item for item in asked_of if item[1:]] == [
         (vehicle.name, *((target, number) for target in PLANNED_FOR for number in (0, 1))) for vehicle in OWN
     ]
     kept.write_text("".join(kept.read_text().splitlines(keepends=True)[:-1]))
     asked_of.clear()
     assert answer(GRID, "small", kept)[0] == first
-    assert [one for one in asked_of if one[1:]] == [("heavy, slow", ("lag", 1))]
+    assert [item for item in asked_of if item[1:]] == [("heavy, slow", ("lag", 1))]
 
 
 def test_what_is_asked_of_planned_flights():
-    told = [Outcome("a", target, 0, "steps", 1.0, 1.5, True, True) for target in PLANNED_FOR]
-    assert [one.met for one in requirements_of(told)] == [False, True, True, True]
-    left = [*told, Outcome("a", "lag", 1, "steps", 1.0, 2.6, False, False)]
-    assert [one.met for one in requirements_of(left)] == [False, False, False, False]
+    selected = [Outcome("a", target, 0, "steps", 1.0, 1.5, True, True) for target in PLANNED_FOR]
+    assert [item.met for item in requirements_of(selected)] == [False, True, True, True]
+    left = [*selected, Outcome("a", "lag", 1, "steps", 1.0, 2.6, False, False)]
+    assert [item.met for item in requirements_of(left)] == [False, False, False, False]
 
 
 @pytest.mark.calibration
 def test_planned_flights_reach_what_was_predicted():
     """Bounds of the study, with room for four flights."""
-    found = list(outcomes(OWN[1], [(target, number) for target in PLANNED_FOR for number in (0, 1)], 1))
-    ratios = {target: [one.ratio for one in found if one.target == target] for target in ("friction", "lag")}
+    result = list(outcomes(OWN[1], [(target, number) for target in PLANNED_FOR for number in (0, 1)], 1))
+    ratios = {
+        target: [item.ratio for item in result if item.target == target] for target in ("friction", "lag")
+    }
     assert 0.6 < np.median(ratios["friction"]) < 1.6
     assert 0.5 < np.median(ratios["lag"]) < 2.0
-    assert all(one.kept for one in found)
+    assert all(item.kept for item in result)

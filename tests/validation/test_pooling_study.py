@@ -10,18 +10,18 @@ from validation.pooling.trials import cell
 
 @pytest.mark.parametrize(("flights", "heterogeneity"), [(4, 0.05), (10, 0.02)])
 def test_intervals_hold_and_those_of_others_do_not(flights, heterogeneity):
-    told = cell(flights, heterogeneity, 1000, (0.01, 0.05))
-    assert told.mean >= 0.93
-    assert told.following >= 0.90
-    assert told.fixed < told.moments < told.mean
-    assert told.spread == pytest.approx(0.95, abs=0.03)
-    assert cell(flights, heterogeneity, 1000, (0.01, 0.05)) == told
+    reported = cell(flights, heterogeneity, 1000, (0.01, 0.05))
+    assert reported.mean >= 0.93
+    assert reported.following >= 0.90
+    assert reported.fixed < reported.moments < reported.mean
+    assert reported.spread == pytest.approx(0.95, abs=0.03)
+    assert cell(flights, heterogeneity, 1000, (0.01, 0.05)) == reported
 
 
 def test_the_plain_prediction_is_short_where_heterogeneity_and_errors_are_alike():
-    told = cell(10, 0.02, 1000, (0.01, 0.05))
-    assert told.plain < 0.88 < told.following
-    assert told.wider > 1.1
+    reported = cell(10, 0.02, 1000, (0.01, 0.05))
+    assert reported.plain < 0.88 < reported.following
+    assert reported.wider > 1.1
 
 
 def test_the_command_makes_the_page_of_a_kept_study(tmp_path, capsys):

@@ -16,8 +16,8 @@ from validation.rates.trials import INSTRUMENTS, LEAST_SQUARES, Told, read_told,
 
 
 def told(condition: str, error: float = 0.01, **changes: object) -> Told:
-    one = Told("usual", condition, 0, INSTRUMENTS, "roll_effectiveness", error, -0.02, 0.03, True)
-    return replace(one, **changes)
+    item = Told("usual", condition, 0, INSTRUMENTS, "roll_effectiveness", error, -0.02, 0.03, True)
+    return replace(item, **changes)
 
 
 def whole(error: float = 0.01) -> list[Told]:
@@ -35,7 +35,7 @@ def whole(error: float = 0.01) -> list[Told]:
 
 def test_the_published_grid_flies_every_vehicle_alike():
     grid = read_grid()
-    assert {one.judged for one in grid.conditions} == {"50 Hz", "250 Hz", "small"}
+    assert {condition.judged for condition in grid.conditions} == {"50 Hz", "250 Hz", "small"}
     specs = [flight_of(vehicle, grid.conditions[0], 2.0, 1) for vehicle in VEHICLES]
     assert {spec.controller.rate_hz for spec in specs} == {400.0}
     assert {spec.logged.setpoint_hz for spec in specs} == {50.0}
@@ -43,15 +43,17 @@ def test_the_published_grid_flies_every_vehicle_alike():
 
 def test_requirements_look_at_errors_and_at_what_is_accepted():
     grid = read_grid()
-    assert all(one.met for one in requirements(grid, whole()))
-    unmet = [one.what for one in requirements(grid, whole(0.05))]
-    assert [one.what for one in requirements(grid, whole(0.05)) if not one.met] == ["effectiveness, 250 Hz"]
+    assert all(requirement.met for requirement in requirements(grid, whole()))
+    unmet = [requirement.what for requirement in requirements(grid, whole(0.05))]
+    assert [requirement.what for requirement in requirements(grid, whole(0.05)) if not requirement.met] == [
+        "effectiveness, 250 Hz"
+    ]
     assert len(unmet) == 6
-    hover = next(one.name for one in grid.conditions if not one.steps)
+    hover = next(condition.name for condition in grid.conditions if not condition.steps)
     missing = told(hover, below=0.01)
     for accepted, met in ((True, False), (False, True)):
-        found = [*whole(), replace(missing, accepted=accepted)]
-        assert list(requirements(grid, found))[-1].met is met
+        results = [*whole(), replace(missing, accepted=accepted)]
+        assert list(requirements(grid, results))[-1].met is met
 
 
 def test_tables_have_least_squares_beside():
@@ -66,22 +68,22 @@ def test_tables_have_least_squares_beside():
 
 def test_a_run_goes_on_where_it_was_interrupted(tmp_path, monkeypatch):
     grid, kept = read_grid(), tmp_path / "kept.jsonl"
-    flown = []
+    flight = []
 
     def fly(specs):
-        flown.extend(specs)
+        flight.extend(specs)
         return iter(specs)
 
     monkeypatch.setattr(trials, "simulate_rigid_body_flights", fly)
     monkeypatch.setattr(
         trials,
-        "told_of",
+        "strength_of",
         lambda _flight, vehicle, condition, number: [told(condition.name, vehicle=vehicle, number=number)],
     )
     first = run(grid, "small", kept)
-    assert len(flown) == len(first) == len(VEHICLES) * len(grid.conditions)
+    assert len(flight) == len(first) == len(VEHICLES) * len(grid.conditions)
     assert run(grid, "small", kept) == first == read_told(kept)
-    assert len(flown) == len(first)
+    assert len(flight) == len(first)
 
 
 def test_a_grid_that_is_none_is_refused(tmp_path, capsys):

@@ -64,12 +64,14 @@ def test_controllers_hold_their_commands_at_their_own_rates():
 
 
 def test_effective_values_are_nominal_where_the_model_holds():
-    found = effective(flown(VehicleSpec(actuator_lag=0.03, delay=0.01, updraft=1.0, horizontal_friction=0.4)))
-    assert found["viscous_friction"] == pytest.approx(0.4, abs=1e-6)
-    assert found["input_gain"] == pytest.approx(GRAVITY / 0.25, rel=1e-6)
-    assert found["effective_lag"] == pytest.approx(0.04)
+    result = effective(
+        flown(VehicleSpec(actuator_lag=0.03, delay=0.01, updraft=1.0, horizontal_friction=0.4))
+    )
+    assert result["viscous_friction"] == pytest.approx(0.4, abs=1e-6)
+    assert result["input_gain"] == pytest.approx(GRAVITY / 0.25, rel=1e-6)
+    assert result["effective_lag"] == pytest.approx(0.04)
     # An updraft of 1 m/s carries K of the weight, and half of its share is the share of the command.
-    assert found["hover_input"] == pytest.approx(0.5 * (1.0 - 0.4 / GRAVITY) ** 0.5, rel=1e-3)
+    assert result["hover_input"] == pytest.approx(0.5 * (1.0 - 0.4 / GRAVITY) ** 0.5, rel=1e-3)
 
 
 @pytest.mark.parametrize(
@@ -110,11 +112,11 @@ def test_accelerometer_attitude_and_tilt_error_agree():
         log, truth = flight.recording.channels, flight.flown.truth
         time = log["specific_force_body_z"].time_s
         body = np.stack([log[f"specific_force_body_{axis}"].values for axis in "xyz"], axis=1)
-        told = np.stack(
+        reported = np.stack(
             [np.interp(time, log["attitude_w"].time_s, log[f"attitude_{axis}"].values) for axis in "xyzw"],
             axis=1,
         )
-        world = Rotation.from_quat(told).apply(body)
+        world = Rotation.from_quat(reported).apply(body)
         along = np.interp(time, truth.time_s, np.gradient(flight.flown.horizontal, STEP_S))
         up = np.interp(time, truth.time_s, truth.specific_force_z)
         np.testing.assert_allclose(

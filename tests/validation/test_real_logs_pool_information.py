@@ -33,11 +33,11 @@ def test_a_delay_that_is_known_narrows_the_lag_and_so_does_a_second_flight():
 
 
 def test_frictions_that_differ_tell_the_lag_of_one_frequency():
-    apart, alike = (
+    separated, equal = (
         lag_bound([_sine(0.3, friction) for friction in frictions])
         for frictions in ((0.2, 0.6), (0.39, 0.41))
     )
-    assert alike.delay_known > 5.0 * apart.delay_known
+    assert equal.delay_known > 5.0 * separated.delay_known
 
 
 @pytest.mark.thorough
@@ -48,5 +48,5 @@ def test_quicker_references_tell_more(tmp_path, capsys):
     assert capsys.readouterr().out.strip() in page.read_text()
     family = published_grid().family("pools with two reference frequencies")
     flights = [family.flight(number) for number in range(6)]
-    quicker = [replace(one, frequency=2.0 * one.frequency) for one in flights]
+    quicker = [replace(flight, frequency=2.0 * flight.frequency) for flight in flights]
     assert lag_bound(quicker).delay_known < lag_bound(flights).delay_known

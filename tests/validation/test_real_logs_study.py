@@ -39,7 +39,7 @@ def test_grid_is_as_large_as_promised():
 
 
 @pytest.mark.parametrize(
-    "family", [one for one in GRID.families if one.frequencies], ids=lambda one: one.name
+    "family", [family for family in GRID.families if family.frequencies], ids=lambda item: item.name
 )
 def test_flights_of_a_pool_share_the_vehicle_and_not_the_wind(family):
     specs = [family.flight(number) for number in range(12)]
@@ -80,20 +80,20 @@ def test_a_run_cut_short_has_flown_the_same_share_of_each_family():
 
 def rows(count: int, family: str, **columns) -> pl.DataFrame:
     """Rows of accepted flights whose intervals hold the truth."""
-    found: dict[str, object] = {
+    results: dict[str, object] = {
         "class": [family] * count,
         "number": np.arange(count),
         "verdict": ["identified"] * count,
     }
     for name in QUANTITIES:
-        found |= {f"truth.{name}": 1.0, f"recipe.{name}.value": 1.0, f"verdict.{name}": "identified"}
-        found |= {f"recipe.{name}.low": 0.9, f"recipe.{name}.high": 1.1}
-    found |= {f"named.{name}": False for name in NAMES} | columns
-    found |= {"recipe.first_stage_F": 100.0, "recipe.p_value": 0.5}
+        results |= {f"truth.{name}": 1.0, f"recipe.{name}.value": 1.0, f"verdict.{name}": "identified"}
+        results |= {f"recipe.{name}.low": 0.9, f"recipe.{name}.high": 1.1}
+    results |= {f"named.{name}": False for name in NAMES} | columns
+    results |= {"recipe.first_stage_F": 100.0, "recipe.p_value": 0.5}
     return pl.DataFrame(
         {
-            name: found[name] if isinstance(found[name], list | np.ndarray) else [found[name]] * count
-            for name in found
+            name: results[name] if isinstance(results[name], list | np.ndarray) else [results[name]] * count
+            for name in results
         }
     )
 
@@ -119,12 +119,12 @@ def test_coverage_and_bias_are_required_of_families_that_the_model_holds():
 
 def test_what_must_be_said_is_counted():
     name = "velocity scaled by 1.05"
-    said = rows(10, name, **{"named.velocity reads more": [True] * 8 + [False] * 2})
-    assert unmet(said.with_columns()) == unmet(
+    sentence = rows(10, name, **{"named.velocity reads more": [True] * 8 + [False] * 2})
+    assert unmet(sentence.with_columns()) == unmet(
         rows(0, name)
-    ) or f"{name}: named: velocity reads more" not in unmet(said)
-    silent = rows(10, name, **{"named.velocity reads more": [True] * 7 + [False] * 3})
-    assert f"{name}: named: velocity reads more" in unmet(silent)
+    ) or f"{name}: named: velocity reads more" not in unmet(sentence)
+    no_stage_callback = rows(10, name, **{"named.velocity reads more": [True] * 7 + [False] * 3})
+    assert f"{name}: named: velocity reads more" in unmet(no_stage_callback)
 
 
 @pytest.mark.parametrize(
@@ -137,7 +137,7 @@ def test_what_must_be_said_is_counted():
     ],
 )
 def test_one_thing_is_found_in_a_sentence(sentence, name):
-    assert [one for one, pattern in SENTENCES.items() if pattern.search(sentence)] == [name]
+    assert [item for item, pattern in SENTENCES.items() if pattern.search(sentence)] == [name]
 
 
 def test_an_interval_far_off_counts_only_where_it_is_called_identified():
@@ -166,16 +166,16 @@ def test_pools_with_two_frequencies_are_judged_together_too():
     wide = rows(12, first)
     narrow = rows(24, second, **{"recipe.effective_lag.low": 0.98, "recipe.effective_lag.high": 1.015})
     together = "all pools with two reference frequencies: half-width of the lag in the median"
-    (found,) = [item for item in requirements(pl.concat([wide, narrow]), GRID) if item.what == together]
-    assert (found.measured, found.met) == ("17.5 ms of 6 pools", True)
+    (selected,) = [item for item in requirements(pl.concat([wide, narrow]), GRID) if item.what == together]
+    assert (selected.measured, selected.met) == ("17.5 ms of 6 pools", True)
     assert together not in [item.what for item in requirements(wide, GRID)]
     assert together in unmet(pl.concat([wide, narrow.head(6)]))
 
 
 def test_the_hover_inputs_errors_stand_beside_the_floor():
     table = rows(20, "30 s", **{"truth.hover_input": [1.0] * 19 + [1.001]})
-    (said,) = hover_sentence(table, GRID)
-    assert "by 0.100% at most" in said
+    (sentence,) = hover_sentence(table, GRID)
+    assert "by 0.100% at most" in sentence
     assert not hover_sentence(rows(3, "voltage sags by 10 %, logged"), GRID)
 
 

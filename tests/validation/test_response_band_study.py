@@ -19,10 +19,10 @@ PAGE = Path(__file__).parents[2] / "docs" / "exports.md"
 def test_climb_rates_are_those_of_the_state_space() -> None:
     friction, gain, lag, delay = 0.3, 23.9, 0.05, 0.012
     motion = np.array([[-1.0 / lag, 0.0, 1.0 / lag], [gain, -friction, 0.0], [0.0, 0.0, 0.0]])
-    (found,) = climb_rates(*(np.array([one]) for one in (friction, gain, lag, delay)))
-    for time, rate in zip(TIMES_S, found, strict=True):
+    (rates,) = climb_rates(*(np.array([item]) for item in (friction, gain, lag, delay)))
+    for time, rate in zip(TIMES_S, rates, strict=True):
         assert rate == pytest.approx(expm(motion * (time - delay))[1, 2], rel=1e-9)
-    assert climb_rates(*(np.array([one]) for one in (friction, gain, lag, 0.06)))[0, 0] == 0.0
+    assert climb_rates(*(np.array([item]) for item in (friction, gain, lag, 0.06)))[0, 0] == 0.0
 
 
 @pytest.mark.thorough
@@ -33,10 +33,10 @@ def test_a_flight_of_the_study_and_its_page(tmp_path: Path, capsys: pytest.Captu
     arguments = ["--grid", str(grid), "--kept", str(kept), "--page", str(page)]
     assert main(arguments) in {0, 3}
     first = kept.read_text(encoding="utf-8")
-    for one in (json.loads(line) for line in first.splitlines()):
-        assert one["verdict"] == "identified"
-        assert len(one["held"]) == len(one["held_at_best"]) == len(TIMES_S)
-        assert all(0.0 < width < 0.2 for width in one["width"])
+    for item in (json.loads(line) for line in first.splitlines()):
+        assert item["verdict"] == "identified"
+        assert len(item["held"]) == len(item["held_at_best"]) == len(TIMES_S)
+        assert all(0.0 < width < 0.2 for width in item["width"])
     main(arguments)
     assert kept.read_text(encoding="utf-8") == first
     assert "| calm | 2 | 2 |" in capsys.readouterr().out
@@ -45,8 +45,8 @@ def test_a_flight_of_the_study_and_its_page(tmp_path: Path, capsys: pytest.Captu
 
 def test_the_page_says_what_was_asked() -> None:
     text = PAGE.read_text(encoding="utf-8")
-    asked, measured, met = re.findall(r"\| ([\d.]+ to [\d.]+) \| ([\d.]+) \| (yes|no) \|", text)[0]
+    requested, measured, met = re.findall(r"\| ([\d.]+ to [\d.]+) \| ([\d.]+) \| (yes|no) \|", text)[0]
     low, high = COVERAGE
-    assert asked == f"{low:g} to {high:g}"
+    assert requested == f"{low:g} to {high:g}"
     assert met == ("yes" if low <= float(measured) <= high else "no")
     assert LEVEL == 0.9

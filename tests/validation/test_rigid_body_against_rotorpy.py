@@ -26,7 +26,9 @@ TOLERANCE = {"rtol": 1e-8, "atol": 1e-10}
 def every_effect() -> dict[str, Any]:
     """A vehicle with all that RotorPy knows: a hub above the centre of mass, flapping, a full inertia."""
     parameters = vehicle_parameters(Vehicle.HUMMINGBIRD, None)
-    raised = {name: place + np.array([0.01, -0.02, 0.03]) for name, place in parameters["rotor_pos"].items()}
+    raised = {
+        name: parameter + np.array([0.01, -0.02, 0.03]) for name, parameter in parameters["rotor_pos"].items()
+    }
     products = {"Ixy": 2e-4, "Ixz": -3e-4, "Iyz": 1e-4}
     return parameters | products | {"rotor_pos": raised, "k_flap": 2e-5, "c_Dx": 0.02}
 
@@ -81,12 +83,12 @@ def replayed(parameters: dict[str, Any], integrator: Integrator, seconds: float)
     theirs = multirotor(parameters, integrator_kwargs=TOLERANCE)
     ours = integrator.stepper(coefficients_of(rigid_body(parameters), GRAVITY), step)
     body, speeds = [0.0] * 6 + [1.0] + [0.0] * 6, hover.tolist()
-    places = []
+    positions = []
     for command in commands:
         state = theirs.step(state, {"cmd_motor_speeds": command}, step)
         body, speeds = ours.step(body, speeds, HeldInputs(command.tolist()))
-        places.append((state["x"], body[:3]))
-    return tuple(np.array(column) for column in zip(*places, strict=True))
+        positions.append((state["x"], body[:3]))
+    return tuple(np.array(column) for column in zip(*positions, strict=True))
 
 
 BOUNDS = [(Vehicle.CRAZYFLIE, 1e-6), (Vehicle.HUMMINGBIRD, 1e-4)]

@@ -33,7 +33,7 @@ def rows(kind: str, errors: dict[int, float], method: str, half_width: float = 0
             "agreement": 1e-5,
         }
         for number, error in errors.items()
-        for name in (beside.LAG, *beside.SHOWN)
+        for name in (beside.LAG, *beside.PLOTTED)
     ]
 
 
@@ -43,15 +43,15 @@ def test_tables_say_what_the_rows_are_off_by_and_how_many_intervals_held():
         *rows(beside.LAGS, {0: 0.03}, beside.LEAST_SQUARES),
         *rows(beside.SPEEDS, {0: 0.01, 1: 0.03}, beside.TOTAL),
     ]
-    found = beside.tables(StudyTable(pl.DataFrame(made), {}))
-    assert found[beside.LAGS].splitlines()[2:] == [
+    tables = beside.tables(StudyTable(pl.DataFrame(made), {}))
+    assert tables[beside.LAGS].splitlines()[2:] == [
         "| 60, 72 ms | `reference_iv` | -1.0 % | -1.0 %, -1.0 %, -1.0 % | -1.0 % | -1.0 % "
         "| weak, p = 1e-05 |",
         "| 60, 72 ms | `whitened_least_squares` | (+3.0 %) | (+3.0 %), (+3.0 %), (+3.0 %) | (+3.0 %) "
         "| (+3.0 %) | weak |",
     ]
-    assert beside.STAMPS not in found  # a page keeps the table of what was not flown
-    (line,) = found[beside.SPEEDS].splitlines()[2:]
+    assert beside.STAMPS not in tables  # a page keeps the table of what was not flown
+    (line,) = tables[beside.SPEEDS].splitlines()[2:]
     assert line.startswith("| 3 % | `total_least_squares` | 2 of 2 | +2.0, 2.2 % [0.50] |")
 
 
@@ -76,7 +76,7 @@ def test_noise_is_declared_of_all_that_is_measured():
 
 
 def test_a_refused_flight_counts_as_flown_and_not_as_told():
-    refused = [{**one, "verdict": "refused"} for one in rows(beside.SPEEDS, {2: 1e6}, beside.TOTAL)]
+    refused = [{**row, "verdict": "refused"} for row in rows(beside.SPEEDS, {2: 1e6}, beside.TOTAL)]
     made = [*rows(beside.SPEEDS, {0: 0.01, 1: 0.03}, beside.TOTAL), *refused]
     (line,) = beside.tables(StudyTable(pl.DataFrame(made), {}))[beside.SPEEDS].splitlines()[2:]
     assert line.startswith("| 3 % | `total_least_squares` | 2 of 3 | +2.0, 2.2 % [0.50] |")

@@ -29,7 +29,7 @@ QUANTITIES = [name for names in GROUPS.values() for name in names]
 
 def rows(error: float = 0.0, half_width: float = 0.01, **only: float) -> pl.DataFrame:
     """Thirty flights of every scenario, each quantity off by as much, or those named."""
-    found: list[Row] = []
+    result: list[Row] = []
     for scenario in published_grid().scenarios:
         for vehicle in scenario.vehicles:
             for number in range(30):
@@ -38,12 +38,12 @@ def rows(error: float = 0.0, half_width: float = 0.01, **only: float) -> pl.Data
                     row = {"scenario": scenario.name, "vehicle": str(vehicle), "number": number}
                     row |= {"method": scenario.methods[0], "quantity": name, "truth": 2.0, "value": value}
                     ends = {"low": value - half_width, "high": value + half_width}
-                    found.append({**row, **ends, "verdict": "identified"})
-    return pl.DataFrame(found)
+                    result.append({**row, **ends, "verdict": "identified"})
+    return pl.DataFrame(result)
 
 
 def unmet(table: pl.DataFrame) -> set[str]:
-    return {one.what for one in requirements(table, published_grid()) if not one.met}
+    return {requirement.what for requirement in requirements(table, published_grid()) if not requirement.met}
 
 
 def test_the_grid_asks_what_it_was_published_with():
@@ -139,8 +139,8 @@ def test_a_flight_that_tells_nothing_misses():
             for name in ("value", "low", "high")
         ]
     )
-    one = scores(table.filter(pl.col("scenario") == "nominal noise"))["roll_gain"]
-    assert (one.count, one.covered.hits, one.covered.count) == (29, 29, 30)
+    score = scores(table.filter(pl.col("scenario") == "nominal noise"))["roll_gain"]
+    assert (score.count, score.covered.hits, score.covered.count) == (29, 29, 30)
 
 
 @pytest.mark.thorough
@@ -149,10 +149,10 @@ def test_a_run_goes_on_and_fills_its_page(tmp_path, monkeypatch, capsys):
 
     def fake(task: Task) -> tuple[Row, ...]:
         made.append(task)
-        own = pl.col("number").is_between(task.first, task.last - 1) & (
+        current = pl.col("number").is_between(task.first, task.last - 1) & (
             pl.col("vehicle") == str(task.vehicle)
         )
-        return tuple(rows().filter((pl.col("scenario") == task.scenario) & own).to_dicts())
+        return tuple(rows().filter((pl.col("scenario") == task.scenario) & current).to_dicts())
 
     monkeypatch.setattr(study, "rows_of", fake)
     begin, end = marks(PART)
@@ -171,11 +171,11 @@ def test_a_run_goes_on_and_fills_its_page(tmp_path, monkeypatch, capsys):
 
 
 def test_tables_have_every_scenario():
-    told = study_tables(
+    tables = study_tables(
         StudyTable(rows(), {"made with": "it", "grid": "1", "flights": "30"}), published_grid()
     )
     for scenario in published_grid().scenarios:
-        assert f"| {scenario.name}" in told
+        assert f"| {scenario.name}" in tables
 
 
 @pytest.mark.calibration
@@ -186,6 +186,6 @@ def test_a_flight_of_the_study_is_flown_and_told(monkeypatch):
     grid = replace(published_grid(), seconds=20.0)
     monkeypatch.setattr(trials, "published_grid", lambda: grid)
     for name in ("nominal noise", "stamps out of step, with 1 ms of jitter"):
-        told = scores(pl.DataFrame(list(rows_of(Task(name, Vehicle.CRAZYFLIE, 0, 1)))))
+        reported = scores(pl.DataFrame(list(rows_of(Task(name, Vehicle.CRAZYFLIE, 0, 1)))))
         for quantity in GROUPS["torque gains"] + GROUPS["lag"]:
-            assert told[quantity].largest < 0.01
+            assert reported[quantity].largest < 0.01

@@ -108,11 +108,11 @@ def test_effective_parameters_are_near_the_nominal_ones(vehicle, low, high):
 def test_rotors_are_the_exact_lag_of_the_delayed_commands(vehicle, lag, delay):
     flight = fly(RotorpyFlightSpec(vehicle, lag, delay, gust_rms=0.3, duration=2.0, seed=13))
     assert flight.flew
-    truth, told = flight.truth, commands(flight)
+    truth, reported = flight.truth, commands(flight)
     late = round(delay / STEP_S)
-    acting = np.vstack([np.full((late, told.shape[1]), truth.hover_input), told])
+    acting = np.vstack([np.full((late, reported.shape[1]), truth.hover_input), reported])
     decay = np.exp(-STEP_S / truth.actuator_lag)
-    state = np.full(told.shape[1], truth.hover_input)
+    state = np.full(reported.shape[1], truth.hover_input)
     expected = np.empty_like(truth.rotor_state)
     for k in range(truth.time_s.size):
         expected[k] = state
@@ -337,8 +337,8 @@ def test_example_file_is_small_and_complete():
 @pytest.mark.parametrize("stamps", [600, pytest.param(6000, marks=pytest.mark.long)])
 def test_example_is_what_its_script_makes(stamps, monkeypatch):
     """Each stamp follows from the one before it: the first tenth serves, and the long one has them all."""
-    flown = itertools.count(1)
-    monkeypatch.setattr(rotorpy_flight, "is_lost", lambda *_: next(flown) == stamps)
+    count = itertools.count(1)
+    monkeypatch.setattr(rotorpy_flight, "is_lost", lambda *_: next(count) == stamps)
     script = example_script()
     flight = simulate_rotorpy_flight(script.SPEC)
     stored, made = pl.read_parquet(DATA / "example_flight.parquet").head(stamps), script.table(flight)
@@ -361,10 +361,10 @@ def test_example_agrees_with_its_truth_file():
     frame = pl.read_parquet(DATA / "example_flight.parquet")
     record = json.loads((DATA / "example_flight_truth.json").read_text(encoding="utf-8"))
     decay = np.exp(-STEP_S / record["actuator_lag"])
-    told = frame.select(pl.col("^rotor_command_.*$")).to_numpy().astype(np.float64)
+    reported = frame.select(pl.col("^rotor_command_.*$")).to_numpy().astype(np.float64)
     state = np.full(4, record["hover_input"])
-    mapped = np.empty(told.shape[0])
-    for k, command in enumerate(told):
+    mapped = np.empty(reported.shape[0])
+    for k, command in enumerate(reported):
         mapped[k] = np.square(state).mean()
         state = decay * state + (1.0 - decay) * command
     velocity = frame["velocity_z"].to_numpy().astype(np.float64)

@@ -13,7 +13,7 @@ from validation.efficiency.wrong_orders import main, trial
 def test_the_likelihood_is_biased_by_wrong_orders_and_spectral_giv_is_not():
     errors = [trial("rich-high", 4000, run).errors for run in range(3)]
     likelihood, spectral = (
-        sum(one[name][0] for one in errors) / len(errors) for name in ("whittle_ml", "spectral_giv")
+        sum(error[name][0] for error in errors) / len(errors) for name in ("whittle_ml", "spectral_giv")
     )
     assert likelihood < -0.03
     assert abs(spectral) < 0.02

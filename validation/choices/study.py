@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 import eivor as ev
-from eivor.atomic_file import write_whole
+from eivor.atomic_file import write_atomically
 from eivor.errors import EivorError, UsageError
 from eivor.inference.verdict import Status
 from eivor.lab.experiments import markdown, page_with
@@ -142,8 +142,8 @@ def tables(trials: Sequence[Trial]) -> str:
         f"{len(trials) - 1}. Brackets hold the 95 % Wilson interval of a share."
     )
     rates = [
-        (f"{LOG_RATE_HZ / every:g} Hz", *_rate_cells([trial.rates[place] for trial in trials]))
-        for place, every in enumerate(THINNINGS)
+        (f"{LOG_RATE_HZ / every:g} Hz", *_rate_cells([trial.rates[index] for trial in trials]))
+        for index, every in enumerate(THINNINGS)
     ]
     header = ("log", "identified", *(f"{title} held" for title in TITLES))
     delays = [
@@ -208,7 +208,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         text = tables(run(chosen.flights, chosen.workers))
         if chosen.page:
-            write_whole(chosen.page, page_with(chosen.page.read_text(encoding="utf-8"), {PART: text}))
+            write_atomically(chosen.page, page_with(chosen.page.read_text(encoding="utf-8"), {PART: text}))
     except EivorError as error:
         sys.stderr.write(f"{error}\n")
         return WRONG

@@ -27,14 +27,14 @@ def coverage_tables(rows: pl.DataFrame) -> str:
     """All tables of a run."""
     first = rows.row(0, named=True)
     level = f"{100 * first['level']:g} %"
-    asked = [
+    requested = [
         (item.what, item.asked, item.measured, "yes" if item.met else "no") for item in requirements(rows)
     ]
     parts = [
         f"Made by `{COMMAND}` with {first['versions']}: {first['runs']} records of each scenario and length, "
         f"seed {first['seed']}, intervals at {level}. In brackets: the 95 % Wilson interval of a share.",
         "## What is asked, and what came out",
-        markdown(("coverage of the default intervals", "asked", "measured", "met"), asked),
+        markdown(("coverage of the default intervals", "asked", "measured", "met"), requested),
     ]
     for samples in rows["samples"].unique(maintain_order=True):
         here = rows.filter(pl.col("samples") == samples)
@@ -70,8 +70,8 @@ def _rival_table(rows: pl.DataFrame) -> str:
     methods = rows["method"].unique(maintain_order=True).to_list()
     lines = []
     for scenario in rows["scenario"].unique(maintain_order=True):
-        at = rows.filter(pl.col("scenario") == scenario)
-        lines.append([scenario, *(_pair(at.filter(pl.col("method") == method)) for method in methods)])
+        index = rows.filter(pl.col("scenario") == scenario)
+        lines.append([scenario, *(_pair(index.filter(pl.col("method") == method)) for method in methods)])
     worst = ["least", *(f"{min(_shares(rows, method)):.3f}" for method in methods)]
     length = ["mean length", *(f"{_mean_length(rows, method):.2f}" for method in methods)]
     header = ["scenario", *(NAMES.get(method, method) for method in methods)]

@@ -22,14 +22,14 @@ CHANCE_LEVEL = 0.999
 def requirements(rows: pl.DataFrame) -> tuple[Requirement, ...]:
     """Judge a run of the suite, its judged method at the lengths that have bounds."""
     judged = rows.filter(pl.col("method") == JUDGED)
-    found = []
+    results = []
     for samples, bounds in BOUNDS.items():
         here = judged.filter(pl.col("samples") == samples)
         if here.height:
-            found.append(_each(here, samples, bounds))
+            results.append(_each(here, samples, bounds))
             if samples in MEAN_BOUNDS:
-                found.append(_mean(here, samples, MEAN_BOUNDS[samples]))
-    return tuple(found)
+                results.append(_mean(here, samples, MEAN_BOUNDS[samples]))
+    return tuple(results)
 
 
 def coverage_of(row: dict[str, object]) -> Share:

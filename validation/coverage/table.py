@@ -27,9 +27,9 @@ COLUMNS = (
 )
 
 
-def coverage_rows(one: SuiteStudy, result: StudyResult) -> Iterator[dict[str, str | int | float]]:
+def coverage_rows(suite_study: SuiteStudy, result: StudyResult) -> Iterator[dict[str, str | int | float]]:
     """Rows of one study."""
-    study = one.study
+    study = suite_study.study
     for choice in study.methods:
         kept = result.trials.filter(pl.col(f"{choice.label}.status") != FAILED)
         for name in study.parameters:
@@ -39,8 +39,8 @@ def coverage_rows(one: SuiteStudy, result: StudyResult) -> Iterator[dict[str, st
             )
             scatter = float(value.std(ddof=1)) if value.size > 1 else float("nan")
             yield {
-                "scenario": one.scenario,
-                "samples": one.samples,
+                "scenario": suite_study.scenario,
+                "samples": suite_study.samples,
                 "method": choice.label,
                 "parameter": name,
                 "hits": int(((low <= truth) & (truth <= high)).sum()),

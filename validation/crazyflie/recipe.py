@@ -53,7 +53,7 @@ class Steps:
         What an accelerometer's g along z counts as [m/s^2].
     full_power : float
         Command that is full power.
-    even_stamps : bool
+    corrected_stamps : bool
         Steps of the mean length in place of the logged ones.
     own_thrust : bool
         Thrust of the log with roll and pitch manoeuvres itself.
@@ -64,7 +64,7 @@ class Steps:
     lag_s: float = 0.0716
     gravity: float = 9.18
     full_power: float = 65536.0
-    even_stamps: bool = False
+    corrected_stamps: bool = False
     own_thrust: bool = False
     torque_has_the_noise: bool = False
 
@@ -117,10 +117,10 @@ class Logs:
 def numbers(logs: Logs, steps: Steps) -> Numbers:
     """Thrust and inertias by the steps."""
     curve, residual = thrust_curve(logs.tilting if steps.own_thrust else logs.thrust, steps)
-    force = [_states(one, steps) for one in logs.tilting]
+    force = [_states(item, steps) for item in logs.tilting]
     thrusts = np.concatenate([curve[0] + n * curve[1] + n**2 * curve[2] for n in force])
     change = np.concatenate(
-        [np.gradient(one.rates[:, :2], _time(one, steps), axis=0) for one in logs.tilting]
+        [np.gradient(item.rates[:, :2], _time(item, steps), axis=0) for item in logs.tilting]
     )
     about_x = _ratio(ARM_M * thrusts @ LEFT, change[:, 0], steps)
     about_y = _ratio(-ARM_M * thrusts @ FORWARD, change[:, 1], steps)
@@ -130,38 +130,38 @@ def numbers(logs: Logs, steps: Steps) -> Numbers:
 
 def thrust_curve(parts: Sequence[Stretch], steps: Steps) -> tuple[list[float], float]:
     """Coefficients of a rotor's thrust [N], and the root mean square of the residual [m/s^2]."""
-    states = np.concatenate([_states(one, steps) for one in parts])
+    states = np.concatenate([_states(part, steps) for part in parts])
     regressors = np.column_stack([np.full(len(states), 4.0), states.sum(axis=1), (states**2).sum(axis=1)])
-    measured = np.concatenate([steps.gravity * one.force_g for one in parts])
-    found, *_ = np.linalg.lstsq(regressors / MASS_KG, measured, rcond=None)
-    return found.tolist(), float(np.std(measured - regressors @ found / MASS_KG))
+    measured = np.concatenate([steps.gravity * part.force_g for part in parts])
+    result, *_ = np.linalg.lstsq(regressors / MASS_KG, measured, rcond=None)
+    return result.tolist(), float(np.std(measured - regressors @ result / MASS_KG))
 
 
 def best_lag(parts: Sequence[Stretch]) -> float:
     """Lag with the smallest residual of thrust [s], by even stamps, which hardly move it and are quicker."""
 
     def residual(lag_s: float) -> float:
-        return thrust_curve(parts, Steps(lag_s=lag_s, even_stamps=True))[1]
+        return thrust_curve(parts, Steps(lag_s=lag_s, corrected_stamps=True))[1]
 
     return float(minimize_scalar(residual, bounds=LAGS_S, method="bounded", options={"xatol": 1e-5}).x)
 
 
-def _time(one: Stretch, steps: Steps) -> Float[np.ndarray, " n"]:
-    if not steps.even_stamps:
-        return one.time_s
-    return np.asarray(np.linspace(one.time_s[0], one.time_s[-1], one.time_s.size))
+def _time(stretch: Stretch, steps: Steps) -> Float[np.ndarray, " n"]:
+    if not steps.corrected_stamps:
+        return stretch.time_s
+    return np.asarray(np.linspace(stretch.time_s[0], stretch.time_s[-1], stretch.time_s.size))
 
 
-def _states(one: Stretch, steps: Steps) -> Float[np.ndarray, "n 4"]:
+def _states(stretch: Stretch, steps: Steps) -> Float[np.ndarray, "n 4"]:
     """States of the motors behind their commands."""
-    commands = one.commands / steps.full_power
-    if steps.even_stamps:
-        step_s = (one.time_s[-1] - one.time_s[0]) / (one.time_s.size - 1)
+    commands = stretch.commands / steps.full_power
+    if steps.corrected_stamps:
+        step_s = (stretch.time_s[-1] - stretch.time_s[0]) / (stretch.time_s.size - 1)
         kept = float(np.exp(-step_s / steps.lag_s))
-        begun = kept * commands[:1]
-        return np.asarray(lfilter([1.0 - kept], [1.0, -kept], commands, axis=0, zi=begun)[0])
+        started = kept * commands[:1]
+        return np.asarray(lfilter([1.0 - kept], [1.0, -kept], commands, axis=0, zi=started)[0])
     states = commands.copy()
-    for k, kept in enumerate(np.exp(-np.diff(one.time_s) / steps.lag_s), start=1):
+    for k, kept in enumerate(np.exp(-np.diff(stretch.time_s) / steps.lag_s), start=1):
         states[k] += kept * (states[k - 1] - states[k])
     return states
 

@@ -65,5 +65,5 @@ def _parts(inside: np.ndarray, time: Float[np.ndarray, " n"]) -> Sequence[np.nda
     step = np.diff(time[inside])
     edges = [0, *(np.flatnonzero(step > GAP * np.median(step)) + 1).tolist(), inside.size]
     shortest = SHORTEST_SHARE * (time[inside[-1]] - time[inside[0]])
-    found = [inside[first + 1 : last - 1] for first, last in pairwise(edges)]
-    return [part for part in found if part.size and time[part[-1]] - time[part[0]] > shortest]
+    results = [inside[first + 1 : last - 1] for first, last in pairwise(edges)]
+    return [part for part in results if part.size and time[part[-1]] - time[part[0]] > shortest]

@@ -24,23 +24,23 @@ HEAD = (
 
 def variants(logs: Logs) -> dict[str, Steps]:
     """Steps by what is told of them, the published ones first."""
-    found = best_lag(logs.thrust)
+    result = best_lag(logs.thrust)
     return {
         f"found again, lag {1e3 * PUBLISHED_LAG_S:.1f} ms as published": Steps(),
-        f"lag {1e3 * found:.1f} ms, at which the residual is smallest": Steps(lag_s=found),
+        f"lag {1e3 * result:.1f} ms, at which the residual is smallest": Steps(lag_s=result),
         "g along z is 9.81 in place of 9.18 m/s²": Steps(gravity=9.81),
         "full power is 65535 in place of 65536": Steps(full_power=65535.0),
-        "even stamps in place of the logged ones": Steps(even_stamps=True),
+        "even stamps in place of the logged ones": Steps(corrected_stamps=True),
         "thrust of the roll and pitch log itself": Steps(own_thrust=True),
         "rates' differences on torque in place of torque on them": Steps(torque_has_the_noise=True),
     }
 
 
-def line(words: str, found: Numbers) -> str:
+def line(words: str, result: Numbers) -> str:
     """A row of the table."""
-    curve = ", ".join(f"{one:.4f}" for one in found.thrust)
-    residual = "" if found.residual != found.residual else f"{found.residual:.4f}"
-    inertias = " | ".join(f"{1e5 * one:.3f}" for one in found.inertia)
+    curve = ", ".join(f"{item:.4f}" for item in result.thrust)
+    residual = "" if result.residual != result.residual else f"{result.residual:.4f}"
+    inertias = " | ".join(f"{1e5 * item:.3f}" for item in result.inertia)
     return f"| {words} | {curve} | {residual} | {inertias} |"
 
 

@@ -32,16 +32,16 @@ def with_bounds(rows: pl.DataFrame, suite: Suite) -> pl.DataFrame:
         Whose scenarios and lengths.
     """
     keys = ["scenario", "samples", "parameter"]
-    found = pl.DataFrame(
+    result = pl.DataFrame(
         [
-            (one.scenario, one.samples, name, bound)
-            for one in suite.studies
-            for name, bound in bounds_of(one).items()
+            (study.scenario, study.samples, name, bound)
+            for study in suite.studies
+            for name, bound in bounds_of(study).items()
         ],
         schema={**{key: rows.schema[key] for key in keys}, "now": pl.Float64},
         orient="row",
     )
-    joined = rows.join(found, on=keys, how="left", maintain_order="left")
+    joined = rows.join(result, on=keys, how="left", maintain_order="left")
     return joined.with_columns(pl.coalesce("now", "bound").alias("bound")).drop("now")
 
 

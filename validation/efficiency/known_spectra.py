@@ -53,36 +53,36 @@ class Found:
     values: list[float]
 
 
-def trial(one: SuiteStudy, run: int) -> Found:
+def trial(suite_study: SuiteStudy, run: int) -> Found:
     """Estimate from one record, the same as the suite's own."""
-    scenario, experiment = _scenario(one), one.study.experiment
-    record = simulate(scenario, one.study.rng(run))
-    problem = experiment.problem(record.signals, one.study.methods[0].instruments)
+    scenario, experiment = _scenario(suite_study), suite_study.study.experiment
+    record = simulate(scenario, suite_study.study.rng(run))
+    problem = experiment.problem(record.signals, suite_study.study.methods[0].instruments)
     sampled = sampled_problem(problem, KNOWN)
     start = start_of(sampled, consistent_estimate(sampled.problem))
     if isinstance(start, Reason):
         raise EstimationError("a start near generalized IV's", start.sentence, "Look at the record.")
     motion, _, _ = least_quadratic(start, first_transient(start), noise_of_record(scenario, record))
-    return Found(one.scenario, one.samples, run, [motion.friction, motion.gain])
+    return Found(suite_study.scenario, suite_study.samples, run, [motion.friction, motion.gain])
 
 
-def _scenario(one: SuiteStudy) -> Scenario:
-    experiment = one.study.experiment
+def _scenario(suite_study: SuiteStudy) -> Scenario:
+    experiment = suite_study.study.experiment
     if not isinstance(experiment, VerticalExperiment):
         raise UsageError("vertical motion", type(experiment).__name__, "Choose other scenarios.")
     return experiment.scenario
 
 
-def rows_of(one: SuiteStudy, found: Sequence[Found]) -> Iterator[Row]:
+def rows_of(suite_study: SuiteStudy, founds: Sequence[Found]) -> Iterator[Row]:
     """Rows of one scenario and length; there are no intervals."""
-    scenario = _scenario(one)
-    bounds, truth = cramer_rao(scenario).relative, one.study.experiment.truth
-    values = np.array([each.values for each in found])
-    for name, own in zip(truth, values.T, strict=True):
-        errors = own - truth[name]
+    scenario = _scenario(suite_study)
+    bounds, truth = cramer_rao(scenario).relative, suite_study.study.experiment.truth
+    values = np.array([each.values for each in founds])
+    for name, value in zip(truth, values.T, strict=True):
+        errors = value - truth[name]
         yield {
-            "scenario": one.scenario,
-            "samples": one.samples,
+            "scenario": suite_study.scenario,
+            "samples": suite_study.samples,
             "method": KNOWN,
             "parameter": name,
             "bound": bounds[name],
@@ -92,9 +92,9 @@ def rows_of(one: SuiteStudy, found: Sequence[Found]) -> Iterator[Row]:
             "count": 0,
             "failed": 0,
             "weak": 0,
-            "runs": len(found),
-            "seed": one.study.seed,
-            "level": one.study.level,
+            "runs": len(founds),
+            "seed": suite_study.study.seed,
+            "level": suite_study.study.level,
             "versions": versions(),
         }
 
@@ -118,13 +118,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
             suite = suite.reduced(chosen.runs)
         done = {(each.scenario, each.samples, each.run): each for each in kept_lines(chosen.kept, Found)}
         rows: list[Row] = []
-        for one in suite.studies:
-            keys = [(one.scenario, one.samples, run) for run in range(one.study.runs)]
+        for study in suite.studies:
+            keys = [(study.scenario, study.samples, run) for run in range(study.study.runs)]
             for key in keys:
                 if key not in done:
-                    done[key] = trial(one, key[2])
+                    done[key] = trial(study, key[2])
                     keep(chosen.kept, [done[key]])
-            rows.extend(rows_of(one, [done[key] for key in keys]))
+            rows.extend(rows_of(study, [done[key] for key in keys]))
         write_rows(pl.DataFrame(rows), chosen.out)
     except EivorError as error:
         sys.stderr.write(f"{error}\n")

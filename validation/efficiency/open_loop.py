@@ -17,7 +17,7 @@ def open_loop(scenario: Scenario, seed: int) -> Scenario:
     What control adds to the input in answer to disturbances and noises is left out: no instrument tells it.
     """
     quiet = replace(scenario, noise={}, noise_to_signal={}, disturbance=None, disturbance_to_signal=None)
-    record, undisturbed = (simulate(one, np.random.default_rng(seed)) for one in (scenario, quiet))
+    record, undisturbed = (simulate(item, np.random.default_rng(seed)) for item in (scenario, quiet))
     return replace(
         scenario,
         control=OpenLoop(),

@@ -22,13 +22,13 @@ Cell = Callable[[Row], str]
 def efficiency_tables(rows: pl.DataFrame) -> str:
     """All tables of a run."""
     first = rows.row(0, named=True)
-    asked = [
+    requested = [
         (item.what, item.asked, item.measured, "yes" if item.met else "no") for item in requirements(rows)
     ]
     parts = [
         f"Made by `{COMMAND}` with {first['versions']}: {_number(rows)} records of each scenario and length, "
         f"seed {first['seed']}. Each cell is K / K_u.",
-        markdown(("what", "asked", "measured", "met"), asked),
+        markdown(("what", "asked", "measured", "met"), requested),
     ]
     methods = rows["method"].unique(maintain_order=True).to_list()
     for samples in rows["samples"].unique(maintain_order=True):
@@ -44,11 +44,11 @@ def _table(here: pl.DataFrame, methods: list[str], columns: Mapping[str, Cell], 
     """A row for each scenario: columns that no method changes, and a cell for each method."""
     lines: list[list[str]] = []
     for scenario in here["scenario"].unique(maintain_order=True):
-        at = here.filter(pl.col("scenario") == scenario)
-        first = at.filter(pl.col("method") == methods[0])
-        beside = [_pair(first, one) for one in columns.values()]
-        cells = [_pair(at.filter(pl.col("method") == method), cell) for method in methods]
-        lines.append([str(scenario), _number(at), *beside, *cells])
+        index = here.filter(pl.col("scenario") == scenario)
+        first = index.filter(pl.col("method") == methods[0])
+        neighbours = [_pair(first, column) for column in columns.values()]
+        cells = [_pair(index.filter(pl.col("method") == method), cell) for method in methods]
+        lines.append([str(scenario), _number(index), *neighbours, *cells])
     return markdown(["scenario", "records", *columns, *methods], lines)
 
 

@@ -33,10 +33,10 @@ CHANCE_LEVEL = 0.99
 
 def requirements(rows: pl.DataFrame) -> tuple[Requirement, ...]:
     """Judge a run of the suite, as far as its number of runs can tell."""
-    return tuple(_found(rows))
+    return tuple(_fit(rows))
 
 
-def _found(rows: pl.DataFrame) -> Iterator[Requirement]:
+def _fit(rows: pl.DataFrame) -> Iterator[Requirement]:
     spectral = rows.filter(pl.col("method") == "spectral_giv")
     for samples, most in OVER_BOUND.items():
         here = spectral.filter(pl.col("samples") == samples, pl.col("scenario").is_in(HELD))

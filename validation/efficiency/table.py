@@ -29,15 +29,15 @@ COLUMNS = (
 CONTROLLED_RUNS = 10
 
 
-def efficiency_rows(one: SuiteStudy, result: StudyResult) -> Iterator[Row]:
+def efficiency_rows(suite_study: SuiteStudy, result: StudyResult) -> Iterator[Row]:
     """Rows of one study."""
-    bounds = bounds_of(one)
+    bounds = bounds_of(suite_study)
     for score in scores(result):
         for parameter in score.parameters:
             covered = parameter.coverage
             yield {
-                "scenario": one.scenario,
-                "samples": one.samples,
+                "scenario": suite_study.scenario,
+                "samples": suite_study.samples,
                 "method": score.label,
                 "parameter": parameter.name,
                 "bound": bounds.get(parameter.name, float("nan")),
@@ -47,26 +47,28 @@ def efficiency_rows(one: SuiteStudy, result: StudyResult) -> Iterator[Row]:
                 "count": 0 if covered is None else covered.count,
                 "failed": score.failed,
                 "weak": score.weak,
-                "runs": one.study.runs,
-                "seed": one.study.seed,
-                "level": one.study.level,
+                "runs": suite_study.study.runs,
+                "seed": suite_study.study.seed,
+                "level": suite_study.study.level,
                 "versions": versions(),
             }
 
 
-def bounds_of(one: SuiteStudy) -> dict[str, float]:
+def bounds_of(suite_study: SuiteStudy) -> dict[str, float]:
     """Bound of each parameter over its size; under control that of the open loop with the same input.
 
     None where noises are of kinds that there is no bound for.
     """
-    experiment = one.study.experiment
+    experiment = suite_study.study.experiment
     if not isinstance(experiment, VerticalExperiment):
         return {}
     scenario = experiment.scenario
     try:
         if not scenario.controlled:
             return cramer_rao(scenario).relative
-        found = [cramer_rao(open_loop(scenario, seed), runs=1).relative for seed in range(CONTROLLED_RUNS)]
+        relatives = [
+            cramer_rao(open_loop(scenario, seed), runs=1).relative for seed in range(CONTROLLED_RUNS)
+        ]
     except ParameterError:
         return {}
-    return {name: float(np.sqrt(np.mean([each[name] ** 2 for each in found]))) for name in found[0]}
+    return {name: float(np.sqrt(np.mean([each[name] ** 2 for each in relatives]))) for name in relatives[0]}

@@ -74,7 +74,7 @@ def trial(name: str, samples: int, run: int) -> Tried:
         maximum_likelihood(pilot).motion,
         solved_equations(pilot, sampled.input_variance, sampled.instrument).motion,
     )
-    errors = [(np.array([one.friction, one.gain]) / truth - 1.0).tolist() for one in motions]
+    errors = [(np.array([motion.friction, motion.gain]) / truth - 1.0).tolist() for motion in motions]
     return Tried(name, run, dict(zip(METHODS, errors, strict=True)))
 
 
@@ -91,29 +91,29 @@ def answer(grid: Path, size: str, kept: Path) -> Answer:
     """Run what the file does not have yet, and judge all of it."""
     root = read_toml(grid, "grid of records")
     names, samples = root.texts("scenarios"), root.whole("samples")
-    runs = {one: root.whole(one) for one in ("small", "full")}[size]
+    runs = {item: root.whole(item) for item in ("small", "full")}[size]
     root.finish()
-    tried = {(one.scenario, one.run): one for one in kept_lines(kept, Tried)}
+    tried = {(kept_line.scenario, kept_line.run): kept_line for kept_line in kept_lines(kept, Tried)}
     for name in names:
         for run in range(runs):
             if (name, run) not in tried:
                 tried[name, run] = trial(name, samples, run)
                 keep(kept, [tried[name, run]])
-    found = {
+    results = {
         name: {
             method: np.array([tried[name, run].errors[method] for run in range(runs)]) for method in METHODS
         }
         for name in names
     }
-    requirement = _requirement({name: errors["spectral_giv"] for name, errors in found.items()})
-    told = (requirement.what, requirement.asked, requirement.measured, "yes" if requirement.met else "no")
+    requirement = _requirement({name: errors["spectral_giv"] for name, errors in results.items()})
+    selected = (requirement.what, requirement.asked, requirement.measured, "yes" if requirement.met else "no")
     tables = (
         f"Made by `python -m validation.efficiency.wrong_orders` with {versions()}: {runs} records of "
         f"{samples} samples of each scenario, seed {SEED}. Each cell is K / K_u.",
-        markdown(("what", "asked", "measured", "met"), [told]),
+        markdown(("what", "asked", "measured", "met"), [selected]),
         markdown(
             ("scenario", *(f"{method}: {what}" for method in METHODS for what in ("bias", "scatter"))),
-            list(_lines(found)),
+            list(_lines(results)),
         ),
     )
     return "\n\n".join(tables), (requirement,)
@@ -127,16 +127,18 @@ def _requirement(errors: dict[str, np.ndarray]) -> Requirement:
         "spectral_giv, orders held at zero: bias over the parameter",
         f"at most {LARGEST_BIAS:.1%}",
         f"at most {biases[worst].max():.2%} ({worst})",
-        all(bool(np.all(biases[one] <= LARGEST_BIAS + STANDARD_ERRORS * chance[one])) for one in biases),
+        all(
+            bool(np.all(biases[biase] <= LARGEST_BIAS + STANDARD_ERRORS * chance[biase])) for biase in biases
+        ),
     )
 
 
-def _lines(found: dict[str, dict[str, np.ndarray]]) -> Iterator[tuple[str, ...]]:
-    for name, errors in found.items():
+def _lines(dicts: dict[str, dict[str, np.ndarray]]) -> Iterator[tuple[str, ...]]:
+    for name, errors in dicts.items():
         figures = (
-            one for method in METHODS for one in (errors[method].mean(axis=0), errors[method].std(axis=0))
+            item for method in METHODS for item in (errors[method].mean(axis=0), errors[method].std(axis=0))
         )
-        yield name, *(" / ".join(f"{100.0 * one:.2g} %" for one in each) for each in figures)
+        yield name, *(" / ".join(f"{100.0 * item:.2g} %" for item in each) for each in figures)
 
 
 COMMAND = KeptStudyCommand("validation.efficiency.wrong_orders", __doc__, GRID, PART, answer)

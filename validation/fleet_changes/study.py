@@ -47,20 +47,20 @@ HEADER = (
 
 def answer(grid: Path, size: str, kept: Path) -> Answer:
     """Simulate what the file does not have yet, and judge all of it."""
-    known = {_key(one): one for one in kept_lines(kept, Told)}
-    found = []
+    known = {_key(kept_line): kept_line for kept_line in kept_lines(kept, Told)}
+    results = []
     for cell in _cells(grid, size):
         key = _key(cell)
         if key not in known:
             known[key] = told(cell)
             keep(kept, [known[key]])
-        found.append(known[key])
-    requirements = tuple(_requirements(found))
-    return _tables(found, requirements), requirements
+        results.append(known[key])
+    requirements = tuple(_requirements(results))
+    return _tables(results, requirements), requirements
 
 
-def _key(one: Cell | Told) -> tuple[str, int, int, int, int, float]:
-    return one.what, one.flights, one.vehicles, one.fleets, one.outliers, one.payload
+def _key(first: Cell | Told) -> tuple[str, int, int, int, int, float]:
+    return first.what, first.flights, first.vehicles, first.fleets, first.outliers, first.payload
 
 
 def _cells(grid: Path, size: str) -> Iterator[Cell]:
@@ -76,64 +76,67 @@ def _cells(grid: Path, size: str) -> Iterator[Cell]:
     root.finish()
 
 
-def _requirements(found: list[Told]) -> Iterator[Requirement]:
-    for one in found:
-        where = f"{one.flights} flights, fleets of {one.vehicles}"
-        where += f", {one.outliers} flights off" if one.outliers else ""
-        where += ", growing payload" if one.payload else ""
-        if one.what == "nothing":
-            met = one.changes <= ALARMS
+def _requirements(tolds: list[Told]) -> Iterator[Requirement]:
+    for item in tolds:
+        where = f"{item.flights} flights, fleets of {item.vehicles}"
+        where += f", {item.outliers} flights off" if item.outliers else ""
+        where += ", growing payload" if item.payload else ""
+        if item.what == "nothing":
+            met = item.changes <= ALARMS
             yield Requirement(
-                f"vehicles with a false alarm: {where}", f"at most {ALARMS:g}", f"{one.changes:.3f}", met
+                f"vehicles with a false alarm: {where}", f"at most {ALARMS:g}", f"{item.changes:.3f}", met
             )
-        if one.what in ("nothing", "weaker") and one.vehicles > 1:
+        if item.what in ("nothing", "weaker") and item.vehicles > 1:
             yield Requirement(
-                f"vehicles alike that are told to differ: {one.what}, {where}",
+                f"vehicles alike that are told to differ: {item.what}, {where}",
                 f"at most {ALARMS:g}",
-                f"{one.others:.3f}",
-                one.others <= ALARMS,
+                f"{item.others:.3f}",
+                item.others <= ALARMS,
             )
-        for what, words, asked, measured in (
-            ("wear", "the drift has the sign of the wear", SIGN, one.sign),
-            ("wear", "the drift's interval holds the wear", COVERED, one.covered),
-            ("step", "steps dated within three flights", DATED, one.dated),
+        for what, words, entry, measured in (
+            ("wear", "the drift has the sign of the wear", SIGN, item.sign),
+            ("wear", "the drift's interval holds the wear", COVERED, item.covered),
+            ("step", "steps dated within three flights", DATED, item.dated),
         ):
-            if one.what == what:
+            if item.what == what:
                 yield Requirement(
-                    f"{words}: {where}", f"at least {asked:g}", f"{measured:.3f}", measured >= asked
+                    f"{words}: {where}", f"at least {entry:g}", f"{measured:.3f}", measured >= entry
                 )
 
 
-def _tables(found: list[Told], requirements: tuple[Requirement, ...]) -> str:
-    asked = [(one.what, one.asked, one.measured, "yes" if one.met else "no") for one in requirements]
+def _tables(tolds: list[Told], requirements: tuple[Requirement, ...]) -> str:
+    requested = [
+        (requirement.what, requirement.asked, requirement.measured, "yes" if requirement.met else "no")
+        for requirement in requirements
+    ]
     return "\n\n".join(
         (
             f"Made by `python -m validation.fleet_changes.study` with {versions()}, seed {SEED}.",
-            markdown(("what", "asked", "measured", "met"), asked),
-            markdown(HEADER, map(_line, found)),
+            markdown(("what", "asked", "measured", "met"), requested),
+            markdown(HEADER, map(_line, tolds)),
         )
     )
 
 
-def _line(one: Told) -> tuple[str, ...]:
-    wear, step = one.what == "wear", one.what == "step"
+def _line(first: Told) -> tuple[str, ...]:
+    wear, step = first.what == "wear", first.what == "step"
     return (
-        one.what,
-        f"{one.flights}",
-        f"{one.vehicles}",
-        f"{one.fleets}",
-        f"{one.outliers}",
-        f"{one.payload:g}",
-        f"{one.changes:.3f}",
-        f"{one.gain_changes:.3f}",
-        f"{one.sign:.3f}" if wear else "-",
-        f"{one.covered:.3f}" if wear else "-",
-        f"{one.dated:.3f}" if step else "-",
-        f"{one.held:.3f}" if step else "-",
-        f"{one.deviating:.3f}" if one.outliers else "-",
-        f"{one.wrong:.4f}",
-        f"{one.differing:.3f}" if one.what == "weaker" else "-",
-        f"{one.others:.3f}",
+        first.what,
+        f"{first.flights}",
+        f"{first.vehicles}",
+        f"{first.fleets}",
+        f"{first.outliers}",
+        f"{first.payload:g}",
+        f"{first.changes:.3f}",
+        f"{first.gain_changes:.3f}",
+        f"{first.sign:.3f}" if wear else "-",
+        f"{first.covered:.3f}" if wear else "-",
+        f"{first.dated:.3f}" if step else "-",
+        f"{first.held:.3f}" if step else "-",
+        f"{first.deviating:.3f}" if first.outliers else "-",
+        f"{first.wrong:.4f}",
+        f"{first.differing:.3f}" if first.what == "weaker" else "-",
+        f"{first.others:.3f}",
     )
 
 

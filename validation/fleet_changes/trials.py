@@ -155,12 +155,12 @@ class _Reported:
 
 def _reported(cell: Cell, numbers: Iterable[int]) -> _Reported:
     """Report of some fleets, each as a type."""
-    tables, places = zip(*(_fleet(cell, number) for number in numbers), strict=True)
+    tables, positions = zip(*(_fleet(cell, number) for number in numbers), strict=True)
     table = pl.concat(tables)
     report = fleet_report(table, motion_by_name("vertical"))
     named = report.deviating.filter(pl.col("quantity") == QUANTITY).select("type", "vehicle", "name")
     return _Reported(
-        report.vehicles, np.concatenate(places), table.filter("off").select("type", "name"), named
+        report.vehicles, np.concatenate(positions), table.filter("off").select("type", "name"), named
     )
 
 
@@ -174,7 +174,7 @@ def _fleet(cell: Cell, number: int) -> tuple[pl.DataFrame, np.ndarray]:
         wear=cell.share if cell.what == "wear" else 0.0,
         broken=((0, 0, cell.share),)
         if cell.what == "weaker"
-        else tuple((vehicle, int(at), cell.share) for vehicle, at in enumerate(first)),
+        else tuple((vehicle, int(item), cell.share) for vehicle, item in enumerate(first)),
         weather=cell.weather,
         battery=cell.battery,
         payload=cell.payload,

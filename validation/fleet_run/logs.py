@@ -41,15 +41,15 @@ def write_logs(size: Size, folder: Path) -> None:
         ("short", size.short_vehicles, size.short_flights, size.short_s),
     )
     for name, vehicles, flights, duration_s in parts:
-        place = folder / name
-        if place.exists():
+        path = folder / name
+        if path.exists():
             continue
-        begun = folder / f"{name}-begun"
-        shutil.rmtree(begun, ignore_errors=True)
+        started = folder / f"{name}-begun"
+        shutil.rmtree(started, ignore_errors=True)
         spec = FleetSpec(vehicles=vehicles, flights=flights, duration_s=duration_s, wear=0.1, seed=SEED)
-        for _ in write_fleet_logs(spec, begun):
+        for _ in write_fleet_logs(spec, started):
             pass
-        begun.rename(place)
+        started.rename(path)
     first = folder / "told" / "v0000" / "0000.parquet"
     shutil.copyfile(first, folder / "zz-copy.parquet")
     (folder / "damaged.parquet").write_bytes(first.read_bytes()[:-40])

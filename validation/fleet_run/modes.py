@@ -75,12 +75,12 @@ class Told:
 
 def one(size: Size, logs: Path, fleet: Path) -> Told:
     """One process, one log after the other."""
-    return _told("one process", size, fleet, _run(logs, fleet))
+    return _report("one process", size, fleet, _run(logs, fleet))
 
 
 def two(size: Size, logs: Path, fleet: Path) -> Told:
     """Two processes."""
-    return _told("two processes", size, fleet, _run(logs, fleet, "--workers", "2"))
+    return _report("two processes", size, fleet, _run(logs, fleet, "--workers", "2"))
 
 
 def dask(size: Size, logs: Path, fleet: Path) -> Told:
@@ -92,10 +92,10 @@ def dask(size: Size, logs: Path, fleet: Path) -> Told:
         Client(cluster) as client,
     ):
         victim = next(iter(client.run(os.getpid).values()))
-        run = _begun(logs, fleet, "--dask", cluster.scheduler_address)
+        run = _started(logs, fleet, "--dask", cluster.scheduler_address)
         _wait_for(run, partial(_has, fleet, 1))
         os.kill(victim, signal.SIGKILL)
-        return _told("Dask, one of two workers killed", size, fleet, _answer(run), 1)
+        return _report("Dask, one of two workers killed", size, fleet, _answer(run), 1)
 
 
 def ended(size: Size, logs: Path, fleet: Path) -> Told:
@@ -106,7 +106,7 @@ def ended(size: Size, logs: Path, fleet: Path) -> Told:
     arguments = ("--workers", "2", "--task-logs", str(TASK_LOGS))
     given = Counter[int]()
     for number, wanted in zip(signals, parts, strict=True):
-        run = _begun(logs, fleet, *arguments)
+        run = _started(logs, fleet, *arguments)
         _wait_for(run, partial(_has, fleet, wanted))
         time.sleep(draws.uniform(0.0, LATER_S))
         if run.poll() is None:
@@ -114,7 +114,7 @@ def ended(size: Size, logs: Path, fleet: Path) -> Told:
             given[number] += 1
         run.communicate()
     killed, interrupted = given[signal.SIGKILL], given[signal.SIGINT]
-    return _told(
+    return _report(
         f"killed {killed} times and interrupted {interrupted} times, each time run again",
         size,
         fleet,
@@ -132,19 +132,19 @@ MODES: Mapping[str, Callable[[Size, Path, Path], Told]] = {
 }
 
 
-def _begun(logs: Path, fleet: Path, *arguments: str) -> subprocess.Popen[str]:
+def _started(logs: Path, fleet: Path, *arguments: str) -> subprocess.Popen[str]:
     command = (sys.executable, "-m", "validation.fleet_run.one_run", str(logs), str(fleet), *arguments)
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
 
 
 def _answer(run: subprocess.Popen[str]) -> dict[str, Any]:
-    said, _ = run.communicate()
-    answer: dict[str, Any] = json.loads(said)
+    sentence, _ = run.communicate()
+    answer: dict[str, Any] = json.loads(sentence)
     return answer
 
 
 def _run(logs: Path, fleet: Path, *arguments: str) -> dict[str, Any]:
-    return _answer(_begun(logs, fleet, *arguments))
+    return _answer(_started(logs, fleet, *arguments))
 
 
 def _has(fleet: Path, parts: float) -> bool:
@@ -157,7 +157,7 @@ def _wait_for(run: subprocess.Popen[str], true: Callable[[], bool]) -> None:
         time.sleep(LOOK_S)
 
 
-def _told(what: str, size: Size, fleet: Path, took: Mapping[str, float], ended: int = 0) -> Told:
+def _report(what: str, size: Size, fleet: Path, took: Mapping[str, float], ended: int = 0) -> Told:
     table = read_flights(fleet)
     verdicts = table.group_by("verdict").agg(pl.len()).sort("verdict").rows()
     parts, whole = part_files(fleet), parquet_bytes(table)

@@ -36,7 +36,7 @@ def main() -> None:
     parser.add_argument("--dask", default="")
     parser.add_argument("--task-logs", type=int)
     chosen = parser.parse_args()
-    begun = time.monotonic()
+    start_s = time.monotonic()
     done = run_fleet(
         logs_found(chosen.logs),
         chosen.fleet,
@@ -45,14 +45,14 @@ def main() -> None:
         shared=bool(chosen.dask),
         shard_logs=chosen.task_logs,
     )
-    own, children = (resource.getrusage(of) for of in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
-    told = {
+    current, children = (resource.getrusage(of) for of in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+    selected = {
         "made": done.logs - done.before,
-        "seconds": time.monotonic() - begun,
-        "cpu_s": sum(one.ru_utime + one.ru_stime for one in (own, children)),
-        "parent_mb": own.ru_maxrss * UNIT / 1e6,
+        "seconds": time.monotonic() - start_s,
+        "cpu_s": sum(item.ru_utime + item.ru_stime for item in (current, children)),
+        "parent_mb": current.ru_maxrss * UNIT / 1e6,
     }
-    sys.stdout.write(json.dumps(told) + "\n")
+    sys.stdout.write(json.dumps(selected) + "\n")
 
 
 def _executor(workers: int, dask: str) -> Executor:

@@ -47,28 +47,28 @@ class Cost:
 
 def answer(grid: Path, size: str, kept: Path) -> Answer:
     """Run what the folder does not have yet, and judge all of it."""
-    asked, folder = _asked(grid, size), kept.with_suffix("")
-    write_logs(asked, folder / "logs")
-    told = {one.mode: one for one in kept_lines(kept, Told)}
+    requested, folder = _parsed(grid, size), kept.with_suffix("")
+    write_logs(requested, folder / "logs")
+    selected = {kept_line.mode: kept_line for kept_line in kept_lines(kept, Told)}
     for name, run in MODES.items():
-        if name not in told:
-            told[name] = run(asked, folder / "logs", folder / name)
-            keep(kept, [told[name]])
+        if name not in selected:
+            selected[name] = run(requested, folder / "logs", folder / name)
+            keep(kept, [selected[name]])
     costs = kept.with_suffix(".cost.jsonl")
     if not costs.exists():
-        keep(costs, [_cost(asked.cost_s)])
+        keep(costs, [_cost(requested.cost_s)])
     (cost,) = kept_lines(costs, Cost)
-    found = [told[name] for name in MODES]
-    requirements = tuple(_requirements(asked, found))
-    return _tables(asked, found, requirements, cost), requirements
+    results = [selected[name] for name in MODES]
+    requirements = tuple(_requirements(requested, results))
+    return _tables(requested, results, requirements, cost), requirements
 
 
-def _asked(grid: Path, size: str) -> Size:
+def _parsed(grid: Path, size: str) -> Size:
     root = read_toml(grid, "grid of fleets")
     sizes = {name: root.section(name) for name in ("small", "full")}
     read = {
-        name: Size(*(one.whole(key) for key in WHOLE), *(one.number(key) for key in SECONDS))
-        for name, one in sizes.items()
+        name: Size(*(item.whole(key) for key in WHOLE), *(item.number(key) for key in SECONDS))
+        for name, item in sizes.items()
     }
     root.finish()
     return read[size]
@@ -79,62 +79,65 @@ def _cost(flight_s: float) -> Cost:
         spec = FleetSpec(vehicles=2, flights=1, duration_s=flight_s, seed=SEED)
         first, second = (read_log(str(path)) for path in write_fleet_logs(spec, Path(folder)))
     identify_flight(first)  # what is loaded once is not counted
-    begun = time.process_time()
+    process_time = time.process_time()
     identify_flight(second)
-    return Cost(flight_s, time.process_time() - begun)
+    return Cost(flight_s, time.process_time() - process_time)
 
 
-def _requirements(size: Size, found: Sequence[Told]) -> Iterator[Requirement]:
-    rows = {one.rows for one in found} | {one.names for one in found}
+def _requirements(size: Size, tolds: Sequence[Told]) -> Iterator[Requirement]:
+    rows = {item.rows for item in tolds} | {item.names for item in tolds}
     yield Requirement(
         "a row for each log, and one only, in every case",
         f"{size.logs:,}",
         ", ".join(f"{count:,}" for count in sorted(rows)),
         rows == {size.logs},
     )
-    tables = len({one.sha256 for one in found})
+    tables = len({item.sha256 for item in tolds})
     yield Requirement("different tables, compared to the byte", "1", f"{tables}", tables == 1)
-    ended = sum(one.ended for one in found)
+    ended = sum(item.ended for item in tolds)
     wanted = size.kills + size.interrupts + 1
     yield Requirement("runs and workers that were ended", f"{wanted}", f"{ended}", ended >= wanted)
 
 
-def _tables(size: Size, found: Sequence[Told], requirements: Sequence[Requirement], cost: Cost) -> str:
-    asked = [(one.what, one.asked, one.measured, "yes" if one.met else "no") for one in requirements]
-    verdicts = ", ".join(f"{count:,} {verdict}" for verdict, count in found[0].verdicts.items())
+def _tables(size: Size, tolds: Sequence[Told], requirements: Sequence[Requirement], cost: Cost) -> str:
+    requested = [
+        (requirement.what, requirement.asked, requirement.measured, "yes" if requirement.met else "no")
+        for requirement in requirements
+    ]
+    verdicts = ", ".join(f"{count:,} {verdict}" for verdict, count in tolds[0].verdicts.items())
     return "\n\n".join(
         (
             f"Made by `python -m validation.fleet_run.study` with {versions()}, seed {SEED}: "
             f"{size.short_vehicles:,} vehicles with {size.short_flights} flights each that are too short to "
             f"be told, {size.told_vehicles} with {size.told_flights} that are not; a copy, a damaged log and "
             f"an empty one. Rows: {verdicts}.",
-            markdown(("what", "asked", "measured", "met"), asked),
-            markdown(("run", "rows", "parts", "table", "memory of who hands out"), map(_line, found)),
+            markdown(("what", "asked", "measured", "met"), requested),
+            markdown(("run", "rows", "parts", "table", "memory of who hands out"), map(_line, tolds)),
             "On paper, from these figures:",
-            markdown((f"{MANY:,} logs", "take"), _on_paper(found[0], cost)),
+            markdown((f"{MANY:,} logs", "take"), _on_paper(tolds[0], cost)),
         )
     )
 
 
-def _line(one: Told) -> tuple[str, ...]:
+def _line(first: Told) -> tuple[str, ...]:
     return (
-        one.what,
-        f"{one.rows:,}",
-        f"{one.parts:,}",
-        f"{one.table_bytes / 1e6:.1f} MB",
-        f"{one.parent_mb:.0f} MB",
+        first.what,
+        f"{first.rows:,}",
+        f"{first.parts:,}",
+        f"{first.table_bytes / 1e6:.1f} MB",
+        f"{first.parent_mb:.0f} MB",
     )
 
 
-def _on_paper(one: Told, cost: Cost) -> Iterator[tuple[str, str]]:
+def _on_paper(first: Told, cost: Cost) -> Iterator[tuple[str, str]]:
     hours = MANY * cost.cpu_s / 3600.0
     yield (
         f"processor time, {cost.cpu_s:.2f} s for a flight of {cost.flight_s:g} s",
         f"{hours:,.0f} hours; {hours / CORES:.1f} h on {CORES} cores",
     )
     yield (
-        f"table, {one.row_bytes / 1e3:.2f} kB a row",
-        f"{one.row_bytes * MANY / 1e9:.1f} GB",
+        f"table, {first.row_bytes / 1e3:.2f} kB a row",
+        f"{first.row_bytes * MANY / 1e9:.1f} GB",
     )
     yield (
         f"tasks of {TASK_LOGS} logs",

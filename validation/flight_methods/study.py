@@ -20,7 +20,7 @@ import numpy as np
 from eivor.inference.verdict import Status
 from eivor.lab.experiments import markdown
 from eivor.strict_toml import read_toml
-from validation.flight_methods.trials import LEFT_OUT, SEARCHED, SEED, Regime, Told, trial
+from validation.flight_methods.trials import OMITTED, SEARCHED, SEED, Regime, Told, trial
 from validation.kept_study import Answer, KeptStudyCommand, keep, kept_lines
 from validation.requirement import Requirement
 from validation.suites import versions
@@ -50,41 +50,41 @@ def read_grid(path: Path, size: str) -> Grid:
     about.finish()
     methods = root.texts("methods")
     regimes = []
-    for one in root.sections("regimes"):
-        runs = {name: one.whole(name) for name in ("small", "full")}[size]
+    for section in root.sections("regimes"):
+        runs = {name: section.whole(name) for name in ("small", "full")}[size]
         numbers = (
-            one.number("gust_rms"),
-            one.number("duration"),
-            one.whole("every"),
-            one.flag("left_out", default=False),
+            section.number("gust_rms"),
+            section.number("duration"),
+            section.whole("every"),
+            section.flag("left_out", default=False),
         )
-        regimes.append((Regime(one.text("name"), *numbers), runs))
-        one.finish()
+        regimes.append((Regime(section.text("name"), *numbers), runs))
+        section.finish()
     root.finish()
     return Grid(vehicle, methods, tuple(regimes))
 
 
 def answer(grid: Path, size: str, kept: Path) -> Answer:
     """Fly what the file does not have yet, and judge all of it."""
-    asked = read_grid(grid, size)
+    requested = read_grid(grid, size)
     done = kept_lines(kept, Told)
-    found: list[Told] = []
-    for run in range(max(runs for _, runs in asked.regimes)):
-        for regime, runs in asked.regimes:
+    tolds: list[Told] = []
+    for run in range(max(runs for _, runs in requested.regimes)):
+        for regime, runs in requested.regimes:
             if run >= runs:
                 continue
-            own = [one for one in done if (one.regime, one.run) == (regime.name, run)]
-            if not own:
-                own = list(trial(regime, asked.vehicle, asked.methods, run))
-                keep(kept, own)
-            found.extend(own)
-    requirements = tuple(_requirements(found))
-    return _tables(asked, found, requirements), requirements
+            selected = [item for item in done if (item.regime, item.run) == (regime.name, run)]
+            if not selected:
+                selected = list(trial(regime, requested.vehicle, requested.methods, run))
+                keep(kept, selected)
+            tolds.extend(selected)
+    requirements = tuple(_requirements(tolds))
+    return _tables(requested, tolds, requirements), requirements
 
 
-def _requirements(found: Sequence[Told]) -> Iterator[Requirement]:
-    without = [one for one in found if one.lag == LEFT_OUT]
-    wrong = [one for one in without if one.verdict == IDENTIFIED and not all(one.held)]
+def _requirements(tolds: Sequence[Told]) -> Iterator[Requirement]:
+    without = [item for item in tolds if item.lag == OMITTED]
+    wrong = [item for item in without if item.verdict == IDENTIFIED and not all(item.held)]
     yield Requirement(
         "flights whose lag is left out, identified with a wrong number",
         "at most 0.05",
@@ -92,86 +92,89 @@ def _requirements(found: Sequence[Told]) -> Iterator[Requirement]:
         len(wrong) <= 0.05 * len(without),
     )
     for method in (DEFAULT, CANDIDATES[0]):
-        judged = [one for one in _searched(found, method) if one.verdict == IDENTIFIED]
-        held = [held for one in judged for held in one.held]
+        judged = [item for item in _searched(tolds, method) if item.verdict == IDENTIFIED]
+        held = [held for item in judged for held in item.held]
         share = float(np.mean(held)) if held else 1.0
         yield Requirement(
             f"{method}: intervals of identified flights hold", "at least 0.90", f"{share:.3f}", share >= 0.90
         )
 
 
-def _searched(found: Sequence[Told], method: str) -> list[Told]:
-    return [one for one in found if (one.method, one.lag) == (method, SEARCHED)]
+def _searched(tolds: Sequence[Told], method: str) -> list[Told]:
+    return [item for item in tolds if (item.method, item.lag) == (method, SEARCHED)]
 
 
-def _tables(grid: Grid, found: Sequence[Told], requirements: Sequence[Requirement]) -> str:
-    asked = [(one.what, one.asked, one.measured, "yes" if one.met else "no") for one in requirements]
+def _tables(grid: Grid, tolds: Sequence[Told], requirements: Sequence[Requirement]) -> str:
+    requested = [
+        (requirement.what, requirement.asked, requirement.measured, "yes" if requirement.met else "no")
+        for requirement in requirements
+    ]
     flights = ", ".join(f"{runs} of {regime.name}" for regime, runs in grid.regimes)
     compared = [regime.name for regime, _ in grid.regimes if regime.left_out]
     of_lag = [
-        (lag, method, *_line([o for o in found if (o.regime, o.method, o.lag) == (name, method, lag)]))
+        (lag, method, *_line([o for o in tolds if (o.regime, o.method, o.lag) == (name, method, lag)]))
         for name in compared
-        for lag in (LEFT_OUT, SEARCHED)
+        for lag in (OMITTED, SEARCHED)
         for method in grid.methods
     ]
     of_regimes = [
-        (regime.name, method, *_line([o for o in _searched(found, method) if o.regime == regime.name]))
+        (regime.name, method, *_line([o for o in _searched(tolds, method) if o.regime == regime.name]))
         for regime, _ in grid.regimes
         for method in grid.methods
     ]
-    overall = [(method, *_line(_searched(found, method))) for method in grid.methods]
+    overall = [(method, *_line(_searched(tolds, method))) for method in grid.methods]
     return "\n\n".join(
         (
             f"Made by `python -m validation.flight_methods.study` with {versions()}: flights {flights}, "
             f"actuators of {1e3 * grid.vehicle['actuator_lag']:g} ms, seed {SEED}.",
-            markdown(("what", "asked", "measured", "met"), asked),
+            markdown(("what", "asked", "measured", "met"), requested),
             f"The lag left out, and a nuisance ({', '.join(compared)}):",
             markdown(("lag", "method", *COLUMNS), of_lag),
             "Regimes, the lag a nuisance:",
             markdown(("regime", "method", *COLUMNS), of_regimes),
             "All regimes together:",
             markdown(("method", *COLUMNS), overall),
-            " ".join(_judged(found, method) for method in CANDIDATES if method in grid.methods),
+            " ".join(_judged(tolds, method) for method in CANDIDATES if method in grid.methods),
         )
     )
 
 
-def _line(told: Sequence[Told]) -> tuple[str, ...]:
-    errors = np.array([one.errors for one in told]).reshape(len(told), 2)
+def _line(tolds: Sequence[Told]) -> tuple[str, ...]:
+    errors = np.array([item.errors for item in tolds]).reshape(len(tolds), 2)
     known = np.isfinite(errors).all(axis=1)
-    held = np.array([one.held for one in told], dtype=np.float64).reshape(len(told), 2)[known]
+    held = np.array([item.held for item in tolds], dtype=np.float64).reshape(len(tolds), 2)[known]
     errors = errors[known]
 
-    def both(of: Callable[[np.ndarray], np.ndarray], values: np.ndarray, shown: str) -> str:
-        return " / ".join(shown.format(one) for one in of(values)) if values.size else "-"
+    def both(of: Callable[[np.ndarray], np.ndarray], values: np.ndarray, displayed: str) -> str:
+        return " / ".join(displayed.format(item) for item in of(values)) if values.size else "-"
 
     return (
-        f"{len(told)}",
+        f"{len(tolds)}",
         both(lambda e: 100.0 * e.mean(axis=0), errors, "{:+.1f} %"),
         both(lambda e: 100.0 * np.sqrt((e**2).mean(axis=0)), errors, "{:.1f} %"),
         both(lambda h: h.mean(axis=0), held, "{:.2f}"),
-        f"{_identified(told):.2f}",
+        f"{_identified(tolds):.2f}",
         f"{int((~known).sum())}",
     )
 
 
-def _identified(told: Sequence[Told]) -> float:
-    return float(np.mean([one.verdict == IDENTIFIED for one in told])) if told else 0.0
+def _identified(tolds: Sequence[Told]) -> float:
+    return float(np.mean([item.verdict == IDENTIFIED for item in tolds])) if tolds else 0.0
 
 
-def _coverage(told: Sequence[Told]) -> float:
-    held = [held for one in told for held in one.held if np.isfinite(one.errors).all()]
+def _coverage(tolds: Sequence[Told]) -> float:
+    held = [held for item in tolds for held in item.held if np.isfinite(item.errors).all()]
     return float(np.mean(held)) if held else 0.0
 
 
-def _judged(found: Sequence[Told], method: str) -> str:
+def _judged(tolds: Sequence[Told], method: str) -> str:
     """Whether a method is better than the default in what decides."""
-    own, usual = _searched(found, method), _searched(found, DEFAULT)
-    better = _coverage(own) > _coverage(usual) and _identified(own) > _identified(usual)
+    searched, usual = _searched(tolds, method), _searched(tolds, DEFAULT)
+    better = _coverage(searched) > _coverage(usual) and _identified(searched) > _identified(usual)
     words = "better in both" if better else "not better in both"
     return (
-        f"`{method}` holds the truth in {_coverage(own):.3f} of its intervals and identifies "
-        f"{_identified(own):.3f} of the flights, `{DEFAULT}` {_coverage(usual):.3f} and "
+        f"`{method}` holds the truth in {_coverage(searched):.3f} of its intervals and identifies "
+        f"{_identified(searched):.3f} of the flights, `{DEFAULT}` {_coverage(usual):.3f} and "
         f"{_identified(usual):.3f}: it is {words}."
     )
 

@@ -20,7 +20,7 @@ SEED = 20261122
 #: References in turn.
 EXCITATIONS = (TrajectoryKind.MULTISINE, TrajectoryKind.STEPS, TrajectoryKind.CHIRP)
 #: What is said of the lag.
-SEARCHED, LEFT_OUT = "searched for", "left out"
+SEARCHED, OMITTED = "searched for", "left out"
 #: What is compared with the truth.
 PARAMETERS = ("viscous_friction", "input_gain")
 
@@ -57,7 +57,7 @@ class Told:
     regime, run : str, int
         Which flight.
     method, lag : str
-        By which method, and whether the lag is `SEARCHED` or `LEFT_OUT`.
+        By which method, and whether the lag is `SEARCHED` or `OMITTED`.
     verdict : str
         On the flight.
     errors : list of float
@@ -87,8 +87,8 @@ def flight(regime: Regime, vehicle: dict[str, float], run: int) -> tuple[Vertica
     )
     log = log_of_flight(spec).recording
     channels = {
-        name: replace(one, time_s=one.time_s[:: regime.every], values=one.values[:: regime.every])
-        for name, one in log.channels.items()
+        name: replace(channel, time_s=channel.time_s[:: regime.every], values=channel.values[:: regime.every])
+        for name, channel in log.channels.items()
     }
     return spec, replace(log, channels=channels)
 
@@ -97,7 +97,7 @@ def trial(regime: Regime, vehicle: dict[str, float], methods: Sequence[str], run
     """Every method on one flight."""
     spec, log = flight(regime, vehicle, run)
     truth = np.array([getattr(spec, name) for name in PARAMETERS])
-    for lag, known in ((SEARCHED, None), (LEFT_OUT, Bounds(0.0, 0.0))):
+    for lag, known in ((SEARCHED, None), (OMITTED, Bounds(0.0, 0.0))):
         if known is not None and not regime.left_out:
             continue
         for method in methods:
@@ -106,9 +106,12 @@ def trial(regime: Regime, vehicle: dict[str, float], methods: Sequence[str], run
                 result = ev.identify_flight(
                     log, method=method, input_map="square", noise="estimate", lag=known
                 )
-            told = [result.quantities[name] for name in PARAMETERS]
-            errors = np.array([one.value for one in told]) / truth - 1.0
-            held = [one.interval[0] <= true <= one.interval[1] for one, true in zip(told, truth, strict=True)]
+            selected = [result.quantities[name] for name in PARAMETERS]
+            errors = np.array([item.value for item in selected]) / truth - 1.0
+            held = [
+                item.interval[0] <= true <= item.interval[1]
+                for item, true in zip(selected, truth, strict=True)
+            ]
             yield Told(
                 regime.name,
                 run,
@@ -116,5 +119,5 @@ def trial(regime: Regime, vehicle: dict[str, float], methods: Sequence[str], run
                 lag,
                 result.verdict.status.value,
                 errors.tolist(),
-                [bool(one) for one in held],
+                [bool(item) for item in held],
             )

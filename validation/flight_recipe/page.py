@@ -114,14 +114,14 @@ def control_table(rows: pl.DataFrame) -> str:
         ("gusty", excited.filter(~pl.col("calm"))),
     ):
         for estimator, name in ESTIMATOR_NAMES.items():
-            found = score(part, "viscous_friction", estimator)
+            result = score(part, "viscous_friction", estimator)
             lines.append(
                 [
                     label,
                     name,
-                    error_text("viscous_friction", found.median),
-                    error_text("viscous_friction", found.bias),
-                    share_text(found.coverage),
+                    error_text("viscous_friction", result.median),
+                    error_text("viscous_friction", result.bias),
+                    share_text(result.coverage),
                 ]
             )
     return markdown(("flights", "estimator", "median error of K", "bias of K", "coverage of K"), lines)
@@ -153,10 +153,10 @@ def lag_table(rows: pl.DataFrame) -> str:
         for label, windy in (("none", False), ("some", True)):
             here = banded.filter(pl.col("lag") == band, (pl.col("gust_rms") > 0.0) == windy)
             error = 1e3 * (here["recipe.effective_lag.value"] - here["truth.effective_lag"]).to_numpy()
-            shown = "-"
+            text = "-"
             if error.size > 1:
-                shown = f"{error.mean():.2f} +- {error.std(ddof=1) / np.sqrt(error.size):.2f} ms"
-            lines.append([band, label, str(error.size), shown])
+                text = f"{error.mean():.2f} +- {error.std(ddof=1) / np.sqrt(error.size):.2f} ms"
+            lines.append([band, label, str(error.size), text])
     return markdown(("lag", "gusts", "flights", "bias of the effective lag"), lines)
 
 
@@ -165,12 +165,12 @@ def _lag_bands(rows: pl.DataFrame) -> list[str]:
     return [LAG_BANDS[band] for band in np.digitize(lag, LAG_EDGES)]
 
 
-def _errors(quantity: str, found: Score, *, bias: bool = False) -> list[str]:
-    if not found.coverage.count:
+def _errors(quantity: str, result: Score, *, bias: bool = False) -> list[str]:
+    if not result.coverage.count:
         return ["-"] * (4 if bias else 3)
-    shown = [found.median, found.ninetieth, *([found.bias] if bias else [])]
-    return [*(error_text(quantity, value) for value in shown), _covered(found)]
+    displayed = [result.median, result.ninetieth, *([result.bias] if bias else [])]
+    return [*(error_text(quantity, value) for value in displayed), _covered(result)]
 
 
-def _covered(found: Score) -> str:
-    return f"{found.coverage.value:.3f}" if found.coverage.count else "-"
+def _covered(result: Score) -> str:
+    return f"{result.coverage.value:.3f}" if result.coverage.count else "-"

@@ -71,23 +71,23 @@ def share_text(share: Share) -> str:
 
 def _small_errors(rows: pl.DataFrame, quantity: str) -> Requirement:
     median, ninetieth = ERROR_BOUNDS[quantity]
-    found = score(rows, quantity)
+    result = score(rows, quantity)
     return Requirement(
         f"error of {NAMES[quantity]}, calm accepted flights: median, 90th percentile",
         f"at most {error_text(quantity, median)}, {error_text(quantity, ninetieth)}",
-        f"{error_text(quantity, found.median)}, {error_text(quantity, found.ninetieth)}",
-        found.median <= median and found.ninetieth <= ninetieth,
+        f"{error_text(quantity, result.median)}, {error_text(quantity, result.ninetieth)}",
+        result.median <= median and result.ninetieth <= ninetieth,
     )
 
 
 def _coverage(rows: pl.DataFrame, quantity: str) -> Requirement:
     low, high = COVERAGE_BOUNDS
-    found = score(rows, quantity).coverage
-    least, most = found.interval
+    coverage = score(rows, quantity).coverage
+    least, most = coverage.interval
     return Requirement(
         f"coverage of the 95 % interval of {NAMES[quantity]}, all accepted flights",
         f"99 % interval meets [{low}, {high}]",
-        share_text(found),
+        share_text(coverage),
         least <= high and most >= low,
     )
 
@@ -118,21 +118,21 @@ def _few_far_off(share: Share, *, allow_chance: bool) -> Requirement:
     )
 
 
-def _lag_ignored_fails(found: Score) -> Requirement:
-    fails = found.bias < CONTROL_BIAS or found.coverage.interval[1] < CONTROL_COVERAGE
+def _lag_ignored_fails(result: Score) -> Requirement:
+    fails = result.bias < CONTROL_BIAS or result.coverage.interval[1] < CONTROL_COVERAGE
     return Requirement(
         "control that must fail: lag ignored, calm flights",
         f"bias of K below {CONTROL_BIAS:.0%}, or coverage below {CONTROL_COVERAGE}".replace("%", " %"),
-        f"bias {found.bias:.1%}, coverage {share_text(found.coverage)}".replace("%", " %"),
+        f"bias {result.bias:.1%}, coverage {share_text(result.coverage)}".replace("%", " %"),
         fails,
     )
 
 
-def _least_squares_fails(found: Score, *, allow_chance: bool) -> Requirement:
-    reached = found.coverage.interval[0] if allow_chance else found.coverage.value
+def _least_squares_fails(result: Score, *, allow_chance: bool) -> Requirement:
+    reached = result.coverage.interval[0] if allow_chance else result.coverage.value
     return Requirement(
         "control that must fail: nonlinear least squares, gusty flights",
         f"coverage of K below {CONTROL_COVERAGE}",
-        f"bias {found.bias:.1%}, coverage {share_text(found.coverage)}".replace("%", " %"),
+        f"bias {result.bias:.1%}, coverage {share_text(result.coverage)}".replace("%", " %"),
         reached < CONTROL_COVERAGE,
     )

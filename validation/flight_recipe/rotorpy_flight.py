@@ -202,8 +202,8 @@ def _fly(spec: RotorpyFlightSpec, parts: _Parts, vertical_gains: float) -> tuple
     for k in range(spec.count):
         state["wind"] = parts.wind[k]
         seen = measured(state, parts.errors, k)
-        told = controller.update(k * STEP_S, seen, flat_output(parts.reference, k))["cmd_motor_speeds"]
-        command = np.clip(told, vehicle.rotor_speed_min, vehicle.rotor_speed_max)
+        reported = controller.update(k * STEP_S, seen, flat_output(parts.reference, k))["cmd_motor_speeds"]
+        command = np.clip(reported, vehicle.rotor_speed_min, vehicle.rotor_speed_max)
         pending.append(command)
         acting = {"cmd_motor_speeds": pending.popleft()}
         acceleration = vehicle.statedot(state, acting, STEP_S)["vdot"]

@@ -104,7 +104,7 @@ def rigid_body(parameters: Mapping[str, Any]) -> RigidBody:
     quadratic = tuple(float(parameters.get(name, 0.0)) for name in ("c_Dx", "c_Dy", "c_Dz"))
     thrust, torque = float(parameters["k_eta"]), float(parameters["k_m"])
     rotors = Rotors(
-        positions=tuple(tuple(float(x) for x in place) for place in parameters["rotor_pos"].values()),
+        positions=tuple(tuple(float(x) for x in parameter) for parameter in parameters["rotor_pos"].values()),
         spins=tuple(int(direction) for direction in parameters["rotor_directions"]),
         highest_speed=float(parameters["rotor_speed_max"]),
         lowest_speed=float(parameters["rotor_speed_min"]),

@@ -15,7 +15,7 @@ import sys
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
-from eivor.atomic_file import write_whole
+from eivor.atomic_file import write_atomically
 from eivor.errors import EivorError
 from eivor.lab.experiments import page_with
 from eivor.process_pool import local_executor
@@ -47,10 +47,10 @@ def run_grid(size: str, workers: int | None = None) -> TrialTable:
     """
     grid = published_grid() if size == "full" else published_grid().small()
     executor = local_executor(workers, len(flown_together(grid)))
-    return trial_table(_shown(run_trials(grid, executor), grid), grid=grid.name, size=size)
+    return trial_table(_displayed(run_trials(grid, executor), grid), grid=grid.name, size=size)
 
 
-def _shown(trials: Iterable[FlightTrial], grid: FlightGrid) -> Iterator[FlightTrial]:
+def _displayed(trials: Iterable[FlightTrial], grid: FlightGrid) -> Iterator[FlightTrial]:
     """Trials as they are done, with a bar on standard error when that is a terminal."""
     from rich.console import Console
     from rich.progress import Progress
@@ -91,7 +91,7 @@ def _run(chosen: argparse.Namespace) -> int:
     tables = study_tables(table)
     if chosen.page:
         page = page_with(chosen.page.read_text(encoding="utf-8"), {PART: tables})
-        write_whole(chosen.page, page)
+        write_atomically(chosen.page, page)
     sys.stdout.write(tables + "\n")
     small = table.origin["size"] != "full"
     return 0 if all(item.met for item in requirements(table.rows, allow_chance=small)) else NOT_MET

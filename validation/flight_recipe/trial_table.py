@@ -18,7 +18,7 @@ import numpy as np
 import polars as pl
 from jaxtyping import Float
 
-from eivor.atomic_file import whole_file
+from eivor.atomic_file import atomic_write
 from eivor.errors import InputError
 from validation.flight_recipe.trials import ESTIMATORS, QUANTITIES, FlightTrial
 
@@ -46,7 +46,7 @@ class TrialTable:
     def write(self, path: Path) -> None:
         """Write a small Parquet file."""
         narrow = self.rows.with_columns(pl.col(_rounded_columns(self.rows)).cast(pl.Float32))
-        with whole_file(path) as file:
+        with atomic_write(path) as file:
             narrow.write_parquet(
                 file, compression="zstd", compression_level=19, statistics=False, metadata=dict(self.origin)
             )
@@ -107,8 +107,10 @@ def _row(trial: FlightTrial) -> dict[str, str | float | int | bool]:
     row |= {"recipe.first_stage_F": trial.first_stage, "recipe.p_value": trial.p_value}
     for estimator, quantities in ESTIMATORS.items():
         for name in quantities:
-            found = trial.estimates[estimator][name]
-            row |= {f"{estimator}.{name}.{part}": getattr(found, part) for part in ("value", "low", "high")}
+            estimate = trial.estimates[estimator][name]
+            row |= {
+                f"{estimator}.{name}.{part}": getattr(estimate, part) for part in ("value", "low", "high")
+            }
     return row
 
 
@@ -125,10 +127,10 @@ def _rounded(values: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
 
 
 def _versions() -> dict[str, str]:
-    found = {}
+    results = {}
     for package in PACKAGES:
         try:
-            found[package] = version(package)
+            results[package] = version(package)
         except PackageNotFoundError:
-            found[package] = "not installed"
-    return found
+            results[package] = "not installed"
+    return results

@@ -114,15 +114,15 @@ def run_trials(grid: FlightGrid, executor: Executor) -> Iterator[FlightTrial]:
 
 def flown_together(grid: FlightGrid) -> list[tuple[FlightCase, ...]]:
     """Tasks of a grid: flights of the own simulator, which flies them side by side, or one of RotorPy."""
-    own = tuple(case for case in grid.cases if isinstance(case.spec, VerticalFlightSpec))
-    tasks = [own[first : first + FLIGHTS_TOGETHER] for first in range(0, len(own), FLIGHTS_TOGETHER)]
+    current = tuple(case for case in grid.cases if isinstance(case.spec, VerticalFlightSpec))
+    tasks = [current[first : first + FLIGHTS_TOGETHER] for first in range(0, len(current), FLIGHTS_TOGETHER)]
     return tasks + [(case,) for case in grid.cases if isinstance(case.spec, RotorpyFlightSpec)]
 
 
 def fly(cases: Sequence[FlightCase]) -> tuple[FlightTrial, ...]:
     """Fly and judge some flights."""
-    own = [case.spec for case in cases if isinstance(case.spec, VerticalFlightSpec)]
-    together = simulate_vertical_flights(own)
+    specs = [case.spec for case in cases if isinstance(case.spec, VerticalFlightSpec)]
+    together = simulate_vertical_flights(specs)
     return tuple(
         judged(
             case,
@@ -140,11 +140,11 @@ def judged(case: FlightCase, flight: SimulatedFlight) -> FlightTrial:
     if not flight.flew:
         return FlightTrial(case, LOST, dict.fromkeys(QUANTITIES, float("nan")), nothing)
     result = identify_flight(flight.recording)
-    estimates = nothing | {RECIPE: _shown(result, RECIPE)}
+    estimates = nothing | {RECIPE: _displayed(result, RECIPE)}
     if case.kind == "excited":
         estimates[LAG_IGNORED] = _lag_ignored(result)
         direct = identify_flight(flight.recording, FlightOptions(method="least_squares"))
-        estimates[NONLINEAR] = _shown(direct, NONLINEAR)
+        estimates[NONLINEAR] = _displayed(direct, NONLINEAR)
     strengths = [result.diagnostics.get(f"first_stage_F_{name}", np.nan) for name in JOINT]
     return FlightTrial(
         case,
@@ -158,9 +158,11 @@ def judged(case: FlightCase, flight: SimulatedFlight) -> FlightTrial:
     )
 
 
-def _shown(result: FlightEstimate, estimator: str) -> dict[str, IntervalEstimate]:
+def _displayed(result: FlightEstimate, estimator: str) -> dict[str, IntervalEstimate]:
     quantities = {name: result.quantities[name] for name in ESTIMATORS[estimator]}
-    return {name: IntervalEstimate(found.value, *found.interval) for name, found in quantities.items()}
+    return {
+        name: IntervalEstimate(quantity.value, *quantity.interval) for name, quantity in quantities.items()
+    }
 
 
 def _lag_ignored(result: FlightEstimate) -> dict[str, IntervalEstimate]:

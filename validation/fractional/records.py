@@ -135,7 +135,7 @@ def _ramp(samples: int, rate_hz: float) -> Series:
 
 
 @dataclass(frozen=True, slots=True)
-class Way:
+class Formula:
     """A method with its instruments.
 
     Parameters
@@ -154,34 +154,36 @@ class Way:
 
     def estimate(self, equation: KnownEquation, record: ev.Signals) -> ev.Estimate:
         """Estimate that is divided by the output's side at the equation's guess first."""
-        at = equation.guess
+        guess = equation.guess
         for _ in range(self.rounds):
-            problem = equation.model.problem(record, self.instruments, divided_by_output_at=at)
-            found = ev.identify(problem, self.method)
-            at = found.parameters
-        return found
+            problem = equation.model.problem(record, self.instruments, divided_by_output_at=guess)
+            result = ev.identify(problem, self.method)
+            guess = result.parameters
+        return result
 
 
-def ways() -> dict[str, Way]:
+def formulas() -> dict[str, Formula]:
     """Methods of the paper by name."""
-    own, reference = (tuple(ev.Column(name, lag) for lag in REACH) for name in ("input", "reference"))
+    current, reference = (tuple(ev.Column(name, lag) for lag in REACH) for name in ("input", "reference"))
     return {
-        "least_squares": Way(ev.methods.least_squares()),
-        "total_least_squares": Way(ev.methods.total_least_squares()),
-        "bias_compensated_least_squares": Way(ev.methods.bias_compensated_least_squares()),
-        "extended_iv, reference": Way(ev.methods.extended_iv(), reference),
-        "generalized_iv": Way(ev.methods.generalized_iv(), own),
-        "generalized_iv, two-stage": Way(ev.methods.generalized_iv(ev.methods.TwoStage()), own),
-        "generalized_iv_tls": Way(ev.methods.generalized_iv_tls(), own),
+        "least_squares": Formula(ev.methods.least_squares()),
+        "total_least_squares": Formula(ev.methods.total_least_squares()),
+        "bias_compensated_least_squares": Formula(ev.methods.bias_compensated_least_squares()),
+        "extended_iv, reference": Formula(ev.methods.extended_iv(), reference),
+        "generalized_iv": Formula(ev.methods.generalized_iv(), current),
+        "generalized_iv, two-stage": Formula(ev.methods.generalized_iv(ev.methods.TwoStage()), current),
+        "generalized_iv_tls": Formula(ev.methods.generalized_iv_tls(), current),
     }
 
 
-def sharper_ways() -> dict[str, Way]:
+def sharper_ways() -> dict[str, Formula]:
     """Methods that allow for the noise, with instruments that reach further, or a second round."""
-    own, reference = (tuple(ev.Column(name, lag) for lag in FAR) for name in ("input", "reference"))
+    current, reference = (tuple(ev.Column(name, lag) for lag in FAR) for name in ("input", "reference"))
     return {
-        "total_least_squares, again": Way(ev.methods.total_least_squares(), rounds=2),
-        "bias_compensated_least_squares, again": Way(ev.methods.bias_compensated_least_squares(), rounds=2),
-        "extended_iv, reference, far": Way(ev.methods.extended_iv(), reference),
-        "generalized_iv, far": Way(ev.methods.generalized_iv(), own),
+        "total_least_squares, again": Formula(ev.methods.total_least_squares(), rounds=2),
+        "bias_compensated_least_squares, again": Formula(
+            ev.methods.bias_compensated_least_squares(), rounds=2
+        ),
+        "extended_iv, reference, far": Formula(ev.methods.extended_iv(), reference),
+        "generalized_iv, far": Formula(ev.methods.generalized_iv(), current),
     }

@@ -16,11 +16,11 @@ from pathlib import Path
 
 import numpy as np
 
-from eivor.atomic_file import write_whole
+from eivor.atomic_file import write_atomically
 from eivor.errors import EstimationError, WeakInstrumentsWarning
 from eivor.lab.experiments import markdown, page_text, page_with
 from eivor.tools import Float
-from validation.fractional.records import Cell, KnownEquation, Relaxation, Way, sharper_ways, ways
+from validation.fractional.records import Cell, Formula, KnownEquation, Relaxation, formulas, sharper_ways
 
 PART, SHARPER_PART = "fractional study", "sharper orders"
 SCENARIOS: tuple[KnownEquation, ...] = (Relaxation(), Cell())
@@ -28,32 +28,32 @@ HEADER = ("method", "answers", "parameter", "truth", "bias %", "sd %", "largest 
 
 
 def answers(
-    scenario: KnownEquation, way: Way, seeds: Sequence[int]
+    scenario: KnownEquation, formula: Formula, seeds: Sequence[int]
 ) -> Float[np.ndarray, "answers parameters 2"]:
     """Error of each parameter, and whether its interval covers the truth; one line for each answer."""
     lines = []
     for seed in seeds:
         try:
-            found = way.estimate(scenario, scenario.record(seed))
+            result = formula.estimate(scenario, scenario.record(seed))
         except EstimationError:
             continue
         line = []
         for name, value in scenario.truth.items():
-            low, high = found.interval(name)
-            line.append((found.parameters[name] - value, float(low <= value <= high)))
+            low, high = result.interval(name)
+            line.append((result.parameters[name] - value, float(low <= value <= high)))
         lines.append(line)
     return np.array(lines).reshape(-1, len(scenario.truth), 2)
 
 
-def lines_of(scenario: KnownEquation, runs: int, chosen: Mapping[str, Way]) -> Iterator[tuple[str, ...]]:
+def lines_of(scenario: KnownEquation, runs: int, chosen: Mapping[str, Formula]) -> Iterator[tuple[str, ...]]:
     """Lines of a scenario's table."""
-    for name, way in chosen.items():
-        found = answers(scenario, way, range(runs))
-        for place, (parameter, value) in enumerate(scenario.truth.items()):
-            errors, covered = found[:, place, 0], found[:, place, 1]
+    for name, formula in chosen.items():
+        result = answers(scenario, formula, range(runs))
+        for index, (parameter, value) in enumerate(scenario.truth.items()):
+            errors, covered = result[:, index, 0], result[:, index, 1]
             yield (
-                f"`{name}`" if place == 0 else "",
-                f"{len(found)}" if place == 0 else "",
+                f"`{name}`" if index == 0 else "",
+                f"{len(result)}" if index == 0 else "",
                 f"`{parameter}`",
                 f"{value:.4g}",
                 f"{100.0 * errors.mean() / value:+.2f}",
@@ -69,7 +69,7 @@ def tables(runs: int) -> str:
         warnings.simplefilter("ignore", WeakInstrumentsWarning)
         return "\n\n".join(
             f"**{scenario.name}**: {scenario.about}; {runs:,} runs.\n\n"
-            + markdown(HEADER, lines_of(scenario, runs, ways()))
+            + markdown(HEADER, lines_of(scenario, runs, formulas()))
             for scenario in SCENARIOS
         )
 
@@ -96,7 +96,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     page = page_text(chosen.page, part) if chosen.page else ""
     made = make(chosen.runs)
     if chosen.page:
-        write_whole(chosen.page, page_with(page, {part: made}))
+        write_atomically(chosen.page, page_with(page, {part: made}))
     sys.stdout.write(made + "\n")
     return 0
 

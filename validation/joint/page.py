@@ -18,17 +18,17 @@ PART = "joint"
 COVERAGE, LEVEL = (0.92, 0.98), 0.99
 
 
-def requirements(found: Sequence[Told]) -> Iterator[Requirement]:
+def requirements(tolds: Sequence[Told]) -> Iterator[Requirement]:
     """What is asked, held against a run."""
-    by = {way: [one for one in found if one.way == way] for way in (JOINT, GIVEN)}
-    joint, given = (sum(one.accepted for one in by[way]) for way in (JOINT, GIVEN))
+    by = {formula: [item for item in tolds if item.formula == formula] for formula in (JOINT, GIVEN)}
+    joint, given = (sum(item.accepted for item in by[formula]) for formula in (JOINT, GIVEN))
     yield Requirement(
         "flights whose K is identified",
         f"at least {given}, as with the lag given",
         f"{joint}",
         joint >= given,
     )
-    ratio = float(np.median(_lengths(found, JOINT)))
+    ratio = float(np.median(_lengths(tolds, JOINT)))
     yield Requirement(
         "length of K's interval over that with the lag given, median",
         "at most 1",
@@ -45,10 +45,13 @@ def requirements(found: Sequence[Told]) -> Iterator[Requirement]:
     )
 
 
-def tables(found: Sequence[Told]) -> str:
+def tables(tolds: Sequence[Told]) -> str:
     """What is asked, and each way beside the others."""
-    asked = [(one.what, one.asked, one.measured, "yes" if one.met else "no") for one in requirements(found)]
-    names = dict.fromkeys(one.flight for one in found)
+    requested = [
+        (requirement.what, requirement.asked, requirement.measured, "yes" if requirement.met else "no")
+        for requirement in requirements(tolds)
+    ]
+    names = dict.fromkeys(item.flight for item in tolds)
     header = (
         "",
         "K identified",
@@ -57,42 +60,42 @@ def tables(found: Sequence[Told]) -> str:
         "median size of error",
         "coverage",
     )
-    rows = [(way, *_cells(found, way)) for way in (JOINT, GIVEN, TURNING, ALONE)]
-    lost = len({one.flight for one in found if one.verdict == LOST})
+    rows = [(formula, *_cells(tolds, formula)) for formula in (JOINT, GIVEN, TURNING, ALONE)]
+    lost = len({item.flight for item in tolds if item.verdict == LOST})
     return "\n\n".join(
         (
             f"Made by `python -m validation.joint.study` of {len(names)} flights, of which {lost} were lost.",
-            markdown(("K in gusts, attitude and height excited", "asked", "measured", "met"), asked),
+            markdown(("K in gusts, attitude and height excited", "asked", "measured", "met"), requested),
             markdown(header, rows),
         )
     )
 
 
-def _cells(found: Sequence[Told], way: str) -> tuple[str, ...]:
-    own = [one for one in found if one.way == way]
-    errors = [abs(one.value / one.truth - 1.0) for one in own if np.isfinite(one.length)]
-    flights = sum(one.of_flight == Status.IDENTIFIED.value for one in own)
+def _cells(tolds: Sequence[Told], formula: str) -> tuple[str, ...]:
+    selected = [item for item in tolds if item.formula == formula]
+    errors = [abs(item.value / item.truth - 1.0) for item in selected if np.isfinite(item.length)]
+    flights = sum(item.of_flight == Status.IDENTIFIED.value for item in selected)
     return (
-        f"{sum(one.accepted for one in own)} of {len(own)}",
-        f"{flights} of {len(own)}",
-        f"{float(np.median(_lengths(found, way))):.2f}",
+        f"{sum(item.accepted for item in selected)} of {len(selected)}",
+        f"{flights} of {len(selected)}",
+        f"{float(np.median(_lengths(tolds, formula))):.2f}",
         f"{float(np.median(errors)):.1%}".replace("%", " %"),
-        _share(_coverage(own)),
+        _share(_coverage(selected)),
     )
 
 
-def _lengths(found: Sequence[Told], way: str) -> list[float]:
+def _lengths(tolds: Sequence[Told], formula: str) -> list[float]:
     """Length of K's interval over that with the lag given, of every flight that has both."""
-    given = {one.flight: one.length for one in found if one.way == GIVEN}
+    given = {item.flight: item.length for item in tolds if item.formula == GIVEN}
     return [
-        one.length / given[one.flight]
-        for one in found
-        if one.way == way and np.isfinite(one.length) and np.isfinite(given[one.flight])
+        item.length / given[item.flight]
+        for item in tolds
+        if item.formula == formula and np.isfinite(item.length) and np.isfinite(given[item.flight])
     ]
 
 
-def _coverage(own: Sequence[Told]) -> Share:
-    held = [one.held for one in own if one.accepted]
+def _coverage(tolds: Sequence[Told]) -> Share:
+    held = [item.held for item in tolds if item.accepted]
     return Share(sum(held), len(held), LEVEL)
 
 

@@ -22,8 +22,8 @@ GRID = Path(__file__).with_name("grid.toml")
 def answer(grid_file: Path, size: str, kept: Path) -> Answer:
     """Run what is left, and say what all of it says."""
     grid = read_grid(grid_file)
-    found = run(grid if size == "full" else grid.small(), kept)
-    return tables(found), requirements(found)
+    completed = run(grid if size == "full" else grid.small(), kept)
+    return tables(completed), requirements(completed)
 
 
 main = KeptStudyCommand("validation.joint.study", __doc__, GRID, PART, answer).main

@@ -56,7 +56,7 @@ class Told:
     """
 
     flight: str
-    way: str
+    formula: str
     verdict: str
     of_flight: str
     truth: float = 0.0
@@ -80,11 +80,13 @@ class Told:
         return self.high - self.low if self.verdict not in (LOST, FAILED) else float("inf")
 
 
-def ways(flight: RigidBodyFlight, vehicle: Vehicle, seed: int) -> Mapping[str, Callable[[], FlightEstimate]]:
+def formulas(
+    flight: RigidBodyFlight, vehicle: Vehicle, seed: int
+) -> Mapping[str, Callable[[], FlightEstimate]]:
     """Each way to identify a flight."""
     stream = np.random.Generator(np.random.PCG64(np.random.SeedSequence(seed, spawn_key=(GIVEN_KEY,))))
-    told = vehicle.rotors.lag_up + vehicle.rotors.delay + GIVEN_STD_S * float(stream.standard_normal())
-    lag = Prior(max(told, 0.1 * GIVEN_STD_S), GIVEN_STD_S)
+    reported = vehicle.rotors.lag_up + vehicle.rotors.delay + GIVEN_STD_S * float(stream.standard_normal())
+    lag = Prior(max(reported, 0.1 * GIVEN_STD_S), GIVEN_STD_S)
     log = flight.recording
     return {
         JOINT: lambda: identify_flight(log, model=RigidBody(known(vehicle))),
@@ -94,23 +96,23 @@ def ways(flight: RigidBodyFlight, vehicle: Vehicle, seed: int) -> Mapping[str, C
     }
 
 
-def told_of(case: FlightCase, flight: RigidBodyFlight, vehicle: Vehicle) -> list[Told]:
+def strength_of(case: FlightCase, flight: RigidBodyFlight, vehicle: Vehicle) -> list[Told]:
     """What each way says of a flight."""
     if not flight.flew:
-        return [Told(case.name, way, LOST, LOST) for way in (JOINT, GIVEN, TURNING, ALONE)]
-    found = []
-    for way, identify in ways(flight, vehicle, case.spec.seed).items():
+        return [Told(case.name, formula, LOST, LOST) for formula in (JOINT, GIVEN, TURNING, ALONE)]
+    results = []
+    for formula, identify in formulas(flight, vehicle, case.spec.seed).items():
         try:
             result = identify()
         except EivorError:
-            found.append(Told(case.name, way, FAILED, FAILED))
+            results.append(Told(case.name, formula, FAILED, FAILED))
             continue
-        effective = effective_along if way == JOINT else effective_vertical
+        effective = effective_along if formula == JOINT else effective_vertical
         friction = result.quantities[FRICTION]
-        found.append(
+        results.append(
             Told(
                 case.name,
-                way,
+                formula,
                 friction.verdict.value,
                 result.verdict.status.value,
                 effective(flight, vehicle, used_steps(flight, result.prepared[0])),
@@ -118,7 +120,7 @@ def told_of(case: FlightCase, flight: RigidBodyFlight, vehicle: Vehicle) -> list
                 *friction.interval,
             )
         )
-    return found
+    return results
 
 
 def run(grid: FlightGrid, kept: Path) -> list[Told]:
@@ -127,18 +129,18 @@ def run(grid: FlightGrid, kept: Path) -> list[Told]:
     Flights are simulated some at a time, and kept when they are done: a run that was interrupted goes on
     there.
     """
-    found = read_told(kept)
-    done = {one.flight for one in found}
+    result = read_told(kept)
+    done = {item.flight for item in result}
     left = [case for case in grid.cases if case.name not in done]
     for first in range(0, len(left), TOGETHER):
         cases = left[first : first + TOGETHER]
         specs = [flight_of(case.spec) for case in cases if isinstance(case.spec, RotorpyFlightSpec)]
         flights = simulate_rigid_body_flights(specs)
         for case, spec, flight in zip(cases, specs, flights, strict=True):
-            told = told_of(case, flight, spec.vehicle)
-            found += told
-            keep(kept, told)
-    return found
+            reported = strength_of(case, flight, spec.vehicle)
+            result += reported
+            keep(kept, reported)
+    return result
 
 
 def read_told(path: Path) -> list[Told]:

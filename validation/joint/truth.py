@@ -40,10 +40,10 @@ def effective_along(flight: RigidBodyFlight, vehicle: Vehicle, used: Bool[np.nda
 
     By the equation of the rigid body: what rotors drag goes with their speed and the air's velocity at each.
     """
-    truth, places = flight.truth, np.array(vehicle.rotors.positions)
+    truth, positions = flight.truth, np.array(vehicle.rotors.positions)
     body = Rotation.from_quat(truth.attitude[:, [1, 2, 3, 0]])
     air = body.inv().apply(truth.air_velocity)
-    hub = air[:, None, :] + np.cross(truth.angular_rate[:, None, :], places[None, :, :])
+    hub = air[:, None, :] + np.cross(truth.angular_rate[:, None, :], positions[None, :, :])
     speed = truth.rotor_speed
     hover = vehicle.rotors.count * vehicle.hover_speed
     columns = np.column_stack(
@@ -55,8 +55,8 @@ def effective_along(flight: RigidBodyFlight, vehicle: Vehicle, used: Bool[np.nda
     )[used]
     columns -= columns.mean(axis=0)
     force = truth.specific_force[used, 2]
-    found = np.linalg.lstsq(columns / columns.std(axis=0), force - force.mean(), rcond=None)[0]
-    return float(found[0] / columns[:, 0].std())
+    solution = np.linalg.lstsq(columns / columns.std(axis=0), force - force.mean(), rcond=None)[0]
+    return float(solution[0] / columns[:, 0].std())
 
 
 def used_steps(flight: RigidBodyFlight, prepared: PreparedFlight) -> Bool[np.ndarray, " n"]:

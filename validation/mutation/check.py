@@ -92,9 +92,9 @@ def checked(project: Path, mutants: Sequence[Mutant]) -> list[Outcome]:
         for mutant in mutants:
             outcome = tried(workspace, mutant)
             outcomes.append(outcome)
-            said = f"noticed by {outcome.failed}" if outcome.noticed else "NOT NOTICED by"
+            text = f"noticed by {outcome.failed}" if outcome.noticed else "NOT NOTICED by"
             print(
-                " ".join([f"{mutant.name}: {said}", *outcome.blind, f"({outcome.seconds:.1f} s)"]), flush=True
+                " ".join([f"{mutant.name}: {text}", *outcome.blind, f"({outcome.seconds:.1f} s)"]), flush=True
             )
     return outcomes
 

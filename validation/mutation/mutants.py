@@ -51,16 +51,16 @@ class Mutant:
             When the line is not found exactly once, or would be swapped for itself.
         """
         lines = text.splitlines(keepends=True)
-        places = [j for j, found in enumerate(lines) if found.strip() == self.line]
-        if len(places) != 1:
+        positions = [j for j, line in enumerate(lines) if line.strip() == self.line]
+        if len(positions) != 1:
             raise MutantError(
-                f"{self.name}: the line `{self.line}` was found {len(places)} times in {self.file}; "
+                f"{self.name}: the line `{self.line}` was found {len(positions)} times in {self.file}; "
                 f"bring {TABLE.name} up to date"
             )
         if self.line == self.replacement:
             raise MutantError(f"{self.name}: the line is swapped for itself")
-        place = places[0]
-        lines[place] = lines[place].replace(self.line, self.replacement)
+        position = positions[0]
+        lines[position] = lines[position].replace(self.line, self.replacement)
         return "".join(lines)
 
 
@@ -73,14 +73,14 @@ def read_mutants(path: Path = TABLE) -> tuple[Mutant, ...]:
         When two have one name, or one names no test.
     """
     entries = tomllib.loads(path.read_text(encoding="utf-8"))["mutant"]
-    found = tuple(Mutant(**entry | {"tests": tuple(entry["tests"])}) for entry in entries)
-    names = [mutant.name for mutant in found]
-    for mutant in found:
+    result = tuple(Mutant(**entry | {"tests": tuple(entry["tests"])}) for entry in entries)
+    names = [mutant.name for mutant in result]
+    for mutant in result:
         if names.count(mutant.name) > 1:
             raise MutantError(f"{mutant.name}: two mutants have this name")
         if not mutant.tests:
             raise MutantError(f"{mutant.name}: names no test")
-    return found
+    return result
 
 
 def check_lines(mutants: Sequence[Mutant], root: Path) -> list[str]:
@@ -100,9 +100,9 @@ def check_lines(mutants: Sequence[Mutant], root: Path) -> list[str]:
                     raise MutantError(f"{mutant.name}: there is no test {test}")
         except MutantError as error:
             others = [
-                place.relative_to(root).as_posix()
-                for place in sorted((root / "src").rglob("*.py"))
-                if place != path and mutant.line in map(str.strip, place.read_text("utf-8").splitlines())
+                item.relative_to(root).as_posix()
+                for item in sorted((root / "src").rglob("*.py"))
+                if item != path and mutant.line in map(str.strip, item.read_text("utf-8").splitlines())
             ]
             wrong.append(f"{error} (it is in {', '.join(others)})" if others else str(error))
     return wrong
@@ -112,7 +112,7 @@ def sample(mutants: Sequence[Mutant], count: int) -> list[Mutant]:
     """The first of each area, then the second of each, until there are `count`."""
     ranks: dict[str, int] = {}
     ranked = []
-    for place, mutant in enumerate(mutants):
+    for index, mutant in enumerate(mutants):
         ranks[mutant.area] = ranks.get(mutant.area, 0) + 1
-        ranked.append((ranks[mutant.area], place, mutant))
+        ranked.append((ranks[mutant.area], index, mutant))
     return [mutant for _, _, mutant in sorted(ranked, key=lambda entry: entry[:2])[:count]]

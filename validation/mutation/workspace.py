@@ -103,7 +103,7 @@ class Workspace:
         would run what it compiled before.
         """
         command = [sys.executable, "-m", "pytest", "-q", "-rA", "-n", "0", "-p", "no:cacheprovider"]
-        begun = time.perf_counter()
+        start_s = time.perf_counter()
         done = subprocess.run(
             [*command, "--tb=no", "--no-header", "-m", "", *tests],
             capture_output=True,
@@ -112,6 +112,6 @@ class Workspace:
             cwd=self.root,
             env=os.environ | ENVIRONMENT | {"PYTHONPATH": str(self.root / "src")},
         )
-        seconds = time.perf_counter() - begun
+        seconds = time.perf_counter() - start_s
         text = done.stdout + done.stderr
         return Run(done.returncode, tuple(ENDED.findall(done.stdout)), seconds, text)

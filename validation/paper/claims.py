@@ -32,15 +32,15 @@ COLUMNS = (
 CONDITIONED = 5
 
 
-def claims_rows(one: SuiteStudy, result: StudyResult) -> Iterator[Row]:
+def claims_rows(suite_study: SuiteStudy, result: StudyResult) -> Iterator[Row]:
     """Rows of one study."""
-    for choice, score in zip(one.study.methods, scores(result), strict=True):
-        condition, unscaled = _conditions(one.study, choice)
+    for choice, score in zip(suite_study.study.methods, scores(result), strict=True):
+        condition, unscaled = _conditions(suite_study.study, choice)
         for parameter in score.parameters:
             errors = trial_nrmse(result, score.label, parameter.name)
             yield {
-                "scenario": one.scenario,
-                "samples": one.samples,
+                "scenario": suite_study.scenario,
+                "samples": suite_study.samples,
                 "method": score.label,
                 "parameter": parameter.name,
                 "rmse": parameter.rmse / abs(parameter.truth),
@@ -51,23 +51,23 @@ def claims_rows(one: SuiteStudy, result: StudyResult) -> Iterator[Row]:
                 "unscaled_condition": unscaled,
                 "failed": score.failed,
                 "weak": score.weak,
-                "runs": one.study.runs,
-                "seed": one.study.seed,
+                "runs": suite_study.study.runs,
+                "seed": suite_study.study.seed,
                 "versions": versions(),
             }
 
 
 def _conditions(study: Study, choice: MethodChoice) -> tuple[float, float]:
     """Median condition number of a method's equations: of columns of unit length, and as they are."""
-    found = []
+    results = []
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         for index in range(min(study.runs, CONDITIONED)):
             signals = study.experiment.record(study.rng(index))
             problem = study.experiment.problem(signals, choice.instruments)
             estimate = identify(problem, MethodChoice(choice.name, choice.lags, choice.channel).method)
-            found.append((estimate.condition, np.linalg.cond(estimate.best.solved.system.matrix)))
-    scaled, unscaled = np.median(found, axis=0).tolist()
+            results.append((estimate.condition, np.linalg.cond(estimate.best.solved.system.matrix)))
+    scaled, unscaled = np.median(results, axis=0).tolist()
     return scaled, unscaled
 
 

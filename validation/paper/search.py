@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from eivor.atomic_file import write_whole
+from eivor.atomic_file import write_atomically
 from eivor.lab.experiments import markdown, page_with
 from eivor.lab.paper_examples import PaperResult, estimates, record, trial_generator
 from eivor.lab.paper_readings import (
@@ -29,16 +29,16 @@ from eivor.lab.paper_readings import (
     SOURCES,
     Input,
     MotionSource,
+    PaperReading,
     Ratio,
     RatioOf,
-    Reading,
     Weights,
 )
 from eivor.lab.records import Intersample
 from eivor.process_pool import in_order, local_executor
 
 RUNS = 10
-SHOWN = 6
+PLOTTED = 6
 #: Least squares is as printed when its means are off by less than this factor.
 AS_PRINTED = 1.1
 #: n of (21) and (28), and whether generalized IV has as many instruments as extended IV.
@@ -59,7 +59,7 @@ class Tried:
         IV and GIV in the forms that are solved by total least squares.
     """
 
-    reading: Reading
+    reading: PaperReading
     means: Float[np.ndarray, "columns parameters"]
     spreads: Float[np.ndarray, "columns parameters"]
     total_least_squares: bool
@@ -82,13 +82,13 @@ def printed_table() -> tuple[
     return means, np.array([[spread.std for spread in row] for row in rows])
 
 
-def simulations() -> Iterator[Reading]:
+def simulations() -> Iterator[PaperReading]:
     """Every combination of what shapes the record."""
     axes = product(Input, MotionSource, Intersample, (0.02, 0.02**2), Ratio, SOURCES, RatioOf, Weights)
     for drive, motion, between, variance, ratio, larger, of, weights in axes:
         if drive is Input.WHITE:
             continue  # the text has (35)
-        yield Reading(
+        yield PaperReading(
             "",
             "",
             input=drive,
@@ -102,16 +102,16 @@ def simulations() -> Iterator[Reading]:
         )
 
 
-def try_simulation(reading: Reading, runs: int) -> list[Tried]:
+def try_simulation(reading: PaperReading, runs: int) -> list[Tried]:
     """Every choice of instruments on the same records; those with which every method gives estimates."""
     signals = [record(reading, EXAMPLES[0], trial_generator(index)).signals for index in range(runs)]
-    found: list[Tried] = []
+    trieds: list[Tried] = []
     for lags, as_many in INSTRUMENTS:
         chosen = replace(reading, lags=lags, as_many=as_many)
-        each = [estimates(chosen, one) for one in signals]
-        theta, weak = np.array([one.theta for one in each]), np.array([one.weak for one in each])
-        found.extend(_tried(PaperResult(chosen, EXAMPLES[0], theta, weak)))
-    return found
+        each = [estimates(chosen, signal) for signal in signals]
+        theta, weak = np.array([item.theta for item in each]), np.array([item.weak for item in each])
+        trieds.extend(_tried(PaperResult(chosen, EXAMPLES[0], theta, weak)))
+    return trieds
 
 
 def _tried(result: PaperResult) -> Iterator[Tried]:
@@ -136,18 +136,18 @@ def search(runs: int = RUNS, workers: int | None = None) -> list[Tried]:
 def search_page(tried: Sequence[Tried], runs: int) -> str:
     """Markdown of what was found."""
     whole, some = (0, 1, 2), (0, 2)
-    near = [one for one in tried if one.off_by((0,), spreads=False) < AS_PRINTED]
+    near = [item for item in tried if item.off_by((0,), spreads=False) < AS_PRINTED]
     parts = [
         f"Made by `python -m validation.paper.search`: {len(tried)} combinations of record, instruments "
         f"and solver, {runs} runs of example 1 each.",
         "**Nearest in the means of all three columns**",
-        _table(tried, lambda one: one.off_by(whole, spreads=False)),
+        _table(tried, lambda item: item.off_by(whole, spreads=False)),
         "**Nearest in means and SDs of all three columns**",
-        _table(tried, lambda one: one.off_by(whole, spreads=True)),
+        _table(tried, lambda item: item.off_by(whole, spreads=True)),
         "**Nearest in means and SDs of LS and GIV, whatever IV does**",
-        _table(tried, lambda one: one.off_by(some, spreads=True)),
+        _table(tried, lambda item: item.off_by(some, spreads=True)),
         f"**Worst extended IV among the {len(near)} combinations whose LS means are as printed (to 10 %)**",
-        _table(near, lambda one: one.off_by((1,), spreads=False)),
+        _table(near, lambda item: item.off_by((1,), spreads=False)),
     ]
     return "\n\n".join(parts)
 
@@ -156,9 +156,9 @@ def _table(tried: Sequence[Tried], off: Callable[[Tried], float]) -> str:
     header = ("combination", "LS K / K_u", "IV K / K_u", "GIV K / K_u", "off by")
     means, spreads = printed_table()
     rows = [("**printed**", *(_cell(means[i], spreads[i]) for i in range(3)), "")]
-    for one in sorted(tried, key=off)[:SHOWN]:
-        cells = (_cell(one.means[i], one.spreads[i]) for i in range(3))
-        rows.append((_words(one), *cells, f"{off(one):.3g}"))
+    for item in sorted(tried, key=off)[:PLOTTED]:
+        cells = (_cell(item.means[i], item.spreads[i]) for i in range(3))
+        rows.append((_words(item), *cells, f"{off(item):.3g}"))
     return markdown(header, rows)
 
 
@@ -166,8 +166,8 @@ def _cell(means: Float[np.ndarray, " parameters"], spreads: Float[np.ndarray, " 
     return " / ".join(f"{mean:.3g} ± {std:.2g}" for mean, std in zip(means, spreads, strict=True))
 
 
-def _words(one: Tried) -> str:
-    reading = one.reading
+def _words(tried: Tried) -> str:
+    reading = tried.reading
     last = reading.lags - 1 if reading.as_many else reading.lags
     larger = {"velocity_z": "z'", "acceleration_z": "z''", "input": "u"}.get(reading.larger_on, "e")
     return "; ".join(
@@ -179,7 +179,7 @@ def _words(one: Tried) -> str:
             f"of {'the white sequence' if reading.ratio_of is RatioOf.WHITE else 'the fractional noise'}",
             f"weights {reading.weights.value}",
             f"lags 1-{reading.lags} and 0-{last}",
-            "TLS" if one.total_least_squares else "LS",
+            "TLS" if tried.total_least_squares else "LS",
         ]
     )
 
@@ -197,7 +197,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     text = search_page(search(chosen.runs, chosen.workers), chosen.runs)
     if chosen.page:
         page = page_with(chosen.page.read_text(encoding="utf-8"), {"search": text})
-        write_whole(chosen.page, page)
+        write_atomically(chosen.page, page)
     sys.stdout.write(text + "\n")
     return 0
 

@@ -278,14 +278,14 @@ def attempted(make: Callable[[], Any]) -> Any:
 
 def problem_record(case: Case) -> dict[str, Any]:
     """Every method and covariance on a problem."""
-    found: dict[str, Any] = {}
+    results: dict[str, Any] = {}
     for kind, problem, names in (("shared", case.shared, SHARED), ("clean", case.clean, CLEAN)):
         plain = {name: lambda name=name: getattr(M, name)() for name in names}
-        found[kind] = {
+        results[kind] = {
             name: attempted(lambda method=method, problem=problem: estimate_record(problem, method()))
             for name, method in (plain | CONFIGURED[kind]).items()
         }
-    return found
+    return results
 
 
 def estimate_record(problem: Problem, method: Any) -> dict[str, Any]:
@@ -355,9 +355,11 @@ def diagnostics_record(fit: Any) -> dict[str, Any]:
     }
 
 
-def set_record(found: Any) -> dict[str, Any]:
+def set_record(result: Any) -> dict[str, Any]:
     """Intervals of a set, each a list of its pieces."""
-    return {name: [numbers(piece) for piece in one.intervals] for name, one in found.intervals.items()}
+    return {
+        name: [numbers(piece) for piece in interval.intervals] for name, interval in result.intervals.items()
+    }
 
 
 def bootstrap_record(problem: Problem, method: Any) -> dict[str, Any]:

@@ -122,13 +122,13 @@ def compare(
     result = Comparison(explained=[(change, []) for change in listed])
     for name in [*old, *(name for name in new if name not in old)]:
         missing = next((word for word, record in ((NEW, old), (GONE, new)) if name not in record), "")
-        found: list[tuple[tuple[str, ...], Difference]] = []
+        results: list[tuple[tuple[str, ...], Difference]] = []
         if missing:
-            found = [((name,), Difference(name, "entry", missing))]
+            results = [((name,), Difference(name, "entry", missing))]
         elif old[name]["sha256"] != new[name]["sha256"]:
-            found = list(differences(name, old[name], new[name], exact=exact))
-        result.equal += not found
-        for path, difference in found:
+            results = list(differences(name, old[name], new[name], exact=exact))
+        result.equal += not results
+        for path, difference in results:
             owners = [
                 mine for change, mine in result.explained if fnmatchcase(difference.path, change.pattern)
             ]
@@ -148,7 +148,7 @@ def differences(
     """Values of an entry that differ; with `exact` also a difference that the file's digits do not show."""
     before, after = dict(leaves(old["content"])), dict(leaves(new["content"]))
     numbers_differ = old["sha256_without_sentences"] != new["sha256_without_sentences"]
-    shown = not numbers_differ
+    displayed = not numbers_differ
     for path in [*before, *(path for path in after if path not in before)]:
         values = [record.get(path, missing) for record, missing in ((before, NEW), (after, GONE))]
         equal = type(values[0]) is type(values[1]) and values[0] == values[1]
@@ -156,9 +156,9 @@ def differences(
             off = abs(_number(values[1], signed=True) - _number(values[0], signed=True))
             equal = off <= allowed(name, path, before)
         if not equal:
-            shown = shown or not is_sentence(path)
+            displayed = displayed or not is_sentence(path)
             yield path, Difference("/".join((name, *path)), *map(_text, values))
-    if exact and not shown:
+    if exact and not displayed:
         digits = Difference(
             f"{name}/sha256", old["sha256"][:12], f"{new['sha256'][:12]} (in the last digits)"
         )
@@ -228,9 +228,9 @@ def _of_search(path: tuple[str, ...], old: Leaves, size: float) -> float:
     if "p_value" in path[-1] or ("diagnose" in path and path[-1] == "1"):
         return SEARCHED_P_VALUE * size
     for depth in range(len(path) - 1, 0, -1):  # a quantity of a document, with its own standard error
-        own = _number(old.get((*path[:depth], "std_error")))
-        if own:
-            return SEARCHED * own
+        number = _number(old.get((*path[:depth], "std_error")))
+        if number:
+            return SEARCHED * number
     if path[-3:-2] == ("matrix",):  # of a covariance, measured by its diagonal
         row, column = ((*path[:-2], j, j) for j in path[-2:])
         return SEARCHED * (_number(old.get(row)) * _number(old.get(column))) ** 0.5
@@ -242,16 +242,16 @@ def _of_search(path: tuple[str, ...], old: Leaves, size: float) -> float:
 
 def report(result: Comparison) -> Iterator[str]:
     """Lines for people."""
-    for change, found in result.explained:
-        yield f"Finding {change.finding}: {change.why} ({change.pattern}: {len(found)} values)"
-        yield from (f"    {difference}" for difference in found)
+    for change, item in result.explained:
+        yield f"Finding {change.finding}: {change.why} ({change.pattern}: {len(item)} values)"
+        yield from (f"    {difference}" for difference in item)
     if result.reworded:
         yield f"Sentences and texts that read differently: {len(result.reworded)}"
         yield from (f"    {difference}" for difference in result.reworded)
     for change in result.unmet:
         yield f"LISTED, BUT NOTHING DIFFERS: {change.pattern} (finding {change.finding})"
     yield from (f"DIFFERENT: {difference}" for difference in result.unexplained)
-    listed = sum(len(found) for _, found in result.explained)
+    listed = sum(len(entry) for _, entry in result.explained)
     yield (
         f"{result.equal} entries agree; {listed} values differ as listed, {len(result.reworded)} texts read "
         f"differently, {len(result.unexplained)} values differ."

@@ -93,18 +93,18 @@ class Folder:
             cwd=self.path,
             env=self.environment,
         )
-        found: dict[str, Any] = {
+        results: dict[str, Any] = {
             "exit_code": done.returncode,
             "printed": digest(done.stdout + done.stderr),
         }
         if done.returncode not in {0, 3}:
-            found["message"] = done.stderr.decode()
+            results["message"] = done.stderr.decode()
         if document.exists():
-            found["document"] = timeless(json.loads(document.read_text(encoding="utf-8")))
+            results["document"] = timeless(json.loads(document.read_text(encoding="utf-8")))
         for key, name in (files or {}).items():
             path = self.path / name
-            found[key] = digest(path.read_bytes()) if path.exists() else None
-        return found
+            results[key] = digest(path.read_bytes()) if path.exists() else None
+        return results
 
     def identify(self, *arguments: object, files: Mapping[str, str] | None = None) -> dict[str, Any]:
         """`eivor identify` with its document."""
@@ -278,10 +278,10 @@ def make_record(parts: Sequence[str], data: Path) -> dict[str, Any]:
         from_arrays = arrays(folder) if set(parts) - set(COMMANDS) else {}
         entries = {}
         for part in parts:
-            begun = time.perf_counter()
+            start_s = time.perf_counter()
             made = COMMANDS[part](folder) if part in COMMANDS else from_arrays[part]()
             entries |= {f"{part}/{case}": entry(content) for case, content in made}
-            sys.stderr.write(f"{part}: {time.perf_counter() - begun:.1f} s\n")
+            sys.stderr.write(f"{part}: {time.perf_counter() - start_s:.1f} s\n")
     return {"schema": SCHEMA, "entries": entries}
 
 

@@ -47,83 +47,90 @@ HEADER = (
 
 def answer(grid: Path, size: str, kept: Path) -> Answer:
     """Fly what the file does not have yet, and judge all of it."""
-    told = {(one.vehicle, one.target, one.number): one for one in kept_lines(kept, Outcome)}
-    seed, vehicles = _asked(grid, size)
-    found = []
+    selected = {
+        (kept_line.vehicle, kept_line.target, kept_line.number): kept_line
+        for kept_line in kept_lines(kept, Outcome)
+    }
+    seed, vehicles = _parsed(grid, size)
+    results = []
     for name, flights in vehicles.items():
-        asked = [(target, number) for target in PLANNED_FOR for number in range(flights)]
-        missing = [each for each in asked if (name, *each) not in told]
-        for one in outcomes(VEHICLES[name], missing, seed):
-            told[name, one.target, one.number] = one
-            keep(kept, [one])
-        found += [told[name, target, number] for target, number in asked]
-    requirements = tuple(requirements_of(found))
-    return _tables(found, requirements), requirements
+        requested = [(target, number) for target in PLANNED_FOR for number in range(flights)]
+        missing = [each for each in requested if (name, *each) not in selected]
+        for outcome in outcomes(VEHICLES[name], missing, seed):
+            selected[name, outcome.target, outcome.number] = outcome
+            keep(kept, [outcome])
+        results += [selected[name, target, number] for target, number in requested]
+    requirements = tuple(requirements_of(results))
+    return _tables(results, requirements), requirements
 
 
-def _asked(grid: Path, size: str) -> tuple[int, dict[str, int]]:
+def _parsed(grid: Path, size: str) -> tuple[int, dict[str, int]]:
     """Seed of the study, and how often each vehicle flies each of its plans."""
     root = read_toml(grid, "grid of planned flights")
     seed = root.whole("seed")
     vehicles = {}
-    for one in root.sections("vehicle"):
-        name = one.text("name")
+    for section in root.sections("vehicle"):
+        name = section.text("name")
         if name not in VEHICLES:
             raise InputError(f"one of {', '.join(VEHICLES)}", f"{name!r}", "Name a vehicle of the study.")
-        vehicles[name] = {word: one.whole(word) for word in ("small", "full")}[size]
-        one.finish()
+        vehicles[name] = {word: section.whole(word) for word in ("small", "full")}[size]
+        section.finish()
     root.finish()
     return seed, vehicles
 
 
-def requirements_of(found: Sequence[Outcome]) -> Iterator[Requirement]:
+def requirements_of(result: Sequence[Outcome]) -> Iterator[Requirement]:
     """What is asked of all flights together."""
     for target, (low, high) in RATIOS.items():
-        median = float(np.median([one.ratio for one in found if one.target == target]))
+        median = float(np.median([item.ratio for item in result if item.target == target]))
         what = f"median of reached over predicted, {TARGETS[target].words}"
         yield Requirement(what, f"{low:g} to {high:g}", f"{median:.2f}", low <= median <= high)
-    told, kept = sum(one.identified for one in found), sum(one.kept for one in found)
+    reported, kept = sum(item.identified for item in result), sum(item.kept for item in result)
     yield Requirement(
         "what was planned for is identified",
         f"at least {IDENTIFIED:g}",
-        f"{told} of {len(found)}",
-        told >= IDENTIFIED * len(found),
+        f"{reported} of {len(result)}",
+        reported >= IDENTIFIED * len(result),
     )
-    yield Requirement("no limit is left", "every flight", f"{kept} of {len(found)}", kept == len(found))
+    yield Requirement("no limit is left", "every flight", f"{kept} of {len(result)}", kept == len(result))
 
 
-def table(found: Sequence[Outcome]) -> str:
+def table(result: Sequence[Outcome]) -> str:
     """Markdown: for each vehicle and target medians of both half-widths, their ratio, and shares."""
     rows = [
-        _row(vehicle, target, [one for one in found if (one.vehicle, one.target) == (vehicle, target)])
-        for vehicle, target in dict.fromkeys((one.vehicle, one.target) for one in found)
+        _row(vehicle, target, [item for item in result if (item.vehicle, item.target) == (vehicle, target)])
+        for vehicle, target in dict.fromkeys((item.vehicle, item.target) for item in result)
     ]
     rows += [
-        _row("**all**", target, [one for one in found if one.target == target]) for target in PLANNED_FOR
+        _row("**all**", target, [item for item in result if item.target == target]) for target in PLANNED_FOR
     ]
     return markdown(HEADER, rows)
 
 
-def _tables(found: Sequence[Outcome], requirements: Sequence[Requirement]) -> str:
-    asked = [(one.what, one.asked, one.measured, "yes" if one.met else "no") for one in requirements]
-    made = f"Made by `python -m validation.plan.study` with {versions()}: {len(found)} planned flights."
-    return "\n\n".join((made, markdown(("what", "asked", "measured", "met"), asked), table(found)))
+def _tables(tolds: Sequence[Outcome], requirements: Sequence[Requirement]) -> str:
+    requested = [
+        (requirement.what, requirement.asked, requirement.measured, "yes" if requirement.met else "no")
+        for requirement in requirements
+    ]
+    made = f"Made by `python -m validation.plan.study` with {versions()}: {len(tolds)} planned flights."
+    return "\n\n".join((made, markdown(("what", "asked", "measured", "met"), requested), table(tolds)))
 
 
-def _row(vehicle: str, target: str, own: Sequence[Outcome]) -> tuple[str, ...]:
+def _row(vehicle: str, target: str, specific: Sequence[Outcome]) -> tuple[str, ...]:
     unit = TARGETS[target].unit
     predicted, reached, ratio = (
-        float(np.median([getattr(one, name) for one in own])) for name in ("predicted", "reached", "ratio")
+        float(np.median([getattr(item, name) for item in specific]))
+        for name in ("predicted", "reached", "ratio")
     )
     return (
         vehicle,
         TARGETS[target].words,
-        str(len(own)),
+        str(len(specific)),
         f"{predicted:.2g} {unit}",
         f"{reached:.2g} {unit}",
         f"{ratio:.2f}",
-        f"{sum(one.identified for one in own)} of {len(own)}",
-        f"{sum(one.kept for one in own)} of {len(own)}",
+        f"{sum(item.identified for item in specific)} of {len(specific)}",
+        f"{sum(item.kept for item in specific)} of {len(specific)}",
     )
 
 

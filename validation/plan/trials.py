@@ -55,38 +55,38 @@ class Outcome:
         return self.reached / self.predicted
 
 
-def outcomes(vehicle: Flyer, asked: Sequence[tuple[str, int]], seed: int) -> Iterator[Outcome]:
+def outcomes(vehicle: Flyer, requested: Sequence[tuple[str, int]], seed: int) -> Iterator[Outcome]:
     """Plans after one first flight, and those of their flights that are asked for, as (target, number)."""
-    if not asked:
+    if not requested:
         return
     rng = np.random.default_rng(seed)
     first = altitude_reference(
         TrajectoryKind.HOVER_STEPS, count=round(FIRST_S / STEP_S), step_s=STEP_S, rng=rng
     )
-    told = identify_flight(vehicle.fly(first, 1000 + seed, gains=1.0).recording)
-    for target in dict.fromkeys(target for target, _ in asked):
-        made = plan(told, target=target, limits=LIMITS, seed=seed)
-        for number in (number for other, number in asked if other == target):
+    flight = identify_flight(vehicle.fly(first, 1000 + seed, gains=1.0).recording)
+    for target in dict.fromkeys(target for target, _ in requested):
+        made = plan(flight, target=target, limits=LIMITS, seed=seed)
+        for number in (number for other, number in requested if other == target):
             yield flown_outcome(vehicle, made, number, seed)
 
 
 def flown_outcome(vehicle: Flyer, made: FlightPlan, number: int, seed: int) -> Outcome:
     """The plan, flown once with the other controller."""
     reference = Trajectory(made.shape.offset, made.velocity, made.acceleration)
-    flown = vehicle.fly(reference, 2000 + 100 * seed + number, gains=OTHER_CONTROLLER)
-    result = identify_flight(flown.recording)
-    asked = TARGETS[made.target]
-    quantity = result.quantities[asked.quantity]
-    width = quantity.half_width / (abs(quantity.value) if asked.relative else 1.0)
+    flight = vehicle.fly(reference, 2000 + 100 * seed + number, gains=OTHER_CONTROLLER)
+    result = identify_flight(flight.recording)
+    requested = TARGETS[made.target]
+    quantity = result.quantities[requested.quantity]
+    width = quantity.half_width / (abs(quantity.value) if requested.relative else 1.0)
     half_height = 0.5 * (made.limits.height_m[1] - made.limits.height_m[0])
-    kept = np.abs(flown.height).max() <= half_height and np.abs(flown.velocity).max() <= made.limits.speed
+    kept = np.abs(flight.height).max() <= half_height and np.abs(flight.velocity).max() <= made.limits.speed
     return Outcome(
         vehicle.name,
         made.target,
         number,
         made.shape.kind,
         made.predicted[made.target].half_width,
-        asked.scale * width,
+        requested.scale * width,
         quantity.verdict is Status.IDENTIFIED,
         bool(kept),
     )

@@ -41,19 +41,22 @@ HEADER = (
 
 def answer(grid: Path, size: str, kept: Path) -> Answer:
     """Draw what the file does not have yet, and judge all of it."""
-    told = {(one.flights, one.heterogeneity, one.replications): one for one in kept_lines(kept, Told)}
-    found = []
-    for flights, heterogeneity, replications, std_errors in _asked(grid, size):
+    selected = {
+        (kept_line.flights, kept_line.heterogeneity, kept_line.replications): kept_line
+        for kept_line in kept_lines(kept, Told)
+    }
+    results = []
+    for flights, heterogeneity, replications, std_errors in _parsed(grid, size):
         key = (flights, heterogeneity, replications)
-        if key not in told:
-            told[key] = cell(flights, heterogeneity, replications, std_errors)
-            keep(kept, [told[key]])
-        found.append(told[key])
-    requirements = tuple(_requirements(found))
-    return _tables(found, requirements), requirements
+        if key not in selected:
+            selected[key] = cell(flights, heterogeneity, replications, std_errors)
+            keep(kept, [selected[key]])
+        results.append(selected[key])
+    requirements = tuple(_requirements(results))
+    return _tables(results, requirements), requirements
 
 
-def _asked(grid: Path, size: str) -> Iterator[tuple[int, float, int, tuple[float, float]]]:
+def _parsed(grid: Path, size: str) -> Iterator[tuple[int, float, int, tuple[float, float]]]:
     root = read_toml(grid, "grid of cells")
     replications = {name: root.whole(name) for name in ("small", "full")}[size]
     low, high = root.numbers("std_errors")
@@ -64,18 +67,18 @@ def _asked(grid: Path, size: str) -> Iterator[tuple[int, float, int, tuple[float
             yield int(count), between, replications, (low, high)
 
 
-def _requirements(found: list[Told]) -> Iterator[Requirement]:
-    clear = [one.mean for one in found if one.heterogeneity > one.std_error]
-    for what, asked, measured, met in (
-        ("coverage of the mean in every cell", f"at least {MEAN:g}", min(one.mean for one in found), MEAN),
+def _requirements(tolds: list[Told]) -> Iterator[Requirement]:
+    clear = [item.mean for item in tolds if item.heterogeneity > item.std_error]
+    for what, entry, measured, met in (
+        ("coverage of the mean in every cell", f"at least {MEAN:g}", min(item.mean for item in tolds), MEAN),
         (
             "coverage of the next flight in every cell",
             f"at least {FOLLOWING:g}",
-            min(one.following for one in found),
+            min(item.following for item in tolds),
             FOLLOWING,
         ),
     ):
-        yield Requirement(what, asked, f"{measured:.3f}", measured >= met)
+        yield Requirement(what, entry, f"{measured:.3f}", measured >= met)
     if clear:
         yield Requirement(
             "coverage of the mean where the heterogeneity exceeds the mean standard error",
@@ -85,26 +88,29 @@ def _requirements(found: list[Told]) -> Iterator[Requirement]:
         )
 
 
-def _tables(found: list[Told], requirements: tuple[Requirement, ...]) -> str:
-    asked = [(one.what, one.asked, one.measured, "yes" if one.met else "no") for one in requirements]
+def _tables(tolds: list[Told], requirements: tuple[Requirement, ...]) -> str:
+    requested = [
+        (requirement.what, requirement.asked, requirement.measured, "yes" if requirement.met else "no")
+        for requirement in requirements
+    ]
     return "\n\n".join(
         (
-            f"Made by `python -m validation.pooling.study` with {versions()}: {found[0].replications:,} "
+            f"Made by `python -m validation.pooling.study` with {versions()}: {tolds[0].replications:,} "
             f"vehicles in each cell, seed {SEED}.",
-            markdown(("what", "asked", "measured", "met"), asked),
-            markdown(HEADER, map(_line, found)),
+            markdown(("what", "asked", "measured", "met"), requested),
+            markdown(HEADER, map(_line, tolds)),
         )
     )
 
 
-def _line(one: Told) -> tuple[str, ...]:
-    shares = (one.mean, one.knapp, one.fixed, one.moments, one.following, one.plain)
+def _line(first: Told) -> tuple[str, ...]:
+    shares = (first.mean, first.knapp, first.fixed, first.moments, first.following, first.plain)
     return (
-        f"{one.flights}",
-        f"{one.heterogeneity:g}",
+        f"{first.flights}",
+        f"{first.heterogeneity:g}",
         *(f"{share:.3f}" for share in shares),
-        f"{one.wider:.2f}",
-        f"{one.spread:.3f}",
+        f"{first.wider:.2f}",
+        f"{first.spread:.3f}",
     )
 
 

@@ -67,31 +67,31 @@ def cell(flights: int, heterogeneity: float, replications: int, std_errors: tupl
     y = np.hypot(heterogeneity, errors) * rng.standard_normal(errors.size)
     following = heterogeneity * rng.standard_normal(replications)
     variances = errors**2
-    found = random_effects_means(groups, y, variances, paule_mandel(groups, y, variances))
+    means = random_effects_means(groups, y, variances, paule_mandel(groups, y, variances))
     fixed = random_effects_means(groups, y, variances, np.zeros(replications))
     laird = random_effects_means(groups, y, variances, moment_between(groups, y, variances))
     known = between_distribution(groups, y, variances)
-    ahead = known.next_half_widths(found.value)
-    plain = special.stdtrit(flights - 2, 0.975) * np.sqrt(found.between + found.variance)
+    next_half_widths = known.next_half_widths(means.value)
+    plain = special.stdtrit(flights - 2, 0.975) * np.sqrt(means.between + means.variance)
     low, high = q_profile(groups, y, variances)
     spread = (low <= heterogeneity**2) & (heterogeneity**2 <= high)
     z = normal_quantile(0.95)
     by_weights = [
-        z / np.sqrt(groups.sums(1.0 / (variances + groups.spread(one.between)))) for one in (fixed, laird)
+        z / np.sqrt(groups.sums(1.0 / (variances + groups.spread(item.between)))) for item in (fixed, laird)
     ]
     return Told(
         flights,
         heterogeneity,
         replications,
         float(np.mean(std_errors)),
-        _share(found.value, known.mean_half_widths(found)),
-        _share(found.value, found.half_widths()),
+        _share(means.value, known.mean_half_widths(means)),
+        _share(means.value, means.half_widths()),
         _share(fixed.value, by_weights[0]),
         _share(laird.value, by_weights[1]),
-        _share(found.value - following, ahead),
-        _share(found.value - following, plain),
+        _share(means.value - following, next_half_widths),
+        _share(means.value - following, plain),
         float(np.mean(spread)),
-        float(np.median(ahead / plain)),
+        float(np.median(next_half_widths / plain)),
     )
 
 

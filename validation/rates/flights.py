@@ -76,10 +76,10 @@ class Condition:
 
 def flight_of(vehicle: str, condition: Condition, seconds: float, seed: int) -> RigidBodyFlightSpec:
     """Specification of a flight."""
-    flown = VEHICLES[vehicle]
+    flight = VEHICLES[vehicle]
     steps = RandomSteps(condition.steps, 0.7, 1.8) if condition.steps else None
     return RigidBodyFlightSpec(
-        flown,
+        flight,
         rate_hz=CONTROLLER_HZ,
         duration=seconds,
         trajectory=TrajectoryKind.HOVER,

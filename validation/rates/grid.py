@@ -49,7 +49,7 @@ def read_grid(path: Path = GRID) -> Grid:
         table.whole("seed"),
         table.number("seconds"),
         {size: sizes.whole(size) for size in ("small", "full")},
-        tuple(_condition(one) for one in table.sections("conditions")),
+        tuple(_condition(section) for section in table.sections("conditions")),
     )
     sizes.finish()
     table.finish()

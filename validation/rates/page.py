@@ -21,26 +21,26 @@ LARGEST = {"50 Hz": (0.08, 0.006), "250 Hz": (0.02, 0.002)}
 COVERAGE, CHANCE_LEVEL = (0.90, 0.98), 0.999
 
 
-def requirements(grid: Grid, found: Sequence[Told]) -> Iterator[Requirement]:
+def requirements(grid: Grid, tolds: Sequence[Told]) -> Iterator[Requirement]:
     """What is asked, held against a run."""
     for judged, (share, seconds) in LARGEST.items():
-        names = {one.name for one in grid.conditions if one.judged == judged}
-        own = [one for one in found if one.condition in names and one.method == INSTRUMENTS]
+        names = {condition.name for condition in grid.conditions if condition.judged == judged}
+        selected = [item for item in tolds if item.condition in names and item.method == INSTRUMENTS]
         effect, lag = (
-            float(np.median(np.abs(_errors(own, one) or [np.nan]))) for one in (EFFECTIVENESS, (LAG,))
+            float(np.median(np.abs(_errors(selected, item) or [np.nan]))) for item in (EFFECTIVENESS, (LAG,))
         )
         yield Requirement(f"effectiveness, {judged}", f"<= {share:.0%}", f"{effect:.1%}", effect <= share)
         yield Requirement(
             f"lag, {judged}", f"<= {1e3 * seconds:.0f} ms", f"{1e3 * lag:.1f} ms", lag <= seconds
         )
-    accepted = [one for one in found if one.accepted]
-    large = {one.name for one in grid.conditions if one.judged != "small"}
-    held = [one.held for one in accepted if one.condition in large]
+    accepted = [item for item in tolds if item.accepted]
+    large = {condition.name for condition in grid.conditions if condition.judged != "small"}
+    held = [item.held for item in accepted if item.condition in large]
     covered, (low, high) = Share(sum(held), len(held)), COVERAGE
     yield Requirement(
         "coverage of what is accepted", f"{low:.2f} to {high:.2f}", _share(covered), _within(covered)
     )
-    missed = sum(not one.held for one in accepted if one.condition not in large)
+    missed = sum(not item.held for item in accepted if item.condition not in large)
     yield Requirement("small steps and hover: accepted intervals that miss", "0", f"{missed}", missed == 0)
 
 
@@ -50,35 +50,36 @@ def _within(covered: Share) -> bool:
     return COVERAGE[0] - slack[0] <= covered.value <= COVERAGE[1] + slack[1]
 
 
-def tables(grid: Grid, found: Sequence[Told]) -> str:
+def tables(grid: Grid, tolds: Sequence[Told]) -> str:
     """What is asked, and a table of every cell."""
-    asked = [
-        (one.what, one.asked, one.measured, "yes" if one.met else "no") for one in requirements(grid, found)
+    requested = [
+        (requirement.what, requirement.asked, requirement.measured, "yes" if requirement.met else "no")
+        for requirement in requirements(grid, tolds)
     ]
     header = ("flights", "effectiveness", "lag", "accepted", "intervals that hold", "least squares")
     rows = []
-    for condition, vehicle in dict.fromkeys((one.condition, one.vehicle) for one in found):
-        own = [one for one in found if (one.condition, one.vehicle) == (condition, vehicle)]
-        rows.append((f"{condition}: {vehicle}", *_cells(own)))
-    flights = len({(one.vehicle, one.condition, one.number) for one in found})
+    for condition, vehicle in dict.fromkeys((item.condition, item.vehicle) for item in tolds):
+        selected = [item for item in tolds if (item.condition, item.vehicle) == (condition, vehicle)]
+        rows.append((f"{condition}: {vehicle}", *_cells(selected)))
+    flights = len({(item.vehicle, item.condition, item.number) for item in tolds})
     return "\n\n".join(
         (
             f"Made by `python -m validation.rates.study` of {flights} flights of {grid.seconds:g} s.",
-            markdown(("median size of errors, and coverage", "asked", "measured", "met"), asked),
+            markdown(("median size of errors, and coverage", "asked", "measured", "met"), requested),
             markdown(header, rows),
         )
     )
 
 
-def _cells(own: Sequence[Told]) -> tuple[str, ...]:
-    told = [one for one in own if one.method == INSTRUMENTS]
-    plain = [one for one in own if one.method == LEAST_SQUARES]
-    accepted = [one for one in told if one.accepted]
+def _cells(tolds: Sequence[Told]) -> tuple[str, ...]:
+    selected = [item for item in tolds if item.method == INSTRUMENTS]
+    plain = [item for item in tolds if item.method == LEAST_SQUARES]
+    accepted = [item for item in selected if item.accepted]
     return (
-        _of(told, EFFECTIVENESS, lambda bias, size: f"{bias:+.1%} ({size:.1%})"),
-        _of(told, (LAG,), lambda bias, size: f"{1e3 * bias:+.1f} ({1e3 * size:.1f}) ms"),
-        f"{len(accepted)} of {len(told)}",
-        _share(Share(sum(one.held for one in accepted), len(accepted))) if accepted else "-",
+        _of(selected, EFFECTIVENESS, lambda bias, size: f"{bias:+.1%} ({size:.1%})"),
+        _of(selected, (LAG,), lambda bias, size: f"{1e3 * bias:+.1f} ({1e3 * size:.1f}) ms"),
+        f"{len(accepted)} of {len(selected)}",
+        _share(Share(sum(item.held for item in accepted), len(accepted))) if accepted else "-",
         ", ".join(
             (
                 _of(plain, EFFECTIVENESS, lambda bias, _: f"{bias:+.0%}"),
@@ -88,14 +89,14 @@ def _cells(own: Sequence[Told]) -> tuple[str, ...]:
     )
 
 
-def _of(own: Sequence[Told], names: Sequence[str], words: Callable[[float, float], str]) -> str:
+def _of(tolds: Sequence[Told], names: Sequence[str], words: Callable[[float, float], str]) -> str:
     """Median error, and median size of it, of what was told at all."""
-    errors = _errors(own, names)
+    errors = _errors(tolds, names)
     return words(float(np.median(errors)), float(np.median(np.abs(errors)))) if errors else "-"
 
 
-def _errors(own: Sequence[Told], names: Sequence[str]) -> list[float]:
-    return [one.error for one in own if one.quantity in names and np.isfinite(one.error)]
+def _errors(tolds: Sequence[Told], names: Sequence[str]) -> list[float]:
+    return [item.error for item in tolds if item.quantity in names and np.isfinite(item.error)]
 
 
 def _share(share: Share) -> str:

@@ -20,8 +20,8 @@ from validation.rates.trials import run
 def answer(grid_file: Path, size: str, kept: Path) -> Answer:
     """Run what is left, and say what all of it says."""
     grid = read_grid(grid_file)
-    found = run(grid, size, kept)
-    return tables(grid, found), requirements(grid, found)
+    completed = run(grid, size, kept)
+    return tables(grid, completed), requirements(grid, completed)
 
 
 main = KeptStudyCommand("validation.rates.study", __doc__, GRID, PART, answer).main

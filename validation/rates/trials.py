@@ -54,7 +54,7 @@ class Told:
         return self.below <= 0.0 <= self.above
 
 
-def told_of(flight: RigidBodyFlight, vehicle: str, condition: Condition, number: int) -> Iterator[Told]:
+def strength_of(flight: RigidBodyFlight, vehicle: str, condition: Condition, number: int) -> Iterator[Told]:
     """Everything that one flight tells, by each method."""
     rotors = VEHICLES[vehicle].rotors
     truth = {
@@ -64,18 +64,18 @@ def told_of(flight: RigidBodyFlight, vehicle: str, condition: Condition, number:
     for method in (INSTRUMENTS, LEAST_SQUARES) if condition.steps else (INSTRUMENTS,):
         result = identify_flight(flight.recording, model="rates", method=method)
         for name, true in truth.items():
-            found, unit = result.quantities[name], 1.0 if name == LAG else true
-            low, high = found.interval
+            quantity, unit = result.quantities[name], 1.0 if name == LAG else true
+            low, high = quantity.interval
             yield Told(
                 vehicle,
                 condition.name,
                 number,
                 method,
                 name,
-                (found.value - true) / unit,
+                (quantity.value - true) / unit,
                 (low - true) / unit,
                 (high - true) / unit,
-                found.verdict is Status.IDENTIFIED,
+                quantity.verdict is Status.IDENTIFIED,
             )
 
 
@@ -85,8 +85,8 @@ def run(grid: Grid, size: str, kept: Path) -> list[Told]:
     Flights are simulated side by side, a number of each cell at a time, and kept when they are done: a run
     that was interrupted goes on there.
     """
-    found = read_told(kept)
-    done = {(one.vehicle, one.condition, one.number) for one in found}
+    result = read_told(kept)
+    done = {(item.vehicle, item.condition, item.number) for item in result}
     for number in range(grid.flights[size]):
         cells = [
             (vehicle, condition)
@@ -99,10 +99,10 @@ def run(grid: Grid, size: str, kept: Path) -> list[Told]:
             [flight_of(vehicle, condition, grid.seconds, seed) for vehicle, condition in cells]
         )
         for (vehicle, condition), flight in zip(cells, flights, strict=True):
-            told = list(told_of(flight, vehicle, condition, number))
-            found += told
-            keep(kept, told)
-    return found
+            reported = list(strength_of(flight, vehicle, condition, number))
+            result += reported
+            keep(kept, reported)
+    return result
 
 
 def read_told(path: Path) -> list[Told]:

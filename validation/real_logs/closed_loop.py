@@ -171,8 +171,8 @@ class _Controller:
         error = self._wanted[k] - float(gains.position_gain) * z - v
         self._integral += error * self._period
         feedback = float(gains.velocity_gain) * error + float(gains.integral_gain) * self._integral
-        asked = (self._weight[k] + feedback) / self._cosine[k]
-        return thrust_of.command(min(max(asked, self._least), self._most))
+        requested = (self._weight[k] + feedback) / self._cosine[k]
+        return thrust_of.command(min(max(requested, self._least), self._most))
 
 
 def _lag_down(spec: VehicleSpec) -> float:

@@ -69,11 +69,11 @@ def horizontal_velocity(
         return np.zeros(count)
     time = STEP_S * np.arange(count)
     pulsation = HORIZONTAL_ACCELERATION / vehicle.horizontal_speed * rng.uniform(0.8, 1.0)
-    own = np.sin(pulsation * time + rng.uniform(0.0, 2.0 * np.pi))
+    current = np.sin(pulsation * time + rng.uniform(0.0, 2.0 * np.pi))
     fastest = float(np.abs(vertical.velocity).max())
     along = vertical.velocity / fastest if fastest > 0.0 else np.zeros(count)
     share = vehicle.diagonal
-    return np.asarray(vehicle.horizontal_speed * (share * along + (1.0 - share) * own))
+    return np.asarray(vehicle.horizontal_speed * (share * along + (1.0 - share) * current))
 
 
 def pitch(spec: FlightSpec, horizontal: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:

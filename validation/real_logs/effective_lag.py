@@ -41,29 +41,29 @@ def effective_lag(
     from scipy.optimize import minimize
 
     step_s = float(truth.time_s[1] - truth.time_s[0])
-    begun = np.vstack([truth.rotor_state[:1], command])
+    started = np.vstack([truth.rotor_state[:1], command])
 
     def state(lag_s: float, delay_s: float) -> Float[np.ndarray, "n rotors"]:
-        return actuator_state(begun, step_s=step_s, lag_s=lag_s, delay_s=delay_s)[1:]
+        return actuator_state(started, step_s=step_s, lag_s=lag_s, delay_s=delay_s)[1:]
 
     def lifted(states: Float[np.ndarray, "n rotors"]) -> Float[np.ndarray, " used"]:
         column = (truth.cos_tilt * thrust(states).mean(axis=1))[rows]
         return np.asarray(column - column.mean())
 
     nominal = truth.actuator_lag + truth.delay
-    apart = np.abs(state(truth.actuator_lag, truth.delay) - truth.rotor_state).max()
+    separated = np.abs(state(truth.actuator_lag, truth.delay) - truth.rotor_state).max()
     true = lifted(truth.rotor_state)
-    if apart <= ONE_LAG * truth.hover_input or not true.any():
+    if separated <= ONE_LAG * truth.hover_input or not true.any():
         return nominal
 
-    def unexplained(at: Float[np.ndarray, " 2"]) -> float:
-        one_lag = lifted(state(*np.abs(at).tolist()))
+    def unexplained(nuisances: Float[np.ndarray, " 2"]) -> float:
+        one_lag = lifted(state(*np.abs(nuisances).tolist()))
         return 1.0 - float((one_lag @ true) ** 2 / ((one_lag @ one_lag) * (true @ true)))
 
     start = np.array([truth.actuator_lag, truth.delay])
     settings = {"xatol": TOLERANCE_S, "fatol": np.inf}
     simplex = start + np.array([[0.0, 0.0], [0.2 * nominal, 0.0], [0.0, 0.2 * nominal]])
-    found = minimize(
+    solution = minimize(
         unexplained, start, method="Nelder-Mead", options={**settings, "initial_simplex": simplex}
     )
-    return float(np.abs(found.x).sum())
+    return float(np.abs(solution.x).sum())

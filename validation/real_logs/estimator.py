@@ -40,8 +40,8 @@ def estimated(
         zip(steps, acceleration.tolist(), fused.tolist(), strict=True)
     ):
         innovation = seen - velocity
-        own = measured - bias
-        velocity += step * (own + FUSING_RATE * innovation)
+        current = measured - bias
+        velocity += step * (current + FUSING_RATE * innovation)
         bias -= step * FUSING_RATE / bias_time * innovation
-        velocities[k], accelerations[k] = velocity, own
+        velocities[k], accelerations[k] = velocity, current
     return velocities, accelerations

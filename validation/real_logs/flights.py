@@ -40,6 +40,6 @@ def logged_flight(spec: FlightSpec) -> LoggedFlight:
     -----
     About .3 s for a minute of flight of the own simulator, ten or more for one of RotorPy's.
     """
-    told = topics(spec)
-    flown = fly_rotorpy(spec) if spec.multirotor else fly_own(spec, told.seen(spec))
-    return LoggedFlight(log_of(spec, flown, told), flown)
+    reported = topics(spec)
+    flight = fly_rotorpy(spec) if spec.multirotor else fly_own(spec, reported.seen(spec))
+    return LoggedFlight(log_of(spec, flight, reported), flight)

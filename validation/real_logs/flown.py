@@ -77,15 +77,15 @@ class Flown:
         friction, gain, hover = truth.viscous_friction, truth.input_gain, truth.hover_input
         supplied = replace(truth, cos_tilt=truth.cos_tilt * self.supply)
         try:
-            found = effective_parameters(supplied, rows, self.thrust)
+            parameters = effective_parameters(supplied, rows, self.thrust)
         except EivorError:  # Rows that tell nothing: the nominal values stand.
             pass
         else:
-            friction = found.viscous_friction
-            thrust = found.input_gain * float(self.supply[rows].mean())
+            friction = parameters.viscous_friction
+            thrust = parameters.input_gain * float(self.supply[rows].mean())
             gain = thrust * GRAVITY / truth.hover_input**2
             air = truth.air_velocity_z[rows].mean() - self.velocity[rows].mean()
-            weight = (GRAVITY - found.intercept + friction * air) / thrust
+            weight = (GRAVITY - parameters.intercept + friction * air) / thrust
             states = truth.hover_input * NEAR_HOVER
             hover = float(np.interp(weight, self.thrust(states[:, None])[:, 0], states))
         return {

@@ -130,8 +130,8 @@ def grid_from(text: str) -> Grid:
     families = tuple(_family(entry, common) for entry in table.sections("family"))
     table.finish()
     taken = sorted((family.seed, family.seed + family.count * family.pool) for family in families)
-    apart = all(end <= begin for (_, end), (begin, _) in pairwise(taken))
-    if not apart or len({family.name for family in families}) < len(families):
+    separated = all(end <= begin for (_, end), (begin, _) in pairwise(taken))
+    if not separated or len({family.name for family in families}) < len(families):
         raise table.wrong(
             "family",
             "families with names and seeds of their own",
@@ -172,12 +172,12 @@ def _fixed(entry: TomlTable) -> dict[str, Value]:
     if not entry.has("fixed"):
         return {}
     table = entry.section("fixed")
-    found: dict[str, Value] = {
+    result: dict[str, Value] = {
         key: table.text(key) if isinstance(value, str) else table.number(key)
         for key, value in table.values.items()
     }
     table.finish()
-    return found
+    return result
 
 
 def _spec(values: Mapping[str, Value], seed: int) -> FlightSpec:

@@ -33,9 +33,9 @@ NAMES = (*SENTENCES, *TESTS)
 
 def named(result: FlightEstimate) -> dict[str, bool]:
     """Say which of `NAMES` a result says, in its sentences, those of its quantities, or its findings."""
-    said = "\n".join(_sentences(result))
-    found = {name: pattern.search(said) is not None for name, pattern in SENTENCES.items()}
-    return found | {name: result.diagnostics.get(key, 1.0) < MISSED for name, key in TESTS.items()}
+    text = "\n".join(_sentences(result))
+    results = {name: pattern.search(text) is not None for name, pattern in SENTENCES.items()}
+    return results | {name: result.diagnostics.get(key, 1.0) < MISSED for name, key in TESTS.items()}
 
 
 def _sentences(result: FlightEstimate) -> Iterator[str]:

@@ -47,7 +47,7 @@ def fly_own(spec: FlightSpec, seen_errors: tuple[Float[np.ndarray, " n"], Float[
         position_noise=seen_errors[0],
         velocity_noise=seen_errors[1],
     )
-    return _flown(spec, reference, met, fly(spec.vehicle, met))
+    return _simulated(spec, reference, met, fly(spec.vehicle, met))
 
 
 def _wander(spec: FlightSpec) -> Float[np.ndarray, "n 2"]:
@@ -75,7 +75,7 @@ def _wind(spec: FlightSpec) -> Float[np.ndarray, " n"]:
     return np.asarray(spec.vehicle.updraft + blown[:, 0])
 
 
-def _flown(spec: FlightSpec, reference: Trajectory, met: Surroundings, motion: Motion) -> Flown:
+def _simulated(spec: FlightSpec, reference: Trajectory, met: Surroundings, motion: Motion) -> Flown:
     truth = FlightTruth(
         time_s=STEP_S * np.arange(spec.steps),
         specific_force_z=motion.force,

@@ -82,11 +82,11 @@ def requirement_table(rows: pl.DataFrame, grid: Grid) -> str:
 def hover_sentence(rows: pl.DataFrame, grid: Grid) -> list[str]:
     """Errors of hover inputs beside the floor of their interval; nothing where none is identified."""
     held = [family.name for family in grid.families if family.holds == "yes"]
-    told = judged(rows.filter(pl.col("class").is_in(held)), HOVER)
-    if not told.height:
+    reported = judged(rows.filter(pl.col("class").is_in(held)), HOVER)
+    if not reported.height:
         return []
-    true = told[f"truth.{HOVER}"]
-    off = ((told[f"{RECIPE}.{HOVER}.value"] - true) / true).abs().to_numpy()
+    true = reported[f"truth.{HOVER}"]
+    off = ((reported[f"{RECIPE}.{HOVER}.value"] - true) / true).abs().to_numpy()
     return [
         "The hover inputs of all families that the model holds are off by less than "
         f"{np.quantile(off, 0.95):.3%} in 95 % of {off.size} flights, and by {off.max():.3%} at most; the "
@@ -95,8 +95,8 @@ def hover_sentence(rows: pl.DataFrame, grid: Grid) -> list[str]:
 
 
 def _families(rows: pl.DataFrame, grid: Grid) -> list[tuple[str, pl.DataFrame]]:
-    found = [(family.name, rows.filter(pl.col("class") == family.name)) for family in grid.families]
-    return [(name, here) for name, here in found if here.height]
+    results = [(family.name, rows.filter(pl.col("class") == family.name)) for family in grid.families]
+    return [(name, here) for name, here in results if here.height]
 
 
 def _value(share: Share) -> str:

@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from eivor.atomic_file import write_whole
+from eivor.atomic_file import write_atomically
 from eivor.lab.experiments import markdown, page_text, page_with
 from eivor.motions.vertical.model import GRAVITY
 from eivor.signals.filters import actuator_state
@@ -64,9 +64,9 @@ def lag_bound(flights: Sequence[FlightSpec]) -> LagBound:
     """
     size = SHARED + 2 * len(flights)
     information = np.zeros((size, size))
-    for place, spec in enumerate(flights):
-        own = [*range(SHARED), SHARED + 2 * place, SHARED + 2 * place + 1]
-        information[np.ix_(own, own)] += flight_information(spec)
+    for index, spec in enumerate(flights):
+        selected = [*range(SHARED), SHARED + 2 * index, SHARED + 2 * index + 1]
+        information[np.ix_(selected, selected)] += flight_information(spec)
     known = _covariance(np.delete(np.delete(information, DELAY, 0), DELAY, 1))
     free = _covariance(information)
     lag = [LAG, DELAY]
@@ -88,20 +88,20 @@ def _columns(spec: FlightSpec) -> Float[np.ndarray, "n 5"]:
     """Derivatives of the modelled specific force by K_u, lag, delay, K_f and b_f, free of noise."""
     still = np.zeros(spec.steps)
     calm = replace(spec, vehicle=replace(spec.vehicle, gust_rms=0.0))
-    flown = fly_own(calm, (still, still))
+    flight = fly_own(calm, (still, still))
     lag, delay = spec.vehicle.actuator_lag, spec.vehicle.delay
-    begun = np.vstack([flown.command[:1], flown.command])
+    started = np.vstack([flight.command[:1], flight.command])
 
     def thrust(lag_s: float, delay_s: float) -> Float[np.ndarray, " n"]:
-        states = actuator_state(begun, step_s=STEP_S, lag_s=lag_s, delay_s=delay_s)[1:, 0]
-        return np.asarray(flown.truth.cos_tilt * states**2)
+        states = actuator_state(started, step_s=STEP_S, lag_s=lag_s, delay_s=delay_s)[1:, 0]
+        return np.asarray(flight.truth.cos_tilt * states**2)
 
     gain = GRAVITY / spec.vehicle.hover_input**2
     step, sooner = LAG_STEP * lag, max(delay - STEP_S, 0.0)
     by_lag = (thrust(lag + step, delay) - thrust(lag - step, delay)) / (2.0 * step)
     by_delay = (thrust(lag, delay + STEP_S) - thrust(lag, sooner)) / (delay + STEP_S - sooner)
     return np.stack(
-        [thrust(lag, delay), gain * by_lag, gain * by_delay, -flown.velocity, np.ones(spec.steps)], axis=1
+        [thrust(lag, delay), gain * by_lag, gain * by_delay, -flight.velocity, np.ones(spec.steps)], axis=1
     )
 
 
@@ -125,8 +125,8 @@ def pool_table(families: Sequence[Family], pools: int | None) -> str:
     lines = []
     for family in families:
         count = min(family.count, pools or family.count)
-        flown = [[family.flight(family.pool * i + j) for j in range(family.pool)] for i in range(count)]
-        bounds = [lag_bound(flights) for flights in flown]
+        flight = [[family.flight(family.pool * i + j) for j in range(family.pool)] for i in range(count)]
+        bounds = [lag_bound(flights) for flights in flight]
         medians = [
             1e3 * float(np.median([getattr(bound, name) for bound in bounds]))
             for name in ("delay_known", "delay_free")
@@ -144,7 +144,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     page = page_text(chosen.page, PART) if chosen.page else ""
     table = pool_table([family for family in published_grid().families if family.pool > 1], chosen.pools)
     if chosen.page:
-        write_whole(chosen.page, page_with(page, {PART: table}))
+        write_atomically(chosen.page, page_with(page, {PART: table}))
     sys.stdout.write(table + "\n")
     return 0
 

@@ -43,16 +43,16 @@ def requirements(rows: pl.DataFrame, grid: Grid) -> tuple[Requirement, ...]:
     grid : Grid
         Which families there are, and what each must give.
     """
-    found: list[Requirement] = []
+    result: list[Requirement] = []
     for family in grid.families:
         here = rows.filter(pl.col("class") == family.name)
         if here.height:
-            found.extend(_of_family(family, here))
+            result.extend(_of_family(family, here))
     held = [family.name for family in grid.families if family.holds == "yes"]
     together = rows.filter(pl.col("class").is_in(held))
-    found.extend(_pooled(together, quantity) for quantity in COVERED)
-    found.extend(_of_two_frequencies(grid, rows))
-    return tuple(found)
+    result.extend(_pooled(together, quantity) for quantity in COVERED)
+    result.extend(_of_two_frequencies(grid, rows))
+    return tuple(result)
 
 
 def judged(rows: pl.DataFrame, quantity: str) -> pl.DataFrame:
@@ -91,7 +91,7 @@ def _of_family(family: Family, rows: pl.DataFrame) -> Iterator[Requirement]:
         yield _at_least(family, f"named: {family.named}", share, family.share)
     if family.given == "truth":
         yield _at_least(family, "identified", accepted_share(rows), LEAST_IDENTIFIED)
-        yield _at_least(family, "identified or weak, friction above zero", _told(rows), LEAST_TOLD)
+        yield _at_least(family, "identified or weak, friction above zero", _report(rows), LEAST_TOLD)
     if family.refused:
         share = accepted_share(rows)
         yield Requirement(
@@ -120,9 +120,9 @@ def _of_pools(family: Family, rows: pl.DataFrame) -> Iterator[Requirement]:
 def _of_two_frequencies(grid: Grid, rows: pl.DataFrame) -> Iterator[Requirement]:
     """Half-widths of the lag in all pools with two reference frequencies, whichever these are."""
     families = [family for family in grid.families if len(family.frequencies) == 2]
-    flown = [_one_each(family, rows.filter(pl.col("class") == family.name)) for family in families]
-    if all(pools.height for pools in flown) and len(flown) > 1:
-        yield _narrow("all pools with two reference frequencies", pl.concat(flown))
+    flight = [_one_each(family, rows.filter(pl.col("class") == family.name)) for family in families]
+    if all(pools.height for pools in flight) and len(flight) > 1:
+        yield _narrow("all pools with two reference frequencies", pl.concat(flight))
 
 
 def _narrow(what: str, pools: pl.DataFrame) -> Requirement:
@@ -162,26 +162,26 @@ def _coverage_of_any(family: Family, rows: pl.DataFrame, quantity: str) -> Requi
 
 
 def _covered(family: Family, rows: pl.DataFrame, quantity: str) -> Requirement:
-    found = score(rows, quantity).coverage
-    least, most = found.interval
+    coverage = score(rows, quantity).coverage
+    least, most = coverage.interval
     low, high = COVERAGE_BOUNDS
     what = f"{family.name}: coverage of {SYMBOLS[quantity]}"
     if family.holds == "short":
         # what is never called identified claims no coverage
-        met = not found.count or found.value >= LEAST_SHORT
-        return Requirement(what, f"at least {LEAST_SHORT}, or weak", share_text(found), met)
+        met = not coverage.count or coverage.value >= LEAST_SHORT
+        return Requirement(what, f"at least {LEAST_SHORT}, or weak", share_text(coverage), met)
     met = least <= high and most >= low
-    return Requirement(what, f"99 % interval meets [{low}, {high}]", share_text(found), met)
+    return Requirement(what, f"99 % interval meets [{low}, {high}]", share_text(coverage), met)
 
 
 def _pooled(rows: pl.DataFrame, quantity: str) -> Requirement:
-    found = score(judged(rows, quantity), quantity).coverage
+    coverage = score(judged(rows, quantity), quantity).coverage
     low, high = POOLED_BOUNDS
     return Requirement(
         f"all families that the model holds: coverage of {SYMBOLS[quantity]}",
         f"{low} to {high}",
-        share_text(found),
-        low <= found.value <= high,
+        share_text(coverage),
+        low <= coverage.value <= high,
     )
 
 
@@ -195,7 +195,7 @@ def _small_bias(family: Family, rows: pl.DataFrame) -> Requirement:
     )
 
 
-def _told(rows: pl.DataFrame) -> Share:
+def _report(rows: pl.DataFrame) -> Share:
     """Flights that are identified or weak, with a friction whose interval is above zero."""
     all_flown = flown(rows)
     status = pl.col("verdict").is_in([Status.IDENTIFIED.value, Status.WEAK.value])

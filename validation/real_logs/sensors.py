@@ -46,8 +46,8 @@ class Topics:
         """Errors of position and velocity that the controller sees, at every step of the simulation."""
         time = STEP_S * np.arange(spec.steps)
         latest = np.searchsorted(self.clocks["velocity"].instants, time, side="right") - 1
-        at = np.maximum(latest, 0)
-        return self.slow.position[at, 2], self.slow.velocity[at, 2]
+        index = np.maximum(latest, 0)
+        return self.slow.position[index, 2], self.slow.velocity[index, 2]
 
 
 def topics(spec: FlightSpec) -> Topics:
@@ -69,7 +69,7 @@ def topics(spec: FlightSpec) -> Topics:
     return Topics(clocks, errors("velocity"), errors("acceleration"), errors("attitude").attitude)
 
 
-def log_of(spec: FlightSpec, flown: Flown, told: Topics) -> Recording:
+def log_of(spec: FlightSpec, flight: Flown, record: Topics) -> Recording:
     """Log of a flight.
 
     Parameters
@@ -82,12 +82,12 @@ def log_of(spec: FlightSpec, flown: Flown, told: Topics) -> Recording:
         Clocks and errors of its log.
     """
     written = writer(spec, stream(spec, "writer"))
-    channels = [*_commands(flown, told, written), *_references(flown, told, written)]
+    channels = [*_commands(flight, record, written), *_references(flight, record, written)]
     if spec.logger.bias_time > 0.0:
-        channels += _estimates(spec, flown, told, written)
+        channels += _estimates(spec, flight, record, written)
     else:
-        channels += [*_velocities(spec, flown, told, written), *_forces(spec, flown, told, written)]
-    channels += _attitude(spec, flown, told, written)
+        channels += [*_velocities(spec, flight, record, written), *_forces(spec, flight, record, written)]
+    channels += _attitude(spec, flight, record, written)
     if spec.logger.voltage_logged:
         channels.append(_voltage(spec, written))
     return Recording(
@@ -99,41 +99,41 @@ def log_of(spec: FlightSpec, flown: Flown, told: Topics) -> Recording:
     )
 
 
-def _commands(flown: Flown, told: Topics, written: Writer) -> list[Channel]:
-    clock = told.clocks["command"]
+def _commands(flight: Flown, record: Topics, written: Writer) -> list[Channel]:
+    clock = record.clocks["command"]
     # A command is in force from its instant on; a rounding error must not make it the one before.
-    held = np.searchsorted(flown.truth.time_s, clock.instants + 1e-9, side="right") - 1
+    held = np.searchsorted(flight.truth.time_s, clock.instants + 1e-9, side="right") - 1
     return [
         written.channel(f"rotor_command_{number + 1}", clock, values[held], SOURCE)
-        for number, values in enumerate(flown.command.T)
+        for number, values in enumerate(flight.command.T)
     ]
 
 
-def _references(flown: Flown, told: Topics, written: Writer) -> list[Channel]:
-    clock, time = told.clocks["reference"], flown.truth.time_s
+def _references(flight: Flown, record: Topics, written: Writer) -> list[Channel]:
+    clock, time = record.clocks["reference"], flight.truth.time_s
     held = np.searchsorted(time, clock.instants + 1e-9, side="right") - 1
     parts = ("position", "velocity", "acceleration")
     return [
         written.channel(
-            f"reference_{part}_z", clock, np.asarray(getattr(flown.reference, part))[held], SOURCE
+            f"reference_{part}_z", clock, np.asarray(getattr(flight.reference, part))[held], SOURCE
         )
         for part in parts
     ]
 
 
-def _velocities(spec: FlightSpec, flown: Flown, told: Topics, written: Writer) -> list[Channel]:
-    clock, logger, errors = told.clocks["velocity"], spec.logger, told.slow
+def _velocities(spec: FlightSpec, flight: Flown, record: Topics, written: Writer) -> list[Channel]:
+    clock, logger, errors = record.clocks["velocity"], spec.logger, record.slow
     late = {"delay": logger.velocity_delay, "filtered": logger.velocity_filter}
     scale = logger.velocity_scale
-    up = scale * _read(flown, flown.velocity, clock.instants, **late) + errors.velocity[:, 2]
-    height = _read(flown, flown.position, clock.instants, **late) + errors.position[:, 2]
+    up = scale * _read(flight, flight.velocity, clock.instants, **late) + errors.velocity[:, 2]
+    height = _read(flight, flight.position, clock.instants, **late) + errors.position[:, 2]
     channels = [
         written.channel("position_z", clock, height, SOURCE),
         written.channel("velocity_z", clock, up, SOURCE),
     ]
-    if flown.horizontal is None:
+    if flight.horizontal is None:
         return channels
-    along = scale * _read(flown, flown.horizontal, clock.instants, **late) + errors.velocity[:, 0]
+    along = scale * _read(flight, flight.horizontal, clock.instants, **late) + errors.velocity[:, 0]
     return [
         *channels,
         written.channel("velocity_x", clock, along, SOURCE),
@@ -141,45 +141,49 @@ def _velocities(spec: FlightSpec, flown: Flown, told: Topics, written: Writer) -
     ]
 
 
-def _forces(spec: FlightSpec, flown: Flown, told: Topics, written: Writer) -> list[Channel]:
-    clock = told.clocks["acceleration"]
+def _forces(spec: FlightSpec, flight: Flown, record: Topics, written: Writer) -> list[Channel]:
+    clock = record.clocks["acceleration"]
     return [
         written.channel(f"specific_force_body_{axis}", clock, values, SOURCE)
-        for axis, values in zip("xyz", _accelerometer(spec, flown, told).T, strict=True)
+        for axis, values in zip("xyz", _accelerometer(spec, flight, record).T, strict=True)
     ]
 
 
-def _accelerometer(spec: FlightSpec, flown: Flown, told: Topics) -> Float[np.ndarray, "n 3"]:
+def _accelerometer(spec: FlightSpec, flight: Flown, record: Topics) -> Float[np.ndarray, "n 3"]:
     """What the accelerometer reads at its instants [m/s^2]."""
-    clock, logger = told.clocks["acceleration"], spec.logger
+    clock, logger = record.clocks["acceleration"], spec.logger
     late = {"delay": logger.acceleration_delay, "filtered": logger.acceleration_filter}
-    read = np.stack([_read(flown, axis, clock.instants, **late) for axis in flown.force_body.T], axis=1)
-    return logger.acceleration_scale * read + told.quick.acceleration + [0.0, 0.0, logger.accelerometer_bias]
+    read = np.stack([_read(flight, axis, clock.instants, **late) for axis in flight.force_body.T], axis=1)
+    return (
+        logger.acceleration_scale * read + record.quick.acceleration + [0.0, 0.0, logger.accelerometer_bias]
+    )
 
 
-def _attitude(spec: FlightSpec, flown: Flown, told: Topics, written: Writer) -> list[Channel]:
+def _attitude(spec: FlightSpec, flight: Flown, record: Topics, written: Writer) -> list[Channel]:
     from scipy.spatial.transform import Rotation
 
-    clock = told.clocks["attitude"]
+    clock = record.clocks["attitude"]
     parts = np.stack(
-        [np.interp(clock.instants, flown.truth.time_s, part) for part in flown.attitude.T], axis=1
+        [np.interp(clock.instants, flight.truth.time_s, part) for part in flight.attitude.T], axis=1
     )
     true = Rotation.from_quat(parts[:, [1, 2, 3, 0]])
     wrong = Rotation.from_rotvec([0.0, spec.logger.tilt_error, 0.0])
-    measured = (wrong * true * Rotation.from_rotvec(told.attitude)).as_quat()
+    measured = (wrong * true * Rotation.from_rotvec(record.attitude)).as_quat()
     return [
         written.channel(f"attitude_{axis}", clock, values, SOURCE)
         for axis, values in zip("xyzw", measured.T, strict=True)
     ]
 
 
-def _estimates(spec: FlightSpec, flown: Flown, told: Topics, written: Writer) -> list[Channel]:
+def _estimates(spec: FlightSpec, flight: Flown, record: Topics, written: Writer) -> list[Channel]:
     """Height, velocity and acceleration as an estimator of the vehicle's state makes them."""
-    clock, logger = told.clocks["velocity"], spec.logger
-    force = told_vertical_force(spec, flown, told)
-    fused = _read(flown, flown.velocity, clock.instants, delay=logger.fused_late) + told.slow.velocity[:, 2]
+    clock, logger = record.clocks["velocity"], spec.logger
+    force = told_vertical_force(spec, flight, record)
+    fused = (
+        _read(flight, flight.velocity, clock.instants, delay=logger.fused_late) + record.slow.velocity[:, 2]
+    )
     velocity, acceleration = estimated(clock.instants, force - GRAVITY, fused, bias_time=logger.bias_time)
-    height = _read(flown, flown.position, clock.instants) + told.slow.position[:, 2]
+    height = _read(flight, flight.position, clock.instants) + record.slow.position[:, 2]
     source = "estimator"
     return [
         written.channel("position_z", clock, height, source),
@@ -188,13 +192,13 @@ def _estimates(spec: FlightSpec, flown: Flown, told: Topics, written: Writer) ->
     ]
 
 
-def told_vertical_force(spec: FlightSpec, flown: Flown, told: Topics) -> Float[np.ndarray, " n"]:
+def told_vertical_force(spec: FlightSpec, flight: Flown, record: Topics) -> Float[np.ndarray, " n"]:
     """Vertical specific force that the accelerometer gives the estimator, at the velocity's instants."""
-    instants = told.clocks["velocity"].instants
-    true = _read(flown, flown.truth.specific_force_z, instants)
-    noise = told.quick.acceleration[:, 2]
-    at = np.minimum(np.searchsorted(told.clocks["acceleration"].instants, instants), noise.size - 1)
-    return true + noise[at] + spec.logger.accelerometer_bias
+    instants = record.clocks["velocity"].instants
+    true = _read(flight, flight.truth.specific_force_z, instants)
+    noise = record.quick.acceleration[:, 2]
+    index = np.minimum(np.searchsorted(record.clocks["acceleration"].instants, instants), noise.size - 1)
+    return true + noise[index] + spec.logger.accelerometer_bias
 
 
 def _voltage(spec: FlightSpec, written: Writer) -> Channel:
@@ -205,7 +209,7 @@ def _voltage(spec: FlightSpec, written: Writer) -> Channel:
 
 
 def _read(
-    flown: Flown,
+    flight: Flown,
     values: Float[np.ndarray, " n"],
     instants: Float[np.ndarray, " m"],
     *,
@@ -213,7 +217,7 @@ def _read(
     filtered: float = 0.0,
 ) -> Float[np.ndarray, " m"]:
     """Values at instants, through a low-pass filter and late by a delay [s]."""
-    time = flown.truth.time_s
+    time = flight.truth.time_s
     if filtered > 0.0:
         step = float(time[1] - time[0])
         values = actuator_state(values[:, None], step_s=step, lag_s=filtered, delay_s=0.0)[:, 0]

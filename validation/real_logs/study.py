@@ -17,7 +17,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from eivor.atomic_file import write_whole
+from eivor.atomic_file import write_atomically
 from eivor.errors import EivorError
 from eivor.lab.experiments import page_with
 from validation.real_logs.grid import Grid, published_grid
@@ -34,7 +34,9 @@ NOT_MET, WRONG = 3, 2
 def part_of(grid: Grid, share: float, word: str) -> Grid:
     """First flights of the families whose name holds a word."""
     kept = [family for family in grid.families if word in family.name]
-    return replace(grid, families=tuple(replace(one, count=max(1, round(share * one.count))) for one in kept))
+    return replace(
+        grid, families=tuple(replace(item, count=max(1, round(share * item.count))) for item in kept)
+    )
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -59,17 +61,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _run(chosen: argparse.Namespace) -> int:
     grid = published_grid()
-    table = read_study_table(chosen.source) if chosen.source else _flown(chosen, grid)
+    table = read_study_table(chosen.source) if chosen.source else _simulated(chosen, grid)
     if chosen.out:
         table.write(chosen.out)
     tables = study_tables(table, grid)
     if chosen.page:
-        write_whole(chosen.page, page_with(chosen.page.read_text(encoding="utf-8"), {PART: tables}))
+        write_atomically(chosen.page, page_with(chosen.page.read_text(encoding="utf-8"), {PART: tables}))
     sys.stdout.write(tables + "\n")
     return 0 if all(item.met for item in requirements(table.rows, grid)) else NOT_MET
 
 
-def _flown(chosen: argparse.Namespace, grid: Grid) -> StudyTable:
+def _simulated(chosen: argparse.Namespace, grid: Grid) -> StudyTable:
     folder = folder_of(chosen.folder, part_of(grid, chosen.share, chosen.families))
     if not chosen.tables:
         folder.run(rows_of, chosen.workers)

@@ -52,8 +52,8 @@ class Task:
     @property
     def file_name(self) -> str:
         """Name of the file that its rows are kept in, without its ending."""
-        place = [family.name for family in published_grid().families].index(self.family)
-        return f"family-{place + 1:02d}-{self.first:03d}-{self.last:03d}"
+        index = [family.name for family in published_grid().families].index(self.family)
+        return f"family-{index + 1:02d}-{self.first:03d}-{self.last:03d}"
 
     @property
     def facts(self) -> Mapping[str, str]:
@@ -112,9 +112,9 @@ class _Outcome:
             "reason": self.reason,
         }
         for name in QUANTITIES:
-            found = self.estimates.get(name, IntervalEstimate())
+            result = self.estimates.get(name, IntervalEstimate())
             row[f"truth.{name}"] = self.truth.get(name, np.nan)
-            row |= {f"{RECIPE}.{name}.{part}": getattr(found, part) for part in ("value", "low", "high")}
+            row |= {f"{RECIPE}.{name}.{part}": getattr(result, part) for part in ("value", "low", "high")}
             row[f"verdict.{name}"] = self.verdicts.get(name, "")
         row |= {f"named.{name}": self.named.get(name, False) for name in NAMES}
         return row | {
@@ -145,7 +145,7 @@ def _pool_rows(family: Family, pool: int) -> tuple[Row, ...]:
         outcomes = [_Outcome(FAILED, reason=str(error))] * family.pool
     else:
         outcomes = [
-            _of_member(result, place, _truth(result, place, flight)) for place, flight in enumerate(flights)
+            _of_member(result, index, _truth(result, index, flight)) for index, flight in enumerate(flights)
         ]
     return tuple(
         outcome.row(family, spec, number)
@@ -153,14 +153,14 @@ def _pool_rows(family: Family, pool: int) -> tuple[Row, ...]:
     )
 
 
-def _of_member(result: FlightEstimate, place: int, truth: Mapping[str, float]) -> _Outcome:
+def _of_member(result: FlightEstimate, position: int, truth: Mapping[str, float]) -> _Outcome:
     """Outcome of a flight of a pool: verdict and quantities are its own where the pool has them."""
-    if place >= len(result.by_flight):
+    if position >= len(result.by_flight):
         return _outcome(result, truth, result.quantities)
-    member = result.by_flight[place]
-    found = _outcome(result, truth, {**result.quantities, **member.quantities})
+    member = result.by_flight[position]
+    outcome = _outcome(result, truth, {**result.quantities, **member.quantities})
     against = "" if member.verdict is Status.IDENTIFIED else member.reasons[0]
-    return replace(found, verdict=member.verdict.value, reason=against)
+    return replace(outcome, verdict=member.verdict.value, reason=against)
 
 
 def _options(family: Family, spec: FlightSpec) -> FlightOptions:
@@ -177,8 +177,8 @@ def _options(family: Family, spec: FlightSpec) -> FlightOptions:
     return FlightOptions(lag=Prior(max(true + std * draw.standard_normal(), 0.1 * std), std))
 
 
-def _truth(result: FlightEstimate, place: int, flight: LoggedFlight) -> dict[str, float]:
-    prepared = result.prepared[place]
+def _truth(result: FlightEstimate, position: int, flight: LoggedFlight) -> dict[str, float]:
+    prepared = result.prepared[position]
     return flight.flown.effective(prepared.grid.time_s, prepared.used)
 
 

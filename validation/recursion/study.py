@@ -43,18 +43,21 @@ HEADER = (
 
 def answer(grid: Path, size: str, kept: Path) -> Answer:
     """Run what the file does not have yet, and judge all of it."""
-    told = {(one.scenario, one.changed, one.run): one for one in kept_lines(kept, Told)}
-    found = []
-    for key in _asked(grid, size):
-        if key not in told:
-            told[key] = trial(*key)
-            keep(kept, [told[key]])
-        found.append(told[key])
-    requirements = tuple(_requirements(found))
-    return _tables(found, requirements), requirements
+    selected = {
+        (kept_line.scenario, kept_line.changed, kept_line.run): kept_line
+        for kept_line in kept_lines(kept, Told)
+    }
+    results = []
+    for key in _parsed(grid, size):
+        if key not in selected:
+            selected[key] = trial(*key)
+            keep(kept, [selected[key]])
+        results.append(selected[key])
+    requirements = tuple(_requirements(results))
+    return _tables(results, requirements), requirements
 
 
-def _asked(grid: Path, size: str) -> Iterator[tuple[str, str, int]]:
+def _parsed(grid: Path, size: str) -> Iterator[tuple[str, str, int]]:
     root = read_toml(grid, "grid of records")
     for records in root.sections("records"):
         scenario, changed = records.text("scenario"), records.choice("changed", tuple(NAMES))
@@ -65,20 +68,20 @@ def _asked(grid: Path, size: str) -> Iterator[tuple[str, str, int]]:
     root.finish()
 
 
-def _of(found: list[Told], scenario: str, changed: str) -> list[Told]:
-    return [one for one in found if (one.scenario, one.changed) == (scenario, changed)]
+def _of(tolds: list[Told], scenario: str, changed: str) -> list[Told]:
+    return [item for item in tolds if (item.scenario, item.changed) == (scenario, changed)]
 
 
-def _requirements(found: list[Told]) -> Iterator[Requirement]:
-    still = _of(found, SCENARIO, "nothing")
-    alarms = float(np.mean([one.alarms > 0 for one in still]))
+def _requirements(tolds: list[Told]) -> Iterator[Requirement]:
+    still = _of(tolds, SCENARIO, "nothing")
+    alarms = float(np.mean([item.alarms > 0 for item in still]))
     yield Requirement(
         f"{SCENARIO}: records of 2,500 samples with a false alarm",
         f"at most {FALSE_ALARMS:g}",
         f"{alarms:.3f}",
         alarms <= FALSE_ALARMS,
     )
-    delay = float(np.median(_delays(_of(found, SCENARIO, PARAMETER))))
+    delay = float(np.median(_delays(_of(tolds, SCENARIO, PARAMETER))))
     yield Requirement(
         f"{SCENARIO}: median delay after {NAMES[PARAMETER]} drops by a fifth",
         f"at most {DELAY} samples",
@@ -86,7 +89,7 @@ def _requirements(found: list[Told]) -> Iterator[Requirement]:
         delay <= DELAY,
     )
     for name in ("viscous_friction", "input_gain"):
-        covered = float(np.mean([one.covered[name] for one in still]))
+        covered = float(np.mean([item.covered[name] for item in still]))
         low, high = COVERAGE
         yield Requirement(
             f"{SCENARIO}: coverage of the intervals of {NAMES[name]}",
@@ -96,37 +99,40 @@ def _requirements(found: list[Told]) -> Iterator[Requirement]:
         )
 
 
-def _delays(told: list[Told]) -> list[float]:
-    return [float("inf") if one.delay is None else float(one.delay) for one in told]
+def _delays(tolds: list[Told]) -> list[float]:
+    return [float("inf") if item.delay is None else float(item.delay) for item in tolds]
 
 
-def _tables(found: list[Told], requirements: tuple[Requirement, ...]) -> str:
-    asked = [(one.what, one.asked, one.measured, "yes" if one.met else "no") for one in requirements]
-    kinds = dict.fromkeys((one.scenario, one.changed) for one in found)
+def _tables(tolds: list[Told], requirements: tuple[Requirement, ...]) -> str:
+    requested = [
+        (requirement.what, requirement.asked, requirement.measured, "yes" if requirement.met else "no")
+        for requirement in requirements
+    ]
+    kinds = dict.fromkeys((item.scenario, item.changed) for item in tolds)
     return "\n\n".join(
         (
             f"Made by `python -m validation.recursion.study` with {versions()}: records of 2,500 samples, "
             f"memory 200, seed {SEED}.",
-            markdown(("what", "asked", "measured", "met"), asked),
-            markdown(HEADER, [_line(_of(found, *kind)) for kind in kinds]),
+            markdown(("what", "asked", "measured", "met"), requested),
+            markdown(HEADER, [_line(_of(tolds, *kind)) for kind in kinds]),
         )
     )
 
 
-def _line(told: list[Told]) -> tuple[str, ...]:
-    first, delays = told[0], _delays(told)
+def _line(tolds: list[Told]) -> tuple[str, ...]:
+    first, delays = tolds[0], _delays(tolds)
     changed = first.changed != "nothing"
     middle, late = np.quantile(delays, [0.5, 0.9], method="inverted_cdf")
     names = ("viscous_friction", "input_gain")
     return (
         first.scenario,
         NAMES[first.changed],
-        f"{len(told)}",
-        f"{np.mean([one.alarms > 0 for one in told]):.3f}",
+        f"{len(tolds)}",
+        f"{np.mean([item.alarms > 0 for item in tolds]):.3f}",
         f"{np.mean(np.isfinite(delays)):.3f}" if changed else "-",
         f"{_samples(middle)}, {_samples(late)}" if changed else "-",
-        " / ".join(f"{np.mean([one.covered[name] for one in told]):.3f}" for name in names),
-        " / ".join(f"{100.0 * np.median([one.half_width[name] for one in told]):.1f} %" for name in names),
+        " / ".join(f"{np.mean([item.covered[name] for item in tolds]):.3f}" for name in names),
+        " / ".join(f"{100.0 * np.median([item.half_width[name] for item in tolds]):.1f} %" for name in names),
     )
 
 

@@ -52,12 +52,12 @@ def trial(scenario: str, changed: str, run: int) -> Told:
     """Run one record; the same scenario and run have the same noises with and without a change."""
     given = replace(shipped_scenario(scenario), samples=SAMPLES)
     rng = np.random.default_rng([SEED, run])
-    at = CHANGES[0] + run % (CHANGES[1] - CHANGES[0])
+    index = CHANGES[0] + run % (CHANGES[1] - CHANGES[0])
     truth = {"viscous_friction": given.viscous_friction, "input_gain": given.input_gain}
     drops = changed in truth
     if drops:
         truth[changed] *= DROP
-        signals = changed_record(given, rng, changed, DROP, at)
+        signals = changed_record(given, rng, changed, DROP, index)
     else:
         signals = ev.simulate(given, rng).signals
     recursion = ev.RecursiveIdentification(
@@ -66,15 +66,15 @@ def trial(scenario: str, changed: str, run: int) -> Told:
         ev.lags("input", 0, LAGS),
         detector=ev.ChangeDetector(),
     ).update(signals)
-    told = [change.sample + LAGS for change in recursion.changes]
-    after = [sample - at for sample in told if sample > at]
+    selected = [change.sample + LAGS for change in recursion.changes]
+    after = [sample - index for sample in selected if sample > index]
     estimate = recursion.estimate()
     ends = {name: estimate.interval(name) for name in truth}
     return Told(
         scenario,
         changed,
         run,
-        sum(sample <= at for sample in told) if drops else len(told),
+        sum(sample <= index for sample in selected) if drops else len(selected),
         after[0] if drops and after else None,
         {name: bool(low <= truth[name] <= high) for name, (low, high) in ends.items()},
         {name: 0.5 * (high - low) / truth[name] for name, (low, high) in ends.items()},

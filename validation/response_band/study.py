@@ -43,14 +43,14 @@ HEADER = (
 
 def answer(grid: Path, size: str, kept: Path) -> Answer:
     """Fly what the file does not have yet, and judge all of it."""
-    told = {(one.name, one.run): one for one in kept_lines(kept, Told)}
-    found = []
-    for name, settings, place, runs in _asked(grid, size):
-        for one in trials(name, settings, place, [run for run in runs if (name, run) not in told]):
-            told[name, one.run] = one
-            keep(kept, [one])
-        found += [told[name, run] for run in runs]
-    covered = float(np.mean([held for one in found for held in one.held]))
+    selected = {(kept_line.name, kept_line.run): kept_line for kept_line in kept_lines(kept, Told)}
+    results = []
+    for name, settings, item, runs in _parsed(grid, size):
+        for trial in trials(name, settings, item, [run for run in runs if (name, run) not in selected]):
+            selected[name, trial.run] = trial
+            keep(kept, [trial])
+        results += [selected[name, run] for run in runs]
+    covered = float(np.mean([held for result in results for held in result.held]))
     low, high = COVERAGE
     requirement = Requirement(
         "pointwise coverage of the band of 90 %",
@@ -58,49 +58,51 @@ def answer(grid: Path, size: str, kept: Path) -> Answer:
         f"{covered:.3f}",
         low <= covered <= high,
     )
-    return _tables(found, requirement), (requirement,)
+    return _tables(results, requirement), (requirement,)
 
 
-def _asked(grid: Path, size: str) -> list[tuple[str, Mapping[str, float], int, range]]:
+def _parsed(grid: Path, size: str) -> list[tuple[str, Mapping[str, float], int, range]]:
     """Flights side by side; kinds take turns, so that a study that is cut short has some of each."""
     root = read_toml(grid, "grid of flights")
-    asked: list[tuple[str, Mapping[str, float], int, range]] = []
-    for place, kind in enumerate(root.sections("flights")):
+    requested: list[tuple[str, Mapping[str, float], int, range]] = []
+    for index, kind in enumerate(root.sections("flights")):
         name = kind.text("name")
         settings = {key: kind.number(key) for key in SETTINGS if kind.has(key)}
         runs = {word: kind.whole(word) for word in ("small", "full")}[size]
         kind.finish()
-        asked += [
-            (name, settings, place, range(first, min(first + TOGETHER, runs)))
+        requested += [
+            (name, settings, index, range(first, min(first + TOGETHER, runs)))
             for first in range(0, runs, TOGETHER)
         ]
     root.finish()
-    return sorted(asked, key=lambda one: (one[3].start, one[2]))
+    return sorted(requested, key=lambda item: (item[3].start, item[2]))
 
 
-def _tables(found: list[Told], requirement: Requirement) -> str:
-    kinds = dict.fromkeys(one.name for one in found)
-    asked = [(requirement.what, requirement.asked, requirement.measured, "yes" if requirement.met else "no")]
-    rows = [_line(kind, [one for one in found if one.name == kind]) for kind in kinds]
+def _tables(tolds: list[Told], requirement: Requirement) -> str:
+    kinds = dict.fromkeys(item.name for item in tolds)
+    requested = [
+        (requirement.what, requirement.asked, requirement.measured, "yes" if requirement.met else "no")
+    ]
+    rows = [_line(kind, [item for item in tolds if item.name == kind]) for kind in kinds]
     return "\n\n".join(
         (
-            f"Made by `python -m validation.response_band.study` with {versions()}: {len(found)} flights of "
+            f"Made by `python -m validation.response_band.study` with {versions()}: {len(tolds)} flights of "
             f"a minute, {DRAWS} draws of each, seed {SEED}.",
-            markdown(("what", "asked", "measured", "met"), asked),
-            markdown(HEADER, [*rows, _line("**all**", found)]),
+            markdown(("what", "asked", "measured", "met"), requested),
+            markdown(HEADER, [*rows, _line("**all**", tolds)]),
         )
     )
 
 
-def _line(kind: str, told: list[Told]) -> tuple[str, ...]:
-    held = np.array([one.held for one in told if one.held], dtype=float)
+def _line(kind: str, tolds: list[Told]) -> tuple[str, ...]:
+    held = np.array([item.held for item in tolds if item.held], dtype=float)
     return (
         kind,
-        f"{len(told)}",
-        f"{sum(one.verdict == 'identified' for one in told)}",
+        f"{len(tolds)}",
+        f"{sum(item.verdict == 'identified' for item in tolds)}",
         *(f"{share:.2f}" for share in held.mean(axis=0)),
         f"{held.mean():.3f}",
-        f"{np.mean([held for one in told for held in one.held_at_best]):.3f}",
+        f"{np.mean([held for item in tolds for held in item.held_at_best]):.3f}",
     )
 
 

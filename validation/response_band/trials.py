@@ -50,15 +50,15 @@ class Told:
     width: list[float]
 
 
-def trials(name: str, settings: Mapping[str, float], place: int, runs: Sequence[int]) -> Iterator[Told]:
+def trials(name: str, settings: Mapping[str, float], position: int, runs: Sequence[int]) -> Iterator[Told]:
     """Fly some of a kind side by side: the kind's place and a run give the same flight in any company."""
-    specs = [_spec(settings, place, run) for run in runs]
+    specs = [_spec(settings, position, run) for run in runs]
     for run, spec, flight in zip(runs, specs, simulate_vertical_flights(specs), strict=True):
-        yield _told(name, run, spec, flight)
+        yield _report(name, run, spec, flight)
 
 
-def _spec(settings: Mapping[str, float], place: int, run: int) -> VerticalFlightSpec:
-    rng = np.random.default_rng([SEED, place, run])
+def _spec(settings: Mapping[str, float], position: int, run: int) -> VerticalFlightSpec:
+    rng = np.random.default_rng([SEED, position, run])
     vehicle = {key: float(rng.uniform(low, high)) for key, (low, high) in VEHICLES.items()}
     return VerticalFlightSpec(
         viscous_friction=vehicle["viscous_friction"],
@@ -71,7 +71,7 @@ def _spec(settings: Mapping[str, float], place: int, run: int) -> VerticalFlight
     )
 
 
-def _told(name: str, run: int, spec: VerticalFlightSpec, flight: SimulatedFlight) -> Told:
+def _report(name: str, run: int, spec: VerticalFlightSpec, flight: SimulatedFlight) -> Told:
     numbers = (spec.viscous_friction, spec.input_gain, spec.actuator_lag, spec.delay)
     (truth,) = climb_rates(*(np.array([number]) for number in numbers))
     try:

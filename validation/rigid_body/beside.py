@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from eivor.atomic_file import write_whole
+from eivor.atomic_file import write_atomically
 from eivor.errors import EivorError
 from eivor.flights.result import FlightEstimate
 from eivor.inference.verdict import Status
@@ -61,7 +61,7 @@ OF_GRID = {
 #: Of these the flights that follow those of the grid, as many again.
 FURTHER = (CALM, TORQUES)
 #: What the tables of lags and speeds show, in order.
-SHOWN = (*(one.name for one in GAIN), THRUST.name, DRAG[2].name)
+PLOTTED = (*(item.name for item in GAIN), THRUST.name, DRAG[2].name)
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,36 +108,44 @@ def all_flights() -> list[Flown]:
     return [*lags, *speeds, *of_grid]
 
 
-def rows_of(one: Flown) -> tuple[Row, ...]:
+def rows_of(suite_study: Flown) -> tuple[Row, ...]:
     """Rows of a flight: one for each method and quantity."""
-    if one.kind in OF_GRID:
-        return _rows_of_grid(one)
-    scenario = replace(published_grid().scenario(NOMINAL), seed=LAGS_SEED if one.kind == LAGS else SPEED_SEED)
-    spec = flight_of(VEHICLE, scenario, published_grid().seconds, one.number)
-    spec, noise = (_two_lags(spec, one.case), None) if one.kind == LAGS else _noisy(spec, one.case)
+    if suite_study.kind in OF_GRID:
+        return _rows_of_grid(suite_study)
+    scenario = replace(
+        published_grid().scenario(NOMINAL), seed=LAGS_SEED if suite_study.kind == LAGS else SPEED_SEED
+    )
+    spec = flight_of(VEHICLE, scenario, published_grid().seconds, suite_study.number)
+    spec, noise = (
+        (_two_lags(spec, suite_study.case), None)
+        if suite_study.kind == LAGS
+        else _noisy(spec, suite_study.case)
+    )
     (flight,) = simulate_rigid_body_flights([spec])
     truth = truth_of(flight.truth.parameters)
-    truth[LAG] = float(np.mean(LAGS_S[one.case])) if one.kind == LAGS else 0.0
-    methods = (LEAST_SQUARES, INSTRUMENTS) if one.kind == LAGS else (LEAST_SQUARES, TOTAL, INSTRUMENTS)
+    truth[LAG] = float(np.mean(LAGS_S[suite_study.case])) if suite_study.kind == LAGS else 0.0
+    methods = (
+        (LEAST_SQUARES, INSTRUMENTS) if suite_study.kind == LAGS else (LEAST_SQUARES, TOTAL, INSTRUMENTS)
+    )
     motion = RigidBody(known_vehicle(VEHICLE, scenario))
     return tuple(
         row
         for method in methods
-        for row in _rows(one, method, truth, identified(flight.recording, motion, method, noise))
+        for row in _rows(suite_study, method, truth, identified(flight.recording, motion, method, noise))
     )
 
 
-def _rows_of_grid(one: Flown) -> tuple[Row, ...]:
+def _rows_of_grid(first: Flown) -> tuple[Row, ...]:
     """Rows of a flight of the grid, by the method judged; with its delay where that is to be known."""
-    scenario = published_grid().scenario(OF_GRID[one.kind])
-    number = one.number + (scenario.count if one.kind in FURTHER else 0)
+    scenario = published_grid().scenario(OF_GRID[first.kind])
+    number = first.number + (scenario.count if first.kind in FURTHER else 0)
     (flight,) = simulate_rigid_body_flights([flight_of(VEHICLE, scenario, published_grid().seconds, number)])
     log = jittered(flight.recording, scenario.jitter_s, scenario.seed + number)
-    if one.kind == DELAYS:
+    if first.kind == DELAYS:
         scenario = replace(scenario, taken_delay_s=scenario.delay_s)
     motion = RigidBody(known_vehicle(VEHICLE, scenario))
-    told = identified(log, motion, scenario.methods[0], None)
-    return tuple(_rows(one, scenario.methods[0], truth_of(flight.truth.parameters), told))
+    reported = identified(log, motion, scenario.methods[0], None)
+    return tuple(_rows(first, scenario.methods[0], truth_of(flight.truth.parameters), reported))
 
 
 def identified(
@@ -166,20 +174,20 @@ def _noisy(spec: RigidBodyFlightSpec, case: int) -> tuple[RigidBodyFlightSpec, M
     return replace(spec, sensors=sensors), {"rotor_speed": std, **by_axis}
 
 
-def _rows(one: Flown, method: str, truth: Mapping[str, float], found: FlightEstimate) -> Iterator[Row]:
-    agreement = found.diagnostics.get("over_identification_p_value", np.nan)
+def _rows(first: Flown, method: str, truth: Mapping[str, float], validation: FlightEstimate) -> Iterator[Row]:
+    agreement = validation.diagnostics.get("over_identification_p_value", np.nan)
     for name, true in truth.items():
-        quantity = found.quantities.get(name)
-        told = (np.nan, np.nan, np.nan) if quantity is None else (quantity.value, *quantity.interval)
+        quantity = validation.quantities.get(name)
+        reported = (np.nan, np.nan, np.nan) if quantity is None else (quantity.value, *quantity.interval)
         yield {
-            "kind": one.kind,
-            "case": one.case,
-            "number": one.number,
+            "kind": first.kind,
+            "case": first.case,
+            "number": first.number,
             "method": method,
             "quantity": name,
             "truth": true,
-            **dict(zip(("value", "low", "high"), told, strict=True)),
-            "verdict": found.verdict.status.value,
+            **dict(zip(("value", "low", "high"), reported, strict=True)),
+            "verdict": validation.verdict.status.value,
             "agreement": agreement,
         }
 
@@ -205,12 +213,12 @@ def _table_of_lags(rows: pl.DataFrame) -> str:
         "verdict, agreement of references",
     )
     lines = []
-    for (case, method), own in rows.group_by(["case", "method"], maintain_order=True):
-        rows_by_name = {str(one["quantity"]): one for one in own.iter_rows(named=True)}
-        lag, *gains, thrust, drag = (_error(rows_by_name[name]) for name in (LAG, *SHOWN))
-        verdict = f"{own['verdict'][0]}"
+    for (case, method), item in rows.group_by(["case", "method"], maintain_order=True):
+        rows_by_name = {str(entry["quantity"]): entry for entry in item.iter_rows(named=True)}
+        lag, *gains, thrust, drag = (_error(rows_by_name[name]) for name in (LAG, *PLOTTED))
+        verdict = f"{item['verdict'][0]}"
         if method == INSTRUMENTS:
-            verdict += f", p = {own['agreement'][0]:.1g}"
+            verdict += f", p = {item['agreement'][0]:.1g}"
         up, down = (f"{1e3 * lag_s:.0f}" for lag_s in LAGS_S[int(str(case))])
         lines.append((f"{up}, {down} ms", f"`{method}`", lag, ", ".join(gains), thrust, drag, verdict))
     return markdown(header, lines)
@@ -218,32 +226,34 @@ def _table_of_lags(rows: pl.DataFrame) -> str:
 
 def _error(row: Mapping[str, Any]) -> str:
     """Error relative to the truth; in brackets where the interval misses it."""
-    told = f"{100.0 * (row['value'] / row['truth'] - 1.0):+.1f} %"
-    return told if row["low"] <= row["truth"] <= row["high"] else f"({told})"
+    text = f"{100.0 * (row['value'] / row['truth'] - 1.0):+.1f} %"
+    return text if row["low"] <= row["truth"] <= row["high"] else f"({text})"
 
 
 def _table_of_speeds(rows: pl.DataFrame) -> str:
     """Errors of flights that are not refused, and how many these are."""
     header = ("noise of speeds", "by", "told", "roll", "pitch", "yaw gain", "thrust gain", "drag along z")
     lines = []
-    for (case, method), own in rows.group_by(["case", "method"], maintain_order=True):
-        told = own.filter(pl.col("verdict") != Status.REFUSED.value)
-        found = scores(told)
+    for (case, method), item in rows.group_by(["case", "method"], maintain_order=True):
+        reported = item.filter(pl.col("verdict") != Status.REFUSED.value)
+        result = scores(reported)
         cells = [
-            f"{100.0 * one.bias:+.1f}, {100.0 * one.rmse:.1f} % [{one.covered.value:.2f}]" if one else "-"
-            for one in (found.get(name) for name in SHOWN)
+            f"{100.0 * entry.bias:+.1f}, {100.0 * entry.rmse:.1f} % [{entry.covered.value:.2f}]"
+            if entry
+            else "-"
+            for entry in (result.get(name) for name in PLOTTED)
         ]
         share = f"{100.0 * SPEED_NOISES[int(str(case))]:.2g} %"
-        count = f"{told['number'].n_unique()} of {own['number'].n_unique()}"
+        count = f"{reported['number'].n_unique()} of {item['number'].n_unique()}"
         lines.append((share, f"`{method}`", count, *cells))
     return markdown(header, lines)
 
 
 def _table_of_grid(rows: pl.DataFrame) -> str:
-    found = scores(rows)
-    groups = {name: names for name, names in GROUPS.items() if set(names) & set(found)}
+    result = scores(rows)
+    groups = {name: names for name, names in GROUPS.items() if set(names) & set(result)}
     flights = f"{rows['number'].n_unique()}"
-    return markdown(("flights", *groups), [(flights, *(cell(found, names) for names in groups.values()))])
+    return markdown(("flights", *groups), [(flights, *(cell(result, names) for names in groups.values()))])
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -265,14 +275,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _run(chosen: argparse.Namespace) -> int:
     page = page_text(chosen.page, LAGS) if chosen.page else ""
-    flights = [one for one in all_flights() if chosen.kinds in one.kind]
+    flights = [all_flight for all_flight in all_flights() if chosen.kinds in all_flight.kind]
     folder = StudyFolder(chosen.folder, flights, "beside", "", "validation.rigid_body", len(all_flights()))
     if not chosen.tables:
         folder.run(rows_of, chosen.workers)
-    found = tables(folder.gathered())
+    result = tables(folder.gathered())
     if chosen.page:
-        write_whole(chosen.page, page_with(page, found))
-    sys.stdout.write("\n\n".join(found.values()) + "\n")
+        write_atomically(chosen.page, page_with(page, result))
+    sys.stdout.write("\n\n".join(result.values()) + "\n")
     return 0
 
 

@@ -38,7 +38,7 @@ class Grid:
 
     def scenario(self, name: str) -> Scenario:
         """Return a scenario by its name."""
-        return next(one for one in self.scenarios if one.name == name)
+        return next(item for item in self.scenarios if item.name == name)
 
 
 @cache
@@ -57,13 +57,13 @@ def grid_from(text: str) -> Grid:
     """
     table = toml_table(text, GRID, "a grid")
     name, seconds = table.text("name"), table.number("seconds")
-    grid = Grid(name, seconds, tuple(_scenario(one) for one in table.sections("scenario")), text)
+    grid = Grid(name, seconds, tuple(_scenario(section) for section in table.sections("scenario")), text)
     table.finish()
     return grid
 
 
 def _scenario(table: TomlTable) -> Scenario:
-    asked = Asked(
+    requested = Asked(
         _bounds(table, "largest"),
         _bounds(table, "rmse"),
         _bounds(table, "bias"),
@@ -79,7 +79,7 @@ def _scenario(table: TomlTable) -> Scenario:
         table.whole("flights"),
         tuple(map(Vehicle, named)),
         table.texts("methods"),
-        asked,
+        requested,
         table.whole("others", 0),
         table.number("noise", 1.0),
         table.number("delay", 0.0),
@@ -104,6 +104,6 @@ def _bounds(table: TomlTable, key: str) -> Mapping[str, float]:
     unknown = sorted(set(section.values) - set(GROUPS))
     if unknown:
         raise table.wrong(key, f"groups out of {', '.join(GROUPS)}", ", ".join(unknown))
-    found = {name: section.number(name) for name in section.values}
+    results = {name: section.number(name) for name in section.values}
     section.finish()
-    return found
+    return results

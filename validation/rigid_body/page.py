@@ -36,7 +36,8 @@ def study_tables(table: StudyTable, grid: Grid) -> str:
 def requirement_table(rows: pl.DataFrame, grid: Grid) -> str:
     """One row for each requirement."""
     lines = [
-        (one.what, one.asked, one.measured, "yes" if one.met else "no") for one in requirements(rows, grid)
+        (requirement.what, requirement.asked, requirement.measured, "yes" if requirement.met else "no")
+        for requirement in requirements(rows, grid)
     ]
     return markdown(("what", "asked", "measured", "met"), lines)
 
@@ -45,22 +46,22 @@ def score_table(rows: pl.DataFrame, grid: Grid) -> str:
     """One row for each scenario, vehicle and method."""
     lines = []
     for scenario in grid.scenarios:
-        for vehicle, method, own in parts_of(rows, scenario):
+        for vehicle, method, item in parts_of(rows, scenario):
             name = scenario.name if len(scenario.vehicles) == 1 else f"{scenario.name}: {vehicle}"
-            found = scores(own)
-            flights = own["number"].n_unique()
+            result = scores(item)
+            flights = item["number"].n_unique()
             lines.append(
-                (f"{name}, {method}", f"{flights}", *(cell(found, names) for names in GROUPS.values()))
+                (f"{name}, {method}", f"{flights}", *(cell(result, names) for names in GROUPS.values()))
             )
     return markdown(("flights", "number", *GROUPS), lines)
 
 
-def cell(found: dict[str, Score], names: tuple[str, ...]) -> str:
+def cell(result: dict[str, Score], names: tuple[str, ...]) -> str:
     """Bias, root mean square error and coverage of a group: the worst of each number."""
-    own = [found[name] for name in names if name in found and found[name].count]
-    if not own:
+    selected = [result[name] for name in names if name in result and result[name].count]
+    if not selected:
         return "-"
-    bias = max((one.bias for one in own), key=abs)
-    rmse = float(np.max([one.rmse for one in own]))
-    covered = min(one.covered.value for one in own)
+    bias = max((item.bias for item in selected), key=abs)
+    rmse = float(np.max([item.rmse for item in selected]))
+    covered = min(item.covered.value for item in selected)
     return f"{'+' if bias >= 0.0 else '-'}{percent(abs(bias))}, {percent(rmse)} [{covered:.2f}]"

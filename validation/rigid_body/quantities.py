@@ -7,13 +7,13 @@ from eivor.motions.rigid_body.vehicle import ALONG, COUPLING, DAMPING, DRAG, GAI
 
 LAG = "effective_lag"
 GROUPS = {
-    "torque gains": tuple(one.name for one in GAIN),
-    "gyroscopic ratios": tuple(one.name for one in COUPLING),
-    "rate damping": tuple(one.name for one in DAMPING),
+    "torque gains": tuple(item.name for item in GAIN),
+    "gyroscopic ratios": tuple(item.name for item in COUPLING),
+    "rate damping": tuple(item.name for item in DAMPING),
     "lag": (LAG,),
     "thrust gain": (THRUST.name,),
     "vertical drag": (DRAG[ALONG.index("z")].name,),
-    "horizontal drag": tuple(one.name for one in DRAG if not one.name.endswith("z")),
+    "horizontal drag": tuple(item.name for item in DRAG if not item.name.endswith("z")),
     "translational lift": (LIFT.name,),
 }
 #: A ratio nearer to zero than this is compared absolutely.
@@ -22,14 +22,14 @@ NEARLY_ZERO = 0.1
 
 def truth_of(parameters: EffectiveParameters) -> dict[str, float]:
     """True value of every quantity that is judged."""
-    told = (
+    selected = (
         *zip(GROUPS["torque gains"], parameters.torque_gains, strict=True),
         *zip(GROUPS["gyroscopic ratios"], parameters.gyroscopic_ratios, strict=True),
         *zip(GROUPS["rate damping"], parameters.rate_damping, strict=True),
-        *zip((one.name for one in DRAG), parameters.drag, strict=True),
+        *zip((item.name for item in DRAG), parameters.drag, strict=True),
     )
     return {
-        **dict(told),
+        **dict(selected),
         THRUST.name: parameters.thrust_gain,
         LIFT.name: parameters.translational_lift,
         LAG: parameters.lag_up + parameters.delay,

@@ -42,13 +42,13 @@ class Score:
 def score(rows: pl.DataFrame) -> Score:
     """Score of one quantity by one method of one vehicle; a flight that told nothing missed."""
     truth, value = rows["truth"].to_numpy(), rows["value"].to_numpy()
-    told = np.isfinite(value)
-    errors = (value - truth)[told] / unit_of_error(str(rows["quantity"][0]), float(truth[0]))
+    reported = np.isfinite(value)
+    errors = (value - truth)[reported] / unit_of_error(str(rows["quantity"][0]), float(truth[0]))
     held = (rows["low"].to_numpy() <= truth) & (truth <= rows["high"].to_numpy())
     if not errors.size:
         errors = np.array([np.nan])
     return Score(
-        int(told.sum()),
+        int(reported.sum()),
         float(errors.mean()),
         float(np.sqrt(np.mean(errors**2))),
         float(np.abs(errors).max()),
@@ -59,9 +59,9 @@ def score(rows: pl.DataFrame) -> Score:
 def scores(rows: pl.DataFrame) -> dict[str, Score]:
     """Score of every quantity whose error can be told relative to its truth."""
     return {
-        str(name): score(own)
-        for (name,), own in rows.group_by(["quantity"], maintain_order=True)
-        if unit_of_error(str(name), float(own["truth"][0])) > 0.0
+        str(name): score(item)
+        for (name,), item in rows.group_by(["quantity"], maintain_order=True)
+        if unit_of_error(str(name), float(item["truth"][0])) > 0.0
     }
 
 
@@ -69,13 +69,13 @@ def parts_of(rows: pl.DataFrame, scenario: Scenario) -> Iterator[tuple[str, str,
     """Rows of a scenario by vehicle and method, in the order of the grid."""
     for vehicle in scenario.vehicles:
         for method in scenario.methods:
-            own = rows.filter(
+            current = rows.filter(
                 (pl.col("scenario") == scenario.name)
                 & (pl.col("vehicle") == str(vehicle))
                 & (pl.col("method") == method)
             )
-            if own.height:
-                yield str(vehicle), method, own
+            if current.height:
+                yield str(vehicle), method, current
 
 
 def requirements(rows: pl.DataFrame, grid: Grid) -> tuple[Requirement, ...]:
@@ -89,43 +89,45 @@ def requirements(rows: pl.DataFrame, grid: Grid) -> tuple[Requirement, ...]:
         What is asked.
     """
     return tuple(
-        one
+        item
         for scenario in grid.scenarios
-        for vehicle, method, own in parts_of(rows, scenario)
+        for vehicle, method, entry in parts_of(rows, scenario)
         if method == scenario.methods[0]
-        for one in _of_part(scenario, vehicle, scores(own))
+        for item in _of_part(scenario, vehicle, scores(entry))
     )
 
 
-def _of_part(scenario: Scenario, vehicle: str, found: dict[str, Score]) -> Iterator[Requirement]:
-    asked = scenario.asked
+def _of_part(scenario: Scenario, vehicle: str, result: dict[str, Score]) -> Iterator[Requirement]:
+    requested = scenario.asked
     name = scenario.name if len(scenario.vehicles) == 1 else f"{scenario.name}, {vehicle}"
     for word, bounds, number in (
-        ("largest error", asked.largest, "largest"),
-        ("RMSE", asked.rmse, "rmse"),
-        ("bias", asked.bias, "bias"),
+        ("largest error", requested.largest, "largest"),
+        ("RMSE", requested.rmse, "rmse"),
+        ("bias", requested.bias, "bias"),
     ):
         for group, bound in bounds.items():
-            sizes = [abs(getattr(found[one], number)) for one in GROUPS[group] if one in found]
+            sizes = [abs(getattr(result[item], number)) for item in GROUPS[group] if item in result]
             if sizes:
                 worst = float(np.max(sizes))
                 yield Requirement(
                     f"{name}: {word}, {group}", f"<= {percent(bound)}", percent(worst), worst <= bound
                 )
-    judged = {one: found[one].covered for group in asked.groups for one in GROUPS[group] if one in found}
-    if asked.coverage_each and judged:
-        below = [one for one, share in judged.items() if share.interval[1] < asked.coverage_each]
+    judged = {
+        item: result[item].covered for group in requested.groups for item in GROUPS[group] if item in result
+    }
+    if requested.coverage_each and judged:
+        below = [item for item, share in judged.items() if share.interval[1] < requested.coverage_each]
         least = min(judged.values(), key=lambda share: share.value)
         yield Requirement(
             f"{name}: coverage of each",
-            f"{asked.coverage_each:g} in its 99 % interval",
+            f"{requested.coverage_each:g} in its 99 % interval",
             share_text(least) + (f"; below: {', '.join(below)}" if below else " at least"),
             not below,
         )
-    if asked.coverage_pooled and judged:
-        low, high = asked.coverage_pooled
+    if requested.coverage_pooled and judged:
+        low, high = requested.coverage_pooled
         pooled = Share(
-            sum(one.hits for one in judged.values()), sum(one.count for one in judged.values()), LEVEL
+            sum(item.hits for item in judged.values()), sum(item.count for item in judged.values()), LEVEL
         )
         yield Requirement(
             f"{name}: coverage of all",

@@ -16,7 +16,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from eivor.atomic_file import write_whole
+from eivor.atomic_file import write_atomically
 from eivor.errors import EivorError
 from eivor.lab.experiments import page_text, page_with
 from validation.rigid_body.grid import Grid, published_grid
@@ -52,19 +52,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _run(chosen: argparse.Namespace) -> int:
     grid = published_grid()
     page = page_text(chosen.page, PART) if chosen.page else ""
-    table = read_study_table(chosen.source) if chosen.source else _flown(chosen, grid)
+    table = read_study_table(chosen.source) if chosen.source else _simulated(chosen, grid)
     if chosen.out:
         table.write(chosen.out)
     tables = study_tables(table, grid)
     if chosen.page:
-        write_whole(chosen.page, page_with(page, {PART: tables}))
+        write_atomically(chosen.page, page_with(page, {PART: tables}))
     sys.stdout.write(tables + "\n")
     return 0 if all(item.met for item in requirements(table.rows, grid)) else NOT_MET
 
 
-def _flown(chosen: argparse.Namespace, grid: Grid) -> StudyTable:
+def _simulated(chosen: argparse.Namespace, grid: Grid) -> StudyTable:
     tasks = tasks_of(grid, chosen.share, chosen.scenarios)
-    planned = sum(one.count * len(one.vehicles) for one in grid.scenarios)
+    planned = sum(scenario.count * len(scenario.vehicles) for scenario in grid.scenarios)
     folder = StudyFolder(chosen.folder, tasks, grid.name, grid.text, "validation.rigid_body", planned)
     if not chosen.tables:
         folder.run(rows_of, chosen.workers)

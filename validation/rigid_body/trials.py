@@ -47,8 +47,8 @@ class Task:
     @property
     def file_name(self) -> str:
         """Name of the file that its rows are kept in, without its ending."""
-        place = [one.name for one in published_grid().scenarios].index(self.scenario)
-        return f"scenario-{place + 1:02d}-{self.vehicle}-{self.first:03d}-{self.last:03d}"
+        index = [scenario.name for scenario in published_grid().scenarios].index(self.scenario)
+        return f"scenario-{index + 1:02d}-{self.vehicle}-{self.first:03d}-{self.last:03d}"
 
     @property
     def facts(self) -> Mapping[str, str]:
@@ -63,7 +63,7 @@ class Task:
 
 def tasks_of(grid: Grid, share: float = 1.0, word: str = "") -> list[Task]:
     """Tasks of the first flights of scenarios whose name holds a word, an equal share of each first."""
-    found = []
+    results = []
     for scenario in grid.scenarios:
         if word not in scenario.name:
             continue
@@ -71,8 +71,8 @@ def tasks_of(grid: Grid, share: float = 1.0, word: str = "") -> list[Task]:
         for vehicle in scenario.vehicles:
             for first in range(0, count, FLIGHTS_TOGETHER):
                 task = Task(scenario.name, vehicle, first, min(first + FLIGHTS_TOGETHER, count))
-                found.append((first / count, task))
-    return [task for _, task in sorted(found, key=lambda each: each[0])]
+                results.append((first / count, task))
+    return [task for _, task in sorted(results, key=lambda each: each[0])]
 
 
 def rows_of(task: Task) -> tuple[Row, ...]:
@@ -98,9 +98,9 @@ def rows_of_flight(
     motion = RigidBody(known_vehicle(vehicle, scenario))
     methods = scenario.methods if number < scenario.others else scenario.methods[:1]
     for method in methods:
-        told = _told(log, motion, method) if flight.flew else dict.fromkeys(truth, (*_NOTHING, LOST))
+        reported = _report(log, motion, method) if flight.flew else dict.fromkeys(truth, (*_NOTHING, LOST))
         for name, true in truth.items():
-            value, low, high, verdict = told.get(name, (*_NOTHING, FAILED))
+            value, low, high, verdict = reported.get(name, (*_NOTHING, FAILED))
             yield {
                 "scenario": scenario.name,
                 "vehicle": str(vehicle),
@@ -118,10 +118,13 @@ def rows_of_flight(
 _NOTHING = (np.nan, np.nan, np.nan)
 
 
-def _told(log: Recording, motion: RigidBody, method: str) -> dict[str, tuple[float, float, float, str]]:
+def _report(log: Recording, motion: RigidBody, method: str) -> dict[str, tuple[float, float, float, str]]:
     """Value, interval and verdict of every quantity; nothing of a flight that is not taken."""
     try:
         result = identify_flight(log, model=motion, method=method)
     except EivorError:
         return {}
-    return {name: (one.value, *one.interval, one.verdict.value) for name, one in result.quantities.items()}
+    return {
+        name: (quantity.value, *quantity.interval, quantity.verdict.value)
+        for name, quantity in result.quantities.items()
+    }

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 import eivor as ev
-from eivor.atomic_file import write_whole
+from eivor.atomic_file import write_atomically
 from eivor.errors import EivorError
 from eivor.estimation.method import Method
 from eivor.inference.verdict import Status
@@ -122,7 +122,7 @@ def _case(name: str, table: TomlTable) -> Case:
 def tried(case: Case, runs: int, seed: int) -> Iterator[Told]:
     """Every method of a case on its records."""
     scene, columns = case.scene(), ev.lags("input", 0, 10)
-    found: dict[tuple[str, str], list[tuple[float, bool]]] = {}
+    results: dict[tuple[str, str], list[tuple[float, bool]]] = {}
     refused = dict.fromkeys(case.methods, 0)
     for number in range(runs):
         signals = ev.simulate(scene, np.random.default_rng([seed, number])).signals
@@ -140,60 +140,62 @@ def tried(case: Case, runs: int, seed: int) -> Iterator[Told]:
                     error = (estimate.parameters[name] - truth[name]) / (
                         1.0 if "order" in name else truth[name]
                     )
-                    found.setdefault((method, name), []).append((error, low <= truth[name] <= high))
-            for noise in (one for one in estimate.noises if one.of == "input"):
+                    results.setdefault((method, name), []).append((error, low <= truth[name] <= high))
+            for noise in (item for item in estimate.noises if item.of == "input"):
                 std = signals.noise["input"].std
                 near = abs(noise.strength - std) <= 1.96 * noise.strength_error
-                found.setdefault((method, "noise_std_input"), []).append((noise.strength / std - 1.0, near))
-    for (method, name), pairs in found.items():
+                results.setdefault((method, "noise_std_input"), []).append((noise.strength / std - 1.0, near))
+    for (method, name), pairs in results.items():
         errors, held = zip(*pairs, strict=True)
         yield Told(case.name, method, name, np.array(errors), np.array(held), refused[method])
 
 
-def requirements(told: Iterable[Told]) -> list[Requirement]:
+def requirements(tolds: Iterable[Told]) -> list[Requirement]:
     """Coverage of what the input allows to tell."""
-    judged = [one for one in told if one.refused < 0.5 * one.held.size]
-    found = []
+    judged = [item for item in tolds if item.refused < 0.5 * item.held.size]
+    results = []
     for words, noises, (low, high) in (
         ("intervals of K and K_u hold", False, OF_PARAMETERS),
         ("intervals of noises hold", True, OF_NOISES),
     ):
-        shares = [float(one.held.mean()) for one in judged if one.parameter.startswith("noise") is noises]
+        shares = [float(item.held.mean()) for item in judged if item.parameter.startswith("noise") is noises]
         if shares:
             measured = f"{min(shares):.3f} to {max(shares):.3f}"
             met = low <= min(shares) and max(shares) <= high
-            found.append(Requirement(words, f"{low:.2f} to {high:.2f}", measured, met))
-    white = [one for one in told if one.case == "white"]
+            results.append(Requirement(words, f"{low:.2f} to {high:.2f}", measured, met))
+    white = [item for item in tolds if item.case == "white"]
     if white:
-        share = min(one.refused / one.held.size for one in white)
-        found.append(Requirement("a white input is refused", "at least 0.95", f"{share:.3f}", share >= 0.95))
-    return found
+        share = min(item.refused / item.held.size for item in white)
+        results.append(
+            Requirement("a white input is refused", "at least 0.95", f"{share:.3f}", share >= 0.95)
+        )
+    return results
 
 
-def tables(told: Sequence[Told], runs: int, seed: int) -> str:
+def tables(tolds: Sequence[Told], runs: int, seed: int) -> str:
     """The page's part."""
     lines = [
         (
-            one.case,
-            one.method,
-            one.parameter,
+            item.case,
+            item.method,
+            item.parameter,
             *(
-                f"{100.0 * value:.2g} %" if "order" not in one.parameter else f"{value:.2g}"
-                for value in (one.errors.mean(), one.errors.std())
+                f"{100.0 * value:.2g} %" if "order" not in item.parameter else f"{value:.2g}"
+                for value in (item.errors.mean(), item.errors.std())
             ),
-            f"{one.held.mean():.3f}",
-            f"{one.refused / one.held.size:.2f}",
+            f"{item.held.mean():.3f}",
+            f"{item.refused / item.held.size:.2f}",
         )
-        for one in told
+        for item in tolds
     ]
-    asked = [
-        (item.what, item.asked, item.measured, "yes" if item.met else "no") for item in requirements(told)
+    requested = [
+        (item.what, item.asked, item.measured, "yes" if item.met else "no") for item in requirements(tolds)
     ]
     return "\n\n".join(
         (
             f"Made by `python -m validation.unknown_noise.study` with {versions()}: {runs} records of each "
             f"case, seed {seed}.",
-            markdown(("what", "asked", "measured", "met"), asked),
+            markdown(("what", "asked", "measured", "met"), requested),
             markdown(("case", "method", "of", "bias", "scatter", "coverage", "refused"), lines),
         )
     )
@@ -215,15 +217,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
         runs = suite.runs if chosen.runs is None else chosen.runs
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            told = [one for case in suite.cases for one in tried(case, runs, suite.seed)]
-        text = tables(told, runs, suite.seed)
+            selected = [item for case in suite.cases for item in tried(case, runs, suite.seed)]
+        text = tables(selected, runs, suite.seed)
         if chosen.page:
-            write_whole(chosen.page, page_with(page, {suite.part: text}))
+            write_atomically(chosen.page, page_with(page, {suite.part: text}))
     except EivorError as error:
         sys.stderr.write(f"{error}\n")
         return WRONG
     sys.stdout.write(text + "\n")
-    return 0 if all(item.met for item in requirements(told)) else NOT_MET
+    return 0 if all(item.met for item in requirements(selected)) else NOT_MET
 
 
 if __name__ == "__main__":

@@ -75,7 +75,7 @@ def from_python(folder: Path) -> None:
     expect("Parquet says the same", holds=again.parameters == fit.parameters)
 
     columns = simulate.drive(SEED)
-    simulate.write({name: columns[own] for own, name in OWN_WORDS.items()}, folder / "words.csv")
+    simulate.write({name: columns[item] for item, name in OWN_WORDS.items()}, folder / "words.csv")
     (folder / "words.toml").write_text(MAP, encoding="utf-8")
     mapped = ev.read_log(folder / "words.csv", channel_map=folder / "words.toml")
     without = ev.identify_flight(mapped, model="rover")
@@ -106,9 +106,9 @@ def from_the_command_line(folder: Path) -> None:
     done = identify(folder / "drive.csv", "--json", folder / "fit.json", "--figure", folder / "fit.png")
     print(done.stdout, done.stderr)
     expect("the exit code is 0", holds=done.returncode == 0)
-    said = " ".join(done.stdout.split())
+    text = " ".join(done.stdout.split())
     for words in ("IDENTIFIED: the drive tells gain and dry friction", "v' = a u − c v − d sign(v) + b"):
-        expect(f"the table says '{words}'", holds=words in said)
+        expect(f"the table says '{words}'", holds=words in text)
     document = json.loads((folder / "fit.json").read_text(encoding="utf-8"))
     expect("the model has its name", holds=document["model"]["name"] == "rover")
     expect("the verdict is identified", holds=document["verdict"] == "identified")

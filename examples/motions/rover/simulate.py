@@ -55,7 +55,7 @@ def drive(seed: int, constant_speed: float | None = None) -> dict[str, np.ndarra
     """
     rng = np.random.default_rng(seed)
     count = int(SECONDS / STEP_S)
-    asked = asked_speed(rng, count) if constant_speed is None else np.full(count, constant_speed)
+    requested = asked_speed(rng, count) if constant_speed is None else np.full(count, constant_speed)
     decay = math.exp(-STEP_S / SLOPE_S)
     kicks = SLOPE * math.sqrt(1.0 - decay**2) * rng.standard_normal(count)
     noise = SPEED_NOISE * rng.standard_normal(count), ACCELERATION_NOISE * rng.standard_normal(count)
@@ -67,8 +67,8 @@ def drive(seed: int, constant_speed: float | None = None) -> dict[str, np.ndarra
     for k in range(count):
         measured = speed + noise[0][k]
         if k % LOGGED_EVERY == 0:
-            error = asked[k] - measured
-            command = 1.5 * error + (c * asked[k] + d * math.copysign(1.0, asked[k])) / a
+            error = requested[k] - measured
+            command = 1.5 * error + (c * requested[k] + d * math.copysign(1.0, requested[k])) / a
             command = min(max(command, -1.0), 1.0)
         commands[k + late] = command
         push = a * state - c * speed + slope
@@ -80,7 +80,7 @@ def drive(seed: int, constant_speed: float | None = None) -> dict[str, np.ndarra
         speed += STEP_S * acceleration
         state += (commands[k] - state) * -math.expm1(-STEP_S / TRUTH["actuator_lag"])
         slope = decay * slope + kicks[k]
-    logged = {"time": STEP_S * np.arange(count), **logged, "reference_forward_speed": asked}
+    logged = {"time": STEP_S * np.arange(count), **logged, "reference_forward_speed": requested}
     return {name: values[::LOGGED_EVERY] for name, values in logged.items()}
 
 

@@ -33,21 +33,21 @@ from eivor.cli.parsing import (
     log_argument,
     named,
     named_motion,
-    told_apart,
+    with_distinct_names,
 )
 from eivor.errors import UsageError
 from eivor.flights.motion import Motion
 from eivor.flights.options import FlightOptions
 from eivor.flights.result import FlightEstimate
 from eivor.flights.track import Track
-from eivor.flights.track import track as followed
+from eivor.flights.track import track as tracked_parameter
 from eivor.inference.verdict import Status
 from eivor.logs import read_log
 from eivor.logs.read import example_flight
 from eivor.motions import DEFAULT as DEFAULT_MODEL
 from eivor.report.document import Document, Fact, Facts, Section
 from eivor.report.figures import flight_figure, save_figure
-from eivor.report.flight import flight_document, told_flight
+from eivor.report.flight import flight_document, flight_report
 from eivor.report.flight_page import flight_page
 from eivor.report.json_document import json_document, json_text
 from eivor.report.other_results import track_document, track_figure, track_json
@@ -83,15 +83,15 @@ class ChosenLogs:
             )
 
     def read(self, options: FlightOptions) -> tuple[list[Recording], list[Window | None]]:
-        """Recordings, and the window of each that has one of its own; those of one file name told apart."""
+        """Recordings, and the window of each that has one of its own; those."""
         if self.example:
             recordings = [example_flight()]
         else:
             read = {path: self._recording(path) for path in dict.fromkeys(log.path for log in self.logs)}
-            recordings = told_apart(self.logs, [read[log.path] for log in self.logs])
-        own = [log.window for log in self.logs] or [None]
-        check_windows(recordings, [window or options.window for window in own])
-        return recordings, own
+            recordings = with_distinct_names(self.logs, [read[log.path] for log in self.logs])
+        current = [log.window for log in self.logs] or [None]
+        check_windows(recordings, [window or options.window for window in current])
+        return recordings, current
 
     def _recording(self, path: Path) -> Recording:
         with step(f"Reading {path.name}"), named(str(path), several=len(self.logs) > 1):
@@ -225,15 +225,15 @@ def _print_result(result: FlightEstimate, *, card: bool) -> None:
     show(on_terminal(flight_document(result, card=card)))
 
 
-def _write_result_json(result: FlightEstimate, place: str) -> None:
-    write_out(json_text(json_document(result)), place)
+def _write_result_json(result: FlightEstimate, position: str) -> None:
+    write_out(json_text(json_document(result)), position)
 
 
-def write_page(result: FlightEstimate, place: str) -> None:
+def write_page(result: FlightEstimate, position: str) -> None:
     """Write the page of a result to a file, or to standard output where the place is "-"."""
-    with step(f"Writing {Path(place).name}"):
+    with step(f"Writing {Path(position).name}"):
         page = flight_page(result)
-    write_out(page, place)
+    write_out(page, position)
 
 
 def _draw_result(result: FlightEstimate, path: Path) -> None:
@@ -276,10 +276,10 @@ def report(*, out: str = "", **asked: Any) -> ExitCode:
     result = result_of(chosen, motion, flight_options(motion, terms=terms, noise=noise, **asked))
     write_page(result, out)
     if out != STANDARD_OUTPUT:
-        told = told_flight(result)
+        flight = flight_report(result)
         size = f"{Path(out).stat().st_size / 1e6:.2f} MB"
         where = Section("", (Facts((Fact("page", f"{out} ({size})"),)),))
-        show(on_terminal(Document(", ".join(told.logs), told.verdict.status, told.meaning, (where,))))
+        show(on_terminal(Document(", ".join(flight.logs), flight.verdict.status, flight.meaning, (where,))))
     return exit_code(result)
 
 
@@ -287,8 +287,8 @@ def _signature() -> inspect.Signature:
     """Arguments and options of `identify`, with the page's in place of what that command writes."""
     known = get_type_hints(identify, include_extras=True)
     kept = [
-        one.replace(annotation=known[name])
-        for name, one in inspect.signature(identify).parameters.items()
+        parameter.replace(annotation=known[name])
+        for name, parameter in inspect.signature(identify).parameters.items()
         if name not in NOT_HERE
     ]
     page = inspect.Parameter("out", inspect.Parameter.KEYWORD_ONLY, default="", annotation=OutOption)
@@ -301,7 +301,8 @@ vars(report)["__signature__"] = _signature()
 # -- Track --
 
 TRACK_EXIT_CODES = (
-    "[bold]Exit codes[/bold]: 0 the gain is told somewhere in the flight, changes or not; 3 it is told "
+    "[bold]Exit codes[/bold]: 0 the gain is identified somewhere in the flight, changes or not; 3 it "
+    "is identified "
     "nowhere; 2 wrong usage; 1 a log that cannot be read, or a file that cannot be written (what was found "
     "is printed all the same).\n\n"
     "[bold]JSON[/bold] (schema eivor.track/1): the gain with its interval at each moment, changes, and what "
@@ -326,7 +327,7 @@ def track(
         float | None,
         typer.Option(
             metavar="S",
-            help="Time over which samples are forgotten, in seconds; a step is told after half of it "
+            help="Time over which samples are forgotten, in seconds; a step is identified after half of it "
             "(default: 5, or the length of a shorter flight).",
         ),
     ] = None,
@@ -340,7 +341,7 @@ def track(
             "--accelerometer-bias",
             metavar="STD",
             help="Standard deviation of what the equation's intercept may be, in m/s^2 (default: 0.1). It "
-            "lets hover tell the gain; inf when nothing is known, so that only movement does.",
+            "lets hover determine the gain; inf when nothing is known, so that only movement does.",
         ),
     ] = None,
     instruments: outputs.InstrumentsOption = "",
@@ -377,31 +378,31 @@ def track(
     result = result_of(chosen, motion, options)
 
     with step("Following it over the flight"):
-        found = followed(result, memory)
-    deliver(*_track_deliveries(found, json, picture))
-    return ExitCode.IDENTIFIED if found.told else ExitCode.NOT_IDENTIFIED
+        results = tracked_parameter(result, memory)
+    deliver(*_track_deliveries(results, json, picture))
+    return ExitCode.IDENTIFIED if results.precise_moments else ExitCode.NOT_IDENTIFIED
 
 
-def _track_deliveries(found: Track, json: str, figure: Path | None) -> Iterator[Callable[[], None]]:
+def _track_deliveries(result: Track, json: str, figure: Path | None) -> Iterator[Callable[[], None]]:
     if json != STANDARD_OUTPUT:
-        yield partial(_print_track, found)
+        yield partial(_print_track, result)
     if json:
-        yield partial(_write_track_json, found, json)
+        yield partial(_write_track_json, result, json)
     if figure is not None:
-        yield partial(_draw_track, found, figure)
+        yield partial(_draw_track, result, figure)
 
 
-def _print_track(found: Track) -> None:
-    show(on_terminal(track_document(found)))
+def _print_track(result: Track) -> None:
+    show(on_terminal(track_document(result)))
 
 
-def _write_track_json(found: Track, place: str) -> None:
-    write_out(json_text(track_json(found)), place)
+def _write_track_json(result: Track, position: str) -> None:
+    write_out(json_text(track_json(result)), position)
 
 
-def _draw_track(found: Track, path: Path) -> None:
+def _draw_track(result: Track, path: Path) -> None:
     with step(f"Drawing {path.name}"), writing(path):
-        save_figure(track_figure(found), path)
+        save_figure(track_figure(result), path)
 
 
 # -- Validate --
@@ -448,26 +449,26 @@ def validate(
     outputs = Outputs(json, figure_file(figure) if figure else None)
     options = FlightOptions(window=parsing.parse_window(window) if window else None)
     result = load_fit(fit)
-    (recording,), (own,) = chosen.read(options)
+    (recording,), (current,) = chosen.read(options)
     with step(f"Predicting {recording.name}"):
-        found = validated(result, recording, window=own or options.window, max_tilt_deg=max_tilt)
-    deliver(*_validation_deliveries(found, outputs))
-    return ExitCode.IDENTIFIED if found.predicts else ExitCode.NOT_IDENTIFIED
+        results = validated(result, recording, window=current or options.window, max_tilt_deg=max_tilt)
+    deliver(*_validation_deliveries(results, outputs))
+    return ExitCode.IDENTIFIED if results.predicts else ExitCode.NOT_IDENTIFIED
 
 
-def _validation_deliveries(found: Validation, outputs: Outputs) -> Iterator[Callable[[], None]]:
+def _validation_deliveries(validation: Validation, outputs: Outputs) -> Iterator[Callable[[], None]]:
     if outputs.json != STANDARD_OUTPUT:
-        yield partial(_print_validation, found)
+        yield partial(_print_validation, validation)
     if outputs.json:
-        yield lambda: write_out(found.to_json(), outputs.json)
+        yield lambda: write_out(validation.to_json(), outputs.json)
     if outputs.figure is not None:
-        yield partial(_draw_validation, found, outputs.figure)
+        yield partial(_draw_validation, validation, outputs.figure)
 
 
-def _print_validation(found: Validation) -> None:
-    show(on_terminal(validation_document(found)))
+def _print_validation(validation: Validation) -> None:
+    show(on_terminal(validation_document(validation)))
 
 
-def _draw_validation(found: Validation, path: Path) -> None:
+def _draw_validation(validation: Validation, path: Path) -> None:
     with step(f"Drawing {path.name}"), writing(path):
-        save_figure(found.plot(), path)
+        save_figure(validation.plot(), path)

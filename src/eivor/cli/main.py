@@ -38,17 +38,17 @@ class InterruptibleGroup(ReadableGroup):
 
     def make_context(self, *args: Any, **kwargs: Any) -> Any:
         """Read the arguments of the group."""
-        with _interrupts_told():
+        with _report_interrupts():
             return super().make_context(*args, **kwargs)
 
     def invoke(self, ctx: Any) -> Any:
         """Read the arguments of a command, and run it."""
-        with _interrupts_told():
+        with _report_interrupts():
             return super().invoke(ctx)
 
 
 @contextmanager
-def _interrupts_told() -> Iterator[None]:
+def _report_interrupts() -> Iterator[None]:
     try:
         yield
     except KeyboardInterrupt:
@@ -97,7 +97,7 @@ class _Commands(InterruptibleGroup):
     """All commands, with the options that repeat."""
 
     def invoke(self, ctx: Any) -> Any:
-        """Run the command that is asked for."""
+        """Run the command that is requested."""
         refuse_empty_options(ctx)
         try:
             read_repeated_options(ctx, ctx.params["config"], _names())
@@ -217,7 +217,7 @@ def run() -> None:
     try:
         with printing() if sys.stdout else nullcontext():
             try:
-                _asked_for(sys.argv[1:])(prog_name="eivor")
+                _requested_command(sys.argv[1:])(prog_name="eivor")
             finally:  # what others print, such as help, waits until here for its room
                 if sys.stdout:
                     sys.stdout.flush()
@@ -228,7 +228,7 @@ def run() -> None:
         raise SystemExit(ExitCode.FAILED) from None
 
 
-def _asked_for(arguments: list[str]) -> typer.Typer:
+def _requested_command(arguments: list[str]) -> typer.Typer:
     """Return the command line of the command that is named first; help alone loads none."""
     if any(name.startswith("_EIVOR") for name in os.environ):  # a shell completes words
         return application()

@@ -25,7 +25,7 @@ import typer
 from typer import Exit
 from typer.core import TyperArgument, TyperCommand, TyperGroup, TyperOption
 
-from eivor.atomic_file import try_place, write_whole
+from eivor.atomic_file import check_writable, write_atomically
 from eivor.errors import EivorError, InputError, UsageError, did_you_mean
 from eivor.report.document import printable
 from eivor.strict_toml import TomlTable, read_toml
@@ -145,7 +145,7 @@ RotorRadiusOption = Annotated[
     typer.Option(
         "--rotor-radius",
         metavar="M",
-        help="Radius of a rotor in metres, such as 0.12: heights over the ground are told in radii.",
+        help="Radius of a rotor in metres, such as 0.12: heights over the ground are reported in radii.",
         show_default=False,
     ),
 ]
@@ -355,7 +355,7 @@ DEBUG_VARIABLE = "EIVOR_DEBUG"
 
 
 class ExitCode(IntEnum):
-    """What a command tells the shell."""
+    """Exit code of a command."""
 
     IDENTIFIED = 0
     FAILED = 1
@@ -439,7 +439,7 @@ def output_file(text: str, *, option: str) -> Path:
     try:
         folder_there = path.parent.is_dir()
         if folder_there:
-            try_place(path)
+            check_writable(path)
             return path
         problem = f"whose folder '{path.parent}' does not exist"
     except PermissionError:
@@ -478,11 +478,11 @@ class _Output:
 
     def writes(self, other: Path) -> bool:
         """Whether the command writes a path through this option, as the file or as one of the folder."""
-        own, path = _spelling(self.path), _spelling(other)
-        if any(fnmatchcase(path, f"{escape(own)}/{one}") for one in self.inside):
+        spelling, path = _spelling(self.path), _spelling(other)
+        if any(fnmatchcase(path, f"{escape(spelling)}/{item}") for item in self.inside):
             return True
         keys = _key(self.path), _key(other)
-        return keys[0] == keys[1] if None not in keys else own == path and not _is_device(other)
+        return keys[0] == keys[1] if None not in keys else spelling == path and not _is_device(other)
 
 
 #: Existing files that the command may replace, with the option that names each.
@@ -492,17 +492,17 @@ _replaced_files: ContextVar[Mapping[tuple[int, int], tuple[_Output, Path]]] = Co
 def guard_outputs(context: Any) -> None:
     """Refuse a command whose outputs would replace a file that it reads, or each other."""
     outputs = [
-        _Output(name, Path(text), place.inside)
-        for name, place, text in declared(context)
-        if isinstance(place, Writes)
+        _Output(name, Path(text), item.inside)
+        for name, item, text in declared(context)
+        if isinstance(item, Writes)
     ]
     existing = ((_key(path), (output, path)) for output in outputs for path in output.replaced())
-    _replaced_files.set({key: found for key, found in existing if key is not None})
+    _replaced_files.set({key: item for key, item in existing if key is not None})
     above = context
     while above is not None:
-        for name, place, text in declared(above):
-            if isinstance(place, Reads):
-                keep_inputs(name, place.paths(text))
+        for name, entry, text in declared(above):
+            if isinstance(entry, Reads):
+                keep_inputs(name, entry.paths(text))
         above = above.parent
     for first, second in combinations(outputs, 2):
         if first.writes(second.path) or second.writes(first.path):
@@ -532,25 +532,25 @@ def keep_inputs(name: str, paths: Iterable[Path]) -> None:
 
 def declared(context: Any) -> Iterator[tuple[str, Reads | Writes, str]]:
     """Name, declaration and text of every parameter of a command that names files."""
-    places = declarations(context.command)
+    positions = declarations(context.command)
     for parameter in context.command.params:
-        place = places.get(parameter.name)
+        position = positions.get(parameter.name)
         given = context.params.get(parameter.name)
-        if isinstance(place, Writes | Reads) and not given and place.default is not None:
-            given = place.default(context.params)
+        if isinstance(position, Writes | Reads) and not given and position.default is not None:
+            given = position.default(context.params)
         for text in given if isinstance(given, list | tuple) else (given,):
-            if place is not None and text:
-                yield _parameter_name(parameter), place, str(text)
+            if position is not None and text:
+                yield _parameter_name(parameter), position, str(text)
 
 
 def declarations(command: Any) -> dict[str, Reads | Writes]:
     """What the parameters of a command declare, by their names in the function."""
     known = inspect.signature(command.callback, eval_str=True).parameters if command.callback else {}
     return {
-        name: place
+        name: item
         for name, parameter in known.items()
-        for place in getattr(parameter.annotation, "__metadata__", ())
-        if isinstance(place, Reads | Writes)
+        for item in getattr(parameter.annotation, "__metadata__", ())
+        if isinstance(item, Reads | Writes)
     }
 
 
@@ -591,13 +591,13 @@ def writing(path: Path) -> Iterator[None]:
         ) from error
 
 
-def write_out(text: str, place: str) -> None:
+def write_out(text: str, position: str) -> None:
     """Write text to a file, whole, or to standard output where the place is "-"."""
-    if place == STANDARD_OUTPUT:
+    if position == STANDARD_OUTPUT:
         write(text)
         return
-    with writing(Path(place)):
-        write_whole(Path(place), text)
+    with writing(Path(position)):
+        write_atomically(Path(position), text)
 
 
 def deliver(*parts: Callable[[], None]) -> None:
@@ -632,7 +632,7 @@ def read_repeated_options(context: Any, file: str, commands: Iterable[str]) -> N
     context.meta[_READ] = path.name
 
 
-def tell_repeated_options(context: Any) -> None:
+def report_repeated_options(context: Any) -> None:
     """Say on standard error which options of a command come from the file."""
     used = [
         f"{_option_name(parameter)} {_words(context.params.get(parameter.name))}".rstrip()
@@ -645,7 +645,7 @@ def tell_repeated_options(context: Any) -> None:
 
 def _of_group(group: Any, table: TomlTable, known: Iterable[str] = ()) -> dict[str, Any]:
     names = sorted({*group.commands, *known})
-    found = {}
+    results = {}
     for name in table.values:
         if name not in names:
             raise table.wrong(
@@ -656,22 +656,22 @@ def _of_group(group: Any, table: TomlTable, known: Iterable[str] = ()) -> dict[s
             )
         part, command = table.section(name), group.commands.get(name)
         if command is not None:
-            found[name] = (_of_group if hasattr(command, "commands") else _of_command)(command, part)
-    return found
+            results[name] = (_of_group if hasattr(command, "commands") else _of_command)(command, part)
+    return results
 
 
 def _of_command(command: Any, table: TomlTable) -> dict[str, Any]:
-    options = {_option_name(one): one for one in command.params if one.param_type_name == "option"}
-    found = {}
+    options = {_option_name(param): param for param in command.params if param.param_type_name == "option"}
+    results = {}
     for name in table.values:
         if name not in options:
             remedy = did_you_mean(name, options, "Remove it.")
             raise table.wrong("", f"options of eivor {table.path.replace('.', ' ')}", f"'{name}'", remedy)
         option = options[name]
-        found[option.name] = (
+        results[option.name] = (
             table.flag(name, default=False) if option.is_flag else _value(option, name, table)
         )
-    return found
+    return results
 
 
 def _value(option: Any, name: str, table: TomlTable) -> Any:
@@ -716,7 +716,7 @@ class ReadableCommand(TyperCommand):
 
     def invoke(self, ctx: Any) -> Any:
         """Run the command, after checks of its options and of the files that it writes."""
-        tell_repeated_options(ctx)
+        report_repeated_options(ctx)
         refuse_empty_options(ctx)
         try:
             guard_outputs(ctx)

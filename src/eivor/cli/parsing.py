@@ -27,13 +27,13 @@ from eivor.models.separable import Bounds, Prior
 from eivor.motions import motion_by_name
 from eivor.motions.identify import identify_flight
 from eivor.motions.rigid_body.vehicle import KnownNumber, load_vehicle
-from eivor.planning.plan import Place
+from eivor.planning.plan import Location
 from eivor.planning.vehicle import FlightLimits
 from eivor.report.saved_fit import load_fit
 from eivor.report.wording import logging_advice_for, missing_channels
 from eivor.signals.channels import canonical_channel
 from eivor.signals.recording import DataSheet, Recording, interval_within
-from eivor.tools import Progress, silent
+from eivor.tools import Progress, no_stage_callback
 
 # -- Windows, lags and names --
 
@@ -50,8 +50,8 @@ class LogArgument:
 
 def log_argument(text: str) -> LogArgument:
     """Log of ``LOG`` or ``LOG@START:END``; a file that exists under the whole name wins."""
-    name, at, tail = text.rpartition("@")
-    if not at or not name or ":" not in tail or os.path.lexists(text):
+    name, index, tail = text.rpartition("@")
+    if not index or not name or ":" not in tail or os.path.lexists(text):
         return LogArgument(Path(text))
     return LogArgument(Path(name), parse_window(tail))
 
@@ -103,14 +103,14 @@ def parse_lag(text: str) -> Prior | Bounds:
 
 def parse_names(text: str) -> tuple[str, ...]:
     """Names of a list with commas."""
-    found = tuple(name.strip() for name in text.split(",") if name.strip())
-    if not found or (len(found) > 1 and {"references", "lags"} & set(found)):
+    result = tuple(name.strip() for name in text.split(",") if name.strip())
+    if not result or (len(result) > 1 and {"references", "lags"} & set(result)):
         raise UsageError(
             "instruments: references, lags, or names of channels with commas between them",
             f"'{text}'",
             "Give references or lags alone. `eivor inspect LOG` lists the channels.",
         )
-    return found
+    return result
 
 
 @contextmanager
@@ -127,7 +127,7 @@ def named(name: str, *, several: bool) -> Iterator[None]:
 # -- Flights --
 
 
-def told_apart(given: Sequence[LogArgument], recordings: list[Recording]) -> list[Recording]:
+def with_distinct_names(given: Sequence[LogArgument], recordings: list[Recording]) -> list[Recording]:
     """Recordings of one file name renamed: to their paths, and to path and window for parts of one log."""
     paths: dict[str, set[Path]] = {}
     parts: Counter[Path] = Counter()
@@ -168,7 +168,7 @@ def identified(
     motion: Motion[Any],
     options: FlightOptions,
     windows: list[Window | None],
-    progress: Progress = silent,
+    progress: Progress = no_stage_callback,
 ) -> FlightEstimate:
     """Result of the logs."""
     check_named_instruments(recordings, options.instruments)
@@ -210,13 +210,13 @@ def declared_noise(texts: Iterable[str]) -> Mapping[str, Declared] | str | None:
         if len(given) > 1:
             raise UsageError("--noise estimate alone", f"{len(given)} of --noise", "Leave out the others.")
         return ESTIMATE
-    found: dict[str, Declared] = {}
+    declareds: dict[str, Declared] = {}
     for text in given:
         for name, values in _by_name(text).items():
-            if name in found:
+            if name in declareds:
                 raise UsageError("the noise of a channel once", f"{name} twice", "Leave out one of them.")
-            found[name] = _declared(name, values)
-    return found
+            declareds[name] = _declared(name, values)
+    return declareds
 
 
 def _by_name(text: str) -> dict[str, list[str]]:
@@ -244,7 +244,7 @@ def _declared(name: str, values: list[str]) -> Declared:
 
 
 def _sheet(name: str, values: list[str]) -> DataSheet:
-    told: dict[str, float] = {}
+    nuisances: dict[str, float] = {}
     for value in values:
         word, colon, number = value.partition(":")
         word = word.strip()
@@ -252,16 +252,16 @@ def _sheet(name: str, values: list[str]) -> DataSheet:
             remedy = did_you_mean(word, _SHEET, _REMEDY)
             raise UsageError(f"of the data sheet of {name}: {', '.join(_SHEET)}", f"'{value}'", remedy)
         if word == "bandwidth":
-            told["bandwidth_hz"] = _number(name, number.strip().removesuffix("Hz"), "bandwidth in Hz")[0]
+            nuisances["bandwidth_hz"] = _number(name, number.strip().removesuffix("Hz"), "bandwidth in Hz")[0]
         else:
-            told[word] = _size(name, number, word)
-    if not (told.get("density") or told.get("step")):
+            nuisances[word] = _size(name, number, word)
+    if not (nuisances.get("density") or nuisances.get("step")):
         raise UsageError(
             f"a noise density or a quantisation step above zero of the data sheet of {name}",
             f"'{','.join(values)}'",
             _REMEDY,
         )
-    return DataSheet(**told)
+    return DataSheet(**nuisances)
 
 
 def _number(name: str, text: str, what: str) -> tuple[float, str]:
@@ -283,9 +283,10 @@ def _size(name: str, text: str, what: str) -> float:
     channel = canonical_channel(name)
     si_unit, to_si = UNITS.get(unit, ("", math.nan))
     if math.isnan(to_si) or (channel is not None and not unit_fits(channel, si_unit)):
-        own = channel.unit if channel is not None else ""
+        current = channel.unit if channel is not None else ""
         raise UsageError(
-            f"a {what} of {name} in {own or 'its unit'}" + (", or a unit of that kind" if own else ""),
+            f"a {what} of {name} in {current or 'its unit'}"
+            + (", or a unit of that kind" if current else ""),
             f"'{text}', in {unit}",
             f"Units are {', '.join(word for word in UNITS if word)}.",
         )
@@ -343,7 +344,7 @@ def flight_options(
         instruments=parse_names(instruments) if instruments else (),
         method=method,
         compare=compare,
-        lag=given_lag(lag, lag_from),
+        lag=lag_prior(lag, lag_from),
         align=align,
         accelerometer_bias=ACCELEROMETER_BIAS if accelerometer_bias is None else accelerometer_bias,
         pool_friction=pool_friction,
@@ -355,7 +356,7 @@ def flight_options(
     return options if max_tilt is None else replace(options, max_tilt_deg=max_tilt)
 
 
-def given_lag(text: str, file: str) -> Prior | Bounds | None:
+def lag_prior(text: str, file: str) -> Prior | Bounds | None:
     """Return what is known of the lag: as typed, or from another flight's JSON; None for nothing."""
     if text and file:
         raise UsageError("--lag or --lag-from", "both", "Leave out one of them.")
@@ -363,15 +364,15 @@ def given_lag(text: str, file: str) -> Prior | Bounds | None:
         return parse_lag(text)
     if not file:
         return None
-    found = load_fit(file).quantities.get(EFFECTIVE_LAG)
-    if found is None or found.verdict is Status.REFUSED or not 0.0 < found.half_width < math.inf:
+    result = load_fit(file).quantities.get(EFFECTIVE_LAG)
+    if result is None or result.verdict is Status.REFUSED or not 0.0 < result.half_width < math.inf:
         raise UsageError(
-            f"a result in '{file}' that tells the effective lag",
-            "one without" if found is None else f"one whose lag is {found.verdict.value}",
-            "Give the lag by --lag MS:STD, or the result of a flight that tells it.",
+            f"a result in '{file}' that identifies the effective lag",
+            "one without" if result is None else f"one whose lag is {result.verdict.value}",
+            "Give the lag by --lag MS:STD, or the result of a flight that identifies it.",
         )
     # half a 95 % interval, the choice of the delay included, is two standard deviations at most
-    return Prior(found.value, max(found.half_width / 2.0, found.std_error))
+    return Prior(result.value, max(result.half_width / 2.0, result.std_error))
 
 
 # -- Options of a plan --
@@ -389,7 +390,7 @@ def check_mission(qgc: str, home: str, shape: str) -> None:
         raise UsageError("--shape steps with --qgc", f"--shape {shape}", "A mission has levels only.")
 
 
-def place_of(text: str) -> Place:
+def position_of(text: str) -> Location:
     """Place of ``LAT,LON`` [deg]."""
     latitude, comma, longitude = text.partition(",")
     try:

@@ -15,7 +15,7 @@ from typing import Annotated
 
 import typer
 
-from eivor.atomic_file import write_whole
+from eivor.atomic_file import write_atomically
 from eivor.cli import outputs
 from eivor.cli.identify import chosen_logs
 from eivor.cli.outputs import (
@@ -34,7 +34,14 @@ from eivor.cli.outputs import (
     write_out,
     writing,
 )
-from eivor.cli.parsing import check_mission, flight_limits, flight_options, named_motion, place_of, supplied
+from eivor.cli.parsing import (
+    check_mission,
+    flight_limits,
+    flight_options,
+    named_motion,
+    position_of,
+    supplied,
+)
 from eivor.errors import CorruptLogError, InputError, NotIdentifiedError, UsageError
 from eivor.exports.fitted import Exported, Supplied
 from eivor.motions import DEFAULT as DEFAULT_MODEL
@@ -120,7 +127,7 @@ def fetched(log: PublicLog, *, folder: Path) -> Path:
     downloader = pooch.HTTPDownloader(timeout=TIMEOUT_S) if log.url.startswith("http") else _copied
     kept = folder / log.file_name
     try:
-        found = pooch.retrieve(
+        result = pooch.retrieve(
             log.url, f"sha256:{log.sha256}", fname=log.file_name, path=folder, downloader=downloader
         )
     except ValueError as error:
@@ -136,7 +143,7 @@ def fetched(log: PublicLog, *, folder: Path) -> Path:
             f"{_cause(error)}{wrong}",
             f"Check the network, or put the file there yourself; {CACHE_VARIABLE} names another folder.",
         ) from error
-    return Path(found)
+    return Path(result)
 
 
 def _copied(url: str, output_file: str, _pooch: object) -> None:
@@ -284,7 +291,7 @@ def export(
         typer.Option(
             "--prior",
             metavar="NAME=VALUE[:STD]",
-            help="What is known of a quantity that the flight does not tell; several times for several.",
+            help="What is known of a quantity that the flight does not identify; several times for several.",
             show_default=False,
         ),
     ] = None,
@@ -329,9 +336,9 @@ def export(
 
 def _export(made: Exported, output: str) -> ExitCode:
     write_out(made.text, output)
-    if made.left_out:
-        complain(*made.left_out)
-    return ExitCode.NOT_IDENTIFIED if made.left_out else ExitCode.IDENTIFIED
+    if made.omitted:
+        complain(*made.omitted)
+    return ExitCode.NOT_IDENTIFIED if made.omitted else ExitCode.IDENTIFIED
 
 
 def _draw_vehicles(
@@ -342,11 +349,11 @@ def _draw_vehicles(
     buffer = io.BytesIO()
     table.write_parquet(buffer)
     with writing(path):
-        write_whole(path, buffer.getvalue())
-    left_out = [name for name in result.names if name not in table.columns]
-    if left_out:
-        complain(f"Not identified, hence no column: {', '.join(left_out)}.")
-    return ExitCode.NOT_IDENTIFIED if left_out else ExitCode.IDENTIFIED
+        write_atomically(path, buffer.getvalue())
+    names_kept = [name for name in result.names if name not in table.columns]
+    if names_kept:
+        complain(f"Not identified, hence no column: {', '.join(names_kept)}.")
+    return ExitCode.NOT_IDENTIFIED if names_kept else ExitCode.IDENTIFIED
 
 
 # -- Inspect --
@@ -381,28 +388,28 @@ def inspect(
 
     names = ", ".join(recording.name for recording in recordings)
     with step(f"Inspecting {names}"):
-        found = pooled_inspection(recordings, options, windows, motion)
-    deliver(*_inspection_deliveries(found if len(recordings) > 1 else found.logs[0], json))
+        inspection = pooled_inspection(recordings, options, windows, motion)
+    deliver(*_inspection_deliveries(inspection if len(recordings) > 1 else inspection.logs[0], json))
     return ExitCode.IDENTIFIED
 
 
-def _inspection_deliveries(found: Inspection | PooledInspection, json: str) -> Iterator[Callable[[], None]]:
+def _inspection_deliveries(result: Inspection | PooledInspection, json: str) -> Iterator[Callable[[], None]]:
     if json != STANDARD_OUTPUT:
-        yield partial(_print_inspection, found)
+        yield partial(_print_inspection, result)
     if json:
-        yield partial(_write_inspection_json, found, json)
+        yield partial(_write_inspection_json, result, json)
 
 
-def _print_inspection(found: Inspection | PooledInspection) -> None:
-    if isinstance(found, PooledInspection):
-        show(on_terminal(*pooled_documents(found)))
+def _print_inspection(result: Inspection | PooledInspection) -> None:
+    if isinstance(result, PooledInspection):
+        show(on_terminal(*pooled_documents(result)))
     else:
-        show(on_terminal(inspection_document(found)))
+        show(on_terminal(inspection_document(result)))
 
 
-def _write_inspection_json(found: Inspection | PooledInspection, place: str) -> None:
-    document = pooled_json(found) if isinstance(found, PooledInspection) else inspection_json(found)
-    write_out(json_text(document), place)
+def _write_inspection_json(result: Inspection | PooledInspection, position: str) -> None:
+    document = pooled_json(result) if isinstance(result, PooledInspection) else inspection_json(result)
+    write_out(json_text(document), position)
 
 
 # -- Plan --
@@ -434,7 +441,7 @@ def plan(
         typer.Option(
             "--for",
             metavar="NAME",
-            help="friction, gain or lag (default: what the result could not tell).",
+            help="friction, gain or lag (default: what the result could not identify).",
             show_default=False,
         ),
     ] = "",
@@ -499,7 +506,7 @@ def plan(
     ] = "",
     json: outputs.JsonOption = "",
 ) -> ExitCode:
-    """Plan the flight that would tell what another one could not, and say how well it will."""
+    """Plan the flight that would identify what another one could not, and say how well it will."""
     rough = {"hover": hover, "friction": friction, "lag": lag, "gusts": gusts}
     files = {"--csv": csv, "--mavsdk": mavsdk, "--qgc": qgc, "--rotorpy": rotorpy}
     check_mission(qgc, home, shape)
@@ -512,12 +519,12 @@ def plan(
         )
     texts = _texts(made, outputs, home)
     deliver(*_plan_deliveries(made, json, texts))
-    if not made.telling:
+    if not made.is_informative:
         complain(
             "the planned flight is not identified in most of its simulations",
             "Give it more time, height or speed, or wait for calmer air.",
         )
-    return ExitCode.IDENTIFIED if made.telling else ExitCode.NOT_IDENTIFIED
+    return ExitCode.IDENTIFIED if made.is_informative else ExitCode.NOT_IDENTIFIED
 
 
 def _vehicle(source: str, rough: dict[str, float | None]) -> VehicleGuess | Path:
@@ -535,10 +542,10 @@ def _vehicle(source: str, rough: dict[str, float | None]) -> VehicleGuess | Path
 
 
 def _texts(made: FlightPlan, outputs: dict[str, Path], home: str) -> dict[Path, str]:
-    """Text of every file that was asked for."""
-    place = place_of(home) if home else None
+    """Text of every file that was requested."""
+    position = position_of(home) if home else None
     written = {name: outputs[f"--{name}"] for name in WRITTEN if f"--{name}" in outputs}
-    return {path: WRITTEN[name].text(made, place) for name, path in written.items()}
+    return {path: WRITTEN[name].text(made, position) for name, path in written.items()}
 
 
 def _plan_deliveries(made: FlightPlan, json: str, texts: dict[Path, str]) -> Iterator[Callable[[], None]]:
@@ -554,8 +561,8 @@ def _print_plan(made: FlightPlan) -> None:
     show(on_terminal(plan_document(made)))
 
 
-def _write_plan_json(made: FlightPlan, place: str) -> None:
-    write_out(json_text(plan_json(made)), place)
+def _write_plan_json(made: FlightPlan, position: str) -> None:
+    write_out(json_text(plan_json(made)), position)
 
 
 # -- Vehicle --

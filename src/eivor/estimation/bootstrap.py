@@ -17,7 +17,7 @@ from eivor.estimation.linear import LinearMethod, check_linear
 from eivor.estimation.methods import by_name
 from eivor.estimation.moments import CrossMoments, Instrumental, Moments, TriangularMoments
 from eivor.estimation.nuisance_grids import Nodes, nodes_of
-from eivor.estimation.variable_projection import least_place
+from eivor.estimation.variable_projection import argmin
 from eivor.estimation.weighting import SpectralWhitening, WeightedRows, whitened_by_residuals
 from eivor.inference.bootstrap import (
     BlockPlan,
@@ -39,7 +39,7 @@ from eivor.tools import Float, Int
 
 def flight_products(weights: WeightedRows, points: Sequence[Values]) -> Products:
     """Products of all columns of weighted rows, flight after flight, a block for each of some values."""
-    tables = [products_by_flight(weights.rows(at)) for at in points]
+    tables = [products_by_flight(weights.rows(point)) for point in points]
     counts, sums = (
         np.stack(parts, axis=1)
         for parts in zip(*((table.counts, table.sums) for table in tables), strict=True)
@@ -67,7 +67,7 @@ SMALLEST_POWER = 1e-8
 class Replicate:
     """The estimate of one draw of flights."""
 
-    at: Values  # Value of every nuisance
+    nuisances: Values  # Value of every nuisance
     theta: Float[np.ndarray, " n"]
     criterion: float
     candidate: int
@@ -104,17 +104,17 @@ class CandidateFlights:
             left = left_over(self.nodes.over(equations, box))
             return left + self.variance * self.nodes.misfit(box, known) if known else left
 
-        place = least_place(objective, self.nodes.places)
-        weights = self.nodes.weights(place)
+        position = argmin(objective, self.nodes.nodes)
+        weights = self.nodes.weights(position)
         both = np.tensordot(weights, equations, 1)
         solution = solver.solve(LinearSystem(both[:, :-1], both[:, -1]))
-        at = {**self.fixed, **self.nodes.at(place)}
+        index = {**self.fixed, **self.nodes.values_at(position)}
         whole = drawn.weighted(weights).with_residual(solution.theta)
         unknowns = solution.theta.size + len(self.nodes.axes)
         variance = float(whole.power[0]) / (whole.count - unknowns)
         criterion = solution.objective / variance
-        criterion += sum(prior.misfit(at[name]) for name, prior in known.items())
-        return Replicate(at, solution.theta, criterion, self.number, weights)
+        criterion += sum(prior.misfit(index[name]) for name, prior in known.items())
+        return Replicate(index, solution.theta, criterion, self.number, weights)
 
     def _of_one(self, known: Mapping[str, Prior]) -> dict[str, Prior]:
         """What is known of each nuisance by itself, where it is of its sum with those that are fixed here."""
@@ -153,8 +153,8 @@ class PoolFlights:
         return self._estimated(times, known), times
 
     def _estimated(self, times: Float[np.ndarray, " F"], known: Mapping[str, Prior]) -> Replicate:
-        found = (one.estimated(times, known, self.solver) for one in self.candidates)
-        return min(found, key=lambda replicate: replicate.criterion)
+        results = (candidate.estimated(times, known, self.solver) for candidate in self.candidates)
+        return min(results, key=lambda replicate: replicate.criterion)
 
 
 def pool_flights(problem: SeparableProblem, estimate: Estimate) -> PoolFlights:
@@ -170,7 +170,7 @@ def pool_flights(problem: SeparableProblem, estimate: Estimate) -> PoolFlights:
             f"one by {method.name}",
             "Identify the pool with the default method.",
         )
-    flights = np.unique(problem.bins(estimate.best.at).layout.flight_of_row).tolist()
+    flights = np.unique(problem.bins(estimate.best.nuisances).layout.flight_of_row).tolist()
     if len(flights) < 2:
         raise UsageError(
             "a pool of two flights or more with usable runs",
@@ -188,7 +188,7 @@ def pool_flights(problem: SeparableProblem, estimate: Estimate) -> PoolFlights:
 
 def _known(nuisances: tuple[Nuisance, ...], best: Candidate) -> dict[str, Prior]:
     return {
-        nuisance.name: replace(nuisance.prior, mean=nuisance.with_others(best.at))
+        nuisance.name: replace(nuisance.prior, mean=nuisance.with_others(best.nuisances))
         for nuisance in nuisances
         if nuisance.searched and nuisance.prior is not None
     }
@@ -197,12 +197,12 @@ def _known(nuisances: tuple[Nuisance, ...], best: Candidate) -> dict[str, Prior]
 def _candidate_flights(
     problem: SeparableProblem, nodes: Nodes, best: Candidate, candidate: Candidate, number: int
 ) -> CandidateFlights:
-    weights = whitened_by_residuals(problem, candidate.theta, candidate.at)
-    products = flight_products(weights, [{**candidate.at, **point} for point in nodes.points])
-    residual = products_by_flight(weights.rows(best.at)).total.with_residual(best.theta)
+    weights = whitened_by_residuals(problem, candidate.theta, candidate.nuisances)
+    products = flight_products(weights, [{**candidate.nuisances, **point} for point in nodes.points])
+    residual = products_by_flight(weights.rows(best.nuisances)).total.with_residual(best.theta)
     misfit = residual.instrument_response[0]
     variance = candidate.solved.residual_variance()
-    return CandidateFlights(number, candidate.at, nodes, products, misfit, variance)
+    return CandidateFlights(number, candidate.nuisances, nodes, products, misfit, variance)
 
 
 def _half(gram: Float[np.ndarray, "q q"]) -> Float[np.ndarray, "k q"]:
@@ -328,8 +328,8 @@ def piece_moments(rows: Regression, method: LinearMethod, whole: Moments, plan: 
         of_atoms = products_of_rows(np.empty((y.size, 0)), Q[:, :-1], Q[:, -1], edges=plan.bounds)
         return RootPieces(_pieces(of_atoms, plan), whole.root, whole.noise, method.solver)
     psi = method.assembler.test_functions(rows)
-    own = method.equation_weighting.needs_instrument_products
-    of_atoms = products_of_rows(psi, Phi, y, edges=plan.bounds, whole=own)
+    needs_instrument_products = method.equation_weighting.needs_instrument_products
+    of_atoms = products_of_rows(psi, Phi, y, edges=plan.bounds, whole=needs_instrument_products)
     noise = whole.noise if isinstance(whole, CrossMoments) else None
     return CrossPieces(_pieces(of_atoms, plan), noise)
 
@@ -410,11 +410,13 @@ def bootstrap(
     solved = method.determined(whole, problem)
     plan = block_plan(rows.response.size, _length(block_length, rows, method, solved, kind), kind)
     renewed = method.equation_weighting.passes == 1
-    again = _Again(method, piece_moments(rows, method, whole, plan), None if renewed else solved.factor)
+    again = _RowReplicates(
+        method, piece_moments(rows, method, whole, plan), None if renewed else solved.factor
+    )
     random = np.random.default_rng(seed)
     studentised = kind is not BlockScheme.STATIONARY
-    found = [again.replicate(plan.drawn(random), errors=studentised) for _ in range(runs)]
-    kept = [one for one in found if one is not None]
+    results = [again.replicate(plan.drawn(random), errors=studentised) for _ in range(runs)]
+    kept = [result for result in results if result is not None]
     made = np.array(kept).reshape(len(kept), 2, rows.regressors.shape[1])
     theta = solved.solution.theta
     errors = again.expected_errors(plan.blocks, solved) if studentised else None
@@ -433,7 +435,7 @@ def bootstrap(
 
 
 @dataclass(frozen=True)
-class _Again:
+class _RowReplicates:
     """How a replicate is estimated."""
 
     method: LinearMethod

@@ -14,8 +14,8 @@ from eivor.errors import UsageError
 from eivor.estimation.estimate import Candidate, Estimate
 from eivor.estimation.linear import LinearMethod
 from eivor.estimation.methods import by_name
-from eivor.estimation.moments import Instrumental, own_equations
-from eivor.estimation.nuisance_grids import Nodes, NuisanceScan, Places, nodes_of
+from eivor.estimation.moments import Instrumental, parameter_equations
+from eivor.estimation.nuisance_grids import Nodes, NuisanceScan, Points, nodes_of
 from eivor.estimation.weighting import WeightedRows
 from eivor.inference.anderson_rubin import allowed, least_ratio
 from eivor.inference.confidence_set import ConfidenceSet, gradient_of, principal_axes, profile_interval
@@ -54,18 +54,18 @@ class CandidateCriterion:
     nodes: Nodes
     equations: Float[np.ndarray, "T q m"]
     power: Float[np.ndarray, "T m m"]  # Their products with each other, over rows less unknowns
-    misfit: Callable[[Places], Places]
+    misfit: Callable[[Points], Points]
     centre: float
     scale: float
 
-    def _forms(self, places: Places) -> tuple[Float[np.ndarray, "k m m"], Float[np.ndarray, "k m m"]]:
-        box = [places] if self.nodes.axes else []
+    def _forms(self, positions: Points) -> tuple[Float[np.ndarray, "k m m"], Float[np.ndarray, "k m m"]]:
+        box = [positions] if self.nodes.axes else []
         equations = self.nodes.over(self.equations, box)
         return equations.transpose(0, 2, 1) @ equations, self.nodes.over(self.power, box)
 
-    def least(self, places: Places) -> Places:
+    def least(self, positions: Points) -> Points:
         """Least J at each place."""
-        return least_ratio(*self._forms(places)) + self.misfit(places)
+        return least_ratio(*self._forms(positions)) + self.misfit(positions)
 
     @cached_property
     def scan(self) -> NuisanceScan:
@@ -74,12 +74,12 @@ class CandidateCriterion:
 
     def below(self, bound: float) -> list[tuple[float, float]]:
         """Values of the parameter at which J is at most a bound, as pieces that may overlap."""
-        found: list[tuple[float, float]] = []
+        results: list[tuple[float, float]] = []
         for within, cut_short in self.scan.stretches(bound):
             fitting = allowed(*self._forms(within), bound - self.misfit(within))
             pieces = fitting.continued() if cut_short else fitting.pieces()
-            found += [(self.centre + a * self.scale, self.centre + b * self.scale) for a, b in pieces]
-        return found
+            results += [(self.centre + a * self.scale, self.centre + b * self.scale) for a, b in pieces]
+        return results
 
 
 def parameter_sets(
@@ -98,56 +98,68 @@ def parameter_sets(
         and len(nodes.axes) < 2
     ):
         return None
-    place = parameters.index(name)
+    index = parameters.index(name)
     criteria = [
-        _criterion(problem, nodes, one, place, method.row_weighting.last_pass(problem, one.theta, one.at))
-        for one in estimate.candidates
+        _criterion(
+            problem,
+            nodes,
+            candidate,
+            index,
+            method.row_weighting.last_pass(problem, candidate.theta, candidate.nuisances),
+        )
+        for candidate in estimate.candidates
     ]
     try:
-        least = estimate.least_of_competitors([one.scan.minimum[1] for one in criteria])
+        least = estimate.least_comparable_criteria([criterion.scan.minimum[1] for criterion in criteria])
     except np.linalg.LinAlgError:
         return None
     best = estimate.best
-    own = own_equations(best.rows, place)
-    held = set(own.regressors.tolist())
+    equations = parameter_equations(best.rows, index)
+    held = set(equations.regressors.tolist())
     strange = tuple(other for number, other in enumerate(parameters) if number not in held)
-    degrees = own.rank + len(best.solved.misfits) - (best.solved.unknowns - len(strange) - 1)
+    degrees = equations.rank + len(best.solved.misfits) - (best.solved.unknowns - len(strange) - 1)
 
-    allowance, highest = t_quantile(level, DEGREES) ** 2, chi_square_quantile(level, max(degrees, 1))
+    uncertainty, highest = t_quantile(level, DEGREES) ** 2, chi_square_quantile(level, max(degrees, 1))
     compared = list(zip(least, criteria, strict=True))
     return ParameterSets(
         ConfidenceSet((estimate.interval(name, level),)),
-        ConfidenceSet.union(piece for lowest, one in compared for piece in one.below(lowest + allowance)),
-        ConfidenceSet.union(piece for one in criteria for piece in one.below(highest)),
+        ConfidenceSet.union(piece for lowest, item in compared for piece in item.below(lowest + uncertainty)),
+        ConfidenceSet.union(piece for criterion in criteria for piece in criterion.below(highest)),
         strange,
     )
 
 
 def _criterion(
-    problem: SeparableProblem, nodes: Nodes, candidate: Candidate, place: int, weights: WeightedRows
+    problem: SeparableProblem, nodes: Nodes, candidate: Candidate, position: int, weights: WeightedRows
 ) -> CandidateCriterion:
     theta = candidate.theta
-    own = own_equations(weights.rows(candidate.at), place)
-    unknowns = candidate.solved.unknowns - (theta.size - own.regressors.size)
-    columns = own.columns(weights.columns([{**candidate.at, **point} for point in nodes.points]), theta)
-    equations = own.instruments.T @ columns
+    current = parameter_equations(weights.rows(candidate.nuisances), position)
+    unknowns = candidate.solved.unknowns - (theta.size - current.regressors.size)
+    columns = current.columns(
+        weights.columns([{**candidate.nuisances, **point} for point in nodes.points]), theta
+    )
+    equations = current.instruments.T @ columns
     power = columns.transpose(0, 2, 1) @ columns / (columns.shape[1] - unknowns)
     lengths = np.sqrt(np.diagonal(np.mean(power, axis=0)))
     sizes = np.where(lengths > 0.0, lengths, 1.0)
 
-    known = [(one, one.prior) for one in problem.nuisances if one.searched and one.prior is not None]
+    known = [
+        (nuisance, nuisance.prior)
+        for nuisance in problem.nuisances
+        if nuisance.searched and nuisance.prior is not None
+    ]
 
-    def misfit(places: Places) -> Places:
-        at = {name: np.full(places.size, value) for name, value in candidate.at.items()}
-        at |= {axis.nuisance.name: axis.at(places) for axis in nodes.axes}
-        return sum((prior.misfit(one.with_others(at)) for one, prior in known), np.zeros(places.size))
+    def misfit(positions: Points) -> Points:
+        index = {name: np.full(positions.size, value) for name, value in candidate.nuisances.items()}
+        index |= {axis.nuisance.name: axis.values_at(positions) for axis in nodes.axes}
+        return sum((prior.misfit(item.with_others(index)) for item, prior in known), np.zeros(positions.size))
 
     return CandidateCriterion(
         nodes,
         equations / sizes,
         power / np.outer(sizes, sizes),
         misfit,
-        float(theta[place]),
+        float(theta[position]),
         float(sizes[0] / sizes[1]),
     )
 
@@ -200,26 +212,26 @@ def derived(estimate: Estimate, function: Function, level: float = 0.95) -> Deri
         )
 
     def of_vector(values: Float[np.ndarray, " n"]) -> float:
-        found = function(dict(zip(estimate.names, (float(value) for value in values), strict=True)))
-        checks.number("what the function gives", found)
-        return float(found)
+        result = function(dict(zip(estimate.names, (float(value) for value in values), strict=True)))
+        checks.number("what the function gives", result)
+        return float(result)
 
-    found = derived_from(of_vector, joint_estimates(estimate, level), level)
-    if math.isnan(found.bend) or not all(
-        math.isfinite(number) for number in (found.value, found.std_error, *found.interval)
+    results = derived_from(of_vector, joint_estimates(estimate, level), level)
+    if math.isnan(results.bend) or not all(
+        math.isfinite(number) for number in (results.value, results.std_error, *results.interval)
     ):
         raise UsageError(
             "a function that is finite within the interval",
-            f"{found.value} with the interval {found.interval}",
+            f"{results.value} with the interval {results.interval}",
             "For a ratio whose denominator may be zero use eivor.ratio.",
         )
-    return found
+    return results
 
 
 def joint_estimates(estimate: Estimate, level: float) -> tuple[JointEstimate, ...]:
     """Vectors of the candidates that fit, the best first."""
-    others = [one for one in estimate.tenable(level) if one is not estimate.best]
-    return tuple(JointEstimate(one.values, one.covariance) for one in (estimate.best, *others))
+    others = [item for item in estimate.tenable(level) if item is not estimate.best]
+    return tuple(JointEstimate(item.values, item.covariance) for item in (estimate.best, *others))
 
 
 def derived_from(
@@ -234,8 +246,8 @@ def derived_from(
         for candidate in candidates
         for part in candidate.covariance.parts
     ]
-    found = [piece.interval for piece in pieces]
-    interval = min(low for low, _ in found), max(high for _, high in found)
+    intervals = [piece.interval for piece in pieces]
+    interval = min(low for low, _ in intervals), max(high for _, high in intervals)
     best = candidates[0]
     scale = np.sqrt(np.diag(best.covariance.matrix))
     error = best.covariance.std_error(gradient_of(function, best.values, scale))
@@ -263,8 +275,8 @@ def ratio(
     Returns
     -------
     ConfidenceSet
-        Without a bound when the denominator cannot be told from zero. A union over the candidates that fit,
-        and over the assumptions of the covariance.
+        Without a bound when the denominator cannot be distinguished from zero. A union over the
+        candidates that fit, and over the assumptions of the covariance.
 
     Raises
     ------
@@ -273,15 +285,15 @@ def ratio(
     """
     check_level(level)
     _check_estimate(estimate)
-    for name, one in (("numerator", numerator), ("denominator", denominator)):
-        if not isinstance(one, str):
-            checks.number(name, one)
+    for name, item in (("numerator", numerator), ("denominator", denominator)):
+        if not isinstance(item, str):
+            checks.number(name, item)
     size = len(estimate.names)
-    exact = np.array([0.0 if isinstance(one, str) else float(one) for one in (numerator, denominator)])
+    exact = np.array([0.0 if isinstance(entry, str) else float(entry) for entry in (numerator, denominator)])
     rows = np.stack(
         [
-            estimate.direction(one) if isinstance(one, str) else np.zeros(size)
-            for one in (numerator, denominator)
+            estimate.direction(entry) if isinstance(entry, str) else np.zeros(size)
+            for entry in (numerator, denominator)
         ]
     )
     intervals: list[tuple[float, float]] = []

@@ -33,8 +33,8 @@ from eivor.inference.diagnostics.instruments import (
     NOTABLE_BIAS,
     DirectScores,
     Endogeneity,
+    FirstStageTest,
     OverIdentification,
-    Strength,
     endogeneity,
     robust_over_identification,
     strength,
@@ -110,7 +110,7 @@ class Evidence:
         if float(products.power.sum()) > (ROUNDING * products.count * float(theta @ roots)) ** 2:
             return False
         parts = zip(record.factors, record.columns, strict=True)
-        size = sum((abs(factor) * largest(one) for factor, one in parts), start=0.0)
+        size = sum((abs(factor) * largest(item) for factor, item in parts), start=0.0)
         return largest(record.residual) <= ROUNDING * size
 
     @cached_property
@@ -129,8 +129,8 @@ class Evidence:
         used = problem.used
         beyond = row
         if used is not None:
-            places = np.append(np.flatnonzero(used), used.size)
-            beyond = int(places[min(row, places.size - 1)])
+            positions = np.append(np.flatnonzero(used), used.size)
+            beyond = int(positions[min(row, positions.size - 1)])
         sample, signals = problem.first + beyond, problem.signals
         time = signals.start_s + sample * signals.step_s
         return f"{time:.4g} s (sample {signals.offset + sample})"
@@ -155,7 +155,7 @@ class Evidence:
         return step * np.concatenate([run.start + np.arange(run.length) for run in layout.runs])
 
 
-def _strength(evidence: Evidence) -> Strength | None:
+def _strength(evidence: Evidence) -> FirstStageTest | None:
     """Strength of the instruments; None without instruments."""
     if not evidence.testable:
         return None
@@ -274,7 +274,7 @@ def diagnose(estimate: Estimate) -> Diagnostics:
     Parameters
     ----------
     estimate : Estimate
-        With its rows at hand.
+        With its rows available.
 
     Returns
     -------
@@ -295,7 +295,7 @@ def diagnose(estimate: Estimate) -> Diagnostics:
     checks.kind("estimate", estimate, Estimate, "an estimate", "Make one by ev.identify(...).")
     if not estimate.best.has_rows:
         raise EstimationError(
-            "an estimate with its rows at hand, for diagnostics",
+            "an estimate with its rows available, for diagnostics",
             "an estimate from moments, which do not keep the rows",
             "Identify a chunk that fits in memory, or the whole problem.",
         )
@@ -337,12 +337,12 @@ class Diagnostics:
 
     def __iter__(self) -> Iterator[Diagnostic]:
         """Return every diagnostic that can be made, in the order of tables."""
-        return (found for found in map(self.__getitem__, DIAGNOSTICS) if found is not None)
+        return (item for item in map(self.__getitem__, DIAGNOSTICS) if item is not None)
 
     @property
-    def first_stage(self) -> Strength | None:
+    def first_stage(self) -> FirstStageTest | None:
         """Strength of the instruments; None without instruments."""
-        return self._of_kind("first_stage", Strength)
+        return self._of_kind("first_stage", FirstStageTest)
 
     @property
     def over_identification(self) -> OverIdentification | None:
@@ -361,7 +361,7 @@ class Diagnostics:
 
     @property
     def memory(self) -> ResidualMemory | None:
-        """Long memory of the residual; None where it cannot be told."""
+        """Long memory of the residual; None where it cannot be identified."""
         return self._of_kind("memory", ResidualMemory)
 
     @property
@@ -390,13 +390,13 @@ class Diagnostics:
         return self._of_kind("leverage", SegmentLeverage)
 
     def _of_kind(self, name: str, kind: type[D]) -> D | None:
-        found = self[name]
-        return found if isinstance(found, kind) else None
+        result = self[name]
+        return result if isinstance(result, kind) else None
 
     def _needed(self, name: str, kind: type[D]) -> D:
-        found = self[name]
-        assert isinstance(found, kind)  # noqa: S101 - its maker makes it of every estimate
-        return found
+        result = self[name]
+        assert isinstance(result, kind)  # noqa: S101 - its maker makes it of every estimate
+        return result
 
     @property
     def segments(self) -> tuple[tuple[int, int], ...]:
@@ -410,7 +410,7 @@ class Diagnostics:
     @property
     def reasons(self) -> tuple[Reason, ...]:
         """What speaks against the estimate or should be known of it, each with what to do."""
-        return tuple(reason for found in self for reason in found.reasons(self.evidence.subject))
+        return tuple(reason for item in self for reason in item.reasons(self.evidence.subject))
 
     def to_frame(self) -> pl.DataFrame:
         """Table of every number.
@@ -423,7 +423,7 @@ class Diagnostics:
         """
         import polars as pl
 
-        rows = [astuple(row) for found in self for row in found.rows(self.evidence.subject)]
+        rows = [astuple(row) for item in self for row in item.rows(self.evidence.subject)]
         columns = ("diagnostic", "of", "value", "compare")
         return pl.DataFrame(
             rows,
@@ -434,37 +434,39 @@ class Diagnostics:
     def summary(self) -> str:
         """Every diagnostic in a line or two, and what to do about those that matter."""
         lines = [f"diagnostics of {self.evidence.estimate.method}"]
-        lines.extend(line for found in self for line in found.lines(self.evidence.subject))
+        lines.extend(line for item in self for line in item.lines(self.evidence.subject))
         lines.extend(f"- {reason.sentence} {reason.remedy}" for reason in self.reasons)
         return "\n".join(lines)
 
 
 def contradiction(problem: LinearProblem, estimate: Estimate) -> tuple[Reason, ...]:
-    """Ground against a direct estimate that the problem's own instruments contradict beyond doubt."""
+    """Reason against a direct estimate that the problem's own instruments contradict beyond doubt."""
     direct = estimate.best.solved
-    pulled = direct.solution.shrinkage is not None and direct.solution.shrinkage.shift.any()
-    if direct.problem is not problem or direct.assembler.needs_instruments or pulled:
+    shrunk = direct.solution.shrinkage is not None and direct.solution.shrinkage.shift.any()
+    if direct.problem is not problem or direct.assembler.needs_instruments or shrunk:
         return ()
     shares = problem.instruments_share_noise()
     assembler = Compensated() if shares else Instrumental()
     two_stage = LinearMethod("two_stage", assembler, LeastSquares(), equation_weighting=TwoStage())
     try:
-        told = Evidence(estimate, two_stage.determined(two_stage.moments(problem), problem))
+        evidence = Evidence(estimate, two_stage.determined(two_stage.moments(problem), problem))
     except (EivorError, np.linalg.LinAlgError):
         return ()  # the instruments do not determine the parameters
-    if not told.testable or told.fits_exactly:
+    if not evidence.testable or evidence.fits_exactly:
         return ()
-    record = told.record
-    test = endogeneity(record.products, record.weights, direct=_scores(direct, told))
+    record = evidence.record
+    test = endogeneity(record.products, record.weights, direct=_scores(direct, evidence))
     if test is None or not test.p_value < BEYOND_DOUBT:
         return ()
-    apart = np.abs(test.difference) / told.subject.std_errors
-    j = int(np.argmax(apart))
-    if not apart[j] > NOTABLE_BIAS:
+    separated = np.abs(test.difference) / evidence.subject.std_errors
+    j = int(np.argmax(separated))
+    if not separated[j] > NOTABLE_BIAS:
         return ()
     sentence = (
-        f"The instruments contradict it: they give {estimate.names[j]} {told.solved.solution.theta[j]:.4g}, "
-        f"{apart[j]:.1f} standard errors away (p-value {test.p_value:.1g}). A regressor is correlated with "
+        f"The instruments contradict it: they give {estimate.names[j]} "
+        f"{evidence.solved.solution.theta[j]:.4g}, "
+        f"{separated[j]:.1f} standard errors away (p-value {test.p_value:.1g}). A regressor is "
+        f"correlated with "
         "the error, or a declared noise is wrong."
     )
     instrumental = "generalized_iv" if shares else "extended_iv"
@@ -472,10 +474,10 @@ def contradiction(problem: LinearProblem, estimate: Estimate) -> tuple[Reason, .
     return (Reason(Status.WEAK, sentence, remedy),)
 
 
-def _scores(direct: Solved, told: Evidence) -> DirectScores:
+def _scores(direct: Solved, evidence: Evidence) -> DirectScores:
     """Scores of a direct estimate, from the products of an instrumental one."""
-    products, theta = told.record.products, direct.solution.theta
-    difference = theta - told.solved.solution.theta
+    products, theta = evidence.record.products, direct.solution.theta
+    difference = theta - evidence.solved.solution.theta
     GG = np.asarray(products.regressors.sum(axis=0))
     power = float(products.power.sum() - 2.0 * difference @ products.regressor_residual.sum(axis=0))
     power += float(difference @ GG @ difference)

@@ -16,7 +16,7 @@ import scipy.linalg
 from eivor import checks
 from eivor.errors import EstimationError, UsageError
 from eivor.estimation.moments import Assembler, CrossMoments, FittedNoise, Moments
-from eivor.estimation.nuisance_grids import least_of_competitors
+from eivor.estimation.nuisance_grids import least_comparable_criteria
 from eivor.estimation.products import block_count, filtered_instruments, lags_without_gaps
 from eivor.estimation.variable_projection import NuisanceProfile
 from eivor.inference.covariance import (
@@ -104,7 +104,7 @@ class Solved:
         """Weighted rows."""
         if self.problem is None:
             raise EstimationError(
-                "an estimate with its rows at hand, for residuals and standard errors",
+                "an estimate with its rows available, for residuals and standard errors",
                 "an estimate from moments, which do not keep the rows",
                 "Pass over the chunks again with eivor.identify_chunks, or identify the whole problem.",
             )
@@ -137,9 +137,9 @@ class Solved:
 
     def prior_rows(self) -> Float[np.ndarray, "k n"]:
         """Rows of pseudo-observations of what is known beforehand, over the square root of their variance."""
-        places = np.flatnonzero(self.precision)
-        rows = np.zeros((places.size, self.unknowns))
-        rows[np.arange(places.size), self.solution.theta.size + places] = np.sqrt(self.precision[places])
+        indices = np.flatnonzero(self.precision)
+        rows = np.zeros((indices.size, self.unknowns))
+        rows[np.arange(indices.size), self.solution.theta.size + indices] = np.sqrt(self.precision[indices])
         return rows
 
 
@@ -153,12 +153,12 @@ WELL_CONDITIONED = 1e4
 
 @dataclass(frozen=True)
 class Inference:
-    """What a second pass over the rows tells; every part is made when it is first asked for."""
+    """What a second pass over the rows holds; every part is made when it is first asked for."""
 
     solved: Solved
 
     def __getstate__(self) -> dict[str, Solved]:
-        """Without what was made, which is made again when it is asked for."""
+        """Without what was made, which is made again when it is requested."""
         return {"solved": self.solved}
 
     @cached_property
@@ -224,7 +224,7 @@ class Inference:
 
 
 def equation_of(solved: Solved) -> EstimatingEquation:
-    """Estimating equation of a solution whose rows are at hand."""
+    """Estimating equation of a solution whose rows are available."""
     problem = solved.rows if solved.problem is None else solved.problem
     if not isinstance(problem, Regression) or isinstance(problem.layout, SampleRows):
         return estimating_equation(solved, problem.blocks)
@@ -253,15 +253,15 @@ def _moment_equation(solved: Solved, blocks: Blocks) -> EstimatingEquation:
     theta, factor, constant = solved.solution.theta, solved.factor, solved.constant
     A, known = solved.system.matrix, solved.prior_rows()
     searched = solved.nuisance_columns.shape[1]
-    own = searched if solved.assembler.takes_out_own_noise else 0
+    current = searched if solved.assembler.takes_out_own_noise else 0
 
     if solved.nuisance_columns.size:
-        moved, below = np.zeros((A.shape[0] + own, searched)), np.zeros((own, A.shape[1]))
+        moved, below = np.zeros((A.shape[0] + current, searched)), np.zeros((current, A.shape[1]))
         for block, nuisance in _with_nuisance(solved, blocks):
             moved += _test_functions(solved, block, nuisance).T @ nuisance
-            below += nuisance[:, :own].T @ block.regressors
+            below += nuisance[:, :current].T @ block.regressors
         A = np.column_stack([np.vstack([A, below / solved.count]), moved / solved.count])
-        constant = np.pad(constant, (0, own))
+        constant = np.pad(constant, (0, current))
     if factor is not None:
         A = scipy.linalg.solve_triangular(factor, A, lower=True)
     equations, power = A.shape[0], solved.row_power() if known.size else 0.0
@@ -302,8 +302,8 @@ def _test_functions(
 ) -> Float[np.ndarray, "rows p"]:
     """The assembler's; columns that are their own instruments are so for nuisances as well, without noise."""
     psi = solved.assembler.test_functions(block)
-    own = nuisance.size and solved.assembler.takes_out_own_noise
-    return np.column_stack([psi, nuisance]) if own else psi
+    current = nuisance.size and solved.assembler.takes_out_own_noise
+    return np.column_stack([psi, nuisance]) if current else psi
 
 
 def _in_combinations(
@@ -341,9 +341,9 @@ def _direct_equation(solved: Solved, blocks: Blocks) -> EstimatingEquation:
     def rows() -> Iterator[EquationRows]:
         for block, nuisance in _with_nuisance(solved, blocks):
             residual = block.response - block.regressors @ theta
-            pulled = solver.score_correction(residual, theta, covariance).rows
+            score_correction = solver.score_correction(residual, theta, covariance).rows
             jacobian = np.column_stack([block.regressors, nuisance]) if searched else block.regressors
-            psi = over_root(jacobian + np.pad(pulled, ((0, 0), (0, searched))), root)
+            psi = over_root(jacobian + np.pad(score_correction, ((0, 0), (0, searched))), root)
             yield EquationRows(psi, residual, psi * residual[:, None], block.flights)
 
     prior = unit * over_root(known, root) if known.size else None
@@ -365,11 +365,11 @@ def _with_nuisance(solved: Solved, blocks: Blocks) -> Iterator[tuple[RowBlock, F
 
 
 def _root_of(
-    blocks: Iterable[Float[np.ndarray, "_ n"]], beside: Float[np.ndarray, "k n"]
+    blocks: Iterable[Float[np.ndarray, "_ n"]], neighbours: Float[np.ndarray, "k n"]
 ) -> Float[np.ndarray, "n n"]:
     """Triangular root of rows in blocks, and of some beside them."""
     root: Float[np.ndarray, "k n"] | None = None
-    for block in chain(blocks, [beside] if beside.size else []):
+    for block in chain(blocks, [neighbours] if neighbours.size else []):
         root = triangular_root(block) if root is None else merged_roots(root, block)
     if root is None or root.shape[0] < root.shape[1]:
         raise singular_sensitivity()
@@ -377,10 +377,10 @@ def _root_of(
 
 
 def _coordinates_of(
-    blocks: Iterable[Float[np.ndarray, "_ n"]], beside: Float[np.ndarray, "k n"]
+    blocks: Iterable[Float[np.ndarray, "_ n"]], neighbours: Float[np.ndarray, "k n"]
 ) -> Float[np.ndarray, "n n"]:
     """Triangular root in whose coordinates rows are nearly orthonormal: that of enough of them, or of all."""
-    root: Float[np.ndarray, "k n"] | None = triangular_root(beside) if beside.size else None
+    root: Float[np.ndarray, "k n"] | None = triangular_root(neighbours) if neighbours.size else None
     seen = 0
     for block in blocks:
         root = triangular_root(block) if root is None else merged_roots(root, block)
@@ -401,8 +401,8 @@ def over_root(rows: Float[np.ndarray, "k n"], root: Float[np.ndarray, "n n"]) ->
     """Rows in the coordinates of a triangular root: rows R^-1."""
     if not np.diag(root).all():
         raise singular_sensitivity()
-    found: Float[np.ndarray, "k n"] = scipy.linalg.solve_triangular(root, rows.T, trans="T").T
-    return found
+    solution: Float[np.ndarray, "k n"] = scipy.linalg.solve_triangular(root, rows.T, trans="T").T
+    return solution
 
 
 # -- Candidate --
@@ -424,19 +424,19 @@ class Candidate:
         How the covariance is estimated.
     streamed_covariance : JointCovariance, optional
         Covariance made elsewhere: by a second pass over chunks, for an estimate from moments; or by a pool.
-    own_criterion : float, optional
+    flight_criterion : float, optional
         What it is compared by, in place of `Inference.criterion`: of the pool that it is a part of, or a
         likelihood with spectra of its own.
     origin : ndarray, shape (n,), optional
         What the solution's unknowns are changes of, where the equations were made linear. Default: zero.
     """
 
-    at: Mapping[str, float]
+    nuisances: Mapping[str, float]
     solved: Solved
     profiles: tuple[NuisanceProfile, ...] = ()
     covariance_estimator: CovarianceEstimator = DEFAULT
     streamed_covariance: JointCovariance | None = field(default=None, repr=False)
-    own_criterion: float | None = None
+    flight_criterion: float | None = None
     origin: Float[np.ndarray, " n"] | None = None
 
     @cached_property
@@ -444,7 +444,7 @@ class Candidate:
         """Joint vector: the linear parameters, then the continuous nuisances that were searched for."""
         if self.origin is not None:
             return self.origin + self.theta
-        nuisances = [self.at[profile.nuisance.name] for profile in self.profiles]
+        nuisances = [self.nuisances[profile.nuisance.name] for profile in self.profiles]
         return np.append(self.solution.theta, nuisances)
 
     @property
@@ -498,18 +498,18 @@ class Candidate:
 
     @property
     def has_rows(self) -> bool:
-        """Whether the rows are at hand; they are not for an estimate from moments."""
+        """Whether the rows are available; they are not for an estimate from moments."""
         return self.solved.problem is not None
 
     @property
     def has_covariance(self) -> bool:
-        """Whether intervals can be had: the rows are at hand, or chunks were passed over."""
+        """Whether intervals can be had: the rows are available, or chunks were passed over."""
         return self.has_rows or self.streamed_covariance is not None
 
     @property
     def criterion(self) -> float:
         """What candidates are compared by, see `Inference.criterion`."""
-        return self.inference.criterion if self.own_criterion is None else self.own_criterion
+        return self.inference.criterion if self.flight_criterion is None else self.flight_criterion
 
     @cached_property
     def covariance(self) -> JointCovariance:
@@ -637,9 +637,9 @@ def _of_blocks(problem: SignalRegression, solved: Solved, made: Products) -> Rec
     # The power of the residual is no difference of large numbers.
     edges = np.concatenate([[0], np.cumsum(made.counts).astype(np.int64)])
     products.sums[:, -1, -1] = [residual[a:b] @ residual[a:b] for a, b in pairwise(edges.tolist())]
-    found = EquationProducts(products, np.zeros((0, 0)), np.zeros(0))
+    result = EquationProducts(products, np.zeros((0, 0)), np.zeros(0))
     step_s = problem.signals.step_s
-    return Record(*_assembled(solved, found), residual, tuple(values), tuple(factors), step_s)
+    return Record(*_assembled(solved, result), residual, tuple(values), tuple(factors), step_s)
 
 
 def _less(
@@ -673,7 +673,7 @@ class Estimate:
     candidates : tuple of Candidate
         One for each combination of discrete nuisances, in the order of their grids.
     reasons : tuple of Reason
-        Grounds against the estimate that were met while it was made.
+        Reasons against the estimate that were met while it was made.
     bounded : tuple of tuple of str
         Discrete nuisances whose sum is known between bounds: every value of it counts, and candidates are
         compared with those of the same value only.
@@ -707,15 +707,17 @@ class Estimate:
         """
         if len(self.candidates) == 1:
             return self.candidates
-        allowance = chi_square_quantile(level, self.choices)
+        quantile = chi_square_quantile(level, self.choices)
         compared = zip(self.candidates, self.excesses, strict=True)
-        return tuple(one for one, excess in compared if excess <= allowance)
+        return tuple(item for item, excess in compared if excess <= quantile)
 
     @property
     def choices(self) -> int:
         """Discrete nuisances that have a choice, but those that are bounded; one at least."""
         refined = {profile.nuisance.name for profile in self.best.profiles}
-        chosen = [name for name in self.best.at if name not in refined and len(self._values_of(name)) > 1]
+        chosen = [
+            name for name in self.best.nuisances if name not in refined and len(self._values_of(name)) > 1
+        ]
         return max(len(chosen) - len(self.bounded), 1)
 
     @property
@@ -723,16 +725,18 @@ class Estimate:
         """What each candidate's criterion is above the least one that it competes with."""
         if len(self.candidates) == 1:
             return (0.0,)
-        criteria = [one.criterion for one in self.candidates]
-        least = self.least_of_competitors(criteria)
-        return tuple(one - lowest for one, lowest in zip(criteria, least, strict=True))
+        criteria = [candidate.criterion for candidate in self.candidates]
+        least = self.least_comparable_criteria(criteria)
+        return tuple(criterion - lowest for criterion, lowest in zip(criteria, least, strict=True))
 
-    def least_of_competitors(self, criteria: Sequence[float]) -> list[float]:
+    def least_comparable_criteria(self, criteria: Sequence[float]) -> list[float]:
         """For each candidate the least criterion of those it competes with, see `competing`."""
-        return least_of_competitors(self.bounded, [one.at for one in self.candidates], criteria)
+        return least_comparable_criteria(
+            self.bounded, [candidate.nuisances for candidate in self.candidates], criteria
+        )
 
     def _values_of(self, nuisance: str) -> set[float]:
-        return {candidate.at[nuisance] for candidate in self.candidates}
+        return {candidate.nuisances[nuisance] for candidate in self.candidates}
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -786,13 +790,15 @@ class Estimate:
             For an estimate whose rows are not at hand.
         """
         check_covariance_estimator(estimator)
-        if not all(one.has_rows for one in self.candidates):
+        if not all(candidate.has_rows for candidate in self.candidates):
             raise EstimationError(
-                "an estimate with its rows at hand, for another covariance",
+                "an estimate with its rows available, for another covariance",
                 "one from chunks or moments, which keeps no rows",
                 "Name the covariance when you identify: identify_chunks(..., covariance=...).",
             )
-        candidates = tuple(replace(one, covariance_estimator=estimator) for one in self.candidates)
+        candidates = tuple(
+            replace(candidate, covariance_estimator=estimator) for candidate in self.candidates
+        )
         return replace(self, candidates=candidates)
 
     def ellipse(self, name: str, other: str, level: float = 0.95) -> Ellipse:
@@ -859,7 +865,7 @@ class Estimate:
         Returns
         -------
         polars.DataFrame
-            Columns `parameter`, `value`, `unit`; with the rows at hand also `std_error`, `low`, `high`
+            Columns `parameter`, `value`, `unit`; with the rows available also `std_error`, `low`, `high`
             (95 %).
         """
         import polars as pl
@@ -902,7 +908,7 @@ class Estimate:
         return json.dumps(document, indent=2, allow_nan=False) + "\n"
 
     def summary(self) -> str:
-        """Table of parameters as text, with standard errors and 95 % intervals when the rows are at hand."""
+        """Table of parameters as text, with standard errors."""
         if not self.best.has_covariance:
             lines = [f"{self.method} (from moments: no standard errors)"]
             return "\n".join([*lines, *(f"{n:<20}{v:>12.5g}" for n, v in self.parameters.items())])

@@ -69,7 +69,7 @@ class Forgetting:
         return int(np.ceil(MEMORIES_KEPT * self.memory / self.block))
 
     @property
-    def look(self) -> int:
+    def block_length(self) -> int:
         """Samples that a change is looked for in at once."""
         return self.block * BLOCKS_PER_LOOK
 
@@ -82,7 +82,7 @@ class Forgetting:
 # -- Timed rows --
 
 #: Places (instrument, column) of a table of noises that vary from row to row.
-Places = tuple[tuple[int, int], ...]
+NoiseIndices = tuple[tuple[int, int], ...]
 
 
 @dataclass(frozen=True)
@@ -93,7 +93,7 @@ class TimedRows:
     right: Float[np.ndarray, "samples n_plus_1"]  # Regressors and response
     noise: Float[np.ndarray, "samples s"]
     counted: Float[np.ndarray, " samples"]
-    places: Places = ()  # Row and column of each noise
+    noise_indices: NoiseIndices = ()  # Row and column of each noise
 
     @property
     def count(self) -> int:
@@ -160,9 +160,7 @@ def timed_rows(problem: SignalRegression, assembler: Assembler) -> Iterator[Time
             problem.samples_between(problem.instrument_columns, start, stop),
             np.zeros(stop - start, dtype=np.int64),
         )
-        noise = (
-            np.stack([noises[place][here] for place in noises], axis=1) if noises else used[:, None][:, :0]
-        )
+        noise = np.stack([noises[item][here] for item in noises], axis=1) if noises else used[:, None][:, :0]
         yield counted_rows(
             assembler.test_functions(block),
             np.column_stack([block.regressors, block.response]),
@@ -177,19 +175,19 @@ def counted_rows(
     right: Float[np.ndarray, "samples n_plus_1"],
     noise: Float[np.ndarray, "samples s"],
     used: Bool[np.ndarray, " samples"],
-    places: Places = (),
+    positions: NoiseIndices = (),
 ) -> TimedRows:
     """Rows with zeros where a sample does not count, whatever stands there."""
     if not used.all():
         psi, right, noise = (np.where(used[:, None], part, 0.0) for part in (psi, right, noise))
-    return TimedRows(psi, right, noise, used.astype(np.float64), places)
+    return TimedRows(psi, right, noise, used.astype(np.float64), positions)
 
 
 # -- Exponentially weighted products --
 
 
 @dataclass(frozen=True)
-class BlockSums:
+class WeightedBlockSums:
     """Weighted sums of blocks of rows. Performs no checks."""
 
     products: Products
@@ -201,30 +199,30 @@ class BlockSums:
         """How many."""
         return self.squares.size
 
-    def __add__(self, other: BlockSums) -> BlockSums:
+    def __add__(self, other: WeightedBlockSums) -> WeightedBlockSums:
         """Blocks of both, one after the other."""
-        return BlockSums(
+        return WeightedBlockSums(
             self.products + other.products,
             np.concatenate([self.noise, other.noise]),
             np.concatenate([self.squares, other.squares]),
         )
 
-    def between(self, start: int, stop: int) -> BlockSums:
+    def between(self, start: int, stop: int) -> WeightedBlockSums:
         """Some of the blocks."""
         here = slice(start, stop)
         products = replace(self.products, counts=self.products.counts[here], sums=self.products.sums[here])
-        return BlockSums(products, self.noise[here], self.squares[here])
+        return WeightedBlockSums(products, self.noise[here], self.squares[here])
 
-    def faded(self, factors: Float[np.ndarray, " K"]) -> BlockSums:
+    def weighted(self, factors: Float[np.ndarray, " K"]) -> WeightedBlockSums:
         """One sum of all, each block with a factor."""
-        return BlockSums(
+        return WeightedBlockSums(
             self.products.weighted(factors),
             (factors @ self.noise)[None, :],
             np.array([factors**2 @ self.squares]),
         )
 
 
-def sums_of_rows(rows: TimedRows, forgetting: Forgetting, length: int, *, whole: bool) -> BlockSums:
+def sums_of_rows(rows: TimedRows, forgetting: Forgetting, length: int, *, whole: bool) -> WeightedBlockSums:
     """Sums of blocks of `length` rows each, weighted to the end of each block."""
     weights = forgetting.weights(length)
     blocks = rows.count // max(length, 1)
@@ -236,7 +234,7 @@ def sums_of_rows(rows: TimedRows, forgetting: Forgetting, length: int, *, whole:
     sums = np.matmul((left * weights[:, None]).swapaxes(1, 2), right)
     counted = rows.counted.reshape(blocks, length)
     layout = ProductLayout(rows.psi.shape[1], rows.right.shape[1] - 1, whole)
-    return BlockSums(
+    return WeightedBlockSums(
         Products(counted @ weights, sums, layout),
         np.tensordot(noise, weights, (1, 0)),
         counted @ weights**2,
@@ -244,17 +242,17 @@ def sums_of_rows(rows: TimedRows, forgetting: Forgetting, length: int, *, whole:
 
 
 @dataclass(frozen=True)
-class FadedProducts:
-    """Products of all rows so far, faded."""
+class ExponentiallyWeightedProducts:
+    """Products of all rows so far, exponentially weighted."""
 
     forgetting: Forgetting
     whole: bool
-    full: BlockSums
-    closed: BlockSums
+    full: WeightedBlockSums
+    closed: WeightedBlockSums
     waiting: TimedRows  # Rows of the block that is not full yet
     samples: int = 0  # Samples so far, those among them that did not count
 
-    def then(self, rows: TimedRows) -> FadedProducts:
+    def then(self, rows: TimedRows) -> ExponentiallyWeightedProducts:
         """With the rows that follow."""
         length = self.forgetting.block
         joined = self.waiting.then(rows)
@@ -262,18 +260,18 @@ class FadedProducts:
         seen = replace(self, waiting=joined.between(full, joined.count), samples=self.samples + rows.count)
         if not full:
             return seen
-        found = sums_of_rows(joined.between(0, full), self.forgetting, length, whole=self.whole)
-        faded = np.append(self.forgetting.factor**full, self._block_factors(found.blocks))
-        closed = self.closed + found
+        sums = sums_of_rows(joined.between(0, full), self.forgetting, length, whole=self.whole)
+        products = np.append(self.forgetting.factor**full, self._block_factors(sums.blocks))
+        closed = self.closed + sums
         first = max(closed.blocks - self.forgetting.kept_blocks, 0)
         return replace(
-            seen, full=(self.full + found).faded(faded), closed=closed.between(first, closed.blocks)
+            seen, full=(self.full + sums).weighted(products), closed=closed.between(first, closed.blocks)
         )
 
-    def last(self, blocks: int) -> FadedProducts:
+    def last(self, blocks: int) -> ExponentiallyWeightedProducts:
         """The same with the last full blocks only, and the rows that wait: all else is forgotten."""
         kept = self.closed.between(max(self.closed.blocks - blocks, 0), self.closed.blocks)
-        return replace(self, full=kept.faded(self._block_factors(kept.blocks)), closed=kept)
+        return replace(self, full=kept.weighted(self._block_factors(kept.blocks)), closed=kept)
 
     def _block_factors(self, blocks: int) -> Float[np.ndarray, " blocks"]:
         """Weights of successive full blocks at the end of the last."""
@@ -282,7 +280,7 @@ class FadedProducts:
         return factors
 
     @cached_property
-    def _waiting_sums(self) -> BlockSums:
+    def _waiting_sums(self) -> WeightedBlockSums:
         return sums_of_rows(self.waiting, self.forgetting, self.waiting.count, whole=self.whole)
 
     @property
@@ -291,19 +289,19 @@ class FadedProducts:
         return self.forgetting.factor**self.waiting.count
 
     @cached_property
-    def recent(self) -> tuple[BlockSums, Float[np.ndarray, " K"]]:
-        """Blocks that are kept apart, rows that wait as one of them, each faded to its end; and weights."""
+    def recent(self) -> tuple[WeightedBlockSums, Float[np.ndarray, " K"]]:
+        """Blocks that are kept apart, rows that wait as one of them."""
         factors = self._since * self._block_factors(self.closed.blocks)
         if not self.waiting.count:
             return self.closed, factors
         return self.closed + self._waiting_sums, np.append(factors, 1.0)
 
     @cached_property
-    def total(self) -> BlockSums:
+    def total(self) -> WeightedBlockSums:
         """One sum of all rows, with the weights that they have now."""
         if not self.waiting.count:
             return self.full
-        return (self.full + self._waiting_sums).faded(np.array([self._since, 1.0]))
+        return (self.full + self._waiting_sums).weighted(np.array([self._since, 1.0]))
 
     @property
     def effective_rows(self) -> float:
@@ -317,36 +315,36 @@ class FadedProducts:
         total = self.total
         return CrossMoments(total.products, self.noise_table(total)[0] / total.products.count)
 
-    def noise_table(self, sums: BlockSums) -> Float[np.ndarray, "K p n_plus_1"]:
+    def noise_table(self, sums: WeightedBlockSums) -> Float[np.ndarray, "K p n_plus_1"]:
         """What noises add to the products psi [phi' y] of blocks."""
         layout = sums.products.layout
         table = np.zeros((sums.blocks, layout.instruments, layout.regressors + 1))
-        for number, place in enumerate(self.waiting.places):
-            table[:, *place] = sums.noise[:, number]
+        for number, noise_index in enumerate(self.waiting.noise_indices):
+            table[:, *noise_index] = sums.noise[:, number]
         return table
 
-    def compensated(self, sums: BlockSums) -> Float[np.ndarray, "K p n_plus_1"]:
+    def compensated(self, sums: WeightedBlockSums) -> Float[np.ndarray, "K p n_plus_1"]:
         """Sums of psi [phi' y] of blocks, without what noises add to them."""
         return sums.products.equations - self.noise_table(sums)
 
-    def scores(self, sums: BlockSums, theta: Float[np.ndarray, " n"]) -> Float[np.ndarray, "K p"]:
+    def scores(self, sums: WeightedBlockSums, theta: Float[np.ndarray, " n"]) -> Float[np.ndarray, "K p"]:
         """What an estimate leaves of each block: compensated sums of psi times the residual."""
         left = self.compensated(sums)
         return left[:, :, -1] - left[:, :, :-1] @ theta
 
 
-def nothing_yet(rows: TimedRows, forgetting: Forgetting, *, whole: bool) -> FadedProducts:
+def nothing_yet(rows: TimedRows, forgetting: Forgetting, *, whole: bool) -> ExponentiallyWeightedProducts:
     """Products of no rows, with the columns of some."""
     none = rows.between(0, 0)
     empty = sums_of_rows(none, forgetting, forgetting.block, whole=whole)
-    return FadedProducts(forgetting, whole, _zero(empty), empty, none)
+    return ExponentiallyWeightedProducts(forgetting, whole, _zero(empty), empty, none)
 
 
-def _zero(sums: BlockSums) -> BlockSums:
+def _zero(sums: WeightedBlockSums) -> WeightedBlockSums:
     """One block of nothing."""
     layout = sums.products.layout
     products = Products(np.zeros(1), np.zeros((1, *layout.shape)), layout)
-    return BlockSums(products, np.zeros((1, sums.noise.shape[1])), np.zeros(1))
+    return WeightedBlockSums(products, np.zeros((1, sums.noise.shape[1])), np.zeros(1))
 
 
 # -- Exponentially weighted covariance --
@@ -364,12 +362,14 @@ def equation_map(solved: Solved) -> Float[np.ndarray, "n p"]:
     return mapped
 
 
-def faded_covariance(
-    faded: FadedProducts, theta: Float[np.ndarray, " n"], mapped: Float[np.ndarray, "n p"]
+def exponentially_weighted_covariance(
+    exponentially_weighted_products: ExponentiallyWeightedProducts,
+    theta: Float[np.ndarray, " n"],
+    mapped: Float[np.ndarray, "n p"],
 ) -> JointCovariance:
-    """Covariance of an estimate from faded products."""
-    scores, weights, leaks = _weighted_blocks(faded, theta, mapped)
-    count = faded.total.products.count
+    """Covariance of an estimate from exponentially weighted products."""
+    scores, weights, leaks = _weighted_blocks(exponentially_weighted_products, theta, mapped)
+    count = exponentially_weighted_products.total.products.count
     rows = scores / count
     cosines = _cosines(weights, leaks)
     averages = cosines.T @ rows
@@ -390,13 +390,15 @@ def faded_covariance(
 
 
 def _weighted_blocks(
-    faded: FadedProducts, theta: Float[np.ndarray, " n"], mapped: Float[np.ndarray, "n p"]
+    exponentially_weighted_products: ExponentiallyWeightedProducts,
+    theta: Float[np.ndarray, " n"],
+    mapped: Float[np.ndarray, "n p"],
 ) -> tuple[Float[np.ndarray, "K n"], Float[np.ndarray, " K"], Float[np.ndarray, " K"]]:
     """Scores of unit variance, weights and sensitivities of the blocks that have rows and are kept apart."""
-    blocks, factors = faded.recent
+    blocks, factors = exponentially_weighted_products.recent
     filled = blocks.squares > 0.0
     size = np.sqrt(np.where(filled, blocks.squares, 1.0))
-    scores = faded.scores(blocks, theta) @ mapped.T / size[:, None]
+    scores = exponentially_weighted_products.scores(blocks, theta) @ mapped.T / size[:, None]
     return scores[filled], (factors * size)[filled], (blocks.products.counts / size)[filled]
 
 
@@ -411,5 +413,5 @@ def _cosines(
     time = (np.cumsum(shares) - 0.5 * shares) / shares.sum()
     waves = np.cos(np.pi * np.arange(1, averages + 1) * time[:, None])
     Q, _ = np.linalg.qr(np.column_stack([weights, leaks, weights[:, None] * waves]))
-    found: Float[np.ndarray, "K averages"] = Q[:, 2:]
-    return found
+    result: Float[np.ndarray, "K averages"] = Q[:, 2:]
+    return result

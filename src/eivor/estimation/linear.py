@@ -48,17 +48,17 @@ from eivor.tools import Float
 #: Steps after the search: they shrink by a factor each, of which the noise decides.
 MOST_STEPS = 60
 #: A change of a nuisance that is none, as a share of the span in which it is looked for.
-SETTLED = 1e-9
+CONVERGED = 1e-9
 
 #: A method, from a linear problem to its solution.
 Solve = Callable[[LinearProblem], Solved]
 
 
 @dataclass(frozen=True)
-class SettledSolution:
+class RefinedSolution:
     """Where a method's own equations ask for no change of the nuisances."""
 
-    at: dict[str, float]  # Values of the nuisances
+    nuisances: dict[str, float]  # Values of the nuisances
     solved: Solved
     origin: Float[np.ndarray, " n"]
 
@@ -67,12 +67,12 @@ def nearly(problem: LinearisableProblem, solve: Solve) -> dict[str, float]:
     """Values of the nuisances with the least objective of a method, to coarse tolerances."""
     refused: list[EstimationError] = []
 
-    def solution(at: Values) -> Solution:
-        return solve(problem.regression(at)).solution
+    def solution(nuisance_values: Values) -> Solution:
+        return solve(problem.regression(nuisance_values)).solution
 
-    def objective(at: Values) -> float:
+    def objective(inputs: Values) -> float:
         try:
-            return solution(at).objective
+            return solution(inputs).objective
         except (
             EstimationError
         ) as error:  # here the columns are those of another order, somewhere they are not
@@ -80,40 +80,40 @@ def nearly(problem: LinearisableProblem, solve: Solve) -> dict[str, float]:
             return np.inf
 
     def objectives(points: Sequence[Values]) -> Float[np.ndarray, " points"]:
-        values = np.array([objective(at) for at in points])
+        values = np.array([objective(point) for point in points])
         if not np.isfinite(values).any():
             raise refused[0]
         return values
 
-    return Search(problem.nuisances, {}, solution, objectives, lambda _: 0.0).minimum(coarse=True).at
+    return Search(problem.nuisances, {}, solution, objectives, lambda _: 0.0).minimum(coarse=True).nuisances
 
 
-def settled(problem: LinearisableProblem, solve: Solve, start: Values) -> SettledSolution:
+def refined_nuisances(problem: LinearisableProblem, solve: Solve, start: Values) -> RefinedSolution:
     """Solution beside the values at which a method changes nothing."""
     low = np.array([nuisance.first for nuisance in problem.nuisances])
     high = np.array([float(nuisance.grid[-1]) for nuisance in problem.nuisances])
     names = [nuisance.name for nuisance in problem.nuisances]
     values = np.array([start[name] for name in names])
     for _ in range(MOST_STEPS):
-        at = dict(zip(names, values.tolist(), strict=True))
-        theta = solve(problem.regression(at)).solution.theta
-        solved = solve(problem.linearised(at, theta))
+        index = dict(zip(names, values.tolist(), strict=True))
+        theta = solve(problem.regression(index)).solution.theta
+        solved = solve(problem.linearised(index, theta))
         change = solved.solution.theta[theta.size :]
-        if (np.abs(change) <= SETTLED * (high - low)).all():
-            return SettledSolution(at, solved, np.concatenate([np.zeros(theta.size), values]))
+        if (np.abs(change) <= CONVERGED * (high - low)).all():
+            return RefinedSolution(index, solved, np.concatenate([np.zeros(theta.size), values]))
         following = np.clip(values + change, low, high)
         if (following == values).any():
             stuck = [name for name, same in zip(names, following == values, strict=True) if same]
             raise ConvergenceError(
                 f"a least misfit inside the range of {', '.join(stuck)}",
-                f"one at its end, {', '.join(f'{at[name]:g}' for name in stuck)}, or beyond",
+                f"one at its end, {', '.join(f'{index[name]:g}' for name in stuck)}, or beyond",
                 "Give a wider range, or leave out a term that the data do not show.",
             )
         values = following
     raise ConvergenceError(
         f"steps of {', '.join(names)} that end",
         f"some that go on after {MOST_STEPS}",
-        "Give a narrower range, a longer record, or less noise: the data hardly tell it.",
+        "Give a narrower range, a longer record, or less noise: the data hardly identify it.",
     )
 
 
@@ -123,7 +123,7 @@ def settled(problem: LinearisableProblem, solve: Solve, start: Values) -> Settle
 MOSTLY_LEFT = 0.99
 
 
-def pulled(solution: Solution, parameters: tuple[Parameter, ...]) -> tuple[Reason, ...]:
+def shrinkage_bias(solution: Solution, parameters: tuple[Parameter, ...]) -> tuple[Reason, ...]:
     """Ground that says how far the estimate was moved; none without regularisation."""
     done = solution.shrinkage
     if done is None:
@@ -150,7 +150,7 @@ def check_freedom(rows: int | float, unknowns: int) -> None:
     """Refuse rows that any parameters fit: their residual of zero would pass for no error at all."""
     if rows <= unknowns:
         raise TooFewSamplesError(
-            f"more rows than the {unknowns} unknowns, since the residual tells their errors",
+            f"more rows than the {unknowns} unknowns, since the residual determines their errors",
             f"{rows:g}",
             "Give a longer record.",
         )
@@ -165,7 +165,8 @@ def check_rank(system: LinearSystem) -> None:
         raise InstrumentError(
             "instruments that move every regressor in a way of its own",
             f"equations of numerical rank below {system.matrix.shape[1]} (singular values {singular})",
-            "An input that never moves tells nothing, and a white one cannot be instrumented by strictly "
+            "An input that never moves carries no information, and a white one cannot be "
+            "instrumented by strictly "
             "delayed inputs: use generalized_iv with lag 0, other instruments, or an input with memory.",
         )
 
@@ -188,7 +189,7 @@ SAME_COLUMN = 1e-9
 
 
 def first_stage_strengths(moments: Moments) -> Float[np.ndarray, " n"] | None:
-    """Conditional first-stage F of each regressor; None when the moments do not tell."""
+    """Conditional first-stage F of each regressor; None when the moments do not identify."""
     if not isinstance(moments, CrossMoments) or moments.instruments is None or moments.regressors is None:
         return None
     cross = moments.equations[:, :-1]
@@ -199,7 +200,7 @@ def first_stage_strengths(moments: Moments) -> Float[np.ndarray, " n"] | None:
 def weak_instruments(
     moments: Moments, system: LinearSystem, parameters: tuple[Parameter, ...]
 ) -> tuple[Reason, ...]:
-    """Grounds for the status weak, told as a warning too; none when strength is not known."""
+    """Reasons for the status weak, reported as a warning too; none when strength is not known."""
     strengths = first_stage_strengths(moments)
     if strengths is None:
         return ()
@@ -213,7 +214,8 @@ def weak_instruments(
         f"The instruments hardly move the regressor of {parameters[weakest].name}: first-stage F is "
         f"{strengths[weakest]:.2g}, and {STRONG_FIRST_STAGE:.0f} is needed (singular values of the scaled "
         f"equations: {', '.join(f'{value:.3g}' for value in singular)}).",
-        "An input that hardly moves tells nothing, and a white one is no instrument for itself once delayed: "
+        "An input that hardly moves carries no information, and a white one is no instrument for "
+        "itself once delayed: "
         "use generalized_iv with lag 0, other instruments, or an input with memory. The sets of "
         "eivor.anderson_rubin_set hold all the same.",
     )
@@ -222,7 +224,7 @@ def weak_instruments(
 
 
 def overstated_noise(moments: Moments, parameters: tuple[Parameter, ...]) -> tuple[Reason, ...]:
-    """Grounds for the status weak where more noise is taken out of a column than there is of it."""
+    """Reasons for the status weak where more noise is taken out of a column than there is of it."""
     if not isinstance(moments, CrossMoments) or moments.noise is None:
         return ()
     if moments.instruments is None or moments.regressors is None:
@@ -312,7 +314,7 @@ class LinearMethod(Method):
         )
 
     def solve(self, problem: LinearProblem) -> Solved:
-        """Solve for the linear parameters of a problem with its rows at hand."""
+        """Solve for the linear parameters of a problem with its rows available."""
         full = self.equation_weighting.needs_instrument_products
         moments = self.assembler.full_moments(problem) if full else self.assembler.moments(problem)
         return self.solve_moments(moments, problem)
@@ -364,19 +366,19 @@ def _linearised_estimate(method: LinearMethod, problem: LinearisableProblem) -> 
     def solve(linear: LinearProblem) -> Solved:
         return method.determined(method.moments(linear), linear)
 
-    found = settled(problem, solve, nearly(problem, method.solve))
-    solved = found.solved
+    result = refined_nuisances(problem, solve, nearly(problem, method.solve))
+    solved = result.solved
     parameters = solved.rows.parameters
-    candidate = Candidate(found.at, solved, origin=found.origin)
+    candidate = Candidate(result.nuisances, solved, origin=result.origin)
     return Estimate(method.name, parameters, (candidate,), _reasons(solved, parameters))
 
 
 def _reasons(solved: Solved, parameters: tuple[Parameter, ...]) -> tuple[Reason, ...]:
-    """Grounds for the status weak of an estimate of plain rows."""
+    """Reasons for the status weak of an estimate of plain rows."""
     return (
         *weak_instruments(solved.moments, solved.system, parameters),
         *overstated_noise(solved.moments, parameters),
-        *pulled(solved.solution, parameters),
+        *shrinkage_bias(solved.solution, parameters),
     )
 
 
@@ -392,8 +394,8 @@ def check_linear(method: object) -> None:
 def _separable_estimate(method: LinearMethod, problem: SeparableProblem) -> Estimate:
     """Estimate with a candidate for each combination of the discrete nuisances' values."""
 
-    def made(fixed: dict[str, float], beside: Candidate | None) -> Candidate:
-        return _candidate(method, problem, fixed, beside)
+    def made(fixed: dict[str, float], neighbours: Candidate | None) -> Candidate:
+        return _candidate(method, problem, fixed, neighbours)
 
     candidates = on_nested_grids(problem.nuisances, made, lambda candidate: candidate.criterion, _rejected)
     refined = tuple(nuisance.parameter for nuisance in problem.nuisances if nuisance.refined)
@@ -401,7 +403,7 @@ def _separable_estimate(method: LinearMethod, problem: SeparableProblem) -> Esti
     best = (
         min(candidates, key=lambda candidate: candidate.criterion) if len(candidates) > 1 else candidates[0]
     )
-    reasons = pulled(best.solution, best.rows.parameters)
+    reasons = shrinkage_bias(best.solution, best.rows.parameters)
     return Estimate(method.name, joint, candidates, reasons, bounded_sums(problem.nuisances))
 
 
@@ -411,67 +413,71 @@ def _rejected(candidate: Candidate) -> bool:
 
 
 def _candidate(
-    method: LinearMethod, problem: SeparableProblem, fixed: dict[str, float], beside: Candidate | None
+    method: LinearMethod, problem: SeparableProblem, fixed: dict[str, float], candidate: Candidate | None
 ) -> Candidate:
     """Estimate at some values of the discrete nuisances: passes of search and renewed row weights."""
-    if problem.begun is not None:
-        weights = method.row_weighting.last_pass(problem, problem.begun.theta, problem.begun.at)
+    if problem.warm_start is not None:
+        weights = method.row_weighting.last_pass(
+            problem, problem.warm_start.theta, problem.warm_start.nuisances
+        )
     else:
         weights = method.row_weighting.first_pass(problem)
-        if beside is not None and weights.renewal is not None:
-            weights = weights.renewal(beside.theta, beside.at)
-    found = _minimum(method, problem, weights, fixed)
+        if candidate is not None and weights.renewal is not None:
+            weights = weights.renewal(candidate.theta, candidate.nuisances)
+    minimum = _minimum(method, problem, weights, fixed)
     while weights.renewal is not None:
-        weights = weights.renewal(found.solution.theta, found.at)
-        found = _minimum(method, problem, weights, fixed)
-    solved = method.solve(weights.rows(found.at))
+        weights = weights.renewal(minimum.solution.theta, minimum.nuisances)
+        minimum = _minimum(method, problem, weights, fixed)
+    solved = method.solve(weights.rows(minimum.nuisances))
     refined = [nuisance for nuisance in problem.nuisances if nuisance.refined]
-    columns = [slope(weights, nuisance, found.at, found.solution.theta) for nuisance in refined]
+    columns = [slope(weights, nuisance, minimum.nuisances, minimum.solution.theta) for nuisance in refined]
     precision = [0.0 if nuisance.prior is None else nuisance.prior.std**-2.0 for nuisance in refined]
     known = [nuisance for nuisance in problem.nuisances if nuisance.searched and nuisance.prior is not None]
     solved = replace(
         solved,
         nuisance_columns=np.column_stack([np.empty((solved.rows.response.size, 0)), *columns]),
         precision=np.array(precision),
-        misfits=tuple(nuisance.misfit(found.at) for nuisance in known),
+        misfits=tuple(nuisance.misfit(minimum.nuisances) for nuisance in known),
     )
-    at = {nuisance.name: found.at[nuisance.name] for nuisance in problem.nuisances}
+    index = {nuisance.name: minimum.nuisances[nuisance.name] for nuisance in problem.nuisances}
     covariance = FEW_ROWS_DEFAULT if problem.few_rows else FLIGHT_DEFAULT
-    own = weights.criterion(solved.solution.theta, found.at)
-    criterion = None if own is None else own + sum(solved.misfits)
-    return Candidate(at, solved, found.profiles, covariance, own_criterion=criterion)
+    current = weights.criterion(solved.solution.theta, minimum.nuisances)
+    criterion = None if current is None else current + sum(solved.misfits)
+    return Candidate(index, solved, minimum.profiles, covariance, flight_criterion=criterion)
 
 
 def _minimum(
     method: LinearMethod, problem: SeparableProblem, weights: WeightedRows, fixed: dict[str, float]
 ) -> Minimum:
     """Best continuous nuisances with weights of one pass; roughly, where another pass follows."""
-    sought = tuple(nuisance for nuisance in problem.nuisances if nuisance.refined)
+    wanted_parameters = tuple(nuisance for nuisance in problem.nuisances if nuisance.refined)
     rows = weights.rows(problem.first_values | fixed)
-    check_freedom(rows.response.size, rows.regressors.shape[1] + len(sought))
+    check_freedom(rows.response.size, rows.regressors.shape[1] + len(wanted_parameters))
     if method.needs_instruments:
-        unknown = sum(nuisance.prior is None for nuisance in sought)
+        unknown = sum(nuisance.prior is None for nuisance in wanted_parameters)
         check_instruments(rows, unknown, method.name)
 
-    def solve(at: Values) -> Solution:
-        return method.solve(weights.rows(at)).solution
+    def solve(nuisance_values: Values) -> Solution:
+        return method.solve(weights.rows(nuisance_values)).solution
 
-    def unit(at: Values) -> float:
-        return method.solve(weights.rows(at)).objective_unit()
+    def unit(inputs: Values) -> float:
+        return method.solve(weights.rows(inputs)).objective_unit()
 
     def objectives(points: Sequence[Values]) -> Float[np.ndarray, " points"]:
         if method.plain_products:
             return method.solver.objectives(weights.products(points))
-        return np.array([solve(at).objective for at in points])
+        return np.array([solve(point).objective for point in points])
 
-    return Search(sought, fixed, solve, objectives, unit).minimum(coarse=weights.renewal is not None)
+    return Search(wanted_parameters, fixed, solve, objectives, unit).minimum(
+        coarse=weights.renewal is not None
+    )
 
 
 def slope(
-    weights: WeightedRows, nuisance: Nuisance, at: Values, theta: Float[np.ndarray, " n"]
+    weights: WeightedRows, nuisance: Nuisance, nuisance_values: Values, theta: Float[np.ndarray, " n"]
 ) -> Float[np.ndarray, " rows"]:
     """Derivative of Phi theta by a nuisance."""
-    return nuisance.derivative(lambda moved: weights.rows(moved).regressors, at) @ theta
+    return nuisance.derivative(lambda moved: weights.rows(moved).regressors, nuisance_values) @ theta
 
 
 def _collinear(matrix: Float[np.ndarray, "m n"], parameters: Sequence[Parameter]) -> CollinearError:
@@ -485,9 +491,9 @@ def _collinear(matrix: Float[np.ndarray, "m n"], parameters: Sequence[Parameter]
             "Choose a window in which the channel moves, or leave the parameter out.",
         )
     shares = np.abs(np.linalg.svd(matrix / lengths)[2][-1])
-    alike = [name for name, share in zip(names, shares, strict=True) if share > LEAST_SHARE]
+    equal = [name for name, share in zip(names, shares, strict=True) if share > LEAST_SHARE]
     return CollinearError(
         "linearly independent regressors",
-        f"those of {' and '.join(alike)}, of which one is a combination of the others",
+        f"those of {' and '.join(equal)}, of which one is a combination of the others",
         "Give data in which they move independently, or leave one of the parameters out.",
     )

@@ -15,7 +15,7 @@ Problem = LinearProblem | SeparableProblem | ProblemMoments
 
 
 class NaturalInstruments(Enum):
-    """What serves as instruments of a flight when nothing else is asked for."""
+    """What serves as instruments of a flight when nothing else is requested."""
 
     REFERENCES = "references"
     LAGS = "lags"

@@ -237,12 +237,12 @@ def generalized_iv_unknown_noise(*, lags: int | None = None, orders: Sequence[st
 
 
 def bias_eliminating_least_squares() -> Method:
-    """Least squares whose bias by white noises of unknown strength is told by instruments, and taken out."""
+    """Least squares whose bias by white noises of unknown strength is identified by instruments."""
     return NoiseEstimatingIV("bias_eliminating_least_squares", BiasEliminating())
 
 
 def frisch_scheme() -> Method:
-    """The Frisch scheme with instruments: white noises of regressors and response are told."""
+    """The Frisch scheme with instruments: white noises of regressors and response are identified."""
     return NoiseEstimatingIV("frisch_scheme", FrischScheme())
 
 

@@ -146,10 +146,10 @@ def _mean(
     return values * (count / total) + other * (other_count / total)
 
 
-def _unlike(one: Moments, other: Moments) -> UsageError:
+def _unlike(moments: Moments, other: Moments) -> UsageError:
     return UsageError(
-        f"moments of the same kind and columns as these {type(one).__name__}",
-        f"{type(other).__name__} of other columns" if type(one) is type(other) else type(other).__name__,
+        f"moments of the same kind and columns as these {type(moments).__name__}",
+        f"{type(other).__name__} of other columns" if type(moments) is type(other) else type(other).__name__,
         "Merge moments that one method made of one problem.",
     )
 
@@ -333,10 +333,10 @@ class Compensated(Assembler):
 
     def system(self, moments: Moments) -> LinearSystem:
         """Compensated mean cross-products as equations."""
-        found = _instrumental_system(moments, compensated=True)
+        instrumental_system = _instrumental_system(moments, compensated=True)
         if not self.by_instruments and isinstance(moments, CrossMoments):
-            _check_compensated(moments.equations[:, :-1], found.matrix)
-        return found
+            _check_compensated(moments.equations[:, :-1], instrumental_system.matrix)
+        return instrumental_system
 
     def left(self, moments: Moments, solution: Solution, /) -> float:
         """With instruments what is left of the equations; else the sum of squares without the noise in it."""
@@ -411,7 +411,7 @@ class FittedNoise:
 
     @property
     def sentence(self) -> str:
-        """What is told of it."""
+        """What is reported about it."""
         strength = f"{self.strength:.3g}"
         if self.strength_error:
             strength += f" ± {self.strength_error:.1g}"
@@ -426,7 +426,7 @@ INDEPENDENT = 1e-6
 
 
 @dataclass(frozen=True)
-class OwnEquations:
+class ParameterEquations:
     """Rows, regressors and instruments that go with one parameter."""
 
     rows: Bool[np.ndarray, " rows"]
@@ -442,17 +442,19 @@ class OwnEquations:
         self, columns: Float[np.ndarray, "points rows n_plus_1"], theta: Float[np.ndarray, " n"]
     ) -> Float[np.ndarray, "points own_rows own_plus_1"]:
         """Residual at some parameters, and the regressors, of [phi y] of the same rows at several points."""
-        own = columns[:, self.rows]
-        residual = own[:, :, -1] - own[:, :, :-1] @ theta
-        return np.concatenate([residual[:, :, None], own[:, :, self.regressors]], axis=2)
+        column = columns[:, self.rows]
+        residual = column[:, :, -1] - column[:, :, :-1] @ theta
+        return np.concatenate([residual[:, :, None], column[:, :, self.regressors]], axis=2)
 
 
-def own_equations(rows: Regression, place: int) -> OwnEquations:
+def parameter_equations(rows: Regression, position: int) -> ParameterEquations:
     """Equations of the parameter of some number."""
-    own = rows.regressors[:, place] != 0.0
-    others = [j for j in range(rows.regressors.shape[1]) if j != place and rows.regressors[own, j].any()]
+    current = rows.regressors[:, position] != 0.0
+    others = [
+        j for j in range(rows.regressors.shape[1]) if j != position and rows.regressors[current, j].any()
+    ]
     instruments = rows.instruments
-    if not own.all():
-        basis, sizes, _ = np.linalg.svd(instruments[own], full_matrices=False)
+    if not current.all():
+        basis, sizes, _ = np.linalg.svd(instruments[current], full_matrices=False)
         instruments = basis[:, sizes > INDEPENDENT]
-    return OwnEquations(own, np.array([place, *others]), instruments)
+    return ParameterEquations(current, np.array([position, *others]), instruments)

@@ -18,9 +18,9 @@ from eivor.estimation.sampled_motion import (
     PairedEquations,
     PairSpectrum,
     fitted_noise,
+    fitted_noises,
     inner,
     prior_of,
-    told_noises,
 )
 from eivor.estimation.weighting import POWER_FLOOR, RowWeighting, WeightedRows, WhitenedRows
 from eivor.inference.diagnostics.record import orthonormal_basis
@@ -32,8 +32,8 @@ from eivor.tools import Complex, Float
 
 # -- Paired bins --
 
-#: Frequency that strengths of noises are told at [Hz]; orders say what they are beside it.
-TOLD_AT_HZ = 1.0
+#: Frequency that strengths of noises are identified at [Hz]; orders say what they are beside it.
+STRENGTH_AT_HZ = 1.0
 #: Share of the responses' power that counts as rounding.
 ROUNDING = 1e-8
 
@@ -59,22 +59,22 @@ class PairedBins:
 
     @cached_property
     def log_scale(self) -> Float[np.ndarray, " bins"]:
-        """Logarithm of a difference's gain over that at `TOLD_AT_HZ`."""
+        """Logarithm of a difference's gain over that at `STRENGTH_AT_HZ`."""
         gain: Float[np.ndarray, " bins"] = np.log(
-            np.sin(np.pi * self.frequency_hz * self.step_s) / np.sin(np.pi * TOLD_AT_HZ * self.step_s)
+            np.sin(np.pi * self.frequency_hz * self.step_s) / np.sin(np.pi * STRENGTH_AT_HZ * self.step_s)
         )
         return gain
 
     def shapes(self) -> tuple[PairSpectrum, PairSpectrum, PairSpectrum, PairSpectrum]:
         """C of what drives, of the state, of the response, and of a disturbance: one unit of noise each."""
-        ones, K = np.ones(self.frequency_hz.size), float(self.theta[self.state.place])
+        entries, K = np.ones(self.frequency_hz.size), float(self.theta[self.state.index])
         moved = 2j / self.step_s * np.tan(np.pi * self.frequency_hz * self.step_s) + K
-        driven = float(np.sum((self.theta * self.state.driven_density) ** 2)) * ones
+        driven = float(np.sum((self.theta * self.state.driven_density) ** 2)) * entries
         return (
             PairSpectrum(driven + self.least, driven + self.least, driven.astype(complex)),
-            PairSpectrum(K * K * ones, np.abs(moved) ** 2, K * moved.conj()),
-            PairSpectrum(ones, 0.0 * ones, 0.0j * ones),
-            PairSpectrum(ones, ones, ones.astype(complex)),
+            PairSpectrum(K * K * entries, np.abs(moved) ** 2, K * moved.conj()),
+            PairSpectrum(entries, 0.0 * entries, 0.0j * entries),
+            PairSpectrum(entries, entries, entries.astype(complex)),
         )
 
     @cached_property
@@ -88,8 +88,8 @@ class PairedBins:
 
     def residual(self, bins: SpectralRegression) -> Pair:
         """r_1 and r_2, per root of Hz."""
-        found = responses(bins) - (bins.regressors @ self.theta)[:, None]
-        scaled: Pair = found.T * np.sqrt(self.density_scale)
+        result = responses(bins) - (bins.regressors @ self.theta)[:, None]
+        scaled: Pair = result.T * np.sqrt(self.density_scale)
         return scaled
 
     def fitted(self, bins: SpectralRegression) -> NoiseModel:
@@ -97,11 +97,11 @@ class PairedBins:
         pairs, residual, prior = self._fit(bins)
         return fitted_noise(pairs, residual, prior.centre, prior)
 
-    def told(self, bins: SpectralRegression) -> tuple[FittedNoise, ...]:
-        """The same with their errors; strengths are amplitude densities at `TOLD_AT_HZ`."""
+    def fitted_noises(self, bins: SpectralRegression) -> tuple[FittedNoise, ...]:
+        """The same with their errors; strengths are amplitude densities at `STRENGTH_AT_HZ`."""
         pairs, residual, prior = self._fit(bins)
         model = fitted_noise(pairs, residual, prior.centre, prior)
-        return told_noises(pairs, residual, model, prior, f"per root of Hz, at {TOLD_AT_HZ:g} Hz")
+        return fitted_noises(pairs, residual, model, prior, f"per root of Hz, at {STRENGTH_AT_HZ:g} Hz")
 
     def _fit(self, bins: SpectralRegression) -> tuple[PairedEquations, Pair, NoisePrior]:
         order = np.argsort(self.frequency_hz, kind="stable")
@@ -122,11 +122,11 @@ class _Sorted:
         return self.pairs.log_scale[self.order]
 
     def shapes(self) -> tuple[PairSpectrum, PairSpectrum, PairSpectrum, PairSpectrum]:
-        one, two, three, four = (
+        item, two, three, four = (
             PairSpectrum(each.first[self.order], each.second[self.order], each.cross[self.order])
             for each in self.pairs.shapes()
         )
-        return one, two, three, four
+        return item, two, three, four
 
 
 def _declared(density: float) -> MeasurementNoise | None:
@@ -139,16 +139,16 @@ def responses(bins: SpectralRegression) -> Complex[np.ndarray, "bins 2"]:
     return np.column_stack([bins.responses[:, 0], bins.responses[:, -1] / np.concatenate(quarter) ** 2])
 
 
-def paired_bins(problem: SeparableProblem, theta: Float[np.ndarray, " n"], at: Values) -> PairedBins:
+def paired_bins(problem: SeparableProblem, theta: Float[np.ndarray, " n"], nuisances: Values) -> PairedBins:
     """Bins of a problem at some parameters."""
-    state = problem.sampled_state(at)
+    state = problem.sampled_state(nuisances)
     if state is None:
         raise EstimationError(
             "a motion whose state and its derivative were both measured, for a spectral method",
             "one of them alone",
             "Log the accelerometer and the velocity, or use reference_iv.",
         )
-    bins = problem.bins(at)
+    bins = problem.bins(nuisances)
     pairs = PairedBins(bins.layout, theta, state)
     power = np.abs(bins.responses[:, 0]) ** 2 * pairs.density_scale
     return replace(pairs, least=ROUNDING * float(np.median(power)))
@@ -156,7 +156,7 @@ def paired_bins(problem: SeparableProblem, theta: Float[np.ndarray, " n"], at: V
 
 # -- Weights --
 
-#: Neighbours of a bin, on each side, that tell the power of its input without itself.
+#: Neighbours of a bin, on each side, that identify the power of its input without itself.
 INPUT_NEIGHBOURS = 3
 #: A bin is a line of the input where its power exceeds its noise and its neighbours' power by this factor.
 LINE = 12.0
@@ -175,9 +175,9 @@ def signal_weights(
     spectrum: Complex[np.ndarray, " bins"], noise_variance: float
 ) -> Float[np.ndarray, " bins"]:
     """w, the squared share of signal in the input's power near each bin."""
-    own, around = np.abs(spectrum) ** 2, power_around(spectrum)
-    line = own > LINE * np.maximum(around, noise_variance)
-    share = 1.0 - noise_variance / np.where(line, own, around)
+    current, around = np.abs(spectrum) ** 2, power_around(spectrum)
+    line = current > LINE * np.maximum(around, noise_variance)
+    share = 1.0 - noise_variance / np.where(line, current, around)
     weights: Float[np.ndarray, " bins"] = np.clip(share, LEAST_SHARE, 1.0) ** 2
     return weights
 
@@ -190,8 +190,8 @@ def power_around(spectrum: Complex[np.ndarray, " bins"]) -> Float[np.ndarray, " 
     last = np.minimum(index + INPUT_NEIGHBOURS + 1, power.size)
     sums = np.concatenate([[0.0], np.cumsum(power)])
     around = (sums[last] - sums[first] - power) / np.maximum(last - first - 1, 1)
-    found: Float[np.ndarray, " bins"] = np.maximum(around, np.finfo(np.float64).tiny)
-    return found
+    result: Float[np.ndarray, " bins"] = np.maximum(around, np.finfo(np.float64).tiny)
+    return result
 
 
 def held_back(residual: Pair, C: PairSpectrum) -> Float[np.ndarray, " bins"]:
@@ -217,9 +217,9 @@ def corrected_spectrum(
         return (sums[last] - sums[first]) / count
 
     products = np.stack([np.abs(white[0]) ** 2, np.abs(white[1]) ** 2], axis=1)
-    one, two = shrunk(np.stack([averaged(each) for each in products.T], axis=1), count).T
+    item, two = shrunk(np.stack([averaged(each) for each in products.T], axis=1), count).T
     across = averaged(white[0] * white[1].conj()) * (count / (count + IDENTITY))
-    return recoloured(model, one, two, across)
+    return recoloured(model, item, two, across)
 
 
 def shrunk(
@@ -233,7 +233,7 @@ def shrunk(
 
 def recoloured(
     model: PairSpectrum,
-    one: Float[np.ndarray, " bins"],
+    first: Float[np.ndarray, " bins"],
     two: Float[np.ndarray, " bins"],
     across: Complex[np.ndarray, " bins"],
 ) -> PairSpectrum:
@@ -241,9 +241,9 @@ def recoloured(
     top, below, bottom = model.root
     # L = [top 0; below bottom]
     return PairSpectrum(
-        top**2 * one,
-        np.abs(below) ** 2 * one + bottom**2 * two + 2.0 * (below * across * bottom).real,
-        top * (one * below.conj() + across * bottom),
+        top**2 * first,
+        np.abs(below) ** 2 * first + bottom**2 * two + 2.0 * (below * across * bottom).real,
+        top * (first * below.conj() + across * bottom),
     )
 
 
@@ -261,13 +261,13 @@ class CombinedProblem(SeparableProblem):
     def __post_init__(self) -> None:
         object.__setattr__(self, "nuisances", self.problem.nuisances)
 
-    def rows(self, at: Values) -> Regression:
+    def rows(self, nuisances: Values) -> Regression:
         """Rows in time, of the problem itself."""
-        return self.problem.rows(at)
+        return self.problem.rows(nuisances)
 
-    def bins(self, at: Values) -> SpectralRegression:
+    def bins(self, nuisances: Values) -> SpectralRegression:
         """Rows in frequency with one response."""
-        bins = self.problem.bins(at)
+        bins = self.problem.bins(nuisances)
         combined = (responses(bins) * self.weights).sum(axis=1, keepdims=True)
         return replace(bins, responses=combined)
 
@@ -312,14 +312,14 @@ class CorrectedSpectra(PairSpectra):
         white = model.whitened(residual)
         across = white[0] * white[1].conj()
         products = np.stack([np.abs(white[0]) ** 2, np.abs(white[1]) ** 2, across.real, across.imag], axis=1)
-        found, first = np.empty_like(products), 0
+        result, first = np.empty_like(products), 0
         for run in layout.runs:
             here, count = slice(first, first + run.count), run.smoothed_over
             means = run.smoothed(products[here])
-            found[here, :2] = shrunk(means[:, :2], count)
-            found[here, 2:] = means[:, 2:] * (count / (count + IDENTITY))[:, None]
+            result[here, :2] = shrunk(means[:, :2], count)
+            result[here, 2:] = means[:, 2:] * (count / (count + IDENTITY))[:, None]
             first += run.count
-        C = recoloured(model, found[:, 0], found[:, 1], found[:, 2] + 1j * found[:, 3])
+        C = recoloured(model, result[:, 0], result[:, 1], result[:, 2] + 1j * result[:, 3])
         return C, held_back(residual, C)
 
 
@@ -333,9 +333,9 @@ class PairRows(WeightedRows):
     white: WhitenedRows  # The combined and whitened rows
     renewals: int  # Passes that follow
 
-    def rows(self, at: Values) -> Regression:
+    def rows(self, nuisances: Values) -> Regression:
         """Combined and whitened rows."""
-        return self.white.rows(at)
+        return self.white.rows(nuisances)
 
     def products(self, points: Sequence[Values]) -> Float[np.ndarray, "points p n_plus_1"]:
         """Mean of psi [phi' y] at many values of the nuisances."""
@@ -345,9 +345,9 @@ class PairRows(WeightedRows):
         """Combined and whitened rows of [phi y] at many values of the nuisances."""
         return self.white.columns(points)
 
-    def criterion(self, theta: Float[np.ndarray, " n"], at: Values, /) -> float | None:
+    def criterion(self, theta: Float[np.ndarray, " n"], nuisances: Values, /) -> float | None:
         """The spectra's, at some parameters."""
-        residual = paired_bins(self.problem, theta, at).residual(self.problem.bins(at))
+        residual = paired_bins(self.problem, theta, nuisances).residual(self.problem.bins(nuisances))
         return self.spectra.criterion(self.C, residual)
 
     @property
@@ -355,14 +355,18 @@ class PairRows(WeightedRows):
         """Weights by the residuals, while there are passes to follow."""
         return self._renewed if self.renewals else None
 
-    def _renewed(self, theta: Float[np.ndarray, " n"], at: Values) -> PairRows:
-        return _by_residuals(self.problem, self.spectra, theta, at, self.renewals - 1)
+    def _renewed(self, theta: Float[np.ndarray, " n"], nuisances: Values) -> PairRows:
+        return _by_residuals(self.problem, self.spectra, theta, nuisances, self.renewals - 1)
 
 
 def _by_residuals(
-    problem: SeparableProblem, spectra: PairSpectra, theta: Float[np.ndarray, " n"], at: Values, renewals: int
+    problem: SeparableProblem,
+    spectra: PairSpectra,
+    theta: Float[np.ndarray, " n"],
+    nuisances: Values,
+    renewals: int,
 ) -> PairRows:
-    pairs, bins = paired_bins(problem, theta, at), problem.bins(at)
+    pairs, bins = paired_bins(problem, theta, nuisances), problem.bins(nuisances)
     model = pairs.fitted(bins).spectrum(pairs)
     C, factor = spectra.weights(model, pairs.residual(bins), pairs.layout)
     return _weighted(problem, bins, spectra, (C, factor * pairs.density_scale), renewals)
@@ -401,13 +405,15 @@ class PairWhitening(RowWeighting):
 
     def first_pass(self, problem: SeparableProblem) -> PairRows:
         """Both alike, flat power."""
-        at = problem.first_values
-        bins = problem.bins(at)
-        paired_bins(problem, np.zeros(bins.regressors.shape[1]), at)
-        ones = np.ones(bins.responses.shape[0])
-        alike = PairSpectrum(ones, ones, 0.0j * ones)
-        return _weighted(problem, bins, self.spectra, (alike, ones), self.passes - 1)
+        first_values = problem.first_values
+        bins = problem.bins(first_values)
+        paired_bins(problem, np.zeros(bins.regressors.shape[1]), first_values)
+        entries = np.ones(bins.responses.shape[0])
+        pair_spectrum = PairSpectrum(entries, entries, 0.0j * entries)
+        return _weighted(problem, bins, self.spectra, (pair_spectrum, entries), self.passes - 1)
 
-    def last_pass(self, problem: SeparableProblem, theta: Float[np.ndarray, " n"], at: Values, /) -> PairRows:
+    def last_pass(
+        self, problem: SeparableProblem, theta: Float[np.ndarray, " n"], nuisances: Values, /
+    ) -> PairRows:
         """By the residuals of an estimate."""
-        return _by_residuals(problem, self.spectra, theta, at, 0)
+        return _by_residuals(problem, self.spectra, theta, nuisances, 0)

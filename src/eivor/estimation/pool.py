@@ -18,14 +18,14 @@ from eivor.estimation.methods import by_name
 from eivor.estimation.nuisance_grids import (
     Nodes,
     NuisanceScan,
-    Places,
+    Points,
     bounded_sums,
-    least_of_competitors,
+    least_comparable_criteria,
     nodes_of,
     on_nested_grids,
     reaching,
 )
-from eivor.estimation.variable_projection import NuisanceProfile, least_place, profiles_of
+from eivor.estimation.variable_projection import NuisanceProfile, argmin, profiles_of
 from eivor.estimation.weighting import WeightedRows, whitened_by_residuals
 from eivor.inference.anderson_rubin import allowed, least_ratio
 from eivor.inference.confidence_set import ConfidenceSet
@@ -59,13 +59,13 @@ class PoolMember:
     power: Float[np.ndarray, "T n_plus_1 n_plus_1"]  # Their products with each other
     rows: int
 
-    def at(self, nuisances: Mapping[str, float]) -> dict[str, float]:
+    def nuisances_at(self, nuisances: Mapping[str, float]) -> dict[str, float]:
         """Values of all nuisances, those of the continuous ones as given."""
         return {**self.fixed, **nuisances}
 
     def rows_at(self, nuisances: Mapping[str, float]) -> Regression:
         """Whitened rows."""
-        return self.weights.rows(self.at(nuisances))
+        return self.weights.rows(self.nuisances_at(nuisances))
 
     def recentred(self, centre: Float[np.ndarray, " n"]) -> PoolMember:
         """The same products with the response taken elsewhere."""
@@ -85,20 +85,20 @@ class PoolMember:
 def pool_member(
     problem: SeparableProblem,
     nodes: Nodes,
-    at: Values,
+    nuisance_values: Values,
     theta: Float[np.ndarray, " n"],
     centre: Float[np.ndarray, " n"],
 ) -> PoolMember:
     """Products of a flight, whitened by its residual at some values."""
-    weights = whitened_by_residuals(problem, theta, at)
+    weights = whitened_by_residuals(problem, theta, nuisance_values)
     equations, power, count = [], [], 0
     for point in nodes.points:
-        rows = weights.rows({**at, **point})
-        seen, own = products_at(rows, centre)
+        rows = weights.rows({**nuisance_values, **point})
+        seen, current = products_at(rows, centre)
         equations.append(seen)
-        power.append(own)
+        power.append(current)
         count = rows.response.size
-    return PoolMember(problem, weights, at, centre, np.stack(equations), np.stack(power), count)
+    return PoolMember(problem, weights, nuisance_values, centre, np.stack(equations), np.stack(power), count)
 
 
 def products_at(
@@ -120,7 +120,7 @@ class PoolCriterion:
     """J of some flights at one combination of the discrete nuisances."""
 
     members: tuple[PoolMember, ...]
-    own: tuple[int, ...]
+    flight_specific: tuple[int, ...]
     nodes: Nodes
     known: dict[str, Prior]
 
@@ -132,12 +132,12 @@ class PoolCriterion:
     @property
     def shared(self) -> tuple[int, ...]:
         """Places of the linear parameters that are shared."""
-        return tuple(place for place in range(self.size) if place not in self.own)
+        return tuple(index for index in range(self.size) if index not in self.flight_specific)
 
     @property
     def unknowns(self) -> int:
         """Parameters of all flights, and nuisances."""
-        return len(self.members) * len(self.own) + len(self.shared) + len(self.nodes.axes)
+        return len(self.members) * len(self.flight_specific) + len(self.shared) + len(self.nodes.axes)
 
     @property
     def rows(self) -> int:
@@ -170,21 +170,21 @@ class PoolCriterion:
 
     def _joined(self, blocks: Forms) -> Float[np.ndarray, "k m m"]:
         """Form of all parameters: residual, each flight's own, and what is shared."""
-        flights, own = len(self.members), len(self.own)
-        width = 1 + flights * own + len(self.shared)
+        flights, current = len(self.members), len(self.flight_specific)
+        width = 1 + flights * current + len(self.shared)
         joined = np.zeros((blocks.shape[1], width, width))
         for number, block in enumerate(blocks):
-            places = self._places_of(number)
-            joined[:, places[:, None], places] += block
+            positions = self._indices_of(number)
+            joined[:, positions[:, None], positions] += block
         return joined
 
-    def _places_of(self, number: int) -> np.ndarray:
+    def _indices_of(self, number: int) -> np.ndarray:
         """Where residual and parameters of a flight are among those of all."""
-        flights, own = len(self.members), len(self.own)
-        places = np.zeros(1 + self.size, dtype=np.int64)
-        places[[1 + place for place in self.own]] = 1 + number * own + np.arange(own)
-        places[[1 + place for place in self.shared]] = 1 + flights * own + np.arange(len(self.shared))
-        return places
+        flights, current = len(self.members), len(self.flight_specific)
+        positions = np.zeros(1 + self.size, dtype=np.int64)
+        positions[[1 + item for item in self.flight_specific]] = 1 + number * current + np.arange(current)
+        positions[[1 + item for item in self.shared]] = 1 + flights * current + np.arange(len(self.shared))
+        return positions
 
     def misfit(self, box: Box) -> Float[np.ndarray, " points"]:
         """Squared distance from what is known beforehand, in standard errors."""
@@ -202,69 +202,74 @@ class PoolCriterion:
         """The least J over the continuous nuisance, where there is one at most."""
         return NuisanceScan(self.nodes, self._least_at)
 
-    def _least_at(self, places: Places) -> Places:
-        return self.least([places] if self.nodes.axes else [])
+    def _least_at(self, positions: Points) -> Points:
+        return self.least([positions] if self.nodes.axes else [])
 
     @cached_property
     def minimum(self) -> tuple[Values, float]:
         """Continuous nuisances where J is least, and J there."""
         if len(self.nodes.axes) < 2:
-            place, J = self.scan.minimum
-            return self.nodes.at(np.array([place])[: len(self.nodes.axes)]), J
-        found = least_place(self.least, self.nodes.places)
-        return self.nodes.at(found), float(self.least([np.array([one]) for one in found.tolist()])[0])
+            position, J = self.scan.minimum
+            return self.nodes.values_at(np.array([position])[: len(self.nodes.axes)]), J
+        result = argmin(self.least, self.nodes.nodes)
+        return self.nodes.values_at(result), float(
+            self.least([np.array([item]) for item in result.tolist()])[0]
+        )
 
     def parameters(self, nuisances: Values) -> list[Float[np.ndarray, " n"]]:
         """Linear parameters of each flight where J is least, at values of the continuous nuisances."""
         made = [products_at(member.rows_at(nuisances), member.centre) for member in self.members]
         outer = np.outer(self._scales, self._scales)
         seen = [equations / self._scales for equations, _ in made]
-        N = self._joined(np.stack([(one.T @ one)[None] for one in seen]))[0]
+        N = self._joined(np.stack([(item.T @ item)[None] for item in seen]))[0]
         D = self._joined(np.stack([(power / outer)[None] for _, power in made]))[0]
         x = scipy.linalg.eigh(N, D, subset_by_index=(0, 0))[1][:, 0]
         differences = -x / x[0] * self._scales[0]
         return [
-            member.centre + differences[self._places_of(number)][1:] / self._scales[1:]
+            member.centre + differences[self._indices_of(number)][1:] / self._scales[1:]
             for number, member in enumerate(self.members)
         ]
 
     # -- sets ------------------------------------------------------------------------------------------------
 
-    def below(self, bound: float, place: int) -> list[list[tuple[float, float]]]:
+    def below(self, bound: float, position: int) -> list[list[tuple[float, float]]]:
         """For each flight the values of one parameter at which J is at most a bound, as pieces."""
-        found: list[list[tuple[float, float]]] = [[] for _ in self.members]
+        results: list[list[tuple[float, float]]] = [[] for _ in self.members]
         for within, cut_short in self.scan.stretches(bound):
             box = [within] if self.nodes.axes else []
             N, D = self._blocks(box)
             left = (bound - self.misfit(box))[:, None, None] * np.ones((within.size, 1, 1))
             for number, (Q, free) in enumerate(self._others_free(N - left * D)):
-                order = [0, 1 + place, *(1 + j for j in range(self.size) if j != place)]
+                order = [0, 1 + position, *(1 + j for j in range(self.size) if j != position)]
                 zeros = np.zeros(within.size)
                 fitting = allowed(Q[:, order][:, :, order], np.zeros(Q.shape), zeros)
                 pieces = fitting.continued() if cut_short else fitting.pieces()
                 if free.any():
                     pieces = [(-inf, inf)]
-                scale, centre = self._scales[0] / self._scales[1 + place], self.members[number].centre[place]
-                found[number] += [(centre + a * scale, centre + b * scale) for a, b in pieces]
-        return found
+                scale, centre = (
+                    self._scales[0] / self._scales[1 + position],
+                    self.members[number].centre[position],
+                )
+                results[number] += [(centre + a * scale, centre + b * scale) for a, b in pieces]
+        return results
 
     def _others_free(self, Q: Forms) -> list[tuple[Float[np.ndarray, "k b b"], Bool[np.ndarray, " k"]]]:
         """For each flight the form of its parameters, those of the other flights where the form is least."""
-        own, kept = [1 + place for place in self.own], [0, *(1 + place for place in self.shared)]
+        selected, kept = [1 + item for item in self.flight_specific], [0, *(1 + item for item in self.shared)]
         rest = Q[:, :, kept][:, :, :, kept]
         free = np.zeros(Q.shape[:2], dtype=np.bool_)
-        if own:
-            inner, cross = Q[:, :, own][:, :, :, own], Q[:, :, own][:, :, :, kept]
+        if selected:
+            inner, cross = Q[:, :, selected][:, :, :, selected], Q[:, :, selected][:, :, :, kept]
             free = np.linalg.eigvalsh(inner)[:, :, 0] <= 0.0
-            inner = np.where(free[:, :, None, None], np.eye(len(own)), inner)
+            inner = np.where(free[:, :, None, None], np.eye(len(selected)), inner)
             rest = rest - np.swapaxes(cross, 2, 3) @ np.linalg.solve(inner, cross)
         total, some = rest.sum(axis=0), free.sum(axis=0)
-        found = []
+        results = []
         for number, block in enumerate(Q):
             whole = block.copy()
             whole[:, np.array(kept)[:, None], kept] += total - rest[number]
-            found.append((whole, some > free[number]))
-        return found
+            results.append((whole, some > free[number]))
+        return results
 
 
 # -- Joint --
@@ -285,8 +290,8 @@ def member_slopes(
     member: PoolMember, nuisances: tuple[Nuisance, ...], values: Values, theta: Float[np.ndarray, " n"]
 ) -> MemberSlopes:
     """Jacobian and scores of a flight."""
-    rows, at = member.rows_at(values), member.at(values)
-    moved = [slope(member.weights, nuisance, at, theta) for nuisance in nuisances]
+    rows, index = member.rows_at(values), member.nuisances_at(values)
+    moved = [slope(member.weights, nuisance, index, theta) for nuisance in nuisances]
     columns = np.column_stack([np.empty((rows.response.size, 0)), *moved])
     jacobian = np.column_stack([rows.regressors, columns])
     seen = rows.instruments.T @ jacobian
@@ -306,43 +311,45 @@ class PoolJoint:
     inflation: float = 1.0
 
     @cached_property
-    def places(self) -> list[np.ndarray]:
+    def indices(self) -> list[np.ndarray]:
         """Where the vector of each flight is in that of the pool."""
-        flights, own = len(self.slopes), len(self.criterion.own)
+        flights, current = len(self.slopes), len(self.criterion.flight_specific)
         shared = self.criterion.shared
-        first = flights * own
-        found = []
+        first = flights * current
+        results = []
         for number in range(flights):
-            places = np.zeros(self.slopes[number].power.shape[0], dtype=np.int64)
-            places[list(self.criterion.own)] = number * own + np.arange(own)
-            places[list(shared)] = first + np.arange(len(shared))
-            places[self.criterion.size :] = first + len(shared) + np.arange(places.size - self.criterion.size)
-            found.append(places)
-        return found
+            positions = np.zeros(self.slopes[number].power.shape[0], dtype=np.int64)
+            positions[list(self.criterion.flight_specific)] = number * current + np.arange(current)
+            positions[list(shared)] = first + np.arange(len(shared))
+            positions[self.criterion.size :] = (
+                first + len(shared) + np.arange(positions.size - self.criterion.size)
+            )
+            results.append(positions)
+        return results
 
     @property
-    def own_count(self) -> int:
+    def flight_parameter_count(self) -> int:
         """Parameters that belong to flights, of all flights."""
-        return len(self.slopes) * len(self.criterion.own)
+        return len(self.slopes) * len(self.criterion.flight_specific)
 
     def _summed(self, blocks: list[Float[np.ndarray, "v v"]]) -> Float[np.ndarray, "m m"]:
         width = self.criterion.unknowns
         total = np.zeros((width, width))
-        for places, block in zip(self.places, blocks, strict=True):
-            total[places[:, None], places] += block
+        for index, block in zip(self.indices, blocks, strict=True):
+            total[index[:, None], index] += block
         return total
 
     @cached_property
     def variance(self) -> float:
         """s^2 of the whitened rows."""
-        power = sum(one.residual_power for one in self.slopes)
+        power = sum(item.residual_power for item in self.slopes)
         return power / (self.criterion.rows - self.criterion.unknowns)
 
     @cached_property
     def _prior(self) -> Float[np.ndarray, "m m"]:
         """What is known beforehand of nuisances, as information."""
         information = np.zeros((self.criterion.unknowns, self.criterion.unknowns))
-        first = self.own_count + len(self.criterion.shared)
+        first = self.flight_parameter_count + len(self.criterion.shared)
         for number, axis in enumerate(self.criterion.nodes.axes):
             prior = self.criterion.known.get(axis.nuisance.name)
             if prior is not None:
@@ -352,7 +359,7 @@ class PoolJoint:
     @cached_property
     def sensitivity(self) -> Float[np.ndarray, "m m"]:
         """Minus the derivative of all scores."""
-        return self._summed([one.seen.T @ one.seen for one in self.slopes]) + self.variance * self._prior
+        return self._summed([item.seen.T @ item.seen for item in self.slopes]) + self.variance * self._prior
 
     @cached_property
     def classical(self) -> Float[np.ndarray, "m m"]:
@@ -362,14 +369,14 @@ class PoolJoint:
     @cached_property
     def by_cosines(self) -> Float[np.ndarray, "m m"]:
         """Covariance by cosine averages in each flight, and what is known beforehand."""
-        meat = self._summed([one.meat for one in self.slopes]) + self.variance**2 * self._prior
+        meat = self._summed([item.meat for item in self.slopes]) + self.variance**2 * self._prior
         return self._widened(sandwich(self.sensitivity, meat))
 
     def _widened(self, covariance: Float[np.ndarray, "m m"]) -> Float[np.ndarray, "m m"]:
         """With the variance of what is shared times the inflation, and what that moves."""
         if self.inflation <= 1.0:
             return covariance
-        first = self.own_count
+        first = self.flight_parameter_count
         H = self.sensitivity
         moved = np.vstack([-np.linalg.solve(H[:first, :first], H[:first, first:]), np.eye(len(H) - first)])
         return covariance + (self.inflation - 1.0) * moved @ covariance[first:, first:] @ moved.T
@@ -382,34 +389,34 @@ class PoolJoint:
 
     def shared_variance(self, direction: Float[np.ndarray, " m"]) -> float:
         """What is shared adds so much to the variance of a combination of the flights' own parameters."""
-        first, H = self.own_count, self.sensitivity
+        first, H = self.flight_parameter_count, self.sensitivity
         moved = -np.linalg.solve(H[:first, :first], H[:first, first:]).T @ direction[:first]
-        largest = [one[first:, first:] for one in (self.classical, self.by_cosines)]
+        largest = [item[first:, first:] for item in (self.classical, self.by_cosines)]
         return max(float(moved @ covariance @ moved) for covariance in largest)
 
-    def own_variance(self, places: list[int]) -> Float[np.ndarray, " F"]:
+    def flight_parameter_variance(self, positions: list[int]) -> Float[np.ndarray, " F"]:
         """Variance of a parameter of each flight's own, were what is shared known."""
-        first = self.own_count
+        first = self.flight_parameter_count
         inner = self.sensitivity[:first, :first]
-        meat = self._summed([one.meat for one in self.slopes])[:first, :first]
+        meat = self._summed([item.meat for item in self.slopes])[:first, :first]
         white, robust = sandwich(inner, self.variance * inner), sandwich(inner, meat)
-        return np.maximum(np.diag(white), np.diag(robust))[places]
+        return np.maximum(np.diag(white), np.diag(robust))[positions]
 
     def of_member(self, number: int) -> JointCovariance:
         """Covariance of one flight's vector: its linear parameters and the continuous nuisances."""
-        return self.of(np.eye(self.criterion.unknowns)[self.places[number]])
+        return self.of(np.eye(self.criterion.unknowns)[self.indices[number]])
 
     @cached_property
     def first_stage(self) -> Float[np.ndarray, " m"]:
         """Conditional first-stage F of each parameter of the pool."""
         scale = unit_scale(np.diag(self.sensitivity))
         inverse = np.linalg.pinv(np.outer(scale, scale) * self.sensitivity, hermitian=True)
-        own = np.diag(inverse)
-        directions = inverse / np.where(own > 0.0, own, np.inf)
+        current = np.diag(inverse)
+        directions = inverse / np.where(current > 0.0, current, np.inf)
         power = np.outer(scale, scale) * (
-            self._summed([one.power for one in self.slopes]) + self.variance * self._prior
+            self._summed([item.power for item in self.slopes]) + self.variance * self._prior
         )
-        explained = 1.0 / np.where(own > 0.0, own, np.inf)
+        explained = 1.0 / np.where(current > 0.0, current, np.inf)
         left = np.einsum("ij,ik,kj->j", directions, power, directions) - explained
         flights = len(self.slopes)
         vector = self.slopes[0].power.shape[0]
@@ -427,7 +434,7 @@ class PoolCandidate:
 
     separate: PoolCriterion
     common: PoolCriterion
-    at: Values  # Every nuisance, where `separate` is least
+    nuisances: Values  # Every nuisance, where `separate` is least
     theta: tuple[Float[np.ndarray, " n"], ...]  # Linear parameters of each flight there
     joint: PoolJoint
 
@@ -445,26 +452,28 @@ class PoolCandidate:
     def profiles(self) -> tuple[NuisanceProfile, ...]:
         """J over the nodes of each continuous nuisance, at the best of the others."""
         nodes = self.separate.nodes
-        sought = tuple(axis.nuisance for axis in nodes.axes)
-        if not sought:
+        unknown = tuple(axis.nuisance for axis in nodes.axes)
+        if not unknown:
             return ()
-        return profiles_of(sought, [axis.values for axis in nodes.axes], self.separate.least(nodes.places))
+        return profiles_of(unknown, [axis.values for axis in nodes.axes], self.separate.least(nodes.nodes))
 
 
 def pool_candidate(criterion: PoolCriterion, inflation: float) -> PoolCandidate:
     """Linearise a pool where its criterion is least; what is shared has its variance multiplied."""
     nuisances, _ = criterion.minimum
     theta = criterion.parameters(nuisances)
-    sought = tuple(axis.nuisance for axis in criterion.nodes.axes)
+    unknown = tuple(axis.nuisance for axis in criterion.nodes.axes)
     slopes = tuple(
-        member_slopes(member, sought, nuisances, own)
-        for member, own in zip(criterion.members, theta, strict=True)
+        member_slopes(member, unknown, nuisances, item)
+        for member, item in zip(criterion.members, theta, strict=True)
     )
-    at = {**criterion.members[0].fixed, **nuisances}
+    index = {**criterion.members[0].fixed, **nuisances}
     joint = PoolJoint(criterion, slopes, inflation)
     centre = criterion.members[0].centre
     shared = tuple(member.recentred(centre) for member in criterion.members)
-    return PoolCandidate(criterion, replace(criterion, members=shared, own=()), at, tuple(theta), joint)
+    return PoolCandidate(
+        criterion, replace(criterion, members=shared, flight_specific=()), index, tuple(theta), joint
+    )
 
 
 # -- Pooled --
@@ -474,7 +483,7 @@ DIFFERENT = 0.05
 
 
 @dataclass(frozen=True)
-class OwnMean:
+class CommonValue:
     """One value for all flights of a parameter that belongs to the flight."""
 
     value: float
@@ -487,7 +496,7 @@ class Pooled:
     """Estimates of a pool."""
 
     estimates: tuple[Estimate, ...]
-    own: tuple[str, ...]  # Linear parameters that belong to the flight
+    flight_specific: tuple[str, ...]  # Linear parameters that belong to the flight
     candidates: tuple[PoolCandidate, ...]
     nuisances: tuple[Nuisance, ...]
     shared_p_value: float
@@ -512,7 +521,7 @@ class Pooled:
     @property
     def best(self) -> int:
         """Place of the candidate that fits best."""
-        return int(np.argmin([one.criterion for one in self.candidates]))
+        return int(np.argmin([candidate.criterion for candidate in self.candidates]))
 
     @property
     def inflation(self) -> float:
@@ -520,17 +529,17 @@ class Pooled:
         return self.candidates[0].joint.inflation
 
     @cached_property
-    def own_p_value(self) -> float:
+    def agreement_p_value(self) -> float:
         """Of the test that flights agree in what is their own."""
-        together = min(one.common.minimum[1] for one in self.candidates)
-        apart = min(one.criterion for one in self.candidates)
-        degrees = (len(self.estimates) - 1) * len(self.own)
-        return chi_square_tail(max(together - apart, 0.0), degrees)
+        together = min(candidate.common.minimum[1] for candidate in self.candidates)
+        separated = min(candidate.criterion for candidate in self.candidates)
+        degrees = (len(self.estimates) - 1) * len(self.flight_specific)
+        return chi_square_tail(max(together - separated, 0.0), degrees)
 
     @property
     def differs(self) -> bool:
         """Whether flights differ in what is their own, or are not taken as agreeing."""
-        return self.separate or self.own_p_value < DIFFERENT
+        return self.separate or self.agreement_p_value < DIFFERENT
 
     # -- one flight ------------------------------------------------------------------------------------------
 
@@ -539,7 +548,7 @@ class Pooled:
         return self._estimate(
             [
                 _Solution(
-                    pool.separate.members[number].rows_at(pool.at),
+                    pool.separate.members[number].rows_at(pool.nuisances),
                     pool.theta[number],
                     pool.joint.slopes[number].nuisance_columns,
                     pool.joint.of_member(number),
@@ -552,14 +561,14 @@ class Pooled:
         """Sets of a parameter of each flight's own; None where several nuisances are continuous."""
         if len(self.candidates[0].separate.nodes.axes) > 1:
             return (None,) * len(self.estimates)
-        place = self._places([name])[0]
+        _place = self._positions([name])[0]
         members = self.candidates[self.best].separate.members
 
         def below(excess: float) -> list[ConfidenceSet]:
-            found = self._below([one.separate for one in self.candidates], excess, place)
-            return [ConfidenceSet.union(pieces) for pieces in found]
+            result = self._below([candidate.separate for candidate in self.candidates], excess, _place)
+            return [ConfidenceSet.union(pieces) for pieces in result]
 
-        profiles = below(self._allowance(level))
+        profiles = below(self._systematic_uncertainty(level))
         robust = {
             count: below(chi_square_quantile(level, count)) for count in {m.instruments for m in members}
         }
@@ -580,19 +589,19 @@ class Pooled:
 
     def whole_sets(self, name: str, level: float = 0.95) -> ParameterSets | None:
         """Sets of a parameter that all flights have in common, or of the common value of one that is not."""
-        own = name in self.own
-        if len(self.candidates[0].separate.nodes.axes) > 1 or (own and self.differs):
+        current = name in self.flight_specific
+        if len(self.candidates[0].separate.nodes.axes) > 1 or (current and self.differs):
             return None
-        place = self._places([name])[0]
-        criteria = [one.common if own else one.separate for one in self.candidates]
+        _place = self._positions([name])[0]
+        criteria = [candidate.common if current else candidate.separate for candidate in self.candidates]
         instruments = max(member.instruments for member in criteria[0].members)
 
         def below(excess: float) -> ConfidenceSet:
-            return ConfidenceSet.union(self._below(criteria, excess, place)[0])
+            return ConfidenceSet.union(self._below(criteria, excess, _place)[0])
 
         return ParameterSets(
             ConfidenceSet((self.whole().interval(name, level),)),
-            below(self._allowance(level)),
+            below(self._systematic_uncertainty(level)),
             below(chi_square_quantile(level, instruments)),
         )
 
@@ -602,131 +611,137 @@ class Pooled:
         if len(nodes.axes) != 1:
             return None
         (axis,) = nodes.axes
-        criteria = [one.separate for one in self.candidates]
+        criteria = [candidate.separate for candidate in self.candidates]
         pieces = []
         for pool, lowest in zip(self.candidates, self._least(criteria), strict=True):
-            beside = sum(pool.at[name] for name in names if name != axis.nuisance.name)
-            for within, cut_short in pool.separate.scan.stretches(lowest + self._allowance(level)):
-                low, high = axis.at(within[[0, -1]]).tolist()
-                if axis.nuisance.positive and within[0] == axis.places[0]:
+            neighbours = sum(pool.nuisances[name] for name in names if name != axis.nuisance.name)
+            for within, cut_short in pool.separate.scan.stretches(
+                lowest + self._systematic_uncertainty(level)
+            ):
+                low, high = axis.values_at(within[[0, -1]]).tolist()
+                if axis.nuisance.positive and within[0] == axis.nodes[0]:
                     low = 0.0
-                pieces.append((beside + low, inf if cut_short else beside + high))
+                pieces.append((neighbours + low, inf if cut_short else neighbours + high))
         return ConfidenceSet.union(pieces)
 
-    def _allowance(self, level: float) -> float:
+    def _systematic_uncertainty(self, level: float) -> float:
         """By how much J may exceed its least in a profile set; more where what is shared differs."""
         return self.inflation * t_quantile(level, DEGREES) ** 2
 
     def _least(self, criteria: Sequence[PoolCriterion]) -> list[float]:
         """For each candidate the least J of those it competes with."""
-        points = [one.at for one in self.candidates]
-        return least_of_competitors(
-            bounded_sums(self.nuisances), points, [one.minimum[1] for one in criteria]
+        points = [candidate.nuisances for candidate in self.candidates]
+        return least_comparable_criteria(
+            bounded_sums(self.nuisances), points, [criterion.minimum[1] for criterion in criteria]
         )
 
     def _below(
-        self, criteria: Sequence[PoolCriterion], excess: float, place: int
+        self, criteria: Sequence[PoolCriterion], excess: float, position: int
     ) -> list[list[tuple[float, float]]]:
         """For each flight pieces where J exceeds the least of those it competes with by no more."""
-        found: list[list[tuple[float, float]]] = [[] for _ in self.estimates]
-        for lowest, one in zip(self._least(criteria), criteria, strict=True):
-            for pieces, more in zip(found, one.below(lowest + excess, place), strict=True):
+        results: list[list[tuple[float, float]]] = [[] for _ in self.estimates]
+        for lowest, criterion in zip(self._least(criteria), criteria, strict=True):
+            for pieces, more in zip(results, criterion.below(lowest + excess, position), strict=True):
                 pieces.extend(more)
-        return found
+        return results
 
-    def mean(self, name: str, candidate: PoolCandidate | None = None) -> OwnMean:
+    def mean(self, name: str, candidate: PoolCandidate | None = None) -> CommonValue:
         """One value for all flights of a parameter that is their own."""
         pool = self.candidates[self.best] if candidate is None else candidate
-        place = self._places([name])[0]
-        values = np.array([theta[place] for theta in pool.theta])
-        rows = [int(places[place]) for places in pool.joint.places]
+        _place = self._positions([name])[0]
+        values = np.array([theta[_place] for theta in pool.theta])
+        rows = [int(index[_place]) for index in pool.joint.indices]
         if self.differs:
-            flights, variances = one_group(values.size), pool.joint.own_variance(rows)
+            flights, variances = one_group(values.size), pool.joint.flight_parameter_variance(rows)
             between = moment_between(flights, values, variances)
-            found = random_effects_means(flights, values, variances, between)
-            return OwnMean(float(found.value[0]), found.weights, float(found.variance[0]))
+            means = random_effects_means(flights, values, variances, between)
+            return CommonValue(float(means.value[0]), means.weights, float(means.variance[0]))
         covariance = pool.joint.classical[np.ix_(rows, rows)]
         weights = np.linalg.solve(covariance, np.ones(values.size))
-        return OwnMean(float(pool.common_theta[place]), weights / weights.sum(), None)
+        return CommonValue(float(pool.common_theta[_place]), weights / weights.sum(), None)
 
-    def _places(self, names: Sequence[str]) -> list[int]:
+    def _positions(self, names: Sequence[str]) -> list[int]:
         parameters = [parameter.name for parameter in self.estimates[0].best.rows.parameters]
         return [parameters.index(name) for name in names]
 
     def _of_all(self, pool: PoolCandidate) -> _Solution:
         """Rows of all flights, their response less what a flight's own parameters differ from the mean."""
-        joint, places = pool.joint, self._places(self.own)
-        means = {place: self.mean(name, pool) for name, place in zip(self.own, places, strict=True)}
+        joint, positions = pool.joint, self._positions(self.flight_specific)
+        means = {
+            position: self.mean(name, pool)
+            for name, position in zip(self.flight_specific, positions, strict=True)
+        }
         theta = pool.theta[0].copy()
-        theta[places] = [means[place].value for place in places]
-        made = [member.rows_at(pool.at) for member in pool.separate.members]
+        theta[positions] = [means[position].value for position in positions]
+        made = [member.rows_at(pool.nuisances) for member in pool.separate.members]
         tests = [rows.instruments @ slopes.seen for rows, slopes in zip(made, joint.slopes, strict=True)]
         rows = Regression(
             np.concatenate(
                 [
-                    one.response - one.regressors @ (own - theta)
-                    for one, own in zip(made, pool.theta, strict=True)
+                    item.response - item.regressors @ (entry - theta)
+                    for item, entry in zip(made, pool.theta, strict=True)
                 ]
             ),
-            np.concatenate([one.regressors for one in made]),
+            np.concatenate([item.regressors for item in made]),
             np.concatenate(tests),
             made[0].parameters,
-            _joined([one.layout for one in made]),
+            _joined([item.layout for item in made]),
         )
         columns = np.concatenate([slopes.nuisance_columns for slopes in joint.slopes])
-        vector = np.eye(joint.criterion.unknowns)[joint.places[0]]
-        for place, mean in means.items():
-            vector[place] = 0.0
-            vector[place, [each[place] for each in joint.places]] = mean.weights
+        vector = np.eye(joint.criterion.unknowns)[joint.indices[0]]
+        for element, mean in means.items():
+            vector[element] = 0.0
+            vector[element, [each[element] for each in joint.indices]] = mean.weights
         return _Solution(rows, theta, columns, self._covariance(joint, vector, means))
 
     def _covariance(
-        self, joint: PoolJoint, vector: Float[np.ndarray, "v m"], means: dict[int, OwnMean]
+        self, joint: PoolJoint, vector: Float[np.ndarray, "v m"], means: dict[int, CommonValue]
     ) -> JointCovariance:
         """Of the mean and of what is shared; where flights differ, with a part for that."""
-        found = joint.of(vector)
+        result = joint.of(vector)
         variances = np.zeros(vector.shape[0])
-        for place, mean in means.items():
+        for name, mean in means.items():
             if mean.differing is not None:
-                variances[place] = mean.differing + joint.shared_variance(vector[place])
+                variances[name] = mean.differing + joint.shared_variance(vector[name])
         if not variances.any():
-            return found
+            return result
         between = CovariancePart("between_flights", np.diag(variances), float(len(self.estimates) - 1))
-        return JointCovariance((*found.parts, between))
+        return JointCovariance((*result.parts, between))
 
-    def _estimate(self, found: Sequence[_Solution]) -> Estimate:
+    def _estimate(self, solutions: Sequence[_Solution]) -> Estimate:
         """Estimate whose candidates are at values that the pool has."""
         first = self.estimates[0]
-        sought = tuple(one for one in self.nuisances if one.refined)
+        unknown = tuple(nuisance for nuisance in self.nuisances if nuisance.refined)
         candidates = tuple(
-            self._candidate(pool, one, sought) for pool, one in zip(self.candidates, found, strict=True)
+            self._candidate(pool, solution, unknown)
+            for pool, solution in zip(self.candidates, solutions, strict=True)
         )
-        joint = (*first.best.rows.parameters, *(one.parameter for one in sought))
+        joint = (*first.best.rows.parameters, *(item.parameter for item in unknown))
         return Estimate(first.method, joint, candidates, bounded=bounded_sums(self.nuisances))
 
-    def _candidate(self, pool: PoolCandidate, found: _Solution, sought: tuple[Nuisance, ...]) -> Candidate:
-        solved = self._method.solve(found.rows)
+    def _candidate(self, pool: PoolCandidate, result: _Solution, unknown: tuple[Nuisance, ...]) -> Candidate:
+        solved = self._method.solve(result.rows)
         system = solved.system
         solution = replace(
             solved.solution,
-            theta=found.theta,
-            residual=system.right - system.matrix @ found.theta,
+            theta=result.theta,
+            residual=system.right - system.matrix @ result.theta,
             objective=pool.criterion,
         )
-        known = [one for one in self.nuisances if one.searched and one.prior is not None]
+        known = [nuisance for nuisance in self.nuisances if nuisance.searched and nuisance.prior is not None]
         solved = replace(
             solved,
             solution=solution,
-            nuisance_columns=found.nuisance_columns,
-            precision=np.array([0.0 if one.prior is None else one.prior.std**-2.0 for one in sought]),
-            misfits=tuple(one.misfit(pool.at) for one in known),
+            nuisance_columns=result.nuisance_columns,
+            precision=np.array([0.0 if item.prior is None else item.prior.std**-2.0 for item in unknown]),
+            misfits=tuple(item.misfit(pool.nuisances) for item in known),
         )
         return Candidate(
-            {one.name: pool.at[one.name] for one in self.nuisances},
+            {nuisance.name: pool.nuisances[nuisance.name] for nuisance in self.nuisances},
             solved,
             pool.profiles,
             self.estimates[0].best.covariance_estimator,
-            found.covariance,
+            result.covariance,
             pool.criterion,
         )
 
@@ -761,30 +776,30 @@ FEWEST_NODES = 33
 def pooled(
     problems: Sequence[SeparableProblem],
     estimates: Sequence[Estimate],
-    own: Sequence[str],
+    names: Sequence[str],
     *,
     nuisances: tuple[Nuisance, ...],
     separate: bool = False,
 ) -> Pooled:
     """Pool flights that share some parameters."""
-    nuisances = reaching(nuisances, [estimate.best.at for estimate in estimates])
+    nuisances = reaching(nuisances, [estimate.best.nuisances for estimate in estimates])
     nodes = nodes_of(nuisances, FEWEST_NODES)
     parameters = [parameter.name for parameter in estimates[0].best.rows.parameters]
-    places = tuple(parameters.index(name) for name in own)
+    index = tuple(parameters.index(name) for name in names)
 
-    def made(fixed: dict[str, float], _beside: PoolCriterion | None) -> PoolCriterion:
-        return _criterion(problems, estimates, places, nodes, fixed)
+    def made(fixed: dict[str, float], _rotor_moments: PoolCriterion | None) -> PoolCriterion:
+        return _criterion(problems, estimates, index, nodes, fixed)
 
-    criteria = on_nested_grids(nuisances, made, lambda one: one.minimum[1])
+    criteria = on_nested_grids(nuisances, made, lambda nuisance: nuisance.minimum[1])
     p_value, inflation = _differences(criteria)
     candidates = tuple(pool_candidate(criterion, inflation) for criterion in criteria)
-    return Pooled(tuple(estimates), tuple(own), candidates, nuisances, p_value, separate)
+    return Pooled(tuple(estimates), tuple(names), candidates, nuisances, p_value, separate)
 
 
 def _criterion(
     problems: Sequence[SeparableProblem],
     estimates: Sequence[Estimate],
-    own: tuple[int, ...],
+    specific: tuple[int, ...],
     nodes: Nodes,
     fixed: Values,
 ) -> PoolCriterion:
@@ -797,16 +812,16 @@ def _criterion(
         if (prior := axis.nuisance.prior) is not None
     }
 
-    def weighted(at: Sequence[Values], theta: Sequence[Float[np.ndarray, " n"]]) -> PoolCriterion:
+    def weighted(valueses: Sequence[Values], theta: Sequence[Float[np.ndarray, " n"]]) -> PoolCriterion:
         shared = np.median(theta, axis=0)
         members = []
-        for problem, values, parameters in zip(problems, at, theta, strict=True):
+        for problem, values, parameters in zip(problems, valueses, theta, strict=True):
             centre = shared.copy()
-            centre[list(own)] = parameters[list(own)]
+            centre[list(specific)] = parameters[list(specific)]
             members.append(pool_member(problem, nodes, {**values, **fixed}, parameters, centre))
-        return PoolCriterion(tuple(members), own, nodes, known)
+        return PoolCriterion(tuple(members), specific, nodes, known)
 
-    first = weighted([one.at for one in alone], [one.theta for one in alone])
+    first = weighted([item.nuisances for item in alone], [item.theta for item in alone])
     nuisances = first.minimum[0]
     return weighted([nuisances] * len(alone), first.parameters(nuisances))
 
@@ -815,15 +830,21 @@ def _nearest(estimate: Estimate, fixed: Values) -> Candidate:
     """The candidate of a flight alone whose discrete nuisances are nearest to some values."""
     refined = {profile.nuisance.name for profile in estimate.best.profiles}
     names = [name for name in fixed if name not in refined]
-    return min(estimate.candidates, key=lambda one: sum(abs(one.at[name] - fixed[name]) for name in names))
+    return min(
+        estimate.candidates,
+        key=lambda candidate: sum(abs(candidate.nuisances[name] - fixed[name]) for name in names),
+    )
 
 
 def _differences(criteria: Sequence[PoolCriterion]) -> tuple[float, float]:
     """P-value of agreement in what is shared, and by what its variance is multiplied."""
     first = criteria[0]
-    together = min(replace(one, known={}).minimum[1] for one in criteria)
+    together = min(replace(criterion, known={}).minimum[1] for criterion in criteria)
     alone = sum(
-        min(replace(one, members=(one.members[number],), known={}).minimum[1] for one in criteria)
+        min(
+            replace(criterion, members=(criterion.members[number],), known={}).minimum[1]
+            for criterion in criteria
+        )
         for number in range(len(first.members))
     )
     degrees = (len(first.members) - 1) * (len(first.shared) + len(first.nodes.axes))

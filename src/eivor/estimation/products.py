@@ -56,8 +56,8 @@ def unfolded(G: Float[np.ndarray, "*blocks others width fold"]) -> Float[np.ndar
 def successive_lags(columns: Sequence[Column]) -> tuple[int, int] | None:
     """First and last lag of columns that are successive lags of one channel with a constant gain."""
     lags = [column.lag for column in columns]
-    alike = len({(c.channel, c.gain, c.gain_channel) for c in columns}) == 1
-    if len(lags) < 2 or not alike or not columns[0].channel or columns[0].gain_channel:
+    equal = len({(c.channel, c.gain, c.gain_channel) for c in columns}) == 1
+    if len(lags) < 2 or not equal or not columns[0].channel or columns[0].gain_channel:
         return None
     return (lags[0], lags[-1]) if lags == list(range(lags[0], lags[-1] + 1)) else None
 
@@ -80,8 +80,8 @@ def filtered_instruments(
     reached = problem.signals.channel(lags[0].channel)[start - lags[-1].lag : stop - lags[0].lag]
     taps = lags[0].gain * combinations[::-1].T
     psi = np.empty((len(taps), stop - start))
-    for row, one in zip(psi, taps, strict=True):
-        _filter(reached, one, row)
+    for row, tap in zip(psi, taps, strict=True):
+        _filter(reached, tap, row)
     response = problem.columns_between([problem.equation.response], start, stop)[:, 0]
     regressors = problem.columns_between(problem.regressor_columns, start, stop)
     return RowBlock(response, regressors, psi.T, np.zeros(stop - start, dtype=np.int64))
@@ -92,9 +92,9 @@ def _filter(
 ) -> None:
     """Fill in the sums of as many successive samples as there are taps, weighted by them."""
     filtered[:] = 0.0
-    for at in range(0, taps.size, FAST_TAPS):
-        some = taps[at : at + FAST_TAPS]
-        filtered += np.correlate(series[at : at + filtered.size - 1 + some.size], some, "valid")
+    for index in range(0, taps.size, FAST_TAPS):
+        some = taps[index : index + FAST_TAPS]
+        filtered += np.correlate(series[index : index + filtered.size - 1 + some.size], some, "valid")
 
 
 # -- Long records --
@@ -125,24 +125,26 @@ def products_of_long_record(problem: SignalRegression) -> Products | None:
     whole = (last - first) // FOLD
     edges = first + FOLD * block_edges(whole, block_count(whole, len(psi)))
     # A column that is one of the lags has its products among theirs.
-    places = [_place(column, psi) for column in columns]
-    strangers = [series for series, place in zip(values, places, strict=True) if place is None]
+    positions = [_position(column, psi) for column in columns]
+    strangers = [series for series, position in zip(values, positions, strict=True) if position is None]
     lagged = _lag_products(problem.signals.channel(psi[0].channel), psi, strangers, edges, last)
-    own, rest = lagged[:, :, : len(psi)], lagged[:, :, len(psi) :]
+    current, rest = lagged[:, :, : len(psi)], lagged[:, :, len(psi) :]
     remaining = iter(np.moveaxis(rest, 2, 0))
-    cross = np.stack([next(remaining) if at is None else own[:, :, at] for at in places], axis=2)
+    cross = np.stack(
+        [next(remaining) if position is None else current[:, :, position] for position in positions], axis=2
+    )
     edges[-1] = last
-    squares = _squares(values, places, cross, edges - first)
+    squares = _squares(values, positions, cross, edges - first)
     gains = np.array([psi[0].gain] * len(psi) + [column.gain for column in columns])
-    sums = np.block([[own, cross], [cross.transpose(0, 2, 1), squares]]) * np.outer(gains, gains)
+    sums = np.block([[current, cross], [cross.transpose(0, 2, 1), squares]]) * np.outer(gains, gains)
     layout = ProductLayout(len(psi), len(columns) - 1, whole=True)
     return Products(np.diff(edges).astype(np.float64), sums, layout)
 
 
-def _place(column: Column, lags: Sequence[Column]) -> int | None:
+def _position(column: Column, lags: Sequence[Column]) -> int | None:
     """Which of successive lags of one channel a column is, but for its gain."""
-    alike = column.channel == lags[0].channel and not column.gain_channel
-    return column.lag - lags[0].lag if alike and lags[0].lag <= column.lag <= lags[-1].lag else None
+    equal = column.channel == lags[0].channel and not column.gain_channel
+    return column.lag - lags[0].lag if equal and lags[0].lag <= column.lag <= lags[-1].lag else None
 
 
 def _lag_products(
@@ -172,20 +174,20 @@ def _lag_products(
         sums[-1] += np.outer(now, [other[sample - first] for other in with_lagged])
     # The sum at lags (i + 1, j + 1) is that at (i, j) but for the samples at both ends of the block.
     p = most - least + 1
-    own = np.empty((len(blocks), p, p))
-    own[:, :, 0] = own[:, 0, :] = sums[:, :, 0]
+    current = np.empty((len(blocks), p, p))
+    current[:, :, 0] = current[:, 0, :] = sums[:, :, 0]
     start, stop = edges[:-1], np.append(edges[1:-1], last)
     entering, leaving = (series[end[:, None] - 1 - least - np.arange(p)] for end in (start, stop))
     for i in range(p - 1):
         done = slice(0, i + 1)
         change = entering[:, [i]] * entering[:, done] - leaving[:, [i]] * leaving[:, done]
-        own[:, i + 1, 1 : i + 2] = own[:, 1 : i + 2, i + 1] = own[:, i, done] + change
-    return np.concatenate([own, sums[:, :, 1:]], axis=2)
+        current[:, i + 1, 1 : i + 2] = current[:, 1 : i + 2, i + 1] = current[:, i, done] + change
+    return np.concatenate([current, sums[:, :, 1:]], axis=2)
 
 
 def _squares(
     columns: Sequence[Float[np.ndarray, " rows"]],
-    places: Sequence[int | None],
+    indices: Sequence[int | None],
     cross: Float[np.ndarray, "K p m"],
     edges: Int[np.ndarray, " K_plus_1"],
 ) -> Float[np.ndarray, "K m m"]:
@@ -194,9 +196,9 @@ def _squares(
     sums = np.empty((len(ends), m, m))
     for i in range(m):
         for j in range(i + 1):
-            place, other = (places[i], j) if places[i] is not None else (places[j], i)
-            if place is not None:
-                sums[:, i, j] = cross[:, place, other]
+            position, other = (indices[i], j) if indices[i] is not None else (indices[j], i)
+            if position is not None:
+                sums[:, i, j] = cross[:, position, other]
             else:
                 sums[:, i, j] = [columns[i][a:b] @ columns[j][a:b] for a, b in ends]
             sums[:, j, i] = sums[:, i, j]
@@ -252,7 +254,7 @@ def _products_of(
     """Products of all pairs of columns over a stretch, without their constant gains."""
     rights = [_slice(problem, column, start, stop) for column in right]
     lefts = [_slice(problem, column, start, stop) for column in left]
-    return np.array([[np.dot(one, other) for other in rights] for one in lefts])
+    return np.array([[np.dot(item, other) for other in rights] for item in lefts])
 
 
 def _added(
@@ -265,8 +267,8 @@ def _added(
             total = total + part(stretch)
         return total
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        for found in pool.map(part, stretches[1:]):
-            total = total + found
+        for item in pool.map(part, stretches[1:]):
+            total = total + item
     return total
 
 

@@ -15,11 +15,11 @@ from eivor.estimation.estimate import Estimate
 from eivor.estimation.exponential_forgetting import (
     BLOCKS_PER_LOOK,
     DEFAULT_MEMORY,
-    FadedProducts,
+    ExponentiallyWeightedProducts,
     Forgetting,
     TimedRows,
     equation_map,
-    faded_covariance,
+    exponentially_weighted_covariance,
     nothing_yet,
     timed_rows,
 )
@@ -41,7 +41,7 @@ COLLINEAR_SHARE = 1e-10
 
 
 @dataclass(frozen=True, slots=True)
-class Look:
+class SequentialLook:
     """Means over the rows of a look."""
 
     sample: int
@@ -62,7 +62,9 @@ class References:
         theta = np.concatenate([self.theta, later.theta])[-most:]
         return References(theta, np.concatenate([self.mapped, later.mapped])[-most:], self.watched)
 
-    def shown(self, look: Look) -> tuple[Float[np.ndarray, "W m"], Float[np.ndarray, "W m"]]:
+    def detected_changes(
+        self, look: SequentialLook
+    ) -> tuple[Float[np.ndarray, "W m"], Float[np.ndarray, "W m"]]:
         """Changes of the parameters that a look shows, and how well, over what looks do on average."""
         seen = np.matmul(self.mapped, look.means)
         change = seen[:, :, -1] - np.matmul(seen[:, :, :-1], self.theta[:, :, None])[:, :, 0]
@@ -74,22 +76,24 @@ def looks_at_once(forgetting: Forgetting) -> int:
     return (forgetting.kept_blocks - BLOCKS_PER_LOOK) // BLOCKS_PER_LOOK
 
 
-def looks_between(before: FadedProducts, after: FadedProducts) -> Iterator[tuple[Look, References | None]]:
+def looks_between(
+    before: ExponentiallyWeightedProducts, after: ExponentiallyWeightedProducts
+) -> Iterator[tuple[SequentialLook, References | None]]:
     """Looks that rows complete, `looks_at_once` at most."""
     forgetting = after.forgetting
-    first, last = (faded.samples // forgetting.look for faded in (before, after))
+    first, last = (item.samples // forgetting.block_length for item in (before, after))
     if last == first:
         return
-    begun, full = (faded.samples // forgetting.block for faded in (before, after))
+    started, full = (item.samples // forgetting.block for item in (before, after))
     waiting, done = first * BLOCKS_PER_LOOK, last * BLOCKS_PER_LOOK
     end = after.closed.blocks
     blocks = after.closed.between(end - (full - waiting), end - (full - done))
     tables, counts = after.compensated(blocks), blocks.products.counts
-    ends = np.arange(first + 1, last + 1) * BLOCKS_PER_LOOK - begun
-    ages = ends[:, None] - 1 - np.arange(done - begun)
+    ends = np.arange(first + 1, last + 1) * BLOCKS_PER_LOOK - started
+    ages = ends[:, None] - 1 - np.arange(done - started)
     fade = forgetting.factor**forgetting.block
     weights, since = np.where(ages >= 0, fade ** np.maximum(ages, 0), 0.0), fade**ends
-    new = slice(begun - waiting, None)
+    new = slice(started - waiting, None)
     totals = np.tensordot(weights, tables[new], 1) + np.multiply.outer(
         since, before.compensated(before.full)[0]
     )
@@ -98,22 +102,28 @@ def looks_between(before: FadedProducts, after: FadedProducts) -> Iterator[tuple
     counted = counts.reshape(last - first, BLOCKS_PER_LOOK).sum(axis=1)
     means = sums / np.where(counted > 0.0, counted, 1.0)[:, None, None]
     for number, reference in enumerate(_references(totals, rows)):
-        sample = (first + 1 + number) * forgetting.look
-        yield Look(sample, means[number], float(counted[number])), reference
+        sample = (first + 1 + number) * forgetting.block_length
+        yield SequentialLook(sample, means[number], float(counted[number])), reference
 
 
-def newest_look(faded: FadedProducts) -> Look:
+def newest_look(exponentially_weighted_products: ExponentiallyWeightedProducts) -> SequentialLook:
     """The last full blocks of products that end with a look."""
-    blocks = faded.closed.between(faded.closed.blocks - BLOCKS_PER_LOOK, faded.closed.blocks)
+    blocks = exponentially_weighted_products.closed.between(
+        exponentially_weighted_products.closed.blocks - BLOCKS_PER_LOOK,
+        exponentially_weighted_products.closed.blocks,
+    )
     count = blocks.products.count
-    means = faded.compensated(blocks).sum(axis=0) / (count if count > 0.0 else 1.0)
-    return Look(faded.samples, means, count)
+    means = exponentially_weighted_products.compensated(blocks).sum(axis=0) / (count if count > 0.0 else 1.0)
+    return SequentialLook(exponentially_weighted_products.samples, means, count)
 
 
-def newest_reference(faded: FadedProducts) -> References | None:
+def newest_reference(exponentially_weighted_products: ExponentiallyWeightedProducts) -> References | None:
     """Least squares solution of the equations of all full blocks; None where there is no unique one."""
-    (found,) = _references(faded.compensated(faded.full), faded.full.products.counts)
-    return found
+    (references,) = _references(
+        exponentially_weighted_products.compensated(exponentially_weighted_products.full),
+        exponentially_weighted_products.full.products.counts,
+    )
+    return references
 
 
 def _references(
@@ -126,21 +136,22 @@ def _references(
         return
     scale = unit_scale(np.einsum("lpn,lpn->ln", A, A))
     Q, R = np.linalg.qr(A * scale[:, None, :])
-    told = np.abs(np.diagonal(R, axis1=1, axis2=2)).min(axis=1) > COLLINEAR_SHARE
-    R[~told] = np.eye(n)
+    reported = np.abs(np.diagonal(R, axis1=1, axis2=2)).min(axis=1) > COLLINEAR_SHARE
+    R[~reported] = np.eye(n)
     inverse = scale[:, :, None] * np.linalg.solve(R, Q.swapaxes(1, 2))
     theta = np.matmul(inverse, b[:, :, None])[:, :, 0]
     mapped = counts[:, None, None] * inverse
     for number in range(looks):
         here = slice(number, number + 1)
-        yield References(theta[here], mapped[here], slice(0, n)) if told[number] else None
+        yield References(theta[here], mapped[here], slice(0, n)) if reported[number] else None
 
 
 # -- Change detector --
 
 #: Median magnitude of normal numbers over their standard deviation, inverted.
 NORMAL_MEDIAN = 1.4826
-#: Looks after a change that are listened to only: one memory, until what was kept of before has faded.
+#: Looks after a change that are listened to only: one memory, until what was kept of before has
+#: exponentially weighted.
 REST = 8
 #: Least of what a look shows of a parameter over what looks do on average, to show anything.
 LEAST_SEEN = 0.1
@@ -150,15 +161,15 @@ SIDES = np.array([[1.0], [-1.0]])
 
 @dataclass(frozen=True, slots=True)
 class ChangeDetector:
-    """When a change is told.
+    """When a change is reported.
 
     Parameters
     ----------
     threshold : float
         Sum that is a change.
     drift : float
-        What every look takes off the sums: half the smallest change that is to be told quickly, in standard
-        deviations of a look.
+        What every look takes off the sums: half the smallest change that is to be reported quickly, in
+        standard deviations of a look.
     limit : float
         Largest magnitude of one look.
     scale_looks : int
@@ -200,7 +211,7 @@ class ChangeDetector:
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """A change that was told."""
+    """A change that was identified."""
 
     parameter: str
     sample: int
@@ -231,22 +242,22 @@ class Watch:
         held = np.where(self.sums > 0.0, np.minimum(self.held + 1, oldest), 0)
         return Watch(references, self.before, self.sums, held, self.resting)
 
-    def after(self, look: Look, detector: ChangeDetector) -> Watch:
+    def after(self, look: SequentialLook, detector: ChangeDetector) -> Watch:
         """With one more look; one without rows, or that nothing is expected of, shows nothing."""
         if self.references is None or not look.count > 0.0:
             return self
-        change, seen = self.references.shown(look)
+        change, seen = self.references.detected_changes(look)
         roots = np.sqrt(np.where(seen < LEAST_SEEN, 0.0, np.minimum(seen, 1.0)))
         units, sums = _in_units(change, seen), self.sums
         if self.before.shape[0] >= detector.least_looks and not self.resting:
-            places = (roots.shape[0] - 1 - self.held, np.arange(roots.shape[1]))
-            root, most = roots[places], detector.limit
-            step = np.maximum(np.minimum(np.nan_to_num(units[places]) / _scale(self.before), most), -most)
+            positions = (roots.shape[0] - 1 - self.held, np.arange(roots.shape[1]))
+            root, most = roots[positions], detector.limit
+            step = np.maximum(np.minimum(np.nan_to_num(units[positions]) / _scale(self.before), most), -most)
             sums = np.maximum(sums + root * (SIDES * step - detector.drift * root), 0.0)
         before = np.concatenate([self.before, units[-1:]])[-detector.scale_looks :]
         return Watch(self.references, before, sums, self.held, max(self.resting - 1, 0))
 
-    def told(self, detector: ChangeDetector) -> tuple[tuple[int, bool], ...]:
+    def detected(self, detector: ChangeDetector) -> tuple[tuple[int, bool], ...]:
         """Numbers of the parameters that changed, and whether they grew."""
         sides, parameters = np.nonzero(self.sums > detector.threshold)
         return tuple((int(j), bool(side == 0)) for side, j in zip(sides, parameters, strict=True))
@@ -259,8 +270,8 @@ class Watch:
 def _in_units(change: Float[np.ndarray, "W m"], seen: Float[np.ndarray, "W m"]) -> Float[np.ndarray, "W m"]:
     """Changes of one variance: over sqrt(q), or q where that is more; NaN where a look shows nothing."""
     nothing = seen < LEAST_SEEN
-    told = np.where(nothing, 1.0, seen)
-    return np.where(nothing, np.nan, change / np.maximum(np.sqrt(told), told))
+    reported = np.where(nothing, 1.0, seen)
+    return np.where(nothing, np.nan, change / np.maximum(np.sqrt(reported), reported))
 
 
 def _scale(before: Float[np.ndarray, "looks m"]) -> Float[np.ndarray, " m"]:
@@ -283,65 +294,72 @@ class RowRecursion:
     method: LinearMethod  # With cross-products for equations
     forgetting: Forgetting
     detector: ChangeDetector | None = None
-    faded: FadedProducts | None = None  # Products so far
+    products: ExponentiallyWeightedProducts | None = None  # Products so far
     watching: Watch = field(default_factory=Watch)  # Sums of the detector
     changes: tuple[Change, ...] = ()  # Those that the last rows showed
 
     @property
     def samples(self) -> int:
         """Samples so far that had a row, those among them that did not count."""
-        return 0 if self.faded is None else self.faded.samples
+        return 0 if self.products is None else self.products.samples
 
     def then(self, rows: TimedRows) -> RowRecursion:
         """With the rows that follow; `changes` are those that they show."""
-        faded = self.faded
-        if faded is None:
-            faded = nothing_yet(rows, self.forgetting, whole=self.method.needs_instruments)
-        seen = replace(self, faded=faded, changes=())
+        weighted = self.products
+        if weighted is None:
+            weighted = nothing_yet(rows, self.forgetting, whole=self.method.needs_instruments)
+        seen = replace(self, products=weighted, changes=())
         if self.detector is None:
-            return replace(seen, faded=faded.then(rows))
-        span = looks_at_once(self.forgetting) * self.forgetting.look
-        for stretch in rows.stretches(faded.samples, span):
+            return replace(seen, products=weighted.then(rows))
+        span = looks_at_once(self.forgetting) * self.forgetting.block_length
+        for stretch in rows.stretches(weighted.samples, span):
             rest = stretch
             while rest.count:
-                seen, rest = seen._watched(seen.faded or faded, rest, self.detector)
+                seen, rest = seen._watched(seen.products or weighted, rest, self.detector)
         return seen
 
     def _watched(
-        self, faded: FadedProducts, rows: TimedRows, detector: ChangeDetector
+        self,
+        exponentially_weighted_products: ExponentiallyWeightedProducts,
+        rows: TimedRows,
+        detector: ChangeDetector,
     ) -> tuple[RowRecursion, TimedRows]:
-        """With rows up to the end of the first look that tells a change, and the rows that are left."""
-        after, watching = faded.then(rows), self.watching
-        for look, reference in looks_between(faded, after):
+        """With rows up to the end of the first look that identifies a change, and the rows that are left."""
+        after, watching = exponentially_weighted_products.then(rows), self.watching
+        for look, reference in looks_between(exponentially_weighted_products, after):
             watching = watching.after(look, detector)
-            told = watching.told(detector)
-            if told:
+            reported = watching.detected(detector)
+            if reported:
                 names = [parameter.name for parameter in self.parameters]
-                changes = (*self.changes, *(Change(names[j], look.sample, up) for j, up in told))
-                taken = look.sample - faded.samples
-                kept = faded.then(rows.between(0, taken)).last(detector.kept_looks * BLOCKS_PER_LOOK)
+                changes = (*self.changes, *(Change(names[j], look.sample, up) for j, up in reported))
+                taken = look.sample - exponentially_weighted_products.samples
+                kept = exponentially_weighted_products.then(rows.between(0, taken)).last(
+                    detector.kept_looks * BLOCKS_PER_LOOK
+                )
                 watching = watching.reset().expecting(newest_reference(kept), detector)
                 return (
-                    replace(self, faded=kept, watching=watching, changes=changes),
+                    replace(self, products=kept, watching=watching, changes=changes),
                     rows.between(taken, rows.count),
                 )
             watching = watching.expecting(reference, detector)
-        return replace(self, faded=after, watching=watching), rows.between(0, 0)
+        return replace(self, products=after, watching=watching), rows.between(0, 0)
 
     def estimate(self) -> Estimate:
         """Estimate of the rows so far, with the weights that they have now."""
-        if self.faded is None:
+        if self.products is None:
             raise _no_rows()
-        found = identify(ProblemMoments(self.parameters, _moments(self.faded)), self.method)
-        (candidate,) = found.candidates
-        covariance = faded_covariance(self.faded, candidate.theta, equation_map(candidate.solved))
-        return replace(found, candidates=(replace(candidate, streamed_covariance=covariance),))
+        result = identify(ProblemMoments(self.parameters, _moments(self.products)), self.method)
+        (candidate,) = result.candidates
+        covariance = exponentially_weighted_covariance(
+            self.products, candidate.theta, equation_map(candidate.solved)
+        )
+        return replace(result, candidates=(replace(candidate, streamed_covariance=covariance),))
 
 
-def _moments(faded: FadedProducts) -> CrossMoments:
-    if not faded.total.products.count > 0.0:
+def _moments(exponentially_weighted_products: ExponentiallyWeightedProducts) -> CrossMoments:
+    if not exponentially_weighted_products.total.products.count > 0.0:
         raise _no_rows()
-    return faded.moments
+    return exponentially_weighted_products.moments
 
 
 def _no_rows() -> TooFewSamplesError:
@@ -373,7 +391,7 @@ class RecursiveIdentification:
     memory : float
         Sum of the weights of all samples before, 1 / (1 - lambda): 200 for a forgetting factor of 0.995.
     detector : ChangeDetector, optional
-        What tells that a parameter changed; what lies before is forgotten then. Default: none.
+        What determines that a parameter changed; what lies before is forgotten then. Default: none.
 
     Raises
     ------
@@ -418,7 +436,7 @@ class RecursiveIdentification:
         lag = self.model.regression_lag(self.instruments)
         joined = chunk if self._tail is None else continued(self._tail, chunk, lag)
         problem = self.model.regression(joined, self.instruments)
-        rows = replace(self._begun(problem.parameters), changes=())
+        rows = replace(self._started(problem.parameters), changes=())
         changes: tuple[Change, ...] = ()
         for stretch in timed_rows(problem, self.method.assembler):
             rows = rows.then(stretch)
@@ -428,7 +446,7 @@ class RecursiveIdentification:
         object.__setattr__(following, "_tail", end_of(joined, lag))
         return following
 
-    def _begun(self, parameters: tuple[Parameter, ...]) -> RowRecursion:
+    def _started(self, parameters: tuple[Parameter, ...]) -> RowRecursion:
         if self._rows is not None:
             return self._rows
         return RowRecursion(parameters, self.method, Forgetting(self.memory), self.detector)
@@ -446,8 +464,8 @@ class RecursiveIdentification:
     @property
     def effective_rows(self) -> float:
         """Rows of equal weight whose mean scatters as much as that of the rows so far."""
-        faded = None if self._rows is None else self._rows.faded
-        return 0.0 if faded is None else faded.effective_rows
+        weighted = None if self._rows is None else self._rows.products
+        return 0.0 if weighted is None else weighted.effective_rows
 
     def estimate(self) -> Estimate:
         """Estimate after the samples so far, with intervals for errors that have memory.
@@ -479,8 +497,8 @@ def identify_recursively(
     Returns
     -------
     iterator of (RecursiveIdentification, Estimate)
-        After each chunk from the first on that tells the parameters. A chunk after which they are not told,
-        at the beginning or after samples that do not count, is passed over.
+        After each chunk from the first on that identifies the parameters. A chunk after which they are
+        not identified, at the beginning or after samples that do not count, is passed over.
 
     Raises
     ------
@@ -538,7 +556,7 @@ CONSTANT = 1e-9
 LEAST_INFORMATION_SHARE = 1e-12
 #: Times that the information of a row is renewed at the estimate.
 PASSES = 3
-#: Rows without any error tell everything; in numbers, so much.
+#: Rows without any error determine everything; in numbers, so much.
 MOST_INFORMATION = 1e200
 
 
@@ -555,7 +573,7 @@ class TrackedPoint:
 
 @dataclass(frozen=True, slots=True)
 class Posterior:
-    """Estimate of faded products and of what was known beforehand."""
+    """Estimate of exponentially weighted products and of what was known beforehand."""
 
     theta: Float[np.ndarray, " n"]
     mapped: Float[np.ndarray, "n p"]
@@ -566,7 +584,7 @@ class Posterior:
 class Follower:
     """What follows one parameter of several."""
 
-    place: int
+    index: int
     priors: tuple[Prior | None, ...]
     start: Float[np.ndarray, " n"]  # Values near which they are
 
@@ -574,69 +592,86 @@ class Follower:
         self, rows: TimedRows, forgetting: Forgetting, detector: ChangeDetector
     ) -> Iterator[TrackedPoint]:
         """What is known after each look of a record."""
-        faded, watching = nothing_yet(rows, forgetting, whole=True), Watch()
-        for stretch in rows.stretches(0, forgetting.look):
-            faded = faded.then(stretch)
-            if stretch.count < forgetting.look:
+        then, watching = nothing_yet(rows, forgetting, whole=True), Watch()
+        for stretch in rows.stretches(0, forgetting.block_length):
+            then = then.then(stretch)
+            if stretch.count < forgetting.block_length:
                 return
-            watching = watching.after(newest_look(faded), detector)
-            told = watching.told(detector)
+            watching = watching.after(newest_look(then), detector)
+            reported = watching.detected(detector)
             change = 0
-            if told:
-                change = 1 if told[0][1] else -1
-                faded, watching = faded.last(detector.kept_looks * BLOCKS_PER_LOOK), watching.reset()
-            found = self.posterior(faded)
-            watching = watching.expecting(self._reference(faded, found), detector)
-            yield self._point(faded, found, change)
+            if reported:
+                change = 1 if reported[0][1] else -1
+                then, watching = then.last(detector.kept_looks * BLOCKS_PER_LOOK), watching.reset()
+            posterior = self.posterior(then)
+            watching = watching.expecting(self._reference(then, posterior), detector)
+            yield self._point(then, posterior, change)
 
-    def _reference(self, faded: FadedProducts, found: Posterior | None) -> References | None:
+    def _reference(
+        self, exponentially_weighted_products: ExponentiallyWeightedProducts, posterior: Posterior | None
+    ) -> References | None:
         """What later looks are held against: what rows alone say of a change; None where they say nothing."""
-        if found is None:
+        if posterior is None:
             return None
-        mapped = found.mapped[[self.place]]
-        share = float(mapped[0] @ faded.moments.equations[:, self.place])
-        watched = slice(self.place, self.place + 1)
-        return References(found.theta[None, :], mapped[None] / share, watched) if share > 0.0 else None
+        mapped = posterior.mapped[[self.index]]
+        share = float(mapped[0] @ exponentially_weighted_products.moments.equations[:, self.index])
+        watched = slice(self.index, self.index + 1)
+        return References(posterior.theta[None, :], mapped[None] / share, watched) if share > 0.0 else None
 
-    def _point(self, faded: FadedProducts, found: Posterior | None, change: int) -> TrackedPoint:
-        share = faded.total.products.count / faded.forgetting.memory
-        if found is None:
-            return TrackedPoint(faded.samples, math.nan, math.inf, share, change)
-        covariance = faded_covariance(faded, found.theta, found.mapped)
-        direction = np.eye(found.theta.size)[self.place]
-        half = covariance.half_width(direction, 0.95, float(found.known[self.place, self.place]))
-        return TrackedPoint(faded.samples, float(found.theta[self.place]), half, share, change)
+    def _point(
+        self,
+        exponentially_weighted_products: ExponentiallyWeightedProducts,
+        posterior: Posterior | None,
+        change: int,
+    ) -> TrackedPoint:
+        share = (
+            exponentially_weighted_products.total.products.count
+            / exponentially_weighted_products.forgetting.memory
+        )
+        if posterior is None:
+            return TrackedPoint(exponentially_weighted_products.samples, math.nan, math.inf, share, change)
+        covariance = exponentially_weighted_covariance(
+            exponentially_weighted_products, posterior.theta, posterior.mapped
+        )
+        direction = np.eye(posterior.theta.size)[self.index]
+        half = covariance.half_width(direction, 0.95, float(posterior.known[self.index, self.index]))
+        return TrackedPoint(
+            exponentially_weighted_products.samples, float(posterior.theta[self.index]), half, share, change
+        )
 
-    def posterior(self, faded: FadedProducts) -> Posterior | None:
-        """Estimate of the rows so far; None where they tell nothing of what is not known beforehand."""
-        if not faded.effective_rows > self.start.size:
+    def posterior(self, exponentially_weighted_products: ExponentiallyWeightedProducts) -> Posterior | None:
+        """Estimate of the rows so far."""
+        if not exponentially_weighted_products.effective_rows > self.start.size:
             return None
-        moments = faded.moments
+        moments = exponentially_weighted_products.moments
         basis = _basis(moments.products.instruments.sum(axis=0) / moments.rows)
         A, b = np.hsplit(basis.T @ moments.equations, [-1])
-        own, seen = A.T @ A, A.T @ b[:, 0]
+        current, seen = A.T @ A, A.T @ b[:, 0]
         precision = np.diag([0.0 if prior is None else prior.std**-2 for prior in self.priors])
         mean = np.array([0.0 if prior is None else prior.mean for prior in self.priors])
-        if not own[self.place, self.place] > 0.0:
+        if not current[self.index, self.index] > 0.0:
             return None
         theta = self.start
         for _ in range(PASSES):
-            row = _row_information(faded_covariance(faded, theta, A.T @ basis.T), np.diag(own))
-            row = min(row, MOST_INFORMATION / max(float(np.abs(seen).max()), float(np.abs(own).max())))
-            inverse = _inverse(row * own + precision)
+            row = _row_information(
+                exponentially_weighted_covariance(exponentially_weighted_products, theta, A.T @ basis.T),
+                np.diag(current),
+            )
+            row = min(row, MOST_INFORMATION / max(float(np.abs(seen).max()), float(np.abs(current).max())))
+            inverse = _inverse(row * current + precision)
             theta = inverse @ (row * seen + precision @ mean)
         return Posterior(theta, row * inverse @ A.T @ basis.T, inverse @ precision @ inverse)
 
 
 def _row_information(scores: JointCovariance, powers: Float[np.ndarray, " n"]) -> float:
     """Information of the rows: one over the variance of their scores, each over its power, the largest."""
-    told = powers > 0.0
-    variances = [float(np.mean(np.diag(part.matrix)[told] / powers[told])) for part in scores.parts]
+    reported = powers > 0.0
+    variances = [float(np.mean(np.diag(part.matrix)[reported] / powers[reported])) for part in scores.parts]
     return 1.0 / max(*variances, np.finfo(np.float64).tiny)
 
 
 def _inverse(normal: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "n n"]:
-    """Inverse of a sum of information, without the directions that nothing tells."""
+    """Inverse of a sum of information, without the directions that nothing gives."""
     scale = unit_scale(np.diag(normal))
     inverse = np.linalg.pinv(normal * np.outer(scale, scale), rcond=LEAST_INFORMATION_SHARE, hermitian=True)
     scaled: Float[np.ndarray, "n n"] = np.outer(scale, scale) * inverse

@@ -56,10 +56,10 @@ class PairSpectrum:
     def solved(self, pairs: Pairs) -> Pairs:
         """C^-1 x, of one pair or of several."""
         first, second, cross = self._inverse
-        found = np.empty(pairs.shape, dtype=np.complex128)
-        found[..., 0, :] = first * pairs[..., 0, :] + cross * pairs[..., 1, :]
-        found[..., 1, :] = cross.conj() * pairs[..., 0, :] + second * pairs[..., 1, :]
-        return found
+        result = np.empty(pairs.shape, dtype=np.complex128)
+        result[..., 0, :] = first * pairs[..., 0, :] + cross * pairs[..., 1, :]
+        result[..., 1, :] = cross.conj() * pairs[..., 0, :] + second * pairs[..., 1, :]
+        return result
 
     def between(self, other: PairSpectrum) -> PairSpectrum:
         """other^-1 C other^-1."""
@@ -85,16 +85,16 @@ class PairSpectrum:
     def whitened(self, pairs: Pairs) -> Pairs:
         """L^-1 x with C = L L^H, of one pair or of several."""
         top, below, bottom = self.root
-        found = np.empty(pairs.shape, dtype=np.complex128)
-        found[..., 0, :] = pairs[..., 0, :] / top
-        found[..., 1, :] = (pairs[..., 1, :] - below * found[..., 0, :]) / bottom
-        return found
+        result = np.empty(pairs.shape, dtype=np.complex128)
+        result[..., 0, :] = pairs[..., 0, :] / top
+        result[..., 1, :] = (pairs[..., 1, :] - below * result[..., 0, :]) / bottom
+        return result
 
 
 def inner(left: Pair, right: Pair) -> Complex[np.ndarray, " bins"]:
     """x^H y of each bin."""
-    found: Complex[np.ndarray, " bins"] = (left.conj() * right).sum(axis=0)
-    return found
+    result: Complex[np.ndarray, " bins"] = (left.conj() * right).sum(axis=0)
+    return result
 
 
 # -- Noise model --
@@ -270,16 +270,16 @@ def _information_root(
         except np.linalg.LinAlgError:
             pass
     raise ConvergenceError(
-        "residuals whose spectra tell the measurement noises",
+        "residuals whose spectra determine the measurement noises",
         "residuals that are zero in the band, or too few of them",
         "Declare the noises, use a method that needs none, such as reference_iv, or record longer.",
     )
 
 
-def told_noises(
+def fitted_noises(
     pairs: PairedEquations, residual: Pair, model: NoiseModel, prior: NoisePrior, measure: str
 ) -> tuple[FittedNoise, ...]:
-    """What is told of the noises of a model that fits, with errors by its information and what was known."""
+    """What is reported about the noises of a model that fits, with errors by its information."""
     fit = _Fit(pairs, residual, prior.centre)
     vector, fitted = fit.vector(model), prior.fitted
     errors = np.zeros(6)
@@ -287,10 +287,10 @@ def told_noises(
     errors[fitted] = np.linalg.norm(np.linalg.inv(root), axis=0)
     strengths, orders = np.sqrt(_variances(model)), _all_orders(model)
     by_strength, by_order = 0.5 * strengths * errors[:3], _order_slopes(orders) * errors[3:]
-    told = zip(WHAT, strengths, by_strength, orders, by_order, strict=True)
+    reported = zip(WHAT, strengths, by_strength, orders, by_order, strict=True)
     return tuple(
         FittedNoise(of, float(strength), float(error), float(order), float(order_error), measure)
-        for of, strength, error, order, order_error in told
+        for of, strength, error, order, order_error in reported
     )
 
 
@@ -368,30 +368,30 @@ class _Fit:
         determinant = first * second - real**2 - imaginary**2
         a, b, x, y = np.stack([second, first, -real, -imaginary]) / determinant  # C^-1
         p, q, u, v = self.seen_numbers
-        own, crossed = a * p + b * q, 2.0 * (x * u + y * v)
-        value = float(self.bins @ (np.log(determinant) + own + crossed))
+        current, crossed = a * p + b * q, 2.0 * (x * u + y * v)
+        value = float(self.bins @ (np.log(determinant) + current + crossed))
         size, product, straight, turned = x**2 + y**2, a * b, x**2 - y**2, 2.0 * x * y
         by_number = self.bins * np.stack(
             [
                 a - a * (a * p + crossed) - size * q,
                 b - b * (b * q + crossed) - size * p,
-                2.0 * (x - x * own - straight * u - turned * v - product * u),
-                2.0 * (y - y * own - turned * u + straight * v - product * v),
+                2.0 * (x - x * current - straight * u - turned * v - product * u),
+                2.0 * (y - y * current - turned * u + straight * v - product * v),
             ]
         )
         by_power = powers * (self.numbers * by_number).sum(axis=1)
         by_order = 2.0 * _order_slopes(_orders(vector)) * (by_power @ self.log_scale)
-        found = np.concatenate([by_power.sum(axis=1), by_order])
-        return value + 0.5 * float(from_centre @ from_centre), found + slopes * from_centre
+        result = np.concatenate([by_power.sum(axis=1), by_order])
+        return value + 0.5 * float(from_centre @ from_centre), result + slopes * from_centre
 
     def information(self, vector: Float[np.ndarray, " 6"]) -> Float[np.ndarray, "6 6"]:
         """Sum over bins of tr(C^-1 C_j C^-1 C_l), with what the prior adds."""
         C, moved = self._spectra(vector)
         whitened = moved.between(C)
-        found = (whitened.first * self.bins) @ moved.first.T + (whitened.second * self.bins) @ moved.second.T
-        found += 2.0 * ((whitened.cross.conj() * self.bins) @ moved.cross.T).real
+        result = (whitened.first * self.bins) @ moved.first.T + (whitened.second * self.bins) @ moved.second.T
+        result += 2.0 * ((whitened.cross.conj() * self.bins) @ moved.cross.T).real
         _, slopes = self._prior(vector)
-        return found + np.diag(slopes**2)
+        return result + np.diag(slopes**2)
 
     def _prior(
         self, vector: Float[np.ndarray, " 6"]
@@ -551,13 +551,13 @@ class SampledMotion:
     @cached_property
     def directions(self) -> Complex[np.ndarray, "3 2 bins"]:
         """d_K, d_b and d_rho: derivatives of the residuals by the parameters, over the true input."""
-        found = np.empty((3, 2, self.response.size), dtype=np.complex128)
-        found[0] = self.response, -self.response_by_friction
-        found[1, 0] = -1.0
-        found[1, 1] = self.pushed * -self._between
-        found[2, 0] = 0.0
-        found[2, 1] = (-self.gain * self.pushed) * (self.record.later - 1.0)
-        return found
+        result = np.empty((3, 2, self.response.size), dtype=np.complex128)
+        result[0] = self.response, -self.response_by_friction
+        result[1, 0] = -1.0
+        result[1, 1] = self.pushed * -self._between
+        result[2, 0] = 0.0
+        result[2, 1] = (-self.gain * self.pushed) * (self.record.later - 1.0)
+        return result
 
     @cached_property
     def input_noise(self) -> Pair:
@@ -576,34 +576,34 @@ class SampledMotion:
 
     def shapes(self) -> tuple[PairSpectrum, PairSpectrum, PairSpectrum, PairSpectrum]:
         """C of one unit of noise of the input, of z', of z'' and of a disturbance that moves the vehicle."""
-        ones = np.ones(self.response.size)
+        entries = np.ones(self.response.size)
         K, b, h = self.friction, self.gain, self.pushed
         return (
-            PairSpectrum(b * b * ones, np.abs(self.response) ** 2, b * self.response.conj()),
-            PairSpectrum(K * K * ones, ones, K * ones.astype(complex)),
-            PairSpectrum(ones, 0.0 * ones, 0.0j * ones),
-            PairSpectrum(ones, np.abs(h) ** 2, h.conj()),
+            PairSpectrum(b * b * entries, np.abs(self.response) ** 2, b * self.response.conj()),
+            PairSpectrum(K * K * entries, entries, K * entries.astype(complex)),
+            PairSpectrum(entries, 0.0 * entries, 0.0j * entries),
+            PairSpectrum(entries, np.abs(h) ** 2, h.conj()),
         )
 
     def whole(self, nuisances: Float[np.ndarray, " q"], shapes: Complex[np.ndarray, "q 2 bins"]) -> Pair:
         """Residuals with the nuisances' parts taken off: r + sum of c psi."""
-        found: Pair = self.residuals()
-        for one, shape in zip(nuisances.tolist(), shapes, strict=True):
-            found += one * shape
-        return found
+        pair: Pair = self.residuals()
+        for nuisance, shape in zip(nuisances.tolist(), shapes, strict=True):
+            pair += nuisance * shape
+        return pair
 
     def nuisance_shapes(self, ramps: bool) -> Complex[np.ndarray, "q 2 bins"]:
         """psi: [0; -D], and with ramps [-F; 0] and [0; -F]."""
-        found = np.zeros((3 if ramps else 1, 2, self.memory.size), dtype=np.complex128)
-        found[0, 1] = -self.memory
+        result = np.zeros((3 if ramps else 1, 2, self.memory.size), dtype=np.complex128)
+        result[0, 1] = -self.memory
         if ramps:
-            found[1, 0] = found[2, 1] = -self.record.ramp
-        return found
+            result[1, 0] = result[2, 1] = -self.record.ramp
+        return result
 
 
 # -- Sampled problem --
 
-#: Fewest samples that spectra can be told from.
+#: Fewest samples that spectra can be distinguished from.
 FEWEST_SAMPLES = 64
 #: Lags of the input that are instruments of the pilot when the problem brings none.
 PILOT_LAGS = (0, 10)
@@ -618,7 +618,7 @@ class SampledProblem:
     input_variance: float
     instrument: Complex[np.ndarray, " bins"] | None
     declared: tuple[MeasurementNoise | None, MeasurementNoise | None]
-    noise_sought: bool = False
+    noise_estimated: bool = False
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -651,7 +651,7 @@ def problem_of_motion(problem: Problem, method: str) -> SignalRegression:
 
 
 def without_spectra(problem: SignalRegression) -> tuple[str, str] | None:
-    """Why a record has no spectra that could be told, and what to do; None where it has."""
+    """Why a record has no spectra that could be identified, and what to do; None where it has."""
     signals = problem.signals
     gaps = 0 if signals.valid is None else int((~signals.valid).sum())
     if gaps:
@@ -672,13 +672,13 @@ def sampled_problem(problem: SignalRegression, method: str) -> SampledProblem:
     state, response, driver = motion_of(problem, method)
     signals = problem.signals
     noise = signals.noise[driver]
-    own = is_own_instrument(problem, driver)
+    current = is_own_instrument(problem, driver)
     record = SampledRecord(
         signals.step_s,
         signals.sample_count,
         *(unitary_bins(signals.channel(name)) for name in (response, state, driver)),
     )
-    instrument = None if own else unitary_bins(_projected(problem, driver, method))
+    instrument = None if current else unitary_bins(_projected(problem, driver, method))
     declared = signals.noise.get(state), signals.noise.get(response)
     return SampledProblem(problem, record, noise.std**2, instrument, declared)
 
@@ -721,5 +721,5 @@ def _projected(problem: SignalRegression, driver: str, method: str) -> Float[np.
     Psi = np.column_stack([problem.column(column) for column in problem.instrument_columns])
     values = problem.signals.channel(driver)
     centred = Psi - Psi.mean(axis=0)
-    told = centred @ np.linalg.lstsq(centred, values[problem.first :] - values.mean(), rcond=None)[0]
-    return np.concatenate([np.zeros(problem.first), told])
+    reported = centred @ np.linalg.lstsq(centred, values[problem.first :] - values.mean(), rcond=None)[0]
+    return np.concatenate([np.zeros(problem.first), reported])

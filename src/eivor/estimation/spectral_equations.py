@@ -22,8 +22,8 @@ from eivor.estimation.sampled_motion import (
     PairSpectrum,
     SampledMotion,
     fitted_noise,
+    fitted_noises,
     prior_of,
-    told_noises,
 )
 from eivor.inference.covariance import COSINE_AVERAGES, cosine_averages
 from eivor.linalg import LeastSquares
@@ -50,7 +50,7 @@ class Pilot:
 
 
 def consistent_estimate(problem: SignalRegression) -> Estimate:
-    """Generalized IV of the same problem, without its warnings: what it says is used, or told, later."""
+    """Generalized IV of the same problem, without its warnings: what it says is used, or reported, later."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", WeakInstrumentsWarning)
         return GENERALIZED_IV.estimate(problem)
@@ -103,7 +103,7 @@ class SpectralSolution:
     noise_test: Float[np.ndarray, " bins"] | None = None  # 1 / S_u where sigma_u^2 is unknown
 
     @property
-    def settled(self) -> bool:
+    def converged(self) -> bool:
         """Whether the last pass left the parameters where they were."""
         return self.change < AT_REST
 
@@ -125,17 +125,17 @@ class SpectralSolution:
     @cached_property
     def tests(self) -> Complex[np.ndarray, "n 2 bins"]:
         """Test functions before C^-1: w c U d_j, c psi, and c U s / S_u where sigma_u^2 is unknown."""
-        own = self.of_noise * self.instrument
+        current = self.of_noise * self.instrument
         shapes = self.nuisance_shapes * self.factors
-        return np.concatenate([own[: self.parameters], shapes, own[self.parameters :]])
+        return np.concatenate([current[: self.parameters], shapes, current[self.parameters :]])
 
     @cached_property
     def of_noise(self) -> Complex[np.ndarray, "m 2 bins"]:
         """What the input's noise is taken off with: w c d_j, and c s / S_u where sigma_u^2 is unknown."""
-        own = self.motion.directions[: self.parameters] * (self.weights * self.factors)
+        current = self.motion.directions[: self.parameters] * (self.weights * self.factors)
         if self.noise_test is None:
-            return own
-        return np.concatenate([own, (self.motion.input_noise * (self.factors * self.noise_test))[None]])
+            return current
+        return np.concatenate([current, (self.motion.input_noise * (self.factors * self.noise_test))[None]])
 
     @property
     def noisy(self) -> Int[np.ndarray, " m"]:
@@ -150,15 +150,15 @@ class SpectralSolution:
         if self.input_variance:
             shared += self.input_variance * self.spectrum.solved(motion.input_noise)
         shared *= self.factors
-        found = np.concatenate(
+        result = np.concatenate(
             [
                 _products(motion.directions[: self.parameters], (shared * self.weights)[None])[:, 0],
                 _products(self.nuisance_shapes, (right * self.factors)[None])[:, 0],
             ]
         )
         if self.noise_test is None:
-            return found
-        return np.append(found, _products(motion.input_noise[None], (shared * self.noise_test)[None]))
+            return result
+        return np.append(result, _products(motion.input_noise[None], (shared * self.noise_test)[None]))
 
     def stepped(self) -> SampledMotion:
         """Parameters after one of Newton's steps."""
@@ -168,8 +168,8 @@ class SpectralSolution:
     @cached_property
     def sensitivity(self) -> Sensitivity:
         """Derivative of the equations by parameters and nuisances."""
-        own = self.motion.directions[: self.parameters]
-        solved = self.spectrum.solved(own)
+        direction = self.motion.directions[: self.parameters]
+        solved = self.spectrum.solved(direction)
         by_nuisance = self.spectrum.solved(self.nuisance_shapes)
         moved = np.concatenate([solved * self.motion.record.input, by_nuisance])
         taken = solved * self.input_variance
@@ -183,7 +183,7 @@ class Sensitivity:
 
     tests: Complex[np.ndarray, "n 2 bins"]
     moved: Complex[np.ndarray, "k 2 bins"]
-    own: Complex[np.ndarray, "m 2 bins"]
+    self_terms: Complex[np.ndarray, "m 2 bins"]
     taken: Complex[np.ndarray, "p 2 bins"]
     noisy: Int[np.ndarray, " m"]  # Equations that have a compensation
     by_noise: Complex[np.ndarray, "2 bins"] | None = None
@@ -192,31 +192,31 @@ class Sensitivity:
     def total(self) -> Float[np.ndarray, "n n"]:
         """J."""
         known = self.moved.shape[0]
-        found = np.zeros((self.tests.shape[0], self.tests.shape[0]))
-        found[:, :known] = _products(self.tests, self.moved)
-        found[np.ix_(self.noisy, np.arange(self.taken.shape[0]))] -= _products(self.own, self.taken)
+        result = np.zeros((self.tests.shape[0], self.tests.shape[0]))
+        result[:, :known] = _products(self.tests, self.moved)
+        result[np.ix_(self.noisy, np.arange(self.taken.shape[0]))] -= _products(self.self_terms, self.taken)
         if self.by_noise is not None:
-            found[self.noisy, -1] = _products(self.own, self.by_noise[None])[:, 0]
-        return found
+            result[self.noisy, -1] = _products(self.self_terms, self.by_noise[None])[:, 0]
+        return result
 
     def leverage(self, inverse: Float[np.ndarray, "n n"]) -> Float[np.ndarray, " bins"]:
         """Share of each bin in J, as the trace of J^-1 times it."""
         known, count = self.moved.shape[0], self.taken.shape[0]
-        found: Float[np.ndarray, " bins"] = _shares(
+        shares: Float[np.ndarray, " bins"] = _shares(
             self.tests, np.tensordot(inverse[:known].T, self.moved, 1)
         )
-        found = found - _shares(self.own, np.tensordot(inverse[:count, self.noisy].T, self.taken, 1))
+        shares = shares - _shares(self.self_terms, np.tensordot(inverse[:count, self.noisy].T, self.taken, 1))
         if self.by_noise is None:
-            return found
-        return found + _shares(self.own, inverse[-1, self.noisy][:, None, None] * self.by_noise)
+            return shares
+        return shares + _shares(self.self_terms, inverse[-1, self.noisy][:, None, None] * self.by_noise)
 
 
 def _products(
     left: Complex[np.ndarray, "n 2 bins"], right: Complex[np.ndarray, "m 2 bins"]
 ) -> Float[np.ndarray, "n m"]:
     """Re of x^H y, summed over bins."""
-    found: Float[np.ndarray, "n m"] = _flat(left) @ _flat(right).T
-    return found
+    result: Float[np.ndarray, "n m"] = _flat(left) @ _flat(right).T
+    return result
 
 
 def _flat(pairs: Complex[np.ndarray, "n 2 bins"]) -> Float[np.ndarray, "n numbers"]:
@@ -228,8 +228,8 @@ def _shares(
     left: Complex[np.ndarray, "n 2 bins"], right: Complex[np.ndarray, "n 2 bins"]
 ) -> Float[np.ndarray, " bins"]:
     """Re of x^H y of each bin, summed over what stands first."""
-    found: Float[np.ndarray, " bins"] = (left.real * right.real + left.imag * right.imag).sum(axis=(0, 1))
-    return found
+    result: Float[np.ndarray, " bins"] = (left.real * right.real + left.imag * right.imag).sum(axis=(0, 1))
+    return result
 
 
 def solved_equations(
@@ -272,9 +272,9 @@ def solved_equations(
         now, leverage = _newton(now)
         change = abs(now.motion.friction / before.friction - 1.0) + abs(now.motion.gain / before.gain - 1.0)
         now = replace(now, change=change)
-        if now.settled:
+        if now.converged:
             break
-    return replace(now, noises=told_noises(now.motion, now.residual, noise, prior, MEASURE))
+    return replace(now, noises=fitted_noises(now.motion, now.residual, noise, prior, MEASURE))
 
 
 def _newton(now: SpectralSolution) -> tuple[SpectralSolution, Float[np.ndarray, " bins"]]:
@@ -293,9 +293,9 @@ def _newton(now: SpectralSolution) -> tuple[SpectralSolution, Float[np.ndarray, 
             step *= LARGEST_SHARE / largest
         motion = moved_by(now.motion, step[: now.parameters])
         last = now.parameters + now.nuisances.size
-        found = now.input_variance + float(step[last:].sum())
+        result = now.input_variance + float(step[last:].sum())
         now = replace(
-            now, motion=motion, nuisances=now.nuisances + step[now.parameters : last], input_variance=found
+            now, motion=motion, nuisances=now.nuisances + step[now.parameters : last], input_variance=result
         )
         if largest < EQUATION_TOLERANCE:
             break
@@ -325,7 +325,7 @@ def solved_rows(solution: SpectralSolution, parameters: tuple[Parameter, ...]) -
 def whitened_rows(solution: SpectralSolution, parameters: tuple[Parameter, ...]) -> Regression:
     """Rows of both equations, sample by sample, one equation after the other."""
     motion, C, count = solution.motion, solution.spectrum, solution.motion.record.count
-    own = motion.directions[: solution.parameters]
+    direction = motion.directions[: solution.parameters]
     theta = np.array([motion.friction, motion.gain, motion.blend])[: solution.parameters]
     tests = solution.tests
     moved = C.solved(solution.nuisance_shapes)
@@ -335,8 +335,8 @@ def whitened_rows(solution: SpectralSolution, parameters: tuple[Parameter, ...])
     freed = tests[: solution.parameters] - np.tensordot(
         np.linalg.solve(among, by_nuisance).T, nuisance_tests, 1
     )
-    X = -series_of(C.whitened(own * motion.record.input), count).reshape(own.shape[0], -1).T
-    Psi = -series_of(C.whitened(freed), count).reshape(own.shape[0], -1).T
+    X = -series_of(C.whitened(direction * motion.record.input), count).reshape(direction.shape[0], -1).T
+    Psi = -series_of(C.whitened(freed), count).reshape(direction.shape[0], -1).T
     residual = series_of(C.whitened(solution.residual), count).ravel()
     shared = _shared_noise(solution, theta) / (2 * count)
     samples = np.tile(np.arange(count), 2)
@@ -351,13 +351,15 @@ def _shared_noise(
     count = solution.parameters
     if not solution.input_variance:
         return np.zeros((count, count + 1))
-    own = solution.motion.directions[:count]
-    whole = np.concatenate([own, (solution.motion.input_noise + np.tensordot(theta, own, 1))[None]])
-    weighted = solution.spectrum.solved(whole) * (solution.weights * solution.factors)
-    found: Float[np.ndarray, "n n_plus_1"] = (
-        2.0 * solution.input_variance * np.einsum("jkb,lkb->jl", own.conj(), weighted).real
+    direction = solution.motion.directions[:count]
+    whole = np.concatenate(
+        [direction, (solution.motion.input_noise + np.tensordot(theta, direction, 1))[None]]
     )
-    return found
+    weighted = solution.spectrum.solved(whole) * (solution.weights * solution.factors)
+    results: Float[np.ndarray, "n n_plus_1"] = (
+        2.0 * solution.input_variance * np.einsum("jkb,lkb->jl", direction.conj(), weighted).real
+    )
+    return results
 
 
 def series_of(pairs: Pairs, count: int) -> Float[np.ndarray, "*shape 2 samples"]:
@@ -393,10 +395,10 @@ def spectral_covariance(solution: SpectralSolution, chosen: slice = EVERY) -> Sp
     inverse = whole[: solution.parameters][chosen]
     answered = np.tensordot(inverse, solution.tests, axes=1)
     of_bins = _meat(solution, inverse, answered)
-    own = np.einsum("jjb->jb", of_bins)
-    degrees = 2.0 * own.sum(axis=1) ** 2 / (own**2).sum(axis=1)
+    current = np.einsum("jjb->jb", of_bins)
+    degrees = 2.0 * current.sum(axis=1) ** 2 / (current**2).sum(axis=1)
     leverage = np.clip(sensitivity.leverage(whole), 0.0, LARGEST_LEVERAGE)
-    enlarged = np.sqrt((own / (1.0 - leverage / 4.0)).sum(axis=1) / own.sum(axis=1))
+    enlarged = np.sqrt((current / (1.0 - leverage / 4.0)).sum(axis=1) / current.sum(axis=1))
     model = of_bins.sum(axis=2) * np.outer(enlarged, enlarged)
     influence = _influence(solution, answered) * enlarged
     in_time = sum_covariance(influence)
@@ -411,8 +413,8 @@ def sum_covariance(series: Float[np.ndarray, "samples n"]) -> Float[np.ndarray, 
     """Long-run covariance of the sums of series, of as many cosine averages as have the least error."""
     count = series.shape[0]
     averages = cosine_averages(series, max(COSINE_AVERAGES, round(0.4 * count ** (2.0 / 3.0))))
-    found: Float[np.ndarray, "n n"] = averages.T @ averages / averages.shape[0]
-    return found
+    result: Float[np.ndarray, "n n"] = averages.T @ averages / averages.shape[0]
+    return result
 
 
 def _meat(
@@ -423,9 +425,9 @@ def _meat(
     """J^-1 M J^-T, bin by bin, with the tests that some rows of J^-1 are answered by."""
     meat = np.einsum("jkb,lkb->jlb", answered.conj(), solution.spectrum.solved(answered)).real
     if solution.input_variance:
-        own = np.tensordot(inverse[:, solution.noisy], solution.of_noise, axes=1)
+        current = np.tensordot(inverse[:, solution.noisy], solution.of_noise, axes=1)
         shared = solution.spectrum.solved(solution.motion.input_noise)
-        phi = np.einsum("jkb,kb->jb", own.conj(), shared)
+        phi = np.einsum("jkb,kb->jb", current.conj(), shared)
         meat += solution.input_variance**2 * (phi[:, None] * phi[None, :]).real
     return 0.5 * meat
 
@@ -437,5 +439,5 @@ def _influence(
     record = solution.motion.record
     residual = series_of(solution.spectrum.whitened(solution.residual), record.count)
     answers = series_of(solution.spectrum.whitened(answered), record.count)
-    found: Float[np.ndarray, "samples n"] = 0.5 * np.einsum("jkt,kt->tj", answers, residual)
-    return found
+    result: Float[np.ndarray, "samples n"] = 0.5 * np.einsum("jkt,kt->tj", answers, residual)
+    return result

@@ -33,11 +33,11 @@ from eivor.estimation.sampled_motion import (
     SampledMotion,
     SampledProblem,
     fitted_noise,
+    fitted_noises,
     is_own_instrument,
     motion_of,
     problem_of_motion,
     sampled_problem,
-    told_noises,
     with_instruments,
     without_spectra,
 )
@@ -67,7 +67,8 @@ from eivor.tools import Float
 # -- Estimates --
 
 #: Distance of the two answers that chance exceeds once in a thousand times. Generalized IV's covariance,
-#: which outweighs the other, is told by few cosine averages: beyond 13.8, the limit with a known covariance,
+#: which outweighs the other, is identified by few cosine averages: beyond 13.8, the limit with a known
+#: covariance,
 #: are three good answers in a hundred.
 FARTHEST = hotelling_quantile(0.999, 2, COSINE_AVERAGES)
 
@@ -85,7 +86,7 @@ def seems_held(held: SpectralSolution) -> bool:
 def usual_blend(free: SpectralSolution) -> float | None:
     """The usual rho that a free one is within three standard errors of; None where it is near none."""
     blend = free.motion.blend
-    usual = min(USUAL_BLENDS, key=lambda one: abs(blend - one))
+    usual = min(USUAL_BLENDS, key=lambda item: abs(blend - item))
     return usual if abs(blend - usual) <= NEAR_BLEND * blend_error(free) else None
 
 
@@ -106,10 +107,10 @@ def joint_covariance(covariance: SpectralCovariance) -> JointCovariance:
     )
 
 
-def with_grounds(estimate: Estimate, *, settled: bool) -> Estimate:
-    """Estimate with the grounds against it: passes that ran out, parameters that may be zero."""
+def with_reasons(estimate: Estimate, *, converged: bool) -> Estimate:
+    """Estimate with the reasons against it: passes that ran out, parameters that may be zero."""
     reasons: list[Reason] = []
-    if not settled:
+    if not converged:
         reasons.append(
             Reason(
                 Status.WEAK,
@@ -123,7 +124,8 @@ def with_grounds(estimate: Estimate, *, settled: bool) -> Estimate:
             reasons.append(
                 Reason(
                     Status.WEAK,
-                    f"The {parameter.name.replace('_', ' ')} cannot be told from zero: its interval is "
+                    f"The {parameter.name.replace('_', ' ')} cannot be distinguished from zero: its "
+                    f"interval is "
                     f"[{low:.3g}, {high:.3g}] {parameter.unit}.",
                     "Excite more, or record longer.",
                 )
@@ -157,8 +159,8 @@ def distance_of(
 ) -> float:
     """Squared distance of friction and gain from generalized IV's, in the errors of both."""
     between = plain.best.values[:2] - values
-    own = plain.with_covariance(EqualWeightedCosines()).covariance[:2, :2]
-    spread = np.diag(np.maximum(np.diag(covariance), 0.0)) + own
+    current = plain.with_covariance(EqualWeightedCosines()).covariance[:2, :2]
+    spread = np.diag(np.maximum(np.diag(covariance), 0.0)) + current
     return float(between @ np.linalg.solve(spread, between))
 
 
@@ -184,7 +186,7 @@ class Likelihood:
     motion: SampledMotion
     transient: float
     noise: NoiseModel  # Spectra that were fitted or declared
-    settled: bool  # False when passes or evaluations ran out
+    converged: bool  # False when passes or evaluations ran out
     noises: tuple[FittedNoise, ...]  # The same noises with their errors
 
 
@@ -200,17 +202,17 @@ class KnownSpectra(Protocol):
 def maximum_likelihood(pilot: Pilot) -> Likelihood:
     """Search from a pilot, with the noises that are not declared fitted anew."""
     motion, transient, noise = pilot.motion, pilot.transient, pilot.noise
-    settled = False
+    refined = False
     for _ in range(LIKELIHOOD_PASSES):
         before = np.array([motion.friction, motion.gain])
-        motion, transient, found = least_quadratic(motion, transient, noise)
+        motion, transient, result = least_quadratic(motion, transient, noise)
         moved = np.abs(np.array([motion.friction, motion.gain]) - before)
-        settled = found and bool((moved <= LIKELIHOOD_TOLERANCE * np.abs(before)).all())
-        if settled:
+        refined = result and bool((moved <= LIKELIHOOD_TOLERANCE * np.abs(before)).all())
+        if refined:
             break
         noise = fitted_noise(motion, _residual(motion, transient), noise, pilot.prior)
-    told = told_noises(motion, _residual(motion, transient), noise, pilot.prior, MEASURE)
-    return Likelihood(motion, transient, noise, settled, told)
+    noises = fitted_noises(motion, _residual(motion, transient), noise, pilot.prior, MEASURE)
+    return Likelihood(motion, transient, noise, refined, noises)
 
 
 def _residual(motion: SampledMotion, transient: float) -> Pair:
@@ -235,10 +237,10 @@ def least_quadratic(
         return np.concatenate([pair.real, pair.imag])
 
     first = np.array([1.0, 1.0, transient / units[2]])
-    found = least_squares(
+    squares = least_squares(
         whitened, first, method="lm", max_nfev=EVALUATIONS * first.size, xtol=1e-9, ftol=1e-10
     )
-    return *at(found.x), bool(found.success)
+    return *at(squares.x), bool(squares.success)
 
 
 # -- Several flights --
@@ -258,18 +260,18 @@ def spectral_giv_of_flights(name: str, problem: SeparableProblem) -> Estimate:
         problem, np.zeros(problem.bins(problem.first_values).regressors.shape[1]), problem.first_values
     )
     try:
-        found = corrected_whitening(name).estimate(problem)
+        result = corrected_whitening(name).estimate(problem)
     except (EstimationError, np.linalg.LinAlgError):
         return _instead(name, GENERALIZED_IV.estimate(problem), "its equations have no solution")
     try:
         plain = GENERALIZED_IV.estimate(problem)
     except (EstimationError, np.linalg.LinAlgError):
-        return with_noises(problem, found)
-    distance, farthest = _apart(found, plain)
+        return with_noises(problem, result)
+    distance, farthest = _separated(result, plain)
     if distance > farthest:
         why = f"it contradicts generalized IV beyond chance (squared distance {distance:.3g})"
         return _instead(name, plain, why)
-    return with_noises(problem, found)
+    return with_noises(problem, result)
 
 
 def whittle_of_flights(name: str, problem: SeparableProblem) -> Estimate:
@@ -281,8 +283,8 @@ def whittle_of_flights(name: str, problem: SeparableProblem) -> Estimate:
 def with_noises(problem: SeparableProblem, estimate: Estimate) -> Estimate:
     """Estimate with the noises that fit what it leaves."""
     best = estimate.best
-    pairs = paired_bins(problem, best.theta, best.at)
-    return replace(estimate, noises=pairs.told(problem.bins(best.at)))
+    pairs = paired_bins(problem, best.theta, best.nuisances)
+    return replace(estimate, noises=pairs.fitted_noises(problem.bins(best.nuisances)))
 
 
 def _instead(name: str, plain: Estimate, why: str) -> Estimate:
@@ -294,18 +296,18 @@ def _instead(name: str, plain: Estimate, why: str) -> Estimate:
     return replace(plain, method=name, reasons=(*plain.reasons, reason))
 
 
-def _apart(found: Estimate, plain: Estimate) -> tuple[float, float]:
+def _separated(estimate: Estimate, plain: Estimate) -> tuple[float, float]:
     """Least squared distance of the linear parameters of two estimates, and what chance hardly exceeds."""
-    count = found.best.theta.size
+    count = estimate.best.theta.size
     farthest = hotelling_quantile(ALLOWED, count, COSINE_AVERAGES)
-    pairs = product(found.tenable(), plain.tenable())
-    return min(_squared_distance(one, other) for one, other in pairs), farthest
+    pairs = product(estimate.tenable(), plain.tenable())
+    return min(_squared_distance(item, other) for item, other in pairs), farthest
 
 
-def _squared_distance(one: Candidate, other: Candidate) -> float:
-    count = one.theta.size
-    between = one.theta - other.theta
-    spread = one.covariance.matrix[:count, :count] + other.covariance.matrix[:count, :count]
+def _squared_distance(candidate: Candidate, other: Candidate) -> float:
+    count = candidate.theta.size
+    between = candidate.theta - other.theta
+    spread = candidate.covariance.matrix[:count, :count] + other.covariance.matrix[:count, :count]
     return float(between @ np.linalg.lstsq(spread, between, rcond=None)[0])
 
 
@@ -316,38 +318,38 @@ LEAST_SHARE = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
-class Begun:
+class InputNoiseStart:
     """A problem with a noise of its input to begin with."""
 
     problem: Problem
-    sought: bool = False
+    noise_estimated: bool = False
 
 
-def begun(problem: Problem, method: str) -> Begun | Estimate:
+def input_noise_start(problem: Problem, method: str) -> InputNoiseStart | Estimate:
     """Begin with the noise that is declared, with none for instruments of other channels, or a rough one."""
     if not isinstance(problem, SignalRegression):
-        return Begun(problem)
+        return InputNoiseStart(problem)
     _, _, driver = motion_of(problem, method)
     if driver in problem.signals.noise:
-        return Begun(problem)
+        return InputNoiseStart(problem)
     problem = with_instruments(problem, driver)
     if not is_own_instrument(problem, driver):
-        return Begun(_with_noise(problem, driver, 0.0))  # nothing is taken off
+        return InputNoiseStart(_with_noise(problem, driver, 0.0))  # nothing is taken off
     try:
-        found = NoiseEstimatingIV("generalized_iv_unknown_noise", GeneralizedEquations(None)).estimate(
+        result = NoiseEstimatingIV("generalized_iv_unknown_noise", GeneralizedEquations(None)).estimate(
             problem
         )
     except (EivorError, np.linalg.LinAlgError) as error:
         raise MissingNoiseError(
-            f"the noise of {driver}, which {method} takes off, or an input that tells it",
+            f"the noise of {driver}, which {method} takes off, or an input that identifies it",
             f"none that is declared; and {error}",
             "Declare it: Signals(..., noise={'input': ev.WhiteNoise(0.01)}); zero says that it is exact.",
         ) from error
-    if found.status is Status.REFUSED:
-        return replace(found, method=method)
+    if result.status is Status.REFUSED:
+        return replace(result, method=method)
     least = LEAST_SHARE * float(np.var(problem.signals.channel(driver)))
-    variance = max(found.parameters[f"noise_variance_{driver}"], least)
-    return Begun(_with_noise(problem, driver, float(np.sqrt(variance))), sought=True)
+    variance = max(result.parameters[f"noise_variance_{driver}"], least)
+    return InputNoiseStart(_with_noise(problem, driver, float(np.sqrt(variance))), noise_estimated=True)
 
 
 def _with_noise(problem: SignalRegression, driver: str, std: float) -> SignalRegression:
@@ -355,7 +357,7 @@ def _with_noise(problem: SignalRegression, driver: str, std: float) -> SignalReg
     return replace(problem, signals=replace(problem.signals, noise=noise))
 
 
-def told_input(variance: float, error: float) -> FittedNoise:
+def fitted_input_noise(variance: float, error: float) -> FittedNoise:
     """Noise of the input as it was found; a variance below zero is none."""
     strength = float(np.sqrt(max(variance, 0.0)))
     by_root = 0.5 * error / strength if strength else float(np.sqrt(error))
@@ -364,7 +366,7 @@ def told_input(variance: float, error: float) -> FittedNoise:
 
 # -- Spectral GIV --
 
-#: Records shorter than this are combined with generalized IV: alone, spectra are not told well enough.
+#: Records shorter than this are combined with generalized IV: alone, spectra are not identified well enough.
 SHORT_RECORD = 400
 #: Relative change of the parameters in the last pass beyond which they are no answer.
 MOVING = 0.05
@@ -412,7 +414,7 @@ class CombinedSpectralIV(Method):
 
 def _estimated(name: str, problem: Problem, *, alone_from: float) -> Estimate:
     """Spectral answer, combined with generalized IV's where there are fewer samples than `alone_from`."""
-    start = begun(problem, name)
+    start = input_noise_start(problem, name)
     if isinstance(start, Estimate):
         return start
     checked = problem_of_motion(start.problem, name)
@@ -420,20 +422,20 @@ def _estimated(name: str, problem: Problem, *, alone_from: float) -> Estimate:
     lacking = without_spectra(checked)
     if lacking is not None:
         return fallen_back(name, plain, fallback(*lacking))
-    sampled = replace(sampled_problem(checked, name), noise_sought=start.sought)
-    found = _spectral(sampled, plain)
-    if isinstance(found, Reason):
-        return fallen_back(name, plain, found)
+    sampled = replace(sampled_problem(checked, name), noise_estimated=start.noise_estimated)
+    spectral = _spectral(sampled, plain)
+    if isinstance(spectral, Reason):
+        return fallen_back(name, plain, spectral)
     if sampled.record.count >= alone_from:
-        return found.estimate(name, sampled)
-    combined = _combined(name, sampled, plain, found)
+        return spectral.estimate(name, sampled)
+    combined = _combined(name, sampled, plain, spectral)
     if math.isinf(alone_from):
         return combined
     return replace(combined, reasons=(*combined.reasons, _shortness(sampled.record.count)))
 
 
 def _shortness(count: int) -> Reason:
-    """What is given of a short record; it is no ground against it."""
+    """What is given of a short record; it is no reason against it."""
     return Reason(
         Status.IDENTIFIED,
         f"{count} samples are fewer than {SHORT_RECORD}: this is the combination of the spectral estimate "
@@ -443,7 +445,7 @@ def _shortness(count: int) -> Reason:
 
 
 @dataclass(frozen=True)
-class _Found:
+class _SpectralFit:
     """A spectral solution with its covariance."""
 
     solution: SpectralSolution
@@ -461,38 +463,38 @@ class _Found:
             {}, solved_rows(self.solution, parameters), streamed_covariance=joint_covariance(self.covariance)
         )
         answer = Estimate(name, parameters, (candidate,), noises=self.noises)
-        return with_grounds(answer, settled=self.solution.settled)
+        return with_reasons(answer, converged=self.solution.converged)
 
     @property
     def noises(self) -> tuple[FittedNoise, ...]:
         """Noises that were fitted, that of the input among them where it was sought."""
         if self.solution.noise_test is None:
             return self.solution.noises
-        own = told_input(self.solution.input_variance, self.covariance.noise_error)
-        return (*self.solution.noises, own)
+        current = fitted_input_noise(self.solution.input_variance, self.covariance.noise_error)
+        return (*self.solution.noises, current)
 
 
-def _spectral(sampled: SampledProblem, plain: Estimate) -> _Found | Reason:
+def _spectral(sampled: SampledProblem, plain: Estimate) -> _SpectralFit | Reason:
     """Spectral solution, or why generalized IV's answer must do."""
     start = start_of(sampled, plain)
     if isinstance(start, Reason):
         return start
     try:
         with np.errstate(all="ignore"):
-            found = _with_blend(sampled, start)
+            blend = _with_blend(sampled, start)
     except (EivorError, np.linalg.LinAlgError, ValueError):
         return fallback("its equations have no solution near generalized IV's")
-    why = _doubt(found, plain)
-    return fallback(why) if why else found
+    why = _doubt(blend, plain)
+    return fallback(why) if why else blend
 
 
-def _doubt(found: _Found, plain: Estimate) -> str:
+def _doubt(result: _SpectralFit, plain: Estimate) -> str:
     """Why a solution is not to be believed; empty where it is."""
-    values, covariance = found.values, found.covariance.model[:2, :2]
+    values, covariance = result.values, result.covariance.model[:2, :2]
     if not (np.isfinite(values).all() and np.isfinite(covariance).all()):
         return "its search left every number behind"
-    if found.solution.change > MOVING:
-        return f"its last pass changed it by {found.solution.change:.0%}"
+    if result.solution.change > MOVING:
+        return f"its last pass changed it by {result.solution.change:.0%}"
     if values[0] <= 0.0 or values[1] * plain.best.values[1] <= 0.0:
         return f"its friction came out at {values[0]:.3g} 1/s and its gain at {values[1]:.3g}"
     distance = distance_of(plain, values, covariance)
@@ -501,10 +503,10 @@ def _doubt(found: _Found, plain: Estimate) -> str:
     return ""
 
 
-def _with_blend(sampled: SampledProblem, start: SampledMotion) -> _Found:
+def _with_blend(sampled: SampledProblem, start: SampledMotion) -> _SpectralFit:
     """Solution with an input that is held, where one step towards a free rho finds no other."""
     pilot = pilot_at(start, sampled.input_variance)
-    noise_test = 1.0 / power_around(sampled.record.input) if sampled.noise_sought else None
+    noise_test = 1.0 / power_around(sampled.record.input) if sampled.noise_estimated else None
     solved = partial(
         solved_equations,
         input_variance=sampled.input_variance,
@@ -513,43 +515,43 @@ def _with_blend(sampled: SampledProblem, start: SampledMotion) -> _Found:
     )
     held = solved(pilot)
     if seems_held(held):
-        return _found(held)
+        return _fit(held)
     free = solved(pilot, free_blend=True)
     usual = usual_blend(free)
     if usual is None:
-        return _found(free)
+        return _fit(free)
     fixed = replace(pilot, motion=replace(free.motion, blend=usual))
-    return _found(solved(fixed))
+    return _fit(solved(fixed))
 
 
-def _found(solution: SpectralSolution) -> _Found:
-    return _Found(solution, spectral_covariance(solution))
+def _fit(solution: SpectralSolution) -> _SpectralFit:
+    return _SpectralFit(solution, spectral_covariance(solution))
 
 
 # -- with generalized IV ----------------------------------------------------------------------------------
 
 
-def _combined(name: str, sampled: SampledProblem, plain: Estimate, found: _Found) -> Estimate:
+def _combined(name: str, sampled: SampledProblem, plain: Estimate, result: _SpectralFit) -> Estimate:
     """theta_S - Cov(theta_S, delta) Var(delta)^-1 delta with delta = theta_G - theta_S."""
-    influence, count = found.covariance.influence, sampled.record.count
-    equation, own = plain.best.equation, found.solution.parameters
+    influence, count = result.covariance.influence, sampled.record.count
+    equation, current = plain.best.equation, result.solution.parameters
     other = np.zeros((count, 2))
     scores = np.linalg.solve(equation.sensitivity, equation.scores.T).T
     other[-scores.shape[0] :] = scores
     series = np.concatenate([influence, other - influence[:, :2]], axis=1)
     joint = sum_covariance(series)
-    delta = plain.best.values[:2] - found.values
-    weights = np.linalg.solve(joint[own:, own:], joint[own:, :own]).T
-    parameters = (*sampled.parameters, BLEND)[:own]
-    solved = solved_rows(found.solution, parameters)
+    delta = plain.best.values[:2] - result.values
+    weights = np.linalg.solve(joint[current:, current:], joint[current:, :current]).T
+    parameters = (*sampled.parameters, BLEND)[:current]
+    solved = solved_rows(result.solution, parameters)
     values = solved.solution.theta - weights @ delta
-    covariance = joint[:own, :own] - weights @ joint[own:, :own]
+    covariance = joint[:current, :current] - weights @ joint[current:, :current]
     solved = replace(solved, solution=replace(solved.solution, theta=values))
-    alone = joint_covariance(found.covariance)
+    alone = joint_covariance(result.covariance)
     of_both = CovariancePart("equal_weighted_cosines", covariance, alone.parts[0].degrees)
     candidate = Candidate({}, solved, streamed_covariance=JointCovariance((of_both, *alone.parts)))
-    answer = Estimate(name, parameters, (candidate,), noises=found.noises)
-    return with_grounds(answer, settled=found.solution.settled)
+    answer = Estimate(name, parameters, (candidate,), noises=result.noises)
+    return with_reasons(answer, converged=result.solution.converged)
 
 
 # -- Whittle --
@@ -585,18 +587,21 @@ class WhittleLikelihood(Method):
                 "instruments of another channel than the input",
                 "Under control use spectral_giv.",
             )
-        found = self._likelihood(sampled, plain)
-        if isinstance(found, Reason):
-            return fallen_back(self.name, plain, found)
-        solution = _as_solution(sampled, found)
+        likelihood = self._likelihood(sampled, plain)
+        if isinstance(likelihood, Reason):
+            return fallen_back(self.name, plain, likelihood)
+        solution = _as_solution(sampled, likelihood)
         solved = solved_rows(solution, sampled.parameters)
-        values = np.array([found.motion.friction, found.motion.gain])
+        values = np.array([likelihood.motion.friction, likelihood.motion.gain])
         solved = replace(solved, solution=replace(solved.solution, theta=values))
         covariance = spectral_covariance(solution)
         candidate = Candidate({}, solved, streamed_covariance=joint_covariance(covariance))
-        answer = Estimate(self.name, sampled.parameters, (candidate,), noises=found.noises)
-        answer = with_grounds(answer, settled=found.settled)
-        reasons = (*_contradiction(plain, values, covariance.model), *_not_held(sampled, found, solution))
+        answer = Estimate(self.name, sampled.parameters, (candidate,), noises=likelihood.noises)
+        answer = with_reasons(answer, converged=likelihood.converged)
+        reasons = (
+            *_contradiction(plain, values, covariance.model),
+            *_not_held(sampled, likelihood, solution),
+        )
         return replace(answer, reasons=(*answer.reasons, *reasons))
 
     def _likelihood(self, sampled: SampledProblem, plain: Estimate) -> Likelihood | Reason:
@@ -606,19 +611,19 @@ class WhittleLikelihood(Method):
         try:
             with np.errstate(all="ignore"):
                 pilot = pilot_at(start, sampled.input_variance, sampled.declared)
-                found = maximum_likelihood(pilot)
+                likelihood = maximum_likelihood(pilot)
         except (EivorError, np.linalg.LinAlgError, ValueError):
             return fallback("its search failed near generalized IV's numbers")
-        friction, gain = found.motion.friction, found.motion.gain
+        friction, gain = likelihood.motion.friction, likelihood.motion.gain
         if not (np.isfinite(gain) and friction > 0.0 and gain * start.gain > 0.0):
             return fallback(f"its friction came out at {friction:.3g} 1/s")
-        return found
+        return likelihood
 
 
 def _contradiction(
     plain: Estimate, values: Float[np.ndarray, " 2"], covariance: Float[np.ndarray, "2 2"]
 ) -> tuple[Reason, ...]:
-    """Ground against numbers that generalized IV, which assumes less, contradicts; the numbers stay."""
+    """Reason against numbers that generalized IV, which assumes less, contradicts; the numbers stay."""
     distance = distance_of(plain, values, covariance)
     if not distance > FARTHEST:
         return ()
@@ -629,16 +634,20 @@ def _contradiction(
     return (Reason(Status.WEAK, sentence, USE),)
 
 
-def _not_held(sampled: SampledProblem, found: Likelihood, solution: SpectralSolution) -> tuple[Reason, ...]:
-    """Ground against numbers from an input that is not held between samples; the numbers stay."""
+def _not_held(
+    sampled: SampledProblem, likelihood: Likelihood, solution: SpectralSolution
+) -> tuple[Reason, ...]:
+    """Reason against numbers from an input that is not held between samples; the numbers stay."""
     with np.errstate(all="ignore"):
         if seems_held(solution):
             return ()
         try:
-            pilot = pilot_at(found.motion, sampled.input_variance)
+            pilot = pilot_at(likelihood.motion, sampled.input_variance)
             free = solved_equations(pilot, sampled.input_variance, free_blend=True)
         except (EivorError, np.linalg.LinAlgError, ValueError):
-            return (Reason(Status.WEAK, "Whether the input is held between samples cannot be told.", USE),)
+            return (
+                Reason(Status.WEAK, "Whether the input is held between samples cannot be identified.", USE),
+            )
         if usual_blend(free) == 0.0:
             return ()
         error = blend_error(free)
@@ -649,17 +658,17 @@ def _not_held(sampled: SampledProblem, found: Likelihood, solution: SpectralSolu
     return (Reason(Status.WEAK, sentence, USE),)
 
 
-def _as_solution(sampled: SampledProblem, found: Likelihood) -> SpectralSolution:
+def _as_solution(sampled: SampledProblem, likelihood: Likelihood) -> SpectralSolution:
     """Spectral equations at the likelihood's numbers, whose covariance is its own where the model holds."""
     bins = sampled.record.input
     return SpectralSolution(
-        found.motion,
-        np.array([found.transient]),
-        found.noise.spectrum(found.motion),
+        likelihood.motion,
+        np.array([likelihood.transient]),
+        likelihood.noise.spectrum(likelihood.motion),
         bins,
         sampled.input_variance,
         np.sqrt(signal_weights(bins, sampled.input_variance)),
         np.ones(bins.size),
         free_blend=False,
-        change=0.0 if found.settled else np.inf,
+        change=0.0 if likelihood.converged else np.inf,
     )

@@ -59,8 +59,8 @@ def moments(
     total: Moments | None = None
     problem: SignalRegression | None = None
     for problem in chunk_problems(chunks, model=model, instruments=instruments):
-        found = method.moments(problem)
-        total = found if total is None else total.merge(found)
+        result = method.moments(problem)
+        total = result if total is None else total.merge(result)
     if total is None or problem is None:
         raise TooFewSamplesError(
             "chunks with more samples than the largest lag", "none", "Give longer chunks, or fewer lags."
@@ -186,15 +186,15 @@ def identify_chunks(
     (candidate,) = estimate.candidates
 
     def blocks() -> Iterator[RowBlock]:
-        found = 0
+        size = 0
         for problem in chunk_problems(chunks(), model=model, instruments=instruments):
             for block in problem.blocks():
-                found += block.response.size
+                size += block.response.size
                 yield block
-        if found != total.rows:
+        if size != total.rows:
             raise UsageError(
                 f"chunks of {total.rows:.0f} rows in every pass",
-                f"{found} in a later one",
+                f"{size} in a later one",
                 "Give a function that starts the same chunks anew each time it is called.",
             )
 

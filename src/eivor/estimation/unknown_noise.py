@@ -56,14 +56,14 @@ class GeneralizedEquations(EquationChoice):
 
     def columns(self, problem: SignalRegression, orders: tuple[str, ...]) -> tuple[Column, ...]:
         """Instruments, and lags of the regressors' channels."""
-        own = []
+        selected = []
         for column in problem.regressor_columns:
             most = self.lags
             if most is None:
                 most = ORDER_LAGS if column.channel in orders else WHITE_LAGS
             if column.channel:
-                own += [replace(column, lag=column.lag + lag) for lag in range(most + 1)]
-        return _once((*problem.instrument_columns, *own))
+                selected += [replace(column, lag=column.lag + lag) for lag in range(most + 1)]
+        return _once((*problem.instrument_columns, *selected))
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,17 +109,17 @@ def long_memory_covariance(
     weights = np.clip(1.0 - lags / (count // RECORD_OVER_LAG + 1.0), 0.0, None) / count
 
     def sums(spectrum: np.ndarray) -> Float[np.ndarray, "lags *k"]:
-        found: Float[np.ndarray, "lags *k"] = np.fft.irfft(spectrum, length, axis=0)
-        return found
+        result: Float[np.ndarray, "lags *k"] = np.fft.irfft(spectrum, length, axis=0)
+        return result
 
-    of_error, own = np.fft.rfft(error, length), np.fft.rfft(influence, length, axis=0)
+    of_error, current = np.fft.rfft(error, length), np.fft.rfft(influence, length, axis=0)
     by_error = weights * sums(np.abs(of_error) ** 2)
-    across = sums(own * of_error.conj()[:, None])
+    across = sums(current * of_error.conj()[:, None])
     backwards = np.roll(across[::-1], 1, axis=0)
-    found = across.T @ (weights[:, None] * backwards)
+    results = across.T @ (weights[:, None] * backwards)
     for number in range(influence.shape[1]):
-        found[number] += by_error @ sums(own[:, [number]] * own.conj())
-    symmetric: Float[np.ndarray, "k k"] = 0.5 * (found + found.T)
+        results[number] += by_error @ sums(current[:, [number]] * current.conj())
+    symmetric: Float[np.ndarray, "k k"] = 0.5 * (results + results.T)
     return symmetric
 
 
@@ -157,7 +157,10 @@ class SharedMoments:
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """The problem's, then those of the noises."""
-        return (*self.problem.parameters, *(one for noise in self.unknown for one in noise.parameters))
+        return (
+            *self.problem.parameters,
+            *(parameter for noise in self.unknown for parameter in noise.parameters),
+        )
 
     def known(self) -> Float[np.ndarray, "p n_plus_1"]:
         """What declared noises add."""
@@ -180,7 +183,9 @@ class SharedMoments:
         if not noise.fractional:
             return self._shared({noise.channel: WhiteNoise(1.0)})[None]
         orders = LARGEST_ORDER * chebpts1(DEGREE + 1)
-        made = np.stack([self._shared({noise.channel: FractionalNoise(1.0, float(one))}) for one in orders])
+        made = np.stack(
+            [self._shared({noise.channel: FractionalNoise(1.0, float(order))}) for order in orders]
+        )
         fitted = chebfit(orders / LARGEST_ORDER, made.reshape(DEGREE + 1, -1), DEGREE)
         return np.asarray(fitted.reshape(made.shape))
 
@@ -189,10 +194,16 @@ class SharedMoments:
         signals = replace(problem.signals, noise=noise)
         right = (*problem.regressor_columns, problem.equation.response)
         shared = np.zeros((problem.instrument_count, len(right)))
-        for i, one in enumerate(problem.instrument_columns):
+        for i, instrument_column in enumerate(problem.instrument_columns):
             for j, other in enumerate(right):
-                if one.channel and one.channel == other.channel and one.channel in noise:
-                    shared[i, j] = shared_noise([one], [other], signals, problem.first, problem.used)[0, 0]
+                if (
+                    instrument_column.channel
+                    and instrument_column.channel == other.channel
+                    and instrument_column.channel in noise
+                ):
+                    shared[i, j] = shared_noise(
+                        [instrument_column], [other], signals, problem.first, problem.used
+                    )[0, 0]
         return shared
 
     def added(
@@ -201,15 +212,15 @@ class SharedMoments:
         """What all noises add to mean(psi e), with its sign turned, and the slopes of that."""
         n = len(self.problem.parameters)
         direction = np.append(beta[:n], -1.0)
-        total, slopes, place = known.copy(), np.zeros((known.shape[0], beta.size)), n
+        total, slopes, position = known.copy(), np.zeros((known.shape[0], beta.size)), n
         for noise in self.unknown:
-            variance, order = beta[place], beta[place + 1] if noise.fractional else 0.0
+            variance, order = beta[position], beta[position + 1] if noise.fractional else 0.0
             unit = self.unit(noise, float(order))
             total = total + variance * unit
-            slopes[:, place] = unit @ direction
+            slopes[:, position] = unit @ direction
             if noise.fractional:
-                slopes[:, place + 1] = variance * self.unit(noise, float(order), slope=True) @ direction
-            place += len(noise.parameters)
+                slopes[:, position + 1] = variance * self.unit(noise, float(order), slope=True) @ direction
+            position += len(noise.parameters)
         slopes[:, :n] = total[:, :n]
         return total @ direction, slopes
 
@@ -218,7 +229,7 @@ class SharedMoments:
 
 #: Weights of the equations are renewed so often.
 PASSES = 3
-#: Condition number, columns scaled, beyond which equations do not tell the unknowns apart.
+#: Condition number, columns scaled, beyond which equations do not distinguish the unknowns.
 LARGEST_CONDITION = 1e8
 #: Least share of its channel's variance that a fractional noise begins at.
 NOTHING = 1e-8
@@ -247,16 +258,16 @@ class NoiseEstimatingIV(Method):
                 type(problem).__name__,
                 "Make one with VerticalMotion().regression(signals, instruments).",
             )
-        search = _Search(self._moments(problem))
+        search = _MomentSearch(self._moments(problem))
         return search.estimate(self.name, search.minimum())
 
     def _moments(self, problem: SignalRegression) -> SharedMoments:
         psi = self.choice.columns(problem, self.orders)
         whole = SignalRegression(problem.signals, problem.equation, psi)
         right = (*whole.regressor_columns, whole.equation.response)
-        both = {one.channel for one in right} & {one.channel for one in psi}
+        both = {item.channel for item in right} & {item.channel for item in psi}
         declared = set(problem.signals.noise)
-        channels = dict.fromkeys(one.channel for one in right if one.channel in both - {""})
+        channels = dict.fromkeys(item.channel for item in right if item.channel in both - {""})
         strange = [name for name in self.orders if name not in channels or name in declared]
         if strange:
             raise UsageError(
@@ -269,7 +280,7 @@ class NoiseEstimatingIV(Method):
 
 
 @dataclass
-class _Search:
+class _MomentSearch:
     """The weighted moments of one problem, and their least."""
 
     shared: SharedMoments  # With the unknown noises
@@ -306,26 +317,30 @@ class _Search:
         return slopes
 
     def _divided(self, values: Float[np.ndarray, "p *k"]) -> Float[np.ndarray, "p *k"]:
-        found: Float[np.ndarray, "p *k"] = scipy.linalg.solve_triangular(self.factor, values, lower=True)
-        return found
+        solution: Float[np.ndarray, "p *k"] = scipy.linalg.solve_triangular(self.factor, values, lower=True)
+        return solution
 
     def _start(self) -> Float[np.ndarray, " k"]:
         """Parameters and, times them, variances by linear equations; orders at a first guess."""
         n = self.cross.shape[1] - 1
-        units = [self.shared.unit(one, FIRST_ORDER if one.fractional else 0.0) for one in self.shared.unknown]
+        units = [
+            self.shared.unit(item, FIRST_ORDER if item.fractional else 0.0) for item in self.shared.unknown
+        ]
         linear = [(number, j) for number, unit in enumerate(units) for j in np.flatnonzero(unit.any(axis=0))]
         extra = [units[number][:, j] for number, j in linear]
         right = self.cross[:, -1] - self.known[:, -1]
-        left = np.column_stack([self.cross[:, :-1] - self.known[:, :-1], *(-one for one in extra)])
+        left = np.column_stack([self.cross[:, :-1] - self.known[:, :-1], *(-item for item in extra)])
         left = self._divided(left)
         size = _column_scale(left)
-        found = size * np.linalg.lstsq(left * size, self._divided(right), rcond=None)[0]
-        direction = np.append(found[:n], -1.0)
-        beta = list(found[:n])
+        result = size * np.linalg.lstsq(left * size, self._divided(right), rcond=None)[0]
+        direction = np.append(result[:n], -1.0)
+        beta = list(result[:n])
         for number, noise in enumerate(self.shared.unknown):
-            own = [(found[n + place], direction[j]) for place, (of, j) in enumerate(linear) if of == number]
-            power = sum(factor**2 for _, factor in own)
-            variance = sum(value * factor for value, factor in own) / power
+            selected = [
+                (result[n + index], direction[j]) for index, (of, j) in enumerate(linear) if of == number
+            ]
+            power = sum(factor**2 for _, factor in selected)
+            variance = sum(value * factor for value, factor in selected) / power
             beta.append(max(variance, self._floor(noise.channel)) if noise.fractional else variance)
             beta += [FIRST_ORDER] if noise.fractional else []
         return np.array(beta)
@@ -349,7 +364,7 @@ class _Search:
         for _ in range(PASSES):
             # each in units of its own slope, and no tolerance that has a unit, as that of the gradient has
             size = _column_scale(self._divided(self._slopes(beta)))
-            found = least_squares(
+            squares = least_squares(
                 lambda x, size=size: self._divided(self._residual(size * x)),
                 beta / size,
                 lambda x, size=size: self._divided(self._slopes(size * x)) * size,
@@ -359,7 +374,7 @@ class _Search:
                 ftol=1e-12,
                 gtol=None,
             )
-            beta = size * found.x
+            beta = size * squares.x
             self.factor = weighted(self._system(), self._covariance(beta)).factor
         return beta
 
@@ -368,16 +383,16 @@ class _Search:
         n, psi, count = self.cross.shape[1] - 1, self.rows.instruments, self._count
         error = self.rows.response - self.rows.regressors @ beta[:n]
         lags = newey_west_bandwidth(count)
-        found = (
+        results = (
             psi.T @ psi * float(error @ error) / count**2 + np.outer(psi.T @ error, psi.T @ error) / count**2
         )
         for lag in range(1, lags + 1):
             share = (1.0 - lag / (lags + 1.0)) / count**2
-            own = psi[lag:].T @ psi[:-lag] * float(error[lag:] @ error[:-lag])
-            ahead, behind = psi[:-lag].T @ error[lag:], psi[lag:].T @ error[:-lag]
-            both = own + np.outer(ahead, behind)
-            found += share * (both + both.T)
-        return found
+            current = psi[lag:].T @ psi[:-lag] * float(error[lag:] @ error[:-lag])
+            prediction, behind = psi[:-lag].T @ error[lag:], psi[lag:].T @ error[:-lag]
+            both = current + np.outer(prediction, behind)
+            results += share * (both + both.T)
+        return results
 
     def estimate(self, name: str, beta: Float[np.ndarray, " k"]) -> Estimate:
         """Estimate at the least."""
@@ -386,7 +401,7 @@ class _Search:
         estimate = Estimate(
             name, self.shared.parameters, (replace(alone, streamed_covariance=JointCovariance(parts)),)
         )
-        return replace(estimate, reasons=tuple(self._grounds(estimate, beta)))
+        return replace(estimate, reasons=tuple(self._reasons(estimate, beta)))
 
     def _of_normal_series(self, beta: Float[np.ndarray, " k"]) -> CovariancePart:
         """Covariance that Soderstrom's weights give: (J' S^-1 J)^-1 over the rows."""
@@ -422,38 +437,45 @@ class _Search:
         solution = solver.solve(LinearSystem(self._divided(system.matrix), self._divided(system.right)))
         if solution.condition > LARGEST_CONDITION:
             raise InstrumentError(
-                "equations that tell parameters and noises apart",
+                "equations that distinguish parameters and noises ",
                 f"equations with the condition number {solution.condition:.2g}",
                 "Give an input that is not white, more lags as instruments, or declare a noise.",
             )
         return Solved(assembler, solver, moments, rows, system, self.factor, replace(solution, theta=beta))
 
     def _first_stage(self) -> dict[str, float]:
-        """How well each regressor is told by test functions that share no unknown noise with any."""
-        own = [noise.channel for noise in self.shared.unknown]
-        lags = {(one.channel, one.lag) for one in self.shared.problem.regressor_columns}
+        """How well each regressor is identified by test functions that share no unknown noise with any."""
+        channels = [noise.channel for noise in self.shared.unknown]
+        lags = {
+            (regressor_column.channel, regressor_column.lag)
+            for regressor_column in self.shared.problem.regressor_columns
+        }
         fractional = {noise.channel for noise in self.shared.unknown if noise.fractional}
         free = [
             number
-            for number, one in enumerate(self.shared.problem.instrument_columns)
-            if one.channel not in own
-            or (one.channel not in fractional and (one.channel, one.lag) not in lags)
+            for number, instrument_column in enumerate(self.shared.problem.instrument_columns)
+            if instrument_column.channel not in channels
+            or (
+                instrument_column.channel not in fractional
+                and (instrument_column.channel, instrument_column.lag) not in lags
+            )
         ]
         strengths = conditional_first_stage(
             orthonormal_basis(self.rows.instruments[:, free]), self.rows.regressors
         )
-        noisy = [column.channel in own for column in self.shared.problem.regressor_columns]
+        noisy = [column.channel in channels for column in self.shared.problem.regressor_columns]
         names = self.shared.problem.names
-        return {name: float(f) for name, f, at in zip(names, strengths, noisy, strict=True) if at}
+        return {name: float(f) for name, f, item in zip(names, strengths, noisy, strict=True) if item}
 
-    def _grounds(self, estimate: Estimate, beta: Float[np.ndarray, " k"]) -> list[Reason]:
+    def _reasons(self, estimate: Estimate, beta: Float[np.ndarray, " k"]) -> list[Reason]:
         reasons = []
         for noise in self.shared.unknown:
             variance = noise.parameters[0]
             low, high = estimate.interval(variance.name)
             if low <= 0.0:
                 sentence = (
-                    f"The noise of {noise.channel} cannot be told from none: the interval of its variance is "
+                    f"The noise of {noise.channel} cannot be distinguished from none: the interval of "
+                    f"its variance is "
                     f"[{low:.3g}, {high:.3g}] {variance.unit}".rstrip()
                     + "."
                 )
@@ -463,7 +485,8 @@ class _Search:
         for name, strength in self._first_stage().items():
             if strength < STRONG_FIRST_STAGE:
                 sentence = (
-                    f"The input does not tell the {name.replace('_', ' ')} from the noises: what shares no "
+                    f"The input does not distinguish the {name.replace('_', ' ')} from the noises: "
+                    f"what shares no "
                     f"noise with its column has a first-stage F of {strength:.1f}, and "
                     f"{STRONG_FIRST_STAGE:.0f} is needed."
                 )

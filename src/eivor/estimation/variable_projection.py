@@ -28,14 +28,16 @@ FINEST = 2.0**-17
 BOX_ROUNDS = 100
 
 
-def least_place(objective: Objective, grid: Box) -> Float[np.ndarray, " axes"]:
+def argmin(objective: Objective, grid: Box) -> Float[np.ndarray, " axes"]:
     """Place of the least value between the ends of a grid."""
     axes = len(grid)
     if not axes:
         return np.empty(0)
     best = _best_point(objective, grid)
     low, high = (
-        np.array([axis[np.clip(at + step, 0, axis.size - 1)] for axis, at in zip(grid, best, strict=True)])
+        np.array(
+            [axis[np.clip(item + step, 0, axis.size - 1)] for axis, item in zip(grid, best, strict=True)]
+        )
         for step in (-1, 1)
     )
     bottom, top = (np.array([axis[end] for axis in grid]) for end in (0, -1))
@@ -43,13 +45,13 @@ def least_place(objective: Objective, grid: Box) -> Float[np.ndarray, " axes"]:
     for _ in range(BOX_ROUNDS):
         box = [np.linspace(a, b, points) for a, b in zip(low.tolist(), high.tolist(), strict=True)]
         best = _best_point(objective, box)
-        place = np.array([axis[at] for axis, at in zip(box, best, strict=True)])
+        position = np.array([axis[item] for axis, item in zip(box, best, strict=True)])
         spacing = (high - low) / (points - 1)
         at_edge = ((best == 0) & (low > bottom)) | ((best == points - 1) & (high < top))
         if not at_edge.any() and (spacing <= FINEST * first).all():
-            return place
+            return position
         reach = np.where(at_edge, 1.0, 0.5) * (high - low) if at_edge.any() else spacing
-        low, high = np.maximum(place - reach, bottom), np.minimum(place + reach, top)
+        low, high = np.maximum(position - reach, bottom), np.minimum(position + reach, top)
     raise ConvergenceError(
         f"a search of {axes} variables that settles",
         f"one that still moves after {BOX_ROUNDS} boxes",
@@ -64,8 +66,8 @@ def _points(axes: int) -> int:
 
 
 def _best_point(objective: Objective, box: Box) -> Int[np.ndarray, " axes"]:
-    place = int(np.argmin(objective(box)))
-    return np.array(np.unravel_index(place, [axis.size for axis in box]))
+    index = int(np.argmin(objective(box)))
+    return np.array(np.unravel_index(index, [axis.size for axis in box]))
 
 
 # -- Search --
@@ -96,7 +98,7 @@ class NuisanceProfile:
 class Minimum:
     """What a search found."""
 
-    at: dict[str, float]  # Every nuisance's value
+    nuisances: dict[str, float]  # Every nuisance's value
     objective: float
     solution: Solution  # Linear parameters there
     profiles: tuple[NuisanceProfile, ...]
@@ -115,7 +117,7 @@ class Trial:
 class Search:
     """A search over continuous nuisances."""
 
-    sought: tuple[Nuisance, ...]
+    nuisances: tuple[Nuisance, ...]
     fixed: dict[str, float]  # Values of the other nuisances
     solve: Callable[[Values], Solution]  # Linear parameters at values of all nuisances
     objectives: Callable[[Sequence[Values]], Float[np.ndarray, " points"]]
@@ -123,7 +125,7 @@ class Search:
 
     def minimum(self, *, coarse: bool = False) -> Minimum:
         """Minimise the objective; to coarse tolerances where only weights are made of it."""
-        grids = product_grids(self.sought)
+        grids = product_grids(self.nuisances)
         points: list[Point] = list(product(*(tuple(grid.tolist()) for grid in grids)))
         left = self.objectives([self._at(point) for point in points])
         misfit = np.array([self._misfit(point) for point in points])
@@ -131,26 +133,26 @@ class Search:
 
         def from_grid(unit: float) -> tuple[Trial, Float[np.ndarray, " points"]]:
             objective = left + unit * misfit
-            place = int(np.argmin(objective))
-            best = Trial(points[place], float(objective[place]), self.solve(self._at(points[place])))
+            index = int(np.argmin(objective))
+            best = Trial(points[index], float(objective[index]), self.solve(self._at(points[index])))
             return self._refined(best, grids, unit, tolerance), objective
 
-        if any(nuisance.prior for nuisance in self.sought):
+        if any(nuisance.prior for nuisance in self.nuisances):
             # In units of the best fit to the data alone, and then of where that has led.
             first, _ = from_grid(self.unit(self._at(points[int(np.argmin(left))])))
             best, objective = from_grid(self.unit(self._at(first.point)))
         else:
             best, objective = from_grid(0.0)
-        profiles = profiles_of(self.sought, grids, objective)
+        profiles = profiles_of(self.nuisances, grids, objective)
         return Minimum(self._at(best.point), best.objective, best.solution, profiles)
 
     def _at(self, point: Point) -> dict[str, float]:
-        names = (nuisance.name for nuisance in self.sought)
+        names = (nuisance.name for nuisance in self.nuisances)
         return self.fixed | dict(zip(names, point, strict=True))
 
     def _misfit(self, point: Point) -> float:
-        at = self._at(point)
-        return float(sum(nuisance.misfit(at) for nuisance in self.sought))
+        index = self._at(point)
+        return float(sum(nuisance.misfit(index) for nuisance in self.nuisances))
 
     def _refined(
         self, best: Trial, grids: list[Float[np.ndarray, " _"]], unit: float, tolerance: float
@@ -161,31 +163,31 @@ class Search:
             solution = self.solve(self._at(point))
             return Trial(point, solution.objective + unit * self._misfit(point), solution)
 
-        if not self.sought:
+        if not self.nuisances:
             return best
-        if len(self.sought) > 1:
-            return bounded_search(trial, best, self.sought, grids, tolerance)
-        (nuisance,), (grid,), (value,) = self.sought, grids, best.point
-        place = int(np.searchsorted(grid, value))
-        bounds = float(grid[max(place - 1, 0)]), float(grid[min(place + 1, grid.size - 1)])
+        if len(self.nuisances) > 1:
+            return bounded_search(trial, best, self.nuisances, grids, tolerance)
+        (nuisance,), (grid,), (value,) = self.nuisances, grids, best.point
+        position = int(np.searchsorted(grid, value))
+        bounds = float(grid[max(position - 1, 0)]), float(grid[min(position + 1, grid.size - 1)])
         return between(trial, best, bounds, tolerance * nuisance.tolerance)
 
 
 def product_grids(
-    sought: tuple[Nuisance, ...], points: int = PRODUCT_POINTS
+    unknown: tuple[Nuisance, ...], points: int = PRODUCT_POINTS
 ) -> list[Float[np.ndarray, " _"]]:
     """Grid of each nuisance, thinned where there are several so that their product has so many points."""
-    if len(sought) < 2:
-        return [nuisance.grid for nuisance in sought]
-    most = max(int(points ** (1.0 / len(sought))), 3)
+    if len(unknown) < 2:
+        return [nuisance.grid for nuisance in unknown]
+    most = max(int(points ** (1.0 / len(unknown))), 3)
     return [
         grid if grid.size <= most else grid[np.linspace(0, grid.size - 1, most).round().astype(np.int64)]
-        for grid in (nuisance.grid for nuisance in sought)
+        for grid in (nuisance.grid for nuisance in unknown)
     ]
 
 
 def profiles_of(
-    sought: tuple[Nuisance, ...],
+    unknown: tuple[Nuisance, ...],
     grids: list[Float[np.ndarray, " _"]],
     objective: Float[np.ndarray, " points"],
 ) -> tuple[NuisanceProfile, ...]:
@@ -193,7 +195,7 @@ def profiles_of(
     table = objective.reshape([grid.size for grid in grids])
     return tuple(
         NuisanceProfile(nuisance, grid, np.moveaxis(table, number, 0).reshape(grid.size, -1).min(axis=1))
-        for number, (nuisance, grid) in enumerate(zip(sought, grids, strict=True))
+        for number, (nuisance, grid) in enumerate(zip(unknown, grids, strict=True))
     )
 
 
@@ -208,7 +210,7 @@ def between(
     def objective(value: float) -> float:
         nonlocal least
         tried = trial((float(value),))
-        least = min(tried, least, key=lambda one: one.objective)
+        least = min(tried, least, key=lambda item: item.objective)
         return tried.objective
 
     minimize_scalar(objective, bounds=bounds, method="bounded", options={"xatol": tolerance})
@@ -218,15 +220,15 @@ def between(
 def bounded_search(
     trial: Callable[[Point], Trial],
     best: Trial,
-    sought: tuple[Nuisance, ...],
+    unknown: tuple[Nuisance, ...],
     grids: list[Float[np.ndarray, " _"]],
     tolerance: float,
 ) -> Trial:
     """Least trial of several nuisances within their grids, from a good one; never worse than that."""
     from scipy.optimize import minimize
 
-    ends = np.array([[nuisance.grid[0], nuisance.grid[-1]] for nuisance in sought])
-    ratios = np.array([nuisance.positive for nuisance in sought])
+    ends = np.array([[nuisance.grid[0], nuisance.grid[-1]] for nuisance in unknown])
+    ratios = np.array([nuisance.positive for nuisance in unknown])
 
     def scaled(values: Float[np.ndarray, " q"]) -> Float[np.ndarray, " q"]:
         logs = np.where(ratios, np.log(np.where(ratios, values, 1.0)), values)
@@ -234,40 +236,40 @@ def bounded_search(
 
     low, high = scaled(ends[:, 0]), scaled(ends[:, 1])
 
-    def point_of(place: Float[np.ndarray, " q"]) -> Point:
-        values = low + np.clip(place, 0.0, 1.0) * (high - low)
+    def point_of(position: Float[np.ndarray, " q"]) -> Point:
+        values = low + np.clip(position, 0.0, 1.0) * (high - low)
         values = np.clip(np.where(ratios, np.exp(np.where(ratios, values, 0.0)), values), *ends.T)
         return tuple(values.tolist())
 
-    found = best
+    result = best
 
-    def left_at(place: Float[np.ndarray, " q"]) -> float:
-        nonlocal found
-        tried = trial(point_of(place))
-        found = min(found, tried, key=lambda one: one.objective)
+    def left_at(index: Float[np.ndarray, " q"]) -> float:
+        nonlocal result
+        tried = trial(point_of(index))
+        result = min(result, tried, key=lambda item: item.objective)
         return tried.objective
 
     steepest = np.where(ratios, ends[:, 1], 1.0) * (high - low)
-    accuracy = float(np.min([n.tolerance for n in sought] / steepest)) * tolerance
+    accuracy = float(np.min([n.tolerance for n in unknown] / steepest)) * tolerance
     spacing = float(np.mean([0.5 / (grid.size - 1) for grid in grids]))
     for _ in range(RESTARTS):
-        before = found
+        before = result
         minimize(
             left_at,
             (scaled(np.array(before.point)) - low) / (high - low),
             method="COBYQA",
-            bounds=[(0.0, 1.0)] * len(sought),
+            bounds=[(0.0, 1.0)] * len(unknown),
             options={
                 "initial_tr_radius": max(spacing, accuracy),
                 "final_tr_radius": accuracy,
-                "maxfev": 400 * len(sought),
+                "maxfev": 400 * len(unknown),
             },
         )
-        if before.objective - found.objective <= LEAST_GAIN * abs(found.objective):
-            return found
+        if before.objective - result.objective <= LEAST_GAIN * abs(result.objective):
+            return result
         spacing = max(0.1 * spacing, 10.0 * accuracy)
     raise ConvergenceError(
-        f"a search of {', '.join(nuisance.name for nuisance in sought)} that settles",
+        f"a search of {', '.join(nuisance.name for nuisance in unknown)} that settles",
         f"one that still gains after {RESTARTS} beginnings",
         "Give narrower grids, what is known of one of them, or more exciting data.",
     )

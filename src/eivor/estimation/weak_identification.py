@@ -50,24 +50,28 @@ class MomentRows:
 
     def own_instruments(self) -> dict[int, int]:
         """Regressors that are instruments as well and share no noise: number of the column to that of psi."""
-        found = {}
+        results = {}
         for j in range(len(self.parameters)):
             column = self.columns[:, j + 1]
             for i in range(self.test_functions.shape[1]):
                 exact = not (self.noise[i].any() or self.noise[:, j + 1].any())
                 if exact and column.any() and np.array_equal(column, self.test_functions[:, i]):
-                    found[j] = i
+                    results[j] = i
                     break
-        return found
+        return results
 
     def without(self, regressors: Sequence[int]) -> MomentRows:
         """The same equations with some of `own_instruments` partialled out."""
         if not regressors:
             return self
-        own = self.own_instruments()
+        own_instruments = self.own_instruments()
         W = self.columns[:, [j + 1 for j in regressors]]
         Q = np.linalg.qr(W / np.linalg.norm(W, axis=0))[0]
-        others = [i for i in range(self.test_functions.shape[1]) if i not in {own[j] for j in regressors}]
+        others = [
+            i
+            for i in range(self.test_functions.shape[1])
+            if i not in {own_instruments[j] for j in regressors}
+        ]
         left = [j for j in range(len(self.parameters)) if j not in regressors]
         kept = [0, *(j + 1 for j in left)]
         psi, columns = self.test_functions[:, others], self.columns[:, kept]
@@ -251,8 +255,8 @@ class AndersonRubinSet:
     @cached_property
     def partialled_out(self) -> tuple[str, ...]:
         """Parameters of regressors that are their own instruments; they are not in `region`."""
-        own = self.rows.own_instruments()
-        exogenous = tuple(p.name for j, p in enumerate(self.parameters) if j in own)
+        own_instruments = self.rows.own_instruments()
+        exogenous = tuple(p.name for j, p in enumerate(self.parameters) if j in own_instruments)
         return () if len(exogenous) == len(self.parameters) else exogenous
 
     @cached_property
@@ -268,7 +272,7 @@ class AndersonRubinSet:
     @property
     def is_empty(self) -> bool:
         """Whether no value of the parameters passes the test: then the data reject the model."""
-        return any(found.is_empty for found in self.intervals.values())
+        return any(interval.is_empty for interval in self.intervals.values())
 
     @property
     def assumptions(self) -> str:
@@ -337,7 +341,7 @@ class SignPerturbedSet:
     @property
     def is_empty(self) -> bool:
         """Whether no value of the parameters belongs to the region; it may be so by chance alone."""
-        return any(found.is_empty for found in self.intervals.values())
+        return any(interval.is_empty for interval in self.intervals.values())
 
     @property
     def assumptions(self) -> str:
@@ -405,9 +409,9 @@ def anderson_rubin_set(
         errors = AutocorrelatedErrors()
     checks.kind("errors", errors, ErrorAssumption, "AutocorrelatedErrors() or HomoskedasticErrors()")
     rows = moment_rows(problem, method)
-    found = AndersonRubinSet(problem.parameters, level, errors, rows)
-    found.region  # noqa: B018 - what cannot be used is refused here, not at the first question
-    return found
+    result = AndersonRubinSet(problem.parameters, level, errors, rows)
+    result.region  # noqa: B018 - what cannot be used is refused here, not at the first question
+    return result
 
 
 def sign_perturbed_set(
@@ -502,7 +506,7 @@ def _summary(
 ) -> str:
     lines = [f"{method}, {100.0 * level:g} %"]
     lines.extend(f"{p.name:<20} {intervals[p.name]}  {p.unit}".rstrip() for p in parameters)
-    if any(found.is_empty for found in intervals.values()):
+    if any(interval.is_empty for interval in intervals.values()):
         lines.append("No value passes: the data reject the model, its instruments or the declared noises.")
     lines.append(assumptions)
     return "\n".join(lines)

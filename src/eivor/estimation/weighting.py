@@ -56,7 +56,7 @@ class EquationWeighting(ABC):
         """True when mean(psi psi') must be among the moments."""
 
     @abstractmethod
-    def equations(self, at: UnweightedEquations) -> WeightedEquations:
+    def equations(self, unweighted_equations: UnweightedEquations) -> WeightedEquations:
         """Equations weighted for the first pass, or by the residuals of the pass before."""
 
 
@@ -201,9 +201,9 @@ class LimitedInformation(EquationWeighting):
         """Yes."""
         return True
 
-    def equations(self, at: UnweightedEquations) -> WeightedEquations:
+    def equations(self, unweighted_equations: UnweightedEquations) -> WeightedEquations:
         """Two-stage equations with S and its degrees of freedom, rows less instruments."""
-        two_stage, moments = TwoStage().equations(at), at.moments
+        two_stage, moments = TwoStage().equations(unweighted_equations), unweighted_equations.moments
         columns = moments.columns if isinstance(moments, CrossMoments) else None
         if columns is None or two_stage.factor is None or not isinstance(moments, CrossMoments):
             raise UsageError(
@@ -250,16 +250,16 @@ class WeightedRows(ABC):
     """A problem's rows with weights of one pass."""
 
     @abstractmethod
-    def rows(self, at: Values) -> Regression:
+    def rows(self, nuisances: Values) -> Regression:
         """Weighted rows at values of the nuisances."""
 
     def products(self, points: Sequence[Values]) -> Float[np.ndarray, "points p n_plus_1"]:
         """Mean of psi [phi' y] at many values of the nuisances."""
-        return np.stack([_mean_products(self.rows(at)) for at in points])
+        return np.stack([_mean_products(self.rows(point)) for point in points])
 
     def columns(self, points: Sequence[Values]) -> Float[np.ndarray, "points rows n_plus_1"]:
         """Weighted rows of [phi y] at many values of the nuisances."""
-        return np.stack([_columns(self.rows(at)) for at in points])
+        return np.stack([_columns(self.rows(point)) for point in points])
 
     def criterion(self, _theta: Float[np.ndarray, " n"], _at: Values, /) -> float | None:
         """What candidates are compared by, where weights know better than the estimate; by default None."""
@@ -293,7 +293,7 @@ class RowWeighting(ABC):
 
     @abstractmethod
     def last_pass(
-        self, problem: SeparableProblem, theta: Float[np.ndarray, " n"], at: Values, /
+        self, problem: SeparableProblem, theta: Float[np.ndarray, " n"], nuisances: Values, /
     ) -> WeightedRows:
         """Rows weighted by the residuals of an estimate, for good."""
 
@@ -304,9 +304,9 @@ class TimeRows(WeightedRows):
 
     problem: SeparableProblem
 
-    def rows(self, at: Values) -> Regression:
+    def rows(self, nuisances: Values) -> Regression:
         """Rows in time."""
-        return self.problem.rows(at)
+        return self.problem.rows(nuisances)
 
     @property
     def renewal(self) -> None:
@@ -351,23 +351,23 @@ class WhitenedRows(WeightedRows):
     renewals: int = 0  # Passes that follow
     disturbed: float = 0.0
 
-    def rows(self, at: Values) -> Regression:
+    def rows(self, nuisances: Values) -> Regression:
         """Whitened rows."""
-        found = self.problem.bins(at).whitened(self.blend, self.power, self.basis)
-        if found.regressor_noise is None or not self.disturbed:
-            return found
-        noise = found.regressor_noise.copy()
+        whitened = self.problem.bins(nuisances).whitened(self.blend, self.power, self.basis)
+        if whitened.regressor_noise is None or not self.disturbed:
+            return whitened
+        noise = whitened.regressor_noise.copy()
         noise[-1, -1] += self.disturbed
-        return replace(found, regressor_noise=noise)
+        return replace(whitened, regressor_noise=noise)
 
     def products(self, points: Sequence[Values]) -> Float[np.ndarray, "points p n_plus_1"]:
         """Mean of psi [phi' y] at many values of the nuisances, all of them multiplied at once."""
         rows = self._side_by_side(points)
-        return _apart(self.basis.T @ rows / rows.shape[0], len(points))
+        return _separated(self.basis.T @ rows / rows.shape[0], len(points))
 
     def columns(self, points: Sequence[Values]) -> Float[np.ndarray, "points rows n_plus_1"]:
         """Whitened rows of [phi y] at many values of the nuisances."""
-        return _apart(self._side_by_side(points), len(points))
+        return _separated(self._side_by_side(points), len(points))
 
     def _side_by_side(self, points: Sequence[Values]) -> Float[np.ndarray, "rows columns"]:
         """Whitened rows: the response, and the regressors of one point after the other."""
@@ -379,11 +379,11 @@ class WhitenedRows(WeightedRows):
         """Whitening by the residuals, while there are passes to follow."""
         return self._renewed if self.renewals else None
 
-    def _renewed(self, theta: Float[np.ndarray, " n"], at: Values) -> WhitenedRows:
-        return replace(whitened_by_residuals(self.problem, theta, at), renewals=self.renewals - 1)
+    def _renewed(self, theta: Float[np.ndarray, " n"], nuisances: Values) -> WhitenedRows:
+        return replace(whitened_by_residuals(self.problem, theta, nuisances), renewals=self.renewals - 1)
 
 
-def _apart(rows: Float[np.ndarray, "rows columns"], points: int) -> Float[np.ndarray, "points rows k"]:
+def _separated(rows: Float[np.ndarray, "rows columns"], points: int) -> Float[np.ndarray, "points rows k"]:
     """[phi y] of each point, from the response and the regressors of all of them side by side."""
     response = np.broadcast_to(rows[:, :1], (points, rows.shape[0], 1))
     regressors = rows[:, 1:].reshape(rows.shape[0], points, -1).transpose(1, 0, 2)
@@ -408,19 +408,19 @@ class SpectralWhitening(RowWeighting):
         return _whitened(problem, bins, (np.full(count, 0.5), np.ones(count)), self.passes - 1)
 
     def last_pass(
-        self, problem: SeparableProblem, theta: Float[np.ndarray, " n"], at: Values, /
+        self, problem: SeparableProblem, theta: Float[np.ndarray, " n"], nuisances: Values, /
     ) -> WhitenedRows:
         """See `whitened_by_residuals`."""
-        return whitened_by_residuals(problem, theta, at)
+        return whitened_by_residuals(problem, theta, nuisances)
 
 
 def whitened_by_residuals(
-    problem: SeparableProblem, theta: Float[np.ndarray, " n"], at: Values
+    problem: SeparableProblem, theta: Float[np.ndarray, " n"], nuisances: Values
 ) -> WhitenedRows:
     """Rows with blend and power from the residuals of an estimate, run by run; final weights."""
-    bins = problem.bins(at)
-    found = _whitened(problem, bins, residual_spectrum(bins, bins.residuals(theta)), 0)
-    return replace(found, disturbed=_disturbed(found.rows(at), theta))
+    bins = problem.bins(nuisances)
+    whitened = _whitened(problem, bins, residual_spectrum(bins, bins.residuals(theta)), 0)
+    return replace(whitened, disturbed=_disturbed(whitened.rows(nuisances), theta))
 
 
 def _disturbed(rows: Regression, theta: Float[np.ndarray, " n"]) -> float:

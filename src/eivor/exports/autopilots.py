@@ -42,11 +42,11 @@ class Chosen:
 
     written: tuple[tuple[str, Number], ...]  # Names and numbers
     comments: tuple[str, ...]  # Sentences above them
-    left_out: tuple[str, ...]
+    omitted: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True)
-class _Found:
+class _SpectralFit:
     """Numbers by the autopilot's names, and why others are missing."""
 
     numbers: dict[str, Number] = field(default_factory=dict)
@@ -54,20 +54,20 @@ class _Found:
 
 
 def chosen_parameters(fitted: Fitted, autopilot: Autopilot) -> Chosen:
-    """Return the parameters of an autopilot that a result tells."""
+    """Return the parameters of an autopilot that a result holds."""
     fitted.check_vertical(autopilot.name)
     _check_autopilot(fitted, autopilot)
     _check_shares(fitted)
-    found = _found(fitted, autopilot)
-    written = tuple(found.numbers.items())
-    missing = tuple(f"{name} is not written: {reason}" for name, reason in found.missing.items())
-    told = tuple(f"{name}: {number.words}" for name, number in written)
-    return Chosen(written, (*fitted.origin(), *told, *missing), missing)
+    result = _fit(fitted, autopilot)
+    written = tuple(result.numbers.items())
+    missing = tuple(f"{name} is not written: {reason}" for name, reason in result.missing.items())
+    reported = tuple(f"{name}: {number.words}" for name, number in written)
+    return Chosen(written, (*fitted.origin(), *reported, *missing), missing)
 
 
 def _check_autopilot(fitted: Fitted, autopilot: Autopilot) -> None:
     """Refuse results of a log of another autopilot."""
-    others = [f"format {one}" for one in fitted.formats if one in autopilot.not_of]
+    others = [f"format {item}" for item in fitted.formats if item in autopilot.not_of]
     if fitted.curve_in_force and autopilot.curve.name not in fitted.curve_in_force:
         others.append(f"a vehicle with {' and '.join(fitted.curve_in_force)}")
     if others:
@@ -86,23 +86,23 @@ def _check_shares(fitted: Fitted) -> None:
             "a command that is a share of the largest, from 0 to 1",
             f"'{fitted.input}', with {value:.4g} at hover",
             "Identify with the log's thrust setpoint, --input input, or with its motor outputs, "
-            "--input actuator_output, where parameters tell their range.",
+            "--input actuator_output, where parameters determine their range.",
         )
 
 
-def _found(fitted: Fitted, autopilot: Autopilot) -> _Found:
+def _fit(fitted: Fitted, autopilot: Autopilot) -> _SpectralFit:
     """Curve and hover together, hover alone where the curve in force stays, or neither."""
-    hover, curve = fitted.told("hover_input"), fitted.told("thrust_curve")
+    hover, curve = fitted.identified_number("hover_input"), fitted.identified_number("thrust_curve")
     names = autopilot.hover.name, autopilot.curve.name
     if fitted.curve_side is CurveSide.UNKNOWN:
         reason = (
             f"the result does not say whether '{fitted.input}' is before or behind the autopilot's thrust "
             f"curve. Identify the log again. {DECLARE}"
         )
-        return _Found(missing=dict.fromkeys(names, reason))
+        return _SpectralFit(missing=dict.fromkeys(names, reason))
     before = fitted.curve_side is CurveSide.BEFORE
     if hover is None:
-        return _Found(missing=dict.fromkeys(names, fitted.why_not("hover_input")))
+        return _SpectralFit(missing=dict.fromkeys(names, fitted.why_not("hover_input")))
     reasons = list(_against(fitted, autopilot, curve))
     if curve is not None and not reasons:
         share, thrust = proposed(
@@ -117,16 +117,16 @@ def _found(fitted: Fitted, autopilot: Autopilot) -> _Found:
             beyond = autopilot.hover.beyond(thrust)
             beyond = f"it goes with {autopilot.hover.name}, and {beyond}" if beyond else ""
         if not beyond:
-            return _Found({autopilot.hover.name: Number(*thrust), autopilot.curve.name: Number(*share)})
+            return _SpectralFit({autopilot.hover.name: Number(*thrust), autopilot.curve.name: Number(*share)})
         reasons = [beyond]
     sentence = " ".join(reasons)
     if not before:
         together = f"of motor signals, hover and curve are written together or not at all: {sentence}"
-        return _Found(missing=dict.fromkeys(names, together))
+        return _SpectralFit(missing=dict.fromkeys(names, together))
     beyond = autopilot.hover.beyond((hover.value, hover.interval))
     missing = {autopilot.hover.name: beyond} if beyond else {}
     missing[autopilot.curve.name] = f"{sentence} The value in force stays."
-    return _Found({} if beyond else {autopilot.hover.name: hover}, missing)
+    return _SpectralFit({} if beyond else {autopilot.hover.name: hover}, missing)
 
 
 def _against(fitted: Fitted, autopilot: Autopilot, curve: Number | None) -> Iterator[str]:
@@ -162,9 +162,9 @@ class Px4Parameters(Target):
     def export(self, fitted: Fitted, supplied: Supplied) -> Exported:
         """See `Target`."""
         supplied.check_only((), self.name, body=False)
-        found = chosen_parameters(fitted, PX4)
-        rows = {name: number.value for name, number in found.written}
-        return Exported(qgroundcontrol(found.comments, rows), found.left_out)
+        parameters = chosen_parameters(fitted, PX4)
+        rows = {name: number.value for name, number in parameters.written}
+        return Exported(qgroundcontrol(parameters.comments, rows), parameters.omitted)
 
 
 def qgroundcontrol(comments: Iterable[str], values: Mapping[str, float]) -> str:
@@ -197,9 +197,9 @@ class ArduPilotParameters(Target):
     def export(self, fitted: Fitted, supplied: Supplied) -> Exported:
         """See `Target`."""
         supplied.check_only((), self.name, body=False)
-        found = chosen_parameters(fitted, ARDUPILOT)
-        rows = [f"{name},{single(number.value)}" for name, number in found.written]
-        return Exported("\n".join([*hash_comments(found.comments), *rows]) + "\n", found.left_out)
+        parameters = chosen_parameters(fitted, ARDUPILOT)
+        rows = [f"{name},{single(number.value)}" for name, number in parameters.written]
+        return Exported("\n".join([*hash_comments(parameters.comments), *rows]) + "\n", parameters.omitted)
 
 
 # -- State space --
@@ -283,8 +283,8 @@ class StateSpaceDocument(Target):
             "outputs": made.outputs,
             "delay_s": made.delay_s,
             "numbers": {
-                name: {"value": one.value, "interval": one.interval, "source": one.source}
-                for name, one in made.numbers.items()
+                name: {"value": number.value, "interval": number.interval, "source": number.source}
+                for name, number in made.numbers.items()
             },
         }
         return Exported(json.dumps(document, indent=2) + "\n")

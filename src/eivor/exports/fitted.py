@@ -24,10 +24,10 @@ LONGEST = 400
 
 def one_line(text: str) -> str:
     """`text` in printable ASCII: control characters, line breaks and other letters as backslash escapes."""
-    shown = "".join(
+    displayed = "".join(
         c if " " <= c <= "~" else c.encode("unicode_escape", "surrogatepass").decode("ascii") for c in text
     )
-    return shown if len(shown) <= LONGEST else f"{shown[: LONGEST - 3]}..."
+    return displayed if len(displayed) <= LONGEST else f"{displayed[: LONGEST - 3]}..."
 
 
 def hash_comments(lines: Iterable[str]) -> list[str]:
@@ -142,26 +142,26 @@ class Fitted:
                 "Identify the log with --model vertical.",
             )
 
-    def told(self, name: str) -> Number | None:
+    def identified_number(self, name: str) -> Number | None:
         """A quantity that is identified; None for any other."""
-        one = self.quantities.get(name)
-        if one is None or one.verdict is not Status.IDENTIFIED or not math.isfinite(one.value):
+        item = self.quantities.get(name)
+        if item is None or item.verdict is not Status.IDENTIFIED or not math.isfinite(item.value):
             return None
-        return Number(one.value, one.interval)
+        return Number(item.value, item.interval)
 
     def why_not(self, name: str) -> str:
         """Why a quantity is not written."""
-        one = self.quantities.get(name)
-        if one is None:
+        item = self.quantities.get(name)
+        if item is None:
             return f"{name} was not estimated."
-        reasons = " ".join(reason.sentence for reason in one.reasons)
-        return f"{name} is {one.verdict.value}. {reasons}".rstrip()
+        reasons = " ".join(reason.sentence for reason in item.reasons)
+        return f"{name} is {item.verdict.value}. {reasons}".rstrip()
 
     def needed(self, name: str, supplied: Supplied, target: str) -> Number:
         """A quantity that a target cannot do without: identified, or else given."""
-        found = self.told(name)
-        if found is not None:
-            return found
+        result = self.identified_number(name)
+        if result is not None:
+            return result
         given = supplied.priors.get(name)
         if given is not None:
             return Number(given.value, given.interval, "given")
@@ -177,7 +177,7 @@ class Exported:
     """A file's content."""
 
     text: str
-    left_out: tuple[str, ...] = ()
+    omitted: tuple[str, ...] = ()
 
 
 # -- Target --

@@ -19,9 +19,9 @@ from eivor.exports.vehicle import (
     QUARTERS,
     Column,
     Columns,
-    Described,
     Randomisation,
-    Rotors,
+    SimulatorRotors,
+    VehicleDescription,
     by_quarters,
     delay_comments,
     describe,
@@ -55,14 +55,14 @@ class DroneModelsParameters(Target):
         made = describe(fitted, supplied, DRONE_MODELS_NAME, BODY)
         comments = (*made.comments, *speed_comments(made, DRONE_MODELS_NAME), *DRONE_MODELS_REMARKS)
         rows = [f"{name} = {_toml(value)}" for name, value in _values(made).items()]
-        return Exported("\n".join([*hash_comments(comments), "[vehicle]", *rows]) + "\n", made.left_out)
+        return Exported("\n".join([*hash_comments(comments), "[vehicle]", *rows]) + "\n", made.omitted)
 
 
-def _values(made: Described) -> dict[str, object]:
+def _values(made: VehicleDescription) -> dict[str, object]:
     value = {name: float(column[0]) for name, column in made.values.items()}
     rotors = rotors_of(made)
     thrust, torque = (
-        float(one[0]) * PER_MINUTE**2 for one in (rotors.thrust_constant, rotors.torque_constant)
+        float(item[0]) * PER_MINUTE**2 for item in (rotors.thrust_constant, rotors.torque_constant)
     )
     rate, arm = 1.0 / value["actuator_lag"], made.vehicle.arm
     limits = {
@@ -94,7 +94,7 @@ def _values(made: Described) -> dict[str, object]:
 def _toml(value: object) -> str:
     """Numbers and lists of them."""
     if isinstance(value, list):
-        return f"[{', '.join(_toml(one) for one in value)}]"
+        return f"[{', '.join(_toml(item) for item in value)}]"
     return repr(value)
 
 
@@ -125,26 +125,26 @@ class GazeboModel(Target):
         """See `Target`."""
         made = describe(fitted, supplied, GAZEBO_NAME, (*BODY, "largest_command"))
         rotors = rotors_of(made, GAZEBO_GRAVITY)
-        told = [*made.comments, *speed_comments(made, GAZEBO_NAME, GAZEBO_GRAVITY), *GAZEBO_REMARKS]
+        selected = [*made.comments, *speed_comments(made, GAZEBO_NAME, GAZEBO_GRAVITY), *GAZEBO_REMARKS]
         if "drag_z" in made.values:
-            told.append(
+            selected.append(
                 "The motor model has no drag along the rotors' axis: drag along z is not in this file."
             )
         mass, arm = float(made.values["mass"][0]), float(made.values["arm_scale"][0])
-        places = [(arm * x, arm * y) for x, y in made.vehicle.positions]
+        positions = [(arm * x, arm * y) for x, y in made.vehicle.positions]
         radius = made.vehicle.rotor_radius or 0.5 * arm * made.vehicle.arm
         disc = ROTOR_SHARE * mass * radius**2 * np.diag([0.25, 0.25, 0.5])
-        centre, inertia = _rest(made, places, disc)
+        centre, inertia = _rest(made, positions, disc)
         rest = mass * (1.0 - made.count * ROTOR_SHARE)
         lines = [
             '<?xml version="1.0"?>',
-            *xml_comments(told),
+            *xml_comments(selected),
             '<sdf version="1.9">',
             '  <model name="vehicle">',
             *_link("base_link", "0 0 0 0 0 0", f"{centre[0]!r} {centre[1]!r} 0 0 0 0", rest, inertia),
             *(
                 line
-                for n, (x, y) in enumerate(places)
+                for n, (x, y) in enumerate(positions)
                 for line in (
                     *_link(f"rotor_{n}", f"{x!r} {y!r} 0 0 0 0", "0 0 0 0 0 0", ROTOR_SHARE * mass, disc),
                     *_joint(n),
@@ -154,19 +154,19 @@ class GazeboModel(Target):
             "  </model>",
             "</sdf>",
         ]
-        return Exported("\n".join(lines) + "\n", made.left_out)
+        return Exported("\n".join(lines) + "\n", made.omitted)
 
 
 def _rest(
-    made: Described, places: list[tuple[float, float]], disc: Float[np.ndarray, "3 3"]
+    made: VehicleDescription, positions: list[tuple[float, float]], disc: Float[np.ndarray, "3 3"]
 ) -> tuple[tuple[float, float], Float[np.ndarray, "3 3"]]:
     """Centre of mass of the body without its rotors, and its inertia about it."""
     mass = float(made.values["mass"][0])
     each, rest = ROTOR_SHARE * mass, mass * (1.0 - made.count * ROTOR_SHARE)
     inertia = np.diag([float(made.values[name][0]) for name in INERTIAS])
-    for x, y in places:
+    for x, y in positions:
         inertia = inertia - disc - each * _of_point(x, y)
-    x, y = (0.0 - each * sum(place[axis] for place in places) / rest for axis in (0, 1))
+    x, y = (0.0 - each * sum(position[axis] for position in positions) / rest for axis in (0, 1))
     return (x, y), inertia - rest * _of_point(x, y)
 
 
@@ -176,8 +176,10 @@ def _of_point(x: float, y: float) -> Float[np.ndarray, "3 3"]:
 
 
 def _link(name: str, pose: str, centre: str, mass: float, inertia: Float[np.ndarray, "3 3"]) -> list[str]:
-    places = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
-    elements = "".join(f"<{word}>{float(inertia[place])!r}</{word}>" for word, place in places.items())
+    positions = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
+    elements = "".join(
+        f"<{word}>{float(inertia[position])!r}</{word}>" for word, position in positions.items()
+    )
     return [
         f'    <link name="{name}">',
         f"      <pose>{pose}</pose>",
@@ -203,7 +205,7 @@ def _joint(number: int) -> list[str]:
     ]
 
 
-def _motor(number: int, spin: int, made: Described, rotors: Rotors) -> list[str]:
+def _motor(number: int, spin: int, made: VehicleDescription, rotors: SimulatorRotors) -> list[str]:
     lag = float(made.values["actuator_lag"][0])
     settings = {
         "robotNamespace": "vehicle",
@@ -287,10 +289,10 @@ class IsaacLabDraws(Randomisation):
             *(f'    "{name}": {column.tolist()},' for name, column in columns.items()),
             "}",
         ]
-        return Exported("\n".join(lines) + "\n", made.left_out)
+        return Exported("\n".join(lines) + "\n", made.omitted)
 
 
-def _columns(drawn: Described) -> dict[str, Column]:
+def _columns(drawn: VehicleDescription) -> dict[str, Column]:
     values, rotors = drawn.values, rotors_of(drawn, ISAAC_LAB_GRAVITY)
     friction = {"linear_damping": values["drag_z"] / values["mass"]} if "drag_z" in values else {}
     return {
@@ -330,10 +332,10 @@ class MujocoModel(Target):
     def export(self, fitted: Fitted, supplied: Supplied) -> Exported:
         """See `Target`."""
         made = describe(fitted, supplied, MUJOCO_NAME, BODY)
-        return Exported("\n".join(model_lines(made)) + "\n", made.left_out)
+        return Exported("\n".join(model_lines(made)) + "\n", made.omitted)
 
 
-def model_lines(made: Described) -> list[str]:
+def model_lines(made: VehicleDescription) -> list[str]:
     """The file, of the first row."""
     value = {name: float(column[0]) for name, column in made.values.items()}
     rotors, arm = rotors_of(made), value["arm_scale"]
@@ -341,8 +343,8 @@ def model_lines(made: Described) -> list[str]:
     limits = f' ctrlrange="0 {most!r}"' if "largest_command" in value else ""
     gain = value["mass"] * GRAVITY / made.count
     inertia = " ".join(repr(value[name]) for name in INERTIAS)
-    places = list(enumerate(made.vehicle.positions, start=1))
-    ones = " ".join("1" * made.count)
+    positions = list(enumerate(made.vehicle.positions, start=1))
+    text = " ".join("1" * made.count)
     axes = {"x": "1 0 0", "y": "0 1 0", "z": "0 0 1"}
     slides = (
         f'      <joint name="{axis}" type="slide" axis="{axes[axis]}" damping="{value.get(name, 0.0)!r}"/>'
@@ -359,7 +361,7 @@ def model_lines(made: Described) -> list[str]:
         '      <joint name="attitude" type="ball"/>',
         f'      <inertial pos="0 0 0" mass="{value["mass"]!r}" diaginertia="{inertia}"/>',
         f'      <geom type="sphere" size="{0.5 * arm * made.vehicle.arm!r}" contype="0" conaffinity="0"/>',
-        *(f'      <site name="rotor{n}" pos="{arm * x!r} {arm * y!r} 0"/>' for n, (x, y) in places),
+        *(f'      <site name="rotor{n}" pos="{arm * x!r} {arm * y!r} 0"/>' for n, (x, y) in positions),
         "    </body>",
         "  </worldbody>",
         "  <actuator>",
@@ -370,7 +372,7 @@ def model_lines(made: Described) -> list[str]:
             for n, spin in enumerate(made.vehicle.spins, start=1)
         ),
         "  </actuator>",
-        f'  <keyframe><key name="hover" qpos="0 0 0 1 0 0 0" act="{ones}" ctrl="{ones}"/></keyframe>',
+        f'  <keyframe><key name="hover" qpos="0 0 0 1 0 0 0" act="{text}" ctrl="{text}"/></keyframe>',
         "</mujoco>",
     ]
 
@@ -394,12 +396,12 @@ class MujocoDraws(Randomisation):
         document = {
             "schema": MUJOCO_DRAWS_SCHEMA,
             "comments": [one_line(line) for line in (JOINT, *made.comments, *MUJOCO_REMARKS)],
-            "fields": {name: one.tolist() for name, one in _fields(drawn, made).items()},
+            "fields": {name: _field.tolist() for name, _field in _fields(drawn, made).items()},
         }
-        return Exported(json.dumps(document) + "\n", made.left_out)
+        return Exported(json.dumps(document) + "\n", made.omitted)
 
 
-def _fields(drawn: Described, made: Described) -> dict[str, Float[np.ndarray, "n ..."]]:
+def _fields(drawn: VehicleDescription, made: VehicleDescription) -> dict[str, Float[np.ndarray, "n ..."]]:
     """By MuJoCo's names; gears are the torque of a rotor that spins clockwise."""
     values = drawn.values
     zero = np.zeros_like(values["mass"])
@@ -442,7 +444,7 @@ class PybulletVehicle(Target):
         rotors, arm = rotors_of(made, PYBULLET_GRAVITY), value["arm_scale"]
         thrust, speed = float(rotors.thrust_constant[0]), float(rotors.largest_speed[0])
         sign = -made.vehicle.spins[order[0]]
-        ahead, aside = mean_distances(made.vehicle)
+        prediction, aside = mean_distances(made.vehicle)
         size = arm * made.vehicle.arm
         properties = {
             "arm": size,
@@ -470,19 +472,19 @@ class PybulletVehicle(Target):
             *unlike,
             *PYBULLET_REMARKS,
         )
-        places = [(arm * ahead * x, arm * aside * y) for x, y in QUARTERS]
-        told = " ".join(f"{name}={quoteattr(repr(one))}" for name, one in properties.items())
+        positions = [(arm * prediction * x, arm * aside * y) for x, y in QUARTERS]
+        text = " ".join(f"{name}={quoteattr(repr(item))}" for name, item in properties.items())
         lines = [
             '<?xml version="1.0" ?>',
             *xml_comments(comments),
             '<robot name="vehicle">',
-            f"  <properties {told}/>",
+            f"  <properties {text}/>",
             *_body(value, size),
-            *(line for n, (x, y) in enumerate(places) for line in _massless(f"prop{n}", x, y)),
+            *(line for n, (x, y) in enumerate(positions) for line in _massless(f"prop{n}", x, y)),
             *_massless("center_of_mass", 0.0, 0.0),
             "</robot>",
         ]
-        return Exported("\n".join(lines) + "\n", made.left_out)
+        return Exported("\n".join(lines) + "\n", made.omitted)
 
 
 def _body(value: dict[str, float], size: float) -> list[str]:
@@ -540,14 +542,14 @@ class RotorpyVehicle(Target):
     def export(self, fitted: Fitted, supplied: Supplied) -> Exported:
         """See `Target`."""
         made = describe(fitted, supplied, ROTORPY_NAME, ROTORPY_NEEDS)
-        return Exported("\n".join(vehicle_lines(made)) + "\n", made.left_out)
+        return Exported("\n".join(vehicle_lines(made)) + "\n", made.omitted)
 
 
-def vehicle_lines(made: Described) -> list[str]:
+def vehicle_lines(made: VehicleDescription) -> list[str]:
     """The file: comments, and the dictionary of the first row."""
     row = {name: float(column[0]) for name, column in rotorpy_columns(made).items()}
     arm = float(made.values["arm_scale"][0])
-    places = [
+    positions = [
         f'        "r{number}": np.array([{arm * x!r}, {arm * y!r}, 0.0]),'
         for number, (x, y) in enumerate(made.vehicle.positions, start=1)
     ]
@@ -559,7 +561,7 @@ def vehicle_lines(made: Described) -> list[str]:
         *(f'    "{name}": {value!r},' for name, value in row.items()),
         f'    "num_rotors": {made.count},',
         '    "rotor_pos": {',
-        *places,
+        *positions,
         "    },",
         f'    "rotor_directions": np.array({list(made.vehicle.spins)}),',
         '    "rI": np.zeros(3),',
@@ -567,7 +569,7 @@ def vehicle_lines(made: Described) -> list[str]:
     ]
 
 
-def rotorpy_columns(made: Described) -> Columns:
+def rotorpy_columns(made: VehicleDescription) -> Columns:
     """RotorPy's numbers by its names, a row for each vehicle."""
     values, rotors = made.values, rotors_of(made, ROTORPY_GRAVITY)
     zero = np.zeros_like(values["mass"])
@@ -611,7 +613,11 @@ class RotorpyDraws(Randomisation):
         """See `Randomisation`."""
         made = describe(fitted, supplied, ROTORPY_NAME, ROTORPY_NEEDS)
         drawn = describe(fitted, supplied, ROTORPY_NAME, ROTORPY_NEEDS, draws, seed)
-        columns = {name: one for name, one in rotorpy_columns(drawn).items() if one.min() < one.max()}
+        columns = {
+            name: rotorpy_column
+            for name, rotorpy_column in rotorpy_columns(drawn).items()
+            if rotorpy_column.min() < rotorpy_column.max()
+        }
         arms = drawn.values["arm_scale"] / made.values["arm_scale"]
         lines = [
             *hash_comments([JOINT]),
@@ -622,7 +628,7 @@ class RotorpyDraws(Randomisation):
             "}",
             f"arm_scale = {arms.tolist()}",
         ]
-        return Exported("\n".join(lines) + VEHICLES, made.left_out)
+        return Exported("\n".join(lines) + VEHICLES, made.omitted)
 
 
 # -- SIH --
@@ -647,7 +653,7 @@ class SihParameters(Target):
         made = describe(fitted, supplied, SIH_NAME, (*BODY, "largest_command"))
         by_quarters(made.vehicle, SIH_NAME)
         value = {name: float(column[0]) for name, column in made.values.items()}
-        ahead, aside = mean_distances(made.vehicle)
+        prediction, aside = mean_distances(made.vehicle)
         largest = value["thrust"] * float(made.thrust_map(made.values["largest_command"])[0])
         values = {
             "SIH_MASS": value["mass"],
@@ -656,7 +662,7 @@ class SihParameters(Target):
             "SIH_T_MAX": largest,
             "SIH_Q_MAX": value["torque_ratio"] * largest,
             "SIH_L_ROLL": value["arm_scale"] * aside,
-            "SIH_L_PITCH": value["arm_scale"] * ahead,
+            "SIH_L_PITCH": value["arm_scale"] * prediction,
             "SIH_T_TAU": value["actuator_lag"],
             **({"SIH_KDV": value["drag_z"]} if "drag_z" in value else {}),
             "THR_MDL_FAC": 0.0,
@@ -668,4 +674,4 @@ class SihParameters(Target):
             remarks.append(f"MPC_THR_HOVER is not written: {beyond}")
         else:
             values["MPC_THR_HOVER"] = hover
-        return Exported(qgroundcontrol((*made.comments, *remarks), values), made.left_out)
+        return Exported(qgroundcontrol((*made.comments, *remarks), values), made.omitted)

@@ -21,7 +21,7 @@ from eivor.exports.vehicle import Randomisation
 # -- Randomisations --
 
 RANDOMISATIONS: dict[str, Randomisation] = {
-    one.name: one for one in (RotorpyDraws(), MujocoDraws(), IsaacLabDraws())
+    item.name: item for item in (RotorpyDraws(), MujocoDraws(), IsaacLabDraws())
 }
 
 

@@ -15,8 +15,8 @@ from eivor.exports.fitted import VERTICAL, Exported, Fitted, Number, Supplied
 from eivor.inference.distributions import normal_quantile
 from eivor.inference.verdict import Status
 from eivor.motions.rigid_body.inertia import Combinations, yaw_inertia
-from eivor.motions.rigid_body.physical_parameters import Way, physical_parameters, sought
-from eivor.motions.rigid_body.vehicle import NO_BODY_ALLOWANCE, KnownNumber, KnownVehicle
+from eivor.motions.rigid_body.physical_parameters import Formula, physical_parameters, sought
+from eivor.motions.rigid_body.vehicle import NO_BODY_UNCERTAINTY, KnownNumber, KnownVehicle
 from eivor.motions.vertical.model import GRAVITY
 from eivor.signals.thrust_map import InputMap
 from eivor.tools import Float
@@ -47,7 +47,7 @@ DRAGS = ("drag_x", "drag_y", "drag_z")
 
 
 @dataclass(frozen=True)
-class Part:
+class SimulatorNumber:
     """A number of the vehicle."""
 
     number: Number
@@ -56,9 +56,9 @@ class Part:
 
 @dataclass(frozen=True)
 class Parts:
-    """What a flight tells of a vehicle."""
+    """What a flight identifies of a vehicle."""
 
-    told: Mapping[str, Part]
+    numbers: Mapping[str, SimulatorNumber]
     missing: Mapping[str, str]
 
 
@@ -68,7 +68,7 @@ def itself(name: str) -> Callable[[Columns], Column]:
 
 
 def of_mass(mass: Number, per_mass: Number, share: float = 1.0) -> Number:
-    """Mass times what a flight tells per mass; both err independently."""
+    """Mass times what a flight identifies per mass; both err independently."""
     value = share * mass.value * per_mass.value
     below, above = (
         share
@@ -88,7 +88,7 @@ def of_mass(mass: Number, per_mass: Number, share: float = 1.0) -> Number:
 MARGIN = 1e-6
 
 
-def bodily(values: Columns) -> tuple[Columns, tuple[str, ...]]:
+def realisable_inertia(values: Columns) -> tuple[Columns, tuple[str, ...]]:
     """Columns whose moments of inertia are those of bodies."""
     if not all(name in values for name in INERTIAS):
         return values, ()
@@ -99,15 +99,15 @@ def bodily(values: Columns) -> tuple[Columns, tuple[str, ...]]:
     kept = {**values, **dict(zip(INERTIAS, bounded, strict=True))}
     if moments.shape[1] > 1 or excess[0] <= 0.0:
         return kept, ()
-    shown = ", ".join(f"{one:.4g}" for one in moments[:, 0])
-    if excess[0] > NO_BODY_ALLOWANCE:
+    text = ", ".join(f"{moment:.4g}" for moment in moments[:, 0])
+    if excess[0] > NO_BODY_UNCERTAINTY:
         raise ParameterError(
             "moments of inertia none of which is larger than the other two together",
-            f"{shown} kg m^2",
+            f"{text} kg m^2",
             "Correct what is given of them; or fly as the report says, about two axes at once.",
         )
     return kept, (
-        f"Moments of inertia {shown} are those of no body: the largest is put at the sum of the others.",
+        f"Moments of inertia {text} are those of no body: the largest is put at the sum of the others.",
     )
 
 
@@ -122,26 +122,30 @@ def vertical_parts(fitted: Fitted, given: dict[str, Number], count: int) -> Part
     roots = {
         **given,
         **{
-            name: one
+            name: item
             for name in (INPUT_GAIN, FRICTION, ACTUATOR_LAG, INPUT_DELAY)
-            if (one := fitted.told(name))
+            if (item := fitted.identified_number(name))
         },
     }
     mass = given["mass"]
-    told: dict[str, Part] = {}
+    parts: dict[str, SimulatorNumber] = {}
     if INPUT_GAIN in roots:
         each = of_mass(mass, roots[INPUT_GAIN], 1.0 / count)
-        told["thrust"] = Part(each, lambda c: c["mass"] * c[INPUT_GAIN] / count)
+        parts["thrust"] = SimulatorNumber(each, lambda c: c["mass"] * c[INPUT_GAIN] / count)
     if FRICTION in roots:
-        told["drag_z"] = Part(of_mass(mass, roots[FRICTION]), lambda c: c["mass"] * c[FRICTION])
-    told |= {name: Part(roots[name], itself(name)) for name in (ACTUATOR_LAG, INPUT_DELAY) if name in roots}
+        parts["drag_z"] = SimulatorNumber(of_mass(mass, roots[FRICTION]), lambda c: c["mass"] * c[FRICTION])
+    parts |= {
+        name: SimulatorNumber(roots[name], itself(name))
+        for name in (ACTUATOR_LAG, INPUT_DELAY)
+        if name in roots
+    }
     made_of = {"thrust": INPUT_GAIN, "drag_z": FRICTION, ACTUATOR_LAG: ACTUATOR_LAG, INPUT_DELAY: INPUT_DELAY}
-    return Parts(told, {name: fitted.why_not(root) for name, root in made_of.items() if name not in told})
+    return Parts(parts, {name: fitted.why_not(root) for name, root in made_of.items() if name not in parts})
 
 
 # -- Vehicle description --
 
-#: Name in documents of the other motion that tells a vehicle.
+#: Name in documents of the other motion that identifies a vehicle.
 RIGID_BODY = "rigid_body"
 #: What no vehicle flies without, beside mass and geometry.
 BODY = ("thrust", "actuator_lag", *INERTIAS, "torque_ratio")
@@ -163,14 +167,14 @@ LEAST_SHARE = 0.01
 
 
 @dataclass(frozen=True)
-class Described:
+class VehicleDescription:
     """A vehicle for a simulator."""
 
     vehicle: KnownVehicle
     thrust_map: InputMap
     values: Columns  # shape (n,)
     comments: tuple[str, ...]
-    left_out: tuple[str, ...]
+    omitted: tuple[str, ...]
 
     @property
     def count(self) -> int:
@@ -185,7 +189,7 @@ def describe(
     needs: tuple[str, ...],
     draws: Columns | None = None,
     seed: int = 0,
-) -> Described:
+) -> VehicleDescription:
     """Vehicle of a result."""
     if fitted.model not in FLIGHT:
         raise UsageError(
@@ -198,23 +202,30 @@ def describe(
     vehicle = _vehicle(fitted, supplied, target)
     given = _given(fitted, supplied, vehicle)
     parts = _parts(fitted, given, vehicle)
-    told = {**{name: Part(one, itself(name)) for name, one in given.items() if name in WORDS}, **parts.told}
-    lacking = [name for name in needs if name not in told]
+    selected = {
+        **{name: SimulatorNumber(item, itself(name)) for name, item in given.items() if name in WORDS},
+        **parts.numbers,
+    }
+    lacking = [name for name in needs if name not in selected]
     if lacking:
         raise _lacks(lacking, parts, fitted, target)
-    columns = _columns(fitted, given, told, draws, seed)
-    values, changed = bodily({name: _at_least(name, one.column(columns)) for name, one in told.items()})
-    gone = {name: f"{name} is not written: {why}" for name, why in parts.missing.items() if name not in told}
-    numbers = (f"{words}: {told[name].number.words}" for name, words in WORDS.items() if name in told)
+    columns = _columns(fitted, given, selected, draws, seed)
+    values, changed = realisable_inertia(
+        {name: _at_least(name, item.column(columns)) for name, item in selected.items()}
+    )
+    gone = {
+        name: f"{name} is not written: {why}" for name, why in parts.missing.items() if name not in selected
+    }
+    numbers = (f"{words}: {selected[name].number.words}" for name, words in WORDS.items() if name in selected)
     comments = (*fitted.origin(), f"Vehicle: {vehicle.name}.", *numbers, *changed, *gone.values())
-    return Described(vehicle, fitted.input_map, values, comments, tuple(gone.values()))
+    return VehicleDescription(vehicle, fitted.input_map, values, comments, tuple(gone.values()))
 
 
 def _check_signs(supplied: Supplied) -> None:
     """Refuse what no vehicle has."""
-    for name, one in supplied.priors.items():
-        if one.value < 0.0 or (one.value == 0.0 and name not in MAY_BE_ZERO):
-            raise UsageError(f"a {name} above zero", f"{one.value:g}", "Correct the prior.")
+    for name, prior in supplied.priors.items():
+        if prior.value < 0.0 or (prior.value == 0.0 and name not in MAY_BE_ZERO):
+            raise UsageError(f"a {name} above zero", f"{prior.value:g}", "Correct the prior.")
 
 
 def _vehicle(fitted: Fitted, supplied: Supplied, target: str) -> KnownVehicle:
@@ -227,31 +238,33 @@ def _vehicle(fitted: Fitted, supplied: Supplied, target: str) -> KnownVehicle:
     lacks += [] if vehicle is not None else ["where the rotors are (--vehicle FILE.toml)"]
     lacks += [] if vehicle is None or vehicle.in_metres else ["the arm's length (in the vehicle's file)"]
     raise NotIdentifiedError(
-        f"what no flight tells, for {target}: {' and '.join(lacks)}",
+        f"for {target}, what a flight does not identify: {' and '.join(lacks)}",
         "none" if vehicle is None else f"the vehicle '{vehicle.name}'",
         "Give it; `eivor vehicle new` writes a vehicle's file to begin with.",
     )
 
 
 def _given(fitted: Fitted, supplied: Supplied, vehicle: KnownVehicle) -> dict[str, Number]:
-    """What is supplied and the flight does not tell, the priors before the vehicle's file."""
+    """What is supplied and the flight does not identify, the priors before the vehicle's file."""
     known = {
-        name: one
+        name: item
         for name in ("mass", "arm_scale", "speed_scale", "torque_ratio", "yaw_inertia_ratio")
-        if (one := getattr(vehicle, name)) is not None
+        if (item := getattr(vehicle, name)) is not None
     }
     known.setdefault("speed_scale", KnownNumber(1.0))
     if _hovers_with_a_share(fitted, vehicle):
         known["largest_command"] = KnownNumber(1.0)
-    known |= {name: one for name, one in supplied.priors.items() if fitted.told(name) is None}
+    known |= {
+        name: prior for name, prior in supplied.priors.items() if fitted.identified_number(name) is None
+    }
     if supplied.mass is not None:
         known["mass"] = supplied.mass
-    return {name: Number(one.value, one.interval, "given") for name, one in known.items()}
+    return {name: Number(entry.value, entry.interval, "given") for name, entry in known.items()}
 
 
 def _hovers_with_a_share(fitted: Fitted, vehicle: KnownVehicle) -> bool:
     """Whether commands are shares of the largest, as autopilots have them."""
-    gain = fitted.told(GAINS[fitted.model])
+    gain = fitted.identified_number(GAINS[fitted.model])
     if gain is None or fitted.input_measured:
         return False
     rotors = 1 if fitted.model == VERTICAL else vehicle.count
@@ -267,9 +280,11 @@ def _parts(fitted: Fitted, given: dict[str, Number], vehicle: KnownVehicle) -> P
 
 def _lacks(lacking: Iterable[str], parts: Parts, fitted: Fitted, target: str) -> NotIdentifiedError:
     """Say all that is missing at once."""
-    reasons = " ".join(parts.missing.get(name, f"No flight of this kind tells {name}.") for name in lacking)
-    asked = {"thrust": GAINS[fitted.model]}
-    priors = " ".join(f"--prior {asked.get(name, name)}=VALUE:STD" for name in lacking)
+    reasons = " ".join(
+        parts.missing.get(name, f"No flight of this kind determines {name}.") for name in lacking
+    )
+    requested = {"thrust": GAINS[fitted.model]}
+    priors = " ".join(f"--prior {requested.get(name, name)}=VALUE:STD" for name in lacking)
     words = ", ".join(WORDS[name] for name in lacking)
     return NotIdentifiedError(
         f"{words}: identified, or given, since {target} cannot do without",
@@ -279,25 +294,31 @@ def _lacks(lacking: Iterable[str], parts: Parts, fitted: Fitted, target: str) ->
 
 
 def _columns(
-    fitted: Fitted, given: dict[str, Number], told: dict[str, Part], draws: Columns | None, seed: int
+    fitted: Fitted,
+    given: dict[str, Number],
+    parts: dict[str, SimulatorNumber],
+    draws: Columns | None,
+    seed: int,
 ) -> dict[str, Column]:
     """Columns of all that the parts rest on."""
     if draws is None:
-        joint = {name: one.value for name, one in fitted.quantities.items()}
-        given_values = {name: one.value for name, one in given.items()}
+        joint = {name: quantity.value for name, quantity in fitted.quantities.items()}
+        given_values = {name: item.value for name, item in given.items()}
         return {name: np.array([value]) for name, value in (joint | given_values).items()}
     count = next(iter(draws.values())).size
     rng = np.random.default_rng([seed, GIVEN_STREAM])
-    columns = {name: np.full(count, part.number.value) for name, part in told.items()}
-    for name, one in given.items():
-        drawn = one.value + _std(one) * rng.standard_normal(count)
-        columns[name] = np.maximum(drawn, LEAST_SHARE * one.value)
-    return columns | {name: column for name, column in draws.items() if fitted.told(name) is not None}
+    columns = {name: np.full(count, part.number.value) for name, part in parts.items()}
+    for name, entry in given.items():
+        drawn = entry.value + _std(entry) * rng.standard_normal(count)
+        columns[name] = np.maximum(drawn, LEAST_SHARE * entry.value)
+    return columns | {
+        name: column for name, column in draws.items() if fitted.identified_number(name) is not None
+    }
 
 
-def _std(one: Number) -> float:
+def _std(number: Number) -> float:
     """Standard deviation of what is given."""
-    return (one.interval[1] - one.interval[0]) / (2.0 * normal_quantile(0.95))
+    return (number.interval[1] - number.interval[0]) / (2.0 * normal_quantile(0.95))
 
 
 def _at_least(name: str, column: Column) -> Column:
@@ -314,28 +335,34 @@ LEVEL = 0.95
 def rigid_body_parts(fitted: Fitted, given: dict[str, Number], vehicle: KnownVehicle, std: float) -> Parts:
     """Thrust, drags, inertias, torque ratio, lag and delay."""
     known = replace(vehicle, mass=KnownNumber(given["mass"].value, std))
-    found = _identified(fitted)
-    told: dict[str, Part] = {}
+    identified = _identified(fitted)
+    parts: dict[str, SimulatorNumber] = {}
     missing: dict[str, str] = {}
-    rows = physical_parameters(found, known, LEVEL)
-    ways = {one.name: one.ways[0] for one in sought(yaw_inertia(found, known, LEVEL), fitted.input_map)}
+    rows = physical_parameters(identified, known, LEVEL)
+    formulas = {
+        item.name: item.formulas[0]
+        for item in sought(yaw_inertia(identified, known, LEVEL), fitted.input_map)
+    }
     for name in PHYSICAL:
         row = rows[name]
-        if row.told is not None and row.told.value > 0.0:
-            told[name] = Part(
-                Number(row.told.value, row.told.interval, f"identified. {row.sentence}"), _by_rows(ways[name])
+        if row.estimate is not None and row.estimate.value > 0.0:
+            parts[name] = SimulatorNumber(
+                Number(row.estimate.value, row.estimate.interval, f"identified. {row.sentence}"),
+                _by_rows(formulas[name]),
             )
         else:
-            missing[name] = _why_not(fitted, ways[name]) or row.sentence
+            missing[name] = _why_not(fitted, formulas[name]) or row.sentence
     for name, root in (("thrust", THRUST_GAIN), (ROTOR_LAG, ROTOR_LAG), (ROTOR_DELAY, ROTOR_DELAY)):
-        number = fitted.told(root) or given.get(root)
+        number = fitted.identified_number(root) or given.get(root)
         if number is None:
             missing[name] = fitted.why_not(root)
         elif name == "thrust":
-            told[name] = Part(of_mass(given["mass"], number), lambda c: c["mass"] * c[THRUST_GAIN])
+            parts[name] = SimulatorNumber(
+                of_mass(given["mass"], number), lambda c: c["mass"] * c[THRUST_GAIN]
+            )
         else:
-            told[name] = Part(number, itself(root))
-    return Parts(told, missing)
+            parts[name] = SimulatorNumber(number, itself(root))
+    return Parts(parts, missing)
 
 
 def _identified(fitted: Fitted) -> Combinations:
@@ -347,21 +374,21 @@ def _identified(fitted: Fitted) -> Combinations:
 
 
 def _is_told(fitted: Fitted, name: str) -> bool:
-    one = fitted.quantities.get(name)
-    return one is not None and one.verdict is Status.IDENTIFIED
+    item = fitted.quantities.get(name)
+    return item is not None and item.verdict is Status.IDENTIFIED
 
 
-def _why_not(fitted: Fitted, way: Way) -> str:
+def _why_not(fitted: Fitted, formula: Formula) -> str:
     """Verdicts of what a formula takes; empty where all of it is identified."""
-    return " ".join(fitted.why_not(name) for name in way.found if not _is_told(fitted, name))
+    return " ".join(fitted.why_not(name) for name in formula.needed if not _is_told(fitted, name))
 
 
-def _by_rows(way: Way) -> Callable[[Columns], Column]:
-    names = (*way.found, *way.supplied)
+def _by_rows(formula: Formula) -> Callable[[Columns], Column]:
+    names = (*formula.needed, *formula.supplied)
 
     def column(columns: Columns) -> Column:
         rows = zip(*(columns[name] for name in names), strict=True)
-        return np.array([way.formula(dict(zip(names, row, strict=True))) for row in rows])
+        return np.array([formula.formula(dict(zip(names, row, strict=True))) for row in rows])
 
     return column
 
@@ -376,9 +403,9 @@ def by_quarters(vehicle: KnownVehicle, target: str) -> tuple[int, ...]:
     """Numbers of the rotors, from zero, in the order of `QUARTERS`."""
     order = [
         number
-        for ahead, left in QUARTERS
+        for item, left in QUARTERS
         for number, (x, y) in enumerate(vehicle.positions)
-        if x * ahead > 0.0 and y * left > 0.0
+        if x * item > 0.0 and y * left > 0.0
     ]
     spins = [vehicle.spins[number] for number in order]
     if vehicle.count != len(QUARTERS) or spins not in ([1, -1, 1, -1], [-1, 1, -1, 1]):
@@ -403,7 +430,7 @@ def mean_distances(vehicle: KnownVehicle) -> tuple[float, float]:
 #: What stands above draws.
 JOINT = (
     "Rows are joint draws: a thrust goes with the mass of its row, so that the hover command spreads as "
-    "little as the flight tells it. Numbers drawn each by itself would lose that."
+    "little as the flight identifies it. Numbers drawn each by itself would lose that."
 )
 
 
@@ -423,13 +450,13 @@ class Randomisation(ABC):
 # -- Rotors --
 
 
-def mapped_hover(made: Described) -> Column:
+def mapped_hover(made: VehicleDescription) -> Column:
     """Mapped command at hover."""
     return made.values["mass"] * GRAVITY / (made.count * made.values["thrust"])
 
 
 @dataclass(frozen=True)
-class Rotors:
+class SimulatorRotors:
     """Numbers of a rotor, a row for each vehicle."""
 
     thrust_constant: Column  # [N/(rad/s)^2], shape (n,)
@@ -440,7 +467,7 @@ class Rotors:
     drag_across: Column  # shape (n,), [N s^2/(m rad)]
 
 
-def rotors_of(made: Described, gravity: float = GRAVITY) -> Rotors:
+def rotors_of(made: VehicleDescription, gravity: float = GRAVITY) -> SimulatorRotors:
     """Rotors of a vehicle."""
     values = made.values
     scale, thrust, zero = values["speed_scale"], values["thrust"], np.zeros_like(values["mass"])
@@ -448,7 +475,7 @@ def rotors_of(made: Described, gravity: float = GRAVITY) -> Rotors:
     constant = thrust / scale**2 * (gravity / GRAVITY)
     largest = made.thrust_map(values.get("largest_command", zero + np.inf))
     across = [values[name] for name in ("drag_x", "drag_y") if name in values]
-    return Rotors(
+    return SimulatorRotors(
         constant,
         values["torque_ratio"] * constant,
         hover,
@@ -458,25 +485,25 @@ def rotors_of(made: Described, gravity: float = GRAVITY) -> Rotors:
     )
 
 
-def speed_comments(made: Described, simulator: str, gravity: float = GRAVITY) -> tuple[str, ...]:
+def speed_comments(made: VehicleDescription, simulator: str, gravity: float = GRAVITY) -> tuple[str, ...]:
     """What a rotor's speed, gravity and delays are in a simulator, as sentences."""
-    said = []
+    sentence = []
     if made.thrust_map.name == "square":
-        said.append("Rotor speeds are the commands times the rotor speed per unit of command.")
+        sentence.append("Rotor speeds are the commands times the rotor speed per unit of command.")
     else:
-        said.append(
+        sentence.append(
             "Rotor speeds are the rotor speed per unit of command times the square root of the mapped "
             "command: exact at rest, with the identified lag about hover."
         )
     if gravity != GRAVITY:
-        said.append(
+        sentence.append(
             f"{simulator} takes gravity for {gravity:g} m/s^2: thrust is times {gravity / GRAVITY:.6g}, "
             "so that the vehicle hovers with the same command."
         )
-    return (*said, *delay_comments(made, simulator))
+    return (*sentence, *delay_comments(made, simulator))
 
 
-def delay_comments(made: Described, simulator: str) -> tuple[str, ...]:
+def delay_comments(made: VehicleDescription, simulator: str) -> tuple[str, ...]:
     """A sentence where there is a delay: none of the simulators has one."""
     delay = float(np.mean(made.values["delay"])) if "delay" in made.values else 0.0
     return (f"{simulator} has no delay: hold its commands back by {delay:.4g} s.",) if delay > 0.0 else ()

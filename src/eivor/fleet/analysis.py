@@ -16,11 +16,11 @@ from scipy import special
 
 from eivor.errors import UsageError, did_you_mean
 from eivor.fleet.change_points import (
+    BestSteps,
     Drifts,
-    Isolation,
     Ordered,
+    OutlierTest,
     SharedSlopes,
-    Steps,
     after_step,
     deviation_p_values,
     drifts,
@@ -71,7 +71,7 @@ SHARE = "is_share"
 #: Why rows are left out, in this order.
 NO_RESULT, NO_NUMBER, NO_REFERENCE, NOT_EXCITED, NOT_POSITIVE = (
     "the log gave no result",
-    "the flight tells no value with a standard error",
+    "the flight identifies no value with a standard error",
     "no reference: the value may be biased more than its interval says",
     f"too little excitation: a first-stage F below {STRONG_FIRST_STAGE:.0f}",
     "not positive",
@@ -85,25 +85,31 @@ def across_of(motion: Motion[Any], further: Sequence[str] = ()) -> tuple[AcrossF
     quantities = motion.across or tuple(AcrossFlights(name, told_by=(name,)) for name in motion.headline)
     return tuple(
         replace(
-            one, covariates=(*one.covariates, *(Covariate(name) for name in further if not _goes(one, name)))
+            quantity,
+            covariates=(
+                *quantity.covariates,
+                *(Covariate(name) for name in further if not _goes(quantity, name)),
+            ),
         )
-        for one in quantities
+        for quantity in quantities
     )
 
 
 def _goes(across: AcrossFlights, name: str) -> bool:
-    return any(one.name == name for one in across.covariates)
+    return any(covariate.name == name for covariate in across.covariates)
 
 
 def wanted_columns(across: Sequence[AcrossFlights]) -> list[str]:
     """Columns of a fleet's table that its report reads."""
     numbers = [
-        f"{one.name}.{part}" for one in across for part in ("value", "std_error", "low", "high", "verdict")
+        f"{item.name}.{part}" for item in across for part in ("value", "std_error", "low", "high", "verdict")
     ]
-    told = [f"{DIAGNOSTIC}first_stage_F_{name}" for one in across for name in one.told_by]
+    texts = [f"{DIAGNOSTIC}first_stage_F_{name}" for item in across for name in item.told_by]
     about = ["sha256", "name", "motion", *VEHICLE, "start", "duration_s", "verdict"]
     return list(
-        dict.fromkeys([*about, *numbers, *told, *(with_.name for one in across for with_ in one.covariates)])
+        dict.fromkeys(
+            [*about, *numbers, *texts, *(with_.name for item in across for with_ in item.covariates)]
+        )
     )
 
 
@@ -113,7 +119,7 @@ def in_order(table: pl.DataFrame) -> pl.DataFrame:
     kind, vehicle = (pl.col(name).cast(pl.String) for name in VEHICLE)
     earlier = pl.when(pl.col("name").is_duplicated()).then(pl.format(" {}", pl.col("sha256").str.head(12)))
     log = pl.concat_str(pl.lit(LOG), "name", earlier.fill_null(""))  # of a log that changed
-    own = pl.concat_str(pl.col("type"), pl.lit("\n"), pl.col("vehicle"))
+    current = pl.concat_str(pl.col("type"), pl.lit("\n"), pl.col("vehicle"))
     return (
         table.filter(pl.col("verdict") != COPY)
         .with_columns(
@@ -123,17 +129,17 @@ def in_order(table: pl.DataFrame) -> pl.DataFrame:
             (kind.is_null() | vehicle.is_null()).alias(TOGETHER),
         )
         .sort(SINGLE, "type", TOGETHER, "vehicle", "start", "name", nulls_last=True)
-        .with_columns(pl.when(TOGETHER).then(own).otherwise("type").alias(TOGETHER))
+        .with_columns(pl.when(TOGETHER).then(current).otherwise("type").alias(TOGETHER))
         .with_columns(((duration.cum_sum() - 0.5 * duration) / HOUR_S).over(VEHICLE).alias("hours"))
     )
 
 
-def why_left_out(across: AcrossFlights, columns: Sequence[str]) -> pl.Expr:
+def omission_reason(across: AcrossFlights, columns: Sequence[str]) -> pl.Expr:
     """Why a row does not say anything of a quantity; null where it does."""
     value, error = pl.col(f"{across.name}.value"), _error(across)
-    told = [f"{DIAGNOSTIC}first_stage_F_{name}" for name in across.told_by]
+    texts = [f"{DIAGNOSTIC}first_stage_F_{name}" for name in across.told_by]
     weak = pl.any_horizontal(
-        [pl.lit(False), *(pl.col(name) < STRONG_FIRST_STAGE for name in told if name in columns)]
+        [pl.lit(False), *(pl.col(name) < STRONG_FIRST_STAGE for name in texts if name in columns)]
     )
     provisional = pl.col(f"{across.name}.verdict").cast(pl.String) == Status.PROVISIONAL.value
     return (
@@ -176,8 +182,8 @@ def pooled(across: AcrossFlights) -> tuple[pl.Expr, pl.Expr]:
     )
 
 
-def own_interval(across: AcrossFlights) -> tuple[pl.Expr, pl.Expr]:
-    """`low` and `high` that a flight tells by itself, or by its standard error; within the bounds."""
+def flight_interval(across: AcrossFlights) -> tuple[pl.Expr, pl.Expr]:
+    """`low` and `high` that a flight identifies by itself, or by its standard error; within the bounds."""
     reach = normal_quantile(0.95) * _error(across)
     low, high = (
         pl.coalesce(
@@ -207,9 +213,11 @@ def groups_of(rows: pl.DataFrame, *by: str) -> tuple[pl.DataFrame, Groups]:
 
 # -- Trends --
 
-#: Share of vehicles without change that may be said to change; share of those told to differ that may not.
+#: Share of vehicles without change that may be said to change; share of those reported to differ that
+#: may not.
 LEVEL = 0.05
-#: Flights with a time, at least, for a course to be told; vehicles of a type, at least, for one to differ.
+#: Flights with a time, at least, for a course to be reported; vehicles of a type, at least, for one to
+#: differ.
 FEWEST_FLIGHTS, FEWEST_VEHICLES = 6, 4
 #: Share of flights that must know a covariate for it to be used.
 KNOWN = 0.8
@@ -235,22 +243,22 @@ def corrected(rows: pl.DataFrame, across: AcrossFlights) -> Corrected:
     """Estimates without what covariates explain, at the mean conditions of their type."""
     about, groups = groups_of(rows, *VEHICLE, TOGETHER)
     sets, vehicles = groups_of(about, "type", TOGETHER)
-    y, v = (rows.select(one).to_series().to_numpy() for one in compared(across))
-    used = tuple(one for one in across.covariates if _is_known(rows, one.name))
+    y, v = (rows.select(item).to_series().to_numpy() for item in compared(across))
+    used = tuple(covariate for covariate in across.covariates if _is_known(rows, covariate.name))
     x = (
-        rows.select(_about_the_type(one.name).alias(one.name) for one in used)
+        rows.select(_about_the_type(item.name).alias(item.name) for item in used)
         .to_numpy()
         .T.reshape(len(used), rows.height)
         .astype(float)
     )
     if not across.logarithm:
         x *= _of_type(groups, vehicles, y, v)
-    at = rows["hours"].to_numpy()
-    given = _Given(groups, vehicles, y, v, at, x, used)
-    found, slopes, between = given.without(given.errors(y), given.between(y, v), at[None, :])
+    to_numpy = rows["hours"].to_numpy()
+    given = _Given(groups, vehicles, y, v, to_numpy, x, used)
+    result, slopes, between = given.without(given.errors(y), given.between(y, v), to_numpy[None, :])
     if used:  # again, beside the step that is seen now
-        found, slopes, _ = given.without(found.errors, between, np.stack([at, after_step(found)]))
-    return Corrected(found, vehicles, sets[TOGETHER], used, slopes)
+        result, slopes, _ = given.without(result.errors, between, np.stack([to_numpy, after_step(result)]))
+    return Corrected(result, vehicles, sets[TOGETHER], used, slopes)
 
 
 @dataclass(frozen=True)
@@ -261,7 +269,7 @@ class _Given:
     vehicles: Groups
     y: Float[np.ndarray, " rows"]
     v: Float[np.ndarray, " rows"]
-    at: Float[np.ndarray, " rows"]
+    times: Float[np.ndarray, " rows"]
     x: Float[np.ndarray, "p rows"]
     used: tuple[Covariate, ...]
 
@@ -269,7 +277,7 @@ class _Given:
         self,
         errors: Float[np.ndarray, " rows"],
         between: Float[np.ndarray, " groups"],
-        courses: Float[np.ndarray, "c rows"],
+        trends: Float[np.ndarray, "c rows"],
     ) -> tuple[Ordered, SharedSlopes, Float[np.ndarray, " groups"]]:
         """Estimates without covariates, by the errors and the variance between that were found before."""
         slopes = shared_slopes(
@@ -277,19 +285,19 @@ class _Given:
             self.vehicles,
             self.y,
             weights_of(self.groups, errors, between),
-            courses,
+            trends,
             self.x,
-            np.array([one.slope for one in self.used]),
-            np.array([one.uncertainty for one in self.used]),
+            np.array([item.slope for item in self.used]),
+            np.array([item.uncertainty for item in self.used]),
         )
         of_rows = np.repeat(np.repeat(slopes.values, self.vehicles.sizes, axis=0), self.groups.sizes, axis=0)
         level = self.y - np.einsum("pr,rp->r", self.x, of_rows)
         covariance = np.repeat(slopes.covariance, self.vehicles.sizes, axis=0)
         errors = self.errors(level) if self.used else errors
         between = self.between(level, errors, between)
-        weights, own = (weights_of(self.groups, one, between) for one in (errors, self.v))
+        weights, current = (weights_of(self.groups, item, between) for item in (errors, self.v))
         return (
-            Ordered(self.groups, level, errors, weights, own, self.at, self.x, covariance),
+            Ordered(self.groups, level, errors, weights, current, self.times, self.x, covariance),
             slopes,
             between,
         )
@@ -308,15 +316,15 @@ class _Given:
         return self.v + self._isolation.added(level)
 
     @cached_property
-    def _isolation(self) -> Isolation:
-        return Isolation(self.groups, self.vehicles, self.v)
+    def _isolation(self) -> OutlierTest:
+        return OutlierTest(self.groups, self.vehicles, self.v)
 
 
 def _of_type(
     groups: Groups, vehicles: Groups, y: Float[np.ndarray, " rows"], v: Float[np.ndarray, " rows"]
 ) -> Float[np.ndarray, " rows"]:
     """Mean of the type of each row: what turns the power of a covariate into a slope of the value itself."""
-    first, total = (vehicles.sums(groups.sums(one)) for one in (y / v, 1.0 / v))
+    first, total = (vehicles.sums(groups.sums(item)) for item in (y / v, 1.0 / v))
     return groups.spread(vehicles.spread(first / total))
 
 
@@ -334,14 +342,14 @@ def _about_the_type(name: str) -> pl.Expr:
 
 
 @dataclass(frozen=True)
-class Course:
+class FleetTrend:
     """What changes in one quantity."""
 
     about: pl.DataFrame  # `type` and `vehicle` of each group
     ordered: Ordered
     drifts: Drifts
-    steps: Steps
-    told: np.ndarray  # shape (vehicles,)
+    steps: BestSteps
+    enough_flights: np.ndarray  # shape (vehicles,)
 
     def form(self, tests: Float[np.ndarray, " vehicles"]) -> np.ndarray:
         """Form of each vehicle's course: `STEADY`, `DRIFTS` or `STEPS`."""
@@ -350,7 +358,7 @@ class Course:
         by_step = self.steps.squares + SEARCHED * scale < self.drifts.squares
         form = np.where((p_drift <= LEVEL) & ((p_step > LEVEL) | ~by_step), DRIFTS, STEADY)
         form = np.where((p_step <= LEVEL) & ((p_drift > LEVEL) | by_step), STEPS, form)
-        return np.where(self.told, form, "")
+        return np.where(self.enough_flights, form, "")
 
     def deviations(self, form: np.ndarray) -> tuple[Float[np.ndarray, " rows"], Float[np.ndarray, " rows"]]:
         """P-values of flights about the form of their vehicle, and that form."""
@@ -364,48 +372,52 @@ class Course:
             leverage = np.where(of_rows == name, other.leverage, leverage)
         parameters = np.where(form == STEADY, 1.0, 2.0)
         p_values = deviation_p_values(ordered, line, leverage, parameters)
-        return np.where(np.repeat(self.told, groups.sizes), p_values, 1.0), line
+        return np.where(np.repeat(self.enough_flights, groups.sizes), p_values, 1.0), line
 
 
-def course(rows: pl.DataFrame, across: AcrossFlights) -> tuple[Course, Corrected]:
+def trend(rows: pl.DataFrame, across: AcrossFlights) -> tuple[FleetTrend, Corrected]:
     """Drifts and steps of every vehicle."""
     about, groups = groups_of(rows, *VEHICLE)
-    found = corrected(rows, across)
+    result = corrected(rows, across)
     return (
-        Course(
-            about, found.ordered, drifts(found.ordered), steps(found.ordered), groups.sizes >= FEWEST_FLIGHTS
+        FleetTrend(
+            about,
+            result.ordered,
+            drifts(result.ordered),
+            steps(result.ordered),
+            groups.sizes >= FEWEST_FLIGHTS,
         ),
-        found,
+        result,
     )
 
 
-def differing_p_values(found: Corrected) -> Float[np.ndarray, " vehicles"]:
+def differing_p_values(result: Corrected) -> Float[np.ndarray, " vehicles"]:
     """P-values of vehicles against the others of their type; not a number where there are too few."""
-    ordered, vehicles = found.ordered, found.vehicles
+    ordered, vehicles = result.ordered, result.vehicles
     groups, w = ordered.groups, ordered.weights
     total = groups.sums(w)
     means = groups.sums(w * ordered.y) / total
     scatter = groups.sums(w * (ordered.y - groups.spread(means)) ** 2) / np.maximum(groups.sizes - 1, 1)
     errors = np.maximum(scatter, 1.0) / total
-    at = weighted(vehicles, means, errors, paule_mandel(vehicles, means, errors))
+    position = weighted(vehicles, means, errors, paule_mandel(vehicles, means, errors))
     none = np.zeros((0, means.size))
     about = Ordered(
         vehicles,
         means,
         errors,
-        at.weights,
-        at.weights,
+        position.weights,
+        position.weights,
         none.sum(axis=0),
         none,
         np.zeros((vehicles.sizes.size, 0, 0)),
     )
-    line, leverage = vehicles.spread(at.mean), at.weights / vehicles.spread(at.total)
+    line, leverage = vehicles.spread(position.mean), position.weights / vehicles.spread(position.total)
     p_values = deviation_p_values(about, line, leverage, np.ones(vehicles.sizes.size))
     return np.where(vehicles.spread(vehicles.sizes.astype(float)) >= FEWEST_VEHICLES, p_values, np.nan)
 
 
 def among_many(p_values: Sequence[float] | Float[np.ndarray, " tests"]) -> Float[np.ndarray, " tests"]:
-    """P-values that keep the share of false ones among those told (Benjamini and Hochberg 1995)."""
+    """P-values that keep the share of false ones among those reported (Benjamini and Hochberg 1995)."""
     p = np.asarray(p_values, dtype=float)
     order = np.argsort(-p)
     ranks = np.arange(p.size, 0, -1)
@@ -419,21 +431,21 @@ def among_many(p_values: Sequence[float] | Float[np.ndarray, " tests"]) -> Float
 #: Columns of a mean: the value with its interval, the standard deviation between members with its own, and
 #: the interval of the next member. Of logarithms the deviation is a share of the value.
 POOLED = ("mean", "low", "high", "between", "between_low", "between_high", "next_low", "next_high")
-#: The interval of a vehicle's only flight, as that flight tells it.
+#: The interval of a vehicle's only flight, as that flight identifies it.
 ONLY = ("only_low", "only_high")
 
 
 def pooled_vehicles(rows: pl.DataFrame, across: AcrossFlights) -> pl.DataFrame:
     """Each vehicle's mean over its flights: `type`, `vehicle`, `pooled` (how many), `POOLED` and `ONLY`."""
     about, groups = groups_of(rows, *VEHICLE)
-    y, v = (rows.select(one).to_series().to_numpy() for one in pooled(across))
-    first = rows[groups.starts].select(own_interval(across))
+    y, v = (rows.select(item).to_series().to_numpy() for item in pooled(across))
+    first = rows[groups.starts].select(flight_interval(across))
     only = (
         pl.when(pl.Series(groups.sizes == 1)).then(first[end]).alias(name)
         for name, end in zip(ONLY, first.columns, strict=True)
     )
     shares = rows[SHARE].to_numpy()[groups.starts]
-    return _told(about, groups, y, v, across, shares).with_columns(*only)
+    return _report(about, groups, y, v, across, shares).with_columns(*only)
 
 
 def pooled_types(rows: pl.DataFrame, across: AcrossFlights) -> pl.DataFrame:
@@ -441,13 +453,13 @@ def pooled_types(rows: pl.DataFrame, across: AcrossFlights) -> pl.DataFrame:
     rows = rows.filter(pl.col(TOGETHER) == pl.col("type"))
     about, groups = groups_of(rows, *VEHICLE)
     types, vehicles = groups_of(about, "type")
-    y, v = (rows.select(one).to_series().to_numpy() for one in pooled(across))
+    y, v = (rows.select(item).to_series().to_numpy() for item in pooled(across))
     means = weighted(groups, y, v, paule_mandel(groups, y, v, together=vehicles))
     shares = rows[SHARE].to_numpy()[groups.starts][vehicles.starts]
-    return _told(types, vehicles, means.mean, 1.0 / means.total, across, shares)
+    return _report(types, vehicles, means.mean, 1.0 / means.total, across, shares)
 
 
-def _told(
+def _report(
     about: pl.DataFrame,
     groups: Groups,
     y: Float[np.ndarray, " rows"],
@@ -455,12 +467,15 @@ def _told(
     across: AcrossFlights,
     shares: Bool[np.ndarray, " groups"],
 ) -> pl.DataFrame:
-    found = random_effects_means(groups, y, v, paule_mandel(groups, y, v))
+    means = random_effects_means(groups, y, v, paule_mandel(groups, y, v))
     known = between_distribution(groups, y, v)
-    half, ahead = known.mean_half_widths(found), known.next_half_widths(found.value)
-    low, high = q_profile(groups, y, v, near=found.between)
+    half, next_half_widths = known.mean_half_widths(means), known.next_half_widths(means.value)
+    low, high = q_profile(groups, y, v, near=means.between)
     ends = np.stack(
-        [found.value, *(found.value + sign * one for one in (half, ahead) for sign in (-1.0, 1.0))]
+        [
+            means.value,
+            *(means.value + sign * item for item in (half, next_half_widths) for sign in (-1.0, 1.0)),
+        ]
     )
     largest = across.largest
     if across.logarithm:
@@ -468,7 +483,7 @@ def _told(
             ends[:, ~shares] = np.exp(ends[:, ~shares])
     ends[:, shares] = np.where(np.isfinite(ends[:, shares]), largest * special.expit(ends[:, shares]), np.nan)
     mean, mean_low, mean_high, next_low, next_high = ends
-    between = np.sqrt([found.between, low, high])
+    between = np.sqrt([means.between, low, high])
     between[:, shares] *= 1.0 - mean[shares] / largest  # a share of the value, not of the odds
     columns = (mean, mean_low, mean_high, *between, next_low, next_high)
     known_ends = np.isfinite(half)
@@ -477,9 +492,9 @@ def _told(
         pl.Series("pooled", groups.sizes),
         *(
             pl.Series(
-                name, np.where(np.isfinite(one) & (known_ends | (name == "mean")), one, np.nan)
+                name, np.where(np.isfinite(number) & (known_ends | (name == "mean")), number, np.nan)
             ).fill_nan(None)
-            for name, one in numbers.items()
+            for name, number in numbers.items()
         ),
     )
 
@@ -494,12 +509,12 @@ def _verdicts(table: pl.DataFrame) -> pl.DataFrame:
 
 def _vehicles(table: pl.DataFrame) -> pl.DataFrame:
     """Each vehicle: its logs, those with a result, the hours they hold, days of the first and the last."""
-    told = pl.col("verdict").is_in((COPY, FAILED)).not_()
+    reported = pl.col("verdict").is_in((COPY, FAILED)).not_()
     return (
         table.group_by("motion", "type", "vehicle")
         .agg(
             pl.len().alias("logs"),
-            told.sum().alias("told"),
+            reported.sum().alias("told"),
             (pl.col("verdict") == "identified").sum().alias("identified"),
             (pl.col("duration_s").sum() / HOUR_S).alias("hours"),
             pl.col("start").min().dt.date().alias("first"),
@@ -580,7 +595,7 @@ DEVIATING = pl.DataFrame(
         **dict.fromkeys(("value", "std_error", "low", "high", "expected", "p_value"), pl.Float64),
     }
 )
-#: A slope is told by the flights where its error is at most this share of what it was beforehand.
+#: A slope is recognised by the flights where its error is at most this share of what it was beforehand.
 MOVED = 0.9
 #: Tests of a quantity: for a drift, and for a step.
 FORMS = 2
@@ -595,7 +610,7 @@ class FleetReport:
     quantities: tuple[AcrossFlights, ...]
     vehicles: pl.DataFrame
     types: pl.DataFrame  # The same of types, `pooled` vehicles each
-    left_out: pl.DataFrame  # `quantity`, `reason`, `flights`
+    omitted: pl.DataFrame  # `quantity`, `reason`, `flights`
     covariates: pl.DataFrame  # `type`, `quantity`, `covariate`, `slope`, `std_error`
     deviating: pl.DataFrame  # Flights that deviate
     flights: pl.DataFrame  # Rows in order, with the hours flown before each
@@ -607,35 +622,35 @@ def fleet_report(table: pl.DataFrame, motion: Motion[Any], further: Sequence[str
     across = across_of(motion, further)
     absent = [name for name in wanted_columns(across) if name not in table.columns]
     table = table.with_columns(pl.lit(None, pl.Float64).alias(name) for name in absent)
-    own = table.filter(pl.col("motion") == motion.name)
-    rows = in_order(own)
+    current = table.filter(pl.col("motion") == motion.name)
+    rows = in_order(current)
     with ThreadPoolExecutor(useful_workers(None, len(across))) as pool:
-        found = list(pool.map(partial(_Quantity.of, rows), across))
-        told = [one for one in found if one.used.height]
-        tests = _tests(told)
-        vehicles = list(pool.map(lambda one: one.vehicles(tests), told))
-        types = list(pool.map(_Quantity.types, told))
-        deviating = list(pool.map(lambda one: one.deviating(tests), told))
+        result = list(pool.map(partial(_Quantity.of, rows), across))
+        selected = [item for item in result if item.used.height]
+        tests = _tests(selected)
+        vehicles = list(pool.map(lambda item: item.vehicles(tests), selected))
+        types = list(pool.map(_Quantity.types, selected))
+        deviating = list(pool.map(lambda item: item.deviating(tests), selected))
     logs = {
-        "logs": own.height,
-        "copies": int((own["verdict"] == COPY).sum()),
-        "failed": int((own["verdict"] == FAILED).sum()),
+        "logs": current.height,
+        "copies": int((current["verdict"] == COPY).sum()),
+        "failed": int((current["verdict"] == FAILED).sum()),
     }
     together = _differing(pl.concat(vehicles, how="diagonal")) if vehicles else pl.DataFrame()
     return FleetReport(
         motion,
         logs,
-        tuple(one.across for one in told),
+        tuple(item.across for item in selected),
         together,
         _concat(types),
-        _concat([one.left_out() for one in found]),
-        _concat([COVARIATES, *(one.covariates() for one in told)]),
+        _concat([item.omitted() for item in result]),
+        _concat([COVARIATES, *(item.covariates() for item in selected)]),
         _concat([DEVIATING, *deviating]).sort("p_value"),
         rows,
         frozenset(
-            (one.across.name, known.name)
-            for one in told
-            for known in (one.corrected.used if one.corrected else ())
+            (item.across.name, known.name)
+            for item in selected
+            for known in (item.corrected.used if item.corrected else ())
         ),
     )
 
@@ -644,9 +659,13 @@ def _concat(parts: list[pl.DataFrame]) -> pl.DataFrame:
     return pl.concat(parts, how="diagonal") if parts else pl.DataFrame()
 
 
-def _tests(told: list[_Quantity]) -> pl.DataFrame:
+def _tests(quantities: list[_Quantity]) -> pl.DataFrame:
     """How many quantities of each vehicle have enough flights for a course."""
-    parts = [one.course.about.filter(pl.Series(one.course.told)) for one in told if one.course is not None]
+    parts = [
+        quantity.trend.about.filter(pl.Series(quantity.trend.enough_flights))
+        for quantity in quantities
+        if quantity.trend is not None
+    ]
     if not parts:
         return pl.DataFrame(schema={**dict.fromkeys(VEHICLE, pl.String), "tests": pl.Float64})
     return pl.concat(parts).group_by(VEHICLE).agg(pl.len().cast(pl.Float64).alias("tests"))
@@ -672,25 +691,25 @@ class _Quantity:
     marked: pl.DataFrame
     used: pl.DataFrame
     timed: pl.DataFrame
-    course: Course | None
+    trend: FleetTrend | None
     corrected: Corrected | None
 
     @classmethod
     def of(cls, rows: pl.DataFrame, across: AcrossFlights) -> _Quantity:
         marked = rows.with_columns(is_share(across)).with_columns(
-            why_left_out(across, rows.columns).alias("why")
+            omission_reason(across, rows.columns).alias("why")
         )
         used = marked.filter(pl.col("why").is_null())
         timed = used.filter(pl.col("start").is_not_null())
         if not timed.height:
             return cls(across, marked, used, timed, None, None)
-        return cls(across, marked, used, timed, *course(timed, across))
+        return cls(across, marked, used, timed, *trend(timed, across))
 
     @property
     def name(self) -> pl.Expr:
         return pl.lit(self.across.name)
 
-    def left_out(self) -> pl.DataFrame:
+    def omitted(self) -> pl.DataFrame:
         """How many flights say nothing of it, by reason."""
         out = self.marked.filter(pl.col("why").is_not_null())
         counts = (
@@ -707,52 +726,53 @@ class _Quantity:
             out, on=VEHICLE, how="left", maintain_order="left"
         )
         pooled = pooled.with_columns(quantity=self.name)
-        if self.course is None or self.corrected is None:
+        if self.trend is None or self.corrected is None:
             return pooled.with_columns(course=pl.lit(""), differs_p=pl.lit(None, pl.Float64))
         return pooled.join(
-            self._changes(self.course, self.corrected, tests), on=VEHICLE, how="left", maintain_order="left"
+            self._changes(self.trend, self.corrected, tests), on=VEHICLE, how="left", maintain_order="left"
         ).with_columns(pl.col("course").fill_null(""))
 
-    def _changes(self, found: Course, corrected: Corrected, tests: pl.DataFrame) -> pl.DataFrame:
+    def _changes(self, result: FleetTrend, corrected: Corrected, tests: pl.DataFrame) -> pl.DataFrame:
         """Drift and step of each vehicle, and whether it differs."""
-        groups, steps = found.ordered.groups, found.steps
+        groups, steps = result.ordered.groups, result.steps
         starts = groups.starts
-        span = found.ordered.at[starts + groups.sizes - 1] - found.ordered.at[starts]
-        slope = found.drifts.slope * span
-        half = np.where(span > 0.0, found.drifts.half_widths(), np.inf) * np.where(span > 0.0, span, 1.0)
-        form = found.form(self._counts(found, tests))
-        at = np.minimum(starts + steps.place, starts + groups.sizes - 1)
+        span = result.ordered.times[starts + groups.sizes - 1] - result.ordered.times[starts]
+        slope = result.drifts.slope * span
+        half = np.where(span > 0.0, result.drifts.half_widths(), np.inf) * np.where(span > 0.0, span, 1.0)
+        form = result.form(self._counts(result, tests))
+        position = np.minimum(starts + steps.index, starts + groups.sizes - 1)
         stepped = form == STEPS
         numbers = {
             "hours": span,
             "change": self._effect(slope),
             "change_low": self._effect(slope - half),
             "change_high": self._effect(slope + half),
-            "change_p": found.drifts.p_values,
+            "change_p": result.drifts.p_values,
             "step": self._effect(steps.size),
             "step_low": self._effect(steps.size - steps.half_width),
             "step_high": self._effect(steps.size + steps.half_width),
             "step_p": steps.p_values,
-            "step_hours": found.ordered.at[at],
-            "step_flight": (steps.place + 1).astype(float),
+            "step_hours": result.ordered.times[position],
+            "step_flight": (steps.index + 1).astype(float),
             "step_flight_first": (steps.first + 1).astype(float),
             "step_flight_last": (steps.last + 1).astype(float),
         }
         only_steps = {name for name in numbers if name.startswith("step_flight") or name == "step_hours"}
-        return found.about.with_columns(
+        return result.about.with_columns(
             pl.Series("course", form.astype(str)),
             *(
                 pl.Series(
-                    name, np.where(found.told & (stepped | (name not in only_steps)), one, np.nan)
+                    name,
+                    np.where(result.enough_flights & (stepped | (name not in only_steps)), number, np.nan),
                 ).fill_nan(None)
-                for name, one in numbers.items()
+                for name, number in numbers.items()
             ),
-            pl.when(pl.Series(stepped)).then(self.timed["start"].gather(at)).alias("step_start"),
+            pl.when(pl.Series(stepped)).then(self.timed["start"].gather(position)).alias("step_start"),
             pl.Series("differs_p", differing_p_values(corrected)),
         )
 
-    def _counts(self, found: Course, tests: pl.DataFrame) -> Float[np.ndarray, " vehicles"]:
-        counts = found.about.join(tests, on=VEHICLE, how="left", maintain_order="left")["tests"]
+    def _counts(self, result: FleetTrend, tests: pl.DataFrame) -> Float[np.ndarray, " vehicles"]:
+        counts = result.about.join(tests, on=VEHICLE, how="left", maintain_order="left")["tests"]
         return FORMS * counts.fill_null(1.0).to_numpy()
 
     def _effect(self, values: Float[np.ndarray, " vehicles"]) -> Float[np.ndarray, " vehicles"]:
@@ -768,12 +788,12 @@ class _Quantity:
 
     def deviating(self, tests: pl.DataFrame) -> pl.DataFrame:
         """Flights that deviate from the course of their vehicle."""
-        if self.course is None:
+        if self.trend is None:
             return DEVIATING
-        counts = self._counts(self.course, tests)
-        form = self.course.form(counts)
-        p_values, line = self.course.deviations(form)
-        groups = self.course.ordered.groups
+        counts = self._counts(self.trend, tests)
+        form = self.trend.form(counts)
+        p_values, line = self.trend.deviations(form)
+        groups = self.trend.ordered.groups
         many = p_values * groups.spread(groups.sizes * counts / FORMS)
         about = np.exp(line) if self.across.logarithm else line
         return (
@@ -782,7 +802,7 @@ class _Quantity:
                 quantity=self.name,
                 value=self.timed[f"{self.across.name}.value"],
                 std_error=self.timed[f"{self.across.name}.std_error"],
-                **self.timed.select(own_interval(self.across)).to_dict(),
+                **self.timed.select(flight_interval(self.across)).to_dict(),
                 expected=pl.Series(about),
                 p_value=pl.Series(np.minimum(many, 1.0)),
             )
@@ -790,7 +810,7 @@ class _Quantity:
         )
 
     def covariates(self) -> pl.DataFrame:
-        """Slopes that the flights told, type by type; those that they left as expected are none."""
+        """Slopes that the flights reported, type by type; those that they left as expected are none."""
         if self.corrected is None or not self.corrected.used:
             return COVARIATES
         slopes = self.corrected.slopes
@@ -799,11 +819,11 @@ class _Quantity:
             [
                 types.with_columns(
                     quantity=self.name,
-                    covariate=pl.lit(one.name),
-                    slope=pl.Series(slopes.values[:, place]),
-                    std_error=pl.Series(np.sqrt(slopes.covariance[:, place, place])),
-                ).filter(pl.col("std_error").is_between(0.0, MOVED * one.uncertainty, closed="right"))
-                for place, one in enumerate(self.corrected.used)
+                    covariate=pl.lit(item.name),
+                    slope=pl.Series(slopes.values[:, entry]),
+                    std_error=pl.Series(np.sqrt(slopes.covariance[:, entry, entry])),
+                ).filter(pl.col("std_error").is_between(0.0, MOVED * item.uncertainty, closed="right"))
+                for entry, item in enumerate(self.corrected.used)
             ]
         )
 

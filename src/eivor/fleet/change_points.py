@@ -23,7 +23,7 @@ class Ordered:
     errors: Float[np.ndarray, " rows"]
     weights: Float[np.ndarray, " rows"]  # w = 1 / (v + variance between)
     own_weights: Float[np.ndarray, " rows"]
-    at: Float[np.ndarray, " rows"]  # When, in a unit that the slopes are of
+    times: Float[np.ndarray, " rows"]  # When, in a unit that the slopes are of
     covariates: Float[np.ndarray, "p rows"]
     slopes_covariance: Float[np.ndarray, "groups p p"]
 
@@ -57,12 +57,12 @@ def centred(
 def slope(
     groups: Groups,
     weights: Float[np.ndarray, " rows"],
-    at: Float[np.ndarray, " rows"],
+    nuisance_values: Float[np.ndarray, " rows"],
     values: Float[np.ndarray, " rows"],
 ) -> Float[np.ndarray, " groups"]:
     """Slope of values on something centred, in each group; zero where that does not vary."""
-    spread = groups.sums(weights * at**2)
-    return groups.sums(weights * at * values) / np.where(spread > 0.0, spread, np.inf)
+    spread = groups.sums(weights * nuisance_values**2)
+    return groups.sums(weights * nuisance_values * values) / np.where(spread > 0.0, spread, np.inf)
 
 
 # -- Deviations --
@@ -79,13 +79,13 @@ def deviation_p_values(
 ) -> Float[np.ndarray, " rows"]:
     """P-value of each row by its residual over what the other rows scatter. Performs no checks."""
     groups, w = ordered.groups, ordered.weights
-    own = np.maximum(1.0 - leverage, 1e-9)
+    current = np.maximum(1.0 - leverage, 1e-9)
     off = (ordered.y - line) ** 2
     square = w * off
     degrees = groups.spread(groups.sizes - parameters - 1.0)
-    others = groups.spread(groups.sums(square)) - square / own
+    others = groups.spread(groups.sums(square)) - square / current
     scale = np.maximum(others / np.maximum(degrees, 1.0), groups.spread(ordered.least_scale))
-    score = np.sqrt(ordered.own_weights * off / own / scale)
+    score = np.sqrt(ordered.own_weights * off / current / scale)
     p_values = np.ones(w.size)
     far = (degrees >= 1.0) & (score > NEAR)
     p_values[far] = 2.0 * special.stdtr(degrees[far], -score[far])
@@ -121,19 +121,21 @@ class Drifts:
 def drifts(ordered: Ordered) -> Drifts:
     """Weighted least squares, with a scale from each group's own scatter. Performs no checks."""
     groups, w = ordered.groups, ordered.weights
-    at, y = centred(groups, w, ordered.at), centred(groups, w, ordered.y)
-    found = slope(groups, w, at, y)
-    squares = groups.sums(w * (y - groups.spread(found) * at) ** 2)
-    spread = groups.sums(w * at**2)
+    position, y = centred(groups, w, ordered.times), centred(groups, w, ordered.y)
+    result = slope(groups, w, position, y)
+    squares = groups.sums(w * (y - groups.spread(result) * position) ** 2)
+    spread = groups.sums(w * position**2)
     variance = ordered.scale(squares, 2) / np.where(spread > 0.0, spread, np.inf)
-    along = np.array([slope(groups, w, at, one) for one in ordered.covariates]).reshape(-1, found.size)
+    along = np.array([slope(groups, w, position, covariate) for covariate in ordered.covariates]).reshape(
+        -1, result.size
+    )
     variance = variance + ordered.correction_variance(along, of_rows=False)
-    line = ordered.y - y + groups.spread(found) * at
-    leverage = w / groups.spread(groups.sums(w)) + w * at**2 / np.where(
+    line = ordered.y - y + groups.spread(result) * position
+    leverage = w / groups.spread(groups.sums(w)) + w * position**2 / np.where(
         groups.spread(spread) > 0.0, groups.spread(spread), np.inf
     )
     degrees = np.where(spread > 0.0, np.maximum(groups.sizes - 2, 0), 0)
-    return Drifts(found, np.sqrt(variance), degrees, squares, line, leverage)
+    return Drifts(result, np.sqrt(variance), degrees, squares, line, leverage)
 
 
 # -- Outliers --
@@ -147,8 +149,8 @@ OF_THREE, OF_SQUARES = 0.449, 0.455
 
 
 @dataclass(frozen=True)
-class Isolation:
-    """What tells isolated estimates of some variances. Performs no checks."""
+class OutlierTest:
+    """What determines isolated estimates of some variances. Performs no checks."""
 
     groups: Groups
     sets: Groups
@@ -159,9 +161,9 @@ class Isolation:
         groups = self.groups
         distance = np.minimum(_distance(groups, y, -1), _distance(groups, y, 1))
         distance[np.isinf(distance)] = 0.0
-        one = self.variances + groups.spread(self._between_neighbours(y))
-        usual = groups.sums(one) / groups.sizes
-        far = distance**2 > FAR**2 * (one + OF_THREE * groups.spread(usual))
+        item = self.variances + groups.spread(self._between_neighbours(y))
+        usual = groups.sums(item) / groups.sizes
+        far = distance**2 > FAR**2 * (item + OF_THREE * groups.spread(usual))
         return np.where(far, distance**2, 0.0)
 
     def _between_neighbours(self, y: Float[np.ndarray, " rows"]) -> Float[np.ndarray, " groups"]:
@@ -193,12 +195,12 @@ class Isolation:
         return of_group, of_set
 
 
-def _distance(groups: Groups, y: Float[np.ndarray, " rows"], way: int) -> Float[np.ndarray, " rows"]:
+def _distance(groups: Groups, y: Float[np.ndarray, " rows"], formula: int) -> Float[np.ndarray, " rows"]:
     """Distance from the median of the next few rows one way; from the nearest where there are fewer."""
     row = np.arange(y.size)
-    ends = groups.starts if way < 0 else groups.starts + groups.sizes - 1
+    ends = groups.starts if formula < 0 else groups.starts + groups.sizes - 1
     left = np.abs(row - np.repeat(ends, groups.sizes))
-    first, second, third = (np.roll(y, -way * (number + 1)) - y for number in range(SIDE))
+    first, second, third = (np.roll(y, -formula * (number + 1)) - y for number in range(SIDE))
     low, high = np.minimum(first, second), np.maximum(first, second)
     middle = np.abs(np.maximum(low, np.minimum(high, third)))
     nearer = np.minimum(np.abs(first), np.abs(second))
@@ -210,14 +212,14 @@ def _medians(
     sizes: Int[np.ndarray, " parts"], values: Float[np.ndarray, " n"]
 ) -> Float[np.ndarray, " parts"]:
     """Lower median of each part of values that are not negative; zero of an empty one."""
-    found = np.zeros(sizes.size)
+    result = np.zeros(sizes.size)
     some = np.flatnonzero(sizes > 0)
     scale = float(values.mean()) if values.size else 0.0
     if scale > 0.0:  # one sort for all parts: their numbers, and values as fractions
         ordered = np.sort(np.repeat(np.arange(sizes.size), sizes) + values / (values + scale))
         middle = ordered[(np.cumsum(sizes) - sizes + (sizes - 1) // 2)[some]] - some
-        found[some] = scale * middle / (1.0 - middle)
-    return found
+        result[some] = scale * middle / (1.0 - middle)
+    return result
 
 
 # -- Shared slopes --
@@ -241,7 +243,7 @@ def shared_slopes(
     sets: Groups,
     y: Float[np.ndarray, " rows"],
     weights: Float[np.ndarray, " rows"],
-    courses: Float[np.ndarray, "c rows"],
+    trends: Float[np.ndarray, "c rows"],
     covariates: Float[np.ndarray, "p rows"],
     expected: Float[np.ndarray, " p"],
     uncertainty: Float[np.ndarray, " p"],
@@ -252,34 +254,38 @@ def shared_slopes(
 
     def within(values: Float[np.ndarray, " rows"]) -> Float[np.ndarray, " rows"]:
         left = centred(groups, weights, values)
-        for one in taken:
-            left = left - groups.spread(slope(groups, weights, one, left)) * one
+        for item in taken:
+            left = left - groups.spread(slope(groups, weights, item, left)) * item
         return left
 
-    taken.extend(within(one) for one in courses)  # each without those before it
+    taken.extend(within(trend) for trend in trends)  # each without those before it
 
     def total(values: Float[np.ndarray, " rows"]) -> Float[np.ndarray, " sets"]:
         return sets.sums(groups.sums(values))
 
-    left, x = within(y), [within(one) for one in covariates]
+    left, x = within(y), [within(covariate) for covariate in covariates]
     gram = np.empty((sets.sizes.size, count, count))
     moment = np.empty((sets.sizes.size, count))
     for i in range(count):
         moment[:, i] = total(weights * x[i] * left)
         for j in range(count):
             gram[:, i, j] = total(weights * x[i] * x[j])
-    whole = np.array([total(weights * one**2) for one in covariates]).reshape(count, sets.sizes.size).T
+    whole = (
+        np.array([total(weights * covariate**2) for covariate in covariates])
+        .reshape(count, sets.sizes.size)
+        .T
+    )
     degrees = sets.sums(np.maximum(groups.sizes - 1 - len(taken), 0).astype(float)) - count
-    told = degrees >= FEWEST_DEGREES
+    reported = degrees >= FEWEST_DEGREES
     prior = np.diag(uncertainty**-2.0)
-    gram = np.where(told[:, None, None], gram, 0.0) + prior
-    moment = np.where(told[:, None], moment, 0.0) + prior @ expected
+    gram = np.where(reported[:, None, None], gram, 0.0) + prior
+    moment = np.where(reported[:, None], moment, 0.0) + prior @ expected
     size = np.sqrt(np.maximum(np.einsum("sii->si", gram), SMALL * whole + np.finfo(float).tiny))
     inverse = np.linalg.pinv(gram / (size[:, :, None] * size[:, None, :]), rcond=SMALL, hermitian=True)
     inverse = inverse / (size[:, :, None] * size[:, None, :])
     values = np.einsum("sij,sj->si", inverse, moment)
     squares = total(weights * left**2) + expected @ prior @ expected - np.einsum("si,si->s", values, moment)
-    scale = np.where(told, np.maximum(squares / np.maximum(degrees, 1.0), 1.0), 1.0)
+    scale = np.where(reported, np.maximum(squares / np.maximum(degrees, 1.0), 1.0), 1.0)
     return SharedSlopes(values, scale[:, None, None] * inverse)
 
 
@@ -290,14 +296,14 @@ FEWEST = 3
 #: P-values above this are bounds.
 NO_NEWS = 0.02
 #: -2 ln(1 - sqrt(.95)): likelihood ratio of the true place below which it is in 95 %.
-PLACES = 7.352
+POSITIONS = 7.352
 
 
 @dataclass(frozen=True)
-class Steps:
+class BestSteps:
     """The best place of a step in each group."""
 
-    place: Int[np.ndarray, " groups"]
+    index: Int[np.ndarray, " groups"]
     first: Int[np.ndarray, " groups"]
     last: Int[np.ndarray, " groups"]
     size: Float[np.ndarray, " groups"]
@@ -310,40 +316,42 @@ class Steps:
 
 def after_step(ordered: Ordered) -> Bool[np.ndarray, " rows"]:
     """Which rows come after the best step of their group."""
-    found = _Search.of(ordered)
-    return found.possible[found.best[found.group]] & (found.number > found.number[found.best[found.group]])
+    result = _StepSearch.of(ordered)
+    return result.possible[result.best[result.group]] & (
+        result.number > result.number[result.best[result.group]]
+    )
 
 
-def steps(ordered: Ordered) -> Steps:
+def steps(ordered: Ordered) -> BestSteps:
     """Best step of each group, see this module. Performs no checks."""
-    groups, w, search = ordered.groups, ordered.weights, _Search.of(ordered)
+    groups, w, search = ordered.groups, ordered.weights, _StepSearch.of(ordered)
     best, gain, possible, number = search.best, search.gain, search.possible, search.number
     squares = groups.spread(groups.sums(w * search.y**2)) - gain
     degrees = np.maximum(groups.sizes - 2, 1)
     scale = np.maximum(squares / groups.spread(degrees.astype(float)), groups.spread(ordered.least_scale))
-    differences = np.array([search.jump(one) for one in ordered.covariates]).reshape(-1, w.size)
+    differences = np.array([search.jump(covariate) for covariate in ordered.covariates]).reshape(-1, w.size)
     variance = scale * search.inverse + ordered.correction_variance(differences, of_rows=True)
     score = np.where(possible, np.abs(search.size) / np.sqrt(variance), 0.0)
     largest = np.maximum.reduceat(score, groups.starts)
-    found = possible[best]
+    result = possible[best]
     line, leverage = _two_means(groups, w, ordered.y, number <= groups.spread(number[best]))
-    near = possible & (groups.spread(gain[best]) - gain <= PLACES * groups.spread(scale[best]))
+    near = possible & (groups.spread(gain[best]) - gain <= POSITIONS * groups.spread(scale[best]))
     half_width = special.stdtrit(degrees, 0.975) * np.sqrt(variance[best])
-    return Steps(
-        np.where(found, number[best], 0).astype(int),
-        np.where(found, _smallest(groups, number, near), 0).astype(int),
-        np.where(found, -_smallest(groups, -number, near), 0).astype(int),
-        np.where(found, search.size[best], 0.0),
-        np.where(found, half_width, np.inf),
-        np.where(found, _tail(groups, largest, degrees, possible, search.before, search.total), 1.0),
-        np.where(found, squares[best], np.inf),
+    return BestSteps(
+        np.where(result, number[best], 0).astype(int),
+        np.where(result, _smallest(groups, number, near), 0).astype(int),
+        np.where(result, -_smallest(groups, -number, near), 0).astype(int),
+        np.where(result, search.size[best], 0.0),
+        np.where(result, half_width, np.inf),
+        np.where(result, _tail(groups, largest, degrees, possible, search.before, search.total), 1.0),
+        np.where(result, squares[best], np.inf),
         line,
         leverage,
     )
 
 
 @dataclass(frozen=True)
-class _Search:
+class _StepSearch:
     """Difference of the means after and before every row, and the row with the clearest one."""
 
     ordered: Ordered
@@ -359,7 +367,7 @@ class _Search:
     best: Int[np.ndarray, " groups"]
 
     @classmethod
-    def of(cls, ordered: Ordered) -> _Search:
+    def of(cls, ordered: Ordered) -> _StepSearch:
         groups, w = ordered.groups, ordered.weights
         y = centred(groups, w, ordered.y)
         number = groups.running(np.ones(w.size))
@@ -436,10 +444,10 @@ def _tail(
     k = np.flatnonzero(pairs)
     shared = before[k] * (total - before)[k + 1] / (before[k + 1] * (total - before)[k])
     rho = np.sqrt(np.clip(shared, 0.0, 1.0))
-    own = groups.spread(one_sided)[k]
-    c = -special.ndtri(own)
+    current = groups.spread(one_sided)[k]
+    c = -special.ndtri(current)
     both = np.zeros(before.size)
     for sign in (1.0, -1.0):
-        apart = special.owens_t(c, np.sqrt((1.0 - sign * rho) / (1.0 + sign * rho)))
-        both[k] += 2.0 * np.maximum(own - 2.0 * apart, 0.0)
+        separated = special.owens_t(c, np.sqrt((1.0 - sign * rho) / (1.0 + sign * rho)))
+        both[k] += 2.0 * np.maximum(current - 2.0 * separated, 0.0)
     return np.clip(bound - groups.sums(both), 2.0 * one_sided, 1.0)

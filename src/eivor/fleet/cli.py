@@ -152,13 +152,13 @@ def run_command(
             limits=Limits(log_time, log_memory),
         )
         with step(f"Looking for logs in {logs}"):
-            found = logs_found(logs)
-        keep_inputs(f"the logs of {logs}", (Path(log.path) for log in found.logs))
-        executor = _executor(workers, dask, len(found.logs))
+            result = logs_found(logs)
+        keep_inputs(f"the logs of {logs}", (Path(log.path) for log in result.logs))
+        executor = _executor(workers, dask, len(result.logs))
         try:
             with _bar() as progress:
                 done = run_fleet(
-                    found,
+                    result,
                     Path(out),
                     options,
                     executor=executor,
@@ -171,7 +171,7 @@ def run_command(
                 "interrupted", f"Rows that were written are in {out}. Run the same command again to go on."
             )
             return ExitCode.INTERRUPTED
-    show(_told(done, out))
+    show(_report(done, out))
     return ExitCode.IDENTIFIED
 
 
@@ -220,7 +220,7 @@ def _rate(speed: float | None) -> str:
     return f"{speed:.1f} logs/s" if speed >= 1.0 else f"{60.0 * speed:.0f} logs/min"
 
 
-def _told(done: FleetRun, out: str) -> RenderableType:
+def _report(done: FleetRun, out: str) -> RenderableType:
     """What a run found, in some lines."""
     from rich.console import Group
     from rich.text import Text
@@ -228,15 +228,15 @@ def _told(done: FleetRun, out: str) -> RenderableType:
     words = [*(status.value for status in Status), FAILED, COPY]
     plural = {COPY: "copies"}
     counts = [(done.verdicts[word], word) for word in words if word in done.verdicts]
-    told = [f"{count} {plural.get(word, word) if count > 1 else word}" for count, word in counts]
+    texts = [f"{count} {plural.get(word, word) if count > 1 else word}" for count, word in counts]
     lines = [
-        Text(f"{done.logs} logs, each with a row: {', '.join(told)}", style="bold"),
+        Text(f"{done.logs} logs, each with a row: {', '.join(texts)}", style="bold"),
         Text(f"{done.before} of the rows were there before") if done.before else None,
         Text(_others(done.others)) if done.others else None,
         Text(f"{done.elsewhere} further rows are of logs that are not among these")
         if done.elsewhere
         else None,
-        *(Text(f"not looked into: {printable(one)}") for one in done.unread_folders),
+        *(Text(f"not looked into: {printable(unread_folder)}") for unread_folder in done.unread_folders),
         Text(f"Table: {printable(out.rstrip('/'))}/flights/part-*.parquet", style="dim"),
     ]
     return Group(*(line for line in lines if line is not None))
@@ -297,7 +297,7 @@ def report(
         typer.Option(
             metavar="FILE",
             help="What you know of flights and logs do not, a CSV such as name,mass: changes that it "
-            "explains are not told as changes of the vehicle.",
+            "explains are not identified as changes of the vehicle.",
             show_default=False,
         ),
         outputs.Reads(),
@@ -332,16 +332,16 @@ def _deliveries(
 
 
 def _print_reports(reports: Sequence[FleetReport], title: str) -> None:
-    for one in reports:
-        show(on_terminal(fleet_document(one, title)))
+    for item in reports:
+        show(on_terminal(fleet_document(item, title)))
 
 
-def _write_json(reports: Sequence[FleetReport], place: str) -> None:
-    write_out(json_text(fleet_json(reports)), place)
+def _write_json(reports: Sequence[FleetReport], position: str) -> None:
+    write_out(json_text(fleet_json(reports)), position)
 
 
-def _write_page(reports: Sequence[FleetReport], fleet: Path, title: str, place: str) -> None:
-    write_out(fleet_page(reports, title, flight_links(fleet, Path(place))), place)
+def _write_page(reports: Sequence[FleetReport], fleet: Path, title: str, position: str) -> None:
+    write_out(fleet_page(reports, title, flight_links(fleet, Path(position))), position)
 
 
 def _table(answer: pl.DataFrame) -> Table:

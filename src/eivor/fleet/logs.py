@@ -48,11 +48,11 @@ def given_covariates(file: Path) -> pl.DataFrame:
             f"'{file}' with the columns {', '.join(table.columns)}",
             "Write a table such as name,mass with a row for each flight.",
         )
-    told = table.select(pl.col(key).cast(pl.String), pl.col(numbers).cast(pl.Float64)).drop_nulls(key)
-    if told[key].n_unique() < told.height:
-        twice = told.filter(told[key].is_duplicated())[key][0]
+    drop_nulls = table.select(pl.col(key).cast(pl.String), pl.col(numbers).cast(pl.Float64)).drop_nulls(key)
+    if drop_nulls[key].n_unique() < drop_nulls.height:
+        twice = drop_nulls.filter(drop_nulls[key].is_duplicated())[key][0]
         raise InputError("every flight once", f"'{twice}' twice in '{file}'", "Leave one of its rows out.")
-    return told
+    return drop_nulls
 
 
 def with_covariates(table: pl.DataFrame, given: pl.DataFrame) -> pl.DataFrame:
@@ -97,13 +97,13 @@ class PrivateDatabase:
         weakref.finalize(self, connection.close)
 
     def number(self, query: str, *given: object) -> int:
-        """The one number that a query tells."""
-        (found,) = self.execute(query, given).fetchone()
-        return int(found)
+        """The one number that a query determines."""
+        (fetchone,) = self.execute(query, given).fetchone()
+        return int(fetchone)
 
 
 @contextmanager
-def database_errors_told() -> Iterator[None]:
+def report_database_errors() -> Iterator[None]:
     """Turn what the database says where it finds no room into an error of Eivor's."""
     try:
         yield
@@ -133,7 +133,7 @@ class Log:
 
     path: str
     name: str
-    told: Mapping[str, str]
+    metadata: Mapping[str, str]
     sha256: str = ""
     problem: str = ""
 
@@ -145,7 +145,7 @@ class LogList:
         self.database = PrivateDatabase(LOG_TABLE)
         self.database.executemany(
             "INSERT OR REPLACE INTO logs (name, path, told) VALUES (?, ?, ?)",
-            ((log.name, os.fsencode(log.path), json.dumps(dict(log.told))) for log in logs),
+            ((log.name, os.fsencode(log.path), json.dumps(dict(log.metadata))) for log in logs),
         )
 
     def __len__(self) -> int:
@@ -163,8 +163,8 @@ class LogList:
 
 
 def _log(row: tuple[Any, ...]) -> Log:
-    name, path, told, sha256, problem, *_ = row
-    return Log(os.fsdecode(path), name, json.loads(told), (sha256 or b"").hex(), problem)
+    name, path, reported, sha256, problem, *_ = row
+    return Log(os.fsdecode(path), name, json.loads(reported), (sha256 or b"").hex(), problem)
 
 
 # -- List of logs from a file --
@@ -190,9 +190,9 @@ def listed(path: Path) -> Generator[Log, None, None]:
             yield named_log(str(path.parent / name), called, row)
 
 
-def named_log(path: str, name: str, told: dict[str, str] | None = None) -> Log:
+def named_log(path: str, name: str, record: dict[str, str] | None = None) -> Log:
     """A log by its path, whose name becomes text that can be written."""
-    return Log(path, name.encode("utf-8", "backslashreplace").decode("utf-8"), told or {})
+    return Log(path, name.encode("utf-8", "backslashreplace").decode("utf-8"), record or {})
 
 
 def _lines(path: Path) -> Iterator[dict[str, str]]:
@@ -252,24 +252,24 @@ def files_below(folder: Path, note: Callable[[OSError], None]) -> Generator[tupl
     waiting = PrivateDatabase("CREATE TABLE folders (number INTEGER PRIMARY KEY, inside BLOB)")
     waiting.execute("INSERT INTO folders (inside) VALUES (?)", (b"",))
     number = 0
-    while found := waiting.execute("SELECT * FROM folders WHERE number > ? LIMIT 1", (number,)).fetchone():
-        number, inside = found[0], os.fsdecode(found[1])
-        place = folder / inside
+    while fetchone := waiting.execute("SELECT * FROM folders WHERE number > ? LIMIT 1", (number,)).fetchone():
+        number, inside = fetchone[0], os.fsdecode(fetchone[1])
+        path = folder / inside
         try:
-            with os.scandir(place) as entries:
+            with os.scandir(path) as entries:
                 for entry in entries:
                     name = f"{inside}/{entry.name}" if inside else entry.name
                     if _is_folder(entry):
                         if not entry.is_symlink():
                             waiting.execute("INSERT INTO folders (inside) VALUES (?)", (os.fsencode(name),))
                     else:
-                        yield str(place / entry.name), name
+                        yield str(path / entry.name), name
         except OSError as error:
             note(error)
 
 
 def _is_folder(entry: os.DirEntry[str]) -> bool:
-    """Whether it is a folder or a link to one; what cannot be told is a file."""
+    """Whether it is a folder or a link to one; what cannot be identified is a file."""
     with suppress(OSError):
         return entry.is_dir()
     return False
@@ -292,7 +292,7 @@ class LogsFound:
     unread_folders: tuple[str, ...] = ()  # Folders that could not be looked into, and why
 
 
-@database_errors_told()
+@report_database_errors()
 def logs_found(given: str) -> LogsFound:
     """Logs of a folder and the folders in it, of a glob, of a list, or one log."""
     path = Path(given)
@@ -326,8 +326,8 @@ def _among_folder(folder: Path) -> LogsFound:
     def note(error: OSError) -> None:
         closed.append(f"{error.filename}: {error.strerror or error}")
 
-    found = _among(files_below(folder, note))
-    return LogsFound(found.logs, found.others, tuple(sorted(closed)))
+    among = _among(files_below(folder, note))
+    return LogsFound(among.logs, among.others, tuple(sorted(closed)))
 
 
 def _globbed(pattern: str) -> Generator[tuple[str, str], None, None]:
@@ -342,29 +342,29 @@ def _globbed(pattern: str) -> Generator[tuple[str, str], None, None]:
         yield path, Path(path).relative_to(folder).as_posix()
 
 
-def _among(found: Generator[tuple[str, str], None, None]) -> LogsFound:
+def _among(generator: Generator[tuple[str, str], None, None]) -> LogsFound:
     others = 0
     parts = lru_cache(maxsize=FOLDERS)(_parts_of_folder)
 
     def logs() -> Generator[Log, None, None]:
         nonlocal others
-        for path, name in found:
+        for path, name in generator:
             file = Path(path)
             if file.is_dir():
                 if parts(file).members:
                     yield named_log(path, name)
                 continue
-            beside = parts(file.parent)
-            if file.name in beside.members:
+            neighbours = parts(file.parent)
+            if file.name in neighbours.members:
                 folder = PurePosixPath(name).parent.as_posix()
                 folder = file.parent.resolve().name if folder == "." else folder
                 yield named_log(str(file.parent), folder)
-            elif file.name not in beside.derived and is_log(file):
+            elif file.name not in neighbours.derived and is_log(file):
                 yield named_log(path, name)
             else:
                 others += 1
 
-    with closing(found), closing(logs()) as given:
+    with closing(generator), closing(logs()) as given:
         return LogsFound(LogList(given), others)
 
 
@@ -377,15 +377,17 @@ def _parts_of_folder(folder: Path) -> FolderParts:
 
 def is_log(path: Path) -> bool:
     """Whether a file is a log: its name ends like one's, or a reader knows its content."""
-    if path.name.lower().endswith((*FURTHER_ENDINGS, *(end for one in log_formats() for end in one.endings))):
+    if path.name.lower().endswith(
+        (*FURTHER_ENDINGS, *(end for log_format in log_formats() for end in log_format.endings))
+    ):
         return True
     try:
         if not stat.S_ISREG(path.stat().st_mode):
             return False
-        found = format_at(path)
+        result = format_at(path)
     except (OSError, EivorError):
         return False
-    return found.is_read and (found not in TEXTS or _is_known_table(path))
+    return result.is_read and (result not in TEXTS or _is_known_table(path))
 
 
 def _is_known_table(path: Path) -> bool:
@@ -432,18 +434,18 @@ class PathPattern:
     text: str
 
     def __post_init__(self) -> None:
-        asked = re.findall(r"\{(\w*)\}", self.text)
-        if not asked or set(asked) - set(PATH_KEYS) or len(set(asked)) < len(asked):
+        match = re.findall(r"\{(\w*)\}", self.text)
+        if not match or set(match) - set(PATH_KEYS) or len(set(match)) < len(match):
             raise UsageError(
                 "a pattern with {vehicle}, and {type} where the path has it, each once",
                 f"'{self.text}'",
                 "Write one such as '{vehicle}/*.ulg' or '**/{type}_{vehicle}_*.csv'.",
             )
 
-    def told(self, name: str) -> Mapping[str, str]:
+    def fields_of(self, name: str) -> Mapping[str, str]:
         """What a path says, by `PATH_KEYS`; nothing when it does not match."""
-        found = _compiled(self.text).fullmatch(name if "/" in self.text else name.rpartition("/")[2])
-        return {key: text for key, text in found.groupdict().items() if text} if found else {}
+        match = _compiled(self.text).fullmatch(name if "/" in self.text else name.rpartition("/")[2])
+        return {key: text for key, text in match.groupdict().items() if text} if match else {}
 
 
 @cache

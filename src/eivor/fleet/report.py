@@ -23,11 +23,11 @@ from eivor.fleet.analysis import (
     UNKNOWN,
     VEHICLE,
     FleetReport,
+    flight_interval,
     is_share,
-    own_interval,
-    why_left_out,
+    omission_reason,
 )
-from eivor.fleet.table import report_place, reports_there
+from eivor.fleet.table import report_path, reports_there
 from eivor.flights.quantity import AcrossFlights, Wording
 from eivor.inference.random_effects import FEW
 from eivor.report.document import Bullets, Cell, Document, Figure, Section, TableColumn, TableOf, Tone
@@ -43,7 +43,8 @@ from eivor.report.wording import NO_NUMBER, plain_numbers
 Row = Mapping[str, Any]
 #: Sentences of one kind, at most.
 MOST = 20
-#: Of an interval that reaches so many times the value, digits that half its length tells would leave a zero.
+#: Of an interval that reaches so many times the value, digits that half its length determines would
+#: leave a zero.
 FAR = 20.0
 
 
@@ -52,7 +53,7 @@ def wording_of(report: FleetReport, across: AcrossFlights) -> Wording:
     return report.motion.wording[across.name]
 
 
-def interval_told(row: Row, wording: Wording, names: tuple[str, str, str]) -> tuple[str, str]:
+def interval_text(row: Row, wording: Wording, names: tuple[str, str, str]) -> tuple[str, str]:
     """Value and interval of a row as they are shown."""
     value, low, high = (row[name] for name in names)
     if value is None:
@@ -64,11 +65,11 @@ def interval_told(row: Row, wording: Wording, names: tuple[str, str, str]) -> tu
     return plain_numbers(value, (low, high))
 
 
-def mean_told(row: Row, wording: Wording) -> tuple[str, str]:
+def mean_text(row: Row, wording: Wording) -> tuple[str, str]:
     """Mean and interval of a vehicle or type; of a single flight its own, with a mark."""
     if not _is_of_one_flight(row):
-        return interval_told(row, wording, ("mean", "low", "high"))
-    value, interval = interval_told(row, wording, ("mean", *ONLY))
+        return interval_text(row, wording, ("mean", "low", "high"))
+    value, interval = interval_text(row, wording, ("mean", *ONLY))
     return value, f"{interval} †"
 
 
@@ -76,8 +77,8 @@ def _is_of_one_flight(row: Row) -> bool:
     return all(row.get(name) is not None for name in ONLY)
 
 
-def only_told(rows: Sequence[Row]) -> Iterator[str]:
-    """Return what the mark of `mean_told` means, where there is one."""
+def mean_footnote(rows: Sequence[Row]) -> Iterator[str]:
+    """Return what the mark of `mean_text` means, where there is one."""
     if any(map(_is_of_one_flight, rows)):
         yield "† of its only flight: how much flights differ is not in it."
 
@@ -95,19 +96,19 @@ def _two_digits(number: float) -> str:
     return f"{float(f'{number:.2g}'):g}"
 
 
-def between_told(row: Row, across: AcrossFlights, wording: Wording) -> tuple[str, str]:
+def between_text(row: Row, across: AcrossFlights, wording: Wording) -> tuple[str, str]:
     """Standard deviation between members, and its interval: a share where logarithms are compared."""
     numbers = [row[name] for name in ("between", "between_low", "between_high")]
-    if any(one is None for one in numbers):
+    if any(number is None for number in numbers):
         return NO_NUMBER, ""
     if across.logarithm:
-        value, low, high = (100.0 * one for one in numbers)
+        value, low, high = (100.0 * number for number in numbers)
         return f"{value:.1f} %", f"[{low:.1f}, {high:.1f}]"
-    value, low, high = (wording.scale * one for one in numbers)
+    value, low, high = (wording.scale * number for number in numbers)
     return plain_numbers(value, (low, high))
 
 
-def next_told(row: Row, wording: Wording) -> str:
+def next_text(row: Row, wording: Wording) -> str:
     """Interval of the next member, with a mark where there are few; none where it has no end."""
     if not _next_is_bounded(row):
         return NO_NUMBER
@@ -120,13 +121,13 @@ def _next_is_bounded(row: Row) -> bool:
     return row["next_low"] is not None and row["next_high"] is not None
 
 
-def few_told(rows: Sequence[Row], members: str) -> Iterator[str]:
-    """Return what the mark of `next_told` means, where there is one."""
+def few_footnote(rows: Sequence[Row], members: str) -> Iterator[str]:
+    """Return what the mark of `next_text` means, where there is one."""
     if any(_next_is_bounded(row) and row["pooled"] < FEW for row in rows):
         yield f"* of fewer than {FEW} {members}: take it with care."
 
 
-def changes_told(report: FleetReport) -> list[str]:
+def report_changes(report: FleetReport) -> list[str]:
     """Return a sentence about each vehicle that changes, the clearest first."""
     if not report.vehicles.height:
         return []
@@ -136,18 +137,18 @@ def changes_told(report: FleetReport) -> list[str]:
 
 
 def _change(report: FleetReport, row: Row) -> str:
-    across = next(one for one in report.quantities if one.name == row["quantity"])
+    across = next(quantity for quantity in report.quantities if quantity.name == row["quantity"])
     words = report.motion.wording[across.name].words
     who = f"{row['vehicle']}: the {words}"
     if row["course"] == DRIFTS:
-        told = _effect(report, across, row, "change")
-        return f"{who} drifts by {told} over {row['hours']:.3g} flight hours."
+        effect = _effect(report, across, row, "change")
+        return f"{who} drifts by {effect} over {row['hours']:.3g} flight hours."
     when = f" ({row['step_start']:%Y-%m-%d})" if row["step_start"] is not None else ""
     first, last = int(row["step_flight_first"]), int(row["step_flight_last"])
-    place = f"flight {first}" if first == last else f"flights {first} to {last}"
+    text = f"flight {first}" if first == last else f"flights {first} to {last}"
     return (
         f"{who} steps by {_effect(report, across, row, 'step')} at flight {int(row['step_flight'])}{when}, "
-        f"after {row['step_hours']:.3g} flight hours; the flights leave {place} open."
+        f"after {row['step_hours']:.3g} flight hours; the flights leave {text} open."
     )
 
 
@@ -155,70 +156,73 @@ def _effect(report: FleetReport, across: AcrossFlights, row: Row, name: str) -> 
     wording = report.motion.wording[across.name]
     numbers = [row[key] for key in (name, f"{name}_low", f"{name}_high")]
     scale, unit = (100.0, " %") if across.logarithm else (wording.scale, f" {wording.shown_unit}".rstrip())
-    value, low, high = (scale * (float("nan") if one is None else one) for one in numbers)
-    shown, interval = plain_numbers(value, (low, high))
-    return f"{shown}{unit} {interval}"
+    value, low, high = (scale * (float("nan") if number is None else number) for number in numbers)
+    displayed, interval = plain_numbers(value, (low, high))
+    return f"{displayed}{unit} {interval}"
 
 
-def differences_told(report: FleetReport) -> list[str]:
+def report_differences(report: FleetReport) -> list[str]:
     """Return a sentence about each vehicle that differs from its type."""
     if not report.vehicles.height:
         return []
     rows = report.vehicles.filter(report.vehicles["differs"]).sort("differs_p").iter_rows(named=True)
-    told = []
+    selected = []
     for row in rows:
         wording = report.motion.wording[row["quantity"]]
-        value, interval = interval_told(row, wording, ("mean", "low", "high"))
+        value, interval = interval_text(row, wording, ("mean", "low", "high"))
         unit = f" {wording.shown_unit}" if wording.shown_unit else ""
-        told.append(
+        selected.append(
             f"{row['vehicle']}: its {wording.words}, {value}{unit} {interval}, is not that of the other "
             f"vehicles of type {row['type']}."
         )
-    return _at_most(told, "vehicles differ")
+    return _at_most(selected, "vehicles differ")
 
 
-def left_out_told(report: FleetReport) -> list[str]:
+def report_omitted(report: FleetReport) -> list[str]:
     """Return what was left out, and why."""
-    told = []
-    for row in report.left_out.iter_rows(named=True):
+    selected = []
+    for row in report.omitted.iter_rows(named=True):
         words = report.motion.wording[row["quantity"]].words
         flights = "1 flight" if row["flights"] == 1 else f"{row['flights']} flights"
-        told.append(f"{words}: {flights}; {row['reason']}.")
-    return told
+        selected.append(f"{words}: {flights}; {row['reason']}.")
+    return selected
 
 
-def covariates_told(report: FleetReport) -> list[str]:
-    """Return which slopes the flights told, which were taken as expected, and what is not known."""
-    told = []
+def report_covariates(report: FleetReport) -> list[str]:
+    """Return which slopes the flights reported, which were taken as expected, and what is not known."""
+    selected = []
     taken = report.covariates.iter_rows(named=True) if report.covariates.height else ()
     for row in taken:
         words = report.motion.wording[row["quantity"]].words
         power = f"{row['slope']:.2f} ± {1.96 * row['std_error']:.2f}"
-        told.append(f"{words} goes with {row['covariate'].replace('_', ' ')} (type {row['type']}: {power}).")
+        selected.append(
+            f"{words} goes with {row['covariate'].replace('_', ' ')} (type {row['type']}: {power})."
+        )
     used = (
         set(zip(report.covariates["quantity"], report.covariates["covariate"], strict=True))
-        if told
+        if selected
         else set()
     )
     missing: dict[str, list[str]] = {}
     expected: dict[str, list[str]] = {}
     for across in report.quantities:
-        for one in across.covariates:
-            if (across.name, one.name) not in used:
-                place = expected if (across.name, one.name) in report.expected else missing
-                place.setdefault(one.name, []).append(report.motion.wording[across.name].words)
-    shown = _at_most(told, "slopes were estimated")
-    shown += [
-        f"The flights do not tell how {_listed(words)} goes with {name.replace('_', ' ')}: what was expected "
+        for covariate in across.covariates:
+            if (across.name, covariate.name) not in used:
+                position = expected if (across.name, covariate.name) in report.expected else missing
+                position.setdefault(covariate.name, []).append(report.motion.wording[across.name].words)
+    at_most = _at_most(selected, "slopes were estimated")
+    at_most += [
+        f"The flights do not identify how {_listed(words)} goes with {name.replace('_', ' ')}: what "
+        f"was expected "
         "beforehand is allowed for, with its uncertainty."
         for name, words in expected.items()
     ]
-    shown += [
+    at_most += [
         f"{name.replace('_', ' ')} is not known of enough flights: what looks like a change of "
         f"{_listed(words)} may be it."
         for name, words in missing.items()
     ]
-    return shown
+    return at_most
 
 
 def _listed(words: list[str]) -> str:
@@ -226,8 +230,8 @@ def _listed(words: list[str]) -> str:
     return f"{', '.join(others)} or {last}" if others else last
 
 
-def _at_most(told: list[str], what: str) -> list[str]:
-    return told if len(told) <= MOST else [*told[:MOST], f"{len(told)} {what}; the JSON has all."]
+def _at_most(names: list[str], what: str) -> list[str]:
+    return names if len(names) <= MOST else [*names[:MOST], f"{len(names)} {what}; the JSON has all."]
 
 
 # -- Fleet document --
@@ -256,10 +260,10 @@ def about_fleet(report: FleetReport) -> str:
         )
     if report.logs["failed"]:
         counts.append(f"{report.logs['failed']} without a result")
-    told = f"{_count(vehicles, 'vehicle')} of {_count(types, 'type')}"
+    text = f"{_count(vehicles, 'vehicle')} of {_count(types, 'type')}"
     if flights.height > known.height:
-        told += f"; {_count(flights.height - known.height, 'log')} without a vehicle, each by itself"
-    return f"{report.motion.words.title}: {', '.join(counts)}; {told}"
+        text += f"; {_count(flights.height - known.height, 'log')} without a vehicle, each by itself"
+    return f"{report.motion.words.title}: {', '.join(counts)}; {text}"
 
 
 def _count(number: int, what: str) -> str:
@@ -268,43 +272,45 @@ def _count(number: int, what: str) -> str:
 
 def _sections(report: FleetReport, links: Mapping[str, str] | None) -> Iterator[Section]:
     if not report.vehicles.height:
-        yield Section("Nothing to pool", (Bullets(("No flight tells a quantity with a standard error.",)),))
-        yield from section("Left out", Bullets, left_out_told(report))
+        yield Section(
+            "Nothing to pool", (Bullets(("No flight identifies a quantity with a standard error.",)),)
+        )
+        yield from section("Left out", Bullets, report_omitted(report))
         return
     types = list(report.types.iter_rows(named=True))
     if types:
-        yield Section("By type", (_types(report, types), *_notes(few_told(types, "vehicles"))))
-    shown = _shown(report.vehicles)
-    vehicles = list(shown.iter_rows(named=True))
-    notes = [*few_told(vehicles, "flights"), *only_told(vehicles), *singles_told(report)]
+        yield Section("By type", (_types(report, types), *_notes(few_footnote(types, "vehicles"))))
+    displayed = _displayed(report.vehicles)
+    vehicles = list(displayed.iter_rows(named=True))
+    notes = [*few_footnote(vehicles, "flights"), *mean_footnote(vehicles), *singles_told(report)]
     if (count := report.vehicles.select("type", "vehicle").n_unique()) > MOST_VEHICLES:
         notes.append(
             f"{MOST_VEHICLES} of {count} vehicles, those that change or differ first; the JSON has all."
         )
     yield Section("By vehicle", (_vehicles(report, vehicles), *_notes(notes), Figure(FOREST)))
     nothing = ["No vehicle has enough flights with a time, or none changes by more than chance would."]
-    yield Section("Changes", (Bullets(tuple(changes_told(report) or nothing)), Figure(LINES)))
+    yield Section("Changes", (Bullets(tuple(report_changes(report) or nothing)), Figure(LINES)))
     if report.deviating.height:
         yield Section("Flights that deviate", tuple(_deviating(report, links)))
-    yield from section("Vehicles that differ", Bullets, differences_told(report))
-    yield from section("Left out", Bullets, left_out_told(report))
-    yield from section("Taken out before changes were sought", Bullets, covariates_told(report))
+    yield from section("Vehicles that differ", Bullets, report_differences(report))
+    yield from section("Left out", Bullets, report_omitted(report))
+    yield from section("Taken out before changes were sought", Bullets, report_covariates(report))
 
 
 def _notes(notes: Iterator[str] | list[str]) -> tuple[Bullets, ...]:
-    told = tuple(notes)
-    return (Bullets(told),) if told else ()
+    reported = tuple(notes)
+    return (Bullets(reported),) if reported else ()
 
 
-def shown_vehicles(vehicles: pl.DataFrame) -> pl.DataFrame:
+def vehicles_to_report(vehicles: pl.DataFrame) -> pl.DataFrame:
     """Vehicles by what is noticed of them: those that change or differ first."""
     noticed = pl.col("course").is_in(["drifts", "steps"]) | pl.col("differs")
     by_vehicle = vehicles.group_by("type", "vehicle", maintain_order=True).agg(noticed.any().alias("noticed"))
     return by_vehicle.sort("noticed", descending=True, maintain_order=True)
 
 
-def _shown(vehicles: pl.DataFrame) -> pl.DataFrame:
-    chosen = shown_vehicles(vehicles).head(MOST_VEHICLES).with_row_index("place")
+def _displayed(vehicles: pl.DataFrame) -> pl.DataFrame:
+    chosen = vehicles_to_report(vehicles).head(MOST_VEHICLES).with_row_index("place")
     numbered = vehicles.with_row_index("order")
     return chosen.join(numbered, on=["type", "vehicle"], maintain_order="left").sort("place", "order")
 
@@ -327,7 +333,7 @@ def _deviating(report: FleetReport, links: Mapping[str, str] | None) -> Iterator
                 linked(row["name"], row["sha256"], links or {}),
                 Cell(row["vehicle"]),
                 Cell(f"{wording.words} {wording.symbol}{unit}"),
-                Cell(*interval_told(row, wording, ("value", "low", "high"))),
+                Cell(*interval_text(row, wording, ("value", "low", "high"))),
                 Cell(f"{row['expected'] * wording.scale:.4g}"),
             )
         )
@@ -355,18 +361,18 @@ def _columns(first: str, members: str, following: str) -> tuple[TableColumn, ...
 
 
 def _cells(report: FleetReport, row: Row, first: str) -> tuple[Cell, ...]:
-    across = next(one for one in report.quantities if one.name == row["quantity"])
+    across = next(quantity for quantity in report.quantities if quantity.name == row["quantity"])
     wording = report.motion.wording[across.name]
-    value, interval = mean_told(row, wording)
+    value, interval = mean_text(row, wording)
     unit = f" [{wording.shown_unit}]" if wording.shown_unit else ""
-    left_out = f"{row['left_out']} left out" if row.get("left_out") else ""
+    text = f"{row['left_out']} left out" if row.get("left_out") else ""
     return (
         Cell(first),
         Cell(f"{wording.words} {wording.symbol}{unit}"),
         Cell(value, interval),
-        Cell(*between_told(row, across, wording)),
-        Cell(next_told(row, wording)),
-        Cell(f"{row['pooled']}", left_out),
+        Cell(*between_text(row, across, wording)),
+        Cell(next_text(row, wording)),
+        Cell(f"{row['pooled']}", text),
     )
 
 
@@ -411,29 +417,29 @@ def _motion_json(report: FleetReport) -> dict[str, Json]:
         **report.logs,
         "quantities": [
             {
-                "name": one.name,
-                "unit": report.motion.wording[one.name].unit,
-                "logarithm": one.logarithm,
-                "covariates": [each.name for each in one.covariates],
+                "name": quantity.name,
+                "unit": report.motion.wording[quantity.name].unit,
+                "logarithm": quantity.logarithm,
+                "covariates": [each.name for each in quantity.covariates],
             }
-            for one in report.quantities
+            for quantity in report.quantities
         ],
         "types": _rows(report.types),
         "vehicles": _rows(report.vehicles),
         "deviating": _rows(report.deviating),
-        "left_out": _rows(report.left_out),
+        "left_out": _rows(report.omitted),
         "covariates": _rows(report.covariates),
     }
 
 
 def _rows(table: pl.DataFrame) -> list[Json]:
-    return [{name: _value(one) for name, one in row.items()} for row in table.iter_rows(named=True)]
+    return [{name: _value(item) for name, item in row.items()} for row in table.iter_rows(named=True)]
 
 
-def _value(one: Any) -> Json:
-    if isinstance(one, datetime):
-        return one.isoformat()
-    return None if isinstance(one, float) and not math.isfinite(one) else one
+def _value(first: Any) -> Json:
+    if isinstance(first, datetime):
+        return first.isoformat()
+    return None if isinstance(first, float) and not math.isfinite(first) else first
 
 
 # -- Fleet page --
@@ -444,10 +450,10 @@ NO_REPORTS = "Flights have no reports of their own here; eivor fleet run --repor
 
 
 def fleet_page(reports: Sequence[FleetReport], title: str, links: Mapping[str, str]) -> str:
-    """Text of a page that tells a fleet: HTML without anything to fetch."""
+    """Text of a page that identifies a fleet: HTML without anything to fetch."""
     figures = Figures(0)
     documents = [fleet_document(report, title, links) for report in reports]
-    told = [
+    selected = [
         _motion_section(report, document, figures, f"m{number}-", links)
         for number, (report, document) in enumerate(zip(reports, documents, strict=True))
     ]
@@ -457,7 +463,7 @@ def fleet_page(reports: Sequence[FleetReport], title: str, links: Mapping[str, s
     body = joined(
         [
             element("header", None, element("div", None, about, element("h1", None, title)), theme),
-            element("main", {"id": "main"}, *told, element("p", None, save)),
+            element("main", {"id": "main"}, *selected, element("p", None, save)),
         ]
     )
     return whole_page(f"{title}: fleet", body, {"result": fleet_json(reports), "charts": figures.charts})
@@ -470,7 +476,7 @@ def _motion_section(
     if report.vehicles.height:
         drawn[FOREST] = figures.html([Pictures("", tuple(_forests(report)))])
         drawn[LINES] = figures.html([Pictures("", tuple(_over_hours(report, links)))])
-    sections = [section_html(one, f"{name}{_word(one)}", drawn) for one in document.sections]
+    sections = [section_html(item, f"{name}{_word(item)}", drawn) for item in document.sections]
     about = [element("p", {"class": "said"}, document.about)]
     if report.vehicles.height and not links:
         about.append(element("p", {"class": "note"}, NO_REPORTS))
@@ -483,7 +489,7 @@ def _word(section: Section) -> str:
 
 def _forests(report: FleetReport) -> Iterator[Picture]:
     """Vehicles side by side, and below them their type."""
-    chosen = shown_vehicles(report.vehicles).head(MOST_ROWS).select(VEHICLE)
+    chosen = vehicles_to_report(report.vehicles).head(MOST_ROWS).select(VEHICLE)
     several = report.vehicles["type"].n_unique() > 1
     for across in report.quantities:
         mine = pl.col("quantity") == across.name
@@ -510,23 +516,23 @@ def _forest_row(
     ends = [row[name] for name in ("low", "high")]
     ends = [row.get(name) for name in ONLY] if None in ends else ends
     pieces = () if None in ends else ((ends[0] * wording.scale, ends[1] * wording.scale),)
-    numbers = " ".join(dict.fromkeys(mean_told(row, wording)))
+    numbers = " ".join(dict.fromkeys(mean_text(row, wording)))
     return ForestRow(label, numbers, row["mean"] * wording.scale, pieces, None, whole)
 
 
 def _over_hours(report: FleetReport, links: Mapping[str, str]) -> Iterator[Picture]:
     """Flights of a few vehicles over their hours, those that change first."""
-    chosen = shown_vehicles(report.vehicles).head(MOST_LINES).select(VEHICLE)
+    chosen = vehicles_to_report(report.vehicles).head(MOST_LINES).select(VEHICLE)
     rows = report.flights.with_columns(
         is_share(across).name.suffix(f".{across.name}") for across in report.quantities
     )
     for kind, vehicle in chosen.iter_rows():
-        own = (pl.col("type") == kind) & (pl.col("vehicle") == vehicle)
-        flights, means = rows.filter(own), report.vehicles.filter(own)
+        current = (pl.col("type") == kind) & (pl.col("vehicle") == vehicle)
+        flights, means = rows.filter(current), report.vehicles.filter(current)
         for across in report.quantities:
             row = next(means.filter(pl.col("quantity") == across.name).iter_rows(named=True), None)
             used = flights.with_columns(pl.col(f"{SHARE}.{across.name}").alias(SHARE))
-            used = used.filter(why_left_out(across, used.columns).is_null())
+            used = used.filter(omission_reason(across, used.columns).is_null())
             if row is not None and used.height > 1:
                 yield _line(report, across, row, used, links)
 
@@ -536,15 +542,15 @@ def _line(
 ) -> Picture:
     wording = report.motion.wording[across.name]
     hours = used["hours"].to_numpy()
-    numbers = used.select(pl.col(f"{across.name}.value"), *own_interval(across))
-    value, low, high = (wording.scale * one.to_numpy() for one in numbers)
+    numbers = used.select(pl.col(f"{across.name}.value"), *flight_interval(across))
+    value, low, high = (wording.scale * number.to_numpy() for number in numbers)
     flights = [linked(name, sha256, links) for name, sha256 in used.select("name", "sha256").iter_rows()]
     gap = np.full(hours.size, np.nan)
     bars = np.stack([low, high, gap], axis=1).ravel()
     marks: list[Mark] = [
         Curve("", "measured", np.repeat(hours, 3), bars),
         Dots("flights, 95 %", "measured", hours, value),
-        *_course(row, across, hours, wording.scale),
+        *_trend(row, across, hours, wording.scale),
     ]
     unit = f" [{wording.shown_unit}]" if wording.shown_unit else ""
     table = number_table(
@@ -560,7 +566,7 @@ def _line(
     )
 
 
-def _course(row: Row, across: AcrossFlights, hours: np.ndarray, scale: float) -> Iterator[Mark]:
+def _trend(row: Row, across: AcrossFlights, hours: np.ndarray, scale: float) -> Iterator[Mark]:
     """Mean, drift or step of a vehicle."""
     mean = row["mean"] * scale
     if row["course"] == STEPS and row["step_hours"] is not None:
@@ -579,8 +585,8 @@ def _course(row: Row, across: AcrossFlights, hours: np.ndarray, scale: float) ->
 
 def flight_links(folder: Path, page: Path) -> Mapping[str, str]:
     """Address of the report of each log that has one, by the log's hash, relative to a page."""
-    beside = page.resolve().parent
+    parent = page.resolve().parent
     return {
-        sha256: quote(Path(os.path.relpath(report_place(folder.resolve(), sha256), beside)).as_posix())
+        sha256: quote(Path(os.path.relpath(report_path(folder.resolve(), sha256), parent)).as_posix())
         for sha256 in reports_there(folder)
     }

@@ -14,22 +14,22 @@ from typing import Any
 
 from eivor.atomic_file import folder_lock
 from eivor.errors import InputError
-from eivor.fleet.logs import Log, LogsFound, database_errors_told
+from eivor.fleet.logs import Log, LogsFound, report_database_errors
 from eivor.fleet.table import (
     FAILED,
     PAGE,
     SHARES,
     FleetFolder,
     FleetOptions,
-    FlightRow,
     Ledger,
     NamedRow,
     PageOf,
+    RowOfLog,
     SupersededError,
     Task,
     copy_row,
     failed_row,
-    fleet_errors_told,
+    report_fleet_errors,
     reports_there,
     write_report,
 )
@@ -100,7 +100,7 @@ class Shard:
         return row
 
     def _made(self, log: Log) -> dict[str, Any]:
-        function = FlightRow(self.options, self.page_of)
+        function = RowOfLog(self.options, self.page_of)
         if not self.guarded:
             return function(log)
         try:
@@ -134,7 +134,7 @@ def close_kept_processes() -> None:
 
 # -- Run --
 
-#: Logs of a task: as few as give the number of tasks that progress is told by, and at most so many.
+#: Logs of a task: as few as give the number of tasks that progress is reported by, and at most so many.
 TASKS, MOST_LOGS = 100, 200
 #: Copies whose rows are one part.
 COPIES = 2_000
@@ -144,7 +144,7 @@ Progress = Callable[[int, int], None]
 
 
 def no_progress(_done: int, _total: int, /) -> None:
-    """Tell nobody how much is done."""
+    """Report to no one how much is done."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,7 +166,7 @@ def all_hashed(logs: tuple[Log, ...]) -> tuple[Log, ...]:
 
 
 def run_fleet(
-    found: LogsFound,
+    logs_found: LogsFound,
     folder: Path,
     options: FleetOptions,
     *,
@@ -178,22 +178,22 @@ def run_fleet(
     page_of: PageOf | None = None,
 ) -> FleetRun:
     """Make the rows of a fleet that are not there yet."""
-    if not found.logs:
+    if not logs_found.logs:
         raise InputError(
             "a folder, a pattern or a list with logs in it",
-            f"none ({found.others} other files)",
+            f"none ({logs_found.others} other files)",
             "Check the path; a log of a table with names of its own needs the ending .csv or .parquet.",
         )
     folder = folder.absolute()
-    with fleet_errors_told(folder):
+    with report_fleet_errors(folder):
         if not folder.exists() or folder.is_dir():
             folder.mkdir(parents=True, exist_ok=True)
-    place = FleetFolder(folder)
-    place.check(options)
-    with fleet_errors_told(folder), database_errors_told(), folder_lock(folder):
-        run = _Run(place.begin(), options, executor or InProcess(), shared, progress, page_of)
+    fleet_folder = FleetFolder(folder)
+    fleet_folder.check(options)
+    with report_fleet_errors(folder), report_database_errors(), folder_lock(folder):
+        run = _Run(fleet_folder.begin(), options, executor or InProcess(), shared, progress, page_of)
         try:
-            return run.done(found, guarded=guarded, shard_logs=shard_logs)
+            return run.done(logs_found, guarded=guarded, shard_logs=shard_logs)
         except SupersededError as error:
             raise _taken_over(folder) from error
         finally:
@@ -211,9 +211,9 @@ class _Run:
     progress: Progress
     page_of: PageOf | None
 
-    def done(self, found: LogsFound, *, guarded: bool, shard_logs: int | None) -> FleetRun:
+    def done(self, logs_found: LogsFound, *, guarded: bool, shard_logs: int | None) -> FleetRun:
         """Everything, from hashing to copies."""
-        ledger, logs = Ledger(found.logs), len(found.logs)
+        ledger, logs = Ledger(logs_found.logs), len(logs_found.logs)
         ledger.take_rows(self.folder.there(self.options.motion))
         self._hash(ledger)
         ledger.settle()
@@ -228,7 +228,7 @@ class _Run:
         if self.page_of is not None:
             self._report(ledger, guarded=guarded)
         self.progress(logs, logs)
-        return self._summary(found, ledger, logs, before)
+        return self._summary(logs_found, ledger, logs, before)
 
     def _hash(self, ledger: Ledger) -> None:
         executor = self.executor if self.shared else InProcess()
@@ -276,7 +276,7 @@ class _Run:
             rows = [copy_row(named(log), ledger.first(log)) for log in copies]
             self.folder.write(rows, self.options.hash())
 
-    def _summary(self, found: LogsFound, ledger: Ledger, logs: int, before: int) -> FleetRun:
+    def _summary(self, logs_found: LogsFound, ledger: Ledger, logs: int, before: int) -> FleetRun:
         verdicts, opened = Counter(ledger.verdicts()), ledger.opened()
         rows = verdicts.total()
         if rows != opened:
@@ -287,8 +287,8 @@ class _Run:
             logs,
             before,
             +verdicts,
-            found.others,
-            found.unread_folders,
+            logs_found.others,
+            logs_found.unread_folders,
             ledger.rows() - rows,
         )
 

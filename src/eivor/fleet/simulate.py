@@ -132,10 +132,10 @@ def write_fleet_logs(spec: FleetSpec, folder: Path) -> Iterator[Path]:
         for row in range(truth.vehicle.size)
     ]
     for vehicle, flight, made in zip(truth.vehicle, truth.flight, logs_of_flights(specs), strict=True):
-        place = folder / f"v{vehicle:04d}" / f"{flight:04d}.parquet"
-        place.parent.mkdir(parents=True, exist_ok=True)
-        write_recording(made.recording, place)
-        yield place
+        path = folder / f"v{vehicle:04d}" / f"{flight:04d}.parquet"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_recording(made.recording, path)
+        yield path
 
 
 # -- Fleet rows --
@@ -144,7 +144,7 @@ def write_fleet_logs(spec: FleetSpec, folder: Path) -> Iterator[Path]:
 STD_ERRORS = (0.01, 0.05)
 #: First flight of every vehicle, and the time between flights.
 FIRST, APART = datetime(2025, 1, 6, 9, tzinfo=UTC), timedelta(days=6)
-#: First-stage F of flights, which are all told.
+#: First-stage F of flights, which are all reported.
 FIRST_STAGE = 100.0
 
 
@@ -173,18 +173,18 @@ def fleet_rows(spec: FleetSpec, std_errors: tuple[float, float] = STD_ERRORS) ->
         "verdict": ["identified"] * rows,
         "reason": pl.Series([None] * rows, dtype=pl.String),
     }
-    told = {
+    selected = {
         "viscous_friction": truth.viscous_friction,
         "input_gain": truth.input_gain,
         "effective_lag": truth.actuator_lag,
         "hover_input": truth.hover_input,
     }
-    for name, values in told.items():
+    for name, values in selected.items():
         errors = rng.uniform(*std_errors, rows) * values
-        found = values + errors * rng.standard_normal(rows)
+        result = values + errors * rng.standard_normal(rows)
         half = normal_quantile(0.95) * errors
-        numbers = {"value": found, "std_error": errors, "low": found - half, "high": found + half}
-        columns |= {f"{name}.{part}": one for part, one in numbers.items()}
+        numbers = {"value": result, "std_error": errors, "low": result - half, "high": result + half}
+        columns |= {f"{name}.{part}": number for part, number in numbers.items()}
         columns[f"{name}.verdict"] = ["identified"] * rows
     columns |= {"air_density": truth.air_density, "battery_voltage": truth.battery_voltage}
     columns["temperature"] = pl.Series([None] * rows, dtype=pl.Float64)

@@ -23,13 +23,13 @@ from typing import Any, TypeAlias
 import numpy as np
 import polars as pl
 
-from eivor.atomic_file import remove_abandoned, write_whole
+from eivor.atomic_file import remove_abandoned, write_atomically
 from eivor.errors import EivorError, InputError, UsageError
 from eivor.fleet.logs import ALL, PAGE_LOGS, Log, LogList, PathPattern
 from eivor.flights.motion import Motion
 from eivor.flights.options import FlightOptions
 from eivor.flights.result import FlightEstimate
-from eivor.lab.study_run import is_sealed, sealed, system_errors_told
+from eivor.lab.study_run import is_sealed, report_system_errors, sealed
 from eivor.logs.channel_map import load_channel_map, shipped_maps
 from eivor.logs.read import format_at, read_log
 from eivor.motions import DEFAULT, motion_by_name
@@ -75,7 +75,7 @@ class FleetOptions:
     def map_of(self, name: str) -> str:
         """Channel map of a log; empty for none."""
         names = (name, name.rpartition("/")[2])
-        return next((one for pattern, one in self.maps if any(fnmatchcase(n, pattern) for n in names)), "")
+        return next((item for pattern, item in self.maps if any(fnmatchcase(n, pattern) for n in names)), "")
 
     def document(self) -> dict[str, Any]:
         """Everything that rows depend on, as JSON: files by their content's hash."""
@@ -83,7 +83,7 @@ class FleetOptions:
             "motion": self.motion,
             "vehicle": _content(self.vehicle_file),
             "flight": _plain(asdict(self.flight)),
-            "maps": [[pattern, _content(one)] for pattern, one in self.maps],
+            "maps": [[pattern, _content(item)] for pattern, item in self.maps],
             "vehicle_from": self.vehicle_from,
             "limits": asdict(self.limits),
         }
@@ -100,7 +100,7 @@ class FleetOptions:
 
 def given_maps(texts: tuple[str, ...]) -> tuple[tuple[str, str], ...]:
     """Patterns and maps as typed: ``PATTERN=MAP``; a map alone is that of all logs."""
-    found = []
+    results = []
     for text in texts:
         pattern, equals, chosen = text.rpartition("=")
         if not chosen or (equals and not pattern):
@@ -109,8 +109,8 @@ def given_maps(texts: tuple[str, ...]) -> tuple[tuple[str, str], ...]:
                 f"'{text}'",
                 "Write --map 'lab/*.csv=lab.toml', for example.",
             )
-        found.append((pattern or "*", chosen))
-    return tuple(found)
+        results.append((pattern or "*", chosen))
+    return tuple(results)
 
 
 def _content(text: str) -> str:
@@ -122,9 +122,9 @@ def _content(text: str) -> str:
 def _plain(value: Any) -> Any:
     """Value as JSON can have it."""
     if isinstance(value, Mapping):
-        return {str(key): _plain(one) for key, one in value.items()}
+        return {str(key): _plain(item) for key, item in value.items()}
     if isinstance(value, tuple | list):
-        return [_plain(one) for one in value]
+        return [_plain(item) for item in value]
     return value if value is None or isinstance(value, str | int | float | bool) else repr(value)
 
 
@@ -162,23 +162,23 @@ Row = Mapping[str, Any]
 
 def flight_frame(rows: Sequence[Row]) -> pl.DataFrame:
     """Rows as a table: every column that all fleets have, and those that these rows bring."""
-    own = {name for row in rows for name in row if name not in LEADING and name not in TRAILING}
-    schema = {name: LEADING.get(name) or TRAILING.get(name) or _type(name) for name in _in_order(own)}
+    selected = {name for row in rows for name in row if name not in LEADING and name not in TRAILING}
+    schema = {name: LEADING.get(name) or TRAILING.get(name) or _type(name) for name in _in_order(selected)}
     known = [{name: _known(row.get(name)) for name in schema} for row in rows]
     # a hundred columns of few rows: at once, which is three times as quick as one after the other
     return pl.from_dicts(known, schema=schema).sort(ORDER, nulls_last=True)
 
 
-def _in_order(own: set[str]) -> list[str]:
+def _in_order(names: set[str]) -> list[str]:
     """Every column that all fleets have, quantities by their names between them, diagnostics at the end."""
-    parts = {part: place for place, part in enumerate((*NUMBERS, VERDICT))}
+    parts = {part: index for index, part in enumerate((*NUMBERS, VERDICT))}
 
     def place(name: str) -> tuple[str, int]:
         quantity, _, part = name.rpartition(".")
         return quantity, parts.get(part, len(parts))
 
-    diagnostics = sorted(name for name in own if name.startswith(DIAGNOSTIC))
-    return [*LEADING, *sorted(own.difference(diagnostics), key=place), *TRAILING, *diagnostics]
+    diagnostics = sorted(name for name in names if name.startswith(DIAGNOSTIC))
+    return [*LEADING, *sorted(names.difference(diagnostics), key=place), *TRAILING, *diagnostics]
 
 
 def _type(name: str) -> Any:
@@ -208,8 +208,8 @@ def read_flights(folder: Path, columns: Sequence[str] | None = None) -> pl.DataF
 
 def motions_there(folder: Path) -> list[str]:
     """Motions of which a fleet has rows, sorted by name; raises as `read_flights` does."""
-    found = (part["motion"].drop_nulls().unique().to_list() for part in _parts(folder, {"motion"}))
-    return sorted({name for names in found for name in names})
+    results = (part["motion"].drop_nulls().unique().to_list() for part in _parts(folder, {"motion"}))
+    return sorted({name for names in results for name in names})
 
 
 def _parts(folder: Path, columns: Set[str] | None) -> list[pl.DataFrame]:
@@ -268,7 +268,7 @@ _FIRSTS_THERE = """INSERT OR REPLACE INTO firsts SELECT sha256, name, 1 FROM row
     WHERE verdict <> ? AND sha256 IS NOT NULL ORDER BY sha256, rowid"""
 _FIRSTS_GIVEN = """INSERT OR IGNORE INTO firsts SELECT sha256, min(name), 0 FROM logs
     WHERE sha256 IS NOT NULL GROUP BY sha256"""
-_SETTLE = """UPDATE logs SET task = CASE
+_RESOLVE = """UPDATE logs SET task = CASE
     WHEN (SELECT is_there = 0 AND firsts.name = logs.name FROM firsts
         WHERE firsts.sha256 = logs.sha256) THEN ?
     WHEN (SELECT firsts.name <> logs.name FROM firsts WHERE firsts.sha256 = logs.sha256)
@@ -325,15 +325,15 @@ class Ledger:
         self._database.execute("CREATE INDEX row_keys ON rows (sha256, name)")
 
     def settle(self) -> None:
-        """Say of each log that was opened whether to identify it, or to tell that it is a copy."""
+        """Say of each log that was opened whether to identify it, or to report that it is a copy."""
         self._database.execute(_FIRSTS_THERE, (COPY,))
         self._database.execute(_FIRSTS_GIVEN)
-        self._database.execute(_SETTLE, (Task.IDENTIFY, Task.TELL_COPY))
+        self._database.execute(_RESOLVE, (Task.IDENTIFY, Task.TELL_COPY))
 
     def settle_reports(self, there: Iterable[str]) -> None:
         """Say of each log whether it has a result and wants its report."""
         self._database.executemany(
-            "INSERT OR IGNORE INTO reports VALUES (?)", ((_bytes(one),) for one in there)
+            "INSERT OR IGNORE INTO reports VALUES (?)", ((_bytes(item),) for item in there)
         )
         self._database.execute(_SETTLE_REPORTS, (COPY, FAILED, Task.REPORT))
 
@@ -399,7 +399,7 @@ UNOPENED = "part-unopened-{motion}-{share:02d}.parquet"
 KEY_COLUMNS = ("name", "sha256", "verdict")
 
 #: The system's error for a file of a fleet's folder, as one of Eivor's.
-fleet_errors_told = partial(system_errors_told, of="fleet", kept="Rows that were written")
+report_fleet_errors = partial(report_system_errors, of="fleet", kept="Rows that were written")
 
 
 class SupersededError(Exception):
@@ -416,11 +416,11 @@ class FleetFolder:
     def begin(self) -> FleetFolder:
         """The folder for a new run, which ends the writing of all before it."""
         run = uuid.uuid4().hex
-        with fleet_errors_told(self.folder):
+        with report_fleet_errors(self.folder):
             (self.folder / FLIGHTS).mkdir(parents=True, exist_ok=True)
-            for place in (self.folder, self.folder / FLIGHTS):
-                remove_abandoned(place)
-            write_whole(self.folder / RUN, run)
+            for item in (self.folder, self.folder / FLIGHTS):
+                remove_abandoned(item)
+            write_atomically(self.folder / RUN, run)
         return FleetFolder(self.folder, run)
 
     def state(self, options: FleetOptions) -> None:
@@ -441,8 +441,8 @@ class FleetFolder:
             "options": {**held, options.motion: {"hash": options.hash(), **options.document()}},
         }
         if document != before:
-            with fleet_errors_told(self.folder):
-                write_whole(self.folder / IDENTITY, json.dumps(document, indent=2) + "\n")
+            with report_fleet_errors(self.folder):
+                write_atomically(self.folder / IDENTITY, json.dumps(document, indent=2) + "\n")
 
     def check(self, options: FleetOptions) -> None:
         """Refuse a folder that is not for these options."""
@@ -484,10 +484,10 @@ class FleetFolder:
             or document.get("schema") != SCHEMA
             or not all(isinstance(document.get(key), kind) for key, kind in kinds.items())
         ):
-            found = document.get("schema") if isinstance(document, dict) else None
+            result = document.get("schema") if isinstance(document, dict) else None
             raise InputError(
                 f"a folder of the format {SCHEMA}",
-                f"'{path}' of {found!r}" if found else f"'{path}', which is another file",
+                f"'{path}' of {result!r}" if result else f"'{path}', which is another file",
                 "Another version of Eivor made it: use that, or choose another folder with -o.",
             )
         return document
@@ -506,14 +506,14 @@ class FleetFolder:
         content = sealed(flight_frame(rows), _facts(options_hash))
         name = name or f"part-{hashlib.sha256(content).hexdigest()[:NAME_DIGITS]}.parquet"
         self.check_run()
-        with fleet_errors_told(self.folder):
-            write_whole(self.folder / FLIGHTS / name, content)
+        with report_fleet_errors(self.folder):
+            write_atomically(self.folder / FLIGHTS / name, content)
         return name
 
     def there(self, motion: str) -> Iterator[pl.DataFrame]:
         """`KEY_COLUMNS` of the rows of a motion that exist, part by part; a damaged part is set aside."""
         unopened = {self._unopened(motion, share).name for share in range(SHARES)}
-        with fleet_errors_told(self.folder):
+        with report_fleet_errors(self.folder):
             for path in part_files(self.folder):
                 content = path.read_bytes()
                 if not is_sealed(content, {}):
@@ -527,13 +527,13 @@ class FleetFolder:
     ) -> None:
         """Write the rows of logs that could not be opened, in place of earlier ones."""
         path = self._unopened(options.motion, share)
-        with fleet_errors_told(self.folder):
+        with report_fleet_errors(self.folder):
             before = pl.read_parquet(path).rows(named=True) if path.exists() else []
         now = [*rows, *(row for row in before if not is_given(row["name"]))]
         if now:
             self.write(now, options.hash(), path.name)
         else:
-            with fleet_errors_told(self.folder):
+            with report_fleet_errors(self.folder):
                 path.unlink(missing_ok=True)
 
     def _unopened(self, motion: str, share: int) -> Path:
@@ -560,26 +560,26 @@ _NAME = re.compile(r"([0-9a-f]{64})\.html")
 PageOf: TypeAlias = Callable[[FlightEstimate], str]
 
 
-def report_place(folder: Path, sha256: str) -> Path:
+def report_path(folder: Path, sha256: str) -> Path:
     """Where the report of a log is, by its hash and by nothing else that the log says."""
     return folder / REPORTS / f"{sha256}.html"
 
 
 def write_report(folder: Path, sha256: str, page: str) -> None:
     """Write the report of a log."""
-    place = report_place(folder, sha256)
-    with fleet_errors_told(folder):
-        place.parent.mkdir(exist_ok=True)
-        write_whole(place, page)
+    position = report_path(folder, sha256)
+    with report_fleet_errors(folder):
+        position.parent.mkdir(exist_ok=True)
+        write_atomically(position, page)
 
 
 def reports_there(folder: Path) -> Generator[str, None, None]:
     """Hashes of the logs that have a report, in any order; none are kept."""
-    with fleet_errors_told(folder), suppress(FileNotFoundError), os.scandir(folder / REPORTS) as entries:
+    with report_fleet_errors(folder), suppress(FileNotFoundError), os.scandir(folder / REPORTS) as entries:
         for entry in entries:
-            found = _NAME.fullmatch(entry.name)
-            if found is not None:
-                yield found[1]
+            match = _NAME.fullmatch(entry.name)
+            if match is not None:
+                yield match[1]
 
 
 # -- Flight row --
@@ -593,7 +593,7 @@ SURROUNDINGS = {
 
 
 @dataclass(frozen=True, slots=True)
-class FlightRow:
+class RowOfLog:
     """The function from a log to its row."""
 
     options: FleetOptions
@@ -623,15 +623,15 @@ class FlightRow:
 
     def _whose(self, log: Log, recording: Recording) -> dict[str, str]:
         """Vehicle and type: as the user says where it is said, else as the log does."""
-        origin, told = recording.origin, _whose_by_name(self.options, log)
-        found = {"vehicle": origin.board, "type": origin.airframe, **told}
-        if self.options.vehicle_from and self.options.pattern() is None and not told:
-            found["vehicle"] = _in_table(Path(log.path), self.options.vehicle_from) or origin.board
-        return {key: text for key, text in found.items() if text}
+        origin, whose = recording.origin, _whose_by_name(self.options, log)
+        results = {"vehicle": origin.board, "type": origin.airframe, **whose}
+        if self.options.vehicle_from and self.options.pattern() is None and not whose:
+            results["vehicle"] = _in_table(Path(log.path), self.options.vehicle_from) or origin.board
+        return {key: text for key, text in results.items() if text}
 
 
 class NamedRow:
-    """What every row of a log has, also of one that is not read: what its name and the list tell of it."""
+    """What every row of a log has, also of one that is not read: what its name and the list say of it."""
 
     def __init__(self, options: FleetOptions) -> None:
         self._options, self._marks = options, options.marks()
@@ -646,9 +646,9 @@ def _whose_by_name(options: FleetOptions, log: Log) -> Mapping[str, str]:
     """Vehicle and type as the log's path or the list says, where the user says that it does."""
     pattern = options.pattern()
     if pattern is not None:
-        return pattern.told(log.name)
-    told = log.told.get(options.vehicle_from, "")
-    return {"vehicle": told} if told else {}
+        return pattern.fields_of(log.name)
+    reported = log.metadata.get(options.vehicle_from, "")
+    return {"vehicle": reported} if reported else {}
 
 
 def failed_row(about: Mapping[str, Any], reason: str) -> dict[str, Any]:
@@ -658,18 +658,18 @@ def failed_row(about: Mapping[str, Any], reason: str) -> dict[str, Any]:
 
 def copy_row(about: Mapping[str, Any], first: str) -> dict[str, Any]:
     """Row of a copy: it names the first, and has no numbers of its own."""
-    told = {
+    selected = {
         "copy_of": about["sha256"],
         "verdict": COPY,
         "reason": f"A copy of {first}, whose row has the numbers.",
     }
-    return {**about, **told}
+    return {**about, **selected}
 
 
 def _of_recording(recording: Recording) -> dict[str, Any]:
     start, end = recording.span_s
     origin = recording.origin
-    found: dict[str, Any] = {
+    results: dict[str, Any] = {
         "firmware": origin.firmware or None,
         "start": origin.start,
         "duration_s": end - start,
@@ -677,8 +677,8 @@ def _of_recording(recording: Recording) -> dict[str, Any]:
     for column, name in SURROUNDINGS.items():
         channel = recording.channels.get(name)
         if channel is not None and np.isfinite(channel.values).any():
-            found[column] = float(np.nanmean(channel.values))
-    return found
+            results[column] = float(np.nanmean(channel.values))
+    return results
 
 
 def _of_result(result: FlightEstimate) -> dict[str, Any]:
@@ -686,10 +686,10 @@ def _of_result(result: FlightEstimate) -> dict[str, Any]:
         "verdict": result.verdict.status.value,
         "reason": " ".join(result.verdict.sentences) or None,
     }
-    for name, one in result.quantities.items():
-        numbers = (one.value, one.std_error, *one.interval)
+    for name, quantity in result.quantities.items():
+        numbers = (quantity.value, quantity.std_error, *quantity.interval)
         row |= {f"{name}.{part}": float(number) for part, number in zip(NUMBERS, numbers, strict=True)}
-        row[f"{name}.{VERDICT}"] = one.verdict.value
+        row[f"{name}.{VERDICT}"] = quantity.verdict.value
     if result.fit is not None:
         row["covariance"] = result.covariance.ravel().tolist()
         row["covariance_names"] = list(result.names)
@@ -702,7 +702,7 @@ def _in_table(path: Path, column: str) -> str:
     import polars as pl
 
     scans: dict[str, Callable[[Path], pl.LazyFrame]] = {
-        "csv": lambda place: pl.scan_csv(place, infer_schema=False),
+        "csv": lambda item: pl.scan_csv(item, infer_schema=False),
         "parquet": pl.scan_parquet,
     }
     try:

@@ -18,24 +18,31 @@ from eivor.estimation.methods import by_name, identify
 from eivor.flights.grid import upward
 from eivor.flights.lag_prior import (
     EFFECTIVE_LAG,
-    GivenLag,
-    ToldLag,
+    LagMeasurement,
+    LagPrior,
     check_lag_searched,
     lag_quantities,
     lag_searched,
     telemetry_lag,
-    with_given_lag,
+    with_lag_prior,
 )
-from eivor.flights.motion import Circumstances, Motion, Searched, Strength
+from eivor.flights.motion import InstrumentStrength, Motion, Searched, VerdictInputs
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepare import part_to_read, prepare
 from eivor.flights.prepared import PreparedFlight
-from eivor.flights.quantity import NAN, NO_INTERVAL, Allowance, Quantity, Unjudged, widened
+from eivor.flights.quantity import (
+    NAN,
+    NO_INTERVAL,
+    Quantity,
+    QuantityEstimate,
+    SystematicUncertainty,
+    widened,
+)
 from eivor.flights.references import check_declared
 from eivor.flights.result import (
     Fit,
     FlightEstimate,
-    Unaided,
+    WithoutPrior,
     fit_diagnostics,
     fit_numbers,
     fitted_noise_findings,
@@ -55,7 +62,7 @@ from eivor.models.separable import (
     SeparableProblem,
 )
 from eivor.signals.recording import Finding, Recording
-from eivor.tools import Progress, Stage, silent
+from eivor.tools import Progress, Stage, no_stage_callback
 
 # -- Instruments --
 
@@ -131,8 +138,8 @@ def single_frequency_hz(flying: tuple[PreparedFlight, ...], names: tuple[str, ..
 
 # -- Steps of an identification --
 
-#: What other motions say of the lag, when it is asked for.
-LagsBeside = Callable[[], tuple[ToldLag, ...]]
+#: What other motions say of the lag, when it is requested.
+LagMeasurements = Callable[[], tuple[LagMeasurement, ...]]
 
 
 def estimated(
@@ -140,17 +147,17 @@ def estimated(
     prepared: tuple[PreparedFlight, ...],
     options: FlightOptions,
     agreement: OverIdentification | None = None,
-    beside: LagsBeside = tuple,
-    progress: Progress = silent,
+    lag_measurements: LagMeasurements = tuple,
+    progress: Progress = no_stage_callback,
     *,
     with_sets: bool = True,
 ) -> FlightEstimate:
     """Estimate one set of parameters, with the method asked for or, without instruments, the fallback."""
     flying = tuple(flight for flight in prepared if flight.runs)
     if not flying:
-        return without_fit(motion, prepared, options, _grounded(motion, prepared))
+        return without_fit(motion, prepared, options, _reason_of_use(motion, prepared))
     if all(flight.constant_input for flight in flying):
-        sentence = "The input is constant: it tells nothing about the vehicle."
+        sentence = "The input is constant: it carries no information about the vehicle."
         reason = Reason(Status.REFUSED, sentence, motion.words.fly)
         return without_fit(motion, prepared, options, reason)
     method = by_name(options.method)
@@ -164,20 +171,20 @@ def estimated(
         )
         problem = motion.problem(tuple(flight.shortened for flight in flying), chosen.rule)
         sensors = motion.sensors(problem, tuple(flight.shortened for flight in flying))
-        align = options.align and sensors is not None and bool(sensors.told)
+        align = options.align and sensors is not None and bool(sensors.significant)
         if align and sensors is not None:
             prepared = motion.aligned(prepared, sensors)
             flying = tuple(flight for flight in prepared if flight.runs)
             problem = motion.problem(tuple(flight.shortened for flight in flying), chosen.rule)
         solve = partial(identify, method=method)
-        problem, alone = motion.settled(problem, solve, options)
+        problem, alone = motion.refined(problem, solve, options)
         whole = problem
-        given, noticed = known_lag(motion, flying, options, problem, alone, beside)
+        given, noticed = known_lag(motion, flying, options, problem, alone, lag_measurements)
         estimate = alone
         if given is not None:
-            problem = with_given_lag(problem, given.for_the_log, alone.best.at)
-            problem, estimate = motion.settled(problem, solve, options)
-        prepared = motion.as_settled(prepared, problem)
+            problem = with_lag_prior(problem, given.for_the_log, alone.best.nuisances)
+            problem, estimate = motion.refined(problem, solve, options)
+        prepared = motion.with_refinement(prepared, problem)
         progress(Stage.DIAGNOSING)
         checks = fit_diagnostics(motion.traces(problem, estimate), estimate)
         if given is not None:
@@ -186,14 +193,14 @@ def estimated(
         if agreement is not None and checks.agreement is not None:
             checks = replace(checks, agreement=agreement)
         sets = headline_sets(problem, estimate, motion.headline if with_sets else ())
-        unaided = None if given is None else Unaided(whole, alone)
-        fit = Fit(problem, estimate, chosen.rule.label, checks, given, sets, sensors, unaided)
+        without_prior = None if given is None else WithoutPrior(whole, alone)
+        fit = Fit(problem, estimate, chosen.rule.label, checks, given, sets, sensors, without_prior)
         shortened = tuple(flight.shortened for flight in flying)
         numbers = dict(motion.diagnostics(problem, estimate, shortened))
-        at = replace(
-            circumstances(motion, flying, chosen, numbers), given_lag=given, sensors=sensors, aligned=align
+        index = replace(
+            circumstances(motion, flying, chosen, numbers), lag_prior=given, sensors=sensors, aligned=align
         )
-        result = with_fit(motion, prepared, options, fit, at)
+        result = with_fit(motion, prepared, options, fit, index)
         return replace(result, findings=(*result.findings, *noticed))
     except MissingNoiseError as error:
         return without_fit(motion, prepared, options, Reason(Status.REFUSED, str(error)))
@@ -208,26 +215,26 @@ def known_lag(
     options: FlightOptions,
     problem: SeparableProblem,
     alone: Estimate,
-    beside: LagsBeside = tuple,
-) -> tuple[GivenLag | None, tuple[Finding, ...]]:
-    """What is known of the lag beside the motion: what a user gave, else what the log tells most closely."""
+    lag_measurements: LagMeasurements = tuple,
+) -> tuple[LagPrior | None, tuple[Finding, ...]]:
+    """What is known of the lag beside the motion: what a user gave, else what the log gives most closely."""
     slack_s = max(flight.command_slack_s for flight in flying)
     if options.lag is not None:
         check_lag_searched(problem)
-        return GivenLag(options.lag, lag_quantities(problem, alone)[EFFECTIVE_LAG], slack_s), ()
+        return LagPrior(options.lag, lag_quantities(problem, alone)[EFFECTIVE_LAG], slack_s), ()
     if not lag_searched(problem):
         return None, ()
     by_telemetry = telemetry_lag(flying, motion.telemetry) if motion.telemetry else None
-    telling = [*([] if by_telemetry is None else [by_telemetry]), *beside()]
+    telling = [*([] if by_telemetry is None else [by_telemetry]), *lag_measurements()]
     noticed: list[Finding] = []
-    for one in sorted(telling, key=lambda one: one.prior.std):
+    for item in sorted(telling, key=lambda entry: entry.prior.std):
         # telemetry answers the commands as they were logged: what these are late by is in both lags
-        own = lag_quantities(problem, alone)[EFFECTIVE_LAG]
-        found = GivenLag(one.prior, own, 0.0 if one is by_telemetry else slack_s, by=one)
-        if found.agrees:
-            return found, tuple(noticed)
-        sentence = f"The lag by {one.source} is not used: {found.sentence}."
-        noticed.append(Finding(f"{one.source}_contradicts", sentence))
+        lag_quantity = lag_quantities(problem, alone)[EFFECTIVE_LAG]
+        result = LagPrior(item.prior, lag_quantity, 0.0 if item is by_telemetry else slack_s, by=item)
+        if result.agrees:
+            return result, tuple(noticed)
+        sentence = f"The lag by {item.source} is not used: {result.sentence}."
+        noticed.append(Finding(f"{item.source}_contradicts", sentence))
     return None, tuple(noticed)
 
 
@@ -236,10 +243,10 @@ def circumstances(
     flying: tuple[PreparedFlight, ...],
     chosen: Instruments,
     numbers: Mapping[str, float],
-) -> Circumstances:
+) -> VerdictInputs:
     """What a verdict needs to know of flights beside the numbers."""
     measured = [[rate for role, rate in f.rates_hz.items() if role != "command"] for f in flying]
-    return Circumstances(
+    return VerdictInputs(
         flights=len(flying),
         command_rate_hz=min(flight.rates_hz["command"] for flight in flying),
         response_rate_hz=min(max(rates) for rates in measured),
@@ -274,15 +281,17 @@ def with_fit(
     prepared: tuple[PreparedFlight, ...],
     options: FlightOptions,
     fit: Fit,
-    at: Circumstances,
+    inputs: VerdictInputs,
 ) -> FlightEstimate:
     """Result of a fit: quantities with intervals and verdicts."""
-    unjudged = with_intervals_by_sets(motion, motion.quantities(fit.problem, fit.estimate), fit)
+    quantity_estimate = with_intervals_by_sets(motion, motion.quantities(fit.problem, fit.estimate), fit)
     flying = tuple(flight for flight in prepared if flight.runs)
-    unjudged = with_allowances(
-        motion, unjudged, motion.allowances(fit.problem, fit.estimate, flying, unjudged, at)
+    quantity_estimate = with_systematic_uncertainties(
+        motion,
+        quantity_estimate,
+        motion.systematic_uncertainties(fit.problem, fit.estimate, flying, quantity_estimate, inputs),
     )
-    overall, quantities = judged(motion, unjudged, strength(fit), at, fit.estimate.reasons)
+    overall, quantities = judged(motion, quantity_estimate, strength(fit), inputs, fit.estimate.reasons)
     return FlightEstimate(
         motion,
         options,
@@ -293,7 +302,7 @@ def with_fit(
         flight_diagnostics(prepared)
         | fit_numbers(fit.checks, fit.estimate, motion.headline)
         | ({} if fit.sensors is None else fit.sensors.numbers)
-        | dict(at.numbers),
+        | dict(inputs.numbers),
         (
             *flight_findings(prepared, motion.words),
             *fitted_noise_findings(fit.estimate),
@@ -307,68 +316,74 @@ def headline_sets(
 ) -> dict[str, ParameterSets]:
     """Confidence sets of the headline's linear parameters, where the method has them."""
     linear = {parameter.name for parameter in estimate.best.rows.parameters}
-    found = {name: parameter_sets(problem, estimate, name) for name in headline if name in linear}
-    return {name: sets for name, sets in found.items() if sets is not None}
+    results = {name: parameter_sets(problem, estimate, name) for name in headline if name in linear}
+    return {name: sets for name, sets in results.items() if sets is not None}
 
 
 def with_intervals_by_sets(
-    motion: Motion[Any], unjudged: Mapping[str, Unjudged], fit: Fit
-) -> Mapping[str, Unjudged]:
+    motion: Motion[Any], quantity_estimate: Mapping[str, QuantityEstimate], fit: Fit
+) -> Mapping[str, QuantityEstimate]:
     """Quantities, those that are judged by confidence sets with the hulls of these as intervals."""
     if not fit.by_sets:
-        return unjudged
-    changed = {name: replace(unjudged[name], interval=one.hull) for name, one in fit.by_sets.items()}
-    quantities = {**unjudged, **changed}
+        return quantity_estimate
+    changed = {
+        name: replace(quantity_estimate[name], interval=by_set.hull) for name, by_set in fit.by_sets.items()
+    }
+    quantities = {**quantity_estimate, **changed}
     return {**quantities, **motion.following(quantities)}
 
 
-def with_allowances(
-    motion: Motion[Any], unjudged: Mapping[str, Unjudged], allowances: Mapping[str, tuple[Allowance, ...]]
-) -> Mapping[str, Unjudged]:
+def with_systematic_uncertainties(
+    motion: Motion[Any],
+    quantity_estimate: Mapping[str, QuantityEstimate],
+    systematic_uncertainties: Mapping[str, tuple[SystematicUncertainty, ...]],
+) -> Mapping[str, QuantityEstimate]:
     """Quantities with their systematic parts; those that follow from a headline that widens follow it."""
-    quantities = dict(unjudged)
-    for name, parts in allowances.items():
-        one = unjudged[name]
-        quantities[name] = replace(one, interval=widened(one.interval, one.value, parts), allowances=parts)
-    if all(quantities[name].interval == unjudged[name].interval for name in motion.headline):
+    quantities = dict(quantity_estimate)
+    for name, parts in systematic_uncertainties.items():
+        item = quantity_estimate[name]
+        quantities[name] = replace(
+            item, interval=widened(item.interval, item.value, parts), systematic_uncertainties=parts
+        )
+    if all(quantities[name].interval == quantity_estimate[name].interval for name in motion.headline):
         return quantities
     return {**quantities, **motion.following(quantities)}
 
 
-def strength(fit: Fit) -> Strength:
-    """What the instruments of a fit tell, in the numbers that reports show."""
+def strength(fit: Fit) -> InstrumentStrength:
+    """What the instruments of a fit determine, in the numbers that reports show."""
     best, checks = fit.estimate.best, fit.checks
     searched = {
-        profile.nuisance.name: Searched(best.at[profile.nuisance.name], float(profile.grid[-1]))
+        profile.nuisance.name: Searched(best.nuisances[profile.nuisance.name], float(profile.grid[-1]))
         for profile in best.profiles
     }
     p_value = 1.0 if checks.agreement is None else checks.agreement.p_value
-    return Strength(checks.first_stage, p_value, searched, fit.robust_sets)
+    return InstrumentStrength(checks.first_stage, p_value, searched, fit.robust_sets)
 
 
 def judged(
     motion: Motion[Any],
-    unjudged: Mapping[str, Unjudged],
-    numbers: Strength,
-    at: Circumstances,
+    quantity_estimate: Mapping[str, QuantityEstimate],
+    numbers: InstrumentStrength,
+    inputs: VerdictInputs,
     of_estimate: tuple[Reason, ...] = (),
 ) -> tuple[Verdict, dict[str, Quantity]]:
-    """The overall verdict, and the quantities with their own; grounds of the estimate are each one's."""
-    grounds = {
+    """The overall verdict, and the quantities with their own; reasons of the estimate are each one's."""
+    reasons = {
         name: (
             *reasons,
             *of_estimate,
-            *unbounded_reasons(unjudged[name], motion.wording[name].words, reasons),
+            *unbounded_reasons(quantity_estimate[name], motion.wording[name].words, reasons),
         )
-        if name in unjudged
+        if name in quantity_estimate
         else (*reasons, *of_estimate)
-        for name, reasons in motion.grounds(unjudged, numbers, at).items()
+        for name, reasons in motion.reasons(quantity_estimate, numbers, inputs).items()
     }
-    against = dict.fromkeys(reason for name in motion.headline for reason in grounds[name])
+    against = dict.fromkeys(reason for name in motion.headline for reason in reasons[name])
     quantities = {
-        name: unjudged[name].judged(verdict(list(grounds[name])), wording)
+        name: quantity_estimate[name].judged(verdict(list(reasons[name])), wording)
         for name, wording in motion.wording.items()
-        if name in unjudged or not wording.optional
+        if name in quantity_estimate or not wording.optional
     }
     return verdict(list(against)), quantities
 
@@ -399,7 +414,7 @@ def not_estimated(motion: Motion[Any], known: Mapping[str, float]) -> dict[str, 
     }
 
 
-def _grounded(motion: Motion[Any], prepared: tuple[PreparedFlight, ...]) -> Reason:
+def _reason_of_use(motion: Motion[Any], prepared: tuple[PreparedFlight, ...]) -> Reason:
     """Why no flight has a run."""
     words = motion.words
     name, alone = prepared[0].recording.name, len(prepared) == 1
@@ -415,7 +430,7 @@ def _grounded(motion: Motion[Any], prepared: tuple[PreparedFlight, ...]) -> Reas
 
 #: Standard deviation of the difference between the delays of the sensors of two motions [s].
 SENSORS_APART_S = 0.005
-#: Slower states and commands of the other motion tell no lag that is worth an estimate [Hz].
+#: Slower states and commands of the other motion determine no lag that is worth an estimate [Hz].
 LEAST_STATE_HZ, LEAST_COMMAND_HZ = 90.0, 45.0
 #: Instruments weaker than this share of strong ones are not looked at closely. Their F at coarse lags and
 #: one delay was at least nine tenths of that at the best in flights where that was strong (26 simulated ones
@@ -425,30 +440,30 @@ LEAST_SHARE = 0.5
 COMMAND = "command"
 
 
-def lags_beside(
+def lags_from_rates(
     motions: tuple[Motion[Any], ...], log: Recording, window: tuple[float, float] | None
-) -> tuple[ToldLag, ...]:
-    """Lags that other motions tell, each where its own verdict on the lag is identified."""
+) -> tuple[LagMeasurement, ...]:
+    """Lags that other motions identify, each where its own verdict on the lag is identified."""
     options = FlightOptions(window=window)
-    found = (_lag_by(motion, log, options) for motion in motions)
-    return tuple(told for told in found if told is not None)
+    results = (_lag_by(motion, log, options) for motion in motions)
+    return tuple(result for result in results if result is not None)
 
 
-def lag_told_by(motion: Motion[Any], lag: Quantity) -> ToldLag | None:
+def lag_measured_by(motion: Motion[Any], lag: Quantity) -> LagMeasurement | None:
     """What a motion's result says of the lag; None where that is not to be trusted."""
     if lag.verdict is not Status.IDENTIFIED:
         return None
-    return ToldLag(
+    return LagMeasurement(
         motion.name,
         f"{motion.words.title.lower()} (--model {motion.name})",
-        Unjudged(lag.value, lag.unit, lag.std_error, lag.interval),
+        QuantityEstimate(lag.value, lag.unit, lag.std_error, lag.interval),
         SENSORS_APART_S,
         "the delays that sensors differ by",
     )
 
 
-def _lag_by(motion: Motion[Any], log: Recording, options: FlightOptions) -> ToldLag | None:
-    """Lag by one motion; None where it cannot be told, or not be trusted."""
+def _lag_by(motion: Motion[Any], log: Recording, options: FlightOptions) -> LagMeasurement | None:
+    """Lag by one motion; None where it cannot be identified, or not be trusted."""
     try:
         log = part_to_read(upward(log), options.window)
         rates_hz = dict(motion.select(log, options).rates_hz)
@@ -457,16 +472,18 @@ def _lag_by(motion: Motion[Any], log: Recording, options: FlightOptions) -> Told
         flight = prepare(log, motion, options)
     except InputError:
         return None
-    if not flight.runs or not any(one.usable and one.exogenous for one in flight.references):
+    if not flight.runs or not any(
+        reference.usable and reference.exogenous for reference in flight.references
+    ):
         return None
-    if not _may_be_told(motion, flight, options):
+    if not _may_be_identified(motion, flight, options):
         return None
     result = estimated(motion, (flight,), options, with_sets=False)
-    return lag_told_by(motion, result.quantities[EFFECTIVE_LAG])
+    return lag_measured_by(motion, result.quantities[EFFECTIVE_LAG])
 
 
-def _may_be_told(motion: Motion[Any], flight: PreparedFlight, options: FlightOptions) -> bool:
-    """Whether instruments tell anything of the lag, by a coarse search: most flights end here."""
+def _may_be_identified(motion: Motion[Any], flight: PreparedFlight, options: FlightOptions) -> bool:
+    """Whether instruments identify anything of the lag, by a coarse search: most flights end here."""
     method = by_name(options.method)
     chosen = instruments((flight,), options, method)
     if chosen.absent:
@@ -474,20 +491,20 @@ def _may_be_told(motion: Motion[Any], flight: PreparedFlight, options: FlightOpt
     try:
         problem = motion.problem((flight.shortened,), chosen.rule)
         coarse = problem.with_nuisances(tuple(map(_coarse, problem.nuisances)))
-        found = identify(coarse, motion.weighted(method))
+        result = identify(coarse, motion.weighted(method))
     except EstimationError:
         return False
-    first_stage = dict(zip(found.names, found.best.inference.first_stage, strict=True))
+    first_stage = dict(zip(result.names, result.best.inference.first_stage, strict=True))
     return first_stage.get(ACTUATOR_LAG.name, 0.0) >= LEAST_SHARE * STRONG_FIRST_STAGE
 
 
-def _coarse(one: Nuisance) -> Nuisance:
+def _coarse(nuisance: Nuisance) -> Nuisance:
     """A nuisance with some of its grid, and nothing between: of a delay, which a lag makes up for, one."""
-    if not one.searched:
-        return one
-    middle = (len(one.grid) - 1) // 2
-    grid = one.grid[middle : middle + 1] if one.discrete else one.grid[::4]
-    return replace(one, grid=grid, halvings=0, furthest=None, tolerance=float(grid[-1] - grid[0]) or 1.0)
+    if not nuisance.searched:
+        return nuisance
+    middle = (len(nuisance.grid) - 1) // 2
+    grid = nuisance.grid[middle : middle + 1] if nuisance.discrete else nuisance.grid[::4]
+    return replace(nuisance, grid=grid, halvings=0, furthest=None, tolerance=float(grid[-1] - grid[0]) or 1.0)
 
 
 # -- Several motions together --

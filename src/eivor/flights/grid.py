@@ -19,7 +19,7 @@ from eivor.tools import Bool, Float, Int
 
 #: A piece whose neighbours are longer or shorter than it by this factor is a line: noise of two stamps that
 #: lie close would tilt the curve far.
-UNEVEN = 2.0
+JITTER = 2.0
 
 #: Values at times `t`, of stamps that increase, their values, and `t`.
 Between = Callable[
@@ -46,8 +46,8 @@ def curve_between(
         chord = np.diff(values) / h
         slope = (h[1:] * chord[:-1] + h[:-1] * chord[1:]) / (h[1:] + h[:-1])
         begin, end = slope[:-1] - chord[1:-1], slope[1:] - chord[1:-1]
-        beside = np.stack([h[:-2], h[1:-1], h[2:]])
-        even = beside.max(axis=0) <= UNEVEN * beside.min(axis=0)
+        neighbours = np.stack([h[:-2], h[1:-1], h[2:]])
+        even = neighbours.max(axis=0) <= JITTER * neighbours.min(axis=0)
         even &= np.isfinite(begin) & np.isfinite(end)
         piece = np.searchsorted(time, t, side="right") - 2
         inside = np.flatnonzero((piece >= 0) & (piece < even.size))
@@ -142,13 +142,13 @@ def common_grid(
     fine = all(channel.rate_hz >= FINE_FROM_HZ for channel in fast)
     step = step_s or (FINE_STEP_S if fine else STEP_S)
     telling = {channel.name for channel in fast}
-    silent = [
+    no_stage_callback = [
         (ceil((first + MARGIN_S - start) / step), floor((last - memory_s - start) / step))
         for channel in channels
         if channel.name in telling or not channel.held
         for first, last in channel.silences()
     ]
-    grid = Grid(start, step, _without(silent, int((end - start) / step + LAST_SAMPLE_SHARE) + 1))
+    grid = Grid(start, step, _without(no_stage_callback, int((end - start) / step + LAST_SAMPLE_SHARE) + 1))
     if grid.count * step > LONGEST_S:
         raise InputError(
             f"a flight of at most {LONGEST_S / 3600:.0f} hours",
@@ -158,10 +158,10 @@ def common_grid(
     return grid
 
 
-def _without(left_out: list[tuple[int, int]], count: int) -> tuple[range, ...]:
+def _without(omitted: list[tuple[int, int]], count: int) -> tuple[range, ...]:
     """0 .. count-1 without stretches, each from its first to its last number."""
     pieces, begin = [], 0
-    for first, last in sorted(left_out):
+    for first, last in sorted(omitted):
         if last < first:
             continue
         if first > begin:
@@ -175,14 +175,14 @@ def _without(left_out: list[tuple[int, int]], count: int) -> tuple[range, ...]:
 def around(used: Bool[np.ndarray, " n"], grid: Grid, memory_s: float = MEMORY_S) -> Bool[np.ndarray, " n"]:
     """Samples `used`, those before them that their actuators remember, and a margin behind them."""
     steps = grid.steps
-    places = steps[used]
-    if not places.size:
+    step = steps[used]
+    if not step.size:
         return used
     before, behind = ceil(memory_s / grid.step_s), ceil(MARGIN_S / grid.step_s)
-    next_used = places[np.minimum(np.searchsorted(places, steps), places.size - 1)]
-    last_used = places[np.maximum(np.searchsorted(places, steps, side="right") - 1, 0)]
-    ahead, passed = next_used - steps, steps - last_used
-    return ((ahead >= 0) & (ahead <= before)) | ((passed >= 0) & (passed <= behind))
+    next_used = step[np.minimum(np.searchsorted(step, steps), step.size - 1)]
+    last_used = step[np.maximum(np.searchsorted(step, steps, side="right") - 1, 0)]
+    prediction, passed = next_used - steps, steps - last_used
+    return ((prediction >= 0) & (prediction <= before)) | ((passed >= 0) & (passed <= behind))
 
 
 def on_grid(
@@ -325,8 +325,8 @@ def airborne_by_log(log: Recording, grid: Grid, input_level: Float[np.ndarray, "
         if known.any():
             landed = (on_ground > 0.5) | ~known
             if "ground_contact" in log.channels:
-                touching, told = on_grid(log.channels["ground_contact"], grid)
-                landed |= told & (touching > 0.5)
+                touching, reported = on_grid(log.channels["ground_contact"], grid)
+                landed |= reported & (touching > 0.5)
     if "position_z" in log.channels:
         level, known = on_grid(log.channels["position_z"], grid)
         height = level if known.mean() >= HEIGHT_KNOWN_SHARE else None

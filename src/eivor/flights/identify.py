@@ -9,23 +9,23 @@ from typing import Any
 
 from eivor.errors import InputError, UsageError
 from eivor.estimation.methods import TABLE, by_name
-from eivor.flights.estimate import LagsBeside, Window, estimated, lag_told_by, lags_beside
+from eivor.flights.estimate import LagMeasurements, Window, estimated, lag_measured_by, lags_from_rates
 from eivor.flights.lag_prior import (
     EFFECTIVE_LAG,
-    ToldLag,
+    LagMeasurement,
 )
 from eivor.flights.motion import Motion
 from eivor.flights.options import FlightOptions
 from eivor.flights.pooling import agreement, pooled_result
 from eivor.flights.prepare import check_options, check_poolable, prepare, without_duplicates
 from eivor.flights.prepared import PreparedFlight
-from eivor.flights.quantity import Companion, Quantity
+from eivor.flights.quantity import CoupledAxis, Quantity
 from eivor.flights.result import (
     FlightEstimate,
     FlightRow,
 )
 from eivor.signals.recording import Finding, Recording
-from eivor.tools import Progress, Stage, silent
+from eivor.tools import Progress, Stage, no_stage_callback
 
 
 def identified(
@@ -34,11 +34,11 @@ def identified(
     options: FlightOptions,
     windows: Sequence[Window],
     others: tuple[Motion[Any], ...] = (),
-    told: tuple[ToldLag, ...] = (),
-    progress: Progress = silent,
+    lag_measurements: tuple[LagMeasurement, ...] = (),
+    progress: Progress = no_stage_callback,
 ) -> FlightEstimate:
     """Identify a motion from the logs of one or several flights of one vehicle."""
-    by_name(options.method)  # unknown names are told before anything is estimated
+    by_name(options.method)  # unknown names are reported before anything is estimated
     check_options(motion, options)
     if len(windows) != len(logs):
         raise UsageError(
@@ -52,19 +52,25 @@ def identified(
     )
     check_poolable(prepared, motion)
     motion = motion.for_flights(prepared, options)
-    beside: LagsBeside = tuple
-    if told:
-        beside = cache(lambda: told)
+    neighbours: LagMeasurements = tuple
+    if lag_measurements:
+        neighbours = cache(lambda: lag_measurements)
     elif len(kept) == 1 and others:
         ((log, window),) = kept
-        beside = cache(partial(lags_beside, others, log, window or options.window))
+        neighbours = cache(partial(lags_from_rates, others, log, window or options.window))
     progress(Stage.IDENTIFYING)
-    result = _together(motion, prepared, options, beside, progress)
+    result = _together(motion, prepared, options, neighbours, progress)
     result = replace(result, findings=(*dropped, *result.findings))
     if options.compare:
         rows = [
             _row(
-                name, estimated(motion, prepared, replace(options, method=name, compare=False), beside=beside)
+                name,
+                estimated(
+                    motion,
+                    prepared,
+                    replace(options, method=name, compare=False),
+                    lag_measurements=neighbours,
+                ),
             )
             for name in TABLE
         ]
@@ -76,81 +82,84 @@ def _together(
     motion: Motion[Any],
     prepared: tuple[PreparedFlight, ...],
     options: FlightOptions,
-    beside: LagsBeside,
+    neighbours: LagMeasurements,
     progress: Progress,
 ) -> FlightEstimate:
     """One flight; or several, with each flight's own result beside them."""
     if len(prepared) == 1:
-        return estimated(motion, prepared, options, beside=beside, progress=progress)
+        return estimated(motion, prepared, options, lag_measurements=neighbours, progress=progress)
     alone = [estimated(motion, (flight,), options) for flight in prepared]
     result = pooled_result(motion, prepared, options, alone)
     if result is None:
-        own = agreement([one.fit.checks for one in alone if one.fit is not None])
-        result = estimated(motion, prepared, options, own)
+        current = agreement([item.fit.checks for item in alone if item.fit is not None])
+        result = estimated(motion, prepared, options, current)
     progress(Stage.DIAGNOSING)
-    rows = [_row(flight.recording.name, own) for flight, own in zip(prepared, alone, strict=True)]
+    rows = [_row(flight.recording.name, item) for flight, item in zip(prepared, alone, strict=True)]
     return replace(result, flights=tuple(rows))
 
 
 def _row(label: str, result: FlightEstimate) -> FlightRow:
-    shown = {name: result.quantities[name] for name in result.motion.rows if result.fit is not None}
-    return FlightRow(label, result.verdict.status, shown, result.verdict.sentences)
+    displayed = {name: result.quantities[name] for name in result.motion.rows if result.fit is not None}
+    return FlightRow(label, result.verdict.status, displayed, result.verdict.sentences)
 
 
 @dataclass(frozen=True, slots=True)
-class _Untold:
-    """Why a quantity is not told."""
+class _NotIdentified:
+    """Why a quantity is not identified."""
 
     why: str
 
 
-def with_companions(
+def with_coupled_axes(
     result: FlightEstimate,
     motions: Mapping[str, Motion[Any]],
     logs: Sequence[Recording],
     windows: Sequence[Window],
 ) -> FlightEstimate:
-    """Result with the quantities that other motions tell, and a finding for each that none tells."""
+    """Result with the quantities that other motions identify, and a finding for each that none gives."""
     if result.fit is None:
         return result
-    wording, found, findings = result.motion.wording, dict(result.quantities), list(result.findings)
-    for one in result.motion.companions:
-        told = _told(one, motions[one.motion], result, logs, windows)
-        if isinstance(told, _Untold):
-            sentence = f"The {wording[one.called].words} is refused: {told.why}."
-            findings.append(Finding(f"no_{one.called}", sentence))
+    wording, results, findings = result.motion.wording, dict(result.quantities), list(result.findings)
+    for coupled_axis in result.motion.coupled_axes:
+        reported = _report(coupled_axis, motions[coupled_axis.motion], result, logs, windows)
+        if isinstance(reported, _NotIdentified):
+            sentence = f"The {wording[coupled_axis.called].words} is refused: {reported.why}."
+            findings.append(Finding(f"no_{coupled_axis.called}", sentence))
         else:
-            found[one.called] = told
-    ordered = {name: found[name] for name in wording if name in found}
+            results[coupled_axis.called] = reported
+    ordered = {name: results[name] for name in wording if name in results}
     return replace(result, quantities=ordered, findings=tuple(findings))
 
 
-def _told(
-    one: Companion,
+def _report(
+    coupled_axis: CoupledAxis,
     motion: Motion[Any],
     result: FlightEstimate,
     logs: Sequence[Recording],
     windows: Sequence[Window],
-) -> Quantity | _Untold:
-    for words, names in one.needs.items():
+) -> Quantity | _NotIdentified:
+    for words, names in coupled_axis.needs.items():
         if not all(any(name in log.channels for name in names) for log in logs):
-            return _Untold(f"no {words} is logged")
-    asked = result.options
+            return _NotIdentified(f"no {words} is logged")
+    requested = result.options
     options = FlightOptions(
-        window=asked.window,
-        max_tilt_deg=asked.max_tilt_deg,
-        input=one.input,
-        input_map=asked.input_map or one.input_map,
-        method=asked.method,
-        lag=asked.lag,
+        window=requested.window,
+        max_tilt_deg=requested.max_tilt_deg,
+        input=coupled_axis.input,
+        input_map=requested.input_map or coupled_axis.input_map,
+        method=requested.method,
+        lag=requested.lag,
     )
-    lag = lag_told_by(result.motion, result.quantities[EFFECTIVE_LAG])
-    told = () if lag is None or asked.lag is not None else (lag,)
+    lag = lag_measured_by(result.motion, result.quantities[EFFECTIVE_LAG])
+    reported = () if lag is None or requested.lag is not None else (lag,)
     try:
-        other = identified(logs, motion, options, windows, told=told)
+        other = identified(logs, motion, options, windows, lag_measurements=reported)
     except InputError as error:
-        return _Untold(f"{error.expected} is missing")
-    here, there = result.motion.wording[one.called].words, motion.wording[one.quantity].words
-    found = other.quantities[one.quantity]
-    reasons = (replace(why, sentence=why.sentence.replace(there, here)) for why in found.reasons)
-    return replace(found, reasons=tuple(reasons))
+        return _NotIdentified(f"{error.expected} is missing")
+    here, there = (
+        result.motion.wording[coupled_axis.called].words,
+        motion.wording[coupled_axis.quantity].words,
+    )
+    quantity = other.quantities[coupled_axis.quantity]
+    reasons = (replace(why, sentence=why.sentence.replace(there, here)) for why in quantity.reasons)
+    return replace(quantity, reasons=tuple(reasons))

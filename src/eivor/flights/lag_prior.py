@@ -13,8 +13,8 @@ from eivor.estimation.derived import ratio
 from eivor.estimation.estimate import Candidate, Estimate
 from eivor.estimation.methods import identify, least_squares
 from eivor.flights.prepared import PreparedFlight
-from eivor.flights.quantity import NAN, NO_INTERVAL, Choice, Kind, Unjudged, Wording
-from eivor.inference.diagnostics.record import BEYOND_DOUBT, SIGNIFICANT, told
+from eivor.flights.quantity import NAN, NO_INTERVAL, Choice, Kind, QuantityEstimate, Wording
+from eivor.inference.diagnostics.record import BEYOND_DOUBT, SIGNIFICANT, outcome_word
 from eivor.inference.distributions import chi_square_tail
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, LAG_GRID_S, AxisColumns, LaggedRuns, lag_and_delay
 from eivor.models.regression import Parameter
@@ -25,7 +25,7 @@ from eivor.tools import Float
 
 # -- Lag quantities --
 
-#: Sum of lag and delay, which a flight tells better than either.
+#: Sum of lag and delay, which a flight identifies better than either.
 EFFECTIVE_LAG = "effective_lag"
 
 
@@ -37,42 +37,46 @@ LAG_WORDINGS = {
 }
 
 
-def joint_quantities(estimate: Estimate) -> dict[str, Unjudged]:
+def joint_quantities(estimate: Estimate) -> dict[str, QuantityEstimate]:
     """Every parameter of the joint vector."""
     return {
-        name: Unjudged(estimate.parameters[name], unit, estimate.std_error(name), estimate.interval(name))
+        name: QuantityEstimate(
+            estimate.parameters[name], unit, estimate.std_error(name), estimate.interval(name)
+        )
         for name, unit in zip(estimate.names, estimate.units, strict=True)
     }
 
 
-def ratio_quantity(estimate: Estimate, numerator: str | float, denominator: str, unit: str) -> Unjudged:
+def ratio_quantity(
+    estimate: Estimate, numerator: str | float, denominator: str, unit: str
+) -> QuantityEstimate:
     """Ratio of two parameters, or of a number and a parameter; see `eivor.ratio`.
 
-    Its interval has no bound as soon as the denominator cannot be told from zero; the standard error is by
-    the delta method.
+    Its interval has no bound as soon as the denominator cannot be distinguished from zero; the standard
+    error is by the delta method.
     """
-    at, below = estimate.parameters, estimate.parameters[denominator]
-    above = at[numerator] if isinstance(numerator, str) else float(numerator)
+    parameters, below = estimate.parameters, estimate.parameters[denominator]
+    above = parameters[numerator] if isinstance(numerator, str) else float(numerator)
     interval = ratio(estimate, numerator, denominator).hull
     if not below:
-        return Unjudged(NAN, unit, NAN, interval)
+        return QuantityEstimate(NAN, unit, NAN, interval)
     gradient = -above / below**2 * estimate.direction(denominator)
     if isinstance(numerator, str):
         gradient = gradient + estimate.direction(numerator) / below
-    return Unjudged(above / below, unit, estimate.best.covariance.std_error(gradient), interval)
+    return QuantityEstimate(above / below, unit, estimate.best.covariance.std_error(gradient), interval)
 
 
-def reciprocal(of: Unjudged, unit: str) -> Unjudged:
+def reciprocal(of: QuantityEstimate, unit: str) -> QuantityEstimate:
     """One over a quantity; without bounds where its interval is not to one side of zero."""
     low, high = of.interval
-    told = low > 0.0 or high < 0.0
-    interval = (1.0 / high, 1.0 / low) if told else NO_INTERVAL
+    reported = low > 0.0 or high < 0.0
+    interval = (1.0 / high, 1.0 / low) if reported else NO_INTERVAL
     if not of.value:
-        return Unjudged(NAN, unit, NAN, interval)
-    return Unjudged(1.0 / of.value, unit, of.std_error / of.value**2, interval)
+        return QuantityEstimate(NAN, unit, NAN, interval)
+    return QuantityEstimate(1.0 / of.value, unit, of.std_error / of.value**2, interval)
 
 
-def lag_quantities(problem: SeparableProblem, estimate: Estimate) -> dict[str, Unjudged]:
+def lag_quantities(problem: SeparableProblem, estimate: Estimate) -> dict[str, QuantityEstimate]:
     """`actuator_lag`, `delay` and `effective_lag`, their sum; zero for what was not searched for.
 
     A sum that cannot be negative has no interval below zero; that of a measured state's delay may. One
@@ -86,7 +90,7 @@ def lag_quantities(problem: SeparableProblem, estimate: Estimate) -> dict[str, U
         Of it.
     """
     joint = joint_quantities(estimate)
-    lag = joint.get(ACTUATOR_LAG.name, Unjudged(0.0, "s", 0.0, (0.0, 0.0)))
+    lag = joint.get(ACTUATOR_LAG.name, QuantityEstimate(0.0, "s", 0.0, (0.0, 0.0)))
     if DELAY.name in joint and ACTUATOR_LAG.name in joint:
         return {
             ACTUATOR_LAG.name: lag,
@@ -99,69 +103,76 @@ def lag_quantities(problem: SeparableProblem, estimate: Estimate) -> dict[str, U
     named = {nuisance.name: nuisance for nuisance in problem.nuisances}
     bounds = named[ACTUATOR_LAG.name].bounds
     if bounds is not None:
-        lags = [candidate.at[ACTUATOR_LAG.name] for candidate in estimate.tenable()]
-        at = estimate.best.at
-        lag = Unjudged(at[ACTUATOR_LAG.name], "s", NAN, (min(lags), max(lags)))
-        whole = named[ACTUATOR_LAG.name].with_others(at)
-        effective = Unjudged(whole, "s", NAN, (bounds.low, bounds.high))
+        lags = [candidate.nuisances[ACTUATOR_LAG.name] for candidate in estimate.tenable()]
+        index = estimate.best.nuisances
+        lag = QuantityEstimate(index[ACTUATOR_LAG.name], "s", NAN, (min(lags), max(lags)))
+        whole = named[ACTUATOR_LAG.name].with_others(index)
+        effective = QuantityEstimate(whole, "s", NAN, (bounds.low, bounds.high))
     if ACTUATOR_LAG.name in estimate.names:
         sum_of = _effective_lag(estimate)
         value, direction = sum_of(estimate.best)
         error = estimate.best.covariance.std_error(direction)
-        effective = Unjudged(value, "s", error, estimate.interval_of(sum_of), lowest=0.0)
+        effective = QuantityEstimate(value, "s", error, estimate.interval_of(sum_of), lowest=0.0)
     delay = chosen(named[DELAY.name], estimate)
     return {ACTUATOR_LAG.name: lag, DELAY.name: delay, EFFECTIVE_LAG: effective}
 
 
-def _sum_of_both(estimate: Estimate) -> Unjudged:
+def _sum_of_both(estimate: Estimate) -> QuantityEstimate:
     """Lag and delay together, where both were searched for between their grids' values."""
     direction = estimate.direction(ACTUATOR_LAG.name) + estimate.direction(DELAY.name)
     interval = estimate.interval_of(lambda candidate: (float(direction @ candidate.values), direction))
     error = estimate.best.covariance.std_error(direction)
-    return Unjudged(float(direction @ estimate.best.values), "s", error, interval)
+    return QuantityEstimate(float(direction @ estimate.best.values), "s", error, interval)
 
 
-def chosen(nuisance: Nuisance, estimate: Estimate) -> Unjudged:
+def chosen(nuisance: Nuisance, estimate: Estimate) -> QuantityEstimate:
     """A discrete nuisance: it has the values that fit in place of an interval."""
-    fitting = tuple(sorted({candidate.at[nuisance.name] for candidate in estimate.tenable()}))
-    tried = tuple(sorted({candidate.at[nuisance.name] for candidate in estimate.candidates}))
+    fitting = tuple(sorted({candidate.nuisances[nuisance.name] for candidate in estimate.tenable()}))
+    tried = tuple(sorted({candidate.nuisances[nuisance.name] for candidate in estimate.candidates}))
     choice = Choice(fitting, tried)
     unit = nuisance.parameter.unit
-    return Unjudged(estimate.best.at[nuisance.name], unit, NAN, (fitting[0], fitting[-1]), choice)
+    return QuantityEstimate(
+        estimate.best.nuisances[nuisance.name], unit, NAN, (fitting[0], fitting[-1]), choice
+    )
 
 
 def _effective_lag(estimate: Estimate) -> Callable[[Candidate], tuple[float, Float[np.ndarray, " n"]]]:
     """Lag plus delay and its gradient, at a candidate."""
     direction = estimate.direction(ACTUATOR_LAG.name)
-    return lambda candidate: (float(direction @ candidate.values) + candidate.at[DELAY.name], direction)
+    return lambda candidate: (
+        float(direction @ candidate.values) + candidate.nuisances[DELAY.name],
+        direction,
+    )
 
 
 # -- Measured lag --
 
 
 @dataclass(frozen=True)
-class ToldLag:
-    """The effective lag that telemetry, or another motion of the same flight, tells."""
+class LagMeasurement:
+    """The effective lag that telemetry, or another motion of the same flight, determines."""
 
     source: str  # "telemetry", or the name of the motion
     who: str  # The same in words
-    told: Unjudged  # Lag and delay together, as they were estimated, systematic parts included [s]
+    measured: (
+        QuantityEstimate  # Lag and delay together, as they were estimated, systematic parts included [s]
+    )
     apart_s: float
-    apart: str  # The reason of that in words, after "with"
+    why_not_used: str  # The reason of that in words, after "with"
 
     @property
     def prior(self) -> Prior:
         """The same as what is known of the lag: half a 95 % interval is two standard errors at most."""
-        own = max(0.5 * self.told.half_width, self.told.std_error)
-        return Prior(self.told.value, hypot(own, self.apart_s))
+        current = max(0.5 * self.measured.half_width, self.measured.std_error)
+        return Prior(self.measured.value, hypot(current, self.apart_s))
 
     @property
     def sentence(self) -> str:
         """What it says, with its interval, and what is added to that."""
         known = self.prior
-        low, high = (1e3 * max(end, 0.0) for end in self.told.interval)
+        low, high = (1e3 * max(end, 0.0) for end in self.measured.interval)
         return (
-            f"{1e3 * known.mean:.3g} [{low:.3g}, {high:.3g}] ms, with {self.apart} "
+            f"{1e3 * known.mean:.3g} [{low:.3g}, {high:.3g}] ms, with {self.why_not_used} "
             f"± {1e3 * known.std:.2g} ms (one standard deviation)"
         )
 
@@ -177,13 +188,13 @@ EVEN_STD = 3.0**-0.5
 
 
 @dataclass(frozen=True)
-class GivenLag:
+class LagPrior:
     """A lag that is known beside the flight, and the flight's own."""
 
     known: Prior | Bounds  # [s]
-    alone: Unjudged  # [s]
+    alone: QuantityEstimate  # [s]
     slack_s: float = 0.0
-    by: ToldLag | None = None
+    by: LagMeasurement | None = None
 
     @property
     def for_the_log(self) -> Prior | Bounds:
@@ -200,12 +211,12 @@ class GivenLag:
         """Of the test that both are of one lag: how far they are apart, over the standard error of that."""
         known, alone = self.known, self.alone
         if isinstance(known, Prior):
-            apart, variance = alone.value - known.mean, alone.std_error**2 + known.std**2
+            separated, variance = alone.value - known.mean, alone.std_error**2 + known.std**2
         else:
-            apart = alone.value - min(max(alone.value, known.low), known.high)
+            separated = alone.value - min(max(alone.value, known.low), known.high)
             variance = alone.std_error**2
         variance += (self.slack_s * EVEN_STD) ** 2
-        return chi_square_tail(apart**2 / variance, 1) if apart else 1.0
+        return chi_square_tail(separated**2 / variance, 1) if separated else 1.0
 
     @property
     def contradicted(self) -> bool:
@@ -219,14 +230,14 @@ class GivenLag:
 
     @property
     def closer_alone(self) -> bool:
-        """Whether the flight tells the lag within less than bounds that it agrees with."""
+        """Whether the flight identifies the lag within less than bounds that it agrees with."""
         known, (low, high) = self.known, self.alone.interval
         return isinstance(known, Bounds) and known.low < low and high < known.high
 
     @property
     def outcome(self) -> str:
         """Whether they agree, in a word or two."""
-        return told(self.p_value, ("agree", "may contradict each other", "contradict each other"))
+        return outcome_word(self.p_value, ("agree", "may contradict each other", "contradict each other"))
 
     @property
     def given(self) -> str:
@@ -255,39 +266,41 @@ class GivenLag:
         )
 
 
-def with_given_lag(problem: SeparableProblem, known: Prior | Bounds, alone: Values) -> SeparableProblem:
+def with_lag_prior(problem: SeparableProblem, known: Prior | Bounds, alone: Values) -> SeparableProblem:
     """Return the problem with what is known of the sum of lag and delay."""
     if known == NO_LAG:
         return problem.with_nuisances(
             tuple(
-                one.known_at(0.0) if one.name in (ACTUATOR_LAG.name, DELAY.name) else one
-                for one in problem.nuisances
+                nuisance.known_at(0.0) if nuisance.name in (ACTUATOR_LAG.name, DELAY.name) else nuisance
+                for nuisance in problem.nuisances
             )
         )
-    return problem.with_nuisances(tuple(_with_known(one, known, alone) for one in problem.nuisances))
+    return problem.with_nuisances(
+        tuple(_with_known(nuisance, known, alone) for nuisance in problem.nuisances)
+    )
 
 
-def _with_known(one: Nuisance, known: Prior | Bounds, alone: Values) -> Nuisance:
-    if one.name == DELAY.name and one.refined and isinstance(known, Bounds):
-        return one.known_at(alone[one.name])
-    if one.name != ACTUATOR_LAG.name:
-        return one
-    lag = replace(one, known_with=(DELAY.name,))
+def _with_known(nuisance: Nuisance, known: Prior | Bounds, alone: Values) -> Nuisance:
+    if nuisance.name == DELAY.name and nuisance.refined and isinstance(known, Bounds):
+        return nuisance.known_at(alone[nuisance.name])
+    if nuisance.name != ACTUATOR_LAG.name:
+        return nuisance
+    lag = replace(nuisance, known_with=(DELAY.name,))
     if isinstance(known, Prior):
         return replace(lag, prior=known)
     return replace(lag, bounds=known, discrete=True, grid=_between(known, lag.with_others(alone)))
 
 
-def _between(bounds: Bounds, own: float) -> Float[np.ndarray, " lags"]:
+def _between(bounds: Bounds, specific: float) -> Float[np.ndarray, " lags"]:
     """Lags to try: evenly between the bounds, both included, and the flight's own if it is between."""
     count = min(int(np.ceil((bounds.high - bounds.low) / TRIED_EVERY_S)) + 1, MOST_TRIED)
     tried = np.linspace(bounds.low, bounds.high, count)
-    return np.unique([*tried, own]) if bounds.low < own < bounds.high else np.unique(tried)
+    return np.unique([*tried, specific]) if bounds.low < specific < bounds.high else np.unique(tried)
 
 
 def lag_searched(problem: SeparableProblem) -> bool:
     """Whether the problem has an actuators' lag to search."""
-    return any(one.name == ACTUATOR_LAG.name and one.refined for one in problem.nuisances)
+    return any(nuisance.name == ACTUATOR_LAG.name and nuisance.refined for nuisance in problem.nuisances)
 
 
 def check_lag_searched(problem: SeparableProblem) -> None:
@@ -304,7 +317,7 @@ def check_lag_searched(problem: SeparableProblem) -> None:
 
 #: Its name as a source of a lag.
 TELEMETRY = "telemetry"
-#: Slower telemetry tells no lag [Hz]: that of 20 Hz does.
+#: Slower telemetry identifies no lag [Hz]: that of 20 Hz does.
 TELEMETRY_RATE_HZ = 19.5
 #: Standard deviation of telemetry's own delay [s]; that of a time within its period is added.
 OWN_DELAY_S = 0.015
@@ -321,40 +334,42 @@ class LaggedParabola:
     flight: PreparedFlight
     time_s: Float[np.ndarray, " n"]
 
-    def __call__(self, at: Values) -> Float[np.ndarray, "n 2"]:
+    def __call__(self, nuisance_values: Values) -> Float[np.ndarray, "n 2"]:
         """Columns at a lag and a delay, about the mean command."""
         signals = self.flight.signals
         commands = signals.family(self.flight.input.name)
-        lag_s, delay_s = at[ACTUATOR_LAG.name], at[DELAY.name]
+        lag_s, delay_s = nuisance_values[ACTUATOR_LAG.name], nuisance_values[DELAY.name]
         state = actuator_state(commands, step_s=signals.step_s, lag_s=lag_s, delay_s=delay_s).mean(axis=1)
         away = np.interp(self.time_s, self.flight.grid.time_s, state) - commands.mean()
         return np.column_stack([away, away**2])
 
 
-def telemetry_lag(flights: tuple[PreparedFlight, ...], families: tuple[str, ...]) -> ToldLag | None:
+def telemetry_lag(flights: tuple[PreparedFlight, ...], families: tuple[str, ...]) -> LagMeasurement | None:
     """Lag of the actuators by the telemetry of flights that have it."""
-    found = {
+    results = {
         number: channels
         for number, flight in enumerate(flights)
         if not flight.input.measured and (channels := _telemetry(flight, families))
     }
-    columns = tuple(_columns(number, flights[number], channels) for number, channels in found.items())
-    if not any(one.runs for one in columns):
+    columns = tuple(_columns(number, flights[number], channels) for number, channels in results.items())
+    if not any(column.runs for column in columns):
         return None
     problem = LaggedRuns(columns, (SLOPE, CURVATURE), lag_and_delay())
     try:
         estimate = identify(problem, least_squares())
-        told = lag_quantities(problem, estimate)[EFFECTIVE_LAG]
+        lag_quantity = lag_quantities(problem, estimate)[EFFECTIVE_LAG]
     except EstimationError:
         return None
     response = estimate.best.rows.response
     left = float(estimate.residuals @ estimate.residuals) / float(response @ response)
-    at_the_end = estimate.best.at[ACTUATOR_LAG.name] >= 0.999 * LAG_GRID_S[-1]
-    if not left < LARGEST_SHARE_LEFT or at_the_end or not np.isfinite(told.half_width):
+    at_the_end = estimate.best.nuisances[ACTUATOR_LAG.name] >= 0.999 * LAG_GRID_S[-1]
+    if not left < LARGEST_SHARE_LEFT or at_the_end or not np.isfinite(lag_quantity.half_width):
         return None
-    slowest = min(channel.rate_hz for channels in found.values() for channel in channels)
+    slowest = min(channel.rate_hz for channels in results.values() for channel in channels)
     own_delay_s = hypot(OWN_DELAY_S, 1.0 / slowest / sqrt(12.0))
-    return ToldLag(TELEMETRY, "telemetry of the actuators", told, own_delay_s, "a delay of its own")
+    return LagMeasurement(
+        TELEMETRY, "telemetry of the actuators", lag_quantity, own_delay_s, "a delay of its own"
+    )
 
 
 def _telemetry(flight: PreparedFlight, families: tuple[str, ...]) -> list[Channel]:
@@ -362,17 +377,19 @@ def _telemetry(flight: PreparedFlight, families: tuple[str, ...]) -> list[Channe
     for family in families:
         channels = flight.recording.family(family)
         if channels:
-            return channels if min(one.rate_hz for one in channels) >= TELEMETRY_RATE_HZ else []
+            return channels if min(channel.rate_hz for channel in channels) >= TELEMETRY_RATE_HZ else []
     return []
 
 
 def _columns(number: int, flight: PreparedFlight, channels: list[Channel]) -> AxisColumns:
     """Mean of the telemetry at the first channel's stamps, and the runs of the flight among these."""
     known = [
-        (one.time_s[good], one.values[good]) for one in channels if (good := np.isfinite(one.values)).any()
+        (channel.time_s[good], channel.values[good])
+        for channel in channels
+        if (good := np.isfinite(channel.values)).any()
     ]
     time_s = known[0][0] if known else np.empty(0)
-    mean = np.mean([np.interp(time_s, *one) for one in known], axis=0) if known else time_s
+    mean = np.mean([np.interp(time_s, *item) for item in known], axis=0) if known else time_s
     flight = flight.shortened
     grid_s = flight.grid.time_s
     ends = [np.searchsorted(time_s, grid_s[[run.start, run.stop - 1]]).tolist() for run in flight.runs]

@@ -14,23 +14,23 @@ from eivor.errors import UsageError
 from eivor.estimation.estimate import Estimate
 from eivor.estimation.method import Method
 from eivor.flights.grid import MEMORY_S, RECOVERY_S, Active, Grid, airborne_by_log
-from eivor.flights.lag_prior import GivenLag
+from eivor.flights.lag_prior import LagPrior
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import InputFamily, PreparedFlight, Selection, SensorAgreement
 from eivor.flights.quantity import (
     AcrossFlights,
-    Allowance,
     CardSection,
-    Companion,
+    CoupledAxis,
     Drawn,
-    Followed,
     Implications,
-    Panel,
-    Predicted,
+    PlotData,
+    PredictedQuantity,
     Quantity,
+    QuantityEstimate,
     SimpleModel,
+    SystematicUncertainty,
     Trace,
-    Unjudged,
+    TrackedParameter,
     Wording,
     Words,
 )
@@ -60,7 +60,7 @@ Derivative = Callable[[Float[np.ndarray, "parts starts"], Int[np.ndarray, " star
 
 
 @dataclass(frozen=True)
-class AheadError:
+class HorizonErrors:
     """What one model leaves of one quantity after each horizon.
 
     Parameters
@@ -85,16 +85,16 @@ class AheadError:
     @property
     def rms(self) -> tuple[float, ...]:
         """Root mean square of what is left after each horizon."""
-        return tuple(float(np.sqrt(np.mean(one[np.isfinite(one)] ** 2))) for one in self.left.T)
+        return tuple(float(np.sqrt(np.mean(item[np.isfinite(item)] ** 2))) for item in self.left.T)
 
 
 @dataclass(frozen=True)
-class Ahead:
+class MultiStepPrediction:
     """Predictions of flights by several models.
 
     Parameters
     ----------
-    errors : tuple of AheadError
+    errors : tuple of HorizonErrors
         Of every quantity: by the fit, then by each simpler model.
     start_s : ndarray, shape (starts,)
         Times of the starts on their log's clock [s], flight after flight.
@@ -104,16 +104,16 @@ class Ahead:
         How far ahead [s].
     """
 
-    errors: tuple[AheadError, ...]
+    errors: tuple[HorizonErrors, ...]
     start_s: Float[np.ndarray, " starts"] = field(repr=False)
-    left_out: tuple[str, ...] = ()
+    omitted: tuple[str, ...] = ()
     horizons_s: tuple[float, ...] = HORIZONS_S
 
     @property
-    def by_quantity(self) -> tuple[tuple[AheadError, ...], ...]:
+    def by_quantity(self) -> tuple[tuple[HorizonErrors, ...], ...]:
         """Errors of each quantity, the fit's first."""
-        names = dict.fromkeys(one.quantity for one in self.errors)
-        return tuple(tuple(one for one in self.errors if one.quantity == name) for name in names)
+        names = dict.fromkeys(error.quantity for error in self.errors)
+        return tuple(tuple(error for error in self.errors if error.quantity == name) for name in names)
 
     @property
     def ratios(self) -> dict[str, float]:
@@ -121,11 +121,11 @@ class Ahead:
 
         After the last horizon; the geometric mean over all quantities.
         """
-        found: dict[str, list[float]] = {}
-        for own, *others in self.by_quantity:
+        results: dict[str, list[float]] = {}
+        for item, *others in self.by_quantity:
             for other in others:
-                found.setdefault(other.words, []).append(own.rms[-1] / max(other.rms[-1], 1e-300))
-        return {words: float(np.exp(np.mean(np.log(ratios)))) for words, ratios in found.items()}
+                results.setdefault(other.words, []).append(item.rms[-1] / max(other.rms[-1], 1e-300))
+        return {words: float(np.exp(np.mean(np.log(ratios)))) for words, ratios in results.items()}
 
     @property
     def predicts(self) -> bool:
@@ -145,26 +145,26 @@ class Ahead:
     def _beaten(self) -> str:
         """Sentences that say where a simpler model leaves less."""
         less: dict[str, list[str]] = {}
-        for own, *others in self.by_quantity:
+        for item, *others in self.by_quantity:
             for other in others:
-                if other.rms[-1] < own.rms[-1]:
-                    less.setdefault(other.words, []).append(own.quantity)
+                if other.rms[-1] < item.rms[-1]:
+                    less.setdefault(other.words, []).append(item.quantity)
         return "".join(f" '{words}' leaves less of {', '.join(names)}." for words, names in less.items())
 
 
-def all_ahead(
-    by_flight: Sequence[tuple[AheadError, ...]],
+def multi_step_predictions(
+    by_flight: Sequence[tuple[HorizonErrors, ...]],
     starts: Sequence[Float[np.ndarray, " _"]],
-    left_out: tuple[str, ...],
-) -> Ahead:
+    names: tuple[str, ...],
+) -> MultiStepPrediction:
     """Predictions of several flights, one after the other; what nothing was measured of is left out."""
     errors = []
-    for parts in zip(*(one for one in by_flight if one), strict=True):
-        left = np.concatenate([one.left for one in parts])
-        series = [one.series for one in parts if one.series is not None]
+    for parts in zip(*(item for item in by_flight if item), strict=True):
+        left = np.concatenate([part.left for part in parts])
+        series = [part.series for part in parts if part.series is not None]
         if np.isfinite(left).any(axis=0).all():
             errors.append(replace(parts[0], left=left, series=np.concatenate(series) if series else None))
-    return Ahead(tuple(errors), np.concatenate([*starts, np.empty(0)]), left_out)
+    return MultiStepPrediction(tuple(errors), np.concatenate([*starts, np.empty(0)]), names)
 
 
 @dataclass(frozen=True)
@@ -180,11 +180,11 @@ class Starts:
         """Samples that are predicted."""
         return self.samples + np.array(self.steps)[:, None]
 
-    def carried(
+    def propagate(
         self, state: Float[np.ndarray, "parts starts"], derivative: Derivative
     ) -> Float[np.ndarray, "horizons parts starts"]:
         """States at the horizons by Heun's method, all starts side by side."""
-        found, stride = [], self._stride
+        results, stride = [], self._stride
         step_s = stride * self.step_s
         for step in range(0, self.steps[-1], stride):
             now = self.samples + step
@@ -192,23 +192,23 @@ class Starts:
             second = derivative(np.clip(state + step_s * first, -AWAY, AWAY), now)
             state = np.clip(state + 0.5 * step_s * (first + second), -AWAY, AWAY)
             if step + stride in self.steps:
-                found.append(state)
-        return np.stack(found)
+                results.append(state)
+        return np.stack(results)
 
     def over_step(self, series: Float[np.ndarray, "... n"]) -> Float[np.ndarray, "... n"]:
         """Mean of a series, taken as a line between samples, over the step that begins at each sample."""
         stride = self._stride
         between = 0.5 * (series[..., :-1] + series[..., 1:])
         area = np.concatenate([np.zeros_like(series[..., :1]), np.cumsum(between, axis=-1)], axis=-1)
-        found = series.copy()
-        found[..., :-stride] = (area[..., stride:] - area[..., :-stride]) / stride
-        return found
+        result = series.copy()
+        result[..., :-stride] = (area[..., stride:] - area[..., :-stride]) / stride
+        return result
 
     @property
     def _stride(self) -> int:
         """Samples of a step, of which every horizon has a whole number."""
         most = max(int(LONGEST_STEP_S / self.step_s + 1e-9), 1)
-        return max(one for one in range(1, most + 1) if all(step % one == 0 for step in self.steps))
+        return max(index for index in range(1, most + 1) if all(step % index == 0 for step in self.steps))
 
 
 def starts_of(flight: PreparedFlight) -> Starts:
@@ -218,18 +218,18 @@ def starts_of(flight: PreparedFlight) -> Starts:
     broken = np.concatenate([[0], np.cumsum(~flight.usable)])
     every = max(round(BETWEEN_STARTS_S / step_s), -(-int(flight.used.sum()) // MOST_STARTS))
     known = ceil(RECOVERY_S / step_s)
-    found = [np.arange(max(run.start, known), run.stop - steps[-1], every) for run in flight.runs]
-    samples = np.concatenate([*found, np.empty(0, dtype=np.int64)]).astype(np.int64)
+    results = [np.arange(max(run.start, known), run.stop - steps[-1], every) for run in flight.runs]
+    samples = np.concatenate([*results, np.empty(0, dtype=np.int64)]).astype(np.int64)
     whole = broken[samples + steps[-1] + 1] == broken[samples]
     return Starts(samples[whole], steps, step_s)
 
 
 def trim(flight: PreparedFlight, left: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
     """Mean of what an equation leaves over each run, on the samples of that run; zero elsewhere."""
-    found = np.zeros(left.size)
+    result = np.zeros(left.size)
     for run, samples in zip(flight.runs, flight.samples_of_runs, strict=True):
-        found[run] = left[samples].mean()
-    return found
+        result[run] = left[samples].mean()
+    return result
 
 
 # -- Inputs of a verdict --
@@ -244,8 +244,8 @@ class Searched:
 
 
 @dataclass(frozen=True, slots=True)
-class Strength:
-    """What the instruments tell, in numbers.
+class InstrumentStrength:
+    """What the instruments identify, in numbers.
 
     Parameters
     ----------
@@ -267,7 +267,7 @@ class Strength:
 
 
 @dataclass(frozen=True, slots=True)
-class Circumstances:
+class VerdictInputs:
     """What a verdict needs to know beside the numbers.
 
     Parameters
@@ -290,7 +290,7 @@ class Circumstances:
         The frequency of a reference that has only one; zero for others [Hz].
     numbers : mapping of str to float
         What the motion adds, see `Motion.diagnostics`.
-    given_lag : GivenLag or None
+    lag_prior : LagPrior or None
         What was known of the lag from elsewhere.
     sensors : SensorAgreement or None
         Whether two measurements of one response agree.
@@ -312,7 +312,7 @@ class Circumstances:
     excitation: str = ""
     single_frequency_hz: float = 0.0
     numbers: Mapping[str, float] = field(default_factory=dict)
-    given_lag: GivenLag | None = None
+    lag_prior: LagPrior | None = None
     sensors: SensorAgreement | None = None
     aligned: bool = False
     used_s: float = np.inf
@@ -335,7 +335,7 @@ class Motion(ABC, Generic[P]):
     """The equation in one line, and what its symbols are."""
     wording: ClassVar[Mapping[str, Wording]]
     """Every quantity, in the order of results; each joint parameter of the estimate is among them."""
-    shown: ClassVar[tuple[str, ...]]
+    plotted: ClassVar[tuple[str, ...]]
     """The same names in the order of reports."""
     headline: ClassVar[tuple[str, ...]]
     """Quantities whose grounds make the overall verdict."""
@@ -346,11 +346,11 @@ class Motion(ABC, Generic[P]):
     inputs: ClassVar[tuple[InputFamily, ...]]
     """What may drive the vehicle, in order of preference."""
     telemetry: ClassVar[tuple[str, ...]] = ()
-    """Channels that are measured states of what drives it: beside commands they tell the actuators' lag."""
+    """Channels that are measured states of what drives it."""
     lag_from: ClassVar[tuple[str, ...]] = ()
-    """Names of other motions that the same actuators make: where they tell the lag, it is taken from them."""
-    companions: ClassVar[tuple[Companion, ...]] = ()
-    """Quantities that other motions tell, with the lag that this one tells."""
+    """Names of other motions that the same actuators make: where they identify the lag."""
+    coupled_axes: ClassVar[tuple[CoupledAxis, ...]] = ()
+    """Quantities that other motions identify, with the lag that this one identifies."""
     across: ClassVar[tuple[AcrossFlights, ...]] = ()
     """Quantities that reports of fleets pool; the headline as it is where nothing is said."""
     needed: ClassVar[tuple[str, ...]]
@@ -461,7 +461,7 @@ class Motion(ABC, Generic[P]):
         """
         return flight.signals
 
-    def settled(
+    def refined(
         self, problem: P, estimated: Callable[[P], Estimate], _options: FlightOptions, /
     ) -> tuple[P, Estimate]:
         """Problem and its estimate, when all that the motion finds out by estimates is found out.
@@ -475,54 +475,57 @@ class Motion(ABC, Generic[P]):
         """
         return problem, estimated(problem)
 
-    def as_settled(self, flights: tuple[PreparedFlight, ...], _problem: P, /) -> tuple[PreparedFlight, ...]:
-        """Flights as a result tells of them, with what was found out of them."""
+    def with_refinement(
+        self, flights: tuple[PreparedFlight, ...], _problem: P, /
+    ) -> tuple[PreparedFlight, ...]:
+        """Flights as a result holds them, with what was found out of them."""
         return flights
 
     def input_level(self, flight: PreparedFlight) -> float:
-        """Size of a flight's input over the samples used, by which inputs of other scales are told."""
+        """Size of a flight's input over the samples used, by which inputs of other scales are identified."""
         return float(np.abs(flight.used_input).mean())
 
     # -- from an estimate to a result ---------------------------------------------------------------------
 
     @abstractmethod
-    def quantities(self, problem: P, estimate: Estimate) -> Mapping[str, Unjudged]:
+    def quantities(self, problem: P, estimate: Estimate) -> Mapping[str, QuantityEstimate]:
         """Return every quantity of `wording`."""
 
     @abstractmethod
-    def grounds(
-        self, quantities: Mapping[str, Unjudged], strength: Strength, at: Circumstances
+    def reasons(
+        self, quantities: Mapping[str, QuantityEstimate], strength: InstrumentStrength, at: VerdictInputs
     ) -> Mapping[str, tuple[Reason, ...]]:
-        """Grounds against each quantity of `wording`."""
+        """Reasons against each quantity of `wording`."""
 
     def known(self, _flights: tuple[PreparedFlight, ...], /) -> Mapping[str, float]:
-        """Values of quantities that flights with runs tell without an estimate."""
+        """Values of quantities that flights with runs determine without an estimate."""
         return {}
 
     def excitation(self, _flights: tuple[PreparedFlight, ...], /) -> str:
         """Say how much the flights moved, in a sentence; empty for nothing."""
         return ""
 
-    def allowances(
+    def systematic_uncertainties(
         self,
         _problem: P,
         _estimate: Estimate,
         _flights: tuple[PreparedFlight, ...],
-        _quantities: Mapping[str, Unjudged],
-        _at: Circumstances,
+        _quantities: Mapping[str, QuantityEstimate],
+        _at: VerdictInputs,
         /,
-    ) -> Mapping[str, tuple[Allowance, ...]]:
+    ) -> Mapping[str, tuple[SystematicUncertainty, ...]]:
         """Systematic parts by quantity: what the scatter within these flights, all with runs, cannot show."""
         return {}
 
-    # -- sensors that tell the same -----------------------------------------------------------------------
+    # -- sensors that identify the same
+    # -----------------------------------------------------------------------
 
     def sensors(self, _problem: P, _flights: tuple[PreparedFlight, ...], /) -> SensorAgreement | None:
         """Whether two measurements of one response agree; None where the flights have but one."""
         return None
 
-    def sensors_told(self, _sensors: SensorAgreement, /) -> str:
-        """What is told of them, in a line."""
+    def sensor_sentence(self, _sensors: SensorAgreement, /) -> str:
+        """What is reported about them, in a line."""
         return ""
 
     def aligned(
@@ -531,7 +534,7 @@ class Motion(ABC, Generic[P]):
         """Flights with those differences taken out that can be."""
         return flights
 
-    def following(self, _quantities: Mapping[str, Unjudged], /) -> Mapping[str, Unjudged]:
+    def following(self, _quantities: Mapping[str, QuantityEstimate], /) -> Mapping[str, QuantityEstimate]:
         """Quantities that follow from a headline whose interval is another than that of `quantities`."""
         return {}
 
@@ -545,9 +548,9 @@ class Motion(ABC, Generic[P]):
         """What they say: a title and a sentence each, for those that reports show."""
         return ()
 
-    def followed(
+    def tracked_parameter(
         self, _problem: P, _quantities: Mapping[str, Quantity], _options: FlightOptions, /
-    ) -> Followed | None:
+    ) -> TrackedParameter | None:
         """What can be followed over a flight, and what is known beside it; by default nothing can."""
         return None
 
@@ -576,7 +579,7 @@ class Motion(ABC, Generic[P]):
         By default the linear parameters, and the nuisances that were searched for.
         """
         searched = [nuisance.name for nuisance in problem.nuisances if nuisance.searched]
-        return {**drawn.parameters, **{name: drawn.at[name] for name in searched}}
+        return {**drawn.parameters, **{name: drawn.nuisances[name] for name in searched}}
 
     # -- predictions of another flight, see `eivor.report.other_results` ------------------------
 
@@ -584,20 +587,20 @@ class Motion(ABC, Generic[P]):
         """Models that an estimate is held against in another flight, by name; none without predictions."""
         return {}
 
-    def predictions(self, _problem: P, _values: Values, /) -> tuple[Predicted, ...]:
+    def predictions(self, _problem: P, _values: Values, /) -> tuple[PredictedQuantity, ...]:
         """What parameters and nuisances, by name, say of flights; the farthest horizon comes last.
 
         By default nothing: the motion cannot be validated.
         """
         return ()
 
-    def ahead(
+    def multi_step_prediction(
         self,
         _flights: tuple[PreparedFlight, ...],
         _models: Mapping[str, SimpleModel],
         _refused: frozenset[str],
         /,
-    ) -> Ahead | None:
+    ) -> MultiStepPrediction | None:
         """Predictions some tenths of a second ahead, from many starts of flights that all have runs.
 
         By default nothing. The models are those of `simple_models`, the fit itself before them; quantities
@@ -605,23 +608,23 @@ class Motion(ABC, Generic[P]):
         """
         return None
 
-    def told_vehicle(self) -> Mapping[str, object] | None:
+    def vehicle_record(self) -> Mapping[str, object] | None:
         """What a result says of the vehicle it was made for, for JSON; nothing for a motion that asks not."""
         return None
 
-    def of_told_vehicle(self, _told: object, /) -> Motion[P]:
-        """Return the same motion of the vehicle that a result tells of, see `told_vehicle`.
+    def with_vehicle_record(self, _report: object, /) -> Motion[P]:
+        """Return the same motion of the vehicle that a result holds, see `vehicle_record`.
 
         Raises
         ------
         InputError
-            When the motion asks what flies, and is not told.
+            When the motion asks what flies, and is not identified.
         """
         return self
 
     # -- for planning ---------------------------------------------------------------------------------------
 
-    def flown(
+    def closed_loop_record(
         self, _problem: P, _estimate: Estimate, _flights: tuple[PreparedFlight, ...], /
     ) -> Mapping[str, object]:
         """How the flights were flown: what simulating another one needs, for JSON; by default nothing."""
@@ -638,7 +641,7 @@ class Motion(ABC, Generic[P]):
         """Measured and predicted, for each axis."""
 
     @abstractmethod
-    def overview(self, flight: PreparedFlight) -> tuple[Panel, ...]:
+    def overview(self, flight: PreparedFlight) -> tuple[PlotData, ...]:
         """Series to look at beside the input when nothing could be estimated."""
 
     @abstractmethod

@@ -67,7 +67,7 @@ class FlightOptions:
     terms : tuple of str
         Optional terms of the motion that its equation is to have, by the words of `Motion.terms`.
     rotor_radius : float, optional
-        Radius of a rotor [m], for what a motion tells in radii.
+        Radius of a rotor [m], for what a motion identifies in radii.
     noise : mapping of str to float or DataSheet, or str, optional
         Measurement noise by channel, for methods that take it out: the standard deviation of a sample as it
         is logged, in the channel's SI unit, or the sensor's data sheet; a family's name stands for all its

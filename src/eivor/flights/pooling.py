@@ -18,8 +18,8 @@ from eivor.estimation.moments import Instrumental
 from eivor.estimation.pool import Pooled, pooled
 from eivor.estimation.weighting import SpectralWhitening
 from eivor.flights.estimate import Instruments, circumstances, instruments, known_lag, with_fit
-from eivor.flights.lag_prior import EFFECTIVE_LAG, with_given_lag
-from eivor.flights.motion import Circumstances, Motion
+from eivor.flights.lag_prior import EFFECTIVE_LAG, with_lag_prior
+from eivor.flights.motion import Motion, VerdictInputs
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import PreparedFlight, SensorAgreement
 from eivor.flights.quantity import Drawn
@@ -28,7 +28,7 @@ from eivor.flights.result import (
     FitDiagnostics,
     FlightEstimate,
     FlightRow,
-    Unaided,
+    WithoutPrior,
     fit_diagnostics,
     flight_findings,
     pooled_traces,
@@ -82,15 +82,15 @@ def bootstrap_flights(
         "fit", fit, FlightEstimate, "a pool's estimate", "Make one by ev.identify_flight(recordings)."
     )
     check_draws(runs, seed)
-    found = _fitted(fit)
-    pool = pool_flights(found.problem, found.estimate)
-    again = _Again(fit.motion, found.problem, pool, _sums(fit.motion, found.problem, pool))
+    fitted = _fitted(fit)
+    pool = pool_flights(fitted.problem, fitted.estimate)
+    again = _FlightReplicates(fit.motion, fitted.problem, pool, _sums(fit.motion, fitted.problem, pool))
     whole = again.quantities(pool.whole, np.ones(len(pool.flights)))
     random = np.random.default_rng(seed)
     made = np.array(list(again.replicates(random, runs))).reshape(-1, len(whole))
     return Bootstrap(
         tuple(whole),
-        _units(fit.motion, found, tuple(whole)),
+        _units(fit.motion, fitted, tuple(whole)),
         np.array(list(whole.values())),
         made,
         runs - made.shape[0],
@@ -115,17 +115,17 @@ Sums = Mapping[str, Float[np.ndarray, "F T"]]
 def _sums(motion: Motion[Any], problem: SeparableProblem, pool: PoolFlights) -> tuple[Sums, ...]:
     """Sums that the motion needs, for each candidate."""
     flights = list(pool.flights)
-    found: list[Sums] = []
+    sumses: list[Sums] = []
     for candidate in pool.candidates:
-        at_nodes = [motion.flight_sums(problem, at) for at in candidate.points]
-        found.append(
+        at_nodes = [motion.flight_sums(problem, point) for point in candidate.points]
+        sumses.append(
             {name: np.stack([sums[name][flights] for sums in at_nodes], axis=1) for name in at_nodes[0]}
         )
-    return tuple(found)
+    return tuple(sumses)
 
 
 @dataclass(frozen=True)
-class _Again:
+class _FlightReplicates:
     """How a draw of flights becomes quantities."""
 
     motion: Motion[Any]
@@ -137,26 +137,27 @@ class _Again:
         """Quantities of those runs that give an estimate."""
         for _ in range(runs):
             try:
-                found, times = self.pool.replicate(random)
-                quantities = self.quantities(found, times)
+                result, times = self.pool.replicate(random)
+                quantities = self.quantities(result, times)
             except (EivorError, np.linalg.LinAlgError):
                 continue
             yield list(quantities.values())
 
-    def quantities(self, found: Replicate, times: Float[np.ndarray, " F"]) -> Mapping[str, float]:
+    def quantities(self, replicate: Replicate, times: Float[np.ndarray, " F"]) -> Mapping[str, float]:
         """What the motion makes of a replicate, and of the sums over its flights."""
         names = [parameter.name for parameter in self.pool.parameters]
         sums = {
-            name: float(times @ values @ found.weights) for name, values in self.sums[found.candidate].items()
+            name: float(times @ values @ replicate.weights)
+            for name, values in self.sums[replicate.candidate].items()
         }
-        parameters = dict(zip(names, found.theta.tolist(), strict=True))
-        return self.motion.resampled(self.problem, Drawn(parameters, found.at, sums))
+        parameters = dict(zip(names, replicate.theta.tolist(), strict=True))
+        return self.motion.resampled(self.problem, Drawn(parameters, replicate.nuisances, sums))
 
 
-def _units(motion: Motion[Any], found: Fit, names: tuple[str, ...]) -> tuple[str, ...]:
+def _units(motion: Motion[Any], fit: Fit, names: tuple[str, ...]) -> tuple[str, ...]:
     """Unit of each quantity: that of the parameter, or of the motion's table."""
-    nuisances = [nuisance.parameter for nuisance in found.problem.nuisances]
-    known = {one.name: one.unit for one in (*nuisances, *found.estimate.joint_parameters)}
+    nuisances = [nuisance.parameter for nuisance in fit.problem.nuisances]
+    known = {item.name: item.unit for item in (*nuisances, *fit.estimate.joint_parameters)}
     return tuple(known[name] if name in known else motion.wording[name].unit for name in names)
 
 
@@ -165,13 +166,15 @@ def _units(motion: Motion[Any], found: Fit, names: tuple[str, ...]) -> tuple[str
 
 def agreement(alone: Sequence[FitDiagnostics]) -> OverIdentification | None:
     """Whether the instruments agree in the flights of a pool, each by itself."""
-    found = [one.agreement for one in alone if one.agreement is not None]
-    known = sorted(one.p_value for one in found if np.isfinite(one.p_value))
+    agreements = [item.agreement for item in alone if item.agreement is not None]
+    known = sorted(item.p_value for item in agreements if np.isfinite(item.p_value))
     if not known:
         return None
     half = (len(known) + 1) // 2
     p_value = min(len(known) / half * known[half - 1], 1.0)
-    return OverIdentification(sum(one.J for one in found), sum(one.degrees for one in found), p_value, None)
+    return OverIdentification(
+        sum(item.J for item in agreements), sum(item.degrees for item in agreements), p_value, None
+    )
 
 
 def linear_names(pool: Pooled) -> tuple[str, ...]:
@@ -179,18 +182,18 @@ def linear_names(pool: Pooled) -> tuple[str, ...]:
     return tuple(parameter.name for parameter in pool.estimates[0].best.rows.parameters)
 
 
-def pool_findings(motion: Motion[Any], pool: Pooled, at: Circumstances) -> Iterator[Finding]:
+def pool_findings(motion: Motion[Any], pool: Pooled, inputs: VerdictInputs) -> Iterator[Finding]:
     """What stands out in a pool."""
-    own = " and ".join(motion.wording[name].words for name in pool.own)
+    text = " and ".join(motion.wording[name].words for name in pool.flight_specific)
     if pool.differs:
-        why = f" (p {pool.own_p_value:.2g})" if not pool.separate else ""
+        why = f" (p {pool.agreement_p_value:.2g})" if not pool.separate else ""
         yield Finding(
             "flights_differ",
-            f"The flights differ in {own}{why}: its value here is their mean, whose interval counts the "
+            f"The flights differ in {text}{why}: its value here is their mean, whose interval counts the "
             "differences. Each flight's own is listed by flight.",
         )
     if pool.inflation > 1.0:
-        shared = [name for name in linear_names(pool) if name not in pool.own]
+        shared = [name for name in linear_names(pool) if name not in pool.flight_specific]
         names = [motion.wording[name].words for name in shared]
         names += [
             axis.nuisance.parameter.name.replace("_", " ") for axis in pool.candidates[0].separate.nodes.axes
@@ -200,12 +203,13 @@ def pool_findings(motion: Motion[Any], pool: Pooled, at: Circumstances) -> Itera
             f"The flights differ in what a vehicle keeps ({', '.join(names)}) by more than chance says "
             f"(p {pool.shared_p_value:.2g}): its intervals are {pool.inflation**0.5:.2g} times as wide.",
         )
-    searched = any(one.name == ACTUATOR_LAG.name and one.refined for one in pool.nuisances)
-    if at.single_frequency_hz and searched and at.given_lag is None:
+    searched = any(nuisance.name == ACTUATOR_LAG.name and nuisance.refined for nuisance in pool.nuisances)
+    if inputs.single_frequency_hz and searched and inputs.lag_prior is None:
         yield Finding(
             "lag_by_differences",
-            f"The references of all flights have one frequency ({at.single_frequency_hz:.2g} Hz), at which "
-            f"lag and {own} act alike: the lag rests on the differences of the {own} between flights.",
+            f"The references of all flights have one frequency ({inputs.single_frequency_hz:.2g} Hz), "
+            f"at which "
+            f"lag and {text} act alike: the lag rests on the differences of the {text} between flights.",
         )
 
 
@@ -232,20 +236,20 @@ def pooled_result(
     if not motion.of_flight or options.pool_friction == "common":
         return None
     members = _members(prepared, options, alone)
-    if len(members) < 2 or any(one.flight.input_map != one.logged.input_map for one in members):
+    if len(members) < 2 or any(member.flight.input_map != member.logged.input_map for member in members):
         return None  # a map that was found out is another one in each flight
-    chosen = instruments(tuple(one.flight for one in members), options, by_name(options.method))
+    chosen = instruments(tuple(member.flight for member in members), options, by_name(options.method))
     if chosen.absent:
         return None
     try:
-        found = _Pool(motion, members, options, chosen).result()
+        result = _Pool(motion, members, options, chosen).result()
     except (EstimationError, np.linalg.LinAlgError):
         return None
-    serving = {id(one.logged): one.flight for one in members}
-    left_out = [one for one in prepared if one.runs and id(one) not in serving]
-    told = tuple(serving.get(id(one), one) for one in prepared if not one.runs or id(one) in serving)
-    findings = (*flight_findings(told, motion.words), *map(_left_out, left_out), *found.findings)
-    return replace(found, prepared=told, findings=findings)
+    serving = {id(member.logged): member.flight for member in members}
+    omitted = [item for item in prepared if item.runs and id(item) not in serving]
+    reported = tuple(serving.get(id(item), item) for item in prepared if not item.runs or id(item) in serving)
+    findings = (*flight_findings(reported, motion.words), *map(_omitted, omitted), *result.findings)
+    return replace(result, prepared=reported, findings=findings)
 
 
 def _members(
@@ -253,13 +257,13 @@ def _members(
 ) -> tuple[Member, ...]:
     """Flights with an estimate by whitened instruments; those that answer no vehicle, if there are any."""
     method = by_name(options.method)
-    found = [
-        Member(flight, own.prepared[0], own.fit, instruments((flight,), options, method).exogenous)
-        for flight, own in zip(prepared, alone, strict=True)
-        if own.fit is not None and _by_whitened_instruments(own.fit)
+    results = [
+        Member(flight, item.prepared[0], item.fit, instruments((flight,), options, method).exogenous)
+        for flight, item in zip(prepared, alone, strict=True)
+        if item.fit is not None and _by_whitened_instruments(item.fit)
     ]
-    clean = tuple(one for one in found if one.exogenous)
-    return clean or tuple(found)
+    clean = tuple(result for result in results if result.exogenous)
+    return clean or tuple(results)
 
 
 def _by_whitened_instruments(fit: Fit) -> bool:
@@ -271,7 +275,7 @@ def _by_whitened_instruments(fit: Fit) -> bool:
     )
 
 
-def _left_out(flight: PreparedFlight) -> Finding:
+def _omitted(flight: PreparedFlight) -> Finding:
     return Finding(
         "left_out_of_pool",
         f"{flight.recording.name} is not in the pool: it gives no estimate by a reference like the others'.",
@@ -289,17 +293,17 @@ class _Pool:
 
     def result(self) -> FlightEstimate:
         """Quantities of the pool and of each flight, with their verdicts."""
-        motion, flights = self.motion, tuple(one.flight for one in self.members)
+        motion, flights = self.motion, tuple(member.flight for member in self.members)
         problem, sensors, aligned = self._problem()
-        pool, unaided = self._pooled(problem), None
+        pool, without_prior = self._pooled(problem), None
         estimate = pool.whole()
         given, noticed = known_lag(motion, flights, self.options, problem, estimate)
         if given is not None:
-            unaided = Unaided(problem, estimate)
-            problem = with_given_lag(problem, given.for_the_log, estimate.best.at)
+            without_prior = WithoutPrior(problem, estimate)
+            problem = with_lag_prior(problem, given.for_the_log, estimate.best.nuisances)
             pool = self._pooled(problem)
             estimate = pool.whole()
-        sets = _found({name: pool.whole_sets(name) for name in linear_names(pool)})
+        sets = _fit({name: pool.whole_sets(name) for name in linear_names(pool)})
         fit = Fit(
             problem,
             estimate,
@@ -308,27 +312,27 @@ class _Pool:
             given,
             {name: sets[name] for name in motion.headline if name in sets},
             sensors,
-            unaided,
+            without_prior,
             pool,
             {**_profiles(sets), **_of_lags(pool)},
         )
-        numbers = dict(motion.diagnostics(problem, estimate, tuple(one.shortened for one in flights)))
-        at = replace(
+        numbers = dict(motion.diagnostics(problem, estimate, tuple(flight.shortened for flight in flights)))
+        index = replace(
             circumstances(motion, flights, self.chosen, numbers),
-            given_lag=given,
+            lag_prior=given,
             sensors=sensors,
             aligned=aligned,
         )
-        whole = with_fit(motion, flights, self.options, fit, at)
-        by_flight = tuple(self._by_flight(pool, fit, at))
+        whole = with_fit(motion, flights, self.options, fit, index)
+        by_flight = tuple(self._by_flight(pool, fit, index))
         tests = {
-            "pool_own_p_value": pool.own_p_value,
+            "pool_own_p_value": pool.agreement_p_value,
             "pool_shared_p_value": pool.shared_p_value,
             "pool_inflation": pool.inflation,
         }
         findings = (
             *motion.findings(flights, whole.quantities),
-            *pool_findings(motion, pool, at),
+            *pool_findings(motion, pool, index),
             *noticed,
         )
         return replace(
@@ -340,18 +344,18 @@ class _Pool:
 
     def _problem(self) -> tuple[SeparableProblem, SensorAgreement | None, bool]:
         """All flights as one problem, whether sensors agree as logged, and whether they were aligned."""
-        logged = tuple(one.logged.shortened for one in self.members)
+        logged = tuple(member.logged.shortened for member in self.members)
         problem = self.motion.problem(logged, self.chosen.rule)
         sensors = self.motion.sensors(problem, logged)
-        if all(one.flight is one.logged for one in self.members):
+        if all(member.flight is member.logged for member in self.members):
             return problem, sensors, False
-        aligned = tuple(one.flight.shortened for one in self.members)
+        aligned = tuple(member.flight.shortened for member in self.members)
         return self.motion.problem(aligned, self.chosen.rule), sensors, True
 
     def _pooled(self, whole: SeparableProblem) -> Pooled:
         return pooled(
-            [one.fit.by_itself.problem for one in self.members],
-            [one.fit.by_itself.estimate for one in self.members],
+            [member.fit.estimates_without_prior.problem for member in self.members],
+            [member.fit.estimates_without_prior.estimate for member in self.members],
             self.motion.of_flight,
             nuisances=whole.nuisances,
             separate=self.options.pool_friction == "separate",
@@ -363,37 +367,40 @@ class _Pool:
         by_flight = [_first_stage(pool, number) for number in range(len(self.members))]
         return replace(
             made,
-            first_stage={name: float(np.median([one[name] for one in by_flight])) for name in by_flight[0]},
+            first_stage={name: float(np.median([item[name] for item in by_flight])) for name in by_flight[0]},
             rank=pool.candidates[pool.best].separate.instruments,
-            agreement=agreement([one.fit.checks for one in self.members]),
+            agreement=agreement([member.fit.checks for member in self.members]),
         )
 
-    def _by_flight(self, pool: Pooled, fit: Fit, at: Circumstances) -> Iterator[FlightRow]:
+    def _by_flight(self, pool: Pooled, fit: Fit, inputs: VerdictInputs) -> Iterator[FlightRow]:
         """What the pool says of each flight."""
         motion = self.motion
-        of_own = {name: pool.member_sets(name) for name in pool.own}
-        shared = {name: one for name, one in fit.profiles.items() if name not in pool.own}
+        of_own = {name: pool.member_sets(name) for name in pool.flight_specific}
+        shared = {name: profile for name, profile in fit.profiles.items() if name not in pool.flight_specific}
         for number, member in enumerate(self.members):
             flight = (member.flight,)
             problem = pool.problems[number].with_nuisances(pool.nuisances)
             estimate = pool.member(number)
             here = replace(
-                at,
+                inputs,
                 flights=1,
                 command_rate_hz=member.flight.rates_hz["command"],
                 excitation=motion.excitation(flight),
                 numbers=dict(motion.diagnostics(problem, estimate, (member.flight.shortened,))),
             )
             checks = replace(member.fit.checks, first_stage=_first_stage(pool, number))
-            of_flight = _found({name: each[number] for name, each in of_own.items()})
-            sets = {name: one for name, one in {**fit.sets, **of_flight}.items() if name in motion.headline}
+            of_flight = _fit({name: each[number] for name, each in of_own.items()})
+            sets = {name: item for name, item in {**fit.sets, **of_flight}.items() if name in motion.headline}
             profiles = {**shared, **_profiles(of_flight)}
-            own = Fit(
-                problem, estimate, member.fit.instruments, checks, fit.given_lag, sets, profiles=profiles
+            current = Fit(
+                problem, estimate, member.fit.instruments, checks, fit.lag_prior, sets, profiles=profiles
             )
-            told = with_fit(motion, flight, self.options, own, here)
+            reported = with_fit(motion, flight, self.options, current, here)
             yield FlightRow(
-                member.flight.recording.name, told.verdict.status, told.quantities, told.verdict.sentences
+                member.flight.recording.name,
+                reported.verdict.status,
+                reported.quantities,
+                reported.verdict.sentences,
             )
 
 
@@ -401,11 +408,11 @@ def _first_stage(pool: Pooled, number: int) -> dict[str, float]:
     """Conditional first-stage F of the vector of one flight."""
     joint = pool.candidates[pool.best].joint
     names = [*linear_names(pool), *(axis.nuisance.name for axis in joint.criterion.nodes.axes)]
-    return dict(zip(names, joint.first_stage[joint.places[number]].tolist(), strict=True))
+    return dict(zip(names, joint.first_stage[joint.indices[number]].tolist(), strict=True))
 
 
 def _profiles(sets: Mapping[str, ParameterSets]) -> dict[str, ConfidenceSet]:
-    return {name: one.profile for name, one in sets.items()}
+    return {name: item.profile for name, item in sets.items()}
 
 
 def _of_lags(pool: Pooled) -> dict[str, ConfidenceSet]:
@@ -413,9 +420,9 @@ def _of_lags(pool: Pooled) -> dict[str, ConfidenceSet]:
     if pool.nuisance_names != (ACTUATOR_LAG.name,):
         return {}
     names = {ACTUATOR_LAG.name: (ACTUATOR_LAG.name,), EFFECTIVE_LAG: (ACTUATOR_LAG.name, DELAY.name)}
-    found = {name: pool.lag_set(each) for name, each in names.items()}
-    return {name: one for name, one in found.items() if one is not None}
+    results = {name: pool.lag_set(each) for name, each in names.items()}
+    return {name: result for name, result in results.items() if result is not None}
 
 
-def _found(sets: dict[str, ParameterSets | None]) -> dict[str, ParameterSets]:
-    return {name: one for name, one in sets.items() if one is not None}
+def _fit(sets: dict[str, ParameterSets | None]) -> dict[str, ParameterSets]:
+    return {name: item for name, item in sets.items() if item is not None}

@@ -11,7 +11,7 @@ from eivor.errors import MissingChannelError, PoolingError, UsageError, did_you_
 from eivor.flights.grid import Grid, command_on_grid, common_grid, on_grid, upward
 from eivor.flights.motion import Motion
 from eivor.flights.options import FIT_MAP, FlightOptions
-from eivor.flights.prepared import Limit, PreparedFlight, Selection, mask_of, spread_alike
+from eivor.flights.prepared import Limit, PreparedFlight, Selection, mask_of, matched_interpolation_filter
 from eivor.flights.references import (
     Reference,
     jumps,
@@ -51,8 +51,8 @@ def prepare(recording: Recording, motion: Motion[Any], options: FlightOptions) -
     grid = common_grid(selected.channels, fast, motion.memory_s, selected.step_s)
     clocks = _clocks(log, selected)
     channels, good = _gridded(selected, grid, clocks)
-    if selected.spread_alike:
-        channels = spread_alike(channels, selected, clocks, grid)
+    if selected.matched_interpolation_filter:
+        channels = matched_interpolation_filter(channels, selected, clocks, grid)
     level = np.stack([channels[command.name] for command in selected.commands], axis=1).mean(axis=1)
     active = motion.active(log, grid, level)
     standing = good & active.mask
@@ -66,10 +66,10 @@ def prepare(recording: Recording, motion: Motion[Any], options: FlightOptions) -
     measured = (*selected.states.values(), *selected.logged_responses)
     driving = selected.commands if selected.input.measured or isinstance(options.noise, Mapping) else ()
     levels = noise_levels(log, (*measured, *driving), options.noise, (grid, used, channels), selected.between)
-    told = {
+    listed = {
         name: level for name, level in levels.items() if level.source or name not in selected.command_names
     }
-    noise = {name: WhiteNoise(level.std) for name, level in told.items()}
+    noise = {name: WhiteNoise(level.std) for name, level in listed.items()}
     chosen = "" if options.input_map == FIT_MAP else options.input_map
     return PreparedFlight(
         log,
@@ -82,13 +82,13 @@ def prepare(recording: Recording, motion: Motion[Any], options: FlightOptions) -
         active,
         usable,
         selected.rates_hz,
-        (*log.findings, *selected.findings, *_clock_findings(clocks), *noise_findings(told)),
+        (*log.findings, *selected.findings, *_clock_findings(clocks), *noise_findings(listed)),
         grid,
         motion.memory_s,
         selected.estimated,
         command_slack_s=max((clock.slack_s for clock in clocks.values()), default=0.0),
         unlogged_step_s=max((clock.issued_s for clock in clocks.values() if clock.thinned), default=0.0),
-        noise=told,
+        noise=listed,
         states=tuple(channel.name for channel in selected.states.values()),
         curve_side=common_side(command.curve_side for command in selected.commands),
     )
@@ -144,29 +144,31 @@ def _clocks(log: Recording, selected: Selection) -> dict[str, CommandClock]:
     others = [name for name in log.channels if name not in names]
     return {
         # made one at a time: those of a long log do not fit into memory together
-        one.name: command_clock(one, (log.channels[name] for name in others), selected.issued_within_s)
-        for one in selected.commands
-        if one.held
+        command.name: command_clock(
+            command, (log.channels[name] for name in others), selected.issued_within_s
+        )
+        for command in selected.commands
+        if command.held
     }
 
 
 def _clock_findings(clocks: Mapping[str, CommandClock]) -> list[Finding]:
     """What is done about commands that the log does not hold; once for those that are logged alike."""
-    told = dict.fromkeys(clock.sentence for clock in clocks.values() if clock.thinned)
-    return [Finding("command_clock", sentence) for sentence in told]
+    reported = dict.fromkeys(clock.sentence for clock in clocks.values() if clock.thinned)
+    return [Finding("command_clock", sentence) for sentence in reported]
 
 
 def _jump(
     log: Recording, candidates: tuple[Reference, ...], grid: Grid, used: Bool[np.ndarray, " n"]
 ) -> bool:
     """Whether one of the references that may serve jumps."""
-    return any(jumps(log.channel(one.name), grid, used) for one in candidates if one.usable)
+    return any(jumps(log.channel(candidate.name), grid, used) for candidate in candidates if candidate.usable)
 
 
 def _band(selected: Selection, clocks: Mapping[str, CommandClock], jump: bool) -> tuple[float, float]:
     """Band of the selection; where references jump, as far as the command is known."""
     band = selected.band_hz
-    jump = jump and not selected.spread_alike
+    jump = jump and not selected.matched_interpolation_filter
     for clock in clocks.values():
         band = clock.band_hz(band) if jump else band
     return band
@@ -177,16 +179,17 @@ def _gridded(
 ) -> tuple[dict[str, Float[np.ndarray, " n"]], Bool[np.ndarray, " n"]]:
     """Values of every channel on the grid, and where all of them stand on data."""
     commands = {
-        one.name: as_issued(one, clocks[one.name]) if one.name in clocks else one for one in selected.commands
+        command.name: as_issued(command, clocks[command.name]) if command.name in clocks else command
+        for command in selected.commands
     }
     channels: dict[str, Float[np.ndarray, " n"]] = {}
     good = np.ones(grid.count, dtype=np.bool_)
     for channel in selected.channels:
         if channel.name in commands:
-            found = command_on_grid(commands[channel.name], grid)
+            result = command_on_grid(commands[channel.name], grid)
         else:
-            found = on_grid(channel, grid, selected.between(channel))
-        channels[channel.name], stands = found
+            result = on_grid(channel, grid, selected.between(channel))
+        channels[channel.name], stands = result
         good &= stands
     for name, value in selected.constants.items():
         channels.setdefault(name, np.full(grid.count, value))
@@ -238,8 +241,10 @@ def overview(
     level = np.mean([on_grid(command, grid)[0] for command in selected.commands], axis=0)
     active = motion.active(log, grid, level)
     time_s = grid.time_s
-    found = tuple((float(time_s[one.start]), float(time_s[one.stop - 1])) for one in stretches(active.mask))
-    return active.rule, found
+    result = tuple(
+        (float(time_s[stretch.start]), float(time_s[stretch.stop - 1])) for stretch in stretches(active.mask)
+    )
+    return active.rule, result
 
 
 # -- Pool --

@@ -28,7 +28,8 @@ from eivor.tools import Bool, Float, Int
 
 #: Cosine averages of the standard error, and the degrees of freedom of its t.
 AVERAGES = 16
-#: A difference is told below this p-value: four kinds together have false alarms in less than 1 % of flights.
+#: A difference is reported below this p-value: four kinds together have false alarms in less than 1 % of
+#: flights.
 TOLD = 0.004
 
 
@@ -46,7 +47,7 @@ class Difference:
         return t_tail(self.value / self.std_error, AVERAGES) if self.std_error > 0.0 else 1.0
 
     @property
-    def told(self) -> bool:
+    def matters(self) -> bool:
         """Whether it is there, and matters."""
         return self.p_value < TOLD and abs(self.value) >= self.least
 
@@ -65,9 +66,9 @@ class SensorAgreement:
     either: Mapping[str, Difference] = field(default_factory=dict)
 
     @property
-    def told(self) -> dict[str, Difference]:
+    def significant(self) -> dict[str, Difference]:
         """Differences that are there, and matter."""
-        return {name: one for name, one in self.differences.items() if one.told}
+        return {name: difference for name, difference in self.differences.items() if difference.matters}
 
     @property
     def otherwise(self) -> bool:
@@ -77,10 +78,10 @@ class SensorAgreement:
     @property
     def numbers(self) -> dict[str, float]:
         """The same by name, for diagnostics."""
-        found = {"sensors_p_value": self.p_value}
-        for name, one in self.differences.items():
-            found |= {f"sensors_{name}": one.value, f"sensors_{name}_p_value": one.p_value}
-        return found
+        results = {"sensors_p_value": self.p_value}
+        for name, difference in self.differences.items():
+            results |= {f"sensors_{name}": difference.value, f"sensors_{name}_p_value": difference.p_value}
+        return results
 
 
 def sensor_agreement(problem: LaggedRuns | None, least: Mapping[str, float]) -> SensorAgreement | None:
@@ -89,10 +90,10 @@ def sensor_agreement(problem: LaggedRuns | None, least: Mapping[str, float]) -> 
         return None
     try:
         together = estimated(problem, least)
-        found = SensorAgreement(together.differences, together.p_value)
-        if found.told or together.none_p_value > BEYOND_DOUBT:
-            return found
-        return replace(found, either=_alone(problem, least))
+        result = SensorAgreement(together.differences, together.p_value)
+        if result.significant or together.none_p_value > BEYOND_DOUBT:
+            return result
+        return replace(result, either=_alone(problem, least))
     except (EstimationError, InstrumentError, TooFewSamplesError):
         return None
 
@@ -135,14 +136,14 @@ def estimated(problem: LaggedRuns, least: Mapping[str, float]) -> Estimated:
 
 def _alone(problem: LaggedRuns, least: Mapping[str, float]) -> dict[str, Difference]:
     """Kinds that explain the difference by themselves: there beyond doubt, and nothing is left."""
-    found: dict[str, Difference] = {}
-    for place, parameter in enumerate(problem.parameters):
-        columns = tuple(replace(one, fixed=one.fixed[:, [place]]) for one in problem.columns)
+    differences: dict[str, Difference] = {}
+    for index, parameter in enumerate(problem.parameters):
+        columns = tuple(replace(column, fixed=column.fixed[:, [index]]) for column in problem.columns)
         alone = estimated(replace(problem, columns=columns, parameters=(parameter,)), least)
-        one = alone.differences[parameter.name]
-        if one.told and one.p_value < BEYOND_DOUBT and alone.p_value >= SIGNIFICANT:
-            found[parameter.name] = one
-    return found
+        difference = alone.differences[parameter.name]
+        if difference.matters and difference.p_value < BEYOND_DOUBT and alone.p_value >= SIGNIFICANT:
+            differences[parameter.name] = difference
+    return differences
 
 
 # -- Selection --
@@ -161,7 +162,7 @@ class InputFamily:
     input_map : str
         Name of the map from its values to what enters the equation.
     numbered : bool
-        One channel for each actuator, told by numbers from 1 on.
+        One channel for each actuator, recognised by numbers from 1 on.
     least_rate_hz : float
         Slower channels are passed over where there is another family [Hz].
     """
@@ -213,10 +214,10 @@ class Selection:
     findings : tuple of Finding
         What a reader of the result should know of the choice.
     issued_within_s : float
-        The longest that the next command can be waited for [s], where the command's stamps do not tell.
+        The longest that the next command can be waited for [s], where the command's stamps do not show.
     step_s : float, optional
         Step of the grid [s]. Default: by the rates of commands and responses.
-    spread_alike : bool
+    matched_interpolation_filter : bool
         What was measured is a line between its stamps, and is spread over time as the line between the stamps
         of a thinned command spreads what was issued, so that both sides of the equation are; the band is then
         kept whole. Else it is a curve.
@@ -233,12 +234,12 @@ class Selection:
     findings: tuple[Finding, ...] = ()
     issued_within_s: float = math.inf
     step_s: float | None = None
-    spread_alike: bool = False
+    matched_interpolation_filter: bool = False
 
     def between(self, channel: Channel) -> Between:
         """What a channel was between its stamps."""
-        measured = any(channel is one for one in (*self.states.values(), *self.responses.values()))
-        return curve_between if measured and not self.spread_alike else line_between
+        measured = any(channel is item for item in (*self.states.values(), *self.responses.values()))
+        return curve_between if measured and not self.matched_interpolation_filter else line_between
 
     @property
     def logged_responses(self) -> tuple[Channel, ...]:
@@ -303,8 +304,8 @@ def chosen_input(
                 f"'{wanted}'",
                 f"Name a channel, or a family such as {families[0].name}.",
             )
-        own = next((family for family in families if family.holds(name)), InputFamily(name))
-        return replace(own, name=name), tuple(channels)
+        current = next((family for family in families if family.holds(name)), InputFamily(name))
+        return replace(current, name=name), tuple(channels)
     logged = [(family, tuple(channels)) for family in families if (channels := log.family(family.name))]
     for family, members in logged:
         if min(channel.rate_hz for channel in members) >= family.least_rate_hz:
@@ -327,7 +328,7 @@ def _in_words(families: tuple[InputFamily, ...]) -> str:
 # -- Matched interpolation filter --
 
 
-def spread_alike(
+def matched_interpolation_filter(
     channels: dict[str, Float[np.ndarray, " n"]],
     selected: Selection,
     clocks: dict[str, CommandClock],
@@ -335,14 +336,14 @@ def spread_alike(
 ) -> dict[str, Float[np.ndarray, " n"]]:
     """Channels on a grid, commands and what was measured spread by each other's triangles."""
     measured = (*selected.states.values(), *selected.logged_responses)
-    commanded_s = max((one.logged_s for one in clocks.values() if one.thinned), default=0.0)
-    measured_s = max(1.0 / one.rate_hz for one in measured)
+    commanded_s = max((clock.logged_s for clock in clocks.values() if clock.thinned), default=0.0)
+    measured_s = max(1.0 / item.rate_hz for item in measured)
     spread = dict(channels)
-    for one in measured:
+    for entry in measured:
         # what was measured faster than others waits for them
-        others = measured_s if 1.0 / one.rate_hz < measured_s else 0.0
+        others = measured_s if 1.0 / entry.rate_hz < measured_s else 0.0
         for width_s in (commanded_s, others):
-            spread[one.name] = triangle_mean(spread[one.name], grid, width_s)
+            spread[entry.name] = triangle_mean(spread[entry.name], grid, width_s)
     for command in selected.commands:
         spread[command.name] = triangle_mean(spread[command.name], grid, measured_s)
     return spread
@@ -442,7 +443,7 @@ class PreparedFlight:
         kept = around(mask_of(self.runs, self.usable.size), self.grid, self.memory_s)
         if kept.all() or not self.runs:
             return self
-        place = np.cumsum(kept) - 1
+        position = np.cumsum(kept) - 1
         signals = replace(
             self.signals,
             channels={name: values[kept] for name, values in self.signals.channels.items()},
@@ -451,8 +452,10 @@ class PreparedFlight:
         return replace(
             self,
             signals=signals,
-            runs=tuple(slice(int(place[run.start]), int(place[run.stop - 1]) + 1) for run in self.runs),
-            references=tuple(replace(one, values=one.values[kept]) for one in self.references),
+            runs=tuple(slice(int(position[run.start]), int(position[run.stop - 1]) + 1) for run in self.runs),
+            references=tuple(
+                replace(reference, values=reference.values[kept]) for reference in self.references
+            ),
             active=replace(self.active, mask=self.active.mask[kept]),
             usable=self.usable[kept],
             grid=self.grid.kept(kept),
@@ -463,9 +466,9 @@ class PreparedFlight:
         """Names of the references that may serve as instruments."""
         return tuple(reference.name for reference in self.references if reference.usable)
 
-    def asked(self, name: str) -> Float[np.ndarray, " n"] | None:
+    def reference_on_grid(self, name: str) -> Float[np.ndarray, " n"] | None:
         """Values of a reference on the grid; None for one that is not logged."""
-        return next((one.values for one in self.references if one.name == name), None)
+        return next((reference.values for reference in self.references if reference.name == name), None)
 
     @property
     def used(self) -> Bool[np.ndarray, " n"]:

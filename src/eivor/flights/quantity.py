@@ -56,7 +56,7 @@ class Counts(Enum):
 
 
 @dataclass(frozen=True, slots=True)
-class Allowance:
+class SystematicUncertainty:
     """What one systematic cause may do to a quantity."""
 
     counts: Counts
@@ -65,46 +65,55 @@ class Allowance:
     sentence: str
 
 
-def widened(interval: Interval, value: float, allowances: Iterable[Allowance]) -> Interval:
+def widened(
+    interval: Interval, value: float, systematic_uncertainties: Iterable[SystematicUncertainty]
+) -> Interval:
     """Interval of a quantity with every allowance in it; one whose value is no number stays as it is."""
     low, high = interval
     if not math.isfinite(value):
         return interval
-    known = tuple(allowances)
-    own = [one for one in known if one.counts is Counts.INDEPENDENT]
-    if own and low <= value <= high:
-        low = value - math.hypot(value - low, *(one.below for one in own))
-        high = value + math.hypot(high - value, *(one.above for one in own))
-    for one in known:
-        if one.counts is Counts.ADDED:
-            low, high = low - one.below, high + one.above
-    for one in known:
-        if one.counts is Counts.AT_LEAST:
-            low, high = min(low, value - one.below), max(high, value + one.above)
+    known = tuple(systematic_uncertainties)
+    selected = [item for item in known if item.counts is Counts.INDEPENDENT]
+    if selected and low <= value <= high:
+        low = value - math.hypot(value - low, *(item.below for item in selected))
+        high = value + math.hypot(high - value, *(item.above for item in selected))
+    for entry in known:
+        if entry.counts is Counts.ADDED:
+            low, high = low - entry.below, high + entry.above
+    for entry in known:
+        if entry.counts is Counts.AT_LEAST:
+            low, high = min(low, value - entry.below), max(high, value + entry.above)
     return low, high
 
 
-def reserved(allowances: Iterable[Allowance]) -> float:
+def reserved_uncertainty(systematic_uncertainties: Iterable[SystematicUncertainty]) -> float:
     """What a verdict keeps in reserve: the larger side of each part that it alone counts, added up."""
-    return sum((max(one.below, one.above) for one in allowances if one.counts is Counts.RESERVED), 0.0)
+    return sum(
+        (
+            max(systematic_uncertainty.below, systematic_uncertainty.above)
+            for systematic_uncertainty in systematic_uncertainties
+            if systematic_uncertainty.counts is Counts.RESERVED
+        ),
+        0.0,
+    )
 
 
-def clock_allowance(slack_s: float) -> tuple[Allowance, ...]:
+def clock_uncertainty(slack_s: float) -> tuple[SystematicUncertainty, ...]:
     """What commands that may have been issued between those that are logged leave open of a lag."""
     if not slack_s:
         return ()
     sentence = (
-        "The log does not tell how often its command was issued: the lag may be "
+        "The log does not show how often its command was issued: the lag may be "
         f"{1e3 * slack_s:.2g} ms longer or shorter than the data say."
     )
-    return (Allowance(Counts.ADDED, slack_s, slack_s, sentence),)
+    return (SystematicUncertainty(Counts.ADDED, slack_s, slack_s, sentence),)
 
 
 # -- Coupled axis --
 
 
 @dataclass(frozen=True, slots=True)
-class Companion:
+class CoupledAxis:
     """A quantity of another motion of the same flight that belongs to a motion's result."""
 
     motion: str
@@ -123,7 +132,7 @@ class Drawn:
     """What a draw of flights says, before quantities are derived from it."""
 
     parameters: Mapping[str, float]
-    at: Values
+    nuisances: Values
     sums: Mapping[str, float]  # Those of `Motion.flight_sums` there, over the flights drawn
 
 
@@ -170,7 +179,7 @@ class Horizon(Enum):
 
 
 @dataclass(frozen=True)
-class Predicted:
+class PredictedQuantity:
     """A measured quantity over the samples of all runs, run after run, and what given numbers say of it."""
 
     horizon: Horizon
@@ -230,7 +239,7 @@ def joined(traces: tuple[Trace, ...]) -> Trace:
 
 
 @dataclass(frozen=True)
-class Panel:
+class PlotData:
     """A series of a flight to look at, whether or not something could be estimated.
 
     Parameters
@@ -240,26 +249,26 @@ class Panel:
     values : ndarray, shape (n,)
         On the flight's grid.
     asked : ndarray, shape (n,), optional
-        What the vehicle was asked for, in the same unit.
+        What the vehicle was requested, in the same unit.
     """
 
     label: str
     values: Float[np.ndarray, " n"]
-    asked: Float[np.ndarray, " n"] | None = None
+    reference: Float[np.ndarray, " n"] | None = None
 
 
 # -- Tracked --
 
 
 @dataclass(frozen=True)
-class Followed:
-    """A parameter that is followed over a flight, and the rows that tell it."""
+class TrackedParameter:
+    """A parameter that is followed over a flight, and the rows that identify it."""
 
     name: str
     runs: LaggedRuns  # Columns of the flight
     known: Mapping[str, Prior]
     intercept: Prior | None
-    told: tuple[str, ...]  # The same in sentences
+    descriptions: tuple[str, ...]  # The same in sentences
 
 
 # -- Quantities without a lag --
@@ -268,9 +277,9 @@ class Followed:
 NAME, WORDS = "least_squares", "no-lag least squares"
 
 
-def least_squares_without_lag(problem: LaggedRuns, at: Values) -> SimpleModel:
+def least_squares_without_lag(problem: LaggedRuns, nuisance_values: Values) -> SimpleModel:
     """Least squares of all rows in frequency with neither lag nor delay."""
-    without = {**at, ACTUATOR_LAG.name: 0.0, DELAY.name: 0.0}
+    without = {**nuisance_values, ACTUATOR_LAG.name: 0.0, DELAY.name: 0.0}
     bins = problem.bins(without)
     rows = np.concatenate([bins.regressors.real, bins.regressors.imag])
     response = np.concatenate([bins.responses[:, 0].real, bins.responses[:, 0].imag])
@@ -379,7 +388,7 @@ class Wording:
     by_run : bool
         The quantity has a value of its own in each run.
     optional : bool
-        Results have it only where it was asked for.
+        Results have it only where it was requested.
     """
 
     words: str
@@ -407,7 +416,7 @@ class Choice:
 
 
 @dataclass(frozen=True, slots=True)
-class Unjudged:
+class QuantityEstimate:
     """A number with its interval, and no verdict yet.
 
     Parameters
@@ -437,7 +446,7 @@ class Unjudged:
     choice: Choice | None = None
     by_run: tuple[float, ...] = ()
     lowest: float = -math.inf
-    allowances: tuple[Allowance, ...] = ()
+    systematic_uncertainties: tuple[SystematicUncertainty, ...] = ()
 
     @property
     def half_width(self) -> float:
@@ -445,11 +454,11 @@ class Unjudged:
         return 0.5 * (self.interval[1] - self.interval[0])
 
     @property
-    def reserved(self) -> float:
+    def reserved_uncertainty(self) -> float:
         """What a verdict is to allow for beyond the interval."""
-        return reserved(self.allowances)
+        return reserved_uncertainty(self.systematic_uncertainties)
 
-    def times(self, factor: float) -> Unjudged:
+    def times(self, factor: float) -> QuantityEstimate:
         """Return a multiple of the number, by a factor above zero that is known."""
         low, high = self.interval
         return replace(
@@ -470,7 +479,7 @@ class Unjudged:
             self.choice,
             self.by_run,
             found.reasons,
-            self.allowances,
+            self.systematic_uncertainties,
         )
 
 
@@ -486,7 +495,7 @@ class Quantity:
     choice: Choice | None = None
     by_run: tuple[float, ...] = ()
     reasons: tuple[Reason, ...] = ()  # Why no further, worst first
-    allowances: tuple[Allowance, ...] = ()
+    systematic_uncertainties: tuple[SystematicUncertainty, ...] = ()
 
     @property
     def half_width(self) -> float:
@@ -495,4 +504,4 @@ class Quantity:
 
     def widened(self, interval: tuple[float, float]) -> tuple[float, float]:
         """Another interval of the same, such as one of another level, with the systematic parts in it."""
-        return widened(interval, self.value, self.allowances)
+        return widened(interval, self.value, self.systematic_uncertainties)

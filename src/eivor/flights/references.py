@@ -39,9 +39,9 @@ class NoiseLevel:
 
     @property
     def sentence(self) -> str:
-        """What is told of it."""
-        told = f"{self.logged_std:.3g} {self.unit}".strip() + f" a sample, {self.source}"
-        return told if self.std == self.logged_std else f"{told}, {self.std:.3g} on the grid"
+        """What is reported about it."""
+        text = f"{self.logged_std:.3g} {self.unit}".strip() + f" a sample, {self.source}"
+        return text if self.std == self.logged_std else f"{text}, {self.std:.3g} on the grid"
 
 
 def noise_levels(
@@ -85,7 +85,7 @@ def _by_channel(
 ) -> dict[str, Declared]:
     """What is declared by channel, that of a family for each of its members."""
     known = dict.fromkeys((*measured, *log.channels))
-    found: dict[str, Declared] = {}
+    declareds: dict[str, Declared] = {}
     for name, declared in noise.items():
         members = [name] if name in known else family_members(name.rstrip("*").rstrip("_"), known)
         if not members:
@@ -94,8 +94,8 @@ def _by_channel(
                 f"'{name}'",
                 did_you_mean(name, known, "Name one of them, or a family such as rotor_speed."),
             )
-        found.update(dict.fromkeys(members, declared))
-    return found
+        declareds.update(dict.fromkeys(members, declared))
+    return declareds
 
 
 def _read_off(channel: Channel, grid: Grid, used: Bool[np.ndarray, " n"]) -> float:
@@ -113,15 +113,15 @@ def share_left(
     """Variance on the grid of noise that is white from stamp to stamp, over its variance there."""
     if not used.any():
         return 1.0
-    apart = math.ceil(grid.step_s * channel.rate_hz) + 3
-    chosen = np.unique(np.linspace(0, apart - 1, min(apart, COMBS)).round().astype(np.int64))
-    place, known = np.arange(channel.values.size) % apart, np.isfinite(channel.values)
+    separated = math.ceil(grid.step_s * channel.rate_hz) + 3
+    chosen = np.unique(np.linspace(0, separated - 1, min(separated, COMBS)).round().astype(np.int64))
+    position, known = np.arange(channel.values.size) % separated, np.isfinite(channel.values)
     total = 0.0
     for first in chosen.tolist():
-        comb = np.where(known, (place == first).astype(np.float64), np.nan)
+        comb = np.where(known, (position == first).astype(np.float64), np.nan)
         weights, _ = on_grid(Channel(channel.name, channel.time_s, comb, channel.unit), grid, between)
         total += float(np.mean(weights[used] ** 2))
-    return total * apart / chosen.size
+    return total * separated / chosen.size
 
 
 def check_declared(
@@ -129,10 +129,10 @@ def check_declared(
 ) -> None:
     """Refuse to estimate with noises that nothing is declared of."""
     missing = {
-        name: own[name].unit if name in own else ""
-        for own, names in zip(levels, needed, strict=True)
+        name: level[name].unit if name in level else ""
+        for level, names in zip(levels, needed, strict=True)
         for name in names
-        if name not in own or not own[name].source
+        if name not in level or not level[name].source
     }
     if missing:
         words = [f"{name} in {unit}" if unit else name for name, unit in missing.items()]
@@ -147,8 +147,8 @@ def check_declared(
 
 def noise_findings(levels: Mapping[str, NoiseLevel]) -> list[Finding]:
     """What was taken for the noise of each channel that something is declared of."""
-    told = [f"{name} {level.sentence}" for name, level in levels.items() if level.source]
-    return [Finding("noise", f"Measurement noise: {'; '.join(told)}.")] if told else []
+    texts = [f"{name} {level.sentence}" for name, level in levels.items() if level.source]
+    return [Finding("noise", f"Measurement noise: {'; '.join(texts)}.")] if texts else []
 
 
 def check_noise(noise: object) -> None:
@@ -245,16 +245,16 @@ def references(
     judged: dict[str, Reference] = {}
     for axis in dict.fromkeys(source.axis for source in offered):
         of_axis = [source for source in offered if source.axis == axis]
-        found = [_reference(recording, source, grid, used) for source in of_axis]
-        judged.update({one.name: one for one in _preferred(found, of_axis)})
+        results = [_reference(recording, source, grid, used) for source in of_axis]
+        judged.update({item.name: item for item in _preferred(results, of_axis)})
     return tuple(judged[source.channel] for source in offered)
 
 
-def _preferred(found: list[Reference], sources: list[ReferenceSource]) -> list[Reference]:
+def _preferred(result: list[Reference], sources: list[ReferenceSource]) -> list[Reference]:
     """References of one axis, those that others make needless no longer usable."""
     alone = [
         reference.name
-        for reference, source in zip(found, sources, strict=True)
+        for reference, source in zip(result, sources, strict=True)
         if reference.usable and source.open_loop
     ]
     if alone:
@@ -262,16 +262,16 @@ def _preferred(found: list[Reference], sources: list[ReferenceSource]) -> list[R
             reference
             if reference.name in alone
             else replace(reference, usable=False, remark=f"{alone[0]}, which follows it openly, serves")
-            for reference in found
+            for reference in result
         ]
-    if any(reference.usable and reference.exogenous for reference in found):
+    if any(reference.usable and reference.exogenous for reference in result):
         return [
             reference
             if reference.exogenous
             else replace(reference, usable=False, remark="contains feedback; others serve")
-            for reference in found
+            for reference in result
         ]
-    return found
+    return result
 
 
 def _reference(
@@ -307,11 +307,11 @@ def jumps(channel: Channel, grid: Grid, used: Bool[np.ndarray, " n"]) -> bool:
     within = used[nearest] & (np.abs(times[nearest] - channel.time_s) <= 2.0 * grid.step_s)
     values = np.where(within, channel.values, np.nan)
     numbers = np.arange(values.size, dtype=np.float64)
-    return all(_jumps(at, values) for at in (channel.time_s, numbers))
+    return all(_jumps(item, values) for item in (channel.time_s, numbers))
 
 
-def _jumps(at: Float[np.ndarray, " n"], values: Float[np.ndarray, " n"]) -> bool:
-    over_one, over_two = (_bends(at, values, samples) for samples in (1, 2))
+def _jumps(nuisances: Float[np.ndarray, " n"], values: Float[np.ndarray, " n"]) -> bool:
+    over_one, over_two = (_bends(nuisances, values, samples) for samples in (1, 2))
     if not over_two.size:
         return False
     largest = over_one.max()
@@ -320,13 +320,13 @@ def _jumps(at: Float[np.ndarray, " n"], values: Float[np.ndarray, " n"]) -> bool
 
 
 def _bends(
-    at: Float[np.ndarray, " n"], values: Float[np.ndarray, " n"], samples: int
+    nuisances: Float[np.ndarray, " n"], values: Float[np.ndarray, " n"], samples: int
 ) -> Float[np.ndarray, " m"]:
     """Distances of values from the line between those so many samples before and after them, where known."""
-    before, middle, after = at[: -2 * samples], at[samples:-samples], at[2 * samples :]
+    before, middle, after = nuisances[: -2 * samples], nuisances[samples:-samples], nuisances[2 * samples :]
     share = (middle - before) / (after - before)
     line = (1.0 - share) * values[: -2 * samples] + share * values[2 * samples :]
-    even = samples * float(np.median(np.diff(at)))
+    even = samples * float(np.median(np.diff(nuisances)))
     bends = np.abs(values[samples:-samples] - line) * even**2 / ((middle - before) * (after - middle))
     return bends[np.isfinite(bends)]
 

@@ -17,8 +17,8 @@ from eivor.estimation.derived import ParameterSets, parameter_sets
 from eivor.estimation.diagnose import Diagnostics, diagnose, periodicity
 from eivor.estimation.estimate import Estimate
 from eivor.estimation.pool import Pooled
-from eivor.flights.lag_prior import GivenLag
-from eivor.flights.motion import FIT, Ahead, Motion
+from eivor.flights.lag_prior import LagPrior
+from eivor.flights.motion import FIT, Motion, MultiStepPrediction
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import PreparedFlight, SensorAgreement
 from eivor.flights.quantity import NAN, Implications, Quantity, SimpleModel, Trace, Words, joined
@@ -139,19 +139,19 @@ FEWEST_RUNS = 3
 def flight_diagnostics(prepared: tuple[PreparedFlight, ...]) -> dict[str, float]:
     """What was logged and used."""
     flying = [flight for flight in prepared if flight.runs]
-    found = {
+    results = {
         "flights": float(len(flying)),
         "runs": float(sum(len(flight.runs) for flight in flying)),
         "airborne_s": sum(float(f.active.mask.sum()) * f.signals.step_s for f in prepared),
         "used_s": sum(flight.used_s for flight in prepared),
     }
     for role in prepared[0].rates_hz:
-        found[f"{role}_rate_hz"] = min(flight.rates_hz[role] for flight in prepared)
+        results[f"{role}_rate_hz"] = min(flight.rates_hz[role] for flight in prepared)
     if flying:
         inputs = np.concatenate([flight.used_input.mean(axis=1) for flight in flying])
-        found["mean_input"] = float(inputs.mean())
-        found["input_variation"] = float(inputs.std() / abs(inputs.mean())) if inputs.mean() else 0.0
-    return found
+        results["mean_input"] = float(inputs.mean())
+        results["input_variation"] = float(inputs.std() / abs(inputs.mean())) if inputs.mean() else 0.0
+    return results
 
 
 @dataclass(frozen=True)
@@ -195,74 +195,76 @@ def fit_diagnostics(traces: tuple[Trace, ...], estimate: Estimate) -> FitDiagnos
     )
 
 
-def fit_numbers(found: FitDiagnostics, estimate: Estimate, headline: tuple[str, ...]) -> dict[str, float]:
+def fit_numbers(
+    diagnostics: FitDiagnostics, estimate: Estimate, headline: tuple[str, ...]
+) -> dict[str, float]:
     """The same as numbers by name; `headline` names the parameters that are looked at more closely."""
-    places = {name: estimate.names.index(name) for name in headline if name in estimate.names}
-    agreement, memory = found.agreement, found.memory
+    index = {name: estimate.names.index(name) for name in headline if name in estimate.names}
+    agreement, memory = diagnostics.agreement, diagnostics.memory
     return {
-        **{f"first_stage_F_{name}": F for name, F in found.first_stage.items()},
+        **{f"first_stage_F_{name}": F for name, F in diagnostics.first_stage.items()},
         "over_identification_J": 0.0 if agreement is None else agreement.J,
         "over_identification_p_value": 1.0 if agreement is None else agreement.p_value,
-        "instrument_rank": float(found.rank),
-        "residual_variance": found.residual_variance,
-        "condition": found.condition,
-        "durbin_watson": found.durbin_watson,
-        "r_squared": found.r_squared,
+        "instrument_rank": float(diagnostics.rank),
+        "residual_variance": diagnostics.residual_variance,
+        "condition": diagnostics.condition,
+        "durbin_watson": diagnostics.durbin_watson,
+        "r_squared": diagnostics.r_squared,
         "residual_memory": NAN if memory is None else memory.memory,
         "residual_memory_std_error": NAN if memory is None else memory.order_error,
-        **_of_least_squares(found.endogeneity, estimate, places),
-        **_of_constancy(found.constancy, places),
-        **_of_periodicity(found.periodicity, estimate.names),
-        **_of_leverage(found.leverage, places),
+        **_of_least_squares(diagnostics.endogeneity, estimate, index),
+        **_of_constancy(diagnostics.constancy, index),
+        **_of_periodicity(diagnostics.periodicity, estimate.names),
+        **_of_leverage(diagnostics.leverage, index),
     }
 
 
 def _of_least_squares(
-    against: Endogeneity | None, estimate: Estimate, places: dict[str, int]
+    against: Endogeneity | None, estimate: Estimate, positions: dict[str, int]
 ) -> dict[str, float]:
     values = {
-        name: NAN if against is None else float(estimate.parameters[name] - against.difference[place])
-        for name, place in places.items()
+        name: NAN if against is None else float(estimate.parameters[name] - against.difference[position])
+        for name, position in positions.items()
     }
-    found = {f"least_squares_{name}": value for name, value in values.items()}
-    return found | {"least_squares_p_value": NAN if against is None else against.p_value}
+    results = {f"least_squares_{name}": value for name, value in values.items()}
+    return results | {"least_squares_p_value": NAN if against is None else against.p_value}
 
 
-def _of_constancy(constant: Constancy | None, places: dict[str, int]) -> dict[str, float]:
-    found = {
+def _of_constancy(constant: Constancy | None, positions: dict[str, int]) -> dict[str, float]:
+    results = {
         "constancy_p_value": NAN if constant is None else constant.p_value,
         "constancy_break": NAN if constant is None else constant.break_at,
     }
-    for name, place in places.items():
-        found[f"constancy_change_{name}"] = NAN if constant is None else float(constant.change[place])
-    return found
+    for name, position in positions.items():
+        results[f"constancy_change_{name}"] = NAN if constant is None else float(constant.change[position])
+    return results
 
 
 def _of_periodicity(swinging: Periodicity | None, names: tuple[str, ...]) -> dict[str, float]:
-    found = {"periodicity_p_value": NAN if swinging is None else swinging.p_value}
-    for place, name in enumerate(names):
-        found |= _of_swing(name, None if swinging is None else swinging.parameters[place])
+    results = {"periodicity_p_value": NAN if swinging is None else swinging.p_value}
+    for index, name in enumerate(names):
+        results |= _of_swing(name, None if swinging is None else swinging.parameters[index])
     left_over = () if swinging is None else swinging.left_over
-    return found | _of_swing("residual", min(left_over, key=lambda one: one.p_value, default=None))
+    return results | _of_swing("residual", min(left_over, key=lambda item: item.p_value, default=None))
 
 
-def _of_swing(name: str, one: Swing | None) -> dict[str, float]:
+def _of_swing(name: str, swing: Swing | None) -> dict[str, float]:
     return {
-        f"periodicity_{name}_p_value": NAN if one is None else one.p_value,
-        f"periodicity_{name}_period_s": NAN if one is None else one.period,
-        f"periodicity_{name}_amplitude": NAN if one is None else one.amplitude,
+        f"periodicity_{name}_p_value": NAN if swing is None else swing.p_value,
+        f"periodicity_{name}_period_s": NAN if swing is None else swing.period,
+        f"periodicity_{name}_amplitude": NAN if swing is None else swing.amplitude,
     }
 
 
-def _of_leverage(leverage: SegmentLeverage | None, places: dict[str, int]) -> dict[str, float]:
-    found = {
-        f"leverage_{name}": NAN if leverage is None else float(leverage.largest[place])
-        for name, place in places.items()
+def _of_leverage(leverage: SegmentLeverage | None, positions: dict[str, int]) -> dict[str, float]:
+    results = {
+        f"leverage_{name}": NAN if leverage is None else float(leverage.largest[position])
+        for name, position in positions.items()
     }
-    first = next(iter(places.values()), 0)
-    found["leverage_segment"] = NAN if leverage is None else float(leverage.most[first] + 1)
-    found["leverage_segments"] = 0.0 if leverage is None else float(leverage.shift.shape[0])
-    return found
+    first = next(iter(positions.values()), 0)
+    results["leverage_segment"] = NAN if leverage is None else float(leverage.most[first] + 1)
+    results["leverage_segments"] = 0.0 if leverage is None else float(leverage.shift.shape[0])
+    return results
 
 
 def left_over_swings(record: Diagnostics, traces: tuple[Trace, ...]) -> tuple[Swing, ...]:
@@ -270,18 +272,18 @@ def left_over_swings(record: Diagnostics, traces: tuple[Trace, ...]) -> tuple[Sw
     layout = record.evidence.solved.rows.layout
     if not isinstance(layout, BinRows) or not record.evidence.in_one_flight:
         return ()
-    found: list[Swing] = []
-    # A log without velocity, for one, tells some axes only: those have traces.
+    swings: list[Swing] = []
+    # A log without velocity, for one, determines some axes only: those have traces.
     for axis, trace in zip(sorted({run.axis for run in layout.runs}), traces, strict=True):
         runs = [run for run in layout.runs if run.axis == axis]
-        places = [
+        positions = [
             run.start + (np.arange(run.length) if run.counted is None else np.flatnonzero(run.counted))
             for run in runs
         ]
-        residual, times = trace.measured - trace.predicted, runs[0].step_s * np.concatenate(places)
+        residual, times = trace.measured - trace.predicted, runs[0].step_s * np.concatenate(positions)
         blocks = blocks_of(residual, times, runs[0].step_s, SWING_BLOCKS)
-        found += strongest_swings(blocks, ((trace.axis, trace.unit),), 1.0 / residual.size)
-    return tuple(found)
+        swings += strongest_swings(blocks, ((trace.axis, trace.unit),), 1.0 / residual.size)
+    return tuple(swings)
 
 
 def run_leverage(record: Diagnostics) -> SegmentLeverage | None:
@@ -293,7 +295,7 @@ def run_leverage(record: Diagnostics) -> SegmentLeverage | None:
     equation, jacobian = record.estimate.best.equation, solved.jacobian
     starts = np.cumsum([0, *(2 * run.count for run in rows.layout.runs)])
     ends = tuple(pairwise(starts.tolist()))
-    runs = [slice(*one) for one in ends]
+    runs = [slice(*end) for end in ends]
     return segment_leverage(
         np.stack([equation.test_functions[run].T @ equation.residual[run] for run in runs]),
         np.stack([equation.test_functions[run].T @ jacobian[run] for run in runs]),
@@ -304,28 +306,28 @@ def run_leverage(record: Diagnostics) -> SegmentLeverage | None:
 
 def flight_findings(prepared: tuple[PreparedFlight, ...], words: Words) -> tuple[Finding, ...]:
     """Findings of every log and flight."""
-    found: list[Finding] = []
+    findings: list[Finding] = []
     for flight in prepared:
         name = flight.recording.name
         prefix = f"{name}: " if len(prepared) > 1 else ""
-        found.extend(Finding(f.name, prefix + f.message) for f in flight.findings)
+        findings.extend(Finding(f.name, prefix + f.message) for f in flight.findings)
         if not flight.active.mask.any():
             sentence = f"{name} never {words.begins} (by {flight.active.rule})."
-            found.append(Finding("never_takes_off", sentence))
+            findings.append(Finding("never_takes_off", sentence))
         elif not flight.runs:
-            found.append(
+            findings.append(
                 Finding("no_usable_run", f"{name} has no three seconds in usable runs of a second or more.")
             )
-        found.extend(_saturation(flight, prefix))
-    return tuple(found)
+        findings.extend(_saturation(flight, prefix))
+    return tuple(findings)
 
 
 def fitted_noise_findings(estimate: Estimate) -> tuple[Finding, ...]:
     """Noises that were fitted together with the parameters, if the method fits any."""
     if not estimate.noises:
         return ()
-    told = "; ".join(noise.sentence for noise in estimate.noises)
-    return (Finding("fitted_noise", f"Noises that fit what the estimate leaves: {told}."),)
+    text = "; ".join(noise.sentence for noise in estimate.noises)
+    return (Finding("fitted_noise", f"Noises that fit what the estimate leaves: {text}."),)
 
 
 def _saturation(flight: PreparedFlight, prefix: str) -> list[Finding]:
@@ -358,8 +360,8 @@ def pooled_traces(motion: Motion[Any], pool: Pooled) -> tuple[Trace, ...]:
 
 
 @dataclass(frozen=True)
-class Unaided:
-    """What flights tell by themselves, without what was given beside them."""
+class WithoutPrior:
+    """What flights identify by themselves, without what was given beside them."""
 
     problem: SeparableProblem
     estimate: Estimate
@@ -379,7 +381,7 @@ class Fit:
         Label of the instruments used.
     checks : FitDiagnostics
         What was checked of it.
-    given_lag : GivenLag or None
+    lag_prior : LagPrior or None
         What was known of the lag from elsewhere, beside what the flight alone says.
     sets : mapping of str to ParameterSets
         95 % sets of the motion's headline parameters, where the method has them.
@@ -391,24 +393,24 @@ class Fit:
         Behind a pool some of whose parameters belong to the flight: there `problem` has all parameters in
         common, and `estimate` the mean of each that is not.
     profiles : mapping of str to ConfidenceSet
-        95 % profile sets of such a pool, or of a flight of it: intervals of what instruments tell well.
+        95 % profile sets of such a pool, or of a flight of it: intervals of what instruments identify well.
     """
 
     problem: SeparableProblem
     estimate: Estimate
     instruments: str
     checks: FitDiagnostics
-    given_lag: GivenLag | None = None
+    lag_prior: LagPrior | None = None
     sets: Mapping[str, ParameterSets] = field(default_factory=dict)
     sensors: SensorAgreement | None = None
-    unaided: Unaided | None = None
+    without_prior: WithoutPrior | None = None
     pooled: Pooled | None = None
     profiles: Mapping[str, ConfidenceSet] = field(default_factory=dict)
 
     @property
-    def by_itself(self) -> Unaided:
-        """What the flights tell without what was given beside them."""
-        return Unaided(self.problem, self.estimate) if self.unaided is None else self.unaided
+    def estimates_without_prior(self) -> WithoutPrior:
+        """What the flights identify without what was given beside them."""
+        return WithoutPrior(self.problem, self.estimate) if self.without_prior is None else self.without_prior
 
     def traces(self, motion: Motion[Any]) -> tuple[Trace, ...]:
         """Measured and predicted, each flight of a pool by its own parameters."""
@@ -428,9 +430,9 @@ class Fit:
         F is of one place, the estimate; where a set has no bounds, others fit as well.
         """
         judged = {
-            name: own for name, own in self.sets.items() if self._weak(own) or not own.profile.is_bounded
+            name: item for name, item in self.sets.items() if self._weak(item) or not item.profile.is_bounded
         }
-        return {name: own.robust for name, own in judged.items()}
+        return {name: item.robust for name, item in judged.items()}
 
     @property
     def by_sets(self) -> dict[str, ConfidenceSet]:
@@ -439,10 +441,10 @@ class Fit:
 
     def interval(self, name: str, level: float = 0.95) -> tuple[float, float]:
         """Confidence interval of a parameter: the hull of its set where it is judged by one."""
-        found = self.by_sets.get(name)
-        if found is not None and level != 0.95:
-            found = self._set(name, level)
-        return self.estimate.interval(name, level) if found is None else found.hull
+        result = self.by_sets.get(name)
+        if result is not None and level != 0.95:
+            result = self._set(name, level)
+        return self.estimate.interval(name, level) if result is None else result.hull
 
     def _set(self, name: str, level: float) -> ConfidenceSet | None:
         """The set that a parameter is judged by, of another level."""
@@ -467,7 +469,7 @@ class FlightEstimate:
     motion : Motion
         What was identified.
     options : FlightOptions
-        What was asked for.
+        What was requested.
     prepared : tuple of PreparedFlight
         The flights.
     fit : Fit or None
@@ -520,16 +522,16 @@ class FlightEstimate:
         return {} if self.fit is None else self.motion.simple_models(self.fit.problem, self.fit.estimate)
 
     @cached_property
-    def ahead(self) -> Ahead | None:
+    def multi_step_prediction(self) -> MultiStepPrediction | None:
         """Predictions of the flights themselves some tenths of a second ahead; None where there are none."""
         if self.fit is None:
             return None
         estimate = self.fit.estimate
         names = dict(zip(estimate.names, estimate.best.values.tolist(), strict=True))
-        models = {FIT: SimpleModel("the fit", {**estimate.best.at, **names}), **self.simple_models}
-        refused = (name for name, one in self.quantities.items() if one.verdict is Status.REFUSED)
+        models = {FIT: SimpleModel("the fit", {**estimate.best.nuisances, **names}), **self.simple_models}
+        refused = (name for name, quantity in self.quantities.items() if quantity.verdict is Status.REFUSED)
         flying = tuple(flight.shortened for flight in self.prepared if flight.runs)
-        return self.motion.ahead(flying, models, frozenset(refused))
+        return self.motion.multi_step_prediction(flying, models, frozenset(refused))
 
     @property
     def instruments(self) -> str:
@@ -599,12 +601,12 @@ class FlightEstimate:
 
     def __repr__(self) -> str:
         names = ", ".join(flight.recording.name for flight in self.prepared)
-        told = "; ".join(
+        text = "; ".join(
             f"{name} {quantity.value:.4g} {_bounds(quantity)}"
             for name, quantity in self.quantities.items()
             if name in self.motion.headline and self.fit is not None
         )
-        return f"<FlightEstimate {self.motion.name} of {names!r}: {self.verdict.status.value}; {told}>"
+        return f"<FlightEstimate {self.motion.name} of {names!r}: {self.verdict.status.value}; {text}>"
 
     def _repr_html_(self) -> str:
         rows = [

@@ -23,13 +23,13 @@ CLOSELY, PHASES = 33, 32
 SIZE = 0.15
 #: A distance of more medians than this is a pause.
 BEATING_PAUSE = 2.5
-#: Fewer stamps tell nothing; so many tell enough.
+#: Fewer stamps carry no information; so many carry enough information.
 FEWEST_STAMPS, MOST_BEATING_STAMPS = 500, 6000
 #: Over so many instants, pauses among them, a phase is followed.
 MOST_INSTANTS = 20 * MOST_BEATING_STAMPS
 
 
-def beating_step(time_s: Float[np.ndarray, " n"], shortest_s: float) -> float | None:
+def period_from_aliasing(time_s: Float[np.ndarray, " n"], shortest_s: float) -> float | None:
     """Time between two commands h_c [s] that jittering stamps beat with; None where they do not."""
     if time_s.size < FEWEST_STAMPS:
         return None
@@ -44,8 +44,8 @@ def beating_step(time_s: Float[np.ndarray, " n"], shortest_s: float) -> float | 
         return None
     most = int(logged / shortest_s)
     steps = [logged / (k + sign * beat) for k in range(1, most + 1) for sign in (-1.0, 1.0)]
-    found = [(step, *_saw(number, away, logged / step)) for step in steps if shortest_s <= step < logged]
-    fitting = [(power, step) for step, size, power in found if abs(size / step - 1.0) <= SIZE]
+    results = [(step, *_saw(number, away, logged / step)) for step in steps if shortest_s <= step < logged]
+    fitting = [(power, step) for step, size, power in results if abs(size / step - 1.0) <= SIZE]
     return max(fitting)[1] if fitting else None
 
 
@@ -65,13 +65,13 @@ def _line(number: Int[np.ndarray, " n"], away: Float[np.ndarray, " n"]) -> float
     power = np.abs(np.fft.rfft(row)) ** 2 / float(away @ away)
     frequency = np.fft.rfftfreq(row.size)
     power[frequency < SLOWEST] = 0.0
-    place = int(np.argmax(power))
-    if power[place] < LINE:
+    index = int(np.argmax(power))
+    if power[index] < LINE:
         return None
-    near = frequency[place] + np.linspace(-1.0, 1.0, CLOSELY) / row.size
+    near = frequency[index] + np.linspace(-1.0, 1.0, CLOSELY) / row.size
     near = np.append(near[near < 0.5], 0.5) if near[-1] > 0.5 else near
-    found = np.abs(np.exp(-2j * np.pi * np.outer(near, number)) @ away)
-    return float(near[int(np.argmax(found))])
+    result = np.abs(np.exp(-2j * np.pi * np.outer(near, number)) @ away)
+    return float(near[int(np.argmax(result))])
 
 
 def _saw(number: Int[np.ndarray, " n"], away: Float[np.ndarray, " n"], turns: float) -> tuple[float, float]:
@@ -79,9 +79,9 @@ def _saw(number: Int[np.ndarray, " n"], away: Float[np.ndarray, " n"], turns: fl
     phases = (np.arange(PHASES) + 0.5)[:, None] / PHASES
     saws = -np.mod(phases + np.mod(turns, 1.0) * number, 1.0)
     saws -= saws.mean(axis=1, keepdims=True)
-    along, own = saws @ away, np.sum(saws**2, axis=1)
-    best = int(np.argmax(along / np.sqrt(own)))
-    return float(along[best] / own[best]), float(along[best] ** 2 / own[best])
+    along, current = saws @ away, np.sum(saws**2, axis=1)
+    best = int(np.argmax(along / np.sqrt(current)))
+    return float(along[best] / current[best]), float(along[best] ** 2 / current[best])
 
 
 # -- Timestamp jitter --
@@ -92,13 +92,13 @@ EVEN_SHARE = 0.03
 UNEVEN_PAUSE = 3.0
 #: The slope is taken over so many samples to both sides.
 SLOPE_REACH = 5
-#: Fewer samples tell nothing.
+#: Fewer samples carry no information.
 FEWEST_SAMPLES = 100
-#: A coefficient is told from one half when it is so many standard errors from it.
+#: A coefficient is distinguished from one half when it is so many standard errors from it.
 TOLD = 3.0
 
 
-def uneven(channel: Channel) -> bool:
+def has_jitter(channel: Channel) -> bool:
     """Whether a channel's stamps are uneven."""
     steps = np.diff(channel.time_s)
     if steps.size < FEWEST_SAMPLES:
@@ -108,22 +108,22 @@ def uneven(channel: Channel) -> bool:
 
 
 def stamps_are_true(channels: Iterable[Channel]) -> bool | None:
-    """Whether samples with uneven stamps were taken when these say; None when nothing tells it."""
-    return truth_of(_coefficient(one) for one in channels if uneven(one))
+    """Whether samples with uneven stamps were taken when these say; None when nothing gives it."""
+    return truth_of(_coefficient(channel) for channel in channels if has_jitter(channel))
 
 
-def told_of_stamps(channel: Channel) -> tuple[float, float]:
-    """What a channel tells: the coefficient, and its variance; no numbers where its stamps are even."""
-    return _coefficient(channel) if uneven(channel) else (np.nan, np.nan)
+def jitter_estimate(channel: Channel) -> tuple[float, float]:
+    """What a channel gives: the coefficient, and its variance; no numbers where its stamps are even."""
+    return _coefficient(channel) if has_jitter(channel) else (np.nan, np.nan)
 
 
-def truth_of(found: Iterable[tuple[float, float]]) -> bool | None:
-    """Whether stamps are true, by the coefficients and variances that channels tell; None for no answer."""
-    told = [(value, variance) for value, variance in found if np.isfinite(value) and variance > 0.0]
-    if not told:
+def truth_of(result: Iterable[tuple[float, float]]) -> bool | None:
+    """Whether stamps are true, by the coefficients and variances that channels determine."""
+    selected = [(value, variance) for value, variance in result if np.isfinite(value) and variance > 0.0]
+    if not selected:
         return None
-    weights = np.array([1.0 / variance for _, variance in told])
-    mean = float(weights @ np.array([value for value, _ in told]) / weights.sum())
+    weights = np.array([1.0 / variance for _, variance in selected])
+    mean = float(weights @ np.array([value for value, _ in selected]) / weights.sum())
     return mean > 0.5 if abs(mean - 0.5) * np.sqrt(weights.sum()) > TOLD else None
 
 
@@ -156,7 +156,7 @@ def _from_middle(values: Float[np.ndarray, " n"]) -> Float[np.ndarray, " m"]:
 #: A distance of stamps within this share of another is taken as the same.
 SAME = 0.025
 #: Mean cosine of the angles that distances make on the circle of a step; 1 when all are multiples of it.
-#: Chance gives 0 with a standard deviation of 1 over the root of twice their number; so many are asked for.
+#: Chance gives 0 with a standard deviation of 1 over the root of twice their number; so many are requested.
 CLOSE = 0.6
 BEYOND_CHANCE = 3.2
 #: A larger step that fits the distances as well as this is preferred.
@@ -190,7 +190,7 @@ class CommandClock:
 
     logged_s: float
     issued_s: float  # Time between two commands h_c that is assumed [s]
-    told: bool = True
+    is_known: bool = True
     looked: bool = False
 
     @property
@@ -200,8 +200,8 @@ class CommandClock:
 
     @property
     def slack_s(self) -> float:
-        """What the command may be late or early by, since the log does not tell when it was issued [s]."""
-        return 0.0 if self.told else 0.5 * self.issued_s
+        """What the command may be late or early by, since the log does not show when it was issued [s]."""
+        return 0.0 if self.is_known else 0.5 * self.issued_s
 
     def band_hz(self, band_hz: tuple[float, float]) -> tuple[float, float]:
         """Part of a band in which the line between stamps is as good as the commands [Hz]."""
@@ -217,22 +217,22 @@ class CommandClock:
                 "The command's stamps are uneven and some of its values repeat: the log holds what was in "
                 "force when the logger looked, and the command is taken from the line between stamps."
             )
-        if self.told:
+        if self.is_known:
             return (
                 f"The command is logged every {logged:.3g} ms and was issued every {issued:.3g} ms, as its "
-                "stamps tell: those between are taken from the line between two stamps."
+                "stamps determine: those between are taken from the line between two stamps."
             )
         return (
-            f"The command is logged every {logged:.3g} ms, and the log does not tell whether more were "
+            f"The command is logged every {logged:.3g} ms, and the log does not show whether more were "
             f"issued: the lag may be {1e3 * self.slack_s:.2g} ms longer or shorter."
         )
 
 
 @dataclass(frozen=True, slots=True)
 class _Witness:
-    """What another channel tells of a command's clock."""
+    """What another channel gives of a command's clock."""
 
-    told: tuple[float, float]
+    jitter: tuple[float, float]
     step_s: float
     sampled_with_it: bool
 
@@ -242,7 +242,7 @@ class _Witness:
         time_s = other.time_s
         step_s = float(np.median(np.diff(time_s), overwrite_input=True)) if time_s.size > 1 else np.inf
         with_it = not other.held and np.array_equal(time_s, command.time_s)
-        return cls(told_of_stamps(other), step_s, with_it)
+        return cls(jitter_estimate(other), step_s, with_it)
 
 
 def command_clock(
@@ -252,23 +252,23 @@ def command_clock(
     steps = np.diff(command.time_s)
     logged = float(np.median(steps))
     finer = finer_step(command.time_s)
-    if finer is None and uneven(command):
-        finer = beating_step(command.time_s, SHORTEST_STEP_S)
+    if finer is None and has_jitter(command):
+        finer = period_from_aliasing(command.time_s, SHORTEST_STEP_S)
     if finer is not None:
         return CommandClock(logged, finer)
-    seen = [_Witness.of(one, command) for one in others]
-    looked_at = truth_of(one.told for one in seen)
+    seen = [_Witness.of(item, command) for item in others]
+    looked_at = truth_of(item.jitter for item in seen)
     if looked_at and logged <= QUICK_STEP_S and _multiples(steps, logged):
         return CommandClock(logged, logged)
-    if looked_at and uneven(command):
+    if looked_at and has_jitter(command):
         if _repeats(command):
             return CommandClock(logged, logged / FINE_PARTS, looked=True)
-        if not any(one.sampled_with_it for one in seen):
-            return CommandClock(logged, 0.5 * min(logged, issued_within_s), told=False)
-    quickest = min((one.step_s for one in seen), default=np.inf)
+        if not any(item.sampled_with_it for item in seen):
+            return CommandClock(logged, 0.5 * min(logged, issued_within_s), is_known=False)
+    quickest = min((item.step_s for item in seen), default=np.inf)
     if logged <= QUICK_STEP_S and quickest >= MORE_OFTEN * logged:
         return CommandClock(logged, logged)
-    return CommandClock(logged, 0.5 * min(logged, issued_within_s), told=False)
+    return CommandClock(logged, 0.5 * min(logged, issued_within_s), is_known=False)
 
 
 def _multiples(steps: Float[np.ndarray, " n"], usual: float) -> bool:
@@ -353,31 +353,31 @@ def as_issued(command: Channel, clock: CommandClock) -> Channel:
 ADDED_UP = 1.15
 
 
-def with_even_stamps(log: Recording) -> tuple[Recording, tuple[Finding, ...]]:
+def with_corrected_stamps(log: Recording) -> tuple[Recording, tuple[Finding, ...]]:
     """Log with stamps that err evened, and a finding that says so."""
-    doubtful = {name: one for name, one in log.channels.items() if uneven(one)}
-    if stamps_are_true([one for one in doubtful.values() if not one.held]) is not False:
+    doubtful = {name: channel for name, channel in log.channels.items() if has_jitter(channel)}
+    if stamps_are_true([item for item in doubtful.values() if not item.held]) is not False:
         return log, ()
     evened: dict[bytes, Float[np.ndarray, " n"] | None] = {}
     channels, largest_s = dict(log.channels), 0.0
-    for name, one in doubtful.items():
-        clock = one.time_s.tobytes()
+    for name, entry in doubtful.items():
+        clock = entry.time_s.tobytes()
         if clock not in evened:
-            evened[clock] = even_stamps(one.time_s)
+            evened[clock] = corrected_stamps(entry.time_s)
         stamps = evened[clock]
         if stamps is not None:
-            channels[name] = replace(one, time_s=stamps)
-            largest_s = max(largest_s, float(np.std(one.time_s - stamps)))
+            channels[name] = replace(entry, time_s=stamps)
+            largest_s = max(largest_s, float(np.std(entry.time_s - stamps)))
     if not largest_s:
         return log, ()
-    told = (
+    texts = (
         f"Samples were taken evenly, and their stamps err, by up to {1e3 * largest_s:.2g} ms (standard "
         "deviation): each is put on the line through those around it."
     )
-    return replace(log, channels=channels), (Finding("erring_stamps", told),)
+    return replace(log, channels=channels), (Finding("erring_stamps", texts),)
 
 
-def even_stamps(time_s: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"] | None:
+def corrected_stamps(time_s: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"] | None:
     """Stamps of an even clock with their errors averaged out; None where their errors add up."""
     distances = np.diff(time_s)
     longest_s = UNEVEN_PAUSE * float(np.median(distances))

@@ -11,14 +11,14 @@ from eivor import checks
 from eivor.errors import UsageError
 from eivor.estimation.exponential_forgetting import MEMORIES, Forgetting, TimedRows, counted_rows
 from eivor.estimation.recursive import ChangeDetector, Follower
-from eivor.flights.quantity import Followed
+from eivor.flights.quantity import TrackedParameter
 from eivor.flights.result import Fit, FlightEstimate
 from eivor.models.lagged_runs import AxisColumns
 from eivor.models.separable import Values
 
 #: Memory [s] when none is chosen.
 MEMORY_S = 5.0
-#: Largest half-width over the value with which a parameter counts as told.
+#: Largest half-width over the value with which a parameter counts as given.
 TOLD = 0.2
 #: Least part of the memory that holds samples that count.
 HELD = 0.25
@@ -37,7 +37,7 @@ class Moment:
     change: int = 0
 
     @property
-    def told(self) -> bool:
+    def is_precise(self) -> bool:
         """Whether the half-width is a fifth of the value at most, of a fourth of the memory or more."""
         return self.share >= HELD and self.half_width <= TOLD * abs(self.value)
 
@@ -50,19 +50,19 @@ class Track:
     name: str
     unit: str
     memory_s: float  # Sum of the weights of the time before [s]
-    at: Values
+    nuisances: Values
     moments: tuple[Moment, ...]  # An eighth of the memory apart, in order
     known: tuple[str, ...]
 
     @property
-    def told(self) -> tuple[Moment, ...]:
-        """Those at which the parameter is told."""
-        return tuple(one for one in self.moments if one.told)
+    def precise_moments(self) -> tuple[Moment, ...]:
+        """Those at which the parameter is identified."""
+        return tuple(moment for moment in self.moments if moment.is_precise)
 
     @property
     def changes(self) -> tuple[Moment, ...]:
         """Those after which it was another one."""
-        return tuple(one for one in self.moments if one.change)
+        return tuple(moment for moment in self.moments if moment.change)
 
 
 def track(result: FlightEstimate, memory_s: float | None = None) -> Track:
@@ -74,12 +74,12 @@ def track(result: FlightEstimate, memory_s: float | None = None) -> Track:
         raise UsageError("one flight to follow", f"{len(result.prepared)}", "Track the logs one by one.")
     if result.fit is None:
         return Track(result, "", "", MEMORY_S if memory_s is None else memory_s, {}, (), ())
-    followed = result.motion.followed(result.fit.problem, result.quantities, result.options)
-    if followed is None:
+    tracked_parameter = result.motion.tracked_parameter(result.fit.problem, result.quantities, result.options)
+    if tracked_parameter is None:
         raise UsageError(
             "a motion with a parameter to follow", f"{result.motion.name}", "The vertical motion has one."
         )
-    (columns,) = followed.runs.columns
+    (columns,) = tracked_parameter.runs.columns
     length_s = columns.fixed.shape[0] * columns.step_s
     memory_s = min(MEMORY_S, length_s) if memory_s is None else memory_s
     memory = memory_s / columns.step_s
@@ -89,38 +89,50 @@ def track(result: FlightEstimate, memory_s: float | None = None) -> Track:
             f"{memory_s:g} s",
             "Leave it out, or give another.",
         )
-    return _tracked(result, result.fit, followed, columns, memory_s)
+    return _tracked(result, result.fit, tracked_parameter, columns, memory_s)
 
 
 def _tracked(
-    result: FlightEstimate, fit: Fit, followed: Followed, columns: AxisColumns, memory_s: float
+    result: FlightEstimate,
+    fit: Fit,
+    tracked_parameter: TrackedParameter,
+    columns: AxisColumns,
+    memory_s: float,
 ) -> Track:
-    at = fit.estimate.best.at
-    names = [parameter.name for parameter in followed.runs.parameters]
-    (unit,) = (one.unit for one in followed.runs.parameters if one.name == followed.name)
-    level = 0.0 if followed.intercept is None else followed.intercept.mean
+    index = fit.estimate.best.nuisances
+    names = [parameter.name for parameter in tracked_parameter.runs.parameters]
+    (unit,) = (
+        parameter.unit
+        for parameter in tracked_parameter.runs.parameters
+        if parameter.name == tracked_parameter.name
+    )
+    level = 0.0 if tracked_parameter.intercept is None else tracked_parameter.intercept.mean
     start = np.array([*(fit.estimate.parameters[name] for name in names), level])
-    priors = (*(followed.known.get(name) for name in names), followed.intercept)
+    priors = (*(tracked_parameter.known.get(name) for name in names), tracked_parameter.intercept)
     forgetting = Forgetting(memory_s / columns.step_s)
-    follower = Follower(names.index(followed.name), priors, start)
+    follower = Follower(names.index(tracked_parameter.name), priors, start)
     time_s = result.prepared[0].grid.time_s
-    points = follower.points(rows_of(columns, at), forgetting, DETECTOR)
+    points = follower.points(rows_of(columns, index), forgetting, DETECTOR)
     moments = tuple(
         Moment(float(time_s[point.sample - 1]), point.value, point.half_width, point.share, point.change)
         for point in points
         if math.isfinite(point.value)
     )
-    return Track(result, followed.name, unit, memory_s, at, moments, followed.told)
+    return Track(
+        result, tracked_parameter.name, unit, memory_s, index, moments, tracked_parameter.descriptions
+    )
 
 
-def rows_of(columns: AxisColumns, at: Values) -> TimedRows:
+def rows_of(columns: AxisColumns, nuisance_values: Values) -> TimedRows:
     """Rows of every sample of a flight, with an intercept that is its own instrument."""
     count = columns.fixed.shape[0]
     used = np.zeros(count, dtype=np.bool_)
     for run in columns.runs:
         counted = columns.counted(run)
         used[run] = True if counted is None else counted
-    ones = np.ones((count, 1))
+    entries = np.ones((count, 1))
     away = columns.instruments - columns.instruments[used].mean(axis=0)
-    right = np.column_stack([columns.fixed, columns.moving(at), ones, columns.responses[:, :1]])
-    return counted_rows(np.column_stack([away, ones]), right, np.zeros((count, 0)), used)
+    right = np.column_stack(
+        [columns.fixed, columns.moving(nuisance_values), entries, columns.responses[:, :1]]
+    )
+    return counted_rows(np.column_stack([away, entries]), right, np.zeros((count, 0)), used)

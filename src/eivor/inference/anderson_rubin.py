@@ -76,8 +76,8 @@ class RobustShape(RegionShape):
     def _covariances(self) -> Float[np.ndarray, "n_plus_1 n_plus_1 p p"]:
         """V_ab with V(x) = sum_ab x_a x_b V_ab."""
         L = self.scores.cosines
-        found: Float[np.ndarray, "n_plus_1 n_plus_1 p p"] = np.einsum("jpa,jqb->abpq", L, L) / L.shape[0]
-        return found
+        result: Float[np.ndarray, "n_plus_1 n_plus_1 p p"] = np.einsum("jpa,jqb->abpq", L, L) / L.shape[0]
+        return result
 
     def excess(self, points: Points) -> Float[np.ndarray, " k"]:
         """AR over its critical value; O(p^2 n^2 + p^3) for each point."""
@@ -108,9 +108,9 @@ class RobustShape(RegionShape):
         return scanned_shadow(self, axis)
 
     def _between(
-        self, one: Float[np.ndarray, " n_plus_1"], other: Float[np.ndarray, " n_plus_1"]
+        self, first: Float[np.ndarray, " n_plus_1"], other: Float[np.ndarray, " n_plus_1"]
     ) -> Float[np.ndarray, "p p"]:
-        V = np.einsum("a,b,abpq->pq", one, other, self._covariances)
+        V = np.einsum("a,b,abpq->pq", first, other, self._covariances)
         return 0.5 * (V + V.T)
 
 
@@ -241,7 +241,7 @@ def _weighted_solution(
 def _standard_errors(
     total: Float[np.ndarray, "p n_plus_1"], root: Float[np.ndarray, "p p"]
 ) -> Float[np.ndarray, " n"]:
-    """Standard error of each parameter at the pivot; with the others held where they cannot be told apart."""
+    """Standard error of each parameter at the pivot."""
     A = scipy.linalg.solve_triangular(root, total[:, 1:], lower=True)
     lengths = np.linalg.norm(A, axis=0)
     lengths = np.where(lengths > 0.0, lengths, 1.0)
@@ -265,9 +265,9 @@ def _real_eigenvalues(
 ) -> list[float]:
     """Real numbers at which M0 + s M1 + s^2 M2 is singular, by its companion pencil, s scaled to size one."""
     p = M0.shape[0]
-    one, other = float(np.linalg.norm(M0)), float(np.linalg.norm(M2))
-    gamma = np.sqrt(one / other) if one > 0.0 and other > 0.0 else 1.0
-    M0, M1, M2 = (M / (one or 1.0) for M in (M0, gamma * M1, gamma**2 * M2))
+    item, other = float(np.linalg.norm(M0)), float(np.linalg.norm(M2))
+    gamma = np.sqrt(item / other) if item > 0.0 and other > 0.0 else 1.0
+    M0, M1, M2 = (M / (item or 1.0) for M in (M0, gamma * M1, gamma**2 * M2))
     eye, zero = np.eye(p), np.zeros((p, p))
     values = scipy.linalg.eigvals(
         np.block([[zero, eye], [-M0, -M1]]), np.block([[eye, zero], [zero, M2]]), check_finite=False
@@ -306,20 +306,20 @@ class Allowed:
     def pieces(self) -> list[tuple[float, float]]:
         """Union over pairs that follow one another closely: what lies between ends joins to one interval."""
         between = self._between
-        found = [(-inf, inf)] if np.isinf(self.low).any() else []
+        result = [(-inf, inf)] if np.isinf(self.low).any() else []
         if between.any():
-            found.append((float(self.low[between].min()), float(self.high[between].max())))
+            result.append((float(self.low[between].min()), float(self.high[between].max())))
         if self.outside.any():
-            found.append((-inf, float(self.low[self.outside].max())))
-            found.append((float(self.high[self.outside].min()), inf))
-        return found
+            result.append((-inf, float(self.low[self.outside].max())))
+            result.append((float(self.high[self.outside].min()), inf))
+        return result
 
     def continued(self) -> list[tuple[float, float]]:
         """The same where pairs would go on after the last: without a bound on the side they move to."""
         between = np.flatnonzero(self._between)
         if not between.size:
             return self.pieces()
-        first, last = (self.low[at] + self.high[at] for at in between[[0, -1]])
+        first, last = (self.low[item] + self.high[item] for item in between[[0, -1]])
         ends = float(self.low[between].min()), float(self.high[between].max())
         moving = (ends[0], inf) if last >= first else (-inf, ends[1])
         return [moving if piece == ends else piece for piece in self.pieces()]
@@ -393,25 +393,25 @@ class SignPerturbedShape(RegionShape):
 
     def excess(self, points: Points) -> Float[np.ndarray, " k"]:
         """|S_0|^2 over the q-th largest of the others, nudged off one where a tie decides."""
-        found = np.empty(points.shape[0])
+        result = np.empty(points.shape[0])
         for start in range(0, points.shape[0], RANKED_POINTS):
             here = slice(start, start + RANKED_POINTS)
             S = np.einsum("ipa,ka->kip", self.sums, points[here])
             lengths = np.einsum("kip,kip->ki", S, S)
             size = np.einsum("ka,ka->k", points[here], points[here])
-            found[here] = self._ratios(lengths, ROUNDING**2 * self._largest * size)
-        return found
+            result[here] = self._ratios(lengths, ROUNDING**2 * self._largest * size)
+        return result
 
     def _ratios(
         self, lengths: Float[np.ndarray, "k m"], rounding: Float[np.ndarray, " k"]
     ) -> Float[np.ndarray, " k"]:
-        own, others = lengths[:, :1], lengths[:, 1:]
+        length, others = lengths[:, :1], lengths[:, 1:]
         behind = self.order[1:] < self.order[0]
-        tied = np.abs(others - own) <= TIE_SHARE * np.maximum(own, others) + rounding[:, None]
-        shorter = np.where(tied, behind, others < own).sum(axis=1)
+        tied = np.abs(others - length) <= TIE_SHARE * np.maximum(length, others) + rounding[:, None]
+        shorter = np.where(tied, behind, others < length).sum(axis=1)
         inside = shorter < lengths.shape[1] - self.excluded
         bound = np.partition(others, others.shape[1] - self.excluded, axis=1)[:, -self.excluded]
-        ratio = np.divide(own[:, 0], bound, out=np.full(bound.size, np.inf), where=bound > 0.0)
+        ratio = np.divide(length[:, 0], bound, out=np.full(bound.size, np.inf), where=bound > 0.0)
         above = np.nextafter(1.0, 2.0)
         return np.where(inside, np.minimum(ratio, 1.0), np.maximum(ratio, above))
 

@@ -115,8 +115,8 @@ def _optimal_length(series: Float[np.ndarray, " rows"], scheme: BlockScheme) -> 
     small = np.abs(R[1:] / R[0]) < NEGLIGIBLE * math.sqrt(math.log10(rows) / rows)
     # first lag that is followed by `quiet` negligible ones; else the last one that is not negligible
     in_a_row = np.convolve(small, np.ones(quiet), mode="valid") if small.size >= quiet else np.empty(0)
-    found = np.flatnonzero(in_a_row == quiet)
-    after = int(found[0]) if found.size else int(np.flatnonzero(~small)[-1] + 1 if (~small).any() else 0)
+    indices = np.flatnonzero(in_a_row == quiet)
+    after = int(indices[0]) if indices.size else int(np.flatnonzero(~small)[-1] + 1 if (~small).any() else 0)
     lags = np.arange(min(2 * max(after, 1), reach) + 1)
     window = np.minimum(1.0, 2.0 * (1.0 - lags / (2 * max(after, 1))))
     weighted = window * R[: lags.size]
@@ -256,8 +256,8 @@ class Bootstrap:
         UsageError
             When there is no quantity of that name.
         """
-        place = self._place(name)
-        return math.sqrt(float(self.covariance[place, place]))
+        position = self._position(name)
+        return math.sqrt(float(self.covariance[position, position]))
 
     def bias(self, name: str) -> float:
         """Mean of the replicates minus the value.
@@ -267,8 +267,8 @@ class Bootstrap:
         UsageError
             When there is no quantity of that name.
         """
-        place = self._place(name)
-        return float(self.replicates[:, place].mean() - self.values[place])
+        position = self._position(name)
+        return float(self.replicates[:, position].mean() - self.values[position])
 
     def interval(
         self, name: str, level: float = 0.95, kind: IntervalKind = IntervalKind.EXPANDED
@@ -291,16 +291,16 @@ class Bootstrap:
             replicates than there are, or a studentised interval is asked of replicates without standard
             errors.
         """
-        place = self._place(name)
+        position = self._position(name)
         check_level(level)
         try:
             chosen = IntervalKind(kind)
         except ValueError as error:
             known = ", ".join(IntervalKind)
             raise UsageError(f"a kind out of {known}", checks.described(kind), "Name one of them.") from error
-        return _INTERVALS[chosen](self, place, level)
+        return _INTERVALS[chosen](self, position, level)
 
-    def _place(self, name: str) -> int:
+    def _position(self, name: str) -> int:
         checks.text("name", name)
         if name not in self.names:
             raise UsageError(f"a quantity out of {', '.join(self.names)}", f"'{name}'", "Name one of them.")
@@ -320,35 +320,35 @@ def _quantiles(values: Float[np.ndarray, " runs"], level: float) -> tuple[float,
     return float(low), float(high)
 
 
-def _percentile(found: Bootstrap, place: int, level: float) -> tuple[float, float]:
-    return _quantiles(found.replicates[:, place], level)
+def _percentile(bootstrap: Bootstrap, position: int, level: float) -> tuple[float, float]:
+    return _quantiles(bootstrap.replicates[:, position], level)
 
 
-def _expanded(found: Bootstrap, place: int, level: float) -> tuple[float, float]:
-    if found.pieces < 2:
+def _expanded(bootstrap: Bootstrap, position: int, level: float) -> tuple[float, float]:
+    if bootstrap.pieces < 2:
         return -math.inf, math.inf
-    wider = math.sqrt(found.pieces / (found.pieces - 1)) * t_quantile(level, found.pieces - 1)
+    wider = math.sqrt(bootstrap.pieces / (bootstrap.pieces - 1)) * t_quantile(level, bootstrap.pieces - 1)
     wider /= normal_quantile(level)
-    value = float(found.values[place])
-    low, high = _quantiles(found.replicates[:, place], level)
+    value = float(bootstrap.values[position])
+    low, high = _quantiles(bootstrap.replicates[:, position], level)
     return value + wider * (low - value), value + wider * (high - value)
 
 
-def _basic(found: Bootstrap, place: int, level: float) -> tuple[float, float]:
-    value = float(found.values[place])
-    low, high = _quantiles(found.replicates[:, place], level)
+def _basic(bootstrap: Bootstrap, position: int, level: float) -> tuple[float, float]:
+    value = float(bootstrap.values[position])
+    low, high = _quantiles(bootstrap.replicates[:, position], level)
     return 2.0 * value - high, 2.0 * value - low
 
 
-def _studentised(found: Bootstrap, place: int, level: float) -> tuple[float, float]:
-    if found.studentised is None or found.std_errors is None:
+def _studentised(bootstrap: Bootstrap, position: int, level: float) -> tuple[float, float]:
+    if bootstrap.studentised is None or bootstrap.std_errors is None:
         raise UsageError(
             "replicates with standard errors of their own, for a studentised interval",
             "replicates without",
             "Draw blocks of one length, or take another kind of interval.",
         )
-    value, error = float(found.values[place]), float(found.std_errors[place])
-    low, high = _quantiles(found.studentised[:, place], level)
+    value, error = float(bootstrap.values[position]), float(bootstrap.std_errors[position])
+    low, high = _quantiles(bootstrap.studentised[:, position], level)
     return value - high * error, value - low * error
 
 

@@ -46,8 +46,16 @@ class ConfidenceSet:
                 raise ParameterError("intervals of two ends", f"{pair}", "Give a lower and an upper end.")
         ends = [end for interval in self.intervals for end in interval]
         ordered = all(low <= high for low, high in self.intervals)
-        apart = all(one[1] < other[0] for one, other in zip(self.intervals, self.intervals[1:], strict=False))
-        if any(isnan(end) for end in ends) or inf in ends[:-1] or -inf in ends[1:] or not (ordered and apart):
+        separated = all(
+            interval[1] < other[0]
+            for interval, other in zip(self.intervals, self.intervals[1:], strict=False)
+        )
+        if (
+            any(isnan(end) for end in ends)
+            or inf in ends[:-1]
+            or -inf in ends[1:]
+            or not (ordered and separated)
+        ):
             raise ParameterError(
                 "intervals in ascending order and apart from each other",
                 f"{list(self.intervals)}",
@@ -214,8 +222,8 @@ def _roots(a: float, b: float, c: float) -> tuple[float, float] | None:
         return None
     root = _square_root(square)
     q = -half - root if half >= 0 else -half + root
-    one, other = _nearest(q), _nearest(product / q) if q else 0.0
-    return min(one, other), max(one, other)
+    nearest, other = _nearest(q), _nearest(product / q) if q else 0.0
+    return min(nearest, other), max(nearest, other)
 
 
 def _square_root(value: Fraction) -> Fraction:
@@ -289,7 +297,7 @@ def profile_interval(
             inside = w / max(1.0, float(np.linalg.norm(w)))  # a search may try what lies outside
             return -sign * (function(values + L @ inside) - centre) / reach
 
-        found = list(starts)
+        result = list(starts)
         for start in starts:
             # Strictly inside, where the boundary is no obstacle to the first line search.
             climbed = minimize(
@@ -299,8 +307,8 @@ def profile_interval(
                 constraints={"type": "ineq", "fun": lambda w: 1.0 - w @ w, "jac": lambda w: -2.0 * w},
                 options={"ftol": TOLERANCE, "maxiter": 200},
             )
-            found.append(climbed.x / max(1.0, float(np.linalg.norm(climbed.x))))
-        ends.append(function(values + L @ min(found, key=objective)))
+            result.append(climbed.x / max(1.0, float(np.linalg.norm(climbed.x))))
+        ends.append(function(values + L @ min(result, key=objective)))
     return min(*ends, centre), max(*ends, centre)
 
 

@@ -32,7 +32,7 @@ from eivor.tools import Float
 
 # -- Covariance --
 
-#: A larger variance tells nothing, and its products overflow.
+#: A larger variance carries no information, and its products overflow.
 LARGEST_VARIANCE = 1e250
 
 
@@ -65,17 +65,17 @@ class JointCovariance:
 
     parts: tuple[CovariancePart, ...]
 
-    def beside(self, bias: Float[np.ndarray, " n"]) -> JointCovariance:
+    def with_bias(self, bias: Float[np.ndarray, " n"]) -> JointCovariance:
         """Mean square errors of estimates that have a bias as well."""
         square = np.outer(bias, bias)
         return JointCovariance(tuple(replace(part, matrix=part.matrix + square) for part in self.parts))
 
     def part(self, name: str) -> CovariancePart:
         """Part of that name."""
-        for one in self.parts:
-            if one.name == name:
-                return one
-        names = ", ".join(one.name for one in self.parts)
+        for item in self.parts:
+            if item.name == name:
+                return item
+        names = ", ".join(entry.name for entry in self.parts)
         raise UsageError(f"a covariance out of {names}", f"'{name}'", "Name one of them.")
 
     def std_error(self, direction: Float[np.ndarray, " n"]) -> float:
@@ -93,8 +93,8 @@ class JointCovariance:
         """Correlations of the leading part, with the largest of the standard errors on the diagonal."""
         leading = self.parts[0].matrix
         largest = np.array([self.std_error(direction) for direction in np.eye(leading.shape[0])])
-        own = np.sqrt(np.maximum(np.diag(leading), 0.0))
-        scale = np.divide(largest, own, out=np.zeros(own.size), where=own > 0.0)
+        current = np.sqrt(np.maximum(np.diag(leading), 0.0))
+        scale = np.divide(largest, current, out=np.zeros(current.size), where=current > 0.0)
         return leading * np.outer(scale, scale)
 
 
@@ -110,10 +110,10 @@ def sandwich(M: Float[np.ndarray, "n n"], meat: Float[np.ndarray, "n n"]) -> Flo
     except np.linalg.LinAlgError as error:
         raise singular_sensitivity() from error
     with np.errstate(over="ignore", invalid="ignore"):
-        found: Float[np.ndarray, "n n"] = np.outer(columns, columns) * (0.5 * (covariance + covariance.T))
-    if not bool((np.abs(found) <= LARGEST_VARIANCE).all()):
+        result: Float[np.ndarray, "n n"] = np.outer(columns, columns) * (0.5 * (covariance + covariance.T))
+    if not bool((np.abs(result) <= LARGEST_VARIANCE).all()):
         raise singular_sensitivity()
-    return found
+    return result
 
 
 def unit_scale(squares: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:
@@ -232,7 +232,7 @@ class CovarianceEstimator(ABC):
 
     @abstractmethod
     def parts(self, equation: EstimatingEquation) -> tuple[CovariancePart, ...]:
-        """Covariances of the estimates, the leading one first; none when the rows cannot tell.
+        """Covariances of the estimates, the leading one first; none when the rows cannot identify.
 
         Raises
         ------
@@ -246,15 +246,15 @@ class CovarianceEstimator(ABC):
         Raises
         ------
         UsageError
-            When the rows cannot tell, as a single flight cannot be clustered.
+            When the rows cannot identify, as a single flight cannot be clustered.
         """
         parts = self.parts(equation)
         if not parts:
             raise UsageError(
                 f"rows that {type(self).__name__} can use", "too few flights", "Choose another covariance."
             )
-        found = JointCovariance(parts)
-        return found if equation.move is None else found.beside(equation.move)
+        joint_covariance = JointCovariance(parts)
+        return joint_covariance if equation.move is None else joint_covariance.with_bias(equation.move)
 
 
 def check_covariance_estimator(estimator: object) -> None:
@@ -478,8 +478,8 @@ class ByRow(CovarianceEstimator):
         """One part; O(rows n^2)."""
         P, e = equation.rows.test_functions, equation.rows.residual
         leverage = np.einsum("tj,jt->t", P, np.linalg.lstsq(P.T @ P, P.T, rcond=None)[0])
-        own = P * (e / (1.0 - np.minimum(leverage, LARGEST_LEVERAGE)))[:, None]
-        matrix = sandwich(equation.slope, own.T @ own + equation.prior_covariance)
+        current = P * (e / (1.0 - np.minimum(leverage, LARGEST_LEVERAGE)))[:, None]
+        matrix = sandwich(equation.slope, current.T @ current + equation.prior_covariance)
         weights = np.linalg.lstsq(equation.slope, P.T, rcond=None)[0] ** 2
         fourth = (weights**2).sum(axis=1)
         rows = np.divide(weights.sum(axis=1) ** 2, fourth, out=np.ones(fourth.size), where=fourth > 0.0)
@@ -588,7 +588,7 @@ class KernelRobust(CovarianceEstimator):
 JOINT_DRAWS_LEVEL = 0.95
 #: Student's t with fewer degrees has no variance, hence no correlations.
 FEWEST_DEGREES = 2.0
-#: Strata at the least: of fewer the order of the draws would not tell their correlations.
+#: Strata at the least: of fewer the order of the draws would not identify their correlations.
 STRATA = 16384
 
 
@@ -597,7 +597,7 @@ def joint_draws(
 ) -> Float[np.ndarray, "count n"]:
     """Draw vectors around the estimates."""
     laws = [_law(covariance, direction) for direction in np.eye(values.size)]
-    degrees = np.array([one for one, _ in laws])
+    degrees = np.array([item for item, _ in laws])
     scales = np.array([scale for _, scale in laws])
     if not np.all(np.isfinite(scales)) or np.any(degrees <= FEWEST_DEGREES):
         raise EstimationError(
@@ -611,19 +611,19 @@ def joint_draws(
         scores[:, degrees == each] *= np.sqrt(each / rng.chisquare(each, strata))[:, None]
     shares = (scores.argsort(axis=0).argsort(axis=0)[:count] + rng.random((count, values.size))) / strata
     return values + scales * np.stack(
-        [_quantiles(column, one) for column, one in zip(shares.T, degrees, strict=True)], axis=1
+        [_quantiles(column, degree) for column, degree in zip(shares.T, degrees, strict=True)], axis=1
     )
 
 
 def _quantiles(shares: Float[np.ndarray, " count"], degrees: float) -> Float[np.ndarray, " count"]:
     """Quantiles of Student's t, or of the normal distribution."""
-    found = special.ndtri(shares) if math.isinf(degrees) else special.stdtrit(degrees, shares)
-    return np.asarray(found)
+    result = special.ndtri(shares) if math.isinf(degrees) else special.stdtrit(degrees, shares)
+    return np.asarray(result)
 
 
 def _law(covariance: JointCovariance, direction: Float[np.ndarray, " n"]) -> tuple[float, float]:
     """Degrees of freedom and scale of the part whose interval is the widest."""
-    part = max(covariance.parts, key=lambda one: one.half_width(direction, JOINT_DRAWS_LEVEL))
+    part = max(covariance.parts, key=lambda item: item.half_width(direction, JOINT_DRAWS_LEVEL))
     return part.degrees, math.sqrt(part.variance(direction) / part.share)
 
 
@@ -635,9 +635,9 @@ def _score_correlations(
     scale = np.sqrt(np.diag(matrix))
     size = np.outer(scale, scale)
     correlations = np.divide(matrix, size, out=np.zeros_like(matrix), where=size > 0.0)
-    kept = np.array([_kept(one) for one in degrees])
-    apart = degrees[:, None] != degrees
-    correlations = np.where(apart, correlations / np.outer(kept, kept), correlations)
+    kept = np.array([_kept(degree) for degree in degrees])
+    separated = degrees[:, None] != degrees
+    correlations = np.where(separated, correlations / np.outer(kept, kept), correlations)
     np.fill_diagonal(correlations, 1.0)
     return np.clip(correlations, -1.0, 1.0)
 

@@ -67,8 +67,8 @@ class EstimatingEquation:
     @property
     def test_functions(self) -> Float[np.ndarray, "rows n"]:
         """The method's own test functions of all rows."""
-        own: Float[np.ndarray, "rows n"] = self.rows.test_functions @ self.root
-        return own
+        current: Float[np.ndarray, "rows n"] = self.rows.test_functions @ self.root
+        return current
 
     @property
     def residual(self) -> Float[np.ndarray, " rows"]:
@@ -97,9 +97,9 @@ class EstimatingEquation:
 
 
 def singular_sensitivity() -> CollinearError:
-    """Refusal of equations that do not tell the parameters from one another."""
+    """Refusal of equations that do not distinguish the parameters from one another."""
     return CollinearError(
-        "equations that tell every parameter from the others",
+        "equations that distinguish every parameter from the others",
         "equations that one of them, or a combination of them, hardly enters",
         "Give data in which response and regressors move, each in its own way.",
     )

@@ -132,11 +132,11 @@ def q_profile(
             groups,
             estimates,
             variances,
-            np.where(several, special.chdtri(np.maximum(degrees, 1), at), 1.0),
+            np.where(several, special.chdtri(np.maximum(degrees, 1), item), 1.0),
             _each_alone(groups),
             near,
         )
-        for at in (tail, 1.0 - tail)
+        for item in (tail, 1.0 - tail)
     )
     return np.where(several, low, 0.0), np.where(several, high, np.inf)
 
@@ -154,17 +154,17 @@ def _where(
     near: Float[np.ndarray, " groups"] | None,
 ) -> Float[np.ndarray, " groups"]:
     """Variance at which Q, summed over groups that go together, has a value; zero where it begins below."""
-    found = np.zeros(wanted.size) if near is None else near[together.starts]
+    result = np.zeros(wanted.size) if near is None else near[together.starts]
     for _ in range(BETWEEN_STEPS):
-        at = weighted(groups, estimates, variances, together.spread(found))
-        q = together.sums(groups.sums(at.squares))
-        fall = together.sums(groups.sums(at.weights * at.squares))
+        index = weighted(groups, estimates, variances, together.spread(result))
+        q = together.sums(groups.sums(index.squares))
+        fall = together.sums(groups.sums(index.weights * index.squares))
         searching = (fall > 0.0) & (wanted > 0.0)
-        step = np.where(searching, q * (q - wanted) / np.where(searching, wanted * fall, 1.0), -found)
-        before, found = found, np.maximum(found + step, 0.0)
-        if np.all(np.abs(found - before) <= BETWEEN_TOLERANCE * found):
+        step = np.where(searching, q * (q - wanted) / np.where(searching, wanted * fall, 1.0), -result)
+        before, result = result, np.maximum(result + step, 0.0)
+        if np.all(np.abs(result - before) <= BETWEEN_TOLERANCE * result):
             break
-    return together.spread(found)
+    return together.spread(result)
 
 
 # -- Mean --
@@ -194,15 +194,15 @@ def random_effects_means(
     between: Float[np.ndarray, " groups"],
 ) -> RandomEffectsMeans:
     """Means of groups, see this module. Performs no checks."""
-    found = weighted(groups, estimates, variances, between)
+    result = weighted(groups, estimates, variances, between)
     degrees = groups.sizes - 1
-    q = groups.sums(found.squares) / np.maximum(degrees, 1)
+    q = groups.sums(result.squares) / np.maximum(degrees, 1)
     return RandomEffectsMeans(
-        found.mean,
-        np.maximum(q, 1.0) / found.total,
+        result.mean,
+        np.maximum(q, 1.0) / result.total,
         between,
         degrees,
-        found.weights / groups.spread(found.total),
+        result.weights / groups.spread(result.total),
     )
 
 
@@ -230,20 +230,20 @@ class BetweenDistribution:
     next_errors: Float[np.ndarray, "nodes groups"]
 
     def mean_half_widths(
-        self, found: RandomEffectsMeans, level: float = 0.95
+        self, result: RandomEffectsMeans, level: float = 0.95
     ) -> Float[np.ndarray, " groups"]:
         """Half-widths of the means: Hartung and Knapp's, but not less than this distribution says."""
-        half = found.half_widths(level)
-        short = self._missed(half, found.value, self.mean_errors)[0] > 1.0 - level
-        half[short] = self._only(short)._half_widths(found.value[short], self.mean_errors[:, short], level)
+        half = result.half_widths(level)
+        short = self._missed(half, result.value, self.mean_errors)[0] > 1.0 - level
+        half[short] = self._only(short)._half_widths(result.value[short], self.mean_errors[:, short], level)
         return half
 
     def next_half_widths(
         self, centre: Float[np.ndarray, " groups"], level: float = 0.95
     ) -> Float[np.ndarray, " groups"]:
         """Half-widths about a centre of the next members; infinite for groups of fewer than `FEWEST`."""
-        found = self._half_widths(centre, self.next_errors, level)
-        return np.where(self.sizes >= FEWEST, found, np.inf)
+        half_widths = self._half_widths(centre, self.next_errors, level)
+        return np.where(self.sizes >= FEWEST, half_widths, np.inf)
 
     def _only(self, which: Bool[np.ndarray, " groups"]) -> BetweenDistribution:
         return BetweenDistribution(
@@ -270,14 +270,14 @@ class BetweenDistribution:
         z = normal_quantile(level)
         offsets = np.abs(self.means - centre).max(axis=0)
         low, high = z * errors.min(axis=0), z * errors.max(axis=0) + offsets  # of the normals that are mixed
-        found = np.clip(z * (COUNTS @ errors), low, high)
+        result = np.clip(z * (COUNTS @ errors), low, high)
         for _ in range(HALF_WIDTH_STEPS):
-            missed, density = self._missed(found, centre, errors)
-            step = np.log(missed / (1.0 - level)) * missed / (found * density)
-            found, before = np.clip(found * np.exp(step), low, high), found
-            if np.all(np.abs(found - before) <= HALF_WIDTH_TOLERANCE * found):
+            missed, density = self._missed(result, centre, errors)
+            step = np.log(missed / (1.0 - level)) * missed / (result * density)
+            result, before = np.clip(result * np.exp(step), low, high), result
+            if np.all(np.abs(result - before) <= HALF_WIDTH_TOLERANCE * result):
                 break
-        return found
+        return result
 
 
 def between_distribution(
@@ -299,9 +299,11 @@ def between_distribution(
         squares[number] = groups.sums(weights) - first**2 / total
         means[number], variance[number] = centre + first / total, 1.0 / total
     inverse = 1.0 / np.maximum(squares, np.finfo(float).tiny)
-    place = _between(inverse, 1.0 / special.chdtri(degrees, PROBABILITIES[:, None]))
-    of_mean = place(variance)
-    return BetweenDistribution(groups.sizes, place(means), np.sqrt(of_mean), np.sqrt(of_mean + place(grid)))
+    position = _between(inverse, 1.0 / special.chdtri(degrees, PROBABILITIES[:, None]))
+    of_mean = position(variance)
+    return BetweenDistribution(
+        groups.sizes, position(means), np.sqrt(of_mean), np.sqrt(of_mean + position(grid))
+    )
 
 
 def _between(

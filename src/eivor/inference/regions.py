@@ -71,11 +71,11 @@ class RegionFrame:
         """(1; (theta - pivot) / scale)."""
         return np.concatenate([[1.0], (theta - self.pivot) / self.scale])
 
-    def in_units(self, found: ConfidenceSet, axis: int) -> ConfidenceSet:
+    def in_units(self, confidence_set: ConfidenceSet, axis: int) -> ConfidenceSet:
         """Set of a scaled coordinate (axis from 0) in the parameter's unit."""
         pivot, scale = float(self.pivot[axis]), float(self.scale[axis])
         return ConfidenceSet.union(
-            (pivot + scale * low, pivot + scale * high) for low, high in found.intervals
+            (pivot + scale * low, pivot + scale * high) for low, high in confidence_set.intervals
         )
 
 
@@ -225,10 +225,10 @@ def scanned_shadow(shape: RegionShape, axis: int) -> ConfidenceSet:
     inside.append(inside[0])  # both ends of the half circle are the same plane at infinity
     pieces: list[tuple[float, float]] = []
     start = -inf if inside[0] else None
-    for one, other, here, there in zip(angles, angles[1:], inside, inside[1:], strict=False):
+    for item, other, here, there in zip(angles, angles[1:], inside, inside[1:], strict=False):
         if here == there:
             continue
-        end = _end(lambda angle: meets(base(angle)), float(one), float(other), here)
+        end = _end(lambda angle: meets(base(angle)), float(item), float(other), here)
         if here and start is not None:
             pieces.append((start, float(np.tan(end))))
             start = None
@@ -246,8 +246,8 @@ def least_points(shape: RegionShape) -> list[Float[np.ndarray, " n_plus_1"]]:
     spread[0] = np.eye(size)[0]
     best = np.argsort(shape.excess(spread))[:SEARCH_STARTS]
     starts = [spread[0], *(spread[best] / np.linalg.norm(spread[best], axis=1, keepdims=True))]
-    found = [_searched(shape, np.eye(size), start) for start in starts]
-    return [point for point, _ in sorted(found, key=lambda pair: pair[1])]
+    results = [_searched(shape, np.eye(size), start) for start in starts]
+    return [point for point, _ in sorted(results, key=lambda pair: pair[1])]
 
 
 def _meeting(shape: RegionShape, others: list[int]) -> Callable[[Float[np.ndarray, " n_plus_1"]], bool]:
@@ -260,9 +260,9 @@ def _meeting(shape: RegionShape, others: list[int]) -> Callable[[Float[np.ndarra
     def meets(point: Float[np.ndarray, " n_plus_1"]) -> bool:
         span = np.vstack([point, axes])
         for start in (last[0], np.zeros(len(others))):
-            found, least = _searched(shape, span, np.concatenate([[1.0], start]))
+            result, least = _searched(shape, span, np.concatenate([[1.0], start]))
             if least <= 1.0:
-                last[0] = found[1:] / found[0] if found[0] != 0.0 else np.zeros(len(others))
+                last[0] = result[1:] / result[0] if result[0] != 0.0 else np.zeros(len(others))
                 return True
         return False
 
@@ -281,15 +281,17 @@ def _searched(
         values = shape.excess(np.vstack([weights, weights + moves]) @ span)
         return float(values[0]), (values[1 : start.size + 1] - values[start.size + 1 :]) / (2.0 * SEARCH_STEP)
 
-    found = minimize(value_and_slope, start, jac=True, method="BFGS", options={"maxiter": 60, "gtol": 1e-6})
-    if 1.0 < found.fun < KINK_SHARE:
-        found = minimize(
+    solution = minimize(
+        value_and_slope, start, jac=True, method="BFGS", options={"maxiter": 60, "gtol": 1e-6}
+    )
+    if 1.0 < solution.fun < KINK_SHARE:
+        solution = minimize(
             lambda weights: float(shape.excess((weights @ span)[None, :])[0]),
-            found.x,
+            solution.x,
             method="Nelder-Mead",
             options={"xatol": 1e-8, "fatol": 1e-10, "maxfev": 100 * start.size},
         )
-    return found.x, float(found.fun)
+    return solution.x, float(solution.fun)
 
 
 def _end(meets: Callable[[float], bool], low: float, high: float, inside_low: bool) -> float:
@@ -303,9 +305,9 @@ def _end(meets: Callable[[float], bool], low: float, high: float, inside_low: bo
     return low if inside_low else high
 
 
-def _cut(found: ConfidenceSet, window: tuple[float, float]) -> ConfidenceSet:
+def _cut(confidence_set: ConfidenceSet, window: tuple[float, float]) -> ConfidenceSet:
     """Part of a set within a window."""
-    cut = ((max(low, window[0]), min(high, window[1])) for low, high in found.intervals)
+    cut = ((max(low, window[0]), min(high, window[1])) for low, high in confidence_set.intervals)
     return ConfidenceSet.union((low, high) for low, high in cut if low <= high)
 
 
@@ -504,7 +506,7 @@ def fieller_set(
     size = np.where(size > 0.0, size, 1.0)
     p, q = pair / size
     V = covariance * half_widths**2 / np.outer(size, size)
-    found = ConfidenceSet.from_quadratic(
+    from_quadratic = ConfidenceSet.from_quadratic(
         float(q * q - V[1, 1]), float(-2.0 * (p * q - V[0, 1])), float(p * p - V[0, 0])
     )
-    return found.scaled(float(size[0] / size[1]))
+    return from_quadratic.scaled(float(size[0] / size[1]))

@@ -17,7 +17,7 @@ class Status(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Reason:
-    """One ground for a verdict.
+    """One reason for a verdict.
 
     Parameters
     ----------

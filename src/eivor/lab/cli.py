@@ -48,7 +48,7 @@ from eivor.lab.figures import (
 )
 from eivor.lab.known_logs import KnownLog, log_about_hover, log_of_flight, log_of_rigid_body_flight
 from eivor.lab.paper_examples import PaperResult, run_paper
-from eivor.lab.paper_readings import Reading, named_readings
+from eivor.lab.paper_readings import PaperReading, named_readings
 from eivor.lab.records import Scenario
 from eivor.lab.scenario_files import (
     FLIGHT_KIND,
@@ -160,13 +160,13 @@ def paper(
     if folder:
         for path in figure_files(folder):
             output_file(str(path), option="--out")
-    begun = time.perf_counter()
+    start_s = time.perf_counter()
     with _paper_progress(2 * len(chosen)) as advance:
         results = []
         for result in run_paper(chosen, runs=runs, workers=workers or None):
             results.append(result)
             advance()
-    seconds = time.perf_counter() - begun
+    seconds = time.perf_counter() - start_s
     report = partial(_print_report if named else _print_overview, results)
     deliver(*_paper_deliveries(results, seconds, report, json=json, page=page, folder=folder))
     return ExitCode.IDENTIFIED
@@ -220,8 +220,8 @@ def _print_report(results: Sequence[PaperResult]) -> None:
         show(part)
 
 
-def _write_paper_json(results: Sequence[PaperResult], seconds: float, place: str) -> None:
-    write_out(json_text(paper_document(results, seconds=seconds)), place)
+def _write_paper_json(results: Sequence[PaperResult], seconds: float, position: str) -> None:
+    write_out(json_text(paper_document(results, seconds=seconds)), position)
 
 
 def _fill_page(results: Sequence[PaperResult], page: str) -> None:
@@ -233,7 +233,7 @@ def _draw_paper(results: Sequence[PaperResult], folder: Path) -> None:
         write_figures(by_reading(results)[nearest(results)], folder)
 
 
-def _list(readings: Sequence[Reading]) -> None:
+def _list(readings: Sequence[PaperReading]) -> None:
     from rich.table import Table
     from rich.text import Text
 
@@ -329,7 +329,7 @@ def simulate(
     """Simulate motion with known parameters into a log.
 
     The scenario 'flight', and a file with kind = "flight", give a log as an autopilot keeps it: 100 Hz,
-    commands that the rotors follow with a lag, and the altitude that was asked for.
+    commands that the rotors follow with a lag, and the altitude that was requested.
 
     'crazyflie' and 'quadrotor', and a file with kind = "rigid-body", fly all axes of a vehicle: its log has
     body rates, attitude and the controller's setpoints too. What sensors log at several rates needs .parquet.
@@ -364,7 +364,8 @@ def simulate(
     write(f"{log_path}: {made.samples} samples at {made.rate_hz:g} Hz, {duration:g} s\n")
     if hover and made.rate_hz < FLIGHT_RATE_HZ:
         complain(
-            f"{made.rate_hz:g} Hz is too slow for `eivor identify`, which cannot tell the rotors' lag from "
+            f"{made.rate_hz:g} Hz is too slow for `eivor identify`, which cannot distinguish the "
+            f"rotors' lag from "
             f"the friction below {FLIGHT_RATE_HZ:g} Hz",
             "Raise rate_hz, or take 'flight', a scenario like a flight.",
         )
@@ -476,7 +477,7 @@ def study(
     ] = False,
     json: JsonOption = "",
 ) -> ExitCode:
-    """Run a Monte Carlo study, or go on with one that was interrupted, and tell how well each method did."""
+    """Run a Monte Carlo study, or go on with one that was interrupted."""
     if workers is not None and dask:
         raise UsageError("--workers or --dask", "both", "A Dask cluster brings its own workers.")
     table = read_toml(Path(study_file), "a study")
@@ -492,9 +493,9 @@ def study(
     except KeyboardInterrupt:
         complain("interrupted", f"Complete trials are in {folder}. Run the same command again to go on.")
         return ExitCode.INTERRUPTED
-    found = scores(result)
-    deliver(*_study_deliveries(result, found, json, figures=figures))
-    return ExitCode.FAILED if all(one.failed == one.trials for one in found) else ExitCode.IDENTIFIED
+    results = scores(result)
+    deliver(*_study_deliveries(result, results, json, figures=figures))
+    return ExitCode.FAILED if all(item.failed == item.trials for item in results) else ExitCode.IDENTIFIED
 
 
 def _executor(study: Study, workers: int | None, dask: str) -> Executor:
@@ -519,18 +520,18 @@ def _study_progress(name: str) -> Iterator[Progress]:
 
 
 def _study_deliveries(
-    result: StudyResult, found: tuple[MethodScore, ...], json: str, *, figures: bool
+    result: StudyResult, method_scores: tuple[MethodScore, ...], json: str, *, figures: bool
 ) -> Iterator[Callable[[], None]]:
     if json != STANDARD_OUTPUT:
-        yield lambda: show(_report(result, found))
+        yield lambda: show(_report(result, method_scores))
     if json:
-        yield partial(_write_study_json, result, found, json)
+        yield partial(_write_study_json, result, method_scores, json)
     if figures:
         yield partial(_draw_study, result)
 
 
-def _write_study_json(result: StudyResult, found: tuple[MethodScore, ...], place: str) -> None:
-    write_out(json_text(_document(result, found)), place)
+def _write_study_json(result: StudyResult, method_scores: tuple[MethodScore, ...], position: str) -> None:
+    write_out(json_text(_document(result, method_scores)), position)
 
 
 def _draw_study(result: StudyResult) -> None:
@@ -538,7 +539,7 @@ def _draw_study(result: StudyResult) -> None:
         write_study_figures(result)
 
 
-def _report(result: StudyResult, found: tuple[MethodScore, ...]) -> RenderableType:
+def _report(result: StudyResult, method_scores: tuple[MethodScore, ...]) -> RenderableType:
     from rich.console import Group
     from rich.text import Text
 
@@ -547,46 +548,53 @@ def _report(result: StudyResult, found: tuple[MethodScore, ...]) -> RenderableTy
     parts: list[RenderableType] = [
         Text(f"{printable(study.name)}: {study.runs} trials, seed {study.seed}", style="bold"),
         Text(f"truth: {truth}"),
-        _table(found),
-        *((_coverage_table(found, study.level),) if study.intervals else ()),
+        _table(method_scores),
+        *((_coverage_table(method_scores, study.level),) if study.intervals else ()),
     ]
-    for one in found:
-        if one.first_failure is not None:
-            said = printable(failure(study, one.first_failure, one.label))
+    for method_score in method_scores:
+        if method_score.first_failure is not None:
+            sentence = printable(failure(study, method_score.first_failure, method_score.label))
             parts.append(
                 Text(
-                    f"{one.label} failed in {one.failed} of {one.trials} trials; {one.first_failure}: {said}"
+                    f"{method_score.label} failed in {method_score.failed} of {method_score.trials} "
+                    f"trials; {method_score.first_failure}: {sentence}"
                 )
             )
     parts.append(Text(f"Every trial: {printable(str(result.folder / 'trials.parquet'))}", style="dim"))
     return Group(*parts)
 
 
-def _table(found: tuple[MethodScore, ...]) -> Table:
+def _table(method_scores: tuple[MethodScore, ...]) -> Table:
     from rich.text import Text
 
     table = _columns("", "mean ± SD", "NRMSE, %", "bias", "RMSE")
-    for place, one in enumerate(found):
-        if place:
+    for index, method_score in enumerate(method_scores):
+        if index:
             table.add_row()
-        notes = [f"{count} {word}" for count, word in ((one.failed, "failed"), (one.weak, "weak")) if count]
-        table.add_row(Text(one.label, style="bold"), ", ".join(notes))
-        for score in one.parameters:
+        notes = [
+            f"{count} {word}"
+            for count, word in ((method_score.failed, "failed"), (method_score.weak, "weak"))
+            if count
+        ]
+        table.add_row(Text(method_score.label, style="bold"), ", ".join(notes))
+        for score in method_score.parameters:
             cells = [f"  {score.name}", _pair(score.estimate, 4), _pair(score.nrmse, 3)]
             table.add_row(*cells, f"{score.bias:.2g}", f"{score.rmse:.2g}")
-        table.add_row(f"  {TOGETHER}", "", _pair(one.together, 3))
+        table.add_row(f"  {TOGETHER}", "", _pair(method_score.together, 3))
     return table
 
 
-def _coverage_table(found: tuple[MethodScore, ...], level: float) -> Table:
+def _coverage_table(method_scores: tuple[MethodScore, ...], level: float) -> Table:
     """How often intervals held the truth: a row for each method and parameter."""
     table = _columns(f"{100 * level:g} % intervals", "held the truth", "95 % range of this share")
-    for one in found:
-        for score in one.parameters:
+    for method_score in method_scores:
+        for score in method_score.parameters:
             if score.coverage is not None:
                 low, high = score.coverage.interval
                 share = f"{100 * score.coverage.value:.1f} %"
-                table.add_row(f"{one.label}, {score.name}", share, f"{100 * low:.1f} to {100 * high:.1f} %")
+                table.add_row(
+                    f"{method_score.label}, {score.name}", share, f"{100 * low:.1f} to {100 * high:.1f} %"
+                )
     return table
 
 
@@ -606,7 +614,7 @@ def _pair(spread: Spread, digits: int) -> str:
     return f"{spread.mean:.{digits}g} ± {spread.std:.2g}"
 
 
-def _document(result: StudyResult, found: tuple[MethodScore, ...]) -> dict[str, object]:
+def _document(result: StudyResult, method_scores: tuple[MethodScore, ...]) -> dict[str, object]:
     from importlib.metadata import version
 
     study = result.study
@@ -620,15 +628,15 @@ def _document(result: StudyResult, found: tuple[MethodScore, ...]) -> dict[str, 
             "level": study.level if study.intervals else None,
         },
         "truth": dict(study.experiment.truth),
-        "methods": [_method(one) for one in found],
+        "methods": [_method(method_score) for method_score in method_scores],
         "trials": str(result.folder / "trials.parquet"),
         "provenance": {"version": version("eivor")},
     }
 
 
-def _method(one: MethodScore) -> dict[str, object]:
+def _method(method_score: MethodScore) -> dict[str, object]:
     parameters = {}
-    for score in one.parameters:
+    for score in method_score.parameters:
         coverage = score.coverage
         parameters[score.name] = {
             "mean": number(score.estimate.mean),
@@ -645,12 +653,12 @@ def _method(one: MethodScore) -> dict[str, object]:
             },
         }
     return {
-        "label": one.label,
-        "trials": one.trials,
-        "failed": one.failed,
-        "weak": one.weak,
+        "label": method_score.label,
+        "trials": method_score.trials,
+        "failed": method_score.failed,
+        "weak": method_score.weak,
         "parameters": parameters,
-        "together": {"nrmse_percent": _spread(one.together)},
+        "together": {"nrmse_percent": _spread(method_score.together)},
     }
 
 

@@ -17,13 +17,13 @@ from eivor.estimation.sampled_motion import (
     unitary_bins,
 )
 from eivor.lab.experiments import VerticalExperiment
-from eivor.lab.records import Intersample, Route, Scenario, SimulatedRecord, simulate
+from eivor.lab.records import DisturbanceRoute, Intersample, Scenario, SimulatedRecord, simulate
 from eivor.signals.noise import FractionalNoise, MeasurementNoise, WhiteNoise
 from eivor.tools import Complex, Float
 
 __all__ = ["CramerRaoBound", "cramer_rao"]
 
-#: Records that an input's power is averaged over when none are asked for, and at most.
+#: Records that an input's power is averaged over when none are requested, and at most.
 RUNS, MOST_RUNS = 20, 10_000
 #: Records that a disturbance's power is averaged over: in each bin it is then known within 7 %.
 DISTURBED_RUNS = 200
@@ -116,16 +116,16 @@ def disturbance_power(scenario: Scenario, seed: int = 0) -> Float[np.ndarray, " 
     """Mean power of a scenario's disturbance in each bin, over records: of unitary bins, as a variance."""
     series = (record.truth.channel("disturbance") for record in _records(scenario, seed, DISTURBED_RUNS))
     first = next(series)
-    alike, power = unitary_bins(first), np.abs(unitary_bins(first)) ** 2
+    equal, power = unitary_bins(first), np.abs(unitary_bins(first)) ** 2
     differs = False
     for other in series:
         differs = differs or not np.array_equal(first, other)
         bins = unitary_bins(other)
-        alike, power = alike + bins, power + np.abs(bins) ** 2
+        equal, power = equal + bins, power + np.abs(bins) ** 2
     if not differs:
-        return np.full(alike.size, float(first.var()))
-    found: Float[np.ndarray, " bins"] = (power - np.abs(alike) ** 2 / DISTURBED_RUNS) / (DISTURBED_RUNS - 1)
-    return found
+        return np.full(equal.size, float(first.var()))
+    result: Float[np.ndarray, " bins"] = (power - np.abs(equal) ** 2 / DISTURBED_RUNS) / (DISTURBED_RUNS - 1)
+    return result
 
 
 def _information(
@@ -168,7 +168,7 @@ def noise_of_record(scenario: Scenario, record: SimulatedRecord) -> KnownNoise:
     """Noises of one record of a scenario; its disturbance counts as white."""
     series = record.truth.channel("disturbance")
     white = np.full(unitary_bins(series).size, float(series.var()))
-    return KnownNoise(_known_noise(record.signals.noise), white, scenario.route is Route.DYNAMICS)
+    return KnownNoise(_known_noise(record.signals.noise), white, scenario.route is DisturbanceRoute.DYNAMICS)
 
 
 def _known_noise(noises: Mapping[str, MeasurementNoise]) -> NoiseModel:

@@ -56,9 +56,9 @@ class DaskCluster(Executor):
             flying = distributed.as_completed(loop=client.loop)
             room = TASKS_PER_WORKER * max(1, sum(client.nthreads().values()))
             while True:
-                for place, item in islice(waiting, room):
-                    task = (function, place, item, versions)
-                    flying.add(client.submit(_task_on_worker, *task, key=f"{name}-{place}"))
+                for entry, item in islice(waiting, room):
+                    task = (function, entry, item, versions)
+                    flying.add(client.submit(_task_on_worker, *task, key=f"{name}-{entry}"))
                 if flying.is_empty():
                     return
                 future = next(flying)
@@ -104,13 +104,15 @@ def _result(future: Future[tuple[int, Result]]) -> tuple[int, Result]:
 
 
 def _task_on_worker(
-    function: Callable[[Item], Result], place: int, item: Item, versions: Mapping[str, str]
+    function: Callable[[Item], Result], position: int, item: Item, versions: Mapping[str, str]
 ) -> tuple[int, Result]:
     """Result of an item, computed with the versions that the caller has."""
-    own = {package: version(package) for package in versions}
-    if own != dict(versions):
+    selected = {package: version(package) for package in versions}
+    if selected != dict(versions):
         raise InputError(
-            f"workers with the versions {dict(versions)}", f"one with {own}", "Install the same everywhere."
+            f"workers with the versions {dict(versions)}",
+            f"one with {selected}",
+            "Install the same everywhere.",
         )
     threadpool_limits(limits=1)  # for good: another thread of this worker may be computing as well
-    return place, function(item)
+    return position, function(item)

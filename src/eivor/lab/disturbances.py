@@ -28,7 +28,7 @@ from eivor.tools import Float
 # -- Varying coefficients --
 
 
-class Course(ABC):
+class CoefficientPath(ABC):
     """A coefficient that changes over a record."""
 
     @property
@@ -42,7 +42,7 @@ class Course(ABC):
 
 
 @dataclass(frozen=True, slots=True)
-class CoefficientCourse(Course):
+class CoefficientCourse(CoefficientPath):
     """Course of a coefficient over a record: mean + amplitude sin(2 pi cycles k / N + phase).
 
     Parameters
@@ -73,7 +73,7 @@ class CoefficientCourse(Course):
 
 
 @dataclass(frozen=True, slots=True)
-class GivenCourse(Course):
+class GivenCourse(CoefficientPath):
     """A coefficient's own series, from the record's beginning.
 
     Parameters
@@ -99,7 +99,7 @@ class GivenCourse(Course):
 
 
 @dataclass(frozen=True, slots=True)
-class SumOfCourses(Course):
+class SumOfCourses(CoefficientPath):
     """Several courses, added: more than one sinusoid, say.
 
     Parameters
@@ -108,7 +108,7 @@ class SumOfCourses(Course):
         Each with its kind.
     """
 
-    parts: tuple[Course, ...]
+    parts: tuple[CoefficientPath, ...]
 
     def __post_init__(self) -> None:
         given("parts", self.parts)
@@ -213,15 +213,15 @@ class TimeVaryingArma(Disturbance):
     """
 
     std: float
-    autoregression: tuple[Course, ...] = ()
-    moving_average: tuple[Course, ...] = ()
+    autoregression: tuple[CoefficientPath, ...] = ()
+    moving_average: tuple[CoefficientPath, ...] = ()
 
     def __post_init__(self) -> None:
         non_negative("std", self.std)
-        known = [one.longest for one in self.autoregression if one.longest is not None]
-        courses = self._courses(self.autoregression, min(known, default=CHECKED))
-        times = np.linspace(0, len(courses) - 1, min(len(courses), CHECKED)).round().astype(np.int64)
-        root = max((largest_root(row) for row in courses[times]), default=0.0)
+        known = [item.longest for item in self.autoregression if item.longest is not None]
+        trends = self._courses(self.autoregression, min(known, default=CHECKED))
+        times = np.linspace(0, len(trends) - 1, min(len(trends), CHECKED)).round().astype(np.int64)
+        root = max((largest_root(row) for row in trends[times]), default=0.0)
         require(
             root < 1.0,
             "an autoregression that is stationary at every time of the record",
@@ -233,8 +233,8 @@ class TimeVaryingArma(Disturbance):
         """One realisation."""
         shocks = rng.standard_normal(count)
         driven = shocks.copy()
-        for lag, course in enumerate(self.moving_average[: count - 1], start=1):
-            driven[lag:] += course.values(count)[lag:] * shocks[:-lag]
+        for lag, trend in enumerate(self.moving_average[: count - 1], start=1):
+            driven[lag:] += trend.values(count)[lag:] * shocks[:-lag]
         return self.std * autoregression(driven, self._courses(self.autoregression, count))
 
     @property
@@ -243,8 +243,8 @@ class TimeVaryingArma(Disturbance):
         return
 
     @staticmethod
-    def _courses(courses: tuple[Course, ...], count: int) -> Float[np.ndarray, "count lags"]:
-        return np.array([course.values(count) for course in courses]).reshape(len(courses), count).T
+    def _courses(trends: tuple[CoefficientPath, ...], count: int) -> Float[np.ndarray, "count lags"]:
+        return np.array([trend.values(count) for trend in trends]).reshape(len(trends), count).T
 
 
 @dataclass(frozen=True, slots=True)

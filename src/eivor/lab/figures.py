@@ -27,7 +27,7 @@ from eivor.lab.paper_examples import (
     record,
     trial_generator,
 )
-from eivor.lab.paper_readings import EXAMPLES, METHODS, PRINTED_METHODS, SCORES, Example, Reading
+from eivor.lab.paper_readings import EXAMPLES, METHODS, PRINTED_METHODS, SCORES, Example, PaperReading
 from eivor.lab.study_run import TOGETHER, Share, Spread, StudyResult, scores, trial_nrmse
 from eivor.motions import wording_of
 from eivor.report.document import printable
@@ -98,7 +98,7 @@ def coverage_figure(
     rows : sequence of CoverageRow
         Groups are drawn from the top and labels beside each other, in the order of their first rows.
     nominal : float
-        Level that was asked for: a line.
+        Level that was requested: a line.
     band : (float, float), optional
         Shares that are good enough: a band.
     title : str
@@ -127,9 +127,9 @@ def coverage_figure(
         axes.axvspan(100 * band[0], 100 * band[1], color=BLUE, alpha=0.10, lw=0, label="asked for")
     axes.axvline(100 * nominal, color=DARK, lw=1.0, ls="--", label=f"nominal, {100 * nominal:g} %")
     for index, label in enumerate(labels):
-        own = [row for row in drawn if row.label == label]
+        selected = [row for row in drawn if row.label == label]
         shift = 0.76 * ((index + 0.5) / len(labels) - 0.5)
-        _dots(axes, own, [groups.index(row.group) + shift for row in own], index)
+        _dots(axes, selected, [groups.index(row.group) + shift for row in selected], index)
     for edge in range(1, len(groups)):
         axes.axhline(edge - 0.5, color=GREY, lw=0.4, alpha=0.5)
     axes.set_yticks(range(len(groups)), [printable(group) for group in groups], fontsize=8)
@@ -141,8 +141,8 @@ def coverage_figure(
     axes.grid(axis="x", alpha=0.25)
     figure = figure_of(axes)
     if ax is None:
-        shown = figure.legend(loc="outside lower center", ncols=3, fontsize=8)
-        for text in shown.get_texts():
+        displayed = figure.legend(loc="outside lower center", ncols=3, fontsize=8)
+        for text in displayed.get_texts():
             text.set_parse_math(False)
     else:
         legend(axes)
@@ -187,10 +187,10 @@ def study_coverage_figure(
             "Set intervals = true in the study's file; draw levels apart.",
         )
     rows = [
-        CoverageRow(one.label, _group(result, score.name, alone=len(results) == 1), hit.hits, hit.count)
+        CoverageRow(item.label, _group(result, score.name, alone=len(results) == 1), hit.hits, hit.count)
         for result in results
-        for one in scores(result)
-        for score in one.parameters
+        for item in scores(result)
+        for score in item.parameters
         if (hit := score.coverage) is not None
     ]
     return coverage_figure(rows, nominal=levels.pop(), band=band, title=title, ax=ax)
@@ -206,14 +206,14 @@ def _lowest(rows: Sequence[CoverageRow]) -> float:
     return 100.0 * min(Share(row.hits, row.count).interval[0] for row in rows)
 
 
-def _dots(axes: Axes, rows: Sequence[CoverageRow], places: Sequence[float], number: int) -> None:
+def _dots(axes: Axes, rows: Sequence[CoverageRow], positions: Sequence[float], number: int) -> None:
     shares = [Share(row.hits, row.count) for row in rows]
     middle = [100 * share.value for share in shares]
     below = [100 * max(share.value - share.interval[0], 0.0) for share in shares]
     above = [100 * max(share.interval[1] - share.value, 0.0) for share in shares]
     axes.errorbar(
         middle,
-        places,
+        positions,
         xerr=[below, above],
         fmt=MARKERS[number % len(MARKERS)],
         color=COLOURS[number % len(COLOURS)],
@@ -272,8 +272,8 @@ def nrmse_figure(
         method, name = cells[called]
         _draw(drawn_panel, rows[method][name], ((printed or {}).get(method) or {}).get(name))
         first = axes is not None or name == next(iter(rows[method]))
-        beside = f"{printable(method)}\ntrials [count]" if first else ""
-        labelled(drawn_panel, x=f"NRMSE of {_words(name)} [%]", y=beside, size=9.0)
+        text = f"{printable(method)}\ntrials [count]" if first else ""
+        labelled(drawn_panel, x=f"NRMSE of {_words(name)} [%]", y=text, size=9.0)
     return figure_of(*panels.values())
 
 
@@ -423,7 +423,7 @@ def paper_figures(results: Sequence[PaperResult]) -> Iterator[tuple[str, Figure]
 
 
 def signal_figure(
-    reading: Reading, example: Example = EXAMPLES[0], *, axes: GivenAxes | None = None
+    reading: PaperReading, example: Example = EXAMPLES[0], *, axes: GivenAxes | None = None
 ) -> Figure:
     """Input u(t) and height z(t) of the first run, without noise: the paper's figure 2.
 
@@ -433,9 +433,9 @@ def signal_figure(
     truth = record(exact, example, trial_generator(0)).truth
     drive, velocity = truth.channels["input"], truth.channels["velocity_z"]
     height = integrated_height(velocity, drive, intersample=reading.intersample)
-    shown = Signals(truth.rate_hz, {"input": drive, "position_z": height})
+    signals = Signals(truth.rate_hz, {"input": drive, "position_z": height})
     title = f"Reading {reading.name}: input and height of the first run"
-    return signals_figure(shown, title="" if axes is not None else title, axes=axes)
+    return signals_figure(signals, title="" if axes is not None else title, axes=axes)
 
 
 def histogram_figure(result: PaperResult, column: str, *, axes: GivenAxes | None = None) -> Figure:
@@ -452,7 +452,7 @@ def histogram_figure(result: PaperResult, column: str, *, axes: GivenAxes | None
         f"({len(result.estimates)} runs; red: printed mean ± SD)"
     )
     return nrmse_figure(
-        {words: {name: scores[:, place] for place, name in enumerate(SCORES)}},
+        {words: {name: scores[:, index] for index, name in enumerate(SCORES)}},
         printed={words: printed},
         title=title if axes is None else "",
         axes=axes,
@@ -490,10 +490,10 @@ def _digits(value: float) -> str:
 
 def by_reading(results: Iterable[PaperResult]) -> dict[str, list[PaperResult]]:
     """Results of each reading, in the order in which they came."""
-    found: dict[str, list[PaperResult]] = {}
+    solution: dict[str, list[PaperResult]] = {}
     for result in results:
-        found.setdefault(result.reading.name, []).append(result)
-    return found
+        solution.setdefault(result.reading.name, []).append(result)
+    return solution
 
 
 def nearest(results: Sequence[PaperResult]) -> str:
@@ -527,8 +527,8 @@ def weak_sentence(result: PaperResult) -> str:
     """In how many runs the instruments of which method are weak; empty when none are."""
     runs = len(result.weak)
     counts = {METHOD_WORDS[method]: result.weak_runs(method) for method in PRINTED_METHODS.values()}
-    told = [f"of {words} in {count} of {runs} runs" for words, count in counts.items() if count]
-    return f"Weak instruments (first-stage F below 10): {', '.join(told)}." if told else ""
+    texts = [f"of {words} in {count} of {runs} runs" for words, count in counts.items() if count]
+    return f"Weak instruments (first-stage F below 10): {', '.join(texts)}." if texts else ""
 
 
 def overview_report(results: Sequence[PaperResult]) -> Iterator[RenderableType]:
@@ -548,19 +548,19 @@ def verdict_sentence(results: Sequence[PaperResult]) -> str:
     if whole:
         return f"Every printed mean is met by: {', '.join(whole)}."
     name = nearest(results)
-    found = nearness(groups[name])
+    result = nearness(groups[name])
     return (
         f"No reading gives the printed tables. Nearest is {name}: its means are off by a factor of "
-        f"{_factor(found.means)}, and {found.agreeing} of {found.printed} are met."
+        f"{_factor(result.means)}, and {result.agreeing} of {result.printed} are met."
     )
 
 
-def _reproduces(found: Nearness) -> bool:
-    return found.agreeing == found.printed
+def _reproduces(result: Nearness) -> bool:
+    return result.agreeing == result.printed
 
 
-def _nearness_cells(found: Nearness) -> tuple[str, str, str]:
-    return _factor(found.means), _factor(found.spreads), f"{found.agreeing} of {found.printed}"
+def _nearness_cells(result: Nearness) -> tuple[str, str, str]:
+    return _factor(result.means), _factor(result.spreads), f"{result.agreeing} of {result.printed}"
 
 
 def _factor(value: float) -> str:
@@ -596,14 +596,14 @@ def paper_document(results: Sequence[PaperResult], *, seconds: float) -> dict[st
 
 
 def _reading(group: Sequence[PaperResult]) -> Json:
-    reading, found = group[0].reading, nearness(group)
+    reading, results = group[0].reading, nearness(group)
     choices = {name: getattr(reading, name) for name in reading.__dataclass_fields__ if name != "name"}
     return {
         "name": reading.name,
         "choices": {key: v.value if isinstance(v, Enum) else v for key, v in choices.items()},
-        "means_off_by": number(found.means),
-        "sds_off_by": number(found.spreads),
-        "printed_means_met": found.agreeing,
+        "means_off_by": number(results.means),
+        "sds_off_by": number(results.spreads),
+        "printed_means_met": results.agreeing,
         "examples": [_example(result) for result in group],
     }
 
@@ -642,14 +642,14 @@ def page_parts(results: Sequence[PaperResult]) -> dict[str, str]:
         f"2 examples, {len(first[0].estimates)} runs, 6 methods; seed {SEED}. {verdict_sentence(results)}",
         "readings": _readings_table(results),
     }
-    for place, example in enumerate(examples):
+    for index, example in enumerate(examples):
         parts[f"example {example.number}"] = "\n\n".join(
             [
                 part
                 for column, method in PRINTED_METHODS.items()
                 for part in (
                     f"**{column}**, NRMSE in percent",
-                    _example_table([group[place] for group in by_reading(results).values()], example, method),
+                    _example_table([group[index] for group in by_reading(results).values()], example, method),
                 )
             ]
         )
@@ -692,18 +692,18 @@ def _example_table(results: Sequence[PaperResult], example: Example, method: str
 def _weak_readings(results: Sequence[PaperResult], method: str) -> str:
     """Readings under which the instruments of a method are weak, as a line below its table."""
     counts = {result.reading.name: result.weak_runs(method) for result in results}
-    told = [f"`{name}` ({count} of {len(results[0].weak)})" for name, count in counts.items() if count]
-    return f"\n\nWeak instruments (first-stage F below 10), in runs: {', '.join(told)}." if told else ""
+    texts = [f"`{name}` ({count} of {len(results[0].weak)})" for name, count in counts.items() if count]
+    return f"\n\nWeak instruments (first-stage F below 10), in runs: {', '.join(texts)}." if texts else ""
 
 
 def _figures(name: str) -> str:
-    shown = [f"Under the reading `{name}`; red is what the paper prints, mean and one SD on both sides."]
+    texts = [f"Under the reading `{name}`; red is what the paper prints, mean and one SD on both sides."]
     captions = ["Input and height"]
-    captions += [f"NRMSE of {column}, example {place}" for place in (1, 2) for column in PRINTED_METHODS]
-    for place, caption in enumerate(captions, start=2):
-        shown.append(f"![{caption}](images/paper/figure-{place}.svg)")
-        shown.append(f"*Counterpart of figure {place}. {caption}.*")
-    return "\n\n".join(shown)
+    captions += [f"NRMSE of {column}, example {item}" for item in (1, 2) for column in PRINTED_METHODS]
+    for index, caption in enumerate(captions, start=2):
+        texts.append(f"![{caption}](images/paper/figure-{index}.svg)")
+        texts.append(f"*Counterpart of figure {index}. {caption}.*")
+    return "\n\n".join(texts)
 
 
 # -- Study pictures --

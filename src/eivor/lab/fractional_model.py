@@ -22,8 +22,8 @@ from eivor.lab.fractional_terms import (
     FractionalColumn,
     FractionalDifference,
     FractionalOperator,
+    FractionalPart,
     FractionalTerm,
-    Part,
     Side,
     UnknownOrder,
     combined,
@@ -88,12 +88,12 @@ class FilteredSignals:
         """Average covariance of the noises of plain columns with those of fractional ones, C of (29)."""
         shared = np.zeros((len(left), len(right)))
         for channel in self._channels(right):
-            own = [i for i, column in enumerate(left) if column.channel == channel]
-            if not own:
+            selected = [i for i, column in enumerate(left) if column.channel == channel]
+            if not selected:
                 continue
             noises = self._noise_of(channel, right) * self._share_of_rows(first)[:, None]
             base = self._moving_average(channel)
-            for i in own:
+            for i in selected:
                 if left[i].gain_channel:
                     raise UsageError(
                         f"instruments of '{channel}' without a gain of another channel",
@@ -122,12 +122,12 @@ class FilteredSignals:
     def _noise_of(self, channel: str, columns: Sequence[FractionalColumn]) -> Float[np.ndarray, "n columns"]:
         """Weights of a channel's white noise in each column."""
         weights: Float[np.ndarray, "n columns"] = np.zeros((self.count, len(columns)))
-        for place, column in enumerate(columns):
+        for index, column in enumerate(columns):
             for part in column:
                 if part.channel == channel:
                     behind = self._behind(self._noises, part, self._moving_average)
                     series = behind[: max(self.count - part.lag, 0)]
-                    weights[part.lag : part.lag + series.size, place] += part.gain * series
+                    weights[part.lag : part.lag + series.size, index] += part.gain * series
         return weights
 
     def _moving_average(self, channel: str) -> Float[np.ndarray, " n"]:
@@ -143,7 +143,7 @@ class FilteredSignals:
         return weights[: int(np.flatnonzero(weights).max(initial=0)) + 1]  # one weight of white noise
 
     def _behind(
-        self, kept: Kept, part: Part, of: Callable[[str], Float[np.ndarray, " _"]]
+        self, kept: Kept, part: FractionalPart, of: Callable[[str], Float[np.ndarray, " _"]]
     ) -> Float[np.ndarray, " _"]:
         """A channel, or its noise, behind the operator of a part; kept for known orders."""
         key = (part.channel, part.order, part.by_order)
@@ -154,7 +154,7 @@ class FilteredSignals:
         else:
             made = self.operator.slope if part.by_order else self.operator.weights
             weights = made(part.order, self.count, self.signals.step_s)
-            result = in_a_row(weights, self._behind(kept, Part(part.channel), of))
+            result = in_a_row(weights, self._behind(kept, FractionalPart(part.channel), of))
         if part.order in {0.0, *self.known_orders}:
             kept[key] = result
         return result
@@ -245,9 +245,9 @@ class ChannelTerm:
     term: FractionalTerm  # Order and lag
     sign: float = 1.0
 
-    def column(self, at: Values) -> FractionalColumn:
+    def column(self, nuisances: Values) -> FractionalColumn:
         """The term at values of the orders that are sought."""
-        return (Part(self.channel, self.term.order_at(at), self.term.lag, self.sign),)
+        return (FractionalPart(self.channel, self.term.order_at(nuisances), self.term.lag, self.sign),)
 
 
 @dataclass(frozen=True)
@@ -265,17 +265,17 @@ class FractionalProblem(LinearisableProblem):
         """Coefficients of the right side."""
         return tuple(parameter for parameter, _ in self.terms)
 
-    def regression(self, at: Values) -> FractionalRegression:
+    def regression(self, nuisances: Values) -> FractionalRegression:
         """Rows of the coefficients at some orders."""
-        columns = tuple(term.column(at) for _, term in self.terms)
+        columns = tuple(term.column(nuisances) for _, term in self.terms)
         return FractionalRegression(
-            self.filtered, self.parameters, self.response.column(at), columns, self.instruments
+            self.filtered, self.parameters, self.response.column(nuisances), columns, self.instruments
         )
 
-    def linearised(self, at: Values, theta: Float[np.ndarray, " n"]) -> FractionalRegression:
+    def linearised(self, nuisances: Values, theta: Float[np.ndarray, " n"]) -> FractionalRegression:
         """Rows of the coefficients and of the changes of the orders."""
-        known = self.regression(at)
-        changes = tuple(self._by_order(nuisance.name, at, theta) for nuisance in self.nuisances)
+        known = self.regression(nuisances)
+        changes = tuple(self._by_order(nuisance.name, nuisances, theta) for nuisance in self.nuisances)
         orders = tuple(nuisance.parameter for nuisance in self.nuisances)
         return FractionalRegression(
             self.filtered,
@@ -285,21 +285,21 @@ class FractionalProblem(LinearisableProblem):
             self.instruments,
         )
 
-    def _by_order(self, name: str, at: Values, theta: Float[np.ndarray, " n"]) -> FractionalColumn:
+    def _by_order(self, name: str, nuisances: Values, theta: Float[np.ndarray, " n"]) -> FractionalColumn:
         """Derivative of Phi theta by an order."""
         return combined(
             [
-                (value, tuple(part.derivative for part in term.column(at)))
+                (value, tuple(part.derivative for part in term.column(nuisances)))
                 for value, (_, term) in zip(theta.tolist(), self.terms, strict=True)
                 if isinstance(term.term.order, UnknownOrder) and term.term.order.name == name
             ]
         )
 
-    def bins(self, at: Values) -> SpectralRegression:
+    def bins(self, nuisances: Values) -> SpectralRegression:
         """Nothing: an operator's memory does not end with a run."""
         raise UsageError(
             "a method without spectral whitening for a fractional difference equation",
-            f"one that asks for its spectra at {dict(at)}",
+            f"one that asks for its spectra at {dict(nuisances)}",
             "Use generalized_iv, or another method of the page on fractional equations.",
         )
 
@@ -362,8 +362,8 @@ class FractionalDifferenceModel:
                 f"the unknown '{leading.name}'",
                 "Put a term of known order first, or take Delta^-order of both sides.",
             )
-        ranges = {order.name: order for order in self._sought_twice()}
-        for order in self._sought_twice():
+        ranges = {order.name: order for order in self._repeated_orders()}
+        for order in self._repeated_orders():
             if order != ranges[order.name]:
                 raise ParameterError(
                     f"one range of the order '{order.name}'", "two", "Use one UnknownOrder in both terms."
@@ -383,7 +383,7 @@ class FractionalDifferenceModel:
     @property
     def unknown_orders(self) -> tuple[UnknownOrder, ...]:
         """Each order that is estimated, once."""
-        return tuple(dict.fromkeys(self._sought_twice()))
+        return tuple(dict.fromkeys(self._repeated_orders()))
 
     def problem(
         self,
@@ -543,7 +543,7 @@ class FractionalDifferenceModel:
     def _inputs(self) -> tuple[FractionalTerm, ...]:
         return terms_of("input", self.input)
 
-    def _sought_twice(self) -> list[UnknownOrder]:
+    def _repeated_orders(self) -> list[UnknownOrder]:
         """Unknown orders, as often as they are named."""
         every = (*self._outputs, *self._inputs)
         return [term.order for term in every if isinstance(term.order, UnknownOrder)]
@@ -558,11 +558,13 @@ class FractionalDifferenceModel:
     def _solved_for_output(self, parameters: Parameters, count: int, *, rate_hz: float) -> Series:
         """Weights of the filter that undoes the output's side."""
         left = self._side("output", parameters, rate_hz)
-        own = left.weights(count)
-        if abs(own[0]) <= LEAST_OWN_COEFFICIENT * max(abs(coefficient) for coefficient, _, _ in left.terms):
+        weights = left.weights(count)
+        if abs(weights[0]) <= LEAST_OWN_COEFFICIENT * max(
+            abs(coefficient) for coefficient, _, _ in left.terms
+        ):
             raise ParameterError(
                 "an equation that can be solved for the newest output",
-                f"a coefficient of {own[0]:.3g} before y(k)",
+                f"a coefficient of {weights[0]:.3g} before y(k)",
                 "Give the output a term without a lag, and coefficients that do not cancel.",
             )
         growing = left.growing_modes
@@ -572,16 +574,20 @@ class FractionalDifferenceModel:
                 f"one with {growing} growing mode{'s' if growing > 1 else ''}",
                 "Check the signs of the coefficients, and that orders are below two.",
             )
-        return reciprocal(own)
+        return reciprocal(weights)
 
     def _side(self, side: str, parameters: Parameters, rate_hz: float) -> Side:
         """One side of the equation at some values of its parameters."""
         checks.mapping("parameters", parameters, checks.NUMBERS, "numbers")
         checks.number("rate_hz", rate_hz)
-        missing = [one.name for one in self.parameters if not np.isfinite(parameters.get(one.name, np.nan))]
+        missing = [
+            parameter.name
+            for parameter in self.parameters
+            if not np.isfinite(parameters.get(parameter.name, np.nan))
+        ]
         if missing:
             raise ParameterError(
-                f"finite values of {', '.join(one.name for one in self.parameters)}",
+                f"finite values of {', '.join(parameter.name for parameter in self.parameters)}",
                 f"none of {', '.join(missing)}",
                 "Give estimate.parameters, or all of them by name.",
             )

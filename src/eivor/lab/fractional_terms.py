@@ -18,7 +18,7 @@ from eivor.tools import Complex, Float
 
 
 @dataclass(frozen=True, slots=True)
-class Part:
+class FractionalPart:
     """``gain * operator^order channel[k - lag]``, or its derivative by the order. Performs no checks."""
 
     channel: str
@@ -28,17 +28,17 @@ class Part:
     by_order: bool = False  # True for the derivative by the order
 
     @property
-    def derivative(self) -> Part:
+    def derivative(self) -> FractionalPart:
         """The same part's derivative by its order."""
         return replace(self, by_order=True)
 
-    def times(self, factor: float) -> Part:
+    def times(self, factor: float) -> FractionalPart:
         """The same part with another gain."""
         return replace(self, gain=factor * self.gain)
 
 
 #: A column: the sum of its parts.
-FractionalColumn = tuple[Part, ...]
+FractionalColumn = tuple[FractionalPart, ...]
 
 
 def combined(columns: list[tuple[float, FractionalColumn]]) -> FractionalColumn:
@@ -258,18 +258,18 @@ class FractionalTerm:
 def terms_of(name: str, given: object) -> tuple[FractionalTerm, ...]:
     """Terms from a sequence of them, of orders, or of both."""
     kinds = (FractionalTerm, UnknownOrder, *checks.NUMBERS)
-    if not isinstance(given, tuple | list) or not given or not all(isinstance(one, kinds) for one in given):
+    if not isinstance(given, tuple | list) or not given or not all(isinstance(item, kinds) for item in given):
         raise UsageError(
             f"one term or more for {name}: orders, unknown orders, or FractionalTerm(order, lag)",
             checks.described(given),
             "Give (0.0, 0.5), for example.",
         )
-    terms = tuple(one if isinstance(one, FractionalTerm) else FractionalTerm(one) for one in given)
-    for one, other in combinations(terms, 2):
-        if one.may_be(other):
+    terms = tuple(item if isinstance(item, FractionalTerm) else FractionalTerm(item) for item in given)
+    for entry, other in combinations(terms, 2):
+        if entry.may_be(other):
             raise ParameterError(
                 f"terms of different orders or lags for {name}, in ranges that do not meet",
-                f"orders {_span(one)} and {_span(other)} at lag {one.lag}",
+                f"orders {_span(entry)} and {_span(other)} at lag {entry.lag}",
                 "Where orders are equal their columns are one: leave a term out, or narrow the range.",
             )
     return terms

@@ -172,14 +172,14 @@ def log_of_rigid_body_flight(spec: RigidBodyFlightSpec) -> KnownLog:
 
 def _rigid_body_truth(spec: RigidBodyFlightSpec, flight: RigidBodyFlight) -> dict[str, object]:
     """Everything true, as a JSON document; what the vertical motion's truth has by the same names."""
-    told = flight.truth.parameters
+    parameters = flight.truth.parameters
     rotors = spec.vehicle.rotors
     return {
         "schema": SCHEMA,
         "viscous_friction": viscous_friction(flight.truth),
-        "input_gain": rotors.count * told.thrust_gain,
+        "input_gain": rotors.count * parameters.thrust_gain,
         "hover_input": spec.vehicle.hover_speed,
-        **asdict(told),
+        **asdict(parameters),
         "control_effectiveness": list(flight.truth.control_effectiveness),
         "hover_speed": spec.vehicle.hover_speed,
         "units": UNITS
@@ -198,13 +198,13 @@ def _rigid_body_truth(spec: RigidBodyFlightSpec, flight: RigidBodyFlight) -> dic
 
 def viscous_friction(truth: RigidBodyTruth) -> float:
     """Friction along z at the speeds of a flight: d_z at hover, and c_z sum |v| v_z^2 / sum v_z^2."""
-    told = truth.parameters
+    parameters = truth.parameters
     w, x, y, z = truth.attitude.T
     along_x, along_y, along_z = truth.air_velocity.T
     _, _, climb = into_body(rotation(w, x, y, z), along_x, along_y, along_z)
     squared = np.asarray(climb) ** 2
     total = squared.sum()
     if not total > 0.0:
-        return told.drag[2]
+        return parameters.drag[2]
     speed = np.linalg.norm(truth.air_velocity, axis=1)
-    return told.drag[2] + told.quadratic_drag[2] * float(speed @ squared / total)
+    return parameters.drag[2] + parameters.quadratic_drag[2] * float(speed @ squared / total)

@@ -211,12 +211,12 @@ def _mean_error(
     first_lag: int = -1,
 ) -> str:
     """Mean NRMSE of both parameters by a method from changed moments, in words."""
-    found = []
-    for one in records:
+    results = []
+    for item in records:
         columns = lags("input", first_lag, 10) if first_lag >= 0 else ()
-        problem = VerticalMotion(intercept=False).regression(one.signals, columns)
-        found.append(method.solve_moments(change(method.assembler.moments(problem))).solution.theta)
-    return f"{nrmse(np.array(found))[:, -1].mean():.3g} %"
+        problem = VerticalMotion(intercept=False).regression(item.signals, columns)
+        results.append(method.solve_moments(change(method.assembler.moments(problem))).solution.theta)
+    return f"{nrmse(np.array(results))[:, -1].mean():.3g} %"
 
 
 def _unchanged(moments: Moments) -> Moments:
@@ -226,13 +226,16 @@ def _unchanged(moments: Moments) -> Moments:
 def gravity(records: Sequence[SimulatedRecord]) -> str:
     """Take g from the response instead of adding it."""
 
-    def shifted(one: SimulatedRecord) -> SimulatedRecord:
-        channels = dict(one.signals.channels)
+    def shifted(simulated_record: SimulatedRecord) -> SimulatedRecord:
+        channels = dict(simulated_record.signals.channels)
         channels["acceleration_z"] = channels["acceleration_z"] - 2.0 * GRAVITY
-        return replace(one, signals=Signals(one.signals.rate_hz, channels, noise=one.signals.noise))
+        return replace(
+            simulated_record,
+            signals=Signals(simulated_record.signals.rate_hz, channels, noise=simulated_record.signals.noise),
+        )
 
     right = _mean_error(records, methods.least_squares(), _unchanged)
-    wrong = _mean_error([shifted(one) for one in records], methods.least_squares(), _unchanged)
+    wrong = _mean_error([shifted(item) for item in records], methods.least_squares(), _unchanged)
     return f"LS errs by {right} with z'' + g, by {wrong} with z'' - g."
 
 
@@ -249,9 +252,9 @@ def signal_variances(records: Sequence[SimulatedRecord]) -> str:
     return f"TLS errs by {right} with the noises' variances, by {wrong} with the signals'."
 
 
-def first_unknown(one: SimulatedRecord) -> str:
+def first_unknown(simulated_record: SimulatedRecord) -> str:
     """Solve (27) in full, with p + 2 unknowns."""
-    A, b = _extended_equations(one)
+    A, b = _extended_equations(simulated_record)
     rows, unknowns = A.shape
     sigma = float(np.linalg.svd(np.column_stack([A, b]), compute_uv=False)[-1])
     full = np.block([[sigma * np.eye(rows), A], [A.T, sigma * np.eye(unknowns)]])
@@ -264,8 +267,8 @@ def first_unknown(one: SimulatedRecord) -> str:
     )
 
 
-def _off(one: Float[np.ndarray, " n"], other: Float[np.ndarray, " n"]) -> float:
-    return float(np.linalg.norm(one - other) / np.linalg.norm(other))
+def _off(first: Float[np.ndarray, " n"], other: Float[np.ndarray, " n"]) -> float:
+    return float(np.linalg.norm(first - other) / np.linalg.norm(other))
 
 
 def compensations(records: Sequence[SimulatedRecord]) -> str:
@@ -321,13 +324,13 @@ def euler_rates() -> str:
     x, y, z = INERTIA
     printed = ((y - z) / x, (z - x) / y, (x - y) / z)
     pairs = np.array([[0.0, 1.0, 1.0], [1.0, 0.0, 1.0], [1.0, 1.0, 0.0]])
-    found = [accelerations(pair)[axis] for axis, pair in enumerate(pairs)]
+    results = [accelerations(pair)[axis] for axis, pair in enumerate(pairs)]
     words = ("phi'' to theta' psi'", "theta'' to psi' phi'", "psi'' to theta' phi'")
-    told = ", ".join(
+    text = ", ".join(
         f"{what} {is_:+.2f} (printed {was:+.2f})"
-        for what, is_, was in zip(words, found, printed, strict=True)
+        for what, is_, was in zip(words, results, printed, strict=True)
     )
-    return f"At zero tilt, inertia {x:g}, {y:g}, {z:g}, no torque: {told}."
+    return f"At zero tilt, inertia {x:g}, {y:g}, {z:g}, no torque: {text}."
 
 
 def _euler_angles(rates: Float[np.ndarray, " 3"], time: float) -> Float[np.ndarray, " 3"]:
@@ -346,26 +349,26 @@ def _euler_angles(rates: Float[np.ndarray, " 3"], time: float) -> Float[np.ndarr
     return np.array([roll, pitch, yaw])
 
 
-def error_of_the_variables(one: SimulatedRecord) -> str:
+def error_of_the_variables(simulated_record: SimulatedRecord) -> str:
     """Compare (12) with its error, which the record's noises make."""
-    measured, true = one.signals.channels, one.truth.channels
+    measured, true = simulated_record.signals.channels, simulated_record.truth.channels
     theta = np.array(list(TRUTH.values()))
     noisy, clean = (np.column_stack([-each["velocity_z"], each["input"]]) for each in (measured, true))
     error = measured["acceleration_z"] - true[DISTURBANCE] - noisy @ theta
-    own = measured["acceleration_z"] - true["acceleration_z"]
-    minus, plus = (own + sign * (noisy - clean) @ theta for sign in (-1.0, 1.0))
+    current = measured["acceleration_z"] - true["acceleration_z"]
+    minus, plus = (current + sign * (noisy - clean) @ theta for sign in (-1.0, 1.0))
     return (
         f"With the minus sign it is the residual of a record to {_off(minus, error):.0e}; as printed it is "
         f"off by {100 * _off(plus, error):.0f} %."
     )
 
 
-def which_system(one: SimulatedRecord) -> str:
+def which_system(simulated_record: SimulatedRecord) -> str:
     """Solve (20) and (23) by least squares, and compare with the formula (24)."""
-    A, b = _extended_equations(one)
+    A, b = _extended_equations(simulated_record)
     formula = np.linalg.solve(A.T @ A, A.T @ b)
     of_moments = np.linalg.lstsq(A, b, rcond=None)[0]
-    rows = VerticalMotion(intercept=False).regression(one.signals).rows()
+    rows = VerticalMotion(intercept=False).regression(simulated_record.signals).rows()
     of_rows = np.linalg.lstsq(rows.regressors, rows.response, rcond=None)[0]
     return (
         f"(24) is the LS solution of (23) to {_off(of_moments, formula):.0e}; that of (20) differs by "
@@ -373,9 +376,9 @@ def which_system(one: SimulatedRecord) -> str:
     )
 
 
-def first_unknown_of_least_squares(one: SimulatedRecord) -> str:
+def first_unknown_of_least_squares(simulated_record: SimulatedRecord) -> str:
     """Solve (25) in full, with p + 2 unknowns and one number K."""
-    A, b = _extended_equations(one)
+    A, b = _extended_equations(simulated_record)
     rows, unknowns = A.shape
     scale = float(np.linalg.svd(A, compute_uv=False)[-1]) / np.sqrt(2.0)
     full = np.block([[scale * np.eye(rows), A], [A.T, np.zeros((unknowns, unknowns))]])
@@ -385,9 +388,13 @@ def first_unknown_of_least_squares(one: SimulatedRecord) -> str:
     return f"With one number for both, the first block times it is the residual to {off:.0e}."
 
 
-def _extended_equations(one: SimulatedRecord) -> tuple[Float[np.ndarray, "p n"], Float[np.ndarray, " p"]]:
+def _extended_equations(
+    simulated_record: SimulatedRecord,
+) -> tuple[Float[np.ndarray, "p n"], Float[np.ndarray, " p"]]:
     """A and b of (23), with ten lags."""
-    problem: SignalRegression = VerticalMotion(intercept=False).regression(one.signals, lags("input", 1, 10))
+    problem: SignalRegression = VerticalMotion(intercept=False).regression(
+        simulated_record.signals, lags("input", 1, 10)
+    )
     method = methods.extended_iv_tls()
     system: LinearSystem = method.assembler.system(method.assembler.moments(problem))
     return system.matrix, system.right
@@ -395,8 +402,8 @@ def _extended_equations(one: SimulatedRecord) -> tuple[Float[np.ndarray, "p n"],
 
 def which_noise(records: Sequence[SimulatedRecord]) -> str:
     """Compensate (29) with the variance of zeta, which is the error of the equation in (7) and (20)."""
-    input_noise = float(np.mean([one.signals.noise["input"].std ** 2 for one in records]))
-    equation = float(np.mean([one.truth.channels[DISTURBANCE].var() for one in records]))
+    input_noise = float(np.mean([item.signals.noise["input"].std ** 2 for item in records]))
+    equation = float(np.mean([item.truth.channels[DISTURBANCE].var() for item in records]))
 
     def swapped(before: Moments) -> Moments:
         assert isinstance(before, CrossMoments)  # noqa: S101 - those of an instrumental method

@@ -31,9 +31,9 @@ from eivor.lab.paper_readings import (
     Example,
     Input,
     MotionSource,
+    PaperReading,
     Ratio,
     RatioOf,
-    Reading,
     Weights,
 )
 from eivor.lab.records import Intersample, Scenario, SimulatedRecord, simulate
@@ -104,7 +104,7 @@ class WhiteInput(Excitation):
         return np.sqrt(self.variance) * rng.standard_normal(count)
 
 
-def scenario(reading: Reading, example: Example) -> Scenario:
+def scenario(reading: PaperReading, example: Example) -> Scenario:
     """What a reading of an example simulates; longer by the edges when differences are taken."""
     exact = reading.motion is MotionSource.SOLUTION
     ratios = {name: _ratio(reading, example, name) for name in SOURCES}
@@ -126,7 +126,7 @@ def scenario(reading: Reading, example: Example) -> Scenario:
     )
 
 
-def _ratio(reading: Reading, example: Example, source: str) -> float:
+def _ratio(reading: PaperReading, example: Example, source: str) -> float:
     """Ratio of standard deviations, that of the noise before its operator."""
     ratio = LARGER_RATIO if source == reading.larger_on else example.ratio
     if reading.ratio is Ratio.VARIANCE:
@@ -136,7 +136,7 @@ def _ratio(reading: Reading, example: Example, source: str) -> float:
     return ratio
 
 
-def _excitation(reading: Reading) -> Excitation:
+def _excitation(reading: PaperReading) -> Excitation:
     if reading.input is Input.SAMPLES:
         return SampleClockInput(reading.input_variance)
     if reading.input is Input.WHITE:
@@ -150,13 +150,13 @@ def mean_variance(order: float, count: int, start: int = 0) -> float:
     return float(FractionalNoise(1.0, order).autocovariance(0, start, count).mean())
 
 
-def record(reading: Reading, example: Example, rng: np.random.Generator) -> SimulatedRecord:
+def record(reading: PaperReading, example: Example, rng: np.random.Generator) -> SimulatedRecord:
     """One record under a reading, and its truth."""
     made = simulate(scenario(reading, example), rng)
     return made if reading.motion is MotionSource.SOLUTION else _differentiated(made, reading)
 
 
-def _differentiated(made: SimulatedRecord, reading: Reading) -> SimulatedRecord:
+def _differentiated(made: SimulatedRecord, reading: PaperReading) -> SimulatedRecord:
     """Record whose z' and z'' come from differences or steps, with the same errors, without its edges."""
     truth = made.truth
     errors = {name: made.signals.channels[name] - truth.channels[name] for name in made.signals.channels}
@@ -235,7 +235,7 @@ class Estimates:
     weak: Bool[np.ndarray, " methods"]
 
 
-def estimates(reading: Reading, signals: Signals) -> Estimates:
+def estimates(reading: PaperReading, signals: Signals) -> Estimates:
     """Estimates of theta by every method, and whether their instruments are weak."""
     model = VerticalMotion(intercept=False)
     last = reading.lags - 1 if reading.as_many else reading.lags
@@ -256,15 +256,15 @@ def estimates(reading: Reading, signals: Signals) -> Estimates:
             methods.generalized_iv_tls(),
         ),
     )
-    found = np.full((len(METHODS), len(TRUTH)), np.nan)
+    result = np.full((len(METHODS), len(TRUTH)), np.nan)
     weak = np.zeros(len(METHODS), dtype=np.bool_)
     for pair, (problem, *both) in enumerate(problems):
         moments = both[0].moments(problem)
         weak[2 * pair : 2 * pair + 2] = _weak(moments)
         as_read = _as_read(moments, reading.compensation)
-        for place, method in enumerate(both):
-            found[2 * pair + place] = _theta(method, as_read)
-    return Estimates(found, weak)
+        for index, method in enumerate(both):
+            result[2 * pair + index] = _theta(method, as_read)
+    return Estimates(result, weak)
 
 
 def _weak(moments: Moments) -> bool:
@@ -277,10 +277,10 @@ def _known_by_variance(signals: Signals) -> Signals:
     """Signals whose noises are white, of the same mean variance: all that direct methods use of them."""
     count, start = signals.sample_count, signals.offset
     noise = {
-        name: WhiteNoise(one.std * float(np.sqrt(mean_variance(one.order, count, start))))
-        if isinstance(one, FractionalNoise | AlternatingNoise)
-        else one
-        for name, one in signals.noise.items()
+        name: WhiteNoise(item.std * float(np.sqrt(mean_variance(item.order, count, start))))
+        if isinstance(item, FractionalNoise | AlternatingNoise)
+        else item
+        for name, item in signals.noise.items()
     }
     return replace(signals, noise=noise)
 
@@ -337,15 +337,15 @@ class PaperResult:
         Whether a method's instruments were weak.
     """
 
-    reading: Reading
+    reading: PaperReading
     example: Example
     estimates: Float[np.ndarray, "runs methods parameters"]
     weak: Bool[np.ndarray, "runs methods"]
 
     def nrmse(self, method: str) -> Float[np.ndarray, "runs scores"]:
         """NRMSE in percent of each run in which the method gave an estimate, in the order of `SCORES`."""
-        found = self.estimates[:, METHODS.index(method)]
-        return nrmse(found[np.isfinite(found).all(axis=1)])
+        index = self.estimates[:, METHODS.index(method)]
+        return nrmse(index[np.isfinite(index).all(axis=1)])
 
     def failed(self, method: str) -> int:
         """Runs in which the method gave no estimate."""
@@ -384,13 +384,13 @@ class Nearness:
     printed: int
 
 
-def run_example(reading: Reading, example: Example, runs: int, seed: int = SEED) -> PaperResult:
+def run_example(reading: PaperReading, example: Example, runs: int, seed: int = SEED) -> PaperResult:
     """Result of some runs of an example under a reading, on one thread."""
     return run_together((reading,), example, runs, seed)[0]
 
 
 def run_together(
-    readings: Sequence[Reading], example: Example, runs: int, seed: int = SEED
+    readings: Sequence[PaperReading], example: Example, runs: int, seed: int = SEED
 ) -> list[PaperResult]:
     """Results under readings that have their records in common, see `Reading.records`."""
     theta = np.empty((len(readings), runs, len(METHODS), len(TRUTH)))
@@ -398,9 +398,9 @@ def run_together(
     with threadpool_limits(limits=1):
         for index in range(runs):
             signals = record(readings[0], example, trial_generator(index, seed)).signals
-            for place, reading in enumerate(readings):
-                found = estimates(reading, signals)
-                theta[place, index], weak[place, index] = found.theta, found.weak
+            for item, reading in enumerate(readings):
+                result = estimates(reading, signals)
+                theta[item, index], weak[item, index] = result.theta, result.weak
     return [
         PaperResult(reading, example, *parts) for reading, *parts in zip(readings, theta, weak, strict=True)
     ]
@@ -412,7 +412,7 @@ def trial_generator(index: int, seed: int = SEED) -> np.random.Generator:
 
 
 def run_paper(
-    readings: Sequence[Reading], *, runs: int, seed: int = SEED, workers: int | None = None
+    readings: Sequence[PaperReading], *, runs: int, seed: int = SEED, workers: int | None = None
 ) -> Iterator[PaperResult]:
     """Results of every reading in their order, example 1 before example 2, as they are done."""
     if runs < 2:
@@ -420,8 +420,10 @@ def run_paper(
     return _results(readings, runs, seed, workers)
 
 
-def _results(readings: Sequence[Reading], runs: int, seed: int, workers: int | None) -> Iterator[PaperResult]:
-    groups: dict[Reading, list[Reading]] = {}
+def _results(
+    readings: Sequence[PaperReading], runs: int, seed: int, workers: int | None
+) -> Iterator[PaperResult]:
+    groups: dict[PaperReading, list[PaperReading]] = {}
     for reading in readings:
         groups.setdefault(reading.records, []).append(reading)
     tasks = [(tuple(group), example) for group in groups.values() for example in EXAMPLES]
@@ -436,7 +438,7 @@ def _results(readings: Sequence[Reading], runs: int, seed: int, workers: int | N
                 yield done[reading.name, example.number]
 
 
-def _run_task(task: tuple[tuple[Reading, ...], Example], runs: int, seed: int) -> list[PaperResult]:
+def _run_task(task: tuple[tuple[PaperReading, ...], Example], runs: int, seed: int) -> list[PaperResult]:
     return run_together(*task, runs, seed)
 
 
@@ -454,9 +456,9 @@ def nearness(results: Sequence[PaperResult], *, total_least_squares: bool = Fals
     pairs = [
         (spread, printed, len(result.nrmse(method)))
         for result in results
-        for shown in PRINTED_METHODS.values()
-        for method in (solved_by(shown, total_least_squares=total_least_squares),)
-        for spread, printed in zip(result.spreads(method)[:2], result.example.printed[shown][:2], strict=True)
+        for item in PRINTED_METHODS.values()
+        for method in (solved_by(item, total_least_squares=total_least_squares),)
+        for spread, printed in zip(result.spreads(method)[:2], result.example.printed[item][:2], strict=True)
     ]
     agreeing = sum(_agrees(spread, printed, runs) for spread, printed, runs in pairs)
     return Nearness(

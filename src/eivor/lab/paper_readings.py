@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from enum import Enum
 
 from eivor.errors import UsageError
-from eivor.lab.records import Intersample, Route
+from eivor.lab.records import DisturbanceRoute, Intersample
 from eivor.lab.study_run import Spread
 
 #: theta = (K, K_u) of (34).
@@ -129,7 +129,7 @@ class Compensation(Enum):
 
 
 @dataclass(frozen=True, slots=True)
-class Reading:
+class PaperReading:
     """One way to read the paper's simulation.
 
     Parameters
@@ -177,16 +177,16 @@ class Reading:
     weights: Weights = Weights.SIGNED
     motion: MotionSource = MotionSource.SOLUTION
     intersample: Intersample = Intersample.HOLD
-    route: Route = Route.EQUATION
+    route: DisturbanceRoute = DisturbanceRoute.EQUATION
     disturbance_scaled: bool = True
     lags: int = 10
     compensation: Compensation = Compensation.SHARED
     as_many: bool = False
 
     @property
-    def records(self) -> Reading:
+    def records(self) -> PaperReading:
         """What shapes the records alone: readings that share it have the same ones."""
-        same = Reading("", "")
+        same = PaperReading("", "")
         return replace(
             self,
             name="",
@@ -198,7 +198,7 @@ class Reading:
         )
 
 
-_STD = Reading(
+_STD = PaperReading(
     "ratios-of-std",
     "Ratios of standard deviations, 1e-2 on z', 0.02 the standard deviation of the input's noise, exact "
     "motion, ten lags.",
@@ -210,14 +210,14 @@ _VARIANCE = replace(
     sentence="As ratios-of-std, with the ratios those of variances.",
     ratio=Ratio.VARIANCE,
 )
-_CENTRAL = Reading(
+_CENTRAL = PaperReading(
     "central-10-lags",
     "Ratios of standard deviations, 0.02 a variance, z'' by central differences of z' at T = 0.2 s, ten "
     "lags.",
     motion=MotionSource.VELOCITY_CENTRAL,
 )
 #: Every named reading.
-READINGS: tuple[Reading, ...] = (
+READINGS: tuple[PaperReading, ...] = (
     _STD,
     _VARIANCE,
     replace(
@@ -266,7 +266,7 @@ READINGS: tuple[Reading, ...] = (
         _VARIANCE,
         name="disturbance-in-dynamics",
         sentence="As ratios-of-variances, with the disturbance moving the vehicle.",
-        route=Route.DYNAMICS,
+        route=DisturbanceRoute.DYNAMICS,
     ),
     replace(
         _VARIANCE,
@@ -387,7 +387,7 @@ READINGS: tuple[Reading, ...] = (
 )
 
 
-def named_readings(names: tuple[str, ...]) -> tuple[Reading, ...]:
+def named_readings(names: tuple[str, ...]) -> tuple[PaperReading, ...]:
     """Readings of those names, in the order of the names; all for none."""
     known = {reading.name: reading for reading in READINGS}
     for name in names:

@@ -265,7 +265,7 @@ LEAST_SAMPLES = 2
 ABOUT_HOVER = "A scenario moves about hover, without gravity: its response is acceleration_z, which is z''."
 
 
-class Route(Enum):
+class DisturbanceRoute(Enum):
     """Where a disturbance enters; the two differ."""
 
     EQUATION = "equation"
@@ -329,7 +329,7 @@ class Scenario:
     noise_to_signal: Mapping[str, float] = field(default_factory=dict)
     disturbance: Disturbance | None = None
     disturbance_to_signal: float | None = None
-    route: Route = Route.EQUATION
+    route: DisturbanceRoute = DisturbanceRoute.EQUATION
     intersample: Intersample = Intersample.HOLD
     control: Control = field(default_factory=OpenLoop)
 
@@ -374,7 +374,9 @@ class Scenario:
             checks.kind("disturbance", self.disturbance, Disturbance, "a disturbance")
         if self.disturbance_to_signal is not None:
             checks.number("disturbance_to_signal", self.disturbance_to_signal)
-        checks.kind("route", self.route, Route, "a Route", "Give Route.EQUATION or Route.DYNAMICS.")
+        checks.kind(
+            "route", self.route, DisturbanceRoute, "a Route", "Give Route.EQUATION or Route.DYNAMICS."
+        )
         checks.kind("intersample", self.intersample, Intersample, "an Intersample", "Give Intersample.HOLD.")
         checks.kind("control", self.control, Control, "a control")
 
@@ -478,7 +480,7 @@ def simulate(scenario: Scenario, rng: np.random.Generator) -> SimulatedRecord:
     drive = scenario.excitation.sample(scenario.samples, scenario.step_s, streams["excitation"])
     motion = driven_motion(scenario, drive)
     disturbance = _disturbance(scenario, motion, streams["disturbance"])
-    if scenario.route is Route.DYNAMICS and scenario.disturbance is not None:
+    if scenario.route is DisturbanceRoute.DYNAMICS and scenario.disturbance is not None:
         motion += pushed_motion(scenario, disturbance)
     noise = declared_noise(scenario, _channels(scenario, motion, disturbance))
     errors = {name: each.sample(scenario.samples, streams[name]) for name, each in noise.items()}

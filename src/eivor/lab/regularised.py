@@ -82,7 +82,7 @@ class ReducedProblem:
 
 @dataclass(frozen=True)
 class Tikhonov:
-    """Parameter, and the vector that the solution is pulled towards."""
+    """Parameter, and the vector that the solution is shrunk towards."""
 
     parameter: float | None = None  # Zero or more
     towards: Float[np.ndarray, " n"] | None = None
@@ -108,7 +108,7 @@ class Tikhonov:
             return np.zeros(unknowns)
         if self.towards.size != unknowns:
             raise ShapeError(
-                f"{unknowns} numbers to be pulled towards, one for each parameter",
+                f"{unknowns} numbers to be shrunk towards, one for each parameter",
                 f"{self.towards.size}",
                 "Give them in the order of the parameters.",
             )
@@ -166,8 +166,8 @@ class RegularisedTotalLeastSquares(ErrorsInColumns):
 
 
 @dataclass(frozen=True)
-class PulledTowards(Method):
-    """A method whose solution is pulled towards the estimate of another method on the same problem."""
+class ShrunkTowards(Method):
+    """A method whose solution is shrunk towards the estimate of another method on the same problem."""
 
     name: str
     method: LinearMethod
@@ -182,7 +182,7 @@ class PulledTowards(Method):
     def estimate(self, problem: Problem) -> Estimate:
         """Estimate of the target first, see `Method.estimate`."""
         towards = self.target.estimate(problem).best.theta
-        return _pulled(self.method, Tikhonov(self.parameter, towards)).estimate(problem)
+        return _shrunk(self.method, Tikhonov(self.parameter, towards)).estimate(problem)
 
 
 def regularised(
@@ -217,12 +217,12 @@ def regularised(
     """
     check_linear(method)
     if isinstance(towards, Method):
-        _pulled(method, Tikhonov(parameter))  # refuses what cannot be regularised
-        return PulledTowards(f"{method.name}_tikhonov", method, parameter, towards)
-    return _pulled(method, Tikhonov(parameter, towards))
+        _shrunk(method, Tikhonov(parameter))  # refuses what cannot be regularised
+        return ShrunkTowards(f"{method.name}_tikhonov", method, parameter, towards)
+    return _shrunk(method, Tikhonov(parameter, towards))
 
 
-def _pulled(method: LinearMethod, scheme: Tikhonov) -> LinearMethod:
+def _shrunk(method: LinearMethod, scheme: Tikhonov) -> LinearMethod:
     solver: RegularisedLeastSquares | RegularisedTotalLeastSquares
     if isinstance(method.solver, UnweightedLeastSquares):
         solver = RegularisedLeastSquares(scheme)

@@ -18,7 +18,7 @@ from eivor.lab.disturbances import (
     BilinearSum,
     BoundedAdversary,
     CoefficientCourse,
-    Course,
+    CoefficientPath,
     Garch,
     GivenCourse,
     GivenDisturbance,
@@ -55,7 +55,7 @@ from eivor.simulation.excitation import (
     PseudoRandomBinary,
     RandomSteps,
     ScaledExcitation,
-    Steps,
+    SteppedExcitation,
     WhiteDisturbance,
     WhiteExcitation,
 )
@@ -131,21 +131,21 @@ def _column(table: TomlTable, path: Path, name: str) -> pl.Series:
         else:
             lazy = pl.scan_parquet(path, hive_partitioning=False)
         names = lazy.collect_schema().names()
-        found = lazy.select(name).head(MOST_NUMBERS + 1).collect()[name] if name in names else None
+        result = lazy.select(name).head(MOST_NUMBERS + 1).collect()[name] if name in names else None
     except (OSError, pl.exceptions.PolarsError, pl.exceptions.PanicException) as error:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise table.wrong(
             "file", f"a table as {path.suffix.lower()[1:].upper()}", f"'{path.name}', which is not: {reason}"
         ) from error
-    if found is None:
+    if result is None:
         remedy = did_you_mean(name, names, "Name one of its columns.")
-        shown = ", ".join(names[:20]) or "none"
-        raise table.wrong("column", f"a column out of {shown}", f"'{name}', not in {path.name}", remedy)
-    if not (found.dtype.is_numeric() or found.dtype == pl.String):
-        raise table.wrong("column", f"numbers in column '{name}' of {path.name}", f"values of {found.dtype}")
-    if found.len() > MOST_NUMBERS:
+        text = ", ".join(names[:20]) or "none"
+        raise table.wrong("column", f"a column out of {text}", f"'{name}', not in {path.name}", remedy)
+    if not (result.dtype.is_numeric() or result.dtype == pl.String):
+        raise table.wrong("column", f"numbers in column '{name}' of {path.name}", f"values of {result.dtype}")
+    if result.len() > MOST_NUMBERS:
         raise table.wrong("column", f"{MOST_NUMBERS} numbers or fewer", "more", "Cut the file.")
-    return found
+    return result
 
 
 # -- Kinds --
@@ -187,7 +187,7 @@ EXCITATIONS: Mapping[str, Maker] = {
     "chirp": Chirp,
     "multisine": Multisine,
     "pseudo_random_binary": PseudoRandomBinary,
-    "steps": Steps,
+    "steps": SteppedExcitation,
     "random_steps": RandomSteps,
     "series": GivenSeries,
     "scaled": ScaledExcitation,
@@ -201,10 +201,10 @@ KINDS: Mapping[type, Mapping[str, Maker]] = {
     Excitation: EXCITATIONS,
     Control: CONTROLS,
     Integrator: INTEGRATORS,
-    Course: COURSES,
+    CoefficientPath: COURSES,
 }
 #: Kinds that are meant where a table names none.
-USUAL: Mapping[type, str] = {Course: "sinusoid"}
+USUAL: Mapping[type, str] = {CoefficientPath: "sinusoid"}
 
 
 def of_kind(table: TomlTable, family: type, **known: object) -> Any:

@@ -20,7 +20,7 @@ from eivor.estimation.methods import identify
 from eivor.estimation.weighting import EquationWeighting
 from eivor.inference import covariance as covariances
 from eivor.lab.experiments import Experiment
-from eivor.lab.regularised import PulledTowards, regularised
+from eivor.lab.regularised import ShrunkTowards, regularised
 from eivor.models.regression import Column, lags
 from eivor.process_pool import check_among
 from eivor.signals.signals import Signals
@@ -80,7 +80,7 @@ class Regularisation:
     towards: str = "zero"
 
     def __post_init__(self) -> None:
-        check_among("a vector to be pulled towards", self.towards, TARGETS)
+        check_among("a vector to be shrunk towards", self.towards, TARGETS)
         regularised(methods.least_squares(), self.parameter)
 
 
@@ -101,7 +101,7 @@ class MethodChoice:
     covariance : str
         What intervals rest on: "default", or one of `eivor.inference.covariance.TABLE`.
     known_noise : tuple of str, optional
-        Channels whose true noise the method is told; None for all of them.
+        Channels whose true noise the method is identified; None for all of them.
     label : str
         What results call it; default: its name.
     strength : float
@@ -152,7 +152,7 @@ class MethodChoice:
                 "Leave it out.",
             )
         made = self.method  # refuses a strength out of range, and what cannot be regularised
-        if self.regularisation is not None and not isinstance(made, LinearMethod | PulledTowards):
+        if self.regularisation is not None and not isinstance(made, LinearMethod | ShrunkTowards):
             raise UsageError("a regularisation of a linear method", f"one of '{self.name}'", "Leave it out.")
 
     @property
@@ -359,12 +359,12 @@ def _estimated(study: Study, choice: MethodChoice, signals: Signals) -> MethodRe
     estimate = identify(study.experiment.problem(signals, choice.instruments), choice.method)
     if study.intervals:
         estimate = choice.with_covariance(estimate)
-    found = []
+    results = []
     for name in study.parameters:
         value = estimate.parameters[name]
         if study.intervals:
             low, high = estimate.interval(name, study.level)
-            found.append(ParameterRecord(value, estimate.std_error(name), low, high))
+            results.append(ParameterRecord(value, estimate.std_error(name), low, high))
         else:
-            found.append(ParameterRecord(value))
-    return MethodRecord(estimate.status.value, "", tuple(found))
+            results.append(ParameterRecord(value))
+    return MethodRecord(estimate.status.value, "", tuple(results))

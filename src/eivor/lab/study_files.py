@@ -60,11 +60,11 @@ def method_choice(table: TomlTable, channel: str = INPUT) -> MethodChoice:
     known = table.texts("known_noise") if table.has("known_noise") else None
     label = table.text("label", name)
     covariance, strength = table.text("covariance", "default"), table.number("strength", 1.0)
-    pulled = _regularisation(table.section("regularisation")) if table.has("regularisation") else None
+    shrunk = _regularisation(table.section("regularisation")) if table.has("regularisation") else None
     table.taken.update(("lags", "known_noise", "regularisation"))
     table.finish()
     try:
-        return MethodChoice(name, lags, channel, weighting, known, label, covariance, strength, pulled)
+        return MethodChoice(name, lags, channel, weighting, known, label, covariance, strength, shrunk)
     except EivorError as error:
         raise _placed(table, error) from error
 
@@ -140,7 +140,7 @@ class Suite:
 
     def reduced(self, runs: int) -> Suite:
         """Same suite with other numbers of runs; trials are the same as far as they go."""
-        studies = tuple(replace(one, study=replace(one.study, runs=runs)) for one in self.studies)
+        studies = tuple(replace(study, study=replace(study.study, runs=runs)) for study in self.studies)
         return replace(self, studies=studies)
 
 

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
-from eivor.atomic_file import remove_abandoned, write_whole
+from eivor.atomic_file import remove_abandoned, write_atomically
 from eivor.errors import InputError, UsageError
 from eivor.inference.distributions import normal_quantile
 from eivor.inference.verdict import Status
@@ -37,17 +37,17 @@ GROUP_ROWS = 10_000
 def sealed(table: pl.DataFrame, facts: Mapping[str, str]) -> bytes:
     """Parquet of a table, sealed. Equal tables and facts give equal bytes."""
     content = parquet_bytes(table, {SEAL_KEY: "0" * SEAL_BYTES, **facts})
-    place = content.rindex(SEAL_MARK) + len(SEAL_MARK)
-    return content[:place] + _checksum(content, place) + content[place + SEAL_BYTES :]
+    position = content.rindex(SEAL_MARK) + len(SEAL_MARK)
+    return content[:position] + _checksum(content, position) + content[position + SEAL_BYTES :]
 
 
 def is_sealed(content: bytes, facts: Mapping[str, str]) -> bool:
     """Whether these are the bytes that `sealed` made, of a table of these facts. Decodes no table."""
-    place = content.rfind(SEAL_MARK) + len(SEAL_MARK)
-    if place < len(SEAL_MARK) or content[place : place + SEAL_BYTES] != _checksum(content, place):
+    position = content.rfind(SEAL_MARK) + len(SEAL_MARK)
+    if position < len(SEAL_MARK) or content[position : position + SEAL_BYTES] != _checksum(content, position):
         return False
-    found = pl.read_parquet_metadata(io.BytesIO(content))
-    return all(found.get(key) == value for key, value in facts.items())
+    result = pl.read_parquet_metadata(io.BytesIO(content))
+    return all(result.get(key) == value for key, value in facts.items())
 
 
 def parquet_bytes(table: pl.DataFrame, metadata: Mapping[str, str] | None = None) -> bytes:
@@ -64,16 +64,16 @@ def parquet_bytes(table: pl.DataFrame, metadata: Mapping[str, str] | None = None
     return buffer.getvalue()
 
 
-def _checksum(content: bytes, place: int) -> bytes:
+def _checksum(content: bytes, position: int) -> bytes:
     """Hexadecimal digest of a file whose seal begins at `place`."""
-    digest = hashlib.sha256(content[:place])
+    digest = hashlib.sha256(content[:position])
     digest.update(b"0" * SEAL_BYTES)
-    digest.update(content[place + SEAL_BYTES :])
+    digest.update(content[position + SEAL_BYTES :])
     return digest.hexdigest().encode()
 
 
 @contextmanager
-def system_errors_told(folder: Path, *, of: str, kept: str) -> Iterator[None]:
+def report_system_errors(folder: Path, *, of: str, kept: str) -> Iterator[None]:
     """Turn the system's error for a file of a folder of tables into one of Eivor's."""
     try:
         yield
@@ -92,13 +92,13 @@ def system_errors_told(folder: Path, *, of: str, kept: str) -> Iterator[None]:
 SHARD_TRIALS = 25
 #: Packages whose versions bear on the bytes.
 PACKAGES = ("eivor", "numpy", "scipy", "polars")
-#: Parts of a parameter's record when intervals are asked for, besides the value.
+#: Parts of a parameter's record when intervals are requested, besides the value.
 INTERVAL_PARTS = ("std_error", "low", "high")
 IDENTITY_FILE = "study.json"
 TABLE_FILE = "trials.parquet"
 
 #: The system's error for a file of a study's folder, as one of Eivor's.
-study_errors_told = partial(system_errors_told, of="study", kept="Trials that were complete")
+report_study_errors = partial(report_system_errors, of="study", kept="Trials that were complete")
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,12 +151,12 @@ class TrialShards:
 
     def write(self, number: int, trials: Sequence[TrialRecord]) -> None:
         """Keep the trials of a shard."""
-        with study_errors_told(self.folder):
-            write_whole(self.path(number), sealed(frame(self.study, trials), self._facts(number)))
+        with report_study_errors(self.folder):
+            write_atomically(self.path(number), sealed(frame(self.study, trials), self._facts(number)))
 
     def consolidate(self) -> pl.DataFrame:
         """Make the table of all trials from the shards."""
-        with study_errors_told(self.folder):
+        with report_study_errors(self.folder):
             # In two steps: thousands of small tables at once take many times the memory of one large one.
             table = pl.concat(
                 [
@@ -165,7 +165,7 @@ class TrialShards:
                 ],
                 rechunk=True,
             )
-            write_whole(self.folder / TABLE_FILE, parquet_bytes(table))
+            write_atomically(self.folder / TABLE_FILE, parquet_bytes(table))
         return table
 
 
@@ -183,12 +183,12 @@ def shard_trials(runs: int, number: int) -> range:
 def open_folder(study: Study, folder: Path) -> TrialShards:
     """Folder for a study: new, or one in which this study was begun."""
     shards = TrialShards(study, folder)
-    with study_errors_told(folder):
+    with report_study_errors(folder):
         if folder.exists() and not folder.is_dir():
             raise UsageError("a folder for the study", f"the file '{folder}'", "Choose another.")
         shards.path(0).parent.mkdir(parents=True, exist_ok=True)
-        for place in (folder, shards.path(0).parent):
-            remove_abandoned(place)
+        for item in (folder, shards.path(0).parent):
+            remove_abandoned(item)
         document = {
             "name": study.name,
             "identity": study.identity,
@@ -201,7 +201,7 @@ def open_folder(study: Study, folder: Path) -> TrialShards:
             _check_same(shards, document, before)
             document["versions"] = before["versions"]  # those that computed the trials, whoever looks at them
         if document != before:
-            write_whole(folder / IDENTITY_FILE, (json.dumps(document, indent=2) + "\n").encode())
+            write_atomically(folder / IDENTITY_FILE, (json.dumps(document, indent=2) + "\n").encode())
     return shards
 
 
@@ -260,13 +260,15 @@ def frame(study: Study, trials: Sequence[TrialRecord]) -> pl.DataFrame:
     """Trials as a table."""
     columns = [pl.Series("trial", [record.index for record in trials], pl.Int64)]
     for position, choice in enumerate(study.methods):
-        found = [record.methods[position] for record in trials]
+        results = [record.methods[position] for record in trials]
         columns += [
-            pl.Series(f"{choice.label}.{part}", [getattr(one, part) or None for one in found], pl.String)
+            pl.Series(
+                f"{choice.label}.{part}", [getattr(result, part) or None for result in results], pl.String
+            )
             for part in ("status", "error")
         ]
-        for place, name in enumerate(study.parameters):
-            records = [one.parameters[place] if one.parameters else None for one in found]
+        for index, name in enumerate(study.parameters):
+            records = [result.parameters[index] if result.parameters else None for result in results]
             stem = f"{choice.label}.{name}"
             columns += [
                 pl.Series(
@@ -286,7 +288,7 @@ Progress = Callable[[int, int], None]
 
 
 def no_progress(_done: int, _total: int, /) -> None:
-    """Tell nobody how much is done."""
+    """Report to no one how much is done."""
 
 
 @dataclass(frozen=True)
@@ -365,8 +367,8 @@ def run_study(
     done = study.runs - sum(len(shard_trials(study.runs, number)) for number in missing)
     progress(done, study.runs)
     with closing((executor or InProcess()).map(ShardTrials(study), missing)) as results:
-        for place, trials in results:
-            shards.write(missing[place], trials)
+        for item, trials in results:
+            shards.write(missing[item], trials)
             done += len(trials)
             progress(done, study.runs)
     return StudyResult(study, folder, shards.consolidate())

@@ -69,9 +69,11 @@ def triangular_root(rows: Float[np.ndarray, "m n"]) -> Float[np.ndarray, "k n"]:
     return root
 
 
-def merged_roots(one: Float[np.ndarray, "k n"], other: Float[np.ndarray, "m n"]) -> Float[np.ndarray, "q n"]:
+def merged_roots(
+    first: Float[np.ndarray, "k n"], other: Float[np.ndarray, "m n"]
+) -> Float[np.ndarray, "q n"]:
     """Root of two stacked blocks of rows, either of which may be a root itself."""
-    return _reduced(np.concatenate([one, other]))
+    return _reduced(np.concatenate([first, other]))
 
 
 def _reduced(rows: Float[np.ndarray, "m n"]) -> Float[np.ndarray, "k n"]:
@@ -170,7 +172,9 @@ class Solver(ABC):
 
     def objectives(self, systems: Float[np.ndarray, "systems m n_plus_1"]) -> Float[np.ndarray, " systems"]:
         """What `solve` would leave of many systems [A b] of one size. Performs no checks."""
-        return np.array([self.solve(LinearSystem(one[:, :-1], one[:, -1])).objective for one in systems])
+        return np.array(
+            [self.solve(LinearSystem(system[:, :-1], system[:, -1])).objective for system in systems]
+        )
 
     @abstractmethod
     def score_correction(

@@ -187,16 +187,16 @@ class SplitProblem:
     def theta(self, whitened: Float[np.ndarray, " q"]) -> Float[np.ndarray, " n"]:
         """All unknowns, from those of the whitened columns."""
         known, unknowns = self.exact.size, self.exact.size + self.noisy.size
-        found = np.empty(unknowns)
+        result = np.empty(unknowns)
         if self.noisy.size:
             direction = scipy.linalg.solve_triangular(
                 self.factor, np.append(whitened, -1.0), lower=True, trans="T"
             )
-            found[self.noisy] = -direction[:-1] / direction[-1]
+            result[self.noisy] = -direction[:-1] / direction[-1]
         if known:
-            right = self.root[:known, -1] - self.root[:known, known:unknowns] @ found[self.noisy]
-            found[self.exact] = scipy.linalg.solve_triangular(self.root[:known, :known], right)
-        return found
+            right = self.root[:known, -1] - self.root[:known, known:unknowns] @ result[self.noisy]
+            result[self.exact] = scipy.linalg.solve_triangular(self.root[:known, :known], right)
+        return result
 
     def whitened(self, theta: Float[np.ndarray, " n"]) -> Float[np.ndarray, " q"]:
         """Unknowns of the whitened columns, from all unknowns."""

@@ -106,9 +106,9 @@ def tilt_of_angles(radians: float, roll: str, pitch: str) -> Expression:
 def _formula(text: str, columns: Mapping[str, str]) -> Expression:
     """Return an expression in which other columns, of any name, stand for those of the text."""
     parsed = parse_expression(text, "formula")
-    shown = re.sub("|".join(rf"\b{name}\b" for name in columns), lambda m: f'"{columns[m[0]]}"', text)
+    match = re.sub("|".join(rf"\b{name}\b" for name in columns), lambda m: f'"{columns[m[0]]}"', text)
     steps = tuple(columns.get(step, step) if isinstance(step, str) else step for step in parsed.steps)
-    return Expression(shown, steps, tuple(dict.fromkeys(columns[name] for name in parsed.columns)))
+    return Expression(match, steps, tuple(dict.fromkeys(columns[name] for name in parsed.columns)))
 
 
 def _refused(where: str, received: str) -> ChannelMapError:
@@ -137,8 +137,8 @@ class _Compiler:
                 warnings.simplefilter("ignore")
                 tree = ast.parse(self.source, mode="eval")
         except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
-            place = getattr(error, "offset", None) or 1
-            start = self.source[max(place - 1, 0) :][:20] or self.source[-20:]
+            position = getattr(error, "offset", None) or 1
+            start = self.source[max(position - 1, 0) :][:20] or self.source[-20:]
             raise self._refuse(f"not understood at {start!r}") from None
         if "#" in _QUOTED.sub("", self.source):
             raise self._refuse("with a comment")
@@ -342,16 +342,18 @@ def _rule(name: str, section: TomlTable, source: str) -> ChannelRule:
             f"'{name}'",
             did_you_mean(name, known, "Rename the channel."),
         )
-    ways = [way for way in ("column", "expression", "quaternion", "roll_pitch") if section.has(way)]
-    if len(ways) != 1:
-        received = " and ".join(ways) or "none of them"
+    formulas = [
+        formula for formula in ("column", "expression", "quaternion", "roll_pitch") if section.has(formula)
+    ]
+    if len(formulas) != 1:
+        received = " and ".join(formulas) or "none of them"
         raise section.wrong(
             "", "exactly one of column, expression, quaternion, roll_pitch", received, "State one source."
         )
-    own = "rad" if ways[0] == "roll_pitch" else channel.unit
-    unit = section.choice("unit", tuple(dict.fromkeys((*UNITS, own))), own)
+    text = "rad" if formulas[0] == "roll_pitch" else channel.unit
+    unit = section.choice("unit", tuple(dict.fromkeys((*UNITS, text))), text)
     si_unit, to_si = UNITS.get(unit, (unit, 1.0))
-    expression, derived = _expression(section, ways[0], si_unit, to_si)
+    expression, derived = _expression(section, formulas[0], si_unit, to_si)
     if not derived and not unit_fits(channel, si_unit):
         raise section.wrong(
             "unit",
@@ -361,7 +363,7 @@ def _rule(name: str, section: TomlTable, source: str) -> ChannelRule:
         )
     if derived and name != "cos_tilt":
         raise section.wrong(
-            ways[0], "this key for cos_tilt only", f"it in {name}", "Use column or expression."
+            formulas[0], "this key for cos_tilt only", f"it in {name}", "Use column or expression."
         )
     factor = _sign(section) * _scale(section)
     rule = ChannelRule(
@@ -370,8 +372,8 @@ def _rule(name: str, section: TomlTable, source: str) -> ChannelRule:
         factor if derived else factor * to_si,
         section.flag("held", default=channel.held),
         section.flag("optional", default=False),
-        expression.columns if ways[0] == "roll_pitch" else (),
-        unit if ways[0] == "roll_pitch" else "",
+        expression.columns if formulas[0] == "roll_pitch" else (),
+        unit if formulas[0] == "roll_pitch" else "",
         section.choice("source", SOURCES, source) == ESTIMATOR,
         _delay_s(section),
         _noise(section, to_si),
@@ -446,17 +448,17 @@ def _scale(section: TomlTable) -> float:
     return scale
 
 
-def _expression(section: TomlTable, way: str, si_unit: str, to_si: float) -> tuple[Expression, bool]:
+def _expression(section: TomlTable, formula: str, si_unit: str, to_si: float) -> tuple[Expression, bool]:
     """Expression of a rule, and whether it is one of the derived quantities."""
-    if way == "column":
+    if formula == "column":
         column = section.text("column")
         return Expression.of_column(
             element_name(column, _index(section)) if section.has("index") else column
         ), False
-    if way == "expression":
+    if formula == "expression":
         where = f"{section.path}.expression of {section.file}"
         return parse_expression(section.text("expression"), where), False
-    if way == "quaternion":
+    if formula == "quaternion":
         return tilt_of_quaternion(*_columns(section, "quaternion", 4)), True
     if si_unit != "rad":
         raise section.wrong(

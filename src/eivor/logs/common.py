@@ -69,8 +69,8 @@ def element_of(name: str, columns: Sequence[str]) -> tuple[str, int] | None:
 
 def with_elements(needed: Sequence[str], columns: Sequence[str]) -> list[str]:
     """Return the columns of a table, and after them the elements of them that are needed."""
-    found = [name for name in dict.fromkeys(needed) if element_of(name, columns) is not None]
-    return [*columns, *found]
+    names = [name for name in dict.fromkeys(needed) if element_of(name, columns) is not None]
+    return [*columns, *names]
 
 
 # -- Extrapolation --
@@ -86,18 +86,18 @@ def without_extrapolation(
 ) -> tuple[dict[str, Float[np.ndarray, " n"]], Finding | None]:
     """Return the columns with made-up values as NaN, and what was found."""
     starts = {name: _line_start(time_s, values) for name, values in columns.items()}
-    begun = {name: start for name, start in starts.items() if start is not None}
-    if len(begun) < MIN_COLUMNS:
+    started = {name: start for name, start in starts.items() if start is not None}
+    if len(started) < MIN_COLUMNS:
         return dict(columns), None
-    middle = int(np.median(list(begun.values())))
-    together = [name for name, start in begun.items() if abs(start - middle) <= TOGETHER_ROWS]
+    middle = int(np.median(list(started.values())))
+    together = [name for name, start in started.items() if abs(start - middle) <= TOGETHER_ROWS]
     # four rotors on one commanded ramp are one line, not four
     different = {tuple(columns[name][-2:]) for name in together}
     if len(different) < MIN_COLUMNS:
         return dict(columns), None
     cleaned = dict(columns)
     for name in together:
-        cleaned[name] = np.where(np.arange(time_s.size) > begun[name], np.nan, columns[name])
+        cleaned[name] = np.where(np.arange(time_s.size) > started[name], np.nan, columns[name])
     named = ", ".join(map(repr, together))
     message = (
         f"From {time_s[middle]:.2f} s to the end, {len(together)} columns are straight lines ({named}): made "
@@ -141,7 +141,7 @@ def channel_findings(channels: Mapping[str, Channel]) -> tuple[Finding, ...]:
 
 
 @dataclass(frozen=True, slots=True)
-class Look:
+class ChannelProfile:
     """What findings need of every channel."""
 
     quality: ChannelQuality
@@ -149,19 +149,19 @@ class Look:
     values: Float[np.ndarray, " n"]
 
 
-def look(channel: Channel) -> Look:
+def look(channel: Channel) -> ChannelProfile:
     """Look at a channel."""
     every = -(-channel.time_s.size // ENOUGH) or 1
     steps = channel.time_s[1::every] - channel.time_s[:-1:every]
     sampled = channel.time_s.size > 2 and not channel.held
     values = np.array(channel.values[::every]) if channel.name in _SIZED else np.empty(0)
-    return Look(channel.quality, float(np.median(steps)) if sampled else np.nan, values)
+    return ChannelProfile(channel.quality, float(np.median(steps)) if sampled else np.nan, values)
 
 
-def findings_of(looks: Mapping[str, Look], channels: Mapping[str, Channel]) -> tuple[Finding, ...]:
+def findings_of(looks: Mapping[str, ChannelProfile], channels: Mapping[str, Channel]) -> tuple[Finding, ...]:
     """Return what `channel_findings` does, of channels that were looked at as they were made."""
-    qualities = {name: one.quality for name, one in looks.items()}
-    steps = [one.step_s for one in looks.values() if np.isfinite(one.step_s)]
+    qualities = {name: item.quality for name, item in looks.items()}
+    steps = [item.step_s for item in looks.values() if np.isfinite(item.step_s)]
     return (*_count_findings(qualities), *_time_findings(steps), *_unit_findings(looks, channels))
 
 
@@ -211,8 +211,8 @@ def _time_findings(steps: Sequence[float]) -> list[Finding]:
     ]
 
 
-def _unit_findings(looks: Mapping[str, Look], channels: Mapping[str, Channel]) -> list[Finding]:
-    values = {name: one.values for name, one in looks.items() if name in _SIZED}
+def _unit_findings(looks: Mapping[str, ChannelProfile], channels: Mapping[str, Channel]) -> list[Finding]:
+    values = {name: item.values for name, item in looks.items() if name in _SIZED}
     doubts = [
         *_force_doubts(values),
         *_attitude_doubts(values),
@@ -359,7 +359,7 @@ class KeptChannels(MadeChannels):
             self._held |= arrays
             self._kept[channel.name] = channel
 
-    def settled(self) -> Mapping[str, Channel]:
+    def finished(self) -> Mapping[str, Channel]:
         """Return the channels: as a dictionary when all of them are kept."""
         if len(self._kept) < len(self._makers):
             return self
@@ -375,9 +375,9 @@ class KeptChannels(MadeChannels):
         """Return the channels of a part of the log, all of it where it cannot be cut."""
         if self.cut is None:
             return self
-        found = self.cut(start_s, end_s, step_s)
-        found._span_s = self._span_s
-        return found
+        result = self.cut(start_s, end_s, step_s)
+        result._span_s = self._span_s
+        return result
 
     def __getitem__(self, name: str) -> Channel:
         kept = self._kept.get(name)
@@ -401,7 +401,7 @@ HEAD_BYTES = 65536
 
 @dataclass(frozen=True, slots=True)
 class ReadOptions:
-    """What a reader is told beside the file."""
+    """What a reader is reported beside the file."""
 
     channel_map: str | os.PathLike[str] | None = None
     sha256: str = ""  # Hash of the file's bytes, for the Recording
@@ -470,29 +470,29 @@ def silenced(channel: Channel, end_s: float) -> Channel:
 #: A column has a clock of its own where at least this share of the steps between its values skips rows. What
 #: is lost now and then skips fewer, and a setpoint that is not in force for a while skips many rows at once.
 SKIPPING_SHARE = 0.1
-#: Fewer values tell nothing of a clock.
+#: Fewer values carry no information about a clock.
 FEWEST_VALUES = 10
 
 
-def on_own_clock(channel: Channel) -> Channel:
+def on_channel_clock(channel: Channel) -> Channel:
     """Return the channel at the rows that it has values in, where these are its own; else as it is."""
-    own = np.isfinite(channel.values)
-    rows = np.flatnonzero(own)
+    current = np.isfinite(channel.values)
+    rows = np.flatnonzero(current)
     if rows.size < FEWEST_VALUES or np.mean(np.diff(rows) > 1) < SKIPPING_SHARE:
         return channel
     quality = replace(channel.quality, missing_values=0)
-    on_own = replace(channel, time_s=channel.time_s[own], values=channel.values[own], quality=quality)
+    on_own = replace(channel, time_s=channel.time_s[current], values=channel.values[current], quality=quality)
     return silenced(on_own, float(channel.time_s[-1])) if channel.held else on_own
 
 
 def own_clock_findings(before: Mapping[str, Channel], after: Mapping[str, Channel]) -> list[Finding]:
     """Say which columns have clocks of their own, and how quick these are."""
-    told = [f"{name} {one.rate_hz:.3g} Hz" for name, one in after.items() if one is not before[name]]
-    if not told:
+    texts = [f"{name} {item.rate_hz:.3g} Hz" for name, item in after.items() if item is not before[name]]
+    if not texts:
         return []
     return [
         Finding(
-            "own_clock", f"Without a value in some rows, and read at rates of their own: {', '.join(told)}."
+            "own_clock", f"Without a value in some rows, and read at rates of their own: {', '.join(texts)}."
         )
     ]
 
@@ -502,7 +502,7 @@ def own_clock_findings(before: Mapping[str, Channel], after: Mapping[str, Channe
 #: Stamps further than this from the log's others are damaged [s].
 MAX_SPAN_S = 1e6
 #: A stamp that is ahead of both its neighbours by so much is damaged, not the ones after it [s].
-AHEAD_S = 1.0
+HORIZON_S = 1.0
 
 
 def believable(time_s: Float[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
@@ -511,9 +511,9 @@ def believable(time_s: Float[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
     if within and np.all(time_s[1:] >= time_s[:-1]):
         return np.ones(time_s.size, dtype=np.bool_)
     usable = np.abs(time_s) <= MAX_SPAN_S
-    usable[:-1][:1] &= time_s[:-1][:1] - time_s[1:][:1] <= AHEAD_S
+    usable[:-1][:1] &= time_s[:-1][:1] - time_s[1:][:1] <= HORIZON_S
     before, here, after = time_s[:-2], time_s[1:-1], time_s[2:]
-    usable[1:-1] &= (here - np.maximum(before, after) <= AHEAD_S) | (before > after)
+    usable[1:-1] &= (here - np.maximum(before, after) <= HORIZON_S) | (before > after)
     return usable
 
 

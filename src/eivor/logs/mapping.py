@@ -23,7 +23,7 @@ from eivor.logs.common import (
     TIME_UNITS,
     Columns,
     channel_findings,
-    on_own_clock,
+    on_channel_clock,
     own_clock_findings,
     without_extrapolation,
 )
@@ -35,7 +35,7 @@ from eivor.tools import Bool, Float
 
 #: First stamps beyond this are a calendar's, not a log's [s].
 EPOCH_S = 1e7
-_SHOWN = 12
+_MOST_LISTED = 12
 
 
 def canonical_map(names: Sequence[str], origin: str) -> ChannelMap | None:
@@ -127,8 +127,8 @@ def ignored_columns(names: Sequence[str]) -> list[Finding]:
 
 def listed(names: Sequence[str]) -> str:
     """Return the first of some names, quoted and cut, and how many more there are."""
-    shown = ", ".join(repr(name[:60]) for name in names[:_SHOWN])
-    return f"{shown} and {len(names) - _SHOWN} more" if len(names) > _SHOWN else shown
+    text = ", ".join(repr(name[:60]) for name in names[:_MOST_LISTED])
+    return f"{text} and {len(names) - _MOST_LISTED} more" if len(names) > _MOST_LISTED else text
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,9 +151,9 @@ def mapped_recording(
     findings: Sequence[Finding] = (),
 ) -> Recording:
     """Return the recording of a table."""
-    channels, found = mapped_channels(chosen, rules, columns, name)
+    channels, result = mapped_channels(chosen, rules, columns, name)
     if not channels:
-        lists = f". {_lists_told(columns)}" if columns.lists else ""
+        lists = f". {_report_lists(columns)}" if columns.lists else ""
         raise EmptyLogError(
             "a table with values",
             f"'{name}', in which every mapped column is empty{lists}",
@@ -167,7 +167,7 @@ def mapped_recording(
         sha256=sha256,
         input_map=chosen.input_map,
         looked_for={**looked_for(chosen), **without_a_number(rules, channels)},
-        findings=(*findings, *found, *delay_findings(channels, chosen.origin), *channel_findings(channels)),
+        findings=(*findings, *result, *delay_findings(channels, chosen.origin), *channel_findings(channels)),
         origin=LogOrigin(airframe=chosen.airframe, start=_start(chosen, columns)),
     )
 
@@ -193,34 +193,36 @@ def mapped_channels(
     chosen: ChannelMap, rules: Sequence[ChannelRule], columns: Columns, name: str
 ) -> tuple[dict[str, Channel], list[Finding]]:
     """Return the channels with a value that rules make of columns of one clock, and what was found."""
-    found = _text_findings(columns)
+    text_findings = _text_findings(columns)
     time_s, stamped, more = _clock(chosen, columns, name)
-    found += more
+    text_findings += more
     measured = {
         key: raw if stamped.all() else raw[stamped]
         for key, raw in columns.values.items()
         if key != chosen.time_column
     }
     kept, made_up = without_extrapolation(time_s, measured)
-    found += [made_up] if made_up is not None else []
+    text_findings += [made_up] if made_up is not None else []
     ranged = {
         key: _within(values, np.isnan(kept[key]), chosen.ranges.get(key)) for key, values in measured.items()
     }
-    found += _angle_findings(rules, ranged)
+    text_findings += _angle_findings(rules, ranged)
     channels = {}
     for rule in rules:
         channel = _channel(rule, time_s, ranged)
         if np.isfinite(channel.values).any():
             channels[rule.name] = channel
         else:
-            found.append(Finding("never_valid", f"Without one value: {rule.name} ({rule.expression.text})."))
-    own = {name: on_own_clock(channel) for name, channel in channels.items()}
-    return own, [*found, *own_clock_findings(channels, own)]
+            text_findings.append(
+                Finding("never_valid", f"Without one value: {rule.name} ({rule.expression.text}).")
+            )
+    selected = {name: on_channel_clock(channel) for name, channel in channels.items()}
+    return selected, [*text_findings, *own_clock_findings(channels, selected)]
 
 
 def delay_findings(channels: Mapping[str, Channel], origin: str) -> list[Finding]:
     """Say which delays have been taken off, and who says so."""
-    late = [f"{name} {1e3 * one.delay_s:g} ms" for name, one in channels.items() if one.delay_s]
+    late = [f"{name} {1e3 * channel.delay_s:g} ms" for name, channel in channels.items() if channel.delay_s]
     if not late:
         return []
     return [Finding("sensor_delay", f"Taken off the stamps, as {origin} says: {', '.join(late)}.")]
@@ -229,7 +231,7 @@ def delay_findings(channels: Mapping[str, Channel], origin: str) -> list[Finding
 def _text_findings(columns: Columns) -> list[Finding]:
     findings = []
     if columns.lists:
-        findings.append(Finding("lists", f"{_lists_told(columns)}."))
+        findings.append(Finding("lists", f"{_report_lists(columns)}."))
     others = {name: count for name, count in columns.unreadable.items() if name not in columns.lists}
     if others:
         cells = ", ".join(f"{name[:60]!r} {count}" for name, count in others.items())
@@ -237,10 +239,10 @@ def _text_findings(columns: Columns) -> list[Finding]:
     return findings
 
 
-def _lists_told(columns: Columns) -> str:
+def _report_lists(columns: Columns) -> str:
     """Say which columns hold lists, and how a map names an element."""
-    shown = ", ".join(f"{name[:60]!r} ({cell[:60]})" for name, cell in columns.lists.items())
-    return f"Columns whose cells are lists, which are no numbers: {shown}; a map names one by its `index`"
+    text = ", ".join(f"{name[:60]!r} ({cell[:60]})" for name, cell in columns.lists.items())
+    return f"Columns whose cells are lists, which are no numbers: {text}; a map names one by its `index`"
 
 
 def _clock(
@@ -427,6 +429,6 @@ def _check_among(estimated: tuple[str, ...], names: list[str]) -> None:
     """Refuse what does not name columns."""
     remedy = 'Give ("velocity_z",), for example.'
     checks.items("estimated", estimated, str, "names of channels", remedy)
-    unknown = [one for one in estimated if one not in names]
+    unknown = [item for item in estimated if item not in names]
     if unknown:
         raise UsageError(f"channels out of {', '.join(names)}", f"{unknown[0]!r}", "Correct the name.")

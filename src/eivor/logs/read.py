@@ -82,16 +82,16 @@ RECOGNISED: tuple[LogFormat, ...] = (
 
 def _is_telemetry(head: bytes, _file: Path) -> bool:
     """Whether it is a telemetry log: a stamp [us] before each MAVLink message, at least three of them."""
-    place = found = 0
-    while place + 11 <= len(head):
-        stamp = int.from_bytes(head[place : place + 8], "big")
-        first, length = head[place + 8], head[place + 9]
+    position = result = 0
+    while position + 11 <= len(head):
+        stamp = int.from_bytes(head[position : position + 8], "big")
+        first, length = head[position + 8], head[position + 9]
         if not _STAMPS_US[0] < stamp < _STAMPS_US[1] or first not in _MAVLINK:
             break
-        signed = 13 * (first == _MAVLINK_2 and head[place + 10] & 1)
-        place += 8 + length + _MAVLINK[first] + signed
-        found += 1
-    return found >= 3
+        signed = 13 * (first == _MAVLINK_2 and head[position + 10] & 1)
+        position += 8 + length + _MAVLINK[first] + signed
+        result += 1
+    return result >= 3
 
 
 def _is_dji(head: bytes, file: Path) -> bool:
@@ -122,7 +122,7 @@ def _refuse_dji(file: Path, _options: ReadOptions) -> Never:
     )
 
 
-#: Formats of others that are told by more than their first bytes.
+#: Formats of others that are recognised by more than their first bytes.
 TELEMETRY = LogFormat("tlog", "a telemetry log", _is_telemetry, _refuse_telemetry, is_read=False)
 DJI = LogFormat("dji", "a flight record of DJI", _is_dji, _refuse_dji, is_read=False)
 
@@ -172,7 +172,7 @@ EIGHT_BIT = LogFormat(
 
 # -- Table of formats --
 
-#: Formats that are told by their first bytes.
+#: Formats that are recognised by their first bytes.
 FORMATS: tuple[LogFormat, ...] = (
     ULOG,
     ULOG_CSV,
@@ -248,9 +248,9 @@ def format_at(path: Path) -> LogFormat:
 
 def folder_parts(folder: Path) -> FolderParts:
     """Return which files of a folder are one log together, and which were made of logs beside them."""
-    found = [row.parts(folder) for row in readable_formats()]
-    derived = frozenset().union(*(one.derived for one in found))
-    return FolderParts(next((one.members for one in found if one.members), frozenset()), derived)
+    results = [row.parts(folder) for row in readable_formats()]
+    derived = frozenset().union(*(result.derived for result in results))
+    return FolderParts(next((result.members for result in results if result.members), frozenset()), derived)
 
 
 def logging_advice(name: str = ULOG.name, channel: str = "") -> tuple[str, ...]:
@@ -274,7 +274,7 @@ def read_log(
     channel_map: str | os.PathLike[str] | None = None,
     max_bytes: int = DEFAULT_MAX_BYTES,
 ) -> Recording:
-    """Read a flight log of any supported format, told by its content.
+    """Read a flight log of any supported format, recognised by its content.
 
     Parameters
     ----------

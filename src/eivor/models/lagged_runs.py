@@ -10,7 +10,7 @@ import numpy as np
 
 from eivor.errors import InstrumentError, ShapeError, TooFewSamplesError
 from eivor.models.regression import AxisRows, Parameter, Regression, RowLayout, SampleRows, noise_of_surrogate
-from eivor.models.separable import Begun, Nuisance, SeparableProblem, Values
+from eivor.models.separable import Nuisance, SeparableProblem, Values, WarmStart
 from eivor.models.spectral import BinRows, SpectralRegression, SpectralRun
 from eivor.tools import Bool, Complex, Float
 
@@ -47,9 +47,9 @@ def lag_and_delay(
     Parameters
     ----------
     lags_s, delays_s : sequence of float
-        Lags to search, and delays to tell apart [s]; a single one when it is known.
+        Lags to search, and delays to distinguish  [s]; a single one when it is known.
     step_s : float
-        Between samples [s], which do not tell shorter lags apart.
+        Between samples [s], which do not distinguish shorter lags.
     """
     delay = Nuisance(
         DELAY,
@@ -171,10 +171,10 @@ class LaggedRuns(SeparableProblem):
     intercepts: bool = True
     noise: Callable[[Values], RowNoise] | None = None
     noisier: LaggedRuns | None = None
-    begun: Begun | None = None
+    warm_start: WarmStart | None = None
 
     def __post_init__(self) -> None:
-        if not any(one.runs for one in self.columns):
+        if not any(column.runs for column in self.columns):
             raise TooFewSamplesError(
                 "at least one usable run of flight", "none", "See the reasons that `eivor inspect` gives."
             )
@@ -188,15 +188,15 @@ class LaggedRuns(SeparableProblem):
                 f"{count or 'none'}; the longest run lasts {longest:.3g} s",
                 "Fly longer without a break, and log commands and sensors faster.",
             )
-        for one in self.columns:
-            if one.responses.shape[1] not in (1, 2):
+        for item in self.columns:
+            if item.responses.shape[1] not in (1, 2):
                 raise ShapeError(
                     "one or two candidates for the response of an axis",
-                    f"{one.responses.shape[1]}",
+                    f"{item.responses.shape[1]}",
                     "Give what was measured and, beside it, a derivative of what was measured.",
                 )
         for axis in self.axes:
-            widths = [one.instruments.shape[1] for one in self.columns if one.axis == axis]
+            widths = [column.instruments.shape[1] for column in self.columns if column.axis == axis]
             if len(set(widths)) != 1:
                 raise InstrumentError(
                     "the same instruments in every flight of a pool",
@@ -207,7 +207,7 @@ class LaggedRuns(SeparableProblem):
     @cached_property
     def axes(self) -> tuple[int, ...]:
         """Numbers of the axes, increasing."""
-        return tuple(sorted({one.axis for one in self.columns}))
+        return tuple(sorted({column.axis for column in self.columns}))
 
     def combined(
         self,
@@ -216,7 +216,7 @@ class LaggedRuns(SeparableProblem):
         combination: Float[np.ndarray, "m k"],
         *,
         noisier: LaggedRuns | None = None,
-        begun: Begun | None = None,
+        begun: WarmStart | None = None,
     ) -> LaggedRuns:
         """The same runs with moving columns that are sums of these, of which no spectrum is made twice.
 
@@ -232,66 +232,74 @@ class LaggedRuns(SeparableProblem):
             In the new parameters, see above.
         """
         fixed = self.parameters[: self.columns[0].fixed.shape[1]]
-        found = replace(self, columns=columns, parameters=(*fixed, *moving), noisier=noisier, begun=begun)
-        found._moving_bins.update((at, spectra @ combination) for at, spectra in self._moving_bins.items())
-        return found
+        result = replace(
+            self, columns=columns, parameters=(*fixed, *moving), noisier=noisier, warm_start=begun
+        )
+        result._moving_bins.update(
+            (name, spectra @ combination) for name, spectra in self._moving_bins.items()
+        )
+        return result
 
     def band_hz(self, axis: int) -> tuple[float, float]:
         """Band of an axis' spectral rows [Hz]."""
-        return next(one.band_hz for one in self.columns if one.axis == axis)
+        return next(column.band_hz for column in self.columns if column.axis == axis)
 
     def _cut(self) -> Iterator[tuple[AxisColumns, slice]]:
         """Every run, in the order of the rows."""
-        for one in self.columns:
-            for run in one.runs:
-                yield one, run
+        for column in self.columns:
+            for run in column.runs:
+                yield column, run
 
-    def _moving(self, at: Values) -> list[Float[np.ndarray, "_ k"]]:
+    def _moving(self, nuisances: Values) -> list[Float[np.ndarray, "_ k"]]:
         """Moving columns of every run, of the parameters that move in its equation."""
-        found: list[np.ndarray] = []
-        for one in self.columns:
-            columns, places = one.moving(at), self._places(one)
-            if columns.shape[1] != len(places):
+        results: list[np.ndarray] = []
+        for column in self.columns:
+            columns, positions = column.moving(nuisances), self._positions(column)
+            if columns.shape[1] != len(positions):
                 raise ShapeError(
                     f"a fixed or moving column for each of {len(self.parameters)} parameters",
-                    f"{one.fixed.shape[1]} and {columns.shape[1]}",
+                    f"{column.fixed.shape[1]} and {columns.shape[1]}",
                     "Give columns of zeros for what is not in an axis' equation, or say what is.",
                 )
-            found.extend(columns[run] for run in one.runs)
-        return found
+            results.extend(columns[run] for run in column.runs)
+        return results
 
-    def _places(self, one: AxisColumns) -> Sequence[int]:
+    def _positions(self, axis_columns: AxisColumns) -> Sequence[int]:
         """Places of the columns that move in an axis' equation, among all that move."""
-        return range(len(self.parameters) - one.fixed.shape[1]) if one.moved is None else one.moved
+        return (
+            range(len(self.parameters) - axis_columns.fixed.shape[1])
+            if axis_columns.moved is None
+            else axis_columns.moved
+        )
 
     def _among_all(self, blocks: list[np.ndarray]) -> list[np.ndarray]:
         """Moving columns of every run at their places, with zeros for what is not in its equation."""
-        found = []
-        for (one, _), block in zip(self._cut(), blocks, strict=True):
-            whole = np.zeros((block.shape[0], len(self.parameters) - one.fixed.shape[1]), block.dtype)
-            whole[:, list(self._places(one))] = block
-            found.append(whole)
-        return found
+        results = []
+        for (item, _), block in zip(self._cut(), blocks, strict=True):
+            whole = np.zeros((block.shape[0], len(self.parameters) - item.fixed.shape[1]), block.dtype)
+            whole[:, list(self._positions(item))] = block
+            results.append(whole)
+        return results
 
     @cached_property
     def _instruments(self) -> list[Float[np.ndarray, "_ p"]]:
         """Instruments of every run: each axis has columns of its own."""
-        widths = {one.axis: one.instruments.shape[1] for one in self.columns}
+        widths = {column.axis: column.instruments.shape[1] for column in self.columns}
         first = dict(zip(self.axes, np.cumsum([0, *(widths[axis] for axis in self.axes)]), strict=False))
-        found = []
-        for one, run in self._cut():
+        results = []
+        for item, run in self._cut():
             columns = np.zeros((run.stop - run.start, sum(widths.values())))
-            columns[:, first[one.axis] : first[one.axis] + widths[one.axis]] = one.instruments[run]
-            found.append(columns)
-        return found
+            columns[:, first[item.axis] : first[item.axis] + widths[item.axis]] = item.instruments[run]
+            results.append(columns)
+        return results
 
     # -- rows in time ---------------------------------------------------------------------------------
 
     def _timed(self, blocks: list[Float[np.ndarray, "_ columns"]]) -> Float[np.ndarray, "rows columns"]:
         """Samples of all runs that count, without the means of their run when it has an intercept."""
         rows: list[np.ndarray] = []
-        for (one, run), block in zip(self._cut(), blocks, strict=True):
-            counted = one.counted(run)
+        for (item, run), block in zip(self._cut(), blocks, strict=True):
+            counted = item.counted(run)
             kept = block if counted is None else block[counted]
             rows.append(kept - kept.mean(axis=0) if self.intercepts else kept)
         return np.concatenate(rows)
@@ -299,17 +307,17 @@ class LaggedRuns(SeparableProblem):
     @cached_property
     def _fixed_rows(self) -> tuple[Float[np.ndarray, "rows f_plus_1"], Float[np.ndarray, "rows p"]]:
         """[y fixed] and instruments of all runs."""
-        fixed = [np.column_stack([one.responses[run, 0], one.fixed[run]]) for one, run in self._cut()]
+        fixed = [np.column_stack([item.responses[run, 0], item.fixed[run]]) for item, run in self._cut()]
         return self._timed(fixed), self._timed(self._instruments)
 
     @cached_property
     def _row_layout(self) -> RowLayout:
         parts = []
-        for one, run in self._cut():
+        for item, run in self._cut():
             samples = np.arange(run.start, run.stop)
-            counted = one.counted(run)
+            counted = item.counted(run)
             samples = samples if counted is None else samples[counted]
-            which = (np.full(samples.size, one.flight), np.full(samples.size, one.axis))
+            which = (np.full(samples.size, item.flight), np.full(samples.size, item.axis))
             parts.append(np.stack([*which, samples]))
         flights, axes, samples = np.concatenate(parts, axis=1)
         return SampleRows(flights) if len(self.axes) == 1 else AxisRows(flights, axes, samples)
@@ -321,7 +329,7 @@ class LaggedRuns(SeparableProblem):
         regressors = np.column_stack([fixed[:, 1:], moving])
         exact = np.zeros((instruments.shape[1], len(self.parameters) + 1))
         noise = RowNoise(None, exact) if self.noise is None else self.noise(at)
-        found = Regression(
+        regression = Regression(
             fixed[:, 0],
             regressors,
             instruments,
@@ -331,9 +339,9 @@ class LaggedRuns(SeparableProblem):
             noise.instruments,
         )
         if self.noisier is None:
-            return found
+            return regression
         more = self.noisier.rows(at)
-        return replace(found, regressor_noise=noise_of_surrogate(found, more))
+        return replace(regression, regressor_noise=noise_of_surrogate(regression, more))
 
     # -- rows in frequency ----------------------------------------------------------------------------
 
@@ -342,15 +350,15 @@ class LaggedRuns(SeparableProblem):
         return BinRows(
             tuple(
                 SpectralRun(
-                    one.flight,
+                    item.flight,
                     run.stop - run.start,
-                    one.step_s,
-                    one.band_hz,
-                    one.axis,
+                    item.step_s,
+                    item.band_hz,
+                    item.axis,
                     run.start,
-                    one.counted(run),
+                    item.counted(run),
                 )
-                for one, run in self._cut()
+                for item, run in self._cut()
             )
         )
 
@@ -362,15 +370,15 @@ class LaggedRuns(SeparableProblem):
     def _fixed_bins(self) -> tuple[Complex[np.ndarray, "bins r"], Complex[np.ndarray, "bins f"], np.ndarray]:
         """Candidate responses that all flights of an axis have, fixed columns, and instruments."""
         common = {
-            axis: min(one.responses.shape[1] for one in self.columns if one.axis == axis)
+            axis: min(column.responses.shape[1] for column in self.columns if column.axis == axis)
             for axis in self.axes
         }
         most, known = max(common.values()), self.columns[0].fixed.shape[1]
         blocks = []
-        for (one, run), instruments in zip(self._cut(), self._instruments, strict=True):
-            responses = one.responses[run, -common[one.axis] :]
+        for (item, run), instruments in zip(self._cut(), self._instruments, strict=True):
+            responses = item.responses[run, -common[item.axis] :]
             twice = [responses] * (most - responses.shape[1] + 1)
-            blocks.append(np.column_stack([*twice, one.fixed[run], instruments]))
+            blocks.append(np.column_stack([*twice, item.fixed[run], instruments]))
         spectra = np.concatenate(self._spectra(blocks))
         return spectra[:, :most], spectra[:, most : most + known], spectra[:, most + known :]
 
@@ -402,7 +410,7 @@ class LaggedRuns(SeparableProblem):
         theta : ndarray, shape (n,)
             Linear parameters.
         part : sequence of int
-            Numbers of the parameters whose part is told by itself.
+            Numbers of the parameters whose part is recognised by itself.
 
         Returns
         -------
@@ -410,43 +418,43 @@ class LaggedRuns(SeparableProblem):
             Over the samples of the axis' runs that count, run after run.
         """
         bins, index = self.bins(at), list(part)
-        told = np.column_stack(
+        reported = np.column_stack(
             [bins.responses[:, 0], bins.regressors @ theta, bins.regressors[:, index] @ theta[index]]
         )
         ends = np.cumsum([run.count for run in self._bin_layout.runs])
-        found = []
+        results = []
         for run, end in zip(self._bin_layout.runs, ends.tolist(), strict=True):
             if run.axis == axis:
-                series = run.series(told[end - run.count : end])
-                found.append(series if run.counted is None else series[run.counted])
-        return np.concatenate(found)
+                series = run.series(reported[end - run.count : end])
+                results.append(series if run.counted is None else series[run.counted])
+        return np.concatenate(results)
 
     def many_bins(self, points: Sequence[Values]) -> list[SpectralRegression]:
         """Rows in frequency at many values; as much of what moves as is remembered is made together."""
         bins = sum(run.count for run in self._bin_layout.runs)
         size = max(bins * (len(self.parameters) - self.columns[0].fixed.shape[1]), 1)
-        new = [at for at in points if self._key(at) not in self._moving_bins]
+        new = [point for point in points if self._key(point) not in self._moving_bins]
         new = new[: max(MEMO_NUMBERS // size - len(self._moving_bins), 0)]
         samples = sum(run.stop - run.start for _, run in self._cut())
         count = max(TOGETHER_NUMBERS // samples, 1)
         for first in range(0, len(new), count):
             together = new[first : first + count]
-            blocks = zip(*(self._moving(at) for at in together), strict=True)
+            blocks = zip(*(self._moving(item) for item in together), strict=True)
             # each column is one stretch of memory, as it is when it is alone
-            spectra = self._spectra([np.concatenate([one.T for one in block]).T for block in blocks])
-            each = zip(*(np.split(one, len(together), axis=1) for one in spectra), strict=True)
-            for at, own in zip(together, each, strict=True):
-                self._moving_bins[self._key(at)] = np.concatenate(self._among_all(list(own)))
-        return [self.bins(at) for at in points]
+            spectra = self._spectra([np.concatenate([item.T for item in block]).T for block in blocks])
+            each = zip(*(np.split(spectrum, len(together), axis=1) for spectrum in spectra), strict=True)
+            for entry, element in zip(together, each, strict=True):
+                self._moving_bins[self._key(entry)] = np.concatenate(self._among_all(list(element)))
+        return [self.bins(point) for point in points]
 
-    def _key(self, at: Values) -> tuple[float, ...]:
-        return tuple(at[nuisance.name] for nuisance in self.nuisances)
+    def _key(self, nuisances: Values) -> tuple[float, ...]:
+        return tuple(nuisances[nuisance.name] for nuisance in self.nuisances)
 
-    def _moving_spectra(self, at: Values) -> Complex[np.ndarray, "bins m"]:
-        key = self._key(at)
-        found = self._moving_bins.get(key)
-        if found is None:
-            found = np.concatenate(self._among_all(self._spectra(self._moving(at))))
-            if (len(self._moving_bins) + 1) * found.size <= MEMO_NUMBERS:
-                self._moving_bins[key] = found
-        return found
+    def _moving_spectra(self, nuisances: Values) -> Complex[np.ndarray, "bins m"]:
+        key = self._key(nuisances)
+        result = self._moving_bins.get(key)
+        if result is None:
+            result = np.concatenate(self._among_all(self._spectra(self._moving(nuisances))))
+            if (len(self._moving_bins) + 1) * result.size <= MEMO_NUMBERS:
+                self._moving_bins[key] = result
+        return result

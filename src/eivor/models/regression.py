@@ -25,7 +25,7 @@ from eivor.tools import Float, Int
 
 # -- Column --
 
-#: Lags of one channel: each is a column of every row, and more of them no record can tell apart.
+#: Lags of one channel: each is a column of every row, and more of them no record can distinguish .
 MOST_LAGS = 10_000
 
 
@@ -225,9 +225,9 @@ class AxisRows(RowLayout):
     ) -> Float[np.ndarray, "samples n"]:
         """Row-wise products, added over the axes; flight after flight, in time order."""
         times = np.stack([self.flights, self.samples], axis=1)
-        distinct, place = np.unique(times, axis=0, return_inverse=True)
+        distinct, position = np.unique(times, axis=0, return_inverse=True)
         scores: Float[np.ndarray, "samples n"] = np.zeros((distinct.shape[0], test.shape[1]))
-        np.add.at(scores, place.ravel(), test * residual[:, None])
+        np.add.at(scores, position.ravel(), test * residual[:, None])
         return scores
 
 
@@ -419,12 +419,12 @@ def _check_rows(y: np.ndarray, Phi: np.ndarray, Psi: np.ndarray, names: tuple[st
         )
     if len(names) != unknowns:
         raise ShapeError(f"one name for each of {unknowns} regressors", f"{len(names)}", "Name every column.")
-    twice = sorted(one for one, count in Counter(names).items() if count > 1)
+    twice = sorted(item for item, count in Counter(names).items() if count > 1)
     if twice:
         raise UsageError(
             "a name of its own for every parameter",
-            f"{', '.join(repr(one) for one in twice)} more than once",
-            "An estimate is asked for by the name of its parameter.",
+            f"{', '.join(repr(item) for item in twice)} more than once",
+            "An estimate is requested by the name of its parameter.",
         )
     if rows < unknowns:
         raise TooFewSamplesError(
@@ -455,16 +455,18 @@ def noise_of_surrogate(rows: Regression, noisier: Regression) -> Float[np.ndarra
     return added.T @ added / added.shape[0]
 
 
-def _check_noise(Phi: np.ndarray, Psi: np.ndarray, own: np.ndarray | None, shared: np.ndarray | None) -> None:
+def _check_noise(
+    Phi: np.ndarray, Psi: np.ndarray, specific: np.ndarray | None, shared: np.ndarray | None
+) -> None:
     unknowns, available = Phi.shape[1], Psi.shape[1]
-    if own is not None:
-        if own.shape != (unknowns + 1, unknowns + 1):
+    if specific is not None:
+        if specific.shape != (unknowns + 1, unknowns + 1):
             raise ShapeError(
                 f"a {unknowns + 1} x {unknowns + 1} covariance of the noises of [regressors, response]",
-                f"shape {own.shape}",
+                f"shape {specific.shape}",
                 "Its last row and column belong to the response.",
             )
-        check_covariance(own)
+        check_covariance(specific)
     if shared is not None:
         if shared.shape != (available, unknowns + 1):
             raise ShapeError(
@@ -549,15 +551,15 @@ def regression(
     if names is not None:
         checks.texts("names", names, "Give one name for each regressor.")
         labels = tuple(names)
-    own = None if noise_covariance is None else _matrix("noise_covariance", noise_covariance)
+    current = None if noise_covariance is None else _matrix("noise_covariance", noise_covariance)
     shared = None
     if instrument_noise_covariance is not None:
         shared = _matrix("instrument_noise_covariance", instrument_noise_covariance)
     # Checked here as well as by `Regression`, whose annotated shapes presuppose it.
     _check_rows(y, Phi, Psi, labels)
-    _check_noise(Phi, Psi, own, shared)
+    _check_noise(Phi, Psi, current, shared)
     parameters = tuple(Parameter(label) for label in labels)
-    return Regression(y, Phi, Psi, parameters, regressor_noise=own, instrument_noise=shared)
+    return Regression(y, Phi, Psi, parameters, regressor_noise=current, instrument_noise=shared)
 
 
 def _matrix(name: str, values: ArrayLike) -> Float[np.ndarray, "m n"]:

@@ -76,15 +76,15 @@ class LaggedReferences(InstrumentRule):
 
     def columns(self, driven: DrivenSignals) -> Float[np.ndarray, "n p"]:
         """References and their lags, see `InstrumentRule.columns`."""
-        found = []
+        results = []
         for name in self.channels:
             column = driven.signals.channel(name)
-            found.append(column)
+            results.append(column)
             count, lag_s = self._lags_of(name)
             for _ in range(count):
                 column = first_order_lag(column, step_s=driven.signals.step_s, lag_s=lag_s)
-                found.append(column)
-        return np.column_stack(found) if found else np.empty((driven.signals.sample_count, 0))
+                results.append(column)
+        return np.column_stack(results) if results else np.empty((driven.signals.sample_count, 0))
 
     def _lags_of(self, name: str) -> tuple[int, float]:
         if self.lags is not None:
@@ -210,7 +210,7 @@ class Nuisance:
 
     parameter: Parameter  # Name and unit
     grid: Float[np.ndarray, " values"]  # Values to search, increasing
-    discrete: bool = False  # True when nothing between the grid's values is possible, or worth telling apart
+    discrete: bool = False  # True when nothing between the grid's values is possible, or worth distinguishing
     prior: Prior | None = None
     bounds: Bounds | None = None
     known_with: tuple[str, ...] = ()
@@ -249,15 +249,15 @@ class Nuisance:
         """Least value of the grid: the value of a nuisance that is known."""
         return float(self.grid[0])
 
-    def misfit(self, at: Values) -> float:
+    def misfit(self, nuisance_values: Values) -> float:
         """Squared distance of its value from what is known beforehand, in standard errors."""
         if self.prior is None:
             return 0.0
-        return self.prior.misfit(self.with_others(at))
+        return self.prior.misfit(self.with_others(nuisance_values))
 
-    def with_others(self, at: Mapping[str, Number]) -> Number:
+    def with_others(self, numbers: Mapping[str, Number]) -> Number:
         """Sum of its value and of those that what is known is about as well."""
-        return at[self.name] + sum(at[other] for other in self.known_with)
+        return numbers[self.name] + sum(numbers[other] for other in self.known_with)
 
     @property
     def positive(self) -> bool:
@@ -299,10 +299,10 @@ class Nuisance:
         step = DIFFERENCE * (high - low)
         return max(value - step, low), min(value + step, high)
 
-    def derivative(self, of: Callable[[Values], Number], at: Values) -> Number:
+    def derivative(self, of: Callable[[Values], Number], nuisance_values: Values) -> Number:
         """Derivative of a function of all nuisances by this one, by a central difference, see `around`."""
-        low, high = self.around(at[self.name])
-        below, above = (of({**at, self.name: value}) for value in (low, high))
+        low, high = self.around(nuisance_values[self.name])
+        below, above = (of({**nuisance_values, self.name: value}) for value in (low, high))
         return (above - below) / (high - low)
 
 
@@ -311,37 +311,37 @@ def combinations(nuisances: Sequence[Nuisance]) -> Iterator[dict[str, float]]:
     others = [nuisance for nuisance in nuisances if not nuisance.refined]
     names = [nuisance.name for nuisance in others]
     for values in product(*(nuisance.grid.tolist() for nuisance in others)):
-        at = dict(zip(names, values, strict=True))
+        position = dict(zip(names, values, strict=True))
         bounded = [nuisance for nuisance in others if nuisance.bounds is not None]
         for nuisance in bounded:
-            at[nuisance.name] -= sum(at[other] for other in nuisance.known_with)
-        if all(at[nuisance.name] >= -ROUNDING for nuisance in bounded):
-            yield at | {nuisance.name: max(at[nuisance.name], 0.0) for nuisance in bounded}
+            position[nuisance.name] -= sum(position[other] for other in nuisance.known_with)
+        if all(position[nuisance.name] >= -ROUNDING for nuisance in bounded):
+            yield position | {nuisance.name: max(position[nuisance.name], 0.0) for nuisance in bounded}
 
 
 @dataclass(frozen=True, slots=True)
 class SampledState:
     """A state whose derivative was measured as well, so that bins have two candidates for one response."""
 
-    place: int
+    index: int
     state_density: float
     response_density: float
     driven_density: Float[np.ndarray, " n"]
 
 
 @dataclass(frozen=True, slots=True)
-class Begun:
-    """An estimate of nearly the same columns, whose residuals tell the weights of rows."""
+class WarmStart:
+    """An estimate of nearly the same columns, whose residuals determine the weights of rows."""
 
     theta: Float[np.ndarray, " n"]
-    at: Values  # Every nuisance's value
+    nuisances: Values  # Every nuisance's value
 
 
 class SeparableProblem(ABC):
     """A regression for each value of the nuisances."""
 
     nuisances: tuple[Nuisance, ...]
-    begun: Begun | None = None
+    warm_start: WarmStart | None = None
 
     def with_nuisances(self, nuisances: tuple[Nuisance, ...]) -> SeparableProblem:
         """Return the same problem, a dataclass, with other grids or priors of its nuisances."""
@@ -349,16 +349,16 @@ class SeparableProblem(ABC):
         return changed
 
     @abstractmethod
-    def rows(self, at: Values) -> Regression:
+    def rows(self, nuisance_values: Values) -> Regression:
         """Rows in time."""
 
     @abstractmethod
-    def bins(self, at: Values) -> SpectralRegression:
+    def bins(self, nuisance_values: Values) -> SpectralRegression:
         """Rows in frequency, one block for each run."""
 
     def many_bins(self, points: Sequence[Values]) -> list[SpectralRegression]:
         """Rows in frequency at many values of the nuisances, which some problems make together."""
-        return [self.bins(at) for at in points]
+        return [self.bins(point) for point in points]
 
     def sampled_state(self, _at: Values, /) -> SampledState | None:
         """The state whose derivative the candidates for the response are; by default there is none."""
@@ -366,7 +366,7 @@ class SeparableProblem(ABC):
 
     @property
     def few_rows(self) -> bool:
-        """Whether some column lives in few bins, so that its variance has to be told row by row."""
+        """Whether some column lives in few bins, so that its variance has to be reported row by row."""
         return False
 
     @property
@@ -382,13 +382,13 @@ class LinearisableProblem(SeparableProblem):
     """A separable problem that is, beside any point, a linear problem of all its unknowns."""
 
     @abstractmethod
-    def regression(self, at: Values) -> LinearProblem:
+    def regression(self, nuisance_values: Values) -> LinearProblem:
         """Problem of the linear parameters at values of the nuisances."""
 
     @abstractmethod
-    def linearised(self, at: Values, theta: Float[np.ndarray, " n"]) -> LinearProblem:
+    def linearised(self, nuisance_values: Values, theta: Float[np.ndarray, " n"]) -> LinearProblem:
         """Problem of the linear parameters and of the changes of the nuisances, beside a point."""
 
-    def rows(self, at: Values) -> Regression:
+    def rows(self, nuisance_values: Values) -> Regression:
         """Rows in time."""
-        return self.regression(at).rows()
+        return self.regression(nuisance_values).rows()

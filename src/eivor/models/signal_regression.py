@@ -56,8 +56,8 @@ def cross_fitted(
     for start, stop, product in zip(edges, [*edges[1:], values.shape[0]], products, strict=True):
         normal, right = np.split(whole - product, [design.shape[1]], axis=1)
         shrunk = SHRINKAGE * normal[0, 0] * np.diag(np.arange(normal.shape[0]) > 0)
-        told = np.linalg.lstsq(normal + shrunk, right, rcond=None)[0]
-        predicted[start:stop] = design[start:stop] @ told
+        solution = np.linalg.lstsq(normal + shrunk, right, rcond=None)[0]
+        predicted[start:stop] = design[start:stop] @ solution
     return predicted
 
 
@@ -90,41 +90,41 @@ def shared_noise(
             "Give a longer record, fewer lags, or fewer gaps.",
         )
     shared = np.zeros((len(left), len(right)))
-    for i, one in enumerate(left):
+    for i, item in enumerate(left):
         for j, other in enumerate(right):
-            if one.channel and one.channel == other.channel:
-                shared[i, j] = _pair(one, other, signals, first, rows)
+            if item.channel and item.channel == other.channel:
+                shared[i, j] = _pair(item, other, signals, first, rows)
     return shared
 
 
 def _pair(
-    one: Column, other: Column, signals: Signals, first: int, rows: Bool[np.ndarray, " rows"] | None
+    column: Column, other: Column, signals: Signals, first: int, rows: Bool[np.ndarray, " rows"] | None
 ) -> float:
-    noise = _declared(one, signals)
+    noise = _declared(column, signals)
     count = signals.sample_count - first
-    if isinstance(noise, WhiteNoise) and not (one.gain_channel or other.gain_channel):
+    if isinstance(noise, WhiteNoise) and not (column.gain_channel or other.gain_channel):
         return (
-            one.gain * other.gain * (noise.variance if one.lag == other.lag else 0.0)
+            column.gain * other.gain * (noise.variance if column.lag == other.lag else 0.0)
         )  # the same in every row
     total, used = 0.0, 0
     for start, stop in row_blocks(0, count, COPIED_ROWS):  # no series as long as the record is made
         here = slice(start, stop)
-        growth = _growth(one, other, signals, first, here)
+        growth = _growth(column, other, signals, first, here)
         if rows is not None:
             growth = growth[rows[here]]
         total += float(growth.sum())
         used += growth.size
-    return one.gain * other.gain * total / used
+    return column.gain * other.gain * total / used
 
 
 def _growth(
-    one: Column, other: Column, signals: Signals, first: int, here: slice
+    item: Column, other: Column, signals: Signals, first: int, here: slice
 ) -> Float[np.ndarray, " rows"]:
     """What the noises of two columns share in each of some rows, but for constant gains."""
-    lag = abs(one.lag - other.lag)
-    begin = signals.offset + first - max(one.lag, other.lag)
-    growth = signals.noise[one.channel].autocovariance(lag, begin + here.start, here.stop - here.start)
-    for column in (one, other):
+    lag = abs(item.lag - other.lag)
+    begin = signals.offset + first - max(item.lag, other.lag)
+    growth = signals.noise[item.channel].autocovariance(lag, begin + here.start, here.stop - here.start)
+    for column in (item, other):
         if column.gain_channel:
             growth = growth * signals.channel(column.gain_channel)[first:][here]
     return growth
@@ -135,14 +135,14 @@ def shared_noise_of_rows(
 ) -> dict[tuple[int, int], Float[np.ndarray, " rows"]]:
     """Covariance of the measurement noises of two sets of columns in every row from `first` on."""
     whole = slice(0, max(signals.sample_count - first, 0))
-    found = {}
-    for i, one in enumerate(left):
+    results = {}
+    for i, item in enumerate(left):
         for j, other in enumerate(right):
-            if not one.channel or one.channel != other.channel:
+            if not item.channel or item.channel != other.channel:
                 continue
-            if not isinstance(_declared(one, signals), WhiteNoise) or one.lag == other.lag:
-                found[i, j] = one.gain * other.gain * _growth(one, other, signals, first, whole)
-    return found
+            if not isinstance(_declared(item, signals), WhiteNoise) or item.lag == other.lag:
+                results[i, j] = item.gain * other.gain * _growth(item, other, signals, first, whole)
+    return results
 
 
 def _declared(column: Column, signals: Signals) -> MeasurementNoise:
@@ -165,7 +165,7 @@ class SignalModel(ABC):
 
     @abstractmethod
     def regression(self, signals: Signals, instruments: tuple[Column, ...] = ()) -> SignalRegression:
-        """Rows of `signals`, cut when they are asked for."""
+        """Rows of `signals`, cut when they are requested."""
 
     @abstractmethod
     def regression_lag(self, instruments: tuple[Column, ...] = ()) -> int:
@@ -290,10 +290,10 @@ class SignalRegression(LinearProblem):
     ) -> Float[np.ndarray, "samples columns"]:
         """Columns of all samples from `start` to `stop`, those among them that are no rows."""
         block = np.empty((len(columns), stop - start))
-        for place, column in enumerate(columns):
-            block[place] = self.slice_of(column, start, stop)
+        for index, column in enumerate(columns):
+            block[index] = self.slice_of(column, start, stop)
             if column.gain != 1.0:
-                block[place] *= column.gain
+                block[index] *= column.gain
         return block.T
 
     def slice_of(self, column: Column, start: int, stop: int) -> Float[np.ndarray, " samples"]:
@@ -340,10 +340,12 @@ class SignalRegression(LinearProblem):
         others = (*self.regressor_columns, self.equation.response)
         declared = set(self.signals.noise)
         pairs = [
-            (one, other)
-            for one in self.instrument_columns
+            (instrument_column, other)
+            for instrument_column in self.instrument_columns
             for other in others
-            if one.channel and one.channel == other.channel and one.channel in declared
+            if instrument_column.channel
+            and instrument_column.channel == other.channel
+            and instrument_column.channel in declared
         ]
-        at = (self.signals, self.first, self.used)
-        return any(shared_noise([one], [other], *at).any() for one, other in pairs)
+        index = (self.signals, self.first, self.used)
+        return any(shared_noise([item], [other], *index).any() for item, other in pairs)

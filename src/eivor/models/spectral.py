@@ -14,7 +14,7 @@ from eivor.tools import Bool, Complex, Float, Int
 TAPER_SHARE = 0.05
 LOWEST_CYCLES = 1.5
 #: So long is the taper before and after samples that do not count [s].
-FADING_S = 0.1
+TAPER_S = 0.1
 #: Half-width of the smoothing window: a share of the frequency, and at least so many bins.
 SMOOTHING_SHARE = 0.3
 SMOOTHING_BINS = 10
@@ -59,7 +59,7 @@ class SpectralRun:
         window[:edge] = 0.5 * (1.0 - np.cos(np.pi * (np.arange(edge) + 0.5) / edge))
         window[-edge:] = window[:edge][::-1]
         if self.counted is not None:
-            window *= _fading(self.counted, max(round(FADING_S / self.step_s), 1))
+            window *= _taper(self.counted, max(round(TAPER_S / self.step_s), 1))
         return window
 
     def spectrum(self, values: Float[np.ndarray, "length columns"]) -> Complex[np.ndarray, "bins columns"]:
@@ -116,7 +116,7 @@ class SpectralRun:
         return (total[upper] - total[lower]) / (upper - lower)[:, None]
 
 
-def _fading(counted: Bool[np.ndarray, " length"], edge: int) -> Float[np.ndarray, " length"]:
+def _taper(counted: Bool[np.ndarray, " length"], edge: int) -> Float[np.ndarray, " length"]:
     """Zero where samples do not count, and a cosine of `edge` samples up to one beside them."""
     index = np.arange(counted.size)
     last = np.maximum.accumulate(np.where(counted, -edge - 1, index))
@@ -203,11 +203,11 @@ class SpectralRegression:
     ) -> Regression:
         """Rows with the responses blended and every column divided by sqrt(power)."""
         rows = self.whitened_rows(blend, power, self.regressors)
-        found = Regression(rows[:, 0], rows[:, 1:], instruments, self.parameters, self.layout)
+        regression = Regression(rows[:, 0], rows[:, 1:], instruments, self.parameters, self.layout)
         if self.noisier is None:
-            return found
+            return regression
         more = self.noisier.whitened(blend, power, instruments)
-        return replace(found, regressor_noise=noise_of_surrogate(found, more))
+        return replace(regression, regressor_noise=noise_of_surrogate(regression, more))
 
     def whitened_rows(
         self,

@@ -21,7 +21,7 @@ _OWN = {
     "rates": "eivor.motions.rates.motion:Rates",
     "rigid-body": "eivor.motions.rigid_body.motion:RigidBody",
 }
-#: What is identified unless something else is asked for.
+#: What is identified unless something else is requested.
 DEFAULT = "vertical"
 
 
@@ -66,8 +66,8 @@ def loaded_motion(name: str) -> Motion[Any]:
     """Motion of a name, loaded once."""
     if name in _OWN:
         module, _, attribute = _OWN[name].partition(":")
-        own: Motion[Any] = getattr(import_module(module), attribute)()
-        return own
+        current: Motion[Any] = getattr(import_module(module), attribute)()
+        return current
     added = _added()
     if name not in added:
         raise UsageError(

@@ -10,7 +10,7 @@ from typing import Any, TypedDict, Unpack
 
 from eivor import checks
 from eivor.errors import UsageError, did_you_mean
-from eivor.flights.identify import identified, with_companions
+from eivor.flights.identify import identified, with_coupled_axes
 from eivor.flights.motion import Motion
 from eivor.flights.options import FlightOptions, check_window
 from eivor.flights.prepare import prepare
@@ -21,7 +21,7 @@ from eivor.models.separable import Bounds, Prior
 from eivor.motions import DEFAULT, motion_by_name
 from eivor.signals.recording import Recording
 from eivor.signals.signals import Signals
-from eivor.tools import Progress, silent
+from eivor.tools import Progress, no_stage_callback
 
 # -- Identify --
 
@@ -29,7 +29,7 @@ from eivor.tools import Progress, silent
 READ_FIRST = 'Read the file first: ev.identify_flight(ev.read_log("flight.ulg")).'
 
 
-class Choices(TypedDict, total=False):
+class OptionChoices(TypedDict, total=False):
     """Fields of `FlightOptions`, named one by one."""
 
     window: tuple[float, float]
@@ -55,8 +55,8 @@ def identify_flight(
     windows: Sequence[tuple[float, float] | None] | None = None,
     model: str | Motion[Any] = DEFAULT,
     vehicle: str | PathLike[str] = "",
-    progress: Progress = silent,
-    **choices: Unpack[Choices],
+    progress: Progress = no_stage_callback,
+    **choices: Unpack[OptionChoices],
 ) -> FlightEstimate:
     """Identify a motion from a flight, or from several flights of one vehicle together.
 
@@ -85,7 +85,7 @@ def identify_flight(
     Returns
     -------
     FlightEstimate
-        Also when the flight cannot tell: see its verdict.
+        Also when the flight cannot identify: see its verdict.
 
     Raises
     ------
@@ -129,11 +129,13 @@ def identify_flight(
             check_window(window)
     others = tuple(motion_by_name(name) for name in motion.lag_from)
     result = identified(logs, motion, chosen, list(windows), others, progress=progress)
-    beside = {one.motion: motion_by_name(one.motion) for one in motion.companions}
-    return with_companions(result, beside, logs, list(windows))
+    neighbours = {
+        coupled_axis.motion: motion_by_name(coupled_axis.motion) for coupled_axis in motion.coupled_axes
+    }
+    return with_coupled_axes(result, neighbours, logs, list(windows))
 
 
-def _chosen(options: FlightOptions | None, choices: Choices) -> FlightOptions:
+def _chosen(options: FlightOptions | None, choices: OptionChoices) -> FlightOptions:
     """Options with the choices that were named one by one."""
     start = FlightOptions() if options is None else options
     checks.kind("options", start, FlightOptions, "FlightOptions", "Give ev.FlightOptions(...), or nothing.")
@@ -162,7 +164,7 @@ def log_signals(
     actuator_lag: float = 0.0,
     delay: float = 0.0,
     model: str = DEFAULT,
-    **choices: Unpack[Choices],
+    **choices: Unpack[OptionChoices],
 ) -> Signals:
     """The log on one grid, z up, as its flight is identified from, for work in Python.
 

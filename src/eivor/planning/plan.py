@@ -45,7 +45,7 @@ TILT_CORRELATION_S, TILT_SMOOTHING_S = 1.0, 0.15
 
 
 @dataclass(frozen=True)
-class Flown:
+class ClosedLoopFlight:
     """A shape, flown once."""
 
     shape: Shape
@@ -63,7 +63,7 @@ class Flown:
         return identify_flight(self.recording)
 
 
-def fly(shapes: Sequence[Shape], vehicle: VehicleGuess, seeds: Sequence[int]) -> list[Flown]:
+def fly(shapes: Sequence[Shape], vehicle: VehicleGuess, seeds: Sequence[int]) -> list[ClosedLoopFlight]:
     """Fly each shape with its seed, all side by side."""
     count, flights = shapes[0].offset.size, len(shapes)
     drawn = [_surroundings(vehicle, count, seed) for seed in seeds]
@@ -71,27 +71,27 @@ def fly(shapes: Sequence[Shape], vehicle: VehicleGuess, seeds: Sequence[int]) ->
     every = np.ones(flights)
     environment = VerticalEnvironment(
         reference_position=np.stack([shape.offset for shape in shapes], axis=1),
-        reference_velocity=np.stack([one[0] for one in derivatives], axis=1),
-        reference_acceleration=np.stack([one[1] for one in derivatives], axis=1),
-        **{name: np.stack([one[name] for one in drawn], axis=1) for name in drawn[0]},
+        reference_velocity=np.stack([derivative[0] for derivative in derivatives], axis=1),
+        reference_acceleration=np.stack([derivative[1] for derivative in derivatives], axis=1),
+        **{name: np.stack([item[name] for item in drawn], axis=1) for name in drawn[0]},
     )
     vehicles = VerticalVehicles(
-        _apart(vehicle) * every, vehicle.input_gain * every, vehicle.lag_s * every, 0.0 * every
+        _separated(vehicle) * every, vehicle.input_gain * every, vehicle.lag_s * every, 0.0 * every
     )
     motion = simulate_vertical(
-        vehicles, environment, step_s=STEP_S, controller=_alike(vehicle.follows, flights)
+        vehicles, environment, step_s=STEP_S, controller=_same_layout(vehicle.follows, flights)
     )
-    return [_flown(shape, environment, motion, number) for number, shape in enumerate(shapes)]
+    return [_simulated(shape, environment, motion, number) for number, shape in enumerate(shapes)]
 
 
-def _apart(vehicle: VehicleGuess) -> float:
+def _separated(vehicle: VehicleGuess) -> float:
     """Friction, moved a little where the simulator's closed form does not hold."""
     rate = 1.0 / vehicle.lag_s
     near = any(abs(vehicle.viscous_friction - multiple * rate) < 1e-6 for multiple in (1.0, 2.0))
     return vehicle.viscous_friction + (1e-4 if near else 0.0)
 
 
-def _alike(gains: AltitudeController, flights: int) -> AltitudeController:
+def _same_layout(gains: AltitudeController, flights: int) -> AltitudeController:
     every = np.ones(flights)
     return AltitudeController(
         gains.position_gain * every, gains.velocity_gain * every, gains.integral_gain * every
@@ -107,7 +107,7 @@ def _surroundings(vehicle: VehicleGuess, count: int, seed: int) -> dict[str, Flo
         vehicle.tilt_rms * _with_density(_tilt_density, count, other),
     ]
     return {
-        "gust": _coloured(vehicle, "force", count, force) / _apart(vehicle),
+        "gust": _coloured(vehicle, "force", count, force) / _separated(vehicle),
         "cos_tilt": np.cos(angles[0]) * np.cos(angles[1]),
         "position_noise": POSITION_NOISE * other.standard_normal(count),
         "velocity_noise": _coloured(vehicle, "velocity", count, velocity),
@@ -119,7 +119,7 @@ def _coloured(
     vehicle: VehicleGuess, name: str, count: int, rng: np.random.Generator
 ) -> Float[np.ndarray, " n"]:
     """Gaussian series of one of the vehicle's densities."""
-    return _with_density(partial(vehicle.left.at, name), count, rng)
+    return _with_density(partial(vehicle.left.density_at, name), count, rng)
 
 
 def _tilt_density(frequency_hz: Float[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:
@@ -142,7 +142,9 @@ def _with_density(
     return np.fft.irfft(spectrum, n=count)
 
 
-def _flown(shape: Shape, environment: VerticalEnvironment, motion: SimulatedMotion, number: int) -> Flown:
+def _simulated(
+    shape: Shape, environment: VerticalEnvironment, motion: SimulatedMotion, number: int
+) -> ClosedLoopFlight:
     height, velocity = motion.position[:, number], motion.velocity[:, number]
     recording = simulated_recording(
         f"planned {shape.kind}",
@@ -161,7 +163,7 @@ def _flown(shape: Shape, environment: VerticalEnvironment, motion: SimulatedMoti
             "cos_tilt": environment.cos_tilt[:, number],
         },
     )
-    return Flown(shape, height, velocity, recording)
+    return ClosedLoopFlight(shape, height, velocity, recording)
 
 
 # -- Ranking --
@@ -181,11 +183,11 @@ def ranked_std_errors(shape: Shape, vehicle: VehicleGuess) -> Float[np.ndarray, 
     drive = (s + vehicle.viscous_friction) * velocity
     columns = np.column_stack([-velocity, drive, -s / (1.0 + s * vehicle.lag_s) * drive])
     left = vehicle.left
-    own = 1.0 / (
-        1.0 / np.maximum(left.at("accelerometer", f), 1e-9)
-        + 1.0 / np.maximum(np.abs(s) ** 2 * left.at("velocity", f), 1e-9)
+    current = 1.0 / (
+        1.0 / np.maximum(left.density_at("accelerometer", f), 1e-9)
+        + 1.0 / np.maximum(np.abs(s) ** 2 * left.density_at("velocity", f), 1e-9)
     )
-    density = (left.at("force", f) + own) * count / (2.0 * STEP_S)
+    density = (left.density_at("force", f) + current) * count / (2.0 * STEP_S)
     whitened = columns / np.sqrt(density)[:, None]
     rows = np.concatenate([whitened.real, whitened.imag])
     triangle = np.linalg.qr(rows, mode="r")
@@ -201,8 +203,8 @@ def _following(s: Complex[np.ndarray, " n"], vehicle: VehicleGuess) -> Complex[n
     gains = vehicle.follows
     plant = 1.0 / ((1.0 + s * vehicle.lag_s) * (s + vehicle.viscous_friction))
     feedback = (gains.velocity_gain + gains.integral_gain / s) * (1.0 + gains.position_gain / s)
-    followed: Complex[np.ndarray, " n"] = plant * (s + feedback) / (1.0 + plant * feedback)
-    return followed
+    tracked_parameter: Complex[np.ndarray, " n"] = plant * (s + feedback) / (1.0 + plant * feedback)
+    return tracked_parameter
 
 
 # -- Plan --
@@ -217,7 +219,7 @@ SMALLER, OFTEN = 0.85, 4
 
 
 @dataclass(frozen=True, slots=True)
-class Predicted:
+class ExpectedInterval:
     """Half-width of a 95 % interval that the flight is expected to give."""
 
     half_width: float  # Median over the simulated flights, in the target's unit
@@ -232,7 +234,7 @@ class Predicted:
 
 @dataclass(frozen=True)
 class FlightPlan:
-    """A flight, and what it is expected to tell.
+    """A flight, and what it is expected to identify.
 
     Parameters
     ----------
@@ -241,7 +243,7 @@ class FlightPlan:
     limits : FlightLimits
         What it keeps.
     target : str
-        What it should tell, a word of `TARGETS`.
+        What it should identify, a word of `TARGETS`.
     shape : Shape
         The height setpoint about the middle of the limits.
     predicted : mapping of str to Predicted
@@ -254,7 +256,7 @@ class FlightPlan:
     limits: FlightLimits
     target: str
     shape: Shape
-    predicted: Mapping[str, Predicted]
+    predicted: Mapping[str, ExpectedInterval]
     reached: tuple[float, float, float]
 
     @property
@@ -278,29 +280,30 @@ class FlightPlan:
         return self.shape.derivatives[1]
 
     @property
-    def telling(self) -> bool:
+    def is_informative(self) -> bool:
         """Whether the target was identified in most of the simulated flights."""
-        found = self.predicted[self.target]
-        return 2 * found.identified > len(found.verdicts)
+        result = self.predicted[self.target]
+        return 2 * result.identified > len(result.verdicts)
 
     @property
     def sentence(self) -> str:
         """What is planned and expected, in a sentence."""
-        asked, found = TARGETS[self.target], self.predicted[self.target]
-        flights = len(found.verdicts)
+        requested, result = TARGETS[self.target], self.predicted[self.target]
+        flights = len(result.verdicts)
         return (
-            f"{self.limits.duration_s:g} s of {self.shape.words}: the {asked.words} within "
-            f"± {found.half_width:.2g} {asked.unit}, identified in {found.identified} of {flights} simulated "
+            f"{self.limits.duration_s:g} s of {self.shape.words}: the {requested.words} within "
+            f"± {result.half_width:.2g} {requested.unit}, identified in {result.identified} of "
+            f"{flights} simulated "
             f"flight{'' if flights == 1 else 's'}."
         )
 
     def summary(self) -> str:
         """Setpoint, expected half-widths and what the simulated flights reached, as plain text."""
         lines = [self.sentence]
-        for word, found in self.predicted.items():
-            asked = TARGETS[word]
-            of = "" if asked.relative else f" (of {found.value:.3g})"
-            lines.append(f"{asked.words:<18}± {found.half_width:.2g} {asked.unit}{of}")
+        for word, item in self.predicted.items():
+            requested = TARGETS[word]
+            of = "" if requested.relative else f" (of {item.value:.3g})"
+            lines.append(f"{requested.words:<18}± {item.half_width:.2g} {requested.unit}{of}")
         low, high, speed = self.reached
         lines.append(f"heights {low:.1f} to {high:.1f} m above take-off, up to {speed:.1f} m/s")
         return "\n".join(lines)
@@ -331,41 +334,41 @@ def make_plan(
     if shape not in ("", *KINDS):
         raise UsageError(f"one of {', '.join(KINDS)}", f"{shape!r}", "Or nothing, for the better one.")
     finalists = _finalists(vehicle, limits, target, (shape,) if shape else KINDS, seed)
-    flown = _flown_within(finalists, vehicle, limits, seed)
-    found = [(flights, flights[0].identified()) for flights in flown]
-    best, first = min(found, key=lambda pair: _half_width(pair[1], target))
-    kept = [(best[0], first), *((one, one.identified()) for one in best[1:])]
+    flown_within = _within_limits(finalists, vehicle, limits, seed)
+    results = [(flights, flights[0].identified()) for flights in flown_within]
+    best, first = min(results, key=lambda pair: _half_width(pair[1], target))
+    kept = [(best[0], first), *((item, item.identified()) for item in best[1:])]
     return _plan(vehicle, limits, target, kept)
 
 
 def _finalists(
     vehicle: VehicleGuess, limits: FlightLimits, target: str, kinds: tuple[str, ...], seed: int
 ) -> list[Shape]:
-    """The best of each kind by the formula, which errs between kinds, then those that tell the lag too."""
+    """The best of each kind by the formula, which errs between kinds, then those."""
     shapes = list(candidates(limits, kinds, seed))
-    errors = np.array([ranked_std_errors(one, vehicle) for one in shapes])
+    errors = np.array([ranked_std_errors(shape, vehicle) for shape in shapes])
     words = list(TARGETS)
-    asked, lag = errors[:, words.index(target)], errors[:, words.index("lag")]
-    best = [shapes[index] for index in np.argsort(asked)]
-    firsts = [next(one for one in best if one.kind == kind) for kind in kinds]
-    others = [shapes[index] for index in np.argsort(asked * lag)]
-    chosen = {id(one): one for one in (*firsts, *others)}
+    requested, lag = errors[:, words.index(target)], errors[:, words.index("lag")]
+    best = [shapes[index] for index in np.argsort(requested)]
+    firsts = [next(item for item in best if item.kind == kind) for kind in kinds]
+    others = [shapes[index] for index in np.argsort(requested * lag)]
+    chosen = {id(item): item for item in (*firsts, *others)}
     return list(chosen.values())[:FINALISTS]
 
 
-def _flown_within(
+def _within_limits(
     shapes: list[Shape], vehicle: VehicleGuess, limits: FlightLimits, seed: int
-) -> list[list[Flown]]:
+) -> list[list[ClosedLoopFlight]]:
     """Flights of each shape, which is made smaller until all of them keep the limits."""
     runs = RUNS if limits.duration_s <= LONG_S else 1
     for _ in range(OFTEN):
         seeds = [seed + run for run in range(runs)]
-        flights = fly([one for one in shapes for _ in seeds], vehicle, seeds * len(shapes))
-        flown = [flights[first : first + runs] for first in range(0, len(flights), runs)]
-        kept = [of_shape for of_shape in flown if all(one.keeps(limits) for one in of_shape)]
+        flights = fly([shape for shape in shapes for _ in seeds], vehicle, seeds * len(shapes))
+        flight = [flights[first : first + runs] for first in range(0, len(flights), runs)]
+        kept = [of_shape for of_shape in flight if all(item.keeps(limits) for item in of_shape)]
         if kept:
             return kept
-        shapes = [one.scaled(SMALLER) for one in shapes]
+        shapes = [shape.scaled(SMALLER) for shape in shapes]
     raise InputError(
         "a flight that keeps its limits",
         f"flights that leave {limits.height_m[0]:g} to {limits.height_m[1]:g} m or {limits.speed:g} m/s in "
@@ -376,28 +379,31 @@ def _flown_within(
 
 def _half_width(result: FlightEstimate, target: str) -> float:
     """Half-width in SI, or as a share; infinite without an estimate."""
-    asked = TARGETS[target]
-    quantity = result.quantities[asked.quantity]
-    width = quantity.half_width / (abs(quantity.value) if asked.relative else 1.0)
+    requested = TARGETS[target]
+    quantity = result.quantities[requested.quantity]
+    width = quantity.half_width / (abs(quantity.value) if requested.relative else 1.0)
     return width if math.isfinite(width) else math.inf
 
 
 def _plan(
-    vehicle: VehicleGuess, limits: FlightLimits, target: str, found: list[tuple[Flown, FlightEstimate]]
+    vehicle: VehicleGuess,
+    limits: FlightLimits,
+    target: str,
+    results: list[tuple[ClosedLoopFlight, FlightEstimate]],
 ) -> FlightPlan:
     values = {"friction": vehicle.viscous_friction, "gain": 1.0, "lag": vehicle.lag_s}
     predicted = {
-        word: Predicted(
-            asked.scale * float(np.median([_half_width(result, word) for _, result in found])),
-            asked.scale * values[word],
-            tuple(result.quantities[asked.quantity].verdict for _, result in found),
+        word: ExpectedInterval(
+            item.scale * float(np.median([_half_width(result, word) for _, result in results])),
+            item.scale * values[word],
+            tuple(result.quantities[item.quantity].verdict for _, result in results),
         )
-        for word, asked in TARGETS.items()
+        for word, item in TARGETS.items()
     }
-    heights = np.concatenate([flown.height for flown, _ in found]) + limits.middle_m
-    speed = max(float(np.abs(flown.velocity).max()) for flown, _ in found)
+    heights = np.concatenate([item.height for item, _ in results]) + limits.middle_m
+    speed = max(float(np.abs(item.velocity).max()) for item, _ in results)
     reached = (float(heights.min()), float(heights.max()), speed)
-    return FlightPlan(vehicle, limits, target, found[0][0].shape, predicted, reached)
+    return FlightPlan(vehicle, limits, target, results[0][0].shape, predicted, reached)
 
 
 # -- Mission --
@@ -420,16 +426,16 @@ def qgc_text(plan: FlightPlan, home: tuple[float, float]) -> str:
         raise UsageError(
             "a latitude and a longitude [deg]", f"{latitude:g}, {longitude:g}", "Such as 47.4,8.5."
         )
-    place = [round(float(latitude), 7), round(float(longitude), 7)]
+    position = [round(float(latitude), 7), round(float(longitude), 7)]
     speed = plan.limits.speed * 0.8
     items = [
-        _item(TAKEOFF, RELATIVE, [0.0, 0.0, 0.0, None, *place, plan.limits.middle_m]),
+        _item(TAKEOFF, RELATIVE, [0.0, 0.0, 0.0, None, *position, plan.limits.middle_m]),
         _item(CHANGE_SPEED, NO_PLACE, [CLIMB, speed, -1.0, 0.0, 0.0, 0.0, 0.0]),
         _item(CHANGE_SPEED, NO_PLACE, [DESCENT, speed, -1.0, 0.0, 0.0, 0.0, 0.0]),
     ]
     for height, hold_s in levels(plan):
-        items.append(_item(WAYPOINT, RELATIVE, [hold_s, 0.0, 0.0, None, *place, height]))
-    items.append(_item(LOITER, RELATIVE, [0.0, 0.0, 0.0, None, *place, plan.limits.middle_m]))
+        items.append(_item(WAYPOINT, RELATIVE, [hold_s, 0.0, 0.0, None, *position, height]))
+    items.append(_item(LOITER, RELATIVE, [0.0, 0.0, 0.0, None, *position, plan.limits.middle_m]))
     for number, item in enumerate(items):
         item["doJumpId"] = number + 1
     document = {
@@ -443,7 +449,7 @@ def qgc_text(plan: FlightPlan, home: tuple[float, float]) -> str:
             "cruiseSpeed": 5.0,
             "hoverSpeed": 2.0,
             "globalPlanAltitudeMode": 1,
-            "plannedHomePosition": [*place, 0.0],
+            "plannedHomePosition": [*position, 0.0],
             "items": items,
         },
         "geoFence": {"version": 2, "circles": [], "polygons": []},
@@ -456,12 +462,12 @@ def levels(plan: FlightPlan) -> list[tuple[float, float]]:
     """Heights above take-off [m] at which the setpoint rests, each with how long [s], in order."""
     slow = np.abs(plan.velocity) < 0.05 * plan.limits.speed
     edges = np.flatnonzero(np.diff(np.concatenate([[0], slow.astype(np.int8), [0]])))
-    found: list[tuple[float, float]] = []
+    results: list[tuple[float, float]] = []
     for first, last in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
         height = round(float(np.median(plan.height[first:last])), 2)
-        if not found or abs(height - found[-1][0]) > 0.1:
-            found.append((height, max(math.floor((last - first) * STEP_S * 10.0) / 10.0, 0.0)))
-    return found
+        if not results or abs(height - results[-1][0]) > 0.1:
+            results.append((height, max(math.floor((last - first) * STEP_S * 10.0) / 10.0, 0.0)))
+    return results
 
 
 def _item(command: int, frame: int, params: list[float | None]) -> dict[str, object]:
@@ -585,7 +591,7 @@ def rotorpy_text(plan: FlightPlan) -> str:
 # -- Table of formats --
 
 #: Latitude and longitude [deg].
-Place = tuple[float, float]
+Location = tuple[float, float]
 
 
 @dataclass(frozen=True, slots=True)
@@ -596,23 +602,23 @@ class WrittenPlan:
     words: str
     file: str
     of_plan: Callable[[FlightPlan], str] | None = None
-    of_place: Callable[[FlightPlan, Place], str] | None = None
+    of_position: Callable[[FlightPlan, Location], str] | None = None
 
-    def text(self, plan: FlightPlan, place: Place | None) -> str:
+    def text(self, plan: FlightPlan, position: Location | None) -> str:
         """Content of the file; a mission has the place too."""
-        if self.of_place is not None and place is not None:
-            return self.of_place(plan, place)
+        if self.of_position is not None and position is not None:
+            return self.of_position(plan, position)
         if self.of_plan is None:
             raise TypeError(f"a plan for {self.name} without a place")
         return self.of_plan(plan)
 
 
 WRITTEN: dict[str, WrittenPlan] = {
-    one.name: one
-    for one in (
+    item.name: item
+    for item in (
         WrittenPlan("csv", "table of setpoints", "setpoints.csv", csv_text),
         WrittenPlan("mavsdk", "MAVSDK program that flies it", "fly_plan.py", mavsdk_text),
-        WrittenPlan("qgc", "QGroundControl plan", "flight.plan", of_place=qgc_text),
+        WrittenPlan("qgc", "QGroundControl plan", "flight.plan", of_position=qgc_text),
         WrittenPlan("rotorpy", "trajectory of RotorPy", "trajectory.py", rotorpy_text),
     )
 }

@@ -183,7 +183,7 @@ def _steps(count: int, hold_s: float, smoothing_s: float, rng: np.random.Generat
 
 
 @dataclass(frozen=True, slots=True)
-class Target:
+class ExportTarget:
     """A quantity of the vertical motion."""
 
     quantity: str
@@ -195,9 +195,9 @@ class Target:
 
 #: By their words on the command line, in the order of the ranking's joint vector.
 TARGETS = {
-    "friction": Target("viscous_friction", "viscous friction", "1/s"),
-    "gain": Target("input_gain", "input gain", "%", 100.0, relative=True),
-    "lag": Target("effective_lag", "effective lag", "ms", 1000.0),
+    "friction": ExportTarget("viscous_friction", "viscous friction", "1/s"),
+    "gain": ExportTarget("input_gain", "input gain", "%", 100.0, relative=True),
+    "lag": ExportTarget("effective_lag", "effective lag", "ms", 1000.0),
 }
 
 
@@ -237,13 +237,13 @@ class Densities:
     accelerometer: Float[np.ndarray, " n"]  # [(m/s^2)^2/Hz]
     velocity: Float[np.ndarray, " n"]  # [(m/s^2)^2/Hz]
 
-    def at(self, name: str, frequency_hz: Float[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:
+    def density_at(self, name: str, frequency_hz: Float[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:
         """Density of that name above zero frequency; constant beyond the ends, force falls above them."""
         values = np.maximum(getattr(self, name), 1e-12)
-        found = np.exp(np.interp(np.log(frequency_hz), np.log(self.frequency_hz), np.log(values)))
+        result = np.exp(np.interp(np.log(frequency_hz), np.log(self.frequency_hz), np.log(values)))
         if name == "force":
-            found = found * np.minimum(1.0, (self.frequency_hz[-1] / frequency_hz) ** 2)
-        return np.asarray(found)
+            result = result * np.minimum(1.0, (self.frequency_hz[-1] / frequency_hz) ** 2)
+        return np.asarray(result)
 
 
 @dataclass(frozen=True)
@@ -269,7 +269,7 @@ class VehicleGuess:
     controller : AltitudeController, optional
         How the vehicle follows its height setpoint. Default: one that suits the lag.
     asked : str
-        What an estimate could not tell, by its word in `eivor.planning.vehicle`; empty for nothing.
+        What an estimate could not identify, by its word in `eivor.planning.vehicle`; empty for nothing.
 
     Raises
     ------
@@ -326,27 +326,27 @@ class VehicleGuess:
 
 
 def vehicle_of_result(document: Mapping[str, Any]) -> VehicleGuess:
-    """Vehicle of a document of schema ``eivor.identify/1``; what it does not tell is taken as usual."""
+    """Vehicle of a document of schema ``eivor.identify/1``; what it does not identify is taken as usual."""
     if document["model"]["name"] != "vertical_motion":
         raise UsageError(
             "a result of the vertical motion",
             f"one of '{document['model']['name']}'",
             "Others are not planned.",
         )
-    told = {**document["parameters"], **document["derived"]}
+    selected = {**document["parameters"], **document["derived"]}
     usual = VehicleGuess()
-    flown = (document.get("prediction") or {}).get("flown") or {}
-    gains = flown.get("controller")
-    residual = flown.get("residual")
-    taken = flown.get("taken", {})
+    flight = (document.get("prediction") or {}).get("flown") or {}
+    gains = flight.get("controller")
+    residual = flight.get("residual")
+    taken = flight.get("taken", {})
     return VehicleGuess(
-        hover_input=_hover(told["hover_input"], document["model"]["input_map"], usual.hover_input),
+        hover_input=_hover(selected["hover_input"], document["model"]["input_map"], usual.hover_input),
         viscous_friction=_within("viscous_friction", taken.get("viscous_friction", usual.viscous_friction)),
         lag_s=_within("lag_s", taken.get("lag_s", usual.lag_s)),
-        tilt_rms=_within("tilt_rms", flown.get("tilt_rms", usual.tilt_rms)),
+        tilt_rms=_within("tilt_rms", flight.get("tilt_rms", usual.tilt_rms)),
         densities=None if residual is None else _densities(residual),
         controller=None if gains is None else AltitudeController(**gains),
-        asked=_asked(told),
+        asked=_parsed(selected),
     )
 
 
@@ -407,10 +407,10 @@ def _densities(residual: Mapping[str, Any]) -> Densities:
     )
 
 
-def _asked(told: Mapping[str, Any]) -> str:
+def _parsed(record: Mapping[str, Any]) -> str:
     """First of friction, lag and gain that is not identified."""
     order = {"friction": "viscous_friction", "lag": "effective_lag", "gain": "input_gain"}
     for word, name in order.items():
-        if told[name]["verdict"] != "identified":
+        if record[name]["verdict"] != "identified":
             return word
     return ""

@@ -48,10 +48,10 @@ class Bullets:
 
 @dataclass(frozen=True, slots=True)
 class Fact:
-    """Something told, with its label."""
+    """Something reported, with its label."""
 
     label: str
-    told: str | Bullets
+    text: str | Bullets
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,7 +119,7 @@ class Section:
 
 @dataclass(frozen=True, slots=True)
 class Document:
-    """What is told, from its verdict to its details."""
+    """What is identified, from its verdict to its details."""
 
     title: str
     status: Status | None

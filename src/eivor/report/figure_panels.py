@@ -65,8 +65,8 @@ def given_axes(axes: GivenAxes, panels: Sequence[str], title: str = "") -> dict[
     chosen = _named(axes, panels) if isinstance(axes, Mapping) else _ordered(axes, panels)
     if not chosen:
         raise UsageError("Axes to draw into", "none", f"Name some of: {', '.join(panels)}.")
-    for name, one in chosen.items():
-        _check(f"{name!r}", one)
+    for name, item in chosen.items():
+        _check(f"{name!r}", item)
     figure_of(*chosen.values())
     _axes_title(next(iter(chosen.values())), title)
     return chosen
@@ -93,7 +93,7 @@ def figure_of(*axes: Axes) -> Figure:
     UsageError
         When there are several.
     """
-    figures = {id(one.figure.figure): one.figure.figure for one in axes}
+    figures = {id(axis.figure.figure): axis.figure.figure for axis in axes}
     if len(figures) != 1:
         raise UsageError(
             "Axes of one figure", f"of {len(figures)}", "Draw into each figure by itself, naming its panels."
@@ -291,13 +291,13 @@ def _most_moved(values: Float[np.ndarray, " length"], run: FlightRun) -> slice:
 
 def draw_autocorrelation(axes: Axes, best: Candidate, runs: list[FlightRun]) -> None:
     """Autocorrelation of the residual that inference works on, sampled at twice the band's top."""
-    found = residual_autocorrelation(best, runs)
-    lags, correlation, band = found.shift_s, found.correlation, found.band
+    autocorrelation = residual_autocorrelation(best, runs)
+    lags, correlation, band = autocorrelation.shift_s, autocorrelation.correlation, autocorrelation.band
     axes.axhspan(-band, band, color=SHADE, alpha=0.18, lw=0, label="95 % band of white noise")
     axes.vlines(lags[1:], 0.0, correlation[1:], color=RESIDUAL, lw=1.6)
     axes.plot(lags[1:], correlation[1:], "o", color=RESIDUAL, ms=3)
     axes.axhline(0.0, color="black", lw=0.5)
-    axes.set_title(f"Autocorrelation of the {found.what}", fontsize=9)
+    axes.set_title(f"Autocorrelation of the {autocorrelation.what}", fontsize=9)
     axes.set_xlabel("shift [s]")
     axes.set_ylabel("correlation")
     limit = max(0.3, 1.15 * float(np.max(np.abs(correlation[1:]), initial=0.0)))
@@ -339,7 +339,7 @@ CLOUD = 4000
 
 
 @dataclass(frozen=True, slots=True)
-class ShownInterval:
+class PlottedInterval:
     """One row of a panel.
 
     Parameters
@@ -358,7 +358,7 @@ class ShownInterval:
 
 
 def interval_figure(
-    panels: Mapping[str, Sequence[ShownInterval]],
+    panels: Mapping[str, Sequence[PlottedInterval]],
     *,
     units: Mapping[str, str] | None = None,
     truth: Mapping[str, float] | None = None,
@@ -369,7 +369,7 @@ def interval_figure(
 
     Parameters
     ----------
-    panels : mapping of str to sequence of ShownInterval
+    panels : mapping of str to sequence of PlottedInterval
         For each parameter its rows, from the top; rows of one label share a colour.
     units : mapping of str to str, optional
         Unit of each parameter.
@@ -396,9 +396,9 @@ def interval_figure(
     labels = list(dict.fromkeys(row.label for rows in panels.values() for row in rows))
     names = tuple(panels)
     drawn = _row(names, most, title) if axes is None else given_axes(axes, names, title)
-    for place, (name, axis) in enumerate(drawn.items()):
+    for index, (name, axis) in enumerate(drawn.items()):
         _panel(axis, panels[name], labels, (truth or {}).get(name))
-        if axes is None and place:
+        if axes is None and index:
             axis.tick_params(labelleft=False)
         axis.set_xlabel(axis_words(name, (units or {}).get(name, "")), fontsize=9, parse_math=False)
     return figure_of(*drawn.values())
@@ -407,7 +407,7 @@ def interval_figure(
 def _row(names: tuple[str, ...], most: int, title: str) -> dict[str, Axes]:
     """Panels of a page, side by side, for so many intervals in each."""
     figure = page(PANEL_WIDTH * len(names) + 1.2, ROW_HEIGHT * (most + 1) + 1.3, title)
-    return {name: figure.add_subplot(1, len(names), place) for place, name in enumerate(names, start=1)}
+    return {name: figure.add_subplot(1, len(names), index) for index, name in enumerate(names, start=1)}
 
 
 def estimates_figure(
@@ -443,12 +443,12 @@ def estimates_figure(
     UsageError
         When there is nothing to draw, `axes` do not fit the panels, or the level is not between 0 and 1.
     """
-    panels: dict[str, list[ShownInterval]] = {}
+    panels: dict[str, list[PlottedInterval]] = {}
     units: dict[str, str] = {}
-    for label, found in estimates.items():
-        values = found.values if isinstance(found, Bootstrap) else found.best.values
-        for name, unit, value in zip(found.names, found.units, values, strict=True):
-            row = ShownInterval(label, float(value), (found.interval(name, level),))
+    for label, estimate in estimates.items():
+        values = estimate.values if isinstance(estimate, Bootstrap) else estimate.best.values
+        for name, unit, value in zip(estimate.names, estimate.units, values, strict=True):
+            row = PlottedInterval(label, float(value), (estimate.interval(name, level),))
             panels.setdefault(name, []).append(row)
             units.setdefault(name, unit)
     if axes is None:
@@ -505,13 +505,13 @@ def ellipse_figure(
     if cloud is not None:
         dots = cloud[:: max(1, -(-len(cloud) // CLOUD))]
         axes.plot(*dots.T, ".", color=GREY, ms=2.5, alpha=0.45, label=f"{len(cloud)} replicates", zorder=1)
-    for place, (label, ellipse) in enumerate(ellipses.items()):
-        colour = INTERVAL_COLOURS[place % len(INTERVAL_COLOURS)]
+    for index, (label, ellipse) in enumerate(ellipses.items()):
+        colour = INTERVAL_COLOURS[index % len(INTERVAL_COLOURS)]
         axes.fill(*ellipse.outline().T, color=colour, alpha=0.12, lw=0)
         axes.plot(*ellipse.outline().T, color=colour, lw=1.6, label=label)
         axes.plot(*ellipse.centre, "+", color=colour, ms=9, mew=1.6)
-    for place, (label, polygons) in enumerate((regions or {}).items(), start=len(ellipses)):
-        colour = INTERVAL_COLOURS[place % len(INTERVAL_COLOURS)]
+    for index, (label, polygons) in enumerate((regions or {}).items(), start=len(ellipses)):
+        colour = INTERVAL_COLOURS[index % len(INTERVAL_COLOURS)]
         for number, corners in enumerate(polygons):
             axes.plot(*corners.T, color=colour, lw=1.3, ls="-.", label="_" if number else label)
     if intervals is not None:
@@ -544,7 +544,7 @@ def pair_figure(
     Parameters
     ----------
     estimate : Estimate
-        With its rows at hand.
+        With its rows available.
     name, other : str
         The parameters, abscissa first.
     level : float
@@ -572,7 +572,7 @@ def pair_figure(
     ellipse = estimate.ellipse(name, other, level)
     cloud = None
     if replicates is not None:
-        cloud = replicates.replicates[:, [replicates.names.index(one) for one in (name, other)]]
+        cloud = replicates.replicates[:, [replicates.names.index(item) for item in (name, other)]]
     return ellipse_figure(
         {f"joint {100 * level:g} % ellipse": ellipse},
         names=(name, other),
@@ -592,24 +592,24 @@ def axis_words(name: str, unit: str) -> str:
     return f"{words} [{printable(unit).replace('^2', '²') or '-'}]"
 
 
-def _panel(axes: Axes, rows: Sequence[ShownInterval], labels: Sequence[str], truth: float | None) -> None:
+def _panel(axes: Axes, rows: Sequence[PlottedInterval], labels: Sequence[str], truth: float | None) -> None:
     from matplotlib.ticker import MaxNLocator
 
     low, high = _interval_limits(rows, truth)
     axes.set_xlim(low, high)
-    for place, row in enumerate(rows):
+    for index, row in enumerate(rows):
         colour = INTERVAL_COLOURS[labels.index(row.label) % len(INTERVAL_COLOURS)]
         for left, right in row.pieces:
-            axes.plot([max(left, low), min(right, high)], [place, place], color=colour, lw=2.2)
+            axes.plot([max(left, low), min(right, high)], [index, index], color=colour, lw=2.2)
             inside = 0.02 * (high - low)
             for end, arrow, mark in ((left, low + inside, "<"), (right, high - inside, ">")):
                 unbounded = math.isinf(end)
-                at = arrow if unbounded else end
-                axes.plot(at, place, mark if unbounded else "|", color=colour, ms=8, mew=1.8)
+                position = arrow if unbounded else end
+                axes.plot(position, index, mark if unbounded else "|", color=colour, ms=8, mew=1.8)
         if not row.pieces:
-            axes.text(0.5 * (low + high), place, "empty set", ha="center", va="center", fontsize=8)
+            axes.text(0.5 * (low + high), index, "empty set", ha="center", va="center", fontsize=8)
         if math.isfinite(row.value):
-            axes.plot(row.value, place, "o", color=colour, ms=5)
+            axes.plot(row.value, index, "o", color=colour, ms=5)
     if truth is not None:
         axes.axvline(truth, color=RED, lw=1.2, ls="--", label="truth")
         legend(axes, size=7)
@@ -622,7 +622,7 @@ def _panel(axes: Axes, rows: Sequence[ShownInterval], labels: Sequence[str], tru
     axes.grid(alpha=0.25)
 
 
-def _interval_limits(rows: Sequence[ShownInterval], truth: float | None) -> tuple[float, float]:
+def _interval_limits(rows: Sequence[PlottedInterval], truth: float | None) -> tuple[float, float]:
     """Range of all finite numbers, with a margin; never empty."""
     numbers = [end for row in rows for piece in row.pieces for end in piece] + [row.value for row in rows]
     finite = [x for x in [*numbers, *([] if truth is None else [truth])] if math.isfinite(x)] or [0.0]
@@ -645,7 +645,7 @@ TICKS = (1, 2, 5)
 def draw_no_profile(axes: Axes, result: FlightEstimate) -> None:
     """Say why there is no nuisance whose values could be compared."""
     axes.set_title("How well each lag fits", fontsize=9)
-    given = None if result.fit is None else result.fit.given_lag
+    given = None if result.fit is None else result.fit.lag_prior
     why = result.motion.words.no_lag if given is None else f"The lag was given:\n{given.given}."
     axes.text(0.5, 0.5, why, ha="center", va="center", transform=axes.transAxes)
     axes.set_axis_off()
@@ -701,6 +701,6 @@ def _abscissa(axes: Axes, grid: Float[np.ndarray, " values"]) -> None:
     axes.set_xlim(low, high)
     decades = range(int(np.floor(np.log10(low))), int(np.ceil(np.log10(high))) + 1)
     ticks = [tick * 10.0**decade for decade in decades for tick in TICKS]
-    shown = [tick for tick in ticks if low <= tick <= high]
-    axes.set_xticks(shown, labels=[f"{tick:g}" for tick in shown])
+    ticks_kept = [tick for tick in ticks if low <= tick <= high]
+    axes.set_xticks(ticks_kept, labels=[f"{tick:g}" for tick in ticks_kept])
     axes.minorticks_off()

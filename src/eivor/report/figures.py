@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from eivor.atomic_file import whole_file
+from eivor.atomic_file import atomic_write
 from eivor.errors import NonFiniteError, TooFewSamplesError
-from eivor.flights.motion import UNCHANGED, Ahead, AheadError
-from eivor.flights.quantity import Panel
+from eivor.flights.motion import UNCHANGED, HorizonErrors, MultiStepPrediction
+from eivor.flights.quantity import PlotData
 from eivor.flights.result import Fit, FlightEstimate
 from eivor.inference.bootstrap import autocovariance
 from eivor.inference.distributions import normal_quantile
@@ -41,7 +41,7 @@ from eivor.report.figure_panels import (
     panel,
     without_abscissa,
 )
-from eivor.report.flight import flight_runs, shown_in
+from eivor.report.flight import display_unit, flight_runs
 from eivor.report.wording import NO_NUMBER, numbers
 from eivor.signals.channels import canonical_channel
 from eivor.signals.noise import LEAST_BANDWIDTH, LongMemory, estimate_long_memory
@@ -63,46 +63,53 @@ AHEAD_SHOWN_S = 20.0
 BROKEN_AFTER = 3.0
 
 
-def ahead_panels(ahead: Ahead) -> Panels:
+def prediction_panels(ahead: MultiStepPrediction) -> Panels:
     """Panels by name: each quantity, and "QUANTITY by horizon" beside it."""
     panels: Panels = {}
-    shown = _liveliest(ahead)
+    liveliest = _liveliest(ahead)
     for number, models in enumerate(ahead.by_quantity):
         name = models[0].quantity
         panels[name] = partial(
-            _draw_ahead_over_time, ahead=ahead, models=models, shown=shown, first=number == 0
+            _draw_ahead_over_time, prediction=ahead, models=models, displayed=liveliest, first=number == 0
         )
-        panels[f"{name} by horizon"] = partial(_by_horizon, ahead=ahead, models=models, first=number == 0)
+        panels[f"{name} by horizon"] = partial(
+            _by_horizon, prediction=ahead, models=models, first=number == 0
+        )
     return panels
 
 
-def ahead_page(names: tuple[str, ...]) -> dict[str, Axes]:
+def prediction_page(names: tuple[str, ...]) -> dict[str, Axes]:
     """A page with two panels in a row."""
     from matplotlib.gridspec import GridSpec
 
     rows = len(names) // 2
     figure: Figure = page(WIDTH_INCHES, ROW_INCHES * rows + 1.2)
     grid = GridSpec(rows, 2, figure=figure, width_ratios=(2.2, 1.0))
-    return {name: figure.add_subplot(grid[place // 2, place % 2]) for place, name in enumerate(names)}
+    return {name: figure.add_subplot(grid[index // 2, index % 2]) for index, name in enumerate(names)}
 
 
 def _draw_ahead_over_time(
-    ax: Axes, ahead: Ahead, models: tuple[AheadError, ...], shown: Bool[np.ndarray, " starts"], *, first: bool
+    ax: Axes,
+    prediction: MultiStepPrediction,
+    models: tuple[HorizonErrors, ...],
+    displayed: Bool[np.ndarray, " starts"],
+    *,
+    first: bool,
 ) -> None:
-    unit, times = shown_in(models[0].unit)
-    after = ahead.horizons_s[-1]
-    time = ahead.start_s[shown] + after
+    unit, times = display_unit(models[0].unit)
+    after = prediction.horizons_s[-1]
+    time = prediction.start_s[displayed] + after
     quantity = models[0].quantity
     if models[0].series is not None:
-        ax.plot(*_unbroken(time, times * models[0].series[shown, 0]), color=DARK, lw=2.6, alpha=0.4)
+        ax.plot(*_unbroken(time, times * models[0].series[displayed, 0]), color=DARK, lw=2.6, alpha=0.4)
         words = f"{quantity} [{unit}]"
     else:
         words = f"error of {quantity} [{unit}]"
-    for one, colour in _coloured(models):
-        if one.series is None:
-            ax.plot(*_unbroken(time, times * one.left[shown, -1]), color=colour, lw=1.0)
-        elif one.model != UNCHANGED:
-            ax.plot(*_unbroken(time, times * one.series[shown, 1]), color=colour, lw=1.0)
+    for item, colour in _coloured(models):
+        if item.series is None:
+            ax.plot(*_unbroken(time, times * item.left[displayed, -1]), color=colour, lw=1.0)
+        elif item.model != UNCHANGED:
+            ax.plot(*_unbroken(time, times * item.series[displayed, 1]), color=colour, lw=1.0)
     labelled(ax, x="time [s]", y=words, size=9.0)
     ax.margins(x=0.005)
     if first:
@@ -110,12 +117,14 @@ def _draw_ahead_over_time(
         ax.set_title(fitting(ax, title), fontsize=9, parse_math=False)
 
 
-def _by_horizon(ax: Axes, ahead: Ahead, models: tuple[AheadError, ...], *, first: bool) -> None:
-    unit, times = shown_in(models[0].unit)
-    for one, colour in _coloured(models):
-        errors = times * np.array(one.rms)
-        ax.plot(ahead.horizons_s, errors, "o-", color=colour, ms=3.5, lw=1.2, label=one.words)
-    most = times * max(max(one.rms) for one in models)
+def _by_horizon(
+    ax: Axes, prediction: MultiStepPrediction, models: tuple[HorizonErrors, ...], *, first: bool
+) -> None:
+    unit, times = display_unit(models[0].unit)
+    for item, colour in _coloured(models):
+        errors = times * np.array(item.rms)
+        ax.plot(prediction.horizons_s, errors, "o-", color=colour, ms=3.5, lw=1.2, label=item.words)
+    most = times * max(max(model.rms) for model in models)
     ax.set_ylim(0.0, (1.75 if first else 1.1) * most or 1.0)
     labelled(ax, x="predicted so far ahead [s]", y=f"RMS error [{unit}]", size=9.0)
     if first:
@@ -124,21 +133,21 @@ def _by_horizon(ax: Axes, ahead: Ahead, models: tuple[AheadError, ...], *, first
         legend(ax, size=7, place="upper left")
 
 
-def _coloured(models: tuple[AheadError, ...]) -> list[tuple[AheadError, str]]:
+def _coloured(models: tuple[HorizonErrors, ...]) -> list[tuple[HorizonErrors, str]]:
     """Models, the fit drawn last and so on top."""
-    parametric = [one for one in models if one.model != UNCHANGED]
-    colours = dict(zip((one.model for one in parametric), AHEAD_COLOURS, strict=False))
-    return [(one, colours.get(one.model, GREY)) for one in reversed(models)]
+    parametric = [model for model in models if model.model != UNCHANGED]
+    colours = dict(zip((item.model for item in parametric), AHEAD_COLOURS, strict=False))
+    return [(model, colours.get(model.model, GREY)) for model in reversed(models)]
 
 
-def _liveliest(ahead: Ahead) -> Bool[np.ndarray, " starts"]:
+def _liveliest(prediction: MultiStepPrediction) -> Bool[np.ndarray, " starts"]:
     """Starts within the part of a flight in which most happens that does not stay as it is."""
-    time = ahead.start_s
+    time = prediction.start_s
     ends = np.flatnonzero(np.diff(time, append=-np.inf) < 0.0) + 1
-    begin, best, found = 0, -np.inf, slice(0, time.size)
-    stayed = [models[-1] for models in ahead.by_quantity]
+    begin, best, result = 0, -np.inf, slice(0, time.size)
+    stayed = [models[-1] for models in prediction.by_quantity]
     moved = sum(
-        (np.nan_to_num(one.left[:, -1] / (one.rms[-1] or 1.0)) ** 2 for one in stayed), np.zeros(time.size)
+        (np.nan_to_num(item.left[:, -1] / (item.rms[-1] or 1.0)) ** 2 for item in stayed), np.zeros(time.size)
     )
     for end in ends.tolist():
         power = np.concatenate([[0.0], np.cumsum(moved[begin:end])])
@@ -146,10 +155,10 @@ def _liveliest(ahead: Ahead) -> Bool[np.ndarray, " starts"]:
         inside = power[last] - power[: end - begin]
         start = int(np.argmax(inside))
         if inside[start] > best:
-            best, found = float(inside[start]), slice(begin + start, begin + int(last[start]))
+            best, result = float(inside[start]), slice(begin + start, begin + int(last[start]))
         begin = end
     mask = np.zeros(time.size, dtype=np.bool_)
-    mask[found] = True
+    mask[result] = True
     return mask
 
 
@@ -160,8 +169,8 @@ def _unbroken(
     if time.size < 2:
         return time, values
     steps = np.diff(time, prepend=time[0])
-    shown = np.where(steps > BROKEN_AFTER * float(np.median(np.diff(time))), np.nan, values)
-    return time, shown
+    displayed = np.where(steps > BROKEN_AFTER * float(np.median(np.diff(time))), np.nan, values)
+    return time, displayed
 
 
 # -- Figure without estimate --
@@ -173,14 +182,17 @@ def flight_panels(result: FlightEstimate) -> Panels:
     """What moves in the first flight and its input, shaded where it counts, and the reasons below."""
     prepared = result.prepared[0]
     level = prepared.signals.family(prepared.input.name).mean(axis=1)
-    shown = {_name(panel): panel for panel in result.motion.overview(prepared)}
-    shown["input"] = Panel(f"mean of\n{prepared.input.name}", level)
-    first = next(iter(shown))
+    displayed = {_name(panel): panel for panel in result.motion.overview(prepared)}
+    displayed["input"] = PlotData(f"mean of\n{prepared.input.name}", level)
+    first = next(iter(displayed))
     panels: Panels = {
         name: partial(
-            _draw, shown=panel, result=result, title=_title_without_estimate(result) if name == first else ""
+            _draw,
+            plot_data=panel,
+            result=result,
+            title=_title_without_estimate(result) if name == first else "",
         )
-        for name, panel in shown.items()
+        for name, panel in displayed.items()
     }
     panels["reasons"] = partial(_write_reasons, result=result)
     return panels
@@ -197,7 +209,7 @@ def page_without_estimate(names: tuple[str, ...]) -> dict[str, Axes]:
     return dict(zip(names, panels, strict=True))
 
 
-def _name(panel: Panel) -> str:
+def _name(panel: PlotData) -> str:
     """Label of a panel in one line, without its unit."""
     return " ".join(panel.label.split()).partition(" [")[0]
 
@@ -208,11 +220,11 @@ def _title_without_estimate(result: FlightEstimate) -> str:
     return f"{printable(prepared.recording.name)}: {known}, by {prepared.active.rule}"
 
 
-def _draw(axes: Axes, shown: Panel, result: FlightEstimate, title: str) -> None:
+def _draw(axes: Axes, plot_data: PlotData, result: FlightEstimate, title: str) -> None:
     prepared = result.prepared[0]
     time = prepared.grid.time_s
-    axes.plot(time, shown.values, color="#333333", lw=0.9)
-    axes.set_ylabel(shown.label, parse_math=False)
+    axes.plot(time, plot_data.values, color="#333333", lw=0.9)
+    axes.set_ylabel(plot_data.label, parse_math=False)
     axes.set_xlabel("time from the log's start [s]")
     axes.grid(alpha=0.25)
     axes.margins(x=0.005)
@@ -289,7 +301,7 @@ def flight_figure(result: FlightEstimate, axes: GivenAxes | None = None) -> Figu
 
 
 def save_figure(figure: Figure, path: Path) -> None:
-    """Write a figure as PNG, SVG or PDF, told by the ending; whole, and the same result gives the same bytes.
+    """Write a figure as PNG, SVG or PDF, recognised by the ending; whole.
 
     Raises
     ------
@@ -301,7 +313,7 @@ def save_figure(figure: Figure, path: Path) -> None:
     with warnings.catch_warnings():
         # a log's name may hold letters that the font does not have; they become boxes
         warnings.filterwarnings("ignore", message="Glyph .* missing from")
-        with whole_file(path) as file:
+        with atomic_write(path) as file:
             figure.savefig(file, format=kind, metadata=metadata)
 
 
@@ -332,25 +344,27 @@ def _flight_page(names: tuple[str, ...]) -> dict[str, Axes]:
     from matplotlib.gridspec import GridSpec
 
     wide = [name for name in names if name.startswith(("fit", "residual"))]
-    beside = [name for name in names if name not in wide]
+    names_kept = [name for name in names if name not in wide]
     width, height = SIZE_INCHES
-    figure = page(width * max(len(beside) / LEAST_BESIDE, 1.0), height + AXIS_INCHES * (len(wide) // 2 - 1))
+    figure = page(
+        width * max(len(names_kept) / LEAST_BESIDE, 1.0), height + AXIS_INCHES * (len(wide) // 2 - 1)
+    )
     grid = GridSpec(
-        len(wide) + 1, len(beside), figure=figure, height_ratios=(*(2.0, 0.9) * (len(wide) // 2), 2.2)
+        len(wide) + 1, len(names_kept), figure=figure, height_ratios=(*(2.0, 0.9) * (len(wide) // 2), 2.2)
     )
     placed: dict[str, Axes] = {}
     for row, (fit, residual) in enumerate(zip(wide[::2], wide[1::2], strict=True)):
         placed[fit] = figure.add_subplot(grid[2 * row, :])
         placed[residual] = figure.add_subplot(grid[2 * row + 1, :], sharex=placed[fit])
         without_abscissa(placed[fit])
-    return placed | {name: figure.add_subplot(grid[-1, place]) for place, name in enumerate(beside)}
+    return placed | {name: figure.add_subplot(grid[-1, index]) for index, name in enumerate(names_kept)}
 
 
 def _flight_title(figure: Figure, result: FlightEstimate) -> None:
     names = [printable(flight.recording.name) for flight in result.prepared]
-    shown = short_name(names[0])
+    text = short_name(names[0])
     if len(names) > 1:
-        shown = f"{len(names)} flights: {shown}, …"
+        text = f"{len(names)} flights: {text}, …"
     parts = []
     for name in result.motion.rows:
         wording = result.motion.wording[name]
@@ -358,7 +372,7 @@ def _flight_title(figure: Figure, result: FlightEstimate) -> None:
         if value != NO_NUMBER:
             bounds = "" if interval == NO_NUMBER else f" {interval}"
             parts.append(f"{wording.words} {value}{bounds} {wording.shown_unit}".rstrip())
-    lines = [f"{shown} — {result.verdict.status.value}", "; ".join(parts[:2]), "; ".join(parts[2:])]
+    lines = [f"{text} — {result.verdict.status.value}", "; ".join(parts[:2]), "; ".join(parts[2:])]
     figure.suptitle(
         "\n".join(line for line in lines if line),
         fontsize=11,
@@ -427,16 +441,16 @@ def draw_noise_spectrum(
     estimate: LongMemory | None = None,
 ) -> None:
     """Draw what `noise_spectrum_figure` shows into one panel."""
-    found = estimate or estimate_long_memory(values)
+    result = estimate or estimate_long_memory(values)
     frequency = rate_hz * np.arange(1, (values.size + 1) // 2) / values.size
     spectrum = np.abs(np.fft.rfft(values - values.mean())[1 : frequency.size + 1]) ** 2
     amplitude = np.sqrt(2.0 * spectrum / (values.size * rate_hz))
     gain = 2.0 * np.sin(np.pi * frequency / rate_hz)
-    fitted = np.sqrt(2.0 / rate_hz) * found.std * gain**found.order
+    fitted = np.sqrt(2.0 / rate_hz) * result.std * gain**result.order
     axes.loglog(frequency, amplitude, color=GREY, lw=0.4, alpha=0.5, label="periodogram")
     axes.loglog(*_banded(frequency, amplitude), "o", color=BLUE, ms=4, label="mean power of bands")
-    used = frequency <= rate_hz * found.bandwidth / values.size
-    what = f"fractional noise, order {found.order:.3f} ± {found.order_error:.3f}"
+    used = frequency <= rate_hz * result.bandwidth / values.size
+    what = f"fractional noise, order {result.order:.3f} ± {result.order_error:.3f}"
     axes.loglog(frequency, fitted, color=RED, lw=0.9, ls="--")
     axes.loglog(frequency[used], fitted[used], color=RED, lw=1.8, label=f"{what}\n(fitted where solid)")
     axes.set_xlabel("frequency [Hz]")
@@ -453,10 +467,10 @@ def _banded(
 ) -> tuple[Float[np.ndarray, " bands"], Float[np.ndarray, " bands"]]:
     """Geometric mean frequency and root mean square amplitude of bands of equal ratio."""
     band = np.floor(BANDS_PER_DECADE * np.log10(frequency / frequency[0])).astype(np.int64)
-    _, place = np.unique(band, return_inverse=True)
-    count = np.bincount(place)
-    centre = np.exp(np.bincount(place, np.log(frequency)) / count)
-    return centre, np.sqrt(np.bincount(place, amplitude**2) / count)
+    _, position = np.unique(band, return_inverse=True)
+    count = np.bincount(position)
+    centre = np.exp(np.bincount(position, np.log(frequency)) / count)
+    return centre, np.sqrt(np.bincount(position, amplitude**2) / count)
 
 
 # -- Residual figures --
@@ -479,7 +493,7 @@ def residual_figure(
     title: str = "",
     axes: GivenAxes | None = None,
 ) -> Figure:
-    """Three panels that tell whether a residual is white.
+    """Three panels that identify whether a residual is white.
 
     Parameters
     ----------
@@ -539,8 +553,8 @@ def residual_figure(
 def _residual_page(title: str) -> dict[str, Axes]:
     figure = page(10.0, 6.4, title)
     grid = figure.add_gridspec(2, 2, height_ratios=(0.85, 1.0))
-    places = (grid[0, :], grid[1, 0], grid[1, 1])
-    return {name: figure.add_subplot(place) for name, place in zip(PANELS, places, strict=True)}
+    positions = (grid[0, :], grid[1, 0], grid[1, 1])
+    return {name: figure.add_subplot(position) for name, position in zip(PANELS, positions, strict=True)}
 
 
 def robust_band(residual: Float[np.ndarray, " n"], lags: int) -> Float[np.ndarray, " lags"]:
@@ -649,7 +663,7 @@ def signals_figure(
     drawable(names, "channels", "Name some of them.")
     panels = _column(names, title) if axes is None else given_axes(axes, names, title)
     time = signals.start_s + signals.step_s * np.arange(signals.sample_count)
-    for place, (name, drawn_panel) in enumerate(panels.items()):
+    for index, (name, drawn_panel) in enumerate(panels.items()):
         values = signals.channel(name)
         if signals.valid is not None:
             values = np.where(signals.valid, values, np.nan)
@@ -657,7 +671,7 @@ def signals_figure(
         drawn_panel.plot(time, values, color=GREY if has_truth else DARK, lw=0.7, label="measured")
         if truth is not None and has_truth:
             drawn_panel.plot(time, truth.channel(name), color=RED, lw=0.9, label="without noise")
-            if place == 0:
+            if index == 0:
                 legend(drawn_panel, place="upper right")
         labelled(drawn_panel, x="time t [s]", y=axis_label(name))
         drawn_panel.margins(x=0.005)
@@ -668,9 +682,9 @@ def _column(names: tuple[str, ...], title: str) -> dict[str, Axes]:
     """Panels of a page, one below the other, over one axis of time."""
     figure = page(SIGNAL_WIDTH, PANEL_HEIGHT * len(names) + 0.7, title)
     panels: dict[str, Axes] = {}
-    for place, name in enumerate(names, start=1):
-        panels[name] = figure.add_subplot(len(names), 1, place, sharex=panels.get(names[0]))
-        if place < len(names):
+    for index, name in enumerate(names, start=1):
+        panels[name] = figure.add_subplot(len(names), 1, index, sharex=panels.get(names[0]))
+        if index < len(names):
             without_abscissa(panels[name])
     return panels
 

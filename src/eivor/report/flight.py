@@ -13,11 +13,11 @@ import numpy as np
 from eivor.estimation.estimate import Candidate, Estimate
 from eivor.estimation.variable_projection import NuisanceProfile
 from eivor.flights.estimate import not_estimated
-from eivor.flights.motion import Ahead
+from eivor.flights.motion import MultiStepPrediction
 from eivor.flights.quantity import CardSection, Implications, Kind, Quantity, Trace, Wording
 from eivor.flights.result import FitDiagnostics, FlightEstimate, FlightRow
 from eivor.inference.diagnostics.instruments import STRONG_FIRST_STAGE
-from eivor.inference.diagnostics.record import told
+from eivor.inference.diagnostics.record import outcome_word
 from eivor.inference.diagnostics.residuals import LARGE_LEVERAGE
 from eivor.inference.verdict import Reason, Status, Verdict
 from eivor.models.spectral import BinRows, SpectralRun
@@ -44,33 +44,33 @@ from eivor.tools import Complex, Float
 SHOWN_IN = {"rad": ("deg", math.degrees(1.0)), "rad/s": ("deg/s", math.degrees(1.0))}
 
 
-def shown_in(unit: str) -> tuple[str, float]:
+def display_unit(unit: str) -> tuple[str, float]:
     """Unit to show what is in another one, and what its numbers are multiplied by."""
     return SHOWN_IN.get(unit, (unit, 1.0))
 
 
-def ahead_rows(ahead: Ahead) -> list[tuple[str, ...]]:
+def prediction_rows(prediction: MultiStepPrediction) -> list[tuple[str, ...]]:
     """Quantity, model, shown unit, and root mean square errors by horizon, of every prediction."""
     rows = []
-    for one in ahead.errors:
-        unit, times = shown_in(one.unit)
-        rows.append((one.quantity, one.words, unit, *(f"{times * error:.3g}" for error in one.rms)))
+    for item in prediction.errors:
+        unit, times = display_unit(item.unit)
+        rows.append((item.quantity, item.words, unit, *(f"{times * error:.3g}" for error in item.rms)))
     return rows
 
 
-def ahead_parts(ahead: Ahead, *, sentence: bool = True) -> tuple[Part, ...]:
+def prediction_parts(prediction: MultiStepPrediction, *, sentence: bool = True) -> tuple[Part, ...]:
     """Root mean square errors of every quantity and model by horizon, and what is left out."""
-    said = (ahead.sentence,) if sentence and ahead.errors else ()
-    table = (_table(ahead),) if ahead.errors else ()
-    bullets = (*said, *ahead.left_out)
+    message = (prediction.sentence,) if sentence and prediction.errors else ()
+    table = (_table(prediction),) if prediction.errors else ()
+    bullets = (*message, *prediction.omitted)
     return (*table, Bullets(bullets)) if bullets else table
 
 
-def _table(ahead: Ahead) -> TableOf:
-    horizons = (TableColumn(f"{one:g} s", right=True, whole=True) for one in ahead.horizons_s)
+def _table(prediction: MultiStepPrediction) -> TableOf:
+    horizons = (TableColumn(f"{item:g} s", right=True, whole=True) for item in prediction.horizons_s)
     columns = (TableColumn("RMS error of", whole=True), TableColumn("by"), *horizons)
     rows, before = [], ""
-    for quantity, words, unit, *errors in ahead_rows(ahead):
+    for quantity, words, unit, *errors in prediction_rows(prediction):
         first = "" if quantity == before else f"{quantity} [{unit}]"
         rows.append(tuple(map(Cell, (first, words, *errors))))
         before = quantity
@@ -90,7 +90,7 @@ def checks(result: FlightEstimate) -> tuple[Check, ...]:
     if result.fit is None:
         return ()
     makers = (
-        _given_lag,
+        _lag_prior,
         _pool,
         _sensors,
         _strength,
@@ -105,46 +105,50 @@ def checks(result: FlightEstimate) -> tuple[Check, ...]:
     return (*shared, *result.motion.checks(result.diagnostics))
 
 
-def _given_lag(result: FlightEstimate, _found: FitDiagnostics, /) -> Iterator[Check]:
-    given = None if result.fit is None else result.fit.given_lag
+def _lag_prior(result: FlightEstimate, _fit: FitDiagnostics, /) -> Iterator[Check]:
+    given = None if result.fit is None else result.fit.lag_prior
     if given is not None:
         yield "lag", f"{given.sentence} {_tail(given.p_value)}"
 
 
-def _sensors(result: FlightEstimate, _found: FitDiagnostics, /) -> Iterator[Check]:
+def _sensors(result: FlightEstimate, _fit: FitDiagnostics, /) -> Iterator[Check]:
     sensors = None if result.fit is None else result.fit.sensors
     if sensors is not None:
-        yield "sensors", result.motion.sensors_told(sensors)
+        yield "sensors", result.motion.sensor_sentence(sensors)
 
 
-def _pool(result: FlightEstimate, _found: FitDiagnostics, /) -> Iterator[Check]:
+def _pool(result: FlightEstimate, _fit: FitDiagnostics, /) -> Iterator[Check]:
     pool = None if result.fit is None else result.fit.pooled
     if pool is not None:
-        own = ", ".join(result.motion.wording[name].symbol for name in pool.own)
+        text = ", ".join(result.motion.wording[name].symbol for name in pool.flight_specific)
         yield (
             "pool",
-            f"the flights {told(pool.own_p_value, AGREEMENT)} in {own} {_tail(pool.own_p_value)} and "
-            f"{told(pool.shared_p_value, AGREEMENT)} in what they share {_tail(pool.shared_p_value)}",
+            f"the flights {outcome_word(pool.agreement_p_value, AGREEMENT)} in {text} "
+            f"{_tail(pool.agreement_p_value)} and "
+            f"{outcome_word(pool.shared_p_value, AGREEMENT)} in what they share {_tail(pool.shared_p_value)}",
         )
 
 
-def _strength(result: FlightEstimate, found: FitDiagnostics) -> Iterator[Check]:
+def _strength(result: FlightEstimate, diagnostics: FitDiagnostics) -> Iterator[Check]:
     known = [
         f"{F:.0f} for {result.motion.wording[name].symbol}"
-        for name, F in found.first_stage.items()
+        for name, F in diagnostics.first_stage.items()
         if isfinite(F)
     ]
     if known:
         yield "instruments", f"first-stage F {', '.join(known)} ({STRONG_FIRST_STAGE:.0f} is needed)"
 
 
-def _agreement(_result: FlightEstimate, found: FitDiagnostics) -> Iterator[Check]:
-    if found.agreement is not None and found.rank and isfinite(found.agreement.p_value):
-        yield "agreement", f"the instruments {found.agreement.outcome} {_tail(found.agreement.p_value)}"
+def _agreement(_result: FlightEstimate, diagnostics: FitDiagnostics) -> Iterator[Check]:
+    if diagnostics.agreement is not None and diagnostics.rank and isfinite(diagnostics.agreement.p_value):
+        yield (
+            "agreement",
+            f"the instruments {diagnostics.agreement.outcome} {_tail(diagnostics.agreement.p_value)}",
+        )
 
 
-def _constancy(result: FlightEstimate, found: FitDiagnostics) -> Iterator[Check]:
-    constant = found.constancy
+def _constancy(result: FlightEstimate, diagnostics: FitDiagnostics) -> Iterator[Check]:
+    constant = diagnostics.constancy
     if constant is None:
         return
     sentence = f"the parameters {constant.outcome} {_tail(constant.p_value)}"
@@ -158,49 +162,53 @@ def _constancy(result: FlightEstimate, found: FitDiagnostics) -> Iterator[Check]
     yield "constancy", sentence
 
 
-def _periodicity(result: FlightEstimate, found: FitDiagnostics) -> Iterator[Check]:
-    swinging = found.periodicity
+def _periodicity(result: FlightEstimate, diagnostics: FitDiagnostics) -> Iterator[Check]:
+    swinging = diagnostics.periodicity
     if swinging is None:
         return
     tail = _tail(swinging.p_value)
     if not swinging.speaks:
-        yield "periods", f"nothing varies periodically {tail}"
+        yield "periods", f"no periodic component in the residual {tail}"
         return
-    one = swinging.strongest
-    period = f"with a period of {one.period:.2g} s {tail}"
-    if one in swinging.left_over:
+    strongest = swinging.strongest
+    period = f"with a period of {strongest.period:.2g} s {tail}"
+    if strongest in swinging.left_over:
         sentence = (
-            f"what the model leaves over of the {one.of} swings by {one.extent} {period}, "
+            f"what the model leaves over of the {strongest.of} swings by {strongest.extent} {period}, "
             "as by a wind or a supply that swings"
         )
     else:
-        wording = result.motion.wording[one.of]
-        extent = f"±{one.amplitude * wording.scale:.2g} {wording.shown_unit}".rstrip()
+        wording = result.motion.wording[strongest.of]
+        extent = f"±{strongest.amplitude * wording.scale:.2g} {wording.shown_unit}".rstrip()
         sentence = f"{wording.symbol} varies by {extent} {period}"
     yield "periods", sentence
 
 
-def _memory(_result: FlightEstimate, found: FitDiagnostics) -> Iterator[Check]:
-    if found.memory is not None:
-        drifting = " (it drifts)" if found.memory.drifts else ""
-        yield "residual", f"memory {found.memory.memory:.2f} ± {2.0 * found.memory.order_error:.2f}{drifting}"
+def _memory(_result: FlightEstimate, diagnostics: FitDiagnostics) -> Iterator[Check]:
+    if diagnostics.memory is not None:
+        drifting = " (it drifts)" if diagnostics.memory.drifts else ""
+        yield (
+            "residual",
+            f"memory {diagnostics.memory.memory:.2f} ± {2.0 * diagnostics.memory.order_error:.2f} (0 "
+            f"= none){drifting}",
+        )
 
 
-def _leverage(result: FlightEstimate, found: FitDiagnostics) -> Iterator[Check]:
-    leverage = found.leverage
+def _leverage(result: FlightEstimate, diagnostics: FitDiagnostics) -> Iterator[Check]:
+    leverage = diagnostics.leverage
     if leverage is None:
         return
     for name, wording in _closely(result)[:1]:
-        place = result.names.index(name)
-        by = float(leverage.largest[place])
+        index = result.names.index(name)
+        by = float(leverage.largest[index])
         if isfinite(by):
-            look = ": look at it" if abs(by) > LARGE_LEVERAGE else ""
-            which = f"part {leverage.most[place] + 1} of {leverage.shift.shape[0]}"
-            yield "leverage", f"without {which}, {wording.symbol} moves by {by:+.1f} standard errors{look}"
+            look = ": inspect that part" if abs(by) > LARGE_LEVERAGE else ""
+            which = f"part {leverage.most[index] + 1} of {leverage.shift.shape[0]}"
+            yield "leverage", f"dropping {which} shifts {wording.symbol} by {by:+.1f} standard errors{look}"
 
 
-def _least_squares(result: FlightEstimate, found: FitDiagnostics) -> Iterator[Check]:
-    against, said = found.endogeneity, []
+def _least_squares(result: FlightEstimate, diagnostics: FitDiagnostics) -> Iterator[Check]:
+    against, sentence = diagnostics.endogeneity, []
     if against is None:
         return
     for name, wording in _closely(result):
@@ -210,10 +218,10 @@ def _least_squares(result: FlightEstimate, found: FitDiagnostics) -> Iterator[Ch
             continue
         off = (value - quantity.value) / quantity.std_error
         remark = f", {off:+.1f} standard errors off" if against.notable(off) else ""
-        shown = f"{wording.symbol} {value * wording.scale:.3g} {wording.shown_unit}".rstrip()
-        said.append(f"{shown}{remark}")
-    if said:
-        yield "least squares", f"would give {'; '.join(said)}"
+        text = f"{wording.symbol} {value * wording.scale:.3g} {wording.shown_unit}".rstrip()
+        sentence.append(f"{text}{remark}")
+    if sentence:
+        yield "least squares", f"would give {'; '.join(sentence)}"
 
 
 def _closely(result: FlightEstimate) -> list[tuple[str, Wording]]:
@@ -282,16 +290,16 @@ class ProfileCurve:
 
 def flight_runs(result: FlightEstimate) -> list[FlightRun]:
     """Every run, in the order of the samples of a trace."""
-    found: list[FlightRun] = []
+    results: list[FlightRun] = []
     first = 0
-    flying = [(place, flight) for place, flight in enumerate(result.prepared) if flight.runs]
-    for number, (place, flight) in enumerate(flying):
+    flying = [(index, flight) for index, flight in enumerate(result.prepared) if flight.runs]
+    for number, (item, flight) in enumerate(flying):
         seconds, name = flight.grid.time_s, printable(flight.recording.name)
         for samples, spectral in zip(flight.samples_of_runs, flight.spectral_runs(number), strict=True):
             rows = slice(first, first + samples.size)
-            found.append(FlightRun(place, name, seconds[samples], rows, spectral))
+            results.append(FlightRun(item, name, seconds[samples], rows, spectral))
             first = rows.stop
-    return found
+    return results
 
 
 def band_of(trace: Trace, run: FlightRun) -> tuple[float, float]:
@@ -343,12 +351,12 @@ def spectrum(
 ) -> tuple[Float[np.ndarray, " bins"], Float[np.ndarray, " bins"]]:
     """Amplitude density, averaged over half-overlapping Hann segments of every run at one rate."""
     step = min(run.spectral.step_s for run in runs)
-    alike = [run for run in runs if run.spectral.step_s == step]
-    longest = max(run.time_s.size for run in alike)
+    runs_kept = [run for run in runs if run.spectral.step_s == step]
+    longest = max(run.time_s.size for run in runs_kept)
     length = min(int(SEGMENT_S / step), longest)
     window = np.hanning(length + 1)[:length] if length > 1 else np.ones(length)
     total, count = np.zeros(length // 2 + 1), 0
-    for run in alike:
+    for run in runs_kept:
         series = values[run.rows]
         for first in range(0, series.size - length + 1, max(length // 2, 1)):
             segment = series[first : first + length]
@@ -378,7 +386,7 @@ def _curve(
     height = candidate.criterion if candidate.inference.rank else candidate.rows.response.size
     scale = height / least if least > 0.0 and height > 0.0 else 1.0
     # the refined minimum lies between points of the grid: without it a sharp valley has no bottom
-    values = np.append(profile.grid, candidate.at[profile.nuisance.name])
+    values = np.append(profile.grid, candidate.nuisances[profile.nuisance.name])
     excess = scale * (np.append(profile.objective, least) - least)
     order = np.argsort(values)
     return values[order], excess[order]
@@ -387,10 +395,14 @@ def _curve(
 def _choice(candidate: Candidate, result: FlightEstimate) -> str:
     """Values of the discrete nuisances, in the motion's words: "delay 10 ms"."""
     refined = {profile.nuisance.name for profile in candidate.profiles}
-    told = [
-        (result.motion.wording[name], value) for name, value in candidate.at.items() if name not in refined
+    selected = [
+        (result.motion.wording[name], value)
+        for name, value in candidate.nuisances.items()
+        if name not in refined
     ]
-    return ", ".join(f"{one.words} {value * one.scale:.3g} {one.shown_unit}".rstrip() for one, value in told)
+    return ", ".join(
+        f"{item.words} {value * item.scale:.3g} {item.shown_unit}".rstrip() for item, value in selected
+    )
 
 
 # -- Reported result --
@@ -400,7 +412,7 @@ QUIET_FINDINGS = ("epoch_time",)
 
 
 @dataclass(frozen=True, slots=True)
-class ToldQuantity:
+class QuantityReport:
     """A quantity with its words."""
 
     name: str
@@ -408,19 +420,19 @@ class ToldQuantity:
     quantity: Quantity
 
     @property
-    def shown(self) -> tuple[str, str]:
+    def numbers_text(self) -> tuple[str, str]:
         """Value and interval in the shown unit; see `numbers`."""
         return numbers(self.quantity, self.wording)
 
 
 @dataclass(frozen=True, slots=True)
-class ToldRow:
+class ReportRow:
     """One flight of a pool by itself, or one method beside the chosen one."""
 
     label: str  # Log or method
     status: Status
     reasons: tuple[str, ...]
-    quantities: tuple[ToldQuantity, ...]  # The motion's `rows`, without numbers where nothing was estimated
+    quantities: tuple[QuantityReport, ...]  # The motion's `rows`, without numbers where nothing was estimated
 
     def first_reason(self, fly: str) -> str:
         """The first reason, without the advice `fly` that all of them end with; empty for none."""
@@ -428,8 +440,8 @@ class ToldRow:
 
 
 @dataclass(frozen=True, slots=True)
-class ToldFlight:
-    """A result, ready to be told."""
+class FlightReport:
+    """A result, ready to be reported."""
 
     logs: tuple[str, ...]
     verdict: Verdict
@@ -439,35 +451,37 @@ class ToldFlight:
     method: str
     instruments: str
     used: str
-    quantities: tuple[ToldQuantity, ...]
+    quantities: tuple[QuantityReport, ...]
     order: tuple[str, ...]  # Their names in the order of reports
     checks: tuple[Check, ...]
     diagnostics: Mapping[str, float]
     findings: tuple[Finding, ...]  # All that was noticed
-    flights: tuple[ToldRow, ...]
-    comparisons: tuple[ToldRow, ...]
-    by_flight: tuple[ToldRow, ...]
-    own: tuple[str, ...]
+    flights: tuple[ReportRow, ...]
+    comparisons: tuple[ReportRow, ...]
+    by_flight: tuple[ReportRow, ...]
+    flight_specific: tuple[str, ...]
     fly: str
     card: tuple[CardSection, ...]
     rows: tuple[str, ...]  # Names of the quantities that tables of flights show
     implications: Implications
-    ahead: Ahead | None  # Predictions of the flights themselves some tenths of a second ahead
+    multi_step_prediction: (
+        MultiStepPrediction | None
+    )  # Predictions of the flights themselves some tenths of a second ahead
 
     @property
-    def brief(self) -> tuple[ToldQuantity, ...]:
+    def brief(self) -> tuple[QuantityReport, ...]:
         """Quantities that tables of flights show, where there is an estimate."""
-        estimated = any(np.isfinite(told.quantity.std_error) for told in self.quantities)
-        return tuple(told for told in self.reported if told.name in self.rows) if estimated else ()
+        estimated = any(np.isfinite(quantity.quantity.std_error) for quantity in self.quantities)
+        return tuple(item for item in self.reported if item.name in self.rows) if estimated else ()
 
     @property
     def reasons(self) -> tuple[Reason, ...]:
-        """Grounds of the verdict, worst first."""
+        """Reasons of the verdict, worst first."""
         return self.verdict.reasons
 
     @property
     def further(self) -> tuple[tuple[str, Reason], ...]:
-        """Grounds against single quantities that are not grounds of the verdict, with their symbols."""
+        """Reasons against single quantities that are not reasons of the verdict, with their symbols."""
         against: dict[Reason, list[str]] = {}
         for reported in self.quantities:
             for reason in reported.quantity.reasons:
@@ -483,72 +497,74 @@ class ToldFlight:
     def systematic(self) -> tuple[tuple[str, str], ...]:
         """Systematic parts of intervals: the quantity in words, and what for."""
         return tuple(
-            (told.wording.words, one.sentence)
-            for told in self.reported
-            if told.quantity.verdict is not Status.REFUSED
-            for one in told.quantity.allowances
+            (item.wording.words, systematic_uncertainty.sentence)
+            for item in self.reported
+            if item.quantity.verdict is not Status.REFUSED
+            for systematic_uncertainty in item.quantity.systematic_uncertainties
         )
 
     @property
     def remedies(self) -> tuple[str, ...]:
         """What would change it, each remedy once."""
         reasons = (*self.reasons, *(reason for _, reason in self.further))
-        found = dict.fromkeys(reason.remedy for reason in reasons if reason.remedy)
-        return tuple(one for one in found if not any(one != more and more.startswith(one) for more in found))
+        result = dict.fromkeys(reason.remedy for reason in reasons if reason.remedy)
+        return tuple(
+            item for item in result if not any(item != more and more.startswith(item) for more in result)
+        )
 
     @property
     def summary(self) -> str:
-        """What is told, what is told weakly, and what is not and why; empty without numbers."""
+        """What is identified, what is identified weakly, and what is not and why; empty without numbers."""
         if not self.brief or all(
-            told.quantity.verdict is self.brief[0].quantity.verdict for told in self.brief
+            item.quantity.verdict is self.brief[0].quantity.verdict for item in self.brief
         ):
             return ""
         parts = []
         for statuses, words in (
-            ((Status.IDENTIFIED,), "told"),
-            ((Status.WEAK, Status.PROVISIONAL), "told roughly"),
-            ((Status.REFUSED,), "not told"),
+            ((Status.IDENTIFIED,), "identified"),
+            ((Status.WEAK, Status.PROVISIONAL), "roughly identified"),
+            ((Status.REFUSED,), "not identified"),
         ):
-            names = [told.wording.words for told in self.brief if told.quantity.verdict in statuses]
+            names = [item.wording.words for item in self.brief if item.quantity.verdict in statuses]
             if names:
                 parts.append(f"{in_words(names)} {'is' if len(names) == 1 else 'are'} {words}")
         refused = next(
-            (told.quantity for told in self.brief if told.quantity.verdict is Status.REFUSED), None
+            (item.quantity for item in self.brief if item.quantity.verdict is Status.REFUSED), None
         )
         why = refused.reasons[0].sentence if refused is not None and refused.reasons else ""
         why = f"{why.split('. ', 1)[0].removesuffix('.')}." if why else ""
-        told = "; ".join(parts)
-        return f"{told[0].upper()}{told[1:]}{f', because {_begun(why)}' if why else '.'}"
+        text = "; ".join(parts)
+        return f"{text[0].upper()}{text[1:]}{f', because {_started(why)}' if why else '.'}"
 
     @property
-    def reported(self) -> tuple[ToldQuantity, ...]:
+    def reported(self) -> tuple[QuantityReport, ...]:
         """Quantities in the order of reports."""
-        by_name = {told.name: told for told in self.quantities}
+        by_name = {quantity.name: quantity for quantity in self.quantities}
         return tuple(by_name[name] for name in self.order if name in by_name)
 
     @property
-    def worth_telling(self) -> tuple[Finding, ...]:
+    def reported_findings(self) -> tuple[Finding, ...]:
         """Findings but the quiet ones and the reasons; what is said of several logs is said once."""
         reasons = {reason.sentence for reason in self.reasons}
-        said: dict[tuple[str, str], list[str]] = {}
+        sentence: dict[tuple[str, str], list[str]] = {}
         for finding in self.findings:
             if finding.name in QUIET_FINDINGS or finding.message in reasons:
                 continue
             log = next((name for name in self.logs if finding.message.startswith(f"{name}: ")), "")
             message = finding.message.removeprefix(f"{log}: ") if log else finding.message
-            said.setdefault((finding.name, message), []).extend([log] if log else [])
-        told = []
-        for (name, message), about in said.items():
+            sentence.setdefault((finding.name, message), []).extend([log] if log else [])
+        selected = []
+        for (name, message), about in sentence.items():
             everywhere = len(about) == len(self.logs) > 1
             prefix = "Every log: " if everywhere else f"{', '.join(about)}: " if about else ""
-            told.append(Finding(name, prefix + message))
-        return tuple(told)
+            selected.append(Finding(name, prefix + message))
+        return tuple(selected)
 
 
-def told_flight(result: FlightEstimate) -> ToldFlight:
-    """What is told of a result, with or without an estimate."""
+def flight_report(result: FlightEstimate) -> FlightReport:
+    """What is reported about a result, with or without an estimate."""
     motion = result.motion
-    return ToldFlight(
+    return FlightReport(
         logs=tuple(flight.recording.name for flight in result.prepared),
         verdict=result.verdict,
         meaning=motion.words.meanings[result.verdict.status],
@@ -557,20 +573,20 @@ def told_flight(result: FlightEstimate) -> ToldFlight:
         method=result.method,
         instruments=result.instruments,
         used=used(result),
-        quantities=_told(result.quantities, motion.wording),
-        order=motion.shown,
+        quantities=_report(result.quantities, motion.wording),
+        order=motion.plotted,
         checks=checks(result),
         diagnostics=result.diagnostics,
         findings=result.findings,
         flights=tuple(_flight_row(row, result) for row in result.flights),
         comparisons=tuple(_flight_row(row, result) for row in result.comparisons),
-        by_flight=tuple(_whole_row(row, result) for row in result.by_flight),
-        own=_own(result),
+        by_flight=tuple(_report_row(row, result) for row in result.by_flight),
+        flight_specific=_own(result),
         fly=motion.words.fly,
         card=flight_card(result),
         rows=motion.rows,
         implications=result.implications,
-        ahead=result.ahead,
+        multi_step_prediction=result.multi_step_prediction,
     )
 
 
@@ -580,38 +596,38 @@ def in_words(names: Sequence[str]) -> str:
     return f"{', '.join(first)} and {last}" if first else last
 
 
-def _begun(sentence: str) -> str:
+def _started(sentence: str) -> str:
     """A sentence as the rest of another: "The lag is" becomes "the lag is"."""
     article = sentence.split(" ", 1)[0] in {"The", "A", "An", "No", "Every", "Its"}
     return f"{sentence[0].lower()}{sentence[1:]}" if article else sentence
 
 
-def of_kind(quantities: tuple[ToldQuantity, ...], kind: Kind) -> tuple[ToldQuantity, ...]:
+def of_kind(quantities: tuple[QuantityReport, ...], kind: Kind) -> tuple[QuantityReport, ...]:
     """Parameters, or what is derived of them."""
-    return tuple(told for told in quantities if told.wording.kind is kind)
+    return tuple(quantity for quantity in quantities if quantity.wording.kind is kind)
 
 
-def _flight_row(row: FlightRow, result: FlightEstimate) -> ToldRow:
+def _flight_row(row: FlightRow, result: FlightEstimate) -> ReportRow:
     motion = result.motion
     quantities = not_estimated(motion, {}) | dict(row.quantities)
     wording = {name: motion.wording[name] for name in motion.rows}
-    return ToldRow(row.label, row.verdict, row.reasons, _told(quantities, wording))
+    return ReportRow(row.label, row.verdict, row.reasons, _report(quantities, wording))
 
 
-def _whole_row(row: FlightRow, result: FlightEstimate) -> ToldRow:
-    return ToldRow(row.label, row.verdict, row.reasons, _told(row.quantities, result.motion.wording))
+def _report_row(row: FlightRow, result: FlightEstimate) -> ReportRow:
+    return ReportRow(row.label, row.verdict, row.reasons, _report(row.quantities, result.motion.wording))
 
 
 def _own(result: FlightEstimate) -> tuple[str, ...]:
     """Quantities of a pool that are not alike in all flights."""
     tables = [row.quantities for row in result.by_flight]
-    names = [name for name in result.motion.shown if all(name in table for table in tables)]
+    names = [name for name in result.motion.plotted if all(name in table for table in tables)]
     return tuple(name for name in names if len({table[name].value for table in tables}) > 1)
 
 
-def _told(quantities: Mapping[str, Quantity], wording: Mapping[str, Wording]) -> tuple[ToldQuantity, ...]:
+def _report(quantities: Mapping[str, Quantity], wording: Mapping[str, Wording]) -> tuple[QuantityReport, ...]:
     return tuple(
-        ToldQuantity(name, words, quantities[name]) for name, words in wording.items() if name in quantities
+        QuantityReport(name, words, quantities[name]) for name, words in wording.items() if name in quantities
     )
 
 
@@ -623,51 +639,51 @@ WHERE_THE_CARD_IS = "What to fly and what to log, step by step: the same command
 
 def flight_document(result: FlightEstimate, *, card: bool = False) -> Document:
     """Document of a result."""
-    return document_of(told_flight(result), card=card)
+    return document_of(flight_report(result), card=card)
 
 
-def document_of(told: ToldFlight, *, card: bool = False) -> Document:
-    """Document of what is told of a result, see `flight_document`."""
+def document_of(record: FlightReport, *, card: bool = False) -> Document:
+    """Document of what is reported about a result, see `flight_document`."""
     return Document(
-        ", ".join(told.logs), told.verdict.status, told.meaning, tuple(_sections(told, card=card))
+        ", ".join(record.logs), record.verdict.status, record.meaning, tuple(_sections(record, card=card))
     )
 
 
-def _sections(told: ToldFlight, *, card: bool) -> Iterator[Section]:
-    yield Section("", (_facts(told), _quantity_table(told)))
-    if told.implications.numbers:
-        yield Section("What follows for the vehicle", tuple(_implied(told.implications)))
-    further = (f"{symbols}: {reason.sentence}" for symbols, reason in told.further)
-    yield from section("Why", Bullets, (*(reason.sentence for reason in told.reasons), *further))
-    where = () if card or not told.card else (WHERE_THE_CARD_IS,)
-    yield from section("What to do", Bullets, (*told.remedies, *where))
-    yield from section("Checks", Facts, (Fact(title, sentence) for title, sentence in told.checks))
-    if told.ahead is not None:
-        parts_ahead = (*ahead_parts(told.ahead), Figure("ahead"))
-        yield Section("Predicted ahead, from many starts of this flight", parts_ahead)
-    parts = (Fact(words, sentence) for words, sentence in told.systematic)
+def _sections(record: FlightReport, *, card: bool) -> Iterator[Section]:
+    yield Section("", (_facts(record), _quantity_table(record)))
+    if record.implications.numbers:
+        yield Section("What follows for the vehicle", tuple(_implied(record.implications)))
+    further = (f"{symbols}: {reason.sentence}" for symbols, reason in record.further)
+    yield from section("Why", Bullets, (*(reason.sentence for reason in record.reasons), *further))
+    where = () if card or not record.card else (WHERE_THE_CARD_IS,)
+    yield from section("What to do", Bullets, (*record.remedies, *where))
+    yield from section("Checks", Facts, (Fact(title, sentence) for title, sentence in record.checks))
+    if record.multi_step_prediction is not None:
+        prediction_section = (*prediction_parts(record.multi_step_prediction), Figure("ahead"))
+        yield Section("Predicted ahead, from many starts of this flight", prediction_section)
+    parts = (Fact(words, sentence) for words, sentence in record.systematic)
     yield from section("Systematic parts", Facts, parts)
-    if told.by_flight:
-        yield Section("What belongs to each flight of the pool", (_own_table(told),))
-    if told.flights:
-        reasons = _row_reasons(told)
-        table = _row_table(told.flights, "log")
+    if record.by_flight:
+        yield Section("What belongs to each flight of the pool", (_flight_table(record),))
+    if record.flights:
+        reasons = _row_reasons(record)
+        table = _row_table(record.flights, "log")
         yield Section("Flights one by one", (table, Figure("flights"), *reasons))
-    if told.comparisons:
-        table = _row_table(told.comparisons, "method")
+    if record.comparisons:
+        table = _row_table(record.comparisons, "method")
         yield Section("Methods side by side", (table, Figure("methods")))
-    noticed = f"Noticed in the {'logs' if len(told.logs) > 1 else 'log'}"
-    yield from section(noticed, Bullets, (finding.message for finding in told.worth_telling))
+    noticed = f"Noticed in the {'logs' if len(record.logs) > 1 else 'log'}"
+    yield from section(noticed, Bullets, (finding.message for finding in record.reported_findings))
     if card:
-        yield from card_section(told.card)
+        yield from card_section(record.card)
     yield Section("Figure", (Figure("flight"),))
 
 
-def section(heading: str, part: type[Bullets] | type[Facts], told: Iterable[Any]) -> Iterator[Section]:
-    """Section of one part, unless there is nothing to tell."""
-    found = tuple(told)
-    if found:
-        yield Section(heading, (part(found),))
+def section(heading: str, part: type[Bullets] | type[Facts], record: Iterable[Any]) -> Iterator[Section]:
+    """Section of one part, unless there is nothing to report."""
+    result = tuple(record)
+    if result:
+        yield Section(heading, (part(result),))
 
 
 def card_section(card: tuple[CardSection, ...]) -> Iterator[Section]:
@@ -676,21 +692,21 @@ def card_section(card: tuple[CardSection, ...]) -> Iterator[Section]:
     yield from section("Flight card", Facts, facts)
 
 
-def _facts(told: ToldFlight) -> Facts:
-    with_what = "no instruments" if told.instruments == "none" else f"instruments: {told.instruments}"
-    summary = (Fact("told", told.summary),) if told.summary else ()
+def _facts(record: FlightReport) -> Facts:
+    with_what = "no instruments" if record.instruments == "none" else f"instruments: {record.instruments}"
+    summary = (Fact("identified", record.summary),) if record.summary else ()
     return Facts(
         (
             *summary,
-            Fact("model", told.equation[0].replace(" - ", " − ")),
-            Fact("", told.symbols),
-            Fact("method", f"{told.method}; {with_what}"),
-            Fact("used", told.used),
+            Fact("model", record.equation[0].replace(" - ", " − ")),
+            Fact("", record.symbols),
+            Fact("method", f"{record.method}; {with_what}"),
+            Fact("used", record.used),
         )
     )
 
 
-def _quantity_table(told: ToldFlight) -> TableOf:
+def _quantity_table(record: FlightReport) -> TableOf:
     """Every quantity with its symbol, value, interval, unit and verdict."""
     columns = (
         TableColumn("quantity"),
@@ -701,9 +717,9 @@ def _quantity_table(told: ToldFlight) -> TableOf:
         TableColumn("verdict"),
     )
     rows = []
-    for one in told.reported:
-        status, wording = one.quantity.verdict, one.wording
-        texts = (wording.words, wording.symbol, *one.shown, wording.shown_unit)
+    for item in record.reported:
+        status, wording = item.quantity.verdict, item.wording
+        texts = (wording.words, wording.symbol, *item.numbers_text, wording.shown_unit)
         rows.append((*map(Cell, texts), Cell(status.value, status=status)))
     return TableOf(columns, tuple(rows))
 
@@ -718,45 +734,55 @@ def _implied(implications: Implications) -> Iterator[Part]:
         TableColumn("unit"),
     )
     rows = [
-        tuple(map(Cell, (one.words, one.symbol, *plain_numbers(one.value, one.interval), one.unit)))
-        for one in implications.numbers
-        if one.value is not None and one.interval is not None
+        tuple(
+            map(
+                Cell,
+                (number.words, number.symbol, *plain_numbers(number.value, number.interval), number.unit),
+            )
+        )
+        for number in implications.numbers
+        if number.value is not None and number.interval is not None
     ]
     if rows:
         yield TableOf(columns, tuple(rows))
-    untold = (f"{one.words}: {one.sentence}" for one in implications.numbers if one.value is None)
-    sentences = (*untold, *implications.contradictions)
+    text = (f"{number.words}: {number.sentence}" for number in implications.numbers if number.value is None)
+    sentences = (*text, *implications.contradictions)
     if sentences:
         yield Bullets(sentences)
 
 
-def _row_table(rows: tuple[ToldRow, ...], label: str) -> TableOf:
+def _row_table(rows: tuple[ReportRow, ...], label: str) -> TableOf:
     """One row for each flight or method; the interval stands below the value."""
-    words = [one.wording for one in rows[0].quantities]
+    words = [quantity.wording for quantity in rows[0].quantities]
     titles = [f"{w.symbol} [{w.shown_unit}]" if w.shown_unit else w.symbol for w in words]
     columns = (TableColumn(label), *(TableColumn(title, strong=True, whole=True) for title in titles))
     return TableOf(columns, tuple(_row_cells(row) for row in rows))
 
 
-def _own_table(told: ToldFlight) -> TableOf:
+def _flight_table(record: FlightReport) -> TableOf:
     """One row for each flight of a pool, with the quantities that are its own."""
     rows = [
-        replace(row, quantities=tuple(one for one in row.quantities if one.name in told.own))
-        for row in told.by_flight
+        replace(
+            row,
+            quantities=tuple(
+                quantity for quantity in row.quantities if quantity.name in record.flight_specific
+            ),
+        )
+        for row in record.by_flight
     ]
     return _row_table(tuple(rows), "log")
 
 
-def _row_cells(row: ToldRow) -> tuple[Cell, ...]:
+def _row_cells(row: ReportRow) -> tuple[Cell, ...]:
     cells = [Cell(row.label, row.status.value, row.status)]
-    for one in row.quantities:
-        value, interval = one.shown
+    for quantity in row.quantities:
+        value, interval = quantity.numbers_text
         cells.append(Cell(value, "" if value == NO_NUMBER else interval))
     return tuple(cells)
 
 
-def _row_reasons(told: ToldFlight) -> Iterator[Part]:
+def _row_reasons(record: FlightReport) -> Iterator[Part]:
     """First reason of each flight that is not identified."""
-    found = [f"{row.label}: {row.first_reason(told.fly)}" for row in told.flights if row.reasons]
-    if found:
-        yield Bullets(tuple(found))
+    texts = [f"{row.label}: {row.first_reason(record.fly)}" for row in record.flights if row.reasons]
+    if texts:
+        yield Bullets(tuple(texts))

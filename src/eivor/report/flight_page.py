@@ -12,9 +12,9 @@ import numpy as np
 
 from eivor.errors import UsageError
 from eivor.estimation.estimate import Estimate
-from eivor.flights.motion import Ahead
+from eivor.flights.motion import MultiStepPrediction
 from eivor.flights.prepared import PreparedFlight
-from eivor.flights.quantity import Panel, Trace, Wording
+from eivor.flights.quantity import PlotData, Trace, Wording
 from eivor.flights.result import Fit, FlightEstimate
 from eivor.inference.confidence_set import ConfidenceSet
 from eivor.inference.distributions import chi_square_quantile
@@ -33,18 +33,18 @@ from eivor.report.document import (
 )
 from eivor.report.flight import (
     LEAST_AMPLITUDE,
+    FlightReport,
     FlightRun,
-    ToldFlight,
-    ToldQuantity,
-    ToldRow,
+    QuantityReport,
+    ReportRow,
     band_of,
+    display_unit,
     document_of,
+    flight_report,
     flight_runs,
     profile_curves,
     residual_autocorrelation,
-    shown_in,
     spectrum,
-    told_flight,
     within_band,
 )
 from eivor.report.html import (
@@ -106,14 +106,14 @@ class Figures:
     def _group(self, group: Pictures) -> Iterator[Markup]:
         if group.heading:
             yield element("h3", {"class": "flight"}, group.heading)
-        over_time = [one for one in group.pictures if isinstance(one.drawn, Chart)]
-        others = [one for one in group.pictures if not isinstance(one.drawn, Chart)]
+        over_time = [picture for picture in group.pictures if isinstance(picture.drawn, Chart)]
+        others = [picture for picture in group.pictures if not isinstance(picture.drawn, Chart)]
         if over_time:
-            made = [self._figure(one) for one in over_time]
+            made = [self._figure(item) for item in over_time]
             name = over_time[0].drawn.group if isinstance(over_time[0].drawn, Chart) else ""
             yield element("div", {"class": "charts", "data-group": name}, _tools(), *made)
         if others:
-            yield element("div", {"class": "plots"}, *(self._figure(one) for one in others))
+            yield element("div", {"class": "plots"}, *(self._figure(item) for item in others))
 
     def _figure(self, picture: Picture) -> Markup:
         self.count += 1
@@ -146,7 +146,7 @@ class Figures:
 def lines_of(groups: Iterable[Pictures]) -> int:
     """Number of lines over time."""
     drawn = (picture.drawn for group in groups for picture in group.pictures)
-    return sum(len(one.lines) for one in drawn if isinstance(one, Chart))
+    return sum(len(item.lines) for item in drawn if isinstance(item, Chart))
 
 
 def _tools() -> Markup:
@@ -162,9 +162,9 @@ def _tools() -> Markup:
             ("used", "Show what is used", "what is used"),
         )
     ]
-    shown = element("output", {"class": "shown"})
+    displayed = element("output", {"class": "shown"})
     how = element("p", {"class": "how"}, "Draw over a chart to zoom into it; all charts follow.")
-    return element("div", {"class": "tools"}, *buttons, shown, how)
+    return element("div", {"class": "tools"}, *buttons, displayed, how)
 
 
 def _lines_legend(chart: Chart) -> Markup:
@@ -179,7 +179,7 @@ def _lines_legend(chart: Chart) -> Markup:
         )
         for line in chart.lines
     ]
-    if chart.left_out_s:
+    if chart.omitted_s:
         entries.append(element("li", None, _sample("band", "hatched"), "left out"))
     return element("ul", {"class": "legend"}, *entries)
 
@@ -216,19 +216,23 @@ def _path_line(path: str, look: str) -> Markup:
 
 def number_table(titles: Iterable[str], rows: Iterable[Iterable[float | str | Cell]]) -> TableOf:
     """Table of numbers, and of words where a row has them."""
-    told = tuple(tuple(one if isinstance(one, Cell) else Cell(_told(one)) for one in row) for row in rows)
-    left = {place for row in told for place, cell in enumerate(row) if cell.text and cell.text[0].isalpha()}
-    columns = (
-        TableColumn(title, right=place not in left, whole=place not in left)
-        for place, title in enumerate(titles)
+    reported = tuple(
+        tuple(item if isinstance(item, Cell) else Cell(_report(item)) for item in row) for row in rows
     )
-    return TableOf(tuple(columns), told)
+    left = {
+        index for row in reported for index, cell in enumerate(row) if cell.text and cell.text[0].isalpha()
+    }
+    columns = (
+        TableColumn(title, right=index not in left, whole=index not in left)
+        for index, title in enumerate(titles)
+    )
+    return TableOf(tuple(columns), reported)
 
 
-def _told(one: float | str) -> str:
-    if isinstance(one, str):
-        return one
-    return f"{one:.4g}".replace("-", "−") if np.isfinite(one) else NO_NUMBER
+def _report(coupled_axis: float | str) -> str:
+    if isinstance(coupled_axis, str):
+        return coupled_axis
+    return f"{coupled_axis:.4g}".replace("-", "−") if np.isfinite(coupled_axis) else NO_NUMBER
 
 
 # -- Figures of a fit --
@@ -260,16 +264,16 @@ def pictures_of_fit(result: FlightEstimate, fit: Fit) -> Pictures:
 
 
 def _autocorrelation(estimate: Estimate, runs: list[FlightRun]) -> Picture:
-    found = residual_autocorrelation(estimate.best, runs)
-    shift, correlation = found.shift_s[1:], found.correlation[1:]
+    autocorrelation = residual_autocorrelation(estimate.best, runs)
+    shift, correlation = autocorrelation.shift_s[1:], autocorrelation.correlation[1:]
     limit = max(0.3, 1.15 * float(np.max(np.abs(correlation), initial=0.0)))
     marks = (
-        Band("95 % band of white noise", "shade", -found.band, found.band, upright=False),
+        Band("95 % band of white noise", "shade", -autocorrelation.band, autocorrelation.band, upright=False),
         Rule("", "zero", 0.0, upright=False),
         Stems("correlation", "residual", shift, correlation),
     )
     return Picture(
-        f"Autocorrelation of the {found.what}",
+        f"Autocorrelation of the {autocorrelation.what}",
         "Of a residual that holds nothing more, one stem in twenty leaves the band.",
         Plot(Linear("shift [s]", 0.0, 1.04 * float(shift[-1])), Linear("correlation", -limit, limit), marks),
         number_table(("shift [s]", "correlation"), zip(shift.tolist(), correlation.tolist(), strict=True)),
@@ -285,7 +289,7 @@ def _profiles(result: FlightEstimate, estimate: Estimate) -> Iterator[Picture]:
         x = _abscissa(_axis_words(wording), profile.grid * scale)
         # an interval may have no end, and a logarithm has no zero
         low, high = (float(np.clip(scale * end, x.low, x.high)) for end in quantity.interval)
-        tallest = max([5.0 * quantile, *(float(one.excess.max()) for one in curves)])
+        tallest = max([5.0 * quantile, *(float(item.excess.max()) for item in curves)])
         marks: list[Mark] = [
             Band("95 % interval", "shade", low, high, upright=True),
             Rule("least that 95 % leave out, by curves", "limit", quantile, upright=False),
@@ -296,8 +300,8 @@ def _profiles(result: FlightEstimate, estimate: Estimate) -> Iterator[Picture]:
             label = curve.choice or "objective"
             marks.append(Curve(label, look, curve.values * scale, curve.excess))
             rows += [
-                (label, at, excess)
-                for at, excess in zip((scale * curve.values).tolist(), curve.excess.tolist(), strict=True)
+                (label, item, excess)
+                for item, excess in zip((scale * curve.values).tolist(), curve.excess.tolist(), strict=True)
             ]
         y = LinearBelow("objective above its least (χ² units)", quantile, 1.5 * tallest)
         yield Picture(
@@ -338,7 +342,7 @@ def _spectra(trace: Trace, runs: list[FlightRun]) -> Picture:
     columns = (frequency[kept].tolist(), driven[kept].tolist(), left[kept].tolist())
     return Picture(
         f"What excites the {trace.axis}",
-        "Where the input stands above the residual, the flight tells something.",
+        "Where the input stands above the residual, the flight carries some information.",
         Plot(x, y, marks),
         number_table((x.words, f"input: {trace.drive}", "residual"), zip(*columns, strict=True)),
     )
@@ -348,26 +352,28 @@ def _banded(
     frequency: Float[np.ndarray, " bins"], amplitude: Float[np.ndarray, " bins"]
 ) -> tuple[Float[np.ndarray, " bands"], Float[np.ndarray, " bands"]]:
     """Root mean square amplitude of narrow bands: bins stand closer than a drawing shows."""
-    _, place = np.unique(np.floor(BANDS_PER_DECADE * np.log10(frequency / frequency[0])), return_inverse=True)
-    count = np.bincount(place)
-    return np.bincount(place, frequency) / count, np.sqrt(np.bincount(place, amplitude**2) / count)
+    _, position = np.unique(
+        np.floor(BANDS_PER_DECADE * np.log10(frequency / frequency[0])), return_inverse=True
+    )
+    count = np.bincount(position)
+    return np.bincount(position, frequency) / count, np.sqrt(np.bincount(position, amplitude**2) / count)
 
 
 def _sets(result: FlightEstimate, fit: Fit) -> Iterator[Picture]:
-    """Sets of the headline beside the interval that is told."""
+    """Sets of the headline beside the interval that is identified."""
     for name, sets in fit.sets.items():
         wording, quantity = result.motion.wording[name], result.quantities[name]
         value = quantity.value * wording.scale
-        told = numbers(quantity, wording)
+        reported = numbers(quantity, wording)
         interval = (quantity.interval[0] * wording.scale, quantity.interval[1] * wording.scale)
-        rows = [ForestRow("told", " ".join(told), value, (interval,), quantity.verdict)]
-        for label, one in (
+        rows = [ForestRow("reported", " ".join(reported), value, (interval,), quantity.verdict)]
+        for label, item in (
             ("estimate plus and minus", sets.wald),
             ("profile", sets.profile),
             ("Anderson–Rubin", sets.anderson_rubin),
         ):
-            pieces = tuple((low * wording.scale, high * wording.scale) for low, high in one.intervals)
-            rows.append(ForestRow(label, _pieces(one, value, wording), np.nan, pieces))
+            pieces = tuple((low * wording.scale, high * wording.scale) for low, high in item.intervals)
+            rows.append(ForestRow(label, _pieces(item, value, wording), np.nan, pieces))
         table = number_table(
             ("set", f"{wording.symbol} [{wording.shown_unit}]"), [(row.label, row.numbers) for row in rows]
         )
@@ -379,19 +385,19 @@ def _sets(result: FlightEstimate, fit: Fit) -> Iterator[Picture]:
         )
 
 
-def _pieces(one: ConfidenceSet, value: float, wording: Wording) -> str:
+def _pieces(confidence_set: ConfidenceSet, value: float, wording: Wording) -> str:
     """Pieces of a set in words."""
-    if not one.intervals:
+    if not confidence_set.intervals:
         return "no value"
     return " or ".join(
-        _piece(low * wording.scale, high * wording.scale, value) for low, high in one.intervals
+        _piece(low * wording.scale, high * wording.scale, value) for low, high in confidence_set.intervals
     )
 
 
 def _piece(low: float, high: float, value: float) -> str:
-    told = plain_numbers(value, (low, high))[1]
-    if told != NO_NUMBER:
-        return told
+    plain_number = plain_numbers(value, (low, high))[1]
+    if plain_number != NO_NUMBER:
+        return plain_number
     if np.isfinite(low):
         return f"above {low:.3g}"
     return f"below {high:.3g}" if np.isfinite(high) else "any value"
@@ -407,16 +413,17 @@ def _ellipse(result: FlightEstimate, estimate: Estimate) -> Iterator[Picture]:
     except UsageError:  # too few degrees of freedom for a region of two
         return
     words = [result.motion.wording[name] for name in pair]
-    scales = np.array([one.scale for one in words])
+    scales = np.array([word.scale for word in words])
     outline, centre = ellipse.outline() * scales, ellipse.centre * scales
     if not np.isfinite(outline).all():
         return
     ends = [
-        np.array(result.quantities[name].interval) * one.scale for name, one in zip(pair, words, strict=True)
+        np.array(result.quantities[name].interval) * word.scale
+        for name, word in zip(pair, words, strict=True)
     ]
     x, y = (
-        margined(_axis_words(one), np.concatenate([outline[:, place], ends[place]]))
-        for place, one in enumerate(words)
+        margined(_axis_words(word), np.concatenate([outline[:, index], ends[index]]))
+        for index, word in enumerate(words)
     )
     marks: list[Mark] = [
         Curve("joint 95 % ellipse", "first", *outline.T),
@@ -429,10 +436,10 @@ def _ellipse(result: FlightEstimate, estimate: Estimate) -> Iterator[Picture]:
         Dots("estimate", "first", centre[:1], centre[1:]),
     ]
     rows = [
-        (one.words, *numbers(result.quantities[name], one), one.shown_unit)
-        for name, one in zip(pair, words, strict=True)
+        (word.words, *numbers(result.quantities[name], word), word.shown_unit)
+        for name, word in zip(pair, words, strict=True)
     ]
-    first, other = (one.words for one in words)
+    first, other = (word.words for word in words)
     yield Picture(
         f"{first[0].upper()}{first[1:]} and {other} together",
         f"The two parameters that trade off most: their errors correlate by {ellipse.correlation:+.2f}.",
@@ -447,13 +454,13 @@ def _closest(result: FlightEstimate, estimate: Estimate) -> tuple[str, str] | No
     spread = np.sqrt(np.diag(covariance))
     known = [
         name
-        for name in result.motion.shown
+        for name in result.motion.plotted
         if name in names and np.isfinite(spread[names.index(name)]) and spread[names.index(name)] > 0.0
     ]
 
     def size(pair: tuple[str, str]) -> float:
-        one, other = (names.index(name) for name in pair)
-        return abs(float(covariance[one, other])) / float(spread[one] * spread[other])
+        item, other = (names.index(name) for name in pair)
+        return abs(float(covariance[item, other])) / float(spread[item] * spread[other])
 
     return max(combinations(known, 2), key=size, default=None)
 
@@ -467,51 +474,51 @@ def _axis_words(wording: Wording) -> str:
 ROW_LOOKS = ("predicted", "second", "third", "fourth")
 
 
-def forests(told: ToldFlight, rows: tuple[ToldRow, ...], whole: str) -> Pictures:
+def forests(record: FlightReport, rows: tuple[ReportRow, ...], whole: str) -> Pictures:
     """Forest of each quantity that the rows have; below them the result itself, named `whole`, if any."""
     pictures = []
-    for one in told.reported:
-        if one.name not in told.rows:
+    for item in record.reported:
+        if item.name not in record.rows:
             continue
-        beside = [
-            _row_of_forest(row.label, found)
+        neighbours = [
+            _row_of_forest(row.label, quantity)
             for row in rows
-            for found in row.quantities
-            if found.name == one.name
+            for quantity in row.quantities
+            if quantity.name == item.name
         ]
         if whole:
-            beside.append(_row_of_forest(whole, one, whole=True))
-        wording = one.wording
+            neighbours.append(_row_of_forest(whole, item, whole=True))
+        wording = item.wording
         axis = f"{wording.words} {wording.symbol} [{wording.shown_unit or '-'}]"
         title = f"{wording.words[0].upper()}{wording.words[1:]}"
-        pictures.append(Picture(title, "", Forest(axis, tuple(beside)), None))
+        pictures.append(Picture(title, "", Forest(axis, tuple(neighbours)), None))
     return Pictures("", tuple(pictures))
 
 
-def _row_of_forest(label: str, told: ToldQuantity, *, whole: bool = False) -> ForestRow:
-    quantity, scale = told.quantity, told.wording.scale
+def _row_of_forest(label: str, record: QuantityReport, *, whole: bool = False) -> ForestRow:
+    quantity, scale = record.quantity, record.wording.scale
     low, high = (end * scale for end in quantity.interval)
     known = math.isfinite(quantity.value) and not (math.isnan(low) or math.isnan(high))
     pieces = ((low, high),) if known else ()
-    numbers = " ".join(dict.fromkeys(told.shown))
+    numbers = " ".join(dict.fromkeys(record.numbers_text))
     return ForestRow(label, numbers, quantity.value * scale, pieces, quantity.verdict, whole)
 
 
-def pictures_ahead(ahead: Ahead) -> Pictures:
+def prediction_pictures(prediction: MultiStepPrediction) -> Pictures:
     """Errors by horizon, of every quantity."""
-    return Pictures("", tuple(_by_horizon(ahead)))
+    return Pictures("", tuple(_by_horizon(prediction)))
 
 
-def _by_horizon(ahead: Ahead) -> Iterator[Picture]:
-    horizons = np.array(ahead.horizons_s)
-    for models in ahead.by_quantity:
-        unit, times = shown_in(models[0].unit)
+def _by_horizon(prediction: MultiStepPrediction) -> Iterator[Picture]:
+    horizons = np.array(prediction.horizons_s)
+    for models in prediction.by_quantity:
+        unit, times = display_unit(models[0].unit)
         quantity = models[0].quantity
         marks: list[Mark] = []
         every = [0.0]
-        for one, look in zip(models, cycle(ROW_LOOKS), strict=False):
-            errors = times * np.array(one.rms)
-            marks += [Curve(one.words, look, horizons, errors), Dots("", look, horizons, errors)]
+        for model, look in zip(models, cycle(ROW_LOOKS), strict=False):
+            errors = times * np.array(model.rms)
+            marks += [Curve(model.words, look, horizons, errors), Dots("", look, horizons, errors)]
             every += errors.tolist()
         x = margined("predicted so far ahead [s]", horizons)
         y = Linear(f"RMS error [{unit}]", 0.0, 1.08 * max(every) or 1.0)
@@ -533,8 +540,8 @@ def flights_over_time(result: FlightEstimate) -> Iterator[Pictures]:
     traces = () if result.fit is None else result.fit.traces(result.motion)
     runs = [] if result.fit is None else flight_runs(result)
     for number, flight in enumerate(result.prepared[:MOST_FLIGHTS]):
-        own = [run for run in runs if run.flight == number]
-        pictures = (*_fitted(number, flight, traces, own), *_flown(number, flight, result))
+        runs_kept = [run for run in runs if run.flight == number]
+        pictures = (*_fitted(number, flight, traces, runs_kept), *_simulated(number, flight, result))
         yield Pictures(flight.recording.name if several else "", pictures)
 
 
@@ -556,14 +563,14 @@ def _fitted(
             Line(f"predicted: {trace.model}", "predicted", both[:, 1]),
         )
         yield Picture(
-            f"{_begun(trace.axis)}, measured and predicted [{trace.unit}]",
+            f"{_started(trace.axis)}, measured and predicted [{trace.unit}]",
             f"{passed}.{_hatched(flight)}",
             _chart(number, flight, trace.unit, time, lines),
             table,
         )
         left = (Line("measured − predicted", "residual", both[:, 0] - both[:, 1]),)
         yield Picture(
-            f"{_begun(trace.axis)}, what the model leaves [{trace.unit}]",
+            f"{_started(trace.axis)}, what the model leaves [{trace.unit}]",
             "Nothing of the vehicle's movement should be seen in it.",
             _chart(number, flight, trace.unit, time, left),
             table,
@@ -587,22 +594,22 @@ def _by_run(runs: list[FlightRun], bands: list[Float[np.ndarray, "length 2"]], u
     return number_table(titles, rows)
 
 
-def _flown(number: int, flight: PreparedFlight, result: FlightEstimate) -> Iterator[Picture]:
-    """What moved, with what was asked for, and the input."""
+def _simulated(number: int, flight: PreparedFlight, result: FlightEstimate) -> Iterator[Picture]:
+    """What moved, with what was requested, and the input."""
     where = result.motion.words.where
-    known = f"{_begun(where)} by {flight.active.rule}." if flight.active.mask.any() else f"Never {where}."
+    known = f"{_started(where)} by {flight.active.rule}." if flight.active.mask.any() else f"Never {where}."
     level = flight.signals.family(flight.input.name).mean(axis=1)
     mean = "" if flight.actuators == 1 else f", mean of {flight.actuators} actuators"
-    panels = (*result.motion.overview(flight), Panel(f"input: {flight.input.name}{mean}", level))
+    panels = (*result.motion.overview(flight), PlotData(f"input: {flight.input.name}{mean}", level))
     for panel in panels:
         name, _, unit = " ".join(panel.label.split()).partition(" [")
         lines = [Line("measured" if unit else "logged", "measured", panel.values)]
-        if panel.asked is not None:
-            lines.append(Line("asked for", "predicted", panel.asked))
-        title = f"{_begun(name)} [{unit}" if unit else _begun(name)
+        if panel.reference is not None:
+            lines.append(Line("asked for", "predicted", panel.reference))
+        title = f"{_started(name)} [{unit}" if unit else _started(name)
         table = number_table(
             ("series", "least", "mean", "greatest", "standard deviation"),
-            [(one.label, *_spread(one.values)) for one in lines],
+            [(line.label, *_spread(line.values)) for line in lines],
         )
         chart = _chart(number, flight, unit.removesuffix("]"), flight.grid.time_s, tuple(lines))
         yield Picture(title, f"{known}{_hatched(flight)}", chart, table)
@@ -640,7 +647,7 @@ def _hatched(flight: PreparedFlight) -> str:
     return "" if flight.used.all() else " Hatched: left out of the estimate."
 
 
-def _begun(words: str) -> str:
+def _started(words: str) -> str:
     return f"{words[0].upper()}{words[1:]}"
 
 
@@ -655,7 +662,7 @@ def provenance(numbers: Mapping[str, Any]) -> Markup:
     facts = (Fact("made by", f"Eivor {made['version']}"), Fact("schema", numbers["schema"]))
     section = Section("Provenance", (Facts(facts), _logs(numbers)))
     words = [
-        Fact(name, _option(one)) for name, one in made["options"].items() if one not in (None, "", [], {})
+        Fact(name, _option(item)) for name, item in made["options"].items() if item not in (None, "", [], {})
     ]
     drawing = uplot()
     licence = drawing.licence.strip().split("\n\n")
@@ -683,8 +690,8 @@ def _logs(numbers: Mapping[str, Any]) -> TableOf:
     for log, source in zip(numbers["logs"], numbers["provenance"]["logs"], strict=True):
         checksum = f"SHA-256 {source['sha256']}" if source["sha256"] else ""
         counts = (str(log["runs"]), str(log["samples"]), f"{log['rate_hz']:g}")
-        told = (log["format"], _span(log["span"]), _span(log["window"]), *counts)
-        rows.append((Cell(log["name"], checksum), *map(Cell, told)))
+        selected = (log["format"], _span(log["span"]), _span(log["window"]), *counts)
+        rows.append((Cell(log["name"], checksum), *map(Cell, selected)))
     columns = (*map(TableColumn, TITLES[:2]), *(TableColumn(title, whole=True) for title in TITLES[2:]))
     return TableOf(columns, tuple(rows))
 
@@ -708,39 +715,39 @@ def _option(value: object) -> str:
 # -- Verdict data --
 
 
-def more_said(told: ToldFlight) -> tuple[str, ...]:
-    """What is said below the verdict: what is told and what is not, or the first ground against it."""
-    if told.summary:
-        return (told.summary,)
-    if told.verdict.status is Status.IDENTIFIED or not told.reasons:
+def verdict_details(record: FlightReport) -> tuple[str, ...]:
+    """What is said below the verdict: what is identified and what is not, or the first reason against it."""
+    if record.summary:
+        return (record.summary,)
+    if record.verdict.status is Status.IDENTIFIED or not record.reasons:
         return ()
-    return (told.reasons[0].sentence,)
+    return (record.reasons[0].sentence,)
 
 
-def verdict_data(document: Document, told: ToldFlight) -> dict[str, object]:
+def verdict_data(document: Document, record: FlightReport) -> dict[str, object]:
     """The verdict, what is said of it, and the quantities that it is about."""
     return {
-        "status": told.verdict.status.value,
+        "status": record.verdict.status.value,
         "about": printable(document.about),
-        "more": [printable(one) for one in more_said(told)],
-        "logs": [printable(one) for one in told.logs],
-        "readings": [_reading_json(one) for one in told.brief],
+        "more": [printable(verdict_detail) for verdict_detail in verdict_details(record)],
+        "logs": [printable(log) for log in record.logs],
+        "readings": [_reading_json(item) for item in record.brief],
     }
 
 
-def _reading_json(told: ToldQuantity) -> dict[str, object]:
+def _reading_json(record: QuantityReport) -> dict[str, object]:
     """A quantity in its shown unit: as it is written, and as numbers to draw; null for no bound."""
-    wording, quantity = told.wording, told.quantity
-    value, interval = told.shown
-    at, low, high = (one * wording.scale for one in (quantity.value, *quantity.interval))
+    wording, quantity = record.wording, record.quantity
+    value, interval = record.numbers_text
+    index, low, high = (item * wording.scale for item in (quantity.value, *quantity.interval))
     return {
-        "name": told.name,
+        "name": record.name,
         "words": wording.words,
         "symbol": wording.symbol,
         "unit": wording.shown_unit,
         "shown": [value, interval],
         "status": quantity.verdict.value,
-        "at": at if math.isfinite(at) else None,
+        "at": index if math.isfinite(index) else None,
         "interval": [end if math.isfinite(end) else None for end in (low, high)],
     }
 
@@ -763,22 +770,26 @@ SHORT = {
 
 
 def flight_page(result: FlightEstimate) -> str:
-    """Text of a page that tells a result: HTML without anything to fetch."""
-    told = told_flight(result)
-    document, numbers = document_of(told, card=True), json_of(told, result)
+    """Text of a page that identifies a result: HTML without anything to fetch."""
+    flight = flight_report(result)
+    document, numbers = document_of(flight, card=True), json_of(flight, result)
     over_time = list(flights_over_time(result))
     figures = Figures(lines_of(over_time))
     drawn = {
-        "ahead": figures.html([pictures_ahead(told.ahead)] if told.ahead is not None else []),
-        "flights": figures.html([forests(told, told.flights, "all together")] if told.flights else []),
-        "methods": figures.html([forests(told, told.comparisons, "")] if told.comparisons else []),
+        "ahead": figures.html(
+            [prediction_pictures(flight.multi_step_prediction)]
+            if flight.multi_step_prediction is not None
+            else []
+        ),
+        "flights": figures.html([forests(flight, flight.flights, "all together")] if flight.flights else []),
+        "methods": figures.html([forests(flight, flight.comparisons, "")] if flight.comparisons else []),
         "flight": figures.html(
             [*over_time, *([] if result.fit is None else [pictures_of_fit(result, result.fit)])]
         ),
     }
     sections = [(_name(section), section) for section in document.sections]
-    told_sections = [section_html(_shown(section, result), name, drawn) for name, section in sections]
-    title = _title(told)
+    told_sections = [section_html(_displayed(section, result), name, drawn) for name, section in sections]
+    title = _title(flight)
     body = joined(
         [
             element("a", {"class": "skip", "href": "#main"}, "To the verdict"),
@@ -786,21 +797,21 @@ def flight_page(result: FlightEstimate) -> str:
             element(
                 "main",
                 {"id": "main"},
-                _verdict(document, told),
+                _verdict(document, flight),
                 _contents([*sections, ("provenance", Section("Provenance", ()))]),
                 *told_sections,
                 provenance(numbers),
             ),
         ]
     )
-    data = {"result": numbers, "charts": figures.charts, "verdict": verdict_data(document, told)}
-    return whole_page(f"{title}: {told.verdict.status.value}", body, data)
+    data = {"result": numbers, "charts": figures.charts, "verdict": verdict_data(document, flight)}
+    return whole_page(f"{title}: {flight.verdict.status.value}", body, data)
 
 
-def _title(told: ToldFlight) -> str:
-    names = ", ".join(told.logs[:NAMED])
-    if len(told.logs) > NAMED:
-        names = f"{len(told.logs)} flights: {names}, …"
+def _title(record: FlightReport) -> str:
+    names = ", ".join(record.logs[:NAMED])
+    if len(record.logs) > NAMED:
+        names = f"{len(record.logs)} flights: {names}, …"
     return names if len(names) <= LONGEST_TITLE else f"{names[: LONGEST_TITLE - 1]}…"
 
 
@@ -810,33 +821,33 @@ def _header(result: FlightEstimate, title: str) -> Markup:
     return element("header", None, element("div", None, about, element("h1", None, title)), theme)
 
 
-def _verdict(document: Document, told: ToldFlight) -> Markup:
+def _verdict(document: Document, record: FlightReport) -> Markup:
     """What is taken home in three seconds: the verdict in a sentence, and the numbers that it is about."""
-    status = told.verdict.status
-    said = element(
+    status = record.verdict.status
+    sentence = element(
         "p", {"class": "said"}, shape(status), element("strong", None, status.value), f": {document.about}"
     )
-    more = [element("p", None, one) for one in more_said(told)]
-    readings = [_reading_section(one) for one in told.brief]
+    more = [element("p", None, verdict_detail) for verdict_detail in verdict_details(record)]
+    readings = [_reading_section(item) for item in record.brief]
     note = element("p", {"class": "note"}, "In brackets: 95 % intervals.")
     listed = [element("div", {"class": "readings"}, *readings), note] if readings else []
-    return element("div", {"class": f"verdict {status.value}"}, said, *more, *listed)
+    return element("div", {"class": f"verdict {status.value}"}, sentence, *more, *listed)
 
 
-def _reading_section(told: ToldQuantity) -> Markup:
+def _reading_section(quantity: QuantityReport) -> Markup:
     """One number with its interval."""
-    value, interval = told.shown
-    wording = told.wording
+    value, interval = quantity.numbers_text
+    wording = quantity.wording
     unit = [element("span", {"class": "unit"}, f" {wording.shown_unit}")] if wording.shown_unit else []
     return element(
         "div",
-        {"class": "reading", "data-quantity": told.name},
+        {"class": "reading", "data-quantity": quantity.name},
         element(
             "p", {"class": "name"}, f"{wording.words} ", element("span", {"class": "symbol"}, wording.symbol)
         ),
         element("p", {"class": "number"}, element("span", {"class": "value"}, value), *unit),
         element("p", {"class": "interval"}, interval),
-        badge(told.quantity.verdict, told.quantity.verdict.value),
+        badge(quantity.quantity.verdict, quantity.quantity.verdict.value),
     )
 
 
@@ -854,19 +865,19 @@ def _name(section: Section) -> str:
     return "-".join("".join(letter if letter.isalnum() else " " for letter in words).split())
 
 
-def _shown(section: Section, result: FlightEstimate) -> Section:
+def _displayed(section: Section, result: FlightEstimate) -> Section:
     """Section under the heading that a page has for it."""
     if not section.heading:
         return replace(section, parts=tuple(_without_summary(part) for part in section.parts))
     if section.heading != "Figure":
         return section
-    left_out = len(result.prepared) - MOST_FLIGHTS
-    more = f"The first {MOST_FLIGHTS} flights are drawn over time; {left_out} more are in the tables."
-    return Section("Pictures", (*((Bullets((more,)),) if left_out > 0 else ()), *section.parts))
+    omitted = len(result.prepared) - MOST_FLIGHTS
+    more = f"The first {MOST_FLIGHTS} flights are drawn over time; {omitted} more are in the tables."
+    return Section("Pictures", (*((Bullets((more,)),) if omitted > 0 else ()), *section.parts))
 
 
 def _without_summary(part: Part) -> Part:
     """Facts without what the verdict above has said."""
     if not isinstance(part, Facts):
         return part
-    return Facts(tuple(fact for fact in part.facts if fact.label != "told"))
+    return Facts(tuple(fact for fact in part.facts if fact.label != "identified"))

@@ -46,15 +46,15 @@ Content = Markup | str
 
 def element(name: str, attributes: Mapping[str, str] | None = None, *content: Content) -> Markup:
     """Element with its attributes and what is in it."""
-    told = "".join(f' {key}="{escaped(value)}"' for key, value in (attributes or {}).items())
+    reported = "".join(f' {key}="{escaped(value)}"' for key, value in (attributes or {}).items())
     if name in VOID:
-        return Markup(f"<{name}{told}>")
-    return Markup(f"<{name}{told}>{joined(content).html}</{name}>")
+        return Markup(f"<{name}{reported}>")
+    return Markup(f"<{name}{reported}>{joined(content).html}</{name}>")
 
 
 def joined(content: Iterable[Content]) -> Markup:
     """Pieces, one after the other."""
-    return Markup("".join(one.html if isinstance(one, Markup) else escaped(one) for one in content))
+    return Markup("".join(item.html if isinstance(item, Markup) else escaped(item) for item in content))
 
 
 def escaped(text: str) -> str:
@@ -92,7 +92,7 @@ def part_html(part: Part, figures: Mapping[str, Markup]) -> Markup:
         case TableOf():
             return table_html(part)
         case Bullets():
-            return element("ul", None, *(element("li", None, one) for one in part.sentences))
+            return element("ul", None, *(element("li", None, sentence) for sentence in part.sentences))
         case Statement():
             return element("p", None, badge(part.status, part.text), part.more)
         case Figure():
@@ -100,8 +100,8 @@ def part_html(part: Part, figures: Mapping[str, Markup]) -> Markup:
 
 
 def _fact(fact: Fact) -> Markup:
-    told = part_html(fact.told, {}) if isinstance(fact.told, Bullets) else fact.told
-    return element("div", None, element("dt", None, fact.label), element("dd", None, told))
+    reported = part_html(fact.text, {}) if isinstance(fact.text, Bullets) else fact.text
+    return element("div", None, element("dt", None, fact.label), element("dd", None, reported))
 
 
 def badge(status: Status, words: str) -> Markup:
@@ -124,8 +124,8 @@ def table_html(table: TableOf, caption: str = "") -> Markup:
             "tr",
             None,
             *(
-                _cell(*pair, first=not place)
-                for place, pair in enumerate(zip(row, table.columns, strict=True))
+                _cell(*pair, first=not index)
+                for index, pair in enumerate(zip(row, table.columns, strict=True))
             ),
         )
         for row in table.rows
@@ -161,7 +161,7 @@ def _cell(cell: Cell, column: TableColumn, *, first: bool) -> Markup:
 def _unbroken(text: str) -> Markup:
     """Text whose numbers stay in one line each."""
     pieces = enumerate(_POWERS.split(text))
-    return joined(element("span", {"class": "one"}, one) if place % 2 else one for place, one in pieces)
+    return joined(element("span", {"class": "one"}, item) if entry % 2 else item for entry, item in pieces)
 
 
 # -- Vendored --
@@ -217,8 +217,8 @@ class Sources:
         return "; ".join(
             (
                 "default-src 'none'",
-                f"script-src {' '.join(_hash(one.script) for one in every)}",
-                f"style-src {' '.join(_hash(one.style) for one in every)}",
+                f"script-src {' '.join(_hash(item.script) for item in every)}",
+                f"style-src {' '.join(_hash(item.style) for item in every)}",
                 "img-src data:",
                 *self.directives,
                 "base-uri 'none'",
@@ -249,7 +249,7 @@ def whole_page(title: str, body: Markup, data: Mapping[str, object], sources: So
             element("style", None, Markup(made_of.style)),
         ]
     )
-    scripts = [embedded(name, one) for name, one in data.items()]
+    scripts = [embedded(name, item) for name, item in data.items()]
     unscripted = element("noscript", None, element("p", {"class": "unscripted"}, UNSCRIPTED))
     whole = joined([unscripted, body, *scripts, element("script", None, Markup(made_of.script))])
     page = element("html", {"lang": "en"}, element("head", None, head), element("body", None, whole))

@@ -53,8 +53,8 @@ class ChannelSummary:
 
 
 @dataclass(frozen=True)
-class Flown:
-    """When a vehicle moved as the motion says, and what told it."""
+class AirborneTime:
+    """When a vehicle moved as the motion says, and what reported it."""
 
     rule: str
     active: Stretches  # [s]
@@ -93,13 +93,13 @@ class Inspection:
         return self.recording.findings if self.result is None else self.result.findings
 
     @property
-    def flown(self) -> Flown | None:
+    def airborne(self) -> AirborneTime | None:
         """When the vehicle moved; None when `identify` cannot begin."""
         if self.result is None:
             return None
         flight = self.result.prepared[0]
         rule, active = self.whole or (flight.active.rule, _stretches(flight.active.mask, flight.grid))
-        return Flown(
+        return AirborneTime(
             rule,
             active,
             _stretches(flight.used, flight.grid),
@@ -194,7 +194,7 @@ def _part_to_try(active: Stretches) -> tuple[float, float] | None:
     """The middle of the longest stretch in the air; None where so little was flown that all can be tried."""
     if sum(end - start for start, end in active) <= TRIED_WHOLE_S:
         return None
-    start, end = max(active, key=lambda one: one[1] - one[0])
+    start, end = max(active, key=lambda item: item[1] - item[0])
     middle, half = 0.5 * (start + end), 0.5 * min(TRIED_S, end - start)
     return middle - half, middle + half
 
@@ -224,7 +224,7 @@ def _summary(channel: Channel) -> ChannelSummary:
 def _stretches(mask: Bool[np.ndarray, " n"], grid: Grid) -> Stretches:
     """First and last second of each stretch of true samples [s]."""
     time = grid.time_s
-    return tuple((float(time[one.start]), float(time[one.stop - 1])) for one in stretches(mask))
+    return tuple((float(time[stretch.start]), float(time[stretch.stop - 1])) for stretch in stretches(mask))
 
 
 # -- Inspection document --
@@ -233,22 +233,22 @@ def _stretches(mask: Bool[np.ndarray, " n"], grid: Grid) -> Stretches:
 LISTED = 6
 
 
-def inspection_document(found: Inspection) -> Document:
+def inspection_document(result: Inspection) -> Document:
     """Document of one log, with the flight card unless it is identified."""
-    card = () if found.result is None else card_section(flight_card(found.result))
-    return _document(found, (*_sections(found), *card))
+    card = () if result.result is None else card_section(flight_card(result.result))
+    return _document(result, (*_sections(result), *card))
 
 
-def pooled_documents(found: PooledInspection) -> tuple[Document, ...]:
+def pooled_documents(result: PooledInspection) -> tuple[Document, ...]:
     """A document of each log, and one of all together, which has the flight card."""
-    verdict = _verdict_section(found, of=f" of the {len(found.logs)} logs together")
-    card = () if found.result is None else card_section(flight_card(found.result))
+    verdict = _verdict_section(result, of=f" of the {len(result.logs)} logs together")
+    card = () if result.result is None else card_section(flight_card(result.result))
     together = Document("", None, "", (verdict, *card))
-    return (*(_document(log, tuple(_sections(log))) for log in found.logs), together)
+    return (*(_document(log, tuple(_sections(log))) for log in result.logs), together)
 
 
-def _document(found: Inspection, sections: tuple[Section, ...]) -> Document:
-    return Document(found.recording.name, None, _about(found.recording), sections)
+def _document(method_scores: Inspection, sections: tuple[Section, ...]) -> Document:
+    return Document(method_scores.recording.name, None, _about(method_scores.recording), sections)
 
 
 def _about(log: Recording) -> str:
@@ -257,24 +257,24 @@ def _about(log: Recording) -> str:
     return about + (f", sha256 {log.sha256[:12]}…" if log.sha256 else "")
 
 
-def _sections(found: Inspection) -> Iterator[Section]:
-    yield Section("Channels", (_channel_table(found),))
-    if found.flown is not None:
-        words = found.motion.words
-        yield from section(_sentence(words.where), Bullets, _airborne(found.flown, words))
-        yield from section("References", Bullets, _references(found.flown, words))
-    yield from _absent(found)
-    parameters = (f"{name} = {value:g}" for name, value in found.parameters.items())
+def _sections(result: Inspection) -> Iterator[Section]:
+    yield Section("Channels", (_channel_table(result),))
+    if result.airborne is not None:
+        words = result.motion.words
+        yield from section(_sentence(words.where), Bullets, _airborne(result.airborne, words))
+        yield from section("References", Bullets, _references(result.airborne, words))
+    yield from _absent(result)
+    parameters = (f"{name} = {value:g}" for name, value in result.parameters.items())
     yield from section("Parameters of the vehicle", Bullets, parameters)
-    yield from section("Noticed in the log", Bullets, (finding.message for finding in found.findings))
-    yield _verdict_section(found, *_part(found))
+    yield from section("Noticed in the log", Bullets, (finding.message for finding in result.findings))
+    yield _verdict_section(result, *_part(result))
 
 
-def _part(found: Inspection) -> tuple[str, ...]:
+def _part(result: Inspection) -> tuple[str, ...]:
     """Of which part of a long log the verdict is, and why."""
-    if found.tried is None:
+    if result.tried is None:
         return ()
-    start, end = found.tried
+    start, end = result.tried
     why = (
         f"The log does not fit into memory: identify was tried on {start:.1f} to {end:.1f} s. Name another "
         "part with --window START:END."
@@ -282,13 +282,13 @@ def _part(found: Inspection) -> tuple[str, ...]:
     return f" of {start:.1f} to {end:.1f} s", why
 
 
-def _channel_table(found: Inspection) -> TableOf:
+def _channel_table(result: Inspection) -> TableOf:
     columns = (
         TableColumn("channel, and its source", strong=True, below=Tone.FAINT),
         TableColumn("rate [Hz]", right=True, whole=True),
         TableColumn("range, and remarks", below=Tone.WARNING),
     )
-    return TableOf(columns, tuple(_channel(summary) for summary in found.channels))
+    return TableOf(columns, tuple(_channel(summary) for summary in result.channels))
 
 
 def _channel(summary: ChannelSummary) -> tuple[Cell, ...]:
@@ -331,12 +331,12 @@ def _remarks(summary: ChannelSummary) -> Iterator[str]:
             yield f"{number} {what}"
 
 
-def _airborne(flown: Flown, words: Words) -> Iterator[str]:
-    yield f"Known by {flown.rule}."
+def _airborne(flight: AirborneTime, words: Words) -> Iterator[str]:
+    yield f"Known by {flight.rule}."
     where = _sentence(words.where)
-    yield f"{where}: {_listed(flown.active)}." if flown.active else f"Never {words.where}."
-    if flown.active:
-        kept = f"{flown.used_s:.1f} s in {_listed(flown.used)}" if flown.used else "nothing"
+    yield f"{where}: {_listed(flight.active)}." if flight.active else f"Never {words.where}."
+    if flight.active:
+        kept = f"{flight.used_s:.1f} s in {_listed(flight.used)}" if flight.used else "nothing"
         yield f"Used, after the limits of {words.limited_by}: {kept}."
 
 
@@ -346,48 +346,48 @@ def _sentence(words: str) -> str:
 
 
 def _listed(intervals: tuple[tuple[float, float], ...]) -> str:
-    shown = ", ".join(f"{start:.1f} to {end:.1f} s" for start, end in intervals[:LISTED])
-    return shown + (f" and {len(intervals) - LISTED} more" if len(intervals) > LISTED else "")
+    text = ", ".join(f"{start:.1f} to {end:.1f} s" for start, end in intervals[:LISTED])
+    return text + (f" and {len(intervals) - LISTED} more" if len(intervals) > LISTED else "")
 
 
-def _references(flown: Flown, words: Words) -> Iterator[str]:
-    if not flown.references:
+def _references(flight: AirborneTime, words: Words) -> Iterator[str]:
+    if not flight.references:
         yield words.no_reference
-    for reference in flown.references:
+    for reference in flight.references:
         verdict = "usable" if reference.usable else "not usable"
         yield f"{reference.name}: {verdict} ({reference.remark})."
 
 
-def _absent(found: Inspection) -> Iterator[Section]:
+def _absent(result: Inspection) -> Iterator[Section]:
     """Channels that the reader looked for in vain, the indispensable ones first."""
-    log = found.recording
+    log = result.recording
     absent = {
         name: sources
         for name, sources in log.looked_for.items()
         if name not in log.channels and not log.family(name.rstrip("1").rstrip("_"))
     }
-    told = {name: sources for name, sources in absent.items() if sources != (f"column {name}",)}
-    first = [f"{name} (needed): looked for {_sources(absent.get(name, ()), name)}" for name in found.missing]
+    selected = {name: sources for name, sources in absent.items() if sources != (f"column {name}",)}
+    first = [f"{name} (needed): looked for {_sources(absent.get(name, ()), name)}" for name in result.missing]
     others = [
         f"{name}: looked for {_sources(sources, name)}"
-        for name, sources in told.items()
-        if name not in found.missing
+        for name, sources in selected.items()
+        if name not in result.missing
     ]
-    plain = [name for name in absent if name not in told and name not in found.missing]
+    plain = [name for name in absent if name not in selected and name not in result.missing]
     columns = [f"Columns {', '.join(plain)}."] if plain else []
     yield from section("Not in the log", Bullets, (*first, *others, *columns))
-    yield from section("How to log it", Bullets, found.advice)
+    yield from section("How to log it", Bullets, result.advice)
 
 
 def _sources(sources: tuple[str, ...], name: str) -> str:
     return ", ".join(sources) or f"a channel or column '{name}'"
 
 
-def _verdict_section(found: Inspection | PooledInspection, of: str = "", *told: str) -> Section:
+def _verdict_section(result: Inspection | PooledInspection, of: str = "", *record: str) -> Section:
     heading = f"What identify says{of} (found by running it)"
-    if found.result is None:
-        said = Statement("nothing: it cannot begin", Status.REFUSED)
+    if result.result is None:
+        statement = Statement("nothing: it cannot begin", Status.REFUSED)
     else:
-        status = found.result.verdict.status
-        said = Statement(status.value, status, f" (method {found.result.method})")
-    return Section(heading, (said, Bullets((*found.reasons, *told))))
+        status = result.result.verdict.status
+        statement = Statement(status.value, status, f" (method {result.result.method})")
+    return Section(heading, (statement, Bullets((*result.reasons, *record))))

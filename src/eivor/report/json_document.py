@@ -12,8 +12,8 @@ import numpy as np
 
 from eivor.estimation.derived import ParameterSets
 from eivor.estimation.estimate import Estimate
-from eivor.flights.lag_prior import TELEMETRY, GivenLag
-from eivor.flights.motion import Ahead
+from eivor.flights.lag_prior import TELEMETRY, LagPrior
+from eivor.flights.motion import MultiStepPrediction
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import Implied, Kind, Quantity
@@ -21,8 +21,8 @@ from eivor.flights.result import Fit, FlightEstimate
 from eivor.inference.distributions import chi_square_quantile
 from eivor.models.separable import Bounds, Prior
 from eivor.motions.vertical.model import curve_in_force
-from eivor.report.flight import ToldFlight, ToldQuantity, ToldRow, of_kind, told_flight
-from eivor.report.inspection import ChannelSummary, Flown, Inspection, PooledInspection
+from eivor.report.flight import FlightReport, QuantityReport, ReportRow, flight_report, of_kind
+from eivor.report.inspection import AirborneTime, ChannelSummary, Inspection, PooledInspection
 from eivor.report.saved_fit import IDENTIFY_SCHEMA
 from eivor.signals.channels import common_side
 from eivor.signals.recording import Finding
@@ -30,25 +30,25 @@ from eivor.signals.recording import Finding
 # -- JSON ahead --
 
 
-def ahead_json(ahead: Ahead | None) -> dict[str, object] | None:
+def prediction_json(prediction: MultiStepPrediction | None) -> dict[str, object] | None:
     """Object of the predictions; None for none."""
-    if ahead is None:
+    if prediction is None:
         return None
     return {
-        "horizons": list(ahead.horizons_s),
-        "starts": int(ahead.start_s.size),
+        "horizons": list(prediction.horizons_s),
+        "starts": int(prediction.start_s.size),
         "errors": [
             {
-                "model": one.model,
-                "words": one.words,
-                "quantity": one.quantity,
-                "unit": one.unit,
-                "rms": list(one.rms),
+                "model": error.model,
+                "words": error.words,
+                "quantity": error.quantity,
+                "unit": error.unit,
+                "rms": list(error.rms),
             }
-            for one in ahead.errors
+            for error in prediction.errors
         ],
-        "left_out": list(ahead.left_out),
-        "sentence": ahead.sentence if ahead.errors else "",
+        "left_out": list(prediction.omitted),
+        "sentence": prediction.sentence if prediction.errors else "",
     }
 
 
@@ -63,11 +63,11 @@ Json = object
 
 def json_document(result: FlightEstimate) -> dict[str, Json]:
     """Document of a result."""
-    return json_of(told_flight(result), result)
+    return json_of(flight_report(result), result)
 
 
-def json_of(told: ToldFlight, result: FlightEstimate) -> dict[str, Json]:
-    """Document of what is told of a result, and of what besides only programs read."""
+def json_of(record: FlightReport, result: FlightEstimate) -> dict[str, Json]:
+    """Document of what is reported about a result, and of what besides only programs read."""
     rates = {flight.signals.rate_hz for flight in result.prepared}
     first = result.prepared[0]
     return {
@@ -75,33 +75,33 @@ def json_of(told: ToldFlight, result: FlightEstimate) -> dict[str, Json]:
         "logs": [_log(flight) for flight in result.prepared],
         "model": {
             "name": result.motion.model_name,
-            "equation": "; ".join(told.equation),
+            "equation": "; ".join(record.equation),
             "input": first.input.name,
             "input_map": first.input_map,
             "input_measured": first.input.measured,
             "autopilot_curve": _autopilot_curve(result.prepared),
         },
-        "method": told.method,
-        "instruments": told.instruments,
+        "method": record.method,
+        "instruments": record.instruments,
         "window": _pair(result.window_s),
         "samples": sum(int(flight.used.sum()) for flight in result.prepared),
         "rate_hz": number(rates.pop()) if len(rates) == 1 else None,
-        "verdict": told.verdict.status.value,
-        "summary": told.summary,
-        "reasons": list(told.verdict.sentences),
-        "parameters": _with_sets(_quantities(told.quantities, Kind.PARAMETER), result),
-        "derived": _quantities(told.quantities, Kind.DERIVED),
-        "implied": [_implied(one) for one in told.implications.numbers],
-        "contradictions": list(told.implications.contradictions),
+        "verdict": record.verdict.status.value,
+        "summary": record.summary,
+        "reasons": list(record.verdict.sentences),
+        "parameters": _with_sets(_quantities(record.quantities, Kind.PARAMETER), result),
+        "derived": _quantities(record.quantities, Kind.DERIVED),
+        "implied": [_implied(item) for item in record.implications.numbers],
+        "contradictions": list(record.implications.contradictions),
         "covariance": None if result.fit is None else _covariance(result.fit.estimate),
         "prediction": None if result.fit is None else _prediction(result, result.fit),
-        "ahead": ahead_json(told.ahead),
-        "given_lag": None if result.fit is None else _given_lag(result.fit.given_lag),
-        "diagnostics": {name: number(value) for name, value in told.diagnostics.items()},
-        "findings": findings_list(told.findings),
-        "flights": [_row("log", row) for row in told.flights],
-        "by_flight": [_row("log", row) for row in told.by_flight],
-        "comparisons": [_row("method", row) for row in told.comparisons],
+        "ahead": prediction_json(record.multi_step_prediction),
+        "given_lag": None if result.fit is None else _lag_prior(result.fit.lag_prior),
+        "diagnostics": {name: number(value) for name, value in record.diagnostics.items()},
+        "findings": findings_list(record.findings),
+        "flights": [_row("log", row) for row in record.flights],
+        "by_flight": [_row("log", row) for row in record.by_flight],
+        "comparisons": [_row("method", row) for row in record.comparisons],
         "provenance": {
             "version": version("eivor"),
             "logs": [
@@ -121,17 +121,17 @@ def _autopilot_curve(flights: tuple[PreparedFlight, ...]) -> Json:
     }
 
 
-def _implied(one: Implied) -> dict[str, Json]:
+def _implied(implied: Implied) -> dict[str, Json]:
     """What follows for the vehicle, or does not."""
     return {
-        "name": one.name,
-        "words": one.words,
-        "symbol": one.symbol,
-        "unit": one.unit,
-        "value": number(one.value),
-        "std_error": number(one.std_error),
-        "interval": None if one.interval is None else [number(end) for end in one.interval],
-        "sentence": one.sentence,
+        "name": implied.name,
+        "words": implied.words,
+        "symbol": implied.symbol,
+        "unit": implied.unit,
+        "value": number(implied.value),
+        "std_error": number(implied.std_error),
+        "interval": None if implied.interval is None else [number(end) for end in implied.interval],
+        "sentence": implied.sentence,
     }
 
 
@@ -158,7 +158,7 @@ def _covariance(estimate: Estimate) -> Json:
         "choices": estimate.choices,
         "candidates": [
             {
-                "at": {name: number(value) for name, value in candidate.at.items()},
+                "at": {name: number(value) for name, value in candidate.nuisances.items()},
                 "best": candidate is estimate.best,
                 "excess": number(excess),
                 "values": [number(value) for value in candidate.values],
@@ -191,7 +191,7 @@ def _prediction(result: FlightEstimate, fit: Fit) -> Json:
         "input": first.input.name,
         "input_map": first.input_map,
         "instruments": fit.instruments,
-        "at": {name: number(value) for name, value in fit.estimate.best.at.items()},
+        "at": {name: number(value) for name, value in fit.estimate.best.nuisances.items()},
         "by_run": intercepts,
         "limits": {
             "max_tilt_deg": number(result.options.max_tilt_deg),
@@ -199,12 +199,15 @@ def _prediction(result: FlightEstimate, fit: Fit) -> Json:
             "band_hz": _pair(first.band_hz),
         },
         "beside": {
-            name: {"words": simple.words, "values": {key: number(one) for key, one in simple.values.items()}}
+            name: {
+                "words": simple.words,
+                "values": {key: number(item) for key, item in simple.values.items()},
+            }
             for name, simple in result.simple_models.items()
         },
         "input_level": number(float(np.mean([result.motion.input_level(flight) for flight in flying]))),
-        "vehicle": result.motion.told_vehicle(),
-        "flown": dict(result.motion.flown(fit.problem, fit.estimate, flying)),
+        "vehicle": result.motion.vehicle_record(),
+        "flown": dict(result.motion.closed_loop_record(fit.problem, fit.estimate, flying)),
     }
 
 
@@ -230,13 +233,13 @@ def _log(flight: PreparedFlight) -> Json:
     }
 
 
-def _quantities(quantities: tuple[ToldQuantity, ...], kind: Kind) -> dict[str, dict[str, Json]]:
+def _quantities(quantities: tuple[QuantityReport, ...], kind: Kind) -> dict[str, dict[str, Json]]:
     """Quantities of one kind; what belongs to a run has its value in each besides."""
     return {
-        told.name: _quantity_json(told.quantity)
-        | {"lowest": number(told.wording.lowest)}
-        | ({"by_segment": [number(value) for value in told.quantity.by_run]} if told.wording.by_run else {})
-        for told in of_kind(quantities, kind)
+        item.name: _quantity_json(item.quantity)
+        | {"lowest": number(item.wording.lowest)}
+        | ({"by_segment": [number(value) for value in item.quantity.by_run]} if item.wording.by_run else {})
+        for item in of_kind(quantities, kind)
     }
 
 
@@ -253,7 +256,7 @@ def _sets(sets: ParameterSets | None) -> Json:
     if sets is None:
         return None
     three = {"wald": sets.wald, "profile": sets.profile, "anderson_rubin": sets.anderson_rubin}
-    return {name: [_pair(piece) for piece in one.intervals] for name, one in three.items()}
+    return {name: [_pair(piece) for piece in item.intervals] for name, item in three.items()}
 
 
 def _quantity_json(quantity: Quantity) -> dict[str, Json]:
@@ -266,17 +269,17 @@ def _quantity_json(quantity: Quantity) -> dict[str, Json]:
         "reasons": [reason.sentence for reason in quantity.reasons],
         "systematic": [
             {
-                "counts": one.counts.value,
-                "below": number(one.below),
-                "above": number(one.above),
-                "sentence": one.sentence,
+                "counts": systematic_uncertainty.counts.value,
+                "below": number(systematic_uncertainty.below),
+                "above": number(systematic_uncertainty.above),
+                "sentence": systematic_uncertainty.sentence,
             }
-            for one in quantity.allowances
+            for systematic_uncertainty in quantity.systematic_uncertainties
         ],
     }
 
 
-def _row(key: str, row: ToldRow) -> Json:
+def _row(key: str, row: ReportRow) -> Json:
     return {
         key: row.label,
         "verdict": row.status.value,
@@ -286,7 +289,7 @@ def _row(key: str, row: ToldRow) -> Json:
     }
 
 
-def _given_lag(given: GivenLag | None) -> Json:
+def _lag_prior(given: LagPrior | None) -> Json:
     if given is None:
         return None
     by = given.by
@@ -296,8 +299,10 @@ def _given_lag(given: GivenLag | None) -> Json:
         "alone_interval": _pair(given.alone.interval),
         "p_value": number(given.p_value),
         "told_by": None if by is None else by.source,
-        "told_interval": None if by is None else _pair(by.told.interval),
-        "telemetry_interval": _pair(by.told.interval) if by is not None and by.source == TELEMETRY else None,
+        "told_interval": None if by is None else _pair(by.measured.interval),
+        "telemetry_interval": _pair(by.measured.interval)
+        if by is not None and by.source == TELEMETRY
+        else None,
     }
 
 
@@ -322,9 +327,9 @@ INSPECT_SCHEMA = "eivor.inspect/1"
 POOLED_SCHEMA = "eivor.inspect_pool/1"
 
 
-def inspection_json(found: Inspection) -> dict[str, Json]:
+def inspection_json(inspection: Inspection) -> dict[str, Json]:
     """Document of an inspection, ready for `json_text`."""
-    log = found.recording
+    log = inspection.recording
     return {
         "schema": INSPECT_SCHEMA,
         "log": {
@@ -334,29 +339,31 @@ def inspection_json(found: Inspection) -> dict[str, Json]:
             "sha256": log.sha256 or None,
             "span": [number(end) for end in log.span_s],
         },
-        "channels": [_channel(summary) for summary in found.channels],
-        "missing": list(found.missing),
+        "channels": [_channel(summary) for summary in inspection.channels],
+        "missing": list(inspection.missing),
         "looked_for": {name: list(sources) for name, sources in log.looked_for.items()},
-        "advice": list(found.advice),
-        "airborne": None if found.flown is None else _airborne(found.flown),
-        "tried": None if found.tried is None else [number(end) for end in found.tried],
-        "references": [] if found.flown is None else _references(found.flown),
-        "parameters": {name: number(value) for name, value in found.parameters.items()},
-        "findings": findings_list(found.findings),
-        "verdict": found.verdict,
-        "reasons": list(found.reasons),
+        "advice": list(inspection.advice),
+        "airborne": None if inspection.airborne is None else _airborne(inspection.airborne),
+        "tried": None if inspection.tried is None else [number(end) for end in inspection.tried],
+        "references": [] if inspection.airborne is None else _references(inspection.airborne),
+        "parameters": {name: number(value) for name, value in inspection.parameters.items()},
+        "findings": findings_list(inspection.findings),
+        "verdict": inspection.verdict,
+        "reasons": list(inspection.reasons),
         "provenance": {"version": version("eivor")},
     }
 
 
-def pooled_json(found: PooledInspection) -> dict[str, Json]:
+def pooled_json(pooled_inspection: PooledInspection) -> dict[str, Json]:
     """Document of several logs, ready for `json_text`."""
     return {
         "schema": POOLED_SCHEMA,
-        "logs": [inspection_json(log) for log in found.logs],
-        "findings": [] if found.result is None else findings_list(found.result.findings),
-        "verdict": found.verdict,
-        "reasons": list(found.reasons),
+        "logs": [inspection_json(log) for log in pooled_inspection.logs],
+        "findings": []
+        if pooled_inspection.result is None
+        else findings_list(pooled_inspection.result.findings),
+        "verdict": pooled_inspection.verdict,
+        "reasons": list(pooled_inspection.reasons),
         "provenance": {"version": version("eivor")},
     }
 
@@ -383,16 +390,16 @@ def _channel(summary: ChannelSummary) -> Json:
     }
 
 
-def _airborne(flown: Flown) -> Json:
+def _airborne(flight: AirborneTime) -> Json:
     return {
-        "rule": flown.rule,
-        "segments": [[number(start), number(end)] for start, end in flown.active],
-        "used": [[number(start), number(end)] for start, end in flown.used],
+        "rule": flight.rule,
+        "segments": [[number(start), number(end)] for start, end in flight.active],
+        "used": [[number(start), number(end)] for start, end in flight.used],
     }
 
 
-def _references(flown: Flown) -> list[Json]:
+def _references(flight: AirborneTime) -> list[Json]:
     return [
         {"name": reference.name, "usable": reference.usable, "remark": reference.remark}
-        for reference in flown.references
+        for reference in flight.references
     ]

@@ -66,8 +66,8 @@ def draws_table(
     import polars as pl
 
     draws = fit.sample(n, seed, delays=delays)
-    told = [name for name, one in fit.quantities.items() if one.verdict is Status.IDENTIFIED]
-    columns = {name: column for name, column in draws.items() if name in told}
+    selected = [name for name, quantity in fit.quantities.items() if quantity.verdict is Status.IDENTIFIED]
+    columns = {name: column for name, column in draws.items() if name in selected}
     if not columns:
         raise NotIdentifiedError(
             "a parameter that is identified, to draw from",
@@ -75,17 +75,17 @@ def draws_table(
             "Fly again as the report says.",
         )
     for name, value in fit.prediction.get("at", {}).items():
-        if name in told and name not in columns and value is not None:
+        if name in selected and name not in columns and value is not None:
             columns[name] = np.full(n, float(value))
     if mass is not None:
-        own = np.random.default_rng([seed, MASS_STREAM])
-        columns["mass"] = np.maximum(mass.value + mass.std * own.standard_normal(n), 0.0)
+        current = np.random.default_rng([seed, MASS_STREAM])
+        columns["mass"] = np.maximum(mass.value + mass.std * current.standard_normal(n), 0.0)
     return pl.DataFrame(columns)
 
 
 # -- Track document --
 
-#: Marks of a line, lowest first, and that of a time at which nothing is told.
+#: Marks of a line, lowest first, and that of a time at which nothing is identified.
 MARKS, UNTOLD = "▁▂▃▄▅▆▇█", "·"
 #: Marks of a line, and rows of a table, at most.
 LINE, ROWS = 60, 16
@@ -96,13 +96,13 @@ FLAT = 0.1
 def track_document(track: Track) -> Document:
     """Document of a track."""
     (flight,) = track.result.prepared
-    told = (
-        f"{len(track.told)} of {len(track.moments)} moments tell it"
+    texts = (
+        f"{len(track.precise_moments)} of {len(track.moments)} moments identify it"
         if track.moments
-        else "no moment tells it"
+        else "no moment identifies it"
     )
     return Document(
-        flight.recording.name, None, f"{_called(track)} over the flight: {told}", tuple(_sections(track))
+        flight.recording.name, None, f"{_called(track)} over the flight: {texts}", tuple(_sections(track))
     )
 
 
@@ -116,48 +116,52 @@ def _called(track: Track) -> str:
 def _sections(track: Track) -> Iterator[Section]:
     if track.moments:
         yield Section("", (_line(track), _table(track)))
-    yield from section("Changes", Bullets, changes_told(track))
-    yield from section("Not told", Bullets, untold(track))
+    yield from section("Changes", Bullets, report_changes(track))
+    yield from section("Not identified", Bullets, untold(track))
     yield from section("Taken as known", Bullets, (*_at(track), *track.known))
 
 
-def changes_told(track: Track) -> Iterator[str]:
+def report_changes(track: Track) -> Iterator[str]:
     """Return a sentence about each change; one where there is none."""
-    for one in track.changes:
-        before, after = _beside(track, one)
+    for change in track.changes:
+        before, after = _rotor_moments(track, change)
         share = (
             f" by {abs(100.0 * (after / before - 1.0)):.0f} %"
             if before is not None and after is not None
             else ""
         )
         yield (
-            f"Told at {one.time_s:.1f} s, and up to {track.memory_s:g} s older than that: "
-            f"the {_called(track)} {'rose' if one.change > 0 else 'fell'}{share}."
+            f"Identified at {change.time_s:.1f} s, and up to {track.memory_s:g} s older than that: "
+            f"the {_called(track)} {'rose' if change.change > 0 else 'fell'}{share}."
         )
-    if track.told and not track.changes:
+    if track.precise_moments and not track.changes:
         yield "None: what moved, moved slowly or within its band."
 
 
-def _beside(track: Track, change: Moment) -> tuple[float | None, float | None]:
-    """Values told a memory before a change, since it may be as old, and after it, within a memory."""
-    before = [one.value for one in track.told if one.time_s < change.time_s - track.memory_s]
+def _rotor_moments(track: Track, change: Moment) -> tuple[float | None, float | None]:
+    """Values reported a memory before a change, since it may be as old, and after it, within a memory."""
+    before = [
+        precise_moment.value
+        for precise_moment in track.precise_moments
+        if precise_moment.time_s < change.time_s - track.memory_s
+    ]
     after = [
-        one.value
-        for one in track.told
-        if change.time_s + 0.25 * track.memory_s < one.time_s < change.time_s + track.memory_s
+        precise_moment.value
+        for precise_moment in track.precise_moments
+        if change.time_s + 0.25 * track.memory_s < precise_moment.time_s < change.time_s + track.memory_s
     ]
     return (before[-1] if before else None, after[-1] if after else None)
 
 
 def untold(track: Track) -> Iterator[str]:
-    """Why the parameter is not told, where it is not."""
+    """Why the parameter is not identified, where it is not."""
     if not track.moments:
         yield from (f"{reason.sentence} {reason.remedy}" for reason in track.result.verdict.reasons)
         return
     for start, stop in _stretches(track):
         here = track.moments[start:stop]
         ends = f"{here[0].time_s:.1f} to {here[-1].time_s:.1f} s"
-        empty = sum(one.share < HELD for one in here)
+        empty = sum(item.share < HELD for item in here)
         if 2 * empty >= len(here):
             why = "hardly any sample of the memory before is of flight that can be used"
         else:
@@ -166,21 +170,21 @@ def untold(track: Track) -> Iterator[str]:
 
 
 def _stretches(track: Track) -> Iterator[tuple[int, int]]:
-    edges = np.flatnonzero(np.diff([0, *(not one.told for one in track.moments), 0]))
+    edges = np.flatnonzero(np.diff([0, *(not moment.is_precise for moment in track.moments), 0]))
     yield from zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True)
 
 
 def _at(track: Track) -> Iterator[str]:
-    if track.at:
+    if track.nuisances:
         values = ", ".join(
-            f"{name.replace('_', ' ')} {1e3 * value:.0f} ms" for name, value in track.at.items()
+            f"{name.replace('_', ' ')} {1e3 * value:.0f} ms" for name, value in track.nuisances.items()
         )
         yield f"Followed at {values}, with a memory of {track.memory_s:g} s."
 
 
-def marks(values: Sequence[float], told: Sequence[bool]) -> str:
-    """Line of marks: the least value told is the lowest, the largest the highest."""
-    seen = np.array([value for value, is_told in zip(values, told, strict=True) if is_told])
+def marks(values: Sequence[float], record: Sequence[bool]) -> str:
+    """Line of marks: the least value reported is the lowest, the largest the highest."""
+    seen = np.array([value for value, is_told in zip(values, record, strict=True) if is_told])
     if not seen.size:
         return UNTOLD * len(values)
     middle = 0.5 * float(seen.min() + seen.max())
@@ -188,22 +192,24 @@ def marks(values: Sequence[float], told: Sequence[bool]) -> str:
     low = middle - 0.5 * span
     return "".join(
         MARKS[min(int((value - low) / span * len(MARKS)), len(MARKS) - 1)] if is_told else UNTOLD
-        for value, is_told in zip(values, told, strict=True)
+        for value, is_told in zip(values, record, strict=True)
     )
 
 
 def _thinned(track: Track, most: int) -> list[Moment]:
     """Moments evenly spread, changes among them."""
     step = max(1, -(-len(track.moments) // most))
-    return [one for number, one in enumerate(track.moments) if one.change or number % step == step - 1]
+    return [
+        moment for number, moment in enumerate(track.moments) if moment.change or number % step == step - 1
+    ]
 
 
 def _line(track: Track) -> Facts:
-    shown = _thinned(track, LINE)
-    line = marks([one.value for one in shown], [one.told for one in shown])
+    thinned = _thinned(track, LINE)
+    line = marks([item.value for item in thinned], [item.is_precise for item in thinned])
     ends = f"{track.moments[0].time_s:.1f} to {track.moments[-1].time_s:.1f} s"
     symbol = track.result.motion.wording[track.name].symbol
-    return Facts((Fact(symbol, line), Fact("", f"{ends}; {UNTOLD} is not told")))
+    return Facts((Fact(symbol, line), Fact("", f"{ends}; {UNTOLD} is not identified")))
 
 
 def _table(track: Track) -> TableOf:
@@ -212,19 +218,19 @@ def _table(track: Track) -> TableOf:
         TableColumn("time [s]", strong=True),
         TableColumn(f"{wording.symbol} [{wording.shown_unit or wording.unit}]", right=True, whole=True),
         TableColumn("95 % interval", whole=True),
-        TableColumn("of the first told", right=True),
+        TableColumn("of the first reported", right=True),
         TableColumn("", below=Tone.WARNING),
     )
-    first = track.told[0].value if track.told else None
+    first = track.precise_moments[0].value if track.precise_moments else None
     rows = []
-    for one in _thinned(track, ROWS):
+    for item in _thinned(track, ROWS):
         value, interval = NO_NUMBER, NO_NUMBER
-        if one.told:
-            scaled = wording.scale * one.value, wording.scale * one.half_width
+        if item.is_precise:
+            scaled = wording.scale * item.value, wording.scale * item.half_width
             value, interval = plain_numbers(scaled[0], (scaled[0] - scaled[1], scaled[0] + scaled[1]))
-        share = f"{100.0 * one.value / first:.0f} %" if one.told and first else ""
-        note = {1: "rose", -1: "fell", 0: ""}[one.change]
-        rows.append((Cell(f"{one.time_s:.1f}"), Cell(value), Cell(interval), Cell(share), Cell(note)))
+        share = f"{100.0 * item.value / first:.0f} %" if item.is_precise and first else ""
+        note = {1: "rose", -1: "fell", 0: ""}[item.change]
+        rows.append((Cell(f"{item.time_s:.1f}"), Cell(value), Cell(interval), Cell(share), Cell(note)))
     return TableOf(columns, tuple(rows))
 
 
@@ -232,7 +238,7 @@ def _table(track: Track) -> TableOf:
 
 
 def track_json(track: Track) -> dict[str, Json]:
-    """Document of a track; numbers are in SI units, and null where nothing is told."""
+    """Document of a track; numbers are in SI units, and null where nothing is identified."""
     (flight,) = track.result.prepared
     return {
         "schema": "eivor.track/1",
@@ -240,19 +246,19 @@ def track_json(track: Track) -> dict[str, Json]:
         "parameter": track.name,
         "unit": track.unit,
         "memory_s": track.memory_s,
-        "at": dict(track.at),
+        "at": dict(track.nuisances),
         "known": list(track.known),
         "moments": [
             {
-                "time_s": one.time_s,
-                "value": number(one.value),
-                "low": number(one.value - one.half_width),
-                "high": number(one.value + one.half_width),
-                "told": one.told,
+                "time_s": moment.time_s,
+                "value": number(moment.value),
+                "low": number(moment.value - moment.half_width),
+                "high": number(moment.value + moment.half_width),
+                "told": moment.is_precise,
             }
-            for one in track.moments
+            for moment in track.moments
         ],
-        "changes": [{"time_s": one.time_s, "upwards": one.change > 0} for one in track.changes],
+        "changes": [{"time_s": change.time_s, "upwards": change.change > 0} for change in track.changes],
         "not_told": list(untold(track)),
         "verdict_of_the_flight": track.result.verdict.status.value,
         "findings": findings_list(track.result.findings),
@@ -272,7 +278,7 @@ def plan(
     shape: str = "",
     seed: int = 0,
 ) -> FlightPlan:
-    """Plan the flight that would tell: after one that could not, or of rough numbers.
+    """Plan the flight that would identify: after one that could not, or of rough numbers.
 
     Parameters
     ----------
@@ -280,11 +286,11 @@ def plan(
         A result, refused ones included, the file of one, or rough numbers of a vehicle.
     target : str
         "friction", "gain" or "lag". Default: the first of friction, lag and gain that the result could not
-        tell.
+        determine.
     limits : FlightLimits, optional
         Of height, speed, acceleration, tilt and time.
     shape : str
-        "multisine" or "steps". Default: the one whose simulated flights tell more.
+        "multisine" or "steps". Default: the one whose simulated flights carry more information.
     seed : int
         Of phases, step heights, wind and noise.
 
@@ -334,11 +340,13 @@ def plan_document(made: FlightPlan) -> Document:
         TableColumn("identified"),
     )
     rows = []
-    for word, found in made.predicted.items():
-        asked = TARGETS[word]
-        taken = "" if asked.relative else f"{found.value:.3g}"
-        told = f"in {found.identified} of {len(found.verdicts)}"
-        rows.append(tuple(map(Cell, (asked.words, taken, f"± {found.half_width:.2g}", asked.unit, told))))
+    for word, item in made.predicted.items():
+        requested = TARGETS[word]
+        taken = "" if requested.relative else f"{item.value:.3g}"
+        text = f"in {item.identified} of {len(item.verdicts)}"
+        rows.append(
+            tuple(map(Cell, (requested.words, taken, f"± {item.half_width:.2g}", requested.unit, text)))
+        )
     return Document(
         f"Plan for the {TARGETS[made.target].words}",
         None,
@@ -389,12 +397,12 @@ def plan_json(made: FlightPlan) -> dict[str, Json]:
         },
         "predicted": {
             word: {
-                "half_width": number(found.half_width),
-                "value": number(found.value),
+                "half_width": number(item.half_width),
+                "value": number(item.value),
                 "unit": TARGETS[word].unit,
-                "verdicts": [status.value for status in found.verdicts],
+                "verdicts": [status.value for status in item.verdicts],
             }
-            for word, found in made.predicted.items()
+            for word, item in made.predicted.items()
         },
         "simulated": {"lowest_m": number(low), "highest_m": number(high), "speed": number(speed)},
         "provenance": {"version": version("eivor")},
@@ -409,27 +417,30 @@ LETTERS = 90
 
 
 def track_figure(track: Track) -> Figure:
-    """Value with its 95 % band over time; times at which nothing is told are left out."""
+    """Value with its 95 % band over time; times at which nothing is identified are left out."""
     (flight,) = track.result.prepared
-    if not track.told:
-        figure = page(TRACK_WIDTH, HEIGHT, f"{printable(flight.recording.name)}: told at no moment")
+    if not track.precise_moments:
+        figure = page(TRACK_WIDTH, HEIGHT, f"{printable(flight.recording.name)}: reported at no moment")
         figure.text(
             0.5, 0.5, fill("\n".join(map(printable, untold(track))), LETTERS), ha="center", parse_math=False
         )
         return figure
     wording = track.result.motion.wording[track.name]
-    time = np.array([one.time_s for one in track.moments])
-    told = np.array([one.told for one in track.moments])
+    time = np.array([moment.time_s for moment in track.moments])
+    reported = np.array([moment.is_precise for moment in track.moments])
     value, half = (
-        np.where(told, wording.scale * np.array(part), np.nan)
-        for part in ([one.value for one in track.moments], [one.half_width for one in track.moments])
+        np.where(reported, wording.scale * np.array(part), np.nan)
+        for part in (
+            [moment.value for moment in track.moments],
+            [moment.half_width for moment in track.moments],
+        )
     )
     figure = page(TRACK_WIDTH, HEIGHT, f"{printable(flight.recording.name)}: {wording.words} over the flight")
     axes = figure.add_subplot()
     axes.fill_between(time, value - half, value + half, color=BLUE, alpha=0.2, lw=0, label="95 %")
     axes.plot(time, value, color=BLUE, lw=1.3, label=f"memory {track.memory_s:g} s")
-    for place, change in enumerate(track.changes):
-        axes.axvline(change.time_s, color=RED, lw=1.2, ls="--", label="" if place else "change told")
+    for index, change in enumerate(track.changes):
+        axes.axvline(change.time_s, color=RED, lw=1.2, ls="--", label="" if index else "change reported")
     labelled(axes, x="time t [s]", y=f"{wording.symbol} [{wording.shown_unit or wording.unit or '-'}]")
     axes.margins(x=0.01)
     legend(axes)

@@ -16,7 +16,7 @@ from eivor.errors import EstimationError, InputError, UsageError
 from eivor.exports.autopilots import StateSpace, state_space
 from eivor.exports.fitted import Exported, Fitted, Supplied, known_number
 from eivor.exports.targets import randomisation_by_name, target_by_name
-from eivor.flights.quantity import Allowance, Counts, Quantity
+from eivor.flights.quantity import Counts, Quantity, SystematicUncertainty
 from eivor.inference.covariance import CovariancePart, JointCovariance, JointEstimate, joint_draws
 from eivor.inference.distributions import (
     check_level,
@@ -25,7 +25,7 @@ from eivor.inference.distributions import (
     shares_in_order,
 )
 from eivor.inference.verdict import Reason, Status
-from eivor.motions.rigid_body.vehicle import KnownNumber, load_vehicle, vehicle_told
+from eivor.motions.rigid_body.vehicle import KnownNumber, load_vehicle, vehicle_from_record
 from eivor.signals.channels import CurveSide
 from eivor.tools import Float, html_table
 
@@ -36,7 +36,7 @@ from eivor.tools import Float, html_table
 class SavedCandidate:
     """Joint vector and covariance at one combination of the discrete nuisances."""
 
-    at: Mapping[str, float]  # Value of every nuisance
+    nuisances: Mapping[str, float]  # Value of every nuisance
     best: bool
     values: Float[np.ndarray, " n"]
     covariance: JointCovariance
@@ -63,18 +63,18 @@ def drawn_at_all(
     rng: np.random.Generator,
 ) -> dict[str, Float[np.ndarray, " n"]]:
     """Joint draws at all candidates, and one array more for each discrete nuisance."""
-    apart = [
+    selected = [
         name
-        for name in candidates[0].at
-        if name not in names and len({one.at[name] for one in candidates}) > 1
+        for name in candidates[0].nuisances
+        if name not in names and len({candidate.nuisances[name] for candidate in candidates}) > 1
     ]
-    ordered = sorted(candidates, key=lambda one: [one.at[name] for name in apart])
-    excesses = np.array([one.excess for one in ordered])
-    shares = shares_in_order(excesses) if len(apart) == 1 else shares_by_likelihood(excesses)
+    ordered = sorted(candidates, key=lambda candidate: [candidate.nuisances[name] for name in selected])
+    excesses = np.array([item.excess for item in ordered])
+    shares = shares_in_order(excesses) if len(selected) == 1 else shares_by_likelihood(excesses)
     parts = [
-        drawn_at(one, names, lowest, int(count), rng)
-        | {name: np.full(count, value) for name, value in one.at.items() if name not in names}
-        for one, count in zip(ordered, rng.multinomial(n, shares), strict=True)
+        drawn_at(item, names, lowest, int(count), rng)
+        | {name: np.full(count, value) for name, value in item.nuisances.items() if name not in names}
+        for item, count in zip(ordered, rng.multinomial(n, shares), strict=True)
         if count
     ]
     order = rng.permutation(n)
@@ -135,7 +135,9 @@ class SavedFit:
     @property
     def refused(self) -> frozenset[str]:
         """Names of the quantities that are refused."""
-        return frozenset(name for name, one in self.quantities.items() if one.verdict is Status.REFUSED)
+        return frozenset(
+            name for name, quantity in self.quantities.items() if quantity.verdict is Status.REFUSED
+        )
 
     @property
     def covariance(self) -> Float[np.ndarray, "n n"]:
@@ -293,7 +295,7 @@ class SavedFit:
         """
         supplied = Supplied(
             None if mass is None else _known_pair("mass", mass),
-            {name: _known_pair(name, one) for name, one in (priors or {}).items()},
+            {name: _known_pair(name, prior) for name, prior in (priors or {}).items()},
             None if vehicle is None else load_vehicle(vehicle),
         )
         return self.exported(to, supplied, draws, seed).text
@@ -315,24 +317,30 @@ class SavedFit:
             quantities=self.quantities,
             input=str(model["input"]),
             map_name=str(model["input_map"]),
-            curve_side=next((one for one in CurveSide if one.value == curve.get("side")), CurveSide.UNKNOWN),
+            curve_side=next(
+                (item for item in CurveSide if item.value == curve.get("side")), CurveSide.UNKNOWN
+            ),
             curve_in_force=dict(curve.get("in_force") or {}),
             input_measured=bool(model["input_measured"]),
             formats=tuple(str(log["format"]) for log in self.document["logs"]),
             logs=tuple((str(log["name"]), str(log["sha256"] or "")) for log in provenance["logs"]),
             version=str(provenance["version"]),
-            vehicle=None if vehicle is None else vehicle_told(vehicle),
+            vehicle=None if vehicle is None else vehicle_from_record(vehicle),
             names=self.names,
             candidates=self._joint(),
         )
 
     def _joint(self) -> tuple[JointEstimate, ...]:
         """The joint vector where it fits, the best first; empty without an estimate."""
-        fits = [one for one in self.candidates if one.best or one.excess <= self._allowance(0.95)]
-        fits.sort(key=lambda one: not one.best)
-        return tuple(JointEstimate(one.values, one.covariance) for one in fits)
+        fits = [
+            candidate
+            for candidate in self.candidates
+            if candidate.best or candidate.excess <= self._systematic_uncertainty(0.95)
+        ]
+        fits.sort(key=lambda fit: not fit.best)
+        return tuple(JointEstimate(fit.values, fit.covariance) for fit in fits)
 
-    def _allowance(self, level: float) -> float:
+    def _systematic_uncertainty(self, level: float) -> float:
         """What the criterion of another candidate may be above that of the best."""
         return chi_square_quantile(level, self.document["covariance"].get("choices", 1))
 
@@ -343,14 +351,14 @@ class SavedFit:
 
     def _wald(self, name: str, level: float) -> tuple[float, float]:
         """The estimate plus and minus."""
-        place = self.names.index(name)
-        direction = np.eye(len(self.names))[place]
-        allowance = self._allowance(level)
+        index = self.names.index(name)
+        direction = np.eye(len(self.names))[index]
+        uncertainty = self._systematic_uncertainty(level)
         ends = [
-            float(candidate.values[place]) + sign * candidate.covariance.half_width(direction, level)
+            float(candidate.values[index]) + sign * candidate.covariance.half_width(direction, level)
             for candidate in self.candidates
             for sign in (-1.0, 1.0)
-            if candidate.excess <= allowance
+            if candidate.excess <= uncertainty
         ]
         return min(ends), max(ends)
 
@@ -426,47 +434,49 @@ def _no_document(path: Path, received: str) -> InputError:
 
 def fit_of(document: Mapping[str, Any]) -> SavedFit:
     """Return the fit of a document."""
-    told = {**document["parameters"], **document["derived"]}
+    selected = {**document["parameters"], **document["derived"]}
     covariance = document.get("covariance") or {"names": [], "candidates": []}
     return SavedFit(
         verdict=Status(document["verdict"]),
         reasons=tuple(str(reason) for reason in document["reasons"]),
-        quantities={str(name): _read_quantity(one) for name, one in told.items()},
+        quantities={str(name): _read_quantity(item) for name, item in selected.items()},
         names=tuple(str(name) for name in covariance["names"]),
-        candidates=tuple(_candidate(one) for one in covariance["candidates"]),
+        candidates=tuple(_candidate(item) for item in covariance["candidates"]),
         prediction=dict(document.get("prediction") or {}),
         document=document,
         by_flight={
             str(row["log"]): {
-                str(name): _read_quantity(one)
-                for name, one in {**row["parameters"], **row["derived"]}.items()
+                str(name): _read_quantity(item)
+                for name, item in {**row["parameters"], **row["derived"]}.items()
             }
             for row in document.get("by_flight") or ()
         },
     )
 
 
-def _read_quantity(one: Mapping[str, Any]) -> Quantity:
-    low, high = one["interval"]
-    status = Status(one["verdict"])
+def _read_quantity(first: Mapping[str, Any]) -> Quantity:
+    low, high = first["interval"]
+    status = Status(first["verdict"])
     return Quantity(
-        value=_number(one["value"], math.nan),
-        unit=str(one["unit"]),
-        std_error=_number(one["std_error"], math.nan),
+        value=_number(first["value"], math.nan),
+        unit=str(first["unit"]),
+        std_error=_number(first["std_error"], math.nan),
         interval=(_number(low, -math.inf), _number(high, math.inf)),
         verdict=status,
-        by_run=tuple(_number(value, math.nan) for value in one.get("by_segment", ())),
-        reasons=tuple(Reason(status, str(sentence)) for sentence in one.get("reasons", ())),
-        allowances=tuple(_allowance(part) for part in one.get("systematic", ())),
+        by_run=tuple(_number(value, math.nan) for value in first.get("by_segment", ())),
+        reasons=tuple(Reason(status, str(sentence)) for sentence in first.get("reasons", ())),
+        systematic_uncertainties=tuple(_systematic_uncertainty(part) for part in first.get("systematic", ())),
     )
 
 
-def _allowance(one: Mapping[str, Any]) -> Allowance:
-    return Allowance(Counts(one["counts"]), float(one["below"]), float(one["above"]), str(one["sentence"]))
+def _systematic_uncertainty(first: Mapping[str, Any]) -> SystematicUncertainty:
+    return SystematicUncertainty(
+        Counts(first["counts"]), float(first["below"]), float(first["above"]), str(first["sentence"])
+    )
 
 
-def _candidate(one: Mapping[str, Any]) -> SavedCandidate:
-    values = np.array([_number(value, math.nan) for value in one["values"]])
+def _candidate(first: Mapping[str, Any]) -> SavedCandidate:
+    values = np.array([_number(value, math.nan) for value in first["values"]])
     parts = tuple(
         CovariancePart(
             str(part["name"]),
@@ -476,13 +486,13 @@ def _candidate(one: Mapping[str, Any]) -> SavedCandidate:
             _number(part["degrees"], math.inf),
             float(part["share"]),
         )
-        for part in one["parts"]
+        for part in first["parts"]
     )
     if not parts:
         raise ValueError("a covariance without parts")
-    at = {str(name): _number(value, math.nan) for name, value in one["at"].items()}
-    excess = _number(one.get("excess", 0.0), math.inf)
-    return SavedCandidate(at, bool(one["best"]), values, JointCovariance(parts), excess)
+    index = {str(name): _number(value, math.nan) for name, value in first["at"].items()}
+    excess = _number(first.get("excess", 0.0), math.inf)
+    return SavedCandidate(index, bool(first["best"]), values, JointCovariance(parts), excess)
 
 
 def _number(value: float | None, missing: float) -> float:

@@ -42,7 +42,7 @@ class Chart:
     lines: tuple[Line, ...]  # With values at these times
     over_s: tuple[float, float]
     view_s: tuple[float, float]
-    left_out_s: tuple[tuple[float, float], ...]
+    omitted_s: tuple[tuple[float, float], ...]
 
     def packed(self, most: int) -> dict[str, object]:
         """Return it for the page's script, in about `most` samples."""
@@ -53,11 +53,11 @@ class Chart:
             "unit": printable(self.unit),
             "over": list(self.over_s),
             "view": list(self.view_s),
-            "leftOut": [list(pair) for pair in self.left_out_s],
+            "leftOut": [list(pair) for pair in self.omitted_s],
             "stretches": stretches,
             "lines": [
-                {"label": printable(line.label), "look": line.look, **_coded(kept[:, place])}
-                for place, line in enumerate(self.lines)
+                {"label": printable(line.label), "look": line.look, **_coded(kept[:, index])}
+                for index, line in enumerate(self.lines)
             ],
         }
 
@@ -78,7 +78,7 @@ def _thinned(
 ) -> tuple[list[list[float]], Float[np.ndarray, "kept lines"]]:
     """Start, step and count of each unbroken stretch, and its values: all, or the ends of their ranges."""
     if time_s.size < 2:
-        return [[float(one), 0.0, 1] for one in time_s], values
+        return [[float(item), 0.0, 1] for item in time_s], values
     steps = np.diff(time_s)
     step = float(np.median(steps))
     edges = [0, *(np.flatnonzero(steps > BROKEN_AFTER * step) + 1).tolist(), time_s.size]
@@ -128,7 +128,7 @@ ROUND_STEPS = (1.0, 2.0, 2.5, 5.0, 10.0)
 class Tick:
     """A value that is written at an axis."""
 
-    at: float
+    value: float
     words: str
 
 
@@ -163,10 +163,10 @@ class Linear(Scale):
         """Round values, see `Scale.ticks`."""
         raw = (self.high - self.low) / most
         power = 10.0 ** math.floor(math.log10(raw))
-        step = next(power * one for one in ROUND_STEPS if power * one >= raw * (1.0 - 1e-9))
+        step = next(power * item for item in ROUND_STEPS if power * item >= raw * (1.0 - 1e-9))
         first, last = math.ceil(self.low / step - 1e-9), math.floor(self.high / step + 1e-9)
         values = [number * step for number in range(first, last + 1)]
-        return [Tick(one, words) for one, words in zip(values, _written(values, step), strict=True)]
+        return [Tick(item, words) for item, words in zip(values, _written(values, step), strict=True)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -186,14 +186,16 @@ class Logarithmic(Scale):
         """Powers of ten, with others between them where there are few, see `Scale.ticks`."""
         decades = range(math.floor(math.log10(self.low)), math.ceil(math.log10(self.high)) + 1)
         for between in ((1, 2, 5), (1, 3), (1,)):
-            values = [one * 10.0**decade for decade in decades for one in between]
-            inside = [one for one in values if self.low <= one * (1 + 1e-9) and one <= self.high * (1 + 1e-9)]
+            values = [item * 10.0**decade for decade in decades for item in between]
+            inside = [
+                item for item in values if self.low <= item * (1 + 1e-9) and item <= self.high * (1 + 1e-9)
+            ]
             if len(inside) <= most:
                 break
         if len(inside) < 2:
             return Linear(self.words, self.low, self.high).ticks(most)
         inside = inside[:: -(-len(inside) // most)]
-        return [Tick(one, _power(one)) for one in inside]
+        return [Tick(item, _power(item)) for item in inside]
 
 
 @dataclass(frozen=True, slots=True)
@@ -216,7 +218,7 @@ class LinearBelow(Scale):
         """Zero, and powers of ten above the bend, see `Scale.ticks`."""
         first = math.floor(math.log10(self.bend)) + 1
         powers = [10.0**power for power in range(first, math.floor(math.log10(self.high)) + 1)]
-        return [Tick(one, _power(one)) for one in (0.0, *powers[:: -(-len(powers) // most) or 1])]
+        return [Tick(item, _power(item)) for item in (0.0, *powers[:: -(-len(powers) // most) or 1])]
 
 
 def margined(words: str, values: Float[np.ndarray, " n"], share: float = 0.06) -> Linear:
@@ -229,7 +231,7 @@ def margined(words: str, values: Float[np.ndarray, " n"], share: float = 0.06) -
 
 def _written(values: list[float], step: float) -> list[str]:
     """Values with the decimals that their step needs; with a power of ten where they are tiny or huge."""
-    largest = max((abs(one) for one in values), default=0.0)
+    largest = max((abs(item) for item in values), default=0.0)
     plain = not largest or 1e-3 <= largest < 1e6
     power = 0 if plain else math.floor(math.log10(largest))
     decimals = next(
@@ -237,7 +239,7 @@ def _written(values: list[float], step: float) -> list[str]:
     )
     tail = f"e{power}" if power else ""
     return [
-        f"{one / 10.0**power + 0.0:.{decimals}f}{tail if one else ''}".replace("-", "−") for one in values
+        f"{item / 10.0**power + 0.0:.{decimals}f}{tail if item else ''}".replace("-", "−") for item in values
     ]
 
 
@@ -297,7 +299,7 @@ class Rule:
 
     label: str
     look: str
-    at: float
+    value: float
     upright: bool
 
 
@@ -344,19 +346,19 @@ class _Frame:
         """Lines at the ticks, and the ticks' words, those left out that would touch."""
         pieces = []
         for tick in self.y_ticks:
-            height = float(self.up(np.array([tick.at]))[0])
+            height = float(self.up(np.array([tick.value]))[0])
             pieces.append(_straight_line("grid", self.left, height, self.right, height))
-            place = {"x": f"{self.left - 7:.1f}", "y": f"{height + RISE:.1f}", "class": "tick end"}
-            pieces.append(element("text", place, tick.words))
+            position = {"x": f"{self.left - 7:.1f}", "y": f"{height + RISE:.1f}", "class": "tick end"}
+            pieces.append(element("text", position, tick.words))
         free = 0.0
         for tick in self.plot.x.ticks(MOST_TICKS):
-            at = float(self.across(np.array([tick.at]))[0])
-            pieces.append(_straight_line("grid", at, TOP, at, self.bottom))
+            index = float(self.across(np.array([tick.value]))[0])
+            pieces.append(_straight_line("grid", index, TOP, index, self.bottom))
             half = 0.5 * LETTER * len(tick.words)
-            if at - half >= free and at + half <= WIDTH:
-                place = {"x": f"{at:.1f}", "y": f"{self.bottom + 18:.1f}", "class": "tick middle"}
-                pieces.append(element("text", place, tick.words))
-                free = at + half + LETTER
+            if index - half >= free and index + half <= WIDTH:
+                position = {"x": f"{index:.1f}", "y": f"{self.bottom + 18:.1f}", "class": "tick middle"}
+                pieces.append(element("text", position, tick.words))
+                free = index + half + LETTER
         return pieces
 
     def _words(self) -> list[Markup]:
@@ -373,8 +375,8 @@ class _Frame:
                 return joined(self._dots(mark.x, mark.y, mark.look))
             case Stems():
                 foot = float(self.up(np.zeros(1))[0])
-                at = zip(self.across(mark.x).tolist(), self.up(mark.y).tolist(), strict=True)
-                stems = [_straight_line(f"stem {mark.look}", x, foot, x, y) for x, y in at]
+                index = zip(self.across(mark.x).tolist(), self.up(mark.y).tolist(), strict=True)
+                stems = [_straight_line(f"stem {mark.look}", x, foot, x, y) for x, y in index]
                 return joined([*stems, *self._dots(mark.x, mark.y, mark.look)])
             case Band():
                 return self._band(mark)
@@ -383,20 +385,20 @@ class _Frame:
 
     def _path(self, x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"]) -> str:
         there = np.isfinite(x) & np.isfinite(y)
-        pieces, begun = [], False
+        pieces, started = [], False
         for across, up, known in zip(
             self.across(x).tolist(), self.up(y).tolist(), there.tolist(), strict=True
         ):
             if known:
-                pieces.append(f"{'L' if begun else 'M'}{across:.1f} {up:.1f}")
-            begun = known
+                pieces.append(f"{'L' if started else 'M'}{across:.1f} {up:.1f}")
+            started = known
         return "".join(pieces)
 
     def _dots(self, x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"], look: str) -> list[Markup]:
-        at = zip(self.across(x).tolist(), self.up(y).tolist(), strict=True)
+        index = zip(self.across(x).tolist(), self.up(y).tolist(), strict=True)
         return [
             element("circle", {"cx": f"{across:.1f}", "cy": f"{up:.1f}", "r": "3", "class": f"dot {look}"})
-            for across, up in at
+            for across, up in index
             if np.isfinite(across) and np.isfinite(up)
         ]
 
@@ -413,18 +415,18 @@ class _Frame:
         return element("rect", {**sides, "class": f"band {band.look}"})
 
     def _rule(self, rule: Rule) -> Markup:
-        at = np.array([rule.at])
+        index = np.array([rule.value])
         if rule.upright:
-            x = float(self.across(at)[0])
+            x = float(self.across(index)[0])
             return _straight_line(f"rule {rule.look}", x, TOP, x, self.bottom)
-        y = float(self.up(at)[0])
+        y = float(self.up(index)[0])
         return _straight_line(f"rule {rule.look}", self.left, y, self.right, y)
 
 
 def _straight_line(look: str, *ends: float) -> Markup:
     keys = ("x1", "y1", "x2", "y2")
-    places = {key: f"{value:.1f}" for key, value in zip(keys, ends, strict=True)}
-    return element("line", {**places, "class": look})
+    positions = {key: f"{value:.1f}" for key, value in zip(keys, ends, strict=True)}
+    return element("line", {**positions, "class": look})
 
 
 # -- Forest --
@@ -462,8 +464,8 @@ class Forest:
         box = {"viewBox": f"0 0 {WIDTH:g} {height:g}", "class": "plot forest", "role": "img"}
         content = [element("title", {"id": f"{name}-title"}, title)]
         content += _axis(scale, ROW * len(self.rows) + 4.0)
-        for place, row in enumerate(self.rows):
-            content += _forest_markup(row, scale, ROW * place)
+        for index, row in enumerate(self.rows):
+            content += _forest_markup(row, scale, ROW * index)
         return element("svg", {**box, "aria-labelledby": f"{name}-title"}, *content)
 
     def _scale(self) -> Linear:
@@ -489,14 +491,16 @@ def _across(scale: Linear, value: float) -> float:
 def _axis(scale: Linear, top: float) -> list[Markup]:
     pieces, free = [], 0.0
     for tick in scale.ticks(5):
-        at = f"{_across(scale, tick.at):.1f}"
-        pieces.append(element("line", {"x1": at, "y1": "0", "x2": at, "y2": f"{top:.1f}", "class": "grid"}))
+        text = f"{_across(scale, tick.value):.1f}"
+        pieces.append(
+            element("line", {"x1": text, "y1": "0", "x2": text, "y2": f"{top:.1f}", "class": "grid"})
+        )
         half = 0.5 * LETTER * len(tick.words)
-        if float(at) - half >= free and float(at) + half <= WIDTH:
+        if float(text) - half >= free and float(text) + half <= WIDTH:
             pieces.append(
-                element("text", {"x": at, "y": f"{top + 16:.1f}", "class": "tick middle"}, tick.words)
+                element("text", {"x": text, "y": f"{top + 16:.1f}", "class": "tick middle"}, tick.words)
             )
-            free = float(at) + half + LETTER
+            free = float(text) + half + LETTER
     middle = {"x": f"{WIDTH / 2:.1f}", "y": f"{top + 35:.1f}", "class": "axis middle"}
     return [*pieces, element("text", middle, scale.words)]
 
@@ -520,11 +524,11 @@ def _whisker(scale: Linear, ends: tuple[float, float], y: float, look: str) -> l
     """Interval with caps at its ends, and arrows where it goes on beyond the scale."""
     low, high = ends
     left, right = _across(scale, low), _across(scale, high)
-    places = {"x1": f"{left:.1f}", "y1": f"{y:.1f}", "x2": f"{right:.1f}", "y2": f"{y:.1f}"}
-    pieces = [element("line", {**places, "class": f"whisker {look}"})]
-    for at, beyond, turn in ((left, low < scale.low, -1.0), (right, high > scale.high, 1.0)):
-        path = f"M{at - 6 * turn:.1f} {y - 5:.1f}L{at:.1f} {y:.1f}L{at - 6 * turn:.1f} {y + 5:.1f}"
-        path = path if beyond else f"M{at:.1f} {y - 5:.1f}L{at:.1f} {y + 5:.1f}"
+    positions = {"x1": f"{left:.1f}", "y1": f"{y:.1f}", "x2": f"{right:.1f}", "y2": f"{y:.1f}"}
+    pieces = [element("line", {**positions, "class": f"whisker {look}"})]
+    for item, beyond, turn in ((left, low < scale.low, -1.0), (right, high > scale.high, 1.0)):
+        path = f"M{item - 6 * turn:.1f} {y - 5:.1f}L{item:.1f} {y:.1f}L{item - 6 * turn:.1f} {y + 5:.1f}"
+        path = path if beyond else f"M{item:.1f} {y - 5:.1f}L{item:.1f} {y + 5:.1f}"
         pieces.append(element("path", {"d": path, "class": f"whisker {look}"}))
     return pieces
 

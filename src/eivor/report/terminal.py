@@ -96,8 +96,8 @@ def _part(part: Part) -> RenderableType:
         case Bullets():
             return _bullets(part)
         case Statement():
-            said = (printable(part.text), COLOURS[part.status])
-            return Text.assemble(said, printable(part.more))
+            sentence = (printable(part.text), COLOURS[part.status])
+            return Text.assemble(sentence, printable(part.more))
         case Figure():
             return Text()
 
@@ -117,8 +117,8 @@ def _facts(part: Facts) -> Table:
     grid.add_column(style="dim", no_wrap=True)
     grid.add_column(overflow="fold")
     for fact in part.facts:
-        told = _bullets(fact.told) if isinstance(fact.told, Bullets) else Text(printable(fact.told))
-        grid.add_row(Text(printable(fact.label)), told)
+        reported = _bullets(fact.text) if isinstance(fact.text, Bullets) else Text(printable(fact.text))
+        grid.add_row(Text(printable(fact.label)), reported)
     return grid
 
 
@@ -132,16 +132,16 @@ class FoldingTable:
         """Choose by what would become of the words in the width that there is."""
         words, whole = _words(self.table), options.max_width < NARROW
         table = _side_by_side(self.table, whole=whole, names=False)
-        shown = _shown(table, console, options)
-        if not words <= shown:
+        displayed = _displayed(table, console, options)
+        if not words <= displayed:
             wider = _side_by_side(self.table, whole=whole, names=True)
-            if words <= _shown(wider, console, options):
+            if words <= _displayed(wider, console, options):
                 yield wider
                 return
-        yield table if _not_long(words) <= shown else _folded(self.table, options.max_width)
+        yield table if _not_long(words) <= displayed else _folded(self.table, options.max_width)
 
 
-def _shown(table: Table, console: Console, options: ConsoleOptions) -> Counter[str]:
+def _displayed(table: Table, console: Console, options: ConsoleOptions) -> Counter[str]:
     """Words of a table as it comes out; of a word that breaks, its parts."""
     lines = console.render_lines(table, options, pad=False)
     return Counter("\n".join("".join(part.text for part in line) for line in lines).split())
@@ -165,18 +165,20 @@ def _width(text: str) -> int:
 
 def _side_by_side(table: TableOf, *, whole: bool, names: bool) -> Table:
     """A column for each; `whole` keeps intervals in one line, else they break between their numbers."""
-    shown = Table(box=None, pad_edge=False, padding=(0, GAP, 0, 0), header_style="dim")
+    displayed = Table(box=None, pad_edge=False, padding=(0, GAP, 0, 0), header_style="dim")
     for number, column in enumerate(table.columns):
         short = not number and all(_width(row[0].text) <= LONGEST_WHOLE for row in table.rows)
-        shown.add_column(
+        displayed.add_column(
             Text(printable(column.title)),  # a string would be markup: "[ms]" is a tag
             justify="right" if column.right else "left",
             no_wrap=(column.whole and whole) or short or (names and not number),
             overflow="fold",
         )
     for row in table.rows:
-        shown.add_row(*(_cell(cell, column, "\n") for cell, column in zip(row, table.columns, strict=True)))
-    return shown
+        displayed.add_row(
+            *(_cell(cell, column, "\n") for cell, column in zip(row, table.columns, strict=True))
+        )
+    return displayed
 
 
 def _cell(cell: Cell, column: TableColumn, between: str) -> Text:
@@ -199,15 +201,15 @@ def _folded(table: TableOf, width: int) -> Group:
         for number in titled:
             cell, column = row[number], table.columns[number]
             if cell.text:
-                beside = _width(cell.text) + 1 + _width(cell.below) <= room
-                grid.add_row(Text(printable(column.title)), _cell(cell, column, " " if beside else "\n"))
+                neighbours = _width(cell.text) + 1 + _width(cell.below) <= room
+                grid.add_row(Text(printable(column.title)), _cell(cell, column, " " if neighbours else "\n"))
         parts += [_row_head(table, row, width), Padding(grid, (0, 0, 0, GAP))]
     return Group(*parts)
 
 
 def _row_head(table: TableOf, row: tuple[Cell, ...], width: int) -> Text:
-    beside = _width(row[0].text) + GAP + _width(row[0].below) <= width
-    head = _cell(row[0], table.columns[0], " " * GAP if beside else "\n")
+    neighbours = _width(row[0].text) + GAP + _width(row[0].below) <= width
+    head = _cell(row[0], table.columns[0], " " * GAP if neighbours else "\n")
     for cell, column in zip(row[1:], table.columns[1:], strict=True):
         if not column.title:
             head.append(" " * GAP).append(_cell(cell, column, " "))

@@ -14,11 +14,11 @@ import numpy as np
 
 from eivor import checks
 from eivor.errors import InputError, UsageError
-from eivor.flights.motion import FIT, Ahead, Motion
+from eivor.flights.motion import FIT, Motion, MultiStepPrediction
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepare import LARGEST_INPUT_RATIO, check_options, prepare
 from eivor.flights.prepared import PreparedFlight
-from eivor.flights.quantity import Horizon, Predicted, SimpleModel
+from eivor.flights.quantity import Horizon, PredictedQuantity, SimpleModel
 from eivor.flights.result import FlightEstimate
 from eivor.inference.verdict import Status
 from eivor.models.separable import NoInstruments
@@ -51,9 +51,9 @@ from eivor.report.figure_panels import (
     page,
     without_abscissa,
 )
-from eivor.report.figures import SIZE_INCHES, ahead_page, ahead_panels
-from eivor.report.flight import ahead_parts, ahead_rows
-from eivor.report.json_document import Json, ahead_json, json_text, number
+from eivor.report.figures import SIZE_INCHES, prediction_page, prediction_panels
+from eivor.report.flight import prediction_parts, prediction_rows
+from eivor.report.json_document import Json, json_text, number, prediction_json
 from eivor.report.outputs import saved_fit
 from eivor.report.saved_fit import SavedFit, load_fit
 from eivor.report.wording import NO_NUMBER
@@ -116,7 +116,7 @@ class Validation:
     motion: Motion[Any]
     flight: PreparedFlight
     predictions: tuple[ModelPrediction, ...]
-    ahead: Ahead | None = None
+    multi_step_prediction: MultiStepPrediction | None = None
 
     @property
     def spans_s(self) -> tuple[tuple[float, float], ...]:
@@ -127,9 +127,10 @@ class Validation:
     @property
     def by_quantity(self) -> tuple[tuple[ModelPrediction, ...], ...]:
         """Predictions of each quantity, the fit's first."""
-        firsts = [one for one in self.predictions if one.model == FIT]
+        firsts = [prediction for prediction in self.predictions if prediction.model == FIT]
         return tuple(
-            tuple(one for one in self.predictions if one.quantity == first.quantity) for first in firsts
+            tuple(prediction for prediction in self.predictions if prediction.quantity == first.quantity)
+            for first in firsts
         )
 
     @property
@@ -138,36 +139,36 @@ class Validation:
 
         Of predictions ahead: whether its errors are the least, in the mean over all quantities.
         """
-        if self.ahead is not None:
-            return self.ahead.predicts
-        own, *others = self.by_quantity[-1]
-        return own.error.explained > 0.0 and all(own.error.rms <= other.error.rms for other in others)
+        if self.multi_step_prediction is not None:
+            return self.multi_step_prediction.predicts
+        current, *others = self.by_quantity[-1]
+        return current.error.explained > 0.0 and all(current.error.rms <= other.error.rms for other in others)
 
     @property
     def sentence(self) -> str:
         """What was found, in a sentence."""
-        if self.ahead is not None:
-            return self.ahead.sentence
-        own, *others = self.by_quantity[-1]
-        far = f"{own.quantity}, {own.horizon.words}, over {_seconds(self.flight)}"
-        share = f"{own.error.explained:.1%}" if own.error.explained > 0.0 else "nothing"
-        told = f"The fit explains {share} of the {far}"
-        better = [one.words for one in others if one.error.rms < own.error.rms]
+        if self.multi_step_prediction is not None:
+            return self.multi_step_prediction.sentence
+        current, *others = self.by_quantity[-1]
+        far = f"{current.quantity}, {current.horizon.words}, over {_seconds(self.flight)}"
+        share = f"{current.error.explained:.1%}" if current.error.explained > 0.0 else "nothing"
+        text = f"The fit explains {share} of the {far}"
+        better = [item.words for item in others if item.error.rms < current.error.rms]
         if better:
-            return f"{told}; {' and '.join(better)} leave{'s' if len(better) == 1 else ''} less."
-        return f"{told}{', and leaves less than the simpler models' if others else ''}."
+            return f"{text}; {' and '.join(better)} leave{'s' if len(better) == 1 else ''} less."
+        return f"{text}{', and leaves less than the simpler models' if others else ''}."
 
     def summary(self) -> str:
         """Errors of every prediction as plain text."""
         lines = [f"{self.motion.words.title}, {self.flight.recording.name}", self.sentence]
-        if self.ahead is not None:
-            told = ahead_rows(self.ahead)
+        if self.multi_step_prediction is not None:
+            rows = prediction_rows(self.multi_step_prediction)
             return "\n".join(
                 [
                     *lines,
                     *(
-                        f"{what:<12}{by:<38}{unit:<6}{' '.join(f'{one:>8}' for one in rms)}"
-                        for what, by, unit, *rms in told
+                        f"{what:<12}{by:<38}{unit:<6}{' '.join(f'{item:>8}' for item in rms)}"
+                        for what, by, unit, *rms in rows
                     ),
                 ]
             )
@@ -182,10 +183,13 @@ class Validation:
     def _repr_html_(self) -> str:
         columns = ("prediction", "model", "RMS error", "unit", "explained")
         title = f"{self.motion.words.title}, {self.flight.recording.name}"
-        if self.ahead is not None:
-            horizons = tuple(f"{one:g} s" for one in self.ahead.horizons_s)
+        if self.multi_step_prediction is not None:
+            horizons = tuple(f"{item:g} s" for item in self.multi_step_prediction.horizons_s)
             return html_table(
-                title, ("error of", "model", "unit", *horizons), ahead_rows(self.ahead), self.sentence
+                title,
+                ("error of", "model", "unit", *horizons),
+                prediction_rows(self.multi_step_prediction),
+                self.sentence,
             )
         return html_table(title, columns, _rows(self), self.sentence)
 
@@ -252,26 +256,26 @@ def validate(
         raise UsageError(
             "a result with an estimate",
             f"one without: {' '.join(result.reasons).rstrip('.')}",
-            "Validate a flight that tells something.",
+            "Validate a flight that carries some information.",
         )
     motion = motion_of_model(str(result.document["model"]["name"]))
-    motion = motion.of_told_vehicle(result.prediction.get("vehicle"))
+    motion = motion.with_vehicle_record(result.prediction.get("vehicle"))
     motion, flight = _prepared(result, motion, recording, window, max_tilt_deg)
     _check_scale(result, motion, flight)
-    ahead = motion.ahead((flight.shortened,), _simpler_models(result), result.refused)
-    if ahead is not None:
-        return _ahead_of(result, motion, flight, ahead)
+    prediction = motion.multi_step_prediction((flight.shortened,), _simpler_models(result), result.refused)
+    if prediction is not None:
+        return _with_prediction(result, motion, flight, prediction)
     problem = motion.problem((flight.shortened,), NoInstruments())
-    found = tuple(
+    results = tuple(
         _of_model(name, model.words, predicted, flight)
         for name, model in _simpler_models(result).items()
         for predicted in motion.predictions(problem, model.values)
     )
-    if not found:
+    if not results:
         raise UsageError(
             "a motion that predicts", f"'{motion.name}', which does not", "See docs/motions.md: predictions."
         )
-    return Validation(result, motion, flight, tuple(sorted(found, key=_nearest_first)))
+    return Validation(result, motion, flight, tuple(sorted(results, key=_nearest_first)))
 
 
 def _saved(fit: SavedFit | FlightEstimate | str | Path) -> SavedFit:
@@ -294,12 +298,12 @@ def _prepared(
     max_tilt_deg: float | None,
 ) -> tuple[Motion[Any], PreparedFlight]:
     """The motion with the terms of the fit, and the flight."""
-    told = fit.prediction
+    prediction = fit.prediction
     options = FlightOptions(
         window=window,
-        max_tilt_deg=told["limits"]["max_tilt_deg"] if max_tilt_deg is None else max_tilt_deg,
-        input=told["input"],
-        input_map=told["input_map"],
+        max_tilt_deg=prediction["limits"]["max_tilt_deg"] if max_tilt_deg is None else max_tilt_deg,
+        input=prediction["input"],
+        input_map=prediction["input_map"],
         terms=tuple(fit.document["provenance"]["options"].get("terms", ())),
     )
     check_options(motion, options)
@@ -314,53 +318,58 @@ def _prepared(
 
 
 def _check_scale(fit: SavedFit, motion: Motion[Any], flight: PreparedFlight) -> None:
-    """Refuse a flight whose input is of another size than those of the fit, as far as the fit tells."""
-    level, own = fit.prediction.get("input_level"), motion.input_level(flight)
-    if level is not None and max(level, own) > LARGEST_INPUT_RATIO * min(level, own):
+    """Refuse a flight whose input is of another size than those of the fit, as far as the fit identifies."""
+    level, input_level = fit.prediction.get("input_level"), motion.input_level(flight)
+    if level is not None and max(level, input_level) > LARGEST_INPUT_RATIO * min(level, input_level):
         raise InputError(
             f"{flight.input.name} of about {level:.4g} on average, as in the flights of the fit",
-            f"{own:.4g} in {flight.recording.name}",
+            f"{input_level:.4g} in {flight.recording.name}",
             "Give a flight of the same vehicle, with its commands in the same unit.",
         )
 
 
-def _ahead_of(fit: SavedFit, motion: Motion[Any], flight: PreparedFlight, ahead: Ahead) -> Validation:
-    if not ahead.errors:
+def _with_prediction(
+    fit: SavedFit, motion: Motion[Any], flight: PreparedFlight, prediction: MultiStepPrediction
+) -> Validation:
+    if not prediction.errors:
         raise UsageError(
-            "a result and a log that tell enough of the vehicle to predict it",
-            " ".join(ahead.left_out) or "no half second without a gap",
-            "Validate a flight that tells more, on a log of the same vehicle.",
+            "a result and a log that carry enough information of the vehicle to predict it",
+            " ".join(prediction.omitted) or "no half second without a gap",
+            "Validate a flight that carries more information, on a log of the same vehicle.",
         )
-    return Validation(fit, motion, flight, (), ahead)
+    return Validation(fit, motion, flight, (), prediction)
 
 
 def _simpler_models(fit: SavedFit) -> dict[str, SimpleModel]:
     """The fit and the simpler models that its document holds, by name."""
     best = next(candidate for candidate in fit.candidates if candidate.best)
-    at = {str(name): float(value) for name, value in fit.prediction["at"].items()}
-    own = at | dict(zip(fit.names, best.values.tolist(), strict=True))
-    beside = fit.prediction.get("beside", {})
-    simpler = {name: SimpleModel(str(one["words"]), dict(one["values"])) for name, one in beside.items()}
-    return {FIT: SimpleModel("the fit", own), **simpler}
+    index = {str(name): float(value) for name, value in fit.prediction["at"].items()}
+    current = index | dict(zip(fit.names, best.values.tolist(), strict=True))
+    neighbours = fit.prediction.get("beside", {})
+    simpler = {
+        name: SimpleModel(str(neighbour["words"]), dict(neighbour["values"]))
+        for name, neighbour in neighbours.items()
+    }
+    return {FIT: SimpleModel("the fit", current), **simpler}
 
 
-def _of_model(name: str, words: str, told: Predicted, flight: PreparedFlight) -> ModelPrediction:
-    measured, predicted = told.measured, told.predicted
+def _of_model(name: str, words: str, record: PredictedQuantity, flight: PreparedFlight) -> ModelPrediction:
+    measured, predicted = record.measured, record.predicted
     lengths = [samples.size for samples in flight.samples_of_runs]
     runs = [slice(stop - n, stop) for n, stop in zip(lengths, np.cumsum(lengths).tolist(), strict=True)]
-    if told.horizon is Horizon.ONE_STEP:
+    if record.horizon is Horizon.ONE_STEP:
         both = np.column_stack([measured, predicted])
         spectral = flight.spectral_runs()
-        passed = [one.band_passed(both[run]) for one, run in zip(spectral, runs, strict=True)]
+        passed = [item.band_passed(both[run]) for item, run in zip(spectral, runs, strict=True)]
         measured, predicted = np.concatenate(passed).T
     centred = np.concatenate([measured[run] - measured[run].mean() for run in runs])
     left = measured - predicted
     return ModelPrediction(
         name,
         words,
-        told.horizon,
-        told.quantity,
-        told.unit,
+        record.horizon,
+        record.quantity,
+        record.unit,
         measured,
         predicted,
         _error(left, centred),
@@ -374,8 +383,8 @@ def _error(left: Float[np.ndarray, " n"], moved: Float[np.ndarray, " n"]) -> Pre
     return PredictionError(float(np.sqrt(np.mean(left**2))), explained)
 
 
-def _nearest_first(one: ModelPrediction) -> int:
-    return list(Horizon).index(one.horizon)
+def _nearest_first(model_prediction: ModelPrediction) -> int:
+    return list(Horizon).index(model_prediction.horizon)
 
 
 def _seconds(flight: PreparedFlight) -> str:
@@ -383,16 +392,16 @@ def _seconds(flight: PreparedFlight) -> str:
     return f"{flight.used_s:.1f} s" + (f" in {runs} runs" if runs > 1 else "")
 
 
-def _rows(found: Validation) -> list[tuple[str, ...]]:
+def _rows(validation: Validation) -> list[tuple[str, ...]]:
     return [
         (
-            f"{one.quantity}, {one.horizon.words}",
-            one.words,
-            f"{one.error.rms:.3g}",
-            one.unit,
-            f"{one.error.explained:.1%}",
+            f"{prediction.quantity}, {prediction.horizon.words}",
+            prediction.words,
+            f"{prediction.error.rms:.3g}",
+            prediction.unit,
+            f"{prediction.error.explained:.1%}",
         )
-        for one in found.predictions
+        for prediction in validation.predictions
     ]
 
 
@@ -401,84 +410,93 @@ def _rows(found: Validation) -> list[tuple[str, ...]]:
 VALIDATE_SCHEMA = "eivor.validate/1"
 
 
-def validation_json(found: Validation) -> dict[str, Json]:
+def validation_json(validation: Validation) -> dict[str, Json]:
     """Document of a validation, ready for `json_text`."""
-    log = found.flight.recording
-    fitted = found.fit.document
+    log = validation.flight.recording
+    fitted = validation.fit.document
     return {
         "schema": VALIDATE_SCHEMA,
         "log": {"name": log.name, "sha256": log.sha256 or None},
         "fit": {
             "logs": fitted["provenance"]["logs"],
             "model": fitted["model"]["name"],
-            "verdict": found.fit.verdict.value,
+            "verdict": validation.fit.verdict.value,
         },
-        "predicts": found.predicts,
-        "sentence": found.sentence,
-        "runs": [[number(start), number(end)] for start, end in found.spans_s],
-        "samples": int(found.flight.used.sum()),
-        "rate_hz": number(found.flight.signals.rate_hz),
-        "band": [number(end) for end in found.flight.band_hz],
-        "predictions": [_prediction(one) for one in found.predictions],
-        "ahead": ahead_json(found.ahead),
+        "predicts": validation.predicts,
+        "sentence": validation.sentence,
+        "runs": [[number(start), number(end)] for start, end in validation.spans_s],
+        "samples": int(validation.flight.used.sum()),
+        "rate_hz": number(validation.flight.signals.rate_hz),
+        "band": [number(end) for end in validation.flight.band_hz],
+        "predictions": [_prediction(prediction) for prediction in validation.predictions],
+        "ahead": prediction_json(validation.multi_step_prediction),
         "provenance": {"version": version("eivor")},
     }
 
 
-def _prediction(one: ModelPrediction) -> Json:
+def _prediction(model_prediction: ModelPrediction) -> Json:
     return {
-        "model": one.model,
-        "horizon": one.horizon.value,
-        "quantity": one.quantity,
-        "unit": one.unit,
-        "rms": number(one.error.rms),
-        "explained": number(one.error.explained),
-        "by_run": [{"rms": number(run.rms), "explained": number(run.explained)} for run in one.by_run],
+        "model": model_prediction.model,
+        "horizon": model_prediction.horizon.value,
+        "quantity": model_prediction.quantity,
+        "unit": model_prediction.unit,
+        "rms": number(model_prediction.error.rms),
+        "explained": number(model_prediction.error.explained),
+        "by_run": [
+            {"rms": number(run.rms), "explained": number(run.explained)} for run in model_prediction.by_run
+        ],
     }
 
 
 # -- Validation document --
 
 
-def validation_document(found: Validation) -> Document:
+def validation_document(validation: Validation) -> Document:
     """Document of a validation."""
-    table = (_models_table(found),) if found.ahead is None else ahead_parts(found.ahead, sentence=False)
-    sections = [Section("", (_validation_facts(found), *table))]
-    if found.ahead is None and len(found.spans_s) > 1:
-        sections.append(Section("Of the fit, run by run", (_by_run(found),)))
+    table = (
+        (_models_table(validation),)
+        if validation.multi_step_prediction is None
+        else prediction_parts(validation.multi_step_prediction, sentence=False)
+    )
+    sections = [Section("", (_validation_facts(validation), *table))]
+    if validation.multi_step_prediction is None and len(validation.spans_s) > 1:
+        sections.append(Section("Of the fit, run by run", (_by_run(validation),)))
     sections.append(Section("Figure", (DocumentFigure("validation"),)))
-    return Document(found.flight.recording.name, None, found.sentence, tuple(sections))
+    return Document(validation.flight.recording.name, None, validation.sentence, tuple(sections))
 
 
-def _validation_facts(found: Validation) -> Facts:
-    logs = ", ".join(str(log["name"]) for log in found.fit.document["provenance"]["logs"])
-    verdict = found.fit.verdict
+def _validation_facts(validation: Validation) -> Facts:
+    logs = ", ".join(str(log["name"]) for log in validation.fit.document["provenance"]["logs"])
+    verdict = validation.fit.verdict
     trust = "" if verdict is Status.IDENTIFIED else f" ({verdict.value})"
-    runs = len(found.spans_s)
+    runs = len(validation.spans_s)
     return Facts(
         (
             Fact("fit", f"of {logs}{trust}"),
-            Fact("model", found.motion.equation[0].replace(" - ", " − ")),
-            Fact("used", f"{found.flight.used_s:.1f} s in {runs} run{'' if runs == 1 else 's'}"),
-            *_how(found),
+            Fact("model", validation.motion.equation[0].replace(" - ", " − ")),
+            Fact("used", f"{validation.flight.used_s:.1f} s in {runs} run{'' if runs == 1 else 's'}"),
+            *_how(validation),
         )
     )
 
 
-def _how(found: Validation) -> tuple[Fact, ...]:
-    if found.ahead is not None:
+def _how(validation: Validation) -> tuple[Fact, ...]:
+    if validation.multi_step_prediction is not None:
         return (
             Fact("fitted", "the trim of each run, for every model with parameters alike"),
-            Fact("starts", f"{found.ahead.start_s.size}, each from what was measured there"),
+            Fact(
+                "starts",
+                f"{validation.multi_step_prediction.start_s.size}, each from what was measured there",
+            ),
         )
-    low, high = found.flight.band_hz
+    low, high = validation.flight.band_hz
     return (
         Fact("fitted", "the trim and the start of each run, for every model alike"),
         Fact("band", f"{low:g} to {high:g} Hz, one step ahead; all frequencies in open loop"),
     )
 
 
-def _models_table(found: Validation) -> TableOf:
+def _models_table(validation: Validation) -> TableOf:
     columns = (
         TableColumn("predicted"),
         TableColumn("by"),
@@ -487,25 +505,25 @@ def _models_table(found: Validation) -> TableOf:
         TableColumn("explained", right=True),
     )
     rows = []
-    for models in found.by_quantity:
-        for index, one in enumerate(models):
-            what = Cell("") if index else Cell(f"{one.quantity}, {one.horizon.words}")
-            rms, explained = _cells(one.error)
-            rows.append((what, Cell(one.words), rms, Cell(one.unit), explained))
+    for models in validation.by_quantity:
+        for index, model in enumerate(models):
+            what = Cell("") if index else Cell(f"{model.quantity}, {model.horizon.words}")
+            rms, explained = _cells(model.error)
+            rows.append((what, Cell(model.words), rms, Cell(model.unit), explained))
     return TableOf(columns, tuple(rows))
 
 
-def _by_run(found: Validation) -> TableOf:
-    own = [quantity[0] for quantity in found.by_quantity]
+def _by_run(validation: Validation) -> TableOf:
+    selected = [quantity[0] for quantity in validation.by_quantity]
     columns = [TableColumn("run [s]", whole=True)]
-    for one in own:
-        title = f"{one.quantity}: RMS error [{one.unit}]"
+    for item in selected:
+        title = f"{item.quantity}: RMS error [{item.unit}]"
         columns += [TableColumn(title, right=True, strong=True), TableColumn("explained", right=True)]
     rows = []
-    for index, (start, end) in enumerate(found.spans_s):
+    for index, (start, end) in enumerate(validation.spans_s):
         cells = [Cell(f"{start:.1f} to {end:.1f}")]
-        for one in own:
-            cells += _cells(one.by_run[index])
+        for item in selected:
+            cells += _cells(item.by_run[index])
         rows.append(tuple(cells))
     return TableOf(tuple(columns), tuple(rows))
 
@@ -522,21 +540,25 @@ VALIDATION_COLOURS = (RED, BLUE, GREY, "#8a6d3b")
 TITLE_LETTERS = 120
 
 
-def validation_figure(found: Validation, axes: GivenAxes | None = None) -> Figure:
+def validation_figure(validation: Validation, axes: GivenAxes | None = None) -> Figure:
     """Figure of a validation."""
-    panels: Panels = {} if found.ahead is None else ahead_panels(found.ahead)
-    for models in found.by_quantity:
+    panels: Panels = (
+        {}
+        if validation.multi_step_prediction is None
+        else prediction_panels(validation.multi_step_prediction)
+    )
+    for models in validation.by_quantity:
         name = models[0].horizon.value
-        panels[name] = partial(_draw_predicted, found=found, models=models)
-        panels[f"{name} residual"] = partial(_draw_left, found=found, models=models)
-    new_page = _validation_page if found.ahead is None else ahead_page
+        panels[name] = partial(_draw_predicted, validation=validation, models=models)
+        panels[f"{name} residual"] = partial(_draw_left, validation=validation, models=models)
+    new_page = _validation_page if validation.multi_step_prediction is None else prediction_page
     placed = new_page(tuple(panels)) if axes is None else given_axes(axes, tuple(panels))
     for name, ax in placed.items():
         panels[name](ax)
     figure = figure_of(*placed.values())
     if axes is None:
-        sentence = textwrap.fill(found.sentence, TITLE_LETTERS)
-        title = f"{short_name(printable(found.flight.recording.name))}\n{sentence}"
+        sentence = textwrap.fill(validation.sentence, TITLE_LETTERS)
+        title = f"{short_name(printable(validation.flight.recording.name))}\n{sentence}"
         figure.suptitle(title, fontsize=11, parse_math=False)
     return figure
 
@@ -554,12 +576,12 @@ def _validation_page(names: tuple[str, ...]) -> dict[str, Axes]:
     return placed
 
 
-def _draw_predicted(ax: Axes, found: Validation, models: tuple[ModelPrediction, ...]) -> None:
-    time, shown = _shown(found, models[0])
-    ax.plot(time, models[0].measured[shown], color=DARK, lw=1.2, label="measured")
-    limits = _measured_limits(models[0].measured[shown])
-    for one, colour in zip(models, VALIDATION_COLOURS, strict=False):
-        ax.plot(time, one.predicted[shown], color=colour, lw=1.0, label=_label(one))
+def _draw_predicted(ax: Axes, validation: Validation, models: tuple[ModelPrediction, ...]) -> None:
+    time, displayed = _displayed(validation, models[0])
+    ax.plot(time, models[0].measured[displayed], color=DARK, lw=1.2, label="measured")
+    limits = _measured_limits(models[0].measured[displayed])
+    for model, colour in zip(models, VALIDATION_COLOURS, strict=False):
+        ax.plot(time, model.predicted[displayed], color=colour, lw=1.0, label=_label(model))
     first = models[0]
     ax.set_ylim(*limits)
     labelled(ax, y=f"{first.quantity} [{first.unit}]", size=9.0)
@@ -572,20 +594,23 @@ def _draw_predicted(ax: Axes, found: Validation, models: tuple[ModelPrediction, 
     legend(ax, place="upper right")
 
 
-def _draw_left(ax: Axes, found: Validation, models: tuple[ModelPrediction, ...]) -> None:
-    time, shown = _shown(found, models[0])
-    left = [(one.measured - one.predicted)[shown] for one in models]
+def _draw_left(ax: Axes, validation: Validation, models: tuple[ModelPrediction, ...]) -> None:
+    time, displayed = _displayed(validation, models[0])
+    left = [(model.measured - model.predicted)[displayed] for model in models]
     for values, colour in zip(left, VALIDATION_COLOURS, strict=False):
         ax.plot(time, values, color=colour, lw=0.9)
     ax.axhline(0.0, color="black", lw=0.5)
-    low, high = _measured_limits(models[0].measured[shown])
+    low, high = _measured_limits(models[0].measured[displayed])
     half = min(1.1 * max(float(np.abs(values).max()) for values in left), 0.5 * (high - low))
     ax.set_ylim(-half, half)
     labelled(ax, x="time from the log's start [s]", y=f"left [{models[0].unit}]", size=9.0)
 
 
-def _label(one: ModelPrediction) -> str:
-    return f"{one.words}: RMS error {one.error.rms:.2g} {one.unit}, explains {one.error.explained:.0%}"
+def _label(model_prediction: ModelPrediction) -> str:
+    return (
+        f"{model_prediction.words}: RMS error {model_prediction.error.rms:.2g} "
+        f"{model_prediction.unit}, explains {model_prediction.error.explained:.0%}"
+    )
 
 
 def _measured_limits(measured: Float[np.ndarray, " shown"]) -> tuple[float, float]:
@@ -595,14 +620,14 @@ def _measured_limits(measured: Float[np.ndarray, " shown"]) -> tuple[float, floa
     return low - 0.25 * height, high + 0.75 * height
 
 
-def _shown(found: Validation, first: ModelPrediction) -> tuple[Float[np.ndarray, " shown"], slice]:
+def _displayed(validation: Validation, first: ModelPrediction) -> tuple[Float[np.ndarray, " shown"], slice]:
     """Time and samples of the liveliest part of the longest run."""
-    lengths = [samples.size for samples in found.flight.samples_of_runs]
+    lengths = [samples.size for samples in validation.flight.samples_of_runs]
     longest = int(np.argmax(lengths))
     begin = sum(lengths[:longest])
-    count = min(lengths[longest], max(int(FIT_SHOWN_S * found.flight.signals.rate_hz), 1))
+    count = min(lengths[longest], max(int(FIT_SHOWN_S * validation.flight.signals.rate_hz), 1))
     values = first.measured[begin : begin + lengths[longest]]
     power = np.concatenate([[0.0], np.cumsum((values - values.mean()) ** 2)])
     start = int(np.argmax(power[count:] - power[: power.size - count]))
-    time = found.flight.grid.time_s[found.flight.samples_of_runs[longest]]
+    time = validation.flight.grid.time_s[validation.flight.samples_of_runs[longest]]
     return time[start : start + count], slice(begin + start, begin + start + count)

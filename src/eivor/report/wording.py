@@ -63,12 +63,12 @@ def plain_numbers(value: float, interval: tuple[float, float]) -> tuple[str, str
     """Value and interval as `numbers` shows them, of numbers in the unit that is shown."""
     low, high = interval
     bounded = math.isfinite(low) and math.isfinite(high)
-    place = _decimal_place(0.5 * (high - low)) if bounded and high > low else _decimal_place(value, digits=4)
+    position = _decimals(0.5 * (high - low)) if bounded and high > low else _decimals(value, digits=4)
     exponent = _exponent(max(abs(x) for x in (value, low, high) if math.isfinite(x)) if bounded else value)
-    shown = _number(value, place, exponent)
+    number = _number(value, position, exponent)
     if not bounded:
-        return shown, NO_NUMBER
-    return shown, f"[{_number(low, place, exponent)}, {_number(high, place, exponent)}]"
+        return number, NO_NUMBER
+    return number, f"[{_number(low, position, exponent)}, {_number(high, position, exponent)}]"
 
 
 def _choice(choice: Choice, scale: float) -> str:
@@ -80,7 +80,7 @@ def _choice(choice: Choice, scale: float) -> str:
     return f"{fitting} ({len(choice.tried)} tried)"
 
 
-def _decimal_place(spread: float, digits: int = 2) -> int:
+def _decimals(spread: float, digits: int = 2) -> int:
     """Number of decimals that shows `spread` to so many significant digits; negative left of the point."""
     if not math.isfinite(spread) or spread == 0.0:
         return 0
@@ -94,10 +94,10 @@ def _exponent(size: float) -> int:
     return math.floor(math.log10(abs(size)))
 
 
-def _number(value: float, place: int, exponent: int) -> str:
+def _number(value: float, position: int, exponent: int) -> str:
     if not math.isfinite(value):
         return NO_NUMBER
-    decimals = place + exponent
+    decimals = position + exponent
     rounded = round(value / 10.0**exponent, decimals) + 0.0  # plus zero: no "-0"
     return f"{rounded:.{max(decimals, 0)}f}" + (f"e{exponent}" if exponent else "")
 

@@ -53,7 +53,7 @@ from eivor.serve.jobs import (
     shown_name,
 )
 from eivor.serve.page import page_text
-from eivor.serve.requests import RefusedError, asked_job, sent_files, status_of, told
+from eivor.serve.requests import RefusedError, error_parts, parse_job, sent_files, status_of
 
 #: The only address, and the header with the token.
 ADDRESS, TOKEN = "127.0.0.1", "X-Eivor-Token"
@@ -147,8 +147,8 @@ class Server:
     def policy(self) -> str:
         """Content security policy of the page, as it declares itself, and that nobody may frame it."""
         stated = _POLICY.search(self.page)
-        own = html.unescape(stated.group(1)) if stated else "default-src 'none'"
-        return f"{own}; frame-ancestors 'none'"
+        current = html.unescape(stated.group(1)) if stated else "default-src 'none'"
+        return f"{current}; frame-ancestors 'none'"
 
     def forget(self) -> None:
         """Delete what is an hour old."""
@@ -225,8 +225,11 @@ class Gate:
         async def with_headers(message: Message) -> None:
             if message["type"] == "http.response.start":
                 present = {name.lower() for name, _ in message["headers"]}
-                own = [(name.lower().encode(), value.encode()) for name, value in _HEADERS.items()]
-                message["headers"] = [*message["headers"], *(one for one in own if one[0] not in present)]
+                selected = [(name.lower().encode(), value.encode()) for name, value in _HEADERS.items()]
+                message["headers"] = [
+                    *message["headers"],
+                    *(item for item in selected if item[0] not in present),
+                ]
             await send(message)
 
         anyio.to_thread.current_default_thread_limiter().total_tokens = 2 * MOST_CONNECTIONS
@@ -248,7 +251,7 @@ class Gate:
             raise RefusedError(
                 HTTPStatus.MISDIRECTED_REQUEST, f"the host {self._hosts[0]}", received, _REOPEN
             )
-        if origin is not None and origin.lower() not in {f"http://{own}" for own in self._hosts}:
+        if origin is not None and origin.lower() not in {f"http://{_host}" for _host in self._hosts}:
             raise _forbidden("a request of the page itself", f"one of '{origin[:100]}'")
         site = headers.get("sec-fetch-site", "none")
         if site not in ("same-origin", "none"):
@@ -265,7 +268,7 @@ def _forbidden(expected: str, received: str) -> RefusedError:
 
 
 def _refused(error: EivorError) -> Response:
-    return JSONResponse({"error": told(error)}, status_of(error), headers=_HEADERS)
+    return JSONResponse({"error": error_parts(error)}, status_of(error), headers=_HEADERS)
 
 
 async def _read_on(request: Request) -> None:
@@ -298,8 +301,8 @@ class _Routes:
         name = shown_name(request.headers.get("x-eivor-name", ""))
         body = _Body(request, size)
         sent = sent_files(request.headers.get("x-eivor-files", ""), size)
-        files = [(one.name, one.size) for one in sent] or [("", size)]
-        parts = ((one, body.parts(length)) for one, length in files)
+        files = [(item.name, item.size) for item in sent] or [("", size)]
+        parts = ((item, body.parts(length)) for item, length in files)
         log = await anyio.to_thread.run_sync(lambda: self._logs.keep(name, size, parts, self._jobs.in_use))
         return JSONResponse({"log": log, "name": name, "bytes": size})
 
@@ -321,8 +324,8 @@ class _Routes:
         body = _Body(request, _length(request, MOST_JSON))
 
         def begin() -> str:
-            asked = asked_job(b"".join(body.parts(body.left)))
-            return self._jobs.begin(asked, {log: self._logs.get(log) for log, _ in asked.logs})
+            requested = parse_job(b"".join(body.parts(body.left)))
+            return self._jobs.begin(requested, {log: self._logs.get(log) for log, _ in requested.logs})
 
         return JSONResponse({"job": await anyio.to_thread.run_sync(begin)})
 
@@ -344,12 +347,12 @@ class _Routes:
 
     def list_exports(self, request: Request) -> Response:
         job, fields = self._jobs.get(request.path_params["job"]), _fields(request)
-        outcome = self._done(ListExports(job.result_folder(), _supply(fields, job.asked.mass), job.stem))
+        outcome = self._done(ListExports(job.result_folder(), _supply(fields, job.request.mass), job.stem))
         return JSONResponse({"targets": outcome})
 
     def export(self, request: Request) -> Response:
         job, target = self._jobs.get(request.path_params["job"]), request.path_params["target"]
-        supply = _supply(_fields(request), job.asked.mass)
+        supply = _supply(_fields(request), job.request.mass)
         return _file(self._done(Export(job.result_folder(), supply, job.stem, target)))
 
     def plan(self, request: Request) -> Response:
@@ -360,7 +363,7 @@ class _Routes:
     def _done(self, task: Task) -> Outcome:
         outcome = self._jobs.do(task)
         if isinstance(outcome, Refused):
-            parts = outcome.told
+            parts = outcome.error_parts
             status = HTTPStatus(outcome.status)
             raise RefusedError(status, parts["expected"], parts["received"], parts["advice"])
         if outcome is None:
@@ -410,8 +413,10 @@ def _as_refusal(request: Request, error: Exception) -> EivorError:
             HTTPStatus.REQUEST_TIMEOUT, "a log that comes at once", "a slow one", "Drop it again."
         )
     if isinstance(error, OSError):
-        said = error.strerror or type(error).__name__
-        return RefusedError(HTTPStatus.INTERNAL_SERVER_ERROR, "files that can be written", said, "Make room.")
+        sentence = error.strerror or type(error).__name__
+        return RefusedError(
+            HTTPStatus.INTERNAL_SERVER_ERROR, "files that can be written", sentence, "Make room."
+        )
     status = HTTPStatus(error.status_code) if isinstance(error, HTTPException) else HTTPStatus(500)
     if status == HTTPStatus.METHOD_NOT_ALLOWED and isinstance(error, HTTPException):
         return RefusedError(status, (error.headers or {}).get("Allow", ""), request.method, _RELOAD)

@@ -44,7 +44,7 @@ def serve(
 ) -> ExitCode:
     """Open a page on this machine: drop logs on it, look at verdicts and pictures, take files along."""
     options = _options(port, workers, memory, time, largest)
-    with _stop_asked_for() as stop:
+    with _stop_requests() as stop:
         try:
             server = Server(options)
         except OSError as error:
@@ -81,14 +81,14 @@ def _options(port: int, workers: int | None, memory: float, time: float, largest
 
 
 @contextmanager
-def _stop_asked_for() -> Iterator[list[int]]:
+def _stop_requests() -> Iterator[list[int]]:
     """A list that whatever asks to stop adds to, while the block lasts."""
     came: list[int] = []
     known = [getattr(signal, name) for name in STOPS if hasattr(signal, name)]
-    signals = [one for one in known if one == signal.SIGINT or signal.getsignal(one) != signal.SIG_IGN]
-    before = [signal.signal(one, lambda number, _frame: came.append(number)) for one in signals]
+    signals = [item for item in known if item == signal.SIGINT or signal.getsignal(item) != signal.SIG_IGN]
+    before = [signal.signal(item, lambda number, _frame: came.append(number)) for item in signals]
     try:
         yield came
     finally:
-        for one, handler in zip(signals, before, strict=True):
-            signal.signal(one, handler)
+        for entry, handler in zip(signals, before, strict=True):
+            signal.signal(entry, handler)

@@ -16,9 +16,9 @@ from pkgutil import resolve_name
 from typing import Any
 from urllib.parse import unquote
 
-from eivor.atomic_file import whole_file
+from eivor.atomic_file import atomic_write
 from eivor.process_pool import BEGIN_S, AbandonedError, LimitError, Limits, ProgressCallback, WorkerProcess
-from eivor.serve.requests import AskedJob, RefusedError, Told, absent, told
+from eivor.serve.requests import ErrorParts, JobRequest, RefusedError, absent, error_parts
 
 # -- Tasks --
 
@@ -41,7 +41,7 @@ class Begin:
 
 
 @dataclass(frozen=True, slots=True)
-class Choices:
+class PageChoices:
     """What may be chosen, as the page is given it."""
 
     known: Mapping[str, object]  # see `eivor.serve`
@@ -51,7 +51,7 @@ class Choices:
 class Identify:
     """Identify logs, and write result and report into a folder; progress is stages and the verdict."""
 
-    asked: AskedJob  # what of them
+    request: JobRequest  # what of them
     logs: Mapping[str, KeptLog]  # by identifier
     folder: Path  # of the job
 
@@ -86,13 +86,13 @@ class Export:
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """Plan the flight that would tell, and write it as a `File`."""
+    """Plan the flight that would identify, and write it as a `File`."""
 
     folder: Path
     stem: str
     form: str  # word of the kind of file
     home: str = ""  # place of a mission, as words
-    target: str = ""  # what the flight is to tell; empty for what the result could not
+    target: str = ""  # what the flight is to identify; empty for what the result could not
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,15 +104,15 @@ class File:
 
 
 @dataclass(frozen=True, slots=True)
-class Stage:
-    """Told on the way: what begins."""
+class StageStarted:
+    """Reported while it runs: what begins."""
 
     name: str
 
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """Told on the way: the result is written, and its verdict."""
+    """Reported while it runs: the result is written, and its verdict."""
 
     status: str
 
@@ -122,11 +122,11 @@ class Refused:
     """In place of a result: the error that came instead."""
 
     status: int  # of the answer
-    told: Told = field(default_factory=dict)  # parts of the error
+    error_parts: ErrorParts = field(default_factory=dict)  # parts of the error
 
 
 Task = Begin | Identify | ListExports | Export | Plan
-Outcome = Choices | File | Refused | list[dict[str, object]] | None
+Outcome = PageChoices | File | Refused | list[dict[str, object]] | None
 WorkFunction = Callable[[Task, ProgressCallback], Outcome]
 
 
@@ -168,7 +168,7 @@ class Ticket:
     """A task on its way through the queue."""
 
     task: Task
-    begun: Callable[[], None] = _ignore  # called when a process takes it
+    on_start: Callable[[], None] = _ignore  # called when a process takes it
     report: ProgressCallback = _ignore  # takes progress
     ended: Callable[[Outcome], None] = _ignore  # takes the outcome: None as well where it was given up
     urgent: bool = False  # whether it goes before those that are not
@@ -197,10 +197,10 @@ class Workers:
         self._waiting: deque[Ticket] = deque()
         self._free: set[int] = set()
         self._closed = False
-        self._choices: Choices | None = None
+        self._choices: PageChoices | None = None
         self._processes = [WorkerProcess(work, limits) for _ in range(count)]
         self._threads = [
-            threading.Thread(target=self._work, args=(one,), daemon=True) for one in range(count)
+            threading.Thread(target=self._work, args=(index,), daemon=True) for index in range(count)
         ]
         for thread in self._threads:
             thread.start()
@@ -215,8 +215,8 @@ class Workers:
                     "one more",
                     "Wait until some are done, or cancel them.",
                 )
-            place = sum(one.urgent for one in self._waiting) if ticket.urgent else len(self._waiting)
-            self._waiting.insert(place, ticket)
+            position = sum(item.urgent for item in self._waiting) if ticket.urgent else len(self._waiting)
+            self._waiting.insert(position, ticket)
             self._change.notify_all()
 
     def position(self, ticket: Ticket) -> int:
@@ -234,7 +234,7 @@ class Workers:
         if waited:
             ticket.end(None)
 
-    def choices(self) -> Choices:
+    def choices(self) -> PageChoices:
         """What may be chosen, as the first process reports it; a `RefusedError` when it does not begin."""
         with self._change:
             self._change.wait_for(lambda: self._choices is not None or self._closed, timeout=BEGIN_S)
@@ -274,7 +274,7 @@ class Workers:
                 if ticket is None:
                     process.close()
                 else:
-                    ticket.begun()
+                    ticket.on_start()
                     ticket.end(self._done(process, ticket))
         finally:
             process.close()
@@ -325,7 +325,7 @@ class Workers:
                 "Cut the log to the manoeuvre of interest, or start with more: "
                 "eivor serve --time S --memory GB.",
             )
-            return Refused(int(refused.status), told(refused))
+            return Refused(int(refused.status), error_parts(refused))
         return outcome
 
 
@@ -347,13 +347,13 @@ class Job:
     def __init__(
         self,
         name: str,
-        asked: AskedJob,
+        job_request: JobRequest,
         logs: dict[str, KeptLog],
         folder: Path,
         workers: Workers,
         clock: Callable[[], float],
     ) -> None:
-        self.name, self.asked, self.folder = name, asked, folder
+        self.name, self.request, self.folder = name, job_request, folder
         self.logs = tuple(logs)
         self.over_at: float | None = None
         self.cancelled = False
@@ -365,7 +365,7 @@ class Job:
         self._working = True
         self.stem = next(iter(logs.values())).name.rpartition(".")[0] or "flight"
         self._ticket = Ticket(
-            Identify(asked, logs, folder), begun=self._began, report=self._heard, ended=self._ended
+            Identify(job_request, logs, folder), on_start=self._began, report=self._heard, ended=self._ended
         )
         workers.put(self._ticket)
 
@@ -376,19 +376,19 @@ class Job:
 
     def events(self) -> Iterator[Event]:
         """Everything that has happened, and what happens, to the last; something each second."""
-        told = 0
+        reported = 0
         while True:
             with self._change:
-                self._change.wait_for(partial(self._has_more, told), timeout=HEARTBEAT_S)
-                new, told = self._events[told:], len(self._events)
+                self._change.wait_for(partial(self._has_more, reported), timeout=HEARTBEAT_S)
+                new, reported = self._events[reported:], len(self._events)
                 last = self._events[-1]
             for event in new or [last]:
                 yield self._timed(event) if "stage" in event else event
             if "stage" not in last:
                 return
 
-    def _has_more(self, told: int) -> bool:
-        return len(self._events) > told
+    def _has_more(self, record: int) -> bool:
+        return len(self._events) > record
 
     def _timed(self, event: Event) -> Event:
         timed = {**event, "elapsed": round(time.monotonic() - self._begun_at, 2)}
@@ -420,9 +420,12 @@ class Job:
         with self._change:
             self._change.wait_for(lambda: not self._working)
         if self._report is not None:
-            told = self._report.told
+            reported = self._report.error_parts
             raise RefusedError(
-                HTTPStatus(self._report.status), told["expected"], told["received"], told["advice"]
+                HTTPStatus(self._report.status),
+                reported["expected"],
+                reported["received"],
+                reported["advice"],
             )
         if not (folder / REPORT).exists():
             raise absent("a report", self.name)
@@ -431,13 +434,13 @@ class Job:
     def _began(self) -> None:
         self._begun_at = time.monotonic()
 
-    def _heard(self, told: Any) -> None:
+    def _heard(self, record: Any) -> None:
         with self._change:
             if "stage" in self._events[-1]:  # after the verdict the report is written
-                if isinstance(told, Found):
-                    self._over({"done": {"status": told.status}})
-                elif isinstance(told, Stage):
-                    self._events.append({"stage": told.name})
+                if isinstance(record, Found):
+                    self._over({"done": {"status": record.status}})
+                elif isinstance(record, StageStarted):
+                    self._events.append({"stage": record.name})
                     self._change.notify_all()
 
     def _ended(self, outcome: Outcome) -> None:
@@ -447,7 +450,7 @@ class Job:
                 self._report = outcome if isinstance(outcome, Refused) else None
                 self._change.notify_all()
             elif isinstance(outcome, Refused):
-                self._over({"failed": outcome.told})
+                self._over({"failed": outcome.error_parts})
             else:
                 self._over({"cancelled": True})
 
@@ -466,19 +469,19 @@ class Jobs:
         self._lock = threading.Lock()
         folder.mkdir(mode=0o700)
 
-    def begin(self, asked: AskedJob, logs: dict[str, KeptLog]) -> str:
+    def begin(self, job_request: JobRequest, logs: dict[str, KeptLog]) -> str:
         """Queue a job; its identifier."""
         name = secrets.token_hex(16)
         folder = self._folder / name
         folder.mkdir(mode=0o700)
         try:
-            job = Job(name, asked, logs, folder, self._workers, self._clock)
+            job = Job(name, job_request, logs, folder, self._workers, self._clock)
         except RefusedError:
             shutil.rmtree(folder)
             raise
         with self._lock:
             self._jobs[name] = job
-            over = [one for one in self._jobs.values() if not one.working]
+            over = [_job for _job in self._jobs.values() if not _job.working]
             for old in over[: max(len(over) - MOST_REMEMBERED, 0)]:
                 self._forget(old)
         return name
@@ -577,8 +580,8 @@ class KeptLogs:
         with self._lock:
             most = LARGEST_KEPT * self._largest
             free = shutil.disk_usage(self._folder).free - LEFT_FREE - self._coming
-            oldest = sorted(set(self._entries) - set(in_use), key=lambda one: self._entries[one].used_at)
-            kept = sum(one.log.size for one in self._entries.values()) + self._coming
+            oldest = sorted(set(self._entries) - set(in_use), key=lambda item: self._entries[item].used_at)
+            kept = sum(_entry.log.size for _entry in self._entries.values()) + self._coming
             while (kept + size > most or size > free) and oldest:
                 gone = self._forget(oldest.pop(0))
                 kept, free = kept - gone, free + gone
@@ -611,7 +614,7 @@ class KeptLogs:
         """Delete the logs that nobody has used for so long, or works on."""
         with self._lock:
             oldest = self._clock() - age_s
-            for log in [one for one, entry in self._entries.items() if entry.used_at < oldest]:
+            for log in [name for name, entry in self._entries.items() if entry.used_at < oldest]:
                 if log not in in_use:
                     self._forget(log)
 
@@ -627,7 +630,7 @@ def _write(path: Path, files: Iterable[tuple[str, Iterator[bytes]]]) -> None:
         for name, chunks in files:
             if name:
                 path.mkdir(mode=0o700, exist_ok=True)
-            with whole_file(path / name if name else path) as file:
+            with atomic_write(path / name if name else path) as file:
                 for chunk in chunks:
                     file.write(chunk)
     except BaseException:

@@ -59,7 +59,7 @@ def _body() -> Markup:
                 "main",
                 {"id": "main"},
                 _drop(),
-                element("div", {"class": "comes"}, *(_promise(*one) for one in COMES_BACK)),
+                element("div", {"class": "comes"}, *(_promise(*item) for item in COMES_BACK)),
                 element("p", {"id": "status", "role": "status", "class": "unseen"}),
                 _flights(),
                 element(

@@ -19,7 +19,7 @@ from eivor.motions import DEFAULT
 # -- Refusals --
 
 #: Parts of an error: what was expected, what came, what to do, and all of it as a sentence.
-Told = dict[str, str]
+ErrorParts = dict[str, str]
 
 
 class RefusedError(EivorError):
@@ -33,7 +33,7 @@ class RefusedError(EivorError):
         return EivorError, (self.expected, self.received, self.remedy)
 
 
-def told(error: EivorError) -> Told:
+def error_parts(error: EivorError) -> ErrorParts:
     """Parts of an error."""
     return {
         "expected": error.expected,
@@ -44,7 +44,7 @@ def told(error: EivorError) -> Told:
 
 
 def status_of(error: EivorError) -> HTTPStatus:
-    """Status of the answer that tells an error."""
+    """Status of the answer that identifies an error."""
     if isinstance(error, RefusedError):
         return error.status
     return HTTPStatus.CONFLICT if isinstance(error, NotIdentifiedError) else HTTPStatus.BAD_REQUEST
@@ -73,7 +73,7 @@ _PATHS = ("lag_from",)
 
 
 @dataclass(frozen=True, slots=True)
-class AskedJob:
+class JobRequest:
     """What is to be identified."""
 
     logs: tuple[tuple[str, str], ...]  # each log with its own window as words, empty for none
@@ -85,46 +85,46 @@ class AskedJob:
     options: Mapping[str, Any] = field(default_factory=dict)  # of `flight_options`
 
 
-def asked_job(body: bytes) -> AskedJob:
+def parse_job(body: bytes) -> JobRequest:
     """Job of the JSON of a request."""
     try:
-        told = json.loads(body)
+        reported = json.loads(body)
     except (ValueError, RecursionError):
         raise _wrong_json("a job as JSON", "other text") from None
-    if not isinstance(told, dict) or set(told) - {"logs", "options"}:
-        raise _wrong_json('a job {"logs": [...], "options": {...}}', _shown(told))
-    logs, options = told.get("logs"), told.get("options") or {}
+    if not isinstance(reported, dict) or set(reported) - {"logs", "options"}:
+        raise _wrong_json('a job {"logs": [...], "options": {...}}', _displayed(reported))
+    logs, options = reported.get("logs"), reported.get("options") or {}
     if not isinstance(logs, list) or not 1 <= len(logs) <= MOST_LOGS:
-        raise _wrong_json(f"1 to {MOST_LOGS} logs", _shown(logs))
+        raise _wrong_json(f"1 to {MOST_LOGS} logs", _displayed(logs))
     if not isinstance(options, dict):
-        raise _wrong_json("options by name", _shown(options))
+        raise _wrong_json("options by name", _displayed(options))
     options = {name: value for name, value in options.items() if value not in (None, "", [])}
     model, vehicle, channel_map, mass = (
         _text(options.pop(name, ""), name) for name in ("model", "vehicle", "map", "mass")
     )
-    return AskedJob(
+    return JobRequest(
         tuple(map(_log, logs)), model or DEFAULT, vehicle, channel_map, mass, _flight_options(options)
     )
 
 
-def _log(told: Any) -> tuple[str, str]:
-    if isinstance(told, dict) and set(told) <= {"log", "window"}:
-        window = told.get("window")
-        return _text(told.get("log"), "log"), "" if window is None else _window(window)
-    return _text(told, "log"), ""
+def _log(record: Any) -> tuple[str, str]:
+    if isinstance(record, dict) and set(record) <= {"log", "window"}:
+        window = record.get("window")
+        return _text(record.get("log"), "log"), "" if window is None else _window(window)
+    return _text(record, "log"), ""
 
 
-def _flight_options(told: Mapping[str, Any]) -> dict[str, Any]:
+def _flight_options(record: Mapping[str, Any]) -> dict[str, Any]:
     known = {
-        name: one
-        for name, one in inspect.signature(flight_options).parameters.items()
-        if one.kind is one.KEYWORD_ONLY and name not in _PATHS
+        name: parameter
+        for name, parameter in inspect.signature(flight_options).parameters.items()
+        if parameter.kind is parameter.KEYWORD_ONLY and name not in _PATHS
     }
-    for name in told:
+    for name in record:
         if name not in known:
             remedy = did_you_mean(name, known, "Leave it out.")
             raise _wrong_json(f"options out of {', '.join(known)}", f"'{name[:100]}'", remedy)
-    return {name: _value(value, name, known[name].default) for name, value in told.items()}
+    return {name: _value(value, name, known[name].default) for name, value in record.items()}
 
 
 def _value(value: Any, name: str, default: object) -> Any:
@@ -133,15 +133,15 @@ def _value(value: Any, name: str, default: object) -> Any:
         return _window(value)
     if isinstance(default, bool):
         if not isinstance(value, bool):
-            raise _wrong_json(f"true or false for {name}", _shown(value))
+            raise _wrong_json(f"true or false for {name}", _displayed(value))
         return value
     if isinstance(default, str):
         return _text(value, name)
     if default is None:
         return _number(value, name)
     if not isinstance(value, list) or len(value) > MOST_LOGS:
-        raise _wrong_json(f"a list of texts for {name}", _shown(value))
-    return [_text(one, name) for one in value]
+        raise _wrong_json(f"a list of texts for {name}", _displayed(value))
+    return [_text(item, name) for item in value]
 
 
 def _window(value: Any) -> str:
@@ -149,8 +149,8 @@ def _window(value: Any) -> str:
     if isinstance(value, str):
         return _text(value, "window")
     if not isinstance(value, list) or len(value) != 2:
-        raise _wrong_json("a window [FROM, TO] in seconds", _shown(value))
-    return ":".join("" if one is None else repr(_number(one, "window")) for one in value)
+        raise _wrong_json("a window [FROM, TO] in seconds", _displayed(value))
+    return ":".join("" if item is None else repr(_number(item, "window")) for item in value)
 
 
 def _number(value: Any, name: str) -> float:
@@ -158,9 +158,9 @@ def _number(value: Any, name: str) -> float:
         try:
             value = float(_text(value, name))
         except ValueError:
-            raise _wrong_json(f"a number for {name}", _shown(value)) from None
+            raise _wrong_json(f"a number for {name}", _displayed(value)) from None
     if isinstance(value, bool) or not isinstance(value, int | float):
-        raise _wrong_json(f"a number for {name}", _shown(value))
+        raise _wrong_json(f"a number for {name}", _displayed(value))
     try:
         return float(value)
     except OverflowError:
@@ -170,9 +170,9 @@ def _number(value: Any, name: str) -> float:
 def _text(value: Any, name: str) -> str:
     longest = LONGEST_FILE if name in FILES else LONGEST_WORD
     if not isinstance(value, str) or len(value) > longest:
-        raise _wrong_json(f"a text of at most {longest} letters for {name}", _shown(value))
+        raise _wrong_json(f"a text of at most {longest} letters for {name}", _displayed(value))
     if not value.isprintable() and name not in FILES:
-        raise _wrong_json(f"a text in one line for {name}", _shown(value))
+        raise _wrong_json(f"a text in one line for {name}", _displayed(value))
     try:
         value.encode("utf-8")
     except UnicodeEncodeError:
@@ -180,7 +180,7 @@ def _text(value: Any, name: str) -> str:
     return value
 
 
-def _shown(value: Any) -> str:
+def _displayed(value: Any) -> str:
     try:
         text = json.dumps(value)
     except RecursionError:
@@ -212,11 +212,13 @@ def sent_files(header: str, size: int) -> tuple[SentFile, ...]:
     """Files of a folder, out of their header."""
     if not header:
         return ()
-    entries = [_ENTRY.fullmatch(one) for one in header.split(" ")]
-    files = [SentFile(plain_name(unquote(one[1], errors="replace")), int(one[2])) for one in entries if one]
-    if len(files) < len(entries) or len(files) > MOST_FILES or sum(one.size for one in files) != size:
+    entries = [_ENTRY.fullmatch(item) for item in header.split(" ")]
+    files = [
+        SentFile(plain_name(unquote(entry[1], errors="replace")), int(entry[2])) for entry in entries if entry
+    ]
+    if len(files) < len(entries) or len(files) > MOST_FILES or sum(file.size for file in files) != size:
         raise _wrong_header(f"at most {MOST_FILES} files of a folder, NAME/BYTES, of {size} bytes", header)
-    if len({one.name.casefold() for one in files}) < len(files):
+    if len({file.name.casefold() for file in files}) < len(files):
         raise _wrong_header("files of a folder with different names", header)
     return tuple(files)
 

@@ -12,7 +12,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from eivor.atomic_file import write_whole
+from eivor.atomic_file import write_atomically
 from eivor.cli.parsing import (
     LogArgument,
     check_mission,
@@ -22,9 +22,9 @@ from eivor.cli.parsing import (
     named,
     named_motion,
     parse_window,
-    place_of,
+    position_of,
     supplied,
-    told_apart,
+    with_distinct_names,
 )
 from eivor.errors import EivorError, InputError, UsageError, did_you_mean
 from eivor.estimation.methods import TABLE
@@ -49,7 +49,6 @@ from eivor.serve.jobs import (
     REPORT,
     RESULT,
     Begin,
-    Choices,
     Export,
     File,
     Found,
@@ -57,13 +56,14 @@ from eivor.serve.jobs import (
     KeptLog,
     ListExports,
     Outcome,
+    PageChoices,
     Plan,
     Refused,
-    Stage,
+    StageStarted,
     Supply,
     Task,
 )
-from eivor.serve.requests import MOST_FILES, status_of, told
+from eivor.serve.requests import MOST_FILES, error_parts, status_of
 from eivor.signals.recording import Finding, Recording
 
 # -- Choices --
@@ -77,23 +77,23 @@ def choices() -> dict[str, object]:
         "maps": [_named(name, name) for name in shipped_maps()],
         "vehicles": [_named(name, load_vehicle(name).name) for name in shipped_vehicles()],
         "targets": [
-            {**_named(name, one.words), "file": f"{name}{one.ending}"} for name, one in TARGETS.items()
+            {**_named(name, item.words), "file": f"{name}{item.ending}"} for name, item in TARGETS.items()
         ],
         "plans": [
             {
-                **_named(name, one.words),
-                "file": one.file,
-                "needs": [] if one.of_place is None else ["home"],
+                **_named(name, item.words),
+                "file": item.file,
+                "needs": [] if item.of_position is None else ["home"],
             }
-            for name, one in WRITTEN.items()
+            for name, item in WRITTEN.items()
         ],
         "folders": _folders(),
     }
 
 
 def _folders() -> dict[str, object]:
-    """By which names files of a folder are told to be logs, or one log together."""
-    endings = {end for one in readable_formats() for end in one.endings}
+    """By which names files of a folder are identified to be logs, or one log together."""
+    endings = {end for readable_format in readable_formats() for end in readable_format.endings}
     return {
         "endings": sorted({*endings, *FURTHER_ENDINGS, ".csv"}),
         "bags": BAG_ENDINGS,
@@ -123,7 +123,7 @@ def outcome_of(task: Task, progress: ProgressCallback) -> Outcome:
     try:
         match task:
             case Begin():
-                return Choices(choices())
+                return PageChoices(choices())
             case Identify():
                 with _temporary_files_in(task.folder):
                     _identify(task, progress)
@@ -134,7 +134,7 @@ def outcome_of(task: Task, progress: ProgressCallback) -> Outcome:
             case Plan():
                 return _plan(task)
     except EivorError as error:
-        return Refused(int(status_of(error)), told(error))
+        return Refused(int(status_of(error)), error_parts(error))
     return None
 
 
@@ -149,47 +149,47 @@ def _temporary_files_in(folder: Path) -> Iterator[None]:
 
 
 def _identify(task: Identify, progress: ProgressCallback) -> None:
-    """Identify, write the result, tell it, and write the report."""
-    progress(Stage("reading"))
-    asked, folder = task.asked, task.folder
-    with _vehicle(asked.vehicle, folder) as vehicle:
-        motion = named_motion(asked.model, vehicle)
-    options = flight_options(motion, **asked.options)
-    supplied(asked.mass, (), "")  # exports take it: what it says is told now
+    """Identify, write the result, determine it, and write the report."""
+    progress(StageStarted("reading"))
+    requested, folder = task.request, task.folder
+    with _vehicle(requested.vehicle, folder) as vehicle:
+        motion = named_motion(requested.model, vehicle)
+    options = flight_options(motion, **requested.options)
+    supplied(requested.mass, (), "")  # exports take it: what it says is reported now
     given = [
-        LogArgument(Path(name), parse_window(own) if own else None)
-        for name, (_, own) in zip(_own_names(task), asked.logs, strict=True)
+        LogArgument(Path(name), parse_window(item) if item else None)
+        for name, (_, item) in zip(_log_names(task), requested.logs, strict=True)
     ]
-    with _as_file(asked.channel_map, folder / "map.toml", shipped_maps(), "map") as channel_map:
+    with _as_file(requested.channel_map, folder / "map.toml", shipped_maps(), "map") as channel_map:
         read = {
-            log: _recording(task.logs[log], channel_map, several=len(asked.logs) > 1)
-            for log in dict.fromkeys(log for log, _ in asked.logs)
+            log: _recording(task.logs[log], channel_map, several=len(requested.logs) > 1)
+            for log in dict.fromkeys(log for log, _ in requested.logs)
         }
-    recordings = told_apart(
+    recordings = with_distinct_names(
         given,
-        [_called(read[log], one.path.name) for one, (log, _) in zip(given, asked.logs, strict=True)],
+        [_called(read[log], item.path.name) for item, (log, _) in zip(given, requested.logs, strict=True)],
     )
-    windows = [one.window for one in given]
-    check_windows(recordings, [own or options.window for own in windows])
+    windows = [item.window for item in given]
+    check_windows(recordings, [window or options.window for window in windows])
     result = identified(
-        recordings, motion, options, windows, progress=lambda stage: progress(Stage(stage.value))
+        recordings, motion, options, windows, progress=lambda stage: progress(StageStarted(stage.value))
     )
-    progress(Stage("writing"))
-    write_whole(folder / RESULT, json_text(json_document(result)))
+    progress(StageStarted("writing"))
+    write_atomically(folder / RESULT, json_text(json_document(result)))
     progress(Found(result.verdict.status.value))
-    write_whole(folder / REPORT, flight_page(result))
+    write_atomically(folder / REPORT, flight_page(result))
 
 
-def _own_names(task: Identify) -> list[str]:
+def _log_names(task: Identify) -> list[str]:
     """What each log is called: several of one name are numbered."""
-    ids = list(dict.fromkeys(log for log, _ in task.asked.logs))
+    ids = list(dict.fromkeys(log for log, _ in task.request.logs))
     names: dict[str, str] = {}
     seen: Counter[str] = Counter()
     for log in ids:
         name = task.logs[log].name
         seen[name] += 1
         names[log] = name if seen[name] == 1 else f"{name} ({seen[name]})"
-    return [names[log] for log, _ in task.asked.logs]
+    return [names[log] for log, _ in task.request.logs]
 
 
 def _recording(log: KeptLog, channel_map: str, *, several: bool) -> Recording:
@@ -198,12 +198,12 @@ def _recording(log: KeptLog, channel_map: str, *, several: bool) -> Recording:
         with named(log.name, several=several):
             recording = read_log(log.path, channel_map=channel_map or None)
     except EivorError as error:
-        raise _retold(error, partial(_own_name, log)) from error
-    findings = tuple(Finding(one.name, _own_name(log, one.message)) for one in recording.findings)
+        raise _reworded(error, partial(_log_name, log)) from error
+    findings = tuple(Finding(finding.name, _log_name(log, finding.message)) for finding in recording.findings)
     return replace(recording, findings=findings)
 
 
-def _own_name(log: KeptLog, text: str) -> str:
+def _log_name(log: KeptLog, text: str) -> str:
     return text.replace(str(log.path), log.name).replace(log.path.name, log.name)
 
 
@@ -213,25 +213,25 @@ def _called(recording: Recording, name: str) -> Recording:
 
 @contextmanager
 def _as_file(text: str, path: Path, shipped: tuple[str, ...], what: str) -> Iterator[str]:
-    """A name of what comes with Eivor as it is; other text as a file, whose path is not told."""
+    """A name of what comes with Eivor as it is; other text as a file, whose path is not identified."""
     if not text or text in shipped:
         yield text
         return
     if _NAME.fullmatch(text):
         remedy = did_you_mean(text, shipped, f"Name one of them, or give the text of a {what}'s file.")
         raise InputError(f"a shipped {what} ({', '.join(shipped)})", f"'{text}'", remedy)
-    write_whole(path, text)
+    write_atomically(path, text)
     try:
         yield str(path)
     except EivorError as error:
-        raise _retold(error, lambda part: part.replace(str(path), path.name)) from error
+        raise _reworded(error, lambda part: part.replace(str(path), path.name)) from error
 
 
 def _vehicle(text: str, folder: Path) -> AbstractContextManager[str]:
     return _as_file(text, folder / "vehicle.toml", shipped_vehicles(), "vehicle")
 
 
-def _retold(error: EivorError, changed: Callable[[str], str]) -> EivorError:
+def _reworded(error: EivorError, changed: Callable[[str], str]) -> EivorError:
     """The same error in other words."""
     return type(error)(*map(changed, (error.expected, error.received, error.remedy)))
 
@@ -256,7 +256,7 @@ def _list_exports(task: ListExports) -> list[dict[str, object]]:
 
 def _state(result: SavedFit, name: str, given: Supplied) -> dict[str, object]:
     try:
-        return {"reason": "", "left_out": list(_exported(result, name, given).left_out)}
+        return {"reason": "", "left_out": list(_exported(result, name, given).omitted)}
     except EivorError as error:
         return {"reason": str(error), "left_out": []}
 
@@ -285,8 +285,8 @@ def _plan(task: Plan) -> File:
         remedy = did_you_mean(task.form, WRITTEN, "Name one of them.")
         raise UsageError(f"a plan for {', '.join(WRITTEN)}", f"'{task.form}'", remedy)
     form = WRITTEN[task.form]
-    mission = form.of_place is not None
+    mission = form.of_position is not None
     check_mission("it" if mission else "", task.home if mission else "", "")
-    place = place_of(task.home) if mission else None
+    position = position_of(task.home) if mission else None
     made = plan(task.folder / RESULT, target=task.target, shape="steps" if mission else "")
-    return File(f"{task.stem}-{form.file}", form.text(made, place))
+    return File(f"{task.stem}-{form.file}", form.text(made, position))

@@ -43,8 +43,8 @@ class CurveSide(Enum):
 
 def common_side(sides: Iterable[CurveSide]) -> CurveSide:
     """Return the side of the thrust curve that all commands have; unknown where they differ."""
-    found = set(sides)
-    return found.pop() if len(found) == 1 else CurveSide.UNKNOWN
+    result = set(sides)
+    return result.pop() if len(result) == 1 else CurveSide.UNKNOWN
 
 
 @dataclass(frozen=True, slots=True)
@@ -205,13 +205,13 @@ def declare_channels(*declared: CanonicalChannel) -> None:
     _TABLE.update(added)
 
 
-def _collide(one: CanonicalChannel, other: CanonicalChannel) -> bool:
+def _collide(first: CanonicalChannel, other: CanonicalChannel) -> bool:
     """Whether a channel of a log could be either."""
-    if one.name == other.name:
+    if first.name == other.name:
         return True
     numbered = [
         (family.name.removesuffix("*"), single.name)
-        for family, single in ((one, other), (other, one))
+        for family, single in ((first, other), (other, first))
         if family.name.endswith("_*")
     ]
     return any(name.startswith(stem) and name.removeprefix(stem).isdecimal() for stem, name in numbered)
@@ -234,6 +234,6 @@ def family_members(name: str, among: Iterable[str]) -> list[str]:
     if name in names:
         return [name]
     stem = name.rstrip("*").rstrip("_") + "_"
-    suffixes = {one.removeprefix(stem) for one in names if one.startswith(stem)}
+    suffixes = {item.removeprefix(stem) for item in names if item.startswith(stem)}
     numbers = sorted((suffix for suffix in suffixes if suffix.isdecimal()), key=int)
     return [f"{stem}{member}" for member in numbers or [axis for axis in AXES if axis in suffixes]]

@@ -104,23 +104,23 @@ def filtered(weights: Float[np.ndarray, " m"], values: Float[np.ndarray, " n"]) 
     return series
 
 
-def in_a_row(one: Float[np.ndarray, " m"], other: Float[np.ndarray, " k"]) -> Float[np.ndarray, " n"]:
+def in_a_row(first: Float[np.ndarray, " m"], other: Float[np.ndarray, " k"]) -> Float[np.ndarray, " n"]:
     """Weights of two filters in a row, as many as the longer one has. Performs no checks."""
-    longer, shorter = (one, other) if one.size >= other.size else (other, one)
+    longer, shorter = (first, other) if first.size >= other.size else (other, first)
     return filtered(shorter, longer)
 
 
 def reciprocal(weights: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
     """Weights of the inverse filter: those that make 1, 0, 0, ... of the filter's own."""
-    found = _first_weights(weights[:FIRST_WEIGHTS])
-    while found.size < weights.size:
-        count = min(2 * found.size, weights.size)
+    first_weights = _first_weights(weights[:FIRST_WEIGHTS])
+    while first_weights.size < weights.size:
+        count = min(2 * first_weights.size, weights.size)
         padded = np.zeros(count)
-        padded[: found.size] = found
+        padded[: first_weights.size] = first_weights
         left = -filtered(weights[:count], padded)
-        left[: found.size] = 0.0  # right but for rounding: 1, 0, 0, ...
-        found = padded + filtered(padded, left)
-    return found
+        left[: first_weights.size] = 0.0  # right but for rounding: 1, 0, 0, ...
+        first_weights = padded + filtered(padded, left)
+    return first_weights
 
 
 def _first_weights(weights: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:

@@ -97,10 +97,10 @@ class GrowthTable:
             return
         number = len(self.states) - 1
         total, a, a_lagged = self.states[number]
-        own = self._weights(number * BLOCK, a)
+        weights = self._weights(number * BLOCK, a)
         lagged = self._weights(number * BLOCK + self.lag, a_lagged)
-        total += float(np.sum(own[:BLOCK] * lagged[:BLOCK]))
-        self.states.append((total, float(own[BLOCK]), float(lagged[BLOCK])))
+        total += float(np.sum(weights[:BLOCK] * lagged[:BLOCK]))
+        self.states.append((total, float(weights[BLOCK]), float(lagged[BLOCK])))
 
     def _weights(self, first: int, value: float, count: int = BLOCK + 1) -> Float[np.ndarray, " count"]:
         """Weights a_first .. by their recursion, from the first one's value."""

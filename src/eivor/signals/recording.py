@@ -22,7 +22,7 @@ from eivor.tools import Bool, Float, html_table
 
 @dataclass(frozen=True, slots=True)
 class DataSheet:
-    """White noise and rounding of a sensor, as a data sheet tells them."""
+    """White noise and rounding of a sensor, as a data sheet determines them."""
 
     density: float = 0.0  # Noise density, in the channel's unit per square root of a hertz
     bandwidth_hz: float | None = None
@@ -51,7 +51,7 @@ class DataSheet:
 
 # -- Log origin --
 
-#: A clock that was never set tells a time before this, and one that is damaged a time after [UTC].
+#: A clock that was never set determines a time before this, and one that is damaged a time after [UTC].
 EARLIEST, LATEST = datetime(2000, 1, 1, tzinfo=UTC), datetime(2100, 1, 1, tzinfo=UTC)
 
 
@@ -74,10 +74,10 @@ class LogOrigin:
 def utc_time(seconds: float) -> datetime | None:
     """Time of seconds since 1970; None of a clock that was never set."""
     try:
-        told = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(seconds=seconds)
+        reported = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(seconds=seconds)
     except (OverflowError, ValueError):
         return None
-    return told if EARLIEST <= told <= LATEST else None
+    return reported if EARLIEST <= reported <= LATEST else None
 
 
 # -- Derived channels --
@@ -243,13 +243,13 @@ def _rising(
     first = np.ones(time.size, dtype=np.bool_)
     first[1:] = time[1:] > latest[:-1]
     duplicated = int((time[1:] == latest[:-1]).sum())
-    found = replace(
+    result = replace(
         quality,
         duplicated_stamps=duplicated,
         evened_stamps=0 if time is time_s else int(time.size),
         backward_stamps=quality.backward_stamps + int((~first).sum()) - duplicated,
     )
-    return time[first], first, found
+    return time[first], first, result
 
 
 @dataclass(frozen=True, slots=True)

@@ -161,7 +161,7 @@ def torque_limits(vehicle: Vehicle) -> tuple[float, float, float]:
 def control_effectiveness(vehicle: Vehicle) -> tuple[float, float, float]:
     """Angular acceleration [rad/s^2] per unit of each torque setpoint, rotors within their limits."""
     limits = torque_limits(vehicle)
-    roll, pitch, yaw = (limit / own for limit, own in zip(limits, vehicle.inertia[:3], strict=True))
+    roll, pitch, yaw = (limit / item for limit, item in zip(limits, vehicle.inertia[:3], strict=True))
     return roll, pitch, yaw
 
 
@@ -195,43 +195,43 @@ class Cascade:
         thrust = upward / between(cosine, LEAST_COSINE, 1.0)
         return between(thrust, LEAST_WEIGHT * g.weight, MOST_THRUST * g.full_thrust) / g.full_thrust
 
-    def holding(self, wanted: Components, place: Components, drift: Components) -> list[Value]:
-        """Attitude that is asked for, tilted towards the place where the flight began."""
+    def holding(self, wanted: Components, components: Components, drift: Components) -> list[Value]:
+        """Attitude that is requested, tilted towards the place where the flight began."""
         hold = self._gains.hold
         most = MOST_HOLDING_TILT * GRAVITY
         forward, left = (
             between(HOLD_DAMPING * hold * (-hold * away - speed), -most, most)
-            for away, speed in zip(place, drift, strict=True)
+            for away, speed in zip(components, drift, strict=True)
         )
-        ahead, aside, _ = into_body(rotation(*wanted), forward, left, 0.0)
-        return turned(wanted, -aside / GRAVITY, ahead / GRAVITY, 0.0)
+        prediction, aside, _ = into_body(rotation(*wanted), forward, left, 0.0)
+        return turned(wanted, -aside / GRAVITY, prediction / GRAVITY, 0.0)
 
     def rates(self, wanted: Components, attitude: Components) -> Triple:
-        """Body rates [rad/s] that turn an attitude towards the one that is asked for."""
+        """Body rates [rad/s] that turn an attitude towards the one that is requested."""
         a, b, c, d = wanted
         w, x, y, z = attitude
         # vector part of conj(attitude) wanted, by the shorter way round
-        way = 4.0 * (a * w + b * x + c * y + d * z >= 0.0) - 2.0
+        formula = 4.0 * (a * w + b * x + c * y + d * z >= 0.0) - 2.0
         roll, pitch, yaw = self._gains.attitude
         return (
-            way * roll * (w * b - a * x - y * d + z * c),
-            way * pitch * (w * c - a * y - z * b + x * d),
-            way * yaw * (w * d - a * z - x * c + y * b),
+            formula * roll * (w * b - a * x - y * d + z * c),
+            formula * pitch * (w * c - a * y - z * b + x * d),
+            formula * yaw * (w * d - a * z - x * c + y * b),
         )
 
     def torques(self, wanted: Triple, measured: Triple) -> Triple:
-        """Normalised torques that bring the body rates to those that are asked for."""
+        """Normalised torques that bring the body rates to those that are requested."""
         g, period = self._gains, self._rate_period_s
-        error = [asked - is_now for asked, is_now in zip(wanted, measured, strict=True)]
+        error = [item - is_now for item, is_now in zip(wanted, measured, strict=True)]
         self._integral = [
-            between(held + gain * period * one, -LARGEST_INTEGRAL, LARGEST_INTEGRAL)
-            for held, gain, one in zip(self._integral, g.integral, error, strict=True)
+            between(held + gain * period * item, -LARGEST_INTEGRAL, LARGEST_INTEGRAL)
+            for held, gain, item in zip(self._integral, g.integral, error, strict=True)
         ]
-        torque = [gain * one + held for gain, one, held in zip(g.rate, error, self._integral, strict=True)]
+        torque = [gain * item + held for gain, item, held in zip(g.rate, error, self._integral, strict=True)]
         if self._differentiates:
             torque = [
-                one - gain * slope
-                for one, gain, slope in zip(torque, g.derivative, self._slopes(measured), strict=True)
+                item - gain * slope
+                for item, gain, slope in zip(torque, g.derivative, self._slopes(measured), strict=True)
             ]
         return between(torque[0], -1.0, 1.0), between(torque[1], -1.0, 1.0), between(torque[2], -1.0, 1.0)
 
@@ -294,17 +294,17 @@ def mixers_side_by_side(vehicles: Sequence[Vehicle]) -> Mixer:
     """Mixer of several vehicles with equally many rotors, in arrays."""
     each = [mixer_of(vehicle) for vehicle in vehicles]
     # (rotors, 4, flights)
-    shares = np.array([one.shares for one in each]).transpose(1, 2, 0)
+    shares = np.array([item.shares for item in each]).transpose(1, 2, 0)
     up, left, down, around = (np.ascontiguousarray(shares[:, part]) for part in range(4))
     names = ("thrust_linear", "thrust_quadratic", "least", "most")
     return Mixer(
-        ((up, left, down, around),), *(stacked([getattr(one, name) for one in each]) for name in names)
+        ((up, left, down, around),), *(stacked([getattr(item, name) for item in each]) for name in names)
     )
 
 
 def gains_side_by_side(each: Sequence[Gains]) -> Gains:
     """Gains of several flights, in arrays."""
-    return Gains(*(stacked([getattr(one, name) for one in each]) for name in Gains.__slots__))
+    return Gains(*(stacked([getattr(item, name) for item in each]) for name in Gains.__slots__))
 
 
 # -- Delay line --
@@ -334,10 +334,10 @@ class DelayLine:
         past.append(values)
         if not self._flights:
             return past[0]
-        arrived = [np.array(one) for one in values]
+        arrived = [np.array(value) for value in values]
         for step, flights in self._flights:
-            for one, sent in zip(arrived, past[self._longest - step], strict=True):
-                one[..., flights] = np.asarray(sent)[..., flights]
+            for item, sent in zip(arrived, past[self._longest - step], strict=True):
+                item[..., flights] = np.asarray(sent)[..., flights]
         return list(arrived)
 
 

@@ -330,7 +330,7 @@ class SimulatedFlight:
     flew: bool
 
 
-class EffectiveParameters(NamedTuple):
+class BestFittingParameters(NamedTuple):
     """Parameters of the vertical model that fit one flight's noise-free data best."""
 
     viscous_friction: float
@@ -345,7 +345,7 @@ def effective_parameters(
     truth: FlightTruth,
     rows: Bool[np.ndarray, " n"],
     input_map: Callable[[Float[np.ndarray, "m rotors"]], Float[np.ndarray, "m rotors"]],
-) -> EffectiveParameters:
+) -> BestFittingParameters:
     """Least squares of the true specific force on (-air velocity, U, 1) over the given rows."""
     if rows.shape != truth.time_s.shape:
         raise ShapeError(
@@ -376,7 +376,7 @@ def effective_parameters(
         )
     scaled = np.linalg.lstsq(centred / norms, response - response_mean)[0]
     friction, gain = (scaled / norms).tolist()
-    return EffectiveParameters(friction, gain, response_mean - float(means @ (scaled / norms)))
+    return BestFittingParameters(friction, gain, response_mean - float(means @ (scaled / norms)))
 
 
 # -- Wind --

@@ -128,7 +128,7 @@ class WhiteExcitation(Excitation):
 
 
 @dataclass(frozen=True, slots=True)
-class Steps(Excitation):
+class SteppedExcitation(Excitation):
     """Levels that are held one after the other, over and over.
 
     Parameters
@@ -557,11 +557,11 @@ class DrydenGust(Disturbance):
         shocks = rng.standard_normal((2, count))
         # Covariance of what one step adds to (p, q): incomplete gamma functions, exact for small steps.
         added = np.array([0.5, 0.25, 0.25]) * gammainc([1.0, 2.0, 3.0], 2.0 * x)
-        own = np.sqrt(added[0])
-        shared = added[1] / own
+        current = np.sqrt(added[0])
+        shared = added[1] / current
         rest = np.sqrt(max(added[2] - shared**2, 0.0))
         decay = float(np.exp(-x))
-        driven = own * shocks[0]
+        driven = current * shocks[0]
         driven[0] = np.sqrt(0.5) * shocks[0, 0]
         first = autoregression(driven, constant((decay,), count))
         driven = shared * shocks[0] + rest * shocks[1]

@@ -54,7 +54,7 @@ from eivor.tools import Float
 
 
 @dataclass(frozen=True, slots=True)
-class Flown:
+class ClosedLoopRecord:
     """What happened in one flight, a row for each step."""
 
     body: Float[np.ndarray, "n 13"]  # Position [m], velocity [m/s], attitude w, x, y, z, body rates [rad/s]
@@ -65,11 +65,11 @@ class Flown:
     wanted_rate: Float[np.ndarray, "n 3"]  # [rad/s]
 
 
-def fly(specs: Sequence[RigidBodyFlightSpec], met: Sequence[Surroundings]) -> Iterator[Flown]:
+def fly(specs: Sequence[RigidBodyFlightSpec], met: Sequence[Surroundings]) -> Iterator[ClosedLoopRecord]:
     """Fly specifications that agree in everything that `alike` compares, side by side."""
     series = _alone(specs[0], met[0]) if len(specs) == 1 else _together(specs, met)
     for flight in range(len(specs)):
-        yield Flown(*(np.ascontiguousarray(part[..., flight]) for part in series))
+        yield ClosedLoopRecord(*(np.ascontiguousarray(part[..., flight]) for part in series))
 
 
 def alike(spec: RigidBodyFlightSpec) -> tuple[object, ...]:
@@ -227,7 +227,10 @@ def _together(
     loop = _Loop(
         specs=specs,
         read=lambda start, stop: _Read(
-            *(np.stack([getattr(one, name)[start:stop] for one in met], axis=-1) for name in _Read.__slots__)
+            *(
+                np.stack([getattr(item, name)[start:stop] for item in met], axis=-1)
+                for name in _Read.__slots__
+            )
         ),
         senses=_Senses(
             *(_filters_of([getattr(spec.sensors, name) for spec in specs], step_s) for name in SENSES)
@@ -236,7 +239,7 @@ def _together(
         mixer=mixers_side_by_side(vehicles),
         line=DelayLine(np.array([round(vehicle.rotors.delay / step_s) for vehicle in vehicles]), [hover]),
         stepper=first.integrator.stepper(side_by_side(vehicles), step_s),
-        body=np.stack([_start(one) for one in met], axis=1),
+        body=np.stack([_start(item) for item in met], axis=1),
         speeds=[hover],
     )
     return _collected(loop)
@@ -287,15 +290,15 @@ SIMULATOR = "rigid body"
 
 
 def recording_of(
-    spec: RigidBodyFlightSpec, met: Surroundings, flown: Flown, force: Float[np.ndarray, "n 3"]
+    spec: RigidBodyFlightSpec, met: Surroundings, flight: ClosedLoopRecord, force: Float[np.ndarray, "n 3"]
 ) -> Recording:
     """Log of a flight."""
     rng = stamping_stream(spec)
     channels: dict[str, Channel] = {}
-    for sensor, series in _measured(spec, met, flown, force):
+    for sensor, series in _measured(spec, met, flight, force):
         rows = sensor.rows(spec.count, spec.step_s)
         _add(channels, spec, sensor.stamps(rows, spec.step_s, rng), rows, series)
-    for rate_hz, series in _told(spec, met, flown):
+    for rate_hz, series in _report(spec, met, flight):
         rows = Sensor(rate_hz=rate_hz).rows(spec.count, spec.step_s)
         _add(channels, spec, rows * spec.step_s, rows, series)
     return Recording(
@@ -321,17 +324,17 @@ def _add(
 ) -> None:
     """Add the rows of some series under their names, those apart that are left out."""
     for name, values in series.items():
-        if not any(fnmatch(name, left_out) for left_out in spec.logged.left_out):
+        if not any(fnmatch(name, item) for item in spec.logged.left_out):
             channels[name] = Channel(
                 name, time_s, values[rows], unit_of(name), source=SIMULATOR, held=held_by_default(name)
             )
 
 
 def _measured(
-    spec: RigidBodyFlightSpec, met: Surroundings, flown: Flown, force: Float[np.ndarray, "n 3"]
+    spec: RigidBodyFlightSpec, met: Surroundings, flight: ClosedLoopRecord, force: Float[np.ndarray, "n 3"]
 ) -> list[tuple[Sensor, dict[str, Float[np.ndarray, " n"]]]]:
     """Each sensor with its readings at every step."""
-    sensors, step_s, body = spec.sensors, spec.step_s, flown.body
+    sensors, step_s, body = spec.sensors, spec.step_s, flight.body
     attitude = turned_by(body[:, 6:10], met.attitude_error)
 
     def logged(sensor: Sensor, raw: Float[np.ndarray, "n axes"]) -> Float[np.ndarray, "n axes"]:
@@ -349,30 +352,30 @@ def _measured(
         (sensors.attitude, _named("attitude", "wxyz", sensors.attitude.readings(attitude, step_s))),
     ]
     if sensors.rotor_speed is not None:
-        speeds = logged(sensors.rotor_speed, flown.rotor_speed + met.speed_error)
+        speeds = logged(sensors.rotor_speed, flight.rotor_speed + met.speed_error)
         measured.append((sensors.rotor_speed, _numbered("rotor_speed", speeds)))
     return measured
 
 
-def _told(
-    spec: RigidBodyFlightSpec, met: Surroundings, flown: Flown
+def _report(
+    spec: RigidBodyFlightSpec, met: Surroundings, flight: ClosedLoopRecord
 ) -> list[tuple[float, dict[str, Float[np.ndarray, " n"]]]]:
     """Commands, setpoints and references, with the rate of each group."""
     logged = spec.logged
     setpoints = {
-        "input": flown.thrust,
-        **_named("torque_setpoint", "xyz", flown.torque),
-        **_named("feedback_reference_angular_rate", "xyz", flown.wanted_rate),
+        "input": flight.thrust,
+        **_named("torque_setpoint", "xyz", flight.torque),
+        **_named("feedback_reference_angular_rate", "xyz", flight.wanted_rate),
     }
     if met.injected.any():
         setpoints |= _named("injected_torque", "xyz", met.injected)
     height = ("reference_position_z", "reference_velocity_z", "reference_acceleration_z")
-    asked = (*height, "reference_roll", "reference_pitch", "reference_yaw")
+    requested = (*height, "reference_roll", "reference_pitch", "reference_yaw")
     series = [*met.height.T, *roll_pitch_yaw(met.attitude.T)]
     return [
-        (logged.rotor_command_hz, _numbered("rotor_command", flown.rotor_command)),
+        (logged.rotor_command_hz, _numbered("rotor_command", flight.rotor_command)),
         (logged.setpoint_hz, setpoints),
-        (logged.reference_hz, dict(zip(asked, series, strict=True))),
+        (logged.reference_hz, dict(zip(requested, series, strict=True))),
     ]
 
 
@@ -437,16 +440,16 @@ def simulate_rigid_body_flights(specs: Sequence[RigidBodyFlightSpec]) -> Iterato
         for start in range(0, len(together), most):
             batch = together[start : start + most]
             met = [surroundings_of(spec) for spec in batch]
-            for spec, one, flown in zip(batch, met, fly(batch, met), strict=True):
-                yield _flight(spec, one, flown)
+            for spec, item, entry in zip(batch, met, fly(batch, met), strict=True):
+                yield _flight(spec, item, entry)
 
 
-def _flight(spec: RigidBodyFlightSpec, met: Surroundings, flown: Flown) -> RigidBodyFlight:
-    body = flown.body
+def _flight(spec: RigidBodyFlightSpec, met: Surroundings, flight: ClosedLoopRecord) -> RigidBodyFlight:
+    body = flight.body
     force = specific_force(
         side_by_side([spec.vehicle]),
         np.ascontiguousarray(body.T),
-        [np.ascontiguousarray(flown.rotor_speed.T)],
+        [np.ascontiguousarray(flight.rotor_speed.T)],
         (met.wind[:, 0], met.wind[:, 1], met.wind[:, 2]),
     )
     truth = RigidBodyTruth(
@@ -457,10 +460,10 @@ def _flight(spec: RigidBodyFlightSpec, met: Surroundings, flown: Flown) -> Rigid
         angular_rate=body[:, 10:13],
         specific_force=np.column_stack(force),
         air_velocity=body[:, 3:6] - met.wind,
-        rotor_speed=flown.rotor_speed,
-        rotor_command=flown.rotor_command,
-        thrust_setpoint=flown.thrust,
-        torque_setpoint=flown.torque,
+        rotor_speed=flight.rotor_speed,
+        rotor_command=flight.rotor_command,
+        thrust_setpoint=flight.thrust,
+        torque_setpoint=flight.torque,
         disturbance=met.disturbance,
         parameters=effective_parameters(spec.vehicle),
         control_effectiveness=control_effectiveness(spec.vehicle),
@@ -468,4 +471,4 @@ def _flight(spec: RigidBodyFlightSpec, met: Surroundings, flown: Flown) -> Rigid
     cosine = 1.0 - 2.0 * (body[:, 7] ** 2 + body[:, 8] ** 2)
     away = np.abs(body[:, 2] - met.height[:, 0])
     flew = bool(away.max() < LOST_M and cosine.min() > LOST_COSINE)
-    return RigidBodyFlight(recording_of(spec, met, flown, truth.specific_force), truth, flew)
+    return RigidBodyFlight(recording_of(spec, met, flight, truth.specific_force), truth, flew)

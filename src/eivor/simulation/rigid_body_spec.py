@@ -134,11 +134,11 @@ class _FixedStep(Stepper):
         end = self._half.after(middle, command)
         change = self._spin_up(middle, command)
         k1 = body_derivative(c, body, speeds, self._spin_up(speeds, command), wind, disturbance)
-        k2 = body_derivative(c, _ahead(body, k1, h / 2.0), middle, change, wind, disturbance)
-        k3 = body_derivative(c, _ahead(body, k2, h / 2.0), middle, change, wind, disturbance)
-        k4 = body_derivative(c, _ahead(body, k3, h), end, self._spin_up(end, command), wind, disturbance)
+        k2 = body_derivative(c, _stepped(body, k1, h / 2.0), middle, change, wind, disturbance)
+        k3 = body_derivative(c, _stepped(body, k2, h / 2.0), middle, change, wind, disturbance)
+        k4 = body_derivative(c, _stepped(body, k3, h), end, self._spin_up(end, command), wind, disturbance)
         slope = _weighted(k1, k2, k3, k4)
-        return unit_attitude(_ahead(body, slope, h / 6.0)), end
+        return unit_attitude(_stepped(body, slope, h / 6.0)), end
 
     def _spin_up(self, speeds: Sequence[Value], command: Sequence[Value]) -> Sequence[Value]:
         """Derivatives of the speeds, where they matter."""
@@ -188,8 +188,8 @@ class RotorCourse:
     def after(self, speeds: Sequence[Value], command: Sequence[Value]) -> list[Value]:
         """Speeds that much later."""
         return [
-            asked + (speed - asked) * (self._down + self._difference * (asked > speed))
-            for speed, asked in zip(speeds, command, strict=True)
+            item + (speed - item) * (self._down + self._difference * (item > speed))
+            for speed, item in zip(speeds, command, strict=True)
         ]
 
 
@@ -197,7 +197,7 @@ def _decay(lags: Value) -> Value:
     return math.exp(-lags) if isinstance(lags, float) else np.exp(-lags)
 
 
-def _ahead(state: Body, slope: Sequence[Value], time_s: float) -> Body:
+def _stepped(state: Body, slope: Sequence[Value], time_s: float) -> Body:
     if isinstance(state, np.ndarray):
         return state + time_s * np.array(slope)
     return [x + time_s * k for x, k in zip(state, slope, strict=True)]
@@ -379,7 +379,7 @@ class RigidBodyFlightSpec:
     vigour : float
         Share of the speed and acceleration that an excitation of the height may reach.
     attitude : AxisExcitations
-        Roll, pitch and yaw that are asked for [rad], yaw first.
+        Roll, pitch and yaw that are requested [rad], yaw first.
     injection : AxisExcitations
         What is added to the normalised torque setpoints.
     controller : FlightController
@@ -554,7 +554,7 @@ def _series(
 
 
 def vehicle_text(spec: RigidBodyFlightSpec, name: str) -> str:
-    """Text of the vehicle file of a flight's vehicle; what a flight is to tell is not in it."""
+    """Text of the vehicle file of a flight's vehicle; what a flight is to identify is not in it."""
     rotors, sensors = spec.vehicle.rotors, spec.sensors
     lines = ["# The simulated vehicle as it is: every number is exact.", f"name = {_text(name)}"]
     lines.append(f"mass = {spec.vehicle.mass!r}")
@@ -571,7 +571,7 @@ def vehicle_text(spec: RigidBodyFlightSpec, name: str) -> str:
 
 def _text(words: str) -> str:
     """Text as TOML has it: letters as they are, question marks for what cannot be printed."""
-    return json.dumps("".join(one if one.isprintable() else "?" for one in words), ensure_ascii=False)
+    return json.dumps("".join(word if word.isprintable() else "?" for word in words), ensure_ascii=False)
 
 
 def _thrust_map(rotors: Rotors) -> str:

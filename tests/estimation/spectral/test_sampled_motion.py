@@ -68,10 +68,10 @@ def test_directions_are_derivatives_over_the_input(place: int) -> None:
     motion = replace(motion_of(Intersample.HOLD, 0.0), blend=0.2)
     names, step = ("friction", "gain", "blend"), 1e-5
     name = names[place]
-    ahead, behind = (
+    prediction, behind = (
         replace(motion, **{name: getattr(motion, name) + sign * step}).residuals() for sign in (1, -1)
     )
-    slope = (ahead - behind) / (2.0 * step)
+    slope = (prediction - behind) / (2.0 * step)
     direction = motion.directions[place] * motion.record.input
     if name == "friction":  # of what is measured V is, of the true motion g U
         slope[0] += motion.response * motion.record.input - motion.record.velocity
@@ -91,12 +91,12 @@ def test_the_noise_fit_knows_its_gradient() -> None:
     residual = rng.standard_normal((2, 400)) + 1j * rng.standard_normal((2, 400))
     start = prior_of(motion, residual, 1e-2).centre
     fit = _Fit(motion, residual, start)
-    at = fit.vector(start) + 0.1
+    index = fit.vector(start) + 0.1
     slopes: list[float] = []
     for unit in np.eye(6):
-        ahead, behind = (fit.value_and_gradient(at + sign * 1e-5 * unit)[0] for sign in (1, -1))
-        slopes.append((ahead - behind) / 2e-5)
-    np.testing.assert_allclose(fit.value_and_gradient(at)[1], slopes, rtol=1e-6)
+        prediction, behind = (fit.value_and_gradient(index + sign * 1e-5 * unit)[0] for sign in (1, -1))
+        slopes.append((prediction - behind) / 2e-5)
+    np.testing.assert_allclose(fit.value_and_gradient(index)[1], slopes, rtol=1e-6)
 
 
 def test_the_noise_model_is_the_covariance_of_what_noises_leave() -> None:
@@ -111,7 +111,7 @@ def test_the_noise_model_is_the_covariance_of_what_noises_leave() -> None:
 
     ratios: list[float] = []
     for _ in range(10):
-        u, v, a, e = (series(one) for one in (0.3, 0.2, 0.4, 0.5))
+        u, v, a, e = (series(item) for item in (0.3, 0.2, 0.4, 0.5))
         first = a + motion.friction * v - motion.gain * u + e
         second = v - motion.response * u + motion.pushed * e
         pair = np.stack([first, second])

@@ -68,8 +68,8 @@ def test_rows_meet_the_same_equations(solution: SpectralSolution, sampled: Sampl
     solved = solved_rows(solution, parameters)
     np.testing.assert_allclose(solved.solution.theta, theta, rtol=1e-7, atol=1e-8)
     rows = whitened_rows(solution, parameters)
-    own = spectral_covariance(solution).influence.sum(axis=0)
-    assert own.shape == (solution.parameters,)
+    current = spectral_covariance(solution).influence.sum(axis=0)
+    assert current.shape == (solution.parameters,)
     assert rows.response.size == 2 * sampled.record.count
     assert np.var(rows.response - rows.regressors @ theta) == pytest.approx(1.0, abs=0.15)
 
@@ -107,6 +107,6 @@ def test_a_wrong_model_is_corrected_by_the_residuals(solution: SpectralSolution)
     )
     top, below, bottom = C.root
     residual = 2.0 * np.stack([top * white[0], below * white[0] + bottom * white[1]])
-    found = corrected_spectrum(C, residual, np.zeros(C.first.size))
-    ratio = np.median(found.first / C.first), np.median(found.second / C.second)
+    spectrum = corrected_spectrum(C, residual, np.zeros(C.first.size))
+    ratio = np.median(spectrum.first / C.first), np.median(spectrum.second / C.second)
     np.testing.assert_allclose(ratio, 4.0, rtol=0.12)

@@ -52,28 +52,28 @@ def problem_of_flight() -> SeparableProblem:
 
 @pytest.mark.thorough
 def test_a_flight_is_told_with_its_lag_and_its_noises() -> None:
-    found = identified("spectral_giv")
-    assert found.verdict.status is Status.IDENTIFIED
+    result = identified("spectral_giv")
+    assert result.verdict.status is Status.IDENTIFIED
     for name, true in TRUTH.items():
-        low, high = found.quantities[name].interval
+        low, high = result.quantities[name].interval
         assert low < true < high
-    assert found.fit is not None
-    velocity, acceleration, _ = found.fit.estimate.noises
+    assert result.fit is not None
+    velocity, acceleration, _ = result.fit.estimate.noises
     for noise, std in ((velocity, 0.03), (acceleration, 0.3)):
         at_low_order = std * np.sqrt(2.0 * STEP_S)
         assert noise.strength == pytest.approx(at_low_order, abs=4.0 * noise.strength_error)
         assert abs(noise.order) < 4.0 * noise.order_error
         assert 0.0 < noise.strength_error < 0.5 * at_low_order
-    told = [finding.message for finding in found.findings if finding.name == "fitted_noise"]
-    assert len(told) == 1
-    assert "per root of Hz, at 1 Hz" in told[0]
+    messages = [finding.message for finding in result.findings if finding.name == "fitted_noise"]
+    assert len(messages) == 1
+    assert "per root of Hz, at 1 Hz" in messages[0]
 
 
 @pytest.mark.thorough
 def test_declared_noises_are_taken_as_they_are() -> None:
-    found = identified("spectral_giv", noise={"velocity_z": 0.03, "specific_force_z": 0.3})
-    assert found.fit is not None
-    velocity, acceleration, disturbance = found.fit.estimate.noises
+    result = identified("spectral_giv", noise={"velocity_z": 0.03, "specific_force_z": 0.3})
+    assert result.fit is not None
+    velocity, acceleration, disturbance = result.fit.estimate.noises
     assert velocity.strength == pytest.approx(0.03 * np.sqrt(2.0 * STEP_S), rel=1e-3)
     assert acceleration.strength == pytest.approx(0.3 * np.sqrt(2.0 * STEP_S), rel=1e-3)
     assert velocity.strength_error == velocity.order == velocity.order_error == 0.0
@@ -82,23 +82,23 @@ def test_declared_noises_are_taken_as_they_are() -> None:
 
 @pytest.mark.thorough
 def test_a_likelihood_under_control_is_provisional_at_most() -> None:
-    found = identified("whittle_ml")
-    assert found.verdict.status is Status.PROVISIONAL
-    assert found.fit is not None
-    assert found.fit.estimate.method == "whittle_ml"
-    low, high = found.quantities["viscous_friction"].interval
+    result = identified("whittle_ml")
+    assert result.verdict.status is Status.PROVISIONAL
+    assert result.fit is not None
+    assert result.fit.estimate.method == "whittle_ml"
+    low, high = result.quantities["viscous_friction"].interval
     assert low < FRICTION < high
 
 
 @pytest.mark.thorough
 def test_where_generalized_iv_contradicts_it_its_numbers_are_given(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(spectral_iv, "_apart", lambda *_: (30.0, 13.8))
-    found, plain = identified("spectral_giv"), identified("generalized_iv")
-    assert found.verdict.status is Status.WEAK
-    assert any("generalized IV's numbers" in sentence for sentence in found.verdict.sentences)
-    assert found.fit is not None
-    assert found.fit.estimate.method == "spectral_giv"
-    assert found.quantities["viscous_friction"].value == plain.quantities["viscous_friction"].value
+    monkeypatch.setattr(spectral_iv, "_separated", lambda *_: (30.0, 13.8))
+    result, plain = identified("spectral_giv"), identified("generalized_iv")
+    assert result.verdict.status is Status.WEAK
+    assert any("generalized IV's numbers" in sentence for sentence in result.verdict.sentences)
+    assert result.fit is not None
+    assert result.fit.estimate.method == "spectral_giv"
+    assert result.quantities["viscous_friction"].value == plain.quantities["viscous_friction"].value
 
 
 @pytest.mark.thorough
@@ -107,18 +107,18 @@ def test_equations_without_a_solution_leave_generalized_iv(monkeypatch: pytest.M
         raise EstimationError("a solution", "none", "Fly more.")
 
     monkeypatch.setattr(PairWhitening, "first_pass", fails)
-    found = identified("spectral_giv")
-    assert found.verdict.status is Status.WEAK
-    assert any("its equations have no solution" in sentence for sentence in found.verdict.sentences)
+    result = identified("spectral_giv")
+    assert result.verdict.status is Status.WEAK
+    assert any("its equations have no solution" in sentence for sentence in result.verdict.sentences)
 
 
 @pytest.mark.parametrize("method", ["spectral_giv", "whittle_ml"])
 def test_without_an_accelerometer_it_is_refused(method: str) -> None:
     log = log_of()
-    channels = {name: one for name, one in log.channels.items() if name != "specific_force_z"}
-    found = ev.identify_flight(replace(log, channels=channels), method=method, input_map="square")
-    assert found.verdict.status is Status.REFUSED
-    assert "accelerometer" in found.verdict.sentences[0]
+    channels = {name: channel for name, channel in log.channels.items() if name != "specific_force_z"}
+    identify_flight = ev.identify_flight(replace(log, channels=channels), method=method, input_map="square")
+    assert identify_flight.verdict.status is Status.REFUSED
+    assert "accelerometer" in identify_flight.verdict.sentences[0]
 
 
 @pytest.mark.thorough
@@ -126,18 +126,25 @@ def test_answers_that_are_apart_are_told_and_those_at_another_delay_are_not(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     problem = problem_of_flight()
-    found = spectral_giv_of_flights("spectral_giv", problem)
-    distance, farthest = spectral_iv._apart(found, found)
+    spectral_giv = spectral_giv_of_flights("spectral_giv", problem)
+    distance, farthest = spectral_iv._separated(spectral_giv, spectral_giv)
     assert distance == 0.0
     moved = replace(
-        found.best,
+        spectral_giv.best,
         solved=replace(
-            found.best.solved,
-            solution=replace(found.best.solution, theta=found.best.theta * np.array([1.0, 2.0])),
+            spectral_giv.best.solved,
+            solution=replace(
+                spectral_giv.best.solution, theta=spectral_giv.best.theta * np.array([1.0, 2.0])
+            ),
         ),
     )
-    assert spectral_iv._apart(found, replace(found, candidates=(moved,)))[0] > farthest
-    assert spectral_iv._apart(found, replace(found, candidates=(moved, *found.candidates)))[0] == 0.0
+    assert spectral_iv._separated(spectral_giv, replace(spectral_giv, candidates=(moved,)))[0] > farthest
+    assert (
+        spectral_iv._separated(
+            spectral_giv, replace(spectral_giv, candidates=(moved, *spectral_giv.candidates))
+        )[0]
+        == 0.0
+    )
 
 
 # -- pairs ------------------------------------------------------------------------------------------------
@@ -152,10 +159,10 @@ def test_the_second_equation_is_exact_for_an_input_that_is_linear_between_sample
     time = step_s * np.arange(count)
     u = sum(np.sin(2.0 * np.pi * hertz * time + hertz) for hertz in (0.3, 1.1, 2.3))
     decay = np.exp(-K * step_s)
-    ahead = (step_s - (1.0 - decay) / K) / (K * step_s)
+    prediction = (step_s - (1.0 - decay) / K) / (K * step_s)
     v = np.zeros(count)
     for k in range(count - 1):
-        v[k + 1] = decay * v[k] + b * (((1.0 - decay) / K - ahead) * u[k] + ahead * u[k + 1])
+        v[k + 1] = decay * v[k] + b * (((1.0 - decay) / K - prediction) * u[k] + prediction * u[k + 1])
     run = run_of(count, step_s)
     columns = run.spectrum(np.column_stack([np.gradient(v, step_s), -v, u]))
     bins = SpectralRegression(
@@ -171,9 +178,9 @@ def test_the_second_equation_is_exact_for_an_input_that_is_linear_between_sample
 def test_two_equations_are_combined_with_the_least_power() -> None:
     problem = problem_of_flight()
     bins = problem.bins(problem.first_values)
-    ones = np.ones(bins.responses.shape[0])
-    C = PairSpectrum(1.0 * ones, 4.0 * ones, (0.5 + 0.8j) * ones)
-    rows = _weighted(problem, bins, ModelledSpectra(), (C, ones), 0)
+    entries = np.ones(bins.responses.shape[0])
+    C = PairSpectrum(1.0 * entries, 4.0 * entries, (0.5 + 0.8j) * entries)
+    rows = _weighted(problem, bins, ModelledSpectra(), (C, entries), 0)
     assert isinstance(rows.white.problem, CombinedProblem)
     weights = rows.white.problem.weights[0]
     assert weights.sum() == pytest.approx(1.0)
@@ -201,7 +208,7 @@ def test_the_noises_of_a_pair_are_those_that_made_it() -> None:
         (),
         layout,
     )
-    velocity, acceleration, disturbance = pairs.told(bins)
+    velocity, acceleration, disturbance = pairs.fitted_noises(bins)
     assert velocity.strength == pytest.approx(0.005 * 0.2, rel=0.1)
     assert acceleration.strength == pytest.approx(0.05 * 0.2, rel=0.1)
     assert abs(velocity.order) < 0.1

@@ -41,7 +41,7 @@ def test_errors_are_smaller_than_generalized_ivs(problem_of: ProblemOf) -> None:
         problem = problem_of("white", 1000, seed)
         for name, method in (("spectral", ev.methods.spectral_giv), ("plain", ev.methods.generalized_iv)):
             errors[name].append(ev.identify(problem, method()).best.values[:2] / TRUTH - 1.0)
-    rmse = {name: np.sqrt(np.mean(np.square(found), axis=0)) for name, found in errors.items()}
+    rmse = {name: np.sqrt(np.mean(np.square(error), axis=0)) for name, error in errors.items()}
     assert rmse["spectral"][0] < 0.4 * rmse["plain"][0]
     assert rmse["spectral"][1] < rmse["plain"][1]
 
@@ -71,9 +71,9 @@ def test_a_sparse_multisine_is_estimated_near_the_bound(lines: int) -> None:
 
 
 def test_under_control_the_reference_is_the_instrument(problem_of: ProblemOf) -> None:
-    found = ev.identify(problem_of("closed-loop", 2000, 5), ev.methods.spectral_giv())
-    for name, true in zip(found.names[:2], TRUTH, strict=True):
-        low, high = found.interval(name)
+    result = ev.identify(problem_of("closed-loop", 2000, 5), ev.methods.spectral_giv())
+    for name, true in zip(result.names[:2], TRUTH, strict=True):
+        low, high = result.interval(name)
         assert low < true < high
 
 
@@ -86,9 +86,9 @@ def test_an_input_that_moves_between_samples_is_found_out() -> None:
     for seed in range(2, 6):
         signals = ev.simulate(scenario, np.random.default_rng(seed)).signals
         problem = ev.VerticalMotion(intercept=False).regression(signals, ev.lags("input", 0, 10))
-        found = ev.identify(problem, ev.methods.spectral_giv())
-        assert found.status is Status.IDENTIFIED
-        assert abs(found.parameters["input_gain"] - TRUTH[1]) < 3.0 * found.std_error("input_gain")
+        result = ev.identify(problem, ev.methods.spectral_giv())
+        assert result.status is Status.IDENTIFIED
+        assert abs(result.parameters["input_gain"] - TRUTH[1]) < 3.0 * result.std_error("input_gain")
         # a likelihood that takes the input as held is 3 % off, which generalized IV tells where it is sharp
         likelihood = ev.identify(problem, ev.methods.whittle_ml())
         assert likelihood.parameters["input_gain"] < 0.98 * TRUTH[1]
@@ -99,11 +99,11 @@ def test_an_input_that_moves_between_samples_is_found_out() -> None:
 
 def test_a_likelihood_says_weak_of_an_input_that_is_not_held(problem_of: ProblemOf) -> None:
     for seed in range(3):
-        found = ev.identify(problem_of("rich-linear", 500, seed), ev.methods.whittle_ml())
-        low, high = found.interval("input_gain")
+        result = ev.identify(problem_of("rich-linear", 500, seed), ev.methods.whittle_ml())
+        low, high = result.interval("input_gain")
         assert not low <= TRUTH[1] <= high
-        assert found.status is Status.WEAK
-        assert any("The input is not held between samples" in reason.sentence for reason in found.reasons)
+        assert result.status is Status.WEAK
+        assert any("The input is not held between samples" in reason.sentence for reason in result.reasons)
         assert ev.identify(problem_of("rich", 500, seed), ev.methods.whittle_ml()).status is Status.IDENTIFIED
 
 
@@ -122,32 +122,32 @@ def test_without_the_noise_of_the_input_a_likelihood_assumes_nothing(problem_of:
 def test_an_unknown_noise_of_a_coloured_input_is_told_with_the_parameters(problem_of: ProblemOf) -> None:
     problem = problem_of("rich-high", 4000, 3)
     known = ev.identify(problem, ev.methods.spectral_giv())
-    found = ev.identify(without_noise(problem, "input"), ev.methods.spectral_giv())
-    assert found.status is Status.IDENTIFIED
-    (noise,) = (one for one in found.noises if one.of == "input")
+    result = ev.identify(without_noise(problem, "input"), ev.methods.spectral_giv())
+    assert result.status is Status.IDENTIFIED
+    (noise,) = (item for item in result.noises if item.of == "input")
     true = problem.signals.noise["input"].std
     assert noise.strength == pytest.approx(true, abs=3.0 * noise.strength_error)
     assert 0.02 * true < noise.strength_error < 0.2 * true
-    for name, truth in zip(found.names, TRUTH, strict=True):
-        low, high = found.interval(name)
+    for name, truth in zip(result.names, TRUTH, strict=True):
+        low, high = result.interval(name)
         assert low < truth < high
-        assert found.std_error(name) >= 0.95 * known.std_error(name)
-    assert not any(one.of == "input" for one in known.noises)
+        assert result.std_error(name) >= 0.95 * known.std_error(name)
+    assert not any(item.of == "input" for item in known.noises)
     combined = ev.identify(without_noise(problem, "input"), ev.methods.spectral_giv_combined())
-    assert any(one.of == "input" for one in combined.noises)
+    assert any(item.of == "input" for item in combined.noises)
 
 
 def test_an_unknown_noise_of_a_white_input_is_refused(problem_of: ProblemOf) -> None:
-    found = ev.identify(without_noise(problem_of("white", 1000, 1), "input"), ev.methods.spectral_giv())
-    assert found.status is Status.REFUSED
-    assert found.method == "spectral_giv"
+    result = ev.identify(without_noise(problem_of("white", 1000, 1), "input"), ev.methods.spectral_giv())
+    assert result.status is Status.REFUSED
+    assert result.method == "spectral_giv"
 
 
 def test_with_references_the_noise_of_the_input_is_of_no_account(problem_of: ProblemOf) -> None:
     problem = problem_of("closed-loop", 2000, 5)
-    found = ev.identify(without_noise(problem, "input"), ev.methods.spectral_giv())
-    for name, true in zip(found.names[:2], TRUTH, strict=True):
-        low, high = found.interval(name)
+    result = ev.identify(without_noise(problem, "input"), ev.methods.spectral_giv())
+    for name, true in zip(result.names[:2], TRUTH, strict=True):
+        low, high = result.interval(name)
         assert low < true < high
 
 
@@ -178,11 +178,11 @@ def test_where_there_is_no_spectral_answer_generalized_ivs_is_given(method: Call
         warnings.simplefilter("ignore")
         plain = ev.identify(problem, ev.methods.generalized_iv())
     with pytest.warns(FallbackWarning, match="generalized IV's numbers"):
-        found = ev.identify(problem, method())
-    np.testing.assert_array_equal(found.best.values, plain.best.values)
-    assert found.status is Status.WEAK
-    assert any("The spectral estimate is not given" in reason.sentence for reason in found.reasons)
-    assert np.isfinite(found.interval("input_gain")).all()
+        result = ev.identify(problem, method())
+    np.testing.assert_array_equal(result.best.values, plain.best.values)
+    assert result.status is Status.WEAK
+    assert any("The spectral estimate is not given" in reason.sentence for reason in result.reasons)
+    assert np.isfinite(result.interval("input_gain")).all()
 
 
 def with_gap(problem: ev.SignalRegression) -> ev.SignalRegression:
@@ -201,32 +201,32 @@ def test_a_record_without_spectra_gets_generalized_ivs_answer(
         (with_gap(problem_of("rich", 500, 1)), "20 of 500 samples are not valid", "stretch between gaps"),
     ):
         with pytest.warns(FallbackWarning, match=why):
-            found = ev.identify(problem, method())
+            result = ev.identify(problem, method())
         plain = ev.identify(problem, ev.methods.generalized_iv())
-        np.testing.assert_array_equal(found.best.values, plain.best.values)
-        assert found.status is Status.WEAK
-        assert why in found.summary()
-        assert remedy in found.reasons[-1].remedy
+        np.testing.assert_array_equal(result.best.values, plain.best.values)
+        assert result.status is Status.WEAK
+        assert why in result.summary()
+        assert remedy in result.reasons[-1].remedy
 
 
 def test_a_short_record_says_what_it_gets(problem_of: ProblemOf) -> None:
     problem = problem_of("rich", 300, 1)
-    found, combined = (
+    result, combined = (
         ev.identify(problem, method())
         for method in (ev.methods.spectral_giv, ev.methods.spectral_giv_combined)
     )
-    np.testing.assert_array_equal(found.best.values, combined.best.values)
-    assert found.status is Status.IDENTIFIED
-    assert "300 samples are fewer than 400: this is the combination" in found.summary()
+    np.testing.assert_array_equal(result.best.values, combined.best.values)
+    assert result.status is Status.IDENTIFIED
+    assert "300 samples are fewer than 400: this is the combination" in result.summary()
     assert "fewer than" not in combined.summary()
 
 
 def test_diagnostics_read_the_whitened_rows(problem_of: ProblemOf) -> None:
-    found = ev.identify(problem_of("rich", 1000, 3), ev.methods.spectral_giv())
-    assert found.best.has_rows
-    assert found.residuals.size == 2000
-    assert np.var(found.residuals) == pytest.approx(1.0, abs=0.15)
-    assert found.to_frame().height == len(found.names)
+    result = ev.identify(problem_of("rich", 1000, 3), ev.methods.spectral_giv())
+    assert result.best.has_rows
+    assert result.residuals.size == 2000
+    assert np.var(result.residuals) == pytest.approx(1.0, abs=0.15)
+    assert result.to_frame().height == len(result.names)
 
 
 @pytest.mark.thorough
@@ -236,7 +236,7 @@ def test_declared_noises_are_taken_as_they_are(problem_of: ProblemOf) -> None:
     bare = replace(problem.signals, noise={"input": problem.signals.noise["input"]})
     loud = replace(problem.signals, noise={**problem.signals.noise, "velocity_z": ev.WhiteNoise(10.0)})
     problems = problem, replace(problem, signals=bare), replace(problem, signals=loud)
-    known, fitted, wrong = (ev.identify(one, ev.methods.whittle_ml()).best.values for one in problems)
+    known, fitted, wrong = (ev.identify(item, ev.methods.whittle_ml()).best.values for item in problems)
     np.testing.assert_allclose(known, fitted, rtol=0.02)
     assert not np.array_equal(known, fitted)
     assert np.abs(wrong / known - 1.0).max() > 2.0 * np.abs(fitted / known - 1.0).max()
@@ -253,5 +253,5 @@ def test_answers_that_differ_by_chance_are_no_contradiction() -> None:
 
     ratios = np.random.default_rng(2).standard_normal((4000, 10, 2))
     spread = np.einsum("ikj,ikl->ijl", ratios[:, :8], ratios[:, :8]) / 8.0
-    apart = np.einsum("ij,ij->i", ratios[:, 9], np.linalg.solve(spread, ratios[:, 9][..., None])[..., 0])
-    assert (apart > FARTHEST).mean() < 0.004 < (apart > 13.8).mean()
+    separated = np.einsum("ij,ij->i", ratios[:, 9], np.linalg.solve(spread, ratios[:, 9][..., None])[..., 0])
+    assert (separated > FARTHEST).mean() < 0.004 < (separated > 13.8).mean()

@@ -12,13 +12,15 @@ from eivor.fleet.change_points import Ordered, after_step, deviation_p_values, d
 from eivor.inference.random_effects import Groups
 
 
-def ordered(y, sizes, *, errors=1e-12, at=None, weights=None) -> Ordered:
+def ordered(y, sizes, *, errors=1e-12, nuisances=None, weights=None) -> Ordered:
     """Rows whose own variances are next to nothing unless said otherwise."""
     y = np.asarray(y, dtype=float)
     weights = np.ones(y.size) if weights is None else weights
-    at = np.concatenate([np.arange(size, dtype=float) for size in sizes]) if at is None else at
+    nuisances = (
+        np.concatenate([np.arange(size, dtype=float) for size in sizes]) if nuisances is None else nuisances
+    )
     none = np.zeros((0, y.size)), np.zeros((len(sizes), 0, 0))
-    return Ordered(Groups(np.array(sizes)), y, np.full(y.size, errors), weights, weights, at, *none)
+    return Ordered(Groups(np.array(sizes)), y, np.full(y.size, errors), weights, weights, nuisances, *none)
 
 
 def drawn(seed: int, rows: int) -> tuple[np.ndarray, np.ndarray]:
@@ -28,21 +30,21 @@ def drawn(seed: int, rows: int) -> tuple[np.ndarray, np.ndarray]:
 
 def test_drifts_are_those_of_weighted_least_squares():
     y, weights = drawn(1, 19)
-    found = drifts(ordered(y, [7, 12], weights=weights))
+    result = drifts(ordered(y, [7, 12], weights=weights))
     for number, rows in enumerate((slice(0, 7), slice(7, 19))):
-        at = np.arange(y[rows].size, dtype=float)
-        truth = sm.WLS(y[rows], sm.add_constant(at), weights=weights[rows]).fit()
-        assert found.slope[number] == pytest.approx(truth.params[1])
-        assert found.std_error[number] == pytest.approx(truth.bse[1])
-        assert found.p_values[number] == pytest.approx(truth.pvalues[1])
-        assert found.half_widths()[number] == pytest.approx(np.diff(truth.conf_int()[1])[0] / 2)
-        assert found.line[rows] == pytest.approx(truth.fittedvalues)
+        position = np.arange(y[rows].size, dtype=float)
+        truth = sm.WLS(y[rows], sm.add_constant(position), weights=weights[rows]).fit()
+        assert result.slope[number] == pytest.approx(truth.params[1])
+        assert result.std_error[number] == pytest.approx(truth.bse[1])
+        assert result.p_values[number] == pytest.approx(truth.pvalues[1])
+        assert result.half_widths()[number] == pytest.approx(np.diff(truth.conf_int()[1])[0] / 2)
+        assert result.line[rows] == pytest.approx(truth.fittedvalues)
 
 
 def test_a_drift_of_flights_at_one_time_is_not_told():
-    found = drifts(ordered([1.0, 2.0, 4.0], [3], at=np.zeros(3)))
-    assert found.p_values[0] == 1.0
-    assert found.half_widths()[0] == np.inf
+    result = drifts(ordered([1.0, 2.0, 4.0], [3], nuisances=np.zeros(3)))
+    assert result.p_values[0] == 1.0
+    assert result.half_widths()[0] == np.inf
 
 
 def test_what_errors_say_is_a_floor():
@@ -53,28 +55,28 @@ def test_what_errors_say_is_a_floor():
 def test_a_step_is_the_best_of_all_pairs_of_means():
     y, weights = drawn(2, 25)
     y[6:15] += 5.0  # the first group, of 15, after its sixth
-    found = steps(ordered(y, [15, 10], weights=weights))
+    result = steps(ordered(y, [15, 10], weights=weights))
     for number, rows in enumerate((slice(0, 15), slice(15, 25))):
-        own, w = y[rows], weights[rows]
-        after = [np.arange(own.size) >= place for place in range(3, own.size - 2)]
-        fits = [sm.WLS(own, sm.add_constant(one.astype(float)), weights=w).fit() for one in after]
+        current, w = y[rows], weights[rows]
+        after = [np.arange(current.size) >= item for item in range(3, current.size - 2)]
+        fits = [sm.WLS(current, sm.add_constant(item.astype(float)), weights=w).fit() for item in after]
         best = max(fits, key=lambda fit: abs(fit.tvalues[1]))
-        assert found.place[number] == 3 + fits.index(best)
-        assert found.size[number] == pytest.approx(best.params[1])
-        assert found.half_width[number] == pytest.approx(np.diff(best.conf_int()[1])[0] / 2)
-        assert found.squares[number] == pytest.approx(best.ssr)
-        line = ordered(own, [own.size], weights=w)
+        assert result.index[number] == 3 + fits.index(best)
+        assert result.size[number] == pytest.approx(best.params[1])
+        assert result.half_width[number] == pytest.approx(np.diff(best.conf_int()[1])[0] / 2)
+        assert result.squares[number] == pytest.approx(best.ssr)
+        line = ordered(current, [current.size], weights=w)
         assert after_step(line) == pytest.approx(after[fits.index(best)])
         # between what one test and all of them would say
-        assert best.pvalues[1] <= found.p_values[number] <= min(1.0, len(fits) * best.pvalues[1])
-        assert found.first[number] <= found.place[number] <= found.last[number]
-    assert found.place[0] == 6
-    assert found.p_values[0] < 0.01 < found.p_values[1]
+        assert best.pvalues[1] <= result.p_values[number] <= min(1.0, len(fits) * best.pvalues[1])
+        assert result.first[number] <= result.index[number] <= result.last[number]
+    assert result.index[0] == 6
+    assert result.p_values[0] < 0.01 < result.p_values[1]
 
 
 def test_too_few_estimates_have_no_step():
-    found = steps(ordered([0.0, 0.0, 0.0, 9.0, 9.0], [5]))
-    assert (found.p_values[0], found.size[0], found.half_width[0]) == (1.0, 0.0, np.inf)
+    result = steps(ordered([0.0, 0.0, 0.0, 9.0, 9.0], [5]))
+    assert (result.p_values[0], result.size[0], result.half_width[0]) == (1.0, 0.0, np.inf)
     assert not after_step(ordered([0.0, 0.0, 0.0, 9.0, 9.0], [5])).any()
 
 
@@ -90,27 +92,33 @@ def test_the_search_for_a_place_is_counted(size):
 
 def test_slopes_are_those_of_least_squares_with_means_and_lines_of_their_own():
     rng = np.random.default_rng(3)
-    sizes, at = [9, 12], np.concatenate([np.arange(9.0), np.arange(12.0)])
+    sizes, position = [9, 12], np.concatenate([np.arange(9.0), np.arange(12.0)])
     x = rng.standard_normal((2, 21))
-    y = 0.7 * x[0] - 0.2 * x[1] + np.repeat([1.0, 5.0], sizes) + 0.1 * at + 3.0 * rng.standard_normal(21)
+    y = (
+        0.7 * x[0]
+        - 0.2 * x[1]
+        + np.repeat([1.0, 5.0], sizes)
+        + 0.1 * position
+        + 3.0 * rng.standard_normal(21)
+    )
     weights = rng.uniform(0.5, 2.0, 21)
     nothing = np.zeros(2), np.full(2, np.inf)
-    found = shared_slopes(
-        Groups(np.array(sizes)), Groups(np.array([2])), y, weights, at[None, :], x, *nothing
+    slopes = shared_slopes(
+        Groups(np.array(sizes)), Groups(np.array([2])), y, weights, position[None, :], x, *nothing
     )
-    own = np.repeat(np.eye(2), sizes, axis=0)
-    truth = sm.WLS(y, np.column_stack([x.T, own, own * at[:, None]]), weights=weights).fit()
+    current = np.repeat(np.eye(2), sizes, axis=0)
+    truth = sm.WLS(y, np.column_stack([x.T, current, current * position[:, None]]), weights=weights).fit()
     assert truth.scale > 1.0
-    assert found.values[0] == pytest.approx(truth.params[:2])
-    assert found.covariance[0] == pytest.approx(truth.cov_params()[:2, :2])
+    assert slopes.values[0] == pytest.approx(truth.params[:2])
+    assert slopes.covariance[0] == pytest.approx(truth.cov_params()[:2, :2])
 
 
 def test_what_is_expected_of_a_slope_is_one_more_measurement():
     """By hand: alone where there are too few rows; a covariate that never varies has no other slope."""
     few = Groups(np.array([3])), Groups(np.array([1])), np.arange(3.0), np.ones(3), np.arange(3.0)[None, :]
-    found = shared_slopes(*few, np.ones((1, 3)), np.array([1.0]), np.array([0.3]))
-    assert found.values[0] == pytest.approx([1.0])
-    assert found.covariance[0, 0] == pytest.approx([0.09])
+    slopes = shared_slopes(*few, np.ones((1, 3)), np.array([1.0]), np.array([0.3]))
+    assert slopes.values[0] == pytest.approx([1.0])
+    assert slopes.covariance[0, 0] == pytest.approx([0.09])
     many = (
         Groups(np.array([20])),
         Groups(np.array([1])),
@@ -126,8 +134,8 @@ def test_deviations_are_externally_studentized_residuals():
     y, _ = drawn(4, 12)
     y[5] += 6.0
     made = ordered(y, [12])
-    found = drifts(made)
-    p_values = deviation_p_values(made, found.line, found.leverage, np.array([2.0]))
+    result = drifts(made)
+    p_values = deviation_p_values(made, result.line, result.leverage, np.array([2.0]))
     truth = OLSInfluence(sm.OLS(y, sm.add_constant(np.arange(12.0))).fit())
     far = np.abs(truth.resid_studentized_external) > 2.0
     assert far[5]

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from eivor.fleet.change_points import Isolation
+from eivor.fleet.change_points import OutlierTest
 from eivor.inference.random_effects import Groups, one_group
 
 
 def added(y: np.ndarray, sizes: list[int], sets: Groups | None = None) -> np.ndarray:
     """What is added to variances of 1e-4, the groups a set unless said otherwise."""
     v = np.full(y.size, 1e-4)
-    return Isolation(Groups(np.array(sizes)), sets or one_group(len(sizes)), v).added(y)
+    return OutlierTest(Groups(np.array(sizes)), sets or one_group(len(sizes)), v).added(y)
 
 
 def noise(seed: int, rows: int) -> np.ndarray:
@@ -21,9 +21,9 @@ def noise(seed: int, rows: int) -> np.ndarray:
 def test_a_single_far_estimate_has_its_distance_as_error(place):
     y = noise(1, 20)
     y[place] += 0.3
-    found = added(y, [20])
-    assert np.flatnonzero(found).tolist() == [place]
-    assert np.sqrt(found[place]) == pytest.approx(0.3, abs=0.03)
+    result = added(y, [20])
+    assert np.flatnonzero(result).tolist() == [place]
+    assert np.sqrt(result[place]) == pytest.approx(0.3, abs=0.03)
 
 
 @pytest.mark.parametrize("place", [3, 4, 10, 16, 17])

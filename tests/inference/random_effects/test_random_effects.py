@@ -33,15 +33,15 @@ def drawn(seed: int, sizes: list[int], between: float) -> tuple[Groups, np.ndarr
 @pytest.mark.parametrize("between", [0.1, 0.2, 0.4])
 def test_statsmodels_gives_the_same_variances_between_and_means(between):
     groups, y, v = drawn(3, [4, 9, 20], between)  # of two estimates its iteration does not converge
-    found = random_effects_means(groups, y, v, paule_mandel(groups, y, v))
+    means = random_effects_means(groups, y, v, paule_mandel(groups, y, v))
     moments = moment_between(groups, y, v)
     for number, start in enumerate(groups.starts):
         rows = slice(start, start + groups.sizes[number])
         iterated = combine_effects(y[rows], v[rows], method_re="iterated", use_t=True, atol=1e-12)
-        assert found.between[number] == pytest.approx(max(iterated.tau2, 0.0), abs=1e-6)
-        assert found.value[number] == pytest.approx(iterated.mean_effect_re, abs=1e-6)
+        assert means.between[number] == pytest.approx(max(iterated.tau2, 0.0), abs=1e-6)
+        assert means.value[number] == pytest.approx(iterated.mean_effect_re, abs=1e-6)
         plain = iterated.sd_eff_w_re_hksj if iterated.scale_hksj_re >= 1.0 else iterated.sd_eff_w_re
-        assert np.sqrt(found.variance[number]) == pytest.approx(plain, abs=1e-6)
+        assert np.sqrt(means.variance[number]) == pytest.approx(plain, abs=1e-6)
         assert moments[number] == pytest.approx(
             max(combine_effects(y[rows], v[rows], method_re="dl").tau2, 0.0), abs=1e-9
         )
@@ -54,8 +54,8 @@ def test_pymare_gives_the_same_interval_of_the_variance_between():
     assert high[0] == pytest.approx(1.3314842698242637, abs=1e-6)
     moments = moment_between(one_group(4), Y, V)
     assert moments[0] == pytest.approx(0.12309523809523817, abs=1e-9)
-    found = random_effects_means(one_group(4), Y, V, moments)
-    assert found.value[0] == pytest.approx(0.3582979087615189, abs=1e-9)
+    means = random_effects_means(one_group(4), Y, V, moments)
+    assert means.value[0] == pytest.approx(0.3582979087615189, abs=1e-9)
 
 
 def test_pymare_gives_the_same_of_flights_as_they_are():
@@ -66,24 +66,24 @@ def test_pymare_gives_the_same_of_flights_as_they_are():
     assert (low[0], high[0]) == pytest.approx((0.0006566118607090315, 0.012827818979102555), abs=1e-6)
     moments = moment_between(one_group(9), y, v)
     assert moments[0] == pytest.approx(0.00144084, abs=1e-8)
-    found = random_effects_means(one_group(9), y, v, moments)
-    assert found.value[0] == pytest.approx(3.59964825, abs=1e-6)
+    means = random_effects_means(one_group(9), y, v, moments)
+    assert means.value[0] == pytest.approx(3.59964825, abs=1e-6)
 
 
 def test_groups_at_once_are_as_one_by_one():
     groups, y, v = drawn(5, [3, 1, 7], 0.03)
-    found = random_effects_means(groups, y, v, paule_mandel(groups, y, v))
-    ahead = between_distribution(groups, y, v).next_half_widths(found.value)
+    means = random_effects_means(groups, y, v, paule_mandel(groups, y, v))
+    next_half_widths = between_distribution(groups, y, v).next_half_widths(means.value)
     for number, (start, size) in enumerate(zip(groups.starts, groups.sizes, strict=True)):
-        one, rows = one_group(int(size)), slice(start, start + size)
-        alone = random_effects_means(one, y[rows], v[rows], paule_mandel(one, y[rows], v[rows]))
-        assert alone.value[0] == pytest.approx(found.value[number], rel=1e-12)
-        assert alone.half_widths()[0] == pytest.approx(found.half_widths()[number], rel=1e-9)
-        assert between_distribution(one, y[rows], v[rows]).next_half_widths(alone.value)[0] == pytest.approx(
-            ahead[number], rel=1e-6
-        )
-    assert found.half_widths()[1] == np.inf
-    assert ahead[1] == np.inf
+        group, rows = one_group(int(size)), slice(start, start + size)
+        alone = random_effects_means(group, y[rows], v[rows], paule_mandel(group, y[rows], v[rows]))
+        assert alone.value[0] == pytest.approx(means.value[number], rel=1e-12)
+        assert alone.half_widths()[0] == pytest.approx(means.half_widths()[number], rel=1e-9)
+        assert between_distribution(group, y[rows], v[rows]).next_half_widths(alone.value)[
+            0
+        ] == pytest.approx(next_half_widths[number], rel=1e-6)
+    assert means.half_widths()[1] == np.inf
+    assert next_half_widths[1] == np.inf
     assert [end[1] for end in q_profile(groups, y, v)] == [0.0, np.inf]
 
 
@@ -91,10 +91,10 @@ def test_the_mean_of_estimates_that_differ_counts_the_differences():
     """By hand: equal variances v give equal weights, and the variance of the estimates over n."""
     y, v = np.array([0.1, 0.3, 0.8]), np.full(3, 1e-4)
     for between in (moment_between, paule_mandel):
-        found = random_effects_means(one_group(3), y, v, between(one_group(3), y, v))
-        assert found.value[0] == pytest.approx(0.4)
-        assert found.between[0] == pytest.approx(np.var(y, ddof=1) - 1e-4)
-        assert found.variance[0] == pytest.approx(np.var(y, ddof=1) / 3.0)
+        means = random_effects_means(one_group(3), y, v, between(one_group(3), y, v))
+        assert means.value[0] == pytest.approx(0.4)
+        assert means.between[0] == pytest.approx(np.var(y, ddof=1) - 1e-4)
+        assert means.variance[0] == pytest.approx(np.var(y, ddof=1) / 3.0)
     # estimates closer to each other than their errors: never below what these say
     same = np.full(3, 0.4)
     close = random_effects_means(one_group(3), same, v, paule_mandel(one_group(3), same, v))
@@ -105,8 +105,8 @@ def test_groups_that_go_together_have_one_variance_between():
     """By hand: with equal v it is the pooled variance of the rows about the means of their groups, less v."""
     groups, y = Groups(np.array([2, 3, 1])), np.array([0.0, 0.2, 1.0, 1.3, 1.6, 5.0])
     v = np.full(6, 1e-3)
-    found = paule_mandel(groups, y, v, together=one_group(3))
-    assert found == pytest.approx(np.full(3, (0.02 + 0.18) / 3.0 - 1e-3))
+    mandel = paule_mandel(groups, y, v, together=one_group(3))
+    assert mandel == pytest.approx(np.full(3, (0.02 + 0.18) / 3.0 - 1e-3))
 
 
 @pytest.mark.parametrize("between", [0.0, 0.02, 0.05])
@@ -121,8 +121,8 @@ def test_the_prediction_is_that_of_draws_from_the_confidence_distribution(betwee
     weights = 1.0 / (v + t[:, None])
     means = weights @ y / weights.sum(axis=1)
     q = (weights * (y - means[:, None]) ** 2).sum(axis=1)
-    at = np.clip(np.searchsorted(-q, -rng.chisquare(4, draws)), 0, t.size - 1)
-    following = means[at] + np.sqrt(1.0 / weights.sum(axis=1) + t)[at] * rng.standard_normal(draws)
+    index = np.clip(np.searchsorted(-q, -rng.chisquare(4, draws)), 0, t.size - 1)
+    following = means[index] + np.sqrt(1.0 / weights.sum(axis=1) + t)[index] * rng.standard_normal(draws)
     inside = np.mean(np.abs(following - centre) <= half)
     assert inside == pytest.approx(0.95, abs=4 * np.sqrt(0.95 * 0.05 / draws))
 
@@ -132,9 +132,9 @@ def test_the_mean_of_estimates_with_equal_errors_is_no_longer_than_students(betw
     """Truth: with equal v and a clear variance between, mixture and Hartung-Knapp are Student's t both."""
     groups, y, _ = drawn(4, [6], between)
     v = np.full(6, 1e-4)
-    found = random_effects_means(groups, y, v, paule_mandel(groups, y, v))
-    half = between_distribution(groups, y, v).mean_half_widths(found)[0]
-    assert half >= found.half_widths()[0]
+    means = random_effects_means(groups, y, v, paule_mandel(groups, y, v))
+    half = between_distribution(groups, y, v).mean_half_widths(means)[0]
+    assert half >= means.half_widths()[0]
     if between == 0.5:
         assert half == pytest.approx(special.stdtrit(5, 0.975) * np.std(y, ddof=1) / np.sqrt(6), rel=0.01)
 

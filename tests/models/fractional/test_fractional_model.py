@@ -46,9 +46,9 @@ def test_a_free_run_meets_its_equation():
 
 def test_the_frequency_response_is_the_transform_of_the_impulse_response():
     h = LAGGED.impulse_response(LAGGED_TRUTH, 1 << 16, rate_hz=5.0)
-    at = np.array([0.01, 0.3, 2.0])
-    transform = np.array([np.sum(h * np.exp(-2j * np.pi * f / 5.0 * np.arange(h.size))) for f in at])
-    assert LAGGED.frequency_response(LAGGED_TRUTH, at, rate_hz=5.0) == pytest.approx(transform, rel=1e-4)
+    index = np.array([0.01, 0.3, 2.0])
+    transform = np.array([np.sum(h * np.exp(-2j * np.pi * f / 5.0 * np.arange(h.size))) for f in index])
+    assert LAGGED.frequency_response(LAGGED_TRUTH, index, rate_hz=5.0) == pytest.approx(transform, rel=1e-4)
 
 
 @pytest.mark.parametrize("t", [0.1, 1.0, 3.0])

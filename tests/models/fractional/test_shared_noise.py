@@ -7,7 +7,7 @@ from scipy.special import gamma
 import eivor as ev
 from eivor.errors import DataError, MissingNoiseError, UsageError
 from eivor.lab.fractional_model import FilteredSignals
-from eivor.lab.fractional_terms import FractionalDerivative, FractionalDifference, Part
+from eivor.lab.fractional_terms import FractionalDerivative, FractionalDifference, FractionalPart
 
 
 def of_noise(noise, count=60, operator=None, **more):
@@ -20,11 +20,11 @@ def of_noise(noise, count=60, operator=None, **more):
 )
 def test_differences_of_white_noise_share_what_gamma_functions_say(one, other, lag):
     record = of_noise(ev.WhiteNoise(0.5), 400_000)
-    columns = ((Part("x", one, lag),), (Part("x", other),))
+    columns = ((FractionalPart("x", one, lag),), (FractionalPart("x", other),))
     closed = gamma(1.0 + one + other) * gamma(lag - other) if lag or other else 1.0
     closed /= gamma(-other) * gamma(1.0 + other) * gamma(1.0 + one + lag)
-    found = record.noise_covariance(columns, lag)[0, 1]
-    assert found == pytest.approx(0.25 * closed, rel=2e-3 if min(one, other) < 0.0 else 1e-5)
+    result = record.noise_covariance(columns, lag)[0, 1]
+    assert result == pytest.approx(0.25 * closed, rel=2e-3 if min(one, other) < 0.0 else 1e-5)
 
 
 @pytest.mark.parametrize("operator", [FractionalDifference(), FractionalDerivative()])
@@ -34,9 +34,9 @@ def test_shared_noise_is_the_mean_over_the_rows(operator, noise):
     count, first, filter_weights = 40, 5, np.array([1.0, -0.3])
     record = of_noise(noise, count, operator, both_sides=filter_weights)
     columns = (
-        (Part("x", 0.6, 2, -1.5),),
-        (Part("x", 0.0), Part("x", 0.4, 1, 2.0)),
-        (Part("x", 0.6, 0, 1.0, by_order=True),),
+        (FractionalPart("x", 0.6, 2, -1.5),),
+        (FractionalPart("x", 0.0), FractionalPart("x", 0.4, 1, 2.0)),
+        (FractionalPart("x", 0.6, 0, 1.0, by_order=True),),
     )
 
     def dense(weights, lag=0):
@@ -64,22 +64,24 @@ def test_shared_noise_is_the_mean_over_the_rows(operator, noise):
     plain = [ev.Column("x", 3, gain=2.0), ev.Column("z", 1), ev.Column("")]
     lagged = 2.0 * np.vstack([np.zeros((3, count)), made[:-3]])
     shared = [np.sum(lagged[rows] * b[rows]) / (count - first) for b in matrices]
-    found = record.shared_noise(plain, columns, first)
-    assert found[0] == pytest.approx(np.array(shared), abs=1e-12)
-    assert not found[1:].any()
+    shared_noise = record.shared_noise(plain, columns, first)
+    assert shared_noise[0] == pytest.approx(np.array(shared), abs=1e-12)
+    assert not shared_noise[1:].any()
 
 
 def test_a_noise_that_is_not_declared_is_never_taken_for_none():
     record = of_noise(ev.WhiteNoise(0.5))
     with pytest.raises(MissingNoiseError, match="a declared noise of channel 'z'"):
-        record.noise_covariance(((Part("z", 0.5),),), 0)
+        record.noise_covariance(((FractionalPart("z", 0.5),),), 0)
     with pytest.raises(MissingNoiseError, match="a declared noise of channel 'z'"):
-        record.shared_noise([ev.Column("z", 1)], [(Part("z", 0.5),)], 1)
+        record.shared_noise([ev.Column("z", 1)], [(FractionalPart("z", 0.5),)], 1)
 
 
 def test_instruments_with_a_gain_of_another_channel_are_refused():
     with pytest.raises(UsageError, match="without a gain of another channel"):
-        of_noise(ev.WhiteNoise(1.0)).shared_noise([ev.Column("x", gain_channel="z")], [(Part("x", 0.5),)], 0)
+        of_noise(ev.WhiteNoise(1.0)).shared_noise(
+            [ev.Column("x", gain_channel="z")], [(FractionalPart("x", 0.5),)], 0
+        )
 
 
 def test_parts_of_records_are_refused():

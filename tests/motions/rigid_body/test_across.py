@@ -32,7 +32,7 @@ KNOWN = KnownVehicle("simulated", tuple((x, y) for x, y, _ in LIFTED.rotors.posi
 
 def test_lift_turns_as_in_the_simulator():
     air, rates, speeds = (3.0, -2.0, 0.5), (0.3, -0.7, 1.9), (1500.0, 1600.0, 1700.0, 1550.0)
-    turned = [wrench(coefficients_of(one), air, rates, speeds)[1] for one in (LIFTED, SPEC.vehicle)]
+    turned = [wrench(coefficients_of(item), air, rates, speeds)[1] for item in (LIFTED, SPEC.vehicle)]
     moments = lift_moments(RotorLayout(KNOWN), np.array(air)[:, None], np.array([rates[2]]))
     expected = np.subtract(*np.array(turned, dtype=np.float64))[:2]
     assert LIFT * moments[:, 0] == pytest.approx(expected, rel=1e-9)
@@ -45,6 +45,6 @@ def test_the_equations_of_roll_and_pitch_have_what_lift_turns():
     problem = motion.problem((prepare(flight.recording, motion, FlightOptions()),), NoInstruments())
     assert (problem.band_hz(ROLL_EQUATION)[1], problem.band_hz(FORCE_Z_EQUATION)[1]) == (20.0, 8.0)
     for axis, parameter in enumerate(LIFT_MOMENT):
-        place = problem.parameters.index(parameter)
-        moved = [bool(one.fixed[:, place].any()) for one in problem.columns]
-        assert moved == [one.axis == (ROLL_EQUATION, PITCH_EQUATION)[axis] for one in problem.columns]
+        index = problem.parameters.index(parameter)
+        moved = [bool(column.fixed[:, index].any()) for column in problem.columns]
+        assert moved == [column.axis == (ROLL_EQUATION, PITCH_EQUATION)[axis] for column in problem.columns]

@@ -16,25 +16,25 @@ VELOCITY = np.column_stack([np.sin(TIME), 0.5 * TIME, np.cos(2.0 * TIME)])
 FORCE = np.column_stack([np.cos(TIME), np.full(TIME.size, 0.5), GRAVITY - 2.0 * np.sin(2.0 * TIME)])
 
 
-def tilted(**left_out: None) -> tuple[Signals, Rotation]:
+def tilted(**none: None) -> tuple[Signals, Rotation]:
     body = Rotation.from_euler("xyz", [0.2, -0.3, 0.9])
     x, y, z, w = body.as_quat()
     channels = {
         **{f"velocity_{axis}": VELOCITY[:, i] for i, axis in enumerate("xyz")},
         **{
-            f"attitude_{part}": np.full(TIME.size, one)
-            for part, one in zip("wxyz", (w, x, y, z), strict=True)
+            f"attitude_{part}": np.full(TIME.size, item)
+            for part, item in zip("wxyz", (w, x, y, z), strict=True)
         },
     }
-    return Signals(RATE_HZ, {name: one for name, one in channels.items() if name not in left_out}), body
+    return Signals(RATE_HZ, {name: channel for name, channel in channels.items() if name not in none}), body
 
 
 def test_the_change_of_velocity_tells_what_an_accelerometer_reads():
     signals, body = tilted()
-    found = force_by_velocity(signals)
+    force = force_by_velocity(signals)
     inner = slice(5, -5)
-    assert found is not None
-    assert found[inner] == pytest.approx(body.inv().apply(FORCE)[inner], abs=1e-6)
+    assert force is not None
+    assert force[inner] == pytest.approx(body.inv().apply(FORCE)[inner], abs=1e-6)
     assert body_velocity(signals) == pytest.approx(body.inv().apply(VELOCITY))
 
 

@@ -43,7 +43,7 @@ VEHICLE = Vehicle(
 def test_equations_hold_at_hover(thrust):
     """The equations of the module's docstring at hover speeds, term by term."""
     vehicle = replace(VEHICLE, rotors=replace(ROTORS, **thrust))
-    told, rotors = effective_parameters(vehicle), vehicle.rotors
+    parameters, rotors = effective_parameters(vehicle), vehicle.rotors
     hover = vehicle.hover_speed
     change = np.array([300.0, -200.0, 100.0, 50.0])
     p, q, r, vx, vy, vz = 0.3, -0.2, 0.4, 1.0, -2.0, 0.5
@@ -55,29 +55,29 @@ def test_equations_hold_at_hover(thrust):
         if rotors.thrust_quadratic == 0.0
         else hover**2 + rotors.thrust_linear / rotors.thrust_quadratic * hover
     )
-    first, second, third = told.gyroscopic_ratios
+    first, second, third = parameters.gyroscopic_ratios
     # Equal rotors: neither the shear of the flow nor their own momentum leaves a torque.
-    assert slope[10] == pytest.approx(first * q * r - told.rate_damping[0] * p, rel=1e-9)
-    assert slope[11] == pytest.approx(second * p * r - told.rate_damping[1] * q, rel=1e-9)
-    reaction = told.rotor_reaction * (change @ rotors.spins)
-    assert slope[12] == pytest.approx(third * p * q - told.rate_damping[2] * r + reaction, rel=1e-9)
+    assert slope[10] == pytest.approx(first * q * r - parameters.rate_damping[0] * p, rel=1e-9)
+    assert slope[11] == pytest.approx(second * p * r - parameters.rate_damping[1] * q, rel=1e-9)
+    reaction = parameters.rotor_reaction * (change @ rotors.spins)
+    assert slope[12] == pytest.approx(third * p * q - parameters.rate_damping[2] * r + reaction, rel=1e-9)
     speed = np.sqrt(vx**2 + vy**2 + vz**2)
     force = specific_force(coefficients, body, [hover] * 4, still)
     for axis, v in enumerate((vx, vy, vz)):
-        thrust_part = told.thrust_gain * 4.0 * phi if axis == 2 else 0.0
-        expected = thrust_part - told.drag[axis] * v - told.quadratic_drag[axis] * speed * v
+        thrust_part = parameters.thrust_gain * 4.0 * phi if axis == 2 else 0.0
+        expected = thrust_part - parameters.drag[axis] * v - parameters.quadratic_drag[axis] * speed * v
         assert force[axis] == pytest.approx(expected, rel=1e-9)
 
 
 def test_torques_are_those_of_the_gains():
-    told, coefficients = effective_parameters(VEHICLE), coefficients_of(VEHICLE)
+    parameters, coefficients = effective_parameters(VEHICLE), coefficients_of(VEHICLE)
     speeds, still = np.array([500.0, 510.0, 520.0, 540.0]), (0.0, 0.0, 0.0)
     slope = body_derivative(
         coefficients, [0.0] * 6 + [1.0] + [0.0] * 6, speeds.tolist(), [0.0] * 4, still, still
     )
     phi = speeds**2 + 100.0 * speeds
     x, y, _ = np.array(ROTORS.positions).T
-    roll, pitch, yaw = told.torque_gains
+    roll, pitch, yaw = parameters.torque_gains
     np.testing.assert_allclose(
         slope[10:], [roll * (y @ phi), -pitch * (x @ phi), yaw * (phi @ ROTORS.spins)], rtol=1e-9
     )
@@ -95,11 +95,11 @@ def test_translational_lift_is_that_of_all_rotors():
 
 
 def test_what_rotors_drag_at_hover_is_that_of_their_speed():
-    told, hover = effective_parameters(replace(VEHICLE, drag=BodyDrag())), VEHICLE.hover_speed
+    parameters, hover = effective_parameters(replace(VEHICLE, drag=BodyDrag())), VEHICLE.hover_speed
     x, y, _ = np.array(ROTORS.positions).T
     arms = np.array([np.sum(y**2), np.sum(x**2), np.sum(x**2 + y**2)])
-    np.testing.assert_allclose(told.rate_damping, hover * arms * told.rotor_rate_drag)
-    np.testing.assert_allclose(told.drag, 4.0 * hover * np.array(told.rotor_drag))
+    np.testing.assert_allclose(parameters.rate_damping, hover * arms * parameters.rotor_rate_drag)
+    np.testing.assert_allclose(parameters.drag, 4.0 * hover * np.array(parameters.rotor_drag))
 
 
 def test_gyroscopic_ratios_belong_to_one_body():

@@ -33,12 +33,12 @@ CUTOFF_HZ = 80.0
     ],
 )
 def test_they_are_told_by_the_numbers_of_a_result(without, said):
-    shown = FiltersNotPassed(281.2, without)
-    again = FiltersNotPassed.of_numbers({**shown.numbers, "other": 1.0})
-    assert again == shown
-    assert said in shown.sentence
-    assert "instead of 281" in shown.sentence
-    assert all(key in shown.remedy for key in without)
+    filters_not_passed = FiltersNotPassed(281.2, without)
+    again = FiltersNotPassed.of_numbers({**filters_not_passed.numbers, "other": 1.0})
+    assert again == filters_not_passed
+    assert said in filters_not_passed.sentence
+    assert "instead of 281" in filters_not_passed.sentence
+    assert all(key in filters_not_passed.remedy for key in without)
     assert FiltersNotPassed.of_numbers({"other": 1.0}) is None
 
 
@@ -49,13 +49,13 @@ def test_a_filter_that_was_not_passed_is_told(passed):
     spec = replace(BASE, sensors=replace(BASE.sensors, angular_rate=filtered)) if passed else BASE
     (flight,) = simulate_rigid_body_flights([spec])
     rotors = BASE.vehicle.rotors
-    places = tuple((x, y) for x, y, _ in rotors.positions)
-    vehicle = KnownVehicle("simulated", places, rotors.spins, gyro_cutoff_hz=CUTOFF_HZ)
-    found = identify_flight(flight.recording, model=RigidBody(vehicle))
-    reasons = found.verdict.reasons
-    told = [reason for reason in reasons if "passed the gyroscope's filter" in reason.sentence]
-    assert len(told) == (0 if passed else 1)
-    assert all(reason.status is Status.WEAK for reason in told)
+    positions = tuple((x, y) for x, y, _ in rotors.positions)
+    vehicle = KnownVehicle("simulated", positions, rotors.spins, gyro_cutoff_hz=CUTOFF_HZ)
+    result = identify_flight(flight.recording, model=RigidBody(vehicle))
+    reasons = result.verdict.reasons
+    reasons_kept = [reason for reason in reasons if "passed the gyroscope's filter" in reason.sentence]
+    assert len(reasons_kept) == (0 if passed else 1)
+    assert all(reason.status is Status.WEAK for reason in reasons_kept)
 
 
 def stub(J: float) -> Mock:
@@ -68,25 +68,25 @@ def stub(J: float) -> Mock:
 
 @pytest.mark.thorough
 def test_of_a_pool_the_longest_flight_is_asked_and_no_member_by_itself(monkeypatch):
-    flown = simulate_rigid_body_flights([replace(BASE, duration=seconds) for seconds in (5.0, 7.0)])
+    flight = simulate_rigid_body_flights([replace(BASE, duration=seconds) for seconds in (5.0, 7.0)])
     rotors = BASE.vehicle.rotors
-    places = tuple((x, y) for x, y, _ in rotors.positions)
-    known = KnownVehicle("simulated", places, rotors.spins, gyro_cutoff_hz=CUTOFF_HZ)
+    positions = tuple((x, y) for x, y, _ in rotors.positions)
+    known = KnownVehicle("simulated", positions, rotors.spins, gyro_cutoff_hz=CUTOFF_HZ)
     alone = RigidBody(known)
-    flights = tuple(prepare(one.recording, alone, FlightOptions()).shortened for one in flown)
+    flights = tuple(prepare(item.recording, alone, FlightOptions()).shortened for item in flight)
     motion = alone.for_flights(flights, FlightOptions())
     problem = rigid_body_problem(flights, motion.layout, NoInstruments())
-    asked = []
+    requested = []
 
-    def identified(own, _method):
-        asked.append({one.flight for one in own.columns})
-        return stub(100.0 if len(asked) == 1 else 10.0)
+    def identified(specific, _method):
+        requested.append({column.flight for column in specific.columns})
+        return stub(100.0 if len(requested) == 1 else 10.0)
 
     monkeypatch.setattr("eivor.motions.rigid_body.verdict.identify", identified)
-    for other in ("order_shown", "steady_wind"):
+    for other in ("observed_order", "steady_wind"):
         monkeypatch.setattr(f"eivor.motions.rigid_body.motion.{other}", lambda *_: None)
-    shown = FiltersNotPassed.of_numbers(motion.diagnostics(problem, stub(300.0), flights))
-    assert shown == FiltersNotPassed(100.0, {"gyro_cutoff_hz": 10.0})
-    assert asked == [{1}, {0}]  # with the filter the second flight of the pool, and without it alone
+    numbers = FiltersNotPassed.of_numbers(motion.diagnostics(problem, stub(300.0), flights))
+    assert numbers == FiltersNotPassed(100.0, {"gyro_cutoff_hz": 10.0})
+    assert requested == [{1}, {0}]  # with the filter the second flight of the pool, and without it alone
     assert motion.diagnostics(problem, stub(300.0), flights[:1]) == {}
-    assert len(asked) == 2
+    assert len(requested) == 2

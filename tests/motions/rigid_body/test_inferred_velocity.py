@@ -30,9 +30,9 @@ def inner(values: np.ndarray) -> np.ndarray:
 def test_what_is_quick_is_found_whatever_the_bias(frequency_hz):
     moved = velocity(frequency_hz)
     force = np.gradient(moved, STEP_S) + GRAVITY + 0.3
-    found = inferred_velocity(signals(force, np.zeros(TIME_S.size)), [slice(0, TIME_S.size)])
-    assert found is not None
-    assert np.std(inner(found - moved)) < 0.03
+    result = inferred_velocity(signals(force, np.zeros(TIME_S.size)), [slice(0, TIME_S.size)])
+    assert result is not None
+    assert np.std(inner(result - moved)) < 0.03
 
 
 @pytest.mark.parametrize("logged", [False, True])
@@ -42,19 +42,19 @@ def test_a_tilt_is_no_fall(logged):
     force = np.gradient(moved, STEP_S) + GRAVITY * np.cos(roll)
     quaternion = {"w": np.cos(roll / 2.0), "x": np.sin(roll / 2.0), "y": 0.0 * roll, "z": 0.0 * roll}
     attitude = {f"attitude_{part}": values for part, values in quaternion.items()} if logged else {}
-    found = inferred_velocity(signals(force, roll, **attitude), [slice(0, TIME_S.size)])
-    assert found is not None
-    assert np.std(inner(found - moved)) < 0.03
+    result = inferred_velocity(signals(force, roll, **attitude), [slice(0, TIME_S.size)])
+    assert result is not None
+    assert np.std(inner(result - moved)) < 0.03
 
 
 def test_runs_are_integrated_by_themselves():
     moved = velocity(0.5)
     runs = [slice(100, 1500), slice(2000, 3900)]
-    found = inferred_velocity(signals(np.gradient(moved, STEP_S) + GRAVITY, 0.0 * moved), runs)
-    assert found is not None
-    assert not found[:100].any()
-    assert not found[1500:2000].any()
-    assert np.std(found[2300:3600] - moved[2300:3600]) < 0.05
+    result = inferred_velocity(signals(np.gradient(moved, STEP_S) + GRAVITY, 0.0 * moved), runs)
+    assert result is not None
+    assert not result[:100].any()
+    assert not result[1500:2000].any()
+    assert np.std(result[2300:3600] - moved[2300:3600]) < 0.05
 
 
 def test_without_a_force_there_is_none():

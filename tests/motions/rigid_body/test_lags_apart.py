@@ -12,7 +12,7 @@ from eivor.motions.identify import identify_flight
 from eivor.motions.rigid_body import verdict as module
 from eivor.motions.rigid_body.motion import RigidBody
 from eivor.motions.rigid_body.vehicle import KnownNumber, KnownVehicle
-from eivor.motions.rigid_body.verdict import LagsApart, lags_apart
+from eivor.motions.rigid_body.verdict import LagConsistencyTest, lag_consistency_test
 from eivor.simulation.rigid_body import simulate_rigid_body_flights
 
 SPEC = replace(shipped_rigid_body_flight("crazyflie"), duration=15.0, seed=2)
@@ -34,15 +34,15 @@ def calm():
 
 
 def test_axes_agree_in_calm_air(calm, monkeypatch):
-    assert lags_apart(calm.fit.estimate) is None
-    assert LagsApart.of_numbers(calm.diagnostics) is None
+    assert lag_consistency_test(calm.fit.estimate) is None
+    assert LagConsistencyTest.of_numbers(calm.diagnostics) is None
     monkeypatch.setattr(module, "BEYOND_DOUBT", 2.0)  # tell whatever there is
-    found = lags_apart(calm.fit.estimate)
-    assert found.p_value > 0.01
-    assert list(found.changes_s) == ["roll", "pitch", "yaw", "thrust"]
+    result = lag_consistency_test(calm.fit.estimate)
+    assert result.p_value > 0.01
+    assert list(result.changes_s) == ["roll", "pitch", "yaw", "thrust"]
     lag = calm.quantities["effective_lag"]
-    assert found.lag_s == pytest.approx(lag.value)
-    assert abs(found.changes_s["roll"]) < 4.0 * lag.std_error
+    assert result.lag_s == pytest.approx(lag.value)
+    assert abs(result.changes_s["roll"]) < 4.0 * lag.std_error
 
 
 @pytest.mark.thorough
@@ -50,27 +50,27 @@ def test_instruments_are_not_second_guessed():
     spec = replace(SPEC, duration=30.0)
     result = identify_flight(flown(spec), model=RigidBody(KNOWN), method="reference_iv")
     assert result.method == "reference_iv"
-    assert lags_apart(result.fit.estimate) is None
+    assert lag_consistency_test(result.fit.estimate) is None
 
 
 @pytest.mark.thorough
 def test_a_delay_that_was_given_wrong_is_said():
     late = replace(SPEC, vehicle=replace(SPEC.vehicle, rotors=replace(ROTORS, delay=0.01)), duration=30.0)
     vehicle = replace(KNOWN, delay=KnownNumber(0.0))
-    found = identify_flight(flown(late), model=RigidBody(vehicle), method=DIRECT)
-    told = LagsApart.of_numbers(found.diagnostics)
-    assert told.p_value < 1e-3
-    assert told.sentence in " ".join(found.verdict.sentences)
-    assert found.verdict.status is Status.PROVISIONAL
-    found = identify_flight(flown(late), model=RigidBody(KNOWN), method=DIRECT)
-    assert LagsApart.of_numbers(found.diagnostics) is None
+    flight = identify_flight(flown(late), model=RigidBody(vehicle), method=DIRECT)
+    numbers = LagConsistencyTest.of_numbers(flight.diagnostics)
+    assert numbers.p_value < 1e-3
+    assert numbers.sentence in " ".join(flight.verdict.sentences)
+    assert flight.verdict.status is Status.PROVISIONAL
+    flight = identify_flight(flown(late), model=RigidBody(KNOWN), method=DIRECT)
+    assert LagConsistencyTest.of_numbers(flight.diagnostics) is None
 
 
 def test_numbers_and_sentences():
-    told = LagsApart(0.05, {"roll": 0.002, "yaw": -0.2, "thrust": 0.03}, 1e-12)
-    assert LagsApart.of_numbers(told.numbers) == told
-    assert LagsApart.of_numbers({}) is None
-    assert told.sentence == (
+    reported = LagConsistencyTest(0.05, {"roll": 0.002, "yaw": -0.2, "thrust": 0.03}, 1e-12)
+    assert LagConsistencyTest.of_numbers(reported.numbers) == reported
+    assert LagConsistencyTest.of_numbers({}) is None
+    assert reported.sentence == (
         "The axes disagree about the lag (p-value 1e-12). For all of them it is 50 ms; by itself "
         "roll asks for 52 ms, yaw for a much shorter one, thrust for a much longer one."
     )

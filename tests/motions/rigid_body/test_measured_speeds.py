@@ -40,7 +40,7 @@ def test_noise_of_speeds_goes_through_the_map_of_thrust():
     log = flown(5.0, 3).recording
     flight = prepare(log, MOTION, FlightOptions(input="rotor_speed", noise=NOISE)).shortened
     problem = MOTION.problem((flight,), NoInstruments())
-    names = [one.name for one in problem.parameters]
+    names = [parameter.name for parameter in problem.parameters]
     rows = problem.rows({"actuator_lag": 0.0, "delay": 0.0})
     noise = rows.regressor_noise_covariance()
     thrust = names.index("thrust_gain")
@@ -67,8 +67,8 @@ def test_total_least_squares_is_not_attenuated_by_noise_of_speeds():
     log, truth = flight.recording, flight.truth.parameters.torque_gains
 
     def errors(method: str, **options):
-        found = identify_flight(log, model=MOTION, method=method, input="rotor_speed", **options)
-        return [found.quantities[name].value / true - 1.0 for name, true in zip(NAMES, truth, strict=False)]
+        result = identify_flight(log, model=MOTION, method=method, input="rotor_speed", **options)
+        return [result.quantities[name].value / true - 1.0 for name, true in zip(NAMES, truth, strict=False)]
 
     plain = errors("whitened_least_squares")
     known = errors("total_least_squares", noise=NOISE)

@@ -31,13 +31,13 @@ def sine(frequency_hz: float, late_s: float = 0.0) -> np.ndarray:
     ("taken_s", "left_s"), [(0.0, OWN_S), (OWN_S, 0.0), (OWN_S + 0.02, 0.0), (0.002, OWN_S - 0.002)]
 )
 def test_a_delay_that_was_taken_off_the_stamps_is_not_applied_again(taken_s, left_s):
-    found = OnboardFilter(STEP_S, CUTOFF_HZ, taken_s)(sine(1.0))
-    np.testing.assert_allclose(found[INNER], sine(1.0, left_s)[INNER], atol=2e-4)
+    onboard_filter = OnboardFilter(STEP_S, CUTOFF_HZ, taken_s)(sine(1.0))
+    np.testing.assert_allclose(onboard_filter[INNER], sine(1.0, left_s)[INNER], atol=2e-4)
 
 
 def test_what_is_more_than_a_delay_is_left():
-    found = OnboardFilter(STEP_S, CUTOFF_HZ, OWN_S)(sine(20.0))[INNER]
-    amplitude = np.sqrt(2.0 * np.mean(found**2))
+    result = OnboardFilter(STEP_S, CUTOFF_HZ, OWN_S)(sine(20.0))[INNER]
+    amplitude = np.sqrt(2.0 * np.mean(result**2))
     assert amplitude == pytest.approx(1.0 / np.sqrt(1.0 + (20.0 / CUTOFF_HZ) ** 4), rel=0.01)
 
 

@@ -18,8 +18,8 @@ TURNING = ("roll", "pitch", "yaw")
 
 def combinations_of(vehicle, offset=(0.0, 0.0), command=1.0, arm=1.0):
     """What a flight shows: commands in units of so many rad/s, positions in units of so many metres."""
-    told = effective_parameters(vehicle)
-    alpha_p, alpha_q, alpha_r = (gain * command**2 for gain in told.torque_gains)
+    parameters = effective_parameters(vehicle)
+    alpha_p, alpha_q, alpha_r = (gain * command**2 for gain in parameters.torque_gains)
     return {
         "roll_gain": alpha_p * arm,
         "pitch_gain": alpha_q * arm,
@@ -27,13 +27,18 @@ def combinations_of(vehicle, offset=(0.0, 0.0), command=1.0, arm=1.0):
         # p' has alpha_p sum (y - y_c) phi, and q' has -alpha_q sum (x - x_c) phi
         "roll_offset": -alpha_p * offset[1],
         "pitch_offset": alpha_q * offset[0],
-        "thrust_gain": told.thrust_gain * command**2,
-        "rotor_reaction": told.rotor_reaction * command,
-        "translational_lift": told.translational_lift,
-        **{f"{name}_coupling": one for name, one in zip(TURNING, told.gyroscopic_ratios, strict=True)},
-        **{f"{name}_damping": one for name, one in zip(TURNING, told.rate_damping, strict=True)},
-        **{f"drag_{name}": one for name, one in zip(AXES, told.drag, strict=True)},
-        **{f"quadratic_drag_{name}": one for name, one in zip(AXES, told.quadratic_drag, strict=True)},
+        "thrust_gain": parameters.thrust_gain * command**2,
+        "rotor_reaction": parameters.rotor_reaction * command,
+        "translational_lift": parameters.translational_lift,
+        **{
+            f"{name}_coupling": gyroscopic_ratio
+            for name, gyroscopic_ratio in zip(TURNING, parameters.gyroscopic_ratios, strict=True)
+        },
+        **{f"{name}_damping": item for name, item in zip(TURNING, parameters.rate_damping, strict=True)},
+        **{f"drag_{name}": item for name, item in zip(AXES, parameters.drag, strict=True)},
+        **{
+            f"quadratic_drag_{name}": item for name, item in zip(AXES, parameters.quadratic_drag, strict=True)
+        },
     }
 
 
@@ -41,20 +46,20 @@ def exact(values):
     return Combinations.of_values(values, np.zeros((len(values), len(values))))
 
 
-def with_errors(values, relative=0.01, **own):
-    errors = np.array([own.get(name, relative * abs(value)) for name, value in values.items()])
+def with_errors(values, relative=0.01, **specific):
+    errors = np.array([specific.get(name, relative * abs(value)) for name, value in values.items()])
     return Combinations.of_values(values, np.diag(errors**2))
 
 
 def known_of(vehicle, **given):
     rotors = vehicle.rotors
-    places = tuple((x, y) for x, y, _ in rotors.positions)
+    positions = tuple((x, y) for x, y, _ in rotors.positions)
     usual = {
         "arm_scale": KnownNumber(1.0),
         "mass": KnownNumber(vehicle.mass),
         "speed_scale": KnownNumber(1.0),
     }
-    return KnownVehicle("it", places, rotors.spins, **(usual | given))
+    return KnownVehicle("it", positions, rotors.spins, **(usual | given))
 
 
 VEHICLES = {name: shipped_rigid_body_flight(name).vehicle for name in ("crazyflie", "quadrotor")}
@@ -66,12 +71,12 @@ QUADROTOR = VEHICLES["quadrotor"]
 def test_back_to_the_vehicles_own_numbers(vehicle, command, arm):
     """Whatever the unit of the commands, and for positions in metres or in arms of a known length."""
     offset = (0.004, -0.002)
-    found = exact(combinations_of(vehicle, offset, command, arm))
+    result = exact(combinations_of(vehicle, offset, command, arm))
     known = known_of(vehicle, arm_scale=KnownNumber(arm), speed_scale=KnownNumber(command))
-    told = physical_parameters(found, known)
+    parameters = physical_parameters(result, known)
     rotors, hover = vehicle.rotors, vehicle.hover_speed
     ixx, iyy, izz = vehicle.inertia
-    forward, left = (sum(place[axis] ** 2 for place in rotors.positions) for axis in (0, 1))
+    forward, left = (sum(position[axis] ** 2 for position in rotors.positions) for axis in (0, 1))
     truth = {
         "inertia_xx": ixx,
         "inertia_yy": iyy,
@@ -83,18 +88,18 @@ def test_back_to_the_vehicles_own_numbers(vehicle, command, arm):
         "drag_x": 4.0 * rotors.drag * hover + vehicle.drag.linear[0],
         "drag_y": 4.0 * rotors.drag * hover + vehicle.drag.linear[1],
         "drag_z": 4.0 * rotors.inflow * hover + vehicle.drag.linear[2],
-        **{f"quadratic_drag_{name}": one for name, one in zip(AXES, vehicle.drag.quadratic, strict=True)},
+        **{f"quadratic_drag_{name}": item for name, item in zip(AXES, vehicle.drag.quadratic, strict=True)},
         "translational_lift": 4.0 * rotors.translational_lift,
         "roll_drag": rotors.inflow * hover * left,
         "pitch_drag": rotors.inflow * hover * forward,
         "yaw_drag": rotors.drag * hover * (forward + left),
         "rotor_inertia": rotors.inertia,
     }
-    assert {row.name for row in told.rows} == set(truth)
-    for row in told.rows:
-        assert row.told is not None, row.sentence
-        assert row.told.value == pytest.approx(truth[row.name], rel=1e-9, abs=1e-30)
-    assert told.contradictions == ()
+    assert {row.name for row in parameters.rows} == set(truth)
+    for row in parameters.rows:
+        assert row.estimate is not None, row.sentence
+        assert row.estimate.value == pytest.approx(truth[row.name], rel=1e-9, abs=1e-30)
+    assert parameters.contradictions == ()
 
 
 SHORT = {"roll_coupling": 0.4, "pitch_coupling": 0.4}
@@ -125,7 +130,7 @@ RATIO = QUADROTOR.rotors.torque_ratio
 def test_what_is_missing_is_said_with_what_is_left(left_out, name, symbol, remedy):
     known = known_of(QUADROTOR, **dict.fromkeys(left_out))
     row = physical_parameters(exact(combinations_of(QUADROTOR)), known)[name]
-    assert row.told is None
+    assert row.estimate is None
     assert row.instead is not None
     assert row.instead.symbol == symbol
     assert row.sentence.startswith(f"{symbol} = ")
@@ -134,9 +139,9 @@ def test_what_is_missing_is_said_with_what_is_left(left_out, name, symbol, remed
 
 def test_what_is_left_is_right():
     ixx, _, izz = QUADROTOR.inertia
-    found = exact(combinations_of(QUADROTOR))
-    log_only = physical_parameters(found, known_of(QUADROTOR, mass=None, arm_scale=None, speed_scale=None))
-    assert all(row.told is None for row in log_only.rows)
+    result = exact(combinations_of(QUADROTOR))
+    log_only = physical_parameters(result, known_of(QUADROTOR, mass=None, arm_scale=None, speed_scale=None))
+    assert all(row.estimate is None for row in log_only.rows)
     assert log_only["inertia_xx"].instead.value == pytest.approx(ixx / QUADROTOR.mass)
     assert log_only["inertia_zz"].instead.value == pytest.approx(izz / ixx)
     assert log_only["torque_ratio"].instead.value == pytest.approx(RATIO)
@@ -144,53 +149,53 @@ def test_what_is_left_is_right():
 
 
 def test_izz_needs_more_than_yaw_torque():
-    found = with_errors(combinations_of(QUADROTOR), **SHORT)
-    told = physical_parameters(found, known_of(QUADROTOR))
-    izz = told["inertia_zz"]
-    assert izz.told is None
+    errors = with_errors(combinations_of(QUADROTOR), **SHORT)
+    parameters = physical_parameters(errors, known_of(QUADROTOR))
+    izz = parameters["inertia_zz"]
+    assert izz.estimate is None
     assert "hardly turns about two axes at once" in izz.sentence
     assert izz.sentence.endswith("Supply the torque ratio or a ratio of Izz to the mean of Ixx and Iyy.")
     assert izz.instead.value == pytest.approx(QUADROTOR.inertia[2] / QUADROTOR.mass / RATIO)
-    assert told["torque_ratio"].told is None
-    assert told["torque_ratio"].sentence.endswith("Supply a ratio of Izz to the mean of Ixx and Iyy.")
+    assert parameters["torque_ratio"].estimate is None
+    assert parameters["torque_ratio"].sentence.endswith("Supply a ratio of Izz to the mean of Ixx and Iyy.")
     for name in ("yaw_drag", "rotor_inertia"):
-        assert told[name].told is None
-        assert told[name].sentence.startswith("Izz is not told.")
+        assert parameters[name].estimate is None
+        assert parameters[name].sentence.startswith("Izz is not identified.")
 
 
 def test_izz_by_the_torque_ratio():
-    found = with_errors(combinations_of(QUADROTOR), **SHORT)
+    errors = with_errors(combinations_of(QUADROTOR), **SHORT)
     known = known_of(QUADROTOR, torque_ratio=KnownNumber(RATIO, 0.1 * RATIO))
-    told = physical_parameters(found, known)
-    izz = told["inertia_zz"].told
+    parameters = physical_parameters(errors, known)
+    izz = parameters["inertia_zz"].estimate
     assert izz.value == pytest.approx(QUADROTOR.inertia[2])
     assert izz.std_error == pytest.approx(0.1 * izz.value, rel=0.05)
-    assert "It rests on the torque ratio that was supplied." in told["inertia_zz"].sentence
-    assert told["torque_ratio"].told is None, "what was supplied is not found again"
-    assert told["yaw_drag"].told is not None
-    assert told["rotor_inertia"].told.value == pytest.approx(QUADROTOR.rotors.inertia)
+    assert "It rests on the torque ratio that was supplied." in parameters["inertia_zz"].sentence
+    assert parameters["torque_ratio"].estimate is None, "what was supplied is not found again"
+    assert parameters["yaw_drag"].estimate is not None
+    assert parameters["rotor_inertia"].estimate.value == pytest.approx(QUADROTOR.rotors.inertia)
 
 
 def test_izz_by_an_assumption_says_so():
-    found = with_errors(combinations_of(QUADROTOR), **SHORT)
+    errors = with_errors(combinations_of(QUADROTOR), **SHORT)
     ixx, iyy, izz = QUADROTOR.inertia
     known = known_of(QUADROTOR, yaw_inertia_ratio=KnownNumber(izz / (0.5 * (ixx + iyy))))
-    told = physical_parameters(found, known)
-    assert told["inertia_zz"].told.value == pytest.approx(izz)
-    assert "that was supplied, not on the flight" in told["inertia_zz"].sentence
-    assert told["torque_ratio"].told.value == pytest.approx(RATIO)
+    parameters = physical_parameters(errors, known)
+    assert parameters["inertia_zz"].estimate.value == pytest.approx(izz)
+    assert "that was supplied, not on the flight" in parameters["inertia_zz"].sentence
+    assert parameters["torque_ratio"].estimate.value == pytest.approx(RATIO)
 
 
 @pytest.mark.thorough
 def test_of_two_ways_to_izz_the_better_one_goes():
     values = combinations_of(QUADROTOR)
     for error, words in ((0.001, "gyroscopic couplings"), (0.05, "the torque ratio that was")):
-        found = with_errors(values, 0.001, roll_coupling=error, pitch_coupling=error)
+        errors = with_errors(values, 0.001, roll_coupling=error, pitch_coupling=error)
         known = known_of(QUADROTOR, torque_ratio=KnownNumber(RATIO, 0.01 * RATIO))
-        told = physical_parameters(found, known)
-        assert words in told["inertia_zz"].sentence
-        assert told.contradictions == ()
-        assert "gyroscopic couplings" in told["torque_ratio"].sentence
+        parameters = physical_parameters(errors, known)
+        assert words in parameters["inertia_zz"].sentence
+        assert parameters.contradictions == ()
+        assert "gyroscopic couplings" in parameters["torque_ratio"].sentence
 
 
 @pytest.mark.thorough
@@ -199,20 +204,27 @@ def test_couplings_are_weighted_by_their_errors():
     alone = {name: value for name, value in values.items() if name != "pitch_coupling"}
     both = physical_parameters(
         with_errors(values, 1e-6, roll_coupling=0.02, pitch_coupling=0.02), known_of(QUADROTOR)
-    )["inertia_zz"].told
-    one = physical_parameters(with_errors(alone, 1e-6, roll_coupling=0.02), known_of(QUADROTOR))
-    assert both.std_error == pytest.approx(one["inertia_zz"].told.std_error / np.sqrt(2.0), rel=0.05)
+    )["inertia_zz"].estimate
+    parameters = physical_parameters(with_errors(alone, 1e-6, roll_coupling=0.02), known_of(QUADROTOR))
+    assert both.std_error == pytest.approx(
+        parameters["inertia_zz"].estimate.std_error / np.sqrt(2.0), rel=0.05
+    )
 
 
 @pytest.mark.thorough
 @pytest.mark.parametrize(
     ("change", "error", "name", "told"),
     [
-        ("roll_gain", None, "inertia_xx", "The flight tells no roll_gain."),
-        ("drag_x", None, "drag_x", "The flight tells no drag_x."),
-        ("thrust_gain", None, "inertia_zz", "The flight tells no thrust_gain."),
-        ("roll_gain", 0.6, "inertia_xx", "The flight does not tell roll_gain from zero."),
-        ("pitch_gain", 0.6, "centre_of_mass_forward", "The flight does not tell pitch_gain from zero."),
+        ("roll_gain", None, "inertia_xx", "The flight identifies no roll_gain."),
+        ("drag_x", None, "drag_x", "The flight identifies no drag_x."),
+        ("thrust_gain", None, "inertia_zz", "The flight identifies no thrust_gain."),
+        ("roll_gain", 0.6, "inertia_xx", "The flight does not distinguish roll_gain from zero."),
+        (
+            "pitch_gain",
+            0.6,
+            "centre_of_mass_forward",
+            "The flight does not distinguish pitch_gain from zero.",
+        ),
         ("roll_gain", -1.0, "inertia_xx", "roll_gain is below zero: positions, order or spins"),
     ],
 )
@@ -226,25 +238,25 @@ def test_no_number_of_what_is_not_told(change, error, name, told):
     else:
         values[change] *= error
     row = physical_parameters(with_errors(values, **errors), known_of(QUADROTOR))[name]
-    assert row.told is None
+    assert row.estimate is None
     assert row.sentence.startswith(told)
 
 
 @pytest.mark.parametrize("error", [np.inf, np.nan])
 def test_no_number_of_what_has_no_finite_variance(error):
     values = combinations_of(QUADROTOR)
-    found = with_errors(values, drag_x=error, roll_coupling=error, pitch_coupling=error)
-    told = physical_parameters(found, known_of(QUADROTOR))
-    assert told["drag_x"].sentence == "The flight tells no drag_x."
-    assert told["inertia_zz"].told is None
-    assert told["inertia_xx"].told is not None
+    errors = with_errors(values, drag_x=error, roll_coupling=error, pitch_coupling=error)
+    parameters = physical_parameters(errors, known_of(QUADROTOR))
+    assert parameters["drag_x"].sentence == "The flight identifies no drag_x."
+    assert parameters["inertia_zz"].estimate is None
+    assert parameters["inertia_xx"].estimate is not None
 
 
 def test_drag_below_zero_is_none():
     values = combinations_of(QUADROTOR)
     values["roll_damping"] = -2.5
     row = physical_parameters(exact(values), known_of(QUADROTOR))["roll_drag"]
-    assert row.told.value < 0.0
+    assert row.estimate.value < 0.0
     assert "not the air's drag" in row.sentence
 
 
@@ -264,9 +276,9 @@ def test_contradictions_are_said():
     assert "in place of 0" not in _contradictions({"yaw_coupling": 0.3}, yaw_error=0.2)
     wrong = KnownNumber(10.0 * RATIO)
     without = {"roll_coupling": 0.0, "pitch_coupling": 0.0}
-    found = with_errors(combinations_of(QUADROTOR) | without, 0.001, roll_coupling=1.0, pitch_coupling=1.0)
-    told = physical_parameters(found, known_of(QUADROTOR, torque_ratio=wrong)).contradictions
-    assert any("Izz is more than Ixx and Iyy together" in one for one in told)
+    errors = with_errors(combinations_of(QUADROTOR) | without, 0.001, roll_coupling=1.0, pitch_coupling=1.0)
+    contradictions = physical_parameters(errors, known_of(QUADROTOR, torque_ratio=wrong)).contradictions
+    assert any("Izz is more than Ixx and Iyy together" in contradiction for contradiction in contradictions)
     assert "% off that by" in _contradictions(torque_ratio=KnownNumber(1.2 * RATIO))
 
 
@@ -284,8 +296,8 @@ def test_lengths_in_another_unit_are_told():
     )
     values = combinations_of(QUADROTOR)
     values |= {name: 1e-3 * values[name] for name in ("roll_gain", "pitch_gain")}
-    told = physical_parameters(exact(values), wrong).contradictions
-    assert any("check their unit" in one for one in told)
+    contradictions = physical_parameters(exact(values), wrong).contradictions
+    assert any("check their unit" in contradiction for contradiction in contradictions)
 
 
 @pytest.mark.thorough
@@ -304,23 +316,25 @@ def test_thrust_maps_have_constants_of_their_own():
             },
         ),
     ):
-        told = physical_parameters(values, known_of(QUADROTOR, speed_scale=scale, thrust_map=thrust_map))
-        names = {row.name for row in told.rows if row.name.startswith("thrust_")}
+        parameters = physical_parameters(
+            values, known_of(QUADROTOR, speed_scale=scale, thrust_map=thrust_map)
+        )
+        names = {row.name for row in parameters.rows if row.name.startswith("thrust_")}
         assert names == set(constants)
         for name, (value, unit) in constants.items():
-            assert told[name].told.value == pytest.approx(value)
-            assert told[name].told.unit == unit
+            assert parameters[name].estimate.value == pytest.approx(value)
+            assert parameters[name].estimate.unit == unit
 
 
 @pytest.mark.thorough
 def test_the_widest_covariance_and_every_candidate_count():
     values = combinations_of(QUADROTOR)
-    one, other = with_errors(values, 0.01), with_errors({n: 1.1 * v for n, v in values.items()}, 0.02)
-    both = Combinations(one.names, (*one.candidates, *other.candidates))
+    errors, other = with_errors(values, 0.01), with_errors({n: 1.1 * v for n, v in values.items()}, 0.02)
+    both = Combinations(errors.names, (*errors.candidates, *other.candidates))
     known = known_of(QUADROTOR)
-    told = [physical_parameters(found, known)["drag_x"].told for found in (one, other, both)]
-    assert told[2].value == told[0].value
-    assert told[2].interval == pytest.approx((told[0].interval[0], told[1].interval[1]))
+    tolds = [physical_parameters(item, known)["drag_x"].estimate for item in (errors, other, both)]
+    assert tolds[2].value == tolds[0].value
+    assert tolds[2].interval == pytest.approx((tolds[0].interval[0], tolds[1].interval[1]))
 
 
 def test_wrong_calls_are_told():
@@ -347,10 +361,12 @@ def _coverage(seeds, relative):
             name: KnownNumber(value * (1.0 + share * rng.standard_normal()), value * share)
             for name, (value, share) in supplied.items()
         }
-        told = physical_parameters(Combinations.of_values(drawn, covariance), known_of(QUADROTOR, **given))
-        for row in told.rows:
-            low, high = row.told.interval
-            held[row.name] += low <= truth[row.name].told.value <= high
+        parameters = physical_parameters(
+            Combinations.of_values(drawn, covariance), known_of(QUADROTOR, **given)
+        )
+        for row in parameters.rows:
+            low, high = row.estimate.interval
+            held[row.name] += low <= truth[row.name].estimate.value <= high
     return {name: count / seeds for name, count in held.items()}
 
 
@@ -358,12 +374,12 @@ def _coverage(seeds, relative):
 @pytest.mark.usefixtures("unchecked_shapes")
 def test_intervals_include_what_is_supplied():
     """Without the errors of mass, arm and scale most of them would hold the truth far less often."""
-    found = _coverage(25, 0.004)
-    assert all(share >= 0.8 for share in found.values()), found
+    coverage = _coverage(25, 0.004)
+    assert all(share >= 0.8 for share in coverage.values()), coverage
 
 
 @pytest.mark.long
 def test_intervals_hold_the_truth():
     """.95 in 500 draws, with 99 % binomial bounds over all fifteen parameters."""
-    found = _coverage(500, 0.02)
-    assert all(0.92 <= share <= 0.977 for share in found.values()), found
+    coverage = _coverage(500, 0.02)
+    assert all(0.92 <= share <= 0.977 for share in coverage.values()), coverage

@@ -42,12 +42,12 @@ def spec(seed: int, **changes: object) -> RigidBodyFlightSpec:
 
 def motion(**known: float) -> RigidBody:
     rotors = BASE.vehicle.rotors
-    places = tuple((x, y) for x, y, _ in rotors.positions)
-    return RigidBody(KnownVehicle("simulated", places, rotors.spins, **known))
+    positions = tuple((x, y) for x, y, _ in rotors.positions)
+    return RigidBody(KnownVehicle("simulated", positions, rotors.spins, **known))
 
 
 def flown(*specs: RigidBodyFlightSpec) -> list[RigidBodyFlight]:
-    flights = [flight for one in specs for flight in simulate_rigid_body_flights([one])]
+    flights = [flight for item in specs for flight in simulate_rigid_body_flights([item])]
     assert all(flight.flew for flight in flights)
     return flights
 
@@ -59,16 +59,16 @@ def test_references_and_sweeps_predict_the_flight_without_what_shoves_it():
     disturbed, calm = (prepare(flight.recording, motion(), FlightOptions()) for flight in flights)
     names = [name for name in disturbed.usable_references if name.startswith("injected")]
     assert len(names) == 3  # what is injected serves
-    found = predicted_flight(disturbed, motion().layout, LaggedReferences(disturbed.usable_references))
-    assert set(found.signals.channels) == set(disturbed.signals.channels)
+    result = predicted_flight(disturbed, motion().layout, LaggedReferences(disturbed.usable_references))
+    assert set(result.signals.channels) == set(disturbed.signals.channels)
     used = disturbed.used
     for name in ("angular_rate_x", "angular_rate_y"):
         truth = calm.signals.channel(name)[used]
-        predicted = found.signals.channel(name)[used]
+        predicted = result.signals.channel(name)[used]
         assert np.std(predicted - truth) < 0.7 * np.std(truth)
         shoved_by = disturbed.signals.channel(name)[used] - truth
         assert abs(np.corrcoef(predicted - truth, shoved_by)[0, 1]) < 0.3
-    assert np.ptp(found.signals.channel("attitude_w")) == 0.0
+    assert np.ptp(result.signals.channel("attitude_w")) == 0.0
 
 
 @pytest.mark.thorough
@@ -76,12 +76,12 @@ def test_shoves_leave_the_gains_of_a_swept_flight_alone_which_least_squares_miss
     (flight,) = flown(spec(2))
     truth = flight.truth.parameters.torque_gains
     known = motion(gyro_cutoff_hz=GYRO_HZ, accelerometer_cutoff_hz=FORCE_HZ)
-    told = identify_flight(flight.recording, model=known)
+    reported = identify_flight(flight.recording, model=known)
     missed = identify_flight(flight.recording, model=known, method="least_squares")
     for name, gain in zip(("roll_gain", "pitch_gain"), truth, strict=False):
-        assert told.quantities[name].value == pytest.approx(gain, rel=0.05)
+        assert reported.quantities[name].value == pytest.approx(gain, rel=0.05)
         assert missed.quantities[name].value != pytest.approx(gain, rel=0.1)
-    assert told.quantities["effective_lag"].value == pytest.approx(0.072 + DELAY_S, rel=0.05)
+    assert reported.quantities["effective_lag"].value == pytest.approx(0.072 + DELAY_S, rel=0.05)
 
 
 @pytest.mark.long
@@ -91,9 +91,9 @@ def test_gains_of_swept_flights_under_shoves_have_no_bias_and_intervals_that_hol
     held = []
     errors = {name: [] for name in ("roll_gain", "pitch_gain", "yaw_gain")}
     for flight in flights:
-        found = identify_flight(flight.recording, model=known)
+        result = identify_flight(flight.recording, model=known)
         for (name, error), truth in zip(errors.items(), flight.truth.parameters.torque_gains, strict=True):
-            quantity = found.quantities[name]
+            quantity = result.quantities[name]
             error.append(quantity.value / truth - 1.0)
             held.append(quantity.interval[0] <= truth <= quantity.interval[1])
     for name, error in errors.items():

@@ -31,7 +31,7 @@ def log() -> Recording:
 
 
 def with_values(log: Recording, **values: np.ndarray) -> Recording:
-    changed = {name: replace(log.channel(name), values=one) for name, one in values.items()}
+    changed = {name: replace(log.channel(name), values=value) for name, value in values.items()}
     return replace(log, channels={**log.channels, **changed})
 
 
@@ -53,7 +53,7 @@ def prepared(log: Recording):
 )
 def test_another_order_is_named(log, order, signs, read_as):
     parts = attitude(log)
-    wrong = {name: s * parts[place] for name, place, s in zip(PARTS, order, signs, strict=True)}
+    wrong = {name: s * parts[item] for name, item, s in zip(PARTS, order, signs, strict=True)}
     with pytest.raises(InputError) as refused:
         prepared(with_values(log, **wrong))
     assert read_as in str(refused.value)
@@ -62,15 +62,15 @@ def test_another_order_is_named(log, order, signs, read_as):
 def test_opposite_quaternions_are_the_same_attitude(log):
     signs = np.where(np.arange(attitude(log).shape[1]) % 7 < 3, 1.0, -1.0)
     flipped = with_values(log, **dict(zip(PARTS, signs * attitude(log), strict=True)))
-    found, expected = (body_velocity(prepared(one).signals) for one in (flipped, log))
-    np.testing.assert_allclose(found, expected, atol=1e-9)
+    result, expected = (body_velocity(prepared(item).signals) for item in (flipped, log))
+    np.testing.assert_allclose(result, expected, atol=1e-9)
 
 
 def test_rates_in_degrees_are_told_by_the_attitude(log):
     rates = [log.channel(f"angular_rate_{axis}") for axis in "xyz"]
     parts = [log.channel(name) for name in PARTS]
     refuse_other_turns(parts, rates, log.name)
-    degrees = [replace(one, values=np.rad2deg(one.values)) for one in rates]
+    degrees = [replace(rate, values=np.rad2deg(rate.values)) for rate in rates]
     with pytest.raises(InputError, match="57 times as fast as the attitude"):
         refuse_other_turns(parts, degrees, log.name)
 
@@ -78,9 +78,9 @@ def test_rates_in_degrees_are_told_by_the_attitude(log):
 def test_rotors_that_never_differ_are_refused_with_the_axes_that_they_do_not_turn(log):
     names = [f"rotor_command_{number}" for number in (1, 2, 3, 4)]
     values = np.stack([log.channel(name).values for name in names])
-    alike = dict.fromkeys(names, values.mean(axis=0))
+    equal = dict.fromkeys(names, values.mean(axis=0))
     with pytest.raises(InputError, match="never turn it about roll, pitch, yaw"):
-        prepared(with_values(log, **alike))
+        prepared(with_values(log, **equal))
     spins = np.array(ROTORS.spins)[:, None]
     unturned = dict(zip(names, values - spins * (spins * values).mean(axis=0), strict=True))
     with pytest.raises(InputError, match="never turn it about yaw"):

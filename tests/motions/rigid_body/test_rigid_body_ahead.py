@@ -17,7 +17,7 @@ from eivor.flights.quantity import SimpleModel
 from eivor.lab.scenario_files import shipped_rigid_body_flight
 from eivor.motions.rates.verdict import AXES
 from eivor.motions.rigid_body.motion import RigidBody
-from eivor.motions.rigid_body.vehicle import KnownNumber, KnownVehicle, vehicle_told
+from eivor.motions.rigid_body.vehicle import KnownNumber, KnownVehicle, vehicle_from_record
 from eivor.report.saved_fit import SavedFit, load_fit
 from eivor.report.terminal import on_terminal
 from eivor.report.validation import validation_document
@@ -45,15 +45,21 @@ def flight(flown: RigidBodyFlight) -> PreparedFlight:
 
 @pytest.fixture(scope="module")
 def truth(flown: RigidBodyFlight) -> dict[str, float]:
-    found = flown.truth.parameters
+    parameters = flown.truth.parameters
     return {
-        **{f"{axis.name}_gain": one for axis, one in zip(AXES, found.torque_gains, strict=True)},
-        **{f"{axis.name}_coupling": one for axis, one in zip(AXES, found.gyroscopic_ratios, strict=True)},
-        **{f"{axis.name}_damping": one for axis, one in zip(AXES, found.rate_damping, strict=True)},
-        **{f"drag_{axis}": one for axis, one in zip("xyz", found.drag, strict=True)},
-        "thrust_gain": found.thrust_gain,
-        "actuator_lag": found.lag_up,
-        "delay": found.delay,
+        **{
+            f"{axis.name}_gain": torque_gain
+            for axis, torque_gain in zip(AXES, parameters.torque_gains, strict=True)
+        },
+        **{
+            f"{axis.name}_coupling": gyroscopic_ratio
+            for axis, gyroscopic_ratio in zip(AXES, parameters.gyroscopic_ratios, strict=True)
+        },
+        **{f"{axis.name}_damping": item for axis, item in zip(AXES, parameters.rate_damping, strict=True)},
+        **{f"drag_{axis}": item for axis, item in zip("xyz", parameters.drag, strict=True)},
+        "thrust_gain": parameters.thrust_gain,
+        "actuator_lag": parameters.lag_up,
+        "delay": parameters.delay,
     }
 
 
@@ -62,27 +68,29 @@ def models(values: dict[str, float]) -> dict[str, SimpleModel]:
     return {"fit": SimpleModel("the fit", values), "least_squares": SimpleModel("without lag", without)}
 
 
-def without(log: Recording, *left_out: str) -> Recording:
-    return replace(log, channels={name: one for name, one in log.channels.items() if name not in left_out})
+def without(log: Recording, *excluded: str) -> Recording:
+    return replace(
+        log, channels={name: channel for name, channel in log.channels.items() if name not in excluded}
+    )
 
 
 def quantities(motion: RigidBody, log: Recording, values: dict[str, float], *refused: str) -> list[str]:
     flight = prepare(log, motion, FlightOptions()).shortened
-    ahead = motion.ahead((flight,), models(values), frozenset(refused))
-    return [one[0].quantity for one in ahead.by_quantity]
+    prediction = motion.multi_step_prediction((flight,), models(values), frozenset(refused))
+    return [item[0].quantity for item in prediction.by_quantity]
 
 
 @pytest.mark.thorough
 def test_true_numbers_predict_every_quantity(flight, truth):
-    ahead = MOTION.ahead((flight,), models(truth), frozenset())
-    assert [one[0].quantity for one in ahead.by_quantity] == QUANTITIES
+    prediction = MOTION.multi_step_prediction((flight,), models(truth), frozenset())
+    assert [item[0].quantity for item in prediction.by_quantity] == QUANTITIES
     # of a flight without noise next to nothing is left half a second ahead
     allowed = dict(zip(QUANTITIES, (5e-3, 5e-3, 5e-3, 2e-3, 0.02, 5e-3), strict=True))
-    for own, lagless, unchanged in ahead.by_quantity:
-        assert own.rms[-1] < allowed[own.quantity]
-        assert own.rms[-1] < 0.03 * unchanged.rms[-1]
-        assert own.rms[-1] < 0.08 * lagless.rms[-1]
-    assert ahead.predicts
+    for entry, lagless, unchanged in prediction.by_quantity:
+        assert entry.rms[-1] < allowed[entry.quantity]
+        assert entry.rms[-1] < 0.03 * unchanged.rms[-1]
+        assert entry.rms[-1] < 0.08 * lagless.rms[-1]
+    assert prediction.predicts
 
 
 def test_a_body_that_turns_on_is_predicted_by_its_rates():
@@ -94,7 +102,7 @@ def test_a_body_that_turns_on_is_predicted_by_its_rates():
     body = np.zeros((13, 1))
     body[3:6, 0], body[6:10, 0], body[10:13, 0] = (1.0, 2.0, -1.0), (0.8, 0.0, 0.6, 0.0), rates
     starts = Starts(np.array([0]), (1000,), 0.0005)
-    found = _unchanged(body, starts)
+    unchanged = _unchanged(body, starts)
 
     def turning(state: np.ndarray, _now: np.ndarray) -> np.ndarray:
         w, x, y, z = state
@@ -103,10 +111,10 @@ def test_a_body_that_turns_on_is_predicted_by_its_rates():
             [-x * p - y * q - z * r, w * p + y * r - z * q, w * q + z * p - x * r, w * r + x * q - y * p]
         )
 
-    carried = starts.carried(body[6:10], turning)
-    assert _angle(carried, found[:, 6:10]).max() < 1e-5
-    assert _angle(-carried, found[:, 6:10]).max() < 1e-5
-    assert np.allclose(found[0, :3, 0], [0.5, 1.0, -0.5])
+    propagate = starts.propagate(body[6:10], turning)
+    assert _angle(propagate, unchanged[:, 6:10]).max() < 1e-5
+    assert _angle(-propagate, unchanged[:, 6:10]).max() < 1e-5
+    assert np.allclose(unchanged[0, :3, 0], [0.5, 1.0, -0.5])
 
 
 @pytest.mark.thorough
@@ -121,19 +129,19 @@ def test_a_body_that_turns_on_is_predicted_by_its_rates():
     ],
 )
 def test_what_rests_on_a_refused_gain_is_left_out(flight, truth, refused, left):
-    ahead = MOTION.ahead((flight,), models(truth), frozenset(refused))
-    assert [one[0].quantity for one in ahead.by_quantity] == left
-    said = " ".join(ahead.left_out)
-    assert ("Not predicted" in said) == (left != QUANTITIES)
-    assert ("Counted as zero, since the fit does not tell it: roll coupling, drag x." in said) == (
+    prediction = MOTION.multi_step_prediction((flight,), models(truth), frozenset(refused))
+    assert [item[0].quantity for item in prediction.by_quantity] == left
+    text = " ".join(prediction.omitted)
+    assert ("Not predicted" in text) == (left != QUANTITIES)
+    assert ("Counted as zero, since the fit does not identify it: roll coupling, drag x." in text) == (
         "drag_x" in refused
     )
 
 
 def test_a_refused_drag_counts_as_zero(flight, truth):
     wild = {**truth, "drag_x": 1e3, "quadratic_drag_x": 1e3}
-    found = MOTION.ahead((flight,), models(wild), frozenset({"drag_x"}))
-    velocity = {one.model: one for one in found.errors if one.quantity == "velocity"}
+    result = MOTION.multi_step_prediction((flight,), models(wild), frozenset({"drag_x"}))
+    velocity = {error.model: error for error in result.errors if error.quantity == "velocity"}
     assert velocity["fit"].rms[-1] < 0.3
     assert velocity["least_squares"].rms[-1] > 1.0
 
@@ -164,7 +172,7 @@ def saved(values: dict[str, float], tmp_path, **changed: object) -> SavedFit:
         "model": {"name": "rigid_body"},
         "verdict": "identified",
         "reasons": [],
-        "parameters": {name: {"value": one, **quantity} for name, one in values.items()},
+        "parameters": {name: {"value": value, **quantity} for name, value in values.items()},
         "derived": {},
         "covariance": {"names": list(values), "candidates": [best]},
         "prediction": {
@@ -185,19 +193,19 @@ def saved(values: dict[str, float], tmp_path, **changed: object) -> SavedFit:
 
 
 def test_another_flight_is_validated(flown, truth, tmp_path):
-    found = ev.validate(saved(truth, tmp_path), flown.recording, window=(0.0, 7.0))
-    assert found.predicts
-    assert "in the mean" in found.sentence
-    document = json.loads(found.to_json())
+    validate = ev.validate(saved(truth, tmp_path), flown.recording, window=(0.0, 7.0))
+    assert validate.predicts
+    assert "in the mean" in validate.sentence
+    document = json.loads(validate.to_json())
     assert document["predictions"] == []
     assert document["ahead"]["horizons"] == [0.1, 0.2, 0.3, 0.4, 0.5]
-    assert document["ahead"]["starts"] == found.ahead.start_s.size > 100
+    assert document["ahead"]["starts"] == validate.multi_step_prediction.start_s.size > 100
     first = document["ahead"]["errors"][0]
     assert (first["model"], first["quantity"], first["unit"]) == ("fit", "roll rate", "rad/s")
-    assert "position" in found.summary()
-    assert "position" in found._repr_html_()
-    assert on_terminal(validation_document(found)).renderables
-    figure = found.plot()
+    assert "position" in validate.summary()
+    assert "position" in validate._repr_html_()
+    assert on_terminal(validation_document(validate)).renderables
+    figure = validate.plot()
     assert len(figure.axes) == 12
     assert [axes.get_ylabel() for axes in figure.axes[:2]] == ["roll rate [deg/s]", "RMS error [deg/s]"]
 
@@ -212,21 +220,21 @@ def test_what_cannot_be_validated_is_said(flown, truth, tmp_path):
         ev.validate(saved(truth, tmp_path), without(log, "rotor_command_4"))
     with pytest.raises(MissingChannelError, match="angular_rate_y"):
         ev.validate(saved(truth, tmp_path), without(log, "angular_rate_y"))
-    nothing = {name: one for name, one in truth.items() if not name.endswith("gain")}
-    with pytest.raises(UsageError, match="does not tell the roll gain"):
+    nothing = {name: item for name, item in truth.items() if not name.endswith("gain")}
+    with pytest.raises(UsageError, match="does not identify the roll gain"):
         ev.validate(saved(nothing, tmp_path), log)
 
 
 def test_a_vehicle_comes_back_from_a_result():
     vehicle = replace(KNOWN, mass=KnownNumber(0.03, 0.001), arm_scale=KnownNumber(1.0), thrust_map="linear")
-    assert vehicle_told(json.loads(json.dumps(asdict(vehicle)))) == vehicle
+    assert vehicle_from_record(json.loads(json.dumps(asdict(vehicle)))) == vehicle
     for wrong in (
         {},
         {**asdict(vehicle), "mass": {"value": -1.0, "std": 0.0}},
         {**asdict(vehicle), "wings": 2},
     ):
         with pytest.raises(InputError, match="says what flies"):
-            vehicle_told(wrong)
+            vehicle_from_record(wrong)
 
 
 @pytest.mark.thorough
@@ -234,7 +242,9 @@ def test_a_result_predicts_its_own_flight_and_another(flown):
     noisy = replace(shipped_rigid_body_flight("crazyflie"), duration=12.0)
     first, second = simulate_rigid_body_flights([replace(noisy, seed=1), replace(noisy, seed=2)])
     fit = ev.identify_flight(first.recording, model=MOTION, method="whitened_least_squares")
-    assert fit.ahead is not None
-    assert all(ratio < 0.3 for ratio in fit.ahead.ratios.values())
-    assert all(ratio < 0.3 for ratio in ev.validate(fit, second.recording).ahead.ratios.values())
+    assert fit.multi_step_prediction is not None
+    assert all(ratio < 0.3 for ratio in fit.multi_step_prediction.ratios.values())
+    assert all(
+        ratio < 0.3 for ratio in ev.validate(fit, second.recording).multi_step_prediction.ratios.values()
+    )
     assert json.loads(fit.to_json())["ahead"]["errors"]

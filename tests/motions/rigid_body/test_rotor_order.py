@@ -16,7 +16,7 @@ from eivor.lab.scenario_files import shipped_rigid_body_flight
 from eivor.motions.identify import identify_flight
 from eivor.motions.rigid_body.motion import RigidBody
 from eivor.motions.rigid_body.vehicle import KnownVehicle
-from eivor.motions.rigid_body.verdict import Order, order_shown
+from eivor.motions.rigid_body.verdict import Order, observed_order
 from eivor.simulation.excitation import RandomSteps
 from eivor.simulation.rigid_body import simulate_rigid_body_flights
 from eivor.simulation.rigid_body_spec import AxisExcitations, RigidBodyFlightSpec, TorqueDisturbance
@@ -36,7 +36,7 @@ def ordered(*acts_as: int) -> KnownVehicle:
 
 
 def shown(flight: PreparedFlight, vehicle: KnownVehicle) -> Order | None:
-    return order_shown([flight], RigidBody(vehicle).layout)
+    return observed_order([flight], RigidBody(vehicle).layout)
 
 
 def flown(specs: list[RigidBodyFlightSpec]) -> list[PreparedFlight]:
@@ -65,12 +65,12 @@ def test_the_right_order_is_not_accused(flight):
     ],
 )
 def test_another_order_is_named(flight, acts_as, words):
-    found = shown(flight, ordered(*acts_as))
-    assert found is not None
-    assert found.acts_as == acts_as
-    assert found.sentence.startswith(words)
-    assert found.explained > 0.9
-    assert Order.of_numbers(found.numbers) == found
+    result = shown(flight, ordered(*acts_as))
+    assert result is not None
+    assert result.acts_as == acts_as
+    assert result.sentence.startswith(words)
+    assert result.explained > 0.9
+    assert Order.of_numbers(result.numbers) == result
 
 
 def test_signs_alone_are_left_to_the_gains(flight):
@@ -81,31 +81,31 @@ def test_signs_alone_are_left_to_the_gains(flight):
 @pytest.mark.thorough
 def test_of_more_rotors_two_may_be_exchanged():
     angles = np.arange(6) * np.pi / 3.0 + 0.3
-    places = tuple((float(np.cos(angle)), float(np.sin(angle))) for angle in angles)
+    positions = tuple((float(np.cos(angle)), float(np.sin(angle))) for angle in angles)
     rotors = replace(
         ROTORS,
-        positions=tuple((0.043 * x, 0.043 * y, 0.0) for x, y in places),
+        positions=tuple((0.043 * x, 0.043 * y, 0.0) for x, y in positions),
         spins=(1, -1, 1, -1, 1, -1),
     )
     spec = replace(SPEC, vehicle=replace(SPEC.vehicle, mass=0.045, rotors=rotors))
-    six = KnownVehicle("six", places, rotors.spins)
+    six = KnownVehicle("six", positions, rotors.spins)
     log = next(iter(simulate_rigid_body_flights([spec]))).recording
     flight = prepare(log, RigidBody(six), FlightOptions())
     swapped = replace(
-        six, positions=(*places[:3], places[4], places[3], places[5]), spins=(1, -1, 1, 1, -1, -1)
+        six, positions=(*positions[:3], positions[4], positions[3], positions[5]), spins=(1, -1, 1, 1, -1, -1)
     )
     assert shown(flight, six) is None
-    found = shown(flight, swapped)
-    assert found is not None
-    assert found.acts_as == (1, 2, 3, 5, 4, 6)
+    result = shown(flight, swapped)
+    assert result is not None
+    assert result.acts_as == (1, 2, 3, 5, 4, 6)
 
 
 @pytest.mark.thorough
 def test_a_result_refuses_and_says_which(flight):
-    found = identify_flight(flight.recording, model=RigidBody(ordered(1, 3, 2, 4)))
-    assert found.verdict.status is Status.REFUSED
-    assert any(reason.sentence.startswith("Rotors 2 and 3 look") for reason in found.verdict.reasons)
-    assert found.diagnostics["rotor_2_acts_as"] == 3.0
+    result = identify_flight(flight.recording, model=RigidBody(ordered(1, 3, 2, 4)))
+    assert result.verdict.status is Status.REFUSED
+    assert any(reason.sentence.startswith("Rotors 2 and 3 look") for reason in result.verdict.reasons)
+    assert result.diagnostics["rotor_2_acts_as"] == 3.0
 
 
 @pytest.mark.long
@@ -121,6 +121,6 @@ def test_no_clean_flight_is_accused():
     accused = wrong = 0
     for flight in flown(specs):
         accused += shown(flight, TRUE) is not None
-        found = shown(flight, ordered(1, 3, 2, 4))
-        wrong += found is not None and found.acts_as != (1, 3, 2, 4)
+        result = shown(flight, ordered(1, 3, 2, 4))
+        wrong += result is not None and result.acts_as != (1, 3, 2, 4)
     assert (accused, wrong) == (0, 0)

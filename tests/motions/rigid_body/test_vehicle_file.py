@@ -136,7 +136,7 @@ def test_mistakes_are_told(loaded, top, rotors, told):
 
 def test_what_is_no_vehicle(tmp_path):
     (tmp_path / "log.toml").write_bytes(b"\xff\xfe")
-    for source, told in (
+    for source, item in (
         (tmp_path / "missing.toml", "unreadable"),
         (tmp_path / "log.toml", "unreadable"),
         (tmp_path, "unreadable"),
@@ -144,7 +144,7 @@ def test_what_is_no_vehicle(tmp_path):
         ("hexacopter", "eivor vehicle new"),
         ("x" * 5000, "eivor vehicle new"),
     ):
-        with pytest.raises(InputError, match=told):
+        with pytest.raises(InputError, match=item):
             load_vehicle(source)
 
 

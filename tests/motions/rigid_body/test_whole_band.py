@@ -14,10 +14,10 @@ from eivor.lab.disturbances import OrnsteinUhlenbeck
 from eivor.lab.scenario_files import shipped_rigid_body_flight
 from eivor.models.separable import NoInstruments
 from eivor.motions.identify import identify_flight
-from eivor.motions.rigid_body.motion import WHOLE_BAND_HZ, RigidBody, in_whole_band
+from eivor.motions.rigid_body.motion import FULL_BAND_HZ, RigidBody, in_full_band
 from eivor.motions.rigid_body.regression import FORCE_BAND_HZ, TURNING_BAND_HZ
 from eivor.motions.rigid_body.vehicle import KnownVehicle
-from eivor.motions.rigid_body.verdict import lags_apart
+from eivor.motions.rigid_body.verdict import lag_consistency_test
 from eivor.simulation.rigid_body import simulate_rigid_body_flights
 from eivor.simulation.rigid_body_spec import Logged, TorqueDisturbance
 
@@ -40,17 +40,17 @@ def problem_of(log):
 
 def test_rows_of_turning_reach_up_and_those_of_forces_stay():
     problem = problem_of(flown(SPEC))
-    whole = in_whole_band(problem)
-    assert [one.band_hz for one in whole.columns[:3]] == [(TURNING_BAND_HZ[0], WHOLE_BAND_HZ)] * 3
-    assert {one.band_hz for one in whole.columns[3:]} == {FORCE_BAND_HZ}
-    assert in_whole_band(whole) is whole
-    at = {"actuator_lag": ROTORS.lag_up, "delay": 0.0}
-    assert len(whole.bins(at).responses) > 1.5 * len(problem.bins(at).responses)
+    whole = in_full_band(problem)
+    assert [column.band_hz for column in whole.columns[:3]] == [(TURNING_BAND_HZ[0], FULL_BAND_HZ)] * 3
+    assert {column.band_hz for column in whole.columns[3:]} == {FORCE_BAND_HZ}
+    assert in_full_band(whole) is whole
+    index = {"actuator_lag": ROTORS.lag_up, "delay": 0.0}
+    assert len(whole.bins(index).responses) > 1.5 * len(problem.bins(index).responses)
 
 
 def test_commands_that_the_log_does_not_hold_end_it():
     slow = problem_of(flown(replace(SPEC, logged=Logged(rotor_command_hz=125.0))))
-    assert in_whole_band(slow) is slow
+    assert in_full_band(slow) is slow
 
 
 @pytest.mark.thorough
@@ -61,11 +61,11 @@ def test_what_comes_back_through_the_controller_cancels_in_it():
     lower, whole = [], []
     for (flight,) in (simulate_rigid_body_flights([replace(spec, seed=seed)]) for seed in (10, 11, 12, 13)):
         alone = identify(problem_of(flight.recording), by_name(DIRECT))
-        assert lags_apart(alone) is not None
+        assert lag_consistency_test(alone) is not None
         lower.append(alone.parameters["actuator_lag"] + alone.parameters["delay"] - ROTORS.lag_up)
-        found = identify_flight(flight.recording, model=MOTION, method=DIRECT)
-        assert found.fit.problem.band_hz(0)[1] == WHOLE_BAND_HZ
-        assert "The axes disagree about the lag" in " ".join(found.verdict.sentences)
-        whole.append(found.quantities["effective_lag"].value - ROTORS.lag_up)
+        result = identify_flight(flight.recording, model=MOTION, method=DIRECT)
+        assert result.fit.problem.band_hz(0)[1] == FULL_BAND_HZ
+        assert "The axes disagree about the lag" in " ".join(result.verdict.sentences)
+        whole.append(result.quantities["effective_lag"].value - ROTORS.lag_up)
     assert np.mean(lower) < -0.001
     assert abs(np.mean(whole)) < 0.3 * abs(np.mean(lower))

@@ -53,16 +53,18 @@ def test_a_steady_wind_is_told_and_calm_air_is_not_called_windy(log):
 
 
 def test_without_velocity_nothing_is_said_of_the_wind(log):
-    kept = {name: one for name, one in log.channels.items() if not name.startswith("velocity")}
+    kept = {name: channel for name, channel in log.channels.items() if not name.startswith("velocity")}
     assert told(replace(log, channels=kept)) is None
 
 
 @pytest.mark.thorough
 def test_drags_across_in_a_wind_are_weak_at_most_and_gains_stay(log):
-    found = identify_flight(log, model=MOTION)
-    reasons = {name: [reason.sentence for reason in one.reasons] for name, one in found.quantities.items()}
+    flight = identify_flight(log, model=MOTION)
+    reasons = {
+        name: [reason.sentence for reason in quantity.reasons] for name, quantity in flight.quantities.items()
+    }
     for name in ("drag_x", "drag_y"):
-        assert any("A steady wind of about 2." in one for one in reasons[name])
-        assert found.quantities[name].verdict.value != "identified"
-    assert not any("wind of about" in one for one in reasons["roll_gain"])
-    assert found.diagnostics["steady_wind_x"] == pytest.approx(WIND[0], abs=0.5)
+        assert any("A steady wind of about 2." in reason for reason in reasons[name])
+        assert flight.quantities[name].verdict.value != "identified"
+    assert not any("wind of about" in reason for reason in reasons["roll_gain"])
+    assert flight.diagnostics["steady_wind_x"] == pytest.approx(WIND[0], abs=0.5)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from eivor.errors import InputError, UsageError
-from eivor.flights.motion import Circumstances
+from eivor.flights.motion import VerdictInputs
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepare import prepare
 from eivor.motions.vertical.motion import Vertical
@@ -34,17 +34,17 @@ def flight(lowest: float, *, on_ground: bool = True):
     return prepare(log, Vertical(), FlightOptions())
 
 
-def at(numbers) -> Circumstances:
-    return Circumstances(1, 100.0, 100.0, exogenous=True, direct=False, numbers=numbers)
+def at(numbers) -> VerdictInputs:
+    return VerdictInputs(1, 100.0, 100.0, exogenous=True, direct=False, numbers=numbers)
 
 
 def test_heights_count_in_radii():
     low, high = flight(0.4), flight(1.0)
     assert near_ground([high], RADIUS, corrected=False)["near_ground_share"] == 0.0
-    found = near_ground([low, high], RADIUS, corrected=False)
-    assert found["lowest_radii"] == pytest.approx(2.0, abs=0.5)
-    assert 0.01 < found["near_ground_share"] < 0.9
-    (reason,) = near_ground_reasons(at(found))
+    ground = near_ground([low, high], RADIUS, corrected=False)
+    assert ground["lowest_radii"] == pytest.approx(2.0, abs=0.5)
+    assert 0.01 < ground["near_ground_share"] < 0.9
+    (reason,) = near_ground_reasons(at(ground))
     assert reason.sentence.startswith("The vehicle flew below 4 rotor radii over the ground for ")
     assert near_ground_reasons(at(near_ground([high], RADIUS, corrected=False))) == []
 

@@ -36,7 +36,7 @@ def told(log: Recording, values: np.ndarray | None = None, **parameters: float) 
     result = identify_flight(log)
     assert isinstance(result, FlightEstimate)
     assert result.quantities["hover_input"].verdict is Status.IDENTIFIED
-    return {one.name: one.message for one in result.findings if one.name.startswith("hover")}
+    return {finding.name: finding.message for finding in result.findings if finding.name.startswith("hover")}
 
 
 @pytest.mark.thorough
@@ -63,9 +63,9 @@ def test_an_estimate_is_compared_where_it_says_something(log):
 @pytest.mark.usefixtures("coarse_search")
 @pytest.mark.parametrize(("value", "words"), [(0.354, "lower limit, 0.35"), (0.747, "upper limit, 0.75")])
 def test_an_estimate_at_its_limit_is_not_compared(log, value, words):
-    found = told(log, np.full(TIME.size, value))
-    assert words in found["hover_estimate_at_limit"]
-    assert "hover_estimate" not in found
+    result = told(log, np.full(TIME.size, value))
+    assert words in result["hover_estimate_at_limit"]
+    assert "hover_estimate" not in result
 
 
 @pytest.mark.thorough
@@ -76,4 +76,4 @@ def test_a_hover_that_is_not_identified_or_no_thrust_is_not_compared(log):
     assert rough.quantities["hover_input"].verdict is Status.WEAK
     rotors = changed(wrong, "input", rotor_command_1=wrong.channel("input").values)
     for result in (rough, identify_flight(rotors)):
-        assert not [one.name for one in result.findings if one.name.startswith("hover")]
+        assert not [finding.name for finding in result.findings if finding.name.startswith("hover")]

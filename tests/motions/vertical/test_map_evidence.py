@@ -20,10 +20,10 @@ def test_without_an_intercept_beyond_the_bound_the_map_fits():
 
 
 def test_the_intercept_alone_is_held_against_one_side_and_the_bend_that_is_not_there():
-    at = 4.2306  # where half of chi-square with one degree and a quarter of that with two leave .05
-    assert fitting_p_value(at, 1.0, None) == pytest.approx(0.05, abs=1e-4)
-    assert fitting_p_value(at, 1.0, bend(5.0)) == fitting_p_value(at, 1.0, None)
-    assert fitting_p_value(at, -1.0, bend(-5.0)) == fitting_p_value(at, 1.0, None)
+    index = 4.2306  # where half of chi-square with one degree and a quarter of that with two leave .05
+    assert fitting_p_value(index, 1.0, None) == pytest.approx(0.05, abs=1e-4)
+    assert fitting_p_value(index, 1.0, bend(5.0)) == fitting_p_value(index, 1.0, None)
+    assert fitting_p_value(index, -1.0, bend(-5.0)) == fitting_p_value(index, 1.0, None)
 
 
 def test_a_bend_to_the_side_of_the_intercept_counts_as_much_as_its_p_value_says():

@@ -8,15 +8,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eivor.flights.lag_prior import GivenLag
-from eivor.flights.motion import Circumstances, Searched, Strength
+from eivor.flights.lag_prior import LagPrior
+from eivor.flights.motion import InstrumentStrength, Searched, VerdictInputs
 from eivor.flights.prepared import Difference, SensorAgreement
-from eivor.flights.quantity import Allowance, Choice, Counts, Unjudged
+from eivor.flights.quantity import Choice, Counts, QuantityEstimate, SystematicUncertainty
 from eivor.inference.confidence_set import ConfidenceSet
 from eivor.inference.verdict import Status, verdict
 from eivor.models.separable import Prior
 from eivor.motions.vertical.verdict import (
-    all_grounds,
+    all_reasons,
     friction_reasons,
     gain_reasons,
     hover_reasons,
@@ -26,25 +26,25 @@ from eivor.motions.vertical.verdict import (
 NAMES = ("viscous_friction", "input_gain", "actuator_lag")
 
 
-def reserving(of: Unjudged, part: float) -> Unjudged:
+def reserving(of: QuantityEstimate, part: float) -> QuantityEstimate:
     """A quantity with a systematic part that the verdict alone counts."""
-    return replace(of, allowances=(Allowance(Counts.RESERVED, part, part, ""),))
+    return replace(of, systematic_uncertainties=(SystematicUncertainty(Counts.RESERVED, part, part, ""),))
 
 
-def quantity(value: float, half_width: float) -> Unjudged:
-    return Unjudged(value, "", 0.5 * half_width, (value - half_width, value + half_width))
+def quantity(value: float, half_width: float) -> QuantityEstimate:
+    return QuantityEstimate(value, "", 0.5 * half_width, (value - half_width, value + half_width))
 
 
 def numbers(
     strengths=(50.0, 50.0, 50.0), p_value: float = 0.5, lag_s: float = 0.05, names=NAMES, robust=()
-) -> Strength:
+) -> InstrumentStrength:
     """What the instruments tell; with the pieces of a set of the friction."""
     searched = {"actuator_lag": Searched(lag_s, highest=0.3)} if "actuator_lag" in names else {}
     sets = {"viscous_friction": ConfidenceSet(robust)} if robust else {}
-    return Strength(dict(zip(names, strengths, strict=True)), p_value, searched, sets)
+    return InstrumentStrength(dict(zip(names, strengths, strict=True)), p_value, searched, sets)
 
 
-def quantities(**changed: Unjudged) -> dict[str, Unjudged]:
+def quantities(**changed: QuantityEstimate) -> dict[str, QuantityEstimate]:
     good = {
         "viscous_friction": quantity(0.4, 0.1),
         "input_gain": quantity(40.0, 1.0),
@@ -52,12 +52,12 @@ def quantities(**changed: Unjudged) -> dict[str, Unjudged]:
         "effective_lag": quantity(0.05, 0.005),
         "hover_input": quantity(0.5, 0.005),
         "intercept": quantity(0.0, 0.1),
-        "delay": Unjudged(0.0, "s", np.nan, (0.0, 0.0), Choice((0.0,), (0.0, 0.01))),
+        "delay": QuantityEstimate(0.0, "s", np.nan, (0.0, 0.0), Choice((0.0,), (0.0, 0.01))),
     }
     return good | changed
 
 
-def circumstances(**changed) -> Circumstances:
+def circumstances(**changed) -> VerdictInputs:
     good = {
         "flights": 1,
         "command_rate_hz": 100.0,
@@ -65,24 +65,30 @@ def circumstances(**changed) -> Circumstances:
         "exogenous": True,
         "direct": False,
     }
-    return Circumstances(**(good | changed))
+    return VerdictInputs(**(good | changed))
 
 
 def test_a_good_flight_has_no_ground_against_it():
-    at = circumstances()
-    assert friction_reasons(quantities(), numbers(), at) == []
+    index = circumstances()
+    assert friction_reasons(quantities(), numbers(), index) == []
     kept = quantities(viscous_friction=reserving(quantity(0.4, 0.169), 0.03))
-    assert friction_reasons(kept, numbers(), at) == []
-    assert gain_reasons(quantities()["input_gain"], numbers(), at) == []
-    assert hover_reasons(quantities()["hover_input"], at) == []
-    assert lag_reasons(quantities(), numbers(), at) == []
+    assert friction_reasons(kept, numbers(), index) == []
+    assert gain_reasons(quantities()["input_gain"], numbers(), index) == []
+    assert hover_reasons(quantities()["hover_input"], index) == []
+    assert lag_reasons(quantities(), numbers(), index) == []
 
 
 @pytest.mark.parametrize(
     ("fit", "found", "at", "status", "said"),
     [
         ({}, {}, {"used_s": 15.4}, Status.WEAK, "Only 15.4 s could be used"),
-        ({}, {"viscous_friction": quantity(0.0, 0.1)}, {}, Status.REFUSED, "cannot be told from zero"),
+        (
+            {},
+            {"viscous_friction": quantity(0.0, 0.1)},
+            {},
+            Status.REFUSED,
+            "cannot be distinguished from zero",
+        ),
         (
             {},
             {"viscous_friction": quantity(-0.2, 0.1)},
@@ -102,9 +108,15 @@ def test_a_good_flight_has_no_ground_against_it():
             {},
             {"single_frequency_hz": 0.318},
             Status.REFUSED,
-            r"has one frequency \(0.32 Hz\), which tells two of 3 numbers",
+            r"has one frequency \(0.32 Hz\), which identifies two of 3 numbers",
         ),
-        ({}, {"viscous_friction": quantity(0.4, 0.4)}, {}, Status.REFUSED, "cannot be told from zero"),
+        (
+            {},
+            {"viscous_friction": quantity(0.4, 0.4)},
+            {},
+            Status.REFUSED,
+            "cannot be distinguished from zero",
+        ),
         ({}, {"viscous_friction": quantity(0.4, 0.201)}, {}, Status.WEAK, r"interval is \+-50\.2% wide;"),
         (
             {},
@@ -118,7 +130,7 @@ def test_a_good_flight_has_no_ground_against_it():
             {"viscous_friction": reserving(replace(quantity(0.1, 0.0), interval=(0.029, 0.065)), 0.03)},
             {},
             Status.WEAK,
-            r"begins at 0\.029 1/s, and up to 0\.03 1/s cannot be told from an estimator's own",
+            r"begins at 0\.029 1/s, and up to 0\.03 1/s cannot be distinguished from an estimator's own",
         ),
         (
             {"strengths": (9.9, 50.0, 50.0)},
@@ -186,13 +198,13 @@ def test_bounds_themselves_are_accepted(fit, found, at):
         ((0.3, 0.5), 0, Status.WEAK, r"F is 3\.0.* holds however weak they are\.$"),
         ((0.3, 0.5), 1, Status.WEAK, r"they are, here from the first to the last of its 2 pieces\.$"),
         ((0.1, 0.9), 0, Status.WEAK, "holds however weak they are"),
-        ((-0.1, 0.5), 0, Status.REFUSED, "cannot be told from zero"),
+        ((-0.1, 0.5), 0, Status.REFUSED, "cannot be distinguished from zero"),
         ((0.2, np.inf), 0, Status.REFUSED, r"leave the viscous friction anywhere in \[0\.2, inf\]\.$"),
         ((-np.inf, np.inf), 0, Status.REFUSED, r"anywhere in \[-inf, inf\]\.$"),
     ],
 )
 def test_weak_instruments_are_judged_by_the_set_that_holds_all_the_same(interval, gaps, status, said):
-    friction = Unjudged(0.4, "1/s", 0.1, interval)
+    friction = QuantityEstimate(0.4, "1/s", 0.1, interval)
     low, high = interval
     pieces = ((low, 0.39), (0.41, high)) if gaps else (interval,)
     fit = numbers((50.0, 50.0, 3.0), robust=pieces)
@@ -204,26 +216,28 @@ def test_weak_instruments_are_judged_by_the_set_that_holds_all_the_same(interval
 
 
 def test_a_set_without_bounds_is_refused_however_strong_the_instruments_are():
-    friction = Unjudged(0.4, "1/s", 0.01, (0.2, np.inf))
-    found = quantities(viscous_friction=friction)
-    (reason,) = friction_reasons(found, numbers(robust=(friction.interval,)), circumstances())
+    friction = QuantityEstimate(0.4, "1/s", 0.01, (0.2, np.inf))
+    result = quantities(viscous_friction=friction)
+    (reason,) = friction_reasons(result, numbers(robust=(friction.interval,)), circumstances())
     assert reason.status is Status.REFUSED
-    assert reason.sentence.startswith("The instruments do not tell how long the lag is at most. They leave ")
+    assert reason.sentence.startswith(
+        "The instruments do not identify how long the lag is at most. They leave "
+    )
     assert "--lag MS:STD" in reason.remedy
 
 
 def test_the_lag_is_asked_for_where_it_would_help():
     weak = (50.0, 50.0, 3.0)
-    given = GivenLag(Prior(0.05, 0.01), quantity(0.05, 0.1))
-    asked = [
-        "--lag MS:STD" in friction_reasons(quantities(), fit, at)[0].remedy
-        for fit, at in (
+    given = LagPrior(Prior(0.05, 0.01), quantity(0.05, 0.1))
+    texts = [
+        "--lag MS:STD" in friction_reasons(quantities(), fit, item)[0].remedy
+        for fit, item in (
             (numbers(weak), circumstances()),
-            (numbers(weak), circumstances(given_lag=given)),
+            (numbers(weak), circumstances(lag_prior=given)),
             (numbers(weak[1:], names=NAMES[:2]), circumstances()),
         )
     ]
-    assert asked == [True, False, False]
+    assert texts == [True, False, False]
 
 
 def test_a_gain_that_is_known_is_not_weak_for_its_instruments():
@@ -285,21 +299,21 @@ def test_each_ground_against_the_lag(fit, found, at, status, said):
 
 
 def test_a_lag_wider_than_itself_and_than_the_friction_can_bear_is_not_told():
-    found = quantities(effective_lag=quantity(0.11, 0.12))
-    reasons = lag_reasons(found, numbers(), circumstances())
+    result = quantities(effective_lag=quantity(0.11, 0.12))
+    reasons = lag_reasons(result, numbers(), circumstances())
     assert verdict(reasons).status is Status.REFUSED
     assert any("anything from 0 to 230 ms" in reason.sentence for reason in reasons)
 
 
 def test_a_delay_of_which_every_value_fits_is_not_told():
     tried = (0.0, 0.01, 0.02)
-    some = Unjudged(0.0, "s", float("nan"), (0.0, 0.01), Choice(tried[:2], tried))
-    every = Unjudged(0.0, "s", float("nan"), (0.0, 0.02), Choice(tried, tried))
-    measured = Unjudged(0.0, "s", float("nan"), (0.0, 0.0), Choice((0.0,), (0.0,)))
+    some = QuantityEstimate(0.0, "s", float("nan"), (0.0, 0.01), Choice(tried[:2], tried))
+    every = QuantityEstimate(0.0, "s", float("nan"), (0.0, 0.02), Choice(tried, tried))
+    measured = QuantityEstimate(0.0, "s", float("nan"), (0.0, 0.0), Choice((0.0,), (0.0,)))
     for delay, wanted in ((some, Status.IDENTIFIED), (every, Status.WEAK), (measured, Status.IDENTIFIED)):
-        found = all_grounds(quantities(delay=delay), numbers(), circumstances())
-        assert verdict(list(found["delay"])).status is wanted
-        assert found["actuator_lag"] == found["effective_lag"] == ()
+        grounds = all_reasons(quantities(delay=delay), numbers(), circumstances())
+        assert verdict(list(grounds["delay"])).status is wanted
+        assert grounds["actuator_lag"] == grounds["effective_lag"] == ()
 
 
 @pytest.mark.parametrize(
@@ -313,8 +327,8 @@ def test_a_delay_of_which_every_value_fits_is_not_told():
 )
 def test_grounds_against_the_friction_say_how_much_the_flight_moved(fit, found):
     moved = "The input varied by 1.4% and the vertical speed by 0.084 m/s (standard deviations)."
-    at = circumstances(excitation=moved)
-    (reason,) = friction_reasons(quantities(**found), fit, at)
+    index = circumstances(excitation=moved)
+    (reason,) = friction_reasons(quantities(**found), fit, index)
     assert reason.sentence.endswith(f" {moved}")
     assert "input varied" not in friction_reasons(quantities(**found), fit, circumstances())[0].sentence
 
@@ -328,51 +342,51 @@ def test_every_ground_says_what_to_do():
     }
     fit = numbers((2.0, 2.0, 2.0), p_value=1e-6, lag_s=0.3)
     for direct in (False, True):
-        at = circumstances(
+        index = circumstances(
             direct=direct,
             exogenous=False,
             command_rate_hz=10.0,
             response_rate_hz=10.0,
             missing_reference="none",
         )
-        found = quantities(**bad)
+        result = quantities(**bad)
         reasons = [
-            *friction_reasons(found, fit, at),
-            *gain_reasons(found["input_gain"], fit, at),
-            *gain_reasons(quantity(-1.0, 0.1), fit, at),
-            *hover_reasons(found["hover_input"], at),
-            *hover_reasons(quantity(-1.0, 0.1), at),
-            *lag_reasons(found, fit, at),
+            *friction_reasons(result, fit, index),
+            *gain_reasons(result["input_gain"], fit, index),
+            *gain_reasons(quantity(-1.0, 0.1), fit, index),
+            *hover_reasons(result["hover_input"], index),
+            *hover_reasons(quantity(-1.0, 0.1), index),
+            *lag_reasons(result, fit, index),
         ]
         assert len(reasons) >= 10
         assert all(reason.remedy.endswith(".") and reason.sentence.endswith(".") for reason in reasons)
 
 
 def test_signs_and_units_speak_against_the_flight():
-    found = quantities(input_gain=quantity(-40.0, 1.0))
-    assert verdict(friction_reasons(found, numbers(), circumstances())).status is Status.REFUSED
+    result = quantities(input_gain=quantity(-40.0, 1.0))
+    assert verdict(friction_reasons(result, numbers(), circumstances())).status is Status.REFUSED
     for value, wanted in ((20.0, Status.WEAK), (4.0, Status.IDENTIFIED), (-9.5, Status.WEAK)):
-        found = quantities(intercept=quantity(value, 0.5))
-        assert verdict(friction_reasons(found, numbers(), circumstances())).status is wanted
+        result = quantities(intercept=quantity(value, 0.5))
+        assert verdict(friction_reasons(result, numbers(), circumstances())).status is wanted
 
 
 def test_a_delay_of_measured_rotors_at_the_end_of_its_grid_is_weak():
     for value, status in ((0.06, Status.WEAK), (-0.06, Status.WEAK), (0.05, Status.IDENTIFIED)):
         names = ("viscous_friction", "input_gain", "delay")
-        fit = Strength(dict.fromkeys(names, 50.0), 0.5, {"delay": Searched(value, highest=0.06)})
-        grounds = all_grounds(quantities(effective_lag=quantity(value, 0.005)), fit, circumstances())
-        assert verdict(list(grounds["viscous_friction"])).status is status
-        assert verdict(list(grounds["effective_lag"])).status is status
+        fit = InstrumentStrength(dict.fromkeys(names, 50.0), 0.5, {"delay": Searched(value, highest=0.06)})
+        reasons = all_reasons(quantities(effective_lag=quantity(value, 0.005)), fit, circumstances())
+        assert verdict(list(reasons["viscous_friction"])).status is status
+        assert verdict(list(reasons["effective_lag"])).status is status
 
 
 # -- the thrust curve -------------------------------------------------------------------------------------
 
 
 def curve(
-    exponent: float, of_map: float, *, thrust: bool = False, p_value: float = 0.01, **told: float
-) -> Circumstances:
+    exponent: float, of_map: float, *, thrust: bool = False, p_value: float = 0.01, **record: float
+) -> VerdictInputs:
     known = {"thrust_exponent": exponent, "map_exponent": of_map, "thrust_command": float(thrust)}
-    return circumstances(numbers={**known, "input_map_p_value": p_value, **told})
+    return circumstances(numbers={**known, "input_map_p_value": p_value, **record})
 
 
 @pytest.mark.parametrize(
@@ -388,30 +402,30 @@ def curve(
 )
 def test_an_intercept_that_no_map_leaves_names_the_map(exponent, of_map, thrust, remedy):
     wrong = quantities(intercept=quantity(9.8 * (1.0 - exponent / of_map), 0.1))
-    grounds = all_grounds(wrong, numbers(), curve(exponent, of_map, thrust=thrust))
+    reasons = all_reasons(wrong, numbers(), curve(exponent, of_map, thrust=thrust))
     for name in ("input_gain", "hover_input", "intercept"):
-        (reason,) = grounds[name]
+        (reason,) = reasons[name]
         assert reason.status is Status.WEAK
         assert f"to the power {exponent:.2f}, and the map says {of_map:.2f}" in reason.sentence
         assert remedy in reason.remedy
-    assert grounds["actuator_lag"] == ()
-    assert not [reason for reason in grounds["viscous_friction"] if "power" in reason.sentence]
+    assert reasons["actuator_lag"] == ()
+    assert not [reason for reason in reasons["viscous_friction"] if "power" in reason.sentence]
 
 
 @pytest.mark.parametrize(("p_value", "told"), [(0.049, True), (0.051, False)])
 def test_an_input_map_does_not_fit_where_its_test_says_so(p_value, told):
     wide = quantities(intercept=quantity(0.9, 0.6))
-    grounds = all_grounds(wide, numbers(), curve(1.8, 2.0, p_value=p_value))
-    assert bool(grounds["input_gain"]) is told
-    assert not grounds["hover_input"]
+    reasons = all_reasons(wide, numbers(), curve(1.8, 2.0, p_value=p_value))
+    assert bool(reasons["input_gain"]) is told
+    assert not reasons["hover_input"]
 
 
 @pytest.mark.parametrize(("least", "told"), [(0.41, True), (0.39, False)])
 def test_the_hover_input_is_within_what_was_flown_and_a_bend_alone_says_nothing_of_it(least, told):
-    at = curve(1.8, 2.0, least_intercept=least)
-    grounds = all_grounds(quantities(intercept=quantity(0.9, 0.3)), numbers(), at)
-    assert grounds["input_gain"]
-    assert bool(grounds["hover_input"]) is told
+    index = curve(1.8, 2.0, least_intercept=least)
+    reasons = all_reasons(quantities(intercept=quantity(0.9, 0.3)), numbers(), index)
+    assert reasons["input_gain"]
+    assert bool(reasons["hover_input"]) is told
 
 
 @pytest.mark.parametrize(
@@ -425,8 +439,10 @@ def test_the_hover_input_is_within_what_was_flown_and_a_bend_alone_says_nothing_
 )
 def test_what_the_bend_of_the_thrust_curve_says_beside_the_intercept(bend, half, p_value, said):
     of_bend = ("left_out_thrust_curvature", bend), ("_half_width", half), ("_p_value", p_value)
-    told = {name if name.startswith("left") else f"{of_bend[0][0]}{name}": value for name, value in of_bend}
-    (reason,) = all_grounds(quantities(intercept=quantity(0.9, 0.2)), numbers(), curve(1.8, 2.0, **told))[
+    selected = {
+        name if name.startswith("left") else f"{of_bend[0][0]}{name}": value for name, value in of_bend
+    }
+    (reason,) = all_reasons(quantities(intercept=quantity(0.9, 0.2)), numbers(), curve(1.8, 2.0, **selected))[
         "input_gain"
     ]
     assert reason.sentence.endswith(said)
@@ -435,16 +451,16 @@ def test_what_the_bend_of_the_thrust_curve_says_beside_the_intercept(bend, half,
 @pytest.mark.parametrize(("times", "refused"), [(100.0, True), (-1.01, True), (1.2, False)])
 def test_a_velocity_in_another_unit_or_of_another_sign_refuses_everything(times, refused):
     scale = Difference(2.0 * (times - 1.0) / (times + 1.0), 1e-3)
-    at = circumstances(sensors=SensorAgreement({"scale": scale}, 0.5))
-    found = all_grounds(quantities(), numbers(), at)
+    index = circumstances(sensors=SensorAgreement({"scale": scale}, 0.5))
+    grounds = all_reasons(quantities(), numbers(), index)
     for name in ("viscous_friction", "input_gain", "hover_input", "effective_lag"):
-        assert (verdict(list(found[name])).status is Status.REFUSED) is refused
+        assert (verdict(list(grounds[name])).status is Status.REFUSED) is refused
 
 
 def test_a_gain_that_cannot_be_told_from_zero_is_refused():
     (reason,) = gain_reasons(quantity(3.0, 15.0), numbers(), circumstances())
     assert reason.status is Status.REFUSED
-    assert "cannot be told from zero: its interval is [-12, 18] m/s^2." in reason.sentence
+    assert "cannot be distinguished from zero: its interval is [-12, 18] m/s^2." in reason.sentence
 
 
 @pytest.mark.parametrize(
@@ -458,8 +474,8 @@ def test_a_gain_that_cannot_be_told_from_zero_is_refused():
     ],
 )
 def test_an_accelerometer_in_another_unit_refuses_everything(felt, said):
-    at = circumstances(numbers={"apparent_gravity": felt})
-    found = all_grounds(quantities(), numbers(), at)
+    index = circumstances(numbers={"apparent_gravity": felt})
+    grounds = all_reasons(quantities(), numbers(), index)
     for name in ("viscous_friction", "input_gain", "hover_input", "effective_lag"):
-        assert verdict(list(found[name])).status is (Status.REFUSED if said else Status.IDENTIFIED)
-        assert said in " ".join(reason.sentence for reason in found[name])
+        assert verdict(list(grounds[name])).status is (Status.REFUSED if said else Status.IDENTIFIED)
+        assert said in " ".join(reason.sentence for reason in grounds[name])

@@ -10,11 +10,11 @@ import pytest
 
 from eivor.estimation.methods import least_squares, reference_iv
 from eivor.flights.estimate import instruments
-from eivor.flights.motion import Circumstances
+from eivor.flights.motion import VerdictInputs
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepare import prepare
 from eivor.flights.prepared import Difference, SensorAgreement
-from eivor.flights.quantity import Counts, Unjudged
+from eivor.flights.quantity import Counts, QuantityEstimate
 from eivor.inference.verdict import Status
 from eivor.motions.identify import identify_flight
 from eivor.motions.vertical.misspecification import (
@@ -22,9 +22,9 @@ from eivor.motions.vertical.misspecification import (
     SCALE,
     TILTS,
     either_sentence,
-    sensor_allowances,
+    sensor_agreement_sentence,
+    sensor_uncertainties,
     sentence,
-    told,
 )
 from eivor.motions.vertical.model import GRAVITY
 from eivor.motions.vertical.motion import Vertical
@@ -82,11 +82,11 @@ def agreement(*logs) -> SensorAgreement | None:
 
 @pytest.mark.thorough
 def test_sensors_that_agree(log):
-    found = agreement(log)
-    assert found.told == {}
-    assert not found.otherwise
-    assert list(found.differences) == ["offset", "scale"]
-    assert told(found).startswith("velocity and accelerometer agree: offset ")
+    result = agreement(log)
+    assert result.significant == {}
+    assert not result.otherwise
+    assert list(result.differences) == ["offset", "scale"]
+    assert sensor_agreement_sentence(result).startswith("velocity and accelerometer agree: offset ")
 
 
 @pytest.mark.parametrize(
@@ -97,11 +97,11 @@ def test_sensors_that_agree(log):
     ],
 )
 def test_a_late_sensor_is_named(log, channel, late_s, said):
-    found = agreement(shifted(log, channel, late_s))
-    (name,) = found.told
+    result = agreement(shifted(log, channel, late_s))
+    (name,) = result.significant
     assert name == "offset"
-    assert abs(abs(found.told[name].value) - late_s) < 3.0 * found.told[name].std_error
-    assert re.fullmatch(said, told(found))
+    assert abs(abs(result.significant[name].value) - late_s) < 3.0 * result.significant[name].std_error
+    assert re.fullmatch(said, sensor_agreement_sentence(result))
 
 
 @pytest.mark.parametrize(
@@ -109,11 +109,11 @@ def test_a_late_sensor_is_named(log, channel, late_s, said):
     [("velocity_z", 1.06, "%) more than"), ("specific_force_z", 1.06, "%) less than")],
 )
 def test_a_scale_is_named(log, channel, factor, said):
-    found = agreement(scaled(log, channel, factor))
-    assert list(found.told) == ["scale"]
+    result = agreement(scaled(log, channel, factor))
+    assert list(result.significant) == ["scale"]
     size = 0.06 if channel == "velocity_z" else 1.0 / 1.06 - 1.0
-    assert abs(found.told["scale"].value - size) < 3.0 * found.told["scale"].std_error
-    assert said in told(found)
+    assert abs(result.significant["scale"].value - size) < 3.0 * result.significant["scale"].std_error
+    assert said in sensor_agreement_sentence(result)
 
 
 def test_a_tilt_error_is_named_along_the_vehicles_axes(log):
@@ -123,14 +123,14 @@ def test_a_tilt_error_is_named_along_the_vehicles_axes(log):
         (0.0, "tilt_forward", 1.0),
         (0.5 * np.pi, "tilt_left", -1.0),
     ):
-        found = agreement(sideways(log, leaning=two, yaw=yaw))
-        assert list(found.told) == [name]
-        assert abs(found.told[name].value - sign * two) < 3.0 * found.told[name].std_error
-    assert "degrees to the right" in told(found)
+        result = agreement(sideways(log, leaning=two, yaw=yaw))
+        assert list(result.significant) == [name]
+        assert abs(result.significant[name].value - sign * two) < 3.0 * result.significant[name].std_error
+    assert "degrees to the right" in sensor_agreement_sentence(result)
     level = agreement(sideways(log, leaning=0.0))
     assert list(level.differences) == ["offset", "scale", "tilt_x"]
-    assert level.told == {}
-    assert ", tilt " in told(level)
+    assert level.significant == {}
+    assert ", tilt " in sensor_agreement_sentence(level)
 
 
 def test_kinds_that_a_flight_does_not_tell_apart_are_told_by_what_each_explains_alone(log):
@@ -143,20 +143,20 @@ def test_kinds_that_a_flight_does_not_tell_apart_are_told_by_what_each_explains_
         replace(like, name=name, values=factor * v + 0.03 * rng.standard_normal(v.size))
         for name, factor in (("velocity_x", 1.0), ("velocity_y", 0.0))
     ]
-    found = agreement(changed(log, leaning, *noisy))
-    assert found.told == {}
-    assert list(found.either) == ["tilt_x"]  # a scale alone does not explain all of it
-    tilt = found.either["tilt_x"]
+    result = agreement(changed(log, leaning, *noisy))
+    assert result.significant == {}
+    assert list(result.either) == ["tilt_x"]  # a scale alone does not explain all of it
+    tilt = result.either["tilt_x"]
     assert abs(tilt.value - np.deg2rad(3.0)) < 4.0 * tilt.std_error
-    assert tilt.std_error < 0.2 * found.differences["tilt_x"].std_error
-    assert told(found).startswith("Attitude and accelerometer differ by 3")
-    both = replace(found, either={"tilt_x": tilt, "scale": Difference(-0.09, 0.01)})
-    said = either_sentence(both)
+    assert tilt.std_error < 0.2 * result.differences["tilt_x"].std_error
+    assert sensor_agreement_sentence(result).startswith("Attitude and accelerometer differ by 3")
+    both = replace(result, either={"tilt_x": tilt, "scale": Difference(-0.09, 0.01)})
+    message = either_sentence(both)
     assert re.search(
-        r"along x\. Or: The velocity reads 8\.6% \(± 1\.9%\) less than .* This flight does", said
+        r"along x\. Or: The velocity reads 8\.6% \(± 1\.9%\) less than .* This flight does", message
     )
     (reason,) = sensor_reasons(replace(at(), sensors=both), SCALE)
-    assert reason.sentence == said
+    assert reason.sentence == message
     assert sensor_reasons(replace(at(), sensors=both), OFFSET) == []
 
 
@@ -166,9 +166,9 @@ def test_a_difference_that_no_name_fits_is_told_all_the_same(log):
     height = log.channels["reference_position_z"].values
     force = log.channels["specific_force_z"]
     other = changed(log, replace(force, values=force.values + 0.4 * (height - height.mean())))
-    found = agreement(other)
-    assert found.otherwise
-    assert "in another way than these" in told(found)
+    result = agreement(other)
+    assert result.otherwise
+    assert "in another way than these" in sensor_agreement_sentence(result)
     without = {name: channel for name, channel in leaning.channels.items() if name != "velocity_x"}
     assert list(agreement(replace(leaning, channels=without)).differences) == ["offset", "scale"]
 
@@ -182,8 +182,8 @@ def test_there_is_nothing_to_compare(log):
 
 
 def test_small_differences_matter_to_nothing():
-    assert not Difference(0.0005, 1e-5, least=0.001).told
-    assert Difference(0.0015, 1e-4, least=0.001).told
+    assert not Difference(0.0005, 1e-5, least=0.001).matters
+    assert Difference(0.0015, 1e-4, least=0.001).matters
     assert Difference(0.0, 0.0).p_value == 1.0
 
 
@@ -210,39 +210,39 @@ FOUND = {
     "tilt_left": Difference(0.001, 0.002),
 }
 QUANTITIES = {
-    name: Unjudged(value, "", 0.1, (0.9 * value, 1.1 * value))
+    name: QuantityEstimate(value, "", 0.1, (0.9 * value, 1.1 * value))
     for name, value in (("viscous_friction", 0.4), ("input_gain", 40.0), ("effective_lag", 0.05))
 }
 
 
-def at(*, aligned: bool = False, p_value: float = 0.5) -> Circumstances:
+def at(*, aligned: bool = False, p_value: float = 0.5) -> VerdictInputs:
     sensors = SensorAgreement(FOUND, p_value)
-    return Circumstances(1, 100.0, 100.0, exogenous=True, direct=False, sensors=sensors, aligned=aligned)
+    return VerdictInputs(1, 100.0, 100.0, exogenous=True, direct=False, sensors=sensors, aligned=aligned)
 
 
 def test_what_a_disagreement_harms():
     every = (OFFSET, SCALE, *TILTS.values())
-    said = [reason.sentence for reason in sensor_reasons(at(), *every)]
-    assert said == [sentence(name, FOUND[name]) for name in ("offset", "scale", "tilt_forward")]
-    assert "1.7 ± 0.2 degrees backward" in said[2]
-    assert [r.sentence for r in sensor_reasons(at(), OFFSET)] == said[:1]
-    assert [r.sentence for r in sensor_reasons(at(aligned=True), *every)] == said[2:]
+    sentences = [reason.sentence for reason in sensor_reasons(at(), *every)]
+    assert sentences == [sentence(name, FOUND[name]) for name in ("offset", "scale", "tilt_forward")]
+    assert "1.7 ± 0.2 degrees backward" in sentences[2]
+    assert [r.sentence for r in sensor_reasons(at(), OFFSET)] == sentences[:1]
+    assert [r.sentence for r in sensor_reasons(at(aligned=True), *every)] == sentences[2:]
     (otherwise,) = sensor_reasons(at(p_value=1e-5))
     assert "in another way than by an offset, a scale or a tilt (p-value 1e-05)" in otherwise.sentence
     assert sensor_reasons(replace(at(), sensors=None), *every) == []
 
 
 def test_the_lag_may_be_shorter_by_all_of_an_offset():
-    parts = sensor_allowances(at().sensors, QUANTITIES, aligned=False)
+    parts = sensor_uncertainties(at().sensors, QUANTITIES, aligned=False)
     (lag,) = parts["effective_lag"]
     assert (lag.counts, lag.below, lag.above) == (Counts.ADDED, 0.009, 0.0)
     (friction,), (gain,) = parts["viscous_friction"], parts["input_gain"]
     assert (friction.below, friction.above) == (0.0, pytest.approx(0.05 * 0.4))
     assert gain.below == gain.above == pytest.approx(0.05 * 40.0)
-    known = sensor_allowances(at().sensors, QUANTITIES, aligned=True)
+    known = sensor_uncertainties(at().sensors, QUANTITIES, aligned=True)
     assert known["effective_lag"][0].below == known["effective_lag"][0].above == FOUND["offset"].half_width
     assert known["viscous_friction"][0].below == pytest.approx(0.4 * FOUND["scale"].half_width)
-    assert sensor_allowances(None, QUANTITIES, aligned=False) == {}
+    assert sensor_uncertainties(None, QUANTITIES, aligned=False) == {}
 
 
 @pytest.mark.thorough
@@ -270,9 +270,9 @@ def test_the_sensor_that_is_wrong_is_scaled(log, channel, factor):
     sensors = SensorAgreement(
         {"scale": Difference(0.06 if channel == "velocity_z" else -0.06 / 1.06, 1e-3)}, 0.5
     )
-    (found,) = VERTICAL.aligned((flight,), sensors)
+    (aligned,) = VERTICAL.aligned((flight,), sensors)
     for name in ("velocity_z", "specific_force_z"):
-        np.testing.assert_allclose(found.signals.channel(name), right.signals.channel(name), rtol=1e-9)
+        np.testing.assert_allclose(aligned.signals.channel(name), right.signals.channel(name), rtol=1e-9)
     assert abs(right.signals.channel("specific_force_z").mean() - GRAVITY) < 0.1
 
 

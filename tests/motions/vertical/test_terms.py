@@ -72,11 +72,11 @@ def test_quadratic_drag_is_told_apart_from_friction(log):
     draggy = commanded(log, lambda U: U + 0.2 / GAIN * velocity * np.abs(velocity))
     biased = identify_flight(draggy).quantities["viscous_friction"]
     assert biased.interval[0] > FRICTION
-    found = identify_flight(draggy, terms=("quadratic-drag",)).quantities
-    assert near(found["viscous_friction"], FRICTION)
-    assert near(found["quadratic_drag"], 0.2)
-    assert found["quadratic_drag"].interval[0] > 0.0
-    assert found["quadratic_drag"].unit == "1/m"
+    quantities = identify_flight(draggy, terms=("quadratic-drag",)).quantities
+    assert near(quantities["viscous_friction"], FRICTION)
+    assert near(quantities["quadratic_drag"], 0.2)
+    assert quantities["quadratic_drag"].interval[0] > 0.0
+    assert quantities["quadratic_drag"].unit == "1/m"
 
 
 def test_climbs_with_drag_are_predicted_of_the_input_alone():
@@ -89,8 +89,8 @@ def test_climbs_with_drag_are_predicted_of_the_input_alone():
     v[0] = 0.7
     for k in range(times.size - 1):
         v[k + 1] = v[k] + step / fine * (force[k] - K * v[k] - K_2 * v[k] * abs(v[k]) + 0.1)
-    told = dragged_run(force[::fine], v[::fine], slice(None), K, K_2, step)
-    np.testing.assert_allclose(told, v[::fine], atol=0.01)
+    reported = dragged_run(force[::fine], v[::fine], slice(None), K, K_2, step)
+    np.testing.assert_allclose(reported, v[::fine], atol=0.01)
     linear = dragged_run(force[::fine], v[::fine], slice(None), K, 0.0, step)
     np.testing.assert_allclose(linear, _run(force[::fine], v[::fine], slice(None), K, step), atol=1e-6)
     assert np.sqrt(np.mean((linear - v[::fine]) ** 2)) > 0.05
@@ -102,9 +102,11 @@ def test_thrust_near_the_ground_is_told_apart_from_the_gain(log):
     near_ground = commanded(near_ground, lambda U: U / (1.0 + 0.3 * (RADIUS / over) ** 2))
     plain = identify_flight(near_ground, rotor_radius=RADIUS)
     for name in ("input_gain", "hover_input"):
-        assert any("rotor radii over the ground" in one.sentence for one in plain.quantities[name].reasons)
+        assert any(
+            "rotor radii over the ground" in reason.sentence for reason in plain.quantities[name].reasons
+        )
     fit = identify_flight(near_ground, terms=("ground-effect",), rotor_radius=RADIUS)
-    assert not any("rotor radii" in one.sentence for one in fit.quantities["input_gain"].reasons)
+    assert not any("rotor radii" in reason.sentence for reason in fit.quantities["input_gain"].reasons)
     assert near(fit.quantities["ground_effect"], 0.3)
     assert fit.quantities["ground_effect"].interval[0] > 0.0
     assert near(fit.quantities["input_gain"], GAIN)
@@ -125,15 +127,22 @@ def test_thrust_follows_the_voltage_and_the_gain_is_that_of_its_mean(log):
     # at the mean voltage
     assert near(fit.quantities["hover_input"], HOVER)
     # another part of the flight is predicted with the voltage that the gain belongs to, not with its own
-    found = validate(fit, sags, window=(0.0, 12.0))
-    assert found.motion.mean_voltage == fit.motion.mean_voltage
-    assert found.predicts
-    told = next(one for one in found.predictions if one.model == "fit" and one.horizon is Horizon.OPEN_LOOP)
+    result = validate(fit, sags, window=(0.0, 12.0))
+    assert result.motion.mean_voltage == fit.motion.mean_voltage
+    assert result.predicts
+    reported = next(
+        prediction
+        for prediction in result.predictions
+        if prediction.model == "fit" and prediction.horizon is Horizon.OPEN_LOOP
+    )
     saved = saved_fit(fit)
-    values = [0.0 if name == "voltage_exponent" else one for name, one in fit.estimate.parameters.items()]
-    blind = [replace(one, values=np.array(values)) for one in saved.candidates if one.best]
+    values = [
+        0.0 if name == "voltage_exponent" else parameter
+        for name, parameter in fit.estimate.parameters.items()
+    ]
+    blind = [replace(candidate, values=np.array(values)) for candidate in saved.candidates if candidate.best]
     worse = validate(replace(saved, candidates=tuple(blind)), sags, window=(0.0, 12.0)).predictions
-    assert told.error.rms < next(one for one in worse if one.horizon is Horizon.OPEN_LOOP).error.rms
+    assert reported.error.rms < next(item for item in worse if item.horizon is Horizon.OPEN_LOOP).error.rms
 
 
 @pytest.mark.thorough
@@ -144,7 +153,9 @@ def test_terms_that_are_absent_cannot_be_told_from_zero_and_several_go_together(
     for name in ("quadratic_drag", "ground_effect", "voltage_exponent"):
         low, high = fit.quantities[name].interval
         assert low < 0.0 < high
-        assert any("cannot be told from zero" in one.sentence for one in fit.quantities[name].reasons)
+        assert any(
+            "cannot be distinguished from zero" in reason.sentence for reason in fit.quantities[name].reasons
+        )
     assert near(fit.quantities["viscous_friction"], FRICTION)
     assert "voltage_exponent" in fit.summary()
     assert fit.motion.symbols(fit.prepared[0]).endswith("; V the battery's voltage, V_0 its mean")
@@ -154,25 +165,28 @@ def test_terms_that_are_absent_cannot_be_told_from_zero_and_several_go_together(
     )
     with pytest.raises(InputError, match="begins or ends on the ground"):
         validate(fit, log)
-    told = json.loads(json_text(json_document(fit)))
-    assert told["prediction"]["vehicle"] == {"rotor_radius": RADIUS, "mean_voltage": fit.motion.mean_voltage}
-    told["prediction"]["vehicle"] = None  # as it was written before terms were predicted with
+    reported = json.loads(json_text(json_document(fit)))
+    assert reported["prediction"]["vehicle"] == {
+        "rotor_radius": RADIUS,
+        "mean_voltage": fit.motion.mean_voltage,
+    }
+    reported["prediction"]["vehicle"] = None  # as it was written before terms were predicted with
     with pytest.raises(UsageError, match="radius of a rotor"):
-        validate(replace(saved_fit(fit), prediction=told["prediction"]), high_up)
-    told["prediction"]["vehicle"] = {"rotor_radius": "wide"}
+        validate(replace(saved_fit(fit), prediction=reported["prediction"]), high_up)
+    reported["prediction"]["vehicle"] = {"rotor_radius": "wide"}
     with pytest.raises(InputError, match="with rotor_radius and mean_voltage of its terms"):
-        validate(replace(saved_fit(fit), prediction=told["prediction"]), high_up)
+        validate(replace(saved_fit(fit), prediction=reported["prediction"]), high_up)
 
 
 @pytest.mark.thorough
 def test_flights_of_a_pool_share_a_term_and_the_voltage_that_the_gain_belongs_to():
     logs = []
     for seed, full in ((5, 16.0), (6, 15.0)):
-        one = flown(seconds=20.0, seed=seed)[0]
-        volts = full * sagging(one)
+        item = flown(seconds=20.0, seed=seed)[0]
+        volts = full * sagging(item)
         logs.append(
             commanded(
-                with_channel(replace(one, name=f"{seed}"), "battery_voltage", volts),
+                with_channel(replace(item, name=f"{seed}"), "battery_voltage", volts),
                 lambda U, volts=volts: U / (volts / 15.5) ** 2,
             )
         )
@@ -207,7 +221,7 @@ def test_what_a_term_needs_is_asked_for(log):
     command = measured.channels["rotor_command_1"]
     measured = replace(
         measured,
-        channels={name: one for name, one in measured.channels.items() if name != command.name}
+        channels={name: channel for name, channel in measured.channels.items() if name != command.name}
         | {"rotor_speed_1": replace(command, name="rotor_speed_1", held=False)},
     )
     with pytest.raises(InputError, match="commands for the term voltage"):

@@ -32,10 +32,10 @@ def test_every_quantity_is_worded_and_in_the_order_of_results(fit):
 
 def test_excitation_is_that_of_the_runs(fit):
     (flight,) = fit.prepared
-    said = Vertical().excitation(fit.prepared)
+    excitation = Vertical().excitation(fit.prepared)
     command, speed = flight.used_input, flight.signals.channel("velocity_z")[flight.used]
     mapped = (command**2).mean(axis=1) * flight.signals.channel("cos_tilt")[flight.used]
-    assert said == (
+    assert excitation == (
         f"The input varied by {mapped.std() / mapped.mean():.1%} and the vertical speed by "
         f"{speed.std():.2g} m/s (standard deviations)."
     )

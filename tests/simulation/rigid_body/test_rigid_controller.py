@@ -97,7 +97,7 @@ def test_a_weak_axis_is_not_driven_by_noise():
 def test_derivative_is_that_of_the_filtered_rates():
     steady = FlightController(integral_share=0.0)
     quick = replace(steady, derivative_share=0.5, derivative_cutoff_hz=2.0)
-    plain, damped = (Cascade(gains_of(one, HEXACOPTER, 0.0), 0.002, 0.02) for one in (steady, quick))
+    plain, damped = (Cascade(gains_of(item, HEXACOPTER, 0.0), 0.002, 0.02) for item in (steady, quick))
     decay, slope, gap = np.exp(-2.0 * np.pi * 2.0 / 500.0), 0.0, 0.0
     gains = gains_of(quick, HEXACOPTER, 0.0)
     before = 0.0

@@ -18,7 +18,7 @@ from eivor.signals.filters import actuator_state
 from eivor.signals.noise import WhiteNoise
 from eivor.simulation.controller import FlightController, Sensor
 from eivor.simulation.environment import TrajectoryKind
-from eivor.simulation.excitation import DrydenGust, RandomSteps, Steps
+from eivor.simulation.excitation import DrydenGust, RandomSteps, SteppedExcitation
 from eivor.simulation.rigid_body import RigidBodyFlight, RigidBodyTruth, simulate_rigid_body_flights
 from eivor.simulation.rigid_body_spec import (
     AdaptiveSteps,
@@ -55,7 +55,7 @@ LOUD = RigidBodyFlightSpec(
     replace(VEHICLE, rotors=replace(VEHICLE.rotors, delay=0.006, lag_down=0.06)),
     duration=1.0,
     attitude=STEPS,
-    injection=AxisExcitations(roll=Steps((0.05, -0.05), 0.1)),
+    injection=AxisExcitations(roll=SteppedExcitation((0.05, -0.05), 0.1)),
     controller=FlightController(rate_hz=250.0, attitude_hz=250.0, derivative_share=0.3, hold=0.3),
     wind=Wind((1.0, 0.0, 0.0), z=DrydenGust(0.3, 3.0, 2.0)),
     torque_disturbance=TorqueDisturbance(pitch=OrnsteinUhlenbeck(1.0, 0.3)),
@@ -134,7 +134,10 @@ def test_rotors_follow_their_delayed_commands():
 
 
 def test_references_are_followed():
-    slow = replace(QUIET, attitude=AxisExcitations(Steps((0.2, -0.2), 1.4), Steps((0.2, -0.2), 1.1)))
+    slow = replace(
+        QUIET,
+        attitude=AxisExcitations(SteppedExcitation((0.2, -0.2), 1.4), SteppedExcitation((0.2, -0.2), 1.1)),
+    )
     flight = fly(slow)
     reference = values(flight, "reference_position_z")
     assert np.std(flight.truth.position[:, 2] - reference) < 0.4 * np.std(reference)
@@ -148,22 +151,24 @@ def test_setpoints_do_to_the_body_what_they_say():
     """Behind the rotors' lag each torque setpoint accelerates as the control effectiveness says."""
     short = replace(VEHICLE, rotors=replace(VEHICLE.rotors, lag_up=1e-3, lag_down=1e-3, inertia=0.0))
     injected = AxisExcitations(
-        Steps((0.02, -0.02), 0.05), Steps((0.02, -0.02), 0.07), Steps((0.05, -0.05), 0.09)
+        SteppedExcitation((0.02, -0.02), 0.05),
+        SteppedExcitation((0.02, -0.02), 0.07),
+        SteppedExcitation((0.05, -0.05), 0.09),
     )
     spec = replace(QUIET, vehicle=short, injection=injected, duration=0.5, trajectory=TrajectoryKind.HOVER)
     truth = fly(replace(spec, attitude=AxisExcitations())).truth
     slopes = np.diff(truth.angular_rate, axis=0) / QUIET.step_s
-    settled = np.all(np.abs(np.diff(truth.torque_setpoint, axis=0, prepend=0.0)) < 1e-3, axis=1)[:-1]
+    converged = np.all(np.abs(np.diff(truth.torque_setpoint, axis=0, prepend=0.0)) < 1e-3, axis=1)[:-1]
     for axis, effectiveness in enumerate(truth.control_effectiveness):
-        torque = truth.torque_setpoint[:-1, axis][settled]
-        found = torque @ slopes[settled, axis] / (torque @ torque)
-        assert found == pytest.approx(effectiveness, rel=0.05)
+        torque = truth.torque_setpoint[:-1, axis][converged]
+        result = torque @ slopes[converged, axis] / (torque @ torque)
+        assert result == pytest.approx(effectiveness, rel=0.05)
 
 
 def test_equations_of_the_truth_hold():
     """Least squares of the rates' increments on interval means gives the parameters that the truth names."""
     truth = fly(replace(QUIET, vehicle=replace(VEHICLE, rotors=replace(VEHICLE.rotors, inertia=0.0)))).truth
-    told, step = truth.parameters, QUIET.step_s
+    parameters, step = truth.parameters, QUIET.step_s
     x, y, _ = np.array(VEHICLE.rotors.positions).T
     spins = np.array(VEHICLE.rotors.spins)
     p, q, r = truth.angular_rate.T[:, :, None]
@@ -172,7 +177,7 @@ def test_equations_of_the_truth_hold():
     n = truth.rotor_speed
     lx, ly, lz = u - r * y, v + r * x, w + p * y - q * x
     phi = mean_squares(truth.rotor_command[:-1], n[:-1], step, 0.04)
-    (first, second, _), (roll, pitch, yaw) = told.gyroscopic_ratios, told.torque_gains
+    (first, second, _), (roll, pitch, yaw) = parameters.gyroscopic_ratios, parameters.torque_gains
     for axis, (series, thrust, gain) in enumerate(
         [
             ([(q * r)[:, 0], -(n * lz) @ y], phi @ y, roll),
@@ -180,13 +185,13 @@ def test_equations_of_the_truth_hold():
             ([-(n * (x * ly - y * lx)).sum(axis=1)], phi @ spins, yaw),
         ]
     ):
-        columns = [0.5 * (one[1:] + one[:-1]) for one in series] + [thrust]
-        expected = [*((first,), (second,), ())[axis], told.rotor_rate_drag[axis], gain]
+        columns = [0.5 * (item[1:] + item[:-1]) for item in series] + [thrust]
+        expected = [*((first,), (second,), ())[axis], parameters.rotor_rate_drag[axis], gain]
         scale = np.linalg.norm(columns, axis=1)
         slope = np.diff(truth.angular_rate[:, axis]) / step
-        found = np.linalg.lstsq(np.array(columns).T / scale, slope)[0] / scale
-        assert found[-1] == pytest.approx(expected[-1], rel=1e-3)
-        np.testing.assert_allclose(found, expected, rtol=0.01)  # trapezoids across kinks
+        result = np.linalg.lstsq(np.array(columns).T / scale, slope)[0] / scale
+        assert result[-1] == pytest.approx(expected[-1], rel=1e-3)
+        np.testing.assert_allclose(result, expected, rtol=0.01)  # trapezoids across kinks
 
 
 def mean_squares(command: np.ndarray, speed: np.ndarray, step_s: float, lag_s: float) -> np.ndarray:
@@ -268,11 +273,11 @@ def test_each_group_has_its_own_stamps_and_some_are_left_out():
 
 def same(first: RigidBodyFlight, second: RigidBodyFlight) -> None:
     for part in fields(RigidBodyTruth):
-        one, other = getattr(first.truth, part.name), getattr(second.truth, part.name)
-        if isinstance(one, np.ndarray):
-            np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-11)
+        item, other = getattr(first.truth, part.name), getattr(second.truth, part.name)
+        if isinstance(item, np.ndarray):
+            np.testing.assert_allclose(item, other, rtol=1e-9, atol=1e-11)
         else:
-            assert one == other
+            assert item == other
     assert first.recording.channels.keys() == second.recording.channels.keys()
     for name in first.recording.channels:
         np.testing.assert_allclose(values(first, name), values(second, name), rtol=1e-9, atol=1e-11)
@@ -305,7 +310,7 @@ def test_flights_of_several_lengths_keep_their_order():
 def test_streams_are_apart():
     noisy = replace(QUIET, duration=0.3, sensors=Sensors())
     first, second = fly(noisy), fly(replace(noisy, wind=Wind(x=OrnsteinUhlenbeck(1.0, 0.5))))
-    rates = [vectors(one, "angular_rate") - one.truth.angular_rate for one in (first, second)]
+    rates = [vectors(item, "angular_rate") - item.truth.angular_rate for item in (first, second)]
     np.testing.assert_allclose(*rates, atol=1e-12)
     assert not np.array_equal(first.truth.velocity, second.truth.velocity)
 
@@ -313,9 +318,11 @@ def test_streams_are_apart():
 def test_adaptive_integrator_flies_the_same():
     short = replace(QUIET, duration=0.2)
     adaptive = replace(short, integrator=AdaptiveSteps(rtol=1e-9))
-    for one, other in zip(simulate_rigid_body_flights([adaptive, adaptive]), [fly(short)] * 2, strict=True):
-        np.testing.assert_allclose(one.truth.position, other.truth.position, atol=1e-8)
-        np.testing.assert_allclose(one.truth.attitude, other.truth.attitude, atol=1e-7)
+    for simulate_rigid_body_flight, other in zip(
+        simulate_rigid_body_flights([adaptive, adaptive]), [fly(short)] * 2, strict=True
+    ):
+        np.testing.assert_allclose(simulate_rigid_body_flight.truth.position, other.truth.position, atol=1e-8)
+        np.testing.assert_allclose(simulate_rigid_body_flight.truth.attitude, other.truth.attitude, atol=1e-7)
 
 
 def test_wind_and_torques_from_outside_have_their_size():
@@ -382,9 +389,9 @@ def test_filters_must_fit_the_rate():
 
 
 def test_rotors_must_reach_every_axis():
-    alike = replace(VEHICLE, rotors=replace(VEHICLE.rotors, spins=(1, 1, 1, 1)))
+    equal = replace(VEHICLE, rotors=replace(VEHICLE.rotors, spins=(1, 1, 1, 1)))
     with pytest.raises(ParameterError, match="a torque about each axis"):
-        fly(replace(QUIET, vehicle=alike))
+        fly(replace(QUIET, vehicle=equal))
 
 
 def test_a_lost_vehicle_is_told():

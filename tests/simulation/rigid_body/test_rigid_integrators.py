@@ -177,8 +177,8 @@ def test_rotors_that_speed_up_turn_the_body_the_other_way():
 
 
 def test_spinning_rotors_make_a_gyroscope_of_the_body():
-    alike = replace(ROTORS, spins=(1, 1, 1, 1), inertia=3e-9, torque_ratio=0.0)
-    vehicle = replace(SMALL, inertia=(1.4e-5, 1.4e-5, 2.6e-5), rotors=alike)
+    equal = replace(ROTORS, spins=(1, 1, 1, 1), inertia=3e-9, torque_ratio=0.0)
+    vehicle = replace(SMALL, inertia=(1.4e-5, 1.4e-5, 2.6e-5), rotors=equal)
     speed = 1500.0
     bodies, _ = flown(
         coefficients_of(vehicle),
@@ -207,9 +207,9 @@ def test_rotors_and_body_exchange_momentum():
         step_s=0.001,
         seconds=1.0,
     )
-    own = bodies[:, 10:] @ vehicle.inertia_matrix
-    own[:, 2] -= 3e-8 * rotors @ np.array(idle.spins)
-    total = rotations(bodies).apply(own)
+    current = bodies[:, 10:] @ vehicle.inertia_matrix
+    current[:, 2] -= 3e-8 * rotors @ np.array(idle.spins)
+    total = rotations(bodies).apply(current)
     np.testing.assert_allclose(
         total, np.tile(total[0], (total.shape[0], 1)), atol=1e-7 * np.linalg.norm(total[0])
     )

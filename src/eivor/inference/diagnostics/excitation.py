@@ -59,7 +59,7 @@ class Periodicity(Diagnostic):
     @property
     def p_value(self) -> float:
         """Of all together, by Bonferroni's bound."""
-        return min(1.0, len(self.tested) * min(one.p_value for one in self.tested))
+        return min(1.0, len(self.tested) * min(item.p_value for item in self.tested))
 
     @property
     def speaks(self) -> bool:
@@ -69,46 +69,46 @@ class Periodicity(Diagnostic):
     @property
     def strongest(self) -> Swing:
         """What varies: the one of the smallest p-value."""
-        first = min(self.tested, key=lambda one: one.p_value)
+        first = min(self.tested, key=lambda item: item.p_value)
         if first in self.parameters:
             return first
-        alike = (
-            one
-            for one in self.parameters
-            if one.p_value * len(self.tested) < SIGNIFICANT
-            and abs(1.0 / one.period - 1.0 / first.period) <= self.resolution
+        equal = (
+            parameter
+            for parameter in self.parameters
+            if parameter.p_value * len(self.tested) < SIGNIFICANT
+            and abs(1.0 / parameter.period - 1.0 / first.period) <= self.resolution
         )
-        return min(alike, key=lambda one: one.p_value, default=first)
+        return min(equal, key=lambda item: item.p_value, default=first)
 
     def rows(self, _of: Subject, /) -> Iterator[Row]:
         """How many were tested with the p-value of all, and period and amplitude of each."""
         yield Row("periodicity", "", float(len(self.tested)), self.p_value)
-        for one in self.tested:
-            yield Row("period", one.of, one.period, one.p_value)
-            yield Row("swing", one.of, one.amplitude, one.p_value)
+        for item in self.tested:
+            yield Row("period", item.of, item.period, item.p_value)
+            yield Row("swing", item.of, item.amplitude, item.p_value)
 
     def lines(self, _of: Subject, /) -> Iterator[str]:
         """The likeliest period."""
-        one = self.strongest
-        likely = f"p-value {self.p_value:.3g}, most likely {one.of} by {one.extent}"
-        yield f"period               {one.period:>10.4g}  {self.time_unit}, {likely}"
+        strongest = self.strongest
+        likely = f"p-value {self.p_value:.3g}, most likely {strongest.of} by {strongest.extent}"
+        yield f"period               {strongest.period:>10.4g}  {self.time_unit}, {likely}"
 
     def reasons(self, _of: Subject, /) -> Iterator[Reason]:
         """What varies periodically."""
         if not self.speaks:
             return
-        one = self.strongest
-        period = f"with a period of {one.period:.3g} {self.time_unit} (p-value {self.p_value:.1g})"
-        if one in self.left_over:
+        strongest = self.strongest
+        period = f"with a period of {strongest.period:.3g} {self.time_unit} (p-value {self.p_value:.1g})"
+        if strongest in self.left_over:
             yield Reason(
                 Status.IDENTIFIED,
-                f"What the model leaves over of {one.of} swings by {one.extent} {period}.",
+                f"What the model leaves over of {strongest.of} swings by {strongest.extent} {period}.",
                 "Look for what pushes so and is not in the equation, such as a wind or a load that swings.",
             )
         else:
             yield Reason(
                 Status.WEAK,
-                f"{one.of} varies by {one.extent} {period}.",
+                f"{strongest.of} varies by {strongest.extent} {period}.",
                 "Look for what varies so, such as a supply or a load; the estimate is a mean.",
             )
 
@@ -160,29 +160,29 @@ def strongest_swings(
     spectrum = waves @ (of.sums - of.sums.mean(axis=0))
     power = np.abs(spectrum) ** 2
     highest = 1.0 / (BLOCKS_PER_CYCLE * of.block)
-    sought = np.flatnonzero((frequency >= (LEAST_CYCLES - 1e-9) / of.span) & (frequency <= highest))
-    if not sought.size:
+    indices = np.flatnonzero((frequency >= (LEAST_CYCLES - 1e-9) / of.span) & (frequency <= highest))
+    if not indices.size:
         return ()
-    tails = _tails(power, sought)
-    found = []
+    tails = _tails(power, indices)
+    results = []
     for series, (name, unit) in enumerate(named):
         best = int(np.argmin(tails[:, series]))
-        place = sought[best]
-        left = float(np.sinc(frequency[place] * of.block))  # what the mean over a block leaves of the line
-        amplitude = 2.0 * weight * float(abs(spectrum[place, series])) / left
-        tail = min(1.0, sought.size * float(tails[best, series]))
-        found.append(Swing(name, unit, float(1.0 / frequency[place]), amplitude, tail))
-    return tuple(found)
+        position = indices[best]
+        left = float(np.sinc(frequency[position] * of.block))  # what the mean over a block leaves of the line
+        amplitude = 2.0 * weight * float(abs(spectrum[position, series])) / left
+        tail = min(1.0, indices.size * float(tails[best, series]))
+        results.append(Swing(name, unit, float(1.0 / frequency[position]), amplitude, tail))
+    return tuple(results)
 
 
-def _tails(power: Float[np.ndarray, "F s"], places: Int[np.ndarray, " J"]) -> Float[np.ndarray, "J s"]:
+def _tails(power: Float[np.ndarray, "F s"], positions: Int[np.ndarray, " J"]) -> Float[np.ndarray, "J s"]:
     """Tail of the power at each place, held against the ordinates around it, for each series."""
     away = STEPS * np.arange(NEAREST, NEAREST + ORDINATES)
-    around = places[:, None] + np.concatenate([-away, away])
+    around = positions[:, None] + np.concatenate([-away, away])
     inside = (around >= 0) & (around < power.shape[0])
     ordinates = inside.sum(axis=1)[:, None]
-    beside = np.where(inside[:, :, None], power[np.where(inside, around, 0)], 0.0).sum(axis=1)
-    ratio = np.divide(power[places], beside, out=np.zeros_like(beside), where=beside > 0.0)
+    neighbours = np.where(inside[:, :, None], power[np.where(inside, around, 0)], 0.0).sum(axis=1)
+    ratio = np.divide(power[positions], neighbours, out=np.zeros_like(neighbours), where=neighbours > 0.0)
     return np.asarray((1.0 + ratio) ** -ordinates.astype(np.float64))
 
 
@@ -216,8 +216,8 @@ class Information(Diagnostic):
         """The combination that is determined worst, in words: ``0.71 gain - 0.71 friction``."""
         v = self.eigenvectors[:, 0]
         v = v * np.sign(v[np.argmax(np.abs(v))])
-        told = [j for j in np.argsort(-np.abs(v), kind="stable") if abs(v[j]) >= 0.1]
-        text = " ".join(f"{'-' if v[j] < 0.0 else '+'} {abs(v[j]):.2f} {names[j]}" for j in told)
+        js = [j for j in np.argsort(-np.abs(v), kind="stable") if abs(v[j]) >= 0.1]
+        text = " ".join(f"{'-' if v[j] < 0.0 else '+'} {abs(v[j]):.2f} {names[j]}" for j in js)
         return text.removeprefix("+ ")
 
     def rows(self, _of: Subject, /) -> Iterator[Row]:
@@ -330,8 +330,9 @@ def band_power(
     frequency = np.arange(1, bins + 1) * (rate_hz / length)
     moving = [
         # The sum of squares is above the largest: what exceeds its share needs no search for that.
-        power > VANISHING * factor**2 * float(one @ one) or power > VANISHING * (factor * largest(one)) ** 2
-        for power, factor, one in zip(total.tolist(), factors, columns, strict=True)
+        power > VANISHING * factor**2 * float(column @ column)
+        or power > VANISHING * (factor * largest(column)) ** 2
+        for power, factor, column in zip(total.tolist(), factors, columns, strict=True)
     ]
     return BandPower(
         frequency[edges[:-1]],

@@ -18,8 +18,8 @@ from eivor.inference.diagnostics.record import (
     covariance_of_total,
     hotelling_p_value,
     joint_averages,
+    outcome_word,
     quadratic_form,
-    told,
 )
 from eivor.inference.distributions import chi_square_tail
 from eivor.inference.verdict import Reason, Status
@@ -63,12 +63,12 @@ class Endogeneity(Diagnostic):
 
     def reasons(self, of: Subject, /) -> Iterator[Reason]:
         """Least squares that would be biased."""
-        apart = -self.difference / of.std_errors
-        j = int(np.argmax(np.abs(apart)))
-        if self.notable(apart[j]):
+        separated = -self.difference / of.std_errors
+        j = int(np.argmax(np.abs(separated)))
+        if self.notable(separated[j]):
             yield Reason(
                 Status.IDENTIFIED,
-                f"Least squares would be biased here: {of.names[j]} by {apart[j]:+.1f} standard errors "
+                f"Least squares would be biased here: {of.names[j]} by {separated[j]:+.1f} standard errors "
                 f"(p-value {self.p_value:.1g}).",
                 "Keep the instruments.",
             )
@@ -158,7 +158,7 @@ class OverIdentification(Diagnostic):
     @property
     def outcome(self) -> str:
         """Whether the instruments agree, in words."""
-        return told(self.p_value, ("agree", "may disagree", "disagree"))
+        return outcome_word(self.p_value, ("agree", "may disagree", "disagree"))
 
     def rows(self, _of: Subject, /) -> Iterator[Row]:
         """J and its p-value."""
@@ -221,7 +221,7 @@ UNEXPLAINED = 1e-10
 
 
 @dataclass(frozen=True)
-class Strength(Diagnostic):
+class FirstStageTest(Diagnostic):
     """Strength of instruments."""
 
     conditional: Float[np.ndarray, " n"]
@@ -277,7 +277,7 @@ def strength(
     products: EquationProducts,
     averages: int | None = None,
     conditional: Float[np.ndarray, " n"] | None = None,
-) -> Strength:
+) -> FirstStageTest:
     """Strength of the instruments behind time products. Performs no checks."""
     T = products.whitening
     # columns in units of their own rms, so that units cannot pass for strength or collinearity
@@ -287,7 +287,7 @@ def strength(
     rank, count = a.shape
     if rank < count:  # some combination of the columns is not moved at all
         nothing, unknown = np.zeros(count), np.full(count, np.nan)
-        return Strength(nothing, nothing, unknown, nothing, nothing, 0.0, 0.0, float("nan"), 0)
+        return FirstStageTest(nothing, nothing, unknown, nothing, nothing, 0.0, 0.0, float("nan"), 0)
     B = joint_averages(rank, products.counts.size) if averages is None else averages
     scores = T.T @ (products.cross * scale - products.instruments @ (T @ a))
     scores = scores - products.counts[:, None, None] * shared
@@ -295,15 +295,15 @@ def strength(
     cross = a.T @ shared
     residual = R - a.T @ a - cross - cross.T
     sizes = (products.count, products.row_count)
-    found = np.array([_conditional(j, a, R, residual, L, sizes) for j in range(count)])
+    result = np.array([_conditional(j, a, R, residual, L, sizes) for j in range(count)])
     least_squares = np.diag(np.linalg.pinv(R, hermitian=True))
     two_stage = np.diag(np.linalg.pinv(a.T @ a, hermitian=True))
     endogenous = np.diag(residual) > UNEXPLAINED
-    return Strength(
-        found[:, 2] if conditional is None else conditional,
-        found[:, 0],
-        found[:, 1],
-        found[:, 3],
+    return FirstStageTest(
+        result[:, 2] if conditional is None else conditional,
+        result[:, 0],
+        result[:, 1],
+        result[:, 3],
         least_squares / two_stage,
         *_smallest(a, residual, L, endogenous, sizes),
         B,

@@ -101,7 +101,7 @@ class Diagnostic(ABC):
         return iter(())
 
 
-def told(p_value: float, words: tuple[str, str, str]) -> str:
+def outcome_word(p_value: float, words: tuple[str, str, str]) -> str:
     """Word for the outcome of a test: kept, doubtful, rejected."""
     if p_value >= SIGNIFICANT:
         return words[0]

@@ -9,7 +9,7 @@ from functools import lru_cache
 import numpy as np
 
 from eivor.inference.covariance import unit_scale
-from eivor.inference.diagnostics.record import SIGNIFICANT, Diagnostic, Row, Subject, told
+from eivor.inference.diagnostics.record import SIGNIFICANT, Diagnostic, Row, Subject, outcome_word
 from eivor.inference.distributions import chi_square_tail, normal_quantile
 from eivor.inference.verdict import Reason, Status
 from eivor.signals.noise import LEAST_BANDWIDTH, estimate_long_memory
@@ -40,8 +40,8 @@ def influences(
     """What each block adds to each parameter. Performs no checks."""
     scale = unit_scale(np.abs(np.diag(sensitivity)))
     scaled = np.outer(scale, scale) * sensitivity
-    found: Float[np.ndarray, "n K"] = np.linalg.lstsq(scaled, scale[:, None] * sums.T, rcond=None)[0]
-    return scale * found.T
+    solution: Float[np.ndarray, "n K"] = np.linalg.lstsq(scaled, scale[:, None] * sums.T, rcond=None)[0]
+    return scale * solution.T
 
 
 # -- Constancy --
@@ -65,7 +65,7 @@ class Constancy(Diagnostic):
     @property
     def outcome(self) -> str:
         """What the parameters do, in words."""
-        return told(self.p_value, ("stay the same", "may change", "change"))
+        return outcome_word(self.p_value, ("stay the same", "may change", "change"))
 
     @property
     def speaks(self) -> bool:
@@ -153,9 +153,9 @@ def _transforms() -> Float[np.ndarray, "breaks rows 64"]:
         right = GROUPS - k
         root = np.sqrt(1.0 / k + 1.0 / right)
         rows[i, 0, :k], rows[i, 0, k:] = 1.0 / (k * root), -1.0 / (right * root)
-        for place, size, first in ((0, k, 0), (SIDE_AVERAGES, right, k)):
+        for item, size, first in ((0, k, 0), (SIDE_AVERAGES, right, k)):
             cosines = np.cos(np.pi * j * (np.arange(size) + 0.5) / size) * np.sqrt(2.0 / size)
-            rows[i, 1 + place : 1 + place + SIDE_AVERAGES, first : first + size] = cosines
+            rows[i, 1 + item : 1 + item + SIDE_AVERAGES, first : first + size] = cosines
     rows[:, 1:] /= np.sqrt(2.0 * SIDE_AVERAGES)
     return rows
 
@@ -222,8 +222,8 @@ def segment_leverage(
     M = sensitivities.sum(axis=0)
     scale = unit_scale(np.abs(np.diag(M)))
     shift = np.full(sums.shape, np.nan)
-    for k, (own, score) in enumerate(zip(sensitivities, sums, strict=True)):
-        rest = np.outer(scale, scale) * (M - own)
+    for k, (sensitivity, score) in enumerate(zip(sensitivities, sums, strict=True)):
+        rest = np.outer(scale, scale) * (M - sensitivity)
         if np.linalg.cond(rest) < 1.0 / np.finfo(np.float64).eps:
             shift[k] = -scale * np.linalg.solve(rest, scale * score)
     return SegmentLeverage(shift, shift / std_errors, segments)
@@ -281,8 +281,8 @@ def residual_memory(residual: Float[np.ndarray, " rows"]) -> ResidualMemory | No
     spread = float(np.ptp(means)) if means.size else 0.0
     if means.size <= 2 * LEAST_BANDWIDTH or spread <= 1e-12 * float(np.abs(means).max()):
         return None
-    found = estimate_long_memory(means)
-    return ResidualMemory(found.memory, found.order_error)
+    memory = estimate_long_memory(means)
+    return ResidualMemory(memory.memory, memory.order_error)
 
 
 # -- Residual whiteness --

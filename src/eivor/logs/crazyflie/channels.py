@@ -28,7 +28,7 @@ VELOCITY_SETPOINTS = {"ctrltarget.vz": "ctrltarget.z", "ctrltargetZ.vz": "ctrlta
 
 
 @dataclass(frozen=True, slots=True)
-class Source:
+class VariableSource:
     """One place where a quantity may be."""
 
     quantity: str
@@ -54,75 +54,77 @@ def _rule(
     )
 
 
-def _estimates(name: str, *variables: tuple[str, float]) -> Iterator[Source]:
+def _estimates(name: str, *variables: tuple[str, float]) -> Iterator[VariableSource]:
     """Sources of a channel that the estimator makes."""
     for column, factor in variables:
-        yield Source(name, (_rule(name, column, factor, estimated=True),))
+        yield VariableSource(name, (_rule(name, column, factor, estimated=True),))
 
 
-def _turned(name: str, column: str, factor: float) -> Source:
+def _turned(name: str, column: str, factor: float) -> VariableSource:
     """Acceleration along z: the accelerometer's, turned by the estimator and as late as it was."""
     rule = _rule(name, column, factor, estimated=True, low_pass_hz=ACCELEROMETER_HZ)
-    return Source("acceleration", (rule,))
+    return VariableSource("acceleration", (rule,))
 
 
-def _measured(name: str, column: str, factor: float, low_pass_hz: float = 0.0) -> Source:
-    return Source(name, (_rule(name, column, factor, low_pass_hz=low_pass_hz),))
+def _measured(name: str, column: str, factor: float, low_pass_hz: float = 0.0) -> VariableSource:
+    return VariableSource(name, (_rule(name, column, factor, low_pass_hz=low_pass_hz),))
 
 
-def _set(name: str, *variables: tuple[str, float]) -> Iterator[Source]:
+def _set(name: str, *variables: tuple[str, float]) -> Iterator[VariableSource]:
     """Sources of a command or a setpoint, whose zeros are values."""
     for column, factor in variables:
-        yield Source(name, (_rule(name, column, factor),), zero_is_absent=False)
+        yield VariableSource(name, (_rule(name, column, factor),), zero_is_absent=False)
 
 
-def _quaternion(*columns: str) -> Source:
+def _quaternion(*columns: str) -> VariableSource:
     """Attitude of four columns w, x, y, z."""
     rules = (_rule(f"attitude_{part}", name, 1.0) for part, name in zip("wxyz", columns, strict=True))
-    return Source("attitude", tuple(rules))
+    return VariableSource("attitude", tuple(rules))
 
 
-def _packed() -> Source:
+def _packed() -> VariableSource:
     """Attitude of the quaternion in 32 bits."""
     x, y, z, w = UNPACKED
     rules = _quaternion(w, x, y, z).rules
-    told = (replace(rule.expression, text=PACKED_QUATERNION) for rule in rules)
-    return Source(
-        "attitude", tuple(replace(rule, expression=one) for rule, one in zip(rules, told, strict=True))
+    selected = (replace(rule.expression, text=PACKED_QUATERNION) for rule in rules)
+    return VariableSource(
+        "attitude", tuple(replace(rule, expression=item) for rule, item in zip(rules, selected, strict=True))
     )
 
 
-def _angles(group: str) -> Source:
+def _angles(group: str) -> VariableSource:
     """Attitude of yaw, negated pitch and roll [deg], in this order."""
     half = {
         f"{kind}{axis}": f'{function}("{group}.{angle}" * {sign}{np.pi / 360.0!r})'
         for kind, function in (("c", "cos"), ("s", "sin"))
         for axis, angle, sign in (("r", "roll", ""), ("p", "pitch", "-"), ("y", "yaw", ""))
     }
-    told = f"{group}.roll, .pitch and .yaw"
+    reported = f"{group}.roll, .pitch and .yaw"
     texts = {
         "w": "{cr} * {cp} * {cy} + {sr} * {sp} * {sy}",
         "x": "{sr} * {cp} * {cy} - {cr} * {sp} * {sy}",
         "y": "{cr} * {sp} * {cy} + {sr} * {cp} * {sy}",
         "z": "{cr} * {cp} * {sy} - {sr} * {sp} * {cy}",
     }
-    return Source(
+    return VariableSource(
         "attitude",
         tuple(
-            ChannelRule(f"attitude_{part}", replace(parse_expression(text.format(**half), group), text=told))
+            ChannelRule(
+                f"attitude_{part}", replace(parse_expression(text.format(**half), group), text=reported)
+            )
             for part, text in texts.items()
         ),
     )
 
 
-def _tilt(group: str) -> Source:
+def _tilt(group: str) -> VariableSource:
     columns = (f"{group}.roll", f"{group}.pitch")
     expression = replace(tilt_of_angles(UNITS["deg"][1], *columns), text=f"{group}.roll and .pitch")
     rule = ChannelRule("cos_tilt", expression, angles=columns, angle_unit="deg")
-    return Source("attitude", (rule,))
+    return VariableSource("attitude", (rule,))
 
 
-def _asked(name: str, *variables: tuple[str, float]) -> Iterator[Source]:
+def _parsed(name: str, *variables: tuple[str, float]) -> Iterator[VariableSource]:
     """Sources of what is asked of turning: zeros throughout are those of a loop that is not in use."""
     for column, factor in variables:
         yield _measured(name, column, factor)
@@ -133,11 +135,11 @@ _G, _DEG, _MILLI = UNITS["g"][1], UNITS["deg"][1], 1e-3
 _TURNING = (("x", "roll", 1.0, 1.0), ("y", "pitch", -1.0, -1.0), ("z", "yaw", 1.0, -1.0))
 
 #: All sources; of one quantity the preferred first.
-SOURCES: tuple[Source, ...] = (
+SOURCES: tuple[VariableSource, ...] = (
     *(
-        one
+        _estimate
         for axis in "xy"
-        for one in _estimates(
+        for _estimate in _estimates(
             f"position_{axis}", (f"stateEstimate.{axis}", 1.0), (f"stateEstimateZ.{axis}", _MILLI)
         )
     ),
@@ -181,7 +183,7 @@ SOURCES: tuple[Source, ...] = (
     *(
         source
         for letter, angle, _, sign in _TURNING
-        for source in _asked(
+        for source in _parsed(
             f"torque_setpoint_{letter}",
             *((f"{group}.cmd_{angle}", sign / FULL_POWER) for group in ("controller", "ctrlMel")),
         )
@@ -190,15 +192,15 @@ SOURCES: tuple[Source, ...] = (
         source
         for _, angle, sign, _ in _TURNING[:2]
         for source in (
-            *_asked(f"reference_{angle}", (f"ctrltarget.{angle}", sign * _DEG)),
-            *_asked(f"feedback_reference_{angle}", (f"controller.{angle}", sign * _DEG)),
+            *_parsed(f"reference_{angle}", (f"ctrltarget.{angle}", sign * _DEG)),
+            *_parsed(f"feedback_reference_{angle}", (f"controller.{angle}", sign * _DEG)),
         )
     ),
-    *_asked("reference_angular_rate_z", ("ctrltarget.yaw", _DEG)),
+    *_parsed("reference_angular_rate_z", ("ctrltarget.yaw", _DEG)),
     *(
         source
         for letter, angle, sign, _ in _TURNING
-        for source in _asked(
+        for source in _parsed(
             f"feedback_reference_angular_rate_{letter}", (f"controller.{angle}Rate", sign * _DEG)
         )
     ),
@@ -213,15 +215,15 @@ LOOKED_FOR = {
 
 def delay_findings(channels: Iterable[Channel]) -> list[Finding]:
     """Say what was taken off the stamps of variables that are behind a low-pass."""
-    told = []
+    selected = []
     for cutoff in (ACCELEROMETER_HZ, GYRO_HZ):
         late = [channel.source for channel in channels if channel.delay_s == low_pass_delay_s(cutoff)]
         if late:
             delay_ms = 1e3 * low_pass_delay_s(cutoff)
-            told.append(f"{', '.join(late)}: {delay_ms:.2g} ms (low-pass of {cutoff:g} Hz)")
-    if not told:
+            selected.append(f"{', '.join(late)}: {delay_ms:.2g} ms (low-pass of {cutoff:g} Hz)")
+    if not selected:
         return []
-    return [Finding("sensor_delay", f"Taken off the stamps, as the firmware filters: {'; '.join(told)}.")]
+    return [Finding("sensor_delay", f"Taken off the stamps, as the firmware filters: {'; '.join(selected)}.")]
 
 
 def unpacked_quaternion(packed: Float[np.ndarray, " n"]) -> dict[str, Float[np.ndarray, " n"]]:
@@ -230,10 +232,10 @@ def unpacked_quaternion(packed: Float[np.ndarray, " n"]) -> dict[str, Float[np.n
     bits = np.where(sound, packed, 0.0).astype(np.uint32)
     largest = bits >> 30
     parts = np.zeros((4, bits.size))
-    for place in (3, 2, 1, 0):
-        stored = largest != place
+    for item in (3, 2, 1, 0):
+        stored = largest != item
         size = np.sqrt(0.5) * (bits & 511) / 511.0
-        parts[place] = np.where(stored, np.where(bits & 512, -size, size), 0.0)
+        parts[item] = np.where(stored, np.where(bits & 512, -size, size), 0.0)
         bits = np.where(stored, bits >> 10, bits)
     rest = np.sqrt(np.maximum(1.0 - np.sum(parts**2, axis=0), 0.0))
     parts[largest, np.arange(bits.size)] = rest

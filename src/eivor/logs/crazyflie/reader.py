@@ -21,7 +21,7 @@ from eivor.logs.crazyflie.channels import (
     SOURCES,
     UNPACKED,
     VELOCITY_SETPOINTS,
-    Source,
+    VariableSource,
     unpacked_quaternion,
 )
 from eivor.logs.crazyflie.channels import delay_findings as filter_findings
@@ -93,12 +93,12 @@ def parse_header(data: bytes, name: str) -> Header:
     types = []
     for _ in range(count):
         types.append(_event_type(cursor, stamp))
-        if sum(len(one.variables) for one in types) > MAX_VARIABLES:
+        if sum(len(item.variables) for item in types) > MAX_VARIABLES:
             raise cursor.corrupt(f"announces more than {MAX_VARIABLES} variables")
-    numbers = [one.number for one in types]
+    numbers = [item.number for item in types]
     if len(set(numbers)) < len(numbers):
         raise cursor.corrupt("gives the same id to two types of events")
-    return Header(tuple(types), tick_s, cursor.place)
+    return Header(tuple(types), tick_s, cursor.offset)
 
 
 def _event_type(cursor: _Cursor, stamp: str) -> EventType:
@@ -106,12 +106,12 @@ def _event_type(cursor: _Cursor, stamp: str) -> EventType:
     if count > MAX_VARIABLES:
         raise cursor.corrupt(f"announces {count} variables of one event (at most {MAX_VARIABLES} are read)")
     variables, fields = [], [("id", "<u2"), ("stamp", stamp)]
-    for place in range(count):
+    for index in range(count):
         variable, _, letter = cursor.text().rpartition("(")
         if not variable or letter[:-1] not in TYPES or letter[-1:] != ")":
             raise cursor.corrupt(f"names a variable {variable + '(' + letter!r}, whose type is not known")
         variables.append(variable)
-        fields.append((str(place), TYPES[letter[:-1]]))
+        fields.append((str(index), TYPES[letter[:-1]]))
     return EventType(number, name, tuple(variables), np.dtype(fields))
 
 
@@ -121,26 +121,26 @@ class _Cursor:
 
     data: bytes
     name: str
-    place: int
+    offset: int
 
     def number(self) -> int:
         """Read a number of two bytes."""
-        if self.place + 2 > len(self.data):
+        if self.offset + 2 > len(self.data):
             raise self.corrupt("ends in its head")
-        value: int = struct.unpack_from("<H", self.data, self.place)[0]
-        self.place += 2
+        value: int = struct.unpack_from("<H", self.data, self.offset)[0]
+        self.offset += 2
         return value
 
     def text(self) -> str:
         """Read a name, in which only printable letters of ASCII stay as they are."""
-        end = self.data.find(b"\x00", self.place, self.place + MAX_NAME_BYTES + 1)
+        end = self.data.find(b"\x00", self.offset, self.offset + MAX_NAME_BYTES + 1)
         if end < 0:
-            cut = self.place + MAX_NAME_BYTES >= len(self.data)
+            cut = self.offset + MAX_NAME_BYTES >= len(self.data)
             raise self.corrupt(
                 "ends in its head" if cut else f"has a name of more than {MAX_NAME_BYTES} bytes"
             )
-        raw = self.data[self.place : end]
-        self.place = end + 1
+        raw = self.data[self.offset : end]
+        self.offset = end + 1
         return "".join(chr(byte) if 32 <= byte < 127 else f"\\x{byte:02x}" for byte in raw)
 
     def corrupt(self, reason: str) -> CorruptLogError:
@@ -253,10 +253,10 @@ class Event:
 
 
 @dataclass(slots=True)
-class _Walk:
+class _RecordWalk:
     """Where records begin, by id, and the bytes that belong to none."""
 
-    places: dict[int, array[int]]
+    offsets: dict[int, array[int]]
     skipped: int = 0
     left: int = 0
     searched: int = 0
@@ -270,31 +270,31 @@ def read_events(data: bytes, header: Header) -> tuple[list[Event], list[Finding]
     )
     walk = _walk(data, header, len(body) if sound else len(data))
     findings = _damage(walk, sound)
-    found = {
-        one.number: _records(data, one, np.asarray(walk.places[one.number], dtype=np.int64))
-        for one in header.types
-        if walk.places[one.number]
+    results = {
+        item.number: _records(data, item, np.asarray(walk.offsets[item.number], dtype=np.int64))
+        for item in header.types
+        if walk.offsets[item.number]
     }
-    if not found:
+    if not results:
         return [], findings
-    start = min(_middle(records["stamp"]) for records in found.values())
-    times = {key: _seconds(records["stamp"], start, header.tick_s) for key, records in found.items()}
+    start = min(_middle(records["stamp"]) for records in results.values())
+    times = {key: _seconds(records["stamp"], start, header.tick_s) for key, records in results.items()}
     usable = {key: believable(time_s) for key, time_s in times.items()}
     begins = min(float(times[key][which][0]) for key, which in usable.items() if which.any())
     lost = sum(int((~which).sum()) for which in usable.values())
     if lost:
         findings.append(Finding("time_stamps", f"Records left out, because their stamp cannot be: {lost}."))
     events = [
-        Event(one.name, one.variables, found[key][usable[key]], times[key][usable[key]] - begins)
-        for one in header.types
-        if (key := one.number) in found and usable[key].any()
+        Event(item.name, item.variables, results[key][usable[key]], times[key][usable[key]] - begins)
+        for item in header.types
+        if (key := item.number) in results and usable[key].any()
     ]
     return events, findings
 
 
-def _walk(data: bytes, header: Header, end: int) -> _Walk:
-    sizes = {one.number: one.record.itemsize for one in header.types}
-    walk = _Walk({number: array("q") for number in sizes})
+def _walk(data: bytes, header: Header, end: int) -> _RecordWalk:
+    sizes = {item.number: item.record.itemsize for item in header.types}
+    walk = _RecordWalk({number: array("q") for number in sizes})
     unpack = struct.Struct("<H").unpack_from
     position, run, last = header.length, 0, -1
     while position + 2 <= end:
@@ -309,13 +309,13 @@ def _walk(data: bytes, header: Header, end: int) -> _Walk:
             continue
         if position + size > end:
             break
-        walk.places[number].append(position)
+        walk.offsets[number].append(position)
         position += size
         run = run + 1 if number == last else 0
         last = number
         if run >= RUN:
             more = _run_length(data, position, end, number, size)
-            walk.places[number].extend(range(position, position + more * size, size))
+            walk.offsets[number].extend(range(position, position + more * size, size))
             position, run = position + more * size, 0
     walk.left = max(end - position, 0)
     return walk
@@ -331,32 +331,32 @@ def _run_length(data: bytes, position: int, end: int, number: int, size: int) ->
     return int(other[0]) if other.size else count
 
 
-def _resumed(data: bytes, position: int, end: int, header: Header, walk: _Walk) -> int | None:
+def _resumed(data: bytes, position: int, end: int, header: Header, walk: _RecordWalk) -> int | None:
     """Where the next records begin that follow each other; None when they are not found."""
-    sizes = {one.number: one.record.itemsize for one in header.types}
+    sizes = {item.number: item.record.itemsize for item in header.types}
     if not sizes:
         return None
     while walk.searched < MAX_SEARCH_BYTES and position < end:
         walk.searched += SEARCH_BLOCK
-        for place in _candidates(data, position, end, header, walk):
-            if _follow(data, place, end, sizes):
-                return place
+        for _candidate in _candidates(data, position, end, header, walk):
+            if _follow(data, _candidate, end, sizes):
+                return _candidate
         position += SEARCH_BLOCK
     return None
 
 
-def _candidates(data: bytes, position: int, end: int, header: Header, walk: _Walk) -> list[int]:
+def _candidates(data: bytes, position: int, end: int, header: Header, walk: _RecordWalk) -> list[int]:
     """Places in a block at which an id stands that is known, before a stamp that can be of this log."""
     stamp = header.types[0].record["stamp"]
     count = min(SEARCH_BLOCK, end - position - 1 - stamp.itemsize)
     if count <= 0:
         return []
     ids = np.ndarray((count,), dtype="<u2", buffer=data, offset=position, strides=(1,))
-    plausible = np.isin(ids, [one.number for one in header.types])
-    begun = [places[0] for places in walk.places.values() if places]
-    if begun:
+    plausible = np.isin(ids, [item.number for item in header.types])
+    started = [item[0] for item in walk.offsets.values() if item]
+    if started:
         stamps = np.ndarray((count,), dtype=stamp, buffer=data, offset=position + 2, strides=(1,))
-        first = int(np.ndarray((1,), dtype=stamp, buffer=data, offset=min(begun) + 2)[0])
+        first = int(np.ndarray((1,), dtype=stamp, buffer=data, offset=min(started) + 2)[0])
         time_s = _seconds(stamps, first, header.tick_s)
         plausible &= (time_s >= 0.0) & (time_s <= LONGEST_LOG_S)
     return [position + int(offset) for offset in np.flatnonzero(plausible)]
@@ -374,7 +374,7 @@ def _follow(data: bytes, position: int, end: int, sizes: Mapping[int, int]) -> b
     return True
 
 
-def _damage(walk: _Walk, sound: bool) -> list[Finding]:
+def _damage(walk: _RecordWalk, sound: bool) -> list[Finding]:
     """Say what the checksum and the walk show."""
     findings = []
     complete = sound or walk.left == CHECKSUM_BYTES
@@ -407,11 +407,11 @@ def _damage(walk: _Walk, sound: bool) -> list[Finding]:
     return findings
 
 
-def _records(data: bytes, kind: EventType, places: np.ndarray) -> np.ndarray:
+def _records(data: bytes, kind: EventType, positions: np.ndarray) -> np.ndarray:
     """Records of one type, copied together."""
     size = kind.record.itemsize
     anywhere = np.ndarray((len(data) - size + 1,), dtype=kind.record, buffer=data, strides=(1,))
-    return anywhere[places]
+    return anywhere[positions]
 
 
 def _seconds(stamps: np.ndarray, start: int, tick_s: float) -> Float[np.ndarray, " n"]:
@@ -437,11 +437,11 @@ REGULAR_SHARE = 0.9
 
 def gap_findings(events: Iterable[Event]) -> list[Finding]:
     """Say how many gaps there are in the events of a fixed frequency, and how long they are."""
-    told = [sentence for event in events if (sentence := _told(event))]
-    return [Finding("dropouts", f"Records are missing in {'; '.join(told)}.")] if told else []
+    selected = [sentence for event in events if (sentence := _report(event))]
+    return [Finding("dropouts", f"Records are missing in {'; '.join(selected)}.")] if selected else []
 
 
-def _told(event: Event) -> str:
+def _report(event: Event) -> str:
     steps = np.diff(event.time_s)
     if steps.size < 3:
         return ""
@@ -466,7 +466,7 @@ _BUILT_IN = ChannelMap("crazyflie", CLOCK, "s", (), Frame.Z_UP, "square", {}, "t
 
 @dataclass(slots=True)
 class _Table:
-    """The variables of one event as columns, which are converted when they are asked for."""
+    """The variables of one event as columns, which are converted when they are requested."""
 
     event: Event
     names: dict[str, str]
@@ -520,7 +520,7 @@ def read_crazyflie(file: Path, options: ReadOptions) -> Recording:
             "Check config.txt on the card, and end the logging before the power goes (usd.logging = 0).",
         )
     findings += gap_findings(events)
-    tables = sorted(map(_Table.of, events), key=lambda one: -one.event.time_s.size)
+    tables = sorted(map(_Table.of, events), key=lambda item: -item.event.time_s.size)
     if options.channel_map is None:
         return _by_table(file.name, tables, findings, options.sha256)
     return _by_map(file.name, tables, findings, options.channel_map, options.sha256)
@@ -531,12 +531,12 @@ def _by_table(name: str, tables: Sequence[_Table], findings: list[Finding], sha2
     chosen = _chosen(tables, findings)
     channels: dict[str, Channel] = {}
     for table in tables:
-        rules = [rule for source, place in chosen if place is table for rule in source.rules]
+        rules = [rule for source, item in chosen if item is table for rule in source.rules]
         if rules:
             needed = dict.fromkeys([CLOCK, *(column for rule in rules for column in rule.expression.columns)])
-            made, found = mapped_channels(_BUILT_IN, rules, table.columns(list(needed)), name)
+            made, result = mapped_channels(_BUILT_IN, rules, table.columns(list(needed)), name)
             channels |= made
-            findings += found
+            findings += result
     used = {column for source, _ in chosen for column in source.columns}
     used |= {PACKED_QUATERNION} if used.intersection(UNPACKED) else set()
     variables = dict.fromkeys(variable for table in tables for variable in table.event.variables)
@@ -558,51 +558,55 @@ def _by_table(name: str, tables: Sequence[_Table], findings: list[Finding], sha2
     return _recording(name, channels, findings, _BUILT_IN, LOOKED_FOR, sha256)
 
 
-def _chosen(tables: Sequence[_Table], findings: list[Finding]) -> list[tuple[Source, _Table]]:
+def _chosen(tables: Sequence[_Table], findings: list[Finding]) -> list[tuple[VariableSource, _Table]]:
     """Sources that are used, each with the event that has the most records of it."""
-    chosen: dict[str, tuple[Source, _Table]] = {}
-    silent: list[str] = []
+    chosen: dict[str, tuple[VariableSource, _Table]] = {}
+    no_stage_callback: list[str] = []
     for source in SOURCES:
-        table = next((one for one in tables if one.has(source.columns)), None)
+        table = next((item for item in tables if item.has(source.columns)), None)
         if table is None or source.quantity in chosen:
             continue
         if source.zero_is_absent and not any(
             np.any(np.nan_to_num(table.values(column))) for column in source.columns
         ):
-            silent += source.columns
+            no_stage_callback += source.columns
             continue
         answers = _answering(source, table)
         findings += [answers] if answers is not None else []
         used = source if answers is None else _as_feedback(source)
         chosen.setdefault(used.quantity, (used, table))
-    if silent:
+    if no_stage_callback:
         findings.append(
-            Finding("never_valid", f"Logged as zero throughout: {listed(list(dict.fromkeys(silent)))}.")
+            Finding(
+                "never_valid", f"Logged as zero throughout: {listed(list(dict.fromkeys(no_stage_callback)))}."
+            )
         )
     return list(chosen.values())
 
 
-def _answering(source: Source, table: _Table) -> Finding | None:
+def _answering(source: VariableSource, table: _Table) -> Finding | None:
     """Doubt a velocity setpoint that is not planned: it changes while the height setpoint stands still."""
     column = source.columns[0]
-    beside = VELOCITY_SETPOINTS.get(column)
-    if beside is None or not table.has((beside,)):
+    neighbours = VELOCITY_SETPOINTS.get(column)
+    if neighbours is None or not table.has((neighbours,)):
         return None
-    velocity, height = table.values(column), table.values(beside)
+    velocity, height = table.values(column), table.values(neighbours)
     changing = np.diff(velocity) != 0.0
     standing = (np.diff(height) == 0.0) & (height[1:] != 0.0)
     if not np.any(changing) or np.mean(standing[changing]) < 0.5:
         return None
     return Finding(
         "feedback_setpoint",
-        f"{column} changes while {beside} stands still, so the position loop wrote it: it answers the "
+        f"{column} changes while {neighbours} stands still, so the position loop wrote it: it answers the "
         "vehicle, and is no reference.",
     )
 
 
-def _as_feedback(source: Source) -> Source:
+def _as_feedback(source: VariableSource) -> VariableSource:
     name = "feedback_reference_velocity_z"
-    return Source(name, tuple(replace(rule, name=name) for rule in source.rules), source.zero_is_absent)
+    return VariableSource(
+        name, tuple(replace(rule, name=name) for rule in source.rules), source.zero_is_absent
+    )
 
 
 def _by_map(
@@ -617,16 +621,16 @@ def _by_map(
     names = list(dict.fromkeys(column for table in tables for column in table.names))
     rules: dict[int, list[ChannelRule]] = {}
     for rule in fitted_rules(chosen, names, name):
-        place = _place(rule, chosen, tables, name)
-        rules.setdefault(place, []).append(rule)
+        position = _position(rule, chosen, tables, name)
+        rules.setdefault(position, []).append(rule)
     channels: dict[str, Channel] = {}
-    for place, served in rules.items():
+    for position, served in rules.items():
         needed = dict.fromkeys(
             [chosen.time_column, *(column for rule in served for column in rule.expression.columns)]
         )
-        made, found = mapped_channels(chosen, served, tables[place].columns(list(needed)), name)
+        made, result = mapped_channels(chosen, served, tables[position].columns(list(needed)), name)
         channels |= made
-        findings += found
+        findings += result
     if not channels:
         raise EmptyLogError(
             "a log with values", f"'{name}', in which every mapped variable is empty", "Check the map."
@@ -635,12 +639,12 @@ def _by_map(
     return _recording(name, channels, findings, chosen, looked_for(chosen), sha256)
 
 
-def _place(rule: ChannelRule, chosen: ChannelMap, tables: Sequence[_Table], name: str) -> int:
+def _position(rule: ChannelRule, chosen: ChannelMap, tables: Sequence[_Table], name: str) -> int:
     """Number of the event with the most records that has all that a rule needs."""
     needed = (chosen.time_column, *rule.expression.columns)
-    for place, table in enumerate(tables):
+    for index, table in enumerate(tables):
         if table.has(needed):
-            return place
+            return index
     raise ChannelMapError(
         f"columns of one type of events for channels.{rule.name} ({chosen.origin})",
         f"{listed(needed)}, which no type of '{name}' has all of",

@@ -21,8 +21,8 @@ from eivor.logs.dataflash.sources import (
     PILOT_MODES,
     RATE_MODES,
     RATE_SETPOINTS,
-    Reading,
-    Source,
+    MessageReading,
+    MessageSource,
 )
 from eivor.signals.channels import CurveSide, unit_of
 from eivor.signals.recording import ROTARY_WING, Channel, Finding, clean_channel
@@ -34,7 +34,7 @@ from eivor.tools import Bool, Float
 DRY_AIR, ZERO_CELSIUS = 287.05, 273.15
 
 
-def add_air_density(reading: Reading) -> None:
+def add_air_density(reading: MessageReading) -> None:
     """Add it, where pressure [Pa] and temperature [degrees Celsius] are logged."""
     table = reading.tables.get("BARO")
     if table is None or not table.has("Press", "Temp") or not table.clock:
@@ -71,12 +71,14 @@ def unit_findings(tables: Mapping[str, Messages]) -> list[Finding]:
         if declared is None:
             continue
         coded = table.layout.fields[source.column].factor
-        told = coded if coded != 1.0 else multipliers.get(of_multiplier)
+        reported = coded if coded != 1.0 else multipliers.get(of_multiplier)
         read = abs(source.factor_in(table)) * coded
         if declared[0] != unit:
             doubts[source.label.removeprefix("-")] = f"in {declared[0] or 'no unit'}, read in {unit}"
-        elif told is not None and abs(told * declared[1] / read - 1.0) > SAME:
-            doubts[source.label.removeprefix("-")] = f"as {told * declared[1]:.4g} {unit}, read as {read:.4g}"
+        elif reported is not None and abs(reported * declared[1] / read - 1.0) > SAME:
+            doubts[source.label.removeprefix("-")] = (
+                f"as {reported * declared[1]:.4g} {unit}, read as {read:.4g}"
+            )
     if not doubts:
         return []
     sentence = "; ".join(f"{column} {doubt}" for column, doubt in doubts.items())
@@ -85,26 +87,28 @@ def unit_findings(tables: Mapping[str, Messages]) -> list[Finding]:
     ]
 
 
-def _columns_read() -> Iterator[tuple[Source, str]]:
+def _columns_read() -> Iterator[tuple[MessageSource, str]]:
     """Columns that channels are made of, and the SI unit of those channels."""
     for name, sources in CHANNEL_SOURCES.items():
         for source in sources:
             yield source, unit_of(name)
     degree, turn = UNITS["deg"][1], UNITS["rpm"][1]
     for column in ATTITUDE:
-        yield Source("ATT", column, degree), "rad"
+        yield MessageSource("ATT", column, degree), "rad"
     for column in RATE_SETPOINTS.values():
-        yield Source("RATE", column, degree), "rad/s"
-    yield Source("ESC", "RPM", turn), "rad/s"
+        yield MessageSource("RATE", column, degree), "rad/s"
+    yield MessageSource("ESC", "RPM", turn), "rad/s"
 
 
 def _letters(tables: Mapping[str, Messages]) -> dict[int, dict[str, tuple[str, str]]]:
     """Letters of unit and multiplier of each column, by number of the type."""
-    told = tables.get("FMTU")
-    if told is None or not told.has("FmtType", "UnitIds", "MultIds"):
+    reported = tables.get("FMTU")
+    if reported is None or not reported.has("FmtType", "UnitIds", "MultIds"):
         return {}
     columns = {table.layout.number: list(table.layout.fields) for table in tables.values()}
-    rows = zip(told.values("FmtType").tolist(), told.texts("UnitIds"), told.texts("MultIds"), strict=True)
+    rows = zip(
+        reported.values("FmtType").tolist(), reported.texts("UnitIds"), reported.texts("MultIds"), strict=True
+    )
     return {
         int(number): {
             column: (unit, multiplier)
@@ -117,20 +121,20 @@ def _letters(tables: Mapping[str, Messages]) -> dict[int, dict[str, tuple[str, s
 
 def _units(tables: Mapping[str, Messages]) -> dict[str, tuple[str, float]]:
     """SI unit and factor by letter, of those that are known."""
-    told = tables.get("UNIT")
-    if told is None or not told.has("Id", "Label"):
+    reported = tables.get("UNIT")
+    if reported is None or not reported.has("Id", "Label"):
         return {}
-    labels = zip(told.values("Id").tolist(), told.texts("Label"), strict=True)
+    labels = zip(reported.values("Id").tolist(), reported.texts("Label"), strict=True)
     named = {int(letter): LABELS.get(label, label) for letter, label in labels}
     return {chr(letter): UNITS[label] for letter, label in named.items() if label in UNITS and letter > 0}
 
 
 def _multipliers(tables: Mapping[str, Messages]) -> dict[str, float]:
     """Multiplier by letter, of those that say something."""
-    told = tables.get("MULT")
-    if told is None or not told.has("Id", "Mult"):
+    reported = tables.get("MULT")
+    if reported is None or not reported.has("Id", "Mult"):
         return {}
-    rows = zip(told.values("Id").tolist(), told.values("Mult").tolist(), strict=True)
+    rows = zip(reported.values("Id").tolist(), reported.values("Mult").tolist(), strict=True)
     return {
         chr(int(letter)): value
         for letter, value in rows
@@ -157,15 +161,17 @@ def delay_of(channel: str, parameters: Mapping[str, float]) -> float:
 
 def delay_findings(channels: Iterable[Channel], parameters: Mapping[str, float]) -> list[Finding]:
     """Say what was taken off the stamps, and why."""
-    told = {}
+    selected = {}
     for channel in channels:
         if channel.delay_s > 0.0:
             name = LOW_PASSES[channel.name.rpartition("_")[0]]
             words = f"low-pass of {parameters[name]:g} Hz, {name}" if name in parameters else "notch"
-            told[channel.source.partition(".")[0], words] = 1e3 * channel.delay_s
-    if not told:
+            selected[channel.source.partition(".")[0], words] = 1e3 * channel.delay_s
+    if not selected:
         return []
-    sentence = "; ".join(f"{message}: {delay:.2g} ms ({words})" for (message, words), delay in told.items())
+    sentence = "; ".join(
+        f"{message}: {delay:.2g} ms ({words})" for (message, words), delay in selected.items()
+    )
     return [Finding("sensor_delay", f"Taken off the stamps of {sentence}.")]
 
 
@@ -210,16 +216,16 @@ class MotorRange:
 
 def motor_columns(parameters: Mapping[str, float]) -> dict[int, int]:
     """Output of each motor, both from 1 on."""
-    told = {
+    selected = {
         MOTOR_FUNCTIONS[function]: output
         for output in range(1, OUTPUTS + 1)
         if (function := int(parameters.get(f"SERVO{output}_FUNCTION", 0.0))) in MOTOR_FUNCTIONS
     }
-    return dict(sorted(told.items())) or {motor: motor for motor in range(1, 5)}
+    return dict(sorted(selected.items())) or {motor: motor for motor in range(1, 5)}
 
 
 def motor_range(parameters: Mapping[str, float]) -> MotorRange | None:
-    """Range of the motors; None where no parameter tells it."""
+    """Range of the motors; None where no parameter gives it."""
     for names in (("MOT_PWM_MIN", "MOT_PWM_MAX"), ("RC3_MIN", "RC3_MAX")):
         low, high = (parameters.get(name, 0.0) for name in names)
         if 0.0 < low < high:
@@ -237,20 +243,20 @@ def motor_range(parameters: Mapping[str, float]) -> MotorRange | None:
 def disagreement(
     throttle: Float[np.ndarray, " n"], thrust: Float[np.ndarray, " n"], known: MotorRange
 ) -> str:
-    """Sentence on pulse widths that do not fit the throttle; empty where they do, or nothing can be told."""
-    flown = np.isfinite(throttle) & np.isfinite(thrust) & (throttle > LEAST_THROTTLE)
-    asked, given = throttle[flown], thrust[flown]
-    if asked.size < LEAST_COUNT or asked.std() < LEAST_SPREAD:
+    """Sentence on pulse widths that do not fit the throttle; empty where they do."""
+    flight = np.isfinite(throttle) & np.isfinite(thrust) & (throttle > LEAST_THROTTLE)
+    requested, given = throttle[flight], thrust[flight]
+    if requested.size < LEAST_COUNT or requested.std() < LEAST_SPREAD:
         return ""
-    order = np.argsort(asked, kind="stable")
-    asked, given = asked[order], given[order]
-    half = asked.size // 2
-    apart = asked[half:] - asked[: asked.size - half] > 0.5 * LEAST_SPREAD
-    if apart.sum() < LEAST_COUNT // 2:
+    order = np.argsort(requested, kind="stable")
+    requested, given = requested[order], given[order]
+    half = requested.size // 2
+    separated = requested[half:] - requested[: requested.size - half] > 0.5 * LEAST_SPREAD
+    if separated.sum() < LEAST_COUNT // 2:
         return ""
-    rises = (given[half:] - given[: asked.size - half])[apart]
-    slope = float(np.median(rises / (asked[half:] - asked[: asked.size - half])[apart]))
-    offset = float(np.median(given - asked))
+    rises = (given[half:] - given[: requested.size - half])[separated]
+    slope = float(np.median(rises / (requested[half:] - requested[: requested.size - half])[separated]))
+    offset = float(np.median(given - requested))
     if abs(slope - 1.0) <= SLOPE_WITHIN and abs(offset) <= OFFSET_WITHIN:
         return ""
     return (
@@ -265,48 +271,48 @@ def disagreement(
 MAX_ESCS = 32
 
 
-def add_outputs(reading: Reading) -> None:
+def add_outputs(reading: MessageReading) -> None:
     """Add the motors' outputs; the thrust that they stand for is the input where no throttle is logged."""
     table = reading.tables.get("RCOU")
     if table is None or not table.clock:
         return
     columns = _used(table, reading)
     widths = {motor: table.values(column) for motor, column in columns.items()}
-    widths = {motor: np.where(one > 0.0, one, np.nan) for motor, one in widths.items()}
+    widths = {motor: np.where(width > 0.0, width, np.nan) for motor, width in widths.items()}
     if not widths:
         return
     known = motor_range(reading.parameters)
     if known is None:
-        for motor, one in widths.items():
-            reading.add(f"actuator_output_{motor}", table, one, f"RCOU.{columns[motor]}", CurveSide.BEHIND)
+        for motor, item in widths.items():
+            reading.add(f"actuator_output_{motor}", table, item, f"RCOU.{columns[motor]}", CurveSide.BEHIND)
         sentence = (
-            "RCOU holds pulse widths in microseconds, and no parameter tells their range (MOT_PWM_MIN and "
+            "RCOU holds pulse widths in microseconds, and no parameter gives their range (MOT_PWM_MIN and "
             "MOT_PWM_MAX, or RC3_MIN and RC3_MAX): they stay as they are, and no input map fits an offset."
         )
         reading.findings.append(Finding("pulse_range_unknown", sentence))
         return
-    shares = {motor: known.share(one) for motor, one in widths.items()}
-    for motor, one in shares.items():
-        reading.add(f"actuator_output_{motor}", table, one, f"RCOU.{columns[motor]}", CurveSide.BEHIND)
+    shares = {motor: known.share(width) for motor, width in widths.items()}
+    for motor, item in shares.items():
+        reading.add(f"actuator_output_{motor}", table, item, f"RCOU.{columns[motor]}", CurveSide.BEHIND)
     sentence = (
         f"RCOU holds pulse widths in microseconds: they are read as shares of the range {known.low:g} to "
         f"{known.high:g} ({known.names}), of which {known.spin_min:g} to {known.spin_max:g} is in use."
     )
     reading.findings.append(Finding("pulse_widths", sentence))
     voltage = _voltage(table, reading)
-    thrust = np.mean([known.thrust(one, voltage) for one in shares.values()], axis=0)
+    thrust = np.mean([known.thrust(share, voltage) for share in shares.values()], axis=0)
     throttle = reading.channels.get("input")
     if throttle is None:
         reading.add("input", table, thrust, "RCOU through the thrust curve", CurveSide.BEFORE)
         return
-    asked = np.interp(reading.time_s(table), throttle.time_s, throttle.values)
-    free = np.all([(one > 0.0) & (one < 1.0) for one in shares.values()], axis=0)
-    doubt = disagreement(np.where(free, asked, np.nan), thrust, known)
+    requested = np.interp(reading.time_s(table), throttle.time_s, throttle.values)
+    free = np.all([(share > 0.0) & (share < 1.0) for share in shares.values()], axis=0)
+    doubt = disagreement(np.where(free, requested, np.nan), thrust, known)
     if doubt:
         reading.findings.append(Finding("motor_range", doubt))
 
 
-def _used(table: Messages, reading: Reading) -> dict[int, str]:
+def _used(table: Messages, reading: MessageReading) -> dict[int, str]:
     """Column of each motor; old firmware calls them Ch1, Ch2, ..."""
     columns: dict[int, str] = {}
     for motor, output in motor_columns(reading.parameters).items():
@@ -316,21 +322,21 @@ def _used(table: Messages, reading: Reading) -> dict[int, str]:
     return columns
 
 
-def _voltage(table: Messages, reading: Reading) -> Float[np.ndarray, " n"]:
+def _voltage(table: Messages, reading: MessageReading) -> Float[np.ndarray, " n"]:
     """Ratio of the battery's voltage to its largest, by which the thrust is corrected; 1 where it is not."""
-    told = reading.tables.get("MOTB")
-    column = next((name for name in ("BatVolt", "BV") if told is not None and told.has(name)), "")
-    if told is None or not column or not told.clock:
+    reported = reading.tables.get("MOTB")
+    column = next((name for name in ("BatVolt", "BV") if reported is not None and reported.has(name)), "")
+    if reported is None or not column or not reported.clock:
         return np.ones(table.count)
-    ratio = told.values(column)
+    ratio = reported.values(column)
     sound = np.isfinite(ratio) & (ratio > 0.1) & (ratio < 2.0)
     if not sound.any():
         return np.ones(table.count)
-    order = np.argsort(told.time_s()[sound], kind="stable")
-    return np.asarray(np.interp(table.time_s(), told.time_s()[sound][order], ratio[sound][order]))
+    order = np.argsort(reported.time_s()[sound], kind="stable")
+    return np.asarray(np.interp(table.time_s(), reported.time_s()[sound][order], ratio[sound][order]))
 
 
-def add_rotor_speeds(reading: Reading) -> None:
+def add_rotor_speeds(reading: MessageReading) -> None:
     """Add the speeds of rotors by the telemetry of their controllers [rad/s]."""
     table = reading.tables.get("ESC")
     column = next((name for name in ("Instance", "I") if table is not None and table.has(name)), "")
@@ -339,11 +345,11 @@ def add_rotor_speeds(reading: Reading) -> None:
     instances = table.stored(column)
     motors = {output - 1: motor for motor, output in motor_columns(reading.parameters).items()}
     for instance in np.unique(instances).tolist()[:MAX_ESCS]:
-        one = table.where(instances == instance)
-        speeds = one.values("RPM") * UNITS["rpm"][1]
+        where = table.where(instances == instance)
+        speeds = where.values("RPM") * UNITS["rpm"][1]
         if np.any(np.nan_to_num(speeds)):
             name = f"rotor_speed_{motors.get(instance, instance + 1)}"
-            reading.add(name, one, speeds, "ESC.RPM", CurveSide.BEHIND)
+            reading.add(name, where, speeds, "ESC.RPM", CurveSide.BEHIND)
 
 
 # -- States --
@@ -355,7 +361,7 @@ _BY_MODE = {
 }
 
 
-def add_states(reading: Reading) -> None:
+def add_states(reading: MessageReading) -> None:
     """Add what modes, events and sticks say."""
     modes = reading.tables.get("MODE")
     column = next((name for name in ("ModeNum", "Mode") if modes is not None and modes.has(name)), "")
@@ -367,7 +373,7 @@ def add_states(reading: Reading) -> None:
     _add_throttle(reading)
 
 
-def _add_landed(reading: Reading) -> None:
+def _add_landed(reading: MessageReading) -> None:
     events, arming = reading.tables.get("EV"), reading.tables.get("ARM")
     if events is not None and events.has("Id") and events.clock:
         numbers = events.values("Id")
@@ -379,7 +385,7 @@ def _add_landed(reading: Reading) -> None:
         reading.add("landed", arming, (arming.values("ArmState") == 0.0).astype(np.float64), "ARM.ArmState")
 
 
-def _add_throttle(reading: Reading) -> None:
+def _add_throttle(reading: MessageReading) -> None:
     """Add the pilot's throttle as a share of its range."""
     sticks = reading.tables.get("RCIN")
     number = int(reading.parameters.get("RCMAP_THROTTLE", 3.0))
@@ -423,7 +429,7 @@ SWEPT = {
 }
 
 
-def add_attitude(reading: Reading) -> None:
+def add_attitude(reading: MessageReading) -> None:
     """Add the attitude as a quaternion."""
     table = reading.tables.get("ATT")
     if table is None or not table.has(*ATTITUDE) or not table.clock:
@@ -456,8 +462,8 @@ def _yaw(table: Messages) -> Float[np.ndarray, " n"]:
     return _unwrapped(yaw)
 
 
-def add_setpoints(reading: Reading) -> None:
-    """Add the setpoints of attitude and of rates, told apart by who makes them."""
+def add_setpoints(reading: MessageReading) -> None:
+    """Add the setpoints of attitude and of rates, distinguished by who makes them."""
     wanted: list[tuple[str, str, str, tuple[int, ...]]] = [
         (f"reference_{angle}", "ATT", column, reading.with_sweeps(ATTITUDE_MODES))
         for angle, column in ATTITUDE_SETPOINTS.items()
@@ -473,8 +479,8 @@ def add_setpoints(reading: Reading) -> None:
         by_sticks = reading.modes_at(table, modes)
         for kind, where in (("", by_sticks), ("feedback_", ~by_sticks)):
             if where.any():
-                told = partial(_setpoint, table, column, None if where.all() else where)
-                reading.add_made(f"{kind}{name}", table, told, f"{message}.{column}")
+                reported = partial(_setpoint, table, column, None if where.all() else where)
+                reading.add_made(f"{kind}{name}", table, reported, f"{message}.{column}")
 
 
 def _setpoint(table: Messages, column: str, where: Bool[np.ndarray, " n"] | None) -> Float[np.ndarray, " n"]:
@@ -500,7 +506,7 @@ def _unwrapped(angle: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
     return angle
 
 
-def add_sweeps(reading: Reading) -> None:
+def add_sweeps(reading: MessageReading) -> None:
     """Add the injected sweeps, each where it is."""
     sweep, settings = reading.tables.get("SIDD"), reading.tables.get("SIDS")
     if sweep is None or not sweep.has("Targ") or not sweep.clock:
@@ -516,19 +522,19 @@ def add_sweeps(reading: Reading) -> None:
         _add_sweep(reading, name, sweep, np.where(swept, sweep.values("Targ") * factor, 0.0))
 
 
-def _axes(sweep: Messages, settings: Messages | None, told: float) -> Float[np.ndarray, " n"]:
+def _axes(sweep: Messages, settings: Messages | None, record: float) -> Float[np.ndarray, " n"]:
     """Axis of each sample of a sweep: by the last settings before it, else by the parameter."""
     if settings is None or not settings.has("Ax") or not settings.clock:
-        return np.full(sweep.count, told)
+        return np.full(sweep.count, record)
     times = settings.time_s()
     order = np.argsort(times, kind="stable")
-    place = np.searchsorted(times[order], sweep.time_s(), side="right")
-    return np.asarray(np.append(told, settings.values("Ax")[order])[place])
+    indices = np.searchsorted(times[order], sweep.time_s(), side="right")
+    return np.asarray(np.append(record, settings.values("Ax")[order])[indices])
 
 
-def _add_sweep(reading: Reading, name: str, sweep: Messages, values: Float[np.ndarray, " n"]) -> None:
+def _add_sweep(reading: MessageReading, name: str, sweep: Messages, values: Float[np.ndarray, " n"]) -> None:
     """Add a sweep: beside its samples nothing is injected, and sticks ask for what they do."""
-    asked = reading.channels.get(name)
+    requested = reading.channels.get(name)
     reading.add(name, sweep, np.nan_to_num(values), "SIDD.Targ")
     channel = reading.channels.get(name)
     if channel is None:
@@ -541,16 +547,16 @@ def _add_sweep(reading: Reading, name: str, sweep: Messages, values: Float[np.nd
     if time[0] > 0.0:
         time, injected = np.insert(time, 0, 0.0), np.insert(injected, 0, 0.0)
     channel = replace(channel, time_s=time, values=injected)
-    reading.keep(channel if asked is None else _beside(asked, channel))
+    reading.keep(channel if requested is None else _rotor_moments(requested, channel))
 
 
-def _beside(asked: Channel, sweep: Channel) -> Channel:
+def _rotor_moments(channel: Channel, sweep: Channel) -> Channel:
     """What sticks ask for, and in its place a sweep where there is one; zero where there is neither."""
-    place = np.searchsorted(sweep.time_s, asked.time_s, side="right") - 1
-    rests = (place < 0) | (sweep.values[np.maximum(place, 0)] == 0.0)
+    indices = np.searchsorted(sweep.time_s, channel.time_s, side="right") - 1
+    rests = (indices < 0) | (sweep.values[np.maximum(indices, 0)] == 0.0)
     moves = np.flatnonzero(sweep.values != 0.0)
-    time = np.concatenate([asked.time_s[rests], sweep.time_s[moves]])
-    values = np.concatenate([np.nan_to_num(asked.values[rests]), sweep.values[moves]])
+    time = np.concatenate([channel.time_s[rests], sweep.time_s[moves]])
+    values = np.concatenate([np.nan_to_num(channel.values[rests]), sweep.values[moves]])
     order = np.argsort(time, kind="stable")
     return clean_channel(
         sweep.name, time[order], values[order], sweep.unit, source=sweep.source, held=sweep.held
@@ -588,8 +594,8 @@ def vehicle_of(tables: Mapping[str, Messages]) -> str:
         kinds = [BUILDS[kind] for kind in np.unique(version.values("BU")).tolist() if kind in BUILDS]
         if kinds:
             return kinds[0]
-    told = tables.get("MSG")
-    for text in told.texts("Message") if told is not None and told.has("Message") else []:
+    reported = tables.get("MSG")
+    for text in reported.texts("Message") if reported is not None and reported.has("Message") else []:
         words = text.lower().split(" v", 1)
         for prefix in _PREFIXES:
             name = words[0].removeprefix(prefix).strip()

@@ -54,7 +54,7 @@ class Field:
 
 
 @dataclass(frozen=True, slots=True)
-class Layout:
+class MessageType:
     """What a FMT message says of a type."""
 
     number: int
@@ -66,20 +66,20 @@ class Layout:
         """Names of texts and lists where one number belongs, and of numbers where a text does."""
         return [
             name
-            for name, one in self.fields.items()
-            if (one.kind.kind == "S") != (name in TEXTS) or one.kind.subdtype is not None
+            for name, item in self.fields.items()
+            if (item.kind.kind == "S") != (name in TEXTS) or item.kind.subdtype is not None
         ]
 
-    def without(self, names: Collection[str]) -> Layout:
+    def without(self, names: Collection[str]) -> MessageType:
         """Return a layout without some of the fields."""
-        return replace(self, fields={name: one for name, one in self.fields.items() if name not in names})
+        return replace(self, fields={name: item for name, item in self.fields.items() if name not in names})
 
 
 @dataclass(slots=True)
-class Described:
+class DeclaredLayouts:
     """Layouts of types as FMT messages give them, one after the other."""
 
-    layouts: dict[int, Layout] = field(default_factory=dict)
+    layouts: dict[int, MessageType] = field(default_factory=dict)
     unsound: int = 0  # Descriptions that cannot be
     changed: set[str] = field(default_factory=set)  # Names of types that were described again and differently
 
@@ -95,53 +95,53 @@ class Described:
 
     def findings(self) -> list[Finding]:
         """Say what is wrong with descriptions."""
-        told = []
+        selected = []
         if self.unsound:
             sentence = f"Descriptions of messages (FMT) that cannot be, left out: {self.unsound}."
-            told.append(Finding("message_formats", sentence))
+            selected.append(Finding("message_formats", sentence))
         if self.changed:
             names = ", ".join(sorted(self.changed))
             sentence = f"Described again and differently, so that the first counts: {names}."
-            told.append(Finding("message_formats", sentence))
-        return told
+            selected.append(Finding("message_formats", sentence))
+        return selected
 
 
 def begins_within(head: bytes) -> bool:
     """Say whether a log in binary form, whose beginning is lost, goes on in some bytes."""
     mark = HEAD + bytes([FMT_TYPE])
-    place = head.find(mark)
-    while place >= 0:
-        following = place + FMT_LENGTH
-        if head.startswith(mark, following) and _layout(head[place + HEAD_BYTES : following]) is not None:
+    find = head.find(mark)
+    while find >= 0:
+        following = find + FMT_LENGTH
+        if head.startswith(mark, following) and _layout(head[find + HEAD_BYTES : following]) is not None:
             return True
-        place = head.find(mark, place + HEAD_BYTES)
+        find = head.find(mark, find + HEAD_BYTES)
     return False
 
 
-def read_layouts(data: mmap.mmap) -> tuple[dict[int, Layout], list[Finding]]:
+def read_layouts(data: mmap.mmap) -> tuple[dict[int, MessageType], list[Finding]]:
     """Return the layouts of all types by number, and what is wrong with FMT messages."""
-    described = Described()
+    described = DeclaredLayouts()
     mark = HEAD + bytes([FMT_TYPE])
-    place = data.find(mark)
+    find = data.find(mark)
     for _ in range(MAX_FORMATS):
-        if place < 0 or place + FMT_LENGTH > len(data):
+        if find < 0 or find + FMT_LENGTH > len(data):
             break
         # in a long log other messages hold these three bytes by chance: no head stands where they end
-        followed = data[place + FMT_LENGTH : place + FMT_LENGTH + len(HEAD)] in (HEAD, b"")
-        sound = described.add(data[place + HEAD_BYTES : place + FMT_LENGTH], is_message=followed)
-        place = data.find(mark, place + (FMT_LENGTH if sound else HEAD_BYTES))
-    described.layouts[FMT_TYPE] = Layout(FMT_TYPE, "FMT", FMT_LENGTH, {})
+        tracked_parameter = data[find + FMT_LENGTH : find + FMT_LENGTH + len(HEAD)] in (HEAD, b"")
+        sound = described.add(data[find + HEAD_BYTES : find + FMT_LENGTH], is_message=tracked_parameter)
+        find = data.find(mark, find + (FMT_LENGTH if sound else HEAD_BYTES))
+    described.layouts[FMT_TYPE] = MessageType(FMT_TYPE, "FMT", FMT_LENGTH, {})
     return described.layouts, described.findings()
 
 
-def _layout(payload: bytes) -> Layout | None:
+def _layout(payload: bytes) -> MessageType | None:
     """Layout of the content of an FMT message; None when it is none."""
     number, length, name = payload[0], payload[1], payload[2:6]
     if length <= HEAD_BYTES or not _NAME.fullmatch(name):
         return None
     codes = payload[6:22].rstrip(b"\0").decode("latin-1")
     names = payload[22:86].rstrip(b"\0").decode("latin-1").split(",")
-    return Layout(number, name.rstrip(b"\0").decode(), length, _fields(codes, names, length))
+    return MessageType(number, name.rstrip(b"\0").decode(), length, _fields(codes, names, length))
 
 
 def _fields(codes: str, names: list[str], length: int) -> dict[str, Field]:
@@ -171,9 +171,9 @@ LONG_FILE_BYTES = 1 << 27
 class Messages:
     """All messages of a type, or of one instance of it."""
 
-    layout: Layout
+    layout: MessageType
     data: np.ndarray
-    places: np.ndarray  # shape (n,)
+    offsets: np.ndarray  # shape (n,)
 
     @property
     def name(self) -> str:
@@ -183,7 +183,7 @@ class Messages:
     @property
     def count(self) -> int:
         """Number of messages."""
-        return int(self.places.size)
+        return int(self.offsets.size)
 
     @property
     def clock(self) -> str:
@@ -214,7 +214,7 @@ class Messages:
         anywhere = np.ndarray((self.data.size - self.layout.length + 1,), kind, self.data, offset, (1,))
         taken = np.empty((self.count, *kind.shape), kind.base)
         for start, stop in row_blocks(0, self.count, COPIED_ROWS):
-            taken[start:stop] = anywhere[self.places[start:stop]]
+            taken[start:stop] = anywhere[self.offsets[start:stop]]
         return taken
 
     def values(self, column: str) -> Float[np.ndarray, " n"]:
@@ -237,7 +237,7 @@ class Messages:
 
     def where(self, chosen: Bool[np.ndarray, " n"]) -> Messages:
         """Return some of the messages."""
-        return self if chosen.all() else replace(self, places=self.places[chosen])
+        return self if chosen.all() else replace(self, offsets=self.offsets[chosen])
 
 
 # -- Positions of messages --
@@ -249,7 +249,7 @@ MAX_BREAKS = 1_000_000
 
 
 @dataclass(slots=True)
-class Places:
+class Offsets:
     """Where messages begin."""
 
     by_type: dict[int, list[np.ndarray]] = field(default_factory=dict)
@@ -265,19 +265,19 @@ class Places:
 
     def findings(self) -> list[Finding]:
         """Say what was left out."""
-        told = []
+        selected = []
         if self.cut:
-            told.append(
+            selected.append(
                 Finding("truncated", f"The log ends within a message ({self.cut} bytes of it are there).")
             )
         if self.skipped:
-            told.append(
+            selected.append(
                 Finding(
                     "corrupt_parts",
                     f"Damaged parts were left out: {self.skipped} bytes that belong to no message.",
                 )
             )
-        return told
+        return selected
 
 
 def read_messages(content: mmap.mmap, names: Collection[str]) -> tuple[list[Messages], list[Finding]]:
@@ -285,12 +285,12 @@ def read_messages(content: mmap.mmap, names: Collection[str]) -> tuple[list[Mess
     layouts, findings = read_layouts(content)
     wanted = {number: layout for number, layout in layouts.items() if layout.name in names}
     data = np.frombuffer(content, dtype=np.uint8)
-    places = find_places(data, layouts, wanted)
-    messages = [Messages(layout, data, places.of(number)) for number, layout in wanted.items()]
-    return messages, [*findings, *places.findings()]
+    positions = find_offsets(data, layouts, wanted)
+    messages = [Messages(layout, data, positions.of(number)) for number, layout in wanted.items()]
+    return messages, [*findings, *positions.findings()]
 
 
-def find_places(data: np.ndarray, layouts: Mapping[int, Layout], wanted: Collection[int]) -> Places:
+def find_offsets(data: np.ndarray, layouts: Mapping[int, MessageType], wanted: Collection[int]) -> Offsets:
     """Return the places of all messages of the wanted types."""
     lengths = np.zeros(256, dtype=np.int64)
     for number, layout in layouts.items():
@@ -298,72 +298,75 @@ def find_places(data: np.ndarray, layouts: Mapping[int, Layout], wanted: Collect
     is_wanted = np.zeros(256, dtype=np.bool_)
     is_wanted[list(wanted)] = True
     kept = np.uint32 if data.size < 1 << 32 else np.int64
-    places = Places()
+    positions = Offsets()
     for start in range(0, data.size, BLOCK_BYTES):
-        if places._breaks > MAX_BREAKS:
+        if positions._breaks > MAX_BREAKS:
             break
-        found = _heads(data, start, lengths)
-        message = _chained(data, found, lengths, places)
-        found = found[message]
-        kinds = data[found + 2]
-        found, kinds = found[is_wanted[kinds]], kinds[is_wanted[kinds]]
+        heads = _heads(data, start, lengths)
+        message = _chained(data, heads, lengths, positions)
+        heads = heads[message]
+        kinds = data[heads + 2]
+        heads, kinds = heads[is_wanted[kinds]], kinds[is_wanted[kinds]]
         for number in np.unique(kinds).tolist():
-            places.by_type.setdefault(number, []).append(found[kinds == number].astype(kept))
-    rest = data[places._position :]
+            positions.by_type.setdefault(number, []).append(heads[kinds == number].astype(kept))
+    rest = data[positions._position :]
     if rest[:2].tobytes() == HEAD[: rest.size] and not (rest.size > 2 and lengths[rest[2]] <= rest.size):
-        places.cut = int(rest.size)
+        positions.cut = int(rest.size)
     else:
-        places.skipped += int(rest.size)
-    return places
+        positions.skipped += int(rest.size)
+    return positions
 
 
 def _heads(data: np.ndarray, start: int, lengths: np.ndarray) -> np.ndarray:
     """Places in a block at which a head stands before a known type."""
     part = data[start : start + BLOCK_BYTES + 2]
-    found = np.flatnonzero((part[:-2] == HEAD[0]) & (part[1:-1] == HEAD[1]))
-    return np.asarray(found[lengths[part[found + 2]] > 0] + start)
+    indices = np.flatnonzero((part[:-2] == HEAD[0]) & (part[1:-1] == HEAD[1]))
+    return np.asarray(indices[lengths[part[indices + 2]] > 0] + start)
 
 
 def _followed(data: np.ndarray, ends: np.ndarray, lengths: np.ndarray) -> Bool[np.ndarray, " n"]:
     """Whether another message, or the end of the file, stands where each ends."""
     within = ends + HEAD_BYTES <= data.size
-    at = np.where(within, ends, 0)
+    index = np.where(within, ends, 0)
     if data.size < HEAD_BYTES:
         return ends == data.size
-    head = (data[at] == HEAD[0]) & (data[at + 1] == HEAD[1]) & (lengths[data[at + 2]] > 0)
+    head = (data[index] == HEAD[0]) & (data[index + 1] == HEAD[1]) & (lengths[data[index + 2]] > 0)
     return np.asarray((within & head) | (~within & (ends <= data.size)))
 
 
 def _chained(
-    data: np.ndarray, found: np.ndarray, lengths: np.ndarray, places: Places
+    data: np.ndarray, result: np.ndarray, lengths: np.ndarray, positions: Offsets
 ) -> Bool[np.ndarray, " n"]:
     """Which places of a block are messages; moves `places` on to where the next one should begin."""
-    taken = np.zeros(found.size, dtype=np.bool_)
-    if not found.size:
+    taken = np.zeros(result.size, dtype=np.bool_)
+    if not result.size:
         return taken
-    ends = found + lengths[data[found + 2]]
-    followed = _followed(data, ends, lengths)
-    able = np.flatnonzero(followed)
-    last = np.append(np.flatnonzero(~followed[:-1] | (ends[:-1] != found[1:])), found.size - 1)
-    at = int(np.searchsorted(found, places._position))
-    while at < found.size and places._breaks <= MAX_BREAKS:
-        if found[at] != places._position or not followed[at]:
-            following = int(np.searchsorted(able, at))
+    ends = result + lengths[data[result + 2]]
+    tracked_parameter = _followed(data, ends, lengths)
+    able = np.flatnonzero(tracked_parameter)
+    last = np.append(np.flatnonzero(~tracked_parameter[:-1] | (ends[:-1] != result[1:])), result.size - 1)
+    index = int(np.searchsorted(result, positions._position))
+    while index < result.size and positions._breaks <= MAX_BREAKS:
+        if result[index] != positions._position or not tracked_parameter[index]:
+            following = int(np.searchsorted(able, index))
             if following == able.size:
                 break
-            at = int(able[following])
-            places.skipped += int(found[at]) - places._position
-        final = int(last[np.searchsorted(last, at)])
-        taken[at : final + 1] = followed[at : final + 1]
-        places._position = int(ends[final] if followed[final] else found[final])
-        at = max(int(np.searchsorted(found, places._position)), final + 1 if not followed[final] else 0)
-        places._breaks += 1
+            index = int(able[following])
+            positions.skipped += int(result[index]) - positions._position
+        final = int(last[np.searchsorted(last, index)])
+        taken[index : final + 1] = tracked_parameter[index : final + 1]
+        positions._position = int(ends[final] if tracked_parameter[final] else result[final])
+        index = max(
+            int(np.searchsorted(result, positions._position)),
+            final + 1 if not tracked_parameter[final] else 0,
+        )
+        positions._breaks += 1
     return taken
 
 
 # -- Text --
 
-#: How a log in text is told: by the line that describes its descriptions.
+#: How a log in text is identified: by the line that describes its descriptions.
 _BEGIN, _COMMA = rb"^(?:\xef\xbb\xbf)?[ \t]*FMT", rb"[ \t]*,[ \t]*"
 _FIRST = re.compile(
     _COMMA.join((_BEGIN, b"128", b"89", b"FMT", rb"BBnNZ[ \t]*(,|\r?$)")),
@@ -412,7 +415,7 @@ def is_text(head: bytes) -> bool:
 def read_lines(content: mmap.mmap, names: Collection[str]) -> tuple[list[Messages], list[Finding]]:
     """Return all messages of some types, and what is wrong with the file."""
     described = _described(content)
-    layouts = {one.name: one for one in reversed(described.layouts.values())}
+    layouts = {layout.name: layout for layout in reversed(described.layouts.values())}
     wanted = {name: layout for name, layout in layouts.items() if name in names}
     parts: dict[str, list[np.ndarray]] = {name: [] for name in wanted}
     damaged = 0
@@ -434,9 +437,9 @@ def read_lines(content: mmap.mmap, names: Collection[str]) -> tuple[list[Message
     return [_messages(layout, parts[name]) for name, layout in wanted.items()], findings
 
 
-def _described(content: mmap.mmap) -> Described:
+def _described(content: mmap.mmap) -> DeclaredLayouts:
     """Layouts by the FMT lines, wherever they are."""
-    described = Described()
+    described = DeclaredLayouts()
     for _, line in zip(range(MAX_FORMATS), _FMT_LINE.finditer(content), strict=False):
         cells = [cell.strip() for cell in line[1].split(b",", 4)]
         numbers = [int(cell) if cell.isdigit() and len(cell) < 4 else 256 for cell in cells[:2]]
@@ -472,25 +475,25 @@ def _by_type(block: bytes) -> dict[str, list[bytes]]:
         name, comma, rest = line.partition(b",")
         if comma:
             lines.setdefault(name, []).append(rest)
-    found: dict[str, list[bytes]] = {}
+    results: dict[str, list[bytes]] = {}
     for name, of_name in lines.items():
-        found.setdefault(name.strip(_AROUND).decode("latin-1"), []).extend(of_name)
-    return found
+        results.setdefault(name.strip(_AROUND).decode("latin-1"), []).extend(of_name)
+    return results
 
 
-def _rows(lines: list[bytes], layout: Layout) -> np.ndarray:
+def _rows(lines: list[bytes], layout: MessageType) -> np.ndarray:
     """Bytes of the messages as they would be stored, a row each, of the lines that can be one."""
     count = len(layout.fields)
     cells = [row for line in lines if len(row := line.split(b",", count - 1)) == count]
     rows = np.zeros((len(cells), layout.length), dtype=np.uint8)
     sound = np.ones(len(cells), dtype=np.bool_)
-    for place, (name, own_field) in enumerate(layout.fields.items()):
-        told = [row[place].strip() for row in cells]
+    for index, (name, own_field) in enumerate(layout.fields.items()):
+        selected = [row[index].strip() for row in cells]
         if own_field.kind.kind == "S":
-            column = np.array([cell[: own_field.kind.itemsize] for cell in told], dtype=own_field.kind)
+            column = np.array([cell[: own_field.kind.itemsize] for cell in selected], dtype=own_field.kind)
         elif own_field.kind.subdtype is None:
             names = MODES if (layout.name, name) == ("MODE", "Mode") else {}
-            column, can_be = _stored(own_field, _numbers(told, names))
+            column, can_be = _stored(own_field, _numbers(selected, names))
             sound &= can_be
         else:
             continue
@@ -526,7 +529,7 @@ def _stored(field: Field, values: Float[np.ndarray, " n"]) -> tuple[np.ndarray, 
         return np.where(can_be, whole, 0.0).astype(field.kind), can_be
 
 
-def _messages(layout: Layout, parts: list[np.ndarray]) -> Messages:
+def _messages(layout: MessageType, parts: list[np.ndarray]) -> Messages:
     """Messages one after the other, as if a file held them alone."""
     data = np.concatenate([np.empty(0, np.uint8), *(part.ravel() for part in parts)])
     return Messages(layout, data, np.arange(0, data.size, layout.length))

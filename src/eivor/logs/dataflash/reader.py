@@ -33,8 +33,8 @@ from eivor.logs.dataflash.sources import (
     LOOKED_FOR,
     NEEDED,
     WITHOUT_HEIGHT_MODES,
-    Reading,
-    Source,
+    MessageReading,
+    MessageSource,
     choose_estimator,
     dataflash_origin,
 )
@@ -109,7 +109,7 @@ def read_dataflash(file: Path, *, sha256: str = "") -> Recording:
     tables, findings = _tables(content)
     parameters = _parameters(tables)
     choose_estimator(tables, parameters, findings)
-    reading = Reading.of(tables, parameters, findings)
+    reading = MessageReading.of(tables, parameters, findings)
     _add_all(reading)
     if not reading.channels:
         raise EmptyLogError(
@@ -120,16 +120,17 @@ def read_dataflash(file: Path, *, sha256: str = "") -> Recording:
         )
     findings += unit_findings(tables)
     findings += delay_findings(reading.heads.values(), parameters)
-    if reading.silent:
+    if reading.inactive_setpoints:
         findings.append(
             Finding(
-                "setpoint_silent", f"Not in force while its message is silent: {', '.join(reading.silent)}."
+                "setpoint_silent",
+                f"Not in force while its message is silent: {', '.join(reading.inactive_setpoints)}.",
             )
         )
     return Recording(
         name=file.name,
         format="dataflash",
-        channels=reading.channels.settled(),
+        channels=reading.channels.finished(),
         frame=Frame.NED,
         sha256=sha256,
         parameters=parameters,
@@ -140,7 +141,7 @@ def read_dataflash(file: Path, *, sha256: str = "") -> Recording:
     )
 
 
-def _add_all(reading: Reading) -> None:
+def _add_all(reading: MessageReading) -> None:
     """Add every channel that the messages of a reading hold."""
     for name, sources in CHANNEL_SOURCES.items():
         for source in _by_rate(sources, reading.tables) if name in CHOSEN_BY_RATE else sources:
@@ -157,7 +158,7 @@ def _add_all(reading: Reading) -> None:
     reading.channels.cut = partial(_channels_of_part, reading)
 
 
-def _channels_of_part(reading: Reading, start_s: float, end_s: float, step_s: float) -> KeptChannels:
+def _channels_of_part(reading: MessageReading, start_s: float, end_s: float, step_s: float) -> KeptChannels:
     """Channels of the messages from one second to another, so far apart."""
     part = reading.part(start_s, end_s, step_s)
     _add_all(part)
@@ -168,7 +169,7 @@ def _tables(content: mmap.mmap) -> tuple[dict[str, Messages], list[Finding]]:
     """Messages that are needed, by name, each of its lowest instance; and what is wrong with the file."""
     read = read_lines if is_text(content[:SNIFFED_BYTES]) else read_messages
     messages, findings = read(content, NEEDED)
-    unusable = sorted(one.name for one in messages if not one.layout.fields)
+    unusable = sorted(message.name for message in messages if not message.layout.fields)
     if unusable:
         findings.append(
             Finding(
@@ -176,7 +177,7 @@ def _tables(content: mmap.mmap) -> tuple[dict[str, Messages], list[Finding]]:
                 f"Left out, because codes, names and length of their fields disagree: {', '.join(unusable)}.",
             )
         )
-    misfits = sorted(f"{one.name}.{name}" for one in messages for name in one.layout.misfits())
+    misfits = sorted(f"{message.name}.{name}" for message in messages for name in message.layout.misfits())
     if misfits:
         findings.append(
             Finding(
@@ -185,20 +186,22 @@ def _tables(content: mmap.mmap) -> tuple[dict[str, Messages], list[Finding]]:
                 f"{', '.join(misfits)}.",
             )
         )
-        messages = [replace(one, layout=one.layout.without(one.layout.misfits())) for one in messages]
+        messages = [
+            replace(message, layout=message.layout.without(message.layout.misfits())) for message in messages
+        ]
     tables: dict[str, Messages] = {}
     lost = 0
-    for one in messages:
-        if not one.layout.fields or one.name in tables:
+    for item in messages:
+        if not item.layout.fields or item.name in tables:
             continue
-        found = _lowest(one)
-        if found.clock and found.count:
-            time_s = found.time_s()
+        lowest = _lowest(item)
+        if lowest.clock and lowest.count:
+            time_s = lowest.time_s()
             sound = believable(time_s - float(np.median(time_s)))
             lost += int((~sound).sum())
-            found = found.where(sound)
-        if found.count:
-            tables[found.name] = found
+            lowest = lowest.where(sound)
+        if lowest.count:
+            tables[lowest.name] = lowest
     if lost:
         findings.append(Finding("time_stamps", f"Messages left out, because their stamp cannot be: {lost}."))
     return tables, findings
@@ -212,8 +215,8 @@ def _lowest(table: Messages) -> Messages:
     if not column or not table.count:
         return table
     instances = table.stored(column)
-    found, counts = np.unique(instances, return_counts=True)
-    lowest = found[counts >= SELDOM * counts.max()].min()
+    result, counts = np.unique(instances, return_counts=True)
+    lowest = result[counts >= SELDOM * counts.max()].min()
     return table.where(instances == lowest)
 
 
@@ -229,15 +232,15 @@ def _parameters(tables: Mapping[str, Messages]) -> dict[str, float]:
     return dict(sorted(values.items()))
 
 
-def _by_rate(sources: tuple[Source, ...], tables: Mapping[str, Messages]) -> list[Source]:
+def _by_rate(sources: tuple[MessageSource, ...], tables: Mapping[str, Messages]) -> list[MessageSource]:
     """Sources in their order, but one that was logged much more often than the first before it."""
     counts = {source: tables[source.message].count if source.message in tables else 0 for source in sources}
     most = max(sources, key=counts.__getitem__)
     first = next((source for source in sources if counts[source]), most)
-    return sorted(sources, key=lambda one: counts[most] > MUCH_MORE * counts[first] and one is not most)
+    return sorted(sources, key=lambda source: counts[most] > MUCH_MORE * counts[first] and source is not most)
 
 
-def _add(reading: Reading, name: str, source: Source) -> None:
+def _add(reading: MessageReading, name: str, source: MessageSource) -> None:
     """Add a channel from a source, when that has a value."""
     table = reading.tables.get(source.message)
     if table is None or not table.has(source.column) or not table.clock:
@@ -247,13 +250,13 @@ def _add(reading: Reading, name: str, source: Source) -> None:
         return
 
     def values() -> Float[np.ndarray, " n"]:
-        found = table.values(source.column)
-        found *= factor
+        result = table.values(source.column)
+        result *= factor
         if source.needs_height_loop:
             manual = reading.with_sweeps(WITHOUT_HEIGHT_MODES)
-            found[reading.modes_at(table, manual, before=True)] = np.nan
-            found[reading.landed_at(table)] = np.nan
-        return found
+            result[reading.modes_at(table, manual, before=True)] = np.nan
+            result[reading.landed_at(table)] = np.nan
+        return result
 
     reading.add_made(
         name,

@@ -9,7 +9,7 @@ from datetime import datetime
 
 import numpy as np
 
-from eivor.logs.common import UNITS, KeptChannels, Look, look, silenced
+from eivor.logs.common import UNITS, ChannelProfile, KeptChannels, look, silenced
 from eivor.logs.dataflash.messages import Messages
 from eivor.signals.channels import CurveSide, held_by_default, unit_of
 from eivor.signals.recording import Channel, Finding, LogOrigin, clean_channel, utc_time
@@ -29,8 +29,8 @@ GPS_EPOCH_S, WEEK_S, LEAP_S = 315_964_800.0, 604_800.0, 18.0
 
 def dataflash_origin(tables: Mapping[str, Messages], parameters: Mapping[str, float]) -> LogOrigin:
     """Origin of a log."""
-    told = tables.get("MSG")
-    texts = told.texts("Message") if told is not None and told.has("Message") else []
+    reported = tables.get("MSG")
+    texts = reported.texts("Message") if reported is not None and reported.has("Message") else []
     serial = parameters.get("BRD_SERIAL_NUM", 0.0)
     frame = _first(_FRAME, texts)
     return LogOrigin(
@@ -43,8 +43,8 @@ def dataflash_origin(tables: Mapping[str, Messages], parameters: Mapping[str, fl
 
 def _first(pattern: re.Pattern[str], texts: list[str]) -> str:
     """What the first text that fits says: its group, or all of it."""
-    found = (pattern.match(text) for text in texts if text.isprintable())
-    return next((match[match.lastindex or 0].strip() for match in found if match), "")
+    results = (pattern.match(text) for text in texts if text.isprintable())
+    return next((match[match.lastindex or 0].strip() for match in results if match), "")
 
 
 def _start(table: Messages | None) -> datetime | None:
@@ -52,11 +52,11 @@ def _start(table: Messages | None) -> datetime | None:
     if table is None or not table.has("GMS", "GWk") or not table.clock:
         return None
     weeks, milliseconds = table.values("GWk"), table.values("GMS")
-    told = weeks > 0.0
-    if not told.any():
+    reported = weeks > 0.0
+    if not reported.any():
         return None
     utc = GPS_EPOCH_S + weeks * WEEK_S + milliseconds * 1e-3 - LEAP_S
-    return utc_time(float(np.median((utc - table.time_s())[told])))
+    return utc_time(float(np.median((utc - table.time_s())[reported])))
 
 
 # -- Sources --
@@ -68,7 +68,7 @@ CONTROLLERS = ("PSCD", "PSCZ")
 
 
 @dataclass(frozen=True, slots=True)
-class Source:
+class MessageSource:
     """One place where a channel may be."""
 
     message: str
@@ -102,59 +102,62 @@ class Source:
 _DEG = UNITS["deg"][1]
 
 
-def _estimates(column: str) -> tuple[Source, ...]:
-    return tuple(Source(message, column) for message in ESTIMATORS)
+def _estimates(column: str) -> tuple[MessageSource, ...]:
+    return tuple(MessageSource(message, column) for message in ESTIMATORS)
 
 
 #: Sources of each channel, the preferred one first.
-CHANNEL_SOURCES: Mapping[str, tuple[Source, ...]] = {
+CHANNEL_SOURCES: Mapping[str, tuple[MessageSource, ...]] = {
     "position_x": _estimates("PN"),
     "position_y": _estimates("PE"),
     "position_z": _estimates("PD"),
     "velocity_x": _estimates("VN"),
     "velocity_y": _estimates("VE"),
     "velocity_z": _estimates("VD"),
-    **{f"specific_force_body_{axis}": (Source("IMU", f"Acc{axis.upper()}"),) for axis in "xyz"},
+    **{f"specific_force_body_{axis}": (MessageSource("IMU", f"Acc{axis.upper()}"),) for axis in "xyz"},
     **{
-        f"angular_rate_{axis}": (Source("IMU", f"Gyr{axis.upper()}"), Source("RATE", letter, _DEG))
+        f"angular_rate_{axis}": (
+            MessageSource("IMU", f"Gyr{axis.upper()}"),
+            MessageSource("RATE", letter, _DEG),
+        )
         for axis, letter in zip("xyz", "RPY", strict=True)
     },
     "input": (
-        Source("RATE", "AOut", old_factor=1e-3),
-        Source("CTUN", "ThO", old_factor=1e-3),
-        Source("CTUN", "ThrOut", old_factor=1e-3),
+        MessageSource("RATE", "AOut", old_factor=1e-3),
+        MessageSource("CTUN", "ThO", old_factor=1e-3),
+        MessageSource("CTUN", "ThrOut", old_factor=1e-3),
     ),
     "reference_position_z": (
-        Source("PSCD", "DPD"),
-        Source("PSCD", "TPD"),
-        Source("PSCZ", "TPZ", -1.0),
-        Source("CTUN", "DAlt", -1.0, needs_height_loop=True),
+        MessageSource("PSCD", "DPD"),
+        MessageSource("PSCD", "TPD"),
+        MessageSource("PSCZ", "TPZ", -1.0),
+        MessageSource("CTUN", "DAlt", -1.0, needs_height_loop=True),
     ),
     "reference_velocity_z": (
-        Source("PSCD", "DVD", zero_is_absent=True),
-        Source("PSCZ", "DVZ", -1.0, zero_is_absent=True),
+        MessageSource("PSCD", "DVD", zero_is_absent=True),
+        MessageSource("PSCZ", "DVZ", -1.0, zero_is_absent=True),
     ),
     "reference_acceleration_z": (
-        Source("PSCD", "DAD", zero_is_absent=True),
-        Source("PSCZ", "DAZ", -1.0, zero_is_absent=True),
+        MessageSource("PSCD", "DAD", zero_is_absent=True),
+        MessageSource("PSCZ", "DAZ", -1.0, zero_is_absent=True),
     ),
     "feedback_reference_velocity_z": (
-        Source("PSCD", "TVD"),
-        Source("PSCZ", "TVZ", -1.0),
-        Source("CTUN", "DCRt", -1.0, old_factor=1e-2, needs_height_loop=True),
+        MessageSource("PSCD", "TVD"),
+        MessageSource("PSCZ", "TVZ", -1.0),
+        MessageSource("CTUN", "DCRt", -1.0, old_factor=1e-2, needs_height_loop=True),
     ),
     **{
-        f"torque_setpoint_{axis}": (Source("RATE", f"{letter}Out", old_factor=1.0 / 4500.0),)
+        f"torque_setpoint_{axis}": (MessageSource("RATE", f"{letter}Out", old_factor=1.0 / 4500.0),)
         for axis, letter in zip("xyz", "RPY", strict=True)
     },
     "hover_thrust_estimate": (
-        Source("CTUN", "ThH", old_factor=1e-3, zero_is_absent=True),
-        Source("CTUN", "ThrHov", old_factor=1e-3, zero_is_absent=True),
+        MessageSource("CTUN", "ThH", old_factor=1e-3, zero_is_absent=True),
+        MessageSource("CTUN", "ThrHov", old_factor=1e-3, zero_is_absent=True),
     ),
-    "air_temperature": (Source("BARO", "Temp", zero_is_absent=True),),
+    "air_temperature": (MessageSource("BARO", "Temp", zero_is_absent=True),),
     "battery_voltage": (
-        Source("BAT", "Volt", zero_is_absent=True),
-        Source("CURR", "Volt", old_factor=1e-2, zero_is_absent=True),
+        MessageSource("BAT", "Volt", zero_is_absent=True),
+        MessageSource("CURR", "Volt", old_factor=1e-2, zero_is_absent=True),
     ),
 }
 
@@ -241,8 +244,8 @@ def choose_estimator(
     logged = [name for name in ESTIMATORS if name in tables]
     if not logged:
         return
-    told = _most(tables.get("ATT"), "AEKF") or int(parameters.get("AHRS_EKF_TYPE", 0.0))
-    chosen = _TYPES.get(told, logged[0])
+    reported = _most(tables.get("ATT"), "AEKF") or int(parameters.get("AHRS_EKF_TYPE", 0.0))
+    chosen = _TYPES.get(reported, logged[0])
     chosen = chosen if chosen in logged else logged[0]
     for name in logged:
         if name != chosen:
@@ -258,14 +261,14 @@ def choose_estimator(
 
 
 def _core(tables: Mapping[str, Messages], chosen: str, findings: list[Finding]) -> int:
-    """Number of the core that was in use for most of the log; 0 where it is not told."""
+    """Number of the core that was in use for most of the log; 0 where it is not identified."""
     for name in _PRIMARY[chosen]:
         table = tables.get(name)
         if table is None or not table.has("PI"):
             continue
-        told, counts = np.unique(table.stored("PI"), return_counts=True)
-        core = int(told[np.argmax(counts)])
-        if told.size > 1:
+        reported, counts = np.unique(table.stored("PI"), return_counts=True)
+        core = int(reported[np.argmax(counts)])
+        if reported.size > 1:
             share = 1.0 - float(counts.max()) / float(counts.sum())
             findings.append(
                 Finding(
@@ -282,8 +285,8 @@ def _most(table: Messages | None, column: str) -> int:
     """Value that a column has most often; 0 where there is none."""
     if table is None or not table.has(column) or not table.count:
         return 0
-    told, counts = np.unique(table.stored(column), return_counts=True)
-    return int(told[np.argmax(counts)])
+    reported, counts = np.unique(table.stored(column), return_counts=True)
+    return int(reported[np.argmax(counts)])
 
 
 # -- Reading --
@@ -293,7 +296,7 @@ LONG_BYTES = 1 << 23
 
 
 @dataclass(slots=True)
-class Reading:
+class MessageReading:
     """Channels that are being made of messages."""
 
     tables: Mapping[str, Messages]
@@ -303,14 +306,14 @@ class Reading:
     end_s: float
     channels: KeptChannels = field(default_factory=KeptChannels)
     heads: dict[str, Channel] = field(default_factory=dict)  # The same without their arrays
-    looks: dict[str, Look] = field(default_factory=dict)
-    silent: list[str] = field(default_factory=list)  # Setpoints that are not in force throughout
+    looks: dict[str, ChannelProfile] = field(default_factory=dict)
+    inactive_setpoints: list[str] = field(default_factory=list)  # Setpoints that are not in force throughout
     _clocks: dict[tuple[int, float], tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
 
     @classmethod
     def of(
         cls, tables: Mapping[str, Messages], parameters: Mapping[str, float], findings: list[Finding]
-    ) -> Reading:
+    ) -> MessageReading:
         """Begin a reading."""
         ends = [
             (time.min(), time.max()) for table in tables.values() if table.clock for time in [table.time_s()]
@@ -319,7 +322,7 @@ class Reading:
         end = max((float(last) for _, last in ends), default=0.0)
         return cls(tables, parameters, findings, start, end)
 
-    def part(self, start_s: float, end_s: float, step_s: float) -> Reading:
+    def part(self, start_s: float, end_s: float, step_s: float) -> MessageReading:
         """Return a reading of the messages of a part of the log, on the same clock."""
         tables = {}
         for name, table in self.tables.items():
@@ -330,14 +333,14 @@ class Reading:
             chosen = (time_s >= start_s) & (time_s <= end_s)
             inside = np.flatnonzero(chosen) if chosen.any() else np.searchsorted(time_s, [start_s, start_s])
             # what is in force at the beginning, and what comes next: silence is no end of the log
-            beside = [max(int(inside[0]) - 1, 0), min(int(inside[-1]) + 1, time_s.size - 1)]
+            neighbours = [max(int(inside[0]) - 1, 0), min(int(inside[-1]) + 1, time_s.size - 1)]
             if step_s > 0.0 and time_s.size > 1:
                 every = int(step_s * (time_s.size - 1) / max(float(time_s[-1] - time_s[0]), step_s))
                 chosen &= np.arange(time_s.size) % max(every, 1) == 0
-            chosen[beside] = True
+            chosen[neighbours] = True
             tables[name] = table.where(chosen)
         self.forget_clocks()
-        return Reading(tables, self.parameters, [], self.start_s, self.end_s)
+        return MessageReading(tables, self.parameters, [], self.start_s, self.end_s)
 
     def forget_clocks(self) -> None:
         """Let go of stamps that may be wanted by other channels of their messages."""
@@ -345,15 +348,15 @@ class Reading:
 
     def time_s(self, table: Messages, delay_s: float = 0.0) -> Float[np.ndarray, " n"]:
         """Stamps of messages on the recording's clock, less a delay [s]: one array for all in a row."""
-        asked = (id(table.places), delay_s)
-        if asked not in self._clocks:
+        requested = (id(table.offsets), delay_s)
+        if requested not in self._clocks:
             stamps = table.time_s()
             stamps -= self.start_s + delay_s
             if stamps.nbytes > LONG_BYTES:
                 self._clocks.clear()
             # the places are kept too: what is alive keeps its identity
-            self._clocks[asked] = (table.places, stamps)
-        return self._clocks[asked][1]
+            self._clocks[requested] = (table.offsets, stamps)
+        return self._clocks[requested][1]
 
     def add(
         self,
@@ -402,7 +405,7 @@ class Reading:
         count = channel.time_s.size
         if is_setpoint:
             channel = silenced(channel, self.end_s - self.start_s)
-            self.silent += [name] if channel.time_s.size > count else []
+            self.inactive_setpoints += [name] if channel.time_s.size > count else []
         self._put(channel, in_force if is_setpoint else logged)
 
     def keep(self, channel: Channel) -> None:
@@ -424,15 +427,15 @@ class Reading:
     def with_sweeps(self, modes: tuple[int, ...]) -> tuple[int, ...]:
         """Modes of sticks, and system identification where its sweeps leave throttle and attitude to them."""
         settings = self.tables.get("SIDS")
-        told = [self.parameters.get("SID_AXIS", 0.0)]
+        selected = [self.parameters.get("SID_AXIS", 0.0)]
         if settings is not None and settings.has("Ax") and settings.count:
-            told = settings.values("Ax").tolist()
-        return (*modes, SWEEP_MODE) if all(0 < axis <= LAST_STICK_AXIS for axis in told) else modes
+            selected = settings.values("Ax").tolist()
+        return (*modes, SWEEP_MODE) if all(0 < axis <= LAST_STICK_AXIS for axis in selected) else modes
 
     def landed_at(self, table: Messages) -> Bool[np.ndarray, " n"]:
         """Whether the vehicle was on the ground at each message, by its events; no where they do not say."""
-        told = {float(number): value for number, value in LANDED_EVENTS.items()}
-        return self._stated(table, "EV", "Id", told, False, others_stay=True)
+        selected = {float(number): value for number, value in LANDED_EVENTS.items()}
+        return self._stated(table, "EV", "Id", selected, False, others_stay=True)
 
     def _stated(
         self,
@@ -452,6 +455,6 @@ class Reading:
         known = np.isin(stated, list(meanings)) if others_stay else np.ones(stated.size, dtype=np.bool_)
         times, stated = self.time_s(states)[known], stated[known]
         order = np.argsort(times, kind="stable")
-        value = np.array([meanings.get(one, 0.0) > 0.0 for one in stated[order].tolist()], dtype=np.bool_)
-        place = np.searchsorted(times[order], self.time_s(table), side="right")
-        return np.asarray(np.append(before, value)[place])
+        value = np.array([meanings.get(item, 0.0) > 0.0 for item in stated[order].tolist()], dtype=np.bool_)
+        indices = np.searchsorted(times[order], self.time_s(table), side="right")
+        return np.asarray(np.append(before, value)[indices])

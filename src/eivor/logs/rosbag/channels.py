@@ -10,7 +10,13 @@ import numpy as np
 
 from eivor.errors import InputError
 from eivor.logs.common import silenced
-from eivor.logs.rosbag.messages import PACKAGE, Layout, UnsoundMessageError, message_layout, px4_releases
+from eivor.logs.rosbag.messages import (
+    PACKAGE,
+    MessageLayout,
+    UnsoundMessageError,
+    message_layout,
+    px4_releases,
+)
 from eivor.logs.rosbag.topics import BagTopic, RawTopic, as_columns, of_one_clock, start_ns, with_derived
 from eivor.logs.ulog.channels import read_topics, unknown_filters
 from eivor.logs.ulog.topics import LOOKED_FOR, NEEDED_TOPICS, Topic, choose_instance, vehicle_of
@@ -33,16 +39,17 @@ def is_px4(name: str, kind: str) -> bool:
 
 def px4_channels(raws: Sequence[RawTopic], findings: list[Finding]) -> tuple[dict[str, Channel], str]:
     """Return the channels of PX4's topics, z down, and the kind of vehicle."""
-    places = {match["vehicle"] for raw in raws if (match := _NAME.fullmatch(raw.name)) is not None}
-    if len(places) > 1:
+    positions = {match["vehicle"] for raw in raws if (match := _NAME.fullmatch(raw.name)) is not None}
+    if len(positions) > 1:
         raise InputError(
             "a bag of one vehicle",
-            f"one with topics of {len(places)}: {', '.join(sorted(place or '/' for place in places)[:6])}",
+            f"one with topics of {len(positions)}: "
+            f"{', '.join(sorted(position or '/' for position in positions)[:6])}",
             "Take one of them out with `ros2 bag convert`, or name its topics in a channel map (--map).",
         )
     layouts = _layouts(raws, findings)
     columns = [as_columns(raw, layouts[raw.name], findings) for raw in raws if raw.name in layouts]
-    sound = of_one_clock([one for one in columns if one is not None], findings)
+    sound = of_one_clock([column for column in columns if column is not None], findings)
     if not sound:
         return {}, ""
     topics = _chosen(sound, findings)
@@ -59,16 +66,21 @@ def looked_for() -> Mapping[str, tuple[str, ...]]:
 def _chosen(sound: Sequence[BagTopic], findings: list[Finding]) -> dict[str, Topic]:
     """The topics by PX4's names: what the vehicle sends before what it is sent, then the useful instance."""
     by_name: dict[str, dict[str, list[Topic]]] = {}
-    for one in sound:
-        match = _NAME.fullmatch(one.name)
+    for item in sound:
+        match = _NAME.fullmatch(item.name)
         if match is None:
             continue
-        topic = Topic(match["topic"], int(match["instance"] or 0), one.fields)
+        topic = Topic(match["topic"], int(match["instance"] or 0), item.fields)
         by_name.setdefault(match["topic"], {}).setdefault(match["way"] or "out", []).append(topic)
-    return {name: choose_instance(ways.get("out") or ways["in"], findings) for name, ways in by_name.items()}
+    return {
+        name: choose_instance(formulas.get("out") or formulas["in"], findings)
+        for name, formulas in by_name.items()
+    }
 
 
-def _layouts(raws: Sequence[RawTopic], findings: list[Finding]) -> dict[str, Callable[[bytes], Layout]]:
+def _layouts(
+    raws: Sequence[RawTopic], findings: list[Finding]
+) -> dict[str, Callable[[bytes], MessageLayout]]:
     """How the messages of each topic are read: by its definition, or by the releases that fit."""
     layouts = {raw.name: raw.defined() for raw in raws if raw.text}
     unsaid = [raw for raw in raws if not raw.text]
@@ -76,7 +88,7 @@ def _layouts(raws: Sequence[RawTopic], findings: list[Finding]) -> dict[str, Cal
         return layouts
     releases = px4_releases()
     fits = {raw.name: _fitting(raw, list(releases)) for raw in unsaid}
-    common = set(releases).intersection(*(found for found in fits.values() if found))
+    common = set(releases).intersection(*(fit for fit in fits.values() if fit))
     misfits = [f"{raw.name} ({len(raw.payloads[0])} bytes)" for raw in unsaid if not fits[raw.name]]
     if misfits:
         known = ", ".join(releases)
@@ -89,9 +101,9 @@ def _layouts(raws: Sequence[RawTopic], findings: list[Finding]) -> dict[str, Cal
     for raw in unsaid:
         if fits[raw.name]:
             layouts[raw.name] = _agreed(raw, sorted(fits[raw.name] & common or fits[raw.name]))
-    told = ", ".join(sorted(common)) or "several"
+    text = ", ".join(sorted(common)) or "several"
     sentence = (
-        f"The bag has no definitions of messages: they are read as those of PX4 {told}, whose lengths fit."
+        f"The bag has no definitions of messages: they are read as those of PX4 {text}, whose lengths fit."
     )
     findings.append(Finding("px4_release", sentence))
     return layouts
@@ -99,33 +111,33 @@ def _layouts(raws: Sequence[RawTopic], findings: list[Finding]) -> dict[str, Cal
 
 def _fitting(raw: RawTopic, numbers: Sequence[str]) -> set[str]:
     """The releases whose type is as long as the first message."""
-    found = set()
+    result = set()
     for number in numbers:
         try:
             _agreed(raw, [number])(raw.payloads[0])
         except UnsoundMessageError:
             continue
-        found.add(number)
-    return found
+        result.add(number)
+    return result
 
 
-def _agreed(raw: RawTopic, numbers: Sequence[str]) -> Callable[[bytes], Layout]:
+def _agreed(raw: RawTopic, numbers: Sequence[str]) -> Callable[[bytes], MessageLayout]:
     """What gives the layout of a message as far as some releases agree on it."""
     releases = px4_releases()
     kinds = dict.fromkeys(releases[number].get(raw.kind) for number in numbers)
 
-    def layout_of(message: bytes) -> Layout:
+    def layout_of(message: bytes) -> MessageLayout:
         layouts = [
             message_layout(message, raw.kind, releases[number], ros1=raw.ros1)
             for number in numbers[: 1 if len(kinds) == 1 else None]
         ]
         first = layouts[0]
         fields = {
-            name: place
-            for name, place in first.fields.items()
-            if all(one.fields.get(name) == place for one in layouts)
+            name: field
+            for name, field in first.fields.items()
+            if all(layout.fields.get(name) == field for layout in layouts)
         }
-        return Layout(fields, first.lengths, first.size)
+        return MessageLayout(fields, first.lengths, first.size)
 
     return layout_of
 
@@ -134,7 +146,7 @@ def _agreed(raw: RawTopic, numbers: Sequence[str]) -> Callable[[bytes], Layout]:
 
 #: The folder of mavros' topics.
 MAVROS = "mavros/"
-#: Words in the name of a topic that is asked for, not measured.
+#: Words in the name of a topic that is requested, not measured.
 ASKED = re.compile(
     r"set_?point|target|goal|reference|desired|command|cmd|(?:^|[/_])ref(?:[/_]|$)", re.IGNORECASE
 )
@@ -169,7 +181,7 @@ _STATE, _ROTORS = "mavros_msgs/State", ("mav_msgs/Actuators", "actuator_msgs/Act
 _SPEEDS = ("angular_velocities", "velocity")
 
 
-def _places(axis: str) -> tuple[RosSource, ...]:
+def _positions(axis: str) -> tuple[RosSource, ...]:
     return (
         RosSource("local_position/odom", _ODOMETRY, f"pose.pose.position.{axis}", estimated=True),
         RosSource("local_position/pose", _POSE, f"pose.position.{axis}", estimated=True),
@@ -204,11 +216,11 @@ def _inertial(field: str) -> tuple[RosSource, ...]:
     return tuple(RosSource(topic, _IMU, field) for topic in ("imu/data_raw", "imu/data", ""))
 
 
-def _asked(field: str) -> RosSource:
+def _parsed(field: str) -> RosSource:
     return RosSource("setpoint_raw/local", _POSITION, field, is_setpoint=True)
 
 
-def _flown(field: str) -> RosSource:
+def _simulated(field: str) -> RosSource:
     return RosSource("setpoint_raw/target_attitude", _ATTITUDE, field)
 
 
@@ -218,34 +230,34 @@ def _reported(field: str) -> RosSource:
 
 #: Sources of each channel, the preferred one first.
 CHANNEL_SOURCES: Mapping[str, tuple[RosSource, ...]] = {
-    **{f"position_{axis}": _places(axis) for axis in "xyz"},
+    **{f"position_{axis}": _positions(axis) for axis in "xyz"},
     **{f"velocity_{axis}": _velocities(axis) for axis in "xyz"},
     **{f"specific_force_body_{axis}": _inertial(f"linear_acceleration.{axis}") for axis in "xyz"},
     **{f"attitude_{part}": _turns(part) for part in "wxyz"},
     **{f"angular_rate_{axis}": _inertial(f"angular_velocity.{axis}") for axis in "xyz"},
     "input": (
-        _flown("thrust"),
+        _simulated("thrust"),
         RosSource("setpoint_raw/attitude", _ATTITUDE, "thrust"),
         RosSource("target_actuator_control", "mavros_msgs/ActuatorControl", "controls[3]"),
     ),
     "reference_position_z": (
-        _asked("position.z"),
+        _parsed("position.z"),
         RosSource("setpoint_position/local", _POSE, "pose.position.z", is_setpoint=True),
         _reported("position.z"),
         RosSource("", _POSE, "pose.position.z", is_setpoint=True, is_asked=True),
     ),
-    "reference_velocity_z": (_asked("velocity.z"),),
-    "reference_acceleration_z": (_asked("acceleration_or_force.z"),),
+    "reference_velocity_z": (_parsed("velocity.z"),),
+    "reference_acceleration_z": (_parsed("acceleration_or_force.z"),),
     "feedback_reference_velocity_z": (_reported("velocity.z"),),
-    **{f"feedback_reference_{name}": (_flown(name),) for name in ("roll", "pitch", "yaw")},
-    **{f"feedback_reference_angular_rate_{axis}": (_flown(f"body_rate.{axis}"),) for axis in "xyz"},
+    **{f"feedback_reference_{name}": (_simulated(name),) for name in ("roll", "pitch", "yaw")},
+    **{f"feedback_reference_angular_rate_{axis}": (_simulated(f"body_rate.{axis}"),) for axis in "xyz"},
     **{
         f"torque_setpoint_{axis}": (
             RosSource(
-                "target_actuator_control", "mavros_msgs/ActuatorControl", f"controls[{place}]", sign=sign
+                "target_actuator_control", "mavros_msgs/ActuatorControl", f"controls[{index}]", sign=sign
             ),
         )
-        for place, (axis, sign) in enumerate((("x", 1.0), ("y", -1.0), ("z", -1.0)))
+        for index, (axis, sign) in enumerate((("x", 1.0), ("y", -1.0), ("z", -1.0)))
     },
     **{
         f"rotor_command_{number}": tuple(
@@ -290,7 +302,7 @@ ROS_SOURCES: Mapping[str, tuple[str, ...]] = {
 
 #: The velocity as it stands is taken, not turned, where its way [s] fits the place's so many times better.
 MUCH_BETTER, WAY_S = 2.0, 1.0
-#: Rotor outputs in microseconds: none can be told from a share without its range.
+#: Rotor outputs in microseconds: none can be distinguished from a share without its range.
 PULSES = "rc/out"
 #: Sides of the autopilot's thrust curve, by channel or topic: setpoints of thrust, and what motors are sent.
 CURVE_SIDES = {"input": CurveSide.BEFORE, PULSES: CurveSide.BEHIND}
@@ -305,21 +317,23 @@ def ros_channels(raws: Sequence[RawTopic], findings: list[Finding]) -> dict[str,
     """Return the channels of topics, z up."""
     _check_vehicles([raw.name for raw in raws])
     columns = [as_columns(raw, raw.defined(), findings) for raw in raws]
-    topics = of_one_clock([_complete(one, findings) for one in columns if one is not None], findings)
+    topics = of_one_clock([_complete(column, findings) for column in columns if column is not None], findings)
     if not topics:
         return {}
     start = start_ns(topics)
-    end_s = max(float(one.seconds(start).max()) for one in topics)
+    end_s = max(float(topic.seconds(start).max()) for topic in topics)
     channels: dict[str, Channel] = {}
     unclear: dict[str, list[str]] = {}
-    silent = []
+    no_stage_callback = []
     for name, sources in CHANNEL_SOURCES.items():
         for source in sources:
             serving = [
-                one for one in topics if source.serves(one.name, one.kind) and source.field in one.fields
+                topic
+                for topic in topics
+                if source.serves(topic.name, topic.kind) and source.field in topic.fields
             ]
             if len(serving) > 1:
-                unclear[source.kind] = sorted(one.name for one in serving)
+                unclear[source.kind] = sorted(item.name for item in serving)
             if name in channels or len(serving) != 1:
                 continue
             made = _channel(name, serving[0], source, start)
@@ -327,19 +341,19 @@ def ros_channels(raws: Sequence[RawTopic], findings: list[Finding]) -> dict[str,
                 continue
             if source.is_setpoint:
                 until = silenced(made, end_s)
-                silent += [name] if until.time_s.size > made.time_s.size else []
+                no_stage_callback += [name] if until.time_s.size > made.time_s.size else []
                 made = until
             channels[name] = made
-    findings += _finding_list(unclear, silent, channels)
+    findings += _finding_list(unclear, no_stage_callback, channels)
     return channels
 
 
 def _check_vehicles(names: Sequence[str]) -> None:
-    places = {name.partition(MAVROS)[0] for name in names if f"/{MAVROS}" in f"/{name.lstrip('/')}"}
-    if len(places) > 1:
+    positions = {name.partition(MAVROS)[0] for name in names if f"/{MAVROS}" in f"/{name.lstrip('/')}"}
+    if len(positions) > 1:
         raise InputError(
             "a bag of one vehicle",
-            f"one with mavros of {len(places)}: {', '.join(sorted(places)[:6])}",
+            f"one with mavros of {len(positions)}: {', '.join(sorted(positions)[:6])}",
             "Take one of them out with `ros2 bag convert`, or name its topics in a channel map (--map).",
         )
 
@@ -361,17 +375,17 @@ def _is_in_the_world(topic: BagTopic, fields: Mapping[str, np.ndarray]) -> bool:
     """Whether the velocity of odometry as it stands is that of its place, over a second: places are noisy."""
     time_s = topic.seconds(int(topic.stamp_ns.min()))
     later = np.searchsorted(time_s, time_s + WAY_S)
-    begun = np.flatnonzero(later < time_s.size)
-    if begun.size < 20:
+    indices = np.flatnonzero(later < time_s.size)
+    if indices.size < 20:
         return False
 
     def misfit(stem: str) -> float:
         total = 0.0
         for axis in "xyz":
-            place = fields[f"pose.pose.position.{axis}"].astype(np.float64)
+            position = fields[f"pose.pose.position.{axis}"].astype(np.float64)
             moved = fields[f"{stem}.{axis}"].astype(np.float64)
-            way = np.append(0.0, np.cumsum(np.diff(time_s) * 0.5 * (moved[1:] + moved[:-1])))
-            gone = (place - way)[later[begun]] - (place - way)[begun]
+            formula = np.append(0.0, np.cumsum(np.diff(time_s) * 0.5 * (moved[1:] + moved[:-1])))
+            gone = (position - formula)[later[indices]] - (position - formula)[indices]
             total += float(np.nanmedian(np.abs(gone)))
         return total
 
@@ -398,11 +412,11 @@ def _channel(name: str, topic: BagTopic, source: RosSource, start: int) -> Chann
 
 
 def _finding_list(
-    unclear: Mapping[str, Sequence[str]], silent: Sequence[str], channels: Mapping[str, Channel]
+    unclear: Mapping[str, Sequence[str]], no_stage_callback: Sequence[str], channels: Mapping[str, Channel]
 ) -> list[Finding]:
     findings = []
-    if silent:
-        sentence = f"Not in force while its topic is silent: {', '.join(silent)}."
+    if no_stage_callback:
+        sentence = f"Not in force while its topic is silent: {', '.join(no_stage_callback)}."
         findings.append(Finding("setpoint_silent", sentence))
     for kind, names in unclear.items():
         sentence = (
@@ -412,7 +426,7 @@ def _finding_list(
         findings.append(Finding("several_topics", sentence))
     if "actuator_output_1" in channels:
         sentence = (
-            "mavros/rc/out holds pulse widths in microseconds, and nothing in a bag tells their range: "
+            "mavros/rc/out holds pulse widths in microseconds, and nothing in a bag gives their range: "
             "they stay as they are, and no input map fits an offset."
         )
         findings.append(Finding("pulse_range_unknown", sentence))

@@ -16,7 +16,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 from urllib.parse import quote
 
-from eivor.atomic_file import write_whole
+from eivor.atomic_file import write_atomically
 from eivor.errors import CorruptLogError, InputError, MissingReaderError
 from eivor.logs.common import FolderParts, file_names
 from eivor.logs.rosbag.messages import type_name
@@ -71,11 +71,11 @@ class Budget:
         """All frames of compressed data."""
         parts = []
         while data:
-            one = decompressor()
-            parts.append(self.spent(one.decompress(data, max_length=self.left + 1)))
-            if not one.eof:
+            item = decompressor()
+            parts.append(self.spent(item.decompress(data, max_length=self.left + 1)))
+            if not item.eof:
                 raise EOFError("compressed data that end within a frame, or go on for too long")
-            data = one.unused_data or b""
+            data = item.unused_data or b""
         return b"".join(parts)
 
 
@@ -139,29 +139,31 @@ def is_bag_folder(folder: Path) -> bool:
 
 def bag_parts(folder: Path) -> FolderParts:
     """Return the files of a folder that ROS 2 made: it has metadata, or parts that are called like it."""
-    found = _candidates(folder)
-    names = {match[1] for file in found if (match := _PART.fullmatch(file.name)) is not None}
+    candidates = _candidates(folder)
+    names = {match[1] for file in candidates if (match := _PART.fullmatch(file.name)) is not None}
     has_metadata = (folder / METADATA).is_file()
-    if not found or len(names) > 1 or not (has_metadata or names == {folder.resolve().name}):
+    if not candidates or len(names) > 1 or not (has_metadata or names == {folder.resolve().name}):
         return FolderParts()
-    return FolderParts(frozenset((*(file.name for file in found), *([METADATA] if has_metadata else ()))))
+    return FolderParts(
+        frozenset((*(file.name for file in candidates), *([METADATA] if has_metadata else ())))
+    )
 
 
 def bag_files(path: Path) -> list[Path]:
     """Return the files of a bag, in their order."""
     if not path.is_dir():
         return [path]
-    found = _candidates(path)
-    parts = {file: _PART.fullmatch(file.name) for file in found}
+    candidates = _candidates(path)
+    parts = {file: _PART.fullmatch(file.name) for file in candidates}
     names = {(match[1], match[3]) for match in parts.values() if match is not None}
     if len(names) > 1:
-        shown = ", ".join(file.name for file in found[:4]) + (", ..." if len(found) > 4 else "")
+        text = ", ".join(file.name for file in candidates[:4]) + (", ..." if len(candidates) > 4 else "")
         raise InputError(
             "a folder with the files of one bag",
-            f"'{path.name}' with those of {len(names)} ({shown})",
+            f"'{path.name}' with those of {len(names)} ({text})",
             "Give the file or the folder of one bag.",
         )
-    return sorted(found, key=lambda file: int((parts[file] or [0, 0, 0])[2] or 0))
+    return sorted(candidates, key=lambda file: int((parts[file] or [0, 0, 0])[2] or 0))
 
 
 def _candidates(folder: Path) -> list[Path]:
@@ -181,13 +183,15 @@ MAX_BYTES = 1 << 24
 
 def check_schemas(file: Path) -> None:
     """Raise for a file none of whose schemas is of ROS 2."""
-    found = _schemas(file)
-    if not found or any(encoding in ENCODINGS for _, encoding in found):
+    schemas = _schemas(file)
+    if not schemas or any(encoding in ENCODINGS for _, encoding in schemas):
         return
-    shown = ", ".join(f"{name} ({encoding})" for name, encoding in found[:8]) + (", ..." if found[8:] else "")
+    text = ", ".join(f"{name} ({encoding})" for name, encoding in schemas[:8]) + (
+        ", ..." if schemas[8:] else ""
+    )
     raise MissingReaderError(
         "an MCAP file with messages of ROS 2",
-        f"'{file.name}' with {shown}",
+        f"'{file.name}' with {text}",
         "Convert its topics to CSV with canonical column names (`mcap cat --json` prints them), or give the "
         "vehicle's own log.",
     )
@@ -203,15 +207,15 @@ def _schemas(file: Path) -> list[tuple[str, str]]:
             return []
         stream.seek(start)
         summary = stream.read(min(size - start, MAX_BYTES))
-    found, place = [], 0
-    while place + 9 <= len(summary):
-        kind, length = summary[place], struct.unpack_from("<Q", summary, place + 1)[0]
-        record = summary[place + 9 : place + 9 + length]
-        place += 9 + length
+    results, position = [], 0
+    while position + 9 <= len(summary):
+        kind, length = summary[position], struct.unpack_from("<Q", summary, position + 1)[0]
+        record = summary[position + 9 : position + 9 + length]
+        position += 9 + length
         if kind == _SCHEMA and len(record) > 2:
             name, rest = _text(record[2:])
-            found.append((name, _text(rest)[0]))
-    return found
+            results.append((name, _text(rest)[0]))
+    return results
 
 
 def _text(data: bytes) -> tuple[str, bytes]:
@@ -270,10 +274,10 @@ class Container:
 
     def messages(self, wanted: Collection[Connection]) -> Iterator[tuple[Connection, int, bytes]]:
         """Give messages in the order of the record: topic, time of the record [ns], bytes."""
-        known = {one.handle.id: one for one in wanted}
+        known = {item.handle.id: item for item in wanted}
         if not known:
             return
-        for handle, record_ns, data in self.reader.messages([one.handle for one in wanted]):
+        for handle, record_ns, data in self.reader.messages([item.handle for item in wanted]):
             payload = bytes(data)
             if payload.startswith(ZSTD):
                 payload = self.budget.zstd(payload)
@@ -321,10 +325,10 @@ def _errors_of_rosbags() -> tuple[type[Exception], ...]:
 
 
 def _unreadable(file: Path, kind: str, error: Exception) -> CorruptLogError:
-    said = str(error).replace(str(file.resolve()), file.name)[:200]
+    sentence = str(error).replace(str(file.resolve()), file.name)[:200]
     return CorruptLogError(
         "a bag that can be read to its end",
-        f"'{file.name}', which cannot ({type(error).__name__}: {said})",
+        f"'{file.name}', which cannot ({type(error).__name__}: {sentence})",
         _REMEDIES.get(kind, "Copy it again."),
     )
 
@@ -335,7 +339,7 @@ def _unpacked(file: Path, folder: Path, budget: Budget) -> Path:
         if stream.read(len(ZSTD)) != ZSTD:
             return file.resolve()
     plain = folder / "unpacked"
-    write_whole(plain, budget.zstd(file.read_bytes()))
+    write_atomically(plain, budget.zstd(file.read_bytes()))
     return plain
 
 
@@ -397,12 +401,12 @@ def _connections(reader: Any) -> tuple[Connection, ...]:
 
     return tuple(
         Connection(
-            one.topic,
-            type_name(one.msgtype),
-            one.msgdef.data or "",
-            one.msgdef.format is MessageDefinitionFormat.IDL,
-            int(one.msgcount),
-            one,
+            connection.topic,
+            type_name(connection.msgtype),
+            connection.msgdef.data or "",
+            connection.msgdef.format is MessageDefinitionFormat.IDL,
+            int(connection.msgcount),
+            connection,
         )
-        for one in reader.connections
+        for connection in reader.connections
     )

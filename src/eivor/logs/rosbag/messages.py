@@ -66,8 +66,8 @@ def parsed_definition(text: str, name: str) -> dict[str, tuple[MessageField, ...
     parts = _NEXT.split(text[:MAX_TEXT])
     names = [name, *parts[1::2]]
     return {
-        type_name(one): tuple(_fields(block, type_name(one)))
-        for one, block in zip(names, parts[0::2], strict=True)
+        type_name(item): tuple(_fields(block, type_name(item)))
+        for item, block in zip(names, parts[0::2], strict=True)
     }
 
 
@@ -77,15 +77,15 @@ def fields_of(text: str, owner: str) -> tuple[MessageField, ...]:
 
 
 def _fields(block: str, owner: str) -> list[MessageField]:
-    found = []
+    results = []
     for line in block.splitlines():
         match = _LINE.match(line.partition("#")[0].strip())
         if match is None or match[4]:
             continue
         kind, brackets, name = match[1], match[2], match[3]
         count = None if brackets is None else int(brackets[1:-1]) if brackets[1:-1].isdigit() else -1
-        found.append(MessageField(name, _type_name(kind, owner), count))
-    return found
+        results.append(MessageField(name, _type_name(kind, owner), count))
+    return results
 
 
 def _type_name(kind: str, owner: str) -> str:
@@ -169,7 +169,7 @@ def idl_types(text: str) -> dict[str, tuple[MessageField, ...]]:
         except (TypesysError, ValueError, TypeError, KeyError, IndexError, AttributeError, RecursionError):
             continue
         for name, (_, fields) in parsed.items():
-            types[type_name(name)] = tuple(_field(one, described) for one, described in fields)
+            types[type_name(name)] = tuple(_field(item, described) for item, described in fields)
     return types
 
 
@@ -208,7 +208,7 @@ class UnsoundMessageError(ValueError):
 
 
 @dataclass(frozen=True, slots=True)
-class Layout:
+class MessageLayout:
     """Where the fields of a message are."""
 
     fields: Mapping[str, tuple[int, str]]  # [bytes]
@@ -231,25 +231,25 @@ class Layout:
         )
 
 
-def message_layout(message: bytes, kind: str, types: Types, *, ros1: bool) -> Layout:
+def message_layout(message: bytes, kind: str, types: Types, *, ros1: bool) -> MessageLayout:
     """Return the layout of a message, and of all whose texts and sequences are as long."""
     if ros1:
-        walk = _Walk(message, types, 0, "<", aligned=False)
+        walk = _MessageWalk(message, types, 0, "<", aligned=False)
     else:
         if message[:1] != b"\x00" or message[1:2] not in (b"\x00", b"\x01"):
             raise UnsoundMessageError("it is not written in plain CDR")
-        walk = _Walk(message, types, ENCAPSULATION, "<" if message[1] else ">", aligned=True)
+        walk = _MessageWalk(message, types, ENCAPSULATION, "<" if message[1] else ">", aligned=True)
         walk.lengths.append(0)  # how it is written, which messages of one layout share too
     walk.take(kind, "", MAX_NESTING)
     spare = len(message) - walk.position
     filled = not ros1 and 0 <= spare < FILLED_TO and len(message) % FILLED_TO == 0
     if spare and not filled:
         raise UnsoundMessageError(f"{len(message)} bytes, where its type takes {walk.position}")
-    return Layout(walk.fields, tuple(walk.lengths), len(message))
+    return MessageLayout(walk.fields, tuple(walk.lengths), len(message))
 
 
 @dataclass(slots=True)
-class _Walk:
+class _MessageWalk:
     """The way through one message."""
 
     message: bytes
@@ -266,20 +266,20 @@ class _Walk:
         known = self.types.get(kind)
         if known is None or not depth:
             raise UnsoundMessageError(f"the type {kind} is not known" if depth else "it is nested too deep")
-        for one in known:
-            self._field(one, f"{prefix}{one.name}", depth)
+        for item in known:
+            self._field(item, f"{prefix}{item.name}", depth)
 
-    def _field(self, one: MessageField, name: str, depth: int) -> None:
+    def _field(self, message_field: MessageField, name: str, depth: int) -> None:
         self.steps += 1
-        if one.count is None:
-            self._value(one.kind, name, depth)
+        if message_field.count is None:
+            self._value(message_field.kind, name, depth)
             return
-        count = self._length() if one.count < 0 else one.count
-        if one.kind in SIZES:
-            self._numbers(one.kind, name, count)
+        count = self._length() if message_field.count < 0 else message_field.count
+        if message_field.kind in SIZES:
+            self._numbers(message_field.kind, name, count)
             return
-        for place in range(count):
-            self._value(one.kind, f"{name}[{place}]", depth)
+        for index in range(count):
+            self._value(message_field.kind, f"{name}[{index}]", depth)
 
     def _value(self, kind: str, name: str, depth: int) -> None:
         self.steps += 1
@@ -306,22 +306,22 @@ class _Walk:
         if self.aligned:
             start = self.position - ENCAPSULATION
             self.position = ENCAPSULATION + -(-start // size) * size
-        begun = self.position
+        position = self.position
         self._skip(size * (1 if count is None else count))
         kind = f"{self.order}{SIZES[kind]}"
         if count is None:
-            self.fields[name] = (begun, kind)
+            self.fields[name] = (position, kind)
         elif count <= MAX_ARRAY:
-            self.fields |= {f"{name}[{place}]": (begun + place * size, kind) for place in range(count)}
+            self.fields |= {f"{name}[{index}]": (position + index * size, kind) for index in range(count)}
 
     def _length(self) -> int:
         """The length of a text or of a sequence."""
         if self.aligned:
             self.position += -(self.position - ENCAPSULATION) % 4
-        begun = self.position
+        position = self.position
         self._skip(4)
-        self.lengths.append(begun)
-        return int(struct.unpack_from(f"{self.order}I", self.message, begun)[0])
+        self.lengths.append(position)
+        return int(struct.unpack_from(f"{self.order}I", self.message, position)[0])
 
     def _skip(self, size: int) -> None:
         self.position += size
@@ -340,17 +340,17 @@ class Decoded:
     """Messages of a topic."""
 
     fields: Mapping[str, np.ndarray]  # shape (n,)
-    places: Int[np.ndarray, " n"]
+    indices: Int[np.ndarray, " n"]
     reason: str  # Why others are none
 
 
-def decoded(payloads: Sequence[bytes], layout_of: Callable[[bytes], Layout]) -> Decoded:
+def decoded(payloads: Sequence[bytes], layout_of: Callable[[bytes], MessageLayout]) -> Decoded:
     """Read the messages of a topic."""
     tables: list[tuple[list[int], np.ndarray]] = []
     reason, tried = "", 0
     by_length: dict[int, list[int]] = {}
-    for place, payload in enumerate(payloads):
-        by_length.setdefault(len(payload), []).append(place)
+    for index, payload in enumerate(payloads):
+        by_length.setdefault(len(payload), []).append(index)
     for waiting in by_length.values():
         rest = waiting
         while rest and tried < MAX_LAYOUTS:
@@ -360,12 +360,12 @@ def decoded(payloads: Sequence[bytes], layout_of: Callable[[bytes], Layout]) -> 
             except UnsoundMessageError as error:
                 reason, rest = reason or str(error), rest[1:]
                 continue
-            joined = b"".join([payloads[place] for place in rest])
-            alike = _alike(joined, layout, len(rest))
-            same = [place for place, is_so in zip(rest, alike.tolist(), strict=True) if is_so]
+            joined = b"".join([payloads[item] for item in rest])
+            equal = _same_layout(joined, layout, len(rest))
+            same = [item for item, is_so in zip(rest, equal.tolist(), strict=True) if is_so]
             if len(same) < len(rest):
-                joined = b"".join([payloads[place] for place in same])
-                rest = [place for place, is_so in zip(rest, alike.tolist(), strict=True) if not is_so]
+                joined = b"".join([payloads[item] for item in same])
+                rest = [item for item, is_so in zip(rest, equal.tolist(), strict=True) if not is_so]
             else:
                 rest = []
             tables.append((same, layout.table(joined)))
@@ -374,24 +374,24 @@ def decoded(payloads: Sequence[bytes], layout_of: Callable[[bytes], Layout]) -> 
     return _merged(tables, reason)
 
 
-def _alike(joined: bytes, layout: Layout, count: int) -> Bool[np.ndarray, " n"]:
+def _same_layout(joined: bytes, layout: MessageLayout, count: int) -> Bool[np.ndarray, " n"]:
     """Which messages are written as the first is, with texts and sequences of the same lengths."""
     rows = np.frombuffer(joined, np.uint8).reshape(count, layout.size)
     same = np.ones(count, dtype=np.bool_)
-    for place in layout.lengths:
-        same &= np.all(rows[:, place : place + 4] == rows[0, place : place + 4], axis=1)
+    for length in layout.lengths:
+        same &= np.all(rows[:, length : length + 4] == rows[0, length : length + 4], axis=1)
     return same
 
 
 def _merged(tables: list[tuple[list[int], np.ndarray]], reason: str) -> Decoded:
     if not tables:
         return Decoded({}, np.empty(0, dtype=np.int64), reason)
-    places = np.concatenate([np.array(one, dtype=np.int64) for one, _ in tables])
-    order = np.argsort(places, kind="stable")
+    positions = np.concatenate([np.array(item, dtype=np.int64) for item, _ in tables])
+    order = np.argsort(positions, kind="stable")
     names = tables[0][1].dtype.names or ()
     shared = [name for name in names if all(name in (table.dtype.names or ()) for _, table in tables)]
     fields = {name: np.concatenate([table[name] for _, table in tables])[order] for name in shared}
-    return Decoded(fields, places[order], reason)
+    return Decoded(fields, positions[order], reason)
 
 
 # -- PX4 types --
@@ -400,7 +400,7 @@ PACKAGE = "px4_msgs"
 _SAMPLED = "uint64 timestamp; uint64 timestamp_sample; "
 _VECTOR = f"{_SAMPLED}float32[3] xyz"
 
-_PLACE = (
+_POS = (
     f"{_SAMPLED}bool xy_valid; bool z_valid; bool v_xy_valid; bool v_z_valid; float32 x; float32 y; "
     "float32 z; float32[2] delta_xy; uint8 xy_reset_counter; float32 delta_z; uint8 z_reset_counter; "
     "float32 vx; float32 vy; float32 vz; float32 z_deriv; float32[2] delta_vxy; uint8 vxy_reset_counter; "
@@ -447,8 +447,7 @@ _BATTERY = (
 #: Of each release the types whose fields it changed; a type stays until another release changes it.
 _RELEASES: Mapping[str, Mapping[str, str]] = {
     "1.13": {
-        "VehicleLocalPosition": f"{_PLACE}float32 heading; "
-        f"{_TURN}{_ORIGIN}{_GROUND}{_ERRORS}float32 hagl_max",
+        "VehicleLocalPosition": f"{_POS}float32 heading; {_TURN}{_ORIGIN}{_GROUND}{_ERRORS}float32 hagl_max",
         "VehicleAttitude": f"{_SAMPLED}float32[4] q; float32[4] delta_q_reset; uint8 quat_reset_counter",
         "VehicleThrustSetpoint": _VECTOR,
         "VehicleTorqueSetpoint": _VECTOR,
@@ -484,7 +483,7 @@ _RELEASES: Mapping[str, Mapping[str, str]] = {
         "uint8 esc_online_flags; uint8 esc_armed_flags; EscReport[8] esc",
     },
     "1.14": {
-        "VehicleLocalPosition": f"{_PLACE}float32 heading; float32 unaided_heading; {_TURN}{_ORIGIN}{_GROUND}"
+        "VehicleLocalPosition": f"{_POS}float32 heading; float32 unaided_heading; {_TURN}{_ORIGIN}{_GROUND}"
         f"{_ERRORS}float32 hagl_max",
         "VehicleStatus": f"{_STATE}{_KIND}bool failsafe_and_user_took_over; {_LINKS}",
         "ManualControlSetpoint": f"{_SAMPLED}bool valid; uint8 data_source; float32 roll; float32 pitch; "
@@ -495,7 +494,7 @@ _RELEASES: Mapping[str, Mapping[str, str]] = {
         "average_time_to_full; uint16 over_discharge_count; float32 nominal_voltage",
     },
     "1.15": {
-        "VehicleLocalPosition": f"{_PLACE}float32 heading; float32 heading_var; float32 unaided_heading; "
+        "VehicleLocalPosition": f"{_POS}float32 heading; float32 heading_var; float32 unaided_heading; "
         f"{_TURN}"
         f"float32 tilt_var; {_ORIGIN}{_GROUND}{_ERRORS}float32 hagl_max",
         "VehicleStatus": f"{_STATE}uint8 executor_in_charge; uint32 valid_nav_states_mask; "
@@ -504,7 +503,7 @@ _RELEASES: Mapping[str, Mapping[str, str]] = {
         f"{_LINKS}",
     },
     "1.16": {
-        "VehicleLocalPosition": f"{_PLACE}float32 heading; float32 heading_var; float32 unaided_heading; "
+        "VehicleLocalPosition": f"{_POS}float32 heading; float32 heading_var; float32 unaided_heading; "
         f"{_TURN}"
         f"float32 tilt_var; {_ORIGIN}{_GROUND_LATER}{_ERRORS}float32 hagl_max_z; float32 hagl_max_xy",
         "VehicleAttitudeSetpoint": "uint64 timestamp; float32 yaw_sp_move_rate; float32[4] q_d; "

@@ -94,7 +94,7 @@ BAGS: tuple[LogFormat, ...] = (
 
 # -- Reader --
 
-_SHOWN = 12
+_MOST_LISTED = 12
 
 
 def read_bag(path: Path, options: ReadOptions, log_format: str) -> Recording:
@@ -105,7 +105,7 @@ def read_bag(path: Path, options: ReadOptions, log_format: str) -> Recording:
     if options.channel_map is not None:
         chosen = load_channel_map(options.channel_map)
         named = mapped_topics(chosen)
-        contents = read_contents(files, lambda one: one.topic in named, findings)
+        contents = read_contents(files, lambda file: file.topic in named, findings)
         channels = map_channels(chosen, contents.topics, contents.listed, path.name, findings)
         return Recording(
             name=path.name,
@@ -118,7 +118,7 @@ def read_bag(path: Path, options: ReadOptions, log_format: str) -> Recording:
             findings=(*findings, *channel_findings(channels)),
         )
     contents = read_contents(
-        files, lambda one: is_px4(one.topic, one.kind) or is_known(one.topic, one.kind), findings
+        files, lambda file: is_px4(file.topic, file.kind) or is_known(file.topic, file.kind), findings
     )
     channels, frame, vehicle = _known_channels(contents, findings)
     if not channels:
@@ -148,11 +148,13 @@ def _known_channels(contents: Contents, findings: list[Finding]) -> tuple[dict[s
 
 def _nothing(path: Path, contents: Contents, findings: list[Finding]) -> EmptyLogError:
     topics = [f"{name} ({kind})" for name, kind in sorted(contents.listed.items())]
-    shown = ", ".join(topics[:_SHOWN]) + (f" and {len(topics) - _SHOWN} more" if len(topics) > _SHOWN else "")
-    said = " ".join(one.message for one in findings)
+    text = ", ".join(topics[:_MOST_LISTED]) + (
+        f" and {len(topics) - _MOST_LISTED} more" if len(topics) > _MOST_LISTED else ""
+    )
+    sentence = " ".join(finding.message for finding in findings)
     return EmptyLogError(
         "a bag with topics of PX4 (px4_msgs) or mavros, or with odometry, poses and inertial sensors",
-        f"'{path.name}' with {shown or 'no messages'}" + (f". {said.rstrip('.')}" if said else ""),
+        f"'{path.name}' with {text or 'no messages'}" + (f". {sentence.rstrip('.')}" if sentence else ""),
         'Write a channel map whose columns are TOPIC.FIELD, and whose clock is "stamp" (--map).'
         if topics
         else "Nothing was recorded: check the topics that `rosbag record` or `ros2 bag record` was given.",

@@ -14,7 +14,7 @@ from eivor.logs.common import MAX_SPAN_S, Columns
 from eivor.logs.mapping import delay_findings, fitted_rules, listed, mapped_channels
 from eivor.logs.rosbag.containers import Budget, Connection, opened
 from eivor.logs.rosbag.messages import (
-    Layout,
+    MessageLayout,
     Types,
     common_types,
     decoded,
@@ -95,10 +95,10 @@ def _position_target(fields: Fields) -> Fields:
         return {}
     return {
         f"{stem}.{axis}": _masked(
-            fields[f"{stem}.{axis}"], ((mask & (bit << place)) != 0) | (frame != LOCAL_FRAME)
+            fields[f"{stem}.{axis}"], ((mask & (bit << index)) != 0) | (frame != LOCAL_FRAME)
         )
         for stem, bit in POSITION_BITS.items()
-        for place, axis in enumerate("xyz")
+        for index, axis in enumerate("xyz")
         if f"{stem}.{axis}" in fields
     }
 
@@ -114,7 +114,7 @@ def _attitude_target(fields: Fields) -> Fields:
     with np.errstate(all="ignore"):
         length = np.linalg.norm(turn, axis=0)
         angles = roll_pitch_yaw(np.where(length > 0.5, turn / length, np.nan))
-    made = {name: np.asarray(one) for name, one in zip(("roll", "pitch", "yaw"), angles, strict=True)}
+    made = {name: np.asarray(angle) for name, angle in zip(("roll", "pitch", "yaw"), angles, strict=True)}
     made["thrust"] = _masked(fields["thrust"], (mask & NO_THRUST) != 0)
     for axis, bit in RATE_BITS.items():
         made[f"body_rate.{axis}"] = _masked(fields[f"body_rate.{axis}"], (mask & bit) != 0)
@@ -182,7 +182,7 @@ class RawTopic:
             known |= idl_types(self.text) if self.is_idl else parsed_definition(self.text, self.kind)
         return known
 
-    def defined(self) -> Callable[[bytes], Layout]:
+    def defined(self) -> Callable[[bytes], MessageLayout]:
         """What gives the layout of a message, by the definition; `message_layout` says what it raises."""
         types = self.types()
         return lambda message: message_layout(message, self.kind, types, ros1=self.ros1)
@@ -217,7 +217,7 @@ class Contents:
     @property
     def size(self) -> int:
         """Number of messages."""
-        return sum(len(one.payloads) for one in self.topics.values())
+        return sum(len(topic.payloads) for topic in self.topics.values())
 
 
 def read_contents(
@@ -234,58 +234,61 @@ def read_contents(
             got = contents.size - before
             if not got and len(files) == 1:
                 raise
-            told = f"{got} messages of '{file.name}' were read" if got else "A part was left out"
-            findings.append(Finding("corrupt_parts", f"{told}: {error.received}."))
+            text = f"{got} messages of '{file.name}' were read" if got else "A part was left out"
+            findings.append(Finding("corrupt_parts", f"{text}: {error.received}."))
     return contents
 
 
 def _add_file(file: Path, wanted: Callable[[Connection], bool], budget: Budget, contents: Contents) -> None:
     with opened(file, budget) as container:
-        contents.listed |= {one.topic: one.kind for one in container.connections if one.count}
-        chosen = [one for one in container.connections if wanted(one)]
-        for one, record_ns, payload in container.messages(chosen):
-            raw = contents.topics.get(one.topic)
+        contents.listed |= {
+            connection.topic: connection.kind for connection in container.connections if connection.count
+        }
+        chosen = [connection for connection in container.connections if wanted(connection)]
+        for item, record_ns, payload in container.messages(chosen):
+            raw = contents.topics.get(item.topic)
             if raw is None:
-                raw = RawTopic(one.topic, one.kind, one.text, one.is_idl, container.ros1)
-                contents.topics[one.topic] = raw
-            if raw.kind == one.kind:
+                raw = RawTopic(item.topic, item.kind, item.text, item.is_idl, container.ros1)
+                contents.topics[item.topic] = raw
+            if raw.kind == item.kind:
                 raw.payloads.append(budget.spent(payload))
                 raw.record_ns.append(record_ns)
 
 
 def as_columns(
-    raw: RawTopic, layout_of: Callable[[bytes], Layout], findings: list[Finding]
+    raw: RawTopic, layout_of: Callable[[bytes], MessageLayout], findings: list[Finding]
 ) -> BagTopic | None:
     """Return a topic as columns; None when it has no sound message, or none that says when it is from."""
     made = decoded(raw.payloads, layout_of)
-    lost = len(raw.payloads) - made.places.size
+    lost = len(raw.payloads) - made.indices.size
     if lost:
         sentence = f"Messages of {raw.name} ({raw.kind}) that were left out: {lost}, as {made.reason}."
         findings.append(Finding("message_formats", sentence))
-    stamp_ns = _stamps(made.fields) if made.places.size else None
+    stamp_ns = _stamps(made.fields) if made.indices.size else None
     if stamp_ns is None:
-        if made.places.size:
+        if made.indices.size:
             sentence = f"Messages of {raw.name} ({raw.kind}) do not say when they are from, and are not used."
             findings.append(Finding("time_stamps", sentence))
         return None
-    said = (stamp_ns > 0) & (stamp_ns < LAST_NS)
-    if said.any():
-        middle = int(np.median(stamp_ns[said]))
-        said &= np.abs(stamp_ns - middle) <= round(MAX_SPAN_S * 1e9)
-    if not said.all():
+    message = (stamp_ns > 0) & (stamp_ns < LAST_NS)
+    if message.any():
+        middle = int(np.median(stamp_ns[message]))
+        message &= np.abs(stamp_ns - middle) <= round(MAX_SPAN_S * 1e9)
+    if not message.all():
         sentence = (
-            f"Messages of {raw.name} without a stamp that can be, which were left out: {int((~said).sum())}."
+            f"Messages of {raw.name} without a stamp that can be, which were left out: "
+            f"{int((~message).sum())}."
         )
         findings.append(Finding("time_stamps", sentence))
-    if not said.any():
+    if not message.any():
         return None
-    kept = _in_order(stamp_ns, np.flatnonzero(said))
+    kept = _in_order(stamp_ns, np.flatnonzero(message))
     fields = {
         name: values[kept]
         for name, values in made.fields.items()
         if values.dtype.kind != "S" or (raw.kind, name) in TEXTS
     }
-    record_ns = np.array(raw.record_ns, dtype=np.int64)[made.places][kept]
+    record_ns = np.array(raw.record_ns, dtype=np.int64)[made.indices][kept]
     return BagTopic(raw.name, raw.kind, fields, stamp_ns[kept], record_ns)
 
 
@@ -311,15 +314,17 @@ def of_one_clock(topics: Sequence[BagTopic], findings: list[Finding]) -> list[Ba
     """Return the topics whose stamps are of one clock: that of most messages."""
     if not topics:
         return []
-    ahead = [float(np.median(one.stamp_ns - one.record_ns)) * 1e-9 for one in topics]
+    prediction = [float(np.median(topic.stamp_ns - topic.record_ns)) * 1e-9 for topic in topics]
 
-    def company(place: int) -> int:
-        near = (abs(other - ahead[place]) <= SAME_CLOCK_S for other in ahead)
-        return sum(one.stamp_ns.size for one, is_near in zip(topics, near, strict=True) if is_near)
+    def company(position: int) -> int:
+        near = (abs(other - prediction[position]) <= SAME_CLOCK_S for other in prediction)
+        return sum(topic.stamp_ns.size for topic, is_near in zip(topics, near, strict=True) if is_near)
 
-    best = ahead[max(range(len(topics)), key=company)]
-    kept = [one for one, offset in zip(topics, ahead, strict=True) if abs(offset - best) <= SAME_CLOCK_S]
-    others = [one.name for one in topics if not any(one is other for other in kept)]
+    best = prediction[max(range(len(topics)), key=company)]
+    kept = [
+        topic for topic, offset in zip(topics, prediction, strict=True) if abs(offset - best) <= SAME_CLOCK_S
+    ]
+    others = [topic.name for topic in topics if not any(topic is other for other in kept)]
     if others:
         sentence = f"Stamps of another clock than the others', which are not used: {', '.join(others)}."
         findings.append(Finding("clocks", sentence))
@@ -328,7 +333,7 @@ def of_one_clock(topics: Sequence[BagTopic], findings: list[Finding]) -> list[Ba
 
 def start_ns(topics: Sequence[BagTopic]) -> int:
     """Earliest stamp [ns]."""
-    return min(int(one.stamp_ns.min()) for one in topics)
+    return min(int(topic.stamp_ns.min()) for topic in topics)
 
 
 # -- By map --
@@ -357,8 +362,8 @@ def map_channels(
     """Return the channels that a map makes of a bag."""
     _check(chosen, available, name)
     columns = [as_columns(raw, raw.defined(), findings) for raw in raws.values()]
-    topics = of_one_clock([one for one in columns if one is not None], findings)
-    tables = {one.name: with_derived(one.kind, one.fields) for one in topics}
+    topics = of_one_clock([column for column in columns if column is not None], findings)
+    tables = {topic.name: with_derived(topic.kind, topic.fields) for topic in topics}
     names = [
         f"{topic}.{field}"
         for topic, fields in tables.items()
@@ -368,11 +373,11 @@ def map_channels(
     rules = fitted_rules(chosen, [*CLOCKS, *names], name)
     start = start_ns(topics) if topics else 0
     channels: dict[str, Channel] = {}
-    for one in topics:
-        served = [rule for rule in rules if topic_of(rule.expression.columns[0]) == one.name]
-        made, found = _made(chosen, served, one, tables[one.name], start, name) if served else ({}, [])
+    for item in topics:
+        served = [rule for rule in rules if topic_of(rule.expression.columns[0]) == item.name]
+        made, result = _made(chosen, served, item, tables[item.name], start, name) if served else ({}, [])
         channels |= made
-        findings += found
+        findings += result
     if not channels:
         raise EmptyLogError(
             "a bag with values", f"'{name}', in which every mapped field is empty", "Check the map."

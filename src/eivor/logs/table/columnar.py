@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from eivor.atomic_file import whole_file
+from eivor.atomic_file import atomic_write
 from eivor.errors import (
     ChannelMapError,
     CorruptLogError,
@@ -56,18 +56,18 @@ except (ImportError, ValueError, OSError):
 
 
 def decode_in_child(
-    file: Path, code: str, asked: Mapping[str, Any], *, max_bytes: int, timeout_s: float, kind: str
+    file: Path, code: str, requested: Mapping[str, Any], *, max_bytes: int, timeout_s: float, kind: str
 ) -> None:
     """Decode a file in a child process, and refuse one that the child refuses, dies of or does not finish."""
     if SANDBOX in os.environ:
         return
     if not sys.executable or getattr(sys, "frozen", False):
         return
-    told = {"path": str(file.resolve()), "bytes": max_bytes, **asked}
+    selected = {"path": str(file.resolve()), "bytes": max_bytes, **requested}
     try:
         child = subprocess.run(  # noqa: S603 - the program is this interpreter, the path goes to its stdin
             [sys.executable, "-P", "-c", code],
-            input=json.dumps(told).encode(),
+            input=json.dumps(selected).encode(),
             capture_output=True,
             # each thread has a stack and arenas of its own, which count as memory
             env=os.environ | {"POLARS_MAX_THREADS": "1"},
@@ -79,8 +79,8 @@ def decode_in_child(
     except OSError:
         return
     if child.returncode == REFUSED:
-        said = child.stdout.decode("utf-8", "replace").strip()
-        raise _damaged(file, f"{kind} that cannot be decoded: {said}")
+        sentence = child.stdout.decode("utf-8", "replace").strip()
+        raise _damaged(file, f"{kind} that cannot be decoded: {sentence}")
     if child.returncode != 0:
         limit = f"exit code {child.returncode}; it may use {max_bytes >> 20} MiB"
         raise _damaged(file, f"{kind} that makes the decoder fail ({limit})")
@@ -119,9 +119,14 @@ def exactly(column: str) -> str:
 
 def probe_parquet(file: Path, columns: Sequence[str], max_bytes: int) -> None:
     """Decode columns of a Parquet file in a child process; `decode_in_child` says what it raises."""
-    asked = {"patterns": [*map(exactly, columns)]}
+    requested = {"patterns": [*map(exactly, columns)]}
     decode_in_child(
-        file, _PARQUET_CODE, asked, max_bytes=max_bytes, timeout_s=PARQUET_TIMEOUT_S, kind="a Parquet file"
+        file,
+        _PARQUET_CODE,
+        requested,
+        max_bytes=max_bytes,
+        timeout_s=PARQUET_TIMEOUT_S,
+        kind="a Parquet file",
     )
 
 
@@ -177,7 +182,7 @@ def _read(file: Path, frame: pl.LazyFrame, schema: pl.Schema, columns: Sequence[
     """Decode columns; those that hold no numbers (lists, structures, bytes) are not touched."""
     import polars as pl
 
-    elements = {name: found for name in columns if (found := element_of(name, list(schema))) is not None}
+    elements = {name: element for name in columns if (element := element_of(name, list(schema))) is not None}
     base = {name: elements[name][0] if name in elements else name for name in columns}
     held = [
         name
@@ -302,7 +307,7 @@ def _variable_columns(
     values: Callable[[Sequence[str]], Mapping[str, np.ndarray]],
     columns: Sequence[str],
 ) -> Columns:
-    found: dict[str, np.ndarray] = {}
+    results: dict[str, np.ndarray] = {}
     unreadable: dict[str, int] = {}
     lists: dict[str, str] = {}
     elements = {column: element_of(column, list(shapes)) for column in columns}
@@ -319,16 +324,16 @@ def _variable_columns(
             else:
                 missing = np.full(array.shape[0], np.nan)
                 array = array[:, element[1]] if element[1] < array.shape[1] else missing
-        found[column] = np.atleast_1d(array)
-    lengths = {column: array.size for column, array in found.items()}
+        results[column] = np.atleast_1d(array)
+    lengths = {column: array.size for column, array in results.items()}
     if len(set(lengths.values())) > 1:
-        told = ", ".join(f"'{column}' {size}" for column, size in list(lengths.items())[:8])
+        text = ", ".join(f"'{column}' {size}" for column, size in list(lengths.items())[:8])
         raise ChannelMapError(
             "variables of one length, with one clock",
-            f"'{name}' with {told}",
+            f"'{name}' with {text}",
             "Name those of one clock in a channel map (--map).",
         )
-    return Columns(found, unreadable, lists=lists)
+    return Columns(results, unreadable, lists=lists)
 
 
 # -- HDF5 --
@@ -376,42 +381,44 @@ def open_hdf5(file: Path) -> TableSource:
     size = file.stat().st_size
     most = min(MAX_CELLS, max(FREE_CELLS, MAX_CELLS_PER_BYTE * size))
     limit = HDF5_DECODER_BYTES + BYTES_PER_CELL * most
-    asked = {"most": most}
-    decode_in_child(file, _HDF5_CODE, asked, max_bytes=limit, timeout_s=HDF5_TIMEOUT_S, kind="an HDF5 file")
+    requested = {"most": most}
+    decode_in_child(
+        file, _HDF5_CODE, requested, max_bytes=limit, timeout_s=HDF5_TIMEOUT_S, kind="an HDF5 file"
+    )
     try:
         with h5py.File(file, "r") as content:
-            found = _datasets(h5py, content)
+            datasets = _datasets(h5py, content)
     except _HDF5_ERRORS as error:
         raise corrupt_table(
             file.name, f"an HDF5 file that cannot be read: {error}", "The file is damaged; write it again."
         ) from error
-    places = {path.replace("/", "."): path for path in found}
+    positions = {path.replace("/", "."): path for path in datasets}
 
     def values(names: Sequence[str]) -> dict[str, np.ndarray]:
         for name in names:
-            _check_hdf5_size(file, found[places[name]], most)
+            _check_hdf5_size(file, datasets[positions[name]], most)
         with h5py.File(file, "r") as content:
-            return {name: np.asarray(content[places[name]][()]) for name in names}
+            return {name: np.asarray(content[positions[name]][()]) for name in names}
 
-    return variables_source(file.name, {name: found[path] for name, path in places.items()}, values)
+    return variables_source(file.name, {name: datasets[path] for name, path in positions.items()}, values)
 
 
 def _datasets(h5py: Any, content: Any) -> dict[str, tuple[int, ...]]:
     """Shapes of the vectors and matrices of numbers in the file itself, by their path."""
-    found: dict[str, tuple[int, ...]] = {}
+    results: dict[str, tuple[int, ...]] = {}
 
-    def visit(path: str, one: Any) -> None:
-        if not isinstance(one, h5py.Dataset) or path.startswith("#") or len(found) > MAX_COLUMNS:
+    def visit(path: str, first: Any) -> None:
+        if not isinstance(first, h5py.Dataset) or path.startswith("#") or len(results) > MAX_COLUMNS:
             return
         # other files are none of this one's business
-        if one.is_virtual or one.external or one.attrs.get("MATLAB_class") in _NO_NUMBERS:
+        if first.is_virtual or first.external or first.attrs.get("MATLAB_class") in _NO_NUMBERS:
             return
         # one without a space has no shape
-        if one.dtype.kind in "iufb" and one.size and len(one.shape) in (1, 2):
-            found[path] = tuple(int(size) for size in one.shape)
+        if first.dtype.kind in "iufb" and first.size and len(first.shape) in (1, 2):
+            results[path] = tuple(int(size) for size in first.shape)
 
     content.visititems(visit)
-    return found
+    return results
 
 
 def _check_hdf5_size(file: Path, shape: tuple[int, ...], most: int) -> None:
@@ -465,14 +472,14 @@ def open_matlab(file: Path) -> TableSource:
         content = loadmat(file, squeeze_me=True)
     except _MATLAB_ERRORS as error:
         raise _unreadable_matlab(file, error) from error
-    found = {
+    results = {
         name: array
         for key, value in content.items()
         if not key.startswith("__")
         for name, array in _matlab_numbers(key, value, MAX_NESTING)
     }
-    shapes = {name: one.shape for name, one in found.items()}
-    return variables_source(file.name, shapes, lambda names: {name: found[name] for name in names})
+    shapes = {name: result.shape for name, result in results.items()}
+    return variables_source(file.name, shapes, lambda names: {name: results[name] for name in names})
 
 
 def _unreadable_matlab(file: Path, error: Exception) -> CorruptLogError:
@@ -500,18 +507,18 @@ def write_recording(recording: Recording, path: str | os.PathLike[str]) -> None:
     """Write a recording as one table with canonical column names."""
     import polars as pl
 
-    place = Path(path)
-    if place.suffix not in (".parquet", ".csv"):
+    position = Path(path)
+    if position.suffix not in (".parquet", ".csv"):
         raise UsageError(
             "a path that ends in .parquet or .csv",
-            f"'{place.name}'",
+            f"'{position.name}'",
             "Parquet keeps everything; CSV the numbers.",
         )
     frame = pl.DataFrame(_recording_columns(recording))
-    if place.suffix == ".csv":
+    if position.suffix == ".csv":
         _check_csv(recording)
-    with whole_file(place) as file:
-        if place.suffix == ".csv":
+    with atomic_write(position) as file:
+        if position.suffix == ".csv":
             frame.write_csv(file)
         else:
             frame.write_parquet(file, metadata={METADATA_KEY: _metadata(recording)})
@@ -552,8 +559,8 @@ def _on_stamps(channel: Channel, time: Float[np.ndarray, " n"]) -> Float[np.ndar
 def _check_csv(recording: Recording) -> None:
     lost = []
     rows = _all_stamps(recording).size
-    own = [c.name for c in recording.channels.values() if c.time_s.size != rows]
-    lost += [f"the stamps of {own[0]}" + (" and others" if len(own) > 1 else "")] if own else []
+    names = [c.name for c in recording.channels.values() if c.time_s.size != rows]
+    lost += [f"the stamps of {names[0]}" + (" and others" if len(names) > 1 else "")] if names else []
     if recording.frame is not Frame.Z_UP:
         lost.append("its frame (z down)")
     if recording.input_map:
@@ -651,8 +658,8 @@ def _restored(channel: Channel, content: object) -> Channel:
     )
     time, values = channel.time_s, channel.values
     if _flag(content.get("own_clock", False)):
-        own = ~np.isnan(values)
-        time, values, quality = time[own], values[own], replace(quality, missing_values=0)
+        current = ~np.isnan(values)
+        time, values, quality = time[current], values[current], replace(quality, missing_values=0)
     return replace(
         channel,
         time_s=time,

@@ -73,7 +73,7 @@ def read_chunks(
     Returns
     -------
     iterator of Signals
-        In the order of the file, which is opened when the first is asked for.
+        In the order of the file, which is opened when the first is requested.
 
     Raises
     ------
@@ -256,14 +256,14 @@ class _Lines:
         """Return a line that has been read, with those that follow as long as a quoted cell is open."""
         if not quotes.left_open.fullmatch(row):
             return row
-        begun, parts, size, quote_count = self.number, [row], len(row), row.count(b'"')
+        number, parts, size, quote_count = self.number, [row], len(row), row.count(b'"')
         while quote_count % 2:
             more = self.line()
             if not more and len(parts) == 1:
                 break  # the last line, cut
             size += len(more)
             if not more or size > MAX_LINE_BYTES:
-                self.number = begun
+                self.number = number
                 raise self.corrupt("opens a quote that is not closed", "Close it, or remove it.")
             parts.append(more)
             quote_count += more.count(b'"')
@@ -363,7 +363,7 @@ def _read(file: Path, layout: _Layout, columns: Sequence[str]) -> Columns:
     # one column more, for the lines that end with a delimiter
     schema = {f"c{i}": pl.String for i in range(len(layout.names) + layout.trailing)}
     position = {name: f"c{i}" for i, name in reversed(list(enumerate(layout.names)))}
-    elements = {name: found for name in columns if (found := element_of(name, layout.names)) is not None}
+    elements = {name: element for name in columns if (element := element_of(name, layout.names)) is not None}
     wanted = dict.fromkeys(elements[name][0] if name in elements else name for name in columns)
     try:
         frame = (

@@ -24,8 +24,8 @@ def read_table(file: Path, source: TableSource, log_format: str, options: ReadOp
         findings += [finding] if finding is not None else []
     else:
         chosen = load_channel_map(options.channel_map)
-    asked = [column for rule in chosen.rules for column in rule.expression.columns]
-    rules = fitted_rules(chosen, with_elements(asked, source.names), file.name)
+    requested = [column for rule in chosen.rules for column in rule.expression.columns]
+    rules = fitted_rules(chosen, with_elements(requested, source.names), file.name)
     needed = dict.fromkeys([chosen.time_column, *(c for rule in rules for c in rule.expression.columns)])
     if options.channel_map is None and chosen.origin == file.name:
         findings += ignored_columns([name for name in source.names if name not in needed])

@@ -29,9 +29,9 @@ from eivor.logs.ulog.topics import (
     RATE_STATES,
     RATES_SETPOINT,
     RESET_COUNTERS,
-    Source,
     Topic,
-    place_of,
+    TopicSource,
+    position_of,
     varying_fields,
 )
 from eivor.signals.channels import CurveSide, held_by_default, roll_pitch_yaw, unit_of
@@ -94,8 +94,8 @@ def _in_states(
     if not order.size:
         return np.zeros(times.size, dtype=np.bool_)
     within = np.isin(status.fields[NAVIGATION_STATE.field], states)[order]
-    place = np.searchsorted(known[order], times, side="right") - 1
-    return np.asarray((place >= 0) & within[np.maximum(place, 0)])
+    indices = np.searchsorted(known[order], times, side="right") - 1
+    return np.asarray((indices >= 0) & within[np.maximum(indices, 0)])
 
 
 def _angles(topic: Topic) -> list[tuple[Float[np.ndarray, " n"], str]]:
@@ -108,8 +108,8 @@ def _angles(topic: Topic) -> list[tuple[Float[np.ndarray, " n"], str]]:
         length = np.linalg.norm(quaternion, axis=0)
         whole = np.abs(length - 1.0) <= UNIT_WITHIN
         if whole.any():
-            found = roll_pitch_yaw(np.where(whole, quaternion / np.where(whole, length, 1.0), np.nan))
-            return [(angle, "q_d") for angle in found]
+            result = roll_pitch_yaw(np.where(whole, quaternion / np.where(whole, length, 1.0), np.nan))
+            return [(angle, "q_d") for angle in result]
     if any(angle is None for angle in angles):
         return []
     return [
@@ -190,19 +190,19 @@ def _way(topic: Topic) -> float:
         return 0.0
     with np.errstate(over="ignore"):
         ticks = (topic.fields["timestamp"].astype(np.uint64) - sampled.astype(np.uint64)).view(np.int64)
-    way = 1e-6 * float(np.median(ticks))
-    return way if 0.0 < way <= LONGEST_WAY_S else 0.0
+    formula = 1e-6 * float(np.median(ticks))
+    return formula if 0.0 < formula <= LONGEST_WAY_S else 0.0
 
 
 def delay_findings(channels: Iterable[Channel], delays: Mapping[str, tuple[Delay, ...]]) -> list[Finding]:
     """Say what was taken off the stamps of the topics that channels come from."""
     used = {channel.source.lstrip("-").partition(".")[0] for channel in channels if channel.delay_s}
-    told = [
-        f"{name}: {1e3 * sum(one.seconds for one in delays[name]):.2g} ms "
-        f"({', '.join(one.cause for one in delays[name])})"
+    texts = [
+        f"{name}: {1e3 * sum(delay.seconds for delay in delays[name]):.2g} ms "
+        f"({', '.join(delay.cause for delay in delays[name])})"
         for name in sorted(used)
     ]
-    return [Finding("sensor_delay", f"Taken off the stamps of {'; '.join(told)}.")] if told else []
+    return [Finding("sensor_delay", f"Taken off the stamps of {'; '.join(texts)}.")] if texts else []
 
 
 def unknown_filters(channels: Iterable[Channel], holder: str) -> list[Finding]:
@@ -256,53 +256,53 @@ def as_shares(
 ) -> tuple[dict[int, Float[np.ndarray, " n"]], Finding]:
     """Outputs of motors as shares, in the order of the motors, and what to say of it."""
     group, motors = motor_outputs(list(widths), parameters)
-    ranges = {place: pulse_range(group, place, parameters) for place in motors}
-    known = {place: one for place, one in ranges.items() if one is not None}
+    ranges = {motor: pulse_range(group, motor, parameters) for motor in motors}
+    known = {name: item for name, item in ranges.items() if item is not None}
     if len(known) < len(ranges):
         sentence = (
-            f"{PULSES_TOPIC} holds pulse widths in microseconds, and no parameter tells their range "
+            f"{PULSES_TOPIC} holds pulse widths in microseconds, and no parameter gives their range "
             f"({group}_MIN1 and {group}_MAX1, or PWM_MIN and PWM_MAX): they stay as they are, and no input "
             "map fits an offset."
         )
         return dict(widths), Finding("pulse_range_unknown", sentence)
-    told = dict.fromkeys((one.low, one.high) for one in known.values())
-    first = {ends: next(one for one in known.values() if (one.low, one.high) == ends) for ends in told}
-    in_words = [f"{one.low:g} to {one.high:g} ({' and '.join(one.names)})" for one in first.values()]
+    reported = dict.fromkeys((item.low, item.high) for item in known.values())
+    first = {
+        ends: next(item for item in known.values() if (item.low, item.high) == ends) for ends in reported
+    }
+    in_words = [f"{item.low:g} to {item.high:g} ({' and '.join(item.names)})" for item in first.values()]
     sentence = (
         f"{PULSES_TOPIC} holds pulse widths in microseconds: they are read as shares of the range "
         f"{', '.join(in_words)}."
     )
-    return {place: one.share(widths[place]) for place, one in known.items()}, Finding(
-        "pulse_widths", sentence
-    )
+    return {name: item.share(widths[name]) for name, item in known.items()}, Finding("pulse_widths", sentence)
 
 
-def motor_outputs(places: Sequence[int], parameters: Mapping[str, float]) -> tuple[str, dict[int, int]]:
-    """Group that outputs are of, and the motor of each, from 1 on; of all in order where nothing tells."""
+def motor_outputs(indices: Sequence[int], parameters: Mapping[str, float]) -> tuple[str, dict[int, int]]:
+    """Group that outputs are of, and the motor of each, from 1 on; of all in order where nothing gives."""
     for group in GROUPS:
-        function = {place: int(parameters.get(f"{group}_FUNC{place + 1}", 0.0)) for place in places}
+        function = {index: int(parameters.get(f"{group}_FUNC{index + 1}", 0.0)) for index in indices}
         motors = {
-            place: which - FIRST_MOTOR_FUNCTION + 1
-            for place, which in function.items()
+            name: which - FIRST_MOTOR_FUNCTION + 1
+            for name, which in function.items()
             if FIRST_MOTOR_FUNCTION <= which < FIRST_MOTOR_FUNCTION + MAX_ACTUATORS
         }
         if motors:
             return group, dict(sorted(motors.items(), key=lambda item: item[1]))
-    return GROUPS[0], {place: number for number, place in enumerate(places, start=1)}
+    return GROUPS[0], {index: number for number, index in enumerate(indices, start=1)}
 
 
-def pulse_range(group: str, place: int, parameters: Mapping[str, float]) -> PulseRange | None:
-    """Range of an output, from 0 on; None where no parameter tells it."""
-    ends = [_told(group, end, place, parameters) for end in ("MIN", "MAX")]
+def pulse_range(group: str, position: int, parameters: Mapping[str, float]) -> PulseRange | None:
+    """Range of an output, from 0 on; None where no parameter gives it."""
+    ends = [_report(group, end, position, parameters) for end in ("MIN", "MAX")]
     low, high = ends
     if low is None or high is None or not low[1] < high[1]:
         return None
     return PulseRange(low[1], high[1], (low[0], high[0]))
 
 
-def _told(group: str, end: str, place: int, parameters: Mapping[str, float]) -> tuple[str, float] | None:
+def _report(group: str, end: str, position: int, parameters: Mapping[str, float]) -> tuple[str, float] | None:
     """The parameter in force for one end of the range."""
-    for name in (f"{group}_{end}{place + 1}", f"{group}_{end}", f"PWM_{end}"):
+    for name in (f"{group}_{end}{position + 1}", f"{group}_{end}", f"PWM_{end}"):
         if WIDTHS[0] <= parameters.get(name, -1.0) <= WIDTHS[1]:
             return name, parameters[name]
     return None
@@ -325,7 +325,7 @@ class _Reading:
     end_s: float
     channels: dict[str, Channel]
     findings: list[Finding]
-    silent: list[str]
+    inactive_setpoints: list[str]
     never_valid: list[str]
 
 
@@ -334,7 +334,7 @@ def read_topics(
 ) -> dict[str, Channel]:
     """Return all channels that topics hold."""
     delays = {name: topic_delays(topic, parameters) for name, topic in topics.items()}
-    late = {name: sum((one.seconds for one in causes), 0.0) for name, causes in delays.items()}
+    late = {name: sum((cause.seconds for cause in causes), 0.0) for name, causes in delays.items()}
     clocks = {name: _seconds(topic.fields["timestamp"], start) - late[name] for name, topic in topics.items()}
     ends = [float(np.nanmax(clock)) for clock in clocks.values() if np.isfinite(clock).any()]
     reading = _Reading(topics, late, max(ends, default=0.0), {}, findings, [], [])
@@ -353,26 +353,27 @@ def read_topics(
         findings.append(
             Finding("never_valid", f"Logged without one valid value: {', '.join(reading.never_valid)}.")
         )
-    if reading.silent:
+    if reading.inactive_setpoints:
         findings.append(
             Finding(
-                "setpoint_silent", f"Not in force while its topic is silent: {', '.join(reading.silent)}."
+                "setpoint_silent",
+                f"Not in force while its topic is silent: {', '.join(reading.inactive_setpoints)}.",
             )
         )
     return reading.channels
 
 
-def _by_rate(sources: tuple[Source, ...], topics: Mapping[str, Topic]) -> list[Source]:
+def _by_rate(sources: tuple[TopicSource, ...], topics: Mapping[str, Topic]) -> list[TopicSource]:
     """Sources in their order, but one that was logged much more often than the first before it."""
 
-    def samples(source: Source) -> int:
+    def samples(source: TopicSource) -> int:
         topic = topics.get(source.topic)
         return 0 if topic is None else int(topic.fields["timestamp"].size)
 
     most = max(sources, key=samples)
     first = next((source for source in sources if samples(source)), most)
     return (
-        sorted(sources, key=lambda one: one is not most)
+        sorted(sources, key=lambda source: source is not most)
         if samples(most) > MUCH_MORE * samples(first)
         else [*sources]
     )
@@ -389,8 +390,8 @@ def _reset_findings(reading: _Reading, clocks: Mapping[str, Float[np.ndarray, " 
         counts = fields[field]
         times = clocks["vehicle_local_position"][1:][counts[1:] != counts[:-1]]
         if times.size:
-            shown = ", ".join(f"{time:.2f}" for time in times[:10]) + (", ..." if times.size > 10 else "")
-            findings.append(Finding("estimator_reset", f"The estimate of {meaning} jumps at {shown} s."))
+            text = ", ".join(f"{time:.2f}" for time in times[:10]) + (", ..." if times.size > 10 else "")
+            findings.append(Finding("estimator_reset", f"The estimate of {meaning} jumps at {text} s."))
     return findings
 
 
@@ -403,7 +404,7 @@ def _seconds(stamps: np.ndarray, start: np.uint64) -> Float[np.ndarray, " n"]:
     return time
 
 
-def _values(topic: Topic, source: Source) -> Float[np.ndarray, " n"] | None:
+def _values(topic: Topic, source: TopicSource) -> Float[np.ndarray, " n"] | None:
     """Values of a source, NaN where invalid; None when the log has no such field."""
     if source.field not in topic.fields:
         return None
@@ -417,7 +418,7 @@ def _add(
     reading: _Reading,
     clocks: Mapping[str, Float[np.ndarray, " _"]],
     name: str,
-    source: Source,
+    source: TopicSource,
     where: Bool[np.ndarray, " n"] | None = None,
 ) -> None:
     """Add a channel from a source, when that has a valid value (among the samples `where`)."""
@@ -442,7 +443,7 @@ def _add(
     if source.is_setpoint:
         until = silenced(channel, reading.end_s)
         if until.time_s.size > channel.time_s.size:
-            reading.silent.append(name)
+            reading.inactive_setpoints.append(name)
         channel = until
     reading.channels[name] = channel
 
@@ -497,10 +498,15 @@ def _add_modes(reading: _Reading, clocks: Mapping[str, Float[np.ndarray, " _"]])
 
 def _add_attitude_setpoints(reading: _Reading, clocks: Mapping[str, Float[np.ndarray, " _"]]) -> None:
     """Add the setpoints of attitude and rates that are in force anywhere, by who made them."""
-    for one in attitude_setpoints(reading.topics, clocks):
-        channel = _channel(one.name, clocks[one.topic], one.values, one.label)
+    for attitude_setpoint in attitude_setpoints(reading.topics, clocks):
+        channel = _channel(
+            attitude_setpoint.name,
+            clocks[attitude_setpoint.topic],
+            attitude_setpoint.values,
+            attitude_setpoint.label,
+        )
         if np.isfinite(channel.values).any():
-            reading.channels[one.name] = channel
+            reading.channels[attitude_setpoint.name] = channel
 
 
 def _add_actuators(
@@ -512,12 +518,12 @@ def _add_actuators(
         used = varying_fields(topic, stem) if topic is not None else []
         if topic is None or not used:
             continue
-        values = {place_of(field): topic.fields[field].astype(np.float64) for field in used}
+        values = {position_of(field): topic.fields[field].astype(np.float64) for field in used}
         if topic_name == PULSES_TOPIC and are_pulses(list(values.values()), parameters):
             values, finding = as_shares(values, parameters)
             reading.findings.append(finding)
-        for number, (place, column) in enumerate(values.items(), start=1):
-            name, source = f"actuator_output_{number}", f"{topic_name}.{stem}[{place}]"
+        for number, (item, column) in enumerate(values.items(), start=1):
+            name, source = f"actuator_output_{number}", f"{topic_name}.{stem}[{item}]"
             reading.channels[name] = _channel(name, clocks[topic_name], column, source, side)
         return
 
@@ -526,23 +532,23 @@ def _add_rotor_speeds(reading: _Reading, clocks: Mapping[str, Float[np.ndarray, 
     """Add the speeds [rad/s] of the motors that turn, by telemetry, each under its motor's number."""
     topic = reading.topics.get(ESC_TOPIC)
     turning = {
-        place: topic.fields[field].astype(np.float64) * UNITS["rpm"][1]
-        for place in range(MAX_ESCS)
-        if topic is not None and (field := ESC_SPEED.format(place)) in topic.fields
+        index: topic.fields[field].astype(np.float64) * UNITS["rpm"][1]
+        for index in range(MAX_ESCS)
+        if topic is not None and (field := ESC_SPEED.format(index)) in topic.fields
         if np.any(topic.fields[field])
     }
     if topic is None or not turning:
         return
-    told = {place: _motor_of(topic, place) for place in turning}
-    known = all(told.values()) and len(set(told.values())) == len(told)
-    for place, speeds in turning.items():
-        name = f"rotor_speed_{told[place] if known else place + 1}"
-        label = f"{ESC_TOPIC}.{ESC_SPEED.format(place)}"
+    selected = {item: _motor_of(topic, item) for item in turning}
+    known = all(selected.values()) and len(set(selected.values())) == len(selected)
+    for entry, speeds in turning.items():
+        name = f"rotor_speed_{selected[entry] if known else entry + 1}"
+        label = f"{ESC_TOPIC}.{ESC_SPEED.format(entry)}"
         reading.channels[name] = _channel(name, clocks[ESC_TOPIC], speeds, label, CurveSide.BEHIND)
 
 
-def _motor_of(topic: Topic, place: int) -> int:
+def _motor_of(topic: Topic, position: int) -> int:
     """Number of the motor that a report is of, from 1 on; 0 when it does not say, or not always the same."""
-    functions = np.unique(topic.fields.get(ESC_FUNCTION.format(place), np.zeros(1)))
+    functions = np.unique(topic.fields.get(ESC_FUNCTION.format(position), np.zeros(1)))
     number = int(functions[0]) - FIRST_MOTOR_FUNCTION + 1
     return number if functions.size == 1 and 1 <= number <= MAX_ESCS else 0

@@ -62,25 +62,25 @@ def tables_of(folder: Path) -> list[TopicTable]:
     if not folder.is_dir():
         return []
     named = ((name, _NAME.fullmatch(name)) for name in file_names(folder))
-    found = [
+    path = [
         TopicTable(folder / name, match[1], match[2], int(match[3]))
         for name, match in named
         if match is not None
     ]
-    return sorted(found, key=lambda table: table.file)
+    return sorted(path, key=lambda table: table.file)
 
 
 def csv_parts(folder: Path) -> FolderParts:
     """Return the tables that `ulog2csv` made, with those of topics that are not needed."""
     logs = {table.log for table in tables_of(folder)}
-    beside = {log for log in logs if any((folder / f"{log}{end}").is_file() for end in ULOG_ENDINGS)}
+    path = {log for log in logs if any((folder / f"{log}{end}").is_file() for end in ULOG_ENDINGS)}
     names = [name for name in file_names(folder) if _TABLE.fullmatch(name)] if logs else []
 
     def of(some: set[str]) -> frozenset[str]:
         begins = tuple(f"{log}_" for log in some)
         return frozenset(name for name in names if name.startswith(begins))
 
-    return FolderParts(of(logs - beside) - of(beside), of(beside))
+    return FolderParts(of(logs - path) - of(path), of(path))
 
 
 # -- CSV folder --
@@ -537,7 +537,7 @@ def read_ulog(file: Path, *, sha256: str = "") -> Recording:
     findings = _file_findings(clean, ulog, printed)
     parameters = _parameters(ulog)
     topics = _topics(ulog, clean.rows, findings)
-    beside = {name: topics.pop(name) for name in ORIGIN_TOPICS if name in topics}
+    neighbours = {name: topics.pop(name) for name in ORIGIN_TOPICS if name in topics}
     start = np.uint64(ulog.start_timestamp)
     channels = read_topics(topics, start, parameters, findings)
     if not channels:
@@ -546,7 +546,7 @@ def read_ulog(file: Path, *, sha256: str = "") -> Recording:
             f"'{file.name}' without a value of any of them",
             "Check that logging was on during the flight, and the logging profile (SDLOG_PROFILE).",
         )
-    channels |= air_channels(beside, start)
+    channels |= air_channels(neighbours, start)
     return Recording(
         name=file.name,
         format="ulog",
@@ -557,7 +557,7 @@ def read_ulog(file: Path, *, sha256: str = "") -> Recording:
         looked_for=LOOKED_FOR,
         findings=(*findings, *channel_findings(channels)),
         vehicle=vehicle_of(topics, parameters),
-        origin=ulog_origin(clean.about, beside, start, parameters),
+        origin=ulog_origin(clean.about, neighbours, start, parameters),
     )
 
 

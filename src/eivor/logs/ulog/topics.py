@@ -18,7 +18,7 @@ ESTIMATOR_TOPIC = "vehicle_local_position"
 
 
 @dataclass(frozen=True, slots=True)
-class Source:
+class TopicSource:
     """One place where a channel may be."""
 
     topic: str
@@ -40,20 +40,20 @@ class Source:
         return f"{minus}{self.topic}.{self.field}"
 
 
-def _position(field: str, valid: str, *, zero_is_absent: bool = False) -> tuple[Source, ...]:
-    return (Source(ESTIMATOR_TOPIC, field, valid_field=valid, zero_is_absent=zero_is_absent),)
+def _position(field: str, valid: str, *, zero_is_absent: bool = False) -> tuple[TopicSource, ...]:
+    return (TopicSource(ESTIMATOR_TOPIC, field, valid_field=valid, zero_is_absent=zero_is_absent),)
 
 
-def _body(topic: str, field: str, old_topic: str, old_field: str, axis: int) -> tuple[Source, ...]:
-    return Source(topic, f"{field}[{axis}]"), Source(old_topic, f"{old_field}[{axis}]")
+def _body(topic: str, field: str, old_topic: str, old_field: str, axis: int) -> tuple[TopicSource, ...]:
+    return TopicSource(topic, f"{field}[{axis}]"), TopicSource(old_topic, f"{old_field}[{axis}]")
 
 
-def _trajectory(*fields: str) -> tuple[Source, ...]:
-    return tuple(Source("trajectory_setpoint", field, is_setpoint=True) for field in fields)
+def _trajectory(*fields: str) -> tuple[TopicSource, ...]:
+    return tuple(TopicSource("trajectory_setpoint", field, is_setpoint=True) for field in fields)
 
 
 #: Sources of each channel, the preferred one first.
-CHANNEL_SOURCES: Mapping[str, tuple[Source, ...]] = {
+CHANNEL_SOURCES: Mapping[str, tuple[TopicSource, ...]] = {
     "position_x": _position("x", "xy_valid"),
     "position_y": _position("y", "xy_valid"),
     "position_z": _position("z", "z_valid"),
@@ -67,54 +67,57 @@ CHANNEL_SOURCES: Mapping[str, tuple[Source, ...]] = {
         )
         for axis, name in enumerate("xyz")
     },
-    **{f"attitude_{name}": (Source("vehicle_attitude", f"q[{index}]"),) for index, name in enumerate("wxyz")},
+    **{
+        f"attitude_{name}": (TopicSource("vehicle_attitude", f"q[{index}]"),)
+        for index, name in enumerate("wxyz")
+    },
     **{
         f"angular_rate_{name}": _body("vehicle_angular_velocity", "xyz", "sensor_combined", "gyro_rad", axis)
         for axis, name in enumerate("xyz")
     },
     "input": (
-        Source("vehicle_thrust_setpoint", "xyz[2]", sign=-1.0),
-        Source("vehicle_attitude_setpoint", "thrust_body[2]", sign=-1.0),
-        Source("vehicle_attitude_setpoint", "thrust"),
-        Source("actuator_controls_0", "control[3]"),
+        TopicSource("vehicle_thrust_setpoint", "xyz[2]", sign=-1.0),
+        TopicSource("vehicle_attitude_setpoint", "thrust_body[2]", sign=-1.0),
+        TopicSource("vehicle_attitude_setpoint", "thrust"),
+        TopicSource("actuator_controls_0", "control[3]"),
     ),
     "reference_position_z": (
         *_trajectory("position[2]", "z"),
-        Source("vehicle_local_position_setpoint", "z", is_setpoint=True),
+        TopicSource("vehicle_local_position_setpoint", "z", is_setpoint=True),
     ),
     "reference_velocity_z": _trajectory("velocity[2]", "vz"),
     "reference_acceleration_z": _trajectory("acceleration[2]"),
     "pilot_throttle": (
-        Source("manual_control_setpoint", "throttle", valid_field="valid"),
-        Source("manual_control_setpoint", "z"),
+        TopicSource("manual_control_setpoint", "throttle", valid_field="valid"),
+        TopicSource("manual_control_setpoint", "z"),
     ),
     **{
         f"torque_setpoint_{name}": (
-            Source("vehicle_torque_setpoint", f"xyz[{axis}]"),
-            Source("actuator_controls_0", f"control[{axis}]"),
+            TopicSource("vehicle_torque_setpoint", f"xyz[{axis}]"),
+            TopicSource("actuator_controls_0", f"control[{axis}]"),
         )
         for axis, name in enumerate("xyz")
     },
     **{
         f"pilot_{name}": (
-            Source("manual_control_setpoint", name, valid_field="valid"),
-            Source("manual_control_setpoint", old),
+            TopicSource("manual_control_setpoint", name, valid_field="valid"),
+            TopicSource("manual_control_setpoint", old),
         )
         for name, old in (("roll", "y"), ("pitch", "x"), ("yaw", "r"))
     },
-    "landed": (Source("vehicle_land_detected", "landed"),),
-    "ground_contact": (Source("vehicle_land_detected", "ground_contact"),),
+    "landed": (TopicSource("vehicle_land_detected", "landed"),),
+    "ground_contact": (TopicSource("vehicle_land_detected", "ground_contact"),),
     "battery_voltage": (
-        Source("battery_status", "voltage_v", valid_field="connected"),
-        Source("battery_status", "voltage_filtered_v", valid_field="connected"),
+        TopicSource("battery_status", "voltage_v", valid_field="connected"),
+        TopicSource("battery_status", "voltage_filtered_v", valid_field="connected"),
     ),
-    "hover_thrust_estimate": (Source("hover_thrust_estimate", "hover_thrust", valid_field="valid"),),
+    "hover_thrust_estimate": (TopicSource("hover_thrust_estimate", "hover_thrust", valid_field="valid"),),
 }
 
 #: The position controller's velocity setpoint: feedback while a height setpoint is in force, else a commanded
 #: climb rate.
-CONTROLLER_VELOCITY = Source("vehicle_local_position_setpoint", "vz", is_setpoint=True)
-CONTROLLER_POSITION = Source("vehicle_local_position_setpoint", "z", is_setpoint=True)
+CONTROLLER_VELOCITY = TopicSource("vehicle_local_position_setpoint", "vz", is_setpoint=True)
+CONTROLLER_POSITION = TopicSource("vehicle_local_position_setpoint", "z", is_setpoint=True)
 
 #: Counters of the estimator's jumps in height and in vertical velocity, both of `vehicle_local_position`.
 RESET_COUNTERS: Mapping[str, str] = {"z_reset_counter": "height", "vz_reset_counter": "vertical velocity"}
@@ -127,7 +130,7 @@ CHOSEN_BY_RATE = tuple(
 
 #: The navigation state. A pilot flies in manual, altitude, position, acro and stabilized; in manual, acro and
 #: stabilized the thrust is the stick's, and no loop acts on it.
-NAVIGATION_STATE = Source("vehicle_status", "nav_state")
+NAVIGATION_STATE = TopicSource("vehicle_status", "nav_state")
 PILOT_STATES = (0, 1, 2, 10, 15)
 OPEN_LOOP_STATES = (0, 10, 15)
 #: In manual, altitude and stabilized mode the sticks set the attitude, in acro the rates; elsewhere loops do.
@@ -206,7 +209,7 @@ EXTRA_TOPIC_LINES: tuple[str, ...] = (
 )
 
 
-def _with_profile(source: Source) -> str:
+def _with_profile(source: TopicSource) -> str:
     """Return a source's label with the bits of SDLOG_PROFILE that log it; old topics have none."""
     for entry in TOPIC_LOGGING:
         if entry.topic == source.topic:
@@ -274,7 +277,7 @@ def varying_fields(topic: Topic, stem: str) -> list[str]:
     return varying
 
 
-def place_of(field: str) -> int:
+def position_of(field: str) -> int:
     """Number in the brackets of a field such as ``output[3]``."""
     return int(field.partition("[")[2].rstrip("]"))
 
@@ -342,15 +345,17 @@ def air_channels(topics: Mapping[str, Topic], start: np.uint64) -> dict[str, Cha
     topic = topics.get(AIR)
     if topic is None:
         return {}
-    found = {}
+    results = {}
     for name, fields in AIR_FIELDS.items():
         for field in fields:
             values = topic.fields.get(field)
-            if name not in found and values is not None and np.any(np.nan_to_num(values)):
+            if name not in results and values is not None and np.any(np.nan_to_num(values)):
                 time_s = _since(topic.fields["timestamp"], start)
                 source = f"{AIR}.{field}"
-                found[name] = clean_channel(name, time_s, values.astype(float), unit_of(name), source=source)
-    return found
+                results[name] = clean_channel(
+                    name, time_s, values.astype(float), unit_of(name), source=source
+                )
+    return results
 
 
 def _start(topic: Topic | None, start: np.uint64) -> datetime | None:
@@ -358,11 +363,11 @@ def _start(topic: Topic | None, start: np.uint64) -> datetime | None:
     if topic is None or "time_utc_usec" not in topic.fields:
         return None
     utc = topic.fields["time_utc_usec"].astype(float) * 1e-6
-    told = utc > 0.0
-    if not told.any():
+    reported = utc > 0.0
+    if not reported.any():
         return None
     since = _since(topic.fields["timestamp"], start)
-    return utc_time(float(np.median(utc[told] - since[told])))
+    return utc_time(float(np.median(utc[reported] - since[reported])))
 
 
 def _since(stamps: np.ndarray, start: np.uint64) -> np.ndarray:
@@ -402,10 +407,10 @@ MAV_TYPES = {
 def vehicle_of(topics: Mapping[str, Topic], parameters: Mapping[str, float]) -> str:
     """Kind of vehicle in words, empty when the log does not say."""
     status = topics.get("vehicle_status")
-    told = status.fields.get("vehicle_type") if status is not None else None
+    reported = status.fields.get("vehicle_type") if status is not None else None
     kinds = (
-        [LOCOMOTION[kind] for kind in np.unique(told).tolist() if kind in LOCOMOTION]
-        if told is not None
+        [LOCOMOTION[kind] for kind in np.unique(reported).tolist() if kind in LOCOMOTION]
+        if reported is not None
         else []
     )
     if kinds:

@@ -14,19 +14,26 @@ from eivor.flights.grid import Active, Grid, airborne_by_log, on_grid
 from eivor.flights.lag_prior import EFFECTIVE_LAG, joint_quantities, lag_quantities
 from eivor.flights.motion import (
     UNCHANGED,
-    Ahead,
-    AheadError,
-    Circumstances,
+    HorizonErrors,
+    InstrumentStrength,
     Motion,
+    MultiStepPrediction,
     Starts,
-    Strength,
-    all_ahead,
+    VerdictInputs,
+    multi_step_predictions,
     starts_of,
     trim,
 )
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import InputFamily, PreparedFlight, Selection, chosen_input
-from eivor.flights.quantity import Allowance, CardSection, Panel, SimpleModel, Trace, Unjudged
+from eivor.flights.quantity import (
+    CardSection,
+    PlotData,
+    QuantityEstimate,
+    SimpleModel,
+    SystematicUncertainty,
+    Trace,
+)
 from eivor.inference.verdict import Reason
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, AxisColumns, LaggedRuns, lag_and_delay
 from eivor.models.regression import Parameter
@@ -35,15 +42,15 @@ from eivor.motions.rates.verdict import (
     AXES,
     EQUATION,
     PITCH,
+    PLOTTED,
     QUANTITIES,
     ROLL,
-    SHOWN,
     THRUST,
     TORQUE,
     WORDS,
     Axis,
-    all_allowances,
-    all_grounds,
+    all_reasons,
+    all_systematic_uncertainties,
     rates_card,
 )
 from eivor.signals.filters import actuator_state, time_derivative
@@ -57,23 +64,23 @@ from eivor.tools import Float
 STAYS = "stays as it is"
 
 
-def rates_ahead(
+def rates_prediction(
     flights: tuple[PreparedFlight, ...], models: Mapping[str, SimpleModel], refused: frozenset[str]
-) -> Ahead:
+) -> MultiStepPrediction:
     """Rates after each horizon, by each model and by the rates at the start."""
     fit = next(iter(models.values())).values
     logged = [axis for axis in AXES if all(axis.torque in flight.signals.channels for flight in flights)]
-    told = [axis for axis in logged if axis.effectiveness.name in fit.keys() - refused]
+    axes = [axis for axis in logged if axis.effectiveness.name in fit.keys() - refused]
     if EFFECTIVE_LAG in refused:
-        told = []
-    left_out = tuple(_why(axis, logged, refused) for axis in AXES if axis not in told)
+        axes = []
+    omitted = tuple(_why(axis, logged, refused) for axis in AXES if axis not in axes)
     starts = [starts_of(flight) for flight in flights]
-    found = [
-        tuple(error for axis in told for error in _of_axis(axis, flight, where, models))
+    results = [
+        tuple(error for axis in axes for error in _of_axis(axis, flight, where, models))
         for flight, where in zip(flights, starts, strict=True)
     ]
     times = [flight.grid.time_s[where.samples] for flight, where in zip(flights, starts, strict=True)]
-    return all_ahead(found, times, left_out)
+    return multi_step_predictions(results, times, omitted)
 
 
 def _why(axis: Axis, logged: list[Axis], refused: frozenset[str]) -> str:
@@ -88,15 +95,15 @@ def _why(axis: Axis, logged: list[Axis], refused: frozenset[str]) -> str:
 
 def _of_axis(
     axis: Axis, flight: PreparedFlight, starts: Starts, models: Mapping[str, SimpleModel]
-) -> list[AheadError]:
+) -> list[HorizonErrors]:
     rate = flight.signals.channel(axis.rate)
-    measured, begun = rate[starts.ends], rate[starts.samples]
+    measured, started = rate[starts.ends], rate[starts.samples]
     by_model = {
         name: (model.words, _predicted(axis, flight, starts, model.values)) for name, model in models.items()
     }
-    by_model[UNCHANGED] = (STAYS, np.broadcast_to(begun, measured.shape))
+    by_model[UNCHANGED] = (STAYS, np.broadcast_to(started, measured.shape))
     return [
-        AheadError(
+        HorizonErrors(
             name,
             words,
             f"{axis.name} rate",
@@ -121,9 +128,9 @@ def _predicted(
         driven += values[axis.reaction.name] * time_derivative(state, signals.step_s)
     damping = values[axis.damping.name]
     driven += trim(flight, time_derivative(rate, signals.step_s) + damping * rate - driven)
-    begun = rate[starts.samples][None, :]
+    started = rate[starts.samples][None, :]
     force = starts.over_step(driven)
-    return starts.carried(begun, lambda rates, now: force[now] - damping * rates)[:, 0]
+    return starts.propagate(started, lambda rates, now: force[now] - damping * rates)[:, 0]
 
 
 # -- Flights --
@@ -144,11 +151,16 @@ class LaggedTorque:
     signals: Signals
     axis: Axis
 
-    def __call__(self, at: Values) -> Float[np.ndarray, "n m"]:
+    def __call__(self, nuisance_values: Values) -> Float[np.ndarray, "n m"]:
         """State at a lag and a delay and, where it reacts, its rate of change."""
         step_s = self.signals.step_s
         command = self.signals.channel(self.axis.torque)[:, None]
-        state = actuator_state(command, step_s=step_s, lag_s=at[ACTUATOR_LAG.name], delay_s=at[DELAY.name])
+        state = actuator_state(
+            command,
+            step_s=step_s,
+            lag_s=nuisance_values[ACTUATOR_LAG.name],
+            delay_s=nuisance_values[DELAY.name],
+        )
         if not self.axis.reacts:
             return state
         return np.column_stack([state, time_derivative(state[:, 0], step_s)])
@@ -167,7 +179,7 @@ def rates_problem(flights: tuple[PreparedFlight, ...], rule: InstrumentRule) -> 
         for number, flight in enumerate(flights)
         for axis in axes
     )
-    step_s = max((one.step_s for one in columns), default=0.0)
+    step_s = max((column.step_s for column in columns), default=0.0)
     return LaggedRuns(columns, (*fixed, *moving), lag_and_delay(LAGS_S, DELAYS_S, step_s=step_s))
 
 
@@ -184,7 +196,7 @@ def _columns(
     damped = np.zeros((rate.size, len(fixed)))
     damped[:, fixed.index(axis.damping)] = -rate
     driven = DrivenSignals(signals, signals.channel(axis.torque))
-    own = (axis.effectiveness, axis.reaction) if axis.reacts else (axis.effectiveness,)
+    current = (axis.effectiveness, axis.reaction) if axis.reacts else (axis.effectiveness,)
     return AxisColumns(
         signals.step_s,
         flight.runs,
@@ -196,7 +208,7 @@ def _columns(
         axis.number,
         flight.band_hz,
         flight.usable,
-        tuple(moving.index(one) for one in own),
+        tuple(moving.index(item) for item in current),
     )
 
 
@@ -204,19 +216,21 @@ def of_axis(rule: InstrumentRule, axis: Axis) -> InstrumentRule:
     """Rule of an axis: its own references, with lags that are quick enough for its motion."""
     if not isinstance(rule, LaggedReferences):
         return rule
-    others = {source.channel for one in AXES if one != axis for source in one.references}
-    own = tuple(name for name in rule.channels if name not in others)
-    return replace(rule, channels=own or rule.channels, lags=REFERENCE_LAGS)
+    others = {source.channel for item in AXES if item != axis for source in item.references}
+    current = tuple(name for name in rule.channels if name not in others)
+    return replace(rule, channels=current or rule.channels, lags=REFERENCE_LAGS)
 
 
 # -- Rate panel --
 
 
-def rate_panel(flight: PreparedFlight, axis: Axis) -> Panel:
+def rate_panel(flight: PreparedFlight, axis: Axis) -> PlotData:
     """Rate about one axis, and its setpoint where the log has one."""
-    asked = flight.asked(f"reference_{axis.rate}")
+    requested = flight.reference_on_grid(f"reference_{axis.rate}")
     measured = np.rad2deg(flight.signals.channel(axis.rate))
-    return Panel(f"{axis.name} rate\n[deg/s]", measured, None if asked is None else np.rad2deg(asked))
+    return PlotData(
+        f"{axis.name} rate\n[deg/s]", measured, None if requested is None else np.rad2deg(requested)
+    )
 
 
 # -- Select --
@@ -228,7 +242,7 @@ BAND_HZ = (0.3, 8.0)
 BAND_SHARE = 0.2
 #: Steps of the grid [s], and from which rate of the gyroscope on the fine one is taken [Hz].
 FINE_STEP_S, STEP_S, FINE_FROM_HZ = 0.005, 0.010, 95.0
-#: What tells that a vehicle flies where no land detector is logged, by its mean.
+#: What determines that a vehicle flies where no land detector is logged, by its mean.
 LEVELS = ("input", "rotor_command", "rotor_speed")
 #: No vehicle turns so fast; values beyond are in degrees a second [rad/s].
 FASTEST_RATE = 40.0
@@ -270,7 +284,7 @@ def selected(log: Recording, options: FlightOptions) -> Selection:
         findings=(_NO_YAW,) if len(axes) < len(AXES) else (),
         issued_within_s=float(np.median(np.diff(log.channel(ROLL.rate).time_s))),  # once a rate, or oftener
         step_s=FINE_STEP_S if slowest >= FINE_FROM_HZ else STEP_S,
-        spread_alike=True,
+        matched_interpolation_filter=True,
     )
 
 
@@ -292,12 +306,12 @@ def refuse_degrees(rate: Channel, log: Recording) -> None:
 
 
 def active(log: Recording, grid: Grid) -> Active:
-    """Samples in the air: torque setpoints do not tell, so by the land detector, or by thrust or rotors."""
+    """Samples in the air: torque setpoints do not identify, so by the land detector."""
     level: Float[np.ndarray, " n"] | None = None
     for family in LEVELS:
         members = log.family(family)
         if level is None and members:
-            level = np.mean([on_grid(one, grid)[0] for one in members], axis=0)
+            level = np.mean([on_grid(member, grid)[0] for member in members], axis=0)
     if level is None and "landed" not in log.channels:
         return Active(
             np.ones(grid.count, dtype=np.bool_), "nothing: neither a land detector nor thrust is logged"
@@ -316,14 +330,14 @@ class Rates(Motion[LaggedRuns]):
     model_name = "body_rates"
     equation = EQUATION
     wording = QUANTITIES
-    shown = SHOWN
+    plotted = PLOTTED
     headline = (ROLL.effectiveness.name, PITCH.effectiveness.name)
     rows = (*headline, "effective_lag")
     words = WORDS
     inputs = INPUTS
     needed = (ROLL.rate, PITCH.rate)
     references = REFERENCES
-    companions = (THRUST,)
+    coupled_axes = (THRUST,)
     logged_parameters = (
         "IMU_GYRO_RATEMAX",
         "IMU_GYRO_CUTOFF",
@@ -349,28 +363,28 @@ class Rates(Motion[LaggedRuns]):
         """Regressions of the flights for each lag and delay, see `Motion.problem`."""
         return rates_problem(flights, rule)
 
-    def quantities(self, problem: LaggedRuns, estimate: Estimate) -> Mapping[str, Unjudged]:
+    def quantities(self, problem: LaggedRuns, estimate: Estimate) -> Mapping[str, QuantityEstimate]:
         """Parameters of the axes that are logged, and the lag, see `Motion.quantities`."""
-        found = {**joint_quantities(estimate), **lag_quantities(problem, estimate)}
-        return {name: found[name] for name in QUANTITIES if name in found}
+        results = {**joint_quantities(estimate), **lag_quantities(problem, estimate)}
+        return {name: results[name] for name in QUANTITIES if name in results}
 
-    def allowances(
+    def systematic_uncertainties(
         self,
         _problem: LaggedRuns,
         _estimate: Estimate,
         flights: tuple[PreparedFlight, ...],
-        quantities: Mapping[str, Unjudged],
-        _at: Circumstances,
+        quantities: Mapping[str, QuantityEstimate],
+        _at: VerdictInputs,
         /,
-    ) -> Mapping[str, tuple[Allowance, ...]]:
+    ) -> Mapping[str, tuple[SystematicUncertainty, ...]]:
         """What rotors and the stamps of the setpoints leave open, see `eivor.motions.rates.verdict`."""
-        return all_allowances(flights, quantities)
+        return all_systematic_uncertainties(flights, quantities)
 
-    def grounds(
-        self, quantities: Mapping[str, Unjudged], strength: Strength, at: Circumstances
+    def reasons(
+        self, quantities: Mapping[str, QuantityEstimate], strength: InstrumentStrength, inputs: VerdictInputs
     ) -> Mapping[str, tuple[Reason, ...]]:
         """The rule of the verdict, see `eivor.motions.rates.verdict`."""
-        return all_grounds(quantities, strength, at)
+        return all_reasons(quantities, strength, inputs)
 
     def excitation(self, flights: tuple[PreparedFlight, ...]) -> str:
         """Standard deviations of the rates of roll and pitch."""
@@ -383,16 +397,16 @@ class Rates(Motion[LaggedRuns]):
 
     def simple_models(self, problem: LaggedRuns, estimate: Estimate) -> Mapping[str, SimpleModel]:
         """Least squares without a lag, see `Motion.simple_models`."""
-        return {quantity.NAME: quantity.least_squares_without_lag(problem, estimate.best.at)}
+        return {quantity.NAME: quantity.least_squares_without_lag(problem, estimate.best.nuisances)}
 
-    def ahead(
+    def multi_step_prediction(
         self,
         flights: tuple[PreparedFlight, ...],
         models: Mapping[str, SimpleModel],
         refused: frozenset[str],
-    ) -> Ahead:
+    ) -> MultiStepPrediction:
         """Rates of the setpoints alone, see `eivor.motions.rates.motion`."""
-        return rates_ahead(flights, models, refused)
+        return rates_prediction(flights, models, refused)
 
     def symbols(self, flight: PreparedFlight) -> str:
         """What u is in this flight."""
@@ -402,7 +416,7 @@ class Rates(Motion[LaggedRuns]):
         """Angular acceleration about each axis within the band, see `Motion.traces`."""
         return tuple(_trace(problem, estimate, axis) for axis in AXES if axis.number in problem.axes)
 
-    def overview(self, flight: PreparedFlight) -> tuple[Panel, ...]:
+    def overview(self, flight: PreparedFlight) -> tuple[PlotData, ...]:
         """Rates of roll and pitch, see `Motion.overview`."""
         return tuple(rate_panel(flight, axis) for axis in (ROLL, PITCH))
 
@@ -418,5 +432,5 @@ def _trace(problem: LaggedRuns, estimate: Estimate, axis: Axis) -> Trace:
         for number, parameter in enumerate(problem.parameters)
         if parameter in (axis.effectiveness, axis.reaction)
     ]
-    series = problem.series_in_band(best.at, axis.number, best.theta, driving)
+    series = problem.series_in_band(best.nuisances, axis.number, best.theta, driving)
     return Trace(f"{axis.name} acceleration", "rad/s²", "G u − D ω", "G u", *series.T)

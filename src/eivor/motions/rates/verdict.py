@@ -7,27 +7,27 @@ from dataclasses import dataclass
 from math import inf
 
 from eivor.flights.lag_prior import EFFECTIVE_LAG, LAG_WORDINGS
-from eivor.flights.motion import Circumstances, Strength
+from eivor.flights.motion import InstrumentStrength, VerdictInputs
 from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import (
-    Allowance,
     CardSection,
-    Companion,
     Counts,
-    Unjudged,
+    CoupledAxis,
+    QuantityEstimate,
+    SystematicUncertainty,
     Wording,
     Words,
-    clock_allowance,
+    clock_uncertainty,
 )
 from eivor.flights.references import ReferenceSource
 from eivor.flights.verdict import (
     disagreement_reasons,
-    given_lag_reasons,
     instrument_reasons,
+    lag_prior_reasons,
     longest_lag_reasons,
     moved,
     short_flight_reasons,
-    told_of,
+    strength_of,
     untold,
     wide_lag_reasons,
 )
@@ -98,19 +98,21 @@ ROTOR_SHARE, ROTOR_LAG_S = 0.02, 0.001
 ROTORS = "Rotors lag in speed, and their thrust goes with its square: large or noisy setpoints change the "
 
 
-def all_allowances(
-    flights: tuple[PreparedFlight, ...], quantities: Mapping[str, Unjudged]
-) -> dict[str, tuple[Allowance, ...]]:
+def all_systematic_uncertainties(
+    flights: tuple[PreparedFlight, ...], quantities: Mapping[str, QuantityEstimate]
+) -> dict[str, tuple[SystematicUncertainty, ...]]:
     """Systematic parts of effectiveness and lag."""
-    found: dict[str, tuple[Allowance, ...]] = {}
+    results: dict[str, tuple[SystematicUncertainty, ...]] = {}
     for axis in AXES:
         name = axis.effectiveness.name
         if name in quantities:
             part = ROTOR_SHARE * abs(quantities[name].value)
-            found[name] = (Allowance(Counts.ADDED, part, part, f"{ROTORS}effectiveness by 2 %."),)
-    by_rotors = Allowance(Counts.ADDED, ROTOR_LAG_S, ROTOR_LAG_S, f"{ROTORS}lag by 1 ms.")
-    by_stamps = clock_allowance(max(flight.command_slack_s for flight in flights))
-    return {**found, **dict.fromkeys((ACTUATOR_LAG.name, EFFECTIVE_LAG), (*by_stamps, by_rotors))}
+            results[name] = (
+                SystematicUncertainty(Counts.ADDED, part, part, f"{ROTORS}effectiveness by 2 %."),
+            )
+    by_rotors = SystematicUncertainty(Counts.ADDED, ROTOR_LAG_S, ROTOR_LAG_S, f"{ROTORS}lag by 1 ms.")
+    by_stamps = clock_uncertainty(max(flight.command_slack_s for flight in flights))
+    return {**results, **dict.fromkeys((ACTUATOR_LAG.name, EFFECTIVE_LAG), (*by_stamps, by_rotors))}
 
 
 # -- Rule --
@@ -129,56 +131,58 @@ LOG_REFERENCE = "Log the attitude setpoint, or the pilot's roll and pitch sticks
 LOG_PLANNED = "Fly in a mode in which the sticks set the attitude, or inject a sweep."
 
 
-def all_grounds(
-    quantities: Mapping[str, Unjudged], strength: Strength, at: Circumstances
+def all_reasons(
+    quantities: Mapping[str, QuantityEstimate], strength: InstrumentStrength, inputs: VerdictInputs
 ) -> dict[str, tuple[Reason, ...]]:
-    """Grounds against every quantity that there is."""
-    found: dict[str, tuple[Reason, ...]] = {}
+    """Reasons against every quantity that there is."""
+    results: dict[str, tuple[Reason, ...]] = {}
     for axis in AXES:
         if axis.effectiveness.name not in quantities:
             continue
         effect, damping = axis.effectiveness.name, axis.damping.name
-        found[effect] = (
-            *shared_reasons(told_of(strength, effect), at),
-            *effectiveness_reasons(axis, quantities[effect], strength, at),
+        results[effect] = (
+            *shared_reasons(strength_of(strength, effect), inputs),
+            *effectiveness_reasons(axis, quantities[effect], strength, inputs),
             *rough_lag_reasons(quantities, strength),
         )
-        found[damping] = (
-            *shared_reasons(told_of(strength, effect, damping), at),
-            *damping_reasons(axis, quantities[damping], at),
+        results[damping] = (
+            *shared_reasons(strength_of(strength, effect, damping), inputs),
+            *damping_reasons(axis, quantities[damping], inputs),
             *rough_lag_reasons(quantities, strength),
         )
         if axis.reacts:
             name = axis.reaction.name
-            found[name] = (
-                *shared_reasons(told_of(strength, effect, name), at),
+            results[name] = (
+                *shared_reasons(strength_of(strength, effect, name), inputs),
                 *rough_lag_reasons(quantities, strength),
             )
-    lag = (*shared_reasons(told_of(strength), at), *rough_lag_reasons(quantities, strength))
-    return {**found, ACTUATOR_LAG.name: lag, DELAY.name: lag, "effective_lag": lag}
+    lag = (*shared_reasons(strength_of(strength), inputs), *rough_lag_reasons(quantities, strength))
+    return {**results, ACTUATOR_LAG.name: lag, DELAY.name: lag, "effective_lag": lag}
 
 
-def shared_reasons(strength: Strength, at: Circumstances) -> list[Reason]:
+def shared_reasons(strength: InstrumentStrength, inputs: VerdictInputs) -> list[Reason]:
     """Grounds that instruments, logging and length of the flight give."""
-    reasons = instrument_reasons(strength, at, fly=FLY, log_reference=LOG_REFERENCE, log_planned=LOG_PLANNED)
+    reasons = instrument_reasons(
+        strength, inputs, fly=FLY, log_reference=LOG_REFERENCE, log_planned=LOG_PLANNED
+    )
     remedy = "Fly slowly and away from walls and ground; keep the motors from their limits."
     reasons += disagreement_reasons(strength, moves="turns", remedy=remedy)
-    if at.command_rate_hz < COMMAND_RATE_HZ:
+    if inputs.command_rate_hz < COMMAND_RATE_HZ:
         reasons.append(
             Reason(
                 Status.WEAK,
-                f"The torque setpoints are logged at {at.command_rate_hz:.0f} Hz; below "
+                f"The torque setpoints are logged at {inputs.command_rate_hz:.0f} Hz; below "
                 f"{COMMAND_RATE_HZ:.0f} Hz the intervals do not hold.",
                 "Log them at 50 Hz or more.",
             )
         )
-    reasons += short_flight_reasons(at, SHORT_FLIGHT_S)
-    reasons.extend(given_lag_reasons(at))
+    reasons += short_flight_reasons(inputs, SHORT_FLIGHT_S)
+    reasons.extend(lag_prior_reasons(inputs))
     return reasons
 
 
 def effectiveness_reasons(
-    axis: Axis, effect: Unjudged, strength: Strength, at: Circumstances
+    axis: Axis, effect: QuantityEstimate, strength: InstrumentStrength, inputs: VerdictInputs
 ) -> list[Reason]:
     """Grounds that the interval of an axis' effectiveness gives."""
     if untold(axis.effectiveness.name, strength):
@@ -197,8 +201,9 @@ def effectiveness_reasons(
         return [
             Reason(
                 Status.REFUSED,
-                f"The {axis.name} effectiveness cannot be told from zero: its interval is [{low:.2g}, "
-                f"{high:.2g}] rad/s^2.{moved(at)}",
+                f"The {axis.name} effectiveness cannot be distinguished from zero: its interval is "
+                f"[{low:.2g}, "
+                f"{high:.2g}] rad/s^2.{moved(inputs)}",
                 FLY,
             )
         ]
@@ -207,14 +212,14 @@ def effectiveness_reasons(
             Reason(
                 Status.WEAK,
                 f"The {axis.name} effectiveness' interval is +-{effect.half_width / effect.value:.1%} "
-                f"wide; identified asks for +-{EFFECTIVENESS_SHARE:.0%}.{moved(at)}",
+                f"wide; identified asks for +-{EFFECTIVENESS_SHARE:.0%}.{moved(inputs)}",
                 "Fly larger and quicker steps, or longer.",
             )
         ]
     return []
 
 
-def damping_reasons(axis: Axis, damping: Unjudged, at: Circumstances) -> list[Reason]:
+def damping_reasons(axis: Axis, damping: QuantityEstimate, inputs: VerdictInputs) -> list[Reason]:
     """Grounds that the interval of an axis' damping gives."""
     if damping.interval[1] < 0.0:
         return [
@@ -229,7 +234,7 @@ def damping_reasons(axis: Axis, damping: Unjudged, at: Circumstances) -> list[Re
         return [
             Reason(
                 Status.WEAK,
-                f"The {axis.name} damping cannot be told from zero.{moved(at)}",
+                f"The {axis.name} damping cannot be distinguished from zero.{moved(inputs)}",
                 "Fly turns that last longer.",
             )
         ]
@@ -246,7 +251,9 @@ def damping_reasons(axis: Axis, damping: Unjudged, at: Circumstances) -> list[Re
     return []
 
 
-def rough_lag_reasons(quantities: Mapping[str, Unjudged], strength: Strength) -> list[Reason]:
+def rough_lag_reasons(
+    quantities: Mapping[str, QuantityEstimate], strength: InstrumentStrength
+) -> list[Reason]:
     """Grounds that a lag gives that is not well known."""
     if ACTUATOR_LAG.name not in strength.searched:
         return []
@@ -261,7 +268,7 @@ def rough_lag_reasons(quantities: Mapping[str, Unjudged], strength: Strength) ->
 
 # -- Thrust --
 
-THRUST = Companion(
+THRUST = CoupledAxis(
     motion="vertical",
     quantity="input_gain",
     called="thrust_gain",
@@ -285,7 +292,7 @@ _SUBSCRIPT = {ROLL: "p", PITCH: "q", YAW: "r"}
 
 def _of_axis(axis: Axis) -> dict[str, Wording]:
     subscript, optional = _SUBSCRIPT[axis], axis.reacts
-    found = {
+    results = {
         axis.effectiveness.name: Wording(
             f"{axis.name} effectiveness", f"G_{subscript}", "rad/s^2", shown_unit="rad/s²", optional=optional
         ),
@@ -294,10 +301,10 @@ def _of_axis(axis: Axis) -> dict[str, Wording]:
         ),
     }
     if axis.reacts:
-        found[axis.reaction.name] = Wording(
+        results[axis.reaction.name] = Wording(
             f"{axis.name} reaction", "J", "rad/s", shown_unit="rad/s", optional=optional
         )
-    return found
+    return results
 
 
 #: Every quantity, in the order of results.
@@ -307,7 +314,7 @@ QUANTITIES = {
     **LAG_WORDINGS,
 }
 #: The same in the order of reports.
-SHOWN = (
+PLOTTED = (
     *(axis.effectiveness.name for axis in AXES),
     THRUST.called,
     "effective_lag",
@@ -319,10 +326,10 @@ SHOWN = (
 WORDS = Words(
     title="Turning about the body axes",
     meanings={
-        Status.IDENTIFIED: "the flight tells the effectiveness of roll and pitch within the intervals.",
+        Status.IDENTIFIED: "the effectiveness of roll and pitch is identified, within its intervals.",
         Status.WEAK: "the numbers are indications; something keeps the intervals from being trusted.",
         Status.PROVISIONAL: "no instrument: least squares has the effectiveness too small, the lag too long.",
-        Status.REFUSED: "the flight cannot tell the effectiveness of roll and pitch.",
+        Status.REFUSED: "the flight does not identify the effectiveness of roll and pitch.",
     },
     fly=FLY,
     no_reference="None is logged: no attitude setpoint, no stick, no injected sweep.",

@@ -84,12 +84,12 @@ def side_by_side(vehicles: Sequence[Vehicle], gravity: float = GRAVITY) -> Coeff
     if len(counts) != 1:
         raise UsageError("vehicles with equally many rotors", f"{counts} rotors", "Simulate them separately.")
     each = [coefficients_of(vehicle, gravity) for vehicle in vehicles]
-    parts = {name: stacked([getattr(one, name) for one in each]) for name in _STACKED}
+    parts = {name: stacked([getattr(item, name) for item in each]) for name in _STACKED}
     # (rotors, 4, flights): of every rotor position and spin
-    places = np.array([one.places for one in each]).transpose(1, 2, 0)
-    x, y, z, spin = (np.ascontiguousarray(places[:, part]) for part in range(4))
+    positions = np.array([item.places for item in each]).transpose(1, 2, 0)
+    x, y, z, spin = (np.ascontiguousarray(positions[:, part]) for part in range(4))
     return replace(
-        each[0], places=((x, y, z, spin),), gyroscopic=any(one.gyroscopic for one in each), **parts
+        each[0], places=((x, y, z, spin),), gyroscopic=any(item.gyroscopic for item in each), **parts
     )
 
 
@@ -150,7 +150,7 @@ def effective_parameters(vehicle: Vehicle) -> EffectiveParameters:
     )
     high = drag * upward - rotors.flapping * speed * heights  # of rotors above or below the centre of mass
     of_rotors = (rotors.count * drag, rotors.count * drag, rotors.count * inflow)
-    dx, dy, dz = ((own + body) / mass for own, body in zip(of_rotors, linear, strict=True))
+    dx, dy, dz = ((of_rotor + body) / mass for of_rotor, body in zip(of_rotors, linear, strict=True))
     cx, cy, cz = (body / mass for body in quadratic)
     return EffectiveParameters(
         gyroscopic_ratios=((iy - iz) / ix, (iz - ix) / iy, (ix - iy) / iz),
@@ -203,9 +203,9 @@ def state_derivative(
             "Put position, velocity, attitude, rates and rotor speeds into one row.",
         )
     flat = state.reshape(-1, BODY + rotors).T
-    speeds, asked = [flat[BODY:]], [command.reshape(-1, rotors).T]
+    speeds, requested = [flat[BODY:]], [command.reshape(-1, rotors).T]
     air = wind.reshape(-1, 3).T
-    change = speed_derivative(coefficients, speeds, asked)
+    change = speed_derivative(coefficients, speeds, requested)
     body = body_derivative(
         coefficients, flat[:BODY], speeds, change, (air[0], air[1], air[2]), (0.0, 0.0, 0.0)
     )
@@ -219,8 +219,8 @@ def speed_derivative(
     up, down = coefficients.rate_up, coefficients.rate_down
     difference = up - down
     return [
-        (asked - speed) * (down + difference * (asked > speed))
-        for speed, asked in zip(speeds, command, strict=True)
+        (item - speed) * (down + difference * (item > speed))
+        for speed, item in zip(speeds, command, strict=True)
     ]
 
 

@@ -15,31 +15,31 @@ from eivor.estimation.weighting import SpectralWhitening
 from eivor.flights import quantity
 from eivor.flights.grid import Active, Grid
 from eivor.flights.lag_prior import EFFECTIVE_LAG, LAG_WORDINGS, joint_quantities, lag_quantities
-from eivor.flights.motion import Ahead, Circumstances, Motion, Strength
+from eivor.flights.motion import InstrumentStrength, Motion, MultiStepPrediction, VerdictInputs
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import PreparedFlight, Selection
 from eivor.flights.quantity import (
-    Allowance,
     CardSection,
     Implications,
     Implied,
     Kind,
-    Panel,
+    PlotData,
+    QuantityEstimate,
     SimpleModel,
+    SystematicUncertainty,
     Trace,
-    Unjudged,
     Wording,
     Words,
 )
 from eivor.inference.verdict import Reason, Status
 from eivor.logs.read import advising_format
 from eivor.models.lagged_runs import ACTUATOR_LAG, AxisColumns, LaggedRuns
-from eivor.models.separable import Begun, InstrumentRule, NoInstruments, Nuisance
+from eivor.models.separable import InstrumentRule, NoInstruments, Nuisance, WarmStart
 from eivor.motions.rates.motion import active, rate_panel
 from eivor.motions.rates.verdict import AXES
 from eivor.motions.rigid_body.inertia import Combinations
-from eivor.motions.rigid_body.physical_parameters import PhysicalParameter, physical_parameters
-from eivor.motions.rigid_body.predict import rigid_body_ahead
+from eivor.motions.rigid_body.physical_parameters import PhysicalEstimateRow, physical_parameters
+from eivor.motions.rigid_body.predict import rigid_body_prediction
 from eivor.motions.rigid_body.regression import (
     BAND_SHARE,
     RotorColumns,
@@ -59,29 +59,29 @@ from eivor.motions.rigid_body.vehicle import (
     FORCE_Z_EQUATION,
     FRICTION,
     GAIN,
+    GYROSCOPIC_MOMENT,
     LIFT,
     LIFT_MOMENT,
     OFFSET,
     QUADRATIC_DRAG,
     REACTION,
-    SPIN_MOMENT,
     THRUST,
     TURNING,
     KnownVehicle,
     RotorLayout,
     load_vehicle,
     shipped_vehicles,
-    vehicle_told,
+    vehicle_from_record,
 )
 from eivor.motions.rigid_body.verdict import (
     FLY,
-    all_allowances,
-    all_grounds,
+    all_reasons,
+    all_systematic_uncertainties,
     filters_not_passed,
-    lags_apart,
-    order_shown,
-    settled_spin,
-    spin_moments,
+    gyroscopic_moments,
+    lag_consistency_test,
+    observed_order,
+    refined_rotor_inertia,
     steady_wind,
 )
 from eivor.motions.vertical.model import GRAVITY
@@ -92,54 +92,54 @@ from eivor.tools import Float
 # -- Quantities --
 
 
-def at_hover(problem: LaggedRuns, joint: Mapping[str, Unjudged]) -> dict[str, Unjudged]:
-    """Parameters with drag and damping for the rotors' state at hover, where thrust tells that."""
-    found, ratio = dict(joint), _hover_over_usual(problem, joint)
+def at_hover(problem: LaggedRuns, joint: Mapping[str, QuantityEstimate]) -> dict[str, QuantityEstimate]:
+    """Parameters with drag and damping for the rotors' state at hover, where thrust determines that."""
+    result, ratio = dict(joint), _hover_over_usual(problem, joint)
     for parameter in (*DRAG, *DAMPING):
-        one = found.get(parameter.name)
-        if one is not None:
-            found[parameter.name] = one.times(ratio)
-    return found
+        item = result.get(parameter.name)
+        if item is not None:
+            result[parameter.name] = item.times(ratio)
+    return result
 
 
-def viscous_friction(problem: LaggedRuns, estimate: Estimate) -> dict[str, Unjudged]:
+def viscous_friction(problem: LaggedRuns, estimate: Estimate) -> dict[str, QuantityEstimate]:
     """Friction along z at the speeds of the flights: d_z at hover, and c_z sum |v| v_z^2 / sum v_z^2."""
     linear, quadratic = DRAG[2].name, QUADRATIC_DRAG[2].name
-    climbs = [one for one in problem.columns if one.axis == FORCE_Z_EQUATION]
+    climbs = [column for column in problem.columns if column.axis == FORCE_Z_EQUATION]
     if not {linear, quadratic} <= set(estimate.parameters) or not climbs:
         return {}
-    products = np.sum([_climbed(one) for one in climbs], axis=0)
+    products = np.sum([_climbed(climb) for climb in climbs], axis=0)
     if not products[1] > 0.0:
         return {}
     ratio = _hover_over_usual(problem, joint_quantities(estimate))
     share = float(products[0] / products[1])
     gradient = ratio * estimate.direction(linear) + share * estimate.direction(quadratic)
-    places = [estimate.names.index(name) for name in (linear, quadratic)]
+    index = [estimate.names.index(name) for name in (linear, quadratic)]
 
     def friction(candidate: Candidate) -> tuple[float, Float[np.ndarray, " n"]]:
-        of_rotors, of_body = candidate.values[places].tolist()
+        of_rotors, of_body = candidate.values[index].tolist()
         return ratio * of_rotors + share * of_body, gradient
 
     value, _ = friction(estimate.best)
     error = estimate.best.covariance.std_error(gradient)
-    return {FRICTION.name: Unjudged(value, FRICTION.unit, error, estimate.interval_of(friction))}
+    return {FRICTION.name: QuantityEstimate(value, FRICTION.unit, error, estimate.interval_of(friction))}
 
 
-def _climbed(one: AxisColumns) -> Float[np.ndarray, " 2"]:
+def _climbed(axis_columns: AxisColumns) -> Float[np.ndarray, " 2"]:
     """Sums of |v| v_z^2 and of v_z^2 over what counts of a flight."""
-    if not isinstance(one.moving, RotorColumns):
+    if not isinstance(axis_columns.moving, RotorColumns):
         return np.zeros(2)
-    velocity = one.moving.states.velocity
+    velocity = axis_columns.moving.states.velocity
     counted = np.zeros(velocity.shape[1], dtype=np.bool_)
-    for run in one.runs:
-        inside = one.counted(run)
+    for run in axis_columns.runs:
+        inside = axis_columns.counted(run)
         counted[run] = True if inside is None else inside
     squared = velocity[2, counted] ** 2
     return np.array([np.linalg.norm(velocity[:, counted], axis=0) @ squared, squared.sum()])
 
 
-def _hover_over_usual(problem: LaggedRuns, joint: Mapping[str, Unjudged]) -> float:
-    """State of a rotor at hover over that which drag and damping are told for; one where nothing tells it."""
+def _hover_over_usual(problem: LaggedRuns, joint: Mapping[str, QuantityEstimate]) -> float:
+    """State of a rotor at hover over that which drag and damping are identified for."""
     columns = problem.columns[0].moving
     if THRUST.name not in joint or not isinstance(columns, RotorColumns):
         return 1.0
@@ -152,7 +152,7 @@ def _hover_over_usual(problem: LaggedRuns, joint: Mapping[str, Unjudged]) -> flo
 # -- Full-band fit --
 
 #: Its upper end [Hz]: further up is next to nothing but vibration.
-WHOLE_BAND_HZ = 60.0
+FULL_BAND_HZ = 60.0
 #: It is worth its rows where it is so many times the lower one.
 WIDER = 1.5
 #: Estimates in it, each with the weights of the one before: those of a biased one are not yet the noise's.
@@ -161,47 +161,47 @@ PASSES = 2
 NEAR = 2.0
 
 
-def settled_band(
+def refined_band(
     problem: LaggedRuns, estimate: Estimate, estimated: Callable[[LaggedRuns], Estimate]
 ) -> tuple[LaggedRuns, Estimate]:
     """The problem in the whole band, and its estimate, where axes disagree about the lag."""
-    if lags_apart(estimate) is None:
+    if lag_consistency_test(estimate) is None:
         return problem, estimate
-    whole = in_whole_band(problem)
+    whole = in_full_band(problem)
     if whole is problem:
         return problem, estimate
     for _ in range(PASSES):
         best = estimate.best
-        nuisances = tuple(_near(one, best.at[one.name]) for one in problem.nuisances)
-        whole = replace(whole, nuisances=nuisances, begun=Begun(best.theta, best.at))
+        nuisances = tuple(_near(nuisance, best.nuisances[nuisance.name]) for nuisance in problem.nuisances)
+        whole = replace(whole, nuisances=nuisances, warm_start=WarmStart(best.theta, best.nuisances))
         estimate = estimated(whole)
     return whole, estimate
 
 
-def in_whole_band(problem: LaggedRuns) -> LaggedRuns:
-    """The same problem with rows of turning up to `WHOLE_BAND_HZ`; itself where the logs do not reach far."""
-    columns = tuple(_whole(one) for one in problem.columns)
+def in_full_band(problem: LaggedRuns) -> LaggedRuns:
+    """The same problem with rows of turning up to `FULL_BAND_HZ`; itself where the logs do not reach far."""
+    columns = tuple(_whole(column) for column in problem.columns)
     pairs = zip(columns, problem.columns, strict=True)
     if not any(new.band_hz[1] >= WIDER * old.band_hz[1] for new, old in pairs):
         return problem
-    noisier = None if problem.noisier is None else in_whole_band(problem.noisier)
+    noisier = None if problem.noisier is None else in_full_band(problem.noisier)
     return replace(problem, columns=columns, noisier=noisier)
 
 
-def _whole(one: AxisColumns) -> AxisColumns:
-    if one.axis >= FORCE_X_EQUATION or not isinstance(one.moving, RotorColumns):
-        return one
-    flight, (low, high) = one.moving.states.flight, one.band_hz
-    reaches = BAND_SHARE * min(flight.rates_hz[name] for name in (AXES[one.axis].name, "command"))
-    return replace(one, band_hz=(low, max(high, min(WHOLE_BAND_HZ, reaches))))
+def _whole(axis_columns: AxisColumns) -> AxisColumns:
+    if axis_columns.axis >= FORCE_X_EQUATION or not isinstance(axis_columns.moving, RotorColumns):
+        return axis_columns
+    flight, (low, high) = axis_columns.moving.states.flight, axis_columns.band_hz
+    reaches = BAND_SHARE * min(flight.rates_hz[name] for name in (AXES[axis_columns.axis].name, "command"))
+    return replace(axis_columns, band_hz=(low, max(high, min(FULL_BAND_HZ, reaches))))
 
 
-def _near(one: Nuisance, value: float) -> Nuisance:
+def _near(nuisance: Nuisance, value: float) -> Nuisance:
     """A lag with the values of its grid near the one that was found."""
-    if one.name != ACTUATOR_LAG.name or not one.refined:
-        return one
-    near = one.grid[(one.grid >= value / NEAR) & (one.grid <= value * NEAR)]
-    return replace(one, grid=near) if near.size > 1 and near[0] <= value <= near[-1] else one
+    if nuisance.name != ACTUATOR_LAG.name or not nuisance.refined:
+        return nuisance
+    near = nuisance.grid[(nuisance.grid >= value / NEAR) & (nuisance.grid <= value * NEAR)]
+    return replace(nuisance, grid=near) if near.size > 1 and near[0] <= value <= near[-1] else nuisance
 
 
 # -- Wording --
@@ -215,67 +215,73 @@ _RATES = "pqr"
 QUANTITIES = {
     THRUST.name: Wording("thrust gain", "α_z", "m/s^2", shown_unit="m/s²", optional=True),
     **{
-        one.name: Wording(f"{name} gain", f"α_{rate}", one.unit, shown_unit=unit)
-        for one, name, rate, unit in zip(
+        item.name: Wording(f"{name} gain", f"α_{rate}", item.unit, shown_unit=unit)
+        for item, name, rate, unit in zip(
             GAIN, TURNING, _RATES, ("rad/s²/m", "rad/s²/m", "rad/s²"), strict=True
         )
     },
     **{
-        one.name: Wording(f"{name} coupling", f"β_{number}", "")
-        for number, (one, name) in enumerate(zip(COUPLING, TURNING, strict=True), start=1)
+        item.name: Wording(f"{name} coupling", f"β_{number}", "")
+        for number, (item, name) in enumerate(zip(COUPLING, TURNING, strict=True), start=1)
     },
     **{
-        one.name: Wording(f"{name} damping", f"d_{rate}", "1/s", shown_unit="1/s")
-        for one, name, rate in zip(DAMPING, TURNING, _RATES, strict=True)
+        item.name: Wording(f"{name} damping", f"d_{rate}", "1/s", shown_unit="1/s")
+        for item, name, rate in zip(DAMPING, TURNING, _RATES, strict=True)
     },
     **{
-        one.name: Wording(f"drag along {axis}", f"d_{axis}", "1/s", shown_unit="1/s", optional=True)
-        for one, axis in zip(DRAG, ALONG, strict=True)
+        item.name: Wording(f"drag along {axis}", f"d_{axis}", "1/s", shown_unit="1/s", optional=True)
+        for item, axis in zip(DRAG, ALONG, strict=True)
     },
     **{
-        one.name: Wording(f"quadratic drag along {axis}", f"c_{axis}", "1/m", shown_unit="1/m", optional=True)
-        for one, axis in zip(QUADRATIC_DRAG, ALONG, strict=True)
+        item.name: Wording(
+            f"quadratic drag along {axis}", f"c_{axis}", "1/m", shown_unit="1/m", optional=True
+        )
+        for item, axis in zip(QUADRATIC_DRAG, ALONG, strict=True)
     },
     FRICTION.name: Wording(
         "viscous friction", "K", FRICTION.unit, kind=Kind.DERIVED, shown_unit="1/s", optional=True
     ),
     LIFT.name: Wording("translational lift", "h", "1/m", shown_unit="1/m", optional=True),
     **{
-        one.name: Wording(f"{name} by lift", f"h_{rate}", one.unit, shown_unit="1/m³", optional=True)
-        for one, name, rate in zip(LIFT_MOMENT, TURNING, _RATES, strict=False)
+        item.name: Wording(f"{name} by lift", f"h_{rate}", item.unit, shown_unit="1/m³", optional=True)
+        for item, name, rate in zip(LIFT_MOMENT, TURNING, _RATES, strict=False)
     },
     **{
-        one.name: Wording(
-            f"{name} by drag along {axis}", f"{letter}_{axis}", one.unit, shown_unit="1/(m s)", optional=True
+        item.name: Wording(
+            f"{name} by drag along {axis}", f"{letter}_{axis}", item.unit, shown_unit="1/(m s)", optional=True
         )
         for name, letter, pair, axes in zip(TURNING, "LMN", DRAG_MOMENT, ("yz", "xz", "xy"), strict=True)
-        for one, axis in zip(pair, axes, strict=True)
+        for item, axis in zip(pair, axes, strict=True)
     },
     **{
-        one.name: Wording(f"{name} by spin", f"j_{rate}", "")
-        for one, name, rate in zip(SPIN_MOMENT, TURNING, _RATES, strict=False)
+        item.name: Wording(f"{name} by spin", f"j_{rate}", "")
+        for item, name, rate in zip(GYROSCOPIC_MOMENT, TURNING, _RATES, strict=False)
     },
     REACTION.name: Wording("rotor reaction", "j", ""),
     **{
-        one.name: Wording(f"{name} offset", f"o_{rate}", "rad/s^2", shown_unit="rad/s²")
-        for one, name, rate in zip(OFFSET, TURNING, _RATES, strict=False)
+        item.name: Wording(f"{name} offset", f"o_{rate}", "rad/s^2", shown_unit="rad/s²")
+        for item, name, rate in zip(OFFSET, TURNING, _RATES, strict=False)
     },
     **LAG_WORDINGS,
 }
 #: The same in the order of reports.
-SHOWN = (
+PLOTTED = (
     THRUST.name,
-    *(one.name for one in GAIN),
+    *(item.name for item in GAIN),
     "effective_lag",
-    *(name for name in QUANTITIES if name not in {THRUST.name, "effective_lag"} | {one.name for one in GAIN}),
+    *(
+        name
+        for name in QUANTITIES
+        if name not in {THRUST.name, "effective_lag"} | {item.name for item in GAIN}
+    ),
 )
 WORDS = Words(
     title="Rigid body",
     meanings={
-        Status.IDENTIFIED: "the flight tells thrust, roll and pitch gain and the lag within the intervals.",
+        Status.IDENTIFIED: "thrust, roll and pitch gain and the lag are identified, within their intervals.",
         Status.WEAK: "the numbers are indications; something keeps the intervals from being trusted.",
         Status.PROVISIONAL: "no instrument: the numbers may be biased more than the intervals say.",
-        Status.REFUSED: "the flight cannot tell the gains of thrust, roll and pitch.",
+        Status.REFUSED: "the flight does not identify the gains of thrust, roll and pitch.",
     },
     fly=FLY,
     no_reference="None is logged: no setpoint of height or attitude, no injected sweep.",
@@ -321,7 +327,7 @@ class RigidBody(Motion[LaggedRuns]):
     model_name = "rigid_body"
     equation = EQUATION
     wording = QUANTITIES
-    shown = SHOWN
+    plotted = PLOTTED
     headline = (THRUST.name, GAIN[0].name, GAIN[1].name, EFFECTIVE_LAG)
     rows = headline
     words = WORDS
@@ -335,7 +341,7 @@ class RigidBody(Motion[LaggedRuns]):
         """Where the rotors are."""
         if self.vehicle is None:
             raise UsageError(
-                "a vehicle: places and spins of its rotors tell what turns it",
+                "a vehicle: places and spins of its rotors determine what turns it",
                 "none",
                 f"Give one with --vehicle: a file, which `eivor vehicle new` begins, or one of "
                 f"{', '.join(shipped_vehicles())}.",
@@ -356,8 +362,8 @@ class RigidBody(Motion[LaggedRuns]):
 
     def active(self, log: Recording, grid: Grid, _input_level: Float[np.ndarray, " n"], /) -> Active:
         """Samples in the air at which the rotors no longer know how they began, see `Motion.active`."""
-        found, settled = active(log, grid), grid.steps - grid.steps[0] >= SETTLED_S / grid.step_s
-        return replace(found, mask=found.mask & settled)
+        result, converged = active(log, grid), grid.steps - grid.steps[0] >= SETTLED_S / grid.step_s
+        return replace(result, mask=result.mask & converged)
 
     def weighted(self, method: Method, /) -> Method:
         """Total least squares of whitened rows: between samples rates and speeds are mostly noise."""
@@ -377,62 +383,62 @@ class RigidBody(Motion[LaggedRuns]):
         surrogates = tuple(map(noisier, flights))
         return replace(problem, noisier=rigid_body_problem(surrogates, self.layout, NoInstruments()))
 
-    def settled(
+    def refined(
         self, problem: LaggedRuns, estimated: Callable[[LaggedRuns], Estimate], _options: FlightOptions, /
     ) -> tuple[LaggedRuns, Estimate]:
-        """With one inertia of the rotors about all axes where the flights tell it."""
-        return settled_band(*settled_spin(problem, estimated), estimated)
+        """With one inertia of the rotors about all axes where the flights identify it."""
+        return refined_band(*refined_rotor_inertia(problem, estimated), estimated)
 
-    def quantities(self, problem: LaggedRuns, estimate: Estimate) -> Mapping[str, Unjudged]:
+    def quantities(self, problem: LaggedRuns, estimate: Estimate) -> Mapping[str, QuantityEstimate]:
         """Parameters of the equations that are there, and the lag, see `Motion.quantities`."""
         joint = joint_quantities(estimate)
-        found = {
+        results = {
             **at_hover(problem, joint),
-            **spin_moments(problem, joint),
+            **gyroscopic_moments(problem, joint),
             **viscous_friction(problem, estimate),
             **lag_quantities(problem, estimate),
         }
-        return {name: found[name] for name in QUANTITIES if name in found}
+        return {name: results[name] for name in QUANTITIES if name in results}
 
-    def allowances(
+    def systematic_uncertainties(
         self,
         _problem: LaggedRuns,
         _estimate: Estimate,
         flights: tuple[PreparedFlight, ...],
-        quantities: Mapping[str, Unjudged],
-        _at: Circumstances,
+        quantities: Mapping[str, QuantityEstimate],
+        _at: VerdictInputs,
         /,
-    ) -> Mapping[str, tuple[Allowance, ...]]:
+    ) -> Mapping[str, tuple[SystematicUncertainty, ...]]:
         """What the log does not say of commands and filters, see `eivor.motions.rigid_body.verdict`."""
-        return all_allowances(flights, quantities, self.layout.vehicle)
+        return all_systematic_uncertainties(flights, quantities, self.layout.vehicle)
 
-    def grounds(
-        self, quantities: Mapping[str, Unjudged], strength: Strength, at: Circumstances
+    def reasons(
+        self, quantities: Mapping[str, QuantityEstimate], strength: InstrumentStrength, inputs: VerdictInputs
     ) -> Mapping[str, tuple[Reason, ...]]:
         """The rule of the verdict, see `eivor.motions.rigid_body.verdict`."""
-        return all_grounds(quantities, strength, at)
+        return all_reasons(quantities, strength, inputs)
 
     def implications(self, estimate: Estimate) -> Implications:
-        """Physical parameters, as far as the flight and the vehicle file tell them; see `physical`."""
+        """Physical parameters, as far as the flight and the vehicle file determine them; see `physical`."""
         if self.vehicle is None:
             return Implications()
-        found = physical_parameters(Combinations.of_estimate(estimate), self.vehicle)
-        return Implications(tuple(map(_implied, found.rows)), found.contradictions)
+        parameters = physical_parameters(Combinations.of_estimate(estimate), self.vehicle)
+        return Implications(tuple(map(_implied, parameters.rows)), parameters.contradictions)
 
     def diagnostics(
         self, problem: LaggedRuns, estimate: Estimate, flights: tuple[PreparedFlight, ...], /
     ) -> Mapping[str, float]:
         """Where a flight contradicts the vehicle file, `rotor_order` and `filters_shown`."""
-        shown = order_shown(flights, self.layout)
-        if shown is not None:
-            return shown.numbers
-        wind = steady_wind(problem, estimate.best.at, flights)
-        lags = lags_apart(estimate)
-        found = {**(wind.numbers if wind is not None else {}), **(lags.numbers if lags is not None else {})}
+        displayed = observed_order(flights, self.layout)
+        if displayed is not None:
+            return displayed.numbers
+        wind = steady_wind(problem, estimate.best.nuisances, flights)
+        lags = lag_consistency_test(estimate)
+        results = {**(wind.numbers if wind is not None else {}), **(lags.numbers if lags is not None else {})}
         if self.pooled and len(flights) == 1:
-            return found  # the whole pool is asked about filters
+            return results  # the whole pool is asked about filters
         filters = filters_not_passed(problem, estimate, flights, self.layout)
-        return found if filters is None else found | filters.numbers
+        return results if filters is None else results | filters.numbers
 
     def excitation(self, flights: tuple[PreparedFlight, ...]) -> str:
         """Standard deviations of the rates."""
@@ -448,24 +454,24 @@ class RigidBody(Motion[LaggedRuns]):
 
     def simple_models(self, problem: LaggedRuns, estimate: Estimate) -> Mapping[str, SimpleModel]:
         """Least squares without a lag, see `Motion.simple_models`."""
-        return {quantity.NAME: quantity.least_squares_without_lag(problem, estimate.best.at)}
+        return {quantity.NAME: quantity.least_squares_without_lag(problem, estimate.best.nuisances)}
 
-    def ahead(
+    def multi_step_prediction(
         self,
         flights: tuple[PreparedFlight, ...],
         models: Mapping[str, SimpleModel],
         refused: frozenset[str],
-    ) -> Ahead:
+    ) -> MultiStepPrediction:
         """The state of the rotors alone, see `eivor.motions.rigid_body.predict`."""
-        return rigid_body_ahead(flights, self.layout, models, refused)
+        return rigid_body_prediction(flights, self.layout, models, refused)
 
-    def told_vehicle(self) -> Mapping[str, object] | None:
+    def vehicle_record(self) -> Mapping[str, object] | None:
         """What was known of the vehicle, see `Motion.told_vehicle`."""
         return None if self.vehicle is None else asdict(self.vehicle)
 
-    def of_told_vehicle(self, told: object) -> RigidBody:
+    def with_vehicle_record(self, record: object) -> RigidBody:
         """Return the same motion of the vehicle of a result, see `Motion.of_told_vehicle`."""
-        return replace(self, vehicle=vehicle_told(told))
+        return replace(self, vehicle=vehicle_from_record(record))
 
     def symbols(self, flight: PreparedFlight) -> str:
         """What n is in this flight."""
@@ -475,9 +481,9 @@ class RigidBody(Motion[LaggedRuns]):
     def traces(self, problem: LaggedRuns, estimate: Estimate) -> tuple[Trace, ...]:
         """Angular acceleration about each axis and force along it, within the bands; see `Motion.traces`."""
         driving = [number for number, parameter in enumerate(problem.parameters) if parameter in DRIVING]
-        found = []
+        results = []
         for axis in problem.axes:
-            series = problem.series_in_band(estimate.best.at, axis, estimate.best.theta, driving)
+            series = problem.series_in_band(estimate.best.nuisances, axis, estimate.best.theta, driving)
             turning = axis < FORCE_X_EQUATION
             words = (
                 f"{TURNING[axis]} acceleration"
@@ -486,10 +492,10 @@ class RigidBody(Motion[LaggedRuns]):
             )
             unit, band = "rad/s²" if turning else "m/s²", problem.band_hz(axis)
             measured, predicted, driven = series.T
-            found.append(Trace(words, unit, "model", "rotors", measured, predicted, driven, band))
-        return tuple(found)
+            results.append(Trace(words, unit, "model", "rotors", measured, predicted, driven, band))
+        return tuple(results)
 
-    def overview(self, flight: PreparedFlight) -> tuple[Panel, ...]:
+    def overview(self, flight: PreparedFlight) -> tuple[PlotData, ...]:
         """Rates, see `Motion.overview`."""
         return tuple(rate_panel(flight, axis) for axis in AXES)
 
@@ -498,10 +504,17 @@ class RigidBody(Motion[LaggedRuns]):
         return rigid_body_card(log_format)
 
 
-def _implied(row: PhysicalParameter) -> Implied:
-    told = row.told
-    if told is None:
+def _implied(row: PhysicalEstimateRow) -> Implied:
+    reported = row.estimate
+    if reported is None:
         return Implied(row.name, row.words, "", "", None, None, None, row.sentence)
     return Implied(
-        row.name, row.words, told.symbol, told.unit, told.value, told.std_error, told.interval, row.sentence
+        row.name,
+        row.words,
+        reported.symbol,
+        reported.unit,
+        reported.value,
+        reported.std_error,
+        reported.interval,
+        row.sentence,
     )

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from eivor.inference.distributions import check_level
 from eivor.motions.rigid_body.inertia import (
     Combinations,
-    Formula,
-    Route,
+    FormulaFunction,
     YawInertia,
+    YawInertiaRoute,
     contradictions,
     yaw_inertia,
 )
@@ -30,30 +30,30 @@ SUPPLIED = {
 
 
 @dataclass(frozen=True)
-class Way:
+class Formula:
     """A formula for a parameter, or for what is left of it without what it needs."""
 
     symbol: str
     unit: str
-    found: tuple[str, ...]
+    needed: tuple[str, ...]
     supplied: tuple[str, ...]
-    formula: Formula
+    formula: FormulaFunction
 
 
 @dataclass(frozen=True)
-class Sought:
+class PhysicalParameter:
     """A physical parameter."""
 
     name: str
     words: str
-    ways: tuple[Way, ...]
+    formulas: tuple[Formula, ...]
     remark: str = ""
     refusal: str = ""
     helps: tuple[str, ...] = ()  # Names in `SUPPLIED` of which each would help against that
 
 
-def sought(yaw: YawInertia, thrust_map: InputMap) -> tuple[Sought, ...]:
-    """Every physical parameter that a flight may tell."""
+def sought(yaw: YawInertia, thrust_map: InputMap) -> tuple[PhysicalParameter, ...]:
+    """Every physical parameter that a flight may identify."""
     return (
         _tilting_inertia("xx", "roll"),
         _tilting_inertia("yy", "pitch"),
@@ -80,56 +80,58 @@ def sought(yaw: YawInertia, thrust_map: InputMap) -> tuple[Sought, ...]:
     )
 
 
-def _tilting_inertia(axes: str, turning: str) -> Sought:
+def _tilting_inertia(axes: str, turning: str) -> PhysicalParameter:
     gain, symbol = f"{turning}_gain", f"I{axes}"
-    found = ("thrust_gain", gain)
+    texts = ("thrust_gain", gain)
 
     def per_mass(v: Mapping[str, float]) -> float:
         return v["arm_scale"] * v["thrust_gain"] / v[gain]
 
-    return Sought(
+    return PhysicalParameter(
         f"inertia_{axes}",
         f"inertia in {turning}",
         (
-            Way(symbol, "kg m^2", found, ("mass", "arm_scale"), lambda v: v["mass"] * per_mass(v)),
-            Way(f"{symbol}/m", "m^2", found, ("arm_scale",), per_mass),
-            Way(f"{symbol}/(m l)", "m", found, (), lambda v: v["thrust_gain"] / v[gain]),
+            Formula(symbol, "kg m^2", texts, ("mass", "arm_scale"), lambda v: v["mass"] * per_mass(v)),
+            Formula(f"{symbol}/m", "m^2", texts, ("arm_scale",), per_mass),
+            Formula(f"{symbol}/(m l)", "m", texts, (), lambda v: v["thrust_gain"] / v[gain]),
         ),
     )
 
 
-def _yaw_inertia(yaw: YawInertia) -> Sought:
+def _yaw_inertia(yaw: YawInertia) -> PhysicalParameter:
     name, words = "inertia_zz", "inertia in yaw"
-    left = Way(
+    left = Formula(
         "Izz/(m kappa)", "1/m", ("thrust_gain", "yaw_gain"), (), lambda v: v["thrust_gain"] / v["yaw_gain"]
     )
     route = yaw.route
     if route is None:
         helps = ("torque_ratio", "yaw_inertia_ratio")
-        return Sought(name, words, (left,), refusal=_unexcited(yaw), helps=helps)
-    found = ("thrust_gain", *route.found)
-    ways = [
-        Way("Izz", "kg m^2", found, ("mass", *route.supplied), lambda v: v["mass"] * route.per_mass(v)),
-        Way("Izz/m", "m^2", found, route.supplied, route.per_mass),
+        return PhysicalParameter(name, words, (left,), refusal=_unexcited(yaw), helps=helps)
+    texts = ("thrust_gain", *route.needed)
+    formulas = [
+        Formula("Izz", "kg m^2", texts, ("mass", *route.supplied), lambda v: v["mass"] * route.per_mass(v)),
+        Formula("Izz/m", "m^2", texts, route.supplied, route.per_mass),
     ]
     if route.over_thrust is not None:
         over_thrust = route.over_thrust
-        needs = tuple(one for one in route.supplied if one != "arm_scale")
-        ways.append(
-            Way("Izz/Ixx", "", ("roll_gain", *route.found), needs, lambda v: v["roll_gain"] * over_thrust(v))
+        needs = tuple(item for item in route.supplied if item != "arm_scale")
+        formulas.append(
+            Formula(
+                "Izz/Ixx", "", ("roll_gain", *route.needed), needs, lambda v: v["roll_gain"] * over_thrust(v)
+            )
         )
-    return Sought(name, words, tuple(ways), f"It rests on {route.words}.")
+    return PhysicalParameter(name, words, tuple(formulas), f"It rests on {route.words}.")
 
 
 def _unexcited(yaw: YawInertia) -> str:
-    said = "The gyroscopic couplings of the flight do not tell Izz"
+    text = "The gyroscopic couplings of the flight do not identify Izz"
     if yaw.ratio is not None:
         low, high = yaw.ratio.interval
-        said += f", as it hardly turns about two axes at once (Izz/Ixx is between {low:.3g} and {high:.3g})"
-    return f"{said}; yaw torque alone tells only its ratio to the torque ratio."
+        text += f", as it hardly turns about two axes at once (Izz/Ixx is between {low:.3g} and {high:.3g})"
+    return f"{text}; yaw torque alone determines only its ratio to the torque ratio."
 
 
-def _thrust(thrust_map: InputMap) -> tuple[Sought, ...]:
+def _thrust(thrust_map: InputMap) -> tuple[PhysicalParameter, ...]:
     """Constant of each power of the rotor speed in the thrust."""
     match thrust_map:
         case Mixed(share):
@@ -141,7 +143,7 @@ def _thrust(thrust_map: InputMap) -> tuple[Sought, ...]:
     return tuple(_thrust_term(power, share) for power, share in terms if share > 0.0)
 
 
-def _thrust_term(power: float, share: float) -> Sought:
+def _thrust_term(power: float, share: float) -> PhysicalParameter:
     named = {
         1.0: ("thrust_linear", "thrust per rotor speed"),
         2.0: ("thrust_quadratic", "thrust per squared rotor speed"),
@@ -150,147 +152,147 @@ def _thrust_term(power: float, share: float) -> Sought:
     speed = "rad/s" if power == 1.0 else f"(rad/s)^{power:g}"
     command = "command" if power == 1.0 else f"command^{power:g}"
     per = f"/({speed})" if power == 1.0 else f"/{speed}"
-    found = ("thrust_gain",)
+    texts = ("thrust_gain",)
 
     def per_mass(v: Mapping[str, float]) -> float:
         return share * v["thrust_gain"] / v["speed_scale"] ** power
 
-    return Sought(
+    return PhysicalParameter(
         name,
         words,
         (
-            Way("k", f"N{per}", found, ("mass", "speed_scale"), lambda v: v["mass"] * per_mass(v)),
-            Way("k", f"N/{command}", found, ("mass",), lambda v: v["mass"] * share * v["thrust_gain"]),
-            Way("k/m", f"m/s^2{per}", found, ("speed_scale",), per_mass),
-            Way("k/m", f"m/s^2/{command}", found, (), lambda v: share * v["thrust_gain"]),
+            Formula("k", f"N{per}", texts, ("mass", "speed_scale"), lambda v: v["mass"] * per_mass(v)),
+            Formula("k", f"N/{command}", texts, ("mass",), lambda v: v["mass"] * share * v["thrust_gain"]),
+            Formula("k/m", f"m/s^2{per}", texts, ("speed_scale",), per_mass),
+            Formula("k/m", f"m/s^2/{command}", texts, (), lambda v: share * v["thrust_gain"]),
         ),
     )
 
 
-def _torque_ratio(yaw: YawInertia) -> Sought:
+def _torque_ratio(yaw: YawInertia) -> PhysicalParameter:
     name, words = "torque_ratio", "reaction torque over thrust"
-    left = Way(
+    left = Formula(
         "kappa m/Izz", "1/m", ("yaw_gain", "thrust_gain"), (), lambda v: v["yaw_gain"] / v["thrust_gain"]
     )
-    route = next((one for one in yaw.routes if one.over_thrust is not None), None)
+    route = next((item for item in yaw.routes if item.over_thrust is not None), None)
     if route is None or route.over_thrust is None:
-        return Sought(name, words, (left,), refusal=_unexcited(yaw), helps=("yaw_inertia_ratio",))
+        return PhysicalParameter(name, words, (left,), refusal=_unexcited(yaw), helps=("yaw_inertia_ratio",))
     over_thrust = route.over_thrust
-    found = ("yaw_gain", *route.found)
-    scaled = tuple(one for one in route.supplied if one != "arm_scale")
-    return Sought(
+    texts = ("yaw_gain", *route.needed)
+    scaled = tuple(item for item in route.supplied if item != "arm_scale")
+    return PhysicalParameter(
         name,
         words,
         (
-            Way(
-                "kappa", "m", found, route.supplied, lambda v: v["arm_scale"] * v["yaw_gain"] * over_thrust(v)
+            Formula(
+                "kappa", "m", texts, route.supplied, lambda v: v["arm_scale"] * v["yaw_gain"] * over_thrust(v)
             ),
-            Way("kappa/l", "", found, scaled, lambda v: v["yaw_gain"] * over_thrust(v)),
+            Formula("kappa/l", "", texts, scaled, lambda v: v["yaw_gain"] * over_thrust(v)),
         ),
         f"It rests on {route.words}.",
     )
 
 
-def _offset(words: str, axis: str, turning: str, sign: float) -> Sought:
-    found = (f"{turning}_offset", f"{turning}_gain")
+def _offset(words: str, axis: str, turning: str, sign: float) -> PhysicalParameter:
+    text = (f"{turning}_offset", f"{turning}_gain")
 
     def in_lengths(v: Mapping[str, float]) -> float:
         return sign * v[f"{turning}_offset"] / v[f"{turning}_gain"]
 
-    return Sought(
+    return PhysicalParameter(
         f"centre_of_mass_{words}",
         f"centre of mass, {words} of the rotors' middle",
         (
-            Way(f"{axis}_c", "m", found, ("arm_scale",), lambda v: v["arm_scale"] * in_lengths(v)),
-            Way(f"{axis}_c/l", "", found, (), in_lengths),
+            Formula(f"{axis}_c", "m", text, ("arm_scale",), lambda v: v["arm_scale"] * in_lengths(v)),
+            Formula(f"{axis}_c/l", "", text, (), in_lengths),
         ),
     )
 
 
-def _per_kilogram(name: str, words: str, symbol: str, unit: str, left: str) -> Sought:
-    return Sought(
+def _per_kilogram(name: str, words: str, symbol: str, unit: str, left: str) -> PhysicalParameter:
+    return PhysicalParameter(
         name,
         words,
         (
-            Way(symbol, unit, (name,), ("mass",), lambda v: v["mass"] * v[name]),
-            Way(f"{symbol}/m", left, (name,), (), lambda v: v[name]),
+            Formula(symbol, unit, (name,), ("mass",), lambda v: v["mass"] * v[name]),
+            Formula(f"{symbol}/m", left, (name,), (), lambda v: v[name]),
         ),
     )
 
 
-def _tilting_drag(turning: str, axis: str) -> Sought:
+def _tilting_drag(turning: str, axis: str) -> PhysicalParameter:
     gain, damping = f"{turning}_gain", f"{turning}_damping"
-    found = ("thrust_gain", gain, damping)
+    texts = ("thrust_gain", gain, damping)
 
     def per_mass(v: Mapping[str, float]) -> float:
         return v["arm_scale"] * v[damping] * v["thrust_gain"] / v[gain]
 
-    return _rate_drag(turning, axis, damping, found, ("arm_scale",), per_mass)
+    return _rate_drag(turning, axis, damping, texts, ("arm_scale",), per_mass)
 
 
-def _yaw_drag(route: Route | None) -> Sought:
+def _yaw_drag(route: YawInertiaRoute | None) -> PhysicalParameter:
     if route is None:
         return _rate_drag("yaw", "z", "yaw_damping", (), (), None)
-    found = ("thrust_gain", *route.found, "yaw_damping")
+    texts = ("thrust_gain", *route.needed, "yaw_damping")
 
     def per_mass(v: Mapping[str, float]) -> float:
         return v["yaw_damping"] * route.per_mass(v)
 
-    return _rate_drag("yaw", "z", "yaw_damping", found, route.supplied, per_mass)
+    return _rate_drag("yaw", "z", "yaw_damping", texts, route.supplied, per_mass)
 
 
 def _rate_drag(
     turning: str,
     axis: str,
     damping: str,
-    found: tuple[str, ...],
+    names: tuple[str, ...],
     supplied: tuple[str, ...],
-    per_mass: Formula | None,
-) -> Sought:
+    per_mass: FormulaFunction | None,
+) -> PhysicalParameter:
     """Torque against a rate; without a formula the inertia is missing."""
     symbol = f"B_{axis}"
-    left = Way(f"{symbol}/I{axis}{axis}", "1/s", (damping,), (), lambda v: v[damping])
+    left = Formula(f"{symbol}/I{axis}{axis}", "1/s", (damping,), (), lambda v: v[damping])
     name, words = f"{turning}_drag", f"torque against {turning}ing"
     if per_mass is None:
-        return Sought(name, words, (left,), refusal=_NO_YAW_INERTIA)
-    return Sought(
+        return PhysicalParameter(name, words, (left,), refusal=_NO_YAW_INERTIA)
+    return PhysicalParameter(
         name,
         words,
         (
-            Way(symbol, "N m/(rad/s)", found, ("mass", *supplied), lambda v: v["mass"] * per_mass(v)),
-            Way(f"{symbol}/m", "m^2/s", found, supplied, per_mass),
+            Formula(symbol, "N m/(rad/s)", names, ("mass", *supplied), lambda v: v["mass"] * per_mass(v)),
+            Formula(f"{symbol}/m", "m^2/s", names, supplied, per_mass),
             left,
         ),
     )
 
 
-def _rotor_inertia(route: Route | None) -> Sought:
+def _rotor_inertia(route: YawInertiaRoute | None) -> PhysicalParameter:
     name, words = "rotor_inertia", "inertia of a rotor"
     reaction = "rotor_reaction"
     left = (
-        Way("J/Izz", "", (reaction,), ("speed_scale",), lambda v: v[reaction] / v["speed_scale"]),
-        Way("J/Izz", "(rad/s)/command", (reaction,), (), lambda v: v[reaction]),
+        Formula("J/Izz", "", (reaction,), ("speed_scale",), lambda v: v[reaction] / v["speed_scale"]),
+        Formula("J/Izz", "(rad/s)/command", (reaction,), (), lambda v: v[reaction]),
     )
     if route is None:
-        return Sought(name, words, left, refusal=_NO_YAW_INERTIA)
-    found = ("thrust_gain", *route.found, reaction)
+        return PhysicalParameter(name, words, left, refusal=_NO_YAW_INERTIA)
+    texts = ("thrust_gain", *route.needed, reaction)
 
     def per_mass(v: Mapping[str, float]) -> float:
         return v[reaction] * route.per_mass(v) / v["speed_scale"]
 
     supplied = ("speed_scale", *route.supplied)
-    return Sought(
+    return PhysicalParameter(
         name,
         words,
         (
-            Way("J", "kg m^2", found, ("mass", *supplied), lambda v: v["mass"] * per_mass(v)),
-            Way("J/m", "m^2", found, supplied, per_mass),
+            Formula("J", "kg m^2", texts, ("mass", *supplied), lambda v: v["mass"] * per_mass(v)),
+            Formula("J/m", "m^2", texts, supplied, per_mass),
             *left,
         ),
     )
 
 
-_NO_YAW_INERTIA = "Izz is not told."
+_NO_YAW_INERTIA = "Izz is not identified."
 
 
 # -- Physical --
@@ -300,7 +302,7 @@ DRAGS = ("drag_x", "drag_y", "drag_z", "roll_drag", "pitch_drag", "yaw_drag")
 
 
 @dataclass(frozen=True, slots=True)
-class Told:
+class PhysicalEstimate:
     """A number with its interval."""
 
     symbol: str
@@ -315,13 +317,13 @@ class Told:
 
 
 @dataclass(frozen=True, slots=True)
-class PhysicalParameter:
-    """A physical parameter, or why it is not told."""
+class PhysicalEstimateRow:
+    """A physical parameter, or why it is not identified."""
 
     name: str
     words: str
-    told: Told | None
-    instead: Told | None
+    estimate: PhysicalEstimate | None
+    instead: PhysicalEstimate | None
     sentence: str
 
 
@@ -329,75 +331,99 @@ class PhysicalParameter:
 class PhysicalParameters:
     """All of them, and what speaks against them."""
 
-    rows: tuple[PhysicalParameter, ...]
+    rows: tuple[PhysicalEstimateRow, ...]
     contradictions: tuple[str, ...]
 
-    def __getitem__(self, name: str) -> PhysicalParameter:
+    def __getitem__(self, name: str) -> PhysicalEstimateRow:
         return next(row for row in self.rows if row.name == name)
 
 
-def physical_parameters(found: Combinations, known: KnownVehicle, level: float = 0.95) -> PhysicalParameters:
-    """Physical parameters with intervals, each as far as the flight and what is supplied tell it."""
+def physical_parameters(
+    combinations: Combinations, known: KnownVehicle, level: float = 0.95
+) -> PhysicalParameters:
+    """Physical parameters with intervals, each as far as the flight and what is supplied determine it."""
     check_level(level)
-    found = found.finite()
-    yaw = yaw_inertia(found, known, level)
-    rows = tuple(_row(one, found, known, level) for one in sought(yaw, input_map(known.thrust_map)))
-    return PhysicalParameters(rows, contradictions(found, known, yaw, level))
+    combinations = combinations.finite()
+    yaw = yaw_inertia(combinations, known, level)
+    rows = tuple(_row(item, combinations, known, level) for item in sought(yaw, input_map(known.thrust_map)))
+    return PhysicalParameters(rows, contradictions(combinations, known, yaw, level))
 
 
-def _row(one: Sought, found: Combinations, known: KnownVehicle, level: float) -> PhysicalParameter:
-    fullest = one.ways[0]
-    reason, missing = _untold(fullest, found, level), _missing(fullest.supplied, known)
-    way = next(
-        (way for way in one.ways if not _missing(way.supplied, known) and not _untold(way, found, level)),
+def _row(
+    physical_parameter: PhysicalParameter, combinations: Combinations, known: KnownVehicle, level: float
+) -> PhysicalEstimateRow:
+    fullest = physical_parameter.formulas[0]
+    reason, missing = _why_not_identified(fullest, combinations, level), _missing(fullest.supplied, known)
+    formula = next(
+        (
+            formula
+            for formula in physical_parameter.formulas
+            if not _missing(formula.supplied, known) and not _why_not_identified(formula, combinations, level)
+        ),
         None,
     )
-    number = None if way is None else _told(way, found, known, level)
-    if number is not None and way is fullest and not one.refusal:
-        return PhysicalParameter(one.name, one.words, number, None, _basis(one, number, fullest))
+    number = None if formula is None else _report(formula, combinations, known, level)
+    if number is not None and formula is fullest and not physical_parameter.refusal:
+        return PhysicalEstimateRow(
+            physical_parameter.name,
+            physical_parameter.words,
+            number,
+            None,
+            _basis(physical_parameter, number, fullest),
+        )
     left = "" if number is None else f"{number} is all that the flight gives"
-    if one.refusal:
-        told = [one.refusal, f"{left}." if left else reason, _remedy(_missing(one.helps, known), " or ")]
+    if physical_parameter.refusal:
+        selected = [
+            physical_parameter.refusal,
+            f"{left}." if left else reason,
+            _remedy(_missing(physical_parameter.helps, known), " or "),
+        ]
     elif reason:
-        told = [reason, f"{left}." if left else ""]
+        selected = [reason, f"{left}." if left else ""]
     else:
-        told = [f"{left} without {_listed(missing, ' and ')}.", _remedy(missing, " and ")]
-    sentence = " ".join(part for part in told if part)
-    return PhysicalParameter(one.name, one.words, None, number, sentence)
+        selected = [f"{left} without {_listed(missing, ' and ')}.", _remedy(missing, " and ")]
+    sentence = " ".join(part for part in selected if part)
+    return PhysicalEstimateRow(physical_parameter.name, physical_parameter.words, None, number, sentence)
 
 
-def _told(way: Way, found: Combinations, known: KnownVehicle, level: float) -> Told:
-    supplied: dict[str, KnownNumber] = {name: getattr(known, name) for name in way.supplied}
-    quantity = found.function(way.formula, way.found, supplied, level)
-    return Told(way.symbol, way.unit, quantity.value, quantity.std_error, quantity.interval)
+def _report(
+    formula: Formula, combinations: Combinations, known: KnownVehicle, level: float
+) -> PhysicalEstimate:
+    supplied: dict[str, KnownNumber] = {name: getattr(known, name) for name in formula.supplied}
+    quantity = combinations.function(formula.formula, formula.needed, supplied, level)
+    return PhysicalEstimate(
+        formula.symbol, formula.unit, quantity.value, quantity.std_error, quantity.interval
+    )
 
 
 def _missing(names: tuple[str, ...], known: KnownVehicle) -> tuple[str, ...]:
     return tuple(name for name in names if getattr(known, name) is None)
 
 
-def _untold(way: Way, found: Combinations, level: float) -> str:
-    """Why the flight does not tell what a formula takes; empty when it does."""
-    absent = [name for name in way.found if not found.has(name)]
+def _why_not_identified(formula: Formula, combinations: Combinations, level: float) -> str:
+    """Why the flight does not identify what a formula takes; empty when it does."""
+    absent = [name for name in formula.needed if not combinations.has(name)]
     if absent:
-        return f"The flight tells no {', no '.join(absent)}."
-    for name in way.found:
-        low, high = found.interval(name, level) if name.endswith("_gain") else (1.0, 1.0)
+        return f"The flight identifies no {', no '.join(absent)}."
+    for name in formula.needed:
+        low, high = combinations.interval(name, level) if name.endswith("_gain") else (1.0, 1.0)
         if high < 0.0:
             return f"{name} is below zero: positions, order or spins of the rotors contradict the flight."
         if low <= 0.0:
-            return f"The flight does not tell {name} from zero."
+            return f"The flight does not distinguish {name} from zero."
     return ""
 
 
-def _basis(one: Sought, number: Told, way: Way) -> str:
+def _basis(physical_parameter: PhysicalParameter, number: PhysicalEstimate, formula: Formula) -> str:
     """What a value rests on, and what is strange about it."""
-    told = [one.remark]
-    if way.supplied:
-        told.append(f"With {_listed(way.supplied, ' and ')} as supplied.")
-    if one.name in DRAGS and number.interval[1] < 0.0:
-        told.append("Below zero: a disturbance that goes with the motion, such as wind, not the air's drag.")
-    return " ".join(part for part in told if part)
+    selected = [physical_parameter.remark]
+    if formula.supplied:
+        selected.append(f"With {_listed(formula.supplied, ' and ')} as supplied.")
+    if physical_parameter.name in DRAGS and number.interval[1] < 0.0:
+        selected.append(
+            "Below zero: a disturbance that goes with the motion, such as wind, not the air's drag."
+        )
+    return " ".join(part for part in selected if part)
 
 
 def _remedy(names: tuple[str, ...], joint: str) -> str:

@@ -10,7 +10,15 @@ import numpy as np
 
 from eivor.flights.grid import on_grid
 from eivor.flights.lag_prior import EFFECTIVE_LAG
-from eivor.flights.motion import UNCHANGED, Ahead, AheadError, Starts, all_ahead, starts_of, trim
+from eivor.flights.motion import (
+    UNCHANGED,
+    HorizonErrors,
+    MultiStepPrediction,
+    Starts,
+    multi_step_predictions,
+    starts_of,
+    trim,
+)
 from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import SimpleModel
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
@@ -23,8 +31,8 @@ from eivor.motions.rigid_body.regression import (
     RotorSums,
     drag_moments,
     dragged_by,
+    gyroscopic_moment,
     lift_moments,
-    spin_moment,
     usual_state,
 )
 from eivor.motions.rigid_body.vehicle import (
@@ -33,18 +41,18 @@ from eivor.motions.rigid_body.vehicle import (
     DRAG,
     DRAG_MOMENT,
     GAIN,
+    GYROSCOPIC_MOMENT,
     LIFT,
     LIFT_MOMENT,
     OFFSET,
     QUADRATIC_DRAG,
     REACTION,
-    SPIN_MOMENT,
     THRUST,
     TURNING,
     YAW_EQUATION,
     RotorLayout,
 )
-from eivor.motions.rigid_body.verdict import with_spin_moments
+from eivor.motions.rigid_body.verdict import with_gyroscopic_moments
 from eivor.motions.vertical.model import GRAVITY
 from eivor.signals.filters import time_derivative
 from eivor.tools import Float, Int
@@ -110,7 +118,7 @@ class LoggedState:
 
 
 @dataclass(frozen=True)
-class CarriedBody:
+class StatePropagator:
     """Rates of change of a body's state at the samples of a flight."""
 
     flight: PreparedFlight  # With the rotors' commands, or their speeds
@@ -132,7 +140,7 @@ class CarriedBody:
         change = np.zeros_like(body)
         change[0:3] = body[3:6]
         if self.lifts and self.logged.moves:
-            fx, fy, fz = (one + driven[3 + along] for along, one in enumerate(force))
+            fx, fy, fz = (item + driven[3 + along] for along, item in enumerate(force))
             for row, (a, b, c) in enumerate(rows):
                 change[3 + row] = a * fx + b * fy + c * fz
             change[5] -= GRAVITY
@@ -161,10 +169,12 @@ class CarriedBody:
             for axis, share in enumerate(self._dragging)
         ]
         products = (q * r, p * r, p * q)
-        beside = self._beside(velocity, body[10:13], sums[6])
+        neighbours = self._rotor_moments(velocity, body[10:13], sums[6])
         turning = [
             beta * product + drag + moment
-            for beta, product, drag, moment in zip(self._coupling, products, dragged[:3], beside, strict=True)
+            for beta, product, drag, moment in zip(
+                self._coupling, products, dragged[:3], neighbours, strict=True
+            )
         ]
         u, v, _ = velocity
         x, y = -self.layout.pitch, self.layout.roll
@@ -172,36 +182,36 @@ class CarriedBody:
         lift = self._value(LIFT.name) * (u * u + v * v + around)
         swiftness = np.sqrt((velocity * velocity).sum(axis=0))
         fx, fy, fz = (
-            drag - self._value(one.name) * swiftness * along
-            for drag, one, along in zip(dragged[3:], QUADRATIC_DRAG, velocity, strict=True)
+            drag - self._value(item.name) * swiftness * along
+            for drag, item, along in zip(dragged[3:], QUADRATIC_DRAG, velocity, strict=True)
         )
         return (turning[0], turning[1], turning[2]), (fx, fy, fz + lift)
 
-    def _beside(
+    def _rotor_moments(
         self,
         velocity: Float[np.ndarray, "3 starts"],
         rates: Float[np.ndarray, "3 starts"],
         spin: Float[np.ndarray, " starts"],
     ) -> list[Float[np.ndarray, " starts"]]:
         """What drag beside the centre of mass, lift and rotors that spin do to the rates."""
-        found = [
-            sum(self._value(one.name) * part for one, part in zip(pair, parts, strict=True))
+        results = [
+            sum(self._value(item.name) * part for item, part in zip(pair, parts, strict=True))
             for pair, parts in zip(
                 DRAG_MOMENT, (drag_moments(axis, velocity) for axis in range(3)), strict=True
             )
         ]
         lifted = lift_moments(self.layout, velocity, rates[YAW_EQUATION])
-        for axis, (lift, spinning) in enumerate(zip(LIFT_MOMENT, SPIN_MOMENT, strict=True)):
-            found[axis] = (
-                found[axis]
+        for axis, (lift, spinning) in enumerate(zip(LIFT_MOMENT, GYROSCOPIC_MOMENT, strict=True)):
+            results[axis] = (
+                results[axis]
                 + self._value(lift.name) * lifted[axis]
-                + self._value(spinning.name) * spin_moment(axis, rates, spin)
+                + self._value(spinning.name) * gyroscopic_moment(axis, rates, spin)
             )
-        return found
+        return results
 
     @cached_property
     def _coupling(self) -> tuple[float, ...]:
-        return tuple(self._value(one.name) for one in COUPLING)
+        return tuple(self._value(item.name) for item in COUPLING)
 
     @cached_property
     def _dragging(self) -> tuple[float, ...]:
@@ -209,8 +219,8 @@ class CarriedBody:
         count, _, _, xx, _, yy, _ = self.layout.sums.sum(axis=1).tolist()
         squares = (yy, xx, xx + yy, count, count, count)
         return tuple(
-            self._value(one.name) / (self._usual * square)
-            for one, square in zip((*DAMPING, *DRAG), squares, strict=True)
+            self._value(item.name) / (self._usual * square)
+            for item, square in zip((*DAMPING, *DRAG), squares, strict=True)
         )
 
     def _value(self, name: str) -> float:
@@ -224,7 +234,7 @@ class CarriedBody:
     def _rotors(self) -> RotorSums:
         """Sums over the rotors."""
         lag_s, delay_s = self.values[ACTUATOR_LAG.name], self.values[DELAY.name]
-        return RotorStates(self.flight, self.layout).at(lag_s, delay_s)
+        return RotorStates(self.flight, self.layout).sums_at(lag_s, delay_s)
 
     @cached_property
     def _states(self) -> Float[np.ndarray, "7 n"]:
@@ -251,11 +261,11 @@ class CarriedBody:
         body = self.logged.body
         rows = rotation(body[6], body[7], body[8], body[9])
         turning, force = self._of_axes(body, rows, state)
-        for axis, one in enumerate(AXES):
-            slope = time_derivative(self.flight.signals.channel(one.rate), step_s)
+        for axis, item in enumerate(AXES):
+            slope = time_derivative(self.flight.signals.channel(item.rate), step_s)
             driven[axis] += trim(self.flight, slope - turning[axis] - driven[axis])
         if self.logged.moves:
-            world = np.stack([time_derivative(one, step_s) for one in body[3:6]])
+            world = np.stack([time_derivative(entry, step_s) for entry in body[3:6]])
             felt = into_body(rows, world[0], world[1], world[2] + GRAVITY)
             for along in range(3):
                 driven[3 + along] += trim(self.flight, felt[along] - force[along] - driven[3 + along])
@@ -275,11 +285,12 @@ SMALL = (
     LIFT,
     *LIFT_MOMENT,
     *OFFSET,
-    *SPIN_MOMENT,
+    *GYROSCOPIC_MOMENT,
     *ALL_DRAG_MOMENTS,
 )
-#: Drag by whose verdict the quadratic one of its axis goes: the two are told well together or not at all.
-WITH_DRAG = {one.name: drag.name for one, drag in zip(QUADRATIC_DRAG, DRAG, strict=True)}
+#: Drag by whose verdict the quadratic one of its axis goes: the two are identified well together or not
+#: at all.
+WITH_DRAG = {item.name: drag.name for item, drag in zip(QUADRATIC_DRAG, DRAG, strict=True)}
 
 
 @dataclass(frozen=True)
@@ -287,32 +298,32 @@ class Predictable:
     """What of a body's state can be predicted."""
 
     known: frozenset[str]
-    told: frozenset[str]
+    identified: frozenset[str]
     logged: tuple[LoggedState, ...]
 
     @property
     def turns(self) -> tuple[bool, ...]:
-        """Axes whose gain is told."""
-        return tuple(one.name in self.told for one in GAIN)
+        """Axes whose gain is identified."""
+        return tuple(item.name in self.identified for item in GAIN)
 
     @property
     def lifts(self) -> bool:
-        """Whether the thrust gain is told."""
-        return THRUST.name in self.told
+        """Whether the thrust gain is identified."""
+        return THRUST.name in self.identified
 
     @cached_property
-    def left_out(self) -> dict[str, str]:
+    def omitted(self) -> dict[str, str]:
         """Why each quantity that cannot be predicted is left out."""
-        if EFFECTIVE_LAG not in self.told:
-            return dict.fromkeys((*_RATES, *_BEYOND), "the fit does not tell the lag")
-        found = {
-            rate: f"the fit does not tell the {axis} gain"
-            for rate, axis, told in zip(_RATES, TURNING, self.turns, strict=True)
-            if not told
+        if EFFECTIVE_LAG not in self.identified:
+            return dict.fromkeys((*_RATES, *_BEYOND), "the fit does not identify the lag")
+        results = {
+            rate: f"the fit does not identify the {axis} gain"
+            for rate, axis, turn in zip(_RATES, TURNING, self.turns, strict=True)
+            if not turn
         }
-        moves = all(one.moves for one in self.logged), "velocity or attitude is not logged"
+        moves = all(item.moves for item in self.logged), "velocity or attitude is not logged"
         needs: dict[str, tuple[tuple[bool, str], ...]] = {
-            "attitude": ((all(one.turns for one in self.logged), "no attitude is logged"),),
+            "attitude": ((all(item.turns for item in self.logged), "no attitude is logged"),),
             "velocity": (moves,),
             "position": (moves, (bool(self.placed), "no position is logged")),
         }
@@ -320,60 +331,60 @@ class Predictable:
             why = [words for known, words in needs[quantity] if not known]
             # where only yaw stays, the force still points very nearly where it does
             rates = _RATES if quantity == "attitude" else _RATES[:2]
-            why += [found[rate] for rate in rates if rate in found]
+            why += [results[rate] for rate in rates if rate in results]
             if quantity != "attitude" and not self.lifts:
-                why.append("the fit does not tell the thrust gain")
+                why.append("the fit does not identify the thrust gain")
             if why:
-                found[quantity] = why[0]
-        return found
+                results[quantity] = why[0]
+        return results
 
     @cached_property
     def placed(self) -> tuple[int, ...]:
         """Axes along which every flight has a position."""
-        return tuple(axis for axis in range(3) if all(axis in one.placed for one in self.logged))
+        return tuple(axis for axis in range(3) if all(axis in item.placed for item in self.logged))
 
     def sentences(self, refused: frozenset[str]) -> tuple[str, ...]:
         """What is left out, and what counts as zero."""
         by_reason: dict[str, list[str]] = {}
-        for quantity, why in self.left_out.items():
+        for quantity, why in self.omitted.items():
             by_reason.setdefault(why, []).append(quantity)
-        said = [f"Not predicted: {', '.join(names)}, since {why}." for why, names in by_reason.items()]
+        texts = [f"Not predicted: {', '.join(names)}, since {why}." for why, names in by_reason.items()]
         zero = [name.replace("_", " ") for name in zeros(refused) if name in self.known]
-        if zero and len(self.left_out) < len(_RATES) + len(_BEYOND):
-            said.append(f"Counted as zero, since the fit does not tell it: {', '.join(zero)}.")
-        return tuple(said)
+        if zero and len(self.omitted) < len(_RATES) + len(_BEYOND):
+            texts.append(f"Counted as zero, since the fit does not identify it: {', '.join(zero)}.")
+        return tuple(texts)
 
 
 def zeros(refused: frozenset[str]) -> list[str]:
     """Small terms that count as zero."""
-    return [one.name for one in SMALL if WITH_DRAG.get(one.name, one.name) in refused]
+    return [item.name for item in SMALL if WITH_DRAG.get(item.name, item.name) in refused]
 
 
 _RATES = tuple(f"{axis} rate" for axis in TURNING)
 _BEYOND = ("attitude", "velocity", "position")
 
 
-def rigid_body_ahead(
+def rigid_body_prediction(
     flights: tuple[PreparedFlight, ...],
     layout: RotorLayout,
     models: Mapping[str, SimpleModel],
     refused: frozenset[str],
-) -> Ahead:
+) -> MultiStepPrediction:
     """The state after each horizon, by each model and by rates and velocity at the start."""
     first, *_ = models
-    models = with_spin_moments(models, first)
-    own = models[first].values
-    told = frozenset({*own, EFFECTIVE_LAG}) - refused
+    models = with_gyroscopic_moments(models, first)
+    current = models[first].values
+    reported = frozenset({*current, EFFECTIVE_LAG}) - refused
     logged = tuple(LoggedState(flight) for flight in flights)
-    what = Predictable(frozenset(own), told, logged)
-    kept = {name: value for name, value in own.items() if name not in zeros(refused)}
+    what = Predictable(frozenset(current), reported, logged)
+    kept = {name: value for name, value in current.items() if name not in zeros(refused)}
     by_model = {**models, first: SimpleModel(models[first].words, kept)}
-    found, times = [], []
-    for one in logged:
-        starts = starts_of(one.flight)
-        found.append(_of_flight(one, starts, layout, by_model, what))
-        times.append(one.flight.grid.time_s[starts.samples])
-    return all_ahead(found, times, what.sentences(refused))
+    results, times = [], []
+    for item in logged:
+        starts = starts_of(item.flight)
+        results.append(_of_flight(item, starts, layout, by_model, what))
+        times.append(item.flight.grid.time_s[starts.samples])
+    return multi_step_predictions(results, times, what.sentences(refused))
 
 
 def _of_flight(
@@ -382,49 +393,49 @@ def _of_flight(
     layout: RotorLayout,
     models: Mapping[str, SimpleModel],
     what: Predictable,
-) -> tuple[AheadError, ...]:
-    if len(what.left_out) == len(_RATES) + len(_BEYOND) or not starts.samples.size:
+) -> tuple[HorizonErrors, ...]:
+    if len(what.omitted) == len(_RATES) + len(_BEYOND) or not starts.samples.size:
         return ()
-    begun = logged.body[:, starts.samples]
+    started = logged.body[:, starts.samples]
     states = {
-        name: (model.words, starts.carried(begun, _body(logged, layout, model.values, starts, what)))
+        name: (model.words, starts.propagate(started, _body(logged, layout, model.values, starts, what)))
         for name, model in models.items()
     }
-    states[UNCHANGED] = (STAYS, _unchanged(begun, starts))
+    states[UNCHANGED] = (STAYS, _unchanged(started, starts))
     measured = logged.body[:, starts.ends].transpose(1, 0, 2)
     return tuple(
         _error(name, words, quantity, predicted, measured, what.placed)
         for quantity in (*_RATES, *_BEYOND)
-        if quantity not in what.left_out
+        if quantity not in what.omitted
         for name, (words, predicted) in states.items()
     )
 
 
 def _body(
     logged: LoggedState, layout: RotorLayout, values: Values, starts: Starts, what: Predictable
-) -> CarriedBody:
-    return CarriedBody(logged.flight, layout, values, logged, starts, what.turns, what.lifts)
+) -> StatePropagator:
+    return StatePropagator(logged.flight, layout, values, logged, starts, what.turns, what.lifts)
 
 
 def _unchanged(
-    begun: Float[np.ndarray, "13 starts"], starts: Starts
+    started: Float[np.ndarray, "13 starts"], starts: Starts
 ) -> Float[np.ndarray, "horizons 13 starts"]:
     """States of a body whose velocity and rates are those at the start."""
-    found = np.repeat(begun[None], len(starts.steps), axis=0)
-    w, x, y, z = begun[6:10]
-    speed = np.sqrt((begun[10:13] ** 2).sum(axis=0))
-    axis = begun[10:13] / np.where(speed > 0.0, speed, 1.0)
+    result = np.repeat(started[None], len(starts.steps), axis=0)
+    w, x, y, z = started[6:10]
+    speed = np.sqrt((started[10:13] ** 2).sum(axis=0))
+    axis = started[10:13] / np.where(speed > 0.0, speed, 1.0)
     for number, step in enumerate(starts.steps):
-        ahead_s = step * starts.step_s
-        found[number, :3] += ahead_s * begun[3:6]
-        c, (a, b, d) = np.cos(0.5 * speed * ahead_s), axis * np.sin(0.5 * speed * ahead_s)
-        found[number, 6:10] = (
+        horizon_s = step * starts.step_s
+        result[number, :3] += horizon_s * started[3:6]
+        c, (a, b, d) = np.cos(0.5 * speed * horizon_s), axis * np.sin(0.5 * speed * horizon_s)
+        result[number, 6:10] = (
             w * c - x * a - y * b - z * d,
             x * c + w * a + y * d - z * b,
             y * c + w * b + z * a - x * d,
             z * c + w * d + x * b - y * a,
         )
-    return found
+    return result
 
 
 def _error(
@@ -434,7 +445,7 @@ def _error(
     predicted: Float[np.ndarray, "horizons 13 starts"],
     measured: Float[np.ndarray, "horizons 13 starts"],
     placed: tuple[int, ...],
-) -> AheadError:
+) -> HorizonErrors:
     """What is left of one quantity: of position along the axes on which it is logged."""
     series = None
     if quantity in _RATES:
@@ -451,7 +462,7 @@ def _error(
         left = np.sqrt((difference**2).sum(axis=1))
         if placed == (2,) and quantity == "position":
             quantity = "height"
-    return AheadError(model, words, quantity, unit, left.T, series)
+    return HorizonErrors(model, words, quantity, unit, left.T, series)
 
 
 def _angle(
@@ -459,7 +470,7 @@ def _angle(
 ) -> Float[np.ndarray, "horizons starts"]:
     """Angle of the turn from one attitude to another; the first of any length."""
     first = first / np.sqrt((first**2).sum(axis=1, keepdims=True))
-    apart, beside = (np.sqrt((one**2).sum(axis=1)) for one in (first - second, first + second))
-    between = np.minimum(apart, beside)  # an attitude and its negative are one
+    separated, neighbours = (np.sqrt((item**2).sum(axis=1)) for item in (first - second, first + second))
+    between = np.minimum(separated, neighbours)  # an attitude and its negative are one
     angle: Float[np.ndarray, "horizons starts"] = 4.0 * np.arcsin(np.minimum(0.5 * between, 1.0))
     return angle

@@ -40,6 +40,7 @@ from eivor.motions.rigid_body.vehicle import (
     FORCE_X_EQUATION,
     FORCE_Z_EQUATION,
     GAIN,
+    GYROSCOPIC_MOMENT,
     LIFT,
     LIFT_MOMENT,
     MOVING,
@@ -48,7 +49,6 @@ from eivor.motions.rigid_body.vehicle import (
     QUADRATIC_DRAG,
     REACTION,
     ROLL_EQUATION,
-    SPIN_MOMENT,
     THRUST,
     YAW_EQUATION,
     InertiaRatios,
@@ -93,7 +93,7 @@ def drag_moments(axis: int, velocity: Float[np.ndarray, "3 n"]) -> Float[np.ndar
     return velocity[list(ALONG_OTHERS[axis])]
 
 
-def spin_moment(
+def gyroscopic_moment(
     axis: int, rates: Float[np.ndarray, "3 n"], spin: Float[np.ndarray, " n"]
 ) -> Float[np.ndarray, " n"]:
     """What rotors that spin turn about x or y, but for their inertia over the body's."""
@@ -101,7 +101,7 @@ def spin_moment(
 
 
 #: Parameters of these moments, side by side.
-ALL_DRAG_MOMENTS = tuple(one for pair in DRAG_MOMENT for one in pair)
+ALL_DRAG_MOMENTS = tuple(item for pair in DRAG_MOMENT for item in pair)
 
 
 # -- Body velocity --
@@ -203,7 +203,7 @@ class Predictors:
 
     def of_axis(self, axis: int, lags: tuple[int, float]) -> Float[np.ndarray, "n p"]:
         """References of an axis with their lags; those of no axis of turning are of height."""
-        turning = {source.channel: one.number for one in AXES for source in one.references}
+        turning = {source.channel: item.number for item in AXES for source in item.references}
         names = tuple(name for name in self.rule.channels if turning.get(name, FORCE_Z_EQUATION) == axis)
         signals = self.flight.signals
         driven = DrivenSignals(signals, np.zeros(signals.sample_count))
@@ -214,8 +214,8 @@ class Predictors:
     ) -> Float[np.ndarray, " n"]:
         """Prediction by the references of one axis, within what the values were."""
         used = self.flight.used
-        found = cross_fitted(self.of_axis(axis, lags), values[:, None], used)[:, 0]
-        return np.clip(found, values[used].min(), values[used].max()) if used.any() else found
+        result = cross_fitted(self.of_axis(axis, lags), values[:, None], used)[:, 0]
+        return np.clip(result, values[used].min(), values[used].max()) if used.any() else result
 
 
 def predicted_flight(flight: PreparedFlight, layout: RotorLayout, rule: LaggedReferences) -> PreparedFlight:
@@ -250,8 +250,12 @@ def _rotors(
         (YAW_EQUATION, QUICK),
         (FORCE_Z_EQUATION, HEIGHT),
     )
-    told = [says.predicted(share, axis, lags) for share, (axis, lags) in zip(shares.T, chosen, strict=True)]
-    rotors = np.clip(np.column_stack(told) @ parts.T, logged[flight.used].min(), logged[flight.used].max())
+    selected = [
+        says.predicted(share, axis, lags) for share, (axis, lags) in zip(shares.T, chosen, strict=True)
+    ]
+    rotors = np.clip(
+        np.column_stack(selected) @ parts.T, logged[flight.used].min(), logged[flight.used].max()
+    )
     return {f"{flight.input.name}_{number + 1}": column for number, column in enumerate(rotors.T)}
 
 
@@ -313,8 +317,8 @@ class AxisInstruments:
         if axis == YAW_EQUATION:
             return []
         signals = self._predicted.signals
-        rates = np.stack([signals.channel(one.rate) for one in AXES])
-        return [spin_moment(axis, rates, signals.family(self.flight.input.name) @ self.layout.yaw)]
+        rates = np.stack([signals.channel(item.rate) for item in AXES])
+        return [gyroscopic_moment(axis, rates, signals.family(self.flight.input.name) @ self.layout.yaw)]
 
     def _moments(self, axis: int) -> list[Float[np.ndarray, " n"]]:
         """What drag and lift turn in the predicted flight, where velocity is known."""
@@ -330,8 +334,8 @@ class AxisInstruments:
     @cached_property
     def _velocity(self) -> Float[np.ndarray, "n 3"]:
         """Predicted velocity on the body's axes; zero where it is not known."""
-        found = body_velocity(self._predicted.signals)
-        return np.zeros((self.flight.signals.sample_count, 3)) if found is None else found
+        velocity = body_velocity(self._predicted.signals)
+        return np.zeros((self.flight.signals.sample_count, 3)) if velocity is None else velocity
 
     @cached_property
     def _swift(self) -> Float[np.ndarray, "n 3"]:
@@ -375,8 +379,8 @@ def as_logged(
     if sensor is None:
         return dict(columns)
     return {
-        one: sensor(values) if axis >= FORCE_X_EQUATION or one in DRIVING else values
-        for one, values in columns.items()
+        name: sensor(values) if axis >= FORCE_X_EQUATION or name in DRIVING else values
+        for name, values in columns.items()
     }
 
 
@@ -441,13 +445,13 @@ class RotorStates:
     layout: RotorLayout
     _last: tuple[tuple[float, float], RotorSums] | None = None
 
-    def at(self, lag_s: float, delay_s: float) -> RotorSums:
+    def sums_at(self, lag_s: float, delay_s: float) -> RotorSums:
         """Sums over the rotors at a lag and a delay."""
         if self._last is None or self._last[0] != (lag_s, delay_s):
             thrust_of, weights = input_map(self.flight.input_map), self.layout.sums
             half_s = 0.5 * self.flight.signals.step_s
             state, between = (self._moved(lag_s, delay_s + later) for later in (0.0, half_s))
-            thrust, halfway = (weights @ thrust_of(one).T for one in (state, between))
+            thrust, halfway = (weights @ thrust_of(item).T for item in (state, between))
             # Simpson's rule: a rotor follows its command smoothly within a step
             mean = (before(thrust) + 4.0 * halfway + thrust) / 6.0
             self._last = (lag_s, delay_s), RotorSums(weights @ state.T, thrust, mean)
@@ -466,9 +470,9 @@ class RotorStates:
     @cached_property
     def velocity(self) -> Float[np.ndarray, "3 n"]:
         """Velocity through the air on the body's axes; zero where it is not known, nor can be inferred."""
-        found = body_velocity(self.flight.signals)
-        if found is not None:
-            return np.ascontiguousarray(found.T)
+        result = body_velocity(self.flight.signals)
+        if result is not None:
+            return np.ascontiguousarray(result.T)
         unknown, along_z = np.zeros_like(self.rates), inferred_velocity(self.flight.signals, self.flight.runs)
         unknown[2] = 0.0 if along_z is None else along_z
         return unknown
@@ -493,24 +497,26 @@ class RotorColumns:
     axis: int  # Number of the equation
     moving: tuple[Parameter, ...]  # Parameters of all moving columns
     usual: float
-    one_spin: InertiaRatios | None = None
+    common_rotor_inertia: InertiaRatios | None = None
 
-    def __call__(self, at: Values) -> Float[np.ndarray, "n k"]:
+    def __call__(self, nuisance_values: Values) -> Float[np.ndarray, "n k"]:
         """Columns at a lag and a delay, of the parameters of this equation."""
-        found = self._of_axis(self.states.at(at[ACTUATOR_LAG.name], at[DELAY.name]))
-        own = {one: found[one] for one in (self.moving[place] for place in self.places)}
-        return np.stack(list(as_logged(own, self.axis, self._sensor).values())).T
+        axis = self._of_axis(
+            self.states.sums_at(nuisance_values[ACTUATOR_LAG.name], nuisance_values[DELAY.name])
+        )
+        selected = {item: axis[item] for item in (self.moving[index] for index in self.indices)}
+        return np.stack(list(as_logged(selected, self.axis, self._sensor).values())).T
 
     @cached_property
-    def places(self) -> tuple[int, ...]:
+    def indices(self) -> tuple[int, ...]:
         """Places of this equation's parameters among those of all moving columns."""
-        own = {*MOVING[self.axis], REACTION} if self._spun_alike else {*MOVING[self.axis]}
-        return tuple(place for place, one in enumerate(self.moving) if one in own)
+        current = {*MOVING[self.axis], REACTION} if self._has_common_inertia else {*MOVING[self.axis]}
+        return tuple(index for index, item in enumerate(self.moving) if item in current)
 
     @property
-    def _spun_alike(self) -> bool:
+    def _has_common_inertia(self) -> bool:
         """Whether the rotors' inertia turns this axis as one with that of yaw."""
-        return self.one_spin is not None and self.axis in (ROLL_EQUATION, PITCH_EQUATION)
+        return self.common_rotor_inertia is not None and self.axis in (ROLL_EQUATION, PITCH_EQUATION)
 
     @cached_property
     def _sensor(self) -> OnboardFilter | None:
@@ -526,38 +532,38 @@ class RotorColumns:
                 LIFT: self.states.across,
             }
         damped, mean = mean_over_step(dragged), sums.mean_thrust
-        beside = self._beside(sums)
+        neighbours = self._rotor_moments(sums)
         if axis == YAW_EQUATION:
             spinning = change_over_step(sums.state[6], self.states.flight.signals.step_s)
             return {
                 GAIN[YAW_EQUATION]: mean[6],
                 REACTION: spinning,
                 DAMPING[YAW_EQUATION]: damped / (xx + yy),
-                **beside,
+                **neighbours,
             }
         arms, square = ((mean[2], yy), (-mean[1], xx))[axis]
-        spinning = mean_over_step(spin_moment(axis, self.states.rates, sums.state[6]))
+        spinning = mean_over_step(gyroscopic_moment(axis, self.states.rates, sums.state[6]))
         return {
             GAIN[axis]: arms,
             OFFSET[axis]: mean[0],
             DAMPING[axis]: damped / square,
             **self._spun(spinning),
-            **beside,
+            **neighbours,
         }
 
     def _spun(self, spinning: Float[np.ndarray, " n"]) -> dict[Parameter, Float[np.ndarray, " n"]]:
         """What rotors that spin turn about roll or pitch, by the parameter that it goes with."""
-        if self.one_spin is None:
-            return {SPIN_MOMENT[self.axis]: spinning}
-        return {REACTION: self.one_spin.of_axis(self.axis) * spinning}
+        if self.common_rotor_inertia is None:
+            return {GYROSCOPIC_MOMENT[self.axis]: spinning}
+        return {REACTION: self.common_rotor_inertia.of_axis(self.axis) * spinning}
 
-    def _beside(self, sums: RotorSums) -> dict[Parameter, Float[np.ndarray, " n"]]:
+    def _rotor_moments(self, sums: RotorSums) -> dict[Parameter, Float[np.ndarray, " n"]]:
         """What drag beside the centre of mass turns: the means of the velocities at the rotors."""
-        states, found = self.states, {}
+        states, results = self.states, {}
         for parameter, along in zip(DRAG_MOMENT[self.axis], ALONG_OTHERS[self.axis], strict=True):
             dragged = dragged_by(FORCE_X_EQUATION + along, sums.state, states.velocity, states.rates)
-            found[parameter] = mean_over_step(dragged) / (states.layout.count * self.usual)
-        return found
+            results[parameter] = mean_over_step(dragged) / (states.layout.count * self.usual)
+        return results
 
 
 def dragged_by(
@@ -586,9 +592,9 @@ def rigid_body_problem(
     """Regressions of the flights for each lag and delay."""
     terms, usual = _terms(flights), usual_state(flights)
     columns = tuple(
-        one
+        item
         for number, flight in enumerate(flights)
-        for one in _flight(number, flight, layout, rule, terms, usual)
+        for item in _flight(number, flight, layout, rule, terms, usual)
     )
     measured = all(flight.input.measured for flight in flights)
     nuisances = measured_state() if measured else searched_lag_and_delay(layout.vehicle.delay)
@@ -614,13 +620,13 @@ class Terms:
         drag = tuple(DRAG[along] for along in self.forces)
         lift = (LIFT,) if self.velocity and 2 in self.forces else ()
         thrust = (THRUST,) if 2 in self.forces else ()
-        beside = (*SPIN_MOMENT, *(ALL_DRAG_MOMENTS if self.velocity else ()))
-        return (*GAIN, *DAMPING, *OFFSET, REACTION, *beside, *thrust, *drag, *lift)
+        neighbours = (*GYROSCOPIC_MOMENT, *(ALL_DRAG_MOMENTS if self.velocity else ()))
+        return (*GAIN, *DAMPING, *OFFSET, REACTION, *neighbours, *thrust, *drag, *lift)
 
     @property
-    def told_by_lags(self) -> tuple[Parameter, ...]:
+    def lagged_instruments(self) -> tuple[Parameter, ...]:
         """Those of them whose columns are instruments at several lags."""
-        return tuple(one for one in self.moving if one not in {*SPIN_MOMENT, *ALL_DRAG_MOMENTS})
+        return tuple(item for item in self.moving if item not in {*GYROSCOPIC_MOMENT, *ALL_DRAG_MOMENTS})
 
 
 def _terms(flights: tuple[PreparedFlight, ...]) -> Terms:
@@ -649,15 +655,15 @@ def _flight(
 
     def columns(axis: int, responses: Float[np.ndarray, "n r"]) -> AxisColumns:
         staying = np.zeros((len(responses), len(terms.fixed)))
-        for parameter, one in _staying(axis, terms, states).items():
-            staying[:, terms.fixed.index(parameter)] = one
+        for parameter, item in _staying(axis, terms, states).items():
+            staying[:, terms.fixed.index(parameter)] = item
         low, high = TURNING_BAND_HZ if axis < FORCE_X_EQUATION else FORCE_BAND_HZ
         if axis >= FORCE_X_EQUATION and not terms.velocity:
             low = FROM_HZ
         moving = RotorColumns(states, axis, terms.moving, usual)
 
         def columns_of(other: PreparedFlight) -> Columns:
-            return replace(moving, states=RotorStates(other, layout), moving=terms.told_by_lags)
+            return replace(moving, states=RotorStates(other, layout), moving=terms.lagged_instruments)
 
         return AxisColumns(
             signals.step_s,
@@ -670,7 +676,7 @@ def _flight(
             axis,
             (low, min(high, BAND_SHARE * slowest)),
             flight.usable,
-            moving.places,
+            moving.indices,
         )
 
     changes = change_over_step(states.rates, signals.step_s)
@@ -697,10 +703,10 @@ def _staying(axis: int, terms: Terms, states: RotorStates) -> dict[Parameter, Fl
         swift = -swift_velocity(velocity.T)[:, axis - FORCE_X_EQUATION]
         sensor = onboard_filter(states.flight, layout.vehicle, axis)
         return {QUADRATIC_DRAG[axis - FORCE_X_EQUATION]: _behind(sensor, swift)}
-    found = {COUPLING[axis]: rates[(axis + 1) % 3] * rates[(axis + 2) % 3]}
+    results = {COUPLING[axis]: rates[(axis + 1) % 3] * rates[(axis + 2) % 3]}
     if terms.velocity and axis != YAW_EQUATION:
-        found[LIFT_MOMENT[axis]] = lift_moments(layout, velocity, rates[YAW_EQUATION])[axis]
-    return {parameter: mean_over_step(one) for parameter, one in found.items()}
+        results[LIFT_MOMENT[axis]] = lift_moments(layout, velocity, rates[YAW_EQUATION])[axis]
+    return {parameter: mean_over_step(result) for parameter, result in results.items()}
 
 
 def _behind(sensor: OnboardFilter | None, column: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:

@@ -10,7 +10,7 @@ import numpy as np
 from eivor.errors import InputError
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import InputFamily, Selection, chosen_input
-from eivor.flights.timestamps import with_even_stamps
+from eivor.flights.timestamps import with_corrected_stamps
 from eivor.motions.rates.motion import refuse_degrees
 from eivor.motions.rates.verdict import AXES
 from eivor.motions.rigid_body.regression import NEEDED as FOR_BODY_VELOCITY
@@ -38,30 +38,30 @@ AS_NAMED = ((0, 1), (1, 1), (2, 1), (3, 1))
 def refuse_other_turns(attitude: Sequence[Channel], rates: Sequence[Channel], log_name: str) -> None:
     """Refuse an attitude that turns otherwise than the gyroscope says, where another order or unit does."""
     time = attitude[0].time_s
-    if len({one.values.size for one in attitude}) != 1:
+    if len({item.values.size for item in attitude}) != 1:
         return
-    logged = continuous(np.stack([one.values for one in attitude]))
+    logged = continuous(np.stack([item.values for item in attitude]))
     known = np.isfinite(logged).all(axis=0)
     time, logged = time[known], logged[:, known]
     if time.size < 2:
         return
-    apart = max(1, round(OVER_S / float(np.median(np.diff(time)))))
-    if time.size <= 2 * apart:
+    separated = max(1, round(OVER_S / float(np.median(np.diff(time)))))
+    if time.size <= 2 * separated:
         return
-    turned = np.stack([_turned(one, time) for one in rates])
-    width = np.maximum(time[apart:] - time[:-apart], 1e-9)
-    measured = (turned[:, apart:] - turned[:, :-apart]) / width
+    turned = np.stack([_turned(rate, time) for rate in rates])
+    width = np.maximum(time[separated:] - time[:-separated], 1e-9)
+    measured = (turned[:, separated:] - turned[:, :-separated]) / width
     size = float(np.sqrt(np.mean(measured**2)))
     if not size > 0.0:
         return
 
     def left(order: Sequence[tuple[int, int]]) -> float:
-        parts = np.stack([sign * logged[place] for place, sign in order])
-        return float(np.sqrt(np.mean((_rates_of(parts, apart) / width - measured) ** 2))) / size
+        parts = np.stack([sign * logged[item] for item, sign in order])
+        return float(np.sqrt(np.mean((_rates_of(parts, separated) / width - measured) ** 2))) / size
 
     if left(AS_NAMED) <= WRONG:
         return
-    by_attitude = _rates_of(logged, apart) / width
+    by_attitude = _rates_of(logged, separated) / width
     degrees = float(np.sqrt(np.mean((by_attitude - np.deg2rad(measured)) ** 2)))
     if degrees < RIGHT * np.deg2rad(size):
         raise InputError(
@@ -69,9 +69,9 @@ def refuse_other_turns(attitude: Sequence[Channel], rates: Sequence[Channel], lo
             f"{rates[0].name} and others that turn 57 times as fast as the attitude, which look like degrees",
             'State the unit in a channel map (unit = "deg/s").',
         )
-    found = {name: left(order) for name, order in ORDERS.items()}
-    best = min(found, key=lambda name: found[name])
-    if found[best] < RIGHT:
+    results = {name: left(order) for name, order in ORDERS.items()}
+    best = min(results, key=lambda name: results[name])
+    if results[best] < RIGHT:
         raise InputError(
             f"an attitude w, x, y, z from body to world in {log_name}",
             f"one that turns as the gyroscope says only when it is read as {best}",
@@ -82,11 +82,11 @@ def refuse_other_turns(attitude: Sequence[Channel], rates: Sequence[Channel], lo
 def continuous(parts: Float[np.ndarray, "4 n"]) -> Float[np.ndarray, "4 n"]:
     """The same attitudes without jumps to the opposite quaternion, which is the same attitude."""
     known = np.flatnonzero(np.isfinite(parts).all(axis=0))
-    found = parts.copy()
+    result = parts.copy()
     if known.size > 1:
         along = (parts[:, known[1:]] * parts[:, known[:-1]]).sum(axis=0)
-        found[:, known[1:]] *= np.cumprod(np.where(along < 0.0, -1.0, 1.0))
-    return found
+        result[:, known[1:]] *= np.cumprod(np.where(along < 0.0, -1.0, 1.0))
+    return result
 
 
 def _turned(rate: Channel, time_s: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
@@ -97,9 +97,9 @@ def _turned(rate: Channel, time_s: Float[np.ndarray, " n"]) -> Float[np.ndarray,
     return np.interp(time_s, t, angle)
 
 
-def _rates_of(parts: Float[np.ndarray, "4 n"], apart: int) -> Float[np.ndarray, "3 m"]:
+def _rates_of(parts: Float[np.ndarray, "4 n"], separated: int) -> Float[np.ndarray, "3 m"]:
     """Small turns on the body's axes between attitudes so many samples apart [rad]."""
-    (a, b, c, d), (w, x, y, z) = parts[:, :-apart], parts[:, apart:]
+    (a, b, c, d), (w, x, y, z) = parts[:, :-separated], parts[:, separated:]
     return 2.0 * np.stack(
         [a * x - b * w - c * z + d * y, a * y + b * z - c * w - d * x, a * z - b * y + c * x - d * w]
     )
@@ -113,8 +113,8 @@ INPUTS = (
 )
 #: What was asked of height, without the thrust command itself, and of attitude.
 REFERENCES = (
-    *(one for axis in AXES for one in axis.references),
-    *(one for one in HEIGHT_REFERENCES if one.channel.startswith("reference_")),
+    *(reference for axis in AXES for reference in axis.references),
+    *(item for item in HEIGHT_REFERENCES if item.channel.startswith("reference_")),
 )
 #: The grid's step is that of the gyroscope, within these [s].
 SHORTEST_STEP_S, LONGEST_STEP_S = 0.002, 0.010
@@ -135,7 +135,7 @@ def selected(log: Recording, options: FlightOptions, layout: RotorLayout) -> Sel
             f"{log.name}, which says that it is of a {log.vehicle}",
             "Name another motion with --model if you have one.",
         )
-    log, erring = with_even_stamps(log)
+    log, erring = with_corrected_stamps(log)
     family, commands = chosen_input(
         log, INPUTS, options.input, remedy="Log the rotor commands or speeds at 100 Hz or more"
     )
@@ -169,21 +169,21 @@ def selected(log: Recording, options: FlightOptions, layout: RotorLayout) -> Sel
         findings=(*erring, *_findings(forces, moving)),
         issued_within_s=step_s,
         step_s=float(np.clip(step_s, SHORTEST_STEP_S, LONGEST_STEP_S)),
-        spread_alike=True,
+        matched_interpolation_filter=True,
     )
 
 
 def _refuse_no_differences(commands: tuple[Channel, ...], layout: RotorLayout, log: Recording) -> None:
-    if len({one.time_s.size for one in commands}) != 1:
+    if len({command.time_s.size for command in commands}) != 1:
         return
-    values = np.stack([one.values for one in commands])
+    values = np.stack([command.values for command in commands])
     values = values[:, np.isfinite(values).all(axis=0)]
     if not values.shape[1] or not (values.max() > values.min()):
-        return  # nothing varies at all, which is told of every motion
+        return  # nothing varies at all, which is reported about every motion
     still = []
     for axis, arms in zip(AXES, (layout.roll, layout.pitch, layout.yaw), strict=True):
-        apart = arms / np.abs(arms).sum() @ values
-        if np.ptp(apart) <= NO_DIFFERENCE * np.abs(values).max():
+        separated = arms / np.abs(arms).sum() @ values
+        if np.ptp(separated) <= NO_DIFFERENCE * np.abs(values).max():
             still.append(axis.name)
     if still:
         raise InputError(
@@ -195,13 +195,16 @@ def _refuse_no_differences(commands: tuple[Channel, ...], layout: RotorLayout, l
 
 def _without_flips(conditions: tuple[Channel, ...]) -> tuple[Channel, ...]:
     """Attitudes that can be interpolated: a quaternion and its opposite are one attitude."""
-    parts = [one for one in conditions if one.name in ATTITUDE]
-    if len({one.time_s.tobytes() for one in parts}) != 1:
+    parts = [condition for condition in conditions if condition.name in ATTITUDE]
+    if len({part.time_s.tobytes() for part in parts}) != 1:
         return conditions
     smooth = dict(
-        zip((one.name for one in parts), continuous(np.stack([p.values for p in parts])), strict=True)
+        zip((part.name for part in parts), continuous(np.stack([p.values for p in parts])), strict=True)
     )
-    return tuple(replace(one, values=smooth[one.name]) if one.name in smooth else one for one in conditions)
+    return tuple(
+        replace(condition, values=smooth[condition.name]) if condition.name in smooth else condition
+        for condition in conditions
+    )
 
 
 def _refuse_no_quaternion(log: Recording) -> None:
@@ -220,18 +223,18 @@ def _refuse_no_quaternion(log: Recording) -> None:
 
 
 def _findings(forces: dict[str, Channel | None], moving: bool) -> list[Finding]:
-    found = []
+    results = []
     if not moving:
-        found.append(
+        results.append(
             Finding(
                 "no_body_velocity",
-                "Velocity or attitude is not logged: nothing is told of drag along x and y and of "
+                "Velocity or attitude is not logged: no result for drag along x and y and of "
                 "translational lift; drag along z rests on the accelerometer's integral over less than 5 s.",
             )
         )
     absent = [name.removeprefix("force_") for name, channel in forces.items() if channel is None]
     if absent:
-        found.append(
-            Finding("no_body_force", f"No specific force along {', '.join(absent)}: nothing is told of it.")
+        results.append(
+            Finding("no_body_force", f"No specific force along {', '.join(absent)}: no result for it.")
         )
-    return found
+    return results

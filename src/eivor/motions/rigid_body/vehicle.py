@@ -45,7 +45,7 @@ DRAG_MOMENT = tuple(
     for name, others in zip(TURNING, ("yz", "xz", "xy"), strict=True)
 )
 #: Of rotors that spin: J / Ixx and J / Iyy.
-SPIN_MOMENT = (Parameter("roll_by_spin", ""), Parameter("pitch_by_spin", ""))
+GYROSCOPIC_MOMENT = (Parameter("roll_by_spin", ""), Parameter("pitch_by_spin", ""))
 GAIN = (
     Parameter("roll_gain", "rad/s^2/m"),
     Parameter("pitch_gain", "rad/s^2/m"),
@@ -64,14 +64,14 @@ MOVING = (
         GAIN[ROLL_EQUATION],
         DAMPING[ROLL_EQUATION],
         OFFSET[ROLL_EQUATION],
-        SPIN_MOMENT[ROLL_EQUATION],
+        GYROSCOPIC_MOMENT[ROLL_EQUATION],
         *DRAG_MOMENT[ROLL_EQUATION],
     ),
     (
         GAIN[PITCH_EQUATION],
         DAMPING[PITCH_EQUATION],
         OFFSET[PITCH_EQUATION],
-        SPIN_MOMENT[PITCH_EQUATION],
+        GYROSCOPIC_MOMENT[PITCH_EQUATION],
         *DRAG_MOMENT[PITCH_EQUATION],
     ),
     (GAIN[YAW_EQUATION], DAMPING[YAW_EQUATION], REACTION, *DRAG_MOMENT[YAW_EQUATION]),
@@ -83,7 +83,7 @@ MOVING = (
 
 # -- Inertia ratios --
 
-#: Parameters that tell them.
+#: Parameters that identify them.
 TELLING = (
     GAIN[ROLL_EQUATION].name,
     GAIN[PITCH_EQUATION].name,
@@ -129,7 +129,7 @@ def by_pitch_coupling(values: Mapping[str, float]) -> float:
 
 _REMEDY = "Correct the vehicle's description."
 #: By how much inertias may be those of no body before it is said: some that were published are by 1 %.
-NO_BODY_ALLOWANCE = 0.05
+NO_BODY_UNCERTAINTY = 0.05
 
 
 def finite(name: str, *values: float) -> None:
@@ -188,7 +188,7 @@ class KnownNumber:
         return self.value - half, self.value + half
 
     def check(self, name: str, low: float, high: float, unit: str) -> None:
-        """Refuse what cannot be such a number, or is not told from zero by its own uncertainty."""
+        """Refuse what cannot be such a number, or is not distinguished from zero by its own uncertainty."""
         if not low <= self.value <= high:
             raise ParameterError(
                 f"a {name} between {low:g} and {high:g}{unit}",
@@ -199,7 +199,7 @@ class KnownNumber:
             raise ParameterError(
                 f"a standard deviation of the {name} of at most {LARGEST_STD:g} of its value",
                 f"{self.value:g} with {self.std:g}",
-                "Leave it out: so little known, it tells nothing.",
+                "Leave it out: so little known, it carries no information.",
             )
 
 
@@ -455,12 +455,12 @@ class RotorLayout:
     @cached_property
     def roll(self) -> Float[np.ndarray, " rotors"]:
         """Arm of each thrust about the forward axis: y."""
-        return np.array([place[1] for place in self.vehicle.positions], dtype=np.float64)
+        return np.array([position[1] for position in self.vehicle.positions], dtype=np.float64)
 
     @cached_property
     def pitch(self) -> Float[np.ndarray, " rotors"]:
         """Arm of each thrust about the left axis: -x."""
-        return np.array([-place[0] for place in self.vehicle.positions], dtype=np.float64)
+        return np.array([-position[0] for position in self.vehicle.positions], dtype=np.float64)
 
     @cached_property
     def yaw(self) -> Float[np.ndarray, " rotors"]:
@@ -532,16 +532,16 @@ LAYOUTS: dict[str, dict[str, tuple[Rotor, ...]]] = {
 # -- Vehicle of a result --
 
 
-def vehicle_told(told: object) -> KnownVehicle:
+def vehicle_from_record(record: object) -> KnownVehicle:
     """Vehicle of what `dataclasses.asdict` made of it, and JSON of that."""
     try:
-        if not isinstance(told, Mapping):
+        if not isinstance(record, Mapping):
             raise TypeError("there is none")
-        fields = dict(told)
+        fields = dict(record)
         for name in RANGES:
             if fields[name] is not None:
                 fields[name] = KnownNumber(**fields[name])
-        fields["positions"] = tuple(tuple(float(one) for one in place) for place in fields["positions"])
+        fields["positions"] = tuple(tuple(float(item) for item in entry) for entry in fields["positions"])
         fields["spins"] = tuple(int(spin) for spin in fields["spins"])
         return KnownVehicle(**fields)
     except (KeyError, TypeError, ValueError, EivorError) as error:
@@ -562,7 +562,7 @@ ENDING = ".toml"
 TEMPLATE = "vehicle_template.toml"
 #: Lengths of arms [m].
 LEAST_ARM, LARGEST_ARM = 5e-3, 10.0
-SPIN_WORDS = {"cw": CLOCKWISE, "ccw": COUNTERCLOCKWISE}
+GYROSCOPIC_WORDS = {"cw": CLOCKWISE, "ccw": COUNTERCLOCKWISE}
 
 
 def shipped_vehicles() -> tuple[str, ...]:
@@ -668,7 +668,7 @@ def _spins(table: TomlTable) -> tuple[int, ...]:
     """Spins as words or as signs."""
     rows = table.rows("spins")
     if any(isinstance(value, str) for value in rows.values.values()):
-        return tuple(SPIN_WORDS[rows.choice(key, tuple(SPIN_WORDS))] for key in rows.values)
+        return tuple(GYROSCOPIC_WORDS[rows.choice(key, tuple(GYROSCOPIC_WORDS))] for key in rows.values)
     return tuple(rows.whole(key) for key in rows.values)
 
 

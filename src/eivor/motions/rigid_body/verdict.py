@@ -16,16 +16,22 @@ from eivor.errors import DataError, EstimationError
 from eivor.estimation.estimate import Candidate, Estimate
 from eivor.estimation.methods import by_name, identify
 from eivor.flights.lag_prior import EFFECTIVE_LAG
-from eivor.flights.motion import Circumstances, Strength
+from eivor.flights.motion import InstrumentStrength, VerdictInputs
 from eivor.flights.prepared import PreparedFlight
-from eivor.flights.quantity import Allowance, Counts, SimpleModel, Unjudged, clock_allowance
+from eivor.flights.quantity import (
+    Counts,
+    QuantityEstimate,
+    SimpleModel,
+    SystematicUncertainty,
+    clock_uncertainty,
+)
 from eivor.flights.verdict import (
     disagreement_reasons,
-    given_lag_reasons,
     instrument_reasons,
+    lag_prior_reasons,
     moved,
     short_flight_reasons,
-    told_of,
+    strength_of,
     untold,
     wide_lag_reasons,
 )
@@ -35,10 +41,10 @@ from eivor.inference.verdict import Reason, Status
 from eivor.logs.common import low_pass_delay_s
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, AxisColumns, LaggedRuns
 from eivor.models.regression import Parameter
-from eivor.models.separable import Begun, NoInstruments, Values
+from eivor.models.separable import NoInstruments, Values, WarmStart
 from eivor.models.spectral import SpectralRun
 from eivor.motions.rates.verdict import AXES
-from eivor.motions.rigid_body.inertia import Combinations, Formula
+from eivor.motions.rigid_body.inertia import Combinations, FormulaFunction
 from eivor.motions.rigid_body.regression import RotorColumns, on_body_axes, rigid_body_problem
 from eivor.motions.rigid_body.vehicle import (
     COUPLING,
@@ -48,12 +54,12 @@ from eivor.motions.rigid_body.vehicle import (
     FORCE_Z_EQUATION,
     FRICTION,
     GAIN,
+    GYROSCOPIC_MOMENT,
     LIFT,
     PITCH_EQUATION,
     QUADRATIC_DRAG,
     REACTION,
     ROLL_EQUATION,
-    SPIN_MOMENT,
     TELLING,
     THRUST,
     YAW_EQUATION,
@@ -75,25 +81,30 @@ POINT_WITHIN = 0.701
 STEPS_OF_FILTER = 4.0
 
 
-def all_allowances(
-    flights: tuple[PreparedFlight, ...], quantities: Mapping[str, Unjudged], vehicle: KnownVehicle
-) -> dict[str, tuple[Allowance, ...]]:
+def all_systematic_uncertainties(
+    flights: tuple[PreparedFlight, ...], quantities: Mapping[str, QuantityEstimate], vehicle: KnownVehicle
+) -> dict[str, tuple[SystematicUncertainty, ...]]:
     """Systematic parts of the gains of turning and of the lag."""
-    found = _unlogged_commands(flights, quantities)
+    unlogged_commands = _unlogged_commands(flights, quantities)
     early_s = max(filter_early_s(vehicle.gyro_cutoff_hz, flight.rates_hz[AXES[0].name]) for flight in flights)
     lag = quantities.get(EFFECTIVE_LAG)
     if not early_s or lag is None or not lag.value > early_s:
-        return found
+        return unlogged_commands
     why = "How often the gyroscope's filter runs is not known: "
-    told = f"{why}the lag may be {1e3 * early_s:.2g} ms longer."
-    parts = {name: Allowance(Counts.ADDED, 0.0, early_s, told) for name in (ACTUATOR_LAG.name, EFFECTIVE_LAG)}
+    text = f"{why}the lag may be {1e3 * early_s:.2g} ms longer."
+    parts = {
+        name: SystematicUncertainty(Counts.ADDED, 0.0, early_s, text)
+        for name in (ACTUATOR_LAG.name, EFFECTIVE_LAG)
+    }
     share = early_s / lag.value
     for parameter in GAIN:
         if parameter.name in quantities:
             part = share * abs(quantities[parameter.name].value)
-            told = f"{why}the gain may be {100.0 * share:.2g} % smaller."
-            parts[parameter.name] = Allowance(Counts.ADDED, part, 0.0, told)
-    return found | {name: (*found.get(name, ()), part) for name, part in parts.items()}
+            text = f"{why}the gain may be {100.0 * share:.2g} % smaller."
+            parts[parameter.name] = SystematicUncertainty(Counts.ADDED, part, 0.0, text)
+    return unlogged_commands | {
+        name: (*unlogged_commands.get(name, ()), part) for name, part in parts.items()
+    }
 
 
 def filter_early_s(cutoff_hz: float | None, logged_hz: float) -> float:
@@ -105,30 +116,30 @@ def filter_early_s(cutoff_hz: float | None, logged_hz: float) -> float:
 
 
 def _unlogged_commands(
-    flights: tuple[PreparedFlight, ...], quantities: Mapping[str, Unjudged]
-) -> dict[str, tuple[Allowance, ...]]:
+    flights: tuple[PreparedFlight, ...], quantities: Mapping[str, QuantityEstimate]
+) -> dict[str, tuple[SystematicUncertainty, ...]]:
     """What commands between those that the log holds leave open."""
     by_stamps = tuple(
-        replace(one, counts=Counts.INDEPENDENT)
-        for one in clock_allowance(max(flight.command_slack_s for flight in flights))
+        replace(item, counts=Counts.INDEPENDENT)
+        for item in clock_uncertainty(max(flight.command_slack_s for flight in flights))
     )
-    found = {name: by_stamps for name in (ACTUATOR_LAG.name, EFFECTIVE_LAG) if by_stamps}
+    results = {name: by_stamps for name in (ACTUATOR_LAG.name, EFFECTIVE_LAG) if by_stamps}
     half_s = max(_point_s(flight) for flight in flights)
     lag = quantities.get(EFFECTIVE_LAG)
     if not half_s or lag is None or not lag.value > half_s:
-        return found
+        return results
     share = half_s / lag.value
     why = "The log holds but some of the commands, perhaps always those at one point of a slower loop: "
     for parameter in GAIN:
         if parameter.name in quantities:
             part = share * abs(quantities[parameter.name].value)
             sentence = f"{why}the gain may be {100.0 * share:.2g} % larger or smaller."
-            found[parameter.name] = (Allowance(Counts.INDEPENDENT, part, part, sentence),)
+            results[parameter.name] = (SystematicUncertainty(Counts.INDEPENDENT, part, part, sentence),)
     sentence = f"{why}the lag may be {1e3 * half_s:.2g} ms longer or shorter."
-    late = Allowance(Counts.INDEPENDENT, half_s, half_s, sentence)
+    late = SystematicUncertainty(Counts.INDEPENDENT, half_s, half_s, sentence)
     for name in (ACTUATOR_LAG.name, EFFECTIVE_LAG):
-        found[name] = (*found.get(name, ()), late)
-    return found
+        results[name] = (*results.get(name, ()), late)
+    return results
 
 
 def _point_s(flight: PreparedFlight) -> float:
@@ -139,102 +150,118 @@ def _point_s(flight: PreparedFlight) -> float:
 
 # -- Common rotor inertia --
 
-#: The ratio of inertias is told when the half-width of its interval, by each coupling, is at most this share.
+#: The ratio of inertias is identified when the half-width of its interval, by each coupling, is at most
+#: this share.
 TOLD_SHARE, LEVEL = 0.1, 0.95
 #: Level of the intervals of what the three columns and one inertia differ by.
-APART_LEVEL = 0.995
+CONSISTENCY_LEVEL = 0.995
 
-_SPINS = (*(one.name for one in SPIN_MOMENT), REACTION.name)
+_SPINS = (*(item.name for item in GYROSCOPIC_MOMENT), REACTION.name)
 
 
-def settled_spin(
+def refined_rotor_inertia(
     problem: LaggedRuns, estimated: Callable[[LaggedRuns], Estimate]
 ) -> tuple[LaggedRuns, Estimate]:
-    """The problem with one inertia of the rotors where the flights tell that there is one."""
+    """The problem with one inertia of the rotors where the flights identify that there is one."""
     free = estimated(problem)
-    ratios = ratios_told(free)
+    ratios = identified_ratios(free)
     if ratios is None:
         return problem, free
-    linked = with_one_spin(problem, ratios, free.best)
+    linked = with_common_rotor_inertia(problem, ratios, free.best)
     return linked, estimated(linked)
 
 
-def ratios_told(estimate: Estimate) -> InertiaRatios | None:
-    """Ratios of the inertias; None where they are not told, or the three columns are not of one inertia."""
-    found = Combinations.of_estimate(estimate).finite()
-    if not found.has(*TELLING, *_SPINS):
+def identified_ratios(estimate: Estimate) -> InertiaRatios | None:
+    """Ratios of the inertias; None where they are not identified, or the three columns are not."""
+    finite = Combinations.of_estimate(estimate).finite()
+    if not finite.has(*TELLING, *_SPINS):
         return None
-    values = dict(zip(found.names, found.candidates[0].values.tolist(), strict=True))
-    if not min(values[one.name] for one in GAIN[:YAW_EQUATION]) > 0.0:
+    values = dict(zip(finite.names, finite.candidates[0].values.tolist(), strict=True))
+    if not min(values[item.name] for item in GAIN[:YAW_EQUATION]) > 0.0:
         return None
     for ratio in (by_roll_coupling, by_pitch_coupling):
-        low, high = found.function(ratio, TELLING, {}, LEVEL, math.inf).interval
+        low, high = finite.function(ratio, TELLING, {}, LEVEL, math.inf).interval
         if not (low > 0.0 and high - low <= 2.0 * TOLD_SHARE * ratio(values)):
             return None
     for axis in (ROLL_EQUATION, PITCH_EQUATION):
-        low, high = found.function(_apart(axis), (*TELLING, *_SPINS), {}, APART_LEVEL, math.inf).interval
+        low, high = finite.function(
+            _separated(axis), (*TELLING, *_SPINS), {}, CONSISTENCY_LEVEL, math.inf
+        ).interval
         if not low <= 0.0 <= high:
             return None
     return InertiaRatios.of_values(values)
 
 
-def with_one_spin(problem: LaggedRuns, ratios: InertiaRatios, free: Candidate | None = None) -> LaggedRuns:
+def with_common_rotor_inertia(
+    problem: LaggedRuns, ratios: InertiaRatios, free: Candidate | None = None
+) -> LaggedRuns:
     """The same problem whose columns of rotors that spin go with J / Izz alone."""
     moving = problem.parameters[problem.columns[0].fixed.shape[1] :]
-    kept = tuple(one for one in moving if one not in SPIN_MOMENT)
-    combination = np.array([[float(one == other) for other in kept] for one in moving])
-    for axis, one in enumerate(SPIN_MOMENT):
-        combination[moving.index(one), kept.index(REACTION)] = ratios.of_axis(axis)
-    columns = tuple(_of_one_spin(one, kept, ratios) for one in problem.columns)
-    noisier = None if problem.noisier is None else with_one_spin(problem.noisier, ratios)
-    begun = None
+    kept = tuple(item for item in moving if item not in GYROSCOPIC_MOMENT)
+    combination = np.array([[float(item == other) for other in kept] for item in moving])
+    for axis, entry in enumerate(GYROSCOPIC_MOMENT):
+        combination[moving.index(entry), kept.index(REACTION)] = ratios.of_axis(axis)
+    columns = tuple(_with_common_inertia(column, kept, ratios) for column in problem.columns)
+    noisier = None if problem.noisier is None else with_common_rotor_inertia(problem.noisier, ratios)
+    started = None
     if free is not None:
-        stays = [place for place, one in enumerate(problem.parameters) if one not in SPIN_MOMENT]
-        begun = Begun(free.theta[stays], free.at)
-    return problem.combined(columns, kept, combination, noisier=noisier, begun=begun)
+        stays = [
+            index for index, parameter in enumerate(problem.parameters) if parameter not in GYROSCOPIC_MOMENT
+        ]
+        started = WarmStart(free.theta[stays], free.nuisances)
+    return problem.combined(columns, kept, combination, noisier=noisier, begun=started)
 
 
-def spin_of(problem: LaggedRuns) -> InertiaRatios | None:
+def rotor_inertia_ratios(problem: LaggedRuns) -> InertiaRatios | None:
     """Ratios by which a problem's columns of rotors that spin are one; None where they are three."""
     moving = problem.columns[0].moving
-    return moving.one_spin if isinstance(moving, RotorColumns) else None
+    return moving.common_rotor_inertia if isinstance(moving, RotorColumns) else None
 
 
-def spin_moments(problem: LaggedRuns, joint: Mapping[str, Unjudged]) -> dict[str, Unjudged]:
+def gyroscopic_moments(
+    problem: LaggedRuns, joint: Mapping[str, QuantityEstimate]
+) -> dict[str, QuantityEstimate]:
     """J / Ixx and J / Iyy, by J / Izz, of a problem in which they are one with it; else nothing."""
-    ratios, of_all = spin_of(problem), joint.get(REACTION.name)
+    ratios, of_all = rotor_inertia_ratios(problem), joint.get(REACTION.name)
     if ratios is None or of_all is None:
         return {}
-    return {one.name: of_all.times(ratios.of_axis(axis)) for axis, one in enumerate(SPIN_MOMENT)}
+    return {item.name: of_all.times(ratios.of_axis(axis)) for axis, item in enumerate(GYROSCOPIC_MOMENT)}
 
 
-def with_spin_moments(models: Mapping[str, SimpleModel], fit: str) -> dict[str, SimpleModel]:
+def with_gyroscopic_moments(models: Mapping[str, SimpleModel], fit: str) -> dict[str, SimpleModel]:
     """Models of flights with J / Ixx and J / Iyy as well, by the ratios of the fit among them."""
     values = models[fit].values
-    if not {REACTION.name, *TELLING} <= set(values) or SPIN_MOMENT[ROLL_EQUATION].name in values:
+    if not {REACTION.name, *TELLING} <= set(values) or GYROSCOPIC_MOMENT[ROLL_EQUATION].name in values:
         return dict(models)
     ratios = InertiaRatios.of_values(values)
-    return {name: replace(one, values=_with_moments(one.values, ratios)) for name, one in models.items()}
+    return {
+        name: replace(model, values=_with_moments(model.values, ratios)) for name, model in models.items()
+    }
 
 
 def _with_moments(values: Mapping[str, float], ratios: InertiaRatios) -> dict[str, float]:
     of_all = values.get(REACTION.name, 0.0)
-    return {**values, **{one.name: ratios.of_axis(axis) * of_all for axis, one in enumerate(SPIN_MOMENT)}}
+    return {
+        **values,
+        **{item.name: ratios.of_axis(axis) * of_all for axis, item in enumerate(GYROSCOPIC_MOMENT)},
+    }
 
 
-def _of_one_spin(one: AxisColumns, kept: tuple[Parameter, ...], ratios: InertiaRatios) -> AxisColumns:
-    if not isinstance(one.moving, RotorColumns):
-        return one
-    moving = replace(one.moving, moving=kept, one_spin=ratios)
-    return replace(one, moving=moving, moved=moving.places)
+def _with_common_inertia(
+    axis_columns: AxisColumns, kept: tuple[Parameter, ...], ratios: InertiaRatios
+) -> AxisColumns:
+    if not isinstance(axis_columns.moving, RotorColumns):
+        return axis_columns
+    moving = replace(axis_columns.moving, moving=kept, common_rotor_inertia=ratios)
+    return replace(axis_columns, moving=moving, moved=moving.indices)
 
 
-def _apart(axis: int) -> Formula:
+def _separated(axis: int) -> FormulaFunction:
     """What the column of ROLL or PITCH says beside one inertia."""
 
     def apart(values: Mapping[str, float]) -> float:
-        one = InertiaRatios.of_values(values).of_axis(axis) * values[REACTION.name]
-        return values[SPIN_MOMENT[axis].name] - one
+        item = InertiaRatios.of_values(values).of_axis(axis) * values[REACTION.name]
+        return values[GYROSCOPIC_MOMENT[axis].name] - item
 
     return apart
 
@@ -298,15 +325,15 @@ def filters_not_passed(
     with_all, p_value = estimate.best.inference.over_identification
     if not p_value <= DISAGREE:
         return None
-    number = max(range(len(flights)), key=lambda place: flights[place].used_s)
-    own = replace(problem, columns=tuple(one for one in problem.columns if one.flight == number))
+    number = max(range(len(flights)), key=lambda item: flights[item].used_s)
+    current = replace(problem, columns=tuple(column for column in problem.columns if column.flight == number))
     if len(flights) > 1:
-        with_all = _disagreement(own, estimate.method)
+        with_all = _disagreement(current, estimate.method)
     if not math.isfinite(with_all):
         return None
-    others = {key: _without_filter(own, flights[number], layout, key) for key in named}
-    found = {key: _disagreement(other, estimate.method) for key, other in others.items()}
-    without = {key: J for key, J in found.items() if FAR_BETTER * with_all > J}
+    others = {key: _without_filter(current, flights[number], layout, key) for key in named}
+    results = {key: _disagreement(other, estimate.method) for key, other in others.items()}
+    without = {key: J for key, J in results.items() if FAR_BETTER * with_all > J}
     return FiltersNotPassed(with_all, without) if without else None
 
 
@@ -325,9 +352,12 @@ def _without_filter(problem: LaggedRuns, flight: PreparedFlight, layout: RotorLa
     unfiltered = (
         replace(known, gyro_cutoff_hz=None) if key == GYRO else replace(known, accelerometer_cutoff_hz=None)
     )
-    made, spin = rigid_body_problem((flight,), RotorLayout(unfiltered), NoInstruments()), spin_of(problem)
+    made, spin = (
+        rigid_body_problem((flight,), RotorLayout(unfiltered), NoInstruments()),
+        rotor_inertia_ratios(problem),
+    )
     if spin is not None:
-        made = with_one_spin(made, spin)
+        made = with_common_rotor_inertia(made, spin)
     columns = tuple(
         replace(new, instruments=old.instruments)
         for new, old in zip(made.columns, problem.columns, strict=True)
@@ -346,7 +376,7 @@ _P_VALUE, _COMMON, _CHANGE = "lag_agreement_p", "lag_of_all_s", "_lag_change_s"
 
 
 @dataclass(frozen=True, slots=True)
-class LagsApart:
+class LagConsistencyTest:
     """Axes that do not agree about the lag."""
 
     lag_s: float
@@ -354,7 +384,7 @@ class LagsApart:
     p_value: float
 
     @classmethod
-    def of_numbers(cls, numbers: Mapping[str, float]) -> LagsApart | None:
+    def of_numbers(cls, numbers: Mapping[str, float]) -> LagConsistencyTest | None:
         """Those of the numbers of a result; None where there are none in them."""
         if _P_VALUE not in numbers:
             return None
@@ -370,7 +400,7 @@ class LagsApart:
     @property
     def sentence(self) -> str:
         """What each axis says."""
-        each = ", ".join(f"{name} {self._asked(change)}" for name, change in self.changes_s.items())
+        each = ", ".join(f"{name} {self._parsed(change)}" for name, change in self.changes_s.items())
         return (
             f"The axes disagree about the lag (p-value {self.p_value:.1g}). For all of them it is "
             f"{1e3 * self.lag_s:.0f} ms; by itself {each}."
@@ -381,49 +411,49 @@ class LagsApart:
         """What to do about it."""
         return (
             "What moves the vehicle beside its rotors comes back through the controller: log setpoints, by "
-            "which the two are told apart, and fly in calm air. A delay that was given wrong shows alike."
+            "which the two are distinguished, and fly in calm air. A delay that was given wrong shows alike."
         )
 
-    def _asked(self, change: float) -> str:
+    def _parsed(self, change: float) -> str:
         if abs(change) <= FAR * self.lag_s:
             return f"asks for {1e3 * (self.lag_s + change):.0f} ms"
         return f"for a much {'longer' if change > 0.0 else 'shorter'} one"
 
 
-def lags_apart(estimate: Estimate) -> LagsApart | None:
+def lag_consistency_test(estimate: Estimate) -> LagConsistencyTest | None:
     """Axes that disagree about the lag beyond doubt; None where they agree, or instruments say more."""
     if estimate.best.solved.assembler.needs_instruments:
         return None
-    found = {name: (change, variance) for name, change, variance in _changes(estimate)}
-    if len(found) < 2:
+    results = {name: (change, variance) for name, change, variance in _changes(estimate)}
+    if len(results) < 2:
         return None
-    changes, variances = np.array(list(found.values())).T
+    changes, variances = np.array(list(results.values())).T
     mean = float(np.average(changes, weights=1.0 / variances))
-    p_value = chi_square_tail(float(np.sum((changes - mean) ** 2 / variances)), len(found) - 1)
+    p_value = chi_square_tail(float(np.sum((changes - mean) ** 2 / variances)), len(results) - 1)
     if not p_value < BEYOND_DOUBT:
         return None
-    lag_s = sum(estimate.best.at.get(one, 0.0) for one in (ACTUATOR_LAG.name, DELAY.name))
-    return LagsApart(lag_s, dict(zip(found, changes.tolist(), strict=True)), p_value)
+    lag_s = sum(estimate.best.nuisances.get(item, 0.0) for item in (ACTUATOR_LAG.name, DELAY.name))
+    return LagConsistencyTest(lag_s, dict(zip(results, changes.tolist(), strict=True)), p_value)
 
 
 def _changes(estimate: Estimate) -> Iterator[tuple[str, float, float]]:
     """Of each axis that rotors drive, what it would change the lag by, and the variance of that."""
     best = estimate.best
-    sought = [profile.nuisance.name for profile in best.profiles]
-    if ACTUATOR_LAG.name not in sought:
+    names = [profile.nuisance.name for profile in best.profiles]
+    if ACTUATOR_LAG.name not in names:
         return
-    rows, moves = best.rows, best.solved.nuisance_columns[:, sought.index(ACTUATOR_LAG.name)]
+    rows, moves = best.rows, best.solved.nuisance_columns[:, names.index(ACTUATOR_LAG.name)]
     residual, axes = rows.response - rows.regressors @ best.theta, rows.layout.axis_of_row
     for axis, name in DRIVEN.items():
-        own = axes == axis
-        beside = _beside(moves[own], rows.regressors[own])
-        squares = float(beside @ beside)
+        current = axes == axis
+        neighbours = _rotor_moments(moves[current], rows.regressors[current])
+        squares = float(neighbours @ neighbours)
         if squares > 0.0:
-            change = float(beside @ residual[own]) / squares
-            yield name, change, float(np.mean(residual[own] ** 2)) / squares
+            change = float(neighbours @ residual[current]) / squares
+            yield name, change, float(np.mean(residual[current] ** 2)) / squares
 
 
-def _beside(
+def _rotor_moments(
     column: Float[np.ndarray, " rows"], others: Float[np.ndarray, "rows k"]
 ) -> Float[np.ndarray, " rows"]:
     """What of a column other columns do not explain."""
@@ -444,7 +474,7 @@ MOST_ORDERED = 4
 #: flights never left more than .05 less than theirs), and explain this share of the axis that it improves.
 CLEARLY = 0.3
 EXPLAINED = 0.25
-#: Of orders that differ by less the one with the fewest changes is told.
+#: Of orders that differ by less the one with the fewest changes is reported.
 ALIKE = 0.05
 
 
@@ -468,7 +498,7 @@ class Order:
     @property
     def numbers(self) -> dict[str, float]:
         """The same as numbers of a result."""
-        rotors = {f"rotor_{rotor}{_ACTS_AS}": float(one) for rotor, one in enumerate(self.acts_as, start=1)}
+        rotors = {f"rotor_{rotor}{_ACTS_AS}": float(item) for rotor, item in enumerate(self.acts_as, start=1)}
         return {**rotors, _AXIS: float(self.axis), _EXPLAINED: self.explained, _BEFORE: self.before}
 
     @property
@@ -481,16 +511,16 @@ class Order:
 
     @property
     def _which(self) -> str:
-        moved = [rotor for rotor, one in enumerate(self.acts_as, start=1) if abs(one) != rotor]
-        turned = [abs(one) for one in self.acts_as if one < 0]
+        moved = [rotor for rotor, item in enumerate(self.acts_as, start=1) if abs(item) != rotor]
+        turned = [abs(item) for item in self.acts_as if item < 0]
         if not moved:
             return f"{_rotors(turned)} the other way than the vehicle file says"
         if len(moved) == 2 and not turned:
             return f"Rotors {moved[0]} and {moved[1]} look exchanged"
-        commands, places = (
+        commands, positions = (
             ", ".join(map(str, x)) for x in (range(1, len(self.acts_as) + 1), map(abs, self.acts_as))
         )
-        order = f"The commands {commands} look to act as the rotors {places} of the vehicle file"
+        order = f"The commands {commands} look to act as the rotors {positions} of the vehicle file"
         return f"{order}, of which {_rotors(turned).lower()} the other way" if turned else order
 
 
@@ -503,23 +533,23 @@ def _rotors(numbers: Sequence[int]) -> str:
     return f"Rotors {', '.join(others)} and {last} look to spin" if others else f"Rotor {last} looks to spin"
 
 
-def order_shown(flights: Sequence[PreparedFlight], layout: RotorLayout) -> Order | None:
+def observed_order(flights: Sequence[PreparedFlight], layout: RotorLayout) -> Order | None:
     """Order that flights show where it is clearly another than that of the vehicle file; else None."""
     sums = reduce(operator.add, (_Sums.of_flight(flight, layout.count) for flight in flights))
     given = _candidate(layout, tuple(range(layout.count)), np.asarray(layout.yaw))
-    found = [given, *_others(layout)]
-    left, gain = sums.left([one.arms for one in found])
+    results = [given, *_others(layout)]
+    left, gain = sums.left([result.arms for result in results])
     score = np.log(left).sum(axis=2)
     lag = int(np.argmin(score.min(axis=1)))
     score, left, gain = score[lag], left[lag], gain[lag]
     best = float(score.min())
     if score[0] - best < CLEARLY:
         return None
-    alike = [number for number in range(len(found)) if score[number] < best + ALIKE]
-    chosen = min(alike, key=lambda number: (int((gain[number] < 0.0).sum()), *found[number].changes))
+    numbers = [number for number in range(len(results)) if score[number] < best + ALIKE]
+    chosen = min(numbers, key=lambda number: (int((gain[number] < 0.0).sum()), *results[number].changes))
     axis = int(np.argmax(left[0] - left[chosen]))
     explained, before = 1.0 - float(left[chosen, axis]), 1.0 - float(left[0, axis])
-    return Order(found[chosen].acts_as, axis, explained, before) if explained > EXPLAINED else None
+    return Order(results[chosen].acts_as, axis, explained, before) if explained > EXPLAINED else None
 
 
 @dataclass(frozen=True)
@@ -532,25 +562,25 @@ class _Candidate:
     @property
     def changes(self) -> tuple[int, int]:
         """How many spins and how many places are not as in the vehicle file."""
-        places = sum(abs(number) != place for place, number in enumerate(self.acts_as, start=1))
-        return sum(number < 0 for number in self.acts_as), places
+        positions = sum(abs(number) != index for index, number in enumerate(self.acts_as, start=1))
+        return sum(number < 0 for number in self.acts_as), positions
 
 
 def _candidate(
     layout: RotorLayout, order: tuple[int, ...], spins: Float[np.ndarray, " rotors"]
 ) -> _Candidate:
-    at = list(order)
-    own = spins * layout.yaw[at] > 0.0
-    acts_as = tuple(place + 1 if same else -(place + 1) for place, same in zip(order, own, strict=True))
-    return _Candidate(acts_as, np.stack([layout.roll[at], layout.pitch[at], spins]))
+    index = list(order)
+    current = spins * layout.yaw[index] > 0.0
+    acts_as = tuple(item + 1 if same else -(item + 1) for item, same in zip(order, current, strict=True))
+    return _Candidate(acts_as, np.stack([layout.roll[index], layout.pitch[index], spins]))
 
 
 def _others(layout: RotorLayout) -> Iterator[_Candidate]:
     for order in _orders(layout.count):
         moving = layout.yaw[list(order)]
         one_turned = moving * (1.0 - 2.0 * np.eye(layout.count))
-        for one in (moving, layout.yaw, *one_turned):
-            yield _candidate(layout, order, one)
+        for item in (moving, layout.yaw, *one_turned):
+            yield _candidate(layout, order, item)
 
 
 def _orders(count: int) -> Iterator[tuple[int, ...]]:
@@ -558,9 +588,9 @@ def _orders(count: int) -> Iterator[tuple[int, ...]]:
         yield from permutations(range(count))
         return
     yield tuple(range(count))
-    for one, other in combinations(range(count), 2):
+    for item, other in combinations(range(count), 2):
         order = list(range(count))
-        order[one], order[other] = other, one
+        order[item], order[other] = other, item
         yield tuple(order)
 
 
@@ -598,10 +628,10 @@ class _Sums:
     ) -> tuple[Float[np.ndarray, "lags orders 3"], Float[np.ndarray, "lags orders 3"]]:
         """Share of each axis that each order leaves at each lag, and its gain."""
         rows = np.stack(arms)
-        own = np.einsum("oai,laij,oaj->loa", rows, self.rotors, rows)
+        current = np.einsum("oai,laij,oaj->loa", rows, self.rotors, rows)
         with_turning = np.einsum("oai,lai->loa", rows, self.across)
         whole = self.turning[:, None, :]
-        gain = with_turning / np.where(own > 0.0, own, np.inf)
+        gain = with_turning / np.where(current > 0.0, current, np.inf)
         return np.maximum(1.0 - gain * with_turning / np.where(whole > 0.0, whole, np.inf), 1e-6), gain
 
 
@@ -623,13 +653,13 @@ def _without(
 ) -> Complex[np.ndarray, "bins m"]:
     """Columns without what real multiples of others explain of them."""
     split = np.concatenate([stays.real, stays.imag])
-    told, *_ = np.linalg.lstsq(split, np.concatenate([moves.real, moves.imag]), rcond=1e-10)
-    return moves - stays @ told
+    reported, *_ = np.linalg.lstsq(split, np.concatenate([moves.real, moves.imag]), rcond=1e-10)
+    return moves - stays @ reported
 
 
 # -- Wind --
 
-#: Level of the interval that has to exclude that no wind blew, and the least speed that is told [m/s].
+#: Level of the interval that has to exclude that no wind blew, and the least speed that is identified [m/s].
 SURE, LEAST_SPEED = 0.999, 0.5
 #: What it makes wrong: the drags across.
 ACROSS = (*DRAG[:2], *QUADRATIC_DRAG[:2])
@@ -675,43 +705,51 @@ class SteadyWind:
         return "Fly in calm air for these drags, or log the velocity through the air."
 
 
-def steady_wind(problem: LaggedRuns, at: Values, flights: Sequence[PreparedFlight]) -> SteadyWind | None:
-    """The strongest wind that a flight shows; None where none does, or no drag across is told."""
+def steady_wind(
+    problem: LaggedRuns, nuisance_values: Values, flights: Sequence[PreparedFlight]
+) -> SteadyWind | None:
+    """The strongest wind that a flight shows; None where none does, or no drag across is identified."""
     if not set(QUADRATIC_DRAG[:2]) <= set(problem.parameters):
         return None
-    found = [_of_flight(problem, at, number, flight) for number, flight in enumerate(flights)]
-    return max((one for one in found if one is not None), key=lambda one: one.speed, default=None)
+    results = [_of_flight(problem, nuisance_values, number, flight) for number, flight in enumerate(flights)]
+    return max(
+        (result for result in results if result is not None), key=lambda item: item.speed, default=None
+    )
 
 
-def _of_flight(problem: LaggedRuns, at: Values, number: int, flight: PreparedFlight) -> SteadyWind | None:
+def _of_flight(
+    problem: LaggedRuns, nuisance_values: Values, number: int, flight: PreparedFlight
+) -> SteadyWind | None:
     signals = flight.signals
-    one, nothing = np.ones(signals.sample_count), np.zeros(signals.sample_count)
-    along_x = on_body_axes(signals, one, nothing, nothing)
-    along_y = on_body_axes(signals, nothing, one, nothing)
-    places = [problem.parameters.index(one) for one in QUADRATIC_DRAG[:2]]
+    item, nothing = np.ones(signals.sample_count), np.zeros(signals.sample_count)
+    along_x = on_body_axes(signals, item, nothing, nothing)
+    along_y = on_body_axes(signals, nothing, item, nothing)
+    index = [problem.parameters.index(entry) for entry in QUADRATIC_DRAG[:2]]
     columns = tuple(
         replace(
-            own,
-            fixed=np.column_stack([along_x[:, along], along_y[:, along], own.fixed[:, places]]),
-            instruments=np.empty((own.fixed.shape[0], 0)),
+            column,
+            fixed=np.column_stack([along_x[:, along], along_y[:, along], column.fixed[:, index]]),
+            instruments=np.empty((column.fixed.shape[0], 0)),
             moved=(along,),
         )
-        for own in problem.columns
-        if own.flight == number and (along := own.axis - FORCE_X_EQUATION) in (0, 1)
+        for column in problem.columns
+        if column.flight == number and (along := column.axis - FORCE_X_EQUATION) in (0, 1)
     )
-    known = tuple(one.known_at(at[one.name]) for one in problem.nuisances)
+    known = tuple(nuisance.known_at(nuisance_values[nuisance.name]) for nuisance in problem.nuisances)
     try:
-        told = identify(
+        reported = identify(
             LaggedRuns(columns, (*_WIND, *QUADRATIC_DRAG[:2], *DRAG[:2]), known),
             by_name("whitened_least_squares"),
         )
     except (DataError, EstimationError):  # too short, or a heading that stays
         return None
-    drag = 0.5 * sum(told.parameters[one.name] for one in DRAG[:2])
-    sure = any(low > 0.0 or high < 0.0 for low, high in (told.interval(one.name, SURE) for one in _WIND))
+    drag = 0.5 * sum(reported.parameters[entry.name] for entry in DRAG[:2])
+    sure = any(
+        low > 0.0 or high < 0.0 for low, high in (reported.interval(entry.name, SURE) for entry in _WIND)
+    )
     if not sure or not drag > 0.0:
         return None
-    wind = SteadyWind(*(told.parameters[one.name] / drag for one in _WIND))
+    wind = SteadyWind(*(reported.parameters[entry.name] / drag for entry in _WIND))
     return wind if wind.speed >= LEAST_SPEED else None
 
 
@@ -728,59 +766,62 @@ CORRECT_ROTORS = "Correct positions and spins in the vehicle file, in the order 
 LOG_REFERENCE = "Log the setpoints of height and attitude, or the pilot's sticks, at 20 Hz or more."
 LOG_PLANNED = "Fly in a mode in which the sticks set the attitude, or inject a sweep."
 
-_GAINS = {one.name for one in (*GAIN, THRUST)}
-_SLOW = {one.name for one in (*DAMPING, *DRAG, FRICTION, LIFT)}
-_COUPLINGS = {one.name for one in COUPLING}
-_ACROSS = {one.name for one in ACROSS}
+_GAINS = {item.name for item in (*GAIN, THRUST)}
+_SLOW = {item.name for item in (*DAMPING, *DRAG, FRICTION, LIFT)}
+_COUPLINGS = {item.name for item in COUPLING}
+_ACROSS = {item.name for item in ACROSS}
 
 
-def all_grounds(
-    quantities: Mapping[str, Unjudged], strength: Strength, at: Circumstances
+def all_reasons(
+    quantities: Mapping[str, QuantityEstimate], strength: InstrumentStrength, inputs: VerdictInputs
 ) -> dict[str, tuple[Reason, ...]]:
-    """Grounds against every quantity that there is."""
-    lag = (*_shared(told_of(strength), at), *_lag_reasons(quantities))
-    found = {ACTUATOR_LAG.name: lag, DELAY.name: lag, "effective_lag": lag}
-    wind = SteadyWind.of_numbers(at.numbers)
+    """Reasons against every quantity that there is."""
+    lag = (*_shared(strength_of(strength), inputs), *_lag_reasons(quantities))
+    results = {ACTUATOR_LAG.name: lag, DELAY.name: lag, "effective_lag": lag}
+    wind = SteadyWind.of_numbers(inputs.numbers)
     for name, quantity in quantities.items():
-        if name in found:
+        if name in results:
             continue
-        moved_by = THRUST.name if name == FRICTION.name else name  # what trades is told together
-        reasons = [*_shared(told_of(strength, moved_by), at), *_lag_reasons(quantities)]
+        moved_by = THRUST.name if name == FRICTION.name else name  # what trades is reported together
+        reasons = [*_shared(strength_of(strength, moved_by), inputs), *_lag_reasons(quantities)]
         if not untold(name, strength):
-            reasons += _interval_reasons(name, quantity, at)
+            reasons += _interval_reasons(name, quantity, inputs)
         if wind is not None and name in _ACROSS:
             reasons.append(Reason(Status.WEAK, wind.sentence, wind.remedy))
-        found[name] = tuple(reasons)
-    return found
+        results[name] = tuple(reasons)
+    return results
 
 
-def _shared(strength: Strength, at: Circumstances) -> list[Reason]:
-    reasons = instrument_reasons(strength, at, fly=FLY, log_reference=LOG_REFERENCE, log_planned=LOG_PLANNED)
+def _shared(strength: InstrumentStrength, inputs: VerdictInputs) -> list[Reason]:
+    reasons = instrument_reasons(
+        strength, inputs, fly=FLY, log_reference=LOG_REFERENCE, log_planned=LOG_PLANNED
+    )
     remedy = "Fly in calm air and away from the ground, and keep the motors from their limits."
     reasons += disagreement_reasons(strength, moves="moves", remedy=remedy)
-    if at.command_rate_hz < COMMAND_RATE_HZ:
+    if inputs.command_rate_hz < COMMAND_RATE_HZ:
         reasons.append(
             Reason(
                 Status.WEAK,
-                f"The rotors are logged at {at.command_rate_hz:.0f} Hz; {COMMAND_RATE_HZ:.0f} Hz are needed.",
+                f"The rotors are logged at {inputs.command_rate_hz:.0f} Hz; {COMMAND_RATE_HZ:.0f} Hz "
+                f"are needed.",
                 "Log them at 100 Hz or more.",
             )
         )
-    reasons += short_flight_reasons(at, SHORT_FLIGHT_S)
-    reasons.extend(given_lag_reasons(at))
-    order = Order.of_numbers(at.numbers)
+    reasons += short_flight_reasons(inputs, SHORT_FLIGHT_S)
+    reasons.extend(lag_prior_reasons(inputs))
+    order = Order.of_numbers(inputs.numbers)
     if order is not None:
         reasons.append(Reason(Status.REFUSED, order.sentence, CORRECT_ROTORS))
-    lags = LagsApart.of_numbers(at.numbers)
+    lags = LagConsistencyTest.of_numbers(inputs.numbers)
     if lags is not None:
         reasons.append(Reason(Status.WEAK, lags.sentence, lags.remedy))
-    filters = FiltersNotPassed.of_numbers(at.numbers)
+    filters = FiltersNotPassed.of_numbers(inputs.numbers)
     if filters is not None:
         reasons.append(Reason(Status.WEAK, filters.sentence, filters.remedy))
     return reasons
 
 
-def _interval_reasons(name: str, quantity: Unjudged, at: Circumstances) -> list[Reason]:
+def _interval_reasons(name: str, quantity: QuantityEstimate, inputs: VerdictInputs) -> list[Reason]:
     words = name.replace("_", " ")
     low, high = quantity.interval
     if name in _GAINS:
@@ -793,9 +834,11 @@ def _interval_reasons(name: str, quantity: Unjudged, at: Circumstances) -> list[
                 )
             ]
         if low <= 0.0:
-            return [Reason(Status.REFUSED, f"The {words} cannot be told from zero.{moved(at)}", FLY)]
+            return [
+                Reason(Status.REFUSED, f"The {words} cannot be distinguished from zero.{moved(inputs)}", FLY)
+            ]
     if name in _SLOW and low <= 0.0:
-        return [Reason(Status.WEAK, f"The {words} cannot be told from zero.{moved(at)}", FLY)]
+        return [Reason(Status.WEAK, f"The {words} cannot be distinguished from zero.{moved(inputs)}", FLY)]
     share = GAIN_SHARE if name in _GAINS else SLOW_SHARE if name in _SLOW else 0.0
     allowed = share * abs(quantity.value) if share else COUPLING_WITHIN if name in _COUPLINGS else inf
     if inf > quantity.half_width > allowed:
@@ -824,7 +867,7 @@ def _what_is_wrong(name: str) -> str:
     )
 
 
-def _lag_reasons(quantities: Mapping[str, Unjudged]) -> list[Reason]:
+def _lag_reasons(quantities: Mapping[str, QuantityEstimate]) -> list[Reason]:
     half_width = quantities["effective_lag"].half_width
     remedy = "Fly quicker steps, and log rotors and rates faster."
     return wide_lag_reasons(half_width, LAG_WITHIN_S, whose="rotors'", remedy=remedy)

@@ -12,7 +12,7 @@ from eivor.errors import EstimationError, InstrumentError, TooFewSamplesError
 from eivor.estimation.estimate import Estimate
 from eivor.flights.grid import on_grid
 from eivor.flights.prepared import Difference, PreparedFlight, SensorAgreement, estimated
-from eivor.flights.quantity import Allowance, Counts, Unjudged
+from eivor.flights.quantity import Counts, QuantityEstimate, SystematicUncertainty
 from eivor.models.lagged_runs import AxisColumns, LaggedRuns, nothing_moves
 from eivor.models.regression import Parameter
 from eivor.models.separable import Values
@@ -38,7 +38,7 @@ PREFIX = "left_out_"
 MISSED = 0.005
 #: Name of the test of the thrust curve's bend.
 CURVATURE = "thrust_curvature"
-#: Terms whose coefficients are told as shares of the gain.
+#: Terms whose coefficients are reported as shares of the gain.
 SHARES = (CURVATURE, SUPPLY)
 #: Smaller ones matter to nothing; of the supply that is what the thrust of one command changes by.
 LEAST_TERM = {SUPPLY: 0.02}
@@ -72,42 +72,46 @@ _TERMS: dict[str, Callable[[_Flight], Column | None]] = {
 }
 
 
-def left_out(
+def omitted_variable_tests(
     problem: VerticalFlights, estimate: Estimate, flights: Sequence[PreparedFlight]
 ) -> dict[str, Difference]:
     """Coefficient of each term as if it alone were added; none without instruments."""
-    own = problem.runs.columns
-    if not all(one.instruments.shape[1] for one in own):
+    current = problem.runs.columns
+    if not all(item.instruments.shape[1] for item in current):
         return {}
-    at = estimate.best.at
-    measured = [_measured(problem, place, flight, at) for place, flight in enumerate(flights)]
+    index = estimate.best.nuisances
+    measured = [_measured(problem, item, flight, index) for item, flight in enumerate(flights)]
     if any(of.voltage is None for of in measured):  # one coefficient has one meaning
         measured = [replace(of, voltage=None) for of in measured]
-    explained = [_explained(one, of) for one, of in zip(own, measured, strict=True)]
-    base = [_linear(problem, one, estimate) for one in own]
-    found: dict[str, Difference] = {}
-    added = {term.left_out for term in problem.terms}
+    explained = [_explained(item, of) for item, of in zip(current, measured, strict=True)]
+    base = [_linear(problem, item, estimate) for item in current]
+    differences: dict[str, Difference] = {}
+    added = {term.omission_sentence for term in problem.terms}
     for name, term in _TERMS.items():
         if name in added:
             continue
         columns, instruments = [term(of) for of in measured], [term(of) for of in explained]
         known = [(x, z) for x, z in zip(columns, instruments, strict=True) if x is not None and z is not None]
-        if len(known) < len(own):
+        if len(known) < len(current):
             continue
-        with_term = [_with(one, linear, x, z) for one, linear, (x, z) in zip(own, base, known, strict=True)]
+        with_term = [
+            _with(item, linear, x, z) for item, linear, (x, z) in zip(current, base, known, strict=True)
+        ]
         coefficient = _coefficient(tuple(with_term), name)
         if coefficient is not None:
-            found[name] = coefficient
+            differences[name] = coefficient
     gain = abs(estimate.parameters["input_gain"]) or math.nan
-    return found | {
-        name: replace(one, value=one.value / gain, std_error=one.std_error / gain)
-        for name, one in found.items()
+    return differences | {
+        name: replace(difference, value=difference.value / gain, std_error=difference.std_error / gain)
+        for name, difference in differences.items()
         if name in SHARES
     }
 
 
-def _measured(problem: VerticalFlights, place: int, flight: PreparedFlight, at: Values) -> _Flight:
-    mapped = problem.runs.columns[place].moving(at)[:, 0]
+def _measured(
+    problem: VerticalFlights, position: int, flight: PreparedFlight, nuisance_values: Values
+) -> _Flight:
+    mapped = problem.runs.columns[position].moving(nuisance_values)[:, 0]
     used = np.flatnonzero(flight.used)
     time = flight.grid.time_s
     span = time[used[-1]] - time[used[0]]
@@ -115,40 +119,46 @@ def _measured(problem: VerticalFlights, place: int, flight: PreparedFlight, at: 
     volts = voltage(flight)
     away = None if volts is None else volts / float(volts[flight.used].mean()) - 1.0
     mean = float(mapped[flight.used].mean())
-    return _Flight(problem.flights[place].velocity, mapped, mean, height_over_ground(flight), away, share)
+    return _Flight(problem.flights[position].velocity, mapped, mean, height_over_ground(flight), away, share)
 
 
-def _explained(own: AxisColumns, of: _Flight) -> _Flight:
+def _explained(axis_columns: AxisColumns, of: _Flight) -> _Flight:
     """The same as far as the instruments of a flight explain it; voltage and time as they are."""
     known = {"velocity": of.velocity, "mapped": of.mapped} | (
         {} if of.height is None else {"height": of.height}
     )
-    fitted = explained(own.instruments, own.runs, np.column_stack(list(known.values())))
+    fitted = explained(axis_columns.instruments, axis_columns.runs, np.column_stack(list(known.values())))
     return replace(of, **dict(zip(known, fitted.T, strict=True)))
 
 
-def _linear(problem: VerticalFlights, own: AxisColumns, estimate: Estimate) -> Float[np.ndarray, "n k"]:
+def _linear(
+    problem: VerticalFlights, axis_columns: AxisColumns, estimate: Estimate
+) -> Float[np.ndarray, "n k"]:
     """Columns of the linear parameters at the estimate, and derivatives by the nuisances searched for."""
-    at = estimate.best.at
-    moving = own.moving(at)
-    theta = estimate.best.theta[own.fixed.shape[1] :]
-    slopes = [one.derivative(own.moving, at) @ theta for one in problem.nuisances if one.refined]
-    return np.column_stack([own.fixed, moving, *slopes])
+    index = estimate.best.nuisances
+    moving = axis_columns.moving(index)
+    theta = estimate.best.theta[axis_columns.fixed.shape[1] :]
+    slopes = [
+        nuisance.derivative(axis_columns.moving, index) @ theta
+        for nuisance in problem.nuisances
+        if nuisance.refined
+    ]
+    return np.column_stack([axis_columns.fixed, moving, *slopes])
 
 
-def _with(own: AxisColumns, linear: Float[np.ndarray, "n k"], x: Column, z: Column) -> AxisColumns:
+def _with(axis_columns: AxisColumns, linear: Float[np.ndarray, "n k"], x: Column, z: Column) -> AxisColumns:
     """Columns of a flight with a term and its instrument."""
     return replace(
-        own,
+        axis_columns,
         fixed=np.column_stack([x, linear]),
         moving=nothing_moves(x.size),
-        instruments=np.column_stack([own.instruments, z]),
+        instruments=np.column_stack([axis_columns.instruments, z]),
     )
 
 
 def _coefficient(columns: tuple[AxisColumns, ...], name: str) -> Difference | None:
-    """Coefficient of the first column; None where nothing tells it."""
-    others = (Parameter(f"of the model {place}", "") for place in range(1, columns[0].fixed.shape[1]))
+    """Coefficient of the first column; None where nothing gives it."""
+    others = (Parameter(f"of the model {index}", "") for index in range(1, columns[0].fixed.shape[1]))
     try:
         return estimated(LaggedRuns(columns, (Parameter(name, ""), *others), ()), {}).differences[name]
     except (EstimationError, InstrumentError, TooFewSamplesError):
@@ -161,17 +171,18 @@ def voltage_numbers(flights: Sequence[PreparedFlight]) -> dict[str, float]:
     return {VOLTAGE_CHANGE: float(np.mean(changes))} if 0 < len(changes) == len(flights) else {}
 
 
-# -- told ---------------------------------------------------------------------------------------------------
+# -- reported
+# ---------------------------------------------------------------------------------------------------
 
 
-def left_out_numbers(found: Mapping[str, Difference]) -> dict[str, float]:
+def omitted_variable_numbers(differences: Mapping[str, Difference]) -> dict[str, float]:
     """Coefficients, half-widths and p-values by name."""
     numbers: dict[str, float] = {}
-    for name, one in found.items():
+    for name, difference in differences.items():
         numbers |= {
-            f"{PREFIX}{name}": one.value,
-            f"{PREFIX}{name}_half_width": one.half_width,
-            f"{PREFIX}{name}_p_value": one.p_value,
+            f"{PREFIX}{name}": difference.value,
+            f"{PREFIX}{name}_half_width": difference.half_width,
+            f"{PREFIX}{name}_p_value": difference.p_value,
         }
     return numbers
 
@@ -184,21 +195,21 @@ def missed(numbers: Mapping[str, float], name: str) -> bool:
     return abs(numbers[f"{PREFIX}{name}"] * changed) >= LEAST_TERM.get(name, 0.0)
 
 
-def left_out_told(numbers: Mapping[str, float]) -> tuple[tuple[str, str], ...]:
+def report_omitted(numbers: Mapping[str, float]) -> tuple[tuple[str, str], ...]:
     """Terms that are missed, and the tests of the others."""
     tested = [name for name in _TERMS if f"{PREFIX}{name}" in numbers]
-    said = [left_out_sentence(numbers, name) for name in tested if missed(numbers, name)]
+    message = [omitted_variable_sentence(numbers, name) for name in tested if missed(numbers, name)]
     quiet = [
         f"{name.replace('_', ' ')} (p {numbers[f'{PREFIX}{name}_p_value']:.2g})"
         for name in tested
         if not missed(numbers, name)
     ]
     if quiet:
-        said.append(f"not missed: {', '.join(quiet)}")
-    return (("left out", "; ".join(said)),) if said else ()
+        message.append(f"not missed: {', '.join(quiet)}")
+    return (("left out", "; ".join(message)),) if message else ()
 
 
-def left_out_sentence(numbers: Mapping[str, float], name: str) -> str:
+def omitted_variable_sentence(numbers: Mapping[str, float], name: str) -> str:
     """What is missed, with number and unit."""
     value, half = numbers[f"{PREFIX}{name}"], numbers[f"{PREFIX}{name}_half_width"]
     if name == DRAG:
@@ -243,49 +254,56 @@ SIDEWAYS_LAGS_S = (0.2, 0.2, 0.4)
 
 def difference_problem(problem: VerticalFlights, flights: Sequence[PreparedFlight]) -> LaggedRuns | None:
     """Regression of D - A on what each kind of disagreement would leave of it."""
-    own = problem.runs.columns
-    if any(one.responses.shape[1] < 2 or not one.instruments.shape[1] for one in own):
+    current = problem.runs.columns
+    if any(item.responses.shape[1] < 2 or not item.instruments.shape[1] for item in current):
         return None
     sideways = [_sideways(flight) for flight in flights]
-    names = tuple(sideways[0]) if all(one.keys() == sideways[0].keys() for one in sideways) else ()
+    names = tuple(sideways[0]) if all(sideway.keys() == sideways[0].keys() for sideway in sideways) else ()
     columns = tuple(
-        _columns(one, [found[name] for name in names]) for one, found in zip(own, sideways, strict=True)
+        _columns(item, [sideway[name] for name in names])
+        for item, sideway in zip(current, sideways, strict=True)
     )
     return LaggedRuns(columns, (OFFSET, SCALE, *(TILTS[name] for name in names)), ())
 
 
-def _columns(own: AxisColumns, sideways: list[Float[np.ndarray, " n"]]) -> AxisColumns:
+def _columns(axis_columns: AxisColumns, sideways: list[Float[np.ndarray, " n"]]) -> AxisColumns:
     """Columns of one flight, with its horizontal velocities."""
-    A, D = own.responses.T
+    A, D = axis_columns.responses.T
     a = 0.5 * (A + D)
     return replace(
-        own,
+        axis_columns,
         responses=(D - A)[:, None],
         fixed=np.column_stack(
-            [np.gradient(a, own.step_s), a, *(-np.gradient(v, own.step_s) for v in sideways)]
+            [
+                np.gradient(a, axis_columns.step_s),
+                a,
+                *(-np.gradient(v, axis_columns.step_s) for v in sideways),
+            ]
         ),
         moving=nothing_moves(A.size),
-        instruments=np.column_stack([own.instruments, *(_lags(v, own.step_s) for v in sideways)]),
+        instruments=np.column_stack(
+            [axis_columns.instruments, *(_lags(v, axis_columns.step_s) for v in sideways)]
+        ),
     )
 
 
 def sideways_speed(flights: Sequence[PreparedFlight]) -> float:
     """Root mean square of the horizontal speed, of the fastest flight; NaN where none is logged [m/s]."""
-    found = [float("nan")]
+    results = [float("nan")]
     for flight in flights:
         channels = [flight.recording.channels.get(f"velocity_{axis}") for axis in "xy"]
-        parts = [on_grid(one, flight.grid)[0][flight.used] for one in channels if one is not None]
+        parts = [on_grid(channel, flight.grid)[0][flight.used] for channel in channels if channel is not None]
         if len(parts) == 2:
-            found.append(float(np.sqrt(np.mean(np.square(parts).sum(axis=0)))))
-    return float(np.nanmax(found)) if len(found) > 1 else found[0]
+            results.append(float(np.sqrt(np.mean(np.square(parts).sum(axis=0)))))
+    return float(np.nanmax(results)) if len(results) > 1 else results[0]
 
 
 def _lags(velocity: Float[np.ndarray, " n"], step_s: float) -> Float[np.ndarray, "n p"]:
     """A horizontal velocity and lags of it."""
-    found = [velocity]
+    results = [velocity]
     for lag_s in SIDEWAYS_LAGS_S:
-        found.append(first_order_lag(found[-1], step_s=step_s, lag_s=lag_s))
-    return np.column_stack(found)
+        results.append(first_order_lag(results[-1], step_s=step_s, lag_s=lag_s))
+    return np.column_stack(results)
 
 
 def _sideways(flight: PreparedFlight) -> dict[str, Float[np.ndarray, " n"]]:
@@ -298,23 +316,23 @@ def _sideways(flight: PreparedFlight) -> dict[str, Float[np.ndarray, " n"]]:
     )
     if not (known_x & known_y)[used].all():
         return {}
-    found = {"x": east, "y": north}
+    results = {"x": east, "y": north}
     heading = _heading(flight)
     if heading is not None:
         cosine, sine = heading
-        found = {"forward": cosine * east + sine * north, "left": cosine * north - sine * east}
-    return {name: v - v[used].mean() for name, v in found.items() if v[used].std() > SIDEWAYS_SPEED}
+        results = {"forward": cosine * east + sine * north, "left": cosine * north - sine * east}
+    return {name: v - v[used].mean() for name, v in results.items() if v[used].std() > SIDEWAYS_SPEED}
 
 
 def _heading(flight: PreparedFlight) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]] | None:
     """Cosine and sine of the yaw on the flight's grid; None without an attitude."""
     parts = [flight.recording.channels.get(f"attitude_{axis}") for axis in "wxyz"]
     known = [channel for channel in parts if channel is not None and channel.time_s.size]
-    if len(known) != 4 or any(not np.array_equal(one.time_s, known[0].time_s) for one in known):
+    if len(known) != 4 or any(not np.array_equal(item.time_s, known[0].time_s) for item in known):
         return None
     w, x, y, z = (channel.values for channel in known)
-    ahead = w**2 + x**2 - y**2 - z**2, 2.0 * (w * z + x * y)
-    cosine, sine = (on_grid(replace(known[0], values=part), flight.grid)[0] for part in ahead)
+    prediction = w**2 + x**2 - y**2 - z**2, 2.0 * (w * z + x * y)
+    cosine, sine = (on_grid(replace(known[0], values=part), flight.grid)[0] for part in prediction)
     length = np.hypot(cosine, sine)
     if not length[flight.used].all():
         return None
@@ -325,9 +343,9 @@ def _heading(flight: PreparedFlight) -> tuple[Float[np.ndarray, " n"], Float[np.
 # -- in words -----------------------------------------------------------------------------------------------
 
 
-def sentence(name: str, found: Difference) -> str:
+def sentence(name: str, difference: Difference) -> str:
     """What a difference is, with number and unit."""
-    value, half = found.value, found.half_width
+    value, half = difference.value, difference.half_width
     if name == OFFSET.name:
         late, early = ("accelerometer", "velocity") if value > 0.0 else ("velocity", "accelerometer")
         return f"The {late} is {1e3 * abs(value):.1f} ± {1e3 * half:.1f} ms behind the {early}."
@@ -365,25 +383,25 @@ def _scale_sentence(scale: float, half: float) -> str:
 
 
 def either_sentence(agreement: SensorAgreement) -> str:
-    """What the differences are of which the flight does not tell which is there."""
-    said = " Or: ".join(sentence(name, one) for name, one in agreement.either.items())
-    return f"{said} This flight does not tell which." if len(agreement.either) > 1 else said
+    """What the differences are of which the flight does not identify which is there."""
+    text = " Or: ".join(sentence(name, item) for name, item in agreement.either.items())
+    return f"{text} This flight does not identify which." if len(agreement.either) > 1 else text
 
 
-def told(agreement: SensorAgreement) -> str:
-    """What is told of both sensors, in a line."""
-    said = [sentence(name, one) for name, one in agreement.told.items()]
+def sensor_agreement_sentence(agreement: SensorAgreement) -> str:
+    """What is reported about both sensors, in a line."""
+    message = [sentence(name, item) for name, item in agreement.significant.items()]
     if agreement.either:
-        said.append(either_sentence(agreement))
+        message.append(either_sentence(agreement))
     if agreement.otherwise:
-        said.append("Velocity and accelerometer disagree in another way than these.")
-    if said:
-        return " ".join(said)
+        message.append("Velocity and accelerometer disagree in another way than these.")
+    if message:
+        return " ".join(message)
     known = agreement.differences
     offset, scale = known[OFFSET.name], known[SCALE.name]
-    tilts = [one for name, one in known.items() if name not in (OFFSET.name, SCALE.name)]
+    tilts = [item for name, item in known.items() if name not in (OFFSET.name, SCALE.name)]
     leaning = "".join(
-        f", tilt {np.rad2deg(one.value):+.1f} ± {np.rad2deg(one.half_width):.1f} degrees" for one in tilts
+        f", tilt {np.rad2deg(tilt.value):+.1f} ± {np.rad2deg(tilt.half_width):.1f} degrees" for tilt in tilts
     )
     return (
         f"velocity and accelerometer agree: offset {1e3 * offset.value:+.1f} ± "
@@ -395,20 +413,20 @@ def told(agreement: SensorAgreement) -> str:
 # -- in intervals -------------------------------------------------------------------------------------------
 
 
-def sensor_allowances(
-    agreement: SensorAgreement | None, quantities: Mapping[str, Unjudged], *, aligned: bool
-) -> dict[str, list[Allowance]]:
+def sensor_uncertainties(
+    agreement: SensorAgreement | None, quantities: Mapping[str, QuantityEstimate], *, aligned: bool
+) -> dict[str, list[SystematicUncertainty]]:
     """What disagreeing sensors add to intervals; of aligned ones, what is not known of the alignment."""
-    found: dict[str, list[Allowance]] = {}
+    results: dict[str, list[SystematicUncertainty]] = {}
     if agreement is None:
-        return found
-    differences = agreement.told
+        return results
+    differences = agreement.significant
     if OFFSET.name in differences:
         offset = differences[OFFSET.name]
         below, above = (offset.half_width,) * 2 if aligned else (abs(offset.value), 0.0)
         why = f"{sentence(OFFSET.name, offset)} {_moved(aligned=aligned)}"
         for name in ("actuator_lag", "effective_lag"):
-            found[name] = [Allowance(Counts.ADDED, below, above, why)]
+            results[name] = [SystematicUncertainty(Counts.ADDED, below, above, why)]
     if SCALE.name in differences:
         scale = differences[SCALE.name]
         why = f"{sentence(SCALE.name, scale)} {_moved(aligned=aligned)}"
@@ -418,8 +436,8 @@ def sensor_allowances(
             below = above = part
             if name == "viscous_friction" and not aligned:
                 below, above = (0.0, part) if scale.value > 0.0 else (part, 0.0)
-            found[name] = [Allowance(Counts.ADDED, below, above, why)]
-    return found
+            results[name] = [SystematicUncertainty(Counts.ADDED, below, above, why)]
+    return results
 
 
 def _moved(*, aligned: bool) -> str:
@@ -431,7 +449,7 @@ def _moved(*, aligned: bool) -> str:
 
 def aligned(flights: tuple[PreparedFlight, ...], agreement: SensorAgreement) -> tuple[PreparedFlight, ...]:
     """Flights with offset and scale taken out of the sensor that is wrong."""
-    known = agreement.told
+    known = agreement.significant
     offset_s = known[OFFSET.name].value if OFFSET.name in known else 0.0
     scale = known[SCALE.name].value if SCALE.name in known else 0.0
     return tuple(_aligned(flight, offset_s, scale) for flight in flights)

@@ -38,7 +38,7 @@ class CurveFamily:
         return SHARES if self.of_share else EXPONENTS
 
     def possible(self, value: float) -> float:
-        """The parameter to four decimals, which no flight tells more closely, or the nearest possible one."""
+        """The parameter to four decimals, which no flight carries more information closely."""
         return round(float(np.clip(value, self.grid[0], self.grid[-1])), 4)
 
     def map(self, value: float) -> InputMap:
@@ -82,9 +82,9 @@ class AutopilotParameter:
         """Whether the autopilot takes a value."""
         return self.lowest <= value <= self.highest
 
-    def beyond(self, told: Interval) -> str:
+    def beyond(self, record: Interval) -> str:
         """Why a value is not proposed, without the value; empty where the autopilot takes it."""
-        value, (low, high) = told
+        value, (low, high) = record
         if self.takes(value):
             return ""
         side = "above" if value > self.highest else "below"
@@ -106,10 +106,10 @@ DECLARE = 'Of a table, declare curve_side = "before" or "behind" of the command 
 
 def curve_in_force(logged: Sequence[Mapping[str, float]]) -> dict[str, float]:
     """Parameters of thrust curves that logs have in common, of the parameters of each."""
-    names = [one.name for one in CURVE_PARAMETERS]
-    values = {name: {one.get(name, math.nan) for one in logged} for name in names}
+    names = [item.name for item in CURVE_PARAMETERS]
+    values = {name: {item.get(name, math.nan) for item in logged} for name in names}
     return {
-        name: min(found) for name, found in values.items() if len(found) == 1 and math.isfinite(min(found))
+        name: min(value) for name, value in values.items() if len(value) == 1 and math.isfinite(min(value))
     }
 
 
@@ -153,7 +153,7 @@ def proposed(
     in_force: float | None,
 ) -> tuple[Interval, Interval]:
     """Parameter of a thrust curve, and share of thrust at hover with it in force."""
-    commands = [min(max(one, LEAST_COMMAND), 1.0) for one in (hover[0], *hover[1])]
+    commands = [min(max(item, LEAST_COMMAND), 1.0) for item in (hover[0], *hover[1])]
     corners = [
         (plant_share(family, value, command, in_force), motor_signal(command, in_force))
         for value, command in product((curve[0], *curve[1]), commands)
@@ -219,14 +219,14 @@ class VerticalMotion(SignalModel):
         Returns
         -------
         SignalRegression
-            Its rows are cut when they are asked for.
+            Its rows are cut when they are requested.
         """
         checks.kind("signals", signals, Signals, "Signals", "Make them: ev.Signals(rate_hz, channels).")
         check_columns("instruments", instruments)
-        own = (Column(""),) if instruments and self.intercept else ()
+        current = (Column(""),) if instruments and self.intercept else ()
         about_hover = "specific_force_z" not in signals.channels and "acceleration_z" in signals.channels
         equation = self.equation("acceleration_z" if about_hover else "specific_force_z")
-        return SignalRegression(signals, equation, (*instruments, *own))
+        return SignalRegression(signals, equation, (*instruments, *current))
 
     def regression_lag(self, instruments: tuple[Column, ...] = ()) -> int:
         """Samples that a row reaches back."""

@@ -19,21 +19,21 @@ from eivor.flights.lag_prior import (
     ratio_quantity,
     reciprocal,
 )
-from eivor.flights.motion import Circumstances, Motion, Strength
+from eivor.flights.motion import InstrumentStrength, Motion, VerdictInputs
 from eivor.flights.options import FIT_MAP, FlightOptions
 from eivor.flights.prepared import Difference, PreparedFlight, Selection, SensorAgreement, sensor_agreement
 from eivor.flights.quantity import (
     NAN,
-    Allowance,
     CardSection,
     Drawn,
-    Followed,
-    Panel,
-    Predicted,
+    PlotData,
+    PredictedQuantity,
     Quantity,
+    QuantityEstimate,
     SimpleModel,
+    SystematicUncertainty,
     Trace,
-    Unjudged,
+    TrackedParameter,
 )
 from eivor.inference.distributions import chi_square_quantile, chi_square_tail
 from eivor.inference.verdict import Reason, Status
@@ -45,11 +45,11 @@ from eivor.motions.vertical.misspecification import (
     LEAST_SENSOR_DIFFERENCE,
     aligned,
     difference_problem,
-    left_out,
-    left_out_numbers,
-    left_out_told,
+    omitted_variable_numbers,
+    omitted_variable_tests,
+    report_omitted,
+    sensor_agreement_sentence,
     sideways_speed,
-    told,
     voltage_numbers,
 )
 from eivor.motions.vertical.model import (
@@ -64,7 +64,7 @@ from eivor.motions.vertical.model import (
     family_of_fitted,
     proposed,
 )
-from eivor.motions.vertical.predict import flown, predictions, simple_models
+from eivor.motions.vertical.predict import closed_loop_record, predictions, simple_models
 from eivor.motions.vertical.regression import (
     SUPPLY,
     TERMS,
@@ -90,16 +90,16 @@ from eivor.motions.vertical.select import (
     ACROSS,
     EQUATION,
     INPUTS,
+    PLOTTED,
     QUANTITIES,
     REFERENCES,
-    SHOWN,
     TELEMETRY,
     WORDS,
     open_loop_findings,
     selected,
     vertical_card,
 )
-from eivor.motions.vertical.thrust_curve import curve_quantities, settled_curve
+from eivor.motions.vertical.thrust_curve import curve_quantities, refined_curve
 from eivor.motions.vertical.verdict import (
     APPARENT_GRAVITY,
     CLEAR_INTERCEPT,
@@ -110,8 +110,8 @@ from eivor.motions.vertical.verdict import (
     MAP_P_VALUE,
     SIDEWAYS,
     THRUST_EXPONENT,
-    all_allowances,
-    all_grounds,
+    all_reasons,
+    all_systematic_uncertainties,
     hover_findings,
     near_ground,
 )
@@ -134,7 +134,7 @@ NOT_IN_FORCE = (
 def curve_findings(
     flights: tuple[PreparedFlight, ...], quantities: Mapping[str, Quantity]
 ) -> tuple[Finding, ...]:
-    """The parameter that a curve would set; none where the curve or the hover input is not told."""
+    """The parameter that a curve would set; none where the curve or the hover input is not identified."""
     curve, hover = quantities.get("thrust_curve"), quantities["hover_input"]
     if curve is None or not 0.0 < hover.value < 1.0 or flights[0].input.measured:
         return ()
@@ -151,7 +151,7 @@ def curve_findings(
     family = family_of_fitted(input_map(flights[0].input_map))
     before = side is CurveSide.BEFORE
     sentences = []
-    for parameter in [one for one in CURVE_PARAMETERS if one.name in in_force or not (in_force or before)]:
+    for parameter in [item for item in CURVE_PARAMETERS if item.name in in_force or not (in_force or before)]:
         value = in_force.get(parameter.name)
         if before and value is not None and not parameter.takes(value):
             continue
@@ -198,16 +198,16 @@ def _sentence(parameter: AutopilotParameter, share: Interval, in_force: float | 
 ANY_FRICTION = Prior(0.3, 0.3)
 
 
-def followed_gain(
+def tracked_gain(
     problem: VerticalFlights, quantities: Mapping[str, Quantity], options: FlightOptions
-) -> Followed:
-    """Rows that tell K_u over a flight, and what is known of K and the intercept."""
-    found = quantities["viscous_friction"]
+) -> TrackedParameter:
+    """Rows that identify K_u over a flight, and what is known of K and the intercept."""
+    quantity = quantities["viscous_friction"]
     friction = ANY_FRICTION
-    source = "as of any multirotor: the flight does not tell it"
-    if found.verdict is not Status.REFUSED and 0.0 < found.half_width < math.inf:
-        friction = Prior(found.value, max(found.std_error, 0.5 * found.half_width))
-        source = "as the whole flight tells it"
+    source = "as of any multirotor: the flight does not identify it"
+    if quantity.verdict is not Status.REFUSED and 0.0 < quantity.half_width < math.inf:
+        friction = Prior(quantity.value, max(quantity.std_error, 0.5 * quantity.half_width))
+        source = "as the whole flight identifies it"
     bias = options.accelerometer_bias
     known_bias = math.isfinite(bias)
     intercept = Prior(-GRAVITY, bias) if known_bias else None
@@ -215,9 +215,9 @@ def followed_gain(
         f"Intercept 0 ± {1.96 * bias:.2g} m/s²: the input map is right, and the accelerometer's bias small "
         "(--accelerometer-bias)."
         if known_bias
-        else "Nothing is known of the intercept: only movement tells the gain."
+        else "Nothing is known of the intercept: only movement identifies the gain."
     )
-    return Followed(
+    return TrackedParameter(
         "input_gain",
         problem.runs,
         {"viscous_friction": friction},
@@ -237,37 +237,37 @@ PerDelay = Float[np.ndarray, " k"]
 
 
 def map_numbers(
-    problem: VerticalFlights, estimate: Estimate, left_out: Mapping[str, Difference]
+    problem: VerticalFlights, estimate: Estimate, differences: Mapping[str, Difference]
 ) -> dict[str, float]:
     """Least intercept, and the p-value of the test that the input map fits."""
-    found = []
+    results = []
     for candidate in estimate.candidates:
         terms = balance(problem, candidate)
         value, gradient = intercept(candidate, terms)
         half = candidate.covariance.half_width(gradient, SET_LEVEL, terms.residual_variance)
-        found.append((value, half))
-    values, halves = np.array(found).T
+        results.append((value, half))
+    values, halves = np.array(results).T
     excesses = np.array(estimate.excesses)
     best = float(values[np.argmin(excesses)])
     return {
         LEAST_INTERCEPT: least_in_set(values, halves, excesses),
-        MAP_P_VALUE: fitting_p_value(beyond(values, halves, excesses), best, left_out.get(CURVATURE)),
+        MAP_P_VALUE: fitting_p_value(beyond(values, halves, excesses), best, differences.get(CURVATURE)),
     }
 
 
 def least_in_set(values: PerDelay, halves: PerDelay, excesses: PerDelay) -> float:
     """Least size of an intercept in the 95 % set of all delays together; zero where zero is in it."""
-    allowance = chi_square_quantile(SET_LEVEL, 1)
-    fits = excesses <= allowance
-    left = halves[fits] * np.sqrt(1.0 - excesses[fits] / allowance)
+    quantile = chi_square_quantile(SET_LEVEL, 1)
+    fits = excesses <= quantile
+    left = halves[fits] * np.sqrt(1.0 - excesses[fits] / quantile)
     return max(float(np.min(values[fits] - left)), -float(np.max(values[fits] + left)), 0.0)
 
 
 def beyond(values: PerDelay, halves: PerDelay, excesses: PerDelay) -> float:
     """Squared distance of the same intercepts from what a fitting map leaves, in standard errors."""
-    allowance = chi_square_quantile(SET_LEVEL, 1)
+    quantile = chi_square_quantile(SET_LEVEL, 1)
     away = np.maximum(np.abs(values) - CLEAR_INTERCEPT, 0.0) / np.maximum(halves, LEAST_HALF_WIDTH)
-    return float(np.min(excesses + allowance * away**2))
+    return float(np.min(excesses + quantile * away**2))
 
 
 def fitting_p_value(distance: float, value: float, bend: Difference | None) -> float:
@@ -283,15 +283,15 @@ def fitting_p_value(distance: float, value: float, bend: Difference | None) -> f
 
 # -- Quantities --
 
-#: Values of all nuisances, which tell a candidate from the others.
-Place = tuple[float, ...]
+#: Values of all nuisances, which distinguish a candidate from the others.
+Point = tuple[float, ...]
 
 
-def all_quantities(problem: VerticalFlights, estimate: Estimate) -> dict[str, Unjudged]:
+def all_quantities(problem: VerticalFlights, estimate: Estimate) -> dict[str, QuantityEstimate]:
     """Every quantity, in the order of results; none has a verdict yet."""
-    terms = {_place(c): balance(problem, c) for c in estimate.candidates}
+    terms = {_position(c): balance(problem, c) for c in estimate.candidates}
     joint = joint_quantities(estimate)
-    found = {
+    results = {
         "viscous_friction": joint["viscous_friction"],
         "input_gain": joint["input_gain"],
         "intercept": _intercept(estimate, terms),
@@ -301,64 +301,64 @@ def all_quantities(problem: VerticalFlights, estimate: Estimate) -> dict[str, Un
         "time_constant": ratio_quantity(estimate, 1.0, "viscous_friction", "s"),
     }
     if problem.curve is None:
-        return found
+        return results
 
     moved = curve_quantities(problem, estimate, problem.curve)
-    moved["intercept"] = replace(moved["intercept"], by_run=found["intercept"].by_run)
-    return {**found, **moved, "time_constant": reciprocal(moved["viscous_friction"], "s")}
+    moved["intercept"] = replace(moved["intercept"], by_run=results["intercept"].by_run)
+    return {**results, **moved, "time_constant": reciprocal(moved["viscous_friction"], "s")}
 
 
 def drawn_quantities(problem: VerticalFlights, drawn: Drawn) -> dict[str, float]:
     """Quantities of a draw of flights; lags only where they were searched for."""
     K, K_u = drawn.parameters["viscous_friction"], drawn.parameters["input_gain"]
-    found = {
+    results = {
         "viscous_friction": K,
         "input_gain": K_u,
         **{term.parameter.name: drawn.parameters[term.parameter.name] for term in problem.terms},
         "hover_input": problem.motion.input_map.inverse(hover_of_sums(drawn.parameters, drawn.sums)),
     }
-    lag_s, delay_s = drawn.at[ACTUATOR_LAG.name], drawn.at[DELAY.name]
+    lag_s, delay_s = drawn.nuisances[ACTUATOR_LAG.name], drawn.nuisances[DELAY.name]
     if problem.lag.searched:
-        found[ACTUATOR_LAG.name] = lag_s
+        results[ACTUATOR_LAG.name] = lag_s
     if problem.lag.searched or problem.delay.searched:
-        found[EFFECTIVE_LAG] = lag_s + delay_s
-    return found
+        results[EFFECTIVE_LAG] = lag_s + delay_s
+    return results
 
 
-def _intercept(estimate: Estimate, terms: dict[Place, Balance]) -> Unjudged:
+def _intercept(estimate: Estimate, terms: dict[Point, Balance]) -> QuantityEstimate:
     """Intercept over all runs, and that of each."""
     interval = estimate.interval_of(
-        lambda c: intercept(c, terms[_place(c)]),
-        extra_variance=lambda c: terms[_place(c)].residual_variance,
+        lambda c: intercept(c, terms[_position(c)]),
+        extra_variance=lambda c: terms[_position(c)].residual_variance,
     )
-    value, gradient = intercept(estimate.best, terms[_place(estimate.best)])
-    extra = terms[_place(estimate.best)].residual_variance
-    by_run = tuple(intercepts_by_run(estimate.best, terms[_place(estimate.best)]).tolist())
+    value, gradient = intercept(estimate.best, terms[_position(estimate.best)])
+    extra = terms[_position(estimate.best)].residual_variance
+    by_run = tuple(intercepts_by_run(estimate.best, terms[_position(estimate.best)]).tolist())
     error = _std_error(estimate.best, gradient, extra)
-    return Unjudged(value, "m/s^2", error, interval, by_run=by_run)
+    return QuantityEstimate(value, "m/s^2", error, interval, by_run=by_run)
 
 
-def _hover(problem: VerticalFlights, estimate: Estimate, terms: dict[Place, Balance]) -> Unjudged:
+def _hover(problem: VerticalFlights, estimate: Estimate, terms: dict[Point, Balance]) -> QuantityEstimate:
     """Hover input: the interval of U_h through the input map's inverse."""
 
     def extra(candidate: Candidate) -> float:
-        return terms[_place(candidate)].residual_variance / float(candidate.theta[1]) ** 2
+        return terms[_position(candidate)].residual_variance / float(candidate.theta[1]) ** 2
 
-    low, high = estimate.interval_of(lambda c: hover_mapped(c, terms[_place(c)]), extra_variance=extra)
-    mapped, gradient = hover_mapped(estimate.best, terms[_place(estimate.best)])
+    low, high = estimate.interval_of(lambda c: hover_mapped(c, terms[_position(c)]), extra_variance=extra)
+    mapped, gradient = hover_mapped(estimate.best, terms[_position(estimate.best)])
     inverse = problem.motion.input_map.inverse
     value = inverse(mapped)
     slope = problem.motion.input_map.slope(value)
     error = _std_error(estimate.best, gradient, extra(estimate.best))
     std_error = error / slope if slope > 0.0 else NAN
-    return Unjudged(value, "", std_error, (inverse(low), inverse(high)))
+    return QuantityEstimate(value, "", std_error, (inverse(low), inverse(high)))
 
 
 def thrust_curve(problem: VerticalFlights, estimate: Estimate) -> dict[str, float]:
     """Exponents at hover: of thrust, m K_u U_h / g, see `map_rule`, and of the input map."""
     best = estimate.best
     linear = dict(zip((p.name for p in problem.parameters), best.theta.tolist(), strict=True))
-    sums = {name: float(each.sum()) for name, each in balance_sums(problem, best.at).items()}
+    sums = {name: float(each.sum()) for name, each in balance_sums(problem, best.nuisances).items()}
     mapped = hover_of_sums(linear, sums)
     chosen = problem.motion.input_map
     hover = chosen.inverse(mapped)
@@ -370,8 +370,8 @@ def thrust_curve(problem: VerticalFlights, estimate: Estimate) -> dict[str, floa
     }
 
 
-def _place(candidate: Candidate) -> Place:
-    return tuple(candidate.at.values())
+def _position(candidate: Candidate) -> Point:
+    return tuple(candidate.nuisances.values())
 
 
 def _std_error(candidate: Candidate, gradient: Float[np.ndarray, " n"], extra: float) -> float:
@@ -381,7 +381,7 @@ def _std_error(candidate: Candidate, gradient: Float[np.ndarray, " n"], extra: f
 # -- Supply --
 
 VOLTAGE = "battery_voltage"
-#: A fall by a larger share over the time used is told; thrust goes with its first or second power.
+#: A fall by a larger share over the time used is identified; thrust goes with its first or second power.
 LARGE_FALL = 0.03
 #: A flight without its voltage that is longer may have sagged as much [s].
 LONG_S = 120.0
@@ -392,12 +392,12 @@ END_SHARE = 0.1
 def supply_findings(flights: tuple[PreparedFlight, ...]) -> tuple[Finding, ...]:
     """What is known of the supply of flights by commands."""
     prefixed = len(flights) > 1
-    found: list[Finding] = []
+    findings: list[Finding] = []
     for flight in flights:
         if flight.runs and not flight.input.measured:
             name = f"{flight.recording.name}: " if prefixed else ""
-            found.extend(Finding(one.name, name + one.message) for one in _of_flight(flight))
-    return tuple(found)
+            findings.extend(Finding(item.name, name + item.message) for item in _of_flight(flight))
+    return tuple(findings)
 
 
 def _of_flight(flight: PreparedFlight) -> list[Finding]:
@@ -412,9 +412,9 @@ def _of_flight(flight: PreparedFlight) -> list[Finding]:
         return [_not_logged(end - start)] if end - start > LONG_S else []
     margin = END_SHARE * (end - start)
     ends = within[stamps <= start + margin], within[stamps >= end - margin]
-    if not all(one.size for one in ends):
+    if not all(item.size for item in ends):
         return []
-    first, last = (float(np.median(one)) for one in ends)
+    first, last = (float(np.median(item)) for item in ends)
     fall = 1.0 - last / first
     if fall <= LARGE_FALL:
         return []
@@ -448,7 +448,7 @@ class Vertical(Motion[VerticalFlights]):
     model_name = "vertical_motion"
     equation = EQUATION
     wording = QUANTITIES
-    shown = SHOWN
+    plotted = PLOTTED
     headline = ("viscous_friction",)
     of_flight = ("viscous_friction",)
     terms = MappingProxyType({word: term.meaning for word, term in TERMS.items()})
@@ -514,17 +514,17 @@ class Vertical(Motion[VerticalFlights]):
         known = mean_voltage(flights) if self.mean_voltage is None else self.mean_voltage
         return replace(self, added=added, rotor_radius=radius, mean_voltage=known)
 
-    def told_vehicle(self) -> Mapping[str, object] | None:
+    def vehicle_record(self) -> Mapping[str, object] | None:
         """What terms count in, see `Motion.told_vehicle`; nothing without terms."""
         if not self.added:
             return None
         return {"rotor_radius": self.rotor_radius, "mean_voltage": self.mean_voltage}
 
-    def of_told_vehicle(self, told: object) -> Vertical:
+    def with_vehicle_record(self, record: object) -> Vertical:
         """Return the same motion with what the terms of a result count in, see `Motion.of_told_vehicle`."""
-        if told is None:
+        if record is None:
             return self
-        known = told if isinstance(told, Mapping) else {}
+        known = record if isinstance(record, Mapping) else {}
         radius, volts = known.get("rotor_radius"), known.get("mean_voltage")
         if (
             not known
@@ -533,7 +533,7 @@ class Vertical(Motion[VerticalFlights]):
         ):
             raise InputError(
                 "a result with rotor_radius and mean_voltage of its terms",
-                f"{told!r}",
+                f"{record!r}",
                 "Identify the flight again with eivor identify --json.",
             )
         return replace(self, rotor_radius=radius, mean_voltage=volts)
@@ -542,8 +542,8 @@ class Vertical(Motion[VerticalFlights]):
     def written(self) -> tuple[str, str]:
         """The equation with the terms that were asked for, see `Motion.written`."""
         equation, symbols = self.equation
-        told = (symbols, *(term.symbols for term in self.added if term.symbols))
-        return " ".join((equation, *(term.written for term in self.added))), "; ".join(told)
+        listed = (symbols, *(term.symbols for term in self.added if term.symbols))
+        return " ".join((equation, *(term.written for term in self.added))), "; ".join(listed)
 
     def problem(self, flights: tuple[PreparedFlight, ...], rule: InstrumentRule) -> VerticalFlights:
         """Regressions of the flights for each lag and delay, see `Motion.problem`."""
@@ -567,7 +567,7 @@ class Vertical(Motion[VerticalFlights]):
         cut = vertical_flight(flight)
         return with_surroundings(cut, flight, self.rotor_radius, self.mean_voltage) if self.added else cut
 
-    def settled(
+    def refined(
         self,
         problem: VerticalFlights,
         estimated: Callable[[VerticalFlights], Estimate],
@@ -577,35 +577,35 @@ class Vertical(Motion[VerticalFlights]):
         if options.input_map != FIT_MAP:
             return problem, estimated(problem)
 
-        return settled_curve(problem, estimated, options.accelerometer_bias)
+        return refined_curve(problem, estimated, options.accelerometer_bias)
 
-    def as_settled(
+    def with_refinement(
         self, flights: tuple[PreparedFlight, ...], problem: VerticalFlights
     ) -> tuple[PreparedFlight, ...]:
         """Flights with the map that was found out, see `Motion.as_settled`."""
         return tuple(replace(flight, input_map=problem.motion.input_map.name) for flight in flights)
 
-    def quantities(self, problem: VerticalFlights, estimate: Estimate) -> Mapping[str, Unjudged]:
+    def quantities(self, problem: VerticalFlights, estimate: Estimate) -> Mapping[str, QuantityEstimate]:
         """Parameters, hover input, effective lag and time constant, see `Motion.quantities`."""
         return all_quantities(problem, estimate)
 
-    def followed(
+    def tracked_parameter(
         self, problem: VerticalFlights, quantities: Mapping[str, Quantity], options: FlightOptions
-    ) -> Followed:
+    ) -> TrackedParameter:
         """The input's gain, see `eivor.motions.vertical.motion`."""
-        return followed_gain(problem, quantities, options)
+        return tracked_gain(problem, quantities, options)
 
-    def allowances(
+    def systematic_uncertainties(
         self,
         _problem: VerticalFlights,
         _estimate: Estimate,
         flights: tuple[PreparedFlight, ...],
-        quantities: Mapping[str, Unjudged],
-        at: Circumstances,
+        quantities: Mapping[str, QuantityEstimate],
+        inputs: VerdictInputs,
         /,
-    ) -> Mapping[str, tuple[Allowance, ...]]:
+    ) -> Mapping[str, tuple[SystematicUncertainty, ...]]:
         """Systematic parts, see `eivor.motions.vertical.verdict`."""
-        return all_allowances(flights, quantities, at)
+        return all_systematic_uncertainties(flights, quantities, inputs)
 
     def sensors(
         self, problem: VerticalFlights, flights: tuple[PreparedFlight, ...]
@@ -613,9 +613,9 @@ class Vertical(Motion[VerticalFlights]):
         """Whether velocity and accelerometer agree, see `eivor.motions.vertical.misspecification`."""
         return sensor_agreement(difference_problem(problem, flights), LEAST_SENSOR_DIFFERENCE)
 
-    def sensors_told(self, sensors: SensorAgreement) -> str:
+    def sensor_sentence(self, sensors: SensorAgreement) -> str:
         """By how much they differ, or may differ."""
-        return told(sensors)
+        return sensor_agreement_sentence(sensors)
 
     def aligned(
         self, flights: tuple[PreparedFlight, ...], sensors: SensorAgreement
@@ -623,15 +623,15 @@ class Vertical(Motion[VerticalFlights]):
         """Offset and scale taken out, see `Motion.aligned`."""
         return aligned(flights, sensors)
 
-    def following(self, quantities: Mapping[str, Unjudged]) -> Mapping[str, Unjudged]:
+    def following(self, quantities: Mapping[str, QuantityEstimate]) -> Mapping[str, QuantityEstimate]:
         """The time constant, which is one over the friction, see `Motion.following`."""
         return {"time_constant": reciprocal(quantities["viscous_friction"], "s")}
 
-    def grounds(
-        self, quantities: Mapping[str, Unjudged], strength: Strength, at: Circumstances
+    def reasons(
+        self, quantities: Mapping[str, QuantityEstimate], strength: InstrumentStrength, inputs: VerdictInputs
     ) -> Mapping[str, tuple[Reason, ...]]:
         """The rule of the verdict, see `eivor.motions.vertical.verdict`."""
-        return all_grounds(quantities, strength, at)
+        return all_reasons(quantities, strength, inputs)
 
     def known(self, flights: tuple[PreparedFlight, ...]) -> Mapping[str, float]:
         """Mean input, which is near the hover input, see `Motion.known`."""
@@ -658,33 +658,33 @@ class Vertical(Motion[VerticalFlights]):
         self, problem: VerticalFlights, estimate: Estimate, flights: tuple[PreparedFlight, ...]
     ) -> Mapping[str, float]:
         """Thrust near hover and in the input map, the gravity that is felt, height, and terms left out."""
-        missed = left_out(problem, estimate, flights)
+        missed = omitted_variable_tests(problem, estimate, flights)
         return {
             **map_numbers(problem, estimate, missed),
             **thrust_curve(problem, estimate),
             APPARENT_GRAVITY: apparent_gravity(problem),
             SIDEWAYS: sideways_speed(flights),
             **near_ground(flights, self.rotor_radius, corrected=GroundEffect() in self.added),
-            **left_out_numbers(missed),
+            **omitted_variable_numbers(missed),
             **(voltage_numbers(flights) if SUPPLY in missed else {}),
         }
 
     def checks(self, numbers: Mapping[str, float]) -> tuple[tuple[str, str], ...]:
         """Terms that the model leaves out, and whether they are missed."""
-        return left_out_told(numbers)
+        return report_omitted(numbers)
 
     def findings(
         self, flights: tuple[PreparedFlight, ...], quantities: Mapping[str, Quantity]
     ) -> tuple[Finding, ...]:
         """Instruments where no loop acts, what the autopilot holds its hover input to be, a curve for it."""
-        told = (*open_loop_findings(flights), *hover_findings(flights, quantities))
-        return (*told, *supply_findings(flights), *curve_findings(flights, quantities))
+        listed = (*open_loop_findings(flights), *hover_findings(flights, quantities))
+        return (*listed, *supply_findings(flights), *curve_findings(flights, quantities))
 
     def flight_sums(
-        self, problem: VerticalFlights, at: Values
+        self, problem: VerticalFlights, nuisance_values: Values
     ) -> Mapping[str, Float[np.ndarray, " flights"]]:
         """Terms of the balance, see `Motion.flight_sums`."""
-        return balance_sums(problem, at)
+        return balance_sums(problem, nuisance_values)
 
     def resampled(self, problem: VerticalFlights, drawn: Drawn) -> Mapping[str, float]:
         """Friction, gain and hover input; lag and effective lag when they were searched for."""
@@ -694,15 +694,15 @@ class Vertical(Motion[VerticalFlights]):
         """Least squares without a lag, and the hover input alone, see `Motion.simple_models`."""
         return simple_models(problem, estimate)
 
-    def predictions(self, problem: VerticalFlights, values: Values) -> tuple[Predicted, ...]:
+    def predictions(self, problem: VerticalFlights, values: Values) -> tuple[PredictedQuantity, ...]:
         """Vertical acceleration one step ahead, and climb rate in open loop, see `Motion.predictions`."""
         return predictions(problem, values)
 
-    def flown(
+    def closed_loop_record(
         self, problem: VerticalFlights, estimate: Estimate, flights: tuple[PreparedFlight, ...]
     ) -> Mapping[str, object]:
         """Residual, controller and tilt of the flights, see `Motion.flown`."""
-        return flown(problem, estimate, flights)
+        return closed_loop_record(problem, estimate, flights)
 
     def symbols(self, flight: PreparedFlight) -> str:
         """What U is in this flight."""
@@ -719,7 +719,7 @@ class Vertical(Motion[VerticalFlights]):
     def traces(self, problem: VerticalFlights, estimate: Estimate) -> tuple[Trace, ...]:
         """Vertical acceleration, means of each run removed, see `Motion.traces`."""
         best = estimate.best
-        rows = problem.rows(best.at)
+        rows = problem.rows(best.nuisances)
         return (
             Trace(
                 "vertical acceleration",
@@ -732,16 +732,18 @@ class Vertical(Motion[VerticalFlights]):
             ),
         )
 
-    def overview(self, flight: PreparedFlight) -> tuple[Panel, ...]:
+    def overview(self, flight: PreparedFlight) -> tuple[PlotData, ...]:
         """Height where it is logged, and climb rate, see `Motion.overview`."""
         signals = flight.signals
-        climb = Panel(
-            "climb rate\n[m/s]", signals.channel("velocity_z"), flight.asked("reference_velocity_z")
+        climb = PlotData(
+            "climb rate\n[m/s]",
+            signals.channel("velocity_z"),
+            flight.reference_on_grid("reference_velocity_z"),
         )
         panels = [climb]
         if "position_z" in flight.recording.channels:
             height = on_grid(flight.recording.channel("position_z"), flight.grid)[0]
-            panels.insert(0, Panel("height [m]", height, flight.asked("reference_position_z")))
+            panels.insert(0, PlotData("height [m]", height, flight.reference_on_grid("reference_position_z")))
         return tuple(panels)
 
     def advice(self, log_format: str) -> tuple[CardSection, ...]:

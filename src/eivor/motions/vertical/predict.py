@@ -13,7 +13,7 @@ from eivor.errors import EstimationError
 from eivor.estimation.estimate import Estimate
 from eivor.flights.grid import on_grid
 from eivor.flights.prepared import PreparedFlight
-from eivor.flights.quantity import Horizon, Predicted, SimpleModel
+from eivor.flights.quantity import Horizon, PredictedQuantity, SimpleModel
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
 from eivor.models.separable import Values
 from eivor.models.spectral import BinRows
@@ -45,7 +45,7 @@ def dragged_run(
     trim, start = 0.0, float(wanted[0])
     for _ in range(STEPS):
         answer, by_trim, by_start = (
-            one[counted] for one in _answers(force + trim, start, friction, drag, step_s)
+            _answer[counted] for _answer in _answers(force + trim, start, friction, drag, step_s)
         )
         step = np.linalg.lstsq(np.column_stack([by_trim, by_start]), wanted - answer, rcond=None)[0]
         trim, start = trim + float(step[0]), start + float(step[1])
@@ -59,7 +59,7 @@ def _answers(
 ) -> Float[np.ndarray, "3 n"]:
     """Climb rate, and its derivatives by the trim and by the start."""
     v, by_trim, by_start = start, 0.0, 1.0
-    found = [(v, by_trim, by_start)]
+    results = [(v, by_trim, by_start)]
     halves = (0.5 * step_s * force).tolist()
     for before, after in pairwise(halves):
         pushed = drag * min(abs(v), FASTEST)
@@ -68,8 +68,8 @@ def _answers(
         v = decay * (v + before) + after
         by_trim = slower * (by_trim + 0.5 * step_s) + 0.5 * step_s
         by_start *= slower
-        found.append((v, by_trim, by_start))
-    answers = np.array(found).T
+        results.append((v, by_trim, by_start))
+    answers = np.array(results).T
     if not (np.abs(answers) <= LARGEST_VALUE).all():
         raise EstimationError(
             "numbers with which the predicted climb rate stays finite",
@@ -96,7 +96,7 @@ LEAST_EXPLAINED = 0.5
 
 @dataclass(frozen=True, slots=True)
 class Taken:
-    """Numbers that a flight is simulated with: the estimate's where it tells them, else what is usual."""
+    """Numbers that a flight is simulated with: the estimate's where it identifies them."""
 
     friction: float  # [1/s]
     gain: float  # [1/s]
@@ -116,7 +116,7 @@ class Taken:
         }
 
 
-def flown(
+def closed_loop_record(
     problem: VerticalFlights, estimate: Estimate, flights: tuple[PreparedFlight, ...]
 ) -> dict[str, object]:
     """Numbers of flights, ready for JSON: what is taken of the vehicle, its residual, controller and tilt."""
@@ -135,17 +135,17 @@ def flown(
 def taken(problem: VerticalFlights, estimate: Estimate) -> Taken:
     """Numbers to simulate with."""
     friction, gain = estimate.best.theta[:2].tolist()
-    at = estimate.best.at
-    lag, delay = at[ACTUATOR_LAG.name], at[DELAY.name]
+    index = estimate.best.nuisances
+    lag, delay = index[ACTUATOR_LAG.name], index[DELAY.name]
     if not _half_width(estimate, VISCOUS_FRICTION.name) <= TOLD_FRICTION or not friction > 0.0:
         friction = USUAL_FRICTION
     if ACTUATOR_LAG.name in estimate.names and not _half_width(estimate, ACTUATOR_LAG.name) <= TOLD_LAG_S:
         lag, delay = USUAL_LAG_S, 0.0
     if not _half_width(estimate, INPUT_GAIN.name) <= TOLD_GAIN * abs(gain):
-        sums = balance_sums(problem, {**at, ACTUATOR_LAG.name: lag, DELAY.name: delay})
+        sums = balance_sums(problem, {**index, ACTUATOR_LAG.name: lag, DELAY.name: delay})
         gain = GRAVITY * float(sums["samples"].sum() / sums["mapped"].sum())
     linear = dict(zip((p.name for p in problem.parameters), estimate.best.theta.tolist(), strict=True))
-    return Taken(friction, gain, lag, delay, {**at, **linear})
+    return Taken(friction, gain, lag, delay, {**index, **linear})
 
 
 def _half_width(estimate: Estimate, name: str) -> float:
@@ -169,17 +169,17 @@ def residual_densities(problem: VerticalFlights, numbers: Taken) -> dict[str, li
     if left.shape[1] == 1:
         noise = at_nodes["second"][-1] / pulsation[-1] ** 2
         force = np.maximum(at_nodes["second"] - noise * pulsation**2, 0.05 * at_nodes["second"])
-        own = np.zeros(NODES_HZ.size)
+        current = np.zeros(NODES_HZ.size)
     else:
         least = 0.02 * np.minimum(at_nodes["first"], at_nodes["second"])
         force = np.maximum(at_nodes["shared"], least)
-        own = np.maximum(at_nodes["first"] - force, 0.0)
+        current = np.maximum(at_nodes["first"] - force, 0.0)
         known = NODES_HZ >= VELOCITY_FROM_HZ
         noise = float(np.median((np.maximum(at_nodes["second"] - force, 0.0) / pulsation**2)[known]))
     return {
         "frequency_hz": NODES_HZ.tolist(),
         "force": force.tolist(),
-        "accelerometer": own.tolist(),
+        "accelerometer": current.tolist(),
         "velocity": [float(noise)] * NODES_HZ.size,
     }
 
@@ -197,12 +197,12 @@ def _at_nodes(
     frequency: Float[np.ndarray, " bins"], values: Float[np.ndarray, " bins"] | Complex[np.ndarray, " bins"]
 ) -> Float[np.ndarray, " nodes"]:
     """Means over the bins near each node, and over so many of the nearest at least."""
-    found = []
+    results = []
     for node in NODES_HZ:
         away = np.abs(np.log(frequency / node))
         reach = max(np.log(AVERAGED_OVER) / 2.0, np.sort(away)[min(LEAST_BINS, away.size) - 1])
-        found.append(values[away <= reach].mean())
-    return np.array(found)
+        results.append(values[away <= reach].mean())
+    return np.array(results)
 
 
 def controller_gains(
@@ -220,14 +220,14 @@ def controller_gains(
             integral = np.cumsum(errors[run, 1]) * flight.signals.step_s
             columns = np.column_stack([errors[run], integral])
             rows.append(columns - columns.mean(axis=0))
-            asked = command[run] - GRAVITY - feed_forward[run]
-            wanted.append(asked - asked.mean())
-    columns, asked = np.concatenate(rows), np.concatenate(wanted)
-    if not np.isfinite(columns).all() or not float(asked @ asked) > 0.0:
+            requested = command[run] - GRAVITY - feed_forward[run]
+            wanted.append(requested - requested.mean())
+    columns, requested = np.concatenate(rows), np.concatenate(wanted)
+    if not np.isfinite(columns).all() or not float(requested @ requested) > 0.0:
         return None
-    fitted = np.linalg.lstsq(columns, asked)[0]
-    left = asked - columns @ fitted
-    if float(left @ left) > (1.0 - LEAST_EXPLAINED) * float(asked @ asked):
+    fitted = np.linalg.lstsq(columns, requested)[0]
+    left = requested - columns @ fitted
+    if float(left @ left) > (1.0 - LEAST_EXPLAINED) * float(requested @ requested):
         return None
     return _gains(*fitted.tolist())
 
@@ -261,30 +261,32 @@ def _gains(velocity: float, height: float, integral: float) -> dict[str, float] 
 
 def simple_models(problem: VerticalFlights, estimate: Estimate) -> dict[str, SimpleModel]:
     """Least squares without lag and delay, and thrust over weight alone, of the same flights."""
-    at = {**estimate.best.at, ACTUATOR_LAG.name: 0.0, DELAY.name: 0.0}
-    rows = problem.rows(at)
+    index = {**estimate.best.nuisances, ACTUATOR_LAG.name: 0.0, DELAY.name: 0.0}
+    rows = problem.rows(index)
     fitted = np.linalg.lstsq(rows.regressors, rows.response)[0].tolist()
-    least_squares = {**at, **{p.name: theta for p, theta in zip(rows.parameters, fitted, strict=True)}}
-    sums = {name: float(each.sum()) for name, each in balance_sums(problem, at).items()}
+    least_squares = {**index, **{p.name: theta for p, theta in zip(rows.parameters, fitted, strict=True)}}
+    sums = {name: float(each.sum()) for name, each in balance_sums(problem, index).items()}
     linear = dict(zip((p.name for p in rows.parameters), estimate.best.theta.tolist(), strict=True))
     weight = GRAVITY / hover_of_sums(linear, sums)
     others = {parameter.name: 0.0 for parameter in rows.parameters}
     return {
         "least_squares": SimpleModel("least squares that ignores the lag", least_squares),
-        "hover": SimpleModel("hover input only", {**at, **others, INPUT_GAIN.name: weight}),
+        "hover": SimpleModel("hover input only", {**index, **others, INPUT_GAIN.name: weight}),
     }
 
 
-def predictions(problem: VerticalFlights, values: Values) -> tuple[Predicted, ...]:
+def predictions(problem: VerticalFlights, values: Values) -> tuple[PredictedQuantity, ...]:
     """Vertical acceleration one step ahead, and climb rate in open loop."""
-    at = {nuisance.name: values[nuisance.name] for nuisance in problem.nuisances}
-    rows = problem.rows(at)
+    index = {nuisance.name: values[nuisance.name] for nuisance in problem.nuisances}
+    rows = problem.rows(index)
     theta = np.array([values[parameter.name] for parameter in rows.parameters])
     velocities = [flight.cut(flight.velocity[:, None]) for flight in problem.flights]
     measured = np.concatenate([run[:, 0] for runs in velocities for run in runs])
     return (
-        Predicted(Horizon.ONE_STEP, "vertical acceleration", "m/s²", rows.response, rows.regressors @ theta),
-        Predicted(Horizon.OPEN_LOOP, "climb rate", "m/s", measured, _open_loop(problem, values)),
+        PredictedQuantity(
+            Horizon.ONE_STEP, "vertical acceleration", "m/s²", rows.response, rows.regressors @ theta
+        ),
+        PredictedQuantity(Horizon.OPEN_LOOP, "climb rate", "m/s", measured, _open_loop(problem, values)),
     )
 
 
@@ -294,15 +296,15 @@ def _open_loop(problem: VerticalFlights, values: Values) -> Float[np.ndarray, " 
     names = [INPUT_GAIN.name, *(term.parameter.name for term in problem.terms)]
     # drag acts on the climb rate that is predicted, and not on the one that was measured
     weights = np.array([0.0 if name == QuadraticDrag.parameter.name else values[name] for name in names])
-    found: list[Float[np.ndarray, " _"]] = []
+    results: list[Float[np.ndarray, " _"]] = []
     for flight in problem.flights:
         driven = problem.moving(flight)(values) @ weights
         step_s = flight.signals.step_s
         for run in flight.runs:
             counted = slice(None) if flight.signals.valid is None else flight.signals.valid[run]
-            told = driven[run], flight.velocity[run], counted, friction
-            found.append(dragged_run(*told, drag, step_s) if drag else _run(*told, step_s))
-    return np.concatenate(found)
+            reported = driven[run], flight.velocity[run], counted, friction
+            results.append(dragged_run(*reported, drag, step_s) if drag else _run(*reported, step_s))
+    return np.concatenate(results)
 
 
 def _run(
@@ -319,9 +321,9 @@ def _run(
     answer = _integrated(driven - driven.mean(), friction, step_s)
     trim = _integrated(np.ones(driven.size), friction, step_s)
     start = np.exp(-friction * step_s * np.arange(driven.size))
-    own = np.column_stack([trim, start])[counted]
+    current = np.column_stack([trim, start])[counted]
     left = (measured - answer)[counted]
-    predicted: Float[np.ndarray, " counted"] = answer[counted] + own @ np.linalg.lstsq(own, left)[0]
+    predicted: Float[np.ndarray, " counted"] = answer[counted] + current @ np.linalg.lstsq(current, left)[0]
     return predicted
 
 

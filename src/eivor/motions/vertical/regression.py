@@ -58,22 +58,22 @@ RESPONSE_SAMPLES = 1_500
 BEFORE = 50
 
 
-def row_noise(problem: VerticalFlights, at: Values) -> RowNoise:
+def row_noise(problem: VerticalFlights, nuisance_values: Values) -> RowNoise:
     """Variances of the errors in z', U, the terms and z'', and what past inputs share with U."""
-    n, weights, own, shared = len(problem.parameters), [], [], []
+    n, weights, selected, shared = len(problem.parameters), [], [], []
     for flight in problem.flights:
-        noise = {name: one.std**2 for name, one in flight.signals.noise.items()}
+        noise = {name: item.std**2 for name, item in flight.signals.noise.items()}
         if "velocity_z" in noise and flight.acceleration is None:
             noise["specific_force_z"] = noise["velocity_z"] / (2.0 * flight.signals.step_s**2)
         variance = input_variance(flight, problem.motion.input_map)
-        response = _response(flight, at) if variance else np.zeros(1)
+        response = _response(flight, nuisance_values) if variance else np.zeros(1)
         variances = np.full(n + 1, np.nan)
         variances[0], variances[-1] = noise.get("velocity_z", np.nan), noise.get("specific_force_z", np.nan)
         variances[1], variances[2:-1] = variance * float(response @ response), 0.0
-        own.append(variances)
+        selected.append(variances)
         shared.append(_shared(problem, response * variance))
-        weights.append(float(sum(one.shape[0] for one in flight.cut(flight.velocity[:, None]))))
-    mean = np.average(own, axis=0, weights=weights)
+        weights.append(float(sum(item.shape[0] for item in flight.cut(flight.velocity[:, None]))))
+    mean = np.average(selected, axis=0, weights=weights)
     regressors = None if np.isnan(mean).any() else np.diag(mean)
     return RowNoise(regressors, np.average(shared, axis=0, weights=weights))
 
@@ -100,15 +100,17 @@ def noise_powers(flight: VerticalFlight, level: InputMap) -> tuple[float, float,
     return velocity**2, driving, response**2
 
 
-def _response(flight: VerticalFlight, at: Values) -> Float[np.ndarray, " lags"]:
+def _response(flight: VerticalFlight, nuisance_values: Values) -> Float[np.ndarray, " lags"]:
     """Samples after an impulse of the input, of the state that enters the equation."""
     impulse = np.zeros((BEFORE + RESPONSE_SAMPLES, 1))
     impulse[BEFORE] = 1.0
-    step_s, delay_s = flight.signals.step_s, at[DELAY.name]
+    step_s, delay_s = flight.signals.step_s, nuisance_values[DELAY.name]
     if flight.measured:
         state = shifted_by(impulse, step_s=step_s, delay_s=delay_s)
     else:
-        state = actuator_state(impulse, step_s=step_s, lag_s=at[ACTUATOR_LAG.name], delay_s=delay_s)
+        state = actuator_state(
+            impulse, step_s=step_s, lag_s=nuisance_values[ACTUATOR_LAG.name], delay_s=delay_s
+        )
     after: Float[np.ndarray, " lags"] = state[BEFORE:, 0]
     return after
 
@@ -151,7 +153,7 @@ class OptionalTerm(ABC):
     """A term that a user may add to the equation."""
 
     word: ClassVar[str]
-    """As it is asked for."""
+    """As it is requested."""
     meaning: ClassVar[str]
     """What it is."""
     parameter: ClassVar[Parameter]
@@ -159,8 +161,8 @@ class OptionalTerm(ABC):
     written: ClassVar[str]
     """As it stands in the equation, with its sign."""
     symbols: ClassVar[str]
-    """What its symbols are; empty when the equation tells."""
-    left_out: ClassVar[str]
+    """What its symbols are; empty when the equation identifies."""
+    omission_sentence: ClassVar[str]
     """Name of the test that it is missed."""
 
     @abstractmethod
@@ -178,7 +180,7 @@ class QuadraticDrag(OptionalTerm):
     parameter = Parameter("quadratic_drag", "1/m")
     written = "- K_2 z'|z'|"
     symbols = ""
-    left_out = DRAG
+    omission_sentence = DRAG
 
     def column(self, of: TermIngredients) -> TermColumn:
         """-z'|z'|."""
@@ -195,7 +197,7 @@ class GroundEffect(OptionalTerm):
     parameter = Parameter("ground_effect", "")
     written = "+ k g (U/mean U) (R/h)²"
     symbols = "h the height over the ground, R a rotor's radius"
-    left_out = GROUND
+    omission_sentence = GROUND
 
     def column(self, of: TermIngredients) -> TermColumn:
         """Lift over the squared height in radii."""
@@ -213,7 +215,7 @@ class VoltageTerm(OptionalTerm):
     parameter = Parameter("voltage_exponent", "")
     written = "+ n g (U/mean U) (V/V_0 - 1)"
     symbols = "V the battery's voltage, V_0 its mean"
-    left_out = SUPPLY
+    omission_sentence = SUPPLY
 
     def column(self, of: TermIngredients) -> TermColumn:
         """Lift times the voltage's share beyond the mean."""
@@ -312,9 +314,11 @@ class MovingColumns:
     motion: VerticalMotion  # With the input map
     terms: tuple[OptionalTerm, ...] = ()
 
-    def __call__(self, at: Values) -> Float[np.ndarray, "n m"]:
+    def __call__(self, nuisance_values: Values) -> Float[np.ndarray, "n m"]:
         """U at a lag and a delay, and a column for each term."""
-        mapped = self.flight.mapped_input(self.motion, at[ACTUATOR_LAG.name], at[DELAY.name])
+        mapped = self.flight.mapped_input(
+            self.motion, nuisance_values[ACTUATOR_LAG.name], nuisance_values[DELAY.name]
+        )
         if not self.terms:
             return mapped[:, None]
         of = self._ingredients(mapped)
@@ -324,8 +328,10 @@ class MovingColumns:
         """References, and where there are any an instrument for each term."""
         if not (self.terms and references.shape[1]):
             return references
-        own = term_instruments(self.terms, self._ingredients(self._unlagged), references, self.flight.runs)
-        return np.column_stack([references, own])
+        current = term_instruments(
+            self.terms, self._ingredients(self._unlagged), references, self.flight.runs
+        )
+        return np.column_stack([references, current])
 
     def _ingredients(self, mapped: Float[np.ndarray, " n"]) -> TermIngredients:
         lift = GRAVITY / self._mean * mapped
@@ -417,13 +423,13 @@ class VerticalFlights(SeparableProblem):
             valid=flight.signals.valid,
         )
 
-    def rows(self, at: Values) -> Regression:
+    def rows(self, nuisance_values: Values) -> Regression:
         """Rows (-z', U) and z'' in time, means of each run removed when there is an intercept."""
-        return self.runs.rows(at)
+        return self.runs.rows(nuisance_values)
 
-    def bins(self, at: Values) -> SpectralRegression:
+    def bins(self, nuisance_values: Values) -> SpectralRegression:
         """Rows (-z', U) and the responses z'' and d(z')/dt in frequency."""
-        return self.runs.bins(at)
+        return self.runs.bins(nuisance_values)
 
     def many_bins(self, points: Sequence[Values]) -> list[SpectralRegression]:
         """Rows in frequency at many lags and delays."""
@@ -434,7 +440,7 @@ class VerticalFlights(SeparableProblem):
         if any(flight.acceleration is None for flight in self.flights):
             return None
         lengths = [
-            sum(one.shape[0] for one in flight.cut(flight.velocity[:, None])) for flight in self.flights
+            sum(item.shape[0] for item in flight.cut(flight.velocity[:, None])) for flight in self.flights
         ]
         each = [noise_powers(flight, self.motion.input_map) for flight in self.flights]
         velocity, driving, response = np.sqrt(np.average(each, axis=0, weights=lengths)).tolist()
@@ -461,7 +467,7 @@ class Balance:
 
 def balance(problem: VerticalFlights, candidate: Candidate) -> Balance:
     """Terms of the equation of motion, averaged over the runs."""
-    columns = _columns(problem, candidate.at)
+    columns = _columns(problem, candidate.nuisances)
     stacked = np.concatenate(columns)
     K, K_u = candidate.theta[:2]
     residual = stacked[:, 0] + K * stacked[:, 1] - K_u * stacked[:, 2] - stacked[:, 3:] @ candidate.theta[2:]
@@ -482,27 +488,29 @@ def balance(problem: VerticalFlights, candidate: Candidate) -> Balance:
 def _mapped_slope(problem: VerticalFlights, candidate: Candidate, nuisance: Nuisance) -> float:
     """Derivative of the mean of U by a nuisance."""
 
-    def mean(at: Values) -> float:
-        return float(np.concatenate(_columns(problem, at))[:, 2].mean())
+    def mean(nuisance_values: Values) -> float:
+        return float(np.concatenate(_columns(problem, nuisance_values))[:, 2].mean())
 
-    return nuisance.derivative(mean, candidate.at)
+    return nuisance.derivative(mean, candidate.nuisances)
 
 
-def _columns(problem: VerticalFlights, at: Values) -> list[Float[np.ndarray, "_ m"]]:
+def _columns(problem: VerticalFlights, nuisance_values: Values) -> list[Float[np.ndarray, "_ m"]]:
     """z'', z', U and the columns of terms, of every run."""
-    return [block for flight in problem.flights for block in _of_flight(problem, flight, at)]
+    return [block for flight in problem.flights for block in _of_flight(problem, flight, nuisance_values)]
 
 
 def _of_flight(
-    problem: VerticalFlights, flight: VerticalFlight, at: Values
+    problem: VerticalFlights, flight: VerticalFlight, nuisance_values: Values
 ) -> list[Float[np.ndarray, "_ m"]]:
-    moving = problem.moving(flight)(at)
+    moving = problem.moving(flight)(nuisance_values)
     return flight.cut(np.column_stack([flight.velocity_derivative, flight.velocity, moving]))
 
 
-def balance_sums(problem: VerticalFlights, at: Values) -> dict[str, Float[np.ndarray, " flights"]]:
+def balance_sums(
+    problem: VerticalFlights, nuisance_values: Values
+) -> dict[str, Float[np.ndarray, " flights"]]:
     """Number of samples of each flight, and sums of z'', z', U and the columns of terms over them."""
-    flights = [np.concatenate(_of_flight(problem, flight, at)) for flight in problem.flights]
+    flights = [np.concatenate(_of_flight(problem, flight, nuisance_values)) for flight in problem.flights]
     sums = np.array([[len(terms), *terms.sum(axis=0)] for terms in flights])
     names = ("samples", "derivative", "velocity", "mapped", *(term.parameter.name for term in problem.terms))
     return dict(zip(names, sums.T, strict=True))
@@ -575,7 +583,7 @@ def height_logged(flight: PreparedFlight) -> Float[np.ndarray, " n"] | None:
 
 
 def ground(flight: PreparedFlight) -> float | None:
-    """Height of the ground, of a flight that has runs; None where the log does not tell it [m]."""
+    """Height of the ground, of a flight that has runs; None where the log does not show it [m]."""
     height = height_logged(flight)
     if height is None:
         return None
@@ -584,7 +592,7 @@ def ground(flight: PreparedFlight) -> float | None:
 
 
 def height_over_ground(flight: PreparedFlight) -> Float[np.ndarray, " n"] | None:
-    """Height over the ground; over a place below all of the flight where the log does not tell it [m]."""
+    """Height over the ground; over a place below all of the flight where the log does not show it [m]."""
     height = height_logged(flight)
     if height is None:
         return None

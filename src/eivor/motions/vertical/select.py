@@ -83,7 +83,7 @@ QUANTITIES = {
     "time_constant": Wording("time constant", "1/K", "s", Kind.DERIVED, shown_unit="s", lowest=0.0),
 }
 #: The same in the order of reports.
-SHOWN = (
+PLOTTED = (
     "viscous_friction",
     "time_constant",
     "input_gain",
@@ -136,10 +136,10 @@ ACROSS = (
 WORDS = Words(
     title="Vertical motion",
     meanings={
-        Status.IDENTIFIED: "the flight tells the viscous friction within the interval.",
+        Status.IDENTIFIED: "the viscous friction is identified, within its interval.",
         Status.WEAK: "the numbers are indications; something keeps the intervals from being trusted.",
         Status.PROVISIONAL: "no instrument: the numbers may be biased more than the intervals say.",
-        Status.REFUSED: "the flight cannot tell the viscous friction.",
+        Status.REFUSED: "the flight does not identify the viscous friction.",
     },
     fly=FLY,
     limits="inside the window and below the largest tilt",
@@ -177,7 +177,7 @@ INPUTS = (
     InputFamily("input"),
     InputFamily("actuator_output", numbered=True),
 )
-#: Measured states that tell the lag where commands are the input.
+#: Measured states that identify the lag where commands are the input.
 TELEMETRY = ("rotor_speed",)
 #: What the vehicle was asked to do: what an identification mode adds to the throttle, the setpoints of a
 #: trajectory, and the pilot's stick. The velocity
@@ -245,15 +245,15 @@ def _force_and_tilt(log: Recording) -> tuple[Channel | None, Channel | None, lis
     present = [channel for channel in attitude if channel is not None]
     row = vertical_row(present) if len(present) == 4 else None
     findings: list[Finding] = []
-    tilt = _told(log, "cos_tilt", findings)
+    tilt = _report(log, "cos_tilt", findings)
     if tilt is None and row is not None:
         tilt = Channel("cos_tilt", row[0], row[1][:, 2], "", "attitude quaternion")
     if tilt is None:
         findings.append(
             Finding("no_attitude", "No attitude is logged: the vehicle is taken as level throughout.")
         )
-    force = _told(log, "specific_force_z", findings)
-    logged = _told(log, "acceleration_z", findings)
+    force = _report(log, "specific_force_z", findings)
+    logged = _report(log, "acceleration_z", findings)
     if force is None and logged is not None:
         force = replace(logged, name="specific_force_z", values=logged.values + GRAVITY)
     body = [log.channels.get(f"specific_force_body_{axis}") for axis in "xyz"]
@@ -271,7 +271,7 @@ def _force_and_tilt(log: Recording) -> tuple[Channel | None, Channel | None, lis
     return force, tilt, findings
 
 
-def _told(log: Recording, name: str, findings: list[Finding]) -> Channel | None:
+def _report(log: Recording, name: str, findings: list[Finding]) -> Channel | None:
     """Channel of that name if it has two numbers or more; a finding when it is there and has not."""
     channel = log.channels.get(name)
     if channel is None or np.isfinite(channel.values).sum() >= 2:

@@ -11,7 +11,7 @@ import numpy as np
 from eivor.estimation.derived import DEGREES
 from eivor.estimation.estimate import Candidate, Estimate
 from eivor.estimation.nuisance_grids import DECIMALS, with_values_tried
-from eivor.flights.quantity import NAN, NO_INTERVAL, Unjudged
+from eivor.flights.quantity import NAN, NO_INTERVAL, QuantityEstimate
 from eivor.inference.distributions import t_quantile
 from eivor.motions.vertical.model import GRAVITY, CurveFamily, family_of
 from eivor.motions.vertical.regression import Balance, VerticalFlights, balance, hover_mapped, intercept
@@ -20,7 +20,7 @@ from eivor.signals.thrust_map import InputMap
 from eivor.tools import Float
 
 #: The map is found when another round would change its parameter by less than this; so many rounds are made.
-SETTLED, ROUNDS = 3e-4, 10
+CONVERGED, ROUNDS = 3e-4, 10
 #: Lag and delay are searched again so often with the map that was found.
 SEARCHES = 3
 #: Half of what maps are changed by for derivatives.
@@ -43,11 +43,11 @@ def hover_and_exponent(problem: VerticalFlights, candidate: Candidate) -> tuple[
     if not mapped > 0.0:
         return NAN, NAN
     hover = chosen.inverse(mapped)
-    own = hover * chosen.slope(hover) / mapped
-    return hover, own * float(candidate.theta[1]) * mapped / GRAVITY
+    current = hover * chosen.slope(hover) / mapped
+    return hover, current * float(candidate.theta[1]) * mapped / GRAVITY
 
 
-def settled_curve(
+def refined_curve(
     problem: VerticalFlights, estimated: Estimated, bias_std: float
 ) -> tuple[VerticalFlights, Estimate]:
     """Find the map, and estimate with it."""
@@ -62,9 +62,9 @@ def settled_curve(
         if math.isnan(value):
             return problem, estimate
     sides = [family.possible(value + step) for step in (-STEP, STEP)]
-    same = with_values_tried(problem.nuisances, (candidate.at for candidate in estimate.candidates))
-    alike = replace(problem, nuisances=same)
-    below, above = ((one, estimated(with_map(alike, family.map(one)))) for one in sides)
+    same = with_values_tried(problem.nuisances, (candidate.nuisances for candidate in estimate.candidates))
+    equal = replace(problem, nuisances=same)
+    below, above = ((side, estimated(with_map(equal, family.map(side)))) for side in sides)
     curve = FittedCurve(family, value, bias_std, below, above, curvature_error)
     return replace(chosen, curve=curve), estimate
 
@@ -76,7 +76,7 @@ def _by_intercept(
     value, chosen, estimate = math.nan, problem, estimated(problem)
     for _ in range(SEARCHES):
         before, value = value, _at_nuisances(chosen, estimated, estimate.best, family)
-        if math.isnan(value) or abs(value - before) < SETTLED:
+        if math.isnan(value) or abs(value - before) < CONVERGED:
             break
         chosen = with_map(problem, family.map(value))
         estimate = estimated(chosen)
@@ -88,14 +88,14 @@ def _at_nuisances(
 ) -> float:
     """The same with lag and delay where they are: the map hardly moves them."""
     value, chosen = math.nan, problem
-    known = tuple(nuisance.known_at(best.at[nuisance.name]) for nuisance in problem.nuisances)
+    known = tuple(nuisance.known_at(best.nuisances[nuisance.name]) for nuisance in problem.nuisances)
     for _ in range(ROUNDS):
         before = value
         hover, exponent = hover_and_exponent(chosen, best)
         if not (math.isfinite(exponent) and hover > 0.0):
             return math.nan
         value = family.possible(family.of_exponent(exponent, hover))
-        if abs(value - before) < SETTLED:
+        if abs(value - before) < CONVERGED:
             break
         chosen = with_map(replace(problem, nuisances=known), family.map(value))
         best = estimated(chosen).best
@@ -136,11 +136,13 @@ class AtCandidate:
 Of = Callable[[VerticalFlights, Candidate, Balance], Linear]
 
 
-def curve_quantities(problem: VerticalFlights, estimate: Estimate, curve: FittedCurve) -> dict[str, Unjudged]:
+def curve_quantities(
+    problem: VerticalFlights, estimate: Estimate, curve: FittedCurve
+) -> dict[str, QuantityEstimate]:
     """Quantities that the map's own error moves, and the map's parameter."""
     points = _points(problem, estimate, curve)
-    untold = math.isinf(curve.bias_std) and math.isinf(curve.curvature_error)
-    found = {
+    unknown = math.isinf(curve.bias_std) and math.isinf(curve.curvature_error)
+    results = {
         name: _with_curve(estimate, points, curve, of, unit)
         for name, of, unit in (
             ("viscous_friction", _joint(0), "1/s"),
@@ -149,55 +151,59 @@ def curve_quantities(problem: VerticalFlights, estimate: Estimate, curve: Fitted
             ("hover_input", _hover, ""),
         )
     }
-    value = Unjudged(curve.value, "", NAN, NO_INTERVAL)
-    return {**found, "thrust_curve": value if untold else _of_curve(estimate, points, curve)}
+    value = QuantityEstimate(curve.value, "", NAN, NO_INTERVAL)
+    return {**results, "thrust_curve": value if unknown else _of_curve(estimate, points, curve)}
 
 
 def _points(
     problem: VerticalFlights, estimate: Estimate, curve: FittedCurve
 ) -> dict[tuple[float, ...], AtCandidate]:
-    found = {}
+    results = {}
     sides = [
         (
             with_map(problem, curve.family.map(value)),
-            {_chosen(estimate, each): each for each in one.candidates},
+            {_chosen(estimate, each): each for each in item.candidates},
         )
-        for value, one in (curve.below, curve.above)
+        for value, item in (curve.below, curve.above)
     ]
     for candidate in estimate.candidates:
-        same = [(flights, own[_chosen(estimate, candidate)]) for flights, own in sides]
-        beside = tuple((flights, own, balance(flights, own)) for flights, own in same)
-        at = AtCandidate(problem, candidate, balance(problem, candidate), beside)
-        found[tuple(candidate.at.values())] = at
-    return found
+        same = [(flights, item[_chosen(estimate, candidate)]) for flights, item in sides]
+        neighbours = tuple((flights, item, balance(flights, item)) for flights, item in same)
+        at_candidate = AtCandidate(problem, candidate, balance(problem, candidate), neighbours)
+        results[tuple(candidate.nuisances.values())] = at_candidate
+    return results
 
 
 def _chosen(estimate: Estimate, candidate: Candidate) -> tuple[float, ...]:
     """Values of a candidate's discrete nuisances."""
-    return tuple(round(value, DECIMALS) for name, value in candidate.at.items() if name not in estimate.names)
+    return tuple(
+        round(value, DECIMALS) for name, value in candidate.nuisances.items() if name not in estimate.names
+    )
 
 
-def _slope(at: AtCandidate, curve: FittedCurve, of: Of) -> float:
+def _slope(at_candidate: AtCandidate, curve: FittedCurve, of: Of) -> float:
     """Derivative of a quantity by the map's parameter."""
-    low, high = (of(*side)[0] for side in at.sides)
+    low, high = (of(*side)[0] for side in at_candidate.sides)
     return (high - low) / (curve.above[0] - curve.below[0])
 
 
-def _propagated(at: AtCandidate, curve: FittedCurve, of: Of) -> Linear:
+def _propagated(at_candidate: AtCandidate, curve: FittedCurve, of: Of) -> Linear:
     """A quantity with the error of the map in its gradient and its variance."""
-    value, gradient, variance = of(at.problem, at.candidate, at.terms)
-    slope = _slope(at, curve, of)
+    value, gradient, variance = of(at_candidate.problem, at_candidate.candidate, at_candidate.terms)
+    slope = _slope(at_candidate, curve, of)
     if math.isinf(curve.bias_std):
         error = 0.0 if math.isinf(curve.curvature_error) else curve.curvature_error
         return value, gradient, variance + (slope * error) ** 2
-    by_b, of_b, own = _curve_error(at, curve)
-    return value, gradient + slope * of_b, variance + (slope * by_b) ** 2 * own
+    by_b, of_b, current = _curve_error(at_candidate, curve)
+    return value, gradient + slope * of_b, variance + (slope * by_b) ** 2 * current
 
 
-def _curve_error(at: AtCandidate, curve: FittedCurve) -> tuple[float, Float[np.ndarray, " n"], float]:
+def _curve_error(
+    at_candidate: AtCandidate, curve: FittedCurve
+) -> tuple[float, Float[np.ndarray, " n"], float]:
     """Change of the map's parameter by the intercept, its gradient, and the intercept's variance besides."""
-    _, gradient, variance = _intercept(at.problem, at.candidate, at.terms)
-    by_b = -1.0 / _slope(at, curve, _intercept)
+    _, gradient, variance = _intercept(at_candidate.problem, at_candidate.candidate, at_candidate.terms)
+    by_b = -1.0 / _slope(at_candidate, curve, _intercept)
     return by_b, by_b * gradient, variance + curve.bias_std**2
 
 
@@ -207,42 +213,44 @@ def _with_curve(
     curve: FittedCurve,
     of: Of,
     unit: str,
-) -> Unjudged:
-    found = {place: _propagated(at, curve, of) for place, at in points.items()}
-    return _unjudged(estimate, found, unit)
+) -> QuantityEstimate:
+    results = {name: _propagated(point, curve, of) for name, point in points.items()}
+    return _quantity_estimate(estimate, results, unit)
 
 
 def _of_curve(
     estimate: Estimate, points: dict[tuple[float, ...], AtCandidate], curve: FittedCurve
-) -> Unjudged:
-    found: dict[tuple[float, ...], Linear] = {}
-    for place, at in points.items():
+) -> QuantityEstimate:
+    results: dict[tuple[float, ...], Linear] = {}
+    for name, point in points.items():
         if math.isinf(curve.bias_std):
-            found[place] = curve.value, np.zeros(at.candidate.values.size), curve.curvature_error**2
+            results[name] = curve.value, np.zeros(point.candidate.values.size), curve.curvature_error**2
         else:
             # a candidate with an intercept of its own has a map of its own
-            by_b, gradient, variance = _curve_error(at, curve)
-            b = _intercept(at.problem, at.candidate, at.terms)[0]
-            found[place] = curve.value + by_b * b, gradient, by_b**2 * variance
-    return _unjudged(estimate, found, "")
+            by_b, gradient, variance = _curve_error(point, curve)
+            b = _intercept(point.problem, point.candidate, point.terms)[0]
+            results[name] = curve.value + by_b * b, gradient, by_b**2 * variance
+    return _quantity_estimate(estimate, results, "")
 
 
-def _unjudged(estimate: Estimate, found: dict[tuple[float, ...], Linear], unit: str) -> Unjudged:
+def _quantity_estimate(
+    estimate: Estimate, result: dict[tuple[float, ...], Linear], unit: str
+) -> QuantityEstimate:
     def linear(candidate: Candidate) -> tuple[float, Float[np.ndarray, " n"]]:
-        return found[tuple(candidate.at.values())][:2]
+        return result[tuple(candidate.nuisances.values())][:2]
 
     def extra(candidate: Candidate) -> float:
-        return found[tuple(candidate.at.values())][2]
+        return result[tuple(candidate.nuisances.values())][2]
 
     interval = estimate.interval_of(linear, extra_variance=extra)
     value, gradient = linear(estimate.best)
     error = math.sqrt(estimate.best.covariance.std_error(gradient) ** 2 + extra(estimate.best))
-    return Unjudged(value, unit, error, interval)
+    return QuantityEstimate(value, unit, error, interval)
 
 
-def _joint(place: int) -> Of:
+def _joint(position: int) -> Of:
     def of(_problem: VerticalFlights, candidate: Candidate, _terms: Balance) -> Linear:
-        return float(candidate.values[place]), np.eye(candidate.values.size)[place], 0.0
+        return float(candidate.values[position]), np.eye(candidate.values.size)[position], 0.0
 
     return of
 

@@ -7,17 +7,23 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from eivor.flights.motion import Circumstances, Strength
+from eivor.flights.motion import InstrumentStrength, VerdictInputs
 from eivor.flights.prepared import PreparedFlight
-from eivor.flights.quantity import Allowance, Counts, Quantity, Unjudged, clock_allowance
+from eivor.flights.quantity import (
+    Counts,
+    Quantity,
+    QuantityEstimate,
+    SystematicUncertainty,
+    clock_uncertainty,
+)
 from eivor.flights.verdict import (
     disagreement_reasons,
-    given_lag_reasons,
     instrument_reasons,
+    lag_prior_reasons,
     longest_lag_reasons,
     moved,
     untold,
-    weakly_told,
+    weak_instrument_sentence,
     wide_lag_reasons,
 )
 from eivor.inference.diagnostics.instruments import STRONG_FIRST_STAGE
@@ -33,9 +39,9 @@ from eivor.motions.vertical.misspecification import (
     TILTS,
     VOLTAGE_CHANGE,
     either_sentence,
-    left_out_sentence,
     missed,
-    sensor_allowances,
+    omitted_variable_sentence,
+    sensor_uncertainties,
     sentence,
     velocity_over_accelerometer,
 )
@@ -54,22 +60,22 @@ HOVER_FLOOR = 0.005
 ESTIMATOR_FRICTION = 0.03
 
 
-def all_allowances(
-    flights: tuple[PreparedFlight, ...], quantities: Mapping[str, Unjudged], at: Circumstances
-) -> dict[str, tuple[Allowance, ...]]:
+def all_systematic_uncertainties(
+    flights: tuple[PreparedFlight, ...], quantities: Mapping[str, QuantityEstimate], inputs: VerdictInputs
+) -> dict[str, tuple[SystematicUncertainty, ...]]:
     """Systematic parts by quantity."""
     slack_s = max(flight.command_slack_s for flight in flights)
     causes = (
         {"viscous_friction": _of_estimators(flights)},
         {"hover_input": _at_these_conditions(quantities["hover_input"].value)},
-        {name: clock_allowance(slack_s) for name in ("actuator_lag", "effective_lag")},
-        sensor_allowances(at.sensors, quantities, aligned=at.aligned),
+        {name: clock_uncertainty(slack_s) for name in ("actuator_lag", "effective_lag")},
+        sensor_uncertainties(inputs.sensors, quantities, aligned=inputs.aligned),
     )
     parts = {name: [part for cause in causes for part in cause.get(name, ())] for name in quantities}
-    return {name: tuple(found) for name, found in parts.items() if found}
+    return {name: tuple(part) for name, part in parts.items() if part}
 
 
-def _of_estimators(flights: tuple[PreparedFlight, ...]) -> list[Allowance]:
+def _of_estimators(flights: tuple[PreparedFlight, ...]) -> list[SystematicUncertainty]:
     """What an estimator behind velocity or acceleration may add to the friction."""
     roles = sorted({role for flight in flights for role in flight.estimated})
     if not roles:
@@ -78,19 +84,19 @@ def _of_estimators(flights: tuple[PreparedFlight, ...]) -> list[Allowance]:
         f"{' and '.join(roles).capitalize()} from an estimator: its own dynamics can look like a "
         f"friction of up to {ESTIMATOR_FRICTION:g} 1/s; identified keeps as much in reserve."
     )
-    return [Allowance(Counts.RESERVED, ESTIMATOR_FRICTION, ESTIMATOR_FRICTION, sentence)]
+    return [SystematicUncertainty(Counts.RESERVED, ESTIMATOR_FRICTION, ESTIMATOR_FRICTION, sentence)]
 
 
-def _at_these_conditions(hover: float) -> list[Allowance]:
+def _at_these_conditions(hover: float) -> list[SystematicUncertainty]:
     """What another flight's conditions may change of the hover input."""
     if not (math.isfinite(hover) and hover > 0.0):
         return []
     floor = HOVER_FLOOR * hover
     sentence = (
-        f"It is that of this flight's conditions (wind, height, speed, battery): the interval is at least "
+        f"Valid for this flight's conditions (wind, height, speed, battery): the interval is at least "
         f"±{HOVER_FLOOR:.1%} wide."
     )
-    return [Allowance(Counts.AT_LEAST, floor, floor, sentence)]
+    return [SystematicUncertainty(Counts.AT_LEAST, floor, floor, sentence)]
 
 
 # -- Curve rule --
@@ -105,17 +111,18 @@ CHECK_INPUT = "Check units and signs, and that the input is the command of this 
 BIAS = "Say how large the accelerometer's bias may be: --accelerometer-bias 0.1 (m/s^2)."
 
 
-def curve_reasons(quantities: Mapping[str, Unjudged], at: Circumstances) -> list[Reason]:
-    """Grounds against the curve; none where it was not asked for."""
+def curve_reasons(quantities: Mapping[str, QuantityEstimate], inputs: VerdictInputs) -> list[Reason]:
+    """Reasons against the curve; none where it was not asked for."""
     curve = quantities.get("thrust_curve")
     if curve is None:
         return []
     if not np.isfinite(curve.half_width):
-        untold = (
-            "Curvature alone does not tell the thrust curve, and the intercept cannot while nothing is known "
+        texts = (
+            "Curvature alone does not identify the thrust curve, and the intercept cannot while "
+            "nothing is known "
             "of the accelerometer's bias."
         )
-        return [Reason(Status.REFUSED, untold, BIAS)]
+        return [Reason(Status.REFUSED, texts, BIAS)]
     intercept = quantities["intercept"]
     left = abs(intercept.value) - intercept.half_width
     if np.isfinite(left) and left > CLEAR_INTERCEPT:
@@ -130,7 +137,7 @@ def curve_reasons(quantities: Mapping[str, Unjudged], at: Circumstances) -> list
         )
         return [Reason(Status.REFUSED, wide, STRONGER)]
     reasons = []
-    if at.direct:
+    if inputs.direct:
         sentence = "A direct method made the thrust curve."
         reasons.append(Reason(Status.PROVISIONAL, sentence, "Log the position setpoint."))
     if curve.half_width > CURVE_HALF_WIDTH:
@@ -149,8 +156,10 @@ LAG_SHARE = 0.5
 LAG_KNOWN_S = 0.01
 
 
-def lag_reasons(quantities: Mapping[str, Unjudged], strength: Strength, at: Circumstances) -> list[Reason]:
-    """Grounds against the actuator's lag: those that count against the friction, and a rough lag."""
+def lag_reasons(
+    quantities: Mapping[str, QuantityEstimate], strength: InstrumentStrength, inputs: VerdictInputs
+) -> list[Reason]:
+    """Reasons against the actuator's lag: those that count against the friction, and a rough lag."""
     reasons = rough_lag_reasons(quantities, strength)
     lag = quantities["effective_lag"]
     if np.inf > lag.half_width > max(lag.value, LAG_HALF_WIDTH_S):
@@ -160,17 +169,19 @@ def lag_reasons(quantities: Mapping[str, Unjudged], strength: Strength, at: Circ
     elif np.inf > lag.half_width > max(LAG_SHARE * lag.value, LAG_KNOWN_S):
         sentence = f"The lag's interval is +-{lag.half_width * 1e3:.0f} ms wide."
         reasons.append(Reason(Status.WEAK, sentence, QUICKER))
-    if at.direct:
+    if inputs.direct:
         reasons.append(Reason(Status.PROVISIONAL, "A direct method made the lag.", LOG_REFERENCE))
-    for name in {ACTUATOR_LAG.name, DELAY.name} & strength.first_stage.keys() if not at.direct else ():
+    for name in {ACTUATOR_LAG.name, DELAY.name} & strength.first_stage.keys() if not inputs.direct else ():
         first_stage = strength.first_stage[name]
         if first_stage < STRONG_FIRST_STAGE:
-            sentence = weakly_told("lag", first_stage)
+            sentence = weak_instrument_sentence("lag", first_stage)
             reasons.append(Reason(Status.WEAK, sentence, QUICKER))
     return reasons
 
 
-def rough_lag_reasons(quantities: Mapping[str, Unjudged], strength: Strength) -> list[Reason]:
+def rough_lag_reasons(
+    quantities: Mapping[str, QuantityEstimate], strength: InstrumentStrength
+) -> list[Reason]:
     """Grounds that count against the friction as well: a lag that is hardly known, grids that end."""
     delay = strength.searched.get(DELAY.name)
     if delay is not None and abs(delay.value) >= 0.999 * delay.highest:
@@ -193,16 +204,16 @@ def rough_lag_reasons(quantities: Mapping[str, Unjudged], strength: Strength) ->
     ]
 
 
-def _longest_delay_reasons(delay: Unjudged, *, remedy: str) -> list[Reason]:
-    """Ground of a delay that ended at the longest that is tried."""
+def _longest_delay_reasons(delay: QuantityEstimate, *, remedy: str) -> list[Reason]:
+    """Reason of a delay that ended at the longest that is tried."""
     if delay.choice is None or not delay.value >= 0.999 * FURTHEST_DELAY_S:
         return []
     sentence = f"The delay ran into the top of its grid ({FURTHEST_DELAY_S:.1f} s)."
     return [Reason(Status.WEAK, sentence, remedy)]
 
 
-def delay_reasons(delay: Unjudged) -> list[Reason]:
-    """Grounds against the delay beside those against the lag: that none of those tried can be left out."""
+def delay_reasons(delay: QuantityEstimate) -> list[Reason]:
+    """Reasons against the delay beside those against the lag: that none of those tried can be left out."""
     if (
         delay.choice is None
         or len(delay.choice.tried) < 2
@@ -223,36 +234,38 @@ LOG_PLANNED = "Log the trajectory's position setpoint."
 
 
 def friction_reasons(
-    quantities: Mapping[str, Unjudged], strength: Strength, at: Circumstances
+    quantities: Mapping[str, QuantityEstimate], strength: InstrumentStrength, inputs: VerdictInputs
 ) -> list[Reason]:
-    """Grounds against the viscous friction."""
+    """Reasons against the viscous friction."""
     reasons = instrument_reasons(
         strength,
-        at,
+        inputs,
         fly=FLY,
         log_reference=LOG_REFERENCE,
         log_planned=LOG_PLANNED,
     )
     if not untold("viscous_friction", strength):
-        reasons.extend(_interval_reasons(quantities["viscous_friction"], at))
+        reasons.extend(_interval_reasons(quantities["viscous_friction"], inputs))
     reasons.extend(rough_lag_reasons(quantities, strength))
     reasons.extend(_unit_reasons(quantities))
     remedy = "Keep the tilt small, stay off the ground, and check the input map."
     reasons += disagreement_reasons(strength, moves="moves", remedy=remedy)
-    if at.command_rate_hz < COMMAND_RATE_HZ:
+    if inputs.command_rate_hz < COMMAND_RATE_HZ:
         reasons.append(
             Reason(
                 Status.WEAK,
-                f"The command is logged at {at.command_rate_hz:.0f} Hz; below {COMMAND_RATE_HZ:.0f} Hz the "
+                f"The command is logged at {inputs.command_rate_hz:.0f} Hz; below "
+                f"{COMMAND_RATE_HZ:.0f} Hz the "
                 "intervals do not hold.",
                 "Log the thrust setpoint or the rotor commands at 50 Hz or more.",
             )
         )
-    if at.used_s < SHORT_FLIGHT_S:
+    if inputs.used_s < SHORT_FLIGHT_S:
         reasons.append(
             Reason(
                 Status.WEAK,
-                f"Only {at.used_s:.3g} s could be used: intervals of less than {SHORT_FLIGHT_S:.0f} s hold "
+                f"Only {inputs.used_s:.3g} s could be used: intervals of less than "
+                f"{SHORT_FLIGHT_S:.0f} s hold "
                 "the friction too seldom.",
                 "Fly longer, or pool several flights.",
             )
@@ -260,8 +273,8 @@ def friction_reasons(
     return reasons
 
 
-def _interval_reasons(friction: Unjudged, at: Circumstances) -> list[Reason]:
-    """Grounds against the viscous friction that its interval gives."""
+def _interval_reasons(friction: QuantityEstimate, inputs: VerdictInputs) -> list[Reason]:
+    """Reasons against the viscous friction that its interval gives."""
     reasons = []
     low, high = friction.interval
     if high < 0.0:
@@ -269,7 +282,7 @@ def _interval_reasons(friction: Unjudged, at: Circumstances) -> list[Reason]:
             Reason(
                 Status.REFUSED,
                 f"The viscous friction came out at {friction.value:.3g} 1/s, which no vehicle has: the air "
-                f"or a feedback moved the vehicle more than the reference did.{moved(at)}",
+                f"or a feedback moved the vehicle more than the reference did.{moved(inputs)}",
                 FLY,
             )
         )
@@ -277,40 +290,44 @@ def _interval_reasons(friction: Unjudged, at: Circumstances) -> list[Reason]:
         reasons.append(
             Reason(
                 Status.REFUSED,
-                f"The viscous friction cannot be told from zero: its interval is [{low:.2g}, {high:.2g}] "
-                f"1/s.{moved(at)}",
+                f"The viscous friction cannot be distinguished from zero: its interval is [{low:.2g}, "
+                f"{high:.2g}] "
+                f"1/s.{moved(inputs)}",
                 FLY,
             )
         )
-    elif np.inf > friction.half_width + friction.reserved > FRICTION_SHARE * friction.value:
+    elif np.inf > friction.half_width + friction.reserved_uncertainty > FRICTION_SHARE * friction.value:
         reasons.append(
             Reason(
                 Status.WEAK,
                 f"The viscous friction's interval is +-{friction.half_width / friction.value:.1%} wide"
-                f"{_reserve(friction)}; identified asks for +-{FRICTION_SHARE:.0%}.{moved(at)}",
+                f"{_reserve(friction)}; identified asks for +-{FRICTION_SHARE:.0%}.{moved(inputs)}",
                 "Fly longer, faster climbs and descents, or pool several flights.",
             )
         )
-    elif low <= friction.reserved and friction.reserved > 0.0:
+    elif low <= friction.reserved_uncertainty and friction.reserved_uncertainty > 0.0:
         reasons.append(
             Reason(
                 Status.WEAK,
                 f"The viscous friction's interval begins at {low:.2g} 1/s, and up to "
-                f"{friction.reserved:.2g} 1/s cannot be told from an estimator's own dynamics.",
+                f"{friction.reserved_uncertainty:.2g} 1/s cannot be distinguished from an estimator's "
+                f"own dynamics.",
                 "Fly longer, faster climbs and descents, or log a velocity that is measured.",
             )
         )
     return reasons
 
 
-def _reserve(friction: Unjudged) -> str:
+def _reserve(friction: QuantityEstimate) -> str:
     """What identified asks for beside the interval, with words before it; empty for nothing."""
-    if not friction.reserved:
+    if not friction.reserved_uncertainty:
         return ""
-    return f", and the estimator behind velocity or acceleration may add {friction.reserved:.2g} 1/s"
+    return (
+        f", and the estimator behind velocity or acceleration may add {friction.reserved_uncertainty:.2g} 1/s"
+    )
 
 
-def _unit_reasons(quantities: Mapping[str, Unjudged]) -> list[Reason]:
+def _unit_reasons(quantities: Mapping[str, QuantityEstimate]) -> list[Reason]:
     """Grounds that speak of signs and units: a gain that pulls down, an intercept that no sensor has."""
     reasons = []
     if quantities["input_gain"].value <= 0.0:
@@ -340,7 +357,7 @@ HOVER_SHARE = 0.05
 GAIN_RATE_HZ = 20.0
 LARGER_STEPS = "Fly quicker and larger steps, which change the thrust more."
 #: Terms that harm the gain when they are missed, and what to do.
-LEFT_OUT = {
+OMITTED = {
     SUPPLY: "Log battery_voltage, start with a full battery, or identify a part of the flight with --window.",
     GROUND: "Fly higher over the ground, four radii of a rotor and more.",
 }
@@ -348,16 +365,16 @@ LEFT_OUT = {
 WITH_VOLTAGE = "Add the term with --term voltage, or identify a part of the flight with --window."
 
 
-def gain_reasons(gain: Unjudged, strength: Strength, at: Circumstances) -> list[Reason]:
-    """Grounds against the input gain."""
+def gain_reasons(gain: QuantityEstimate, strength: InstrumentStrength, inputs: VerdictInputs) -> list[Reason]:
+    """Reasons against the input gain."""
     if gain.value <= 0.0:
         return [Reason(Status.REFUSED, "The input gain is not positive.", "Check the input's sign and map.")]
     if np.inf > gain.half_width and gain.interval[0] <= 0.0:
         low, high = (f"{end:.3g}" for end in gain.interval)
-        sentence = f"The input gain cannot be told from zero: its interval is [{low}, {high}] m/s^2."
-        return [Reason(Status.REFUSED, f"{sentence}{moved(at)}", LARGER_STEPS)]
+        sentence = f"The input gain cannot be distinguished from zero: its interval is [{low}, {high}] m/s^2."
+        return [Reason(Status.REFUSED, f"{sentence}{moved(inputs)}", LARGER_STEPS)]
     reasons = []
-    if at.direct:
+    if inputs.direct:
         reasons.append(Reason(Status.PROVISIONAL, "A direct method made the input gain.", LOG_REFERENCE))
     if np.inf > gain.half_width > GAIN_SHARE * gain.value:
         sentence = (
@@ -366,43 +383,43 @@ def gain_reasons(gain: Unjudged, strength: Strength, at: Circumstances) -> list[
         )
         first_stage = strength.first_stage.get("input_gain", np.nan)
         if first_stage < STRONG_FIRST_STAGE:
-            sentence += f" {weakly_told('input gain', first_stage)}"
+            sentence += f" {weak_instrument_sentence('input gain', first_stage)}"
         reasons.append(
             Reason(
                 Status.WEAK,
-                f"{sentence}{moved(at)}",
+                f"{sentence}{moved(inputs)}",
                 LARGER_STEPS,
             )
         )
-    if at.response_rate_hz < GAIN_RATE_HZ:
+    if inputs.response_rate_hz < GAIN_RATE_HZ:
         reasons.append(
             Reason(
                 Status.WEAK,
-                f"Velocity and acceleration are logged at {at.response_rate_hz:.0f} Hz at most.",
+                f"Velocity and acceleration are logged at {inputs.response_rate_hz:.0f} Hz at most.",
                 "Log one of them at 20 Hz or more.",
             )
         )
     return reasons
 
 
-def left_out_reasons(at: Circumstances) -> list[Reason]:
-    """Grounds against the gain: thrust that goes with the supply, or with the height over the ground."""
+def omitted_variable_reasons(inputs: VerdictInputs) -> list[Reason]:
+    """Reasons against the gain: thrust that goes with the supply, or with the height over the ground."""
     reasons = []
-    for name, remedy in LEFT_OUT.items():
-        if missed(at.numbers, name):
-            told = left_out_sentence(at.numbers, name)
-            by_voltage = name == SUPPLY and VOLTAGE_CHANGE in at.numbers
+    for name, remedy in OMITTED.items():
+        if missed(inputs.numbers, name):
+            reported = omitted_variable_sentence(inputs.numbers, name)
+            by_voltage = name == SUPPLY and VOLTAGE_CHANGE in inputs.numbers
             told_remedy = WITH_VOLTAGE if by_voltage else remedy
-            reasons.append(Reason(Status.WEAK, f"{told[0].upper()}{told[1:]}.", told_remedy))
+            reasons.append(Reason(Status.WEAK, f"{reported[0].upper()}{reported[1:]}.", told_remedy))
     return reasons
 
 
-def hover_reasons(hover: Unjudged, at: Circumstances) -> list[Reason]:
-    """Grounds against the hover input."""
+def hover_reasons(hover: QuantityEstimate, inputs: VerdictInputs) -> list[Reason]:
+    """Reasons against the hover input."""
     if not (np.isfinite(hover.value) and hover.value > 0.0):
         return [Reason(Status.REFUSED, "The hover input is not positive.", "Check the input's sign and map.")]
     reasons = []
-    if at.direct:
+    if inputs.direct:
         reasons.append(Reason(Status.PROVISIONAL, "A direct method made the hover input.", LOG_REFERENCE))
     if hover.half_width != np.inf and not hover.half_width <= HOVER_SHARE * hover.value:
         reasons.append(
@@ -440,16 +457,17 @@ def near_ground(
     return {NEAR_GROUND: max(shares), LOWEST: min(lowest)} if shares else {}
 
 
-def near_ground_reasons(at: Circumstances) -> list[Reason]:
-    """Ground against gain and hover input: a flight near the ground."""
-    share = at.numbers.get(NEAR_GROUND, 0.0)
+def near_ground_reasons(inputs: VerdictInputs) -> list[Reason]:
+    """Reason against gain and hover input: a flight near the ground."""
+    share = inputs.numbers.get(NEAR_GROUND, 0.0)
     if share < NEAR_SHARE:
         return []
     return [
         Reason(
             Status.WEAK,
             f"The vehicle flew below {NEAR_RADII:.0f} rotor radii over the ground for {share:.0%} of the "
-            f"time ({at.numbers[LOWEST]:.1f} at the lowest): thrust grows there, and the gain takes it up.",
+            f"time ({inputs.numbers[LOWEST]:.1f} at the lowest): thrust grows there, and the gain "
+            f"takes it up.",
             "Fly higher, or add --term ground-effect.",
         )
     ]
@@ -478,12 +496,12 @@ def hover_findings(
 ) -> tuple[Finding, ...]:
     """What the autopilots of flights hold their hover input to be; compared where it is identified."""
     flying = [flight for flight in flights if flight.runs and _is_setpoint(flight)]
-    found = [one for flight in flying for one in _standing_at_an_end(flight)]
+    results = [item for flight in flying for item in _standing_at_an_end(flight)]
     hover = quantities["hover_input"]
     if hover.verdict is Status.IDENTIFIED and np.isfinite(hover.value) and flying:
-        found.extend(_of_parameters(flying[0], hover.value))
-        found.extend(_of_estimates(flying, hover))
-    return tuple(found)
+        results.extend(_of_parameters(flying[0], hover.value))
+        results.extend(_of_estimates(flying, hover))
+    return tuple(results)
 
 
 def _is_setpoint(flight: PreparedFlight) -> bool:
@@ -505,8 +523,8 @@ def _of_parameters(flight: PreparedFlight, hover: float) -> list[Finding]:
 
 
 def _of_estimates(flights: list[PreparedFlight], hover: Quantity) -> list[Finding]:
-    told = [comparable_estimates(flight) for flight in flights]
-    values = np.concatenate(told) if told else np.empty(0)
+    selected = [comparable_estimates(flight) for flight in flights]
+    values = np.concatenate(selected) if selected else np.empty(0)
     if not values.size:
         return []
     median = float(np.median(values))
@@ -577,7 +595,7 @@ def _standing_at_an_end(flight: PreparedFlight) -> list[Finding]:
 LEAST_EXPONENT = 0.95
 #: A map does not fit below this p-value.
 FITS = 0.05
-#: The bend is told beside the intercept below this p-value.
+#: The bend is reported beside the intercept below this p-value.
 BENDS = 0.1
 #: Numbers of this motion among those of the circumstances: the least intercept in its set, the p-value of
 #: the test that the map fits, the exponent of thrust near hover, that of the input map there, and one for a
@@ -586,48 +604,48 @@ LEAST_INTERCEPT, MAP_P_VALUE = "least_intercept", "input_map_p_value"
 THRUST_EXPONENT, MAP_EXPONENT, IS_THRUST = "thrust_exponent", "map_exponent", "thrust_command"
 
 
-def thrust_curve_reasons(quantities: Mapping[str, Unjudged], at: Circumstances) -> list[Reason]:
-    """Grounds against the gain: intercept and bend that say that the input map is another one."""
+def thrust_curve_reasons(quantities: Mapping[str, QuantityEstimate], inputs: VerdictInputs) -> list[Reason]:
+    """Reasons against the gain: intercept and bend that say that the input map is another one."""
     intercept = quantities["intercept"]
-    exponent = at.numbers.get(THRUST_EXPONENT, np.nan)
-    if not (at.numbers.get(MAP_P_VALUE, 1.0) < FITS and np.isfinite(exponent)):
+    exponent = inputs.numbers.get(THRUST_EXPONENT, np.nan)
+    if not (inputs.numbers.get(MAP_P_VALUE, 1.0) < FITS and np.isfinite(exponent)):
         return []
-    told = (
+    texts = (
         f"The intercept is {intercept.value:+.2g} m/s^2, which an input map that fits does not leave: near "
         f"hover thrust grows as the command to the power {exponent:.2f}, and the map says "
-        f"{at.numbers[MAP_EXPONENT]:.2f}.{_bend(intercept, at)}"
+        f"{inputs.numbers[MAP_EXPONENT]:.2f}.{_bend(intercept, inputs)}"
     )
-    return [Reason(Status.WEAK, told, _fitting_map(exponent, quantities["hover_input"].value, at))]
+    return [Reason(Status.WEAK, texts, _fitting_map(exponent, quantities["hover_input"].value, inputs))]
 
 
-def intercept_reasons(quantities: Mapping[str, Unjudged], at: Circumstances) -> list[Reason]:
-    """Grounds against the hover input: the same, of an intercept that is clear without the bend."""
+def intercept_reasons(quantities: Mapping[str, QuantityEstimate], inputs: VerdictInputs) -> list[Reason]:
+    """Reasons against the hover input: the same, of an intercept that is clear without the bend."""
     intercept = quantities["intercept"]
-    least = at.numbers.get(LEAST_INTERCEPT, abs(intercept.value) - intercept.half_width)
-    return thrust_curve_reasons(quantities, at) if least > CLEAR_INTERCEPT else []
+    least = inputs.numbers.get(LEAST_INTERCEPT, abs(intercept.value) - intercept.half_width)
+    return thrust_curve_reasons(quantities, inputs) if least > CLEAR_INTERCEPT else []
 
 
-def _bend(intercept: Unjudged, at: Circumstances) -> str:
+def _bend(intercept: QuantityEstimate, inputs: VerdictInputs) -> str:
     """What the bend of the thrust curve adds to that, with a blank before it; empty for nothing."""
     name = f"{PREFIX}{CURVATURE}"
-    bend, half = at.numbers.get(name, np.nan), at.numbers.get(f"{name}_half_width", np.nan)
-    if not (at.numbers.get(f"{name}_p_value", 1.0) < BENDS and bend * intercept.value < 0.0):
+    bend, half = inputs.numbers.get(name, np.nan), inputs.numbers.get(f"{name}_half_width", np.nan)
+    if not (inputs.numbers.get(f"{name}_p_value", 1.0) < BENDS and bend * intercept.value < 0.0):
         return ""
     of_power, uncertain = -intercept.value / (2.0 * GRAVITY), intercept.half_width / (2.0 * GRAVITY)
-    told = f" The curve bends as well ({bend:+.2g} ± {half:.2g})"
+    text = f" The curve bends as well ({bend:+.2g} ± {half:.2g})"
     if bend + half < of_power - uncertain:
-        return f"{told}, more than such a power does ({of_power:+.2g}): so does thrust that sags under load."
-    return f"{told}."
+        return f"{text}, more than such a power does ({of_power:+.2g}): so does thrust that sags under load."
+    return f"{text}."
 
 
-def _fitting_map(exponent: float, hover: float, at: Circumstances) -> str:
+def _fitting_map(exponent: float, hover: float, inputs: VerdictInputs) -> str:
     """The input map that has an exponent near hover."""
     if exponent < LEAST_EXPONENT:
         return (
             "No propeller's thrust grows so slowly: look for a supply that sags under load, and check that "
             "the input is the command of this vehicle."
         )
-    if at.numbers[IS_THRUST] and 1.0 < exponent < 2.0 and 0.0 < hover < 1.0:
+    if inputs.numbers[IS_THRUST] and 1.0 < exponent < 2.0 and 0.0 < hover < 1.0:
         # (1 - s) u + s u^2 has the exponent r at u_h for s = (r - 1) / ((r - 1) + (2 - r) u_h)
         share = (exponent - 1.0) / ((exponent - 1.0) + (2.0 - exponent) * hover)
         return f"Use --input-map mixed:{share:.2g} if nothing else is wrong; a sagging supply looks alike."
@@ -649,14 +667,14 @@ LEVEL = (
 )
 
 
-def unit_reasons(at: Circumstances) -> list[Reason]:
-    """Grounds against everything: sensors in another unit, or of another sign."""
-    return [*_unit_of_force_reasons(at), *_unit_of_velocity_reasons(at)]
+def unit_reasons(inputs: VerdictInputs) -> list[Reason]:
+    """Reasons against everything: sensors in another unit, or of another sign."""
+    return [*_unit_of_force_reasons(inputs), *_unit_of_velocity_reasons(inputs)]
 
 
-def _unit_of_velocity_reasons(at: Circumstances) -> list[Reason]:
-    """Ground of a velocity that reads many times what the accelerometer does, or goes the other way."""
-    scale = None if at.sensors is None else at.sensors.told.get(SCALE.name)
+def _unit_of_velocity_reasons(inputs: VerdictInputs) -> list[Reason]:
+    """Reason of a velocity that reads many times what the accelerometer does, or goes the other way."""
+    scale = None if inputs.sensors is None else inputs.sensors.significant.get(SCALE.name)
     if scale is None:
         return []
     times = velocity_over_accelerometer(scale.value)
@@ -670,9 +688,9 @@ def _unit_of_velocity_reasons(at: Circumstances) -> list[Reason]:
     return [Reason(Status.REFUSED, sentence(SCALE.name, scale), remedy)]
 
 
-def _unit_of_force_reasons(at: Circumstances) -> list[Reason]:
+def _unit_of_force_reasons(inputs: VerdictInputs) -> list[Reason]:
     """Ground of an accelerometer that feels another gravity: it is in another unit."""
-    felt = at.numbers.get(APPARENT_GRAVITY, np.nan)
+    felt = inputs.numbers.get(APPARENT_GRAVITY, np.nan)
     if not abs(felt - GRAVITY) > OTHER_UNIT:
         return []
     unit = next((word for word, size in (("g", 1.0), ("milli-g", 1e3)) if 0.8 < felt / size < 1.25), "")
@@ -683,25 +701,25 @@ def _unit_of_force_reasons(at: Circumstances) -> list[Reason]:
     return [Reason(Status.REFUSED, sentence, 'State its unit in a channel map (unit = "g"), and its axes.')]
 
 
-def sensor_reasons(at: Circumstances, *harmful: Parameter) -> list[Reason]:
-    """Grounds against what some kinds of disagreement between velocity and accelerometer harm."""
-    if at.sensors is None:
+def sensor_reasons(inputs: VerdictInputs, *harmful: Parameter) -> list[Reason]:
+    """Reasons against what some kinds of disagreement between velocity and accelerometer harm."""
+    if inputs.sensors is None:
         return []
-    corrected = {OFFSET.name, SCALE.name} if at.aligned else set()
-    names = {one.name for one in harmful} - corrected
+    corrected = {OFFSET.name, SCALE.name} if inputs.aligned else set()
+    names = {item.name for item in harmful} - corrected
     reasons = [
-        Reason(Status.WEAK, sentence(name, one), ALIGN if name in (OFFSET.name, SCALE.name) else LEVEL)
-        for name, one in at.sensors.told.items()
+        Reason(Status.WEAK, sentence(name, item), ALIGN if name in (OFFSET.name, SCALE.name) else LEVEL)
+        for name, item in inputs.sensors.significant.items()
         if name in names
     ]
-    if names & at.sensors.either.keys():
-        reasons.append(Reason(Status.WEAK, either_sentence(at.sensors), LEVEL))
-    if at.sensors.otherwise:
+    if names & inputs.sensors.either.keys():
+        reasons.append(Reason(Status.WEAK, either_sentence(inputs.sensors), LEVEL))
+    if inputs.sensors.otherwise:
         reasons.append(
             Reason(
                 Status.WEAK,
                 "Velocity and accelerometer disagree in another way than by an offset, a scale or a tilt "
-                f"(p-value {at.sensors.p_value:.1g}).",
+                f"(p-value {inputs.sensors.p_value:.1g}).",
                 LEVEL,
             )
         )
@@ -717,14 +735,14 @@ FAST_SIDEWAYS = 3.0
 TILT_KNOWN = float(np.deg2rad(1.5))
 
 
-def sideways_reasons(at: Circumstances) -> list[Reason]:
-    """Ground against the friction: fast sideways flight, with an attitude that may lean."""
-    speed = at.numbers.get(SIDEWAYS, np.nan)
+def sideways_reasons(inputs: VerdictInputs) -> list[Reason]:
+    """Reason against the friction: fast sideways flight, with an attitude that may lean."""
+    speed = inputs.numbers.get(SIDEWAYS, np.nan)
     if not speed > FAST_SIDEWAYS:
         return []
     tilts = {tilt.name for tilt in TILTS.values()}
-    known = {} if at.sensors is None else at.sensors.differences
-    widths = [one.half_width for name, one in known.items() if name in tilts]
+    known = {} if inputs.sensors is None else inputs.sensors.differences
+    widths = [item.half_width for name, item in known.items() if name in tilts]
     if widths and max(widths) <= TILT_KNOWN:
         return []
     degrees = f"to ±{np.rad2deg(max(widths)):.1f} degrees only" if widths else "not at all"
@@ -738,9 +756,9 @@ def sideways_reasons(at: Circumstances) -> list[Reason]:
     ]
 
 
-def fast_sideways_reasons(at: Circumstances) -> list[Reason]:
-    """Ground against the gain: air that crosses the rotors fast changes what they give."""
-    speed = at.numbers.get(SIDEWAYS, np.nan)
+def fast_sideways_reasons(inputs: VerdictInputs) -> list[Reason]:
+    """Reason against the gain: air that crosses the rotors fast changes what they give."""
+    speed = inputs.numbers.get(SIDEWAYS, np.nan)
     if not speed > FAST_SIDEWAYS:
         return []
     return [
@@ -757,71 +775,71 @@ def fast_sideways_reasons(at: Circumstances) -> list[Reason]:
 
 
 def term_reasons(
-    coefficient: Unjudged, parameter: Parameter, strength: Strength, at: Circumstances
+    coefficient: QuantityEstimate, parameter: Parameter, strength: InstrumentStrength, inputs: VerdictInputs
 ) -> list[Reason]:
-    """Grounds against the coefficient of an optional term."""
+    """Reasons against the coefficient of an optional term."""
     words = parameter.name.replace("_", " ")
     reasons = []
-    if at.direct:
+    if inputs.direct:
         reasons.append(Reason(Status.PROVISIONAL, f"A direct method made the {words}.", LOG_REFERENCE))
     first_stage = strength.first_stage.get(parameter.name, np.nan)
     if first_stage < STRONG_FIRST_STAGE:
-        reasons.append(Reason(Status.WEAK, weakly_told(words, first_stage), FLY))
+        reasons.append(Reason(Status.WEAK, weak_instrument_sentence(words, first_stage), FLY))
     low, high = coefficient.interval
     if low <= 0.0 <= high:
         reasons.append(
             Reason(
                 Status.WEAK,
-                f"The {words} cannot be told from zero: its interval is [{low:.2g}, {high:.2g}]"
+                f"The {words} cannot be distinguished from zero: its interval is [{low:.2g}, {high:.2g}]"
                 f"{f' {parameter.unit}' if parameter.unit else ''}.",
-                "Leave the term out, and what remains is told more closely; or fly so that it shows.",
+                "Leave the term out, and what remains is identified more closely; or fly so that it shows.",
             )
         )
-    return [*reasons, *given_lag_reasons(at), *unit_reasons(at)]
+    return [*reasons, *lag_prior_reasons(inputs), *unit_reasons(inputs)]
 
 
 # -- Rule --
 
 
-def all_grounds(
-    quantities: Mapping[str, Unjudged], strength: Strength, at: Circumstances
+def all_reasons(
+    quantities: Mapping[str, QuantityEstimate], strength: InstrumentStrength, inputs: VerdictInputs
 ) -> dict[str, tuple[Reason, ...]]:
-    """Grounds against every quantity; those that one parameter decides share its grounds."""
-    shared = (*given_lag_reasons(at), *unit_reasons(at))
+    """Reasons against every quantity; those that one parameter decides share its reasons."""
+    shared = (*lag_prior_reasons(inputs), *unit_reasons(inputs))
     friction = (
-        *friction_reasons(quantities, strength, at),
-        *sensor_reasons(at, SCALE, *TILTS.values()),
-        *sideways_reasons(at),
+        *friction_reasons(quantities, strength, inputs),
+        *sensor_reasons(inputs, SCALE, *TILTS.values()),
+        *sideways_reasons(inputs),
         *shared,
     )
     gain = (
-        *gain_reasons(quantities["input_gain"], strength, at),
-        *thrust_curve_reasons(quantities, at),
-        *sensor_reasons(at, OFFSET, SCALE),
-        *left_out_reasons(at),
-        *near_ground_reasons(at),
-        *fast_sideways_reasons(at),
+        *gain_reasons(quantities["input_gain"], strength, inputs),
+        *thrust_curve_reasons(quantities, inputs),
+        *sensor_reasons(inputs, OFFSET, SCALE),
+        *omitted_variable_reasons(inputs),
+        *near_ground_reasons(inputs),
+        *fast_sideways_reasons(inputs),
         *shared,
     )
-    lag = (*lag_reasons(quantities, strength, at), *sensor_reasons(at, OFFSET), *shared)
-    found = (*curve_reasons(quantities, at), *sensor_reasons(at, OFFSET, SCALE), *shared)
+    lag = (*lag_reasons(quantities, strength, inputs), *sensor_reasons(inputs, OFFSET), *shared)
+    results = (*curve_reasons(quantities, inputs), *sensor_reasons(inputs, OFFSET, SCALE), *shared)
     return {
         "viscous_friction": friction,
         "time_constant": friction,
         "input_gain": gain,
         "intercept": gain,
         "hover_input": (
-            *hover_reasons(quantities["hover_input"], at),
-            *intercept_reasons(quantities, at),
-            *near_ground_reasons(at),
-            *unit_reasons(at),
+            *hover_reasons(quantities["hover_input"], inputs),
+            *intercept_reasons(quantities, inputs),
+            *near_ground_reasons(inputs),
+            *unit_reasons(inputs),
         ),
         "actuator_lag": lag,
         "delay": (*lag, *delay_reasons(quantities["delay"])),
         "effective_lag": lag,
-        "thrust_curve": found,
+        "thrust_curve": results,
         **{
-            parameter.name: tuple(term_reasons(quantities[parameter.name], parameter, strength, at))
+            parameter.name: tuple(term_reasons(quantities[parameter.name], parameter, strength, inputs))
             for parameter in (term.parameter for term in TERMS.values())
             if parameter.name in quantities
         },

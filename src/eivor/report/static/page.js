@@ -87,12 +87,12 @@
           return { stroke: () => colour(look.colour), width: look.width, dash: look.dash, points: { show: false } };
         }),
       ],
-      hooks: { drawClear: [hatched(chart)], setScale: [followed(chart)], setCursor: [told(box, chart)] },
+      hooks: { drawClear: [hatched(chart)], setScale: [followed(chart)], setCursor: [reported(box, chart)] },
     };
   }
 
   // What stands under the cursor, in the legend.
-  function told(box, chart) {
+  function reported(box, chart) {
     const places = box.parentElement.querySelectorAll(".at-cursor");
     return (plot) => {
       chart.lines.forEach((_, line) => {

@@ -3,11 +3,11 @@ const FOREST = { width: 440, row: 44, foot: 44, side: 14, letter: 7.4 };
 
 function comparisonOf(several) {
   const names = [...new Map(several.flatMap((flight) => flight.report.verdict.readings.map((one) => [one.name, one]))).entries()];
-  const told = (flight, name) => flight.report.verdict.readings.find((one) => one.name === name);
+  const reported = (flight, name) => flight.report.verdict.readings.find((one) => one.name === name);
   const titles = names.map(([, one]) => `${one.symbol}${one.unit ? ` [${one.unit}]` : ""}`);
   const rows = several.map((flight) => {
     const cells = names.map(([name], place) => {
-      const one = told(flight, name);
+      const one = reported(flight, name);
       return make("td", { class: "strong", "data-title": titles[place] }, make("span", { class: "text" }, one ? one.shown[0] : "–"), one ? make("span", { class: "below" }, one.shown[1]) : null, one ? badge(one.status) : null);
     });
     return make("tr", null, make("th", { scope: "row", "data-title": "flight" }, make("span", { class: "text" }, flight.name)), make("td", { "data-title": "verdict" }, badge(flight.report.verdict.status)), ...cells);
@@ -16,7 +16,7 @@ function comparisonOf(several) {
   const table = make("div", { class: "table" }, make("table", null, make("thead", null, head), make("tbody", null, ...rows)));
   const plots = names.map(([name, one]) => {
     const title = `${one.words} ${one.symbol}${one.unit ? ` [${one.unit}]` : ""}`;
-    const beside = several.filter((flight) => told(flight, name)).map((flight) => ({ label: flight.name, whole: flight.logs.length > 1, ...told(flight, name) }));
+    const beside = several.filter((flight) => reported(flight, name)).map((flight) => ({ label: flight.name, whole: flight.logs.length > 1, ...reported(flight, name) }));
     return make("figure", null, make("h3", { class: "title" }, `${title[0].toUpperCase()}${title.slice(1)}`), forestOf(title, beside.sort((a, b) => a.whole - b.whole)));
   });
   const words = make("p", { class: "words" }, "Lines are 95 % intervals; arrows go on beyond the scale. Full dots are identified, hollow ones weak, squares provisional, crosses refused; a diamond is a pool.");
@@ -47,8 +47,8 @@ function rangeOf(rows) {
   const whole = rows.filter(({ interval }) => interval[0] !== null && interval[1] !== null);
   const halves = whole.map(({ interval }) => (interval[1] - interval[0]) / 2).sort((a, b) => a - b);
   const middle = halves[Math.floor((halves.length - 1) / 2)] || 0;
-  const told = whole.filter(({ interval }) => (interval[1] - interval[0]) / 2 <= 6 * middle).flatMap(({ interval, at }) => [...interval, at]);
-  const ends = told.length ? told : rows.map(({ at }) => at ?? 0);
+  const reported = whole.filter(({ interval }) => (interval[1] - interval[0]) / 2 <= 6 * middle).flatMap(({ interval, at }) => [...interval, at]);
+  const ends = reported.length ? reported : rows.map(({ at }) => at ?? 0);
   const [low, high] = [Math.min(...ends), Math.max(...ends)];
   const margin = 0.06 * (high - low) || 0.1 * Math.abs(high) || 0.1;
   return [low - margin, high + margin];

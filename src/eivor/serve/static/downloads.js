@@ -47,8 +47,8 @@ function plansOf(job) {
   return [make("h3", { class: "flight" }, "Plan of the next flight"), make("p", { class: "hint" }, "It is flown in simulation before it is written, which takes a while."), given, filesOf(rows)];
 }
 
-function queryOf(told) {
-  const given = new URLSearchParams(told.filter(([, value]) => value)).toString();
+function queryOf(reported) {
+  const given = new URLSearchParams(reported.filter(([, value]) => value)).toString();
   return given ? `?${given}` : "";
 }
 

@@ -54,7 +54,7 @@ function begun(name, sending) {
 function queued(flight, options) {
   Object.assign(flight, { state: "waiting", options, error: null, cancelled: false, job: null, stage: "waiting", elapsed: 0, position: null });
   queue.push(flight);
-  told(flight);
+  reported(flight);
   next();
 }
 
@@ -72,7 +72,7 @@ async function fitted(flight) {
   try {
     if (flight.begin && !flight.logs.length) {
       flight.state = "sending";
-      told(flight);
+      reported(flight);
       await flight.begin();
     }
     if (!flight.cancelled) await worked(flight);
@@ -93,7 +93,7 @@ async function worked(flight) {
     last = event;
     if (event.stage) {
       Object.assign(flight, { stage: event.stage, elapsed: event.elapsed ?? flight.elapsed, position: event.position ?? null });
-      told(flight);
+      reported(flight);
     }
   }
   if (last.failed) throw new Refusal(last.failed);
@@ -110,7 +110,7 @@ async function worked(flight) {
 
 function finished(flight) {
   if (!flights.includes(flight)) return forgottenWhole(flight);
-  told(flight);
+  reported(flight);
   const status = flight.report?.verdict.status;
   announce(`${flight.name}: ${flight.state === "done" ? status : WORDS[flight.state]}`);
   const done = flights.filter((one) => one.report);
@@ -158,7 +158,7 @@ function picking(flight) {
 // -- what a card says --------------------------------------------------------------------------------------
 const WORDS = { sending: "on its way to the server on this machine", waiting: "waiting for its turn", cancelled: "cancelled", failed: "no result" };
 
-function told(flight) {
+function reported(flight) {
   const { card } = flight;
   const working = flight.state === "working";
   const busy = working || flight.state === "waiting" || flight.state === "sending";

@@ -1,5 +1,5 @@
 // -- the result of a flight --------------------------------------------------------------------------------
-// A report holds what it tells as JSON, in scripts that hold no "<".
+// A report holds what it holds as JSON, in scripts that hold no "<".
 function reportOf(text) {
   const part = (name) => JSON.parse(new RegExp(`<script type="application/json" id="${name}">([^<]*)<\/script>`).exec(text)[1]);
   return { text, verdict: part("verdict"), charts: part("charts") };
@@ -24,14 +24,14 @@ function failureOf(error) {
   return make("div", { class: "failure", role: "alert" }, make("p", null, badge("refused", "No result"), " ", said(error.message)), error.advice ? make("p", null, said(error.advice)) : null);
 }
 
-function verdictOf(told, earlier) {
-  const pieces = [make("p", { class: "said" }, shape(told.status), make("strong", null, told.status), `: ${told.about}`)];
+function verdictOf(reported, earlier) {
+  const pieces = [make("p", { class: "said" }, shape(reported.status), make("strong", null, reported.status), `: ${reported.about}`)];
   if (earlier) pieces.unshift(make("p", { class: "note" }, "The result before:"));
-  pieces.push(...told.more.map((one) => make("p", null, said(one))));
-  if (told.readings.length) {
-    pieces.push(make("div", { class: "readings" }, ...told.readings.map(readingOf)), make("p", { class: "note" }, "In brackets: 95 % intervals."));
+  pieces.push(...reported.more.map((one) => make("p", null, said(one))));
+  if (reported.readings.length) {
+    pieces.push(make("div", { class: "readings" }, ...reported.readings.map(readingOf)), make("p", { class: "note" }, "In brackets: 95 % intervals."));
   }
-  return make("div", { class: `verdict ${told.status}`, id: "verdict" }, ...pieces);
+  return make("div", { class: `verdict ${reported.status}`, id: "verdict" }, ...pieces);
 }
 
 function readingOf(one) {

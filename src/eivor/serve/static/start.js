@@ -48,8 +48,8 @@ addEventListener("pagehide", (event) => {
 
 // What may be chosen, and which files of folders are logs.
 const known = jsonOf("/choices")
-  .then((told) => {
-    choices = { ...choices, ...told };
+  .then((reported) => {
+    choices = { ...choices, ...reported };
     if (resulting) {
       resulting = null;
       arranged();

@@ -22,8 +22,8 @@ async function ask(method, path, { body, headers, keepalive } = {}) {
     throw new Refusal(GONE);
   }
   if (answer.ok) return answer;
-  const told = await answer.json().catch(() => ({}));
-  throw new Refusal(told.error || { sentence: `The server answered ${answer.status}.` });
+  const reported = await answer.json().catch(() => ({}));
+  throw new Refusal(reported.error || { sentence: `The server answered ${answer.status}.` });
 }
 
 async function received(read) {

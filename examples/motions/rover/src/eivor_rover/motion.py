@@ -10,17 +10,17 @@ import numpy as np
 from eivor.estimation.estimate import Estimate
 from eivor.flights.grid import Active, Grid
 from eivor.flights.lag_prior import joint_quantities, lag_quantities, ratio_quantity
-from eivor.flights.motion import Circumstances, Motion, Strength
+from eivor.flights.motion import InstrumentStrength, Motion, VerdictInputs
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import PreparedFlight, Selection
-from eivor.flights.quantity import CardSection, Panel, Trace, Unjudged
+from eivor.flights.quantity import CardSection, PlotData, QuantityEstimate, Trace
 from eivor.inference.verdict import Reason
 from eivor.models.lagged_runs import LaggedRuns
 from eivor.models.separable import InstrumentRule
 from eivor.signals.recording import Recording
 from eivor_rover.channels import CHANNELS, INPUTS, REFERENCES, SPEED, selected
 from eivor_rover.problem import rover_runs
-from eivor_rover.rule import grounds
+from eivor_rover.rule import reasons
 from eivor_rover.words import CARD, EQUATION, QUANTITIES, WORDS
 
 
@@ -32,7 +32,7 @@ class Rover(Motion[LaggedRuns]):
     model_name = "rover"
     equation = EQUATION
     wording = QUANTITIES
-    shown = tuple(QUANTITIES)
+    plotted = tuple(QUANTITIES)
     headline = ("drive_gain", "dry_friction")
     rows = ("drive_gain", "rolling_drag", "dry_friction", "effective_lag")
     words = WORDS
@@ -54,7 +54,7 @@ class Rover(Motion[LaggedRuns]):
         """Regressions of the drives for each lag and delay."""
         return rover_runs(flights, rule)
 
-    def quantities(self, problem: LaggedRuns, estimate: Estimate) -> Mapping[str, Unjudged]:
+    def quantities(self, problem: LaggedRuns, estimate: Estimate) -> Mapping[str, QuantityEstimate]:
         """Parameters, lags, and what follows from them."""
         joint = joint_quantities(estimate)
         return {
@@ -64,11 +64,11 @@ class Rover(Motion[LaggedRuns]):
             "time_constant": ratio_quantity(estimate, 1.0, "rolling_drag", "s"),
         }
 
-    def grounds(
-        self, quantities: Mapping[str, Unjudged], strength: Strength, at: Circumstances
+    def reasons(
+        self, quantities: Mapping[str, QuantityEstimate], strength: InstrumentStrength, inputs: VerdictInputs
     ) -> Mapping[str, tuple[Reason, ...]]:
         """The rule of the verdicts."""
-        return grounds(quantities, strength, at)
+        return reasons(quantities, strength, inputs)
 
     def excitation(self, flights: tuple[PreparedFlight, ...]) -> str:
         """How much speed and command varied."""
@@ -86,7 +86,7 @@ class Rover(Motion[LaggedRuns]):
     def traces(self, problem: LaggedRuns, estimate: Estimate) -> tuple[Trace, ...]:
         """Forward acceleration, means of each run removed."""
         best = estimate.best
-        rows = problem.rows(best.at)
+        rows = problem.rows(best.nuisances)
         return (
             Trace(
                 "forward acceleration",
@@ -99,9 +99,9 @@ class Rover(Motion[LaggedRuns]):
             ),
         )
 
-    def overview(self, flight: PreparedFlight) -> tuple[Panel, ...]:
+    def overview(self, flight: PreparedFlight) -> tuple[PlotData, ...]:
         """Speed."""
-        return (Panel("forward speed\n[m/s]", flight.signals.channel(SPEED)),)
+        return (PlotData("forward speed\n[m/s]", flight.signals.channel(SPEED)),)
 
     def advice(self, log_format: str) -> tuple[CardSection, ...]:
         """What to drive and to log, whatever the format."""

@@ -36,13 +36,13 @@ class LaggedDrive:
     signals: Signals
     family: str
 
-    def __call__(self, at: Values) -> np.ndarray:
+    def __call__(self, nuisance_values: Values) -> np.ndarray:
         """U, shape (n, 1)."""
         state = actuator_state(
             self.signals.family(self.family),
             step_s=self.signals.step_s,
-            lag_s=at[ACTUATOR_LAG.name],
-            delay_s=at[DELAY.name],
+            lag_s=nuisance_values[ACTUATOR_LAG.name],
+            delay_s=nuisance_values[DELAY.name],
         )
         return state.mean(axis=1, keepdims=True)
 
