@@ -167,6 +167,8 @@ ODD_SHARE = 0.002
 MOST_COMMAND_STAMPS = 20_000
 #: No controller of a vehicle's height runs at shorter steps [s].
 SHORTEST_STEP_S = 0.001
+#: A command logged more rarely [s] than this is not searched for a shorter period: the search grows with it.
+RARELY_LOGGED_S = 1.0
 #: Stamps rounded to a power of ten up to this are multiples of it, whatever was rounded [s].
 ROUNDED_S = 0.001
 #: A command that was logged at steps up to this is taken as logged whenever it was issued, unless other
@@ -251,8 +253,9 @@ def command_clock(
     """Read a held command's clock off its stamps, and the rates of other channels."""
     steps = np.diff(command.time_s)
     logged = float(np.median(steps))
-    finer = finer_step(command.time_s)
-    if finer is None and has_jitter(command):
+    often = logged <= RARELY_LOGGED_S
+    finer = finer_step(command.time_s) if often else None
+    if finer is None and often and has_jitter(command):
         finer = period_from_aliasing(command.time_s, SHORTEST_STEP_S)
     if finer is not None:
         return CommandClock(logged, finer)
