@@ -108,8 +108,8 @@ class Validation:
     predictions : tuple of ModelPrediction
         Of every quantity over whole runs: by the fit, then by each simpler model. Empty for a motion that
         predicts ahead from many starts.
-    ahead : Ahead or None
-        Predictions some tenths of a second ahead; None for a motion that predicts whole runs.
+    multi_step_prediction : MultiStepPrediction or None
+        Predictions over some tenths of a second; None for a motion that predicts whole runs.
     """
 
     fit: SavedFit
