@@ -166,7 +166,7 @@ def use(installed: Installed, modules: list[str]) -> None:
         installed.eivor("inspect", str(log))
         # 3: an answer, though not an identified one
         installed.eivor("identify", str(log), codes=(0, 3))
-    installed.run("-c", BAGS, PYTHONPATH=str(ROOT / "tests" / "logs"))
+    installed.run("-c", BAGS, PYTHONPATH=f"{ROOT / 'tests' / 'logs'}{os.pathsep}{ROOT / 'tests'}")
     for bag in ("mavros.bag", "mcap", "sqlite"):
         installed.eivor("identify", bag, codes=(0, 3))  # 20 s are too short for more than weak
     installed.eivor("simulate", "closed-loop", "--out", "simulated.csv")
