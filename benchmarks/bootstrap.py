@@ -1,4 +1,4 @@
-"""How well the bootstrap is calibrated: the tables of docs/resampling.md.
+"""How well the bootstrap is calibrated: the tables of docs/method.md.
 
     python benchmarks/bootstrap.py [--small]
 

@@ -22,8 +22,10 @@ def on_config(config: Any) -> Any:
         for path in sorted((ROOT / "docs" / "studies").glob("*.md"))
     ]
     pages.sort(key=lambda page: page != "studies/index.md")
-    config.nav = [{"Studies": pages} if entry == {"Studies": "studies"} else entry for entry in config.nav]
-    config.nav = [entry for entry in config.nav if entry != {"Studies": []}]
+    for part in config.nav:
+        for name, entries in part.items():
+            listed = [{"Studies": pages} if entry == {"Studies": "studies"} else entry for entry in entries]
+            part[name] = [entry for entry in listed if entry != {"Studies": []}]
     return config
 
 

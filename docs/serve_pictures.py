@@ -1,4 +1,4 @@
-"""Take the pictures of docs/serve.md: the page of `eivor serve` with parts of the example flight.
+"""Take the pictures of docs/report.md: the page of `eivor serve` with parts of the example flight.
 
     python docs/serve_pictures.py
 

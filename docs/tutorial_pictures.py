@@ -1,4 +1,4 @@
-"""Take the pictures of docs/tutorial.md, of its public logs.
+"""Take the pictures of docs/getting-started.md, of its public logs.
 
     python docs/tutorial_pictures.py
 

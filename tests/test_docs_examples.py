@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import re
+import shutil
 from collections.abc import Callable
+from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -18,31 +20,43 @@ def check_estimators(names: dict[str, Any]) -> None:
     assert names["problem"].instrument_noise_covariance()[0, 1] == pytest.approx(0.0025)
 
 
-def check_intervals(names: dict[str, Any]) -> None:
-    low, high = names["hac"].interval("input_gain", level=0.9)
-    assert low < names["fit"].parameters["input_gain"] < high
-    assert names["chunked"].interval("input_gain") == pytest.approx(names["fit"].interval("input_gain"))
+def check_from_arrays(names: dict[str, Any]) -> None:
+    page = (DOCS / "from-arrays.md").read_text(encoding="utf-8")
+    displayed = [tuple(map(float, pair)) for pair in re.findall(r"  # .*\[([\d.]+), ([\d.]+)\]", page)]
+    fits = [names[name] for name in ("biased", "fit", "attenuated", "compensated", "orthogonal")]
+    assert [fit.interval("slope") for fit in fits] == [pytest.approx(pair, abs=1e-3) for pair in displayed]
 
 
 def check_diagnostics(names: dict[str, Any]) -> None:
-    name = names["found"]
+    name = names["diagnostics"]
     assert name.constancy.break_at == pytest.approx(0.6, abs=0.02)
     assert any("input_gain by +0.5" in reason.sentence for reason in name.reasons)
     page = (DOCS / "diagnostics.md").read_text(encoding="utf-8")
     assert all(line in page for line in name.summary().splitlines() if not line.startswith("- "))
 
 
-def check_weak_identification(names: dict[str, Any]) -> None:
+def check_method(names: dict[str, Any]) -> None:
+    low, high = names["hac"].interval("input_gain", level=0.9)
+    assert low < names["fit"].parameters["input_gain"] < high
+    assert names["chunked"].interval("input_gain") == pytest.approx(names["fit"].interval("input_gain"))
     assert all(interval.is_bounded for interval in names["known"].intervals.values())
     assert not names["unknown"].interval("input_gain").is_bounded
     assert names["sets"].region.contains([0.3, 0.5])
-
-
-def check_resampling(names: dict[str, Any]) -> None:
-    assert names["found"].replicates.shape == (199, 2)
+    assert names["boot"].replicates.shape == (199, 2)
     low, high = names["flights"].interval("hover_input")
     assert low < names["pool"].quantities["hover_input"].value < high
-    assert [len(names[figure].axes) for figure in ("beside", "joint", "residual")] == [2, 1, 3]
+    assert [len(names[figure].axes) for figure in ("comparison", "joint", "residual")] == [2, 1, 3]
+
+
+def check_efficiency(names: dict[str, Any]) -> None:
+    assert names["spectral"].noises
+    assert {"viscous_friction", "input_gain"} <= set(names["undeclared"].parameters)
+
+
+def check_fractional_equations(names: dict[str, Any]) -> None:
+    low, high = names["fit"].interval("order")
+    assert low < names["fit"].parameters["order"] < high
+    assert names["fit"].parameters["order"] == pytest.approx(0.7, abs=0.02)
 
 
 def check_exports(names: dict[str, Any]) -> None:
@@ -54,11 +68,12 @@ def check_exports(names: dict[str, Any]) -> None:
 #: What the blocks of each page must leave behind.
 CHECKS: dict[str, Callable[[dict[str, Any]], None]] = {
     "diagnostics.md": check_diagnostics,
+    "efficiency.md": check_efficiency,
     "estimators.md": check_estimators,
     "exports.md": check_exports,
-    "intervals.md": check_intervals,
-    "resampling.md": check_resampling,
-    "weak-identification.md": check_weak_identification,
+    "fractional-equations.md": check_fractional_equations,
+    "from-arrays.md": check_from_arrays,
+    "method.md": check_method,
 }
 
 
@@ -67,7 +82,7 @@ CHECKS: dict[str, Callable[[dict[str, Any]], None]] = {
 @pytest.mark.parametrize(
     "name",
     [
-        pytest.param(name, marks=[pytest.mark.thorough] if name in {"exports.md", "resampling.md"} else [])
+        pytest.param(name, marks=[pytest.mark.thorough] if name in {"exports.md", "method.md"} else [])
         for name in CHECKS
     ],
 )
@@ -80,7 +95,18 @@ def test_blocks_run(name):
     CHECKS[name](names)
 
 
-@pytest.mark.parametrize("name", ["faq.md", "tutorial.md"])
+@pytest.mark.usefixtures("unchecked_shapes")
+def test_the_first_steps_in_python_run(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    shutil.copy(str(resources.files("eivor.data") / "example_flight.parquet"), "flight.ulg")
+    (block,) = BLOCK.findall((DOCS / "getting-started.md").read_text(encoding="utf-8"))
+    names: dict[str, Any] = {}
+    exec(compile(block, "getting-started.md", "exec"), names)  # noqa: S102 - the project's own page
+    assert names["fit"].verdict.status.value == "identified"
+    assert Path("fit.png").stat().st_size > 1000
+
+
+@pytest.mark.parametrize("name", ["from-a-log.md", "getting-started.md", "to-a-simulator.md"])
 def test_every_option_that_is_named_exists(name):
     from typer.main import get_command
 
@@ -90,6 +116,7 @@ def test_every_option_that_is_named_exists(name):
         selected = {option for parameter in command.params for option in parameter.opts}
         return selected.union(*(options(child) for child in getattr(command, "commands", {}).values()))
 
-    named = set(re.findall(r"(?<![\w-])--[a-z][a-z-]+", (DOCS / name).read_text(encoding="utf-8")))
+    text = re.sub(r"^python3 -m venv .*$", "", (DOCS / name).read_text(encoding="utf-8"), flags=re.MULTILINE)
+    named = set(re.findall(r"(?<![\w-])--[a-z][a-z-]+", text))
     assert named
     assert named <= options(get_command(app))

@@ -116,7 +116,8 @@ def test_vehicle_files_in_the_pages_are_valid(tmp_path):
 def test_the_study_in_the_pages_is_valid(tmp_path):
     from eivor.lab.study_files import read_study
 
-    page = (ROOT / "docs" / "studies" / "running.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs" / "studies" / "scenarios.md").read_text(encoding="utf-8")
+    page = page.partition("## Running a study")[2]
     path = tmp_path / "study.toml"
     path.write_text(blocks(page, "toml")[0], encoding="utf-8")
     assert read_study(path).runs == 200

@@ -33,7 +33,7 @@ EQUATIONS = """() => {
   };
 }"""
 #: A word, and a page that is about it.
-WORDS = {"Whittle": "efficiency.html", "battery_brownout": "tutorial.html"}
+WORDS = {"Whittle": "efficiency.html", "battery_brownout": "getting-started.html"}
 
 
 def searched(page, word):
@@ -89,7 +89,7 @@ def test_every_page_from_disk(watched):
     """Nothing is asked of a network, nothing is missing, and every equation is drawn."""
     page = watched(offline=True)
     paths = sorted(path for path in Path(SITE).rglob("*.html") if path.name != "404.html")
-    assert len(paths) > 40
+    assert len(paths) > 28
     equations = 0
     for path in paths:
         page.goto(path.as_uri())
@@ -97,7 +97,7 @@ def test_every_page_from_disk(watched):
         seen = page.evaluate(EQUATIONS)
         assert seen == {"all": seen["all"], "drawn": seen["all"], "wrong": [], "fonts": True}, path.name
         equations += seen["all"]
-    assert equations > 700
+    assert equations > 600
     assert outside(page, f"file://{SITE}") == []
     assert page.said == []
 

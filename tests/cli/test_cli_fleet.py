@@ -132,7 +132,7 @@ def test_report_prints_and_writes(eivor, tmp_path):
     reported = json.loads(files[0].read_text())
     assert reported["schema"] == "eivor.fleet_report/1"
     (motion,) = reported["motions"]
-    keys = set(re.findall(r"`(\w+)`", Path("docs/fleet-report.md").read_text()))
+    keys = set(re.findall(r"`(\w+)`", Path("docs/fleet.md").read_text()))
     for name in ("types", "vehicles", "deviating", "left_out", "covariates"):
         assert all(set(item) <= keys for item in motion[name])
     assert [item["course"] for item in motion["vehicles"] if item["quantity"] == "input_gain"].count(

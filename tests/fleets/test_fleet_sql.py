@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from typing import Any
 
 import polars as pl
 import pytest
@@ -33,3 +34,8 @@ def test_the_questions_of_the_page(tmp_path, monkeypatch):
     assert fixed.fetchall() == [pytest.approx(item) for item in expected.sort("vehicle").rows()]
     assert failed.fetchall() == [("a", "It is empty.")]
     assert over_time.shape == (table.height, 5)
+    (code,) = re.findall(r"^```python\n(.*?)^```", PAGE.read_text("utf-8"), re.MULTILINE | re.DOTALL)
+    names: dict[str, Any] = {}
+    exec(compile(code, PAGE.name, "exec"), names)  # noqa: S102 - the project's own page
+    assert names["fleet"].flights.height == table.height + 1
+    assert set(names["fleet"].quantities["name"]) == set(table["name"])

@@ -35,7 +35,7 @@ def test_every_kind_has_a_row():
 @pytest.mark.thorough
 def test_examples_are_read_and_simulated(tmp_path):
     examples = re.findall(r"^```toml\n(.*?)^```", PAGE, flags=re.MULTILINE | re.DOTALL)
-    about_hover, trends, flight, whole = examples
+    about_hover, trends, flight, whole = examples[:4]  # then those of studies
     path = tmp_path / "mine.toml"
     (tmp_path / "mine.csv").write_text("a1\n" + "0.5\n-0.5\n" * 50, encoding="utf-8")
     path.write_text(f"viscous_friction = 0.3\ninput_gain = 0.02\nsamples = 100\n{trends}", encoding="utf-8")

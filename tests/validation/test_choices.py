@@ -23,7 +23,7 @@ from validation.choices.study import (
     thinned,
 )
 
-PAGE = Path(__file__).resolve().parents[2] / "docs" / "studies" / "choices.md"
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "studies" / "coverage.md"
 SEEDS, CHANCE = 4, 1e-3
 
 

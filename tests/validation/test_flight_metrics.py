@@ -30,7 +30,8 @@ from validation.flight_recipe.trials import (
 )
 
 ROOT = Path(__file__).resolve().parents[2]
-PAGE = ROOT / "docs" / "studies" / "flight-recipe.md"
+PAGE = ROOT / "docs" / "studies" / "coverage.md"
+TRIALS = PAGE.with_name("flight-recipe.parquet")
 TRUTH = {"viscous_friction": 0.4, "input_gain": 40.0, "effective_lag": 0.05, "hover_input": 0.5}
 
 BEGIN, END = marks(PART)
@@ -188,16 +189,16 @@ def test_accepted_is_identified():
 
 
 def test_published_tables_are_made_from_the_published_trials():
-    table = read_trial_table(PAGE.with_suffix(".parquet"))
+    table = read_trial_table(TRIALS)
     assert table.origin["size"] == "full"
     page = PAGE.read_text(encoding="utf-8")
     assert page_with(page, {PART: study_tables(table)}) == page
 
 
 def test_published_trials_are_those_of_the_grid():
-    rows = read_trial_table(PAGE.with_suffix(".parquet")).rows
+    rows = read_trial_table(TRIALS).rows
     grid = flight_study.published_grid()
     assert sorted(rows["flight"]) == sorted(case.name for case in grid.cases)
     seeds = dict(zip(rows["flight"], rows["seed"], strict=True))
     assert all(seeds[case.name] == case.spec.seed for case in grid.cases)
-    assert PAGE.with_suffix(".parquet").stat().st_size < 150 * 1024
+    assert TRIALS.stat().st_size < 150 * 1024

@@ -1,6 +1,6 @@
 """What decides whether a log can be identified: its rate, and the delay that the model allows for.
 
-    python -m validation.choices.study [--flights 40] [--workers N] [--page docs/studies/choices.md]
+    python -m validation.choices.study [--flights 40] [--workers N] [--page docs/studies/coverage.md]
 
 flies the scenario `flight` with the seeds 0, 1, 2, ..., thins each log, and identifies it at every rate; then
 flies it again with commands that are 20 ms late, and identifies it with and without a delay in the model.

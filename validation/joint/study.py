@@ -1,6 +1,6 @@
 """K of flights in gusts by the rigid body and by the vertical motion, and the command that finds out.
 
-    python -m validation.joint.study --size full --kept FILE.jsonl [--page docs/studies/joint.md]
+    python -m validation.joint.study --size full --kept FILE.jsonl [--page docs/studies/rigid-body.md]
 
 Flights are kept as they are done; a run that was interrupted goes on there. The exit code is 0 when every
 requirement is met, 3 when one is not, 2 for an input that cannot be used.

@@ -1,6 +1,6 @@
 """Planned flights against flights, and the command that flies them.
 
-    python -m validation.plan.study --kept FILE.jsonl [--size small|full] [--page docs/studies/plan.md]
+    python -m validation.plan.study --kept FILE.jsonl [--size small|full] [--page docs/studies/coverage.md]
 
 Each vehicle of the grid beside this file flies a first flight that tells too little, along small steps about
 a hover. A plan is made after its result, for friction and for lag in turn, and flown with another controller,

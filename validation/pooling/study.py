@@ -1,6 +1,6 @@
 """What pooling does where the truth is known, and the command that finds out how well it does.
 
-    python -m validation.pooling.study --kept FILE.jsonl [--size small|full] [--page docs/studies/pooling.md]
+    python -m validation.pooling.study --kept FILE.jsonl [--size small|full] [--page docs/studies/coverage.md]
 
 draws the grid beside this file, keeps every cell in the file, and prints its table: coverage of a vehicle's
 mean, of its next flight, and of the heterogeneity, nominal 95 %. The exit code is 0 when every requirement is

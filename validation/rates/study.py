@@ -1,6 +1,6 @@
 """Effectiveness and lag from setpoints, against the truth, and the command that finds out.
 
-    python -m validation.rates.study --size full --kept FILE.jsonl [--page docs/studies/rates.md]
+    python -m validation.rates.study --size full --kept FILE.jsonl [--page docs/studies/rigid-body.md]
 
 Flights are kept as they are done; a run that was interrupted goes on there. The exit code is 0 when every
 requirement is met, 3 when one is not, 2 for an input that cannot be used.
