@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from eivor.errors import InputError
-from eivor.logs.common import silenced
+from eivor.logs.common import logged_channel, noted, silenced
 from eivor.logs.rosbag.messages import (
     PACKAGE,
     MessageLayout,
@@ -19,9 +19,9 @@ from eivor.logs.rosbag.messages import (
 )
 from eivor.logs.rosbag.topics import BagTopic, RawTopic, as_columns, of_one_clock, start_ns, with_derived
 from eivor.logs.ulog.channels import read_topics, unknown_filters
-from eivor.logs.ulog.topics import LOOKED_FOR, NEEDED_TOPICS, Topic, choose_instance, vehicle_of
-from eivor.signals.channels import CurveSide, held_by_default, unit_of
-from eivor.signals.recording import Channel, Finding, clean_channel
+from eivor.logs.ulog.topics import NEEDED_TOPICS, Topic, choose_instance, vehicle_of
+from eivor.signals.channels import CurveSide
+from eivor.signals.recording import Channel, Finding
 
 # -- PX4 --
 
@@ -39,14 +39,8 @@ def is_px4(name: str, kind: str) -> bool:
 
 def px4_channels(raws: Sequence[RawTopic], findings: list[Finding]) -> tuple[dict[str, Channel], str]:
     """Return the channels of PX4's topics, z down, and the kind of vehicle."""
-    positions = {match["vehicle"] for raw in raws if (match := _NAME.fullmatch(raw.name)) is not None}
-    if len(positions) > 1:
-        raise InputError(
-            "a bag of one vehicle",
-            f"one with topics of {len(positions)}: "
-            f"{', '.join(sorted(position or '/' for position in positions)[:6])}",
-            "Take one of them out with `ros2 bag convert`, or name its topics in a channel map (--map).",
-        )
+    matches = (_NAME.fullmatch(raw.name) for raw in raws)
+    _check_one_vehicle("topics", {match["vehicle"] for match in matches if match is not None})
     layouts = _layouts(raws, findings)
     columns = [as_columns(raw, layouts[raw.name], findings) for raw in raws if raw.name in layouts]
     sound = of_one_clock([column for column in columns if column is not None], findings)
@@ -58,9 +52,13 @@ def px4_channels(raws: Sequence[RawTopic], findings: list[Finding]) -> tuple[dic
     return channels, vehicle_of(topics, {})
 
 
-def looked_for() -> Mapping[str, tuple[str, ...]]:
-    """What is looked for, by channel."""
-    return LOOKED_FOR
+def _check_one_vehicle(what: str, places: set[str]) -> None:
+    if len(places) > 1:
+        raise InputError(
+            "a bag of one vehicle",
+            f"one with {what} of {len(places)}: {', '.join(sorted(place or '/' for place in places)[:6])}",
+            "Take one of them out with `ros2 bag convert`, or name its topics in a channel map (--map).",
+        )
 
 
 def _chosen(sound: Sequence[BagTopic], findings: list[Finding]) -> dict[str, Topic]:
@@ -93,9 +91,8 @@ def _layouts(
     if misfits:
         known = ", ".join(releases)
         sentence = (
-            f"Without definitions in the bag, messages fit none of the releases of px4_msgs that are "
-            f"known ({known}) "
-            f"and are left out: {', '.join(misfits)}."
+            f"Without definitions in the bag, messages fit none of the releases of px4_msgs that are known "
+            f"({known}) and are left out: {', '.join(misfits)}."
         )
         findings.append(Finding("px4_release", sentence))
     for raw in unsaid:
@@ -177,8 +174,9 @@ class RosSource:
 _ODOMETRY, _POSE, _TWIST = "nav_msgs/Odometry", "geometry_msgs/PoseStamped", "geometry_msgs/TwistStamped"
 _IMU, _BATTERY = "sensor_msgs/Imu", "sensor_msgs/BatteryState"
 _POSITION, _ATTITUDE = "mavros_msgs/PositionTarget", "mavros_msgs/AttitudeTarget"
-_STATE, _ROTORS = "mavros_msgs/State", ("mav_msgs/Actuators", "actuator_msgs/Actuators")
-_SPEEDS = ("angular_velocities", "velocity")
+_STATE, _CONTROLS = "mavros_msgs/State", "mavros_msgs/ActuatorControl"
+#: Types of messages of rotors, and their field of speeds.
+_SPEEDS = (("mav_msgs/Actuators", "angular_velocities"), ("actuator_msgs/Actuators", "velocity"))
 
 
 def _positions(axis: str) -> tuple[RosSource, ...]:
@@ -224,6 +222,10 @@ def _simulated(field: str) -> RosSource:
     return RosSource("setpoint_raw/target_attitude", _ATTITUDE, field)
 
 
+def _speeds(index: int, *, is_asked: bool) -> tuple[RosSource, ...]:
+    return tuple(RosSource("", kind, f"{field}[{index}]", is_asked=is_asked) for kind, field in _SPEEDS)
+
+
 def _reported(field: str) -> RosSource:
     return RosSource("setpoint_raw/target_local", _POSITION, field, is_setpoint=True)
 
@@ -238,7 +240,7 @@ CHANNEL_SOURCES: Mapping[str, tuple[RosSource, ...]] = {
     "input": (
         _simulated("thrust"),
         RosSource("setpoint_raw/attitude", _ATTITUDE, "thrust"),
-        RosSource("target_actuator_control", "mavros_msgs/ActuatorControl", "controls[3]"),
+        RosSource("target_actuator_control", _CONTROLS, "controls[3]"),
     ),
     "reference_position_z": (
         _parsed("position.z"),
@@ -253,31 +255,15 @@ CHANNEL_SOURCES: Mapping[str, tuple[RosSource, ...]] = {
     **{f"feedback_reference_angular_rate_{axis}": (_simulated(f"body_rate.{axis}"),) for axis in "xyz"},
     **{
         f"torque_setpoint_{axis}": (
-            RosSource(
-                "target_actuator_control", "mavros_msgs/ActuatorControl", f"controls[{index}]", sign=sign
-            ),
+            RosSource("target_actuator_control", _CONTROLS, f"controls[{index}]", sign=sign),
         )
         for index, (axis, sign) in enumerate((("x", 1.0), ("y", -1.0), ("z", -1.0)))
     },
+    **{f"rotor_command_{index + 1}": _speeds(index, is_asked=True) for index in range(MAX_ROTORS)},
+    **{f"rotor_speed_{index + 1}": _speeds(index, is_asked=False) for index in range(MAX_ROTORS)},
     **{
-        f"rotor_command_{number}": tuple(
-            RosSource("", kind, f"{field}[{number - 1}]", is_asked=True)
-            for kind, field in zip(_ROTORS, _SPEEDS, strict=True)
-        )
-        for number in range(1, MAX_ROTORS + 1)
-    },
-    **{
-        f"rotor_speed_{number}": (
-            *(
-                RosSource("", kind, f"{field}[{number - 1}]")
-                for kind, field in zip(_ROTORS, _SPEEDS, strict=True)
-            ),
-        )
-        for number in range(1, MAX_ROTORS + 1)
-    },
-    **{
-        f"actuator_output_{number}": (RosSource("rc/out", "mavros_msgs/RCOut", f"channels[{number - 1}]"),)
-        for number in range(1, MAX_ROTORS + 1)
+        f"actuator_output_{index + 1}": (RosSource("rc/out", "mavros_msgs/RCOut", f"channels[{index}]"),)
+        for index in range(MAX_ROTORS)
     },
     "battery_voltage": (RosSource("battery", _BATTERY, "voltage"), RosSource("", _BATTERY, "voltage")),
     "landed": (RosSource("extended_state", "mavros_msgs/ExtendedState", "landed"),),
@@ -315,7 +301,8 @@ def is_known(name: str, kind: str) -> bool:
 
 def ros_channels(raws: Sequence[RawTopic], findings: list[Finding]) -> dict[str, Channel]:
     """Return the channels of topics, z up."""
-    _check_vehicles([raw.name for raw in raws])
+    names = [raw.name for raw in raws if f"/{MAVROS}" in f"/{raw.name.lstrip('/')}"]
+    _check_one_vehicle("mavros", {name.partition(MAVROS)[0] for name in names})
     columns = [as_columns(raw, raw.defined(), findings) for raw in raws]
     topics = of_one_clock([_complete(column, findings) for column in columns if column is not None], findings)
     if not topics:
@@ -324,14 +311,11 @@ def ros_channels(raws: Sequence[RawTopic], findings: list[Finding]) -> dict[str,
     end_s = max(float(topic.seconds(start).max()) for topic in topics)
     channels: dict[str, Channel] = {}
     unclear: dict[str, list[str]] = {}
-    no_stage_callback = []
+    inactive: list[str] = []
     for name, sources in CHANNEL_SOURCES.items():
         for source in sources:
-            serving = [
-                topic
-                for topic in topics
-                if source.serves(topic.name, topic.kind) and source.field in topic.fields
-            ]
+            of_kind = [topic for topic in topics if source.serves(topic.name, topic.kind)]
+            serving = [topic for topic in of_kind if source.field in topic.fields]
             if len(serving) > 1:
                 unclear[source.kind] = sorted(item.name for item in serving)
             if name in channels or len(serving) != 1:
@@ -339,23 +323,10 @@ def ros_channels(raws: Sequence[RawTopic], findings: list[Finding]) -> dict[str,
             made = _channel(name, serving[0], source, start)
             if made is None:
                 continue
-            if source.is_setpoint:
-                until = silenced(made, end_s)
-                no_stage_callback += [name] if until.time_s.size > made.time_s.size else []
-                made = until
-            channels[name] = made
-    findings += _finding_list(unclear, no_stage_callback, channels)
+            channels[name] = silenced(made, end_s, inactive) if source.is_setpoint else made
+    findings += noted("setpoint_silent", "Not in force while its topic is silent: {}.", inactive)
+    findings += _doubts(unclear, channels)
     return channels
-
-
-def _check_vehicles(names: Sequence[str]) -> None:
-    positions = {name.partition(MAVROS)[0] for name in names if f"/{MAVROS}" in f"/{name.lstrip('/')}"}
-    if len(positions) > 1:
-        raise InputError(
-            "a bag of one vehicle",
-            f"one with mavros of {len(positions)}: {', '.join(sorted(positions)[:6])}",
-            "Take one of them out with `ros2 bag convert`, or name its topics in a channel map (--map).",
-        )
 
 
 def _complete(topic: BagTopic, findings: list[Finding]) -> BagTopic:
@@ -399,25 +370,18 @@ def _channel(name: str, topic: BagTopic, source: RosSource, start: int) -> Chann
     finite = values[np.isfinite(values)]
     if not finite.size or (source.topic == PULSES and finite.min() == finite.max()):
         return None
-    return clean_channel(
+    return logged_channel(
         name,
         topic.seconds(start),
         values,
-        unit_of(name),
-        source=f"{'-' if source.sign < 0.0 else ''}{topic.name}.{source.field}",
-        held=held_by_default(name),
+        f"{'-' if source.sign < 0.0 else ''}{topic.name}.{source.field}",
         estimated=source.estimated,
         curve_side=CURVE_SIDES.get(source.topic if source.topic == PULSES else name, CurveSide.UNKNOWN),
     )
 
 
-def _finding_list(
-    unclear: Mapping[str, Sequence[str]], no_stage_callback: Sequence[str], channels: Mapping[str, Channel]
-) -> list[Finding]:
+def _doubts(unclear: Mapping[str, Sequence[str]], channels: Mapping[str, Channel]) -> list[Finding]:
     findings = []
-    if no_stage_callback:
-        sentence = f"Not in force while its topic is silent: {', '.join(no_stage_callback)}."
-        findings.append(Finding("setpoint_silent", sentence))
     for kind, names in unclear.items():
         sentence = (
             f"Several topics of type {kind}, of which none says what it is of: {', '.join(names)}. None "

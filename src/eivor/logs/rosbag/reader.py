@@ -10,7 +10,6 @@ from eivor.logs.channel_map import load_channel_map
 from eivor.logs.common import LogFormat, ReadOptions, channel_findings, no_parts
 from eivor.logs.mapping import looked_for
 from eivor.logs.rosbag.channels import ROS_SOURCES, is_known, is_px4, px4_channels, ros_channels
-from eivor.logs.rosbag.channels import looked_for as px4_topics
 from eivor.logs.rosbag.containers import (
     MAGICS,
     MCAP,
@@ -22,6 +21,7 @@ from eivor.logs.rosbag.containers import (
     is_bag_folder,
 )
 from eivor.logs.rosbag.topics import Contents, map_channels, mapped_topics, read_contents
+from eivor.logs.ulog.topics import LOOKED_FOR
 from eivor.signals.recording import Channel, Finding, Frame, Recording
 
 # -- Format --
@@ -55,13 +55,6 @@ def _sniffing(kind: str, *, folders: bool) -> Callable[[bytes, Path], bool]:
     return lambda head, file: head.startswith(magic) or (folders and is_bag_folder(file))
 
 
-def _reading(name: str) -> Callable[[Path, ReadOptions], Recording]:
-    def read(path: Path, options: ReadOptions) -> Recording:
-        return read_bag(path, options, name)
-
-    return read
-
-
 def _advice(channel: str) -> tuple[str, ...]:
     """Which topics to record."""
     if not channel:
@@ -74,7 +67,7 @@ def _bag(name: str, label: str, kind: str, ending: str, *, folders: bool = False
         name,
         label,
         _sniffing(kind, folders=folders),
-        _reading(name),
+        lambda path, options: read_bag(path, options, name),
         takes_map=True,
         advice=_advice,
         setpoints="trajectory_setpoint, or mavros/setpoint_raw/local and target_local (the height "
@@ -102,34 +95,29 @@ def read_bag(path: Path, options: ReadOptions, log_format: str) -> Recording:
     check_installed()
     files = bag_files(path)
     findings: list[Finding] = []
+    input_map = vehicle = ""
     if options.channel_map is not None:
         chosen = load_channel_map(options.channel_map)
         named = mapped_topics(chosen)
         contents = read_contents(files, lambda file: file.topic in named, findings)
         channels = map_channels(chosen, contents.topics, contents.listed, path.name, findings)
-        return Recording(
-            name=path.name,
-            format=log_format,
-            channels=channels,
-            frame=chosen.frame,
-            sha256=options.sha256,
-            input_map=chosen.input_map,
-            looked_for=looked_for(chosen),
-            findings=(*findings, *channel_findings(channels)),
+        frame, input_map, looked = chosen.frame, chosen.input_map, looked_for(chosen)
+    else:
+        contents = read_contents(
+            files, lambda file: is_px4(file.topic, file.kind) or is_known(file.topic, file.kind), findings
         )
-    contents = read_contents(
-        files, lambda file: is_px4(file.topic, file.kind) or is_known(file.topic, file.kind), findings
-    )
-    channels, frame, vehicle = _known_channels(contents, findings)
-    if not channels:
-        raise _nothing(path, contents, findings)
+        channels, frame, vehicle = _known_channels(contents, findings)
+        looked = LOOKED_FOR if frame is Frame.NED else ROS_SOURCES
+        if not channels:
+            raise _nothing(path, contents, findings)
     return Recording(
         name=path.name,
         format=log_format,
         channels=channels,
         frame=frame,
         sha256=options.sha256,
-        looked_for=px4_topics() if frame is Frame.NED else ROS_SOURCES,
+        input_map=input_map,
+        looked_for=looked,
         findings=(*findings, *channel_findings(channels)),
         vehicle=vehicle,
     )

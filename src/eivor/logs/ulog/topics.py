@@ -8,8 +8,9 @@ from datetime import datetime
 
 import numpy as np
 
-from eivor.signals.channels import CurveSide, unit_of
-from eivor.signals.recording import ROTARY_WING, Channel, Finding, LogOrigin, clean_channel, utc_time
+from eivor.logs.common import logged_channel
+from eivor.signals.channels import CurveSide
+from eivor.signals.recording import ROTARY_WING, Channel, Finding, LogOrigin, utc_time
 
 # -- Topics --
 
@@ -211,11 +212,10 @@ EXTRA_TOPIC_LINES: tuple[str, ...] = (
 
 def _with_profile(source: TopicSource) -> str:
     """Return a source's label with the bits of SDLOG_PROFILE that log it; old topics have none."""
-    for entry in TOPIC_LOGGING:
-        if entry.topic == source.topic:
-            bits = sorted({0, *entry.full_rate_bits})
-            return f"{source.label} [SDLOG_PROFILE bit {' or '.join(map(str, bits))}]"
-    return source.label
+    bits = next((entry.full_rate_bits for entry in TOPIC_LOGGING if entry.topic == source.topic), None)
+    if bits is None:
+        return source.label
+    return f"{source.label} [SDLOG_PROFILE bit {' or '.join(map(str, sorted({0, *bits})))}]"
 
 
 #: What was looked for, by channel, in the words of a message.
@@ -267,13 +267,11 @@ class Topic:
 def varying_fields(topic: Topic, stem: str) -> list[str]:
     """Fields ``stem[0]``, ``stem[1]``, ... with at least two different finite values."""
     varying = []
-    for index in range(MAX_ACTUATORS):
-        name = f"{stem}[{index}]"
-        if name in topic.fields:
-            values = topic.fields[name].astype(np.float64)
-            finite = values[np.isfinite(values)]
-            if finite.size and finite.min() < finite.max():
-                varying.append(name)
+    for name in (f"{stem}[{index}]" for index in range(MAX_ACTUATORS)):
+        values = topic.fields.get(name, np.empty(0)).astype(np.float64)
+        finite = values[np.isfinite(values)]
+        if finite.size and finite.min() < finite.max():
+            varying.append(name)
     return varying
 
 
@@ -292,11 +290,8 @@ def choose_instance(candidates: Sequence[Topic], findings: list[Finding]) -> Top
     longest = max(useful, key=lambda topic: topic.size)
     chosen = longest if longest.size > 2 * useful[0].size else useful[0]
     sizes = ", ".join(f"{topic.instance}: {topic.size} messages" for topic in ordered)
-    findings.append(
-        Finding(
-            "several_instances", f"{chosen.name}: instance {chosen.instance} is used (there are {sizes})."
-        )
-    )
+    sentence = f"{chosen.name}: instance {chosen.instance} is used (there are {sizes})."
+    findings.append(Finding("several_instances", sentence))
     return chosen
 
 
@@ -345,16 +340,13 @@ def air_channels(topics: Mapping[str, Topic], start: np.uint64) -> dict[str, Cha
     topic = topics.get(AIR)
     if topic is None:
         return {}
-    results = {}
+    time_s = since_start(topic.fields["timestamp"], start)
+    results: dict[str, Channel] = {}
     for name, fields in AIR_FIELDS.items():
         for field in fields:
             values = topic.fields.get(field)
             if name not in results and values is not None and np.any(np.nan_to_num(values)):
-                time_s = _since(topic.fields["timestamp"], start)
-                source = f"{AIR}.{field}"
-                results[name] = clean_channel(
-                    name, time_s, values.astype(float), unit_of(name), source=source
-                )
+                results[name] = logged_channel(name, time_s, values.astype(float), f"{AIR}.{field}")
     return results
 
 
@@ -366,11 +358,12 @@ def _start(topic: Topic | None, start: np.uint64) -> datetime | None:
     reported = utc > 0.0
     if not reported.any():
         return None
-    since = _since(topic.fields["timestamp"], start)
+    since = since_start(topic.fields["timestamp"], start)
     return utc_time(float(np.median(utc[reported] - since[reported])))
 
 
-def _since(stamps: np.ndarray, start: np.uint64) -> np.ndarray:
+def since_start(stamps: np.ndarray, start: np.uint64) -> np.ndarray:
+    """Seconds since the log's start."""
     with np.errstate(over="ignore"):
         return np.asarray((stamps.astype(np.uint64) - start).view(np.int64) * 1e-6)
 
@@ -407,12 +400,8 @@ MAV_TYPES = {
 def vehicle_of(topics: Mapping[str, Topic], parameters: Mapping[str, float]) -> str:
     """Kind of vehicle in words, empty when the log does not say."""
     status = topics.get("vehicle_status")
-    reported = status.fields.get("vehicle_type") if status is not None else None
-    kinds = (
-        [LOCOMOTION[kind] for kind in np.unique(reported).tolist() if kind in LOCOMOTION]
-        if reported is not None
-        else []
-    )
+    reported = status.fields.get("vehicle_type", ()) if status is not None else ()
+    kinds = [LOCOMOTION[kind] for kind in np.unique(reported).tolist() if kind in LOCOMOTION]
     if kinds:
         return ROTARY_WING if ROTARY_WING in kinds else kinds[0]
     return MAV_TYPES.get(parameters.get("MAV_TYPE", 0.0), "")
