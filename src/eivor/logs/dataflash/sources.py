@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import datetime
 
 import numpy as np
 
-from eivor.logs.common import UNITS, ChannelProfile, KeptChannels, look, silenced
-from eivor.logs.dataflash.messages import Messages
-from eivor.signals.channels import CurveSide, held_by_default, unit_of
-from eivor.signals.recording import Channel, Finding, LogOrigin, clean_channel, utc_time
+from eivor.logs.common import UNITS, ChannelProfile, KeptChannels, held_at, logged_channel, look, silenced
+from eivor.logs.dataflash.messages import Messages, rows_of
+from eivor.signals.channels import CurveSide
+from eivor.signals.recording import Channel, Finding, LogOrigin, utc_time
 from eivor.tools import Bool, Float
 
 # -- Origin --
@@ -29,8 +29,7 @@ GPS_EPOCH_S, WEEK_S, LEAP_S = 315_964_800.0, 604_800.0, 18.0
 
 def dataflash_origin(tables: Mapping[str, Messages], parameters: Mapping[str, float]) -> LogOrigin:
     """Origin of a log."""
-    reported = tables.get("MSG")
-    texts = reported.texts("Message") if reported is not None and reported.has("Message") else []
+    texts = [text for (text,) in rows_of(tables, "MSG", "Message")]
     serial = parameters.get("BRD_SERIAL_NUM", 0.0)
     frame = _first(_FRAME, texts)
     return LogOrigin(
@@ -270,13 +269,11 @@ def _core(tables: Mapping[str, Messages], chosen: str, findings: list[Finding]) 
         core = int(reported[np.argmax(counts)])
         if reported.size > 1:
             share = 1.0 - float(counts.max()) / float(counts.sum())
-            findings.append(
-                Finding(
-                    "estimator_core",
-                    f"The estimator changed its core ({name}.PI): velocity and position are those of core "
-                    f"{core}, which was not in use for {share:.0%} of the log.",
-                )
+            sentence = (
+                f"The estimator changed its core ({name}.PI): velocity and position are those of core "
+                f"{core}, which was not in use for {share:.0%} of the log."
             )
+            findings.append(Finding("estimator_core", sentence))
         return max(core, 0)
     return 0
 
@@ -342,6 +339,11 @@ class MessageReading:
         self.forget_clocks()
         return MessageReading(tables, self.parameters, [], self.start_s, self.end_s)
 
+    def table(self, name: str, *columns: str) -> Messages | None:
+        """Messages of a type; None without stamps, or without one of some columns."""
+        table = self.tables.get(name)
+        return table if table is not None and table.clock and table.has(*columns) else None
+
     def forget_clocks(self) -> None:
         """Let go of stamps that may be wanted by other channels of their messages."""
         self._clocks.clear()
@@ -383,30 +385,25 @@ class MessageReading:
     ) -> None:
         """Add a channel, when it has a value; its values are made again where they are not kept."""
 
-        def logged() -> Channel:
-            return clean_channel(
+        def made() -> Channel:
+            return logged_channel(
                 name,
                 self.time_s(table, delay_s),
                 values(),
-                unit_of(name),
-                source=label,
-                held=held_by_default(name),
+                label,
                 estimated=estimated,
                 delay_s=delay_s,
                 curve_side=curve_side,
             )
 
         def in_force() -> Channel:
-            return silenced(logged(), self.end_s - self.start_s)
+            return silenced(made(), self.end_s - self.start_s)
 
-        channel = logged()
-        if not np.isfinite(channel.values).any():
-            return
-        count = channel.time_s.size
-        if is_setpoint:
-            channel = silenced(channel, self.end_s - self.start_s)
-            self.inactive_setpoints += [name] if channel.time_s.size > count else []
-        self._put(channel, in_force if is_setpoint else logged)
+        channel = made()
+        if np.isfinite(channel.values).any():
+            if is_setpoint:
+                channel = silenced(channel, self.end_s - self.start_s, self.inactive_setpoints)
+            self._put(channel, in_force if is_setpoint else made)
 
     def keep(self, channel: Channel) -> None:
         """Put a channel that is made of others, or in the place of one."""
@@ -422,39 +419,33 @@ class MessageReading:
         self, table: Messages, modes: tuple[int, ...], *, before: bool = False
     ) -> Bool[np.ndarray, " n"]:
         """Whether the vehicle was in one of some modes at each message."""
-        return self._stated(table, "MODE", "ModeNum", {float(mode): 1.0 for mode in modes}, before)
+        return self._stated(table, "MODE", "ModeNum", modes, before)
 
     def with_sweeps(self, modes: tuple[int, ...]) -> tuple[int, ...]:
         """Modes of sticks, and system identification where its sweeps leave throttle and attitude to them."""
-        settings = self.tables.get("SIDS")
-        selected = [self.parameters.get("SID_AXIS", 0.0)]
-        if settings is not None and settings.has("Ax") and settings.count:
-            selected = settings.values("Ax").tolist()
+        selected = [axis for (axis,) in rows_of(self.tables, "SIDS", "Ax")]
+        selected = selected or [self.parameters.get("SID_AXIS", 0.0)]
         return (*modes, SWEEP_MODE) if all(0 < axis <= LAST_STICK_AXIS for axis in selected) else modes
 
     def landed_at(self, table: Messages) -> Bool[np.ndarray, " n"]:
         """Whether the vehicle was on the ground at each message, by its events; no where they do not say."""
-        selected = {float(number): value for number, value in LANDED_EVENTS.items()}
-        return self._stated(table, "EV", "Id", selected, False, others_stay=True)
+        landed = [number for number, value in LANDED_EVENTS.items() if value > 0.0]
+        return self._stated(table, "EV", "Id", landed, False, list(LANDED_EVENTS))
 
     def _stated(
         self,
         table: Messages,
         name: str,
         column: str,
-        meanings: Mapping[float, float],
+        holding: Sequence[int],
         before: bool,
-        *,
-        others_stay: bool = False,
+        among: Sequence[int] | None = None,
     ) -> Bool[np.ndarray, " n"]:
         """Whether a state holds that messages of another type set; `before` the first of them as given."""
-        states = self.tables.get(name)
-        if states is None or not states.has(column) or not states.clock:
+        states = self.table(name, column)
+        if states is None:
             return np.full(table.count, before)
         stated = states.values(column)
-        known = np.isin(stated, list(meanings)) if others_stay else np.ones(stated.size, dtype=np.bool_)
-        times, stated = self.time_s(states)[known], stated[known]
-        order = np.argsort(times, kind="stable")
-        value = np.array([meanings.get(item, 0.0) > 0.0 for item in stated[order].tolist()], dtype=np.bool_)
-        indices = np.searchsorted(times[order], self.time_s(table), side="right")
-        return np.asarray(np.append(before, value)[indices])
+        known = np.ones(stated.size, dtype=np.bool_) if among is None else np.isin(stated, among)
+        within = np.isin(stated, holding)
+        return held_at(self.time_s(states)[known], within[known], self.time_s(table), before)
