@@ -6,6 +6,7 @@ import codecs
 import hashlib
 import os
 import stat
+from collections.abc import Callable
 from importlib import resources
 from pathlib import Path
 from typing import Never
@@ -41,13 +42,27 @@ from eivor.signals.recording import Recording
 # -- Logs that cannot be read --
 
 
-def _recognised(name: str, label: str, magic: bytes, remedy: str) -> LogFormat:
-    """Row of a format without a reader: how its files begin, and what to do with one."""
+def _refused(
+    name: str,
+    label: str,
+    sniff: Callable[[bytes, Path], bool],
+    expected: str,
+    received: str,
+    remedy: str,
+    error: type[InputError] = MissingReaderError,
+) -> LogFormat:
+    """Row of a format without a reader, which is refused; the file's name goes into the braces."""
 
     def refuse(file: Path, _options: ReadOptions) -> Never:
-        raise MissingReaderError("a log that this release reads", f"{label}, '{file.name}'", remedy)
+        raise error(expected, received.format(file.name), remedy)
 
-    return LogFormat(name, label, begins_with(magic), refuse, is_read=False)
+    return LogFormat(name, label, sniff, refuse, is_read=False)
+
+
+def _recognised(name: str, label: str, magic: bytes, remedy: str) -> LogFormat:
+    """Row of a format that is recognised by its first bytes."""
+    expected = "a log that this release reads"
+    return _refused(name, label, begins_with(magic), expected, f"{label}, '{{}}'", remedy)
 
 
 _UNPACK = "Unpack it and give the log that is inside."
@@ -104,27 +119,25 @@ def _is_dji(head: bytes, file: Path) -> bool:
     return _DJI_DETAILS[0] <= details <= _DJI_DETAILS[1] and 100 < end <= file.stat().st_size - details
 
 
-def _refuse_telemetry(file: Path, _options: ReadOptions) -> Never:
-    raise MissingReaderError(
-        "a log of the vehicle",
-        f"'{file.name}', a telemetry log (.tlog), which holds a few messages a second",
-        "That is too slow for the lag of motors and for friction. Give the log from the vehicle's card: .bin "
-        "of ArduPilot, .ulg of PX4.",
-    )
-
-
-def _refuse_dji(file: Path, _options: ReadOptions) -> Never:
-    raise MissingReaderError(
-        "a log with the commands of the motors",
-        f"'{file.name}', a flight record of DJI",
-        "They hold ten samples a second and no commands or setpoints, newer ones in a cipher: nothing can be "
-        "identified from them.",
-    )
-
-
 #: Formats of others that are recognised by more than their first bytes.
-TELEMETRY = LogFormat("tlog", "a telemetry log", _is_telemetry, _refuse_telemetry, is_read=False)
-DJI = LogFormat("dji", "a flight record of DJI", _is_dji, _refuse_dji, is_read=False)
+TELEMETRY = _refused(
+    "tlog",
+    "a telemetry log",
+    _is_telemetry,
+    "a log of the vehicle",
+    "'{}', a telemetry log (.tlog), which holds a few messages a second",
+    "That is too slow for the lag of motors and for friction. Give the log from the vehicle's card: .bin "
+    "of ArduPilot, .ulg of PX4.",
+)
+DJI = _refused(
+    "dji",
+    "a flight record of DJI",
+    _is_dji,
+    "a log with the commands of the motors",
+    "'{}', a flight record of DJI",
+    "They hold ten samples a second and no commands or setpoints, newer ones in a cipher: nothing can be "
+    "identified from them.",
+)
 
 _CONTROLS = frozenset(range(32)) - frozenset(b"\t\n\r\f")
 
@@ -141,51 +154,31 @@ def _is_utf16(head: bytes, _file: Path) -> bool:
     return False
 
 
-def _is_eight_bit(head: bytes, _file: Path) -> bool:
-    """Whether it is delimited text without control characters; asked after UTF-8."""
-    return not _CONTROLS.intersection(head) and is_delimited(head.decode("latin-1"))
+def _in_encoding(
+    name: str, label: str, sniff: Callable[[bytes, Path], bool], received: str, codec: str
+) -> LogFormat:
+    """Row of tables that would be unreadable or, worse, misread."""
+    remedy = f"Save it as UTF-8, as `iconv -f {codec} -t UTF-8 OLD > NEW` does."
+    text = f"'{{}}', a table {received}"
+    return _refused(name, label, sniff, "a table in UTF-8", text, remedy, UnknownFormatError)
 
 
-def _refuse_utf16(file: Path, _options: ReadOptions) -> Never:
-    raise _other_encoding(file, "in UTF-16", "UTF-16")
-
-
-def _refuse_eight_bit(file: Path, _options: ReadOptions) -> Never:
-    letters = "with letters that are not UTF-8 (a degree sign of Latin-1 or Windows-1252?)"
-    raise _other_encoding(file, letters, "WINDOWS-1252")
-
-
-def _other_encoding(file: Path, received: str, codec: str) -> UnknownFormatError:
-    """Error for a table that would be unreadable or, worse, misread."""
-    return UnknownFormatError(
-        "a table in UTF-8",
-        f"'{file.name}', a table {received}",
-        f"Save it as UTF-8, as `iconv -f {codec} -t UTF-8 OLD > NEW` does.",
-    )
-
-
-UTF_16 = LogFormat("utf-16", "a table in UTF-16", _is_utf16, _refuse_utf16, is_read=False)
-EIGHT_BIT = LogFormat(
-    "8-bit", "a table in an 8-bit encoding", _is_eight_bit, _refuse_eight_bit, is_read=False
+UTF_16 = _in_encoding("utf-16", "a table in UTF-16", _is_utf16, "in UTF-16", "UTF-16")
+#: Delimited text without control characters; compared after UTF-8.
+EIGHT_BIT = _in_encoding(
+    "8-bit",
+    "a table in an 8-bit encoding",
+    lambda head, _file: not _CONTROLS.intersection(head) and is_delimited(head.decode("latin-1")),
+    "with letters that are not UTF-8 (a degree sign of Latin-1 or Windows-1252?)",
+    "WINDOWS-1252",
 )
 
 
 # -- Table of formats --
 
+_READ = (ULOG, ULOG_CSV, PARQUET, CRAZYFLIE, DATAFLASH, *BAGS, MATLAB, HDF5)
 #: Formats that are recognised by their first bytes.
-FORMATS: tuple[LogFormat, ...] = (
-    ULOG,
-    ULOG_CSV,
-    PARQUET,
-    CRAZYFLIE,
-    DATAFLASH,
-    *BAGS,
-    MATLAB,
-    HDF5,
-    *RECOGNISED,
-    TELEMETRY,
-    DJI,
-)
+FORMATS: tuple[LogFormat, ...] = (*_READ, *RECOGNISED, TELEMETRY, DJI)
 #: Formats of text, which has no first bytes of its own: asked last.
 TEXTS: tuple[LogFormat, ...] = (UTF_16, CSV, EIGHT_BIT)
 
@@ -207,9 +200,8 @@ def declare_format(added: LogFormat) -> None:
     """Add a format to the table, for this process. Declaring the same format again changes nothing."""
     known = log_format(added.name)
     if known is not None and known != added:
-        raise UsageError(
-            "a format with a name of its own", f"'{added.name}', which is known already", "Rename it."
-        )
+        received = f"'{added.name}', which is known already"
+        raise UsageError("a format with a name of its own", received, "Rename it.")
     if known is None:
         _DECLARED[added.name] = added
 
@@ -356,11 +348,7 @@ def _check_name(file: Path) -> None:
     try:
         str(file).encode("utf-8")
     except UnicodeEncodeError as error:
-        raise InputError(
-            "a path in UTF-8",
-            repr(os.fsencode(file)),
-            "Rename the file or folder.",
-        ) from error
+        raise InputError("a path in UTF-8", repr(os.fsencode(file)), "Rename the file or folder.") from error
 
 
 def _head(file: Path) -> tuple[bytes, str]:
@@ -392,21 +380,14 @@ def _log_size(file: Path) -> int:
 def _unreadable(file: Path, error: OSError | ValueError) -> InputError:
     """Return the error for a file that cannot be opened."""
     if isinstance(error, FileNotFoundError):
-        return InputError(
-            "the path of an existing log file",
-            f"'{file}', which does not exist",
-            "Check the name and the folder.",
-        )
+        expected = "the path of an existing log file"
+        return InputError(expected, f"'{file}', which does not exist", "Check the name and the folder.")
     if isinstance(error, PermissionError):
-        return InputError(
-            "a log file that may be read",
-            f"'{file}', for which permission is denied",
-            "Change its permissions, or copy it to a place of your own.",
-        )
+        remedy = "Change its permissions, or copy it to a place of your own."
+        return InputError("a log file that may be read", f"'{file}', for which permission is denied", remedy)
     reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
-    return InputError(
-        "a log file that can be opened", f"'{file}', for which the system says: {reason}", "Check the path."
-    )
+    received = f"'{file}', for which the system says: {reason}"
+    return InputError("a log file that can be opened", received, "Check the path.")
 
 
 # -- Example --

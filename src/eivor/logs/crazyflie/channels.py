@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from eivor.logs.channel_map import ChannelRule, Expression, parse_expression, tilt_of_angles
-from eivor.logs.common import UNITS, low_pass_delay_s
+from eivor.logs.common import UNITS, low_pass_delay_s, noted
 from eivor.signals.channels import held_by_default
 from eivor.signals.recording import Channel, Finding
 from eivor.tools import Float
@@ -41,10 +41,18 @@ class VariableSource:
         return tuple(dict.fromkeys(column for rule in self.rules for column in rule.expression.columns))
 
 
-def _rule(
-    name: str, column: str, factor: float, *, estimated: bool = False, low_pass_hz: float = 0.0
-) -> ChannelRule:
-    return ChannelRule(
+def _source(
+    name: str,
+    column: str,
+    factor: float = 1.0,
+    *,
+    quantity: str = "",
+    estimated: bool = False,
+    low_pass_hz: float = 0.0,
+    zero_is_absent: bool = True,
+) -> VariableSource:
+    """Source of a channel in one variable."""
+    rule = ChannelRule(
         name,
         Expression.of_column(column),
         factor,
@@ -52,44 +60,20 @@ def _rule(
         estimated=estimated,
         delay_s=low_pass_delay_s(low_pass_hz) if low_pass_hz else 0.0,
     )
-
-
-def _estimates(name: str, *variables: tuple[str, float]) -> Iterator[VariableSource]:
-    """Sources of a channel that the estimator makes."""
-    for column, factor in variables:
-        yield VariableSource(name, (_rule(name, column, factor, estimated=True),))
-
-
-def _turned(name: str, column: str, factor: float) -> VariableSource:
-    """Acceleration along z: the accelerometer's, turned by the estimator and as late as it was."""
-    rule = _rule(name, column, factor, estimated=True, low_pass_hz=ACCELEROMETER_HZ)
-    return VariableSource("acceleration", (rule,))
-
-
-def _measured(name: str, column: str, factor: float, low_pass_hz: float = 0.0) -> VariableSource:
-    return VariableSource(name, (_rule(name, column, factor, low_pass_hz=low_pass_hz),))
+    return VariableSource(quantity or name, (rule,), zero_is_absent)
 
 
 def _set(name: str, *variables: tuple[str, float]) -> Iterator[VariableSource]:
     """Sources of a command or a setpoint, whose zeros are values."""
     for column, factor in variables:
-        yield VariableSource(name, (_rule(name, column, factor),), zero_is_absent=False)
+        yield _source(name, column, factor, zero_is_absent=False)
 
 
-def _quaternion(*columns: str) -> VariableSource:
+def _quaternion(*columns: str, text: str = "") -> VariableSource:
     """Attitude of four columns w, x, y, z."""
-    rules = (_rule(f"attitude_{part}", name, 1.0) for part, name in zip("wxyz", columns, strict=True))
+    expressions = (Expression(text or column, (column,), (column,)) for column in columns)
+    rules = (ChannelRule(f"attitude_{part}", item) for part, item in zip("wxyz", expressions, strict=True))
     return VariableSource("attitude", tuple(rules))
-
-
-def _packed() -> VariableSource:
-    """Attitude of the quaternion in 32 bits."""
-    x, y, z, w = UNPACKED
-    rules = _quaternion(w, x, y, z).rules
-    selected = (replace(rule.expression, text=PACKED_QUATERNION) for rule in rules)
-    return VariableSource(
-        "attitude", tuple(replace(rule, expression=item) for rule, item in zip(rules, selected, strict=True))
-    )
 
 
 def _angles(group: str) -> VariableSource:
@@ -106,15 +90,11 @@ def _angles(group: str) -> VariableSource:
         "y": "{cr} * {sp} * {cy} + {sr} * {cp} * {sy}",
         "z": "{cr} * {cp} * {sy} - {sr} * {sp} * {cy}",
     }
-    return VariableSource(
-        "attitude",
-        tuple(
-            ChannelRule(
-                f"attitude_{part}", replace(parse_expression(text.format(**half), group), text=reported)
-            )
-            for part, text in texts.items()
-        ),
+    rules = (
+        ChannelRule(f"attitude_{part}", replace(parse_expression(text.format(**half), group), text=reported))
+        for part, text in texts.items()
     )
+    return VariableSource("attitude", tuple(rules))
 
 
 def _tilt(group: str) -> VariableSource:
@@ -124,85 +104,78 @@ def _tilt(group: str) -> VariableSource:
     return VariableSource("attitude", (rule,))
 
 
-def _parsed(name: str, *variables: tuple[str, float]) -> Iterator[VariableSource]:
-    """Sources of what is asked of turning: zeros throughout are those of a loop that is not in use."""
-    for column, factor in variables:
-        yield _measured(name, column, factor)
-
-
 _G, _DEG, _MILLI = UNITS["g"][1], UNITS["deg"][1], 1e-3
 #: Of each axis the letter, the firmware's name, and the signs of its angles and of its torques.
 _TURNING = (("x", "roll", 1.0, 1.0), ("y", "pitch", -1.0, -1.0), ("z", "yaw", 1.0, -1.0))
 
+#: Groups of the estimator's variables, and what one of them is in SI units.
+_STATES = (("stateEstimate", 1.0), ("stateEstimateZ", _MILLI))
+
 #: All sources; of one quantity the preferred first.
 SOURCES: tuple[VariableSource, ...] = (
     *(
-        _estimate
-        for axis in "xy"
-        for _estimate in _estimates(
-            f"position_{axis}", (f"stateEstimate.{axis}", 1.0), (f"stateEstimateZ.{axis}", _MILLI)
-        )
-    ),
-    *_estimates("position_z", ("stateEstimate.z", 1.0), ("stateEstimateZ.z", _MILLI), ("kalman.stateZ", 1.0)),
-    _measured("position_z", "locSrv.z", 1.0),
-    *(
-        source
+        _source(f"position_{axis}", f"{group}.{axis}", factor, estimated=True)
         for axis in "xyz"
-        for source in _estimates(
-            f"velocity_{axis}", (f"stateEstimate.v{axis}", 1.0), (f"stateEstimateZ.v{axis}", _MILLI)
+        for group, factor in _STATES
+    ),
+    _source("position_z", "kalman.stateZ", estimated=True),
+    _source("position_z", "locSrv.z"),
+    *(
+        _source(f"velocity_{axis}", f"{group}.v{axis}", factor, estimated=True)
+        for axis in "xyz"
+        for group, factor in _STATES
+    ),
+    # the accelerometer's along z, turned by the estimator and as late as it was
+    *(
+        _source(name, column, factor, quantity="acceleration", estimated=True, low_pass_hz=ACCELEROMETER_HZ)
+        for name, column, factor in (
+            ("acceleration_z", "stateEstimate.az", _G),
+            ("specific_force_z", "stateEstimateZ.az", _MILLI),
         )
     ),
-    _turned("acceleration_z", "stateEstimate.az", _G),
-    _turned("specific_force_z", "stateEstimateZ.az", _MILLI),
-    *(_measured(f"specific_force_body_{axis}", f"acc.{axis}", _G, ACCELEROMETER_HZ) for axis in "xyz"),
+    *(
+        _source(f"specific_force_body_{axis}", f"acc.{axis}", _G, low_pass_hz=ACCELEROMETER_HZ)
+        for axis in "xyz"
+    ),
     _quaternion(*(f"stateEstimate.q{part}" for part in "wxyz")),
-    _packed(),
+    _quaternion(UNPACKED[3], *UNPACKED[:3], text=PACKED_QUATERNION),
     _quaternion(*(f"kalman.q{number}" for number in range(4))),
     _angles("stateEstimate"),
     _angles("stabilizer"),
     _tilt("stateEstimate"),
     _tilt("stabilizer"),
-    *(_measured(f"angular_rate_{axis}", f"gyro.{axis}", _DEG, GYRO_HZ) for axis in "xyz"),
+    *(_source(f"angular_rate_{axis}", f"gyro.{axis}", _DEG, low_pass_hz=GYRO_HZ) for axis in "xyz"),
     *(
-        _measured(f"angular_rate_{axis}", f"stateEstimateZ.rate{angle}", sign * _MILLI, GYRO_HZ)
-        for axis, angle, sign in (("x", "Roll", 1.0), ("y", "Pitch", -1.0), ("z", "Yaw", 1.0))
+        _source(f"angular_rate_{axis}", f"stateEstimateZ.rate{name}", sign * _MILLI, low_pass_hz=GYRO_HZ)
+        for axis, name, sign in (("x", "Roll", 1.0), ("y", "Pitch", -1.0), ("z", "Yaw", 1.0))
     ),
     *(
-        source
+        _source(f"rotor_command_{rotor}", f"motor.m{rotor}", 1.0 / FULL_POWER, zero_is_absent=False)
         for rotor in range(1, 5)
-        for source in _set(f"rotor_command_{rotor}", (f"motor.m{rotor}", 1.0 / FULL_POWER))
     ),
-    *(_measured(f"rotor_speed_{rotor}", f"rpm.m{rotor}", UNITS["rpm"][1]) for rotor in range(1, 5)),
+    *(_source(f"rotor_speed_{rotor}", f"rpm.m{rotor}", UNITS["rpm"][1]) for rotor in range(1, 5)),
     *_set("input", ("controller.cmd_thrust", 1.0 / FULL_POWER), ("stabilizer.thrust", 1.0 / FULL_POWER)),
-    _measured("battery_voltage", "pm.vbat", 1.0),
-    _measured("battery_voltage", "pm.vbatMV", _MILLI),
+    _source("battery_voltage", "pm.vbat"),
+    _source("battery_voltage", "pm.vbatMV", _MILLI),
     *_set("reference_position_z", ("ctrltarget.z", 1.0), ("ctrltargetZ.z", _MILLI), ("posCtl.targetZ", 1.0)),
     *_set("reference_velocity_z", ("ctrltarget.vz", 1.0), ("ctrltargetZ.vz", _MILLI)),
     *_set("reference_acceleration_z", ("ctrltarget.az", 1.0), ("ctrltargetZ.az", _MILLI)),
     *_set("feedback_reference_velocity_z", ("posCtl.targetVZ", 1.0)),
+    # of turning, zeros throughout are those of a loop that is not in use
     *(
-        source
+        _source(f"torque_setpoint_{letter}", f"{group}.cmd_{angle}", sign / FULL_POWER)
         for letter, angle, _, sign in _TURNING
-        for source in _parsed(
-            f"torque_setpoint_{letter}",
-            *((f"{group}.cmd_{angle}", sign / FULL_POWER) for group in ("controller", "ctrlMel")),
-        )
+        for group in ("controller", "ctrlMel")
     ),
     *(
-        source
+        _source(f"{kind}reference_{angle}", f"{group}.{angle}", sign * _DEG)
         for _, angle, sign, _ in _TURNING[:2]
-        for source in (
-            *_parsed(f"reference_{angle}", (f"ctrltarget.{angle}", sign * _DEG)),
-            *_parsed(f"feedback_reference_{angle}", (f"controller.{angle}", sign * _DEG)),
-        )
+        for kind, group in (("", "ctrltarget"), ("feedback_", "controller"))
     ),
-    *_parsed("reference_angular_rate_z", ("ctrltarget.yaw", _DEG)),
+    _source("reference_angular_rate_z", "ctrltarget.yaw", _DEG),
     *(
-        source
+        _source(f"feedback_reference_angular_rate_{letter}", f"controller.{angle}Rate", sign * _DEG)
         for letter, angle, sign, _ in _TURNING
-        for source in _parsed(
-            f"feedback_reference_angular_rate_{letter}", (f"controller.{angle}Rate", sign * _DEG)
-        )
     ),
 )
 
@@ -221,9 +194,7 @@ def delay_findings(channels: Iterable[Channel]) -> list[Finding]:
         if late:
             delay_ms = 1e3 * low_pass_delay_s(cutoff)
             selected.append(f"{', '.join(late)}: {delay_ms:.2g} ms (low-pass of {cutoff:g} Hz)")
-    if not selected:
-        return []
-    return [Finding("sensor_delay", f"Taken off the stamps, as the firmware filters: {'; '.join(selected)}.")]
+    return noted("sensor_delay", "Taken off the stamps, as the firmware filters: {}.", "; ".join(selected))
 
 
 def unpacked_quaternion(packed: Float[np.ndarray, " n"]) -> dict[str, Float[np.ndarray, " n"]]:

@@ -14,7 +14,7 @@ import numpy as np
 
 from eivor.errors import ChannelMapError, CorruptLogError, EmptyLogError
 from eivor.logs.channel_map import ChannelMap, ChannelRule, load_channel_map
-from eivor.logs.common import Columns, LogFormat, ReadOptions, believable, channel_findings
+from eivor.logs.common import Columns, LogFormat, ReadOptions, believable, channel_findings, noted
 from eivor.logs.crazyflie.channels import (
     LOOKED_FOR,
     PACKED_QUATERNION,
@@ -36,20 +36,10 @@ MAGIC = b"\xbc"
 STAMPS: Mapping[int, tuple[str, float]] = {1: ("<u4", 1e-3), 2: ("<u8", 1e-6)}
 #: Types of variables, by their letter.
 TYPES: Mapping[str, str] = {
-    "b": "<i1",
-    "B": "<u1",
+    **{letter: f"<{letter}" for letter in "bBhHefdiIqQ"},
     "?": "<u1",
-    "h": "<i2",
-    "H": "<u2",
-    "e": "<f2",
-    "i": "<i4",
-    "I": "<u4",
     "l": "<i4",
     "L": "<u4",
-    "f": "<f4",
-    "q": "<i8",
-    "Q": "<u8",
-    "d": "<f8",
 }
 
 #: Bounds that no real log comes near.
@@ -152,7 +142,7 @@ class _Cursor:
         )
 
 
-# -- Format --
+# -- Advice --
 
 #: Variables that make each channel, as config.txt names them.
 TO_LOG = {
@@ -194,10 +184,6 @@ def _sniff(head: bytes, _file: Path) -> bool:
     return head.startswith(MAGIC) and head[2:3] in (b"", b"\x00")
 
 
-def _read(file: Path, options: ReadOptions) -> Recording:
-    return read_crazyflie(file, options)
-
-
 def _advice(channel: str) -> tuple[str, ...]:
     """What to name in config.txt."""
     if not channel:
@@ -206,19 +192,6 @@ def _advice(channel: str) -> tuple[str, ...]:
         return ()
     sentence = f"Add {TO_LOG[channel]} to config.txt on the card."
     return (sentence, *_ADVICE[:1]) if channel == "velocity_z" else (sentence,)
-
-
-CRAZYFLIE = LogFormat(
-    "crazyflie",
-    "Crazyflie microSD",
-    _sniff,
-    _read,
-    takes_map=True,
-    advice=_advice,
-    setpoints="ctrltarget.z, ctrltarget.vz and ctrltarget.az (the height reference and its feed-forward), "
-    "motor.m1 to motor.m4 (the commands); of turning ctrltarget.roll, .pitch and .yaw, and "
-    "controller.cmd_roll, .cmd_pitch and .cmd_yaw.",
-)
 
 
 # -- Records --
@@ -282,8 +255,7 @@ def read_events(data: bytes, header: Header) -> tuple[list[Event], list[Finding]
     usable = {key: believable(time_s) for key, time_s in times.items()}
     begins = min(float(times[key][which][0]) for key, which in usable.items() if which.any())
     lost = sum(int((~which).sum()) for which in usable.values())
-    if lost:
-        findings.append(Finding("time_stamps", f"Records left out, because their stamp cannot be: {lost}."))
+    findings += noted("time_stamps", "Records left out, because their stamp cannot be: {}.", lost)
     events = [
         Event(item.name, item.variables, results[key][usable[key]], times[key][usable[key]] - begins)
         for item in header.types
@@ -376,35 +348,26 @@ def _follow(data: bytes, position: int, end: int, sizes: Mapping[int, int]) -> b
 
 def _damage(walk: _RecordWalk, sound: bool) -> list[Finding]:
     """Say what the checksum and the walk show."""
-    findings = []
+    findings: list[Finding] = []
     complete = sound or walk.left == CHECKSUM_BYTES
     left = 0 if walk.left == CHECKSUM_BYTES and not sound else walk.left
     if not complete:
         rest = (
             f"{left} bytes at its end, of no whole record, were left out" if left else "no record is broken"
         )
-        findings.append(
-            Finding(
-                "truncated",
-                f"The log has no checksum at its end: it was cut ({rest}). End the logging before the power "
-                "goes (usd.logging = 0).",
-            )
+        sentence = (
+            "The log has no checksum at its end: it was cut ({}). End the logging before the power goes "
+            "(usd.logging = 0)."
         )
+        findings += noted("truncated", sentence, rest)
     elif not sound:
-        findings.append(
-            Finding(
-                "checksum",
-                "The checksum does not fit: bytes of the log were changed or lost, and values may be wrong.",
-            )
+        sentence = (
+            "The checksum does not fit: bytes of the log were changed or lost, and values may be wrong."
         )
+        findings.append(Finding("checksum", sentence))
     skipped = walk.skipped + (left if sound else 0)
-    if skipped:
-        findings.append(
-            Finding(
-                "corrupt_parts", f"Damaged parts were left out: {skipped} bytes that belong to no record."
-            )
-        )
-    return findings
+    damaged = "Damaged parts were left out: {} bytes that belong to no record."
+    return findings + noted("corrupt_parts", damaged, skipped)
 
 
 def _records(data: bytes, kind: EventType, positions: np.ndarray) -> np.ndarray:
@@ -437,8 +400,8 @@ REGULAR_SHARE = 0.9
 
 def gap_findings(events: Iterable[Event]) -> list[Finding]:
     """Say how many gaps there are in the events of a fixed frequency, and how long they are."""
-    selected = [sentence for event in events if (sentence := _report(event))]
-    return [Finding("dropouts", f"Records are missing in {'; '.join(selected)}.")] if selected else []
+    texts = [text for event in events if (text := _report(event))]
+    return noted("dropouts", "Records are missing in {}.", "; ".join(texts))
 
 
 def _report(event: Event) -> str:
@@ -529,14 +492,11 @@ def read_crazyflie(file: Path, options: ReadOptions) -> Recording:
 def _by_table(name: str, tables: Sequence[_Table], findings: list[Finding], sha256: str) -> Recording:
     """Return the recording of the variables that are known."""
     chosen = _chosen(tables, findings)
-    channels: dict[str, Channel] = {}
-    for table in tables:
-        rules = [rule for source, item in chosen if item is table for rule in source.rules]
-        if rules:
-            needed = dict.fromkeys([CLOCK, *(column for rule in rules for column in rule.expression.columns)])
-            made, result = mapped_channels(_BUILT_IN, rules, table.columns(list(needed)), name)
-            channels |= made
-            findings += result
+    served = [
+        (table, [rule for source, item in chosen if item is table for rule in source.rules])
+        for table in tables
+    ]
+    channels = _mapped(_BUILT_IN, served, name, findings)
     used = {column for source, _ in chosen for column in source.columns}
     used |= {PACKED_QUATERNION} if used.intersection(UNPACKED) else set()
     variables = dict.fromkeys(variable for table in tables for variable in table.event.variables)
@@ -547,13 +507,8 @@ def _by_table(name: str, tables: Sequence[_Table], findings: list[Finding], sha2
             f"'{name}' with {listed(list(variables)) or 'none'}",
             "Name them in a channel map (--map), or log others.",
         )
-    if others:
-        findings.append(
-            Finding(
-                "ignored_columns",
-                f"Variables that no channel is made of: {listed(others)}. A map can name them.",
-            )
-        )
+    sentence = "Variables that no channel is made of: {}. A map can name them."
+    findings += noted("ignored_columns", sentence, listed(others))
     findings += filter_findings(list(channels.values()))
     return _recording(name, channels, findings, _BUILT_IN, LOOKED_FOR, sha256)
 
@@ -561,7 +516,7 @@ def _by_table(name: str, tables: Sequence[_Table], findings: list[Finding], sha2
 def _chosen(tables: Sequence[_Table], findings: list[Finding]) -> list[tuple[VariableSource, _Table]]:
     """Sources that are used, each with the event that has the most records of it."""
     chosen: dict[str, tuple[VariableSource, _Table]] = {}
-    no_stage_callback: list[str] = []
+    zeros: list[str] = []
     for source in SOURCES:
         table = next((item for item in tables if item.has(source.columns)), None)
         if table is None or source.quantity in chosen:
@@ -569,18 +524,14 @@ def _chosen(tables: Sequence[_Table], findings: list[Finding]) -> list[tuple[Var
         if source.zero_is_absent and not any(
             np.any(np.nan_to_num(table.values(column))) for column in source.columns
         ):
-            no_stage_callback += source.columns
+            zeros += source.columns
             continue
         answers = _answering(source, table)
         findings += [answers] if answers is not None else []
         used = source if answers is None else _as_feedback(source)
         chosen.setdefault(used.quantity, (used, table))
-    if no_stage_callback:
-        findings.append(
-            Finding(
-                "never_valid", f"Logged as zero throughout: {listed(list(dict.fromkeys(no_stage_callback)))}."
-            )
-        )
+    names = listed(list(dict.fromkeys(zeros)))
+    findings += noted("never_valid", "Logged as zero throughout: {}.", names)
     return list(chosen.values())
 
 
@@ -604,9 +555,7 @@ def _answering(source: VariableSource, table: _Table) -> Finding | None:
 
 def _as_feedback(source: VariableSource) -> VariableSource:
     name = "feedback_reference_velocity_z"
-    return VariableSource(
-        name, tuple(replace(rule, name=name) for rule in source.rules), source.zero_is_absent
-    )
+    return replace(source, quantity=name, rules=tuple(replace(rule, name=name) for rule in source.rules))
 
 
 def _by_map(
@@ -623,20 +572,31 @@ def _by_map(
     for rule in fitted_rules(chosen, names, name):
         position = _position(rule, chosen, tables, name)
         rules.setdefault(position, []).append(rule)
-    channels: dict[str, Channel] = {}
-    for position, served in rules.items():
-        needed = dict.fromkeys(
-            [chosen.time_column, *(column for rule in served for column in rule.expression.columns)]
-        )
-        made, result = mapped_channels(chosen, served, tables[position].columns(list(needed)), name)
-        channels |= made
-        findings += result
+    served = [(tables[position], items) for position, items in rules.items()]
+    channels = _mapped(chosen, served, name, findings)
     if not channels:
         raise EmptyLogError(
             "a log with values", f"'{name}', in which every mapped variable is empty", "Check the map."
         )
     findings += delay_findings(channels, chosen.origin)
     return _recording(name, channels, findings, chosen, looked_for(chosen), sha256)
+
+
+def _mapped(
+    chosen: ChannelMap,
+    served: Iterable[tuple[_Table, Sequence[ChannelRule]]],
+    name: str,
+    findings: list[Finding],
+) -> dict[str, Channel]:
+    """Channels that rules make of the variables of each event."""
+    channels: dict[str, Channel] = {}
+    for table, rules in served:
+        columns = (column for rule in rules for column in rule.expression.columns)
+        needed = list(dict.fromkeys([chosen.time_column, *columns]))
+        made, result = mapped_channels(chosen, rules, table.columns(needed), name) if rules else ({}, [])
+        channels |= made
+        findings += result
+    return channels
 
 
 def _position(rule: ChannelRule, chosen: ChannelMap, tables: Sequence[_Table], name: str) -> int:
@@ -671,3 +631,17 @@ def _recording(
         findings=(*findings, *channel_findings(channels)),
         origin=LogOrigin(airframe="Crazyflie"),
     )
+
+
+CRAZYFLIE = LogFormat(
+    NAME,
+    "Crazyflie microSD",
+    # a version of one byte follows the first one, which no text has
+    lambda head, _file: head.startswith(MAGIC) and head[2:3] in (b"", b"\x00"),
+    read_crazyflie,
+    takes_map=True,
+    advice=_advice,
+    setpoints="ctrltarget.z, ctrltarget.vz and ctrltarget.az (the height reference and its feed-forward), "
+    "motor.m1 to motor.m4 (the commands); of turning ctrltarget.roll, .pitch and .yaw, and "
+    "controller.cmd_roll, .cmd_pitch and .cmd_yaw.",
+)

@@ -7,8 +7,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 from eivor.logs.channel_map import load_channel_map
-from eivor.logs.common import LogFormat, ReadOptions, begins_with, with_elements
-from eivor.logs.mapping import fitted_rules, fitting_map, ignored_columns, mapped_recording
+from eivor.logs.common import LogFormat, ReadOptions, begins_with, noted, with_elements
+from eivor.logs.mapping import fitted_rules, fitting_map, listed, mapped_recording
 from eivor.logs.table.columnar import open_hdf5, open_matlab, open_parquet, restore
 from eivor.logs.table.delimited import TableSource, is_delimited, open_csv
 from eivor.signals.recording import Recording
@@ -28,7 +28,8 @@ def read_table(file: Path, source: TableSource, log_format: str, options: ReadOp
     rules = fitted_rules(chosen, with_elements(requested, source.names), file.name)
     needed = dict.fromkeys([chosen.time_column, *(c for rule in rules for c in rule.expression.columns)])
     if options.channel_map is None and chosen.origin == file.name:
-        findings += ignored_columns([name for name in source.names if name not in needed])
+        ignored = listed([name for name in source.names if name not in needed])
+        findings += noted("ignored_columns", "Columns without a canonical name are not used: {}.", ignored)
     recording = mapped_recording(
         chosen,
         rules,
