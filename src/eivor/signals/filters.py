@@ -143,13 +143,8 @@ def time_derivative(values: Float[np.ndarray, " n"], step_s: float) -> Float[np.
     derivative: Float[np.ndarray, " n"] = np.gradient(values, step_s)
     reach = len(WEIGHTS)
     if values.size > 2 * reach:
-        inner = values.size - 2 * reach
-        centre = np.zeros(inner)
-        for number, weight in enumerate(WEIGHTS, start=1):
-            after = values[reach + number : reach + number + inner]
-            before = values[reach - number : reach - number + inner]
-            centre += weight * (after - before)
-        derivative[reach:-reach] = centre / step_s
+        weights = np.array([-weight for weight in reversed(WEIGHTS)] + [0.0, *WEIGHTS])
+        derivative[reach:-reach] = np.correlate(values, weights, "valid") / step_s
     return derivative
 
 
