@@ -103,7 +103,9 @@ class WorkerProcess:
     ) -> Any:
         """Result of an item."""
         given_up = given_up or abandoned
-        for attempt in range(TRIES):
+        tries = TRIES
+        while True:
+            tries -= 1
             process, self._process = self._process or _process(), None  # until it has answered
             try:
                 kind, value = process.result(self._pickled, self._limits, item, report, given_up)
@@ -111,17 +113,16 @@ class WorkerProcess:
                 process.end()
                 if given_up():
                     raise AbandonedError from None
-                if attempt == TRIES - 1:
+                if not tries:
                     raise LimitError(str(died)) from None
+                continue
             except BaseException:
                 process.end()
                 raise
-            else:
-                self._process = process
-                if kind == "error":
-                    raise value
-                return value
-        raise AssertionError("unreachable")
+            self._process = process
+            if kind == "error":
+                raise value
+            return value
 
     @property
     def pid(self) -> int | None:

@@ -93,11 +93,6 @@ def parse_expression(text: str, where: str) -> Expression:
     return Expression(text, tuple(compiler.steps), tuple(compiler.columns))
 
 
-def tilt_of_quaternion(w: str, x: str, y: str, z: str) -> Expression:
-    """Cosine of the tilt from the columns of a quaternion of any norm, from body to world."""
-    return _formula("1 - 2 * (x*x + y*y) / (w*w + x*x + y*y + z*z)", {"w": w, "x": x, "y": y, "z": z})
-
-
 def tilt_of_angles(radians: float, roll: str, pitch: str) -> Expression:
     """Cosine of the tilt from the columns of roll and pitch, whose unit is so many radians."""
     return _formula(f"cos({radians!r} * roll) * cos({radians!r} * pitch)", {"roll": roll, "pitch": pitch})
@@ -431,7 +426,8 @@ def _expression(section: TomlTable, formula: str, si_unit: str, to_si: float) ->
         where = f"{section.path}.expression of {section.file}"
         return parse_expression(section.text("expression"), where)
     if formula == "quaternion":
-        return tilt_of_quaternion(*_columns(section, "quaternion", 4))
+        parts = dict(zip("wxyz", _columns(section, "quaternion", 4), strict=True))
+        return _formula("1 - 2 * (x*x + y*y) / (w*w + x*x + y*y + z*z)", parts)
     received = f"a unit of {si_unit or 'pure numbers'}"
     _require(section, si_unit == "rad", "unit", "rad or deg", received, "State the angle's unit.")
     return tilt_of_angles(to_si, *_columns(section, "roll_pitch", 2))

@@ -8,11 +8,13 @@ import os
 import re
 import struct
 import sys
+import tomllib
 import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from heapq import nsmallest
+from importlib import resources
 from math import inf
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -22,14 +24,7 @@ import numpy as np
 
 from eivor.errors import InputError, LogTooLargeError
 from eivor.signals.channels import CanonicalChannel, CurveSide, held_by_default, unit_of
-from eivor.signals.recording import (
-    Channel,
-    ChannelQuality,
-    Finding,
-    MadeChannels,
-    Recording,
-    clean_channel,
-)
+from eivor.signals.recording import Channel, ChannelQuality, Finding, MadeChannels, Recording, clean_channel
 from eivor.tools import Bool, Float
 
 # -- Columns --
@@ -475,6 +470,12 @@ def silenced(channel: Channel, end_s: float, inactive: list[str] | None = None) 
 Source = TypeVar("Source")
 #: Another source comes before the preferred one when it was logged so many times as often.
 MUCH_MORE = 1.5
+
+
+def channel_sources(package: str, kind: Callable[..., Source]) -> Mapping[str, tuple[Source, ...]]:
+    """Sources of each channel, the preferred one first, by the file `sources.toml` of a package."""
+    table = tomllib.loads((resources.files(package) / "sources.toml").read_text(encoding="utf-8"))
+    return {name: tuple(kind(**source) for source in sources) for name, sources in table.items()}
 
 
 def by_rate(sources: Sequence[Source], count: Callable[[Source], int]) -> list[Source]:

@@ -46,32 +46,6 @@ from eivor.signals.recording import Recording
 # -- Tables --
 
 
-def read_table(file: Path, source: TableSource, log_format: str, options: ReadOptions) -> Recording:
-    """Read a table."""
-    findings = list(source.findings)
-    if options.channel_map is None:
-        chosen, finding = fitting_map(source.names, file.name)
-        findings += [finding] if finding is not None else []
-    else:
-        chosen = load_channel_map(options.channel_map)
-    requested = [column for rule in chosen.rules for column in rule.expression.columns]
-    rules = fitted_rules(chosen, with_elements(requested, source.names), file.name)
-    needed = dict.fromkeys([chosen.time_column, *(c for rule in rules for c in rule.expression.columns)])
-    if options.channel_map is None and chosen.origin == file.name:
-        ignored = listed([name for name in source.names if name not in needed])
-        findings += noted("ignored_columns", "Columns without a canonical name are not used: {}.", ignored)
-    recording = mapped_recording(
-        chosen,
-        rules,
-        source.read(list(needed)),
-        name=file.name,
-        log_format=log_format,
-        sha256=options.sha256,
-        findings=findings,
-    )
-    return restore(recording, source.metadata) if options.channel_map is None else recording
-
-
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _ADVICE = (
     "Log at 100 Hz or more, one row per instant, with a column 'time' in seconds.",
@@ -114,7 +88,30 @@ def _table(
     """Row of a table: what is the same of all is said here."""
 
     def read(file: Path, options: ReadOptions) -> Recording:
-        return read_table(file, opened(file), name, options)
+        source, by_itself = opened(file), options.channel_map is None
+        findings = list(source.findings)
+        if options.channel_map is None:
+            chosen, finding = fitting_map(source.names, file.name)
+            findings += [finding] if finding is not None else []
+        else:
+            chosen = load_channel_map(options.channel_map)
+        requested = [column for rule in chosen.rules for column in rule.expression.columns]
+        rules = fitted_rules(chosen, with_elements(requested, source.names), file.name)
+        needed = dict.fromkeys([chosen.time_column, *(c for rule in rules for c in rule.expression.columns)])
+        if by_itself and chosen.origin == file.name:
+            ignored = listed([name for name in source.names if name not in needed])
+            sentence = "Columns without a canonical name are not used: {}."
+            findings += noted("ignored_columns", sentence, ignored)
+        recording = mapped_recording(
+            chosen,
+            rules,
+            source.read(list(needed)),
+            name=file.name,
+            log_format=name,
+            sha256=options.sha256,
+            findings=findings,
+        )
+        return restore(recording, source.metadata) if by_itself else recording
 
     return LogFormat(
         name, label, sniff, read, takes_map=True, advice=_advice, setpoints=_SETPOINTS, endings=endings

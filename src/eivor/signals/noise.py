@@ -79,29 +79,23 @@ class GrowthTable:
     def stretch(self, start: int, count: int) -> Float[np.ndarray, " count"]:
         """Values for m = start .. start + count - 1."""
         first, last = start // BLOCK, (start + count - 1) // BLOCK
-        parts = [self._block(number) for number in range(first, last + 1)]
-        offset = start - first * BLOCK
-        return np.concatenate(parts)[offset : offset + count]
+        for number in range(max(len(self.states) - 1, 0), first):
+            self._block(number)
+        values = np.concatenate([self._block(number) for number in range(first, last + 1)])
+        return values[start - first * BLOCK :][:count]
 
     def _block(self, number: int) -> Float[np.ndarray, " block"]:
-        while len(self.states) <= number + 1:
-            self._extend()
-        total, a, a_lagged = self.states[number]
-        products = self._weights(number * BLOCK, a) * self._weights(number * BLOCK + self.lag, a_lagged)
-        growth: Float[np.ndarray, " block"] = total + np.cumsum(products[:BLOCK])
-        return growth
-
-    def _extend(self) -> None:
-        """Add the state before the next block."""
+        """Values of a block, and the state before the next one."""
         if not self.states:
             self.states.append((0.0, 1.0, float(self._weights(0, 1.0, self.lag + 1)[-1])))
-            return
-        number = len(self.states) - 1
         total, a, a_lagged = self.states[number]
         weights = self._weights(number * BLOCK, a)
         lagged = self._weights(number * BLOCK + self.lag, a_lagged)
-        total += float(np.sum(weights[:BLOCK] * lagged[:BLOCK]))
-        self.states.append((total, float(weights[BLOCK]), float(lagged[BLOCK])))
+        products = weights[:BLOCK] * lagged[:BLOCK]
+        if len(self.states) == number + 1:
+            self.states.append((total + float(np.sum(products)), float(weights[BLOCK]), float(lagged[BLOCK])))
+        growth: Float[np.ndarray, " block"] = total + np.cumsum(products)
+        return growth
 
     def _weights(self, first: int, value: float, count: int = BLOCK + 1) -> Float[np.ndarray, " count"]:
         """Weights a_first .. by their recursion, from the first one's value."""

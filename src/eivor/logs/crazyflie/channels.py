@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+import tomllib
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from importlib import resources
+from typing import Any
 
 import numpy as np
 
@@ -41,37 +44,30 @@ class VariableSource:
         return tuple(dict.fromkeys(column for rule in self.rules for column in rule.expression.columns))
 
 
-def _source(
-    name: str,
-    column: str,
-    factor: float = 1.0,
-    *,
-    quantity: str = "",
-    estimated: bool = False,
-    low_pass_hz: float = 0.0,
-    zero_is_absent: bool = True,
-) -> VariableSource:
+#: What one of a variable's unit is in SI units.
+_UNITS = {"": 1.0, "milli": 1e-3, "power": 1.0 / FULL_POWER} | {
+    unit: UNITS[unit][1] for unit in ("g", "deg", "rpm")
+}
+
+
+def _source(row: Mapping[str, Any]) -> VariableSource:
     """Source of a channel in one variable."""
+    name, low_pass_hz = row["channel"], row.get("low_pass_hz", 0.0)
     rule = ChannelRule(
         name,
-        Expression.of_column(column),
-        factor,
+        Expression.of_column(row["variable"]),
+        row.get("sign", 1.0) * _UNITS[row.get("unit", "")],
         held=held_by_default(name),
-        estimated=estimated,
+        estimated=row.get("estimated", False),
         delay_s=low_pass_delay_s(low_pass_hz) if low_pass_hz else 0.0,
     )
-    return VariableSource(quantity or name, (rule,), zero_is_absent)
+    return VariableSource(row.get("quantity", name), (rule,), row.get("zero_is_absent", True))
 
 
-def _set(name: str, *variables: tuple[str, float]) -> Iterator[VariableSource]:
-    """Sources of a command or a setpoint, whose zeros are values."""
-    for column, factor in variables:
-        yield _source(name, column, factor, zero_is_absent=False)
-
-
-def _quaternion(*columns: str, text: str = "") -> VariableSource:
+def _quaternion(columns: Sequence[str]) -> VariableSource:
     """Attitude of four columns w, x, y, z."""
-    expressions = (Expression(text or column, (column,), (column,)) for column in columns)
+    texts = (PACKED_QUATERNION if column in UNPACKED else column for column in columns)
+    expressions = (Expression(text, (name,), (name,)) for text, name in zip(texts, columns, strict=True))
     rules = (ChannelRule(f"attitude_{part}", item) for part, item in zip("wxyz", expressions, strict=True))
     return VariableSource("attitude", tuple(rules))
 
@@ -104,80 +100,22 @@ def _tilt(group: str) -> VariableSource:
     return VariableSource("attitude", (rule,))
 
 
-_G, _DEG, _MILLI = UNITS["g"][1], UNITS["deg"][1], 1e-3
-#: Of each axis the letter, the firmware's name, and the signs of its angles and of its torques.
-_TURNING = (("x", "roll", 1.0, 1.0), ("y", "pitch", -1.0, -1.0), ("z", "yaw", 1.0, -1.0))
+_MAKERS: Mapping[str, Callable[[Any], VariableSource]] = {
+    "quaternion": _quaternion,
+    "angles": _angles,
+    "tilt": _tilt,
+}
 
-#: Groups of the estimator's variables, and what one of them is in SI units.
-_STATES = (("stateEstimate", 1.0), ("stateEstimateZ", _MILLI))
+
+def _sources() -> Iterator[VariableSource]:
+    text = (resources.files("eivor.logs.crazyflie") / "sources.toml").read_text(encoding="utf-8")
+    for row in tomllib.loads(text)["sources"]:
+        kind = next((kind for kind in _MAKERS if kind in row), "")
+        yield _MAKERS[kind](row[kind]) if kind else _source(row)
+
 
 #: All sources; of one quantity the preferred first.
-SOURCES: tuple[VariableSource, ...] = (
-    *(
-        _source(f"position_{axis}", f"{group}.{axis}", factor, estimated=True)
-        for axis in "xyz"
-        for group, factor in _STATES
-    ),
-    _source("position_z", "kalman.stateZ", estimated=True),
-    _source("position_z", "locSrv.z"),
-    *(
-        _source(f"velocity_{axis}", f"{group}.v{axis}", factor, estimated=True)
-        for axis in "xyz"
-        for group, factor in _STATES
-    ),
-    # the accelerometer's along z, turned by the estimator and as late as it was
-    *(
-        _source(name, column, factor, quantity="acceleration", estimated=True, low_pass_hz=ACCELEROMETER_HZ)
-        for name, column, factor in (
-            ("acceleration_z", "stateEstimate.az", _G),
-            ("specific_force_z", "stateEstimateZ.az", _MILLI),
-        )
-    ),
-    *(
-        _source(f"specific_force_body_{axis}", f"acc.{axis}", _G, low_pass_hz=ACCELEROMETER_HZ)
-        for axis in "xyz"
-    ),
-    _quaternion(*(f"stateEstimate.q{part}" for part in "wxyz")),
-    _quaternion(UNPACKED[3], *UNPACKED[:3], text=PACKED_QUATERNION),
-    _quaternion(*(f"kalman.q{number}" for number in range(4))),
-    _angles("stateEstimate"),
-    _angles("stabilizer"),
-    _tilt("stateEstimate"),
-    _tilt("stabilizer"),
-    *(_source(f"angular_rate_{axis}", f"gyro.{axis}", _DEG, low_pass_hz=GYRO_HZ) for axis in "xyz"),
-    *(
-        _source(f"angular_rate_{axis}", f"stateEstimateZ.rate{name}", sign * _MILLI, low_pass_hz=GYRO_HZ)
-        for axis, name, sign in (("x", "Roll", 1.0), ("y", "Pitch", -1.0), ("z", "Yaw", 1.0))
-    ),
-    *(
-        _source(f"rotor_command_{rotor}", f"motor.m{rotor}", 1.0 / FULL_POWER, zero_is_absent=False)
-        for rotor in range(1, 5)
-    ),
-    *(_source(f"rotor_speed_{rotor}", f"rpm.m{rotor}", UNITS["rpm"][1]) for rotor in range(1, 5)),
-    *_set("input", ("controller.cmd_thrust", 1.0 / FULL_POWER), ("stabilizer.thrust", 1.0 / FULL_POWER)),
-    _source("battery_voltage", "pm.vbat"),
-    _source("battery_voltage", "pm.vbatMV", _MILLI),
-    *_set("reference_position_z", ("ctrltarget.z", 1.0), ("ctrltargetZ.z", _MILLI), ("posCtl.targetZ", 1.0)),
-    *_set("reference_velocity_z", ("ctrltarget.vz", 1.0), ("ctrltargetZ.vz", _MILLI)),
-    *_set("reference_acceleration_z", ("ctrltarget.az", 1.0), ("ctrltargetZ.az", _MILLI)),
-    *_set("feedback_reference_velocity_z", ("posCtl.targetVZ", 1.0)),
-    # of turning, zeros throughout are those of a loop that is not in use
-    *(
-        _source(f"torque_setpoint_{letter}", f"{group}.cmd_{angle}", sign / FULL_POWER)
-        for letter, angle, _, sign in _TURNING
-        for group in ("controller", "ctrlMel")
-    ),
-    *(
-        _source(f"{kind}reference_{angle}", f"{group}.{angle}", sign * _DEG)
-        for _, angle, sign, _ in _TURNING[:2]
-        for kind, group in (("", "ctrltarget"), ("feedback_", "controller"))
-    ),
-    _source("reference_angular_rate_z", "ctrltarget.yaw", _DEG),
-    *(
-        _source(f"feedback_reference_angular_rate_{letter}", f"controller.{angle}Rate", sign * _DEG)
-        for letter, angle, sign, _ in _TURNING
-    ),
-)
+SOURCES = tuple(_sources())
 
 #: What was looked for, by channel.
 LOOKED_FOR = {

@@ -43,7 +43,7 @@ def add_air_density(reading: MessageReading) -> None:
     def values() -> Float[np.ndarray, " n"]:
         return table.values("Press") / (DRY_AIR * (table.values("Temp") + ZERO_CELSIUS))
 
-    reading.add_made("air_density", table, values, "BARO.Press and .Temp")
+    reading.add("air_density", table, values, "BARO.Press and .Temp")
 
 
 # -- Declared --
@@ -291,12 +291,9 @@ def add_outputs(reading: MessageReading) -> None:
 
 def _used(table: Messages, reading: MessageReading) -> dict[int, str]:
     """Column of each motor; old firmware calls them Ch1, Ch2, ..."""
-    columns: dict[int, str] = {}
-    for motor, output in motor_columns(reading.parameters).items():
-        column = table.first(f"C{output}", f"Ch{output}", f"Chan{output}") if output <= OUTPUTS else ""
-        if column:
-            columns[motor] = column
-    return columns
+    outputs = motor_columns(reading.parameters)
+    columns = {motor: table.first(f"C{n}", f"Ch{n}", f"Chan{n}") for motor, n in outputs.items()}
+    return {motor: column for motor, column in columns.items() if column}
 
 
 def _voltage(table: Messages, reading: MessageReading) -> Float[np.ndarray, " n"]:
@@ -408,9 +405,7 @@ def add_attitude(reading: MessageReading) -> None:
     if table is None:
         return
     for part in "wxyz":
-        reading.add_made(
-            f"attitude_{part}", table, partial(_quaternion, table, part), "ATT.Roll, .Pitch and .Yaw"
-        )
+        reading.add(f"attitude_{part}", table, partial(_quaternion, table, part), "ATT.Roll, .Pitch and .Yaw")
 
 
 def _quaternion(table: Messages, part: str) -> Float[np.ndarray, " n"]:
@@ -453,7 +448,7 @@ def add_setpoints(reading: MessageReading) -> None:
         for kind, where in (("", by_sticks), ("feedback_", ~by_sticks)):
             if where.any():
                 reported = partial(_setpoint, table, column, None if where.all() else where)
-                reading.add_made(f"{kind}{name}", table, reported, f"{message}.{column}")
+                reading.add(f"{kind}{name}", table, reported, f"{message}.{column}")
 
 
 def _setpoint(table: Messages, column: str, where: Bool[np.ndarray, " n"] | None) -> Float[np.ndarray, " n"]:

@@ -306,7 +306,9 @@ def find_offsets(data: np.ndarray, layouts: Mapping[int, MessageType], wanted: C
     for start in range(0, data.size, BLOCK_BYTES):
         if positions._breaks > MAX_BREAKS:
             break
-        heads = _heads(data, start, lengths)
+        part = data[start : start + BLOCK_BYTES + 2]
+        indices = np.flatnonzero((part[:-2] == HEAD[0]) & (part[1:-1] == HEAD[1]))
+        heads = indices[lengths[part[indices + 2]] > 0] + start
         message = _chained(data, heads, lengths, positions)
         heads = heads[message]
         kinds = data[heads + 2]
@@ -319,13 +321,6 @@ def find_offsets(data: np.ndarray, layouts: Mapping[int, MessageType], wanted: C
     else:
         positions.skipped += int(rest.size)
     return positions
-
-
-def _heads(data: np.ndarray, start: int, lengths: np.ndarray) -> np.ndarray:
-    """Places in a block at which a head stands before a known type."""
-    part = data[start : start + BLOCK_BYTES + 2]
-    indices = np.flatnonzero((part[:-2] == HEAD[0]) & (part[1:-1] == HEAD[1]))
-    return np.asarray(indices[lengths[part[indices + 2]] > 0] + start)
 
 
 def _followed(data: np.ndarray, ends: np.ndarray, lengths: np.ndarray) -> Bool[np.ndarray, " n"]:
@@ -372,10 +367,7 @@ def _chained(
 
 #: How a log in text is identified: by the line that describes its descriptions.
 _BEGIN, _COMMA = rb"^(?:\xef\xbb\xbf)?[ \t]*FMT", rb"[ \t]*,[ \t]*"
-_FIRST = re.compile(
-    _COMMA.join((_BEGIN, b"128", b"89", b"FMT", rb"BBnNZ[ \t]*(,|\r?$)")),
-    re.MULTILINE,
-)
+_FIRST = re.compile(_COMMA.join((_BEGIN, b"128", b"89", b"FMT", rb"BBnNZ[ \t]*(,|\r?$)")), re.MULTILINE)
 _FMT_LINE = re.compile(_BEGIN + rb"[ \t]*,([^\n]*)\n", re.MULTILINE)
 #: What may stand before the name of a line's type, and behind it: spaces, and the mark of UTF-8.
 _AROUND = b"\xef\xbb\xbf \t"

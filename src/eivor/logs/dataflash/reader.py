@@ -12,15 +12,7 @@ import numpy as np
 
 from eivor.errors import CorruptLogError, EmptyLogError
 from eivor.logs.common import HEAD_BYTES as SNIFFED_BYTES
-from eivor.logs.common import (
-    KeptChannels,
-    LogFormat,
-    ReadOptions,
-    believable,
-    by_rate,
-    findings_of,
-    noted,
-)
+from eivor.logs.common import KeptChannels, LogFormat, ReadOptions, believable, by_rate, findings_of, noted
 from eivor.logs.dataflash.channels import (
     add_air_density,
     add_attitude,
@@ -230,7 +222,7 @@ def _add(reading: MessageReading, name: str, source: MessageSource) -> None:
             result[reading.landed_at(table)] = np.nan
         return result
 
-    reading.add_made(
+    reading.add(
         name,
         table,
         values,

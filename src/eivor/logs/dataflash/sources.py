@@ -9,7 +9,15 @@ from datetime import datetime
 
 import numpy as np
 
-from eivor.logs.common import UNITS, ChannelProfile, KeptChannels, held_at, logged_channel, look, silenced
+from eivor.logs.common import (
+    ChannelProfile,
+    KeptChannels,
+    channel_sources,
+    held_at,
+    logged_channel,
+    look,
+    silenced,
+)
 from eivor.logs.dataflash.messages import Messages, rows_of
 from eivor.signals.channels import CurveSide
 from eivor.signals.recording import Channel, Finding, LogOrigin, utc_time
@@ -98,67 +106,8 @@ class MessageSource:
         return f"{'-' if self.factor < 0.0 else ''}{self.message}.{self.column}"
 
 
-_DEG = UNITS["deg"][1]
-
-
-def _estimates(column: str) -> tuple[MessageSource, ...]:
-    return tuple(MessageSource(message, column) for message in ESTIMATORS)
-
-
 #: Sources of each channel, the preferred one first.
-CHANNEL_SOURCES: Mapping[str, tuple[MessageSource, ...]] = {
-    "position_x": _estimates("PN"),
-    "position_y": _estimates("PE"),
-    "position_z": _estimates("PD"),
-    "velocity_x": _estimates("VN"),
-    "velocity_y": _estimates("VE"),
-    "velocity_z": _estimates("VD"),
-    **{f"specific_force_body_{axis}": (MessageSource("IMU", f"Acc{axis.upper()}"),) for axis in "xyz"},
-    **{
-        f"angular_rate_{axis}": (
-            MessageSource("IMU", f"Gyr{axis.upper()}"),
-            MessageSource("RATE", letter, _DEG),
-        )
-        for axis, letter in zip("xyz", "RPY", strict=True)
-    },
-    "input": (
-        MessageSource("RATE", "AOut", old_factor=1e-3),
-        MessageSource("CTUN", "ThO", old_factor=1e-3),
-        MessageSource("CTUN", "ThrOut", old_factor=1e-3),
-    ),
-    "reference_position_z": (
-        MessageSource("PSCD", "DPD"),
-        MessageSource("PSCD", "TPD"),
-        MessageSource("PSCZ", "TPZ", -1.0),
-        MessageSource("CTUN", "DAlt", -1.0, needs_height_loop=True),
-    ),
-    "reference_velocity_z": (
-        MessageSource("PSCD", "DVD", zero_is_absent=True),
-        MessageSource("PSCZ", "DVZ", -1.0, zero_is_absent=True),
-    ),
-    "reference_acceleration_z": (
-        MessageSource("PSCD", "DAD", zero_is_absent=True),
-        MessageSource("PSCZ", "DAZ", -1.0, zero_is_absent=True),
-    ),
-    "feedback_reference_velocity_z": (
-        MessageSource("PSCD", "TVD"),
-        MessageSource("PSCZ", "TVZ", -1.0),
-        MessageSource("CTUN", "DCRt", -1.0, old_factor=1e-2, needs_height_loop=True),
-    ),
-    **{
-        f"torque_setpoint_{axis}": (MessageSource("RATE", f"{letter}Out", old_factor=1.0 / 4500.0),)
-        for axis, letter in zip("xyz", "RPY", strict=True)
-    },
-    "hover_thrust_estimate": (
-        MessageSource("CTUN", "ThH", old_factor=1e-3, zero_is_absent=True),
-        MessageSource("CTUN", "ThrHov", old_factor=1e-3, zero_is_absent=True),
-    ),
-    "air_temperature": (MessageSource("BARO", "Temp", zero_is_absent=True),),
-    "battery_voltage": (
-        MessageSource("BAT", "Volt", zero_is_absent=True),
-        MessageSource("CURR", "Volt", old_factor=1e-2, zero_is_absent=True),
-    ),
-}
+CHANNEL_SOURCES = channel_sources("eivor.logs.dataflash", MessageSource)
 
 #: Channels whose source is the one that was logged most often, when much more often.
 CHOSEN_BY_RATE = tuple(f"angular_rate_{axis}" for axis in "xyz")
@@ -364,46 +313,32 @@ class MessageReading:
         self,
         name: str,
         table: Messages,
-        values: Float[np.ndarray, " n"],
+        values: Float[np.ndarray, " n"] | Callable[[], Float[np.ndarray, " n"]],
         label: str,
         curve_side: CurveSide = CurveSide.UNKNOWN,
-    ) -> None:
-        """Add a channel of values that are at hand, when it has one."""
-        self.add_made(name, table, lambda: values, label, curve_side=curve_side)
-
-    def add_made(
-        self,
-        name: str,
-        table: Messages,
-        values: Callable[[], Float[np.ndarray, " n"]],
-        label: str,
         *,
         estimated: bool = False,
         delay_s: float = 0.0,
         is_setpoint: bool = False,
-        curve_side: CurveSide = CurveSide.UNKNOWN,
     ) -> None:
         """Add a channel, when it has a value; its values are made again where they are not kept."""
 
-        def made() -> Channel:
-            return logged_channel(
+        def made(inactive: list[str] | None = None) -> Channel:
+            channel = logged_channel(
                 name,
                 self.time_s(table, delay_s),
-                values(),
+                values() if callable(values) else values,
                 label,
                 estimated=estimated,
                 delay_s=delay_s,
                 curve_side=curve_side,
             )
+            is_valid = is_setpoint and np.isfinite(channel.values).any()
+            return silenced(channel, self.end_s - self.start_s, inactive) if is_valid else channel
 
-        def in_force() -> Channel:
-            return silenced(made(), self.end_s - self.start_s)
-
-        channel = made()
+        channel = made(self.inactive_setpoints)
         if np.isfinite(channel.values).any():
-            if is_setpoint:
-                channel = silenced(channel, self.end_s - self.start_s, self.inactive_setpoints)
-            self._put(channel, in_force if is_setpoint else made)
+            self._put(channel, made)
 
     def keep(self, channel: Channel) -> None:
         """Put a channel that is made of others, or in the place of one."""

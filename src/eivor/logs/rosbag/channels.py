@@ -15,6 +15,7 @@ from eivor.logs.common import (
     LogFormat,
     ReadOptions,
     channel_findings,
+    channel_sources,
     logged_channel,
     no_parts,
     noted,
@@ -179,16 +180,15 @@ MAVROS = "mavros/"
 ASKED = re.compile(
     r"set_?point|target|goal|reference|desired|command|cmd|(?:^|[/_])ref(?:[/_]|$)", re.IGNORECASE
 )
-MAX_ROTORS = 12
 
 
 @dataclass(frozen=True, slots=True)
 class RosSource:
     """One place where a channel may be."""
 
-    topic: str
     kind: str
     field: str  # Full name of the field
+    topic: str = ""  # Of mavros; empty for any topic
     sign: float = 1.0  # -1 where the channel is the negative of the field
     estimated: bool = False  # True when an estimator makes the values
     is_setpoint: bool = False  # True when the topic falls silent where the setpoint is not in force
@@ -203,107 +203,8 @@ class RosSource:
         return f"/{MAVROS}" not in f"/{name.lstrip('/')}" and bool(ASKED.search(name)) == self.is_asked
 
 
-_ODOMETRY, _POSE, _TWIST = "nav_msgs/Odometry", "geometry_msgs/PoseStamped", "geometry_msgs/TwistStamped"
-_IMU, _BATTERY = "sensor_msgs/Imu", "sensor_msgs/BatteryState"
-_POSITION, _ATTITUDE = "mavros_msgs/PositionTarget", "mavros_msgs/AttitudeTarget"
-_STATE, _CONTROLS = "mavros_msgs/State", "mavros_msgs/ActuatorControl"
-#: Types of messages of rotors, and their field of speeds.
-_SPEEDS = (("mav_msgs/Actuators", "angular_velocities"), ("actuator_msgs/Actuators", "velocity"))
-
-
-def _positions(axis: str) -> tuple[RosSource, ...]:
-    return (
-        RosSource("local_position/odom", _ODOMETRY, f"pose.pose.position.{axis}", estimated=True),
-        RosSource("local_position/pose", _POSE, f"pose.position.{axis}", estimated=True),
-        RosSource("", _ODOMETRY, f"pose.pose.position.{axis}", estimated=True),
-        RosSource("", _POSE, f"pose.position.{axis}"),
-        RosSource("", "geometry_msgs/TransformStamped", f"transform.translation.{axis}"),
-    )
-
-
-def _velocities(axis: str) -> tuple[RosSource, ...]:
-    return (
-        RosSource("local_position/velocity_local", _TWIST, f"twist.linear.{axis}", estimated=True),
-        RosSource("local_position/odom", _ODOMETRY, f"twist.world.{axis}", estimated=True),
-        RosSource("", _ODOMETRY, f"twist.world.{axis}", estimated=True),
-        RosSource("", _TWIST, f"twist.linear.{axis}", estimated=True),
-    )
-
-
-def _turns(part: str) -> tuple[RosSource, ...]:
-    return (
-        RosSource("imu/data", _IMU, f"orientation.{part}", estimated=True),
-        RosSource("local_position/odom", _ODOMETRY, f"pose.pose.orientation.{part}", estimated=True),
-        RosSource("local_position/pose", _POSE, f"pose.orientation.{part}", estimated=True),
-        RosSource("", _ODOMETRY, f"pose.pose.orientation.{part}", estimated=True),
-        RosSource("", _POSE, f"pose.orientation.{part}"),
-        RosSource("", "geometry_msgs/TransformStamped", f"transform.rotation.{part}"),
-        RosSource("", _IMU, f"orientation.{part}", estimated=True),
-    )
-
-
-def _inertial(field: str) -> tuple[RosSource, ...]:
-    return tuple(RosSource(topic, _IMU, field) for topic in ("imu/data_raw", "imu/data", ""))
-
-
-def _parsed(field: str) -> RosSource:
-    return RosSource("setpoint_raw/local", _POSITION, field, is_setpoint=True)
-
-
-def _simulated(field: str) -> RosSource:
-    return RosSource("setpoint_raw/target_attitude", _ATTITUDE, field)
-
-
-def _speeds(index: int, *, is_asked: bool) -> tuple[RosSource, ...]:
-    return tuple(RosSource("", kind, f"{field}[{index}]", is_asked=is_asked) for kind, field in _SPEEDS)
-
-
-def _reported(field: str) -> RosSource:
-    return RosSource("setpoint_raw/target_local", _POSITION, field, is_setpoint=True)
-
-
 #: Sources of each channel, the preferred one first.
-CHANNEL_SOURCES: Mapping[str, tuple[RosSource, ...]] = {
-    **{f"position_{axis}": _positions(axis) for axis in "xyz"},
-    **{f"velocity_{axis}": _velocities(axis) for axis in "xyz"},
-    **{f"specific_force_body_{axis}": _inertial(f"linear_acceleration.{axis}") for axis in "xyz"},
-    **{f"attitude_{part}": _turns(part) for part in "wxyz"},
-    **{f"angular_rate_{axis}": _inertial(f"angular_velocity.{axis}") for axis in "xyz"},
-    "input": (
-        _simulated("thrust"),
-        RosSource("setpoint_raw/attitude", _ATTITUDE, "thrust"),
-        RosSource("target_actuator_control", _CONTROLS, "controls[3]"),
-    ),
-    "reference_position_z": (
-        _parsed("position.z"),
-        RosSource("setpoint_position/local", _POSE, "pose.position.z", is_setpoint=True),
-        _reported("position.z"),
-        RosSource("", _POSE, "pose.position.z", is_setpoint=True, is_asked=True),
-    ),
-    "reference_velocity_z": (_parsed("velocity.z"),),
-    "reference_acceleration_z": (_parsed("acceleration_or_force.z"),),
-    "feedback_reference_velocity_z": (_reported("velocity.z"),),
-    **{f"feedback_reference_{name}": (_simulated(name),) for name in ("roll", "pitch", "yaw")},
-    **{f"feedback_reference_angular_rate_{axis}": (_simulated(f"body_rate.{axis}"),) for axis in "xyz"},
-    **{
-        f"torque_setpoint_{axis}": (
-            RosSource("target_actuator_control", _CONTROLS, f"controls[{index}]", sign=sign),
-        )
-        for index, (axis, sign) in enumerate((("x", 1.0), ("y", -1.0), ("z", -1.0)))
-    },
-    **{f"rotor_command_{index + 1}": _speeds(index, is_asked=True) for index in range(MAX_ROTORS)},
-    **{f"rotor_speed_{index + 1}": _speeds(index, is_asked=False) for index in range(MAX_ROTORS)},
-    **{
-        f"actuator_output_{index + 1}": (RosSource("rc/out", "mavros_msgs/RCOut", f"channels[{index}]"),)
-        for index in range(MAX_ROTORS)
-    },
-    "battery_voltage": (RosSource("battery", _BATTERY, "voltage"), RosSource("", _BATTERY, "voltage")),
-    "landed": (RosSource("extended_state", "mavros_msgs/ExtendedState", "landed"),),
-    **{
-        name: (RosSource("state", _STATE, name),)
-        for name in ("pilot_in_control", "input_open_loop", "pilot_sets_attitude")
-    },
-}
+CHANNEL_SOURCES = channel_sources("eivor.logs.rosbag", RosSource)
 
 
 def _source_text(source: RosSource) -> str:
@@ -504,12 +405,12 @@ def read_bag(path: Path, options: ReadOptions, log_format: str) -> Recording:
     if options.channel_map is not None:
         chosen = load_channel_map(options.channel_map)
         named = mapped_topics(chosen)
-        contents = read_contents(files, lambda file: file.topic in named, findings)
-        channels = map_channels(chosen, contents.topics, contents.listed, path.name, findings)
+        contents = read_contents(files, lambda topic, _kind: topic in named, findings)
+        channels = map_channels(chosen, contents, path.name, findings)
         frame, input_map, looked = chosen.frame, chosen.input_map, looked_for(chosen)
     else:
         contents = read_contents(
-            files, lambda file: is_px4(file.topic, file.kind) or is_known(file.topic, file.kind), findings
+            files, lambda topic, kind: is_px4(topic, kind) or is_known(topic, kind), findings
         )
         channels, frame, vehicle = _known_channels(contents, findings)
         looked = LOOKED_FOR if frame is Frame.NED else ROS_SOURCES

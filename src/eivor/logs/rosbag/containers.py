@@ -20,7 +20,6 @@ from urllib.parse import quote
 from eivor.atomic_file import write_atomically
 from eivor.errors import CorruptLogError, InputError, MissingReaderError
 from eivor.logs.common import DECODER_ERRORS, FolderParts, file_names
-from eivor.logs.rosbag.messages import type_name
 
 # -- Decompression --
 
@@ -205,36 +204,20 @@ _REMEDIES = {
 
 
 @dataclass(frozen=True, slots=True)
-class Connection:
-    """One topic of a bag's file."""
-
-    topic: str
-    kind: str
-    text: str  # Definition of that type, empty where the bag has none
-    is_idl: bool
-    count: int
-    handle: Any
-
-
-@dataclass(frozen=True, slots=True)
 class Container:
     """One open file of a bag."""
 
-    connections: tuple[Connection, ...]
-    ros1: bool
     reader: Any
+    ros1: bool
     budget: Budget
 
-    def messages(self, wanted: Collection[Connection]) -> Iterator[tuple[Connection, int, bytes]]:
-        """Give messages in the order of the record: topic, time of the record [ns], bytes."""
-        known = {item.handle.id: item for item in wanted}
-        if not known:
-            return
-        for handle, record_ns, data in self.reader.messages([item.handle for item in wanted]):
+    def messages(self, connections: Collection[Any]) -> Iterator[tuple[Any, int, bytes]]:
+        """Give messages in the order of the record: connection, time of the record [ns], bytes."""
+        for connection, record_ns, data in self.reader.messages(connections) if connections else ():
             payload = bytes(data)
             if payload.startswith(ZSTD):
                 payload = self.budget.decompressed(payload, _zstd().ZstdDecompressor)
-            yield known[handle.id], int(record_ns), payload
+            yield connection, int(record_ns), payload
 
 
 def check_installed() -> None:
@@ -262,7 +245,7 @@ def opened(file: Path, budget: Budget) -> Iterator[Container]:
             reader = _reader(plain, kind, budget)
             reader.open()
             try:
-                yield Container(_connections(reader), kind == ROS1, reader, budget)
+                yield Container(reader, kind == ROS1, budget)
             finally:
                 reader.close()
     except damage as error:
@@ -348,19 +331,3 @@ def _check_database(file: Path) -> None:
     for kind, text in rows:
         if kind not in {"table", "index"} or _COMPUTED.search(text or ""):
             raise ValueError("a database with more than plain tables")
-
-
-def _connections(reader: Any) -> tuple[Connection, ...]:
-    from rosbags.interfaces import MessageDefinitionFormat
-
-    return tuple(
-        Connection(
-            connection.topic,
-            type_name(connection.msgtype),
-            connection.msgdef.data or "",
-            connection.msgdef.format is MessageDefinitionFormat.IDL,
-            int(connection.msgcount),
-            connection,
-        )
-        for connection in reader.connections
-    )

@@ -12,7 +12,7 @@ from eivor.errors import ChannelMapError, CorruptLogError, EmptyLogError, did_yo
 from eivor.logs.channel_map import ChannelMap
 from eivor.logs.common import MAX_SPAN_S, Columns, noted
 from eivor.logs.mapping import delay_findings, fitted_rules, listed, mapped_channels
-from eivor.logs.rosbag.containers import Budget, Connection, opened
+from eivor.logs.rosbag.containers import Budget, opened
 from eivor.logs.rosbag.messages import (
     MessageLayout,
     common_types,
@@ -20,6 +20,7 @@ from eivor.logs.rosbag.messages import (
     idl_types,
     message_layout,
     parsed_definition,
+    type_name,
 )
 from eivor.signals.channels import roll_pitch_yaw
 from eivor.signals.recording import Channel, Finding
@@ -211,7 +212,7 @@ class Contents:
 
 
 def read_contents(
-    files: Sequence[Path], wanted: Callable[[Connection], bool], findings: list[Finding]
+    files: Sequence[Path], wanted: Callable[[str, str], bool], findings: list[Finding]
 ) -> Contents:
     """Read the messages of some topics out of the files of a bag."""
     budget = Budget.of(sum(file.stat().st_size for file in files))
@@ -229,18 +230,21 @@ def read_contents(
     return contents
 
 
-def _add_file(file: Path, wanted: Callable[[Connection], bool], budget: Budget, contents: Contents) -> None:
+def _add_file(file: Path, wanted: Callable[[str, str], bool], budget: Budget, contents: Contents) -> None:
+    from rosbags.interfaces import MessageDefinitionFormat
+
     with opened(file, budget) as container:
-        contents.listed |= {
-            connection.topic: connection.kind for connection in container.connections if connection.count
-        }
-        chosen = [connection for connection in container.connections if wanted(connection)]
+        connections = container.reader.connections
+        types = {item.id: type_name(item.msgtype) for item in connections}
+        contents.listed |= {item.topic: types[item.id] for item in connections if item.msgcount}
+        chosen = [item for item in connections if wanted(item.topic, types[item.id])]
         for item, record_ns, payload in container.messages(chosen):
             raw = contents.topics.get(item.topic)
             if raw is None:
-                raw = RawTopic(item.topic, item.kind, item.text, item.is_idl, container.ros1)
+                is_idl = item.msgdef.format is MessageDefinitionFormat.IDL
+                raw = RawTopic(item.topic, types[item.id], item.msgdef.data or "", is_idl, container.ros1)
                 contents.topics[item.topic] = raw
-            if raw.kind == item.kind:
+            if raw.kind == types[item.id]:
                 raw.payloads.append(budget.spent(payload))
                 raw.record_ns.append(record_ns)
 
@@ -333,15 +337,11 @@ def mapped_topics(chosen: ChannelMap) -> set[str]:
 
 
 def map_channels(
-    chosen: ChannelMap,
-    raws: Mapping[str, RawTopic],
-    available: Mapping[str, str],
-    name: str,
-    findings: list[Finding],
+    chosen: ChannelMap, contents: Contents, name: str, findings: list[Finding]
 ) -> dict[str, Channel]:
     """Return the channels that a map makes of a bag."""
-    _check(chosen, available, name)
-    columns = [as_columns(raw, raw.defined(), findings) for raw in raws.values()]
+    _check(chosen, contents.listed, name)
+    columns = [as_columns(raw, raw.defined(), findings) for raw in contents.topics.values()]
     topics = of_one_clock([column for column in columns if column is not None], findings)
     tables = {topic.name: with_derived(topic.kind, topic.fields) for topic in topics}
     names = [

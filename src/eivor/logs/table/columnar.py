@@ -27,13 +27,7 @@ from eivor.errors import (
     UsageError,
 )
 from eivor.logs.common import DECODER_ERRORS, Columns, element_of
-from eivor.logs.table.delimited import (
-    MAX_COLUMNS,
-    TableSource,
-    corrupt_table,
-    polars_errors,
-    table_columns,
-)
+from eivor.logs.table.delimited import MAX_COLUMNS, TableSource, corrupt_table, polars_errors, table_columns
 from eivor.process_pool import SANDBOX
 from eivor.signals.channels import CurveSide, held_by_default
 from eivor.signals.recording import Channel, Finding, Frame, LogOrigin, Recording
@@ -124,15 +118,8 @@ def exactly(column: str) -> str:
 
 def probe_parquet(file: Path, columns: Sequence[str], max_bytes: int) -> None:
     """Decode columns of a Parquet file in a child process; `decode_in_child` says what it raises."""
-    requested = {"patterns": [*map(exactly, columns)]}
-    decode_in_child(
-        file,
-        _PARQUET_CODE,
-        requested,
-        max_bytes=max_bytes,
-        timeout_s=PARQUET_TIMEOUT_S,
-        kind="a Parquet file",
-    )
+    asked, limit_s = {"patterns": [*map(exactly, columns)]}, PARQUET_TIMEOUT_S
+    decode_in_child(file, _PARQUET_CODE, asked, max_bytes=max_bytes, timeout_s=limit_s, kind="a Parquet file")
 
 
 # -- Parquet --

@@ -50,6 +50,9 @@ from eivor.signals.channels import CurveSide, roll_pitch_yaw
 from eivor.signals.recording import Channel, Finding
 from eivor.tools import Bool, Float
 
+#: Stamps of each topic's messages, from the log's start on [s].
+Clocks = Mapping[str, Float[np.ndarray, " _"]]
+
 # -- Attitude setpoints --
 
 NAMES = ("roll", "pitch", "yaw")
@@ -58,7 +61,7 @@ UNIT_WITHIN = 0.05
 
 
 def attitude_setpoints(
-    topics: Mapping[str, Topic], clocks: Mapping[str, Float[np.ndarray, " _"]]
+    topics: Mapping[str, Topic], clocks: Clocks
 ) -> Iterator[tuple[str, str, Float[np.ndarray, " n"], str]]:
     """Setpoints of roll, pitch and yaw, and of their rates: name, topic, values and label."""
     attitude = topics.get(ATTITUDE_SETPOINT)
@@ -79,10 +82,7 @@ def attitude_setpoints(
 
 
 def _in_states(
-    topics: Mapping[str, Topic],
-    clocks: Mapping[str, Float[np.ndarray, " _"]],
-    topic: str,
-    states: tuple[int, ...],
+    topics: Mapping[str, Topic], clocks: Clocks, topic: str, states: tuple[int, ...]
 ) -> Bool[np.ndarray, " n"]:
     """Whether the vehicle was in one of some states at each message of a topic."""
     status = topics.get(NAVIGATION_STATE.topic)
@@ -295,7 +295,7 @@ class _Reading:
     """The state of one reading: topics in, channels and findings out."""
 
     topics: Mapping[str, Topic]
-    clocks: Mapping[str, Float[np.ndarray, " _"]]
+    clocks: Clocks
     delays_s: Mapping[str, float]
     end_s: float
     findings: list[Finding]
@@ -313,14 +313,7 @@ class _Reading:
             values[topic.fields[source.valid_field] == 0] = np.nan
         return values
 
-    def put(
-        self,
-        name: str,
-        topic: str,
-        values: Float[np.ndarray, " n"],
-        label: str,
-        side: CurveSide = CurveSide.UNKNOWN,
-    ) -> None:
+    def put(self, name: str, topic: str, values: np.ndarray, label: str, side: CurveSide) -> None:
         """Add a channel of values on the clock of a topic."""
         self.channels[name] = logged_channel(name, self.clocks[topic], values, label, curve_side=side)
 
@@ -425,7 +418,7 @@ def _add_modes(reading: _Reading) -> None:
     }
     for name, known in modes.items():
         within = np.isin(states, known).astype(np.float64)
-        reading.put(name, NAVIGATION_STATE.topic, within, NAVIGATION_STATE.label)
+        reading.put(name, NAVIGATION_STATE.topic, within, NAVIGATION_STATE.label, CurveSide.UNKNOWN)
 
 
 def _add_actuators(reading: _Reading, parameters: Mapping[str, float]) -> None:

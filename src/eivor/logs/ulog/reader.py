@@ -581,13 +581,7 @@ def _table(first: Mapping[str, np.ndarray], rows: list[bytes]) -> dict[str, np.n
 # -- Formats --
 
 ULOG = LogFormat(
-    "ulog",
-    "ULog",
-    begins_with(MAGIC),
-    read_ulog,
-    advice=_advice,
-    setpoints=_SETPOINTS,
-    endings=ULOG_ENDINGS,
+    "ulog", "ULog", begins_with(MAGIC), read_ulog, advice=_advice, setpoints=_SETPOINTS, endings=ULOG_ENDINGS
 )
 #: A folder of the tables that `ulog2csv` makes of one.
 ULOG_CSV = LogFormat(

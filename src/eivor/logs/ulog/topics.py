@@ -8,7 +8,7 @@ from datetime import datetime
 
 import numpy as np
 
-from eivor.logs.common import logged_channel
+from eivor.logs.common import channel_sources, logged_channel
 from eivor.signals.channels import CurveSide
 from eivor.signals.recording import ROTARY_WING, Channel, Finding, LogOrigin, utc_time
 
@@ -41,79 +41,8 @@ class TopicSource:
         return f"{minus}{self.topic}.{self.field}"
 
 
-def _position(field: str, valid: str, *, zero_is_absent: bool = False) -> tuple[TopicSource, ...]:
-    return (TopicSource(ESTIMATOR_TOPIC, field, valid_field=valid, zero_is_absent=zero_is_absent),)
-
-
-def _body(topic: str, field: str, old_topic: str, old_field: str, axis: int) -> tuple[TopicSource, ...]:
-    return TopicSource(topic, f"{field}[{axis}]"), TopicSource(old_topic, f"{old_field}[{axis}]")
-
-
-def _trajectory(*fields: str) -> tuple[TopicSource, ...]:
-    return tuple(TopicSource("trajectory_setpoint", field, is_setpoint=True) for field in fields)
-
-
 #: Sources of each channel, the preferred one first.
-CHANNEL_SOURCES: Mapping[str, tuple[TopicSource, ...]] = {
-    "position_x": _position("x", "xy_valid"),
-    "position_y": _position("y", "xy_valid"),
-    "position_z": _position("z", "z_valid"),
-    "velocity_x": _position("vx", "v_xy_valid"),
-    "velocity_y": _position("vy", "v_xy_valid"),
-    "velocity_z": _position("vz", "v_z_valid"),
-    "acceleration_z": _position("az", "v_z_valid", zero_is_absent=True),
-    **{
-        f"specific_force_body_{name}": _body(
-            "vehicle_acceleration", "xyz", "sensor_combined", "accelerometer_m_s2", axis
-        )
-        for axis, name in enumerate("xyz")
-    },
-    **{
-        f"attitude_{name}": (TopicSource("vehicle_attitude", f"q[{index}]"),)
-        for index, name in enumerate("wxyz")
-    },
-    **{
-        f"angular_rate_{name}": _body("vehicle_angular_velocity", "xyz", "sensor_combined", "gyro_rad", axis)
-        for axis, name in enumerate("xyz")
-    },
-    "input": (
-        TopicSource("vehicle_thrust_setpoint", "xyz[2]", sign=-1.0),
-        TopicSource("vehicle_attitude_setpoint", "thrust_body[2]", sign=-1.0),
-        TopicSource("vehicle_attitude_setpoint", "thrust"),
-        TopicSource("actuator_controls_0", "control[3]"),
-    ),
-    "reference_position_z": (
-        *_trajectory("position[2]", "z"),
-        TopicSource("vehicle_local_position_setpoint", "z", is_setpoint=True),
-    ),
-    "reference_velocity_z": _trajectory("velocity[2]", "vz"),
-    "reference_acceleration_z": _trajectory("acceleration[2]"),
-    "pilot_throttle": (
-        TopicSource("manual_control_setpoint", "throttle", valid_field="valid"),
-        TopicSource("manual_control_setpoint", "z"),
-    ),
-    **{
-        f"torque_setpoint_{name}": (
-            TopicSource("vehicle_torque_setpoint", f"xyz[{axis}]"),
-            TopicSource("actuator_controls_0", f"control[{axis}]"),
-        )
-        for axis, name in enumerate("xyz")
-    },
-    **{
-        f"pilot_{name}": (
-            TopicSource("manual_control_setpoint", name, valid_field="valid"),
-            TopicSource("manual_control_setpoint", old),
-        )
-        for name, old in (("roll", "y"), ("pitch", "x"), ("yaw", "r"))
-    },
-    "landed": (TopicSource("vehicle_land_detected", "landed"),),
-    "ground_contact": (TopicSource("vehicle_land_detected", "ground_contact"),),
-    "battery_voltage": (
-        TopicSource("battery_status", "voltage_v", valid_field="connected"),
-        TopicSource("battery_status", "voltage_filtered_v", valid_field="connected"),
-    ),
-    "hover_thrust_estimate": (TopicSource("hover_thrust_estimate", "hover_thrust", valid_field="valid"),),
-}
+CHANNEL_SOURCES = channel_sources("eivor.logs.ulog", TopicSource)
 
 #: The position controller's velocity setpoint: feedback while a height setpoint is in force, else a commanded
 #: climb rate.
@@ -317,10 +246,7 @@ KINDS = {64: " alpha", 128: " beta", 192: " rc", 255: ""}
 
 
 def ulog_origin(
-    about: Mapping[str, bytes],
-    topics: Mapping[str, Topic],
-    start: np.uint64,
-    parameters: Mapping[str, float],
+    about: Mapping[str, bytes], topics: Mapping[str, Topic], start: np.uint64, parameters: Mapping[str, float]
 ) -> LogOrigin:
     """Origin of a log."""
     name = _text(about.get("sys_name", b""))
