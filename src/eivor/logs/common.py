@@ -472,10 +472,13 @@ Source = TypeVar("Source")
 MUCH_MORE = 1.5
 
 
-def channel_sources(package: str, kind: Callable[..., Source]) -> Mapping[str, tuple[Source, ...]]:
-    """Sources of each channel, the preferred one first, by the file `sources.toml` of a package."""
+def channel_sources(
+    package: str, kind: Callable[..., Source]
+) -> tuple[Mapping[str, tuple[Source, ...]], Mapping[str, tuple[str, ...]]]:
+    """Sources of each channel and what is looked for of others, by the file `sources.toml` of a package."""
     table = tomllib.loads((resources.files(package) / "sources.toml").read_text(encoding="utf-8"))
-    return {name: tuple(kind(**source) for source in sources) for name, sources in table.items()}
+    words = {name: tuple(texts) for name, texts in table.pop("looked_for", {}).items()}
+    return {name: tuple(kind(**source) for source in sources) for name, sources in table.items()}, words
 
 
 def by_rate(sources: Sequence[Source], count: Callable[[Source], int]) -> list[Source]:

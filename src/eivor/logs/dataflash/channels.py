@@ -410,7 +410,10 @@ def add_attitude(reading: MessageReading) -> None:
 
 def _quaternion(table: Messages, part: str) -> Float[np.ndarray, " n"]:
     """Part w, x, y or z of the quaternion from body to world."""
-    made = _yaw(table)
+    # a yaw without jumps makes a quaternion without jumps of sign
+    made = table.values("Yaw")
+    made *= _DEG
+    made = _unwrapped(made)
     others = [(table.stored(name), table.layout.fields[name].factor * _DEG) for name in ("Roll", "Pitch")]
     for start, stop in row_blocks(0, table.count, PASSED_ROWS):
         angles = [factor * stored[start:stop].astype(np.float64) for stored, factor in others]
@@ -421,13 +424,6 @@ def _quaternion(table: Messages, part: str) -> Float[np.ndarray, " n"]:
         )
         made[start:stop] = first + second if part in "wy" else first - second
     return made
-
-
-def _yaw(table: Messages) -> Float[np.ndarray, " n"]:
-    """Yaw without jumps [rad], which makes a quaternion without jumps of sign."""
-    yaw = table.values("Yaw")
-    yaw *= _DEG
-    return _unwrapped(yaw)
 
 
 def add_setpoints(reading: MessageReading) -> None:

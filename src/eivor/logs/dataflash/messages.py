@@ -72,9 +72,10 @@ class MessageType:
             if (item.kind.kind == "S") != (name in TEXTS) or item.kind.subdtype is not None
         ]
 
-    def without(self, names: Collection[str]) -> MessageType:
-        """Return a layout without some of the fields."""
-        return replace(self, fields={name: item for name, item in self.fields.items() if name not in names})
+    def without_misfits(self) -> MessageType:
+        """Return the layout of the other fields."""
+        misfits = self.misfits()
+        return replace(self, fields={name: item for name, item in self.fields.items() if name not in misfits})
 
 
 @dataclass(slots=True)

@@ -162,9 +162,7 @@ def _tables(content: mmap.mmap) -> tuple[dict[str, Messages], list[Finding]]:
     misfits = sorted(f"{message.name}.{name}" for message in messages for name in message.layout.misfits())
     sentence = "Columns left out, in which texts or lists stand for numbers, or numbers for texts: {}."
     findings += noted("message_formats", sentence, misfits)
-    messages = [
-        replace(message, layout=message.layout.without(message.layout.misfits())) for message in messages
-    ]
+    messages = [replace(message, layout=message.layout.without_misfits()) for message in messages]
     tables: dict[str, Messages] = {}
     lost = 0
     for item in messages:

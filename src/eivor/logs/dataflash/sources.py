@@ -107,7 +107,7 @@ class MessageSource:
 
 
 #: Sources of each channel, the preferred one first.
-CHANNEL_SOURCES = channel_sources("eivor.logs.dataflash", MessageSource)
+CHANNEL_SOURCES, _LOOKED_FOR = channel_sources("eivor.logs.dataflash", MessageSource)
 
 #: Channels whose source is the one that was logged most often, when much more often.
 CHOSEN_BY_RATE = tuple(f"angular_rate_{axis}" for axis in "xyz")
@@ -145,35 +145,10 @@ NEEDED = frozenset(
     | ORIGIN_MESSAGES
 )
 
-_ATTITUDE = ("ATT.Roll, .Pitch and .Yaw",)
 #: What was looked for, by channel, in the words of a message.
 LOOKED_FOR: Mapping[str, tuple[str, ...]] = {
     **{name: tuple(source.label for source in sources) for name, sources in CHANNEL_SOURCES.items()},
-    "input": (
-        *(source.label for source in CHANNEL_SOURCES["input"]),
-        "RCOU.C1 to .C4 through the thrust curve",
-    ),
-    "air_density": ("BARO.Press and .Temp",),
-    **{f"attitude_{part}": _ATTITUDE for part in "wxyz"},
-    **{
-        f"{kind}reference_{angle}": (f"ATT.{column} {mode}",)
-        for angle, column in ATTITUDE_SETPOINTS.items()
-        for kind, mode in (("", "where sticks set the attitude"), ("feedback_", "where a loop does"))
-    },
-    **{
-        f"{kind}reference_angular_rate_{axis}": (f"RATE.{column} {mode}",)
-        for axis, column in RATE_SETPOINTS.items()
-        for kind, mode in (("", "in acro mode"), ("feedback_", "in other modes"))
-    },
-    **{f"injected_torque_{axis}": ("SIDD.Targ of a sweep into the mixer",) for axis in "xyz"},
-    "injected_throttle": ("SIDD.Targ of a sweep into the throttle",),
-    "pilot_throttle": ("RCIN.C3",),
-    "pilot_in_control": ("MODE.ModeNum",),
-    "pilot_sets_attitude": ("MODE.ModeNum",),
-    "input_open_loop": ("MODE.ModeNum",),
-    "landed": ("EV.Id", "ARM.ArmState"),
-    "actuator_output_1": ("RCOU.C1 to .C14",),
-    "rotor_speed_1": ("ESC.RPM by .Instance",),
+    **_LOOKED_FOR,
 }
 
 
@@ -214,10 +189,8 @@ def _core(tables: Mapping[str, Messages], chosen: str, findings: list[Finding]) 
         table = tables.get(name)
         if table is None or not table.has("PI"):
             continue
-        reported, counts = np.unique(table.stored("PI"), return_counts=True)
-        core = int(reported[np.argmax(counts)])
-        if reported.size > 1:
-            share = 1.0 - float(counts.max()) / float(counts.sum())
+        core, share = _most(table, "PI"), float(np.mean(table.stored("PI") != _most(table, "PI")))
+        if share > 0.0:
             sentence = (
                 f"The estimator changed its core ({name}.PI): velocity and position are those of core "
                 f"{core}, which was not in use for {share:.0%} of the log."

@@ -194,6 +194,11 @@ class RosSource:
     is_setpoint: bool = False  # True when the topic falls silent where the setpoint is not in force
     is_asked: bool = False
 
+    @property
+    def label(self) -> str:
+        """The source in the words of a message."""
+        return f"{MAVROS}{self.topic}.{self.field}" if self.topic else f"{self.kind} {self.field}"
+
     def serves(self, name: str, kind: str) -> bool:
         """Say whether a topic is this one."""
         if kind != self.kind:
@@ -204,16 +209,12 @@ class RosSource:
 
 
 #: Sources of each channel, the preferred one first.
-CHANNEL_SOURCES = channel_sources("eivor.logs.rosbag", RosSource)
-
-
-def _source_text(source: RosSource) -> str:
-    return f"{MAVROS}{source.topic}.{source.field}" if source.topic else f"{source.kind} {source.field}"
+CHANNEL_SOURCES, _ = channel_sources("eivor.logs.rosbag", RosSource)
 
 
 #: What was looked for, by channel, in the words of a message.
 ROS_SOURCES: Mapping[str, tuple[str, ...]] = {
-    name: tuple(_source_text(source) for source in sources) for name, sources in CHANNEL_SOURCES.items()
+    name: tuple(source.label for source in sources) for name, sources in CHANNEL_SOURCES.items()
 }
 
 

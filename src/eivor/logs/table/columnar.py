@@ -247,11 +247,9 @@ def _parquet_numbers(series: pl.Series) -> tuple[np.ndarray, int]:
         unit = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}[str(getattr(series.dtype, "time_unit", "us"))]
         series = series.to_physical().cast(pl.Float64) * unit
     elif series.dtype == pl.String:
-        series = series.str.strip_chars().cast(pl.Float64, strict=False)
-    else:
-        series = series.cast(pl.Float64)
-    bad = series.null_count() - missing
-    return series.fill_null(np.nan).to_numpy().copy(), bad
+        series = series.str.strip_chars()
+    numbers = series.cast(pl.Float64, strict=False)
+    return numbers.fill_null(np.nan).to_numpy().copy(), numbers.null_count() - missing
 
 
 # -- Variables --
@@ -287,21 +285,18 @@ def variables_source(
                 return missing, missing.size, f"a matrix of {shapes[base]}"
             return array[:, index] if index < array.shape[1] else missing, 0, ""
 
-        return _of_one_length(name, table_columns(columns, list(shapes), convert))
+        table = table_columns(columns, list(shapes), convert)
+        lengths = {column: array.size for column, array in table.values.items()}
+        if len(set(lengths.values())) > 1:
+            text = ", ".join(f"'{column}' {size}" for column, size in list(lengths.items())[:8])
+            raise ChannelMapError(
+                "variables of one length, with one clock",
+                f"'{name}' with {text}",
+                "Name those of one clock in a channel map (--map).",
+            )
+        return table
 
     return TableSource(tuple(shapes), read)
-
-
-def _of_one_length(name: str, columns: Columns) -> Columns:
-    lengths = {column: array.size for column, array in columns.values.items()}
-    if len(set(lengths.values())) > 1:
-        text = ", ".join(f"'{column}' {size}" for column, size in list(lengths.items())[:8])
-        raise ChannelMapError(
-            "variables of one length, with one clock",
-            f"'{name}' with {text}",
-            "Name those of one clock in a channel map (--map).",
-        )
-    return columns
 
 
 # -- HDF5 --

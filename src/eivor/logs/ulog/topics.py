@@ -42,7 +42,7 @@ class TopicSource:
 
 
 #: Sources of each channel, the preferred one first.
-CHANNEL_SOURCES = channel_sources("eivor.logs.ulog", TopicSource)
+CHANNEL_SOURCES, _LOOKED_FOR = channel_sources("eivor.logs.ulog", TopicSource)
 
 #: The position controller's velocity setpoint: feedback while a height setpoint is in force, else a commanded
 #: climb rate.
@@ -149,30 +149,8 @@ def _with_profile(source: TopicSource) -> str:
 
 #: What was looked for, by channel, in the words of a message.
 LOOKED_FOR: Mapping[str, tuple[str, ...]] = {
-    **{name: tuple(_with_profile(source) for source in sources) for name, sources in CHANNEL_SOURCES.items()},
-    "reference_velocity_z": (
-        *(_with_profile(source) for source in CHANNEL_SOURCES["reference_velocity_z"]),
-        f"{_with_profile(CONTROLLER_VELOCITY)} while no height setpoint is in force",
-    ),
-    "feedback_reference_velocity_z": (
-        f"{_with_profile(CONTROLLER_VELOCITY)} while a height setpoint is in force",
-    ),
-    "pilot_in_control": (_with_profile(NAVIGATION_STATE),),
-    **{
-        f"{kind}reference_{name}": (f"{ATTITUDE_SETPOINT}.q_d {mode}",)
-        for name in ("roll", "pitch", "yaw")
-        for kind, mode in (("", "where sticks set the attitude"), ("feedback_", "where a loop does"))
-    },
-    **{
-        f"reference_angular_rate_{axis}": (f"{RATES_SETPOINT}.{name} in acro mode",)
-        for axis, name in zip("xyz", ("roll", "pitch", "yaw"), strict=True)
-    },
-    "rotor_speed_1": (f"{ESC_TOPIC}.{ESC_SPEED.format(0)} to [{MAX_ESCS - 1}]",),
-    "input_open_loop": (_with_profile(NAVIGATION_STATE),),
-    "pilot_sets_attitude": (_with_profile(NAVIGATION_STATE),),
-    "actuator_output_1": tuple(
-        f"{topic}.{stem}[0..{MAX_ACTUATORS - 1}]" for topic, stem, _ in ACTUATOR_SOURCES
-    ),
+    **{name: tuple(map(_with_profile, sources)) for name, sources in CHANNEL_SOURCES.items()},
+    **_LOOKED_FOR,
 }
 
 
