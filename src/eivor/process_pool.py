@@ -103,9 +103,7 @@ class WorkerProcess:
     ) -> Any:
         """Result of an item."""
         given_up = given_up or abandoned
-        tries = TRIES
-        while True:
-            tries -= 1
+        for attempt in range(TRIES):
             process, self._process = self._process or _process(), None  # until it has answered
             try:
                 kind, value = process.result(self._pickled, self._limits, item, report, given_up)
@@ -113,16 +111,17 @@ class WorkerProcess:
                 process.end()
                 if given_up():
                     raise AbandonedError from None
-                if not tries:
+                if attempt == TRIES - 1:
                     raise LimitError(str(died)) from None
-                continue
             except BaseException:
                 process.end()
                 raise
-            self._process = process
-            if kind == "error":
-                raise value
-            return value
+            else:
+                self._process = process
+                if kind == "error":
+                    raise value
+                return value
+        raise AssertionError("unreachable")
 
     @property
     def pid(self) -> int | None:

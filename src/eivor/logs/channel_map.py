@@ -328,7 +328,7 @@ def _range(section: TomlTable) -> ValidRange:
     # nothing is below zero for a motor that stands still, which is no saturation
     saturates = section.choice("saturates", SATURATING, "upper" if bounds[0] == 0.0 else "both")
     section.finish()
-    return ValidRange(*bounds, saturates)
+    return ValidRange(bounds[0], bounds[1], saturates)
 
 
 def _rule(name: str, section: TomlTable, source: str) -> ChannelRule:

@@ -18,7 +18,7 @@ from importlib import resources
 from math import inf
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import BinaryIO, TypeVar
+from typing import Any, BinaryIO, TypeVar
 
 import numpy as np
 
@@ -472,13 +472,16 @@ Source = TypeVar("Source")
 MUCH_MORE = 1.5
 
 
+def source_tables(package: str) -> dict[str, Any]:
+    """Tables of the file `sources.toml` of a package."""
+    return tomllib.loads((resources.files(package) / "sources.toml").read_text(encoding="utf-8"))
+
+
 def channel_sources(
-    package: str, kind: Callable[..., Source]
-) -> tuple[Mapping[str, tuple[Source, ...]], Mapping[str, tuple[str, ...]]]:
-    """Sources of each channel and what is looked for of others, by the file `sources.toml` of a package."""
-    table = tomllib.loads((resources.files(package) / "sources.toml").read_text(encoding="utf-8"))
-    words = {name: tuple(texts) for name, texts in table.pop("looked_for", {}).items()}
-    return {name: tuple(kind(**source) for source in sources) for name, sources in table.items()}, words
+    tables: Mapping[str, Any], kind: Callable[..., Source]
+) -> Mapping[str, tuple[Source, ...]]:
+    """Sources of each channel, the preferred one first."""
+    return {name: tuple(kind(**row) for row in rows) for name, rows in tables["channels"].items()}
 
 
 def by_rate(sources: Sequence[Source], count: Callable[[Source], int]) -> list[Source]:

@@ -68,11 +68,6 @@ def _is_csv(head: bytes, _file: Path) -> bool:
         return False
 
 
-def _is_hdf5(head: bytes, _file: Path) -> bool:
-    """Whether it is HDF5: at once, or after the 512 bytes of text of MATLAB 7.3."""
-    return head.startswith(_HDF5) or head[512:].startswith(_HDF5)
-
-
 def _advice(channel: str) -> tuple[str, ...]:
     """Which columns to write."""
     return (f"Add a column '{channel}', or map one in a channel map.",) if channel else _ADVICE
@@ -121,7 +116,8 @@ def _table(
 CSV = _table("csv", "CSV", _is_csv, open_csv, ".csv", ".tsv")
 PARQUET = _table("parquet", "Parquet", begins_with(b"PAR1"), open_parquet, ".parquet")
 MATLAB = _table("matlab", "MATLAB", begins_with(b"MATLAB 5.0 MAT-file"), open_matlab, ".mat")
-HDF5 = _table("hdf5", "HDF5", _is_hdf5, open_hdf5, ".h5", ".hdf5")
+#: HDF5 begins at once, or after the 512 bytes of text of MATLAB 7.3.
+HDF5 = _table("hdf5", "HDF5", lambda head, _: _HDF5 in (head[:8], head[512:520]), open_hdf5, ".h5", ".hdf5")
 
 
 # -- Logs that cannot be read --

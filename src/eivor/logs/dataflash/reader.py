@@ -40,6 +40,7 @@ from eivor.logs.dataflash.sources import (
     CHOSEN_BY_RATE,
     LOOKED_FOR,
     NEEDED,
+    RATES,
     WITHOUT_HEIGHT_MODES,
     MessageReading,
     MessageSource,
@@ -52,16 +53,6 @@ from eivor.tools import Float
 
 # -- Advice --
 
-#: How often each message is logged, and what raises it.
-RATES = {
-    "RATE": "at 10 Hz; bit 0 (ATTITUDE_FAST) of LOG_BITMASK logs it at the loop's rate (400 Hz).",
-    "ATT": "at 10 Hz; bit 0 (ATTITUDE_FAST) of LOG_BITMASK logs it at the loop's rate (400 Hz).",
-    "IMU": "at 25 Hz; bit 18 (IMU_FAST) of LOG_BITMASK logs it at the loop's rate (400 Hz).",
-    "XKF1": "at 10 Hz; bit 0 (ATTITUDE_FAST) of LOG_BITMASK logs it at 25 Hz.",
-    "PSCD": "at 10 Hz, with bit 5 (NTUN) of LOG_BITMASK and in modes that hold the height.",
-    "CTUN": "at 10 Hz, with bit 4 (CTUN) of LOG_BITMASK.",
-    "BAT": "at 10 Hz, with bit 9 (CURRENT) of LOG_BITMASK.",
-}
 _ADVICE = (
     "Set bits 0 (ATTITUDE_FAST) and 18 (IMU_FAST) of LOG_BITMASK beside those that are set (176126 becomes "
     "438271): throttle, attitude and accelerations at the loop's rate, velocity at 25 Hz. The default logs "

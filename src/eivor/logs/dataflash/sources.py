@@ -17,6 +17,7 @@ from eivor.logs.common import (
     logged_channel,
     look,
     silenced,
+    source_tables,
 )
 from eivor.logs.dataflash.messages import Messages, rows_of
 from eivor.signals.channels import CurveSide
@@ -107,7 +108,10 @@ class MessageSource:
 
 
 #: Sources of each channel, the preferred one first.
-CHANNEL_SOURCES, _LOOKED_FOR = channel_sources("eivor.logs.dataflash", MessageSource)
+_TABLES = source_tables("eivor.logs.dataflash")
+CHANNEL_SOURCES = channel_sources(_TABLES, MessageSource)
+#: How often each message is logged, and what raises it.
+RATES: Mapping[str, str] = _TABLES["rates"]
 
 #: Channels whose source is the one that was logged most often, when much more often.
 CHOSEN_BY_RATE = tuple(f"angular_rate_{axis}" for axis in "xyz")
@@ -148,7 +152,7 @@ NEEDED = frozenset(
 #: What was looked for, by channel, in the words of a message.
 LOOKED_FOR: Mapping[str, tuple[str, ...]] = {
     **{name: tuple(source.label for source in sources) for name, sources in CHANNEL_SOURCES.items()},
-    **_LOOKED_FOR,
+    **{name: tuple(texts) for name, texts in _TABLES["looked_for"].items()},
 }
 
 

@@ -20,6 +20,7 @@ from eivor.logs.common import (
     no_parts,
     noted,
     silenced,
+    source_tables,
 )
 from eivor.logs.mapping import looked_for
 from eivor.logs.rosbag.containers import (
@@ -209,7 +210,8 @@ class RosSource:
 
 
 #: Sources of each channel, the preferred one first.
-CHANNEL_SOURCES, _ = channel_sources("eivor.logs.rosbag", RosSource)
+_TABLES = source_tables("eivor.logs.rosbag")
+CHANNEL_SOURCES = channel_sources(_TABLES, RosSource)
 
 
 #: What was looked for, by channel, in the words of a message.
@@ -333,17 +335,8 @@ def _doubts(unclear: Mapping[str, Sequence[str]], channels: Mapping[str, Channel
 
 # -- Formats --
 
-#: Topics to record, of PX4's own and of mavros.
-TO_RECORD = {
-    "velocity_z": "/fmu/out/vehicle_local_position, or /mavros/local_position/velocity_local",
-    "position_z": "/fmu/out/vehicle_local_position, or /mavros/local_position/odom",
-    "input": "/fmu/out/vehicle_thrust_setpoint, or /mavros/setpoint_raw/target_attitude",
-    "reference_position_z": "/fmu/out/trajectory_setpoint, or /mavros/setpoint_raw/target_local",
-    **{f"attitude_{part}": "/fmu/out/vehicle_attitude, or /mavros/imu/data" for part in "wxyz"},
-    **{f"specific_force_body_{axis}": "/fmu/out/sensor_combined, or /mavros/imu/data_raw" for axis in "xyz"},
-    **{f"angular_rate_{axis}": "/fmu/out/sensor_combined, or /mavros/imu/data_raw" for axis in "xyz"},
-    "battery_voltage": "/fmu/out/battery_status, or /mavros/battery",
-}
+#: Topics to record by channel, of PX4's own and of mavros.
+TO_RECORD: Mapping[str, str] = _TABLES["to_record"]
 _ADVICE = (
     "Take the vehicle's own log where there is one (ULog of PX4, .bin of ArduPilot): it has the same "
     "quantities at higher rates, and parameters.",
@@ -357,11 +350,6 @@ _ADVICE = (
 )
 
 
-def _sniffing(kind: str, *, folders: bool) -> Callable[[bytes, Path], bool]:
-    magic = next(start for start, known in MAGICS.items() if known == kind)
-    return lambda head, file: head.startswith(magic) or (folders and is_bag_folder(file))
-
-
 def _advice(channel: str) -> tuple[str, ...]:
     """Which topics to record."""
     if not channel:
@@ -370,10 +358,11 @@ def _advice(channel: str) -> tuple[str, ...]:
 
 
 def _bag(name: str, label: str, kind: str, ending: str, *, folders: bool = False) -> LogFormat:
+    magic = next(start for start, known in MAGICS.items() if known == kind)
     return LogFormat(
         name,
         label,
-        _sniffing(kind, folders=folders),
+        lambda head, file: head.startswith(magic) or (folders and is_bag_folder(file)),
         lambda path, options: read_bag(path, options, name),
         takes_map=True,
         advice=_advice,
@@ -403,6 +392,7 @@ def read_bag(path: Path, options: ReadOptions, log_format: str) -> Recording:
     files = bag_files(path)
     findings: list[Finding] = []
     input_map = vehicle = ""
+    looked: Mapping[str, tuple[str, ...]]
     if options.channel_map is not None:
         chosen = load_channel_map(options.channel_map)
         named = mapped_topics(chosen)

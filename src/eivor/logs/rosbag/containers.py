@@ -237,7 +237,7 @@ def check_installed() -> None:
 def opened(file: Path, budget: Budget) -> Iterator[Container]:
     """Open one file of a bag."""
     kind = ""
-    damage = (*DECODER_ERRORS, sqlite3.Error, *_errors_of_rosbags())
+    damage: tuple[type[Exception], ...] = (*DECODER_ERRORS, sqlite3.Error, *_errors_of_rosbags())
     try:
         with TemporaryDirectory(prefix="eivor-") as folder, bounded_chunks(budget):
             plain = _unpacked(file, Path(folder), budget)

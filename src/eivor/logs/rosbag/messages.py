@@ -183,7 +183,7 @@ class MessageLayout:
 
     def table(self, rows: np.ndarray) -> np.ndarray:
         """Return messages of this layout, a row of bytes each, as a structured array."""
-        kind = {
+        kind: Any = {
             "names": list(self.fields),
             "formats": [kind for _, kind in self.fields.values()],
             "offsets": [offset for offset, _ in self.fields.values()],

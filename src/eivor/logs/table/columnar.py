@@ -559,7 +559,7 @@ def restore(recording: Recording, metadata: str) -> Recording:
 
 def _origin(content: Mapping[str, Any]) -> LogOrigin:
     start = None if content["start"] is None else datetime.fromisoformat(_typed(content["start"], str))
-    return LogOrigin(*(_typed(content[name], str) for name in _ORIGIN), start)
+    return LogOrigin(**{name: _typed(content[name], str) for name in _ORIGIN}, start=start)
 
 
 def _restored(channel: Channel, content: Mapping[str, Any]) -> Channel:
@@ -577,6 +577,6 @@ def _typed(value: Any, kind: type) -> Any:
     """A value of a type: a whole number is a number, and numbers are finite, counts zero or more."""
     if kind is float and isinstance(value, int | float) and math.isfinite(value):
         return float(value)
-    if type(value) is not kind or (kind is int and value < 0):
+    if type(value) is not kind or (isinstance(value, int) and value < 0):
         raise TypeError(kind)
     return value

@@ -251,13 +251,13 @@ def as_shares(
             "map fits an offset."
         )
         return dict(widths), Finding("pulse_range_unknown", sentence)
-    first = {(item.low, item.high): item for item in reversed(known.values())}
-    in_words = [
-        f"{item.low:g} to {item.high:g} ({' and '.join(item.names)})" for item in reversed(first.values())
-    ]
+    in_words: dict[tuple[float, float], str] = {}
+    for item in known.values():
+        text = f"{item.low:g} to {item.high:g} ({' and '.join(item.names)})"
+        in_words.setdefault((item.low, item.high), text)
     sentence = (
         f"{PULSES_TOPIC} holds pulse widths in microseconds: they are read as shares of the range "
-        f"{', '.join(in_words)}."
+        f"{', '.join(in_words.values())}."
     )
     return {name: item.share(widths[name]) for name, item in known.items()}, Finding("pulse_widths", sentence)
 

@@ -71,13 +71,9 @@ def tables_of(folder: Path) -> list[TopicTable]:
     """Return the tables of topics that are needed, by their names; none of what is no folder."""
     if not folder.is_dir():
         return []
-    named = ((name, _NAME.fullmatch(name)) for name in file_names(folder))
-    path = [
-        TopicTable(folder / name, match[1], match[2], int(match[3]))
-        for name, match in named
-        if match is not None
-    ]
-    return sorted(path, key=lambda table: table.file)
+    matches = filter(None, map(_NAME.fullmatch, file_names(folder)))
+    tables = (TopicTable(folder / match[0], match[1], match[2], int(match[3])) for match in matches)
+    return sorted(tables, key=lambda table: table.file)
 
 
 def csv_parts(folder: Path) -> FolderParts:

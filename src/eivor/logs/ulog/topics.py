@@ -8,7 +8,7 @@ from datetime import datetime
 
 import numpy as np
 
-from eivor.logs.common import channel_sources, logged_channel
+from eivor.logs.common import channel_sources, logged_channel, source_tables
 from eivor.signals.channels import CurveSide
 from eivor.signals.recording import ROTARY_WING, Channel, Finding, LogOrigin, utc_time
 
@@ -42,7 +42,8 @@ class TopicSource:
 
 
 #: Sources of each channel, the preferred one first.
-CHANNEL_SOURCES, _LOOKED_FOR = channel_sources("eivor.logs.ulog", TopicSource)
+_TABLES = source_tables("eivor.logs.ulog")
+CHANNEL_SOURCES = channel_sources(_TABLES, TopicSource)
 
 #: The position controller's velocity setpoint: feedback while a height setpoint is in force, else a commanded
 #: climb rate.
@@ -102,34 +103,13 @@ class TopicLogging:
 
     topic: str
     default_rate_hz: float
-    full_rate_bits: tuple[int, ...] = ()
+    full_rate_bits: Sequence[int] = ()
 
 
 #: Names of the bits of SDLOG_PROFILE that matter here.
 PROFILE_BITS: Mapping[int, str] = {0: "default set", 3: "system identification", 4: "high rate"}
 
-#: From PX4's `src/modules/logger/logged_topics.cpp` (main branch, 2025).
-TOPIC_LOGGING: tuple[TopicLogging, ...] = (
-    TopicLogging("vehicle_local_position", 10.0),
-    TopicLogging("vehicle_acceleration", 20.0, (3,)),
-    TopicLogging("sensor_combined", float("inf"), (0, 3, 4)),
-    TopicLogging("vehicle_attitude", 20.0, (4,)),
-    TopicLogging("vehicle_angular_velocity", 50.0, (3, 4)),
-    TopicLogging("vehicle_thrust_setpoint", 50.0, (4,)),
-    TopicLogging("vehicle_torque_setpoint", 50.0, (4,)),
-    TopicLogging("vehicle_attitude_setpoint", 20.0, (4,)),
-    TopicLogging("vehicle_rates_setpoint", 50.0, (4,)),
-    TopicLogging("actuator_motors", 10.0, (3, 4)),
-    TopicLogging("actuator_outputs", 10.0),
-    TopicLogging("esc_status", 4.0),
-    TopicLogging("trajectory_setpoint", 5.0),
-    TopicLogging("vehicle_local_position_setpoint", 10.0),
-    TopicLogging("manual_control_setpoint", 5.0, (4,)),
-    TopicLogging("battery_status", 5.0),
-    TopicLogging("hover_thrust_estimate", 10.0),
-    TopicLogging("vehicle_status", float("inf"), (0,)),
-    TopicLogging("vehicle_land_detected", float("inf"), (0,)),
-)
+TOPIC_LOGGING = tuple(TopicLogging(topic, **row) for topic, row in _TABLES["logging"].items())
 
 #: Topics whose rate no profile bit raises, as lines of `etc/logging/logger_topics.txt` (name, interval [ms]).
 EXTRA_TOPIC_LINES: tuple[str, ...] = (
@@ -150,7 +130,7 @@ def _with_profile(source: TopicSource) -> str:
 #: What was looked for, by channel, in the words of a message.
 LOOKED_FOR: Mapping[str, tuple[str, ...]] = {
     **{name: tuple(map(_with_profile, sources)) for name, sources in CHANNEL_SOURCES.items()},
-    **_LOOKED_FOR,
+    **{name: tuple(texts) for name, texts in _TABLES["looked_for"].items()},
 }
 
 
