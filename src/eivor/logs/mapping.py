@@ -84,23 +84,28 @@ def fitted_rules(chosen: ChannelMap, names: Sequence[str], table: str) -> tuple[
     used = {column for rule in chosen.rules for column in rule.expression.columns}
     if chosen.time_column not in known:
         raise _no_column(chosen.time_column, "time.column", chosen, names, table)
-    expected = received = remedy = ""
-    doubled = {name for name in names if names.count(name) > 1} & (used | {chosen.time_column})
-    absent = [column for column in chosen.ranges if column not in known and column not in used]
     if chosen.time_column in used:
-        expected = f"a time column that no channel is made of ({chosen.origin})"
-        received = f"'{chosen.time_column}' as both"
-        remedy = "Correct the column of the time, or that of the channel."
-    elif absent:
-        raise _no_column(absent[0], f"columns.{absent[0]}", chosen, names, table)
-    elif doubled:
-        expected = f"columns with names of their own in '{table}'"
-        received, remedy = f"two columns called {listed(sorted(doubled))}", "Rename one of them."
-    elif not rules:
-        expected, received = f"at least one channel of {chosen.origin} in '{table}'", "none"
-        remedy = "Check that the map fits the table."
-    if expected:
-        raise ChannelMapError(expected, received, remedy)
+        raise ChannelMapError(
+            f"a time column that no channel is made of ({chosen.origin})",
+            f"'{chosen.time_column}' as both",
+            "Correct the column of the time, or that of the channel.",
+        )
+    for column in chosen.ranges:
+        if column not in known and column not in used:
+            raise _no_column(column, f"columns.{column}", chosen, names, table)
+    doubled = {name for name in names if names.count(name) > 1} & (used | {chosen.time_column})
+    if doubled:
+        raise ChannelMapError(
+            f"columns with names of their own in '{table}'",
+            f"two columns called {listed(sorted(doubled))}",
+            "Rename one of them.",
+        )
+    if not rules:
+        raise ChannelMapError(
+            f"at least one channel of {chosen.origin} in '{table}'",
+            "none",
+            "Check that the map fits the table.",
+        )
     return tuple(rules)
 
 

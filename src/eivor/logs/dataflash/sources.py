@@ -193,7 +193,8 @@ def _core(tables: Mapping[str, Messages], chosen: str, findings: list[Finding]) 
         table = tables.get(name)
         if table is None or not table.has("PI"):
             continue
-        core, share = _most(table, "PI"), float(np.mean(table.stored("PI") != _most(table, "PI")))
+        core = _most(table, "PI")
+        share = float(np.mean(table.stored("PI") != core))
         if share > 0.0:
             sentence = (
                 f"The estimator changed its core ({name}.PI): velocity and position are those of core "

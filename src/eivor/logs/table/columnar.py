@@ -331,8 +331,9 @@ def open_hdf5(file: Path) -> TableSource:
     size = file.stat().st_size
     most = min(MAX_CELLS, max(FREE_CELLS, MAX_CELLS_PER_BYTE * size))
     limit = DECODER_BYTES + BYTES_PER_CELL * most
-    asked = {"most": most}
-    decode_in_child(file, _HDF5_CODE, asked, max_bytes=limit, timeout_s=TIMEOUT_S, kind="an HDF5 file")
+    decode_in_child(
+        file, _HDF5_CODE, {"most": most}, max_bytes=limit, timeout_s=TIMEOUT_S, kind="an HDF5 file"
+    )
     try:
         with h5py.File(file, "r") as content:
             datasets = _datasets(h5py, content)

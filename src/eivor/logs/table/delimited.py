@@ -306,11 +306,8 @@ def _layout(lines: _Lines) -> _Layout:
         )
     layout = _check_rows(lines, _Layout(tuple(names), lines.delimiter, lines.number))
     if layout.rows == 0:
-        raise EmptyLogError(
-            "a table with rows",
-            f"'{lines.name}' with a header only",
-            "Check that logging was on during the flight.",
-        )
+        remedy = "Check that logging was on during the flight."
+        raise EmptyLogError("a table with rows", f"'{lines.name}' with a header only", remedy)
     return layout
 
 
@@ -336,10 +333,8 @@ def _check_rows(lines: _Lines, header: _Layout) -> _Layout:
             if count == width + 1 and row.rstrip(b"\r\n").endswith(mark):
                 trailing = True
             else:
-                raise lines.corrupt(
-                    f"has {count} fields where the header has {width}",
-                    "Correct the line, or cut the table before it.",
-                )
+                remedy = "Correct the line, or cut the table before it."
+                raise lines.corrupt(f"has {count} fields where the header has {width}", remedy)
         rows += 1
         last = row
     if quoted_line and stray_line:
