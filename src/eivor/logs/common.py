@@ -448,10 +448,7 @@ SILENCE_S = 1.0
 
 
 def silenced(channel: Channel, end_s: float, inactive: list[str] | None = None) -> Channel:
-    """Return the channel with a NaN where its topic falls silent, and name it among those that do.
-
-    A held value would outlive its setpoint.
-    """
+    """Return the channel with NaN where its topic falls silent, and name it; a setpoint outlives no topic."""
     limit = SILENCE_S
     if channel.time_s.size > 1:
         limit = max(limit, 5.0 * float(np.median(np.diff(channel.time_s))))

@@ -51,37 +51,14 @@ def common_side(sides: Iterable[CurveSide]) -> CurveSide:
 
 @dataclass(frozen=True, slots=True)
 class CanonicalChannel:
-    """A channel that a log may hold.
+    """A channel that a log may hold; a name that cannot be one raises `UsageError`."""
 
-    Parameters
-    ----------
-    name : str
-        Small letters, digits and ``_``; a last ``_*`` stands for a rotor's number (1, 2, ...).
-    unit : str
-        SI unit, empty for a pure number.
-    held : bool
-        True for what keeps its value until the next stamp: commands, setpoints, states. A channel map can
-        say otherwise.
-    flipped : bool
-        True when its sign changes as z down becomes z up: the y and z of vectors and quaternions.
-    free_unit : bool
-        True when it may be logged in any unit, which is then part of the parameters' meaning.
-    exogenous : bool
-        True for what is set from outside the vehicle's own loops, by a planner or a pilot: it does not answer
-        the vehicle.
-
-    Raises
-    ------
-    UsageError
-        When the name cannot be one.
-    """
-
-    name: str
-    unit: str
-    held: bool = False
-    flipped: bool = False
-    free_unit: bool = False
-    exogenous: bool = False
+    name: str  # Small letters, digits and `_`; a last `_*` stands for a rotor's number (1, 2, ...)
+    unit: str  # SI unit, empty for a pure number
+    held: bool = False  # True for commands, setpoints and states, which a channel map can change
+    flipped: bool = False  # True when its sign changes as z down becomes z up: y and z of vectors
+    free_unit: bool = False  # True when any unit may be logged, as part of the parameters' meaning
+    exogenous: bool = False  # True for what a planner or a pilot sets: it does not answer the vehicle
 
     def __post_init__(self) -> None:
         if not _NAME.fullmatch(self.name) or len(self.name) > _LONGEST_NAME or self.name == "time":

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from importlib import resources
 from typing import Any
 
 import numpy as np
 
 from eivor.logs.channel_map import ChannelRule, Expression, parse_expression, tilt_of_angles
-from eivor.logs.common import UNITS, low_pass_delay_s, noted
+from eivor.logs.common import UNITS, low_pass_delay_s, noted, source_tables
 from eivor.signals.channels import held_by_default
 from eivor.signals.recording import Channel, Finding
 from eivor.tools import Float
@@ -108,8 +106,7 @@ _MAKERS: Mapping[str, Callable[[Any], VariableSource]] = {
 
 
 def _sources() -> Iterator[VariableSource]:
-    text = (resources.files("eivor.logs.crazyflie") / "sources.toml").read_text(encoding="utf-8")
-    for row in tomllib.loads(text)["sources"]:
+    for row in source_tables("eivor.logs.crazyflie")["sources"]:
         kind = next((kind for kind in _MAKERS if kind in row), "")
         yield _MAKERS[kind](row[kind]) if kind else _source(row)
 
