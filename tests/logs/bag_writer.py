@@ -13,7 +13,7 @@ from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from ulog_writer import UlogWriter
 
-from eivor.logs.rosbag.messages import _RELEASES, _TEXTS
+from eivor.logs.rosbag.messages import definitions
 
 BOOT_US = 50_000_000
 EPOCH_S = 1_700_000_000
@@ -77,10 +77,10 @@ def ulog(flight):
 def stores(release="1.15"):
     """Typestores of ROS 1 and of ROS 2, with the messages of mavros and of a release of PX4."""
     texts = {}
-    for number, changed in _RELEASES.items():
+    for number, changed in definitions()["px4"].items():
         if float(number) <= float(release):
             texts |= {f"px4_msgs/{name}": text for name, text in changed.items()}
-    texts |= {name: text for name, text in _TEXTS.items() if name.startswith("mav")}
+    texts |= {name: text for name, text in definitions()["types"].items() if name.startswith("mav")}
     results = []
     for store in (Stores.ROS1_NOETIC, Stores.ROS2_HUMBLE):
         typestore = get_typestore(store)

@@ -39,10 +39,7 @@ def log(states=(), **attitude) -> tuple[dict[str, Topic], dict[str, np.ndarray]]
 
 
 def made(topics, clocks) -> dict[str, np.ndarray]:
-    return {
-        attitude_setpoint.name: attitude_setpoint.values
-        for attitude_setpoint in attitude_setpoints(topics, clocks)
-    }
+    return {name: values for name, _, values, _ in attitude_setpoints(topics, clocks)}
 
 
 def of(angles) -> dict[str, np.ndarray]:

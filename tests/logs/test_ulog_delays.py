@@ -20,7 +20,7 @@ def topic(name: str, **fields) -> Topic:
 
 
 def seconds(name: str, parameters=None, **fields) -> float:
-    return sum(delay.seconds for delay in topic_delays(topic(name, **fields), parameters or {}))
+    return sum(seconds for seconds, _ in topic_delays(topic(name, **fields), parameters or {}))
 
 
 def late_at_one_hertz(b, a) -> float:

@@ -93,11 +93,6 @@ def parse_expression(text: str, where: str) -> Expression:
     return Expression(text, tuple(compiler.steps), tuple(compiler.columns))
 
 
-def tilt_of_quaternion(w: str, x: str, y: str, z: str) -> Expression:
-    """Cosine of the tilt from the columns of a quaternion of any norm, from body to world."""
-    return _formula("1 - 2 * (x*x + y*y) / (w*w + x*x + y*y + z*z)", {"w": w, "x": x, "y": y, "z": z})
-
-
 def tilt_of_angles(radians: float, roll: str, pitch: str) -> Expression:
     """Cosine of the tilt from the columns of roll and pitch, whose unit is so many radians."""
     return _formula(f"cos({radians!r} * roll) * cos({radians!r} * pitch)", {"roll": roll, "pitch": pitch})
@@ -210,6 +205,8 @@ LONGEST_DELAY_S = 1.0
 LONGEST_LIST = 100_000
 #: Channels, or families of them, that stand on one side of a thrust curve.
 COMMANDS = ("input", "rotor_command", "rotor_speed", "actuator_output")
+#: Keys of what a channel is made of.
+FORMULAS = ("column", "expression", "quaternion", "roll_pitch")
 SATURATING = ("none", "lower", "upper", "both")
 _FRAMES = {"z_up": Frame.Z_UP, "ned": Frame.NED}
 
@@ -266,10 +263,8 @@ class ChannelMap:
 
 def shipped_maps() -> tuple[str, ...]:
     """Names of the maps that come with Eivor."""
-    folder = resources.files("eivor.logs") / "maps"
-    return tuple(
-        sorted(entry.name.removesuffix(".toml") for entry in folder.iterdir() if entry.name.endswith(".toml"))
-    )
+    names = (entry.name for entry in (resources.files("eivor.logs") / "maps").iterdir())
+    return tuple(sorted(name.removesuffix(".toml") for name in names if name.endswith(".toml")))
 
 
 def load_channel_map(source: str | os.PathLike[str]) -> ChannelMap:
@@ -295,7 +290,7 @@ def parse_channel_map(text: str, origin: str) -> ChannelMap:
 def _channel_map(top: TomlTable) -> ChannelMap:
     name = top.text("name")
     top.text("description", "")
-    frame = top.choice("frame", tuple(_FRAMES), "z_up")
+    frame_name = top.choice("frame", tuple(_FRAMES), "z_up")
     time = top.section("time")
     time_column = time.text("column")
     time_unit = time.choice("unit", tuple(TIME_UNITS), "s")
@@ -308,9 +303,8 @@ def _channel_map(top: TomlTable) -> ChannelMap:
     map_of_input = _input_map(top)
     airframe = top.text("airframe", name)
     top.finish()
-    return ChannelMap(
-        name, time_column, time_unit, rules, _FRAMES[frame], map_of_input, ranges, top.file, airframe
-    )
+    frame = _FRAMES[frame_name]
+    return ChannelMap(name, time_column, time_unit, rules, frame, map_of_input, ranges, top.file, airframe)
 
 
 def _input_map(top: TomlTable) -> str:
@@ -322,58 +316,59 @@ def _input_map(top: TomlTable) -> str:
         raise top.wrong("input_map", error.expected, error.received, error.remedy) from error
 
 
+def _require(section: TomlTable, sound: bool, key: str, expected: str, received: str, remedy: str) -> None:
+    if not sound:
+        raise section.wrong(key, expected, received, remedy)
+
+
 def _range(section: TomlTable) -> ValidRange:
     bounds = section.numbers("valid")
-    if len(bounds) != 2 or bounds[0] >= bounds[1]:
-        raise section.wrong("valid", "[low, high] with low < high", f"{list(bounds)}", "Correct the range.")
+    sound = len(bounds) == 2 and bounds[0] < bounds[1]
+    _require(section, sound, "valid", "[low, high] with low < high", f"{list(bounds)}", "Correct the range.")
     # nothing is below zero for a motor that stands still, which is no saturation
     saturates = section.choice("saturates", SATURATING, "upper" if bounds[0] == 0.0 else "both")
     section.finish()
-    return ValidRange(*bounds, saturates)
+    return ValidRange(bounds[0], bounds[1], saturates)
 
 
 def _rule(name: str, section: TomlTable, source: str) -> ChannelRule:
-    channel = canonical_channel(name)
+    channel, known = canonical_channel(name), canonical_channels()
     if channel is None:
-        known = canonical_channels()
-        raise section.wrong(
-            "",
-            f"a canonical channel name ({', '.join(known)})",
-            f"'{name}'",
-            did_you_mean(name, known, "Rename the channel."),
-        )
-    formulas = [
-        formula for formula in ("column", "expression", "quaternion", "roll_pitch") if section.has(formula)
-    ]
-    if len(formulas) != 1:
-        received = " and ".join(formulas) or "none of them"
-        raise section.wrong(
-            "", "exactly one of column, expression, quaternion, roll_pitch", received, "State one source."
-        )
-    text = "rad" if formulas[0] == "roll_pitch" else channel.unit
-    unit = section.choice("unit", tuple(dict.fromkeys((*UNITS, text))), text)
+        remedy = did_you_mean(name, known, "Rename the channel.")
+        raise section.wrong("", f"a canonical channel name ({', '.join(known)})", f"'{name}'", remedy)
+    given = [formula for formula in FORMULAS if section.has(formula)]
+    sources = f"exactly one of {', '.join(FORMULAS)}"
+    _require(
+        section, len(given) == 1, "", sources, " and ".join(given) or "none of them", "State one source."
+    )
+    formula = given[0]
+    is_turned = formula == "roll_pitch"
+    default = "rad" if is_turned else channel.unit
+    unit = section.choice("unit", tuple(dict.fromkeys((*UNITS, default))), default)
     si_unit, to_si = UNITS.get(unit, (unit, 1.0))
-    expression, derived = _expression(section, formulas[0], si_unit, to_si)
-    if not derived and not unit_fits(channel, si_unit):
-        raise section.wrong(
-            "unit",
-            f"a unit of the kind '{channel.unit}'" if channel.unit else "no unit",
-            f"'{unit}'",
-            "Give the unit in which the column is logged.",
-        )
-    if derived and name != "cos_tilt":
-        raise section.wrong(
-            formulas[0], "this key for cos_tilt only", f"it in {name}", "Use column or expression."
-        )
-    factor = _sign(section) * _scale(section)
+    expression = _expression(section, formula, si_unit, to_si)
+    if formula in ("quaternion", "roll_pitch"):
+        remedy = "Use column or expression."
+        _require(section, name == "cos_tilt", formula, "this key for cos_tilt only", f"it in {name}", remedy)
+        factor = 1.0
+    else:
+        kind = f"a unit of the kind '{channel.unit}'" if channel.unit else "no unit"
+        remedy = "Give the unit in which the column is logged."
+        _require(section, unit_fits(channel, si_unit), "unit", kind, f"'{unit}'", remedy)
+        factor = to_si
+    sign, scale = section.number("sign", 1.0), section.number("scale", 1.0)
+    remedy = "A factor of another size is `scale`."
+    _require(section, abs(sign) == 1.0, "sign", "1 or -1", f"{sign:g}", remedy)
+    remedy = "Leave the channel out instead."
+    _require(section, scale != 0.0, "scale", "a finite number other than 0", "0", remedy)
     rule = ChannelRule(
         name,
         expression,
-        factor if derived else factor * to_si,
+        sign * scale * factor,
         section.flag("held", default=channel.held),
         section.flag("optional", default=False),
-        expression.columns if formulas[0] == "roll_pitch" else (),
-        unit if formulas[0] == "roll_pitch" else "",
+        expression.columns if is_turned else (),
+        unit if is_turned else "",
         section.choice("source", SOURCES, source) == ESTIMATOR,
         _delay_s(section),
         _noise(section, to_si),
@@ -387,33 +382,19 @@ def _curve_side(name: str, section: TomlTable) -> CurveSide:
     """Side of the thrust curve that the map states; unknown where it states none."""
     if not section.has("curve_side"):
         return CurveSide.UNKNOWN
-    if name.rstrip("0123456789").rstrip("_") not in COMMANDS:
-        raise section.wrong(
-            "curve_side",
-            f"this key for commands only ({', '.join(COMMANDS)})",
-            f"it in {name}",
-            "Leave it out.",
-        )
+    is_command = name.rstrip("0123456789").rstrip("_") in COMMANDS
+    commands = f"this key for commands only ({', '.join(COMMANDS)})"
+    _require(section, is_command, "curve_side", commands, f"it in {name}", "Leave it out.")
     sides = (CurveSide.BEFORE.value, CurveSide.BEHIND.value)
     return CurveSide(section.choice("curve_side", sides, sides[0]))
 
 
-def _sign(section: TomlTable) -> float:
-    sign = section.number("sign", 1.0)
-    if abs(sign) != 1.0:
-        raise section.wrong("sign", "1 or -1", f"{sign:g}", "A factor of another size is `scale`.")
-    return sign
-
-
 def _delay_s(section: TomlTable) -> float:
     delay_s = 1e-3 * section.number("delay_ms", 0.0)
-    if not abs(delay_s) <= LONGEST_DELAY_S:
-        raise section.wrong(
-            "delay_ms",
-            f"milliseconds between {-1e3 * LONGEST_DELAY_S:g} and {1e3 * LONGEST_DELAY_S:g}",
-            f"{1e3 * delay_s:g}",
-            "Give how long before its stamp a value was true; below zero for after it.",
-        )
+    longest = 1e3 * LONGEST_DELAY_S
+    remedy = "Give how long before its stamp a value was true; below zero for after it."
+    expected = f"milliseconds between {-longest:g} and {longest:g}"
+    _require(section, abs(delay_s) <= LONGEST_DELAY_S, "delay_ms", expected, f"{1e3 * delay_s:g}", remedy)
     return delay_s
 
 
@@ -431,52 +412,37 @@ def _noise(section: TomlTable, to_si: float) -> float | DataSheet | None:
         except UsageError as error:
             raise section.wrong(sheet[0], error.expected, error.received, error.remedy) from error
     std = section.number("noise")
-    if sheet or std < 0.0:
-        raise section.wrong(
-            "noise",
-            "a standard deviation of zero or more, or the keys of a data sheet",
-            f"{std:g}" + (f" and {' and '.join(sheet)}" if sheet else ""),
-            "Give the noise of a sample in the channel's unit.",
-        )
+    expected = "a standard deviation of zero or more, or the keys of a data sheet"
+    remedy = "Give the noise of a sample in the channel's unit."
+    _require(section, std >= 0.0 and not sheet, "noise", expected, " and ".join((f"{std:g}", *sheet)), remedy)
     return std * to_si
 
 
-def _scale(section: TomlTable) -> float:
-    scale = section.number("scale", 1.0)
-    if scale == 0.0:
-        raise section.wrong("scale", "a finite number other than 0", "0", "Leave the channel out instead.")
-    return scale
-
-
-def _expression(section: TomlTable, formula: str, si_unit: str, to_si: float) -> tuple[Expression, bool]:
-    """Expression of a rule, and whether it is one of the derived quantities."""
+def _expression(section: TomlTable, formula: str, si_unit: str, to_si: float) -> Expression:
     if formula == "column":
         column = section.text("column")
-        return Expression.of_column(
-            element_name(column, _index(section)) if section.has("index") else column
-        ), False
+        return Expression.of_column(element_name(column, _index(section)) if section.has("index") else column)
     if formula == "expression":
         where = f"{section.path}.expression of {section.file}"
-        return parse_expression(section.text("expression"), where), False
+        return parse_expression(section.text("expression"), where)
     if formula == "quaternion":
-        return tilt_of_quaternion(*_columns(section, "quaternion", 4)), True
-    if si_unit != "rad":
-        raise section.wrong(
-            "unit", "rad or deg", f"a unit of {si_unit or 'pure numbers'}", "State the angle's unit."
-        )
-    return tilt_of_angles(to_si, *_columns(section, "roll_pitch", 2)), True
+        parts = dict(zip("wxyz", _columns(section, "quaternion", 4), strict=True))
+        return _formula("1 - 2 * (x*x + y*y) / (w*w + x*x + y*y + z*z)", parts)
+    received = f"a unit of {si_unit or 'pure numbers'}"
+    _require(section, si_unit == "rad", "unit", "rad or deg", received, "State the angle's unit.")
+    return tilt_of_angles(to_si, *_columns(section, "roll_pitch", 2))
 
 
 def _index(section: TomlTable) -> int:
     index = section.whole("index")
-    if not 0 <= index < LONGEST_LIST:
-        raise section.wrong("index", f"a place from 0 to {LONGEST_LIST - 1}", f"{index}", "The first is 0.")
+    sound = 0 <= index < LONGEST_LIST
+    _require(section, sound, "index", f"a place from 0 to {LONGEST_LIST - 1}", f"{index}", "The first is 0.")
     return index
 
 
 def _columns(section: TomlTable, key: str, count: int) -> tuple[str, ...]:
     """Names of `count` columns."""
     names = section.texts(key)
-    if len(names) != count:
-        raise section.wrong(key, f"a list of {count} column names", f"{list(names)}", "Correct the list.")
+    expected = f"a list of {count} column names"
+    _require(section, len(names) == count, key, expected, f"{list(names)}", "Correct the list.")
     return names

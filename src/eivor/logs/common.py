@@ -6,21 +6,25 @@ import hashlib
 import math
 import os
 import re
+import struct
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import tomllib
+import zlib
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from heapq import nsmallest
+from importlib import resources
 from math import inf
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import BinaryIO
+from typing import Any, BinaryIO, TypeVar
 
 import numpy as np
 
 from eivor.errors import InputError, LogTooLargeError
-from eivor.signals.channels import CanonicalChannel
-from eivor.signals.recording import Channel, ChannelQuality, Finding, MadeChannels, Recording
+from eivor.signals.channels import CanonicalChannel, CurveSide, held_by_default, unit_of
+from eivor.signals.recording import Channel, ChannelQuality, Finding, MadeChannels, Recording, clean_channel
 from eivor.tools import Bool, Float
 
 # -- Columns --
@@ -71,6 +75,19 @@ def with_elements(needed: Sequence[str], columns: Sequence[str]) -> list[str]:
     """Return the columns of a table, and after them the elements of them that are needed."""
     names = [name for name in dict.fromkeys(needed) if element_of(name, columns) is not None]
     return [*columns, *names]
+
+
+# -- Damage --
+
+_WRONG = (ValueError, TypeError, LookupError, ArithmeticError, AttributeError, AssertionError)
+#: What decoders raise for damaged bytes.
+DECODER_ERRORS = (*_WRONG, OSError, EOFError, RuntimeError, MemoryError, struct.error, zlib.error)
+
+
+def noted(name: str, sentence: str, subject: float | str | Iterable[str]) -> list[Finding]:
+    """Finding on a count or on names, which go into the braces of a sentence; none of zero or of nothing."""
+    text = subject if isinstance(subject, (float, int, str)) else ", ".join(subject)
+    return [Finding(name, sentence.format(text))] if text else []
 
 
 # -- Extrapolation --
@@ -136,8 +153,7 @@ _Values = Mapping[str, Float[np.ndarray, " _"]]
 
 def channel_findings(channels: Mapping[str, Channel]) -> tuple[Finding, ...]:
     """Return everything that stands out in a set of channels."""
-    looks = {name: look(channel) for name, channel in channels.items()}
-    return findings_of(looks, channels)
+    return findings_of({name: look(channel) for name, channel in channels.items()}, channels)
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,19 +182,15 @@ def findings_of(looks: Mapping[str, ChannelProfile], channels: Mapping[str, Chan
 
 
 _COUNTS: Sequence[tuple[str, Callable[[ChannelQuality], int], str]] = (
-    ("missing_values", lambda q: q.missing_values, "samples without a value"),
-    ("overflow", lambda q: q.overflowed, "samples outside the channel's possible range, set to missing"),
-    ("saturation", lambda q: q.saturated, "samples at the bound of the channel's range"),
+    ("missing_values", lambda q: q.missing_values, "Samples without a value"),
+    ("overflow", lambda q: q.overflowed, "Samples outside the channel's possible range, set to missing"),
+    ("saturation", lambda q: q.saturated, "Samples at the bound of the channel's range"),
     (
         "time_stamps",
         lambda q: q.duplicated_stamps + q.backward_stamps,
-        "samples dropped, because their stamp repeats or goes backward",
+        "Samples dropped, because their stamp repeats or goes backward",
     ),
-    (
-        "time_stamps",
-        lambda q: q.evened_stamps,
-        "samples whose stamps go back and forth, which were evened",
-    ),
+    ("time_stamps", lambda q: q.evened_stamps, "Samples whose stamps go back and forth, which were evened"),
 )
 
 
@@ -191,35 +203,21 @@ def _count_findings(qualities: Mapping[str, ChannelQuality]) -> list[Finding]:
             # a setpoint without a value is one that is not in force, hence nothing to report
             if count(quality) and not (name == "missing_values" and "reference_" in key)
         ]
-        if concerned:
-            findings.append(Finding(name, f"{meaning[0].upper()}{meaning[1:]}: {', '.join(concerned)}."))
+        findings += noted(name, f"{meaning}: {{}}.", concerned)
     return findings
 
 
 def _time_findings(steps: Sequence[float]) -> list[Finding]:
     """Doubt about the unit of the clock: a flight is sampled between once per second and 100 kHz."""
-    if not steps:
-        return []
-    step = min(steps)
-    if 1e-5 <= step <= 1.0:
-        return []
-    return [
-        Finding(
-            "time_unit",
-            f"The fastest sampled channel has a median step of {step:.3g} s; check the unit of its clock.",
-        )
-    ]
+    step = min(steps, default=1.0)
+    sentence = "The fastest sampled channel has a median step of {:.3g} s; check the unit of its clock."
+    return [] if 1e-5 <= step <= 1.0 else noted("time_unit", sentence, step)
 
 
 def _unit_findings(looks: Mapping[str, ChannelProfile], channels: Mapping[str, Channel]) -> list[Finding]:
     values = {name: item.values for name, item in looks.items() if name in _SIZED}
-    doubts = [
-        *_force_doubts(values),
-        *_attitude_doubts(values),
-        *_rate_doubts(values),
-        *_velocity_doubts(channels),
-    ]
-    return [Finding("mixed_units", doubt) for doubt in doubts]
+    doubts = (*_force_doubts(values), *_attitude_doubts(values), *_rate_doubts(values))
+    return [Finding("mixed_units", doubt) for doubt in (*doubts, *_velocity_doubts(channels))]
 
 
 def _median(values: Float[np.ndarray, " n"]) -> float:
@@ -238,12 +236,11 @@ def _norm(values: _Values, names: Sequence[str]) -> Float[np.ndarray, " n"] | No
 def _force_doubts(values: _Values) -> list[str]:
     """Doubt a median specific force other than one g: that of rest, of hover and of most flights."""
     doubts = []
-    body = _norm(values, _FORCES)
-    candidates = [
-        ("The norm of specific_force_body", body),
-        ("specific_force_z", values.get("specific_force_z")),
-    ]
-    for label, force in candidates:
+    forces = {
+        "The norm of specific_force_body": _norm(values, _FORCES),
+        "specific_force_z": values.get("specific_force_z"),
+    }
+    for label, force in forces.items():
         if force is None:
             continue
         median = abs(_median(force))
@@ -282,14 +279,12 @@ def _velocity_doubts(channels: Mapping[str, Channel]) -> list[str]:
     if both.sum() < 20:
         return []
     z, v, t = position.values[both], velocity.values[both], position.time_s[both]
-    slope = np.diff(z) / np.diff(t)
-    middle = 0.5 * (v[1:] + v[:-1])
+    slope, middle = np.diff(z) / np.diff(t), 0.5 * (v[1:] + v[:-1])
     if np.std(slope) == 0.0 or np.std(middle) == 0.0:
         return []
-    if abs(float(np.corrcoef(slope, middle)[0, 1])) < 0.9:
-        return []
-    ratio = float(np.std(middle) / np.std(slope)) * float(np.sign(np.corrcoef(slope, middle)[0, 1]))
-    if 0.5 < ratio < 2.0:
+    correlation = float(np.corrcoef(slope, middle)[0, 1])
+    ratio = float(np.std(middle) / np.std(slope)) * float(np.sign(correlation))
+    if abs(correlation) < 0.9 or 0.5 < ratio < 2.0:
         return []
     return [f"velocity_z is {ratio:.3g} times the slope of position_z; check their units and signs."]
 
@@ -452,17 +447,79 @@ class LogFormat:
 SILENCE_S = 1.0
 
 
-def silenced(channel: Channel, end_s: float) -> Channel:
-    """Return the channel with a NaN where its topic falls silent: a held value would outlive its setpoint."""
+def silenced(channel: Channel, end_s: float, inactive: list[str] | None = None) -> Channel:
+    """Return the channel with NaN where its topic falls silent, and name it; a setpoint outlives no topic."""
     limit = SILENCE_S
     if channel.time_s.size > 1:
         limit = max(limit, 5.0 * float(np.median(np.diff(channel.time_s))))
     following = np.append(channel.time_s[1:], end_s)
     # a millisecond more, or the sample that is put in meets the next one
     last = np.flatnonzero((following - channel.time_s > limit + 1e-3) & np.isfinite(channel.values))
+    if last.size and inactive is not None:
+        inactive.append(channel.name)
     time = np.insert(channel.time_s, last + 1, channel.time_s[last] + limit)
     values = np.insert(channel.values, last + 1, np.nan)
     return replace(channel, time_s=time, values=values)
+
+
+# -- Sources --
+
+Source = TypeVar("Source")
+#: Another source comes before the preferred one when it was logged so many times as often.
+MUCH_MORE = 1.5
+
+
+def source_tables(package: str) -> dict[str, Any]:
+    """Tables of the file `sources.toml` of a package."""
+    return tomllib.loads((resources.files(package) / "sources.toml").read_text(encoding="utf-8"))
+
+
+def channel_sources(
+    tables: Mapping[str, Any], kind: Callable[..., Source]
+) -> Mapping[str, tuple[Source, ...]]:
+    """Sources of each channel, the preferred one first."""
+    return {name: tuple(kind(**row) for row in rows) for name, rows in tables["channels"].items()}
+
+
+def by_rate(sources: Sequence[Source], count: Callable[[Source], int]) -> list[Source]:
+    """Sources in their order, but one that was logged much more often than the first before it."""
+    most = max(sources, key=count)
+    first = next((source for source in sources if count(source)), most)
+    is_much_more = count(most) > MUCH_MORE * count(first)
+    return sorted(sources, key=lambda source: is_much_more and source is not most)
+
+
+def held_at(
+    times: Float[np.ndarray, " n"], values: np.ndarray, at: Float[np.ndarray, " m"], before: float
+) -> np.ndarray:
+    """Values that are in force at some times, set at others; `before` the first of these."""
+    order = np.argsort(times, kind="stable")
+    in_force = np.concatenate([np.full(1, before, dtype=values.dtype), values[order]])
+    return np.asarray(in_force[np.searchsorted(times[order], at, side="right")])
+
+
+def logged_channel(
+    name: str,
+    time_s: Float[np.ndarray, " n"],
+    values: Float[np.ndarray, " n"],
+    source: str,
+    *,
+    estimated: bool = False,
+    delay_s: float = 0.0,
+    curve_side: CurveSide = CurveSide.UNKNOWN,
+) -> Channel:
+    """Channel with the unit of its name, held where its name is that of what is held."""
+    return clean_channel(
+        name,
+        time_s,
+        values,
+        unit_of(name),
+        source=source,
+        held=held_by_default(name),
+        estimated=estimated,
+        delay_s=delay_s,
+        curve_side=curve_side,
+    )
 
 
 # -- Clocks of sources --
@@ -488,13 +545,7 @@ def on_channel_clock(channel: Channel) -> Channel:
 def own_clock_findings(before: Mapping[str, Channel], after: Mapping[str, Channel]) -> list[Finding]:
     """Say which columns have clocks of their own, and how quick these are."""
     texts = [f"{name} {item.rate_hz:.3g} Hz" for name, item in after.items() if item is not before[name]]
-    if not texts:
-        return []
-    return [
-        Finding(
-            "own_clock", f"Without a value in some rows, and read at rates of their own: {', '.join(texts)}."
-        )
-    ]
+    return noted("own_clock", "Without a value in some rows, and read at rates of their own: {}.", texts)
 
 
 # -- Stamps --

@@ -23,6 +23,7 @@ from eivor.logs.common import (
     TIME_UNITS,
     Columns,
     channel_findings,
+    noted,
     on_channel_clock,
     own_clock_findings,
     without_extrapolation,
@@ -111,18 +112,9 @@ def fitted_rules(chosen: ChannelMap, names: Sequence[str], table: str) -> tuple[
 def _no_column(
     column: str, key: str, chosen: ChannelMap, names: Sequence[str], table: str
 ) -> ChannelMapError:
-    return ChannelMapError(
-        f"a column '{column}' ({chosen.origin}, key {key})",
-        f"'{table}' with the columns {listed(names)}",
-        did_you_mean(column, names, "Correct the map.", most=3),
-    )
-
-
-def ignored_columns(names: Sequence[str]) -> list[Finding]:
-    """Return the finding that columns of a canonical table have other names, hence are not used."""
-    if not names:
-        return []
-    return [Finding("ignored_columns", f"Columns without a canonical name are not used: {listed(names)}.")]
+    remedy = did_you_mean(column, names, "Correct the map.", most=3)
+    expected = f"a column '{column}' ({chosen.origin}, key {key})"
+    return ChannelMapError(expected, f"'{table}' with the columns {listed(names)}", remedy)
 
 
 def listed(names: Sequence[str]) -> str:
@@ -159,6 +151,11 @@ def mapped_recording(
             f"'{name}', in which every mapped column is empty{lists}",
             "Check the export.",
         )
+    absent = {
+        rule.name: (f"{rule.expression.text}, which is there and holds no number",)
+        for rule in rules
+        if rule.name not in channels
+    }
     return Recording(
         name=name,
         format=log_format,
@@ -166,7 +163,7 @@ def mapped_recording(
         frame=chosen.frame,
         sha256=sha256,
         input_map=chosen.input_map,
-        looked_for={**looked_for(chosen), **without_a_number(rules, channels)},
+        looked_for=looked_for(chosen) | absent,
         findings=(*findings, *result, *delay_findings(channels, chosen.origin), *channel_findings(channels)),
         origin=LogOrigin(airframe=chosen.airframe, start=_start(chosen, columns)),
     )
@@ -178,65 +175,50 @@ def looked_for(chosen: ChannelMap) -> dict[str, tuple[str, ...]]:
     return looked | {rule.name: (rule.expression.text,) for rule in chosen.rules}
 
 
-def without_a_number(
-    rules: Sequence[ChannelRule], channels: Mapping[str, Channel]
-) -> dict[str, tuple[str, ...]]:
-    """Return what to say of the columns that are there, and hold no number."""
-    return {
-        rule.name: (f"{rule.expression.text}, which is there and holds no number",)
-        for rule in rules
-        if rule.name not in channels
-    }
-
-
 def mapped_channels(
     chosen: ChannelMap, rules: Sequence[ChannelRule], columns: Columns, name: str
 ) -> tuple[dict[str, Channel], list[Finding]]:
     """Return the channels with a value that rules make of columns of one clock, and what was found."""
-    text_findings = _text_findings(columns)
-    time_s, stamped, more = _clock(chosen, columns, name)
-    text_findings += more
+    time_s, stamped, clock_findings = _clock(chosen, columns, name)
+    findings = [*_text_findings(columns), *clock_findings]
     measured = {
         key: raw if stamped.all() else raw[stamped]
         for key, raw in columns.values.items()
         if key != chosen.time_column
     }
     kept, made_up = without_extrapolation(time_s, measured)
-    text_findings += [made_up] if made_up is not None else []
+    findings += [made_up] if made_up is not None else []
     ranged = {
         key: _within(values, np.isnan(kept[key]), chosen.ranges.get(key)) for key, values in measured.items()
     }
-    text_findings += _angle_findings(rules, ranged)
-    channels = {}
+    findings += _angle_findings(rules, ranged)
+    channels: dict[str, Channel] = {}
     for rule in rules:
         channel = _channel(rule, time_s, ranged)
         if np.isfinite(channel.values).any():
             channels[rule.name] = channel
         else:
-            text_findings.append(
-                Finding("never_valid", f"Without one value: {rule.name} ({rule.expression.text}).")
-            )
+            text = f"{rule.name} ({rule.expression.text})"
+            findings += noted("never_valid", "Without one value: {}.", text)
     selected = {name: on_channel_clock(channel) for name, channel in channels.items()}
-    return selected, [*text_findings, *own_clock_findings(channels, selected)]
+    return selected, [*findings, *own_clock_findings(channels, selected)]
 
 
 def delay_findings(channels: Mapping[str, Channel], origin: str) -> list[Finding]:
     """Say which delays have been taken off, and who says so."""
     late = [f"{name} {1e3 * channel.delay_s:g} ms" for name, channel in channels.items() if channel.delay_s]
-    if not late:
-        return []
-    return [Finding("sensor_delay", f"Taken off the stamps, as {origin} says: {', '.join(late)}.")]
+    text = f"{origin} says: {', '.join(late)}" if late else ""
+    return noted("sensor_delay", "Taken off the stamps, as {}.", text)
 
 
 def _text_findings(columns: Columns) -> list[Finding]:
-    findings = []
-    if columns.lists:
-        findings.append(Finding("lists", f"{_report_lists(columns)}."))
     others = {name: count for name, count in columns.unreadable.items() if name not in columns.lists}
-    if others:
-        cells = ", ".join(f"{name[:60]!r} {count}" for name, count in others.items())
-        findings.append(Finding("unreadable_text", f"Cells that hold no number, taken as missing: {cells}."))
-    return findings
+    cells = [f"{name[:60]!r} {count}" for name, count in others.items()]
+    lists = _report_lists(columns) if columns.lists else ""
+    return [
+        *noted("lists", "{}.", lists),
+        *noted("unreadable_text", "Cells that hold no number, taken as missing: {}.", cells),
+    ]
 
 
 def _report_lists(columns: Columns) -> str:
@@ -258,15 +240,12 @@ def _clock(
             "Check the time column, or name another one in a channel map.",
         )
     unit = 1.0 if chosen.time_column in columns.seconds else TIME_UNITS[chosen.time_unit]
-    findings = []
-    if not stamped.all():
-        lost = int((~stamped).sum())
-        findings.append(Finding("time_stamps", f"Rows dropped, because they have no time stamp: {lost}."))
+    lost = int((~stamped).sum())
+    findings = noted("time_stamps", "Rows dropped, because they have no time stamp: {}.", lost)
     kept = raw[stamped]
     if abs(kept[0]) * unit > EPOCH_S:
-        findings.append(
-            Finding("epoch_time", f"The clock starts at {kept[0] * unit:.3f} s; it was set to 0.")
-        )
+        sentence = f"The clock starts at {kept[0] * unit:.3f} s; it was set to 0."
+        findings.append(Finding("epoch_time", sentence))
         kept = kept - kept[0]
     return kept * unit, stamped, findings
 
@@ -281,18 +260,19 @@ def _start(chosen: ChannelMap, columns: Columns) -> datetime | None:
 
 def _angle_findings(rules: Sequence[ChannelRule], ranged: Mapping[str, _Ranged]) -> list[Finding]:
     """Doubt angles that go round in radians, or never reach one degree."""
-    findings = []
+    findings: list[Finding] = []
     for rule in rules:
         largest = [float(np.nanmax(np.abs(ranged[c].values), initial=0.0)) for c in rule.angles]
         if not largest:
             continue
-        columns = " and ".join(map(repr, rule.angles))
-        if rule.angle_unit == "rad" and max(largest) > 2.0 * np.pi:
-            message = f"{columns} reach {max(largest):.3g} rad; are they in degrees?"
-            findings.append(Finding("mixed_units", message))
-        elif rule.angle_unit == "deg" and 0.0 < max(largest) < 1.0:
-            message = f"{columns} never exceed {max(largest):.3g} deg; are they in radians?"
-            findings.append(Finding("mixed_units", message))
+        columns, most = " and ".join(map(repr, rule.angles)), max(largest)
+        if rule.angle_unit == "rad" and most > 2.0 * np.pi:
+            message = f"{columns} reach {most:.3g} rad; are they in degrees?"
+        elif rule.angle_unit == "deg" and 0.0 < most < 1.0:
+            message = f"{columns} never exceed {most:.3g} deg; are they in radians?"
+        else:
+            message = ""
+        findings += noted("mixed_units", "{}", message)
     return findings
 
 
@@ -303,11 +283,8 @@ def _within(
     if bounds is None:
         return _Ranged(np.where(missing, np.nan, values) if missing.any() else values)
     outside = (values < bounds.low) | (values > bounds.high)
-    saturated = np.zeros(values.size, dtype=bool)
-    if bounds.saturates in ("lower", "both"):
-        saturated |= values == bounds.low
-    if bounds.saturates in ("upper", "both"):
-        saturated |= values == bounds.high
+    is_low = (values == bounds.low) & (bounds.saturates in ("lower", "both"))
+    saturated = is_low | ((values == bounds.high) & (bounds.saturates in ("upper", "both")))
     return _Ranged(np.where(outside | missing, np.nan, values), int(outside.sum()), int(saturated.sum()))
 
 
@@ -383,13 +360,8 @@ def recording_from_columns(
     EmptyLogError
         When there are no values.
     """
-    checks.kind(
-        "columns",
-        columns,
-        (Mapping, DataFrameLike),
-        "a mapping or a data frame",
-        "Give a dictionary of arrays.",
-    )
+    kinds = (Mapping, DataFrameLike)
+    checks.kind("columns", columns, kinds, "a mapping or a data frame", "Give a dictionary of arrays.")
     checks.text("name", name)
     checks.text("input_map", input_map)
     checks.kind("frame", frame, Frame, "a Frame", "Give Frame.Z_UP or Frame.NED.")
@@ -419,16 +391,10 @@ def recording_from_columns(
                 f"'{key}' of shape {array.shape}",
                 "Give one value a row.",
             )
-    _check_among(estimated, names)
-    rules = tuple(replace(rule, estimated=rule.name in estimated) for rule in chosen.rules)
-    recording = mapped_recording(chosen, rules, Columns(arrays), name=name, log_format="frame")
-    return replace(recording, frame=frame, input_map=input_map, parameters=dict(parameters or {}))
-
-
-def _check_among(estimated: tuple[str, ...], names: list[str]) -> None:
-    """Refuse what does not name columns."""
-    remedy = 'Give ("velocity_z",), for example.'
-    checks.items("estimated", estimated, str, "names of channels", remedy)
+    checks.items("estimated", estimated, str, "names of channels", 'Give ("velocity_z",), for example.')
     unknown = [item for item in estimated if item not in names]
     if unknown:
         raise UsageError(f"channels out of {', '.join(names)}", f"{unknown[0]!r}", "Correct the name.")
+    rules = tuple(replace(rule, estimated=rule.name in estimated) for rule in chosen.rules)
+    recording = mapped_recording(chosen, rules, Columns(arrays), name=name, log_format="frame")
+    return replace(recording, frame=frame, input_map=input_map, parameters=dict(parameters or {}))

@@ -6,6 +6,7 @@ import codecs
 import hashlib
 import os
 import stat
+from collections.abc import Callable
 from importlib import resources
 from pathlib import Path
 from typing import Never
@@ -19,6 +20,7 @@ from eivor.errors import (
     UnknownFormatError,
     UsageError,
 )
+from eivor.logs.channel_map import load_channel_map
 from eivor.logs.common import (
     HEAD_BYTES,
     FolderParts,
@@ -29,25 +31,119 @@ from eivor.logs.common import (
     folder_size,
     is_stream,
     kept,
+    noted,
+    with_elements,
 )
 from eivor.logs.crazyflie.reader import CRAZYFLIE
 from eivor.logs.dataflash.reader import DATAFLASH
-from eivor.logs.rosbag.reader import BAGS
-from eivor.logs.table.delimited import is_delimited
-from eivor.logs.table.formats import CSV, HDF5, MATLAB, PARQUET
+from eivor.logs.mapping import fitted_rules, fitting_map, listed, mapped_recording
+from eivor.logs.rosbag.channels import BAGS
+from eivor.logs.table.columnar import open_hdf5, open_matlab, open_parquet, restore
+from eivor.logs.table.delimited import TableSource, is_delimited, open_csv
 from eivor.logs.ulog.reader import ULOG, ULOG_CSV
 from eivor.signals.recording import Recording
+
+# -- Tables --
+
+
+_HDF5 = b"\x89HDF\r\n\x1a\n"
+_ADVICE = (
+    "Log at 100 Hz or more, one row per instant, with a column 'time' in seconds.",
+    "Log the motor commands (not only the thrust setpoint), the vertical velocity, the specific force or the "
+    "vertical acceleration, the attitude, and the height reference.",
+    "Log setpoints as they are commanded, not filtered or interpolated.",
+)
+_SETPOINTS = (
+    "reference_position_z (the height reference), rotor_command_1.. or input (the command), pilot_throttle "
+    "(the stick, when a pilot flies)."
+)
+
+
+def _is_csv(head: bytes, _file: Path) -> bool:
+    """Whether the first bytes are delimited text in UTF-8."""
+    decoder = codecs.getincrementaldecoder("utf-8-sig")()
+    try:
+        return is_delimited(decoder.decode(head))
+    except UnicodeDecodeError:
+        return False
+
+
+def _advice(channel: str) -> tuple[str, ...]:
+    """Which columns to write."""
+    return (f"Add a column '{channel}', or map one in a channel map.",) if channel else _ADVICE
+
+
+def _table(
+    name: str,
+    label: str,
+    sniff: Callable[[bytes, Path], bool],
+    opened: Callable[[Path], TableSource],
+    *endings: str,
+) -> LogFormat:
+    """Row of a table: what is the same of all is said here."""
+
+    def read(file: Path, options: ReadOptions) -> Recording:
+        source, by_itself = opened(file), options.channel_map is None
+        findings = list(source.findings)
+        if options.channel_map is None:
+            chosen, finding = fitting_map(source.names, file.name)
+            findings += [finding] if finding is not None else []
+        else:
+            chosen = load_channel_map(options.channel_map)
+        requested = [column for rule in chosen.rules for column in rule.expression.columns]
+        rules = fitted_rules(chosen, with_elements(requested, source.names), file.name)
+        needed = dict.fromkeys([chosen.time_column, *(c for rule in rules for c in rule.expression.columns)])
+        if by_itself and chosen.origin == file.name:
+            ignored = listed([name for name in source.names if name not in needed])
+            sentence = "Columns without a canonical name are not used: {}."
+            findings += noted("ignored_columns", sentence, ignored)
+        recording = mapped_recording(
+            chosen,
+            rules,
+            source.read(list(needed)),
+            name=file.name,
+            log_format=name,
+            sha256=options.sha256,
+            findings=findings,
+        )
+        return restore(recording, source.metadata) if by_itself else recording
+
+    return LogFormat(
+        name, label, sniff, read, takes_map=True, advice=_advice, setpoints=_SETPOINTS, endings=endings
+    )
+
+
+CSV = _table("csv", "CSV", _is_csv, open_csv, ".csv", ".tsv")
+PARQUET = _table("parquet", "Parquet", begins_with(b"PAR1"), open_parquet, ".parquet")
+MATLAB = _table("matlab", "MATLAB", begins_with(b"MATLAB 5.0 MAT-file"), open_matlab, ".mat")
+#: HDF5 begins at once, or after the 512 bytes of text of MATLAB 7.3.
+HDF5 = _table("hdf5", "HDF5", lambda head, _: _HDF5 in (head[:8], head[512:520]), open_hdf5, ".h5", ".hdf5")
+
 
 # -- Logs that cannot be read --
 
 
-def _recognised(name: str, label: str, magic: bytes, remedy: str) -> LogFormat:
-    """Row of a format without a reader: how its files begin, and what to do with one."""
+def _refused(
+    name: str,
+    label: str,
+    sniff: Callable[[bytes, Path], bool],
+    expected: str,
+    received: str,
+    remedy: str,
+    error: type[InputError] = MissingReaderError,
+) -> LogFormat:
+    """Row of a format without a reader, which is refused; the file's name goes into the braces."""
 
     def refuse(file: Path, _options: ReadOptions) -> Never:
-        raise MissingReaderError("a log that this release reads", f"{label}, '{file.name}'", remedy)
+        raise error(expected, received.format(file.name), remedy)
 
-    return LogFormat(name, label, begins_with(magic), refuse, is_read=False)
+    return LogFormat(name, label, sniff, refuse, is_read=False)
+
+
+def _recognised(name: str, label: str, magic: bytes, remedy: str) -> LogFormat:
+    """Row of a format that is recognised by its first bytes."""
+    expected = "a log that this release reads"
+    return _refused(name, label, begins_with(magic), expected, f"{label}, '{{}}'", remedy)
 
 
 _UNPACK = "Unpack it and give the log that is inside."
@@ -104,27 +200,25 @@ def _is_dji(head: bytes, file: Path) -> bool:
     return _DJI_DETAILS[0] <= details <= _DJI_DETAILS[1] and 100 < end <= file.stat().st_size - details
 
 
-def _refuse_telemetry(file: Path, _options: ReadOptions) -> Never:
-    raise MissingReaderError(
-        "a log of the vehicle",
-        f"'{file.name}', a telemetry log (.tlog), which holds a few messages a second",
-        "That is too slow for the lag of motors and for friction. Give the log from the vehicle's card: .bin "
-        "of ArduPilot, .ulg of PX4.",
-    )
-
-
-def _refuse_dji(file: Path, _options: ReadOptions) -> Never:
-    raise MissingReaderError(
-        "a log with the commands of the motors",
-        f"'{file.name}', a flight record of DJI",
-        "They hold ten samples a second and no commands or setpoints, newer ones in a cipher: nothing can be "
-        "identified from them.",
-    )
-
-
 #: Formats of others that are recognised by more than their first bytes.
-TELEMETRY = LogFormat("tlog", "a telemetry log", _is_telemetry, _refuse_telemetry, is_read=False)
-DJI = LogFormat("dji", "a flight record of DJI", _is_dji, _refuse_dji, is_read=False)
+TELEMETRY = _refused(
+    "tlog",
+    "a telemetry log",
+    _is_telemetry,
+    "a log of the vehicle",
+    "'{}', a telemetry log (.tlog), which holds a few messages a second",
+    "That is too slow for the lag of motors and for friction. Give the log from the vehicle's card: .bin "
+    "of ArduPilot, .ulg of PX4.",
+)
+DJI = _refused(
+    "dji",
+    "a flight record of DJI",
+    _is_dji,
+    "a log with the commands of the motors",
+    "'{}', a flight record of DJI",
+    "They hold ten samples a second and no commands or setpoints, newer ones in a cipher: nothing can be "
+    "identified from them.",
+)
 
 _CONTROLS = frozenset(range(32)) - frozenset(b"\t\n\r\f")
 
@@ -141,51 +235,31 @@ def _is_utf16(head: bytes, _file: Path) -> bool:
     return False
 
 
-def _is_eight_bit(head: bytes, _file: Path) -> bool:
-    """Whether it is delimited text without control characters; asked after UTF-8."""
-    return not _CONTROLS.intersection(head) and is_delimited(head.decode("latin-1"))
+def _in_encoding(
+    name: str, label: str, sniff: Callable[[bytes, Path], bool], received: str, codec: str
+) -> LogFormat:
+    """Row of tables that would be unreadable or, worse, misread."""
+    remedy = f"Save it as UTF-8, as `iconv -f {codec} -t UTF-8 OLD > NEW` does."
+    text = f"'{{}}', a table {received}"
+    return _refused(name, label, sniff, "a table in UTF-8", text, remedy, UnknownFormatError)
 
 
-def _refuse_utf16(file: Path, _options: ReadOptions) -> Never:
-    raise _other_encoding(file, "in UTF-16", "UTF-16")
-
-
-def _refuse_eight_bit(file: Path, _options: ReadOptions) -> Never:
-    letters = "with letters that are not UTF-8 (a degree sign of Latin-1 or Windows-1252?)"
-    raise _other_encoding(file, letters, "WINDOWS-1252")
-
-
-def _other_encoding(file: Path, received: str, codec: str) -> UnknownFormatError:
-    """Error for a table that would be unreadable or, worse, misread."""
-    return UnknownFormatError(
-        "a table in UTF-8",
-        f"'{file.name}', a table {received}",
-        f"Save it as UTF-8, as `iconv -f {codec} -t UTF-8 OLD > NEW` does.",
-    )
-
-
-UTF_16 = LogFormat("utf-16", "a table in UTF-16", _is_utf16, _refuse_utf16, is_read=False)
-EIGHT_BIT = LogFormat(
-    "8-bit", "a table in an 8-bit encoding", _is_eight_bit, _refuse_eight_bit, is_read=False
+UTF_16 = _in_encoding("utf-16", "a table in UTF-16", _is_utf16, "in UTF-16", "UTF-16")
+#: Delimited text without control characters; compared after UTF-8.
+EIGHT_BIT = _in_encoding(
+    "8-bit",
+    "a table in an 8-bit encoding",
+    lambda head, _file: not _CONTROLS.intersection(head) and is_delimited(head.decode("latin-1")),
+    "with letters that are not UTF-8 (a degree sign of Latin-1 or Windows-1252?)",
+    "WINDOWS-1252",
 )
 
 
 # -- Table of formats --
 
+_READ = (ULOG, ULOG_CSV, PARQUET, CRAZYFLIE, DATAFLASH, *BAGS, MATLAB, HDF5)
 #: Formats that are recognised by their first bytes.
-FORMATS: tuple[LogFormat, ...] = (
-    ULOG,
-    ULOG_CSV,
-    PARQUET,
-    CRAZYFLIE,
-    DATAFLASH,
-    *BAGS,
-    MATLAB,
-    HDF5,
-    *RECOGNISED,
-    TELEMETRY,
-    DJI,
-)
+FORMATS: tuple[LogFormat, ...] = (*_READ, *RECOGNISED, TELEMETRY, DJI)
 #: Formats of text, which has no first bytes of its own: asked last.
 TEXTS: tuple[LogFormat, ...] = (UTF_16, CSV, EIGHT_BIT)
 
@@ -207,9 +281,8 @@ def declare_format(added: LogFormat) -> None:
     """Add a format to the table, for this process. Declaring the same format again changes nothing."""
     known = log_format(added.name)
     if known is not None and known != added:
-        raise UsageError(
-            "a format with a name of its own", f"'{added.name}', which is known already", "Rename it."
-        )
+        received = f"'{added.name}', which is known already"
+        raise UsageError("a format with a name of its own", received, "Rename it.")
     if known is None:
         _DECLARED[added.name] = added
 
@@ -356,11 +429,7 @@ def _check_name(file: Path) -> None:
     try:
         str(file).encode("utf-8")
     except UnicodeEncodeError as error:
-        raise InputError(
-            "a path in UTF-8",
-            repr(os.fsencode(file)),
-            "Rename the file or folder.",
-        ) from error
+        raise InputError("a path in UTF-8", repr(os.fsencode(file)), "Rename the file or folder.") from error
 
 
 def _head(file: Path) -> tuple[bytes, str]:
@@ -392,21 +461,14 @@ def _log_size(file: Path) -> int:
 def _unreadable(file: Path, error: OSError | ValueError) -> InputError:
     """Return the error for a file that cannot be opened."""
     if isinstance(error, FileNotFoundError):
-        return InputError(
-            "the path of an existing log file",
-            f"'{file}', which does not exist",
-            "Check the name and the folder.",
-        )
+        expected = "the path of an existing log file"
+        return InputError(expected, f"'{file}', which does not exist", "Check the name and the folder.")
     if isinstance(error, PermissionError):
-        return InputError(
-            "a log file that may be read",
-            f"'{file}', for which permission is denied",
-            "Change its permissions, or copy it to a place of your own.",
-        )
+        remedy = "Change its permissions, or copy it to a place of your own."
+        return InputError("a log file that may be read", f"'{file}', for which permission is denied", remedy)
     reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
-    return InputError(
-        "a log file that can be opened", f"'{file}', for which the system says: {reason}", "Check the path."
-    )
+    received = f"'{file}', for which the system says: {reason}"
+    return InputError("a log file that can be opened", received, "Check the path.")
 
 
 # -- Example --

@@ -29,6 +29,8 @@ def roll_pitch_yaw(quaternions: Float[np.ndarray, "4 n"]) -> Float[np.ndarray, "
 
 # -- Canonical --
 
+#: Letters of the axes and names of the angles, in their order.
+AXES, ANGLES = ("x", "y", "z"), ("roll", "pitch", "yaw")
 _NAME = re.compile(r"[a-z][a-z0-9_]*(?:_\*)?")
 _LONGEST_NAME = 100
 
@@ -49,37 +51,14 @@ def common_side(sides: Iterable[CurveSide]) -> CurveSide:
 
 @dataclass(frozen=True, slots=True)
 class CanonicalChannel:
-    """A channel that a log may hold.
+    """A channel that a log may hold; a name that cannot be one raises `UsageError`."""
 
-    Parameters
-    ----------
-    name : str
-        Small letters, digits and ``_``; a last ``_*`` stands for a rotor's number (1, 2, ...).
-    unit : str
-        SI unit, empty for a pure number.
-    held : bool
-        True for what keeps its value until the next stamp: commands, setpoints, states. A channel map can
-        say otherwise.
-    flipped : bool
-        True when its sign changes as z down becomes z up: the y and z of vectors and quaternions.
-    free_unit : bool
-        True when it may be logged in any unit, which is then part of the parameters' meaning.
-    exogenous : bool
-        True for what is set from outside the vehicle's own loops, by a planner or a pilot: it does not answer
-        the vehicle.
-
-    Raises
-    ------
-    UsageError
-        When the name cannot be one.
-    """
-
-    name: str
-    unit: str
-    held: bool = False
-    flipped: bool = False
-    free_unit: bool = False
-    exogenous: bool = False
+    name: str  # Small letters, digits and `_`; a last `_*` stands for a rotor's number (1, 2, ...)
+    unit: str  # SI unit, empty for a pure number
+    held: bool = False  # True for commands, setpoints and states, which a channel map can change
+    flipped: bool = False  # True when its sign changes as z down becomes z up: y and z of vectors
+    free_unit: bool = False  # True when any unit may be logged, as part of the parameters' meaning
+    exogenous: bool = False  # True for what a planner or a pilot sets: it does not answer the vehicle
 
     def __post_init__(self) -> None:
         if not _NAME.fullmatch(self.name) or len(self.name) > _LONGEST_NAME or self.name == "time":
@@ -90,28 +69,26 @@ class CanonicalChannel:
             )
 
 
+def _vector(stem: str, unit: str, **kinds: bool) -> tuple[CanonicalChannel, ...]:
+    """The members x, y and z of a vector, or roll, pitch and yaw: all but the first are flipped."""
+    members = ANGLES if stem.endswith(("reference_", "pilot_")) else AXES
+    return tuple(
+        CanonicalChannel(f"{stem}{name}", unit, flipped=name != members[0], **kinds) for name in members
+    )
+
+
 #: The channels that every installation knows. `actuator_output_*` are motor outputs of an autopilot that may
 #: also log a thrust setpoint; they serve as input where it does not, and when asked for by name.
 BUILT_IN: tuple[CanonicalChannel, ...] = (
-    CanonicalChannel("position_x", "m"),
-    CanonicalChannel("position_y", "m", flipped=True),
-    CanonicalChannel("position_z", "m", flipped=True),
-    CanonicalChannel("velocity_x", "m/s"),
-    CanonicalChannel("velocity_y", "m/s", flipped=True),
-    CanonicalChannel("velocity_z", "m/s", flipped=True),
+    *_vector("position_", "m"),
+    *_vector("velocity_", "m/s"),
     CanonicalChannel("acceleration_z", "m/s^2", flipped=True),
     CanonicalChannel("specific_force_z", "m/s^2", flipped=True),
-    CanonicalChannel("specific_force_body_x", "m/s^2"),
-    CanonicalChannel("specific_force_body_y", "m/s^2", flipped=True),
-    CanonicalChannel("specific_force_body_z", "m/s^2", flipped=True),
+    *_vector("specific_force_body_", "m/s^2"),
     CanonicalChannel("attitude_w", ""),
-    CanonicalChannel("attitude_x", ""),
-    CanonicalChannel("attitude_y", "", flipped=True),
-    CanonicalChannel("attitude_z", "", flipped=True),
+    *_vector("attitude_", ""),
     CanonicalChannel("cos_tilt", ""),
-    CanonicalChannel("angular_rate_x", "rad/s"),
-    CanonicalChannel("angular_rate_y", "rad/s", flipped=True),
-    CanonicalChannel("angular_rate_z", "rad/s", flipped=True),
+    *_vector("angular_rate_", "rad/s"),
     CanonicalChannel("input", "", held=True, free_unit=True),
     CanonicalChannel("rotor_command_*", "", held=True, free_unit=True),
     CanonicalChannel("rotor_speed_*", "", free_unit=True),
@@ -124,32 +101,18 @@ BUILT_IN: tuple[CanonicalChannel, ...] = (
     CanonicalChannel("reference_velocity_z", "m/s", held=True, flipped=True, exogenous=True),
     CanonicalChannel("reference_acceleration_z", "m/s^2", held=True, flipped=True, exogenous=True),
     CanonicalChannel("feedback_reference_velocity_z", "m/s", held=True, flipped=True),
-    CanonicalChannel("torque_setpoint_x", "", held=True, free_unit=True),
-    CanonicalChannel("torque_setpoint_y", "", held=True, flipped=True, free_unit=True),
-    CanonicalChannel("torque_setpoint_z", "", held=True, flipped=True, free_unit=True),
-    CanonicalChannel("injected_torque_x", "", held=True, free_unit=True, exogenous=True),
-    CanonicalChannel("injected_torque_y", "", held=True, flipped=True, free_unit=True, exogenous=True),
-    CanonicalChannel("injected_torque_z", "", held=True, flipped=True, free_unit=True, exogenous=True),
+    *_vector("torque_setpoint_", "", held=True, free_unit=True),
+    *_vector("injected_torque_", "", held=True, free_unit=True, exogenous=True),
     CanonicalChannel("injected_throttle", "", held=True, free_unit=True, exogenous=True),
     CanonicalChannel("pilot_throttle", "", held=True, free_unit=True, exogenous=True),
     CanonicalChannel("pilot_in_control", "", held=True, exogenous=True),
     CanonicalChannel("input_open_loop", "", held=True, exogenous=True),
-    CanonicalChannel("reference_roll", "rad", held=True, exogenous=True),
-    CanonicalChannel("reference_pitch", "rad", held=True, flipped=True, exogenous=True),
-    CanonicalChannel("reference_yaw", "rad", held=True, flipped=True, exogenous=True),
-    CanonicalChannel("feedback_reference_roll", "rad", held=True),
-    CanonicalChannel("feedback_reference_pitch", "rad", held=True, flipped=True),
-    CanonicalChannel("feedback_reference_yaw", "rad", held=True, flipped=True),
-    CanonicalChannel("reference_angular_rate_x", "rad/s", held=True, exogenous=True),
-    CanonicalChannel("reference_angular_rate_y", "rad/s", held=True, flipped=True, exogenous=True),
-    CanonicalChannel("reference_angular_rate_z", "rad/s", held=True, flipped=True, exogenous=True),
-    CanonicalChannel("feedback_reference_angular_rate_x", "rad/s", held=True),
-    CanonicalChannel("feedback_reference_angular_rate_y", "rad/s", held=True, flipped=True),
-    CanonicalChannel("feedback_reference_angular_rate_z", "rad/s", held=True, flipped=True),
+    *_vector("reference_", "rad", held=True, exogenous=True),
+    *_vector("feedback_reference_", "rad", held=True),
+    *_vector("reference_angular_rate_", "rad/s", held=True, exogenous=True),
+    *_vector("feedback_reference_angular_rate_", "rad/s", held=True),
     CanonicalChannel("pilot_sets_attitude", "", held=True, exogenous=True),
-    CanonicalChannel("pilot_roll", "", held=True, free_unit=True, exogenous=True),
-    CanonicalChannel("pilot_pitch", "", held=True, flipped=True, free_unit=True, exogenous=True),
-    CanonicalChannel("pilot_yaw", "", held=True, flipped=True, free_unit=True, exogenous=True),
+    *_vector("pilot_", "", held=True, free_unit=True, exogenous=True),
     CanonicalChannel("landed", "", held=True),
     CanonicalChannel("ground_contact", "", held=True),
 )
@@ -218,14 +181,6 @@ def _collide(first: CanonicalChannel, other: CanonicalChannel) -> bool:
 
 
 # -- Families --
-
-#: Letters of the axes, in their order.
-AXES = ("x", "y", "z")
-
-
-def is_member(suffix: str) -> bool:
-    """Whether what follows a family's name and ``_`` is a rotor's number or an axis' letter."""
-    return suffix.isdecimal() or suffix in AXES
 
 
 def family_members(name: str, among: Iterable[str]) -> list[str]:

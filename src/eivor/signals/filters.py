@@ -14,19 +14,9 @@ from eivor.tools import Float
 def actuator_state(
     command: Float[np.ndarray, "n rotors"], *, step_s: float, lag_s: float, delay_s: float
 ) -> Float[np.ndarray, "n rotors"]:
-    """State of each actuator at the samples; it starts at rest at its first command.
+    """State of each actuator at the samples, behind lag and delay [s]; at rest at its first command.
 
-    Parameters
-    ----------
-    command : ndarray, shape (n, rotors)
-        Commanded values; ``command[k]`` is held from sample k to sample k+1.
-    step_s, lag_s, delay_s : float
-        Step of the grid h, time constant tau and delay d [s]. A zero lag gives the delayed command
-        itself; with neither lag nor delay `command` is unchanged.
-
-    Notes
-    -----
-    Performs no checks. Linear in n.
+    ``command[k]`` is held from sample k to sample k+1. Performs no checks. Linear in n.
     """
     if lag_s <= 0.0 and delay_s <= 0.0:
         return command
@@ -143,13 +133,8 @@ def time_derivative(values: Float[np.ndarray, " n"], step_s: float) -> Float[np.
     derivative: Float[np.ndarray, " n"] = np.gradient(values, step_s)
     reach = len(WEIGHTS)
     if values.size > 2 * reach:
-        inner = values.size - 2 * reach
-        centre = np.zeros(inner)
-        for number, weight in enumerate(WEIGHTS, start=1):
-            after = values[reach + number : reach + number + inner]
-            before = values[reach - number : reach - number + inner]
-            centre += weight * (after - before)
-        derivative[reach:-reach] = centre / step_s
+        weights = np.array([-weight for weight in reversed(WEIGHTS)] + [0.0, *WEIGHTS])
+        derivative[reach:-reach] = np.correlate(values, weights, "valid") / step_s
     return derivative
 
 

@@ -6,6 +6,7 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from statistics import NormalDist
+from typing import Any, cast
 
 import numpy as np
 
@@ -78,29 +79,23 @@ class GrowthTable:
     def stretch(self, start: int, count: int) -> Float[np.ndarray, " count"]:
         """Values for m = start .. start + count - 1."""
         first, last = start // BLOCK, (start + count - 1) // BLOCK
-        parts = [self._block(number) for number in range(first, last + 1)]
-        offset = start - first * BLOCK
-        return np.concatenate(parts)[offset : offset + count]
+        for number in range(max(len(self.states) - 1, 0), first):
+            self._block(number)
+        values = np.concatenate([self._block(number) for number in range(first, last + 1)])
+        return values[start - first * BLOCK :][:count]
 
     def _block(self, number: int) -> Float[np.ndarray, " block"]:
-        while len(self.states) <= number + 1:
-            self._extend()
-        total, a, a_lagged = self.states[number]
-        products = self._weights(number * BLOCK, a) * self._weights(number * BLOCK + self.lag, a_lagged)
-        growth: Float[np.ndarray, " block"] = total + np.cumsum(products[:BLOCK])
-        return growth
-
-    def _extend(self) -> None:
-        """Add the state before the next block."""
+        """Values of a block, and the state before the next one."""
         if not self.states:
             self.states.append((0.0, 1.0, float(self._weights(0, 1.0, self.lag + 1)[-1])))
-            return
-        number = len(self.states) - 1
         total, a, a_lagged = self.states[number]
         weights = self._weights(number * BLOCK, a)
         lagged = self._weights(number * BLOCK + self.lag, a_lagged)
-        total += float(np.sum(weights[:BLOCK] * lagged[:BLOCK]))
-        self.states.append((total, float(weights[BLOCK]), float(lagged[BLOCK])))
+        products = weights[:BLOCK] * lagged[:BLOCK]
+        if len(self.states) == number + 1:
+            self.states.append((total + float(np.sum(products)), float(weights[BLOCK]), float(lagged[BLOCK])))
+        growth: Float[np.ndarray, " block"] = total + np.cumsum(products)
+        return growth
 
     def _weights(self, first: int, value: float, count: int = BLOCK + 1) -> Float[np.ndarray, " count"]:
         """Weights a_first .. by their recursion, from the first one's value."""
@@ -140,9 +135,9 @@ class MeasurementNoise(ABC):
     def sample(self, count: int, rng: np.random.Generator) -> Float[np.ndarray, " count"]:
         """One realisation of the noise of a record that begins with its first sample."""
 
-    @abstractmethod
     def with_std(self, std: float) -> MeasurementNoise:
         """Noise of the same shape with another `std`, see the class for what that is the std of."""
+        return cast("MeasurementNoise", replace(cast("Any", self), std=std))
 
 
 class UncorrelatedNoise(MeasurementNoise):
@@ -190,10 +185,6 @@ class WhiteNoise(UncorrelatedNoise):
         """Independent normal values."""
         return self.std * rng.standard_normal(count)
 
-    def with_std(self, std: float) -> WhiteNoise:
-        """White noise of that standard deviation."""
-        return WhiteNoise(std)
-
 
 @dataclass(frozen=True, slots=True)
 class FractionalNoise(MeasurementNoise):
@@ -238,21 +229,15 @@ class FractionalNoise(MeasurementNoise):
         """Delta^order of independent normal values, zero before the record."""
         return self.std * fractional_difference(rng.standard_normal(count), self.order)
 
-    def with_std(self, std: float) -> FractionalNoise:
-        """Same order; `std` is that of the white noise before the operator."""
-        return replace(self, std=std)
-
 
 def check_std(std: float) -> None:
     """Check a standard deviation: finite, zero or more, and with a square."""
     checks.number("std", std)
-    if not (np.isfinite(std) and std >= 0.0):
+    is_valid = np.isfinite(std) and std >= 0.0
+    if not is_valid or std > LARGEST_STD:
+        expected = f"up to {LARGEST_STD:g}" if is_valid else "of zero or more"
         raise NonFiniteError(
-            "a standard deviation of zero or more", f"std={std}", "Give it in the channel's own unit."
-        )
-    if std > LARGEST_STD:
-        raise NonFiniteError(
-            f"a standard deviation up to {LARGEST_STD:g}", f"std={std}", "Give it in the channel's own unit."
+            f"a standard deviation {expected}", f"std={std}", "Give it in the channel's own unit."
         )
 
 
@@ -316,10 +301,6 @@ class AutoregressiveNoise(MeasurementNoise):
         )
         return series
 
-    def with_std(self, std: float) -> AutoregressiveNoise:
-        """Same coefficient."""
-        return replace(self, std=std)
-
 
 @dataclass(frozen=True, slots=True)
 class HeavyTailedNoise(UncorrelatedNoise):
@@ -358,10 +339,6 @@ class HeavyTailedNoise(UncorrelatedNoise):
         scale = self.std * np.sqrt((self.degrees - 2.0) / self.degrees)
         return scale * rng.standard_t(self.degrees, count)
 
-    def with_std(self, std: float) -> HeavyTailedNoise:
-        """Same tails."""
-        return replace(self, std=std)
-
 
 @dataclass(frozen=True, slots=True)
 class RoundingNoise(UncorrelatedNoise):
@@ -394,10 +371,6 @@ class RoundingNoise(UncorrelatedNoise):
     def sample(self, count: int, rng: np.random.Generator) -> Float[np.ndarray, " count"]:
         """Independent values, uniform over a step."""
         return self.step * (rng.random(count) - 0.5)
-
-    def with_std(self, std: float) -> RoundingNoise:
-        """Of another step."""
-        return RoundingNoise(std)
 
 
 # -- Long memory --
@@ -526,23 +499,15 @@ def _whittle(power: Float[np.ndarray, " m"], log_gain: Float[np.ndarray, " m"]) 
 
 
 def _root(log_power: Float[np.ndarray, " m"], nu: Float[np.ndarray, " m"]) -> float:
-    """Order at which the slope of the convex likelihood is zero: Newton's steps, kept in a bracket."""
-    low, high = SEARCHED
-    order = 0.0
-    for _ in range(60):
+    """Order at which the slope of the convex likelihood is zero, or the end of the search that is nearest."""
+    from scipy.optimize import brentq
+
+    def slope(order: float) -> float:
         scaled = log_power - 2.0 * order * nu
         weights = np.exp(scaled - scaled.max())
-        weights /= weights.sum()
-        mean = float(weights @ nu)
-        if mean > 0.0:
-            low = order
-        else:
-            high = order
-        step = mean / (2.0 * (float(weights @ nu**2) - mean**2))
-        following = order + step
-        if not low < following < high:
-            following = 0.5 * (low + high)
-        if abs(following - order) < 1e-12:
-            break
-        order = following
-    return order
+        return float(weights @ nu) / float(weights.sum())
+
+    low, high = SEARCHED
+    if slope(low) <= 0.0 or slope(high) >= 0.0:
+        return low if slope(low) <= 0.0 else high
+    return float(brentq(slope, low, high, xtol=1e-13))

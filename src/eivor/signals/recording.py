@@ -306,13 +306,9 @@ class Recording:
         checks.kind("origin", self.origin, LogOrigin, "a LogOrigin", "Leave it out when nothing is known.")
 
     def __repr__(self) -> str:
-        if not self.channels:
-            return f"<Recording {self.name!r} ({self.format}): no channels>"
         start, end = self.span_s
-        return (
-            f"<Recording {self.name!r} ({self.format}): {len(self.channels)} channels, "
-            f"{start:.1f} to {end:.1f} s>"
-        )
+        span = f"{len(self.channels)} channels, {start:.1f} to {end:.1f} s"
+        return f"<Recording {self.name!r} ({self.format}): {span if self.channels else 'no channels'}>"
 
     def _repr_html_(self) -> str:
         rows = [

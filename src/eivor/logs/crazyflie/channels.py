@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from eivor.logs.channel_map import ChannelRule, Expression, parse_expression, tilt_of_angles
-from eivor.logs.common import UNITS, low_pass_delay_s
+from eivor.logs.common import UNITS, low_pass_delay_s, noted, source_tables
 from eivor.signals.channels import held_by_default
 from eivor.signals.recording import Channel, Finding
 from eivor.tools import Float
@@ -41,55 +42,32 @@ class VariableSource:
         return tuple(dict.fromkeys(column for rule in self.rules for column in rule.expression.columns))
 
 
-def _rule(
-    name: str, column: str, factor: float, *, estimated: bool = False, low_pass_hz: float = 0.0
-) -> ChannelRule:
-    return ChannelRule(
+#: What one of a variable's unit is in SI units.
+_UNITS = {"": 1.0, "milli": 1e-3, "power": 1.0 / FULL_POWER} | {
+    unit: UNITS[unit][1] for unit in ("g", "deg", "rpm")
+}
+
+
+def _source(row: Mapping[str, Any]) -> VariableSource:
+    """Source of a channel in one variable."""
+    name, low_pass_hz = row["channel"], row.get("low_pass_hz", 0.0)
+    rule = ChannelRule(
         name,
-        Expression.of_column(column),
-        factor,
+        Expression.of_column(row["variable"]),
+        row.get("sign", 1.0) * _UNITS[row.get("unit", "")],
         held=held_by_default(name),
-        estimated=estimated,
+        estimated=row.get("estimated", False),
         delay_s=low_pass_delay_s(low_pass_hz) if low_pass_hz else 0.0,
     )
+    return VariableSource(row.get("quantity", name), (rule,), row.get("zero_is_absent", True))
 
 
-def _estimates(name: str, *variables: tuple[str, float]) -> Iterator[VariableSource]:
-    """Sources of a channel that the estimator makes."""
-    for column, factor in variables:
-        yield VariableSource(name, (_rule(name, column, factor, estimated=True),))
-
-
-def _turned(name: str, column: str, factor: float) -> VariableSource:
-    """Acceleration along z: the accelerometer's, turned by the estimator and as late as it was."""
-    rule = _rule(name, column, factor, estimated=True, low_pass_hz=ACCELEROMETER_HZ)
-    return VariableSource("acceleration", (rule,))
-
-
-def _measured(name: str, column: str, factor: float, low_pass_hz: float = 0.0) -> VariableSource:
-    return VariableSource(name, (_rule(name, column, factor, low_pass_hz=low_pass_hz),))
-
-
-def _set(name: str, *variables: tuple[str, float]) -> Iterator[VariableSource]:
-    """Sources of a command or a setpoint, whose zeros are values."""
-    for column, factor in variables:
-        yield VariableSource(name, (_rule(name, column, factor),), zero_is_absent=False)
-
-
-def _quaternion(*columns: str) -> VariableSource:
+def _quaternion(columns: Sequence[str]) -> VariableSource:
     """Attitude of four columns w, x, y, z."""
-    rules = (_rule(f"attitude_{part}", name, 1.0) for part, name in zip("wxyz", columns, strict=True))
+    texts = (PACKED_QUATERNION if column in UNPACKED else column for column in columns)
+    expressions = (Expression(text, (name,), (name,)) for text, name in zip(texts, columns, strict=True))
+    rules = (ChannelRule(f"attitude_{part}", item) for part, item in zip("wxyz", expressions, strict=True))
     return VariableSource("attitude", tuple(rules))
-
-
-def _packed() -> VariableSource:
-    """Attitude of the quaternion in 32 bits."""
-    x, y, z, w = UNPACKED
-    rules = _quaternion(w, x, y, z).rules
-    selected = (replace(rule.expression, text=PACKED_QUATERNION) for rule in rules)
-    return VariableSource(
-        "attitude", tuple(replace(rule, expression=item) for rule, item in zip(rules, selected, strict=True))
-    )
 
 
 def _angles(group: str) -> VariableSource:
@@ -106,15 +84,11 @@ def _angles(group: str) -> VariableSource:
         "y": "{cr} * {sp} * {cy} + {sr} * {cp} * {sy}",
         "z": "{cr} * {cp} * {sy} - {sr} * {sp} * {cy}",
     }
-    return VariableSource(
-        "attitude",
-        tuple(
-            ChannelRule(
-                f"attitude_{part}", replace(parse_expression(text.format(**half), group), text=reported)
-            )
-            for part, text in texts.items()
-        ),
+    rules = (
+        ChannelRule(f"attitude_{part}", replace(parse_expression(text.format(**half), group), text=reported))
+        for part, text in texts.items()
     )
+    return VariableSource("attitude", tuple(rules))
 
 
 def _tilt(group: str) -> VariableSource:
@@ -124,87 +98,21 @@ def _tilt(group: str) -> VariableSource:
     return VariableSource("attitude", (rule,))
 
 
-def _parsed(name: str, *variables: tuple[str, float]) -> Iterator[VariableSource]:
-    """Sources of what is asked of turning: zeros throughout are those of a loop that is not in use."""
-    for column, factor in variables:
-        yield _measured(name, column, factor)
+_MAKERS: Mapping[str, Callable[[Any], VariableSource]] = {
+    "quaternion": _quaternion,
+    "angles": _angles,
+    "tilt": _tilt,
+}
 
 
-_G, _DEG, _MILLI = UNITS["g"][1], UNITS["deg"][1], 1e-3
-#: Of each axis the letter, the firmware's name, and the signs of its angles and of its torques.
-_TURNING = (("x", "roll", 1.0, 1.0), ("y", "pitch", -1.0, -1.0), ("z", "yaw", 1.0, -1.0))
+def _sources() -> Iterator[VariableSource]:
+    for row in source_tables("eivor.logs.crazyflie")["sources"]:
+        kind = next((kind for kind in _MAKERS if kind in row), "")
+        yield _MAKERS[kind](row[kind]) if kind else _source(row)
+
 
 #: All sources; of one quantity the preferred first.
-SOURCES: tuple[VariableSource, ...] = (
-    *(
-        _estimate
-        for axis in "xy"
-        for _estimate in _estimates(
-            f"position_{axis}", (f"stateEstimate.{axis}", 1.0), (f"stateEstimateZ.{axis}", _MILLI)
-        )
-    ),
-    *_estimates("position_z", ("stateEstimate.z", 1.0), ("stateEstimateZ.z", _MILLI), ("kalman.stateZ", 1.0)),
-    _measured("position_z", "locSrv.z", 1.0),
-    *(
-        source
-        for axis in "xyz"
-        for source in _estimates(
-            f"velocity_{axis}", (f"stateEstimate.v{axis}", 1.0), (f"stateEstimateZ.v{axis}", _MILLI)
-        )
-    ),
-    _turned("acceleration_z", "stateEstimate.az", _G),
-    _turned("specific_force_z", "stateEstimateZ.az", _MILLI),
-    *(_measured(f"specific_force_body_{axis}", f"acc.{axis}", _G, ACCELEROMETER_HZ) for axis in "xyz"),
-    _quaternion(*(f"stateEstimate.q{part}" for part in "wxyz")),
-    _packed(),
-    _quaternion(*(f"kalman.q{number}" for number in range(4))),
-    _angles("stateEstimate"),
-    _angles("stabilizer"),
-    _tilt("stateEstimate"),
-    _tilt("stabilizer"),
-    *(_measured(f"angular_rate_{axis}", f"gyro.{axis}", _DEG, GYRO_HZ) for axis in "xyz"),
-    *(
-        _measured(f"angular_rate_{axis}", f"stateEstimateZ.rate{angle}", sign * _MILLI, GYRO_HZ)
-        for axis, angle, sign in (("x", "Roll", 1.0), ("y", "Pitch", -1.0), ("z", "Yaw", 1.0))
-    ),
-    *(
-        source
-        for rotor in range(1, 5)
-        for source in _set(f"rotor_command_{rotor}", (f"motor.m{rotor}", 1.0 / FULL_POWER))
-    ),
-    *(_measured(f"rotor_speed_{rotor}", f"rpm.m{rotor}", UNITS["rpm"][1]) for rotor in range(1, 5)),
-    *_set("input", ("controller.cmd_thrust", 1.0 / FULL_POWER), ("stabilizer.thrust", 1.0 / FULL_POWER)),
-    _measured("battery_voltage", "pm.vbat", 1.0),
-    _measured("battery_voltage", "pm.vbatMV", _MILLI),
-    *_set("reference_position_z", ("ctrltarget.z", 1.0), ("ctrltargetZ.z", _MILLI), ("posCtl.targetZ", 1.0)),
-    *_set("reference_velocity_z", ("ctrltarget.vz", 1.0), ("ctrltargetZ.vz", _MILLI)),
-    *_set("reference_acceleration_z", ("ctrltarget.az", 1.0), ("ctrltargetZ.az", _MILLI)),
-    *_set("feedback_reference_velocity_z", ("posCtl.targetVZ", 1.0)),
-    *(
-        source
-        for letter, angle, _, sign in _TURNING
-        for source in _parsed(
-            f"torque_setpoint_{letter}",
-            *((f"{group}.cmd_{angle}", sign / FULL_POWER) for group in ("controller", "ctrlMel")),
-        )
-    ),
-    *(
-        source
-        for _, angle, sign, _ in _TURNING[:2]
-        for source in (
-            *_parsed(f"reference_{angle}", (f"ctrltarget.{angle}", sign * _DEG)),
-            *_parsed(f"feedback_reference_{angle}", (f"controller.{angle}", sign * _DEG)),
-        )
-    ),
-    *_parsed("reference_angular_rate_z", ("ctrltarget.yaw", _DEG)),
-    *(
-        source
-        for letter, angle, sign, _ in _TURNING
-        for source in _parsed(
-            f"feedback_reference_angular_rate_{letter}", (f"controller.{angle}Rate", sign * _DEG)
-        )
-    ),
-)
+SOURCES = tuple(_sources())
 
 #: What was looked for, by channel.
 LOOKED_FOR = {
@@ -221,9 +129,7 @@ def delay_findings(channels: Iterable[Channel]) -> list[Finding]:
         if late:
             delay_ms = 1e3 * low_pass_delay_s(cutoff)
             selected.append(f"{', '.join(late)}: {delay_ms:.2g} ms (low-pass of {cutoff:g} Hz)")
-    if not selected:
-        return []
-    return [Finding("sensor_delay", f"Taken off the stamps, as the firmware filters: {'; '.join(selected)}.")]
+    return noted("sensor_delay", "Taken off the stamps, as the firmware filters: {}.", "; ".join(selected))
 
 
 def unpacked_quaternion(packed: Float[np.ndarray, " n"]) -> dict[str, Float[np.ndarray, " n"]]:

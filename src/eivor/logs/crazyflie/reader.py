@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-import os
 import struct
 import zlib
 from array import array
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 
 from eivor.errors import ChannelMapError, CorruptLogError, EmptyLogError
 from eivor.logs.channel_map import ChannelMap, ChannelRule, load_channel_map
-from eivor.logs.common import Columns, LogFormat, ReadOptions, believable, channel_findings
+from eivor.logs.common import Columns, LogFormat, ReadOptions, believable, channel_findings, noted
 from eivor.logs.crazyflie.channels import (
     LOOKED_FOR,
     PACKED_QUATERNION,
@@ -36,20 +36,10 @@ MAGIC = b"\xbc"
 STAMPS: Mapping[int, tuple[str, float]] = {1: ("<u4", 1e-3), 2: ("<u8", 1e-6)}
 #: Types of variables, by their letter.
 TYPES: Mapping[str, str] = {
-    "b": "<i1",
-    "B": "<u1",
+    **{letter: f"<{letter}" for letter in "bBhHefdiIqQ"},
     "?": "<u1",
-    "h": "<i2",
-    "H": "<u2",
-    "e": "<f2",
-    "i": "<i4",
-    "I": "<u4",
     "l": "<i4",
     "L": "<u4",
-    "f": "<f4",
-    "q": "<i8",
-    "Q": "<u8",
-    "d": "<f8",
 }
 
 #: Bounds that no real log comes near.
@@ -152,31 +142,18 @@ class _Cursor:
         )
 
 
-# -- Format --
+# -- Advice --
 
-#: Variables that make each channel, as config.txt names them.
+#: Variables that make each channel, as config.txt names them: the preferred ones of channels that are needed.
+_NOT_NEEDED = {"position_x", "position_y", "velocity_x", "velocity_y", "specific_force_z"}
 TO_LOG = {
-    "velocity_z": "stateEstimate.vz",
-    "position_z": "stateEstimate.z",
-    "acceleration_z": "stateEstimate.az",
-    "input": "motor.m1 to motor.m4",
-    "reference_position_z": "ctrltarget.z",
-    "reference_velocity_z": "ctrltarget.vz",
-    "reference_acceleration_z": "ctrltarget.az",
-    "battery_voltage": "pm.vbat",
-    **{f"specific_force_body_{axis}": f"acc.{axis}" for axis in "xyz"},
-    **{f"angular_rate_{axis}": f"gyro.{axis}" for axis in "xyz"},
-    **{f"attitude_{part}": f"stateEstimate.q{part}" for part in "wxyz"},
-    "cos_tilt": "stateEstimate.qw, .qx, .qy and .qz",
-    **{f"rotor_command_{rotor}": f"motor.m{rotor}" for rotor in range(1, 5)},
-    **{f"rotor_speed_{rotor}": f"rpm.m{rotor}" for rotor in range(1, 5)},
     **{
-        f"torque_setpoint_{axis}": f"controller.cmd_{angle}"
-        for axis, angle in zip("xyz", ("roll", "pitch", "yaw"), strict=True)
+        name: texts[0]
+        for name, texts in LOOKED_FOR.items()
+        if name not in _NOT_NEEDED and not name.startswith("feedback_")
     },
-    "reference_roll": "ctrltarget.roll",
-    "reference_pitch": "ctrltarget.pitch",
-    "reference_angular_rate_z": "ctrltarget.yaw",
+    "input": "motor.m1 to motor.m4",
+    "cos_tilt": "stateEstimate.qw, .qx, .qy and .qz",
 }
 _ADVICE = (
     "Name these variables below 'on:fixedFrequency' in config.txt on the card: stateEstimate.z, .vz and .az, "
@@ -194,10 +171,6 @@ def _sniff(head: bytes, _file: Path) -> bool:
     return head.startswith(MAGIC) and head[2:3] in (b"", b"\x00")
 
 
-def _read(file: Path, options: ReadOptions) -> Recording:
-    return read_crazyflie(file, options)
-
-
 def _advice(channel: str) -> tuple[str, ...]:
     """What to name in config.txt."""
     if not channel:
@@ -206,19 +179,6 @@ def _advice(channel: str) -> tuple[str, ...]:
         return ()
     sentence = f"Add {TO_LOG[channel]} to config.txt on the card."
     return (sentence, *_ADVICE[:1]) if channel == "velocity_z" else (sentence,)
-
-
-CRAZYFLIE = LogFormat(
-    "crazyflie",
-    "Crazyflie microSD",
-    _sniff,
-    _read,
-    takes_map=True,
-    advice=_advice,
-    setpoints="ctrltarget.z, ctrltarget.vz and ctrltarget.az (the height reference and its feed-forward), "
-    "motor.m1 to motor.m4 (the commands); of turning ctrltarget.roll, .pitch and .yaw, and "
-    "controller.cmd_roll, .cmd_pitch and .cmd_yaw.",
-)
 
 
 # -- Records --
@@ -235,21 +195,49 @@ MAX_SEARCH_BYTES = 1 << 22
 SEARCH_BLOCK = 512
 
 
-@dataclass(frozen=True, slots=True)
+#: Name of the clock of all events.
+CLOCK = "timestamp"
+
+
+@dataclass(frozen=True)
 class Event:
-    """The records of one type."""
+    """The records of one type, whose variables are converted when they are requested."""
 
     name: str
     variables: tuple[str, ...]
     records: np.ndarray  # shape (n,)
     time_s: Float[np.ndarray, " n"]  # Stamps from the log's start on [s]
+    _values: dict[str, Float[np.ndarray, " n"]] = field(default_factory=dict)
 
-    def values(self, variable: str) -> Float[np.ndarray, " n"]:
-        """Return the values of a variable as logged; NaN for what nothing measures."""
-        with np.errstate(invalid="ignore"):
-            values = self.records[str(self.variables.index(variable))].astype(np.float64)
-        values[~(np.abs(values) <= LARGEST_VALUE)] = np.nan
-        return np.asarray(values)
+    @cached_property
+    def names(self) -> dict[str, str]:
+        """The variable, or clock, that each name of a column means."""
+        unpacked = UNPACKED if PACKED_QUATERNION in self.variables else ()
+        names = dict.fromkeys((CLOCK, *self.variables, *unpacked))
+        return {name: name for name in names} | {f"{self.name}:{name}": name for name in names}
+
+    def has(self, columns: Sequence[str]) -> bool:
+        """Say whether it has all of some columns."""
+        return all(column in self.names for column in columns)
+
+    def values(self, column: str) -> Float[np.ndarray, " n"]:
+        """Return a column as logged; NaN for what nothing measures."""
+        name = self.names[column]
+        if name == CLOCK:
+            return self.time_s
+        if name not in self._values and name not in self.variables:
+            self._values.update(unpacked_quaternion(self.values(PACKED_QUATERNION)))
+        if name not in self._values:
+            with np.errstate(invalid="ignore"):
+                values = self.records[str(self.variables.index(name))].astype(np.float64)
+            values[~(np.abs(values) <= LARGEST_VALUE)] = np.nan
+            self._values[name] = values
+        return self._values[name]
+
+    def columns(self, names: Sequence[str]) -> Columns:
+        """Return some columns."""
+        clocks = frozenset(name for name in names if self.names[name] == CLOCK)
+        return Columns({name: self.values(name) for name in names}, seconds=clocks)
 
 
 @dataclass(slots=True)
@@ -282,8 +270,7 @@ def read_events(data: bytes, header: Header) -> tuple[list[Event], list[Finding]
     usable = {key: believable(time_s) for key, time_s in times.items()}
     begins = min(float(times[key][which][0]) for key, which in usable.items() if which.any())
     lost = sum(int((~which).sum()) for which in usable.values())
-    if lost:
-        findings.append(Finding("time_stamps", f"Records left out, because their stamp cannot be: {lost}."))
+    findings += noted("time_stamps", "Records left out, because their stamp cannot be: {}.", lost)
     events = [
         Event(item.name, item.variables, results[key][usable[key]], times[key][usable[key]] - begins)
         for item in header.types
@@ -376,35 +363,26 @@ def _follow(data: bytes, position: int, end: int, sizes: Mapping[int, int]) -> b
 
 def _damage(walk: _RecordWalk, sound: bool) -> list[Finding]:
     """Say what the checksum and the walk show."""
-    findings = []
+    findings: list[Finding] = []
     complete = sound or walk.left == CHECKSUM_BYTES
     left = 0 if walk.left == CHECKSUM_BYTES and not sound else walk.left
     if not complete:
         rest = (
             f"{left} bytes at its end, of no whole record, were left out" if left else "no record is broken"
         )
-        findings.append(
-            Finding(
-                "truncated",
-                f"The log has no checksum at its end: it was cut ({rest}). End the logging before the power "
-                "goes (usd.logging = 0).",
-            )
+        sentence = (
+            "The log has no checksum at its end: it was cut ({}). End the logging before the power goes "
+            "(usd.logging = 0)."
         )
+        findings += noted("truncated", sentence, rest)
     elif not sound:
-        findings.append(
-            Finding(
-                "checksum",
-                "The checksum does not fit: bytes of the log were changed or lost, and values may be wrong.",
-            )
+        sentence = (
+            "The checksum does not fit: bytes of the log were changed or lost, and values may be wrong."
         )
+        findings.append(Finding("checksum", sentence))
     skipped = walk.skipped + (left if sound else 0)
-    if skipped:
-        findings.append(
-            Finding(
-                "corrupt_parts", f"Damaged parts were left out: {skipped} bytes that belong to no record."
-            )
-        )
-    return findings
+    damaged = "Damaged parts were left out: {} bytes that belong to no record."
+    return findings + noted("corrupt_parts", damaged, skipped)
 
 
 def _records(data: bytes, kind: EventType, positions: np.ndarray) -> np.ndarray:
@@ -435,21 +413,13 @@ GAP = 3.5
 REGULAR_SHARE = 0.9
 
 
-def gap_findings(events: Iterable[Event]) -> list[Finding]:
-    """Say how many gaps there are in the events of a fixed frequency, and how long they are."""
-    selected = [sentence for event in events if (sentence := _report(event))]
-    return [Finding("dropouts", f"Records are missing in {'; '.join(selected)}.")] if selected else []
-
-
-def _report(event: Event) -> str:
+def _gaps(event: Event) -> str:
+    """Gaps in events of a fixed frequency: how many there are, and how long they are."""
     steps = np.diff(event.time_s)
-    if steps.size < 3:
-        return ""
-    usual = float(np.median(steps))
-    if usual <= 0.0 or np.mean(np.abs(steps - usual) <= 0.5 * usual) < REGULAR_SHARE:
-        return ""
+    usual = float(np.median(steps)) if steps.size >= 3 else 0.0
+    is_regular = usual > 0.0 and np.mean(np.abs(steps - usual) <= 0.5 * usual) >= REGULAR_SHARE
     gaps = 1e3 * steps[steps > GAP * usual]
-    if not gaps.size:
+    if not is_regular or not gaps.size:
         return ""
     length = f"{gaps.min():.3g} to {gaps.max():.3g} ms" if gaps.size > 1 else f"{gaps[0]:.3g} ms"
     word = "gaps" if gaps.size > 1 else "gap"
@@ -458,47 +428,9 @@ def _report(event: Event) -> str:
 
 # -- Reader --
 
-CLOCK = "timestamp"
 #: Name of the format.
 NAME = "crazyflie"
 _BUILT_IN = ChannelMap("crazyflie", CLOCK, "s", (), Frame.Z_UP, "square", {}, "the firmware")
-
-
-@dataclass(slots=True)
-class _Table:
-    """The variables of one event as columns, which are converted when they are requested."""
-
-    event: Event
-    names: dict[str, str]
-    _values: dict[str, Float[np.ndarray, " n"]]
-
-    @classmethod
-    def of(cls, event: Event) -> _Table:
-        """Return the table of an event."""
-        variables = [*dict.fromkeys(event.variables)]
-        if PACKED_QUATERNION in variables:
-            variables += UNPACKED
-        names = {name: name for name in (CLOCK, *variables)}
-        return cls(event, names | {f"{event.name}:{name}": name for name in names}, {CLOCK: event.time_s})
-
-    def has(self, columns: Sequence[str]) -> bool:
-        """Say whether it has all of some columns."""
-        return all(column in self.names for column in columns)
-
-    def values(self, column: str) -> Float[np.ndarray, " n"]:
-        """Return a column, in the logged unit."""
-        name = self.names[column]
-        if name not in self._values:
-            if name in UNPACKED and name not in self.event.variables:
-                self._values |= unpacked_quaternion(self.event.values(PACKED_QUATERNION))
-            else:
-                self._values[name] = self.event.values(name)
-        return self._values[name]
-
-    def columns(self, names: Sequence[str]) -> Columns:
-        """Return some columns."""
-        clocks = frozenset(name for name in names if self.names[name] == CLOCK)
-        return Columns({name: self.values(name) for name in names}, seconds=clocks)
 
 
 def read_crazyflie(file: Path, options: ReadOptions) -> Recording:
@@ -519,27 +451,40 @@ def read_crazyflie(file: Path, options: ReadOptions) -> Recording:
             f"'{file.name}' without a whole record of any (types of events: {len(header.types)})",
             "Check config.txt on the card, and end the logging before the power goes (usd.logging = 0).",
         )
-    findings += gap_findings(events)
-    tables = sorted(map(_Table.of, events), key=lambda item: -item.event.time_s.size)
+    texts = [text for event in events if (text := _gaps(event))]
+    findings += noted("dropouts", "Records are missing in {}.", "; ".join(texts))
+    events.sort(key=lambda event: -event.time_s.size)
     if options.channel_map is None:
-        return _by_table(file.name, tables, findings, options.sha256)
-    return _by_map(file.name, tables, findings, options.channel_map, options.sha256)
+        chosen, looked = _BUILT_IN, LOOKED_FOR
+        channels = _known_channels(file.name, events, findings)
+    else:
+        chosen = load_channel_map(options.channel_map)
+        looked = looked_for(chosen)
+        channels = _map_channels(chosen, file.name, events, findings)
+    return Recording(
+        name=file.name,
+        format=NAME,
+        channels=channels,
+        frame=chosen.frame,
+        sha256=options.sha256,
+        input_map=chosen.input_map,
+        looked_for=looked,
+        findings=(*findings, *channel_findings(channels)),
+        origin=LogOrigin(airframe="Crazyflie"),
+    )
 
 
-def _by_table(name: str, tables: Sequence[_Table], findings: list[Finding], sha256: str) -> Recording:
-    """Return the recording of the variables that are known."""
-    chosen = _chosen(tables, findings)
-    channels: dict[str, Channel] = {}
-    for table in tables:
-        rules = [rule for source, item in chosen if item is table for rule in source.rules]
-        if rules:
-            needed = dict.fromkeys([CLOCK, *(column for rule in rules for column in rule.expression.columns)])
-            made, result = mapped_channels(_BUILT_IN, rules, table.columns(list(needed)), name)
-            channels |= made
-            findings += result
+def _known_channels(name: str, events: Sequence[Event], findings: list[Finding]) -> dict[str, Channel]:
+    """Return the channels of the variables that are known."""
+    chosen = _chosen(events, findings)
+    served = [
+        (event, [rule for source, item in chosen if item is event for rule in source.rules])
+        for event in events
+    ]
+    channels = _mapped(_BUILT_IN, served, name, findings)
     used = {column for source, _ in chosen for column in source.columns}
     used |= {PACKED_QUATERNION} if used.intersection(UNPACKED) else set()
-    variables = dict.fromkeys(variable for table in tables for variable in table.event.variables)
+    variables = dict.fromkeys(variable for event in events for variable in event.variables)
     others = [variable for variable in variables if variable not in used]
     if not channels:
         raise EmptyLogError(
@@ -547,50 +492,41 @@ def _by_table(name: str, tables: Sequence[_Table], findings: list[Finding], sha2
             f"'{name}' with {listed(list(variables)) or 'none'}",
             "Name them in a channel map (--map), or log others.",
         )
-    if others:
-        findings.append(
-            Finding(
-                "ignored_columns",
-                f"Variables that no channel is made of: {listed(others)}. A map can name them.",
-            )
-        )
+    sentence = "Variables that no channel is made of: {}. A map can name them."
+    findings += noted("ignored_columns", sentence, listed(others))
     findings += filter_findings(list(channels.values()))
-    return _recording(name, channels, findings, _BUILT_IN, LOOKED_FOR, sha256)
+    return channels
 
 
-def _chosen(tables: Sequence[_Table], findings: list[Finding]) -> list[tuple[VariableSource, _Table]]:
+def _chosen(events: Sequence[Event], findings: list[Finding]) -> list[tuple[VariableSource, Event]]:
     """Sources that are used, each with the event that has the most records of it."""
-    chosen: dict[str, tuple[VariableSource, _Table]] = {}
-    no_stage_callback: list[str] = []
+    chosen: dict[str, tuple[VariableSource, Event]] = {}
+    zeros: list[str] = []
     for source in SOURCES:
-        table = next((item for item in tables if item.has(source.columns)), None)
-        if table is None or source.quantity in chosen:
+        event = next((item for item in events if item.has(source.columns)), None)
+        if event is None or source.quantity in chosen:
             continue
         if source.zero_is_absent and not any(
-            np.any(np.nan_to_num(table.values(column))) for column in source.columns
+            np.any(np.nan_to_num(event.values(column))) for column in source.columns
         ):
-            no_stage_callback += source.columns
+            zeros += source.columns
             continue
-        answers = _answering(source, table)
+        answers = _answering(source, event)
         findings += [answers] if answers is not None else []
         used = source if answers is None else _as_feedback(source)
-        chosen.setdefault(used.quantity, (used, table))
-    if no_stage_callback:
-        findings.append(
-            Finding(
-                "never_valid", f"Logged as zero throughout: {listed(list(dict.fromkeys(no_stage_callback)))}."
-            )
-        )
+        chosen.setdefault(used.quantity, (used, event))
+    names = listed(list(dict.fromkeys(zeros)))
+    findings += noted("never_valid", "Logged as zero throughout: {}.", names)
     return list(chosen.values())
 
 
-def _answering(source: VariableSource, table: _Table) -> Finding | None:
+def _answering(source: VariableSource, event: Event) -> Finding | None:
     """Doubt a velocity setpoint that is not planned: it changes while the height setpoint stands still."""
     column = source.columns[0]
     neighbours = VELOCITY_SETPOINTS.get(column)
-    if neighbours is None or not table.has((neighbours,)):
+    if neighbours is None or not event.has((neighbours,)):
         return None
-    velocity, height = table.values(column), table.values(neighbours)
+    velocity, height = event.values(column), event.values(neighbours)
     changing = np.diff(velocity) != 0.0
     standing = (np.diff(height) == 0.0) & (height[1:] != 0.0)
     if not np.any(changing) or np.mean(standing[changing]) < 0.5:
@@ -604,46 +540,50 @@ def _answering(source: VariableSource, table: _Table) -> Finding | None:
 
 def _as_feedback(source: VariableSource) -> VariableSource:
     name = "feedback_reference_velocity_z"
-    return VariableSource(
-        name, tuple(replace(rule, name=name) for rule in source.rules), source.zero_is_absent
-    )
+    return replace(source, quantity=name, rules=tuple(replace(rule, name=name) for rule in source.rules))
 
 
-def _by_map(
-    name: str,
-    tables: Sequence[_Table],
-    findings: list[Finding],
-    channel_map: str | os.PathLike[str],
-    sha256: str,
-) -> Recording:
-    """Return the recording of the variables that a channel map names."""
-    chosen = load_channel_map(channel_map)
-    names = list(dict.fromkeys(column for table in tables for column in table.names))
+def _map_channels(
+    chosen: ChannelMap, name: str, events: Sequence[Event], findings: list[Finding]
+) -> dict[str, Channel]:
+    """Return the channels of the variables that a channel map names."""
+    names = list(dict.fromkeys(column for event in events for column in event.names))
     rules: dict[int, list[ChannelRule]] = {}
     for rule in fitted_rules(chosen, names, name):
-        position = _position(rule, chosen, tables, name)
+        position = _position(rule, chosen, events, name)
         rules.setdefault(position, []).append(rule)
-    channels: dict[str, Channel] = {}
-    for position, served in rules.items():
-        needed = dict.fromkeys(
-            [chosen.time_column, *(column for rule in served for column in rule.expression.columns)]
-        )
-        made, result = mapped_channels(chosen, served, tables[position].columns(list(needed)), name)
-        channels |= made
-        findings += result
+    served = [(events[position], items) for position, items in rules.items()]
+    channels = _mapped(chosen, served, name, findings)
     if not channels:
         raise EmptyLogError(
             "a log with values", f"'{name}', in which every mapped variable is empty", "Check the map."
         )
     findings += delay_findings(channels, chosen.origin)
-    return _recording(name, channels, findings, chosen, looked_for(chosen), sha256)
+    return channels
 
 
-def _position(rule: ChannelRule, chosen: ChannelMap, tables: Sequence[_Table], name: str) -> int:
+def _mapped(
+    chosen: ChannelMap,
+    served: Iterable[tuple[Event, Sequence[ChannelRule]]],
+    name: str,
+    findings: list[Finding],
+) -> dict[str, Channel]:
+    """Channels that rules make of the variables of each event."""
+    channels: dict[str, Channel] = {}
+    for event, rules in served:
+        columns = (column for rule in rules for column in rule.expression.columns)
+        needed = list(dict.fromkeys([chosen.time_column, *columns]))
+        made, result = mapped_channels(chosen, rules, event.columns(needed), name) if rules else ({}, [])
+        channels |= made
+        findings += result
+    return channels
+
+
+def _position(rule: ChannelRule, chosen: ChannelMap, events: Sequence[Event], name: str) -> int:
     """Number of the event with the most records that has all that a rule needs."""
     needed = (chosen.time_column, *rule.expression.columns)
-    for index, table in enumerate(tables):
-        if table.has(needed):
+    for index, event in enumerate(events):
+        if event.has(needed):
             return index
     raise ChannelMapError(
         f"columns of one type of events for channels.{rule.name} ({chosen.origin})",
@@ -652,22 +592,15 @@ def _position(rule: ChannelRule, chosen: ChannelMap, tables: Sequence[_Table], n
     )
 
 
-def _recording(
-    name: str,
-    channels: Mapping[str, Channel],
-    findings: Sequence[Finding],
-    chosen: ChannelMap,
-    looked: Mapping[str, tuple[str, ...]],
-    sha256: str,
-) -> Recording:
-    return Recording(
-        name=name,
-        format=NAME,
-        channels=channels,
-        frame=chosen.frame,
-        sha256=sha256,
-        input_map=chosen.input_map,
-        looked_for=looked,
-        findings=(*findings, *channel_findings(channels)),
-        origin=LogOrigin(airframe="Crazyflie"),
-    )
+CRAZYFLIE = LogFormat(
+    NAME,
+    "Crazyflie microSD",
+    # a version of one byte follows the first one, which no text has
+    lambda head, _file: head.startswith(MAGIC) and head[2:3] in (b"", b"\x00"),
+    read_crazyflie,
+    takes_map=True,
+    advice=_advice,
+    setpoints="ctrltarget.z, ctrltarget.vz and ctrltarget.az (the height reference and its feed-forward), "
+    "motor.m1 to motor.m4 (the commands); of turning ctrltarget.roll, .pitch and .yaw, and "
+    "controller.cmd_roll, .cmd_pitch and .cmd_yaw.",
+)

@@ -9,8 +9,8 @@ from functools import partial
 import numpy as np
 
 from eivor.linalg.system import PASSED_ROWS, row_blocks
-from eivor.logs.common import SILENCE_S, UNITS, low_pass_delay_s, notch_delay_s
-from eivor.logs.dataflash.messages import Messages
+from eivor.logs.common import SILENCE_S, UNITS, held_at, low_pass_delay_s, notch_delay_s, noted
+from eivor.logs.dataflash.messages import Messages, rows_of
 from eivor.logs.dataflash.sources import (
     ATTITUDE,
     ATTITUDE_MODES,
@@ -36,16 +36,14 @@ DRY_AIR, ZERO_CELSIUS = 287.05, 273.15
 
 def add_air_density(reading: MessageReading) -> None:
     """Add it, where pressure [Pa] and temperature [degrees Celsius] are logged."""
-    table = reading.tables.get("BARO")
-    if table is None or not table.has("Press", "Temp") or not table.clock:
-        return
-    if "air_temperature" not in reading.channels:
+    table = reading.table("BARO", "Press", "Temp")
+    if table is None or "air_temperature" not in reading.channels:
         return
 
     def values() -> Float[np.ndarray, " n"]:
         return table.values("Press") / (DRY_AIR * (table.values("Temp") + ZERO_CELSIUS))
 
-    reading.add_made("air_density", table, values, "BARO.Press and .Temp")
+    reading.add("air_density", table, values, "BARO.Press and .Temp")
 
 
 # -- Declared --
@@ -79,12 +77,10 @@ def unit_findings(tables: Mapping[str, Messages]) -> list[Finding]:
             doubts[source.label.removeprefix("-")] = (
                 f"as {reported * declared[1]:.4g} {unit}, read as {read:.4g}"
             )
-    if not doubts:
-        return []
-    sentence = "; ".join(f"{column} {doubt}" for column, doubt in doubts.items())
-    return [
-        Finding("declared_units", f"The log declares other units than are read (one stored): {sentence}.")
-    ]
+    sentence = "The log declares other units than are read (one stored): {}."
+    return noted(
+        "declared_units", sentence, "; ".join(f"{column} {doubt}" for column, doubt in doubts.items())
+    )
 
 
 def _columns_read() -> Iterator[tuple[MessageSource, str]]:
@@ -102,42 +98,29 @@ def _columns_read() -> Iterator[tuple[MessageSource, str]]:
 
 def _letters(tables: Mapping[str, Messages]) -> dict[int, dict[str, tuple[str, str]]]:
     """Letters of unit and multiplier of each column, by number of the type."""
-    reported = tables.get("FMTU")
-    if reported is None or not reported.has("FmtType", "UnitIds", "MultIds"):
-        return {}
     columns = {table.layout.number: list(table.layout.fields) for table in tables.values()}
-    rows = zip(
-        reported.values("FmtType").tolist(), reported.texts("UnitIds"), reported.texts("MultIds"), strict=True
-    )
     return {
         int(number): {
             column: (unit, multiplier)
             for column, unit, multiplier in zip(columns[int(number)], of_unit, of_multiplier, strict=False)
         }
-        for number, of_unit, of_multiplier in rows
+        for number, of_unit, of_multiplier in rows_of(tables, "FMTU", "FmtType", "UnitIds", "MultIds")
         if int(number) in columns
     }
 
 
 def _units(tables: Mapping[str, Messages]) -> dict[str, tuple[str, float]]:
     """SI unit and factor by letter, of those that are known."""
-    reported = tables.get("UNIT")
-    if reported is None or not reported.has("Id", "Label"):
-        return {}
-    labels = zip(reported.values("Id").tolist(), reported.texts("Label"), strict=True)
-    named = {int(letter): LABELS.get(label, label) for letter, label in labels}
+    rows = rows_of(tables, "UNIT", "Id", "Label")
+    named = {int(letter): LABELS.get(label, label) for letter, label in rows}
     return {chr(letter): UNITS[label] for letter, label in named.items() if label in UNITS and letter > 0}
 
 
 def _multipliers(tables: Mapping[str, Messages]) -> dict[str, float]:
     """Multiplier by letter, of those that say something."""
-    reported = tables.get("MULT")
-    if reported is None or not reported.has("Id", "Mult"):
-        return {}
-    rows = zip(reported.values("Id").tolist(), reported.values("Mult").tolist(), strict=True)
     return {
         chr(int(letter)): value
-        for letter, value in rows
+        for letter, value in rows_of(tables, "MULT", "Id", "Mult")
         if 0 < letter < 128 and chr(int(letter)) not in UNTOLD and np.isfinite(value) and value > 0.0
     }
 
@@ -167,12 +150,8 @@ def delay_findings(channels: Iterable[Channel], parameters: Mapping[str, float])
             name = LOW_PASSES[channel.name.rpartition("_")[0]]
             words = f"low-pass of {parameters[name]:g} Hz, {name}" if name in parameters else "notch"
             selected[channel.source.partition(".")[0], words] = 1e3 * channel.delay_s
-    if not selected:
-        return []
-    sentence = "; ".join(
-        f"{message}: {delay:.2g} ms ({words})" for (message, words), delay in selected.items()
-    )
-    return [Finding("sensor_delay", f"Taken off the stamps of {sentence}.")]
+    texts = [f"{message}: {delay:.2g} ms ({words})" for (message, words), delay in selected.items()]
+    return noted("sensor_delay", "Taken off the stamps of {}.", "; ".join(texts))
 
 
 # -- Motors --
@@ -273,27 +252,26 @@ MAX_ESCS = 32
 
 def add_outputs(reading: MessageReading) -> None:
     """Add the motors' outputs; the thrust that they stand for is the input where no throttle is logged."""
-    table = reading.tables.get("RCOU")
-    if table is None or not table.clock:
+    table = reading.table("RCOU")
+    if table is None:
         return
     columns = _used(table, reading)
     widths = {motor: table.values(column) for motor, column in columns.items()}
-    widths = {motor: np.where(width > 0.0, width, np.nan) for motor, width in widths.items()}
-    if not widths:
+    shares = {motor: np.where(width > 0.0, width, np.nan) for motor, width in widths.items()}
+    if not shares:
         return
     known = motor_range(reading.parameters)
+    if known is not None:
+        shares = {motor: known.share(width) for motor, width in shares.items()}
+    for motor, item in shares.items():
+        reading.add(f"actuator_output_{motor}", table, item, f"RCOU.{columns[motor]}", CurveSide.BEHIND)
     if known is None:
-        for motor, item in widths.items():
-            reading.add(f"actuator_output_{motor}", table, item, f"RCOU.{columns[motor]}", CurveSide.BEHIND)
         sentence = (
             "RCOU holds pulse widths in microseconds, and no parameter gives their range (MOT_PWM_MIN and "
             "MOT_PWM_MAX, or RC3_MIN and RC3_MAX): they stay as they are, and no input map fits an offset."
         )
         reading.findings.append(Finding("pulse_range_unknown", sentence))
         return
-    shares = {motor: known.share(width) for motor, width in widths.items()}
-    for motor, item in shares.items():
-        reading.add(f"actuator_output_{motor}", table, item, f"RCOU.{columns[motor]}", CurveSide.BEHIND)
     sentence = (
         f"RCOU holds pulse widths in microseconds: they are read as shares of the range {known.low:g} to "
         f"{known.high:g} ({known.names}), of which {known.spin_min:g} to {known.spin_max:g} is in use."
@@ -308,25 +286,21 @@ def add_outputs(reading: MessageReading) -> None:
     requested = np.interp(reading.time_s(table), throttle.time_s, throttle.values)
     free = np.all([(share > 0.0) & (share < 1.0) for share in shares.values()], axis=0)
     doubt = disagreement(np.where(free, requested, np.nan), thrust, known)
-    if doubt:
-        reading.findings.append(Finding("motor_range", doubt))
+    reading.findings.extend(noted("motor_range", "{}", doubt))
 
 
 def _used(table: Messages, reading: MessageReading) -> dict[int, str]:
     """Column of each motor; old firmware calls them Ch1, Ch2, ..."""
-    columns: dict[int, str] = {}
-    for motor, output in motor_columns(reading.parameters).items():
-        for column in (f"C{output}", f"Ch{output}", f"Chan{output}"):
-            if output <= OUTPUTS and table.has(column):
-                columns.setdefault(motor, column)
-    return columns
+    outputs = motor_columns(reading.parameters)
+    columns = {motor: table.first(f"C{n}", f"Ch{n}", f"Chan{n}") for motor, n in outputs.items()}
+    return {motor: column for motor, column in columns.items() if column}
 
 
 def _voltage(table: Messages, reading: MessageReading) -> Float[np.ndarray, " n"]:
     """Ratio of the battery's voltage to its largest, by which the thrust is corrected; 1 where it is not."""
-    reported = reading.tables.get("MOTB")
-    column = next((name for name in ("BatVolt", "BV") if reported is not None and reported.has(name)), "")
-    if reported is None or not column or not reported.clock:
+    reported = reading.table("MOTB")
+    column = reported.first("BatVolt", "BV") if reported is not None else ""
+    if reported is None or not column:
         return np.ones(table.count)
     ratio = reported.values(column)
     sound = np.isfinite(ratio) & (ratio > 0.1) & (ratio < 2.0)
@@ -338,9 +312,9 @@ def _voltage(table: Messages, reading: MessageReading) -> Float[np.ndarray, " n"
 
 def add_rotor_speeds(reading: MessageReading) -> None:
     """Add the speeds of rotors by the telemetry of their controllers [rad/s]."""
-    table = reading.tables.get("ESC")
-    column = next((name for name in ("Instance", "I") if table is not None and table.has(name)), "")
-    if table is None or not column or not table.has("RPM") or not table.clock:
+    table = reading.table("ESC", "RPM")
+    column = table.first("Instance", "I") if table is not None else ""
+    if table is None or not column:
         return
     instances = table.stored(column)
     motors = {output - 1: motor for motor, output in motor_columns(reading.parameters).items()}
@@ -363,9 +337,9 @@ _BY_MODE = {
 
 def add_states(reading: MessageReading) -> None:
     """Add what modes, events and sticks say."""
-    modes = reading.tables.get("MODE")
-    column = next((name for name in ("ModeNum", "Mode") if modes is not None and modes.has(name)), "")
-    if modes is not None and column and modes.clock:
+    modes = reading.table("MODE")
+    column = modes.first("ModeNum", "Mode") if modes is not None else ""
+    if modes is not None and column:
         for name, known in _BY_MODE.items():
             within = np.isin(modes.values(column), reading.with_sweeps(known)).astype(np.float64)
             reading.add(name, modes, within, f"MODE.{column}")
@@ -374,30 +348,26 @@ def add_states(reading: MessageReading) -> None:
 
 
 def _add_landed(reading: MessageReading) -> None:
-    events, arming = reading.tables.get("EV"), reading.tables.get("ARM")
-    if events is not None and events.has("Id") and events.clock:
+    events, arming = reading.table("EV", "Id"), reading.table("ARM", "ArmState")
+    if events is not None:
         numbers = events.values("Id")
         known = np.isin(numbers, list(LANDED_EVENTS))
         if known.any():
             values = np.array([LANDED_EVENTS[int(number)] for number in numbers[known].tolist()])
             reading.add("landed", events.where(known), values, "EV.Id")
-    if "landed" not in reading.channels and arming is not None and arming.has("ArmState") and arming.clock:
+    if "landed" not in reading.channels and arming is not None:
         reading.add("landed", arming, (arming.values("ArmState") == 0.0).astype(np.float64), "ARM.ArmState")
 
 
 def _add_throttle(reading: MessageReading) -> None:
     """Add the pilot's throttle as a share of its range."""
-    sticks = reading.tables.get("RCIN")
+    sticks = reading.table("RCIN")
     number = int(reading.parameters.get("RCMAP_THROTTLE", 3.0))
-    column = next(
-        (name for name in (f"C{number}", f"Ch{number}") if sticks is not None and sticks.has(name)), ""
-    )
-    if sticks is None or not column or not sticks.clock:
-        return
+    column = sticks.first(f"C{number}", f"Ch{number}") if sticks is not None else ""
     low, high = (
         reading.parameters.get(f"RC{number}_{end}", default) for end, default in (("MIN", 1e3), ("MAX", 2e3))
     )
-    if not low < high:
+    if sticks is None or not column or not low < high:
         return
     widths = sticks.values(column)
     shares = np.where(widths > 0.0, np.clip((widths - low) / (high - low), 0.0, 1.0), np.nan)
@@ -431,18 +401,19 @@ SWEPT = {
 
 def add_attitude(reading: MessageReading) -> None:
     """Add the attitude as a quaternion."""
-    table = reading.tables.get("ATT")
-    if table is None or not table.has(*ATTITUDE) or not table.clock:
+    table = reading.table("ATT", *ATTITUDE)
+    if table is None:
         return
     for part in "wxyz":
-        reading.add_made(
-            f"attitude_{part}", table, partial(_quaternion, table, part), "ATT.Roll, .Pitch and .Yaw"
-        )
+        reading.add(f"attitude_{part}", table, partial(_quaternion, table, part), "ATT.Roll, .Pitch and .Yaw")
 
 
 def _quaternion(table: Messages, part: str) -> Float[np.ndarray, " n"]:
     """Part w, x, y or z of the quaternion from body to world."""
-    made = _yaw(table)
+    # a yaw without jumps makes a quaternion without jumps of sign
+    made = table.values("Yaw")
+    made *= _DEG
+    made = _unwrapped(made)
     others = [(table.stored(name), table.layout.fields[name].factor * _DEG) for name in ("Roll", "Pitch")]
     for start, stop in row_blocks(0, table.count, PASSED_ROWS):
         angles = [factor * stored[start:stop].astype(np.float64) for stored, factor in others]
@@ -453,13 +424,6 @@ def _quaternion(table: Messages, part: str) -> Float[np.ndarray, " n"]:
         )
         made[start:stop] = first + second if part in "wy" else first - second
     return made
-
-
-def _yaw(table: Messages) -> Float[np.ndarray, " n"]:
-    """Yaw without jumps [rad], which makes a quaternion without jumps of sign."""
-    yaw = table.values("Yaw")
-    yaw *= _DEG
-    return _unwrapped(yaw)
 
 
 def add_setpoints(reading: MessageReading) -> None:
@@ -473,14 +437,14 @@ def add_setpoints(reading: MessageReading) -> None:
         for axis, column in RATE_SETPOINTS.items()
     ]
     for name, message, column, modes in wanted:
-        table = reading.tables.get(message)
-        if table is None or not table.has(column) or not table.clock:
+        table = reading.table(message, column)
+        if table is None:
             continue
         by_sticks = reading.modes_at(table, modes)
         for kind, where in (("", by_sticks), ("feedback_", ~by_sticks)):
             if where.any():
                 reported = partial(_setpoint, table, column, None if where.all() else where)
-                reading.add_made(f"{kind}{name}", table, reported, f"{message}.{column}")
+                reading.add(f"{kind}{name}", table, reported, f"{message}.{column}")
 
 
 def _setpoint(table: Messages, column: str, where: Bool[np.ndarray, " n"] | None) -> Float[np.ndarray, " n"]:
@@ -508,10 +472,14 @@ def _unwrapped(angle: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
 
 def add_sweeps(reading: MessageReading) -> None:
     """Add the injected sweeps, each where it is."""
-    sweep, settings = reading.tables.get("SIDD"), reading.tables.get("SIDS")
-    if sweep is None or not sweep.has("Targ") or not sweep.clock:
+    sweep, settings = reading.table("SIDD", "Targ"), reading.table("SIDS", "Ax")
+    if sweep is None:
         return
-    axes = _axes(sweep, settings, reading.parameters.get("SID_AXIS", 0.0))
+    # by the last settings before a sample, else by the parameter
+    axis = reading.parameters.get("SID_AXIS", 0.0)
+    axes = np.full(sweep.count, axis)
+    if settings is not None:
+        axes = held_at(settings.time_s(), settings.values("Ax"), sweep.time_s(), axis)
     present = np.unique(axes).tolist()
     for axis in present:
         if axis not in SWEPT:
@@ -520,16 +488,6 @@ def add_sweeps(reading: MessageReading) -> None:
     for name, factor in dict.fromkeys(SWEPT[axis] for axis in present if axis in SWEPT):
         swept = np.isin(axes, [axis for axis, (of, _) in SWEPT.items() if of == name])
         _add_sweep(reading, name, sweep, np.where(swept, sweep.values("Targ") * factor, 0.0))
-
-
-def _axes(sweep: Messages, settings: Messages | None, record: float) -> Float[np.ndarray, " n"]:
-    """Axis of each sample of a sweep: by the last settings before it, else by the parameter."""
-    if settings is None or not settings.has("Ax") or not settings.clock:
-        return np.full(sweep.count, record)
-    times = settings.time_s()
-    order = np.argsort(times, kind="stable")
-    indices = np.searchsorted(times[order], sweep.time_s(), side="right")
-    return np.asarray(np.append(record, settings.values("Ax")[order])[indices])
 
 
 def _add_sweep(reading: MessageReading, name: str, sweep: Messages, values: Float[np.ndarray, " n"]) -> None:
@@ -552,8 +510,7 @@ def _add_sweep(reading: MessageReading, name: str, sweep: Messages, values: Floa
 
 def _rotor_moments(channel: Channel, sweep: Channel) -> Channel:
     """What sticks ask for, and in its place a sweep where there is one; zero where there is neither."""
-    indices = np.searchsorted(sweep.time_s, channel.time_s, side="right") - 1
-    rests = (indices < 0) | (sweep.values[np.maximum(indices, 0)] == 0.0)
+    rests = held_at(sweep.time_s, sweep.values, channel.time_s, 0.0) == 0.0
     moves = np.flatnonzero(sweep.values != 0.0)
     time = np.concatenate([channel.time_s[rests], sweep.time_s[moves]])
     values = np.concatenate([np.nan_to_num(channel.values[rests]), sweep.values[moves]])
@@ -589,13 +546,10 @@ _PREFIXES = ("ardu", "apm:", "")
 
 def vehicle_of(tables: Mapping[str, Messages]) -> str:
     """Kind of vehicle in words, empty when the log does not say."""
-    version = tables.get("VER")
-    if version is not None and version.has("BU"):
-        kinds = [BUILDS[kind] for kind in np.unique(version.values("BU")).tolist() if kind in BUILDS]
-        if kinds:
-            return kinds[0]
-    reported = tables.get("MSG")
-    for text in reported.texts("Message") if reported is not None and reported.has("Message") else []:
+    kinds = [BUILDS[kind] for (kind,) in sorted(rows_of(tables, "VER", "BU")) if kind in BUILDS]
+    if kinds:
+        return kinds[0]
+    for (text,) in rows_of(tables, "MSG", "Message"):
         words = text.lower().split(" v", 1)
         for prefix in _PREFIXES:
             name = words[0].removeprefix(prefix).strip()

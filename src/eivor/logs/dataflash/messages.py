@@ -9,10 +9,12 @@ import struct
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from eivor.linalg.system import COPIED_ROWS, row_blocks
+from eivor.logs.common import noted
 from eivor.signals.recording import Finding
 from eivor.tools import Bool, Float
 
@@ -70,9 +72,10 @@ class MessageType:
             if (item.kind.kind == "S") != (name in TEXTS) or item.kind.subdtype is not None
         ]
 
-    def without(self, names: Collection[str]) -> MessageType:
-        """Return a layout without some of the fields."""
-        return replace(self, fields={name: item for name, item in self.fields.items() if name not in names})
+    def without_misfits(self) -> MessageType:
+        """Return the layout of the other fields."""
+        misfits = self.misfits()
+        return replace(self, fields={name: item for name, item in self.fields.items() if name not in misfits})
 
 
 @dataclass(slots=True)
@@ -95,15 +98,12 @@ class DeclaredLayouts:
 
     def findings(self) -> list[Finding]:
         """Say what is wrong with descriptions."""
-        selected = []
-        if self.unsound:
-            sentence = f"Descriptions of messages (FMT) that cannot be, left out: {self.unsound}."
-            selected.append(Finding("message_formats", sentence))
-        if self.changed:
-            names = ", ".join(sorted(self.changed))
-            sentence = f"Described again and differently, so that the first counts: {names}."
-            selected.append(Finding("message_formats", sentence))
-        return selected
+        unsound = "Descriptions of messages (FMT) that cannot be, left out: {}."
+        changed = "Described again and differently, so that the first counts: {}."
+        return [
+            *noted("message_formats", unsound, self.unsound),
+            *noted("message_formats", changed, sorted(self.changed)),
+        ]
 
 
 def begins_within(head: bytes) -> bool:
@@ -188,11 +188,15 @@ class Messages:
     @property
     def clock(self) -> str:
         """Column of the stamps; empty when there is none."""
-        return next((name for name in CLOCKS if self.has(name)), "")
+        return self.first(*CLOCKS)
 
     def has(self, *columns: str) -> bool:
         """Say whether it has all of some columns."""
         return all(column in self.layout.fields for column in columns)
+
+    def first(self, *columns: str) -> str:
+        """Return the first of some columns that it has; empty without one."""
+        return next(filter(self.has, columns), "")
 
     def stored(self, column: str) -> np.ndarray:
         """Return a column as it is stored."""
@@ -240,6 +244,15 @@ class Messages:
         return self if chosen.all() else replace(self, offsets=self.offsets[chosen])
 
 
+def rows_of(tables: Mapping[str, Messages], name: str, *columns: str) -> list[tuple[Any, ...]]:
+    """Return some columns of the messages of a type, numbers and texts, row by row; none without them."""
+    table = tables.get(name)
+    if table is None or not table.has(*columns):
+        return []
+    values = (table.texts(item) if item in TEXTS else table.values(item).tolist() for item in columns)
+    return list(zip(*values, strict=True))
+
+
 # -- Positions of messages --
 
 #: Bytes that are looked at together.
@@ -265,19 +278,11 @@ class Offsets:
 
     def findings(self) -> list[Finding]:
         """Say what was left out."""
-        selected = []
-        if self.cut:
-            selected.append(
-                Finding("truncated", f"The log ends within a message ({self.cut} bytes of it are there).")
-            )
-        if self.skipped:
-            selected.append(
-                Finding(
-                    "corrupt_parts",
-                    f"Damaged parts were left out: {self.skipped} bytes that belong to no message.",
-                )
-            )
-        return selected
+        damaged = "Damaged parts were left out: {} bytes that belong to no message."
+        return [
+            *noted("truncated", "The log ends within a message ({} bytes of it are there).", self.cut),
+            *noted("corrupt_parts", damaged, self.skipped),
+        ]
 
 
 def read_messages(content: mmap.mmap, names: Collection[str]) -> tuple[list[Messages], list[Finding]]:
@@ -302,7 +307,9 @@ def find_offsets(data: np.ndarray, layouts: Mapping[int, MessageType], wanted: C
     for start in range(0, data.size, BLOCK_BYTES):
         if positions._breaks > MAX_BREAKS:
             break
-        heads = _heads(data, start, lengths)
+        part = data[start : start + BLOCK_BYTES + 2]
+        indices = np.flatnonzero((part[:-2] == HEAD[0]) & (part[1:-1] == HEAD[1]))
+        heads = indices[lengths[part[indices + 2]] > 0] + start
         message = _chained(data, heads, lengths, positions)
         heads = heads[message]
         kinds = data[heads + 2]
@@ -315,13 +322,6 @@ def find_offsets(data: np.ndarray, layouts: Mapping[int, MessageType], wanted: C
     else:
         positions.skipped += int(rest.size)
     return positions
-
-
-def _heads(data: np.ndarray, start: int, lengths: np.ndarray) -> np.ndarray:
-    """Places in a block at which a head stands before a known type."""
-    part = data[start : start + BLOCK_BYTES + 2]
-    indices = np.flatnonzero((part[:-2] == HEAD[0]) & (part[1:-1] == HEAD[1]))
-    return np.asarray(indices[lengths[part[indices + 2]] > 0] + start)
 
 
 def _followed(data: np.ndarray, ends: np.ndarray, lengths: np.ndarray) -> Bool[np.ndarray, " n"]:
@@ -368,10 +368,7 @@ def _chained(
 
 #: How a log in text is identified: by the line that describes its descriptions.
 _BEGIN, _COMMA = rb"^(?:\xef\xbb\xbf)?[ \t]*FMT", rb"[ \t]*,[ \t]*"
-_FIRST = re.compile(
-    _COMMA.join((_BEGIN, b"128", b"89", b"FMT", rb"BBnNZ[ \t]*(,|\r?$)")),
-    re.MULTILINE,
-)
+_FIRST = re.compile(_COMMA.join((_BEGIN, b"128", b"89", b"FMT", rb"BBnNZ[ \t]*(,|\r?$)")), re.MULTILINE)
 _FMT_LINE = re.compile(_BEGIN + rb"[ \t]*,([^\n]*)\n", re.MULTILINE)
 #: What may stand before the name of a line's type, and behind it: spaces, and the mark of UTF-8.
 _AROUND = b"\xef\xbb\xbf \t"
@@ -380,30 +377,11 @@ TEXT_BLOCK_BYTES = 1 << 23
 #: Cells that are longer are not looked at together [bytes].
 LONGEST_NUMBER = 32
 #: Numbers of modes by the names that ground stations write, in small letters without signs.
-MODES = {
-    "stabilize": 0,
-    "acro": 1,
-    "althold": 2,
-    "auto": 3,
-    "guided": 4,
-    "loiter": 5,
-    "rtl": 6,
-    "circle": 7,
-    "land": 9,
-    "drift": 11,
-    "sport": 13,
-    "flip": 14,
-    "autotune": 15,
-    "poshold": 16,
-    "brake": 17,
-    "throw": 18,
-    "guidednogps": 20,
-    "smartrtl": 21,
-    "flowhold": 22,
-    "follow": 23,
-    "zigzag": 24,
-    "systemid": 25,
-}
+_MODE_NAMES = (
+    "stabilize acro althold auto guided loiter rtl circle - land - drift - sport flip autotune poshold brake "
+    "throw - guidednogps smartrtl flowhold follow zigzag systemid"
+)
+MODES = {name: number for number, name in enumerate(_MODE_NAMES.split()) if name != "-"}
 UNKNOWN_MODE = 255
 
 
@@ -427,13 +405,12 @@ def read_lines(content: mmap.mmap, names: Collection[str]) -> tuple[list[Message
                 rows = _rows(lines, wanted[name])
                 damaged += len(lines) - len(rows)
                 parts[name].append(rows)
-    findings = described.findings()
     rest = len(content) - 1 - content.rfind(b"\n")
-    if rest:
-        findings.append(Finding("truncated", f"The log ends within a line ({rest} bytes of it are there)."))
-    if damaged:
-        sentence = f"Damaged parts were left out: {damaged} lines that are no message."
-        findings.append(Finding("corrupt_parts", sentence))
+    findings = [
+        *described.findings(),
+        *noted("truncated", "The log ends within a line ({} bytes of it are there).", rest),
+        *noted("corrupt_parts", "Damaged parts were left out: {} lines that are no message.", damaged),
+    ]
     return [_messages(layout, parts[name]) for name, layout in wanted.items()], findings
 
 
@@ -447,15 +424,12 @@ def _described(content: mmap.mmap) -> DeclaredLayouts:
             continue
         if len(cells) == 4 and not cells[3]:
             cells.append(b"")
-        if len(cells) < 5 or max(numbers) > 255 or any(map(_too_long, cells[2:], (4, 16, 64))):
+        too_long = any(len(cell) > most for cell, most in zip(cells[2:], (4, 16, 64), strict=False))
+        if len(cells) < 5 or max(numbers) > 255 or too_long:
             described.unsound += 1
         else:
             described.add(struct.pack("<BB4s16s64s", *numbers, *cells[2:]))
     return described
-
-
-def _too_long(cell: bytes, length: int) -> bool:
-    return len(cell) > length
 
 
 def _blocks(content: mmap.mmap) -> Iterator[bytes]:

@@ -12,7 +12,7 @@ import numpy as np
 
 from eivor.errors import CorruptLogError, EmptyLogError
 from eivor.logs.common import HEAD_BYTES as SNIFFED_BYTES
-from eivor.logs.common import KeptChannels, LogFormat, ReadOptions, believable, findings_of
+from eivor.logs.common import KeptChannels, LogFormat, ReadOptions, believable, by_rate, findings_of, noted
 from eivor.logs.dataflash.channels import (
     add_air_density,
     add_attitude,
@@ -26,12 +26,21 @@ from eivor.logs.dataflash.channels import (
     unit_findings,
     vehicle_of,
 )
-from eivor.logs.dataflash.messages import HEAD, Messages, begins_within, is_text, read_lines, read_messages
+from eivor.logs.dataflash.messages import (
+    HEAD,
+    Messages,
+    begins_within,
+    is_text,
+    read_lines,
+    read_messages,
+    rows_of,
+)
 from eivor.logs.dataflash.sources import (
     CHANNEL_SOURCES,
     CHOSEN_BY_RATE,
     LOOKED_FOR,
     NEEDED,
+    RATES,
     WITHOUT_HEIGHT_MODES,
     MessageReading,
     MessageSource,
@@ -42,18 +51,8 @@ from eivor.signals.channels import CurveSide
 from eivor.signals.recording import Finding, Frame, Recording
 from eivor.tools import Float
 
-# -- Format --
+# -- Advice --
 
-#: How often each message is logged, and what raises it.
-RATES = {
-    "RATE": "at 10 Hz; bit 0 (ATTITUDE_FAST) of LOG_BITMASK logs it at the loop's rate (400 Hz).",
-    "ATT": "at 10 Hz; bit 0 (ATTITUDE_FAST) of LOG_BITMASK logs it at the loop's rate (400 Hz).",
-    "IMU": "at 25 Hz; bit 18 (IMU_FAST) of LOG_BITMASK logs it at the loop's rate (400 Hz).",
-    "XKF1": "at 10 Hz; bit 0 (ATTITUDE_FAST) of LOG_BITMASK logs it at 25 Hz.",
-    "PSCD": "at 10 Hz, with bit 5 (NTUN) of LOG_BITMASK and in modes that hold the height.",
-    "CTUN": "at 10 Hz, with bit 4 (CTUN) of LOG_BITMASK.",
-    "BAT": "at 10 Hz, with bit 9 (CURRENT) of LOG_BITMASK.",
-}
 _ADVICE = (
     "Set bits 0 (ATTITUDE_FAST) and 18 (IMU_FAST) of LOG_BITMASK beside those that are set (176126 becomes "
     "438271): throttle, attitude and accelerations at the loop's rate, velocity at 25 Hz. The default logs "
@@ -61,10 +60,6 @@ _ADVICE = (
     "Leave bit 5 (NTUN) set, which logs the height reference (PSCD, from firmware 4.1 on).",
     "Fly height steps in a mode that holds the height (AUTO, GUIDED, LOITER): a hover cannot be identified.",
 )
-
-
-def _read(file: Path, options: ReadOptions) -> Recording:
-    return read_dataflash(file, sha256=options.sha256)
 
 
 def _advice(channel: str) -> tuple[str, ...]:
@@ -75,27 +70,13 @@ def _advice(channel: str) -> tuple[str, ...]:
     return tuple(f"ArduPilot logs {name} {RATES[name]}" for name in messages if name in RATES)
 
 
-DATAFLASH = LogFormat(
-    "dataflash",
-    "ArduPilot DataFlash",
-    lambda head, _: head.startswith(HEAD) or is_text(head) or begins_within(head),
-    _read,
-    advice=_advice,
-    setpoints="PSCD.DPD, .DVD and .DAD (the height reference and its feed-forward), RATE.AOut (the command), "
-    "RCIN.C3 (the stick, when a pilot flies).",
-    endings=(".bin", ".log"),
-)
-
-
 # -- Reader --
 
-#: Another source comes before the preferred one when it was logged so many times as often.
-MUCH_MORE = 1.5
 #: An instance with a smaller share of the messages of the most frequent one is damage, or was lost at once.
 SELDOM = 0.1
 
 
-def read_dataflash(file: Path, *, sha256: str = "") -> Recording:
+def read_dataflash(file: Path, options: ReadOptions) -> Recording:
     """Read a DataFlash log."""
     try:
         with file.open("rb") as stream:
@@ -120,19 +101,14 @@ def read_dataflash(file: Path, *, sha256: str = "") -> Recording:
         )
     findings += unit_findings(tables)
     findings += delay_findings(reading.heads.values(), parameters)
-    if reading.inactive_setpoints:
-        findings.append(
-            Finding(
-                "setpoint_silent",
-                f"Not in force while its message is silent: {', '.join(reading.inactive_setpoints)}.",
-            )
-        )
+    silent = "Not in force while its message is silent: {}."
+    findings += noted("setpoint_silent", silent, reading.inactive_setpoints)
     return Recording(
         name=file.name,
         format="dataflash",
         channels=reading.channels.finished(),
         frame=Frame.NED,
-        sha256=sha256,
+        sha256=options.sha256,
         parameters=parameters,
         looked_for=LOOKED_FOR,
         findings=(*findings, *findings_of(reading.looks, reading.channels)),
@@ -143,8 +119,10 @@ def read_dataflash(file: Path, *, sha256: str = "") -> Recording:
 
 def _add_all(reading: MessageReading) -> None:
     """Add every channel that the messages of a reading hold."""
+    counts = {name: table.count for name, table in reading.tables.items()}
     for name, sources in CHANNEL_SOURCES.items():
-        for source in _by_rate(sources, reading.tables) if name in CHOSEN_BY_RATE else sources:
+        by_choice = by_rate(sources, lambda source: counts.get(source.message, 0))
+        for source in by_choice if name in CHOSEN_BY_RATE else sources:
             if name not in reading.channels:
                 _add(reading, name, source)
     add_attitude(reading)
@@ -170,25 +148,12 @@ def _tables(content: mmap.mmap) -> tuple[dict[str, Messages], list[Finding]]:
     read = read_lines if is_text(content[:SNIFFED_BYTES]) else read_messages
     messages, findings = read(content, NEEDED)
     unusable = sorted(message.name for message in messages if not message.layout.fields)
-    if unusable:
-        findings.append(
-            Finding(
-                "message_formats",
-                f"Left out, because codes, names and length of their fields disagree: {', '.join(unusable)}.",
-            )
-        )
+    sentence = "Left out, because codes, names and length of their fields disagree: {}."
+    findings += noted("message_formats", sentence, unusable)
     misfits = sorted(f"{message.name}.{name}" for message in messages for name in message.layout.misfits())
-    if misfits:
-        findings.append(
-            Finding(
-                "message_formats",
-                "Columns left out, in which texts or lists stand for numbers, or numbers for texts: "
-                f"{', '.join(misfits)}.",
-            )
-        )
-        messages = [
-            replace(message, layout=message.layout.without(message.layout.misfits())) for message in messages
-        ]
+    sentence = "Columns left out, in which texts or lists stand for numbers, or numbers for texts: {}."
+    findings += noted("message_formats", sentence, misfits)
+    messages = [replace(message, layout=message.layout.without_misfits()) for message in messages]
     tables: dict[str, Messages] = {}
     lost = 0
     for item in messages:
@@ -202,8 +167,7 @@ def _tables(content: mmap.mmap) -> tuple[dict[str, Messages], list[Finding]]:
             lowest = lowest.where(sound)
         if lowest.count:
             tables[lowest.name] = lowest
-    if lost:
-        findings.append(Finding("time_stamps", f"Messages left out, because their stamp cannot be: {lost}."))
+    findings += noted("time_stamps", "Messages left out, because their stamp cannot be: {}.", lost)
     return tables, findings
 
 
@@ -211,7 +175,7 @@ def _lowest(table: Messages) -> Messages:
     """Messages of the lowest instance of a sensor or a battery that has many of them."""
     if table.name not in ("IMU", "BAT", "CURR", "BARO", "GPS"):
         return table
-    column = next((name for name in ("I", "Inst", "Instance") if table.has(name)), "")
+    column = table.first("I", "Inst", "Instance")
     if not column or not table.count:
         return table
     instances = table.stored(column)
@@ -222,28 +186,17 @@ def _lowest(table: Messages) -> Messages:
 
 def _parameters(tables: Mapping[str, Messages]) -> dict[str, float]:
     """Parameters that were set when the log began."""
-    table = tables.get("PARM")
-    if table is None or not table.has("Name", "Value"):
-        return {}
     values: dict[str, float] = {}
-    for name, value in zip(table.texts("Name"), table.values("Value").tolist(), strict=True):
+    for name, value in rows_of(tables, "PARM", "Name", "Value"):
         if np.isfinite(value) and name.isprintable() and name:
             values.setdefault(name, value)
     return dict(sorted(values.items()))
 
 
-def _by_rate(sources: tuple[MessageSource, ...], tables: Mapping[str, Messages]) -> list[MessageSource]:
-    """Sources in their order, but one that was logged much more often than the first before it."""
-    counts = {source: tables[source.message].count if source.message in tables else 0 for source in sources}
-    most = max(sources, key=counts.__getitem__)
-    first = next((source for source in sources if counts[source]), most)
-    return sorted(sources, key=lambda source: counts[most] > MUCH_MORE * counts[first] and source is not most)
-
-
 def _add(reading: MessageReading, name: str, source: MessageSource) -> None:
     """Add a channel from a source, when that has a value."""
-    table = reading.tables.get(source.message)
-    if table is None or not table.has(source.column) or not table.clock:
+    table = reading.table(source.message, source.column)
+    if table is None:
         return
     factor = source.factor_in(table)
     if source.zero_is_absent and not np.any(np.nan_to_num(table.values(source.column))):
@@ -258,7 +211,7 @@ def _add(reading: MessageReading, name: str, source: MessageSource) -> None:
             result[reading.landed_at(table)] = np.nan
         return result
 
-    reading.add_made(
+    reading.add(
         name,
         table,
         values,
@@ -268,3 +221,17 @@ def _add(reading: MessageReading, name: str, source: MessageSource) -> None:
         is_setpoint=source.is_setpoint,
         curve_side=CurveSide.BEFORE if name == "input" else CurveSide.UNKNOWN,
     )
+
+
+# -- Format --
+
+DATAFLASH = LogFormat(
+    "dataflash",
+    "ArduPilot DataFlash",
+    lambda head, _: head.startswith(HEAD) or is_text(head) or begins_within(head),
+    read_dataflash,
+    advice=_advice,
+    setpoints="PSCD.DPD, .DVD and .DAD (the height reference and its feed-forward), RATE.AOut (the command), "
+    "RCIN.C3 (the stick, when a pilot flies).",
+    endings=(".bin", ".log"),
+)

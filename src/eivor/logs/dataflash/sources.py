@@ -3,16 +3,25 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import datetime
 
 import numpy as np
 
-from eivor.logs.common import UNITS, ChannelProfile, KeptChannels, look, silenced
-from eivor.logs.dataflash.messages import Messages
-from eivor.signals.channels import CurveSide, held_by_default, unit_of
-from eivor.signals.recording import Channel, Finding, LogOrigin, clean_channel, utc_time
+from eivor.logs.common import (
+    ChannelProfile,
+    KeptChannels,
+    channel_sources,
+    held_at,
+    logged_channel,
+    look,
+    silenced,
+    source_tables,
+)
+from eivor.logs.dataflash.messages import Messages, rows_of
+from eivor.signals.channels import CurveSide
+from eivor.signals.recording import Channel, Finding, LogOrigin, utc_time
 from eivor.tools import Bool, Float
 
 # -- Origin --
@@ -29,8 +38,7 @@ GPS_EPOCH_S, WEEK_S, LEAP_S = 315_964_800.0, 604_800.0, 18.0
 
 def dataflash_origin(tables: Mapping[str, Messages], parameters: Mapping[str, float]) -> LogOrigin:
     """Origin of a log."""
-    reported = tables.get("MSG")
-    texts = reported.texts("Message") if reported is not None and reported.has("Message") else []
+    texts = [text for (text,) in rows_of(tables, "MSG", "Message")]
     serial = parameters.get("BRD_SERIAL_NUM", 0.0)
     frame = _first(_FRAME, texts)
     return LogOrigin(
@@ -99,67 +107,11 @@ class MessageSource:
         return f"{'-' if self.factor < 0.0 else ''}{self.message}.{self.column}"
 
 
-_DEG = UNITS["deg"][1]
-
-
-def _estimates(column: str) -> tuple[MessageSource, ...]:
-    return tuple(MessageSource(message, column) for message in ESTIMATORS)
-
-
 #: Sources of each channel, the preferred one first.
-CHANNEL_SOURCES: Mapping[str, tuple[MessageSource, ...]] = {
-    "position_x": _estimates("PN"),
-    "position_y": _estimates("PE"),
-    "position_z": _estimates("PD"),
-    "velocity_x": _estimates("VN"),
-    "velocity_y": _estimates("VE"),
-    "velocity_z": _estimates("VD"),
-    **{f"specific_force_body_{axis}": (MessageSource("IMU", f"Acc{axis.upper()}"),) for axis in "xyz"},
-    **{
-        f"angular_rate_{axis}": (
-            MessageSource("IMU", f"Gyr{axis.upper()}"),
-            MessageSource("RATE", letter, _DEG),
-        )
-        for axis, letter in zip("xyz", "RPY", strict=True)
-    },
-    "input": (
-        MessageSource("RATE", "AOut", old_factor=1e-3),
-        MessageSource("CTUN", "ThO", old_factor=1e-3),
-        MessageSource("CTUN", "ThrOut", old_factor=1e-3),
-    ),
-    "reference_position_z": (
-        MessageSource("PSCD", "DPD"),
-        MessageSource("PSCD", "TPD"),
-        MessageSource("PSCZ", "TPZ", -1.0),
-        MessageSource("CTUN", "DAlt", -1.0, needs_height_loop=True),
-    ),
-    "reference_velocity_z": (
-        MessageSource("PSCD", "DVD", zero_is_absent=True),
-        MessageSource("PSCZ", "DVZ", -1.0, zero_is_absent=True),
-    ),
-    "reference_acceleration_z": (
-        MessageSource("PSCD", "DAD", zero_is_absent=True),
-        MessageSource("PSCZ", "DAZ", -1.0, zero_is_absent=True),
-    ),
-    "feedback_reference_velocity_z": (
-        MessageSource("PSCD", "TVD"),
-        MessageSource("PSCZ", "TVZ", -1.0),
-        MessageSource("CTUN", "DCRt", -1.0, old_factor=1e-2, needs_height_loop=True),
-    ),
-    **{
-        f"torque_setpoint_{axis}": (MessageSource("RATE", f"{letter}Out", old_factor=1.0 / 4500.0),)
-        for axis, letter in zip("xyz", "RPY", strict=True)
-    },
-    "hover_thrust_estimate": (
-        MessageSource("CTUN", "ThH", old_factor=1e-3, zero_is_absent=True),
-        MessageSource("CTUN", "ThrHov", old_factor=1e-3, zero_is_absent=True),
-    ),
-    "air_temperature": (MessageSource("BARO", "Temp", zero_is_absent=True),),
-    "battery_voltage": (
-        MessageSource("BAT", "Volt", zero_is_absent=True),
-        MessageSource("CURR", "Volt", old_factor=1e-2, zero_is_absent=True),
-    ),
-}
+_TABLES = source_tables("eivor.logs.dataflash")
+CHANNEL_SOURCES = channel_sources(_TABLES, MessageSource)
+#: How often each message is logged, and what raises it.
+RATES: Mapping[str, str] = _TABLES["rates"]
 
 #: Channels whose source is the one that was logged most often, when much more often.
 CHOSEN_BY_RATE = tuple(f"angular_rate_{axis}" for axis in "xyz")
@@ -197,35 +149,10 @@ NEEDED = frozenset(
     | ORIGIN_MESSAGES
 )
 
-_ATTITUDE = ("ATT.Roll, .Pitch and .Yaw",)
 #: What was looked for, by channel, in the words of a message.
 LOOKED_FOR: Mapping[str, tuple[str, ...]] = {
     **{name: tuple(source.label for source in sources) for name, sources in CHANNEL_SOURCES.items()},
-    "input": (
-        *(source.label for source in CHANNEL_SOURCES["input"]),
-        "RCOU.C1 to .C4 through the thrust curve",
-    ),
-    "air_density": ("BARO.Press and .Temp",),
-    **{f"attitude_{part}": _ATTITUDE for part in "wxyz"},
-    **{
-        f"{kind}reference_{angle}": (f"ATT.{column} {mode}",)
-        for angle, column in ATTITUDE_SETPOINTS.items()
-        for kind, mode in (("", "where sticks set the attitude"), ("feedback_", "where a loop does"))
-    },
-    **{
-        f"{kind}reference_angular_rate_{axis}": (f"RATE.{column} {mode}",)
-        for axis, column in RATE_SETPOINTS.items()
-        for kind, mode in (("", "in acro mode"), ("feedback_", "in other modes"))
-    },
-    **{f"injected_torque_{axis}": ("SIDD.Targ of a sweep into the mixer",) for axis in "xyz"},
-    "injected_throttle": ("SIDD.Targ of a sweep into the throttle",),
-    "pilot_throttle": ("RCIN.C3",),
-    "pilot_in_control": ("MODE.ModeNum",),
-    "pilot_sets_attitude": ("MODE.ModeNum",),
-    "input_open_loop": ("MODE.ModeNum",),
-    "landed": ("EV.Id", "ARM.ArmState"),
-    "actuator_output_1": ("RCOU.C1 to .C14",),
-    "rotor_speed_1": ("ESC.RPM by .Instance",),
+    **{name: tuple(texts) for name, texts in _TABLES["looked_for"].items()},
 }
 
 
@@ -266,17 +193,14 @@ def _core(tables: Mapping[str, Messages], chosen: str, findings: list[Finding]) 
         table = tables.get(name)
         if table is None or not table.has("PI"):
             continue
-        reported, counts = np.unique(table.stored("PI"), return_counts=True)
-        core = int(reported[np.argmax(counts)])
-        if reported.size > 1:
-            share = 1.0 - float(counts.max()) / float(counts.sum())
-            findings.append(
-                Finding(
-                    "estimator_core",
-                    f"The estimator changed its core ({name}.PI): velocity and position are those of core "
-                    f"{core}, which was not in use for {share:.0%} of the log.",
-                )
+        core = _most(table, "PI")
+        share = float(np.mean(table.stored("PI") != core))
+        if share > 0.0:
+            sentence = (
+                f"The estimator changed its core ({name}.PI): velocity and position are those of core "
+                f"{core}, which was not in use for {share:.0%} of the log."
             )
+            findings.append(Finding("estimator_core", sentence))
         return max(core, 0)
     return 0
 
@@ -342,6 +266,11 @@ class MessageReading:
         self.forget_clocks()
         return MessageReading(tables, self.parameters, [], self.start_s, self.end_s)
 
+    def table(self, name: str, *columns: str) -> Messages | None:
+        """Messages of a type; None without stamps, or without one of some columns."""
+        table = self.tables.get(name)
+        return table if table is not None and table.clock and table.has(*columns) else None
+
     def forget_clocks(self) -> None:
         """Let go of stamps that may be wanted by other channels of their messages."""
         self._clocks.clear()
@@ -362,51 +291,32 @@ class MessageReading:
         self,
         name: str,
         table: Messages,
-        values: Float[np.ndarray, " n"],
+        values: Float[np.ndarray, " n"] | Callable[[], Float[np.ndarray, " n"]],
         label: str,
         curve_side: CurveSide = CurveSide.UNKNOWN,
-    ) -> None:
-        """Add a channel of values that are at hand, when it has one."""
-        self.add_made(name, table, lambda: values, label, curve_side=curve_side)
-
-    def add_made(
-        self,
-        name: str,
-        table: Messages,
-        values: Callable[[], Float[np.ndarray, " n"]],
-        label: str,
         *,
         estimated: bool = False,
         delay_s: float = 0.0,
         is_setpoint: bool = False,
-        curve_side: CurveSide = CurveSide.UNKNOWN,
     ) -> None:
         """Add a channel, when it has a value; its values are made again where they are not kept."""
 
-        def logged() -> Channel:
-            return clean_channel(
+        def made(inactive: list[str] | None = None) -> Channel:
+            channel = logged_channel(
                 name,
                 self.time_s(table, delay_s),
-                values(),
-                unit_of(name),
-                source=label,
-                held=held_by_default(name),
+                values() if callable(values) else values,
+                label,
                 estimated=estimated,
                 delay_s=delay_s,
                 curve_side=curve_side,
             )
+            is_valid = is_setpoint and np.isfinite(channel.values).any()
+            return silenced(channel, self.end_s - self.start_s, inactive) if is_valid else channel
 
-        def in_force() -> Channel:
-            return silenced(logged(), self.end_s - self.start_s)
-
-        channel = logged()
-        if not np.isfinite(channel.values).any():
-            return
-        count = channel.time_s.size
-        if is_setpoint:
-            channel = silenced(channel, self.end_s - self.start_s)
-            self.inactive_setpoints += [name] if channel.time_s.size > count else []
-        self._put(channel, in_force if is_setpoint else logged)
+        channel = made(self.inactive_setpoints)
+        if np.isfinite(channel.values).any():
+            self._put(channel, made)
 
     def keep(self, channel: Channel) -> None:
         """Put a channel that is made of others, or in the place of one."""
@@ -422,39 +332,33 @@ class MessageReading:
         self, table: Messages, modes: tuple[int, ...], *, before: bool = False
     ) -> Bool[np.ndarray, " n"]:
         """Whether the vehicle was in one of some modes at each message."""
-        return self._stated(table, "MODE", "ModeNum", {float(mode): 1.0 for mode in modes}, before)
+        return self._stated(table, "MODE", "ModeNum", modes, before)
 
     def with_sweeps(self, modes: tuple[int, ...]) -> tuple[int, ...]:
         """Modes of sticks, and system identification where its sweeps leave throttle and attitude to them."""
-        settings = self.tables.get("SIDS")
-        selected = [self.parameters.get("SID_AXIS", 0.0)]
-        if settings is not None and settings.has("Ax") and settings.count:
-            selected = settings.values("Ax").tolist()
+        selected = [axis for (axis,) in rows_of(self.tables, "SIDS", "Ax")]
+        selected = selected or [self.parameters.get("SID_AXIS", 0.0)]
         return (*modes, SWEEP_MODE) if all(0 < axis <= LAST_STICK_AXIS for axis in selected) else modes
 
     def landed_at(self, table: Messages) -> Bool[np.ndarray, " n"]:
         """Whether the vehicle was on the ground at each message, by its events; no where they do not say."""
-        selected = {float(number): value for number, value in LANDED_EVENTS.items()}
-        return self._stated(table, "EV", "Id", selected, False, others_stay=True)
+        landed = [number for number, value in LANDED_EVENTS.items() if value > 0.0]
+        return self._stated(table, "EV", "Id", landed, False, list(LANDED_EVENTS))
 
     def _stated(
         self,
         table: Messages,
         name: str,
         column: str,
-        meanings: Mapping[float, float],
+        holding: Sequence[int],
         before: bool,
-        *,
-        others_stay: bool = False,
+        among: Sequence[int] | None = None,
     ) -> Bool[np.ndarray, " n"]:
         """Whether a state holds that messages of another type set; `before` the first of them as given."""
-        states = self.tables.get(name)
-        if states is None or not states.has(column) or not states.clock:
+        states = self.table(name, column)
+        if states is None:
             return np.full(table.count, before)
         stated = states.values(column)
-        known = np.isin(stated, list(meanings)) if others_stay else np.ones(stated.size, dtype=np.bool_)
-        times, stated = self.time_s(states)[known], stated[known]
-        order = np.argsort(times, kind="stable")
-        value = np.array([meanings.get(item, 0.0) > 0.0 for item in stated[order].tolist()], dtype=np.bool_)
-        indices = np.searchsorted(times[order], self.time_s(table), side="right")
-        return np.asarray(np.append(before, value)[indices])
+        known = np.ones(stated.size, dtype=np.bool_) if among is None else np.isin(stated, among)
+        within = np.isin(stated, holding)
+        return held_at(self.time_s(states)[known], within[known], self.time_s(table), before)

@@ -1,15 +1,38 @@
-"""Channels of PX4 and mavros topics in a bag."""
+"""Reader of ROS bags: channels of PX4, of mavros and of other topics."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
-from eivor.errors import InputError
-from eivor.logs.common import silenced
+from eivor.errors import EmptyLogError, InputError
+from eivor.logs.channel_map import load_channel_map
+from eivor.logs.common import (
+    LogFormat,
+    ReadOptions,
+    channel_findings,
+    channel_sources,
+    logged_channel,
+    no_parts,
+    noted,
+    silenced,
+    source_tables,
+)
+from eivor.logs.mapping import looked_for
+from eivor.logs.rosbag.containers import (
+    MAGICS,
+    MCAP,
+    ROS1,
+    SQLITE,
+    bag_files,
+    bag_parts,
+    check_installed,
+    is_bag_folder,
+)
 from eivor.logs.rosbag.messages import (
     PACKAGE,
     MessageLayout,
@@ -17,11 +40,22 @@ from eivor.logs.rosbag.messages import (
     message_layout,
     px4_releases,
 )
-from eivor.logs.rosbag.topics import BagTopic, RawTopic, as_columns, of_one_clock, start_ns, with_derived
+from eivor.logs.rosbag.topics import (
+    BagTopic,
+    Contents,
+    RawTopic,
+    as_columns,
+    map_channels,
+    mapped_topics,
+    of_one_clock,
+    read_contents,
+    start_ns,
+    with_derived,
+)
 from eivor.logs.ulog.channels import read_topics, unknown_filters
 from eivor.logs.ulog.topics import LOOKED_FOR, NEEDED_TOPICS, Topic, choose_instance, vehicle_of
-from eivor.signals.channels import CurveSide, held_by_default, unit_of
-from eivor.signals.recording import Channel, Finding, clean_channel
+from eivor.signals.channels import CurveSide
+from eivor.signals.recording import Channel, Finding, Frame, Recording
 
 # -- PX4 --
 
@@ -39,14 +73,8 @@ def is_px4(name: str, kind: str) -> bool:
 
 def px4_channels(raws: Sequence[RawTopic], findings: list[Finding]) -> tuple[dict[str, Channel], str]:
     """Return the channels of PX4's topics, z down, and the kind of vehicle."""
-    positions = {match["vehicle"] for raw in raws if (match := _NAME.fullmatch(raw.name)) is not None}
-    if len(positions) > 1:
-        raise InputError(
-            "a bag of one vehicle",
-            f"one with topics of {len(positions)}: "
-            f"{', '.join(sorted(position or '/' for position in positions)[:6])}",
-            "Take one of them out with `ros2 bag convert`, or name its topics in a channel map (--map).",
-        )
+    matches = (_NAME.fullmatch(raw.name) for raw in raws)
+    _check_one_vehicle("topics", {match["vehicle"] for match in matches if match is not None})
     layouts = _layouts(raws, findings)
     columns = [as_columns(raw, layouts[raw.name], findings) for raw in raws if raw.name in layouts]
     sound = of_one_clock([column for column in columns if column is not None], findings)
@@ -58,9 +86,13 @@ def px4_channels(raws: Sequence[RawTopic], findings: list[Finding]) -> tuple[dic
     return channels, vehicle_of(topics, {})
 
 
-def looked_for() -> Mapping[str, tuple[str, ...]]:
-    """What is looked for, by channel."""
-    return LOOKED_FOR
+def _check_one_vehicle(what: str, places: set[str]) -> None:
+    if len(places) > 1:
+        raise InputError(
+            "a bag of one vehicle",
+            f"one with {what} of {len(places)}: {', '.join(sorted(place or '/' for place in places)[:6])}",
+            "Take one of them out with `ros2 bag convert`, or name its topics in a channel map (--map).",
+        )
 
 
 def _chosen(sound: Sequence[BagTopic], findings: list[Finding]) -> dict[str, Topic]:
@@ -93,9 +125,8 @@ def _layouts(
     if misfits:
         known = ", ".join(releases)
         sentence = (
-            f"Without definitions in the bag, messages fit none of the releases of px4_msgs that are "
-            f"known ({known}) "
-            f"and are left out: {', '.join(misfits)}."
+            f"Without definitions in the bag, messages fit none of the releases of px4_msgs that are known "
+            f"({known}) and are left out: {', '.join(misfits)}."
         )
         findings.append(Finding("px4_release", sentence))
     for raw in unsaid:
@@ -150,20 +181,24 @@ MAVROS = "mavros/"
 ASKED = re.compile(
     r"set_?point|target|goal|reference|desired|command|cmd|(?:^|[/_])ref(?:[/_]|$)", re.IGNORECASE
 )
-MAX_ROTORS = 12
 
 
 @dataclass(frozen=True, slots=True)
 class RosSource:
     """One place where a channel may be."""
 
-    topic: str
     kind: str
     field: str  # Full name of the field
+    topic: str = ""  # Of mavros; empty for any topic
     sign: float = 1.0  # -1 where the channel is the negative of the field
     estimated: bool = False  # True when an estimator makes the values
     is_setpoint: bool = False  # True when the topic falls silent where the setpoint is not in force
     is_asked: bool = False
+
+    @property
+    def label(self) -> str:
+        """The source in the words of a message."""
+        return f"{MAVROS}{self.topic}.{self.field}" if self.topic else f"{self.kind} {self.field}"
 
     def serves(self, name: str, kind: str) -> bool:
         """Say whether a topic is this one."""
@@ -174,127 +209,14 @@ class RosSource:
         return f"/{MAVROS}" not in f"/{name.lstrip('/')}" and bool(ASKED.search(name)) == self.is_asked
 
 
-_ODOMETRY, _POSE, _TWIST = "nav_msgs/Odometry", "geometry_msgs/PoseStamped", "geometry_msgs/TwistStamped"
-_IMU, _BATTERY = "sensor_msgs/Imu", "sensor_msgs/BatteryState"
-_POSITION, _ATTITUDE = "mavros_msgs/PositionTarget", "mavros_msgs/AttitudeTarget"
-_STATE, _ROTORS = "mavros_msgs/State", ("mav_msgs/Actuators", "actuator_msgs/Actuators")
-_SPEEDS = ("angular_velocities", "velocity")
-
-
-def _positions(axis: str) -> tuple[RosSource, ...]:
-    return (
-        RosSource("local_position/odom", _ODOMETRY, f"pose.pose.position.{axis}", estimated=True),
-        RosSource("local_position/pose", _POSE, f"pose.position.{axis}", estimated=True),
-        RosSource("", _ODOMETRY, f"pose.pose.position.{axis}", estimated=True),
-        RosSource("", _POSE, f"pose.position.{axis}"),
-        RosSource("", "geometry_msgs/TransformStamped", f"transform.translation.{axis}"),
-    )
-
-
-def _velocities(axis: str) -> tuple[RosSource, ...]:
-    return (
-        RosSource("local_position/velocity_local", _TWIST, f"twist.linear.{axis}", estimated=True),
-        RosSource("local_position/odom", _ODOMETRY, f"twist.world.{axis}", estimated=True),
-        RosSource("", _ODOMETRY, f"twist.world.{axis}", estimated=True),
-        RosSource("", _TWIST, f"twist.linear.{axis}", estimated=True),
-    )
-
-
-def _turns(part: str) -> tuple[RosSource, ...]:
-    return (
-        RosSource("imu/data", _IMU, f"orientation.{part}", estimated=True),
-        RosSource("local_position/odom", _ODOMETRY, f"pose.pose.orientation.{part}", estimated=True),
-        RosSource("local_position/pose", _POSE, f"pose.orientation.{part}", estimated=True),
-        RosSource("", _ODOMETRY, f"pose.pose.orientation.{part}", estimated=True),
-        RosSource("", _POSE, f"pose.orientation.{part}"),
-        RosSource("", "geometry_msgs/TransformStamped", f"transform.rotation.{part}"),
-        RosSource("", _IMU, f"orientation.{part}", estimated=True),
-    )
-
-
-def _inertial(field: str) -> tuple[RosSource, ...]:
-    return tuple(RosSource(topic, _IMU, field) for topic in ("imu/data_raw", "imu/data", ""))
-
-
-def _parsed(field: str) -> RosSource:
-    return RosSource("setpoint_raw/local", _POSITION, field, is_setpoint=True)
-
-
-def _simulated(field: str) -> RosSource:
-    return RosSource("setpoint_raw/target_attitude", _ATTITUDE, field)
-
-
-def _reported(field: str) -> RosSource:
-    return RosSource("setpoint_raw/target_local", _POSITION, field, is_setpoint=True)
-
-
 #: Sources of each channel, the preferred one first.
-CHANNEL_SOURCES: Mapping[str, tuple[RosSource, ...]] = {
-    **{f"position_{axis}": _positions(axis) for axis in "xyz"},
-    **{f"velocity_{axis}": _velocities(axis) for axis in "xyz"},
-    **{f"specific_force_body_{axis}": _inertial(f"linear_acceleration.{axis}") for axis in "xyz"},
-    **{f"attitude_{part}": _turns(part) for part in "wxyz"},
-    **{f"angular_rate_{axis}": _inertial(f"angular_velocity.{axis}") for axis in "xyz"},
-    "input": (
-        _simulated("thrust"),
-        RosSource("setpoint_raw/attitude", _ATTITUDE, "thrust"),
-        RosSource("target_actuator_control", "mavros_msgs/ActuatorControl", "controls[3]"),
-    ),
-    "reference_position_z": (
-        _parsed("position.z"),
-        RosSource("setpoint_position/local", _POSE, "pose.position.z", is_setpoint=True),
-        _reported("position.z"),
-        RosSource("", _POSE, "pose.position.z", is_setpoint=True, is_asked=True),
-    ),
-    "reference_velocity_z": (_parsed("velocity.z"),),
-    "reference_acceleration_z": (_parsed("acceleration_or_force.z"),),
-    "feedback_reference_velocity_z": (_reported("velocity.z"),),
-    **{f"feedback_reference_{name}": (_simulated(name),) for name in ("roll", "pitch", "yaw")},
-    **{f"feedback_reference_angular_rate_{axis}": (_simulated(f"body_rate.{axis}"),) for axis in "xyz"},
-    **{
-        f"torque_setpoint_{axis}": (
-            RosSource(
-                "target_actuator_control", "mavros_msgs/ActuatorControl", f"controls[{index}]", sign=sign
-            ),
-        )
-        for index, (axis, sign) in enumerate((("x", 1.0), ("y", -1.0), ("z", -1.0)))
-    },
-    **{
-        f"rotor_command_{number}": tuple(
-            RosSource("", kind, f"{field}[{number - 1}]", is_asked=True)
-            for kind, field in zip(_ROTORS, _SPEEDS, strict=True)
-        )
-        for number in range(1, MAX_ROTORS + 1)
-    },
-    **{
-        f"rotor_speed_{number}": (
-            *(
-                RosSource("", kind, f"{field}[{number - 1}]")
-                for kind, field in zip(_ROTORS, _SPEEDS, strict=True)
-            ),
-        )
-        for number in range(1, MAX_ROTORS + 1)
-    },
-    **{
-        f"actuator_output_{number}": (RosSource("rc/out", "mavros_msgs/RCOut", f"channels[{number - 1}]"),)
-        for number in range(1, MAX_ROTORS + 1)
-    },
-    "battery_voltage": (RosSource("battery", _BATTERY, "voltage"), RosSource("", _BATTERY, "voltage")),
-    "landed": (RosSource("extended_state", "mavros_msgs/ExtendedState", "landed"),),
-    **{
-        name: (RosSource("state", _STATE, name),)
-        for name in ("pilot_in_control", "input_open_loop", "pilot_sets_attitude")
-    },
-}
-
-
-def _source_text(source: RosSource) -> str:
-    return f"{MAVROS}{source.topic}.{source.field}" if source.topic else f"{source.kind} {source.field}"
+_TABLES = source_tables("eivor.logs.rosbag")
+CHANNEL_SOURCES = channel_sources(_TABLES, RosSource)
 
 
 #: What was looked for, by channel, in the words of a message.
 ROS_SOURCES: Mapping[str, tuple[str, ...]] = {
-    name: tuple(_source_text(source) for source in sources) for name, sources in CHANNEL_SOURCES.items()
+    name: tuple(source.label for source in sources) for name, sources in CHANNEL_SOURCES.items()
 }
 
 
@@ -315,7 +237,8 @@ def is_known(name: str, kind: str) -> bool:
 
 def ros_channels(raws: Sequence[RawTopic], findings: list[Finding]) -> dict[str, Channel]:
     """Return the channels of topics, z up."""
-    _check_vehicles([raw.name for raw in raws])
+    names = [raw.name for raw in raws if f"/{MAVROS}" in f"/{raw.name.lstrip('/')}"]
+    _check_one_vehicle("mavros", {name.partition(MAVROS)[0] for name in names})
     columns = [as_columns(raw, raw.defined(), findings) for raw in raws]
     topics = of_one_clock([_complete(column, findings) for column in columns if column is not None], findings)
     if not topics:
@@ -324,14 +247,11 @@ def ros_channels(raws: Sequence[RawTopic], findings: list[Finding]) -> dict[str,
     end_s = max(float(topic.seconds(start).max()) for topic in topics)
     channels: dict[str, Channel] = {}
     unclear: dict[str, list[str]] = {}
-    no_stage_callback = []
+    inactive: list[str] = []
     for name, sources in CHANNEL_SOURCES.items():
         for source in sources:
-            serving = [
-                topic
-                for topic in topics
-                if source.serves(topic.name, topic.kind) and source.field in topic.fields
-            ]
+            of_kind = [topic for topic in topics if source.serves(topic.name, topic.kind)]
+            serving = [topic for topic in of_kind if source.field in topic.fields]
             if len(serving) > 1:
                 unclear[source.kind] = sorted(item.name for item in serving)
             if name in channels or len(serving) != 1:
@@ -339,23 +259,10 @@ def ros_channels(raws: Sequence[RawTopic], findings: list[Finding]) -> dict[str,
             made = _channel(name, serving[0], source, start)
             if made is None:
                 continue
-            if source.is_setpoint:
-                until = silenced(made, end_s)
-                no_stage_callback += [name] if until.time_s.size > made.time_s.size else []
-                made = until
-            channels[name] = made
-    findings += _finding_list(unclear, no_stage_callback, channels)
+            channels[name] = silenced(made, end_s, inactive) if source.is_setpoint else made
+    findings += noted("setpoint_silent", "Not in force while its topic is silent: {}.", inactive)
+    findings += _doubts(unclear, channels)
     return channels
-
-
-def _check_vehicles(names: Sequence[str]) -> None:
-    positions = {name.partition(MAVROS)[0] for name in names if f"/{MAVROS}" in f"/{name.lstrip('/')}"}
-    if len(positions) > 1:
-        raise InputError(
-            "a bag of one vehicle",
-            f"one with mavros of {len(positions)}: {', '.join(sorted(positions)[:6])}",
-            "Take one of them out with `ros2 bag convert`, or name its topics in a channel map (--map).",
-        )
 
 
 def _complete(topic: BagTopic, findings: list[Finding]) -> BagTopic:
@@ -399,25 +306,18 @@ def _channel(name: str, topic: BagTopic, source: RosSource, start: int) -> Chann
     finite = values[np.isfinite(values)]
     if not finite.size or (source.topic == PULSES and finite.min() == finite.max()):
         return None
-    return clean_channel(
+    return logged_channel(
         name,
         topic.seconds(start),
         values,
-        unit_of(name),
-        source=f"{'-' if source.sign < 0.0 else ''}{topic.name}.{source.field}",
-        held=held_by_default(name),
+        f"{'-' if source.sign < 0.0 else ''}{topic.name}.{source.field}",
         estimated=source.estimated,
         curve_side=CURVE_SIDES.get(source.topic if source.topic == PULSES else name, CurveSide.UNKNOWN),
     )
 
 
-def _finding_list(
-    unclear: Mapping[str, Sequence[str]], no_stage_callback: Sequence[str], channels: Mapping[str, Channel]
-) -> list[Finding]:
+def _doubts(unclear: Mapping[str, Sequence[str]], channels: Mapping[str, Channel]) -> list[Finding]:
     findings = []
-    if no_stage_callback:
-        sentence = f"Not in force while its topic is silent: {', '.join(no_stage_callback)}."
-        findings.append(Finding("setpoint_silent", sentence))
     for kind, names in unclear.items():
         sentence = (
             f"Several topics of type {kind}, of which none says what it is of: {', '.join(names)}. None "
@@ -431,3 +331,116 @@ def _finding_list(
         )
         findings.append(Finding("pulse_range_unknown", sentence))
     return findings
+
+
+# -- Formats --
+
+#: Topics to record by channel, of PX4's own and of mavros.
+TO_RECORD: Mapping[str, str] = _TABLES["to_record"]
+_ADVICE = (
+    "Take the vehicle's own log where there is one (ULog of PX4, .bin of ArduPilot): it has the same "
+    "quantities at higher rates, and parameters.",
+    "Of PX4, record what dds_topics.yaml sends out, with vehicle_local_position, vehicle_attitude, "
+    "sensor_combined, vehicle_thrust_setpoint, trajectory_setpoint and vehicle_land_detected among it, "
+    "each at 100 Hz or more where the link can.",
+    "Of mavros, record local_position/odom, local_position/velocity_local, imu/data, imu/data_raw, "
+    "setpoint_raw/target_attitude, setpoint_raw/target_local and extended_state, and raise their rates to "
+    "50 Hz or more (the service set_message_interval of mavros; SR parameters of ArduPilot).",
+    "Fly height steps, so that the height reference changes: a hover cannot be identified.",
+)
+
+
+def _advice(channel: str) -> tuple[str, ...]:
+    """Which topics to record."""
+    if not channel:
+        return _ADVICE
+    return (f"Record {TO_RECORD[channel]}.",) if channel in TO_RECORD else ()
+
+
+def _bag(name: str, label: str, kind: str, ending: str, *, folders: bool = False) -> LogFormat:
+    magic = next(start for start, known in MAGICS.items() if known == kind)
+    return LogFormat(
+        name,
+        label,
+        lambda head, file: head.startswith(magic) or (folders and is_bag_folder(file)),
+        lambda path, options: read_bag(path, options, name),
+        takes_map=True,
+        advice=_advice,
+        setpoints="trajectory_setpoint, or mavros/setpoint_raw/local and target_local (the height "
+        "reference), vehicle_thrust_setpoint, or mavros/setpoint_raw/target_attitude (the command).",
+        endings=(ending,),
+        parts=bag_parts if folders else no_parts,
+    )
+
+
+#: ROS 1 bags, ROS 2 bags (a folder, or a file of sqlite3), and MCAP.
+BAGS: tuple[LogFormat, ...] = (
+    _bag("ros1", "ROS 1 bag", ROS1, ".bag"),
+    _bag("ros2", "ROS 2 bag", SQLITE, ".db3", folders=True),
+    _bag("mcap", "MCAP", MCAP, ".mcap"),
+)
+
+
+# -- Reader --
+
+_MOST_LISTED = 12
+
+
+def read_bag(path: Path, options: ReadOptions, log_format: str) -> Recording:
+    """Read a bag."""
+    check_installed()
+    files = bag_files(path)
+    findings: list[Finding] = []
+    input_map = vehicle = ""
+    looked: Mapping[str, tuple[str, ...]]
+    if options.channel_map is not None:
+        chosen = load_channel_map(options.channel_map)
+        named = mapped_topics(chosen)
+        contents = read_contents(files, lambda topic, _kind: topic in named, findings)
+        channels = map_channels(chosen, contents, path.name, findings)
+        frame, input_map, looked = chosen.frame, chosen.input_map, looked_for(chosen)
+    else:
+        contents = read_contents(
+            files, lambda topic, kind: is_px4(topic, kind) or is_known(topic, kind), findings
+        )
+        channels, frame, vehicle = _known_channels(contents, findings)
+        looked = LOOKED_FOR if frame is Frame.NED else ROS_SOURCES
+        if not channels:
+            raise _nothing(path, contents, findings)
+    return Recording(
+        name=path.name,
+        format=log_format,
+        channels=channels,
+        frame=frame,
+        sha256=options.sha256,
+        input_map=input_map,
+        looked_for=looked,
+        findings=(*findings, *channel_findings(channels)),
+        vehicle=vehicle,
+    )
+
+
+def _known_channels(contents: Contents, findings: list[Finding]) -> tuple[dict[str, Channel], Frame, str]:
+    """The channels of the topics that are known, which way z points, and the kind of vehicle."""
+    of_px4 = [raw for raw in contents.topics.values() if is_px4(raw.name, raw.kind)]
+    if of_px4:
+        channels, vehicle = px4_channels(of_px4, findings)
+        if channels:
+            return channels, Frame.NED, vehicle
+    others = [raw for raw in contents.topics.values() if not is_px4(raw.name, raw.kind)]
+    return ros_channels(others, findings), Frame.Z_UP, ""
+
+
+def _nothing(path: Path, contents: Contents, findings: list[Finding]) -> EmptyLogError:
+    topics = [f"{name} ({kind})" for name, kind in sorted(contents.listed.items())]
+    text = ", ".join(topics[:_MOST_LISTED]) + (
+        f" and {len(topics) - _MOST_LISTED} more" if len(topics) > _MOST_LISTED else ""
+    )
+    sentence = " ".join(finding.message for finding in findings)
+    return EmptyLogError(
+        "a bag with topics of PX4 (px4_msgs) or mavros, or with odometry, poses and inertial sensors",
+        f"'{path.name}' with {text or 'no messages'}" + (f". {sentence.rstrip('.')}" if sentence else ""),
+        'Write a channel map whose columns are TOPIC.FIELD, and whose clock is "stamp" (--map).'
+        if topics
+        else "Nothing was recorded: check the topics that `rosbag record` or `ros2 bag record` was given.",
+    )

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import bz2
 import re
 import sqlite3
 import struct
 import sys
-from bz2 import BZ2Decompressor
 from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from heapq import nsmallest
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -18,8 +19,7 @@ from urllib.parse import quote
 
 from eivor.atomic_file import write_atomically
 from eivor.errors import CorruptLogError, InputError, MissingReaderError
-from eivor.logs.common import FolderParts, file_names
-from eivor.logs.rosbag.messages import type_name
+from eivor.logs.common import DECODER_ERRORS, FolderParts, file_names
 
 # -- Decompression --
 
@@ -49,26 +49,8 @@ class Budget:
             raise TooLargeError("it repeats itself far more often than a flight does")
         return made
 
-    def plain(self, data: bytes) -> bytes:
-        """Return what is not compressed."""
-        return self.spent(data)
-
-    def zstd(self, data: bytes) -> bytes:
-        """Decompress by zstd."""
-        return self._made(data, _zstd_decompressor())
-
-    def lz4(self, data: bytes) -> bytes:
-        """Decompress by lz4."""
-        from lz4.frame import LZ4FrameDecompressor
-
-        return self._made(data, LZ4FrameDecompressor)
-
-    def bz2(self, data: bytes) -> bytes:
-        """Decompress by bzip2."""
-        return self._made(data, BZ2Decompressor)
-
-    def _made(self, data: bytes, decompressor: Callable[[], Any]) -> bytes:
-        """All frames of compressed data."""
+    def decompressed(self, data: bytes, decompressor: Callable[[], Any]) -> bytes:
+        """Return all frames of compressed data."""
         parts = []
         while data:
             item = decompressor()
@@ -79,42 +61,29 @@ class Budget:
         return b"".join(parts)
 
 
-def _zstd_decompressor() -> Callable[[], Any]:
+def _zstd() -> Any:
     if sys.version_info >= (3, 14):
         from compression import zstd
     else:
         from backports import zstd
-    return zstd.ZstdDecompressor
+    return zstd
 
 
 @contextmanager
 def bounded_chunks(budget: Budget) -> Iterator[None]:
     """Let rosbags decompress chunks of MCAP within a budget, while the context lasts."""
+    from lz4.frame import LZ4FrameDecompressor
     from rosbags.rosbag2 import storage_mcap
 
     table: dict[str, Callable[[bytes, int], bytes]] = storage_mcap.DECOMPRESSORS
     kept = dict(table)
-    table.update(
-        {
-            "": lambda data, _: budget.plain(data),
-            "lz4": lambda data, _: budget.lz4(data),
-            "zstd": lambda data, _: budget.zstd(data),
-        }
-    )
+    table[""] = lambda data, _: budget.spent(data)
+    table["lz4"] = lambda data, _: budget.decompressed(data, LZ4FrameDecompressor)
+    table["zstd"] = lambda data, _: budget.decompressed(data, _zstd().ZstdDecompressor)
     try:
         yield
     finally:
         table.update(kept)
-
-
-def zstd_error() -> type[Exception]:
-    """Return what zstd raises for damaged data."""
-    if sys.version_info >= (3, 14):
-        from compression import zstd
-    else:
-        from backports import zstd
-    error: type[Exception] = zstd.ZstdError
-    return error
 
 
 # -- Files --
@@ -144,9 +113,8 @@ def bag_parts(folder: Path) -> FolderParts:
     has_metadata = (folder / METADATA).is_file()
     if not candidates or len(names) > 1 or not (has_metadata or names == {folder.resolve().name}):
         return FolderParts()
-    return FolderParts(
-        frozenset((*(file.name for file in candidates), *([METADATA] if has_metadata else ())))
-    )
+    metadata = {METADATA} if has_metadata else set()
+    return FolderParts(frozenset(metadata.union(file.name for file in candidates)))
 
 
 def bag_files(path: Path) -> list[Path]:
@@ -226,22 +194,6 @@ def _text(data: bytes) -> tuple[str, bytes]:
 
 # -- Containers --
 
-#: What reading of a damaged bag may raise, beside the errors of rosbags and of its decompressors.
-_DAMAGE = (
-    ValueError,
-    TypeError,
-    KeyError,
-    IndexError,
-    AttributeError,
-    AssertionError,
-    OSError,
-    EOFError,
-    RuntimeError,
-    OverflowError,
-    MemoryError,
-    struct.error,
-    sqlite3.Error,
-)
 #: Expressions in the definition of a table, which a database would compute.
 _COMPUTED = re.compile(r"\bas\s*\(|generated|virtual", re.IGNORECASE)
 _REMEDIES = {
@@ -252,36 +204,20 @@ _REMEDIES = {
 
 
 @dataclass(frozen=True, slots=True)
-class Connection:
-    """One topic of a bag's file."""
-
-    topic: str
-    kind: str
-    text: str  # Definition of that type, empty where the bag has none
-    is_idl: bool
-    count: int
-    handle: Any
-
-
-@dataclass(frozen=True, slots=True)
 class Container:
     """One open file of a bag."""
 
-    connections: tuple[Connection, ...]
-    ros1: bool
     reader: Any
+    ros1: bool
     budget: Budget
 
-    def messages(self, wanted: Collection[Connection]) -> Iterator[tuple[Connection, int, bytes]]:
-        """Give messages in the order of the record: topic, time of the record [ns], bytes."""
-        known = {item.handle.id: item for item in wanted}
-        if not known:
-            return
-        for handle, record_ns, data in self.reader.messages([item.handle for item in wanted]):
+    def messages(self, connections: Collection[Any]) -> Iterator[tuple[Any, int, bytes]]:
+        """Give messages in the order of the record: connection, time of the record [ns], bytes."""
+        for connection, record_ns, data in self.reader.messages(connections) if connections else ():
             payload = bytes(data)
             if payload.startswith(ZSTD):
-                payload = self.budget.zstd(payload)
-            yield known[handle.id], int(record_ns), payload
+                payload = self.budget.decompressed(payload, _zstd().ZstdDecompressor)
+            yield connection, int(record_ns), payload
 
 
 def check_installed() -> None:
@@ -301,7 +237,7 @@ def check_installed() -> None:
 def opened(file: Path, budget: Budget) -> Iterator[Container]:
     """Open one file of a bag."""
     kind = ""
-    damage: tuple[type[Exception], ...] = (*_DAMAGE, *_errors_of_rosbags())
+    damage: tuple[type[Exception], ...] = (*DECODER_ERRORS, sqlite3.Error, *_errors_of_rosbags())
     try:
         with TemporaryDirectory(prefix="eivor-") as folder, bounded_chunks(budget):
             plain = _unpacked(file, Path(folder), budget)
@@ -309,7 +245,7 @@ def opened(file: Path, budget: Budget) -> Iterator[Container]:
             reader = _reader(plain, kind, budget)
             reader.open()
             try:
-                yield Container(_connections(reader), kind == ROS1, reader, budget)
+                yield Container(reader, kind == ROS1, budget)
             finally:
                 reader.close()
     except damage as error:
@@ -321,7 +257,7 @@ def _errors_of_rosbags() -> tuple[type[Exception], ...]:
     from rosbags.rosbag1 import ReaderError as BagError
     from rosbags.rosbag2 import ReaderError
 
-    return apsw.Error, BagError, ReaderError, zstd_error()
+    return apsw.Error, BagError, ReaderError, _zstd().ZstdError
 
 
 def _unreadable(file: Path, kind: str, error: Exception) -> CorruptLogError:
@@ -339,17 +275,17 @@ def _unpacked(file: Path, folder: Path, budget: Budget) -> Path:
         if stream.read(len(ZSTD)) != ZSTD:
             return file.resolve()
     plain = folder / "unpacked"
-    write_atomically(plain, budget.zstd(file.read_bytes()))
+    write_atomically(plain, budget.decompressed(file.read_bytes(), _zstd().ZstdDecompressor))
     return plain
 
 
 def _container_kind(file: Path) -> str:
     with file.open("rb") as stream:
         head = stream.read(16)
-    for magic, kind in MAGICS.items():
-        if head.startswith(magic):
-            return kind
-    raise ValueError("it begins like no bag")
+    kinds = [kind for magic, kind in MAGICS.items() if head.startswith(magic)]
+    if not kinds:
+        raise ValueError("it begins like no bag")
+    return kinds[0]
 
 
 def _reader(file: Path, kind: str, budget: Budget) -> Any:
@@ -369,17 +305,18 @@ def _reader(file: Path, kind: str, budget: Budget) -> Any:
 
 def _bag_reader(file: Path, budget: Budget) -> Any:
     """Reader of a ROS 1 bag whose chunks become so large and no larger."""
-    from bz2 import decompress
-
+    from lz4.frame import LZ4FrameDecompressor
     from lz4.frame import decompress as lz4_decompress
     from rosbags.rosbag1 import Reader
 
-    bounded = {decompress: budget.bz2, lz4_decompress: budget.lz4}
+    decompressors = {bz2.decompress: bz2.BZ2Decompressor, lz4_decompress: LZ4FrameDecompressor}
 
     class BoundedReader(Reader):
         def read_chunk(self) -> Any:
             chunk = super().read_chunk()
-            return chunk._replace(decompressor=bounded.get(chunk.decompressor, budget.plain))
+            kind = decompressors.get(chunk.decompressor)
+            bounded = budget.spent if kind is None else partial(budget.decompressed, decompressor=kind)
+            return chunk._replace(decompressor=bounded)
 
     return BoundedReader(file)
 
@@ -394,19 +331,3 @@ def _check_database(file: Path) -> None:
     for kind, text in rows:
         if kind not in {"table", "index"} or _COMPUTED.search(text or ""):
             raise ValueError("a database with more than plain tables")
-
-
-def _connections(reader: Any) -> tuple[Connection, ...]:
-    from rosbags.interfaces import MessageDefinitionFormat
-
-    return tuple(
-        Connection(
-            connection.topic,
-            type_name(connection.msgtype),
-            connection.msgdef.data or "",
-            connection.msgdef.format is MessageDefinitionFormat.IDL,
-            int(connection.msgcount),
-            connection,
-        )
-        for connection in reader.connections
-    )

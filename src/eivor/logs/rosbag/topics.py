@@ -9,18 +9,18 @@ from pathlib import Path
 import numpy as np
 
 from eivor.errors import ChannelMapError, CorruptLogError, EmptyLogError, did_you_mean
-from eivor.logs.channel_map import ChannelMap, ChannelRule
-from eivor.logs.common import MAX_SPAN_S, Columns
+from eivor.logs.channel_map import ChannelMap
+from eivor.logs.common import MAX_SPAN_S, Columns, noted
 from eivor.logs.mapping import delay_findings, fitted_rules, listed, mapped_channels
-from eivor.logs.rosbag.containers import Budget, Connection, opened
+from eivor.logs.rosbag.containers import Budget, opened
 from eivor.logs.rosbag.messages import (
     MessageLayout,
-    Types,
     common_types,
     decoded,
     idl_types,
     message_layout,
     parsed_definition,
+    type_name,
 )
 from eivor.signals.channels import roll_pitch_yaw
 from eivor.signals.recording import Channel, Finding
@@ -175,16 +175,11 @@ class RawTopic:
     payloads: list[bytes] = field(default_factory=list)
     record_ns: list[int] = field(default_factory=list)  # When they were recorded [ns]
 
-    def types(self) -> Types:
-        """Fields of its type and of those in it: of the bag's own definition where it has one."""
-        known = dict(common_types())
-        if self.text:
-            known |= idl_types(self.text) if self.is_idl else parsed_definition(self.text, self.kind)
-        return known
-
     def defined(self) -> Callable[[bytes], MessageLayout]:
-        """What gives the layout of a message, by the definition; `message_layout` says what it raises."""
-        types = self.types()
+        """What gives the layout of a message, by the bag's own definition or else by a common one."""
+        types = {**common_types()}
+        if self.text:
+            types |= idl_types(self.text) if self.is_idl else parsed_definition(self.text, self.kind)
         return lambda message: message_layout(message, self.kind, types, ros1=self.ros1)
 
 
@@ -197,10 +192,6 @@ class BagTopic:
     fields: Mapping[str, np.ndarray]  # Numbers and texts by the full name of the field, shape (n,)
     stamp_ns: Int[np.ndarray, " n"]  # [ns]
     record_ns: Int[np.ndarray, " n"]  # [ns]
-
-    def numbers(self) -> list[str]:
-        """Names of the fields that hold numbers."""
-        return [name for name, values in self.fields.items() if values.dtype.kind in "iuf"]
 
     def seconds(self, start_ns: int) -> Float[np.ndarray, " n"]:
         """Stamps since some time [s]."""
@@ -221,7 +212,7 @@ class Contents:
 
 
 def read_contents(
-    files: Sequence[Path], wanted: Callable[[Connection], bool], findings: list[Finding]
+    files: Sequence[Path], wanted: Callable[[str, str], bool], findings: list[Finding]
 ) -> Contents:
     """Read the messages of some topics out of the files of a bag."""
     budget = Budget.of(sum(file.stat().st_size for file in files))
@@ -239,18 +230,21 @@ def read_contents(
     return contents
 
 
-def _add_file(file: Path, wanted: Callable[[Connection], bool], budget: Budget, contents: Contents) -> None:
+def _add_file(file: Path, wanted: Callable[[str, str], bool], budget: Budget, contents: Contents) -> None:
+    from rosbags.interfaces import MessageDefinitionFormat
+
     with opened(file, budget) as container:
-        contents.listed |= {
-            connection.topic: connection.kind for connection in container.connections if connection.count
-        }
-        chosen = [connection for connection in container.connections if wanted(connection)]
+        connections = container.reader.connections
+        types = {item.id: type_name(item.msgtype) for item in connections}
+        contents.listed |= {item.topic: types[item.id] for item in connections if item.msgcount}
+        chosen = [item for item in connections if wanted(item.topic, types[item.id])]
         for item, record_ns, payload in container.messages(chosen):
             raw = contents.topics.get(item.topic)
             if raw is None:
-                raw = RawTopic(item.topic, item.kind, item.text, item.is_idl, container.ros1)
+                is_idl = item.msgdef.format is MessageDefinitionFormat.IDL
+                raw = RawTopic(item.topic, types[item.id], item.msgdef.data or "", is_idl, container.ros1)
                 contents.topics[item.topic] = raw
-            if raw.kind == item.kind:
+            if raw.kind == types[item.id]:
                 raw.payloads.append(budget.spent(payload))
                 raw.record_ns.append(record_ns)
 
@@ -264,21 +258,20 @@ def as_columns(
     if lost:
         sentence = f"Messages of {raw.name} ({raw.kind}) that were left out: {lost}, as {made.reason}."
         findings.append(Finding("message_formats", sentence))
-    stamp_ns = _stamps(made.fields) if made.indices.size else None
+    if not made.indices.size:
+        return None
+    stamp_ns = _stamps(made.fields)
     if stamp_ns is None:
-        if made.indices.size:
-            sentence = f"Messages of {raw.name} ({raw.kind}) do not say when they are from, and are not used."
-            findings.append(Finding("time_stamps", sentence))
+        sentence = f"Messages of {raw.name} ({raw.kind}) do not say when they are from, and are not used."
+        findings.append(Finding("time_stamps", sentence))
         return None
     message = (stamp_ns > 0) & (stamp_ns < LAST_NS)
     if message.any():
         middle = int(np.median(stamp_ns[message]))
         message &= np.abs(stamp_ns - middle) <= round(MAX_SPAN_S * 1e9)
     if not message.all():
-        sentence = (
-            f"Messages of {raw.name} without a stamp that can be, which were left out: "
-            f"{int((~message).sum())}."
-        )
+        lost = int((~message).sum())
+        sentence = f"Messages of {raw.name} without a stamp that can be, which were left out: {lost}."
         findings.append(Finding("time_stamps", sentence))
     if not message.any():
         return None
@@ -314,21 +307,12 @@ def of_one_clock(topics: Sequence[BagTopic], findings: list[Finding]) -> list[Ba
     """Return the topics whose stamps are of one clock: that of most messages."""
     if not topics:
         return []
-    prediction = [float(np.median(topic.stamp_ns - topic.record_ns)) * 1e-9 for topic in topics]
-
-    def company(position: int) -> int:
-        near = (abs(other - prediction[position]) <= SAME_CLOCK_S for other in prediction)
-        return sum(topic.stamp_ns.size for topic, is_near in zip(topics, near, strict=True) if is_near)
-
-    best = prediction[max(range(len(topics)), key=company)]
-    kept = [
-        topic for topic, offset in zip(topics, prediction, strict=True) if abs(offset - best) <= SAME_CLOCK_S
-    ]
-    others = [topic.name for topic in topics if not any(topic is other for other in kept)]
-    if others:
-        sentence = f"Stamps of another clock than the others', which are not used: {', '.join(others)}."
-        findings.append(Finding("clocks", sentence))
-    return kept
+    offsets = np.array([np.median(topic.stamp_ns - topic.record_ns) for topic in topics]) * 1e-9
+    near = np.abs(offsets[:, None] - offsets) <= SAME_CLOCK_S
+    best = near[np.argmax(near @ np.array([topic.stamp_ns.size for topic in topics]))].tolist()
+    others = [topic.name for topic, is_near in zip(topics, best, strict=True) if not is_near]
+    findings += noted("clocks", "Stamps of another clock than the others', which are not used: {}.", others)
+    return [topic for topic, is_near in zip(topics, best, strict=True) if is_near]
 
 
 def start_ns(topics: Sequence[BagTopic]) -> int:
@@ -353,15 +337,11 @@ def mapped_topics(chosen: ChannelMap) -> set[str]:
 
 
 def map_channels(
-    chosen: ChannelMap,
-    raws: Mapping[str, RawTopic],
-    available: Mapping[str, str],
-    name: str,
-    findings: list[Finding],
+    chosen: ChannelMap, contents: Contents, name: str, findings: list[Finding]
 ) -> dict[str, Channel]:
     """Return the channels that a map makes of a bag."""
-    _check(chosen, available, name)
-    columns = [as_columns(raw, raw.defined(), findings) for raw in raws.values()]
+    _check(chosen, contents.listed, name)
+    columns = [as_columns(raw, raw.defined(), findings) for raw in contents.topics.values()]
     topics = of_one_clock([column for column in columns if column is not None], findings)
     tables = {topic.name: with_derived(topic.kind, topic.fields) for topic in topics}
     names = [
@@ -375,34 +355,23 @@ def map_channels(
     channels: dict[str, Channel] = {}
     for item in topics:
         served = [rule for rule in rules if topic_of(rule.expression.columns[0]) == item.name]
-        made, result = _made(chosen, served, item, tables[item.name], start, name) if served else ({}, [])
-        channels |= made
-        findings += result
+        needed = dict.fromkeys(column for rule in served for column in rule.expression.columns)
+        fields = tables[item.name]
+        values = {
+            column: fields[column.partition(".")[2]].astype(np.float64, copy=False) for column in needed
+        }
+        values[chosen.time_column] = item.seconds(start)
+        clock = frozenset({chosen.time_column})
+        if served:
+            made, result = mapped_channels(chosen, served, Columns(values, seconds=clock), name)
+            channels |= made
+            findings += result
     if not channels:
         raise EmptyLogError(
             "a bag with values", f"'{name}', in which every mapped field is empty", "Check the map."
         )
     findings += delay_findings(channels, chosen.origin)
     return channels
-
-
-def _made(
-    chosen: ChannelMap,
-    served: Sequence[ChannelRule],
-    topic: BagTopic,
-    fields: Mapping[str, object],
-    start: int,
-    name: str,
-) -> tuple[dict[str, Channel], list[Finding]]:
-    import numpy as np
-
-    needed = dict.fromkeys(column for rule in served for column in rule.expression.columns)
-    values = {
-        column: np.asarray(fields[column.partition(".")[2]]).astype(np.float64, copy=False)
-        for column in needed
-    }
-    values[chosen.time_column] = topic.seconds(start)
-    return mapped_channels(chosen, served, Columns(values, seconds=frozenset({chosen.time_column})), name)
 
 
 def _check(chosen: ChannelMap, available: Mapping[str, str], name: str) -> None:

@@ -5,13 +5,12 @@ from __future__ import annotations
 import json
 import math
 import os
-import struct
 import subprocess
 import sys
-import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from datetime import datetime
+from functools import partial
 from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -27,8 +26,8 @@ from eivor.errors import (
     MissingReaderError,
     UsageError,
 )
-from eivor.logs.common import Columns, element_of
-from eivor.logs.table.delimited import MAX_COLUMNS, TableSource, corrupt_table
+from eivor.logs.common import DECODER_ERRORS, Columns, element_of
+from eivor.logs.table.delimited import MAX_COLUMNS, TableSource, corrupt_table, polars_errors, table_columns
 from eivor.process_pool import SANDBOX
 from eivor.signals.channels import CurveSide, held_by_default
 from eivor.signals.recording import Channel, Finding, Frame, LogOrigin, Recording
@@ -42,6 +41,7 @@ if TYPE_CHECKING:
 
 #: What a child leaves with that refuses a file, having printed why.
 REFUSED = 3
+_DAMAGED = "The file is damaged or incomplete; write it again."
 #: What a child begins with: `asked` is what it is given, and it may use so many bytes.
 #: Where the system cannot limit memory, it is not limited.
 BEGINNING = """
@@ -53,15 +53,19 @@ try:
 except (ImportError, ValueError, OSError):
     pass
 """
+#: What follows a `try` in a child.
+ENDING = f"""
+except BaseException as error:
+    print(type(error).__name__, str(error)[:500])
+    sys.exit({REFUSED})
+"""
 
 
 def decode_in_child(
     file: Path, code: str, requested: Mapping[str, Any], *, max_bytes: int, timeout_s: float, kind: str
 ) -> None:
     """Decode a file in a child process, and refuse one that the child refuses, dies of or does not finish."""
-    if SANDBOX in os.environ:
-        return
-    if not sys.executable or getattr(sys, "frozen", False):
+    if SANDBOX in os.environ or not sys.executable or getattr(sys, "frozen", False):
         return
     selected = {"path": str(file.resolve()), "bytes": max_bytes, **requested}
     try:
@@ -75,19 +79,17 @@ def decode_in_child(
             check=False,
         )
     except subprocess.TimeoutExpired as error:
-        raise _damaged(file, f"{kind} that is not decoded within {timeout_s:.0f} s") from error
+        reason = f"{kind} that is not decoded within {timeout_s:.0f} s"
+        raise corrupt_table(file.name, reason, _DAMAGED) from error
     except OSError:
         return
     if child.returncode == REFUSED:
-        sentence = child.stdout.decode("utf-8", "replace").strip()
-        raise _damaged(file, f"{kind} that cannot be decoded: {sentence}")
-    if child.returncode != 0:
+        reason = f"cannot be decoded: {child.stdout.decode('utf-8', 'replace').strip()}"
+    else:
         limit = f"exit code {child.returncode}; it may use {max_bytes >> 20} MiB"
-        raise _damaged(file, f"{kind} that makes the decoder fail ({limit})")
-
-
-def _damaged(file: Path, reason: str) -> CorruptLogError:
-    return corrupt_table(file.name, reason, "The file is damaged or incomplete; write it again.")
+        reason = f"makes the decoder fail ({limit})"
+    if child.returncode != 0:
+        raise corrupt_table(file.name, f"{kind} that {reason}", _DAMAGED)
 
 
 # -- Parquet probe --
@@ -105,10 +107,7 @@ try:
     frame = pl.scan_parquet(asked["path"], glob=False, hive_partitioning=False)
     for pattern in asked["patterns"]:
         frame.select(pl.col(pattern)).collect()
-except BaseException as error:
-    print(type(error).__name__, str(error)[:500])
-    sys.exit({REFUSED})
-"""
+{ENDING}"""
 
 
 def exactly(column: str) -> str:
@@ -119,15 +118,8 @@ def exactly(column: str) -> str:
 
 def probe_parquet(file: Path, columns: Sequence[str], max_bytes: int) -> None:
     """Decode columns of a Parquet file in a child process; `decode_in_child` says what it raises."""
-    requested = {"patterns": [*map(exactly, columns)]}
-    decode_in_child(
-        file,
-        _PARQUET_CODE,
-        requested,
-        max_bytes=max_bytes,
-        timeout_s=PARQUET_TIMEOUT_S,
-        kind="a Parquet file",
-    )
+    asked, limit_s = {"patterns": [*map(exactly, columns)]}, PARQUET_TIMEOUT_S
+    decode_in_child(file, _PARQUET_CODE, asked, max_bytes=max_bytes, timeout_s=limit_s, kind="a Parquet file")
 
 
 # -- Parquet --
@@ -144,7 +136,6 @@ PARQUET_DECODER_BYTES = 512 << 20
 ROW_BYTES = 64
 #: Key of the file's metadata under which `write_recording` keeps what is not a number.
 METADATA_KEY = "eivor"
-_PARQUET_DAMAGED = "The file is damaged or incomplete; write it again."
 _CUT = "Cut the log to the manoeuvre of interest."
 
 
@@ -152,13 +143,11 @@ def open_parquet(file: Path) -> TableSource:
     """Read the footer of a Parquet file."""
     import polars as pl
 
-    try:
+    with polars_errors(partial(_unreadable_parquet, file)):
         frame = pl.scan_parquet(file.resolve(), glob=False, hive_partitioning=False)
         schema = frame.collect_schema()
         rows = int(frame.select(pl.len()).collect().item())
         metadata = pl.read_parquet_metadata(file.resolve())
-    except (pl.exceptions.PolarsError, pl.exceptions.PanicException, OSError, ValueError) as error:
-        raise _unreadable_parquet(file, error) from error
     if len(schema) > MAX_COLUMNS:
         raise corrupt_table(
             file.name, f"with {len(schema)} columns", f"At most {MAX_COLUMNS} are read; select some."
@@ -168,54 +157,39 @@ def open_parquet(file: Path) -> TableSource:
     if rows > MAX_ROWS:
         raise LogTooLargeError(f"at most {MAX_ROWS} rows", f"'{file.name}' with {rows}", _CUT)
 
-    def read(columns: Sequence[str]) -> Columns:
-        return _read(file, frame, schema, columns, rows)
-
+    read = partial(_read, file, frame, schema, rows)
     return TableSource(tuple(schema), read, (), metadata.get(METADATA_KEY, ""))
 
 
 def _unreadable_parquet(file: Path, error: BaseException) -> CorruptLogError:
-    return corrupt_table(file.name, f"a Parquet file that cannot be decoded: {error}", _PARQUET_DAMAGED)
+    return corrupt_table(file.name, f"a Parquet file that cannot be decoded: {error}", _DAMAGED)
 
 
-def _read(file: Path, frame: pl.LazyFrame, schema: pl.Schema, columns: Sequence[str], rows: int) -> Columns:
+def _read(file: Path, frame: pl.LazyFrame, schema: pl.Schema, rows: int, columns: Sequence[str]) -> Columns:
     """Decode columns; those that hold no numbers (lists, structures, bytes) are not touched."""
     import polars as pl
 
-    elements = {name: element for name in columns if (element := element_of(name, list(schema))) is not None}
-    base = {name: elements[name][0] if name in elements else name for name in columns}
-    held = [
-        name
-        for name in columns
-        if (_holds_lists(schema[base[name]]) if name in elements else _holds_numbers(schema[name]))
-    ]
     _check_parquet_size(file, rows, len(columns))
-    values, unreadable, seconds, lists = {}, {}, set(), {}
+    bases = {column: element_of(column, list(schema)) or (column, None) for column in columns}
+    held = [base for base, index in bases.values() if _is_decoded(schema[base], index)]
     if not _comes_with_eivor(file):
-        probe_parquet(
-            file, [*dict.fromkeys(base[name] for name in held)], PARQUET_DECODER_BYTES + ROW_BYTES * rows
-        )
-    for name in columns:
-        if name not in held:
-            values[name], unreadable[name] = np.full(rows, np.nan), rows
-            if _holds_lists(schema[base[name]]):
-                lists[name] = f"{schema[base[name]]}"
-            continue
-        try:
+        probe_parquet(file, [*dict.fromkeys(held)], PARQUET_DECODER_BYTES + ROW_BYTES * rows)
+
+    def convert(base: str, index: int | None) -> tuple[np.ndarray, int, str]:
+        kind = schema[base]
+        if not _is_decoded(kind, index):
+            return np.full(rows, np.nan), rows, f"{kind}" if _holds_lists(kind) else ""
+        with polars_errors(partial(_unreadable_parquet, file)):
             # under a name of our own, as an operation on a series may take its name as a pattern too
-            series = frame.select(pl.col(exactly(base[name])).alias("c")).head(rows).collect().to_series()
-            if name in elements:
-                series = _element(series, elements[name][1])
-            values[name], bad = _parquet_numbers(series)
-        except (pl.exceptions.PolarsError, pl.exceptions.PanicException, OSError, ValueError) as error:
-            raise _unreadable_parquet(file, error) from error
-        if values[name].size != rows:
-            raise _unreadable_parquet(
-                file, ValueError(f"{values[name].size} values of '{name}' in {rows} rows")
-            )
-        unreadable |= {name: bad} if bad else {}
-        seconds |= {name} if schema[base[name]] in (pl.Datetime, pl.Duration) else set()
-    return Columns(values, unreadable, frozenset(seconds), lists)
+            series = frame.select(pl.col(exactly(base)).alias("c")).head(rows).collect().to_series()
+            values, bad = _parquet_numbers(series if index is None else _element(series, index))
+        if values.size != rows:
+            raise _unreadable_parquet(file, ValueError(f"{values.size} values of '{base}' in {rows} rows"))
+        return values, bad, ""
+
+    clocks = (pl.Datetime, pl.Duration)
+    seconds = frozenset(column for column, (base, _) in bases.items() if schema[base] in clocks)
+    return replace(table_columns(columns, list(schema), convert), seconds=seconds)
 
 
 def _element(series: pl.Series, index: int) -> pl.Series:
@@ -255,9 +229,12 @@ def _check_parquet_size(file: Path, rows: int, columns: int) -> None:
         )
 
 
-def _holds_numbers(kind: pl.DataType) -> bool:
+def _is_decoded(kind: pl.DataType, index: int | None) -> bool:
+    """Whether a column holds numbers, or lists of which an element is requested."""
     import polars as pl
 
+    if index is not None:
+        return _holds_lists(kind)
     return kind.is_numeric() or kind in (pl.Boolean, pl.Null, pl.String, pl.Datetime, pl.Duration)
 
 
@@ -270,11 +247,9 @@ def _parquet_numbers(series: pl.Series) -> tuple[np.ndarray, int]:
         unit = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}[str(getattr(series.dtype, "time_unit", "us"))]
         series = series.to_physical().cast(pl.Float64) * unit
     elif series.dtype == pl.String:
-        series = series.str.strip_chars().cast(pl.Float64, strict=False)
-    else:
-        series = series.cast(pl.Float64)
-    bad = series.null_count() - missing
-    return series.fill_null(np.nan).to_numpy().copy(), bad
+        series = series.str.strip_chars()
+    numbers = series.cast(pl.Float64, strict=False)
+    return numbers.fill_null(np.nan).to_numpy().copy(), numbers.null_count() - missing
 
 
 # -- Variables --
@@ -296,63 +271,41 @@ def variables_source(
         raise corrupt_table(name, f"with {len(shapes)} variables", f"At most {MAX_COLUMNS} are read.")
 
     def read(columns: Sequence[str]) -> Columns:
-        return _variable_columns(name, shapes, values, columns)
+        bases = (element_of(column, list(shapes)) or (column, None) for column in columns)
+        arrays = values(list(dict.fromkeys(base for base, _ in bases)))
 
-    return TableSource(tuple(shapes), read)
-
-
-def _variable_columns(
-    name: str,
-    shapes: Mapping[str, tuple[int, ...]],
-    values: Callable[[Sequence[str]], Mapping[str, np.ndarray]],
-    columns: Sequence[str],
-) -> Columns:
-    results: dict[str, np.ndarray] = {}
-    unreadable: dict[str, int] = {}
-    lists: dict[str, str] = {}
-    elements = {column: element_of(column, list(shapes)) for column in columns}
-    whole = {column: element[0] if element else column for column, element in elements.items()}
-    arrays = values(list(dict.fromkeys(whole.values())))
-    for column, element in elements.items():
-        array = np.squeeze(np.asarray(arrays[whole[column]], dtype=np.float64))
-        if array.ndim == 2:
+        def convert(base: str, index: int | None) -> tuple[np.ndarray, int, str]:
+            array = np.squeeze(np.asarray(arrays[base], dtype=np.float64))
+            if array.ndim < 2:
+                return np.atleast_1d(array), 0, ""
             # one row of a matrix for each instant, whichever way it was saved
             array = array if array.shape[0] >= array.shape[1] else array.T
-            if element is None:
-                lists[column], unreadable[column] = f"a matrix of {shapes[column]}", array.shape[0]
-                array = np.full(array.shape[0], np.nan)
-            else:
-                missing = np.full(array.shape[0], np.nan)
-                array = array[:, element[1]] if element[1] < array.shape[1] else missing
-        results[column] = np.atleast_1d(array)
-    lengths = {column: array.size for column, array in results.items()}
-    if len(set(lengths.values())) > 1:
-        text = ", ".join(f"'{column}' {size}" for column, size in list(lengths.items())[:8])
-        raise ChannelMapError(
-            "variables of one length, with one clock",
-            f"'{name}' with {text}",
-            "Name those of one clock in a channel map (--map).",
-        )
-    return Columns(results, unreadable, lists=lists)
+            missing = np.full(array.shape[0], np.nan)
+            if index is None:
+                return missing, missing.size, f"a matrix of {shapes[base]}"
+            return array[:, index] if index < array.shape[1] else missing, 0, ""
+
+        table = table_columns(columns, list(shapes), convert)
+        lengths = {column: array.size for column, array in table.values.items()}
+        if len(set(lengths.values())) > 1:
+            text = ", ".join(f"'{column}' {size}" for column, size in list(lengths.items())[:8])
+            raise ChannelMapError(
+                "variables of one length, with one clock",
+                f"'{name}' with {text}",
+                "Name those of one clock in a channel map (--map).",
+            )
+        return table
+
+    return TableSource(tuple(shapes), read)
 
 
 # -- HDF5 --
 
 #: Memory that the decoder may take [bytes]: for itself, and for each number of the largest variable.
-HDF5_DECODER_BYTES, BYTES_PER_CELL = 1 << 30, 16
-HDF5_TIMEOUT_S = 120.0
+DECODER_BYTES, BYTES_PER_CELL = 1 << 30, 16
+TIMEOUT_S = 120.0
 #: Kinds of MATLAB's variables that are no numbers, although they are stored as such.
 _NO_NUMBERS = (b"char", b"cell", b"function_handle", b"FileWrapper__")
-_HDF5_ERRORS = (
-    ValueError,
-    TypeError,
-    KeyError,
-    OSError,
-    RuntimeError,
-    OverflowError,
-    MemoryError,
-    RecursionError,
-)
 _HDF5_CODE = f"""{BEGINNING}
 import h5py
 def visit(name, one):
@@ -362,10 +315,7 @@ def visit(name, one):
 try:
     with h5py.File(asked["path"], "r") as file:
         file.visititems(visit)
-except BaseException as error:
-    print(type(error).__name__, str(error)[:500])
-    sys.exit({REFUSED})
-"""
+{ENDING}"""
 
 
 def open_hdf5(file: Path) -> TableSource:
@@ -380,15 +330,14 @@ def open_hdf5(file: Path) -> TableSource:
         ) from error
     size = file.stat().st_size
     most = min(MAX_CELLS, max(FREE_CELLS, MAX_CELLS_PER_BYTE * size))
-    limit = HDF5_DECODER_BYTES + BYTES_PER_CELL * most
-    requested = {"most": most}
+    limit = DECODER_BYTES + BYTES_PER_CELL * most
     decode_in_child(
-        file, _HDF5_CODE, requested, max_bytes=limit, timeout_s=HDF5_TIMEOUT_S, kind="an HDF5 file"
+        file, _HDF5_CODE, {"most": most}, max_bytes=limit, timeout_s=TIMEOUT_S, kind="an HDF5 file"
     )
     try:
         with h5py.File(file, "r") as content:
             datasets = _datasets(h5py, content)
-    except _HDF5_ERRORS as error:
+    except DECODER_ERRORS as error:
         raise corrupt_table(
             file.name, f"an HDF5 file that cannot be read: {error}", "The file is damaged; write it again."
         ) from error
@@ -433,45 +382,28 @@ def _check_hdf5_size(file: Path, shape: tuple[int, ...], most: int) -> None:
 
 # -- MATLAB --
 
-#: Memory that the decoder may take [bytes]: for itself, and for each byte of the file.
-MATLAB_DECODER_BYTES, BYTES_PER_BYTE = 1 << 30, 32
-MATLAB_TIMEOUT_S = 120.0
+#: Memory that the decoder may take for each byte of the file [bytes].
+BYTES_PER_BYTE = 32
 #: How deep structures may stand in each other.
 MAX_NESTING = 4
-_MATLAB_ERRORS = (
-    ValueError,
-    TypeError,
-    KeyError,
-    IndexError,
-    NotImplementedError,
-    OSError,
-    EOFError,
-    OverflowError,
-    MemoryError,
-    RecursionError,
-    struct.error,
-    zlib.error,
-)
 _MATLAB_CODE = f"""{BEGINNING}
 from scipy.io import loadmat
 try:
     loadmat(asked["path"], squeeze_me=True)
-except BaseException as error:
-    print(type(error).__name__, str(error)[:500])
-    sys.exit({REFUSED})
-"""
+{ENDING}"""
 
 
 def open_matlab(file: Path) -> TableSource:
     """Read the variables of a MATLAB file."""
     from scipy.io import loadmat
 
-    limit = MATLAB_DECODER_BYTES + BYTES_PER_BYTE * file.stat().st_size
-    decode_in_child(file, _MATLAB_CODE, {}, max_bytes=limit, timeout_s=MATLAB_TIMEOUT_S, kind="a MATLAB file")
+    limit = DECODER_BYTES + BYTES_PER_BYTE * file.stat().st_size
+    decode_in_child(file, _MATLAB_CODE, {}, max_bytes=limit, timeout_s=TIMEOUT_S, kind="a MATLAB file")
     try:
         content = loadmat(file, squeeze_me=True)
-    except _MATLAB_ERRORS as error:
-        raise _unreadable_matlab(file, error) from error
+    except DECODER_ERRORS as error:
+        reason = f"a MATLAB file that cannot be decoded: {error}"
+        raise corrupt_table(file.name, reason, "The file is damaged; save it again.") from error
     results = {
         name: array
         for key, value in content.items()
@@ -480,12 +412,6 @@ def open_matlab(file: Path) -> TableSource:
     }
     shapes = {name: result.shape for name, result in results.items()}
     return variables_source(file.name, shapes, lambda names: {name: results[name] for name in names})
-
-
-def _unreadable_matlab(file: Path, error: Exception) -> CorruptLogError:
-    return corrupt_table(
-        file.name, f"a MATLAB file that cannot be decoded: {error}", "The file is damaged; save it again."
-    )
 
 
 def _matlab_numbers(name: str, value: Any, depth: int) -> Iterator[tuple[str, np.ndarray]]:
@@ -557,58 +483,54 @@ def _on_stamps(channel: Channel, time: Float[np.ndarray, " n"]) -> Float[np.ndar
 
 
 def _check_csv(recording: Recording) -> None:
-    lost = []
     rows = _all_stamps(recording).size
-    names = [c.name for c in recording.channels.values() if c.time_s.size != rows]
-    lost += [f"the stamps of {names[0]}" + (" and others" if len(names) > 1 else "")] if names else []
-    if recording.frame is not Frame.Z_UP:
-        lost.append("its frame (z down)")
-    if recording.input_map:
-        lost.append(f"its input map '{recording.input_map}'")
-    lost += [
-        f"how {c.name} is held" for c in recording.channels.values() if c.held != held_by_default(c.name)
-    ]
-    lost += [f"the delay of {c.name}" for c in recording.channels.values() if c.delay_s]
-    lost += [f"the curve_side of {c.name}" for c in recording.channels.values() if c.curve_side.value]
-    lost += [f"that an estimator made {c.name}" for c in recording.channels.values() if c.estimated]
-    if lost:
+    channels = list(recording.channels.values())
+    names = [c.name for c in channels if c.time_s.size != rows]
+    losses = (
+        *(f"the stamps of {name}" + (" and others" if len(names) > 1 else "") for name in names[:1]),
+        *(["its frame (z down)"] if recording.frame is not Frame.Z_UP else []),
+        *([f"its input map '{recording.input_map}'"] if recording.input_map else []),
+        *(f"how {c.name} is held" for c in channels if c.held != held_by_default(c.name)),
+        *(f"the delay of {c.name}" for c in channels if c.delay_s),
+        *(f"the curve_side of {c.name}" for c in channels if c.curve_side.value),
+        *(f"that an estimator made {c.name}" for c in channels if c.estimated),
+    )
+    if losses:
         raise UsageError(
             "a recording that a CSV can keep",
-            f"one that would lose {', '.join(lost)}",
+            f"one that would lose {', '.join(losses)}",
             "Write .parquet instead.",
         )
+
+
+#: What metadata hold of a log's origin, of a channel and of its quality, and the type of each.
+_ORIGIN = ("board", "airframe", "firmware")
+_CHANNEL: Mapping[str, type] = {"source": str, "held": bool, "estimated": bool, "delay_s": float}
+_QUALITY = ("overflowed", "saturated")
 
 
 def _metadata(recording: Recording) -> str:
     rows = _all_stamps(recording).size
     origin = recording.origin
-    return json.dumps(
-        {
-            "version": _VERSION,
-            "frame": recording.frame.name,
-            "input_map": recording.input_map,
-            "parameters": dict(recording.parameters),
-            "origin": {
-                "board": origin.board,
-                "airframe": origin.airframe,
-                "firmware": origin.firmware,
-                "start": None if origin.start is None else origin.start.isoformat(),
-            },
-            "channels": {
-                c.name: {
-                    "source": c.source,
-                    "held": c.held,
-                    "estimated": c.estimated,
-                    "delay_s": c.delay_s,
-                    "curve_side": c.curve_side.value,
-                    "own_clock": c.time_s.size != rows,
-                    "overflowed": c.quality.overflowed,
-                    "saturated": c.quality.saturated,
-                }
-                for c in recording.channels.values()
-            },
+    start = None if origin.start is None else origin.start.isoformat()
+    channels = {
+        channel.name: {
+            **{name: getattr(channel, name) for name in _CHANNEL},
+            "curve_side": channel.curve_side.value,
+            "own_clock": channel.time_s.size != rows,
+            **{name: getattr(channel.quality, name) for name in _QUALITY},
         }
-    )
+        for channel in recording.channels.values()
+    }
+    content = {
+        "version": _VERSION,
+        "frame": recording.frame.name,
+        "input_map": recording.input_map,
+        "parameters": dict(recording.parameters),
+        "origin": {**{name: getattr(origin, name) for name in _ORIGIN}, "start": start},
+        "channels": channels,
+    }
+    return json.dumps(content)
 
 
 def restore(recording: Recording, metadata: str) -> Recording:
@@ -617,81 +539,45 @@ def restore(recording: Recording, metadata: str) -> Recording:
         return recording
     try:
         content = json.loads(metadata)
-        frame = Frame[content["frame"]]
-        input_map = _text(content["input_map"])
-        parameters = {_text(key): _finite(value) for key, value in content["parameters"].items()}
-        origin = _origin(content["origin"]) if "origin" in content else recording.origin
-        channels = {
-            name: _restored(channel, content["channels"].get(name, {}))
-            for name, channel in recording.channels.items()
+        changes: dict[str, Any] = {
+            "frame": Frame[content["frame"]],
+            "input_map": _typed(content["input_map"], str),
+            "parameters": {name: _typed(value, float) for name, value in content["parameters"].items()},
+            "channels": {
+                name: _restored(channel, content["channels"].get(name, {}))
+                for name, channel in recording.channels.items()
+            },
         }
+        if "origin" in content:
+            changes["origin"] = _origin(content["origin"])
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError, OverflowError):
         finding = Finding(
             "metadata", "The file's metadata are not understood; the table is read without them."
         )
         return replace(recording, findings=(*recording.findings, finding))
-    return replace(
-        recording,
-        frame=frame,
-        input_map=input_map,
-        parameters=parameters,
-        channels=channels,
-        origin=origin,
-    )
+    return replace(recording, **changes)
 
 
-def _origin(content: Mapping[str, object]) -> LogOrigin:
-    start = content["start"]
-    board, airframe, firmware = (_text(content[name]) for name in ("board", "airframe", "firmware"))
-    return LogOrigin(
-        board, airframe, firmware, None if start is None else datetime.fromisoformat(_text(start))
-    )
+def _origin(content: Mapping[str, Any]) -> LogOrigin:
+    start = None if content["start"] is None else datetime.fromisoformat(_typed(content["start"], str))
+    return LogOrigin(**{name: _typed(content[name], str) for name in _ORIGIN}, start=start)
 
 
-def _restored(channel: Channel, content: object) -> Channel:
-    if not isinstance(content, dict):
-        raise TypeError("channel")
-    quality = replace(
-        channel.quality,
-        overflowed=_count(content.get("overflowed", 0)),
-        saturated=_count(content.get("saturated", 0)),
-    )
-    time, values = channel.time_s, channel.values
-    if _flag(content.get("own_clock", False)):
-        current = ~np.isnan(values)
-        time, values, quality = time[current], values[current], replace(quality, missing_values=0)
-    return replace(
-        channel,
-        time_s=time,
-        values=values,
-        source=_text(content.get("source", channel.source)),
-        held=_flag(content.get("held", channel.held)),
-        quality=quality,
-        estimated=_flag(content.get("estimated", channel.estimated)),
-        delay_s=_finite(content.get("delay_s", channel.delay_s)),
-        curve_side=CurveSide(content.get("curve_side", channel.curve_side.value)),
-    )
+def _restored(channel: Channel, content: Mapping[str, Any]) -> Channel:
+    quality = replace(channel.quality, **{name: _typed(content.get(name, 0), int) for name in _QUALITY})
+    if _typed(content.get("own_clock", False), bool):
+        current = ~np.isnan(channel.values)
+        channel = replace(channel, time_s=channel.time_s[current], values=channel.values[current])
+        quality = replace(quality, missing_values=0)
+    kept = {name: _typed(content.get(name, getattr(channel, name)), kind) for name, kind in _CHANNEL.items()}
+    side = CurveSide(content.get("curve_side", channel.curve_side.value))
+    return replace(channel, quality=quality, curve_side=side, **kept)
 
 
-def _flag(value: object) -> bool:
-    if not isinstance(value, bool):
-        raise TypeError("flag")
+def _typed(value: Any, kind: type) -> Any:
+    """A value of a type: a whole number is a number, and numbers are finite, counts zero or more."""
+    if kind is float and isinstance(value, int | float) and math.isfinite(value):
+        return float(value)
+    if type(value) is not kind or (isinstance(value, int) and value < 0):
+        raise TypeError(kind)
     return value
-
-
-def _text(value: object) -> str:
-    if not isinstance(value, str):
-        raise TypeError("text")
-    return value
-
-
-def _count(value: object) -> int:
-    if not isinstance(value, int) or isinstance(value, bool) or value < 0:
-        raise TypeError("count")
-    return value
-
-
-def _finite(value: object) -> float:
-    if not isinstance(value, int | float) or not math.isfinite(value):
-        raise TypeError("number")
-    return float(value)

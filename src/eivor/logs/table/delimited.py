@@ -9,6 +9,7 @@ import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
@@ -18,6 +19,7 @@ from eivor import checks
 from eivor.errors import (
     ChannelMapError,
     CorruptLogError,
+    EivorError,
     EmptyLogError,
     InputError,
     UnknownFormatError,
@@ -105,7 +107,7 @@ def _chunks(
 ) -> Iterator[Signals]:
     import polars as pl
 
-    with _reading(path):
+    with polars_errors(partial(_unread_chunk, path)):
         frame = pl.scan_parquet(Path(path))
         available = frame.collect_schema().names()
     wanted = dict(channels) if channels is not None else {name: name for name in available if name != "time"}
@@ -116,7 +118,7 @@ def _chunks(
         )
     first = 0
     while True:
-        with _reading(path):
+        with polars_errors(partial(_unread_chunk, path)):
             table = frame.select(list(wanted.values())).slice(first, rows).collect()
             values = {
                 name: table[column].cast(pl.Float64).to_numpy().astype(np.float64, copy=False)
@@ -128,19 +130,20 @@ def _chunks(
         first += table.height
 
 
+def _unread_chunk(path: str | os.PathLike[str], error: BaseException) -> InputError:
+    reason = f"{Path(path).name}: {error}"
+    return InputError("a Parquet file whose columns are numbers", reason, "Check the path and the file.")
+
+
 @contextmanager
-def _reading(path: str | os.PathLike[str]) -> Iterator[None]:
-    """Turn what the table's reader raises, its panics too, into one error."""
+def polars_errors(raised: Callable[[BaseException], EivorError]) -> Iterator[None]:
+    """Turn what polars raises for a file, its panics too, into one error."""
     import polars as pl
 
     try:
         yield
-    except (pl.exceptions.PolarsError, pl.exceptions.PanicException, OSError) as error:
-        raise InputError(
-            "a Parquet file whose columns are numbers",
-            f"{Path(path).name}: {error}",
-            "Check the path and the file.",
-        ) from error
+    except (pl.exceptions.PolarsError, pl.exceptions.PanicException, OSError, ValueError) as error:
+        raise raised(error) from error
 
 
 # -- Source --
@@ -157,6 +160,23 @@ class TableSource:
     read: Callable[[Sequence[str]], Columns]  # Reads some columns, by name
     findings: tuple[Finding, ...] = ()
     metadata: str = ""
+
+
+def table_columns(
+    columns: Sequence[str],
+    names: Sequence[str],
+    convert: Callable[[str, int | None], tuple[np.ndarray, int, str]],
+) -> Columns:
+    """Return columns of a table, and elements of such that hold lists, as numbers.
+
+    `convert` gives numbers, the count of cells that are none, and what lists look like where there are any.
+    """
+    converted = {column: convert(*(element_of(column, names) or (column, None))) for column in columns}
+    return Columns(
+        {column: values for column, (values, _, _) in converted.items()},
+        {column: bad for column, (_, bad, _) in converted.items() if bad},
+        lists={column: text for column, (_, _, text) in converted.items() if text},
+    )
 
 
 def corrupt_table(name: str, reason: str, remedy: str) -> CorruptLogError:
@@ -193,7 +213,7 @@ def open_csv(file: Path) -> TableSource:
     """Check the lines of a delimited text and name its columns."""
     try:
         with file.open("rb") as stream:
-            layout = _layout(stream, file.name)
+            layout = _layout(_Lines(stream, file.name))
     except OSError as error:
         raise corrupt_table(file.name, f"which cannot be read: {error}", "Copy it again.") from error
     findings = []
@@ -204,30 +224,7 @@ def open_csv(file: Path) -> TableSource:
         findings.append(
             Finding("truncated", f"No line break ends the file: {cell}, may be cut and is left out.")
         )
-
-    def read(columns: Sequence[str]) -> Columns:
-        return _read(file, layout, columns)
-
-    return TableSource(layout.names, read, tuple(findings))
-
-
-@dataclass(frozen=True, slots=True)
-class _Quotes:
-    """Patterns of rows: quotes around whole cells only (their own doubled), and a cell that is left open."""
-
-    around_cells: re.Pattern[bytes]
-    left_open: re.Pattern[bytes]
-
-    @classmethod
-    def between(cls, delimiter: str) -> _Quotes:
-        """Patterns for cells between delimiters."""
-        mark = re.escape(delimiter.encode())
-        quoted = rb'"[^"]*(?:""[^"]*)*'
-        cell = rb"(?:" + quoted + rb'"|[^"' + mark + rb"]*)"
-        return cls(
-            re.compile(cell + rb"(?:" + mark + cell + rb")*"),
-            re.compile(rb"(?:" + cell + mark + rb")*" + quoted),
-        )
+    return TableSource(layout.names, partial(_read, file, layout), tuple(findings))
 
 
 @dataclass(slots=True)
@@ -237,6 +234,17 @@ class _Lines:
     stream: BinaryIO
     name: str
     number: int = 0
+    delimiter: str = ""
+    around_cells: re.Pattern[bytes] = re.compile(b"")  # Rows with quotes around whole cells only
+    left_open: re.Pattern[bytes] = re.compile(b"")  # Rows whose last cell is left open
+
+    def split_by(self, delimiter: str) -> None:
+        """Say what stands between cells; quotes in them are doubled."""
+        mark, quoted = re.escape(delimiter.encode()), rb'"[^"]*(?:""[^"]*)*'
+        cell = rb"(?:" + quoted + rb'"|[^"' + mark + rb"]*)"
+        self.delimiter = delimiter
+        self.around_cells = re.compile(cell + rb"(?:" + mark + cell + rb")*")
+        self.left_open = re.compile(rb"(?:" + cell + mark + rb")*" + quoted)
 
     def line(self) -> bytes:
         """Return the next line with its end, empty after the last."""
@@ -245,16 +253,13 @@ class _Lines:
         if len(line) > MAX_LINE_BYTES:
             raise self.corrupt(f"is longer than {MAX_LINE_BYTES} bytes", "Check that it is a table.")
         if b"\x00" in line:
-            raise corrupt_table(
-                self.name,
-                f"with NUL bytes in line {self.number}",
-                "A power cut leaves them; remove the lines that hold them.",
-            )
+            remedy = "A power cut leaves them; remove the lines that hold them."
+            raise corrupt_table(self.name, f"with NUL bytes in line {self.number}", remedy)
         return line
 
-    def whole_row(self, row: bytes, quotes: _Quotes) -> bytes:
+    def whole_row(self, row: bytes) -> bytes:
         """Return a line that has been read, with those that follow as long as a quoted cell is open."""
-        if not quotes.left_open.fullmatch(row):
+        if not self.left_open.fullmatch(row):
             return row
         number, parts, size, quote_count = self.number, [row], len(row), row.count(b'"')
         while quote_count % 2:
@@ -269,50 +274,44 @@ class _Lines:
             quote_count += more.count(b'"')
         return b"".join(parts)
 
+    def fields(self, row: bytes) -> list[str]:
+        """Return the cells of a row."""
+        try:
+            cells = csv.reader([row.decode("utf-8", "replace")], delimiter=self.delimiter, strict=False)
+            return next(cells, [])
+        except csv.Error as error:
+            raise self.corrupt(f"cannot be split: {error}", "Correct it.") from error
+
     def corrupt(self, what: str, remedy: str) -> CorruptLogError:
         """Return the error for the line that was read last."""
         return corrupt_table(self.name, f"whose line {self.number} {what}", remedy)
 
 
-def _fields(row: bytes, delimiter: str, lines: _Lines) -> list[str]:
-    try:
-        return next(csv.reader([row.decode("utf-8", "replace")], delimiter=delimiter, strict=False), [])
-    except csv.Error as error:
-        raise lines.corrupt(f"cannot be split: {error}", "Correct it.") from error
-
-
-def _layout(stream: BinaryIO, name: str) -> _Layout:
+def _layout(lines: _Lines) -> _Layout:
     """Read the header, then count and check the rows."""
-    lines = _Lines(stream, name)
     line = lines.line()
     while line and not line.strip():
         line = lines.line()
     header = line.removeprefix(codecs.BOM_UTF8)
-    delimiter = max(DELIMITERS, key=lambda mark: header.count(mark.encode()))
-    quotes = _Quotes.between(delimiter)
-    header = lines.whole_row(header, quotes).rstrip(b"\r\n")
-    names = [field.strip() for field in _fields(header, delimiter, lines)]
+    lines.split_by(max(DELIMITERS, key=lambda mark: header.count(mark.encode())))
+    names = [field.strip() for field in lines.fields(lines.whole_row(header).rstrip(b"\r\n"))]
     if len(names) > MAX_COLUMNS:
-        raise corrupt_table(
-            name, f"with {len(names)} columns", f"At most {MAX_COLUMNS} are read; cut the table."
-        )
-    if names and all(_is_number(field) for field in names):
+        remedy = f"At most {MAX_COLUMNS} are read; cut the table."
+        raise corrupt_table(lines.name, f"with {len(names)} columns", remedy)
+    if names and all(map(_is_number, names)):
         raise UnknownFormatError(
             "a table whose first line holds the names of the columns",
-            f"'{name}', whose first line holds numbers only",
+            f"'{lines.name}', whose first line holds numbers only",
             "Put a line of column names on top.",
         )
-    layout = _check_rows(lines, quotes, _Layout(tuple(names), delimiter, lines.number))
+    layout = _check_rows(lines, _Layout(tuple(names), lines.delimiter, lines.number))
     if layout.rows == 0:
-        raise EmptyLogError(
-            "a table with rows",
-            f"'{name}' with a header only",
-            "Check that logging was on during the flight.",
-        )
+        remedy = "Check that logging was on during the flight."
+        raise EmptyLogError("a table with rows", f"'{lines.name}' with a header only", remedy)
     return layout
 
 
-def _check_rows(lines: _Lines, quotes: _Quotes, header: _Layout) -> _Layout:
+def _check_rows(lines: _Lines, header: _Layout) -> _Layout:
     """Return the layout with the number of rows (blank ones included), once every line has been checked."""
     mark, width = header.delimiter.encode(), len(header.names)
     rows, cut, trailing, last = 0, False, False, b""
@@ -320,10 +319,10 @@ def _check_rows(lines: _Lines, quotes: _Quotes, header: _Layout) -> _Layout:
     while row := lines.line():
         count = row.count(mark) + 1
         if b'"' in row:
-            row = lines.whole_row(row, quotes)
-            if quotes.around_cells.fullmatch(row.rstrip(b"\r\n")):
-                quoted_line, count = lines.number, len(_fields(row, header.delimiter, lines))
-            elif quotes.left_open.fullmatch(row):
+            row = lines.whole_row(row)
+            if lines.around_cells.fullmatch(row.rstrip(b"\r\n")):
+                quoted_line, count = lines.number, len(lines.fields(row))
+            elif lines.left_open.fullmatch(row):
                 count = 0
             else:
                 stray_line = lines.number
@@ -334,10 +333,8 @@ def _check_rows(lines: _Lines, quotes: _Quotes, header: _Layout) -> _Layout:
             if count == width + 1 and row.rstrip(b"\r\n").endswith(mark):
                 trailing = True
             else:
-                raise lines.corrupt(
-                    f"has {count} fields where the header has {width}",
-                    "Correct the line, or cut the table before it.",
-                )
+                remedy = "Correct the line, or cut the table before it."
+                raise lines.corrupt(f"has {count} fields where the header has {width}", remedy)
         rows += 1
         last = row
     if quoted_line and stray_line:
@@ -363,49 +360,34 @@ def _read(file: Path, layout: _Layout, columns: Sequence[str]) -> Columns:
     # one column more, for the lines that end with a delimiter
     schema = {f"c{i}": pl.String for i in range(len(layout.names) + layout.trailing)}
     position = {name: f"c{i}" for i, name in reversed(list(enumerate(layout.names)))}
-    elements = {name: element for name in columns if (element := element_of(name, layout.names)) is not None}
-    wanted = dict.fromkeys(elements[name][0] if name in elements else name for name in columns)
-    try:
-        frame = (
-            pl.scan_csv(
-                file.resolve(),
-                has_header=False,
-                separator=layout.delimiter,
-                quote_char='"' if layout.quoted else None,
-                skip_lines=layout.header_lines,
-                n_rows=layout.rows,
-                schema=schema,
-                glob=False,
-            )
-            .select([position[name] for name in wanted])
-            .collect()
+    wanted = dict.fromkeys((element_of(name, layout.names) or (name, None))[0] for name in columns)
+    with polars_errors(partial(_unreadable, file)):
+        scan = pl.scan_csv(
+            file.resolve(),
+            has_header=False,
+            separator=layout.delimiter,
+            quote_char='"' if layout.quoted else None,
+            skip_lines=layout.header_lines,
+            n_rows=layout.rows,
+            schema=schema,
+            glob=False,
         )
+        frame = scan.select([position[name] for name in wanted]).collect()
         if frame.height != layout.rows:
             raise ValueError(f"{frame.height} rows where {layout.rows} were counted")
         frame = frame.with_columns(pl.all().str.strip_chars())
         if layout.delimiter == ";" and _has_decimal_commas(frame):
             frame = frame.with_columns(pl.all().str.replace(",", ".", literal=True))
-        plain = {name: frame[position[name]] for name in wanted}
-        numbers = {
-            name: _numbers(
-                _element(plain[elements[name][0]], elements[name][1]) if name in elements else plain[name]
-            )
-            for name in columns
-        }
-        for name, (values, _) in numbers.items():
-            if layout.open_end and layout.names[-1] in {name, elements.get(name, (name,))[0]}:
+
+        def convert(base: str, index: int | None) -> tuple[np.ndarray, int, str]:
+            texts = frame[position[base]]
+            values, bad = _numbers(texts if index is None else _element(texts, index))
+            if layout.open_end and base == layout.names[-1]:
                 values[-1] = np.nan
-    except (pl.exceptions.PolarsError, pl.exceptions.PanicException, OSError, ValueError) as error:
-        raise _unreadable(file, error) from error
-    return Columns(
-        {name: values for name, (values, _) in numbers.items()},
-        {name: bad for name, (_, bad) in numbers.items() if bad},
-        lists={
-            name: first
-            for name, (_, bad) in numbers.items()
-            if bad and name in plain and _LIST.fullmatch(first := _first(plain[name]))
-        },
-    )
+            first = _first(texts) if bad and index is None else ""
+            return values, bad, first if _LIST.fullmatch(first) else ""
+
+        return table_columns(columns, layout.names, convert)
 
 
 def _first(texts: pl.Series) -> str:
@@ -445,6 +427,5 @@ def _numbers(texts: pl.Series) -> tuple[np.ndarray, int]:
 
 
 def _unreadable(file: Path, error: BaseException) -> CorruptLogError:
-    return corrupt_table(
-        file.name, f"which cannot be converted: {error}", "Check the table's encoding (UTF-8)."
-    )
+    remedy = "Check the table's encoding (UTF-8)."
+    return corrupt_table(file.name, f"which cannot be converted: {error}", remedy)

@@ -3,11 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from eivor.logs.common import UNITS, low_pass_delay_s, notch_delay_s, silenced
+from eivor.logs.common import (
+    MAX_SPAN_S,
+    UNITS,
+    by_rate,
+    held_at,
+    logged_channel,
+    low_pass_delay_s,
+    notch_delay_s,
+    noted,
+    silenced,
+)
 from eivor.logs.ulog.topics import (
     ACTUATOR_SOURCES,
     ATTITUDE_SETPOINT,
@@ -19,6 +29,7 @@ from eivor.logs.ulog.topics import (
     ESC_FUNCTION,
     ESC_SPEED,
     ESC_TOPIC,
+    ESTIMATOR_TOPIC,
     FIRST_MOTOR_FUNCTION,
     MAX_ACTUATORS,
     MAX_ESCS,
@@ -32,11 +43,15 @@ from eivor.logs.ulog.topics import (
     Topic,
     TopicSource,
     position_of,
+    since_start,
     varying_fields,
 )
-from eivor.signals.channels import CurveSide, held_by_default, roll_pitch_yaw, unit_of
-from eivor.signals.recording import Channel, Finding, clean_channel
+from eivor.signals.channels import CurveSide, roll_pitch_yaw
+from eivor.signals.recording import Channel, Finding
 from eivor.tools import Bool, Float
+
+#: Stamps of each topic's messages, from the log's start on [s].
+Clocks = Mapping[str, Float[np.ndarray, " _"]]
 
 # -- Attitude setpoints --
 
@@ -45,78 +60,53 @@ NAMES = ("roll", "pitch", "yaw")
 UNIT_WITHIN = 0.05
 
 
-@dataclass(frozen=True)
-class SetpointSeries:
-    """A channel to be made."""
-
-    name: str
-    topic: str
-    values: Float[np.ndarray, " n"]
-    label: str
-
-
 def attitude_setpoints(
-    topics: Mapping[str, Topic], clocks: Mapping[str, Float[np.ndarray, " _"]]
-) -> Iterator[SetpointSeries]:
-    """Setpoints of roll, pitch and yaw, and of their rates, each where it is what its name says."""
+    topics: Mapping[str, Topic], clocks: Clocks
+) -> Iterator[tuple[str, str, Float[np.ndarray, " n"], str]]:
+    """Setpoints of roll, pitch and yaw, and of their rates: name, topic, values and label."""
     attitude = topics.get(ATTITUDE_SETPOINT)
     if attitude is not None:
         by_sticks = _in_states(topics, clocks, ATTITUDE_SETPOINT, ATTITUDE_STATES)
-        for name, (values, field) in zip(NAMES, _angles(attitude), strict=False):
+        for name, (values, field) in zip(NAMES, _angles(attitude.fields), strict=False):
             label = f"{ATTITUDE_SETPOINT}.{field}"
             for kind, where in (("", by_sticks), ("feedback_", ~by_sticks)):
                 series = np.where(where, values, np.nan)
-                yield SetpointSeries(f"{kind}reference_{name}", ATTITUDE_SETPOINT, series, label)
+                yield f"{kind}reference_{name}", ATTITUDE_SETPOINT, series, label
     rates = topics.get(RATES_SETPOINT)
     if rates is not None:
         by_sticks = _in_states(topics, clocks, RATES_SETPOINT, RATE_STATES)
         for axis, name in zip("xyz", NAMES, strict=True):
             if name in rates.fields:
                 series = np.where(by_sticks, rates.fields[name].astype(np.float64), np.nan)
-                label = f"{RATES_SETPOINT}.{name}"
-                yield SetpointSeries(f"reference_angular_rate_{axis}", RATES_SETPOINT, series, label)
+                yield f"reference_angular_rate_{axis}", RATES_SETPOINT, series, f"{RATES_SETPOINT}.{name}"
 
 
 def _in_states(
-    topics: Mapping[str, Topic],
-    clocks: Mapping[str, Float[np.ndarray, " _"]],
-    topic: str,
-    states: tuple[int, ...],
+    topics: Mapping[str, Topic], clocks: Clocks, topic: str, states: tuple[int, ...]
 ) -> Bool[np.ndarray, " n"]:
     """Whether the vehicle was in one of some states at each message of a topic."""
-    times = clocks[topic]
     status = topics.get(NAVIGATION_STATE.topic)
-    known = clocks.get(NAVIGATION_STATE.topic, np.empty(0))
     if status is None or NAVIGATION_STATE.field not in status.fields:
-        return np.zeros(times.size, dtype=np.bool_)
-    order = np.argsort(known, kind="stable")
-    order = order[np.isfinite(known[order])]
-    if not order.size:
-        return np.zeros(times.size, dtype=np.bool_)
-    within = np.isin(status.fields[NAVIGATION_STATE.field], states)[order]
-    indices = np.searchsorted(known[order], times, side="right") - 1
-    return np.asarray((indices >= 0) & within[np.maximum(indices, 0)])
+        return np.zeros(clocks[topic].size, dtype=np.bool_)
+    times = clocks[NAVIGATION_STATE.topic]
+    known = np.isfinite(times)
+    within = np.isin(status.fields[NAVIGATION_STATE.field], states)
+    return held_at(times[known], within[known], clocks[topic], before=False)
 
 
-def _angles(topic: Topic) -> list[tuple[Float[np.ndarray, " n"], str]]:
+def _angles(fields: Mapping[str, np.ndarray]) -> list[tuple[Float[np.ndarray, " n"], str]]:
     """Roll, pitch and yaw of the setpoint [rad], of its quaternion or, where it has none, of its angles."""
-    fields = topic.fields
-    angles = [fields.get(f"{name}_body") for name in NAMES]
-    parts = [fields.get(f"q_d[{index}]") for index in range(4)]
-    if not any(part is None for part in parts):
-        quaternion = np.stack([part.astype(np.float64) for part in parts if part is not None])
+    parts = [f"q_d[{index}]" for index in range(4)]
+    if all(part in fields for part in parts):
+        quaternion = np.stack([fields[part].astype(np.float64) for part in parts])
         length = np.linalg.norm(quaternion, axis=0)
         whole = np.abs(length - 1.0) <= UNIT_WITHIN
         if whole.any():
             result = roll_pitch_yaw(np.where(whole, quaternion / np.where(whole, length, 1.0), np.nan))
             return [(angle, "q_d") for angle in result]
-    if any(angle is None for angle in angles):
-        return []
-    return [
-        (angle.astype(np.float64), f"{name}_body")
-        for name, angle in zip(NAMES, angles, strict=True)
-        if angle is not None
-    ]
+    angles = [f"{name}_body" for name in NAMES]
+    known = all(angle in fields for angle in angles)
+    return [(fields[angle].astype(np.float64), angle) for angle in angles] if known else []
 
 
 # -- Delays --
@@ -143,34 +133,27 @@ LONGEST_WAY_S = 0.02
 LONGEST_MEAN_S = 0.02
 
 
-@dataclass(frozen=True, slots=True)
-class Delay:
-    """One cause of a topic's delay."""
-
-    seconds: float  # [s]
-    cause: str
+#: Delay of a topic [s], and its cause.
+Delay = tuple[float, str]
 
 
-def topic_delays(topic: Topic, parameters: Mapping[str, float]) -> tuple[Delay, ...]:
+def topic_delays(topic: Topic, parameters: Mapping[str, float]) -> list[Delay]:
     """Known delays of a topic, each with its cause; none for most topics."""
-    return tuple(delay for delay in _delays(topic, parameters) if delay.seconds > 0.0)
-
-
-def _delays(topic: Topic, parameters: Mapping[str, float]) -> Iterator[Delay]:
-    cutoff = parameters.get(LOW_PASSES.get(topic.name, ""), 0.0)
+    delays: list[Delay] = []
+    filter_name = LOW_PASSES.get(topic.name, "")
+    cutoff = parameters.get(filter_name, 0.0)
     if cutoff > 0.0:
-        cause = f"low-pass of {cutoff:g} Hz, {LOW_PASSES[topic.name]}"
-        yield Delay(low_pass_delay_s(cutoff), cause)
+        delays.append((low_pass_delay_s(cutoff), f"low-pass of {cutoff:g} Hz, {filter_name}"))
     for frequency_name, width_name in NOTCHES.get(topic.name, ()):
         frequency, width = parameters.get(frequency_name, 0.0), parameters.get(width_name, 0.0)
         if frequency > 0.0 and width > 0.0:
-            cause = f"notch at {frequency:g} Hz, {frequency_name}"
-            yield Delay(notch_delay_s(frequency, width), cause)
+            delays.append((notch_delay_s(frequency, width), f"notch at {frequency:g} Hz, {frequency_name}"))
     if topic.name in MEANS:
         length = _mean_length(topic)
-        yield Delay(0.5 * length, f"half of the {1e3 * length:.3g} ms of which it is the mean")
+        delays.append((0.5 * length, f"half of the {1e3 * length:.3g} ms of which it is the mean"))
     if topic.name in SAMPLED:
-        yield Delay(_way(topic), "from its sample to its stamp")
+        delays.append((_way(topic), "from its sample to its stamp"))
+    return [delay for delay in delays if delay[0] > 0.0]
 
 
 def _mean_length(topic: Topic) -> float:
@@ -194,20 +177,23 @@ def _way(topic: Topic) -> float:
     return formula if 0.0 < formula <= LONGEST_WAY_S else 0.0
 
 
-def delay_findings(channels: Iterable[Channel], delays: Mapping[str, tuple[Delay, ...]]) -> list[Finding]:
+def _topic_of(channel: Channel) -> str:
+    return channel.source.lstrip("-").partition(".")[0]
+
+
+def delay_findings(channels: Iterable[Channel], delays: Mapping[str, list[Delay]]) -> list[Finding]:
     """Say what was taken off the stamps of the topics that channels come from."""
-    used = {channel.source.lstrip("-").partition(".")[0] for channel in channels if channel.delay_s}
     texts = [
-        f"{name}: {1e3 * sum(delay.seconds for delay in delays[name]):.2g} ms "
-        f"({', '.join(delay.cause for delay in delays[name])})"
-        for name in sorted(used)
+        f"{name}: {1e3 * sum(seconds for seconds, _ in delays[name]):.2g} ms "
+        f"({', '.join(cause for _, cause in delays[name])})"
+        for name in sorted({_topic_of(channel) for channel in channels if channel.delay_s})
     ]
-    return [Finding("sensor_delay", f"Taken off the stamps of {'; '.join(texts)}.")] if texts else []
+    return noted("sensor_delay", "Taken off the stamps of {}.", "; ".join(texts))
 
 
 def unknown_filters(channels: Iterable[Channel], holder: str) -> list[Finding]:
     """Say that delays of filters are not known where the parameters are not."""
-    if not any(channel.source.lstrip("-").partition(".")[0] in LOW_PASSES for channel in channels):
+    if not any(_topic_of(channel) in LOW_PASSES for channel in channels):
         return []
     sentence = (
         f"{holder} no parameters: cutoffs of the filters of accelerations and rates "
@@ -265,14 +251,13 @@ def as_shares(
             "map fits an offset."
         )
         return dict(widths), Finding("pulse_range_unknown", sentence)
-    reported = dict.fromkeys((item.low, item.high) for item in known.values())
-    first = {
-        ends: next(item for item in known.values() if (item.low, item.high) == ends) for ends in reported
-    }
-    in_words = [f"{item.low:g} to {item.high:g} ({' and '.join(item.names)})" for item in first.values()]
+    in_words: dict[tuple[float, float], str] = {}
+    for item in known.values():
+        text = f"{item.low:g} to {item.high:g} ({' and '.join(item.names)})"
+        in_words.setdefault((item.low, item.high), text)
     sentence = (
         f"{PULSES_TOPIC} holds pulse widths in microseconds: they are read as shares of the range "
-        f"{', '.join(in_words)}."
+        f"{', '.join(in_words.values())}."
     )
     return {name: item.share(widths[name]) for name, item in known.items()}, Finding("pulse_widths", sentence)
 
@@ -293,27 +278,16 @@ def motor_outputs(indices: Sequence[int], parameters: Mapping[str, float]) -> tu
 
 def pulse_range(group: str, position: int, parameters: Mapping[str, float]) -> PulseRange | None:
     """Range of an output, from 0 on; None where no parameter gives it."""
-    ends = [_report(group, end, position, parameters) for end in ("MIN", "MAX")]
-    low, high = ends
-    if low is None or high is None or not low[1] < high[1]:
-        return None
-    return PulseRange(low[1], high[1], (low[0], high[0]))
-
-
-def _report(group: str, end: str, position: int, parameters: Mapping[str, float]) -> tuple[str, float] | None:
-    """The parameter in force for one end of the range."""
-    for name in (f"{group}_{end}{position + 1}", f"{group}_{end}", f"PWM_{end}"):
-        if WIDTHS[0] <= parameters.get(name, -1.0) <= WIDTHS[1]:
-            return name, parameters[name]
-    return None
+    names = []
+    for end in ("MIN", "MAX"):
+        candidates = (f"{group}_{end}{position + 1}", f"{group}_{end}", f"PWM_{end}")
+        known = (name for name in candidates if WIDTHS[0] <= parameters.get(name, -1.0) <= WIDTHS[1])
+        names.append(next(known, ""))
+    low, high = (parameters.get(name, np.nan) for name in names)
+    return PulseRange(low, high, (names[0], names[1])) if low < high else None
 
 
 # -- Channels --
-
-#: Stamps further than this from the log's start are damaged [s].
-MAX_SPAN_S = 1e6
-#: Another source comes before the preferred one when it was logged so many times as often.
-MUCH_MORE = 1.5
 
 
 @dataclass(slots=True)
@@ -321,12 +295,52 @@ class _Reading:
     """The state of one reading: topics in, channels and findings out."""
 
     topics: Mapping[str, Topic]
+    clocks: Clocks
     delays_s: Mapping[str, float]
     end_s: float
-    channels: dict[str, Channel]
     findings: list[Finding]
-    inactive_setpoints: list[str]
-    never_valid: list[str]
+    channels: dict[str, Channel] = field(default_factory=dict)
+    inactive_setpoints: list[str] = field(default_factory=list)
+    never_valid: list[str] = field(default_factory=list)
+
+    def values(self, source: TopicSource) -> Float[np.ndarray, " n"] | None:
+        """Values of a source, NaN where invalid; None when the log has no such field."""
+        topic = self.topics.get(source.topic)
+        if topic is None or source.field not in topic.fields:
+            return None
+        values = source.sign * topic.fields[source.field].astype(np.float64)
+        if source.valid_field in topic.fields:
+            values[topic.fields[source.valid_field] == 0] = np.nan
+        return values
+
+    def put(self, name: str, topic: str, values: np.ndarray, label: str, side: CurveSide) -> None:
+        """Add a channel of values on the clock of a topic."""
+        self.channels[name] = logged_channel(name, self.clocks[topic], values, label, curve_side=side)
+
+    def add(self, name: str, source: TopicSource, where: Bool[np.ndarray, " n"] | None = None) -> None:
+        """Add a channel from a source, when that has a valid value (among the samples `where`)."""
+        values = self.values(source)
+        if values is None:
+            return
+        if where is not None:
+            values[~where] = np.nan
+        elif not np.isfinite(values).any():
+            self.never_valid.append(source.label)
+        if not np.isfinite(values).any() or (source.zero_is_absent and not np.any(np.nan_to_num(values))):
+            return
+        channel = logged_channel(
+            name,
+            self.clocks[source.topic],
+            values,
+            source.label,
+            estimated=source.estimated,
+            delay_s=self.delays_s[source.topic],
+            curve_side=CurveSide.BEFORE if name == "input" else CurveSide.UNKNOWN,
+        )
+        if channel.time_s.size and source.is_setpoint:
+            channel = silenced(channel, self.end_s, self.inactive_setpoints)
+        if channel.time_s.size:
+            self.channels[name] = channel
 
 
 def read_topics(
@@ -334,155 +348,68 @@ def read_topics(
 ) -> dict[str, Channel]:
     """Return all channels that topics hold."""
     delays = {name: topic_delays(topic, parameters) for name, topic in topics.items()}
-    late = {name: sum((cause.seconds for cause in causes), 0.0) for name, causes in delays.items()}
+    late = {name: sum((seconds for seconds, _ in causes), 0.0) for name, causes in delays.items()}
     clocks = {name: _seconds(topic.fields["timestamp"], start) - late[name] for name, topic in topics.items()}
     ends = [float(np.nanmax(clock)) for clock in clocks.values() if np.isfinite(clock).any()]
-    reading = _Reading(topics, late, max(ends, default=0.0), {}, findings, [], [])
+    reading = _Reading(topics, clocks, late, max(ends, default=0.0), findings)
+    sizes = {name: topic.size for name, topic in topics.items()}
     for name, sources in CHANNEL_SOURCES.items():
-        for source in _by_rate(sources, topics) if name in CHOSEN_BY_RATE else sources:
+        by_choice = by_rate(sources, lambda source: sizes.get(source.topic, 0))
+        for source in by_choice if name in CHOSEN_BY_RATE else sources:
             if name not in reading.channels:
-                _add(reading, clocks, name, source)
-    _add_controller_velocity(reading, clocks)
-    _add_modes(reading, clocks)
-    _add_attitude_setpoints(reading, clocks)
-    _add_actuators(reading, clocks, parameters)
-    _add_rotor_speeds(reading, clocks)
-    findings += _reset_findings(reading, clocks)
+                reading.add(name, source)
+    _add_controller_velocity(reading)
+    _add_modes(reading)
+    for name, topic, values, label in attitude_setpoints(topics, clocks):
+        channel = logged_channel(name, clocks[topic], values, label)
+        if np.isfinite(channel.values).any():
+            reading.channels[name] = channel
+    _add_actuators(reading, parameters)
+    _add_rotor_speeds(reading)
+    findings += _reset_findings(reading)
     findings += delay_findings(reading.channels.values(), delays)
-    if reading.never_valid:
-        findings.append(
-            Finding("never_valid", f"Logged without one valid value: {', '.join(reading.never_valid)}.")
-        )
-    if reading.inactive_setpoints:
-        findings.append(
-            Finding(
-                "setpoint_silent",
-                f"Not in force while its topic is silent: {', '.join(reading.inactive_setpoints)}.",
-            )
-        )
+    findings += noted("never_valid", "Logged without one valid value: {}.", reading.never_valid)
+    silent = "Not in force while its topic is silent: {}."
+    findings += noted("setpoint_silent", silent, reading.inactive_setpoints)
     return reading.channels
 
 
-def _by_rate(sources: tuple[TopicSource, ...], topics: Mapping[str, Topic]) -> list[TopicSource]:
-    """Sources in their order, but one that was logged much more often than the first before it."""
-
-    def samples(source: TopicSource) -> int:
-        topic = topics.get(source.topic)
-        return 0 if topic is None else int(topic.fields["timestamp"].size)
-
-    most = max(sources, key=samples)
-    first = next((source for source in sources if samples(source)), most)
-    return (
-        sorted(sources, key=lambda source: source is not most)
-        if samples(most) > MUCH_MORE * samples(first)
-        else [*sources]
-    )
-
-
-def _reset_findings(reading: _Reading, clocks: Mapping[str, Float[np.ndarray, " _"]]) -> list[Finding]:
+def _reset_findings(reading: _Reading) -> list[Finding]:
     """Jumps of the estimate, which are no motion: where a counter of the estimator's resets moves."""
-    topic = reading.topics.get("vehicle_local_position")
-    findings = []
-    fields = topic.fields if topic is not None else {}
-    for field, meaning in RESET_COUNTERS.items():
-        if field not in fields:
+    topic = reading.topics.get(ESTIMATOR_TOPIC)
+    findings: list[Finding] = []
+    for counter, meaning in RESET_COUNTERS.items():
+        if topic is None or counter not in topic.fields:
             continue
-        counts = fields[field]
-        times = clocks["vehicle_local_position"][1:][counts[1:] != counts[:-1]]
-        if times.size:
-            text = ", ".join(f"{time:.2f}" for time in times[:10]) + (", ..." if times.size > 10 else "")
-            findings.append(Finding("estimator_reset", f"The estimate of {meaning} jumps at {text} s."))
+        counts = topic.fields[counter]
+        times = reading.clocks[ESTIMATOR_TOPIC][1:][counts[1:] != counts[:-1]]
+        text = ", ".join(f"{time:.2f}" for time in times[:10]) + (", ..." if times.size > 10 else "")
+        findings += noted("estimator_reset", f"The estimate of {meaning} jumps at {{}} s.", text)
     return findings
 
 
 def _seconds(stamps: np.ndarray, start: np.uint64) -> Float[np.ndarray, " n"]:
     """Seconds since the log's start; NaN for stamps that cannot be."""
-    with np.errstate(over="ignore"):
-        ticks = (stamps.astype(np.uint64) - start).view(np.int64)
-    time = ticks.astype(np.float64) * 1e-6
+    time = since_start(stamps, start)
     time[np.abs(time) > MAX_SPAN_S] = np.nan
     return time
 
 
-def _values(topic: Topic, source: TopicSource) -> Float[np.ndarray, " n"] | None:
-    """Values of a source, NaN where invalid; None when the log has no such field."""
-    if source.field not in topic.fields:
-        return None
-    values = source.sign * topic.fields[source.field].astype(np.float64)
-    if source.valid_field in topic.fields:
-        values[topic.fields[source.valid_field] == 0] = np.nan
-    return values
-
-
-def _add(
-    reading: _Reading,
-    clocks: Mapping[str, Float[np.ndarray, " _"]],
-    name: str,
-    source: TopicSource,
-    where: Bool[np.ndarray, " n"] | None = None,
-) -> None:
-    """Add a channel from a source, when that has a valid value (among the samples `where`)."""
-    topic = reading.topics.get(source.topic)
-    values = _values(topic, source) if topic is not None else None
-    if values is None:
-        return
-    if where is not None:
-        values[~where] = np.nan
-    elif not np.isfinite(values).any():
-        reading.never_valid.append(source.label)
-    if not np.isfinite(values).any() or (source.zero_is_absent and not np.any(np.nan_to_num(values))):
-        return
-    channel = replace(
-        _channel(name, clocks[source.topic], values, source.label),
-        estimated=source.estimated,
-        delay_s=reading.delays_s[source.topic],
-        curve_side=CurveSide.BEFORE if name == "input" else CurveSide.UNKNOWN,
-    )
-    if channel.time_s.size == 0:
-        return
-    if source.is_setpoint:
-        until = silenced(channel, reading.end_s)
-        if until.time_s.size > channel.time_s.size:
-            reading.inactive_setpoints.append(name)
-        channel = until
-    reading.channels[name] = channel
-
-
-def _channel(
-    name: str,
-    time_s: Float[np.ndarray, " n"],
-    values: Float[np.ndarray, " n"],
-    label: str,
-    curve_side: CurveSide = CurveSide.UNKNOWN,
-) -> Channel:
-    return clean_channel(
-        name,
-        time_s,
-        values,
-        unit_of(name),
-        source=label,
-        held=held_by_default(name),
-        curve_side=curve_side,
-    )
-
-
-def _add_controller_velocity(reading: _Reading, clocks: Mapping[str, Float[np.ndarray, " _"]]) -> None:
+def _add_controller_velocity(reading: _Reading) -> None:
     """Add the controller's velocity setpoint: feedback under a height setpoint, else a climb rate."""
-    topic = reading.topics.get(CONTROLLER_VELOCITY.topic)
-    heights = _values(topic, CONTROLLER_POSITION) if topic is not None else None
+    heights = reading.values(CONTROLLER_POSITION)
     if heights is None:
         return
     in_force = np.isfinite(heights)
-    _add(reading, clocks, "feedback_reference_velocity_z", CONTROLLER_VELOCITY, in_force)
+    reading.add("feedback_reference_velocity_z", CONTROLLER_VELOCITY, in_force)
     if "trajectory_setpoint" not in reading.topics:
-        _add(reading, clocks, "reference_velocity_z", CONTROLLER_VELOCITY, ~in_force)
+        reading.add("reference_velocity_z", CONTROLLER_VELOCITY, ~in_force)
 
 
-def _add_modes(reading: _Reading, clocks: Mapping[str, Float[np.ndarray, " _"]]) -> None:
+def _add_modes(reading: _Reading) -> None:
     """Add when a pilot flies, when no loop acts on the thrust, and when sticks set attitude or rates."""
-    topic = reading.topics.get(NAVIGATION_STATE.topic)
-    states = _values(topic, NAVIGATION_STATE) if topic is not None else None
-    if states is None:
+    states = reading.values(NAVIGATION_STATE)
+    if states is None or not np.isfinite(reading.clocks[NAVIGATION_STATE.topic]).any():
         return
     modes = {
         "pilot_in_control": PILOT_STATES,
@@ -491,27 +418,10 @@ def _add_modes(reading: _Reading, clocks: Mapping[str, Float[np.ndarray, " _"]])
     }
     for name, known in modes.items():
         within = np.isin(states, known).astype(np.float64)
-        channel = _channel(name, clocks[NAVIGATION_STATE.topic], within, NAVIGATION_STATE.label)
-        if channel.time_s.size:
-            reading.channels[name] = channel
+        reading.put(name, NAVIGATION_STATE.topic, within, NAVIGATION_STATE.label, CurveSide.UNKNOWN)
 
 
-def _add_attitude_setpoints(reading: _Reading, clocks: Mapping[str, Float[np.ndarray, " _"]]) -> None:
-    """Add the setpoints of attitude and rates that are in force anywhere, by who made them."""
-    for attitude_setpoint in attitude_setpoints(reading.topics, clocks):
-        channel = _channel(
-            attitude_setpoint.name,
-            clocks[attitude_setpoint.topic],
-            attitude_setpoint.values,
-            attitude_setpoint.label,
-        )
-        if np.isfinite(channel.values).any():
-            reading.channels[attitude_setpoint.name] = channel
-
-
-def _add_actuators(
-    reading: _Reading, clocks: Mapping[str, Float[np.ndarray, " _"]], parameters: Mapping[str, float]
-) -> None:
+def _add_actuators(reading: _Reading, parameters: Mapping[str, float]) -> None:
     """Add the motor outputs that move, numbered from 1; an unused one is NaN or constant."""
     for topic_name, stem, side in ACTUATOR_SOURCES:
         topic = reading.topics.get(topic_name)
@@ -523,28 +433,25 @@ def _add_actuators(
             values, finding = as_shares(values, parameters)
             reading.findings.append(finding)
         for number, (item, column) in enumerate(values.items(), start=1):
-            name, source = f"actuator_output_{number}", f"{topic_name}.{stem}[{item}]"
-            reading.channels[name] = _channel(name, clocks[topic_name], column, source, side)
+            reading.put(f"actuator_output_{number}", topic_name, column, f"{topic_name}.{stem}[{item}]", side)
         return
 
 
-def _add_rotor_speeds(reading: _Reading, clocks: Mapping[str, Float[np.ndarray, " _"]]) -> None:
+def _add_rotor_speeds(reading: _Reading) -> None:
     """Add the speeds [rad/s] of the motors that turn, by telemetry, each under its motor's number."""
     topic = reading.topics.get(ESC_TOPIC)
-    turning = {
-        index: topic.fields[field].astype(np.float64) * UNITS["rpm"][1]
-        for index in range(MAX_ESCS)
-        if topic is not None and (field := ESC_SPEED.format(index)) in topic.fields
-        if np.any(topic.fields[field])
-    }
-    if topic is None or not turning:
+    if topic is None:
         return
+    names = {index: ESC_SPEED.format(index) for index in range(MAX_ESCS)}
+    turning = {
+        index: name for index, name in names.items() if name in topic.fields and np.any(topic.fields[name])
+    }
     selected = {item: _motor_of(topic, item) for item in turning}
     known = all(selected.values()) and len(set(selected.values())) == len(selected)
-    for entry, speeds in turning.items():
-        name = f"rotor_speed_{selected[entry] if known else entry + 1}"
-        label = f"{ESC_TOPIC}.{ESC_SPEED.format(entry)}"
-        reading.channels[name] = _channel(name, clocks[ESC_TOPIC], speeds, label, CurveSide.BEHIND)
+    for entry, name in turning.items():
+        speeds = topic.fields[name].astype(np.float64) * UNITS["rpm"][1]
+        channel = f"rotor_speed_{selected[entry] if known else entry + 1}"
+        reading.put(channel, ESC_TOPIC, speeds, f"{ESC_TOPIC}.{name}", CurveSide.BEHIND)
 
 
 def _motor_of(topic: Topic, position: int) -> int:

@@ -9,6 +9,7 @@ import re
 import struct
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from mmap import mmap as memory_map
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,16 @@ from typing import Any
 import numpy as np
 
 from eivor.errors import CorruptLogError, EmptyLogError, InputError, UnknownFormatError
-from eivor.logs.common import FolderParts, LogFormat, ReadOptions, begins_with, channel_findings, file_names
+from eivor.logs.common import (
+    DECODER_ERRORS,
+    FolderParts,
+    LogFormat,
+    ReadOptions,
+    begins_with,
+    channel_findings,
+    file_names,
+    noted,
+)
 from eivor.logs.table.delimited import open_csv
 from eivor.logs.ulog.channels import read_topics, unknown_filters
 from eivor.logs.ulog.topics import (
@@ -61,13 +71,9 @@ def tables_of(folder: Path) -> list[TopicTable]:
     """Return the tables of topics that are needed, by their names; none of what is no folder."""
     if not folder.is_dir():
         return []
-    named = ((name, _NAME.fullmatch(name)) for name in file_names(folder))
-    path = [
-        TopicTable(folder / name, match[1], match[2], int(match[3]))
-        for name, match in named
-        if match is not None
-    ]
-    return sorted(path, key=lambda table: table.file)
+    matches = filter(None, map(_NAME.fullmatch, file_names(folder)))
+    tables = (TopicTable(folder / match[0], match[1], match[2], int(match[3])) for match in matches)
+    return sorted(tables, key=lambda table: table.file)
 
 
 def csv_parts(folder: Path) -> FolderParts:
@@ -91,7 +97,7 @@ _FIELD = re.compile(r"[A-Za-z_][\w.\[\]]*")
 _LAST_US = float(1 << 62)
 
 
-def read_csv_folder(folder: Path, options: ReadOptions, log_format: str) -> Recording:
+def read_csv_folder(folder: Path, options: ReadOptions) -> Recording:
     """Read a folder of `ulog2csv`."""
     tables = tables_of(folder)
     logs = sorted({table.log for table in tables})
@@ -117,7 +123,7 @@ def read_csv_folder(folder: Path, options: ReadOptions, log_format: str) -> Reco
     findings += unknown_filters(channels.values(), "These tables hold")
     return Recording(
         name=folder.name,
-        format=log_format,
+        format=ULOG_CSV.name,
         channels=channels,
         frame=Frame.NED,
         sha256=options.sha256,
@@ -150,29 +156,9 @@ def _topic(file: Path, name: str, instance: int, findings: list[Finding]) -> Top
     return Topic(name, instance, {**fields, **clocks})
 
 
-# -- Format --
+# -- Advice --
 
 MAGIC = b"\x55\x4c\x6f\x67\x01\x12\x35"
-
-
-def _read(file: Path, options: ReadOptions) -> Recording:
-    return read_ulog(file, sha256=options.sha256)
-
-
-def _read_csv_folder(folder: Path, options: ReadOptions) -> Recording:
-    return read_csv_folder(folder, options, ULOG_CSV.name)
-
-
-def _is_csv_folder(_head: bytes, folder: Path) -> bool:
-    """Whether a folder holds a table of a topic."""
-    if not folder.is_dir():
-        return False
-
-    return bool(tables_of(folder))
-
-
-def _csv_parts(folder: Path) -> FolderParts:
-    return csv_parts(folder)
 
 
 def _advice(channel: str) -> tuple[str, ...]:
@@ -210,27 +196,6 @@ _SETPOINTS = (
     "vehicle_thrust_setpoint (the command), manual_control_setpoint (the stick, when a pilot flies)."
 )
 
-ULOG = LogFormat(
-    "ulog",
-    "ULog",
-    begins_with(MAGIC),
-    _read,
-    advice=_advice,
-    setpoints=_SETPOINTS,
-    endings=(".ulg", ".ulog"),
-)
-#: A folder of the tables that `ulog2csv` makes of one.
-ULOG_CSV = LogFormat(
-    "ulog2csv",
-    "ulog2csv folder",
-    _is_csv_folder,
-    _read_csv_folder,
-    advice=_advice,
-    setpoints=_SETPOINTS,
-    parts=_csv_parts,
-)
-
-
 # -- Frames --
 
 SYNC_MARK = b"\x2f\x73\x13\x20\x25\x0c\xbb\x12"
@@ -242,14 +207,7 @@ _CANDIDATE = re.compile(rb"(?s)(?:[^\x00].|.[^\x00])[FDIMPQARSOLCB]")
 #: The type of a field, with a number in brackets when there are several of it.
 _FIELD_TYPE = re.compile(r"([^\[\]]+)(?:\[([0-9]{1,5})\])?")
 _FIELD_BYTES = {
-    "int8_t": 1,
-    "uint8_t": 1,
-    "int16_t": 2,
-    "uint16_t": 2,
-    "int32_t": 4,
-    "uint32_t": 4,
-    "int64_t": 8,
-    "uint64_t": 8,
+    **{f"{sign}int{8 * size}_t": size for sign in ("", "u") for size in (1, 2, 4, 8)},
     "float": 4,
     "double": 8,
     "bool": 1,
@@ -310,10 +268,8 @@ def clean_log(data: memory_map | bytes, topics: Collection[str], name: str) -> C
         for kind, payload in _messages(data, start, end, log):
             if in_definitions and kind in b"ALC":
                 in_definitions = False
-            if in_definitions:
-                _take_definition(log, kind, payload)
-            else:
-                _take_other(log, kind, payload, topics)
+            take = _take_definition if in_definitions else partial(_take_other, topics=topics)
+            log.rejected_messages += not take(log, kind, payload)
         start = end
     return log
 
@@ -416,23 +372,25 @@ def _message(kind: int, payload: bytes) -> bytes:
     return struct.pack("<HB", len(payload), kind) + payload
 
 
-def _take_definition(log: CleanLog, kind: int, payload: bytes) -> None:
-    """Remember a format, keep a sound parameter; the decoder needs nothing else of the definitions."""
+def _take_definition(log: CleanLog, kind: int, payload: bytes) -> bool:
+    """Remember a format, keep a parameter; the decoder needs no other definitions. False for unsound ones."""
     if kind == ord("F"):
         name, colon, _ = (_text(payload) or "").partition(":")
-        if colon and name not in log._formats:
+        sound = bool(colon) and name not in log._formats
+        if sound:
             log._formats[name] = payload
-        else:
-            log.rejected_messages += 1
-    elif kind == ord("P"):
+        return sound
+    if kind == ord("P"):
         size = payload[0]
         words = (_text(payload[1 : 1 + size]) or "").split(" ")
-        if len(words) == 2 and words[0] in ("int32_t", "float") and words[1] and len(payload) == 5 + size:
+        known = len(words) == 2 and words[0] in ("int32_t", "float") and words[1] != ""
+        sound = known and len(payload) == 5 + size
+        if sound:
             log.definitions += _message(kind, payload)
-        else:
-            log.rejected_messages += 1
-    elif kind == ord("I"):
+        return sound
+    if kind == ord("I"):
         _take_about(log, payload)
+    return True
 
 
 def _take_about(log: CleanLog, payload: bytes) -> None:
@@ -443,35 +401,30 @@ def _take_about(log: CleanLog, payload: bytes) -> None:
         log.about.setdefault(words[1], payload[1 + size :])
 
 
-def _take_other(log: CleanLog, kind: int, payload: bytes, topics: Collection[str]) -> None:
-    """Keep subscriptions of needed topics, and dropouts."""
+def _take_other(log: CleanLog, kind: int, payload: bytes, topics: Collection[str]) -> bool:
+    """Keep subscriptions of needed topics, and dropouts. False for unsound ones."""
     if kind == ord("A"):
-        _take_subscription(log, payload, topics)
-    elif kind == ord("O"):
-        if len(payload) == 2:
-            log.data += _message(kind, payload)
-        else:
-            log.rejected_messages += 1
+        return _take_subscription(log, payload, topics)
+    sound = kind != ord("O") or len(payload) == 2
+    if kind == ord("O") and sound:
+        log.data += _message(kind, payload)
+    return sound
 
 
-def _take_subscription(log: CleanLog, payload: bytes, topics: Collection[str]) -> None:
+def _take_subscription(log: CleanLog, payload: bytes, topics: Collection[str]) -> bool:
     """Keep a subscription whose format is sound; a number is never given to a second topic."""
     name = _text(payload[3:])
-    if name is None:
-        log.rejected_messages += 1
     if name is None or name not in topics:
-        return
+        return name is not None
     number = int.from_bytes(payload[1:3], "little")
     if name in log._unsound or number in log._sizes or len(log._sizes) >= MAX_SUBSCRIPTIONS:
-        log.rejected_messages += 1
-        return
+        return False
     used: set[str] = set()
     flat = _flatten(log, name, "", MAX_NESTING, used) or []
     if ("timestamp", "uint64_t") not in flat or len({label for label, _ in flat}) != len(flat):
         log._unsound.add(name)
         log.lost_topics.append(name)
-        log.rejected_messages += 1
-        return
+        return False
     for needed in sorted(used - log._kept_formats):
         log.definitions += _message(ord("F"), log._formats[needed])
     log._kept_formats |= used
@@ -481,6 +434,7 @@ def _take_subscription(log: CleanLog, payload: bytes, topics: Collection[str]) -
     log._sizes[number] = (sum(_FIELD_BYTES[kind] for _, kind in flat), full)
     log.rows[number] = []
     log.data += _message(ord("A"), payload)
+    return True
 
 
 def _flatten(
@@ -526,7 +480,7 @@ def _fields(payload: bytes) -> list[tuple[str, int, str]] | None:
 PARSED = (*NEEDED_TOPICS, *(topic for topic in ORIGIN_TOPICS if topic not in NEEDED_TOPICS))
 
 
-def read_ulog(file: Path, *, sha256: str = "") -> Recording:
+def read_ulog(file: Path, options: ReadOptions) -> Recording:
     """Read a ULog file."""
     try:
         with file.open("rb") as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as data:
@@ -552,7 +506,7 @@ def read_ulog(file: Path, *, sha256: str = "") -> Recording:
         format="ulog",
         channels=channels,
         frame=Frame.NED,
-        sha256=sha256,
+        sha256=options.sha256,
         parameters=parameters,
         looked_for=LOOKED_FOR,
         findings=(*findings, *channel_findings(channels)),
@@ -577,18 +531,7 @@ def _decode(clean: CleanLog, file: Path) -> tuple[Any, bool]:
     try:
         with contextlib.redirect_stdout(printed):
             ulog = ULog(io.BytesIO(clean.content), list(PARSED), disable_str_exceptions=True)
-    except (
-        ULogException,
-        ValueError,
-        TypeError,
-        IndexError,
-        KeyError,
-        OverflowError,
-        OSError,
-        struct.error,
-        RecursionError,
-        MemoryError,
-    ) as error:
+    except (ULogException, *DECODER_ERRORS) as error:
         raise _corrupt(file, error) from error
     return ulog, bool(printed.getvalue())
 
@@ -601,26 +544,15 @@ def _parameters(ulog: Any) -> dict[str, float]:
 
 def _file_findings(clean: CleanLog, ulog: Any, printed: bool) -> list[Finding]:
     """Damage and dropouts."""
-    findings = []
-    if clean.cut_bytes:
-        findings.append(
-            Finding("truncated", f"The log ends within a message ({clean.cut_bytes} bytes of it are there).")
-        )
+    sentence = "The log ends within a message ({} bytes of it are there)."
+    findings = noted("truncated", sentence, clean.cut_bytes)
     if clean.skipped_bytes or clean.rejected_messages or ulog.file_corruption or printed:
         lost = f", with them all of {', '.join(clean.lost_topics)}" if clean.lost_topics else ""
-        findings.append(
-            Finding(
-                "corrupt_parts",
-                f"Damaged parts were left out: {clean.skipped_bytes} bytes and {clean.rejected_messages} "
-                f"messages{lost}.",
-            )
-        )
-    if ulog.dropouts:
-        total = sum(dropout.duration for dropout in ulog.dropouts) * 1e-3
-        findings.append(
-            Finding("dropouts", f"The logger lost data {len(ulog.dropouts)} times, {total:.3g} s in total.")
-        )
-    return findings
+        damage = f"{clean.skipped_bytes} bytes and {clean.rejected_messages} messages{lost}"
+        findings.append(Finding("corrupt_parts", f"Damaged parts were left out: {damage}."))
+    total = sum(dropout.duration for dropout in ulog.dropouts) * 1e-3
+    sentence = f"The logger lost data {{}} times, {total:.3g} s in total."
+    return findings + noted("dropouts", sentence, len(ulog.dropouts))
 
 
 def _topics(ulog: Any, rows: Mapping[int, list[bytes]], findings: list[Finding]) -> dict[str, Topic]:
@@ -640,3 +572,20 @@ def _table(first: Mapping[str, np.ndarray], rows: list[bytes]) -> dict[str, np.n
     layout = np.dtype([(name, values.dtype) for name, values in first.items()])
     table = np.frombuffer(b"".join(rows), dtype=layout)
     return {name: table[name] for name in first}
+
+
+# -- Formats --
+
+ULOG = LogFormat(
+    "ulog", "ULog", begins_with(MAGIC), read_ulog, advice=_advice, setpoints=_SETPOINTS, endings=ULOG_ENDINGS
+)
+#: A folder of the tables that `ulog2csv` makes of one.
+ULOG_CSV = LogFormat(
+    "ulog2csv",
+    "ulog2csv folder",
+    lambda _head, folder: bool(tables_of(folder)),
+    read_csv_folder,
+    advice=_advice,
+    setpoints=_SETPOINTS,
+    parts=csv_parts,
+)

@@ -8,8 +8,9 @@ from datetime import datetime
 
 import numpy as np
 
-from eivor.signals.channels import CurveSide, unit_of
-from eivor.signals.recording import ROTARY_WING, Channel, Finding, LogOrigin, clean_channel, utc_time
+from eivor.logs.common import channel_sources, logged_channel, source_tables
+from eivor.signals.channels import CurveSide
+from eivor.signals.recording import ROTARY_WING, Channel, Finding, LogOrigin, utc_time
 
 # -- Topics --
 
@@ -40,79 +41,9 @@ class TopicSource:
         return f"{minus}{self.topic}.{self.field}"
 
 
-def _position(field: str, valid: str, *, zero_is_absent: bool = False) -> tuple[TopicSource, ...]:
-    return (TopicSource(ESTIMATOR_TOPIC, field, valid_field=valid, zero_is_absent=zero_is_absent),)
-
-
-def _body(topic: str, field: str, old_topic: str, old_field: str, axis: int) -> tuple[TopicSource, ...]:
-    return TopicSource(topic, f"{field}[{axis}]"), TopicSource(old_topic, f"{old_field}[{axis}]")
-
-
-def _trajectory(*fields: str) -> tuple[TopicSource, ...]:
-    return tuple(TopicSource("trajectory_setpoint", field, is_setpoint=True) for field in fields)
-
-
 #: Sources of each channel, the preferred one first.
-CHANNEL_SOURCES: Mapping[str, tuple[TopicSource, ...]] = {
-    "position_x": _position("x", "xy_valid"),
-    "position_y": _position("y", "xy_valid"),
-    "position_z": _position("z", "z_valid"),
-    "velocity_x": _position("vx", "v_xy_valid"),
-    "velocity_y": _position("vy", "v_xy_valid"),
-    "velocity_z": _position("vz", "v_z_valid"),
-    "acceleration_z": _position("az", "v_z_valid", zero_is_absent=True),
-    **{
-        f"specific_force_body_{name}": _body(
-            "vehicle_acceleration", "xyz", "sensor_combined", "accelerometer_m_s2", axis
-        )
-        for axis, name in enumerate("xyz")
-    },
-    **{
-        f"attitude_{name}": (TopicSource("vehicle_attitude", f"q[{index}]"),)
-        for index, name in enumerate("wxyz")
-    },
-    **{
-        f"angular_rate_{name}": _body("vehicle_angular_velocity", "xyz", "sensor_combined", "gyro_rad", axis)
-        for axis, name in enumerate("xyz")
-    },
-    "input": (
-        TopicSource("vehicle_thrust_setpoint", "xyz[2]", sign=-1.0),
-        TopicSource("vehicle_attitude_setpoint", "thrust_body[2]", sign=-1.0),
-        TopicSource("vehicle_attitude_setpoint", "thrust"),
-        TopicSource("actuator_controls_0", "control[3]"),
-    ),
-    "reference_position_z": (
-        *_trajectory("position[2]", "z"),
-        TopicSource("vehicle_local_position_setpoint", "z", is_setpoint=True),
-    ),
-    "reference_velocity_z": _trajectory("velocity[2]", "vz"),
-    "reference_acceleration_z": _trajectory("acceleration[2]"),
-    "pilot_throttle": (
-        TopicSource("manual_control_setpoint", "throttle", valid_field="valid"),
-        TopicSource("manual_control_setpoint", "z"),
-    ),
-    **{
-        f"torque_setpoint_{name}": (
-            TopicSource("vehicle_torque_setpoint", f"xyz[{axis}]"),
-            TopicSource("actuator_controls_0", f"control[{axis}]"),
-        )
-        for axis, name in enumerate("xyz")
-    },
-    **{
-        f"pilot_{name}": (
-            TopicSource("manual_control_setpoint", name, valid_field="valid"),
-            TopicSource("manual_control_setpoint", old),
-        )
-        for name, old in (("roll", "y"), ("pitch", "x"), ("yaw", "r"))
-    },
-    "landed": (TopicSource("vehicle_land_detected", "landed"),),
-    "ground_contact": (TopicSource("vehicle_land_detected", "ground_contact"),),
-    "battery_voltage": (
-        TopicSource("battery_status", "voltage_v", valid_field="connected"),
-        TopicSource("battery_status", "voltage_filtered_v", valid_field="connected"),
-    ),
-    "hover_thrust_estimate": (TopicSource("hover_thrust_estimate", "hover_thrust", valid_field="valid"),),
-}
+_TABLES = source_tables("eivor.logs.ulog")
+CHANNEL_SOURCES = channel_sources(_TABLES, TopicSource)
 
 #: The position controller's velocity setpoint: feedback while a height setpoint is in force, else a commanded
 #: climb rate.
@@ -172,34 +103,13 @@ class TopicLogging:
 
     topic: str
     default_rate_hz: float
-    full_rate_bits: tuple[int, ...] = ()
+    full_rate_bits: Sequence[int] = ()
 
 
 #: Names of the bits of SDLOG_PROFILE that matter here.
 PROFILE_BITS: Mapping[int, str] = {0: "default set", 3: "system identification", 4: "high rate"}
 
-#: From PX4's `src/modules/logger/logged_topics.cpp` (main branch, 2025).
-TOPIC_LOGGING: tuple[TopicLogging, ...] = (
-    TopicLogging("vehicle_local_position", 10.0),
-    TopicLogging("vehicle_acceleration", 20.0, (3,)),
-    TopicLogging("sensor_combined", float("inf"), (0, 3, 4)),
-    TopicLogging("vehicle_attitude", 20.0, (4,)),
-    TopicLogging("vehicle_angular_velocity", 50.0, (3, 4)),
-    TopicLogging("vehicle_thrust_setpoint", 50.0, (4,)),
-    TopicLogging("vehicle_torque_setpoint", 50.0, (4,)),
-    TopicLogging("vehicle_attitude_setpoint", 20.0, (4,)),
-    TopicLogging("vehicle_rates_setpoint", 50.0, (4,)),
-    TopicLogging("actuator_motors", 10.0, (3, 4)),
-    TopicLogging("actuator_outputs", 10.0),
-    TopicLogging("esc_status", 4.0),
-    TopicLogging("trajectory_setpoint", 5.0),
-    TopicLogging("vehicle_local_position_setpoint", 10.0),
-    TopicLogging("manual_control_setpoint", 5.0, (4,)),
-    TopicLogging("battery_status", 5.0),
-    TopicLogging("hover_thrust_estimate", 10.0),
-    TopicLogging("vehicle_status", float("inf"), (0,)),
-    TopicLogging("vehicle_land_detected", float("inf"), (0,)),
-)
+TOPIC_LOGGING = tuple(TopicLogging(topic, **row) for topic, row in _TABLES["logging"].items())
 
 #: Topics whose rate no profile bit raises, as lines of `etc/logging/logger_topics.txt` (name, interval [ms]).
 EXTRA_TOPIC_LINES: tuple[str, ...] = (
@@ -211,39 +121,16 @@ EXTRA_TOPIC_LINES: tuple[str, ...] = (
 
 def _with_profile(source: TopicSource) -> str:
     """Return a source's label with the bits of SDLOG_PROFILE that log it; old topics have none."""
-    for entry in TOPIC_LOGGING:
-        if entry.topic == source.topic:
-            bits = sorted({0, *entry.full_rate_bits})
-            return f"{source.label} [SDLOG_PROFILE bit {' or '.join(map(str, bits))}]"
-    return source.label
+    bits = next((entry.full_rate_bits for entry in TOPIC_LOGGING if entry.topic == source.topic), None)
+    if bits is None:
+        return source.label
+    return f"{source.label} [SDLOG_PROFILE bit {' or '.join(map(str, sorted({0, *bits})))}]"
 
 
 #: What was looked for, by channel, in the words of a message.
 LOOKED_FOR: Mapping[str, tuple[str, ...]] = {
-    **{name: tuple(_with_profile(source) for source in sources) for name, sources in CHANNEL_SOURCES.items()},
-    "reference_velocity_z": (
-        *(_with_profile(source) for source in CHANNEL_SOURCES["reference_velocity_z"]),
-        f"{_with_profile(CONTROLLER_VELOCITY)} while no height setpoint is in force",
-    ),
-    "feedback_reference_velocity_z": (
-        f"{_with_profile(CONTROLLER_VELOCITY)} while a height setpoint is in force",
-    ),
-    "pilot_in_control": (_with_profile(NAVIGATION_STATE),),
-    **{
-        f"{kind}reference_{name}": (f"{ATTITUDE_SETPOINT}.q_d {mode}",)
-        for name in ("roll", "pitch", "yaw")
-        for kind, mode in (("", "where sticks set the attitude"), ("feedback_", "where a loop does"))
-    },
-    **{
-        f"reference_angular_rate_{axis}": (f"{RATES_SETPOINT}.{name} in acro mode",)
-        for axis, name in zip("xyz", ("roll", "pitch", "yaw"), strict=True)
-    },
-    "rotor_speed_1": (f"{ESC_TOPIC}.{ESC_SPEED.format(0)} to [{MAX_ESCS - 1}]",),
-    "input_open_loop": (_with_profile(NAVIGATION_STATE),),
-    "pilot_sets_attitude": (_with_profile(NAVIGATION_STATE),),
-    "actuator_output_1": tuple(
-        f"{topic}.{stem}[0..{MAX_ACTUATORS - 1}]" for topic, stem, _ in ACTUATOR_SOURCES
-    ),
+    **{name: tuple(map(_with_profile, sources)) for name, sources in CHANNEL_SOURCES.items()},
+    **{name: tuple(texts) for name, texts in _TABLES["looked_for"].items()},
 }
 
 
@@ -267,13 +154,11 @@ class Topic:
 def varying_fields(topic: Topic, stem: str) -> list[str]:
     """Fields ``stem[0]``, ``stem[1]``, ... with at least two different finite values."""
     varying = []
-    for index in range(MAX_ACTUATORS):
-        name = f"{stem}[{index}]"
-        if name in topic.fields:
-            values = topic.fields[name].astype(np.float64)
-            finite = values[np.isfinite(values)]
-            if finite.size and finite.min() < finite.max():
-                varying.append(name)
+    for name in (f"{stem}[{index}]" for index in range(MAX_ACTUATORS)):
+        values = topic.fields.get(name, np.empty(0)).astype(np.float64)
+        finite = values[np.isfinite(values)]
+        if finite.size and finite.min() < finite.max():
+            varying.append(name)
     return varying
 
 
@@ -292,11 +177,8 @@ def choose_instance(candidates: Sequence[Topic], findings: list[Finding]) -> Top
     longest = max(useful, key=lambda topic: topic.size)
     chosen = longest if longest.size > 2 * useful[0].size else useful[0]
     sizes = ", ".join(f"{topic.instance}: {topic.size} messages" for topic in ordered)
-    findings.append(
-        Finding(
-            "several_instances", f"{chosen.name}: instance {chosen.instance} is used (there are {sizes})."
-        )
-    )
+    sentence = f"{chosen.name}: instance {chosen.instance} is used (there are {sizes})."
+    findings.append(Finding("several_instances", sentence))
     return chosen
 
 
@@ -322,10 +204,7 @@ KINDS = {64: " alpha", 128: " beta", 192: " rc", 255: ""}
 
 
 def ulog_origin(
-    about: Mapping[str, bytes],
-    topics: Mapping[str, Topic],
-    start: np.uint64,
-    parameters: Mapping[str, float],
+    about: Mapping[str, bytes], topics: Mapping[str, Topic], start: np.uint64, parameters: Mapping[str, float]
 ) -> LogOrigin:
     """Origin of a log."""
     name = _text(about.get("sys_name", b""))
@@ -345,16 +224,13 @@ def air_channels(topics: Mapping[str, Topic], start: np.uint64) -> dict[str, Cha
     topic = topics.get(AIR)
     if topic is None:
         return {}
-    results = {}
+    time_s = since_start(topic.fields["timestamp"], start)
+    results: dict[str, Channel] = {}
     for name, fields in AIR_FIELDS.items():
         for field in fields:
             values = topic.fields.get(field)
             if name not in results and values is not None and np.any(np.nan_to_num(values)):
-                time_s = _since(topic.fields["timestamp"], start)
-                source = f"{AIR}.{field}"
-                results[name] = clean_channel(
-                    name, time_s, values.astype(float), unit_of(name), source=source
-                )
+                results[name] = logged_channel(name, time_s, values.astype(float), f"{AIR}.{field}")
     return results
 
 
@@ -366,11 +242,12 @@ def _start(topic: Topic | None, start: np.uint64) -> datetime | None:
     reported = utc > 0.0
     if not reported.any():
         return None
-    since = _since(topic.fields["timestamp"], start)
+    since = since_start(topic.fields["timestamp"], start)
     return utc_time(float(np.median(utc[reported] - since[reported])))
 
 
-def _since(stamps: np.ndarray, start: np.uint64) -> np.ndarray:
+def since_start(stamps: np.ndarray, start: np.uint64) -> np.ndarray:
+    """Seconds since the log's start."""
     with np.errstate(over="ignore"):
         return np.asarray((stamps.astype(np.uint64) - start).view(np.int64) * 1e-6)
 
@@ -407,12 +284,8 @@ MAV_TYPES = {
 def vehicle_of(topics: Mapping[str, Topic], parameters: Mapping[str, float]) -> str:
     """Kind of vehicle in words, empty when the log does not say."""
     status = topics.get("vehicle_status")
-    reported = status.fields.get("vehicle_type") if status is not None else None
-    kinds = (
-        [LOCOMOTION[kind] for kind in np.unique(reported).tolist() if kind in LOCOMOTION]
-        if reported is not None
-        else []
-    )
+    reported = status.fields.get("vehicle_type", ()) if status is not None else ()
+    kinds = [LOCOMOTION[kind] for kind in np.unique(reported).tolist() if kind in LOCOMOTION]
     if kinds:
         return ROTARY_WING if ROTARY_WING in kinds else kinds[0]
     return MAV_TYPES.get(parameters.get("MAV_TYPE", 0.0), "")
