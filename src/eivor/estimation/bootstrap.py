@@ -316,8 +316,7 @@ def over_sensitivity(
         half = scipy.linalg.solve_triangular(R, correction, trans="T")
         S = scipy.linalg.solve_triangular(R, half.T, trans="T")
         inner = np.linalg.solve(np.eye(R.shape[0]) + S, inner)
-    solution: Float[np.ndarray, "k n"] = scipy.linalg.solve_triangular(R, inner).T
-    return solution
+    return scipy.linalg.solve_triangular(R, inner).T
 
 
 def piece_moments(rows: Regression, method: LinearMethod, whole: Moments, plan: BlockPlan) -> PieceMoments:
@@ -345,8 +344,7 @@ def _orthonormal(
     """[Phi y] R^-1, with zeros for a direction that no row has (an exact fit)."""
     diagonal = np.diag(root)
     safe = root + np.diag(np.where(diagonal == 0.0, 1.0, 0.0))
-    Q: Float[np.ndarray, "rows n_plus_1"] = scipy.linalg.solve_triangular(safe, both.T, trans="T").T
-    return Q
+    return scipy.linalg.solve_triangular(safe, both.T, trans="T").T
 
 
 # -- Resampling --
@@ -474,8 +472,7 @@ class _RowReplicates:
         """Standard errors from the pieces' scores (Gotze and Kunsch 1996): M^-1 sum s s' M^-T."""
         count = blocks * float(self.pieces.products.counts[pieces].mean())
         influence = self.pieces.influence(pieces, solved, count)
-        errors: Float[np.ndarray, " n"] = math.sqrt(blocks) * influence.std(axis=0)
-        return errors
+        return math.sqrt(blocks) * influence.std(axis=0)
 
 
 def _sample_rows(problem: LinearProblem) -> Regression:

@@ -401,8 +401,7 @@ def over_root(rows: Float[np.ndarray, "k n"], root: Float[np.ndarray, "n n"]) ->
     """Rows in the coordinates of a triangular root: rows R^-1."""
     if not np.diag(root).all():
         raise singular_sensitivity()
-    solution: Float[np.ndarray, "k n"] = scipy.linalg.solve_triangular(root, rows.T, trans="T").T
-    return solution
+    return scipy.linalg.solve_triangular(root, rows.T, trans="T").T
 
 
 # -- Candidate --

@@ -75,8 +75,7 @@ class Forgetting:
 
     def weights(self, count: int) -> Float[np.ndarray, " count"]:
         """Weights of successive samples after the last of them."""
-        weights: Float[np.ndarray, " count"] = self.factor ** np.arange(count - 1, -1, -1.0)
-        return weights
+        return self.factor ** np.arange(count - 1, -1, -1.0)
 
 
 # -- Timed rows --
@@ -276,8 +275,7 @@ class ExponentiallyWeightedProducts:
     def _block_factors(self, blocks: int) -> Float[np.ndarray, " blocks"]:
         """Weights of successive full blocks at the end of the last."""
         ages = np.arange(blocks - 1, -1, -1.0)
-        factors: Float[np.ndarray, " blocks"] = self.forgetting.factor ** (self.forgetting.block * ages)
-        return factors
+        return self.forgetting.factor ** (self.forgetting.block * ages)
 
     @cached_property
     def _waiting_sums(self) -> WeightedBlockSums:
@@ -358,8 +356,7 @@ def equation_map(solved: Solved) -> Float[np.ndarray, "n p"]:
     Q, R = np.linalg.qr(A)
     if factor is not None:
         Q = scipy.linalg.solve_triangular(factor, Q, lower=True, trans="T")
-    mapped: Float[np.ndarray, "n p"] = scipy.linalg.solve_triangular(R, Q.T)
-    return mapped
+    return scipy.linalg.solve_triangular(R, Q.T)
 
 
 def exponentially_weighted_covariance(
@@ -413,5 +410,4 @@ def _cosines(
     time = (np.cumsum(shares) - 0.5 * shares) / shares.sum()
     waves = np.cos(np.pi * np.arange(1, averages + 1) * time[:, None])
     Q, _ = np.linalg.qr(np.column_stack([weights, leaks, weights[:, None] * waves]))
-    result: Float[np.ndarray, "K averages"] = Q[:, 2:]
-    return result
+    return Q[:, 2:]

@@ -60,10 +60,9 @@ class PairedBins:
     @cached_property
     def log_scale(self) -> Float[np.ndarray, " bins"]:
         """Logarithm of a difference's gain over that at `STRENGTH_AT_HZ`."""
-        gain: Float[np.ndarray, " bins"] = np.log(
+        return np.log(
             np.sin(np.pi * self.frequency_hz * self.step_s) / np.sin(np.pi * STRENGTH_AT_HZ * self.step_s)
         )
-        return gain
 
     def shapes(self) -> tuple[PairSpectrum, PairSpectrum, PairSpectrum, PairSpectrum]:
         """C of what drives, of the state, of the response, and of a disturbance: one unit of noise each."""
@@ -81,16 +80,12 @@ class PairedBins:
     def density_scale(self) -> Float[np.ndarray, " bins"]:
         """Power per Hz, of both signs of frequency together, over a bin's: 2 T over what tapers leave."""
         runs = self.layout.runs
-        scale: Float[np.ndarray, " bins"] = np.concatenate(
-            [np.full(run.count, 2.0 * run.step_s / np.mean(run.taper**2)) for run in runs]
-        )
-        return scale
+        return np.concatenate([np.full(run.count, 2.0 * run.step_s / np.mean(run.taper**2)) for run in runs])
 
     def residual(self, bins: SpectralRegression) -> Pair:
         """r_1 and r_2, per root of Hz."""
         result = responses(bins) - (bins.regressors @ self.theta)[:, None]
-        scaled: Pair = result.T * np.sqrt(self.density_scale)
-        return scaled
+        return result.T * np.sqrt(self.density_scale)
 
     def fitted(self, bins: SpectralRegression) -> NoiseModel:
         """Noises that fit the residuals, declared ones as they are."""
@@ -178,8 +173,7 @@ def signal_weights(
     current, around = np.abs(spectrum) ** 2, power_around(spectrum)
     line = current > LINE * np.maximum(around, noise_variance)
     share = 1.0 - noise_variance / np.where(line, current, around)
-    weights: Float[np.ndarray, " bins"] = np.clip(share, LEAST_SHARE, 1.0) ** 2
-    return weights
+    return np.clip(share, LEAST_SHARE, 1.0) ** 2
 
 
 def power_around(spectrum: Complex[np.ndarray, " bins"]) -> Float[np.ndarray, " bins"]:
@@ -190,15 +184,13 @@ def power_around(spectrum: Complex[np.ndarray, " bins"]) -> Float[np.ndarray, " 
     last = np.minimum(index + INPUT_NEIGHBOURS + 1, power.size)
     sums = np.concatenate([[0.0], np.cumsum(power)])
     around = (sums[last] - sums[first] - power) / np.maximum(last - first - 1, 1)
-    result: Float[np.ndarray, " bins"] = np.maximum(around, np.finfo(np.float64).tiny)
-    return result
+    return np.maximum(around, np.finfo(np.float64).tiny)
 
 
 def held_back(residual: Pair, C: PairSpectrum) -> Float[np.ndarray, " bins"]:
     """min(1, 12 / r^H C^-1 r)."""
     distance = inner(residual, C.solved(residual)).real
-    factors: Float[np.ndarray, " bins"] = np.minimum(1.0, FAR / np.maximum(distance, 1e-300))
-    return factors
+    return np.minimum(1.0, FAR / np.maximum(distance, 1e-300))
 
 
 def corrected_spectrum(
@@ -227,8 +219,7 @@ def shrunk(
 ) -> Float[np.ndarray, "bins k"]:
     """Averaged powers of what should be one, drawn to that by as much as it counts beside them."""
     share = (count / (count + IDENTITY))[:, None]
-    drawn: Float[np.ndarray, "bins k"] = share * powers + 1.0 - share
-    return drawn
+    return share * powers + 1.0 - share
 
 
 def recoloured(

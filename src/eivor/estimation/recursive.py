@@ -279,8 +279,7 @@ def _scale(before: Float[np.ndarray, "looks m"]) -> Float[np.ndarray, " m"]:
     sizes = np.sort(np.abs(before), axis=0)  # NaN last
     half = np.count_nonzero(~np.isnan(sizes), axis=0) // 2
     middle = np.nan_to_num(sizes[half, np.arange(sizes.shape[1])])
-    scale: Float[np.ndarray, " m"] = np.where(middle > 0.0, NORMAL_MEDIAN * middle, np.inf)
-    return scale
+    return np.where(middle > 0.0, NORMAL_MEDIAN * middle, np.inf)
 
 
 # -- Row recursion --
@@ -674,8 +673,7 @@ def _inverse(normal: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "n n"]:
     """Inverse of a sum of information, without the directions that nothing gives."""
     scale = unit_scale(np.diag(normal))
     inverse = np.linalg.pinv(normal * np.outer(scale, scale), rcond=LEAST_INFORMATION_SHARE, hermitian=True)
-    scaled: Float[np.ndarray, "n n"] = np.outer(scale, scale) * inverse
-    return scaled
+    return np.outer(scale, scale) * inverse
 
 
 def _basis(products: Float[np.ndarray, "p p"]) -> Float[np.ndarray, "p q"]:
@@ -683,5 +681,4 @@ def _basis(products: Float[np.ndarray, "p p"]) -> Float[np.ndarray, "p q"]:
     scale = unit_scale(np.diag(products))
     values, vectors = np.linalg.eigh(products * np.outer(scale, scale))
     kept = values > CONSTANT * max(values[-1], 0.0)
-    basis: Float[np.ndarray, "p q"] = scale[:, None] * vectors[:, kept] / np.sqrt(values[kept])
-    return basis
+    return scale[:, None] * vectors[:, kept] / np.sqrt(values[kept])

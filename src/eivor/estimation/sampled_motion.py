@@ -93,8 +93,7 @@ class PairSpectrum:
 
 def inner(left: Pair, right: Pair) -> Complex[np.ndarray, " bins"]:
     """x^H y of each bin."""
-    result: Complex[np.ndarray, " bins"] = (left.conj() * right).sum(axis=0)
-    return result
+    return (left.conj() * right).sum(axis=0)
 
 
 # -- Noise model --
@@ -403,10 +402,7 @@ class _Fit:
 
     def _powers(self, vector: Float[np.ndarray, " 6"]) -> Float[np.ndarray, "3 bands"]:
         """Spectrum of each noise."""
-        powers: Float[np.ndarray, "3 bands"] = np.exp(
-            vector[:3, None] + 2.0 * _orders(vector)[:, None] * self.log_scale
-        )
-        return powers
+        return np.exp(vector[:3, None] + 2.0 * _orders(vector)[:, None] * self.log_scale)
 
     def _spectra(self, vector: Float[np.ndarray, " 6"]) -> tuple[PairSpectrum, PairSpectrum]:
         """C, and its derivatives by what is searched over."""
@@ -428,8 +424,7 @@ def _numbers(spectrum: PairSpectrum) -> Float[np.ndarray, "4 *shape bands"]:
 
 def _orders(vector: Float[np.ndarray, " 6"]) -> Float[np.ndarray, " 3"]:
     """Orders of the noises."""
-    orders: Float[np.ndarray, " 3"] = LARGEST_ORDER * np.tanh(vector[3:])
-    return orders
+    return LARGEST_ORDER * np.tanh(vector[3:])
 
 
 def _order_slopes(orders: Float[np.ndarray, " 3"]) -> Float[np.ndarray, " 3"]:
@@ -482,13 +477,11 @@ class SampledRecord:
     @cached_property
     def log_scale(self) -> Float[np.ndarray, " bins"]:
         """log(2 sin(w/2))."""
-        scale: Float[np.ndarray, " bins"] = np.log(2.0 * np.sin(0.5 * self.angle))
-        return scale
+        return np.log(2.0 * np.sin(0.5 * self.angle))
 
     def power(self, order: float) -> Float[np.ndarray, " bins"]:
         """Spectrum of Delta^order of white noise of variance one."""
-        spectrum: Float[np.ndarray, " bins"] = np.exp(2.0 * order * self.log_scale)
-        return spectrum
+        return np.exp(2.0 * order * self.log_scale)
 
 
 @dataclass(frozen=True)

@@ -215,8 +215,7 @@ def _products(
     left: Complex[np.ndarray, "n 2 bins"], right: Complex[np.ndarray, "m 2 bins"]
 ) -> Float[np.ndarray, "n m"]:
     """Re of x^H y, summed over bins."""
-    result: Float[np.ndarray, "n m"] = _flat(left) @ _flat(right).T
-    return result
+    return _flat(left) @ _flat(right).T
 
 
 def _flat(pairs: Complex[np.ndarray, "n 2 bins"]) -> Float[np.ndarray, "n numbers"]:
@@ -228,8 +227,7 @@ def _shares(
     left: Complex[np.ndarray, "n 2 bins"], right: Complex[np.ndarray, "n 2 bins"]
 ) -> Float[np.ndarray, " bins"]:
     """Re of x^H y of each bin, summed over what stands first."""
-    result: Float[np.ndarray, " bins"] = (left.real * right.real + left.imag * right.imag).sum(axis=(0, 1))
-    return result
+    return (left.real * right.real + left.imag * right.imag).sum(axis=(0, 1))
 
 
 def solved_equations(
@@ -356,18 +354,14 @@ def _shared_noise(
         [direction, (solution.motion.input_noise + np.tensordot(theta, direction, 1))[None]]
     )
     weighted = solution.spectrum.solved(whole) * (solution.weights * solution.factors)
-    results: Float[np.ndarray, "n n_plus_1"] = (
-        2.0 * solution.input_variance * np.einsum("jkb,lkb->jl", direction.conj(), weighted).real
-    )
-    return results
+    return 2.0 * solution.input_variance * np.einsum("jkb,lkb->jl", direction.conj(), weighted).real
 
 
 def series_of(pairs: Pairs, count: int) -> Float[np.ndarray, "*shape 2 samples"]:
     """Series of pairs of unitary spectra without means."""
     bins = np.zeros((*pairs.shape[:-1], count // 2 + 1), dtype=np.complex128)
     bins[..., 1 : pairs.shape[-1] + 1] = pairs
-    series: Float[np.ndarray, "*shape 2 samples"] = np.fft.irfft(bins, count, axis=-1) * np.sqrt(count)
-    return series
+    return np.fft.irfft(bins, count, axis=-1) * np.sqrt(count)
 
 
 # -- Spectral covariance --
@@ -413,8 +407,7 @@ def sum_covariance(series: Float[np.ndarray, "samples n"]) -> Float[np.ndarray, 
     """Long-run covariance of the sums of series, of as many cosine averages as have the least error."""
     count = series.shape[0]
     averages = cosine_averages(series, max(COSINE_AVERAGES, round(0.4 * count ** (2.0 / 3.0))))
-    result: Float[np.ndarray, "n n"] = averages.T @ averages / averages.shape[0]
-    return result
+    return averages.T @ averages / averages.shape[0]
 
 
 def _meat(
@@ -439,5 +432,4 @@ def _influence(
     record = solution.motion.record
     residual = series_of(solution.spectrum.whitened(solution.residual), record.count)
     answers = series_of(solution.spectrum.whitened(answered), record.count)
-    result: Float[np.ndarray, "samples n"] = 0.5 * np.einsum("jkt,kt->tj", answers, residual)
-    return result
+    return 0.5 * np.einsum("jkt,kt->tj", answers, residual)

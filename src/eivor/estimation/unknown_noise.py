@@ -109,8 +109,7 @@ def long_memory_covariance(
     weights = np.clip(1.0 - lags / (count // RECORD_OVER_LAG + 1.0), 0.0, None) / count
 
     def sums(spectrum: np.ndarray) -> Float[np.ndarray, "lags *k"]:
-        result: Float[np.ndarray, "lags *k"] = np.fft.irfft(spectrum, length, axis=0)
-        return result
+        return np.fft.irfft(spectrum, length, axis=0)
 
     of_error, current = np.fft.rfft(error, length), np.fft.rfft(influence, length, axis=0)
     by_error = weights * sums(np.abs(of_error) ** 2)
@@ -119,8 +118,7 @@ def long_memory_covariance(
     results = across.T @ (weights[:, None] * backwards)
     for number in range(influence.shape[1]):
         results[number] += by_error @ sums(current[:, [number]] * current.conj())
-    symmetric: Float[np.ndarray, "k k"] = 0.5 * (results + results.T)
-    return symmetric
+    return 0.5 * (results + results.T)
 
 
 # -- Shared moments --
@@ -317,8 +315,7 @@ class _MomentSearch:
         return slopes
 
     def _divided(self, values: Float[np.ndarray, "p *k"]) -> Float[np.ndarray, "p *k"]:
-        solution: Float[np.ndarray, "p *k"] = scipy.linalg.solve_triangular(self.factor, values, lower=True)
-        return solution
+        return scipy.linalg.solve_triangular(self.factor, values, lower=True)
 
     def _start(self) -> Float[np.ndarray, " k"]:
         """Parameters and, times them, variances by linear equations; orders at a first guess."""

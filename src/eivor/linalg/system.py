@@ -77,8 +77,7 @@ def merged_roots(
 
 
 def _reduced(rows: Float[np.ndarray, "m n"]) -> Float[np.ndarray, "k n"]:
-    root: Float[np.ndarray, "k n"] = np.asarray(np.linalg.qr(rows, mode="r"))
-    return root
+    return np.asarray(np.linalg.qr(rows, mode="r"))
 
 
 # -- System --

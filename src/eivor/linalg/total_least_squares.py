@@ -109,8 +109,7 @@ class LeastSquares(UnweightedLeastSquares):
         self, R: Float[np.ndarray, "n n"], right: Float[np.ndarray, " n"], _smallest: float, /
     ) -> Float[np.ndarray, " n"]:
         """Back substitution, by LAPACK itself: a search solves thousands of small systems."""
-        solution: Float[np.ndarray, " n"] = dtrtrs(R, right)[0]
-        return solution
+        return dtrtrs(R, right)[0]
 
 
 @dataclass(frozen=True, slots=True)

@@ -78,8 +78,7 @@ class Column:
         """Gain of each row from sample `first` on, or one number when it is constant."""
         if not self.gain_channel:
             return self.gain
-        series: Float[np.ndarray, " rows"] = self.gain * signals.channel(self.gain_channel)[first:]
-        return series
+        return self.gain * signals.channel(self.gain_channel)[first:]
 
     def values(self, signals: Signals, first: int) -> Float[np.ndarray, " rows"]:
         """Column of `signals`, for the samples from `first` on.

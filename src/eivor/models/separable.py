@@ -345,8 +345,7 @@ class SeparableProblem(ABC):
 
     def with_nuisances(self, nuisances: tuple[Nuisance, ...]) -> SeparableProblem:
         """Return the same problem, a dataclass, with other grids or priors of its nuisances."""
-        changed: SeparableProblem = replace(cast("Any", self), nuisances=nuisances)
-        return changed
+        return replace(cast("Any", self), nuisances=nuisances)
 
     @abstractmethod
     def rows(self, nuisance_values: Values) -> Regression:

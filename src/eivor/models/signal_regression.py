@@ -280,10 +280,7 @@ class SignalRegression(LinearProblem):
         every = self.samples_between(columns, start, stop)
         if self.used is None:
             return every
-        rows: Float[np.ndarray, "rows columns"] = every.T[
-            :, self.used[start - self.first : stop - self.first]
-        ].T
-        return rows
+        return every.T[:, self.used[start - self.first : stop - self.first]].T
 
     def samples_between(
         self, columns: Sequence[Column], start: int, stop: int
