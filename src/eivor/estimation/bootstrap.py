@@ -12,7 +12,7 @@ import scipy.linalg
 
 from eivor import checks
 from eivor.errors import EivorError, UsageError
-from eivor.estimation.estimate import Candidate, Estimate, Solved
+from eivor.estimation.estimate import Candidate, Estimate
 from eivor.estimation.linear import LinearMethod, check_linear
 from eivor.estimation.methods import by_name
 from eivor.estimation.moments import CrossMoments, Instrumental, Moments, TriangularMoments
@@ -201,7 +201,7 @@ def _candidate_flights(
     products = flight_products(weights, [{**candidate.nuisances, **point} for point in nodes.points])
     residual = products_by_flight(weights.rows(best.nuisances)).total.with_residual(best.theta)
     misfit = residual.instrument_response[0]
-    variance = candidate.solved.residual_variance()
+    variance = candidate.residual_variance()
     return CandidateFlights(number, candidate.nuisances, nodes, products, misfit, variance)
 
 
@@ -237,7 +237,7 @@ class PieceMoments(ABC):
 
     @abstractmethod
     def influence(
-        self, pieces: Int[np.ndarray, " k"] | slice, solved: Solved, count: float, /
+        self, pieces: Int[np.ndarray, " k"] | slice, solved: Candidate, count: float, /
     ) -> Float[np.ndarray, "k n"]:
         """What each of some pieces moves the parameters by, to first order."""
 
@@ -254,10 +254,10 @@ class CrossPieces(PieceMoments):
         return CrossMoments(self.products.resampled(drawn), self.noise)
 
     def influence(
-        self, pieces: Int[np.ndarray, " k"] | slice, solved: Solved, count: float
+        self, pieces: Int[np.ndarray, " k"] | slice, solved: Candidate, count: float
     ) -> Float[np.ndarray, "k n"]:
         """Of A'W (psi e + C theta - c)."""
-        away = np.append(-solved.solution.theta, 1.0)
+        away = np.append(-solved.theta, 1.0)
         products = self.products.equations[pieces] @ away
         if self.noise is not None:
             products = products - self.products.counts[pieces, None] * (self.noise @ away)
@@ -287,12 +287,12 @@ class RootPieces(PieceMoments):
     def influence(
         self,
         pieces: Int[np.ndarray, " k"] | slice,
-        solved: Solved,
+        solved: Candidate,
         _count: float,  # a root is of the sum already
         /,
     ) -> Float[np.ndarray, "k n"]:
         """Of Phi e + c e^2, with the solver's correction."""
-        theta = solved.solution.theta
+        theta = solved.theta
         A, b = solved.system.matrix, solved.system.right
         away = self.root @ np.append(-theta, 1.0)
         products = self.products.sums[pieces] @ away
@@ -416,7 +416,7 @@ def bootstrap(
     results = [again.replicate(plan.drawn(random), errors=studentised) for _ in range(runs)]
     kept = [result for result in results if result is not None]
     made = np.array(kept).reshape(len(kept), 2, rows.regressors.shape[1])
-    theta = solved.solution.theta
+    theta = solved.theta
     errors = again.expected_errors(plan.blocks, solved) if studentised else None
     return Bootstrap(
         rows.names,
@@ -444,14 +444,14 @@ class _RowReplicates:
         """Parameters and, if asked for, their standard errors; None without an estimate."""
         try:
             solved = self.solved(self.pieces.moments(drawn))
-            theta = solved.solution.theta
+            theta = solved.theta
             spread = self._errors(drawn, solved, float(len(drawn))) if errors else np.ones(theta.size)
         except (EivorError, np.linalg.LinAlgError):
             return None
         both = np.stack([theta, spread])
         return both if np.isfinite(both).all() and spread.all() else None
 
-    def solved(self, moments: Moments) -> Solved:
+    def solved(self, moments: Moments) -> Candidate:
         """Solution of a replicate's equations."""
         if self.factor is None:
             return self.method.solve_moments(moments)
@@ -460,14 +460,16 @@ class _RowReplicates:
         divided = scipy.linalg.solve_triangular(self.factor, stacked, lower=True)
         weighted = LinearSystem(divided[:, :-1], divided[:, -1])
         solution = self.method.solver.solve(weighted)
-        return Solved(self.method.assembler, self.method.solver, moments, None, system, self.factor, solution)
+        return Candidate(
+            self.method.assembler, self.method.solver, moments, None, system, self.factor, solution
+        )
 
-    def expected_errors(self, blocks: int, solved: Solved) -> Float[np.ndarray, " n"]:
+    def expected_errors(self, blocks: int, solved: Candidate) -> Float[np.ndarray, " n"]:
         """Standard errors of the estimate itself, from the spread of all pieces that may be drawn."""
         return self._errors(slice(None), solved, float(blocks))
 
     def _errors(
-        self, pieces: Int[np.ndarray, " k"] | slice, solved: Solved, blocks: float
+        self, pieces: Int[np.ndarray, " k"] | slice, solved: Candidate, blocks: float
     ) -> Float[np.ndarray, " n"]:
         """Standard errors from the pieces' scores (Gotze and Kunsch 1996): M^-1 sum s s' M^-T."""
         count = blocks * float(self.pieces.products.counts[pieces].mean())
@@ -502,7 +504,7 @@ def _scheme(scheme: BlockScheme | str) -> BlockScheme:
 
 
 def _length(
-    wanted: int | None, rows: Regression, method: LinearMethod, solved: Solved, scheme: BlockScheme
+    wanted: int | None, rows: Regression, method: LinearMethod, solved: Candidate, scheme: BlockScheme
 ) -> float:
     count = rows.response.size
     if wanted is not None:
@@ -518,9 +520,9 @@ def _length(
     return float(wanted)
 
 
-def _influence(rows: Regression, method: LinearMethod, solved: Solved) -> Float[np.ndarray, "rows n"]:
+def _influence(rows: Regression, method: LinearMethod, solved: Candidate) -> Float[np.ndarray, "rows n"]:
     """What each row moves the parameters by, up to a constant: M^-1 p_t e_t."""
-    Phi, theta, system = rows.regressors, solved.solution.theta, solved.system
+    Phi, theta, system = rows.regressors, solved.theta, solved.system
     residual = rows.response - Phi @ theta
     A = system.matrix
     if method.assembler.moment_equations:

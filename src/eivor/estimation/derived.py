@@ -14,7 +14,7 @@ from eivor.errors import UsageError
 from eivor.estimation.estimate import Candidate, Estimate
 from eivor.estimation.linear import LinearMethod
 from eivor.estimation.methods import by_name
-from eivor.estimation.moments import Instrumental, parameter_equations
+from eivor.estimation.moments import Instrumental
 from eivor.estimation.nuisance_grids import Nodes, NuisanceScan, Points, nodes_of
 from eivor.estimation.weighting import WeightedRows
 from eivor.inference.anderson_rubin import allowed, least_ratio
@@ -22,14 +22,54 @@ from eivor.inference.confidence_set import ConfidenceSet, gradient_of, principal
 from eivor.inference.covariance import CovariancePart, JointEstimate
 from eivor.inference.distributions import check_level, chi_square_quantile, t_quantile
 from eivor.inference.regions import fieller_set
+from eivor.models.regression import Regression
 from eivor.models.separable import SeparableProblem
 from eivor.models.spectral import BinRows
-from eivor.tools import Float
+from eivor.tools import Bool, Float, Int
 
 # -- Confidence sets of single parameters --
 
 #: Degrees of freedom of the cosine averages, whose quantile the profile set takes over.
 DEGREES = 8
+
+
+#: Instruments that move the rows by less than this share are none of them.
+INDEPENDENT = 1e-6
+
+
+@dataclass(frozen=True)
+class ParameterEquations:
+    """Rows, regressors and instruments that go with one parameter."""
+
+    rows: Bool[np.ndarray, " rows"]
+    regressors: Int[np.ndarray, " own"]
+    instruments: Float[np.ndarray, "own_rows q"]
+
+    @property
+    def rank(self) -> int:
+        """Number of independent instruments."""
+        return int(self.instruments.shape[1])
+
+    def columns(
+        self, columns: Float[np.ndarray, "points rows n_plus_1"], theta: Float[np.ndarray, " n"]
+    ) -> Float[np.ndarray, "points own_rows own_plus_1"]:
+        """Residual at some parameters, and the regressors, of [phi y] of the same rows at several points."""
+        column = columns[:, self.rows]
+        residual = column[:, :, -1] - column[:, :, :-1] @ theta
+        return np.concatenate([residual[:, :, None], column[:, :, self.regressors]], axis=2)
+
+
+def parameter_equations(rows: Regression, position: int) -> ParameterEquations:
+    """Equations of the parameter of some number."""
+    current = rows.regressors[:, position] != 0.0
+    others = [
+        j for j in range(rows.regressors.shape[1]) if j != position and rows.regressors[current, j].any()
+    ]
+    instruments = rows.instruments
+    if not current.all():
+        basis, sizes, _ = np.linalg.svd(instruments[current], full_matrices=False)
+        instruments = basis[:, sizes > INDEPENDENT]
+    return ParameterEquations(current, np.array([position, *others]), instruments)
 
 
 @dataclass(frozen=True)
@@ -117,7 +157,7 @@ def parameter_sets(
     equations = parameter_equations(best.rows, index)
     held = set(equations.regressors.tolist())
     strange = tuple(other for number, other in enumerate(parameters) if number not in held)
-    degrees = equations.rank + len(best.solved.misfits) - (best.solved.unknowns - len(strange) - 1)
+    degrees = equations.rank + len(best.misfits) - (best.unknowns - len(strange) - 1)
 
     uncertainty, highest = t_quantile(level, DEGREES) ** 2, chi_square_quantile(level, max(degrees, 1))
     compared = list(zip(least, criteria, strict=True))
@@ -134,7 +174,7 @@ def _criterion(
 ) -> CandidateCriterion:
     theta = candidate.theta
     current = parameter_equations(weights.rows(candidate.nuisances), position)
-    unknowns = candidate.solved.unknowns - (theta.size - current.regressors.size)
+    unknowns = candidate.unknowns - (theta.size - current.regressors.size)
     columns = current.columns(
         weights.columns([{**candidate.nuisances, **point} for point in nodes.points]), theta
     )

@@ -11,7 +11,7 @@ import scipy.linalg
 
 from eivor import checks
 from eivor.errors import InstrumentError, UsageError
-from eivor.estimation.estimate import Solved
+from eivor.estimation.estimate import Candidate
 from eivor.estimation.moments import Assembler, CrossMoments
 from eivor.inference.covariance import COSINE_AVERAGES, CovariancePart, JointCovariance
 from eivor.inference.products import ProductLayout, Products
@@ -348,7 +348,7 @@ def _zero(sums: WeightedBlockSums) -> WeightedBlockSums:
 # -- Exponentially weighted covariance --
 
 
-def equation_map(solved: Solved) -> Float[np.ndarray, "n p"]:
+def equation_map(solved: Candidate) -> Float[np.ndarray, "n p"]:
     """Return what a change of the mean scores changes the solution by, to first order: (A'WA)^-1 A'W."""
     A, factor = solved.system.matrix, solved.factor
     if factor is not None:

@@ -13,7 +13,7 @@ import scipy.linalg
 
 from eivor.estimation.derived import DEGREES, ParameterSets
 from eivor.estimation.estimate import Candidate, Estimate
-from eivor.estimation.linear import LinearMethod, check_linear, slope
+from eivor.estimation.linear import LinearMethod, check_linear, known_misfits, slope
 from eivor.estimation.methods import by_name
 from eivor.estimation.nuisance_grids import (
     Nodes,
@@ -713,36 +713,31 @@ class Pooled:
         first = self.estimates[0]
         unknown = tuple(nuisance for nuisance in self.nuisances if nuisance.refined)
         candidates = tuple(
-            self._candidate(pool, solution, unknown)
-            for pool, solution in zip(self.candidates, solutions, strict=True)
+            self._candidate(pool, solution) for pool, solution in zip(self.candidates, solutions, strict=True)
         )
         joint = (*first.best.rows.parameters, *(item.parameter for item in unknown))
         return Estimate(first.method, joint, candidates, bounded=bounded_sums(self.nuisances))
 
-    def _candidate(self, pool: PoolCandidate, result: _Solution, unknown: tuple[Nuisance, ...]) -> Candidate:
+    def _candidate(self, pool: PoolCandidate, result: _Solution) -> Candidate:
         solved = self._method.solve(result.rows)
-        system = solved.system
         solution = replace(
             solved.solution,
             theta=result.theta,
-            residual=system.right - system.matrix @ result.theta,
+            residual=solved.system.right - solved.system.matrix @ result.theta,
             objective=pool.criterion,
         )
-        known = [nuisance for nuisance in self.nuisances if nuisance.searched and nuisance.prior is not None]
-        solved = replace(
+        misfits, precision = known_misfits(self.nuisances, pool.nuisances)
+        return replace(
             solved,
             solution=solution,
             nuisance_columns=result.nuisance_columns,
-            precision=np.array([0.0 if item.prior is None else item.prior.std**-2.0 for item in unknown]),
-            misfits=tuple(item.misfit(pool.nuisances) for item in known),
-        )
-        return Candidate(
-            {nuisance.name: pool.nuisances[nuisance.name] for nuisance in self.nuisances},
-            solved,
-            pool.profiles,
-            self.estimates[0].best.covariance_estimator,
-            result.covariance,
-            pool.criterion,
+            precision=precision,
+            misfits=misfits,
+            nuisances={nuisance.name: pool.nuisances[nuisance.name] for nuisance in self.nuisances},
+            profiles=pool.profiles,
+            covariance_estimator=self.estimates[0].best.covariance_estimator,
+            streamed_covariance=result.covariance,
+            flight_criterion=pool.criterion,
         )
 
 

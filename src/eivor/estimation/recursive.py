@@ -350,7 +350,7 @@ class RowRecursion:
         result = identify(ProblemMoments(self.parameters, _moments(self.products)), self.method)
         (candidate,) = result.candidates
         covariance = exponentially_weighted_covariance(
-            self.products, candidate.theta, equation_map(candidate.solved)
+            self.products, candidate.theta, equation_map(candidate)
         )
         return replace(result, candidates=(replace(candidate, streamed_covariance=covariance),))
 

@@ -459,9 +459,8 @@ class _SpectralFit:
     def estimate(self, name: str, sampled: SampledProblem) -> Estimate:
         """As an estimate whose rows are the whitened ones."""
         parameters = (*sampled.parameters, BLEND)[: self.solution.parameters]
-        candidate = Candidate(
-            {}, solved_rows(self.solution, parameters), streamed_covariance=joint_covariance(self.covariance)
-        )
+        solved = solved_rows(self.solution, parameters)
+        candidate = replace(solved, streamed_covariance=joint_covariance(self.covariance))
         answer = Estimate(name, parameters, (candidate,), noises=self.noises)
         return with_reasons(answer, converged=self.solution.converged)
 
@@ -544,12 +543,12 @@ def _combined(name: str, sampled: SampledProblem, plain: Estimate, result: _Spec
     weights = np.linalg.solve(joint[current:, current:], joint[current:, :current]).T
     parameters = (*sampled.parameters, BLEND)[:current]
     solved = solved_rows(result.solution, parameters)
-    values = solved.solution.theta - weights @ delta
+    values = solved.theta - weights @ delta
     covariance = joint[:current, :current] - weights @ joint[current:, :current]
     solved = replace(solved, solution=replace(solved.solution, theta=values))
     alone = joint_covariance(result.covariance)
     of_both = CovariancePart("equal_weighted_cosines", covariance, alone.parts[0].degrees)
-    candidate = Candidate({}, solved, streamed_covariance=JointCovariance((of_both, *alone.parts)))
+    candidate = replace(solved, streamed_covariance=JointCovariance((of_both, *alone.parts)))
     answer = Estimate(name, parameters, (candidate,), noises=result.noises)
     return with_reasons(answer, converged=result.solution.converged)
 
@@ -595,7 +594,7 @@ class WhittleLikelihood(Method):
         values = np.array([likelihood.motion.friction, likelihood.motion.gain])
         solved = replace(solved, solution=replace(solved.solution, theta=values))
         covariance = spectral_covariance(solution)
-        candidate = Candidate({}, solved, streamed_covariance=joint_covariance(covariance))
+        candidate = replace(solved, streamed_covariance=joint_covariance(covariance))
         answer = Estimate(self.name, sampled.parameters, (candidate,), noises=likelihood.noises)
         answer = with_reasons(answer, converged=likelihood.converged)
         reasons = (

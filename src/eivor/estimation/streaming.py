@@ -198,6 +198,6 @@ def identify_chunks(
                 "Give a function that starts the same chunks anew each time it is called.",
             )
 
-    equation = estimating_equation(candidate.solved, blocks)
+    equation = estimating_equation(candidate, blocks)
     streamed = replace(candidate, streamed_covariance=covariance.joint(equation))
     return replace(estimate, candidates=(streamed,))

@@ -11,7 +11,7 @@ import scipy.linalg
 from numpy.polynomial.chebyshev import chebder, chebfit, chebpts1, chebval
 
 from eivor.errors import InstrumentError, UsageError
-from eivor.estimation.estimate import Candidate, Estimate, Solved
+from eivor.estimation.estimate import Candidate, Estimate
 from eivor.estimation.linear import check_freedom
 from eivor.estimation.method import Method, Problem
 from eivor.estimation.moments import Compensated
@@ -296,7 +296,7 @@ class _MomentSearch:
             )
         self.cross = psi.T @ np.column_stack([self.rows.regressors, self.rows.response]) / count
         self.known = self.shared.known()
-        self.factor = weighted(self._system(), psi.T @ psi / count).factor
+        self.factor = weighted(self._system(), psi.T @ psi / count)[1]
 
     def _system(self) -> LinearSystem:
         return LinearSystem(self.cross[:, :-1], self.cross[:, -1])
@@ -372,7 +372,7 @@ class _MomentSearch:
                 gtol=None,
             )
             beta = size * squares.x
-            self.factor = weighted(self._system(), self._covariance(beta)).factor
+            self.factor = weighted(self._system(), self._covariance(beta))[1]
         return beta
 
     def _covariance(self, beta: Float[np.ndarray, " k"]) -> Float[np.ndarray, "p p"]:
@@ -393,7 +393,7 @@ class _MomentSearch:
 
     def estimate(self, name: str, beta: Float[np.ndarray, " k"]) -> Estimate:
         """Estimate at the least."""
-        alone = Candidate({}, self._solved(beta))
+        alone = self._solved(beta)
         parts = (*alone.covariance.parts, self._of_normal_series(beta), *self._of_long_memory(beta))
         estimate = Estimate(
             name, self.shared.parameters, (replace(alone, streamed_covariance=JointCovariance(parts)),)
@@ -417,7 +417,7 @@ class _MomentSearch:
         matrix = long_memory_covariance(self.rows.instruments @ answers, error)
         yield CovariancePart("of_long_memory", matrix / self._count**2)
 
-    def _solved(self, beta: Float[np.ndarray, " k"]) -> Solved:
+    def _solved(self, beta: Float[np.ndarray, " k"]) -> Candidate:
         """Linear equations at the least: slopes by the noises stand among what is compensated."""
         added, slopes = self.shared.added(beta, self.known)
         more = beta.size - self.rows.regressors.shape[1]
@@ -429,7 +429,7 @@ class _MomentSearch:
             instrument_noise=np.column_stack([slopes, slopes @ beta - added]),
         )
         assembler, solver = Compensated(), LeastSquares()
-        moments = assembler.full_moments(rows)
+        moments = assembler.moments(rows, whole=True)
         system = assembler.system(moments)
         solution = solver.solve(LinearSystem(self._divided(system.matrix), self._divided(system.right)))
         if solution.condition > LARGEST_CONDITION:
@@ -438,7 +438,7 @@ class _MomentSearch:
                 f"equations with the condition number {solution.condition:.2g}",
                 "Give an input that is not white, more lags as instruments, or declare a noise.",
             )
-        return Solved(assembler, solver, moments, rows, system, self.factor, replace(solution, theta=beta))
+        return Candidate(assembler, solver, moments, rows, system, self.factor, replace(solution, theta=beta))
 
     def _first_stage(self) -> dict[str, float]:
         """How well each regressor is identified by test functions that share no unknown noise with any."""

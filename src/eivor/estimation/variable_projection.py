@@ -96,10 +96,9 @@ class NuisanceProfile:
 
 @dataclass(frozen=True)
 class Minimum:
-    """What a search found."""
+    """What a search determined."""
 
     nuisances: dict[str, float]  # Every nuisance's value
-    objective: float
     solution: Solution  # Linear parameters there
     profiles: tuple[NuisanceProfile, ...]
 
@@ -113,64 +112,65 @@ class Trial:
     solution: Solution  # Linear parameters there
 
 
-@dataclass(frozen=True)
-class Search:
-    """A search over continuous nuisances."""
+def minimised(
+    unknown: tuple[Nuisance, ...],
+    fixed: Values,
+    solve: Callable[[Values], Solution],
+    objectives: Callable[[Sequence[Values]], Float[np.ndarray, " points"]],
+    unit: Callable[[Values], float] = lambda _: 0.0,
+    *,
+    coarse: bool = False,
+) -> Minimum:
+    """Minimise the objective over nuisances, the others `fixed`; where `coarse` to make weights only."""
+    names = [nuisance.name for nuisance in unknown]
+    grids = product_grids(unknown)
 
-    nuisances: tuple[Nuisance, ...]
-    fixed: dict[str, float]  # Values of the other nuisances
-    solve: Callable[[Values], Solution]  # Linear parameters at values of all nuisances
-    objectives: Callable[[Sequence[Values]], Float[np.ndarray, " points"]]
-    unit: Callable[[Values], float]
+    def at(point: Point) -> dict[str, float]:
+        return {**fixed, **dict(zip(names, point, strict=True))}
 
-    def minimum(self, *, coarse: bool = False) -> Minimum:
-        """Minimise the objective; to coarse tolerances where only weights are made of it."""
-        grids = product_grids(self.nuisances)
-        points: list[Point] = list(product(*(tuple(grid.tolist()) for grid in grids)))
-        left = self.objectives([self._at(point) for point in points])
-        misfit = np.array([self._misfit(point) for point in points])
-        tolerance = COARSE if coarse else 1.0
+    def misfit(point: Point) -> float:
+        values = at(point)
+        return float(sum(nuisance.misfit(values) for nuisance in unknown))
 
-        def from_grid(unit: float) -> tuple[Trial, Float[np.ndarray, " points"]]:
-            objective = left + unit * misfit
-            index = int(np.argmin(objective))
-            best = Trial(points[index], float(objective[index]), self.solve(self._at(points[index])))
-            return self._refined(best, grids, unit, tolerance), objective
+    points: list[Point] = list(product(*(tuple(grid.tolist()) for grid in grids)))
+    left = objectives([at(point) for point in points])
+    misfits = np.array([misfit(point) for point in points])
 
-        if any(nuisance.prior for nuisance in self.nuisances):
-            # In units of the best fit to the data alone, and then of where that has led.
-            first, _ = from_grid(self.unit(self._at(points[int(np.argmin(left))])))
-            best, objective = from_grid(self.unit(self._at(first.point)))
-        else:
-            best, objective = from_grid(0.0)
-        profiles = profiles_of(self.nuisances, grids, objective)
-        return Minimum(self._at(best.point), best.objective, best.solution, profiles)
-
-    def _at(self, point: Point) -> dict[str, float]:
-        names = (nuisance.name for nuisance in self.nuisances)
-        return self.fixed | dict(zip(names, point, strict=True))
-
-    def _misfit(self, point: Point) -> float:
-        index = self._at(point)
-        return float(sum(nuisance.misfit(index) for nuisance in self.nuisances))
-
-    def _refined(
-        self, best: Trial, grids: list[Float[np.ndarray, " _"]], unit: float, tolerance: float
-    ) -> Trial:
-        """Least trial between the grid's points, never worse than the best of these."""
-
+    def from_grid(scale: float) -> tuple[Trial, Float[np.ndarray, " points"]]:
         def trial(point: Point) -> Trial:
-            solution = self.solve(self._at(point))
-            return Trial(point, solution.objective + unit * self._misfit(point), solution)
+            solution = solve(at(point))
+            return Trial(point, solution.objective + scale * misfit(point), solution)
 
-        if not self.nuisances:
-            return best
-        if len(self.nuisances) > 1:
-            return bounded_search(trial, best, self.nuisances, grids, tolerance)
-        (nuisance,), (grid,), (value,) = self.nuisances, grids, best.point
-        position = int(np.searchsorted(grid, value))
-        bounds = float(grid[max(position - 1, 0)]), float(grid[min(position + 1, grid.size - 1)])
-        return between(trial, best, bounds, tolerance * nuisance.tolerance)
+        objective = left + scale * misfits
+        index = int(np.argmin(objective))
+        best = Trial(points[index], float(objective[index]), solve(at(points[index])))
+        return _refined(trial, best, unknown, grids, COARSE if coarse else 1.0), objective
+
+    if any(nuisance.prior for nuisance in unknown):
+        # In units of the best fit to the data alone, and then of where that has led.
+        first, _ = from_grid(unit(at(points[int(np.argmin(left))])))
+        best, objective = from_grid(unit(at(first.point)))
+    else:
+        best, objective = from_grid(0.0)
+    return Minimum(at(best.point), best.solution, profiles_of(unknown, grids, objective))
+
+
+def _refined(
+    trial: Callable[[Point], Trial],
+    best: Trial,
+    unknown: tuple[Nuisance, ...],
+    grids: list[Float[np.ndarray, " _"]],
+    tolerance: float,
+) -> Trial:
+    """Least trial between the grid's points, never worse than the best of these."""
+    if not unknown:
+        return best
+    if len(unknown) > 1:
+        return bounded_search(trial, best, unknown, grids, tolerance)
+    (nuisance,), (grid,), (value,) = unknown, grids, best.point
+    position = int(np.searchsorted(grid, value))
+    bounds = float(grid[max(position - 1, 0)]), float(grid[min(position + 1, grid.size - 1)])
+    return between(trial, best, bounds, tolerance * nuisance.tolerance)
 
 
 def product_grids(

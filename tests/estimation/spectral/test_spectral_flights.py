@@ -129,15 +129,8 @@ def test_answers_that_are_apart_are_told_and_those_at_another_delay_are_not(
     spectral_giv = spectral_giv_of_flights("spectral_giv", problem)
     distance, farthest = spectral_iv._separated(spectral_giv, spectral_giv)
     assert distance == 0.0
-    moved = replace(
-        spectral_giv.best,
-        solved=replace(
-            spectral_giv.best.solved,
-            solution=replace(
-                spectral_giv.best.solution, theta=spectral_giv.best.theta * np.array([1.0, 2.0])
-            ),
-        ),
-    )
+    theta = spectral_giv.best.theta * np.array([1.0, 2.0])
+    moved = replace(spectral_giv.best, solution=replace(spectral_giv.best.solution, theta=theta))
     assert spectral_iv._separated(spectral_giv, replace(spectral_giv, candidates=(moved,)))[0] > farthest
     assert (
         spectral_iv._separated(
