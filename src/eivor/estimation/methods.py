@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from math import inf
 
 from eivor import checks
 from eivor.errors import UsageError
@@ -12,7 +13,7 @@ from eivor.estimation.estimate import Estimate
 from eivor.estimation.linear import LinearMethod
 from eivor.estimation.method import Method, NaturalInstruments, Problem
 from eivor.estimation.moments import Assembler, Compensated, Direct, Instrumental, ProblemMoments
-from eivor.estimation.spectral_iv import CombinedSpectralIV, SpectralGeneralizedIV, WhittleLikelihood
+from eivor.estimation.spectral_iv import SpectralGeneralizedIV, WhittleLikelihood
 from eivor.estimation.unknown_noise import (
     BiasEliminating,
     FrischScheme,
@@ -258,7 +259,7 @@ def spectral_giv() -> Method:
 
 def spectral_giv_combined() -> Method:
     """The combination of `spectral_giv` and `generalized_iv` that has the least variance."""
-    return CombinedSpectralIV()
+    return SpectralGeneralizedIV("spectral_giv_combined", alone_from=inf)
 
 
 def whittle_ml() -> Method:

@@ -112,6 +112,16 @@ class SpectralSolution:
         """How many: K, b, and rho where it is free."""
         return 3 if self.free_blend else 2
 
+    @property
+    def values(self) -> Float[np.ndarray, " 2"]:
+        """Friction and gain."""
+        return np.array([self.motion.friction, self.motion.gain])
+
+    @cached_property
+    def covariance(self) -> SpectralCovariance:
+        """Both covariances of its parameters."""
+        return spectral_covariance(self)
+
     @cached_property
     def residual(self) -> Pair:
         """r, without the nuisances' part."""
