@@ -17,8 +17,6 @@ from eivor.estimation.linear import LinearMethod, user_level
 from eivor.estimation.method import Method, Problem
 from eivor.estimation.moments import Direct, FittedNoise, Instrumental
 from eivor.estimation.pair_whitening import (
-    CorrectedSpectra,
-    ModelledSpectra,
     PairWhitening,
     paired_bins,
     power_around,
@@ -241,7 +239,7 @@ ALLOWED = 0.999
 
 def corrected_whitening(name: str) -> LinearMethod:
     """Instrumental least squares of both equations, by corrected spectra."""
-    return LinearMethod(name, Instrumental(), LeastSquares(), PairWhitening(CorrectedSpectra()))
+    return LinearMethod(name, Instrumental(), LeastSquares(), PairWhitening(corrected=True))
 
 
 def spectral_giv_of_flights(name: str, problem: SeparableProblem) -> Estimate:
@@ -476,7 +474,7 @@ class WhittleLikelihood(Method):
     def estimate(self, problem: Problem) -> Estimate:
         """Estimate friction and gain of a sampled motion."""
         if isinstance(problem, SeparableProblem):
-            method = LinearMethod(self.name, Direct(), LeastSquares(), PairWhitening(ModelledSpectra()))
+            method = LinearMethod(self.name, Direct(), LeastSquares(), PairWhitening(corrected=False))
             return with_noises(problem, method.estimate(problem))
         checked = problem_of_motion(problem, self.name)
         plain = consistent_estimate(checked)
