@@ -16,8 +16,7 @@ from eivor.estimation.estimate import Candidate, Estimate
 from eivor.estimation.linear import LinearMethod, check_linear
 from eivor.estimation.methods import by_name
 from eivor.estimation.moments import CrossMoments, Instrumental, Moments, TriangularMoments
-from eivor.estimation.nuisance_grids import Nodes, nodes_of
-from eivor.estimation.variable_projection import argmin
+from eivor.estimation.variable_projection import Nodes, argmin, nodes_of
 from eivor.estimation.weighting import SpectralWhitening, WeightedRows, whitened_by_residuals
 from eivor.inference.bootstrap import (
     BlockPlan,

@@ -15,7 +15,7 @@ from eivor.estimation.estimate import Candidate, Estimate
 from eivor.estimation.linear import LinearMethod
 from eivor.estimation.methods import by_name
 from eivor.estimation.moments import Instrumental
-from eivor.estimation.nuisance_grids import Nodes, NuisanceScan, Points, nodes_of
+from eivor.estimation.variable_projection import Nodes, NuisanceScan, Points, nodes_of
 from eivor.estimation.weighting import WeightedRows
 from eivor.inference.anderson_rubin import allowed, least_ratio
 from eivor.inference.confidence_set import ConfidenceSet, gradient_of, principal_axes, profile_interval

@@ -15,9 +15,8 @@ import scipy.linalg
 from eivor import checks
 from eivor.errors import EstimationError, UsageError
 from eivor.estimation.moments import Assembler, CrossMoments, FittedNoise, Moments
-from eivor.estimation.nuisance_grids import least_comparable_criteria
 from eivor.estimation.products import filtered_instruments, lags_without_gaps
-from eivor.estimation.variable_projection import NuisanceProfile
+from eivor.estimation.variable_projection import NuisanceProfile, least_comparable_criteria
 from eivor.inference.covariance import (
     DEFAULT,
     CovarianceEstimator,

@@ -23,8 +23,7 @@ from eivor.errors import (
 from eivor.estimation.estimate import Candidate, Estimate
 from eivor.estimation.method import Method, NaturalInstruments, Problem
 from eivor.estimation.moments import Assembler, Compensated, CrossMoments, Moments, ProblemMoments
-from eivor.estimation.nuisance_grids import bounded_sums, on_nested_grids
-from eivor.estimation.variable_projection import Minimum, minimised
+from eivor.estimation.variable_projection import Minimum, bounded_sums, minimised, on_nested_grids
 from eivor.estimation.weighting import (
     EqualRows,
     EquationWeighting,

@@ -15,17 +15,19 @@ from eivor.estimation.derived import DEGREES, ParameterSets
 from eivor.estimation.estimate import Candidate, Estimate
 from eivor.estimation.linear import LinearMethod, check_linear, known_misfits, slope
 from eivor.estimation.methods import by_name
-from eivor.estimation.nuisance_grids import (
+from eivor.estimation.variable_projection import (
     Nodes,
+    NuisanceProfile,
     NuisanceScan,
     Points,
+    argmin,
     bounded_sums,
     least_comparable_criteria,
     nodes_of,
     on_nested_grids,
+    profiles_of,
     reaching,
 )
-from eivor.estimation.variable_projection import NuisanceProfile, argmin, profiles_of
 from eivor.estimation.weighting import WeightedRows, whitened_by_residuals
 from eivor.inference.anderson_rubin import allowed, least_ratio
 from eivor.inference.confidence_set import ConfidenceSet
