@@ -16,7 +16,7 @@ from eivor.estimation.linear import LinearMethod
 from eivor.estimation.methods import by_name
 from eivor.estimation.moments import Instrumental
 from eivor.estimation.variable_projection import Nodes, NuisanceScan, Points, nodes_of
-from eivor.estimation.weighting import WeightedRows
+from eivor.estimation.weighting import RowWeighting
 from eivor.inference.anderson_rubin import allowed, least_ratio
 from eivor.inference.confidence_set import ConfidenceSet, gradient_of, principal_axes, profile_interval
 from eivor.inference.covariance import CovariancePart, JointEstimate
@@ -44,11 +44,6 @@ class ParameterEquations:
     rows: Bool[np.ndarray, " rows"]
     regressors: Int[np.ndarray, " own"]
     instruments: Float[np.ndarray, "own_rows q"]
-
-    @property
-    def rank(self) -> int:
-        """Number of independent instruments."""
-        return int(self.instruments.shape[1])
 
     def columns(
         self, columns: Float[np.ndarray, "points rows n_plus_1"], theta: Float[np.ndarray, " n"]
@@ -99,7 +94,7 @@ class CandidateCriterion:
     scale: float
 
     def _forms(self, positions: Points) -> tuple[Float[np.ndarray, "k m m"], Float[np.ndarray, "k m m"]]:
-        box = [positions] if self.nodes.axes else []
+        box = self.nodes.box(positions)
         equations = self.nodes.over(self.equations, box)
         return equations.transpose(0, 2, 1) @ equations, self.nodes.over(self.power, box)
 
@@ -140,13 +135,7 @@ def parameter_sets(
         return None
     index = parameters.index(name)
     criteria = [
-        _criterion(
-            problem,
-            nodes,
-            candidate,
-            index,
-            method.row_weighting.last_pass(problem, candidate.theta, candidate.nuisances),
-        )
+        _criterion(problem, nodes, candidate, index, method.row_weighting)
         for candidate in estimate.candidates
     ]
     try:
@@ -157,7 +146,7 @@ def parameter_sets(
     equations = parameter_equations(best.rows, index)
     held = set(equations.regressors.tolist())
     strange = tuple(other for number, other in enumerate(parameters) if number not in held)
-    degrees = equations.rank + len(best.misfits) - (best.unknowns - len(strange) - 1)
+    degrees = equations.instruments.shape[1] + len(best.misfits) - (best.unknowns - len(strange) - 1)
 
     uncertainty, highest = t_quantile(level, DEGREES) ** 2, chi_square_quantile(level, max(degrees, 1))
     compared = list(zip(least, criteria, strict=True))
@@ -170,9 +159,10 @@ def parameter_sets(
 
 
 def _criterion(
-    problem: SeparableProblem, nodes: Nodes, candidate: Candidate, position: int, weights: WeightedRows
+    problem: SeparableProblem, nodes: Nodes, candidate: Candidate, position: int, weighting: RowWeighting
 ) -> CandidateCriterion:
     theta = candidate.theta
+    weights = weighting.last_pass(problem, theta, candidate.nuisances)
     current = parameter_equations(weights.rows(candidate.nuisances), position)
     unknowns = candidate.unknowns - (theta.size - current.regressors.size)
     columns = current.columns(

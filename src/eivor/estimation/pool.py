@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import inf
@@ -16,10 +16,10 @@ from eivor.estimation.estimate import Candidate, Estimate
 from eivor.estimation.linear import LinearMethod, check_linear, known_misfits, slope
 from eivor.estimation.methods import by_name
 from eivor.estimation.variable_projection import (
+    Box,
     Nodes,
     NuisanceProfile,
     NuisanceScan,
-    Points,
     argmin,
     bounded_sums,
     least_comparable_criteria,
@@ -61,13 +61,9 @@ class PoolMember:
     power: Float[np.ndarray, "T n_plus_1 n_plus_1"]  # Their products with each other
     rows: int
 
-    def nuisances_at(self, nuisances: Mapping[str, float]) -> dict[str, float]:
-        """Values of all nuisances, those of the continuous ones as given."""
-        return {**self.fixed, **nuisances}
-
-    def rows_at(self, nuisances: Mapping[str, float]) -> Regression:
-        """Whitened rows."""
-        return self.weights.rows(self.nuisances_at(nuisances))
+    def rows_at(self, nuisances: Values) -> Regression:
+        """Whitened rows, at values of the continuous nuisances."""
+        return self.weights.rows({**self.fixed, **nuisances})
 
     def recentred(self, centre: Float[np.ndarray, " n"]) -> PoolMember:
         """The same products with the response taken elsewhere."""
@@ -93,14 +89,10 @@ def pool_member(
 ) -> PoolMember:
     """Products of a flight, whitened by its residual at some values."""
     weights = whitened_by_residuals(problem, theta, nuisance_values)
-    equations, power, count = [], [], 0
-    for point in nodes.points:
-        rows = weights.rows({**nuisance_values, **point})
-        seen, current = products_at(rows, centre)
-        equations.append(seen)
-        power.append(current)
-        count = rows.response.size
-    return PoolMember(problem, weights, nuisance_values, centre, np.stack(equations), np.stack(power), count)
+    made = [weights.rows({**nuisance_values, **point}) for point in nodes.points]
+    products = (products_at(rows, centre) for rows in made)
+    equations, power = (np.stack(parts) for parts in zip(*products, strict=True))
+    return PoolMember(problem, weights, nuisance_values, centre, equations, power, made[0].response.size)
 
 
 def products_at(
@@ -114,7 +106,6 @@ def products_at(
 # -- Criterion --
 
 Forms = Float[np.ndarray, "F k b b"]
-Box = Sequence[Float[np.ndarray, " _"]]
 
 
 @dataclass(frozen=True)
@@ -176,11 +167,11 @@ class PoolCriterion:
         width = 1 + flights * current + len(self.shared)
         joined = np.zeros((blocks.shape[1], width, width))
         for number, block in enumerate(blocks):
-            positions = self._indices_of(number)
+            positions = self.indices_of(number)
             joined[:, positions[:, None], positions] += block
         return joined
 
-    def _indices_of(self, number: int) -> np.ndarray:
+    def indices_of(self, number: int) -> np.ndarray:
         """Where residual and parameters of a flight are among those of all."""
         flights, current = len(self.members), len(self.flight_specific)
         positions = np.zeros(1 + self.size, dtype=np.int64)
@@ -202,10 +193,7 @@ class PoolCriterion:
     @cached_property
     def scan(self) -> NuisanceScan:
         """The least J over the continuous nuisance, where there is one at most."""
-        return NuisanceScan(self.nodes, self._least_at)
-
-    def _least_at(self, positions: Points) -> Points:
-        return self.least([positions] if self.nodes.axes else [])
+        return NuisanceScan(self.nodes, lambda positions: self.least(self.nodes.box(positions)))
 
     @cached_property
     def minimum(self) -> tuple[Values, float]:
@@ -214,9 +202,7 @@ class PoolCriterion:
             position, J = self.scan.minimum
             return self.nodes.values_at(np.array([position])[: len(self.nodes.axes)]), J
         result = argmin(self.least, self.nodes.nodes)
-        return self.nodes.values_at(result), float(
-            self.least([np.array([item]) for item in result.tolist()])[0]
-        )
+        return self.nodes.values_at(result), float(self.least([*result[:, None]])[0])
 
     def parameters(self, nuisances: Values) -> list[Float[np.ndarray, " n"]]:
         """Linear parameters of each flight where J is least, at values of the continuous nuisances."""
@@ -228,7 +214,7 @@ class PoolCriterion:
         x = scipy.linalg.eigh(N, D, subset_by_index=(0, 0))[1][:, 0]
         differences = -x / x[0] * self._scales[0]
         return [
-            member.centre + differences[self._indices_of(number)][1:] / self._scales[1:]
+            member.centre + differences[self.indices_of(number)][1:] / self._scales[1:]
             for number, member in enumerate(self.members)
         ]
 
@@ -238,7 +224,7 @@ class PoolCriterion:
         """For each flight the values of one parameter at which J is at most a bound, as pieces."""
         results: list[list[tuple[float, float]]] = [[] for _ in self.members]
         for within, cut_short in self.scan.stretches(bound):
-            box = [within] if self.nodes.axes else []
+            box = self.nodes.box(within)
             N, D = self._blocks(box)
             left = (bound - self.misfit(box))[:, None, None] * np.ones((within.size, 1, 1))
             for number, (Q, free) in enumerate(self._others_free(N - left * D)):
@@ -248,10 +234,8 @@ class PoolCriterion:
                 pieces = fitting.continued() if cut_short else fitting.pieces()
                 if free.any():
                     pieces = [(-inf, inf)]
-                scale, centre = (
-                    self._scales[0] / self._scales[1 + position],
-                    self.members[number].centre[position],
-                )
+                scale = self._scales[0] / self._scales[1 + position]
+                centre = self.members[number].centre[position]
                 results[number] += [(centre + a * scale, centre + b * scale) for a, b in pieces]
         return results
 
@@ -292,7 +276,7 @@ def member_slopes(
     member: PoolMember, nuisances: tuple[Nuisance, ...], values: Values, theta: Float[np.ndarray, " n"]
 ) -> MemberSlopes:
     """Jacobian and scores of a flight."""
-    rows, index = member.rows_at(values), member.nuisances_at(values)
+    rows, index = member.rows_at(values), {**member.fixed, **values}
     moved = [slope(member.weights, nuisance, index, theta) for nuisance in nuisances]
     columns = np.column_stack([np.empty((rows.response.size, 0)), *moved])
     jacobian = np.column_stack([rows.regressors, columns])
@@ -315,19 +299,10 @@ class PoolJoint:
     @cached_property
     def indices(self) -> list[np.ndarray]:
         """Where the vector of each flight is in that of the pool."""
-        flights, current = len(self.slopes), len(self.criterion.flight_specific)
-        shared = self.criterion.shared
-        first = flights * current
-        results = []
-        for number in range(flights):
-            positions = np.zeros(self.slopes[number].power.shape[0], dtype=np.int64)
-            positions[list(self.criterion.flight_specific)] = number * current + np.arange(current)
-            positions[list(shared)] = first + np.arange(len(shared))
-            positions[self.criterion.size :] = (
-                first + len(shared) + np.arange(positions.size - self.criterion.size)
-            )
-            results.append(positions)
-        return results
+        first = self.flight_parameter_count + len(self.criterion.shared)
+        nuisances = np.arange(first, self.criterion.unknowns)
+        linear = (self.criterion.indices_of(number)[1:] - 1 for number in range(len(self.slopes)))
+        return [np.append(positions, nuisances) for positions in linear]
 
     @property
     def flight_parameter_count(self) -> int:
@@ -350,13 +325,12 @@ class PoolJoint:
     @cached_property
     def _prior(self) -> Float[np.ndarray, "m m"]:
         """What is known beforehand of nuisances, as information."""
-        information = np.zeros((self.criterion.unknowns, self.criterion.unknowns))
-        first = self.flight_parameter_count + len(self.criterion.shared)
-        for number, axis in enumerate(self.criterion.nodes.axes):
-            prior = self.criterion.known.get(axis.nuisance.name)
-            if prior is not None:
-                information[first + number, first + number] = prior.std**-2.0
-        return information
+        axes, known = self.criterion.nodes.axes, self.criterion.known
+        information = np.zeros(self.criterion.unknowns)
+        for number, axis in enumerate(axes, start=information.size - len(axes)):
+            if axis.nuisance.name in known:
+                information[number] = known[axis.nuisance.name].std ** -2.0
+        return np.diag(information)
 
     @cached_property
     def sensitivity(self) -> Float[np.ndarray, "m m"]:
@@ -420,9 +394,8 @@ class PoolJoint:
         )
         explained = 1.0 / np.where(current > 0.0, current, np.inf)
         left = np.einsum("ij,ik,kj->j", directions, power, directions) - explained
-        flights = len(self.slopes)
         vector = self.slopes[0].power.shape[0]
-        spare = max(self.criterion.instruments / flights - vector + 1.0, 1.0)
+        spare = max(self.criterion.instruments / len(self.slopes) - vector + 1.0, 1.0)
         rest = max(self.criterion.rows - self.criterion.instruments, 1)
         return np.where(left > 0.0, explained / spare / (left / rest), np.inf)
 
@@ -469,13 +442,11 @@ def pool_candidate(criterion: PoolCriterion, inflation: float) -> PoolCandidate:
         member_slopes(member, unknown, nuisances, item)
         for member, item in zip(criterion.members, theta, strict=True)
     )
-    index = {**criterion.members[0].fixed, **nuisances}
+    first = criterion.members[0]
+    shared = tuple(member.recentred(first.centre) for member in criterion.members)
+    common = replace(criterion, members=shared, flight_specific=())
     joint = PoolJoint(criterion, slopes, inflation)
-    centre = criterion.members[0].centre
-    shared = tuple(member.recentred(centre) for member in criterion.members)
-    return PoolCandidate(
-        criterion, replace(criterion, members=shared, flight_specific=()), index, tuple(theta), joint
-    )
+    return PoolCandidate(criterion, common, {**first.fixed, **nuisances}, tuple(theta), joint)
 
 
 # -- Pooled --
@@ -513,12 +484,6 @@ class Pooled:
     def nuisance_names(self) -> tuple[str, ...]:
         """Of those that are searched for between the values of their grids."""
         return tuple(axis.nuisance.name for axis in self.candidates[0].separate.nodes.axes)
-
-    @property
-    def _method(self) -> LinearMethod:
-        method = by_name(self.estimates[0].method)
-        check_linear(method)
-        return cast("LinearMethod", method)
 
     @property
     def best(self) -> int:
@@ -676,16 +641,11 @@ class Pooled:
         theta = pool.theta[0].copy()
         theta[positions] = [means[position].value for position in positions]
         made = [member.rows_at(pool.nuisances) for member in pool.separate.members]
-        tests = [rows.instruments @ slopes.seen for rows, slopes in zip(made, joint.slopes, strict=True)]
+        each = list(zip(made, pool.theta, joint.slopes, strict=True))
         rows = Regression(
-            np.concatenate(
-                [
-                    item.response - item.regressors @ (entry - theta)
-                    for item, entry in zip(made, pool.theta, strict=True)
-                ]
-            ),
+            np.concatenate([item.response - item.regressors @ (own - theta) for item, own, _ in each]),
             np.concatenate([item.regressors for item in made]),
-            np.concatenate(tests),
+            np.concatenate([item.instruments @ slopes.seen for item, _, slopes in each]),
             made[0].parameters,
             _joined([item.layout for item in made]),
         )
@@ -693,7 +653,7 @@ class Pooled:
         vector = np.eye(joint.criterion.unknowns)[joint.indices[0]]
         for element, mean in means.items():
             vector[element] = 0.0
-            vector[element, [each[element] for each in joint.indices]] = mean.weights
+            vector[element, [index[element] for index in joint.indices]] = mean.weights
         return _Solution(rows, theta, columns, self._covariance(joint, vector, means))
 
     def _covariance(
@@ -713,21 +673,17 @@ class Pooled:
     def _estimate(self, solutions: Sequence[_Solution]) -> Estimate:
         """Estimate whose candidates are at values that the pool has."""
         first = self.estimates[0]
-        unknown = tuple(nuisance for nuisance in self.nuisances if nuisance.refined)
-        candidates = tuple(
-            self._candidate(pool, solution) for pool, solution in zip(self.candidates, solutions, strict=True)
-        )
-        joint = (*first.best.rows.parameters, *(item.parameter for item in unknown))
+        refined = (nuisance.parameter for nuisance in self.nuisances if nuisance.refined)
+        candidates = tuple(map(self._candidate, self.candidates, solutions))
+        joint = (*first.best.rows.parameters, *refined)
         return Estimate(first.method, joint, candidates, bounded=bounded_sums(self.nuisances))
 
     def _candidate(self, pool: PoolCandidate, result: _Solution) -> Candidate:
-        solved = self._method.solve(result.rows)
-        solution = replace(
-            solved.solution,
-            theta=result.theta,
-            residual=solved.system.right - solved.system.matrix @ result.theta,
-            objective=pool.criterion,
-        )
+        method = by_name(self.estimates[0].method)
+        check_linear(method)
+        solved = cast("LinearMethod", method).solve(result.rows)
+        residual = solved.system.right - solved.system.matrix @ result.theta
+        solution = replace(solved.solution, theta=result.theta, residual=residual, objective=pool.criterion)
         misfits, precision = known_misfits(self.nuisances, pool.nuisances)
         return replace(
             solved,
@@ -784,10 +740,11 @@ def pooled(
     parameters = [parameter.name for parameter in estimates[0].best.rows.parameters]
     index = tuple(parameters.index(name) for name in names)
 
-    def made(fixed: dict[str, float], _rotor_moments: PoolCriterion | None) -> PoolCriterion:
-        return _criterion(problems, estimates, index, nodes, fixed)
-
-    criteria = on_nested_grids(nuisances, made, lambda nuisance: nuisance.minimum[1])
+    criteria = on_nested_grids(
+        nuisances,
+        lambda fixed, _: _criterion(problems, estimates, index, nodes, fixed),
+        lambda criterion: criterion.minimum[1],
+    )
     p_value, inflation = _differences(criteria)
     candidates = tuple(pool_candidate(criterion, inflation) for criterion in criteria)
     return Pooled(tuple(estimates), tuple(names), candidates, nuisances, p_value, separate)
