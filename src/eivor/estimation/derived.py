@@ -134,10 +134,7 @@ def parameter_sets(
     ):
         return None
     index = parameters.index(name)
-    criteria = [
-        _criterion(problem, nodes, candidate, index, method.row_weighting)
-        for candidate in estimate.candidates
-    ]
+    criteria = [_criterion(problem, nodes, item, index, method.row_weighting) for item in estimate.candidates]
     try:
         least = estimate.least_comparable_criteria([criterion.scan.minimum[1] for criterion in criteria])
     except np.linalg.LinAlgError:

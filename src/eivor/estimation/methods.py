@@ -14,12 +14,7 @@ from eivor.estimation.linear import LinearMethod
 from eivor.estimation.method import Method, NaturalInstruments, Problem
 from eivor.estimation.moments import Assembler, Compensated, Direct, Instrumental, ProblemMoments
 from eivor.estimation.spectral_iv import SpectralGeneralizedIV, WhittleLikelihood
-from eivor.estimation.unknown_noise import (
-    BiasEliminating,
-    FrischScheme,
-    GeneralizedEquations,
-    NoiseEstimatingIV,
-)
+from eivor.estimation.unknown_noise import EquationChoice, NoiseEstimatingIV
 from eivor.estimation.weighting import (
     EquationWeighting,
     LimitedInformation,
@@ -234,17 +229,17 @@ def generalized_iv_unknown_noise(*, lags: int | None = None, orders: Sequence[st
     Results have `noise_variance_velocity_z`, of the white noise, and `noise_order_velocity_z`
     beside the parameters. A disturbance must not move the vehicle: the velocity would answer it.
     """
-    return NoiseEstimatingIV("generalized_iv_unknown_noise", GeneralizedEquations(lags), tuple(orders))
+    return NoiseEstimatingIV("generalized_iv_unknown_noise", orders=tuple(orders), lags=lags)
 
 
 def bias_eliminating_least_squares() -> Method:
     """Least squares whose bias by white noises of unknown strength is identified by instruments."""
-    return NoiseEstimatingIV("bias_eliminating_least_squares", BiasEliminating())
+    return NoiseEstimatingIV("bias_eliminating_least_squares", EquationChoice.BIAS_ELIMINATING)
 
 
 def frisch_scheme() -> Method:
     """The Frisch scheme with instruments: white noises of regressors and response are identified."""
-    return NoiseEstimatingIV("frisch_scheme", FrischScheme())
+    return NoiseEstimatingIV("frisch_scheme", EquationChoice.FRISCH)
 
 
 def spectral_giv() -> Method:

@@ -50,7 +50,7 @@ from eivor.estimation.spectral_equations import (
     spectral_covariance,
     sum_covariance,
 )
-from eivor.estimation.unknown_noise import GeneralizedEquations, NoiseEstimatingIV
+from eivor.estimation.unknown_noise import NoiseEstimatingIV
 from eivor.inference.covariance import COSINE_AVERAGES, CovariancePart, EqualWeightedCosines, JointCovariance
 from eivor.inference.regions import hotelling_quantile
 from eivor.inference.verdict import Reason, Status
@@ -304,9 +304,7 @@ def input_noise_start(problem: Problem, method: str) -> tuple[Problem, bool] | E
     if not is_own_instrument(problem, driver):
         return _with_noise(problem, driver, 0.0), False  # nothing is taken off
     try:
-        result = NoiseEstimatingIV("generalized_iv_unknown_noise", GeneralizedEquations(None)).estimate(
-            problem
-        )
+        result = NoiseEstimatingIV("generalized_iv_unknown_noise").estimate(problem)
     except (EivorError, np.linalg.LinAlgError) as error:
         raise MissingNoiseError(
             f"the noise of {driver}, which {method} takes off, or an input that identifies it",

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+from enum import Enum
+from itertools import product
 
 import numpy as np
 import scipy.linalg
@@ -36,60 +37,34 @@ WHITE_LAGS = 2
 ORDER_LAGS = 6
 
 
-class EquationChoice(ABC):
-    """A choice of test functions."""
+class EquationChoice(Enum):
+    """Which columns are test functions."""
 
-    @abstractmethod
-    def columns(self, problem: SignalRegression, orders: tuple[str, ...]) -> tuple[Column, ...]:
-        """Test functions: columns of the problem, and others of its channels."""
+    #: Instruments, and every noisy regressor at some lags: generalized instrumental variables in full.
+    GENERALIZED = "generalized"
+    #: The regressors themselves and instruments: bias-eliminating least squares.
+    BIAS_ELIMINATING = "bias eliminating"
+    #: Regressors, response and instruments: the Frisch scheme with the equations of past inputs.
+    FRISCH = "frisch"
 
-
-@dataclass(frozen=True, slots=True)
-class GeneralizedEquations(EquationChoice):
-    """Instruments, and every noisy regressor at some lags: generalized instrumental variables in full."""
-
-    lags: int | None = None  # Lags of each regressor's channel
-
-    def __post_init__(self) -> None:
-        if self.lags is not None and self.lags < 0:
-            raise UsageError("zero lags or more", f"{self.lags}", "Leave lags out.")
-
-    def columns(self, problem: SignalRegression, orders: tuple[str, ...]) -> tuple[Column, ...]:
-        """Instruments, and lags of the regressors' channels."""
-        selected = []
-        for column in problem.regressor_columns:
-            most = self.lags
-            if most is None:
-                most = ORDER_LAGS if column.channel in orders else WHITE_LAGS
-            if column.channel:
-                selected += [replace(column, lag=column.lag + lag) for lag in range(most + 1)]
-        return _once((*problem.instrument_columns, *selected))
-
-
-@dataclass(frozen=True, slots=True)
-class BiasEliminating(EquationChoice):
-    """The regressors themselves and instruments: bias-eliminating least squares."""
-
-    def columns(self, problem: SignalRegression, _orders: tuple[str, ...]) -> tuple[Column, ...]:
-        """Regressors, then instruments."""
-        return _once((*problem.regressor_columns, *problem.instrument_columns))
-
-
-@dataclass(frozen=True, slots=True)
-class FrischScheme(EquationChoice):
-    """Regressors, response and instruments: the Frisch scheme with the equations of past inputs."""
-
-    def columns(self, problem: SignalRegression, _orders: tuple[str, ...]) -> tuple[Column, ...]:
-        """Regressors, response, then instruments."""
-        return _once((*problem.regressor_columns, problem.equation.response, *problem.instrument_columns))
-
-
-def _once(columns: Iterable[Column]) -> tuple[Column, ...]:
-    """Each channel at each lag once, whatever its sign and size."""
-    kept: dict[tuple[str, int, str], Column] = {}
-    for column in columns:
-        kept.setdefault((column.channel, column.lag, column.gain_channel), column)
-    return tuple(kept.values())
+    def columns(
+        self, problem: SignalRegression, orders: tuple[str, ...] = (), lags: int | None = None
+    ) -> tuple[Column, ...]:
+        """Test functions: columns of the problem, and others of its channels; each once, whatever its gain."""
+        instruments, selected = problem.instrument_columns, list(problem.regressor_columns)
+        if self is EquationChoice.GENERALIZED:
+            selected = list(instruments)
+            for column in problem.regressor_columns:
+                by_order = ORDER_LAGS if column.channel in orders else WHITE_LAGS
+                if column.channel:
+                    most = by_order if lags is None else lags
+                    selected += [replace(column, lag=column.lag + lag) for lag in range(most + 1)]
+        elif self is EquationChoice.FRISCH:
+            selected.append(problem.equation.response)
+        kept: dict[tuple[str, int, str], Column] = {}
+        for column in (*selected, *instruments):
+            kept.setdefault((column.channel, column.lag, column.gain_channel), column)
+        return tuple(kept.values())
 
 
 # -- Long memory --
@@ -155,10 +130,7 @@ class SharedMoments:
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """The problem's, then those of the noises."""
-        return (
-            *self.problem.parameters,
-            *(parameter for noise in self.unknown for parameter in noise.parameters),
-        )
+        return self.problem.parameters + tuple(p for noise in self.unknown for p in noise.parameters)
 
     def known(self) -> Float[np.ndarray, "p n_plus_1"]:
         """What declared noises add."""
@@ -189,19 +161,13 @@ class SharedMoments:
 
     def _shared(self, noise: dict[str, MeasurementNoise]) -> Float[np.ndarray, "p n_plus_1"]:
         problem = self.problem
-        signals = replace(problem.signals, noise=noise)
+        signals, left = replace(problem.signals, noise=noise), problem.instrument_columns
         right = (*problem.regressor_columns, problem.equation.response)
-        shared = np.zeros((problem.instrument_count, len(right)))
-        for i, instrument_column in enumerate(problem.instrument_columns):
-            for j, other in enumerate(right):
-                if (
-                    instrument_column.channel
-                    and instrument_column.channel == other.channel
-                    and instrument_column.channel in noise
-                ):
-                    shared[i, j] = shared_noise(
-                        [instrument_column], [other], signals, problem.first, problem.used
-                    )[0, 0]
+        shared = np.zeros((len(left), len(right)))
+        for (i, column), (j, other) in product(enumerate(left), enumerate(right)):
+            if column.channel in noise and column.channel == other.channel:
+                pair = [column], [other]
+                shared[i, j] = shared_noise(*pair, signals, problem.first, problem.used)[0, 0]
         return shared
 
     def added(
@@ -240,13 +206,14 @@ class NoiseEstimatingIV(Method):
     """Generalized instrumental variables that estimate the noises that nothing is declared of."""
 
     name: str  # The word that results use
-    choice: EquationChoice = field(default_factory=GeneralizedEquations)
+    choice: EquationChoice = EquationChoice.GENERALIZED
     orders: tuple[str, ...] = ()
+    lags: int | None = None  # Lags of each regressor's channel
+    needs_instruments = True
 
-    @property
-    def needs_instruments(self) -> bool:
-        """Yes."""
-        return True
+    def __post_init__(self) -> None:
+        if self.lags is not None and self.lags < 0:
+            raise UsageError("zero lags or more", f"{self.lags}", "Leave lags out.")
 
     def estimate(self, problem: Problem) -> Estimate:
         """Estimate parameters and noises."""
@@ -260,7 +227,7 @@ class NoiseEstimatingIV(Method):
         return search.estimate(self.name, search.minimum())
 
     def _moments(self, problem: SignalRegression) -> SharedMoments:
-        psi = self.choice.columns(problem, self.orders)
+        psi = self.choice.columns(problem, self.orders, self.lags)
         whole = SignalRegression(problem.signals, problem.equation, psi)
         right = (*whole.regressor_columns, whole.equation.response)
         both = {item.channel for item in right} & {item.channel for item in psi}
@@ -350,14 +317,10 @@ class _MomentSearch:
         """Least of the weighted moments, weights renewed at each."""
         from scipy.optimize import least_squares
 
-        beta, low, high = (
-            self._start(),
-            [-np.inf] * (self.cross.shape[1] - 1),
-            [np.inf] * (self.cross.shape[1] - 1),
-        )
+        beta, free = self._start(), [(-np.inf, np.inf)]
+        bounds = free * (self.cross.shape[1] - 1)
         for noise in self.shared.unknown:
-            low += [0.0, -LARGEST_ORDER] if noise.fractional else [-np.inf]
-            high += [np.inf, LARGEST_ORDER] if noise.fractional else [np.inf]
+            bounds += [(0.0, np.inf), (-LARGEST_ORDER, LARGEST_ORDER)] if noise.fractional else free
         for _ in range(PASSES):
             # each in units of its own slope, and no tolerance that has a unit, as that of the gradient has
             size = _column_scale(self._divided(self._slopes(beta)))
@@ -365,7 +328,7 @@ class _MomentSearch:
                 lambda x, size=size: self._divided(self._residual(size * x)),
                 beta / size,
                 lambda x, size=size: self._divided(self._slopes(size * x)) * size,
-                bounds=(np.array(low) / size, np.array(high) / size),
+                bounds=tuple(np.array(bounds).T / size),
                 x_scale="jac",
                 xtol=1e-12,
                 ftol=1e-12,
@@ -394,23 +357,21 @@ class _MomentSearch:
     def estimate(self, name: str, beta: Float[np.ndarray, " k"]) -> Estimate:
         """Estimate at the least."""
         alone = self._solved(beta)
-        parts = (*alone.covariance.parts, self._of_normal_series(beta), *self._of_long_memory(beta))
-        estimate = Estimate(
-            name, self.shared.parameters, (replace(alone, streamed_covariance=JointCovariance(parts)),)
-        )
+        covariance = JointCovariance((*alone.covariance.parts, *self._of_normal_series(beta)))
+        candidate = replace(alone, streamed_covariance=covariance)
+        estimate = Estimate(name, self.shared.parameters, (candidate,))
         return replace(estimate, reasons=tuple(self._reasons(estimate, beta)))
 
-    def _of_normal_series(self, beta: Float[np.ndarray, " k"]) -> CovariancePart:
-        """Covariance that Soderstrom's weights give: (J' S^-1 J)^-1 over the rows."""
-        root = np.linalg.qr(self._divided(self._slopes(beta)), mode="r")
-        inverse = scipy.linalg.solve_triangular(root, np.eye(beta.size))
-        return CovariancePart("of_normal_series", inverse @ inverse.T / self._count)
+    def _of_normal_series(self, beta: Float[np.ndarray, " k"]) -> Iterator[CovariancePart]:
+        """Covariance that Soderstrom's weights give: (J' S^-1 J)^-1 over the rows.
 
-    def _of_long_memory(self, beta: Float[np.ndarray, " k"]) -> Iterator[CovariancePart]:
-        """The same with the autocovariances of long lags, where a noise is fractional."""
+        The same with the autocovariances of long lags, where a noise is fractional.
+        """
+        Q, root = np.linalg.qr(self._divided(self._slopes(beta)))
+        inverse = scipy.linalg.solve_triangular(root, np.eye(beta.size))
+        yield CovariancePart("of_normal_series", inverse @ inverse.T / self._count)
         if not any(noise.fractional for noise in self.shared.unknown):
             return
-        Q, root = np.linalg.qr(self._divided(self._slopes(beta)))
         answers = scipy.linalg.solve_triangular(root, Q.T)
         answers = scipy.linalg.solve_triangular(self.factor, answers.T, lower=True, trans=1)
         error = self.rows.response - self.rows.regressors @ beta[: self.rows.regressors.shape[1]]
@@ -442,27 +403,22 @@ class _MomentSearch:
 
     def _first_stage(self) -> dict[str, float]:
         """How well each regressor is identified by test functions that share no unknown noise with any."""
-        channels = [noise.channel for noise in self.shared.unknown]
-        lags = {
-            (regressor_column.channel, regressor_column.lag)
-            for regressor_column in self.shared.problem.regressor_columns
-        }
-        fractional = {noise.channel for noise in self.shared.unknown if noise.fractional}
-        free = [
-            number
-            for number, instrument_column in enumerate(self.shared.problem.instrument_columns)
-            if instrument_column.channel not in channels
-            or (
-                instrument_column.channel not in fractional
-                and (instrument_column.channel, instrument_column.lag) not in lags
-            )
-        ]
+        problem, unknown = (
+            self.shared.problem,
+            {item.channel: item.fractional for item in self.shared.unknown},
+        )
+        lags = {(column.channel, column.lag) for column in problem.regressor_columns}
+
+        def shares_nothing(column: Column) -> bool:
+            white = not unknown.get(column.channel, False)
+            return column.channel not in unknown or (white and (column.channel, column.lag) not in lags)
+
+        free = [shares_nothing(column) for column in problem.instrument_columns]
         strengths = conditional_first_stage(
             orthonormal_basis(self.rows.instruments[:, free]), self.rows.regressors
         )
-        noisy = [column.channel in channels for column in self.shared.problem.regressor_columns]
-        names = self.shared.problem.names
-        return {name: float(f) for name, f, item in zip(names, strengths, noisy, strict=True) if item}
+        columns = zip(problem.names, strengths, problem.regressor_columns, strict=True)
+        return {name: float(f) for name, f, column in columns if column.channel in unknown}
 
     def _reasons(self, estimate: Estimate, beta: Float[np.ndarray, " k"]) -> list[Reason]:
         reasons = []
