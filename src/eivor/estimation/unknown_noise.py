@@ -50,7 +50,7 @@ class EquationChoice(Enum):
     def columns(
         self, problem: SignalRegression, orders: tuple[str, ...] = (), lags: int | None = None
     ) -> tuple[Column, ...]:
-        """Test functions: columns of the problem, and others of its channels; each once, whatever its gain."""
+        """Test functions: columns of the problem and others of its channels, each once whatever its gain."""
         instruments, selected = problem.instrument_columns, list(problem.regressor_columns)
         if self is EquationChoice.GENERALIZED:
             selected = list(instruments)
