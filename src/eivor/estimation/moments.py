@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from eivor.errors import CovarianceError, InstrumentError, MissingNoiseError, UsageError
+from eivor.errors import CovarianceError, InstrumentError, UsageError
 from eivor.estimation.products import products_of, root_of_rows
 from eivor.inference.covariance import unit_scale
 from eivor.inference.products import Products
@@ -198,11 +198,7 @@ class Direct(Assembler):
     def moments(self, problem: LinearProblem, *, whole: bool = False) -> TriangularMoments:  # noqa: ARG002
         """Triangular root of [Phi y], and its noise covariance where that is declared."""
         count, root = root_of_rows(problem)
-        try:
-            noise = problem.regressor_noise_covariance()
-        except MissingNoiseError:
-            noise = None
-        return TriangularMoments(float(count), root, noise)
+        return TriangularMoments(float(count), root, problem.declared_noise())
 
     def system(self, moments: Moments) -> LinearSystem:
         """The root's rows: the same solutions, n + 1 equations."""

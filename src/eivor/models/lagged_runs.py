@@ -232,12 +232,9 @@ class LaggedRuns(SeparableProblem):
             In the new parameters, see above.
         """
         fixed = self.parameters[: self.columns[0].fixed.shape[1]]
-        result = replace(
-            self, columns=columns, parameters=(*fixed, *moving), noisier=noisier, warm_start=begun
-        )
-        result._moving_bins.update(
-            (name, spectra @ combination) for name, spectra in self._moving_bins.items()
-        )
+        parameters = (*fixed, *moving)
+        result = replace(self, columns=columns, parameters=parameters, noisier=noisier, warm_start=begun)
+        result._moving_bins.update((key, item @ combination) for key, item in self._moving_bins.items())
         return result
 
     def band_hz(self, axis: int) -> tuple[float, float]:
@@ -266,11 +263,8 @@ class LaggedRuns(SeparableProblem):
 
     def _positions(self, axis_columns: AxisColumns) -> Sequence[int]:
         """Places of the columns that move in an axis' equation, among all that move."""
-        return (
-            range(len(self.parameters) - axis_columns.fixed.shape[1])
-            if axis_columns.moved is None
-            else axis_columns.moved
-        )
+        every = range(len(self.parameters) - axis_columns.fixed.shape[1])
+        return every if axis_columns.moved is None else axis_columns.moved
 
     def _among_all(self, blocks: list[np.ndarray]) -> list[np.ndarray]:
         """Moving columns of every run at their places, with zeros for what is not in its equation."""
@@ -340,27 +334,17 @@ class LaggedRuns(SeparableProblem):
         )
         if self.noisier is None:
             return regression
-        more = self.noisier.rows(at)
-        return replace(regression, regressor_noise=noise_of_surrogate(regression, more))
+        return replace(regression, regressor_noise=noise_of_surrogate(regression, self.noisier.rows(at)))
 
     # -- rows in frequency ----------------------------------------------------------------------------
 
     @cached_property
     def _bin_layout(self) -> BinRows:
-        return BinRows(
-            tuple(
-                SpectralRun(
-                    item.flight,
-                    run.stop - run.start,
-                    item.step_s,
-                    item.band_hz,
-                    item.axis,
-                    run.start,
-                    item.counted(run),
-                )
-                for item, run in self._cut()
-            )
-        )
+        def spectral(item: AxisColumns, run: slice) -> SpectralRun:
+            length, counted = run.stop - run.start, item.counted(run)
+            return SpectralRun(item.flight, length, item.step_s, item.band_hz, item.axis, run.start, counted)
+
+        return BinRows(tuple(spectral(item, run) for item, run in self._cut()))
 
     def _spectra(self, blocks: list[Float[np.ndarray, "_ columns"]]) -> list[np.ndarray]:
         runs = self._bin_layout.runs

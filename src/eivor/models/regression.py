@@ -272,6 +272,13 @@ class LinearProblem(ABC):
     def regressor_noise_covariance(self) -> Float[np.ndarray, "n_plus_1 n_plus_1"]:
         """Covariance of the measurement noises of [Phi y], averaged over the rows."""
 
+    def declared_noise(self) -> Float[np.ndarray, "n_plus_1 n_plus_1"] | None:
+        """The same; None where a noise is not declared."""
+        try:
+            return self.regressor_noise_covariance()
+        except MissingNoiseError:
+            return None
+
     @abstractmethod
     def instrument_noise_covariance(self) -> Float[np.ndarray, "p n_plus_1"]:
         """Covariance of the noises of Psi with those of [Phi y], averaged over the rows: C and c."""
@@ -487,7 +494,8 @@ def check_covariance(matrix: Float[np.ndarray, "n n"]) -> None:
             "Give columns and noises in other units; products of these no double can hold.",
         )
     scale = np.sqrt(np.abs(np.diag(matrix)))
-    unit = matrix / np.outer(np.where(scale > 0.0, scale, 1.0), np.where(scale > 0.0, scale, 1.0))
+    scale = np.where(scale > 0.0, scale, 1.0)
+    unit = matrix / np.outer(scale, scale)
     if not np.allclose(unit, unit.T, rtol=0.0, atol=1e-10):
         raise CovarianceError("a symmetric covariance", "one that is not", "Symmetrise it: 0.5 * (C + C.T).")
     smallest = float(np.linalg.eigvalsh(unit)[0])
