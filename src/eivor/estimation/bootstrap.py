@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -17,7 +16,7 @@ from eivor.estimation.linear import LinearMethod, check_linear
 from eivor.estimation.methods import by_name
 from eivor.estimation.moments import CrossMoments, Instrumental, Moments, TriangularMoments
 from eivor.estimation.variable_projection import Nodes, argmin, nodes_of
-from eivor.estimation.weighting import SpectralWhitening, WeightedRows, whitened_by_residuals
+from eivor.estimation.weighting import SpectralWhitening, WeightedRows, divided, whitened_by_residuals
 from eivor.inference.bootstrap import (
     BlockPlan,
     BlockScheme,
@@ -39,10 +38,8 @@ from eivor.tools import Float, Int
 def flight_products(weights: WeightedRows, points: Sequence[Values]) -> Products:
     """Products of all columns of weighted rows, flight after flight, a block for each of some values."""
     tables = [products_by_flight(weights.rows(point)) for point in points]
-    counts, sums = (
-        np.stack(parts, axis=1)
-        for parts in zip(*((table.counts, table.sums) for table in tables), strict=True)
-    )
+    counts = np.stack([table.counts for table in tables], axis=1)
+    sums = np.stack([table.sums for table in tables], axis=1)
     return replace(tables[0], counts=counts.ravel(), sums=sums.reshape(-1, *sums.shape[2:]))
 
 
@@ -225,25 +222,9 @@ def left_over(equations: Float[np.ndarray, "k q n_plus_1"]) -> Float[np.ndarray,
 # -- Replicate moments --
 
 
-class PieceMoments(ABC):
-    """Products of pieces of a record, which the moments of any replicate are added up from."""
-
-    products: Products
-
-    @abstractmethod
-    def moments(self, drawn: Int[np.ndarray, " k"]) -> Moments:
-        """Moments of a replicate of those pieces."""
-
-    @abstractmethod
-    def influence(
-        self, pieces: Int[np.ndarray, " k"] | slice, solved: Candidate, count: float, /
-    ) -> Float[np.ndarray, "k n"]:
-        """What each of some pieces moves the parameters by, to first order."""
-
-
 @dataclass(frozen=True)
-class CrossPieces(PieceMoments):
-    """Cross-products of the instruments with [Phi y]."""
+class CrossPieces:
+    """Cross-products of the instruments with [Phi y], of pieces of a record."""
 
     products: Products  # [psi phi y]
     noise: Float[np.ndarray, "p n_plus_1"] | None  # C and c
@@ -268,7 +249,7 @@ class CrossPieces(PieceMoments):
 
 
 @dataclass(frozen=True)
-class RootPieces(PieceMoments):
+class RootPieces:
     """Gram matrices of [Phi y] in the coordinates of its triangular root."""
 
     products: Products  # [Phi y]
@@ -301,6 +282,10 @@ class RootPieces(PieceMoments):
         return over_sensitivity(
             scores, A, self.solver.score_correction(b - A @ theta, theta, covariance).sensitivity
         )
+
+
+#: Products of pieces of a record, which the moments of any replicate are added up from.
+PieceMoments = CrossPieces | RootPieces
 
 
 def over_sensitivity(
@@ -416,7 +401,7 @@ def bootstrap(
     kept = [result for result in results if result is not None]
     made = np.array(kept).reshape(len(kept), 2, rows.regressors.shape[1])
     theta = solved.theta
-    errors = again.expected_errors(plan.blocks, solved) if studentised else None
+    errors = again.errors(slice(None), solved, float(plan.blocks)) if studentised else None
     return Bootstrap(
         rows.names,
         rows.units,
@@ -444,7 +429,7 @@ class _RowReplicates:
         try:
             solved = self.solved(self.pieces.moments(drawn))
             theta = solved.theta
-            spread = self._errors(drawn, solved, float(len(drawn))) if errors else np.ones(theta.size)
+            spread = self.errors(drawn, solved, float(len(drawn))) if errors else np.ones(theta.size)
         except (EivorError, np.linalg.LinAlgError):
             return None
         both = np.stack([theta, spread])
@@ -452,22 +437,14 @@ class _RowReplicates:
 
     def solved(self, moments: Moments) -> Candidate:
         """Solution of a replicate's equations."""
-        if self.factor is None:
-            return self.method.solve_moments(moments)
-        system = self.method.assembler.system(moments)
-        stacked = np.column_stack([system.matrix, system.right])
-        divided = scipy.linalg.solve_triangular(self.factor, stacked, lower=True)
-        weighted = LinearSystem(divided[:, :-1], divided[:, -1])
-        solution = self.method.solver.solve(weighted)
-        return Candidate(
-            self.method.assembler, self.method.solver, moments, None, system, self.factor, solution
-        )
+        method, factor = self.method, self.factor
+        if factor is None:
+            return method.solve_moments(moments)
+        system = method.assembler.system(moments)
+        solution = method.solver.solve(divided(system, factor))
+        return Candidate(method.assembler, method.solver, moments, None, system, factor, solution)
 
-    def expected_errors(self, blocks: int, solved: Candidate) -> Float[np.ndarray, " n"]:
-        """Standard errors of the estimate itself, from the spread of all pieces that may be drawn."""
-        return self._errors(slice(None), solved, float(blocks))
-
-    def _errors(
+    def errors(
         self, pieces: Int[np.ndarray, " k"] | slice, solved: Candidate, blocks: float
     ) -> Float[np.ndarray, " n"]:
         """Standard errors from the pieces' scores (Gotze and Kunsch 1996): M^-1 sum s s' M^-T."""
@@ -506,31 +483,24 @@ def _length(
     wanted: int | None, rows: Regression, method: LinearMethod, solved: Candidate, scheme: BlockScheme
 ) -> float:
     count = rows.response.size
-    if wanted is not None:
-        checks.whole("block_length", wanted)
     if wanted is None:
         return automatic_block_length(_influence(rows, method, solved), scheme)
+    checks.whole("block_length", wanted)
     if not 1 <= wanted <= count // 2:
-        raise UsageError(
-            f"a block length from 1 to {count // 2} rows, half of what there is",
-            f"{wanted}",
-            "Choose another.",
-        )
+        expected = f"a block length from 1 to {count // 2} rows, half of what there is"
+        raise UsageError(expected, f"{wanted}", "Choose another.")
     return float(wanted)
 
 
 def _influence(rows: Regression, method: LinearMethod, solved: Candidate) -> Float[np.ndarray, "rows n"]:
     """What each row moves the parameters by, up to a constant: M^-1 p_t e_t."""
-    Phi, theta, system = rows.regressors, solved.theta, solved.system
-    residual = rows.response - Phi @ theta
-    A = system.matrix
+    theta, system = solved.theta, solved.system
+    residual, A = rows.response - rows.regressors @ theta, solved.system.matrix
     if method.assembler.moment_equations:
         WA = A if solved.factor is None else scipy.linalg.cho_solve((solved.factor, True), A)
-        weighted = A
         if solved.factor is not None:
-            weighted = scipy.linalg.solve_triangular(solved.factor, A, lower=True)
-        psi = method.assembler.test_functions(rows) @ WA
-        return over_sensitivity(psi * residual[:, None], weighted)
+            A = scipy.linalg.solve_triangular(solved.factor, A, lower=True)
+        return over_sensitivity((method.assembler.test_functions(rows) @ WA) * residual[:, None], A)
     correction = method.solver.score_correction(residual, theta, system.error_covariance)
-    psi = Phi + correction.rows
-    return over_sensitivity(psi * residual[:, None], A, correction.sensitivity)
+    scores = (rows.regressors + correction.rows) * residual[:, None]
+    return over_sensitivity(scores, A, correction.sensitivity)

@@ -16,7 +16,7 @@ from eivor.estimation.estimate import Candidate, Estimate
 from eivor.estimation.linear import check_freedom
 from eivor.estimation.method import Method, Problem
 from eivor.estimation.moments import Compensated
-from eivor.estimation.weighting import weighted
+from eivor.estimation.weighting import divided, weighted
 from eivor.inference.covariance import CovariancePart, JointCovariance, unit_scale
 from eivor.inference.diagnostics.instruments import STRONG_FIRST_STAGE
 from eivor.inference.diagnostics.record import conditional_first_stage, orthonormal_basis
@@ -392,7 +392,7 @@ class _MomentSearch:
         assembler, solver = Compensated(), LeastSquares()
         moments = assembler.moments(rows, whole=True)
         system = assembler.system(moments)
-        solution = solver.solve(LinearSystem(self._divided(system.matrix), self._divided(system.right)))
+        solution = solver.solve(divided(system, self.factor))
         if solution.condition > LARGEST_CONDITION:
             raise InstrumentError(
                 "equations that distinguish parameters and noises ",

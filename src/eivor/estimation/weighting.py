@@ -141,9 +141,14 @@ def weighted(system: LinearSystem, covariance: Float[np.ndarray, "p p"]) -> Weig
             "Remove one, or use an unweighted instrumental method.",
         )
     L = scale[:, None] * np.linalg.cholesky(correlation)
+    return divided(system, L), L
+
+
+def divided(system: LinearSystem, L: Float[np.ndarray, "p p"]) -> LinearSystem:
+    """L^-1 A theta = L^-1 b."""
     stacked = np.column_stack([system.matrix, system.right])
-    divided = scipy.linalg.solve_triangular(L, stacked, lower=True)
-    return LinearSystem(divided[:, :-1], divided[:, -1]), L
+    both = scipy.linalg.solve_triangular(L, stacked, lower=True)
+    return LinearSystem(both[:, :-1], both[:, -1])
 
 
 # -- Limited information --
