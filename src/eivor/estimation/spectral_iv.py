@@ -559,15 +559,8 @@ def _not_held(
 
 def _as_solution(sampled: SampledProblem, likelihood: Likelihood) -> SpectralSolution:
     """Spectral equations at the likelihood's numbers, whose covariance is its own where the model holds."""
-    bins = sampled.record.input
-    return SpectralSolution(
-        likelihood.motion,
-        np.array([likelihood.transient]),
-        likelihood.noise.spectrum(likelihood.motion),
-        bins,
-        sampled.input_variance,
-        np.sqrt(signal_weights(bins, sampled.input_variance)),
-        np.ones(bins.size),
-        free_blend=False,
-        change=0.0 if likelihood.converged else np.inf,
-    )
+    motion, bins, variance = likelihood.motion, sampled.record.input, sampled.input_variance
+    weights, factors = np.sqrt(signal_weights(bins, variance)), np.ones(bins.size)
+    nuisances, C = np.array([likelihood.transient]), likelihood.noise.spectrum(motion)
+    change = 0.0 if likelihood.converged else np.inf
+    return SpectralSolution(motion, nuisances, C, bins, variance, weights, factors, False, change)
