@@ -262,10 +262,7 @@ def joint_estimates(estimate: Estimate, level: float) -> tuple[JointEstimate, ..
 
 
 def derived_from(
-    function: OfVector,
-    candidates: Sequence[JointEstimate],
-    level: float,
-    largest_bend: float = LARGEST_BEND,
+    function: OfVector, candidates: Sequence[JointEstimate], level: float, largest_bend: float = LARGEST_BEND
 ) -> DerivedQuantity:
     """A smooth function of a vector of estimates, with an interval that is a union over candidates."""
     pieces = [
@@ -340,11 +337,7 @@ def _half_widths(part: CovariancePart, level: float) -> float:
 
 
 def _of_part(
-    function: OfVector,
-    candidate: JointEstimate,
-    part: CovariancePart,
-    level: float,
-    largest_bend: float,
+    function: OfVector, candidate: JointEstimate, part: CovariancePart, level: float, largest_bend: float
 ) -> DerivedQuantity:
     """Quantity of one candidate, under one assumption on the residual."""
     values, t = candidate.values, _half_widths(part, level)

@@ -24,11 +24,7 @@ from eivor.inference.covariance import (
     check_covariance_estimator,
     unit_scale,
 )
-from eivor.inference.diagnostics.record import (
-    conditional_first_stage,
-    orthonormal_basis,
-    over_identification,
-)
+from eivor.inference.diagnostics.record import conditional_first_stage, orthonormal_basis, over_identification
 from eivor.inference.distributions import check_level, chi_square_quantile, chi_square_tail
 from eivor.inference.estimating_equation import EquationRows, EstimatingEquation, singular_sensitivity
 from eivor.inference.regions import Ellipse, joint_ellipse

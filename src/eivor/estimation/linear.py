@@ -24,13 +24,7 @@ from eivor.estimation.estimate import Candidate, Estimate
 from eivor.estimation.method import Method, NaturalInstruments, Problem
 from eivor.estimation.moments import Assembler, Compensated, CrossMoments, Moments, ProblemMoments
 from eivor.estimation.variable_projection import Minimum, bounded_sums, minimised, on_nested_grids
-from eivor.estimation.weighting import (
-    EqualRows,
-    EquationWeighting,
-    RowWeighting,
-    Unweighted,
-    WeightedRows,
-)
+from eivor.estimation.weighting import EqualRows, EquationWeighting, RowWeighting, Unweighted, WeightedRows
 from eivor.inference.covariance import FEW_ROWS_DEFAULT, FLIGHT_DEFAULT
 from eivor.inference.diagnostics.instruments import STRONG_FIRST_STAGE
 from eivor.inference.diagnostics.record import BEYOND_DOUBT, first_stage_of_products

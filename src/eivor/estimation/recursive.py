@@ -110,10 +110,7 @@ def looks_between(
 
 def newest_look(weighted: ExponentiallyWeightedProducts) -> SequentialLook:
     """The last full blocks of products that end with a look."""
-    blocks = weighted.closed.between(
-        weighted.closed.blocks - BLOCKS_PER_LOOK,
-        weighted.closed.blocks,
-    )
+    blocks = weighted.closed.between(weighted.closed.blocks - BLOCKS_PER_LOOK, weighted.closed.blocks)
     count = blocks.products.count
     means = weighted.compensated(blocks).sum(axis=0) / (count if count > 0.0 else 1.0)
     return SequentialLook(weighted.samples, means, count)
@@ -121,10 +118,7 @@ def newest_look(weighted: ExponentiallyWeightedProducts) -> SequentialLook:
 
 def newest_reference(weighted: ExponentiallyWeightedProducts) -> References | None:
     """Least squares solution of the equations of all full blocks; None where there is no unique one."""
-    (references,) = _references(
-        weighted.compensated(weighted.full),
-        weighted.full.products.counts,
-    )
+    (references,) = _references(weighted.compensated(weighted.full), weighted.full.products.counts)
     return references
 
 
@@ -240,24 +234,26 @@ class Watch:
             nothing = np.zeros((2, watched), dtype=np.int64)
             return Watch(newest, before, nothing.astype(np.float64), nothing, self.resting)
         references = self.references.then(newest, detector.held_looks)
-        oldest = references.theta.shape[0] - 1
-        held = np.where(self.sums > 0.0, np.minimum(self.held + 1, oldest), 0)
-        return Watch(references, self.before, self.sums, held, self.resting)
+        held = np.where(self.sums > 0.0, np.minimum(self.held + 1, len(references.theta) - 1), 0)
+        return replace(self, references=references, held=held)
 
     def after(self, look: SequentialLook, detector: ChangeDetector) -> Watch:
         """With one more look; one without rows, or that nothing is expected of, shows nothing."""
         if self.references is None or not look.count > 0.0:
             return self
         change, seen = self.references.detected_changes(look)
-        roots = np.sqrt(np.where(seen < LEAST_SEEN, 0.0, np.minimum(seen, 1.0)))
-        units, sums = _in_units(change, seen), self.sums
+        nothing, sums = seen < LEAST_SEEN, self.sums
+        roots = np.sqrt(np.where(nothing, 0.0, np.minimum(seen, 1.0)))
+        # Of one variance: over sqrt(q), or q where that is more; NaN where a look shows nothing.
+        shown = np.where(nothing, 1.0, seen)
+        units = np.where(nothing, np.nan, change / np.maximum(np.sqrt(shown), shown))
         if self.before.shape[0] >= detector.least_looks and not self.resting:
             positions = (roots.shape[0] - 1 - self.held, np.arange(roots.shape[1]))
             root, most = roots[positions], detector.limit
             step = np.maximum(np.minimum(np.nan_to_num(units[positions]) / _scale(self.before), most), -most)
             sums = np.maximum(sums + root * (SIDES * step - detector.drift * root), 0.0)
         before = np.concatenate([self.before, units[-1:]])[-detector.scale_looks :]
-        return Watch(self.references, before, sums, self.held, max(self.resting - 1, 0))
+        return replace(self, before=before, sums=sums, resting=max(self.resting - 1, 0))
 
     def detected(self, detector: ChangeDetector) -> tuple[tuple[int, bool], ...]:
         """Numbers of the parameters that changed, and whether they grew."""
@@ -267,13 +263,6 @@ class Watch:
     def reset(self) -> Watch:
         """After a change: nothing to hold looks against, and no sums for a while; the scale is kept."""
         return Watch(before=self.before, resting=REST)
-
-
-def _in_units(change: Float[np.ndarray, "W m"], seen: Float[np.ndarray, "W m"]) -> Float[np.ndarray, "W m"]:
-    """Changes of one variance: over sqrt(q), or q where that is more; NaN where a look shows nothing."""
-    nothing = seen < LEAST_SEEN
-    reported = np.where(nothing, 1.0, seen)
-    return np.where(nothing, np.nan, change / np.maximum(np.sqrt(reported), reported))
 
 
 def _scale(before: Float[np.ndarray, "looks m"]) -> Float[np.ndarray, " m"]:
@@ -560,10 +549,7 @@ class Follower:
         return References(posterior.theta[None, :], mapped[None] / share, watched) if share > 0.0 else None
 
     def _point(
-        self,
-        weighted: ExponentiallyWeightedProducts,
-        posterior: Posterior | None,
-        change: int,
+        self, weighted: ExponentiallyWeightedProducts, posterior: Posterior | None, change: int
     ) -> TrackedPoint:
         share = weighted.total.products.count / weighted.forgetting.memory
         if posterior is None:
@@ -587,10 +573,8 @@ class Follower:
             return None
         theta = self.start
         for _ in range(PASSES):
-            row = _row_information(
-                exponentially_weighted_covariance(weighted, theta, A.T @ basis.T),
-                np.diag(current),
-            )
+            scores = exponentially_weighted_covariance(weighted, theta, A.T @ basis.T)
+            row = _row_information(scores, np.diag(current))
             row = min(row, MOST_INFORMATION / max(float(np.abs(seen).max()), float(np.abs(current).max())))
             inverse = _inverse(row * current + precision)
             theta = inverse @ (row * seen + precision @ mean)

@@ -396,9 +396,7 @@ def sum_covariance(series: Float[np.ndarray, "samples n"]) -> Float[np.ndarray, 
 
 
 def _meat(
-    solution: SpectralSolution,
-    inverse: Float[np.ndarray, "n m"],
-    answered: Complex[np.ndarray, "n 2 bins"],
+    solution: SpectralSolution, inverse: Float[np.ndarray, "n m"], answered: Complex[np.ndarray, "n 2 bins"]
 ) -> Float[np.ndarray, "n n bins"]:
     """J^-1 M J^-T, bin by bin, with the tests that some rows of J^-1 are answered by."""
     meat = np.einsum("jkb,lkb->jlb", answered.conj(), solution.spectrum.solved(answered)).real

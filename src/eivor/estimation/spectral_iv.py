@@ -16,12 +16,7 @@ from eivor.estimation.estimate import Candidate, Estimate
 from eivor.estimation.linear import LinearMethod, user_level
 from eivor.estimation.method import Method, Problem
 from eivor.estimation.moments import Direct, FittedNoise, Instrumental
-from eivor.estimation.pair_whitening import (
-    PairWhitening,
-    paired_bins,
-    power_around,
-    signal_weights,
-)
+from eivor.estimation.pair_whitening import PairWhitening, paired_bins, power_around, signal_weights
 from eivor.estimation.sampled_motion import (
     MEASURE,
     NoiseModel,

@@ -500,14 +500,10 @@ def nothing_yet(rows: TimedRows, forgetting: Forgetting, *, whole: bool) -> Expo
     """Products of no rows, with the columns of some."""
     none = rows.between(0, 0)
     empty = sums_of_rows(none, forgetting, forgetting.block, whole=whole)
-    return ExponentiallyWeightedProducts(forgetting, whole, _zero(empty), empty, none)
-
-
-def _zero(sums: WeightedBlockSums) -> WeightedBlockSums:
-    """One block of nothing."""
-    layout = sums.products.layout
+    layout = empty.products.layout
     products = Products(np.zeros(1), np.zeros((1, *layout.shape)), layout)
-    return WeightedBlockSums(products, np.zeros((1, sums.noise.shape[1])), np.zeros(1))
+    zero = WeightedBlockSums(products, np.zeros((1, empty.noise.shape[1])), np.zeros(1))
+    return ExponentiallyWeightedProducts(forgetting, whole, zero, empty, none)
 
 
 # -- Exponentially weighted covariance --
