@@ -513,10 +513,8 @@ def contradiction(problem: LinearProblem, estimate: Estimate) -> tuple[Reason, .
         return ()
     sentence = (
         f"The instruments contradict it: they give {estimate.names[j]} "
-        f"{instrumental.candidate.theta[j]:.4g}, "
-        f"{separated[j]:.1f} standard errors away (p-value {test.p_value:.1g}). A regressor is "
-        f"correlated with "
-        "the error, or a declared noise is wrong."
+        f"{instrumental.candidate.theta[j]:.4g}, {separated[j]:.1f} standard errors away (p-value "
+        f"{test.p_value:.1g}). A regressor is correlated with the error, or a declared noise is wrong."
     )
     method = "generalized_iv" if shares else "extended_iv"
     remedy = f"Use {method}, or leave out instruments that are not exogenous."

@@ -196,10 +196,9 @@ def weak_instruments(
         f"The instruments hardly move the regressor of {parameters[weakest].name}: first-stage F is "
         f"{strengths[weakest]:.2g}, and {STRONG_FIRST_STAGE:.0f} is needed (singular values of the scaled "
         f"equations: {', '.join(f'{value:.3g}' for value in singular)}).",
-        "An input that hardly moves carries no information, and a white one is no instrument for "
-        "itself once delayed: "
-        "use generalized_iv with lag 0, other instruments, or an input with memory. The sets of "
-        "eivor.anderson_rubin_set hold all the same.",
+        "An input that hardly moves carries no information, and a white one is no instrument for itself "
+        "once delayed: use generalized_iv with lag 0, other instruments, or an input with memory. The sets "
+        "of eivor.anderson_rubin_set hold all the same.",
     )
     warnings.warn(f"{reason.sentence} {reason.remedy}", WeakInstrumentsWarning, stacklevel=user_level())
     return (reason,)

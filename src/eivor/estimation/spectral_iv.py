@@ -116,8 +116,7 @@ def with_reasons(
                 Reason(
                     Status.WEAK,
                     f"The {parameter.name.replace('_', ' ')} cannot be distinguished from zero: its "
-                    f"interval is "
-                    f"[{low:.3g}, {high:.3g}] {parameter.unit}.",
+                    f"interval is [{low:.3g}, {high:.3g}] {parameter.unit}.",
                     "Excite more, or record longer.",
                 )
             )

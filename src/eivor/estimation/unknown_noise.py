@@ -438,9 +438,8 @@ class _MomentSearch:
         for name, strength in self._first_stage().items():
             if strength < STRONG_FIRST_STAGE:
                 sentence = (
-                    f"The input does not distinguish the {name.replace('_', ' ')} from the noises: "
-                    f"what shares no "
-                    f"noise with its column has a first-stage F of {strength:.1f}, and "
+                    f"The input does not distinguish the {name.replace('_', ' ')} from the noises: what "
+                    f"shares no noise with its column has a first-stage F of {strength:.1f}, and "
                     f"{STRONG_FIRST_STAGE:.0f} is needed."
                 )
                 remedy = "Excite with a coloured input, give more lags, or declare the noise of the input."
