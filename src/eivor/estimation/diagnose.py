@@ -314,12 +314,10 @@ class Diagnostics:
         if not isinstance(problem, SignalRegression):
             step_s = self.record.step_s
             return f"row {row}" if step_s is None else f"{row * step_s:.4g} s of the time used"
-        used = problem.used
-        beyond = row
-        if used is not None:
-            positions = np.append(np.flatnonzero(used), used.size)
-            beyond = int(positions[min(row, positions.size - 1)])
-        sample, signals = problem.first + beyond, problem.signals
+        if problem.used is not None:
+            positions = np.append(np.flatnonzero(problem.used), problem.used.size)
+            row = int(positions[min(row, positions.size - 1)])
+        sample, signals = problem.first + row, problem.signals
         time = signals.start_s + sample * signals.step_s
         return f"{time:.4g} s (sample {signals.offset + sample})"
 

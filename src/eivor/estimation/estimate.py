@@ -459,11 +459,9 @@ class Estimate:
     @property
     def choices(self) -> int:
         """Discrete nuisances that have a choice, but those that are bounded; one at least."""
-        refined = {profile.nuisance.name for profile in self.best.profiles}
-        chosen = [
-            name for name in self.best.nuisances if name not in refined and len(self._values_of(name)) > 1
-        ]
-        return max(len(chosen) - len(self.bounded), 1)
+        discrete = set(self.best.nuisances) - {profile.nuisance.name for profile in self.best.profiles}
+        values = [{candidate.nuisances[name] for candidate in self.candidates} for name in discrete]
+        return max(sum(len(each) > 1 for each in values) - len(self.bounded), 1)
 
     @property
     def excesses(self) -> tuple[float, ...]:
@@ -479,9 +477,6 @@ class Estimate:
         return least_comparable_criteria(
             self.bounded, [candidate.nuisances for candidate in self.candidates], criteria
         )
-
-    def _values_of(self, nuisance: str) -> set[float]:
-        return {candidate.nuisances[nuisance] for candidate in self.candidates}
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -541,10 +536,8 @@ class Estimate:
                 "one from chunks or moments, which keeps no rows",
                 "Name the covariance when you identify: identify_chunks(..., covariance=...).",
             )
-        candidates = tuple(
-            replace(candidate, covariance_estimator=estimator) for candidate in self.candidates
-        )
-        return replace(self, candidates=candidates)
+        changed = (replace(candidate, covariance_estimator=estimator) for candidate in self.candidates)
+        return replace(self, candidates=tuple(changed))
 
     def ellipse(self, name: str, other: str, level: float = 0.95) -> Ellipse:
         """Joint confidence region of two parameters of the best candidate.
@@ -641,13 +634,11 @@ class Estimate:
 
     def to_json(self) -> str:
         """Text of a JSON document: the table of `to_frame`, row by row, and the covariance."""
-        rows = [
-            {
-                key: None if isinstance(value, float) and not math.isfinite(value) else value
-                for key, value in row.items()
-            }
-            for row in self.to_frame().to_dicts()
-        ]
+
+        def finite(value: str | float) -> str | float | None:
+            return None if isinstance(value, float) and not math.isfinite(value) else value
+
+        rows = [{key: finite(value) for key, value in row.items()} for row in self.to_frame().to_dicts()]
         covariance = self.covariance.tolist() if self.best.has_covariance else None
         document = {"method": self.method, "parameters": rows, "covariance": covariance}
         return json.dumps(document, indent=2, allow_nan=False) + "\n"
@@ -655,18 +646,14 @@ class Estimate:
     def summary(self) -> str:
         """Table of parameters as text, with standard errors."""
         if not self.best.has_covariance:
-            lines = [f"{self.method} (from moments: no standard errors)"]
-            return "\n".join([*lines, *(f"{n:<20}{v:>12.5g}" for n, v in self.parameters.items())])
-        lines = [
-            f"{self.method}",
-            f"{'parameter':<20}{'value':>12}{'std. error':>12}{'95 % interval':>30}  unit",
-        ]
-        for parameter in self.joint_parameters:
-            low, high = self.interval(parameter.name)
-            lines.append(
-                f"{parameter.name:<20}{self.parameters[parameter.name]:>12.5g}"
-                f"{self.std_error(parameter.name):>12.3g}{f'[{low:.5g}, {high:.5g}]':>30}  {parameter.unit}"
-            )
+            values = (f"{name:<20}{value:>12.5g}" for name, value in self.parameters.items())
+            return "\n".join([f"{self.method} (from moments: no standard errors)", *values])
+        head = f"{'parameter':<20}{'value':>12}{'std. error':>12}{'95 % interval':>30}  unit"
+        lines = [self.method, head]
+        for (name, value), unit in zip(self.parameters.items(), self.units, strict=True):
+            low, high = self.interval(name)
+            interval = f"[{low:.5g}, {high:.5g}]"
+            lines.append(f"{name:<20}{value:>12.5g}{self.std_error(name):>12.3g}{interval:>30}  {unit}")
         lines.extend(f"noise of {noise.sentence}" for noise in self.noises)
         lines.extend(f"- {reason.sentence} {reason.remedy}" for reason in self.reasons)
         return "\n".join(lines)

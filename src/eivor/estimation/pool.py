@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import inf
@@ -309,11 +309,10 @@ class PoolJoint:
         """Parameters that belong to flights, of all flights."""
         return len(self.slopes) * len(self.criterion.flight_specific)
 
-    def _summed(self, blocks: list[Float[np.ndarray, "v v"]]) -> Float[np.ndarray, "m m"]:
-        width = self.criterion.unknowns
-        total = np.zeros((width, width))
-        for index, block in zip(self.indices, blocks, strict=True):
-            total[index[:, None], index] += block
+    def _summed(self, part: Callable[[MemberSlopes], Float[np.ndarray, "v v"]]) -> Float[np.ndarray, "m m"]:
+        total = np.zeros((self.criterion.unknowns, self.criterion.unknowns))
+        for index, slopes in zip(self.indices, self.slopes, strict=True):
+            total[index[:, None], index] += part(slopes)
         return total
 
     @cached_property
@@ -335,7 +334,7 @@ class PoolJoint:
     @cached_property
     def sensitivity(self) -> Float[np.ndarray, "m m"]:
         """Minus the derivative of all scores."""
-        return self._summed([item.seen.T @ item.seen for item in self.slopes]) + self.variance * self._prior
+        return self._summed(lambda item: item.seen.T @ item.seen) + self.variance * self._prior
 
     @cached_property
     def classical(self) -> Float[np.ndarray, "m m"]:
@@ -345,7 +344,7 @@ class PoolJoint:
     @cached_property
     def by_cosines(self) -> Float[np.ndarray, "m m"]:
         """Covariance by cosine averages in each flight, and what is known beforehand."""
-        meat = self._summed([item.meat for item in self.slopes]) + self.variance**2 * self._prior
+        meat = self._summed(lambda item: item.meat) + self.variance**2 * self._prior
         return self._widened(sandwich(self.sensitivity, meat))
 
     def _widened(self, covariance: Float[np.ndarray, "m m"]) -> Float[np.ndarray, "m m"]:
@@ -374,7 +373,7 @@ class PoolJoint:
         """Variance of a parameter of each flight's own, were what is shared known."""
         first = self.flight_parameter_count
         inner = self.sensitivity[:first, :first]
-        meat = self._summed([item.meat for item in self.slopes])[:first, :first]
+        meat = self._summed(lambda item: item.meat)[:first, :first]
         white, robust = sandwich(inner, self.variance * inner), sandwich(inner, meat)
         return np.maximum(np.diag(white), np.diag(robust))[positions]
 
@@ -389,9 +388,7 @@ class PoolJoint:
         inverse = np.linalg.pinv(np.outer(scale, scale) * self.sensitivity, hermitian=True)
         current = np.diag(inverse)
         directions = inverse / np.where(current > 0.0, current, np.inf)
-        power = np.outer(scale, scale) * (
-            self._summed([item.power for item in self.slopes]) + self.variance * self._prior
-        )
+        power = np.outer(scale, scale) * (self._summed(lambda item: item.power) + self.variance * self._prior)
         explained = 1.0 / np.where(current > 0.0, current, np.inf)
         left = np.einsum("ij,ik,kj->j", directions, power, directions) - explained
         vector = self.slopes[0].power.shape[0]
@@ -513,15 +510,14 @@ class Pooled:
     def member(self, number: int) -> Estimate:
         """Estimate of one flight, with what the pool says of what it shares."""
         return self._estimate(
-            [
-                _Solution(
-                    pool.separate.members[number].rows_at(pool.nuisances),
-                    pool.theta[number],
-                    pool.joint.slopes[number].nuisance_columns,
-                    pool.joint.of_member(number),
-                )
-                for pool in self.candidates
-            ]
+            self._candidate(
+                pool,
+                pool.separate.members[number].rows_at(pool.nuisances),
+                pool.theta[number],
+                pool.joint.slopes[number].nuisance_columns,
+                pool.joint.of_member(number),
+            )
+            for pool in self.candidates
         )
 
     def member_sets(self, name: str, level: float = 0.95) -> tuple[ParameterSets | None, ...]:
@@ -531,9 +527,10 @@ class Pooled:
         _place = self._positions([name])[0]
         members = self.candidates[self.best].separate.members
 
+        criteria = [candidate.separate for candidate in self.candidates]
+
         def below(excess: float) -> list[ConfidenceSet]:
-            result = self._below([candidate.separate for candidate in self.candidates], excess, _place)
-            return [ConfidenceSet.union(pieces) for pieces in result]
+            return [ConfidenceSet.union(pieces) for pieces in self._below(criteria, excess, _place)]
 
         profiles = below(self._systematic_uncertainty(level))
         robust = {
@@ -552,7 +549,7 @@ class Pooled:
 
     def whole(self) -> Estimate:
         """Estimate of the pool: what is shared, and the common value or the mean of what is not."""
-        return self._estimate([self._of_all(pool) for pool in self.candidates])
+        return self._estimate(self._of_all(pool) for pool in self.candidates)
 
     def whole_sets(self, name: str, level: float = 0.95) -> ParameterSets | None:
         """Sets of a parameter that all flights have in common, or of the common value of one that is not."""
@@ -631,7 +628,7 @@ class Pooled:
         parameters = [parameter.name for parameter in self.estimates[0].best.rows.parameters]
         return [parameters.index(name) for name in names]
 
-    def _of_all(self, pool: PoolCandidate) -> _Solution:
+    def _of_all(self, pool: PoolCandidate) -> Candidate:
         """Rows of all flights, their response less what a flight's own parameters differ from the mean."""
         joint, positions = pool.joint, self._positions(self.flight_specific)
         means = {
@@ -654,7 +651,7 @@ class Pooled:
         for element, mean in means.items():
             vector[element] = 0.0
             vector[element, [index[element] for index in joint.indices]] = mean.weights
-        return _Solution(rows, theta, columns, self._covariance(joint, vector, means))
+        return self._candidate(pool, rows, theta, columns, self._covariance(joint, vector, means))
 
     def _covariance(
         self, joint: PoolJoint, vector: Float[np.ndarray, "v m"], means: dict[int, CommonValue]
@@ -670,43 +667,39 @@ class Pooled:
         between = CovariancePart("between_flights", np.diag(variances), float(len(self.estimates) - 1))
         return JointCovariance((*result.parts, between))
 
-    def _estimate(self, solutions: Sequence[_Solution]) -> Estimate:
+    def _estimate(self, candidates: Iterable[Candidate]) -> Estimate:
         """Estimate whose candidates are at values that the pool has."""
         first = self.estimates[0]
         refined = (nuisance.parameter for nuisance in self.nuisances if nuisance.refined)
-        candidates = tuple(map(self._candidate, self.candidates, solutions))
         joint = (*first.best.rows.parameters, *refined)
-        return Estimate(first.method, joint, candidates, bounded=bounded_sums(self.nuisances))
+        return Estimate(first.method, joint, tuple(candidates), bounded=bounded_sums(self.nuisances))
 
-    def _candidate(self, pool: PoolCandidate, result: _Solution) -> Candidate:
+    def _candidate(
+        self,
+        pool: PoolCandidate,
+        rows: Regression,
+        theta: Float[np.ndarray, " n"],
+        nuisance_columns: Float[np.ndarray, "rows c"],
+        covariance: JointCovariance,
+    ) -> Candidate:
+        """Rows, and what a pool says of them."""
         method = by_name(self.estimates[0].method)
         check_linear(method)
-        solved = cast("LinearMethod", method).solve(result.rows)
-        residual = solved.system.right - solved.system.matrix @ result.theta
-        solution = replace(solved.solution, theta=result.theta, residual=residual, objective=pool.criterion)
+        solved = cast("LinearMethod", method).solve(rows)
+        residual = solved.system.right - solved.system.matrix @ theta
         misfits, precision = known_misfits(self.nuisances, pool.nuisances)
         return replace(
             solved,
-            solution=solution,
-            nuisance_columns=result.nuisance_columns,
+            solution=replace(solved.solution, theta=theta, residual=residual, objective=pool.criterion),
+            nuisance_columns=nuisance_columns,
             precision=precision,
             misfits=misfits,
             nuisances={nuisance.name: pool.nuisances[nuisance.name] for nuisance in self.nuisances},
             profiles=pool.profiles,
             covariance_estimator=self.estimates[0].best.covariance_estimator,
-            streamed_covariance=result.covariance,
+            streamed_covariance=covariance,
             flight_criterion=pool.criterion,
         )
-
-
-@dataclass(frozen=True)
-class _Solution:
-    """Rows, and what a pool says of them."""
-
-    rows: Regression
-    theta: Float[np.ndarray, " n"]
-    nuisance_columns: Float[np.ndarray, "rows c"]
-    covariance: JointCovariance
 
 
 def _joined(layouts: Sequence[object]) -> BinRows:

@@ -72,7 +72,7 @@ class MomentRows:
         psi, columns = self.test_functions[:, others], self.columns[:, kept]
         for _ in range(2):  # once more, for what rounding leaves of a large mean
             psi, columns = psi - Q @ (Q.T @ psi), columns - Q @ (Q.T @ columns)
-        noise, partialled = self.noise[np.ix_(others, kept)], self.partialled + len(regressors)
+        noise, partialled = self.noise[others][:, kept], self.partialled + len(regressors)
         return MomentRows(
             tuple(self.parameters[j] for j in left), psi, columns, noise, self.layout, partialled
         )

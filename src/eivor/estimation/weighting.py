@@ -129,7 +129,9 @@ class TwoStepRobust(EquationWeighting):
         return weighted(system, bartlett_covariance(scores, lags))
 
 
-def weighted(system: LinearSystem, covariance: Float[np.ndarray, "p p"]) -> Weighted:
+def weighted(
+    system: LinearSystem, covariance: Float[np.ndarray, "p p"]
+) -> tuple[LinearSystem, Float[np.ndarray, "p p"]]:
     """Equations divided by the Cholesky factor of a covariance of theirs."""
     scale = np.sqrt(np.diag(covariance))
     correlation = covariance / np.outer(scale, scale) if scale.all() else np.zeros_like(covariance)
