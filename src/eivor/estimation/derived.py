@@ -162,9 +162,8 @@ def _criterion(
     weights = weighting.last_pass(problem, theta, candidate.nuisances)
     current = parameter_equations(weights.rows(candidate.nuisances), position)
     unknowns = candidate.unknowns - (theta.size - current.regressors.size)
-    columns = current.columns(
-        weights.columns([{**candidate.nuisances, **point} for point in nodes.points]), theta
-    )
+    points = [{**candidate.nuisances, **point} for point in nodes.points]
+    columns = current.columns(weights.columns(points), theta)
     equations = current.instruments.T @ columns
     power = columns.transpose(0, 2, 1) @ columns / (columns.shape[1] - unknowns)
     lengths = np.sqrt(np.diagonal(np.mean(power, axis=0)))
@@ -181,14 +180,8 @@ def _criterion(
         index |= {axis.nuisance.name: axis.values_at(positions) for axis in nodes.axes}
         return sum((prior.misfit(item.with_others(index)) for item, prior in known), np.zeros(positions.size))
 
-    return CandidateCriterion(
-        nodes,
-        equations / sizes,
-        power / np.outer(sizes, sizes),
-        misfit,
-        float(theta[position]),
-        float(sizes[0] / sizes[1]),
-    )
+    centre, scale = float(theta[position]), float(sizes[0] / sizes[1])
+    return CandidateCriterion(nodes, equations / sizes, power / np.outer(sizes, sizes), misfit, centre, scale)
 
 
 # -- Derived --
@@ -244,9 +237,8 @@ def derived(estimate: Estimate, function: Function, level: float = 0.95) -> Deri
         return float(result)
 
     results = derived_from(of_vector, joint_estimates(estimate, level), level)
-    if math.isnan(results.bend) or not all(
-        math.isfinite(number) for number in (results.value, results.std_error, *results.interval)
-    ):
+    numbers = (results.value, results.std_error, *results.interval)
+    if math.isnan(results.bend) or not np.isfinite(numbers).all():
         raise UsageError(
             "a function that is finite within the interval",
             f"{results.value} with the interval {results.interval}",
@@ -270,14 +262,14 @@ def derived_from(
         for candidate in candidates
         for part in candidate.covariance.parts
     ]
-    intervals = [piece.interval for piece in pieces]
-    interval = min(low for low, _ in intervals), max(high for _, high in intervals)
     best = candidates[0]
     scale = np.sqrt(np.diag(best.covariance.matrix))
-    error = best.covariance.std_error(gradient_of(function, best.values, scale))
-    bend = max(piece.bend for piece in pieces)
     return DerivedQuantity(
-        function(best.values), error, interval, bend, any(piece.profiled for piece in pieces)
+        value=function(best.values),
+        std_error=best.covariance.std_error(gradient_of(function, best.values, scale)),
+        interval=(min(piece.interval[0] for piece in pieces), max(piece.interval[1] for piece in pieces)),
+        bend=max(piece.bend for piece in pieces),
+        profiled=any(piece.profiled for piece in pieces),
     )
 
 
@@ -312,19 +304,14 @@ def ratio(
     for name, item in (("numerator", numerator), ("denominator", denominator)):
         if not isinstance(item, str):
             checks.number(name, item)
-    size = len(estimate.names)
-    exact = np.array([0.0 if isinstance(entry, str) else float(entry) for entry in (numerator, denominator)])
-    rows = np.stack(
-        [
-            estimate.direction(entry) if isinstance(entry, str) else np.zeros(size)
-            for entry in (numerator, denominator)
-        ]
-    )
+    pair, nothing = (numerator, denominator), np.zeros(len(estimate.names))
+    exact = np.array([0.0 if isinstance(entry, str) else float(entry) for entry in pair])
+    rows = np.stack([estimate.direction(entry) if isinstance(entry, str) else nothing for entry in pair])
     intervals: list[tuple[float, float]] = []
     for candidate in estimate.tenable(level):
         for part in candidate.covariance.parts:
-            pair, V = exact + rows @ candidate.values, rows @ part.matrix @ rows.T
-            intervals.extend(fieller_set(pair, V, _half_widths(part, level)).intervals)
+            values, V = exact + rows @ candidate.values, rows @ part.matrix @ rows.T
+            intervals.extend(fieller_set(values, V, _half_widths(part, level)).intervals)
     return ConfidenceSet.union(intervals)
 
 

@@ -110,19 +110,14 @@ def shrinkage_bias(solution: Solution, parameters: tuple[Parameter, ...]) -> tup
     done = solution.shrinkage
     if done is None:
         return ()
-    moves = ", ".join(
-        f"{parameter.name} by {move:.3g} {parameter.unit}".rstrip()
-        for parameter, move in zip(parameters, done.shift, strict=True)
+    each = zip(parameters, done.shift, strict=True)
+    moves = ", ".join(f"{item.name} by {move:.3g} {item.unit}".rstrip() for item, move in each)
+    sentence = (
+        f"Regularised ({done.scheme}, parameter {done.parameter:.3g} by {done.choice}): "
+        f"{done.kept:.3g} of {done.shift.size} parameters are left, and it moved {moves}."
     )
     status = Status.IDENTIFIED if done.kept >= MOSTLY_LEFT * done.shift.size else Status.WEAK
-    return (
-        Reason(
-            status,
-            f"Regularised ({done.scheme}, parameter {done.parameter:.3g} by {done.choice}): "
-            f"{done.kept:.3g} of {done.shift.size} parameters are left, and it moved {moves}.",
-            "A pulled estimate is biased; intervals count the whole move.",
-        ),
-    )
+    return (Reason(status, sentence, "A pulled estimate is biased; intervals count the whole move."),)
 
 
 # -- Refusals --
@@ -291,7 +286,8 @@ class LinearMethod(Method):
 
     def solve_moments(self, moments: Moments, problem: LinearProblem | None = None) -> Candidate:
         """Solve for the linear parameters from moments."""
-        if self.row_weighting.needs_spectra and not _has_spectra(problem):
+        spectra = isinstance(problem, Regression) and isinstance(problem.layout, BinRows)
+        if self.row_weighting.needs_spectra and not spectra:
             raise UsageError(
                 "a flight, whose runs have spectra, for a method with spectral whitening",
                 "a regression of plain rows",
@@ -316,10 +312,6 @@ class LinearMethod(Method):
         if self.assembler.moment_equations:
             check_rank(system)
         return self.solve_moments(moments, problem)
-
-
-def _has_spectra(problem: LinearProblem | None) -> bool:
-    return isinstance(problem, Regression) and isinstance(problem.layout, BinRows)
 
 
 # -- problems whose nuisances have columns of their own ----------------------------------------------------
@@ -367,18 +359,13 @@ def _separable_estimate(method: LinearMethod, problem: SeparableProblem) -> Esti
         problem.nuisances,
         partial(_candidate, method, problem),
         lambda candidate: candidate.criterion,
-        _rejected,
+        lambda candidate: candidate.over_identification[1] < BEYOND_DOUBT,
     )
     refined = tuple(nuisance.parameter for nuisance in problem.nuisances if nuisance.refined)
     joint = candidates[0].rows.parameters + refined
     estimate = Estimate(method.name, joint, candidates, bounded=bounded_sums(problem.nuisances))
     best = estimate.best
     return replace(estimate, reasons=shrinkage_bias(best.solution, best.rows.parameters))
-
-
-def _rejected(candidate: Candidate) -> bool:
-    """Whether the instruments disagree beyond doubt."""
-    return candidate.over_identification[1] < BEYOND_DOUBT
 
 
 def _candidate(

@@ -77,22 +77,14 @@ def filtered_instruments(
     lags = problem.instrument_columns
     reached = problem.signals.channel(lags[0].channel)[start - lags[-1].lag : stop - lags[0].lag]
     taps = lags[0].gain * combinations[::-1].T
-    psi = np.empty((len(taps), stop - start))
-    for row, tap in zip(psi, taps, strict=True):
-        _filter(reached, tap, row)
+    psi = np.zeros((len(taps), stop - start))
+    for row, tap in enumerate(taps):
+        for index in range(0, tap.size, FAST_TAPS):
+            some = tap[index : index + FAST_TAPS]
+            psi[row] += np.correlate(reached[index : index + stop - start - 1 + some.size], some, "valid")
     response = problem.columns_between([problem.equation.response], start, stop)[:, 0]
     regressors = problem.columns_between(problem.regressor_columns, start, stop)
     return RowBlock(response, regressors, psi.T, np.zeros(stop - start, dtype=np.int64))
-
-
-def _filter(
-    series: Float[np.ndarray, " reached"], taps: Float[np.ndarray, " p"], filtered: Float[np.ndarray, " rows"]
-) -> None:
-    """Fill in the sums of as many successive samples as there are taps, weighted by them."""
-    filtered[:] = 0.0
-    for index in range(0, taps.size, FAST_TAPS):
-        some = taps[index : index + FAST_TAPS]
-        filtered += np.correlate(series[index : index + filtered.size - 1 + some.size], some, "valid")
 
 
 # -- Products of signals --

@@ -178,12 +178,12 @@ class SharedMoments:
         direction = np.append(beta[:n], -1.0)
         total, slopes, position = known.copy(), np.zeros((known.shape[0], beta.size)), n
         for noise in self.unknown:
-            variance, order = beta[position], beta[position + 1] if noise.fractional else 0.0
-            unit = self.unit(noise, float(order))
-            total = total + variance * unit
+            variance, order = beta[position], float(beta[position + 1]) if noise.fractional else 0.0
+            unit = self.unit(noise, order)
+            total += variance * unit
             slopes[:, position] = unit @ direction
             if noise.fractional:
-                slopes[:, position + 1] = variance * self.unit(noise, float(order), slope=True) @ direction
+                slopes[:, position + 1] = variance * self.unit(noise, order, slope=True) @ direction
             position += len(noise.parameters)
         slopes[:, :n] = total[:, :n]
         return total @ direction, slopes
@@ -299,19 +299,16 @@ class _MomentSearch:
         result = size * np.linalg.lstsq(left * size, self._divided(right), rcond=None)[0]
         direction = np.append(result[:n], -1.0)
         beta = list(result[:n])
+        signals = self.shared.problem.signals
         for number, noise in enumerate(self.shared.unknown):
-            selected = [
-                (result[n + index], direction[j]) for index, (of, j) in enumerate(linear) if of == number
-            ]
+            selected = [(result[n + i], direction[j]) for i, (of, j) in enumerate(linear) if of == number]
             power = sum(factor**2 for _, factor in selected)
             variance = sum(value * factor for value, factor in selected) / power
-            beta.append(max(variance, self._floor(noise.channel)) if noise.fractional else variance)
-            beta += [FIRST_ORDER] if noise.fractional else []
+            if noise.fractional:  # more than what is as good as none
+                beta += [max(variance, NOTHING * float(np.var(signals.channel(noise.channel)))), FIRST_ORDER]
+            else:
+                beta.append(variance)
         return np.array(beta)
-
-    def _floor(self, channel: str) -> float:
-        """A variance that is as good as none."""
-        return NOTHING * float(np.var(self.shared.problem.signals.channel(channel)))
 
     def minimum(self) -> Float[np.ndarray, " k"]:
         """Least of the weighted moments, weights renewed at each."""
@@ -343,14 +340,12 @@ class _MomentSearch:
         n, psi, count = self.cross.shape[1] - 1, self.rows.instruments, self._count
         error = self.rows.response - self.rows.regressors @ beta[:n]
         lags = newey_west_bandwidth(count)
-        results = (
-            psi.T @ psi * float(error @ error) / count**2 + np.outer(psi.T @ error, psi.T @ error) / count**2
-        )
+        whole = psi.T @ error
+        results = psi.T @ psi * float(error @ error) / count**2 + np.outer(whole, whole) / count**2
         for lag in range(1, lags + 1):
             share = (1.0 - lag / (lags + 1.0)) / count**2
             current = psi[lag:].T @ psi[:-lag] * float(error[lag:] @ error[:-lag])
-            prediction, behind = psi[:-lag].T @ error[lag:], psi[lag:].T @ error[:-lag]
-            both = current + np.outer(prediction, behind)
+            both = current + np.outer(psi[:-lag].T @ error[lag:], psi[lag:].T @ error[:-lag])
             results += share * (both + both.T)
         return results
 
@@ -363,10 +358,7 @@ class _MomentSearch:
         return replace(estimate, reasons=tuple(self._reasons(estimate, beta)))
 
     def _of_normal_series(self, beta: Float[np.ndarray, " k"]) -> Iterator[CovariancePart]:
-        """Covariance that Soderstrom's weights give: (J' S^-1 J)^-1 over the rows.
-
-        The same with the autocovariances of long lags, where a noise is fractional.
-        """
+        """Covariance by Soderstrom's weights, (J' S^-1 J)^-1 over the rows, and that of long memory."""
         Q, root = np.linalg.qr(self._divided(self._slopes(beta)))
         inverse = scipy.linalg.solve_triangular(root, np.eye(beta.size))
         yield CovariancePart("of_normal_series", inverse @ inverse.T / self._count)

@@ -49,7 +49,9 @@ def argmin(objective: Objective, grid: Box) -> Float[np.ndarray, " axes"]:
         for step in (-1, 1)
     )
     bottom, top = (np.array([axis[end] for axis in grid]) for end in (0, -1))
-    first, points = high - low, _points(axes)
+    points = min(int(BOX_POINTS ** (1.0 / axes)), MOST)
+    points = max(points - 1 + points % 2, LEAST)  # odd, so that the middle of a box is one of them
+    first = high - low
     for _ in range(BOX_ROUNDS):
         box = [np.linspace(a, b, points) for a, b in zip(low.tolist(), high.tolist(), strict=True)]
         best = _best_point(objective, box)
@@ -65,12 +67,6 @@ def argmin(objective: Objective, grid: Box) -> Float[np.ndarray, " axes"]:
         f"one that still moves after {BOX_ROUNDS} boxes",
         "Give narrower grids, or more exciting data.",
     )
-
-
-def _points(axes: int) -> int:
-    """Points of a box on each axis, an odd number, so that its middle is one of them."""
-    points = min(int(BOX_POINTS ** (1.0 / axes)), MOST)
-    return max(points - 1 + points % 2, LEAST)
 
 
 def _best_point(objective: Objective, box: Box) -> Int[np.ndarray, " axes"]:

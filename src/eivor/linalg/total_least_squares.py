@@ -234,7 +234,8 @@ def split_problem(system: LinearSystem) -> SplitProblem:
         return SplitProblem(system, S, exact, noisy, root, none, none, np.empty(0), 0.0, 0.0, condition)
     both = np.append(noisy, unknowns)
     L = _cholesky(S[np.ix_(both, both)])
-    left = _whitened_root(root[exact.size :, exact.size :], L)
+    whitened = scipy.linalg.solve_triangular(L, root[exact.size :, exact.size :].T, lower=True).T
+    left = triangular_root(whitened)
     q = noisy.size
     smallest = _smallest(left, q)
     outside = float(left[q, q] ** 2) if left.shape[0] > q else 0.0
@@ -247,13 +248,6 @@ def residual_weight(theta: Float[np.ndarray, " n"], S: Float[np.ndarray, "n_plus
     """[theta; -1]' S [theta; -1]: variance of a row's residual; one when every column is exact."""
     direction = np.append(theta, -1.0)
     return float(direction @ S @ direction) or 1.0
-
-
-def _whitened_root(
-    stacked: Float[np.ndarray, "m q_plus_1"], L: Float[np.ndarray, "q_plus_1 q_plus_1"]
-) -> Float[np.ndarray, "k q_plus_1"]:
-    whitened = scipy.linalg.solve_triangular(L, stacked.T, lower=True).T
-    return triangular_root(whitened)
 
 
 def _smallest(root: Float[np.ndarray, "k q_plus_1"], unknowns: int) -> float:

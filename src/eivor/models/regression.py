@@ -74,12 +74,6 @@ class Column:
             return "intercept"
         return f"{self.channel}(k-{self.lag})" if self.lag else self.channel
 
-    def gain_series(self, signals: Signals, first: int) -> float | Float[np.ndarray, " rows"]:
-        """Gain of each row from sample `first` on, or one number when it is constant."""
-        if not self.gain_channel:
-            return self.gain
-        return self.gain * signals.channel(self.gain_channel)[first:]
-
     def values(self, signals: Signals, first: int) -> Float[np.ndarray, " rows"]:
         """Column of `signals`, for the samples from `first` on.
 
@@ -95,11 +89,10 @@ class Column:
                 f"{signals.sample_count}",
                 "Give a longer record or fewer lags.",
             )
-        gain = self.gain_series(signals, first)
+        gain = self.gain * (signals.channel(self.gain_channel)[first:] if self.gain_channel else 1.0)
         if not self.channel:
             return np.full(count, gain)
-        values = signals.channel(self.channel)
-        return gain * values[first - self.lag : first - self.lag + count]
+        return gain * signals.channel(self.channel)[first - self.lag : first - self.lag + count]
 
 
 def check_columns(name: str, columns: object) -> None:

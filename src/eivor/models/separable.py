@@ -34,18 +34,10 @@ LONE_LAGS = (4, 0.4)
 
 @dataclass(frozen=True, slots=True)
 class DrivenSignals:
-    """What instruments are made of.
+    """What instruments are made of."""
 
-    Parameters
-    ----------
-    signals : Signals
-        One flight.
-    command : ndarray, shape (n,)
-        What drives it, neither lagged nor delayed: for a multirotor the mean of the mapped commands times
-        the cosine of tilt.
-    """
-
-    signals: Signals
+    signals: Signals  # One flight
+    #: What drives it, neither lagged nor delayed: of a multirotor the mean mapped command, upwards.
     command: Float[np.ndarray, " n"]
 
 
