@@ -29,7 +29,7 @@ from eivor.inference.bootstrap import (
 from eivor.inference.products import Products, products_of_rows
 from eivor.linalg.system import LinearSystem, Solver, triangular_root
 from eivor.models.regression import LinearProblem, Parameter, Regression, SampleRows
-from eivor.models.separable import Nuisance, Prior, SeparableProblem, Values
+from eivor.models.separable import Prior, SeparableProblem, Values
 from eivor.tools import Float, Int
 
 # -- Several flights --
@@ -142,10 +142,8 @@ class PoolFlights:
         """As many flights as there are, drawn with replacement: their estimate, and how often each counts."""
         count = len(self.flights)
         times = np.bincount(random.integers(0, count, count), minlength=count).astype(np.float64)
-        known = {
-            name: replace(prior, mean=random.normal(prior.mean, prior.std))
-            for name, prior in self.known.items()
-        }
+        drawn = {name: random.normal(prior.mean, prior.std) for name, prior in self.known.items()}
+        known = {name: replace(self.known[name], mean=mean) for name, mean in drawn.items()}
         return self._estimated(times, known), times
 
     def _estimated(self, times: Float[np.ndarray, " F"], known: Mapping[str, Prior]) -> Replicate:
@@ -178,16 +176,12 @@ def pool_flights(problem: SeparableProblem, estimate: Estimate) -> PoolFlights:
         _candidate_flights(problem, nodes, estimate.best, candidate, number)
         for number, candidate in enumerate(estimate.candidates)
     )
-    known = _known(problem.nuisances, estimate.best)
-    return PoolFlights(tuple(flights), candidates, estimate.best.rows.parameters, method.solver, known)
-
-
-def _known(nuisances: tuple[Nuisance, ...], best: Candidate) -> dict[str, Prior]:
-    return {
-        nuisance.name: replace(nuisance.prior, mean=nuisance.with_others(best.nuisances))
-        for nuisance in nuisances
+    known = {
+        nuisance.name: replace(nuisance.prior, mean=nuisance.with_others(estimate.best.nuisances))
+        for nuisance in problem.nuisances
         if nuisance.searched and nuisance.prior is not None
     }
+    return PoolFlights(tuple(flights), candidates, estimate.best.rows.parameters, method.solver, known)
 
 
 def _candidate_flights(

@@ -263,10 +263,10 @@ class _MomentSearch:
             )
         self.cross = psi.T @ np.column_stack([self.rows.regressors, self.rows.response]) / count
         self.known = self.shared.known()
-        self.factor = weighted(self._system(), psi.T @ psi / count)[1]
+        self._weigh(psi.T @ psi / count)
 
-    def _system(self) -> LinearSystem:
-        return LinearSystem(self.cross[:, :-1], self.cross[:, -1])
+    def _weigh(self, covariance: Float[np.ndarray, "p p"]) -> None:
+        self.factor = weighted(LinearSystem(self.cross[:, :-1], self.cross[:, -1]), covariance)[1]
 
     @property
     def _count(self) -> int:
@@ -274,12 +274,12 @@ class _MomentSearch:
 
     def _residual(self, beta: Float[np.ndarray, " k"]) -> Float[np.ndarray, " p"]:
         direction = np.append(beta[: self.cross.shape[1] - 1], -1.0)
-        return self.shared.added(beta, self.known)[0] - self.cross @ direction
+        return self._divided(self.shared.added(beta, self.known)[0] - self.cross @ direction)
 
     def _slopes(self, beta: Float[np.ndarray, " k"]) -> Float[np.ndarray, "p k"]:
         slopes = self.shared.added(beta, self.known)[1]
         slopes[:, : self.cross.shape[1] - 1] -= self.cross[:, :-1]
-        return slopes
+        return self._divided(slopes)
 
     def _divided(self, values: Float[np.ndarray, "p *k"]) -> Float[np.ndarray, "p *k"]:
         return scipy.linalg.solve_triangular(self.factor, values, lower=True)
@@ -320,11 +320,11 @@ class _MomentSearch:
             bounds += [(0.0, np.inf), (-LARGEST_ORDER, LARGEST_ORDER)] if noise.fractional else free
         for _ in range(PASSES):
             # each in units of its own slope, and no tolerance that has a unit, as that of the gradient has
-            size = _column_scale(self._divided(self._slopes(beta)))
+            size = _column_scale(self._slopes(beta))
             squares = least_squares(
-                lambda x, size=size: self._divided(self._residual(size * x)),
+                lambda x, size=size: self._residual(size * x),
                 beta / size,
-                lambda x, size=size: self._divided(self._slopes(size * x)) * size,
+                lambda x, size=size: self._slopes(size * x) * size,
                 bounds=tuple(np.array(bounds).T / size),
                 x_scale="jac",
                 xtol=1e-12,
@@ -332,7 +332,7 @@ class _MomentSearch:
                 gtol=None,
             )
             beta = size * squares.x
-            self.factor = weighted(self._system(), self._covariance(beta))[1]
+            self._weigh(self._covariance(beta))
         return beta
 
     def _covariance(self, beta: Float[np.ndarray, " k"]) -> Float[np.ndarray, "p p"]:
@@ -359,7 +359,7 @@ class _MomentSearch:
 
     def _of_normal_series(self, beta: Float[np.ndarray, " k"]) -> Iterator[CovariancePart]:
         """Covariance by Soderstrom's weights, (J' S^-1 J)^-1 over the rows, and that of long memory."""
-        Q, root = np.linalg.qr(self._divided(self._slopes(beta)))
+        Q, root = np.linalg.qr(self._slopes(beta))
         inverse = scipy.linalg.solve_triangular(root, np.eye(beta.size))
         yield CovariancePart("of_normal_series", inverse @ inverse.T / self._count)
         if not any(noise.fractional for noise in self.shared.unknown):
@@ -436,7 +436,7 @@ class _MomentSearch:
                 )
                 remedy = "Excite with a coloured input, give more lags, or declare the noise of the input."
                 reasons.append(Reason(Status.REFUSED, sentence, remedy))
-        left = self._divided(self._residual(beta))
+        left = self._residual(beta)
         degrees = left.size - beta.size
         J = self._count * float(left @ left)
         if degrees > 0 and chi_square_tail(J, degrees) < CONTRADICTION:

@@ -175,12 +175,12 @@ class Solver(ABC):
             [self.solve(LinearSystem(system[:, :-1], system[:, -1])).objective for system in systems]
         )
 
-    @abstractmethod
     def score_correction(
         self,
         residual: Float[np.ndarray, " rows"],
         theta: Float[np.ndarray, " n"],
-        error_covariance: Float[np.ndarray, "n_plus_1 n_plus_1"] | None,
+        _error_covariance: Float[np.ndarray, "n_plus_1 n_plus_1"] | None,
         /,
     ) -> ScoreCorrection:
-        """Difference between the solver's score and that of least squares, for direct equations."""
+        """What is added to the score of least squares, for direct equations; nothing by default."""
+        return ScoreCorrection(np.zeros((residual.size, theta.size)), np.zeros((theta.size, theta.size)))

@@ -58,21 +58,7 @@ def balanced(R: Float[np.ndarray, "n n"], shift: float) -> float:
 LARGEST_ROUNDING = 1e-3
 
 
-class UnweightedScore(Solver):
-    """What solvers that put all of the residual into the response have in common."""
-
-    def score_correction(
-        self,
-        residual: Float[np.ndarray, " rows"],
-        theta: Float[np.ndarray, " n"],
-        _error_covariance: Float[np.ndarray, "n_plus_1 n_plus_1"] | None,
-        /,
-    ) -> ScoreCorrection:
-        """Zeros: least squares puts all of the residual into the response."""
-        return ScoreCorrection(np.zeros((residual.size, theta.size)), np.zeros((theta.size, theta.size)))
-
-
-class UnweightedLeastSquares(UnweightedScore):
+class UnweightedLeastSquares(Solver):
     """What the ways to solve a least squares problem have in common: all but the last step."""
 
     @abstractmethod
@@ -294,6 +280,7 @@ class ErrorsInColumns(Solver):
         residual: Float[np.ndarray, " rows"],
         theta: Float[np.ndarray, " n"],
         error_covariance: Float[np.ndarray, "n_plus_1 n_plus_1"] | None,
+        /,
     ) -> ScoreCorrection:
         """e_t (W theta - w) / s beside the regressors and -(e'e / s) W beside G'G."""
         S = np.eye(theta.size + 1) if error_covariance is None else error_covariance
