@@ -18,21 +18,8 @@ from eivor.tools import Float
 # -- Moments --
 
 
-class Moments(ABC):
-    """Summary of some rows."""
-
-    @property
-    @abstractmethod
-    def rows(self) -> float:
-        """Number of rows summarised."""
-
-    @abstractmethod
-    def merge(self, other: Moments) -> Moments:
-        """Summary of both sets of rows."""
-
-
 @dataclass(frozen=True, slots=True)
-class TriangularMoments(Moments):
+class TriangularMoments:
     """Triangular root of the rows [Phi y]."""
 
     count: float  # Number of rows
@@ -53,7 +40,7 @@ class TriangularMoments(Moments):
 
 
 @dataclass(frozen=True, slots=True)
-class CrossMoments(Moments):
+class CrossMoments:
     """Mean cross-products of the instruments with [Phi y], a view of a table of products."""
 
     products: Products  # [psi phi y]
@@ -103,6 +90,10 @@ class CrossMoments(Moments):
         return CrossMoments((both[0].total + both[1].total).total, _mean_noise(self, other))
 
 
+#: Summary of some rows.
+Moments = TriangularMoments | CrossMoments
+
+
 def _columns(moments: CrossMoments) -> tuple[int, int]:
     return moments.products.layout.instruments, moments.products.layout.regressors
 
@@ -130,9 +121,7 @@ class ProblemMoments:
         return replace(self, moments=self.moments.merge(other.moments))
 
 
-def _mean_noise(
-    moments: TriangularMoments | CrossMoments, other: TriangularMoments | CrossMoments
-) -> Float[np.ndarray, "m n"] | None:
+def _mean_noise(moments: Moments, other: Moments) -> Float[np.ndarray, "m n"] | None:
     """Noises' covariance of both, weighted by their rows; None where one has none."""
     if moments.noise is None or other.noise is None:
         return None

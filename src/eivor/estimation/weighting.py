@@ -206,12 +206,15 @@ def _left_over(
 # -- Rows --
 
 
-class WeightedRows(ABC):
-    """A problem's rows with weights of one pass."""
+@dataclass(frozen=True, slots=True)
+class WeightedRows:
+    """A problem's rows with weights of one pass: rows in time, as they are."""
 
-    @abstractmethod
+    problem: SeparableProblem
+
     def rows(self, nuisances: Values) -> Regression:
         """Weighted rows at values of the nuisances."""
+        return self.problem.rows(nuisances)
 
     def columns(self, points: Sequence[Values]) -> Float[np.ndarray, "points rows n_plus_1"]:
         """Weighted rows of [phi y] at many values of the nuisances."""
@@ -253,29 +256,18 @@ class RowWeighting(ABC):
 
 
 @dataclass(frozen=True, slots=True)
-class TimeRows(WeightedRows):
-    """Rows in time, as they are."""
-
-    problem: SeparableProblem
-
-    def rows(self, nuisances: Values) -> Regression:
-        """Rows in time."""
-        return self.problem.rows(nuisances)
-
-
-@dataclass(frozen=True, slots=True)
 class EqualRows(RowWeighting):
     """Every row in time with weight one."""
 
     needs_spectra = False
 
-    def first_pass(self, problem: SeparableProblem) -> TimeRows:
+    def first_pass(self, problem: SeparableProblem) -> WeightedRows:
         """Rows in time."""
-        return TimeRows(problem)
+        return WeightedRows(problem)
 
-    def last_pass(self, problem: SeparableProblem, *_: object) -> TimeRows:
+    def last_pass(self, problem: SeparableProblem, *_: object) -> WeightedRows:
         """Rows in time: no weight is made of residuals."""
-        return TimeRows(problem)
+        return WeightedRows(problem)
 
 
 # -- Whitening --
@@ -288,7 +280,6 @@ POWER_FLOOR = 1e-6
 class WhitenedRows(WeightedRows):
     """Blend and power at each bin, and the whitened instruments' orthonormal basis."""
 
-    problem: SeparableProblem
     blend: Float[np.ndarray, " bins"]
     power: Float[np.ndarray, " bins"]
     basis: Float[np.ndarray, "rows q"]
