@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from eivor.estimation.nuisance_grids import bounded_sums, least_comparable_criteria
+from eivor.estimation.variable_projection import bounded_sums, least_comparable_criteria
 from eivor.models.regression import Parameter
 from eivor.models.separable import Bounds, Nuisance
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,12 +15,11 @@ from vertical_flight_signals import problem as flight_problem
 import eivor as ev
 from eivor.errors import EstimationError, UsageError
 from eivor.estimation import methods
-from eivor.estimation.diagnose import DIAGNOSTICS
-from eivor.estimation.estimate import record_of
+from eivor.estimation.diagnose import record_of
 from eivor.estimation.products import FOLDED_FROM
 from eivor.inference.diagnostics.instruments import endogeneity, strength
-from eivor.inference.diagnostics.record import Diagnostic, Row, equation_products
-from eivor.inference.verdict import Reason, Status
+from eivor.inference.diagnostics.record import equation_products
+from eivor.inference.verdict import Status
 
 NOISE = 0.3
 """Standard deviation of the input's noise."""
@@ -72,7 +71,7 @@ def test_folded_products_are_those_of_rows(lags):
         instruments=rows.instruments,
         instrument_noise_covariance=noise,
     )
-    folded, plain = (record_of(ev.identify(each, method).best.solved) for each in (cut, arrays))
+    folded, plain = (record_of(ev.identify(each, method).best) for each in (cut, arrays))
     assert folded.products.counts.size == plain.products.counts.size == 128
     assert folded.products.count == plain.products.count == rows.response.size
     np.testing.assert_allclose(folded.residual, plain.residual, atol=1e-10)
@@ -89,7 +88,7 @@ def test_folded_products_are_those_of_rows(lags):
 def test_blocks_of_folded_products_are_their_rows():
     made = signals(1, FOLDED_FROM + 1237)
     cut = problem(made)
-    solved = ev.identify(cut, ev.methods.generalized_iv()).best.solved
+    solved = ev.identify(cut, ev.methods.generalized_iv()).best
     record = record_of(solved)
     rows = cut.rows()
     Z = np.column_stack(
@@ -128,7 +127,7 @@ def estimate_of(method, made):
 def test_every_method_s_scores_are_its_own(method):
     """Scores in blocks add up to those of the estimating equation, with its sensitivity."""
     fit = estimate_of(method, signals(2))
-    record = record_of(fit.best.solved)
+    record = record_of(fit.best)
     equation = fit.best.equation
     edges = np.concatenate([[0], np.cumsum(record.products.counts)]).astype(int)
     scale = np.abs(equation.scores).sum()
@@ -187,14 +186,14 @@ def test_frequency_rows_have_their_own_degrees_of_freedom():
     """Not those of the samples, of which there are ten times as many in a band of 5 Hz at 100 Hz."""
     fit = ev.identify(flight_problem(*flights(2, seconds=40.0, noise=Noise())), ev.methods.reference_iv())
     diagnose, rows = ev.diagnose(fit), fit.best.rows
-    weights = record_of(fit.best.solved).weights
+    weights = record_of(fit.best).weights
     products = equation_products(
         instruments=rows.instruments,
-        jacobian=np.column_stack([rows.regressors, fit.best.solved.nuisance_columns]),
+        jacobian=np.column_stack([rows.regressors, fit.best.nuisance_columns]),
         residual=fit.residuals,
         blocks=100,
     )
-    np.testing.assert_allclose(diagnose.first_stage.conditional, fit.best.inference.first_stage, rtol=1e-6)
+    np.testing.assert_allclose(diagnose.first_stage.conditional, fit.best.first_stage, rtol=1e-6)
     direct = strength(products)
     assert diagnose.first_stage.cragg_donald == pytest.approx(direct.cragg_donald, rel=1e-6)
     np.testing.assert_allclose(diagnose.first_stage.shea_r_squared, direct.shea_r_squared, rtol=1e-6)
@@ -210,7 +209,7 @@ def test_frequency_rows_are_diagnosed_in_time():
     diagnose = ev.diagnose(fit)
     assert diagnose.names == fit.names
     assert len(diagnose.names) == 3
-    products = record_of(fit.best.solved)
+    products = record_of(fit.best)
     equation = fit.best.equation
     # by Parseval the products in time add up to those of the bins
     np.testing.assert_allclose(
@@ -395,53 +394,12 @@ def test_short_records_say_less():
 
 def test_moments_alone_cannot_be_diagnosed():
     fit = ev.identify(problem(signals(14)), ev.methods.generalized_iv())
-    moments_only = replace(fit.best.solved, problem=None)
-    without = replace(fit, candidates=(replace(fit.best, solved=moments_only),))
+    moments_only = replace(fit.best, problem=None)
+    without = replace(fit, candidates=(moments_only,))
     with pytest.raises(
         EstimationError, match="Expected an estimate with its rows available, for diagnostics"
     ):
         ev.diagnose(without)
-
-
-@dataclass(frozen=True)
-class LargestResidual(Diagnostic):
-    """A diagnostic of someone else: one class with its maker, and one line in the table."""
-
-    size: float
-
-    def rows(self, _of, /):
-        yield Row("largest_residual", "", self.size, None)
-
-    def lines(self, _of, /):
-        yield f"largest residual     {self.size:>10.4g}"
-
-    def reasons(self, of, /):
-        if self.size > 1.0:
-            yield Reason(
-                Status.WEAK, f"A residual of {self.size:.3g} stands out.", f"Look at {of.at_row(0)}."
-            )
-
-
-def test_a_diagnostic_is_one_class_and_one_line(monkeypatch):
-    rng = np.random.default_rng(3)
-    X = rng.standard_normal((200, 2))
-    y = X @ [1.0, 2.0] + rng.standard_normal(200)
-    fit = ev.identify(ev.regression(response=y, regressors=X), ev.methods.least_squares())
-    largest = float(np.abs(fit.residuals).max())
-    monkeypatch.setitem(
-        DIAGNOSTICS,
-        "largest_residual",
-        lambda evidence: LargestResidual(float(np.abs(evidence.record.residual).max())),
-    )
-    diagnose = ev.diagnose(fit)
-    assert isinstance(diagnose["largest_residual"], LargestResidual)
-    assert f"largest residual     {largest:>10.4g}" in diagnose.summary()
-    assert "Look at row 0." in diagnose.summary()
-    table = diagnose.to_frame()
-    assert table.filter(table["diagnostic"] == "largest_residual")["value"].to_list() == [
-        pytest.approx(largest)
-    ]
-    assert any("stands out" in reason.sentence for reason in diagnose.reasons)
 
 
 def test_a_diagnostic_that_there_is_not():

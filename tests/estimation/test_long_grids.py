@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eivor.estimation.nuisance_grids import on_nested_grids, reaching
+from eivor.estimation.variable_projection import on_nested_grids, reaching
 from eivor.inference.verdict import Status
 from eivor.models.regression import Parameter
 from eivor.models.separable import Bounds, Nuisance

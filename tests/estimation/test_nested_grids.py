@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from eivor.estimation.nuisance_grids import on_nested_grids, with_values_tried
-from eivor.estimation.variable_projection import Trial, between
+from eivor.estimation.variable_projection import Trial, between, on_nested_grids, with_values_tried
 from eivor.linalg.system import Solution
 from eivor.models.regression import Parameter
 from eivor.models.separable import Bounds, Nuisance

@@ -170,9 +170,9 @@ def test_a_prior_that_says_nothing_changes_nothing(method):
         np.testing.assert_allclose(part.matrix, other.matrix, rtol=1e-4, atol=0.0)
     if method.needs_instruments:
         # One equation more, which any value of the lag meets.
-        J, p_value = vague.best.inference.over_identification
-        assert pytest.approx(plain.best.inference.over_identification[0], rel=1e-4, abs=1e-6) == J
-        degrees = vague.best.inference.rank + 1 - 3
+        J, p_value = vague.best.over_identification
+        assert pytest.approx(plain.best.over_identification[0], rel=1e-4, abs=1e-6) == J
+        degrees = vague.best.rank + 1 - 3
         assert p_value == pytest.approx(stats.chi2(degrees).sf(J), rel=1e-6)
 
 

@@ -13,7 +13,7 @@ from eivor.errors import UsageError
 from eivor.estimation.bootstrap import Replicate, left_over, pool_flights
 from eivor.estimation.estimate import Estimate
 from eivor.estimation.methods import least_squares, reference_iv
-from eivor.estimation.nuisance_grids import MOST_NODES, nodes_of
+from eivor.estimation.variable_projection import MOST_NODES, nodes_of
 from eivor.estimation.weighting import whitened_by_residuals
 from eivor.models.lagged_runs import LaggedRuns
 from eivor.models.separable import Nuisance, Prior

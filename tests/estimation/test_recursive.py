@@ -10,7 +10,6 @@ import pytest
 
 import eivor as ev
 from eivor.errors import InstrumentError, MissingNoiseError, TooFewSamplesError, UsageError
-from eivor.estimation.exponential_forgetting import timed_rows
 from eivor.estimation.recursive import (
     References,
     SequentialLook,
@@ -19,6 +18,7 @@ from eivor.estimation.recursive import (
     newest_look,
     newest_reference,
 )
+from eivor.estimation.streaming import timed_rows
 from eivor.models.signal_regression import shared_noise_of_rows
 
 MOTION = ev.VerticalMotion(intercept=False)
@@ -146,7 +146,7 @@ def test_a_drop_is_told_and_what_lay_before_it_forgotten():
 
 def test_looks_of_a_chunk_are_those_of_its_products_one_by_one():
     signals = record(700, masked=True)
-    weighted = after(part(signals, 0, 100))._rows.products
+    weighted = after(part(signals, 0, 100))._products
     problem = MOTION.regression(part(signals, 90, 700), INSTRUMENTS)
     (rows,) = timed_rows(problem, ev.methods.generalized_iv().assembler)
     between = list(looks_between(weighted, weighted.then(rows)))
@@ -189,7 +189,7 @@ def test_memory_does_not_grow_with_the_stream():
     signals = record(9000)
 
     def held(recursion):
-        weighted, tail = recursion._rows.products, recursion._tail
+        weighted, tail = recursion._products, recursion._tail
         return (
             weighted.closed.products.sums.nbytes,
             weighted.full.products.sums.nbytes,
@@ -200,9 +200,9 @@ def test_memory_does_not_grow_with_the_stream():
     early = after(part(signals, 0, 3000), (1000, 2000), detector=ev.ChangeDetector())
     late = after(signals, range(1000, 9000, 1000), detector=ev.ChangeDetector())
     assert held(early) == held(late)
-    assert late._rows.products.waiting.count < 10
-    assert late._rows.watching.before.shape[0] <= 80
-    assert late._rows.watching.references.theta.shape[0] <= 16
+    assert late._products.waiting.count < 10
+    assert late._watch.before.shape[0] <= 80
+    assert late._watch.references.theta.shape[0] <= 16
 
 
 def test_effective_rows_are_twice_the_memory():

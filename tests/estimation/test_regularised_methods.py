@@ -47,7 +47,7 @@ def test_rows_are_the_equations_of_a_direct_method():
     assert parameter(result) == whole.shrinkage.parameter
     np.testing.assert_allclose(result.best.theta, whole.theta, rtol=1e-9)
     uncounted = RegularisedLeastSquares().solve(
-        LinearSystem(result.best.solved.system.matrix, result.best.solved.system.right)
+        LinearSystem(result.best.system.matrix, result.best.system.right)
     )
     assert uncounted.shrinkage.parameter != whole.shrinkage.parameter
 

@@ -8,9 +8,7 @@ import pytest
 import eivor as ev
 from eivor.errors import InstrumentError, UsageError
 from eivor.estimation.unknown_noise import (
-    BiasEliminating,
-    FrischScheme,
-    GeneralizedEquations,
+    EquationChoice,
     SharedMoments,
     UnknownNoise,
 )
@@ -91,7 +89,7 @@ def test_a_noise_that_is_none_cannot_be_told_from_none():
 
 def test_slopes_are_those_of_what_is_added():
     problem = undeclared(record(samples=400))
-    psi = GeneralizedEquations().columns(problem, ("velocity_z",))
+    psi = EquationChoice.GENERALIZED.columns(problem, ("velocity_z",))
     whole = MODEL.regression(problem.signals, psi)
     shared = SharedMoments(whole, (UnknownNoise("velocity_z", fractional=True), UnknownNoise("input")))
     known, beta = shared.known(), np.array([0.3, 0.02, 0.04, -0.23, 0.5])
@@ -104,7 +102,7 @@ def test_slopes_are_those_of_what_is_added():
 
 def test_noise_of_any_order_adds_what_its_autocovariance_says():
     problem = undeclared(record(samples=400))
-    psi = GeneralizedEquations().columns(problem, ("velocity_z",))
+    psi = EquationChoice.GENERALIZED.columns(problem, ("velocity_z",))
     shared = SharedMoments(MODEL.regression(problem.signals, psi), ())
     order = -0.317
     signals = replace(
@@ -119,13 +117,14 @@ def test_noise_of_any_order_adds_what_its_autocovariance_says():
 
 def test_schemes_are_choices_of_equations():
     problem = undeclared(record(samples=100))
-    names = {
-        choice: [column.name for column in choice.columns(problem, ())]
-        for choice in (GeneralizedEquations(), BiasEliminating(), FrischScheme())
-    }
-    assert names[GeneralizedEquations()][-2:] == ["velocity_z(k-1)", "velocity_z(k-2)"]
-    assert names[BiasEliminating()] == ["velocity_z", "input", *(f"input(k-{lag})" for lag in range(1, 11))]
-    assert "acceleration_z" in names[FrischScheme()]
+    names = {choice: [column.name for column in choice.columns(problem, ())] for choice in EquationChoice}
+    assert names[EquationChoice.GENERALIZED][-2:] == ["velocity_z(k-1)", "velocity_z(k-2)"]
+    assert names[EquationChoice.BIAS_ELIMINATING] == [
+        "velocity_z",
+        "input",
+        *(f"input(k-{lag})" for lag in range(1, 11)),
+    ]
+    assert "acceleration_z" in names[EquationChoice.FRISCH]
 
 
 def test_what_it_cannot_use():

@@ -72,7 +72,7 @@ def test_instrumental_search_is_the_joint_minimum_of_its_equations():
     e = residual_at(flight, fit.best.values)
     wanted = float(e @ e) / (e.size - 3) * np.linalg.inv(M) @ P.T @ P @ np.linalg.inv(M).T
     np.testing.assert_allclose(fit.best.covariance.part("classical").matrix, wanted, rtol=5e-3)
-    assert fit.best.inference.over_identification[0] == pytest.approx(
+    assert fit.best.over_identification[0] == pytest.approx(
         float(np.sum((Q.T @ e) ** 2)) / (float(e @ e) / (e.size - 3)), rel=1e-3
     )
 

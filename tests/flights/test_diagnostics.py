@@ -31,7 +31,7 @@ def test_leverage_of_a_run_is_the_solution_without_it():
     leverage = run_leverage(ev.diagnose(fit))
     assert leverage.shift.shape == (4, 3)
     equation, rows = fit.best.equation, fit.best.rows
-    jacobian = np.column_stack([rows.regressors, fit.best.solved.nuisance_columns])
+    jacobian = np.column_stack([rows.regressors, fit.best.nuisance_columns])
     for flight in range(4):
         rest = rows.layout.flight_of_row != flight
         P, G, e = equation.test_functions[rest], jacobian[rest], equation.residual[rest]

@@ -120,7 +120,7 @@ def test_what_is_known_the_instruments_need_not_tell(log):
     index = problem.with_nuisances(
         (problem.lag.known_at(sure.estimate.best.nuisances["actuator_lag"]), problem.delay)
     )
-    fixed = ev.identify(index, ev.methods.reference_iv()).best.inference.first_stage[0]
+    fixed = ev.identify(index, ev.methods.reference_iv()).best.first_stage[0]
     assert strengths[2]["viscous_friction"] == pytest.approx(fixed, rel=0.05)
 
 

@@ -56,7 +56,7 @@ def searched(result: FlightEstimate, values: np.ndarray) -> np.ndarray:
             rows = weights.rows(index)
             columns = np.column_stack([rows.response, rows.regressors])
             seen = rows.instruments.T @ columns
-            N, D = seen.T @ seen, columns.T @ columns / (len(columns) - candidate.solved.unknowns)
+            N, D = seen.T @ seen, columns.T @ columns / (len(columns) - candidate.unknowns)
             misfit = sum(nuisance.misfit(index) for nuisance in problem.nuisances)
             for item, value in enumerate(values):
                 T = np.array([[1.0, 0.0], [-value, 0.0], [0.0, 1.0]])
@@ -76,7 +76,7 @@ def test_sets_are_those_of_a_search_over_everything(gusty, lag):
     wide = sets.profile.length
     assert wide > 0.2
     assert (J[:4] <= J.min() + 2.306**2).tolist() == [False, True, True, False]
-    degrees = result.fit.estimate.best.inference.rank + (lag is not None) - 2
+    degrees = result.fit.estimate.best.rank + (lag is not None) - 2
     bound = float(scipy.stats.chi2.ppf(0.95, degrees))
     low, high = sets.anderson_rubin.hull
     step = 0.02 * (high - low)

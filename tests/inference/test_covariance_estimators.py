@@ -136,7 +136,7 @@ def test_scores_add_up_to_zero_and_sensitivity_is_their_derivative(record, metho
     """At the solution the scores sum to nothing, and M is minus the derivative of their sum."""
     problem = MOTION.regression(record, instruments)
     fit = ev.identify(problem, method)
-    equation, solved = fit.best.equation, fit.best.solved
+    equation, solved = fit.best.equation, fit.best
     scale = np.abs(equation.scores).sum(axis=0)
     # Total least squares of moment equations solves them to second order only.
     exact = 1e-3 if fit.method == "generalized_iv_tls" else 1e-9

@@ -234,7 +234,7 @@ def test_noise_is_never_assumed_to_be_zero():
         MissingNoiseError, match=r"declared noise of channel 'input'.*received noise of velocity_z"
     ):
         problem.instrument_noise_covariance()
-    assert problem.declared_regressor_noise() is None
+    assert problem.declared_noise() is None
     assert not problem.instruments_share_noise()
     # Strictly delayed instruments share nothing with u(k) when the noise is white, and with memory they do.
     for noise, shares in (

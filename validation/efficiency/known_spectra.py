@@ -62,7 +62,7 @@ def trial(suite_study: SuiteStudy, run: int) -> Found:
     start = start_of(sampled, consistent_estimate(sampled.problem))
     if isinstance(start, Reason):
         raise EstimationError("a start near generalized IV's", start.sentence, "Look at the record.")
-    motion, _, _ = least_quadratic(start, first_transient(start), noise_of_record(scenario, record))
+    motion, _, _ = least_quadratic(start, first_transient(start), noise_of_record(scenario, record).spectrum)
     return Found(suite_study.scenario, suite_study.samples, run, [motion.friction, motion.gain])
 
 

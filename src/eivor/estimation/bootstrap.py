@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -12,13 +11,12 @@ import scipy.linalg
 
 from eivor import checks
 from eivor.errors import EivorError, UsageError
-from eivor.estimation.estimate import Candidate, Estimate, Solved
+from eivor.estimation.estimate import Candidate, Estimate
 from eivor.estimation.linear import LinearMethod, check_linear
 from eivor.estimation.methods import by_name
 from eivor.estimation.moments import CrossMoments, Instrumental, Moments, TriangularMoments
-from eivor.estimation.nuisance_grids import Nodes, nodes_of
-from eivor.estimation.variable_projection import argmin
-from eivor.estimation.weighting import SpectralWhitening, WeightedRows, whitened_by_residuals
+from eivor.estimation.variable_projection import Nodes, argmin, nodes_of
+from eivor.estimation.weighting import SpectralWhitening, WeightedRows, divided, whitened_by_residuals
 from eivor.inference.bootstrap import (
     BlockPlan,
     BlockScheme,
@@ -31,7 +29,7 @@ from eivor.inference.bootstrap import (
 from eivor.inference.products import Products, products_of_rows
 from eivor.linalg.system import LinearSystem, Solver, triangular_root
 from eivor.models.regression import LinearProblem, Parameter, Regression, SampleRows
-from eivor.models.separable import Nuisance, Prior, SeparableProblem, Values
+from eivor.models.separable import Prior, SeparableProblem, Values
 from eivor.tools import Float, Int
 
 # -- Several flights --
@@ -40,10 +38,8 @@ from eivor.tools import Float, Int
 def flight_products(weights: WeightedRows, points: Sequence[Values]) -> Products:
     """Products of all columns of weighted rows, flight after flight, a block for each of some values."""
     tables = [products_by_flight(weights.rows(point)) for point in points]
-    counts, sums = (
-        np.stack(parts, axis=1)
-        for parts in zip(*((table.counts, table.sums) for table in tables), strict=True)
-    )
+    counts = np.stack([table.counts for table in tables], axis=1)
+    sums = np.stack([table.sums for table in tables], axis=1)
     return replace(tables[0], counts=counts.ravel(), sums=sums.reshape(-1, *sums.shape[2:]))
 
 
@@ -146,10 +142,8 @@ class PoolFlights:
         """As many flights as there are, drawn with replacement: their estimate, and how often each counts."""
         count = len(self.flights)
         times = np.bincount(random.integers(0, count, count), minlength=count).astype(np.float64)
-        known = {
-            name: replace(prior, mean=random.normal(prior.mean, prior.std))
-            for name, prior in self.known.items()
-        }
+        drawn = {name: random.normal(prior.mean, prior.std) for name, prior in self.known.items()}
+        known = {name: replace(self.known[name], mean=mean) for name, mean in drawn.items()}
         return self._estimated(times, known), times
 
     def _estimated(self, times: Float[np.ndarray, " F"], known: Mapping[str, Prior]) -> Replicate:
@@ -182,16 +176,12 @@ def pool_flights(problem: SeparableProblem, estimate: Estimate) -> PoolFlights:
         _candidate_flights(problem, nodes, estimate.best, candidate, number)
         for number, candidate in enumerate(estimate.candidates)
     )
-    known = _known(problem.nuisances, estimate.best)
-    return PoolFlights(tuple(flights), candidates, estimate.best.rows.parameters, method.solver, known)
-
-
-def _known(nuisances: tuple[Nuisance, ...], best: Candidate) -> dict[str, Prior]:
-    return {
-        nuisance.name: replace(nuisance.prior, mean=nuisance.with_others(best.nuisances))
-        for nuisance in nuisances
+    known = {
+        nuisance.name: replace(nuisance.prior, mean=nuisance.with_others(estimate.best.nuisances))
+        for nuisance in problem.nuisances
         if nuisance.searched and nuisance.prior is not None
     }
+    return PoolFlights(tuple(flights), candidates, estimate.best.rows.parameters, method.solver, known)
 
 
 def _candidate_flights(
@@ -201,7 +191,7 @@ def _candidate_flights(
     products = flight_products(weights, [{**candidate.nuisances, **point} for point in nodes.points])
     residual = products_by_flight(weights.rows(best.nuisances)).total.with_residual(best.theta)
     misfit = residual.instrument_response[0]
-    variance = candidate.solved.residual_variance()
+    variance = candidate.residual_variance()
     return CandidateFlights(number, candidate.nuisances, nodes, products, misfit, variance)
 
 
@@ -226,25 +216,9 @@ def left_over(equations: Float[np.ndarray, "k q n_plus_1"]) -> Float[np.ndarray,
 # -- Replicate moments --
 
 
-class PieceMoments(ABC):
-    """Products of pieces of a record, which the moments of any replicate are added up from."""
-
-    products: Products
-
-    @abstractmethod
-    def moments(self, drawn: Int[np.ndarray, " k"]) -> Moments:
-        """Moments of a replicate of those pieces."""
-
-    @abstractmethod
-    def influence(
-        self, pieces: Int[np.ndarray, " k"] | slice, solved: Solved, count: float, /
-    ) -> Float[np.ndarray, "k n"]:
-        """What each of some pieces moves the parameters by, to first order."""
-
-
 @dataclass(frozen=True)
-class CrossPieces(PieceMoments):
-    """Cross-products of the instruments with [Phi y]."""
+class CrossPieces:
+    """Cross-products of the instruments with [Phi y], of pieces of a record."""
 
     products: Products  # [psi phi y]
     noise: Float[np.ndarray, "p n_plus_1"] | None  # C and c
@@ -254,10 +228,10 @@ class CrossPieces(PieceMoments):
         return CrossMoments(self.products.resampled(drawn), self.noise)
 
     def influence(
-        self, pieces: Int[np.ndarray, " k"] | slice, solved: Solved, count: float
+        self, pieces: Int[np.ndarray, " k"] | slice, solved: Candidate, count: float
     ) -> Float[np.ndarray, "k n"]:
         """Of A'W (psi e + C theta - c)."""
-        away = np.append(-solved.solution.theta, 1.0)
+        away = np.append(-solved.theta, 1.0)
         products = self.products.equations[pieces] @ away
         if self.noise is not None:
             products = products - self.products.counts[pieces, None] * (self.noise @ away)
@@ -269,7 +243,7 @@ class CrossPieces(PieceMoments):
 
 
 @dataclass(frozen=True)
-class RootPieces(PieceMoments):
+class RootPieces:
     """Gram matrices of [Phi y] in the coordinates of its triangular root."""
 
     products: Products  # [Phi y]
@@ -287,12 +261,12 @@ class RootPieces(PieceMoments):
     def influence(
         self,
         pieces: Int[np.ndarray, " k"] | slice,
-        solved: Solved,
+        solved: Candidate,
         _count: float,  # a root is of the sum already
         /,
     ) -> Float[np.ndarray, "k n"]:
         """Of Phi e + c e^2, with the solver's correction."""
-        theta = solved.solution.theta
+        theta = solved.theta
         A, b = solved.system.matrix, solved.system.right
         away = self.root @ np.append(-theta, 1.0)
         products = self.products.sums[pieces] @ away
@@ -302,6 +276,10 @@ class RootPieces(PieceMoments):
         return over_sensitivity(
             scores, A, self.solver.score_correction(b - A @ theta, theta, covariance).sensitivity
         )
+
+
+#: Products of pieces of a record, which the moments of any replicate are added up from.
+PieceMoments = CrossPieces | RootPieces
 
 
 def over_sensitivity(
@@ -316,8 +294,7 @@ def over_sensitivity(
         half = scipy.linalg.solve_triangular(R, correction, trans="T")
         S = scipy.linalg.solve_triangular(R, half.T, trans="T")
         inner = np.linalg.solve(np.eye(R.shape[0]) + S, inner)
-    solution: Float[np.ndarray, "k n"] = scipy.linalg.solve_triangular(R, inner).T
-    return solution
+    return scipy.linalg.solve_triangular(R, inner).T
 
 
 def piece_moments(rows: Regression, method: LinearMethod, whole: Moments, plan: BlockPlan) -> PieceMoments:
@@ -345,8 +322,7 @@ def _orthonormal(
     """[Phi y] R^-1, with zeros for a direction that no row has (an exact fit)."""
     diagonal = np.diag(root)
     safe = root + np.diag(np.where(diagonal == 0.0, 1.0, 0.0))
-    Q: Float[np.ndarray, "rows n_plus_1"] = scipy.linalg.solve_triangular(safe, both.T, trans="T").T
-    return Q
+    return scipy.linalg.solve_triangular(safe, both.T, trans="T").T
 
 
 # -- Resampling --
@@ -418,8 +394,8 @@ def bootstrap(
     results = [again.replicate(plan.drawn(random), errors=studentised) for _ in range(runs)]
     kept = [result for result in results if result is not None]
     made = np.array(kept).reshape(len(kept), 2, rows.regressors.shape[1])
-    theta = solved.solution.theta
-    errors = again.expected_errors(plan.blocks, solved) if studentised else None
+    theta = solved.theta
+    errors = again.errors(slice(None), solved, float(plan.blocks)) if studentised else None
     return Bootstrap(
         rows.names,
         rows.units,
@@ -446,36 +422,29 @@ class _RowReplicates:
         """Parameters and, if asked for, their standard errors; None without an estimate."""
         try:
             solved = self.solved(self.pieces.moments(drawn))
-            theta = solved.solution.theta
-            spread = self._errors(drawn, solved, float(len(drawn))) if errors else np.ones(theta.size)
+            theta = solved.theta
+            spread = self.errors(drawn, solved, float(len(drawn))) if errors else np.ones(theta.size)
         except (EivorError, np.linalg.LinAlgError):
             return None
         both = np.stack([theta, spread])
         return both if np.isfinite(both).all() and spread.all() else None
 
-    def solved(self, moments: Moments) -> Solved:
+    def solved(self, moments: Moments) -> Candidate:
         """Solution of a replicate's equations."""
-        if self.factor is None:
-            return self.method.solve_moments(moments)
-        system = self.method.assembler.system(moments)
-        stacked = np.column_stack([system.matrix, system.right])
-        divided = scipy.linalg.solve_triangular(self.factor, stacked, lower=True)
-        weighted = LinearSystem(divided[:, :-1], divided[:, -1])
-        solution = self.method.solver.solve(weighted)
-        return Solved(self.method.assembler, self.method.solver, moments, None, system, self.factor, solution)
+        method, factor = self.method, self.factor
+        if factor is None:
+            return method.solve_moments(moments)
+        system = method.assembler.system(moments)
+        solution = method.solver.solve(divided(system, factor))
+        return Candidate(method.assembler, method.solver, moments, None, system, factor, solution)
 
-    def expected_errors(self, blocks: int, solved: Solved) -> Float[np.ndarray, " n"]:
-        """Standard errors of the estimate itself, from the spread of all pieces that may be drawn."""
-        return self._errors(slice(None), solved, float(blocks))
-
-    def _errors(
-        self, pieces: Int[np.ndarray, " k"] | slice, solved: Solved, blocks: float
+    def errors(
+        self, pieces: Int[np.ndarray, " k"] | slice, solved: Candidate, blocks: float
     ) -> Float[np.ndarray, " n"]:
         """Standard errors from the pieces' scores (Gotze and Kunsch 1996): M^-1 sum s s' M^-T."""
         count = blocks * float(self.pieces.products.counts[pieces].mean())
         influence = self.pieces.influence(pieces, solved, count)
-        errors: Float[np.ndarray, " n"] = math.sqrt(blocks) * influence.std(axis=0)
-        return errors
+        return math.sqrt(blocks) * influence.std(axis=0)
 
 
 def _sample_rows(problem: LinearProblem) -> Regression:
@@ -505,34 +474,27 @@ def _scheme(scheme: BlockScheme | str) -> BlockScheme:
 
 
 def _length(
-    wanted: int | None, rows: Regression, method: LinearMethod, solved: Solved, scheme: BlockScheme
+    wanted: int | None, rows: Regression, method: LinearMethod, solved: Candidate, scheme: BlockScheme
 ) -> float:
     count = rows.response.size
-    if wanted is not None:
-        checks.whole("block_length", wanted)
     if wanted is None:
         return automatic_block_length(_influence(rows, method, solved), scheme)
+    checks.whole("block_length", wanted)
     if not 1 <= wanted <= count // 2:
-        raise UsageError(
-            f"a block length from 1 to {count // 2} rows, half of what there is",
-            f"{wanted}",
-            "Choose another.",
-        )
+        expected = f"a block length from 1 to {count // 2} rows, half of what there is"
+        raise UsageError(expected, f"{wanted}", "Choose another.")
     return float(wanted)
 
 
-def _influence(rows: Regression, method: LinearMethod, solved: Solved) -> Float[np.ndarray, "rows n"]:
+def _influence(rows: Regression, method: LinearMethod, solved: Candidate) -> Float[np.ndarray, "rows n"]:
     """What each row moves the parameters by, up to a constant: M^-1 p_t e_t."""
-    Phi, theta, system = rows.regressors, solved.solution.theta, solved.system
-    residual = rows.response - Phi @ theta
-    A = system.matrix
+    theta, system = solved.theta, solved.system
+    residual, A = rows.response - rows.regressors @ theta, solved.system.matrix
     if method.assembler.moment_equations:
         WA = A if solved.factor is None else scipy.linalg.cho_solve((solved.factor, True), A)
-        weighted = A
         if solved.factor is not None:
-            weighted = scipy.linalg.solve_triangular(solved.factor, A, lower=True)
-        psi = method.assembler.test_functions(rows) @ WA
-        return over_sensitivity(psi * residual[:, None], weighted)
+            A = scipy.linalg.solve_triangular(solved.factor, A, lower=True)
+        return over_sensitivity((method.assembler.test_functions(rows) @ WA) * residual[:, None], A)
     correction = method.solver.score_correction(residual, theta, system.error_covariance)
-    psi = Phi + correction.rows
-    return over_sensitivity(psi * residual[:, None], A, correction.sensitivity)
+    scores = (rows.regressors + correction.rows) * residual[:, None]
+    return over_sensitivity(scores, A, correction.sensitivity)

@@ -14,22 +14,57 @@ from eivor.errors import UsageError
 from eivor.estimation.estimate import Candidate, Estimate
 from eivor.estimation.linear import LinearMethod
 from eivor.estimation.methods import by_name
-from eivor.estimation.moments import Instrumental, parameter_equations
-from eivor.estimation.nuisance_grids import Nodes, NuisanceScan, Points, nodes_of
-from eivor.estimation.weighting import WeightedRows
+from eivor.estimation.moments import Instrumental
+from eivor.estimation.variable_projection import Nodes, NuisanceScan, Points, nodes_of
+from eivor.estimation.weighting import RowWeighting
 from eivor.inference.anderson_rubin import allowed, least_ratio
 from eivor.inference.confidence_set import ConfidenceSet, gradient_of, principal_axes, profile_interval
 from eivor.inference.covariance import CovariancePart, JointEstimate
 from eivor.inference.distributions import check_level, chi_square_quantile, t_quantile
 from eivor.inference.regions import fieller_set
+from eivor.models.regression import Regression
 from eivor.models.separable import SeparableProblem
 from eivor.models.spectral import BinRows
-from eivor.tools import Float
+from eivor.tools import Bool, Float, Int
 
 # -- Confidence sets of single parameters --
 
 #: Degrees of freedom of the cosine averages, whose quantile the profile set takes over.
 DEGREES = 8
+
+
+#: Instruments that move the rows by less than this share are none of them.
+INDEPENDENT = 1e-6
+
+
+@dataclass(frozen=True)
+class ParameterEquations:
+    """Rows, regressors and instruments that go with one parameter."""
+
+    rows: Bool[np.ndarray, " rows"]
+    regressors: Int[np.ndarray, " own"]
+    instruments: Float[np.ndarray, "own_rows q"]
+
+    def columns(
+        self, columns: Float[np.ndarray, "points rows n_plus_1"], theta: Float[np.ndarray, " n"]
+    ) -> Float[np.ndarray, "points own_rows own_plus_1"]:
+        """Residual at some parameters, and the regressors, of [phi y] of the same rows at several points."""
+        column = columns[:, self.rows]
+        residual = column[:, :, -1] - column[:, :, :-1] @ theta
+        return np.concatenate([residual[:, :, None], column[:, :, self.regressors]], axis=2)
+
+
+def parameter_equations(rows: Regression, position: int) -> ParameterEquations:
+    """Equations of the parameter of some number."""
+    current = rows.regressors[:, position] != 0.0
+    others = [
+        j for j in range(rows.regressors.shape[1]) if j != position and rows.regressors[current, j].any()
+    ]
+    instruments = rows.instruments
+    if not current.all():
+        basis, sizes, _ = np.linalg.svd(instruments[current], full_matrices=False)
+        instruments = basis[:, sizes > INDEPENDENT]
+    return ParameterEquations(current, np.array([position, *others]), instruments)
 
 
 @dataclass(frozen=True)
@@ -59,7 +94,7 @@ class CandidateCriterion:
     scale: float
 
     def _forms(self, positions: Points) -> tuple[Float[np.ndarray, "k m m"], Float[np.ndarray, "k m m"]]:
-        box = [positions] if self.nodes.axes else []
+        box = self.nodes.box(positions)
         equations = self.nodes.over(self.equations, box)
         return equations.transpose(0, 2, 1) @ equations, self.nodes.over(self.power, box)
 
@@ -99,16 +134,7 @@ def parameter_sets(
     ):
         return None
     index = parameters.index(name)
-    criteria = [
-        _criterion(
-            problem,
-            nodes,
-            candidate,
-            index,
-            method.row_weighting.last_pass(problem, candidate.theta, candidate.nuisances),
-        )
-        for candidate in estimate.candidates
-    ]
+    criteria = [_criterion(problem, nodes, item, index, method.row_weighting) for item in estimate.candidates]
     try:
         least = estimate.least_comparable_criteria([criterion.scan.minimum[1] for criterion in criteria])
     except np.linalg.LinAlgError:
@@ -117,7 +143,7 @@ def parameter_sets(
     equations = parameter_equations(best.rows, index)
     held = set(equations.regressors.tolist())
     strange = tuple(other for number, other in enumerate(parameters) if number not in held)
-    degrees = equations.rank + len(best.solved.misfits) - (best.solved.unknowns - len(strange) - 1)
+    degrees = equations.instruments.shape[1] + len(best.misfits) - (best.unknowns - len(strange) - 1)
 
     uncertainty, highest = t_quantile(level, DEGREES) ** 2, chi_square_quantile(level, max(degrees, 1))
     compared = list(zip(least, criteria, strict=True))
@@ -130,14 +156,14 @@ def parameter_sets(
 
 
 def _criterion(
-    problem: SeparableProblem, nodes: Nodes, candidate: Candidate, position: int, weights: WeightedRows
+    problem: SeparableProblem, nodes: Nodes, candidate: Candidate, position: int, weighting: RowWeighting
 ) -> CandidateCriterion:
     theta = candidate.theta
+    weights = weighting.last_pass(problem, theta, candidate.nuisances)
     current = parameter_equations(weights.rows(candidate.nuisances), position)
-    unknowns = candidate.solved.unknowns - (theta.size - current.regressors.size)
-    columns = current.columns(
-        weights.columns([{**candidate.nuisances, **point} for point in nodes.points]), theta
-    )
+    unknowns = candidate.unknowns - (theta.size - current.regressors.size)
+    points = [{**candidate.nuisances, **point} for point in nodes.points]
+    columns = current.columns(weights.columns(points), theta)
     equations = current.instruments.T @ columns
     power = columns.transpose(0, 2, 1) @ columns / (columns.shape[1] - unknowns)
     lengths = np.sqrt(np.diagonal(np.mean(power, axis=0)))
@@ -154,14 +180,8 @@ def _criterion(
         index |= {axis.nuisance.name: axis.values_at(positions) for axis in nodes.axes}
         return sum((prior.misfit(item.with_others(index)) for item, prior in known), np.zeros(positions.size))
 
-    return CandidateCriterion(
-        nodes,
-        equations / sizes,
-        power / np.outer(sizes, sizes),
-        misfit,
-        float(theta[position]),
-        float(sizes[0] / sizes[1]),
-    )
+    centre, scale = float(theta[position]), float(sizes[0] / sizes[1])
+    return CandidateCriterion(nodes, equations / sizes, power / np.outer(sizes, sizes), misfit, centre, scale)
 
 
 # -- Derived --
@@ -217,9 +237,8 @@ def derived(estimate: Estimate, function: Function, level: float = 0.95) -> Deri
         return float(result)
 
     results = derived_from(of_vector, joint_estimates(estimate, level), level)
-    if math.isnan(results.bend) or not all(
-        math.isfinite(number) for number in (results.value, results.std_error, *results.interval)
-    ):
+    numbers = (results.value, results.std_error, *results.interval)
+    if math.isnan(results.bend) or not np.isfinite(numbers).all():
         raise UsageError(
             "a function that is finite within the interval",
             f"{results.value} with the interval {results.interval}",
@@ -235,10 +254,7 @@ def joint_estimates(estimate: Estimate, level: float) -> tuple[JointEstimate, ..
 
 
 def derived_from(
-    function: OfVector,
-    candidates: Sequence[JointEstimate],
-    level: float,
-    largest_bend: float = LARGEST_BEND,
+    function: OfVector, candidates: Sequence[JointEstimate], level: float, largest_bend: float = LARGEST_BEND
 ) -> DerivedQuantity:
     """A smooth function of a vector of estimates, with an interval that is a union over candidates."""
     pieces = [
@@ -246,14 +262,14 @@ def derived_from(
         for candidate in candidates
         for part in candidate.covariance.parts
     ]
-    intervals = [piece.interval for piece in pieces]
-    interval = min(low for low, _ in intervals), max(high for _, high in intervals)
     best = candidates[0]
     scale = np.sqrt(np.diag(best.covariance.matrix))
-    error = best.covariance.std_error(gradient_of(function, best.values, scale))
-    bend = max(piece.bend for piece in pieces)
     return DerivedQuantity(
-        function(best.values), error, interval, bend, any(piece.profiled for piece in pieces)
+        value=function(best.values),
+        std_error=best.covariance.std_error(gradient_of(function, best.values, scale)),
+        interval=(min(piece.interval[0] for piece in pieces), max(piece.interval[1] for piece in pieces)),
+        bend=max(piece.bend for piece in pieces),
+        profiled=any(piece.profiled for piece in pieces),
     )
 
 
@@ -288,19 +304,14 @@ def ratio(
     for name, item in (("numerator", numerator), ("denominator", denominator)):
         if not isinstance(item, str):
             checks.number(name, item)
-    size = len(estimate.names)
-    exact = np.array([0.0 if isinstance(entry, str) else float(entry) for entry in (numerator, denominator)])
-    rows = np.stack(
-        [
-            estimate.direction(entry) if isinstance(entry, str) else np.zeros(size)
-            for entry in (numerator, denominator)
-        ]
-    )
+    pair, nothing = (numerator, denominator), np.zeros(len(estimate.names))
+    exact = np.array([0.0 if isinstance(entry, str) else float(entry) for entry in pair])
+    rows = np.stack([estimate.direction(entry) if isinstance(entry, str) else nothing for entry in pair])
     intervals: list[tuple[float, float]] = []
     for candidate in estimate.tenable(level):
         for part in candidate.covariance.parts:
-            pair, V = exact + rows @ candidate.values, rows @ part.matrix @ rows.T
-            intervals.extend(fieller_set(pair, V, _half_widths(part, level)).intervals)
+            values, V = exact + rows @ candidate.values, rows @ part.matrix @ rows.T
+            intervals.extend(fieller_set(values, V, _half_widths(part, level)).intervals)
     return ConfidenceSet.union(intervals)
 
 
@@ -313,11 +324,7 @@ def _half_widths(part: CovariancePart, level: float) -> float:
 
 
 def _of_part(
-    function: OfVector,
-    candidate: JointEstimate,
-    part: CovariancePart,
-    level: float,
-    largest_bend: float,
+    function: OfVector, candidate: JointEstimate, part: CovariancePart, level: float, largest_bend: float
 ) -> DerivedQuantity:
     """Quantity of one candidate, under one assumption on the residual."""
     values, t = candidate.values, _half_widths(part, level)

@@ -7,7 +7,6 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from itertools import chain, pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,9 +15,8 @@ import scipy.linalg
 from eivor import checks
 from eivor.errors import EstimationError, UsageError
 from eivor.estimation.moments import Assembler, CrossMoments, FittedNoise, Moments
-from eivor.estimation.nuisance_grids import least_comparable_criteria
-from eivor.estimation.products import block_count, filtered_instruments, lags_without_gaps
-from eivor.estimation.variable_projection import NuisanceProfile
+from eivor.estimation.products import filtered_instruments, lags_without_gaps
+from eivor.estimation.variable_projection import NuisanceProfile, least_comparable_criteria
 from eivor.inference.covariance import (
     DEFAULT,
     CovarianceEstimator,
@@ -26,21 +24,13 @@ from eivor.inference.covariance import (
     check_covariance_estimator,
     unit_scale,
 )
-from eivor.inference.diagnostics.record import (
-    EquationProducts,
-    conditional_first_stage,
-    equation_products,
-    orthonormal_basis,
-    over_identification,
-)
+from eivor.inference.diagnostics.record import conditional_first_stage, orthonormal_basis, over_identification
 from eivor.inference.distributions import check_level, chi_square_quantile, chi_square_tail
 from eivor.inference.estimating_equation import EquationRows, EstimatingEquation, singular_sensitivity
-from eivor.inference.products import Products
 from eivor.inference.regions import Ellipse, joint_ellipse
 from eivor.inference.verdict import Reason, Status, verdict
 from eivor.linalg.system import (
     COPIED_ROWS,
-    MULTIPLIED_ROWS,
     LinearSystem,
     Solution,
     Solver,
@@ -51,20 +41,20 @@ from eivor.linalg.system import (
 )
 from eivor.linalg.total_least_squares import row_lengths
 from eivor.models.regression import LinearProblem, Parameter, Regression, RowBlock, SampleRows
-from eivor.models.signal_regression import SignalRegression
-from eivor.models.spectral import BinRows
 from eivor.tools import Float, html_table
 
 if TYPE_CHECKING:
     import polars as pl
 
 
-# -- Solution --
+# -- Candidate --
+
+Blocks = Callable[[], Iterable[RowBlock]]
 
 
-@dataclass(frozen=True)
-class Solved:
-    """A solution with all that inference needs to know of how it was made."""
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """The estimate at one combination of discrete nuisances, with all that inference needs to know of it."""
 
     assembler: Assembler
     solver: Solver
@@ -72,10 +62,34 @@ class Solved:
     problem: LinearProblem | None
     system: LinearSystem  # Equations before their weighting
     factor: Float[np.ndarray, "p p"] | None  # Factor L of the equations' weighting
-    solution: Solution
+    solution: Solution  # Linear parameters, and the condition of their equations
     nuisance_columns: Float[np.ndarray, "rows q"] = field(default_factory=lambda: np.empty((0, 0)))
     precision: Float[np.ndarray, " q"] = field(default_factory=lambda: np.empty(0))
     misfits: tuple[float, ...] = ()
+    nuisances: Mapping[str, float] = field(default_factory=dict)  # Value of every nuisance
+    profiles: tuple[NuisanceProfile, ...] = ()  # One for each continuous nuisance that was searched for
+    covariance_estimator: CovarianceEstimator = DEFAULT
+    #: Covariance made elsewhere: by a second pass over chunks, for an estimate from moments; or by a pool.
+    streamed_covariance: JointCovariance | None = field(default=None, repr=False)
+    #: What it is compared by in place of its own criterion: a pool's, or a likelihood's.
+    flight_criterion: float | None = None
+    origin: Float[np.ndarray, " n"] | None = None  # What the unknowns are changes of, in linearised equations
+
+    def __getstate__(self) -> dict[str, object]:
+        """Without the estimating equation and the basis, which are made again when they are requested."""
+        return {name: value for name, value in self.__dict__.items() if name not in ("equation", "_basis")}
+
+    @property
+    def theta(self) -> Float[np.ndarray, " m"]:
+        """Linear parameters."""
+        return self.solution.theta
+
+    @cached_property
+    def values(self) -> Float[np.ndarray, " n"]:
+        """Joint vector: the linear parameters, then the continuous nuisances that were searched for."""
+        if self.origin is not None:
+            return self.origin + self.theta
+        return np.append(self.theta, [self.nuisances[profile.nuisance.name] for profile in self.profiles])
 
     @property
     def count(self) -> float:
@@ -85,23 +99,23 @@ class Solved:
     @property
     def unknowns(self) -> int:
         """Length of the joint vector."""
-        return self.solution.theta.size + self.nuisance_columns.shape[1]
-
-    @property
-    def products(self) -> Products | None:
-        """Products of the rows' columns, which instrumental moments are a view of."""
-        return self.moments.products if isinstance(self.moments, CrossMoments) else None
+        return self.theta.size + self.nuisance_columns.shape[1]
 
     @property
     def constant(self) -> Float[np.ndarray, " p"]:
         """C theta - c, what measurement noises add to each of the method's products on average."""
         if not isinstance(self.moments, CrossMoments):
-            return np.zeros(self.solution.theta.size)
-        return self.moments.shared_noise(self.solution.theta)
+            return np.zeros(self.theta.size)
+        return self.moments.shared_noise(self.theta)
+
+    @property
+    def has_rows(self) -> bool:
+        """Whether the rows are available; they are not for an estimate from moments."""
+        return self.problem is not None
 
     @property
     def rows(self) -> Regression:
-        """Weighted rows."""
+        """Weighted rows at the estimate; an `EstimationError` for an estimate from moments."""
         if self.problem is None:
             raise EstimationError(
                 "an estimate with its rows available, for residuals and standard errors",
@@ -111,13 +125,19 @@ class Solved:
         return self.problem.rows()
 
     @property
+    def residuals(self) -> Float[np.ndarray, " rows"]:
+        """Residuals of the weighted rows."""
+        rows = self.rows
+        return rows.response - rows.regressors @ self.theta
+
+    @property
     def jacobian(self) -> Float[np.ndarray, "rows n"]:
         """Derivatives of the model by the joint vector."""
         return np.column_stack([self.rows.regressors, *self.nuisance_columns.T])
 
     def residual_variance(self) -> float:
         """s^2 of the weighted rows."""
-        residual = self.rows.response - self.rows.regressors @ self.solution.theta
+        residual = self.residuals
         return float(residual @ residual) / max(self.count - self.unknowns, 1)
 
     def row_power(self) -> float:
@@ -139,145 +159,134 @@ class Solved:
         """Rows of pseudo-observations of what is known beforehand, over the square root of their variance."""
         indices = np.flatnonzero(self.precision)
         rows = np.zeros((indices.size, self.unknowns))
-        rows[np.arange(indices.size), self.solution.theta.size + indices] = np.sqrt(self.precision[indices])
+        rows[np.arange(indices.size), self.theta.size + indices] = np.sqrt(self.precision[indices])
         return rows
 
-
-# -- Inferred --
-
-Blocks = Callable[[], Iterable[RowBlock]]
-#: Rows that make coordinates for all, when their root, columns of one length, has a smaller condition.
-ENOUGH_ROWS = 65_536
-WELL_CONDITIONED = 1e4
-
-
-@dataclass(frozen=True)
-class Inference:
-    """What a second pass over the rows holds; every part is made when it is first asked for."""
-
-    solved: Solved
-
-    def __getstate__(self) -> dict[str, Solved]:
-        """Without what was made, which is made again when it is requested."""
-        return {"solved": self.solved}
+    # -- a second pass over the rows ------------------------------------------------------------------------
 
     @cached_property
     def equation(self) -> EstimatingEquation:
-        """The estimating equation that the solution meets."""
-        return equation_of(self.solved)
+        """The estimating equation that the solution meets; an `EstimationError` for one from moments."""
+        return equation_of(self)
 
     @property
     def criterion(self) -> float:
         """What candidates are compared by, in units of a chi-square on one degree of freedom."""
-        if self.solved.assembler.needs_instruments:
+        if self.flight_criterion is not None:
+            return self.flight_criterion
+        if self.assembler.needs_instruments:
             return self.over_identification[0]
         least = np.finfo(np.float64).tiny
-        likelihood = self.solved.count * float(np.log(max(self.solved.solution.objective, least)))
-        return likelihood + sum(self.solved.misfits)
+        return self.count * float(np.log(max(self.solution.objective, least))) + sum(self.misfits)
 
     @cached_property
     def over_identification(self) -> tuple[float, float]:
         """J and its p-value; (0, 1) without instruments, NaN for compensated equations."""
-        if not self.solved.assembler.needs_instruments:
+        if not self.assembler.needs_instruments:
             return 0.0, 1.0
-        if self.solved.constant.any():
+        if self.constant.any():
             return float("nan"), float("nan")
-        unknowns, misfits = self.solved.unknowns, self.solved.misfits
-        J, p_value = over_identification(self._basis, self.residual, self.residual_variance, unknowns)
-        if misfits:
-            J += sum(misfits)
+        equation = self.equation
+        J, p_value = over_identification(self._basis, equation.residual, equation.variance, self.unknowns)
+        if self.misfits:
+            J += sum(self.misfits)
             p_value = chi_square_tail(J, self.degrees) if self.degrees > 0 else 1.0
         return J, p_value
 
     @cached_property
     def first_stage(self) -> Float[np.ndarray, " n"]:
         """Conditional first-stage F of each joint parameter; NaN without instruments."""
-        if not self.solved.assembler.needs_instruments:
-            return np.full(self.solved.unknowns, np.nan)
-        known = np.sqrt(self.residual_variance) * self.solved.prior_rows()
+        if not self.assembler.needs_instruments:
+            return np.full(self.unknowns, np.nan)
+        known = np.sqrt(self.equation.variance) * self.prior_rows()
         basis = scipy.linalg.block_diag(self._basis, np.eye(len(known))) if known.size else self._basis
-        return conditional_first_stage(basis, np.vstack([self.solved.jacobian, known]))
-
-    @property
-    def residual_variance(self) -> float:
-        """s^2 of the weighted rows."""
-        return self.equation.variance
+        return conditional_first_stage(basis, np.vstack([self.jacobian, known]))
 
     @property
     def degrees(self) -> int:
         """Equations that are left over: instruments, and nuisances known beforehand, less unknowns."""
-        return self.rank + len(self.solved.misfits) - self.solved.unknowns
+        return self.rank + len(self.misfits) - self.unknowns
 
     @property
     def rank(self) -> int:
         """Number of independent instruments; 0 without."""
-        return self._basis.shape[1] if self.solved.assembler.needs_instruments else 0
-
-    @property
-    def residual(self) -> Float[np.ndarray, " rows"]:
-        """Residual of the weighted rows."""
-        return self.equation.residual
+        return self._basis.shape[1] if self.assembler.needs_instruments else 0
 
     @cached_property
     def _basis(self) -> Float[np.ndarray, "rows q"]:
-        return orthonormal_basis(self.solved.rows.instruments)
+        return orthonormal_basis(self.rows.instruments)
+
+    @property
+    def has_covariance(self) -> bool:
+        """Whether intervals can be had: the rows are available, or chunks were passed over."""
+        return self.has_rows or self.streamed_covariance is not None
+
+    @cached_property
+    def covariance(self) -> JointCovariance:
+        """Of the joint vector; an `EstimationError` for moments over whose chunks no second pass was made."""
+        if self.streamed_covariance is not None:
+            return self.streamed_covariance
+        return self.covariance_estimator.joint(self.equation)
 
 
-def equation_of(solved: Solved) -> EstimatingEquation:
+# -- Estimating equation --
+
+#: Rows that make coordinates for all, when their root, columns of one length, has a smaller condition.
+ENOUGH_ROWS = 65_536
+WELL_CONDITIONED = 1e4
+
+
+def equation_of(candidate: Candidate) -> EstimatingEquation:
     """Estimating equation of a solution whose rows are available."""
-    problem = solved.rows if solved.problem is None else solved.problem
+    problem = candidate.rows if candidate.problem is None else candidate.problem
     if not isinstance(problem, Regression) or isinstance(problem.layout, SampleRows):
-        return estimating_equation(solved, problem.blocks)
+        return estimating_equation(candidate, problem.blocks)
     # Rows in frequency, and of several axes, go back to time all at once.
-    equation = estimating_equation(solved, lambda: problem.blocks(round(solved.count)))
+    equation = estimating_equation(candidate, lambda: problem.blocks(round(candidate.count)))
     whole = equation.rows
-    scores = problem.layout.scores(whole.test_functions, whole.residual)
-    timed = EquationRows(whole.test_functions, whole.residual, scores, whole.flight_of_row, whole.constant)
-    return replace(equation, sample_count=scores.shape[0], blocks=lambda: [timed])
+    timed = replace(whole, scores=problem.layout.scores(whole.test_functions, whole.residual))
+    return replace(equation, sample_count=timed.scores.shape[0], blocks=lambda: [timed])
 
 
-def estimating_equation(solved: Solved, blocks: Blocks) -> EstimatingEquation:
+def estimating_equation(candidate: Candidate, blocks: Blocks) -> EstimatingEquation:
     """Estimating equation of a solution."""
-    if solved.assembler.moment_equations:
-        equation = _moment_equation(solved, blocks)
-    else:
-        equation = _direct_equation(solved, blocks)
-    done = solved.solution.shrinkage
+    make = _moment_equation if candidate.assembler.moment_equations else _direct_equation
+    equation, done = make(candidate, blocks), candidate.solution.shrinkage
     if done is None:
         return equation
-    return replace(equation, move=np.pad(done.shift, (0, solved.nuisance_columns.shape[1])))
+    return replace(equation, move=np.pad(done.shift, (0, candidate.nuisance_columns.shape[1])))
 
 
-def _moment_equation(solved: Solved, blocks: Blocks) -> EstimatingEquation:
+def _moment_equation(candidate: Candidate, blocks: Blocks) -> EstimatingEquation:
     """Equation of mean cross-products; its coordinates take a pass of their own, over some of the rows."""
-    theta, factor, constant = solved.solution.theta, solved.factor, solved.constant
-    A, known = solved.system.matrix, solved.prior_rows()
-    searched = solved.nuisance_columns.shape[1]
-    current = searched if solved.assembler.takes_out_own_noise else 0
+    theta, factor, constant = candidate.theta, candidate.factor, candidate.constant
+    A, known = candidate.system.matrix, candidate.prior_rows()
+    searched = candidate.nuisance_columns.shape[1]
+    current = searched if candidate.assembler.takes_out_own_noise else 0
 
-    if solved.nuisance_columns.size:
+    if candidate.nuisance_columns.size:
         moved, below = np.zeros((A.shape[0] + current, searched)), np.zeros((current, A.shape[1]))
-        for block, nuisance in _with_nuisance(solved, blocks):
-            moved += _test_functions(solved, block, nuisance).T @ nuisance
+        for block, nuisance in _with_nuisance(candidate, blocks):
+            moved += _test_functions(candidate, block, nuisance).T @ nuisance
             below += nuisance[:, :current].T @ block.regressors
-        A = np.column_stack([np.vstack([A, below / solved.count]), moved / solved.count])
+        A = np.column_stack([np.vstack([A, below / candidate.count]), moved / candidate.count])
         constant = np.pad(constant, (0, current))
     if factor is not None:
         A = scipy.linalg.solve_triangular(factor, A, lower=True)
-    equations, power = A.shape[0], solved.row_power() if known.size else 0.0
-    unit = power * solved.residual_variance() if known.size else 0.0
-    stacked = np.vstack([A, np.sqrt(unit / solved.count) * known])
+    equations, power = A.shape[0], candidate.row_power() if known.size else 0.0
+    unit = power * candidate.residual_variance() if known.size else 0.0
+    stacked = np.vstack([A, np.sqrt(unit / candidate.count) * known])
     lengths = row_lengths(stacked)[:, None]  # as many equations as unknowns: coordinates without their units
     combinations, R = np.linalg.qr(stacked / lengths)
     own_root = (combinations * lengths).T @ stacked  # of A' psi
     combinations = combinations / lengths
-    pseudo = np.sqrt(solved.count) * combinations[equations:]
+    pseudo = np.sqrt(candidate.count) * combinations[equations:]
     combinations = combinations[:equations]
     if factor is not None:
         combinations = scipy.linalg.solve_triangular(factor, combinations, lower=True, trans="T")
 
-    tests = (made().instruments for made in _in_combinations(solved, blocks, combinations))
-    S = _coordinates_of(tests, np.sqrt(power) * pseudo)
+    tests = (made().instruments for made in _in_combinations(candidate, blocks, combinations))
+    S = _root_of(tests, np.sqrt(power) * pseudo, ENOUGH_ROWS)  # coordinates
     combinations = over_root(combinations, S)
     combined = constant @ combinations
 
@@ -289,49 +298,49 @@ def _moment_equation(solved: Solved, blocks: Blocks) -> EstimatingEquation:
         return EquationRows(block.instruments, residual, scores, block.flights, combined)
 
     def rows() -> Iterator[EquationRows]:
-        return made_ahead(in_coordinates, _in_combinations(solved, blocks, combinations))
+        return made_ahead(in_coordinates, _in_combinations(candidate, blocks, combinations))
 
     prior = np.sqrt(unit) * over_root(pseudo, S) if known.size else None
     return EstimatingEquation(
-        S @ own_root, solved.count * over_root(R.T, S).T, round(solved.count), rows, prior
+        S @ own_root, candidate.count * over_root(R.T, S).T, round(candidate.count), rows, prior
     )
 
 
 def _test_functions(
-    solved: Solved, block: RowBlock, nuisance: Float[np.ndarray, "_ q"]
+    candidate: Candidate, block: RowBlock, nuisance: Float[np.ndarray, "_ q"]
 ) -> Float[np.ndarray, "rows p"]:
     """The assembler's; columns that are their own instruments are so for nuisances as well, without noise."""
-    psi = solved.assembler.test_functions(block)
-    current = nuisance.size and solved.assembler.takes_out_own_noise
+    psi = candidate.assembler.test_functions(block)
+    current = nuisance.size and candidate.assembler.takes_out_own_noise
     return np.column_stack([psi, nuisance]) if current else psi
 
 
 def _in_combinations(
-    solved: Solved, blocks: Blocks, combinations: Float[np.ndarray, "p n"]
+    candidate: Candidate, blocks: Blocks, combinations: Float[np.ndarray, "p n"]
 ) -> Iterator[Callable[[], RowBlock]]:
     """For each block, a function that makes it with combinations of test functions as its instruments."""
-    problem = solved.problem
-    plain = not solved.nuisance_columns.size and solved.assembler.needs_instruments
+    problem = candidate.problem
+    plain = not candidate.nuisance_columns.size and candidate.assembler.needs_instruments
     if plain and lags_without_gaps(problem):
         for ends in row_blocks(problem.first, problem.signals.sample_count, COPIED_ROWS):
             yield partial(filtered_instruments, problem, combinations, *ends)
         return
-    for block, nuisance in _with_nuisance(solved, blocks):
+    for block, nuisance in _with_nuisance(candidate, blocks):
         # Columns stay contiguous, as those of a block are.
-        psi = (combinations.T @ _test_functions(solved, block, nuisance).T).T
+        psi = (combinations.T @ _test_functions(candidate, block, nuisance).T).T
         yield partial(replace, block, instruments=psi)
 
 
-def _direct_equation(solved: Solved, blocks: Blocks) -> EstimatingEquation:
+def _direct_equation(candidate: Candidate, blocks: Blocks) -> EstimatingEquation:
     """Equation of a direct method."""
-    system, theta, solver = solved.system, solved.solution.theta, solved.solver
-    covariance, searched = system.error_covariance, solved.nuisance_columns.shape[1]
-    known, root = solved.prior_rows(), triangular_root(system.matrix)
-    unit = solved.residual_variance() if known.size else 0.0
+    system, theta, solver = candidate.system, candidate.theta, candidate.solver
+    covariance, searched = system.error_covariance, candidate.nuisance_columns.shape[1]
+    known, root = candidate.prior_rows(), triangular_root(system.matrix)
+    unit = candidate.residual_variance() if known.size else 0.0
     if searched:
         jacobians = (
             np.column_stack([block.regressors, nuisance])
-            for block, nuisance in _with_nuisance(solved, blocks)
+            for block, nuisance in _with_nuisance(candidate, blocks)
         )
         root = _root_of(jacobians, np.sqrt(unit) * known)
     residual = system.right - system.matrix @ theta
@@ -339,7 +348,7 @@ def _direct_equation(solved: Solved, blocks: Blocks) -> EstimatingEquation:
     slope = root + over_root(correction, root).T if correction.any() else root
 
     def rows() -> Iterator[EquationRows]:
-        for block, nuisance in _with_nuisance(solved, blocks):
+        for block, nuisance in _with_nuisance(candidate, blocks):
             residual = block.response - block.regressors @ theta
             score_correction = solver.score_correction(residual, theta, covariance).rows
             jacobian = np.column_stack([block.regressors, nuisance]) if searched else block.regressors
@@ -347,45 +356,31 @@ def _direct_equation(solved: Solved, blocks: Blocks) -> EstimatingEquation:
             yield EquationRows(psi, residual, psi * residual[:, None], block.flights)
 
     prior = unit * over_root(known, root) if known.size else None
-    return EstimatingEquation(root, slope, round(solved.count), rows, prior)
+    return EstimatingEquation(root, slope, round(candidate.count), rows, prior)
 
 
-def _filled(blocks: Blocks) -> Iterator[RowBlock]:
-    """Blocks that have rows."""
-    return (block for block in blocks() if block.response.size)
-
-
-def _with_nuisance(solved: Solved, blocks: Blocks) -> Iterator[tuple[RowBlock, Float[np.ndarray, "rows q"]]]:
+def _with_nuisance(
+    candidate: Candidate, blocks: Blocks
+) -> Iterator[tuple[RowBlock, Float[np.ndarray, "rows q"]]]:
     """Blocks that have rows, each with its rows of the nuisances' columns."""
     start = 0
-    for block in _filled(blocks):
+    for block in blocks():
         stop = start + block.response.size
-        yield block, solved.nuisance_columns[start:stop]
+        if stop > start:
+            yield block, candidate.nuisance_columns[start:stop]
         start = stop
 
 
 def _root_of(
-    blocks: Iterable[Float[np.ndarray, "_ n"]], neighbours: Float[np.ndarray, "k n"]
+    blocks: Iterable[Float[np.ndarray, "_ n"]], known: Float[np.ndarray, "k n"], enough: float = math.inf
 ) -> Float[np.ndarray, "n n"]:
-    """Triangular root of rows in blocks, and of some beside them."""
-    root: Float[np.ndarray, "k n"] | None = None
-    for block in chain(blocks, [neighbours] if neighbours.size else []):
-        root = triangular_root(block) if root is None else merged_roots(root, block)
-    if root is None or root.shape[0] < root.shape[1]:
-        raise singular_sensitivity()
-    return root
-
-
-def _coordinates_of(
-    blocks: Iterable[Float[np.ndarray, "_ n"]], neighbours: Float[np.ndarray, "k n"]
-) -> Float[np.ndarray, "n n"]:
-    """Triangular root in whose coordinates rows are nearly orthonormal: that of enough of them, or of all."""
-    root: Float[np.ndarray, "k n"] | None = triangular_root(neighbours) if neighbours.size else None
+    """Triangular root of some rows and of rows in blocks: all, or `enough` that are well conditioned."""
+    root: Float[np.ndarray, "k n"] | None = triangular_root(known) if known.size else None
     seen = 0
     for block in blocks:
         root = triangular_root(block) if root is None else merged_roots(root, block)
         seen += block.shape[0]
-        if seen >= ENOUGH_ROWS and _condition(root) < WELL_CONDITIONED:
+        if seen >= enough and _condition(root) < WELL_CONDITIONED:
             break
     if root is None or root.shape[0] < root.shape[1]:
         raise singular_sensitivity()
@@ -401,257 +396,7 @@ def over_root(rows: Float[np.ndarray, "k n"], root: Float[np.ndarray, "n n"]) ->
     """Rows in the coordinates of a triangular root: rows R^-1."""
     if not np.diag(root).all():
         raise singular_sensitivity()
-    solution: Float[np.ndarray, "k n"] = scipy.linalg.solve_triangular(root, rows.T, trans="T").T
-    return solution
-
-
-# -- Candidate --
-
-
-@dataclass(frozen=True)
-class Candidate:
-    """The estimate at one combination of discrete nuisances.
-
-    Parameters
-    ----------
-    at : mapping of str to float
-        Value of every nuisance; empty for a problem without any.
-    solved : Solved
-        Linear parameters, and how they were found.
-    profiles : tuple of NuisanceProfile
-        One for each continuous nuisance that was searched for.
-    covariance_estimator : CovarianceEstimator
-        How the covariance is estimated.
-    streamed_covariance : JointCovariance, optional
-        Covariance made elsewhere: by a second pass over chunks, for an estimate from moments; or by a pool.
-    flight_criterion : float, optional
-        What it is compared by, in place of `Inference.criterion`: of the pool that it is a part of, or a
-        likelihood with spectra of its own.
-    origin : ndarray, shape (n,), optional
-        What the solution's unknowns are changes of, where the equations were made linear. Default: zero.
-    """
-
-    nuisances: Mapping[str, float]
-    solved: Solved
-    profiles: tuple[NuisanceProfile, ...] = ()
-    covariance_estimator: CovarianceEstimator = DEFAULT
-    streamed_covariance: JointCovariance | None = field(default=None, repr=False)
-    flight_criterion: float | None = None
-    origin: Float[np.ndarray, " n"] | None = None
-
-    @cached_property
-    def values(self) -> Float[np.ndarray, " n"]:
-        """Joint vector: the linear parameters, then the continuous nuisances that were searched for."""
-        if self.origin is not None:
-            return self.origin + self.theta
-        nuisances = [self.nuisances[profile.nuisance.name] for profile in self.profiles]
-        return np.append(self.solution.theta, nuisances)
-
-    @property
-    def solution(self) -> Solution:
-        """Linear parameters, and the condition of their equations."""
-        return self.solved.solution
-
-    @property
-    def theta(self) -> Float[np.ndarray, " m"]:
-        """Linear parameters."""
-        return self.solution.theta
-
-    @property
-    def rows(self) -> Regression:
-        """Weighted rows at the estimate.
-
-        Raises
-        ------
-        EstimationError
-            For an estimate from moments.
-        """
-        return self.solved.rows
-
-    @property
-    def residuals(self) -> Float[np.ndarray, " rows"]:
-        """Residuals of the weighted rows.
-
-        Raises
-        ------
-        EstimationError
-            For an estimate from moments.
-        """
-        rows = self.rows
-        return rows.response - rows.regressors @ self.theta
-
-    @cached_property
-    def inference(self) -> Inference:
-        """Tests of the instruments, made by a second pass over the rows when they are first asked for."""
-        return Inference(self.solved)
-
-    @property
-    def equation(self) -> EstimatingEquation:
-        """The estimating equation: test functions, residual, scores in time, sensitivity.
-
-        Raises
-        ------
-        EstimationError
-            For an estimate from moments.
-        """
-        return self.inference.equation
-
-    @property
-    def has_rows(self) -> bool:
-        """Whether the rows are available; they are not for an estimate from moments."""
-        return self.solved.problem is not None
-
-    @property
-    def has_covariance(self) -> bool:
-        """Whether intervals can be had: the rows are available, or chunks were passed over."""
-        return self.has_rows or self.streamed_covariance is not None
-
-    @property
-    def criterion(self) -> float:
-        """What candidates are compared by, see `Inference.criterion`."""
-        return self.inference.criterion if self.flight_criterion is None else self.flight_criterion
-
-    @cached_property
-    def covariance(self) -> JointCovariance:
-        """Of the joint vector.
-
-        Raises
-        ------
-        EstimationError
-            For an estimate from moments over whose chunks no second pass was made.
-        """
-        if self.streamed_covariance is not None:
-            return self.streamed_covariance
-        return self.covariance_estimator.joint(self.equation)
-
-
-# -- Products at an estimate --
-
-#: Shared noise below this share of a product is its rounding.
-ROUNDING = 1e-9
-
-
-@dataclass(frozen=True)
-class Record:
-    """A record as its diagnostics see it."""
-
-    products: EquationProducts  # With the method's test functions psi as instruments
-    weights: Float[np.ndarray, "p n"]  # W A, the combinations of the equations that the estimate solves
-    residual: Float[np.ndarray, " samples"]  # e in time order
-    columns: tuple[Float[np.ndarray, " samples"], ...]  # Regressors in time order
-    factors: tuple[float, ...]  # Parameters, times those gains
-    step_s: float | None  # Time between samples [s]
-    thinning: int | None = None
-
-    @property
-    def score_sums(self) -> Float[np.ndarray, "K n"]:
-        """Sums of the estimating equation's scores over each block."""
-        return self.products.equation_sums @ self.weights
-
-    @property
-    def sensitivities(self) -> Float[np.ndarray, "K n n"]:
-        """Minus their derivatives by the joint vector."""
-        products = self.products
-        return self.weights.T @ (products.cross - products.counts[:, None, None] * products.shared)
-
-
-def record_of(solved: Solved) -> Record:
-    """Products of a solution's record. Linear in the rows."""
-    problem = solved.problem
-    made = solved.products
-    if made is not None and made.counts.size > 1 and isinstance(problem, SignalRegression):
-        return _of_blocks(problem, solved, made)
-    return _of_rows(solved)
-
-
-def _of_rows(solved: Solved) -> Record:
-    """Any problem, from its rows in arrays."""
-    rows, theta = solved.rows, solved.solution.theta
-    residual = rows.response - rows.regressors @ theta
-    jacobian = rows.regressors
-    if solved.nuisance_columns.size:
-        jacobian = np.column_stack([jacobian, solved.nuisance_columns])
-    if solved.assembler.moment_equations:
-        psi = solved.assembler.test_functions(rows)
-    else:
-        correction = solved.solver.score_correction(residual, theta, solved.system.error_covariance)
-        psi = jacobian + np.pad(correction.rows, ((0, 0), (0, jacobian.shape[1] - theta.size)))
-    step_s, thinning = None, None
-    if isinstance(rows.layout, BinRows):
-        columns = rows.layout.series(np.column_stack([psi, jacobian, residual])) / np.sqrt(2.0)
-        psi, jacobian, residual = columns[:, : psi.shape[1]], columns[:, psi.shape[1] : -1], columns[:, -1]
-        step_s = rows.layout.runs[0].step_s
-        thinning = max(int(0.5 / (step_s * max(run.band_hz[1] for run in rows.layout.runs))), 1)
-    elif isinstance(solved.problem, SignalRegression):
-        step_s = solved.problem.signals.step_s
-    residual = np.ascontiguousarray(residual)
-    products = equation_products(
-        instruments=psi,
-        jacobian=jacobian,
-        residual=residual,
-        blocks=block_count(residual.size, psi.shape[1]),
-    )
-    whole, weights = _assembled(solved, products)
-    columns = tuple(jacobian[:, j] for j in range(theta.size))
-    return Record(whole, weights, residual, columns, tuple(theta.tolist()), step_s, thinning)
-
-
-def _assembled(
-    solved: Solved, products: EquationProducts
-) -> tuple[EquationProducts, Float[np.ndarray, "p n"]]:
-    """With what the compensation, or a direct method's correction, adds to the products; and W A."""
-    total = np.asarray(products.cross.sum(axis=0))
-    if solved.assembler.moment_equations:
-        # the equations are means over rows; of rows in frequency there are not as many as samples
-        rows = solved.count / products.count
-        A = total / solved.count
-        linear = solved.system.matrix.shape[1]
-        noise = A[:, :linear] - solved.system.matrix
-        shared = np.zeros(A.shape)
-        shared[:, :linear] = rows * np.where(np.abs(noise) > ROUNDING * np.abs(A[:, :linear]), noise, 0.0)
-        A[:, :linear] = solved.system.matrix
-        WA = A if solved.factor is None else scipy.linalg.cho_solve((solved.factor, True), A)
-        constant = rows * solved.constant
-    else:
-        known = solved.prior_rows()
-        sensitivity = equation_of(solved).sensitivity - solved.residual_variance() * known.T @ known
-        shared = (total - sensitivity) / products.count
-        WA, constant = np.eye(total.shape[0]), np.zeros(total.shape[0])
-    return replace(products, shared=shared, constant=constant, rows=solved.count), WA
-
-
-# -- a record whose products were made with its moments ---------------------------------------------------
-
-
-def _of_blocks(problem: SignalRegression, solved: Solved, made: Products) -> Record:
-    """Products with the residual y - Phi theta in place of y, from those with y."""
-    first, last = problem.first, problem.signals.sample_count
-    theta, columns = solved.solution.theta, problem.regressor_columns
-    values = [problem.slice_of(column, first, last) for column in columns]
-    factors = [float(parameter) * column.gain for parameter, column in zip(theta, columns, strict=True)]
-    response = problem.equation.response
-    residual = response.gain * problem.slice_of(response, first, last)
-    for factor, series in zip(factors, values, strict=True):
-        residual = _less(residual, factor, series)
-    products = made.with_residual(theta)
-    # The power of the residual is no difference of large numbers.
-    edges = np.concatenate([[0], np.cumsum(made.counts).astype(np.int64)])
-    products.sums[:, -1, -1] = [residual[a:b] @ residual[a:b] for a, b in pairwise(edges.tolist())]
-    result = EquationProducts(products, np.zeros((0, 0)), np.zeros(0))
-    step_s = problem.signals.step_s
-    return Record(*_assembled(solved, result), residual, tuple(values), tuple(factors), step_s)
-
-
-def _less(
-    residual: Float[np.ndarray, " rows"], factor: float, series: Float[np.ndarray, " rows"]
-) -> Float[np.ndarray, " rows"]:
-    """Residual - factor x series, in place, while blocks of both are in the cache."""
-    product = np.empty(min(MULTIPLIED_ROWS, residual.size))
-    for start, stop in row_blocks(0, residual.size, MULTIPLIED_ROWS):
-        here, part = slice(start, stop), product[: stop - start]
-        np.multiply(series[here], factor, out=part)
-        residual[here] -= part
-    return residual
+    return scipy.linalg.solve_triangular(root, rows.T, trans="T").T
 
 
 # -- Estimate --
@@ -714,11 +459,9 @@ class Estimate:
     @property
     def choices(self) -> int:
         """Discrete nuisances that have a choice, but those that are bounded; one at least."""
-        refined = {profile.nuisance.name for profile in self.best.profiles}
-        chosen = [
-            name for name in self.best.nuisances if name not in refined and len(self._values_of(name)) > 1
-        ]
-        return max(len(chosen) - len(self.bounded), 1)
+        discrete = set(self.best.nuisances) - {profile.nuisance.name for profile in self.best.profiles}
+        values = [{candidate.nuisances[name] for candidate in self.candidates} for name in discrete]
+        return max(sum(len(each) > 1 for each in values) - len(self.bounded), 1)
 
     @property
     def excesses(self) -> tuple[float, ...]:
@@ -734,9 +477,6 @@ class Estimate:
         return least_comparable_criteria(
             self.bounded, [candidate.nuisances for candidate in self.candidates], criteria
         )
-
-    def _values_of(self, nuisance: str) -> set[float]:
-        return {candidate.nuisances[nuisance] for candidate in self.candidates}
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -796,10 +536,8 @@ class Estimate:
                 "one from chunks or moments, which keeps no rows",
                 "Name the covariance when you identify: identify_chunks(..., covariance=...).",
             )
-        candidates = tuple(
-            replace(candidate, covariance_estimator=estimator) for candidate in self.candidates
-        )
-        return replace(self, candidates=candidates)
+        changed = (replace(candidate, covariance_estimator=estimator) for candidate in self.candidates)
+        return replace(self, candidates=tuple(changed))
 
     def ellipse(self, name: str, other: str, level: float = 0.95) -> Ellipse:
         """Joint confidence region of two parameters of the best candidate.
@@ -896,13 +634,11 @@ class Estimate:
 
     def to_json(self) -> str:
         """Text of a JSON document: the table of `to_frame`, row by row, and the covariance."""
-        rows = [
-            {
-                key: None if isinstance(value, float) and not math.isfinite(value) else value
-                for key, value in row.items()
-            }
-            for row in self.to_frame().to_dicts()
-        ]
+
+        def finite(value: str | float) -> str | float | None:
+            return None if isinstance(value, float) and not math.isfinite(value) else value
+
+        rows = [{key: finite(value) for key, value in row.items()} for row in self.to_frame().to_dicts()]
         covariance = self.covariance.tolist() if self.best.has_covariance else None
         document = {"method": self.method, "parameters": rows, "covariance": covariance}
         return json.dumps(document, indent=2, allow_nan=False) + "\n"
@@ -910,18 +646,14 @@ class Estimate:
     def summary(self) -> str:
         """Table of parameters as text, with standard errors."""
         if not self.best.has_covariance:
-            lines = [f"{self.method} (from moments: no standard errors)"]
-            return "\n".join([*lines, *(f"{n:<20}{v:>12.5g}" for n, v in self.parameters.items())])
-        lines = [
-            f"{self.method}",
-            f"{'parameter':<20}{'value':>12}{'std. error':>12}{'95 % interval':>30}  unit",
-        ]
-        for parameter in self.joint_parameters:
-            low, high = self.interval(parameter.name)
-            lines.append(
-                f"{parameter.name:<20}{self.parameters[parameter.name]:>12.5g}"
-                f"{self.std_error(parameter.name):>12.3g}{f'[{low:.5g}, {high:.5g}]':>30}  {parameter.unit}"
-            )
+            values = (f"{name:<20}{value:>12.5g}" for name, value in self.parameters.items())
+            return "\n".join([f"{self.method} (from moments: no standard errors)", *values])
+        head = f"{'parameter':<20}{'value':>12}{'std. error':>12}{'95 % interval':>30}  unit"
+        lines = [self.method, head]
+        for (name, value), unit in zip(self.parameters.items(), self.units, strict=True):
+            low, high = self.interval(name)
+            interval = f"[{low:.5g}, {high:.5g}]"
+            lines.append(f"{name:<20}{value:>12.5g}{self.std_error(name):>12.3g}{interval:>30}  {unit}")
         lines.extend(f"noise of {noise.sentence}" for noise in self.noises)
         lines.extend(f"- {reason.sentence} {reason.remedy}" for reason in self.reasons)
         return "\n".join(lines)

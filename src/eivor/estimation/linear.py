@@ -6,6 +6,7 @@ import sys
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
@@ -19,19 +20,11 @@ from eivor.errors import (
     UsageError,
     WeakInstrumentsWarning,
 )
-from eivor.estimation.estimate import Candidate, Estimate, Solved
+from eivor.estimation.estimate import Candidate, Estimate
 from eivor.estimation.method import Method, NaturalInstruments, Problem
 from eivor.estimation.moments import Assembler, Compensated, CrossMoments, Moments, ProblemMoments
-from eivor.estimation.nuisance_grids import bounded_sums, on_nested_grids
-from eivor.estimation.variable_projection import Minimum, Search
-from eivor.estimation.weighting import (
-    EqualRows,
-    EquationWeighting,
-    RowWeighting,
-    Unweighted,
-    UnweightedEquations,
-    WeightedRows,
-)
+from eivor.estimation.variable_projection import Minimum, bounded_sums, minimised, on_nested_grids
+from eivor.estimation.weighting import EqualRows, EquationWeighting, RowWeighting, Unweighted, WeightedRows
 from eivor.inference.covariance import FEW_ROWS_DEFAULT, FLIGHT_DEFAULT
 from eivor.inference.diagnostics.instruments import STRONG_FIRST_STAGE
 from eivor.inference.diagnostics.record import BEYOND_DOUBT, first_stage_of_products
@@ -51,31 +44,20 @@ MOST_STEPS = 60
 CONVERGED = 1e-9
 
 #: A method, from a linear problem to its solution.
-Solve = Callable[[LinearProblem], Solved]
-
-
-@dataclass(frozen=True)
-class RefinedSolution:
-    """Where a method's own equations ask for no change of the nuisances."""
-
-    nuisances: dict[str, float]  # Values of the nuisances
-    solved: Solved
-    origin: Float[np.ndarray, " n"]
+Solve = Callable[[LinearProblem], Candidate]
 
 
 def nearly(problem: LinearisableProblem, solve: Solve) -> dict[str, float]:
     """Values of the nuisances with the least objective of a method, to coarse tolerances."""
     refused: list[EstimationError] = []
 
-    def solution(nuisance_values: Values) -> Solution:
-        return solve(problem.regression(nuisance_values)).solution
+    def solution(values: Values) -> Solution:
+        return solve(problem.regression(values)).solution
 
-    def objective(inputs: Values) -> float:
+    def objective(values: Values) -> float:
         try:
-            return solution(inputs).objective
-        except (
-            EstimationError
-        ) as error:  # here the columns are those of another order, somewhere they are not
+            return solution(values).objective
+        except EstimationError as error:  # here columns are those of another order, somewhere they are not
             refused.append(error)
             return np.inf
 
@@ -85,10 +67,10 @@ def nearly(problem: LinearisableProblem, solve: Solve) -> dict[str, float]:
             raise refused[0]
         return values
 
-    return Search(problem.nuisances, {}, solution, objectives, lambda _: 0.0).minimum(coarse=True).nuisances
+    return minimised(problem.nuisances, {}, solution, objectives, coarse=True).nuisances
 
 
-def refined_nuisances(problem: LinearisableProblem, solve: Solve, start: Values) -> RefinedSolution:
+def refined_nuisances(problem: LinearisableProblem, solve: Solve, start: Values) -> Candidate:
     """Solution beside the values at which a method changes nothing."""
     low = np.array([nuisance.first for nuisance in problem.nuisances])
     high = np.array([float(nuisance.grid[-1]) for nuisance in problem.nuisances])
@@ -96,11 +78,11 @@ def refined_nuisances(problem: LinearisableProblem, solve: Solve, start: Values)
     values = np.array([start[name] for name in names])
     for _ in range(MOST_STEPS):
         index = dict(zip(names, values.tolist(), strict=True))
-        theta = solve(problem.regression(index)).solution.theta
+        theta = solve(problem.regression(index)).theta
         solved = solve(problem.linearised(index, theta))
-        change = solved.solution.theta[theta.size :]
+        change = solved.theta[theta.size :]
         if (np.abs(change) <= CONVERGED * (high - low)).all():
-            return RefinedSolution(index, solved, np.concatenate([np.zeros(theta.size), values]))
+            return replace(solved, nuisances=index, origin=np.append(np.zeros(theta.size), values))
         following = np.clip(values + change, low, high)
         if (following == values).any():
             stuck = [name for name, same in zip(names, following == values, strict=True) if same]
@@ -128,19 +110,14 @@ def shrinkage_bias(solution: Solution, parameters: tuple[Parameter, ...]) -> tup
     done = solution.shrinkage
     if done is None:
         return ()
-    moves = ", ".join(
-        f"{parameter.name} by {move:.3g} {parameter.unit}".rstrip()
-        for parameter, move in zip(parameters, done.shift, strict=True)
+    each = zip(parameters, done.shift, strict=True)
+    moves = ", ".join(f"{item.name} by {move:.3g} {item.unit}".rstrip() for item, move in each)
+    sentence = (
+        f"Regularised ({done.scheme}, parameter {done.parameter:.3g} by {done.choice}): "
+        f"{done.kept:.3g} of {done.shift.size} parameters are left, and it moved {moves}."
     )
     status = Status.IDENTIFIED if done.kept >= MOSTLY_LEFT * done.shift.size else Status.WEAK
-    return (
-        Reason(
-            status,
-            f"Regularised ({done.scheme}, parameter {done.parameter:.3g} by {done.choice}): "
-            f"{done.kept:.3g} of {done.shift.size} parameters are left, and it moved {moves}.",
-            "A pulled estimate is biased; intervals count the whole move.",
-        ),
-    )
+    return (Reason(status, sentence, "A pulled estimate is biased; intervals count the whole move."),)
 
 
 # -- Refusals --
@@ -214,10 +191,9 @@ def weak_instruments(
         f"The instruments hardly move the regressor of {parameters[weakest].name}: first-stage F is "
         f"{strengths[weakest]:.2g}, and {STRONG_FIRST_STAGE:.0f} is needed (singular values of the scaled "
         f"equations: {', '.join(f'{value:.3g}' for value in singular)}).",
-        "An input that hardly moves carries no information, and a white one is no instrument for "
-        "itself once delayed: "
-        "use generalized_iv with lag 0, other instruments, or an input with memory. The sets of "
-        "eivor.anderson_rubin_set hold all the same.",
+        "An input that hardly moves carries no information, and a white one is no instrument for itself "
+        "once delayed: use generalized_iv with lag 0, other instruments, or an input with memory. The sets "
+        "of eivor.anderson_rubin_set hold all the same.",
     )
     warnings.warn(f"{reason.sentence} {reason.remedy}", WeakInstrumentsWarning, stacklevel=user_level())
     return (reason,)
@@ -287,10 +263,7 @@ class LinearMethod(Method):
     @property
     def plain_products(self) -> bool:
         """Whether what is solved is mean(psi [phi' y]), neither corrected nor weighted."""
-        unweighted = (
-            self.equation_weighting.passes == 1 and not self.equation_weighting.needs_instrument_products
-        )
-        return unweighted and self.assembler.plain_products
+        return self.assembler.plain_products and isinstance(self.equation_weighting, Unweighted)
 
     def estimate(self, problem: Problem) -> Estimate:
         """Estimate the parameters of rows, of a problem with nuisances, or of moments."""
@@ -299,29 +272,22 @@ class LinearMethod(Method):
         if isinstance(problem, SeparableProblem):
             return _separable_estimate(self, problem)
         if isinstance(problem, ProblemMoments):
-            moments, parameters, rows = problem.moments, problem.parameters, None
-        else:
-            moments, parameters, rows = self.moments(problem), problem.parameters, problem
-        solved = self.determined(moments, rows)
-        return Estimate(self.name, parameters, (Candidate({}, solved),), _reasons(solved, parameters))
+            return _plain_estimate(self, self.determined(problem.moments), problem.parameters)
+        return _plain_estimate(self, self.determined(self.moments(problem), problem), problem.parameters)
 
     def moments(self, problem: LinearProblem) -> Moments:
         """Summary of rows that the equations, every weighting of them and the instruments' strength need."""
-        return (
-            self.assembler.full_moments(problem)
-            if self.needs_instruments
-            else self.assembler.moments(problem)
-        )
+        return self.assembler.moments(problem, whole=self.needs_instruments)
 
-    def solve(self, problem: LinearProblem) -> Solved:
+    def solve(self, problem: LinearProblem) -> Candidate:
         """Solve for the linear parameters of a problem with its rows available."""
-        full = self.equation_weighting.needs_instrument_products
-        moments = self.assembler.full_moments(problem) if full else self.assembler.moments(problem)
+        moments = self.assembler.moments(problem, whole=self.equation_weighting.needs_instrument_products)
         return self.solve_moments(moments, problem)
 
-    def solve_moments(self, moments: Moments, problem: LinearProblem | None = None) -> Solved:
+    def solve_moments(self, moments: Moments, problem: LinearProblem | None = None) -> Candidate:
         """Solve for the linear parameters from moments."""
-        if self.row_weighting.needs_spectra and not _has_spectra(problem):
+        spectra = isinstance(problem, Regression) and isinstance(problem.layout, BinRows)
+        if self.row_weighting.needs_spectra and not spectra:
             raise UsageError(
                 "a flight, whose runs have spectra, for a method with spectral whitening",
                 "a regression of plain rows",
@@ -330,26 +296,22 @@ class LinearMethod(Method):
         system = self.assembler.system(moments)
         theta: Float[np.ndarray, " n"] | None = None
         for _ in range(self.equation_weighting.passes):
-            weighted = self.equation_weighting.equations(UnweightedEquations(system, moments, problem, theta))
+            weighted, factor = self.equation_weighting.equations(system, moments, problem, theta)
             try:
-                solution = self.solver.solve(weighted.system)
+                solution = self.solver.solve(weighted)
             except CollinearError as error:
                 raise (error if problem is None else _collinear(system.matrix, problem.parameters)) from None
             theta = solution.theta
         solution = replace(solution, objective=self.assembler.left(moments, solution))
-        return Solved(self.assembler, self.solver, moments, problem, system, weighted.factor, solution)
+        return Candidate(self.assembler, self.solver, moments, problem, system, factor, solution)
 
-    def determined(self, moments: Moments, problem: LinearProblem | None = None) -> Solved:
+    def determined(self, moments: Moments, problem: LinearProblem | None = None) -> Candidate:
         """Solution of moments that determine the parameters, and leave a residual to judge them by."""
         system = self.assembler.system(moments)
         check_freedom(moments.rows, system.matrix.shape[1])
         if self.assembler.moment_equations:
             check_rank(system)
         return self.solve_moments(moments, problem)
-
-
-def _has_spectra(problem: LinearProblem | None) -> bool:
-    return isinstance(problem, Regression) and isinstance(problem.layout, BinRows)
 
 
 # -- problems whose nuisances have columns of their own ----------------------------------------------------
@@ -363,23 +325,23 @@ def _linearised_estimate(method: LinearMethod, problem: LinearisableProblem) -> 
     if method.needs_instruments:
         check_instruments(first.rows(), len(problem.nuisances), method.name)
 
-    def solve(linear: LinearProblem) -> Solved:
+    def solve(linear: LinearProblem) -> Candidate:
         return method.determined(method.moments(linear), linear)
 
-    result = refined_nuisances(problem, solve, nearly(problem, method.solve))
-    solved = result.solved
-    parameters = solved.rows.parameters
-    candidate = Candidate(result.nuisances, solved, origin=result.origin)
-    return Estimate(method.name, parameters, (candidate,), _reasons(solved, parameters))
+    candidate = refined_nuisances(problem, solve, nearly(problem, method.solve))
+    return _plain_estimate(method, candidate, candidate.rows.parameters)
 
 
-def _reasons(solved: Solved, parameters: tuple[Parameter, ...]) -> tuple[Reason, ...]:
-    """Reasons for the status weak of an estimate of plain rows."""
-    return (
-        *weak_instruments(solved.moments, solved.system, parameters),
-        *overstated_noise(solved.moments, parameters),
-        *shrinkage_bias(solved.solution, parameters),
+def _plain_estimate(
+    method: LinearMethod, candidate: Candidate, parameters: tuple[Parameter, ...]
+) -> Estimate:
+    """Estimate of plain rows, with the reasons for the status weak."""
+    reasons = (
+        *weak_instruments(candidate.moments, candidate.system, parameters),
+        *overstated_noise(candidate.moments, parameters),
+        *shrinkage_bias(candidate.solution, parameters),
     )
+    return Estimate(method.name, parameters, (candidate,), reasons)
 
 
 # -- problems with nuisances ------------------------------------------------------------------------------
@@ -393,33 +355,26 @@ def check_linear(method: object) -> None:
 
 def _separable_estimate(method: LinearMethod, problem: SeparableProblem) -> Estimate:
     """Estimate with a candidate for each combination of the discrete nuisances' values."""
-
-    def made(fixed: dict[str, float], neighbours: Candidate | None) -> Candidate:
-        return _candidate(method, problem, fixed, neighbours)
-
-    candidates = on_nested_grids(problem.nuisances, made, lambda candidate: candidate.criterion, _rejected)
+    candidates = on_nested_grids(
+        problem.nuisances,
+        partial(_candidate, method, problem),
+        lambda candidate: candidate.criterion,
+        lambda candidate: candidate.over_identification[1] < BEYOND_DOUBT,
+    )
     refined = tuple(nuisance.parameter for nuisance in problem.nuisances if nuisance.refined)
     joint = candidates[0].rows.parameters + refined
-    best = (
-        min(candidates, key=lambda candidate: candidate.criterion) if len(candidates) > 1 else candidates[0]
-    )
-    reasons = shrinkage_bias(best.solution, best.rows.parameters)
-    return Estimate(method.name, joint, candidates, reasons, bounded_sums(problem.nuisances))
-
-
-def _rejected(candidate: Candidate) -> bool:
-    """Whether the instruments disagree beyond doubt."""
-    return candidate.inference.over_identification[1] < BEYOND_DOUBT
+    estimate = Estimate(method.name, joint, candidates, bounded=bounded_sums(problem.nuisances))
+    best = estimate.best
+    return replace(estimate, reasons=shrinkage_bias(best.solution, best.rows.parameters))
 
 
 def _candidate(
     method: LinearMethod, problem: SeparableProblem, fixed: dict[str, float], candidate: Candidate | None
 ) -> Candidate:
     """Estimate at some values of the discrete nuisances: passes of search and renewed row weights."""
-    if problem.warm_start is not None:
-        weights = method.row_weighting.last_pass(
-            problem, problem.warm_start.theta, problem.warm_start.nuisances
-        )
+    start = problem.warm_start
+    if start is not None:
+        weights = method.row_weighting.last_pass(problem, start.theta, start.nuisances)
     else:
         weights = method.row_weighting.first_pass(problem)
         if candidate is not None and weights.renewal is not None:
@@ -431,45 +386,55 @@ def _candidate(
     solved = method.solve(weights.rows(minimum.nuisances))
     refined = [nuisance for nuisance in problem.nuisances if nuisance.refined]
     columns = [slope(weights, nuisance, minimum.nuisances, minimum.solution.theta) for nuisance in refined]
-    precision = [0.0 if nuisance.prior is None else nuisance.prior.std**-2.0 for nuisance in refined]
-    known = [nuisance for nuisance in problem.nuisances if nuisance.searched and nuisance.prior is not None]
-    solved = replace(
+    misfits, precision = known_misfits(problem.nuisances, minimum.nuisances)
+    current = weights.criterion(solved.theta, minimum.nuisances)
+    return replace(
         solved,
         nuisance_columns=np.column_stack([np.empty((solved.rows.response.size, 0)), *columns]),
-        precision=np.array(precision),
-        misfits=tuple(nuisance.misfit(minimum.nuisances) for nuisance in known),
+        precision=precision,
+        misfits=misfits,
+        nuisances={nuisance.name: minimum.nuisances[nuisance.name] for nuisance in problem.nuisances},
+        profiles=minimum.profiles,
+        covariance_estimator=FEW_ROWS_DEFAULT if problem.few_rows else FLIGHT_DEFAULT,
+        flight_criterion=None if current is None else current + sum(misfits),
     )
-    index = {nuisance.name: minimum.nuisances[nuisance.name] for nuisance in problem.nuisances}
-    covariance = FEW_ROWS_DEFAULT if problem.few_rows else FLIGHT_DEFAULT
-    current = weights.criterion(solved.solution.theta, minimum.nuisances)
-    criterion = None if current is None else current + sum(solved.misfits)
-    return Candidate(index, solved, minimum.profiles, covariance, flight_criterion=criterion)
+
+
+def known_misfits(
+    nuisances: Sequence[Nuisance], values: Values
+) -> tuple[tuple[float, ...], Float[np.ndarray, " q"]]:
+    """Misfits of the nuisances that are known beforehand; information on each that is refined."""
+    known = [nuisance for nuisance in nuisances if nuisance.searched and nuisance.prior is not None]
+    refined = [nuisance.prior for nuisance in nuisances if nuisance.refined]
+    precision = np.array([0.0 if prior is None else prior.std**-2.0 for prior in refined])
+    return tuple(nuisance.misfit(values) for nuisance in known), precision
 
 
 def _minimum(
     method: LinearMethod, problem: SeparableProblem, weights: WeightedRows, fixed: dict[str, float]
 ) -> Minimum:
     """Best continuous nuisances with weights of one pass; roughly, where another pass follows."""
-    wanted_parameters = tuple(nuisance for nuisance in problem.nuisances if nuisance.refined)
+    unknown = tuple(nuisance for nuisance in problem.nuisances if nuisance.refined)
     rows = weights.rows(problem.first_values | fixed)
-    check_freedom(rows.response.size, rows.regressors.shape[1] + len(wanted_parameters))
+    check_freedom(rows.response.size, rows.regressors.shape[1] + len(unknown))
     if method.needs_instruments:
-        unknown = sum(nuisance.prior is None for nuisance in wanted_parameters)
-        check_instruments(rows, unknown, method.name)
+        check_instruments(rows, sum(nuisance.prior is None for nuisance in unknown), method.name)
 
-    def solve(nuisance_values: Values) -> Solution:
-        return method.solve(weights.rows(nuisance_values)).solution
-
-    def unit(inputs: Values) -> float:
-        return method.solve(weights.rows(inputs)).objective_unit()
+    def solve(values: Values) -> Candidate:
+        return method.solve(weights.rows(values))
 
     def objectives(points: Sequence[Values]) -> Float[np.ndarray, " points"]:
         if method.plain_products:
             return method.solver.objectives(weights.products(points))
-        return np.array([solve(point).objective for point in points])
+        return np.array([solve(point).solution.objective for point in points])
 
-    return Search(wanted_parameters, fixed, solve, objectives, unit).minimum(
-        coarse=weights.renewal is not None
+    return minimised(
+        unknown,
+        fixed,
+        lambda values: solve(values).solution,
+        objectives,
+        lambda values: solve(values).objective_unit(),
+        coarse=weights.renewal is not None,
     )
 
 

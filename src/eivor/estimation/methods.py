@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from math import inf
 
 from eivor import checks
 from eivor.errors import UsageError
@@ -12,13 +13,8 @@ from eivor.estimation.estimate import Estimate
 from eivor.estimation.linear import LinearMethod
 from eivor.estimation.method import Method, NaturalInstruments, Problem
 from eivor.estimation.moments import Assembler, Compensated, Direct, Instrumental, ProblemMoments
-from eivor.estimation.spectral_iv import CombinedSpectralIV, SpectralGeneralizedIV, WhittleLikelihood
-from eivor.estimation.unknown_noise import (
-    BiasEliminating,
-    FrischScheme,
-    GeneralizedEquations,
-    NoiseEstimatingIV,
-)
+from eivor.estimation.spectral_iv import SpectralGeneralizedIV, WhittleLikelihood
+from eivor.estimation.unknown_noise import EquationChoice, NoiseEstimatingIV
 from eivor.estimation.weighting import (
     EquationWeighting,
     LimitedInformation,
@@ -233,17 +229,17 @@ def generalized_iv_unknown_noise(*, lags: int | None = None, orders: Sequence[st
     Results have `noise_variance_velocity_z`, of the white noise, and `noise_order_velocity_z`
     beside the parameters. A disturbance must not move the vehicle: the velocity would answer it.
     """
-    return NoiseEstimatingIV("generalized_iv_unknown_noise", GeneralizedEquations(lags), tuple(orders))
+    return NoiseEstimatingIV("generalized_iv_unknown_noise", orders=tuple(orders), lags=lags)
 
 
 def bias_eliminating_least_squares() -> Method:
     """Least squares whose bias by white noises of unknown strength is identified by instruments."""
-    return NoiseEstimatingIV("bias_eliminating_least_squares", BiasEliminating())
+    return NoiseEstimatingIV("bias_eliminating_least_squares", EquationChoice.BIAS_ELIMINATING)
 
 
 def frisch_scheme() -> Method:
     """The Frisch scheme with instruments: white noises of regressors and response are identified."""
-    return NoiseEstimatingIV("frisch_scheme", FrischScheme())
+    return NoiseEstimatingIV("frisch_scheme", EquationChoice.FRISCH)
 
 
 def spectral_giv() -> Method:
@@ -258,7 +254,7 @@ def spectral_giv() -> Method:
 
 def spectral_giv_combined() -> Method:
     """The combination of `spectral_giv` and `generalized_iv` that has the least variance."""
-    return CombinedSpectralIV()
+    return SpectralGeneralizedIV("spectral_giv_combined", alone_from=inf)
 
 
 def whittle_ml() -> Method:

@@ -7,32 +7,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from eivor.errors import CovarianceError, InstrumentError, MissingNoiseError, UsageError
+from eivor.errors import CovarianceError, InstrumentError, UsageError
 from eivor.estimation.products import products_of, root_of_rows
 from eivor.inference.covariance import unit_scale
 from eivor.inference.products import Products
 from eivor.linalg.system import LinearSystem, Solution, merged_roots
 from eivor.models.regression import LinearProblem, Parameter, Regression, RowBlock
-from eivor.tools import Bool, Float, Int
+from eivor.tools import Float
 
 # -- Moments --
 
 
-class Moments(ABC):
-    """Summary of some rows."""
-
-    @property
-    @abstractmethod
-    def rows(self) -> float:
-        """Number of rows summarised."""
-
-    @abstractmethod
-    def merge(self, other: Moments) -> Moments:
-        """Summary of both sets of rows."""
-
-
 @dataclass(frozen=True, slots=True)
-class TriangularMoments(Moments):
+class TriangularMoments:
     """Triangular root of the rows [Phi y]."""
 
     count: float  # Number of rows
@@ -48,14 +35,12 @@ class TriangularMoments(Moments):
         """Root of the stacked roots."""
         if not isinstance(other, TriangularMoments) or self.root.shape[1] != other.root.shape[1]:
             raise _unlike(self, other)
-        noise = None
-        if self.noise is not None and other.noise is not None:
-            noise = _mean(self.count, self.noise, other.count, other.noise)
+        noise = _mean_noise(self, other)
         return TriangularMoments(self.count + other.count, merged_roots(self.root, other.root), noise)
 
 
 @dataclass(frozen=True, slots=True)
-class CrossMoments(Moments):
+class CrossMoments:
     """Mean cross-products of the instruments with [Phi y], a view of a table of products."""
 
     products: Products  # [psi phi y]
@@ -74,24 +59,20 @@ class CrossMoments(Moments):
     @property
     def instruments(self) -> Float[np.ndarray, "p p"] | None:
         """mean(psi psi'); None when it was not made."""
-        if not self.products.layout.whole:
-            return None
-        return np.asarray(self.products.instruments.sum(axis=0)) / self.rows
+        whole = self.products.layout.whole
+        return np.asarray(self.products.instruments.sum(axis=0)) / self.rows if whole else None
 
     @property
     def regressors(self) -> Float[np.ndarray, "n n"] | None:
         """mean(phi phi'); None when it was not made."""
-        if not self.products.layout.whole:
-            return None
-        return np.asarray(self.products.regressors.sum(axis=0)) / self.rows
+        whole = self.products.layout.whole
+        return np.asarray(self.products.regressors.sum(axis=0)) / self.rows if whole else None
 
     @property
     def columns(self) -> Float[np.ndarray, "n_plus_1 n_plus_1"] | None:
         """mean([phi y] [phi y]'); None when it was not made."""
-        if not self.products.layout.whole:
-            return None
-        first = self.products.layout.first_right
-        return np.asarray(self.products.sums[:, first:, first:].sum(axis=0)) / self.rows
+        first, whole = self.products.layout.first_right, self.products.layout.whole
+        return np.asarray(self.products.sums[:, first:, first:].sum(axis=0)) / self.rows if whole else None
 
     def shared_noise(self, theta: Float[np.ndarray, " n"]) -> Float[np.ndarray, " p"]:
         """What the noises add to each row's products with the residual on average, C theta - c."""
@@ -106,10 +87,11 @@ class CrossMoments(Moments):
         both = [self.products, other.products]
         if not all(products.layout.whole for products in both):
             both = [products.equations_only for products in both]
-        noise = None
-        if self.noise is not None and other.noise is not None:
-            noise = _mean(self.rows, self.noise, other.rows, other.noise)
-        return CrossMoments((both[0].total + both[1].total).total, noise)
+        return CrossMoments((both[0].total + both[1].total).total, _mean_noise(self, other))
+
+
+#: Summary of some rows.
+Moments = TriangularMoments | CrossMoments
 
 
 def _columns(moments: CrossMoments) -> tuple[int, int]:
@@ -139,11 +121,12 @@ class ProblemMoments:
         return replace(self, moments=self.moments.merge(other.moments))
 
 
-def _mean(
-    count: float, values: Float[np.ndarray, "m n"], other_count: float, other: Float[np.ndarray, "m n"]
-) -> Float[np.ndarray, "m n"]:
-    total = count + other_count
-    return values * (count / total) + other * (other_count / total)
+def _mean_noise(moments: Moments, other: Moments) -> Float[np.ndarray, "m n"] | None:
+    """Noises' covariance of both, weighted by their rows; None where one has none."""
+    if moments.noise is None or other.noise is None:
+        return None
+    total = moments.rows + other.rows
+    return moments.noise * (moments.rows / total) + other.noise * (other.rows / total)
 
 
 def _unlike(moments: Moments, other: Moments) -> UsageError:
@@ -160,74 +143,51 @@ def _unlike(moments: Moments, other: Moments) -> UsageError:
 class Assembler(ABC):
     """From a problem to moments, and from moments to a linear system."""
 
-    @property
-    @abstractmethod
-    def needs_instruments(self) -> bool:
-        """True when the problem must have instruments."""
+    needs_instruments: bool  # Whether the problem must have instruments
+    compensates = False  # Whether declared noises are taken out of the equations
 
     @property
-    @abstractmethod
     def moment_equations(self) -> bool:
         """True when the equations are mean cross-products, False when they are rows or their root."""
+        return self.needs_instruments or self.compensates
 
     @property
     def plain_products(self) -> bool:
-        """True when the equations are mean(psi [phi' y]) and nothing else; not so by default."""
-        return False
-
-    @property
-    def compensates(self) -> bool:
-        """True when declared noises are taken out of the equations; not so by default."""
-        return False
-
-    @abstractmethod
-    def moments(self, problem: LinearProblem) -> Moments:
-        """Summary of the problem's rows: what the equations need."""
-
-    def full_moments(self, problem: LinearProblem) -> Moments:
-        """With mean(psi psi') and mean(phi phi'), for weights and strength; without instruments no more."""
-        return self.moments(problem)
+        """True when the equations are mean(psi [phi' y]) and nothing else."""
+        return self.needs_instruments and not self.compensates
 
     @property
     def takes_out_own_noise(self) -> bool:
-        """True when the noise of the regressors must be known; not so by default."""
-        return False
+        """True when regressors are their own instruments, so that their noise must be known."""
+        return self.compensates and not self.needs_instruments
 
-    def left(self, _moments: Moments, solution: Solution, /) -> float:
-        """What a search of nuisances makes least; by default what the solver did."""
-        return solution.objective
+    @abstractmethod
+    def moments(self, problem: LinearProblem, *, whole: bool = False) -> Moments:
+        """Summary of the rows; the `whole` has mean(psi psi') and mean(phi phi'), for weights, strength."""
 
     @abstractmethod
     def system(self, moments: Moments) -> LinearSystem:
         """Equations for the parameters."""
 
-    @abstractmethod
     def test_functions(self, rows: Regression | RowBlock) -> Float[np.ndarray, "rows p"]:
         """Functions psi whose products with the residual the equations are made of."""
+        return rows.instruments if self.needs_instruments else rows.regressors
+
+    def left(self, _moments: Moments, solution: Solution, /) -> float:
+        """What a search of nuisances makes least; by default what the solver did."""
+        return solution.objective
 
 
 @dataclass(frozen=True, slots=True)
 class Direct(Assembler):
     """The rows themselves are the equations: Phi theta = y, the paper's (9), (13). Never squared."""
 
-    @property
-    def needs_instruments(self) -> bool:
-        """No."""
-        return False
+    needs_instruments = False
 
-    @property
-    def moment_equations(self) -> bool:
-        """No."""
-        return False
-
-    def moments(self, problem: LinearProblem) -> TriangularMoments:
+    def moments(self, problem: LinearProblem, *, whole: bool = False) -> TriangularMoments:  # noqa: ARG002
         """Triangular root of [Phi y], and its noise covariance where that is declared."""
         count, root = root_of_rows(problem)
-        try:
-            noise = problem.regressor_noise_covariance()
-        except MissingNoiseError:
-            noise = None
-        return TriangularMoments(float(count), root, noise)
+        return TriangularMoments(float(count), root, problem.declared_noise())
 
     def system(self, moments: Moments) -> LinearSystem:
         """The root's rows: the same solutions, n + 1 equations."""
@@ -235,39 +195,15 @@ class Direct(Assembler):
             raise _other_kind("triangular moments", moments)
         return LinearSystem(moments.root[:, :-1], moments.root[:, -1], moments.noise, moments.rows)
 
-    def test_functions(self, rows: Regression | RowBlock) -> Float[np.ndarray, "rows p"]:
-        """The regressors."""
-        return rows.regressors
-
 
 @dataclass(frozen=True, slots=True)
 class Instrumental(Assembler):
     """Mean cross-products with the instruments: Psi'Phi theta = Psi'y, the paper's (23)."""
 
-    @property
-    def needs_instruments(self) -> bool:
-        """Yes."""
-        return True
+    needs_instruments = True
 
-    @property
-    def moment_equations(self) -> bool:
-        """Yes."""
-        return True
-
-    @property
-    def plain_products(self) -> bool:
-        """Yes."""
-        return True
-
-    def moments(self, problem: LinearProblem) -> CrossMoments:
+    def moments(self, problem: LinearProblem, *, whole: bool = False) -> CrossMoments:
         """mean(psi [phi' y])."""
-        return self._moments(problem, whole=False)
-
-    def full_moments(self, problem: LinearProblem) -> CrossMoments:
-        """With mean(psi psi') and mean(phi phi'), see `moments`."""
-        return self._moments(problem, whole=True)
-
-    def _moments(self, problem: LinearProblem, *, whole: bool) -> CrossMoments:
         if problem.instruments_share_noise():
             raise InstrumentError(
                 "instruments whose measurement noise no regressor and no response shares",
@@ -280,10 +216,6 @@ class Instrumental(Assembler):
         """Mean cross-products as equations."""
         return _instrumental_system(moments, compensated=False)
 
-    def test_functions(self, rows: Regression | RowBlock) -> Float[np.ndarray, "rows p"]:
-        """The instruments."""
-        return rows.instruments
-
 
 @dataclass(frozen=True, slots=True)
 class Compensated(Assembler):
@@ -291,66 +223,39 @@ class Compensated(Assembler):
 
     # Equations (29), (15) of the paper.
 
-    by_instruments: bool = True  # Use the problem's instruments
-
-    @property
-    def needs_instruments(self) -> bool:
-        """As `by_instruments` says."""
-        return self.by_instruments
-
-    @property
-    def moment_equations(self) -> bool:
-        """Yes."""
-        return True
-
-    @property
-    def takes_out_own_noise(self) -> bool:
-        """When the regressors are their own instruments."""
-        return not self.by_instruments
-
-    @property
-    def compensates(self) -> bool:
-        """Yes."""
-        return True
+    needs_instruments: bool = True  # Use the problem's instruments, or the regressors
+    compensates = True
 
     def _noise(self, problem: LinearProblem) -> Float[np.ndarray, "p n_plus_1"]:
-        if self.by_instruments:
+        if self.needs_instruments:
             return problem.instrument_noise_covariance()
         return problem.regressor_noise_covariance()[:-1]
 
-    def moments(self, problem: LinearProblem) -> CrossMoments:
+    def moments(self, problem: LinearProblem, *, whole: bool = False) -> CrossMoments:
         """mean(psi [phi' y]) and the mean covariance of the noises in it."""
-        return self._moments(problem, whole=not self.by_instruments)
-
-    def full_moments(self, problem: LinearProblem) -> CrossMoments:
-        """With mean(psi psi') and mean(phi phi'), see `moments`."""
-        return self._moments(problem, whole=True)
-
-    def _moments(self, problem: LinearProblem, *, whole: bool) -> CrossMoments:
-        noise = self._noise(problem)
-        products = products_of(problem, instruments=self.by_instruments, whole=whole)
-        return CrossMoments(products, noise)
+        noise, whole = self._noise(problem), whole or not self.needs_instruments
+        return CrossMoments(products_of(problem, instruments=self.needs_instruments, whole=whole), noise)
 
     def system(self, moments: Moments) -> LinearSystem:
         """Compensated mean cross-products as equations."""
         instrumental_system = _instrumental_system(moments, compensated=True)
-        if not self.by_instruments and isinstance(moments, CrossMoments):
+        if not self.needs_instruments and isinstance(moments, CrossMoments):
             _check_compensated(moments.equations[:, :-1], instrumental_system.matrix)
         return instrumental_system
 
     def left(self, moments: Moments, solution: Solution, /) -> float:
         """With instruments what is left of the equations; else the sum of squares without the noise in it."""
-        if self.by_instruments or not isinstance(moments, CrossMoments) or not moments.products.layout.whole:
+        if (
+            self.needs_instruments
+            or not isinstance(moments, CrossMoments)
+            or not moments.products.layout.whole
+        ):
             return solution.objective
         residual = moments.products.with_residual(solution.theta).power.sum()
         added = moments.shared_noise(solution.theta) @ solution.theta
         if moments.noise is not None:
             added -= moments.noise[:, -1] @ solution.theta
         return float(residual - moments.rows * added)
-
-    def test_functions(self, rows: Regression | RowBlock) -> Float[np.ndarray, "rows p"]:
-        """The instruments, or the regressors."""
-        return rows.instruments if self.by_instruments else rows.regressors
 
 
 def _instrumental_system(moments: Moments, *, compensated: bool) -> LinearSystem:
@@ -417,44 +322,3 @@ class FittedNoise:
             strength += f" ± {self.strength_error:.1g}"
         order = f"{self.order:z.2f}" + (f" ± {self.order_error:.1g}" if self.order_error else "")
         return f"{self.of} {strength} {self.measure}, order {order}"
-
-
-# -- Equations of a flight --
-
-#: Instruments that move the rows by less than this share are none of them.
-INDEPENDENT = 1e-6
-
-
-@dataclass(frozen=True)
-class ParameterEquations:
-    """Rows, regressors and instruments that go with one parameter."""
-
-    rows: Bool[np.ndarray, " rows"]
-    regressors: Int[np.ndarray, " own"]
-    instruments: Float[np.ndarray, "own_rows q"]
-
-    @property
-    def rank(self) -> int:
-        """Number of independent instruments."""
-        return int(self.instruments.shape[1])
-
-    def columns(
-        self, columns: Float[np.ndarray, "points rows n_plus_1"], theta: Float[np.ndarray, " n"]
-    ) -> Float[np.ndarray, "points own_rows own_plus_1"]:
-        """Residual at some parameters, and the regressors, of [phi y] of the same rows at several points."""
-        column = columns[:, self.rows]
-        residual = column[:, :, -1] - column[:, :, :-1] @ theta
-        return np.concatenate([residual[:, :, None], column[:, :, self.regressors]], axis=2)
-
-
-def parameter_equations(rows: Regression, position: int) -> ParameterEquations:
-    """Equations of the parameter of some number."""
-    current = rows.regressors[:, position] != 0.0
-    others = [
-        j for j in range(rows.regressors.shape[1]) if j != position and rows.regressors[current, j].any()
-    ]
-    instruments = rows.instruments
-    if not current.all():
-        basis, sizes, _ = np.linalg.svd(instruments[current], full_matrices=False)
-        instruments = basis[:, sizes > INDEPENDENT]
-    return ParameterEquations(current, np.array([position, *others]), instruments)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -17,17 +15,18 @@ from eivor.estimation.sampled_motion import (
     Pair,
     PairedEquations,
     PairSpectrum,
+    Shapes,
     fitted_noise,
     fitted_noises,
     inner,
     prior_of,
 )
-from eivor.estimation.weighting import POWER_FLOOR, RowWeighting, WeightedRows, WhitenedRows
+from eivor.estimation.weighting import POWER_FLOOR, RowWeighting, WhitenedRows
 from eivor.inference.diagnostics.record import orthonormal_basis
 from eivor.models.regression import Regression
 from eivor.models.separable import Nuisance, SampledState, SeparableProblem, Values
 from eivor.models.spectral import BinRows, SpectralRegression
-from eivor.signals.noise import MeasurementNoise, WhiteNoise
+from eivor.signals.noise import WhiteNoise
 from eivor.tools import Complex, Float
 
 # -- Paired bins --
@@ -60,12 +59,11 @@ class PairedBins:
     @cached_property
     def log_scale(self) -> Float[np.ndarray, " bins"]:
         """Logarithm of a difference's gain over that at `STRENGTH_AT_HZ`."""
-        gain: Float[np.ndarray, " bins"] = np.log(
+        return np.log(
             np.sin(np.pi * self.frequency_hz * self.step_s) / np.sin(np.pi * STRENGTH_AT_HZ * self.step_s)
         )
-        return gain
 
-    def shapes(self) -> tuple[PairSpectrum, PairSpectrum, PairSpectrum, PairSpectrum]:
+    def shapes(self) -> Shapes:
         """C of what drives, of the state, of the response, and of a disturbance: one unit of noise each."""
         entries, K = np.ones(self.frequency_hz.size), float(self.theta[self.state.index])
         moved = 2j / self.step_s * np.tan(np.pi * self.frequency_hz * self.step_s) + K
@@ -81,33 +79,28 @@ class PairedBins:
     def density_scale(self) -> Float[np.ndarray, " bins"]:
         """Power per Hz, of both signs of frequency together, over a bin's: 2 T over what tapers leave."""
         runs = self.layout.runs
-        scale: Float[np.ndarray, " bins"] = np.concatenate(
-            [np.full(run.count, 2.0 * run.step_s / np.mean(run.taper**2)) for run in runs]
-        )
-        return scale
+        return np.concatenate([np.full(run.count, 2.0 * run.step_s / np.mean(run.taper**2)) for run in runs])
 
     def residual(self, bins: SpectralRegression) -> Pair:
         """r_1 and r_2, per root of Hz."""
         result = responses(bins) - (bins.regressors @ self.theta)[:, None]
-        scaled: Pair = result.T * np.sqrt(self.density_scale)
-        return scaled
+        return result.T * np.sqrt(self.density_scale)
 
     def fitted(self, bins: SpectralRegression) -> NoiseModel:
         """Noises that fit the residuals, declared ones as they are."""
-        pairs, residual, prior = self._fit(bins)
-        return fitted_noise(pairs, residual, prior.centre, prior)
+        return self._fit(bins)[2]
 
     def fitted_noises(self, bins: SpectralRegression) -> tuple[FittedNoise, ...]:
         """The same with their errors; strengths are amplitude densities at `STRENGTH_AT_HZ`."""
-        pairs, residual, prior = self._fit(bins)
-        model = fitted_noise(pairs, residual, prior.centre, prior)
-        return fitted_noises(pairs, residual, model, prior, f"per root of Hz, at {STRENGTH_AT_HZ:g} Hz")
+        return fitted_noises(*self._fit(bins), f"per root of Hz, at {STRENGTH_AT_HZ:g} Hz")
 
-    def _fit(self, bins: SpectralRegression) -> tuple[PairedEquations, Pair, NoisePrior]:
+    def _fit(self, bins: SpectralRegression) -> tuple[PairedEquations, Pair, NoiseModel, NoisePrior]:
         order = np.argsort(self.frequency_hz, kind="stable")
         pairs, residual = _Sorted(self, order), self.residual(bins)[:, order]
-        declared = (_declared(self.state.state_density), _declared(self.state.response_density))
-        return pairs, residual, prior_of(pairs, residual, 1.0, declared, disturbance_order=None)
+        densities = self.state.state_density, self.state.response_density
+        velocity, acceleration = (None if np.isnan(density) else WhiteNoise(density) for density in densities)
+        prior = prior_of(pairs, residual, 1.0, (velocity, acceleration), disturbance_order=None)
+        return pairs, residual, fitted_noise(pairs, residual, prior.centre, prior), prior
 
 
 @dataclass(frozen=True)
@@ -121,16 +114,8 @@ class _Sorted:
     def log_scale(self) -> Float[np.ndarray, " bins"]:
         return self.pairs.log_scale[self.order]
 
-    def shapes(self) -> tuple[PairSpectrum, PairSpectrum, PairSpectrum, PairSpectrum]:
-        item, two, three, four = (
-            PairSpectrum(each.first[self.order], each.second[self.order], each.cross[self.order])
-            for each in self.pairs.shapes()
-        )
-        return item, two, three, four
-
-
-def _declared(density: float) -> MeasurementNoise | None:
-    return None if np.isnan(density) else WhiteNoise(density)
+    def shapes(self) -> Shapes:
+        return tuple(shape.mapped(lambda values: values[self.order]) for shape in self.pairs.shapes())
 
 
 def responses(bins: SpectralRegression) -> Complex[np.ndarray, "bins 2"]:
@@ -178,8 +163,7 @@ def signal_weights(
     current, around = np.abs(spectrum) ** 2, power_around(spectrum)
     line = current > LINE * np.maximum(around, noise_variance)
     share = 1.0 - noise_variance / np.where(line, current, around)
-    weights: Float[np.ndarray, " bins"] = np.clip(share, LEAST_SHARE, 1.0) ** 2
-    return weights
+    return np.clip(share, LEAST_SHARE, 1.0) ** 2
 
 
 def power_around(spectrum: Complex[np.ndarray, " bins"]) -> Float[np.ndarray, " bins"]:
@@ -190,15 +174,13 @@ def power_around(spectrum: Complex[np.ndarray, " bins"]) -> Float[np.ndarray, " 
     last = np.minimum(index + INPUT_NEIGHBOURS + 1, power.size)
     sums = np.concatenate([[0.0], np.cumsum(power)])
     around = (sums[last] - sums[first] - power) / np.maximum(last - first - 1, 1)
-    result: Float[np.ndarray, " bins"] = np.maximum(around, np.finfo(np.float64).tiny)
-    return result
+    return np.maximum(around, np.finfo(np.float64).tiny)
 
 
 def held_back(residual: Pair, C: PairSpectrum) -> Float[np.ndarray, " bins"]:
     """min(1, 12 / r^H C^-1 r)."""
     distance = inner(residual, C.solved(residual)).real
-    factors: Float[np.ndarray, " bins"] = np.minimum(1.0, FAR / np.maximum(distance, 1e-300))
-    return factors
+    return np.minimum(1.0, FAR / np.maximum(distance, 1e-300))
 
 
 def corrected_spectrum(
@@ -227,8 +209,7 @@ def shrunk(
 ) -> Float[np.ndarray, "bins k"]:
     """Averaged powers of what should be one, drawn to that by as much as it counts beside them."""
     share = (count / (count + IDENTITY))[:, None]
-    drawn: Float[np.ndarray, "bins k"] = share * powers + 1.0 - share
-    return drawn
+    return share * powers + 1.0 - share
 
 
 def recoloured(
@@ -272,136 +253,80 @@ class CombinedProblem(SeparableProblem):
         return replace(bins, responses=combined)
 
 
-class PairSpectra(ABC):
-    """What rows are weighted by, from a noise model that was fitted to residuals."""
-
-    @abstractmethod
-    def weights(
-        self, model: PairSpectrum, residual: Pair, layout: BinRows, /
-    ) -> tuple[PairSpectrum, Float[np.ndarray, " bins"]]:
-        """C, and a factor that holds back residuals far out."""
-
-    def criterion(self, _C: PairSpectrum, _residual: Pair, /) -> float | None:
-        """What candidates are compared by; by default None, so that equations are."""
-        return None
-
-
 @dataclass(frozen=True, slots=True)
-class ModelledSpectra(PairSpectra):
-    """The model as it is, of the likelihood."""
+class PairRows(WhitenedRows):
+    """Rows of one pass, by a noise model that was fitted to residuals."""
 
-    def weights(
-        self, model: PairSpectrum, residual: Pair, _layout: BinRows, /
-    ) -> tuple[PairSpectrum, Float[np.ndarray, " bins"]]:
-        """The model, and ones."""
-        return model, np.ones(residual.shape[1])
-
-    def criterion(self, C: PairSpectrum, residual: Pair, /) -> float:
-        """Twice the sum of log det C + r^H C^-1 r, minus twice the logarithm of the likelihood."""
-        return 2.0 * float((np.log(C.determinant) + inner(residual, C.solved(residual)).real).sum())
-
-
-@dataclass(frozen=True, slots=True)
-class CorrectedSpectra(PairSpectra):
-    """The model corrected by the residuals' own periodogram: a wrong model costs efficiency alone."""
-
-    def weights(
-        self, model: PairSpectrum, residual: Pair, layout: BinRows, /
-    ) -> tuple[PairSpectrum, Float[np.ndarray, " bins"]]:
-        """The corrected model, and min(1, 12 / r^H C^-1 r)."""
-        white = model.whitened(residual)
-        across = white[0] * white[1].conj()
-        products = np.stack([np.abs(white[0]) ** 2, np.abs(white[1]) ** 2, across.real, across.imag], axis=1)
-        result, first = np.empty_like(products), 0
-        for run in layout.runs:
-            here, count = slice(first, first + run.count), run.smoothed_over
-            means = run.smoothed(products[here])
-            result[here, :2] = shrunk(means[:, :2], count)
-            result[here, 2:] = means[:, 2:] * (count / (count + IDENTITY))[:, None]
-            first += run.count
-        C = recoloured(model, result[:, 0], result[:, 1], result[:, 2] + 1j * result[:, 3])
-        return C, held_back(residual, C)
-
-
-@dataclass(frozen=True)
-class PairRows(WeightedRows):
-    """Rows of one pass."""
-
-    problem: SeparableProblem
-    spectra: PairSpectra
-    C: PairSpectrum
-    white: WhitenedRows  # The combined and whitened rows
-    renewals: int  # Passes that follow
-
-    def rows(self, nuisances: Values) -> Regression:
-        """Combined and whitened rows."""
-        return self.white.rows(nuisances)
-
-    def products(self, points: Sequence[Values]) -> Float[np.ndarray, "points p n_plus_1"]:
-        """Mean of psi [phi' y] at many values of the nuisances."""
-        return self.white.products(points)
-
-    def columns(self, points: Sequence[Values]) -> Float[np.ndarray, "points rows n_plus_1"]:
-        """Combined and whitened rows of [phi y] at many values of the nuisances."""
-        return self.white.columns(points)
+    pair: SeparableProblem = field(kw_only=True)  # With two candidates, which `problem` combines
+    C: PairSpectrum = field(kw_only=True)
+    corrected: bool = field(kw_only=True)  # See `PairWhitening`
 
     def criterion(self, theta: Float[np.ndarray, " n"], nuisances: Values, /) -> float | None:
-        """The spectra's, at some parameters."""
-        residual = paired_bins(self.problem, theta, nuisances).residual(self.problem.bins(nuisances))
-        return self.spectra.criterion(self.C, residual)
-
-    @property
-    def renewal(self) -> Callable[[Float[np.ndarray, " n"], Values], PairRows] | None:
-        """Weights by the residuals, while there are passes to follow."""
-        return self._renewed if self.renewals else None
+        """Of the model as it is, twice the sum of log det C + r^H C^-1 r: minus twice the log likelihood."""
+        if self.corrected:
+            return None
+        C, bins = self.C, self.pair.bins(nuisances)
+        residual = paired_bins(self.pair, theta, nuisances).residual(bins)
+        return 2.0 * float((np.log(C.determinant) + inner(residual, C.solved(residual)).real).sum())
 
     def _renewed(self, theta: Float[np.ndarray, " n"], nuisances: Values) -> PairRows:
-        return _by_residuals(self.problem, self.spectra, theta, nuisances, self.renewals - 1)
+        return _by_residuals(self.pair, self.corrected, theta, nuisances, self.renewals - 1)
 
 
 def _by_residuals(
     problem: SeparableProblem,
-    spectra: PairSpectra,
+    corrected: bool,
     theta: Float[np.ndarray, " n"],
     nuisances: Values,
     renewals: int,
 ) -> PairRows:
     pairs, bins = paired_bins(problem, theta, nuisances), problem.bins(nuisances)
-    model = pairs.fitted(bins).spectrum(pairs)
-    C, factor = spectra.weights(model, pairs.residual(bins), pairs.layout)
-    return _weighted(problem, bins, spectra, (C, factor * pairs.density_scale), renewals)
+    C, factor = pairs.fitted(bins).spectrum(pairs), np.ones(bins.responses.shape[0])
+    if corrected:
+        residual = pairs.residual(bins)
+        C = _corrected_by_runs(C, residual, pairs.layout)
+        factor = held_back(residual, C)
+    return _weighted(problem, bins, corrected, C, factor * pairs.density_scale, renewals)
+
+
+def _corrected_by_runs(model: PairSpectrum, residual: Pair, layout: BinRows) -> PairSpectrum:
+    """The model corrected by the residuals' own periodogram: a wrong model costs efficiency alone."""
+    white = model.whitened(residual)
+    across = white[0] * white[1].conj()
+    products = np.stack([np.abs(white[0]) ** 2, np.abs(white[1]) ** 2, across.real, across.imag], axis=1)
+    result, first = np.empty_like(products), 0
+    for run in layout.runs:
+        here, count = slice(first, first + run.count), run.smoothed_over
+        means = run.smoothed(products[here])
+        result[here, :2] = shrunk(means[:, :2], count)
+        result[here, 2:] = means[:, 2:] * (count / (count + IDENTITY))[:, None]
+        first += run.count
+    return recoloured(model, result[:, 0], result[:, 1], result[:, 2] + 1j * result[:, 3])
 
 
 def _weighted(
     problem: SeparableProblem,
     bins: SpectralRegression,
-    spectra: PairSpectra,
-    weights: tuple[PairSpectrum, Float[np.ndarray, " bins"]],
+    corrected: bool,
+    C: PairSpectrum,
+    factor: Float[np.ndarray, " bins"],
     renewals: int,
 ) -> PairRows:
-    C, factor = weights
     spread = np.maximum(C.first + C.second - 2.0 * C.cross.real, np.finfo(np.float64).tiny)
     shares = np.stack([C.second - C.cross.conj(), C.first - C.cross], axis=1) / spread[:, None]
     power = np.maximum(C.determinant, 0.0) / spread
     power = np.maximum(power, POWER_FLOOR * float(np.median(power))) / factor
-    instruments = orthonormal_basis(bins.layout.stacked(bins.instruments / np.sqrt(power)[:, None]))
-    combined = CombinedProblem(problem, shares)
-    return PairRows(
-        problem, spectra, C, WhitenedRows(combined, np.zeros(power.size), power, instruments), renewals
-    )
+    basis = orthonormal_basis(bins.layout.stacked(bins.instruments / np.sqrt(power)[:, None]))
+    combined, blend = CombinedProblem(problem, shares), np.zeros(power.size)
+    return PairRows(combined, blend, power, basis, renewals, pair=problem, C=C, corrected=corrected)
 
 
 @dataclass(frozen=True, slots=True)
 class PairWhitening(RowWeighting):
     """Combine both equations of a sampled state by the spectrum of what they leave."""
 
-    spectra: PairSpectra
+    corrected: bool  # By the residuals' periodogram; else the likelihood's model as it is
     passes: int = 3
-
-    @property
-    def needs_spectra(self) -> bool:
-        """Yes."""
-        return True
 
     def first_pass(self, problem: SeparableProblem) -> PairRows:
         """Both alike, flat power."""
@@ -409,11 +334,11 @@ class PairWhitening(RowWeighting):
         bins = problem.bins(first_values)
         paired_bins(problem, np.zeros(bins.regressors.shape[1]), first_values)
         entries = np.ones(bins.responses.shape[0])
-        pair_spectrum = PairSpectrum(entries, entries, 0.0j * entries)
-        return _weighted(problem, bins, self.spectra, (pair_spectrum, entries), self.passes - 1)
+        C = PairSpectrum(entries, entries, 0.0j * entries)
+        return _weighted(problem, bins, self.corrected, C, entries, self.passes - 1)
 
     def last_pass(
         self, problem: SeparableProblem, theta: Float[np.ndarray, " n"], nuisances: Values, /
     ) -> PairRows:
         """By the residuals of an estimate."""
-        return _by_residuals(problem, self.spectra, theta, nuisances, 0)
+        return _by_residuals(problem, self.corrected, theta, nuisances, 0)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import inf
@@ -13,19 +13,21 @@ import scipy.linalg
 
 from eivor.estimation.derived import DEGREES, ParameterSets
 from eivor.estimation.estimate import Candidate, Estimate
-from eivor.estimation.linear import LinearMethod, check_linear, slope
+from eivor.estimation.linear import LinearMethod, check_linear, known_misfits, slope
 from eivor.estimation.methods import by_name
-from eivor.estimation.nuisance_grids import (
+from eivor.estimation.variable_projection import (
+    Box,
     Nodes,
+    NuisanceProfile,
     NuisanceScan,
-    Points,
+    argmin,
     bounded_sums,
     least_comparable_criteria,
     nodes_of,
     on_nested_grids,
+    profiles_of,
     reaching,
 )
-from eivor.estimation.variable_projection import NuisanceProfile, argmin, profiles_of
 from eivor.estimation.weighting import WeightedRows, whitened_by_residuals
 from eivor.inference.anderson_rubin import allowed, least_ratio
 from eivor.inference.confidence_set import ConfidenceSet
@@ -59,13 +61,9 @@ class PoolMember:
     power: Float[np.ndarray, "T n_plus_1 n_plus_1"]  # Their products with each other
     rows: int
 
-    def nuisances_at(self, nuisances: Mapping[str, float]) -> dict[str, float]:
-        """Values of all nuisances, those of the continuous ones as given."""
-        return {**self.fixed, **nuisances}
-
-    def rows_at(self, nuisances: Mapping[str, float]) -> Regression:
-        """Whitened rows."""
-        return self.weights.rows(self.nuisances_at(nuisances))
+    def rows_at(self, nuisances: Values) -> Regression:
+        """Whitened rows, at values of the continuous nuisances."""
+        return self.weights.rows({**self.fixed, **nuisances})
 
     def recentred(self, centre: Float[np.ndarray, " n"]) -> PoolMember:
         """The same products with the response taken elsewhere."""
@@ -91,14 +89,10 @@ def pool_member(
 ) -> PoolMember:
     """Products of a flight, whitened by its residual at some values."""
     weights = whitened_by_residuals(problem, theta, nuisance_values)
-    equations, power, count = [], [], 0
-    for point in nodes.points:
-        rows = weights.rows({**nuisance_values, **point})
-        seen, current = products_at(rows, centre)
-        equations.append(seen)
-        power.append(current)
-        count = rows.response.size
-    return PoolMember(problem, weights, nuisance_values, centre, np.stack(equations), np.stack(power), count)
+    made = [weights.rows({**nuisance_values, **point}) for point in nodes.points]
+    products = (products_at(rows, centre) for rows in made)
+    equations, power = (np.stack(parts) for parts in zip(*products, strict=True))
+    return PoolMember(problem, weights, nuisance_values, centre, equations, power, made[0].response.size)
 
 
 def products_at(
@@ -112,7 +106,6 @@ def products_at(
 # -- Criterion --
 
 Forms = Float[np.ndarray, "F k b b"]
-Box = Sequence[Float[np.ndarray, " _"]]
 
 
 @dataclass(frozen=True)
@@ -174,11 +167,11 @@ class PoolCriterion:
         width = 1 + flights * current + len(self.shared)
         joined = np.zeros((blocks.shape[1], width, width))
         for number, block in enumerate(blocks):
-            positions = self._indices_of(number)
+            positions = self.indices_of(number)
             joined[:, positions[:, None], positions] += block
         return joined
 
-    def _indices_of(self, number: int) -> np.ndarray:
+    def indices_of(self, number: int) -> np.ndarray:
         """Where residual and parameters of a flight are among those of all."""
         flights, current = len(self.members), len(self.flight_specific)
         positions = np.zeros(1 + self.size, dtype=np.int64)
@@ -200,10 +193,7 @@ class PoolCriterion:
     @cached_property
     def scan(self) -> NuisanceScan:
         """The least J over the continuous nuisance, where there is one at most."""
-        return NuisanceScan(self.nodes, self._least_at)
-
-    def _least_at(self, positions: Points) -> Points:
-        return self.least([positions] if self.nodes.axes else [])
+        return NuisanceScan(self.nodes, lambda positions: self.least(self.nodes.box(positions)))
 
     @cached_property
     def minimum(self) -> tuple[Values, float]:
@@ -212,9 +202,7 @@ class PoolCriterion:
             position, J = self.scan.minimum
             return self.nodes.values_at(np.array([position])[: len(self.nodes.axes)]), J
         result = argmin(self.least, self.nodes.nodes)
-        return self.nodes.values_at(result), float(
-            self.least([np.array([item]) for item in result.tolist()])[0]
-        )
+        return self.nodes.values_at(result), float(self.least([*result[:, None]])[0])
 
     def parameters(self, nuisances: Values) -> list[Float[np.ndarray, " n"]]:
         """Linear parameters of each flight where J is least, at values of the continuous nuisances."""
@@ -226,7 +214,7 @@ class PoolCriterion:
         x = scipy.linalg.eigh(N, D, subset_by_index=(0, 0))[1][:, 0]
         differences = -x / x[0] * self._scales[0]
         return [
-            member.centre + differences[self._indices_of(number)][1:] / self._scales[1:]
+            member.centre + differences[self.indices_of(number)][1:] / self._scales[1:]
             for number, member in enumerate(self.members)
         ]
 
@@ -236,7 +224,7 @@ class PoolCriterion:
         """For each flight the values of one parameter at which J is at most a bound, as pieces."""
         results: list[list[tuple[float, float]]] = [[] for _ in self.members]
         for within, cut_short in self.scan.stretches(bound):
-            box = [within] if self.nodes.axes else []
+            box = self.nodes.box(within)
             N, D = self._blocks(box)
             left = (bound - self.misfit(box))[:, None, None] * np.ones((within.size, 1, 1))
             for number, (Q, free) in enumerate(self._others_free(N - left * D)):
@@ -246,10 +234,8 @@ class PoolCriterion:
                 pieces = fitting.continued() if cut_short else fitting.pieces()
                 if free.any():
                     pieces = [(-inf, inf)]
-                scale, centre = (
-                    self._scales[0] / self._scales[1 + position],
-                    self.members[number].centre[position],
-                )
+                scale = self._scales[0] / self._scales[1 + position]
+                centre = self.members[number].centre[position]
                 results[number] += [(centre + a * scale, centre + b * scale) for a, b in pieces]
         return results
 
@@ -290,7 +276,7 @@ def member_slopes(
     member: PoolMember, nuisances: tuple[Nuisance, ...], values: Values, theta: Float[np.ndarray, " n"]
 ) -> MemberSlopes:
     """Jacobian and scores of a flight."""
-    rows, index = member.rows_at(values), member.nuisances_at(values)
+    rows, index = member.rows_at(values), {**member.fixed, **values}
     moved = [slope(member.weights, nuisance, index, theta) for nuisance in nuisances]
     columns = np.column_stack([np.empty((rows.response.size, 0)), *moved])
     jacobian = np.column_stack([rows.regressors, columns])
@@ -313,30 +299,20 @@ class PoolJoint:
     @cached_property
     def indices(self) -> list[np.ndarray]:
         """Where the vector of each flight is in that of the pool."""
-        flights, current = len(self.slopes), len(self.criterion.flight_specific)
-        shared = self.criterion.shared
-        first = flights * current
-        results = []
-        for number in range(flights):
-            positions = np.zeros(self.slopes[number].power.shape[0], dtype=np.int64)
-            positions[list(self.criterion.flight_specific)] = number * current + np.arange(current)
-            positions[list(shared)] = first + np.arange(len(shared))
-            positions[self.criterion.size :] = (
-                first + len(shared) + np.arange(positions.size - self.criterion.size)
-            )
-            results.append(positions)
-        return results
+        first = self.flight_parameter_count + len(self.criterion.shared)
+        nuisances = np.arange(first, self.criterion.unknowns)
+        linear = (self.criterion.indices_of(number)[1:] - 1 for number in range(len(self.slopes)))
+        return [np.append(positions, nuisances) for positions in linear]
 
     @property
     def flight_parameter_count(self) -> int:
         """Parameters that belong to flights, of all flights."""
         return len(self.slopes) * len(self.criterion.flight_specific)
 
-    def _summed(self, blocks: list[Float[np.ndarray, "v v"]]) -> Float[np.ndarray, "m m"]:
-        width = self.criterion.unknowns
-        total = np.zeros((width, width))
-        for index, block in zip(self.indices, blocks, strict=True):
-            total[index[:, None], index] += block
+    def _summed(self, part: Callable[[MemberSlopes], Float[np.ndarray, "v v"]]) -> Float[np.ndarray, "m m"]:
+        total = np.zeros((self.criterion.unknowns, self.criterion.unknowns))
+        for index, slopes in zip(self.indices, self.slopes, strict=True):
+            total[index[:, None], index] += part(slopes)
         return total
 
     @cached_property
@@ -348,18 +324,17 @@ class PoolJoint:
     @cached_property
     def _prior(self) -> Float[np.ndarray, "m m"]:
         """What is known beforehand of nuisances, as information."""
-        information = np.zeros((self.criterion.unknowns, self.criterion.unknowns))
-        first = self.flight_parameter_count + len(self.criterion.shared)
-        for number, axis in enumerate(self.criterion.nodes.axes):
-            prior = self.criterion.known.get(axis.nuisance.name)
-            if prior is not None:
-                information[first + number, first + number] = prior.std**-2.0
-        return information
+        axes, known = self.criterion.nodes.axes, self.criterion.known
+        information = np.zeros(self.criterion.unknowns)
+        for number, axis in enumerate(axes, start=information.size - len(axes)):
+            if axis.nuisance.name in known:
+                information[number] = known[axis.nuisance.name].std ** -2.0
+        return np.diag(information)
 
     @cached_property
     def sensitivity(self) -> Float[np.ndarray, "m m"]:
         """Minus the derivative of all scores."""
-        return self._summed([item.seen.T @ item.seen for item in self.slopes]) + self.variance * self._prior
+        return self._summed(lambda item: item.seen.T @ item.seen) + self.variance * self._prior
 
     @cached_property
     def classical(self) -> Float[np.ndarray, "m m"]:
@@ -369,7 +344,7 @@ class PoolJoint:
     @cached_property
     def by_cosines(self) -> Float[np.ndarray, "m m"]:
         """Covariance by cosine averages in each flight, and what is known beforehand."""
-        meat = self._summed([item.meat for item in self.slopes]) + self.variance**2 * self._prior
+        meat = self._summed(lambda item: item.meat) + self.variance**2 * self._prior
         return self._widened(sandwich(self.sensitivity, meat))
 
     def _widened(self, covariance: Float[np.ndarray, "m m"]) -> Float[np.ndarray, "m m"]:
@@ -398,7 +373,7 @@ class PoolJoint:
         """Variance of a parameter of each flight's own, were what is shared known."""
         first = self.flight_parameter_count
         inner = self.sensitivity[:first, :first]
-        meat = self._summed([item.meat for item in self.slopes])[:first, :first]
+        meat = self._summed(lambda item: item.meat)[:first, :first]
         white, robust = sandwich(inner, self.variance * inner), sandwich(inner, meat)
         return np.maximum(np.diag(white), np.diag(robust))[positions]
 
@@ -413,14 +388,11 @@ class PoolJoint:
         inverse = np.linalg.pinv(np.outer(scale, scale) * self.sensitivity, hermitian=True)
         current = np.diag(inverse)
         directions = inverse / np.where(current > 0.0, current, np.inf)
-        power = np.outer(scale, scale) * (
-            self._summed([item.power for item in self.slopes]) + self.variance * self._prior
-        )
+        power = np.outer(scale, scale) * (self._summed(lambda item: item.power) + self.variance * self._prior)
         explained = 1.0 / np.where(current > 0.0, current, np.inf)
         left = np.einsum("ij,ik,kj->j", directions, power, directions) - explained
-        flights = len(self.slopes)
         vector = self.slopes[0].power.shape[0]
-        spare = max(self.criterion.instruments / flights - vector + 1.0, 1.0)
+        spare = max(self.criterion.instruments / len(self.slopes) - vector + 1.0, 1.0)
         rest = max(self.criterion.rows - self.criterion.instruments, 1)
         return np.where(left > 0.0, explained / spare / (left / rest), np.inf)
 
@@ -467,13 +439,11 @@ def pool_candidate(criterion: PoolCriterion, inflation: float) -> PoolCandidate:
         member_slopes(member, unknown, nuisances, item)
         for member, item in zip(criterion.members, theta, strict=True)
     )
-    index = {**criterion.members[0].fixed, **nuisances}
+    first = criterion.members[0]
+    shared = tuple(member.recentred(first.centre) for member in criterion.members)
+    common = replace(criterion, members=shared, flight_specific=())
     joint = PoolJoint(criterion, slopes, inflation)
-    centre = criterion.members[0].centre
-    shared = tuple(member.recentred(centre) for member in criterion.members)
-    return PoolCandidate(
-        criterion, replace(criterion, members=shared, flight_specific=()), index, tuple(theta), joint
-    )
+    return PoolCandidate(criterion, common, {**first.fixed, **nuisances}, tuple(theta), joint)
 
 
 # -- Pooled --
@@ -513,12 +483,6 @@ class Pooled:
         return tuple(axis.nuisance.name for axis in self.candidates[0].separate.nodes.axes)
 
     @property
-    def _method(self) -> LinearMethod:
-        method = by_name(self.estimates[0].method)
-        check_linear(method)
-        return cast("LinearMethod", method)
-
-    @property
     def best(self) -> int:
         """Place of the candidate that fits best."""
         return int(np.argmin([candidate.criterion for candidate in self.candidates]))
@@ -546,15 +510,14 @@ class Pooled:
     def member(self, number: int) -> Estimate:
         """Estimate of one flight, with what the pool says of what it shares."""
         return self._estimate(
-            [
-                _Solution(
-                    pool.separate.members[number].rows_at(pool.nuisances),
-                    pool.theta[number],
-                    pool.joint.slopes[number].nuisance_columns,
-                    pool.joint.of_member(number),
-                )
-                for pool in self.candidates
-            ]
+            self._candidate(
+                pool,
+                pool.separate.members[number].rows_at(pool.nuisances),
+                pool.theta[number],
+                pool.joint.slopes[number].nuisance_columns,
+                pool.joint.of_member(number),
+            )
+            for pool in self.candidates
         )
 
     def member_sets(self, name: str, level: float = 0.95) -> tuple[ParameterSets | None, ...]:
@@ -564,9 +527,10 @@ class Pooled:
         _place = self._positions([name])[0]
         members = self.candidates[self.best].separate.members
 
+        criteria = [candidate.separate for candidate in self.candidates]
+
         def below(excess: float) -> list[ConfidenceSet]:
-            result = self._below([candidate.separate for candidate in self.candidates], excess, _place)
-            return [ConfidenceSet.union(pieces) for pieces in result]
+            return [ConfidenceSet.union(pieces) for pieces in self._below(criteria, excess, _place)]
 
         profiles = below(self._systematic_uncertainty(level))
         robust = {
@@ -585,7 +549,7 @@ class Pooled:
 
     def whole(self) -> Estimate:
         """Estimate of the pool: what is shared, and the common value or the mean of what is not."""
-        return self._estimate([self._of_all(pool) for pool in self.candidates])
+        return self._estimate(self._of_all(pool) for pool in self.candidates)
 
     def whole_sets(self, name: str, level: float = 0.95) -> ParameterSets | None:
         """Sets of a parameter that all flights have in common, or of the common value of one that is not."""
@@ -664,7 +628,7 @@ class Pooled:
         parameters = [parameter.name for parameter in self.estimates[0].best.rows.parameters]
         return [parameters.index(name) for name in names]
 
-    def _of_all(self, pool: PoolCandidate) -> _Solution:
+    def _of_all(self, pool: PoolCandidate) -> Candidate:
         """Rows of all flights, their response less what a flight's own parameters differ from the mean."""
         joint, positions = pool.joint, self._positions(self.flight_specific)
         means = {
@@ -674,16 +638,11 @@ class Pooled:
         theta = pool.theta[0].copy()
         theta[positions] = [means[position].value for position in positions]
         made = [member.rows_at(pool.nuisances) for member in pool.separate.members]
-        tests = [rows.instruments @ slopes.seen for rows, slopes in zip(made, joint.slopes, strict=True)]
+        each = list(zip(made, pool.theta, joint.slopes, strict=True))
         rows = Regression(
-            np.concatenate(
-                [
-                    item.response - item.regressors @ (entry - theta)
-                    for item, entry in zip(made, pool.theta, strict=True)
-                ]
-            ),
+            np.concatenate([item.response - item.regressors @ (own - theta) for item, own, _ in each]),
             np.concatenate([item.regressors for item in made]),
-            np.concatenate(tests),
+            np.concatenate([item.instruments @ slopes.seen for item, _, slopes in each]),
             made[0].parameters,
             _joined([item.layout for item in made]),
         )
@@ -691,8 +650,8 @@ class Pooled:
         vector = np.eye(joint.criterion.unknowns)[joint.indices[0]]
         for element, mean in means.items():
             vector[element] = 0.0
-            vector[element, [each[element] for each in joint.indices]] = mean.weights
-        return _Solution(rows, theta, columns, self._covariance(joint, vector, means))
+            vector[element, [index[element] for index in joint.indices]] = mean.weights
+        return self._candidate(pool, rows, theta, columns, self._covariance(joint, vector, means))
 
     def _covariance(
         self, joint: PoolJoint, vector: Float[np.ndarray, "v m"], means: dict[int, CommonValue]
@@ -708,52 +667,39 @@ class Pooled:
         between = CovariancePart("between_flights", np.diag(variances), float(len(self.estimates) - 1))
         return JointCovariance((*result.parts, between))
 
-    def _estimate(self, solutions: Sequence[_Solution]) -> Estimate:
+    def _estimate(self, candidates: Iterable[Candidate]) -> Estimate:
         """Estimate whose candidates are at values that the pool has."""
         first = self.estimates[0]
-        unknown = tuple(nuisance for nuisance in self.nuisances if nuisance.refined)
-        candidates = tuple(
-            self._candidate(pool, solution, unknown)
-            for pool, solution in zip(self.candidates, solutions, strict=True)
-        )
-        joint = (*first.best.rows.parameters, *(item.parameter for item in unknown))
-        return Estimate(first.method, joint, candidates, bounded=bounded_sums(self.nuisances))
+        refined = (nuisance.parameter for nuisance in self.nuisances if nuisance.refined)
+        joint = (*first.best.rows.parameters, *refined)
+        return Estimate(first.method, joint, tuple(candidates), bounded=bounded_sums(self.nuisances))
 
-    def _candidate(self, pool: PoolCandidate, result: _Solution, unknown: tuple[Nuisance, ...]) -> Candidate:
-        solved = self._method.solve(result.rows)
-        system = solved.system
-        solution = replace(
-            solved.solution,
-            theta=result.theta,
-            residual=system.right - system.matrix @ result.theta,
-            objective=pool.criterion,
-        )
-        known = [nuisance for nuisance in self.nuisances if nuisance.searched and nuisance.prior is not None]
-        solved = replace(
+    def _candidate(
+        self,
+        pool: PoolCandidate,
+        rows: Regression,
+        theta: Float[np.ndarray, " n"],
+        nuisance_columns: Float[np.ndarray, "rows c"],
+        covariance: JointCovariance,
+    ) -> Candidate:
+        """Rows, and what a pool says of them."""
+        method = by_name(self.estimates[0].method)
+        check_linear(method)
+        solved = cast("LinearMethod", method).solve(rows)
+        residual = solved.system.right - solved.system.matrix @ theta
+        misfits, precision = known_misfits(self.nuisances, pool.nuisances)
+        return replace(
             solved,
-            solution=solution,
-            nuisance_columns=result.nuisance_columns,
-            precision=np.array([0.0 if item.prior is None else item.prior.std**-2.0 for item in unknown]),
-            misfits=tuple(item.misfit(pool.nuisances) for item in known),
+            solution=replace(solved.solution, theta=theta, residual=residual, objective=pool.criterion),
+            nuisance_columns=nuisance_columns,
+            precision=precision,
+            misfits=misfits,
+            nuisances={nuisance.name: pool.nuisances[nuisance.name] for nuisance in self.nuisances},
+            profiles=pool.profiles,
+            covariance_estimator=self.estimates[0].best.covariance_estimator,
+            streamed_covariance=covariance,
+            flight_criterion=pool.criterion,
         )
-        return Candidate(
-            {nuisance.name: pool.nuisances[nuisance.name] for nuisance in self.nuisances},
-            solved,
-            pool.profiles,
-            self.estimates[0].best.covariance_estimator,
-            result.covariance,
-            pool.criterion,
-        )
-
-
-@dataclass(frozen=True)
-class _Solution:
-    """Rows, and what a pool says of them."""
-
-    rows: Regression
-    theta: Float[np.ndarray, " n"]
-    nuisance_columns: Float[np.ndarray, "rows c"]
-    covariance: JointCovariance
 
 
 def _joined(layouts: Sequence[object]) -> BinRows:
@@ -787,10 +733,11 @@ def pooled(
     parameters = [parameter.name for parameter in estimates[0].best.rows.parameters]
     index = tuple(parameters.index(name) for name in names)
 
-    def made(fixed: dict[str, float], _rotor_moments: PoolCriterion | None) -> PoolCriterion:
-        return _criterion(problems, estimates, index, nodes, fixed)
-
-    criteria = on_nested_grids(nuisances, made, lambda nuisance: nuisance.minimum[1])
+    criteria = on_nested_grids(
+        nuisances,
+        lambda fixed, _: _criterion(problems, estimates, index, nodes, fixed),
+        lambda criterion: criterion.minimum[1],
+    )
     p_value, inflation = _differences(criteria)
     candidates = tuple(pool_candidate(criterion, inflation) for criterion in criteria)
     return Pooled(tuple(estimates), tuple(names), candidates, nuisances, p_value, separate)

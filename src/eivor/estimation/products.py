@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Sequence
 from itertools import pairwise
 from typing import TypeGuard
 
@@ -14,8 +12,8 @@ from numpy.lib.stride_tricks import as_strided
 from eivor.errors import InstrumentError, NonFiniteError, TooFewSamplesError
 from eivor.inference.diagnostics.residuals import GROUPS
 from eivor.inference.products import ProductLayout, Products, block_edges, products_of_rows
-from eivor.linalg.system import MULTIPLIED_ROWS, merged_roots, row_blocks, triangular_root
-from eivor.models.regression import Column, LinearProblem, Regression, RowBlock
+from eivor.linalg.system import MULTIPLIED_ROWS, made_ahead, merged_roots, row_blocks, triangular_root
+from eivor.models.regression import Column, LinearProblem, RowBlock
 from eivor.models.signal_regression import SignalRegression
 from eivor.tools import Float, Int
 
@@ -79,32 +77,24 @@ def filtered_instruments(
     lags = problem.instrument_columns
     reached = problem.signals.channel(lags[0].channel)[start - lags[-1].lag : stop - lags[0].lag]
     taps = lags[0].gain * combinations[::-1].T
-    psi = np.empty((len(taps), stop - start))
-    for row, tap in zip(psi, taps, strict=True):
-        _filter(reached, tap, row)
+    psi = np.zeros((len(taps), stop - start))
+    for row, tap in enumerate(taps):
+        for index in range(0, tap.size, FAST_TAPS):
+            some = tap[index : index + FAST_TAPS]
+            psi[row] += np.correlate(reached[index : index + stop - start - 1 + some.size], some, "valid")
     response = problem.columns_between([problem.equation.response], start, stop)[:, 0]
     regressors = problem.columns_between(problem.regressor_columns, start, stop)
     return RowBlock(response, regressors, psi.T, np.zeros(stop - start, dtype=np.int64))
 
 
-def _filter(
-    series: Float[np.ndarray, " reached"], taps: Float[np.ndarray, " p"], filtered: Float[np.ndarray, " rows"]
-) -> None:
-    """Fill in the sums of as many successive samples as there are taps, weighted by them."""
-    filtered[:] = 0.0
-    for index in range(0, taps.size, FAST_TAPS):
-        some = taps[index : index + FAST_TAPS]
-        filtered += np.correlate(series[index : index + filtered.size - 1 + some.size], some, "valid")
-
-
-# -- Long records --
+# -- Products of signals --
 
 #: Blocks of time, unless there are many instruments; for each of those there are so many.
 BLOCKS = 128
 BLOCKS_PER_INSTRUMENT = 6
 #: So many rows of a record are worth threads.
 THREADED_FROM_ROWS = 8_000_000
-#: Shorter records are multiplied faster as a whole, and their diagnostics from rows.
+#: Shorter records are one block, and their diagnostics are made of rows.
 FOLDED_FROM = 250_000
 
 
@@ -114,16 +104,33 @@ def block_count(rows: int, instruments: int) -> int:
     return min(wanted, GROUPS * (rows // GROUPS)) if rows >= GROUPS else rows
 
 
-def products_of_long_record(problem: SignalRegression) -> Products | None:
-    """Products of a long record whose instruments are successive lags of one channel, else None."""
-    psi = problem.instrument_columns
-    first, last = problem.first, problem.signals.sample_count
-    if problem.used is not None or last - first < FOLDED_FROM or successive_lags(psi) is None:
-        return None
+def products_of_signals(problem: SignalRegression, *, instruments: bool, whole: bool) -> Products:
+    """Products of a problem's columns: in blocks of a long record, all of them together of any other."""
+    psi = problem.instrument_columns if instruments else problem.regressor_columns
     columns = (*problem.regressor_columns, problem.equation.response)
+    count, p = row_count(problem), len(psi)
+    if problem.used is None and successive_lags(psi) is not None:
+        blocks = block_count(count // FOLD, p) if instruments and whole and count >= FOLDED_FROM else 1
+        products = _folded(problem, psi, columns, blocks)
+        return products if whole else products.equations_only
+
+    def part(stretch: tuple[int, int]) -> Float[np.ndarray, "left right"]:
+        Z = problem.columns_between((*psi, *columns), *stretch)
+        return Z.T @ Z if whole else Z[:, :p].T @ Z[:, p:]
+
+    stretches = row_blocks(problem.first, problem.signals.sample_count, MULTIPLIED_ROWS)
+    sums = np.asarray(sum(made_ahead(part, stretches)))
+    layout = ProductLayout(p, len(columns) - 1, whole)
+    return Products(np.array([count], dtype=np.float64), sums[None], layout)
+
+
+def _folded(
+    problem: SignalRegression, psi: Sequence[Column], columns: Sequence[Column], blocks: int
+) -> Products:
+    """Products of successive lags of one channel with each other and with columns, in blocks of time."""
+    first, last = problem.first, problem.signals.sample_count
     values = [np.ascontiguousarray(problem.slice_of(column, first, last)) for column in columns]
-    whole = (last - first) // FOLD
-    edges = first + FOLD * block_edges(whole, block_count(whole, len(psi)))
+    edges = first + FOLD * block_edges((last - first) // FOLD, blocks)
     # A column that is one of the lags has its products among theirs.
     positions = [_position(column, psi) for column in columns]
     strangers = [series for series, position in zip(values, positions, strict=True) if position is None]
@@ -163,12 +170,9 @@ def _lag_products(
         return folded_products(series, (least, most), with_lagged, parts, first)
 
     blocks = list(pairwise(edges.tolist()))
-    if last - first < THREADED_FROM_ROWS:
-        G = [folded(block) for block in blocks]
-    else:  # every block by itself: threads change no sum
-        with ThreadPoolExecutor(os.cpu_count()) as pool:
-            G = list(pool.map(folded, blocks))
-    sums = unfolded(np.stack(G))
+    # every block by itself: threads change no sum
+    each = map(folded, blocks) if last - first < THREADED_FROM_ROWS else made_ahead(folded, blocks)
+    sums = unfolded(np.stack(list(each)))
     for sample in range(int(edges[-1]), last):
         now = series[sample - np.arange(least, most + 1)]
         sums[-1] += np.outer(now, [other[sample - first] for other in with_lagged])
@@ -205,101 +209,12 @@ def _squares(
     return sums
 
 
-# -- Products of signals --
-
-#: Blocks that one thread sums before it hands in, and how many such stretches are worth threads.
-STRETCH_BLOCKS = 64
-THREADED_FROM_STRETCHES = 4
-
-
-def products_of_signals(problem: SignalRegression, *, instruments: bool, whole: bool) -> Products:
-    """Products of a problem's columns, in one block."""
-    right = (*problem.regressor_columns, problem.equation.response)
-    left = problem.instrument_columns if instruments else problem.regressor_columns
-    counts = np.array([row_count(problem)], dtype=np.float64)
-    layout = ProductLayout(len(left), len(right) - 1, whole)
-    cross = _sums(problem, left, right)
-    if not whole:
-        return Products(counts, cross[None], layout)
-    sums = np.block([[_own_sums(problem, left), cross], [cross.T, _own_sums(problem, right)]])
-    return Products(counts, sums[None], layout)
-
-
-def _sums(
-    problem: SignalRegression, left: Sequence[Column], right: Sequence[Column]
-) -> Float[np.ndarray, "left right"]:
-    """Sums of products of columns."""
-    first, last = problem.first, problem.signals.sample_count
-    gains = np.outer([c.gain for c in left], [c.gain for c in right])
-    lags = successive_lags(left)
-    plain = problem.used is None and all(c.channel and not c.gain_channel for c in right)
-    if lags is None or not plain:
-        stretches = list(row_blocks(first, last, MULTIPLIED_ROWS))
-        return gains * _added(lambda stretch: _products_of(problem, left, right, *stretch), stretches)
-    series = problem.signals.channel(left[0].channel)
-    others = [problem.signals.channel(c.channel)[first - c.lag : last - c.lag] for c in right]
-    whole = first + (last - first) // FOLD * FOLD
-    stretches = list(row_blocks(first, whole, MULTIPLIED_ROWS * STRETCH_BLOCKS))
-
-    def folded(stretch: tuple[int, int]) -> Float[np.ndarray, "others width fold"]:
-        return folded_products(series, lags, others, list(row_blocks(*stretch, MULTIPLIED_ROWS)), first)
-
-    sums = unfolded(_added(folded, stretches)) if stretches else np.zeros((len(left), len(right)))
-    return gains * (sums + _products_of(problem, left, right, whole, last))
-
-
-def _products_of(
-    problem: SignalRegression, left: Sequence[Column], right: Sequence[Column], start: int, stop: int
-) -> Float[np.ndarray, "left right"]:
-    """Products of all pairs of columns over a stretch, without their constant gains."""
-    rights = [_slice(problem, column, start, stop) for column in right]
-    lefts = [_slice(problem, column, start, stop) for column in left]
-    return np.array([[np.dot(item, other) for other in rights] for item in lefts])
-
-
-def _added(
-    part: Callable[[tuple[int, int]], Float[np.ndarray, "*shape"]], stretches: list[tuple[int, int]]
-) -> Float[np.ndarray, "*shape"]:
-    """Parts of all stretches, added in their order."""
-    total = part(stretches[0])
-    if len(stretches) < THREADED_FROM_STRETCHES:
-        for stretch in stretches[1:]:
-            total = total + part(stretch)
-        return total
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
-        for item in pool.map(part, stretches[1:]):
-            total = total + item
-    return total
-
-
-def _own_sums(problem: SignalRegression, columns: Sequence[Column]) -> Float[np.ndarray, "p p"]:
-    """Sums of products of columns among themselves."""
-    count = len(columns)
-    sums = np.empty((count, count))
-    if successive_lags(columns) is None or problem.used is not None:
-        for j in range(count):
-            sums[j, : j + 1] = sums[: j + 1, j] = _sums(problem, columns[: j + 1], columns[j : j + 1])[:, 0]
-        return sums
-    lags = [column.lag for column in columns]
-    sums[0] = sums[:, 0] = _sums(problem, columns, columns[:1])[:, 0] / columns[0].gain ** 2
-    values = problem.signals.channel(columns[0].channel)
-    first, last = problem.first, problem.signals.sample_count
-    for i in range(count - 1):
-        for j in range(i + 1):
-            entering = values[first - 1 - lags[i]] * values[first - 1 - lags[j]]
-            leaving = values[last - 1 - lags[i]] * values[last - 1 - lags[j]]
-            sums[i + 1, j + 1] = sums[j + 1, i + 1] = sums[i, j] + entering - leaving
-    return sums * columns[0].gain ** 2
-
-
 def root_of_signals(problem: SignalRegression) -> tuple[int, Float[np.ndarray, "k n_plus_1"]]:
     """Number of rows and the triangular root of [phi y], block by block."""
     columns = (*problem.regressor_columns, problem.equation.response)
-    gains = np.array([column.gain for column in columns])
     root = np.empty((0, len(columns)))
     for start, stop in row_blocks(problem.first, problem.signals.sample_count, 4 * MULTIPLIED_ROWS):
-        block = np.column_stack([_slice(problem, column, start, stop) for column in columns])
-        root = merged_roots(root, block * gains)
+        root = merged_roots(root, problem.columns_between(columns, start, stop))
     return row_count(problem), root
 
 
@@ -315,14 +230,6 @@ def row_count(problem: SignalRegression) -> int:
     return count if problem.used is None else int(problem.used.sum())
 
 
-def _slice(problem: SignalRegression, column: Column, start: int, stop: int) -> Float[np.ndarray, " rows"]:
-    """Rows of a column without its constant gain: a view, unless it is multiplied or masked."""
-    values = problem.slice_of(column, start, stop)
-    if problem.used is not None:
-        values = values[problem.used[start - problem.first : stop - problem.first]]
-    return values
-
-
 # -- Products of a problem --
 
 
@@ -335,21 +242,16 @@ def products_of(problem: LinearProblem, *, instruments: bool = True, whole: bool
             'Name them: regression(signals, ev.lags("input", 0, 10)), or regression(instruments=...).',
         )
     if isinstance(problem, SignalRegression):
-        long_record = products_of_long_record(problem) if instruments and whole else None
-        made = long_record or products_of_signals(problem, instruments=instruments, whole=whole)
+        made = products_of_signals(problem, instruments=instruments, whole=whole)
     else:
-        made = _of_arrays(problem.rows(), instruments=instruments, whole=whole)
+        rows = problem.rows()
+        psi, edges = rows.instruments if instruments else rows.regressors, np.array([0, rows.response.size])
+        made = products_of_rows(psi, rows.regressors, rows.response, edges=edges, whole=whole)
     if not np.isfinite(made.sums).all():
         raise NonFiniteError(
             "finite cross-products", "NaN or infinity", "Check the channels for overflow or missing values."
         )
     return made
-
-
-def _of_arrays(rows: Regression, *, instruments: bool, whole: bool) -> Products:
-    psi = rows.instruments if instruments else rows.regressors
-    edges = np.array([0, rows.response.size])
-    return products_of_rows(psi, rows.regressors, rows.response, edges=edges, whole=whole)
 
 
 def root_of_rows(problem: LinearProblem) -> tuple[int, Float[np.ndarray, "k n_plus_1"]]:

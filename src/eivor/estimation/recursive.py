@@ -12,21 +12,23 @@ import numpy as np
 from eivor import checks
 from eivor.errors import EstimationError, TooFewSamplesError, UsageError
 from eivor.estimation.estimate import Estimate
-from eivor.estimation.exponential_forgetting import (
+from eivor.estimation.linear import LinearMethod
+from eivor.estimation.methods import identify
+from eivor.estimation.moments import ProblemMoments
+from eivor.estimation.streaming import (
     BLOCKS_PER_LOOK,
     DEFAULT_MEMORY,
     ExponentiallyWeightedProducts,
     Forgetting,
     TimedRows,
+    check_chunked,
+    continued,
+    end_of,
     equation_map,
     exponentially_weighted_covariance,
     nothing_yet,
     timed_rows,
 )
-from eivor.estimation.linear import LinearMethod
-from eivor.estimation.methods import identify
-from eivor.estimation.moments import CrossMoments, ProblemMoments
-from eivor.estimation.streaming import check_chunked, continued
 from eivor.inference.covariance import JointCovariance, unit_scale
 from eivor.models.regression import Column, Parameter
 from eivor.models.separable import Prior
@@ -106,23 +108,17 @@ def looks_between(
         yield SequentialLook(sample, means[number], float(counted[number])), reference
 
 
-def newest_look(exponentially_weighted_products: ExponentiallyWeightedProducts) -> SequentialLook:
+def newest_look(weighted: ExponentiallyWeightedProducts) -> SequentialLook:
     """The last full blocks of products that end with a look."""
-    blocks = exponentially_weighted_products.closed.between(
-        exponentially_weighted_products.closed.blocks - BLOCKS_PER_LOOK,
-        exponentially_weighted_products.closed.blocks,
-    )
+    blocks = weighted.closed.between(weighted.closed.blocks - BLOCKS_PER_LOOK, weighted.closed.blocks)
     count = blocks.products.count
-    means = exponentially_weighted_products.compensated(blocks).sum(axis=0) / (count if count > 0.0 else 1.0)
-    return SequentialLook(exponentially_weighted_products.samples, means, count)
+    means = weighted.compensated(blocks).sum(axis=0) / (count if count > 0.0 else 1.0)
+    return SequentialLook(weighted.samples, means, count)
 
 
-def newest_reference(exponentially_weighted_products: ExponentiallyWeightedProducts) -> References | None:
+def newest_reference(weighted: ExponentiallyWeightedProducts) -> References | None:
     """Least squares solution of the equations of all full blocks; None where there is no unique one."""
-    (references,) = _references(
-        exponentially_weighted_products.compensated(exponentially_weighted_products.full),
-        exponentially_weighted_products.full.products.counts,
-    )
+    (references,) = _references(weighted.compensated(weighted.full), weighted.full.products.counts)
     return references
 
 
@@ -238,24 +234,26 @@ class Watch:
             nothing = np.zeros((2, watched), dtype=np.int64)
             return Watch(newest, before, nothing.astype(np.float64), nothing, self.resting)
         references = self.references.then(newest, detector.held_looks)
-        oldest = references.theta.shape[0] - 1
-        held = np.where(self.sums > 0.0, np.minimum(self.held + 1, oldest), 0)
-        return Watch(references, self.before, self.sums, held, self.resting)
+        held = np.where(self.sums > 0.0, np.minimum(self.held + 1, len(references.theta) - 1), 0)
+        return replace(self, references=references, held=held)
 
     def after(self, look: SequentialLook, detector: ChangeDetector) -> Watch:
         """With one more look; one without rows, or that nothing is expected of, shows nothing."""
         if self.references is None or not look.count > 0.0:
             return self
         change, seen = self.references.detected_changes(look)
-        roots = np.sqrt(np.where(seen < LEAST_SEEN, 0.0, np.minimum(seen, 1.0)))
-        units, sums = _in_units(change, seen), self.sums
+        nothing, sums = seen < LEAST_SEEN, self.sums
+        roots = np.sqrt(np.where(nothing, 0.0, np.minimum(seen, 1.0)))
+        # Of one variance: over sqrt(q), or q where that is more; NaN where a look shows nothing.
+        shown = np.where(nothing, 1.0, seen)
+        units = np.where(nothing, np.nan, change / np.maximum(np.sqrt(shown), shown))
         if self.before.shape[0] >= detector.least_looks and not self.resting:
             positions = (roots.shape[0] - 1 - self.held, np.arange(roots.shape[1]))
             root, most = roots[positions], detector.limit
             step = np.maximum(np.minimum(np.nan_to_num(units[positions]) / _scale(self.before), most), -most)
             sums = np.maximum(sums + root * (SIDES * step - detector.drift * root), 0.0)
         before = np.concatenate([self.before, units[-1:]])[-detector.scale_looks :]
-        return Watch(self.references, before, sums, self.held, max(self.resting - 1, 0))
+        return replace(self, before=before, sums=sums, resting=max(self.resting - 1, 0))
 
     def detected(self, detector: ChangeDetector) -> tuple[tuple[int, bool], ...]:
         """Numbers of the parameters that changed, and whether they grew."""
@@ -267,107 +265,12 @@ class Watch:
         return Watch(before=self.before, resting=REST)
 
 
-def _in_units(change: Float[np.ndarray, "W m"], seen: Float[np.ndarray, "W m"]) -> Float[np.ndarray, "W m"]:
-    """Changes of one variance: over sqrt(q), or q where that is more; NaN where a look shows nothing."""
-    nothing = seen < LEAST_SEEN
-    reported = np.where(nothing, 1.0, seen)
-    return np.where(nothing, np.nan, change / np.maximum(np.sqrt(reported), reported))
-
-
 def _scale(before: Float[np.ndarray, "looks m"]) -> Float[np.ndarray, " m"]:
     """Robust standard deviations of looks that show something; infinite where most showed no change."""
     sizes = np.sort(np.abs(before), axis=0)  # NaN last
     half = np.count_nonzero(~np.isnan(sizes), axis=0) // 2
     middle = np.nan_to_num(sizes[half, np.arange(sizes.shape[1])])
-    scale: Float[np.ndarray, " m"] = np.where(middle > 0.0, NORMAL_MEDIAN * middle, np.inf)
-    return scale
-
-
-# -- Row recursion --
-
-
-@dataclass(frozen=True)
-class RowRecursion:
-    """What is known after the rows so far."""
-
-    parameters: tuple[Parameter, ...]  # Names and units, in the order of the regressors
-    method: LinearMethod  # With cross-products for equations
-    forgetting: Forgetting
-    detector: ChangeDetector | None = None
-    products: ExponentiallyWeightedProducts | None = None  # Products so far
-    watching: Watch = field(default_factory=Watch)  # Sums of the detector
-    changes: tuple[Change, ...] = ()  # Those that the last rows showed
-
-    @property
-    def samples(self) -> int:
-        """Samples so far that had a row, those among them that did not count."""
-        return 0 if self.products is None else self.products.samples
-
-    def then(self, rows: TimedRows) -> RowRecursion:
-        """With the rows that follow; `changes` are those that they show."""
-        weighted = self.products
-        if weighted is None:
-            weighted = nothing_yet(rows, self.forgetting, whole=self.method.needs_instruments)
-        seen = replace(self, products=weighted, changes=())
-        if self.detector is None:
-            return replace(seen, products=weighted.then(rows))
-        span = looks_at_once(self.forgetting) * self.forgetting.block_length
-        for stretch in rows.stretches(weighted.samples, span):
-            rest = stretch
-            while rest.count:
-                seen, rest = seen._watched(seen.products or weighted, rest, self.detector)
-        return seen
-
-    def _watched(
-        self,
-        exponentially_weighted_products: ExponentiallyWeightedProducts,
-        rows: TimedRows,
-        detector: ChangeDetector,
-    ) -> tuple[RowRecursion, TimedRows]:
-        """With rows up to the end of the first look that identifies a change, and the rows that are left."""
-        after, watching = exponentially_weighted_products.then(rows), self.watching
-        for look, reference in looks_between(exponentially_weighted_products, after):
-            watching = watching.after(look, detector)
-            reported = watching.detected(detector)
-            if reported:
-                names = [parameter.name for parameter in self.parameters]
-                changes = (*self.changes, *(Change(names[j], look.sample, up) for j, up in reported))
-                taken = look.sample - exponentially_weighted_products.samples
-                kept = exponentially_weighted_products.then(rows.between(0, taken)).last(
-                    detector.kept_looks * BLOCKS_PER_LOOK
-                )
-                watching = watching.reset().expecting(newest_reference(kept), detector)
-                return (
-                    replace(self, products=kept, watching=watching, changes=changes),
-                    rows.between(taken, rows.count),
-                )
-            watching = watching.expecting(reference, detector)
-        return replace(self, products=after, watching=watching), rows.between(0, 0)
-
-    def estimate(self) -> Estimate:
-        """Estimate of the rows so far, with the weights that they have now."""
-        if self.products is None:
-            raise _no_rows()
-        result = identify(ProblemMoments(self.parameters, _moments(self.products)), self.method)
-        (candidate,) = result.candidates
-        covariance = exponentially_weighted_covariance(
-            self.products, candidate.theta, equation_map(candidate.solved)
-        )
-        return replace(result, candidates=(replace(candidate, streamed_covariance=covariance),))
-
-
-def _moments(exponentially_weighted_products: ExponentiallyWeightedProducts) -> CrossMoments:
-    if not exponentially_weighted_products.total.products.count > 0.0:
-        raise _no_rows()
-    return exponentially_weighted_products.moments
-
-
-def _no_rows() -> TooFewSamplesError:
-    return TooFewSamplesError(
-        "rows that are not forgotten yet",
-        "none",
-        "Give more samples than the largest lag, valid ones among the last of them.",
-    )
+    return np.where(middle > 0.0, NORMAL_MEDIAN * middle, np.inf)
 
 
 # -- Recursion --
@@ -404,7 +307,11 @@ class RecursiveIdentification:
     instruments: tuple[Column, ...] = ()
     memory: float = DEFAULT_MEMORY
     detector: ChangeDetector | None = None
-    _rows: RowRecursion | None = field(default=None, init=False, repr=False)
+    #: Changes that the last chunk showed, by the samples that had a row.
+    changes: tuple[Change, ...] = field(default=(), init=False, repr=False)
+    _parameters: tuple[Parameter, ...] = field(default=(), init=False, repr=False)
+    _products: ExponentiallyWeightedProducts | None = field(default=None, init=False, repr=False)
+    _watch: Watch = field(default_factory=Watch, init=False, repr=False)  # Sums of the detector
     _tail: Signals | None = field(default=None, init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -436,36 +343,61 @@ class RecursiveIdentification:
         lag = self.model.regression_lag(self.instruments)
         joined = chunk if self._tail is None else continued(self._tail, chunk, lag)
         problem = self.model.regression(joined, self.instruments)
-        rows = replace(self._started(problem.parameters), changes=())
-        changes: tuple[Change, ...] = ()
-        for stretch in timed_rows(problem, self.method.assembler):
-            rows = rows.then(stretch)
-            changes += rows.changes
         following = copy(self)
-        object.__setattr__(following, "_rows", replace(rows, changes=changes))
-        object.__setattr__(following, "_tail", end_of(joined, lag))
+        following._set(changes=(), _parameters=problem.parameters, _tail=end_of(joined, max(lag, 1)))
+        for stretch in timed_rows(problem, self.method.assembler):
+            following._add(stretch)
         return following
 
-    def _started(self, parameters: tuple[Parameter, ...]) -> RowRecursion:
-        if self._rows is not None:
-            return self._rows
-        return RowRecursion(parameters, self.method, Forgetting(self.memory), self.detector)
+    def _add(self, rows: TimedRows) -> None:
+        """Take rows into a copy that nobody has seen yet; look for changes where there is a detector."""
+        forgetting = Forgetting(self.memory)
+        weighted = self._products
+        if weighted is None:
+            weighted = nothing_yet(rows, forgetting, whole=self.method.needs_instruments)
+        if self.detector is None:
+            self._set(_products=weighted.then(rows))
+            return
+        span = looks_at_once(forgetting) * forgetting.block_length
+        for stretch in rows.stretches(weighted.samples, span):
+            rest = stretch
+            while rest.count:
+                weighted, rest = self._watched(weighted, rest, self.detector)
+
+    def _watched(
+        self, weighted: ExponentiallyWeightedProducts, rows: TimedRows, detector: ChangeDetector
+    ) -> tuple[ExponentiallyWeightedProducts, TimedRows]:
+        """Products up to the end of the first look that identifies a change, and the rows that are left."""
+        after, watch = weighted.then(rows), self._watch
+        taken, changes = rows.count, self.changes
+        for look, reference in looks_between(weighted, after):
+            watch = watch.after(look, detector)
+            reported = watch.detected(detector)
+            if reported:
+                names = [parameter.name for parameter in self._parameters]
+                changes = (*changes, *(Change(names[j], look.sample, up) for j, up in reported))
+                taken = look.sample - weighted.samples
+                kept = weighted.then(rows.between(0, taken))
+                after = kept.last(detector.kept_looks * BLOCKS_PER_LOOK)
+                watch = watch.reset().expecting(newest_reference(after), detector)
+                break
+            watch = watch.expecting(reference, detector)
+        self._set(_products=after, _watch=watch, changes=changes)
+        return after, rows.between(taken, rows.count)
+
+    def _set(self, **values: object) -> None:
+        for name, value in values.items():
+            object.__setattr__(self, name, value)
 
     @property
     def samples(self) -> int:
         """Samples so far that had a row: all but the first, as many as the largest lag."""
-        return 0 if self._rows is None else self._rows.samples
-
-    @property
-    def changes(self) -> tuple[Change, ...]:
-        """Changes that the last chunk showed, by the samples that had a row."""
-        return () if self._rows is None else self._rows.changes
+        return 0 if self._products is None else self._products.samples
 
     @property
     def effective_rows(self) -> float:
         """Rows of equal weight whose mean scatters as much as that of the rows so far."""
-        weighted = None if self._rows is None else self._rows.products
-        return 0.0 if weighted is None else weighted.effective_rows
+        return 0.0 if self._products is None else self._products.effective_rows
 
     def estimate(self) -> Estimate:
         """Estimate after the samples so far, with intervals for errors that have memory.
@@ -477,9 +409,19 @@ class RecursiveIdentification:
         EstimationError
             When the equations have no unique solution.
         """
-        if self._rows is None:
+        if self._tail is None:
             raise TooFewSamplesError("a chunk of samples", "none so far", "Call update(chunk) first.")
-        return self._rows.estimate()
+        weighted = self._products
+        if weighted is None or not weighted.total.products.count > 0.0:
+            raise TooFewSamplesError(
+                "rows that are not forgotten yet",
+                "none",
+                "Give more samples than the largest lag, valid ones among the last of them.",
+            )
+        result = identify(ProblemMoments(self._parameters, weighted.moments), self.method)
+        (candidate,) = result.candidates
+        covariance = exponentially_weighted_covariance(weighted, candidate.theta, equation_map(candidate))
+        return replace(result, candidates=(replace(candidate, streamed_covariance=covariance),))
 
 
 def identify_recursively(
@@ -533,18 +475,6 @@ def check_recursive(method: LinearMethod) -> None:
         f"'{method.name}'",
         "Use generalized_iv, extended_iv, or bias_compensated_least_squares; with declared noises of zero "
         "that is least squares.",
-    )
-
-
-def end_of(signals: Signals, lag: int) -> Signals:
-    """Return the last samples of signals, as many as a row reaches back; one at least."""
-    start = max(signals.sample_count - max(lag, 1), 0)
-    return replace(
-        signals,
-        channels={name: values[start:].copy() for name, values in signals.channels.items()},
-        valid=None if signals.valid is None else signals.valid[start:].copy(),
-        start_s=signals.start_s + start * signals.step_s,
-        offset=signals.offset + start,
     )
 
 
@@ -608,42 +538,32 @@ class Follower:
             yield self._point(then, posterior, change)
 
     def _reference(
-        self, exponentially_weighted_products: ExponentiallyWeightedProducts, posterior: Posterior | None
+        self, weighted: ExponentiallyWeightedProducts, posterior: Posterior | None
     ) -> References | None:
         """What later looks are held against: what rows alone say of a change; None where they say nothing."""
         if posterior is None:
             return None
         mapped = posterior.mapped[[self.index]]
-        share = float(mapped[0] @ exponentially_weighted_products.moments.equations[:, self.index])
+        share = float(mapped[0] @ weighted.moments.equations[:, self.index])
         watched = slice(self.index, self.index + 1)
         return References(posterior.theta[None, :], mapped[None] / share, watched) if share > 0.0 else None
 
     def _point(
-        self,
-        exponentially_weighted_products: ExponentiallyWeightedProducts,
-        posterior: Posterior | None,
-        change: int,
+        self, weighted: ExponentiallyWeightedProducts, posterior: Posterior | None, change: int
     ) -> TrackedPoint:
-        share = (
-            exponentially_weighted_products.total.products.count
-            / exponentially_weighted_products.forgetting.memory
-        )
+        share = weighted.total.products.count / weighted.forgetting.memory
         if posterior is None:
-            return TrackedPoint(exponentially_weighted_products.samples, math.nan, math.inf, share, change)
-        covariance = exponentially_weighted_covariance(
-            exponentially_weighted_products, posterior.theta, posterior.mapped
-        )
+            return TrackedPoint(weighted.samples, math.nan, math.inf, share, change)
+        covariance = exponentially_weighted_covariance(weighted, posterior.theta, posterior.mapped)
         direction = np.eye(posterior.theta.size)[self.index]
         half = covariance.half_width(direction, 0.95, float(posterior.known[self.index, self.index]))
-        return TrackedPoint(
-            exponentially_weighted_products.samples, float(posterior.theta[self.index]), half, share, change
-        )
+        return TrackedPoint(weighted.samples, float(posterior.theta[self.index]), half, share, change)
 
-    def posterior(self, exponentially_weighted_products: ExponentiallyWeightedProducts) -> Posterior | None:
+    def posterior(self, weighted: ExponentiallyWeightedProducts) -> Posterior | None:
         """Estimate of the rows so far."""
-        if not exponentially_weighted_products.effective_rows > self.start.size:
+        if not weighted.effective_rows > self.start.size:
             return None
-        moments = exponentially_weighted_products.moments
+        moments = weighted.moments
         basis = _basis(moments.products.instruments.sum(axis=0) / moments.rows)
         A, b = np.hsplit(basis.T @ moments.equations, [-1])
         current, seen = A.T @ A, A.T @ b[:, 0]
@@ -653,10 +573,8 @@ class Follower:
             return None
         theta = self.start
         for _ in range(PASSES):
-            row = _row_information(
-                exponentially_weighted_covariance(exponentially_weighted_products, theta, A.T @ basis.T),
-                np.diag(current),
-            )
+            scores = exponentially_weighted_covariance(weighted, theta, A.T @ basis.T)
+            row = _row_information(scores, np.diag(current))
             row = min(row, MOST_INFORMATION / max(float(np.abs(seen).max()), float(np.abs(current).max())))
             inverse = _inverse(row * current + precision)
             theta = inverse @ (row * seen + precision @ mean)
@@ -674,8 +592,7 @@ def _inverse(normal: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "n n"]:
     """Inverse of a sum of information, without the directions that nothing gives."""
     scale = unit_scale(np.diag(normal))
     inverse = np.linalg.pinv(normal * np.outer(scale, scale), rcond=LEAST_INFORMATION_SHARE, hermitian=True)
-    scaled: Float[np.ndarray, "n n"] = np.outer(scale, scale) * inverse
-    return scaled
+    return np.outer(scale, scale) * inverse
 
 
 def _basis(products: Float[np.ndarray, "p p"]) -> Float[np.ndarray, "p q"]:
@@ -683,5 +600,4 @@ def _basis(products: Float[np.ndarray, "p p"]) -> Float[np.ndarray, "p q"]:
     scale = unit_scale(np.diag(products))
     values, vectors = np.linalg.eigh(products * np.outer(scale, scale))
     kept = values > CONSTANT * max(values[-1], 0.0)
-    basis: Float[np.ndarray, "p q"] = scale[:, None] * vectors[:, kept] / np.sqrt(values[kept])
-    return basis
+    return scale[:, None] * vectors[:, kept] / np.sqrt(values[kept])

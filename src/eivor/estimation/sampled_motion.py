@@ -36,7 +36,11 @@ class PairSpectrum:
         return PairSpectrum(self.first + other.first, self.second + other.second, self.cross + other.cross)
 
     def __mul__(self, factor: float | Float[np.ndarray, "*shape bins"]) -> PairSpectrum:
-        return PairSpectrum(self.first * factor, self.second * factor, self.cross * factor)
+        return self.mapped(lambda values: values * factor)
+
+    def mapped(self, function: Callable[[np.ndarray], np.ndarray]) -> PairSpectrum:
+        """The same function of every entry."""
+        return PairSpectrum(function(self.first), function(self.second), function(self.cross))
 
     @cached_property
     def determinant(self) -> Float[np.ndarray, "*shape bins"]:
@@ -91,10 +95,13 @@ class PairSpectrum:
         return result
 
 
+#: C of one unit of noise of the input, of z', of z'' and of a disturbance that moves the vehicle.
+Shapes = tuple[PairSpectrum, ...]
+
+
 def inner(left: Pair, right: Pair) -> Complex[np.ndarray, " bins"]:
     """x^H y of each bin."""
-    result: Complex[np.ndarray, " bins"] = (left.conj() * right).sum(axis=0)
-    return result
+    return (left.conj() * right).sum(axis=0)
 
 
 # -- Noise model --
@@ -113,7 +120,7 @@ class PairedEquations(Protocol):
         """Logarithm of what a noise of the order one grows by: its spectrum is exp(2 log_scale)."""
 
     @abstractmethod
-    def shapes(self) -> tuple[PairSpectrum, PairSpectrum, PairSpectrum, PairSpectrum]:
+    def shapes(self) -> Shapes:
         """C of one unit of noise of the input, of z', of z'' and of a disturbance that moves the vehicle."""
 
 
@@ -131,17 +138,21 @@ class NoiseModel:
 
     def spectrum(self, pairs: PairedEquations) -> PairSpectrum:
         """C at parameters of the motion."""
-        of_input, of_velocity, of_acceleration, of_disturbance = pairs.shapes()
+        of_input, *others = pairs.shapes()
+        total = of_input * self.input_variance
+        for shape, variance, order in zip(others, self.variances, self.orders, strict=True):
+            total = total + shape * (variance * np.exp(2.0 * order * pairs.log_scale))
+        return total
 
-        def coloured(variance: float, order: float) -> Float[np.ndarray, " bins"]:
-            return np.asarray(variance * np.exp(2.0 * order * pairs.log_scale))
+    @property
+    def variances(self) -> Float[np.ndarray, " 3"]:
+        """Those of the velocity, of the acceleration and of the disturbance."""
+        return np.array([self.velocity_variance, self.acceleration_variance, self.disturbance_variance])
 
-        return (
-            of_input * self.input_variance
-            + of_velocity * coloured(self.velocity_variance, self.velocity_order)
-            + of_acceleration * coloured(self.acceleration_variance, self.acceleration_order)
-            + of_disturbance * coloured(self.disturbance_variance, self.disturbance_order)
-        )
+    @property
+    def orders(self) -> Float[np.ndarray, " 3"]:
+        """Of the same."""
+        return np.array([self.velocity_order, self.acceleration_order, self.disturbance_order])
 
 
 # -- Noise fit --
@@ -285,21 +296,13 @@ def fitted_noises(
     errors = np.zeros(6)
     root = _information_root(fit, vector, fitted)
     errors[fitted] = np.linalg.norm(np.linalg.inv(root), axis=0)
-    strengths, orders = np.sqrt(_variances(model)), _all_orders(model)
+    strengths, orders = np.sqrt(model.variances), model.orders
     by_strength, by_order = 0.5 * strengths * errors[:3], _order_slopes(orders) * errors[3:]
     reported = zip(WHAT, strengths, by_strength, orders, by_order, strict=True)
     return tuple(
         FittedNoise(of, float(strength), float(error), float(order), float(order_error), measure)
         for of, strength, error, order, order_error in reported
     )
-
-
-def _variances(model: NoiseModel) -> Float[np.ndarray, " 3"]:
-    return np.array([model.velocity_variance, model.acceleration_variance, model.disturbance_variance])
-
-
-def _all_orders(model: NoiseModel) -> Float[np.ndarray, " 3"]:
-    return np.array([model.velocity_order, model.acceleration_order, model.disturbance_order])
 
 
 @lru_cache(maxsize=8)
@@ -315,7 +318,7 @@ class _Fit:
     """The objective, with its gradient, of periodograms averaged over narrow bands."""
 
     def __init__(self, pairs: PairedEquations, residual: Pair, centre: NoiseModel) -> None:
-        self.known, self.centre = centre, np.append(np.log(_variances(centre)), _all_orders(centre))
+        self.known, self.centre = centre, np.append(np.log(centre.variances), centre.orders)
         edges = band_edges(residual.shape[1])
         self.bins = np.diff(edges).astype(np.float64)
 
@@ -328,37 +331,21 @@ class _Fit:
             averaged(residual[0] * residual[1].conj()),
         )
         self.log_scale = averaged(pairs.log_scale)
-        of_input, *others = (
-            PairSpectrum(averaged(shape.first), averaged(shape.second), averaged(shape.cross))
-            for shape in pairs.shapes()
-        )
+        of_input, *others = (shape.mapped(averaged) for shape in pairs.shapes())
         self.base = of_input * centre.input_variance
-        self.shapes = PairSpectrum(
-            np.stack([shape.first for shape in others]),
-            np.stack([shape.second for shape in others]),
-            np.stack([shape.cross for shape in others]),
-        )
+        entries = zip(*((shape.first, shape.second, shape.cross) for shape in others), strict=True)
+        self.shapes = PairSpectrum(*map(np.stack, entries))
         self.numbers = _numbers(self.shapes).swapaxes(0, 1)
         self.base_numbers, self.seen_numbers = _numbers(self.base), _numbers(seen)
 
     def vector(self, model: NoiseModel) -> Float[np.ndarray, " 6"]:
         """What is searched over: logarithms of variances, and what gives the orders in their bounds."""
-        within = np.clip(_all_orders(model) / LARGEST_ORDER, -MOST_OF_IT, MOST_OF_IT)
-        return np.append(np.log(_variances(model)), np.arctanh(within))
+        within = np.clip(model.orders / LARGEST_ORDER, -MOST_OF_IT, MOST_OF_IT)
+        return np.append(np.log(model.variances), np.arctanh(within))
 
     def model(self, vector: Float[np.ndarray, " 6"]) -> NoiseModel:
         """Noise model of such a vector."""
-        velocity, acceleration, disturbance = np.exp(vector[:3]).tolist()
-        velocity_order, acceleration_order, disturbance_order = _orders(vector).tolist()
-        return replace(
-            self.known,
-            velocity_variance=velocity,
-            acceleration_variance=acceleration,
-            disturbance_variance=disturbance,
-            velocity_order=velocity_order,
-            acceleration_order=acceleration_order,
-            disturbance_order=disturbance_order,
-        )
+        return NoiseModel(self.known.input_variance, *np.exp(vector[:3]).tolist(), *_orders(vector).tolist())
 
     def value_and_gradient(self, vector: Float[np.ndarray, " 6"]) -> tuple[float, Float[np.ndarray, " 6"]]:
         """Penalised sum, and its derivatives: of log det C + tr(C^-1 P) by C they are C^-1 - C^-1 P C^-1."""
@@ -403,22 +390,14 @@ class _Fit:
 
     def _powers(self, vector: Float[np.ndarray, " 6"]) -> Float[np.ndarray, "3 bands"]:
         """Spectrum of each noise."""
-        powers: Float[np.ndarray, "3 bands"] = np.exp(
-            vector[:3, None] + 2.0 * _orders(vector)[:, None] * self.log_scale
-        )
-        return powers
+        return np.exp(vector[:3, None] + 2.0 * _orders(vector)[:, None] * self.log_scale)
 
     def _spectra(self, vector: Float[np.ndarray, " 6"]) -> tuple[PairSpectrum, PairSpectrum]:
         """C, and its derivatives by what is searched over."""
         parts = self.shapes * self._powers(vector)
-        C = PairSpectrum(
-            self.base.first + parts.first.sum(axis=0),
-            self.base.second + parts.second.sum(axis=0),
-            self.base.cross + parts.cross.sum(axis=0),
-        )
         by_order = 2.0 * _order_slopes(_orders(vector))[:, None] * self.log_scale
-        moved = (np.concatenate([part, part * by_order]) for part in (parts.first, parts.second, parts.cross))
-        return C, PairSpectrum(*moved)
+        C = self.base + parts.mapped(lambda part: part.sum(axis=0))
+        return C, parts.mapped(lambda part: np.concatenate([part, part * by_order]))
 
 
 def _numbers(spectrum: PairSpectrum) -> Float[np.ndarray, "4 *shape bands"]:
@@ -428,8 +407,7 @@ def _numbers(spectrum: PairSpectrum) -> Float[np.ndarray, "4 *shape bands"]:
 
 def _orders(vector: Float[np.ndarray, " 6"]) -> Float[np.ndarray, " 3"]:
     """Orders of the noises."""
-    orders: Float[np.ndarray, " 3"] = LARGEST_ORDER * np.tanh(vector[3:])
-    return orders
+    return LARGEST_ORDER * np.tanh(vector[3:])
 
 
 def _order_slopes(orders: Float[np.ndarray, " 3"]) -> Float[np.ndarray, " 3"]:
@@ -482,13 +460,11 @@ class SampledRecord:
     @cached_property
     def log_scale(self) -> Float[np.ndarray, " bins"]:
         """log(2 sin(w/2))."""
-        scale: Float[np.ndarray, " bins"] = np.log(2.0 * np.sin(0.5 * self.angle))
-        return scale
+        return np.log(2.0 * np.sin(0.5 * self.angle))
 
     def power(self, order: float) -> Float[np.ndarray, " bins"]:
         """Spectrum of Delta^order of white noise of variance one."""
-        spectrum: Float[np.ndarray, " bins"] = np.exp(2.0 * order * self.log_scale)
-        return spectrum
+        return np.exp(2.0 * order * self.log_scale)
 
 
 @dataclass(frozen=True)
@@ -574,7 +550,7 @@ class SampledMotion:
             ]
         )
 
-    def shapes(self) -> tuple[PairSpectrum, PairSpectrum, PairSpectrum, PairSpectrum]:
+    def shapes(self) -> Shapes:
         """C of one unit of noise of the input, of z', of z'' and of a disturbance that moves the vehicle."""
         entries = np.ones(self.response.size)
         K, b, h = self.friction, self.gain, self.pushed

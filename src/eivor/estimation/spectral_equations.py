@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from eivor.errors import EstimationError, WeakInstrumentsWarning
-from eivor.estimation.estimate import Estimate, Solved
+from eivor.estimation.estimate import Candidate, Estimate
 from eivor.estimation.linear import LinearMethod
 from eivor.estimation.moments import Compensated, FittedNoise
 from eivor.estimation.pair_whitening import LARGEST_LEVERAGE, corrected_spectrum, held_back, signal_weights
@@ -112,6 +112,16 @@ class SpectralSolution:
         """How many: K, b, and rho where it is free."""
         return 3 if self.free_blend else 2
 
+    @property
+    def values(self) -> Float[np.ndarray, " 2"]:
+        """Friction and gain."""
+        return np.array([self.motion.friction, self.motion.gain])
+
+    @cached_property
+    def covariance(self) -> SpectralCovariance:
+        """Both covariances of its parameters."""
+        return spectral_covariance(self)
+
     @cached_property
     def residual(self) -> Pair:
         """r, without the nuisances' part."""
@@ -150,73 +160,54 @@ class SpectralSolution:
         if self.input_variance:
             shared += self.input_variance * self.spectrum.solved(motion.input_noise)
         shared *= self.factors
-        result = np.concatenate(
-            [
-                _products(motion.directions[: self.parameters], (shared * self.weights)[None])[:, 0],
-                _products(self.nuisance_shapes, (right * self.factors)[None])[:, 0],
-            ]
-        )
-        if self.noise_test is None:
-            return result
-        return np.append(result, _products(motion.input_noise[None], (shared * self.noise_test)[None]))
+        parts = [
+            _products(motion.directions[: self.parameters], (shared * self.weights)[None]),
+            _products(self.nuisance_shapes, (right * self.factors)[None]),
+        ]
+        if self.noise_test is not None:
+            parts.append(_products(motion.input_noise[None], (shared * self.noise_test)[None]))
+        return np.concatenate(parts)[:, 0]
 
     def stepped(self) -> SampledMotion:
         """Parameters after one of Newton's steps."""
-        step = -np.linalg.solve(self.sensitivity.total, self.scores())
+        step = -np.linalg.solve(self.sensitivity, self.scores())
         return moved_by(self.motion, step[: self.parameters])
 
     @cached_property
-    def sensitivity(self) -> Sensitivity:
-        """Derivative of the equations by parameters and nuisances."""
-        direction = self.motion.directions[: self.parameters]
-        solved = self.spectrum.solved(direction)
-        by_nuisance = self.spectrum.solved(self.nuisance_shapes)
-        moved = np.concatenate([solved * self.motion.record.input, by_nuisance])
-        taken = solved * self.input_variance
-        by_noise = None if self.noise_test is None else self.spectrum.solved(self.motion.input_noise)
-        return Sensitivity(self.tests, moved, self.of_noise, taken, self.noisy, by_noise)
-
-
-@dataclass(frozen=True)
-class Sensitivity:
-    """Derivative J of equations by what they are solved for, a sum over bins."""
-
-    tests: Complex[np.ndarray, "n 2 bins"]
-    moved: Complex[np.ndarray, "k 2 bins"]
-    self_terms: Complex[np.ndarray, "m 2 bins"]
-    taken: Complex[np.ndarray, "p 2 bins"]
-    noisy: Int[np.ndarray, " m"]  # Equations that have a compensation
-    by_noise: Complex[np.ndarray, "2 bins"] | None = None
+    def _derivatives(self) -> tuple[Pairs, Pairs]:
+        """C^-1 times the derivatives of the residuals: what moves, and what the compensation moves."""
+        solved = self.spectrum.solved(self.motion.directions[: self.parameters])
+        moved = [solved * self.motion.record.input, self.spectrum.solved(self.nuisance_shapes)]
+        return np.concatenate(moved), solved * self.input_variance
 
     @cached_property
-    def total(self) -> Float[np.ndarray, "n n"]:
-        """J."""
-        known = self.moved.shape[0]
+    def sensitivity(self) -> Float[np.ndarray, "n n"]:
+        """J, the derivative of the equations by parameters and nuisances, a sum over bins."""
+        moved, taken = self._derivatives
         result = np.zeros((self.tests.shape[0], self.tests.shape[0]))
-        result[:, :known] = _products(self.tests, self.moved)
-        result[np.ix_(self.noisy, np.arange(self.taken.shape[0]))] -= _products(self.self_terms, self.taken)
-        if self.by_noise is not None:
-            result[self.noisy, -1] = _products(self.self_terms, self.by_noise[None])[:, 0]
+        result[:, : len(moved)] = _products(self.tests, moved)
+        result[np.ix_(self.noisy, np.arange(len(taken)))] -= _products(self.of_noise, taken)
+        if self.noise_test is not None:
+            by_noise = self.spectrum.solved(self.motion.input_noise)
+            result[self.noisy, -1] = _products(self.of_noise, by_noise[None])[:, 0]
         return result
 
     def leverage(self, inverse: Float[np.ndarray, "n n"]) -> Float[np.ndarray, " bins"]:
         """Share of each bin in J, as the trace of J^-1 times it."""
-        known, count = self.moved.shape[0], self.taken.shape[0]
-        shares: Float[np.ndarray, " bins"] = _shares(
-            self.tests, np.tensordot(inverse[:known].T, self.moved, 1)
-        )
-        shares = shares - _shares(self.self_terms, np.tensordot(inverse[:count, self.noisy].T, self.taken, 1))
-        if self.by_noise is None:
+        moved, taken = self._derivatives
+        shares = _shares(self.tests, np.tensordot(inverse[: len(moved)].T, moved, 1))
+        shares = shares - _shares(self.of_noise, np.tensordot(inverse[: len(taken), self.noisy].T, taken, 1))
+        if self.noise_test is None:
             return shares
-        return shares + _shares(self.self_terms, inverse[-1, self.noisy][:, None, None] * self.by_noise)
+        by_noise = self.spectrum.solved(self.motion.input_noise)
+        return shares + _shares(self.of_noise, inverse[-1, self.noisy][:, None, None] * by_noise)
 
 
 def _products(
     left: Complex[np.ndarray, "n 2 bins"], right: Complex[np.ndarray, "m 2 bins"]
 ) -> Float[np.ndarray, "n m"]:
     """Re of x^H y, summed over bins."""
-    result: Float[np.ndarray, "n m"] = _flat(left) @ _flat(right).T
-    return result
+    return _flat(left) @ _flat(right).T
 
 
 def _flat(pairs: Complex[np.ndarray, "n 2 bins"]) -> Float[np.ndarray, "n numbers"]:
@@ -228,8 +219,7 @@ def _shares(
     left: Complex[np.ndarray, "n 2 bins"], right: Complex[np.ndarray, "n 2 bins"]
 ) -> Float[np.ndarray, " bins"]:
     """Re of x^H y of each bin, summed over what stands first."""
-    result: Float[np.ndarray, " bins"] = (left.real * right.real + left.imag * right.imag).sum(axis=(0, 1))
-    return result
+    return (left.real * right.real + left.imag * right.imag).sum(axis=(0, 1))
 
 
 def solved_equations(
@@ -245,20 +235,18 @@ def solved_equations(
     closed = instrument is not None
     bins = record.input if instrument is None else instrument
     weights = np.ones(bins.size) if closed else signal_weights(record.input, input_variance)
-    nuisances = np.array([pilot.transient, 0.0, 0.0])[: 3 if ramps else 1]
-    noise, leverage = pilot.noise, np.zeros(bins.size)
+    noise, prior, leverage = pilot.noise, pilot.prior, np.zeros(bins.size)
     now = SpectralSolution(
         pilot.motion,
-        nuisances,
-        noise.spectrum(pilot.motion),
-        bins,
-        0.0 if closed else input_variance,
-        weights,
-        np.ones(bins.size),
-        free_blend,
+        nuisances=np.array([pilot.transient, 0.0, 0.0])[: 3 if ramps else 1],
+        spectrum=noise.spectrum(pilot.motion),
+        instrument=bins,
+        input_variance=0.0 if closed else input_variance,
+        weights=weights,
+        factors=np.ones(bins.size),
+        free_blend=free_blend,
         noise_test=noise_test,
     )
-    prior = pilot.prior
     for number in range(EQUATION_PASSES):
         residual = now.residual
         if noise_test is not None:
@@ -279,9 +267,9 @@ def solved_equations(
 
 def _newton(now: SpectralSolution) -> tuple[SpectralSolution, Float[np.ndarray, " bins"]]:
     """Newton's steps at fixed weights; the leverage of each bin at their beginning."""
-    sensitivity = now.sensitivity
+    first = now
     try:
-        inverse = np.linalg.inv(sensitivity.total)
+        inverse = np.linalg.inv(first.sensitivity)
     except np.linalg.LinAlgError as error:
         raise EstimationError(
             "an input that moves the vehicle", "equations without a unique solution", "Excite it more."
@@ -291,50 +279,47 @@ def _newton(now: SpectralSolution) -> tuple[SpectralSolution, Float[np.ndarray, 
         largest = float(np.max(np.abs(step[:2]) / np.abs([now.motion.friction, now.motion.gain])))
         if largest > LARGEST_SHARE:
             step *= LARGEST_SHARE / largest
-        motion = moved_by(now.motion, step[: now.parameters])
         last = now.parameters + now.nuisances.size
-        result = now.input_variance + float(step[last:].sum())
         now = replace(
-            now, motion=motion, nuisances=now.nuisances + step[now.parameters : last], input_variance=result
+            now,
+            motion=moved_by(now.motion, step[: now.parameters]),
+            nuisances=now.nuisances + step[now.parameters : last],
+            input_variance=now.input_variance + float(step[last:].sum()),
         )
         if largest < EQUATION_TOLERANCE:
             break
-    return now, np.maximum(sensitivity.leverage(inverse), 0.0)
+    return now, np.maximum(first.leverage(inverse), 0.0)
 
 
 def moved_by(motion: SampledMotion, step: Float[np.ndarray, " n"]) -> SampledMotion:
     """Motion whose friction, gain, and rho where the step has one, are moved."""
-    friction, gain, blend = np.array([motion.friction, motion.gain, motion.blend]) + np.pad(
-        step, (0, 3 - step.size)
-    )
-    return replace(motion, friction=float(friction), gain=float(gain), blend=float(blend))
+    values = np.array([motion.friction, motion.gain, motion.blend]) + np.pad(step, (0, 3 - step.size))
+    return SampledMotion(motion.record, *values.tolist())
 
 
 # -- Whitened rows --
 
 
-def solved_rows(solution: SpectralSolution, parameters: tuple[Parameter, ...]) -> Solved:
+def solved_rows(solution: SpectralSolution, parameters: tuple[Parameter, ...]) -> Candidate:
     """Linear equations that the solution meets, and their solution."""
     rows = whitened_rows(solution, parameters)
     assembler, solver = Compensated(), LeastSquares()
-    moments = assembler.full_moments(rows)
+    moments = assembler.moments(rows, whole=True)
     system = assembler.system(moments)
-    return Solved(assembler, solver, moments, rows, system, None, solver.solve(system))
+    return Candidate(assembler, solver, moments, rows, system, None, solver.solve(system))
 
 
 def whitened_rows(solution: SpectralSolution, parameters: tuple[Parameter, ...]) -> Regression:
     """Rows of both equations, sample by sample, one equation after the other."""
     motion, C, count = solution.motion, solution.spectrum, solution.motion.record.count
-    direction = motion.directions[: solution.parameters]
-    theta = np.array([motion.friction, motion.gain, motion.blend])[: solution.parameters]
-    tests = solution.tests
-    moved = C.solved(solution.nuisance_shapes)
-    nuisance_tests = tests[solution.parameters : solution.parameters + solution.nuisances.size]
-    by_nuisance = np.einsum("jkb,lkb->jl", moved.conj(), tests[: solution.parameters]).real
-    among = np.einsum("jkb,lkb->jl", moved.conj(), nuisance_tests).real
-    freed = tests[: solution.parameters] - np.tensordot(
-        np.linalg.solve(among, by_nuisance).T, nuisance_tests, 1
-    )
+    own = solution.parameters
+    direction = motion.directions[:own]
+    theta = np.array([motion.friction, motion.gain, motion.blend])[:own]
+    tests, nuisance_tests = solution.tests[:own], solution.tests[own : own + solution.nuisances.size]
+    moved = C.solved(solution.nuisance_shapes).conj()
+    by_nuisance = np.einsum("jkb,lkb->jl", moved, tests).real
+    among = np.einsum("jkb,lkb->jl", moved, nuisance_tests).real
+    freed = tests - np.tensordot(np.linalg.solve(among, by_nuisance).T, nuisance_tests, 1)
     X = -series_of(C.whitened(direction * motion.record.input), count).reshape(direction.shape[0], -1).T
     Psi = -series_of(C.whitened(freed), count).reshape(direction.shape[0], -1).T
     residual = series_of(C.whitened(solution.residual), count).ravel()
@@ -352,22 +337,17 @@ def _shared_noise(
     if not solution.input_variance:
         return np.zeros((count, count + 1))
     direction = solution.motion.directions[:count]
-    whole = np.concatenate(
-        [direction, (solution.motion.input_noise + np.tensordot(theta, direction, 1))[None]]
-    )
+    response = solution.motion.input_noise + np.tensordot(theta, direction, 1)
+    whole = np.concatenate([direction, response[None]])
     weighted = solution.spectrum.solved(whole) * (solution.weights * solution.factors)
-    results: Float[np.ndarray, "n n_plus_1"] = (
-        2.0 * solution.input_variance * np.einsum("jkb,lkb->jl", direction.conj(), weighted).real
-    )
-    return results
+    return 2.0 * solution.input_variance * np.einsum("jkb,lkb->jl", direction.conj(), weighted).real
 
 
 def series_of(pairs: Pairs, count: int) -> Float[np.ndarray, "*shape 2 samples"]:
     """Series of pairs of unitary spectra without means."""
     bins = np.zeros((*pairs.shape[:-1], count // 2 + 1), dtype=np.complex128)
     bins[..., 1 : pairs.shape[-1] + 1] = pairs
-    series: Float[np.ndarray, "*shape 2 samples"] = np.fft.irfft(bins, count, axis=-1) * np.sqrt(count)
-    return series
+    return np.fft.irfft(bins, count, axis=-1) * np.sqrt(count)
 
 
 # -- Spectral covariance --
@@ -390,14 +370,13 @@ class SpectralCovariance:
 
 def spectral_covariance(solution: SpectralSolution, chosen: slice = EVERY) -> SpectralCovariance:
     """Covariances at a solution, of all its parameters or of some."""
-    sensitivity = solution.sensitivity
-    whole = np.linalg.inv(sensitivity.total)
+    whole = np.linalg.inv(solution.sensitivity)
     inverse = whole[: solution.parameters][chosen]
     answered = np.tensordot(inverse, solution.tests, axes=1)
     of_bins = _meat(solution, inverse, answered)
     current = np.einsum("jjb->jb", of_bins)
     degrees = 2.0 * current.sum(axis=1) ** 2 / (current**2).sum(axis=1)
-    leverage = np.clip(sensitivity.leverage(whole), 0.0, LARGEST_LEVERAGE)
+    leverage = np.clip(solution.leverage(whole), 0.0, LARGEST_LEVERAGE)
     enlarged = np.sqrt((current / (1.0 - leverage / 4.0)).sum(axis=1) / current.sum(axis=1))
     model = of_bins.sum(axis=2) * np.outer(enlarged, enlarged)
     influence = _influence(solution, answered) * enlarged
@@ -413,14 +392,11 @@ def sum_covariance(series: Float[np.ndarray, "samples n"]) -> Float[np.ndarray, 
     """Long-run covariance of the sums of series, of as many cosine averages as have the least error."""
     count = series.shape[0]
     averages = cosine_averages(series, max(COSINE_AVERAGES, round(0.4 * count ** (2.0 / 3.0))))
-    result: Float[np.ndarray, "n n"] = averages.T @ averages / averages.shape[0]
-    return result
+    return averages.T @ averages / averages.shape[0]
 
 
 def _meat(
-    solution: SpectralSolution,
-    inverse: Float[np.ndarray, "n m"],
-    answered: Complex[np.ndarray, "n 2 bins"],
+    solution: SpectralSolution, inverse: Float[np.ndarray, "n m"], answered: Complex[np.ndarray, "n 2 bins"]
 ) -> Float[np.ndarray, "n n bins"]:
     """J^-1 M J^-T, bin by bin, with the tests that some rows of J^-1 are answered by."""
     meat = np.einsum("jkb,lkb->jlb", answered.conj(), solution.spectrum.solved(answered)).real
@@ -439,5 +415,4 @@ def _influence(
     record = solution.motion.record
     residual = series_of(solution.spectrum.whitened(solution.residual), record.count)
     answers = series_of(solution.spectrum.whitened(answered), record.count)
-    result: Float[np.ndarray, "samples n"] = 0.5 * np.einsum("jkt,kt->tj", answers, residual)
-    return result
+    return 0.5 * np.einsum("jkt,kt->tj", answers, residual)

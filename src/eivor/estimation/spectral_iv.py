@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import math
 import warnings
-from abc import abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import product
-from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -17,14 +16,7 @@ from eivor.estimation.estimate import Candidate, Estimate
 from eivor.estimation.linear import LinearMethod, user_level
 from eivor.estimation.method import Method, Problem
 from eivor.estimation.moments import Direct, FittedNoise, Instrumental
-from eivor.estimation.pair_whitening import (
-    CorrectedSpectra,
-    ModelledSpectra,
-    PairWhitening,
-    paired_bins,
-    power_around,
-    signal_weights,
-)
+from eivor.estimation.pair_whitening import PairWhitening, paired_bins, power_around, signal_weights
 from eivor.estimation.sampled_motion import (
     MEASURE,
     NoiseModel,
@@ -53,7 +45,7 @@ from eivor.estimation.spectral_equations import (
     spectral_covariance,
     sum_covariance,
 )
-from eivor.estimation.unknown_noise import GeneralizedEquations, NoiseEstimatingIV
+from eivor.estimation.unknown_noise import NoiseEstimatingIV
 from eivor.inference.covariance import COSINE_AVERAGES, CovariancePart, EqualWeightedCosines, JointCovariance
 from eivor.inference.regions import hotelling_quantile
 from eivor.inference.verdict import Reason, Status
@@ -99,16 +91,15 @@ def blend_error(free: SpectralSolution) -> float:
 def joint_covariance(covariance: SpectralCovariance) -> JointCovariance:
     """Both covariances, of which an interval takes the wider, on the fewest degrees of freedom."""
     degrees = float(covariance.degrees.min())
-    return JointCovariance(
-        (
-            CovariancePart("spectral_model", covariance.model, degrees),
-            CovariancePart("spectral_in_time", covariance.in_time, degrees),
-        )
-    )
+    matrices = {"spectral_model": covariance.model, "spectral_in_time": covariance.in_time}
+    return JointCovariance(tuple(CovariancePart(name, item, degrees) for name, item in matrices.items()))
 
 
-def with_reasons(estimate: Estimate, *, converged: bool) -> Estimate:
+def with_reasons(
+    name: str, candidate: Candidate, noises: tuple[FittedNoise, ...], *, converged: bool
+) -> Estimate:
     """Estimate with the reasons against it: passes that ran out, parameters that may be zero."""
+    estimate = Estimate(name, candidate.rows.parameters, (candidate,), noises=noises)
     reasons: list[Reason] = []
     if not converged:
         reasons.append(
@@ -125,8 +116,7 @@ def with_reasons(estimate: Estimate, *, converged: bool) -> Estimate:
                 Reason(
                     Status.WEAK,
                     f"The {parameter.name.replace('_', ' ')} cannot be distinguished from zero: its "
-                    f"interval is "
-                    f"[{low:.3g}, {high:.3g}] {parameter.unit}.",
+                    f"interval is [{low:.3g}, {high:.3g}] {parameter.unit}.",
                     "Excite more, or record longer.",
                 )
             )
@@ -135,6 +125,7 @@ def with_reasons(estimate: Estimate, *, converged: bool) -> Estimate:
 
 #: What to do about numbers that a search did not reach.
 EXCITE = "Excite more, or record longer; and see that the input holds between samples as it was meant to."
+CONTRADICTS = "it contradicts generalized IV beyond chance"
 
 
 def fallback(why: str, remedy: str = EXCITE) -> Reason:
@@ -190,22 +181,13 @@ class Likelihood:
     noises: tuple[FittedNoise, ...]  # The same noises with their errors
 
 
-@runtime_checkable
-class KnownSpectra(Protocol):
-    """Spectra of the residuals at any parameters of the motion."""
-
-    @abstractmethod
-    def spectrum(self, motion: SampledMotion) -> PairSpectrum:
-        """C."""
-
-
 def maximum_likelihood(pilot: Pilot) -> Likelihood:
     """Search from a pilot, with the noises that are not declared fitted anew."""
     motion, transient, noise = pilot.motion, pilot.transient, pilot.noise
     refined = False
     for _ in range(LIKELIHOOD_PASSES):
         before = np.array([motion.friction, motion.gain])
-        motion, transient, result = least_quadratic(motion, transient, noise)
+        motion, transient, result = least_quadratic(motion, transient, noise.spectrum)
         moved = np.abs(np.array([motion.friction, motion.gain]) - before)
         refined = result and bool((moved <= LIKELIHOOD_TOLERANCE * np.abs(before)).all())
         if refined:
@@ -220,7 +202,7 @@ def _residual(motion: SampledMotion, transient: float) -> Pair:
 
 
 def least_quadratic(
-    motion: SampledMotion, transient: float, noise: KnownSpectra
+    motion: SampledMotion, transient: float, spectrum: Callable[[SampledMotion], PairSpectrum]
 ) -> tuple[SampledMotion, float, bool]:
     """Minimum of Q at given noises, by least squares of the whitened residuals; and whether it is one."""
     from scipy.optimize import least_squares
@@ -233,7 +215,7 @@ def least_quadratic(
 
     def whitened(x: Float[np.ndarray, " 3"]) -> Float[np.ndarray, " rows"]:
         moved, t = at(x)
-        pair = noise.spectrum(moved).whitened(_residual(moved, t)).ravel()
+        pair = spectrum(moved).whitened(_residual(moved, t)).ravel()
         return np.concatenate([pair.real, pair.imag])
 
     first = np.array([1.0, 1.0, transient / units[2]])
@@ -251,14 +233,13 @@ ALLOWED = 0.999
 
 def corrected_whitening(name: str) -> LinearMethod:
     """Instrumental least squares of both equations, by corrected spectra."""
-    return LinearMethod(name, Instrumental(), LeastSquares(), PairWhitening(CorrectedSpectra()))
+    return LinearMethod(name, Instrumental(), LeastSquares(), PairWhitening(corrected=True))
 
 
 def spectral_giv_of_flights(name: str, problem: SeparableProblem) -> Estimate:
     """Instrumental estimate of both equations."""
-    paired_bins(
-        problem, np.zeros(problem.bins(problem.first_values).regressors.shape[1]), problem.first_values
-    )
+    first = problem.first_values
+    paired_bins(problem, np.zeros(problem.bins(first).regressors.shape[1]), first)
     try:
         result = corrected_whitening(name).estimate(problem)
     except (EstimationError, np.linalg.LinAlgError):
@@ -269,15 +250,8 @@ def spectral_giv_of_flights(name: str, problem: SeparableProblem) -> Estimate:
         return with_noises(problem, result)
     distance, farthest = _separated(result, plain)
     if distance > farthest:
-        why = f"it contradicts generalized IV beyond chance (squared distance {distance:.3g})"
-        return _instead(name, plain, why)
+        return _instead(name, plain, f"{CONTRADICTS} (squared distance {distance:.3g})")
     return with_noises(problem, result)
-
-
-def whittle_of_flights(name: str, problem: SeparableProblem) -> Estimate:
-    """Least squares of both equations, weighted by the noises of the largest likelihood."""
-    method = LinearMethod(name, Direct(), LeastSquares(), PairWhitening(ModelledSpectra()))
-    return with_noises(problem, method.estimate(problem))
 
 
 def with_noises(problem: SeparableProblem, estimate: Estimate) -> Estimate:
@@ -288,11 +262,7 @@ def with_noises(problem: SeparableProblem, estimate: Estimate) -> Estimate:
 
 
 def _instead(name: str, plain: Estimate, why: str) -> Estimate:
-    reason = Reason(
-        Status.WEAK,
-        f"The spectral estimate is not given, since {why}: these are generalized IV's numbers.",
-        "Compare with reference_iv; fly longer, or with more excitation.",
-    )
+    reason = fallback(why, "Compare with reference_iv; fly longer, or with more excitation.")
     return replace(plain, method=name, reasons=(*plain.reasons, reason))
 
 
@@ -317,28 +287,18 @@ def _squared_distance(candidate: Candidate, other: Candidate) -> float:
 LEAST_SHARE = 1e-6
 
 
-@dataclass(frozen=True, slots=True)
-class InputNoiseStart:
-    """A problem with a noise of its input to begin with."""
-
-    problem: Problem
-    noise_estimated: bool = False
-
-
-def input_noise_start(problem: Problem, method: str) -> InputNoiseStart | Estimate:
-    """Begin with the noise that is declared, with none for instruments of other channels, or a rough one."""
+def input_noise_start(problem: Problem, method: str) -> tuple[Problem, bool] | Estimate:
+    """Problem with a noise of its input to begin with, and whether that is a rough estimate."""
     if not isinstance(problem, SignalRegression):
-        return InputNoiseStart(problem)
+        return problem, False
     _, _, driver = motion_of(problem, method)
     if driver in problem.signals.noise:
-        return InputNoiseStart(problem)
+        return problem, False
     problem = with_instruments(problem, driver)
     if not is_own_instrument(problem, driver):
-        return InputNoiseStart(_with_noise(problem, driver, 0.0))  # nothing is taken off
+        return _with_noise(problem, driver, 0.0), False  # nothing is taken off
     try:
-        result = NoiseEstimatingIV("generalized_iv_unknown_noise", GeneralizedEquations(None)).estimate(
-            problem
-        )
+        result = NoiseEstimatingIV("generalized_iv_unknown_noise").estimate(problem)
     except (EivorError, np.linalg.LinAlgError) as error:
         raise MissingNoiseError(
             f"the noise of {driver}, which {method} takes off, or an input that identifies it",
@@ -349,19 +309,12 @@ def input_noise_start(problem: Problem, method: str) -> InputNoiseStart | Estima
         return replace(result, method=method)
     least = LEAST_SHARE * float(np.var(problem.signals.channel(driver)))
     variance = max(result.parameters[f"noise_variance_{driver}"], least)
-    return InputNoiseStart(_with_noise(problem, driver, float(np.sqrt(variance))), noise_estimated=True)
+    return _with_noise(problem, driver, float(np.sqrt(variance))), True
 
 
 def _with_noise(problem: SignalRegression, driver: str, std: float) -> SignalRegression:
     noise = {**problem.signals.noise, driver: WhiteNoise(std)}
     return replace(problem, signals=replace(problem.signals, noise=noise))
-
-
-def fitted_input_noise(variance: float, error: float) -> FittedNoise:
-    """Noise of the input as it was found; a variance below zero is none."""
-    strength = float(np.sqrt(max(variance, 0.0)))
-    by_root = 0.5 * error / strength if strength else float(np.sqrt(error))
-    return FittedNoise("input", strength, by_root, 0.0, 0.0, MEASURE)
 
 
 # -- Spectral GIV --
@@ -378,11 +331,8 @@ class SpectralGeneralizedIV(Method):
     """Generalized IV of the least variance: both equations of a sampled motion, weighted by their spectra."""
 
     name: str = "spectral_giv"  # The word that results and the command line use
-
-    @property
-    def needs_instruments(self) -> bool:
-        """No: without others, the input's own spectrum serves, less what its noise adds."""
-        return False
+    alone_from: float = SHORT_RECORD  # Samples; of fewer it is combined with generalized IV
+    needs_instruments = False  # Without others, the input's own spectrum serves, less what its noise adds
 
     @property
     def of_flights(self) -> LinearMethod:
@@ -391,47 +341,30 @@ class SpectralGeneralizedIV(Method):
 
     def estimate(self, problem: Problem) -> Estimate:
         """Estimate friction and gain of a sampled motion; rho too where it is neither 0 nor 1/2."""
-        if isinstance(problem, SeparableProblem):
+        always_combined = math.isinf(self.alone_from)
+        if isinstance(problem, SeparableProblem) and not always_combined:
             return spectral_giv_of_flights(self.name, problem)
-        return _estimated(self.name, problem, alone_from=SHORT_RECORD)
-
-
-@dataclass(frozen=True, slots=True)
-class CombinedSpectralIV(Method):
-    """The combination of spectral and plain generalized IV that has the least variance."""
-
-    name: str = "spectral_giv_combined"  # The word that results and the command line use
-
-    @property
-    def needs_instruments(self) -> bool:
-        """No: without others, the input's own spectrum serves, less what its noise adds."""
-        return False
-
-    def estimate(self, problem: Problem) -> Estimate:
-        """Estimate friction and gain of a sampled motion, see `SpectralGeneralizedIV`."""
-        return _estimated(self.name, problem, alone_from=math.inf)
-
-
-def _estimated(name: str, problem: Problem, *, alone_from: float) -> Estimate:
-    """Spectral answer, combined with generalized IV's where there are fewer samples than `alone_from`."""
-    start = input_noise_start(problem, name)
-    if isinstance(start, Estimate):
-        return start
-    checked = problem_of_motion(start.problem, name)
-    plain = consistent_estimate(checked)
-    lacking = without_spectra(checked)
-    if lacking is not None:
-        return fallen_back(name, plain, fallback(*lacking))
-    sampled = replace(sampled_problem(checked, name), noise_estimated=start.noise_estimated)
-    spectral = _spectral(sampled, plain)
-    if isinstance(spectral, Reason):
-        return fallen_back(name, plain, spectral)
-    if sampled.record.count >= alone_from:
-        return spectral.estimate(name, sampled)
-    combined = _combined(name, sampled, plain, spectral)
-    if math.isinf(alone_from):
-        return combined
-    return replace(combined, reasons=(*combined.reasons, _shortness(sampled.record.count)))
+        start = input_noise_start(problem, self.name)
+        if isinstance(start, Estimate):
+            return start
+        checked = problem_of_motion(start[0], self.name)
+        plain = consistent_estimate(checked)
+        lacking = without_spectra(checked)
+        if lacking is not None:
+            return fallen_back(self.name, plain, fallback(*lacking))
+        sampled = replace(sampled_problem(checked, self.name), noise_estimated=start[1])
+        solution, count = _spectral(sampled, plain), sampled.record.count
+        if isinstance(solution, Reason):
+            return fallen_back(self.name, plain, solution)
+        candidate = solved_rows(solution, (*sampled.parameters, BLEND)[: solution.parameters])
+        if count >= self.alone_from:
+            candidate = replace(candidate, streamed_covariance=joint_covariance(solution.covariance))
+        else:
+            candidate = _combined(candidate, plain, solution)
+        answer = with_reasons(self.name, candidate, _noises(solution), converged=solution.converged)
+        if count >= self.alone_from or always_combined:
+            return answer
+        return replace(answer, reasons=(*answer.reasons, _shortness(count)))
 
 
 def _shortness(count: int) -> Reason:
@@ -444,114 +377,77 @@ def _shortness(count: int) -> Reason:
     )
 
 
-@dataclass(frozen=True)
-class _SpectralFit:
-    """A spectral solution with its covariance."""
-
-    solution: SpectralSolution
-    covariance: SpectralCovariance
-
-    @property
-    def values(self) -> Float[np.ndarray, " 2"]:
-        """Friction and gain."""
-        return np.array([self.solution.motion.friction, self.solution.motion.gain])
-
-    def estimate(self, name: str, sampled: SampledProblem) -> Estimate:
-        """As an estimate whose rows are the whitened ones."""
-        parameters = (*sampled.parameters, BLEND)[: self.solution.parameters]
-        candidate = Candidate(
-            {}, solved_rows(self.solution, parameters), streamed_covariance=joint_covariance(self.covariance)
-        )
-        answer = Estimate(name, parameters, (candidate,), noises=self.noises)
-        return with_reasons(answer, converged=self.solution.converged)
-
-    @property
-    def noises(self) -> tuple[FittedNoise, ...]:
-        """Noises that were fitted, that of the input among them where it was sought."""
-        if self.solution.noise_test is None:
-            return self.solution.noises
-        current = fitted_input_noise(self.solution.input_variance, self.covariance.noise_error)
-        return (*self.solution.noises, current)
+def _noises(solution: SpectralSolution) -> tuple[FittedNoise, ...]:
+    """Noises that were fitted, that of the input among them where it was sought; below zero it is none."""
+    if solution.noise_test is None:
+        return solution.noises
+    error, strength = solution.covariance.noise_error, math.sqrt(max(solution.input_variance, 0.0))
+    by_root = 0.5 * error / strength if strength else math.sqrt(error)
+    return (*solution.noises, FittedNoise("input", strength, by_root, 0.0, 0.0, MEASURE))
 
 
-def _spectral(sampled: SampledProblem, plain: Estimate) -> _SpectralFit | Reason:
-    """Spectral solution, or why generalized IV's answer must do."""
+def _spectral(sampled: SampledProblem, plain: Estimate) -> SpectralSolution | Reason:
+    """Spectral solution with its covariance, or why generalized IV's answer must do."""
     start = start_of(sampled, plain)
     if isinstance(start, Reason):
         return start
     try:
         with np.errstate(all="ignore"):
-            blend = _with_blend(sampled, start)
+            solution = _with_blend(sampled, start)
+            why = _doubt(solution, plain)
     except (EivorError, np.linalg.LinAlgError, ValueError):
         return fallback("its equations have no solution near generalized IV's")
-    why = _doubt(blend, plain)
-    return fallback(why) if why else blend
+    return fallback(why) if why else solution
 
 
-def _doubt(result: _SpectralFit, plain: Estimate) -> str:
+def _doubt(solution: SpectralSolution, plain: Estimate) -> str:
     """Why a solution is not to be believed; empty where it is."""
-    values, covariance = result.values, result.covariance.model[:2, :2]
+    values, covariance = solution.values, solution.covariance.model[:2, :2]
     if not (np.isfinite(values).all() and np.isfinite(covariance).all()):
         return "its search left every number behind"
-    if result.solution.change > MOVING:
-        return f"its last pass changed it by {result.solution.change:.0%}"
+    if solution.change > MOVING:
+        return f"its last pass changed it by {solution.change:.0%}"
     if values[0] <= 0.0 or values[1] * plain.best.values[1] <= 0.0:
         return f"its friction came out at {values[0]:.3g} 1/s and its gain at {values[1]:.3g}"
     distance = distance_of(plain, values, covariance)
-    if distance > FARTHEST:
-        return f"it contradicts generalized IV beyond chance (squared distance {distance:.3g})"
-    return ""
+    return f"{CONTRADICTS} (squared distance {distance:.3g})" if distance > FARTHEST else ""
 
 
-def _with_blend(sampled: SampledProblem, start: SampledMotion) -> _SpectralFit:
+def _with_blend(sampled: SampledProblem, start: SampledMotion) -> SpectralSolution:
     """Solution with an input that is held, where one step towards a free rho finds no other."""
     pilot = pilot_at(start, sampled.input_variance)
-    noise_test = 1.0 / power_around(sampled.record.input) if sampled.noise_estimated else None
     solved = partial(
         solved_equations,
         input_variance=sampled.input_variance,
         instrument=sampled.instrument,
-        noise_test=noise_test,
+        noise_test=1.0 / power_around(sampled.record.input) if sampled.noise_estimated else None,
     )
     held = solved(pilot)
     if seems_held(held):
-        return _fit(held)
+        return held
     free = solved(pilot, free_blend=True)
     usual = usual_blend(free)
-    if usual is None:
-        return _fit(free)
-    fixed = replace(pilot, motion=replace(free.motion, blend=usual))
-    return _fit(solved(fixed))
+    return free if usual is None else solved(replace(pilot, motion=replace(free.motion, blend=usual)))
 
 
-def _fit(solution: SpectralSolution) -> _SpectralFit:
-    return _SpectralFit(solution, spectral_covariance(solution))
-
-
-# -- with generalized IV ----------------------------------------------------------------------------------
-
-
-def _combined(name: str, sampled: SampledProblem, plain: Estimate, result: _SpectralFit) -> Estimate:
+def _combined(candidate: Candidate, plain: Estimate, solution: SpectralSolution) -> Candidate:
     """theta_S - Cov(theta_S, delta) Var(delta)^-1 delta with delta = theta_G - theta_S."""
-    influence, count = result.covariance.influence, sampled.record.count
-    equation, current = plain.best.equation, result.solution.parameters
-    other = np.zeros((count, 2))
+    influence, equation, own = solution.covariance.influence, plain.best.equation, solution.parameters
+    other = np.zeros((influence.shape[0], 2))
     scores = np.linalg.solve(equation.sensitivity, equation.scores.T).T
     other[-scores.shape[0] :] = scores
-    series = np.concatenate([influence, other - influence[:, :2]], axis=1)
-    joint = sum_covariance(series)
-    delta = plain.best.values[:2] - result.values
-    weights = np.linalg.solve(joint[current:, current:], joint[current:, :current]).T
-    parameters = (*sampled.parameters, BLEND)[:current]
-    solved = solved_rows(result.solution, parameters)
-    values = solved.solution.theta - weights @ delta
-    covariance = joint[:current, :current] - weights @ joint[current:, :current]
-    solved = replace(solved, solution=replace(solved.solution, theta=values))
-    alone = joint_covariance(result.covariance)
-    of_both = CovariancePart("equal_weighted_cosines", covariance, alone.parts[0].degrees)
-    candidate = Candidate({}, solved, streamed_covariance=JointCovariance((of_both, *alone.parts)))
-    answer = Estimate(name, parameters, (candidate,), noises=result.noises)
-    return with_reasons(answer, converged=result.solution.converged)
+    joint = sum_covariance(np.concatenate([influence, other - influence[:, :2]], axis=1))
+    weights = np.linalg.solve(joint[own:, own:], joint[own:, :own]).T
+    theta = candidate.theta - weights @ (plain.best.values[:2] - solution.values)
+    alone = joint_covariance(solution.covariance)
+    of_both = CovariancePart(
+        "equal_weighted_cosines", joint[:own, :own] - weights @ joint[own:, :own], alone.parts[0].degrees
+    )
+    return replace(
+        candidate,
+        solution=replace(candidate.solution, theta=theta),
+        streamed_covariance=JointCovariance((of_both, *alone.parts)),
+    )
 
 
 # -- Whittle --
@@ -565,16 +461,13 @@ class WhittleLikelihood(Method):
     """Maximum likelihood in frequency, with noises as they are declared and all others fitted."""
 
     name: str = "whittle_ml"  # The word that results and the command line use
-
-    @property
-    def needs_instruments(self) -> bool:
-        """No; instruments of the pilot are taken where a problem has some."""
-        return False
+    needs_instruments = False  # Instruments of the pilot are taken where a problem has some
 
     def estimate(self, problem: Problem) -> Estimate:
         """Estimate friction and gain of a sampled motion."""
         if isinstance(problem, SeparableProblem):
-            return whittle_of_flights(self.name, problem)
+            method = LinearMethod(self.name, Direct(), LeastSquares(), PairWhitening(corrected=False))
+            return with_noises(problem, method.estimate(problem))
         checked = problem_of_motion(problem, self.name)
         plain = consistent_estimate(checked)
         lacking = without_spectra(checked)
@@ -592,14 +485,14 @@ class WhittleLikelihood(Method):
             return fallen_back(self.name, plain, likelihood)
         solution = _as_solution(sampled, likelihood)
         solved = solved_rows(solution, sampled.parameters)
-        values = np.array([likelihood.motion.friction, likelihood.motion.gain])
-        solved = replace(solved, solution=replace(solved.solution, theta=values))
-        covariance = spectral_covariance(solution)
-        candidate = Candidate({}, solved, streamed_covariance=joint_covariance(covariance))
-        answer = Estimate(self.name, sampled.parameters, (candidate,), noises=likelihood.noises)
-        answer = with_reasons(answer, converged=likelihood.converged)
+        candidate = replace(
+            solved,
+            solution=replace(solved.solution, theta=solution.values),
+            streamed_covariance=joint_covariance(solution.covariance),
+        )
+        answer = with_reasons(self.name, candidate, likelihood.noises, converged=likelihood.converged)
         reasons = (
-            *_contradiction(plain, values, covariance.model),
+            *_contradiction(plain, solution.values, solution.covariance.model),
             *_not_held(sampled, likelihood, solution),
         )
         return replace(answer, reasons=(*answer.reasons, *reasons))
@@ -660,15 +553,8 @@ def _not_held(
 
 def _as_solution(sampled: SampledProblem, likelihood: Likelihood) -> SpectralSolution:
     """Spectral equations at the likelihood's numbers, whose covariance is its own where the model holds."""
-    bins = sampled.record.input
-    return SpectralSolution(
-        likelihood.motion,
-        np.array([likelihood.transient]),
-        likelihood.noise.spectrum(likelihood.motion),
-        bins,
-        sampled.input_variance,
-        np.sqrt(signal_weights(bins, sampled.input_variance)),
-        np.ones(bins.size),
-        free_blend=False,
-        change=0.0 if likelihood.converged else np.inf,
-    )
+    motion, bins, variance = likelihood.motion, sampled.record.input, sampled.input_variance
+    weights, factors = np.sqrt(signal_weights(bins, variance)), np.ones(bins.size)
+    nuisances, C = np.array([likelihood.transient]), likelihood.noise.spectrum(motion)
+    change = 0.0 if likelihood.converged else np.inf
+    return SpectralSolution(motion, nuisances, C, bins, variance, weights, factors, False, change)

@@ -1,22 +1,34 @@
-"""Moments of data that come in chunks, and identification from them."""
+"""Data that come in chunks: their moments, identification from them, and exponential forgetting."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
+import scipy.linalg
 
 from eivor import checks
-from eivor.errors import TooFewSamplesError, UsageError
-from eivor.estimation.estimate import Estimate, estimating_equation
+from eivor.errors import InstrumentError, TooFewSamplesError, UsageError
+from eivor.estimation.estimate import Candidate, Estimate, estimating_equation
 from eivor.estimation.linear import LinearMethod, check_linear
 from eivor.estimation.methods import identify
-from eivor.estimation.moments import Moments, ProblemMoments
-from eivor.inference.covariance import DEFAULT, CovarianceEstimator, check_covariance_estimator
+from eivor.estimation.moments import Assembler, CrossMoments, ProblemMoments
+from eivor.inference.covariance import (
+    COSINE_AVERAGES,
+    DEFAULT,
+    CovarianceEstimator,
+    CovariancePart,
+    JointCovariance,
+    check_covariance_estimator,
+)
+from eivor.inference.products import ProductLayout, Products
+from eivor.linalg.system import PASSED_ROWS, row_blocks
 from eivor.models.regression import Column, RowBlock, check_columns
-from eivor.models.signal_regression import SignalModel, SignalRegression
+from eivor.models.signal_regression import SignalModel, SignalRegression, shared_noise_of_rows
 from eivor.signals.signals import Signals
+from eivor.tools import Bool, Float
 
 # -- Streaming --
 
@@ -56,16 +68,15 @@ def moments(
     """
     check_chunked(model, method, instruments)
     checks.kind("chunks", chunks, Iterable, "several Signals", "Give [signals], or ev.read_chunks(file).")
-    total: Moments | None = None
-    problem: SignalRegression | None = None
+    total: ProblemMoments | None = None
     for problem in chunk_problems(chunks, model=model, instruments=instruments):
-        result = method.moments(problem)
+        result = ProblemMoments(problem.parameters, method.moments(problem))
         total = result if total is None else total.merge(result)
-    if total is None or problem is None:
+    if total is None:
         raise TooFewSamplesError(
             "chunks with more samples than the largest lag", "none", "Give longer chunks, or fewer lags."
         )
-    return ProblemMoments(problem.parameters, total)
+    return total
 
 
 def check_chunked(model: object, method: object, instruments: object) -> None:
@@ -78,44 +89,39 @@ def check_chunked(model: object, method: object, instruments: object) -> None:
 def chunk_problems(
     chunks: Iterable[Signals], *, model: SignalModel, instruments: tuple[Column, ...]
 ) -> Iterator[SignalRegression]:
-    """Problem of each chunk that has rows, see `moments`."""
-    for joined in overlapping(chunks, model.regression_lag(instruments)):
-        problem = model.regression(joined, instruments)
-        if joined.sample_count > problem.first and (problem.used is None or problem.used.any()):
-            yield problem
-
-
-def overlapping(chunks: Iterable[Signals], lag: int) -> Iterator[Signals]:
-    """Each chunk with the last `lag` samples before it, and its place in the record as offset."""
-    before: Signals | None = None
+    """Problem of each chunk that has rows, with as many samples before it as a row reaches back."""
+    lag, before = model.regression_lag(instruments), None
     for chunk in chunks:
         checks.kind("a chunk", chunk, Signals, "Signals", "Give the stretches of one record in their order.")
         before = chunk if before is None else continued(before, chunk, lag)
-        yield before
+        problem = model.regression(before, instruments)
+        if before.sample_count > problem.first and (problem.used is None or problem.used.any()):
+            yield problem
+
+
+def end_of(signals: Signals, count: int) -> Signals:
+    """Last samples of signals."""
+    start = max(signals.sample_count - count, 0)
+    return replace(
+        signals,
+        channels={name: values[start:].copy() for name, values in signals.channels.items()},
+        valid=None if signals.valid is None else signals.valid[start:].copy(),
+        start_s=signals.start_s + start * signals.step_s,
+        offset=signals.offset + start,
+    )
 
 
 def continued(before: Signals, chunk: Signals, lag: int) -> Signals:
     """Return a chunk with the last `lag` samples before it."""
     _check_successor(before, chunk)
-    start = max(before.sample_count - lag, 0)
-    channels = {
-        name: np.concatenate([before.channels[name][start:], values])
-        for name, values in chunk.channels.items()
-    }
+    end = end_of(before, lag)
     valid = None
-    if before.valid is not None or chunk.valid is not None:
-        parts = [
-            np.ones(s.sample_count, dtype=np.bool_) if s.valid is None else s.valid for s in (before, chunk)
-        ]
-        valid = np.concatenate([parts[0][start:], parts[1]])
-    return Signals(
-        chunk.rate_hz,
-        channels,
-        noise=chunk.noise,
-        valid=valid,
-        start_s=before.start_s + start * before.step_s,
-        offset=before.offset + start,
-    )
+    if end.valid is not None or chunk.valid is not None:
+        valid = np.concatenate(
+            [np.ones(s.sample_count, dtype=np.bool_) if s.valid is None else s.valid for s in (end, chunk)]
+        )
+    channels = {name: np.concatenate([end.channels[name], values]) for name, values in chunk.channels.items()}
+    return replace(chunk, channels=channels, valid=valid, start_s=end.start_s, offset=end.offset)
 
 
 def _check_successor(before: Signals, chunk: Signals) -> None:
@@ -198,6 +204,355 @@ def identify_chunks(
                 "Give a function that starts the same chunks anew each time it is called.",
             )
 
-    equation = estimating_equation(candidate.solved, blocks)
+    equation = estimating_equation(candidate, blocks)
     streamed = replace(candidate, streamed_covariance=covariance.joint(equation))
     return replace(estimate, candidates=(streamed,))
+
+
+# -- Forgetting --
+
+#: Memory [samples] when none is chosen: a factor of 0.995.
+DEFAULT_MEMORY = 200.0
+#: Shortest and longest memory [samples]: rows of a block wait in arrays, and a block is a part of the memory.
+MEMORIES = (10.0, 1e7)
+#: Blocks that a memory is divided into, and memories whose blocks are kept apart: older ones count e^-8.
+BLOCKS_PER_MEMORY, MEMORIES_KEPT = 24, 8
+#: Blocks that a change is looked for in at once: an eighth of the memory.
+BLOCKS_PER_LOOK = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Forgetting:
+    """How fast rows are forgotten."""
+
+    memory: float = DEFAULT_MEMORY  # Sum of the weights of all rows before, 1 / (1 - lambda) [samples]
+
+    def __post_init__(self) -> None:
+        checks.number("memory", self.memory)
+        least, most = MEMORIES
+        if not least <= self.memory <= most:
+            raise UsageError(
+                f"a memory of {least:g} to {most:g} samples",
+                f"{self.memory:g}",
+                "It is 1 / (1 - lambda): 200 for a forgetting factor of 0.995.",
+            )
+
+    @property
+    def factor(self) -> float:
+        """Weight of a row over that of the row after it, lambda."""
+        return 1.0 - 1.0 / self.memory
+
+    @property
+    def effective_rows(self) -> float:
+        """Rows of equal weight whose mean scatters as much."""
+        return (1.0 + self.factor) / (1.0 - self.factor)
+
+    @property
+    def block(self) -> int:
+        """Samples of a block."""
+        return max(int(self.memory / BLOCKS_PER_MEMORY), 1)
+
+    @property
+    def kept_blocks(self) -> int:
+        """Blocks that are kept apart."""
+        return int(np.ceil(MEMORIES_KEPT * self.memory / self.block))
+
+    @property
+    def block_length(self) -> int:
+        """Samples that a change is looked for in at once."""
+        return self.block * BLOCKS_PER_LOOK
+
+    def weights(self, count: int) -> Float[np.ndarray, " count"]:
+        """Weights of successive samples after the last of them."""
+        return self.factor ** np.arange(count - 1, -1, -1.0)
+
+
+# -- Timed rows --
+
+#: Places (instrument, column) of a table of noises that vary from row to row.
+NoiseIndices = tuple[tuple[int, int], ...]
+
+
+@dataclass(frozen=True)
+class TimedRows:
+    """Rows of successive samples."""
+
+    columns: Float[np.ndarray, "samples columns"]  # [psi phi y noise counted]
+    layout: ProductLayout
+    noise_indices: NoiseIndices = ()  # Row and column of each noise
+
+    @property
+    def count(self) -> int:
+        """Samples, those among them that do not count."""
+        return self.columns.shape[0]
+
+    @property
+    def parts(self) -> list[Float[np.ndarray, "samples _"]]:
+        """psi, [phi y], noises, and whether samples count."""
+        p, n = self.layout.instruments, self.layout.regressors + 1
+        return np.split(self.columns, [p, p + n, self.columns.shape[1] - 1], axis=1)
+
+    def between(self, start: int, stop: int) -> TimedRows:
+        """Rows of a stretch of samples."""
+        return replace(self, columns=self.columns[start:stop])
+
+    def then(self, other: TimedRows) -> TimedRows:
+        """Rows of both, one after the other."""
+        return replace(self, columns=np.concatenate([self.columns, other.columns])) if self.count else other
+
+    def stretches(self, first: int, look: int) -> Iterator[TimedRows]:
+        """Stretches that end where a multiple of `look` samples is full, of which `first` came before."""
+        start = 0
+        while start < self.count:
+            stop = min(start + look - (first + start) % look, self.count)
+            yield self.between(start, stop)
+            start = stop
+
+
+def timed_rows(problem: SignalRegression, assembler: Assembler) -> Iterator[TimedRows]:
+    """Rows of signals, stretch by stretch."""
+    if assembler.plain_products and problem.instruments_share_noise():
+        raise InstrumentError(
+            "instruments whose measurement noise no regressor and no response shares",
+            "an instrument of the same channel and lag as a noisy regressor",
+            "Use lags from 1 on, another channel, or generalized_iv.",
+        )
+    signals, first = problem.signals, problem.first
+    if signals.sample_count <= first:
+        return
+    tested = problem.instrument_columns if assembler.needs_instruments else problem.regressor_columns
+    right = (*problem.regressor_columns, problem.equation.response)
+    noises = shared_noise_of_rows(tested, right, signals, first) if assembler.compensates else {}
+    for start, stop in row_blocks(first, signals.sample_count, PASSED_ROWS):
+        here = slice(start - first, stop - first)
+        used = np.ones(stop - start, dtype=np.bool_) if problem.used is None else problem.used[here]
+        noise = [values[here] for values in noises.values()]
+        yield counted_rows(
+            problem.samples_between(tested, start, stop),
+            problem.samples_between(right, start, stop),
+            np.stack(noise, axis=1) if noise else np.zeros((used.size, 0)),
+            used,
+            tuple(noises),
+        )
+
+
+def counted_rows(
+    psi: Float[np.ndarray, "samples p"],
+    right: Float[np.ndarray, "samples n_plus_1"],
+    noise: Float[np.ndarray, "samples s"],
+    used: Bool[np.ndarray, " samples"],
+    positions: NoiseIndices = (),
+) -> TimedRows:
+    """Rows with zeros where a sample does not count, whatever stands there."""
+    columns = np.column_stack([psi, right, noise])
+    if not used.all():
+        columns = np.where(used[:, None], columns, 0.0)
+    layout = ProductLayout(psi.shape[1], right.shape[1] - 1, whole=False)
+    return TimedRows(np.column_stack([columns, used]), layout, positions)
+
+
+# -- Exponentially weighted products --
+
+
+@dataclass(frozen=True)
+class WeightedBlockSums:
+    """Weighted sums of blocks of rows. Performs no checks."""
+
+    products: Products
+    noise: Float[np.ndarray, "K s"]
+    squares: Float[np.ndarray, " K"]  # Sums of squared weights
+
+    @property
+    def blocks(self) -> int:
+        """How many."""
+        return self.squares.size
+
+    def __add__(self, other: WeightedBlockSums) -> WeightedBlockSums:
+        """Blocks of both, one after the other."""
+        return WeightedBlockSums(
+            self.products + other.products,
+            np.concatenate([self.noise, other.noise]),
+            np.concatenate([self.squares, other.squares]),
+        )
+
+    def between(self, start: int, stop: int) -> WeightedBlockSums:
+        """Some of the blocks."""
+        here = slice(start, stop)
+        products = replace(self.products, counts=self.products.counts[here], sums=self.products.sums[here])
+        return WeightedBlockSums(products, self.noise[here], self.squares[here])
+
+    def weighted(self, factors: Float[np.ndarray, " K"]) -> WeightedBlockSums:
+        """One sum of all, each block with a factor."""
+        return WeightedBlockSums(
+            self.products.weighted(factors),
+            (factors @ self.noise)[None, :],
+            np.array([factors**2 @ self.squares]),
+        )
+
+
+def sums_of_rows(rows: TimedRows, forgetting: Forgetting, length: int, *, whole: bool) -> WeightedBlockSums:
+    """Sums of blocks of `length` rows each, weighted to the end of each block."""
+    weights = forgetting.weights(length)
+    blocks = rows.count // max(length, 1)
+    left, right, noise, counted = (part.reshape(blocks, length, part.shape[1]) for part in rows.parts)
+    if whole:
+        left = right = np.concatenate([left, right], axis=2)
+    sums = np.matmul((left * weights[:, None]).swapaxes(1, 2), right)
+    return WeightedBlockSums(
+        Products(counted[:, :, 0] @ weights, sums, replace(rows.layout, whole=whole)),
+        np.tensordot(noise, weights, (1, 0)),
+        counted[:, :, 0] @ weights**2,
+    )
+
+
+@dataclass(frozen=True)
+class ExponentiallyWeightedProducts:
+    """Products of all rows so far, exponentially weighted."""
+
+    forgetting: Forgetting
+    whole: bool
+    full: WeightedBlockSums
+    closed: WeightedBlockSums
+    waiting: TimedRows  # Rows of the block that is not full yet
+    samples: int = 0  # Samples so far, those among them that did not count
+
+    def then(self, rows: TimedRows) -> ExponentiallyWeightedProducts:
+        """With the rows that follow."""
+        length = self.forgetting.block
+        joined = self.waiting.then(rows)
+        full = joined.count // length * length
+        seen = replace(self, waiting=joined.between(full, joined.count), samples=self.samples + rows.count)
+        if not full:
+            return seen
+        sums = sums_of_rows(joined.between(0, full), self.forgetting, length, whole=self.whole)
+        products = np.append(self.forgetting.factor**full, self._block_factors(sums.blocks))
+        closed = self.closed + sums
+        first = max(closed.blocks - self.forgetting.kept_blocks, 0)
+        return replace(
+            seen, full=(self.full + sums).weighted(products), closed=closed.between(first, closed.blocks)
+        )
+
+    def last(self, blocks: int) -> ExponentiallyWeightedProducts:
+        """The same with the last full blocks only, and the rows that wait: all else is forgotten."""
+        kept = self.closed.between(max(self.closed.blocks - blocks, 0), self.closed.blocks)
+        return replace(self, full=kept.weighted(self._block_factors(kept.blocks)), closed=kept)
+
+    def _block_factors(self, blocks: int) -> Float[np.ndarray, " blocks"]:
+        """Weights of successive full blocks at the end of the last."""
+        ages = np.arange(blocks - 1, -1, -1.0)
+        return self.forgetting.factor ** (self.forgetting.block * ages)
+
+    @cached_property
+    def _waiting_sums(self) -> WeightedBlockSums:
+        return sums_of_rows(self.waiting, self.forgetting, self.waiting.count, whole=self.whole)
+
+    @property
+    def _since(self) -> float:
+        """Weight of the last full block's end now."""
+        return self.forgetting.factor**self.waiting.count
+
+    @cached_property
+    def recent(self) -> tuple[WeightedBlockSums, Float[np.ndarray, " K"]]:
+        """Blocks that are kept apart, rows that wait as one of them."""
+        factors = self._since * self._block_factors(self.closed.blocks)
+        if not self.waiting.count:
+            return self.closed, factors
+        return self.closed + self._waiting_sums, np.append(factors, 1.0)
+
+    @cached_property
+    def total(self) -> WeightedBlockSums:
+        """One sum of all rows, with the weights that they have now."""
+        if not self.waiting.count:
+            return self.full
+        return (self.full + self._waiting_sums).weighted(np.array([self._since, 1.0]))
+
+    @property
+    def effective_rows(self) -> float:
+        """Rows of equal weight whose mean scatters as much as that of all rows so far."""
+        count, squares = self.total.products.count, float(self.total.squares[0])
+        return count**2 / squares if squares > 0.0 else 0.0
+
+    @property
+    def moments(self) -> CrossMoments:
+        """Weighted means; performs no check that there are rows."""
+        total = self.total
+        return CrossMoments(total.products, self.noise_table(total)[0] / total.products.count)
+
+    def noise_table(self, sums: WeightedBlockSums) -> Float[np.ndarray, "K p n_plus_1"]:
+        """What noises add to the products psi [phi' y] of blocks."""
+        layout = sums.products.layout
+        table = np.zeros((sums.blocks, layout.instruments, layout.regressors + 1))
+        for number, noise_index in enumerate(self.waiting.noise_indices):
+            table[:, *noise_index] = sums.noise[:, number]
+        return table
+
+    def compensated(self, sums: WeightedBlockSums) -> Float[np.ndarray, "K p n_plus_1"]:
+        """Sums of psi [phi' y] of blocks, without what noises add to them."""
+        return sums.products.equations - self.noise_table(sums)
+
+    def scores(self, sums: WeightedBlockSums, theta: Float[np.ndarray, " n"]) -> Float[np.ndarray, "K p"]:
+        """What an estimate leaves of each block: compensated sums of psi times the residual."""
+        left = self.compensated(sums)
+        return left[:, :, -1] - left[:, :, :-1] @ theta
+
+
+def nothing_yet(rows: TimedRows, forgetting: Forgetting, *, whole: bool) -> ExponentiallyWeightedProducts:
+    """Products of no rows, with the columns of some."""
+    none = rows.between(0, 0)
+    empty = sums_of_rows(none, forgetting, forgetting.block, whole=whole)
+    layout = empty.products.layout
+    products = Products(np.zeros(1), np.zeros((1, *layout.shape)), layout)
+    zero = WeightedBlockSums(products, np.zeros((1, empty.noise.shape[1])), np.zeros(1))
+    return ExponentiallyWeightedProducts(forgetting, whole, zero, empty, none)
+
+
+# -- Exponentially weighted covariance --
+
+
+def equation_map(solved: Candidate) -> Float[np.ndarray, "n p"]:
+    """Return what a change of the mean scores changes the solution by, to first order: (A'WA)^-1 A'W."""
+    A, factor = solved.system.matrix, solved.factor
+    if factor is not None:
+        A = scipy.linalg.solve_triangular(factor, A, lower=True)
+    Q, R = np.linalg.qr(A)
+    if factor is not None:
+        Q = scipy.linalg.solve_triangular(factor, Q, lower=True, trans="T")
+    return scipy.linalg.solve_triangular(R, Q.T)
+
+
+def exponentially_weighted_covariance(
+    weighted: ExponentiallyWeightedProducts, theta: Float[np.ndarray, " n"], mapped: Float[np.ndarray, "n p"]
+) -> JointCovariance:
+    """Covariance of an estimate from exponentially weighted products."""
+    # Scores of unit variance, weights and sensitivities of the blocks that have rows and are kept apart.
+    blocks, factors = weighted.recent
+    filled = blocks.squares > 0.0
+    size = np.sqrt(np.where(filled, blocks.squares, 1.0))
+    scores = (weighted.scores(blocks, theta) @ mapped.T / size[:, None])[filled]
+    weights, leaks = (factors * size)[filled], (blocks.products.counts / size)[filled]
+    rows = scores / weighted.total.products.count
+    averages = _cosines(weights, leaks).T @ rows
+    used = averages.shape[0]
+    power = float(weights @ weights)
+    meat = power * (averages.T @ averages) / max(used, 1)
+    products = weights[:, None] * rows
+    single = products.T @ products
+    effective = power**2 / float(np.sum(weights**4)) if power > 0.0 else 0.0
+    degrees = max(effective - theta.size, 0.0)
+    single = single * (effective / degrees if degrees > 0.0 else 1.0)
+    cosines = CovariancePart("equal_weighted_cosines", meat, float(used))
+    return JointCovariance((cosines, CovariancePart("blocks", single, degrees)))
+
+
+def _cosines(
+    weights: Float[np.ndarray, " K"], leaks: Float[np.ndarray, " K"]
+) -> Float[np.ndarray, "K averages"]:
+    """Orthonormal cosines over the weights' own time, orthogonal to the weights and to the leaks."""
+    averages = min(COSINE_AVERAGES, weights.size - 2)
+    if averages < 1:
+        return np.zeros((weights.size, 0))
+    shares = weights**2
+    time = (np.cumsum(shares) - 0.5 * shares) / shares.sum()
+    waves = np.cos(np.pi * np.arange(1, averages + 1) * time[:, None])
+    Q, _ = np.linalg.qr(np.column_stack([weights, leaks, weights[:, None] * waves]))
+    return Q[:, 2:]

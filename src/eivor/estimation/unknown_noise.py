@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+from enum import Enum
+from itertools import product
 
 import numpy as np
 import scipy.linalg
 from numpy.polynomial.chebyshev import chebder, chebfit, chebpts1, chebval
 
 from eivor.errors import InstrumentError, UsageError
-from eivor.estimation.estimate import Candidate, Estimate, Solved
+from eivor.estimation.estimate import Candidate, Estimate
 from eivor.estimation.linear import check_freedom
 from eivor.estimation.method import Method, Problem
 from eivor.estimation.moments import Compensated
-from eivor.estimation.weighting import weighted
+from eivor.estimation.weighting import divided, weighted
 from eivor.inference.covariance import CovariancePart, JointCovariance, unit_scale
 from eivor.inference.diagnostics.instruments import STRONG_FIRST_STAGE
 from eivor.inference.diagnostics.record import conditional_first_stage, orthonormal_basis
@@ -36,60 +37,34 @@ WHITE_LAGS = 2
 ORDER_LAGS = 6
 
 
-class EquationChoice(ABC):
-    """A choice of test functions."""
+class EquationChoice(Enum):
+    """Which columns are test functions."""
 
-    @abstractmethod
-    def columns(self, problem: SignalRegression, orders: tuple[str, ...]) -> tuple[Column, ...]:
-        """Test functions: columns of the problem, and others of its channels."""
+    #: Instruments, and every noisy regressor at some lags: generalized instrumental variables in full.
+    GENERALIZED = "generalized"
+    #: The regressors themselves and instruments: bias-eliminating least squares.
+    BIAS_ELIMINATING = "bias eliminating"
+    #: Regressors, response and instruments: the Frisch scheme with the equations of past inputs.
+    FRISCH = "frisch"
 
-
-@dataclass(frozen=True, slots=True)
-class GeneralizedEquations(EquationChoice):
-    """Instruments, and every noisy regressor at some lags: generalized instrumental variables in full."""
-
-    lags: int | None = None  # Lags of each regressor's channel
-
-    def __post_init__(self) -> None:
-        if self.lags is not None and self.lags < 0:
-            raise UsageError("zero lags or more", f"{self.lags}", "Leave lags out.")
-
-    def columns(self, problem: SignalRegression, orders: tuple[str, ...]) -> tuple[Column, ...]:
-        """Instruments, and lags of the regressors' channels."""
-        selected = []
-        for column in problem.regressor_columns:
-            most = self.lags
-            if most is None:
-                most = ORDER_LAGS if column.channel in orders else WHITE_LAGS
-            if column.channel:
-                selected += [replace(column, lag=column.lag + lag) for lag in range(most + 1)]
-        return _once((*problem.instrument_columns, *selected))
-
-
-@dataclass(frozen=True, slots=True)
-class BiasEliminating(EquationChoice):
-    """The regressors themselves and instruments: bias-eliminating least squares."""
-
-    def columns(self, problem: SignalRegression, _orders: tuple[str, ...]) -> tuple[Column, ...]:
-        """Regressors, then instruments."""
-        return _once((*problem.regressor_columns, *problem.instrument_columns))
-
-
-@dataclass(frozen=True, slots=True)
-class FrischScheme(EquationChoice):
-    """Regressors, response and instruments: the Frisch scheme with the equations of past inputs."""
-
-    def columns(self, problem: SignalRegression, _orders: tuple[str, ...]) -> tuple[Column, ...]:
-        """Regressors, response, then instruments."""
-        return _once((*problem.regressor_columns, problem.equation.response, *problem.instrument_columns))
-
-
-def _once(columns: Iterable[Column]) -> tuple[Column, ...]:
-    """Each channel at each lag once, whatever its sign and size."""
-    kept: dict[tuple[str, int, str], Column] = {}
-    for column in columns:
-        kept.setdefault((column.channel, column.lag, column.gain_channel), column)
-    return tuple(kept.values())
+    def columns(
+        self, problem: SignalRegression, orders: tuple[str, ...] = (), lags: int | None = None
+    ) -> tuple[Column, ...]:
+        """Test functions: columns of the problem and others of its channels, each once whatever its gain."""
+        instruments, selected = problem.instrument_columns, list(problem.regressor_columns)
+        if self is EquationChoice.GENERALIZED:
+            selected = list(instruments)
+            for column in problem.regressor_columns:
+                by_order = ORDER_LAGS if column.channel in orders else WHITE_LAGS
+                if column.channel:
+                    most = by_order if lags is None else lags
+                    selected += [replace(column, lag=column.lag + lag) for lag in range(most + 1)]
+        elif self is EquationChoice.FRISCH:
+            selected.append(problem.equation.response)
+        kept: dict[tuple[str, int, str], Column] = {}
+        for column in (*selected, *instruments):
+            kept.setdefault((column.channel, column.lag, column.gain_channel), column)
+        return tuple(kept.values())
 
 
 # -- Long memory --
@@ -109,8 +84,7 @@ def long_memory_covariance(
     weights = np.clip(1.0 - lags / (count // RECORD_OVER_LAG + 1.0), 0.0, None) / count
 
     def sums(spectrum: np.ndarray) -> Float[np.ndarray, "lags *k"]:
-        result: Float[np.ndarray, "lags *k"] = np.fft.irfft(spectrum, length, axis=0)
-        return result
+        return np.fft.irfft(spectrum, length, axis=0)
 
     of_error, current = np.fft.rfft(error, length), np.fft.rfft(influence, length, axis=0)
     by_error = weights * sums(np.abs(of_error) ** 2)
@@ -119,8 +93,7 @@ def long_memory_covariance(
     results = across.T @ (weights[:, None] * backwards)
     for number in range(influence.shape[1]):
         results[number] += by_error @ sums(current[:, [number]] * current.conj())
-    symmetric: Float[np.ndarray, "k k"] = 0.5 * (results + results.T)
-    return symmetric
+    return 0.5 * (results + results.T)
 
 
 # -- Shared moments --
@@ -157,10 +130,7 @@ class SharedMoments:
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """The problem's, then those of the noises."""
-        return (
-            *self.problem.parameters,
-            *(parameter for noise in self.unknown for parameter in noise.parameters),
-        )
+        return self.problem.parameters + tuple(p for noise in self.unknown for p in noise.parameters)
 
     def known(self) -> Float[np.ndarray, "p n_plus_1"]:
         """What declared noises add."""
@@ -191,19 +161,13 @@ class SharedMoments:
 
     def _shared(self, noise: dict[str, MeasurementNoise]) -> Float[np.ndarray, "p n_plus_1"]:
         problem = self.problem
-        signals = replace(problem.signals, noise=noise)
+        signals, left = replace(problem.signals, noise=noise), problem.instrument_columns
         right = (*problem.regressor_columns, problem.equation.response)
-        shared = np.zeros((problem.instrument_count, len(right)))
-        for i, instrument_column in enumerate(problem.instrument_columns):
-            for j, other in enumerate(right):
-                if (
-                    instrument_column.channel
-                    and instrument_column.channel == other.channel
-                    and instrument_column.channel in noise
-                ):
-                    shared[i, j] = shared_noise(
-                        [instrument_column], [other], signals, problem.first, problem.used
-                    )[0, 0]
+        shared = np.zeros((len(left), len(right)))
+        for (i, column), (j, other) in product(enumerate(left), enumerate(right)):
+            if column.channel in noise and column.channel == other.channel:
+                pair = [column], [other]
+                shared[i, j] = shared_noise(*pair, signals, problem.first, problem.used)[0, 0]
         return shared
 
     def added(
@@ -214,12 +178,12 @@ class SharedMoments:
         direction = np.append(beta[:n], -1.0)
         total, slopes, position = known.copy(), np.zeros((known.shape[0], beta.size)), n
         for noise in self.unknown:
-            variance, order = beta[position], beta[position + 1] if noise.fractional else 0.0
-            unit = self.unit(noise, float(order))
-            total = total + variance * unit
+            variance, order = beta[position], float(beta[position + 1]) if noise.fractional else 0.0
+            unit = self.unit(noise, order)
+            total += variance * unit
             slopes[:, position] = unit @ direction
             if noise.fractional:
-                slopes[:, position + 1] = variance * self.unit(noise, float(order), slope=True) @ direction
+                slopes[:, position + 1] = variance * self.unit(noise, order, slope=True) @ direction
             position += len(noise.parameters)
         slopes[:, :n] = total[:, :n]
         return total @ direction, slopes
@@ -242,13 +206,14 @@ class NoiseEstimatingIV(Method):
     """Generalized instrumental variables that estimate the noises that nothing is declared of."""
 
     name: str  # The word that results use
-    choice: EquationChoice = field(default_factory=GeneralizedEquations)
+    choice: EquationChoice = EquationChoice.GENERALIZED
     orders: tuple[str, ...] = ()
+    lags: int | None = None  # Lags of each regressor's channel
+    needs_instruments = True
 
-    @property
-    def needs_instruments(self) -> bool:
-        """Yes."""
-        return True
+    def __post_init__(self) -> None:
+        if self.lags is not None and self.lags < 0:
+            raise UsageError("zero lags or more", f"{self.lags}", "Leave lags out.")
 
     def estimate(self, problem: Problem) -> Estimate:
         """Estimate parameters and noises."""
@@ -262,7 +227,7 @@ class NoiseEstimatingIV(Method):
         return search.estimate(self.name, search.minimum())
 
     def _moments(self, problem: SignalRegression) -> SharedMoments:
-        psi = self.choice.columns(problem, self.orders)
+        psi = self.choice.columns(problem, self.orders, self.lags)
         whole = SignalRegression(problem.signals, problem.equation, psi)
         right = (*whole.regressor_columns, whole.equation.response)
         both = {item.channel for item in right} & {item.channel for item in psi}
@@ -298,10 +263,10 @@ class _MomentSearch:
             )
         self.cross = psi.T @ np.column_stack([self.rows.regressors, self.rows.response]) / count
         self.known = self.shared.known()
-        self.factor = weighted(self._system(), psi.T @ psi / count).factor
+        self._weigh(psi.T @ psi / count)
 
-    def _system(self) -> LinearSystem:
-        return LinearSystem(self.cross[:, :-1], self.cross[:, -1])
+    def _weigh(self, covariance: Float[np.ndarray, "p p"]) -> None:
+        self.factor = weighted(LinearSystem(self.cross[:, :-1], self.cross[:, -1]), covariance)[1]
 
     @property
     def _count(self) -> int:
@@ -309,16 +274,15 @@ class _MomentSearch:
 
     def _residual(self, beta: Float[np.ndarray, " k"]) -> Float[np.ndarray, " p"]:
         direction = np.append(beta[: self.cross.shape[1] - 1], -1.0)
-        return self.shared.added(beta, self.known)[0] - self.cross @ direction
+        return self._divided(self.shared.added(beta, self.known)[0] - self.cross @ direction)
 
     def _slopes(self, beta: Float[np.ndarray, " k"]) -> Float[np.ndarray, "p k"]:
         slopes = self.shared.added(beta, self.known)[1]
         slopes[:, : self.cross.shape[1] - 1] -= self.cross[:, :-1]
-        return slopes
+        return self._divided(slopes)
 
     def _divided(self, values: Float[np.ndarray, "p *k"]) -> Float[np.ndarray, "p *k"]:
-        solution: Float[np.ndarray, "p *k"] = scipy.linalg.solve_triangular(self.factor, values, lower=True)
-        return solution
+        return scipy.linalg.solve_triangular(self.factor, values, lower=True)
 
     def _start(self) -> Float[np.ndarray, " k"]:
         """Parameters and, times them, variances by linear equations; orders at a first guess."""
@@ -335,47 +299,40 @@ class _MomentSearch:
         result = size * np.linalg.lstsq(left * size, self._divided(right), rcond=None)[0]
         direction = np.append(result[:n], -1.0)
         beta = list(result[:n])
+        signals = self.shared.problem.signals
         for number, noise in enumerate(self.shared.unknown):
-            selected = [
-                (result[n + index], direction[j]) for index, (of, j) in enumerate(linear) if of == number
-            ]
+            selected = [(result[n + i], direction[j]) for i, (of, j) in enumerate(linear) if of == number]
             power = sum(factor**2 for _, factor in selected)
             variance = sum(value * factor for value, factor in selected) / power
-            beta.append(max(variance, self._floor(noise.channel)) if noise.fractional else variance)
-            beta += [FIRST_ORDER] if noise.fractional else []
+            if noise.fractional:  # more than what is as good as none
+                beta += [max(variance, NOTHING * float(np.var(signals.channel(noise.channel)))), FIRST_ORDER]
+            else:
+                beta.append(variance)
         return np.array(beta)
-
-    def _floor(self, channel: str) -> float:
-        """A variance that is as good as none."""
-        return NOTHING * float(np.var(self.shared.problem.signals.channel(channel)))
 
     def minimum(self) -> Float[np.ndarray, " k"]:
         """Least of the weighted moments, weights renewed at each."""
         from scipy.optimize import least_squares
 
-        beta, low, high = (
-            self._start(),
-            [-np.inf] * (self.cross.shape[1] - 1),
-            [np.inf] * (self.cross.shape[1] - 1),
-        )
+        beta, free = self._start(), [(-np.inf, np.inf)]
+        bounds = free * (self.cross.shape[1] - 1)
         for noise in self.shared.unknown:
-            low += [0.0, -LARGEST_ORDER] if noise.fractional else [-np.inf]
-            high += [np.inf, LARGEST_ORDER] if noise.fractional else [np.inf]
+            bounds += [(0.0, np.inf), (-LARGEST_ORDER, LARGEST_ORDER)] if noise.fractional else free
         for _ in range(PASSES):
             # each in units of its own slope, and no tolerance that has a unit, as that of the gradient has
-            size = _column_scale(self._divided(self._slopes(beta)))
+            size = _column_scale(self._slopes(beta))
             squares = least_squares(
-                lambda x, size=size: self._divided(self._residual(size * x)),
+                lambda x, size=size: self._residual(size * x),
                 beta / size,
-                lambda x, size=size: self._divided(self._slopes(size * x)) * size,
-                bounds=(np.array(low) / size, np.array(high) / size),
+                lambda x, size=size: self._slopes(size * x) * size,
+                bounds=tuple(np.array(bounds).T / size),
                 x_scale="jac",
                 xtol=1e-12,
                 ftol=1e-12,
                 gtol=None,
             )
             beta = size * squares.x
-            self.factor = weighted(self._system(), self._covariance(beta)).factor
+            self._weigh(self._covariance(beta))
         return beta
 
     def _covariance(self, beta: Float[np.ndarray, " k"]) -> Float[np.ndarray, "p p"]:
@@ -383,44 +340,37 @@ class _MomentSearch:
         n, psi, count = self.cross.shape[1] - 1, self.rows.instruments, self._count
         error = self.rows.response - self.rows.regressors @ beta[:n]
         lags = newey_west_bandwidth(count)
-        results = (
-            psi.T @ psi * float(error @ error) / count**2 + np.outer(psi.T @ error, psi.T @ error) / count**2
-        )
+        whole = psi.T @ error
+        results = psi.T @ psi * float(error @ error) / count**2 + np.outer(whole, whole) / count**2
         for lag in range(1, lags + 1):
             share = (1.0 - lag / (lags + 1.0)) / count**2
             current = psi[lag:].T @ psi[:-lag] * float(error[lag:] @ error[:-lag])
-            prediction, behind = psi[:-lag].T @ error[lag:], psi[lag:].T @ error[:-lag]
-            both = current + np.outer(prediction, behind)
+            both = current + np.outer(psi[:-lag].T @ error[lag:], psi[lag:].T @ error[:-lag])
             results += share * (both + both.T)
         return results
 
     def estimate(self, name: str, beta: Float[np.ndarray, " k"]) -> Estimate:
         """Estimate at the least."""
-        alone = Candidate({}, self._solved(beta))
-        parts = (*alone.covariance.parts, self._of_normal_series(beta), *self._of_long_memory(beta))
-        estimate = Estimate(
-            name, self.shared.parameters, (replace(alone, streamed_covariance=JointCovariance(parts)),)
-        )
+        alone = self._solved(beta)
+        covariance = JointCovariance((*alone.covariance.parts, *self._of_normal_series(beta)))
+        candidate = replace(alone, streamed_covariance=covariance)
+        estimate = Estimate(name, self.shared.parameters, (candidate,))
         return replace(estimate, reasons=tuple(self._reasons(estimate, beta)))
 
-    def _of_normal_series(self, beta: Float[np.ndarray, " k"]) -> CovariancePart:
-        """Covariance that Soderstrom's weights give: (J' S^-1 J)^-1 over the rows."""
-        root = np.linalg.qr(self._divided(self._slopes(beta)), mode="r")
+    def _of_normal_series(self, beta: Float[np.ndarray, " k"]) -> Iterator[CovariancePart]:
+        """Covariance by Soderstrom's weights, (J' S^-1 J)^-1 over the rows, and that of long memory."""
+        Q, root = np.linalg.qr(self._slopes(beta))
         inverse = scipy.linalg.solve_triangular(root, np.eye(beta.size))
-        return CovariancePart("of_normal_series", inverse @ inverse.T / self._count)
-
-    def _of_long_memory(self, beta: Float[np.ndarray, " k"]) -> Iterator[CovariancePart]:
-        """The same with the autocovariances of long lags, where a noise is fractional."""
+        yield CovariancePart("of_normal_series", inverse @ inverse.T / self._count)
         if not any(noise.fractional for noise in self.shared.unknown):
             return
-        Q, root = np.linalg.qr(self._divided(self._slopes(beta)))
         answers = scipy.linalg.solve_triangular(root, Q.T)
         answers = scipy.linalg.solve_triangular(self.factor, answers.T, lower=True, trans=1)
         error = self.rows.response - self.rows.regressors @ beta[: self.rows.regressors.shape[1]]
         matrix = long_memory_covariance(self.rows.instruments @ answers, error)
         yield CovariancePart("of_long_memory", matrix / self._count**2)
 
-    def _solved(self, beta: Float[np.ndarray, " k"]) -> Solved:
+    def _solved(self, beta: Float[np.ndarray, " k"]) -> Candidate:
         """Linear equations at the least: slopes by the noises stand among what is compensated."""
         added, slopes = self.shared.added(beta, self.known)
         more = beta.size - self.rows.regressors.shape[1]
@@ -432,40 +382,35 @@ class _MomentSearch:
             instrument_noise=np.column_stack([slopes, slopes @ beta - added]),
         )
         assembler, solver = Compensated(), LeastSquares()
-        moments = assembler.full_moments(rows)
+        moments = assembler.moments(rows, whole=True)
         system = assembler.system(moments)
-        solution = solver.solve(LinearSystem(self._divided(system.matrix), self._divided(system.right)))
+        solution = solver.solve(divided(system, self.factor))
         if solution.condition > LARGEST_CONDITION:
             raise InstrumentError(
                 "equations that distinguish parameters and noises ",
                 f"equations with the condition number {solution.condition:.2g}",
                 "Give an input that is not white, more lags as instruments, or declare a noise.",
             )
-        return Solved(assembler, solver, moments, rows, system, self.factor, replace(solution, theta=beta))
+        return Candidate(assembler, solver, moments, rows, system, self.factor, replace(solution, theta=beta))
 
     def _first_stage(self) -> dict[str, float]:
         """How well each regressor is identified by test functions that share no unknown noise with any."""
-        channels = [noise.channel for noise in self.shared.unknown]
-        lags = {
-            (regressor_column.channel, regressor_column.lag)
-            for regressor_column in self.shared.problem.regressor_columns
-        }
-        fractional = {noise.channel for noise in self.shared.unknown if noise.fractional}
-        free = [
-            number
-            for number, instrument_column in enumerate(self.shared.problem.instrument_columns)
-            if instrument_column.channel not in channels
-            or (
-                instrument_column.channel not in fractional
-                and (instrument_column.channel, instrument_column.lag) not in lags
-            )
-        ]
+        problem, unknown = (
+            self.shared.problem,
+            {item.channel: item.fractional for item in self.shared.unknown},
+        )
+        lags = {(column.channel, column.lag) for column in problem.regressor_columns}
+
+        def shares_nothing(column: Column) -> bool:
+            white = not unknown.get(column.channel, False)
+            return column.channel not in unknown or (white and (column.channel, column.lag) not in lags)
+
+        free = [shares_nothing(column) for column in problem.instrument_columns]
         strengths = conditional_first_stage(
             orthonormal_basis(self.rows.instruments[:, free]), self.rows.regressors
         )
-        noisy = [column.channel in channels for column in self.shared.problem.regressor_columns]
-        names = self.shared.problem.names
-        return {name: float(f) for name, f, item in zip(names, strengths, noisy, strict=True) if item}
+        columns = zip(problem.names, strengths, problem.regressor_columns, strict=True)
+        return {name: float(f) for name, f, column in columns if column.channel in unknown}
 
     def _reasons(self, estimate: Estimate, beta: Float[np.ndarray, " k"]) -> list[Reason]:
         reasons = []
@@ -485,14 +430,13 @@ class _MomentSearch:
         for name, strength in self._first_stage().items():
             if strength < STRONG_FIRST_STAGE:
                 sentence = (
-                    f"The input does not distinguish the {name.replace('_', ' ')} from the noises: "
-                    f"what shares no "
-                    f"noise with its column has a first-stage F of {strength:.1f}, and "
+                    f"The input does not distinguish the {name.replace('_', ' ')} from the noises: what "
+                    f"shares no noise with its column has a first-stage F of {strength:.1f}, and "
                     f"{STRONG_FIRST_STAGE:.0f} is needed."
                 )
                 remedy = "Excite with a coloured input, give more lags, or declare the noise of the input."
                 reasons.append(Reason(Status.REFUSED, sentence, remedy))
-        left = self._divided(self._residual(beta))
+        left = self._residual(beta)
         degrees = left.size - beta.size
         J = self._count * float(left @ left)
         if degrees > 0 and chi_square_tail(J, degrees) < CONTRADICTION:

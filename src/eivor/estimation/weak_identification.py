@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 
@@ -50,14 +51,12 @@ class MomentRows:
 
     def own_instruments(self) -> dict[int, int]:
         """Regressors that are instruments as well and share no noise: number of the column to that of psi."""
-        results = {}
-        for j in range(len(self.parameters)):
-            column = self.columns[:, j + 1]
-            for i in range(self.test_functions.shape[1]):
+        results: dict[int, int] = {}
+        for j, column in enumerate(self.columns.T[1:]):
+            for i, psi in enumerate(self.test_functions.T):
                 exact = not (self.noise[i].any() or self.noise[:, j + 1].any())
-                if exact and column.any() and np.array_equal(column, self.test_functions[:, i]):
-                    results[j] = i
-                    break
+                if exact and column.any() and np.array_equal(column, psi):
+                    results.setdefault(j, i)
         return results
 
     def without(self, regressors: Sequence[int]) -> MomentRows:
@@ -67,23 +66,15 @@ class MomentRows:
         own_instruments = self.own_instruments()
         W = self.columns[:, [j + 1 for j in regressors]]
         Q = np.linalg.qr(W / np.linalg.norm(W, axis=0))[0]
-        others = [
-            i
-            for i in range(self.test_functions.shape[1])
-            if i not in {own_instruments[j] for j in regressors}
-        ]
+        others = np.delete(np.arange(self.test_functions.shape[1]), [own_instruments[j] for j in regressors])
         left = [j for j in range(len(self.parameters)) if j not in regressors]
         kept = [0, *(j + 1 for j in left)]
         psi, columns = self.test_functions[:, others], self.columns[:, kept]
         for _ in range(2):  # once more, for what rounding leaves of a large mean
             psi, columns = psi - Q @ (Q.T @ psi), columns - Q @ (Q.T @ columns)
+        noise, partialled = self.noise[others][:, kept], self.partialled + len(regressors)
         return MomentRows(
-            tuple(self.parameters[j] for j in left),
-            psi,
-            columns,
-            self.noise[np.ix_(others, kept)],
-            self.layout,
-            self.partialled + len(regressors),
+            tuple(self.parameters[j] for j in left), psi, columns, noise, self.layout, partialled
         )
 
     def independent(self) -> MomentRows:
@@ -102,7 +93,7 @@ class MomentRows:
             )
         change = vectors[:, kept] / np.sqrt(eigenvalues[kept])
         noise = change.T @ (self.noise[moving] / lengths[moving, None])
-        return MomentRows(self.parameters, unit @ change, self.columns, noise, self.layout, self.partialled)
+        return replace(self, test_functions=unit @ change, noise=noise)
 
     def scores(self, averages: int | None) -> LinearScores:
         """Sums and cosine averages of the scores, in one pass; by rule when their number is not given."""
@@ -142,10 +133,7 @@ def moment_rows(problem: LinearProblem, method: LinearMethod) -> MomentRows:
 class ErrorAssumption(ABC):
     """What an Anderson-Rubin test supposes of the errors, and the region that follows."""
 
-    @property
-    @abstractmethod
-    def sentence(self) -> str:
-        """The assumption in words."""
+    sentence: ClassVar[str]  # The assumption in words
 
     @abstractmethod
     def region(self, rows: MomentRows, level: float) -> ConfidenceRegion:
@@ -164,21 +152,17 @@ class AutocorrelatedErrors(ErrorAssumption):
     """
 
     averages: int | None = None
+    sentence: ClassVar[str] = (
+        "The instruments are uncorrelated with the error of their row once the declared noises are "
+        "accounted for; errors may be autocorrelated and heteroskedastic, over times much shorter than "
+        "the record. Holds in large samples, whatever the strength of the instruments."
+    )
 
     def __post_init__(self) -> None:
         if self.averages is not None:
             checks.whole("averages", self.averages)
             if self.averages < 1:
                 raise UsageError("one cosine average or more", f"{self.averages}", "Leave averages out.")
-
-    @property
-    def sentence(self) -> str:
-        """The assumption in words."""
-        return (
-            "The instruments are uncorrelated with the error of their row once the declared noises are "
-            "accounted for; errors may be autocorrelated and heteroskedastic, over times much shorter than "
-            "the record. Holds in large samples, whatever the strength of the instruments."
-        )
 
     def region(self, rows: MomentRows, level: float) -> ConfidenceRegion:
         """Region of the robust test.
@@ -202,14 +186,11 @@ class AutocorrelatedErrors(ErrorAssumption):
 class HomoskedasticErrors(ErrorAssumption):
     """Errors are white, with one variance: the classical test, in closed form."""
 
-    @property
-    def sentence(self) -> str:
-        """The assumption in words."""
-        return (
-            "Errors are white, of one variance, and independent of the instruments. With normal errors the "
-            "joint region is exact in every sample; otherwise it holds in large ones. Whatever the strength "
-            "of the instruments."
-        )
+    sentence: ClassVar[str] = (
+        "Errors are white, of one variance, and independent of the instruments. With normal errors the "
+        "joint region is exact in every sample; otherwise it holds in large ones. Whatever the strength "
+        "of the instruments."
+    )
 
     def region(self, rows: MomentRows, level: float) -> ConfidenceRegion:
         """Region of the classical test.
@@ -231,8 +212,45 @@ class HomoskedasticErrors(ErrorAssumption):
 # -- Weak identification --
 
 
+class _ConfidenceSets(ABC):
+    """Sets of all parameters from a joint region."""
+
+    kind: ClassVar[str]
+    parameters: tuple[Parameter, ...]
+    level: float
+
+    @property
+    @abstractmethod
+    def assumptions(self) -> str:
+        """What the sets suppose."""
+
+    @abstractmethod
+    def interval(self, name: str) -> ConfidenceSet:
+        """Confidence set of one parameter."""
+
+    @cached_property
+    def intervals(self) -> dict[str, ConfidenceSet]:
+        """Confidence set of each parameter."""
+        return {parameter.name: self.interval(parameter.name) for parameter in self.parameters}
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether no value of the parameters passes the test: the data reject the model, or it is chance."""
+        return any(interval.is_empty for interval in self.intervals.values())
+
+    def summary(self) -> str:
+        """Sets of all parameters as text, with what they suppose."""
+        lines = [f"{self.kind}, {100.0 * self.level:g} %"]
+        lines.extend(f"{p.name:<20} {self.intervals[p.name]}  {p.unit}".rstrip() for p in self.parameters)
+        if self.is_empty:
+            lines.append(
+                "No value passes: the data reject the model, its instruments or the declared noises."
+            )
+        return "\n".join([*lines, self.assumptions])
+
+
 @dataclass(frozen=True)
-class AndersonRubinSet:
+class AndersonRubinSet(_ConfidenceSets):
     """Confidence sets by inversion of the Anderson-Rubin test.
 
     Parameters
@@ -251,6 +269,7 @@ class AndersonRubinSet:
     level: float
     errors: ErrorAssumption
     rows: MomentRows = field(repr=False)
+    kind: ClassVar[str] = "Anderson-Rubin"
 
     @cached_property
     def partialled_out(self) -> tuple[str, ...]:
@@ -263,16 +282,6 @@ class AndersonRubinSet:
     def region(self) -> ConfidenceRegion:
         """Joint region of the parameters that are not partialled out, in their order."""
         return self._region_with()
-
-    @cached_property
-    def intervals(self) -> dict[str, ConfidenceSet]:
-        """Confidence set of each parameter."""
-        return {parameter.name: self.interval(parameter.name) for parameter in self.parameters}
-
-    @property
-    def is_empty(self) -> bool:
-        """Whether no value of the parameters passes the test: then the data reject the model."""
-        return any(interval.is_empty for interval in self.intervals.values())
 
     @property
     def assumptions(self) -> str:
@@ -299,10 +308,6 @@ class AndersonRubinSet:
             return self.region.interval(name)
         return self._region_with(name).interval(name)
 
-    def summary(self) -> str:
-        """Sets of all parameters as text, with what they suppose."""
-        return _summary("Anderson-Rubin", self.level, self.parameters, self.intervals, self.assumptions)
-
     def _region_with(self, kept: str = "") -> ConfidenceRegion:
         """Region with every exogenous regressor partialled out but `kept`; all, if there is no other."""
         names = [parameter.name for parameter in self.parameters]
@@ -313,7 +318,7 @@ class AndersonRubinSet:
 
 
 @dataclass(frozen=True)
-class SignPerturbedSet:
+class SignPerturbedSet(_ConfidenceSets):
     """Confidence sets by sign perturbation.
 
     Parameters
@@ -332,16 +337,7 @@ class SignPerturbedSet:
     level: float
     sums: int
     region: ConfidenceRegion = field(repr=False)
-
-    @cached_property
-    def intervals(self) -> dict[str, ConfidenceSet]:
-        """Confidence set of each parameter."""
-        return {parameter.name: self.interval(parameter.name) for parameter in self.parameters}
-
-    @property
-    def is_empty(self) -> bool:
-        """Whether no value of the parameters belongs to the region; it may be so by chance alone."""
-        return any(interval.is_empty for interval in self.intervals.values())
+    kind: ClassVar[str] = "sign-perturbed sums"
 
     @property
     def assumptions(self) -> str:
@@ -364,10 +360,6 @@ class SignPerturbedSet:
             When there is no parameter of that name.
         """
         return self.region.interval(name)
-
-    def summary(self) -> str:
-        """Sets of all parameters as text, with what they suppose."""
-        return _summary("sign-perturbed sums", self.level, self.parameters, self.intervals, self.assumptions)
 
 
 def anderson_rubin_set(
@@ -495,18 +487,3 @@ def _check_independent(problem: LinearProblem) -> None:
             "Declare its noise with std 0 if the channel is exact, use a reference as instrument, or "
             "anderson_rubin_set.",
         )
-
-
-def _summary(
-    method: str,
-    level: float,
-    parameters: tuple[Parameter, ...],
-    intervals: dict[str, ConfidenceSet],
-    assumptions: str,
-) -> str:
-    lines = [f"{method}, {100.0 * level:g} %"]
-    lines.extend(f"{p.name:<20} {intervals[p.name]}  {p.unit}".rstrip() for p in parameters)
-    if any(interval.is_empty for interval in intervals.values()):
-        lines.append("No value passes: the data reject the model, its instruments or the declared noises.")
-    lines.append(assumptions)
-    return "\n".join(lines)

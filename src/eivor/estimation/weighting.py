@@ -24,76 +24,44 @@ from eivor.tools import Complex, Float
 # -- Equations --
 
 
-@dataclass(frozen=True, slots=True)
-class UnweightedEquations:
-    """Equations of a method before they are weighted, and what a weight may be made of."""
-
-    system: LinearSystem  # A and b, means over the rows
-    moments: Moments
-    problem: LinearProblem | None
-    theta: Float[np.ndarray, " n"] | None  # Estimate of the pass before
-
-
-@dataclass(frozen=True, slots=True)
-class WeightedEquations:
-    """Equations after weighting."""
-
-    system: LinearSystem  # L^-1 A theta = L^-1 b
-    factor: Float[np.ndarray, "p p"] | None = None  # Lower triangular L
+#: Equations after weighting, L^-1 A theta = L^-1 b, and the lower triangular L; None without a weight.
+Weighted = tuple[LinearSystem, Float[np.ndarray, "p p"] | None]
 
 
 class EquationWeighting(ABC):
     """A way to weight equations."""
 
-    @property
-    @abstractmethod
-    def passes(self) -> int:
-        """Number of times the estimate is made; weights are renewed between passes."""
-
-    @property
-    @abstractmethod
-    def needs_instrument_products(self) -> bool:
-        """True when mean(psi psi') must be among the moments."""
+    passes = 1  # Number of times the estimate is made; weights are renewed between passes
+    needs_instrument_products = True  # Whether mean(psi psi') must be among the moments
 
     @abstractmethod
-    def equations(self, unweighted_equations: UnweightedEquations) -> WeightedEquations:
-        """Equations weighted for the first pass, or by the residuals of the pass before."""
+    def equations(
+        self,
+        system: LinearSystem,
+        moments: Moments,
+        problem: LinearProblem | None,
+        theta: Float[np.ndarray, " n"] | None,
+        /,
+    ) -> Weighted:
+        """Equations weighted for the first pass, or by the residuals of the pass before, at its theta."""
 
 
 @dataclass(frozen=True, slots=True)
 class Unweighted(EquationWeighting):
     """Every equation with weight one, as in the paper's (24) and (30)."""
 
-    @property
-    def passes(self) -> int:
-        """One."""
-        return 1
+    needs_instrument_products = False
 
-    @property
-    def needs_instrument_products(self) -> bool:
-        """No."""
-        return False
-
-    def equations(self, at: UnweightedEquations) -> WeightedEquations:
+    def equations(self, system: LinearSystem, *_: object) -> Weighted:
         """Return the equations as they are."""
-        return WeightedEquations(at.system)
+        return system, None
 
 
 @dataclass(frozen=True, slots=True)
 class TwoStage(EquationWeighting):
     """Weight by the inverse of mean(psi psi'): two-stage least squares, efficient for white errors."""
 
-    @property
-    def passes(self) -> int:
-        """One: the weight does not depend on the residuals."""
-        return 1
-
-    @property
-    def needs_instrument_products(self) -> bool:
-        """Yes."""
-        return True
-
-    def equations(self, at: UnweightedEquations) -> WeightedEquations:
+    def equations(self, system: LinearSystem, moments: Moments, *_: object) -> Weighted:
         """Equations divided by the Cholesky factor of mean(psi psi').
 
         Raises
@@ -101,13 +69,13 @@ class TwoStage(EquationWeighting):
         InstrumentError
             When instruments are combinations of one another.
         """
-        if not isinstance(at.moments, CrossMoments) or at.moments.instruments is None:
+        if not isinstance(moments, CrossMoments) or moments.instruments is None:
             raise UsageError(
                 "moments with the instruments' own products",
-                type(at.moments).__name__,
+                type(moments).__name__,
                 "Two-stage weighting goes with an instrumental assembler; make the moments with its method.",
             )
-        return weighted(at.system, at.moments.instruments)
+        return weighted(system, moments.instruments)
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,6 +90,7 @@ class TwoStepRobust(EquationWeighting):
     """
 
     bandwidth: int | None = None
+    passes = 2
 
     def __post_init__(self) -> None:
         if self.bandwidth is not None:
@@ -129,17 +98,14 @@ class TwoStepRobust(EquationWeighting):
             if self.bandwidth < 0:
                 raise UsageError("a bandwidth of zero or more lags", f"{self.bandwidth}", "Zero sees no lag.")
 
-    @property
-    def passes(self) -> int:
-        """Two."""
-        return 2
-
-    @property
-    def needs_instrument_products(self) -> bool:
-        """Yes, for the first step."""
-        return True
-
-    def equations(self, at: UnweightedEquations) -> WeightedEquations:
+    def equations(
+        self,
+        system: LinearSystem,
+        moments: Moments,
+        problem: LinearProblem | None,
+        theta: Float[np.ndarray, " n"] | None,
+        /,
+    ) -> Weighted:
         """Two-stage without theta; with it, divided by the Cholesky factor of the scores' covariance.
 
         Raises
@@ -147,24 +113,25 @@ class TwoStepRobust(EquationWeighting):
         UsageError
             When the rows are not at hand: the weight needs a second pass over them.
         """
-        if at.theta is None:
-            return TwoStage().equations(at)
-        if at.problem is None:
+        if theta is None:
+            return TwoStage().equations(system, moments)
+        if problem is None:
             raise UsageError(
                 "the rows themselves for a robust weighting",
                 "moments only",
                 "Use two-stage weighting for data that do not fit in memory.",
             )
-        rows = at.problem.rows()
-        residual = rows.response - rows.regressors @ at.theta
-        scores = rows.instruments * residual[:, None]
-        if isinstance(at.moments, CrossMoments):
-            scores = scores + at.moments.shared_noise(at.theta)
+        rows = problem.rows()
+        scores = rows.instruments * (rows.response - rows.regressors @ theta)[:, None]
+        if isinstance(moments, CrossMoments):
+            scores = scores + moments.shared_noise(theta)
         lags = newey_west_bandwidth(rows.response.size) if self.bandwidth is None else self.bandwidth
-        return weighted(at.system, bartlett_covariance(scores, lags))
+        return weighted(system, bartlett_covariance(scores, lags))
 
 
-def weighted(system: LinearSystem, covariance: Float[np.ndarray, "p p"]) -> WeightedEquations:
+def weighted(
+    system: LinearSystem, covariance: Float[np.ndarray, "p p"]
+) -> tuple[LinearSystem, Float[np.ndarray, "p p"]]:
     """Equations divided by the Cholesky factor of a covariance of theirs."""
     scale = np.sqrt(np.diag(covariance))
     correlation = covariance / np.outer(scale, scale) if scale.all() else np.zeros_like(covariance)
@@ -176,9 +143,14 @@ def weighted(system: LinearSystem, covariance: Float[np.ndarray, "p p"]) -> Weig
             "Remove one, or use an unweighted instrumental method.",
         )
     L = scale[:, None] * np.linalg.cholesky(correlation)
+    return divided(system, L), L
+
+
+def divided(system: LinearSystem, L: Float[np.ndarray, "p p"]) -> LinearSystem:
+    """L^-1 A theta = L^-1 b."""
     stacked = np.column_stack([system.matrix, system.right])
-    divided = scipy.linalg.solve_triangular(L, stacked, lower=True)
-    return WeightedEquations(LinearSystem(divided[:, :-1], divided[:, -1]), L)
+    both = scipy.linalg.solve_triangular(L, stacked, lower=True)
+    return LinearSystem(both[:, :-1], both[:, -1])
 
 
 # -- Limited information --
@@ -191,37 +163,25 @@ EXACT = 1e-12
 class LimitedInformation(EquationWeighting):
     """Two-stage weights, and the columns' errors for a solver that takes them into account."""
 
-    @property
-    def passes(self) -> int:
-        """One: neither depends on the residuals."""
-        return 1
-
-    @property
-    def needs_instrument_products(self) -> bool:
-        """Yes."""
-        return True
-
-    def equations(self, unweighted_equations: UnweightedEquations) -> WeightedEquations:
+    def equations(self, system: LinearSystem, moments: Moments, *_: object) -> Weighted:
         """Two-stage equations with S and its degrees of freedom, rows less instruments."""
-        two_stage, moments = TwoStage().equations(unweighted_equations), unweighted_equations.moments
+        two_stage, L = TwoStage().equations(system, moments)
         columns = moments.columns if isinstance(moments, CrossMoments) else None
-        if columns is None or two_stage.factor is None or not isinstance(moments, CrossMoments):
+        if columns is None or L is None or not isinstance(moments, CrossMoments):
             raise UsageError(
                 "moments with the products of all columns",
                 type(moments).__name__,
                 "Make the moments with the method that is to use them.",
             )
-        instruments = two_stage.factor.shape[0]
+        instruments = L.shape[0]
         if moments.rows <= instruments:
             raise TooFewSamplesError(
                 f"more rows than the {instruments} instruments, for what they leave of the columns",
                 f"{moments.rows:g}",
                 "Give a longer record, or fewer instruments.",
             )
-        reached = scipy.linalg.solve_triangular(two_stage.factor, moments.equations, lower=True)
-        errors = _left_over(columns, reached)
-        system = replace(two_stage.system, error_covariance=errors, error_degrees=moments.rows - instruments)
-        return WeightedEquations(system, two_stage.factor)
+        errors = _left_over(columns, scipy.linalg.solve_triangular(L, moments.equations, lower=True))
+        return replace(two_stage, error_covariance=errors, error_degrees=moments.rows - instruments), L
 
 
 def _left_over(
@@ -246,33 +206,33 @@ def _left_over(
 # -- Rows --
 
 
-class WeightedRows(ABC):
-    """A problem's rows with weights of one pass."""
+@dataclass(frozen=True, slots=True)
+class WeightedRows:
+    """A problem's rows with weights of one pass: rows in time, as they are."""
 
-    @abstractmethod
+    problem: SeparableProblem
+
     def rows(self, nuisances: Values) -> Regression:
         """Weighted rows at values of the nuisances."""
-
-    def products(self, points: Sequence[Values]) -> Float[np.ndarray, "points p n_plus_1"]:
-        """Mean of psi [phi' y] at many values of the nuisances."""
-        return np.stack([_mean_products(self.rows(point)) for point in points])
+        return self.problem.rows(nuisances)
 
     def columns(self, points: Sequence[Values]) -> Float[np.ndarray, "points rows n_plus_1"]:
         """Weighted rows of [phi y] at many values of the nuisances."""
         return np.stack([_columns(self.rows(point)) for point in points])
+
+    def products(self, points: Sequence[Values]) -> Float[np.ndarray, "points p n_plus_1"]:
+        """Mean of psi [phi' y] at many values of the nuisances."""
+        made = (self.rows(point) for point in points)
+        return np.stack([rows.instruments.T @ _columns(rows) / rows.response.size for rows in made])
 
     def criterion(self, _theta: Float[np.ndarray, " n"], _at: Values, /) -> float | None:
         """What candidates are compared by, where weights know better than the estimate; by default None."""
         return None
 
     @property
-    @abstractmethod
     def renewal(self) -> Callable[[Float[np.ndarray, " n"], Values], WeightedRows] | None:
         """From an estimate, theta and the nuisances' values, to the next pass; None when this is the last."""
-
-
-def _mean_products(rows: Regression) -> Float[np.ndarray, "p n_plus_1"]:
-    return rows.instruments.T @ _columns(rows) / rows.response.size
+        return None
 
 
 def _columns(rows: Regression) -> Float[np.ndarray, "rows n_plus_1"]:
@@ -282,10 +242,7 @@ def _columns(rows: Regression) -> Float[np.ndarray, "rows n_plus_1"]:
 class RowWeighting(ABC):
     """A way to weight rows."""
 
-    @property
-    @abstractmethod
-    def needs_spectra(self) -> bool:
-        """True when rows must be bins of spectra, which plain regressions do not have."""
+    needs_spectra = True  # Whether rows must be bins of spectra, which plain regressions do not have
 
     @abstractmethod
     def first_pass(self, problem: SeparableProblem) -> WeightedRows:
@@ -299,39 +256,18 @@ class RowWeighting(ABC):
 
 
 @dataclass(frozen=True, slots=True)
-class TimeRows(WeightedRows):
-    """Rows in time, as they are."""
-
-    problem: SeparableProblem
-
-    def rows(self, nuisances: Values) -> Regression:
-        """Rows in time."""
-        return self.problem.rows(nuisances)
-
-    @property
-    def renewal(self) -> None:
-        """None: there is nothing to renew."""
-        return None
-
-
-@dataclass(frozen=True, slots=True)
 class EqualRows(RowWeighting):
     """Every row in time with weight one."""
 
-    @property
-    def needs_spectra(self) -> bool:
-        """No."""
-        return False
+    needs_spectra = False
 
-    def first_pass(self, problem: SeparableProblem) -> TimeRows:
+    def first_pass(self, problem: SeparableProblem) -> WeightedRows:
         """Rows in time."""
-        return TimeRows(problem)
+        return WeightedRows(problem)
 
-    def last_pass(
-        self, problem: SeparableProblem, _theta: Float[np.ndarray, " n"], _at: Values, /
-    ) -> TimeRows:
+    def last_pass(self, problem: SeparableProblem, *_: object) -> WeightedRows:
         """Rows in time: no weight is made of residuals."""
-        return TimeRows(problem)
+        return WeightedRows(problem)
 
 
 # -- Whitening --
@@ -344,7 +280,6 @@ POWER_FLOOR = 1e-6
 class WhitenedRows(WeightedRows):
     """Blend and power at each bin, and the whitened instruments' orthonormal basis."""
 
-    problem: SeparableProblem
     blend: Float[np.ndarray, " bins"]
     power: Float[np.ndarray, " bins"]
     basis: Float[np.ndarray, "rows q"]
@@ -396,16 +331,11 @@ class SpectralWhitening(RowWeighting):
 
     passes: int = 3
 
-    @property
-    def needs_spectra(self) -> bool:
-        """Yes."""
-        return True
-
     def first_pass(self, problem: SeparableProblem) -> WhitenedRows:
         """Equal blend, flat power."""
         bins = problem.bins(problem.first_values)
         count = bins.responses.shape[0]
-        return _whitened(problem, bins, (np.full(count, 0.5), np.ones(count)), self.passes - 1)
+        return _whitened(problem, bins, np.full(count, 0.5), np.ones(count), self.passes - 1)
 
     def last_pass(
         self, problem: SeparableProblem, theta: Float[np.ndarray, " n"], nuisances: Values, /
@@ -419,7 +349,7 @@ def whitened_by_residuals(
 ) -> WhitenedRows:
     """Rows with blend and power from the residuals of an estimate, run by run; final weights."""
     bins = problem.bins(nuisances)
-    whitened = _whitened(problem, bins, residual_spectrum(bins, bins.residuals(theta)), 0)
+    whitened = _whitened(problem, bins, *residual_spectrum(bins, bins.residuals(theta)))
     return replace(whitened, disturbed=_disturbed(whitened.rows(nuisances), theta))
 
 
@@ -457,9 +387,9 @@ def residual_spectrum(
 def _whitened(
     problem: SeparableProblem,
     bins: SpectralRegression,
-    weights: tuple[Float[np.ndarray, " bins"], Float[np.ndarray, " bins"]],
-    renewals: int,
+    blend: Float[np.ndarray, " bins"],
+    power: Float[np.ndarray, " bins"],
+    renewals: int = 0,
 ) -> WhitenedRows:
-    blend, power = weights
     instruments = bins.layout.stacked(bins.instruments / np.sqrt(power)[:, None])
     return WhitenedRows(problem, blend, power, orthonormal_basis(instruments), renewals)

@@ -494,7 +494,7 @@ def _may_be_identified(motion: Motion[Any], flight: PreparedFlight, options: Fli
         result = identify(coarse, motion.weighted(method))
     except EstimationError:
         return False
-    first_stage = dict(zip(result.names, result.best.inference.first_stage, strict=True))
+    first_stage = dict(zip(result.names, result.best.first_stage, strict=True))
     return first_stage.get(ACTUATOR_LAG.name, 0.0) >= LEAST_SHARE * STRONG_FIRST_STAGE
 
 

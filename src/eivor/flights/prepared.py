@@ -110,7 +110,7 @@ class Estimated:
 def estimated(problem: LaggedRuns, least: Mapping[str, float]) -> Estimated:
     """Coefficients of a problem without nuisances, estimated and judged as disagreements are."""
     estimate = identify(problem, reference_iv())
-    _, p_value = estimate.best.inference.over_identification
+    _, p_value = estimate.best.over_identification
     parts = [
         part.matrix
         for estimator in (Classical(), EqualWeightedCosines(AVERAGES))

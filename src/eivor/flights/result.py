@@ -14,7 +14,7 @@ import numpy as np
 
 from eivor.errors import EstimationError, UsageError
 from eivor.estimation.derived import ParameterSets, parameter_sets
-from eivor.estimation.diagnose import Diagnostics, diagnose, periodicity
+from eivor.estimation.diagnose import Diagnostics, diagnose
 from eivor.estimation.estimate import Estimate
 from eivor.estimation.pool import Pooled
 from eivor.flights.lag_prior import LagPrior
@@ -174,21 +174,21 @@ class FitDiagnostics:
 
 def fit_diagnostics(traces: tuple[Trace, ...], estimate: Estimate) -> FitDiagnostics:
     """Diagnostics of an estimate and of its residual in time, of several axes one after the other."""
-    record, inference = diagnose(estimate), estimate.best.inference
+    record, best = diagnose(estimate), estimate.best
     measured = np.concatenate([trace.measured for trace in traces])
     residual = measured - np.concatenate([trace.predicted for trace in traces])
     centred = np.concatenate([trace.measured - trace.measured.mean() for trace in traces])
     power, left = float(centred @ centred), float(residual @ residual)
     return FitDiagnostics(
-        first_stage=dict(zip(estimate.names, (float(F) for F in inference.first_stage), strict=True)),
-        rank=inference.rank,
+        first_stage=dict(zip(estimate.names, (float(F) for F in best.first_stage), strict=True)),
+        rank=best.rank,
         agreement=record.over_identification,
         endogeneity=record.endogeneity,
         constancy=record.constancy,
-        periodicity=periodicity(record.evidence, left_over_swings(record, traces)),
+        periodicity=record.periodicity_with(left_over_swings(record, traces)),
         leverage=run_leverage(record),
         memory=residual_memory(residual),
-        residual_variance=inference.residual_variance,
+        residual_variance=best.equation.variance,
         condition=estimate.condition,
         durbin_watson=float(np.sum(np.diff(residual) ** 2)) / left if left > 0.0 else 2.0,
         r_squared=1.0 - left / power if power > 0.0 else NAN,
@@ -269,8 +269,8 @@ def _of_leverage(leverage: SegmentLeverage | None, positions: dict[str, int]) ->
 
 def left_over_swings(record: Diagnostics, traces: tuple[Trace, ...]) -> tuple[Swing, ...]:
     """Swings of the residual of each axis, before any whitening; none but of rows in frequency."""
-    layout = record.evidence.solved.rows.layout
-    if not isinstance(layout, BinRows) or not record.evidence.in_one_flight:
+    layout = record.candidate.rows.layout
+    if not isinstance(layout, BinRows) or not record.in_one_flight:
         return ()
     swings: list[Swing] = []
     # A log without velocity, for one, determines some axes only: those have traces.
@@ -288,7 +288,7 @@ def left_over_swings(record: Diagnostics, traces: tuple[Trace, ...]) -> tuple[Sw
 
 def run_leverage(record: Diagnostics) -> SegmentLeverage | None:
     """Leverage of every run of a record with three or more; else of its tenths."""
-    solved = record.evidence.solved
+    solved = record.candidate
     rows = solved.rows
     if not isinstance(rows.layout, BinRows) or len(rows.layout.runs) < FEWEST_RUNS:
         return record.leverage
@@ -299,7 +299,7 @@ def run_leverage(record: Diagnostics) -> SegmentLeverage | None:
     return segment_leverage(
         np.stack([equation.test_functions[run].T @ equation.residual[run] for run in runs]),
         np.stack([equation.test_functions[run].T @ jacobian[run] for run in runs]),
-        record.evidence.subject.std_errors,
+        record.subject.std_errors,
         ends,
     )
 

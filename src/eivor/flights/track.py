@@ -9,8 +9,8 @@ import numpy as np
 
 from eivor import checks
 from eivor.errors import UsageError
-from eivor.estimation.exponential_forgetting import MEMORIES, Forgetting, TimedRows, counted_rows
 from eivor.estimation.recursive import ChangeDetector, Follower
+from eivor.estimation.streaming import MEMORIES, Forgetting, TimedRows, counted_rows
 from eivor.flights.quantity import TrackedParameter
 from eivor.flights.result import Fit, FlightEstimate
 from eivor.models.lagged_runs import AxisColumns

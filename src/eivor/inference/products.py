@@ -91,7 +91,7 @@ class Products:
             raise UsageError(
                 f"a table with the products {part}",
                 "one with those of the instruments with regressors and response only",
-                "Make the products of all columns: full_moments of an assembler.",
+                "Make the products of all columns: moments(problem, whole=True) of an assembler.",
             )
 
     # -- totals -------------------------------------------------------------------------------------------

@@ -12,12 +12,11 @@ from eivor.errors import EstimationError, NonFiniteError, ShapeError, UsageError
 from eivor.estimation.estimate import Estimate
 from eivor.estimation.linear import LinearMethod, check_linear
 from eivor.estimation.method import Method, Problem
-from eivor.linalg.system import LinearSystem, Shrinkage, Solution, triangular_root
+from eivor.linalg.system import LinearSystem, Shrinkage, Solution, Solver, triangular_root
 from eivor.linalg.total_least_squares import (
     ErrorsInColumns,
     GeneralizedTotalLeastSquares,
     UnweightedLeastSquares,
-    UnweightedScore,
     balanced,
     column_lengths,
     smallest_singular_value,
@@ -126,7 +125,7 @@ class Tikhonov:
 
 
 @dataclass(frozen=True)
-class RegularisedLeastSquares(UnweightedScore):
+class RegularisedLeastSquares(Solver):
     """Least of ||b - A theta||^2 + a ||D (theta - towards)||^2, D the columns' lengths."""
 
     scheme: Tikhonov = Tikhonov()  # Parameter and vector

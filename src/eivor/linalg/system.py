@@ -77,8 +77,7 @@ def merged_roots(
 
 
 def _reduced(rows: Float[np.ndarray, "m n"]) -> Float[np.ndarray, "k n"]:
-    root: Float[np.ndarray, "k n"] = np.asarray(np.linalg.qr(rows, mode="r"))
-    return root
+    return np.asarray(np.linalg.qr(rows, mode="r"))
 
 
 # -- System --
@@ -176,12 +175,12 @@ class Solver(ABC):
             [self.solve(LinearSystem(system[:, :-1], system[:, -1])).objective for system in systems]
         )
 
-    @abstractmethod
     def score_correction(
         self,
         residual: Float[np.ndarray, " rows"],
         theta: Float[np.ndarray, " n"],
-        error_covariance: Float[np.ndarray, "n_plus_1 n_plus_1"] | None,
+        _error_covariance: Float[np.ndarray, "n_plus_1 n_plus_1"] | None,
         /,
     ) -> ScoreCorrection:
-        """Difference between the solver's score and that of least squares, for direct equations."""
+        """What is added to the score of least squares, for direct equations; nothing by default."""
+        return ScoreCorrection(np.zeros((residual.size, theta.size)), np.zeros((theta.size, theta.size)))

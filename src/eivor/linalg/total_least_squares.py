@@ -58,21 +58,7 @@ def balanced(R: Float[np.ndarray, "n n"], shift: float) -> float:
 LARGEST_ROUNDING = 1e-3
 
 
-class UnweightedScore(Solver):
-    """What solvers that put all of the residual into the response have in common."""
-
-    def score_correction(
-        self,
-        residual: Float[np.ndarray, " rows"],
-        theta: Float[np.ndarray, " n"],
-        _error_covariance: Float[np.ndarray, "n_plus_1 n_plus_1"] | None,
-        /,
-    ) -> ScoreCorrection:
-        """Zeros: least squares puts all of the residual into the response."""
-        return ScoreCorrection(np.zeros((residual.size, theta.size)), np.zeros((theta.size, theta.size)))
-
-
-class UnweightedLeastSquares(UnweightedScore):
+class UnweightedLeastSquares(Solver):
     """What the ways to solve a least squares problem have in common: all but the last step."""
 
     @abstractmethod
@@ -109,8 +95,7 @@ class LeastSquares(UnweightedLeastSquares):
         self, R: Float[np.ndarray, "n n"], right: Float[np.ndarray, " n"], _smallest: float, /
     ) -> Float[np.ndarray, " n"]:
         """Back substitution, by LAPACK itself: a search solves thousands of small systems."""
-        solution: Float[np.ndarray, " n"] = dtrtrs(R, right)[0]
-        return solution
+        return dtrtrs(R, right)[0]
 
 
 @dataclass(frozen=True, slots=True)
@@ -235,7 +220,8 @@ def split_problem(system: LinearSystem) -> SplitProblem:
         return SplitProblem(system, S, exact, noisy, root, none, none, np.empty(0), 0.0, 0.0, condition)
     both = np.append(noisy, unknowns)
     L = _cholesky(S[np.ix_(both, both)])
-    left = _whitened_root(root[exact.size :, exact.size :], L)
+    whitened = scipy.linalg.solve_triangular(L, root[exact.size :, exact.size :].T, lower=True).T
+    left = triangular_root(whitened)
     q = noisy.size
     smallest = _smallest(left, q)
     outside = float(left[q, q] ** 2) if left.shape[0] > q else 0.0
@@ -248,13 +234,6 @@ def residual_weight(theta: Float[np.ndarray, " n"], S: Float[np.ndarray, "n_plus
     """[theta; -1]' S [theta; -1]: variance of a row's residual; one when every column is exact."""
     direction = np.append(theta, -1.0)
     return float(direction @ S @ direction) or 1.0
-
-
-def _whitened_root(
-    stacked: Float[np.ndarray, "m q_plus_1"], L: Float[np.ndarray, "q_plus_1 q_plus_1"]
-) -> Float[np.ndarray, "k q_plus_1"]:
-    whitened = scipy.linalg.solve_triangular(L, stacked.T, lower=True).T
-    return triangular_root(whitened)
 
 
 def _smallest(root: Float[np.ndarray, "k q_plus_1"], unknowns: int) -> float:
@@ -301,6 +280,7 @@ class ErrorsInColumns(Solver):
         residual: Float[np.ndarray, " rows"],
         theta: Float[np.ndarray, " n"],
         error_covariance: Float[np.ndarray, "n_plus_1 n_plus_1"] | None,
+        /,
     ) -> ScoreCorrection:
         """e_t (W theta - w) / s beside the regressors and -(e'e / s) W beside G'G."""
         S = np.eye(theta.size + 1) if error_covariance is None else error_covariance

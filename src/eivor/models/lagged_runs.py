@@ -42,15 +42,7 @@ def lag_and_delay(
     *,
     step_s: float = 0.0,
 ) -> tuple[Nuisance, Nuisance]:
-    """Nuisances of actuators that lag behind their commands.
-
-    Parameters
-    ----------
-    lags_s, delays_s : sequence of float
-        Lags to search, and delays to distinguish  [s]; a single one when it is known.
-    step_s : float
-        Between samples [s], which do not distinguish shorter lags.
-    """
+    """Nuisances of actuators that lag [s] behind delayed commands; samples a step apart resolve no less."""
     delay = Nuisance(
         DELAY,
         np.asarray(delays_s, dtype=np.float64),
@@ -78,45 +70,21 @@ class RowNoise:
 
 @dataclass(frozen=True)
 class AxisColumns:
-    """Columns of one axis of one flight on its whole grid of n samples, and the runs of it that count.
+    """Columns of one axis of one flight on its whole grid of n samples, and the runs of it that count."""
 
-    Parameters
-    ----------
-    step_s : float
-        Step of the grid [s].
-    runs : tuple of slice
-        Stretches to use.
-    responses : ndarray, shape (n, r)
-        One or two candidates for the axis' response, the one for rows in time first.
-    fixed : ndarray, shape (n, f)
-        Columns of the first f parameters.
-    moving : callable
-        From the nuisances' values to the columns of the other parameters, shape (n, m); with `moved` to those
-        of some of them.
-    instruments : ndarray, shape (n, p)
-        Exogenous columns; as many in every flight of the axis, zero for none.
-    flight, axis : int
-        Numbers of flight and axis.
-    band_hz : tuple of float
-        Band of spectral rows [Hz].
-    valid : ndarray of bool, shape (n,), optional
-        Samples that count. Default: all. Within runs a few may not: rows in time leave them out, and rows in
-        frequency have no weight there.
-    moved : tuple of int, optional
-        Which of the other parameters `moving` gives columns of, where the axis' equation has but some of
-        them. Default: all.
-    """
-
-    step_s: float
-    runs: tuple[slice, ...]
-    responses: Float[np.ndarray, "n r"]
-    fixed: Float[np.ndarray, "n f"]
+    step_s: float  # Step of the grid [s]
+    runs: tuple[slice, ...]  # Stretches to use
+    responses: Float[np.ndarray, "n r"]  # One or two candidates, the one for rows in time first
+    fixed: Float[np.ndarray, "n f"]  # Columns of the first f parameters
+    #: From the nuisances' values to columns of the other parameters; with `moved` to those of some.
     moving: Callable[[Values], Float[np.ndarray, "n m"]]
-    instruments: Float[np.ndarray, "n p"]
+    instruments: Float[np.ndarray, "n p"]  # Exogenous; as many in every flight of the axis, zero for none
     flight: int = 0
     axis: int = 0
-    band_hz: tuple[float, float] = BAND_HZ
+    band_hz: tuple[float, float] = BAND_HZ  # Band of spectral rows [Hz]
+    #: Samples that count; rows in time leave the others out, rows in frequency have no weight there.
     valid: Bool[np.ndarray, " n"] | None = None
+    #: Which of the other parameters `moving` gives columns of, where the equation has but some. Default: all.
     moved: tuple[int, ...] | None = None
 
     def counted(self, run: slice) -> Bool[np.ndarray, " length"] | None:
@@ -134,27 +102,6 @@ def nothing_moves(count: int) -> Callable[[Values], Float[np.ndarray, "n 0"]]:
 class LaggedRuns(SeparableProblem):
     """Regressions of runs for each value of the nuisances.
 
-    Parameters
-    ----------
-    columns : tuple of AxisColumns
-        One for each flight and axis.
-    parameters : tuple of Parameter
-        Linear parameters, those of the fixed columns first. Every axis has a column for each; of zeros, where
-        the parameter is not in its equation.
-    nuisances : tuple of Nuisance
-        What moves columns.
-    intercepts : bool
-        Whether every run has an intercept, so that rows in time lose the means of their run. Rows in
-        frequency have lost them anyway.
-    noise : callable, optional
-        From the nuisances' values to what is known of the measurement noises in rows in time. Default:
-        nothing of regressors and response; and of instruments that they are exact, as references are.
-    noisier : LaggedRuns, optional
-        The same flights with so much more of every noise that is known: what its columns differ by has the
-        covariance of the noises in those of the problem, in time and in each bin.
-    begun : Begun, optional
-        What an estimate has its weights from. Default: it finds them in passes of its own.
-
     Raises
     ------
     TooFewSamplesError
@@ -165,13 +112,16 @@ class LaggedRuns(SeparableProblem):
         When flights differ in the instruments of an axis.
     """
 
-    columns: tuple[AxisColumns, ...]
+    columns: tuple[AxisColumns, ...]  # Of each flight and axis
+    #: Those of the fixed columns first; every axis has a column for each, maybe of zeros.
     parameters: tuple[Parameter, ...]
-    nuisances: tuple[Nuisance, ...]
-    intercepts: bool = True
+    nuisances: tuple[Nuisance, ...]  # What moves columns
+    intercepts: bool = True  # Whether rows in time lose the means of their run, as rows in frequency do
+    #: What is known of the noises in rows in time. Default: nothing, and that instruments are exact.
     noise: Callable[[Values], RowNoise] | None = None
+    #: The same flights with so much more of every noise that is known: the difference has their covariance.
     noisier: LaggedRuns | None = None
-    warm_start: WarmStart | None = None
+    warm_start: WarmStart | None = None  # What an estimate has its weights from
 
     def __post_init__(self) -> None:
         if not any(column.runs for column in self.columns):
@@ -220,24 +170,12 @@ class LaggedRuns(SeparableProblem):
     ) -> LaggedRuns:
         """The same runs with moving columns that are sums of these, of which no spectrum is made twice.
 
-        Parameters
-        ----------
-        columns : tuple of AxisColumns
-            The new ones.
-        moving : tuple of Parameter
-            Parameters of those that move.
-        combination : ndarray, shape (m, k)
-            What each of them has of each of these.
-        noisier, begun : LaggedRuns, Begun, optional
-            In the new parameters, see above.
+        `combination` says what each of the new parameters, `moving`, has of each of these.
         """
         fixed = self.parameters[: self.columns[0].fixed.shape[1]]
-        result = replace(
-            self, columns=columns, parameters=(*fixed, *moving), noisier=noisier, warm_start=begun
-        )
-        result._moving_bins.update(
-            (name, spectra @ combination) for name, spectra in self._moving_bins.items()
-        )
+        parameters = (*fixed, *moving)
+        result = replace(self, columns=columns, parameters=parameters, noisier=noisier, warm_start=begun)
+        result._moving_bins.update((key, item @ combination) for key, item in self._moving_bins.items())
         return result
 
     def band_hz(self, axis: int) -> tuple[float, float]:
@@ -266,11 +204,8 @@ class LaggedRuns(SeparableProblem):
 
     def _positions(self, axis_columns: AxisColumns) -> Sequence[int]:
         """Places of the columns that move in an axis' equation, among all that move."""
-        return (
-            range(len(self.parameters) - axis_columns.fixed.shape[1])
-            if axis_columns.moved is None
-            else axis_columns.moved
-        )
+        every = range(len(self.parameters) - axis_columns.fixed.shape[1])
+        return every if axis_columns.moved is None else axis_columns.moved
 
     def _among_all(self, blocks: list[np.ndarray]) -> list[np.ndarray]:
         """Moving columns of every run at their places, with zeros for what is not in its equation."""
@@ -340,27 +275,17 @@ class LaggedRuns(SeparableProblem):
         )
         if self.noisier is None:
             return regression
-        more = self.noisier.rows(at)
-        return replace(regression, regressor_noise=noise_of_surrogate(regression, more))
+        return replace(regression, regressor_noise=noise_of_surrogate(regression, self.noisier.rows(at)))
 
     # -- rows in frequency ----------------------------------------------------------------------------
 
     @cached_property
     def _bin_layout(self) -> BinRows:
-        return BinRows(
-            tuple(
-                SpectralRun(
-                    item.flight,
-                    run.stop - run.start,
-                    item.step_s,
-                    item.band_hz,
-                    item.axis,
-                    run.start,
-                    item.counted(run),
-                )
-                for item, run in self._cut()
-            )
-        )
+        def spectral(item: AxisColumns, run: slice) -> SpectralRun:
+            length, counted = run.stop - run.start, item.counted(run)
+            return SpectralRun(item.flight, length, item.step_s, item.band_hz, item.axis, run.start, counted)
+
+        return BinRows(tuple(spectral(item, run) for item, run in self._cut()))
 
     def _spectra(self, blocks: list[Float[np.ndarray, "_ columns"]]) -> list[np.ndarray]:
         runs = self._bin_layout.runs
@@ -399,24 +324,7 @@ class LaggedRuns(SeparableProblem):
     def series_in_band(
         self, at: Values, axis: int, theta: Float[np.ndarray, " n"], part: Sequence[int]
     ) -> Float[np.ndarray, "samples 3"]:
-        """Response of an axis, what parameters say of it, and the part of some of them, within the band.
-
-        Parameters
-        ----------
-        at : mapping of str to float
-            Values of the nuisances.
-        axis : int
-            Number of the axis.
-        theta : ndarray, shape (n,)
-            Linear parameters.
-        part : sequence of int
-            Numbers of the parameters whose part is recognised by itself.
-
-        Returns
-        -------
-        ndarray, shape (samples, 3)
-            Over the samples of the axis' runs that count, run after run.
-        """
+        """Response of an axis, what parameters say of it, and the part of some of them, within the band."""
         bins, index = self.bins(at), list(part)
         reported = np.column_stack(
             [bins.responses[:, 0], bins.regressors @ theta, bins.regressors[:, index] @ theta[index]]

@@ -74,13 +74,6 @@ class Column:
             return "intercept"
         return f"{self.channel}(k-{self.lag})" if self.lag else self.channel
 
-    def gain_series(self, signals: Signals, first: int) -> float | Float[np.ndarray, " rows"]:
-        """Gain of each row from sample `first` on, or one number when it is constant."""
-        if not self.gain_channel:
-            return self.gain
-        series: Float[np.ndarray, " rows"] = self.gain * signals.channel(self.gain_channel)[first:]
-        return series
-
     def values(self, signals: Signals, first: int) -> Float[np.ndarray, " rows"]:
         """Column of `signals`, for the samples from `first` on.
 
@@ -96,11 +89,10 @@ class Column:
                 f"{signals.sample_count}",
                 "Give a longer record or fewer lags.",
             )
-        gain = self.gain_series(signals, first)
+        gain = self.gain * (signals.channel(self.gain_channel)[first:] if self.gain_channel else 1.0)
         if not self.channel:
             return np.full(count, gain)
-        values = signals.channel(self.channel)
-        return gain * values[first - self.lag : first - self.lag + count]
+        return gain * signals.channel(self.channel)[first - self.lag : first - self.lag + count]
 
 
 def check_columns(name: str, columns: object) -> None:
@@ -272,6 +264,13 @@ class LinearProblem(ABC):
     @abstractmethod
     def regressor_noise_covariance(self) -> Float[np.ndarray, "n_plus_1 n_plus_1"]:
         """Covariance of the measurement noises of [Phi y], averaged over the rows."""
+
+    def declared_noise(self) -> Float[np.ndarray, "n_plus_1 n_plus_1"] | None:
+        """The same; None where a noise is not declared."""
+        try:
+            return self.regressor_noise_covariance()
+        except MissingNoiseError:
+            return None
 
     @abstractmethod
     def instrument_noise_covariance(self) -> Float[np.ndarray, "p n_plus_1"]:
@@ -488,7 +487,8 @@ def check_covariance(matrix: Float[np.ndarray, "n n"]) -> None:
             "Give columns and noises in other units; products of these no double can hold.",
         )
     scale = np.sqrt(np.abs(np.diag(matrix)))
-    unit = matrix / np.outer(np.where(scale > 0.0, scale, 1.0), np.where(scale > 0.0, scale, 1.0))
+    scale = np.where(scale > 0.0, scale, 1.0)
+    unit = matrix / np.outer(scale, scale)
     if not np.allclose(unit, unit.T, rtol=0.0, atol=1e-10):
         raise CovarianceError("a symmetric covariance", "one that is not", "Symmetrise it: 0.5 * (C + C.T).")
     smallest = float(np.linalg.eigvalsh(unit)[0])

@@ -34,18 +34,10 @@ LONE_LAGS = (4, 0.4)
 
 @dataclass(frozen=True, slots=True)
 class DrivenSignals:
-    """What instruments are made of.
+    """What instruments are made of."""
 
-    Parameters
-    ----------
-    signals : Signals
-        One flight.
-    command : ndarray, shape (n,)
-        What drives it, neither lagged nor delayed: for a multirotor the mean of the mapped commands times
-        the cosine of tilt.
-    """
-
-    signals: Signals
+    signals: Signals  # One flight
+    #: What drives it, neither lagged nor delayed: of a multirotor the mean mapped command, upwards.
     command: Float[np.ndarray, " n"]
 
 
@@ -76,20 +68,14 @@ class LaggedReferences(InstrumentRule):
 
     def columns(self, driven: DrivenSignals) -> Float[np.ndarray, "n p"]:
         """References and their lags, see `InstrumentRule.columns`."""
-        results = []
+        signals, results = driven.signals, [np.empty((driven.signals.sample_count, 0))]
         for name in self.channels:
-            column = driven.signals.channel(name)
-            results.append(column)
-            count, lag_s = self._lags_of(name)
+            usual = REFERENCE_LAGS.get(name, DEFAULT_LAGS) if len(self.channels) > 1 else LONE_LAGS
+            count, lag_s = usual if self.lags is None else self.lags
+            results.append(signals.channel(name))
             for _ in range(count):
-                column = first_order_lag(column, step_s=driven.signals.step_s, lag_s=lag_s)
-                results.append(column)
-        return np.column_stack(results) if results else np.empty((driven.signals.sample_count, 0))
-
-    def _lags_of(self, name: str) -> tuple[int, float]:
-        if self.lags is not None:
-            return self.lags
-        return REFERENCE_LAGS.get(name, DEFAULT_LAGS) if len(self.channels) > 1 else LONE_LAGS
+                results.append(first_order_lag(results[-1], step_s=signals.step_s, lag_s=lag_s))
+        return np.column_stack(results)
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,10 +102,7 @@ class LaggedInputs(InstrumentRule):
 class NoInstruments(InstrumentRule):
     """For direct methods."""
 
-    @property
-    def label(self) -> str:
-        """None."""
-        return "none"
+    label = "none"
 
     def columns(self, driven: DrivenSignals) -> Float[np.ndarray, "n p"]:
         """No columns."""
@@ -345,8 +328,7 @@ class SeparableProblem(ABC):
 
     def with_nuisances(self, nuisances: tuple[Nuisance, ...]) -> SeparableProblem:
         """Return the same problem, a dataclass, with other grids or priors of its nuisances."""
-        changed: SeparableProblem = replace(cast("Any", self), nuisances=nuisances)
-        return changed
+        return replace(cast("Any", self), nuisances=nuisances)
 
     @abstractmethod
     def rows(self, nuisance_values: Values) -> Regression:

@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import pairwise
+from itertools import pairwise, product
 
 import numpy as np
 
@@ -53,8 +53,8 @@ def cross_fitted(
     # each block reaches from the middle between its samples and those before to that of those after
     edges = [0, *((before[-1] + after[0] + 1) // 2 for before, after in pairwise(parts))]
     predicted = np.empty_like(values)
-    for start, stop, product in zip(edges, [*edges[1:], values.shape[0]], products, strict=True):
-        normal, right = np.split(whole - product, [design.shape[1]], axis=1)
+    for start, stop, own in zip(edges, [*edges[1:], values.shape[0]], products, strict=True):
+        normal, right = np.split(whole - own, [design.shape[1]], axis=1)
         shrunk = SHRINKAGE * normal[0, 0] * np.diag(np.arange(normal.shape[0]) > 0)
         solution = np.linalg.lstsq(normal + shrunk, right, rcond=None)[0]
         predicted[start:stop] = design[start:stop] @ solution
@@ -90,31 +90,29 @@ def shared_noise(
             "Give a longer record, fewer lags, or fewer gaps.",
         )
     shared = np.zeros((len(left), len(right)))
-    for i, item in enumerate(left):
-        for j, other in enumerate(right):
-            if item.channel and item.channel == other.channel:
-                shared[i, j] = _pair(item, other, signals, first, rows)
+    for i, j, item, other in _of_one_channel(left, right):
+        noise = _declared(item, signals)
+        if isinstance(noise, WhiteNoise) and not (item.gain_channel or other.gain_channel):
+            total, used = (noise.variance if item.lag == other.lag else 0.0), 1  # the same in every row
+        else:
+            total, used = 0.0, 0
+            for start, stop in row_blocks(0, count, COPIED_ROWS):  # no series as long as the record is made
+                here = slice(start, stop)
+                growth = _growth(item, other, signals, first, here)
+                growth = growth if rows is None else growth[rows[here]]
+                total += float(growth.sum())
+                used += growth.size
+        shared[i, j] = item.gain * other.gain * total / used
     return shared
 
 
-def _pair(
-    column: Column, other: Column, signals: Signals, first: int, rows: Bool[np.ndarray, " rows"] | None
-) -> float:
-    noise = _declared(column, signals)
-    count = signals.sample_count - first
-    if isinstance(noise, WhiteNoise) and not (column.gain_channel or other.gain_channel):
-        return (
-            column.gain * other.gain * (noise.variance if column.lag == other.lag else 0.0)
-        )  # the same in every row
-    total, used = 0.0, 0
-    for start, stop in row_blocks(0, count, COPIED_ROWS):  # no series as long as the record is made
-        here = slice(start, stop)
-        growth = _growth(column, other, signals, first, here)
-        if rows is not None:
-            growth = growth[rows[here]]
-        total += float(growth.sum())
-        used += growth.size
-    return column.gain * other.gain * total / used
+def _of_one_channel(
+    left: Sequence[Column], right: Sequence[Column]
+) -> Iterator[tuple[int, int, Column, Column]]:
+    """Places and columns of all pairs that are of one channel."""
+    for (i, item), (j, other) in product(enumerate(left), enumerate(right)):
+        if item.channel and item.channel == other.channel:
+            yield i, j, item, other
 
 
 def _growth(
@@ -135,14 +133,11 @@ def shared_noise_of_rows(
 ) -> dict[tuple[int, int], Float[np.ndarray, " rows"]]:
     """Covariance of the measurement noises of two sets of columns in every row from `first` on."""
     whole = slice(0, max(signals.sample_count - first, 0))
-    results = {}
-    for i, item in enumerate(left):
-        for j, other in enumerate(right):
-            if not item.channel or item.channel != other.channel:
-                continue
-            if not isinstance(_declared(item, signals), WhiteNoise) or item.lag == other.lag:
-                results[i, j] = item.gain * other.gain * _growth(item, other, signals, first, whole)
-    return results
+    return {
+        (i, j): item.gain * other.gain * _growth(item, other, signals, first, whole)
+        for i, j, item, other in _of_one_channel(left, right)
+        if not isinstance(_declared(item, signals), WhiteNoise) or item.lag == other.lag
+    }
 
 
 def _declared(column: Column, signals: Signals) -> MeasurementNoise:
@@ -255,7 +250,7 @@ class SignalRegression(LinearProblem):
             Phi,
             Psi,
             self.parameters,
-            regressor_noise=self.declared_regressor_noise(),
+            regressor_noise=self.declared_noise(),
         )
 
     def rows(self) -> Regression:
@@ -280,10 +275,7 @@ class SignalRegression(LinearProblem):
         every = self.samples_between(columns, start, stop)
         if self.used is None:
             return every
-        rows: Float[np.ndarray, "rows columns"] = every.T[
-            :, self.used[start - self.first : stop - self.first]
-        ].T
-        return rows
+        return every.T[:, self.used[start - self.first : stop - self.first]].T
 
     def samples_between(
         self, columns: Sequence[Column], start: int, stop: int
@@ -327,13 +319,6 @@ class SignalRegression(LinearProblem):
         """
         columns = (*self.regressor_columns, self.equation.response)
         return shared_noise(self.instrument_columns, columns, self.signals, self.first, self.used)
-
-    def declared_regressor_noise(self) -> Float[np.ndarray, "n_plus_1 n_plus_1"] | None:
-        """Covariance of the noises of [Phi y]; None when a channel's noise is not declared."""
-        try:
-            return self.regressor_noise_covariance()
-        except MissingNoiseError:
-            return None
 
     def instruments_share_noise(self) -> bool:
         """Return whether declared noises make an instrument and another column correlated."""

@@ -135,33 +135,30 @@ class BinRows(RowLayout):
     @cached_property
     def flight_of_row(self) -> Int[np.ndarray, " rows"]:
         """Flight of each row."""
-        return np.concatenate([np.full(2 * run.count, run.flight, dtype=np.int64) for run in self.runs])
+        return np.repeat([run.flight for run in self.runs], [2 * run.count for run in self.runs])
 
     @cached_property
     def axis_of_row(self) -> Int[np.ndarray, " rows"]:
         """Axis of each row."""
-        return np.concatenate([np.full(2 * run.count, run.axis, dtype=np.int64) for run in self.runs])
+        return np.repeat([run.axis for run in self.runs], [2 * run.count for run in self.runs])
+
+    @cached_property
+    def _ends(self) -> Int[np.ndarray, " _"]:
+        """First bin of each run but the first."""
+        return np.cumsum([run.count for run in self.runs])[:-1]
 
     def stacked(self, columns: Complex[np.ndarray, "bins columns"]) -> Float[np.ndarray, "rows columns"]:
         """Real rows of complex columns."""
-        parts: list[np.ndarray] = []
-        first = 0
-        for run in self.runs:
-            block = columns[first : first + run.count]
-            parts.extend((block.real, block.imag))
-            first += run.count
-        return np.concatenate(parts)
+        return np.concatenate(
+            [part for block in np.split(columns, self._ends) for part in (block.real, block.imag)]
+        )
 
     def complex_blocks(
         self, rows: Float[np.ndarray, "rows columns"]
     ) -> list[Complex[np.ndarray, "_ columns"]]:
         """Complex columns of each run; the inverse of `stacked`."""
-        blocks, first = [], 0
-        for run in self.runs:
-            middle, last = first + run.count, first + 2 * run.count
-            blocks.append(rows[first:middle] + 1j * rows[middle:last])
-            first = last
-        return blocks
+        halves = (np.split(block, 2) for block in np.split(rows, 2 * self._ends))
+        return [real + 1j * imaginary for real, imaginary in halves]
 
     def series(self, rows: Float[np.ndarray, "rows columns"]) -> Float[np.ndarray, "samples columns"]:
         """Time series of real rows, run after run."""

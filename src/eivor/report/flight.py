@@ -383,7 +383,7 @@ def _curve(
     """Values of a nuisance, and the objective above its least there, as chi-square."""
     least = candidate.solution.objective
     # J of a method with instruments; for a direct one the logarithm's slope at its minimum
-    height = candidate.criterion if candidate.inference.rank else candidate.rows.response.size
+    height = candidate.criterion if candidate.rank else candidate.rows.response.size
     scale = height / least if least > 0.0 and height > 0.0 else 1.0
     # the refined minimum lies between points of the grid: without it a sharp valley has no bottom
     values = np.append(profile.grid, candidate.nuisances[profile.nuisance.name])

@@ -14,7 +14,6 @@ from eivor.errors import EstimationError
 from eivor.estimation import spectral_iv
 from eivor.estimation.pair_whitening import (
     CombinedProblem,
-    ModelledSpectra,
     PairedBins,
     PairWhitening,
     _weighted,
@@ -129,15 +128,8 @@ def test_answers_that_are_apart_are_told_and_those_at_another_delay_are_not(
     spectral_giv = spectral_giv_of_flights("spectral_giv", problem)
     distance, farthest = spectral_iv._separated(spectral_giv, spectral_giv)
     assert distance == 0.0
-    moved = replace(
-        spectral_giv.best,
-        solved=replace(
-            spectral_giv.best.solved,
-            solution=replace(
-                spectral_giv.best.solution, theta=spectral_giv.best.theta * np.array([1.0, 2.0])
-            ),
-        ),
-    )
+    theta = spectral_giv.best.theta * np.array([1.0, 2.0])
+    moved = replace(spectral_giv.best, solution=replace(spectral_giv.best.solution, theta=theta))
     assert spectral_iv._separated(spectral_giv, replace(spectral_giv, candidates=(moved,)))[0] > farthest
     assert (
         spectral_iv._separated(
@@ -180,9 +172,9 @@ def test_two_equations_are_combined_with_the_least_power() -> None:
     bins = problem.bins(problem.first_values)
     entries = np.ones(bins.responses.shape[0])
     C = PairSpectrum(1.0 * entries, 4.0 * entries, (0.5 + 0.8j) * entries)
-    rows = _weighted(problem, bins, ModelledSpectra(), (C, entries), 0)
-    assert isinstance(rows.white.problem, CombinedProblem)
-    weights = rows.white.problem.weights[0]
+    rows = _weighted(problem, bins, corrected=False, C=C, factor=entries, renewals=0)
+    assert isinstance(rows.problem, CombinedProblem)
+    weights = rows.problem.weights[0]
     assert weights.sum() == pytest.approx(1.0)
     matrix = np.array([[1.0, 0.5 + 0.8j], [0.5 - 0.8j, 4.0]])
 
@@ -190,8 +182,8 @@ def test_two_equations_are_combined_with_the_least_power() -> None:
         w = np.array([of_first, 1.0 - of_first])
         return float((w @ matrix @ w.conj()).real)
 
-    assert rows.white.power[0] == pytest.approx(power(weights[0]))
-    assert all(power(weights[0] + step) > rows.white.power[0] for step in (0.01, -0.01, 0.01j, -0.01j))
+    assert rows.power[0] == pytest.approx(power(weights[0]))
+    assert all(power(weights[0] + step) > rows.power[0] for step in (0.01, -0.01, 0.01j, -0.01j))
 
 
 def test_the_noises_of_a_pair_are_those_that_made_it() -> None:

@@ -320,9 +320,9 @@ def filters_not_passed(
 ) -> FiltersNotPassed | None:
     """Filters of the vehicle file that flights have not passed; None where nothing says so."""
     named = [key for key in FILTERS if getattr(layout.vehicle, key) is not None]
-    if not named or not estimate.best.solved.assembler.needs_instruments:
+    if not named or not estimate.best.assembler.needs_instruments:
         return None
-    with_all, p_value = estimate.best.inference.over_identification
+    with_all, p_value = estimate.best.over_identification
     if not p_value <= DISAGREE:
         return None
     number = max(range(len(flights)), key=lambda item: flights[item].used_s)
@@ -340,7 +340,7 @@ def filters_not_passed(
 def _disagreement(problem: LaggedRuns, method: str) -> float:
     """J of the references; infinite where nothing can be identified."""
     try:
-        J, _ = identify(problem, by_name(method)).best.inference.over_identification
+        J, _ = identify(problem, by_name(method)).best.over_identification
     except EstimationError:
         return math.inf
     return J
@@ -422,7 +422,7 @@ class LagConsistencyTest:
 
 def lag_consistency_test(estimate: Estimate) -> LagConsistencyTest | None:
     """Axes that disagree about the lag beyond doubt; None where they agree, or instruments say more."""
-    if estimate.best.solved.assembler.needs_instruments:
+    if estimate.best.assembler.needs_instruments:
         return None
     results = {name: (change, variance) for name, change, variance in _changes(estimate)}
     if len(results) < 2:
@@ -442,7 +442,7 @@ def _changes(estimate: Estimate) -> Iterator[tuple[str, float, float]]:
     names = [profile.nuisance.name for profile in best.profiles]
     if ACTUATOR_LAG.name not in names:
         return
-    rows, moves = best.rows, best.solved.nuisance_columns[:, names.index(ACTUATOR_LAG.name)]
+    rows, moves = best.rows, best.nuisance_columns[:, names.index(ACTUATOR_LAG.name)]
     residual, axes = rows.response - rows.regressors @ best.theta, rows.layout.axis_of_row
     for axis, name in DRIVEN.items():
         current = axes == axis

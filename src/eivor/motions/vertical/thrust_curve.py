@@ -10,7 +10,7 @@ import numpy as np
 
 from eivor.estimation.derived import DEGREES
 from eivor.estimation.estimate import Candidate, Estimate
-from eivor.estimation.nuisance_grids import DECIMALS, with_values_tried
+from eivor.estimation.variable_projection import DECIMALS, with_values_tried
 from eivor.flights.quantity import NAN, NO_INTERVAL, QuantityEstimate
 from eivor.inference.distributions import t_quantile
 from eivor.motions.vertical.model import GRAVITY, CurveFamily, family_of
