@@ -26,18 +26,17 @@ from eivor.flights.quantity import (
     clock_uncertainty,
 )
 from eivor.flights.verdict import (
-    disagreement_reasons,
-    instrument_reasons,
-    lag_prior_reasons,
+    FlightRule,
+    has_no_bounds,
     moved,
-    short_flight_reasons,
+    refused,
     strength_of,
-    untold,
+    weak,
     wide_lag_reasons,
 )
 from eivor.inference.diagnostics.record import BEYOND_DOUBT
 from eivor.inference.distributions import chi_square_tail
-from eivor.inference.verdict import Reason, Status
+from eivor.inference.verdict import Reason
 from eivor.logs.common import low_pass_delay_s
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, AxisColumns, LaggedRuns
 from eivor.models.regression import Parameter
@@ -756,101 +755,87 @@ def _of_flight(
 # -- Rule --
 
 GAIN_SHARE, SLOW_SHARE, COUPLING_WITHIN, LAG_WITHIN_S = 0.1, 0.5, 0.1, 0.01
-SHORT_FLIGHT_S = 10.0
-COMMAND_RATE_HZ = 45.0
 FLY = (
     "Fly steps of roll, pitch, yaw and height at uneven times for 60 s, each by itself and some together, in "
     "calm air."
 )
 CORRECT_ROTORS = "Correct positions and spins in the vehicle file, in the order of the rotor commands."
-LOG_REFERENCE = "Log the setpoints of height and attitude, or the pilot's sticks, at 20 Hz or more."
-LOG_PLANNED = "Fly in a mode in which the sticks set the attitude, or inject a sweep."
+OF_FLIGHT = FlightRule(
+    fly=FLY,
+    log_reference="Log the setpoints of height and attitude, or the pilot's sticks, at 20 Hz or more.",
+    log_planned="Fly in a mode in which the sticks set the attitude, or inject a sweep.",
+    moves="moves",
+    undisturbed="Fly in calm air and away from the ground, and keep the motors from their limits.",
+    command_rate_hz=45.0,
+    slow_command="The rotors are logged at {rate:.0f} Hz; {least:.0f} Hz are needed.",
+    log_faster="Log them at 100 Hz or more.",
+    least_s=10.0,
+)
 
 _GAINS = {item.name for item in (*GAIN, THRUST)}
 _SLOW = {item.name for item in (*DAMPING, *DRAG, FRICTION, LIFT)}
 _COUPLINGS = {item.name for item in COUPLING}
-_ACROSS = {item.name for item in ACROSS}
+#: Share of a quantity that half its interval may be.
+_SHARES = dict.fromkeys(_GAINS, GAIN_SHARE) | dict.fromkeys(_SLOW, SLOW_SHARE)
 
 
 def all_reasons(
     quantities: Mapping[str, QuantityEstimate], strength: InstrumentStrength, inputs: VerdictInputs
 ) -> dict[str, tuple[Reason, ...]]:
     """Reasons against every quantity that there is."""
-    lag = (*_shared(strength_of(strength), inputs), *_lag_reasons(quantities))
-    results = {ACTUATOR_LAG.name: lag, DELAY.name: lag, "effective_lag": lag}
+    half_width, quicker = (
+        quantities[EFFECTIVE_LAG].half_width,
+        "Fly quicker steps, and log rotors and rates faster.",
+    )
+    of_lag = tuple(wide_lag_reasons(half_width, LAG_WITHIN_S, whose="rotors'", remedy=quicker))
+    of_model = tuple(_of_model(inputs.numbers))
+
+    def shared(*names: str) -> tuple[Reason, ...]:
+        return (*OF_FLIGHT.reasons(strength_of(strength, *names), inputs), *of_model, *of_lag)
+
+    results = dict.fromkeys((ACTUATOR_LAG.name, DELAY.name, EFFECTIVE_LAG), shared())
     wind = SteadyWind.of_numbers(inputs.numbers)
     for name, quantity in quantities.items():
         if name in results:
             continue
-        moved_by = THRUST.name if name == FRICTION.name else name  # what trades is reported together
-        reasons = [*_shared(strength_of(strength, moved_by), inputs), *_lag_reasons(quantities)]
-        if not untold(name, strength):
+        # what trades is reported together
+        reasons = list(shared(THRUST.name if name == FRICTION.name else name))
+        if not has_no_bounds(name, strength):
             reasons += _interval_reasons(name, quantity, inputs)
-        if wind is not None and name in _ACROSS:
-            reasons.append(Reason(Status.WEAK, wind.sentence, wind.remedy))
+        if wind is not None and name in {item.name for item in ACROSS}:
+            reasons.append(weak(wind.sentence, wind.remedy))
         results[name] = tuple(reasons)
     return results
 
 
-def _shared(strength: InstrumentStrength, inputs: VerdictInputs) -> list[Reason]:
-    reasons = instrument_reasons(
-        strength, inputs, fly=FLY, log_reference=LOG_REFERENCE, log_planned=LOG_PLANNED
-    )
-    remedy = "Fly in calm air and away from the ground, and keep the motors from their limits."
-    reasons += disagreement_reasons(strength, moves="moves", remedy=remedy)
-    if inputs.command_rate_hz < COMMAND_RATE_HZ:
-        reasons.append(
-            Reason(
-                Status.WEAK,
-                f"The rotors are logged at {inputs.command_rate_hz:.0f} Hz; {COMMAND_RATE_HZ:.0f} Hz "
-                f"are needed.",
-                "Log them at 100 Hz or more.",
-            )
-        )
-    reasons += short_flight_reasons(inputs, SHORT_FLIGHT_S)
-    reasons.extend(lag_prior_reasons(inputs))
-    order = Order.of_numbers(inputs.numbers)
+def _of_model(numbers: Mapping[str, float]) -> Iterator[Reason]:
+    """Reasons of a flight that contradicts the vehicle file, or whose axes contradict each other."""
+    order = Order.of_numbers(numbers)
     if order is not None:
-        reasons.append(Reason(Status.REFUSED, order.sentence, CORRECT_ROTORS))
-    lags = LagConsistencyTest.of_numbers(inputs.numbers)
-    if lags is not None:
-        reasons.append(Reason(Status.WEAK, lags.sentence, lags.remedy))
-    filters = FiltersNotPassed.of_numbers(inputs.numbers)
-    if filters is not None:
-        reasons.append(Reason(Status.WEAK, filters.sentence, filters.remedy))
-    return reasons
+        yield refused(order.sentence, CORRECT_ROTORS)
+    for item in (LagConsistencyTest.of_numbers(numbers), FiltersNotPassed.of_numbers(numbers)):
+        if item is not None:
+            yield weak(item.sentence, item.remedy)
 
 
-def _interval_reasons(name: str, quantity: QuantityEstimate, inputs: VerdictInputs) -> list[Reason]:
-    words = name.replace("_", " ")
+def _interval_reasons(name: str, quantity: QuantityEstimate, inputs: VerdictInputs) -> Iterator[Reason]:
+    words = f"The {name.replace('_', ' ')}"
+    zero = f"{words} cannot be distinguished from zero.{moved(inputs)}"
     low, high = quantity.interval
-    if name in _GAINS:
-        if high < 0.0:
-            return [
-                Reason(
-                    Status.REFUSED,
-                    f"The {words} came out at {quantity.value:.3g}, below zero: {_what_is_wrong(name)}.",
-                    CORRECT_ROTORS,
-                )
-            ]
-        if low <= 0.0:
-            return [
-                Reason(Status.REFUSED, f"The {words} cannot be distinguished from zero.{moved(inputs)}", FLY)
-            ]
-    if name in _SLOW and low <= 0.0:
-        return [Reason(Status.WEAK, f"The {words} cannot be distinguished from zero.{moved(inputs)}", FLY)]
-    share = GAIN_SHARE if name in _GAINS else SLOW_SHARE if name in _SLOW else 0.0
+    share = _SHARES.get(name, 0.0)
     allowed = share * abs(quantity.value) if share else COUPLING_WITHIN if name in _COUPLINGS else inf
-    if inf > quantity.half_width > allowed:
-        return [
-            Reason(
-                Status.WEAK,
-                f"The {words} is known to +-{quantity.half_width:.2g} only; identified asks for "
-                f"+-{allowed:.2g}.",
-                "Fly larger and quicker steps, or longer.",
-            )
-        ]
-    return []
+    if name in _GAINS and high < 0.0:
+        sentence = f"{words} came out at {quantity.value:.3g}, below zero: {_what_is_wrong(name)}."
+        yield refused(sentence, CORRECT_ROTORS)
+    elif name in _GAINS and low <= 0.0:
+        yield refused(zero, FLY)
+    elif name in _SLOW and low <= 0.0:
+        yield weak(zero, FLY)
+    elif inf > quantity.half_width > allowed:
+        sentence = (
+            f"{words} is known to +-{quantity.half_width:.2g} only; identified asks for +-{allowed:.2g}."
+        )
+        yield weak(sentence, "Fly larger and quicker steps, or longer.")
 
 
 def _what_is_wrong(name: str) -> str:
@@ -865,9 +850,3 @@ def _what_is_wrong(name: str) -> str:
         f"the rotors' order about {axis} is another than that of the vehicle file, or the rate of {axis} has "
         "the wrong sign"
     )
-
-
-def _lag_reasons(quantities: Mapping[str, QuantityEstimate]) -> list[Reason]:
-    half_width = quantities["effective_lag"].half_width
-    remedy = "Fly quicker steps, and log rotors and rates faster."
-    return wide_lag_reasons(half_width, LAG_WITHIN_S, whose="rotors'", remedy=remedy)
