@@ -284,7 +284,7 @@ def with_fit(
         estimates = {**estimates, **by_sets}
         estimates = {**estimates, **motion.following(estimates)}
     flying = tuple(flight for flight in prepared if flight.runs)
-    parts = motion.systematic_uncertainties(fit.problem, fit.estimate, flying, estimates, inputs)
+    parts = motion.systematic_uncertainties(flying, estimates, inputs)
     estimates = with_systematic_uncertainties(motion, estimates, parts)
     best, agreement = fit.estimate.best, fit.checks.agreement
     searched = {

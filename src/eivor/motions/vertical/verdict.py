@@ -381,50 +381,35 @@ AT_END_SHARE = 0.5
 
 def hover_findings(
     flights: tuple[PreparedFlight, ...], quantities: Mapping[str, Quantity]
-) -> tuple[Finding, ...]:
+) -> Iterator[Finding]:
     """What the autopilots of flights hold their hover input to be; compared where it is identified."""
     flying = [flight for flight in flights if flight.runs and _is_setpoint(flight)]
-    results = [item for flight in flying for item in _standing_at_an_end(flight)]
+    for flight in flying:
+        yield from _standing_at_an_end(flight)
     hover = quantities["hover_input"]
-    if hover.verdict is Status.IDENTIFIED and np.isfinite(hover.value) and flying:
-        results.extend(_of_parameters(flying[0], hover.value))
-        results.extend(_of_estimates(flying, hover))
-    return tuple(results)
+    if hover.verdict is not Status.IDENTIFIED or not np.isfinite(hover.value) or not flying:
+        return
+    for name in HOVER_PARAMETERS:
+        value = flying[0].recording.parameters.get(name)
+        if value and abs(hover.value / value - 1.0) > HOVER_DISAGREEMENT:
+            sentence = f"The log's own {name} is {value:.3g}, but this vehicle hovered at {hover.value:.3g}."
+            yield Finding("hover_parameter", sentence)
+    values = np.concatenate([comparable_estimates(flight) for flight in flying])
+    if values.size:
+        median = float(np.median(values))
+        off = hover.value / median - 1.0
+        yield Finding(
+            "hover_estimate",
+            f"The autopilot's own estimate of the hover thrust is {median:.3g} (median of {values.size} "
+            f"samples); this vehicle hovered at {hover.value:.3g}, {abs(off):.1%} "
+            f"{'more' if off > 0.0 else 'less'}.",
+        )
 
 
 def _is_setpoint(flight: PreparedFlight) -> bool:
     """Whether the input is a thrust setpoint, which the autopilot's hover input is a value of."""
     unknown = flight.curve_side is CurveSide.UNKNOWN
     return flight.curve_side is CurveSide.BEFORE or (unknown and flight.input.name == "input")
-
-
-def _of_parameters(flight: PreparedFlight, hover: float) -> list[Finding]:
-    logged = {name: flight.recording.parameters.get(name) for name in HOVER_PARAMETERS}
-    return [
-        Finding(
-            "hover_parameter",
-            f"The log's own {name} is {value:.3g}, but this vehicle hovered at {hover:.3g}.",
-        )
-        for name, value in logged.items()
-        if value and abs(hover / value - 1.0) > HOVER_DISAGREEMENT
-    ]
-
-
-def _of_estimates(flights: list[PreparedFlight], hover: Quantity) -> list[Finding]:
-    selected = [comparable_estimates(flight) for flight in flights]
-    values = np.concatenate(selected) if selected else np.empty(0)
-    if not values.size:
-        return []
-    median = float(np.median(values))
-    off = hover.value / median - 1.0
-    side = "more" if off > 0.0 else "less"
-    return [
-        Finding(
-            "hover_estimate",
-            f"The autopilot's own estimate of the hover thrust is {median:.3g} (median of {values.size} "
-            f"samples); this vehicle hovered at {hover.value:.3g}, {abs(off):.1%} {side}.",
-        )
-    ]
 
 
 def comparable_estimates(flight: PreparedFlight) -> Float[np.ndarray, " _"]:
@@ -463,19 +448,13 @@ def _ends(flight: PreparedFlight) -> list[tuple[float, float, str]]:
     ]
 
 
-def _standing_at_an_end(flight: PreparedFlight) -> list[Finding]:
+def _standing_at_an_end(flight: PreparedFlight) -> Iterator[Finding]:
     channel = flight.recording.channels.get(ESTIMATE)
-    if channel is None:
-        return []
-    values = channel.values[_within(flight, channel)]
-    return [
-        Finding(
-            "hover_estimate_at_limit",
-            f"The autopilot's own estimate of the hover thrust stood at its {words}: it is not compared.",
-        )
-        for low, high, words in _ends(flight)
-        if values.size and np.mean((values >= low) & (values <= high)) > AT_END_SHARE
-    ]
+    values = np.empty(0) if channel is None else channel.values[_within(flight, channel)]
+    for low, high, words in _ends(flight):
+        if values.size and np.mean((values >= low) & (values <= high)) > AT_END_SHARE:
+            sentence = f"The autopilot's own estimate of the hover thrust stood at its {words}"
+            yield Finding("hover_estimate_at_limit", f"{sentence}: it is not compared.")
 
 
 # -- Map rule --
