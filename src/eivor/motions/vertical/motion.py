@@ -66,10 +66,10 @@ from eivor.motions.vertical.model import (
 )
 from eivor.motions.vertical.predict import closed_loop_record, predictions, simple_models
 from eivor.motions.vertical.regression import (
+    GROUND_EFFECT,
     SUPPLY,
     TERMS,
     VOLTAGE,
-    GroundEffect,
     OptionalTerm,
     VerticalFlight,
     VerticalFlights,
@@ -583,7 +583,7 @@ class Vertical(Motion[VerticalFlights]):
             **thrust_curve(problem, estimate),
             APPARENT_GRAVITY: apparent_gravity(problem),
             SIDEWAYS: sideways_speed(flights),
-            **near_ground(flights, self.rotor_radius, corrected=GroundEffect() in self.added),
+            **near_ground(flights, self.rotor_radius, corrected=GROUND_EFFECT in self.added),
             **omitted_variable_numbers(missed),
             **(voltage_numbers(flights) if SUPPLY in missed else {}),
         }
