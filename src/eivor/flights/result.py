@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 from importlib.metadata import entry_points
 from itertools import pairwise
@@ -21,7 +21,7 @@ from eivor.flights.lag_prior import LagPrior
 from eivor.flights.motion import FIT, Motion, MultiStepPrediction
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import PreparedFlight, SensorAgreement
-from eivor.flights.quantity import NAN, Implications, Quantity, SimpleModel, Trace, Words, joined
+from eivor.flights.quantity import NAN, Implications, Quantity, SimpleModel, Trace, Words
 from eivor.inference.confidence_set import ConfidenceSet
 from eivor.inference.diagnostics.excitation import Periodicity, Swing, blocks_of, strongest_swings
 from eivor.inference.diagnostics.instruments import STRONG_FIRST_STAGE, Endogeneity, OverIdentification
@@ -292,7 +292,15 @@ class FlightRow:
 def pooled_traces(motion: Motion[Any], pool: Pooled) -> tuple[Trace, ...]:
     """Measured and predicted, each flight by its own parameters; one flight after the other."""
     made = [motion.traces(problem, pool.member(number)) for number, problem in enumerate(pool.problems)]
-    return tuple(joined(traces) for traces in zip(*made, strict=True))
+    return tuple(
+        replace(
+            traces[0],
+            measured=np.concatenate([trace.measured for trace in traces]),
+            predicted=np.concatenate([trace.predicted for trace in traces]),
+            driven=np.concatenate([trace.driven for trace in traces]),
+        )
+        for traces in zip(*made, strict=True)
+    )
 
 
 @dataclass(frozen=True)
