@@ -138,10 +138,10 @@ def test_every_ground_against_a_curve(curve, intercept, status, said):
         for name, (value, half) in {"thrust_curve": curve, "intercept": intercept}.items()
     }
     verdict_inputs = VerdictInputs(1, 100.0, 100.0, exogenous=True, direct=False)
-    reasons = curve_reasons(numbers, verdict_inputs)
+    reasons = list(curve_reasons(numbers, verdict_inputs))
     assert verdict(reasons).status is status
     assert said in " ".join(reason.sentence for reason in reasons)
-    assert curve_reasons({"intercept": numbers["intercept"]}, verdict_inputs) == []
+    assert not list(curve_reasons({"intercept": numbers["intercept"]}, verdict_inputs))
 
 
 @pytest.mark.parametrize(

@@ -30,7 +30,7 @@ def grounds_of_rates(lag: QuantityEstimate):
     result = dict.fromkeys(names, ENDLESS)
     reported = strength(*names)
     return [
-        *rates.effectiveness_reasons(axis, result[names[0]], reported, AT),
+        *rates.effectiveness_reasons(axis, result[names[0]], AT),
         *rates.damping_reasons(axis, result[names[1]], AT),
         *rates.rough_lag_reasons({"effective_lag": lag}, reported),
     ]

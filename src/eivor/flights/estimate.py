@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from eivor.errors import EstimationError, InputError, MissingNoiseError, TooFewSamplesError
-from eivor.estimation.derived import ParameterSets, parameter_sets
+from eivor.estimation.derived import parameter_sets
 from eivor.estimation.diagnose import diagnose
 from eivor.estimation.estimate import Estimate
 from eivor.estimation.method import Method, NaturalInstruments
@@ -49,7 +49,7 @@ from eivor.flights.result import (
     flight_diagnostics,
     flight_findings,
 )
-from eivor.flights.verdict import unbounded_reasons
+from eivor.flights.verdict import refused, unbounded_reasons
 from eivor.inference.diagnostics.instruments import STRONG_FIRST_STAGE, OverIdentification
 from eivor.inference.verdict import Reason, Status, Verdict, verdict
 from eivor.models.lagged_runs import ACTUATOR_LAG
@@ -63,6 +63,9 @@ from eivor.models.separable import (
 )
 from eivor.signals.recording import Finding, Recording
 from eivor.tools import Progress, Stage, no_stage_callback
+
+#: Role of the commands among the rates of a selection.
+COMMAND = "command"
 
 # -- Instruments --
 
@@ -94,26 +97,16 @@ def instruments(flying: tuple[PreparedFlight, ...], options: FlightOptions, meth
         return Instruments(NoInstruments())
     wanted = options.instruments or (method.natural_instruments.value,)
     if wanted == (NaturalInstruments.LAGS.value,):
-        first = method.first_past_input
-        return Instruments(LaggedInputs(first), exogenous=False, past_inputs=True)
-    shared = [name for name in flying[0].usable_references if _serves_all(name, flying)]
+        return Instruments(LaggedInputs(method.first_past_input), exogenous=False, past_inputs=True)
+    references = [reference for flight in flying for reference in flight.references]
+    usable = [set(flight.usable_references) for flight in flying]
+    shared = tuple(name for name in flying[0].usable_references if all(name in names for names in usable))
     if shared:
-        usable = [reference for flight in flying for reference in flight.references if reference.usable]
-        clean = all(reference.exogenous for reference in usable)
-        return Instruments(LaggedReferences(tuple(shared)), exogenous=clean, names=tuple(shared))
-    return _none(flying)
-
-
-def _serves_all(name: str, flying: tuple[PreparedFlight, ...]) -> bool:
-    return all(name in flight.usable_references for flight in flying)
-
-
-def _none(flying: tuple[PreparedFlight, ...]) -> Instruments:
-    """Remarks on every reference, and whether one is logged and constant."""
-    remarks = {f"{r.name}: {r.remark}" for flight in flying for r in flight.references if not r.usable}
-    constant = any(r.constant for flight in flying for r in flight.references)
+        clean = all(reference.exogenous for reference in references if reference.usable)
+        return Instruments(LaggedReferences(shared), exogenous=clean, names=shared)
+    remarks = {f"{reference.name}: {reference.remark}" for reference in references if not reference.usable}
     missing = "; ".join(sorted(remarks)) or "the log has none"
-    return Instruments(NoInstruments(), missing=missing, constant=constant)
+    return Instruments(NoInstruments(), missing=missing, constant=any(item.constant for item in references))
 
 
 def single_frequency_hz(flying: tuple[PreparedFlight, ...], names: tuple[str, ...]) -> float:
@@ -127,10 +120,8 @@ def single_frequency_hz(flying: tuple[PreparedFlight, ...], names: tuple[str, ..
             power = np.abs(np.fft.rfft((values - values.mean()) * np.hanning(values.size))) ** 2
             peak = int(np.argmax(power))
             near = power[max(peak - LINE_BINS, 0) : peak + LINE_BINS + 1].sum()
-            if (
-                not near >= LINE_SHARE * power.sum()
-                or abs(peak * width - (peaks or [peak * width])[0]) > width
-            ):
+            first = (peaks or [peak * width])[0]
+            if not near >= LINE_SHARE * power.sum() or abs(peak * width - first) > width:
                 return 0.0
             peaks.append(peak * width)
     return float(np.mean(peaks)) if peaks else 0.0
@@ -158,32 +149,29 @@ def estimated(
         return without_fit(motion, prepared, options, _reason_of_use(motion, prepared))
     if all(flight.constant_input for flight in flying):
         sentence = "The input is constant: it carries no information about the vehicle."
-        reason = Reason(Status.REFUSED, sentence, motion.words.fly)
-        return without_fit(motion, prepared, options, reason)
+        return without_fit(motion, prepared, options, refused(sentence, motion.words.fly))
     method = by_name(options.method)
     chosen = instruments(flying, options, method)
     if method.of_flights.needs_instruments and chosen.absent:
         method = by_name(motion.direct)
     method = motion.weighted(method)
+    solve = partial(identify, method=method)
     try:
-        check_declared(
-            [flight.noise for flight in flying], noises_needed(flying, chosen, method), options.method
-        )
-        problem = motion.problem(tuple(flight.shortened for flight in flying), chosen.rule)
-        sensors = motion.sensors(problem, tuple(flight.shortened for flight in flying))
+        _check_noises(flying, chosen, method, options)
+        problem = motion.problem(_shortened(flying), chosen.rule)
+        sensors = motion.sensors(problem, _shortened(flying))
         align = options.align and sensors is not None and bool(sensors.significant)
         if align and sensors is not None:
             prepared = motion.aligned(prepared, sensors)
             flying = tuple(flight for flight in prepared if flight.runs)
-            problem = motion.problem(tuple(flight.shortened for flight in flying), chosen.rule)
-        solve = partial(identify, method=method)
-        problem, alone = motion.refined(problem, solve, options)
-        whole = problem
-        given, noticed = known_lag(motion, flying, options, problem, alone, lag_measurements)
-        estimate = alone
+            problem = motion.problem(_shortened(flying), chosen.rule)
+        whole, alone = motion.refined(problem, solve, options)
+        given, noticed = known_lag(motion, flying, options, whole, alone, lag_measurements)
+        problem, estimate, without_prior = whole, alone, None
         if given is not None:
-            problem = with_lag_prior(problem, given.for_the_log, alone.best.nuisances)
+            problem = with_lag_prior(whole, given.for_the_log, alone.best.nuisances)
             problem, estimate = motion.refined(problem, solve, options)
+            without_prior = WithoutPrior(whole, alone)
         prepared = motion.with_refinement(prepared, problem)
         progress(Stage.DIAGNOSING)
         checks = fit_diagnostics(motion.traces(problem, estimate), estimate)
@@ -192,21 +180,21 @@ def estimated(
             checks = replace(checks, agreement=diagnose(alone).over_identification)
         if agreement is not None and checks.agreement is not None:
             checks = replace(checks, agreement=agreement)
-        sets = headline_sets(problem, estimate, motion.headline if with_sets else ())
-        without_prior = None if given is None else WithoutPrior(whole, alone)
+        linear = {parameter.name for parameter in estimate.best.rows.parameters}
+        names = [name for name in motion.headline if name in linear and with_sets]
+        sets = {name: item for name in names if (item := parameter_sets(problem, estimate, name)) is not None}
         fit = Fit(problem, estimate, chosen.rule.label, checks, given, sets, sensors, without_prior)
-        shortened = tuple(flight.shortened for flight in flying)
-        numbers = dict(motion.diagnostics(problem, estimate, shortened))
-        index = replace(
-            circumstances(motion, flying, chosen, numbers), lag_prior=given, sensors=sensors, aligned=align
-        )
-        result = with_fit(motion, prepared, options, fit, index)
-        return replace(result, findings=(*result.findings, *noticed))
-    except MissingNoiseError as error:
-        return without_fit(motion, prepared, options, Reason(Status.REFUSED, str(error)))
+        numbers = motion.diagnostics(problem, estimate, _shortened(flying))
+        inputs = verdict_inputs(motion, flying, chosen, numbers, fit, aligned=align)
+        result = with_fit(motion, prepared, options, fit, inputs)
     except (EstimationError, TooFewSamplesError) as error:
-        reason = Reason(Status.REFUSED, str(error), motion.words.fly)
-        return without_fit(motion, prepared, options, reason)
+        remedy = "" if isinstance(error, MissingNoiseError) else motion.words.fly
+        return without_fit(motion, prepared, options, refused(str(error), remedy))
+    return replace(result, findings=(*result.findings, *noticed))
+
+
+def _shortened(flights: tuple[PreparedFlight, ...]) -> tuple[PreparedFlight, ...]:
+    return tuple(flight.shortened for flight in flights)
 
 
 def known_lag(
@@ -225,9 +213,9 @@ def known_lag(
     if not lag_searched(problem):
         return None, ()
     by_telemetry = telemetry_lag(flying, motion.telemetry) if motion.telemetry else None
-    telling = [*([] if by_telemetry is None else [by_telemetry]), *lag_measurements()]
+    measurements = [*([] if by_telemetry is None else [by_telemetry]), *lag_measurements()]
     noticed: list[Finding] = []
-    for item in sorted(telling, key=lambda entry: entry.prior.std):
+    for item in sorted(measurements, key=lambda entry: entry.prior.std):
         # telemetry answers the commands as they were logged: what these are late by is in both lags
         lag_quantity = lag_quantities(problem, alone)[EFFECTIVE_LAG]
         result = LagPrior(item.prior, lag_quantity, 0.0 if item is by_telemetry else slack_s, by=item)
@@ -238,17 +226,20 @@ def known_lag(
     return None, tuple(noticed)
 
 
-def circumstances(
+def verdict_inputs(
     motion: Motion[Any],
     flying: tuple[PreparedFlight, ...],
     chosen: Instruments,
     numbers: Mapping[str, float],
+    fit: Fit,
+    *,
+    aligned: bool,
 ) -> VerdictInputs:
-    """What a verdict needs to know of flights beside the numbers."""
-    measured = [[rate for role, rate in f.rates_hz.items() if role != "command"] for f in flying]
+    """What a verdict needs to know of flights beside the quantities."""
+    measured = [[rate for role, rate in f.rates_hz.items() if role != COMMAND] for f in flying]
     return VerdictInputs(
         flights=len(flying),
-        command_rate_hz=min(flight.rates_hz["command"] for flight in flying),
+        command_rate_hz=min(flight.rates_hz[COMMAND] for flight in flying),
         response_rate_hz=min(max(rates) for rates in measured),
         exogenous=chosen.exogenous,
         direct=chosen.absent,
@@ -257,23 +248,25 @@ def circumstances(
         excitation=motion.excitation(flying),
         single_frequency_hz=single_frequency_hz(flying, chosen.names),
         numbers=numbers,
+        lag_prior=fit.lag_prior,
+        sensors=fit.sensors,
+        aligned=aligned,
         used_s=sum(flight.used_s for flight in flying),
         past_inputs=chosen.past_inputs,
     )
 
 
-def noises_needed(
-    flying: tuple[PreparedFlight, ...], chosen: Instruments, method: Method
-) -> list[tuple[str, ...]]:
-    """Channels of each flight whose measurement noise a method takes out: those that are columns twice."""
-    by_input = method.takes_out_own_noise or (chosen.past_inputs and method.first_past_input == 0)
-    return [
-        (
-            *(flight.states if method.takes_out_own_noise else ()),
-            *(flight.driving if by_input and flight.input.measured else ()),
-        )
+def _check_noises(
+    flying: tuple[PreparedFlight, ...], chosen: Instruments, method: Method, options: FlightOptions
+) -> None:
+    """Refuse undeclared noises of channels that a method takes out: those that are columns twice."""
+    own = method.takes_out_own_noise
+    by_input = own or (chosen.past_inputs and method.first_past_input == 0)
+    needed = [
+        (*(flight.states if own else ()), *(flight.driving if by_input and flight.input.measured else ()))
         for flight in flying
     ]
+    check_declared([flight.noise for flight in flying], needed, options.method)
 
 
 def with_fit(
@@ -284,14 +277,23 @@ def with_fit(
     inputs: VerdictInputs,
 ) -> FlightEstimate:
     """Result of a fit: quantities with intervals and verdicts."""
-    quantity_estimate = with_intervals_by_sets(motion, motion.quantities(fit.problem, fit.estimate), fit)
+    estimates = motion.quantities(fit.problem, fit.estimate)
+    if fit.by_sets:
+        # those that are judged by confidence sets have the hulls of these as intervals
+        by_sets = {name: replace(estimates[name], interval=item.hull) for name, item in fit.by_sets.items()}
+        estimates = {**estimates, **by_sets}
+        estimates = {**estimates, **motion.following(estimates)}
     flying = tuple(flight for flight in prepared if flight.runs)
-    quantity_estimate = with_systematic_uncertainties(
-        motion,
-        quantity_estimate,
-        motion.systematic_uncertainties(fit.problem, fit.estimate, flying, quantity_estimate, inputs),
-    )
-    overall, quantities = judged(motion, quantity_estimate, strength(fit), inputs, fit.estimate.reasons)
+    parts = motion.systematic_uncertainties(flying, estimates, inputs)
+    estimates = with_systematic_uncertainties(motion, estimates, parts)
+    best, agreement = fit.estimate.best, fit.checks.agreement
+    searched = {
+        profile.nuisance.name: Searched(best.nuisances[profile.nuisance.name], float(profile.grid[-1]))
+        for profile in best.profiles
+    }
+    p_value = 1.0 if agreement is None else agreement.p_value
+    strength = InstrumentStrength(fit.checks.first_stage, p_value, searched, fit.robust_sets)
+    overall, quantities = _judged(motion, estimates, strength, inputs, fit.estimate.reasons)
     return FlightEstimate(
         motion,
         options,
@@ -299,10 +301,12 @@ def with_fit(
         fit,
         overall,
         quantities,
-        flight_diagnostics(prepared)
-        | fit_numbers(fit.checks, fit.estimate, motion.headline)
-        | ({} if fit.sensors is None else fit.sensors.numbers)
-        | dict(inputs.numbers),
+        {
+            **flight_diagnostics(prepared),
+            **fit_numbers(fit.checks, fit.estimate, motion.headline),
+            **({} if fit.sensors is None else fit.sensors.numbers),
+            **inputs.numbers,
+        },
         (
             *flight_findings(prepared, motion.words),
             *fitted_noise_findings(fit.estimate),
@@ -311,79 +315,39 @@ def with_fit(
     )
 
 
-def headline_sets(
-    problem: SeparableProblem, estimate: Estimate, headline: tuple[str, ...]
-) -> dict[str, ParameterSets]:
-    """Confidence sets of the headline's linear parameters, where the method has them."""
-    linear = {parameter.name for parameter in estimate.best.rows.parameters}
-    results = {name: parameter_sets(problem, estimate, name) for name in headline if name in linear}
-    return {name: sets for name, sets in results.items() if sets is not None}
-
-
-def with_intervals_by_sets(
-    motion: Motion[Any], quantity_estimate: Mapping[str, QuantityEstimate], fit: Fit
-) -> Mapping[str, QuantityEstimate]:
-    """Quantities, those that are judged by confidence sets with the hulls of these as intervals."""
-    if not fit.by_sets:
-        return quantity_estimate
-    changed = {
-        name: replace(quantity_estimate[name], interval=by_set.hull) for name, by_set in fit.by_sets.items()
-    }
-    quantities = {**quantity_estimate, **changed}
-    return {**quantities, **motion.following(quantities)}
-
-
 def with_systematic_uncertainties(
     motion: Motion[Any],
-    quantity_estimate: Mapping[str, QuantityEstimate],
-    systematic_uncertainties: Mapping[str, tuple[SystematicUncertainty, ...]],
+    estimates: Mapping[str, QuantityEstimate],
+    parts: Mapping[str, tuple[SystematicUncertainty, ...]],
 ) -> Mapping[str, QuantityEstimate]:
     """Quantities with their systematic parts; those that follow from a headline that widens follow it."""
-    quantities = dict(quantity_estimate)
-    for name, parts in systematic_uncertainties.items():
-        item = quantity_estimate[name]
-        quantities[name] = replace(
-            item, interval=widened(item.interval, item.value, parts), systematic_uncertainties=parts
-        )
-    if all(quantities[name].interval == quantity_estimate[name].interval for name in motion.headline):
+    quantities = dict(estimates)
+    for name, part in parts.items():
+        interval = widened(estimates[name].interval, estimates[name].value, part)
+        quantities[name] = replace(estimates[name], interval=interval, systematic_uncertainties=part)
+    if all(quantities[name].interval == estimates[name].interval for name in motion.headline):
         return quantities
     return {**quantities, **motion.following(quantities)}
 
 
-def strength(fit: Fit) -> InstrumentStrength:
-    """What the instruments of a fit determine, in the numbers that reports show."""
-    best, checks = fit.estimate.best, fit.checks
-    searched = {
-        profile.nuisance.name: Searched(best.nuisances[profile.nuisance.name], float(profile.grid[-1]))
-        for profile in best.profiles
-    }
-    p_value = 1.0 if checks.agreement is None else checks.agreement.p_value
-    return InstrumentStrength(checks.first_stage, p_value, searched, fit.robust_sets)
-
-
-def judged(
+def _judged(
     motion: Motion[Any],
-    quantity_estimate: Mapping[str, QuantityEstimate],
-    numbers: InstrumentStrength,
+    estimates: Mapping[str, QuantityEstimate],
+    strength: InstrumentStrength,
     inputs: VerdictInputs,
-    of_estimate: tuple[Reason, ...] = (),
+    of_estimate: tuple[Reason, ...],
 ) -> tuple[Verdict, dict[str, Quantity]]:
     """The overall verdict, and the quantities with their own; reasons of the estimate are each one's."""
-    reasons = {
-        name: (
-            *reasons,
-            *of_estimate,
-            *unbounded_reasons(quantity_estimate[name], motion.wording[name].words, reasons),
-        )
-        if name in quantity_estimate
-        else (*reasons, *of_estimate)
-        for name, reasons in motion.reasons(quantity_estimate, numbers, inputs).items()
-    }
+    reasons: dict[str, list[Reason]] = {}
+    for name, own in motion.reasons(estimates, strength, inputs).items():
+        reasons[name] = [*own, *of_estimate]
+        if name in estimates:
+            reasons[name] += unbounded_reasons(estimates[name], motion.wording[name].words, own)
     against = dict.fromkeys(reason for name in motion.headline for reason in reasons[name])
     quantities = {
-        name: quantity_estimate[name].judged(verdict(list(reasons[name])), wording)
+        name: estimates[name].judged(verdict(reasons[name]), wording)
         for name, wording in motion.wording.items()
-        if name in quantity_estimate or not wording.optional
+        if name in estimates or not wording.optional
     }
     return verdict(list(against)), quantities
 
@@ -393,16 +357,9 @@ def without_fit(
 ) -> FlightEstimate:
     """Result of flights that gave no estimate."""
     quantities = not_estimated(motion, motion.known(tuple(flight for flight in prepared if flight.runs)))
-    return FlightEstimate(
-        motion,
-        options,
-        prepared,
-        None,
-        verdict([reason]),
-        quantities,
-        flight_diagnostics(prepared),
-        (*flight_findings(prepared, motion.words), *motion.findings(prepared, quantities)),
-    )
+    findings = (*flight_findings(prepared, motion.words), *motion.findings(prepared, quantities))
+    numbers = flight_diagnostics(prepared)
+    return FlightEstimate(motion, options, prepared, None, verdict([reason]), quantities, numbers, findings)
 
 
 def not_estimated(motion: Motion[Any], known: Mapping[str, float]) -> dict[str, Quantity]:
@@ -420,10 +377,10 @@ def _reason_of_use(motion: Motion[Any], prepared: tuple[PreparedFlight, ...]) ->
     name, alone = prepared[0].recording.name, len(prepared) == 1
     if not any(flight.active.mask.any() for flight in prepared):
         which = f"{name} never {words.begins}" if alone else f"No flight of the pool {words.begins}"
-        return Reason(Status.REFUSED, f"{which} (by {prepared[0].active.rule}).", words.another_log)
+        return refused(f"{which} (by {prepared[0].active.rule}).", words.another_log)
     which = f"{name} has no" if alone else "No flight of the pool has"
     sentence = f"{which} three seconds {words.where} in runs of a second or more, {words.limits}."
-    return Reason(Status.REFUSED, sentence, words.loosen)
+    return refused(sentence, words.loosen)
 
 
 # -- Lag from rates --
@@ -436,8 +393,6 @@ LEAST_STATE_HZ, LEAST_COMMAND_HZ = 90.0, 45.0
 #: one delay was at least nine tenths of that at the best in flights where that was strong (26 simulated ones
 #: of three vehicles), and half of it in others.
 LEAST_SHARE = 0.5
-#: Role of the commands among the rates of a selection.
-COMMAND = "command"
 
 
 def lags_from_rates(
@@ -472,11 +427,8 @@ def _lag_by(motion: Motion[Any], log: Recording, options: FlightOptions) -> LagM
         flight = prepare(log, motion, options)
     except InputError:
         return None
-    if not flight.runs or not any(
-        reference.usable and reference.exogenous for reference in flight.references
-    ):
-        return None
-    if not _may_be_identified(motion, flight, options):
+    clean = any(reference.usable and reference.exogenous for reference in flight.references)
+    if not flight.runs or not clean or not _may_be_identified(motion, flight, options):
         return None
     result = estimated(motion, (flight,), options, with_sets=False)
     return lag_measured_by(motion, result.quantities[EFFECTIVE_LAG])
@@ -505,11 +457,3 @@ def _coarse(nuisance: Nuisance) -> Nuisance:
     middle = (len(nuisance.grid) - 1) // 2
     grid = nuisance.grid[middle : middle + 1] if nuisance.discrete else nuisance.grid[::4]
     return replace(nuisance, grid=grid, halvings=0, furthest=None, tolerance=float(grid[-1] - grid[0]) or 1.0)
-
-
-# -- Several motions together --
-
-Window = tuple[float, float] | None
-
-
-# -- Coupled axes --

@@ -3,27 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache, partial
 from typing import Any
 
 from eivor.errors import InputError, UsageError
 from eivor.estimation.methods import TABLE, by_name
-from eivor.flights.estimate import LagMeasurements, Window, estimated, lag_measured_by, lags_from_rates
-from eivor.flights.lag_prior import (
-    EFFECTIVE_LAG,
-    LagMeasurement,
-)
+from eivor.flights.estimate import LagMeasurements, estimated, lag_measured_by, lags_from_rates
+from eivor.flights.lag_prior import EFFECTIVE_LAG, LagMeasurement
 from eivor.flights.motion import Motion
 from eivor.flights.options import FlightOptions
 from eivor.flights.pooling import agreement, pooled_result
-from eivor.flights.prepare import check_options, check_poolable, prepare, without_duplicates
+from eivor.flights.prepare import Window, check_options, check_poolable, prepare, without_duplicates
 from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import CoupledAxis, Quantity
-from eivor.flights.result import (
-    FlightEstimate,
-    FlightRow,
-)
+from eivor.flights.result import FlightEstimate, FlightRow
 from eivor.signals.recording import Finding, Recording
 from eivor.tools import Progress, Stage, no_stage_callback
 
@@ -62,17 +56,10 @@ def identified(
     result = _together(motion, prepared, options, neighbours, progress)
     result = replace(result, findings=(*dropped, *result.findings))
     if options.compare:
+        each = {name: replace(options, method=name, compare=False) for name in TABLE}
         rows = [
-            _row(
-                name,
-                estimated(
-                    motion,
-                    prepared,
-                    replace(options, method=name, compare=False),
-                    lag_measurements=neighbours,
-                ),
-            )
-            for name in TABLE
+            _row(name, estimated(motion, prepared, other, lag_measurements=neighbours))
+            for name, other in each.items()
         ]
         result = replace(result, comparisons=tuple(rows))
     return result
@@ -103,13 +90,6 @@ def _row(label: str, result: FlightEstimate) -> FlightRow:
     return FlightRow(label, result.verdict.status, displayed, result.verdict.sentences)
 
 
-@dataclass(frozen=True, slots=True)
-class _NotIdentified:
-    """Why a quantity is not identified."""
-
-    why: str
-
-
 def with_coupled_axes(
     result: FlightEstimate,
     motions: Mapping[str, Motion[Any]],
@@ -120,46 +100,44 @@ def with_coupled_axes(
     if result.fit is None:
         return result
     wording, results, findings = result.motion.wording, dict(result.quantities), list(result.findings)
-    for coupled_axis in result.motion.coupled_axes:
-        reported = _report(coupled_axis, motions[coupled_axis.motion], result, logs, windows)
-        if isinstance(reported, _NotIdentified):
-            sentence = f"The {wording[coupled_axis.called].words} is refused: {reported.why}."
-            findings.append(Finding(f"no_{coupled_axis.called}", sentence))
+    for axis in result.motion.coupled_axes:
+        quantity = _coupled(axis, motions[axis.motion], result, logs, windows)
+        if isinstance(quantity, Quantity):
+            results[axis.called] = quantity
         else:
-            results[coupled_axis.called] = reported
+            sentence = f"The {wording[axis.called].words} is refused: {quantity}."
+            findings.append(Finding(f"no_{axis.called}", sentence))
     ordered = {name: results[name] for name in wording if name in results}
     return replace(result, quantities=ordered, findings=tuple(findings))
 
 
-def _report(
-    coupled_axis: CoupledAxis,
+def _coupled(
+    axis: CoupledAxis,
     motion: Motion[Any],
     result: FlightEstimate,
     logs: Sequence[Recording],
     windows: Sequence[Window],
-) -> Quantity | _NotIdentified:
-    for words, names in coupled_axis.needs.items():
+) -> Quantity | str:
+    """The quantity of another motion, or why it is not identified."""
+    for words, names in axis.needs.items():
         if not all(any(name in log.channels for name in names) for log in logs):
-            return _NotIdentified(f"no {words} is logged")
+            return f"no {words} is logged"
     requested = result.options
     options = FlightOptions(
         window=requested.window,
         max_tilt_deg=requested.max_tilt_deg,
-        input=coupled_axis.input,
-        input_map=requested.input_map or coupled_axis.input_map,
+        input=axis.input,
+        input_map=requested.input_map or axis.input_map,
         method=requested.method,
         lag=requested.lag,
     )
     lag = lag_measured_by(result.motion, result.quantities[EFFECTIVE_LAG])
-    reported = () if lag is None or requested.lag is not None else (lag,)
+    measured = () if lag is None or requested.lag is not None else (lag,)
     try:
-        other = identified(logs, motion, options, windows, lag_measurements=reported)
+        other = identified(logs, motion, options, windows, lag_measurements=measured)
     except InputError as error:
-        return _NotIdentified(f"{error.expected} is missing")
-    here, there = (
-        result.motion.wording[coupled_axis.called].words,
-        motion.wording[coupled_axis.quantity].words,
-    )
-    quantity = other.quantities[coupled_axis.quantity]
+        return f"{error.expected} is missing"
+    here, there = result.motion.wording[axis.called].words, motion.wording[axis.quantity].words
+    quantity = other.quantities[axis.quantity]
     reasons = (replace(why, sentence=why.sentence.replace(there, here)) for why in quantity.reasons)
     return replace(quantity, reasons=tuple(reasons))

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from math import hypot, sqrt
 
 import numpy as np
@@ -89,60 +89,46 @@ def lag_quantities(problem: SeparableProblem, estimate: Estimate) -> dict[str, Q
     estimate : Estimate
         Of it.
     """
-    joint = joint_quantities(estimate)
-    lag = joint.get(ACTUATOR_LAG.name, QuantityEstimate(0.0, "s", 0.0, (0.0, 0.0)))
-    if DELAY.name in joint and ACTUATOR_LAG.name in joint:
-        return {
-            ACTUATOR_LAG.name: lag,
-            DELAY.name: joint[DELAY.name],
-            EFFECTIVE_LAG: replace(_sum_of_both(estimate), lowest=0.0),
-        }
-    if DELAY.name in joint:
-        return {ACTUATOR_LAG.name: lag, DELAY.name: joint[DELAY.name], EFFECTIVE_LAG: joint[DELAY.name]}
-    effective = lag
+    joint, index = joint_quantities(estimate), estimate.best.nuisances
     named = {nuisance.name: nuisance for nuisance in problem.nuisances}
+    lag = effective = joint.get(ACTUATOR_LAG.name, QuantityEstimate(0.0, "s", 0.0, (0.0, 0.0)))
+    delay = joint[DELAY.name] if DELAY.name in joint else chosen(named[DELAY.name], estimate)
     bounds = named[ACTUATOR_LAG.name].bounds
-    if bounds is not None:
+    if bounds is not None and DELAY.name not in joint:
         lags = [candidate.nuisances[ACTUATOR_LAG.name] for candidate in estimate.tenable()]
-        index = estimate.best.nuisances
         lag = QuantityEstimate(index[ACTUATOR_LAG.name], "s", NAN, (min(lags), max(lags)))
         whole = named[ACTUATOR_LAG.name].with_others(index)
         effective = QuantityEstimate(whole, "s", NAN, (bounds.low, bounds.high))
-    if ACTUATOR_LAG.name in estimate.names:
-        sum_of = _effective_lag(estimate)
-        value, direction = sum_of(estimate.best)
-        error = estimate.best.covariance.std_error(direction)
-        effective = QuantityEstimate(value, "s", error, estimate.interval_of(sum_of), lowest=0.0)
-    delay = chosen(named[DELAY.name], estimate)
+    if ACTUATOR_LAG.name in joint:
+        effective = _sum_of_both(estimate)
+    elif DELAY.name in joint:
+        effective = delay
     return {ACTUATOR_LAG.name: lag, DELAY.name: delay, EFFECTIVE_LAG: effective}
 
 
 def _sum_of_both(estimate: Estimate) -> QuantityEstimate:
-    """Lag and delay together, where both were searched for between their grids' values."""
-    direction = estimate.direction(ACTUATOR_LAG.name) + estimate.direction(DELAY.name)
-    interval = estimate.interval_of(lambda candidate: (float(direction @ candidate.values), direction))
+    """Lag and delay together, the latter chosen or searched for between its grid's values."""
+    searched = DELAY.name in estimate.names
+    direction = estimate.direction(ACTUATOR_LAG.name)
+    if searched:
+        direction = direction + estimate.direction(DELAY.name)
+
+    def sum_of(candidate: Candidate) -> tuple[float, Float[np.ndarray, " n"]]:
+        delay_s = 0.0 if searched else candidate.nuisances[DELAY.name]
+        return float(direction @ candidate.values) + delay_s, direction
+
     error = estimate.best.covariance.std_error(direction)
-    return QuantityEstimate(float(direction @ estimate.best.values), "s", error, interval)
+    value, _ = sum_of(estimate.best)
+    return QuantityEstimate(value, "s", error, estimate.interval_of(sum_of), lowest=0.0)
 
 
 def chosen(nuisance: Nuisance, estimate: Estimate) -> QuantityEstimate:
     """A discrete nuisance: it has the values that fit in place of an interval."""
-    fitting = tuple(sorted({candidate.nuisances[nuisance.name] for candidate in estimate.tenable()}))
-    tried = tuple(sorted({candidate.nuisances[nuisance.name] for candidate in estimate.candidates}))
-    choice = Choice(fitting, tried)
-    unit = nuisance.parameter.unit
-    return QuantityEstimate(
-        estimate.best.nuisances[nuisance.name], unit, NAN, (fitting[0], fitting[-1]), choice
-    )
-
-
-def _effective_lag(estimate: Estimate) -> Callable[[Candidate], tuple[float, Float[np.ndarray, " n"]]]:
-    """Lag plus delay and its gradient, at a candidate."""
-    direction = estimate.direction(ACTUATOR_LAG.name)
-    return lambda candidate: (
-        float(direction @ candidate.values) + candidate.nuisances[DELAY.name],
-        direction,
-    )
+    name, unit = nuisance.name, nuisance.parameter.unit
+    fitting = tuple(sorted({candidate.nuisances[name] for candidate in estimate.tenable()}))
+    tried = tuple(sorted({candidate.nuisances[name] for candidate in estimate.candidates}))
+    interval = fitting[0], fitting[-1]
+    return QuantityEstimate(estimate.best.nuisances[name], unit, NAN, interval, Choice(fitting, tried))
 
 
 # -- Measured lag --
@@ -268,19 +254,14 @@ class LagPrior:
 
 def with_lag_prior(problem: SeparableProblem, known: Prior | Bounds, alone: Values) -> SeparableProblem:
     """Return the problem with what is known of the sum of lag and delay."""
-    if known == NO_LAG:
-        return problem.with_nuisances(
-            tuple(
-                nuisance.known_at(0.0) if nuisance.name in (ACTUATOR_LAG.name, DELAY.name) else nuisance
-                for nuisance in problem.nuisances
-            )
-        )
     return problem.with_nuisances(
         tuple(_with_known(nuisance, known, alone) for nuisance in problem.nuisances)
     )
 
 
 def _with_known(nuisance: Nuisance, known: Prior | Bounds, alone: Values) -> Nuisance:
+    if known == NO_LAG and nuisance.name in (ACTUATOR_LAG.name, DELAY.name):
+        return nuisance.known_at(0.0)
     if nuisance.name == DELAY.name and nuisance.refined and isinstance(known, Bounds):
         return nuisance.known_at(alone[nuisance.name])
     if nuisance.name != ACTUATOR_LAG.name:
@@ -327,31 +308,23 @@ LARGEST_SHARE_LEFT = 0.5
 SLOPE, CURVATURE = Parameter("telemetry_slope", ""), Parameter("telemetry_curvature", "")
 
 
-@dataclass(frozen=True)
-class LaggedParabola:
-    """Mean state of the actuators, and its square, at the stamps of telemetry."""
-
-    flight: PreparedFlight
-    time_s: Float[np.ndarray, " n"]
-
-    def __call__(self, nuisance_values: Values) -> Float[np.ndarray, "n 2"]:
-        """Columns at a lag and a delay, about the mean command."""
-        signals = self.flight.signals
-        commands = signals.family(self.flight.input.name)
-        lag_s, delay_s = nuisance_values[ACTUATOR_LAG.name], nuisance_values[DELAY.name]
-        state = actuator_state(commands, step_s=signals.step_s, lag_s=lag_s, delay_s=delay_s).mean(axis=1)
-        away = np.interp(self.time_s, self.flight.grid.time_s, state) - commands.mean()
-        return np.column_stack([away, away**2])
+def _lagged_parabola(
+    flight: PreparedFlight, time_s: Float[np.ndarray, " n"], nuisance_values: Values
+) -> Float[np.ndarray, "n 2"]:
+    """Mean state of the actuators about the mean command, and its square, at the stamps of telemetry."""
+    commands, step_s = flight.signals.family(flight.input.name), flight.signals.step_s
+    lag_s, delay_s = nuisance_values[ACTUATOR_LAG.name], nuisance_values[DELAY.name]
+    state = actuator_state(commands, step_s=step_s, lag_s=lag_s, delay_s=delay_s).mean(axis=1)
+    away = np.interp(time_s, flight.grid.time_s, state) - commands.mean()
+    return np.column_stack([away, away**2])
 
 
 def telemetry_lag(flights: tuple[PreparedFlight, ...], families: tuple[str, ...]) -> LagMeasurement | None:
     """Lag of the actuators by the telemetry of flights that have it."""
-    results = {
-        number: channels
-        for number, flight in enumerate(flights)
-        if not flight.input.measured and (channels := _telemetry(flight, families))
-    }
-    columns = tuple(_columns(number, flights[number], channels) for number, channels in results.items())
+    logged = [[] if flight.input.measured else _telemetry(flight, families) for flight in flights]
+    columns = tuple(
+        _columns(number, flights[number], channels) for number, channels in enumerate(logged) if channels
+    )
     if not any(column.runs for column in columns):
         return None
     problem = LaggedRuns(columns, (SLOPE, CURVATURE), lag_and_delay())
@@ -365,7 +338,7 @@ def telemetry_lag(flights: tuple[PreparedFlight, ...], families: tuple[str, ...]
     at_the_end = estimate.best.nuisances[ACTUATOR_LAG.name] >= 0.999 * LAG_GRID_S[-1]
     if not left < LARGEST_SHARE_LEFT or at_the_end or not np.isfinite(lag_quantity.half_width):
         return None
-    slowest = min(channel.rate_hz for channels in results.values() for channel in channels)
+    slowest = min(channel.rate_hz for channels in logged for channel in channels)
     own_delay_s = hypot(OWN_DELAY_S, 1.0 / slowest / sqrt(12.0))
     return LagMeasurement(
         TELEMETRY, "telemetry of the actuators", lag_quantity, own_delay_s, "a delay of its own"
@@ -398,7 +371,7 @@ def _columns(number: int, flight: PreparedFlight, channels: list[Channel]) -> Ax
         runs=tuple(slice(first, last) for first, last in ends if last - first > 2),
         responses=mean[:, None],
         fixed=np.empty((time_s.size, 0)),
-        moving=LaggedParabola(flight, time_s),
+        moving=partial(_lagged_parabola, flight, time_s),
         instruments=np.empty((time_s.size, 0)),
         flight=number,
     )

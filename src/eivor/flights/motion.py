@@ -507,11 +507,9 @@ class Motion(ABC, Generic[P]):
 
     def systematic_uncertainties(
         self,
-        _problem: P,
-        _estimate: Estimate,
         _flights: tuple[PreparedFlight, ...],
         _quantities: Mapping[str, QuantityEstimate],
-        _at: VerdictInputs,
+        _inputs: VerdictInputs,
         /,
     ) -> Mapping[str, tuple[SystematicUncertainty, ...]]:
         """Systematic parts by quantity: what the scatter within these flights, all with runs, cannot show."""

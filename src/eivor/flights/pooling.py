@@ -4,24 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from eivor import checks
 from eivor.errors import EivorError, EstimationError, UsageError
 from eivor.estimation.bootstrap import PoolFlights, Replicate, pool_flights
-from eivor.estimation.derived import ParameterSets
 from eivor.estimation.linear import LinearMethod
 from eivor.estimation.methods import by_name
 from eivor.estimation.moments import Instrumental
 from eivor.estimation.pool import Pooled, pooled
 from eivor.estimation.weighting import SpectralWhitening
-from eivor.flights.estimate import Instruments, circumstances, instruments, known_lag, with_fit
+from eivor.flights.estimate import Instruments, instruments, known_lag, verdict_inputs, with_fit
 from eivor.flights.lag_prior import EFFECTIVE_LAG, with_lag_prior
 from eivor.flights.motion import Motion, VerdictInputs
 from eivor.flights.options import FlightOptions
-from eivor.flights.prepared import PreparedFlight, SensorAgreement
+from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import Drawn
 from eivor.flights.result import (
     Fit,
@@ -40,6 +39,8 @@ from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
 from eivor.models.separable import SeparableProblem
 from eivor.signals.recording import Finding
 from eivor.tools import Float
+
+T = TypeVar("T")
 
 # -- Bootstrap --
 
@@ -82,15 +83,21 @@ def bootstrap_flights(
         "fit", fit, FlightEstimate, "a pool's estimate", "Make one by ev.identify_flight(recordings)."
     )
     check_draws(runs, seed)
-    fitted = _fitted(fit)
+    fitted = fit.fit
+    if fitted is None:
+        raise UsageError(
+            "a pool with an estimate", "one without", "See its verdict for what the flights lack."
+        )
     pool = pool_flights(fitted.problem, fitted.estimate)
     again = _FlightReplicates(fit.motion, fitted.problem, pool, _sums(fit.motion, fitted.problem, pool))
     whole = again.quantities(pool.whole, np.ones(len(pool.flights)))
-    random = np.random.default_rng(seed)
-    made = np.array(list(again.replicates(random, runs))).reshape(-1, len(whole))
+    made = np.array(list(again.replicates(np.random.default_rng(seed), runs))).reshape(-1, len(whole))
+    nuisances = [nuisance.parameter for nuisance in fitted.problem.nuisances]
+    units = {name: wording.unit for name, wording in fit.motion.wording.items()}
+    units |= {item.name: item.unit for item in (*nuisances, *fitted.estimate.joint_parameters)}
     return Bootstrap(
         tuple(whole),
-        _units(fit.motion, fitted, tuple(whole)),
+        tuple(units[name] for name in whole),
         np.array(list(whole.values())),
         made,
         runs - made.shape[0],
@@ -100,28 +107,19 @@ def bootstrap_flights(
     )
 
 
-def _fitted(result: FlightEstimate) -> Fit:
-    if result.fit is None:
-        raise UsageError(
-            "a pool with an estimate", "one without", "See its verdict for what the flights lack."
-        )
-    return result.fit
-
-
 #: A motion's sums by name, of each flight at each node of a candidate.
 Sums = Mapping[str, Float[np.ndarray, "F T"]]
 
 
 def _sums(motion: Motion[Any], problem: SeparableProblem, pool: PoolFlights) -> tuple[Sums, ...]:
     """Sums that the motion needs, for each candidate."""
-    flights = list(pool.flights)
-    sumses: list[Sums] = []
+    flights, results = list(pool.flights), []
     for candidate in pool.candidates:
         at_nodes = [motion.flight_sums(problem, point) for point in candidate.points]
-        sumses.append(
+        results.append(
             {name: np.stack([sums[name][flights] for sums in at_nodes], axis=1) for name in at_nodes[0]}
         )
-    return tuple(sumses)
+    return tuple(results)
 
 
 @dataclass(frozen=True)
@@ -137,8 +135,7 @@ class _FlightReplicates:
         """Quantities of those runs that give an estimate."""
         for _ in range(runs):
             try:
-                result, times = self.pool.replicate(random)
-                quantities = self.quantities(result, times)
+                quantities = self.quantities(*self.pool.replicate(random))
             except (EivorError, np.linalg.LinAlgError):
                 continue
             yield list(quantities.values())
@@ -152,13 +149,6 @@ class _FlightReplicates:
         }
         parameters = dict(zip(names, replicate.theta.tolist(), strict=True))
         return self.motion.resampled(self.problem, Drawn(parameters, replicate.nuisances, sums))
-
-
-def _units(motion: Motion[Any], fit: Fit, names: tuple[str, ...]) -> tuple[str, ...]:
-    """Unit of each quantity: that of the parameter, or of the motion's table."""
-    nuisances = [nuisance.parameter for nuisance in fit.problem.nuisances]
-    known = {item.name: item.unit for item in (*nuisances, *fit.estimate.joint_parameters)}
-    return tuple(known[name] if name in known else motion.wording[name].unit for name in names)
 
 
 # -- Pool verdict --
@@ -246,9 +236,19 @@ def pooled_result(
     except (EstimationError, np.linalg.LinAlgError):
         return None
     serving = {id(member.logged): member.flight for member in members}
-    omitted = [item for item in prepared if item.runs and id(item) not in serving]
     reported = tuple(serving.get(id(item), item) for item in prepared if not item.runs or id(item) in serving)
-    findings = (*flight_findings(reported, motion.words), *map(_omitted, omitted), *result.findings)
+    omitted = [item.recording.name for item in prepared if item.runs and id(item) not in serving]
+    findings = (
+        *flight_findings(reported, motion.words),
+        *(
+            Finding(
+                "left_out_of_pool",
+                f"{name} is not in the pool: it gives no estimate by a reference like the others'.",
+            )
+            for name in omitted
+        ),
+        *result.findings,
+    )
     return replace(result, prepared=reported, findings=findings)
 
 
@@ -256,30 +256,18 @@ def _members(
     prepared: Sequence[PreparedFlight], options: FlightOptions, alone: Sequence[FlightEstimate]
 ) -> tuple[Member, ...]:
     """Flights with an estimate by whitened instruments; those that answer no vehicle, if there are any."""
-    method = by_name(options.method)
-    results = [
-        Member(flight, item.prepared[0], item.fit, instruments((flight,), options, method).exogenous)
-        for flight, item in zip(prepared, alone, strict=True)
-        if item.fit is not None and _by_whitened_instruments(item.fit)
-    ]
-    clean = tuple(result for result in results if result.exogenous)
-    return clean or tuple(results)
-
-
-def _by_whitened_instruments(fit: Fit) -> bool:
-    method = by_name(fit.estimate.method)
-    return (
-        isinstance(method, LinearMethod)
-        and isinstance(method.assembler, Instrumental)
-        and isinstance(method.row_weighting, SpectralWhitening)
-    )
-
-
-def _omitted(flight: PreparedFlight) -> Finding:
-    return Finding(
-        "left_out_of_pool",
-        f"{flight.recording.name} is not in the pool: it gives no estimate by a reference like the others'.",
-    )
+    requested, results = by_name(options.method), []
+    for flight, item in zip(prepared, alone, strict=True):
+        method = None if item.fit is None else by_name(item.fit.estimate.method)
+        if (
+            item.fit is not None
+            and isinstance(method, LinearMethod)
+            and isinstance(method.assembler, Instrumental)
+            and isinstance(method.row_weighting, SpectralWhitening)
+        ):
+            exogenous = instruments((flight,), options, requested).exogenous
+            results.append(Member(flight, item.prepared[0], item.fit, exogenous))
+    return tuple(result for result in results if result.exogenous) or tuple(results)
 
 
 @dataclass(frozen=True)
@@ -294,7 +282,13 @@ class _Pool:
     def result(self) -> FlightEstimate:
         """Quantities of the pool and of each flight, with their verdicts."""
         motion, flights = self.motion, tuple(member.flight for member in self.members)
-        problem, sensors, aligned = self._problem()
+        shortened = tuple(flight.shortened for flight in flights)
+        logged = tuple(member.logged.shortened for member in self.members)
+        problem = motion.problem(logged, self.chosen.rule)
+        sensors = motion.sensors(problem, logged)
+        aligned = any(member.flight is not member.logged for member in self.members)
+        if aligned:
+            problem = motion.problem(shortened, self.chosen.rule)
         pool, without_prior = self._pooled(problem), None
         estimate = pool.whole()
         given, noticed = known_lag(motion, flights, self.options, problem, estimate)
@@ -303,7 +297,7 @@ class _Pool:
             problem = with_lag_prior(problem, given.for_the_log, estimate.best.nuisances)
             pool = self._pooled(problem)
             estimate = pool.whole()
-        sets = _fit({name: pool.whole_sets(name) for name in linear_names(pool)})
+        sets = _known({name: pool.whole_sets(name) for name in linear_names(pool)})
         fit = Fit(
             problem,
             estimate,
@@ -314,48 +308,32 @@ class _Pool:
             sensors,
             without_prior,
             pool,
-            {**_profiles(sets), **_of_lags(pool)},
+            {**{name: item.profile for name, item in sets.items()}, **_of_lags(pool)},
         )
-        numbers = dict(motion.diagnostics(problem, estimate, tuple(flight.shortened for flight in flights)))
-        index = replace(
-            circumstances(motion, flights, self.chosen, numbers),
-            lag_prior=given,
-            sensors=sensors,
-            aligned=aligned,
-        )
-        whole = with_fit(motion, flights, self.options, fit, index)
-        by_flight = tuple(self._by_flight(pool, fit, index))
+        numbers = motion.diagnostics(problem, estimate, shortened)
+        inputs = verdict_inputs(motion, flights, self.chosen, numbers, fit, aligned=aligned)
+        whole = with_fit(motion, flights, self.options, fit, inputs)
         tests = {
             "pool_own_p_value": pool.agreement_p_value,
             "pool_shared_p_value": pool.shared_p_value,
             "pool_inflation": pool.inflation,
         }
-        findings = (
-            *motion.findings(flights, whole.quantities),
-            *pool_findings(motion, pool, index),
-            *noticed,
-        )
         return replace(
             whole,
-            by_flight=by_flight,
+            by_flight=tuple(self._by_flight(pool, fit, inputs)),
             diagnostics={**whole.diagnostics, **tests},
-            findings=findings,
+            findings=(
+                *motion.findings(flights, whole.quantities),
+                *pool_findings(motion, pool, inputs),
+                *noticed,
+            ),
         )
 
-    def _problem(self) -> tuple[SeparableProblem, SensorAgreement | None, bool]:
-        """All flights as one problem, whether sensors agree as logged, and whether they were aligned."""
-        logged = tuple(member.logged.shortened for member in self.members)
-        problem = self.motion.problem(logged, self.chosen.rule)
-        sensors = self.motion.sensors(problem, logged)
-        if all(member.flight is member.logged for member in self.members):
-            return problem, sensors, False
-        aligned = tuple(member.flight.shortened for member in self.members)
-        return self.motion.problem(aligned, self.chosen.rule), sensors, True
-
     def _pooled(self, whole: SeparableProblem) -> Pooled:
+        each = [member.fit.estimates_without_prior for member in self.members]
         return pooled(
-            [member.fit.estimates_without_prior.problem for member in self.members],
-            [member.fit.estimates_without_prior.estimate for member in self.members],
+            [item.problem for item in each],
+            [item.estimate for item in each],
             self.motion.of_flight,
             nuisances=whole.nuisances,
             separate=self.options.pool_friction == "separate",
@@ -363,10 +341,9 @@ class _Pool:
 
     def _checks(self, pool: Pooled) -> FitDiagnostics:
         """Diagnostics of the pool; strength and agreement of the instruments as its flights have them."""
-        made = fit_diagnostics(pooled_traces(self.motion, pool), pool.whole())
         by_flight = [_first_stage(pool, number) for number in range(len(self.members))]
         return replace(
-            made,
+            fit_diagnostics(pooled_traces(self.motion, pool), pool.whole()),
             first_stage={name: float(np.median([item[name] for item in by_flight])) for name in by_flight[0]},
             rank=pool.candidates[pool.best].separate.instruments,
             agreement=agreement([member.fit.checks for member in self.members]),
@@ -386,22 +363,21 @@ class _Pool:
                 flights=1,
                 command_rate_hz=member.flight.rates_hz["command"],
                 excitation=motion.excitation(flight),
-                numbers=dict(motion.diagnostics(problem, estimate, (member.flight.shortened,))),
+                numbers=motion.diagnostics(problem, estimate, (member.flight.shortened,)),
             )
-            checks = replace(member.fit.checks, first_stage=_first_stage(pool, number))
-            of_flight = _fit({name: each[number] for name, each in of_own.items()})
+            of_flight = _known({name: each[number] for name, each in of_own.items()})
             sets = {name: item for name, item in {**fit.sets, **of_flight}.items() if name in motion.headline}
-            profiles = {**shared, **_profiles(of_flight)}
             current = Fit(
-                problem, estimate, member.fit.instruments, checks, fit.lag_prior, sets, profiles=profiles
+                problem,
+                estimate,
+                member.fit.instruments,
+                replace(member.fit.checks, first_stage=_first_stage(pool, number)),
+                fit.lag_prior,
+                sets,
+                profiles={**shared, **{name: item.profile for name, item in of_flight.items()}},
             )
-            reported = with_fit(motion, flight, self.options, current, here)
-            yield FlightRow(
-                member.flight.recording.name,
-                reported.verdict.status,
-                reported.quantities,
-                reported.verdict.sentences,
-            )
+            name, result = member.flight.recording.name, with_fit(motion, flight, self.options, current, here)
+            yield FlightRow(name, result.verdict.status, result.quantities, result.verdict.sentences)
 
 
 def _first_stage(pool: Pooled, number: int) -> dict[str, float]:
@@ -411,18 +387,13 @@ def _first_stage(pool: Pooled, number: int) -> dict[str, float]:
     return dict(zip(names, joint.first_stage[joint.indices[number]].tolist(), strict=True))
 
 
-def _profiles(sets: Mapping[str, ParameterSets]) -> dict[str, ConfidenceSet]:
-    return {name: item.profile for name, item in sets.items()}
-
-
 def _of_lags(pool: Pooled) -> dict[str, ConfidenceSet]:
     """Profile sets of the lag, and of lag and delay together."""
     if pool.nuisance_names != (ACTUATOR_LAG.name,):
         return {}
     names = {ACTUATOR_LAG.name: (ACTUATOR_LAG.name,), EFFECTIVE_LAG: (ACTUATOR_LAG.name, DELAY.name)}
-    results = {name: pool.lag_set(each) for name, each in names.items()}
-    return {name: result for name, result in results.items() if result is not None}
+    return _known({name: pool.lag_set(each) for name, each in names.items()})
 
 
-def _fit(sets: dict[str, ParameterSets | None]) -> dict[str, ParameterSets]:
-    return {name: item for name, item in sets.items() if item is not None}
+def _known(items: Mapping[str, T | None]) -> dict[str, T]:
+    return {name: item for name, item in items.items() if item is not None}

@@ -11,7 +11,7 @@ from eivor.errors import MissingChannelError, PoolingError, UsageError, did_you_
 from eivor.flights.grid import Grid, command_on_grid, common_grid, on_grid, upward
 from eivor.flights.motion import Motion
 from eivor.flights.options import FIT_MAP, FlightOptions
-from eivor.flights.prepared import Limit, PreparedFlight, Selection, mask_of, matched_interpolation_filter
+from eivor.flights.prepared import PreparedFlight, Selection, mask_of, matched_interpolation_filter
 from eivor.flights.references import (
     Reference,
     jumps,
@@ -58,7 +58,9 @@ def prepare(recording: Recording, motion: Motion[Any], options: FlightOptions) -
     standing = good & active.mask
     if window is not None:
         standing &= (grid.time_s >= window[0]) & (grid.time_s <= window[1])
-    usable = standing & _within(channels, selected.limits, grid.count)
+    usable = standing.copy()
+    for limit in selected.limits:
+        usable &= (channels[limit.channel] >= limit.low) & (channels[limit.channel] <= limit.high)
     runs = _runs(standing, usable, grid.step_s)
     used = mask_of(runs, grid.count) & usable
     candidates = _references(log, motion, grid, used, options)
@@ -71,18 +73,22 @@ def prepare(recording: Recording, motion: Motion[Any], options: FlightOptions) -
     }
     noise = {name: WhiteNoise(level.std) for name, level in listed.items()}
     chosen = "" if options.input_map == FIT_MAP else options.input_map
+    jump = any(jumps(log.channel(item.name), grid, used) for item in candidates if item.usable)
+    # once for commands that are logged alike
+    thinned = dict.fromkeys(clock.sentence for clock in clocks.values() if clock.thinned)
+    by_clock = [Finding("command_clock", sentence) for sentence in thinned]
     return PreparedFlight(
         log,
         Signals(1.0 / grid.step_s, channels, noise=noise, valid=usable, start_s=grid.start_s),
         selected.input,
         chosen or log.input_map or selected.input.input_map,
         tuple(runs),
-        _band(selected, clocks, _jump(log, candidates, grid, used)),
+        _band(selected, clocks, jump=jump),
         candidates,
         active,
         usable,
         selected.rates_hz,
-        (*log.findings, *selected.findings, *_clock_findings(clocks), *noise_findings(listed)),
+        (*log.findings, *selected.findings, *by_clock, *noise_findings(listed)),
         grid,
         motion.memory_s,
         selected.estimated,
@@ -152,25 +158,12 @@ def _clocks(log: Recording, selected: Selection) -> dict[str, CommandClock]:
     }
 
 
-def _clock_findings(clocks: Mapping[str, CommandClock]) -> list[Finding]:
-    """What is done about commands that the log does not hold; once for those that are logged alike."""
-    reported = dict.fromkeys(clock.sentence for clock in clocks.values() if clock.thinned)
-    return [Finding("command_clock", sentence) for sentence in reported]
-
-
-def _jump(
-    log: Recording, candidates: tuple[Reference, ...], grid: Grid, used: Bool[np.ndarray, " n"]
-) -> bool:
-    """Whether one of the references that may serve jumps."""
-    return any(jumps(log.channel(candidate.name), grid, used) for candidate in candidates if candidate.usable)
-
-
-def _band(selected: Selection, clocks: Mapping[str, CommandClock], jump: bool) -> tuple[float, float]:
+def _band(selected: Selection, clocks: Mapping[str, CommandClock], *, jump: bool) -> tuple[float, float]:
     """Band of the selection; where references jump, as far as the command is known."""
     band = selected.band_hz
-    jump = jump and not selected.matched_interpolation_filter
-    for clock in clocks.values():
-        band = clock.band_hz(band) if jump else band
+    if jump and not selected.matched_interpolation_filter:
+        for clock in clocks.values():
+            band = clock.band_hz(band)
     return band
 
 
@@ -194,16 +187,6 @@ def _gridded(
     for name, value in selected.constants.items():
         channels.setdefault(name, np.full(grid.count, value))
     return channels, good
-
-
-def _within(
-    channels: dict[str, Float[np.ndarray, " n"]], limits: tuple[Limit, ...], count: int
-) -> Bool[np.ndarray, " n"]:
-    """Samples within every limit."""
-    mask = np.ones(count, dtype=np.bool_)
-    for limit in limits:
-        mask &= (channels[limit.channel] >= limit.low) & (channels[limit.channel] <= limit.high)
-    return mask
 
 
 def _references(
@@ -240,11 +223,8 @@ def overview(
     grid = common_grid(selected.channels, selected.commands, motion.memory_s, OVERVIEW_STEP_S)
     level = np.mean([on_grid(command, grid)[0] for command in selected.commands], axis=0)
     active = motion.active(log, grid, level)
-    time_s = grid.time_s
-    result = tuple(
-        (float(time_s[stretch.start]), float(time_s[stretch.stop - 1])) for stretch in stretches(active.mask)
-    )
-    return active.rule, result
+    time_s, moving = grid.time_s, stretches(active.mask)
+    return active.rule, tuple((float(time_s[run.start]), float(time_s[run.stop - 1])) for run in moving)
 
 
 # -- Pool --
@@ -263,17 +243,13 @@ def without_duplicates(
     dropped: list[Finding] = []
     first: dict[tuple[str, Window], str] = {}
     for log, window in zip(logs, windows, strict=True):
-        key = (log.sha256, window)
-        if log.sha256 and key in first:
-            dropped.append(
-                Finding(
-                    "duplicate_log",
-                    f"{log.name} has the same content as {first[key]}; it is used once only.",
-                )
-            )
-            continue
-        first[key] = log.name
-        kept.append((log, window))
+        same = first.get((log.sha256, window)) if log.sha256 else None
+        if same is None:
+            first[log.sha256, window] = log.name
+            kept.append((log, window))
+        else:
+            sentence = f"{log.name} has the same content as {same}; it is used once only."
+            dropped.append(Finding("duplicate_log", sentence))
     return kept, dropped
 
 

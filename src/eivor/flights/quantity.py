@@ -72,30 +72,18 @@ def widened(
     low, high = interval
     if not math.isfinite(value):
         return interval
-    known = tuple(systematic_uncertainties)
-    selected = [item for item in known if item.counts is Counts.INDEPENDENT]
-    if selected and low <= value <= high:
-        low = value - math.hypot(value - low, *(item.below for item in selected))
-        high = value + math.hypot(high - value, *(item.above for item in selected))
-    for entry in known:
-        if entry.counts is Counts.ADDED:
-            low, high = low - entry.below, high + entry.above
-    for entry in known:
-        if entry.counts is Counts.AT_LEAST:
-            low, high = min(low, value - entry.below), max(high, value + entry.above)
+    by_kind: dict[Counts, list[SystematicUncertainty]] = {kind: [] for kind in Counts}
+    for item in systematic_uncertainties:
+        by_kind[item.counts].append(item)
+    independent = by_kind[Counts.INDEPENDENT]
+    if independent and low <= value <= high:
+        low = value - math.hypot(value - low, *(item.below for item in independent))
+        high = value + math.hypot(high - value, *(item.above for item in independent))
+    for item in by_kind[Counts.ADDED]:
+        low, high = low - item.below, high + item.above
+    for item in by_kind[Counts.AT_LEAST]:
+        low, high = min(low, value - item.below), max(high, value + item.above)
     return low, high
-
-
-def reserved_uncertainty(systematic_uncertainties: Iterable[SystematicUncertainty]) -> float:
-    """What a verdict keeps in reserve: the larger side of each part that it alone counts, added up."""
-    return sum(
-        (
-            max(systematic_uncertainty.below, systematic_uncertainty.above)
-            for systematic_uncertainty in systematic_uncertainties
-            if systematic_uncertainty.counts is Counts.RESERVED
-        ),
-        0.0,
-    )
 
 
 def clock_uncertainty(slack_s: float) -> tuple[SystematicUncertainty, ...]:
@@ -226,16 +214,6 @@ class Trace:
     predicted: Float[np.ndarray, " samples"]
     driven: Float[np.ndarray, " samples"]
     band_hz: tuple[float, float] | None = None
-
-
-def joined(traces: tuple[Trace, ...]) -> Trace:
-    """Traces of one axis of several flights, one after the other."""
-    return replace(
-        traces[0],
-        measured=np.concatenate([trace.measured for trace in traces]),
-        predicted=np.concatenate([trace.predicted for trace in traces]),
-        driven=np.concatenate([trace.driven for trace in traces]),
-    )
 
 
 @dataclass(frozen=True)
@@ -456,7 +434,8 @@ class QuantityEstimate:
     @property
     def reserved_uncertainty(self) -> float:
         """What a verdict is to allow for beyond the interval."""
-        return reserved_uncertainty(self.systematic_uncertainties)
+        parts = [item for item in self.systematic_uncertainties if item.counts is Counts.RESERVED]
+        return sum((max(part.below, part.above) for part in parts), 0.0)
 
     def times(self, factor: float) -> QuantityEstimate:
         """Return a multiple of the number, by a factor above zero that is known."""

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 from importlib.metadata import entry_points
 from itertools import pairwise
@@ -21,7 +21,7 @@ from eivor.flights.lag_prior import LagPrior
 from eivor.flights.motion import FIT, Motion, MultiStepPrediction
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import PreparedFlight, SensorAgreement
-from eivor.flights.quantity import NAN, Implications, Quantity, SimpleModel, Trace, Words, joined
+from eivor.flights.quantity import NAN, Implications, Quantity, SimpleModel, Trace, Words
 from eivor.inference.confidence_set import ConfidenceSet
 from eivor.inference.diagnostics.excitation import Periodicity, Swing, blocks_of, strongest_swings
 from eivor.inference.diagnostics.instruments import STRONG_FIRST_STAGE, Endogeneity, OverIdentification
@@ -79,39 +79,14 @@ class StateSpaceArrays(Protocol):
 
 
 @runtime_checkable
-class SavedResult(Protocol):
-    """A result as its document holds it; see `eivor.SavedFit`."""
-
-    def sample(
-        self, n: int, seed: int = 0, *, delays: Literal["best", "all"] = "best"
-    ) -> dict[str, Float[np.ndarray, " n"]]:
-        """Joint draws of the parameters."""
-
-    def to_statespace(self) -> StateSpaceArrays:
-        """Arrays of the vertical motion about hover."""
-
-    def export(
-        self,
-        to: str,
-        *,
-        mass: tuple[float, float] | None = None,
-        priors: Mapping[str, tuple[float, float]] | None = None,
-        vehicle: str | Path | None = None,
-        draws: int | None = None,
-        seed: int = 0,
-    ) -> str:
-        """Content of an exported file."""
-
-
-@runtime_checkable
 class ResultOutputs(Protocol):
     """What reports and exports make of a result; `eivor.report.outputs` implements and registers it."""
 
     def json(self, result: FlightEstimate) -> str:
         """Text of the JSON document."""
 
-    def saved(self, result: FlightEstimate) -> SavedResult:
-        """The result as its document holds it."""
+    def saved(self, result: FlightEstimate) -> Any:
+        """The result as its document holds it, see `eivor.SavedFit`."""
 
     def figure(
         self, result: FlightEstimate, axes: Axes | Mapping[str, Axes] | Iterable[Axes] | None
@@ -144,13 +119,12 @@ def flight_diagnostics(prepared: tuple[PreparedFlight, ...]) -> dict[str, float]
         "runs": float(sum(len(flight.runs) for flight in flying)),
         "airborne_s": sum(float(f.active.mask.sum()) * f.signals.step_s for f in prepared),
         "used_s": sum(flight.used_s for flight in prepared),
+        **{f"{role}_rate_hz": min(f.rates_hz[role] for f in prepared) for role in prepared[0].rates_hz},
     }
-    for role in prepared[0].rates_hz:
-        results[f"{role}_rate_hz"] = min(flight.rates_hz[role] for flight in prepared)
     if flying:
         inputs = np.concatenate([flight.used_input.mean(axis=1) for flight in flying])
-        results["mean_input"] = float(inputs.mean())
-        results["input_variation"] = float(inputs.std() / abs(inputs.mean())) if inputs.mean() else 0.0
+        mean = float(inputs.mean())
+        results |= {"mean_input": mean, "input_variation": float(inputs.std() / abs(mean)) if mean else 0.0}
     return results
 
 
@@ -200,8 +174,12 @@ def fit_numbers(
 ) -> dict[str, float]:
     """The same as numbers by name; `headline` names the parameters that are looked at more closely."""
     index = {name: estimate.names.index(name) for name in headline if name in estimate.names}
-    agreement, memory = diagnostics.agreement, diagnostics.memory
-    return {
+    agreement, memory, against = diagnostics.agreement, diagnostics.memory, diagnostics.endogeneity
+    constant, swinging, leverage = diagnostics.constancy, diagnostics.periodicity, diagnostics.leverage
+    swings = dict(zip(estimate.names, swinging.parameters, strict=False)) if swinging is not None else {}
+    left_over = () if swinging is None else swinging.left_over
+    last = min(left_over, key=lambda item: item.p_value, default=None)
+    numbers = {
         **{f"first_stage_F_{name}": F for name, F in diagnostics.first_stage.items()},
         "over_identification_J": 0.0 if agreement is None else agreement.J,
         "over_identification_p_value": 1.0 if agreement is None else agreement.p_value,
@@ -212,59 +190,26 @@ def fit_numbers(
         "r_squared": diagnostics.r_squared,
         "residual_memory": NAN if memory is None else memory.memory,
         "residual_memory_std_error": NAN if memory is None else memory.order_error,
-        **_of_least_squares(diagnostics.endogeneity, estimate, index),
-        **_of_constancy(diagnostics.constancy, index),
-        **_of_periodicity(diagnostics.periodicity, estimate.names),
-        **_of_leverage(diagnostics.leverage, index),
     }
-
-
-def _of_least_squares(
-    against: Endogeneity | None, estimate: Estimate, positions: dict[str, int]
-) -> dict[str, float]:
-    values = {
-        name: NAN if against is None else float(estimate.parameters[name] - against.difference[position])
-        for name, position in positions.items()
-    }
-    results = {f"least_squares_{name}": value for name, value in values.items()}
-    return results | {"least_squares_p_value": NAN if against is None else against.p_value}
-
-
-def _of_constancy(constant: Constancy | None, positions: dict[str, int]) -> dict[str, float]:
-    results = {
-        "constancy_p_value": NAN if constant is None else constant.p_value,
-        "constancy_break": NAN if constant is None else constant.break_at,
-    }
-    for name, position in positions.items():
-        results[f"constancy_change_{name}"] = NAN if constant is None else float(constant.change[position])
-    return results
-
-
-def _of_periodicity(swinging: Periodicity | None, names: tuple[str, ...]) -> dict[str, float]:
-    results = {"periodicity_p_value": NAN if swinging is None else swinging.p_value}
-    for index, name in enumerate(names):
-        results |= _of_swing(name, None if swinging is None else swinging.parameters[index])
-    left_over = () if swinging is None else swinging.left_over
-    return results | _of_swing("residual", min(left_over, key=lambda item: item.p_value, default=None))
-
-
-def _of_swing(name: str, swing: Swing | None) -> dict[str, float]:
-    return {
-        f"periodicity_{name}_p_value": NAN if swing is None else swing.p_value,
-        f"periodicity_{name}_period_s": NAN if swing is None else swing.period,
-        f"periodicity_{name}_amplitude": NAN if swing is None else swing.amplitude,
-    }
-
-
-def _of_leverage(leverage: SegmentLeverage | None, positions: dict[str, int]) -> dict[str, float]:
-    results = {
-        f"leverage_{name}": NAN if leverage is None else float(leverage.largest[position])
-        for name, position in positions.items()
-    }
-    first = next(iter(positions.values()), 0)
-    results["leverage_segment"] = NAN if leverage is None else float(leverage.most[first] + 1)
-    results["leverage_segments"] = 0.0 if leverage is None else float(leverage.shift.shape[0])
-    return results
+    for name, position in index.items():
+        moved = NAN if against is None else against.difference[position]
+        numbers[f"least_squares_{name}"] = float(estimate.parameters[name] - moved)
+    numbers["least_squares_p_value"] = NAN if against is None else against.p_value
+    numbers["constancy_p_value"] = NAN if constant is None else constant.p_value
+    numbers["constancy_break"] = NAN if constant is None else constant.break_at
+    for name, position in index.items():
+        numbers[f"constancy_change_{name}"] = NAN if constant is None else float(constant.change[position])
+    numbers["periodicity_p_value"] = NAN if swinging is None else swinging.p_value
+    for name, swing in (*((name, swings.get(name)) for name in estimate.names), ("residual", last)):
+        numbers[f"periodicity_{name}_p_value"] = NAN if swing is None else swing.p_value
+        numbers[f"periodicity_{name}_period_s"] = NAN if swing is None else swing.period
+        numbers[f"periodicity_{name}_amplitude"] = NAN if swing is None else swing.amplitude
+    for name, position in index.items():
+        numbers[f"leverage_{name}"] = NAN if leverage is None else float(leverage.largest[position])
+    first = next(iter(index.values()), 0)
+    numbers["leverage_segment"] = NAN if leverage is None else float(leverage.most[first] + 1)
+    numbers["leverage_segments"] = 0.0 if leverage is None else float(leverage.shift.shape[0])
+    return numbers
 
 
 def left_over_swings(record: Diagnostics, traces: tuple[Trace, ...]) -> tuple[Swing, ...]:
@@ -289,37 +234,38 @@ def left_over_swings(record: Diagnostics, traces: tuple[Trace, ...]) -> tuple[Sw
 def run_leverage(record: Diagnostics) -> SegmentLeverage | None:
     """Leverage of every run of a record with three or more; else of its tenths."""
     solved = record.candidate
-    rows = solved.rows
-    if not isinstance(rows.layout, BinRows) or len(rows.layout.runs) < FEWEST_RUNS:
+    layout = solved.rows.layout
+    if not isinstance(layout, BinRows) or len(layout.runs) < FEWEST_RUNS:
         return record.leverage
-    equation, jacobian = record.estimate.best.equation, solved.jacobian
-    starts = np.cumsum([0, *(2 * run.count for run in rows.layout.runs)])
-    ends = tuple(pairwise(starts.tolist()))
-    runs = [slice(*end) for end in ends]
+    equation = record.estimate.best.equation
+    ends = tuple(pairwise(np.cumsum([0, *(2 * run.count for run in layout.runs)]).tolist()))
+    tests = [(slice(*end), equation.test_functions[slice(*end)].T) for end in ends]
     return segment_leverage(
-        np.stack([equation.test_functions[run].T @ equation.residual[run] for run in runs]),
-        np.stack([equation.test_functions[run].T @ jacobian[run] for run in runs]),
+        np.stack([functions @ equation.residual[run] for run, functions in tests]),
+        np.stack([functions @ solved.jacobian[run] for run, functions in tests]),
         record.subject.std_errors,
         ends,
     )
 
 
-def flight_findings(prepared: tuple[PreparedFlight, ...], words: Words) -> tuple[Finding, ...]:
+def flight_findings(prepared: tuple[PreparedFlight, ...], words: Words) -> Iterator[Finding]:
     """Findings of every log and flight."""
-    findings: list[Finding] = []
     for flight in prepared:
         name = flight.recording.name
         prefix = f"{name}: " if len(prepared) > 1 else ""
-        findings.extend(Finding(f.name, prefix + f.message) for f in flight.findings)
+        for finding in flight.findings:
+            yield Finding(finding.name, prefix + finding.message)
         if not flight.active.mask.any():
-            sentence = f"{name} never {words.begins} (by {flight.active.rule})."
-            findings.append(Finding("never_takes_off", sentence))
+            yield Finding("never_takes_off", f"{name} never {words.begins} (by {flight.active.rule}).")
         elif not flight.runs:
-            findings.append(
-                Finding("no_usable_run", f"{name} has no three seconds in usable runs of a second or more.")
-            )
-        findings.extend(_saturation(flight, prefix))
-    return tuple(findings)
+            short = f"{name} has no three seconds in usable runs of a second or more."
+            yield Finding("no_usable_run", short)
+        channels = flight.recording.family(flight.input.name)
+        samples = sum(channel.values.size for channel in channels)
+        saturated = sum(channel.quality.saturated for channel in channels)
+        if samples and saturated >= SATURATED_SHARE * samples:
+            limit = f"{prefix}The input stood at its limit for {saturated / samples:.1%} of its samples."
+            yield Finding("saturation", limit)
 
 
 def fitted_noise_findings(estimate: Estimate) -> tuple[Finding, ...]:
@@ -328,16 +274,6 @@ def fitted_noise_findings(estimate: Estimate) -> tuple[Finding, ...]:
         return ()
     text = "; ".join(noise.sentence for noise in estimate.noises)
     return (Finding("fitted_noise", f"Noises that fit what the estimate leaves: {text}."),)
-
-
-def _saturation(flight: PreparedFlight, prefix: str) -> list[Finding]:
-    channels = flight.recording.family(flight.input.name)
-    samples = sum(channel.values.size for channel in channels)
-    saturated = sum(channel.quality.saturated for channel in channels)
-    if not samples or saturated < SATURATED_SHARE * samples:
-        return []
-    share = saturated / samples
-    return [Finding("saturation", f"{prefix}The input stood at its limit for {share:.1%} of its samples.")]
 
 
 # -- Result --
@@ -356,7 +292,15 @@ class FlightRow:
 def pooled_traces(motion: Motion[Any], pool: Pooled) -> tuple[Trace, ...]:
     """Measured and predicted, each flight by its own parameters; one flight after the other."""
     made = [motion.traces(problem, pool.member(number)) for number, problem in enumerate(pool.problems)]
-    return tuple(joined(traces) for traces in zip(*made, strict=True))
+    return tuple(
+        replace(
+            traces[0],
+            measured=np.concatenate([trace.measured for trace in traces]),
+            predicted=np.concatenate([trace.predicted for trace in traces]),
+            driven=np.concatenate([trace.driven for trace in traces]),
+        )
+        for traces in zip(*made, strict=True)
+    )
 
 
 @dataclass(frozen=True)
@@ -369,42 +313,18 @@ class WithoutPrior:
 
 @dataclass(frozen=True)
 class Fit:
-    """What was estimated, and how.
+    """What was estimated, and how."""
 
-    Parameters
-    ----------
-    problem : SeparableProblem
-        Of all flights that have runs.
-    estimate : Estimate
-        Its solution.
-    instruments : str
-        Label of the instruments used.
-    checks : FitDiagnostics
-        What was checked of it.
-    lag_prior : LagPrior or None
-        What was known of the lag from elsewhere, beside what the flight alone says.
-    sets : mapping of str to ParameterSets
-        95 % sets of the motion's headline parameters, where the method has them.
-    sensors : SensorAgreement or None
-        Whether two measurements of the response agree, as logged; None where there is but one.
-    unaided : Unaided or None
-        The same without what was known of the lag.
-    pooled : Pooled or None
-        Behind a pool some of whose parameters belong to the flight: there `problem` has all parameters in
-        common, and `estimate` the mean of each that is not.
-    profiles : mapping of str to ConfidenceSet
-        95 % profile sets of such a pool, or of a flight of it: intervals of what instruments identify well.
-    """
-
-    problem: SeparableProblem
-    estimate: Estimate
-    instruments: str
+    problem: SeparableProblem  # Of all flights that have runs; of a pool with all parameters in common
+    estimate: Estimate  # Its solution; of a pool with the mean of each parameter that is not in common
+    instruments: str  # Label
     checks: FitDiagnostics
-    lag_prior: LagPrior | None = None
-    sets: Mapping[str, ParameterSets] = field(default_factory=dict)
-    sensors: SensorAgreement | None = None
-    without_prior: WithoutPrior | None = None
-    pooled: Pooled | None = None
+    lag_prior: LagPrior | None = None  # What was known of the lag from elsewhere
+    sets: Mapping[str, ParameterSets] = field(default_factory=dict)  # 95 %, of the motion's headline
+    sensors: SensorAgreement | None = None  # Whether two measurements of the response agree, as logged
+    without_prior: WithoutPrior | None = None  # The same without what was known of the lag
+    pooled: Pooled | None = None  # Behind a pool some of whose parameters belong to the flight
+    #: 95 % profile sets of such a pool, or of a flight of it: intervals of what instruments identify well
     profiles: Mapping[str, ConfidenceSet] = field(default_factory=dict)
 
     @property
@@ -418,21 +338,19 @@ class Fit:
             return motion.traces(self.problem, self.estimate)
         return pooled_traces(motion, self.pooled)
 
-    def _weak(self, sets: ParameterSets) -> bool:
-        """Whether a conditional first-stage F of what is in a parameter's equations is below ten."""
-        stages = self.checks.first_stage.items()
-        return any(not F >= STRONG_FIRST_STAGE for name, F in stages if name not in sets.strange)
-
     @property
     def robust_sets(self) -> dict[str, ConfidenceSet]:
         """Sets of the parameters that are judged by them: instruments are weak, or the sets have no bounds.
 
         F is of one place, the estimate; where a set has no bounds, others fit as well.
         """
-        judged = {
-            name: item for name, item in self.sets.items() if self._weak(item) or not item.profile.is_bounded
+        stages = self.checks.first_stage.items()
+        return {
+            name: item.robust
+            for name, item in self.sets.items()
+            if any(not F >= STRONG_FIRST_STAGE for stage, F in stages if stage not in item.strange)
+            or not item.profile.is_bounded
         }
-        return {name: item.robust for name, item in judged.items()}
 
     @property
     def by_sets(self) -> dict[str, ConfidenceSet]:
@@ -441,23 +359,19 @@ class Fit:
 
     def interval(self, name: str, level: float = 0.95) -> tuple[float, float]:
         """Confidence interval of a parameter: the hull of its set where it is judged by one."""
-        result = self.by_sets.get(name)
+        result, pooled = self.by_sets.get(name), self.pooled
         if result is not None and level != 0.95:
-            result = self._set(name, level)
+            if pooled is not None and name in pooled.nuisance_names:
+                result = pooled.lag_set((name,), level)
+            else:
+                sets = (
+                    parameter_sets(self.problem, self.estimate, name, level)
+                    if pooled is None
+                    else pooled.whole_sets(name, level)
+                )
+                robust = name in self.robust_sets
+                result = None if sets is None else sets.robust if robust else sets.profile
         return self.estimate.interval(name, level) if result is None else result.hull
-
-    def _set(self, name: str, level: float) -> ConfidenceSet | None:
-        """The set that a parameter is judged by, of another level."""
-        pooled = self.pooled
-        if pooled is None:
-            sets = parameter_sets(self.problem, self.estimate, name, level)
-        else:
-            if name in pooled.nuisance_names:
-                return pooled.lag_set((name,), level)
-            sets = pooled.whole_sets(name, level)
-        if sets is None:
-            return None
-        return sets.robust if name in self.robust_sets else sets.profile
 
 
 @dataclass(frozen=True)
@@ -631,18 +545,18 @@ class FlightEstimate:
         """
         import polars as pl
 
-        columns: dict[str, list[str] | list[float]] = {
-            "quantity": list(self.quantities),
-            "value": [quantity.value for quantity in self.quantities.values()],
-            "unit": [quantity.unit for quantity in self.quantities.values()],
-            "std_error": [quantity.std_error for quantity in self.quantities.values()],
-            "low": [quantity.interval[0] for quantity in self.quantities.values()],
-            "high": [quantity.interval[1] for quantity in self.quantities.values()],
-            "verdict": [quantity.verdict.value for quantity in self.quantities.values()],
+        quantities = self.quantities.values()
+        numbers = {
+            "value": [quantity.value for quantity in quantities],
+            "unit": [quantity.unit for quantity in quantities],
+            "std_error": [quantity.std_error for quantity in quantities],
+            "low": [quantity.interval[0] for quantity in quantities],
+            "high": [quantity.interval[1] for quantity in quantities],
         }
-        numbers = ("value", "std_error", "low", "high")
-        frame = pl.DataFrame(columns)
-        return frame.with_columns(pl.when(pl.col(name).is_finite()).then(pl.col(name)) for name in numbers)
+        verdicts = [quantity.verdict.value for quantity in quantities]
+        frame = pl.DataFrame({"quantity": list(self.quantities), **numbers, "verdict": verdicts})
+        floats = [name for name in numbers if name != "unit"]
+        return frame.with_columns(pl.when(pl.col(name).is_finite()).then(pl.col(name)) for name in floats)
 
     def to_json(self) -> str:
         """Text of the JSON document that ``eivor identify --json`` writes, see docs/json.md."""
@@ -669,11 +583,8 @@ class FlightEstimate:
         seed: int = 0,
     ) -> str:
         """Content of a file for an autopilot, a controller or a simulator, see `eivor.SavedFit.export`."""
-        return (
-            _outputs()
-            .saved(self)
-            .export(to, mass=mass, priors=priors, vehicle=vehicle, draws=draws, seed=seed)
-        )
+        saved = _outputs().saved(self)
+        return saved.export(to, mass=mass, priors=priors, vehicle=vehicle, draws=draws, seed=seed)
 
     def plot(self, axes: Axes | Mapping[str, Axes] | Iterable[Axes] | None = None) -> Figure:
         """Figure of the fit: response, residual, its autocorrelation, profile of the lag, excitation.

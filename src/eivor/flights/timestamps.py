@@ -109,7 +109,7 @@ def has_jitter(channel: Channel) -> bool:
 
 def stamps_are_true(channels: Iterable[Channel]) -> bool | None:
     """Whether samples with uneven stamps were taken when these say; None when nothing gives it."""
-    return truth_of(_coefficient(channel) for channel in channels if has_jitter(channel))
+    return truth_of(map(jitter_estimate, channels))
 
 
 def jitter_estimate(channel: Channel) -> tuple[float, float]:
@@ -122,8 +122,9 @@ def truth_of(result: Iterable[tuple[float, float]]) -> bool | None:
     selected = [(value, variance) for value, variance in result if np.isfinite(value) and variance > 0.0]
     if not selected:
         return None
-    weights = np.array([1.0 / variance for _, variance in selected])
-    mean = float(weights @ np.array([value for value, _ in selected]) / weights.sum())
+    values, variances = np.array(selected).T
+    weights = 1.0 / variances
+    mean = float(weights @ values / weights.sum())
     return mean > 0.5 if abs(mean - 0.5) * np.sqrt(weights.sum()) > TOLD else None
 
 
@@ -230,23 +231,6 @@ class CommandClock:
         )
 
 
-@dataclass(frozen=True, slots=True)
-class _Witness:
-    """What another channel gives of a command's clock."""
-
-    jitter: tuple[float, float]
-    step_s: float
-    sampled_with_it: bool
-
-    @classmethod
-    def of(cls, other: Channel, command: Channel) -> _Witness:
-        """Look at a channel."""
-        time_s = other.time_s
-        step_s = float(np.median(np.diff(time_s), overwrite_input=True)) if time_s.size > 1 else np.inf
-        with_it = not other.held and np.array_equal(time_s, command.time_s)
-        return cls(jitter_estimate(other), step_s, with_it)
-
-
 def command_clock(
     command: Channel, others: Iterable[Channel], issued_within_s: float = np.inf
 ) -> CommandClock:
@@ -259,19 +243,26 @@ def command_clock(
         finer = period_from_aliasing(command.time_s, SHORTEST_STEP_S)
     if finer is not None:
         return CommandClock(logged, finer)
-    seen = [_Witness.of(item, command) for item in others]
-    looked_at = truth_of(item.jitter for item in seen)
+    jitters, quickest, sampled_with_it = [], np.inf, False
+    for other in others:
+        time_s = other.time_s
+        jitters.append(jitter_estimate(other))
+        sampled_with_it |= not other.held and np.array_equal(time_s, command.time_s)
+        if time_s.size > 1:
+            quickest = min(quickest, float(np.median(np.diff(time_s), overwrite_input=True)))
+    as_logged, unknown = (
+        CommandClock(logged, logged),
+        CommandClock(logged, 0.5 * min(logged, issued_within_s), is_known=False),
+    )
+    looked_at = truth_of(jitters)
     if looked_at and logged <= QUICK_STEP_S and _multiples(steps, logged):
-        return CommandClock(logged, logged)
+        return as_logged
     if looked_at and has_jitter(command):
         if _repeats(command):
             return CommandClock(logged, logged / FINE_PARTS, looked=True)
-        if not any(item.sampled_with_it for item in seen):
-            return CommandClock(logged, 0.5 * min(logged, issued_within_s), is_known=False)
-    quickest = min((item.step_s for item in seen), default=np.inf)
-    if logged <= QUICK_STEP_S and quickest >= MORE_OFTEN * logged:
-        return CommandClock(logged, logged)
-    return CommandClock(logged, 0.5 * min(logged, issued_within_s), is_known=False)
+        if not sampled_with_it:
+            return unknown
+    return as_logged if logged <= QUICK_STEP_S and quickest >= MORE_OFTEN * logged else unknown
 
 
 def _multiples(steps: Float[np.ndarray, " n"], usual: float) -> bool:

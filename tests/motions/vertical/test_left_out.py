@@ -97,7 +97,7 @@ def test_thrust_by_a_logged_voltage_is_told_as_that():
         "by 10%, and the thrust by 10% (± 2%)."
     )
     assert "--term voltage" in reason.remedy
-    assert omitted_variable_reasons(at(numbers | {VOLTAGE_CHANGE: 0.01})) == []
+    assert not list(omitted_variable_reasons(at(numbers | {VOLTAGE_CHANGE: 0.01})))
 
 
 def test_flights_without_a_voltage_among_others_are_told_by_the_time(log):
@@ -146,17 +146,19 @@ def test_what_is_missed_makes_the_gain_weak():
         at(omitted_variable_numbers({"supply": unsure, "ground_effect": sure}))
     )
     assert reason.sentence.startswith("Thrust falls towards the ground")
-    assert omitted_variable_reasons(at(omitted_variable_numbers({"quadratic_drag": sure}))) == []
-    assert omitted_variable_reasons(at(omitted_variable_numbers({"supply": Difference(0.01, 0.001)}))) == []
+    assert not list(omitted_variable_reasons(at(omitted_variable_numbers({"quadratic_drag": sure}))))
+    assert not list(
+        omitted_variable_reasons(at(omitted_variable_numbers({"supply": Difference(0.01, 0.001)})))
+    )
 
 
 def test_fast_sideways_flight_asks_for_a_known_tilt():
     def agreement(std_error: float) -> SensorAgreement:
         return SensorAgreement({"tilt_x": Difference(0.0, std_error)}, 0.5)
 
-    assert sideways_reasons(at({"sideways_speed": 2.9})) == []
-    assert sideways_reasons(at({"sideways_speed": float("nan")})) == []
-    assert sideways_reasons(at({"sideways_speed": 4.0}, agreement(0.005))) == []
+    assert not list(sideways_reasons(at({"sideways_speed": 2.9})))
+    assert not list(sideways_reasons(at({"sideways_speed": float("nan")})))
+    assert not list(sideways_reasons(at({"sideways_speed": 4.0}, agreement(0.005))))
     (unknown,) = sideways_reasons(at({"sideways_speed": 4.0}))
     assert (
         "4.0 m/s (rms), and the angle between attitude and accelerometer is known not at all."

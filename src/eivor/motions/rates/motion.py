@@ -370,11 +370,9 @@ class Rates(Motion[LaggedRuns]):
 
     def systematic_uncertainties(
         self,
-        _problem: LaggedRuns,
-        _estimate: Estimate,
         flights: tuple[PreparedFlight, ...],
         quantities: Mapping[str, QuantityEstimate],
-        _at: VerdictInputs,
+        _inputs: VerdictInputs,
         /,
     ) -> Mapping[str, tuple[SystematicUncertainty, ...]]:
         """What rotors and the stamps of the setpoints leave open, see `eivor.motions.rates.verdict`."""

@@ -1,8 +1,8 @@
-"""Axes, allowances and verdict of the turning rates."""
+"""Axes, systematic parts and verdict of the turning rates."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from math import inf
 
@@ -21,14 +21,13 @@ from eivor.flights.quantity import (
 )
 from eivor.flights.references import ReferenceSource
 from eivor.flights.verdict import (
-    disagreement_reasons,
-    instrument_reasons,
-    lag_prior_reasons,
+    FlightRule,
+    has_no_bounds,
     longest_lag_reasons,
     moved,
-    short_flight_reasons,
+    refused,
     strength_of,
-    untold,
+    weak,
     wide_lag_reasons,
 )
 from eivor.inference.verdict import Reason, Status
@@ -91,7 +90,7 @@ AXES = (ROLL, PITCH, YAW)
 TORQUE = "torque_setpoint"
 
 
-# -- Allowances --
+# -- Systematic parts --
 
 #: What that does to an effectiveness, as a share of it, and to the lag [s].
 ROTOR_SHARE, ROTOR_LAG_S = 0.02, 0.001
@@ -102,17 +101,21 @@ def all_systematic_uncertainties(
     flights: tuple[PreparedFlight, ...], quantities: Mapping[str, QuantityEstimate]
 ) -> dict[str, tuple[SystematicUncertainty, ...]]:
     """Systematic parts of effectiveness and lag."""
-    results: dict[str, tuple[SystematicUncertainty, ...]] = {}
-    for axis in AXES:
-        name = axis.effectiveness.name
-        if name in quantities:
-            part = ROTOR_SHARE * abs(quantities[name].value)
-            results[name] = (
-                SystematicUncertainty(Counts.ADDED, part, part, f"{ROTORS}effectiveness by 2 %."),
-            )
+    sizes = {
+        axis.effectiveness.name: ROTOR_SHARE * abs(quantities[axis.effectiveness.name].value)
+        for axis in AXES
+        if axis.effectiveness.name in quantities
+    }
     by_rotors = SystematicUncertainty(Counts.ADDED, ROTOR_LAG_S, ROTOR_LAG_S, f"{ROTORS}lag by 1 ms.")
-    by_stamps = clock_uncertainty(max(flight.command_slack_s for flight in flights))
-    return {**results, **dict.fromkeys((ACTUATOR_LAG.name, EFFECTIVE_LAG), (*by_stamps, by_rotors))}
+    slack_s = max(flight.command_slack_s for flight in flights)
+    of_lag = (*clock_uncertainty(slack_s), by_rotors)
+    return {
+        **{
+            name: (SystematicUncertainty(Counts.ADDED, size, size, f"{ROTORS}effectiveness by 2 %."),)
+            for name, size in sizes.items()
+        },
+        **dict.fromkeys((ACTUATOR_LAG.name, EFFECTIVE_LAG), of_lag),
+    }
 
 
 # -- Rule --
@@ -120,150 +123,95 @@ def all_systematic_uncertainties(
 EFFECTIVENESS_SHARE = 0.25
 DAMPING_SHARE = 0.5
 LAG_HALF_WIDTH_S = 0.02
-COMMAND_RATE_HZ = 45.0
-SHORT_FLIGHT_S = 15.0
 
 FLY = (
     "Fly quick steps of roll and pitch of about 15 degrees to both sides for 60 s, in a mode in which the "
     "sticks set the attitude."
 )
-LOG_REFERENCE = "Log the attitude setpoint, or the pilot's roll and pitch sticks, at 20 Hz or more."
-LOG_PLANNED = "Fly in a mode in which the sticks set the attitude, or inject a sweep."
+TURN_LONGER = "Fly turns that last longer."
+OF_FLIGHT = FlightRule(
+    fly=FLY,
+    log_reference="Log the attitude setpoint, or the pilot's roll and pitch sticks, at 20 Hz or more.",
+    log_planned="Fly in a mode in which the sticks set the attitude, or inject a sweep.",
+    moves="turns",
+    undisturbed="Fly slowly and away from walls and ground; keep the motors from their limits.",
+    command_rate_hz=45.0,
+    slow_command="The torque setpoints are logged at {rate:.0f} Hz; below {least:.0f} Hz the intervals do "
+    "not hold.",
+    log_faster="Log them at 50 Hz or more.",
+    least_s=15.0,
+)
 
 
 def all_reasons(
     quantities: Mapping[str, QuantityEstimate], strength: InstrumentStrength, inputs: VerdictInputs
 ) -> dict[str, tuple[Reason, ...]]:
     """Reasons against every quantity that there is."""
-    results: dict[str, tuple[Reason, ...]] = {}
+
+    def reasons(own: Iterable[Reason], *names: str) -> tuple[Reason, ...]:
+        shared = OF_FLIGHT.reasons(strength_of(strength, *names), inputs)
+        return (*shared, *own, *rough_lag_reasons(quantities, strength))
+
+    results = dict.fromkeys((ACTUATOR_LAG.name, DELAY.name, EFFECTIVE_LAG), reasons(()))
     for axis in AXES:
-        if axis.effectiveness.name not in quantities:
-            continue
         effect, damping = axis.effectiveness.name, axis.damping.name
-        results[effect] = (
-            *shared_reasons(strength_of(strength, effect), inputs),
-            *effectiveness_reasons(axis, quantities[effect], strength, inputs),
-            *rough_lag_reasons(quantities, strength),
-        )
-        results[damping] = (
-            *shared_reasons(strength_of(strength, effect, damping), inputs),
-            *damping_reasons(axis, quantities[damping], inputs),
-            *rough_lag_reasons(quantities, strength),
-        )
-        if axis.reacts:
-            name = axis.reaction.name
-            results[name] = (
-                *shared_reasons(strength_of(strength, effect, name), inputs),
-                *rough_lag_reasons(quantities, strength),
+        if effect in quantities:
+            own = (
+                ()
+                if has_no_bounds(effect, strength)
+                else effectiveness_reasons(axis, quantities[effect], inputs)
             )
-    lag = (*shared_reasons(strength_of(strength), inputs), *rough_lag_reasons(quantities, strength))
-    return {**results, ACTUATOR_LAG.name: lag, DELAY.name: lag, "effective_lag": lag}
+            results[effect] = reasons(own, effect)
+            results[damping] = reasons(damping_reasons(axis, quantities[damping], inputs), effect, damping)
+            if axis.reacts:
+                results[axis.reaction.name] = reasons((), effect, axis.reaction.name)
+    return results
 
 
-def shared_reasons(strength: InstrumentStrength, inputs: VerdictInputs) -> list[Reason]:
-    """Grounds that instruments, logging and length of the flight give."""
-    reasons = instrument_reasons(
-        strength, inputs, fly=FLY, log_reference=LOG_REFERENCE, log_planned=LOG_PLANNED
-    )
-    remedy = "Fly slowly and away from walls and ground; keep the motors from their limits."
-    reasons += disagreement_reasons(strength, moves="turns", remedy=remedy)
-    if inputs.command_rate_hz < COMMAND_RATE_HZ:
-        reasons.append(
-            Reason(
-                Status.WEAK,
-                f"The torque setpoints are logged at {inputs.command_rate_hz:.0f} Hz; below "
-                f"{COMMAND_RATE_HZ:.0f} Hz the intervals do not hold.",
-                "Log them at 50 Hz or more.",
-            )
-        )
-    reasons += short_flight_reasons(inputs, SHORT_FLIGHT_S)
-    reasons.extend(lag_prior_reasons(inputs))
-    return reasons
-
-
-def effectiveness_reasons(
-    axis: Axis, effect: QuantityEstimate, strength: InstrumentStrength, inputs: VerdictInputs
-) -> list[Reason]:
-    """Grounds that the interval of an axis' effectiveness gives."""
-    if untold(axis.effectiveness.name, strength):
-        return []
-    low, high = effect.interval
+def effectiveness_reasons(axis: Axis, effect: QuantityEstimate, inputs: VerdictInputs) -> Iterator[Reason]:
+    """Reasons that the interval of an axis' effectiveness gives."""
+    (low, high), words = effect.interval, f"The {axis.name} effectiveness"
     if high < 0.0:
-        return [
-            Reason(
-                Status.REFUSED,
-                f"The {axis.name} effectiveness came out at {effect.value:.3g} rad/s^2, below zero: "
-                f"setpoint and rate of {axis.name} have opposite signs.",
-                f"Check the axes and signs of {axis.torque} and {axis.rate}.",
-            )
-        ]
-    if effect.value <= 0.0 or low <= 0.0:
-        return [
-            Reason(
-                Status.REFUSED,
-                f"The {axis.name} effectiveness cannot be distinguished from zero: its interval is "
-                f"[{low:.2g}, "
-                f"{high:.2g}] rad/s^2.{moved(inputs)}",
-                FLY,
-            )
-        ]
-    if inf > effect.half_width > EFFECTIVENESS_SHARE * effect.value:
-        return [
-            Reason(
-                Status.WEAK,
-                f"The {axis.name} effectiveness' interval is +-{effect.half_width / effect.value:.1%} "
-                f"wide; identified asks for +-{EFFECTIVENESS_SHARE:.0%}.{moved(inputs)}",
-                "Fly larger and quicker steps, or longer.",
-            )
-        ]
-    return []
+        yield refused(
+            f"{words} came out at {effect.value:.3g} rad/s^2, below zero: setpoint and rate of {axis.name} "
+            "have opposite signs.",
+            f"Check the axes and signs of {axis.torque} and {axis.rate}.",
+        )
+    elif effect.value <= 0.0 or low <= 0.0:
+        zero = f"{words} cannot be distinguished from zero: its interval is [{low:.2g}, {high:.2g}] rad/s^2."
+        yield refused(f"{zero}{moved(inputs)}", FLY)
+    elif inf > effect.half_width > EFFECTIVENESS_SHARE * effect.value:
+        yield weak(
+            f"{words}' interval is +-{effect.half_width / effect.value:.1%} wide; identified asks for "
+            f"+-{EFFECTIVENESS_SHARE:.0%}.{moved(inputs)}",
+            "Fly larger and quicker steps, or longer.",
+        )
 
 
-def damping_reasons(axis: Axis, damping: QuantityEstimate, inputs: VerdictInputs) -> list[Reason]:
-    """Grounds that the interval of an axis' damping gives."""
-    if damping.interval[1] < 0.0:
-        return [
-            Reason(
-                Status.WEAK,
-                f"The {axis.name} damping came out at {damping.value:.3g} 1/s, below zero: a torque "
-                "of the air moved with the references.",
-                "Fly in calm air.",
-            )
-        ]
-    if damping.interval[0] <= 0.0:
-        return [
-            Reason(
-                Status.WEAK,
-                f"The {axis.name} damping cannot be distinguished from zero.{moved(inputs)}",
-                "Fly turns that last longer.",
-            )
-        ]
-    if inf > damping.half_width > DAMPING_SHARE * damping.value:
+def damping_reasons(axis: Axis, damping: QuantityEstimate, inputs: VerdictInputs) -> Iterator[Reason]:
+    """Reasons that the interval of an axis' damping gives."""
+    (low, high), words = damping.interval, f"The {axis.name} damping"
+    if high < 0.0:
+        below = f"{words} came out at {damping.value:.3g} 1/s, below zero: a torque of the air moved with "
+        yield weak(f"{below}the references.", "Fly in calm air.")
+    elif low <= 0.0:
+        yield weak(f"{words} cannot be distinguished from zero.{moved(inputs)}", TURN_LONGER)
+    elif inf > damping.half_width > DAMPING_SHARE * damping.value:
         share = damping.half_width / damping.value
-        return [
-            Reason(
-                Status.WEAK,
-                f"The {axis.name} damping's interval is +-{share:.0%} wide; identified asks for "
-                f"+-{DAMPING_SHARE:.0%}.",
-                "Fly turns that last longer.",
-            )
-        ]
-    return []
+        wide = f"{words}'s interval is +-{share:.0%} wide; identified asks for +-{DAMPING_SHARE:.0%}."
+        yield weak(wide, TURN_LONGER)
 
 
 def rough_lag_reasons(
     quantities: Mapping[str, QuantityEstimate], strength: InstrumentStrength
-) -> list[Reason]:
-    """Grounds that a lag gives that is not well known."""
-    if ACTUATOR_LAG.name not in strength.searched:
-        return []
-    half_width = quantities["effective_lag"].half_width
-    quicker = "Fly quicker steps, and log setpoints and rates faster."
-    remedy = "Check that the setpoints are those of this vehicle, and their time stamps."
-    return [
-        *wide_lag_reasons(half_width, LAG_HALF_WIDTH_S, whose="actuators'", remedy=quicker),
-        *longest_lag_reasons(strength, remedy=remedy),
-    ]
+) -> Iterator[Reason]:
+    """Reasons that a lag gives that is not well known."""
+    if ACTUATOR_LAG.name in strength.searched:
+        half_width = quantities[EFFECTIVE_LAG].half_width
+        quicker = "Fly quicker steps, and log setpoints and rates faster."
+        yield from wide_lag_reasons(half_width, LAG_HALF_WIDTH_S, whose="actuators'", remedy=quicker)
+        remedy = "Check that the setpoints are those of this vehicle, and their time stamps."
+        yield from longest_lag_reasons(strength, remedy=remedy)
 
 
 # -- Thrust --
@@ -287,41 +235,32 @@ EQUATION = (
     "p' = G_p u_p - D_p p + b; q' alike; r' = G_r u_r + J u_r' - D_r r + b; z'' + g = G_z u_z - K z' + b",
     "(p, q, r) body rates; tau u' + u = torque setpoint(t - d), one lag for all axes",
 )
-_SUBSCRIPT = {ROLL: "p", PITCH: "q", YAW: "r"}
-
-
-def _of_axis(axis: Axis) -> dict[str, Wording]:
-    subscript, optional = _SUBSCRIPT[axis], axis.reacts
-    results = {
-        axis.effectiveness.name: Wording(
-            f"{axis.name} effectiveness", f"G_{subscript}", "rad/s^2", shown_unit="rad/s²", optional=optional
-        ),
-        axis.damping.name: Wording(
-            f"{axis.name} damping", f"D_{subscript}", "1/s", shown_unit="1/s", optional=optional
-        ),
-    }
-    if axis.reacts:
-        results[axis.reaction.name] = Wording(
-            f"{axis.name} reaction", "J", "rad/s", shown_unit="rad/s", optional=optional
-        )
-    return results
-
-
 #: Every quantity, in the order of results.
 QUANTITIES = {
-    **{name: wording for axis in AXES for name, wording in _of_axis(axis).items()},
+    **{
+        parameter.name: Wording(
+            parameter.name.replace("_", " "),
+            symbol,
+            parameter.unit,
+            shown_unit=parameter.unit.replace("^2", "²"),
+            optional=axis.reacts,
+        )
+        for axis, rate in zip(AXES, "pqr", strict=True)
+        for parameter, symbol in (
+            (axis.effectiveness, f"G_{rate}"),
+            (axis.damping, f"D_{rate}"),
+            *([(axis.reaction, "J")] if axis.reacts else []),
+        )
+    },
     THRUST.called: Wording("thrust gain", "G_z", "m/s^2", shown_unit="m/s²", optional=True),
     **LAG_WORDINGS,
 }
 #: The same in the order of reports.
 PLOTTED = (
     *(axis.effectiveness.name for axis in AXES),
-    THRUST.called,
-    "effective_lag",
+    *(THRUST.called, EFFECTIVE_LAG),
     *(axis.damping.name for axis in AXES),
-    YAW.reaction.name,
-    "actuator_lag",
-    "delay",
+    *(YAW.reaction.name, ACTUATOR_LAG.name, DELAY.name),
 )
 WORDS = Words(
     title="Turning about the body axes",
@@ -346,11 +285,9 @@ _MANOEUVRES = (
 
 def rates_card(log_format_name: str) -> tuple[CardSection, ...]:
     """What to fly and to log; about logs of a format without advice, that of tables."""
-    advised = advising_format(log_format_name)
+    setpoints = "Torque setpoints, rates, and attitude setpoint or sticks, at 50 Hz or more."
     return (
         CardSection("Fly", _MANOEUVRES),
-        CardSection("Log", advised.advice("")),
-        CardSection(
-            "Setpoints", ("Torque setpoints, rates, and attitude setpoint or sticks, at 50 Hz or more.",)
-        ),
+        CardSection("Log", advising_format(log_format_name).advice("")),
+        CardSection("Setpoints", (setpoints,)),
     )

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -233,12 +234,12 @@ def _by_couplings(combinations: Combinations, level: float) -> YawInertiaRoute |
     at_hand = tuple(name for name in TILT_COUPLINGS if combinations.has(name))
     if not at_hand or not _usable(combinations, TILTING, level):
         return None
-    names = (*TILTING, *at_hand)
-    over_thrust: FormulaFunction
-    if len(at_hand) == 1:
-        over_thrust = _by_roll if at_hand == TILT_COUPLINGS[:1] else _by_pitch
-    else:
-        over_thrust = _weighted(_weight(combinations, names, level))
+    names, over_thrust = (
+        (*TILTING, *at_hand),
+        {"roll_coupling": _by_roll, "pitch_coupling": _by_pitch}[at_hand[0]],
+    )
+    if len(at_hand) == 2:
+        over_thrust = partial(_weighted, _weight(combinations, names, level))
     words = "the gyroscopic couplings of the flight"
     return YawInertiaRoute(words, names, ("arm_scale",), _with_arm(over_thrust), over_thrust)
 
@@ -253,22 +254,17 @@ def _by_pitch(v: Mapping[str, float]) -> float:
     return 1.0 / v["roll_gain"] + v["pitch_coupling"] / v["pitch_gain"]
 
 
-def _weighted(share: float) -> FormulaFunction:
-    return lambda v: share * _by_roll(v) + (1.0 - share) * _by_pitch(v)
+def _weighted(share: float, v: Mapping[str, float]) -> float:
+    return share * _by_roll(v) + (1.0 - share) * _by_pitch(v)
 
 
 def _weight(combinations: Combinations, names: tuple[str, ...], level: float) -> float:
     """Weight of the first of both in their combination of least variance."""
-
-    def variance(formula: FormulaFunction) -> float:
-        return combinations.function(formula, names, {}, level, math.inf).std_error ** 2
-
-    current, other, separated = variance(_by_roll), variance(_by_pitch), variance(_difference)
+    current, other, separated = (
+        combinations.function(formula, names, {}, level, math.inf).std_error ** 2
+        for formula in (_by_roll, _by_pitch, lambda v: _by_roll(v) - _by_pitch(v))
+    )
     return min(max(0.5 * (other - current + separated) / separated, 0.0), 1.0) if separated > 0.0 else 0.5
-
-
-def _difference(v: Mapping[str, float]) -> float:
-    return _by_roll(v) - _by_pitch(v)
 
 
 def _with_arm(over_thrust: FormulaFunction) -> FormulaFunction:
@@ -319,31 +315,24 @@ def contradictions(
     level = max(level, SURE)
     return (
         *_of_couplings(combinations, level),
-        *_of_mass(known),
         *_of_lengths(combinations, known, level),
         *_of_inertias(combinations, known, yaw, level),
         *_of_routes(combinations, known, yaw, level),
     )
 
 
-def _of_couplings(combinations: Combinations, level: float) -> list[str]:
-    selected = []
+def _of_couplings(combinations: Combinations, level: float) -> Iterator[str]:
     for name, words in COUPLING_TEXTS.items():
-        if combinations.has(name):
-            low, high = combinations.interval(name, level)
-            if low > 1.0 + NO_BODY_UNCERTAINTY or high < -1.0 - NO_BODY_UNCERTAINTY:
-                selected.append(
-                    f"{name} = {words} is between {low:.3g} and {high:.3g}: no body has one beyond -1 or 1."
-                )
+        low, high = combinations.interval(name, level) if combinations.has(name) else (0.0, 0.0)
+        if low > 1.0 + NO_BODY_UNCERTAINTY or high < -1.0 - NO_BODY_UNCERTAINTY:
+            yield f"{name} = {words} is between {low:.3g} and {high:.3g}: no body has one beyond -1 or 1."
     if combinations.has(*COUPLING_TEXTS):
-        sum_of = combinations.function(_identity, tuple(COUPLING_TEXTS), {}, level, math.inf)
-        low, high = sum_of.interval
-        if differs_from_zero(sum_of.interval) and min(abs(low), abs(high)) > ROUNDING:
-            selected.append(
+        low, high = combinations.function(_identity, tuple(COUPLING_TEXTS), {}, level, math.inf).interval
+        if differs_from_zero((low, high)) and min(abs(low), abs(high)) > ROUNDING:
+            yield (
                 f"The gyroscopic couplings are not those of one body: beta_1 + beta_2 + beta_3 + beta_1 "
                 f"beta_2 beta_3 is between {low:.3g} and {high:.3g} in place of 0."
             )
-    return selected
 
 
 def _identity(v: Mapping[str, float]) -> float:
@@ -351,62 +340,49 @@ def _identity(v: Mapping[str, float]) -> float:
     return first + second + third + first * second * third
 
 
-def _of_mass(known: KnownVehicle) -> list[str]:
-    """A mass that rotors at these distances do not lift: another unit, most likely."""
-    if known.mass is None or known.arm_scale is None:
-        return []
-    loading = known.mass.value * GRAVITY / (known.arm_scale.value * known.arm) ** 2
-    low, high = WEIGHT_OVER_ARMS
-    if low <= loading <= high:
-        return []
-    return [
-        f"With mass and arms as supplied, the weight over the square of an arm would be {loading:.2g} N/m^2, "
-        f"where vehicles have {low:g} to {high:g}: check the units of both."
-    ]
-
-
-def _of_lengths(combinations: Combinations, known: KnownVehicle, level: float) -> list[str]:
-    """Inertias that the rotors' distances make those of no vehicle: a wrong unit, most likely."""
+def _of_lengths(combinations: Combinations, known: KnownVehicle, level: float) -> Iterator[str]:
+    """Mass and inertias that the rotors' distances make those of no vehicle: a wrong unit, most likely."""
     if known.arm_scale is None:
-        return []
-    selected = []
-    for turning in ("roll", "pitch"):
-        gain = f"{turning}_gain"
-        if not _positive(combinations, level, "thrust_gain", gain):
-            continue
-        ratio = combinations.function(
-            _gyration(gain, known.arm), ("thrust_gain", gain), {"arm_scale": known.arm_scale}, level, math.inf
-        )
-        low, high = ratio.interval
-        if high < GYRATION[0] or low > GYRATION[1]:
-            selected.append(
-                f"With the rotors' distances as supplied the inertia in {turning} would be {ratio.value:.3g} "
-                f"times that of the whole mass at the rotors, where vehicles have {GYRATION[0]:g} to "
-                f"{GYRATION[1]:g}: check their unit, and the thrust map."
+        return
+    low, high = WEIGHT_OVER_ARMS
+    if known.mass is not None:
+        loading = known.mass.value * GRAVITY / (known.arm_scale.value * known.arm) ** 2
+        if not low <= loading <= high:
+            yield (
+                f"With mass and arms as supplied, the weight over the square of an arm would be "
+                f"{loading:.2g} N/m^2, where vehicles have {low:g} to {high:g}: check the units of both."
             )
-    return selected
+    for turning in ("roll", "pitch"):
+        names = ("thrust_gain", f"{turning}_gain")
+        if _usable(combinations, names, level):
+            formula, supplied = _gyration(names[1], known.arm), {"arm_scale": known.arm_scale}
+            ratio = combinations.function(formula, names, supplied, level, math.inf)
+            if ratio.interval[1] < GYRATION[0] or ratio.interval[0] > GYRATION[1]:
+                yield (
+                    f"With the rotors' distances as supplied the inertia in {turning} would be "
+                    f"{ratio.value:.3g} times that of the whole mass at the rotors, where vehicles have "
+                    f"{GYRATION[0]:g} to {GYRATION[1]:g}: check their unit, and the thrust map."
+                )
 
 
 def _gyration(gain: str, arm: float) -> FormulaFunction:
     return lambda v: v["arm_scale"] * v["thrust_gain"] / v[gain] / arm**2
 
 
-def _of_inertias(combinations: Combinations, known: KnownVehicle, yaw: YawInertia, level: float) -> list[str]:
+def _of_inertias(
+    combinations: Combinations, known: KnownVehicle, yaw: YawInertia, level: float
+) -> Iterator[str]:
     """Any two inertias are together at least the third."""
     route = yaw.route
     if route is None or not _at_hand(route, combinations, known, level):
-        return []
-    selected = []
-    names = tuple(dict.fromkeys(("thrust_gain", "roll_gain", "pitch_gain", *route.needed)))
+        return
+    names = tuple(dict.fromkeys(("thrust_gain", *TILTING, *route.needed)))
     supplied = {name: getattr(known, name) for name in ("arm_scale", *route.supplied)}
     for largest, symbol in enumerate(AXES):
         slack = combinations.function(_slack(route, largest), names, supplied, level, math.inf)
         if slack.interval[1] < -NO_BODY_UNCERTAINTY:
             others = " and ".join(item for item in AXES if item != symbol)
-            selected.append(
-                f"{symbol} is more than {others} together, which no body has; Izz rests on {route.words}."
-            )
-    return selected
+            yield f"{symbol} is more than {others} together, which no body has; Izz rests on {route.words}."
 
 
 def _slack(route: YawInertiaRoute, largest: int) -> FormulaFunction:
@@ -420,35 +396,27 @@ def _slack(route: YawInertiaRoute, largest: int) -> FormulaFunction:
     return slack
 
 
-def _of_routes(combinations: Combinations, known: KnownVehicle, yaw: YawInertia, level: float) -> list[str]:
+def _of_routes(
+    combinations: Combinations, known: KnownVehicle, yaw: YawInertia, level: float
+) -> Iterator[str]:
     """Two ways to Izz that exclude each other."""
-    selected = []
     for item, other in pairwise(yaw.routes):
-        if not (_at_hand(item, combinations, known, level) and _at_hand(other, combinations, known, level)):
+        if not all(_at_hand(route, combinations, known, level) for route in (item, other)):
             continue
         names = tuple(dict.fromkeys(("thrust_gain", *item.needed, *other.needed)))
         supplied = {name: getattr(known, name) for name in (*item.supplied, *other.supplied)}
-        function = combinations.function(
-            _separated(item.per_mass, other.per_mass), names, supplied, level, math.inf
-        )
+        separated = partial(_separated, item.per_mass, other.per_mass)
+        function = combinations.function(separated, names, supplied, level, math.inf)
         if differs_from_zero(function.interval) and abs(function.value) > ROUNDING:
-            low, high = function.interval
-            selected.append(
-                f"Izz by {other.words} is {100.0 * low:+.3g} to {100.0 * high:+.3g} % off that by "
-                f"{item.words}."
-            )
-    return selected
+            low, high = (100.0 * end for end in function.interval)
+            yield f"Izz by {other.words} is {low:+.3g} to {high:+.3g} % off that by {item.words}."
 
 
-def _separated(formula_function: FormulaFunction, other: FormulaFunction) -> FormulaFunction:
-    return lambda v: other(v) / formula_function(v) - 1.0
+def _separated(formula: FormulaFunction, other: FormulaFunction, v: Mapping[str, float]) -> float:
+    return other(v) / formula(v) - 1.0
 
 
 def _at_hand(route: YawInertiaRoute, combinations: Combinations, known: KnownVehicle, level: float) -> bool:
+    gains = ("thrust_gain", *TILTING, *(name for name in route.needed if name.endswith("_gain")))
     supplied = all(getattr(known, name) is not None for name in ("arm_scale", *route.supplied))
-    gains = ("thrust_gain", "roll_gain", "pitch_gain", *(n for n in route.needed if n.endswith("_gain")))
-    return supplied and _positive(combinations, level, *gains)
-
-
-def _positive(combinations: Combinations, level: float, *names: str) -> bool:
-    return combinations.has(*names) and all(combinations.interval(name, level)[0] > 0.0 for name in names)
+    return supplied and _usable(combinations, gains, level)

@@ -402,11 +402,9 @@ class RigidBody(Motion[LaggedRuns]):
 
     def systematic_uncertainties(
         self,
-        _problem: LaggedRuns,
-        _estimate: Estimate,
         flights: tuple[PreparedFlight, ...],
         quantities: Mapping[str, QuantityEstimate],
-        _at: VerdictInputs,
+        _inputs: VerdictInputs,
         /,
     ) -> Mapping[str, tuple[SystematicUncertainty, ...]]:
         """What the log does not say of commands and filters, see `eivor.motions.rigid_body.verdict`."""

@@ -63,12 +63,10 @@ def sought(yaw: YawInertia, thrust_map: InputMap) -> tuple[PhysicalParameter, ..
         _offset("forward", "x", "pitch", 1.0),
         _offset("left", "y", "roll", -1.0),
         *(
-            _per_kilogram(f"drag_{axis}", f"drag along {axis}", f"D_{axis}", "N/(m/s)", "1/s")
-            for axis in "xyz"
-        ),
-        *(
-            _per_kilogram(
-                f"quadratic_drag_{axis}", f"quadratic drag along {axis}", f"C_{axis}", "N/(m/s)^2", "1/m"
+            _per_kilogram(f"{kind}drag_{axis}", f"{words} along {axis}", f"{letter}_{axis}", *units)
+            for kind, words, letter, *units in (
+                ("", "drag", "D", "N/(m/s)", "1/s"),
+                ("quadratic_", "quadratic drag", "C", "N/(m/s)^2", "1/m"),
             )
             for axis in "xyz"
         ),
@@ -80,47 +78,55 @@ def sought(yaw: YawInertia, thrust_map: InputMap) -> tuple[PhysicalParameter, ..
     )
 
 
+def _by_mass(
+    symbol: str,
+    units: tuple[str, str],
+    needed: tuple[str, ...],
+    supplied: tuple[str, ...],
+    per_mass: FormulaFunction,
+) -> tuple[Formula, Formula]:
+    """A parameter, and what is left of it without the mass."""
+    whole, left = units
+    return (
+        Formula(symbol, whole, needed, ("mass", *supplied), lambda v: v["mass"] * per_mass(v)),
+        Formula(f"{symbol}/m", left, needed, supplied, per_mass),
+    )
+
+
 def _tilting_inertia(axes: str, turning: str) -> PhysicalParameter:
-    gain, symbol = f"{turning}_gain", f"I{axes}"
-    texts = ("thrust_gain", gain)
+    gain, symbol, units = f"{turning}_gain", f"I{axes}", ("kg m^2", "m^2")
+    needed = ("thrust_gain", gain)
 
     def per_mass(v: Mapping[str, float]) -> float:
         return v["arm_scale"] * v["thrust_gain"] / v[gain]
 
-    return PhysicalParameter(
-        f"inertia_{axes}",
-        f"inertia in {turning}",
-        (
-            Formula(symbol, "kg m^2", texts, ("mass", "arm_scale"), lambda v: v["mass"] * per_mass(v)),
-            Formula(f"{symbol}/m", "m^2", texts, ("arm_scale",), per_mass),
-            Formula(f"{symbol}/(m l)", "m", texts, (), lambda v: v["thrust_gain"] / v[gain]),
-        ),
+    formulas = (
+        *_by_mass(symbol, units, needed, ("arm_scale",), per_mass),
+        Formula(f"{symbol}/(m l)", "m", needed, (), lambda v: v["thrust_gain"] / v[gain]),
     )
+    return PhysicalParameter(f"inertia_{axes}", f"inertia in {turning}", formulas)
 
 
 def _yaw_inertia(yaw: YawInertia) -> PhysicalParameter:
-    name, words = "inertia_zz", "inertia in yaw"
-    left = Formula(
-        "Izz/(m kappa)", "1/m", ("thrust_gain", "yaw_gain"), (), lambda v: v["thrust_gain"] / v["yaw_gain"]
-    )
-    route = yaw.route
+    name, words, route = "inertia_zz", "inertia in yaw", yaw.route
     if route is None:
+        needed = ("thrust_gain", "yaw_gain")
+        left = Formula("Izz/(m kappa)", "1/m", needed, (), lambda v: v["thrust_gain"] / v["yaw_gain"])
         helps = ("torque_ratio", "yaw_inertia_ratio")
         return PhysicalParameter(name, words, (left,), refusal=_unexcited(yaw), helps=helps)
-    texts = ("thrust_gain", *route.needed)
-    formulas = [
-        Formula("Izz", "kg m^2", texts, ("mass", *route.supplied), lambda v: v["mass"] * route.per_mass(v)),
-        Formula("Izz/m", "m^2", texts, route.supplied, route.per_mass),
-    ]
-    if route.over_thrust is not None:
-        over_thrust = route.over_thrust
-        needs = tuple(item for item in route.supplied if item != "arm_scale")
-        formulas.append(
-            Formula(
-                "Izz/Ixx", "", ("roll_gain", *route.needed), needs, lambda v: v["roll_gain"] * over_thrust(v)
-            )
+    needed, units = ("thrust_gain", *route.needed), ("kg m^2", "m^2")
+    formulas = _by_mass("Izz", units, needed, route.supplied, route.per_mass)
+    over_thrust = route.over_thrust
+    if over_thrust is not None:
+        ratio = Formula(
+            "Izz/Ixx",
+            "",
+            ("roll_gain", *route.needed),
+            tuple(item for item in route.supplied if item != "arm_scale"),
+            lambda v: v["roll_gain"] * over_thrust(v),
         )
-    return PhysicalParameter(name, words, tuple(formulas), f"It rests on {route.words}.")
+        return PhysicalParameter(name, words, (*formulas, ratio), f"It rests on {route.words}.")
+    return PhysicalParameter(name, words, formulas, f"It rests on {route.words}.")
 
 
 def _unexcited(yaw: YawInertia) -> str:
@@ -144,154 +150,113 @@ def _thrust(thrust_map: InputMap) -> tuple[PhysicalParameter, ...]:
 
 
 def _thrust_term(power: float, share: float) -> PhysicalParameter:
-    named = {
+    name, words = {
         1.0: ("thrust_linear", "thrust per rotor speed"),
         2.0: ("thrust_quadratic", "thrust per squared rotor speed"),
-    }
-    name, words = named.get(power, ("thrust_constant", f"thrust per rotor speed to the power {power:g}"))
-    speed = "rad/s" if power == 1.0 else f"(rad/s)^{power:g}"
-    command = "command" if power == 1.0 else f"command^{power:g}"
-    per = f"/({speed})" if power == 1.0 else f"/{speed}"
-    texts = ("thrust_gain",)
+    }.get(power, ("thrust_constant", f"thrust per rotor speed to the power {power:g}"))
+    exponent = "" if power == 1.0 else f"^{power:g}"
+    speed, command = f"(rad/s){exponent}", f"command{exponent}"
 
-    def per_mass(v: Mapping[str, float]) -> float:
-        return share * v["thrust_gain"] / v["speed_scale"] ** power
+    def per_command(v: Mapping[str, float]) -> float:
+        return share * v["thrust_gain"]
 
-    return PhysicalParameter(
-        name,
-        words,
-        (
-            Formula("k", f"N{per}", texts, ("mass", "speed_scale"), lambda v: v["mass"] * per_mass(v)),
-            Formula("k", f"N/{command}", texts, ("mass",), lambda v: v["mass"] * share * v["thrust_gain"]),
-            Formula("k/m", f"m/s^2{per}", texts, ("speed_scale",), per_mass),
-            Formula("k/m", f"m/s^2/{command}", texts, (), lambda v: share * v["thrust_gain"]),
-        ),
-    )
+    def per_speed(v: Mapping[str, float]) -> float:
+        return per_command(v) / v["speed_scale"] ** power
+
+    needed = ("thrust_gain",)
+    of_speed = _by_mass("k", (f"N/{speed}", f"m/s^2/{speed}"), needed, ("speed_scale",), per_speed)
+    of_command = _by_mass("k", (f"N/{command}", f"m/s^2/{command}"), needed, (), per_command)
+    formulas = tuple(formula for pair in zip(of_speed, of_command, strict=True) for formula in pair)
+    return PhysicalParameter(name, words, formulas)
 
 
 def _torque_ratio(yaw: YawInertia) -> PhysicalParameter:
     name, words = "torque_ratio", "reaction torque over thrust"
-    left = Formula(
-        "kappa m/Izz", "1/m", ("yaw_gain", "thrust_gain"), (), lambda v: v["yaw_gain"] / v["thrust_gain"]
-    )
     route = next((item for item in yaw.routes if item.over_thrust is not None), None)
     if route is None or route.over_thrust is None:
+        needed = ("yaw_gain", "thrust_gain")
+        left = Formula("kappa m/Izz", "1/m", needed, (), lambda v: v["yaw_gain"] / v["thrust_gain"])
         return PhysicalParameter(name, words, (left,), refusal=_unexcited(yaw), helps=("yaw_inertia_ratio",))
-    over_thrust = route.over_thrust
-    texts = ("yaw_gain", *route.needed)
+    over_thrust, needed = route.over_thrust, ("yaw_gain", *route.needed)
     scaled = tuple(item for item in route.supplied if item != "arm_scale")
-    return PhysicalParameter(
-        name,
-        words,
-        (
-            Formula(
-                "kappa", "m", texts, route.supplied, lambda v: v["arm_scale"] * v["yaw_gain"] * over_thrust(v)
-            ),
-            Formula("kappa/l", "", texts, scaled, lambda v: v["yaw_gain"] * over_thrust(v)),
+    formulas = (
+        Formula(
+            "kappa", "m", needed, route.supplied, lambda v: v["arm_scale"] * v["yaw_gain"] * over_thrust(v)
         ),
-        f"It rests on {route.words}.",
+        Formula("kappa/l", "", needed, scaled, lambda v: v["yaw_gain"] * over_thrust(v)),
     )
+    return PhysicalParameter(name, words, formulas, f"It rests on {route.words}.")
 
 
 def _offset(words: str, axis: str, turning: str, sign: float) -> PhysicalParameter:
-    text = (f"{turning}_offset", f"{turning}_gain")
+    needed = (f"{turning}_offset", f"{turning}_gain")
 
-    def in_lengths(v: Mapping[str, float]) -> float:
-        return sign * v[f"{turning}_offset"] / v[f"{turning}_gain"]
+    def per_arm(v: Mapping[str, float]) -> float:
+        offset, gain = (v[name] for name in needed)
+        return sign * offset / gain
 
-    return PhysicalParameter(
-        f"centre_of_mass_{words}",
-        f"centre of mass, {words} of the rotors' middle",
-        (
-            Formula(f"{axis}_c", "m", text, ("arm_scale",), lambda v: v["arm_scale"] * in_lengths(v)),
-            Formula(f"{axis}_c/l", "", text, (), in_lengths),
-        ),
+    formulas = (
+        Formula(f"{axis}_c", "m", needed, ("arm_scale",), lambda v: v["arm_scale"] * per_arm(v)),
+        Formula(f"{axis}_c/l", "", needed, (), per_arm),
     )
+    name = f"centre_of_mass_{words}"
+    return PhysicalParameter(name, f"centre of mass, {words} of the rotors' middle", formulas)
 
 
-def _per_kilogram(name: str, words: str, symbol: str, unit: str, left: str) -> PhysicalParameter:
-    return PhysicalParameter(
-        name,
-        words,
-        (
-            Formula(symbol, unit, (name,), ("mass",), lambda v: v["mass"] * v[name]),
-            Formula(f"{symbol}/m", left, (name,), (), lambda v: v[name]),
-        ),
-    )
+def _per_kilogram(name: str, words: str, symbol: str, *units: str) -> PhysicalParameter:
+    whole, left = units
+    return PhysicalParameter(name, words, _by_mass(symbol, (whole, left), (name,), (), lambda v: v[name]))
 
 
 def _tilting_drag(turning: str, axis: str) -> PhysicalParameter:
     gain, damping = f"{turning}_gain", f"{turning}_damping"
-    texts = ("thrust_gain", gain, damping)
 
     def per_mass(v: Mapping[str, float]) -> float:
         return v["arm_scale"] * v[damping] * v["thrust_gain"] / v[gain]
 
-    return _rate_drag(turning, axis, damping, texts, ("arm_scale",), per_mass)
+    by_mass = _by_mass(f"B_{axis}", DRAG_UNITS, ("thrust_gain", gain, damping), ("arm_scale",), per_mass)
+    return PhysicalParameter(
+        f"{turning}_drag", f"torque against {turning}ing", (*by_mass, _over_inertia(damping, axis))
+    )
 
 
 def _yaw_drag(route: YawInertiaRoute | None) -> PhysicalParameter:
+    name, words, left = "yaw_drag", "torque against yawing", _over_inertia("yaw_damping", "z")
     if route is None:
-        return _rate_drag("yaw", "z", "yaw_damping", (), (), None)
-    texts = ("thrust_gain", *route.needed, "yaw_damping")
+        return PhysicalParameter(name, words, (left,), refusal=_NO_YAW_INERTIA)
 
     def per_mass(v: Mapping[str, float]) -> float:
         return v["yaw_damping"] * route.per_mass(v)
 
-    return _rate_drag("yaw", "z", "yaw_damping", texts, route.supplied, per_mass)
+    needed = ("thrust_gain", *route.needed, "yaw_damping")
+    by_mass = _by_mass("B_z", DRAG_UNITS, needed, route.supplied, per_mass)
+    return PhysicalParameter(name, words, (*by_mass, left))
 
 
-def _rate_drag(
-    turning: str,
-    axis: str,
-    damping: str,
-    names: tuple[str, ...],
-    supplied: tuple[str, ...],
-    per_mass: FormulaFunction | None,
-) -> PhysicalParameter:
-    """Torque against a rate; without a formula the inertia is missing."""
-    symbol = f"B_{axis}"
-    left = Formula(f"{symbol}/I{axis}{axis}", "1/s", (damping,), (), lambda v: v[damping])
-    name, words = f"{turning}_drag", f"torque against {turning}ing"
-    if per_mass is None:
-        return PhysicalParameter(name, words, (left,), refusal=_NO_YAW_INERTIA)
-    return PhysicalParameter(
-        name,
-        words,
-        (
-            Formula(symbol, "N m/(rad/s)", names, ("mass", *supplied), lambda v: v["mass"] * per_mass(v)),
-            Formula(f"{symbol}/m", "m^2/s", names, supplied, per_mass),
-            left,
-        ),
-    )
+def _over_inertia(damping: str, axis: str) -> Formula:
+    """Torque against a rate over the inertia about its axis."""
+    return Formula(f"B_{axis}/I{axis}{axis}", "1/s", (damping,), (), lambda v: v[damping])
 
 
 def _rotor_inertia(route: YawInertiaRoute | None) -> PhysicalParameter:
-    name, words = "rotor_inertia", "inertia of a rotor"
-    reaction = "rotor_reaction"
+    name, words, reaction = "rotor_inertia", "inertia of a rotor", "rotor_reaction"
     left = (
         Formula("J/Izz", "", (reaction,), ("speed_scale",), lambda v: v[reaction] / v["speed_scale"]),
         Formula("J/Izz", "(rad/s)/command", (reaction,), (), lambda v: v[reaction]),
     )
     if route is None:
         return PhysicalParameter(name, words, left, refusal=_NO_YAW_INERTIA)
-    texts = ("thrust_gain", *route.needed, reaction)
 
     def per_mass(v: Mapping[str, float]) -> float:
         return v[reaction] * route.per_mass(v) / v["speed_scale"]
 
-    supplied = ("speed_scale", *route.supplied)
-    return PhysicalParameter(
-        name,
-        words,
-        (
-            Formula("J", "kg m^2", texts, ("mass", *supplied), lambda v: v["mass"] * per_mass(v)),
-            Formula("J/m", "m^2", texts, supplied, per_mass),
-            *left,
-        ),
-    )
+    needed, supplied = ("thrust_gain", *route.needed, reaction), ("speed_scale", *route.supplied)
+    by_mass = _by_mass("J", ("kg m^2", "m^2"), needed, supplied, per_mass)
+    return PhysicalParameter(name, words, (*by_mass, *left))
 
 
+#: Units of torques against rates, with the mass and without.
+DRAG_UNITS = ("N m/(rad/s)", "m^2/s")
 _NO_YAW_INERTIA = "Izz is not identified."
 
 
@@ -350,50 +315,30 @@ def physical_parameters(
 
 
 def _row(
-    physical_parameter: PhysicalParameter, combinations: Combinations, known: KnownVehicle, level: float
+    parameter: PhysicalParameter, combinations: Combinations, known: KnownVehicle, level: float
 ) -> PhysicalEstimateRow:
-    fullest = physical_parameter.formulas[0]
+    fullest, number = parameter.formulas[0], None
     reason, missing = _why_not_identified(fullest, combinations, level), _missing(fullest.supplied, known)
-    formula = next(
-        (
-            formula
-            for formula in physical_parameter.formulas
-            if not _missing(formula.supplied, known) and not _why_not_identified(formula, combinations, level)
-        ),
-        None,
-    )
-    number = None if formula is None else _report(formula, combinations, known, level)
-    if number is not None and formula is fullest and not physical_parameter.refusal:
-        return PhysicalEstimateRow(
-            physical_parameter.name,
-            physical_parameter.words,
-            number,
-            None,
-            _basis(physical_parameter, number, fullest),
-        )
+    for formula in parameter.formulas:
+        if not _missing(formula.supplied, known) and not _why_not_identified(formula, combinations, level):
+            supplied: dict[str, KnownNumber] = {name: getattr(known, name) for name in formula.supplied}
+            result = combinations.function(formula.formula, formula.needed, supplied, level)
+            numbers = result.value, result.std_error, result.interval
+            number = PhysicalEstimate(formula.symbol, formula.unit, *numbers)
+            if formula is fullest and not parameter.refusal:
+                basis = _basis(parameter, number, fullest)
+                return PhysicalEstimateRow(parameter.name, parameter.words, number, None, basis)
+            break
     left = "" if number is None else f"{number} is all that the flight gives"
-    if physical_parameter.refusal:
-        selected = [
-            physical_parameter.refusal,
-            f"{left}." if left else reason,
-            _remedy(_missing(physical_parameter.helps, known), " or "),
-        ]
+    if parameter.refusal:
+        helps = _remedy(_missing(parameter.helps, known), " or ")
+        selected = [parameter.refusal, f"{left}." if left else reason, helps]
     elif reason:
         selected = [reason, f"{left}." if left else ""]
     else:
         selected = [f"{left} without {_listed(missing, ' and ')}.", _remedy(missing, " and ")]
     sentence = " ".join(part for part in selected if part)
-    return PhysicalEstimateRow(physical_parameter.name, physical_parameter.words, None, number, sentence)
-
-
-def _report(
-    formula: Formula, combinations: Combinations, known: KnownVehicle, level: float
-) -> PhysicalEstimate:
-    supplied: dict[str, KnownNumber] = {name: getattr(known, name) for name in formula.supplied}
-    quantity = combinations.function(formula.formula, formula.needed, supplied, level)
-    return PhysicalEstimate(
-        formula.symbol, formula.unit, quantity.value, quantity.std_error, quantity.interval
-    )
+    return PhysicalEstimateRow(parameter.name, parameter.words, None, number, sentence)
 
 
 def _missing(names: tuple[str, ...], known: KnownVehicle) -> tuple[str, ...]:
@@ -414,12 +359,12 @@ def _why_not_identified(formula: Formula, combinations: Combinations, level: flo
     return ""
 
 
-def _basis(physical_parameter: PhysicalParameter, number: PhysicalEstimate, formula: Formula) -> str:
+def _basis(parameter: PhysicalParameter, number: PhysicalEstimate, formula: Formula) -> str:
     """What a value rests on, and what is strange about it."""
-    selected = [physical_parameter.remark]
+    selected = [parameter.remark]
     if formula.supplied:
         selected.append(f"With {_listed(formula.supplied, ' and ')} as supplied.")
-    if physical_parameter.name in DRAGS and number.interval[1] < 0.0:
+    if parameter.name in DRAGS and number.interval[1] < 0.0:
         selected.append(
             "Below zero: a disturbance that goes with the motion, such as wind, not the air's drag."
         )

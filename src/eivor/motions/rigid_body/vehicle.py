@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Mapping, Sized
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 from importlib import resources
 from importlib.resources.abc import Traversable
@@ -46,10 +46,9 @@ DRAG_MOMENT = tuple(
 )
 #: Of rotors that spin: J / Ixx and J / Iyy.
 GYROSCOPIC_MOMENT = (Parameter("roll_by_spin", ""), Parameter("pitch_by_spin", ""))
-GAIN = (
-    Parameter("roll_gain", "rad/s^2/m"),
-    Parameter("pitch_gain", "rad/s^2/m"),
-    Parameter("yaw_gain", "rad/s^2"),
+GAIN = tuple(
+    Parameter(f"{name}_gain", unit)
+    for name, unit in zip(TURNING, ("rad/s^2/m", "rad/s^2/m", "rad/s^2"), strict=True)
 )
 OFFSET = (Parameter("roll_offset", "rad/s^2"), Parameter("pitch_offset", "rad/s^2"))
 REACTION = Parameter("rotor_reaction", "")
@@ -60,36 +59,19 @@ DRIVING = (*GAIN, *OFFSET, REACTION, THRUST)
 
 #: Parameters of each equation that move with lag and delay.
 MOVING = (
-    (
-        GAIN[ROLL_EQUATION],
-        DAMPING[ROLL_EQUATION],
-        OFFSET[ROLL_EQUATION],
-        GYROSCOPIC_MOMENT[ROLL_EQUATION],
-        *DRAG_MOMENT[ROLL_EQUATION],
-    ),
-    (
-        GAIN[PITCH_EQUATION],
-        DAMPING[PITCH_EQUATION],
-        OFFSET[PITCH_EQUATION],
-        GYROSCOPIC_MOMENT[PITCH_EQUATION],
-        *DRAG_MOMENT[PITCH_EQUATION],
+    *(
+        (GAIN[axis], DAMPING[axis], OFFSET[axis], GYROSCOPIC_MOMENT[axis], *DRAG_MOMENT[axis])
+        for axis in (ROLL_EQUATION, PITCH_EQUATION)
     ),
     (GAIN[YAW_EQUATION], DAMPING[YAW_EQUATION], REACTION, *DRAG_MOMENT[YAW_EQUATION]),
-    (DRAG[0],),
-    (DRAG[1],),
-    (THRUST, DRAG[2], LIFT),
+    *((DRAG[0],), (DRAG[1],), (THRUST, DRAG[2], LIFT)),
 )
 
 
 # -- Inertia ratios --
 
 #: Parameters that identify them.
-TELLING = (
-    GAIN[ROLL_EQUATION].name,
-    GAIN[PITCH_EQUATION].name,
-    COUPLING[ROLL_EQUATION].name,
-    COUPLING[PITCH_EQUATION].name,
-)
+TELLING = tuple(item.name for item in (*GAIN[:YAW_EQUATION], *COUPLING[:YAW_EQUATION]))
 
 
 @dataclass(frozen=True, slots=True)
@@ -279,26 +261,11 @@ class Rotors:
     flapping: float = 0.0
 
     def __post_init__(self) -> None:
-        if not 2 <= len(self.positions) <= MOST_ROTORS or len(self.spins) != len(self.positions):
-            raise ParameterError(
-                f"positions of 2 to {MOST_ROTORS} rotors, and a spin for each",
-                f"{len(self.positions)} positions and {len(self.spins)} spins",
-                "Give both in the order of the rotors' commands.",
-            )
-        for position in self.positions:
-            triple("position", position)
-            finite("position", *position)
-        if not all(spin in (1, -1) for spin in self.spins):
-            raise ParameterError(
-                "spins of +1 or -1",
-                f"{self.spins}",
-                "A rotor whose reaction torque on the body points up (clockwise from above) has +1.",
-            )
-        positive("highest_speed", self.highest_speed)
-        positive("lag_up", self.lag_up)
-        positive("lag_down", self.lag_down)
-        for name in _NOT_NEGATIVE:
-            non_negative(name, getattr(self, name))
+        _check_places(self.positions, self.spins, planar=False)
+        for name in ("highest_speed", "lag_up", "lag_down"):
+            positive(name, getattr(self, name))
+        for item in fields(self)[2:]:
+            non_negative(item.name, getattr(self, item.name))
         if not self.thrust_linear + self.thrust_quadratic > 0.0:
             raise ParameterError("rotors with thrust", "none", "Give thrust_quadratic or thrust_linear.")
         if not self.lowest_speed < self.highest_speed:
@@ -326,18 +293,27 @@ class Rotors:
         return 2.0 * thrust / (linear + math.sqrt(linear**2 + 4.0 * quadratic * thrust))
 
 
-_NOT_NEGATIVE = (
-    "thrust_quadratic",
-    "thrust_linear",
-    "torque_ratio",
-    "inertia",
-    "delay",
-    "lowest_speed",
-    "drag",
-    "inflow",
-    "translational_lift",
-    "flapping",
-)
+def _check_places(positions: tuple[tuple[float, ...], ...], spins: tuple[int, ...], *, planar: bool) -> None:
+    """Refuse what are no positions and spins of rotors; planar positions have no height."""
+    if not 2 <= len(positions) <= MOST_ROTORS or len(spins) != len(positions):
+        raise ParameterError(
+            f"positions of 2 to {MOST_ROTORS} rotors, and a spin for each",
+            f"{len(positions)} positions and {len(spins)} spins",
+            "Give both in the order of the rotors' commands.",
+        )
+    if planar and not all(len(position) == 2 for position in positions):
+        two = "two numbers for a rotor's position, forward and left"
+        raise ParameterError(two, f"{positions}", "Leave its height out.")
+    for position in positions:
+        if not planar:
+            triple("position", position)
+        finite("position", *position)
+    if not all(spin in (1, -1) for spin in spins):
+        raise ParameterError(
+            "spins of +1 or -1",
+            f"{spins}",
+            "A rotor whose reaction torque on the body points up (clockwise from above) has +1.",
+        )
 
 
 # -- Known vehicle --
@@ -376,7 +352,8 @@ class KnownVehicle:
     rotor_radius: float | None = None  # [m]
 
     def __post_init__(self) -> None:
-        _check_rotors(self.positions, self.spins)
+        _check_places(self.positions, self.spins, planar=True)
+        _check_turning(self.positions, self.spins)
         for name, (low, high, unit) in RANGES.items():
             number: KnownNumber | None = getattr(self, name)
             if number is not None:
@@ -405,31 +382,11 @@ class KnownVehicle:
         return float(np.mean([math.hypot(*position) for position in self.positions]))
 
 
-def _check_rotors(positions: tuple[tuple[float, ...], ...], spins: tuple[int, ...]) -> None:
-    if not 2 <= len(positions) <= MOST_ROTORS or len(spins) != len(positions):
-        raise ParameterError(
-            f"positions of 2 to {MOST_ROTORS} rotors, and a spin for each",
-            f"{len(positions)} positions and {len(spins)} spins",
-            "Give both in the order of the rotors' commands.",
-        )
-    if not all(len(position) == 2 for position in positions):
-        raise ParameterError(
-            "two numbers for a rotor's position, forward and left",
-            f"{positions}",
-            "Leave its height out.",
-        )
-    for position in positions:
-        finite("position", *position)
-    if not all(spin in (1, -1) for spin in spins):
-        raise ParameterError(
-            "spins of +1 or -1",
-            f"{spins}",
-            "A rotor whose reaction torque on the body points up (clockwise from above) has +1.",
-        )
+def _check_turning(positions: tuple[tuple[float, ...], ...], spins: tuple[int, ...]) -> None:
+    """Refuse rotors that do not turn a vehicle about each axis."""
     size = max(max(abs(x), abs(y)) for x, y in positions) or 1.0
-    turning = np.array(
-        [[y / size, x / size, spin, 1.0] for (x, y), spin in zip(positions, spins, strict=True)]
-    )
+    rotors = zip(positions, spins, strict=True)
+    turning = np.array([[y / size, x / size, spin, 1.0] for (x, y), spin in rotors])
     if np.linalg.matrix_rank(turning) < turning.shape[1]:
         raise ParameterError(
             "rotors that turn the vehicle about each of its axes",
@@ -482,49 +439,39 @@ CLOCKWISE, COUNTERCLOCKWISE = 1, -1
 Rotor = tuple[float, float, int]
 
 _SIDE = math.sqrt(0.5)
-_FRONT_LEFT, _FRONT_RIGHT = (_SIDE, _SIDE), (_SIDE, -_SIDE)
-_REAR_LEFT, _REAR_RIGHT = (-_SIDE, _SIDE), (-_SIDE, -_SIDE)
-_FRONT, _REAR, _LEFT, _RIGHT = (1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)
+_PLACES = {
+    "front-left": (_SIDE, _SIDE),
+    "front-right": (_SIDE, -_SIDE),
+    "rear-left": (-_SIDE, _SIDE),
+    "rear-right": (-_SIDE, -_SIDE),
+    "front": (1.0, 0.0),
+    "rear": (-1.0, 0.0),
+    "left": (0.0, 1.0),
+    "right": (0.0, -1.0),
+}
+GYROSCOPIC_WORDS = {"cw": CLOCKWISE, "ccw": COUNTERCLOCKWISE}
 
-_ARDUPILOT_X = (
-    (*_FRONT_RIGHT, COUNTERCLOCKWISE),
-    (*_REAR_LEFT, COUNTERCLOCKWISE),
-    (*_FRONT_LEFT, CLOCKWISE),
-    (*_REAR_RIGHT, CLOCKWISE),
-)
-_ARDUPILOT_PLUS = (
-    (*_RIGHT, COUNTERCLOCKWISE),
-    (*_LEFT, COUNTERCLOCKWISE),
-    (*_FRONT, CLOCKWISE),
-    (*_REAR, CLOCKWISE),
-)
+
+def _numbered(rotors: str) -> tuple[Rotor, ...]:
+    """Rotors in their order, by place and spin in words."""
+    words = [rotor.split() for rotor in rotors.split(", ")]
+    return tuple((*_PLACES[place], GYROSCOPIC_WORDS[spin]) for place, spin in words)
+
+
+_ARDUPILOT_X = _numbered("front-right ccw, rear-left ccw, front-left cw, rear-right cw")
+_ARDUPILOT_PLUS = _numbered("right ccw, left ccw, front cw, rear cw")
 #: Rotors by layout and numbering.
-LAYOUTS: dict[str, dict[str, tuple[Rotor, ...]]] = {
+LAYOUTS = {
     "quad-x": {
         "px4": _ARDUPILOT_X,
         "ardupilot": _ARDUPILOT_X,
-        "betaflight": (
-            (*_REAR_RIGHT, CLOCKWISE),
-            (*_FRONT_RIGHT, COUNTERCLOCKWISE),
-            (*_REAR_LEFT, COUNTERCLOCKWISE),
-            (*_FRONT_LEFT, CLOCKWISE),
-        ),
-        "crazyflie": (
-            (*_FRONT_RIGHT, COUNTERCLOCKWISE),
-            (*_REAR_RIGHT, CLOCKWISE),
-            (*_REAR_LEFT, COUNTERCLOCKWISE),
-            (*_FRONT_LEFT, CLOCKWISE),
-        ),
+        "betaflight": _numbered("rear-right cw, front-right ccw, rear-left ccw, front-left cw"),
+        "crazyflie": _numbered("front-right ccw, rear-right cw, rear-left ccw, front-left cw"),
     },
     "quad-plus": {
         "px4": _ARDUPILOT_PLUS,
         "ardupilot": _ARDUPILOT_PLUS,
-        "betaflight": (
-            (*_REAR, CLOCKWISE),
-            (*_RIGHT, COUNTERCLOCKWISE),
-            (*_LEFT, COUNTERCLOCKWISE),
-            (*_FRONT, CLOCKWISE),
-        ),
+        "betaflight": _numbered("rear cw, right ccw, left ccw, front cw"),
     },
 }
 
@@ -562,15 +509,13 @@ ENDING = ".toml"
 TEMPLATE = "vehicle_template.toml"
 #: Lengths of arms [m].
 LEAST_ARM, LARGEST_ARM = 5e-3, 10.0
-GYROSCOPIC_WORDS = {"cw": CLOCKWISE, "ccw": COUNTERCLOCKWISE}
 
 
 def shipped_vehicles() -> tuple[str, ...]:
     """Names of the vehicles that come with Eivor."""
     folder = resources.files("eivor.motions.rigid_body") / "vehicles"
-    return tuple(
-        sorted(entry.name.removesuffix(ENDING) for entry in folder.iterdir() if entry.name.endswith(ENDING))
-    )
+    names = (entry.name for entry in folder.iterdir())
+    return tuple(sorted(name.removesuffix(ENDING) for name in names if name.endswith(ENDING)))
 
 
 def load_vehicle(source: str | os.PathLike[str]) -> KnownVehicle:

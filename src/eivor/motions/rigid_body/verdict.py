@@ -6,7 +6,7 @@ import math
 import operator
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import reduce
+from functools import partial, reduce
 from itertools import combinations, permutations
 from math import inf
 
@@ -26,25 +26,24 @@ from eivor.flights.quantity import (
     clock_uncertainty,
 )
 from eivor.flights.verdict import (
-    disagreement_reasons,
-    instrument_reasons,
-    lag_prior_reasons,
+    FlightRule,
+    has_no_bounds,
     moved,
-    short_flight_reasons,
+    refused,
     strength_of,
-    untold,
+    weak,
     wide_lag_reasons,
 )
 from eivor.inference.diagnostics.record import BEYOND_DOUBT
 from eivor.inference.distributions import chi_square_tail
-from eivor.inference.verdict import Reason, Status
+from eivor.inference.verdict import Reason
 from eivor.logs.common import low_pass_delay_s
-from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, AxisColumns, LaggedRuns
+from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, LaggedRuns
 from eivor.models.regression import Parameter
 from eivor.models.separable import NoInstruments, Values, WarmStart
 from eivor.models.spectral import SpectralRun
 from eivor.motions.rates.verdict import AXES
-from eivor.motions.rigid_body.inertia import Combinations, FormulaFunction
+from eivor.motions.rigid_body.inertia import Combinations
 from eivor.motions.rigid_body.regression import RotorColumns, on_body_axes, rigid_body_problem
 from eivor.motions.rigid_body.vehicle import (
     COUPLING,
@@ -73,7 +72,7 @@ from eivor.signals.filters import time_derivative
 from eivor.signals.thrust_map import input_map
 from eivor.tools import Complex, Float
 
-# -- Allowances --
+# -- Systematic parts --
 
 #: Root of 1 - x + x log x = .05, see above.
 POINT_WITHIN = 0.701
@@ -85,26 +84,41 @@ def all_systematic_uncertainties(
     flights: tuple[PreparedFlight, ...], quantities: Mapping[str, QuantityEstimate], vehicle: KnownVehicle
 ) -> dict[str, tuple[SystematicUncertainty, ...]]:
     """Systematic parts of the gains of turning and of the lag."""
-    unlogged_commands = _unlogged_commands(flights, quantities)
+    by_stamps = clock_uncertainty(max(flight.command_slack_s for flight in flights))
+    half_s = max(_point_s(flight) for flight in flights)
     early_s = max(filter_early_s(vehicle.gyro_cutoff_hz, flight.rates_hz[AXES[0].name]) for flight in flights)
+    unlogged = "The log holds but some of the commands, perhaps always those at one point of a slower loop: "
+    filtered = "How often the gyroscope's filter runs is not known: "
+    results: dict[str, tuple[SystematicUncertainty, ...]] = {}
+    for name, part in (
+        *((name, replace(item, counts=Counts.INDEPENDENT)) for item in by_stamps for name in _LAGS),
+        *_of_shift(half_s, quantities, Counts.INDEPENDENT, unlogged),
+        *_of_shift(early_s, quantities, Counts.ADDED, filtered),
+    ):
+        results[name] = (*results.get(name, ()), part)
+    return results
+
+
+_LAGS = (ACTUATOR_LAG.name, EFFECTIVE_LAG)
+
+
+def _of_shift(
+    shift_s: float, quantities: Mapping[str, QuantityEstimate], counts: Counts, why: str
+) -> Iterator[tuple[str, SystematicUncertainty]]:
+    """What a lag that is wrong by so much does to it and to the gains; one that is added, to one side."""
     lag = quantities.get(EFFECTIVE_LAG)
-    if not early_s or lag is None or not lag.value > early_s:
-        return unlogged_commands
-    why = "How often the gyroscope's filter runs is not known: "
-    text = f"{why}the lag may be {1e3 * early_s:.2g} ms longer."
-    parts = {
-        name: SystematicUncertainty(Counts.ADDED, 0.0, early_s, text)
-        for name in (ACTUATOR_LAG.name, EFFECTIVE_LAG)
-    }
-    share = early_s / lag.value
+    if not shift_s or lag is None or not lag.value > shift_s:
+        return
+    both = counts is Counts.INDEPENDENT
+    text = f"{why}the lag may be {1e3 * shift_s:.2g} ms longer{' or shorter' if both else ''}."
+    for name in _LAGS:
+        yield name, SystematicUncertainty(counts, shift_s if both else 0.0, shift_s, text)
+    share = shift_s / lag.value
+    text = f"{why}the gain may be {100.0 * share:.2g} % {'larger or ' if both else ''}smaller."
     for parameter in GAIN:
         if parameter.name in quantities:
             part = share * abs(quantities[parameter.name].value)
-            text = f"{why}the gain may be {100.0 * share:.2g} % smaller."
-            parts[parameter.name] = SystematicUncertainty(Counts.ADDED, part, 0.0, text)
-    return unlogged_commands | {
-        name: (*unlogged_commands.get(name, ()), part) for name, part in parts.items()
-    }
+            yield parameter.name, SystematicUncertainty(counts, part, part if both else 0.0, text)
 
 
 def filter_early_s(cutoff_hz: float | None, logged_hz: float) -> float:
@@ -113,33 +127,6 @@ def filter_early_s(cutoff_hz: float | None, logged_hz: float) -> float:
         return 0.0
     x = math.pi * cutoff_hz / max(logged_hz, STEPS_OF_FILTER * cutoff_hz)
     return low_pass_delay_s(cutoff_hz) * (1.0 - x / math.tan(x))
-
-
-def _unlogged_commands(
-    flights: tuple[PreparedFlight, ...], quantities: Mapping[str, QuantityEstimate]
-) -> dict[str, tuple[SystematicUncertainty, ...]]:
-    """What commands between those that the log holds leave open."""
-    by_stamps = tuple(
-        replace(item, counts=Counts.INDEPENDENT)
-        for item in clock_uncertainty(max(flight.command_slack_s for flight in flights))
-    )
-    results = {name: by_stamps for name in (ACTUATOR_LAG.name, EFFECTIVE_LAG) if by_stamps}
-    half_s = max(_point_s(flight) for flight in flights)
-    lag = quantities.get(EFFECTIVE_LAG)
-    if not half_s or lag is None or not lag.value > half_s:
-        return results
-    share = half_s / lag.value
-    why = "The log holds but some of the commands, perhaps always those at one point of a slower loop: "
-    for parameter in GAIN:
-        if parameter.name in quantities:
-            part = share * abs(quantities[parameter.name].value)
-            sentence = f"{why}the gain may be {100.0 * share:.2g} % larger or smaller."
-            results[parameter.name] = (SystematicUncertainty(Counts.INDEPENDENT, part, part, sentence),)
-    sentence = f"{why}the lag may be {1e3 * half_s:.2g} ms longer or shorter."
-    late = SystematicUncertainty(Counts.INDEPENDENT, half_s, half_s, sentence)
-    for name in (ACTUATOR_LAG.name, EFFECTIVE_LAG):
-        results[name] = (*results.get(name, ()), late)
-    return results
 
 
 def _point_s(flight: PreparedFlight) -> float:
@@ -184,12 +171,17 @@ def identified_ratios(estimate: Estimate) -> InertiaRatios | None:
         if not (low > 0.0 and high - low <= 2.0 * TOLD_SHARE * ratio(values)):
             return None
     for axis in (ROLL_EQUATION, PITCH_EQUATION):
-        low, high = finite.function(
-            _separated(axis), (*TELLING, *_SPINS), {}, CONSISTENCY_LEVEL, math.inf
-        ).interval
+        formula, needed = partial(_differs, axis), (*TELLING, *_SPINS)
+        low, high = finite.function(formula, needed, {}, CONSISTENCY_LEVEL, math.inf).interval
         if not low <= 0.0 <= high:
             return None
     return InertiaRatios.of_values(values)
+
+
+def _differs(axis: int, values: Mapping[str, float]) -> float:
+    """What the column of ROLL or PITCH says beside one inertia."""
+    of_all = InertiaRatios.of_values(values).of_axis(axis) * values[REACTION.name]
+    return values[GYROSCOPIC_MOMENT[axis].name] - of_all
 
 
 def with_common_rotor_inertia(
@@ -201,15 +193,19 @@ def with_common_rotor_inertia(
     combination = np.array([[float(item == other) for other in kept] for item in moving])
     for axis, entry in enumerate(GYROSCOPIC_MOMENT):
         combination[moving.index(entry), kept.index(REACTION)] = ratios.of_axis(axis)
-    columns = tuple(_with_common_inertia(column, kept, ratios) for column in problem.columns)
+    columns = []
+    for column in problem.columns:
+        if isinstance(column.moving, RotorColumns):
+            own = replace(column.moving, moving=kept, common_rotor_inertia=ratios)
+            columns.append(replace(column, moving=own, moved=own.indices))
+        else:
+            columns.append(column)
     noisier = None if problem.noisier is None else with_common_rotor_inertia(problem.noisier, ratios)
     started = None
     if free is not None:
-        stays = [
-            index for index, parameter in enumerate(problem.parameters) if parameter not in GYROSCOPIC_MOMENT
-        ]
+        stays = [index for index, item in enumerate(problem.parameters) if item not in GYROSCOPIC_MOMENT]
         started = WarmStart(free.theta[stays], free.nuisances)
-    return problem.combined(columns, kept, combination, noisier=noisier, begun=started)
+    return problem.combined(tuple(columns), kept, combination, noisier=noisier, begun=started)
 
 
 def rotor_inertia_ratios(problem: LaggedRuns) -> InertiaRatios | None:
@@ -233,44 +229,18 @@ def with_gyroscopic_moments(models: Mapping[str, SimpleModel], fit: str) -> dict
     values = models[fit].values
     if not {REACTION.name, *TELLING} <= set(values) or GYROSCOPIC_MOMENT[ROLL_EQUATION].name in values:
         return dict(models)
-    ratios = InertiaRatios.of_values(values)
-    return {
-        name: replace(model, values=_with_moments(model.values, ratios)) for name, model in models.items()
-    }
-
-
-def _with_moments(values: Mapping[str, float], ratios: InertiaRatios) -> dict[str, float]:
-    of_all = values.get(REACTION.name, 0.0)
-    return {
-        **values,
-        **{item.name: ratios.of_axis(axis) * of_all for axis, item in enumerate(GYROSCOPIC_MOMENT)},
-    }
-
-
-def _with_common_inertia(
-    axis_columns: AxisColumns, kept: tuple[Parameter, ...], ratios: InertiaRatios
-) -> AxisColumns:
-    if not isinstance(axis_columns.moving, RotorColumns):
-        return axis_columns
-    moving = replace(axis_columns.moving, moving=kept, common_rotor_inertia=ratios)
-    return replace(axis_columns, moving=moving, moved=moving.indices)
-
-
-def _separated(axis: int) -> FormulaFunction:
-    """What the column of ROLL or PITCH says beside one inertia."""
-
-    def apart(values: Mapping[str, float]) -> float:
-        item = InertiaRatios.of_values(values).of_axis(axis) * values[REACTION.name]
-        return values[GYROSCOPIC_MOMENT[axis].name] - item
-
-    return apart
+    ratios, results = InertiaRatios.of_values(values), {}
+    for name, model in models.items():
+        of_all = model.values.get(REACTION.name, 0.0)
+        moments = {item.name: ratios.of_axis(axis) * of_all for axis, item in enumerate(GYROSCOPIC_MOMENT)}
+        results[name] = replace(model, values={**model.values, **moments})
+    return results
 
 
 # -- Onboard filters --
 
 #: Filters that a vehicle file may name, and what they are of.
-GYRO, ACCELEROMETER = "gyro_cutoff_hz", "accelerometer_cutoff_hz"
-FILTERS = {GYRO: "the gyroscope's", ACCELEROMETER: "the accelerometer's"}
+FILTERS = {"gyro_cutoff_hz": "the gyroscope's", "accelerometer_cutoff_hz": "the accelerometer's"}
 #: References that agree by this p-value need no explanation.
 DISAGREE = 0.001
 #: Their J must fall to this share of itself without a filter that the log has not passed.
@@ -331,8 +301,10 @@ def filters_not_passed(
         with_all = _disagreement(current, estimate.method)
     if not math.isfinite(with_all):
         return None
-    others = {key: _without_filter(current, flights[number], layout, key) for key in named}
-    results = {key: _disagreement(other, estimate.method) for key, other in others.items()}
+    results = {
+        key: _disagreement(_without_filter(current, flights[number], layout, key), estimate.method)
+        for key in named
+    }
     without = {key: J for key, J in results.items() if FAR_BETTER * with_all > J}
     return FiltersNotPassed(with_all, without) if without else None
 
@@ -340,29 +312,20 @@ def filters_not_passed(
 def _disagreement(problem: LaggedRuns, method: str) -> float:
     """J of the references; infinite where nothing can be identified."""
     try:
-        J, _ = identify(problem, by_name(method)).best.over_identification
+        return identify(problem, by_name(method)).best.over_identification[0]
     except EstimationError:
         return math.inf
-    return J
 
 
 def _without_filter(problem: LaggedRuns, flight: PreparedFlight, layout: RotorLayout, key: str) -> LaggedRuns:
     """The same problem for a vehicle without one of its filters; instruments and nuisances stay."""
-    known = layout.vehicle
-    unfiltered = (
-        replace(known, gyro_cutoff_hz=None) if key == GYRO else replace(known, accelerometer_cutoff_hz=None)
-    )
-    made, spin = (
-        rigid_body_problem((flight,), RotorLayout(unfiltered), NoInstruments()),
-        rotor_inertia_ratios(problem),
-    )
+    unfiltered = replace(layout.vehicle, **{key: None})
+    made = rigid_body_problem((flight,), RotorLayout(unfiltered), NoInstruments())
+    spin = rotor_inertia_ratios(problem)
     if spin is not None:
         made = with_common_rotor_inertia(made, spin)
-    columns = tuple(
-        replace(new, instruments=old.instruments)
-        for new, old in zip(made.columns, problem.columns, strict=True)
-    )
-    return replace(problem, columns=columns)
+    pairs = zip(made.columns, problem.columns, strict=True)
+    return replace(problem, columns=tuple(replace(new, instruments=old.instruments) for new, old in pairs))
 
 
 # -- Consistency of lags --
@@ -578,20 +541,18 @@ def _candidate(
 def _others(layout: RotorLayout) -> Iterator[_Candidate]:
     for order in _orders(layout.count):
         moving = layout.yaw[list(order)]
-        one_turned = moving * (1.0 - 2.0 * np.eye(layout.count))
-        for item in (moving, layout.yaw, *one_turned):
-            yield _candidate(layout, order, item)
+        for spins in (moving, layout.yaw, *(moving * (1.0 - 2.0 * np.eye(layout.count)))):
+            yield _candidate(layout, order, spins)
 
 
 def _orders(count: int) -> Iterator[tuple[int, ...]]:
     if count <= MOST_ORDERED:
         yield from permutations(range(count))
         return
-    yield tuple(range(count))
-    for item, other in combinations(range(count), 2):
-        order = list(range(count))
-        order[item], order[other] = other, item
-        yield tuple(order)
+    whole = tuple(range(count))
+    yield whole
+    for item, other in combinations(whole, 2):
+        yield tuple({item: other, other: item}.get(rotor, rotor) for rotor in whole)
 
 
 @dataclass(frozen=True)
@@ -712,9 +673,7 @@ def steady_wind(
     if not set(QUADRATIC_DRAG[:2]) <= set(problem.parameters):
         return None
     results = [_of_flight(problem, nuisance_values, number, flight) for number, flight in enumerate(flights)]
-    return max(
-        (result for result in results if result is not None), key=lambda item: item.speed, default=None
-    )
+    return max((item for item in results if item is not None), key=lambda item: item.speed, default=None)
 
 
 def _of_flight(
@@ -737,16 +696,13 @@ def _of_flight(
     )
     known = tuple(nuisance.known_at(nuisance_values[nuisance.name]) for nuisance in problem.nuisances)
     try:
-        reported = identify(
-            LaggedRuns(columns, (*_WIND, *QUADRATIC_DRAG[:2], *DRAG[:2]), known),
-            by_name("whitened_least_squares"),
-        )
+        runs = LaggedRuns(columns, (*_WIND, *QUADRATIC_DRAG[:2], *DRAG[:2]), known)
+        reported = identify(runs, by_name("whitened_least_squares"))
     except (DataError, EstimationError):  # too short, or a heading that stays
         return None
     drag = 0.5 * sum(reported.parameters[entry.name] for entry in DRAG[:2])
-    sure = any(
-        low > 0.0 or high < 0.0 for low, high in (reported.interval(entry.name, SURE) for entry in _WIND)
-    )
+    intervals = [reported.interval(entry.name, SURE) for entry in _WIND]
+    sure = any(low > 0.0 or high < 0.0 for low, high in intervals)
     if not sure or not drag > 0.0:
         return None
     wind = SteadyWind(*(reported.parameters[entry.name] / drag for entry in _WIND))
@@ -756,101 +712,87 @@ def _of_flight(
 # -- Rule --
 
 GAIN_SHARE, SLOW_SHARE, COUPLING_WITHIN, LAG_WITHIN_S = 0.1, 0.5, 0.1, 0.01
-SHORT_FLIGHT_S = 10.0
-COMMAND_RATE_HZ = 45.0
 FLY = (
     "Fly steps of roll, pitch, yaw and height at uneven times for 60 s, each by itself and some together, in "
     "calm air."
 )
 CORRECT_ROTORS = "Correct positions and spins in the vehicle file, in the order of the rotor commands."
-LOG_REFERENCE = "Log the setpoints of height and attitude, or the pilot's sticks, at 20 Hz or more."
-LOG_PLANNED = "Fly in a mode in which the sticks set the attitude, or inject a sweep."
+OF_FLIGHT = FlightRule(
+    fly=FLY,
+    log_reference="Log the setpoints of height and attitude, or the pilot's sticks, at 20 Hz or more.",
+    log_planned="Fly in a mode in which the sticks set the attitude, or inject a sweep.",
+    moves="moves",
+    undisturbed="Fly in calm air and away from the ground, and keep the motors from their limits.",
+    command_rate_hz=45.0,
+    slow_command="The rotors are logged at {rate:.0f} Hz; {least:.0f} Hz are needed.",
+    log_faster="Log them at 100 Hz or more.",
+    least_s=10.0,
+)
 
 _GAINS = {item.name for item in (*GAIN, THRUST)}
 _SLOW = {item.name for item in (*DAMPING, *DRAG, FRICTION, LIFT)}
 _COUPLINGS = {item.name for item in COUPLING}
-_ACROSS = {item.name for item in ACROSS}
+#: Share of a quantity that half its interval may be.
+_SHARES = dict.fromkeys(_GAINS, GAIN_SHARE) | dict.fromkeys(_SLOW, SLOW_SHARE)
 
 
 def all_reasons(
     quantities: Mapping[str, QuantityEstimate], strength: InstrumentStrength, inputs: VerdictInputs
 ) -> dict[str, tuple[Reason, ...]]:
     """Reasons against every quantity that there is."""
-    lag = (*_shared(strength_of(strength), inputs), *_lag_reasons(quantities))
-    results = {ACTUATOR_LAG.name: lag, DELAY.name: lag, "effective_lag": lag}
+    half_width, quicker = (
+        quantities[EFFECTIVE_LAG].half_width,
+        "Fly quicker steps, and log rotors and rates faster.",
+    )
+    of_lag = tuple(wide_lag_reasons(half_width, LAG_WITHIN_S, whose="rotors'", remedy=quicker))
+    of_model = tuple(_of_model(inputs.numbers))
+
+    def shared(*names: str) -> tuple[Reason, ...]:
+        return (*OF_FLIGHT.reasons(strength_of(strength, *names), inputs), *of_model, *of_lag)
+
+    results = dict.fromkeys((ACTUATOR_LAG.name, DELAY.name, EFFECTIVE_LAG), shared())
     wind = SteadyWind.of_numbers(inputs.numbers)
     for name, quantity in quantities.items():
         if name in results:
             continue
-        moved_by = THRUST.name if name == FRICTION.name else name  # what trades is reported together
-        reasons = [*_shared(strength_of(strength, moved_by), inputs), *_lag_reasons(quantities)]
-        if not untold(name, strength):
+        # what trades is reported together
+        reasons = list(shared(THRUST.name if name == FRICTION.name else name))
+        if not has_no_bounds(name, strength):
             reasons += _interval_reasons(name, quantity, inputs)
-        if wind is not None and name in _ACROSS:
-            reasons.append(Reason(Status.WEAK, wind.sentence, wind.remedy))
+        if wind is not None and name in {item.name for item in ACROSS}:
+            reasons.append(weak(wind.sentence, wind.remedy))
         results[name] = tuple(reasons)
     return results
 
 
-def _shared(strength: InstrumentStrength, inputs: VerdictInputs) -> list[Reason]:
-    reasons = instrument_reasons(
-        strength, inputs, fly=FLY, log_reference=LOG_REFERENCE, log_planned=LOG_PLANNED
-    )
-    remedy = "Fly in calm air and away from the ground, and keep the motors from their limits."
-    reasons += disagreement_reasons(strength, moves="moves", remedy=remedy)
-    if inputs.command_rate_hz < COMMAND_RATE_HZ:
-        reasons.append(
-            Reason(
-                Status.WEAK,
-                f"The rotors are logged at {inputs.command_rate_hz:.0f} Hz; {COMMAND_RATE_HZ:.0f} Hz "
-                f"are needed.",
-                "Log them at 100 Hz or more.",
-            )
-        )
-    reasons += short_flight_reasons(inputs, SHORT_FLIGHT_S)
-    reasons.extend(lag_prior_reasons(inputs))
-    order = Order.of_numbers(inputs.numbers)
+def _of_model(numbers: Mapping[str, float]) -> Iterator[Reason]:
+    """Reasons of a flight that contradicts the vehicle file, or whose axes contradict each other."""
+    order = Order.of_numbers(numbers)
     if order is not None:
-        reasons.append(Reason(Status.REFUSED, order.sentence, CORRECT_ROTORS))
-    lags = LagConsistencyTest.of_numbers(inputs.numbers)
-    if lags is not None:
-        reasons.append(Reason(Status.WEAK, lags.sentence, lags.remedy))
-    filters = FiltersNotPassed.of_numbers(inputs.numbers)
-    if filters is not None:
-        reasons.append(Reason(Status.WEAK, filters.sentence, filters.remedy))
-    return reasons
+        yield refused(order.sentence, CORRECT_ROTORS)
+    for item in (LagConsistencyTest.of_numbers(numbers), FiltersNotPassed.of_numbers(numbers)):
+        if item is not None:
+            yield weak(item.sentence, item.remedy)
 
 
-def _interval_reasons(name: str, quantity: QuantityEstimate, inputs: VerdictInputs) -> list[Reason]:
-    words = name.replace("_", " ")
+def _interval_reasons(name: str, quantity: QuantityEstimate, inputs: VerdictInputs) -> Iterator[Reason]:
+    words = f"The {name.replace('_', ' ')}"
+    zero = f"{words} cannot be distinguished from zero.{moved(inputs)}"
     low, high = quantity.interval
-    if name in _GAINS:
-        if high < 0.0:
-            return [
-                Reason(
-                    Status.REFUSED,
-                    f"The {words} came out at {quantity.value:.3g}, below zero: {_what_is_wrong(name)}.",
-                    CORRECT_ROTORS,
-                )
-            ]
-        if low <= 0.0:
-            return [
-                Reason(Status.REFUSED, f"The {words} cannot be distinguished from zero.{moved(inputs)}", FLY)
-            ]
-    if name in _SLOW and low <= 0.0:
-        return [Reason(Status.WEAK, f"The {words} cannot be distinguished from zero.{moved(inputs)}", FLY)]
-    share = GAIN_SHARE if name in _GAINS else SLOW_SHARE if name in _SLOW else 0.0
+    share = _SHARES.get(name, 0.0)
     allowed = share * abs(quantity.value) if share else COUPLING_WITHIN if name in _COUPLINGS else inf
-    if inf > quantity.half_width > allowed:
-        return [
-            Reason(
-                Status.WEAK,
-                f"The {words} is known to +-{quantity.half_width:.2g} only; identified asks for "
-                f"+-{allowed:.2g}.",
-                "Fly larger and quicker steps, or longer.",
-            )
-        ]
-    return []
+    if name in _GAINS and high < 0.0:
+        sentence = f"{words} came out at {quantity.value:.3g}, below zero: {_what_is_wrong(name)}."
+        yield refused(sentence, CORRECT_ROTORS)
+    elif name in _GAINS and low <= 0.0:
+        yield refused(zero, FLY)
+    elif name in _SLOW and low <= 0.0:
+        yield weak(zero, FLY)
+    elif inf > quantity.half_width > allowed:
+        sentence = (
+            f"{words} is known to +-{quantity.half_width:.2g} only; identified asks for +-{allowed:.2g}."
+        )
+        yield weak(sentence, "Fly larger and quicker steps, or longer.")
 
 
 def _what_is_wrong(name: str) -> str:
@@ -865,9 +807,3 @@ def _what_is_wrong(name: str) -> str:
         f"the rotors' order about {axis} is another than that of the vehicle file, or the rate of {axis} has "
         "the wrong sign"
     )
-
-
-def _lag_reasons(quantities: Mapping[str, QuantityEstimate]) -> list[Reason]:
-    half_width = quantities["effective_lag"].half_width
-    remedy = "Fly quicker steps, and log rotors and rates faster."
-    return wide_lag_reasons(half_width, LAG_WITHIN_S, whose="rotors'", remedy=remedy)

@@ -79,33 +79,39 @@ def omitted_variable_tests(
     current = problem.runs.columns
     if not all(item.instruments.shape[1] for item in current):
         return {}
-    index = estimate.best.nuisances
-    measured = [_measured(problem, item, flight, index) for item, flight in enumerate(flights)]
+    nuisances = estimate.best.nuisances
+    measured = [_measured(problem, item, flight, nuisances) for item, flight in enumerate(flights)]
     if any(of.voltage is None for of in measured):  # one coefficient has one meaning
         measured = [replace(of, voltage=None) for of in measured]
     explained = [_explained(item, of) for item, of in zip(current, measured, strict=True)]
     base = [_linear(problem, item, estimate) for item in current]
-    differences: dict[str, Difference] = {}
-    added = {term.omission_sentence for term in problem.terms}
-    for name, term in _TERMS.items():
-        if name in added:
-            continue
-        columns, instruments = [term(of) for of in measured], [term(of) for of in explained]
-        known = [(x, z) for x, z in zip(columns, instruments, strict=True) if x is not None and z is not None]
-        if len(known) < len(current):
-            continue
-        with_term = [
-            _with(item, linear, x, z) for item, linear, (x, z) in zip(current, base, known, strict=True)
-        ]
-        coefficient = _coefficient(tuple(with_term), name)
-        if coefficient is not None:
-            differences[name] = coefficient
     gain = abs(estimate.parameters["input_gain"]) or math.nan
-    return differences | {
-        name: replace(difference, value=difference.value / gain, std_error=difference.std_error / gain)
-        for name, difference in differences.items()
-        if name in SHARES
-    }
+    added = {term.omission_sentence for term in problem.terms}
+    differences: dict[str, Difference] = {}
+    for name in _TERMS.keys() - added:
+        columns, instruments = ([_TERMS[name](of) for of in each] for each in (measured, explained))
+        if any(item is None for item in (*columns, *instruments)):
+            continue
+        with_term = tuple(
+            replace(
+                item,
+                fixed=np.column_stack([x, linear]),
+                moving=nothing_moves(len(linear)),
+                instruments=np.column_stack([item.instruments, z]),
+            )
+            for item, linear, x, z in zip(current, base, columns, instruments, strict=True)
+        )
+        others = (Parameter(f"of the model {index}", "") for index in range(1, with_term[0].fixed.shape[1]))
+        try:
+            runs = LaggedRuns(with_term, (Parameter(name, ""), *others), ())
+            difference = estimated(runs, {}).differences[name]
+        except (EstimationError, InstrumentError, TooFewSamplesError):
+            continue
+        size = gain if name in SHARES else 1.0
+        differences[name] = replace(
+            difference, value=difference.value / size, std_error=difference.std_error / size
+        )
+    return {name: differences[name] for name in _TERMS if name in differences}
 
 
 def _measured(
@@ -124,9 +130,9 @@ def _measured(
 
 def _explained(axis_columns: AxisColumns, of: _Flight) -> _Flight:
     """The same as far as the instruments of a flight explain it; voltage and time as they are."""
-    known = {"velocity": of.velocity, "mapped": of.mapped} | (
-        {} if of.height is None else {"height": of.height}
-    )
+    known = {"velocity": of.velocity, "mapped": of.mapped}
+    if of.height is not None:
+        known["height"] = of.height
     fitted = explained(axis_columns.instruments, axis_columns.runs, np.column_stack(list(known.values())))
     return replace(of, **dict(zip(known, fitted.T, strict=True)))
 
@@ -146,45 +152,19 @@ def _linear(
     return np.column_stack([axis_columns.fixed, moving, *slopes])
 
 
-def _with(axis_columns: AxisColumns, linear: Float[np.ndarray, "n k"], x: Column, z: Column) -> AxisColumns:
-    """Columns of a flight with a term and its instrument."""
-    return replace(
-        axis_columns,
-        fixed=np.column_stack([x, linear]),
-        moving=nothing_moves(x.size),
-        instruments=np.column_stack([axis_columns.instruments, z]),
-    )
-
-
-def _coefficient(columns: tuple[AxisColumns, ...], name: str) -> Difference | None:
-    """Coefficient of the first column; None where nothing gives it."""
-    others = (Parameter(f"of the model {index}", "") for index in range(1, columns[0].fixed.shape[1]))
-    try:
-        return estimated(LaggedRuns(columns, (Parameter(name, ""), *others), ()), {}).differences[name]
-    except (EstimationError, InstrumentError, TooFewSamplesError):
-        return None
-
-
 def voltage_numbers(flights: Sequence[PreparedFlight]) -> dict[str, float]:
     """`VOLTAGE_CHANGE`; nothing unless all flights have a voltage."""
     changes = [change for flight in flights if (change := voltage_change(flight)) is not None]
     return {VOLTAGE_CHANGE: float(np.mean(changes))} if 0 < len(changes) == len(flights) else {}
 
 
-# -- reported
-# ---------------------------------------------------------------------------------------------------
-
-
 def omitted_variable_numbers(differences: Mapping[str, Difference]) -> dict[str, float]:
     """Coefficients, half-widths and p-values by name."""
-    numbers: dict[str, float] = {}
-    for name, difference in differences.items():
-        numbers |= {
-            f"{PREFIX}{name}": difference.value,
-            f"{PREFIX}{name}_half_width": difference.half_width,
-            f"{PREFIX}{name}_p_value": difference.p_value,
-        }
-    return numbers
+    return {
+        f"{PREFIX}{name}{of}": number
+        for name, item in differences.items()
+        for of, number in (("", item.value), ("_half_width", item.half_width), ("_p_value", item.p_value))
+    }
 
 
 def missed(numbers: Mapping[str, float], name: str) -> bool:
@@ -269,33 +249,26 @@ def difference_problem(problem: VerticalFlights, flights: Sequence[PreparedFligh
 def _columns(axis_columns: AxisColumns, sideways: list[Float[np.ndarray, " n"]]) -> AxisColumns:
     """Columns of one flight, with its horizontal velocities."""
     A, D = axis_columns.responses.T
-    a = 0.5 * (A + D)
+    a, step_s = 0.5 * (A + D), axis_columns.step_s
+    slopes = [-np.gradient(v, step_s) for v in sideways]
     return replace(
         axis_columns,
         responses=(D - A)[:, None],
-        fixed=np.column_stack(
-            [
-                np.gradient(a, axis_columns.step_s),
-                a,
-                *(-np.gradient(v, axis_columns.step_s) for v in sideways),
-            ]
-        ),
+        fixed=np.column_stack([np.gradient(a, step_s), a, *slopes]),
         moving=nothing_moves(A.size),
-        instruments=np.column_stack(
-            [axis_columns.instruments, *(_lags(v, axis_columns.step_s) for v in sideways)]
-        ),
+        instruments=np.column_stack([axis_columns.instruments, *(_lags(v, step_s) for v in sideways)]),
     )
 
 
 def sideways_speed(flights: Sequence[PreparedFlight]) -> float:
     """Root mean square of the horizontal speed, of the fastest flight; NaN where none is logged [m/s]."""
-    results = [float("nan")]
+    speeds = [float("nan")]
     for flight in flights:
         channels = [flight.recording.channels.get(f"velocity_{axis}") for axis in "xy"]
         parts = [on_grid(channel, flight.grid)[0][flight.used] for channel in channels if channel is not None]
         if len(parts) == 2:
-            results.append(float(np.sqrt(np.mean(np.square(parts).sum(axis=0)))))
-    return float(np.nanmax(results)) if len(results) > 1 else results[0]
+            speeds.append(float(np.sqrt(np.mean(np.square(parts).sum(axis=0)))))
+    return float(np.fmax.reduce(speeds))
 
 
 def _lags(velocity: Float[np.ndarray, " n"], step_s: float) -> Float[np.ndarray, "n p"]:
@@ -311,13 +284,11 @@ def _sideways(flight: PreparedFlight) -> dict[str, Float[np.ndarray, " n"]]:
     log, used = flight.recording, flight.used
     if not {"velocity_x", "velocity_y"} <= log.channels.keys():
         return {}
-    (east, known_x), (north, known_y) = (
-        on_grid(log.channels[f"velocity_{axis}"], flight.grid) for axis in "xy"
-    )
+    channels = (log.channels[f"velocity_{axis}"] for axis in "xy")
+    (east, known_x), (north, known_y) = (on_grid(channel, flight.grid) for channel in channels)
     if not (known_x & known_y)[used].all():
         return {}
-    results = {"x": east, "y": north}
-    heading = _heading(flight)
+    results, heading = {"x": east, "y": north}, _heading(flight)
     if heading is not None:
         cosine, sine = heading
         results = {"forward": cosine * east + sine * north, "left": cosine * north - sine * east}
@@ -338,9 +309,6 @@ def _heading(flight: PreparedFlight) -> tuple[Float[np.ndarray, " n"], Float[np.
         return None
     length = np.where(length > 0.0, length, 1.0)
     return cosine / length, sine / length
-
-
-# -- in words -----------------------------------------------------------------------------------------------
 
 
 def sentence(name: str, difference: Difference) -> str:
@@ -377,8 +345,7 @@ def _scale_sentence(scale: float, half: float) -> str:
         return "The velocity goes down where the accelerometer goes up."
     if not 1.0 / OTHER_UNIT_TIMES < times < OTHER_UNIT_TIMES:
         return f"The velocity reads {times:.3g} times what the accelerometer does."
-    more = "more" if scale > 0.0 else "less"
-    width = half / (1.0 - scale / 2.0) ** 2
+    width, more = half / (1.0 - scale / 2.0) ** 2, "more" if scale > 0.0 else "less"
     return f"The velocity reads {abs(times - 1.0):.1%} (± {width:.1%}) {more} than the accelerometer."
 
 
@@ -410,9 +377,6 @@ def sensor_agreement_sentence(agreement: SensorAgreement) -> str:
     )
 
 
-# -- in intervals -------------------------------------------------------------------------------------------
-
-
 def sensor_uncertainties(
     agreement: SensorAgreement | None, quantities: Mapping[str, QuantityEstimate], *, aligned: bool
 ) -> dict[str, list[SystematicUncertainty]]:
@@ -420,31 +384,21 @@ def sensor_uncertainties(
     results: dict[str, list[SystematicUncertainty]] = {}
     if agreement is None:
         return results
-    differences = agreement.significant
-    if OFFSET.name in differences:
-        offset = differences[OFFSET.name]
-        below, above = (offset.half_width,) * 2 if aligned else (abs(offset.value), 0.0)
-        why = f"{sentence(OFFSET.name, offset)} {_moved(aligned=aligned)}"
-        for name in ("actuator_lag", "effective_lag"):
-            results[name] = [SystematicUncertainty(Counts.ADDED, below, above, why)]
-    if SCALE.name in differences:
-        scale = differences[SCALE.name]
-        why = f"{sentence(SCALE.name, scale)} {_moved(aligned=aligned)}"
-        size = scale.half_width if aligned else abs(scale.value)
-        for name in ("viscous_friction", "input_gain"):
-            part = size * abs(quantities[name].value)
-            below = above = part
-            if name == "viscous_friction" and not aligned:
-                below, above = (0.0, part) if scale.value > 0.0 else (part, 0.0)
-            results[name] = [SystematicUncertainty(Counts.ADDED, below, above, why)]
+    right = "It was aligned, as well as that is known." if aligned else "Which of them is right is not known."
+    for name, difference in agreement.significant.items():
+        why, size = f"{sentence(name, difference)} {right}", abs(difference.value)
+        if name == OFFSET.name:
+            below, above = (difference.half_width,) * 2 if aligned else (size, 0.0)
+            part = SystematicUncertainty(Counts.ADDED, below, above, why)
+            results |= {"actuator_lag": [part], "effective_lag": [part]}
+        elif name == SCALE.name:
+            for quantity in ("viscous_friction", "input_gain"):
+                both = (difference.half_width if aligned else size) * abs(quantities[quantity].value)
+                below, above = both, both
+                if quantity == "viscous_friction" and not aligned:
+                    below, above = (0.0, both) if difference.value > 0.0 else (both, 0.0)
+                results[quantity] = [SystematicUncertainty(Counts.ADDED, below, above, why)]
     return results
-
-
-def _moved(*, aligned: bool) -> str:
-    return "It was aligned, as well as that is known." if aligned else "Which of them is right is not known."
-
-
-# -- aligned ------------------------------------------------------------------------------------------------
 
 
 def aligned(flights: tuple[PreparedFlight, ...], agreement: SensorAgreement) -> tuple[PreparedFlight, ...]:
@@ -456,9 +410,9 @@ def aligned(flights: tuple[PreparedFlight, ...], agreement: SensorAgreement) -> 
 
 
 def _aligned(flight: PreparedFlight, offset_s: float, scale: float) -> PreparedFlight:
-    channels = dict(flight.signals.channels)
+    channels, time = dict(flight.signals.channels), flight.grid.time_s
     late = "specific_force_z" if offset_s > 0.0 else "velocity_z"
-    channels[late] = _earlier(channels[late], flight, abs(offset_s))
+    channels[late] = np.interp(time + abs(offset_s), time, channels[late])
     force, velocity = channels["specific_force_z"], channels["velocity_z"]
     if flight.runs and scale:
         resting = force - np.gradient(velocity, flight.signals.step_s)
@@ -469,12 +423,3 @@ def _aligned(flight: PreparedFlight, offset_s: float, scale: float) -> PreparedF
         else:
             channels["velocity_z"] = velocity / (1.0 + scale)
     return replace(flight, signals=replace(flight.signals, channels=channels))
-
-
-def _earlier(
-    values: Float[np.ndarray, " n"], flight: PreparedFlight, offset_s: float
-) -> Float[np.ndarray, " n"]:
-    """Values of a sensor that is late by `offset_s`, as they would have been logged in time."""
-    time = flight.grid.time_s
-    moved: Float[np.ndarray, " n"] = np.interp(time + offset_s, time, values)
-    return moved

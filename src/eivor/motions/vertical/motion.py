@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 
@@ -66,10 +66,10 @@ from eivor.motions.vertical.model import (
 )
 from eivor.motions.vertical.predict import closed_loop_record, predictions, simple_models
 from eivor.motions.vertical.regression import (
+    GROUND_EFFECT,
     SUPPLY,
     TERMS,
-    Balance,
-    GroundEffect,
+    VOLTAGE,
     OptionalTerm,
     VerticalFlight,
     VerticalFlights,
@@ -81,7 +81,6 @@ from eivor.motions.vertical.regression import (
     hover_mapped,
     hover_of_sums,
     input_variance,
-    intercept,
     intercepts_by_run,
     mean_voltage,
     with_surroundings,
@@ -99,7 +98,15 @@ from eivor.motions.vertical.select import (
     selected,
     vertical_card,
 )
-from eivor.motions.vertical.thrust_curve import curve_quantities, refined_curve
+from eivor.motions.vertical.thrust_curve import (
+    Balances,
+    Linear,
+    curve_quantities,
+    linear_intercept,
+    linear_quantity,
+    point_of,
+    refined_curve,
+)
 from eivor.motions.vertical.verdict import (
     APPARENT_GRAVITY,
     CLEAR_INTERCEPT,
@@ -155,13 +162,8 @@ def curve_findings(
         value = in_force.get(parameter.name)
         if before and value is not None and not parameter.takes(value):
             continue
-        share, _ = proposed(
-            parameter,
-            family,
-            (curve.value, curve.interval),
-            (hover.value, hover.interval),
-            value if before else None,
-        )
+        intervals = (curve.value, curve.interval), (hover.value, hover.interval)
+        share, _ = proposed(parameter, family, *intervals, value if before else None)
         sentences.append(_sentence(parameter, share, value, curve.verdict))
     return (Finding("thrust_curve", " ".join(sentences) or NOT_IN_FORCE),)
 
@@ -192,39 +194,8 @@ def _sentence(parameter: AutopilotParameter, share: Interval, in_force: float | 
     )
 
 
-# -- Tracked parameter --
-
 #: Friction of a multirotor of which nothing is known [1/s].
 ANY_FRICTION = Prior(0.3, 0.3)
-
-
-def tracked_gain(
-    problem: VerticalFlights, quantities: Mapping[str, Quantity], options: FlightOptions
-) -> TrackedParameter:
-    """Rows that identify K_u over a flight, and what is known of K and the intercept."""
-    quantity = quantities["viscous_friction"]
-    friction = ANY_FRICTION
-    source = "as of any multirotor: the flight does not identify it"
-    if quantity.verdict is not Status.REFUSED and 0.0 < quantity.half_width < math.inf:
-        friction = Prior(quantity.value, max(quantity.std_error, 0.5 * quantity.half_width))
-        source = "as the whole flight identifies it"
-    bias = options.accelerometer_bias
-    known_bias = math.isfinite(bias)
-    intercept = Prior(-GRAVITY, bias) if known_bias else None
-    level = (
-        f"Intercept 0 ± {1.96 * bias:.2g} m/s²: the input map is right, and the accelerometer's bias small "
-        "(--accelerometer-bias)."
-        if known_bias
-        else "Nothing is known of the intercept: only movement identifies the gain."
-    )
-    return TrackedParameter(
-        "input_gain",
-        problem.runs,
-        {"viscous_friction": friction},
-        intercept,
-        (f"Friction {friction.mean:.3g} ± {1.96 * friction.std:.2g} 1/s, {source}.", level),
-    )
-
 
 # -- Map evidence --
 
@@ -242,10 +213,8 @@ def map_numbers(
     """Least intercept, and the p-value of the test that the input map fits."""
     results = []
     for candidate in estimate.candidates:
-        terms = balance(problem, candidate)
-        value, gradient = intercept(candidate, terms)
-        half = candidate.covariance.half_width(gradient, SET_LEVEL, terms.residual_variance)
-        results.append((value, half))
+        value, gradient, variance = linear_intercept(problem, candidate, balance(problem, candidate))
+        results.append((value, candidate.covariance.half_width(gradient, SET_LEVEL, variance)))
     values, halves = np.array(results).T
     excesses = np.array(estimate.excesses)
     best = float(values[np.argmin(excesses)])
@@ -283,75 +252,21 @@ def fitting_p_value(distance: float, value: float, bend: Difference | None) -> f
 
 # -- Quantities --
 
-#: Values of all nuisances, which distinguish a candidate from the others.
-Point = tuple[float, ...]
 
-
-def all_quantities(problem: VerticalFlights, estimate: Estimate) -> dict[str, QuantityEstimate]:
-    """Every quantity, in the order of results; none has a verdict yet."""
-    terms = {_position(c): balance(problem, c) for c in estimate.candidates}
-    joint = joint_quantities(estimate)
-    results = {
-        "viscous_friction": joint["viscous_friction"],
-        "input_gain": joint["input_gain"],
-        "intercept": _intercept(estimate, terms),
-        **{term.parameter.name: joint[term.parameter.name] for term in problem.terms},
-        **lag_quantities(problem, estimate),
-        "hover_input": _hover(problem, estimate, terms),
-        "time_constant": ratio_quantity(estimate, 1.0, "viscous_friction", "s"),
-    }
-    if problem.curve is None:
-        return results
-
-    moved = curve_quantities(problem, estimate, problem.curve)
-    moved["intercept"] = replace(moved["intercept"], by_run=results["intercept"].by_run)
-    return {**results, **moved, "time_constant": reciprocal(moved["viscous_friction"], "s")}
-
-
-def drawn_quantities(problem: VerticalFlights, drawn: Drawn) -> dict[str, float]:
-    """Quantities of a draw of flights; lags only where they were searched for."""
-    K, K_u = drawn.parameters["viscous_friction"], drawn.parameters["input_gain"]
-    results = {
-        "viscous_friction": K,
-        "input_gain": K_u,
-        **{term.parameter.name: drawn.parameters[term.parameter.name] for term in problem.terms},
-        "hover_input": problem.motion.input_map.inverse(hover_of_sums(drawn.parameters, drawn.sums)),
-    }
-    lag_s, delay_s = drawn.nuisances[ACTUATOR_LAG.name], drawn.nuisances[DELAY.name]
-    if problem.lag.searched:
-        results[ACTUATOR_LAG.name] = lag_s
-    if problem.lag.searched or problem.delay.searched:
-        results[EFFECTIVE_LAG] = lag_s + delay_s
-    return results
-
-
-def _intercept(estimate: Estimate, terms: dict[Point, Balance]) -> QuantityEstimate:
-    """Intercept over all runs, and that of each."""
-    interval = estimate.interval_of(
-        lambda c: intercept(c, terms[_position(c)]),
-        extra_variance=lambda c: terms[_position(c)].residual_variance,
-    )
-    value, gradient = intercept(estimate.best, terms[_position(estimate.best)])
-    extra = terms[_position(estimate.best)].residual_variance
-    by_run = tuple(intercepts_by_run(estimate.best, terms[_position(estimate.best)]).tolist())
-    error = _std_error(estimate.best, gradient, extra)
-    return QuantityEstimate(value, "m/s^2", error, interval, by_run=by_run)
-
-
-def _hover(problem: VerticalFlights, estimate: Estimate, terms: dict[Point, Balance]) -> QuantityEstimate:
+def _hover(problem: VerticalFlights, estimate: Estimate, terms: Balances) -> QuantityEstimate:
     """Hover input: the interval of U_h through the input map's inverse."""
+    chosen = problem.motion.input_map
 
-    def extra(candidate: Candidate) -> float:
-        return terms[_position(candidate)].residual_variance / float(candidate.theta[1]) ** 2
+    def mapped(candidate: Candidate) -> Linear:
+        balance = terms[point_of(candidate)]
+        variance = balance.residual_variance / float(candidate.theta[1]) ** 2
+        return *hover_mapped(candidate, balance), variance
 
-    low, high = estimate.interval_of(lambda c: hover_mapped(c, terms[_position(c)]), extra_variance=extra)
-    mapped, gradient = hover_mapped(estimate.best, terms[_position(estimate.best)])
-    inverse = problem.motion.input_map.inverse
-    value = inverse(mapped)
-    slope = problem.motion.input_map.slope(value)
-    error = _std_error(estimate.best, gradient, extra(estimate.best))
-    std_error = error / slope if slope > 0.0 else NAN
-    return QuantityEstimate(value, "", std_error, (inverse(low), inverse(high)))
+    item = linear_quantity(estimate, mapped, "")
+    value, (low, high) = chosen.inverse(item.value), item.interval
+    slope = chosen.slope(value)
+    std_error = item.std_error / slope if slope > 0.0 else NAN
+    return QuantityEstimate(value, "", std_error, (chosen.inverse(low), chosen.inverse(high)))
 
 
 def thrust_curve(problem: VerticalFlights, estimate: Estimate) -> dict[str, float]:
@@ -370,17 +285,8 @@ def thrust_curve(problem: VerticalFlights, estimate: Estimate) -> dict[str, floa
     }
 
 
-def _position(candidate: Candidate) -> Point:
-    return tuple(candidate.nuisances.values())
-
-
-def _std_error(candidate: Candidate, gradient: Float[np.ndarray, " n"], extra: float) -> float:
-    return float(np.sqrt(candidate.covariance.std_error(gradient) ** 2 + extra))
-
-
 # -- Supply --
 
-VOLTAGE = "battery_voltage"
 #: A fall by a larger share over the time used is identified; thrust goes with its first or second power.
 LARGE_FALL = 0.03
 #: A flight without its voltage that is longer may have sagged as much [s].
@@ -389,48 +295,36 @@ LONG_S = 120.0
 END_SHARE = 0.1
 
 
-def supply_findings(flights: tuple[PreparedFlight, ...]) -> tuple[Finding, ...]:
+def supply_findings(flights: tuple[PreparedFlight, ...]) -> Iterator[Finding]:
     """What is known of the supply of flights by commands."""
-    prefixed = len(flights) > 1
-    findings: list[Finding] = []
     for flight in flights:
-        if flight.runs and not flight.input.measured:
-            name = f"{flight.recording.name}: " if prefixed else ""
-            findings.extend(Finding(item.name, name + item.message) for item in _of_flight(flight))
-    return tuple(findings)
-
-
-def _of_flight(flight: PreparedFlight) -> list[Finding]:
-    start, end = flight.span_s
-    channel = flight.recording.channels.get(VOLTAGE)
-    within = np.zeros(0)
-    if channel is not None:
-        stamps, volts = channel.time_s, channel.values
-        known = np.isfinite(volts) & (volts > 0.0) & (stamps >= start) & (stamps <= end)
-        stamps, within = stamps[known], volts[known]
-    if channel is None or within.size < 2.0 / END_SHARE:
-        return [_not_logged(end - start)] if end - start > LONG_S else []
-    margin = END_SHARE * (end - start)
-    ends = within[stamps <= start + margin], within[stamps >= end - margin]
-    if not all(item.size for item in ends):
-        return []
-    first, last = (float(np.median(item)) for item in ends)
-    fall = 1.0 - last / first
-    if fall <= LARGE_FALL:
-        return []
-    sentence = (
-        f"The battery's voltage fell by {fall:.1%}, from {first:.3g} to {last:.3g} V: the same command gave "
-        "less thrust at the end, and gain and hover input are means over the flight."
-    )
-    return [Finding("voltage_sag", sentence)]
-
-
-def _not_logged(length_s: float) -> Finding:
-    sentence = (
-        f"No battery voltage is logged with {length_s / 60.0:.2g} minutes of flight: it may have sagged, "
-        "and the same command then gives less thrust at the end. Log it."
-    )
-    return Finding("voltage_not_logged", sentence)
+        if not flight.runs or flight.input.measured:
+            continue
+        name = f"{flight.recording.name}: " if len(flights) > 1 else ""
+        start, end = flight.span_s
+        channel, within = flight.recording.channels.get(VOLTAGE), np.zeros(0)
+        if channel is not None:
+            stamps, volts = channel.time_s, channel.values
+            known = np.isfinite(volts) & (volts > 0.0) & (stamps >= start) & (stamps <= end)
+            stamps, within = stamps[known], volts[known]
+        if channel is None or within.size < 2.0 / END_SHARE:
+            if end - start > LONG_S:
+                sentence = (
+                    f"No battery voltage is logged with {(end - start) / 60.0:.2g} minutes of flight: it may "
+                    "have sagged, and the same command then gives less thrust at the end. Log it."
+                )
+                yield Finding("voltage_not_logged", name + sentence)
+            continue
+        margin = END_SHARE * (end - start)
+        ends = within[stamps <= start + margin], within[stamps >= end - margin]
+        first, last = (float(np.median(item)) if item.size else NAN for item in ends)
+        if 1.0 - last / first > LARGE_FALL:
+            sentence = (
+                f"The battery's voltage fell by {1.0 - last / first:.1%}, from {first:.3g} to {last:.3g} V: "
+                "the same command gave less thrust at the end, and gain and hover input are means over the "
+                "flight."
+            )
+            yield Finding("voltage_sag", name + sentence)
 
 
 # -- Motion --
@@ -526,17 +420,13 @@ class Vertical(Motion[VerticalFlights]):
             return self
         known = record if isinstance(record, Mapping) else {}
         radius, volts = known.get("rotor_radius"), known.get("mean_voltage")
-        if (
-            not known
-            or not isinstance(radius, int | float | None)
-            or not isinstance(volts, int | float | None)
-        ):
-            raise InputError(
-                "a result with rotor_radius and mean_voltage of its terms",
-                f"{record!r}",
-                "Identify the flight again with eivor identify --json.",
-            )
-        return replace(self, rotor_radius=radius, mean_voltage=volts)
+        if known and isinstance(radius, int | float | None) and isinstance(volts, int | float | None):
+            return replace(self, rotor_radius=radius, mean_voltage=volts)
+        raise InputError(
+            "a result with rotor_radius and mean_voltage of its terms",
+            f"{record!r}",
+            "Identify the flight again with eivor identify --json.",
+        )
 
     @property
     def written(self) -> tuple[str, str]:
@@ -574,10 +464,9 @@ class Vertical(Motion[VerticalFlights]):
         options: FlightOptions,
     ) -> tuple[VerticalFlights, Estimate]:
         """Estimate with the chosen map, or estimate the map: see `eivor.motions.vertical.thrust_curve`."""
-        if options.input_map != FIT_MAP:
-            return problem, estimated(problem)
-
-        return refined_curve(problem, estimated, options.accelerometer_bias)
+        if options.input_map == FIT_MAP:
+            return refined_curve(problem, estimated, options.accelerometer_bias)
+        return problem, estimated(problem)
 
     def with_refinement(
         self, flights: tuple[PreparedFlight, ...], problem: VerticalFlights
@@ -587,22 +476,52 @@ class Vertical(Motion[VerticalFlights]):
 
     def quantities(self, problem: VerticalFlights, estimate: Estimate) -> Mapping[str, QuantityEstimate]:
         """Parameters, hover input, effective lag and time constant, see `Motion.quantities`."""
-        return all_quantities(problem, estimate)
+        terms = {point_of(candidate): balance(problem, candidate) for candidate in estimate.candidates}
+        joint, best = joint_quantities(estimate), estimate.best
+        by_run = tuple(intercepts_by_run(best, terms[point_of(best)]).tolist())
+        intercept = linear_quantity(
+            estimate, lambda item: linear_intercept(problem, item, terms[point_of(item)]), "m/s^2"
+        )
+        results = {
+            **{name: joint[name] for name in ("viscous_friction", "input_gain")},
+            "intercept": replace(intercept, by_run=by_run),
+            **{term.parameter.name: joint[term.parameter.name] for term in problem.terms},
+            **lag_quantities(problem, estimate),
+            "hover_input": _hover(problem, estimate, terms),
+            "time_constant": ratio_quantity(estimate, 1.0, "viscous_friction", "s"),
+        }
+        if problem.curve is None:
+            return results
+        moved = curve_quantities(problem, estimate, problem.curve)
+        moved["intercept"] = replace(moved["intercept"], by_run=by_run)
+        return {**results, **moved, "time_constant": reciprocal(moved["viscous_friction"], "s")}
 
     def tracked_parameter(
         self, problem: VerticalFlights, quantities: Mapping[str, Quantity], options: FlightOptions
     ) -> TrackedParameter:
-        """The input's gain, see `eivor.motions.vertical.motion`."""
-        return tracked_gain(problem, quantities, options)
+        """Rows that identify K_u over a flight, and what is known of K and the intercept."""
+        quantity, friction = quantities["viscous_friction"], ANY_FRICTION
+        source = "as of any multirotor: the flight does not identify it"
+        if quantity.verdict is not Status.REFUSED and 0.0 < quantity.half_width < math.inf:
+            friction = Prior(quantity.value, max(quantity.std_error, 0.5 * quantity.half_width))
+            source = "as the whole flight identifies it"
+        bias, intercept = options.accelerometer_bias, None
+        level = "Nothing is known of the intercept: only movement identifies the gain."
+        if math.isfinite(bias):
+            intercept = Prior(-GRAVITY, bias)
+            level = (
+                f"Intercept 0 ± {1.96 * bias:.2g} m/s²: the input map is right, and the accelerometer's bias "
+                "small (--accelerometer-bias)."
+            )
+        known = f"Friction {friction.mean:.3g} ± {1.96 * friction.std:.2g} 1/s, {source}."
+        friction_prior = {"viscous_friction": friction}
+        return TrackedParameter("input_gain", problem.runs, friction_prior, intercept, (known, level))
 
     def systematic_uncertainties(
         self,
-        _problem: VerticalFlights,
-        _estimate: Estimate,
         flights: tuple[PreparedFlight, ...],
         quantities: Mapping[str, QuantityEstimate],
         inputs: VerdictInputs,
-        /,
     ) -> Mapping[str, tuple[SystematicUncertainty, ...]]:
         """Systematic parts, see `eivor.motions.vertical.verdict`."""
         return all_systematic_uncertainties(flights, quantities, inputs)
@@ -664,7 +583,7 @@ class Vertical(Motion[VerticalFlights]):
             **thrust_curve(problem, estimate),
             APPARENT_GRAVITY: apparent_gravity(problem),
             SIDEWAYS: sideways_speed(flights),
-            **near_ground(flights, self.rotor_radius, corrected=GroundEffect() in self.added),
+            **near_ground(flights, self.rotor_radius, corrected=GROUND_EFFECT in self.added),
             **omitted_variable_numbers(missed),
             **(voltage_numbers(flights) if SUPPLY in missed else {}),
         }
@@ -688,7 +607,16 @@ class Vertical(Motion[VerticalFlights]):
 
     def resampled(self, problem: VerticalFlights, drawn: Drawn) -> Mapping[str, float]:
         """Friction, gain and hover input; lag and effective lag when they were searched for."""
-        return drawn_quantities(problem, drawn)
+        names = ("viscous_friction", "input_gain", *(term.parameter.name for term in problem.terms))
+        results = {name: drawn.parameters[name] for name in names}
+        inverse = problem.motion.input_map.inverse
+        results["hover_input"] = inverse(hover_of_sums(drawn.parameters, drawn.sums))
+        lag_s, delay_s = drawn.nuisances[ACTUATOR_LAG.name], drawn.nuisances[DELAY.name]
+        if problem.lag.searched:
+            results[ACTUATOR_LAG.name] = lag_s
+        if problem.lag.searched or problem.delay.searched:
+            results[EFFECTIVE_LAG] = lag_s + delay_s
+        return results
 
     def simple_models(self, problem: VerticalFlights, estimate: Estimate) -> Mapping[str, SimpleModel]:
         """Least squares without a lag, and the hover input alone, see `Motion.simple_models`."""
@@ -720,27 +648,14 @@ class Vertical(Motion[VerticalFlights]):
         """Vertical acceleration, means of each run removed, see `Motion.traces`."""
         best = estimate.best
         rows = problem.rows(best.nuisances)
-        return (
-            Trace(
-                "vertical acceleration",
-                "m/s²",
-                "K_u U − K z'",
-                "K_u U",
-                rows.response,
-                rows.regressors @ best.theta,
-                rows.regressors[:, 1] * best.theta[1],
-            ),
-        )
+        predicted, driven = rows.regressors @ best.theta, rows.regressors[:, 1] * best.theta[1]
+        words = ("vertical acceleration", "m/s²", "K_u U − K z'", "K_u U")
+        return (Trace(*words, rows.response, predicted, driven),)
 
     def overview(self, flight: PreparedFlight) -> tuple[PlotData, ...]:
         """Height where it is logged, and climb rate, see `Motion.overview`."""
-        signals = flight.signals
-        climb = PlotData(
-            "climb rate\n[m/s]",
-            signals.channel("velocity_z"),
-            flight.reference_on_grid("reference_velocity_z"),
-        )
-        panels = [climb]
+        velocity, wanted = flight.signals.channel("velocity_z"), "reference_velocity_z"
+        panels = [PlotData("climb rate\n[m/s]", velocity, flight.reference_on_grid(wanted))]
         if "position_z" in flight.recording.channels:
             height = on_grid(flight.recording.channel("position_z"), flight.grid)[0]
             panels.insert(0, PlotData("height [m]", height, flight.reference_on_grid("reference_position_z")))

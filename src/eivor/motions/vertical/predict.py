@@ -18,7 +18,7 @@ from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
 from eivor.models.separable import Values
 from eivor.models.spectral import BinRows
 from eivor.motions.vertical.model import GRAVITY, INPUT_GAIN, VISCOUS_FRICTION
-from eivor.motions.vertical.regression import QuadraticDrag, VerticalFlights, balance_sums, hover_of_sums
+from eivor.motions.vertical.regression import QUADRATIC_DRAG, VerticalFlights, balance_sums, hover_of_sums
 from eivor.signals.recording import LARGEST_VALUE
 from eivor.tools import Bool, Complex, Float
 
@@ -292,10 +292,10 @@ def predictions(problem: VerticalFlights, values: Values) -> tuple[PredictedQuan
 
 def _open_loop(problem: VerticalFlights, values: Values) -> Float[np.ndarray, " samples"]:
     """Climb rates of every run, of the input alone; height and voltage, where terms have them, as logged."""
-    friction, drag = values[VISCOUS_FRICTION.name], values.get(QuadraticDrag.parameter.name, 0.0)
+    friction, drag = values[VISCOUS_FRICTION.name], values.get(QUADRATIC_DRAG.parameter.name, 0.0)
     names = [INPUT_GAIN.name, *(term.parameter.name for term in problem.terms)]
     # drag acts on the climb rate that is predicted, and not on the one that was measured
-    weights = np.array([0.0 if name == QuadraticDrag.parameter.name else values[name] for name in names])
+    weights = np.array([0.0 if name == QUADRATIC_DRAG.parameter.name else values[name] for name in names])
     results: list[Float[np.ndarray, " _"]] = []
     for flight in problem.flights:
         driven = problem.moving(flight)(values) @ weights

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from typing import ClassVar, final
 
 import numpy as np
 
@@ -67,12 +65,11 @@ def row_noise(problem: VerticalFlights, nuisance_values: Values) -> RowNoise:
             noise["specific_force_z"] = noise["velocity_z"] / (2.0 * flight.signals.step_s**2)
         variance = input_variance(flight, problem.motion.input_map)
         response = _response(flight, nuisance_values) if variance else np.zeros(1)
-        variances = np.full(n + 1, np.nan)
-        variances[0], variances[-1] = noise.get("velocity_z", np.nan), noise.get("specific_force_z", np.nan)
-        variances[1], variances[2:-1] = variance * float(response @ response), 0.0
-        selected.append(variances)
+        velocity, force = (noise.get(name, np.nan) for name in ("velocity_z", "specific_force_z"))
+        of_terms = [0.0] * (n - 2)
+        selected.append([velocity, variance * float(response @ response), *of_terms, force])
         shared.append(_shared(problem, response * variance))
-        weights.append(float(sum(item.shape[0] for item in flight.cut(flight.velocity[:, None]))))
+        weights.append(float(flight.sample_count))
     mean = np.average(selected, axis=0, weights=weights)
     regressors = None if np.isnan(mean).any() else np.diag(mean)
     return RowNoise(regressors, np.average(shared, axis=0, weights=weights))
@@ -104,14 +101,8 @@ def _response(flight: VerticalFlight, nuisance_values: Values) -> Float[np.ndarr
     """Samples after an impulse of the input, of the state that enters the equation."""
     impulse = np.zeros((BEFORE + RESPONSE_SAMPLES, 1))
     impulse[BEFORE] = 1.0
-    step_s, delay_s = flight.signals.step_s, nuisance_values[DELAY.name]
-    if flight.measured:
-        state = shifted_by(impulse, step_s=step_s, delay_s=delay_s)
-    else:
-        state = actuator_state(
-            impulse, step_s=step_s, lag_s=nuisance_values[ACTUATOR_LAG.name], delay_s=delay_s
-        )
-    after: Float[np.ndarray, " lags"] = state[BEFORE:, 0]
+    lag_s, delay_s = nuisance_values[ACTUATOR_LAG.name], nuisance_values[DELAY.name]
+    after: Float[np.ndarray, " lags"] = flight.state_of(impulse, lag_s, delay_s)[BEFORE:, 0]
     return after
 
 
@@ -119,7 +110,7 @@ def _shared(
     problem: VerticalFlights, response: Float[np.ndarray, " lags"]
 ) -> Float[np.ndarray, "p n_plus_1"]:
     """Covariance of the instruments' noises with those of [Phi y]."""
-    count = problem.instrument_count
+    count = problem.runs.columns[0].instruments.shape[1]
     shared = np.zeros((count, len(problem.parameters) + 1))
     if isinstance(problem.rule, LaggedInputs) and response.any():
         first, last = problem.rule.first, problem.rule.last
@@ -149,83 +140,54 @@ class TermIngredients:
     voltage: TermColumn | None = None
 
 
-class OptionalTerm(ABC):
+@dataclass(frozen=True, slots=True)
+class OptionalTerm:
     """A term that a user may add to the equation."""
 
-    word: ClassVar[str]
-    """As it is requested."""
-    meaning: ClassVar[str]
-    """What it is."""
-    parameter: ClassVar[Parameter]
-    """Its coefficient."""
-    written: ClassVar[str]
-    """As it stands in the equation, with its sign."""
-    symbols: ClassVar[str]
-    """What its symbols are; empty when the equation identifies."""
-    omission_sentence: ClassVar[str]
-    """Name of the test that it is missed."""
-
-    @abstractmethod
-    def column(self, of: TermIngredients) -> TermColumn:
-        """Column of the parameter; performs no checks."""
+    word: str  # As it is requested
+    meaning: str
+    parameter: Parameter  # Its coefficient
+    written: str  # As it stands in the equation, with its sign
+    symbols: str  # What its symbols are; empty when the equation identifies
+    omission_sentence: str  # Name of the test that it is missed
+    column: Callable[[TermIngredients], TermColumn]  # Of the parameter; performs no checks
 
 
-@final
-@dataclass(frozen=True, slots=True)
-class QuadraticDrag(OptionalTerm):
-    """- K_2 z' |z'|."""
-
-    word = "quadratic-drag"
-    meaning = "drag that grows with the square of the speed"
-    parameter = Parameter("quadratic_drag", "1/m")
-    written = "- K_2 z'|z'|"
-    symbols = ""
-    omission_sentence = DRAG
-
-    def column(self, of: TermIngredients) -> TermColumn:
-        """-z'|z'|."""
-        return -of.velocity * np.abs(of.velocity)
+def _near_ground(of: TermIngredients) -> TermColumn:
+    """Lift over the squared height in radii."""
+    radii = np.zeros(0) if of.radii is None else of.radii
+    return of.lift * np.maximum(radii, LEAST_RADII) ** -2.0
 
 
-@final
-@dataclass(frozen=True, slots=True)
-class GroundEffect(OptionalTerm):
-    """+ k (U / mean U) g (R / h)^2."""
-
-    word = "ground-effect"
-    meaning = "thrust that grows as one over the squared height over the ground"
-    parameter = Parameter("ground_effect", "")
-    written = "+ k g (U/mean U) (R/h)²"
-    symbols = "h the height over the ground, R a rotor's radius"
-    omission_sentence = GROUND
-
-    def column(self, of: TermIngredients) -> TermColumn:
-        """Lift over the squared height in radii."""
-        radii = np.zeros(0) if of.radii is None else of.radii
-        return of.lift * np.maximum(radii, LEAST_RADII) ** -2.0
-
-
-@final
-@dataclass(frozen=True, slots=True)
-class VoltageTerm(OptionalTerm):
-    """+ n (U / mean U) g (V / V_0 - 1)."""
-
-    word = "voltage"
-    meaning = "thrust that follows the battery's voltage"
-    parameter = Parameter("voltage_exponent", "")
-    written = "+ n g (U/mean U) (V/V_0 - 1)"
-    symbols = "V the battery's voltage, V_0 its mean"
-    omission_sentence = SUPPLY
-
-    def column(self, of: TermIngredients) -> TermColumn:
-        """Lift times the voltage's share beyond the mean."""
-        return of.lift * (np.zeros(0) if of.voltage is None else of.voltage)
-
-
+QUADRATIC_DRAG = OptionalTerm(
+    "quadratic-drag",
+    "drag that grows with the square of the speed",
+    Parameter("quadratic_drag", "1/m"),
+    "- K_2 z'|z'|",
+    "",
+    DRAG,
+    lambda of: -of.velocity * np.abs(of.velocity),
+)
+GROUND_EFFECT = OptionalTerm(
+    "ground-effect",
+    "thrust that grows as one over the squared height over the ground",
+    Parameter("ground_effect", ""),
+    "+ k g (U/mean U) (R/h)²",
+    "h the height over the ground, R a rotor's radius",
+    GROUND,
+    _near_ground,
+)
+VOLTAGE_TERM = OptionalTerm(
+    "voltage",
+    "thrust that follows the battery's voltage",
+    Parameter("voltage_exponent", ""),
+    "+ n g (U/mean U) (V/V_0 - 1)",
+    "V the battery's voltage, V_0 its mean",
+    SUPPLY,
+    lambda of: of.lift * (np.zeros(0) if of.voltage is None else of.voltage),
+)
 #: By the words of the command line.
-TERMS: dict[str, OptionalTerm] = {
-    term.word: term for term in (QuadraticDrag(), GroundEffect(), VoltageTerm())
-}
+TERMS = {term.word: term for term in (QUADRATIC_DRAG, GROUND_EFFECT, VOLTAGE_TERM)}
 
 
 def term_instruments(
@@ -290,15 +252,22 @@ class VerticalFlight:
             return None
         return self.signals.channel("specific_force_z") - GRAVITY
 
+    def state_of(self, logged: Float[np.ndarray, "n m"], lag_s: float, delay_s: float) -> np.ndarray:
+        """State of actuators by what is logged of them."""
+        if self.measured:
+            return shifted_by(logged, step_s=self.signals.step_s, delay_s=delay_s)
+        return actuator_state(logged, step_s=self.signals.step_s, lag_s=lag_s, delay_s=delay_s)
+
     def mapped_input(self, motion: VerticalMotion, lag_s: float, delay_s: float) -> Float[np.ndarray, " n"]:
         """Cosine of tilt times the mean of the mapped actuator states, over the whole grid."""
-        logged, step_s = self.signals.family(self.input), self.signals.step_s
-        if self.measured:
-            state = shifted_by(logged, step_s=step_s, delay_s=delay_s)
-        else:
-            state = actuator_state(logged, step_s=step_s, lag_s=lag_s, delay_s=delay_s)
+        state = self.state_of(self.signals.family(self.input), lag_s, delay_s)
         mapped: Float[np.ndarray, " n"] = motion.input_map(state).mean(axis=1)
         return mapped * self.signals.channel("cos_tilt")
+
+    @property
+    def sample_count(self) -> int:
+        """Number of samples that count."""
+        return sum(item.shape[0] for item in self.cut(self.velocity[:, None]))
 
     def cut(self, columns: Float[np.ndarray, "n columns"]) -> list[Float[np.ndarray, "_ columns"]]:
         """Rows of each run that count."""
@@ -379,25 +348,17 @@ class VerticalFlights(SeparableProblem):
     @property
     def lag(self) -> Nuisance:
         """The actuators' lag."""
-        return self._nuisance(ACTUATOR_LAG)
+        return next(nuisance for nuisance in self.nuisances if nuisance.parameter == ACTUATOR_LAG)
 
     @property
     def delay(self) -> Nuisance:
         """The actuators' delay."""
-        return self._nuisance(DELAY)
-
-    def _nuisance(self, parameter: Parameter) -> Nuisance:
-        return next(nuisance for nuisance in self.nuisances if nuisance.parameter == parameter)
+        return next(nuisance for nuisance in self.nuisances if nuisance.parameter == DELAY)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """Linear parameters."""
         return (*self.motion.parameters, *(term.parameter for term in self.terms))
-
-    @property
-    def instrument_count(self) -> int:
-        """Number of instruments."""
-        return self.runs.columns[0].instruments.shape[1]
 
     def moving(self, flight: VerticalFlight) -> MovingColumns:
         """Columns of one of the flights that are the input's and the terms'."""
@@ -406,18 +367,15 @@ class VerticalFlights(SeparableProblem):
     def _columns(self, number: int, flight: VerticalFlight) -> AxisColumns:
         """Columns of one flight: z'' measured and from the velocity, -z', the mapped input, terms."""
         moving = self.moving(flight)
-        responses = [flight.velocity_derivative]
-        if flight.acceleration is not None:
-            responses.insert(0, flight.acceleration)
+        accelerations = (flight.acceleration, flight.velocity_derivative)
+        driven = DrivenSignals(flight.signals, flight.mapped_input(self.motion, 0.0, 0.0))
         return AxisColumns(
             flight.signals.step_s,
             flight.runs,
-            np.column_stack(responses),
+            np.column_stack([item for item in accelerations if item is not None]),
             -flight.velocity[:, None],
             moving,
-            moving.instruments(
-                self.rule.columns(DrivenSignals(flight.signals, flight.mapped_input(self.motion, 0.0, 0.0)))
-            ),
+            moving.instruments(self.rule.columns(driven)),
             number,
             band_hz=flight.band_hz,
             valid=flight.signals.valid,
@@ -439,9 +397,7 @@ class VerticalFlights(SeparableProblem):
         """The vertical velocity, where every flight has an accelerometer."""
         if any(flight.acceleration is None for flight in self.flights):
             return None
-        lengths = [
-            sum(item.shape[0] for item in flight.cut(flight.velocity[:, None])) for flight in self.flights
-        ]
+        lengths = [flight.sample_count for flight in self.flights]
         each = [noise_powers(flight, self.motion.input_map) for flight in self.flights]
         velocity, driving, response = np.sqrt(np.average(each, axis=0, weights=lengths)).tolist()
         driven = np.zeros(len(self.parameters))
@@ -472,26 +428,18 @@ def balance(problem: VerticalFlights, candidate: Candidate) -> Balance:
     K, K_u = candidate.theta[:2]
     residual = stacked[:, 0] + K * stacked[:, 1] - K_u * stacked[:, 2] - stacked[:, 3:] @ candidate.theta[2:]
     moving = [nuisance for nuisance in problem.nuisances if nuisance.refined]
-    mapped_slope = _mapped_slope(problem, candidate, moving[0]) if moving else 0.0
+
+    def mapped_mean(nuisance_values: Values) -> float:
+        return float(np.concatenate(_columns(problem, nuisance_values))[:, 2].mean())
+
     means = stacked.mean(axis=0)
     return Balance(
-        float(means[0]),
-        float(means[1]),
-        float(means[2]),
-        mapped_slope,
+        *means[:3].tolist(),
+        moving[0].derivative(mapped_mean, candidate.nuisances) if moving else 0.0,
         means[3:],
         long_run_mean_variance(residual - residual.mean()),
         np.stack([block.mean(axis=0) for block in columns]),
     )
-
-
-def _mapped_slope(problem: VerticalFlights, candidate: Candidate, nuisance: Nuisance) -> float:
-    """Derivative of the mean of U by a nuisance."""
-
-    def mean(nuisance_values: Values) -> float:
-        return float(np.concatenate(_columns(problem, nuisance_values))[:, 2].mean())
-
-    return nuisance.derivative(mean, candidate.nuisances)
 
 
 def _columns(problem: VerticalFlights, nuisance_values: Values) -> list[Float[np.ndarray, "_ m"]]:
@@ -574,12 +522,16 @@ VOLTAGE = "battery_voltage"
 ABOVE_GROUND, BELOW_FLIGHT = 0.1, 0.5
 
 
+def _logged(flight: PreparedFlight, name: str) -> Float[np.ndarray, " n"] | None:
+    """A channel on the grid; None where it has not two numbers."""
+    channel = flight.recording.channels.get(name)
+    known = channel is not None and np.isfinite(channel.values).sum() >= 2
+    return on_grid(flight.recording.channel(name), flight.grid)[0] if known else None
+
+
 def height_logged(flight: PreparedFlight) -> Float[np.ndarray, " n"] | None:
     """Height as logged, z up; None where it is not [m]."""
-    channel = flight.recording.channels.get("position_z")
-    if channel is None or np.isfinite(channel.values).sum() < 2:
-        return None
-    return on_grid(channel, flight.grid)[0]
+    return _logged(flight, "position_z")
 
 
 def ground(flight: PreparedFlight) -> float | None:
@@ -602,19 +554,17 @@ def height_over_ground(flight: PreparedFlight) -> Float[np.ndarray, " n"] | None
 
 def voltage(flight: PreparedFlight) -> Float[np.ndarray, " n"] | None:
     """Voltage of the supply; None where it is not logged, or not above zero in the mean [V]."""
-    channel = flight.recording.channels.get(VOLTAGE)
-    if channel is None or np.isfinite(channel.values).sum() < 2:
-        return None
-    volts = on_grid(channel, flight.grid)[0]
-    return volts if float(volts[flight.used].mean()) > 0.0 else None
+    volts = _logged(flight, VOLTAGE)
+    return volts if volts is not None and float(volts[flight.used].mean()) > 0.0 else None
 
 
 def voltage_change(flight: PreparedFlight) -> float | None:
     """What the voltage changed by over the time used, as a share of its mean; None where it is not logged."""
     volts = voltage(flight)
-    return (
-        None if volts is None else float(np.sqrt(12.0) * volts[flight.used].std() / volts[flight.used].mean())
-    )
+    if volts is None:
+        return None
+    used = volts[flight.used]
+    return float(np.sqrt(12.0) * used.std() / used.mean())
 
 
 # -- Term channels --
@@ -622,9 +572,9 @@ def voltage_change(flight: PreparedFlight) -> float | None:
 
 def check_terms(options: FlightOptions, radius: float | None = None) -> None:
     """Refuse a term near the ground without the rotors' radius."""
-    if GroundEffect.word in options.terms and options.rotor_radius is None and radius is None:
+    if GROUND_EFFECT.word in options.terms and options.rotor_radius is None and radius is None:
         raise UsageError(
-            f"the radius of a rotor with the term {GroundEffect.word}, which counts heights in radii",
+            f"the radius of a rotor with the term {GROUND_EFFECT.word}, which counts heights in radii",
             "none",
             "Give it in metres, half a propeller's diameter: --rotor-radius 0.12, or a vehicle file with it.",
         )
@@ -632,44 +582,29 @@ def check_terms(options: FlightOptions, radius: float | None = None) -> None:
 
 def check_flights(flights: Sequence[PreparedFlight], options: FlightOptions) -> None:
     """Refuse a term that a flight does not log enough for."""
-    for flight in flights:
-        if not flight.runs:
-            continue
+    needed = (
+        (GROUND_EFFECT.word, "position_z", height_logged, "Log the height, or leave the term out."),
+        (VOLTAGE_TERM.word, VOLTAGE, voltage, "Log the battery's voltage, or leave the term out."),
+    )
+    for flight in [flight for flight in flights if flight.runs]:
         name = flight.recording.name
-        if GroundEffect.word in options.terms:
-            _check_ground(flight, name)
-        if VoltageTerm.word in options.terms:
-            _check_voltage(flight, name)
-
-
-def _check_ground(flight: PreparedFlight, name: str) -> None:
-    if height_logged(flight) is None:
-        raise MissingChannelError(
-            f"the channel position_z for the term {GroundEffect.word}",
-            f"{name}, which has none",
-            "Log the height, or leave the term out.",
-        )
-    if ground(flight) is None:
-        raise InputError(
-            f"a log that begins or ends on the ground, whose height the term {GroundEffect.word} needs",
-            f"{name}, whose height is never below that of the flight",
-            "Log from before take-off or until after landing, or leave the term out.",
-        )
-
-
-def _check_voltage(flight: PreparedFlight, name: str) -> None:
-    if voltage(flight) is None:
-        raise MissingChannelError(
-            f"the channel {VOLTAGE} for the term {VoltageTerm.word}",
-            f"{name}, which has none",
-            "Log the battery's voltage, or leave the term out.",
-        )
-    if flight.input.measured:
-        raise InputError(
-            f"commands for the term {VoltageTerm.word}: what they give follows the voltage",
-            f"{flight.input.name} of {name}, which was measured",
-            "Leave the term out, or name the commands with --input.",
-        )
+        for word, channel, series, remedy in needed:
+            if word in options.terms and series(flight) is None:
+                raise MissingChannelError(
+                    f"the channel {channel} for the term {word}", f"{name}, which has none", remedy
+                )
+        if GROUND_EFFECT.word in options.terms and ground(flight) is None:
+            raise InputError(
+                f"a log that begins or ends on the ground, whose height the term {GROUND_EFFECT.word} needs",
+                f"{name}, whose height is never below that of the flight",
+                "Log from before take-off or until after landing, or leave the term out.",
+            )
+        if VOLTAGE_TERM.word in options.terms and flight.input.measured:
+            raise InputError(
+                f"commands for the term {VOLTAGE_TERM.word}: what they give follows the voltage",
+                f"{flight.input.name} of {name}, which was measured",
+                "Leave the term out, or name the commands with --input.",
+            )
 
 
 def mean_voltage(flights: Sequence[PreparedFlight]) -> float | None:
@@ -678,9 +613,7 @@ def mean_voltage(flights: Sequence[PreparedFlight]) -> float | None:
     for flight in flights:
         if flight.runs:
             volts = voltage(flight)
-            if volts is None:
-                return None
-            means.append(float(volts[flight.used].mean()))
+            means.append(math.nan if volts is None else float(volts[flight.used].mean()))
     mean = float(np.mean(means)) if means else math.nan
     return mean if math.isfinite(mean) else None
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -122,6 +123,26 @@ def _by_curvature(problem: VerticalFlights, estimated: Estimated, family: CurveF
     return value, half / quantile
 
 
+#: Values of all nuisances, which distinguish a candidate from the others.
+Point = tuple[float, ...]
+Balances = Mapping[Point, Balance]
+
+
+def point_of(candidate: Candidate) -> Point:
+    """Values of a candidate's nuisances."""
+    return tuple(candidate.nuisances.values())
+
+
+def linear_quantity(estimate: Estimate, linear: Callable[[Candidate], Linear], unit: str) -> QuantityEstimate:
+    """Quantity of an estimate by what it is at each candidate."""
+    interval = estimate.interval_of(
+        lambda candidate: linear(candidate)[:2], extra_variance=lambda candidate: linear(candidate)[2]
+    )
+    value, gradient, variance = linear(estimate.best)
+    error = math.sqrt(estimate.best.covariance.std_error(gradient) ** 2 + variance)
+    return QuantityEstimate(value, unit, error, interval)
+
+
 @dataclass(frozen=True)
 class AtCandidate:
     """A candidate with its balance, and the same combination of nuisances with maps to either side."""
@@ -130,6 +151,31 @@ class AtCandidate:
     candidate: Candidate
     terms: Balance
     sides: tuple[tuple[VerticalFlights, Candidate, Balance], ...]  # With the maps below and above
+
+    def slope(self, curve: FittedCurve, of: Of) -> float:
+        """Derivative of a quantity by the map's parameter."""
+        low, high = (of(*side)[0] for side in self.sides)
+        return (high - low) / (curve.above[0] - curve.below[0])
+
+    def curve(self, curve: FittedCurve) -> tuple[float, Linear]:
+        """Change of the map's parameter by the intercept, and that parameter."""
+        if math.isinf(curve.bias_std):
+            return 0.0, (curve.value, np.zeros(self.candidate.values.size), curve.curvature_error**2)
+        # a candidate with an intercept of its own has a map of its own
+        b, gradient, variance = linear_intercept(self.problem, self.candidate, self.terms)
+        by_b = -1.0 / self.slope(curve, linear_intercept)
+        return by_b, (curve.value + by_b * b, by_b * gradient, by_b**2 * (variance + curve.bias_std**2))
+
+    def propagated(self, curve: FittedCurve, of: Of) -> Linear:
+        """A quantity with the error of the map in its gradient and its variance."""
+        value, gradient, variance = of(self.problem, self.candidate, self.terms)
+        slope = self.slope(curve, of)
+        if math.isinf(curve.bias_std):
+            error = 0.0 if math.isinf(curve.curvature_error) else curve.curvature_error
+            return value, gradient, variance + (slope * error) ** 2
+        by_b, (_, of_b, _) = self.curve(curve)
+        own = linear_intercept(self.problem, self.candidate, self.terms)[2] + curve.bias_std**2
+        return value, gradient + slope * of_b, variance + (slope * by_b) ** 2 * own
 
 
 #: From flights, a candidate and its balance.
@@ -141,121 +187,48 @@ def curve_quantities(
 ) -> dict[str, QuantityEstimate]:
     """Quantities that the map's own error moves, and the map's parameter."""
     points = _points(problem, estimate, curve)
-    unknown = math.isinf(curve.bias_std) and math.isinf(curve.curvature_error)
-    results = {
-        name: _with_curve(estimate, points, curve, of, unit)
-        for name, of, unit in (
-            ("viscous_friction", _joint(0), "1/s"),
-            ("input_gain", _joint(1), "m/s^2"),
-            ("intercept", _intercept, "m/s^2"),
-            ("hover_input", _hover, ""),
-        )
+    formulas: dict[str, tuple[Of, str]] = {
+        "viscous_friction": (partial(_joint, 0), "1/s"),
+        "input_gain": (partial(_joint, 1), "m/s^2"),
+        "intercept": (linear_intercept, "m/s^2"),
+        "hover_input": (_hover, ""),
     }
-    value = QuantityEstimate(curve.value, "", NAN, NO_INTERVAL)
-    return {**results, "thrust_curve": value if unknown else _of_curve(estimate, points, curve)}
+    results: dict[str, QuantityEstimate] = {}
+    for name, (of, unit) in formulas.items():
+        moved = {point: item.propagated(curve, of) for point, item in points.items()}
+        results[name] = linear_quantity(estimate, lambda item, at=moved: at[point_of(item)], unit)
+    if math.isinf(curve.bias_std) and math.isinf(curve.curvature_error):
+        return {**results, "thrust_curve": QuantityEstimate(curve.value, "", NAN, NO_INTERVAL)}
+    of_curve = {point: item.curve(curve)[1] for point, item in points.items()}
+    return {**results, "thrust_curve": linear_quantity(estimate, lambda item: of_curve[point_of(item)], "")}
 
 
-def _points(
-    problem: VerticalFlights, estimate: Estimate, curve: FittedCurve
-) -> dict[tuple[float, ...], AtCandidate]:
-    results = {}
+def _points(problem: VerticalFlights, estimate: Estimate, curve: FittedCurve) -> dict[Point, AtCandidate]:
+    """Candidates with those of the same discrete nuisances and maps to either side."""
+
+    def discrete(candidate: Candidate) -> Point:
+        values = candidate.nuisances.items()
+        return tuple(round(value, DECIMALS) for name, value in values if name not in estimate.names)
+
     sides = [
-        (
-            with_map(problem, curve.family.map(value)),
-            {_chosen(estimate, each): each for each in item.candidates},
-        )
+        (with_map(problem, curve.family.map(value)), {discrete(each): each for each in item.candidates})
         for value, item in (curve.below, curve.above)
     ]
+    results = {}
     for candidate in estimate.candidates:
-        same = [(flights, item[_chosen(estimate, candidate)]) for flights, item in sides]
+        same = [(flights, each[discrete(candidate)]) for flights, each in sides]
         neighbours = tuple((flights, item, balance(flights, item)) for flights, item in same)
         at_candidate = AtCandidate(problem, candidate, balance(problem, candidate), neighbours)
-        results[tuple(candidate.nuisances.values())] = at_candidate
+        results[point_of(candidate)] = at_candidate
     return results
 
 
-def _chosen(estimate: Estimate, candidate: Candidate) -> tuple[float, ...]:
-    """Values of a candidate's discrete nuisances."""
-    return tuple(
-        round(value, DECIMALS) for name, value in candidate.nuisances.items() if name not in estimate.names
-    )
+def _joint(position: int, _problem: VerticalFlights, candidate: Candidate, _terms: Balance) -> Linear:
+    return float(candidate.values[position]), np.eye(candidate.values.size)[position], 0.0
 
 
-def _slope(at_candidate: AtCandidate, curve: FittedCurve, of: Of) -> float:
-    """Derivative of a quantity by the map's parameter."""
-    low, high = (of(*side)[0] for side in at_candidate.sides)
-    return (high - low) / (curve.above[0] - curve.below[0])
-
-
-def _propagated(at_candidate: AtCandidate, curve: FittedCurve, of: Of) -> Linear:
-    """A quantity with the error of the map in its gradient and its variance."""
-    value, gradient, variance = of(at_candidate.problem, at_candidate.candidate, at_candidate.terms)
-    slope = _slope(at_candidate, curve, of)
-    if math.isinf(curve.bias_std):
-        error = 0.0 if math.isinf(curve.curvature_error) else curve.curvature_error
-        return value, gradient, variance + (slope * error) ** 2
-    by_b, of_b, current = _curve_error(at_candidate, curve)
-    return value, gradient + slope * of_b, variance + (slope * by_b) ** 2 * current
-
-
-def _curve_error(
-    at_candidate: AtCandidate, curve: FittedCurve
-) -> tuple[float, Float[np.ndarray, " n"], float]:
-    """Change of the map's parameter by the intercept, its gradient, and the intercept's variance besides."""
-    _, gradient, variance = _intercept(at_candidate.problem, at_candidate.candidate, at_candidate.terms)
-    by_b = -1.0 / _slope(at_candidate, curve, _intercept)
-    return by_b, by_b * gradient, variance + curve.bias_std**2
-
-
-def _with_curve(
-    estimate: Estimate,
-    points: dict[tuple[float, ...], AtCandidate],
-    curve: FittedCurve,
-    of: Of,
-    unit: str,
-) -> QuantityEstimate:
-    results = {name: _propagated(point, curve, of) for name, point in points.items()}
-    return _quantity_estimate(estimate, results, unit)
-
-
-def _of_curve(
-    estimate: Estimate, points: dict[tuple[float, ...], AtCandidate], curve: FittedCurve
-) -> QuantityEstimate:
-    results: dict[tuple[float, ...], Linear] = {}
-    for name, point in points.items():
-        if math.isinf(curve.bias_std):
-            results[name] = curve.value, np.zeros(point.candidate.values.size), curve.curvature_error**2
-        else:
-            # a candidate with an intercept of its own has a map of its own
-            by_b, gradient, variance = _curve_error(point, curve)
-            b = _intercept(point.problem, point.candidate, point.terms)[0]
-            results[name] = curve.value + by_b * b, gradient, by_b**2 * variance
-    return _quantity_estimate(estimate, results, "")
-
-
-def _quantity_estimate(
-    estimate: Estimate, result: dict[tuple[float, ...], Linear], unit: str
-) -> QuantityEstimate:
-    def linear(candidate: Candidate) -> tuple[float, Float[np.ndarray, " n"]]:
-        return result[tuple(candidate.nuisances.values())][:2]
-
-    def extra(candidate: Candidate) -> float:
-        return result[tuple(candidate.nuisances.values())][2]
-
-    interval = estimate.interval_of(linear, extra_variance=extra)
-    value, gradient = linear(estimate.best)
-    error = math.sqrt(estimate.best.covariance.std_error(gradient) ** 2 + extra(estimate.best))
-    return QuantityEstimate(value, unit, error, interval)
-
-
-def _joint(position: int) -> Of:
-    def of(_problem: VerticalFlights, candidate: Candidate, _terms: Balance) -> Linear:
-        return float(candidate.values[position]), np.eye(candidate.values.size)[position], 0.0
-
-    return of
-
-
-def _intercept(_problem: VerticalFlights, candidate: Candidate, terms: Balance) -> Linear:
+def linear_intercept(_problem: VerticalFlights, candidate: Candidate, terms: Balance) -> Linear:
+    """The intercept at a candidate."""
     return *intercept(candidate, terms), terms.residual_variance
 
 

@@ -1,12 +1,13 @@
-"""Rules and verdict of the vertical motion."""
+"""Systematic parts and verdict of the vertical motion."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
+from eivor.flights.lag_prior import EFFECTIVE_LAG
 from eivor.flights.motion import InstrumentStrength, VerdictInputs
 from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import (
@@ -18,11 +19,14 @@ from eivor.flights.quantity import (
 )
 from eivor.flights.verdict import (
     disagreement_reasons,
+    has_no_bounds,
     instrument_reasons,
     lag_prior_reasons,
     longest_lag_reasons,
     moved,
-    untold,
+    provisional,
+    refused,
+    weak,
     weak_instrument_sentence,
     wide_lag_reasons,
 )
@@ -52,7 +56,7 @@ from eivor.signals.channels import CurveSide
 from eivor.signals.recording import Channel, Finding
 from eivor.tools import Bool, Float
 
-# -- Allowances --
+# -- Systematic parts --
 
 #: No interval of the hover input reaches less far than this share of it.
 HOVER_FLOOR = 0.005
@@ -64,39 +68,28 @@ def all_systematic_uncertainties(
     flights: tuple[PreparedFlight, ...], quantities: Mapping[str, QuantityEstimate], inputs: VerdictInputs
 ) -> dict[str, tuple[SystematicUncertainty, ...]]:
     """Systematic parts by quantity."""
-    slack_s = max(flight.command_slack_s for flight in flights)
-    causes = (
-        {"viscous_friction": _of_estimators(flights)},
-        {"hover_input": _at_these_conditions(quantities["hover_input"].value)},
-        {name: clock_uncertainty(slack_s) for name in ("actuator_lag", "effective_lag")},
-        sensor_uncertainties(inputs.sensors, quantities, aligned=inputs.aligned),
-    )
-    parts = {name: [part for cause in causes for part in cause.get(name, ())] for name in quantities}
-    return {name: tuple(part) for name, part in parts.items() if part}
-
-
-def _of_estimators(flights: tuple[PreparedFlight, ...]) -> list[SystematicUncertainty]:
-    """What an estimator behind velocity or acceleration may add to the friction."""
+    by_clock = clock_uncertainty(max(flight.command_slack_s for flight in flights))
+    of_sensors = sensor_uncertainties(inputs.sensors, quantities, aligned=inputs.aligned)
+    parts: dict[str, list[SystematicUncertainty]] = {name: [] for name in quantities}
     roles = sorted({role for flight in flights for role in flight.estimated})
-    if not roles:
-        return []
-    sentence = (
-        f"{' and '.join(roles).capitalize()} from an estimator: its own dynamics can look like a "
-        f"friction of up to {ESTIMATOR_FRICTION:g} 1/s; identified keeps as much in reserve."
-    )
-    return [SystematicUncertainty(Counts.RESERVED, ESTIMATOR_FRICTION, ESTIMATOR_FRICTION, sentence)]
-
-
-def _at_these_conditions(hover: float) -> list[SystematicUncertainty]:
-    """What another flight's conditions may change of the hover input."""
-    if not (math.isfinite(hover) and hover > 0.0):
-        return []
-    floor = HOVER_FLOOR * hover
-    sentence = (
-        f"Valid for this flight's conditions (wind, height, speed, battery): the interval is at least "
-        f"±{HOVER_FLOOR:.1%} wide."
-    )
-    return [SystematicUncertainty(Counts.AT_LEAST, floor, floor, sentence)]
+    if roles:
+        sentence = (
+            f"{' and '.join(roles).capitalize()} from an estimator: its own dynamics can look like a "
+            f"friction of up to {ESTIMATOR_FRICTION:g} 1/s; identified keeps as much in reserve."
+        )
+        reserve = SystematicUncertainty(Counts.RESERVED, ESTIMATOR_FRICTION, ESTIMATOR_FRICTION, sentence)
+        parts["viscous_friction"].append(reserve)
+    floor = HOVER_FLOOR * quantities["hover_input"].value
+    if math.isfinite(floor) and floor > 0.0:
+        sentence = (
+            f"Valid for this flight's conditions (wind, height, speed, battery): the interval is at least "
+            f"±{HOVER_FLOOR:.1%} wide."
+        )
+        parts["hover_input"].append(SystematicUncertainty(Counts.AT_LEAST, floor, floor, sentence))
+    for name in (ACTUATOR_LAG.name, EFFECTIVE_LAG):
+        parts[name].extend(by_clock)
+    parts = {name: [*part, *of_sensors.get(name, ())] for name, part in parts.items()}
+    return {name: tuple(part) for name, part in parts.items() if part}
 
 
 # -- Curve rule --
@@ -106,47 +99,40 @@ UNTOLD_HALF_WIDTH = 0.5
 #: An intercept clearly beyond it is no bias of an accelerometer [m/s^2].
 CLEAR_INTERCEPT = 0.4
 
-STRONGER = "Fly quicker and larger steps, which change the thrust more."
+LARGER_STEPS = "Fly quicker and larger steps, which change the thrust more."
 CHECK_INPUT = "Check units and signs, and that the input is the command of this vehicle."
 BIAS = "Say how large the accelerometer's bias may be: --accelerometer-bias 0.1 (m/s^2)."
 
 
-def curve_reasons(quantities: Mapping[str, QuantityEstimate], inputs: VerdictInputs) -> list[Reason]:
+def curve_reasons(quantities: Mapping[str, QuantityEstimate], inputs: VerdictInputs) -> Iterator[Reason]:
     """Reasons against the curve; none where it was not asked for."""
-    curve = quantities.get("thrust_curve")
+    curve, intercept = quantities.get("thrust_curve"), quantities["intercept"]
     if curve is None:
-        return []
-    if not np.isfinite(curve.half_width):
-        texts = (
-            "Curvature alone does not identify the thrust curve, and the intercept cannot while "
-            "nothing is known "
-            "of the accelerometer's bias."
-        )
-        return [Reason(Status.REFUSED, texts, BIAS)]
-    intercept = quantities["intercept"]
+        return
     left = abs(intercept.value) - intercept.half_width
-    if np.isfinite(left) and left > CLEAR_INTERCEPT:
+    if not np.isfinite(curve.half_width):
+        unknown = (
+            "Curvature alone does not identify the thrust curve, and the intercept cannot while nothing is "
+            "known of the accelerometer's bias."
+        )
+        yield refused(unknown, BIAS)
+    elif np.isfinite(left) and left > CLEAR_INTERCEPT:
         none = (
             f"No thrust curve of this kind fits: the intercept is still {intercept.value:+.2g} m/s^2 with "
             "the one that comes nearest."
         )
-        return [Reason(Status.REFUSED, none, CHECK_INPUT)]
-    if curve.half_width > UNTOLD_HALF_WIDTH:
+        yield refused(none, CHECK_INPUT)
+    elif curve.half_width > UNTOLD_HALF_WIDTH:
         wide = (
             f"The thrust curve is known to +-{curve.half_width:.2g} only, which leaves every curve possible."
         )
-        return [Reason(Status.REFUSED, wide, STRONGER)]
-    reasons = []
-    if inputs.direct:
-        sentence = "A direct method made the thrust curve."
-        reasons.append(Reason(Status.PROVISIONAL, sentence, "Log the position setpoint."))
-    if curve.half_width > CURVE_HALF_WIDTH:
-        rough = (
-            f"The thrust curve is known to +-{curve.half_width:.3g}; identified asks for "
-            f"+-{CURVE_HALF_WIDTH:.2g}."
-        )
-        reasons.append(Reason(Status.WEAK, rough, STRONGER))
-    return reasons
+        yield refused(wide, LARGER_STEPS)
+    else:
+        if inputs.direct:
+            yield provisional("A direct method made the thrust curve.", "Log the position setpoint.")
+        if curve.half_width > CURVE_HALF_WIDTH:
+            rough = f"The thrust curve is known to +-{curve.half_width:.3g}; identified asks for "
+            yield weak(f"{rough}+-{CURVE_HALF_WIDTH:.2g}.", LARGER_STEPS)
 
 
 # -- Lag rule --
@@ -158,69 +144,44 @@ LAG_KNOWN_S = 0.01
 
 def lag_reasons(
     quantities: Mapping[str, QuantityEstimate], strength: InstrumentStrength, inputs: VerdictInputs
-) -> list[Reason]:
+) -> Iterator[Reason]:
     """Reasons against the actuator's lag: those that count against the friction, and a rough lag."""
-    reasons = rough_lag_reasons(quantities, strength)
-    lag = quantities["effective_lag"]
+    yield from rough_lag_reasons(quantities, strength)
+    lag = quantities[EFFECTIVE_LAG]
     if np.inf > lag.half_width > max(lag.value, LAG_HALF_WIDTH_S):
         low, high = (1e3 * max(end, 0.0) for end in lag.interval)
-        sentence = f"The lag may be anything from {low:.0f} to {high:.0f} ms."
-        reasons.append(Reason(Status.REFUSED, sentence, QUICKER))
+        yield refused(f"The lag may be anything from {low:.0f} to {high:.0f} ms.", QUICKER)
     elif np.inf > lag.half_width > max(LAG_SHARE * lag.value, LAG_KNOWN_S):
-        sentence = f"The lag's interval is +-{lag.half_width * 1e3:.0f} ms wide."
-        reasons.append(Reason(Status.WEAK, sentence, QUICKER))
+        yield weak(f"The lag's interval is +-{lag.half_width * 1e3:.0f} ms wide.", QUICKER)
     if inputs.direct:
-        reasons.append(Reason(Status.PROVISIONAL, "A direct method made the lag.", LOG_REFERENCE))
-    for name in {ACTUATOR_LAG.name, DELAY.name} & strength.first_stage.keys() if not inputs.direct else ():
-        first_stage = strength.first_stage[name]
-        if first_stage < STRONG_FIRST_STAGE:
-            sentence = weak_instrument_sentence("lag", first_stage)
-            reasons.append(Reason(Status.WEAK, sentence, QUICKER))
-    return reasons
+        yield provisional("A direct method made the lag.", LOG_REFERENCE)
+        return
+    for name in {ACTUATOR_LAG.name, DELAY.name} & strength.first_stage.keys():
+        if strength.first_stage[name] < STRONG_FIRST_STAGE:
+            yield weak(weak_instrument_sentence("lag", strength.first_stage[name]), QUICKER)
 
 
 def rough_lag_reasons(
     quantities: Mapping[str, QuantityEstimate], strength: InstrumentStrength
-) -> list[Reason]:
-    """Grounds that count against the friction as well: a lag that is hardly known, grids that end."""
+) -> Iterator[Reason]:
+    """Reasons that count against the friction as well: a lag that is hardly known, grids that end."""
     delay = strength.searched.get(DELAY.name)
     if delay is not None and abs(delay.value) >= 0.999 * delay.highest:
-        return [
-            Reason(
-                Status.WEAK,
-                f"The delay of the measured rotors ran into the end of its grid "
-                f"({delay.highest * 1e3:.0f} ms).",
-                "Check the clock of the rotors' telemetry, or use the commands with --input.",
-            )
-        ]
-    if ACTUATOR_LAG.name not in strength.searched:
-        return []
-    half_width = quantities["effective_lag"].half_width
-    remedy = "Check that the input is the command of this vehicle, and its time stamps."
-    return [
-        *wide_lag_reasons(half_width, LAG_HALF_WIDTH_S, whose="actuator's", remedy=QUICKER),
-        *longest_lag_reasons(strength, remedy=remedy),
-        *_longest_delay_reasons(quantities["delay"], remedy=remedy),
-    ]
+        end = f"The delay of the measured rotors ran into the end of its grid ({delay.highest * 1e3:.0f} ms)."
+        yield weak(end, "Check the clock of the rotors' telemetry, or use the commands with --input.")
+    elif ACTUATOR_LAG.name in strength.searched:
+        half_width, tried = quantities[EFFECTIVE_LAG].half_width, quantities[DELAY.name]
+        remedy = "Check that the input is the command of this vehicle, and its time stamps."
+        yield from wide_lag_reasons(half_width, LAG_HALF_WIDTH_S, whose="actuator's", remedy=QUICKER)
+        yield from longest_lag_reasons(strength, remedy=remedy)
+        if tried.choice is not None and tried.value >= 0.999 * FURTHEST_DELAY_S:
+            yield weak(f"The delay ran into the top of its grid ({FURTHEST_DELAY_S:.1f} s).", remedy)
 
 
-def _longest_delay_reasons(delay: QuantityEstimate, *, remedy: str) -> list[Reason]:
-    """Reason of a delay that ended at the longest that is tried."""
-    if delay.choice is None or not delay.value >= 0.999 * FURTHEST_DELAY_S:
-        return []
-    sentence = f"The delay ran into the top of its grid ({FURTHEST_DELAY_S:.1f} s)."
-    return [Reason(Status.WEAK, sentence, remedy)]
-
-
-def delay_reasons(delay: QuantityEstimate) -> list[Reason]:
+def delay_reasons(delay: QuantityEstimate) -> Iterator[Reason]:
     """Reasons against the delay beside those against the lag: that none of those tried can be left out."""
-    if (
-        delay.choice is None
-        or len(delay.choice.tried) < 2
-        or len(delay.choice.fitting) < len(delay.choice.tried)
-    ):
-        return []
-    return [Reason(Status.WEAK, "Every delay that was tried fits.", QUICKER)]
+    if delay.choice is not None and len(delay.choice.fitting) >= len(delay.choice.tried) >= 2:
+        yield weak("Every delay that was tried fits.", QUICKER)
 
 
 # -- Friction rule --
@@ -235,119 +196,70 @@ LOG_PLANNED = "Log the trajectory's position setpoint."
 
 def friction_reasons(
     quantities: Mapping[str, QuantityEstimate], strength: InstrumentStrength, inputs: VerdictInputs
-) -> list[Reason]:
+) -> Iterator[Reason]:
     """Reasons against the viscous friction."""
-    reasons = instrument_reasons(
-        strength,
-        inputs,
-        fly=FLY,
-        log_reference=LOG_REFERENCE,
-        log_planned=LOG_PLANNED,
+    yield from instrument_reasons(
+        strength, inputs, fly=FLY, log_reference=LOG_REFERENCE, log_planned=LOG_PLANNED
     )
-    if not untold("viscous_friction", strength):
-        reasons.extend(_interval_reasons(quantities["viscous_friction"], inputs))
-    reasons.extend(rough_lag_reasons(quantities, strength))
-    reasons.extend(_unit_reasons(quantities))
-    remedy = "Keep the tilt small, stay off the ground, and check the input map."
-    reasons += disagreement_reasons(strength, moves="moves", remedy=remedy)
-    if inputs.command_rate_hz < COMMAND_RATE_HZ:
-        reasons.append(
-            Reason(
-                Status.WEAK,
-                f"The command is logged at {inputs.command_rate_hz:.0f} Hz; below "
-                f"{COMMAND_RATE_HZ:.0f} Hz the "
-                "intervals do not hold.",
-                "Log the thrust setpoint or the rotor commands at 50 Hz or more.",
-            )
-        )
-    if inputs.used_s < SHORT_FLIGHT_S:
-        reasons.append(
-            Reason(
-                Status.WEAK,
-                f"Only {inputs.used_s:.3g} s could be used: intervals of less than "
-                f"{SHORT_FLIGHT_S:.0f} s hold "
-                "the friction too seldom.",
-                "Fly longer, or pool several flights.",
-            )
-        )
-    return reasons
-
-
-def _interval_reasons(friction: QuantityEstimate, inputs: VerdictInputs) -> list[Reason]:
-    """Reasons against the viscous friction that its interval gives."""
-    reasons = []
-    low, high = friction.interval
-    if high < 0.0:
-        reasons.append(
-            Reason(
-                Status.REFUSED,
-                f"The viscous friction came out at {friction.value:.3g} 1/s, which no vehicle has: the air "
-                f"or a feedback moved the vehicle more than the reference did.{moved(inputs)}",
-                FLY,
-            )
-        )
-    elif friction.value <= 0.0 or low <= 0.0:
-        reasons.append(
-            Reason(
-                Status.REFUSED,
-                f"The viscous friction cannot be distinguished from zero: its interval is [{low:.2g}, "
-                f"{high:.2g}] "
-                f"1/s.{moved(inputs)}",
-                FLY,
-            )
-        )
-    elif np.inf > friction.half_width + friction.reserved_uncertainty > FRICTION_SHARE * friction.value:
-        reasons.append(
-            Reason(
-                Status.WEAK,
-                f"The viscous friction's interval is +-{friction.half_width / friction.value:.1%} wide"
-                f"{_reserve(friction)}; identified asks for +-{FRICTION_SHARE:.0%}.{moved(inputs)}",
-                "Fly longer, faster climbs and descents, or pool several flights.",
-            )
-        )
-    elif low <= friction.reserved_uncertainty and friction.reserved_uncertainty > 0.0:
-        reasons.append(
-            Reason(
-                Status.WEAK,
-                f"The viscous friction's interval begins at {low:.2g} 1/s, and up to "
-                f"{friction.reserved_uncertainty:.2g} 1/s cannot be distinguished from an estimator's "
-                f"own dynamics.",
-                "Fly longer, faster climbs and descents, or log a velocity that is measured.",
-            )
-        )
-    return reasons
-
-
-def _reserve(friction: QuantityEstimate) -> str:
-    """What identified asks for beside the interval, with words before it; empty for nothing."""
-    if not friction.reserved_uncertainty:
-        return ""
-    return (
-        f", and the estimator behind velocity or acceleration may add {friction.reserved_uncertainty:.2g} 1/s"
-    )
-
-
-def _unit_reasons(quantities: Mapping[str, QuantityEstimate]) -> list[Reason]:
-    """Grounds that speak of signs and units: a gain that pulls down, an intercept that no sensor has."""
-    reasons = []
+    if not has_no_bounds("viscous_friction", strength):
+        yield from _interval_reasons(quantities["viscous_friction"], inputs)
+    yield from rough_lag_reasons(quantities, strength)
     if quantities["input_gain"].value <= 0.0:
-        reasons.append(
-            Reason(
-                Status.REFUSED,
-                "The input gain is not positive: the input, or the acceleration, has the wrong sign.",
-                "Check the frame (z up, or NED), the input's sign and its map.",
-            )
+        yield refused(
+            "The input gain is not positive: the input, or the acceleration, has the wrong sign.",
+            "Check the frame (z up, or NED), the input's sign and its map.",
         )
     intercept = quantities.get("intercept")
     if intercept is not None and abs(intercept.value) - intercept.half_width > LARGE_INTERCEPT:
-        reasons.append(
-            Reason(
-                Status.WEAK,
-                f"The intercept is {intercept.value:.1f} m/s^2, far beyond the bias of an accelerometer.",
-                "Check the units and signs of velocity and acceleration, the clock, and the input map.",
-            )
+        yield weak(
+            f"The intercept is {intercept.value:.1f} m/s^2, far beyond the bias of an accelerometer.",
+            "Check the units and signs of velocity and acceleration, the clock, and the input map.",
         )
-    return reasons
+    remedy = "Keep the tilt small, stay off the ground, and check the input map."
+    yield from disagreement_reasons(strength, moves="moves", remedy=remedy)
+    if inputs.command_rate_hz < COMMAND_RATE_HZ:
+        yield weak(
+            f"The command is logged at {inputs.command_rate_hz:.0f} Hz; below {COMMAND_RATE_HZ:.0f} Hz the "
+            "intervals do not hold.",
+            "Log the thrust setpoint or the rotor commands at 50 Hz or more.",
+        )
+    if inputs.used_s < SHORT_FLIGHT_S:
+        yield weak(
+            f"Only {inputs.used_s:.3g} s could be used: intervals of less than {SHORT_FLIGHT_S:.0f} s hold "
+            "the friction too seldom.",
+            "Fly longer, or pool several flights.",
+        )
+
+
+def _interval_reasons(friction: QuantityEstimate, inputs: VerdictInputs) -> Iterator[Reason]:
+    """Reasons against the viscous friction that its interval gives."""
+    low, high = friction.interval
+    half_width, reserve = friction.half_width, friction.reserved_uncertainty
+    if high < 0.0:
+        yield refused(
+            f"The viscous friction came out at {friction.value:.3g} 1/s, which no vehicle has: the air "
+            f"or a feedback moved the vehicle more than the reference did.{moved(inputs)}",
+            FLY,
+        )
+    elif friction.value <= 0.0 or low <= 0.0:
+        yield refused(
+            "The viscous friction cannot be distinguished from zero: its interval is "
+            f"[{low:.2g}, {high:.2g}] 1/s.{moved(inputs)}",
+            FLY,
+        )
+    elif np.inf > half_width + reserve > FRICTION_SHARE * friction.value:
+        added = f", and the estimator behind velocity or acceleration may add {reserve:.2g} 1/s"
+        yield weak(
+            f"The viscous friction's interval is +-{half_width / friction.value:.1%} wide"
+            f"{added if reserve else ''}; identified asks for +-{FRICTION_SHARE:.0%}.{moved(inputs)}",
+            "Fly longer, faster climbs and descents, or pool several flights.",
+        )
+    elif low <= reserve and reserve > 0.0:
+        yield weak(
+            f"The viscous friction's interval begins at {low:.2g} 1/s, and up to {reserve:.2g} 1/s cannot be "
+            "distinguished from an estimator's own dynamics.",
+            "Fly longer, faster climbs and descents, or log a velocity that is measured.",
+        )
 
 
 # -- Gain rule --
@@ -355,7 +267,7 @@ def _unit_reasons(quantities: Mapping[str, QuantityEstimate]) -> list[Reason]:
 GAIN_SHARE = 0.1
 HOVER_SHARE = 0.05
 GAIN_RATE_HZ = 20.0
-LARGER_STEPS = "Fly quicker and larger steps, which change the thrust more."
+CHECK_SIGN = "Check the input's sign and map."
 #: Terms that harm the gain when they are missed, and what to do.
 OMITTED = {
     SUPPLY: "Log battery_voltage, start with a full battery, or identify a part of the flight with --window.",
@@ -365,72 +277,52 @@ OMITTED = {
 WITH_VOLTAGE = "Add the term with --term voltage, or identify a part of the flight with --window."
 
 
-def gain_reasons(gain: QuantityEstimate, strength: InstrumentStrength, inputs: VerdictInputs) -> list[Reason]:
+def gain_reasons(
+    gain: QuantityEstimate, strength: InstrumentStrength, inputs: VerdictInputs
+) -> Iterator[Reason]:
     """Reasons against the input gain."""
     if gain.value <= 0.0:
-        return [Reason(Status.REFUSED, "The input gain is not positive.", "Check the input's sign and map.")]
+        yield refused("The input gain is not positive.", CHECK_SIGN)
+        return
     if np.inf > gain.half_width and gain.interval[0] <= 0.0:
         low, high = (f"{end:.3g}" for end in gain.interval)
         sentence = f"The input gain cannot be distinguished from zero: its interval is [{low}, {high}] m/s^2."
-        return [Reason(Status.REFUSED, f"{sentence}{moved(inputs)}", LARGER_STEPS)]
-    reasons = []
+        yield refused(f"{sentence}{moved(inputs)}", LARGER_STEPS)
+        return
     if inputs.direct:
-        reasons.append(Reason(Status.PROVISIONAL, "A direct method made the input gain.", LOG_REFERENCE))
+        yield provisional("A direct method made the input gain.", LOG_REFERENCE)
     if np.inf > gain.half_width > GAIN_SHARE * gain.value:
-        sentence = (
-            f"The input gain's interval is +-{gain.half_width / gain.value:.1%} wide; identified asks "
-            f"for +-{GAIN_SHARE:.0%}."
-        )
+        width = f"The input gain's interval is +-{gain.half_width / gain.value:.1%} wide"
+        sentence = f"{width}; identified asks for +-{GAIN_SHARE:.0%}."
         first_stage = strength.first_stage.get("input_gain", np.nan)
         if first_stage < STRONG_FIRST_STAGE:
             sentence += f" {weak_instrument_sentence('input gain', first_stage)}"
-        reasons.append(
-            Reason(
-                Status.WEAK,
-                f"{sentence}{moved(inputs)}",
-                LARGER_STEPS,
-            )
-        )
+        yield weak(f"{sentence}{moved(inputs)}", LARGER_STEPS)
     if inputs.response_rate_hz < GAIN_RATE_HZ:
-        reasons.append(
-            Reason(
-                Status.WEAK,
-                f"Velocity and acceleration are logged at {inputs.response_rate_hz:.0f} Hz at most.",
-                "Log one of them at 20 Hz or more.",
-            )
-        )
-    return reasons
+        slow = f"Velocity and acceleration are logged at {inputs.response_rate_hz:.0f} Hz at most."
+        yield weak(slow, "Log one of them at 20 Hz or more.")
 
 
-def omitted_variable_reasons(inputs: VerdictInputs) -> list[Reason]:
+def omitted_variable_reasons(inputs: VerdictInputs) -> Iterator[Reason]:
     """Reasons against the gain: thrust that goes with the supply, or with the height over the ground."""
-    reasons = []
     for name, remedy in OMITTED.items():
         if missed(inputs.numbers, name):
-            reported = omitted_variable_sentence(inputs.numbers, name)
+            sentence = omitted_variable_sentence(inputs.numbers, name)
             by_voltage = name == SUPPLY and VOLTAGE_CHANGE in inputs.numbers
-            told_remedy = WITH_VOLTAGE if by_voltage else remedy
-            reasons.append(Reason(Status.WEAK, f"{reported[0].upper()}{reported[1:]}.", told_remedy))
-    return reasons
+            yield weak(f"{sentence[0].upper()}{sentence[1:]}.", WITH_VOLTAGE if by_voltage else remedy)
 
 
-def hover_reasons(hover: QuantityEstimate, inputs: VerdictInputs) -> list[Reason]:
+def hover_reasons(hover: QuantityEstimate, inputs: VerdictInputs) -> Iterator[Reason]:
     """Reasons against the hover input."""
     if not (np.isfinite(hover.value) and hover.value > 0.0):
-        return [Reason(Status.REFUSED, "The hover input is not positive.", "Check the input's sign and map.")]
-    reasons = []
+        yield refused("The hover input is not positive.", CHECK_SIGN)
+        return
     if inputs.direct:
-        reasons.append(Reason(Status.PROVISIONAL, "A direct method made the hover input.", LOG_REFERENCE))
+        yield provisional("A direct method made the hover input.", LOG_REFERENCE)
     if hover.half_width != np.inf and not hover.half_width <= HOVER_SHARE * hover.value:
-        reasons.append(
-            Reason(
-                Status.WEAK,
-                f"The hover input's interval is +-{hover.half_width / hover.value:.1%} wide; identified asks "
-                f"for +-{HOVER_SHARE:.0%}.",
-                "Fly longer, and come to rest between the climbs.",
-            )
-        )
-    return reasons
+        width = f"The hover input's interval is +-{hover.half_width / hover.value:.1%} wide"
+        remedy = "Fly longer, and come to rest between the climbs."
+        yield weak(f"{width}; identified asks for +-{HOVER_SHARE:.0%}.", remedy)
 
 
 # -- Height --
@@ -457,20 +349,16 @@ def near_ground(
     return {NEAR_GROUND: max(shares), LOWEST: min(lowest)} if shares else {}
 
 
-def near_ground_reasons(inputs: VerdictInputs) -> list[Reason]:
+def near_ground_reasons(inputs: VerdictInputs) -> Iterator[Reason]:
     """Reason against gain and hover input: a flight near the ground."""
     share = inputs.numbers.get(NEAR_GROUND, 0.0)
-    if share < NEAR_SHARE:
-        return []
-    return [
-        Reason(
-            Status.WEAK,
+    if share >= NEAR_SHARE:
+        yield weak(
             f"The vehicle flew below {NEAR_RADII:.0f} rotor radii over the ground for {share:.0%} of the "
-            f"time ({inputs.numbers[LOWEST]:.1f} at the lowest): thrust grows there, and the gain "
-            f"takes it up.",
+            f"time ({inputs.numbers[LOWEST]:.1f} at the lowest): thrust grows there, and the gain takes it "
+            "up.",
             "Fly higher, or add --term ground-effect.",
         )
-    ]
 
 
 # -- Hover --
@@ -493,50 +381,35 @@ AT_END_SHARE = 0.5
 
 def hover_findings(
     flights: tuple[PreparedFlight, ...], quantities: Mapping[str, Quantity]
-) -> tuple[Finding, ...]:
+) -> Iterator[Finding]:
     """What the autopilots of flights hold their hover input to be; compared where it is identified."""
     flying = [flight for flight in flights if flight.runs and _is_setpoint(flight)]
-    results = [item for flight in flying for item in _standing_at_an_end(flight)]
+    for flight in flying:
+        yield from _standing_at_an_end(flight)
     hover = quantities["hover_input"]
-    if hover.verdict is Status.IDENTIFIED and np.isfinite(hover.value) and flying:
-        results.extend(_of_parameters(flying[0], hover.value))
-        results.extend(_of_estimates(flying, hover))
-    return tuple(results)
+    if hover.verdict is not Status.IDENTIFIED or not np.isfinite(hover.value) or not flying:
+        return
+    for name in HOVER_PARAMETERS:
+        value = flying[0].recording.parameters.get(name)
+        if value and abs(hover.value / value - 1.0) > HOVER_DISAGREEMENT:
+            sentence = f"The log's own {name} is {value:.3g}, but this vehicle hovered at {hover.value:.3g}."
+            yield Finding("hover_parameter", sentence)
+    values = np.concatenate([comparable_estimates(flight) for flight in flying])
+    if values.size:
+        median = float(np.median(values))
+        off = hover.value / median - 1.0
+        yield Finding(
+            "hover_estimate",
+            f"The autopilot's own estimate of the hover thrust is {median:.3g} (median of {values.size} "
+            f"samples); this vehicle hovered at {hover.value:.3g}, {abs(off):.1%} "
+            f"{'more' if off > 0.0 else 'less'}.",
+        )
 
 
 def _is_setpoint(flight: PreparedFlight) -> bool:
     """Whether the input is a thrust setpoint, which the autopilot's hover input is a value of."""
     unknown = flight.curve_side is CurveSide.UNKNOWN
     return flight.curve_side is CurveSide.BEFORE or (unknown and flight.input.name == "input")
-
-
-def _of_parameters(flight: PreparedFlight, hover: float) -> list[Finding]:
-    logged = {name: flight.recording.parameters.get(name) for name in HOVER_PARAMETERS}
-    return [
-        Finding(
-            "hover_parameter",
-            f"The log's own {name} is {value:.3g}, but this vehicle hovered at {hover:.3g}.",
-        )
-        for name, value in logged.items()
-        if value and abs(hover / value - 1.0) > HOVER_DISAGREEMENT
-    ]
-
-
-def _of_estimates(flights: list[PreparedFlight], hover: Quantity) -> list[Finding]:
-    selected = [comparable_estimates(flight) for flight in flights]
-    values = np.concatenate(selected) if selected else np.empty(0)
-    if not values.size:
-        return []
-    median = float(np.median(values))
-    off = hover.value / median - 1.0
-    side = "more" if off > 0.0 else "less"
-    return [
-        Finding(
-            "hover_estimate",
-            f"The autopilot's own estimate of the hover thrust is {median:.3g} (median of {values.size} "
-            f"samples); this vehicle hovered at {hover.value:.3g}, {abs(off):.1%} {side}.",
-        )
-    ]
 
 
 def comparable_estimates(flight: PreparedFlight) -> Float[np.ndarray, " _"]:
@@ -575,19 +448,13 @@ def _ends(flight: PreparedFlight) -> list[tuple[float, float, str]]:
     ]
 
 
-def _standing_at_an_end(flight: PreparedFlight) -> list[Finding]:
+def _standing_at_an_end(flight: PreparedFlight) -> Iterator[Finding]:
     channel = flight.recording.channels.get(ESTIMATE)
-    if channel is None:
-        return []
-    values = channel.values[_within(flight, channel)]
-    return [
-        Finding(
-            "hover_estimate_at_limit",
-            f"The autopilot's own estimate of the hover thrust stood at its {words}: it is not compared.",
-        )
-        for low, high, words in _ends(flight)
-        if values.size and np.mean((values >= low) & (values <= high)) > AT_END_SHARE
-    ]
+    values = np.empty(0) if channel is None else channel.values[_within(flight, channel)]
+    for low, high, words in _ends(flight):
+        if values.size and np.mean((values >= low) & (values <= high)) > AT_END_SHARE:
+            sentence = f"The autopilot's own estimate of the hover thrust stood at its {words}"
+            yield Finding("hover_estimate_at_limit", f"{sentence}: it is not compared.")
 
 
 # -- Map rule --
@@ -604,25 +471,25 @@ LEAST_INTERCEPT, MAP_P_VALUE = "least_intercept", "input_map_p_value"
 THRUST_EXPONENT, MAP_EXPONENT, IS_THRUST = "thrust_exponent", "map_exponent", "thrust_command"
 
 
-def thrust_curve_reasons(quantities: Mapping[str, QuantityEstimate], inputs: VerdictInputs) -> list[Reason]:
+def thrust_curve_reasons(
+    quantities: Mapping[str, QuantityEstimate], inputs: VerdictInputs
+) -> Iterator[Reason]:
     """Reasons against the gain: intercept and bend that say that the input map is another one."""
-    intercept = quantities["intercept"]
-    exponent = inputs.numbers.get(THRUST_EXPONENT, np.nan)
-    if not (inputs.numbers.get(MAP_P_VALUE, 1.0) < FITS and np.isfinite(exponent)):
-        return []
-    texts = (
-        f"The intercept is {intercept.value:+.2g} m/s^2, which an input map that fits does not leave: near "
-        f"hover thrust grows as the command to the power {exponent:.2f}, and the map says "
-        f"{inputs.numbers[MAP_EXPONENT]:.2f}.{_bend(intercept, inputs)}"
-    )
-    return [Reason(Status.WEAK, texts, _fitting_map(exponent, quantities["hover_input"].value, inputs))]
+    intercept, exponent = quantities["intercept"], inputs.numbers.get(THRUST_EXPONENT, np.nan)
+    if inputs.numbers.get(MAP_P_VALUE, 1.0) < FITS and np.isfinite(exponent):
+        yield weak(
+            f"The intercept is {intercept.value:+.2g} m/s^2, which an input map that fits does not leave: "
+            f"near hover thrust grows as the command to the power {exponent:.2f}, and the map says "
+            f"{inputs.numbers[MAP_EXPONENT]:.2f}.{_bend(intercept, inputs)}",
+            _fitting_map(exponent, quantities["hover_input"].value, inputs),
+        )
 
 
-def intercept_reasons(quantities: Mapping[str, QuantityEstimate], inputs: VerdictInputs) -> list[Reason]:
+def intercept_reasons(quantities: Mapping[str, QuantityEstimate], inputs: VerdictInputs) -> Iterator[Reason]:
     """Reasons against the hover input: the same, of an intercept that is clear without the bend."""
     intercept = quantities["intercept"]
-    least = inputs.numbers.get(LEAST_INTERCEPT, abs(intercept.value) - intercept.half_width)
-    return thrust_curve_reasons(quantities, inputs) if least > CLEAR_INTERCEPT else []
+    if inputs.numbers.get(LEAST_INTERCEPT, abs(intercept.value) - intercept.half_width) > CLEAR_INTERCEPT:
+        yield from thrust_curve_reasons(quantities, inputs)
 
 
 def _bend(intercept: QuantityEstimate, inputs: VerdictInputs) -> str:
@@ -667,63 +534,42 @@ LEVEL = (
 )
 
 
-def unit_reasons(inputs: VerdictInputs) -> list[Reason]:
+def unit_reasons(inputs: VerdictInputs) -> Iterator[Reason]:
     """Reasons against everything: sensors in another unit, or of another sign."""
-    return [*_unit_of_force_reasons(inputs), *_unit_of_velocity_reasons(inputs)]
-
-
-def _unit_of_velocity_reasons(inputs: VerdictInputs) -> list[Reason]:
-    """Reason of a velocity that reads many times what the accelerometer does, or goes the other way."""
-    scale = None if inputs.sensors is None else inputs.sensors.significant.get(SCALE.name)
-    if scale is None:
-        return []
-    times = velocity_over_accelerometer(scale.value)
-    if 1.0 / OTHER_UNIT_TIMES < times < OTHER_UNIT_TIMES:
-        return []
-    remedy = (
-        "Turn one of them: z points up, in a channel map with sign = -1."
-        if times < 0.0
-        else "Correct the unit of one of them, in a channel map with unit = ..."
-    )
-    return [Reason(Status.REFUSED, sentence(SCALE.name, scale), remedy)]
-
-
-def _unit_of_force_reasons(inputs: VerdictInputs) -> list[Reason]:
-    """Ground of an accelerometer that feels another gravity: it is in another unit."""
     felt = inputs.numbers.get(APPARENT_GRAVITY, np.nan)
-    if not abs(felt - GRAVITY) > OTHER_UNIT:
-        return []
-    unit = next((word for word, size in (("g", 1.0), ("milli-g", 1e3)) if 0.8 < felt / size < 1.25), "")
-    sentence = (
-        f"The accelerometer feels a gravity of {felt:.3g} m/s^2, where {GRAVITY:.2f} is expected"
-        f"{f': its values look like {unit}' if unit else ''}."
-    )
-    return [Reason(Status.REFUSED, sentence, 'State its unit in a channel map (unit = "g"), and its axes.')]
-
-
-def sensor_reasons(inputs: VerdictInputs, *harmful: Parameter) -> list[Reason]:
-    """Reasons against what some kinds of disagreement between velocity and accelerometer harm."""
-    if inputs.sensors is None:
-        return []
-    corrected = {OFFSET.name, SCALE.name} if inputs.aligned else set()
-    names = {item.name for item in harmful} - corrected
-    reasons = [
-        Reason(Status.WEAK, sentence(name, item), ALIGN if name in (OFFSET.name, SCALE.name) else LEVEL)
-        for name, item in inputs.sensors.significant.items()
-        if name in names
-    ]
-    if names & inputs.sensors.either.keys():
-        reasons.append(Reason(Status.WEAK, either_sentence(inputs.sensors), LEVEL))
-    if inputs.sensors.otherwise:
-        reasons.append(
-            Reason(
-                Status.WEAK,
-                "Velocity and accelerometer disagree in another way than by an offset, a scale or a tilt "
-                f"(p-value {inputs.sensors.p_value:.1g}).",
-                LEVEL,
-            )
+    if abs(felt - GRAVITY) > OTHER_UNIT:
+        unit = next((word for word, size in (("g", 1.0), ("milli-g", 1e3)) if 0.8 < felt / size < 1.25), "")
+        yield refused(
+            f"The accelerometer feels a gravity of {felt:.3g} m/s^2, where {GRAVITY:.2f} is expected"
+            f"{f': its values look like {unit}' if unit else ''}.",
+            'State its unit in a channel map (unit = "g"), and its axes.',
         )
-    return reasons
+    scale = None if inputs.sensors is None else inputs.sensors.significant.get(SCALE.name)
+    times = 1.0 if scale is None else velocity_over_accelerometer(scale.value)
+    if scale is not None and not 1.0 / OTHER_UNIT_TIMES < times < OTHER_UNIT_TIMES:
+        turn = "Turn one of them: z points up, in a channel map with sign = -1."
+        correct = "Correct the unit of one of them, in a channel map with unit = ..."
+        yield refused(sentence(SCALE.name, scale), turn if times < 0.0 else correct)
+
+
+def sensor_reasons(inputs: VerdictInputs, *harmful: Parameter) -> Iterator[Reason]:
+    """Reasons against what some kinds of disagreement between velocity and accelerometer harm."""
+    sensors = inputs.sensors
+    if sensors is None:
+        return
+    can_be_aligned = {OFFSET.name, SCALE.name}
+    names = {item.name for item in harmful} - (can_be_aligned if inputs.aligned else set())
+    for name, item in sensors.significant.items():
+        if name in names:
+            yield weak(sentence(name, item), ALIGN if name in can_be_aligned else LEVEL)
+    if names & sensors.either.keys():
+        yield weak(either_sentence(sensors), LEVEL)
+    if sensors.otherwise:
+        yield weak(
+            "Velocity and accelerometer disagree in another way than by an offset, a scale or a tilt "
+            f"(p-value {sensors.p_value:.1g}).",
+            LEVEL,
+        )
 
 
 # -- Sideways motion --
@@ -735,77 +581,60 @@ FAST_SIDEWAYS = 3.0
 TILT_KNOWN = float(np.deg2rad(1.5))
 
 
-def sideways_reasons(inputs: VerdictInputs) -> list[Reason]:
+def sideways_reasons(inputs: VerdictInputs) -> Iterator[Reason]:
     """Reason against the friction: fast sideways flight, with an attitude that may lean."""
     speed = inputs.numbers.get(SIDEWAYS, np.nan)
-    if not speed > FAST_SIDEWAYS:
-        return []
     tilts = {tilt.name for tilt in TILTS.values()}
     known = {} if inputs.sensors is None else inputs.sensors.differences
-    widths = [item.half_width for name, item in known.items() if name in tilts]
-    if widths and max(widths) <= TILT_KNOWN:
-        return []
-    degrees = f"to ±{np.rad2deg(max(widths)):.1f} degrees only" if widths else "not at all"
-    return [
-        Reason(
-            Status.WEAK,
+    width = max((item.half_width for name, item in known.items() if name in tilts), default=math.inf)
+    if speed > FAST_SIDEWAYS and width > TILT_KNOWN:
+        degrees = f"to ±{np.rad2deg(width):.1f} degrees only" if math.isfinite(width) else "not at all"
+        yield weak(
             f"The vehicle flew sideways at {speed:.1f} m/s (rms), and the angle between attitude and "
             f"accelerometer is known {degrees}.",
             "Fly up and down without sideways motion, or sideways at other times than up and down.",
         )
-    ]
 
 
-def fast_sideways_reasons(inputs: VerdictInputs) -> list[Reason]:
+def fast_sideways_reasons(inputs: VerdictInputs) -> Iterator[Reason]:
     """Reason against the gain: air that crosses the rotors fast changes what they give."""
     speed = inputs.numbers.get(SIDEWAYS, np.nan)
-    if not speed > FAST_SIDEWAYS:
-        return []
-    return [
-        Reason(
-            Status.WEAK,
+    if speed > FAST_SIDEWAYS:
+        yield weak(
             f"The vehicle flew sideways at {speed:.1f} m/s (rms): rotors give another thrust in air that "
             "crosses them, and the gain takes it up.",
             "Fly up and down without fast sideways motion.",
         )
-    ]
 
 
-# -- Term rule --
+# -- Rule --
 
 
 def term_reasons(
     coefficient: QuantityEstimate, parameter: Parameter, strength: InstrumentStrength, inputs: VerdictInputs
-) -> list[Reason]:
+) -> Iterator[Reason]:
     """Reasons against the coefficient of an optional term."""
     words = parameter.name.replace("_", " ")
-    reasons = []
     if inputs.direct:
-        reasons.append(Reason(Status.PROVISIONAL, f"A direct method made the {words}.", LOG_REFERENCE))
+        yield provisional(f"A direct method made the {words}.", LOG_REFERENCE)
     first_stage = strength.first_stage.get(parameter.name, np.nan)
     if first_stage < STRONG_FIRST_STAGE:
-        reasons.append(Reason(Status.WEAK, weak_instrument_sentence(words, first_stage), FLY))
+        yield weak(weak_instrument_sentence(words, first_stage), FLY)
     low, high = coefficient.interval
     if low <= 0.0 <= high:
-        reasons.append(
-            Reason(
-                Status.WEAK,
-                f"The {words} cannot be distinguished from zero: its interval is [{low:.2g}, {high:.2g}]"
-                f"{f' {parameter.unit}' if parameter.unit else ''}.",
-                "Leave the term out, and what remains is identified more closely; or fly so that it shows.",
-            )
+        interval = f"[{low:.2g}, {high:.2g}] {parameter.unit}".rstrip()
+        yield weak(
+            f"The {words} cannot be distinguished from zero: its interval is {interval}.",
+            "Leave the term out, and what remains is identified more closely; or fly so that it shows.",
         )
-    return [*reasons, *lag_prior_reasons(inputs), *unit_reasons(inputs)]
-
-
-# -- Rule --
 
 
 def all_reasons(
     quantities: Mapping[str, QuantityEstimate], strength: InstrumentStrength, inputs: VerdictInputs
 ) -> dict[str, tuple[Reason, ...]]:
     """Reasons against every quantity; those that one parameter decides share its reasons."""
-    shared = (*lag_prior_reasons(inputs), *unit_reasons(inputs))
+    units = tuple(unit_reasons(inputs))
+    shared = (*lag_prior_reasons(inputs), *units)
     friction = (
         *friction_reasons(quantities, strength, inputs),
         *sensor_reasons(inputs, SCALE, *TILTS.values()),
@@ -821,26 +650,24 @@ def all_reasons(
         *fast_sideways_reasons(inputs),
         *shared,
     )
+    hover = (
+        *hover_reasons(quantities["hover_input"], inputs),
+        *intercept_reasons(quantities, inputs),
+        *near_ground_reasons(inputs),
+        *units,
+    )
     lag = (*lag_reasons(quantities, strength, inputs), *sensor_reasons(inputs, OFFSET), *shared)
-    results = (*curve_reasons(quantities, inputs), *sensor_reasons(inputs, OFFSET, SCALE), *shared)
+    curve = (*curve_reasons(quantities, inputs), *sensor_reasons(inputs, OFFSET, SCALE), *shared)
+    terms = [term.parameter for term in TERMS.values() if term.parameter.name in quantities]
     return {
-        "viscous_friction": friction,
-        "time_constant": friction,
-        "input_gain": gain,
-        "intercept": gain,
-        "hover_input": (
-            *hover_reasons(quantities["hover_input"], inputs),
-            *intercept_reasons(quantities, inputs),
-            *near_ground_reasons(inputs),
-            *unit_reasons(inputs),
-        ),
-        "actuator_lag": lag,
-        "delay": (*lag, *delay_reasons(quantities["delay"])),
-        "effective_lag": lag,
-        "thrust_curve": results,
+        **dict.fromkeys(("viscous_friction", "time_constant"), friction),
+        **dict.fromkeys(("input_gain", "intercept"), gain),
+        **dict.fromkeys((ACTUATOR_LAG.name, EFFECTIVE_LAG), lag),
+        DELAY.name: (*lag, *delay_reasons(quantities[DELAY.name])),
+        "hover_input": hover,
+        "thrust_curve": curve,
         **{
-            parameter.name: tuple(term_reasons(quantities[parameter.name], parameter, strength, inputs))
-            for parameter in (term.parameter for term in TERMS.values())
-            if parameter.name in quantities
+            item.name: (*term_reasons(quantities[item.name], item, strength, inputs), *shared)
+            for item in terms
         },
     }
