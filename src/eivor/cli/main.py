@@ -13,6 +13,7 @@ from importlib.metadata import EntryPoint, entry_points
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
 from eivor import tools
 from eivor.cli import outputs
@@ -21,40 +22,15 @@ from eivor.cli.outputs import (
     FILE,
     ExitCode,
     ReadableCommand,
-    ReadableGroup,
     Reads,
     complain,
+    option,
     printing,
     read_repeated_options,
     refuse_empty_options,
+    reported,
 )
 from eivor.errors import InputError
-
-# -- Interruptible --
-
-
-class InterruptibleGroup(ReadableGroup):
-    """Commands whose interrupt is one line, also where the arguments' reader leaves without words."""
-
-    def make_context(self, *args: Any, **kwargs: Any) -> Any:
-        """Read the arguments of the group."""
-        with _report_interrupts():
-            return super().make_context(*args, **kwargs)
-
-    def invoke(self, ctx: Any) -> Any:
-        """Read the arguments of a command, and run it."""
-        with _report_interrupts():
-            return super().invoke(ctx)
-
-
-@contextmanager
-def _report_interrupts() -> Iterator[None]:
-    try:
-        yield
-    except KeyboardInterrupt:
-        complain("interrupted")
-        raise typer.Exit(code=int(ExitCode.INTERRUPTED)) from None
-
 
 # -- Main --
 
@@ -93,18 +69,32 @@ def _added() -> dict[str, EntryPoint]:
     return {point.name: point for point in entry_points(group=ENTRY_POINTS)}
 
 
-class _Commands(InterruptibleGroup):
-    """All commands, with the options that repeat."""
+@contextmanager
+def _report_interrupts() -> Iterator[None]:
+    try:
+        yield
+    except KeyboardInterrupt:
+        complain("interrupted")
+        raise typer.Exit(code=int(ExitCode.INTERRUPTED)) from None
+
+
+class Commands(TyperGroup):
+    """All commands, with the options that repeat; an interrupt is one line, also while arguments are read."""
+
+    def make_context(self, *args: Any, **kwargs: Any) -> Any:
+        """Read the arguments of the group."""
+        with _report_interrupts():
+            return super().make_context(*args, **kwargs)
 
     def invoke(self, ctx: Any) -> Any:
-        """Run the command that is requested."""
-        refuse_empty_options(ctx)
-        try:
-            read_repeated_options(ctx, ctx.params["config"], _names())
-        except InputError as error:
-            complain(str(error))
-            raise typer.Exit(int(ExitCode.FAILED)) from None
-        return super().invoke(ctx)
+        """Read the arguments of a command, and run it."""
+        with _report_interrupts():
+            refuse_empty_options(ctx)
+            try:
+                read_repeated_options(ctx, ctx.params["config"], _names())
+            except InputError as error:
+                raise typer.Exit(int(reported(error))) from None
+            return super().invoke(ctx)
 
 
 def _names() -> tuple[str, ...]:
@@ -122,7 +112,7 @@ def application(*names: str, loaded: bool = True) -> typer.Typer:
         "with intervals and a verdict.",
         epilog="Try it: [bold]eivor identify --example[/bold]",
         no_args_is_help=True,
-        cls=_Commands,
+        cls=Commands,
         pretty_exceptions_enable=False,
         rich_markup_mode="rich",
     )
@@ -186,10 +176,9 @@ def _eivor(
     *,
     config: Annotated[
         str,
-        typer.Option(
-            metavar="FILE.toml",
-            help=f"Options that repeat, by command (default: {FILE}, where the working directory has one).",
-            show_default=False,
+        option(
+            "FILE.toml",
+            f"Options that repeat, by command (default: {FILE}, where the working directory has one).",
         ),
         Reads(default=lambda _values: FILE),
     ] = "",

@@ -10,10 +10,11 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
+from eivor.cli.outputs import Reads, flag, option
 from eivor.errors import EivorError, MissingChannelError, UsageError, did_you_mean
-from eivor.estimation.methods import by_name
+from eivor.estimation.methods import TABLE, by_name
 from eivor.exports.fitted import Supplied, known_number
 from eivor.flights.lag_prior import EFFECTIVE_LAG, NO_LAG
 from eivor.flights.motion import Motion
@@ -210,30 +211,25 @@ def declared_noise(texts: Iterable[str]) -> Mapping[str, Declared] | str | None:
         if len(given) > 1:
             raise UsageError("--noise estimate alone", f"{len(given)} of --noise", "Leave out the others.")
         return ESTIMATE
-    declareds: dict[str, Declared] = {}
-    for text in given:
-        for name, values in _by_name(text).items():
-            if name in declareds:
-                raise UsageError("the noise of a channel once", f"{name} twice", "Leave out one of them.")
-            declareds[name] = _declared(name, values)
-    return declareds
+    return {name: _declared(name, values) for name, values in _by_name(given).items()}
 
 
-def _by_name(text: str) -> dict[str, list[str]]:
+def _by_name(texts: list[str]) -> dict[str, list[str]]:
     """What is said of each channel: ``a=1,b=density:2,step:3`` is one thing of a and two of b."""
     parts: dict[str, list[str]] = {}
-    name = ""
-    for piece in text.split(","):
-        before, equals, value = piece.partition("=")
-        if equals:
-            name = before.strip()
-            if name in parts:
-                raise UsageError("the noise of a channel once", f"{name} twice", "Leave out one of them.")
-        else:
-            value = piece
-        if not name or not value.strip():
-            raise UsageError("a noise NAME=STD", f"'{text}'", _REMEDY)
-        parts.setdefault(name, []).append(value.strip())
+    for text in texts:
+        name = ""
+        for piece in text.split(","):
+            before, equals, value = piece.partition("=")
+            if equals:
+                name = before.strip()
+                if name in parts:
+                    raise UsageError("the noise of a channel once", f"{name} twice", "Leave out one of them.")
+            else:
+                value = piece
+            if not name or not value.strip():
+                raise UsageError("a noise NAME=STD", f"'{text}'", _REMEDY)
+            parts.setdefault(name, []).append(value.strip())
     return parts
 
 
@@ -295,6 +291,9 @@ def _size(name: str, text: str, what: str) -> float:
 
 # -- Options of an identification --
 
+#: Default of an option that may be given several times.
+NO_TEXTS: list[str] = []
+
 
 def named_motion(name: str, vehicle: str = "") -> Motion[Any]:
     """Return the motion of a name, of a vehicle where one is given; its channels are known from then on."""
@@ -305,21 +304,82 @@ def named_motion(name: str, vehicle: str = "") -> Motion[Any]:
 def flight_options(
     motion: Motion[Any],
     *,
-    window: str = "",
-    max_tilt: float | None = None,
-    input_channel: str = "",
-    input_map: str = "",
-    accelerometer_bias: float | None = None,
-    instruments: str = "",
-    method: str = "reference_iv",
-    compare: bool = False,
-    lag: str = "",
-    lag_from: str = "",
-    align: bool = False,
-    pool_friction: str = "auto",
-    terms: Sequence[str] = (),
-    rotor_radius: float | None = None,
-    noise: Sequence[str] = (),
+    window: Annotated[
+        str, option("START:END", "Use this window of each log, in seconds from its start.")
+    ] = "",
+    max_tilt: Annotated[
+        float | None, option("DEG", "Leave out what is tilted further (default: 25.8 degrees).")
+    ] = None,
+    input_channel: Annotated[
+        str,
+        option("CHANNEL", "Channel, or family such as rotor_command, that drives the vehicle.", "--input"),
+    ] = "",
+    input_map: Annotated[
+        str,
+        option(
+            "MAP", "From command to thrust: linear, square, power:EXPONENT, mixed:SHARE; fit finds it out."
+        ),
+    ] = "",
+    accelerometer_bias: Annotated[
+        float | None,
+        option(
+            "STD",
+            "Standard deviation of the accelerometer's bias in m/s^2, which --input-map fit rests on "
+            "(default: 0.1; inf when nothing is known of it).",
+        ),
+    ] = None,
+    instruments: Annotated[
+        str, option("NAMES", "references, lags, or channels with commas between them.")
+    ] = "",
+    method: Annotated[str, option("NAME", f"{', '.join(TABLE)}.", show_default=True)] = "reference_iv",
+    compare: Annotated[bool, flag("--compare", "List every method side by side.")] = False,
+    lag: Annotated[
+        str,
+        option(
+            "MS:STD|LOW..HIGH|none",
+            "Lag and delay of the actuators together, known from elsewhere: 70:15 is 70 ms with a standard "
+            "deviation of 15 ms, 50..90 is anything between, none is neither lag nor delay.",
+        ),
+    ] = "",
+    lag_from: Annotated[
+        str,
+        option("FIT.json", "Take it from another flight of this vehicle, identified with --json."),
+        Reads(),
+    ] = "",
+    align: Annotated[bool, flag("--align", "Take offset and scale out of sensors that disagree.")] = False,
+    pool_friction: Annotated[
+        str,
+        option(
+            "WAY",
+            "Of several flights: auto, common (one friction for all) or separate (each its own, and their "
+            "mean). auto takes them as common where they agree.",
+            show_default=True,
+        ),
+    ] = "auto",
+    terms: Annotated[
+        list[str],
+        option(
+            "NAME",
+            "Add an optional term of the motion to its equation, such as quadratic-drag; several times "
+            "for several.",
+            "--term",
+        ),
+    ] = NO_TEXTS,
+    rotor_radius: Annotated[
+        float | None,
+        option(
+            "M", "Radius of a rotor in metres, such as 0.12: heights over the ground are reported in radii."
+        ),
+    ] = None,
+    noise: Annotated[
+        list[str],
+        option(
+            "NAME=STD|estimate",
+            "Measurement noise of a channel, for methods that take it out: velocity_z=0.02, with a unit "
+            "where it is not SI (2cm/s), or a data sheet's velocity_z=density:0.002,bandwidth:50,step:0.01. "
+            "estimate reads all of them off the log. Several times for several channels.",
+        ),
+    ] = NO_TEXTS,
 ) -> FlightOptions:
     """Options of the library, checked before any log is read."""
     chosen = by_name(method)
