@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
@@ -61,9 +61,6 @@ from eivor.report.terminal import on_terminal
 from eivor.report.validation import validate as validated
 from eivor.report.validation import validation_document
 from eivor.signals.recording import Recording
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 # -- Results --
 
@@ -146,7 +143,7 @@ def pooled_result(
         return identified(recordings, motion, options, windows)
 
 
-def figure_parts(path: Path | None, make: Callable[[], Figure]) -> Iterator[Callable[[], None]]:
+def figure_parts(path: Path | None, make: Callable[[], Any]) -> Iterator[Callable[[], None]]:
     """Drawing of a figure, where one is wanted."""
 
     def draw(path: Path) -> None:

@@ -122,7 +122,7 @@ def application(*names: str, loaded: bool = True) -> typer.Typer:
             _add(made, name)
         else:
             words = ADDED[name][0] if name in ADDED else {**COMMANDS, **GROUPS}.get(name, ("",))[-1]
-            made.command(name, help=words)(_nothing)
+            made.command(name, help=words)(lambda: None)
     return made
 
 
@@ -149,10 +149,6 @@ def _add(made: typer.Typer, name: str) -> None:
         made.add_typer(command)
     else:
         made.command(epilog=getattr(module, f"{name.upper()}_EXIT_CODES"), cls=ReadableCommand)(command)
-
-
-def _nothing() -> None:
-    """Stand for a command in the list of commands."""
 
 
 def __getattr__(name: str) -> object:

@@ -273,12 +273,16 @@ def reported(error: EivorError) -> ExitCode:
 # -- Empty options --
 
 
+def _source(context: Any, parameter: Any) -> str:
+    """Where the value of a parameter is from, by the words of click."""
+    return getattr(context.get_parameter_source(parameter.name), "name", "DEFAULT")
+
+
 def refuse_empty_options(context: Any) -> None:
     """Leave with a message where an option that is nothing by default was given as nothing."""
     for option in context.command.params:
         nothing = option.param_type_name == "option" and context.params.get(option.name) == ""
-        source = getattr(context.get_parameter_source(option.name), "name", "DEFAULT")
-        if nothing and source != "DEFAULT" and not option.default:
+        if nothing and _source(context, option) != "DEFAULT" and not option.default:
             name = option.opts[0]
             remedy = f"Give {name} {option.metavar or 'TEXT'}, or leave it out."
             complain(str(UsageError(f"a value for {name}", "an empty text", remedy)))
@@ -299,12 +303,10 @@ def output_file(text: str, *, option: str) -> Path:
     if os.path.isdir(path) or not path.name:  # noqa: PTH112 - that of Path fails for a name that is too long
         raise UsageError(f"a file for {option}", f"the folder '{text}'", "Add a file name.")
     if PACKAGE in Path(os.path.realpath(path)).parents:
-        raise UsageError(
-            f"a file for {option} of your own", f"'{text}', which belongs to Eivor", "Choose another."
-        )
+        expected = f"a file for {option} of your own"
+        raise UsageError(expected, f"'{text}', which belongs to Eivor", "Choose another.")
     try:
-        folder_there = path.parent.is_dir()
-        if folder_there:
+        if path.parent.is_dir():
             check_writable(path)
             return path
         problem = f"whose folder '{path.parent}' does not exist"
@@ -319,11 +321,8 @@ def figure_file(text: str) -> Path | None:
     """Path of a figure; None of none."""
     path = Path(text)
     if text and path.suffix.lower() not in FIGURE_FORMATS:
-        raise UsageError(
-            f"a figure that ends in {', '.join(FIGURE_FORMATS)}",
-            f"'{text}'",
-            "The ending chooses the format.",
-        )
+        expected = f"a figure that ends in {', '.join(FIGURE_FORMATS)}"
+        raise UsageError(expected, f"'{text}'", "The ending chooses the format.")
     return path if text else None
 
 
@@ -400,13 +399,12 @@ def declared(context: Any) -> Iterator[tuple[str, Reads | Writes, str]]:
     """Name, declaration and text of every parameter of a command that names files."""
     positions = declarations(context.command)
     for parameter in context.command.params:
-        position = positions.get(parameter.name)
-        given = context.params.get(parameter.name)
-        if isinstance(position, Writes | Reads) and not given and position.default is not None:
-            given = position.default(context.params)
-        for text in given if isinstance(given, list | tuple) else (given,):
-            if position is not None and text:
-                yield _parameter_name(parameter), position, str(text)
+        if parameter.name in positions:
+            position, given = positions[parameter.name], context.params.get(parameter.name)
+            if not given and position.default is not None:
+                given = position.default(context.params)
+            texts = given if isinstance(given, list | tuple) else (given,)
+            yield from ((_parameter_name(parameter), position, str(text)) for text in texts if text)
 
 
 def declarations(command: Any) -> dict[str, Reads | Writes]:
@@ -515,7 +513,7 @@ def report_repeated_options(context: Any) -> None:
     used = [
         f"{_option_name(parameter)} {_words(context.params.get(parameter.name))}".rstrip()
         for parameter in context.command.params
-        if getattr(context.get_parameter_source(parameter.name), "name", "") == "DEFAULT_MAP"
+        if _source(context, parameter) == "DEFAULT_MAP"
     ]
     if used:
         complain(f"options of {context.meta[_READ]}: {', '.join(used)}")
@@ -526,12 +524,8 @@ def _of_group(group: Any, table: TomlTable, known: Iterable[str] = ()) -> dict[s
     results = {}
     for name in table.values:
         if name not in names:
-            raise table.wrong(
-                "",
-                f"tables named as commands, {', '.join(names)},",
-                f"[{name}]",
-                did_you_mean(name, names, "Remove it."),
-            )
+            expected = f"tables named as commands, {', '.join(names)},"
+            raise table.wrong("", expected, f"[{name}]", did_you_mean(name, names, "Remove it."))
         part, command = table.section(name), group.commands.get(name)
         if command is not None:
             results[name] = (_of_group if hasattr(command, "commands") else _of_command)(command, part)

@@ -176,19 +176,14 @@ def identified(
     try:
         return identify_flight(recordings, options, windows=windows, model=motion, progress=progress)
     except MissingChannelError as error:
-        raise MissingChannelError(
-            error.expected, error.received, " ".join((error.remedy, *_advice(recordings, motion)))
-        ) from error
-
-
-def _advice(recordings: list[Recording], motion: Motion[Any]) -> tuple[str, ...]:
-    sentences = [
-        sentence
-        for recording in recordings
-        for channel in missing_channels(recording, motion)
-        for sentence in logging_advice_for(recording, channel)
-    ]
-    return tuple(dict.fromkeys(sentences))
+        advice = [
+            sentence
+            for recording in recordings
+            for channel in missing_channels(recording, motion)
+            for sentence in logging_advice_for(recording, channel)
+        ]
+        remedy = " ".join((error.remedy, *dict.fromkeys(advice)))
+        raise MissingChannelError(error.expected, error.received, remedy) from error
 
 
 # -- Noise --
@@ -236,11 +231,7 @@ def _by_name(texts: list[str]) -> dict[str, list[str]]:
 def _declared(name: str, values: list[str]) -> Declared:
     if len(values) == 1 and ":" not in values[0]:
         return _size(name, values[0], "standard deviation")
-    return _sheet(name, values)
-
-
-def _sheet(name: str, values: list[str]) -> DataSheet:
-    nuisances: dict[str, float] = {}
+    sheet: dict[str, float] = {}
     for value in values:
         word, colon, number = value.partition(":")
         word = word.strip()
@@ -248,16 +239,13 @@ def _sheet(name: str, values: list[str]) -> DataSheet:
             remedy = did_you_mean(word, _SHEET, _REMEDY)
             raise UsageError(f"of the data sheet of {name}: {', '.join(_SHEET)}", f"'{value}'", remedy)
         if word == "bandwidth":
-            nuisances["bandwidth_hz"] = _number(name, number.strip().removesuffix("Hz"), "bandwidth in Hz")[0]
+            sheet["bandwidth_hz"] = _number(name, number.strip().removesuffix("Hz"), "bandwidth in Hz")[0]
         else:
-            nuisances[word] = _size(name, number, word)
-    if not (nuisances.get("density") or nuisances.get("step")):
-        raise UsageError(
-            f"a noise density or a quantisation step above zero of the data sheet of {name}",
-            f"'{','.join(values)}'",
-            _REMEDY,
-        )
-    return DataSheet(**nuisances)
+            sheet[word] = _size(name, number, word)
+    if not (sheet.get("density") or sheet.get("step")):
+        expected = f"a noise density or a quantisation step above zero of the data sheet of {name}"
+        raise UsageError(expected, f"'{','.join(values)}'", _REMEDY)
+    return DataSheet(**sheet)
 
 
 def _number(name: str, text: str, what: str) -> tuple[float, str]:
@@ -279,13 +267,11 @@ def _size(name: str, text: str, what: str) -> float:
     channel = canonical_channel(name)
     si_unit, to_si = UNITS.get(unit, ("", math.nan))
     if math.isnan(to_si) or (channel is not None and not unit_fits(channel, si_unit)):
-        current = channel.unit if channel is not None else ""
-        raise UsageError(
-            f"a {what} of {name} in {current or 'its unit'}"
-            + (", or a unit of that kind" if current else ""),
-            f"'{text}', in {unit}",
-            f"Units are {', '.join(word for word in UNITS if word)}.",
+        known = (
+            f"{channel.unit}, or a unit of that kind" if channel is not None and channel.unit else "its unit"
         )
+        remedy = f"Units are {', '.join(word for word in UNITS if word)}."
+        raise UsageError(f"a {what} of {name} in {known}", f"'{text}', in {unit}", remedy)
     return value * to_si
 
 

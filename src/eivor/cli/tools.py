@@ -95,18 +95,18 @@ class PublicLog:
 def public_logs() -> Mapping[str, PublicLog]:
     """Every public log by name, in the order of the registry."""
     text = resources.files("eivor.data").joinpath(REGISTRY).read_text(encoding="utf-8")
-    registry = tomllib.loads(text)
-    return {
-        entry["name"]: PublicLog(
+    logs = [
+        PublicLog(
             entry["name"],
             f"{source['base']}/{entry['file']}",
             entry["sha256"],
             entry["about"],
             source["licence"],
         )
-        for source in registry["source"]
+        for source in tomllib.loads(text)["source"]
         for entry in source["log"]
-    }
+    ]
+    return {log.name: log for log in logs}
 
 
 def cache_folder() -> Path:

@@ -75,8 +75,6 @@ NO_RESULT, NO_NUMBER, NO_REFERENCE, NOT_EXCITED, NOT_POSITIVE = (
     f"too little excitation: a first-stage F below {STRONG_FIRST_STAGE:.0f}",
     "not positive",
 )
-#: What a share is above that is left out.
-NOT_BELOW = "not below {:g}, the largest share"
 
 
 def across_of(motion: Motion[Any], further: Sequence[str] = ()) -> tuple[AcrossFlights, ...]:
@@ -93,16 +91,11 @@ def _with_covariates(across: AcrossFlights, names: Sequence[str]) -> AcrossFligh
 
 def wanted_columns(across: Sequence[AcrossFlights]) -> list[str]:
     """Columns of a fleet's table that its report reads."""
-    numbers = [
-        f"{item.name}.{part}" for item in across for part in ("value", "std_error", "low", "high", "verdict")
-    ]
-    texts = [f"{DIAGNOSTIC}first_stage_F_{name}" for item in across for name in item.told_by]
-    about = ["sha256", "name", "motion", *VEHICLE, "start", "duration_s", "verdict"]
-    return list(
-        dict.fromkeys(
-            [*about, *numbers, *texts, *(with_.name for item in across for with_ in item.covariates)]
-        )
-    )
+    columns = ["sha256", "name", "motion", *VEHICLE, "start", "duration_s", "verdict"]
+    columns += [f"{item.name}.{part}" for item in across for part in (*NUMBERS, VERDICT)]
+    columns += [f"{DIAGNOSTIC}first_stage_F_{name}" for item in across for name in item.told_by]
+    columns += [covariate.name for item in across for covariate in item.covariates]
+    return list(dict.fromkeys(columns))
 
 
 def in_order(table: pl.DataFrame) -> pl.DataFrame:
@@ -130,25 +123,16 @@ def omission_reason(across: AcrossFlights, columns: Sequence[str]) -> pl.Expr:
     """Why a row does not say anything of a quantity; null where it does."""
     value, error = pl.col(f"{across.name}.value"), _error(across)
     texts = [f"{DIAGNOSTIC}first_stage_F_{name}" for name in across.told_by]
-    weak = pl.any_horizontal(
-        [pl.lit(False), *(pl.col(name) < STRONG_FIRST_STAGE for name in texts if name in columns)]
+    weak = [pl.col(name) < STRONG_FIRST_STAGE for name in texts if name in columns]
+    reasons = (
+        (pl.col("verdict") == FAILED, NO_RESULT),
+        (value.is_null() | error.is_null() | (error <= 0.0), NO_NUMBER),
+        (pl.col(f"{across.name}.verdict").cast(pl.String) == Status.PROVISIONAL.value, NO_REFERENCE),
+        (pl.any_horizontal(pl.lit(False), *weak), NOT_EXCITED),
+        ((value <= 0.0) & across.logarithm, NOT_POSITIVE),
+        (pl.col(SHARE) & (value >= across.largest), f"not below {across.largest:g}, the largest share"),
     )
-    provisional = pl.col(f"{across.name}.verdict").cast(pl.String) == Status.PROVISIONAL.value
-    return (
-        pl.when(pl.col("verdict") == FAILED)
-        .then(pl.lit(NO_RESULT))
-        .when(value.is_null() | error.is_null() | (error <= 0.0))
-        .then(pl.lit(NO_NUMBER))
-        .when(provisional)
-        .then(pl.lit(NO_REFERENCE))
-        .when(weak)
-        .then(pl.lit(NOT_EXCITED))
-        .when((value <= 0.0) & across.logarithm)
-        .then(pl.lit(NOT_POSITIVE))
-        .when(pl.col(SHARE) & (value >= across.largest))
-        .then(pl.lit(NOT_BELOW.format(across.largest)))
-        .otherwise(None)
-    )
+    return pl.coalesce(pl.when(condition).then(pl.lit(reason)) for condition, reason in reasons)
 
 
 def is_share(across: AcrossFlights) -> pl.Expr:
@@ -425,12 +409,8 @@ def _report(
     known = between_distribution(groups, y, v)
     half, next_half_widths = known.mean_half_widths(means), known.next_half_widths(means.value)
     low, high = q_profile(groups, y, v, near=means.between)
-    ends = np.stack(
-        [
-            means.value,
-            *(means.value + sign * item for item in (half, next_half_widths) for sign in (-1.0, 1.0)),
-        ]
-    )
+    reach = [sign * item for item in (half, next_half_widths) for sign in (-1.0, 1.0)]
+    ends = np.stack([means.value, *(means.value + item for item in reach)])
     largest = across.largest
     if across.logarithm:
         with np.errstate(over="ignore"):
@@ -445,12 +425,15 @@ def _report(
     return about.with_columns(
         pl.Series("pooled", groups.sizes),
         *(
-            pl.Series(
-                name, np.where(np.isfinite(number) & (known_ends | (name == "mean")), number, np.nan)
-            ).fill_nan(None)
+            _known(name, number, np.isfinite(number) & (known_ends | (name == "mean")))
             for name, number in numbers.items()
         ),
     )
+
+
+def _known(name: str, numbers: Float[np.ndarray, " rows"], known: np.ndarray) -> pl.Series:
+    """Column of the numbers that are known, null elsewhere."""
+    return pl.Series(name, np.where(known, numbers, np.nan)).fill_nan(None)
 
 
 # -- Queries --
@@ -663,11 +646,7 @@ class _Quantity:
     def omitted(self) -> pl.DataFrame:
         """How many flights say nothing of it, by reason."""
         out = self.marked.filter(pl.col("why").is_not_null())
-        counts = (
-            out.group_by("why")
-            .agg(pl.len().alias("flights"))
-            .sort("flights", "why", descending=[True, False])
-        )
+        counts = out.group_by("why").agg(flights=pl.len()).sort("flights", "why", descending=[True, False])
         return counts.select(self.name.alias("quantity"), pl.col("why").alias("reason"), "flights")
 
     def vehicles(self, tests: pl.DataFrame) -> pl.DataFrame:
@@ -707,10 +686,7 @@ class _Quantity:
         return result.about.with_columns(
             pl.Series("course", form.astype(str)),
             *(
-                pl.Series(
-                    name,
-                    np.where(result.enough_flights & (stepped | (name not in only_steps)), number, np.nan),
-                ).fill_nan(None)
+                _known(name, number, result.enough_flights & (stepped | (name not in only_steps)))
                 for name, number in numbers.items()
             ),
             pl.when(pl.Series(stepped)).then(self.timed["start"].gather(position)).alias("step_start"),

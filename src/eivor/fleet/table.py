@@ -341,19 +341,15 @@ class FleetFolder:
             return None
         except (OSError, ValueError, RecursionError):
             document = None
-        kinds = {"options": dict, "versions": dict}
-        if (
-            not isinstance(document, dict)
-            or document.get("schema") != SCHEMA
-            or not all(isinstance(document.get(key), kind) for key, kind in kinds.items())
-        ):
-            result = document.get("schema") if isinstance(document, dict) else None
+        known: dict[str, Any] = document if isinstance(document, dict) else {}
+        schema, parts = known.get("schema"), (known.get("options"), known.get("versions"))
+        if schema != SCHEMA or not all(isinstance(part, dict) for part in parts):
             raise InputError(
                 f"a folder of the format {SCHEMA}",
-                f"'{path}' of {result!r}" if result else f"'{path}', which is another file",
+                f"'{path}' of {schema!r}" if schema else f"'{path}', which is another file",
                 "Another version of Eivor made it: use that, or choose another folder with -o.",
             )
-        return document
+        return known
 
     def check_run(self) -> None:
         """Refuse to go on with a run that another one has followed."""
@@ -478,9 +474,7 @@ class RowOfLog:
     def _map(self, log: Log) -> str | None:
         """Channel map of a log, when it is of a format that takes one."""
         chosen = self.options.map_of(log.name)
-        if not chosen:
-            return None
-        return chosen if format_at(Path(log.path)).takes_map else None
+        return chosen if chosen and format_at(Path(log.path)).takes_map else None
 
     def _whose(self, log: Log, recording: Recording) -> dict[str, str]:
         """Vehicle and type: as the user says where it is said, else as the log does."""
@@ -519,22 +513,15 @@ def failed_row(about: Mapping[str, Any], reason: str) -> dict[str, Any]:
 
 def copy_row(about: Mapping[str, Any], first: str) -> dict[str, Any]:
     """Row of a copy: it names the first, and has no numbers of its own."""
-    selected = {
-        "copy_of": about["sha256"],
-        "verdict": COPY,
-        "reason": f"A copy of {first}, whose row has the numbers.",
-    }
-    return {**about, **selected}
+    reason = f"A copy of {first}, whose row has the numbers."
+    return {**about, "copy_of": about["sha256"], "verdict": COPY, "reason": reason}
 
 
 def _of_recording(recording: Recording) -> dict[str, Any]:
     start, end = recording.span_s
     origin = recording.origin
-    results: dict[str, Any] = {
-        "firmware": origin.firmware or None,
-        "start": origin.start,
-        "duration_s": end - start,
-    }
+    duration = {"start": origin.start, "duration_s": end - start}
+    results: dict[str, Any] = {"firmware": origin.firmware or None, **duration}
     for column, name in SURROUNDINGS.items():
         channel = recording.channels.get(name)
         if channel is not None and np.isfinite(channel.values).any():
@@ -620,18 +607,10 @@ class Fleet:
             )
             for name in quantity_names(table)
         ]
-        if parts:
-            return pl.concat(parts).sort("motion", "name", "sha256", "quantity", nulls_last=True)
-        numbers = dict.fromkeys(NUMBERS, pl.Float64)
-        return (
-            table.select(about)
-            .clear()
-            .with_columns(
-                pl.lit(None, pl.String).alias("quantity"),
-                *(pl.lit(None, kind).alias(name) for name, kind in numbers.items()),
-                pl.lit(None, pl.String).alias(VERDICT),
-            )
-        )
+        none = table.select(about).clear()
+        columns = {"quantity": pl.String, **dict.fromkeys(NUMBERS, pl.Float64), VERDICT: pl.String}
+        none = none.with_columns(pl.lit(None, kind).alias(name) for name, kind in columns.items())
+        return pl.concat([none, *parts]).sort("motion", "name", "sha256", "quantity", nulls_last=True)
 
 
 def open(folder: str | PathLike[str]) -> Fleet:

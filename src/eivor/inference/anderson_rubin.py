@@ -158,11 +158,10 @@ def robust_region(names: tuple[str, ...], scores: LinearScores, level: float) ->
     """Autocorrelation-robust region."""
     p, averages = scores.total.shape[0], scores.cosines.shape[0]
     pivot = _weighted_solution(scores.total, np.eye(p))
+    root = np.eye(p)
     for _ in range(2):
         at_pivot = scores.cosines @ np.concatenate([[1.0], -pivot])
-        root = _triangular_root(at_pivot / np.sqrt(averages))
-        if root is None:
-            raise _no_error()
+        root = _triangular_root(at_pivot / np.sqrt(averages), _no_error())
         pivot = _weighted_solution(scores.total, root)
     frame = RegionFrame(pivot, _standard_errors(scores.total, root))
     whitening = scipy.linalg.solve_triangular(root, np.eye(p), lower=True)
@@ -255,12 +254,13 @@ def _standard_errors(
     return np.sqrt(np.where(variance > 0.0, variance, 1.0)) / lengths
 
 
-def _triangular_root(rows: Float[np.ndarray, "rows p"]) -> Float[np.ndarray, "p p"] | None:
-    """Lower triangular L with L L' = rows' rows, by QR; None of columns that are combinations of others."""
+def _triangular_root(rows: Float[np.ndarray, "rows p"], error: CollinearError) -> Float[np.ndarray, "p p"]:
+    """Lower triangular L with L L' = rows' rows, by QR; an error where columns are combinations of others."""
     root: Float[np.ndarray, "p p"] = np.asarray(np.linalg.qr(rows, mode="r")).T
     lengths = np.linalg.norm(root, axis=1)
-    singular = not lengths.all() or (np.abs(np.diag(root)) < 1e-10 * lengths).any()
-    return None if singular else root
+    if not lengths.all() or (np.abs(np.diag(root)) < 1e-10 * lengths).any():
+        raise error
+    return root
 
 
 def _real_eigenvalues(
@@ -463,11 +463,10 @@ def sign_perturbed_region(
     """Region by sign perturbation."""
     excluded = excluded_sums(level, sums)
     rows, p = instruments.shape
-    root = _triangular_root(instruments)
-    if root is None:
-        raise CollinearError(
-            "independent instruments", "one that is a combination of others", "Leave it out."
-        )
+    collinear = CollinearError(
+        "independent instruments", "one that is a combination of others", "Leave it out."
+    )
+    root = _triangular_root(instruments, collinear)
     order = rng.permutation(sums)
     frame = _frame(columns, scipy.linalg.solve_triangular(root, instruments.T @ columns, lower=True))
     moved = columns @ _to_frame(frame)

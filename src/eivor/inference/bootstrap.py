@@ -306,8 +306,8 @@ class Bootstrap:
                     "Draw blocks of one length, or take another kind of interval.",
                 )
             low, high = _quantiles(self.studentised[:, position], level)
-            error = float(self.std_errors[position])
-            return value - high * error, value - low * error
+            std_error = float(self.std_errors[position])
+            return value - high * std_error, value - low * std_error
         if chosen is IntervalKind.EXPANDED and self.pieces < 2:
             return -math.inf, math.inf
         low, high = _quantiles(self.replicates[:, position], level)
