@@ -59,7 +59,7 @@ def log_argument(text: str) -> LogArgument:
 
 def parse_window(text: str) -> Window:
     """Window of ``START:END`` in seconds; an end left out is that of the log."""
-    start, end = parse_ends(text)
+    start, end = parse_pair(text)
     if not start < end:
         raise UsageError(
             "a window START:END with START before END",
@@ -69,15 +69,16 @@ def parse_window(text: str) -> Window:
     return start, end
 
 
-def parse_ends(text: str) -> Window:
-    """Numbers on both sides of a colon, infinite where one is left out; NaN where there are none."""
-    low_text, colon, high_text = text.partition(":")
+def parse_pair(
+    text: str, separator: str = ":", omitted: tuple[float, float] = (-math.inf, math.inf)
+) -> tuple[float, float]:
+    """Numbers on both sides of a separator, others in place of those left out; NaN where there are none."""
+    texts = text.split(separator, 1)
     try:
-        low = float(low_text) if low_text.strip() else -math.inf
-        high = float(high_text) if high_text.strip() else math.inf
-    except ValueError:
-        colon = ""
-    return (low, high) if colon else (math.nan, math.nan)
+        first, second = (float(part) if part.strip() else omitted[side] for side, part in enumerate(texts))
+    except ValueError:  # also of a text without the separator
+        return math.nan, math.nan
+    return first, second
 
 
 def parse_lag(text: str) -> Prior | Bounds:
@@ -85,11 +86,8 @@ def parse_lag(text: str) -> Prior | Bounds:
     if text.strip().lower() == "none":
         return NO_LAG
     between = ".." in text
-    first_text, _, second_text = text.partition(".." if between else ":")
-    try:
-        first, second = 1e-3 * float(first_text), 1e-3 * float(second_text)
-    except ValueError:
-        first = second = math.nan
+    pair = parse_pair(text, ".." if between else ":", (math.nan, math.nan))
+    first, second = (1e-3 * number for number in pair)
     if between and 0.0 <= first <= second < math.inf:
         return Bounds(first, second)
     if not between and 0.0 < first < math.inf and 0.0 < second < math.inf:
@@ -438,11 +436,10 @@ def check_mission(qgc: str, home: str, shape: str) -> None:
 
 def position_of(text: str) -> Location:
     """Place of ``LAT,LON`` [deg]."""
-    latitude, comma, longitude = text.partition(",")
-    try:
-        return float(latitude), float(longitude if comma else "")
-    except ValueError:
-        raise UsageError("--home LAT,LON in degrees", f"'{text}'", "Such as 47.3977,8.5456.") from None
+    place = parse_pair(text, ",", (math.nan, math.nan))
+    if any(map(math.isnan, place)):
+        raise UsageError("--home LAT,LON in degrees", f"'{text}'", "Such as 47.3977,8.5456.")
+    return place
 
 
 def flight_limits(
@@ -453,7 +450,7 @@ def flight_limits(
     time: float = 60.0,
 ) -> FlightLimits:
     """Limits of a planned flight, with heights as ``LOW:HIGH`` [m]."""
-    low, high = parse_ends(height)
+    low, high = parse_pair(height)
     if not -math.inf < low < high < math.inf:
         expected = "--height LOW:HIGH with both ends, LOW below HIGH"
         raise UsageError(expected, f"'{height}'", "Such as 3:8, in metres above the place of take-off.")
@@ -478,11 +475,7 @@ def supplied(mass: str, priors: Sequence[str], vehicle: str) -> Supplied:
 
 def _known(text: str, option: str) -> KnownNumber:
     """Number of ``VALUE`` or ``VALUE:STD``."""
-    value_text, colon, std_text = text.partition(":")
-    try:
-        value, std = float(value_text), float(std_text) if colon else 0.0
-    except ValueError:
-        value = std = math.nan
-    if not math.isfinite(value):
+    value, std = parse_pair(text if ":" in text else f"{text}:0", omitted=(math.nan, math.nan))
+    if math.isnan(std) or not math.isfinite(value):
         raise UsageError(f"VALUE or VALUE:STD for {option}", f"'{text}'", "Give 1.53:0.02, for example.")
     return known_number(value, std)

@@ -134,8 +134,6 @@ def few_footnote(rows: Sequence[Row], members: str) -> Iterator[str]:
 
 def report_changes(report: FleetReport) -> list[str]:
     """Return a sentence about each vehicle that changes, the clearest first."""
-    if not report.vehicles.height:
-        return []
     changing = report.vehicles.filter(report.vehicles["course"].is_in([DRIFTS, STEPS]))
     rows = sorted(changing.iter_rows(named=True), key=lambda row: min(row["change_p"], row["step_p"]))
     return _at_most([_change(report, row) for row in rows], "vehicles and quantities change")
@@ -168,8 +166,6 @@ def _effect(report: FleetReport, across: AcrossFlights, row: Row, name: str) -> 
 
 def report_differences(report: FleetReport) -> list[str]:
     """Return a sentence about each vehicle that differs from its type."""
-    if not report.vehicles.height:
-        return []
     rows = report.vehicles.filter(report.vehicles["differs"]).sort("differs_p").iter_rows(named=True)
     selected = []
     for row in rows:
