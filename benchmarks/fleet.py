@@ -18,7 +18,7 @@ from pathlib import Path
 
 from _shared import EIVOR, arguments, machine
 
-from eivor.fleet.simulate import FleetSpec, write_fleet_logs
+from validation.simulated_fleets import FleetSpec, write_fleet_logs
 
 #: Reads and identifies logs, one after the other, and prints the seconds of it: by the clock, of processors.
 LOOP = """

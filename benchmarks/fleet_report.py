@@ -16,7 +16,7 @@ from _shared import arguments, least_seconds, machine
 from statsmodels.stats.meta_analysis import combine_effects
 
 from eivor.fleet.analysis import fleet_reports
-from eivor.fleet.simulate import FleetSpec, fleet_rows
+from validation.simulated_fleets import FleetSpec, fleet_rows
 
 FLIGHTS = 40
 #: Vehicles that the peer pools.

@@ -9,13 +9,13 @@ from pathlib import Path
 import polars as pl
 import pytest
 
-from eivor.fleet.simulate import FleetSpec, fleet_rows
 from eivor.fleet.table import read_flights, write_report
 from eivor.logs import read_log
 from eivor.motions.identify import identify_flight
 from fleets.fleet_rows import row, write_fleet
 from fleets.fleet_tasks import rows_of, write_logs
 from report.parsed_page import parsed
+from validation.simulated_fleets import FleetSpec, fleet_rows
 
 
 def test_query_prints_and_writes(eivor, tmp_path):

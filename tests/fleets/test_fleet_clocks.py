@@ -11,8 +11,8 @@ import pytest
 from eivor.fleet.analysis import fleet_reports
 from eivor.fleet.logs import logs_found
 from eivor.fleet.run import run_fleet
-from eivor.fleet.simulate import FleetSpec, write_fleet_logs
 from eivor.fleet.table import FleetOptions, read_flights
+from validation.simulated_fleets import FleetSpec, write_fleet_logs
 
 #: Where the clocks of logs of one vehicle begin [s since 1970].
 BEGIN = {"unset": 30.0, "autumn_of_1970": 86400.0 * 300, "set": 1.77e9, "far": 9.9e12}

@@ -122,7 +122,9 @@ def test_an_interrupt_keeps_what_was_done(logs, tmp_path, monkeypatch):
 def test_ten_thousand_copies_are_identified_once(tmp_path, monkeypatch):
     path = logs_found(str(write_logs(tmp_path / "logs", {"a.csv": "one"})))
     (first,) = path.logs
-    many = replace(path, logs=LogList(replace(first, name=f"{number:05d}.csv") for number in range(10_000)))
+    many = replace(
+        path, logs=LogList.of(replace(first, name=f"{number:05d}.csv") for number in range(10_000))
+    )
     once = hashed(first)
     monkeypatch.setattr("eivor.fleet.run.hashed", lambda log: replace(log, sha256=once.sha256))
     done = run_fleet(many, tmp_path / "fleet", OPTIONS, guarded=False)

@@ -9,9 +9,9 @@ from typing import Any
 import polars as pl
 import pytest
 
-from eivor.fleet.simulate import FleetSpec, fleet_rows
 from eivor.fleet.table import flight_frame
 from fleets.fleet_rows import row
+from validation.simulated_fleets import FleetSpec, fleet_rows
 
 PAGE = Path(__file__).parents[2] / "docs" / "fleet.md"
 BLOCK = re.compile(r"^```sql\n(.*?)^```", re.MULTILINE | re.DOTALL)

@@ -11,7 +11,7 @@ from threadpoolctl import threadpool_limits
 
 from eivor.errors import CollinearError, TooFewSamplesError, UsageError
 from eivor.inference.anderson_rubin import LinearScores, averages_for, homoskedastic_region, robust_region
-from eivor.inference.covariance import cosine_averages, long_run_sum_covariance
+from eivor.inference.covariance import cosine_averages, cosine_covariance
 from eivor.inference.regions import ConfidenceRegion, scanned_shadow
 
 LEVEL = 0.95
@@ -64,7 +64,7 @@ def test_statistics_are_their_formulas():
     bound = 5 * B / (B - 4) * stats.f(5, B - 4).ppf(LEVEL)
     theta = np.array([1.1, 1.8])
     e = columns @ np.array([1.0, -1.1, -1.8])
-    g, V = psi.T @ e, long_run_sum_covariance(psi * e[:, None], B)
+    g, V = psi.T @ e, cosine_covariance([psi * e[:, None]], e.size, B)
     assert robust(psi, columns).excess(theta) == pytest.approx(g @ np.linalg.solve(V, g) / bound, rel=1e-9)
     fitted = psi @ np.linalg.lstsq(psi, e, rcond=None)[0]
     F = (fitted @ fitted / 5) / ((e - fitted) @ (e - fitted) / 395)

@@ -15,8 +15,8 @@ from eivor.inference.covariance import (
     FLIGHT_DEFAULT,
     CovariancePart,
     JointCovariance,
+    cosine_covariance,
     long_run_mean_variance,
-    long_run_sum_covariance,
     sandwich,
 )
 from eivor.inference.distributions import chi_square_quantile, chi_square_tail, normal_quantile, t_quantile
@@ -38,9 +38,9 @@ def test_cosine_averages_are_their_formula():
         for j in range(1, 9)
     ]
     wanted = 50.0 / 8.0 * sum(np.outer(l, l) for l in L)  # noqa: E741 - the equation's letter
-    np.testing.assert_allclose(long_run_sum_covariance(scores), wanted, rtol=1e-10)
+    np.testing.assert_allclose(cosine_covariance([scores], scores.shape[0]), wanted, rtol=1e-10)
     # A constant is not in them: scores need not be centred.
-    np.testing.assert_allclose(long_run_sum_covariance(scores + 7.0), wanted, rtol=1e-9)
+    np.testing.assert_allclose(cosine_covariance([scores + 7.0], scores.shape[0]), wanted, rtol=1e-9)
 
 
 def test_cosine_averages_of_white_noise_agree_with_its_variance():
@@ -48,7 +48,7 @@ def test_cosine_averages_of_white_noise_agree_with_its_variance():
     runs, count, std = 2000, 300, 1.7
     rng = np.random.default_rng(1)
     result = np.array(
-        [long_run_sum_covariance(std * rng.standard_normal((count, 1)))[0, 0] for _ in range(runs)]
+        [cosine_covariance([std * rng.standard_normal((count, 1))], count)[0, 0] for _ in range(runs)]
     )
     ratio = result / (count * std**2)
     error = np.sqrt(2.0 / COSINE_AVERAGES / runs)

@@ -10,7 +10,7 @@ from scipy import stats
 from scipy.signal import lfilter
 
 from eivor.errors import ShapeError, UsageError
-from eivor.inference.covariance import COSINE_AVERAGES, long_run_sum_covariance
+from eivor.inference.covariance import COSINE_AVERAGES, cosine_covariance
 from eivor.inference.distributions import chi_square_quantile, t_quantile
 from eivor.inference.regions import Ellipse, hotelling_quantile, joint_ellipse
 
@@ -112,7 +112,7 @@ def test_means_of_autocorrelated_pairs_are_covered_as_often_as_promised() -> Non
         shocks = random.normal(size=(length + 500, 2)) @ np.array([[1.0, 0.6], [0.0, 0.8]])
         series = lfilter([1.0], [1.0, -0.5], shocks, axis=0)[500:]
         centred = series - series.mean(axis=0)
-        C = long_run_sum_covariance(centred) / length**2
+        C = cosine_covariance([centred], length) / length**2
         zero = np.zeros((1, 2))
         held += int(Ellipse(series.mean(axis=0), C, 0.95, float(COSINE_AVERAGES)).contains(zero)[0])
         chi_square += int(Ellipse(series.mean(axis=0), C, 0.95).contains(zero)[0])

@@ -8,10 +8,10 @@ import pytest
 
 from eivor.errors import UsageError
 from eivor.fleet.analysis import across_of, wanted_columns
-from eivor.fleet.simulate import FleetSpec, fleet_rows, fleet_truth, write_fleet_logs
 from eivor.logs import read_log
 from eivor.motions import motion_by_name
 from eivor.motions.vertical.model import GRAVITY
+from validation.simulated_fleets import FleetSpec, fleet_rows, fleet_truth, write_fleet_logs
 
 
 def test_wear_breakage_and_weather_act_on_thrust():

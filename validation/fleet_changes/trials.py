@@ -9,8 +9,8 @@ import numpy as np
 import polars as pl
 
 from eivor.fleet.analysis import STEADY, STEPS, fleet_report
-from eivor.fleet.simulate import FleetSpec, fleet_rows, fleet_truth
 from eivor.motions import motion_by_name
+from validation.simulated_fleets import FleetSpec, fleet_rows, fleet_truth
 
 SEED = 20261122
 #: What loses thrust, and flights from either end without a step.

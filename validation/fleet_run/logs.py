@@ -6,7 +6,7 @@ import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
-from eivor.fleet.simulate import FleetSpec, write_fleet_logs
+from validation.simulated_fleets import FleetSpec, write_fleet_logs
 
 #: Of all draws.
 SEED = 20261122

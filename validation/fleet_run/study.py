@@ -18,7 +18,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from eivor.fleet.simulate import FleetSpec, write_fleet_logs
 from eivor.lab.experiments import markdown
 from eivor.logs.read import read_log
 from eivor.motions.identify import identify_flight
@@ -27,6 +26,7 @@ from validation.fleet_run.logs import SEED, Size, write_logs
 from validation.fleet_run.modes import MODES, Told
 from validation.kept_study import Answer, KeptStudyCommand, keep, kept_lines
 from validation.requirement import Requirement
+from validation.simulated_fleets import FleetSpec, write_fleet_logs
 from validation.suites import versions
 
 PART = "fleet run"

@@ -2,30 +2,35 @@
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, get_type_hints
+from typing import Annotated, Any
 
 import typer
 
-from eivor.cli import outputs, parsing
 from eivor.cli.outputs import (
     STANDARD_OUTPUT,
     ExitCode,
+    JsonOption,
+    ModelOption,
+    Reads,
+    VehicleOption,
     Writes,
-    deliver,
+    deliver_result,
     figure_file,
+    flag,
     guarded,
+    log_paths,
+    option,
     show,
     step,
+    with_options,
     write_out,
     writing,
 )
 from eivor.cli.parsing import (
-    LogArgument,
     Window,
     check_windows,
     flight_options,
@@ -33,13 +38,13 @@ from eivor.cli.parsing import (
     log_argument,
     named,
     named_motion,
+    parse_window,
     with_distinct_names,
 )
 from eivor.errors import UsageError
 from eivor.flights.motion import Motion
 from eivor.flights.options import FlightOptions
 from eivor.flights.result import FlightEstimate
-from eivor.flights.track import Track
 from eivor.flights.track import track as tracked_parameter
 from eivor.inference.verdict import Status
 from eivor.logs import read_log
@@ -53,54 +58,112 @@ from eivor.report.json_document import json_document, json_text
 from eivor.report.other_results import track_document, track_figure, track_json
 from eivor.report.saved_fit import load_fit
 from eivor.report.terminal import on_terminal
-from eivor.report.validation import Validation, validation_document
 from eivor.report.validation import validate as validated
+from eivor.report.validation import validation_document
 from eivor.signals.recording import Recording
 
-# -- Recordings --
+# -- Results --
 
 
-@dataclass(frozen=True, slots=True)
-class ChosenLogs:
-    """What to read."""
-
-    logs: tuple[LogArgument, ...]
-    example: bool  # The bundled example instead
-    channel_map: str
-
-    def __post_init__(self) -> None:
-        if self.example == bool(self.logs):
-            raise UsageError(
-                "one or more logs, or --example",
-                "both" if self.example else "neither",
-                "Name a file such as flight.ulg, or try the command with --example.",
-            )
-        if self.example and self.channel_map:
-            raise UsageError(
-                "--map with a log",
-                f"--example with --map {self.channel_map}",
-                "Leave the map out: the example has canonical channels.",
-            )
-
-    def read(self, options: FlightOptions) -> tuple[list[Recording], list[Window | None]]:
-        """Recordings, and the window of each that has one of its own; those."""
-        if self.example:
-            recordings = [example_flight()]
-        else:
-            read = {path: self._recording(path) for path in dict.fromkeys(log.path for log in self.logs)}
-            recordings = with_distinct_names(self.logs, [read[log.path] for log in self.logs])
-        current = [log.window for log in self.logs] or [None]
-        check_windows(recordings, [window or options.window for window in current])
-        return recordings, current
-
-    def _recording(self, path: Path) -> Recording:
-        with step(f"Reading {path.name}"), named(str(path), several=len(self.logs) > 1):
-            return read_log(path, channel_map=self.channel_map or None)
+def read_logs(
+    texts: list[str] | None, options: FlightOptions, *, example: bool, channel_map: str
+) -> tuple[list[Recording], list[Window | None]]:
+    """Recordings of what was typed, and the window of each that has one of its own."""
+    logs = [log_argument(text) for text in texts or ()]
+    if example == bool(logs):
+        raise UsageError(
+            "one or more logs, or --example",
+            "both" if example else "neither",
+            "Name a file such as flight.ulg, or try the command with --example.",
+        )
+    if example and channel_map:
+        raise UsageError(
+            "--map with a log",
+            f"--example with --map {channel_map}",
+            "Leave the map out: the example has canonical channels.",
+        )
+    if example:
+        recordings = [example_flight()]
+    else:
+        read = {}
+        for path in dict.fromkeys(log.path for log in logs):
+            with step(f"Reading {path.name}"), named(str(path), several=len(logs) > 1):
+                read[path] = read_log(path, channel_map=channel_map or None)
+        recordings = with_distinct_names(logs, [read[log.path] for log in logs])
+    windows = [log.window for log in logs] or [None]
+    check_windows(recordings, [window or options.window for window in windows])
+    return recordings, windows
 
 
-def chosen_logs(texts: list[str] | None, *, example: bool, channel_map: str) -> ChosenLogs:
-    """Logs of what was typed, see `ChosenLogs`."""
-    return ChosenLogs(tuple(map(log_argument, texts or ())), example, channel_map)
+@with_options(flight_options)
+def result_of(
+    *,
+    logs: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="LOG",
+            help="ULog, Crazyflie microSD, CSV or Parquet; - is standard input. Several are pooled as "
+            "flights of one vehicle. LOG@START:END takes a window of one log.",
+            show_default=False,
+        ),
+        Reads(log_paths),
+    ] = None,
+    example: Annotated[bool, flag("--example", "Use the example flight that comes with Eivor.")] = False,
+    model: ModelOption = DEFAULT_MODEL,
+    vehicle: VehicleOption = "",
+    channel_map: Annotated[
+        str,
+        option(
+            "FILE.toml",
+            "Channel map of a table, a bag or a Crazyflie's log, or the name of a shipped one: "
+            "betaflight_csv, crazyflie_csv, inav_csv, nanobench, rotorpy.",
+            "--map",
+        ),
+        Reads(),
+    ] = "",
+    **given: Any,
+) -> FlightEstimate:
+    """Read logs and identify them."""
+    motion = named_motion(model, vehicle)
+    options = flight_options(motion, **given)
+    return pooled_result(motion, options, logs, example=example, channel_map=channel_map)
+
+
+def pooled_result(
+    motion: Motion[Any],
+    options: FlightOptions,
+    logs: list[str] | None,
+    *,
+    example: bool,
+    channel_map: str,
+) -> FlightEstimate:
+    """Read logs and identify them with options of the library."""
+    recordings, windows = read_logs(logs, options, example=example, channel_map=channel_map)
+    with step("Identifying" + (f" {len(recordings)} flights together" if len(recordings) > 1 else "")):
+        return identified(recordings, motion, options, windows)
+
+
+def figure_parts(path: Path | None, make: Callable[[], Any]) -> Iterator[Callable[[], None]]:
+    """Drawing of a figure, where one is wanted."""
+
+    def draw(path: Path) -> None:
+        with step(f"Drawing {path.name}"), writing(path):
+            save_figure(make(), path)
+
+    if path is not None:
+        yield partial(draw, path)
+
+
+def write_page(result: FlightEstimate, position: str) -> None:
+    """Write the page of a result to a file, or to standard output where the place is "-"."""
+    with step(f"Writing {Path(position).name}"):
+        page = flight_page(result)
+    write_out(page, position)
+
+
+def exit_code(result: FlightEstimate) -> ExitCode:
+    """0 when identified, 3 otherwise."""
+    return ExitCode.IDENTIFIED if result.verdict.status is Status.IDENTIFIED else ExitCode.NOT_IDENTIFIED
 
 
 # -- Identify --
@@ -114,136 +177,31 @@ IDENTIFY_EXIT_CODES = (
 )
 
 
-@dataclass(frozen=True, slots=True)
-class Outputs:
-    """Where to write."""
-
-    json: str  # File, "-" for standard output, empty for none
-    figure: Path | None
-    html: str = ""  # File of the page, empty for none
-    card: bool = False
-
-
 @guarded
+@with_options(result_of)
 def identify(
-    logs: outputs.LogsArgument = None,
     *,
-    example: outputs.ExampleOption = False,
-    window: outputs.WindowOption = "",
-    max_tilt: outputs.MaxTiltOption = None,
-    input_channel: outputs.InputOption = "",
-    input_map: outputs.InputMapOption = "",
-    accelerometer_bias: outputs.AccelerometerBiasOption = None,
-    instruments: outputs.InstrumentsOption = "",
-    model: outputs.ModelOption = DEFAULT_MODEL,
-    vehicle: outputs.VehicleOption = "",
-    method: Annotated[
-        str,
-        typer.Option(
-            metavar="NAME",
-            help="reference_iv, least_squares, whitened_least_squares, total_least_squares, extended_iv, "
-            "generalized_iv, generalized_iv_tls, bias_compensated_least_squares, spectral_giv, whittle_ml.",
-        ),
-    ] = "reference_iv",
-    lag: outputs.LagOption = "",
-    lag_from: outputs.LagFromOption = "",
-    align: Annotated[
-        bool, typer.Option("--align", help="Take offset and scale out of sensors that disagree.")
-    ] = False,
-    pool_friction: outputs.PoolFrictionOption = "auto",
-    term: outputs.TermOption = None,
-    rotor_radius: outputs.RotorRadiusOption = None,
-    noise: outputs.NoiseOption = None,
-    compare: Annotated[bool, typer.Option("--compare", help="List every method side by side.")] = False,
-    channel_map: outputs.MapOption = "",
-    json: outputs.JsonOption = "",
-    figure: Annotated[
-        str,
-        typer.Option(
-            metavar="FILE", help="Draw the fit: FILE.png, FILE.svg or FILE.pdf.", show_default=False
-        ),
-        outputs.Writes(),
-    ] = "",
+    json: JsonOption = "",
+    figure: Annotated[str, option("FILE", "Draw the fit: FILE.png, FILE.svg or FILE.pdf."), Writes()] = "",
     html: Annotated[
-        str,
-        typer.Option(
-            metavar="FILE", help="Write everything as one page that opens in any browser.", show_default=False
-        ),
-        outputs.Writes(),
+        str, option("FILE", "Write everything as one page that opens in any browser."), Writes()
     ] = "",
     card: Annotated[
-        bool, typer.Option("--card", help="Print the flight card too: what to fly and to log instead.")
+        bool, flag("--card", "Print the flight card too: what to fly and to log instead.")
     ] = False,
+    **given: Any,
 ) -> ExitCode:
     """Identify a motion from logs: the vertical one of a drone, or another with --model."""
-    motion = named_motion(model, vehicle)
-    chosen = chosen_logs(logs, example=example, channel_map=channel_map)
-    outputs = Outputs(json, figure_file(figure) if figure else None, html, card)
-    options = flight_options(
-        motion,
-        window=window,
-        max_tilt=max_tilt,
-        input_channel=input_channel,
-        input_map=input_map,
-        accelerometer_bias=accelerometer_bias,
-        instruments=instruments,
-        method=method,
-        compare=compare,
-        lag=lag,
-        lag_from=lag_from,
-        align=align,
-        pool_friction=pool_friction,
-        terms=term or (),
-        rotor_radius=rotor_radius,
-        noise=noise or (),
+    picture = figure_file(figure)
+    result = result_of(**given)
+    deliver_result(
+        lambda: on_terminal(flight_document(result, card=card)),
+        lambda: json_text(json_document(result)),
+        json,
+        *figure_parts(picture, lambda: flight_figure(result)),
+        *([partial(write_page, result, html)] if html else []),
     )
-    result = result_of(chosen, motion, options)
-    deliver(*deliveries(result, outputs))
     return exit_code(result)
-
-
-def result_of(chosen: ChosenLogs, motion: Motion[Any], options: FlightOptions) -> FlightEstimate:
-    """Read logs and identify them."""
-    recordings, windows = chosen.read(options)
-    with step("Identifying" + (f" {len(recordings)} flights together" if len(recordings) > 1 else "")):
-        return identified(recordings, motion, options, windows)
-
-
-def deliveries(result: FlightEstimate, outputs: Outputs) -> Iterator[Callable[[], None]]:
-    """What is to be done with a result, in order: what is printed comes first."""
-    if outputs.json != STANDARD_OUTPUT:
-        yield partial(_print_result, result, card=outputs.card)
-    if outputs.json:
-        yield partial(_write_result_json, result, outputs.json)
-    if outputs.figure is not None:
-        yield partial(_draw_result, result, outputs.figure)
-    if outputs.html:
-        yield partial(write_page, result, outputs.html)
-
-
-def _print_result(result: FlightEstimate, *, card: bool) -> None:
-    show(on_terminal(flight_document(result, card=card)))
-
-
-def _write_result_json(result: FlightEstimate, position: str) -> None:
-    write_out(json_text(json_document(result)), position)
-
-
-def write_page(result: FlightEstimate, position: str) -> None:
-    """Write the page of a result to a file, or to standard output where the place is "-"."""
-    with step(f"Writing {Path(position).name}"):
-        page = flight_page(result)
-    write_out(page, position)
-
-
-def _draw_result(result: FlightEstimate, path: Path) -> None:
-    with step(f"Drawing {path.name}"), writing(path):
-        save_figure(flight_figure(result), path)
-
-
-def exit_code(result: FlightEstimate) -> ExitCode:
-    """0 when identified, 3 otherwise."""
-    return ExitCode.IDENTIFIED if result.verdict.status is Status.IDENTIFIED else ExitCode.NOT_IDENTIFIED
 
 
 # -- Report --
@@ -254,26 +212,18 @@ REPORT_EXIT_CODES = (
     "The page holds the JSON of `eivor identify --json` too, and saves it."
 )
 
-#: What `identify` writes and this command does not.
-NOT_HERE = ("json", "figure", "html", "card")
-
-OutOption = Annotated[
-    str,
-    typer.Option("--out", "-o", metavar="FILE", help="The page, such as flight.html.", show_default=False),
-    Writes(),
-]
-
 
 @guarded
-def report(*, out: str = "", **asked: Any) -> ExitCode:
+@with_options(result_of)
+def report(
+    *,
+    out: Annotated[str, option("FILE", "The page, such as flight.html.", "--out", "-o"), Writes()] = "",
+    **given: Any,
+) -> ExitCode:
     """Write what eivor identify finds as one page to look at and to send: verdict, numbers, pictures."""
-    motion = named_motion(asked.pop("model"), asked.pop("vehicle"))
-    logs, example, channel_map = (asked.pop(name) for name in ("logs", "example", "channel_map"))
-    chosen = chosen_logs(logs, example=example, channel_map=channel_map)
     if not out:
         raise UsageError("a file for the page", "none", "Add -o flight.html, for example.")
-    terms, noise = asked.pop("term") or (), asked.pop("noise") or ()
-    result = result_of(chosen, motion, flight_options(motion, terms=terms, noise=noise, **asked))
+    result = result_of(**given)
     write_page(result, out)
     if out != STANDARD_OUTPUT:
         flight = flight_report(result)
@@ -281,21 +231,6 @@ def report(*, out: str = "", **asked: Any) -> ExitCode:
         where = Section("", (Facts((Fact("page", f"{out} ({size})"),)),))
         show(on_terminal(Document(", ".join(flight.logs), flight.verdict.status, flight.meaning, (where,))))
     return exit_code(result)
-
-
-def _signature() -> inspect.Signature:
-    """Arguments and options of `identify`, with the page's in place of what that command writes."""
-    known = get_type_hints(identify, include_extras=True)
-    kept = [
-        parameter.replace(annotation=known[name])
-        for name, parameter in inspect.signature(identify).parameters.items()
-        if name not in NOT_HERE
-    ]
-    page = inspect.Parameter("out", inspect.Parameter.KEYWORD_ONLY, default="", annotation=OutOption)
-    return inspect.Signature([kept[0], page, *kept[1:]])
-
-
-vars(report)["__signature__"] = _signature()
 
 
 # -- Track --
@@ -308,9 +243,15 @@ TRACK_EXIT_CODES = (
     "[bold]JSON[/bold] (schema eivor.track/1): the gain with its interval at each moment, changes, and what "
     "was taken as known."
 )
+#: Of `identify`.
+TRACK_OPTIONS = (
+    *("example", "window", "max_tilt", "input_channel", "input_map", "instruments"),
+    *("lag", "lag_from", "channel_map"),
+)
 
 
 @guarded
+@with_options(result_of, *TRACK_OPTIONS)
 def track(
     log: Annotated[
         str,
@@ -319,90 +260,51 @@ def track(
             help="One log, as of eivor identify; LOG@START:END takes a window.",
             show_default=False,
         ),
-        outputs.Reads(outputs.log_paths),
+        Reads(log_paths),
     ] = "",
     *,
-    example: outputs.ExampleOption = False,
     memory: Annotated[
         float | None,
-        typer.Option(
-            metavar="S",
-            help="Time over which samples are forgotten, in seconds; a step is identified after half of it "
+        option(
+            "S",
+            "Time over which samples are forgotten, in seconds; a step is identified after half of it "
             "(default: 5, or the length of a shorter flight).",
         ),
     ] = None,
-    window: outputs.WindowOption = "",
-    max_tilt: outputs.MaxTiltOption = None,
-    input_channel: outputs.InputOption = "",
-    input_map: outputs.InputMapOption = "",
     accelerometer_bias: Annotated[
         float | None,
-        typer.Option(
-            "--accelerometer-bias",
-            metavar="STD",
-            help="Standard deviation of what the equation's intercept may be, in m/s^2 (default: 0.1). It "
+        option(
+            "STD",
+            "Standard deviation of what the equation's intercept may be, in m/s^2 (default: 0.1). It "
             "lets hover determine the gain; inf when nothing is known, so that only movement does.",
         ),
     ] = None,
-    instruments: outputs.InstrumentsOption = "",
     method: Annotated[
-        str, typer.Option(metavar="NAME", help="Method that identifies the flight as a whole, and its lag.")
-    ] = "reference_iv",
-    lag: outputs.LagOption = "",
-    lag_from: outputs.LagFromOption = "",
-    channel_map: outputs.MapOption = "",
-    json: outputs.JsonOption = "",
-    figure: Annotated[
         str,
-        typer.Option(metavar="FILE", help="Draw it: FILE.png, FILE.svg or FILE.pdf.", show_default=False),
-        outputs.Writes(),
-    ] = "",
+        option("NAME", "Method that identifies the flight as a whole, and its lag.", show_default=True),
+    ] = "reference_iv",
+    json: JsonOption = "",
+    figure: Annotated[str, option("FILE", "Draw it: FILE.png, FILE.svg or FILE.pdf."), Writes()] = "",
+    example: bool,
+    channel_map: str,
+    **given: Any,
 ) -> ExitCode:
     """Follow the thrust gain K_u over a flight: battery sag, a damaged propeller, wind."""
     motion = named_motion(DEFAULT_MODEL)
-    chosen = chosen_logs([log] if log else None, example=example, channel_map=channel_map)
-    picture = figure_file(figure) if figure else None
-    options = flight_options(
-        motion,
-        window=window,
-        max_tilt=max_tilt,
-        input_channel=input_channel,
-        input_map=input_map,
-        instruments=instruments,
-        method=method,
-        lag=lag,
-        lag_from=lag_from,
-    )
+    picture = figure_file(figure)
+    options = flight_options(motion, method=method, **given)
     if accelerometer_bias is not None:
         options = replace(options, accelerometer_bias=accelerometer_bias)
-    result = result_of(chosen, motion, options)
-
+    result = pooled_result(motion, options, [log] if log else None, example=example, channel_map=channel_map)
     with step("Following it over the flight"):
-        results = tracked_parameter(result, memory)
-    deliver(*_track_deliveries(results, json, picture))
-    return ExitCode.IDENTIFIED if results.precise_moments else ExitCode.NOT_IDENTIFIED
-
-
-def _track_deliveries(result: Track, json: str, figure: Path | None) -> Iterator[Callable[[], None]]:
-    if json != STANDARD_OUTPUT:
-        yield partial(_print_track, result)
-    if json:
-        yield partial(_write_track_json, result, json)
-    if figure is not None:
-        yield partial(_draw_track, result, figure)
-
-
-def _print_track(result: Track) -> None:
-    show(on_terminal(track_document(result)))
-
-
-def _write_track_json(result: Track, position: str) -> None:
-    write_out(json_text(track_json(result)), position)
-
-
-def _draw_track(result: Track, path: Path) -> None:
-    with step(f"Drawing {path.name}"), writing(path):
-        save_figure(track_figure(result), path)
+        tracked = tracked_parameter(result, memory)
+    deliver_result(
+        lambda: on_terminal(track_document(tracked)),
+        lambda: json_text(track_json(tracked)),
+        json,
+        *figure_parts(picture, lambda: track_figure(tracked)),
+    )
+    return ExitCode.IDENTIFIED if tracked.precise_moments else ExitCode.NOT_IDENTIFIED
 
 
 # -- Validate --
@@ -418,57 +320,40 @@ VALIDATE_EXIT_CODES = (
 
 
 @guarded
+@with_options(result_of, "window", "max_tilt", "channel_map")
 def validate(
     fit: Annotated[
         Path,
         typer.Argument(metavar="FIT.json", help="A result: eivor identify LOG --json FIT.json."),
-        outputs.Reads(),
+        Reads(),
     ],
     log: Annotated[
         str,
         typer.Argument(metavar="LOG", help="Another flight of the same vehicle; LOG@START:END for a part."),
-        outputs.Reads(outputs.log_paths),
+        Reads(log_paths),
     ],
     *,
-    window: outputs.WindowOption = "",
-    max_tilt: outputs.MaxTiltOption = None,
-    channel_map: outputs.MapOption = "",
-    json: outputs.JsonOption = "",
+    json: JsonOption = "",
     figure: Annotated[
         str,
-        typer.Option(
-            metavar="FILE",
-            help="Draw measured, predicted and residual: FILE.png, FILE.svg or FILE.pdf.",
-            show_default=False,
-        ),
-        outputs.Writes(),
+        option("FILE", "Draw measured, predicted and residual: FILE.png, FILE.svg or FILE.pdf."),
+        Writes(),
     ] = "",
+    window: str,
+    max_tilt: float | None,
+    channel_map: str,
 ) -> ExitCode:
     """Predict another flight by a result, beside simpler models of the flights that it came from."""
-    chosen = chosen_logs([log], example=False, channel_map=channel_map)
-    outputs = Outputs(json, figure_file(figure) if figure else None)
-    options = FlightOptions(window=parsing.parse_window(window) if window else None)
+    picture = figure_file(figure)
+    options = FlightOptions(window=parse_window(window) if window else None)
     result = load_fit(fit)
-    (recording,), (current,) = chosen.read(options)
+    (recording,), (current,) = read_logs([log], options, example=False, channel_map=channel_map)
     with step(f"Predicting {recording.name}"):
         results = validated(result, recording, window=current or options.window, max_tilt_deg=max_tilt)
-    deliver(*_validation_deliveries(results, outputs))
+    deliver_result(
+        lambda: on_terminal(validation_document(results)),
+        results.to_json,
+        json,
+        *figure_parts(picture, results.plot),
+    )
     return ExitCode.IDENTIFIED if results.predicts else ExitCode.NOT_IDENTIFIED
-
-
-def _validation_deliveries(validation: Validation, outputs: Outputs) -> Iterator[Callable[[], None]]:
-    if outputs.json != STANDARD_OUTPUT:
-        yield partial(_print_validation, validation)
-    if outputs.json:
-        yield lambda: write_out(validation.to_json(), outputs.json)
-    if outputs.figure is not None:
-        yield partial(_draw_validation, validation, outputs.figure)
-
-
-def _print_validation(validation: Validation) -> None:
-    show(on_terminal(validation_document(validation)))
-
-
-def _draw_validation(validation: Validation, path: Path) -> None:
-    with step(f"Drawing {path.name}"), writing(path):
-        save_figure(validation.plot(), path)

@@ -9,10 +9,11 @@ import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
 from importlib import import_module
-from importlib.metadata import EntryPoint, entry_points
+from importlib.metadata import entry_points
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
 from eivor import tools
 from eivor.cli import outputs
@@ -21,61 +22,36 @@ from eivor.cli.outputs import (
     FILE,
     ExitCode,
     ReadableCommand,
-    ReadableGroup,
     Reads,
     complain,
+    option,
     printing,
     read_repeated_options,
     refuse_empty_options,
+    reported,
 )
 from eivor.errors import InputError
-
-# -- Interruptible --
-
-
-class InterruptibleGroup(ReadableGroup):
-    """Commands whose interrupt is one line, also where the arguments' reader leaves without words."""
-
-    def make_context(self, *args: Any, **kwargs: Any) -> Any:
-        """Read the arguments of the group."""
-        with _report_interrupts():
-            return super().make_context(*args, **kwargs)
-
-    def invoke(self, ctx: Any) -> Any:
-        """Read the arguments of a command, and run it."""
-        with _report_interrupts():
-            return super().invoke(ctx)
-
-
-@contextmanager
-def _report_interrupts() -> Iterator[None]:
-    try:
-        yield
-    except KeyboardInterrupt:
-        complain("interrupted")
-        raise typer.Exit(code=int(ExitCode.INTERRUPTED)) from None
-
 
 # -- Main --
 
 if TYPE_CHECKING:
     app: typer.Typer
 
-#: Module of each command of the library, which holds a function of that name and NAME_EXIT_CODES, and what
-#: `eivor --help` says of it.
+#: Where each command of the library or group of them is, and what `eivor --help` says of it. The module of a
+#: command holds NAME_EXIT_CODES too.
 COMMANDS = {
-    "identify": ("eivor.cli.identify", "Identify a motion from a flight log, with intervals and a verdict."),
-    "report": ("eivor.cli.identify", "Identify logs, and write the result as one page of HTML."),
-    "inspect": ("eivor.cli.tools", "Show what a log holds, and what it could be used for."),
-    "track": ("eivor.cli.identify", "Follow a parameter over a flight."),
-    "validate": ("eivor.cli.identify", "Compare a fit with another flight of the vehicle."),
-    "export": ("eivor.cli.tools", "Write a result for an autopilot, a controller or a simulator."),
-    "plan": ("eivor.cli.tools", "Plan the flight that would identify what a result could not."),
-}
-#: Module of each group of commands, the name of its application there, and its help.
-GROUPS = {
-    "vehicle": ("eivor.cli.tools", "vehicle_app", "Vehicle files of the rigid body."),
-    "example": ("eivor.cli.tools", "example_app", "Logs to try Eivor with."),
+    "identify": (
+        "eivor.cli.identify:identify",
+        "Identify a motion from a flight log, with intervals and a verdict.",
+    ),
+    "report": ("eivor.cli.identify:report", "Identify logs, and write the result as one page of HTML."),
+    "inspect": ("eivor.cli.tools:inspect", "Show what a log holds, and what it could be used for."),
+    "track": ("eivor.cli.identify:track", "Follow a parameter over a flight."),
+    "validate": ("eivor.cli.identify:validate", "Compare a fit with another flight of the vehicle."),
+    "export": ("eivor.cli.tools:export", "Write a result for an autopilot, a controller or a simulator."),
+    "plan": ("eivor.cli.tools:plan", "Plan the flight that would identify what a result could not."),
+    "vehicle": ("eivor.cli.tools:vehicle_app", "Vehicle files of the rigid body."),
+    "example": ("eivor.cli.tools:example_app", "Logs to try Eivor with."),
 }
 #: Group of the entry points by which the rooms `lab`, `fleet` and `serve` add their commands.
 ENTRY_POINTS = "eivor.commands"
@@ -89,26 +65,38 @@ ADDED = {
 }
 
 
-def _added() -> dict[str, EntryPoint]:
-    return {point.name: point for point in entry_points(group=ENTRY_POINTS)}
+def _targets() -> dict[str, str]:
+    """Where each command or group of commands is, MODULE:NAME."""
+    added = {point.name: point.value for point in entry_points(group=ENTRY_POINTS)}
+    return {**{name: target for name, (target, _) in COMMANDS.items()}, **added}
 
 
-class _Commands(InterruptibleGroup):
-    """All commands, with the options that repeat."""
+@contextmanager
+def _report_interrupts() -> Iterator[None]:
+    try:
+        yield
+    except KeyboardInterrupt:
+        complain("interrupted")
+        raise typer.Exit(code=int(ExitCode.INTERRUPTED)) from None
+
+
+class Commands(TyperGroup):
+    """All commands, with the options that repeat; an interrupt is one line, also while arguments are read."""
+
+    def make_context(self, *args: Any, **kwargs: Any) -> Any:
+        """Read the arguments of the group."""
+        with _report_interrupts():
+            return super().make_context(*args, **kwargs)
 
     def invoke(self, ctx: Any) -> Any:
-        """Run the command that is requested."""
-        refuse_empty_options(ctx)
-        try:
-            read_repeated_options(ctx, ctx.params["config"], _names())
-        except InputError as error:
-            complain(str(error))
-            raise typer.Exit(int(ExitCode.FAILED)) from None
-        return super().invoke(ctx)
-
-
-def _names() -> tuple[str, ...]:
-    return (*COMMANDS, *GROUPS, *_added())
+        """Read the arguments of a command, and run it."""
+        with _report_interrupts():
+            refuse_empty_options(ctx)
+            try:
+                read_repeated_options(ctx, ctx.params["config"], _targets())
+            except InputError as error:
+                raise typer.Exit(int(reported(error))) from None
+            return super().invoke(ctx)
 
 
 def application(*names: str, loaded: bool = True) -> typer.Typer:
@@ -122,29 +110,28 @@ def application(*names: str, loaded: bool = True) -> typer.Typer:
         "with intervals and a verdict.",
         epilog="Try it: [bold]eivor identify --example[/bold]",
         no_args_is_help=True,
-        cls=_Commands,
+        cls=Commands,
         pretty_exceptions_enable=False,
         rich_markup_mode="rich",
     )
     made.callback()(_eivor)
-    for name in names or _names():
+    targets = _targets()
+    helps = {name: about for name, (_, about) in COMMANDS.items()} | {
+        name: about for name, (about, _) in ADDED.items()
+    }
+    for name in names or targets:
         if loaded:
-            _add(made, name)
+            _add(made, name, targets[name])
         else:
-            words = ADDED[name][0] if name in ADDED else {**COMMANDS, **GROUPS}.get(name, ("",))[-1]
-            made.command(name, help=words)(_nothing)
+            made.command(name, help=helps.get(name, ""))(lambda: None)
     return made
 
 
-def _add(made: typer.Typer, name: str) -> None:
+def _add(made: typer.Typer, name: str, target: str) -> None:
     """Load a command or a group, and add it."""
-    if name in GROUPS:
-        home, group, _ = GROUPS[name]
-        made.add_typer(getattr(import_module(home), group))
-        return
-    point = None if name in COMMANDS else _added()[name]
+    home, _, attribute = target.partition(":")
     try:
-        module = import_module(COMMANDS[name][0] if point is None else point.module)
+        module = import_module(home)
     except ModuleNotFoundError as error:
         extra = ADDED.get(name, ("", ""))[1]
         if not extra or (error.name or "").startswith("eivor"):
@@ -154,15 +141,11 @@ def _add(made: typer.Typer, name: str) -> None:
             f"no package '{error.name}'",
             f"Install them: pip install 'eivor[{extra}]'.",
         ) from error
-    command = getattr(module, name if point is None else point.attr)
+    command = getattr(module, attribute)
     if isinstance(command, typer.Typer):
         made.add_typer(command)
     else:
         made.command(epilog=getattr(module, f"{name.upper()}_EXIT_CODES"), cls=ReadableCommand)(command)
-
-
-def _nothing() -> None:
-    """Stand for a command in the list of commands."""
 
 
 def __getattr__(name: str) -> object:
@@ -186,10 +169,9 @@ def _eivor(
     *,
     config: Annotated[
         str,
-        typer.Option(
-            metavar="FILE.toml",
-            help=f"Options that repeat, by command (default: {FILE}, where the working directory has one).",
-            show_default=False,
+        option(
+            "FILE.toml",
+            f"Options that repeat, by command (default: {FILE}, where the working directory has one).",
         ),
         Reads(default=lambda _values: FILE),
     ] = "",
@@ -234,5 +216,5 @@ def _requested_command(arguments: list[str]) -> typer.Typer:
         return application()
     if not arguments or arguments[0] in {"--help", "--version"}:
         return application(loaded=False)
-    named = [name for name in arguments[:1] if name in _names()]
+    named = [name for name in arguments[:1] if name in _targets()]
     return application(*named)

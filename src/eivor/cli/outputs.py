@@ -7,7 +7,6 @@ import inspect
 import os
 import stat
 import sys
-import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
@@ -18,12 +17,12 @@ from glob import escape
 from itertools import combinations
 from pathlib import Path
 from pkgutil import resolve_name
-from typing import TYPE_CHECKING, Annotated, Any, ParamSpec
+from typing import TYPE_CHECKING, Annotated, Any, ParamSpec, TypeVar
 from unicodedata import normalize
 
 import typer
 from typer import Exit
-from typer.core import TyperArgument, TyperCommand, TyperGroup, TyperOption
+from typer.core import TyperCommand
 
 from eivor.atomic_file import check_writable, write_atomically
 from eivor.errors import EivorError, InputError, UsageError, did_you_mean
@@ -34,6 +33,9 @@ from eivor.tools import plain_text
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType
 
+
+P = ParamSpec("P")
+R = TypeVar("R")
 
 # -- Arguments --
 
@@ -84,185 +86,59 @@ class Writes:
     default: Callable[[Mapping[str, Any]], str] | None = None
 
 
-WorkersOption = Annotated[
-    int | None,
-    typer.Option(
-        metavar="N", help="Processes of this computer; default: one for each core.", show_default=False
-    ),
-]
-LogsArgument = Annotated[
-    list[str] | None,
-    typer.Argument(
-        metavar="LOG",
-        help="ULog, Crazyflie microSD, CSV or Parquet; - is standard input. Several are pooled as flights of "
-        "one vehicle. LOG@START:END takes a window of one log.",
-        show_default=False,
-    ),
-    Reads(log_paths),
-]
-ExampleOption = Annotated[
-    bool, typer.Option("--example", help="Use the example flight that comes with Eivor.")
-]
-WindowOption = Annotated[
-    str,
-    typer.Option(
-        "--window",
-        metavar="START:END",
-        help="Use this window of each log, in seconds from its start.",
-        show_default=False,
-    ),
-]
-MaxTiltOption = Annotated[
-    float | None,
-    typer.Option(
-        "--max-tilt",
-        metavar="DEG",
-        help="Leave out what is tilted further (default: 25.8 degrees).",
-        show_default=False,
-    ),
-]
-InputOption = Annotated[
-    str,
-    typer.Option(
-        "--input",
-        metavar="CHANNEL",
-        help="Channel, or family such as rotor_command, that drives the vehicle.",
-        show_default=False,
-    ),
-]
-TermOption = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--term",
-        metavar="NAME",
-        help="Add an optional term of the motion to its equation, such as quadratic-drag; several times "
-        "for several.",
-        show_default=False,
-    ),
-]
-RotorRadiusOption = Annotated[
-    float | None,
-    typer.Option(
-        "--rotor-radius",
-        metavar="M",
-        help="Radius of a rotor in metres, such as 0.12: heights over the ground are reported in radii.",
-        show_default=False,
-    ),
-]
-InputMapOption = Annotated[
-    str,
-    typer.Option(
-        "--input-map",
-        metavar="MAP",
-        help="From command to thrust: linear, square, power:EXPONENT, mixed:SHARE; fit finds it out.",
-        show_default=False,
-    ),
-]
-AccelerometerBiasOption = Annotated[
-    float | None,
-    typer.Option(
-        "--accelerometer-bias",
-        metavar="STD",
-        help="Standard deviation of the accelerometer's bias in m/s^2, which --input-map fit rests on "
-        "(default: 0.1; inf when nothing is known of it).",
-        show_default=False,
-    ),
-]
-InstrumentsOption = Annotated[
-    str,
-    typer.Option(
-        "--instruments",
-        metavar="NAMES",
-        help="references, lags, or channels with commas between them.",
-        show_default=False,
-    ),
-]
-LagOption = Annotated[
-    str,
-    typer.Option(
-        "--lag",
-        metavar="MS:STD|LOW..HIGH|none",
-        help="Lag and delay of the actuators together, known from elsewhere: 70:15 is 70 ms with a standard "
-        "deviation of 15 ms, 50..90 is anything between, none is neither lag nor delay.",
-        show_default=False,
-    ),
-]
-LagFromOption = Annotated[
-    str,
-    typer.Option(
-        "--lag-from",
-        metavar="FIT.json",
-        help="Take it from another flight of this vehicle, identified with --json.",
-        show_default=False,
-    ),
-    Reads(),
-]
-PoolFrictionOption = Annotated[
-    str,
-    typer.Option(
-        "--pool-friction",
-        metavar="WAY",
-        help="Of several flights: auto, common (one friction for all) or separate (each its own, and their "
-        "mean). auto takes them as common where they agree.",
-    ),
-]
-NoiseOption = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--noise",
-        metavar="NAME=STD|estimate",
-        help="Measurement noise of a channel, for methods that take it out: velocity_z=0.02, with a unit "
-        "where it is not SI (2cm/s), or a data sheet's velocity_z=density:0.002,bandwidth:50,step:0.01. "
-        "estimate reads all of them off the log. Several times for several channels.",
-        show_default=False,
-    ),
-]
-MapOption = Annotated[
-    str,
-    typer.Option(
-        "--map",
-        metavar="FILE.toml",
-        help="Channel map of a table, a bag or a Crazyflie's log, or the name of a shipped one: "
-        "betaflight_csv, crazyflie_csv, inav_csv, nanobench, rotorpy.",
-        show_default=False,
-    ),
-    Reads(),
-]
+def option(metavar: str, about: str, *names: str, show_default: bool = False) -> Any:
+    """An option with a value; its help shows what to type."""
+    return typer.Option(*names, metavar=metavar, help=about, show_default=show_default)
+
+
+def flag(name: str, about: str) -> Any:
+    """A switch."""
+    return typer.Option(name, metavar="", help=about)
+
+
+def group(name: str, about: str) -> typer.Typer:
+    """A group of commands."""
+    return typer.Typer(name=name, help=about, no_args_is_help=True, add_completion=False)
+
+
+WorkersOption = Annotated[int | None, option("N", "Processes of this computer; default: one for each core.")]
 ModelOption = Annotated[
     str,
-    typer.Option(
-        "--model",
-        metavar="NAME",
-        help="What to identify: vertical, rates, rigid-body, or a motion that another package brings.",
+    option(
+        "NAME",
+        "What to identify: vertical, rates, rigid-body, or a motion that another package brings.",
+        show_default=True,
     ),
 ]
 VehicleOption = Annotated[
     str,
-    typer.Option(
-        "--vehicle",
-        metavar="FILE|NAME",
-        help="What flies, for --model rigid-body: a vehicle file, or a shipped one (eivor vehicle list). The "
+    option(
+        "FILE|NAME",
+        "What flies, for --model rigid-body: a vehicle file, or a shipped one (eivor vehicle list). The "
         "vertical motion takes the radius of its rotors.",
-        show_default=False,
     ),
     Reads(),
 ]
-JsonOption = Annotated[
-    str,
-    typer.Option(
-        "--json",
-        metavar="FILE|-",
-        help="Write JSON; - prints it instead of the table.",
-        show_default=False,
-    ),
-    Writes(),
-]
+JsonOption = Annotated[str, option("FILE|-", "Write JSON; - prints it instead of the table."), Writes()]
+
+
+def with_options(source: Callable[..., Any], *names: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
+    """Give a command, which takes them by ``**given``, options of another function: some, or all."""
+
+    def extended(command: Callable[P, R]) -> Callable[P, R]:
+        known = inspect.signature(source, eval_str=True).parameters
+        taken = [known[name] for name in names or known if known[name].kind is inspect.Parameter.KEYWORD_ONLY]
+        given = {parameter.name for parameter in taken}
+        own = inspect.signature(command, eval_str=True).parameters.values()
+        kept = [item for item in own if item.kind is not item.VAR_KEYWORD and item.name not in given]
+        ordered = sorted([*taken, *kept], key=lambda parameter: parameter.kind)
+        vars(command)["__signature__"] = inspect.Signature(ordered)
+        return command
+
+    return extended
 
 
 # -- Terminal --
-
-#: A step is announced when it takes longer than this [s].
-PATIENCE_S = 1.0
 
 
 def console(*, error: bool = False) -> Console:
@@ -328,27 +204,17 @@ def complain(message: str, *more: str) -> None:
 
 @contextmanager
 def step(what: str) -> Iterator[None]:
-    """Show `what` with a spinner on standard error while it lasts over a second, on terminals only."""
+    """Show `what` with a spinner on standard error while it lasts, on terminals only."""
     if not sys.stderr.isatty():
         yield
         return
     from rich.text import Text
 
-    status = console(error=True).status(Text(f"{printable(what)} ..."))
-    timer = threading.Timer(PATIENCE_S, status.start)
-    timer.daemon = True
-    timer.start()
-    try:
+    with console(error=True).status(Text(f"{printable(what)} ...")):
         yield
-    finally:
-        timer.cancel()
-        timer.join()
-        status.stop()
 
 
 # -- Exit codes --
-
-P = ParamSpec("P")
 
 #: Set to 1 to see the traceback of an unexpected error.
 DEBUG_VARIABLE = "EIVOR_DEBUG"
@@ -407,12 +273,16 @@ def reported(error: EivorError) -> ExitCode:
 # -- Empty options --
 
 
+def _source(context: Any, parameter: Any) -> str:
+    """Where the value of a parameter is from, by the words of click."""
+    return getattr(context.get_parameter_source(parameter.name), "name", "DEFAULT")
+
+
 def refuse_empty_options(context: Any) -> None:
     """Leave with a message where an option that is nothing by default was given as nothing."""
     for option in context.command.params:
         nothing = option.param_type_name == "option" and context.params.get(option.name) == ""
-        source = getattr(context.get_parameter_source(option.name), "name", "DEFAULT")
-        if nothing and source != "DEFAULT" and not option.default:
+        if nothing and _source(context, option) != "DEFAULT" and not option.default:
             name = option.opts[0]
             remedy = f"Give {name} {option.metavar or 'TEXT'}, or leave it out."
             complain(str(UsageError(f"a value for {name}", "an empty text", remedy)))
@@ -433,12 +303,10 @@ def output_file(text: str, *, option: str) -> Path:
     if os.path.isdir(path) or not path.name:  # noqa: PTH112 - that of Path fails for a name that is too long
         raise UsageError(f"a file for {option}", f"the folder '{text}'", "Add a file name.")
     if PACKAGE in Path(os.path.realpath(path)).parents:
-        raise UsageError(
-            f"a file for {option} of your own", f"'{text}', which belongs to Eivor", "Choose another."
-        )
+        expected = f"a file for {option} of your own"
+        raise UsageError(expected, f"'{text}', which belongs to Eivor", "Choose another.")
     try:
-        folder_there = path.parent.is_dir()
-        if folder_there:
+        if path.parent.is_dir():
             check_writable(path)
             return path
         problem = f"whose folder '{path.parent}' does not exist"
@@ -449,16 +317,13 @@ def output_file(text: str, *, option: str) -> Path:
     raise InputError(f"a file for {option} that can be written", f"'{text}', {problem}", "Choose another.")
 
 
-def figure_file(text: str) -> Path:
-    """Path of a figure."""
+def figure_file(text: str) -> Path | None:
+    """Path of a figure; None of none."""
     path = Path(text)
-    if path.suffix.lower() not in FIGURE_FORMATS:
-        raise UsageError(
-            f"a figure that ends in {', '.join(FIGURE_FORMATS)}",
-            f"'{text}'",
-            "The ending chooses the format.",
-        )
-    return path
+    if text and path.suffix.lower() not in FIGURE_FORMATS:
+        expected = f"a figure that ends in {', '.join(FIGURE_FORMATS)}"
+        raise UsageError(expected, f"'{text}'", "The ending chooses the format.")
+    return path if text else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -534,13 +399,12 @@ def declared(context: Any) -> Iterator[tuple[str, Reads | Writes, str]]:
     """Name, declaration and text of every parameter of a command that names files."""
     positions = declarations(context.command)
     for parameter in context.command.params:
-        position = positions.get(parameter.name)
-        given = context.params.get(parameter.name)
-        if isinstance(position, Writes | Reads) and not given and position.default is not None:
-            given = position.default(context.params)
-        for text in given if isinstance(given, list | tuple) else (given,):
-            if position is not None and text:
-                yield _parameter_name(parameter), position, str(text)
+        if parameter.name in positions:
+            position, given = positions[parameter.name], context.params.get(parameter.name)
+            if not given and position.default is not None:
+                given = position.default(context.params)
+            texts = given if isinstance(given, list | tuple) else (given,)
+            yield from ((_parameter_name(parameter), position, str(text)) for text in texts if text)
 
 
 def declarations(command: Any) -> dict[str, Reads | Writes]:
@@ -614,6 +478,18 @@ def deliver(*parts: Callable[[], None]) -> None:
         raise errors[0]
 
 
+def deliver_result(
+    report: Callable[[], RenderableType], document: Callable[[], str], json: str, *files: Callable[[], None]
+) -> None:
+    """Print a report, write a document to the file or stream of --json, then write files; see `deliver`."""
+    parts: list[Callable[[], None]] = []
+    if json != STANDARD_OUTPUT:
+        parts.append(lambda: show(report()))
+    if json:
+        parts.append(lambda: write_out(document(), json))
+    deliver(*parts, *files)
+
+
 # -- Repeated options --
 
 #: Read from the working directory where it is.
@@ -637,7 +513,7 @@ def report_repeated_options(context: Any) -> None:
     used = [
         f"{_option_name(parameter)} {_words(context.params.get(parameter.name))}".rstrip()
         for parameter in context.command.params
-        if getattr(context.get_parameter_source(parameter.name), "name", "") == "DEFAULT_MAP"
+        if _source(context, parameter) == "DEFAULT_MAP"
     ]
     if used:
         complain(f"options of {context.meta[_READ]}: {', '.join(used)}")
@@ -648,12 +524,8 @@ def _of_group(group: Any, table: TomlTable, known: Iterable[str] = ()) -> dict[s
     results = {}
     for name in table.values:
         if name not in names:
-            raise table.wrong(
-                "",
-                f"tables named as commands, {', '.join(names)},",
-                f"[{name}]",
-                did_you_mean(name, names, "Remove it."),
-            )
+            expected = f"tables named as commands, {', '.join(names)},"
+            raise table.wrong("", expected, f"[{name}]", did_you_mean(name, names, "Remove it."))
         part, command = table.section(name), group.commands.get(name)
         if command is not None:
             results[name] = (_of_group if hasattr(command, "commands") else _of_command)(command, part)
@@ -710,10 +582,6 @@ class ReadableCommand(TyperCommand):
             paragraphs = inspect.cleandoc(self.help).split("\n\n")
             self.help = "\n\n".join(" ".join(paragraph.split()) for paragraph in paragraphs)
 
-    def get_params(self, ctx: Any) -> list[Any]:
-        """Parameters as the help shows them."""
-        return _readable(super().get_params(ctx))
-
     def invoke(self, ctx: Any) -> Any:
         """Run the command, after checks of its options and of the files that it writes."""
         report_repeated_options(ctx)
@@ -723,21 +591,3 @@ class ReadableCommand(TyperCommand):
         except EivorError as error:
             raise Exit(int(reported(error))) from None
         return super().invoke(ctx)
-
-
-class ReadableGroup(TyperGroup):
-    """A group of commands whose help shows what to type."""
-
-    def get_params(self, ctx: Any) -> list[Any]:
-        """Parameters as the help shows them."""
-        return _readable(super().get_params(ctx))
-
-
-def _readable(parameters: list[Any]) -> list[Any]:
-    for parameter in parameters:
-        if isinstance(parameter, TyperArgument):
-            # releases that print <list[str]> beside the name ask this; the others never call it
-            parameter.display_type_rich = lambda *_, **__: None  # type: ignore[method-assign]
-        elif isinstance(parameter, TyperOption) and parameter.is_flag and parameter.metavar is None:
-            parameter.metavar = ""
-    return parameters

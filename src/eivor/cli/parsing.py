@@ -10,10 +10,11 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
+from eivor.cli.outputs import Reads, flag, option
 from eivor.errors import EivorError, MissingChannelError, UsageError, did_you_mean
-from eivor.estimation.methods import by_name
+from eivor.estimation.methods import TABLE, by_name
 from eivor.exports.fitted import Supplied, known_number
 from eivor.flights.lag_prior import EFFECTIVE_LAG, NO_LAG
 from eivor.flights.motion import Motion
@@ -58,7 +59,7 @@ def log_argument(text: str) -> LogArgument:
 
 def parse_window(text: str) -> Window:
     """Window of ``START:END`` in seconds; an end left out is that of the log."""
-    start, end = parse_ends(text)
+    start, end = parse_pair(text)
     if not start < end:
         raise UsageError(
             "a window START:END with START before END",
@@ -68,15 +69,16 @@ def parse_window(text: str) -> Window:
     return start, end
 
 
-def parse_ends(text: str) -> Window:
-    """Numbers on both sides of a colon, infinite where one is left out; NaN where there are none."""
-    low_text, colon, high_text = text.partition(":")
+def parse_pair(
+    text: str, separator: str = ":", omitted: tuple[float, float] = (-math.inf, math.inf)
+) -> tuple[float, float]:
+    """Numbers on both sides of a separator, others in place of those left out; NaN where there are none."""
+    texts = text.split(separator, 1)
     try:
-        low = float(low_text) if low_text.strip() else -math.inf
-        high = float(high_text) if high_text.strip() else math.inf
-    except ValueError:
-        colon = ""
-    return (low, high) if colon else (math.nan, math.nan)
+        first, second = (float(part) if part.strip() else omitted[side] for side, part in enumerate(texts))
+    except ValueError:  # also of a text without the separator
+        return math.nan, math.nan
+    return first, second
 
 
 def parse_lag(text: str) -> Prior | Bounds:
@@ -84,11 +86,8 @@ def parse_lag(text: str) -> Prior | Bounds:
     if text.strip().lower() == "none":
         return NO_LAG
     between = ".." in text
-    first_text, _, second_text = text.partition(".." if between else ":")
-    try:
-        first, second = 1e-3 * float(first_text), 1e-3 * float(second_text)
-    except ValueError:
-        first = second = math.nan
+    pair = parse_pair(text, ".." if between else ":", (math.nan, math.nan))
+    first, second = (1e-3 * number for number in pair)
     if between and 0.0 <= first <= second < math.inf:
         return Bounds(first, second)
     if not between and 0.0 < first < math.inf and 0.0 < second < math.inf:
@@ -175,19 +174,14 @@ def identified(
     try:
         return identify_flight(recordings, options, windows=windows, model=motion, progress=progress)
     except MissingChannelError as error:
-        raise MissingChannelError(
-            error.expected, error.received, " ".join((error.remedy, *_advice(recordings, motion)))
-        ) from error
-
-
-def _advice(recordings: list[Recording], motion: Motion[Any]) -> tuple[str, ...]:
-    sentences = [
-        sentence
-        for recording in recordings
-        for channel in missing_channels(recording, motion)
-        for sentence in logging_advice_for(recording, channel)
-    ]
-    return tuple(dict.fromkeys(sentences))
+        advice = [
+            sentence
+            for recording in recordings
+            for channel in missing_channels(recording, motion)
+            for sentence in logging_advice_for(recording, channel)
+        ]
+        remedy = " ".join((error.remedy, *dict.fromkeys(advice)))
+        raise MissingChannelError(error.expected, error.received, remedy) from error
 
 
 # -- Noise --
@@ -210,41 +204,32 @@ def declared_noise(texts: Iterable[str]) -> Mapping[str, Declared] | str | None:
         if len(given) > 1:
             raise UsageError("--noise estimate alone", f"{len(given)} of --noise", "Leave out the others.")
         return ESTIMATE
-    declareds: dict[str, Declared] = {}
-    for text in given:
-        for name, values in _by_name(text).items():
-            if name in declareds:
-                raise UsageError("the noise of a channel once", f"{name} twice", "Leave out one of them.")
-            declareds[name] = _declared(name, values)
-    return declareds
+    return {name: _declared(name, values) for name, values in _by_name(given).items()}
 
 
-def _by_name(text: str) -> dict[str, list[str]]:
+def _by_name(texts: list[str]) -> dict[str, list[str]]:
     """What is said of each channel: ``a=1,b=density:2,step:3`` is one thing of a and two of b."""
     parts: dict[str, list[str]] = {}
-    name = ""
-    for piece in text.split(","):
-        before, equals, value = piece.partition("=")
-        if equals:
-            name = before.strip()
-            if name in parts:
-                raise UsageError("the noise of a channel once", f"{name} twice", "Leave out one of them.")
-        else:
-            value = piece
-        if not name or not value.strip():
-            raise UsageError("a noise NAME=STD", f"'{text}'", _REMEDY)
-        parts.setdefault(name, []).append(value.strip())
+    for text in texts:
+        name = ""
+        for piece in text.split(","):
+            before, equals, value = piece.partition("=")
+            if equals:
+                name = before.strip()
+                if name in parts:
+                    raise UsageError("the noise of a channel once", f"{name} twice", "Leave out one of them.")
+            else:
+                value = piece
+            if not name or not value.strip():
+                raise UsageError("a noise NAME=STD", f"'{text}'", _REMEDY)
+            parts.setdefault(name, []).append(value.strip())
     return parts
 
 
 def _declared(name: str, values: list[str]) -> Declared:
     if len(values) == 1 and ":" not in values[0]:
         return _size(name, values[0], "standard deviation")
-    return _sheet(name, values)
-
-
-def _sheet(name: str, values: list[str]) -> DataSheet:
-    nuisances: dict[str, float] = {}
+    sheet: dict[str, float] = {}
     for value in values:
         word, colon, number = value.partition(":")
         word = word.strip()
@@ -252,16 +237,13 @@ def _sheet(name: str, values: list[str]) -> DataSheet:
             remedy = did_you_mean(word, _SHEET, _REMEDY)
             raise UsageError(f"of the data sheet of {name}: {', '.join(_SHEET)}", f"'{value}'", remedy)
         if word == "bandwidth":
-            nuisances["bandwidth_hz"] = _number(name, number.strip().removesuffix("Hz"), "bandwidth in Hz")[0]
+            sheet["bandwidth_hz"] = _number(name, number.strip().removesuffix("Hz"), "bandwidth in Hz")[0]
         else:
-            nuisances[word] = _size(name, number, word)
-    if not (nuisances.get("density") or nuisances.get("step")):
-        raise UsageError(
-            f"a noise density or a quantisation step above zero of the data sheet of {name}",
-            f"'{','.join(values)}'",
-            _REMEDY,
-        )
-    return DataSheet(**nuisances)
+            sheet[word] = _size(name, number, word)
+    if not (sheet.get("density") or sheet.get("step")):
+        expected = f"a noise density or a quantisation step above zero of the data sheet of {name}"
+        raise UsageError(expected, f"'{','.join(values)}'", _REMEDY)
+    return DataSheet(**sheet)
 
 
 def _number(name: str, text: str, what: str) -> tuple[float, str]:
@@ -283,17 +265,18 @@ def _size(name: str, text: str, what: str) -> float:
     channel = canonical_channel(name)
     si_unit, to_si = UNITS.get(unit, ("", math.nan))
     if math.isnan(to_si) or (channel is not None and not unit_fits(channel, si_unit)):
-        current = channel.unit if channel is not None else ""
-        raise UsageError(
-            f"a {what} of {name} in {current or 'its unit'}"
-            + (", or a unit of that kind" if current else ""),
-            f"'{text}', in {unit}",
-            f"Units are {', '.join(word for word in UNITS if word)}.",
+        known = (
+            f"{channel.unit}, or a unit of that kind" if channel is not None and channel.unit else "its unit"
         )
+        remedy = f"Units are {', '.join(word for word in UNITS if word)}."
+        raise UsageError(f"a {what} of {name} in {known}", f"'{text}', in {unit}", remedy)
     return value * to_si
 
 
 # -- Options of an identification --
+
+#: Default of an option that may be given several times.
+NO_TEXTS: list[str] = []
 
 
 def named_motion(name: str, vehicle: str = "") -> Motion[Any]:
@@ -305,21 +288,82 @@ def named_motion(name: str, vehicle: str = "") -> Motion[Any]:
 def flight_options(
     motion: Motion[Any],
     *,
-    window: str = "",
-    max_tilt: float | None = None,
-    input_channel: str = "",
-    input_map: str = "",
-    accelerometer_bias: float | None = None,
-    instruments: str = "",
-    method: str = "reference_iv",
-    compare: bool = False,
-    lag: str = "",
-    lag_from: str = "",
-    align: bool = False,
-    pool_friction: str = "auto",
-    terms: Sequence[str] = (),
-    rotor_radius: float | None = None,
-    noise: Sequence[str] = (),
+    window: Annotated[
+        str, option("START:END", "Use this window of each log, in seconds from its start.")
+    ] = "",
+    max_tilt: Annotated[
+        float | None, option("DEG", "Leave out what is tilted further (default: 25.8 degrees).")
+    ] = None,
+    input_channel: Annotated[
+        str,
+        option("CHANNEL", "Channel, or family such as rotor_command, that drives the vehicle.", "--input"),
+    ] = "",
+    input_map: Annotated[
+        str,
+        option(
+            "MAP", "From command to thrust: linear, square, power:EXPONENT, mixed:SHARE; fit finds it out."
+        ),
+    ] = "",
+    accelerometer_bias: Annotated[
+        float | None,
+        option(
+            "STD",
+            "Standard deviation of the accelerometer's bias in m/s^2, which --input-map fit rests on "
+            "(default: 0.1; inf when nothing is known of it).",
+        ),
+    ] = None,
+    instruments: Annotated[
+        str, option("NAMES", "references, lags, or channels with commas between them.")
+    ] = "",
+    method: Annotated[str, option("NAME", f"{', '.join(TABLE)}.", show_default=True)] = "reference_iv",
+    compare: Annotated[bool, flag("--compare", "List every method side by side.")] = False,
+    lag: Annotated[
+        str,
+        option(
+            "MS:STD|LOW..HIGH|none",
+            "Lag and delay of the actuators together, known from elsewhere: 70:15 is 70 ms with a standard "
+            "deviation of 15 ms, 50..90 is anything between, none is neither lag nor delay.",
+        ),
+    ] = "",
+    lag_from: Annotated[
+        str,
+        option("FIT.json", "Take it from another flight of this vehicle, identified with --json."),
+        Reads(),
+    ] = "",
+    align: Annotated[bool, flag("--align", "Take offset and scale out of sensors that disagree.")] = False,
+    pool_friction: Annotated[
+        str,
+        option(
+            "WAY",
+            "Of several flights: auto, common (one friction for all) or separate (each its own, and their "
+            "mean). auto takes them as common where they agree.",
+            show_default=True,
+        ),
+    ] = "auto",
+    terms: Annotated[
+        list[str],
+        option(
+            "NAME",
+            "Add an optional term of the motion to its equation, such as quadratic-drag; several times "
+            "for several.",
+            "--term",
+        ),
+    ] = NO_TEXTS,
+    rotor_radius: Annotated[
+        float | None,
+        option(
+            "M", "Radius of a rotor in metres, such as 0.12: heights over the ground are reported in radii."
+        ),
+    ] = None,
+    noise: Annotated[
+        list[str],
+        option(
+            "NAME=STD|estimate",
+            "Measurement noise of a channel, for methods that take it out: velocity_z=0.02, with a unit "
+            "where it is not SI (2cm/s), or a data sheet's velocity_z=density:0.002,bandwidth:50,step:0.01. "
+            "estimate reads all of them off the log. Several times for several channels.",
+        ),
+    ] = NO_TEXTS,
 ) -> FlightOptions:
     """Options of the library, checked before any log is read."""
     chosen = by_name(method)
@@ -392,11 +436,10 @@ def check_mission(qgc: str, home: str, shape: str) -> None:
 
 def position_of(text: str) -> Location:
     """Place of ``LAT,LON`` [deg]."""
-    latitude, comma, longitude = text.partition(",")
-    try:
-        return float(latitude), float(longitude if comma else "")
-    except ValueError:
-        raise UsageError("--home LAT,LON in degrees", f"'{text}'", "Such as 47.3977,8.5456.") from None
+    place = parse_pair(text, ",", (math.nan, math.nan))
+    if any(map(math.isnan, place)):
+        raise UsageError("--home LAT,LON in degrees", f"'{text}'", "Such as 47.3977,8.5456.")
+    return place
 
 
 def flight_limits(
@@ -407,7 +450,7 @@ def flight_limits(
     time: float = 60.0,
 ) -> FlightLimits:
     """Limits of a planned flight, with heights as ``LOW:HIGH`` [m]."""
-    low, high = parse_ends(height)
+    low, high = parse_pair(height)
     if not -math.inf < low < high < math.inf:
         expected = "--height LOW:HIGH with both ends, LOW below HIGH"
         raise UsageError(expected, f"'{height}'", "Such as 3:8, in metres above the place of take-off.")
@@ -432,11 +475,7 @@ def supplied(mass: str, priors: Sequence[str], vehicle: str) -> Supplied:
 
 def _known(text: str, option: str) -> KnownNumber:
     """Number of ``VALUE`` or ``VALUE:STD``."""
-    value_text, colon, std_text = text.partition(":")
-    try:
-        value, std = float(value_text), float(std_text) if colon else 0.0
-    except ValueError:
-        value = std = math.nan
-    if not math.isfinite(value):
+    value, std = parse_pair(text if ":" in text else f"{text}:0", omitted=(math.nan, math.nan))
+    if math.isnan(std) or not math.isfinite(value):
         raise UsageError(f"VALUE or VALUE:STD for {option}", f"'{text}'", "Give 1.53:0.02, for example.")
     return known_number(value, std)

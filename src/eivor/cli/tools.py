@@ -5,36 +5,39 @@ from __future__ import annotations
 import io
 import os
 import tomllib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import partial
 from importlib import resources
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from eivor.atomic_file import write_atomically
-from eivor.cli import outputs
-from eivor.cli.identify import chosen_logs
+from eivor.cli.identify import read_logs, result_of
 from eivor.cli.outputs import (
     STANDARD_OUTPUT,
     ExitCode,
+    JsonOption,
     ReadableCommand,
-    ReadableGroup,
     Reads,
     Writes,
     complain,
-    deliver,
+    deliver_result,
+    group,
     guarded,
+    option,
     show,
     step,
+    with_options,
     write,
     write_out,
     writing,
 )
 from eivor.cli.parsing import (
+    NO_TEXTS,
     check_mission,
     flight_limits,
     flight_options,
@@ -43,8 +46,7 @@ from eivor.cli.parsing import (
     supplied,
 )
 from eivor.errors import CorruptLogError, InputError, NotIdentifiedError, UsageError
-from eivor.exports.fitted import Exported, Supplied
-from eivor.motions import DEFAULT as DEFAULT_MODEL
+from eivor.exports.fitted import Supplied
 from eivor.motions.rigid_body.vehicle import (
     ENDING,
     load_vehicle,
@@ -52,11 +54,9 @@ from eivor.motions.rigid_body.vehicle import (
     vehicle_template,
     vehicle_text,
 )
-from eivor.planning.plan import WRITTEN, FlightPlan
+from eivor.planning.plan import WRITTEN
 from eivor.planning.vehicle import VehicleGuess, read_vehicle, rough_vehicle
 from eivor.report.inspection import (
-    Inspection,
-    PooledInspection,
     inspection_document,
     pooled_documents,
     pooled_inspection,
@@ -95,18 +95,18 @@ class PublicLog:
 def public_logs() -> Mapping[str, PublicLog]:
     """Every public log by name, in the order of the registry."""
     text = resources.files("eivor.data").joinpath(REGISTRY).read_text(encoding="utf-8")
-    registry = tomllib.loads(text)
-    return {
-        entry["name"]: PublicLog(
+    logs = [
+        PublicLog(
             entry["name"],
             f"{source['base']}/{entry['file']}",
             entry["sha256"],
             entry["about"],
             source["licence"],
         )
-        for source in registry["source"]
+        for source in tomllib.loads(text)["source"]
         for entry in source["log"]
-    }
+    ]
+    return {log.name: log for log in logs}
 
 
 def cache_folder() -> Path:
@@ -167,28 +167,29 @@ def _cause(error: OSError) -> str:
     return error.strerror or str(error)
 
 
-example_app = typer.Typer(
-    name="example",
-    help="The example flight that comes with Eivor, and public real logs to try it on.",
-    no_args_is_help=True,
-    add_completion=False,
-    cls=ReadableGroup,
-)
+example_app = group("example", "The example flight that comes with Eivor, and public real logs to try it on.")
+NO_FAILURE = "[bold]Exit codes[/bold]: 0 done; 2 wrong usage."
 
 
-@example_app.command("list", cls=ReadableCommand, epilog="[bold]Exit codes[/bold]: 0 done; 2 wrong usage.")
-@guarded
-def list_logs() -> ExitCode:
-    """List the public real logs that can be fetched."""
+def show_table(titles: Iterable[str], rows: Iterable[tuple[str, ...]]) -> None:
+    """Print a table; the first column is a name."""
     from rich.table import Table
     from rich.text import Text
 
     table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="dim")
-    for title in ("name", "what it is", "licence"):
+    for title in titles:
         table.add_column(title, overflow="fold")
-    for log in public_logs().values():
-        table.add_row(Text(log.name, style="bold"), Text(log.about), Text(log.licence))
+    for name, *more in rows:
+        table.add_row(Text(name, style="bold"), *map(Text, more))
     show(table)
+
+
+@example_app.command("list", cls=ReadableCommand, epilog=NO_FAILURE)
+@guarded
+def list_logs() -> ExitCode:
+    """List the public real logs that can be fetched."""
+    logs = public_logs().values()
+    show_table(("name", "what it is", "licence"), ((log.name, log.about, log.licence) for log in logs))
     return ExitCode.IDENTIFIED
 
 
@@ -216,7 +217,7 @@ def fetch(
     return ExitCode.IDENTIFIED
 
 
-@example_app.command(cls=ReadableCommand, epilog="[bold]Exit codes[/bold]: 0 done; 2 wrong usage.")
+@example_app.command(cls=ReadableCommand, epilog=NO_FAILURE)
 @guarded
 def path() -> ExitCode:
     """Print where the bundled example flight is."""
@@ -253,62 +254,51 @@ def export(
         Reads(),
     ],
     *,
-    to: Annotated[
-        str,
-        typer.Option("--to", metavar="TARGET", help="What for: see Targets below.", show_default=False),
-    ] = "",
+    to: Annotated[str, option("TARGET", "What for: see Targets below.")] = "",
     draws: Annotated[
         int | None,
-        typer.Option(
-            "--draws",
-            metavar="N",
-            help="N joint draws of the identified parameters: without --to as Parquet, else as the "
+        option(
+            "N",
+            "N joint draws of the identified parameters: without --to as Parquet, else as the "
             "simulator's randomisation (rotorpy, mujoco, isaaclab).",
-            show_default=False,
         ),
     ] = None,
-    seed: Annotated[int, typer.Option("--seed", metavar="SEED", help="Of the draws.")] = 0,
+    seed: Annotated[int, option("SEED", "Of the draws.", show_default=True)] = 0,
     delays: Annotated[
         Delays,
-        typer.Option(
-            "--delays",
-            metavar="best|all",
-            help="Of a table of draws: at the delay that fits best, or at all that fit, drawn too.",
+        option(
+            "best|all",
+            "Of a table of draws: at the delay that fits best, or at all that fit, drawn too.",
+            show_default=True,
         ),
     ] = Delays.BEST,
     mass: Annotated[
         str,
-        typer.Option(
-            "--mass",
-            metavar="KG[:STD]",
-            help="Mass with all on board and its standard deviation, such as 1.53:0.02; for simulators and "
+        option(
+            "KG[:STD]",
+            "Mass with all on board and its standard deviation, such as 1.53:0.02; for simulators and "
             "draws. Without it that of the vehicle.",
-            show_default=False,
         ),
     ] = "",
     prior: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--prior",
-            metavar="NAME=VALUE[:STD]",
-            help="What is known of a quantity that the flight does not identify; several times for several.",
-            show_default=False,
+        list[str],
+        option(
+            "NAME=VALUE[:STD]",
+            "What is known of a quantity that the flight does not identify; several times for several.",
         ),
-    ] = None,
+    ] = NO_TEXTS,
     vehicle: Annotated[
         str,
-        typer.Option(
-            "--vehicle",
-            metavar="FILE.toml",
-            help="Where the rotors are, for simulators: a vehicle file, or the name of a shipped one. "
+        option(
+            "FILE.toml",
+            "Where the rotors are, for simulators: a vehicle file, or the name of a shipped one. "
             "Without it that of the result, when it has one.",
-            show_default=False,
         ),
         Reads(),
     ] = "",
     output: Annotated[
         str,
-        typer.Option("-o", "--output", metavar="FILE", help="Where to; without it on standard output."),
+        option("FILE", "Where to; without it on standard output.", "-o", "--output", show_default=True),
         Writes(),
     ] = STANDARD_OUTPUT,
 ) -> ExitCode:
@@ -321,39 +311,36 @@ def export(
             f"--to {to}",
             "Simulators have no delay: their draws are at the one that fits best.",
         )
-    given = supplied(mass, prior or [], vehicle)
+    given = supplied(mass, prior, vehicle)
     if not to and output == STANDARD_OUTPUT:
         raise UsageError("a file for the draws", "standard output", "Add -o draws.parquet.")
     result = load_fit(fit)
     try:
         if draws is None or to:
-            return _export(result.exported(to, given, draws, seed), output)
-        return _draw_vehicles(result, draws, seed, given, Path(output), delays)
+            made = result.exported(to, given, draws, seed)
+            write_out(made.text, output)
+            omitted = made.omitted
+        else:
+            omitted = _draw_vehicles(result, draws, seed, given, Path(output), delays)
     except NotIdentifiedError as error:
-        complain(str(error))
-        return ExitCode.NOT_IDENTIFIED
-
-
-def _export(made: Exported, output: str) -> ExitCode:
-    write_out(made.text, output)
-    if made.omitted:
-        complain(*made.omitted)
-    return ExitCode.NOT_IDENTIFIED if made.omitted else ExitCode.IDENTIFIED
+        omitted = (str(error),)
+    if omitted:
+        complain(*omitted)
+    return ExitCode.NOT_IDENTIFIED if omitted else ExitCode.IDENTIFIED
 
 
 def _draw_vehicles(
     result: SavedFit, count: int, seed: int, supplied: Supplied, path: Path, delays: Delays
-) -> ExitCode:
+) -> tuple[str, ...]:
+    """Write a table of draws, and say what is not in it."""
     replace(supplied, mass=None).check_only((), "draws of a table", body=False)
     table = draws_table(result, count, seed, supplied.mass, delays=delays.value)
     buffer = io.BytesIO()
     table.write_parquet(buffer)
     with writing(path):
         write_atomically(path, buffer.getvalue())
-    names_kept = [name for name in result.names if name not in table.columns]
-    if names_kept:
-        complain(f"Not identified, hence no column: {', '.join(names_kept)}.")
-    return ExitCode.NOT_IDENTIFIED if names_kept else ExitCode.IDENTIFIED
+    absent = [name for name in result.names if name not in table.columns]
+    return (f"Not identified, hence no column: {', '.join(absent)}.",) if absent else ()
 
 
 # -- Inspect --
@@ -365,51 +352,34 @@ INSPECT_EXIT_CODES = (
 
 
 @guarded
+@with_options(
+    result_of,
+    *("logs", "example", "window", "max_tilt", "input_channel", "input_map"),
+    *("model", "vehicle", "channel_map"),
+)
 def inspect(
-    logs: outputs.LogsArgument = None,
     *,
-    example: outputs.ExampleOption = False,
-    window: outputs.WindowOption = "",
-    max_tilt: outputs.MaxTiltOption = None,
-    input_channel: outputs.InputOption = "",
-    input_map: outputs.InputMapOption = "",
-    model: outputs.ModelOption = DEFAULT_MODEL,
-    vehicle: outputs.VehicleOption = "",
-    channel_map: outputs.MapOption = "",
-    json: outputs.JsonOption = "",
+    json: JsonOption = "",
+    logs: list[str] | None,
+    example: bool,
+    model: str,
+    vehicle: str,
+    channel_map: str,
+    **given: Any,
 ) -> ExitCode:
     """List what logs hold: channels, flight, references; and what identify would say, of each and of all."""
     motion = named_motion(model, vehicle)
-    chosen = chosen_logs(logs, example=example, channel_map=channel_map)
-    options = flight_options(
-        motion, window=window, max_tilt=max_tilt, input_channel=input_channel, input_map=input_map
+    options = flight_options(motion, **given)
+    recordings, windows = read_logs(logs, options, example=example, channel_map=channel_map)
+    with step(f"Inspecting {', '.join(recording.name for recording in recordings)}"):
+        pooled = pooled_inspection(recordings, options, windows, motion)
+    alone = pooled.logs[0] if len(recordings) == 1 else None
+    deliver_result(
+        lambda: on_terminal(*([inspection_document(alone)] if alone else pooled_documents(pooled))),
+        lambda: json_text(inspection_json(alone) if alone else pooled_json(pooled)),
+        json,
     )
-    recordings, windows = chosen.read(options)
-
-    names = ", ".join(recording.name for recording in recordings)
-    with step(f"Inspecting {names}"):
-        inspection = pooled_inspection(recordings, options, windows, motion)
-    deliver(*_inspection_deliveries(inspection if len(recordings) > 1 else inspection.logs[0], json))
     return ExitCode.IDENTIFIED
-
-
-def _inspection_deliveries(result: Inspection | PooledInspection, json: str) -> Iterator[Callable[[], None]]:
-    if json != STANDARD_OUTPUT:
-        yield partial(_print_inspection, result)
-    if json:
-        yield partial(_write_inspection_json, result, json)
-
-
-def _print_inspection(result: Inspection | PooledInspection) -> None:
-    if isinstance(result, PooledInspection):
-        show(on_terminal(*pooled_documents(result)))
-    else:
-        show(on_terminal(inspection_document(result)))
-
-
-def _write_inspection_json(result: Inspection | PooledInspection, position: str) -> None:
-    document = pooled_json(result) if isinstance(result, PooledInspection) else inspection_json(result)
-    write_out(json_text(document), position)
 
 
 # -- Plan --
@@ -433,92 +403,50 @@ def plan(
             "numbers. Without it the options below.",
             show_default=False,
         ),
-        outputs.Reads(),
+        Reads(),
     ] = "",
     *,
     for_what: Annotated[
-        str,
-        typer.Option(
-            "--for",
-            metavar="NAME",
-            help="friction, gain or lag (default: what the result could not identify).",
-            show_default=False,
-        ),
+        str, option("NAME", "friction, gain or lag (default: what the result could not identify).", "--for")
     ] = "",
-    hover: Annotated[
-        float | None,
-        typer.Option(metavar="SHARE", help="Input at hover, of full input (0.5).", show_default=False),
-    ] = None,
-    friction: Annotated[
-        float | None, typer.Option(metavar="1/S", help="A guess of the friction (0.3).", show_default=False)
-    ] = None,
-    lag: Annotated[
-        float | None,
-        typer.Option(metavar="MS", help="A guess of lag and delay together (50).", show_default=False),
-    ] = None,
-    gusts: Annotated[
-        float | None,
-        typer.Option(metavar="M/S", help="Vertical gusts, standard deviation (0.3).", show_default=False),
-    ] = None,
-    height: Annotated[str, typer.Option(metavar="LOW:HIGH", help="Heights above take-off [m].")] = "3:8",
-    speed: Annotated[float, typer.Option(metavar="M/S", help="Largest climb and sink rate.")] = 2.0,
+    hover: Annotated[float | None, option("SHARE", "Input at hover, of full input (0.5).")] = None,
+    friction: Annotated[float | None, option("1/S", "A guess of the friction (0.3).")] = None,
+    lag: Annotated[float | None, option("MS", "A guess of lag and delay together (50).")] = None,
+    gusts: Annotated[float | None, option("M/S", "Vertical gusts, standard deviation (0.3).")] = None,
+    height: Annotated[str, option("LOW:HIGH", "Heights above take-off [m].", show_default=True)] = "3:8",
+    speed: Annotated[float, option("M/S", "Largest climb and sink rate.", show_default=True)] = 2.0,
     acceleration: Annotated[
-        float, typer.Option(metavar="M/S2", help="Largest acceleration of the setpoint.")
+        float, option("M/S2", "Largest acceleration of the setpoint.", show_default=True)
     ] = 3.0,
-    tilt: Annotated[float, typer.Option(metavar="DEG", help="Tilt beyond which the flight ends.")] = 20.0,
-    time: Annotated[float, typer.Option(metavar="S", help="Length of the flight.")] = 60.0,
-    shape: Annotated[
-        str,
-        typer.Option(
-            metavar="KIND", help="multisine or steps (default: the better one).", show_default=False
-        ),
-    ] = "",
-    seed: Annotated[int, typer.Option(metavar="N", help="Of phases, step heights and wind.")] = 0,
-    csv: Annotated[
-        str,
-        typer.Option("--csv", metavar="FILE", help="Write the setpoints as a table.", show_default=False),
-        outputs.Writes(),
-    ] = "",
-    mavsdk: Annotated[
-        str,
-        typer.Option(
-            "--mavsdk", metavar="FILE.py", help="Write a MAVSDK program that flies it.", show_default=False
-        ),
-        outputs.Writes(),
-    ] = "",
-    qgc: Annotated[
-        str,
-        typer.Option(
-            "--qgc", metavar="FILE.plan", help="Write a QGroundControl plan; steps only.", show_default=False
-        ),
-        outputs.Writes(),
-    ] = "",
-    home: Annotated[
-        str,
-        typer.Option(metavar="LAT,LON", help="Place of the QGroundControl plan [deg].", show_default=False),
-    ] = "",
-    rotorpy: Annotated[
-        str,
-        typer.Option(
-            "--rotorpy", metavar="FILE.py", help="Write a trajectory of RotorPy.", show_default=False
-        ),
-        outputs.Writes(),
-    ] = "",
-    json: outputs.JsonOption = "",
+    tilt: Annotated[float, option("DEG", "Tilt beyond which the flight ends.", show_default=True)] = 20.0,
+    time: Annotated[float, option("S", "Length of the flight.", show_default=True)] = 60.0,
+    shape: Annotated[str, option("KIND", "multisine or steps (default: the better one).")] = "",
+    seed: Annotated[int, option("N", "Of phases, step heights and wind.", show_default=True)] = 0,
+    csv: Annotated[str, option("FILE", "Write the setpoints as a table."), Writes()] = "",
+    mavsdk: Annotated[str, option("FILE.py", "Write a MAVSDK program that flies it."), Writes()] = "",
+    qgc: Annotated[str, option("FILE.plan", "Write a QGroundControl plan; steps only."), Writes()] = "",
+    home: Annotated[str, option("LAT,LON", "Place of the QGroundControl plan [deg].")] = "",
+    rotorpy: Annotated[str, option("FILE.py", "Write a trajectory of RotorPy."), Writes()] = "",
+    json: JsonOption = "",
 ) -> ExitCode:
     """Plan the flight that would identify what another one could not, and say how well it will."""
     rough = {"hover": hover, "friction": friction, "lag": lag, "gusts": gusts}
-    files = {"--csv": csv, "--mavsdk": mavsdk, "--qgc": qgc, "--rotorpy": rotorpy}
+    files = {"csv": csv, "mavsdk": mavsdk, "qgc": qgc, "rotorpy": rotorpy}
     check_mission(qgc, home, shape)
-    outputs = {option: Path(text) for option, text in files.items() if text}
     limits = flight_limits(height, speed, acceleration, tilt, time)
     vehicle = _vehicle(source, rough)
     with step("Planning"):
         made = planned(
             vehicle, target=for_what, limits=limits, shape=shape or ("steps" if qgc else ""), seed=seed
         )
-    texts = _texts(made, outputs, home)
-    deliver(*_plan_deliveries(made, json, texts))
+    position = position_of(home) if home else None
+    texts = {files[name]: WRITTEN[name].text(made, position) for name in WRITTEN if files.get(name)}
+    deliver_result(
+        lambda: on_terminal(plan_document(made)),
+        lambda: json_text(plan_json(made)),
+        json,
+        *(partial(write_out, text, path) for path, text in texts.items()),
+    )
     if not made.is_informative:
         complain(
             "the planned flight is not identified in most of its simulations",
@@ -541,39 +469,9 @@ def _vehicle(source: str, rough: dict[str, float | None]) -> VehicleGuess | Path
     return Path(source) if source else rough_vehicle(**given)
 
 
-def _texts(made: FlightPlan, outputs: dict[str, Path], home: str) -> dict[Path, str]:
-    """Text of every file that was requested."""
-    position = position_of(home) if home else None
-    written = {name: outputs[f"--{name}"] for name in WRITTEN if f"--{name}" in outputs}
-    return {path: WRITTEN[name].text(made, position) for name, path in written.items()}
-
-
-def _plan_deliveries(made: FlightPlan, json: str, texts: dict[Path, str]) -> Iterator[Callable[[], None]]:
-    if json != STANDARD_OUTPUT:
-        yield partial(_print_plan, made)
-    if json:
-        yield partial(_write_plan_json, made, json)
-    for path, text in texts.items():
-        yield partial(write_out, text, str(path))
-
-
-def _print_plan(made: FlightPlan) -> None:
-    show(on_terminal(plan_document(made)))
-
-
-def _write_plan_json(made: FlightPlan, position: str) -> None:
-    write_out(json_text(plan_json(made)), position)
-
-
 # -- Vehicle --
 
-vehicle_app = typer.Typer(
-    name="vehicle",
-    help="Vehicle files: what is known of a vehicle before its flight is identified.",
-    no_args_is_help=True,
-    add_completion=False,
-    cls=ReadableGroup,
-)
+vehicle_app = group("vehicle", "Vehicle files: what is known of a vehicle before its flight is identified.")
 
 
 @vehicle_app.command(
@@ -606,19 +504,11 @@ def new(
     return ExitCode.IDENTIFIED
 
 
-@vehicle_app.command("list", cls=ReadableCommand, epilog="[bold]Exit codes[/bold]: 0 done; 2 wrong usage.")
+@vehicle_app.command("list", cls=ReadableCommand, epilog=NO_FAILURE)
 @guarded
 def list_vehicles() -> ExitCode:
     """List the vehicles that come with Eivor."""
-    from rich.table import Table
-    from rich.text import Text
-
-    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="dim")
-    for title in ("name", "what it is"):
-        table.add_column(title, overflow="fold")
-    for name in shipped_vehicles():
-        table.add_row(Text(name, style="bold"), Text(load_vehicle(name).name))
-    show(table)
+    show_table(("name", "what it is"), ((name, load_vehicle(name).name) for name in shipped_vehicles()))
     return ExitCode.IDENTIFIED
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from eivor.fleet.fleet import Fleet, open
+from eivor.fleet.table import Fleet, open
 
 __all__ = ["Fleet", "open"]
 

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,11 +19,10 @@ from eivor.fleet.change_points import (
     BestSteps,
     Drifts,
     Ordered,
-    OutlierTest,
     SharedSlopes,
-    after_step,
     deviation_p_values,
     drifts,
+    outlier_test,
     shared_slopes,
     steps,
 )
@@ -76,41 +75,27 @@ NO_RESULT, NO_NUMBER, NO_REFERENCE, NOT_EXCITED, NOT_POSITIVE = (
     f"too little excitation: a first-stage F below {STRONG_FIRST_STAGE:.0f}",
     "not positive",
 )
-#: What a share is above that is left out.
-NOT_BELOW = "not below {:g}, the largest share"
 
 
 def across_of(motion: Motion[Any], further: Sequence[str] = ()) -> tuple[AcrossFlights, ...]:
     """What a motion compares over flights; its headline as it is where it says nothing."""
     quantities = motion.across or tuple(AcrossFlights(name, told_by=(name,)) for name in motion.headline)
-    return tuple(
-        replace(
-            quantity,
-            covariates=(
-                *quantity.covariates,
-                *(Covariate(name) for name in further if not _goes(quantity, name)),
-            ),
-        )
-        for quantity in quantities
-    )
+    return tuple(_with_covariates(quantity, further) for quantity in quantities)
 
 
-def _goes(across: AcrossFlights, name: str) -> bool:
-    return any(covariate.name == name for covariate in across.covariates)
+def _with_covariates(across: AcrossFlights, names: Sequence[str]) -> AcrossFlights:
+    known = {covariate.name for covariate in across.covariates}
+    more = tuple(Covariate(name) for name in names if name not in known)
+    return replace(across, covariates=(*across.covariates, *more))
 
 
 def wanted_columns(across: Sequence[AcrossFlights]) -> list[str]:
     """Columns of a fleet's table that its report reads."""
-    numbers = [
-        f"{item.name}.{part}" for item in across for part in ("value", "std_error", "low", "high", "verdict")
-    ]
-    texts = [f"{DIAGNOSTIC}first_stage_F_{name}" for item in across for name in item.told_by]
-    about = ["sha256", "name", "motion", *VEHICLE, "start", "duration_s", "verdict"]
-    return list(
-        dict.fromkeys(
-            [*about, *numbers, *texts, *(with_.name for item in across for with_ in item.covariates)]
-        )
-    )
+    columns = ["sha256", "name", "motion", *VEHICLE, "start", "duration_s", "verdict"]
+    columns += [f"{item.name}.{part}" for item in across for part in (*NUMBERS, VERDICT)]
+    columns += [f"{DIAGNOSTIC}first_stage_F_{name}" for item in across for name in item.told_by]
+    columns += [covariate.name for item in across for covariate in item.covariates]
+    return list(dict.fromkeys(columns))
 
 
 def in_order(table: pl.DataFrame) -> pl.DataFrame:
@@ -138,25 +123,16 @@ def omission_reason(across: AcrossFlights, columns: Sequence[str]) -> pl.Expr:
     """Why a row does not say anything of a quantity; null where it does."""
     value, error = pl.col(f"{across.name}.value"), _error(across)
     texts = [f"{DIAGNOSTIC}first_stage_F_{name}" for name in across.told_by]
-    weak = pl.any_horizontal(
-        [pl.lit(False), *(pl.col(name) < STRONG_FIRST_STAGE for name in texts if name in columns)]
+    weak = [pl.col(name) < STRONG_FIRST_STAGE for name in texts if name in columns]
+    reasons = (
+        (pl.col("verdict") == FAILED, NO_RESULT),
+        (value.is_null() | error.is_null() | (error <= 0.0), NO_NUMBER),
+        (pl.col(f"{across.name}.verdict").cast(pl.String) == Status.PROVISIONAL.value, NO_REFERENCE),
+        (pl.any_horizontal(pl.lit(False), *weak), NOT_EXCITED),
+        ((value <= 0.0) & across.logarithm, NOT_POSITIVE),
+        (pl.col(SHARE) & (value >= across.largest), f"not below {across.largest:g}, the largest share"),
     )
-    provisional = pl.col(f"{across.name}.verdict").cast(pl.String) == Status.PROVISIONAL.value
-    return (
-        pl.when(pl.col("verdict") == FAILED)
-        .then(pl.lit(NO_RESULT))
-        .when(value.is_null() | error.is_null() | (error <= 0.0))
-        .then(pl.lit(NO_NUMBER))
-        .when(provisional)
-        .then(pl.lit(NO_REFERENCE))
-        .when(weak)
-        .then(pl.lit(NOT_EXCITED))
-        .when((value <= 0.0) & across.logarithm)
-        .then(pl.lit(NOT_POSITIVE))
-        .when(pl.col(SHARE) & (value >= across.largest))
-        .then(pl.lit(NOT_BELOW.format(across.largest)))
-        .otherwise(None)
-    )
+    return pl.coalesce(pl.when(condition).then(pl.lit(reason)) for condition, reason in reasons)
 
 
 def is_share(across: AcrossFlights) -> pl.Expr:
@@ -203,6 +179,13 @@ def _error(across: AcrossFlights) -> pl.Expr:
     return pl.coalesce(pl.col(f"{across.name}.std_error"), half / normal_quantile(0.95))
 
 
+def _arrays(
+    rows: pl.DataFrame, expressions: tuple[pl.Expr, pl.Expr]
+) -> tuple[Float[np.ndarray, " rows"], Float[np.ndarray, " rows"]]:
+    first, second = (rows.select(item).to_series().to_numpy() for item in expressions)
+    return first, second
+
+
 def groups_of(rows: pl.DataFrame, *by: str) -> tuple[pl.DataFrame, Groups]:
     """Groups of rows that stand together already, with what they go by."""
     begins = [pl.col(name).ne_missing(pl.col(name).shift()) for name in by]
@@ -228,98 +211,6 @@ ROUNDING = 1e-9
 STEADY, DRIFTS, STEPS = "steady", "drifts", "steps"
 
 
-@dataclass(frozen=True)
-class Corrected:
-    """Estimates of a quantity without what covariates explain."""
-
-    ordered: Ordered
-    vehicles: Groups
-    sets: pl.Series
-    used: tuple[Covariate, ...]  # Covariates, in the order of the slopes
-    slopes: SharedSlopes
-
-
-def corrected(rows: pl.DataFrame, across: AcrossFlights) -> Corrected:
-    """Estimates without what covariates explain, at the mean conditions of their type."""
-    about, groups = groups_of(rows, *VEHICLE, TOGETHER)
-    sets, vehicles = groups_of(about, "type", TOGETHER)
-    y, v = (rows.select(item).to_series().to_numpy() for item in compared(across))
-    used = tuple(covariate for covariate in across.covariates if _is_known(rows, covariate.name))
-    x = (
-        rows.select(_about_the_type(item.name).alias(item.name) for item in used)
-        .to_numpy()
-        .T.reshape(len(used), rows.height)
-        .astype(float)
-    )
-    if not across.logarithm:
-        x *= _of_type(groups, vehicles, y, v)
-    to_numpy = rows["hours"].to_numpy()
-    given = _Given(groups, vehicles, y, v, to_numpy, x, used)
-    result, slopes, between = given.without(given.errors(y), given.between(y, v), to_numpy[None, :])
-    if used:  # again, beside the step that is seen now
-        result, slopes, _ = given.without(result.errors, between, np.stack([to_numpy, after_step(result)]))
-    return Corrected(result, vehicles, sets[TOGETHER], used, slopes)
-
-
-@dataclass(frozen=True)
-class _Given:
-    """Estimates as they are, with covariates about their type's mean."""
-
-    groups: Groups
-    vehicles: Groups
-    y: Float[np.ndarray, " rows"]
-    v: Float[np.ndarray, " rows"]
-    times: Float[np.ndarray, " rows"]
-    x: Float[np.ndarray, "p rows"]
-    used: tuple[Covariate, ...]
-
-    def without(
-        self,
-        errors: Float[np.ndarray, " rows"],
-        between: Float[np.ndarray, " groups"],
-        trends: Float[np.ndarray, "c rows"],
-    ) -> tuple[Ordered, SharedSlopes, Float[np.ndarray, " groups"]]:
-        """Estimates without covariates, by the errors and the variance between that were found before."""
-        slopes = shared_slopes(
-            self.groups,
-            self.vehicles,
-            self.y,
-            weights_of(self.groups, errors, between),
-            trends,
-            self.x,
-            np.array([item.slope for item in self.used]),
-            np.array([item.uncertainty for item in self.used]),
-        )
-        of_rows = np.repeat(np.repeat(slopes.values, self.vehicles.sizes, axis=0), self.groups.sizes, axis=0)
-        level = self.y - np.einsum("pr,rp->r", self.x, of_rows)
-        covariance = np.repeat(slopes.covariance, self.vehicles.sizes, axis=0)
-        errors = self.errors(level) if self.used else errors
-        between = self.between(level, errors, between)
-        weights, current = (weights_of(self.groups, item, between) for item in (errors, self.v))
-        return (
-            Ordered(self.groups, level, errors, weights, current, self.times, self.x, covariance),
-            slopes,
-            between,
-        )
-
-    def between(
-        self,
-        level: Float[np.ndarray, " rows"],
-        errors: Float[np.ndarray, " rows"],
-        near: Float[np.ndarray, " groups"] | None = None,
-    ) -> Float[np.ndarray, " groups"]:
-        """Variance between flights, common to a type."""
-        return paule_mandel(self.groups, level, errors, together=self.vehicles, near=near)
-
-    def errors(self, level: Float[np.ndarray, " rows"]) -> Float[np.ndarray, " rows"]:
-        """Variances of the estimates, those of isolated ones as large as they are far off."""
-        return self.v + self._isolation.added(level)
-
-    @cached_property
-    def _isolation(self) -> OutlierTest:
-        return OutlierTest(self.groups, self.vehicles, self.v)
-
-
 def _of_type(
     groups: Groups, vehicles: Groups, y: Float[np.ndarray, " rows"], v: Float[np.ndarray, " rows"]
 ) -> Float[np.ndarray, " rows"]:
@@ -343,13 +234,21 @@ def _about_the_type(name: str) -> pl.Expr:
 
 @dataclass(frozen=True)
 class FleetTrend:
-    """What changes in one quantity."""
+    """What changes in one quantity, besides what covariates explain."""
 
     about: pl.DataFrame  # `type` and `vehicle` of each group
-    ordered: Ordered
+    ordered: Ordered  # estimates at the mean conditions of their type
+    vehicles: Groups  # groups that are pooled
+    sets: pl.Series  # and what they are pooled as
+    used: tuple[Covariate, ...]  # covariates, in the order of the slopes
+    slopes: SharedSlopes
     drifts: Drifts
     steps: BestSteps
-    enough_flights: np.ndarray  # shape (vehicles,)
+
+    @property
+    def enough_flights(self) -> np.ndarray:
+        """Of which vehicles a course is reported, shape (vehicles,)."""
+        return self.ordered.groups.sizes >= FEWEST_FLIGHTS
 
     def form(self, tests: Float[np.ndarray, " vehicles"]) -> np.ndarray:
         """Form of each vehicle's course: `STEADY`, `DRIFTS` or `STEPS`."""
@@ -375,23 +274,62 @@ class FleetTrend:
         return np.where(np.repeat(self.enough_flights, groups.sizes), p_values, 1.0), line
 
 
-def trend(rows: pl.DataFrame, across: AcrossFlights) -> tuple[FleetTrend, Corrected]:
+def trend(rows: pl.DataFrame, across: AcrossFlights) -> FleetTrend:
     """Drifts and steps of every vehicle."""
-    about, groups = groups_of(rows, *VEHICLE)
-    result = corrected(rows, across)
-    return (
-        FleetTrend(
-            about,
-            result.ordered,
-            drifts(result.ordered),
-            steps(result.ordered),
-            groups.sizes >= FEWEST_FLIGHTS,
-        ),
-        result,
+    about, groups = groups_of(rows, *VEHICLE, TOGETHER)
+    sets, vehicles = groups_of(about, "type", TOGETHER)
+    y, v = _arrays(rows, compared(across))
+    hours = rows["hours"].to_numpy()
+    used = tuple(covariate for covariate in across.covariates if _is_known(rows, covariate.name))
+    x = rows.select(_about_the_type(item.name).alias(item.name) for item in used).to_numpy()
+    x = x.T.reshape(len(used), rows.height).astype(float)
+    if not across.logarithm:
+        x *= _of_type(groups, vehicles, y, v)
+    expected = np.array([item.slope for item in used]), np.array([item.uncertainty for item in used])
+    isolation = outlier_test(groups, vehicles, v)
+
+    def between(
+        level: Float[np.ndarray, " rows"],
+        errors: Float[np.ndarray, " rows"],
+        near: Float[np.ndarray, " groups"] | None = None,
+    ) -> Float[np.ndarray, " groups"]:
+        """Variance between flights, common to a type."""
+        return paule_mandel(groups, level, errors, together=vehicles, near=near)
+
+    def without_covariates(
+        errors: Float[np.ndarray, " rows"],
+        before: Float[np.ndarray, " groups"],
+        trends: Float[np.ndarray, "c rows"],
+    ) -> tuple[Ordered, SharedSlopes, Float[np.ndarray, " groups"]]:
+        """Estimates without covariates, by the errors and the variance between of the last step."""
+        slopes = shared_slopes(groups, vehicles, y, weights_of(groups, errors, before), trends, x, *expected)
+        of_groups = np.repeat(slopes.values, vehicles.sizes, axis=0)
+        level = y - np.einsum("pr,rp->r", x, np.repeat(of_groups, groups.sizes, axis=0))
+        covariance = np.repeat(slopes.covariance, vehicles.sizes, axis=0)
+        if used:
+            errors = v + isolation(level)
+        after = between(level, errors, before)
+        weights, own_weights = (weights_of(groups, item, after) for item in (errors, v))
+        ordered = Ordered(groups, level, errors, weights, own_weights, hours, x, covariance)
+        return ordered, slopes, after
+
+    ordered, slopes, variance = without_covariates(v + isolation(y), between(y, v), hours[None, :])
+    if used:  # again, beside the step that is seen now
+        both = np.stack([hours, steps(ordered).after])
+        ordered, slopes, _ = without_covariates(ordered.errors, variance, both)
+    return FleetTrend(
+        about.select(VEHICLE),
+        ordered,
+        vehicles,
+        sets[TOGETHER],
+        used,
+        slopes,
+        drifts(ordered),
+        steps(ordered),
     )
 
 
-def differing_p_values(result: Corrected) -> Float[np.ndarray, " vehicles"]:
+def differing_p_values(result: FleetTrend) -> Float[np.ndarray, " vehicles"]:
     """P-values of vehicles against the others of their type; not a number where there are too few."""
     ordered, vehicles = result.ordered, result.vehicles
     groups, w = ordered.groups, ordered.weights
@@ -438,7 +376,7 @@ ONLY = ("only_low", "only_high")
 def pooled_vehicles(rows: pl.DataFrame, across: AcrossFlights) -> pl.DataFrame:
     """Each vehicle's mean over its flights: `type`, `vehicle`, `pooled` (how many), `POOLED` and `ONLY`."""
     about, groups = groups_of(rows, *VEHICLE)
-    y, v = (rows.select(item).to_series().to_numpy() for item in pooled(across))
+    y, v = _arrays(rows, pooled(across))
     first = rows[groups.starts].select(flight_interval(across))
     only = (
         pl.when(pl.Series(groups.sizes == 1)).then(first[end]).alias(name)
@@ -453,7 +391,7 @@ def pooled_types(rows: pl.DataFrame, across: AcrossFlights) -> pl.DataFrame:
     rows = rows.filter(pl.col(TOGETHER) == pl.col("type"))
     about, groups = groups_of(rows, *VEHICLE)
     types, vehicles = groups_of(about, "type")
-    y, v = (rows.select(item).to_series().to_numpy() for item in pooled(across))
+    y, v = _arrays(rows, pooled(across))
     means = weighted(groups, y, v, paule_mandel(groups, y, v, together=vehicles))
     shares = rows[SHARE].to_numpy()[groups.starts][vehicles.starts]
     return _report(types, vehicles, means.mean, 1.0 / means.total, across, shares)
@@ -471,12 +409,8 @@ def _report(
     known = between_distribution(groups, y, v)
     half, next_half_widths = known.mean_half_widths(means), known.next_half_widths(means.value)
     low, high = q_profile(groups, y, v, near=means.between)
-    ends = np.stack(
-        [
-            means.value,
-            *(means.value + sign * item for item in (half, next_half_widths) for sign in (-1.0, 1.0)),
-        ]
-    )
+    reach = [sign * item for item in (half, next_half_widths) for sign in (-1.0, 1.0)]
+    ends = np.stack([means.value, *(means.value + item for item in reach)])
     largest = across.largest
     if across.logarithm:
         with np.errstate(over="ignore"):
@@ -491,12 +425,15 @@ def _report(
     return about.with_columns(
         pl.Series("pooled", groups.sizes),
         *(
-            pl.Series(
-                name, np.where(np.isfinite(number) & (known_ends | (name == "mean")), number, np.nan)
-            ).fill_nan(None)
+            _known(name, number, np.isfinite(number) & (known_ends | (name == "mean")))
             for name, number in numbers.items()
         ),
     )
+
+
+def _known(name: str, numbers: Float[np.ndarray, " rows"], known: np.ndarray) -> pl.Series:
+    """Column of the numbers that are known, null elsewhere."""
+    return pl.Series(name, np.where(known, numbers, np.nan)).fill_nan(None)
 
 
 # -- Queries --
@@ -524,14 +461,9 @@ def _vehicles(table: pl.DataFrame) -> pl.DataFrame:
     )
 
 
-def _failed(table: pl.DataFrame) -> pl.DataFrame:
-    """Logs without a result, and why."""
-    return table.filter(pl.col("verdict") == FAILED).select("motion", "name", "reason")
-
-
-def _refused(table: pl.DataFrame) -> pl.DataFrame:
-    """Flights that were refused, and why."""
-    return table.filter(pl.col("verdict") == "refused").select("motion", "name", "reason")
+def _reasons(verdict: str, table: pl.DataFrame) -> pl.DataFrame:
+    """Logs of a verdict, and why."""
+    return table.filter(pl.col("verdict") == verdict).select("motion", "name", "reason")
 
 
 def _copies(table: pl.DataFrame) -> pl.DataFrame:
@@ -547,8 +479,8 @@ def _copies(table: pl.DataFrame) -> pl.DataFrame:
 QUERIES: Mapping[str, Callable[[pl.DataFrame], pl.DataFrame]] = {
     "verdicts": _verdicts,
     "vehicles": _vehicles,
-    "failed": _failed,
-    "refused": _refused,
+    "failed": partial(_reasons, FAILED),
+    "refused": partial(_reasons, Status.REFUSED.value),
     "copies": _copies,
 }
 
@@ -650,9 +582,14 @@ def fleet_report(table: pl.DataFrame, motion: Motion[Any], further: Sequence[str
         frozenset(
             (item.across.name, known.name)
             for item in selected
-            for known in (item.corrected.used if item.corrected else ())
+            for known in (item.trend.used if item.trend else ())
         ),
     )
+
+
+def _joined(left: pl.DataFrame, right: pl.DataFrame) -> pl.DataFrame:
+    """What is known of each vehicle put beside its rows."""
+    return left.join(right, on=VEHICLE, how="left", maintain_order="left")
 
 
 def _concat(parts: list[pl.DataFrame]) -> pl.DataFrame:
@@ -692,7 +629,6 @@ class _Quantity:
     used: pl.DataFrame
     timed: pl.DataFrame
     trend: FleetTrend | None
-    corrected: Corrected | None
 
     @classmethod
     def of(cls, rows: pl.DataFrame, across: AcrossFlights) -> _Quantity:
@@ -701,9 +637,7 @@ class _Quantity:
         )
         used = marked.filter(pl.col("why").is_null())
         timed = used.filter(pl.col("start").is_not_null())
-        if not timed.height:
-            return cls(across, marked, used, timed, None, None)
-        return cls(across, marked, used, timed, *trend(timed, across))
+        return cls(across, marked, used, timed, trend(timed, across) if timed.height else None)
 
     @property
     def name(self) -> pl.Expr:
@@ -712,27 +646,18 @@ class _Quantity:
     def omitted(self) -> pl.DataFrame:
         """How many flights say nothing of it, by reason."""
         out = self.marked.filter(pl.col("why").is_not_null())
-        counts = (
-            out.group_by("why")
-            .agg(pl.len().alias("flights"))
-            .sort("flights", "why", descending=[True, False])
-        )
+        counts = out.group_by("why").agg(flights=pl.len()).sort("flights", "why", descending=[True, False])
         return counts.select(self.name.alias("quantity"), pl.col("why").alias("reason"), "flights")
 
     def vehicles(self, tests: pl.DataFrame) -> pl.DataFrame:
         """Means of vehicles, and what changed."""
         out = self.marked.group_by(VEHICLE).agg(pl.col("why").is_not_null().sum().alias("left_out"))
-        pooled = pooled_vehicles(self.used, self.across).join(
-            out, on=VEHICLE, how="left", maintain_order="left"
-        )
-        pooled = pooled.with_columns(quantity=self.name)
-        if self.trend is None or self.corrected is None:
+        pooled = _joined(pooled_vehicles(self.used, self.across), out).with_columns(quantity=self.name)
+        if self.trend is None:
             return pooled.with_columns(course=pl.lit(""), differs_p=pl.lit(None, pl.Float64))
-        return pooled.join(
-            self._changes(self.trend, self.corrected, tests), on=VEHICLE, how="left", maintain_order="left"
-        ).with_columns(pl.col("course").fill_null(""))
+        return _joined(pooled, self._changes(self.trend, tests)).with_columns(pl.col("course").fill_null(""))
 
-    def _changes(self, result: FleetTrend, corrected: Corrected, tests: pl.DataFrame) -> pl.DataFrame:
+    def _changes(self, result: FleetTrend, tests: pl.DataFrame) -> pl.DataFrame:
         """Drift and step of each vehicle, and whether it differs."""
         groups, steps = result.ordered.groups, result.steps
         starts = groups.starts
@@ -761,19 +686,15 @@ class _Quantity:
         return result.about.with_columns(
             pl.Series("course", form.astype(str)),
             *(
-                pl.Series(
-                    name,
-                    np.where(result.enough_flights & (stepped | (name not in only_steps)), number, np.nan),
-                ).fill_nan(None)
+                _known(name, number, result.enough_flights & (stepped | (name not in only_steps)))
                 for name, number in numbers.items()
             ),
             pl.when(pl.Series(stepped)).then(self.timed["start"].gather(position)).alias("step_start"),
-            pl.Series("differs_p", differing_p_values(corrected)),
+            pl.Series("differs_p", differing_p_values(result)),
         )
 
     def _counts(self, result: FleetTrend, tests: pl.DataFrame) -> Float[np.ndarray, " vehicles"]:
-        counts = result.about.join(tests, on=VEHICLE, how="left", maintain_order="left")["tests"]
-        return FORMS * counts.fill_null(1.0).to_numpy()
+        return FORMS * _joined(result.about, tests)["tests"].fill_null(1.0).to_numpy()
 
     def _effect(self, values: Float[np.ndarray, " vehicles"]) -> Float[np.ndarray, " vehicles"]:
         """A difference; as a share for what is compared as its logarithm."""
@@ -811,10 +732,10 @@ class _Quantity:
 
     def covariates(self) -> pl.DataFrame:
         """Slopes that the flights reported, type by type; those that they left as expected are none."""
-        if self.corrected is None or not self.corrected.used:
+        if self.trend is None or not self.trend.used:
             return COVARIATES
-        slopes = self.corrected.slopes
-        types = pl.DataFrame({"type": self.corrected.sets.str.replace("\n", ", ", literal=True)})
+        slopes = self.trend.slopes
+        types = pl.DataFrame({"type": self.trend.sets.str.replace("\n", ", ", literal=True)})
         return pl.concat(
             [
                 types.with_columns(
@@ -823,7 +744,7 @@ class _Quantity:
                     slope=pl.Series(slopes.values[:, entry]),
                     std_error=pl.Series(np.sqrt(slopes.covariance[:, entry, entry])),
                 ).filter(pl.col("std_error").is_between(0.0, MOVED * item.uncertainty, closed="right"))
-                for entry, item in enumerate(self.corrected.used)
+                for entry, item in enumerate(self.trend.used)
             ]
         )
 

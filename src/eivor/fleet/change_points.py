@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from scipy import special
@@ -148,51 +148,35 @@ FAR = 2.5
 OF_THREE, OF_SQUARES = 0.449, 0.455
 
 
-@dataclass(frozen=True)
-class OutlierTest:
-    """What determines isolated estimates of some variances. Performs no checks."""
+def outlier_test(
+    groups: Groups, sets: Groups, variances: Float[np.ndarray, " rows"]
+) -> Callable[[Float[np.ndarray, " rows"]], Float[np.ndarray, " rows"]]:
+    """Return what turns estimates of these variances into the variance to be added to isolated ones.
 
-    groups: Groups
-    sets: Groups
-    variances: Float[np.ndarray, " rows"]
+    It is zero for all others. Performs no checks.
+    """
+    of_row = np.repeat(np.arange(groups.sizes.size), groups.sizes)
+    pairs = np.flatnonzero(of_row[1:] == of_row[:-1])  # first rows of neighbours in one group
+    of_group = groups.sizes - 1
+    sizes = (of_group, np.add.reduceat(of_group, sets.starts))  # pairs of each group and of each set
+    # medians of what errors add to squared differences, in each group and in each set
+    errors = [_medians(size, variances[pairs + 1] + variances[pairs]) for size in sizes]
 
-    def added(self, y: Float[np.ndarray, " rows"]) -> Float[np.ndarray, " rows"]:
-        """Variance to be added to that of isolated estimates, zero for all others."""
-        groups = self.groups
+    def added(y: Float[np.ndarray, " rows"]) -> Float[np.ndarray, " rows"]:
         distance = np.minimum(_distance(groups, y, -1), _distance(groups, y, 1))
         distance[np.isinf(distance)] = 0.0
-        item = self.variances + groups.spread(self._between_neighbours(y))
+        squares = (y[pairs + 1] - y[pairs]) ** 2
+        in_group, in_set = (
+            0.5 * np.maximum(_medians(size, squares) / OF_SQUARES - error, 0.0)
+            for size, error in zip(sizes, errors, strict=True)
+        )
+        between = np.maximum(in_group, sets.spread(in_set))  # of its set, or its own if larger
+        item = variances + groups.spread(between)
         usual = groups.sums(item) / groups.sizes
         far = distance**2 > FAR**2 * (item + OF_THREE * groups.spread(usual))
         return np.where(far, distance**2, 0.0)
 
-    def _between_neighbours(self, y: Float[np.ndarray, " rows"]) -> Float[np.ndarray, " groups"]:
-        """Variance between, by the median of squared differences: of its set, or its own if larger."""
-        squares = (y[self._pairs + 1] - y[self._pairs]) ** 2
-        of_group, of_set = (
-            0.5 * np.maximum(_medians(sizes, squares) / OF_SQUARES - errors, 0.0)
-            for sizes, errors in zip(self._sizes, self._errors, strict=True)
-        )
-        return np.maximum(of_group, self.sets.spread(of_set))
-
-    @cached_property
-    def _pairs(self) -> Int[np.ndarray, " pairs"]:
-        """First rows of neighbours in one group."""
-        of_row = np.repeat(np.arange(self.groups.sizes.size), self.groups.sizes)
-        return np.flatnonzero(of_row[1:] == of_row[:-1])
-
-    @cached_property
-    def _sizes(self) -> tuple[Int[np.ndarray, " groups"], Int[np.ndarray, " sets"]]:
-        """Pairs of each group and of each set."""
-        of_group = self.groups.sizes - 1
-        return of_group, np.add.reduceat(of_group, self.sets.starts)
-
-    @cached_property
-    def _errors(self) -> tuple[Float[np.ndarray, " groups"], Float[np.ndarray, " sets"]]:
-        """Median of what errors add to squared differences, in each group and in each set."""
-        errors = self.variances[self._pairs + 1] + self.variances[self._pairs]
-        of_group, of_set = (_medians(sizes, errors) for sizes in self._sizes)
-        return of_group, of_set
+    return added
 
 
 def _distance(groups: Groups, y: Float[np.ndarray, " rows"], formula: int) -> Float[np.ndarray, " rows"]:
@@ -265,16 +249,12 @@ def shared_slopes(
 
     left, x = within(y), [within(covariate) for covariate in covariates]
     gram = np.empty((sets.sizes.size, count, count))
-    moment = np.empty((sets.sizes.size, count))
+    moment, whole = np.empty((sets.sizes.size, count)), np.empty((sets.sizes.size, count))
     for i in range(count):
         moment[:, i] = total(weights * x[i] * left)
+        whole[:, i] = total(weights * covariates[i] ** 2)
         for j in range(count):
             gram[:, i, j] = total(weights * x[i] * x[j])
-    whole = (
-        np.array([total(weights * covariate**2) for covariate in covariates])
-        .reshape(count, sets.sizes.size)
-        .T
-    )
     degrees = sets.sums(np.maximum(groups.sizes - 1 - len(taken), 0).astype(float)) - count
     reported = degrees >= FEWEST_DEGREES
     prior = np.diag(uncertainty**-2.0)
@@ -312,82 +292,45 @@ class BestSteps:
     squares: Float[np.ndarray, " groups"]  # Weighted squares about both means
     line: Float[np.ndarray, " rows"]
     leverage: Float[np.ndarray, " rows"]
-
-
-def after_step(ordered: Ordered) -> Bool[np.ndarray, " rows"]:
-    """Which rows come after the best step of their group."""
-    result = _StepSearch.of(ordered)
-    return result.possible[result.best[result.group]] & (
-        result.number > result.number[result.best[result.group]]
-    )
+    after: Bool[np.ndarray, " rows"]  # Which rows come after the step
 
 
 def steps(ordered: Ordered) -> BestSteps:
-    """Best step of each group, see this module. Performs no checks."""
-    groups, w, search = ordered.groups, ordered.weights, _StepSearch.of(ordered)
-    best, gain, possible, number = search.best, search.gain, search.possible, search.number
-    squares = groups.spread(groups.sums(w * search.y**2)) - gain
+    """Best step of each group, at the row with the clearest difference of means. Performs no checks."""
+    groups, w = ordered.groups, ordered.weights
+    y, number = centred(groups, w, ordered.y), groups.running(np.ones(w.size))
+    possible = (number >= FEWEST) & (groups.spread(groups.sizes.astype(float)) - number >= FEWEST)
+    before, total = groups.running(w), groups.spread(groups.sums(w))
+    after = np.where(possible, total - before, 1.0)
+    inverse = 1.0 / before + 1.0 / after
+    size = _jump(groups, w, y, before, after)
+    gain = np.where(possible, size**2 / inverse, -1.0)
+    is_largest = gain >= groups.spread(np.maximum.reduceat(gain, groups.starts))
+    best = np.minimum.reduceat(np.where(is_largest, np.arange(w.size), w.size), groups.starts)
+    squares = groups.spread(groups.sums(w * y**2)) - gain
     degrees = np.maximum(groups.sizes - 2, 1)
     scale = np.maximum(squares / groups.spread(degrees.astype(float)), groups.spread(ordered.least_scale))
-    differences = np.array([search.jump(covariate) for covariate in ordered.covariates]).reshape(-1, w.size)
-    variance = scale * search.inverse + ordered.correction_variance(differences, of_rows=True)
-    score = np.where(possible, np.abs(search.size) / np.sqrt(variance), 0.0)
+    jumps = [_jump(groups, w, covariate, before, after) for covariate in ordered.covariates]
+    differences = np.array(jumps).reshape(-1, w.size)
+    variance = scale * inverse + ordered.correction_variance(differences, of_rows=True)
+    score = np.where(possible, np.abs(size) / np.sqrt(variance), 0.0)
     largest = np.maximum.reduceat(score, groups.starts)
-    result = possible[best]
-    line, leverage = _two_means(groups, w, ordered.y, number <= groups.spread(number[best]))
+    result, late = possible[best], number > groups.spread(number[best])
+    line, leverage = _two_means(groups, w, ordered.y, ~late)
     near = possible & (groups.spread(gain[best]) - gain <= POSITIONS * groups.spread(scale[best]))
     half_width = special.stdtrit(degrees, 0.975) * np.sqrt(variance[best])
     return BestSteps(
         np.where(result, number[best], 0).astype(int),
         np.where(result, _smallest(groups, number, near), 0).astype(int),
         np.where(result, -_smallest(groups, -number, near), 0).astype(int),
-        np.where(result, search.size[best], 0.0),
+        np.where(result, size[best], 0.0),
         np.where(result, half_width, np.inf),
-        np.where(result, _tail(groups, largest, degrees, possible, search.before, search.total), 1.0),
+        np.where(result, _tail(groups, largest, degrees, possible, before, total), 1.0),
         np.where(result, squares[best], np.inf),
         line,
         leverage,
+        np.repeat(result, groups.sizes) & late,
     )
-
-
-@dataclass(frozen=True)
-class _StepSearch:
-    """Difference of the means after and before every row, and the row with the clearest one."""
-
-    ordered: Ordered
-    y: Float[np.ndarray, " rows"]
-    number: Float[np.ndarray, " rows"]
-    possible: Bool[np.ndarray, " rows"]
-    before: Float[np.ndarray, " rows"]
-    total: Float[np.ndarray, " rows"]
-    after: Float[np.ndarray, " rows"]
-    inverse: Float[np.ndarray, " rows"]
-    size: Float[np.ndarray, " rows"]
-    gain: Float[np.ndarray, " rows"]
-    best: Int[np.ndarray, " groups"]
-
-    @classmethod
-    def of(cls, ordered: Ordered) -> _StepSearch:
-        groups, w = ordered.groups, ordered.weights
-        y = centred(groups, w, ordered.y)
-        number = groups.running(np.ones(w.size))
-        possible = (number >= FEWEST) & (groups.spread(groups.sizes.astype(float)) - number >= FEWEST)
-        before, total = groups.running(w), groups.spread(groups.sums(w))
-        after = np.where(possible, total - before, 1.0)
-        inverse = 1.0 / before + 1.0 / after
-        size = _jump(groups, w, y, before, after)
-        gain = np.where(possible, size**2 / inverse, -1.0)
-        best = _first_largest(groups, gain)
-        return cls(ordered, y, number, possible, before, total, after, inverse, size, gain, best)
-
-    @property
-    def group(self) -> Int[np.ndarray, " rows"]:
-        groups = self.ordered.groups
-        return np.repeat(np.arange(groups.sizes.size), groups.sizes)
-
-    def jump(self, values: Float[np.ndarray, " rows"]) -> Float[np.ndarray, " rows"]:
-        """Mean of values after each row less that up to it."""
-        return _jump(self.ordered.groups, self.ordered.weights, values, self.before, self.after)
 
 
 def _jump(
@@ -400,12 +343,6 @@ def _jump(
     weighted = w * values
     upto = groups.running(weighted)
     return (groups.spread(groups.sums(weighted)) - upto) / after - upto / before
-
-
-def _first_largest(groups: Groups, values: Float[np.ndarray, " rows"]) -> Int[np.ndarray, " groups"]:
-    """First row of each group with its largest value."""
-    is_largest = values >= groups.spread(np.maximum.reduceat(values, groups.starts))
-    return np.minimum.reduceat(np.where(is_largest, np.arange(values.size), values.size), groups.starts)
 
 
 def _smallest(

@@ -2,38 +2,48 @@
 
 from __future__ import annotations
 
-import io
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
-from functools import partial
+from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from eivor.cli import outputs
 from eivor.cli.outputs import (
+    FLEET_FILES,
     STANDARD_OUTPUT,
     ExitCode,
+    JsonOption,
+    ModelOption,
     ReadableCommand,
-    ReadableGroup,
+    Reads,
+    VehicleOption,
+    WorkersOption,
+    Writes,
     complain,
     console,
-    deliver,
+    deliver_result,
+    flag,
+    fleet_paths,
+    group,
     guarded,
     keep_inputs,
+    map_paths,
+    option,
     show,
     step,
+    with_options,
     write_out,
 )
-from eivor.cli.parsing import flight_options, named_motion
+from eivor.cli.parsing import NO_TEXTS, flight_options, named_motion
 from eivor.errors import UsageError
-from eivor.fleet.analysis import FleetReport, fleet_reports
+from eivor.fleet.analysis import fleet_reports
 from eivor.fleet.analysis import query as answer_of
 from eivor.fleet.logs import given_covariates, logs_found
 from eivor.fleet.report import fleet_document, fleet_json, fleet_page, flight_links
 from eivor.fleet.run import FleetRun, Progress, no_progress, run_fleet
-from eivor.fleet.table import COPY, FAILED, FleetOptions, PageOf, given_maps, read_flights
+from eivor.fleet.table import COPY, FAILED, FleetOptions, given_maps, read_flights
 from eivor.inference.verdict import Status
 from eivor.lab.dask_executor import DaskCluster
 from eivor.motions import DEFAULT as DEFAULT_MODEL
@@ -52,18 +62,12 @@ if TYPE_CHECKING:
 #: Letters of a cell on the terminal; in a CSV cells are whole.
 LONGEST_CELL = 160
 
-app = typer.Typer(
-    name="fleet",
-    help="Whole fleets: thousands of logs, one row for each flight, one answer for each vehicle.",
-    no_args_is_help=True,
-    add_completion=False,
-    cls=ReadableGroup,
-)
+app = group("fleet", "Whole fleets: thousands of logs, one row for each flight, one answer for each vehicle.")
 
 FleetArgument = Annotated[
     str,
     typer.Argument(metavar="FLEET", help="Folder of eivor fleet run."),
-    outputs.Reads(outputs.fleet_paths),
+    Reads(fleet_paths),
 ]
 
 
@@ -76,6 +80,7 @@ FleetArgument = Annotated[
     "written are kept: the same command goes on.",
 )
 @guarded
+@with_options(flight_options, "input_channel", "input_map", "max_tilt")
 def run_command(
     logs: Annotated[
         str,
@@ -84,56 +89,50 @@ def run_command(
             help="A folder of logs, a pattern such as 'logs/**/*.ulg', or a list: a .txt with a path in each "
             "line, a .csv with a column 'path'.",
         ),
-        outputs.Reads(),
+        Reads(),
     ],
     *,
     out: Annotated[
         str,
-        typer.Option("-o", "--out", metavar="FLEET", help="Folder of the fleet, new or begun before."),
-        outputs.Writes(outputs.FLEET_FILES),
+        option("FLEET", "Folder of the fleet, new or begun before.", "-o", "--out"),
+        Writes(FLEET_FILES),
     ],
-    model: outputs.ModelOption = DEFAULT_MODEL,
-    vehicle: outputs.VehicleOption = "",
+    model: ModelOption = DEFAULT_MODEL,
+    vehicle: VehicleOption = "",
     channel_map: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--map",
-            metavar="PATTERN=MAP",
-            help="Channel map of the logs whose name fits a pattern, such as 'lab/*.csv=lab.toml'; again for "
+        list[str],
+        option(
+            "PATTERN=MAP",
+            "Channel map of the logs whose name fits a pattern, such as 'lab/*.csv=lab.toml'; again for "
             "more. Without, a shipped map whose columns all match.",
-            show_default=False,
+            "--map",
         ),
-        outputs.Reads(outputs.map_paths),
-    ] = None,
+        Reads(map_paths),
+    ] = NO_TEXTS,
     vehicle_from: Annotated[
         str,
-        typer.Option(
-            metavar="PATTERN|COLUMN",
-            help="Whose log it is: a pattern of its path such as '{vehicle}/*.ulg' or '{type}/{vehicle}/*', "
+        option(
+            "PATTERN|COLUMN",
+            "Whose log it is: a pattern of its path such as '{vehicle}/*.ulg' or '{type}/{vehicle}/*', "
             "or a column of the list or of the logs. Default: the board's unique id.",
-            show_default=False,
         ),
     ] = "",
-    input_channel: outputs.InputOption = "",
-    input_map: outputs.InputMapOption = "",
-    max_tilt: outputs.MaxTiltOption = None,
-    workers: outputs.WorkersOption = None,
+    workers: WorkersOption = None,
     dask: Annotated[
         str,
-        typer.Option(
-            metavar="ADDRESS",
-            help="Use the workers of a Dask scheduler, such as tcp://host:8786; they see the same folders.",
-            show_default=False,
+        option(
+            "ADDRESS",
+            "Use the workers of a Dask scheduler, such as tcp://host:8786; they see the same folders.",
         ),
     ] = "",
     reports: Annotated[
-        bool,
-        typer.Option("--reports", help="Write a page of each flight, to which eivor fleet report links."),
+        bool, flag("--reports", "Write a page of each flight, to which eivor fleet report links.")
     ] = False,
     log_time: Annotated[
-        float, typer.Option(metavar="S", help="Longest time for one log, in seconds.")
+        float, option("S", "Longest time for one log, in seconds.", show_default=True)
     ] = 600.0,
-    log_memory: Annotated[float, typer.Option(metavar="GB", help="Most memory for one log, in GB.")] = 4.0,
+    log_memory: Annotated[float, option("GB", "Most memory for one log, in GB.", show_default=True)] = 4.0,
+    **given: Any,
 ) -> ExitCode:
     """Identify every log of a folder, or go on where that was interrupted: one row for each flight."""
     if workers is not None and dask:
@@ -144,10 +143,8 @@ def run_command(
         options = FleetOptions(
             motion=model,
             vehicle_file=vehicle,
-            flight=flight_options(
-                motion, max_tilt=max_tilt, input_channel=input_channel, input_map=input_map
-            ),
-            maps=given_maps(tuple(channel_map or ())),
+            flight=flight_options(motion, **given),
+            maps=given_maps(channel_map),
             vehicle_from=vehicle_from,
             limits=Limits(log_time, log_memory),
         )
@@ -164,7 +161,7 @@ def run_command(
                     executor=executor,
                     shared=bool(dask),
                     progress=progress,
-                    page_of=_page_of() if reports else None,
+                    page_of=flight_page if reports else None,
                 )
         except KeyboardInterrupt:
             complain(
@@ -173,10 +170,6 @@ def run_command(
             return ExitCode.INTERRUPTED
     show(_report(done, out))
     return ExitCode.IDENTIFIED
-
-
-def _page_of() -> PageOf:
-    return flight_page
 
 
 def _executor(workers: int | None, dask: str, logs: int) -> Executor:
@@ -225,25 +218,21 @@ def _report(done: FleetRun, out: str) -> RenderableType:
     from rich.console import Group
     from rich.text import Text
 
-    words = [*(status.value for status in Status), FAILED, COPY]
-    plural = {COPY: "copies"}
-    counts = [(done.verdicts[word], word) for word in words if word in done.verdicts]
-    texts = [f"{count} {plural.get(word, word) if count > 1 else word}" for count, word in counts]
+    words = [word for word in (*(status.value for status in Status), FAILED, COPY) if word in done.verdicts]
+    several = {word: "copies" if word == COPY and done.verdicts[word] > 1 else word for word in words}
+    counts = ", ".join(f"{done.verdicts[word]} {several[word]}" for word in words)
+    others = "1 other file is no log" if done.others == 1 else f"{done.others} other files are no logs"
     lines = [
-        Text(f"{done.logs} logs, each with a row: {', '.join(texts)}", style="bold"),
-        Text(f"{done.before} of the rows were there before") if done.before else None,
-        Text(_others(done.others)) if done.others else None,
-        Text(f"{done.elsewhere} further rows are of logs that are not among these")
-        if done.elsewhere
-        else None,
-        *(Text(f"not looked into: {printable(unread_folder)}") for unread_folder in done.unread_folders),
-        Text(f"Table: {printable(out.rstrip('/'))}/flights/part-*.parquet", style="dim"),
+        *([f"{done.before} of the rows were there before"] if done.before else []),
+        *([others] if done.others else []),
+        *([f"{done.elsewhere} further rows are of logs that are not among these"] if done.elsewhere else []),
+        *(f"not looked into: {printable(folder)}" for folder in done.unread_folders),
     ]
-    return Group(*(line for line in lines if line is not None))
-
-
-def _others(count: int) -> str:
-    return "1 other file is no log" if count == 1 else f"{count} other files are no logs"
+    return Group(
+        Text(f"{done.logs} logs, each with a row: {counts}", style="bold"),
+        *map(Text, lines),
+        Text(f"Table: {printable(out.rstrip('/'))}/flights/part-*.parquet", style="dim"),
+    )
 
 
 @app.command(
@@ -262,22 +251,14 @@ def query(
         ),
     ] = "verdicts",
     *,
-    csv: Annotated[
-        str,
-        typer.Option(
-            metavar="FILE", help="Write the answer as CSV; - for standard output.", show_default=False
-        ),
-        outputs.Writes(),
-    ] = "",
+    csv: Annotated[str, option("FILE", "Write the answer as CSV; - for standard output."), Writes()] = "",
 ) -> ExitCode:
     """Ask a fleet's table what is asked most often."""
     answer = answer_of(read_flights(Path(fleet)), what)
     if csv != STANDARD_OUTPUT:
         show(_table(answer))
     if csv:
-        buffer = io.StringIO()
-        answer.write_csv(buffer)
-        write_out(buffer.getvalue(), csv)
+        write_out(answer.write_csv(), csv)
     return ExitCode.IDENTIFIED
 
 
@@ -294,54 +275,32 @@ def report(
     *,
     covariates: Annotated[
         str,
-        typer.Option(
-            metavar="FILE",
-            help="What you know of flights and logs do not, a CSV such as name,mass: changes that it "
+        option(
+            "FILE",
+            "What you know of flights and logs do not, a CSV such as name,mass: changes that it "
             "explains are not identified as changes of the vehicle.",
-            show_default=False,
         ),
-        outputs.Reads(),
+        Reads(),
     ] = "",
-    json: outputs.JsonOption = "",
-    html: Annotated[
-        str,
-        typer.Option(
-            metavar="FILE", help="Write one page that opens anywhere, FILE.html.", show_default=False
-        ),
-        outputs.Writes(),
-    ] = "",
+    json: JsonOption = "",
+    html: Annotated[str, option("FILE", "Write one page that opens anywhere, FILE.html."), Writes()] = "",
 ) -> ExitCode:
     """Pool flights by vehicle and type: means, what the next flight will be, what changes and deviates."""
     given = given_covariates(Path(covariates)) if covariates else None
     with step("Pooling"):
         reports = fleet_reports(Path(fleet), given)
     title = Path(fleet).resolve().name
-    deliver(*_deliveries(reports, Path(fleet), title, json, html))
+
+    def write_page() -> None:
+        write_out(fleet_page(reports, title, flight_links(Path(fleet), Path(html))), html)
+
+    deliver_result(
+        lambda: on_terminal(*(fleet_document(report, title) for report in reports)),
+        lambda: json_text(fleet_json(reports)),
+        json,
+        *([write_page] if html else []),
+    )
     return ExitCode.IDENTIFIED
-
-
-def _deliveries(
-    reports: Sequence[FleetReport], fleet: Path, title: str, json: str, html: str
-) -> Iterator[Callable[[], None]]:
-    if json != STANDARD_OUTPUT:
-        yield partial(_print_reports, reports, title)
-    if json:
-        yield partial(_write_json, reports, json)
-    if html:
-        yield partial(_write_page, reports, fleet, title, html)
-
-
-def _print_reports(reports: Sequence[FleetReport], title: str) -> None:
-    for item in reports:
-        show(on_terminal(fleet_document(item, title)))
-
-
-def _write_json(reports: Sequence[FleetReport], position: str) -> None:
-    write_out(json_text(fleet_json(reports)), position)
-
-
-def _write_page(reports: Sequence[FleetReport], fleet: Path, title: str, position: str) -> None:
-    write_out(fleet_page(reports, title, flight_links(fleet, Path(position))), position)
 
 
 def _table(answer: pl.DataFrame) -> Table:
@@ -366,8 +325,6 @@ def _table(answer: pl.DataFrame) -> Table:
 
 
 def _cell(value: object) -> str:
-    from datetime import datetime
-
     if value is None:
         return "-"
     if isinstance(value, float):

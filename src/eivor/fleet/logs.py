@@ -7,16 +7,13 @@ import glob
 import json
 import os
 import re
-import sqlite3
 import stat
-import weakref
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
-from contextlib import closing, contextmanager, suppress
+from contextlib import closing, suppress
 from dataclasses import dataclass
 from functools import cache, lru_cache
-from itertools import chain
+from itertools import chain, islice
 from pathlib import Path, PurePosixPath
-from typing import Any
 
 import polars as pl
 
@@ -78,53 +75,18 @@ def with_covariates(table: pl.DataFrame, given: pl.DataFrame) -> pl.DataFrame:
     )
 
 
-# -- Temporary database --
-
-#: Memory that a database keeps pages in [KiB], negative as SQLite wants it.
-CACHE = "PRAGMA cache_size = -8192"
-
-
-class PrivateDatabase:
-    """A database with these tables; not to be used by a process that was forked from the one that made it."""
-
-    def __init__(self, *tables: str) -> None:
-        # a log's list may be made by one thread and dropped by another, never used by two at a time
-        connection = sqlite3.connect("", isolation_level=None, check_same_thread=False)
-        self.execute = connection.execute
-        self.executemany = connection.executemany
-        for statement in ("PRAGMA temp_store = FILE", "PRAGMA journal_mode = OFF", CACHE, "BEGIN", *tables):
-            connection.execute(statement)
-        weakref.finalize(self, connection.close)
-
-    def number(self, query: str, *given: object) -> int:
-        """The one number that a query determines."""
-        (fetchone,) = self.execute(query, given).fetchone()
-        return int(fetchone)
-
-
-@contextmanager
-def report_database_errors() -> Iterator[None]:
-    """Turn what the database says where it finds no room into an error of Eivor's."""
-    try:
-        yield
-    except sqlite3.OperationalError as error:
-        raise InputError(
-            "room for the list of the logs, some 500 bytes each, where temporary files are kept",
-            f"what the database says: {error}",
-            "Make room there, or name another folder: TMPDIR=FOLDER. Rows that were written are kept.",
-        ) from error
-
-
 # -- Log list --
 
 #: Logs that are taken from the list in one go.
 PAGE_LOGS = 500
-#: What is known of a log: see `Log`; `task` and `share` are those of a run, see `eivor.fleet.table`.
-LOG_TABLE = """CREATE TABLE logs (
-    name TEXT PRIMARY KEY, path BLOB NOT NULL, told TEXT NOT NULL, sha256 BLOB,
-    problem TEXT NOT NULL DEFAULT '', task INTEGER NOT NULL DEFAULT 0, share INTEGER
-) WITHOUT ROWID"""
-ALL = "SELECT * FROM logs WHERE name > ? ORDER BY name LIMIT ?"
+#: A path is bytes, since not every one is text.
+LOG_SCHEMA = {
+    "name": pl.String,
+    "path": pl.Binary,
+    "metadata": pl.String,
+    "sha256": pl.String,
+    "problem": pl.String,
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,33 +100,37 @@ class Log:
     problem: str = ""
 
 
+@dataclass(frozen=True)
 class LogList:
-    """Logs, each by its name once: of several with one name the last counts."""
+    """Logs in the order of their names, each once."""
 
-    def __init__(self, logs: Iterable[Log] = ()) -> None:
-        self.database = PrivateDatabase(LOG_TABLE)
-        self.database.executemany(
-            "INSERT OR REPLACE INTO logs (name, path, told) VALUES (?, ?, ?)",
-            ((log.name, os.fsencode(log.path), json.dumps(dict(log.metadata))) for log in logs),
+    table: pl.DataFrame  # Columns of `LOG_SCHEMA`, and others; `sha256` is null where it is not known
+
+    @classmethod
+    def of(cls, logs: Iterable[Log]) -> LogList:
+        """List of logs in any order: of several with one name the last counts."""
+        rows = (
+            (log.name, os.fsencode(log.path), json.dumps(dict(log.metadata)), log.sha256 or None, log.problem)
+            for log in logs
         )
+        parts = [pl.DataFrame(schema=LOG_SCHEMA)]
+        while page := list(islice(rows, PAGE_LOGS)):
+            parts.append(pl.DataFrame(page, schema=LOG_SCHEMA, orient="row"))
+        return cls(pl.concat(parts).unique("name", keep="last", maintain_order=True).sort("name"))
 
     def __len__(self) -> int:
-        return self.database.number("SELECT count(*) FROM logs")
+        return self.table.height
 
     def __iter__(self) -> Iterator[Log]:
-        return chain.from_iterable(self.pages(ALL))
+        return chain.from_iterable(self.pages())
 
-    def pages(self, query: str, *given: object, size: int = PAGE_LOGS) -> Iterator[tuple[Log, ...]]:
-        """Logs of a query, so many at a time, in the order of their names; they may be changed meanwhile."""
-        name = ""
-        while rows := self.database.execute(query, (*given, name, size)).fetchall():
-            yield tuple(map(_log, rows))
-            name = rows[-1][0]
-
-
-def _log(row: tuple[Any, ...]) -> Log:
-    name, path, reported, sha256, problem, *_ = row
-    return Log(os.fsdecode(path), name, json.loads(reported), (sha256 or b"").hex(), problem)
+    def pages(self, size: int = PAGE_LOGS) -> Iterator[tuple[Log, ...]]:
+        """So many logs at a time."""
+        for part in self.table.select(*LOG_SCHEMA).iter_slices(size):
+            yield tuple(
+                Log(os.fsdecode(path), name, json.loads(metadata), sha256 or "", problem)
+                for name, path, metadata, sha256, problem in part.iter_rows()
+            )
 
 
 # -- List of logs from a file --
@@ -249,21 +215,18 @@ def _rows(path: Path, delimiter: str) -> Iterator[dict[str, str]]:
 
 def files_below(folder: Path, note: Callable[[OSError], None]) -> Generator[tuple[str, str], None, None]:
     """Files, folder after folder."""
-    waiting = PrivateDatabase("CREATE TABLE folders (number INTEGER PRIMARY KEY, inside BLOB)")
-    waiting.execute("INSERT INTO folders (inside) VALUES (?)", (b"",))
-    number = 0
-    while fetchone := waiting.execute("SELECT * FROM folders WHERE number > ? LIMIT 1", (number,)).fetchone():
-        number, inside = fetchone[0], os.fsdecode(fetchone[1])
+    waiting = [""]
+    while waiting:
+        inside = waiting.pop()
         path = folder / inside
         try:
             with os.scandir(path) as entries:
                 for entry in entries:
                     name = f"{inside}/{entry.name}" if inside else entry.name
-                    if _is_folder(entry):
-                        if not entry.is_symlink():
-                            waiting.execute("INSERT INTO folders (inside) VALUES (?)", (os.fsencode(name),))
-                    else:
+                    if not _is_folder(entry):
                         yield str(path / entry.name), name
+                    elif not entry.is_symlink():
+                        waiting.append(name)
         except OSError as error:
             note(error)
 
@@ -292,7 +255,6 @@ class LogsFound:
     unread_folders: tuple[str, ...] = ()  # Folders that could not be looked into, and why
 
 
-@report_database_errors()
 def logs_found(given: str) -> LogsFound:
     """Logs of a folder and the folders in it, of a glob, of a list, or one log."""
     path = Path(given)
@@ -301,9 +263,8 @@ def logs_found(given: str) -> LogsFound:
             os.scandir(path).close()
             return _among_folder(path)
         if path.is_file():
-            return LogsFound(
-                _logs_of_list(path) if is_list(path) else LogList([named_log(str(path), path.name)]), 0
-            )
+            one = [named_log(str(path), path.name)]
+            return LogsFound(_logs_of_list(path) if is_list(path) else LogList.of(one), 0)
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise InputError(
@@ -365,7 +326,7 @@ def _among(generator: Generator[tuple[str, str], None, None]) -> LogsFound:
                 others += 1
 
     with closing(generator), closing(logs()) as given:
-        return LogsFound(LogList(given), others)
+        return LogsFound(LogList.of(given), others)
 
 
 def _parts_of_folder(folder: Path) -> FolderParts:
@@ -409,7 +370,7 @@ def _columns(path: Path) -> tuple[str, ...]:
 
 def _logs_of_list(path: Path) -> LogList:
     with closing(listed(path)) as given:
-        logs = LogList(given)
+        logs = LogList.of(given)
     if not logs:
         raise UsageError("a list of logs", f"'{path}', which names none", "Write a path into each line.")
     return logs
@@ -420,11 +381,6 @@ def _logs_of_list(path: Path) -> LogList:
 #: What a pattern may ask of a path, by the name of the table's column.
 PATH_KEYS = ("vehicle", "type")
 _TOKENS = re.compile(r"\{(\w+)\}|(\*\*/?)|(\*)|(\?)|([^*?{]+|\{)")
-
-
-def is_pattern(text: str) -> bool:
-    """Whether a text is a pattern, and not the name of a column."""
-    return "{" in text
 
 
 @dataclass(frozen=True, slots=True)

@@ -48,9 +48,18 @@ MOST = 20
 FAR = 20.0
 
 
-def wording_of(report: FleetReport, across: AcrossFlights) -> Wording:
-    """How a quantity is called."""
-    return report.motion.wording[across.name]
+def titled(wording: Wording) -> str:
+    """Words, symbol and unit of a quantity."""
+    return f"{wording.words} {wording.symbol}{_in_unit(wording)}"
+
+
+def _in_unit(wording: Wording) -> str:
+    return f" [{wording.shown_unit}]" if wording.shown_unit else ""
+
+
+def across_of_row(report: FleetReport, row: Row) -> AcrossFlights:
+    """The quantity that a row is of."""
+    return next(quantity for quantity in report.quantities if quantity.name == row["quantity"])
 
 
 def interval_text(row: Row, wording: Wording, names: tuple[str, str, str]) -> tuple[str, str]:
@@ -110,34 +119,28 @@ def between_text(row: Row, across: AcrossFlights, wording: Wording) -> tuple[str
 
 def next_text(row: Row, wording: Wording) -> str:
     """Interval of the next member, with a mark where there are few; none where it has no end."""
-    if not _next_is_bounded(row):
+    if None in (row["next_low"], row["next_high"]):
         return NO_NUMBER
     ends = (row["next_low"] * wording.scale, row["next_high"] * wording.scale)
     _, interval = plain_numbers(row["mean"] * wording.scale, ends)
     return f"{interval} *" if row["pooled"] < FEW else interval
 
 
-def _next_is_bounded(row: Row) -> bool:
-    return row["next_low"] is not None and row["next_high"] is not None
-
-
 def few_footnote(rows: Sequence[Row], members: str) -> Iterator[str]:
     """Return what the mark of `next_text` means, where there is one."""
-    if any(_next_is_bounded(row) and row["pooled"] < FEW for row in rows):
+    if any(row["pooled"] < FEW and None not in (row["next_low"], row["next_high"]) for row in rows):
         yield f"* of fewer than {FEW} {members}: take it with care."
 
 
 def report_changes(report: FleetReport) -> list[str]:
     """Return a sentence about each vehicle that changes, the clearest first."""
-    if not report.vehicles.height:
-        return []
     changing = report.vehicles.filter(report.vehicles["course"].is_in([DRIFTS, STEPS]))
     rows = sorted(changing.iter_rows(named=True), key=lambda row: min(row["change_p"], row["step_p"]))
     return _at_most([_change(report, row) for row in rows], "vehicles and quantities change")
 
 
 def _change(report: FleetReport, row: Row) -> str:
-    across = next(quantity for quantity in report.quantities if quantity.name == row["quantity"])
+    across = across_of_row(report, row)
     words = report.motion.wording[across.name].words
     who = f"{row['vehicle']}: the {words}"
     if row["course"] == DRIFTS:
@@ -163,8 +166,6 @@ def _effect(report: FleetReport, across: AcrossFlights, row: Row, name: str) -> 
 
 def report_differences(report: FleetReport) -> list[str]:
     """Return a sentence about each vehicle that differs from its type."""
-    if not report.vehicles.height:
-        return []
     rows = report.vehicles.filter(report.vehicles["differs"]).sort("differs_p").iter_rows(named=True)
     selected = []
     for row in rows:
@@ -191,38 +192,34 @@ def report_omitted(report: FleetReport) -> list[str]:
 def report_covariates(report: FleetReport) -> list[str]:
     """Return which slopes the flights reported, which were taken as expected, and what is not known."""
     selected = []
-    taken = report.covariates.iter_rows(named=True) if report.covariates.height else ()
-    for row in taken:
+    for row in report.covariates.iter_rows(named=True):
         words = report.motion.wording[row["quantity"]].words
         power = f"{row['slope']:.2f} ± {1.96 * row['std_error']:.2f}"
         selected.append(
             f"{words} goes with {row['covariate'].replace('_', ' ')} (type {row['type']}: {power})."
         )
-    used = (
-        set(zip(report.covariates["quantity"], report.covariates["covariate"], strict=True))
-        if selected
-        else set()
-    )
+    used = set(report.covariates.select("quantity", "covariate").iter_rows())
     missing: dict[str, list[str]] = {}
     expected: dict[str, list[str]] = {}
     for across in report.quantities:
+        words = report.motion.wording[across.name].words
         for covariate in across.covariates:
-            if (across.name, covariate.name) not in used:
-                position = expected if (across.name, covariate.name) in report.expected else missing
-                position.setdefault(covariate.name, []).append(report.motion.wording[across.name].words)
-    at_most = _at_most(selected, "slopes were estimated")
-    at_most += [
-        f"The flights do not identify how {_listed(words)} goes with {name.replace('_', ' ')}: what "
-        f"was expected "
-        "beforehand is allowed for, with its uncertainty."
-        for name, words in expected.items()
+            pair = (across.name, covariate.name)
+            if pair not in used:
+                name = covariate.name.replace("_", " ")
+                (expected if pair in report.expected else missing).setdefault(name, []).append(words)
+    return [
+        *_at_most(selected, "slopes were estimated"),
+        *(
+            f"The flights do not identify how {_listed(words)} goes with {name}: what was expected "
+            "beforehand is allowed for, with its uncertainty."
+            for name, words in expected.items()
+        ),
+        *(
+            f"{name} is not known of enough flights: what looks like a change of {_listed(words)} may be it."
+            for name, words in missing.items()
+        ),
     ]
-    at_most += [
-        f"{name.replace('_', ' ')} is not known of enough flights: what looks like a change of "
-        f"{_listed(words)} may be it."
-        for name, words in missing.items()
-    ]
-    return at_most
 
 
 def _listed(words: list[str]) -> str:
@@ -277,9 +274,11 @@ def _sections(report: FleetReport, links: Mapping[str, str] | None) -> Iterator[
         )
         yield from section("Left out", Bullets, report_omitted(report))
         return
-    types = list(report.types.iter_rows(named=True))
+    types = sorted(report.types.iter_rows(named=True), key=lambda row: row["type"])
     if types:
-        yield Section("By type", (_types(report, types), *_notes(few_footnote(types, "vehicles"))))
+        yield Section(
+            "By type", (_members(report, types, "vehicle"), *_notes(few_footnote(types, "vehicles")))
+        )
     displayed = _displayed(report.vehicles)
     vehicles = list(displayed.iter_rows(named=True))
     notes = [*few_footnote(vehicles, "flights"), *mean_footnote(vehicles), *singles_told(report)]
@@ -287,7 +286,7 @@ def _sections(report: FleetReport, links: Mapping[str, str] | None) -> Iterator[
         notes.append(
             f"{MOST_VEHICLES} of {count} vehicles, those that change or differ first; the JSON has all."
         )
-    yield Section("By vehicle", (_vehicles(report, vehicles), *_notes(notes), Figure(FOREST)))
+    yield Section("By vehicle", (_members(report, vehicles, "flight"), *_notes(notes), Figure(FOREST)))
     nothing = ["No vehicle has enough flights with a time, or none changes by more than chance would."]
     yield Section("Changes", (Bullets(tuple(report_changes(report) or nothing)), Figure(LINES)))
     if report.deviating.height:
@@ -327,12 +326,11 @@ def _deviating(report: FleetReport, links: Mapping[str, str] | None) -> Iterator
     cells = []
     for row in rows:
         wording = report.motion.wording[row["quantity"]]
-        unit = f" [{wording.shown_unit}]" if wording.shown_unit else ""
         cells.append(
             (
                 linked(row["name"], row["sha256"], links or {}),
                 Cell(row["vehicle"]),
-                Cell(f"{wording.words} {wording.symbol}{unit}"),
+                Cell(titled(wording)),
                 Cell(*interval_text(row, wording, ("value", "low", "high"))),
                 Cell(f"{row['expected'] * wording.scale:.4g}"),
             )
@@ -349,52 +347,37 @@ def _deviating(report: FleetReport, links: Mapping[str, str] | None) -> Iterator
         yield Bullets((f"{report.deviating.height} flights and quantities deviate; the JSON has all.",))
 
 
-def _columns(first: str, members: str, following: str) -> tuple[TableColumn, ...]:
-    return (
-        TableColumn(first, strong=True),
+def _members(report: FleetReport, rows: Sequence[Row], of: str) -> TableOf:
+    """Types of vehicles, or vehicles of flights; each is named in the first of its rows."""
+    key = ("type",) if of == "vehicle" else VEHICLE
+    columns = [
+        TableColumn(key[-1], strong=True),
         TableColumn("quantity"),
         TableColumn("mean", right=True, whole=True, below=Tone.FAINT),
         TableColumn("between", right=True, whole=True, below=Tone.FAINT),
-        TableColumn(following, right=True, whole=True),
-        TableColumn(members, right=True, below=Tone.FAINT),
-    )
-
-
-def _cells(report: FleetReport, row: Row, first: str) -> tuple[Cell, ...]:
-    across = next(quantity for quantity in report.quantities if quantity.name == row["quantity"])
-    wording = report.motion.wording[across.name]
-    value, interval = mean_text(row, wording)
-    unit = f" [{wording.shown_unit}]" if wording.shown_unit else ""
-    text = f"{row['left_out']} left out" if row.get("left_out") else ""
-    return (
-        Cell(first),
-        Cell(f"{wording.words} {wording.symbol}{unit}"),
-        Cell(value, interval),
-        Cell(*between_text(row, across, wording)),
-        Cell(next_text(row, wording)),
-        Cell(f"{row['pooled']}", text),
-    )
-
-
-def _types(report: FleetReport, rows: Sequence[Row]) -> TableOf:
-    ordered = sorted(rows, key=lambda row: row["type"])
-    seen: set[str] = set()
-    cells = []
-    for row in ordered:
-        cells.append(_cells(report, row, "" if row["type"] in seen else row["type"]))
-        seen.add(row["type"])
-    return TableOf(_columns("type", "vehicles", "next vehicle"), tuple(cells))
-
-
-def _vehicles(report: FleetReport, rows: Sequence[Row]) -> TableOf:
-    columns = (*_columns("vehicle", "flights", "next flight"), TableColumn("course", whole=True))
-    seen: set[tuple[str, str]] = set()
+        TableColumn(f"next {of}", right=True, whole=True),
+        TableColumn(f"{of}s", right=True, below=Tone.FAINT),
+    ]
+    if of == "flight":
+        columns.append(TableColumn("course", whole=True))
+    seen: set[tuple[str, ...]] = set()
     cells = []
     for row in rows:
-        key = (row["type"], row["vehicle"])
-        cells.append((*_cells(report, row, "" if key in seen else row["vehicle"]), Cell(row["course"])))
-        seen.add(key)
-    return TableOf(columns, tuple(cells))
+        across = across_of_row(report, row)
+        wording = report.motion.wording[across.name]
+        member = tuple(row[name] for name in key)
+        omitted = f"{row['left_out']} left out" if row.get("left_out") else ""
+        line = (
+            Cell("" if member in seen else member[-1]),
+            Cell(titled(wording)),
+            Cell(*mean_text(row, wording)),
+            Cell(*between_text(row, across, wording)),
+            Cell(next_text(row, wording)),
+            Cell(f"{row['pooled']}", omitted),
+        )
+        cells.append((*line, Cell(row["course"])) if of == "flight" else line)
+        seen.add(member)
+    return TableOf(tuple(columns), tuple(cells))
 
 
 # -- JSON fleet --
@@ -476,15 +459,14 @@ def _motion_section(
     if report.vehicles.height:
         drawn[FOREST] = figures.html([Pictures("", tuple(_forests(report)))])
         drawn[LINES] = figures.html([Pictures("", tuple(_over_hours(report, links)))])
-    sections = [section_html(item, f"{name}{_word(item)}", drawn) for item in document.sections]
+    sections = [
+        section_html(item, f"{name}{'-'.join(item.heading.lower().split())}", drawn)
+        for item in document.sections
+    ]
     about = [element("p", {"class": "said"}, document.about)]
     if report.vehicles.height and not links:
         about.append(element("p", {"class": "note"}, NO_REPORTS))
     return joined([*about, *sections])
-
-
-def _word(section: Section) -> str:
-    return "-".join(section.heading.lower().split())
 
 
 def _forests(report: FleetReport) -> Iterator[Picture]:
@@ -552,12 +534,12 @@ def _line(
         Dots("flights, 95 %", "measured", hours, value),
         *_trend(row, across, hours, wording.scale),
     ]
-    unit = f" [{wording.shown_unit}]" if wording.shown_unit else ""
+    symbol = f"{wording.symbol}{_in_unit(wording)}"
     table = number_table(
-        ("flight hours", f"{wording.symbol}{unit}", "low", "high", "flight"),
+        ("flight hours", symbol, "low", "high", "flight"),
         zip(hours.tolist(), value.tolist(), low.tolist(), high.tolist(), flights, strict=True),
     )
-    y = margined(f"{wording.symbol}{unit}", np.concatenate([low, high]))
+    y = margined(symbol, np.concatenate([low, high]))
     return Picture(
         f"{row['vehicle']}: {wording.words}",
         "",

@@ -5,28 +5,30 @@ from __future__ import annotations
 import hashlib
 import stat
 import threading
+import zlib
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import polars as pl
+
 from eivor.atomic_file import folder_lock
 from eivor.errors import InputError
-from eivor.fleet.logs import Log, LogsFound, report_database_errors
+from eivor.fleet.logs import Log, LogList, LogsFound
 from eivor.fleet.table import (
+    COPY,
     FAILED,
     PAGE,
     SHARES,
     FleetFolder,
     FleetOptions,
-    Ledger,
     NamedRow,
     PageOf,
     RowOfLog,
     SupersededError,
-    Task,
     copy_row,
     failed_row,
     report_fleet_errors,
@@ -49,14 +51,6 @@ from eivor.process_pool import (
 
 
 @dataclass(frozen=True, slots=True)
-class Receipt:
-    """What comes back of a task."""
-
-    rows: int  # rows that were written
-    verdicts: Mapping[str, int]  # how many of them have which verdict
-
-
-@dataclass(frozen=True, slots=True)
 class Shard:
     """The task."""
 
@@ -67,8 +61,8 @@ class Shard:
     page_of: PageOf | None = None  # what makes the report of a flight; without one there are no reports
     only_reports: bool = False  # whether rows are there already and reports are missing
 
-    def __call__(self, logs: tuple[Log, ...]) -> Receipt:
-        """Write the rows of some logs; fewer of them when nobody waits for them any more."""
+    def __call__(self, logs: tuple[Log, ...]) -> int:
+        """Write the rows of some logs, and count them; fewer when nobody waits for them any more."""
         rows: list[dict[str, Any]] = []
         try:
             for log in logs:
@@ -79,10 +73,10 @@ class Shard:
         except AbandonedError:
             pass
         except SupersededError:
-            return Receipt(0, {})
+            return 0
         finally:  # an interrupt keeps what was done, too
             self._write(rows)
-        return Receipt(len(rows), Counter(row["verdict"] for row in rows))
+        return len(rows)
 
     def _write(self, rows: list[dict[str, Any]]) -> None:
         if rows and not self.only_reports:
@@ -93,20 +87,14 @@ class Shard:
 
     def _row(self, log: Log) -> dict[str, Any]:
         """Row of a log, whose report is written here: what fails at that is not the log's fault."""
-        row = self._made(log)
+        function: Callable[[Log], dict[str, Any]] = RowOfLog(self.options, self.page_of)
+        try:
+            row = (kept_process(function, self.options.limits) if self.guarded else function)(log)
+        except LimitError as error:
+            return failed_row(NamedRow(self.options)(log), str(error))
         page = row.pop(PAGE, None)
         if page is not None:
             write_report(self.folder.folder, log.sha256, page)
-        return row
-
-    def _made(self, log: Log) -> dict[str, Any]:
-        function = RowOfLog(self.options, self.page_of)
-        if not self.guarded:
-            return function(log)
-        try:
-            row: dict[str, Any] = kept_process(function, self.options.limits)(log)
-        except LimitError as error:
-            return failed_row(NamedRow(self.options)(log), str(error))
         return row
 
 
@@ -126,10 +114,51 @@ def kept_process(function: Callable[[Any], Any], limits: Limits) -> WorkerProces
     return _KEPT[thread][0]
 
 
-def close_kept_processes() -> None:
-    """End all processes that are kept here; one that is wanted again begins another."""
-    while _KEPT:
-        _KEPT.popitem()[1][0].close()
+# -- Work --
+
+#: What says which log and content a row is of.
+KEY = ["sha256", "name"]
+
+
+@dataclass(frozen=True)
+class Work:
+    """What is to be done with logs of which some have rows."""
+
+    opened: pl.DataFrame  # logs that could be opened
+    identify: pl.DataFrame  # of each content without a row the first log by name
+    copies: pl.DataFrame  # logs without a row whose numbers are those of another, `first`
+
+
+def work_of(logs: pl.DataFrame, rows: pl.DataFrame) -> Work:
+    """Work on the logs of a `LogList`, by the `KEY_COLUMNS` of the rows that are there."""
+    opened = logs.filter(pl.col("sha256").is_not_null())
+    there = rows.filter(pl.col("verdict") != COPY).unique("sha256", keep="last", maintain_order=True)
+    firsts = pl.concat(
+        [
+            there.select("sha256", first="name", is_there=True),
+            opened.group_by("sha256").agg(first=pl.col("name").min()).with_columns(is_there=False),
+        ]
+    ).unique("sha256", keep="first", maintain_order=True)
+    opened = opened.join(firsts, on="sha256", how="left", maintain_order="left")
+    is_first = pl.col("name") == pl.col("first")
+    return Work(
+        opened,
+        opened.filter(is_first & ~pl.col("is_there")),
+        opened.filter(~is_first).join(rows, on=KEY, how="anti", maintain_order="left"),
+    )
+
+
+def without_report(logs: pl.DataFrame, rows: pl.DataFrame, reports: Iterable[str]) -> pl.DataFrame:
+    """Logs with a result that have no report, by the hashes of the reports that are there."""
+    results = rows.filter(~pl.col("verdict").is_in([COPY, FAILED]))
+    there = pl.DataFrame({"sha256": list(reports)}, schema={"sha256": pl.String})
+    wanted = logs.join(results, on=KEY, how="semi", maintain_order="left")
+    return wanted.join(there, on="sha256", how="anti", maintain_order="left")
+
+
+def share_of(name: str) -> int:
+    """Which part of the table has the row of a log that cannot be opened: the same in every run."""
+    return zlib.crc32(name.encode("utf-8")) % SHARES
 
 
 # -- Run --
@@ -151,7 +180,6 @@ def no_progress(_done: int, _total: int, /) -> None:
 class FleetRun:
     """What a run has done."""
 
-    folder: Path  # of the fleet
     logs: int  # logs that were found, each of which has a row
     before: int  # those whose row was there already
     verdicts: Mapping[str, int]  # verdicts of the rows of all these logs
@@ -190,111 +218,84 @@ def run_fleet(
             folder.mkdir(parents=True, exist_ok=True)
     fleet_folder = FleetFolder(folder)
     fleet_folder.check(options)
-    with report_fleet_errors(folder), report_database_errors(), folder_lock(folder):
-        run = _Run(fleet_folder.begin(), options, executor or InProcess(), shared, progress, page_of)
+    with report_fleet_errors(folder), folder_lock(folder):
+        shard = Shard(fleet_folder.begin(), options, guarded, page_of)
+        run = _Run(shard, executor or InProcess(), shared, shard_logs, progress)
         try:
-            return run.done(logs_found, guarded=guarded, shard_logs=shard_logs)
+            return run.done(logs_found)
         except SupersededError as error:
             raise _taken_over(folder) from error
         finally:
-            close_kept_processes()
+            while _KEPT:
+                _KEPT.popitem()[1][0].close()
 
 
 @dataclass(frozen=True, slots=True)
 class _Run:
     """A run on a folder that it holds."""
 
-    folder: FleetFolder
-    options: FleetOptions
+    shard: Shard
     executor: Executor
     shared: bool
+    shard_logs: int | None
     progress: Progress
-    page_of: PageOf | None
 
-    def done(self, logs_found: LogsFound, *, guarded: bool, shard_logs: int | None) -> FleetRun:
+    def done(self, logs_found: LogsFound) -> FleetRun:
         """Everything, from hashing to copies."""
-        ledger, logs = Ledger(logs_found.logs), len(logs_found.logs)
-        ledger.take_rows(self.folder.there(self.options.motion))
-        self._hash(ledger)
-        ledger.settle()
-        opened, work, copies = ledger.opened(), ledger.count(Task.IDENTIFY), ledger.count(Task.TELL_COPY)
-        before = opened - work - copies
-        if before < logs:
-            self.folder.state(self.options)
-        self._write_unopened(ledger)
-        self._identify(ledger, work, before, logs, guarded=guarded, shard_logs=shard_logs)
-        self._write_copies(ledger)
-        ledger.take_rows(self.folder.there(self.options.motion))
-        if self.page_of is not None:
-            self._report(ledger, guarded=guarded)
-        self.progress(logs, logs)
-        return self._summary(logs_found, ledger, logs, before)
-
-    def _hash(self, ledger: Ledger) -> None:
-        executor = self.executor if self.shared else InProcess()
-        with closing(executor.map(all_hashed, ledger.logs())) as results:
-            for _, logs in results:
-                ledger.note(logs)
-
-    def _write_unopened(self, ledger: Ledger) -> None:
-        named = NamedRow(self.options)
-        for share in range(SHARES):
-            rows = [failed_row(named(log), log.problem) for log in ledger.unopened(share)]
-            self.folder.replace_unopened(share, rows, ledger.has, self.options)
-
-    def _identify(
-        self,
-        ledger: Ledger,
-        work: int,
-        done: int,
-        total: int,
-        *,
-        guarded: bool,
-        shard_logs: int | None,
-    ) -> None:
+        folder, options = self.shard.folder, self.shard.options
+        logs = self._hashed(logs_found.logs)
+        work, total = work_of(logs, folder.there(options.motion)), logs.height
+        before = done = work.opened.height - work.identify.height - work.copies.height
+        if before < total:
+            folder.state(options)
+        self._write_unopened(logs)
         self.progress(done, total)
-        task = Shard(self.folder, self.options, guarded, self.page_of)
-        logs = ledger.of_task(Task.IDENTIFY, shard_logs or _task_logs(work))
-        with closing(self.executor.map(task, logs)) as receipts:
-            for _, receipt in receipts:
-                done += receipt.rows
-                self.progress(done, total)
-
-    def _report(self, ledger: Ledger, *, guarded: bool) -> None:
-        """Reports of logs whose rows were there before."""
-        with closing(reports_there(self.folder.folder)) as there:
-            ledger.settle_reports(there)
-        task = Shard(self.folder, self.options, guarded, self.page_of, only_reports=True)
-        logs = ledger.of_task(Task.REPORT, _task_logs(ledger.count(Task.REPORT)))
-        with closing(self.executor.map(task, logs)) as receipts:
-            for _ in receipts:
+        for rows in self._mapped(self.shard, work.identify, self.shard_logs):
+            done += rows
+            self.progress(done, total)
+        self._write_copies(work.copies)
+        there = folder.there(options.motion)
+        if self.shard.page_of is not None:
+            with closing(reports_there(folder.folder)) as reports:
+                wanted = without_report(logs, there, reports)
+            for _ in self._mapped(replace(self.shard, only_reports=True), wanted):
                 pass
-
-    def _write_copies(self, ledger: Ledger) -> None:
-        named = NamedRow(self.options)
-        for copies in ledger.of_task(Task.TELL_COPY, COPIES):
-            rows = [copy_row(named(log), ledger.first(log)) for log in copies]
-            self.folder.write(rows, self.options.hash())
-
-    def _summary(self, logs_found: LogsFound, ledger: Ledger, logs: int, before: int) -> FleetRun:
-        verdicts, opened = Counter(ledger.verdicts()), ledger.opened()
+        self.progress(total, total)
+        verdicts = Counter(there.join(work.opened, on=KEY, how="semi")["verdict"])
         rows = verdicts.total()
-        if rows != opened:
-            raise _taken_over(self.folder.folder)
-        verdicts[FAILED] += logs - opened
-        return FleetRun(
-            self.folder.folder,
-            logs,
-            before,
-            +verdicts,
-            logs_found.others,
-            logs_found.unread_folders,
-            ledger.rows() - rows,
-        )
+        if rows != work.opened.height:
+            raise _taken_over(folder.folder)
+        verdicts[FAILED] += total - rows
+        others, unread = logs_found.others, logs_found.unread_folders
+        return FleetRun(total, before, +verdicts, others, unread, there.height - rows)
 
+    def _hashed(self, logs: LogList) -> pl.DataFrame:
+        executor = self.executor if self.shared else InProcess()
+        with closing(executor.map(all_hashed, logs.pages())) as results:
+            return LogList.of(log for _, page in results for log in page).table
 
-def _task_logs(work: int) -> int:
-    return min(MOST_LOGS, max(1, work // TASKS))
+    def _mapped(self, shard: Shard, logs: pl.DataFrame, size: int | None = None) -> Iterable[int]:
+        """Number of rows of each task, as it is done."""
+        size = size or min(MOST_LOGS, max(1, logs.height // TASKS))
+        with closing(self.executor.map(shard, LogList(logs).pages(size))) as results:
+            for _, rows in results:
+                yield rows
+
+    def _write_unopened(self, logs: pl.DataFrame) -> None:
+        named, folder, options = NamedRow(self.shard.options), self.shard.folder, self.shard.options
+        unopened = logs.filter(pl.col("sha256").is_null())
+        shares = pl.Series([share_of(name) for name in unopened["name"]], dtype=pl.Int64)
+        for share in range(SHARES):
+            rows = [failed_row(named(log), log.problem) for log in LogList(unopened.filter(shares == share))]
+            folder.replace_unopened(share, rows, logs, options)
+
+    def _write_copies(self, copies: pl.DataFrame) -> None:
+        named, options = NamedRow(self.shard.options), self.shard.options
+        for part in copies.iter_slices(COPIES):
+            named_firsts = zip(LogList(part), part["first"], strict=True)
+            self.shard.folder.write(
+                [copy_row(named(log), first) for log, first in named_firsts], options.hash()
+            )
 
 
 def _taken_over(folder: Path) -> InputError:

@@ -9,23 +9,23 @@ import math
 import os
 import re
 import uuid
-import zlib
-from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence, Set
+from collections.abc import Callable, Generator, Mapping, Sequence, Set
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field
-from enum import IntEnum
 from fnmatch import fnmatchcase
-from functools import partial
+from functools import cached_property, partial
 from importlib.metadata import version
+from os import PathLike
 from pathlib import Path
 from typing import Any, TypeAlias
 
 import numpy as np
 import polars as pl
 
+from eivor import checks
 from eivor.atomic_file import remove_abandoned, write_atomically
 from eivor.errors import EivorError, InputError, UsageError
-from eivor.fleet.logs import ALL, PAGE_LOGS, Log, LogList, PathPattern
+from eivor.fleet.logs import Log, PathPattern
 from eivor.flights.motion import Motion
 from eivor.flights.options import FlightOptions
 from eivor.flights.result import FlightEstimate
@@ -98,7 +98,7 @@ class FleetOptions:
         return {"motion": self.motion, "eivor_version": version("eivor"), "options_hash": self.hash()}
 
 
-def given_maps(texts: tuple[str, ...]) -> tuple[tuple[str, str], ...]:
+def given_maps(texts: Sequence[str]) -> tuple[tuple[str, str], ...]:
     """Patterns and maps as typed: ``PATTERN=MAP``; a map alone is that of all logs."""
     results = []
     for text in texts:
@@ -245,144 +245,6 @@ def quantity_names(table: pl.DataFrame) -> list[str]:
     return [name.removesuffix(ending) for name in table.columns if name.endswith(ending)]
 
 
-# -- Ledger --
-
-#: Parts of the table that logs which cannot be opened are spread over, by their names.
-SHARES = 64
-
-_TABLES = (
-    "CREATE TABLE rows (sha256 BLOB, name TEXT, verdict TEXT)",
-    "CREATE TABLE firsts (sha256 BLOB PRIMARY KEY, name TEXT, is_there INTEGER) WITHOUT ROWID",
-    "CREATE TABLE reports (sha256 BLOB PRIMARY KEY) WITHOUT ROWID",
-    "CREATE INDEX unopened ON logs (share, name) WHERE share IS NOT NULL",
-)
-_BEGIN_ANEW = (
-    "DROP TABLE IF EXISTS rows",
-    "DROP TABLE IF EXISTS firsts",
-    "DROP TABLE IF EXISTS reports",
-    "DROP INDEX IF EXISTS unopened",
-    "UPDATE logs SET sha256 = NULL, problem = '', task = 0, share = NULL",
-)
-#: The log whose row has the numbers of a hash: that which is there, else the first of the given ones by name.
-_FIRSTS_THERE = """INSERT OR REPLACE INTO firsts SELECT sha256, name, 1 FROM rows
-    WHERE verdict <> ? AND sha256 IS NOT NULL ORDER BY sha256, rowid"""
-_FIRSTS_GIVEN = """INSERT OR IGNORE INTO firsts SELECT sha256, min(name), 0 FROM logs
-    WHERE sha256 IS NOT NULL GROUP BY sha256"""
-_RESOLVE = """UPDATE logs SET task = CASE
-    WHEN (SELECT is_there = 0 AND firsts.name = logs.name FROM firsts
-        WHERE firsts.sha256 = logs.sha256) THEN ?
-    WHEN (SELECT firsts.name <> logs.name FROM firsts WHERE firsts.sha256 = logs.sha256)
-        AND NOT EXISTS (SELECT 1 FROM rows WHERE rows.sha256 = logs.sha256 AND rows.name = logs.name) THEN ?
-    ELSE 0 END"""
-_SETTLE_REPORTS = """UPDATE logs SET task = CASE
-    WHEN sha256 NOT IN reports AND EXISTS (SELECT 1 FROM rows
-        WHERE rows.sha256 = logs.sha256 AND rows.name = logs.name AND rows.verdict NOT IN (?, ?)) THEN ?
-    ELSE 0 END"""
-_OF_TASK = "SELECT * FROM logs WHERE task = ? AND name > ? ORDER BY name LIMIT ?"
-_OF_SHARE = "SELECT * FROM logs WHERE share = ? AND name > ? ORDER BY name LIMIT ?"
-
-
-class Task(IntEnum):
-    """What is to be done with a log."""
-
-    NOTHING = 0
-    IDENTIFY = 1
-    TELL_COPY = 2
-    REPORT = 3
-
-
-class Ledger:
-    """The state of a run over a list of logs."""
-
-    def __init__(self, logs: LogList) -> None:
-        self._logs, self._database = logs, logs.database
-        for statement in (*_BEGIN_ANEW, *_TABLES):
-            self._database.execute(statement)
-
-    def logs(self) -> Iterator[tuple[Log, ...]]:
-        """All logs, `PAGE_LOGS` at a time, in the order of their names."""
-        return self._logs.pages(ALL)
-
-    def note(self, logs: Sequence[Log]) -> None:
-        """Keep the hashes of logs, or why they cannot be opened."""
-        self._database.executemany(
-            "UPDATE logs SET sha256 = ?, problem = ?, share = ? WHERE name = ?",
-            [
-                (_bytes(log.sha256), log.problem, None if log.sha256 else share_of(log.name), log.name)
-                for log in logs
-            ],
-        )
-
-    def take_rows(self, parts: Iterable[pl.DataFrame]) -> None:
-        """Keep which rows are there, in place of what was known of them."""
-        self._database.execute("DROP INDEX IF EXISTS row_keys")
-        self._database.execute("DELETE FROM rows")
-        for part in parts:
-            rows = part.select("sha256", "name", "verdict").iter_rows()
-            self._database.executemany(
-                "INSERT INTO rows VALUES (?, ?, ?)", ((_bytes(sha256), *more) for sha256, *more in rows)
-            )
-        self._database.execute("CREATE INDEX row_keys ON rows (sha256, name)")
-
-    def settle(self) -> None:
-        """Say of each log that was opened whether to identify it, or to report that it is a copy."""
-        self._database.execute(_FIRSTS_THERE, (COPY,))
-        self._database.execute(_FIRSTS_GIVEN)
-        self._database.execute(_RESOLVE, (Task.IDENTIFY, Task.TELL_COPY))
-
-    def settle_reports(self, there: Iterable[str]) -> None:
-        """Say of each log whether it has a result and wants its report."""
-        self._database.executemany(
-            "INSERT OR IGNORE INTO reports VALUES (?)", ((_bytes(item),) for item in there)
-        )
-        self._database.execute(_SETTLE_REPORTS, (COPY, FAILED, Task.REPORT))
-
-    def of_task(self, task: Task, size: int = PAGE_LOGS) -> Iterator[tuple[Log, ...]]:
-        """Logs with which something is to be done, so many at a time, in the order of their names."""
-        return self._logs.pages(_OF_TASK, task, size=size)
-
-    def count(self, task: Task) -> int:
-        """How many logs these are."""
-        return self._database.number("SELECT count(*) FROM logs WHERE task = ?", task)
-
-    def opened(self) -> int:
-        """How many logs could be opened."""
-        return self._database.number("SELECT count(*) FROM logs WHERE sha256 IS NOT NULL")
-
-    def first(self, log: Log) -> str:
-        """Name of the log whose row has the numbers of a log that was opened."""
-        query = "SELECT name FROM firsts WHERE sha256 = ?"
-        (name,) = self._database.execute(query, (_bytes(log.sha256),)).fetchone()
-        return str(name)
-
-    def unopened(self, share: int) -> Iterator[Log]:
-        """Logs of a share, see `share_of`, that cannot be opened."""
-        for page in self._logs.pages(_OF_SHARE, share):
-            yield from page
-
-    def has(self, name: str) -> bool:
-        """Whether a log of this name is in the list."""
-        return self._database.number("SELECT count(*) FROM logs WHERE name = ?", name) > 0
-
-    def rows(self) -> int:
-        """How many rows are there."""
-        return self._database.number("SELECT count(*) FROM rows")
-
-    def verdicts(self) -> Mapping[str, int]:
-        """How many of the rows that are there, of these logs, have which verdict."""
-        query = "SELECT verdict, count(*) FROM rows JOIN logs USING (sha256, name) GROUP BY verdict"
-        return dict(self._database.execute(query).fetchall())
-
-
-def share_of(name: str) -> int:
-    """Which part of the table has the row of a log that cannot be opened: the same in every run."""
-    return zlib.crc32(name.encode("utf-8")) % SHARES
-
-
-def _bytes(sha256: str | None) -> bytes | None:
-    return bytes.fromhex(sha256) if sha256 else None
-
-
 # -- Fleet folder --
 
 SCHEMA = "eivor.fleet/1"
@@ -395,6 +257,7 @@ DAMAGED = "damaged-"
 NAME_DIGITS = 24
 #: Parts of the logs that could not be opened, each of a share of them; written anew by every run.
 UNOPENED = "part-unopened-{motion}-{share:02d}.parquet"
+SHARES = 64
 #: Columns that say what is there.
 KEY_COLUMNS = ("name", "sha256", "verdict")
 
@@ -478,19 +341,15 @@ class FleetFolder:
             return None
         except (OSError, ValueError, RecursionError):
             document = None
-        kinds = {"options": dict, "versions": dict}
-        if (
-            not isinstance(document, dict)
-            or document.get("schema") != SCHEMA
-            or not all(isinstance(document.get(key), kind) for key, kind in kinds.items())
-        ):
-            result = document.get("schema") if isinstance(document, dict) else None
+        known: dict[str, Any] = document if isinstance(document, dict) else {}
+        schema, parts = known.get("schema"), (known.get("options"), known.get("versions"))
+        if schema != SCHEMA or not all(isinstance(part, dict) for part in parts):
             raise InputError(
                 f"a folder of the format {SCHEMA}",
-                f"'{path}' of {result!r}" if result else f"'{path}', which is another file",
+                f"'{path}' of {schema!r}" if schema else f"'{path}', which is another file",
                 "Another version of Eivor made it: use that, or choose another folder with -o.",
             )
-        return document
+        return known
 
     def check_run(self) -> None:
         """Refuse to go on with a run that another one has followed."""
@@ -503,15 +362,16 @@ class FleetFolder:
 
     def write(self, rows: Sequence[Row], options_hash: str, name: str = "") -> str:
         """Keep rows as a part, and give its name."""
-        content = sealed(flight_frame(rows), _facts(options_hash))
+        content = sealed(flight_frame(rows), {"eivor.fleet": SCHEMA, "eivor.options": options_hash})
         name = name or f"part-{hashlib.sha256(content).hexdigest()[:NAME_DIGITS]}.parquet"
         self.check_run()
         with report_fleet_errors(self.folder):
             write_atomically(self.folder / FLIGHTS / name, content)
         return name
 
-    def there(self, motion: str) -> Iterator[pl.DataFrame]:
-        """`KEY_COLUMNS` of the rows of a motion that exist, part by part; a damaged part is set aside."""
+    def there(self, motion: str) -> pl.DataFrame:
+        """`KEY_COLUMNS` of the rows of a motion that exist; a damaged part is set aside."""
+        parts = [pl.DataFrame(schema=dict.fromkeys(KEY_COLUMNS, pl.String))]
         unopened = {self._unopened(motion, share).name for share in range(SHARES)}
         with report_fleet_errors(self.folder):
             for path in part_files(self.folder):
@@ -520,16 +380,17 @@ class FleetFolder:
                     path.rename(path.with_name(f"{DAMAGED}{path.name}"))
                 elif path.name not in unopened:
                     part = pl.read_parquet(io.BytesIO(content), columns=["motion", *KEY_COLUMNS])
-                    yield part.filter(pl.col("motion") == motion).select(KEY_COLUMNS)
+                    parts.append(part.filter(pl.col("motion") == motion).select(KEY_COLUMNS))
+        return pl.concat(parts)
 
     def replace_unopened(
-        self, share: int, rows: Sequence[Row], is_given: Callable[[str], bool], options: FleetOptions
+        self, share: int, rows: Sequence[Row], given: pl.DataFrame, options: FleetOptions
     ) -> None:
-        """Write the rows of logs that could not be opened, in place of earlier ones."""
+        """Write the rows of logs that could not be opened, in place of earlier ones of the logs given."""
         path = self._unopened(options.motion, share)
         with report_fleet_errors(self.folder):
-            before = pl.read_parquet(path).rows(named=True) if path.exists() else []
-        now = [*rows, *(row for row in before if not is_given(row["name"]))]
+            before = pl.read_parquet(path).join(given, on="name", how="anti") if path.exists() else None
+        now = [*rows, *(() if before is None else before.rows(named=True))]
         if now:
             self.write(now, options.hash(), path.name)
         else:
@@ -538,10 +399,6 @@ class FleetFolder:
 
     def _unopened(self, motion: str, share: int) -> Path:
         return self.folder / FLIGHTS / UNOPENED.format(motion=motion, share=share)
-
-
-def _facts(options_hash: str) -> dict[str, str]:
-    return {"eivor.fleet": SCHEMA, "eivor.options": options_hash}
 
 
 def _versions_text(versions: Mapping[str, Any]) -> str:
@@ -617,9 +474,7 @@ class RowOfLog:
     def _map(self, log: Log) -> str | None:
         """Channel map of a log, when it is of a format that takes one."""
         chosen = self.options.map_of(log.name)
-        if not chosen:
-            return None
-        return chosen if format_at(Path(log.path)).takes_map else None
+        return chosen if chosen and format_at(Path(log.path)).takes_map else None
 
     def _whose(self, log: Log, recording: Recording) -> dict[str, str]:
         """Vehicle and type: as the user says where it is said, else as the log does."""
@@ -658,22 +513,15 @@ def failed_row(about: Mapping[str, Any], reason: str) -> dict[str, Any]:
 
 def copy_row(about: Mapping[str, Any], first: str) -> dict[str, Any]:
     """Row of a copy: it names the first, and has no numbers of its own."""
-    selected = {
-        "copy_of": about["sha256"],
-        "verdict": COPY,
-        "reason": f"A copy of {first}, whose row has the numbers.",
-    }
-    return {**about, **selected}
+    reason = f"A copy of {first}, whose row has the numbers."
+    return {**about, "copy_of": about["sha256"], "verdict": COPY, "reason": reason}
 
 
 def _of_recording(recording: Recording) -> dict[str, Any]:
     start, end = recording.span_s
     origin = recording.origin
-    results: dict[str, Any] = {
-        "firmware": origin.firmware or None,
-        "start": origin.start,
-        "duration_s": end - start,
-    }
+    duration = {"start": origin.start, "duration_s": end - start}
+    results: dict[str, Any] = {"firmware": origin.firmware or None, **duration}
     for column, name in SURROUNDINGS.items():
         channel = recording.channels.get(name)
         if channel is not None and np.isfinite(channel.values).any():
@@ -699,8 +547,6 @@ def _of_result(result: FlightEstimate) -> dict[str, Any]:
 
 def _in_table(path: Path, column: str) -> str:
     """First text of a column of a log that is a table; empty when it has no such column."""
-    import polars as pl
-
     scans: dict[str, Callable[[Path], pl.LazyFrame]] = {
         "csv": lambda item: pl.scan_csv(item, infer_schema=False),
         "parquet": pl.scan_parquet,
@@ -713,3 +559,81 @@ def _in_table(path: Path, column: str) -> str:
     except (EivorError, OSError, pl.exceptions.PolarsError):
         return ""
     return "" if text is None else str(text)
+
+
+# -- Fleet --
+
+
+@dataclass(frozen=True)
+class Fleet:
+    """A fleet that `eivor fleet run` made.
+
+    Parameters
+    ----------
+    folder : Path
+        Where its files are.
+    """
+
+    folder: Path
+
+    @cached_property
+    def flights(self) -> pl.DataFrame:
+        """Every row: one for each log and motion, see `eivor.fleet.table`.
+
+        Raises
+        ------
+        InputError
+            When there is no such table, or it cannot be read.
+        """
+        return read_flights(self.folder)
+
+    @property
+    def quantities(self) -> pl.DataFrame:
+        """Every quantity of every flight that has a result, one below the other.
+
+        Returns
+        -------
+        polars.DataFrame
+            `name`, `sha256`, `vehicle`, `type`, `motion`, `start`, `quantity`, `value`, `std_error`, `low`,
+            `high` (SI units, 95 %; null where there is no number) and `verdict`.
+        """
+        table = self.flights
+        about = ["name", "sha256", "vehicle", "type", "motion", "start"]
+        parts = [
+            table.filter(pl.col(f"{name}.{VERDICT}").is_not_null()).select(
+                *about,
+                pl.lit(name).alias("quantity"),
+                *(pl.col(f"{name}.{part}").alias(part) for part in (*NUMBERS, VERDICT)),
+            )
+            for name in quantity_names(table)
+        ]
+        none = table.select(about).clear()
+        columns = {"quantity": pl.String, **dict.fromkeys(NUMBERS, pl.Float64), VERDICT: pl.String}
+        none = none.with_columns(pl.lit(None, kind).alias(name) for name, kind in columns.items())
+        return pl.concat([none, *parts]).sort("motion", "name", "sha256", "quantity", nulls_last=True)
+
+
+def open(folder: str | PathLike[str]) -> Fleet:
+    """Open a fleet.
+
+    Parameters
+    ----------
+    folder : str or path
+        That `eivor fleet run` made.
+
+    Returns
+    -------
+    Fleet
+        Its tables, read when they are first asked for.
+
+    Raises
+    ------
+    InputError
+        When the folder has no table of flights.
+    UsageError
+        When `folder` is no path.
+    """
+    checks.path("folder", folder)
+    fleet = Fleet(Path(folder))
+    read_flights(fleet.folder, ["name"])
+    return fleet

@@ -19,7 +19,6 @@ from eivor.inference.regions import (
     RegionFrame,
     RegionShape,
     hotelling_quantile,
-    scanned_shadow,
 )
 from eivor.tools import Bool, Float, Int
 
@@ -103,10 +102,6 @@ class RobustShape(RegionShape):
             lambda values: self.excess(base + values[:, None] * step) <= 1.0, ends
         )
 
-    def shadow(self, axis: int) -> ConfidenceSet:
-        """Scanned; see `scanned_shadow`."""
-        return scanned_shadow(self, axis)
-
     def _between(
         self, first: Float[np.ndarray, " n_plus_1"], other: Float[np.ndarray, " n_plus_1"]
     ) -> Float[np.ndarray, "p p"]:
@@ -166,7 +161,7 @@ def robust_region(names: tuple[str, ...], scores: LinearScores, level: float) ->
     root = np.eye(p)
     for _ in range(2):
         at_pivot = scores.cosines @ np.concatenate([[1.0], -pivot])
-        root = _triangular_root(at_pivot / np.sqrt(averages))
+        root = _triangular_root(at_pivot / np.sqrt(averages), _no_error())
         pivot = _weighted_solution(scores.total, root)
     frame = RegionFrame(pivot, _standard_errors(scores.total, root))
     whitening = scipy.linalg.solve_triangular(root, np.eye(p), lower=True)
@@ -229,13 +224,22 @@ def _to_frame(frame: RegionFrame) -> Float[np.ndarray, "n_plus_1 n_plus_1"]:
 def _weighted_solution(
     total: Float[np.ndarray, "p n_plus_1"], root: Float[np.ndarray, "p p"]
 ) -> Float[np.ndarray, " n"]:
-    weighted = scipy.linalg.solve_triangular(root, total, lower=True)
-    lengths = np.linalg.norm(weighted[:, 1:], axis=0)
-    lengths = np.where(lengths > 0.0, lengths, 1.0)
-    solution: Float[np.ndarray, " n"] = np.linalg.lstsq(
-        weighted[:, 1:] / lengths, weighted[:, 0], rcond=None
-    )[0]
-    return solution / lengths
+    return _solution(scipy.linalg.solve_triangular(root, total, lower=True))[0]
+
+
+def _lengths(columns: Float[np.ndarray, "p n"]) -> Float[np.ndarray, " n"]:
+    """Length of each column, one of a column of zeros."""
+    lengths = np.linalg.norm(columns, axis=0)
+    return np.where(lengths > 0.0, lengths, 1.0)
+
+
+def _solution(
+    equations: Float[np.ndarray, "p n_plus_1"],
+) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+    """Least squares of the first column on the others, and their lengths."""
+    lengths = _lengths(equations[:, 1:])
+    solution = np.linalg.lstsq(equations[:, 1:] / lengths, equations[:, 0], rcond=None)[0]
+    return solution / lengths, lengths
 
 
 def _standard_errors(
@@ -243,20 +247,19 @@ def _standard_errors(
 ) -> Float[np.ndarray, " n"]:
     """Standard error of each parameter at the pivot."""
     A = scipy.linalg.solve_triangular(root, total[:, 1:], lower=True)
-    lengths = np.linalg.norm(A, axis=0)
-    lengths = np.where(lengths > 0.0, lengths, 1.0)
+    lengths = _lengths(A)
     singular, V = np.linalg.svd(A / lengths, full_matrices=False)[1:]
     kept = singular > 1e-8 * singular[0] if singular[0] > 0.0 else np.zeros(singular.size, dtype=np.bool_)
     variance = ((V[kept] / singular[kept, None]) ** 2).sum(axis=0)
     return np.sqrt(np.where(variance > 0.0, variance, 1.0)) / lengths
 
 
-def _triangular_root(rows: Float[np.ndarray, "averages p"]) -> Float[np.ndarray, "p p"]:
-    """Lower triangular L with L L' = rows' rows, by QR."""
+def _triangular_root(rows: Float[np.ndarray, "rows p"], error: CollinearError) -> Float[np.ndarray, "p p"]:
+    """Lower triangular L with L L' = rows' rows, by QR; an error where columns are combinations of others."""
     root: Float[np.ndarray, "p p"] = np.asarray(np.linalg.qr(rows, mode="r")).T
     lengths = np.linalg.norm(root, axis=1)
     if not lengths.all() or (np.abs(np.diag(root)) < 1e-10 * lengths).any():
-        raise _no_error()
+        raise error
     return root
 
 
@@ -435,10 +438,6 @@ class SignPerturbedShape(RegionShape):
         edges = np.concatenate([[-np.inf], ends, [np.inf]])
         return ConfidenceSet.union((float(edges[i]), float(edges[i + 1])) for i in np.flatnonzero(members))
 
-    def shadow(self, axis: int) -> ConfidenceSet:
-        """Scanned; see `scanned_shadow`."""
-        return scanned_shadow(self, axis)
-
 
 def excluded_sums(level: float, sums: int) -> int:
     """Return q such that 1 - q/m is the level."""
@@ -464,18 +463,13 @@ def sign_perturbed_region(
     """Region by sign perturbation."""
     excluded = excluded_sums(level, sums)
     rows, p = instruments.shape
-    root = np.asarray(np.linalg.qr(instruments, mode="r")).T
-    lengths = np.linalg.norm(root, axis=1)
-    if not lengths.all() or (np.abs(np.diag(root)) < 1e-10 * lengths).any():
-        raise CollinearError(
-            "independent instruments", "one that is a combination of others", "Leave it out."
-        )
+    collinear = CollinearError(
+        "independent instruments", "one that is a combination of others", "Leave it out."
+    )
+    root = _triangular_root(instruments, collinear)
     order = rng.permutation(sums)
     frame = _frame(columns, scipy.linalg.solve_triangular(root, instruments.T @ columns, lower=True))
-    change = np.zeros((columns.shape[1], columns.shape[1]))
-    change[0, 0] = 1.0
-    change[1:, 0], change[1:, 1:] = -frame.pivot, -np.diag(frame.scale)
-    moved = columns @ change
+    moved = columns @ _to_frame(frame)
     total = np.zeros((sums, p * moved.shape[1]))
     for start in range(0, rows, SIGN_ROWS):
         psi, z = instruments[start : start + SIGN_ROWS], moved[start : start + SIGN_ROWS]
@@ -483,22 +477,17 @@ def sign_perturbed_region(
         signs = np.ones((sums, psi.shape[0]))
         signs[1:] -= 2.0 * rng.integers(0, 2, size=(sums - 1, psi.shape[0]), dtype=np.int8)
         total += signs @ products
-    shaped = scipy.linalg.solve_triangular(root, _by_equation(total, p), lower=True)
+    by_equation = total.reshape(sums, p, -1).transpose(1, 0, 2).reshape(p, -1)
+    shaped = scipy.linalg.solve_triangular(root, by_equation, lower=True)
     stacked = shaped.reshape(p, sums, -1).transpose(1, 0, 2)
     return ConfidenceRegion(names, frame, SignPerturbedShape(np.ascontiguousarray(stacked), excluded, order))
-
-
-def _by_equation(total: Float[np.ndarray, "m products"], p: int) -> Float[np.ndarray, "p m_columns"]:
-    return total.reshape(total.shape[0], p, -1).transpose(1, 0, 2).reshape(p, -1)
 
 
 def _frame(
     columns: Float[np.ndarray, "rows n_plus_1"], shaped: Float[np.ndarray, "p n_plus_1"]
 ) -> RegionFrame:
     """Two-stage estimate, and sizes of parameters that change S_0 by the usual length of an S_i."""
-    lengths = np.linalg.norm(shaped[:, 1:], axis=0)
-    lengths = np.where(lengths > 0.0, lengths, 1.0)
-    solution = np.linalg.lstsq(shaped[:, 1:] / lengths, shaped[:, 0], rcond=None)[0] / lengths
+    solution, lengths = _solution(shaped)
     residual = columns[:, 0] - columns[:, 1:] @ solution
     usual = float(np.sqrt(residual @ residual / residual.size))
     return RegionFrame(solution, (usual or 1.0) / lengths)

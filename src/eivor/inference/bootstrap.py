@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -298,7 +297,27 @@ class Bootstrap:
         except ValueError as error:
             known = ", ".join(IntervalKind)
             raise UsageError(f"a kind out of {known}", checks.described(kind), "Name one of them.") from error
-        return _INTERVALS[chosen](self, position, level)
+        value = float(self.values[position])
+        if chosen is IntervalKind.STUDENTISED:
+            if self.studentised is None or self.std_errors is None:
+                raise UsageError(
+                    "replicates with standard errors of their own, for a studentised interval",
+                    "replicates without",
+                    "Draw blocks of one length, or take another kind of interval.",
+                )
+            low, high = _quantiles(self.studentised[:, position], level)
+            std_error = float(self.std_errors[position])
+            return value - high * std_error, value - low * std_error
+        if chosen is IntervalKind.EXPANDED and self.pieces < 2:
+            return -math.inf, math.inf
+        low, high = _quantiles(self.replicates[:, position], level)
+        if chosen is IntervalKind.BASIC:
+            return 2.0 * value - high, 2.0 * value - low
+        if chosen is IntervalKind.PERCENTILE:
+            return low, high
+        wider = math.sqrt(self.pieces / (self.pieces - 1)) * t_quantile(level, self.pieces - 1)
+        wider /= normal_quantile(level)
+        return value + wider * (low - value), value + wider * (high - value)
 
     def _position(self, name: str) -> int:
         checks.text("name", name)
@@ -318,43 +337,3 @@ def _quantiles(values: Float[np.ndarray, " runs"], level: float) -> tuple[float,
         )
     low, high = np.quantile(values, [0.5 - 0.5 * level, 0.5 + 0.5 * level], method="weibull")
     return float(low), float(high)
-
-
-def _percentile(bootstrap: Bootstrap, position: int, level: float) -> tuple[float, float]:
-    return _quantiles(bootstrap.replicates[:, position], level)
-
-
-def _expanded(bootstrap: Bootstrap, position: int, level: float) -> tuple[float, float]:
-    if bootstrap.pieces < 2:
-        return -math.inf, math.inf
-    wider = math.sqrt(bootstrap.pieces / (bootstrap.pieces - 1)) * t_quantile(level, bootstrap.pieces - 1)
-    wider /= normal_quantile(level)
-    value = float(bootstrap.values[position])
-    low, high = _quantiles(bootstrap.replicates[:, position], level)
-    return value + wider * (low - value), value + wider * (high - value)
-
-
-def _basic(bootstrap: Bootstrap, position: int, level: float) -> tuple[float, float]:
-    value = float(bootstrap.values[position])
-    low, high = _quantiles(bootstrap.replicates[:, position], level)
-    return 2.0 * value - high, 2.0 * value - low
-
-
-def _studentised(bootstrap: Bootstrap, position: int, level: float) -> tuple[float, float]:
-    if bootstrap.studentised is None or bootstrap.std_errors is None:
-        raise UsageError(
-            "replicates with standard errors of their own, for a studentised interval",
-            "replicates without",
-            "Draw blocks of one length, or take another kind of interval.",
-        )
-    value, error = float(bootstrap.values[position]), float(bootstrap.std_errors[position])
-    low, high = _quantiles(bootstrap.studentised[:, position], level)
-    return value - high * error, value - low * error
-
-
-_INTERVALS: dict[IntervalKind, Callable[[Bootstrap, int, float], tuple[float, float]]] = {
-    IntervalKind.PERCENTILE: _percentile,
-    IntervalKind.EXPANDED: _expanded,
-    IntervalKind.BASIC: _basic,
-    IntervalKind.STUDENTISED: _studentised,
-}

@@ -202,16 +202,9 @@ def cosine_averages(
     return np.sqrt(2.0) * (turned * spectrum.T).T.real
 
 
-def long_run_sum_covariance(
-    scores: Float[np.ndarray, "samples n"], averages: int = COSINE_AVERAGES
-) -> Float[np.ndarray, "n n"]:
-    """Covariance of the sum of scores that are all at hand."""
-    return cosine_covariance([scores], scores.shape[0], averages)
-
-
 def long_run_mean_variance(series: Float[np.ndarray, " samples"], averages: int = COSINE_AVERAGES) -> float:
     """Variance of the mean of an autocorrelated series, by the same cosine averages."""
-    return float(long_run_sum_covariance(series[:, None], averages)[0, 0]) / series.size**2
+    return float(cosine_covariance([series[:, None]], series.size, averages)[0, 0]) / series.size**2
 
 
 @lru_cache(maxsize=8)
@@ -257,6 +250,18 @@ class CovarianceEstimator(ABC):
         return joint_covariance if equation.move is None else joint_covariance.with_bias(equation.move)
 
 
+def _part(
+    name: str,
+    equation: EstimatingEquation,
+    meat: Float[np.ndarray, "n n"],
+    degrees: float = math.inf,
+    share: float = 1.0,
+) -> CovariancePart:
+    """Part of the covariance of the sum of scores, to which a prior adds its own."""
+    matrix = sandwich(equation.slope, meat + equation.prior_covariance)
+    return CovariancePart(name, matrix, degrees, share)
+
+
 def check_covariance_estimator(estimator: object) -> None:
     """Refuse what is no estimator of covariances."""
     checks.kind(
@@ -285,11 +290,7 @@ class Classical(CovarianceEstimator):
             power += float(rows.residual @ rows.residual)
             count += rows.residual.size
         variance = power / max(count - unknowns, 1)
-        return (
-            CovariancePart(
-                "classical", sandwich(equation.slope, variance * products + equation.prior_covariance)
-            ),
-        )
+        return (_part("classical", equation, variance * products),)
 
 
 @dataclass(frozen=True, slots=True)
@@ -298,15 +299,10 @@ class HeteroskedasticityRobust(CovarianceEstimator):
 
     def parts(self, equation: EstimatingEquation) -> tuple[CovariancePart, ...]:
         """One part; O(rows n^2)."""
-        unknowns = equation.unknowns
-        products: Float[np.ndarray, "n n"] = np.zeros((unknowns, unknowns))
+        products: Float[np.ndarray, "n n"] = np.zeros_like(equation.slope)
         for rows in equation.blocks():
             products += rows.scores.T @ rows.scores
-        return (
-            CovariancePart(
-                "heteroskedasticity_robust", sandwich(equation.slope, products + equation.prior_covariance)
-            ),
-        )
+        return (_part("heteroskedasticity_robust", equation, products),)
 
 
 @dataclass(frozen=True, slots=True)
@@ -339,9 +335,8 @@ class EqualWeightedCosines(CovarianceEstimator):
         count, unknowns = equation.sample_count, equation.unknowns
         averages = max(min(self.averages, count - unknowns), 1)
         meat = cosine_covariance(scores, count, averages)
-        matrix = sandwich(equation.slope, meat + equation.prior_covariance)
         degrees = float(averages) if count > unknowns else 0.0
-        return (CovariancePart("equal_weighted_cosines", matrix, degrees),)
+        return (_part("equal_weighted_cosines", equation, meat, degrees),)
 
 
 @dataclass(frozen=True, slots=True)
@@ -375,11 +370,7 @@ class ClusteredByFlight(CovarianceEstimator):
         stacked = np.stack(list(sums.values()))
         stacked -= stacked.mean(axis=0)
         meat = stacked.T @ stacked * flights / (flights - 1)
-        return (
-            CovariancePart(
-                "clustered", sandwich(equation.slope, meat + equation.prior_covariance), float(flights - 1)
-            ),
-        )
+        return (_part("clustered", equation, meat, float(flights - 1)),)
 
 
 @dataclass(frozen=True, slots=True)
@@ -432,26 +423,14 @@ __all__ = [
 ]
 
 
-def _newey_west() -> CovarianceEstimator:
-    return KernelRobust(Bartlett(), NeweyWestRule(), fixed_b=False)
-
-
-def _andrews() -> CovarianceEstimator:
-    return KernelRobust(QuadraticSpectral(), AndrewsRule(), fixed_b=False)
-
-
-def _bartlett_fixed_b() -> CovarianceEstimator:
-    return KernelRobust(Bartlett(), SquareRootRule())
-
-
 #: Covariances that a study file may name.
 TABLE: Mapping[str, Callable[[], CovarianceEstimator]] = {
     "equal_weighted_cosines": lambda: DEFAULT,
     "classical": Classical,
     "heteroskedasticity_robust": HeteroskedasticityRobust,
-    "newey_west": _newey_west,
-    "andrews": _andrews,
-    "bartlett_fixed_b": _bartlett_fixed_b,
+    "newey_west": lambda: KernelRobust(Bartlett(), NeweyWestRule(), fixed_b=False),
+    "andrews": lambda: KernelRobust(QuadraticSpectral(), AndrewsRule(), fixed_b=False),
+    "bartlett_fixed_b": lambda: KernelRobust(Bartlett(), SquareRootRule()),
     "widest": lambda: FLIGHT_DEFAULT,
 }
 
@@ -483,9 +462,8 @@ class ByRow(CovarianceEstimator):
         weights = np.linalg.lstsq(equation.slope, P.T, rcond=None)[0] ** 2
         fourth = (weights**2).sum(axis=1)
         rows = np.divide(weights.sum(axis=1) ** 2, fourth, out=np.ones(fourth.size), where=fourth > 0.0)
-        wider = np.array([t_quantile(ROW_COVARIANCE_LEVEL, nu) for nu in rows.tolist()]) / normal_quantile(
-            ROW_COVARIANCE_LEVEL
-        )
+        wider = np.array([t_quantile(ROW_COVARIANCE_LEVEL, nu) for nu in rows.tolist()])
+        wider /= normal_quantile(ROW_COVARIANCE_LEVEL)
         return (CovariancePart("by_row", matrix * np.outer(wider, wider)),)
 
 
@@ -500,32 +478,24 @@ POINTS = 4001
 FURTHEST = 100.0
 
 
-@dataclass(frozen=True, slots=True)
-class FixedBReference:
-    """Student's t, divided by the root of a share."""
-
-    degrees: float
-    share: float  # c, share of the long-run variance that the kernel is expected to see
-
-
 @lru_cache(maxsize=256)
-def fixed_b_reference(kernel: Kernel, b: float) -> FixedBReference:
-    """Reference distribution at a share b = S/N of the record, 0 < b <= 1. Performs no checks."""
+def fixed_b_reference(kernel: Kernel, b: float) -> tuple[float, float]:
+    """Reference distribution at a share b = S/N of the record, 0 < b <= 1: Student's t over a root.
+
+    Degrees of freedom, and the share of the long-run variance that the kernel is expected to see, of which
+    the root is. Performs no checks.
+    """
     end = min(1.0 / b, 1.0 if kernel.ends else FURTHEST)
     x = np.linspace(0.0, end, POINTS)
     k = kernel.weights(x)
     within = np.concatenate([[0.0], np.cumsum(0.5 * (k[1:] + k[:-1]) * np.diff(x))])
-    mean = 2.0 * b * _integral((1.0 - b * x) * k, x)
-    square = 2.0 * b * _integral((1.0 - b * x) * k**2, x)
+    mean = 2.0 * b * float(np.trapezoid((1.0 - b * x) * k, x))
+    square = 2.0 * b * float(np.trapezoid((1.0 - b * x) * k**2, x))
     r = np.append(b * x[b * x < 0.5], 0.5)
     h = b * (np.interp(r / b, x, within) + np.interp((1.0 - r) / b, x, within))
     share = 1.0 - mean
-    spread = square - 2.0 * (2.0 * _integral(h**2, r)) + mean**2
-    return FixedBReference(share**2 / spread, share)
-
-
-def _integral(values: Float[np.ndarray, " n"], x: Float[np.ndarray, " n"]) -> float:
-    return float(np.trapezoid(values, x))
+    spread = square - 2.0 * (2.0 * float(np.trapezoid(h**2, r))) + mean**2
+    return share**2 / spread, share
 
 
 # -- Kernel covariance --
@@ -574,12 +544,10 @@ class KernelRobust(CovarianceEstimator):
         # Beyond the record's length there is no lag to count, and a longer span would only shrink the sum.
         lags = min(self.bandwidth.lags(own, count, self.kernel), count - 1.0)
         meat = kernel_sum_covariance(blocks(), count, self.kernel, lags)
-        matrix = sandwich(equation.slope, meat + equation.prior_covariance)
-        reference = FixedBReference(math.inf, 1.0)
-        span = self.kernel.span(lags)
+        reference = (math.inf, 1.0)
         if self.fixed_b and lags > 0.0:
-            reference = fixed_b_reference(self.kernel, span / count)
-        return (CovariancePart(self.kernel.name, matrix, reference.degrees, reference.share),)
+            reference = fixed_b_reference(self.kernel, self.kernel.span(lags) / count)
+        return (_part(self.kernel.name, equation, meat, *reference),)
 
 
 # -- Joint draws --
@@ -606,19 +574,19 @@ def joint_draws(
             "Fly longer, or pool several flights.",
         )
     strata = max(count, STRATA)
-    scores = rng.standard_normal((strata, values.size)) @ _root(_score_correlations(covariance, degrees)).T
+    # square root of the nearest matrix without negative eigenvalues, its diagonal one again
+    eigenvalues, vectors = np.linalg.eigh(_score_correlations(covariance, degrees))
+    root = vectors * np.sqrt(np.maximum(eigenvalues, 0.0))
+    root /= np.linalg.norm(root, axis=1, keepdims=True)
+    scores = rng.standard_normal((strata, values.size)) @ root.T
     for each in np.unique(degrees[np.isfinite(degrees)]):
         scores[:, degrees == each] *= np.sqrt(each / rng.chisquare(each, strata))[:, None]
     shares = (scores.argsort(axis=0).argsort(axis=0)[:count] + rng.random((count, values.size))) / strata
-    return values + scales * np.stack(
-        [_quantiles(column, degree) for column, degree in zip(shares.T, degrees, strict=True)], axis=1
-    )
-
-
-def _quantiles(shares: Float[np.ndarray, " count"], degrees: float) -> Float[np.ndarray, " count"]:
-    """Quantiles of Student's t, or of the normal distribution."""
-    result = special.ndtri(shares) if math.isinf(degrees) else special.stdtrit(degrees, shares)
-    return np.asarray(result)
+    quantiles = [
+        special.ndtri(column) if math.isinf(degree) else special.stdtrit(degree, column)
+        for column, degree in zip(shares.T, degrees, strict=True)
+    ]
+    return values + scales * np.stack(quantiles, axis=1)
 
 
 def _law(covariance: JointCovariance, direction: Float[np.ndarray, " n"]) -> tuple[float, float]:
@@ -649,11 +617,3 @@ def _kept(degrees: float) -> float:
     half = 0.5 * degrees
     mean = math.exp(special.gammaln(half - 0.5) - special.gammaln(half)) * math.sqrt(half)
     return mean * math.sqrt((degrees - 2.0) / degrees)
-
-
-def _root(correlations: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "n n"]:
-    """Square root of the nearest matrix without negative eigenvalues, its diagonal one again."""
-    eigenvalues, vectors = np.linalg.eigh(correlations)
-    root = vectors * np.sqrt(np.maximum(eigenvalues, 0.0))
-    scaled: Float[np.ndarray, "n n"] = root / np.linalg.norm(root, axis=1, keepdims=True)
-    return scaled

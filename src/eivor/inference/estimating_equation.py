@@ -47,8 +47,7 @@ class EstimatingEquation:
     @property
     def sensitivity(self) -> Float[np.ndarray, "n n"]:
         """M, minus the derivative of the sum of the method's own scores by the joint vector."""
-        sensitivity: Float[np.ndarray, "n n"] = self.root.T @ self.slope
-        return sensitivity
+        return np.asarray(self.root.T @ self.slope)
 
     @cached_property
     def rows(self) -> EquationRows:
@@ -56,19 +55,14 @@ class EstimatingEquation:
         parts = list(self.blocks())
         if len(parts) == 1:
             return parts[0]
-        return EquationRows(
-            np.concatenate([part.test_functions for part in parts]),
-            np.concatenate([part.residual for part in parts]),
-            np.concatenate([part.scores for part in parts]),
-            np.concatenate([part.flight_of_row for part in parts]),
-            parts[0].constant,
-        )
+        names = ("test_functions", "residual", "scores", "flight_of_row")
+        joined = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
+        return EquationRows(**joined, constant=parts[0].constant)
 
     @property
     def test_functions(self) -> Float[np.ndarray, "rows n"]:
         """The method's own test functions of all rows."""
-        current: Float[np.ndarray, "rows n"] = self.rows.test_functions @ self.root
-        return current
+        return np.asarray(self.rows.test_functions @ self.root)
 
     @property
     def residual(self) -> Float[np.ndarray, " rows"]:
@@ -78,8 +72,7 @@ class EstimatingEquation:
     @property
     def scores(self) -> Float[np.ndarray, "samples n"]:
         """The method's own scores of all samples, in time order."""
-        scores: Float[np.ndarray, "samples n"] = self.rows.scores @ self.root
-        return scores
+        return np.asarray(self.rows.scores @ self.root)
 
     @property
     def flight_of_row(self) -> Int[np.ndarray, " rows"]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -21,15 +22,8 @@ SMALL_ARGUMENT = 1e-3
 class Kernel(ABC):
     """Weights of autocovariances."""
 
-    @property
-    @abstractmethod
-    def name(self) -> str:
-        """What results call it."""
-
-    @property
-    @abstractmethod
-    def ends(self) -> bool:
-        """True when the kernel is zero from x = 1 on."""
+    name: ClassVar[str]  # what results call it
+    ends: ClassVar[bool] = True  # whether the kernel is zero from x = 1 on
 
     @abstractmethod
     def weights(self, x: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
@@ -44,15 +38,7 @@ class Kernel(ABC):
 class Bartlett(Kernel):
     """1 - x (Newey and West 1987)."""
 
-    @property
-    def name(self) -> str:
-        """Bartlett."""
-        return "bartlett"
-
-    @property
-    def ends(self) -> bool:
-        """Yes."""
-        return True
+    name = "bartlett"
 
     def weights(self, x: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
         """1 - x, and zero beyond one."""
@@ -63,15 +49,7 @@ class Bartlett(Kernel):
 class Parzen(Kernel):
     """1 - 6 x^2 + 6 x^3 up to 1/2, 2 (1 - x)^3 up to 1 (Gallant 1987)."""
 
-    @property
-    def name(self) -> str:
-        """Parzen."""
-        return "parzen"
-
-    @property
-    def ends(self) -> bool:
-        """Yes."""
-        return True
+    name = "parzen"
 
     def weights(self, x: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
         """Two cubics."""
@@ -83,15 +61,8 @@ class Parzen(Kernel):
 class QuadraticSpectral(Kernel):
     """3/z^2 (sin z / z - cos z) with z = 6 pi x / 5 (Andrews 1991); it has no end."""
 
-    @property
-    def name(self) -> str:
-        """Quadratic spectral."""
-        return "quadratic_spectral"
-
-    @property
-    def ends(self) -> bool:
-        """No."""
-        return False
+    name = "quadratic_spectral"
+    ends = False
 
     def weights(self, x: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
         """Andrews' formula, by its series where it would cancel."""

@@ -10,7 +10,7 @@ import numpy as np
 from scipy import special
 
 from eivor.inference.distributions import normal_quantile
-from eivor.tools import Bool, Float, Int
+from eivor.tools import Float, Int
 
 # -- Groups --
 
@@ -111,7 +111,7 @@ def paule_mandel(
     near: Float[np.ndarray, " groups"] | None = None,
 ) -> Float[np.ndarray, " groups"]:
     """Variance between estimates where Q is its expectation; zero where it is below that without any."""
-    together = together or _each_alone(groups)
+    together = together or Groups(np.ones_like(groups.sizes))
     expected = together.sums((groups.sizes - 1).astype(float))
     return _where(groups, estimates, variances, expected, together, near)
 
@@ -125,24 +125,14 @@ def q_profile(
 ) -> tuple[Float[np.ndarray, " groups"], Float[np.ndarray, " groups"]]:
     """Interval of the variance between estimates."""
     degrees = groups.sizes - 1
+    several, alone = degrees > 0, Groups(np.ones_like(groups.sizes))
+
+    def end(tail: float) -> Float[np.ndarray, " groups"]:
+        wanted = np.where(several, special.chdtri(np.maximum(degrees, 1), tail), 1.0)
+        return _where(groups, estimates, variances, wanted, alone, near)
+
     tail = 0.5 * (1.0 - level)
-    several = degrees > 0
-    low, high = (
-        _where(
-            groups,
-            estimates,
-            variances,
-            np.where(several, special.chdtri(np.maximum(degrees, 1), item), 1.0),
-            _each_alone(groups),
-            near,
-        )
-        for item in (tail, 1.0 - tail)
-    )
-    return np.where(several, low, 0.0), np.where(several, high, np.inf)
-
-
-def _each_alone(groups: Groups) -> Groups:
-    return Groups(np.ones(groups.sizes.size, dtype=int))
+    return np.where(several, end(tail), 0.0), np.where(several, end(1.0 - tail), np.inf)
 
 
 def _where(
@@ -234,50 +224,46 @@ class BetweenDistribution:
     ) -> Float[np.ndarray, " groups"]:
         """Half-widths of the means: Hartung and Knapp's, but not less than this distribution says."""
         half = result.half_widths(level)
-        short = self._missed(half, result.value, self.mean_errors)[0] > 1.0 - level
-        half[short] = self._only(short)._half_widths(result.value[short], self.mean_errors[:, short], level)
+        short = _missed(half, self.means - result.value, self.mean_errors)[0] > 1.0 - level
+        offsets = self.means[:, short] - result.value[short]
+        half[short] = _half_widths(offsets, self.mean_errors[:, short], level)
         return half
 
     def next_half_widths(
         self, centre: Float[np.ndarray, " groups"], level: float = 0.95
     ) -> Float[np.ndarray, " groups"]:
         """Half-widths about a centre of the next members; infinite for groups of fewer than `FEWEST`."""
-        half_widths = self._half_widths(centre, self.next_errors, level)
+        half_widths = _half_widths(self.means - centre, self.next_errors, level)
         return np.where(self.sizes >= FEWEST, half_widths, np.inf)
 
-    def _only(self, which: Bool[np.ndarray, " groups"]) -> BetweenDistribution:
-        return BetweenDistribution(
-            self.sizes[which], self.means[:, which], self.mean_errors[:, which], self.next_errors[:, which]
-        )
 
-    def _missed(
-        self,
-        half_width: Float[np.ndarray, " groups"],
-        centre: Float[np.ndarray, " groups"],
-        errors: Float[np.ndarray, "nodes groups"],
-    ) -> tuple[Float[np.ndarray, " groups"], Float[np.ndarray, " groups"]]:
-        """Probability outside a half-width, and the density at its ends."""
-        offsets = self.means - centre
-        above, below = (half_width - offsets) / errors, (half_width + offsets) / errors
-        density = (np.exp(-0.5 * above**2) + np.exp(-0.5 * below**2)) / errors
-        missed = COUNTS @ (special.ndtr(-above) + special.ndtr(-below))
-        return missed, COUNTS @ density / np.sqrt(2.0 * np.pi)
+def _missed(
+    half_width: Float[np.ndarray, " groups"],
+    offsets: Float[np.ndarray, "nodes groups"],
+    errors: Float[np.ndarray, "nodes groups"],
+) -> tuple[Float[np.ndarray, " groups"], Float[np.ndarray, " groups"]]:
+    """Probability outside a half-width, and the density at its ends."""
+    above, below = (half_width - offsets) / errors, (half_width + offsets) / errors
+    density = (np.exp(-0.5 * above**2) + np.exp(-0.5 * below**2)) / errors
+    missed = COUNTS @ (special.ndtr(-above) + special.ndtr(-below))
+    return missed, COUNTS @ density / np.sqrt(2.0 * np.pi)
 
-    def _half_widths(
-        self, centre: Float[np.ndarray, " groups"], errors: Float[np.ndarray, "nodes groups"], level: float
-    ) -> Float[np.ndarray, " groups"]:
-        """Half-widths by Newton's method on logarithms, where tails are straight lines or bend downward."""
-        z = normal_quantile(level)
-        offsets = np.abs(self.means - centre).max(axis=0)
-        low, high = z * errors.min(axis=0), z * errors.max(axis=0) + offsets  # of the normals that are mixed
-        result = np.clip(z * (COUNTS @ errors), low, high)
-        for _ in range(HALF_WIDTH_STEPS):
-            missed, density = self._missed(result, centre, errors)
-            step = np.log(missed / (1.0 - level)) * missed / (result * density)
-            result, before = np.clip(result * np.exp(step), low, high), result
-            if np.all(np.abs(result - before) <= HALF_WIDTH_TOLERANCE * result):
-                break
-        return result
+
+def _half_widths(
+    offsets: Float[np.ndarray, "nodes groups"], errors: Float[np.ndarray, "nodes groups"], level: float
+) -> Float[np.ndarray, " groups"]:
+    """Half-widths by Newton's method on logarithms, where tails are straight lines or bend downward."""
+    z = normal_quantile(level)
+    low = z * errors.min(axis=0)  # of the normals that are mixed
+    high = z * errors.max(axis=0) + np.abs(offsets).max(axis=0)
+    result = np.clip(z * (COUNTS @ errors), low, high)
+    for _ in range(HALF_WIDTH_STEPS):
+        missed, density = _missed(result, offsets, errors)
+        step = np.log(missed / (1.0 - level)) * missed / (result * density)
+        result, before = np.clip(result * np.exp(step), low, high), result
+        if np.all(np.abs(result - before) <= HALF_WIDTH_TOLERANCE * result):
+            break
+    return result
 
 
 def between_distribution(

@@ -55,9 +55,9 @@ class RegionShape(ABC):
     ) -> ConfidenceSet:
         """Numbers s for which base + s step is in the region."""
 
-    @abstractmethod
     def shadow(self, axis: int) -> ConfidenceSet:
-        """Values of x_axis / x_0 (axis from 1) that some point of the region has."""
+        """Values of x_axis / x_0 (axis from 1) that some point of the region has; scanned."""
+        return scanned_shadow(self, axis)
 
 
 @dataclass(frozen=True)

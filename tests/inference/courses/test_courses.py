@@ -8,7 +8,7 @@ import statsmodels.api as sm
 from scipy import stats
 from statsmodels.stats.outliers_influence import OLSInfluence
 
-from eivor.fleet.change_points import Ordered, after_step, deviation_p_values, drifts, shared_slopes, steps
+from eivor.fleet.change_points import Ordered, deviation_p_values, drifts, shared_slopes, steps
 from eivor.inference.random_effects import Groups
 
 
@@ -66,7 +66,7 @@ def test_a_step_is_the_best_of_all_pairs_of_means():
         assert result.half_width[number] == pytest.approx(np.diff(best.conf_int()[1])[0] / 2)
         assert result.squares[number] == pytest.approx(best.ssr)
         line = ordered(current, [current.size], weights=w)
-        assert after_step(line) == pytest.approx(after[fits.index(best)])
+        assert steps(line).after == pytest.approx(after[fits.index(best)])
         # between what one test and all of them would say
         assert best.pvalues[1] <= result.p_values[number] <= min(1.0, len(fits) * best.pvalues[1])
         assert result.first[number] <= result.index[number] <= result.last[number]
@@ -77,7 +77,7 @@ def test_a_step_is_the_best_of_all_pairs_of_means():
 def test_too_few_estimates_have_no_step():
     result = steps(ordered([0.0, 0.0, 0.0, 9.0, 9.0], [5]))
     assert (result.p_values[0], result.size[0], result.half_width[0]) == (1.0, 0.0, np.inf)
-    assert not after_step(ordered([0.0, 0.0, 0.0, 9.0, 9.0], [5])).any()
+    assert not result.after.any()
 
 
 @pytest.mark.parametrize("size", [8, 40])

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from eivor.fleet.change_points import OutlierTest
+from eivor.fleet.change_points import outlier_test
 from eivor.inference.random_effects import Groups, one_group
 
 
 def added(y: np.ndarray, sizes: list[int], sets: Groups | None = None) -> np.ndarray:
     """What is added to variances of 1e-4, the groups a set unless said otherwise."""
     v = np.full(y.size, 1e-4)
-    return OutlierTest(Groups(np.array(sizes)), sets or one_group(len(sizes)), v).added(y)
+    return outlier_test(Groups(np.array(sizes)), sets or one_group(len(sizes)), v)(y)
 
 
 def noise(seed: int, rows: int) -> np.ndarray:

@@ -89,9 +89,8 @@ class Periodicity(Diagnostic):
 
     def lines(self, _of: Subject, /) -> Iterator[str]:
         """The likeliest period."""
-        strongest = self.strongest
-        likely = f"p-value {self.p_value:.3g}, most likely {strongest.of} by {strongest.extent}"
-        yield f"period               {strongest.period:>10.4g}  {self.time_unit}, {likely}"
+        likely = f"p-value {self.p_value:.3g}, most likely {self.strongest.of} by {self.strongest.extent}"
+        yield f"period               {self.strongest.period:>10.4g}  {self.time_unit}, {likely}"
 
     def reasons(self, _of: Subject, /) -> Iterator[Reason]:
         """What varies periodically."""
@@ -297,8 +296,7 @@ def information(products: EquationProducts, *, instrumental: bool) -> Informatio
     length = np.sqrt(np.diag(matrix))
     scale = np.divide(1.0, length, out=np.zeros_like(length), where=length > 0.0)
     matrix = np.outer(scale, scale) * matrix
-    values, vectors = np.linalg.eigh(matrix)
-    return Information(matrix, values, vectors)
+    return Information(matrix, *np.linalg.eigh(matrix))
 
 
 def band_power(

@@ -40,8 +40,7 @@ def influences(
     """What each block adds to each parameter. Performs no checks."""
     scale = unit_scale(np.abs(np.diag(sensitivity)))
     scaled = np.outer(scale, scale) * sensitivity
-    solution: Float[np.ndarray, "n K"] = np.linalg.lstsq(scaled, scale[:, None] * sums.T, rcond=None)[0]
-    return scale * solution.T
+    return np.asarray(scale * np.linalg.lstsq(scaled, scale[:, None] * sums.T, rcond=None)[0].T)
 
 
 # -- Constancy --
@@ -105,15 +104,13 @@ def constancy(sums: Float[np.ndarray, "K n"], sensitivity: Float[np.ndarray, "n 
     p_values = np.array([p_value(float(path.max()), 1) for path in each])
     if unknowns in QUANTILES:
         path = wald_path(groups)
-        statistic = float(path.max())
-        joint = p_value(statistic, unknowns)
+        joint = p_value(float(path.max()), unknowns)
     else:  # too many for one covariance on twelve averages: the strongest of them, by Bonferroni's bound
         path = each[int(np.argmin(p_values))]
-        statistic = float(path.max())
         joint = min(1.0, unknowns * float(p_values.min()))
     k = TRIMMED + int(np.argmax(path))
     change = GROUPS * (groups[k:].mean(axis=0) - groups[:k].mean(axis=0))
-    return Constancy(statistic, joint, p_values, k / GROUPS, change)
+    return Constancy(float(path.max()), joint, p_values, k / GROUPS, change)
 
 
 def wald_path(groups: Float[np.ndarray, "64 n"]) -> Float[np.ndarray, " breaks"]:
@@ -136,11 +133,6 @@ def p_value(statistic: float, unknowns: int) -> float:
     return float(
         np.exp(np.interp(np.log(max(statistic, 1e-300)), np.log(QUANTILES[unknowns]), np.log(TAILS)))
     )
-
-
-def simulated_suprema(unknowns: int, runs: int, rng: np.random.Generator) -> Float[np.ndarray, " runs"]:
-    """Suprema under constant parameters, from independent normal group sums."""
-    return np.array([wald_path(rng.standard_normal((GROUPS, unknowns))).max() for _ in range(runs)])
 
 
 @lru_cache(maxsize=1)
@@ -273,11 +265,9 @@ def residual_memory(residual: Float[np.ndarray, " rows"]) -> ResidualMemory | No
     """Local Whittle order of a residual in time order, with its standard error. Performs no checks."""
     width = -(-residual.size // LONGEST)
     usable = residual.size // width
-    means = (
-        residual[: usable * width].reshape(usable, width) @ np.full(width, 1.0 / width)
-        if width > 1
-        else residual
-    )
+    means = residual
+    if width > 1:
+        means = residual[: usable * width].reshape(usable, width) @ np.full(width, 1.0 / width)
     spread = float(np.ptp(means)) if means.size else 0.0
     if means.size <= 2 * LEAST_BANDWIDTH or spread <= 1e-12 * float(np.abs(means).max()):
         return None
