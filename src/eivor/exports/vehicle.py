@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from operator import itemgetter
 
 import numpy as np
 
 from eivor.errors import NotIdentifiedError, ParameterError, UsageError
 from eivor.exports.fitted import VERTICAL, Exported, Fitted, Number, Supplied
 from eivor.inference.distributions import normal_quantile
-from eivor.inference.verdict import Status
 from eivor.motions.rigid_body.inertia import Combinations, yaw_inertia
 from eivor.motions.rigid_body.physical_parameters import Formula, physical_parameters, sought
 from eivor.motions.rigid_body.vehicle import NO_BODY_UNCERTAINTY, KnownNumber, KnownVehicle
@@ -62,24 +60,19 @@ class Parts:
     missing: Mapping[str, str]
 
 
-def itself(name: str) -> Callable[[Columns], Column]:
-    """Column of a root by its name."""
-    return lambda columns: columns[name]
-
-
-def of_mass(mass: Number, per_mass: Number, share: float = 1.0) -> Number:
+def per_mass(mass: Number, number: Number, root: str, share: float = 1.0) -> SimulatorNumber:
     """Mass times what a flight identifies per mass; both err independently."""
-    value = share * mass.value * per_mass.value
+    value = share * mass.value * number.value
     below, above = (
         share
         * math.hypot(
-            per_mass.value * (mass.interval[side] - mass.value),
-            mass.value * (per_mass.interval[side] - per_mass.value),
+            number.value * (mass.interval[side] - mass.value),
+            mass.value * (number.interval[side] - number.value),
         )
         for side in (0, 1)
     )
-    source = f"{per_mass.source}, times the mass as given"
-    return Number(value, (value - below, value + above), source)
+    product = Number(value, (value - below, value + above), f"{number.source}, times the mass as given")
+    return SimulatorNumber(product, lambda columns: columns["mass"] * columns[root] * share)
 
 
 # -- Physical quantities --
@@ -113,34 +106,26 @@ def realisable_inertia(values: Columns) -> tuple[Columns, tuple[str, ...]]:
 
 # -- Vertical vehicle --
 
-#: Of the vertical motion, each with what is made of it.
-INPUT_GAIN, FRICTION, ACTUATOR_LAG, INPUT_DELAY = "input_gain", "viscous_friction", "actuator_lag", "delay"
-
 
 def vertical_parts(fitted: Fitted, given: dict[str, Number], count: int) -> Parts:
     """Thrust, drag along z, lag and delay."""
-    roots = {
-        **given,
-        **{
-            name: item
-            for name in (INPUT_GAIN, FRICTION, ACTUATOR_LAG, INPUT_DELAY)
-            if (item := fitted.identified_number(name))
-        },
+    made_of = {
+        "thrust": "input_gain",
+        "drag_z": "viscous_friction",
+        "actuator_lag": "actuator_lag",
+        "delay": "delay",
     }
-    mass = given["mass"]
     parts: dict[str, SimulatorNumber] = {}
-    if INPUT_GAIN in roots:
-        each = of_mass(mass, roots[INPUT_GAIN], 1.0 / count)
-        parts["thrust"] = SimulatorNumber(each, lambda c: c["mass"] * c[INPUT_GAIN] / count)
-    if FRICTION in roots:
-        parts["drag_z"] = SimulatorNumber(of_mass(mass, roots[FRICTION]), lambda c: c["mass"] * c[FRICTION])
-    parts |= {
-        name: SimulatorNumber(roots[name], itself(name))
-        for name in (ACTUATOR_LAG, INPUT_DELAY)
-        if name in roots
-    }
-    made_of = {"thrust": INPUT_GAIN, "drag_z": FRICTION, ACTUATOR_LAG: ACTUATOR_LAG, INPUT_DELAY: INPUT_DELAY}
-    return Parts(parts, {name: fitted.why_not(root) for name, root in made_of.items() if name not in parts})
+    missing: dict[str, str] = {}
+    for name, root in made_of.items():
+        number = fitted.identified_number(root) or given.get(root)
+        if number is None:
+            missing[name] = fitted.why_not(root)
+        elif name in {"thrust", "drag_z"}:
+            parts[name] = per_mass(given["mass"], number, root, 1.0 / count if name == "thrust" else 1.0)
+        else:
+            parts[name] = SimulatorNumber(number, itemgetter(root))
+    return Parts(parts, missing)
 
 
 # -- Vehicle description --
@@ -201,9 +186,12 @@ def describe(
     _check_signs(supplied)
     vehicle = _vehicle(fitted, supplied, target)
     given = _given(fitted, supplied, vehicle)
-    parts = _parts(fitted, given, vehicle)
+    if fitted.model == VERTICAL:
+        parts = vertical_parts(fitted, given, vehicle.count)
+    else:
+        parts = rigid_body_parts(fitted, given, vehicle)
     selected = {
-        **{name: SimulatorNumber(item, itself(name)) for name, item in given.items() if name in WORDS},
+        **{name: SimulatorNumber(item, itemgetter(name)) for name, item in given.items() if name in WORDS},
         **parts.numbers,
     }
     lacking = [name for name in needs if name not in selected]
@@ -271,13 +259,6 @@ def _hovers_with_a_share(fitted: Fitted, vehicle: KnownVehicle) -> bool:
     return fitted.input_map.inverse(GRAVITY / (rotors * gain.value)) < 1.0
 
 
-def _parts(fitted: Fitted, given: dict[str, Number], vehicle: KnownVehicle) -> Parts:
-    if fitted.model == VERTICAL:
-        return vertical_parts(fitted, given, vehicle.count)
-
-    return rigid_body_parts(fitted, given, vehicle, _std(given["mass"]))
-
-
 def _lacks(lacking: Iterable[str], parts: Parts, fitted: Fitted, target: str) -> NotIdentifiedError:
     """Say all that is missing at once."""
     reasons = " ".join(
@@ -327,14 +308,13 @@ def _at_least(name: str, column: Column) -> Column:
 
 # -- Rigid-body vehicle --
 
-THRUST_GAIN, ROTOR_LAG, ROTOR_DELAY = "thrust_gain", "actuator_lag", "delay"
 PHYSICAL = (*INERTIAS, *DRAGS, "torque_ratio")
 LEVEL = 0.95
 
 
-def rigid_body_parts(fitted: Fitted, given: dict[str, Number], vehicle: KnownVehicle, std: float) -> Parts:
+def rigid_body_parts(fitted: Fitted, given: dict[str, Number], vehicle: KnownVehicle) -> Parts:
     """Thrust, drags, inertias, torque ratio, lag and delay."""
-    known = replace(vehicle, mass=KnownNumber(given["mass"].value, std))
+    known = replace(vehicle, mass=KnownNumber(given["mass"].value, _std(given["mass"])))
     identified = _identified(fitted)
     parts: dict[str, SimulatorNumber] = {}
     missing: dict[str, str] = {}
@@ -352,16 +332,14 @@ def rigid_body_parts(fitted: Fitted, given: dict[str, Number], vehicle: KnownVeh
             )
         else:
             missing[name] = _why_not(fitted, formulas[name]) or row.sentence
-    for name, root in (("thrust", THRUST_GAIN), (ROTOR_LAG, ROTOR_LAG), (ROTOR_DELAY, ROTOR_DELAY)):
+    for name, root in (("thrust", "thrust_gain"), ("actuator_lag", "actuator_lag"), ("delay", "delay")):
         number = fitted.identified_number(root) or given.get(root)
         if number is None:
             missing[name] = fitted.why_not(root)
         elif name == "thrust":
-            parts[name] = SimulatorNumber(
-                of_mass(given["mass"], number), lambda c: c["mass"] * c[THRUST_GAIN]
-            )
+            parts[name] = per_mass(given["mass"], number, root)
         else:
-            parts[name] = SimulatorNumber(number, itself(root))
+            parts[name] = SimulatorNumber(number, itemgetter(root))
     return Parts(parts, missing)
 
 
@@ -369,18 +347,13 @@ def _identified(fitted: Fitted) -> Combinations:
     """Those of the joint vector that are."""
     if not fitted.candidates:
         return Combinations((), ())
-    names = frozenset(name for name in fitted.names if _is_told(fitted, name))
+    names = frozenset(name for name in fitted.names if fitted.is_identified(name))
     return Combinations(fitted.names, fitted.candidates).only(names)
-
-
-def _is_told(fitted: Fitted, name: str) -> bool:
-    item = fitted.quantities.get(name)
-    return item is not None and item.verdict is Status.IDENTIFIED
 
 
 def _why_not(fitted: Fitted, formula: Formula) -> str:
     """Verdicts of what a formula takes; empty where all of it is identified."""
-    return " ".join(fitted.why_not(name) for name in formula.needed if not _is_told(fitted, name))
+    return " ".join(fitted.why_not(name) for name in formula.needed if not fitted.is_identified(name))
 
 
 def _by_rows(formula: Formula) -> Callable[[Columns], Column]:
@@ -434,17 +407,13 @@ JOINT = (
 )
 
 
-class Randomisation(ABC):
+@dataclass(frozen=True, slots=True)
+class Randomisation:
     """A file of draws for those who train or test on many vehicles."""
 
-    name: ClassVar[str]
-    """Its word on the command line."""
-    words: ClassVar[str]
-    """What the file is."""
-
-    @abstractmethod
-    def export(self, fitted: Fitted, supplied: Supplied, draws: Columns, seed: int) -> Exported:
-        """The file's content."""
+    name: str  # Its word on the command line
+    words: str  # What the file is
+    export: Callable[[Fitted, Supplied, Columns, int], Exported]
 
 
 # -- Rotors --

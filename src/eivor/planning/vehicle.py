@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -336,17 +336,21 @@ def vehicle_of_result(document: Mapping[str, Any]) -> VehicleGuess:
     selected = {**document["parameters"], **document["derived"]}
     usual = VehicleGuess()
     flight = (document.get("prediction") or {}).get("flown") or {}
-    gains = flight.get("controller")
-    residual = flight.get("residual")
-    taken = flight.get("taken", {})
+    gains, residual, taken = flight.get("controller"), flight.get("residual"), flight.get("taken", {})
+    # the first of friction, lag and gain that is not identified
+    order = {"friction": "viscous_friction", "lag": "effective_lag", "gain": "input_gain"}
+    asked = (word for word, name in order.items() if selected[name]["verdict"] != "identified")
     return VehicleGuess(
         hover_input=_hover(selected["hover_input"], document["model"]["input_map"], usual.hover_input),
         viscous_friction=_within("viscous_friction", taken.get("viscous_friction", usual.viscous_friction)),
         lag_s=_within("lag_s", taken.get("lag_s", usual.lag_s)),
         tilt_rms=_within("tilt_rms", flight.get("tilt_rms", usual.tilt_rms)),
-        densities=None if residual is None else _densities(residual),
+        densities=residual
+        and Densities(
+            **{item.name: np.array(residual[item.name], dtype=np.float64) for item in fields(Densities)}
+        ),
         controller=None if gains is None else AltitudeController(**gains),
-        asked=_parsed(selected),
+        asked=next(asked, ""),
     )
 
 
@@ -358,28 +362,16 @@ def rough_vehicle(
     gusts: float | None = None,
 ) -> VehicleGuess:
     """Vehicle of rough numbers as they are typed: the lag in milliseconds; what is not given is as usual."""
-    usual = VehicleGuess()
-    return VehicleGuess(
-        hover_input=usual.hover_input if hover is None else hover,
-        viscous_friction=usual.viscous_friction if friction is None else friction,
-        lag_s=usual.lag_s if lag is None else 1e-3 * lag,
-        gust_rms=usual.gust_rms if gusts is None else gusts,
-    )
+    lag_s = None if lag is None else 1e-3 * lag
+    given = {"hover_input": hover, "viscous_friction": friction, "lag_s": lag_s, "gust_rms": gusts}
+    return VehicleGuess(**{name: value for name, value in given.items() if value is not None})
 
 
 def read_vehicle(path: Path) -> VehicleGuess:
     """Vehicle from a TOML file with the rough numbers of `VehicleGuess`, all optional."""
     table = read_toml(path, "a vehicle")
     usual = VehicleGuess()
-    guess = VehicleGuess(
-        hover_input=table.number("hover_input", usual.hover_input),
-        viscous_friction=table.number("viscous_friction", usual.viscous_friction),
-        lag_s=table.number("lag_s", usual.lag_s),
-        gust_rms=table.number("gust_rms", usual.gust_rms),
-        acceleration_noise=table.number("acceleration_noise", usual.acceleration_noise),
-        velocity_noise=table.number("velocity_noise", usual.velocity_noise),
-        tilt_rms=table.number("tilt_rms", usual.tilt_rms),
-    )
+    guess = VehicleGuess(**{name: table.number(name, getattr(usual, name)) for name in VEHICLE_RANGES})
     table.finish()
     return guess
 
@@ -396,21 +388,3 @@ def _hover(quantity: Mapping[str, Any], input_map: str, usual: float) -> float:
         return usual
     share = math.sqrt(value) if input_map == "linear" else value
     return _within("hover_input", share)
-
-
-def _densities(residual: Mapping[str, Any]) -> Densities:
-    return Densities(
-        *(
-            np.array(residual[name], dtype=np.float64)
-            for name in ("frequency_hz", "force", "accelerometer", "velocity")
-        )
-    )
-
-
-def _parsed(record: Mapping[str, Any]) -> str:
-    """First of friction, lag and gain that is not identified."""
-    order = {"friction": "viscous_friction", "lag": "effective_lag", "gain": "input_gain"}
-    for word, name in order.items():
-        if record[name]["verdict"] != "identified":
-            return word
-    return ""

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from eivor.errors import EivorError
-from eivor.flights.grid import Grid
 from eivor.flights.motion import Motion
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepare import overview
@@ -20,11 +19,15 @@ from eivor.flights.result import FlightEstimate
 from eivor.inference.verdict import Status
 from eivor.motions.identify import identify_flight
 from eivor.report.document import Bullets, Cell, Document, Section, Statement, TableColumn, TableOf, Tone
-from eivor.report.flight import card_section, section
-from eivor.report.wording import NO_NUMBER, flight_card, logging_advice_for, missing_channels
+from eivor.report.flight import (
+    NO_NUMBER,
+    card_section,
+    flight_card,
+    logging_advice_for,
+    missing_channels,
+    section,
+)
 from eivor.signals.recording import Channel, ChannelQuality, Finding, MadeChannels, Recording
-from eivor.signals.signals import stretches
-from eivor.tools import Bool
 
 # -- Inspection --
 
@@ -98,11 +101,11 @@ class Inspection:
         if self.result is None:
             return None
         flight = self.result.prepared[0]
-        rule, active = self.whole or (flight.active.rule, _stretches(flight.active.mask, flight.grid))
+        rule, active = self.whole or (flight.active.rule, spans_of(flight.active.mask, flight.grid.time_s))
         return AirborneTime(
             rule,
             active,
-            _stretches(flight.used, flight.grid),
+            spans_of(flight.used, flight.grid.time_s),
             float(flight.used.sum()) * flight.signals.step_s,
             flight.references,
         )
@@ -219,12 +222,6 @@ def _summary(channel: Channel) -> ChannelSummary:
         # a held channel may rest: silence is no gap in it
         () if channel.held and rate_hz < 1.0 else tuple(channel.gaps()),
     )
-
-
-def _stretches(mask: Bool[np.ndarray, " n"], grid: Grid) -> Stretches:
-    """First and last second of each stretch of true samples [s]."""
-    time = grid.time_s
-    return tuple((float(time[stretch.start]), float(time[stretch.stop - 1])) for stretch in stretches(mask))
 
 
 # -- Inspection document --

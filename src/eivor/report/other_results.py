@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from importlib.metadata import version
 from pathlib import Path
 from textwrap import fill
 from typing import TYPE_CHECKING, Literal
@@ -37,11 +36,10 @@ from eivor.report.figure_panels import (
     legend,
     page,
 )
-from eivor.report.flight import section
-from eivor.report.json_document import Json, findings_list, number
+from eivor.report.flight import NO_NUMBER, plain_numbers, section
+from eivor.report.json_document import Json, document
 from eivor.report.outputs import saved_fit
 from eivor.report.saved_fit import SavedFit, load_fit
-from eivor.report.wording import NO_NUMBER, plain_numbers
 
 if TYPE_CHECKING:
     import polars as pl
@@ -240,29 +238,29 @@ def _table(track: Track) -> TableOf:
 def track_json(track: Track) -> dict[str, Json]:
     """Document of a track; numbers are in SI units, and null where nothing is identified."""
     (flight,) = track.result.prepared
-    return {
-        "schema": "eivor.track/1",
-        "log": flight.recording.name,
-        "parameter": track.name,
-        "unit": track.unit,
-        "memory_s": track.memory_s,
-        "at": dict(track.nuisances),
-        "known": list(track.known),
-        "moments": [
+    return document(
+        "eivor.track/1",
+        log=flight.recording.name,
+        parameter=track.name,
+        unit=track.unit,
+        memory_s=track.memory_s,
+        at=track.nuisances,
+        known=track.known,
+        moments=[
             {
                 "time_s": moment.time_s,
-                "value": number(moment.value),
-                "low": number(moment.value - moment.half_width),
-                "high": number(moment.value + moment.half_width),
+                "value": moment.value,
+                "low": moment.value - moment.half_width,
+                "high": moment.value + moment.half_width,
                 "told": moment.is_precise,
             }
             for moment in track.moments
         ],
-        "changes": [{"time_s": change.time_s, "upwards": change.change > 0} for change in track.changes],
-        "not_told": list(untold(track)),
-        "verdict_of_the_flight": track.result.verdict.status.value,
-        "findings": findings_list(track.result.findings),
-    }
+        changes=[{"time_s": change.time_s, "upwards": change.change > 0} for change in track.changes],
+        not_told=list(untold(track)),
+        verdict_of_the_flight=track.result.verdict.status,
+        findings=track.result.findings,
+    )
 
 
 # -- Plan --
@@ -382,31 +380,24 @@ def _plan_facts(made: FlightPlan) -> Facts:
 
 def plan_json(made: FlightPlan) -> dict[str, Json]:
     """Document of a plan of schema ``eivor.plan/1``, ready for `json_text`."""
-    limits, (low, high, speed) = made.limits, made.reached
-    return {
-        "schema": PLAN_SCHEMA,
-        "target": made.target,
-        "sentence": made.sentence,
-        "shape": {"kind": made.shape.kind, "words": made.shape.words},
-        "limits": {
-            "height_m": list(limits.height_m),
-            "speed": limits.speed,
-            "acceleration": limits.acceleration,
-            "tilt_deg": limits.tilt_deg,
-            "duration_s": limits.duration_s,
-        },
-        "predicted": {
+    low, high, speed = made.reached
+    return document(
+        PLAN_SCHEMA,
+        target=made.target,
+        sentence=made.sentence,
+        shape={"kind": made.shape.kind, "words": made.shape.words},
+        limits=made.limits,
+        predicted={
             word: {
-                "half_width": number(item.half_width),
-                "value": number(item.value),
+                "half_width": item.half_width,
+                "value": item.value,
                 "unit": TARGETS[word].unit,
-                "verdicts": [status.value for status in item.verdicts],
+                "verdicts": item.verdicts,
             }
             for word, item in made.predicted.items()
         },
-        "simulated": {"lowest_m": number(low), "highest_m": number(high), "speed": number(speed)},
-        "provenance": {"version": version("eivor")},
-    }
+        simulated={"lowest_m": low, "highest_m": high, "speed": speed},
+    )
 
 
 # -- Track figure --

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from functools import partial
-from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -43,20 +42,19 @@ from eivor.report.figure_panels import (
     RED,
     GivenAxes,
     Panels,
+    column_page,
     figure_of,
     fitting,
     given_axes,
     labelled,
     legend,
-    page,
-    without_abscissa,
+    liveliest,
 )
 from eivor.report.figures import SIZE_INCHES, prediction_page, prediction_panels
-from eivor.report.flight import prediction_parts, prediction_rows
-from eivor.report.json_document import Json, json_text, number, prediction_json
+from eivor.report.flight import NO_NUMBER, prediction_parts, prediction_rows
+from eivor.report.json_document import Json, document, json_text, prediction_json
 from eivor.report.outputs import saved_fit
 from eivor.report.saved_fit import SavedFit, load_fit
-from eivor.report.wording import NO_NUMBER
 from eivor.signals.recording import Recording
 from eivor.tools import Float, html_table
 
@@ -412,40 +410,34 @@ VALIDATE_SCHEMA = "eivor.validate/1"
 
 def validation_json(validation: Validation) -> dict[str, Json]:
     """Document of a validation, ready for `json_text`."""
-    log = validation.flight.recording
-    fitted = validation.fit.document
-    return {
-        "schema": VALIDATE_SCHEMA,
-        "log": {"name": log.name, "sha256": log.sha256 or None},
-        "fit": {
+    log, fitted = validation.flight.recording, validation.fit.document
+    return document(
+        VALIDATE_SCHEMA,
+        log={"name": log.name, "sha256": log.sha256 or None},
+        fit={
             "logs": fitted["provenance"]["logs"],
             "model": fitted["model"]["name"],
-            "verdict": validation.fit.verdict.value,
+            "verdict": validation.fit.verdict,
         },
-        "predicts": validation.predicts,
-        "sentence": validation.sentence,
-        "runs": [[number(start), number(end)] for start, end in validation.spans_s],
-        "samples": int(validation.flight.used.sum()),
-        "rate_hz": number(validation.flight.signals.rate_hz),
-        "band": [number(end) for end in validation.flight.band_hz],
-        "predictions": [_prediction(prediction) for prediction in validation.predictions],
-        "ahead": prediction_json(validation.multi_step_prediction),
-        "provenance": {"version": version("eivor")},
-    }
-
-
-def _prediction(model_prediction: ModelPrediction) -> Json:
-    return {
-        "model": model_prediction.model,
-        "horizon": model_prediction.horizon.value,
-        "quantity": model_prediction.quantity,
-        "unit": model_prediction.unit,
-        "rms": number(model_prediction.error.rms),
-        "explained": number(model_prediction.error.explained),
-        "by_run": [
-            {"rms": number(run.rms), "explained": number(run.explained)} for run in model_prediction.by_run
+        predicts=validation.predicts,
+        sentence=validation.sentence,
+        runs=validation.spans_s,
+        samples=int(validation.flight.used.sum()),
+        rate_hz=validation.flight.signals.rate_hz,
+        band=validation.flight.band_hz,
+        predictions=[
+            {
+                "model": item.model,
+                "horizon": item.horizon,
+                "quantity": item.quantity,
+                "unit": item.unit,
+                **asdict(item.error),
+                "by_run": item.by_run,
+            }
+            for item in validation.predictions
         ],
-    }
+        ahead=prediction_json(validation.multi_step_prediction),
+    )
 
 
 # -- Validation document --
@@ -564,16 +556,8 @@ def validation_figure(validation: Validation, axes: GivenAxes | None = None) -> 
 
 
 def _validation_page(names: tuple[str, ...]) -> dict[str, Axes]:
-    from matplotlib.gridspec import GridSpec
-
-    figure = page(SIZE_INCHES[0], SIZE_INCHES[1] * len(names) / 4.0)
-    grid = GridSpec(len(names), 1, figure=figure, height_ratios=(1.6, 1.0) * (len(names) // 2))
-    placed: dict[str, Axes] = {}
-    for row, (predicted, left) in enumerate(zip(names[::2], names[1::2], strict=True)):
-        placed[predicted] = figure.add_subplot(grid[2 * row])
-        placed[left] = figure.add_subplot(grid[2 * row + 1], sharex=placed[predicted])
-        without_abscissa(placed[predicted])
-    return placed
+    size = (SIZE_INCHES[0], SIZE_INCHES[1] * len(names) / 4.0)
+    return column_page(names, size, heights=(1.6, 1.0) * (len(names) // 2), shared=2)
 
 
 def _draw_predicted(ax: Axes, validation: Validation, models: tuple[ModelPrediction, ...]) -> None:
@@ -625,9 +609,7 @@ def _displayed(validation: Validation, first: ModelPrediction) -> tuple[Float[np
     lengths = [samples.size for samples in validation.flight.samples_of_runs]
     longest = int(np.argmax(lengths))
     begin = sum(lengths[:longest])
-    count = min(lengths[longest], max(int(FIT_SHOWN_S * validation.flight.signals.rate_hz), 1))
     values = first.measured[begin : begin + lengths[longest]]
-    power = np.concatenate([[0.0], np.cumsum((values - values.mean()) ** 2)])
-    start = int(np.argmax(power[count:] - power[: power.size - count]))
+    inside = liveliest(values, max(int(FIT_SHOWN_S * validation.flight.signals.rate_hz), 1))
     time = validation.flight.grid.time_s[validation.flight.samples_of_runs[longest]]
-    return time[start : start + count], slice(begin + start, begin + start + count)
+    return time[inside], slice(begin + inside.start, begin + inside.stop)

@@ -292,9 +292,7 @@ class _Routes:
         return HTMLResponse(self._server.page, headers={"Content-Security-Policy": self._server.policy()})
 
     def choices(self, _request: Request) -> Response:
-        return JSONResponse(
-            {**self._server.workers.choices().known, "largest_bytes": self._server.options.largest}
-        )
+        return JSONResponse({**self._server.workers.choices(), "largest_bytes": self._server.options.largest})
 
     async def keep_log(self, request: Request) -> Response:
         size = _length(request, self._server.options.largest)
@@ -363,9 +361,7 @@ class _Routes:
     def _done(self, task: Task) -> Outcome:
         outcome = self._jobs.do(task)
         if isinstance(outcome, Refused):
-            parts = outcome.error_parts
-            status = HTTPStatus(outcome.status)
-            raise RefusedError(status, parts["expected"], parts["received"], parts["advice"])
+            raise outcome.error
         if outcome is None:
             unavailable = HTTPStatus.SERVICE_UNAVAILABLE
             raise RefusedError(
