@@ -392,8 +392,6 @@ def _plan(
 WAYPOINT, LOITER, TAKEOFF, CHANGE_SPEED = 16, 17, 22, 178
 #: Frame of heights above the place of take-off; commands without a place have another.
 RELATIVE, NO_PLACE = 3, 2
-#: QGroundControl's words for the firmware and the vehicle: PX4 and a multirotor.
-PX4, QUADROTOR = 12, 2
 CLIMB, DESCENT = 2.0, 3.0
 
 
@@ -420,23 +418,8 @@ def qgc_text(plan: FlightPlan, home: tuple[float, float]) -> str:
     items.append(_item(LOITER, RELATIVE, [0.0, 0.0, 0.0, None, *position, plan.limits.middle_m]))
     for number, item in enumerate(items):
         item["doJumpId"] = number + 1
-    document = {
-        "fileType": "Plan",
-        "version": 1,
-        "groundStation": "QGroundControl",
-        "mission": {
-            "version": 2,
-            "firmwareType": PX4,
-            "vehicleType": QUADROTOR,
-            "cruiseSpeed": 5.0,
-            "hoverSpeed": 2.0,
-            "globalPlanAltitudeMode": 1,
-            "plannedHomePosition": [*position, 0.0],
-            "items": items,
-        },
-        "geoFence": {"version": 2, "circles": [], "polygons": []},
-        "rallyPoints": {"version": 2, "points": []},
-    }
+    document = json.loads(_program("mission.json"))
+    document["mission"] |= {"plannedHomePosition": [*position, 0.0], "items": items}
     return json.dumps(document, indent=2, allow_nan=False) + "\n"
 
 
@@ -510,7 +493,7 @@ def mavsdk_text(plan: FlightPlan) -> str:
     return _program("fly_plan.txt", "\n".join(lines) + "\n")
 
 
-def _program(file: str, numbers: str) -> str:
+def _program(file: str, numbers: str = "") -> str:
     return files("eivor.planning").joinpath(file).read_text(encoding="utf-8").replace(MARK, numbers)
 
 

@@ -72,7 +72,7 @@ from eivor.report.flight import (
 )
 from eivor.report.html import rendered, uplot, whole_page
 from eivor.report.json_document import json_of, number
-from eivor.tools import Float, Int
+from eivor.tools import Float
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -147,16 +147,10 @@ def _ranges(values: Float[np.ndarray, "n lines"], together: int) -> Float[np.nda
     short = -len(values) % together
     padded = np.concatenate([values, np.repeat(values[-1:], short, axis=0)])
     blocks = padded.reshape(-1, together, values.shape[1])
-    least, most = np.fmin.reduce(blocks, axis=1), np.fmax.reduce(blocks, axis=1)
-    rising = _first(blocks, least) <= _first(blocks, most)
-    both = np.stack([np.where(rising, least, most), np.where(rising, most, least)], axis=1)
+    low = np.argmin(np.where(np.isnan(blocks), np.inf, blocks), axis=1)
+    high = np.argmax(np.where(np.isnan(blocks), -np.inf, blocks), axis=1)
+    both = np.take_along_axis(blocks, np.sort(np.stack([low, high], axis=1), axis=1), axis=1)
     return both.reshape(-1, values.shape[1])
-
-
-def _first(
-    blocks: Float[np.ndarray, "blocks together lines"], wanted: Float[np.ndarray, "blocks lines"]
-) -> Int[np.ndarray, "blocks lines"]:
-    return np.argmax(blocks == wanted[:, None, :], axis=1)
 
 
 def _coded(values: Float[np.ndarray, " n"]) -> dict[str, object]:

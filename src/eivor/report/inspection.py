@@ -67,28 +67,36 @@ class AirborneTime:
 
 
 @dataclass(frozen=True)
-class Inspection:
+class _Tried:
+    """What `identify` makes of logs, or why it cannot begin."""
+
+    result: FlightEstimate | None
+    obstacle: EivorError | None
+
+    @property
+    def verdict(self) -> str:
+        """The verdict that `identify` gives, "unusable" when it cannot begin."""
+        return "unusable" if self.result is None else self.result.verdict.status.value
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """Reasons of that verdict."""
+        if self.result is not None:
+            return self.result.verdict.sentences
+        return (str(self.obstacle),) if self.obstacle is not None else ()
+
+
+@dataclass(frozen=True)
+class Inspection(_Tried):
     """A log, and what can be made of it."""
 
     motion: Motion[Any]
     recording: Recording
     channels: tuple[ChannelSummary, ...]
-    result: FlightEstimate | None
-    obstacle: EivorError | None
     missing: tuple[str, ...]  # Channels without which nothing can be identified, and that the log lacks
     advice: tuple[str, ...]
     whole: tuple[str, Stretches] | None = None
     tried: tuple[float, float] | None = None  # [s]
-
-    @property
-    def verdict(self) -> str:
-        """The verdict that `identify` gives, "unusable" when it cannot begin."""
-        return _verdict_word(self.result)
-
-    @property
-    def reasons(self) -> tuple[str, ...]:
-        """Reasons of that verdict."""
-        return _reasons(self.result, self.obstacle)
 
     @property
     def findings(self) -> tuple[Finding, ...]:
@@ -118,32 +126,10 @@ class Inspection:
 
 
 @dataclass(frozen=True)
-class PooledInspection:
+class PooledInspection(_Tried):
     """Several logs, each by itself, and what can be made of them together."""
 
     logs: tuple[Inspection, ...]
-    result: FlightEstimate | None
-    obstacle: EivorError | None
-
-    @property
-    def verdict(self) -> str:
-        """The verdict that `identify` gives, "unusable" when it cannot begin."""
-        return _verdict_word(self.result)
-
-    @property
-    def reasons(self) -> tuple[str, ...]:
-        """Reasons of that verdict."""
-        return _reasons(self.result, self.obstacle)
-
-
-def _verdict_word(result: FlightEstimate | None) -> str:
-    return "unusable" if result is None else result.verdict.status.value
-
-
-def _reasons(result: FlightEstimate | None, obstacle: EivorError | None) -> tuple[str, ...]:
-    if result is not None:
-        return result.verdict.sentences
-    return (str(obstacle),) if obstacle is not None else ()
 
 
 def pooled_inspection(
@@ -158,13 +144,13 @@ def pooled_inspection(
         for recording, window in zip(recordings, windows, strict=True)
     )
     if len(logs) == 1:
-        return PooledInspection(logs, logs[0].result, logs[0].obstacle)
+        return PooledInspection(logs[0].result, logs[0].obstacle, logs)
     try:
         parts = [log.tried or window for log, window in zip(logs, windows, strict=True)]
         result = identify_flight(recordings, options, windows=parts, model=motion)
     except EivorError as error:
-        return PooledInspection(logs, None, error)
-    return PooledInspection(logs, result, None)
+        return PooledInspection(None, error, logs)
+    return PooledInspection(result, None, logs)
 
 
 def inspection(recording: Recording, options: FlightOptions, motion: Motion[Any]) -> Inspection:
@@ -181,11 +167,11 @@ def inspection(recording: Recording, options: FlightOptions, motion: Motion[Any]
     missing = missing_channels(recording, motion)
     advice = [sentence for name in missing for sentence in logging_advice_for(recording, name)]
     return Inspection(
+        result,
+        obstacle,
         motion,
         recording,
         tuple(_summary(recording.channels[name]) for name in sorted(recording.channels)),
-        result,
-        obstacle,
         missing,
         tuple(dict.fromkeys(advice)),
         whole,
@@ -206,21 +192,14 @@ def _summary(channel: Channel) -> ChannelSummary:
     known = np.isfinite(channel.values)
     low = float(np.min(channel.values, where=known, initial=np.inf))
     high = float(np.max(channel.values, where=known, initial=-np.inf))
-    rate_hz = channel.rate_hz
+    copied = ("name", "source", "unit", "held", "estimated", "delay_s", "quality", "rate_hz")
     return ChannelSummary(
-        channel.name,
-        channel.source,
-        channel.unit,
-        channel.held,
-        channel.estimated,
-        channel.delay_s,
-        channel.quality,
-        channel.time_s.size,
-        rate_hz,
-        low if known.any() else np.nan,
-        high if known.any() else np.nan,
+        **{name: getattr(channel, name) for name in copied},
+        samples=channel.time_s.size,
+        lowest=low if known.any() else np.nan,
+        highest=high if known.any() else np.nan,
         # a held channel may rest: silence is no gap in it
-        () if channel.held and rate_hz < 1.0 else tuple(channel.gaps()),
+        gaps=() if channel.held and channel.rate_hz < 1.0 else tuple(channel.gaps()),
     )
 
 
@@ -244,14 +223,12 @@ def pooled_documents(result: PooledInspection) -> tuple[Document, ...]:
     return (*(_document(log, tuple(_sections(log))) for log in result.logs), together)
 
 
-def _document(method_scores: Inspection, sections: tuple[Section, ...]) -> Document:
-    return Document(method_scores.recording.name, None, _about(method_scores.recording), sections)
-
-
-def _about(log: Recording) -> str:
+def _document(inspected: Inspection, sections: tuple[Section, ...]) -> Document:
+    log = inspected.recording
     first, last = log.span_s
-    about = f"{log.format}, {first:.2f} to {last:.2f} s, {log.frame.value}"
-    return about + (f", sha256 {log.sha256[:12]}…" if log.sha256 else "")
+    sha256 = f", sha256 {log.sha256[:12]}…" if log.sha256 else ""
+    about = f"{log.format}, {first:.2f} to {last:.2f} s, {log.frame.value}{sha256}"
+    return Document(log.name, None, about, sections)
 
 
 def _sections(result: Inspection) -> Iterator[Section]:
@@ -289,16 +266,14 @@ def _channel_table(result: Inspection) -> TableOf:
 
 
 def _channel(summary: ChannelSummary) -> tuple[Cell, ...]:
+    rate_hz = summary.rate_hz
+    # of what happens now and then two digits, which a tenth would make nothing
+    rate = f"{rate_hz:.1f}" if rate_hz >= 1.0 or not rate_hz else f"{rate_hz:.2g}"
     return (
         Cell(summary.name, summary.source),
-        Cell(_rate(summary.rate_hz)),
+        Cell(rate),
         Cell(_range(summary), "; ".join(_remarks(summary))),
     )
-
-
-def _rate(rate_hz: float) -> str:
-    """To a tenth; of what happens now and then to two digits, which a tenth would make nothing."""
-    return f"{rate_hz:.1f}" if rate_hz >= 1.0 or not rate_hz else f"{rate_hz:.2g}"
 
 
 def _range(summary: ChannelSummary) -> str:

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from eivor import checks
-from eivor.errors import NotIdentifiedError, UsageError
+from eivor.errors import NotIdentifiedError
 from eivor.flights.result import FlightEstimate
 from eivor.flights.track import HELD, TOLD, Moment, Track
 from eivor.inference.verdict import Status
@@ -38,8 +37,9 @@ from eivor.report.figure_panels import (
 )
 from eivor.report.flight import NO_NUMBER, plain_numbers, section
 from eivor.report.json_document import Json, document
-from eivor.report.outputs import saved_fit
-from eivor.report.saved_fit import SavedFit, load_fit
+from eivor.report.outputs import saved_of
+from eivor.report.saved_fit import SavedFit
+from eivor.signals.signals import stretches
 
 if TYPE_CHECKING:
     import polars as pl
@@ -156,8 +156,8 @@ def untold(track: Track) -> Iterator[str]:
     if not track.moments:
         yield from (f"{reason.sentence} {reason.remedy}" for reason in track.result.verdict.reasons)
         return
-    for start, stop in _stretches(track):
-        here = track.moments[start:stop]
+    for part in stretches(np.array([not moment.is_precise for moment in track.moments])):
+        here = track.moments[part]
         ends = f"{here[0].time_s:.1f} to {here[-1].time_s:.1f} s"
         empty = sum(item.share < HELD for item in here)
         if 2 * empty >= len(here):
@@ -165,11 +165,6 @@ def untold(track: Track) -> Iterator[str]:
         else:
             why = f"the interval is wider than ±{100.0 * TOLD:.0f} %; a longer memory narrows it (--memory)"
         yield f"{ends}: {why}."
-
-
-def _stretches(track: Track) -> Iterator[tuple[int, int]]:
-    edges = np.flatnonzero(np.diff([0, *(not moment.is_precise for moment in track.moments), 0]))
-    yield from zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True)
 
 
 def _at(track: Track) -> Iterator[str]:
@@ -309,23 +304,11 @@ def plan(
     Simulated with the result's numbers, what it left over by frequency, and its controller; this takes
     seven seconds or so.
     """
-    return make_plan(_vehicle(source), target=target, limits=limits, shape=shape, seed=seed)
-
-
-def _vehicle(source: SavedFit | FlightEstimate | VehicleGuess | str | Path) -> VehicleGuess:
-    if isinstance(source, VehicleGuess):
-        return source
-    if isinstance(source, FlightEstimate):
-        source = saved_fit(source)
-    elif isinstance(source, str | Path):
-        source = load_fit(source)
-    if not isinstance(source, SavedFit):
-        raise UsageError(
-            "a result, the path of its JSON file, or a vehicle",
-            checks.described(source),
-            'Such as ev.plan("fit.json") or ev.plan(ev.VehicleGuess()).',
-        )
-    return vehicle_of_result(source.document)
+    if not isinstance(source, VehicleGuess):
+        expected = "a result, the path of its JSON file, or a vehicle"
+        fit = saved_of(source, expected, 'Such as ev.plan("fit.json") or ev.plan(ev.VehicleGuess()).')
+        source = vehicle_of_result(fit.document)
+    return make_plan(source, target=target, limits=limits, shape=shape, seed=seed)
 
 
 def plan_document(made: FlightPlan) -> Document:

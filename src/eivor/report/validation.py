@@ -53,8 +53,8 @@ from eivor.report.figure_panels import (
 from eivor.report.figures import SIZE_INCHES, prediction_page, prediction_panels
 from eivor.report.flight import NO_NUMBER, prediction_parts, prediction_rows
 from eivor.report.json_document import Json, document, json_text, prediction_json
-from eivor.report.outputs import saved_fit
-from eivor.report.saved_fit import SavedFit, load_fit
+from eivor.report.outputs import saved_of
+from eivor.report.saved_fit import SavedFit
 from eivor.signals.recording import Recording
 from eivor.tools import Float, html_table
 
@@ -148,7 +148,8 @@ class Validation:
         if self.multi_step_prediction is not None:
             return self.multi_step_prediction.sentence
         current, *others = self.by_quantity[-1]
-        far = f"{current.quantity}, {current.horizon.words}, over {_seconds(self.flight)}"
+        runs = f" in {len(self.flight.runs)} runs" if len(self.flight.runs) > 1 else ""
+        far = f"{current.quantity}, {current.horizon.words}, over {self.flight.used_s:.1f} s{runs}"
         share = f"{current.error.explained:.1%}" if current.error.explained > 0.0 else "nothing"
         text = f"The fit explains {share} of the {far}"
         better = [item.words for item in others if item.error.rms < current.error.rms]
@@ -160,16 +161,10 @@ class Validation:
         """Errors of every prediction as plain text."""
         lines = [f"{self.motion.words.title}, {self.flight.recording.name}", self.sentence]
         if self.multi_step_prediction is not None:
-            rows = prediction_rows(self.multi_step_prediction)
-            return "\n".join(
-                [
-                    *lines,
-                    *(
-                        f"{what:<12}{by:<38}{unit:<6}{' '.join(f'{item:>8}' for item in rms)}"
-                        for what, by, unit, *rms in rows
-                    ),
-                ]
-            )
+            lines += [
+                f"{what:<12}{by:<38}{unit:<6}{' '.join(f'{item:>8}' for item in rms)}"
+                for what, by, unit, *rms in prediction_rows(self.multi_step_prediction)
+            ]
         lines += [
             f"{what:<42}{by:<36}{rms:>10} {unit:<6}{share:>9}" for what, by, rms, unit, share in _rows(self)
         ]
@@ -179,17 +174,16 @@ class Validation:
         return f"<Validation of {self.flight.recording.name!r}: {self.sentence}>"
 
     def _repr_html_(self) -> str:
-        columns = ("prediction", "model", "RMS error", "unit", "explained")
         title = f"{self.motion.words.title}, {self.flight.recording.name}"
+        columns: tuple[str, ...] = ("prediction", "model", "RMS error", "unit", "explained")
+        rows = _rows(self)
         if self.multi_step_prediction is not None:
-            horizons = tuple(f"{item:g} s" for item in self.multi_step_prediction.horizons_s)
-            return html_table(
-                title,
+            horizons = (f"{item:g} s" for item in self.multi_step_prediction.horizons_s)
+            columns, rows = (
                 ("error of", "model", "unit", *horizons),
                 prediction_rows(self.multi_step_prediction),
-                self.sentence,
             )
-        return html_table(title, columns, _rows(self), self.sentence)
+        return html_table(title, columns, rows, self.sentence)
 
     def to_json(self) -> str:
         """Text of the JSON document that ``eivor validate --json`` writes, see docs/json.md."""
@@ -248,7 +242,7 @@ def validate(
     -----
     Nothing is fitted to the flight but what belongs to each run: its trim, and where it starts.
     """
-    result = _saved(fit)
+    result = saved_of(fit, "a result, or the path of its JSON file", 'Such as ev.load_fit("fit.json").')
     checks.kind("recording", recording, Recording, "a Recording", 'Read it: ev.read_log("other.ulg").')
     if not result.prediction:
         raise UsageError(
@@ -262,7 +256,13 @@ def validate(
     _check_scale(result, motion, flight)
     prediction = motion.multi_step_prediction((flight.shortened,), _simpler_models(result), result.refused)
     if prediction is not None:
-        return _with_prediction(result, motion, flight, prediction)
+        if not prediction.errors:
+            raise UsageError(
+                "a result and a log that carry enough information of the vehicle to predict it",
+                " ".join(prediction.omitted) or "no half second without a gap",
+                "Validate a flight that carries more information, on a log of the same vehicle.",
+            )
+        return Validation(result, motion, flight, (), prediction)
     problem = motion.problem((flight.shortened,), NoInstruments())
     results = tuple(
         _of_model(name, model.words, predicted, flight)
@@ -273,18 +273,8 @@ def validate(
         raise UsageError(
             "a motion that predicts", f"'{motion.name}', which does not", "See docs/motions.md: predictions."
         )
-    return Validation(result, motion, flight, tuple(sorted(results, key=_nearest_first)))
-
-
-def _saved(fit: SavedFit | FlightEstimate | str | Path) -> SavedFit:
-    if isinstance(fit, FlightEstimate):
-        return saved_fit(fit)
-    if isinstance(fit, SavedFit):
-        return fit
-    if isinstance(fit, str | Path):
-        return load_fit(fit)
-    raise UsageError(
-        "a result, or the path of its JSON file", checks.described(fit), 'Such as ev.load_fit("fit.json").'
+    return Validation(
+        result, motion, flight, tuple(sorted(results, key=lambda item: list(Horizon).index(item.horizon)))
     )
 
 
@@ -326,27 +316,14 @@ def _check_scale(fit: SavedFit, motion: Motion[Any], flight: PreparedFlight) -> 
         )
 
 
-def _with_prediction(
-    fit: SavedFit, motion: Motion[Any], flight: PreparedFlight, prediction: MultiStepPrediction
-) -> Validation:
-    if not prediction.errors:
-        raise UsageError(
-            "a result and a log that carry enough information of the vehicle to predict it",
-            " ".join(prediction.omitted) or "no half second without a gap",
-            "Validate a flight that carries more information, on a log of the same vehicle.",
-        )
-    return Validation(fit, motion, flight, (), prediction)
-
-
 def _simpler_models(fit: SavedFit) -> dict[str, SimpleModel]:
     """The fit and the simpler models that its document holds, by name."""
     best = next(candidate for candidate in fit.candidates if candidate.best)
     index = {str(name): float(value) for name, value in fit.prediction["at"].items()}
     current = index | dict(zip(fit.names, best.values.tolist(), strict=True))
-    neighbours = fit.prediction.get("beside", {})
     simpler = {
         name: SimpleModel(str(neighbour["words"]), dict(neighbour["values"]))
-        for name, neighbour in neighbours.items()
+        for name, neighbour in fit.prediction.get("beside", {}).items()
     }
     return {FIT: SimpleModel("the fit", current), **simpler}
 
@@ -379,15 +356,6 @@ def _error(left: Float[np.ndarray, " n"], moved: Float[np.ndarray, " n"]) -> Pre
     power = float(moved @ moved)
     explained = 1.0 - float(left @ left) / power if power > 0.0 else float("nan")
     return PredictionError(float(np.sqrt(np.mean(left**2))), explained)
-
-
-def _nearest_first(model_prediction: ModelPrediction) -> int:
-    return list(Horizon).index(model_prediction.horizon)
-
-
-def _seconds(flight: PreparedFlight) -> str:
-    runs = len(flight.runs)
-    return f"{flight.used_s:.1f} s" + (f" in {runs} runs" if runs > 1 else "")
 
 
 def _rows(validation: Validation) -> list[tuple[str, ...]]:
@@ -459,33 +427,22 @@ def validation_document(validation: Validation) -> Document:
 
 def _validation_facts(validation: Validation) -> Facts:
     logs = ", ".join(str(log["name"]) for log in validation.fit.document["provenance"]["logs"])
-    verdict = validation.fit.verdict
+    verdict, flight = validation.fit.verdict, validation.flight
     trust = "" if verdict is Status.IDENTIFIED else f" ({verdict.value})"
-    runs = len(validation.spans_s)
-    return Facts(
-        (
-            Fact("fit", f"of {logs}{trust}"),
-            Fact("model", validation.motion.equation[0].replace(" - ", " − ")),
-            Fact("used", f"{validation.flight.used_s:.1f} s in {runs} run{'' if runs == 1 else 's'}"),
-            *_how(validation),
-        )
-    )
-
-
-def _how(validation: Validation) -> tuple[Fact, ...]:
-    if validation.multi_step_prediction is not None:
-        return (
-            Fact("fitted", "the trim of each run, for every model with parameters alike"),
-            Fact(
-                "starts",
-                f"{validation.multi_step_prediction.start_s.size}, each from what was measured there",
-            ),
-        )
-    low, high = validation.flight.band_hz
-    return (
-        Fact("fitted", "the trim and the start of each run, for every model alike"),
-        Fact("band", f"{low:g} to {high:g} Hz, one step ahead; all frequencies in open loop"),
-    )
+    runs, ahead = len(validation.spans_s), validation.multi_step_prediction
+    facts = {
+        "fit": f"of {logs}{trust}",
+        "model": validation.motion.equation[0].replace(" - ", " − "),
+        "used": f"{flight.used_s:.1f} s in {runs} run{'' if runs == 1 else 's'}",
+    }
+    if ahead is not None:
+        facts["fitted"] = "the trim of each run, for every model with parameters alike"
+        facts["starts"] = f"{ahead.start_s.size}, each from what was measured there"
+    else:
+        low, high = flight.band_hz
+        facts["fitted"] = "the trim and the start of each run, for every model alike"
+        facts["band"] = f"{low:g} to {high:g} Hz, one step ahead; all frequencies in open loop"
+    return Facts(tuple(Fact(label, text) for label, text in facts.items()))
 
 
 def _models_table(validation: Validation) -> TableOf:
