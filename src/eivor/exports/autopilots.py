@@ -254,9 +254,6 @@ AUTOPILOTS = (
     Target("px4", "PX4 parameters (.params of QGroundControl): MPC_THR_HOVER, THR_MDL_FAC", ".params", _px4),
     Target("ardupilot", "ArduPilot parameters (.param): MOT_THST_HOVER, MOT_THST_EXPO", ".param", _ardupilot),
     Target(
-        "statespace",
-        "arrays A, B, C, D of the motion about hover (JSON)",
-        ".json",
-        _state_space_document,
+        "statespace", "arrays A, B, C, D of the motion about hover (JSON)", ".json", _state_space_document
     ),
 )

@@ -52,14 +52,6 @@ class SimulatorNumber:
     column: Callable[[Columns], Column]
 
 
-@dataclass(frozen=True)
-class Parts:
-    """What a flight identifies of a vehicle."""
-
-    numbers: Mapping[str, SimulatorNumber]
-    missing: Mapping[str, str]
-
-
 def per_mass(mass: Number, number: Number, root: str, share: float = 1.0) -> SimulatorNumber:
     """Mass times what a flight identifies per mass; both err independently."""
     value = share * mass.value * number.value
@@ -104,45 +96,25 @@ def realisable_inertia(values: Columns) -> tuple[Columns, tuple[str, ...]]:
     )
 
 
-# -- Vertical vehicle --
-
-
-def vertical_parts(fitted: Fitted, given: dict[str, Number], count: int) -> Parts:
-    """Thrust, drag along z, lag and delay."""
-    made_of = {
-        "thrust": "input_gain",
-        "drag_z": "viscous_friction",
-        "actuator_lag": "actuator_lag",
-        "delay": "delay",
-    }
-    parts: dict[str, SimulatorNumber] = {}
-    missing: dict[str, str] = {}
-    for name, root in made_of.items():
-        number = fitted.identified_number(root) or given.get(root)
-        if number is None:
-            missing[name] = fitted.why_not(root)
-        elif name in {"thrust", "drag_z"}:
-            parts[name] = per_mass(given["mass"], number, root, 1.0 / count if name == "thrust" else 1.0)
-        else:
-            parts[name] = SimulatorNumber(number, itemgetter(root))
-    return Parts(parts, missing)
-
-
 # -- Vehicle description --
 
 #: Name in documents of the other motion that identifies a vehicle.
 RIGID_BODY = "rigid_body"
 #: What no vehicle flies without, beside mass and geometry.
 BODY = ("thrust", "actuator_lag", *INERTIAS, "torque_ratio")
-#: What may be given with --prior: in words of the flight, and of the vehicle.
-FLIGHT = {
-    VERTICAL: ("input_gain", "viscous_friction", "actuator_lag", "delay"),
-    RIGID_BODY: ("thrust_gain", "actuator_lag", "delay"),
+#: What the flight identifies of the vehicle's numbers at once, by its own name.
+MADE_OF = {
+    VERTICAL: {
+        "thrust": "input_gain",
+        "drag_z": "viscous_friction",
+        "actuator_lag": "actuator_lag",
+        "delay": "delay",
+    },
+    RIGID_BODY: {"thrust": "thrust_gain", "actuator_lag": "actuator_lag", "delay": "delay"},
 }
+#: What may be given with --prior beside these.
 BESIDE = (*INERTIAS, "torque_ratio", "largest_command", "speed_scale")
 MAY_BE_ZERO = ("viscous_friction", "actuator_lag", "delay", "torque_ratio")
-#: What is given for a thrust, which is this times the mass.
-GAINS = {VERTICAL: "input_gain", RIGID_BODY: "thrust_gain"}
 #: Simulators divide by the lag, and fly off with a drag below zero.
 LEAST = {"actuator_lag": 1e-3} | dict.fromkeys(DRAGS, 0.0)
 #: What is given is drawn from a stream of its own, so that it leaves the flight's draws alone.
@@ -176,34 +148,29 @@ def describe(
     seed: int = 0,
 ) -> VehicleDescription:
     """Vehicle of a result."""
-    if fitted.model not in FLIGHT:
+    if fitted.model not in MADE_OF:
         raise UsageError(
             f"a result of the vertical motion or the rigid body for {target}",
             f"one of {fitted.model}",
             "Identify the log with --model vertical or rigid-body.",
         )
-    supplied.check_only((*FLIGHT[fitted.model], *BESIDE), target, body=True)
+    supplied.check_only((*MADE_OF[fitted.model].values(), *BESIDE), target, body=True)
     _check_signs(supplied)
     vehicle = _vehicle(fitted, supplied, target)
     given = _given(fitted, supplied, vehicle)
-    if fitted.model == VERTICAL:
-        parts = vertical_parts(fitted, given, vehicle.count)
-    else:
-        parts = rigid_body_parts(fitted, given, vehicle)
+    parts, missing = _parts(fitted, given, vehicle)
     selected = {
         **{name: SimulatorNumber(item, itemgetter(name)) for name, item in given.items() if name in WORDS},
-        **parts.numbers,
+        **parts,
     }
     lacking = [name for name in needs if name not in selected]
     if lacking:
-        raise _lacks(lacking, parts, fitted, target)
+        raise _lacks(lacking, missing, fitted, target)
     columns = _columns(fitted, given, selected, draws, seed)
     values, changed = realisable_inertia(
-        {name: _at_least(name, item.column(columns)) for name, item in selected.items()}
+        {name: np.maximum(item.column(columns), LEAST.get(name, -np.inf)) for name, item in selected.items()}
     )
-    gone = {
-        name: f"{name} is not written: {why}" for name, why in parts.missing.items() if name not in selected
-    }
+    gone = {name: f"{name} is not written: {why}" for name, why in missing.items() if name not in selected}
     numbers = (f"{words}: {selected[name].number.words}" for name, words in WORDS.items() if name in selected)
     comments = (*fitted.origin(), f"Vehicle: {vehicle.name}.", *numbers, *changed, *gone.values())
     return VehicleDescription(vehicle, fitted.input_map, values, comments, tuple(gone.values()))
@@ -252,19 +219,19 @@ def _given(fitted: Fitted, supplied: Supplied, vehicle: KnownVehicle) -> dict[st
 
 def _hovers_with_a_share(fitted: Fitted, vehicle: KnownVehicle) -> bool:
     """Whether commands are shares of the largest, as autopilots have them."""
-    gain = fitted.identified_number(GAINS[fitted.model])
+    gain = fitted.identified_number(MADE_OF[fitted.model]["thrust"])
     if gain is None or fitted.input_measured:
         return False
     rotors = 1 if fitted.model == VERTICAL else vehicle.count
     return fitted.input_map.inverse(GRAVITY / (rotors * gain.value)) < 1.0
 
 
-def _lacks(lacking: Iterable[str], parts: Parts, fitted: Fitted, target: str) -> NotIdentifiedError:
+def _lacks(
+    lacking: Iterable[str], missing: Mapping[str, str], fitted: Fitted, target: str
+) -> NotIdentifiedError:
     """Say all that is missing at once."""
-    reasons = " ".join(
-        parts.missing.get(name, f"No flight of this kind determines {name}.") for name in lacking
-    )
-    requested = {"thrust": GAINS[fitted.model]}
+    reasons = " ".join(missing.get(name, f"No flight of this kind determines {name}.") for name in lacking)
+    requested = {"thrust": MADE_OF[fitted.model]["thrust"]}
     priors = " ".join(f"--prior {requested.get(name, name)}=VALUE:STD" for name in lacking)
     words = ", ".join(WORDS[name] for name in lacking)
     return NotIdentifiedError(
@@ -302,45 +269,44 @@ def _std(number: Number) -> float:
     return (number.interval[1] - number.interval[0]) / (2.0 * normal_quantile(0.95))
 
 
-def _at_least(name: str, column: Column) -> Column:
-    return np.maximum(column, LEAST[name]) if name in LEAST else column
-
-
-# -- Rigid-body vehicle --
+# -- Parts of a vehicle --
 
 PHYSICAL = (*INERTIAS, *DRAGS, "torque_ratio")
 LEVEL = 0.95
 
 
-def rigid_body_parts(fitted: Fitted, given: dict[str, Number], vehicle: KnownVehicle) -> Parts:
-    """Thrust, drags, inertias, torque ratio, lag and delay."""
-    known = replace(vehicle, mass=KnownNumber(given["mass"].value, _std(given["mass"])))
-    identified = _identified(fitted)
+def _parts(
+    fitted: Fitted, given: dict[str, Number], vehicle: KnownVehicle
+) -> tuple[dict[str, SimulatorNumber], dict[str, str]]:
+    """What a flight identifies of a vehicle, and why it does not identify the rest."""
     parts: dict[str, SimulatorNumber] = {}
     missing: dict[str, str] = {}
-    rows = physical_parameters(identified, known, LEVEL)
-    formulas = {
-        item.name: item.formulas[0]
-        for item in sought(yaw_inertia(identified, known, LEVEL), fitted.input_map)
-    }
-    for name in PHYSICAL:
-        row = rows[name]
-        if row.estimate is not None and row.estimate.value > 0.0:
-            parts[name] = SimulatorNumber(
-                Number(row.estimate.value, row.estimate.interval, f"identified. {row.sentence}"),
-                _by_rows(formulas[name]),
-            )
-        else:
-            missing[name] = _why_not(fitted, formulas[name]) or row.sentence
-    for name, root in (("thrust", "thrust_gain"), ("actuator_lag", "actuator_lag"), ("delay", "delay")):
-        number = fitted.identified_number(root) or given.get(root)
-        if number is None:
+    if fitted.model == RIGID_BODY:
+        known = replace(vehicle, mass=KnownNumber(given["mass"].value, _std(given["mass"])))
+        identified = _identified(fitted)
+        rows = physical_parameters(identified, known, LEVEL)
+        formulas = {
+            item.name: item.formulas[0]
+            for item in sought(yaw_inertia(identified, known, LEVEL), fitted.input_map)
+        }
+        for name in PHYSICAL:
+            row = rows[name]
+            if row.estimate is not None and row.estimate.value > 0.0:
+                number = Number(row.estimate.value, row.estimate.interval, f"identified. {row.sentence}")
+                parts[name] = SimulatorNumber(number, _by_rows(formulas[name]))
+            else:
+                lacking = (item for item in formulas[name].needed if not fitted.is_identified(item))
+                missing[name] = " ".join(map(fitted.why_not, lacking)) or row.sentence
+    for name, root in MADE_OF[fitted.model].items():
+        found = fitted.identified_number(root) or given.get(root)
+        if found is None:
             missing[name] = fitted.why_not(root)
-        elif name == "thrust":
-            parts[name] = per_mass(given["mass"], number, root)
+        elif name in {"thrust", "drag_z"}:
+            share = 1.0 / vehicle.count if root == "input_gain" else 1.0
+            parts[name] = per_mass(given["mass"], found, root, share)
         else:
-            parts[name] = SimulatorNumber(number, itemgetter(root))
-    return Parts(parts, missing)
+            parts[name] = SimulatorNumber(found, itemgetter(root))
+    return parts, missing
 
 
 def _identified(fitted: Fitted) -> Combinations:
@@ -349,11 +315,6 @@ def _identified(fitted: Fitted) -> Combinations:
         return Combinations((), ())
     names = frozenset(name for name in fitted.names if fitted.is_identified(name))
     return Combinations(fitted.names, fitted.candidates).only(names)
-
-
-def _why_not(fitted: Fitted, formula: Formula) -> str:
-    """Verdicts of what a formula takes; empty where all of it is identified."""
-    return " ".join(fitted.why_not(name) for name in formula.needed if not fitted.is_identified(name))
 
 
 def _by_rows(formula: Formula) -> Callable[[Columns], Column]:
@@ -392,10 +353,8 @@ def by_quarters(vehicle: KnownVehicle, target: str) -> tuple[int, ...]:
 
 def mean_distances(vehicle: KnownVehicle) -> tuple[float, float]:
     """Mean distance of the rotors forward or behind, and to a side [m]."""
-    count = vehicle.count
-    return sum(abs(x) for x, _ in vehicle.positions) / count, sum(
-        abs(y) for _, y in vehicle.positions
-    ) / count
+    ahead, aside = np.abs(vehicle.positions).mean(axis=0).tolist()
+    return ahead, aside
 
 
 # -- Randomisation --

@@ -188,7 +188,9 @@ def flight_panels(result: FlightEstimate) -> Panels:
     """What moves in the first flight and its input, shaded where it counts, and the reasons below."""
     prepared = result.prepared[0]
     level = prepared.signals.family(prepared.input.name).mean(axis=1)
-    displayed = {_name(panel): panel for panel in result.motion.overview(prepared)}
+    displayed = {
+        " ".join(panel.label.split()).partition(" [")[0]: panel for panel in result.motion.overview(prepared)
+    }
     displayed["input"] = PlotData(f"mean of\n{prepared.input.name}", level)
     first = next(iter(displayed))
     panels: Panels = {
@@ -209,11 +211,6 @@ def page_without_estimate(names: tuple[str, ...]) -> dict[str, Axes]:
     return column_page(
         names, SIZE_INCHES, heights=(*[1.0] * (len(names) - 1), 0.6), shared=max(len(names) - 1, 1)
     )
-
-
-def _name(panel: PlotData) -> str:
-    """Label of a panel in one line, without its unit."""
-    return " ".join(panel.label.split()).partition(" [")[0]
 
 
 def _title_without_estimate(result: FlightEstimate) -> str:
@@ -520,7 +517,11 @@ def residual_figure(
         raise TooFewSamplesError(
             f"{2 * LEAST_BANDWIDTH + 1} residuals or more", f"{residual.size}", "Use a longer record."
         )
-    panels = _residual_page(title) if axes is None else given_axes(axes, PANELS, title)
+    if axes is None:
+        rows = [[PANELS[0]] * 2, list(PANELS[1:])]
+        panels = page(10.0, 6.4, title).subplot_mosaic(rows, height_ratios=(0.85, 1.0))
+    else:
+        panels = given_axes(axes, PANELS, title)
     squared = unit.replace("^2", "²")
     if "time" in panels:
         over_time = panels["time"]
@@ -532,11 +533,6 @@ def residual_figure(
     if "spectrum" in panels:
         draw_noise_spectrum(panels["spectrum"], residual, rate_hz=rate_hz, unit=squared)
     return figure_of(*panels.values())
-
-
-def _residual_page(title: str) -> dict[str, Axes]:
-    below = list(PANELS[1:])
-    return page(10.0, 6.4, title).subplot_mosaic([[PANELS[0]] * 2, below], height_ratios=(0.85, 1.0))
 
 
 def robust_band(residual: Float[np.ndarray, " n"], lags: int) -> Float[np.ndarray, " lags"]:

@@ -200,14 +200,7 @@ def checks(result: FlightEstimate) -> tuple[Check, ...]:
     """Checks of an estimate, those left out that its method cannot make; none without an estimate."""
     if result.fit is None:
         return ()
-    makers = (
-        _known_beforehand,
-        _instruments,
-        _constancy,
-        _periodicity,
-        _residual,
-        _least_squares,
-    )
+    makers = (_known_beforehand, _instruments, _constancy, _periodicity, _residual, _least_squares)
     shared = tuple(check for maker in makers for check in maker(result, result.fit))
     return (*shared, *result.motion.checks(result.diagnostics))
 

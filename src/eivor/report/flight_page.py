@@ -631,11 +631,7 @@ def _simulated(number: int, flight: PreparedFlight, result: FlightEstimate) -> I
 
 
 def _chart(
-    number: int,
-    flight: PreparedFlight,
-    unit: str,
-    time_s: Float[np.ndarray, " n"],
-    lines: tuple[Line, ...],
+    number: int, flight: PreparedFlight, unit: str, time_s: Float[np.ndarray, " n"], lines: tuple[Line, ...]
 ) -> Chart:
     whole = flight.grid.time_s
     over = (float(whole[0]), float(whole[-1]))

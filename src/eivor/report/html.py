@@ -83,25 +83,13 @@ def section_html(section: Section, name: str, figures: Mapping[str, Markup]) -> 
 # -- Vendored --
 
 
-@dataclass(frozen=True, slots=True)
-class Vendored:
-    """A release of another project."""
-
-    name: str
-    version: str
-    script: str
-    style: str
-    licence: str
-
-
-def uplot() -> Vendored:
-    """uPlot, which draws series over time."""
+def uplot() -> dict[str, str]:
+    """uPlot, which draws series over time: name and version, and texts of script, style and licence."""
     folder = resources.files("eivor.report").joinpath("vendored", "uplot")
     release = tomllib.loads(folder.joinpath("release.toml").read_text(encoding="utf-8"))
-    script, style, licence = (
-        folder.joinpath(name).read_text(encoding="utf-8") for name in (*release["sha256"], release["licence"])
-    )
-    return Vendored(release["name"], release["version"], script, style, licence)
+    files = dict(zip(("script", "style", "licence"), (*release["sha256"], release["licence"]), strict=True))
+    texts = {kind: folder.joinpath(file).read_text(encoding="utf-8") for kind, file in files.items()}
+    return {"name": release["name"], "version": release["version"], **texts}
 
 
 def own(name: str) -> str:
@@ -145,7 +133,7 @@ class Sources:
 def report_sources() -> Sources:
     """Those of a report."""
     drawing = uplot()
-    return Sources(f"{drawing.style}\n{own('page.css')}", f"{drawing.script}\n{own('page.js')}")
+    return Sources(f"{drawing['style']}\n{own('page.css')}", f"{drawing['script']}\n{own('page.js')}")
 
 
 def whole_page(title: str, body: Markup, data: Mapping[str, object], sources: Sources | None = None) -> str:

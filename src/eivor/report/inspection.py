@@ -262,18 +262,14 @@ def _channel_table(result: Inspection) -> TableOf:
         TableColumn("rate [Hz]", right=True, whole=True),
         TableColumn("range, and remarks", below=Tone.WARNING),
     )
-    return TableOf(columns, tuple(_channel(summary) for summary in result.channels))
-
-
-def _channel(summary: ChannelSummary) -> tuple[Cell, ...]:
-    rate_hz = summary.rate_hz
-    # of what happens now and then two digits, which a tenth would make nothing
-    rate = f"{rate_hz:.1f}" if rate_hz >= 1.0 or not rate_hz else f"{rate_hz:.2g}"
-    return (
-        Cell(summary.name, summary.source),
-        Cell(rate),
-        Cell(_range(summary), "; ".join(_remarks(summary))),
-    )
+    rows = []
+    for channel in result.channels:
+        rate = channel.rate_hz
+        # of what happens now and then two digits, which a tenth would make nothing
+        text = f"{rate:.1f}" if rate >= 1.0 or not rate else f"{rate:.2g}"
+        remarks = "; ".join(_remarks(channel))
+        rows.append((Cell(channel.name, channel.source), Cell(text), Cell(_range(channel), remarks)))
+    return TableOf(columns, tuple(rows))
 
 
 def _range(summary: ChannelSummary) -> str:

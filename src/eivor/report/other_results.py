@@ -28,13 +28,7 @@ from eivor.report.document import (
     Tone,
     printable,
 )
-from eivor.report.figure_panels import (
-    BLUE,
-    RED,
-    labelled,
-    legend,
-    page,
-)
+from eivor.report.figure_panels import BLUE, RED, labelled, legend, page
 from eivor.report.flight import NO_NUMBER, plain_numbers, section
 from eivor.report.json_document import Json, document
 from eivor.report.outputs import saved_of

@@ -359,16 +359,21 @@ def _error(left: Float[np.ndarray, " n"], moved: Float[np.ndarray, " n"]) -> Pre
 
 
 def _rows(validation: Validation) -> list[tuple[str, ...]]:
+    """What is predicted, by what, root mean square error, unit and share explained, of each prediction."""
     return [
         (
-            f"{prediction.quantity}, {prediction.horizon.words}",
-            prediction.words,
-            f"{prediction.error.rms:.3g}",
-            prediction.unit,
-            f"{prediction.error.explained:.1%}",
+            f"{item.quantity}, {item.horizon.words}",
+            item.words,
+            f"{item.error.rms:.3g}",
+            item.unit,
+            _share(item.error),
         )
-        for prediction in validation.predictions
+        for item in validation.predictions
     ]
+
+
+def _share(error: PredictionError) -> str:
+    return f"{error.explained:.1%}" if np.isfinite(error.explained) else NO_NUMBER
 
 
 # -- JSON validation --
@@ -453,12 +458,10 @@ def _models_table(validation: Validation) -> TableOf:
         TableColumn("unit"),
         TableColumn("explained", right=True),
     )
-    rows = []
-    for models in validation.by_quantity:
-        for index, model in enumerate(models):
-            what = Cell("") if index else Cell(f"{model.quantity}, {model.horizon.words}")
-            rms, explained = _cells(model.error)
-            rows.append((what, Cell(model.words), rms, Cell(model.unit), explained))
+    rows, before = [], ""
+    for what, *others in _rows(validation):
+        rows.append(tuple(map(Cell, ("" if what == before else what, *others))))
+        before = what
     return TableOf(columns, tuple(rows))
 
 
@@ -470,16 +473,10 @@ def _by_run(validation: Validation) -> TableOf:
         columns += [TableColumn(title, right=True, strong=True), TableColumn("explained", right=True)]
     rows = []
     for index, (start, end) in enumerate(validation.spans_s):
-        cells = [Cell(f"{start:.1f} to {end:.1f}")]
-        for item in selected:
-            cells += _cells(item.by_run[index])
-        rows.append(tuple(cells))
+        errors = [item.by_run[index] for item in selected]
+        texts = [text for error in errors for text in (f"{error.rms:.3g}", _share(error))]
+        rows.append(tuple(map(Cell, (f"{start:.1f} to {end:.1f}", *texts))))
     return TableOf(tuple(columns), tuple(rows))
-
-
-def _cells(error: PredictionError) -> tuple[Cell, Cell]:
-    explained = f"{error.explained:.1%}" if error.explained == error.explained else NO_NUMBER
-    return Cell(f"{error.rms:.3g}"), Cell(explained)
 
 
 # -- Validation figure --
@@ -500,8 +497,14 @@ def validation_figure(validation: Validation, axes: GivenAxes | None = None) -> 
         name = models[0].horizon.value
         panels[name] = partial(_draw_predicted, validation=validation, models=models)
         panels[f"{name} residual"] = partial(_draw_left, validation=validation, models=models)
-    new_page = _validation_page if validation.multi_step_prediction is None else prediction_page
-    placed = new_page(tuple(panels)) if axes is None else given_axes(axes, tuple(panels))
+    names = tuple(panels)
+    if axes is not None:
+        placed = given_axes(axes, names)
+    elif validation.multi_step_prediction is not None:
+        placed = prediction_page(names)
+    else:
+        size = (SIZE_INCHES[0], SIZE_INCHES[1] * len(names) / 4.0)
+        placed = column_page(names, size, heights=(1.6, 1.0) * (len(names) // 2), shared=2)
     for name, ax in placed.items():
         panels[name](ax)
     figure = figure_of(*placed.values())
@@ -510,11 +513,6 @@ def validation_figure(validation: Validation, axes: GivenAxes | None = None) -> 
         title = f"{short_name(printable(validation.flight.recording.name))}\n{sentence}"
         figure.suptitle(title, fontsize=11, parse_math=False)
     return figure
-
-
-def _validation_page(names: tuple[str, ...]) -> dict[str, Axes]:
-    size = (SIZE_INCHES[0], SIZE_INCHES[1] * len(names) / 4.0)
-    return column_page(names, size, heights=(1.6, 1.0) * (len(names) // 2), shared=2)
 
 
 def _draw_predicted(ax: Axes, validation: Validation, models: tuple[ModelPrediction, ...]) -> None:

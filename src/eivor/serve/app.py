@@ -298,8 +298,7 @@ class _Routes:
         size = _length(request, self._server.options.largest)
         name = shown_name(request.headers.get("x-eivor-name", ""))
         body = _Body(request, size)
-        sent = sent_files(request.headers.get("x-eivor-files", ""), size)
-        files = [(item.name, item.size) for item in sent] or [("", size)]
+        files = sent_files(request.headers.get("x-eivor-files", ""), size) or (("", size),)
         parts = ((item, body.parts(length)) for item, length in files)
         log = await anyio.to_thread.run_sync(lambda: self._logs.keep(name, size, parts, self._jobs.in_use))
         return JSONResponse({"log": log, "name": name, "bytes": size})

@@ -7,18 +7,7 @@ from importlib import resources
 from eivor.report.html import SHAPES, Sources, own, rendered, report_sources, whole_page
 
 #: Parts of the script, in the order in which they stand in it.
-PARTS = (
-    "base",
-    "talk",
-    "folders",
-    "flights",
-    "course",
-    "choices",
-    "downloads",
-    "result",
-    "compare",
-    "start",
-)
+PARTS = ("base", "talk", "folders", "flights", "course", "choices", "downloads", "result", "compare", "start")
 #: Shapes of stages, drawn as those of verdicts are: gone by, at it, to come.
 STAGES = {"over": "M6 10.4l2.8 2.9 5.4-6.4", "now": "M6 10h7.6M10.4 6.6l3.4 3.4-3.4 3.4", "ahead": ""}
 #: What the script may ask: its own server, and reports within the page, which it makes itself.
