@@ -13,6 +13,7 @@ from urllib.parse import quote
 
 import numpy as np
 import polars as pl
+from markupsafe import Markup
 
 from eivor.fleet.analysis import (
     DRIFTS,
@@ -34,7 +35,7 @@ from eivor.report.document import Bullets, Cell, Document, Figure, Section, Tabl
 from eivor.report.figure_panels import PlottedInterval
 from eivor.report.flight import NO_NUMBER, axis_of, plain_numbers, section
 from eivor.report.flight_page import Figures, Picture, Pictures, forest_picture, number_table, trend_picture
-from eivor.report.html import Markup, element, joined, section_html, whole_page
+from eivor.report.html import element, joined, section_html, whole_page
 from eivor.report.json_document import Json
 
 # -- Reported fleet --

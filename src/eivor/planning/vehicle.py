@@ -363,7 +363,12 @@ def rough_vehicle(
 ) -> VehicleGuess:
     """Vehicle of rough numbers as they are typed: the lag in milliseconds; what is not given is as usual."""
     lag_s = None if lag is None else 1e-3 * lag
-    given = {"hover_input": hover, "viscous_friction": friction, "lag_s": lag_s, "gust_rms": gusts}
+    given: dict[str, Any] = {
+        "hover_input": hover,
+        "viscous_friction": friction,
+        "lag_s": lag_s,
+        "gust_rms": gusts,
+    }
     return VehicleGuess(**{name: value for name, value in given.items() if value is not None})
 
 
@@ -371,7 +376,8 @@ def read_vehicle(path: Path) -> VehicleGuess:
     """Vehicle from a TOML file with the rough numbers of `VehicleGuess`, all optional."""
     table = read_toml(path, "a vehicle")
     usual = VehicleGuess()
-    guess = VehicleGuess(**{name: table.number(name, getattr(usual, name)) for name in VEHICLE_RANGES})
+    given: dict[str, Any] = {name: table.number(name, getattr(usual, name)) for name in VEHICLE_RANGES}
+    guess = VehicleGuess(**given)
     table.finish()
     return guess
 

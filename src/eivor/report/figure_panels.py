@@ -178,6 +178,11 @@ def panel(ax: Axes | None, width: float, height: float, title: str = "") -> Axes
     return ax
 
 
+def mosaic(figure: Figure, rows: Sequence[Sequence[str]], **ratios: Any) -> dict[str, Axes]:
+    """Axes of a figure by name; a name that is repeated takes all of its places."""
+    return dict(figure.subplot_mosaic([list(row) for row in rows], **ratios))
+
+
 def column_page(
     names: Sequence[str],
     size: tuple[float, float],
@@ -187,7 +192,7 @@ def column_page(
     shared: int = 0,
 ) -> dict[str, Axes]:
     """Axes of a page, one below the other; so many in a row share their abscissa, all for zero."""
-    panels = page(*size, title).subplot_mosaic([[name] for name in names], height_ratios=heights)
+    panels = mosaic(page(*size, title), [[name] for name in names], height_ratios=heights)
     count = shared or len(names)
     for index, name in enumerate(names):
         first = names[index - index % count]
@@ -407,7 +412,7 @@ def interval_figure(
     names = tuple(panels)
     if axes is None:
         figure = page(PANEL_WIDTH * len(names) + 1.2, ROW_HEIGHT * (most + 1) + 1.3, title)
-        drawn = figure.subplot_mosaic([list(names)])
+        drawn = mosaic(figure, [names])
     else:
         drawn = given_axes(axes, names, title)
     for index, (name, axis) in enumerate(drawn.items()):

@@ -38,6 +38,7 @@ from eivor.report.figure_panels import (
     given_axes,
     labelled,
     legend,
+    mosaic,
     page,
     panel,
     without_abscissa,
@@ -80,9 +81,9 @@ def prediction_panels(ahead: MultiStepPrediction) -> Panels:
 
 def prediction_page(names: tuple[str, ...]) -> dict[str, Axes]:
     """A page with two panels in a row."""
-    pairs = [list(pair) for pair in zip(names[::2], names[1::2], strict=True)]
+    pairs = list(zip(names[::2], names[1::2], strict=True))
     figure = page(WIDTH_INCHES, ROW_INCHES * len(pairs) + 1.2)
-    return figure.subplot_mosaic(pairs, width_ratios=(2.2, 1.0))
+    return mosaic(figure, pairs, width_ratios=(2.2, 1.0))
 
 
 def _draw_ahead_over_time(
@@ -340,7 +341,8 @@ def _flight_page(names: tuple[str, ...]) -> dict[str, Axes]:
     others = [name for name in names if name not in wide]
     width, height = SIZE_INCHES
     figure = page(width * max(len(others) / LEAST_BESIDE, 1.0), height + AXIS_INCHES * (len(wide) // 2 - 1))
-    placed = figure.subplot_mosaic(
+    placed = mosaic(
+        figure,
         [*([name] * len(others) for name in wide), others],
         height_ratios=(*(2.0, 0.9) * (len(wide) // 2), 2.2),
     )
@@ -518,8 +520,8 @@ def residual_figure(
             f"{2 * LEAST_BANDWIDTH + 1} residuals or more", f"{residual.size}", "Use a longer record."
         )
     if axes is None:
-        rows = [[PANELS[0]] * 2, list(PANELS[1:])]
-        panels = page(10.0, 6.4, title).subplot_mosaic(rows, height_ratios=(0.85, 1.0))
+        rows = [(PANELS[0], PANELS[0]), PANELS[1:]]
+        panels = mosaic(page(10.0, 6.4, title), rows, height_ratios=(0.85, 1.0))
     else:
         panels = given_axes(axes, PANELS, title)
     squared = unit.replace("^2", "²")

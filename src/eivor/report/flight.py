@@ -279,7 +279,9 @@ def _residual(result: FlightEstimate, fit: Fit) -> Iterator[Check]:
             "residual",
             f"memory {memory.memory:.2f} ± {2.0 * memory.order_error:.2f} (0 = none){drifting}",
         )
-    for name, wording in _closely(result)[:1] if leverage is not None else ():
+    if leverage is None:
+        return
+    for name, wording in _closely(result)[:1]:
         index = result.names.index(name)
         by = float(leverage.largest[index])
         if isfinite(by):

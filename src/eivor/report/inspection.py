@@ -26,6 +26,7 @@ from eivor.report.flight import (
     logging_advice_for,
     missing_channels,
     section,
+    spans_of,
 )
 from eivor.signals.recording import Channel, ChannelQuality, Finding, MadeChannels, Recording
 
