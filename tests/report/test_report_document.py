@@ -86,8 +86,6 @@ def test_what_is_told_is_told_by_every_medium(pool: FlightEstimate) -> None:
     changed = replace(
         pool,
         verdict=Verdict(Status.WEAK, (Reason(Status.WEAK, "A reason.", "A remedy."),)),
-        method="a method",
-        instruments="an instrument",
         findings=(Finding("name", "A finding."),),
     )
     flight = flight_report(changed)
@@ -107,8 +105,6 @@ def test_what_is_told_is_told_by_every_medium(pool: FlightEstimate) -> None:
         "weak",
         "A reason.",
         "A remedy.",
-        "a method",
-        "an instrument",
         "4321",
         "A finding.",
         "another log",

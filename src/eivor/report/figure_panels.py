@@ -670,7 +670,7 @@ def draw_forest(axes: Axes, rows: Sequence[PlottedInterval], words: str) -> None
         if piece[1] - piece[0] <= 2.0 * widest
     ]
     limits = _interval_limits(narrow, None)
-    letters = int(LETTERS_PER_INCH * axes.bbox.width / axes.figure.dpi)
+    letters = int(LETTERS_PER_INCH * 9.0 / 8.0 * axes.figure.bbox.width / axes.figure.dpi)
     across = axes.get_yaxis_transform()
     for index, row in enumerate(rows):
         colour = DARK if row.status is None or row.whole else STATUS_COLOURS[row.status]

@@ -168,7 +168,7 @@ def _coded(values: Float[np.ndarray, " n"]) -> dict[str, object]:
 #: Draws a picture that nobody needs to pan.
 Draw: TypeAlias = "Callable[[Axes], None]"
 #: Width of a drawing, its height, and what a row of a forest and its axis add to it [inch].
-WIDTH_INCHES, HEIGHT_INCHES, FOREST_ROW_INCHES, FOREST_FOOT_INCHES = 4.0, 3.0, 0.42, 0.6
+WIDTH_INCHES, HEIGHT_INCHES, FOREST_ROW_INCHES, FOREST_FOOT_INCHES = 3.5, 2.7, 0.4, 0.55
 #: Samples of all lines of a page together; each chart has its share.
 SAMPLES = 160_000
 #: What a chart has in any case, and what no screen has any use for.
@@ -262,9 +262,11 @@ def drawing(draw: Draw, name: str, title: str, height: float) -> Markup:
     axes = figure.add_subplot()
     draw(axes)
     axes.set_title("")
+    axes.tick_params(labelsize=8)
     for axis in (axes.xaxis, axes.yaxis):
+        axis.label.set_size(8.5)
         if axis.get_scale() != "linear":
-            axis.set_major_formatter(lambda value, _position: f"{value:g}")
+            axis.set_major_formatter(partial(_tick, getattr(axis.get_transform(), "linthresh", 0.0)))
     stream = BytesIO()
     with rc_context({"svg.fonttype": "none", "svg.hashsalt": name, "savefig.transparent": True}):
         write_figure(figure, stream, "svg")
@@ -284,6 +286,11 @@ def drawing(draw: Draw, name: str, title: str, height: float) -> Markup:
     box = {"viewBox": root.get("viewBox", ""), "class": "drawn", "role": "img"}
     root.attrib = box | {"aria-labelledby": f"{name}-title", "stroke-linejoin": "round"}
     return Markup(ElementTree.tostring(root, encoding="unicode", method="html"))  # noqa: S704 - escaped
+
+
+def _tick(bend: float, value: float, _position: int) -> str:
+    """Number at a tick; none between zero and the bend of an axis, where they would touch."""
+    return "" if 0.0 < value < bend else f"{value:g}"
 
 
 def _attributes(given: dict[str, str], name: str) -> dict[str, str]:
