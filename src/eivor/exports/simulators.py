@@ -72,7 +72,7 @@ def _first(columns: Columns) -> dict[str, float]:
 
 
 def _first_rotor(made: VehicleDescription, gravity: float = GRAVITY) -> dict[str, float]:
-    return _first(vars(rotors_of(made, gravity)))
+    return _first(rotors_of(made, gravity))
 
 
 # -- Drone models --
@@ -131,7 +131,7 @@ def _gazebo(fitted: Fitted, supplied: Supplied) -> Exported:
     comments += [NO_DRAG_ALONG] if "drag_z" in made.values else []
     value = _first(made.values)
     mass, arm = value["mass"], value["arm_scale"]
-    each, rest = ROTOR_SHARE * mass, mass * (1.0 - made.count * ROTOR_SHARE)
+    each, rest = ROTOR_SHARE * mass, mass * (1.0 - made.vehicle.count * ROTOR_SHARE)
     disc = (
         each * (made.vehicle.rotor_radius or 0.5 * arm * made.vehicle.arm) ** 2 * np.diag([0.25, 0.25, 0.5])
     )
@@ -180,8 +180,8 @@ def _isaac_lab(fitted: Fitted, supplied: Supplied, draws: Columns, seed: int) ->
     columns = {
         "mass": values["mass"],
         **{name: values[name] for name in INERTIAS},
-        "thrust_const": rotors.thrust_constant * (2.0 * math.pi) ** 2,
-        "thrust_max": rotors.thrust_constant * rotors.largest_speed**2,
+        "thrust_const": rotors["thrust_constant"] * (2.0 * math.pi) ** 2,
+        "thrust_max": rotors["thrust_constant"] * rotors["largest_speed"] ** 2,
         "time_constant": values["actuator_lag"],
         "torque_to_thrust_ratio": values["torque_ratio"],
     }
@@ -220,9 +220,9 @@ def _mujoco(fitted: Fitted, supplied: Supplied) -> Exported:
         xml_comments((*made.comments, *MUJOCO_REMARKS, *delay_comments(made, "MuJoCo"))),
         gravity=GRAVITY,
         size=0.5 * value["arm_scale"] * made.vehicle.arm,
-        gain=value["mass"] * GRAVITY / made.count,
+        gain=value["mass"] * GRAVITY / made.vehicle.count,
         limits=f' ctrlrange="0 {most}"' if "largest_command" in value else "",
-        ones=" ".join("1" * made.count),
+        ones=" ".join("1" * made.vehicle.count),
     )
 
 
@@ -272,7 +272,7 @@ def _pybullet(fitted: Fitted, supplied: Supplied) -> Exported:
         "arm": size,
         "kf": thrust * PER_MINUTE**2,
         "km": -made.vehicle.spins[order[0]] * rotor["torque_constant"] * PER_MINUTE**2,
-        "thrust2weight": made.count * thrust * rotor["largest_speed"] ** 2 / weight,
+        "thrust2weight": made.vehicle.count * thrust * rotor["largest_speed"] ** 2 / weight,
         "max_speed_kmh": 30.0,
         "gnd_eff_coeff": 0.0,
         "prop_radius": made.vehicle.rotor_radius or 0.5 * size,
@@ -329,15 +329,15 @@ def _rotorpy_columns(made: VehicleDescription) -> Columns:
         "mass": values["mass"],
         **{f"I{name[-2:]}": values[name] for name in INERTIAS},
         **dict.fromkeys(("Ixy", "Ixz", "Iyz", "c_Dx", "c_Dy", "c_Dz"), zero),
-        "k_eta": rotors.thrust_constant,
-        "k_m": rotors.torque_constant,
-        "k_d": rotors.drag_across,
-        "k_z": rotors.drag_along,
+        "k_eta": rotors["thrust_constant"],
+        "k_m": rotors["torque_constant"],
+        "k_d": rotors["drag_across"],
+        "k_z": rotors["drag_along"],
         "k_h": zero,
         "k_flap": zero,
         "tau_m": values["actuator_lag"],
         "rotor_speed_min": zero,
-        "rotor_speed_max": rotors.largest_speed,
+        "rotor_speed_max": rotors["largest_speed"],
         "motor_noise_std": zero,
     }
 
@@ -369,7 +369,7 @@ def _sih(fitted: Fitted, supplied: Supplied) -> Exported:
         **({"SIH_KDV": value["drag_z"]} if "drag_z" in value else {}),
         "THR_MDL_FAC": 0.0,
     }
-    hover = value["mass"] * GRAVITY / (made.count * largest)
+    hover = value["mass"] * GRAVITY / (made.vehicle.count * largest)
     remarks = [*SIH_REMARKS, *delay_comments(made, "SIH")]
     beyond = PX4.hover.beyond((hover, (hover, hover)))
     if beyond:

@@ -133,11 +133,6 @@ class VehicleDescription:
     comments: tuple[str, ...]
     omitted: tuple[str, ...]
 
-    @property
-    def count(self) -> int:
-        """Number of rotors."""
-        return self.vehicle.count
-
 
 def describe(
     fitted: Fitted,
@@ -380,37 +375,25 @@ class Randomisation:
 
 def mapped_hover(made: VehicleDescription) -> Column:
     """Mapped command at hover."""
-    return made.values["mass"] * GRAVITY / (made.count * made.values["thrust"])
+    return made.values["mass"] * GRAVITY / (made.vehicle.count * made.values["thrust"])
 
 
-@dataclass(frozen=True)
-class SimulatorRotors:
-    """Numbers of a rotor, a row for each vehicle."""
-
-    thrust_constant: Column  # [N/(rad/s)^2], shape (n,)
-    torque_constant: Column  # [N m/(rad/s)^2], shape (n,)
-    hover_speed: Column  # shape (n,), [rad/s]
-    largest_speed: Column  # shape (n,), [rad/s]
-    drag_along: Column  # shape (n,), [N s^2/(m rad)]
-    drag_across: Column  # shape (n,), [N s^2/(m rad)]
-
-
-def rotors_of(made: VehicleDescription, gravity: float = GRAVITY) -> SimulatorRotors:
-    """Rotors of a vehicle."""
-    values = made.values
+def rotors_of(made: VehicleDescription, gravity: float = GRAVITY) -> dict[str, Column]:
+    """Numbers of a rotor, a row for each vehicle, in N, N m and rad/s; drags are over a rotor's speed."""
+    values, count = made.values, made.vehicle.count
     scale, thrust, zero = values["speed_scale"], values["thrust"], np.zeros_like(values["mass"])
     hover = scale * np.sqrt(mapped_hover(made))
     constant = thrust / scale**2 * (gravity / GRAVITY)
     largest = made.thrust_map(values.get("largest_command", zero + np.inf))
     across = [values[name] for name in ("drag_x", "drag_y") if name in values]
-    return SimulatorRotors(
-        constant,
-        values["torque_ratio"] * constant,
-        hover,
-        scale * np.sqrt(largest),
-        values.get("drag_z", zero) / (made.count * hover),
-        (np.mean(across, axis=0) if across else zero) / (made.count * hover),
-    )
+    return {
+        "thrust_constant": constant,
+        "torque_constant": values["torque_ratio"] * constant,
+        "hover_speed": hover,
+        "largest_speed": scale * np.sqrt(largest),
+        "drag_along": values.get("drag_z", zero) / (count * hover),
+        "drag_across": (np.mean(across, axis=0) if across else zero) / (count * hover),
+    }
 
 
 def speed_comments(made: VehicleDescription, simulator: str, gravity: float = GRAVITY) -> tuple[str, ...]:

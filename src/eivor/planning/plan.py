@@ -215,29 +215,14 @@ class ExpectedInterval:
 
 @dataclass(frozen=True)
 class FlightPlan:
-    """A flight, and what it is expected to identify.
+    """A flight, and what it is expected to identify."""
 
-    Parameters
-    ----------
-    vehicle : VehicleGuess
-        What it was planned for.
-    limits : FlightLimits
-        What it keeps.
-    target : str
-        What it should identify, a word of `TARGETS`.
-    shape : Shape
-        The height setpoint about the middle of the limits.
-    predicted : mapping of str to Predicted
-        For each target.
-    reached : tuple of float
-        Lowest and highest height above take-off [m] and largest speed [m/s] of the simulated flights.
-    """
-
-    vehicle: VehicleGuess
-    limits: FlightLimits
-    target: str
-    shape: Shape
-    predicted: Mapping[str, ExpectedInterval]
+    vehicle: VehicleGuess  # What it was planned for
+    limits: FlightLimits  # What it keeps
+    target: str  # What it should identify, a word of `TARGETS`
+    shape: Shape  # The height setpoint about the middle of the limits
+    predicted: Mapping[str, ExpectedInterval]  # For each target
+    #: Lowest and highest height above take-off [m] and largest speed [m/s] of the simulated flights.
     reached: tuple[float, float, float]
 
     @property

@@ -26,30 +26,17 @@ from eivor.tools import Float
 class FlightLimits:
     """Limits of a planned flight. Setpoints stay inside them with room for how a vehicle follows them.
 
-    Parameters
-    ----------
-    height_m : tuple of float
-        Lowest and highest height above the place of take-off [m].
-    speed : float
-        Largest climb and sink rate [m/s].
-    acceleration : float
-        Largest vertical acceleration of the setpoints [m/s^2].
-    tilt_deg : float
-        Largest tilt [deg]; the flight is vertical, and ends beyond it.
-    duration_s : float
-        Of the whole flight, from the first setpoint to the last [s].
-
     Raises
     ------
     UsageError
         When a limit is not above zero, the heights leave no room, or the flight is too short or too long.
     """
 
-    height_m: tuple[float, float] = (3.0, 8.0)
-    speed: float = 2.0
-    acceleration: float = 3.0
-    tilt_deg: float = 20.0
-    duration_s: float = 60.0
+    height_m: tuple[float, float] = (3.0, 8.0)  # Lowest and highest above the place of take-off [m]
+    speed: float = 2.0  # Largest climb and sink rate [m/s]
+    acceleration: float = 3.0  # Largest vertical acceleration of the setpoints [m/s^2]
+    tilt_deg: float = 20.0  # Largest tilt [deg]; the flight is vertical, and ends beyond it
+    duration_s: float = 60.0  # From the first setpoint to the last [s]
 
     def __post_init__(self) -> None:
         remedy = "Give FlightLimits(height_m=(3.0, 8.0)), in metres above the place of take-off."
@@ -250,43 +237,22 @@ class Densities:
 class VehicleGuess:
     """Rough numbers of a vehicle. Its mass is not needed.
 
-    Parameters
-    ----------
-    hover_input : float
-        Input at which it hovers, a share of full input.
-    viscous_friction : float
-        K [1/s].
-    lag_s : float
-        Actuator lag and delay together [s].
-    gust_rms : float
-        Standard deviation of the vertical wind [m/s], where `densities` does not say what acts on it.
-    acceleration_noise, velocity_noise : float
-        Standard deviations of the errors at 100 Hz [m/s^2, m/s], where `densities` does not say them.
-    tilt_rms : float
-        Standard deviation of roll and of pitch [rad].
-    densities : Densities, optional
-        What an estimate left. Default: gusts and white noise of these sizes.
-    controller : AltitudeController, optional
-        How the vehicle follows its height setpoint. Default: one that suits the lag.
-    asked : str
-        What an estimate could not identify, by its word in `eivor.planning.vehicle`; empty for nothing.
-
     Raises
     ------
     UsageError
         When a number is out of its range.
     """
 
-    hover_input: float = 0.5
-    viscous_friction: float = 0.3
-    lag_s: float = 0.05
-    gust_rms: float = 0.3
-    acceleration_noise: float = 0.4
-    velocity_noise: float = 0.03
-    tilt_rms: float = 0.05
-    densities: Densities | None = None
-    controller: AltitudeController | None = None
-    asked: str = field(default="", repr=False)
+    hover_input: float = 0.5  # Input at which it hovers, a share of full input
+    viscous_friction: float = 0.3  # K [1/s]
+    lag_s: float = 0.05  # Actuator lag and delay together [s]
+    gust_rms: float = 0.3  # Standard deviation of the vertical wind [m/s], where `densities` are not given
+    acceleration_noise: float = 0.4  # Of the errors at 100 Hz [m/s^2], where `densities` are not given
+    velocity_noise: float = 0.03  # Likewise [m/s]
+    tilt_rms: float = 0.05  # Standard deviation of roll and of pitch [rad]
+    densities: Densities | None = None  # What an estimate left; default: gusts and white noise as above
+    controller: AltitudeController | None = None  # Of the height setpoint; default: one that suits the lag
+    asked: str = field(default="", repr=False)  # What an estimate could not identify, a word of `TARGETS`
 
     def __post_init__(self) -> None:
         checks.within(self, VEHICLE_RANGES, "A rough number will do.")

@@ -48,23 +48,7 @@ REMEDY = "Pass what plt.subplots() or Figure.add_subplot() returns."
 
 
 def given_axes(axes: GivenAxes, panels: Sequence[str], title: str = "") -> dict[str, Axes]:
-    """Axes of each panel that is to be drawn.
-
-    Parameters
-    ----------
-    axes : Axes, mapping of str to Axes, or iterable of Axes
-        A mapping draws the panels that it names. A sequence or an array, as plt.subplots() returns it, is for
-        all panels, row by row. Axes alone are for the only panel.
-    panels : sequence of str
-        Names of the panels, in order.
-    title : str
-        Words above the first panel that is drawn; it keeps its own when there are none.
-
-    Raises
-    ------
-    UsageError
-        When there are none, too few or too many, or they are not of one figure; when a name is unknown.
-    """
+    """Axes of each panel that is to be drawn: by name, or as many as there are panels."""
     chosen = _named(axes, panels) if isinstance(axes, Mapping) else _ordered(axes, panels)
     if not chosen:
         raise UsageError("Axes to draw into", "none", f"Name some of: {', '.join(panels)}.")
@@ -76,13 +60,7 @@ def given_axes(axes: GivenAxes, panels: Sequence[str], title: str = "") -> dict[
 
 
 def figure_of(*axes: Axes) -> Figure:
-    """Return the figure that Axes are of; that of a subfigure is the one around it.
-
-    Raises
-    ------
-    UsageError
-        When there are several.
-    """
+    """Return the figure that Axes are of; that of a subfigure is the one around it."""
     figures = {id(axis.figure.figure): axis.figure.figure for axis in axes}
     if len(figures) != 1:
         raise UsageError(
@@ -164,13 +142,7 @@ def page(width: float, height: float, title: str = "") -> Figure:
 
 
 def panel(ax: Axes | None, width: float, height: float, title: str = "") -> Axes:
-    """Axes to draw the only panel into: the caller's, or those of a page of that size [inch].
-
-    Raises
-    ------
-    UsageError
-        When what is given are no Axes.
-    """
+    """Axes to draw the only panel into: the caller's, or those of a page of that size [inch]."""
     if ax is None:
         return page(width, height, title).add_subplot()
     _check("ax", ax)
@@ -224,13 +196,7 @@ def labelled(axes: Axes, *, x: str = "", y: str = "", size: float = 10.0) -> Non
 
 
 def drawable(things: Sized, what: str, remedy: str) -> None:
-    """Refuse to draw nothing.
-
-    Raises
-    ------
-    UsageError
-        When there is none of what is to be drawn.
-    """
+    """Refuse to draw nothing."""
     if not things:
         raise UsageError(f"{what} to draw", "none", remedy)
 
@@ -324,10 +290,7 @@ def draw_autocorrelation(axes: Axes, best: Candidate, runs: list[FlightRun]) -> 
 def draw_excitation(
     axes: Axes, traces: tuple[Trace, ...], runs: list[FlightRun], per_decade: int | None = None
 ) -> None:
-    """Amplitude of what the input does to each axis that it moves, of one unit, and of what is left.
-
-    Bins, or so many bands in each decade.
-    """
+    """Amplitude of what the input does to each axis, and of what is left, of bins or bands."""
     traces = tuple(trace for trace in traces if trace.unit == traces[0].unit and trace.driven.any())
     for trace, style in zip(traces, cycle(STYLES), strict=False):
         of_axis = f" ({trace.axis})" if len(traces) > 1 else ""
@@ -720,19 +683,7 @@ def draw_no_profile(axes: Axes, result: FlightEstimate) -> None:
 
 
 def draw_profile(axes: Axes, result: FlightEstimate, estimate: Estimate, number: int) -> None:
-    """Draw the objective against one nuisance, a curve for each combination of discrete ones that fits.
-
-    Parameters
-    ----------
-    axes : Axes
-        Where to.
-    result : FlightEstimate
-        With words and intervals.
-    estimate : Estimate
-        Its estimate.
-    number : int
-        Which of the profiles.
-    """
+    """Draw the objective against one nuisance, a curve for each combination of discrete ones that fits."""
     profile = estimate.best.profiles[number]
     quantity = result.quantities[profile.nuisance.name]
     wording = result.motion.wording[profile.nuisance.name]

@@ -293,13 +293,7 @@ def flight_figure(result: FlightEstimate, axes: GivenAxes | None = None) -> Figu
 
 
 def save_figure(figure: Figure, path: Path) -> None:
-    """Write a figure as PNG, SVG or PDF, recognised by the ending; whole.
-
-    Raises
-    ------
-    OSError
-        When the file cannot be written.
-    """
+    """Write a figure as PNG, SVG or PDF, recognised by the ending; whole."""
     with atomic_write(path) as file:
         write_figure(figure, file, path.suffix.lower().lstrip("."))
 
@@ -538,17 +532,8 @@ def residual_figure(
 
 
 def robust_band(residual: Float[np.ndarray, " n"], lags: int) -> Float[np.ndarray, " lags"]:
-    """95 % half-width of the autocorrelation at each lag of uncorrelated noise whose strength varies.
+    """95 % half-width of the autocorrelation at lags 1 to `lags` of uncorrelated noise whose strength varies.
 
-    Parameters
-    ----------
-    residual : ndarray, shape (n,)
-        The mean is taken off.
-    lags : int
-        At lags 1 to `lags`.
-
-    Notes
-    -----
     Var r_k = sum e_t^2 e_t-k^2 / (sum e_t^2)^2 (Lo and MacKinlay 1988); 1 / n for constant strength.
     """
     e = residual - residual.mean()

@@ -33,6 +33,7 @@ from eivor.report.document import (
     Section,
     TableColumn,
     TableOf,
+    capitalised,
     printable,
 )
 from eivor.signals.recording import Finding, Recording
@@ -613,7 +614,7 @@ class FlightReport:
         why = refused.reasons[0].sentence if refused is not None and refused.reasons else ""
         why = f"{why.split('. ', 1)[0].removesuffix('.')}." if why else ""
         text = "; ".join(parts)
-        return f"{text[0].upper()}{text[1:]}{f', because {_started(why)}' if why else '.'}"
+        return f"{capitalised(text)}{f', because {_started(why)}' if why else '.'}"
 
     @property
     def reported(self) -> tuple[QuantityReport, ...]:

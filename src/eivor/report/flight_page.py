@@ -34,6 +34,7 @@ from eivor.report.document import (
     Section,
     TableColumn,
     TableOf,
+    capitalised,
     printable,
 )
 from eivor.report.figure_panels import (
@@ -466,7 +467,7 @@ def _ellipse(result: FlightEstimate, estimate: Estimate) -> Iterator[Picture]:
     ]
     first, other = (word.words for word in words)
     yield Picture(
-        f"{_started(first)} and {other} together",
+        f"{capitalised(first)} and {other} together",
         f"The two parameters that trade off most: their errors correlate by {ellipse.correlation:+.2f}.",
         partial(_draw_ellipse, ellipse=scaled, quantities=quantities),
         number_table(
@@ -523,7 +524,7 @@ def forests(record: FlightReport, rows: tuple[ReportRow, ...], whole: str) -> Pi
         ]
         if whole:
             drawn.append(replace(_interval(whole, item), whole=True))
-        pictures.append(forest_picture(_started(item.wording.words), axis_of(item.wording), drawn))
+        pictures.append(forest_picture(capitalised(item.wording.words), axis_of(item.wording), drawn))
     return Pictures("", tuple(pictures))
 
 
@@ -585,14 +586,14 @@ def _fitted(
             Line(f"predicted: {trace.model}", "predicted", both[:, 1]),
         )
         yield Picture(
-            f"{_started(trace.axis)}, measured and predicted [{trace.unit}]",
+            f"{capitalised(trace.axis)}, measured and predicted [{trace.unit}]",
             f"{passed}.{_hatched(flight)}",
             _chart(number, flight, trace.unit, time, lines),
             table,
         )
         left = (Line("measured − predicted", "residual", both[:, 0] - both[:, 1]),)
         yield Picture(
-            f"{_started(trace.axis)}, what the model leaves [{trace.unit}]",
+            f"{capitalised(trace.axis)}, what the model leaves [{trace.unit}]",
             "Nothing of the vehicle's movement should be seen in it.",
             _chart(number, flight, trace.unit, time, left),
             table,
@@ -619,7 +620,9 @@ def _by_run(runs: list[FlightRun], bands: list[Float[np.ndarray, "length 2"]], u
 def _simulated(number: int, flight: PreparedFlight, result: FlightEstimate) -> Iterator[Picture]:
     """What moved, with what was requested, and the input."""
     where = result.motion.words.where
-    known = f"{_started(where)} by {flight.active.rule}." if flight.active.mask.any() else f"Never {where}."
+    known = (
+        f"{capitalised(where)} by {flight.active.rule}." if flight.active.mask.any() else f"Never {where}."
+    )
     level = flight.signals.family(flight.input.name).mean(axis=1)
     mean = "" if flight.actuators == 1 else f", mean of {flight.actuators} actuators"
     panels = (*result.motion.overview(flight), PlotData(f"input: {flight.input.name}{mean}", level))
@@ -628,7 +631,7 @@ def _simulated(number: int, flight: PreparedFlight, result: FlightEstimate) -> I
         lines = [Line("measured" if unit else "logged", "measured", panel.values)]
         if panel.reference is not None:
             lines.append(Line("asked for", "predicted", panel.reference))
-        title = f"{_started(name)} [{unit}" if unit else _started(name)
+        title = f"{capitalised(name)} [{unit}" if unit else capitalised(name)
         table = number_table(
             ("series", "least", "mean", "greatest", "standard deviation"),
             [(line.label, *_spread(line.values)) for line in lines],
@@ -663,10 +666,6 @@ def _rms(values: Float[np.ndarray, " n"]) -> float:
 
 def _hatched(flight: PreparedFlight) -> str:
     return "" if flight.used.all() else " Hatched: left out of the estimate."
-
-
-def _started(words: str) -> str:
-    return f"{words[0].upper()}{words[1:]}"
 
 
 # -- Verdict data --

@@ -18,7 +18,17 @@ from eivor.flights.references import Reference
 from eivor.flights.result import FlightEstimate
 from eivor.inference.verdict import Status
 from eivor.motions.identify import identify_flight
-from eivor.report.document import Bullets, Cell, Document, Section, Statement, TableColumn, TableOf, Tone
+from eivor.report.document import (
+    Bullets,
+    Cell,
+    Document,
+    Section,
+    Statement,
+    TableColumn,
+    TableOf,
+    Tone,
+    capitalised,
+)
 from eivor.report.flight import (
     NO_NUMBER,
     card_section,
@@ -236,25 +246,21 @@ def _sections(result: Inspection) -> Iterator[Section]:
     yield Section("Channels", (_channel_table(result),))
     if result.airborne is not None:
         words = result.motion.words
-        yield from section(_sentence(words.where), Bullets, _airborne(result.airborne, words))
+        yield from section(capitalised(words.where), Bullets, _airborne(result.airborne, words))
         yield from section("References", Bullets, _references(result.airborne, words))
     yield from _absent(result)
     parameters = (f"{name} = {value:g}" for name, value in result.parameters.items())
     yield from section("Parameters of the vehicle", Bullets, parameters)
     yield from section("Noticed in the log", Bullets, (finding.message for finding in result.findings))
-    yield _verdict_section(result, *_part(result))
-
-
-def _part(result: Inspection) -> tuple[str, ...]:
-    """Of which part of a long log the verdict is, and why."""
     if result.tried is None:
-        return ()
+        yield _verdict_section(result)
+        return
     start, end = result.tried
     why = (
         f"The log does not fit into memory: identify was tried on {start:.1f} to {end:.1f} s. Name another "
         "part with --window START:END."
     )
-    return f" of {start:.1f} to {end:.1f} s", why
+    yield _verdict_section(result, f" of {start:.1f} to {end:.1f} s", why)
 
 
 def _channel_table(result: Inspection) -> TableOf:
@@ -302,16 +308,11 @@ def _remarks(summary: ChannelSummary) -> Iterator[str]:
 
 def _airborne(flight: AirborneTime, words: Words) -> Iterator[str]:
     yield f"Known by {flight.rule}."
-    where = _sentence(words.where)
+    where = capitalised(words.where)
     yield f"{where}: {_listed(flight.active)}." if flight.active else f"Never {words.where}."
     if flight.active:
         kept = f"{flight.used_s:.1f} s in {_listed(flight.used)}" if flight.used else "nothing"
         yield f"Used, after the limits of {words.limited_by}: {kept}."
-
-
-def _sentence(words: str) -> str:
-    """The words with a capital letter."""
-    return words[:1].upper() + words[1:]
 
 
 def _listed(intervals: tuple[tuple[float, float], ...]) -> str:
@@ -335,21 +336,17 @@ def _absent(result: Inspection) -> Iterator[Section]:
         for name, sources in log.looked_for.items()
         if name not in log.channels and not log.family(name.rstrip("1").rstrip("_"))
     }
+
+    def sought(name: str) -> str:
+        return ", ".join(absent.get(name, ())) or f"a channel or column '{name}'"
+
     selected = {name: sources for name, sources in absent.items() if sources != (f"column {name}",)}
-    first = [f"{name} (needed): looked for {_sources(absent.get(name, ()), name)}" for name in result.missing]
-    others = [
-        f"{name}: looked for {_sources(sources, name)}"
-        for name, sources in selected.items()
-        if name not in result.missing
-    ]
+    first = [f"{name} (needed): looked for {sought(name)}" for name in result.missing]
+    others = [f"{name}: looked for {sought(name)}" for name in selected if name not in result.missing]
     plain = [name for name in absent if name not in selected and name not in result.missing]
     columns = [f"Columns {', '.join(plain)}."] if plain else []
     yield from section("Not in the log", Bullets, (*first, *others, *columns))
     yield from section("How to log it", Bullets, result.advice)
-
-
-def _sources(sources: tuple[str, ...], name: str) -> str:
-    return ", ".join(sources) or f"a channel or column '{name}'"
 
 
 def _verdict_section(result: Inspection | PooledInspection, of: str = "", *record: str) -> Section:

@@ -93,28 +93,15 @@ class ModelPrediction:
 
 @dataclass(frozen=True)
 class Validation:
-    """A flight as a result of other flights predicts it.
-
-    Parameters
-    ----------
-    fit : SavedFit
-        The result.
-    motion : Motion
-        What it is a result of.
-    flight : PreparedFlight
-        The flight that is predicted.
-    predictions : tuple of ModelPrediction
-        Of every quantity over whole runs: by the fit, then by each simpler model. Empty for a motion that
-        predicts ahead from many starts.
-    ahead : Ahead or None
-        Predictions some tenths of a second ahead; None for a motion that predicts whole runs.
-    """
+    """A flight as a result of other flights predicts it."""
 
     fit: SavedFit
-    motion: Motion[Any]
-    flight: PreparedFlight
+    motion: Motion[Any]  # What the fit is a result of
+    flight: PreparedFlight  # The flight that is predicted
+    #: Of every quantity over whole runs: by the fit, then by each simpler model; empty for a motion that
+    #: predicts ahead from many starts.
     predictions: tuple[ModelPrediction, ...]
-    multi_step_prediction: MultiStepPrediction | None = None
+    multi_step_prediction: MultiStepPrediction | None = None  # None for a motion that predicts whole runs
 
     @property
     def spans_s(self) -> tuple[tuple[float, float], ...]:

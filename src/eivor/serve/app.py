@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import hmac
-import html
 import os
 import re
 import secrets
@@ -52,7 +51,7 @@ from eivor.serve.jobs import (
     WorkFunction,
     shown_name,
 )
-from eivor.serve.page import page_text
+from eivor.serve.page import page_sources, page_text
 from eivor.serve.requests import RefusedError, error_parts, parse_job, sent_files, status_of
 
 #: The only address, and the header with the token.
@@ -83,7 +82,6 @@ _HEADERS = {
     "Connection": "close",
     "Content-Security-Policy": "default-src 'none'; frame-ancestors 'none'",
 }
-_POLICY = re.compile(r'http-equiv="Content-Security-Policy" content="([^"]*)"')
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,6 +103,7 @@ class Server:
     def __init__(self, options: ServeOptions | None = None) -> None:
         self.options = chosen = options or ServeOptions()
         self.page = page_text()
+        self.policy = f"{page_sources().policy}; frame-ancestors 'none'"
         self.token = secrets.token_urlsafe(24)
         listening = _listening(chosen.port)
         self.port: int = listening.getsockname()[1]
@@ -143,12 +142,6 @@ class Server:
     def connections(self) -> int:
         """Number of open connections."""
         return len(self._uvicorn.server_state.connections)
-
-    def policy(self) -> str:
-        """Content security policy of the page, as it declares itself, and that nobody may frame it."""
-        stated = _POLICY.search(self.page)
-        current = html.unescape(stated.group(1)) if stated else "default-src 'none'"
-        return f"{current}; frame-ancestors 'none'"
 
     def forget(self) -> None:
         """Delete what is an hour old."""
@@ -289,7 +282,7 @@ class _Routes:
         self._server, self._logs, self._jobs = server, server.logs, server.jobs
 
     def page(self, _request: Request) -> Response:
-        return HTMLResponse(self._server.page, headers={"Content-Security-Policy": self._server.policy()})
+        return HTMLResponse(self._server.page, headers={"Content-Security-Policy": self._server.policy})
 
     def choices(self, _request: Request) -> Response:
         return JSONResponse({**self._server.workers.choices(), "largest_bytes": self._server.options.largest})

@@ -336,16 +336,11 @@ class Job:
         self._begun_at = time.monotonic()
         self._events: list[Event] = [{"stage": WAITING}]
         self._report: Refused | None = None
-        self._working = True
+        self.working = True  # a process may still use its logs and its folder
         self.stem = next(iter(logs.values())).name.rpartition(".")[0] or "flight"
         self._ticket = Ticket(Identify(job_request, logs, folder), on_start=self._began, report=self._heard)
         self._ticket.outcome.add_done_callback(lambda outcome: self._ended(outcome.result()))
         workers.put(self._ticket)
-
-    @property
-    def working(self) -> bool:
-        """Whether a process may still use its logs and its folder."""
-        return self._working
 
     def events(self) -> Iterator[Event]:
         """Everything that has happened, and what happens, to the last; something each second."""
@@ -389,7 +384,7 @@ class Job:
         """File of its report, once it is there."""
         folder = self.result_folder()
         with self._change:
-            self._change.wait_for(lambda: not self._working)
+            self._change.wait_for(lambda: not self.working)
         if self._report is not None:
             raise self._report.error
         if not (folder / REPORT).exists():
@@ -406,7 +401,7 @@ class Job:
 
     def _ended(self, outcome: Outcome) -> None:
         with self._change:
-            self._working = False
+            self.working = False
             refused = outcome if isinstance(outcome, Refused) else None
             if "stage" not in self._events[-1]:
                 self._report = refused

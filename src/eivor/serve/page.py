@@ -15,14 +15,15 @@ DIRECTIVES = ("connect-src 'self'", "frame-src blob:")
 
 
 def page_text() -> str:
-    """Text of the page: HTML with its style, its script and a policy that allows nothing else.
+    """Text of the page: HTML with its style, its script and a policy that allows nothing else."""
+    shapes = {status.value: path for status, path in SHAPES.items()} | STAGES
+    return whole_page("Eivor", rendered("serve.html"), {"shapes": shapes}, page_sources())
 
-    The policy is for the reports in it, too.
-    """
+
+def page_sources() -> Sources:
+    """The report's style with what is this page's own; its policy is for the reports in it, too."""
     folder = resources.files("eivor.serve").joinpath("static")
     scripts = [folder.joinpath(f"{name}.js").read_text(encoding="utf-8") for name in PARTS]
     style = f"{own('page.css')}\n{folder.joinpath('serve.css').read_text(encoding='utf-8')}"
     script = "\n".join(['"use strict";', "(() => {", *scripts, "})();"])
-    shapes = {status.value: path for status, path in SHAPES.items()} | STAGES
-    sources = Sources(style, script, (report_sources(),), DIRECTIVES)
-    return whole_page("Eivor", rendered("serve.html"), {"shapes": shapes}, sources)
+    return Sources(style, script, (report_sources(),), DIRECTIVES)
