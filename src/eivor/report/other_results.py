@@ -88,14 +88,16 @@ FLAT = 0.1
 def track_document(track: Track) -> Document:
     """Document of a track."""
     (flight,) = track.result.prepared
-    texts = (
-        f"{len(track.precise_moments)} of {len(track.moments)} moments identify it"
-        if track.moments
-        else "no moment identifies it"
+    texts = "no moment identifies it"
+    if track.moments:
+        texts = f"{len(track.precise_moments)} of {len(track.moments)} moments identify it"
+    sections = (
+        *((Section("", (_line(track), _table(track))),) if track.moments else ()),
+        *section("Changes", Bullets, report_changes(track)),
+        *section("Not identified", Bullets, untold(track)),
+        *section("Taken as known", Bullets, (*_at(track), *track.known)),
     )
-    return Document(
-        flight.recording.name, None, f"{_called(track)} over the flight: {texts}", tuple(_sections(track))
-    )
+    return Document(flight.recording.name, None, f"{_called(track)} over the flight: {texts}", sections)
 
 
 def _called(track: Track) -> str:
@@ -105,44 +107,20 @@ def _called(track: Track) -> str:
     return f"{wording.words} {wording.symbol}"
 
 
-def _sections(track: Track) -> Iterator[Section]:
-    if track.moments:
-        yield Section("", (_line(track), _table(track)))
-    yield from section("Changes", Bullets, report_changes(track))
-    yield from section("Not identified", Bullets, untold(track))
-    yield from section("Taken as known", Bullets, (*_at(track), *track.known))
-
-
 def report_changes(track: Track) -> Iterator[str]:
     """Return a sentence about each change; one where there is none."""
     for change in track.changes:
-        before, after = _rotor_moments(track, change)
-        share = (
-            f" by {abs(100.0 * (after / before - 1.0)):.0f} %"
-            if before is not None and after is not None
-            else ""
-        )
+        # a change may be as old as the memory: values before that, and within the memory after it
+        since = [(moment.time_s - change.time_s, moment.value) for moment in track.precise_moments]
+        before = [value for seconds, value in since if seconds < -track.memory_s]
+        after = [value for seconds, value in since if 0.25 * track.memory_s < seconds < track.memory_s]
+        share = f" by {abs(100.0 * (after[-1] / before[-1] - 1.0)):.0f} %" if before and after else ""
         yield (
             f"Identified at {change.time_s:.1f} s, and up to {track.memory_s:g} s older than that: "
             f"the {_called(track)} {'rose' if change.change > 0 else 'fell'}{share}."
         )
     if track.precise_moments and not track.changes:
         yield "None: what moved, moved slowly or within its band."
-
-
-def _rotor_moments(track: Track, change: Moment) -> tuple[float | None, float | None]:
-    """Values reported a memory before a change, since it may be as old, and after it, within a memory."""
-    before = [
-        precise_moment.value
-        for precise_moment in track.precise_moments
-        if precise_moment.time_s < change.time_s - track.memory_s
-    ]
-    after = [
-        precise_moment.value
-        for precise_moment in track.precise_moments
-        if change.time_s + 0.25 * track.memory_s < precise_moment.time_s < change.time_s + track.memory_s
-    ]
-    return (before[-1] if before else None, after[-1] if after else None)
 
 
 def untold(track: Track) -> Iterator[str]:
@@ -397,11 +375,10 @@ def track_figure(track: Track) -> Figure:
     time = np.array([moment.time_s for moment in track.moments])
     reported = np.array([moment.is_precise for moment in track.moments])
     value, half = (
-        np.where(reported, wording.scale * np.array(part), np.nan)
-        for part in (
-            [moment.value for moment in track.moments],
-            [moment.half_width for moment in track.moments],
+        np.where(
+            reported, wording.scale * np.array([getattr(moment, name) for moment in track.moments]), np.nan
         )
+        for name in ("value", "half_width")
     )
     figure = page(TRACK_WIDTH, HEIGHT, f"{printable(flight.recording.name)}: {wording.words} over the flight")
     axes = figure.add_subplot()
