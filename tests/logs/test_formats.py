@@ -11,7 +11,7 @@ from eivor.errors import CorruptLogError, UnknownFormatError, UsageError
 from eivor.logs import log_format, logging_advice, read, read_log, recording_from_columns
 from eivor.logs.common import LogFormat, begins_with
 from eivor.logs.read import declare_format, log_formats, readable_formats
-from eivor.report.wording import logging_advice_for
+from eivor.report.flight import logging_advice_for
 
 
 @pytest.fixture

@@ -6,7 +6,7 @@ import re
 from dataclasses import dataclass, field
 from html.parser import HTMLParser
 
-VOID = {"br", "col", "hr", "link", "meta", "img"}
+VOID = {"br", "col", "hr", "img", "input", "link", "meta"}
 
 
 @dataclass

@@ -19,9 +19,9 @@ from eivor.flights.options import FlightOptions
 from eivor.flights.result import FlightEstimate
 from eivor.inference.verdict import Reason, Status, Verdict
 from eivor.motions.identify import identify_flight
-from eivor.report.document import Cell, TableColumn, TableOf
+from eivor.report.document import Cell, Section, TableColumn, TableOf
 from eivor.report.flight_page import flight_page
-from eivor.report.html import own, table_html
+from eivor.report.html import own, section_html
 from eivor.signals.recording import Finding, Recording
 from report.parsed_page import Element, numbers_in, parsed
 
@@ -135,7 +135,7 @@ def test_every_picture_has_its_numbers_beside_it(pages, name):
 def test_numbers_with_powers_stay_in_one_line_each():
     text = "from -2.98e-6 to <b>3.1e-05</b>, or e-6"
     table = TableOf((TableColumn("K_u"),), ((Cell(text, below="[2.9e-6, 3.0e-6]"),),))
-    cell = parsed(table_html(table).html).all("th")[1]
+    cell = parsed(section_html(Section("", (table,)), "one", {})).all("th")[1]
     assert cell.text == f"{text}[2.9e-6, 3.0e-6]"
     assert [item.text for item in cell.all("span", class_="one")] == [
         "-2.98e-6",
@@ -192,19 +192,15 @@ def test_rows_of_flights_and_methods_are_those_of_the_json(pages):
         ("methods-side-by-side", "comparisons", "method"),
     ):
         (section,) = page.all("section", id=identifier)
-        drawn = section.all("svg", class_="forest")
+        drawn = section.all("svg", class_="drawn")
         assert len(drawn) == len(result.motion.rows)
         for svg, name in zip(
             drawn, [item for item in result.motion.plotted if item in result.motion.rows], strict=True
         ):
-            texts = svg.all("text", class_="row")
-            displayed = dict(
-                zip([text.text for text in texts[::2]], [text.text for text in texts[1::2]], strict=True)
-            )
-            assert list(displayed)[: len(reported[key])] == [row[label] for row in reported[key]]
+            texts = [text.text for text in svg.all("text")]
             for row in reported[key]:
                 quantity = {**row["parameters"], **row["derived"]}[name]
-                value, _, interval = displayed[row[label]].partition(" ")
+                value, _, interval = texts[texts.index(row[label]) + 1].partition(" ")
                 check(quantity, result.motion.wording[name].scale, value, interval)
 
 

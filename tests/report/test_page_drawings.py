@@ -3,32 +3,17 @@
 from __future__ import annotations
 
 import base64
-import re
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 import pytest
 
 from eivor.inference.verdict import Status
 from eivor.report import flight_page
+from eivor.report.figure_panels import PlottedInterval, draw_forest
+from eivor.report.flight import banded, spans_of
+from eivor.report.flight_page import LARGEST, MISSING, Chart, Line, drawing, forest_picture
 from eivor.report.html import element
-from eivor.report.svg import (
-    LARGEST,
-    MISSING,
-    WIDTH,
-    Chart,
-    Curve,
-    Forest,
-    ForestRow,
-    Line,
-    Linear,
-    LinearBelow,
-    Logarithmic,
-    Plot,
-    margined,
-    stretches_of,
-)
 from report.parsed_page import parsed
 
 
@@ -76,89 +61,66 @@ def test_a_series_without_a_range_is_packed_too(values):
 
 def test_stretches_are_those_of_the_mask():
     mask = np.array([True, True, False, False, True])
-    assert stretches_of(mask, np.arange(5.0)) == ((0.0, 1.0), (4.0, 4.0))
+    assert spans_of(mask, np.arange(5.0)) == ((0.0, 1.0), (4.0, 4.0))
 
 
-@pytest.mark.parametrize(
-    ("scale", "least"),
-    [
-        (Linear("x", 0.161, 0.210), 3),
-        (Linear("x", -1e-8, 3e-8), 3),
-        (Linear("x", 3.02e-6, 3.09e-6), 3),
-        (Linear("x", -4e7, 9e7), 3),
-        (Linear("x", 1778.9, 1796.7), 3),
-        (Logarithmic("x", 0.9, 320.0), 3),
-        (Logarithmic("x", 60.0, 80.0), 3),
-        (Logarithmic("x", 1e-9, 1e4), 3),
-        (LinearBelow("x", 3.84, 1e6), 2),
-        (margined("x", np.array([2.0, 2.0])), 2),
-        (margined("x", np.array([np.nan])), 2),
-    ],
-)
-def test_ticks_are_within_the_scale_and_say_what_they_are(scale, least):
-    ticks = scale.ticks(6)
-    assert least <= len(ticks) <= 9
-    assert len({tick.words for tick in ticks}) == len(ticks)
-    for tick in ticks:
-        assert float(tick.words.replace("−", "-")) == pytest.approx(
-            tick.value, rel=1e-9, abs=1e-12 * abs(scale.high)
-        )
-    shares = scale.share(np.array([tick.value for tick in ticks]))
-    assert ((shares >= -1e-9) & (shares <= 1.0 + 1e-9)).all()
-    assert (np.diff(shares) > 0.0).all()
+def test_a_drawing_has_names_of_its_own_and_no_style():
+    def draw(axes):
+        axes.semilogx([0.01, 1.0, 100.0], [1.0, 2.0, 3.0], "o-", label="<b>&amp;")
+        axes.legend()
 
-
-def test_words_of_ticks_do_not_touch():
-    plot = Plot(
-        Linear("x", 10_000.0, 10_006.0),
-        Linear("y", 0.0, 1.0),
-        (Curve("c", "first", np.arange(3.0), np.zeros(3)),),
-    )
-    (svg,) = parsed(plot.drawn("p", "A title").html).all("svg")
-    index = [(float(item.attributes["x"]), len(item.text)) for item in svg.all("text", class_="middle")[:-1]]
-    ends = [(x - 3.7 * letters, x + 3.7 * letters) for x, letters in index]
-    assert len(index) >= 3
-    assert all(item[1] < other[0] for item, other in pairwise(ends))
-    assert ends[-1][1] <= WIDTH
-
-
-def test_a_line_is_broken_where_there_is_no_value():
-    curve = Curve("c", "first", np.arange(5.0), np.array([0.0, 1.0, np.nan, 1.0, 0.0]))
-    drawn = Plot(Linear("x", 0.0, 4.0), Linear("y", 0.0, 1.0), (curve,)).drawn("p", "t")
-    (path,) = re.findall(r' d="([^"]*)"', drawn.html)
-    assert path.count("M") == 2
+    text = drawing(draw, "p", "A <title>", 3.0)
+    (svg,) = parsed(text).all("svg")
+    assert text == drawing(draw, "p", "A <title>", 3.0)
+    assert svg.all("title")[0].text == "A <title>"
+    assert "<b>&amp;" in [item.text for item in svg.all("text")]
+    assert {"0.01", "1", "100"} <= {item.text for item in svg.all("text")}
+    names = [item.attributes["id"] for item in svg.all() if "id" in item.attributes]
+    assert len(names) == len(set(names))
+    assert all(name.startswith("p-") for name in names)
+    for entry in svg.all():
+        assert not {"style", "src"} & set(entry.attributes)
+        assert not any(key.startswith("on") for key in entry.attributes)
+        for key in ("href", "clip-path"):
+            assert entry.attributes.get(key, "#p-").removeprefix("url(").startswith("#p-")
 
 
 def test_a_forest_is_made_for_what_is_known_and_cuts_the_rest():
     rows = (
-        ForestRow("one", "1 [0, 2]", 1.0, ((0.0, 2.0),), Status.IDENTIFIED),
-        ForestRow("two", "2 [1, 3]", 2.0, ((1.0, 3.0),), Status.WEAK),
-        ForestRow("wide", "500 [-900, 1900]", 500.0, ((-900.0, 1900.0),), Status.REFUSED),
-        ForestRow("open", "–", 1.0, ((-np.inf, np.inf),), Status.REFUSED),
-        ForestRow("none", "–", np.nan, (), Status.REFUSED),
-        ForestRow("a name of " + 80 * "m", "1 [0, 2]", 1.0, ((0.0, 2.0),), None, whole=True),
+        PlottedInterval("one", 1.0, ((0.0, 2.0),), "1 [0, 2]", Status.IDENTIFIED),
+        PlottedInterval("two", 2.0, ((1.0, 3.0),), "2 [1, 3]", Status.WEAK),
+        PlottedInterval("wide", 500.0, ((-900.0, 1900.0),), "500 [-900, 1900]", Status.REFUSED),
+        PlottedInterval("open", 1.0, ((-np.inf, np.inf),), "–", Status.REFUSED),
+        PlottedInterval("none", np.nan, (), "–", Status.REFUSED),
+        PlottedInterval("a name of " + 80 * "m", 1.0, ((0.0, 2.0),), "1 [0, 2]", None, whole=True),
     )
-    root = parsed(Forest("K [1/s]", rows).drawn("p", "t").html)
-    ticks = [float(item.text.replace("−", "-")) for item in root.all("text", class_="tick")]
+    picture = forest_picture("A title", "K [1/s]", rows)
+    svg = parsed(drawing(picture.drawn, "p", picture.title, picture.height))
+    texts = [item.text for item in svg.all("text")]
+    ticks = [float(text.replace("−", "-")) for text in texts[: texts.index("K [1/s]")]]
     assert min(ticks) >= -1.0
     assert max(ticks) <= 4.0
-    points = [item.classes[1] for item in root.all() if "point" in item.classes]
-    assert points == ["identified", "weak", "refused", "whole"]
-    last = root.all("text", class_="row")[-2].text
-    assert last.endswith("…")
-    assert len(last) < 60
+    assert [text for text in texts if text in {row.numbers for row in rows}] == [row.numbers for row in rows]
+    assert texts[-2].endswith("…")
+    assert len(texts[-2]) < 60
+    made = []
+    drawing(lambda axes: (draw_forest(axes, rows, "K"), made.append(axes)), "p", "t", 3.0)
+    points = [line for line in made[0].lines if line.get_marker() in {"o", "x", "D"}]
+    assert [line.get_marker() for line in points] == ["o", "o", "x", "D"]
+    arrows = [line.get_marker() for line in made[0].lines if line.get_marker() in {"<", ">"}]
+    assert arrows == ["<", ">", "<", ">"]
 
 
 def test_text_and_attributes_are_escaped():
     made = element("p", {"title": '"><b>'}, "<i>&amp;", element("b", None, "\u202e"))
-    assert made.html == '<p title="&quot;&gt;&lt;b&gt;">&lt;i&gt;&amp;amp;<b>\\u202e</b></p>'
+    assert made == '<p title="&#34;&gt;&lt;b&gt;">&lt;i&gt;&amp;amp;<b>\\u202e</b></p>'
 
 
 def test_a_spectrum_of_many_bins_is_drawn_in_few_points_of_the_same_power():
     frequency = np.arange(1, 5001) / 10.0
-    banded, amplitude = flight_page._banded(frequency, np.full(5000, 3.0))
-    assert banded.size < 350
-    assert (np.diff(banded) > 0.0).all()
+    bands, amplitude = banded(frequency, np.full(5000, 3.0), flight_page.BANDS_PER_DECADE)
+    assert bands.size < 350
+    assert (np.diff(bands) > 0.0).all()
     np.testing.assert_allclose(amplitude, 3.0)
 
 

@@ -12,10 +12,9 @@ from eivor.flights.result import FlightEstimate
 from eivor.inference.verdict import Status
 from eivor.motions.vertical.motion import Vertical
 from eivor.report.document import TableOf
-from eivor.report.flight import flight_document
+from eivor.report.flight import flight_card, flight_document
 from eivor.report.inspection import inspection, inspection_document
 from eivor.report.terminal import COLOURS, on_terminal
-from eivor.report.wording import flight_card
 from eivor.signals.recording import Finding, Recording
 
 HOSTILE = "[red]x[/] [link=http://a]y[/link]\x1b[2J\n$z$"

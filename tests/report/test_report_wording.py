@@ -9,7 +9,7 @@ from eivor.flights.quantity import Choice, Quantity, Wording
 from eivor.inference.verdict import Status
 from eivor.motions.vertical.motion import Vertical
 from eivor.report.document import printable
-from eivor.report.wording import NO_NUMBER, numbers
+from eivor.report.flight import NO_NUMBER, numbers
 
 NAN, INFINITY = float("nan"), float("inf")
 PLAIN = Wording("x", "x", "")

@@ -15,13 +15,10 @@ from eivor.serve.jobs import (
     Begin,
     Export,
     File,
-    Found,
     Identify,
     ListExports,
-    PageChoices,
     Plan,
     Refused,
-    StageStarted,
 )
 
 
@@ -31,7 +28,7 @@ class QuickWork:
     def __call__(self, item: Any, tell: ProgressCallback) -> Any:
         """Outcome of a task."""
         if isinstance(item, Begin):
-            return PageChoices({"models": [{"name": "vertical", "words": "up and down"}]})
+            return {"models": [{"name": "vertical", "words": "up and down"}]}
         if isinstance(item, Identify):
             return self._identified(item, tell)
         if isinstance(item, ListExports):
@@ -42,15 +39,15 @@ class QuickWork:
         return Refused(409, dict.fromkeys(("expected", "received", "advice", "sentence"), item.form))
 
     def _identified(self, item: Identify, tell: ProgressCallback) -> Refused | None:
-        tell(StageStarted("reading"))
+        tell({"stage": "reading"})
         decode = b" ".join(log.path.read_bytes() for log in item.logs.values()).decode()
-        tell(StageStarted("identifying"))
+        tell({"stage": "identifying"})
         if "child" in decode:
             child = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(600)"])
             (item.folder / "child").write_text(str(child.pid), encoding="ascii")
         if "sleep" in decode:
             (item.folder / "pid").write_text(str(os.getpid()), encoding="ascii")
-            tell(StageStarted("sleeping"))
+            tell({"stage": "sleeping"})
             time.sleep(600.0)
         if "die" in decode:
             os._exit(7)
@@ -62,7 +59,7 @@ class QuickWork:
             (item.folder / "died").touch()
             os._exit(9)
         (item.folder / RESULT).write_text(decode, encoding="utf-8")
-        tell(Found("identified"))
+        tell({"done": {"status": "identified"}})
         if "unreported" in decode:
             return Refused(500, dict.fromkeys(("expected", "received", "advice", "sentence"), decode))
         (item.folder / REPORT).write_text(f"<p>{decode}", encoding="utf-8")

@@ -8,7 +8,7 @@ from importlib import resources
 
 import pytest
 
-from eivor.serve.jobs import Begin, PageChoices
+from eivor.serve.jobs import Begin
 from eivor.serve.requests import MOST_FILES, RefusedError, plain_name, sent_files
 from eivor.serve.worker import outcome_of
 from serve.conftest import wait_for
@@ -94,8 +94,8 @@ def test_the_example_is_kept_as_if_it_was_dropped(opening):
 @pytest.mark.thorough
 def test_the_page_is_told_which_files_of_folders_are_logs():
     outcome = outcome_of(Begin(), lambda _report: None)
-    assert isinstance(outcome, PageChoices)
-    folders = outcome.known["folders"]
+    assert isinstance(outcome, dict)
+    folders = outcome["folders"]
     assert {".ulg", ".bin", ".mcap", ".parquet", ".csv"} <= set(folders["endings"])
     assert {".db3", ".mcap"} <= set(folders["bags"])
     assert re.fullmatch(folders["tables"], "my_log_sensor_combined_0.csv")[1] == "my_log"

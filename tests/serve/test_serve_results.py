@@ -15,14 +15,11 @@ from eivor.serve.jobs import (
     Begin,
     Export,
     File,
-    Found,
     Identify,
     KeptLog,
     ListExports,
-    PageChoices,
     Plan,
     Refused,
-    StageStarted,
     Supply,
     Work,
 )
@@ -59,9 +56,9 @@ def test_a_result_is_that_of_the_command_line(tmp_path, content, monkeypatch):
     )
     assert outcome is None
     stages = ["reading", "preparing", "identifying", "diagnosing", "writing"]
-    assert reported[:-1] == [StageStarted(name) for name in stages]
+    assert reported[:-1] == [{"stage": name} for name in stages]
     path = json.loads((tmp_path / "result.json").read_bytes())
-    assert reported[-1] == Found(path["verdict"])
+    assert reported[-1] == {"done": {"status": path["verdict"]}}
     (tmp_path / "typed").mkdir()
     monkeypatch.chdir(tmp_path / "typed")
     Path("my flight.csv").write_bytes(content)
@@ -128,7 +125,7 @@ def test_what_makes_no_sense_is_told_as_on_the_command_line(tmp_path, content, o
 def test_a_damaged_log_is_a_sentence_with_its_own_name(tmp_path, name, said):
     outcome, reported = identified(tmp_path, {name: said})
     assert isinstance(outcome, Refused)
-    assert reported == [StageStarted("reading")]
+    assert reported == [{"stage": "reading"}]
     assert name in outcome.error_parts["sentence"]
     assert "a5b6c7" not in outcome.error_parts["sentence"]
     assert str(tmp_path) not in outcome.error_parts["sentence"]
@@ -136,15 +133,15 @@ def test_a_damaged_log_is_a_sentence_with_its_own_name(tmp_path, name, said):
 
 def test_choices_are_those_that_there_are():
     work = Work()(Begin(), lambda _: None)
-    assert isinstance(work, PageChoices)
-    known = dict(work.known)
+    assert isinstance(work, dict)
+    known = dict(work)
     folders = known.pop("folders")
     assert {".ulg", ".bin", ".csv", ".mcap"} <= set(folders["endings"])
     assert folders["metadata"] == "metadata.yaml"
     assert set(known) == {"models", "methods", "maps", "vehicles", "targets", "plans"}
     for entries in known.values():
         assert all(entry["name"] and entry["words"] for entry in entries)
-    assert [item["needs"] for item in work.known["plans"] if item["name"] == "qgc"] == [["home"]]
+    assert [item["needs"] for item in work["plans"] if item["name"] == "qgc"] == [["home"]]
 
 
 @pytest.mark.thorough

@@ -30,8 +30,8 @@ from eivor.motions.identify import identify_flight
 from eivor.motions.rigid_body.vehicle import KnownNumber, load_vehicle
 from eivor.planning.plan import Location
 from eivor.planning.vehicle import FlightLimits
+from eivor.report.flight import logging_advice_for, missing_channels
 from eivor.report.saved_fit import load_fit
-from eivor.report.wording import logging_advice_for, missing_channels
 from eivor.signals.channels import canonical_channel
 from eivor.signals.recording import DataSheet, Recording, interval_within
 from eivor.tools import Progress, no_stage_callback

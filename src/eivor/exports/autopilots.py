@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from importlib import import_module
-from typing import Any, final
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -36,33 +36,21 @@ class Autopilot:
     not_of: tuple[str, ...]
 
 
-@dataclass(frozen=True, slots=True)
-class Chosen:
-    """What is written of a result."""
-
-    written: tuple[tuple[str, Number], ...]  # Names and numbers
-    comments: tuple[str, ...]  # Sentences above them
-    omitted: tuple[str, ...]
+#: Numbers by the autopilot's names, and why others are missing.
+Found: TypeAlias = tuple[dict[str, Number], dict[str, str]]
 
 
-@dataclass(frozen=True, slots=True)
-class _SpectralFit:
-    """Numbers by the autopilot's names, and why others are missing."""
-
-    numbers: dict[str, Number] = field(default_factory=dict)
-    missing: dict[str, str] = field(default_factory=dict)
-
-
-def chosen_parameters(fitted: Fitted, autopilot: Autopilot) -> Chosen:
-    """Return the parameters of an autopilot that a result holds."""
+def chosen_parameters(
+    fitted: Fitted, autopilot: Autopilot
+) -> tuple[dict[str, Number], tuple[str, ...], tuple[str, ...]]:
+    """Parameters of an autopilot that a result holds, comments above them, and what is left out."""
     fitted.check_vertical(autopilot.name)
     _check_autopilot(fitted, autopilot)
     _check_shares(fitted)
-    result = _fit(fitted, autopilot)
-    written = tuple(result.numbers.items())
-    missing = tuple(f"{name} is not written: {reason}" for name, reason in result.missing.items())
-    reported = tuple(f"{name}: {number.words}" for name, number in written)
-    return Chosen(written, (*fitted.origin(), *reported, *missing), missing)
+    numbers, reasons = _fit(fitted, autopilot)
+    missing = tuple(f"{name} is not written: {reason}" for name, reason in reasons.items())
+    reported = tuple(f"{name}: {number.words}" for name, number in numbers.items())
+    return numbers, (*fitted.origin(), *reported, *missing), missing
 
 
 def _check_autopilot(fitted: Fitted, autopilot: Autopilot) -> None:
@@ -90,7 +78,7 @@ def _check_shares(fitted: Fitted) -> None:
         )
 
 
-def _fit(fitted: Fitted, autopilot: Autopilot) -> _SpectralFit:
+def _fit(fitted: Fitted, autopilot: Autopilot) -> Found:
     """Curve and hover together, hover alone where the curve in force stays, or neither."""
     hover, curve = fitted.identified_number("hover_input"), fitted.identified_number("thrust_curve")
     names = autopilot.hover.name, autopilot.curve.name
@@ -99,10 +87,10 @@ def _fit(fitted: Fitted, autopilot: Autopilot) -> _SpectralFit:
             f"the result does not say whether '{fitted.input}' is before or behind the autopilot's thrust "
             f"curve. Identify the log again. {DECLARE}"
         )
-        return _SpectralFit(missing=dict.fromkeys(names, reason))
-    before = fitted.curve_side is CurveSide.BEFORE
+        return {}, dict.fromkeys(names, reason)
     if hover is None:
-        return _SpectralFit(missing=dict.fromkeys(names, fitted.why_not("hover_input")))
+        return {}, dict.fromkeys(names, fitted.why_not("hover_input"))
+    before = fitted.curve_side is CurveSide.BEFORE
     reasons = list(_against(fitted, autopilot, curve))
     if curve is not None and not reasons:
         share, thrust = proposed(
@@ -112,21 +100,18 @@ def _fit(fitted: Fitted, autopilot: Autopilot) -> _SpectralFit:
             (hover.value, hover.interval),
             fitted.curve_in_force[autopilot.curve.name] if before else None,
         )
-        beyond = autopilot.curve.beyond(share)
+        beyond = autopilot.hover.beyond(thrust)
+        beyond = autopilot.curve.beyond(share) or (beyond and f"it goes with {names[0]}, and {beyond}")
         if not beyond:
-            beyond = autopilot.hover.beyond(thrust)
-            beyond = f"it goes with {autopilot.hover.name}, and {beyond}" if beyond else ""
-        if not beyond:
-            return _SpectralFit({autopilot.hover.name: Number(*thrust), autopilot.curve.name: Number(*share)})
+            return dict(zip(names, (Number(*thrust), Number(*share)), strict=True)), {}
         reasons = [beyond]
     sentence = " ".join(reasons)
     if not before:
         together = f"of motor signals, hover and curve are written together or not at all: {sentence}"
-        return _SpectralFit(missing=dict.fromkeys(names, together))
+        return {}, dict.fromkeys(names, together)
     beyond = autopilot.hover.beyond((hover.value, hover.interval))
-    missing = {autopilot.hover.name: beyond} if beyond else {}
-    missing[autopilot.curve.name] = f"{sentence} The value in force stays."
-    return _SpectralFit({} if beyond else {autopilot.hover.name: hover}, missing)
+    missing = ({names[0]: beyond} if beyond else {}) | {names[1]: f"{sentence} The value in force stays."}
+    return ({} if beyond else {names[0]: hover}), missing
 
 
 def _against(fitted: Fitted, autopilot: Autopilot, curve: Number | None) -> Iterator[str]:
@@ -151,20 +136,12 @@ REAL32, VEHICLE, COMPONENT = 9, 1, 1
 HEADER = "# Vehicle-Id Component-Id Name Value Type"
 
 
-@final
-class Px4Parameters(Target):
+def _px4(fitted: Fitted, supplied: Supplied) -> Exported:
     """Comments, a header, and lines of five fields with tabs between them."""
-
-    name = "px4"
-    words = "PX4 parameters (.params of QGroundControl): MPC_THR_HOVER, THR_MDL_FAC"
-    ending = ".params"
-
-    def export(self, fitted: Fitted, supplied: Supplied) -> Exported:
-        """See `Target`."""
-        supplied.check_only((), self.name, body=False)
-        parameters = chosen_parameters(fitted, PX4)
-        rows = {name: number.value for name, number in parameters.written}
-        return Exported(qgroundcontrol(parameters.comments, rows), parameters.omitted)
+    supplied.check_only((), "px4", body=False)
+    numbers, comments, omitted = chosen_parameters(fitted, PX4)
+    rows = {name: number.value for name, number in numbers.items()}
+    return Exported(qgroundcontrol(comments, rows), omitted)
 
 
 def qgroundcontrol(comments: Iterable[str], values: Mapping[str, float]) -> str:
@@ -186,20 +163,12 @@ ARDUPILOT = Autopilot(
 )
 
 
-@final
-class ArduPilotParameters(Target):
+def _ardupilot(fitted: Fitted, supplied: Supplied) -> Exported:
     """Comments stand on lines of their own: older readers split lines at blanks."""
-
-    name = "ardupilot"
-    words = "ArduPilot parameters (.param): MOT_THST_HOVER, MOT_THST_EXPO"
-    ending = ".param"
-
-    def export(self, fitted: Fitted, supplied: Supplied) -> Exported:
-        """See `Target`."""
-        supplied.check_only((), self.name, body=False)
-        parameters = chosen_parameters(fitted, ARDUPILOT)
-        rows = [f"{name},{single(number.value)}" for name, number in parameters.written]
-        return Exported("\n".join([*hash_comments(parameters.comments), *rows]) + "\n", parameters.omitted)
+    supplied.check_only((), "ardupilot", body=False)
+    numbers, comments, omitted = chosen_parameters(fitted, ARDUPILOT)
+    rows = [f"{name},{single(number.value)}" for name, number in numbers.items()]
+    return Exported("\n".join([*hash_comments(comments), *rows]) + "\n", omitted)
 
 
 # -- State space --
@@ -262,29 +231,29 @@ def state_space(fitted: Fitted, supplied: Supplied) -> StateSpace:
     return StateSpace(A, B, np.ones((1, 1)), D, ("velocity_z",), inputs, outputs, delay, numbers)
 
 
-@final
-class StateSpaceDocument(Target):
+def _state_space_document(fitted: Fitted, supplied: Supplied) -> Exported:
     """The arrays as JSON."""
+    supplied.check_only((*NEEDED, *LAGS), "statespace", body=False)
+    made = state_space(fitted, supplied)
+    document = {
+        "schema": SCHEMA,
+        "comments": [one_line(line) for line in fitted.origin()],
+        **{name: getattr(made, name).tolist() for name in "ABCD"},
+        "states": made.states,
+        "inputs": made.inputs,
+        "outputs": made.outputs,
+        "delay_s": made.delay_s,
+        "numbers": {name: asdict(number) for name, number in made.numbers.items()},
+    }
+    return Exported(json.dumps(document, indent=2) + "\n")
 
-    name = "statespace"
-    words = "arrays A, B, C, D of the motion about hover (JSON)"
-    ending = ".json"
 
-    def export(self, fitted: Fitted, supplied: Supplied) -> Exported:
-        """See `Target`."""
-        supplied.check_only((*NEEDED, *LAGS), self.name, body=False)
-        made = state_space(fitted, supplied)
-        document = {
-            "schema": SCHEMA,
-            "comments": [one_line(line) for line in fitted.origin()],
-            **{name: getattr(made, name).tolist() for name in "ABCD"},
-            "states": made.states,
-            "inputs": made.inputs,
-            "outputs": made.outputs,
-            "delay_s": made.delay_s,
-            "numbers": {
-                name: {"value": number.value, "interval": number.interval, "source": number.source}
-                for name, number in made.numbers.items()
-            },
-        }
-        return Exported(json.dumps(document, indent=2) + "\n")
+# -- Table --
+
+AUTOPILOTS = (
+    Target("px4", "PX4 parameters (.params of QGroundControl): MPC_THR_HOVER, THR_MDL_FAC", ".params", _px4),
+    Target("ardupilot", "ArduPilot parameters (.param): MOT_THST_HOVER, MOT_THST_EXPO", ".param", _ardupilot),
+    Target(
+        "statespace", "arrays A, B, C, D of the motion about hover (JSON)", ".json", _state_space_document
+    ),
+)

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import ClassVar
 
 from eivor.errors import NotIdentifiedError, UsageError
 from eivor.flights.quantity import Quantity
@@ -71,16 +69,15 @@ class Supplied:
 
     def check_only(self, names: tuple[str, ...], target: str, *, body: bool) -> None:
         """Refuse what a target has no use for: it would be thought to count."""
-        if self.mass is not None and not body:
-            raise UsageError(
-                f"no mass for {target}, which is made of ratios", f"{self.mass.value} kg", "Leave it out."
-            )
-        if self.vehicle is not None and not body:
-            raise UsageError(
-                f"no vehicle for {target}, which is made of ratios",
-                f"'{self.vehicle.name}'",
-                "Leave it out.",
-            )
+        given = {
+            "mass": self.mass and f"{self.mass.value} kg",
+            "vehicle": self.vehicle and f"'{self.vehicle.name}'",
+        }
+        for name, received in given.items():
+            if received and not body:
+                raise UsageError(
+                    f"no {name} for {target}, which is made of ratios", received, "Leave it out."
+                )
         for name in self.priors:
             if name not in names:
                 useful = ", ".join(names) or "none"
@@ -142,12 +139,15 @@ class Fitted:
                 "Identify the log with --model vertical.",
             )
 
+    def is_identified(self, name: str) -> bool:
+        """Whether there is such a quantity, and it is identified."""
+        return name in self.quantities and self.quantities[name].verdict is Status.IDENTIFIED
+
     def identified_number(self, name: str) -> Number | None:
         """A quantity that is identified; None for any other."""
-        item = self.quantities.get(name)
-        if item is None or item.verdict is not Status.IDENTIFIED or not math.isfinite(item.value):
+        if not self.is_identified(name) or not math.isfinite(self.quantities[name].value):
             return None
-        return Number(item.value, item.interval)
+        return Number(self.quantities[name].value, self.quantities[name].interval)
 
     def why_not(self, name: str) -> str:
         """Why a quantity is not written."""
@@ -183,16 +183,11 @@ class Exported:
 # -- Target --
 
 
-class Target(ABC):
+@dataclass(frozen=True, slots=True)
+class Target:
     """A file format of those who use the numbers."""
 
-    name: ClassVar[str]
-    """Its word on the command line."""
-    words: ClassVar[str]
-    """What the file is."""
-    ending: ClassVar[str]
-    """How names of such files end."""
-
-    @abstractmethod
-    def export(self, fitted: Fitted, supplied: Supplied) -> Exported:
-        """The file's content."""
+    name: str  # Its word on the command line
+    words: str  # What the file is
+    ending: str  # How names of such files end
+    export: Callable[[Fitted, Supplied], Exported]

@@ -3,26 +3,13 @@
 from __future__ import annotations
 
 from eivor.errors import UsageError, did_you_mean
-from eivor.exports.autopilots import ArduPilotParameters, Px4Parameters, StateSpaceDocument
+from eivor.exports.autopilots import AUTOPILOTS
 from eivor.exports.fitted import Target
-from eivor.exports.simulators import (
-    DroneModelsParameters,
-    GazeboModel,
-    IsaacLabDraws,
-    MujocoDraws,
-    MujocoModel,
-    PybulletVehicle,
-    RotorpyDraws,
-    RotorpyVehicle,
-    SihParameters,
-)
+from eivor.exports.simulators import DRAWN, SIMULATORS
 from eivor.exports.vehicle import Randomisation
 
-# -- Randomisations --
-
-RANDOMISATIONS: dict[str, Randomisation] = {
-    item.name: item for item in (RotorpyDraws(), MujocoDraws(), IsaacLabDraws())
-}
+RANDOMISATIONS: dict[str, Randomisation] = {item.name: item for item in DRAWN}
+TARGETS: dict[str, Target] = {target.name: target for target in (*AUTOPILOTS, *SIMULATORS)}
 
 
 def randomisation_by_name(name: str) -> Randomisation:
@@ -32,24 +19,6 @@ def randomisation_by_name(name: str) -> Randomisation:
         remedy = did_you_mean(name, RANDOMISATIONS, "Name one of them, or none for a table.")
         raise UsageError(f"draws for {known}", f"'{name}'", remedy)
     return RANDOMISATIONS[name]
-
-
-# -- Targets --
-
-TARGETS: dict[str, Target] = {
-    target.name: target
-    for target in (
-        Px4Parameters(),
-        ArduPilotParameters(),
-        StateSpaceDocument(),
-        SihParameters(),
-        RotorpyVehicle(),
-        MujocoModel(),
-        PybulletVehicle(),
-        GazeboModel(),
-        DroneModelsParameters(),
-    )
-}
 
 
 def target_by_name(name: str) -> Target:

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from operator import itemgetter
 
 import numpy as np
 
 from eivor.errors import NotIdentifiedError, ParameterError, UsageError
 from eivor.exports.fitted import VERTICAL, Exported, Fitted, Number, Supplied
 from eivor.inference.distributions import normal_quantile
-from eivor.inference.verdict import Status
 from eivor.motions.rigid_body.inertia import Combinations, yaw_inertia
 from eivor.motions.rigid_body.physical_parameters import Formula, physical_parameters, sought
 from eivor.motions.rigid_body.vehicle import NO_BODY_UNCERTAINTY, KnownNumber, KnownVehicle
@@ -54,32 +52,19 @@ class SimulatorNumber:
     column: Callable[[Columns], Column]
 
 
-@dataclass(frozen=True)
-class Parts:
-    """What a flight identifies of a vehicle."""
-
-    numbers: Mapping[str, SimulatorNumber]
-    missing: Mapping[str, str]
-
-
-def itself(name: str) -> Callable[[Columns], Column]:
-    """Column of a root by its name."""
-    return lambda columns: columns[name]
-
-
-def of_mass(mass: Number, per_mass: Number, share: float = 1.0) -> Number:
+def per_mass(mass: Number, number: Number, root: str, share: float = 1.0) -> SimulatorNumber:
     """Mass times what a flight identifies per mass; both err independently."""
-    value = share * mass.value * per_mass.value
+    value = share * mass.value * number.value
     below, above = (
         share
         * math.hypot(
-            per_mass.value * (mass.interval[side] - mass.value),
-            mass.value * (per_mass.interval[side] - per_mass.value),
+            number.value * (mass.interval[side] - mass.value),
+            mass.value * (number.interval[side] - number.value),
         )
         for side in (0, 1)
     )
-    source = f"{per_mass.source}, times the mass as given"
-    return Number(value, (value - below, value + above), source)
+    product = Number(value, (value - below, value + above), f"{number.source}, times the mass as given")
+    return SimulatorNumber(product, lambda columns: columns["mass"] * columns[root] * share)
 
 
 # -- Physical quantities --
@@ -111,53 +96,25 @@ def realisable_inertia(values: Columns) -> tuple[Columns, tuple[str, ...]]:
     )
 
 
-# -- Vertical vehicle --
-
-#: Of the vertical motion, each with what is made of it.
-INPUT_GAIN, FRICTION, ACTUATOR_LAG, INPUT_DELAY = "input_gain", "viscous_friction", "actuator_lag", "delay"
-
-
-def vertical_parts(fitted: Fitted, given: dict[str, Number], count: int) -> Parts:
-    """Thrust, drag along z, lag and delay."""
-    roots = {
-        **given,
-        **{
-            name: item
-            for name in (INPUT_GAIN, FRICTION, ACTUATOR_LAG, INPUT_DELAY)
-            if (item := fitted.identified_number(name))
-        },
-    }
-    mass = given["mass"]
-    parts: dict[str, SimulatorNumber] = {}
-    if INPUT_GAIN in roots:
-        each = of_mass(mass, roots[INPUT_GAIN], 1.0 / count)
-        parts["thrust"] = SimulatorNumber(each, lambda c: c["mass"] * c[INPUT_GAIN] / count)
-    if FRICTION in roots:
-        parts["drag_z"] = SimulatorNumber(of_mass(mass, roots[FRICTION]), lambda c: c["mass"] * c[FRICTION])
-    parts |= {
-        name: SimulatorNumber(roots[name], itself(name))
-        for name in (ACTUATOR_LAG, INPUT_DELAY)
-        if name in roots
-    }
-    made_of = {"thrust": INPUT_GAIN, "drag_z": FRICTION, ACTUATOR_LAG: ACTUATOR_LAG, INPUT_DELAY: INPUT_DELAY}
-    return Parts(parts, {name: fitted.why_not(root) for name, root in made_of.items() if name not in parts})
-
-
 # -- Vehicle description --
 
 #: Name in documents of the other motion that identifies a vehicle.
 RIGID_BODY = "rigid_body"
 #: What no vehicle flies without, beside mass and geometry.
 BODY = ("thrust", "actuator_lag", *INERTIAS, "torque_ratio")
-#: What may be given with --prior: in words of the flight, and of the vehicle.
-FLIGHT = {
-    VERTICAL: ("input_gain", "viscous_friction", "actuator_lag", "delay"),
-    RIGID_BODY: ("thrust_gain", "actuator_lag", "delay"),
+#: What the flight identifies of the vehicle's numbers at once, by its own name.
+MADE_OF = {
+    VERTICAL: {
+        "thrust": "input_gain",
+        "drag_z": "viscous_friction",
+        "actuator_lag": "actuator_lag",
+        "delay": "delay",
+    },
+    RIGID_BODY: {"thrust": "thrust_gain", "actuator_lag": "actuator_lag", "delay": "delay"},
 }
+#: What may be given with --prior beside these.
 BESIDE = (*INERTIAS, "torque_ratio", "largest_command", "speed_scale")
 MAY_BE_ZERO = ("viscous_friction", "actuator_lag", "delay", "torque_ratio")
-#: What is given for a thrust, which is this times the mass.
-GAINS = {VERTICAL: "input_gain", RIGID_BODY: "thrust_gain"}
 #: Simulators divide by the lag, and fly off with a drag below zero.
 LEAST = {"actuator_lag": 1e-3} | dict.fromkeys(DRAGS, 0.0)
 #: What is given is drawn from a stream of its own, so that it leaves the flight's draws alone.
@@ -176,11 +133,6 @@ class VehicleDescription:
     comments: tuple[str, ...]
     omitted: tuple[str, ...]
 
-    @property
-    def count(self) -> int:
-        """Number of rotors."""
-        return self.vehicle.count
-
 
 def describe(
     fitted: Fitted,
@@ -191,31 +143,29 @@ def describe(
     seed: int = 0,
 ) -> VehicleDescription:
     """Vehicle of a result."""
-    if fitted.model not in FLIGHT:
+    if fitted.model not in MADE_OF:
         raise UsageError(
             f"a result of the vertical motion or the rigid body for {target}",
             f"one of {fitted.model}",
             "Identify the log with --model vertical or rigid-body.",
         )
-    supplied.check_only((*FLIGHT[fitted.model], *BESIDE), target, body=True)
+    supplied.check_only((*MADE_OF[fitted.model].values(), *BESIDE), target, body=True)
     _check_signs(supplied)
     vehicle = _vehicle(fitted, supplied, target)
     given = _given(fitted, supplied, vehicle)
-    parts = _parts(fitted, given, vehicle)
+    parts, missing = _parts(fitted, given, vehicle)
     selected = {
-        **{name: SimulatorNumber(item, itself(name)) for name, item in given.items() if name in WORDS},
-        **parts.numbers,
+        **{name: SimulatorNumber(item, itemgetter(name)) for name, item in given.items() if name in WORDS},
+        **parts,
     }
     lacking = [name for name in needs if name not in selected]
     if lacking:
-        raise _lacks(lacking, parts, fitted, target)
+        raise _lacks(lacking, missing, fitted, target)
     columns = _columns(fitted, given, selected, draws, seed)
     values, changed = realisable_inertia(
-        {name: _at_least(name, item.column(columns)) for name, item in selected.items()}
+        {name: np.maximum(item.column(columns), LEAST.get(name, -np.inf)) for name, item in selected.items()}
     )
-    gone = {
-        name: f"{name} is not written: {why}" for name, why in parts.missing.items() if name not in selected
-    }
+    gone = {name: f"{name} is not written: {why}" for name, why in missing.items() if name not in selected}
     numbers = (f"{words}: {selected[name].number.words}" for name, words in WORDS.items() if name in selected)
     comments = (*fitted.origin(), f"Vehicle: {vehicle.name}.", *numbers, *changed, *gone.values())
     return VehicleDescription(vehicle, fitted.input_map, values, comments, tuple(gone.values()))
@@ -264,26 +214,19 @@ def _given(fitted: Fitted, supplied: Supplied, vehicle: KnownVehicle) -> dict[st
 
 def _hovers_with_a_share(fitted: Fitted, vehicle: KnownVehicle) -> bool:
     """Whether commands are shares of the largest, as autopilots have them."""
-    gain = fitted.identified_number(GAINS[fitted.model])
+    gain = fitted.identified_number(MADE_OF[fitted.model]["thrust"])
     if gain is None or fitted.input_measured:
         return False
     rotors = 1 if fitted.model == VERTICAL else vehicle.count
     return fitted.input_map.inverse(GRAVITY / (rotors * gain.value)) < 1.0
 
 
-def _parts(fitted: Fitted, given: dict[str, Number], vehicle: KnownVehicle) -> Parts:
-    if fitted.model == VERTICAL:
-        return vertical_parts(fitted, given, vehicle.count)
-
-    return rigid_body_parts(fitted, given, vehicle, _std(given["mass"]))
-
-
-def _lacks(lacking: Iterable[str], parts: Parts, fitted: Fitted, target: str) -> NotIdentifiedError:
+def _lacks(
+    lacking: Iterable[str], missing: Mapping[str, str], fitted: Fitted, target: str
+) -> NotIdentifiedError:
     """Say all that is missing at once."""
-    reasons = " ".join(
-        parts.missing.get(name, f"No flight of this kind determines {name}.") for name in lacking
-    )
-    requested = {"thrust": GAINS[fitted.model]}
+    reasons = " ".join(missing.get(name, f"No flight of this kind determines {name}.") for name in lacking)
+    requested = {"thrust": MADE_OF[fitted.model]["thrust"]}
     priors = " ".join(f"--prior {requested.get(name, name)}=VALUE:STD" for name in lacking)
     words = ", ".join(WORDS[name] for name in lacking)
     return NotIdentifiedError(
@@ -321,66 +264,52 @@ def _std(number: Number) -> float:
     return (number.interval[1] - number.interval[0]) / (2.0 * normal_quantile(0.95))
 
 
-def _at_least(name: str, column: Column) -> Column:
-    return np.maximum(column, LEAST[name]) if name in LEAST else column
+# -- Parts of a vehicle --
 
-
-# -- Rigid-body vehicle --
-
-THRUST_GAIN, ROTOR_LAG, ROTOR_DELAY = "thrust_gain", "actuator_lag", "delay"
 PHYSICAL = (*INERTIAS, *DRAGS, "torque_ratio")
 LEVEL = 0.95
 
 
-def rigid_body_parts(fitted: Fitted, given: dict[str, Number], vehicle: KnownVehicle, std: float) -> Parts:
-    """Thrust, drags, inertias, torque ratio, lag and delay."""
-    known = replace(vehicle, mass=KnownNumber(given["mass"].value, std))
-    identified = _identified(fitted)
+def _parts(
+    fitted: Fitted, given: dict[str, Number], vehicle: KnownVehicle
+) -> tuple[dict[str, SimulatorNumber], dict[str, str]]:
+    """What a flight identifies of a vehicle, and why it does not identify the rest."""
     parts: dict[str, SimulatorNumber] = {}
     missing: dict[str, str] = {}
-    rows = physical_parameters(identified, known, LEVEL)
-    formulas = {
-        item.name: item.formulas[0]
-        for item in sought(yaw_inertia(identified, known, LEVEL), fitted.input_map)
-    }
-    for name in PHYSICAL:
-        row = rows[name]
-        if row.estimate is not None and row.estimate.value > 0.0:
-            parts[name] = SimulatorNumber(
-                Number(row.estimate.value, row.estimate.interval, f"identified. {row.sentence}"),
-                _by_rows(formulas[name]),
-            )
-        else:
-            missing[name] = _why_not(fitted, formulas[name]) or row.sentence
-    for name, root in (("thrust", THRUST_GAIN), (ROTOR_LAG, ROTOR_LAG), (ROTOR_DELAY, ROTOR_DELAY)):
-        number = fitted.identified_number(root) or given.get(root)
-        if number is None:
+    if fitted.model == RIGID_BODY:
+        known = replace(vehicle, mass=KnownNumber(given["mass"].value, _std(given["mass"])))
+        identified = _identified(fitted)
+        rows = physical_parameters(identified, known, LEVEL)
+        formulas = {
+            item.name: item.formulas[0]
+            for item in sought(yaw_inertia(identified, known, LEVEL), fitted.input_map)
+        }
+        for name in PHYSICAL:
+            row = rows[name]
+            if row.estimate is not None and row.estimate.value > 0.0:
+                number = Number(row.estimate.value, row.estimate.interval, f"identified. {row.sentence}")
+                parts[name] = SimulatorNumber(number, _by_rows(formulas[name]))
+            else:
+                lacking = (item for item in formulas[name].needed if not fitted.is_identified(item))
+                missing[name] = " ".join(map(fitted.why_not, lacking)) or row.sentence
+    for name, root in MADE_OF[fitted.model].items():
+        found = fitted.identified_number(root) or given.get(root)
+        if found is None:
             missing[name] = fitted.why_not(root)
-        elif name == "thrust":
-            parts[name] = SimulatorNumber(
-                of_mass(given["mass"], number), lambda c: c["mass"] * c[THRUST_GAIN]
-            )
+        elif name in {"thrust", "drag_z"}:
+            share = 1.0 / vehicle.count if root == "input_gain" else 1.0
+            parts[name] = per_mass(given["mass"], found, root, share)
         else:
-            parts[name] = SimulatorNumber(number, itself(root))
-    return Parts(parts, missing)
+            parts[name] = SimulatorNumber(found, itemgetter(root))
+    return parts, missing
 
 
 def _identified(fitted: Fitted) -> Combinations:
     """Those of the joint vector that are."""
     if not fitted.candidates:
         return Combinations((), ())
-    names = frozenset(name for name in fitted.names if _is_told(fitted, name))
+    names = frozenset(name for name in fitted.names if fitted.is_identified(name))
     return Combinations(fitted.names, fitted.candidates).only(names)
-
-
-def _is_told(fitted: Fitted, name: str) -> bool:
-    item = fitted.quantities.get(name)
-    return item is not None and item.verdict is Status.IDENTIFIED
-
-
-def _why_not(fitted: Fitted, formula: Formula) -> str:
-    """Verdicts of what a formula takes; empty where all of it is identified."""
-    return " ".join(fitted.why_not(name) for name in formula.needed if not _is_told(fitted, name))
 
 
 def _by_rows(formula: Formula) -> Callable[[Columns], Column]:
@@ -419,10 +348,8 @@ def by_quarters(vehicle: KnownVehicle, target: str) -> tuple[int, ...]:
 
 def mean_distances(vehicle: KnownVehicle) -> tuple[float, float]:
     """Mean distance of the rotors forward or behind, and to a side [m]."""
-    count = vehicle.count
-    return sum(abs(x) for x, _ in vehicle.positions) / count, sum(
-        abs(y) for _, y in vehicle.positions
-    ) / count
+    ahead, aside = np.abs(vehicle.positions).mean(axis=0).tolist()
+    return ahead, aside
 
 
 # -- Randomisation --
@@ -434,17 +361,13 @@ JOINT = (
 )
 
 
-class Randomisation(ABC):
+@dataclass(frozen=True, slots=True)
+class Randomisation:
     """A file of draws for those who train or test on many vehicles."""
 
-    name: ClassVar[str]
-    """Its word on the command line."""
-    words: ClassVar[str]
-    """What the file is."""
-
-    @abstractmethod
-    def export(self, fitted: Fitted, supplied: Supplied, draws: Columns, seed: int) -> Exported:
-        """The file's content."""
+    name: str  # Its word on the command line
+    words: str  # What the file is
+    export: Callable[[Fitted, Supplied, Columns, int], Exported]
 
 
 # -- Rotors --
@@ -452,37 +375,25 @@ class Randomisation(ABC):
 
 def mapped_hover(made: VehicleDescription) -> Column:
     """Mapped command at hover."""
-    return made.values["mass"] * GRAVITY / (made.count * made.values["thrust"])
+    return made.values["mass"] * GRAVITY / (made.vehicle.count * made.values["thrust"])
 
 
-@dataclass(frozen=True)
-class SimulatorRotors:
-    """Numbers of a rotor, a row for each vehicle."""
-
-    thrust_constant: Column  # [N/(rad/s)^2], shape (n,)
-    torque_constant: Column  # [N m/(rad/s)^2], shape (n,)
-    hover_speed: Column  # shape (n,), [rad/s]
-    largest_speed: Column  # shape (n,), [rad/s]
-    drag_along: Column  # shape (n,), [N s^2/(m rad)]
-    drag_across: Column  # shape (n,), [N s^2/(m rad)]
-
-
-def rotors_of(made: VehicleDescription, gravity: float = GRAVITY) -> SimulatorRotors:
-    """Rotors of a vehicle."""
-    values = made.values
+def rotors_of(made: VehicleDescription, gravity: float = GRAVITY) -> dict[str, Column]:
+    """Numbers of a rotor, a row for each vehicle, in N, N m and rad/s; drags are over a rotor's speed."""
+    values, count = made.values, made.vehicle.count
     scale, thrust, zero = values["speed_scale"], values["thrust"], np.zeros_like(values["mass"])
     hover = scale * np.sqrt(mapped_hover(made))
     constant = thrust / scale**2 * (gravity / GRAVITY)
     largest = made.thrust_map(values.get("largest_command", zero + np.inf))
     across = [values[name] for name in ("drag_x", "drag_y") if name in values]
-    return SimulatorRotors(
-        constant,
-        values["torque_ratio"] * constant,
-        hover,
-        scale * np.sqrt(largest),
-        values.get("drag_z", zero) / (made.count * hover),
-        (np.mean(across, axis=0) if across else zero) / (made.count * hover),
-    )
+    return {
+        "thrust_constant": constant,
+        "torque_constant": values["torque_ratio"] * constant,
+        "hover_speed": hover,
+        "largest_speed": scale * np.sqrt(largest),
+        "drag_along": values.get("drag_z", zero) / (count * hover),
+        "drag_across": (np.mean(across, axis=0) if across else zero) / (count * hover),
+    }
 
 
 def speed_comments(made: VehicleDescription, simulator: str, gravity: float = GRAVITY) -> tuple[str, ...]:

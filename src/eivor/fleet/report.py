@@ -13,6 +13,7 @@ from urllib.parse import quote
 
 import numpy as np
 import polars as pl
+from markupsafe import Markup
 
 from eivor.fleet.analysis import (
     DRIFTS,
@@ -31,12 +32,11 @@ from eivor.fleet.table import report_path, reports_there
 from eivor.flights.quantity import AcrossFlights, Wording
 from eivor.inference.random_effects import FEW
 from eivor.report.document import Bullets, Cell, Document, Figure, Section, TableColumn, TableOf, Tone
-from eivor.report.flight import section
-from eivor.report.flight_page import Figures, number_table
-from eivor.report.html import Markup, element, joined, section_html, whole_page
+from eivor.report.figure_panels import PlottedInterval
+from eivor.report.flight import NO_NUMBER, axis_of, plain_numbers, section
+from eivor.report.flight_page import Figures, Picture, Pictures, forest_picture, number_table, trend_picture
+from eivor.report.html import element, joined, section_html, whole_page
 from eivor.report.json_document import Json
-from eivor.report.svg import Curve, Dots, Forest, ForestRow, Mark, Picture, Pictures, Plot, Rule, margined
-from eivor.report.wording import NO_NUMBER, plain_numbers
 
 # -- Reported fleet --
 
@@ -487,19 +487,18 @@ def _forests(report: FleetReport) -> Iterator[Picture]:
             _forest_row(row, report, across, f"type {row['type']}", whole=True)
             for row in report.types.filter(mine).sort("type").head(MOST_ROWS).iter_rows(named=True)
         ]
-        axis = f"{wording.words} {wording.symbol} [{wording.shown_unit or '-'}]"
-        yield Picture(f"{wording.words[0].upper()}{wording.words[1:]}", "", Forest(axis, tuple(drawn)), None)
+        yield forest_picture(f"{wording.words[0].upper()}{wording.words[1:]}", axis_of(wording), drawn)
 
 
 def _forest_row(
     row: Row, report: FleetReport, across: AcrossFlights, label: str, *, whole: bool = False
-) -> ForestRow:
+) -> PlottedInterval:
     wording = report.motion.wording[across.name]
     ends = [row[name] for name in ("low", "high")]
     ends = [row.get(name) for name in ONLY] if None in ends else ends
     pieces = () if None in ends else ((ends[0] * wording.scale, ends[1] * wording.scale),)
     numbers = " ".join(dict.fromkeys(mean_text(row, wording)))
-    return ForestRow(label, numbers, row["mean"] * wording.scale, pieces, None, whole)
+    return PlottedInterval(label, row["mean"] * wording.scale, pieces, numbers, None, whole)
 
 
 def _over_hours(report: FleetReport, links: Mapping[str, str]) -> Iterator[Picture]:
@@ -527,39 +526,34 @@ def _line(
     numbers = used.select(pl.col(f"{across.name}.value"), *flight_interval(across))
     value, low, high = (wording.scale * number.to_numpy() for number in numbers)
     flights = [linked(name, sha256, links) for name, sha256 in used.select("name", "sha256").iter_rows()]
-    gap = np.full(hours.size, np.nan)
-    bars = np.stack([low, high, gap], axis=1).ravel()
-    marks: list[Mark] = [
-        Curve("", "measured", np.repeat(hours, 3), bars),
-        Dots("flights, 95 %", "measured", hours, value),
-        *_trend(row, across, hours, wording.scale),
-    ]
     symbol = f"{wording.symbol}{_in_unit(wording)}"
     table = number_table(
         ("flight hours", symbol, "low", "high", "flight"),
         zip(hours.tolist(), value.tolist(), low.tolist(), high.tolist(), flights, strict=True),
     )
-    y = margined(symbol, np.concatenate([low, high]))
-    return Picture(
+    return trend_picture(
         f"{row['vehicle']}: {wording.words}",
-        "",
-        Plot(margined("flight hours", hours), y, tuple(marks)),
+        ("flight hours", symbol),
+        (hours, value, low, high),
+        _trend(row, across, (hours, low, high), wording.scale),
         table,
     )
 
 
-def _trend(row: Row, across: AcrossFlights, hours: np.ndarray, scale: float) -> Iterator[Mark]:
-    """Mean, drift or step of a vehicle."""
+def _trend(
+    row: Row, across: AcrossFlights, drawn: tuple[np.ndarray, np.ndarray, np.ndarray], scale: float
+) -> Iterator[tuple[str, np.ndarray, np.ndarray]]:
+    """Mean, drift or step of a vehicle, as lines."""
+    hours, low, high = drawn
     mean = row["mean"] * scale
     if row["course"] == STEPS and row["step_hours"] is not None:
-        yield Rule("step", "second", row["step_hours"], True)
+        yield "step", np.full(2, row["step_hours"]), np.array([np.nanmin(low), np.nanmax(high)])
     elif row["course"] == DRIFTS and row["hours"]:
         share = (hours - hours.mean()) / row["hours"]
         change = np.log1p(row["change"]) * share if across.logarithm else row["change"] * scale * share
-        line = mean * np.exp(change) if across.logarithm else mean + change
-        yield Curve("drift", "predicted", hours, line)
+        yield "drift", hours, mean * np.exp(change) if across.logarithm else mean + change
         return
-    yield Rule("mean", "predicted", mean, False)
+    yield "mean", np.array([hours.min(), hours.max()]), np.full(2, mean)
 
 
 # -- Flight links --

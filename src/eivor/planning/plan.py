@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import partial
 from importlib.resources import files
 
@@ -58,10 +58,6 @@ class ClosedLoopFlight:
         half_height = 0.5 * (limits.height_m[1] - limits.height_m[0])
         return bool(np.abs(self.height).max() <= half_height and np.abs(self.velocity).max() <= limits.speed)
 
-    def identified(self) -> FlightEstimate:
-        """What the recipe says of it."""
-        return identify_flight(self.recording)
-
 
 def fly(shapes: Sequence[Shape], vehicle: VehicleGuess, seeds: Sequence[int]) -> list[ClosedLoopFlight]:
     """Fly each shape with its seed, all side by side."""
@@ -78,9 +74,8 @@ def fly(shapes: Sequence[Shape], vehicle: VehicleGuess, seeds: Sequence[int]) ->
     vehicles = VerticalVehicles(
         _separated(vehicle) * every, vehicle.input_gain * every, vehicle.lag_s * every, 0.0 * every
     )
-    motion = simulate_vertical(
-        vehicles, environment, step_s=STEP_S, controller=_same_layout(vehicle.follows, flights)
-    )
+    gains = AltitudeController(**{name: gain * every for name, gain in asdict(vehicle.follows).items()})
+    motion = simulate_vertical(vehicles, environment, step_s=STEP_S, controller=gains)
     return [_simulated(shape, environment, motion, number) for number, shape in enumerate(shapes)]
 
 
@@ -91,35 +86,22 @@ def _separated(vehicle: VehicleGuess) -> float:
     return vehicle.viscous_friction + (1e-4 if near else 0.0)
 
 
-def _same_layout(gains: AltitudeController, flights: int) -> AltitudeController:
-    every = np.ones(flights)
-    return AltitudeController(
-        gains.position_gain * every, gains.velocity_gain * every, gains.integral_gain * every
-    )
-
-
 def _surroundings(vehicle: VehicleGuess, count: int, seed: int) -> dict[str, Float[np.ndarray, " n"]]:
     force, acceleration, velocity, other = (
         np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(4)
     )
-    angles = [
-        vehicle.tilt_rms * _with_density(_tilt_density, count, other),
-        vehicle.tilt_rms * _with_density(_tilt_density, count, other),
-    ]
+    angles = [vehicle.tilt_rms * _with_density(_tilt_density, count, other) for _ in range(2)]
+
+    def left(name: str, rng: np.random.Generator) -> Float[np.ndarray, " n"]:
+        return _with_density(partial(vehicle.left.density_at, name), count, rng)
+
     return {
-        "gust": _coloured(vehicle, "force", count, force) / _separated(vehicle),
+        "gust": left("force", force) / _separated(vehicle),
         "cos_tilt": np.cos(angles[0]) * np.cos(angles[1]),
         "position_noise": POSITION_NOISE * other.standard_normal(count),
-        "velocity_noise": _coloured(vehicle, "velocity", count, velocity),
-        "acceleration_noise": _coloured(vehicle, "accelerometer", count, acceleration),
+        "velocity_noise": left("velocity", velocity),
+        "acceleration_noise": left("accelerometer", acceleration),
     }
-
-
-def _coloured(
-    vehicle: VehicleGuess, name: str, count: int, rng: np.random.Generator
-) -> Float[np.ndarray, " n"]:
-    """Gaussian series of one of the vehicle's densities."""
-    return _with_density(partial(vehicle.left.density_at, name), count, rng)
 
 
 def _tilt_density(frequency_hz: Float[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:
@@ -203,8 +185,7 @@ def _following(s: Complex[np.ndarray, " n"], vehicle: VehicleGuess) -> Complex[n
     gains = vehicle.follows
     plant = 1.0 / ((1.0 + s * vehicle.lag_s) * (s + vehicle.viscous_friction))
     feedback = (gains.velocity_gain + gains.integral_gain / s) * (1.0 + gains.position_gain / s)
-    tracked_parameter: Complex[np.ndarray, " n"] = plant * (s + feedback) / (1.0 + plant * feedback)
-    return tracked_parameter
+    return np.asarray(plant * (s + feedback) / (1.0 + plant * feedback))
 
 
 # -- Plan --
@@ -234,29 +215,14 @@ class ExpectedInterval:
 
 @dataclass(frozen=True)
 class FlightPlan:
-    """A flight, and what it is expected to identify.
+    """A flight, and what it is expected to identify."""
 
-    Parameters
-    ----------
-    vehicle : VehicleGuess
-        What it was planned for.
-    limits : FlightLimits
-        What it keeps.
-    target : str
-        What it should identify, a word of `TARGETS`.
-    shape : Shape
-        The height setpoint about the middle of the limits.
-    predicted : mapping of str to Predicted
-        For each target.
-    reached : tuple of float
-        Lowest and highest height above take-off [m] and largest speed [m/s] of the simulated flights.
-    """
-
-    vehicle: VehicleGuess
-    limits: FlightLimits
-    target: str
-    shape: Shape
-    predicted: Mapping[str, ExpectedInterval]
+    vehicle: VehicleGuess  # What it was planned for
+    limits: FlightLimits  # What it keeps
+    target: str  # What it should identify, a word of `TARGETS`
+    shape: Shape  # The height setpoint about the middle of the limits
+    predicted: Mapping[str, ExpectedInterval]  # For each target
+    #: Lowest and highest height above take-off [m] and largest speed [m/s] of the simulated flights.
     reached: tuple[float, float, float]
 
     @property
@@ -291,10 +257,9 @@ class FlightPlan:
         requested, result = TARGETS[self.target], self.predicted[self.target]
         flights = len(result.verdicts)
         return (
-            f"{self.limits.duration_s:g} s of {self.shape.words}: the {requested.words} within "
-            f"± {result.half_width:.2g} {requested.unit}, identified in {result.identified} of "
-            f"{flights} simulated "
-            f"flight{'' if flights == 1 else 's'}."
+            f"{self.limits.duration_s:g} s of {self.shape.words}: the {requested.words} within ± "
+            f"{result.half_width:.2g} {requested.unit}, identified in {result.identified} of {flights} "
+            f"simulated flight{'' if flights == 1 else 's'}."
         )
 
     def summary(self) -> str:
@@ -335,9 +300,9 @@ def make_plan(
         raise UsageError(f"one of {', '.join(KINDS)}", f"{shape!r}", "Or nothing, for the better one.")
     finalists = _finalists(vehicle, limits, target, (shape,) if shape else KINDS, seed)
     flown_within = _within_limits(finalists, vehicle, limits, seed)
-    results = [(flights, flights[0].identified()) for flights in flown_within]
+    results = [(flights, identify_flight(flights[0].recording)) for flights in flown_within]
     best, first = min(results, key=lambda pair: _half_width(pair[1], target))
-    kept = [(best[0], first), *((item, item.identified()) for item in best[1:])]
+    kept = [(best[0], first), *((item, identify_flight(item.recording)) for item in best[1:])]
     return _plan(vehicle, limits, target, kept)
 
 
@@ -412,8 +377,6 @@ def _plan(
 WAYPOINT, LOITER, TAKEOFF, CHANGE_SPEED = 16, 17, 22, 178
 #: Frame of heights above the place of take-off; commands without a place have another.
 RELATIVE, NO_PLACE = 3, 2
-#: QGroundControl's words for the firmware and the vehicle: PX4 and a multirotor.
-PX4, QUADROTOR = 12, 2
 CLIMB, DESCENT = 2.0, 3.0
 
 
@@ -433,28 +396,15 @@ def qgc_text(plan: FlightPlan, home: tuple[float, float]) -> str:
         _item(CHANGE_SPEED, NO_PLACE, [CLIMB, speed, -1.0, 0.0, 0.0, 0.0, 0.0]),
         _item(CHANGE_SPEED, NO_PLACE, [DESCENT, speed, -1.0, 0.0, 0.0, 0.0, 0.0]),
     ]
-    for height, hold_s in levels(plan):
-        items.append(_item(WAYPOINT, RELATIVE, [hold_s, 0.0, 0.0, None, *position, height]))
+    items += [
+        _item(WAYPOINT, RELATIVE, [hold_s, 0.0, 0.0, None, *position, height])
+        for height, hold_s in levels(plan)
+    ]
     items.append(_item(LOITER, RELATIVE, [0.0, 0.0, 0.0, None, *position, plan.limits.middle_m]))
     for number, item in enumerate(items):
         item["doJumpId"] = number + 1
-    document = {
-        "fileType": "Plan",
-        "version": 1,
-        "groundStation": "QGroundControl",
-        "mission": {
-            "version": 2,
-            "firmwareType": PX4,
-            "vehicleType": QUADROTOR,
-            "cruiseSpeed": 5.0,
-            "hoverSpeed": 2.0,
-            "globalPlanAltitudeMode": 1,
-            "plannedHomePosition": [*position, 0.0],
-            "items": items,
-        },
-        "geoFence": {"version": 2, "circles": [], "polygons": []},
-        "rallyPoints": {"version": 2, "points": []},
-    }
+    document = json.loads(_program("mission.json"))
+    document["mission"] |= {"plannedHomePosition": [*position, 0.0], "items": items}
     return json.dumps(document, indent=2, allow_nan=False) + "\n"
 
 
@@ -525,8 +475,11 @@ def mavsdk_text(plan: FlightPlan) -> str:
         above = height - limits.middle_m
         lines.append(f"    ({time:.2f}, {above:.4f}, {velocity:.4f}, {acceleration:.4f}),")
     lines.append(")")
-    program = files("eivor.planning").joinpath("fly_plan.txt").read_text(encoding="utf-8")
-    return program.replace(MARK, "\n".join(lines) + "\n")
+    return _program("fly_plan.txt", "\n".join(lines) + "\n")
+
+
+def _program(file: str, numbers: str = "") -> str:
+    return files("eivor.planning").joinpath(file).read_text(encoding="utf-8").replace(MARK, numbers)
 
 
 # -- Table --
@@ -544,48 +497,13 @@ def csv_text(plan: FlightPlan) -> str:
 # -- Trajectory --
 
 TRAJECTORY_RATE_HZ = 50.0
-_HEAD = '''"""A planned identification flight as a trajectory of RotorPy: vertical, from rest to rest."""
-
-import numpy as np
-
-# Time [s], height [m], velocity [m/s], acceleration [m/s^2].
-SETPOINTS = np.array(
-    [
-'''
-_TAIL = '''    ]
-)
-
-
-class PlannedFlight:
-    """Give the flat outputs of the plan above a place."""
-
-    def __init__(self, place=(0.0, 0.0)):
-        self.place = np.array([place[0], place[1], 0.0])
-
-    def update(self, t):
-        """Flat outputs at a time; before and after the flight those of its ends."""
-        time = SETPOINTS[:, 0]
-        height, velocity, acceleration = (np.interp(t, time, SETPOINTS[:, k]) for k in (1, 2, 3))
-        up = np.array([0.0, 0.0, 1.0])
-        none = np.zeros(3)
-        return {
-            "x": self.place + height * up,
-            "x_dot": velocity * up,
-            "x_ddot": acceleration * up,
-            "x_dddot": none,
-            "x_ddddot": none,
-            "yaw": 0.0,
-            "yaw_dot": 0.0,
-            "yaw_ddot": 0.0,
-        }
-'''
 
 
 def rotorpy_text(plan: FlightPlan) -> str:
     """Text of a Python module with the class `PlannedFlight`."""
     rows = sampled(plan, TRAJECTORY_RATE_HZ).tolist()
     numbers = "".join(f"        [{', '.join(f'{value:.5g}' for value in row)}],\n" for row in rows)
-    return _HEAD + numbers + _TAIL
+    return _program("trajectory.txt", numbers)
 
 
 # -- Table of formats --

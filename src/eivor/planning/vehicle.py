@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -26,30 +26,17 @@ from eivor.tools import Float
 class FlightLimits:
     """Limits of a planned flight. Setpoints stay inside them with room for how a vehicle follows them.
 
-    Parameters
-    ----------
-    height_m : tuple of float
-        Lowest and highest height above the place of take-off [m].
-    speed : float
-        Largest climb and sink rate [m/s].
-    acceleration : float
-        Largest vertical acceleration of the setpoints [m/s^2].
-    tilt_deg : float
-        Largest tilt [deg]; the flight is vertical, and ends beyond it.
-    duration_s : float
-        Of the whole flight, from the first setpoint to the last [s].
-
     Raises
     ------
     UsageError
         When a limit is not above zero, the heights leave no room, or the flight is too short or too long.
     """
 
-    height_m: tuple[float, float] = (3.0, 8.0)
-    speed: float = 2.0
-    acceleration: float = 3.0
-    tilt_deg: float = 20.0
-    duration_s: float = 60.0
+    height_m: tuple[float, float] = (3.0, 8.0)  # Lowest and highest above the place of take-off [m]
+    speed: float = 2.0  # Largest climb and sink rate [m/s]
+    acceleration: float = 3.0  # Largest vertical acceleration of the setpoints [m/s^2]
+    tilt_deg: float = 20.0  # Largest tilt [deg]; the flight is vertical, and ends beyond it
+    duration_s: float = 60.0  # From the first setpoint to the last [s]
 
     def __post_init__(self) -> None:
         remedy = "Give FlightLimits(height_m=(3.0, 8.0)), in metres above the place of take-off."
@@ -250,43 +237,22 @@ class Densities:
 class VehicleGuess:
     """Rough numbers of a vehicle. Its mass is not needed.
 
-    Parameters
-    ----------
-    hover_input : float
-        Input at which it hovers, a share of full input.
-    viscous_friction : float
-        K [1/s].
-    lag_s : float
-        Actuator lag and delay together [s].
-    gust_rms : float
-        Standard deviation of the vertical wind [m/s], where `densities` does not say what acts on it.
-    acceleration_noise, velocity_noise : float
-        Standard deviations of the errors at 100 Hz [m/s^2, m/s], where `densities` does not say them.
-    tilt_rms : float
-        Standard deviation of roll and of pitch [rad].
-    densities : Densities, optional
-        What an estimate left. Default: gusts and white noise of these sizes.
-    controller : AltitudeController, optional
-        How the vehicle follows its height setpoint. Default: one that suits the lag.
-    asked : str
-        What an estimate could not identify, by its word in `eivor.planning.vehicle`; empty for nothing.
-
     Raises
     ------
     UsageError
         When a number is out of its range.
     """
 
-    hover_input: float = 0.5
-    viscous_friction: float = 0.3
-    lag_s: float = 0.05
-    gust_rms: float = 0.3
-    acceleration_noise: float = 0.4
-    velocity_noise: float = 0.03
-    tilt_rms: float = 0.05
-    densities: Densities | None = None
-    controller: AltitudeController | None = None
-    asked: str = field(default="", repr=False)
+    hover_input: float = 0.5  # Input at which it hovers, a share of full input
+    viscous_friction: float = 0.3  # K [1/s]
+    lag_s: float = 0.05  # Actuator lag and delay together [s]
+    gust_rms: float = 0.3  # Standard deviation of the vertical wind [m/s], where `densities` are not given
+    acceleration_noise: float = 0.4  # Of the errors at 100 Hz [m/s^2], where `densities` are not given
+    velocity_noise: float = 0.03  # Likewise [m/s]
+    tilt_rms: float = 0.05  # Standard deviation of roll and of pitch [rad]
+    densities: Densities | None = None  # What an estimate left; default: gusts and white noise as above
+    controller: AltitudeController | None = None  # Of the height setpoint; default: one that suits the lag
+    asked: str = field(default="", repr=False)  # What an estimate could not identify, a word of `TARGETS`
 
     def __post_init__(self) -> None:
         checks.within(self, VEHICLE_RANGES, "A rough number will do.")
@@ -336,17 +302,21 @@ def vehicle_of_result(document: Mapping[str, Any]) -> VehicleGuess:
     selected = {**document["parameters"], **document["derived"]}
     usual = VehicleGuess()
     flight = (document.get("prediction") or {}).get("flown") or {}
-    gains = flight.get("controller")
-    residual = flight.get("residual")
-    taken = flight.get("taken", {})
+    gains, residual, taken = flight.get("controller"), flight.get("residual"), flight.get("taken", {})
+    # the first of friction, lag and gain that is not identified
+    order = {"friction": "viscous_friction", "lag": "effective_lag", "gain": "input_gain"}
+    asked = (word for word, name in order.items() if selected[name]["verdict"] != "identified")
     return VehicleGuess(
         hover_input=_hover(selected["hover_input"], document["model"]["input_map"], usual.hover_input),
         viscous_friction=_within("viscous_friction", taken.get("viscous_friction", usual.viscous_friction)),
         lag_s=_within("lag_s", taken.get("lag_s", usual.lag_s)),
         tilt_rms=_within("tilt_rms", flight.get("tilt_rms", usual.tilt_rms)),
-        densities=None if residual is None else _densities(residual),
+        densities=residual
+        and Densities(
+            **{item.name: np.array(residual[item.name], dtype=np.float64) for item in fields(Densities)}
+        ),
         controller=None if gains is None else AltitudeController(**gains),
-        asked=_parsed(selected),
+        asked=next(asked, ""),
     )
 
 
@@ -358,28 +328,22 @@ def rough_vehicle(
     gusts: float | None = None,
 ) -> VehicleGuess:
     """Vehicle of rough numbers as they are typed: the lag in milliseconds; what is not given is as usual."""
-    usual = VehicleGuess()
-    return VehicleGuess(
-        hover_input=usual.hover_input if hover is None else hover,
-        viscous_friction=usual.viscous_friction if friction is None else friction,
-        lag_s=usual.lag_s if lag is None else 1e-3 * lag,
-        gust_rms=usual.gust_rms if gusts is None else gusts,
-    )
+    lag_s = None if lag is None else 1e-3 * lag
+    given: dict[str, Any] = {
+        "hover_input": hover,
+        "viscous_friction": friction,
+        "lag_s": lag_s,
+        "gust_rms": gusts,
+    }
+    return VehicleGuess(**{name: value for name, value in given.items() if value is not None})
 
 
 def read_vehicle(path: Path) -> VehicleGuess:
     """Vehicle from a TOML file with the rough numbers of `VehicleGuess`, all optional."""
     table = read_toml(path, "a vehicle")
     usual = VehicleGuess()
-    guess = VehicleGuess(
-        hover_input=table.number("hover_input", usual.hover_input),
-        viscous_friction=table.number("viscous_friction", usual.viscous_friction),
-        lag_s=table.number("lag_s", usual.lag_s),
-        gust_rms=table.number("gust_rms", usual.gust_rms),
-        acceleration_noise=table.number("acceleration_noise", usual.acceleration_noise),
-        velocity_noise=table.number("velocity_noise", usual.velocity_noise),
-        tilt_rms=table.number("tilt_rms", usual.tilt_rms),
-    )
+    given: dict[str, Any] = {name: table.number(name, getattr(usual, name)) for name in VEHICLE_RANGES}
+    guess = VehicleGuess(**given)
     table.finish()
     return guess
 
@@ -396,21 +360,3 @@ def _hover(quantity: Mapping[str, Any], input_map: str, usual: float) -> float:
         return usual
     share = math.sqrt(value) if input_map == "linear" else value
     return _within("hover_input", share)
-
-
-def _densities(residual: Mapping[str, Any]) -> Densities:
-    return Densities(
-        *(
-            np.array(residual[name], dtype=np.float64)
-            for name in ("frequency_hz", "force", "accelerometer", "velocity")
-        )
-    )
-
-
-def _parsed(record: Mapping[str, Any]) -> str:
-    """First of friction, lag and gain that is not identified."""
-    order = {"friction": "viscous_friction", "lag": "effective_lag", "gain": "input_gain"}
-    for word, name in order.items():
-        if record[name]["verdict"] != "identified":
-            return word
-    return ""

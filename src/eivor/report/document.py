@@ -15,17 +15,18 @@ LONGEST_NAME = 48
 
 
 def printable(text: str) -> str:
-    r"""`text` with everything that a terminal or a figure would act on made visible.
-
-    Control characters (the escape character, line breaks), marks that turn the reading direction and
-    bytes that are no text become backslash escapes; letters of any script stay.
-    """
+    """`text` with what a terminal or a figure would act on as backslash escapes; letters stay."""
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in text)
 
 
 def short_name(name: str) -> str:
     """Name of a log, cut where it is too long for a title."""
     return name if len(name) <= LONGEST_NAME else f"{name[: LONGEST_NAME - 1]}…"
+
+
+def capitalised(words: str) -> str:
+    """Words with a capital letter first."""
+    return f"{words[:1].upper()}{words[1:]}"
 
 
 # -- Document --

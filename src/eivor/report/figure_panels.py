@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import textwrap
 from collections.abc import Callable, Iterable, Mapping, Sequence, Sized
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import cycle
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
@@ -19,12 +19,15 @@ from eivor.flights.result import FlightEstimate
 from eivor.inference.bootstrap import Bootstrap
 from eivor.inference.distributions import chi_square_quantile
 from eivor.inference.regions import Ellipse
+from eivor.inference.verdict import Status
 from eivor.motions import wording_of
 from eivor.report.document import printable, short_name
 from eivor.report.flight import (
     LEAST_AMPLITUDE,
     FlightRun,
+    axis_of,
     band_of,
+    banded,
     profile_curves,
     residual_autocorrelation,
     spectrum,
@@ -45,23 +48,7 @@ REMEDY = "Pass what plt.subplots() or Figure.add_subplot() returns."
 
 
 def given_axes(axes: GivenAxes, panels: Sequence[str], title: str = "") -> dict[str, Axes]:
-    """Axes of each panel that is to be drawn.
-
-    Parameters
-    ----------
-    axes : Axes, mapping of str to Axes, or iterable of Axes
-        A mapping draws the panels that it names. A sequence or an array, as plt.subplots() returns it, is for
-        all panels, row by row. Axes alone are for the only panel.
-    panels : sequence of str
-        Names of the panels, in order.
-    title : str
-        Words above the first panel that is drawn; it keeps its own when there are none.
-
-    Raises
-    ------
-    UsageError
-        When there are none, too few or too many, or they are not of one figure; when a name is unknown.
-    """
+    """Axes of each panel that is to be drawn: by name, or as many as there are panels."""
     chosen = _named(axes, panels) if isinstance(axes, Mapping) else _ordered(axes, panels)
     if not chosen:
         raise UsageError("Axes to draw into", "none", f"Name some of: {', '.join(panels)}.")
@@ -72,27 +59,8 @@ def given_axes(axes: GivenAxes, panels: Sequence[str], title: str = "") -> dict[
     return chosen
 
 
-def given_panel(ax: Axes, title: str = "") -> Axes:
-    """Return the Axes of the only panel, with a title above it where there is one.
-
-    Raises
-    ------
-    UsageError
-        When these are no Axes of a figure.
-    """
-    _check("ax", ax)
-    _axes_title(ax, title)
-    return ax
-
-
 def figure_of(*axes: Axes) -> Figure:
-    """Return the figure that Axes are of; that of a subfigure is the one around it.
-
-    Raises
-    ------
-    UsageError
-        When there are several.
-    """
+    """Return the figure that Axes are of; that of a subfigure is the one around it."""
     figures = {id(axis.figure.figure): axis.figure.figure for axis in axes}
     if len(figures) != 1:
         raise UsageError(
@@ -117,7 +85,7 @@ def _ordered(axes: object, panels: Sequence[str]) -> dict[str, Axes]:
         raise UsageError(
             "Axes by the name of their panel, or as many as there are panels", described(axes), REMEDY
         )
-    flat = [axes] if isinstance(axes, AnyAxes) else list(np.asarray([*axes], dtype=object).ravel())
+    flat = [axes] if isinstance(axes, AnyAxes) else np.asarray([*axes], dtype=object).ravel().tolist()
     if len(flat) != len(panels):
         raise UsageError(
             f"{len(panels)} Axes, for {', '.join(panels)}",
@@ -153,6 +121,12 @@ DPI = 110
 #: Of nine points.
 LETTERS_PER_INCH = 14.0
 DARK, RED, GREY, BLUE = "#333333", "#d1495b", "#66717e", "#2e86ab"
+STATUS_COLOURS = {
+    Status.IDENTIFIED: "#1b7f3b",
+    Status.WEAK: "#a06a00",
+    Status.PROVISIONAL: "#7b3f9e",
+    Status.REFUSED: "#b3261e",
+}
 
 
 def page(width: float, height: float, title: str = "") -> Figure:
@@ -168,16 +142,37 @@ def page(width: float, height: float, title: str = "") -> Figure:
 
 
 def panel(ax: Axes | None, width: float, height: float, title: str = "") -> Axes:
-    """Axes to draw the only panel into: the caller's, or those of a page of that size [inch].
-
-    Raises
-    ------
-    UsageError
-        When what is given are no Axes.
-    """
+    """Axes to draw the only panel into: the caller's, or those of a page of that size [inch]."""
     if ax is None:
         return page(width, height, title).add_subplot()
-    return given_panel(ax, title)
+    _check("ax", ax)
+    _axes_title(ax, title)
+    return ax
+
+
+def mosaic(figure: Figure, rows: Sequence[Sequence[str]], **ratios: Any) -> dict[str, Axes]:
+    """Axes of a figure by name; a name that is repeated takes all of its places."""
+    return dict(figure.subplot_mosaic([list(row) for row in rows], **ratios))
+
+
+def column_page(
+    names: Sequence[str],
+    size: tuple[float, float],
+    title: str = "",
+    *,
+    heights: Sequence[float] | None = None,
+    shared: int = 0,
+) -> dict[str, Axes]:
+    """Axes of a page, one below the other; so many in a row share their abscissa, all for zero."""
+    panels = mosaic(page(*size, title), [[name] for name in names], height_ratios=heights)
+    count = shared or len(names)
+    for index, name in enumerate(names):
+        first = names[index - index % count]
+        if name != first:
+            panels[name].sharex(panels[first])
+        if (index + 1) % count and index + 1 < len(names):
+            without_abscissa(panels[name])
+    return panels
 
 
 def without_abscissa(axes: Axes) -> None:
@@ -201,13 +196,7 @@ def labelled(axes: Axes, *, x: str = "", y: str = "", size: float = 10.0) -> Non
 
 
 def drawable(things: Sized, what: str, remedy: str) -> None:
-    """Refuse to draw nothing.
-
-    Raises
-    ------
-    UsageError
-        When there is none of what is to be drawn.
-    """
+    """Refuse to draw nothing."""
     if not things:
         raise UsageError(f"{what} to draw", "none", remedy)
 
@@ -235,8 +224,7 @@ STYLES = ("-", "--", ":")
 
 def draw_fit(axes: Axes, trace: Trace, runs: list[FlightRun]) -> None:
     """Draw what was measured along one axis and what the model says, both within the band."""
-    run = _longest(runs)
-    time, band = _within_the_band(trace, run)
+    run, time, band = _within_the_band(trace, runs)
     low, high = band_of(trace, run)
     axes.plot(time, band[:, 0], color=MEASURED, lw=0.9, label="measured")
     axes.plot(time, band[:, 1], color=PREDICTED, lw=1.1, label=f"predicted: {trace.model}")
@@ -254,7 +242,7 @@ def draw_fit(axes: Axes, trace: Trace, runs: list[FlightRun]) -> None:
 
 def draw_residual(axes: Axes, trace: Trace, runs: list[FlightRun]) -> None:
     """Draw what the model leaves of what `draw_fit` shows."""
-    time, band = _within_the_band(trace, _longest(runs))
+    _, time, band = _within_the_band(trace, runs)
     axes.plot(time, band[:, 0] - band[:, 1], color=RESIDUAL, lw=0.9)
     axes.axhline(0.0, color="black", lw=0.5)
     axes.set_ylabel(f"residual\n[{trace.unit}]", parse_math=False)
@@ -262,26 +250,21 @@ def draw_residual(axes: Axes, trace: Trace, runs: list[FlightRun]) -> None:
 
 
 def _time_axis(axes: Axes) -> None:
-    axes.set_xlabel("time from the log's start [s]")
+    labelled(axes, x="time from the log's start [s]")
     axes.margins(x=0.005)
-    axes.grid(alpha=0.25)
-
-
-def _longest(runs: list[FlightRun]) -> FlightRun:
-    return max(runs, key=lambda candidate: candidate.time_s.size)
 
 
 def _within_the_band(
-    trace: Trace, run: FlightRun
-) -> tuple[Float[np.ndarray, " shown"], Float[np.ndarray, "shown 2"]]:
-    """Time, and what was measured and predicted in the part of a run that moves most."""
-    inside = _most_moved(trace.measured[run.rows], run)
-    return run.time_s[inside], within_band(trace, run)[inside]
+    trace: Trace, runs: list[FlightRun]
+) -> tuple[FlightRun, Float[np.ndarray, " shown"], Float[np.ndarray, "shown 2"]]:
+    """The longest run, and time, measured and predicted in the part of it that moves most."""
+    run = max(runs, key=lambda candidate: candidate.time_s.size)
+    inside = liveliest(trace.measured[run.rows], int(FIT_SHOWN_S / run.spectral.step_s))
+    return run, run.time_s[inside], within_band(trace, run)[inside]
 
 
-def _most_moved(values: Float[np.ndarray, " length"], run: FlightRun) -> slice:
-    """The `FIT_SHOWN_S` of a run in which `values` vary most; all of a shorter run."""
-    count = int(FIT_SHOWN_S / run.spectral.step_s)
+def liveliest(values: Float[np.ndarray, " length"], count: int) -> slice:
+    """So many samples in which `values` vary most; all where there are fewer."""
     if values.size <= count:
         return slice(0, values.size)
     power = np.concatenate([[0.0], np.cumsum((values - values.mean()) ** 2)])
@@ -298,16 +281,16 @@ def draw_autocorrelation(axes: Axes, best: Candidate, runs: list[FlightRun]) -> 
     axes.plot(lags[1:], correlation[1:], "o", color=RESIDUAL, ms=3)
     axes.axhline(0.0, color="black", lw=0.5)
     axes.set_title(f"Autocorrelation of the {autocorrelation.what}", fontsize=9)
-    axes.set_xlabel("shift [s]")
-    axes.set_ylabel("correlation")
+    labelled(axes, x="shift [s]", y="correlation")
     limit = max(0.3, 1.15 * float(np.max(np.abs(correlation[1:]), initial=0.0)))
     axes.set_ylim(-limit, limit)
-    axes.grid(alpha=0.25)
     legend(axes, place="upper right")
 
 
-def draw_excitation(axes: Axes, traces: tuple[Trace, ...], runs: list[FlightRun]) -> None:
-    """Amplitude of what the input does to each axis that it moves, of one unit, and of what is left."""
+def draw_excitation(
+    axes: Axes, traces: tuple[Trace, ...], runs: list[FlightRun], per_decade: int | None = None
+) -> None:
+    """Amplitude of what the input does to each axis, and of what is left, of bins or bands."""
     traces = tuple(trace for trace in traces if trace.unit == traces[0].unit and trace.driven.any())
     for trace, style in zip(traces, cycle(STYLES), strict=False):
         of_axis = f" ({trace.axis})" if len(traces) > 1 else ""
@@ -316,6 +299,8 @@ def draw_excitation(axes: Axes, traces: tuple[Trace, ...], runs: list[FlightRun]
             (trace.measured - trace.predicted, RESIDUAL, f"residual{of_axis}"),
         ):
             frequency, amplitude = spectrum(values, runs)
+            if per_decade is not None:
+                frequency, amplitude = banded(frequency, amplitude, per_decade)
             axes.loglog(frequency, amplitude, color=colour, lw=1.2, ls=style, label=label)
     low, high = axes.get_ylim()
     axes.set_ylim(bottom=max(low, LEAST_AMPLITUDE * high))
@@ -340,21 +325,14 @@ CLOUD = 4000
 
 @dataclass(frozen=True, slots=True)
 class PlottedInterval:
-    """One row of a panel.
+    """One row of a panel, or of a forest."""
 
-    Parameters
-    ----------
-    label : str
-        Estimate, method or kind of interval.
-    value : float
-        Point; NaN for none.
-    pieces : tuple of (float, float)
-        The interval, or the pieces of a set; ends may be infinite, and there may be none.
-    """
-
-    label: str
-    value: float
-    pieces: tuple[tuple[float, float], ...]
+    label: str  # Estimate, method, flight or kind of interval
+    value: float  # Point; NaN for none
+    pieces: tuple[tuple[float, float], ...]  # The interval, or those of a set: none, or without ends
+    numbers: str = ""  # Value and interval as tables show them, in a forest
+    status: Status | None = None
+    whole: bool = False  # Of a pool or type, in a forest
 
 
 def interval_figure(
@@ -395,19 +373,17 @@ def interval_figure(
         raise UsageError("intervals to draw", "none", "Give estimates.")
     labels = list(dict.fromkeys(row.label for rows in panels.values() for row in rows))
     names = tuple(panels)
-    drawn = _row(names, most, title) if axes is None else given_axes(axes, names, title)
+    if axes is None:
+        figure = page(PANEL_WIDTH * len(names) + 1.2, ROW_HEIGHT * (most + 1) + 1.3, title)
+        drawn = mosaic(figure, [names])
+    else:
+        drawn = given_axes(axes, names, title)
     for index, (name, axis) in enumerate(drawn.items()):
         _panel(axis, panels[name], labels, (truth or {}).get(name))
         if axes is None and index:
             axis.tick_params(labelleft=False)
         axis.set_xlabel(axis_words(name, (units or {}).get(name, "")), fontsize=9, parse_math=False)
     return figure_of(*drawn.values())
-
-
-def _row(names: tuple[str, ...], most: int, title: str) -> dict[str, Axes]:
-    """Panels of a page, side by side, for so many intervals in each."""
-    figure = page(PANEL_WIDTH * len(names) + 1.2, ROW_HEIGHT * (most + 1) + 1.3, title)
-    return {name: figure.add_subplot(1, len(names), index) for index, name in enumerate(names, start=1)}
 
 
 def estimates_figure(
@@ -520,10 +496,8 @@ def ellipse_figure(
         axes.plot(*box.T, color=DARK, lw=0.9, ls="--", label="intervals one by one")
     if truth is not None:
         axes.plot(*truth, "x", color=RED, ms=8, mew=2.0, label="truth", zorder=5)
-    axes.set_xlabel(axis_words(names[0], units[0]), parse_math=False)
-    axes.set_ylabel(axis_words(names[1], units[1]), parse_math=False)
+    labelled(axes, x=axis_words(names[0], units[0]), y=axis_words(names[1], units[1]))
     axes.margins(0.08)
-    axes.grid(alpha=0.25)
     legend(axes)
     return figure_of(axes)
 
@@ -595,21 +569,13 @@ def axis_words(name: str, unit: str) -> str:
 def _panel(axes: Axes, rows: Sequence[PlottedInterval], labels: Sequence[str], truth: float | None) -> None:
     from matplotlib.ticker import MaxNLocator
 
-    low, high = _interval_limits(rows, truth)
-    axes.set_xlim(low, high)
+    limits = _interval_limits(rows, truth)
+    axes.set_xlim(*limits)
     for index, row in enumerate(rows):
         colour = INTERVAL_COLOURS[labels.index(row.label) % len(INTERVAL_COLOURS)]
-        for left, right in row.pieces:
-            axes.plot([max(left, low), min(right, high)], [index, index], color=colour, lw=2.2)
-            inside = 0.02 * (high - low)
-            for end, arrow, mark in ((left, low + inside, "<"), (right, high - inside, ">")):
-                unbounded = math.isinf(end)
-                position = arrow if unbounded else end
-                axes.plot(position, index, mark if unbounded else "|", color=colour, ms=8, mew=1.8)
+        _draw_interval(axes, row, index, limits, colour)
         if not row.pieces:
-            axes.text(0.5 * (low + high), index, "empty set", ha="center", va="center", fontsize=8)
-        if math.isfinite(row.value):
-            axes.plot(row.value, index, "o", color=colour, ms=5)
+            axes.text(0.5 * sum(limits), index, "empty set", ha="center", va="center", fontsize=8)
     if truth is not None:
         axes.axvline(truth, color=RED, lw=1.2, ls="--", label="truth")
         legend(axes, size=7)
@@ -620,6 +586,71 @@ def _panel(axes: Axes, rows: Sequence[PlottedInterval], labels: Sequence[str], t
     axes.tick_params(axis="x", labelsize=8)
     axes.xaxis.set_major_locator(MaxNLocator(5))
     axes.grid(alpha=0.25)
+
+
+def _draw_interval(
+    axes: Axes,
+    row: PlottedInterval,
+    height: float,
+    limits: tuple[float, float],
+    colour: str,
+    mark: str = "o",
+    *,
+    filled: bool = True,
+) -> None:
+    """Point and whiskers; an end beyond the limits is an arrow."""
+    low, high = limits
+    inside = 0.02 * (high - low)
+    for left, right in row.pieces:
+        axes.plot(np.clip([left, right], low, high), [height, height], color=colour, lw=2.2)
+        for end, position, arrow, beyond in (
+            (left, low + inside, "<", left < low),
+            (right, high - inside, ">", right > high),
+        ):
+            axes.plot(
+                position if beyond else end, height, arrow if beyond else "|", color=colour, ms=8, mew=1.8
+            )
+    if low <= row.value <= high:
+        axes.plot(row.value, height, mark, color=colour, ms=5, mfc=colour if filled else "white")
+
+
+#: Marks of verdicts in a forest: colour is never alone.
+FOREST_MARKS = {Status.PROVISIONAL: "s", Status.REFUSED: "x"}
+#: Half-widths over so many times the middle one are not what the axis of a forest is made for: they are cut.
+WIDEST = 6.0
+
+
+def draw_forest(axes: Axes, rows: Sequence[PlottedInterval], words: str) -> None:
+    """Draw intervals below each other, with labels and numbers above them."""
+    from matplotlib.ticker import MaxNLocator
+
+    halves = [0.5 * (high - low) for row in rows for low, high in row.pieces if math.isfinite(high - low)]
+    widest = WIDEST * float(np.median(halves)) if halves else 0.0
+    narrow = [
+        replace(row, pieces=(piece,))
+        for row in rows
+        for piece in row.pieces
+        if piece[1] - piece[0] <= 2.0 * widest
+    ]
+    limits = _interval_limits(narrow, None)
+    letters = int(LETTERS_PER_INCH * 9.0 / 8.0 * axes.figure.bbox.width / axes.figure.dpi)
+    across = axes.get_yaxis_transform()
+    for index, row in enumerate(rows):
+        colour = DARK if row.status is None or row.whole else STATUS_COLOURS[row.status]
+        mark = "D" if row.whole else FOREST_MARKS.get(row.status or Status.IDENTIFIED, "o")
+        _draw_interval(axes, row, index, limits, colour, mark, filled=row.status is not Status.WEAK)
+        label, room = printable(row.label), max(letters - len(row.numbers) - 2, 2)
+        label = label if len(label) <= room else f"{label[: room - 1]}…"
+        for position, text, side in ((0.0, label, "left"), (1.0, row.numbers, "right")):
+            axes.text(position, index - 0.32, text, ha=side, fontsize=8, transform=across, parse_math=False)
+    axes.set_xlim(*limits)
+    axes.set_ylim(len(rows) - 0.6, -0.85)
+    axes.set_yticks([])
+    for side in ("left", "right", "top"):
+        axes.spines[side].set_visible(False)
+    axes.tick_params(axis="x", labelsize=8)
+    axes.xaxis.set_major_locator(MaxNLocator(5))
+    labelled(axes, x=words, size=9.0)
 
 
 def _interval_limits(rows: Sequence[PlottedInterval], truth: float | None) -> tuple[float, float]:
@@ -652,19 +683,7 @@ def draw_no_profile(axes: Axes, result: FlightEstimate) -> None:
 
 
 def draw_profile(axes: Axes, result: FlightEstimate, estimate: Estimate, number: int) -> None:
-    """Draw the objective against one nuisance, a curve for each combination of discrete ones that fits.
-
-    Parameters
-    ----------
-    axes : Axes
-        Where to.
-    result : FlightEstimate
-        With words and intervals.
-    estimate : Estimate
-        Its estimate.
-    number : int
-        Which of the profiles.
-    """
+    """Draw the objective against one nuisance, a curve for each combination of discrete ones that fits."""
     profile = estimate.best.profiles[number]
     quantity = result.quantities[profile.nuisance.name]
     wording = result.motion.wording[profile.nuisance.name]
@@ -683,9 +702,7 @@ def draw_profile(axes: Axes, result: FlightEstimate, estimate: Estimate, number:
     axes.set_yscale("symlog", linthresh=quantile)
     axes.set_ylim(-0.15 * quantile, 60.0 * tallest)  # room for the legend above the curves
     axes.set_title(f"How well each {wording.words} fits", fontsize=9, parse_math=False)
-    axes.set_xlabel(f"{wording.words} {wording.symbol} [{wording.shown_unit or '-'}]", parse_math=False)
-    axes.set_ylabel("objective above its least (χ² units)")
-    axes.grid(alpha=0.25)
+    labelled(axes, x=axis_of(wording), y="objective above its least (χ² units)")
     legend(axes, size=7, place="upper left", columns=2)
 
 

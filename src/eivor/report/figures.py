@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import IO, TYPE_CHECKING
 
 import numpy as np
 
@@ -16,15 +16,16 @@ from eivor.flights.quantity import PlotData
 from eivor.flights.result import Fit, FlightEstimate
 from eivor.inference.bootstrap import autocovariance
 from eivor.inference.distributions import normal_quantile
-from eivor.inference.verdict import Status
 from eivor.report.document import printable, short_name
 from eivor.report.figure_panels import (
     BLUE,
     DARK,
     GREY,
     RED,
+    STATUS_COLOURS,
     GivenAxes,
     Panels,
+    column_page,
     draw_autocorrelation,
     draw_excitation,
     draw_fit,
@@ -37,12 +38,12 @@ from eivor.report.figure_panels import (
     given_axes,
     labelled,
     legend,
+    mosaic,
     page,
     panel,
     without_abscissa,
 )
-from eivor.report.flight import display_unit, flight_runs
-from eivor.report.wording import NO_NUMBER, numbers
+from eivor.report.flight import NO_NUMBER, banded, display_unit, flight_runs, numbers
 from eivor.signals.channels import canonical_channel
 from eivor.signals.noise import LEAST_BANDWIDTH, LongMemory, estimate_long_memory
 from eivor.signals.signals import Signals
@@ -80,12 +81,9 @@ def prediction_panels(ahead: MultiStepPrediction) -> Panels:
 
 def prediction_page(names: tuple[str, ...]) -> dict[str, Axes]:
     """A page with two panels in a row."""
-    from matplotlib.gridspec import GridSpec
-
-    rows = len(names) // 2
-    figure: Figure = page(WIDTH_INCHES, ROW_INCHES * rows + 1.2)
-    grid = GridSpec(rows, 2, figure=figure, width_ratios=(2.2, 1.0))
-    return {name: figure.add_subplot(grid[index // 2, index % 2]) for index, name in enumerate(names)}
+    pairs = list(zip(names[::2], names[1::2], strict=True))
+    figure = page(WIDTH_INCHES, ROW_INCHES * len(pairs) + 1.2)
+    return mosaic(figure, pairs, width_ratios=(2.2, 1.0))
 
 
 def _draw_ahead_over_time(
@@ -120,17 +118,26 @@ def _draw_ahead_over_time(
 def _by_horizon(
     ax: Axes, prediction: MultiStepPrediction, models: tuple[HorizonErrors, ...], *, first: bool
 ) -> None:
+    if first:
+        ax.plot([], [], color=DARK, lw=2.6, alpha=0.4, label="measured")
+    draw_by_horizon(ax, prediction, models, key=first)
+    if first:
+        ax.set_title("By horizon", fontsize=9)
+
+
+def draw_by_horizon(
+    axes: Axes, prediction: MultiStepPrediction, models: tuple[HorizonErrors, ...], *, key: bool
+) -> None:
+    """Root mean square error of each model against the horizon, with a legend or without one."""
     unit, times = display_unit(models[0].unit)
     for item, colour in _coloured(models):
         errors = times * np.array(item.rms)
-        ax.plot(prediction.horizons_s, errors, "o-", color=colour, ms=3.5, lw=1.2, label=item.words)
+        axes.plot(prediction.horizons_s, errors, "o-", color=colour, ms=3.5, lw=1.2, label=item.words)
     most = times * max(max(model.rms) for model in models)
-    ax.set_ylim(0.0, (1.75 if first else 1.1) * most or 1.0)
-    labelled(ax, x="predicted so far ahead [s]", y=f"RMS error [{unit}]", size=9.0)
-    if first:
-        ax.set_title("By horizon", fontsize=9)
-        ax.plot([], [], color=DARK, lw=2.6, alpha=0.4, label="measured")
-        legend(ax, size=7, place="upper left")
+    axes.set_ylim(0.0, (1.75 if key else 1.1) * most or 1.0)
+    labelled(axes, x="predicted so far ahead [s]", y=f"RMS error [{unit}]", size=9.0)
+    if key:
+        legend(axes, size=7, place="upper left")
 
 
 def _coloured(models: tuple[HorizonErrors, ...]) -> list[tuple[HorizonErrors, str]]:
@@ -182,7 +189,9 @@ def flight_panels(result: FlightEstimate) -> Panels:
     """What moves in the first flight and its input, shaded where it counts, and the reasons below."""
     prepared = result.prepared[0]
     level = prepared.signals.family(prepared.input.name).mean(axis=1)
-    displayed = {_name(panel): panel for panel in result.motion.overview(prepared)}
+    displayed = {
+        " ".join(panel.label.split()).partition(" [")[0]: panel for panel in result.motion.overview(prepared)
+    }
     displayed["input"] = PlotData(f"mean of\n{prepared.input.name}", level)
     first = next(iter(displayed))
     panels: Panels = {
@@ -200,18 +209,9 @@ def flight_panels(result: FlightEstimate) -> Panels:
 
 def page_without_estimate(names: tuple[str, ...]) -> dict[str, Axes]:
     """Axes of these panels, one below the other; the last has words only."""
-    figure = page(*SIZE_INCHES)
-    panels = figure.subplots(len(names), 1, height_ratios=[*[1.0] * (len(names) - 1), 0.6])
-    for drawn_panel in panels[1:-1]:
-        drawn_panel.sharex(panels[0])
-    for drawn_panel in panels[:-2]:
-        without_abscissa(drawn_panel)
-    return dict(zip(names, panels, strict=True))
-
-
-def _name(panel: PlotData) -> str:
-    """Label of a panel in one line, without its unit."""
-    return " ".join(panel.label.split()).partition(" [")[0]
+    return column_page(
+        names, SIZE_INCHES, heights=(*[1.0] * (len(names) - 1), 0.6), shared=max(len(names) - 1, 1)
+    )
 
 
 def _title_without_estimate(result: FlightEstimate) -> str:
@@ -224,9 +224,7 @@ def _draw(axes: Axes, plot_data: PlotData, result: FlightEstimate, title: str) -
     prepared = result.prepared[0]
     time = prepared.grid.time_s
     axes.plot(time, plot_data.values, color="#333333", lw=0.9)
-    axes.set_ylabel(plot_data.label, parse_math=False)
-    axes.set_xlabel("time from the log's start [s]")
-    axes.grid(alpha=0.25)
+    labelled(axes, x="time from the log's start [s]", y=plot_data.label)
     axes.margins(x=0.005)
     _shade(axes, time, prepared.active.mask, "#2e86ab")
     _shade(axes, time, prepared.used, "#1b7f3b")
@@ -252,12 +250,6 @@ def _shade(panel: Axes, time: Float[np.ndarray, " n"], mask: Bool[np.ndarray, " 
 AXIS_INCHES = 4.0
 #: So many panels stand side by side in that width; more of them make it wider.
 LEAST_BESIDE = 3
-TITLE_COLOURS = {
-    Status.IDENTIFIED: "#1b7f3b",
-    Status.WEAK: "#a06a00",
-    Status.PROVISIONAL: "#7b3f9e",
-    Status.REFUSED: "#b3261e",
-}
 
 
 def flight_figure(result: FlightEstimate, axes: GivenAxes | None = None) -> Figure:
@@ -301,20 +293,18 @@ def flight_figure(result: FlightEstimate, axes: GivenAxes | None = None) -> Figu
 
 
 def save_figure(figure: Figure, path: Path) -> None:
-    """Write a figure as PNG, SVG or PDF, recognised by the ending; whole.
+    """Write a figure as PNG, SVG or PDF, recognised by the ending; whole."""
+    with atomic_write(path) as file:
+        write_figure(figure, file, path.suffix.lower().lstrip("."))
 
-    Raises
-    ------
-    OSError
-        When the file cannot be written.
-    """
-    kind = path.suffix.lower().lstrip(".")
+
+def write_figure(figure: Figure, file: IO[bytes], kind: str) -> None:
+    """Write a figure as PNG, SVG or PDF, without the date."""
     metadata = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(kind)
     with warnings.catch_warnings():
         # a log's name may hold letters that the font does not have; they become boxes
         warnings.filterwarnings("ignore", message="Glyph .* missing from")
-        with atomic_write(path) as file:
-            figure.savefig(file, format=kind, metadata=metadata)
+        figure.savefig(file, format=kind, metadata=metadata)
 
 
 def _panels(result: FlightEstimate, fit: Fit) -> Panels:
@@ -341,23 +331,19 @@ def _panels(result: FlightEstimate, fit: Fit) -> Panels:
 
 def _flight_page(names: tuple[str, ...]) -> dict[str, Axes]:
     """Fits and residuals over the whole width, one below the other; the rest side by side below them."""
-    from matplotlib.gridspec import GridSpec
-
     wide = [name for name in names if name.startswith(("fit", "residual"))]
-    names_kept = [name for name in names if name not in wide]
+    others = [name for name in names if name not in wide]
     width, height = SIZE_INCHES
-    figure = page(
-        width * max(len(names_kept) / LEAST_BESIDE, 1.0), height + AXIS_INCHES * (len(wide) // 2 - 1)
+    figure = page(width * max(len(others) / LEAST_BESIDE, 1.0), height + AXIS_INCHES * (len(wide) // 2 - 1))
+    placed = mosaic(
+        figure,
+        [*([name] * len(others) for name in wide), others],
+        height_ratios=(*(2.0, 0.9) * (len(wide) // 2), 2.2),
     )
-    grid = GridSpec(
-        len(wide) + 1, len(names_kept), figure=figure, height_ratios=(*(2.0, 0.9) * (len(wide) // 2), 2.2)
-    )
-    placed: dict[str, Axes] = {}
-    for row, (fit, residual) in enumerate(zip(wide[::2], wide[1::2], strict=True)):
-        placed[fit] = figure.add_subplot(grid[2 * row, :])
-        placed[residual] = figure.add_subplot(grid[2 * row + 1, :], sharex=placed[fit])
+    for fit, residual in zip(wide[::2], wide[1::2], strict=True):
+        placed[residual].sharex(placed[fit])
         without_abscissa(placed[fit])
-    return placed | {name: figure.add_subplot(grid[-1, index]) for index, name in enumerate(names_kept)}
+    return placed
 
 
 def _flight_title(figure: Figure, result: FlightEstimate) -> None:
@@ -376,7 +362,7 @@ def _flight_title(figure: Figure, result: FlightEstimate) -> None:
     figure.suptitle(
         "\n".join(line for line in lines if line),
         fontsize=11,
-        color=TITLE_COLOURS[result.verdict.status],
+        color=STATUS_COLOURS[result.verdict.status],
         parse_math=False,
     )
 
@@ -448,7 +434,9 @@ def draw_noise_spectrum(
     gain = 2.0 * np.sin(np.pi * frequency / rate_hz)
     fitted = np.sqrt(2.0 / rate_hz) * result.std * gain**result.order
     axes.loglog(frequency, amplitude, color=GREY, lw=0.4, alpha=0.5, label="periodogram")
-    axes.loglog(*_banded(frequency, amplitude), "o", color=BLUE, ms=4, label="mean power of bands")
+    axes.loglog(
+        *banded(frequency, amplitude, BANDS_PER_DECADE), "o", color=BLUE, ms=4, label="mean power of bands"
+    )
     used = frequency <= rate_hz * result.bandwidth / values.size
     what = f"fractional noise, order {result.order:.3f} ± {result.order_error:.3f}"
     axes.loglog(frequency, fitted, color=RED, lw=0.9, ls="--")
@@ -460,17 +448,6 @@ def draw_noise_spectrum(
     axes.set_ylim(0.5 * max(floor, 1e-12 * top), 3.0 * top)
     axes.grid(alpha=0.25, which="both")
     legend(axes)
-
-
-def _banded(
-    frequency: Float[np.ndarray, " bins"], amplitude: Float[np.ndarray, " bins"]
-) -> tuple[Float[np.ndarray, " bands"], Float[np.ndarray, " bands"]]:
-    """Geometric mean frequency and root mean square amplitude of bands of equal ratio."""
-    band = np.floor(BANDS_PER_DECADE * np.log10(frequency / frequency[0])).astype(np.int64)
-    _, position = np.unique(band, return_inverse=True)
-    count = np.bincount(position)
-    centre = np.exp(np.bincount(position, np.log(frequency)) / count)
-    return centre, np.sqrt(np.bincount(position, amplitude**2) / count)
 
 
 # -- Residual figures --
@@ -536,7 +513,11 @@ def residual_figure(
         raise TooFewSamplesError(
             f"{2 * LEAST_BANDWIDTH + 1} residuals or more", f"{residual.size}", "Use a longer record."
         )
-    panels = _residual_page(title) if axes is None else given_axes(axes, PANELS, title)
+    if axes is None:
+        rows = [(PANELS[0], PANELS[0]), PANELS[1:]]
+        panels = mosaic(page(10.0, 6.4, title), rows, height_ratios=(0.85, 1.0))
+    else:
+        panels = given_axes(axes, PANELS, title)
     squared = unit.replace("^2", "²")
     if "time" in panels:
         over_time = panels["time"]
@@ -550,25 +531,9 @@ def residual_figure(
     return figure_of(*panels.values())
 
 
-def _residual_page(title: str) -> dict[str, Axes]:
-    figure = page(10.0, 6.4, title)
-    grid = figure.add_gridspec(2, 2, height_ratios=(0.85, 1.0))
-    positions = (grid[0, :], grid[1, 0], grid[1, 1])
-    return {name: figure.add_subplot(position) for name, position in zip(PANELS, positions, strict=True)}
-
-
 def robust_band(residual: Float[np.ndarray, " n"], lags: int) -> Float[np.ndarray, " lags"]:
-    """95 % half-width of the autocorrelation at each lag of uncorrelated noise whose strength varies.
+    """95 % half-width of the autocorrelation at lags 1 to `lags` of uncorrelated noise whose strength varies.
 
-    Parameters
-    ----------
-    residual : ndarray, shape (n,)
-        The mean is taken off.
-    lags : int
-        At lags 1 to `lags`.
-
-    Notes
-    -----
     Var r_k = sum e_t^2 e_t-k^2 / (sum e_t^2)^2 (Lo and MacKinlay 1988); 1 / n for constant strength.
     """
     e = residual - residual.mean()
@@ -587,9 +552,8 @@ def _draw_time(axes: Axes, values: Float[np.ndarray, " n"], time: Float[np.ndarr
     else:
         axes.plot(time, values, color=GREY, lw=0.7)
     axes.axhline(0.0, color=DARK, lw=0.8)
-    axes.set_xlabel("time t [s]")
+    labelled(axes, x="time t [s]")
     axes.margins(x=0.005)
-    axes.grid(alpha=0.25)
 
 
 def _draw_autocorrelation(axes: Axes, values: Float[np.ndarray, " n"], lags: int, rate_hz: float) -> None:
@@ -605,9 +569,7 @@ def _draw_autocorrelation(axes: Axes, values: Float[np.ndarray, " n"], lags: int
     axes.vlines(lag, 0.0, R[1:] / R[0], color=DARK, lw=1.2)
     axes.plot(lag, R[1:] / R[0], "o", color=DARK, ms=2.5)
     axes.axhline(0.0, color=DARK, lw=0.8)
-    axes.set_xlabel(f"lag [samples of {1.0 / rate_hz:.3g} s]")
-    axes.set_ylabel("autocorrelation [-]")
-    axes.grid(alpha=0.25)
+    labelled(axes, x=f"lag [samples of {1.0 / rate_hz:.3g} s]", y="autocorrelation [-]")
     legend(axes, size=7)
 
 
@@ -661,7 +623,10 @@ def signals_figure(
     """
     names = tuple(dict.fromkeys(channels or signals.channels))
     drawable(names, "channels", "Name some of them.")
-    panels = _column(names, title) if axes is None else given_axes(axes, names, title)
+    if axes is None:
+        panels = column_page(names, (SIGNAL_WIDTH, PANEL_HEIGHT * len(names) + 0.7), title)
+    else:
+        panels = given_axes(axes, names, title)
     time = signals.start_s + signals.step_s * np.arange(signals.sample_count)
     for index, (name, drawn_panel) in enumerate(panels.items()):
         values = signals.channel(name)
@@ -676,17 +641,6 @@ def signals_figure(
         labelled(drawn_panel, x="time t [s]", y=axis_label(name))
         drawn_panel.margins(x=0.005)
     return figure_of(*panels.values())
-
-
-def _column(names: tuple[str, ...], title: str) -> dict[str, Axes]:
-    """Panels of a page, one below the other, over one axis of time."""
-    figure = page(SIGNAL_WIDTH, PANEL_HEIGHT * len(names) + 0.7, title)
-    panels: dict[str, Axes] = {}
-    for index, name in enumerate(names, start=1):
-        panels[name] = figure.add_subplot(len(names), 1, index, sharex=panels.get(names[0]))
-        if index < len(names):
-            without_abscissa(panels[name])
-    return panels
 
 
 def axis_label(name: str) -> str:

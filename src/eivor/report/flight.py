@@ -13,13 +13,14 @@ import numpy as np
 from eivor.estimation.estimate import Candidate, Estimate
 from eivor.estimation.variable_projection import NuisanceProfile
 from eivor.flights.estimate import not_estimated
-from eivor.flights.motion import MultiStepPrediction
-from eivor.flights.quantity import CardSection, Implications, Kind, Quantity, Trace, Wording
-from eivor.flights.result import FitDiagnostics, FlightEstimate, FlightRow
+from eivor.flights.motion import Motion, MultiStepPrediction
+from eivor.flights.quantity import CardSection, Choice, Implications, Quantity, Trace, Wording
+from eivor.flights.result import Fit, FlightEstimate, FlightRow
 from eivor.inference.diagnostics.instruments import STRONG_FIRST_STAGE
 from eivor.inference.diagnostics.record import outcome_word
 from eivor.inference.diagnostics.residuals import LARGE_LEVERAGE
 from eivor.inference.verdict import Reason, Status, Verdict
+from eivor.logs.read import log_format
 from eivor.models.spectral import BinRows, SpectralRun
 from eivor.report.document import (
     Bullets,
@@ -32,11 +33,122 @@ from eivor.report.document import (
     Section,
     TableColumn,
     TableOf,
+    capitalised,
     printable,
 )
-from eivor.report.wording import NO_NUMBER, flight_card, numbers, plain_numbers, used
-from eivor.signals.recording import Finding
-from eivor.tools import Complex, Float
+from eivor.signals.recording import Finding, Recording
+from eivor.signals.signals import stretches
+from eivor.tools import Bool, Complex, Float
+
+# -- Card --
+
+
+def flight_card(result: FlightEstimate) -> tuple[CardSection, ...]:
+    """What to fly and log instead; empty when the flight is identified."""
+    if result.verdict.status is Status.IDENTIFIED:
+        return ()
+    return result.motion.advice(result.prepared[0].recording.format)
+
+
+def missing_channels(recording: Recording, motion: Motion[Any]) -> tuple[str, ...]:
+    """Channels without which the motion cannot be identified, and that the log lacks."""
+    missing = [name for name in motion.needed if name not in recording.channels]
+    if not any(recording.family(family.name) for family in motion.inputs):
+        missing.append("input")
+    return tuple(missing)
+
+
+def logging_advice_for(recording: Recording, channel: str) -> tuple[str, ...]:
+    """What to log so that `channel` is there; empty for logs whose format has no advice."""
+    known = log_format(recording.format)
+    return known.advice(channel) if known is not None else ()
+
+
+# -- Wording --
+
+#: What to print where there is no number.
+NO_NUMBER = "–"
+#: Values outside this range are written with an exponent.
+PLAIN_RANGE = (1e-3, 1e6)
+
+
+def numbers(quantity: Quantity, wording: Wording) -> tuple[str, str]:
+    """Value and interval of a quantity in its shown unit, with digits that the interval supports.
+
+    Returns
+    -------
+    value, interval : str
+        "0.186" and "[0.162, 0.210]"; `NO_NUMBER` where there is none. What was chosen out of a few values
+        has those that fit in place of an interval: "0 or 10 (5 tried)".
+    """
+    if quantity.choice is not None:
+        return f"{quantity.value * wording.scale:g}", _fitting(quantity.choice, wording.scale)
+    low, high = quantity.interval
+    return plain_numbers(quantity.value * wording.scale, (low * wording.scale, high * wording.scale))
+
+
+def plain_numbers(value: float, interval: tuple[float, float]) -> tuple[str, str]:
+    """Value and interval as `numbers` shows them, of numbers in the unit that is shown."""
+    low, high = interval
+    bounded = math.isfinite(low) and math.isfinite(high)
+    position = _decimals(0.5 * (high - low)) if bounded and high > low else _decimals(value, digits=4)
+    exponent = _exponent(max(abs(x) for x in (value, low, high) if math.isfinite(x)) if bounded else value)
+    number = _number(value, position, exponent)
+    if not bounded:
+        return number, NO_NUMBER
+    return number, f"[{_number(low, position, exponent)}, {_number(high, position, exponent)}]"
+
+
+def _fitting(choice: Choice, scale: float) -> str:
+    """Values that fit, and out of how many; nothing to choose is no number."""
+    if len(choice.tried) < 2:
+        return NO_NUMBER
+    *others, last = [f"{value * scale:g}" for value in choice.fitting]
+    fitting = f"{', '.join(others)} or {last}" if others else last
+    return f"{fitting} ({len(choice.tried)} tried)"
+
+
+def _decimals(spread: float, digits: int = 2) -> int:
+    """Number of decimals that shows `spread` to so many significant digits; negative left of the point."""
+    if not math.isfinite(spread) or spread == 0.0:
+        return 0
+    return digits - 1 - math.floor(math.log10(abs(spread)))
+
+
+def _exponent(size: float) -> int:
+    """Power of ten to take out; zero for sizes that are read without one."""
+    if not math.isfinite(size) or size == 0.0 or PLAIN_RANGE[0] <= abs(size) < PLAIN_RANGE[1]:
+        return 0
+    return math.floor(math.log10(abs(size)))
+
+
+def _number(value: float, position: int, exponent: int) -> str:
+    if not math.isfinite(value):
+        return NO_NUMBER
+    decimals = position + exponent
+    rounded = round(value / 10.0**exponent, decimals) + 0.0  # plus zero: no "-0"
+    return f"{rounded:.{max(decimals, 0)}f}" + (f"e{exponent}" if exponent else "")
+
+
+def axis_of(wording: Wording) -> str:
+    """Words of an axis for a quantity in its shown unit."""
+    return f"{wording.words} {wording.symbol} [{wording.shown_unit or '-'}]"
+
+
+def used(result: FlightEstimate) -> str:
+    """How much of the flights was used, in one line."""
+    flights = [flight for flight in result.prepared if flight.runs]
+    if not flights:
+        return "no usable sample"
+    runs = sum(len(flight.runs) for flight in flights)
+    seconds = sum(flight.used_s for flight in flights)
+    rates = sorted({round(flight.signals.rate_hz) for flight in flights})
+    span = ""
+    if result.window_s is not None:
+        span = f" between {result.window_s[0]:.1f} and {result.window_s[1]:.1f} s"
+    run = "one run" if runs == 1 else f"{runs} runs"
+    return f"{seconds:.1f} s in {run}{span}, on a grid of {' and '.join(map(str, rates))} Hz"
+
 
 # -- Multi-step prediction --
 
@@ -89,36 +201,15 @@ def checks(result: FlightEstimate) -> tuple[Check, ...]:
     """Checks of an estimate, those left out that its method cannot make; none without an estimate."""
     if result.fit is None:
         return ()
-    makers = (
-        _lag_prior,
-        _pool,
-        _sensors,
-        _strength,
-        _agreement,
-        _constancy,
-        _periodicity,
-        _memory,
-        _leverage,
-        _least_squares,
-    )
-    shared = tuple(check for maker in makers for check in maker(result, result.fit.checks))
+    makers = (_known_beforehand, _instruments, _constancy, _periodicity, _residual, _least_squares)
+    shared = tuple(check for maker in makers for check in maker(result, result.fit))
     return (*shared, *result.motion.checks(result.diagnostics))
 
 
-def _lag_prior(result: FlightEstimate, _fit: FitDiagnostics, /) -> Iterator[Check]:
-    given = None if result.fit is None else result.fit.lag_prior
-    if given is not None:
-        yield "lag", f"{given.sentence} {_tail(given.p_value)}"
-
-
-def _sensors(result: FlightEstimate, _fit: FitDiagnostics, /) -> Iterator[Check]:
-    sensors = None if result.fit is None else result.fit.sensors
-    if sensors is not None:
-        yield "sensors", result.motion.sensor_sentence(sensors)
-
-
-def _pool(result: FlightEstimate, _fit: FitDiagnostics, /) -> Iterator[Check]:
-    pool = None if result.fit is None else result.fit.pooled
+def _known_beforehand(result: FlightEstimate, fit: Fit) -> Iterator[Check]:
+    if fit.lag_prior is not None:
+        yield "lag", f"{fit.lag_prior.sentence} {_tail(fit.lag_prior.p_value)}"
+    pool = fit.pooled
     if pool is not None:
         text = ", ".join(result.motion.wording[name].symbol for name in pool.flight_specific)
         yield (
@@ -127,28 +218,25 @@ def _pool(result: FlightEstimate, _fit: FitDiagnostics, /) -> Iterator[Check]:
             f"{_tail(pool.agreement_p_value)} and "
             f"{outcome_word(pool.shared_p_value, AGREEMENT)} in what they share {_tail(pool.shared_p_value)}",
         )
+    if fit.sensors is not None:
+        yield "sensors", result.motion.sensor_sentence(fit.sensors)
 
 
-def _strength(result: FlightEstimate, diagnostics: FitDiagnostics) -> Iterator[Check]:
-    known = [
+def _instruments(result: FlightEstimate, fit: Fit) -> Iterator[Check]:
+    strengths = [
         f"{F:.0f} for {result.motion.wording[name].symbol}"
-        for name, F in diagnostics.first_stage.items()
+        for name, F in fit.checks.first_stage.items()
         if isfinite(F)
     ]
-    if known:
-        yield "instruments", f"first-stage F {', '.join(known)} ({STRONG_FIRST_STAGE:.0f} is needed)"
+    if strengths:
+        yield "instruments", f"first-stage F {', '.join(strengths)} ({STRONG_FIRST_STAGE:.0f} is needed)"
+    agreement = fit.checks.agreement
+    if agreement is not None and fit.checks.rank and isfinite(agreement.p_value):
+        yield "agreement", f"the instruments {agreement.outcome} {_tail(agreement.p_value)}"
 
 
-def _agreement(_result: FlightEstimate, diagnostics: FitDiagnostics) -> Iterator[Check]:
-    if diagnostics.agreement is not None and diagnostics.rank and isfinite(diagnostics.agreement.p_value):
-        yield (
-            "agreement",
-            f"the instruments {diagnostics.agreement.outcome} {_tail(diagnostics.agreement.p_value)}",
-        )
-
-
-def _constancy(result: FlightEstimate, diagnostics: FitDiagnostics) -> Iterator[Check]:
-    constant = diagnostics.constancy
+def _constancy(result: FlightEstimate, fit: Fit) -> Iterator[Check]:
+    constant = fit.checks.constancy
     if constant is None:
         return
     sentence = f"the parameters {constant.outcome} {_tail(constant.p_value)}"
@@ -162,8 +250,8 @@ def _constancy(result: FlightEstimate, diagnostics: FitDiagnostics) -> Iterator[
     yield "constancy", sentence
 
 
-def _periodicity(result: FlightEstimate, diagnostics: FitDiagnostics) -> Iterator[Check]:
-    swinging = diagnostics.periodicity
+def _periodicity(result: FlightEstimate, fit: Fit) -> Iterator[Check]:
+    swinging = fit.checks.periodicity
     if swinging is None:
         return
     tail = _tail(swinging.p_value)
@@ -184,18 +272,14 @@ def _periodicity(result: FlightEstimate, diagnostics: FitDiagnostics) -> Iterato
     yield "periods", sentence
 
 
-def _memory(_result: FlightEstimate, diagnostics: FitDiagnostics) -> Iterator[Check]:
-    if diagnostics.memory is not None:
-        drifting = " (it drifts)" if diagnostics.memory.drifts else ""
+def _residual(result: FlightEstimate, fit: Fit) -> Iterator[Check]:
+    memory, leverage = fit.checks.memory, fit.checks.leverage
+    if memory is not None:
+        drifting = " (it drifts)" if memory.drifts else ""
         yield (
             "residual",
-            f"memory {diagnostics.memory.memory:.2f} ± {2.0 * diagnostics.memory.order_error:.2f} (0 "
-            f"= none){drifting}",
+            f"memory {memory.memory:.2f} ± {2.0 * memory.order_error:.2f} (0 = none){drifting}",
         )
-
-
-def _leverage(result: FlightEstimate, diagnostics: FitDiagnostics) -> Iterator[Check]:
-    leverage = diagnostics.leverage
     if leverage is None:
         return
     for name, wording in _closely(result)[:1]:
@@ -207,8 +291,8 @@ def _leverage(result: FlightEstimate, diagnostics: FitDiagnostics) -> Iterator[C
             yield "leverage", f"dropping {which} shifts {wording.symbol} by {by:+.1f} standard errors{look}"
 
 
-def _least_squares(result: FlightEstimate, diagnostics: FitDiagnostics) -> Iterator[Check]:
-    against, sentence = diagnostics.endogeneity, []
+def _least_squares(result: FlightEstimate, fit: Fit) -> Iterator[Check]:
+    against, sentence = fit.checks.endogeneity, []
     if against is None:
         return
     for name, wording in _closely(result):
@@ -246,26 +330,12 @@ LEAST_AMPLITUDE = 1e-6
 
 @dataclass(frozen=True)
 class FlightRun:
-    """One run of the time rows.
+    """One run of the time rows."""
 
-    Parameters
-    ----------
-    flight : int
-        Number of its flight among all that were prepared.
-    name : str
-        Its log.
-    time_s : ndarray, shape (length,)
-        On the log's clock.
-    rows : slice
-        Its rows among all.
-    spectral : SpectralRun
-        Its bins.
-    """
-
-    flight: int
-    name: str
-    time_s: Float[np.ndarray, " length"]
-    rows: slice
+    flight: int  # Number of its flight among all that were prepared
+    name: str  # Its log
+    time_s: Float[np.ndarray, " length"]  # On the log's clock
+    rows: slice  # Its rows among all
     spectral: SpectralRun
 
 
@@ -367,6 +437,24 @@ def spectrum(
     return frequency[1:], np.sqrt(np.maximum(density[1:], 1e-20))
 
 
+def banded(
+    frequency: Float[np.ndarray, " bins"], amplitude: Float[np.ndarray, " bins"], per_decade: int
+) -> tuple[Float[np.ndarray, " bands"], Float[np.ndarray, " bands"]]:
+    """Geometric mean frequency and root mean square amplitude of bands of equal ratio."""
+    band = np.floor(per_decade * np.log10(frequency / frequency[0])).astype(np.int64)
+    _, position = np.unique(band, return_inverse=True)
+    count = np.bincount(position)
+    centre = np.exp(np.bincount(position, np.log(frequency)) / count)
+    return centre, np.sqrt(np.bincount(position, amplitude**2) / count)
+
+
+def spans_of(
+    mask: Bool[np.ndarray, " n"], time_s: Float[np.ndarray, " n"]
+) -> tuple[tuple[float, float], ...]:
+    """First and last time of each stretch of a mask."""
+    return tuple((float(time_s[part.start]), float(time_s[part.stop - 1])) for part in stretches(mask))
+
+
 def profile_curves(result: FlightEstimate, estimate: Estimate, number: int) -> list[ProfileCurve]:
     """Objective against one nuisance, a curve for each combination of discrete ones that fits."""
     lowest = min(candidate.criterion for candidate in estimate.candidates)
@@ -424,6 +512,12 @@ class QuantityReport:
         """Value and interval in the shown unit; see `numbers`."""
         return numbers(self.quantity, self.wording)
 
+    @property
+    def scaled_interval(self) -> tuple[float, float]:
+        """Interval in the shown unit."""
+        low, high = self.quantity.interval
+        return low * self.wording.scale, high * self.wording.scale
+
 
 @dataclass(frozen=True, slots=True)
 class ReportRow:
@@ -443,36 +537,22 @@ class ReportRow:
 class FlightReport:
     """A result, ready to be reported."""
 
+    result: FlightEstimate
     logs: tuple[str, ...]
     verdict: Verdict
     meaning: str
-    equation: tuple[str, str]
-    symbols: str
-    method: str
-    instruments: str
-    used: str
     quantities: tuple[QuantityReport, ...]
-    order: tuple[str, ...]  # Their names in the order of reports
-    checks: tuple[Check, ...]
-    diagnostics: Mapping[str, float]
-    findings: tuple[Finding, ...]  # All that was noticed
     flights: tuple[ReportRow, ...]
     comparisons: tuple[ReportRow, ...]
     by_flight: tuple[ReportRow, ...]
-    flight_specific: tuple[str, ...]
-    fly: str
-    card: tuple[CardSection, ...]
-    rows: tuple[str, ...]  # Names of the quantities that tables of flights show
-    implications: Implications
-    multi_step_prediction: (
-        MultiStepPrediction | None
-    )  # Predictions of the flights themselves some tenths of a second ahead
 
     @property
     def brief(self) -> tuple[QuantityReport, ...]:
         """Quantities that tables of flights show, where there is an estimate."""
         estimated = any(np.isfinite(quantity.quantity.std_error) for quantity in self.quantities)
-        return tuple(item for item in self.reported if item.name in self.rows) if estimated else ()
+        return (
+            tuple(item for item in self.reported if item.name in self.result.motion.rows) if estimated else ()
+        )
 
     @property
     def reasons(self) -> tuple[Reason, ...]:
@@ -534,20 +614,20 @@ class FlightReport:
         why = refused.reasons[0].sentence if refused is not None and refused.reasons else ""
         why = f"{why.split('. ', 1)[0].removesuffix('.')}." if why else ""
         text = "; ".join(parts)
-        return f"{text[0].upper()}{text[1:]}{f', because {_started(why)}' if why else '.'}"
+        return f"{capitalised(text)}{f', because {_started(why)}' if why else '.'}"
 
     @property
     def reported(self) -> tuple[QuantityReport, ...]:
         """Quantities in the order of reports."""
         by_name = {quantity.name: quantity for quantity in self.quantities}
-        return tuple(by_name[name] for name in self.order if name in by_name)
+        return tuple(by_name[name] for name in self.result.motion.plotted if name in by_name)
 
     @property
     def reported_findings(self) -> tuple[Finding, ...]:
         """Findings but the quiet ones and the reasons; what is said of several logs is said once."""
         reasons = {reason.sentence for reason in self.reasons}
         sentence: dict[tuple[str, str], list[str]] = {}
-        for finding in self.findings:
+        for finding in self.result.findings:
             if finding.name in QUIET_FINDINGS or finding.message in reasons:
                 continue
             log = next((name for name in self.logs if finding.message.startswith(f"{name}: ")), "")
@@ -565,28 +645,17 @@ def flight_report(result: FlightEstimate) -> FlightReport:
     """What is reported about a result, with or without an estimate."""
     motion = result.motion
     return FlightReport(
+        result=result,
         logs=tuple(flight.recording.name for flight in result.prepared),
         verdict=result.verdict,
         meaning=motion.words.meanings[result.verdict.status],
-        equation=motion.written,
-        symbols=motion.symbols(result.prepared[0]),
-        method=result.method,
-        instruments=result.instruments,
-        used=used(result),
         quantities=_report(result.quantities, motion.wording),
-        order=motion.plotted,
-        checks=checks(result),
-        diagnostics=result.diagnostics,
-        findings=result.findings,
         flights=tuple(_flight_row(row, result) for row in result.flights),
         comparisons=tuple(_flight_row(row, result) for row in result.comparisons),
-        by_flight=tuple(_report_row(row, result) for row in result.by_flight),
-        flight_specific=_own(result),
-        fly=motion.words.fly,
-        card=flight_card(result),
-        rows=motion.rows,
-        implications=result.implications,
-        multi_step_prediction=result.multi_step_prediction,
+        by_flight=tuple(
+            ReportRow(row.label, row.verdict, row.reasons, _report(row.quantities, motion.wording))
+            for row in result.by_flight
+        ),
     )
 
 
@@ -602,27 +671,11 @@ def _started(sentence: str) -> str:
     return f"{sentence[0].lower()}{sentence[1:]}" if article else sentence
 
 
-def of_kind(quantities: tuple[QuantityReport, ...], kind: Kind) -> tuple[QuantityReport, ...]:
-    """Parameters, or what is derived of them."""
-    return tuple(quantity for quantity in quantities if quantity.wording.kind is kind)
-
-
 def _flight_row(row: FlightRow, result: FlightEstimate) -> ReportRow:
     motion = result.motion
     quantities = not_estimated(motion, {}) | dict(row.quantities)
     wording = {name: motion.wording[name] for name in motion.rows}
     return ReportRow(row.label, row.verdict, row.reasons, _report(quantities, wording))
-
-
-def _report_row(row: FlightRow, result: FlightEstimate) -> ReportRow:
-    return ReportRow(row.label, row.verdict, row.reasons, _report(row.quantities, result.motion.wording))
-
-
-def _own(result: FlightEstimate) -> tuple[str, ...]:
-    """Quantities of a pool that are not alike in all flights."""
-    tables = [row.quantities for row in result.by_flight]
-    names = [name for name in result.motion.plotted if all(name in table for table in tables)]
-    return tuple(name for name in names if len({table[name].value for table in tables}) > 1)
 
 
 def _report(quantities: Mapping[str, Quantity], wording: Mapping[str, Wording]) -> tuple[QuantityReport, ...]:
@@ -650,32 +703,36 @@ def document_of(record: FlightReport, *, card: bool = False) -> Document:
 
 
 def _sections(record: FlightReport, *, card: bool) -> Iterator[Section]:
+    result = record.result
     yield Section("", (_facts(record), _quantity_table(record)))
-    if record.implications.numbers:
-        yield Section("What follows for the vehicle", tuple(_implied(record.implications)))
+    if result.implications.numbers:
+        yield Section("What follows for the vehicle", tuple(_implied(result.implications)))
     further = (f"{symbols}: {reason.sentence}" for symbols, reason in record.further)
     yield from section("Why", Bullets, (*(reason.sentence for reason in record.reasons), *further))
-    where = () if card or not record.card else (WHERE_THE_CARD_IS,)
+    steps = flight_card(result)
+    where = () if card or not steps else (WHERE_THE_CARD_IS,)
     yield from section("What to do", Bullets, (*record.remedies, *where))
-    yield from section("Checks", Facts, (Fact(title, sentence) for title, sentence in record.checks))
-    if record.multi_step_prediction is not None:
-        prediction_section = (*prediction_parts(record.multi_step_prediction), Figure("ahead"))
+    yield from section("Checks", Facts, (Fact(title, sentence) for title, sentence in checks(result)))
+    if result.multi_step_prediction is not None:
+        prediction_section = (*prediction_parts(result.multi_step_prediction), Figure("ahead"))
         yield Section("Predicted ahead, from many starts of this flight", prediction_section)
     parts = (Fact(words, sentence) for words, sentence in record.systematic)
     yield from section("Systematic parts", Facts, parts)
     if record.by_flight:
-        yield Section("What belongs to each flight of the pool", (_flight_table(record),))
+        yield Section("What belongs to each flight of the pool", (_flight_table(record.by_flight, result),))
     if record.flights:
-        reasons = _row_reasons(record)
+        fly = result.motion.words.fly
+        reasons = tuple(f"{row.label}: {row.first_reason(fly)}" for row in record.flights if row.reasons)
+        parts_below = (Bullets(reasons),) if reasons else ()
         table = _row_table(record.flights, "log")
-        yield Section("Flights one by one", (table, Figure("flights"), *reasons))
+        yield Section("Flights one by one", (table, Figure("flights"), *parts_below))
     if record.comparisons:
         table = _row_table(record.comparisons, "method")
         yield Section("Methods side by side", (table, Figure("methods")))
     noticed = f"Noticed in the {'logs' if len(record.logs) > 1 else 'log'}"
     yield from section(noticed, Bullets, (finding.message for finding in record.reported_findings))
     if card:
-        yield from card_section(record.card)
+        yield from card_section(steps)
     yield Section("Figure", (Figure("flight"),))
 
 
@@ -693,15 +750,16 @@ def card_section(card: tuple[CardSection, ...]) -> Iterator[Section]:
 
 
 def _facts(record: FlightReport) -> Facts:
-    with_what = "no instruments" if record.instruments == "none" else f"instruments: {record.instruments}"
+    result = record.result
+    with_what = "no instruments" if result.instruments == "none" else f"instruments: {result.instruments}"
     summary = (Fact("identified", record.summary),) if record.summary else ()
     return Facts(
         (
             *summary,
-            Fact("model", record.equation[0].replace(" - ", " − ")),
-            Fact("", record.symbols),
-            Fact("method", f"{record.method}; {with_what}"),
-            Fact("used", record.used),
+            Fact("model", result.motion.written[0].replace(" - ", " − ")),
+            Fact("", result.motion.symbols(result.prepared[0])),
+            Fact("method", f"{result.method}; {with_what}"),
+            Fact("used", used(result)),
         )
     )
 
@@ -733,16 +791,12 @@ def _implied(implications: Implications) -> Iterator[Part]:
         TableColumn("95 % interval", whole=True),
         TableColumn("unit"),
     )
-    rows = [
-        tuple(
-            map(
-                Cell,
-                (number.words, number.symbol, *plain_numbers(number.value, number.interval), number.unit),
-            )
-        )
+    texts = (
+        (number.words, number.symbol, *plain_numbers(number.value, number.interval), number.unit)
         for number in implications.numbers
         if number.value is not None and number.interval is not None
-    ]
+    )
+    rows = [tuple(map(Cell, row)) for row in texts]
     if rows:
         yield TableOf(columns, tuple(rows))
     text = (f"{number.words}: {number.sentence}" for number in implications.numbers if number.value is None)
@@ -759,17 +813,18 @@ def _row_table(rows: tuple[ReportRow, ...], label: str) -> TableOf:
     return TableOf(columns, tuple(_row_cells(row) for row in rows))
 
 
-def _flight_table(record: FlightReport) -> TableOf:
-    """One row for each flight of a pool, with the quantities that are its own."""
-    rows = [
-        replace(
-            row,
-            quantities=tuple(
-                quantity for quantity in row.quantities if quantity.name in record.flight_specific
-            ),
-        )
-        for row in record.by_flight
-    ]
+def _flight_table(by_flight: tuple[ReportRow, ...], result: FlightEstimate) -> TableOf:
+    """One row for each flight of a pool, with the quantities that are not alike in all of them."""
+    tables = [row.quantities for row in result.by_flight]
+    alike = {
+        name
+        for name in result.motion.plotted
+        if not all(name in table for table in tables) or len({table[name].value for table in tables}) == 1
+    }
+    rows = (
+        replace(row, quantities=tuple(quantity for quantity in row.quantities if quantity.name not in alike))
+        for row in by_flight
+    )
     return _row_table(tuple(rows), "log")
 
 
@@ -779,10 +834,3 @@ def _row_cells(row: ReportRow) -> tuple[Cell, ...]:
         value, interval = quantity.numbers_text
         cells.append(Cell(value, "" if value == NO_NUMBER else interval))
     return tuple(cells)
-
-
-def _row_reasons(record: FlightReport) -> Iterator[Part]:
-    """First reason of each flight that is not identified."""
-    texts = [f"{row.label}: {row.first_reason(record.fly)}" for row in record.flights if row.reasons]
-    if texts:
-        yield Bullets(tuple(texts))

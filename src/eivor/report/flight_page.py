@@ -1,23 +1,28 @@
-"""HTML page of a result, and its figures."""
+"""HTML page of a result, and its pictures."""
 
 from __future__ import annotations
 
+import base64
 import math
-from collections.abc import Iterable, Iterator, Mapping
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from itertools import combinations, cycle
-from typing import Any
+from functools import partial
+from io import BytesIO
+from itertools import combinations, pairwise
+from typing import TYPE_CHECKING, Any, TypeAlias
+from xml.etree import ElementTree
 
 import numpy as np
+from markupsafe import Markup
 
 from eivor.errors import UsageError
 from eivor.estimation.estimate import Estimate
 from eivor.flights.motion import MultiStepPrediction
 from eivor.flights.prepared import PreparedFlight
-from eivor.flights.quantity import PlotData, Trace, Wording
+from eivor.flights.quantity import PlotData, Trace
 from eivor.flights.result import Fit, FlightEstimate
-from eivor.inference.confidence_set import ConfidenceSet
-from eivor.inference.distributions import chi_square_quantile
+from eivor.inference.regions import Ellipse
 from eivor.inference.verdict import Status
 from eivor.report.document import (
     Bullets,
@@ -29,66 +34,197 @@ from eivor.report.document import (
     Section,
     TableColumn,
     TableOf,
+    capitalised,
     printable,
 )
+from eivor.report.figure_panels import (
+    BLUE,
+    DARK,
+    RED,
+    PlottedInterval,
+    draw_autocorrelation,
+    draw_excitation,
+    draw_forest,
+    draw_profile,
+    ellipse_figure,
+    labelled,
+    legend,
+    page,
+)
+from eivor.report.figures import draw_by_horizon, write_figure
 from eivor.report.flight import (
-    LEAST_AMPLITUDE,
+    NO_NUMBER,
     FlightReport,
     FlightRun,
     QuantityReport,
     ReportRow,
+    axis_of,
     band_of,
-    display_unit,
+    banded,
     document_of,
     flight_report,
     flight_runs,
+    plain_numbers,
     profile_curves,
     residual_autocorrelation,
+    spans_of,
     spectrum,
     within_band,
 )
-from eivor.report.html import (
-    Markup,
-    badge,
-    element,
-    joined,
-    part_html,
-    section_html,
-    shape,
-    table_html,
-    uplot,
-    whole_page,
-)
-from eivor.report.json_document import json_of
-from eivor.report.svg import (
-    Band,
-    Chart,
-    Curve,
-    Dots,
-    Forest,
-    ForestRow,
-    Line,
-    Linear,
-    LinearBelow,
-    Logarithmic,
-    Mark,
-    Picture,
-    Pictures,
-    Plot,
-    Rule,
-    Stems,
-    margined,
-    stretches_of,
-)
-from eivor.report.wording import NO_NUMBER, numbers, plain_numbers
+from eivor.report.html import rendered, uplot, whole_page
+from eivor.report.json_document import json_of, number
 from eivor.tools import Float
 
-# -- Figures --
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
+# -- Chart --
+
+#: Code of a value that is not there, and the largest of one that is.
+MISSING, LARGEST = 65535, 65534
+#: Samples further apart than so many steps are not joined by a line.
+BROKEN_AFTER = 1.5
+
+
+@dataclass(frozen=True)
+class Line:
+    """One series."""
+
+    label: str
+    look: str
+    values: Float[np.ndarray, " n"]  # Not a number where there is none
+
+
+@dataclass(frozen=True)
+class Chart:
+    """Series over one time."""
+
+    group: str
+    unit: str
+    time_s: Float[np.ndarray, " n"]
+    lines: tuple[Line, ...]  # With values at these times
+    over_s: tuple[float, float]
+    view_s: tuple[float, float]
+    omitted_s: tuple[tuple[float, float], ...]
+
+    def packed(self, most: int) -> dict[str, object]:
+        """Return it for the page's script, in about `most` samples."""
+        values = np.stack([line.values for line in self.lines], axis=1)
+        stretches, kept = _thinned(self.time_s, values, most)
+        return {
+            "group": self.group,
+            "unit": printable(self.unit),
+            "over": list(self.over_s),
+            "view": list(self.view_s),
+            "leftOut": [list(pair) for pair in self.omitted_s],
+            "stretches": stretches,
+            "lines": [
+                {"label": printable(line.label), "look": line.look, **_coded(kept[:, index])}
+                for index, line in enumerate(self.lines)
+            ],
+        }
+
+
+def _thinned(
+    time_s: Float[np.ndarray, " n"], values: Float[np.ndarray, "n lines"], most: int
+) -> tuple[list[list[float]], Float[np.ndarray, "kept lines"]]:
+    """Start, step and count of each unbroken stretch, and its values: all, or the ends of their ranges."""
+    if time_s.size < 2:
+        return [[float(item), 0.0, 1] for item in time_s], values
+    steps = np.diff(time_s)
+    step = float(np.median(steps))
+    edges = [0, *(np.flatnonzero(steps > BROKEN_AFTER * step) + 1).tolist(), time_s.size]
+    together = max(1, -(-2 * time_s.size // most)) if time_s.size > most else 1
+    stretches, kept = [], []
+    for first, end in pairwise(edges):
+        part = values[first:end] if together == 1 else _ranges(values[first:end], together)
+        stretches.append([float(time_s[first]), step * max(together / 2.0, 1.0), len(part)])
+        kept.append(part)
+    return stretches, np.concatenate(kept)
+
+
+def _ranges(values: Float[np.ndarray, "n lines"], together: int) -> Float[np.ndarray, "kept lines"]:
+    """Least and greatest of so many values at a time, in the order in which they come."""
+    short = -len(values) % together
+    padded = np.concatenate([values, np.repeat(values[-1:], short, axis=0)])
+    blocks = padded.reshape(-1, together, values.shape[1])
+    low = np.argmin(np.where(np.isnan(blocks), np.inf, blocks), axis=1)
+    high = np.argmax(np.where(np.isnan(blocks), -np.inf, blocks), axis=1)
+    both = np.take_along_axis(blocks, np.sort(np.stack([low, high], axis=1), axis=1), axis=1)
+    return both.reshape(-1, values.shape[1])
+
+
+def _coded(values: Float[np.ndarray, " n"]) -> dict[str, object]:
+    """Values as integers of two bytes in base64, and how to turn them back."""
+    there = np.isfinite(values)
+    low, high = (float(values[there].min()), float(values[there].max())) if there.any() else (0.0, 0.0)
+    step = (high - low) / LARGEST
+    codes = np.full(values.size, MISSING, dtype="<u2")
+    codes[there] = np.rint((values[there] - low) / step) if step > 0.0 else 0
+    return {"low": low, "step": step, "codes": base64.b64encode(codes.tobytes()).decode("ascii")}
+
+
+# -- Pictures --
+
+#: Draws a picture that nobody needs to pan.
+Draw: TypeAlias = "Callable[[Axes], None]"
+#: Width of a drawing, its height, and what a row of a forest and its axis add to it [inch].
+WIDTH_INCHES, HEIGHT_INCHES, FOREST_ROW_INCHES, FOREST_FOOT_INCHES = 3.5, 2.7, 0.4, 0.55
 #: Samples of all lines of a page together; each chart has its share.
 SAMPLES = 160_000
 #: What a chart has in any case, and what no screen has any use for.
 FEWEST, MOST = 1_000, 20_000
+_SVG, _LINK = "{http://www.w3.org/2000/svg}", "{http://www.w3.org/1999/xlink}href"
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """Series over time to zoom into, or a drawing."""
+
+    title: str
+    words: str
+    drawn: Chart | Draw
+    table: TableOf | None = None
+    height: float = HEIGHT_INCHES
+
+
+@dataclass(frozen=True, slots=True)
+class Pictures:
+    """Pictures that belong together: those over time share their axis."""
+
+    heading: str  # May be empty
+    pictures: tuple[Picture, ...]
+
+
+def forest_picture(
+    title: str, axis: str, rows: Iterable[PlottedInterval], words: str = "", table: TableOf | None = None
+) -> Picture:
+    """Intervals below each other, with their numbers."""
+    drawn = tuple(rows)
+    height = FOREST_ROW_INCHES * len(drawn) + FOREST_FOOT_INCHES
+    return Picture(title, words, partial(draw_forest, rows=drawn, words=axis), table, height)
+
+
+def trend_picture(
+    title: str,
+    words: tuple[str, str],
+    points: tuple[Float[np.ndarray, " n"], ...],
+    lines: Iterable[tuple[str, Float[np.ndarray, " m"], Float[np.ndarray, " m"]]],
+    table: TableOf,
+) -> Picture:
+    """Values with their intervals (abscissa, value, low, high), and lines through them by their labels."""
+    drawn = tuple(lines)
+
+    def draw(axes: Axes) -> None:
+        x, value, low, high = points
+        axes.vlines(x, low, high, color=DARK, lw=1.2)
+        axes.plot(x, value, "o", color=DARK, ms=3.5, label="flights, 95 %")
+        for (label, *line), colour, style in zip(drawn, (RED, BLUE), ("-", "--"), strict=False):
+            axes.plot(*line, color=colour, lw=1.3, ls=style, label=label)
+        labelled(axes, x=words[0], y=words[1], size=9.0)
+        legend(axes, size=7)
+
+    return Picture(title, "", draw, table)
 
 
 @dataclass
@@ -101,114 +237,89 @@ class Figures:
 
     def html(self, groups: Iterable[Pictures]) -> Markup:
         """Groups of pictures."""
-        return joined(piece for group in groups for piece in self._group(group))
+        drawn = []
+        for group in groups:
+            entries = [self._entry(picture) for picture in group.pictures]
+            charts = [entry for entry in entries if not entry[2]]
+            drawn.append((group.heading, charts, [entry for entry in entries if entry[2]]))
+        return rendered("figures.html", groups=drawn)
 
-    def _group(self, group: Pictures) -> Iterator[Markup]:
-        if group.heading:
-            yield element("h3", {"class": "flight"}, group.heading)
-        over_time = [picture for picture in group.pictures if isinstance(picture.drawn, Chart)]
-        others = [picture for picture in group.pictures if not isinstance(picture.drawn, Chart)]
-        if over_time:
-            made = [self._figure(item) for item in over_time]
-            name = over_time[0].drawn.group if isinstance(over_time[0].drawn, Chart) else ""
-            yield element("div", {"class": "charts", "data-group": name}, _tools(), *made)
-        if others:
-            yield element("div", {"class": "plots"}, *(self._figure(item) for item in others))
-
-    def _figure(self, picture: Picture) -> Markup:
+    def _entry(self, picture: Picture) -> tuple[str, Picture, Markup]:
+        """Name of a picture, and its drawing; empty for a chart, whose data the page's script draws."""
         self.count += 1
         name = f"picture-{self.count}"
-        heading = element("h4", {"id": f"{name}-heading"}, picture.title)
-        words = [element("p", {"class": "words"}, picture.words)] if picture.words else []
-        table = []
-        if picture.table is not None:
-            numbers = table_html(picture.table, f"Numbers of: {picture.title}")
-            summary = element(
-                "summary", None, "Numbers", element("span", {"class": "unseen"}, f" of: {picture.title}")
-            )
-            table = [element("details", None, summary, numbers)]
-        drawn = picture.drawn
-        if isinstance(drawn, Chart):
+        if isinstance(picture.drawn, Chart):
             most = min(max(SAMPLES // max(self.lines, 1), FEWEST), MOST)
-            self.charts[name] = {**drawn.packed(most), "title": printable(picture.title)}
-            keys = "Arrow keys move, plus and minus zoom, zero shows the whole flight."
-            box = {"class": "chart", "id": name, "tabindex": "0", "role": "group"}
-            pieces = [element("div", {**box, "aria-label": f"{picture.title}. {keys}"})]
-            legend = _lines_legend(drawn)
-        else:
-            pieces = [drawn.drawn(name, picture.title)]
-            legend = _marks_legend(drawn.marks) if isinstance(drawn, Plot) else joined(())
-        return element(
-            "figure", {"aria-labelledby": f"{name}-heading"}, heading, *pieces, legend, *words, *table
+            self.charts[name] = {**picture.drawn.packed(most), "title": printable(picture.title)}
+            return name, picture, Markup()
+        return name, picture, drawing(picture.drawn, name, picture.title, picture.height)
+
+
+def drawing(draw: Draw, name: str, title: str, height: float) -> Markup:
+    """SVG with identifiers that begin with a name of its own, and attributes in place of styles."""
+    from matplotlib import rc_context
+
+    figure = page(WIDTH_INCHES, height)
+    axes = figure.add_subplot()
+    draw(axes)
+    axes.set_title("")
+    axes.tick_params(labelsize=8)
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.label.set_size(8.5)
+        if axis.get_scale() != "linear":
+            axis.set_major_formatter(partial(_tick, getattr(axis.get_transform(), "linthresh", 0.0)))
+    stream = BytesIO()
+    with rc_context({"svg.fonttype": "none", "svg.hashsalt": name, "savefig.transparent": True}):
+        write_figure(figure, stream, "svg")
+    root = ElementTree.fromstring(stream.getvalue())  # noqa: S314 - Matplotlib wrote it
+    for parent in list(root.iter()):
+        for child in list(parent):
+            if child.tag in {f"{_SVG}metadata", f"{_SVG}style"}:
+                parent.remove(child)
+        parent.tag = parent.tag.removeprefix(_SVG)
+        parent.attrib = _attributes(parent.attrib, name)
+        parent.text, parent.tail = (
+            text if text and text.strip() else None for text in (parent.text, parent.tail)
         )
+    heading = ElementTree.Element("title", {"id": f"{name}-title"})
+    heading.text = printable(title)
+    root.insert(0, heading)
+    box = {"viewBox": root.get("viewBox", ""), "class": "drawn", "role": "img"}
+    root.attrib = box | {"aria-labelledby": f"{name}-title", "stroke-linejoin": "round"}
+    return Markup(ElementTree.tostring(root, encoding="unicode", method="html"))  # noqa: S704 - escaped
+
+
+def _tick(bend: float, value: float, _position: int) -> str:
+    """Number at a tick; none between zero and the bend of an axis, where they would touch."""
+    return "" if 0.0 < value < bend else f"{value:g}"
+
+
+def _attributes(given: dict[str, str], name: str) -> dict[str, str]:
+    """Attributes of an element as a page has them.
+
+    Names begin with that of the picture. Properties of a style, which the page's policy forbids, are
+    attributes. Letters are the page's.
+    """
+    made = {}
+    for key, value in given.items():
+        if key == "id":
+            made[key] = f"{name}-{value}"
+        elif key == "style":
+            pairs = (item.partition(":") for item in value.split(";") if item.strip())
+            made |= {word.strip(): setting.strip() for word, _, setting in pairs}
+        elif key in {_LINK, "clip-path"}:
+            made[key.rpartition("}")[2]] = value.replace("#", f"#{name}-")
+        else:
+            made[key] = re.sub(r"(\.\d\d)\d+", r"\1", value)
+    made.pop("font-family", "")
+    size = made.pop("font", "").partition("px")[0].rpartition(" ")[2]
+    return made | ({"font-size": size} if size else {})
 
 
 def lines_of(groups: Iterable[Pictures]) -> int:
     """Number of lines over time."""
     drawn = (picture.drawn for group in groups for picture in group.pictures)
     return sum(len(item.lines) for item in drawn if isinstance(item, Chart))
-
-
-def _tools() -> Markup:
-    """What zooms with a pointer or a finger; keys do the same."""
-    buttons = [
-        element("button", {"type": "button", "data-zoom": action, "aria-label": words, "title": words}, sign)
-        for action, words, sign in (
-            ("in", "Zoom in", "+"),
-            ("out", "Zoom out", "−"),
-            ("left", "Move to the left", "←"),
-            ("right", "Move to the right", "→"),
-            ("whole", "Show the whole flight", "whole flight"),
-            ("used", "Show what is used", "what is used"),
-        )
-    ]
-    displayed = element("output", {"class": "shown"})
-    how = element("p", {"class": "how"}, "Draw over a chart to zoom into it; all charts follow.")
-    return element("div", {"class": "tools"}, *buttons, displayed, how)
-
-
-def _lines_legend(chart: Chart) -> Markup:
-    """Samples of the lines with their words, and room for the value under the cursor."""
-    entries = [
-        element(
-            "li",
-            None,
-            _sample("curve", line.look),
-            element("span", None, line.label),
-            element("output", {"class": "at-cursor"}),
-        )
-        for line in chart.lines
-    ]
-    if chart.omitted_s:
-        entries.append(element("li", None, _sample("band", "hatched"), "left out"))
-    return element("ul", {"class": "legend"}, *entries)
-
-
-def _marks_legend(marks: tuple[Mark, ...]) -> Markup:
-    entries = []
-    for mark in marks:
-        if not mark.label:
-            continue
-        kind = {Band: "band", Rule: "rule", Curve: "curve", Dots: "dot"}.get(type(mark), "stem")
-        entries.append(element("li", None, _sample(kind, mark.look), element("span", None, mark.label)))
-    return element("ul", {"class": "legend"}, *entries)
-
-
-def _sample(kind: str, look: str) -> Markup:
-    """A piece of what is drawn."""
-    box = {"viewBox": "0 0 28 12", "class": "sample", "aria-hidden": "true"}
-    if look == "hatched":
-        lines = [_path_line(f"M{x} 12L{x + 12} 0", "hatch") for x in range(-6, 28, 6)]
-        return element("svg", box, *lines)
-    shapes = {
-        "band": element("rect", {"x": "1", "y": "1", "width": "26", "height": "10", "class": f"band {look}"}),
-        "dot": element("circle", {"cx": "14", "cy": "6", "r": "3", "class": f"dot {look}"}),
-    }
-    return element("svg", box, shapes.get(kind, _path_line("M0 6H28", f"{kind} {look}")))
-
-
-def _path_line(path: str, look: str) -> Markup:
-    return element("path", {"d": path, "class": look})
 
 
 # -- Number tables --
@@ -237,164 +348,96 @@ def _report(coupled_axis: float | str) -> str:
 
 # -- Figures of a fit --
 
-#: A grid of positive values whose ends have this ratio or a larger one has a logarithmic axis.
-WIDE_RATIO = 10.0
-#: Looks of several curves in one drawing.
-CURVE_LOOKS = ("first", "second", "third", "fourth", "fifth", "sixth", "seventh", "eighth")
-#: Rows of a table beside a spectrum: so many for each decade.
-ROWS_PER_DECADE = 8
-#: Bands of a spectrum in each decade.
-BANDS_PER_DECADE = 90
+#: Rows of a table beside a spectrum, and bands of its drawing, in each decade.
+ROWS_PER_DECADE, BANDS_PER_DECADE = 8, 90
 
 
 def pictures_of_fit(result: FlightEstimate, fit: Fit) -> Pictures:
     """Pictures of an estimate that are not over time."""
     runs = flight_runs(result)
-    traces = fit.traces(result.motion)
-    return Pictures(
-        "",
-        (
-            _autocorrelation(fit.estimate, runs),
-            *_profiles(result, fit.estimate),
-            *(_spectra(trace, runs) for trace in traces if trace.driven.any()),
-            *_sets(result, fit),
-            *_ellipse(result, fit.estimate),
-        ),
+    pictures = (
+        _autocorrelation(fit.estimate, runs),
+        *_profiles(result, fit.estimate),
+        *(_spectra(trace, runs) for trace in fit.traces(result.motion) if trace.driven.any()),
+        *_sets(result, fit),
+        *_ellipse(result, fit.estimate),
     )
+    return Pictures("", pictures)
 
 
 def _autocorrelation(estimate: Estimate, runs: list[FlightRun]) -> Picture:
     autocorrelation = residual_autocorrelation(estimate.best, runs)
     shift, correlation = autocorrelation.shift_s[1:], autocorrelation.correlation[1:]
-    limit = max(0.3, 1.15 * float(np.max(np.abs(correlation), initial=0.0)))
-    marks = (
-        Band("95 % band of white noise", "shade", -autocorrelation.band, autocorrelation.band, upright=False),
-        Rule("", "zero", 0.0, upright=False),
-        Stems("correlation", "residual", shift, correlation),
-    )
     return Picture(
         f"Autocorrelation of the {autocorrelation.what}",
         "Of a residual that holds nothing more, one stem in twenty leaves the band.",
-        Plot(Linear("shift [s]", 0.0, 1.04 * float(shift[-1])), Linear("correlation", -limit, limit), marks),
+        partial(draw_autocorrelation, best=estimate.best, runs=runs),
         number_table(("shift [s]", "correlation"), zip(shift.tolist(), correlation.tolist(), strict=True)),
     )
 
 
 def _profiles(result: FlightEstimate, estimate: Estimate) -> Iterator[Picture]:
-    for number, profile in enumerate(estimate.best.profiles):
-        name = profile.nuisance.name
-        wording, quantity = result.motion.wording[name], result.quantities[name]
-        scale, quantile = wording.scale, chi_square_quantile(0.95)
-        curves = profile_curves(result, estimate, number)
-        x = _abscissa(_axis_words(wording), profile.grid * scale)
-        # an interval may have no end, and a logarithm has no zero
-        low, high = (float(np.clip(scale * end, x.low, x.high)) for end in quantity.interval)
-        tallest = max([5.0 * quantile, *(float(item.excess.max()) for item in curves)])
-        marks: list[Mark] = [
-            Band("95 % interval", "shade", low, high, upright=True),
-            Rule("least that 95 % leave out, by curves", "limit", quantile, upright=False),
-            Rule("estimate", "value", scale * quantity.value, upright=True),
+    for index, profile in enumerate(estimate.best.profiles):
+        wording = result.motion.wording[profile.nuisance.name]
+        rows = [
+            (curve.choice or "objective", value, excess)
+            for curve in profile_curves(result, estimate, index)
+            for value, excess in zip(
+                (wording.scale * curve.values).tolist(), curve.excess.tolist(), strict=True
+            )
         ]
-        rows = []
-        for curve, look in zip(curves, cycle(CURVE_LOOKS), strict=False):
-            label = curve.choice or "objective"
-            marks.append(Curve(label, look, curve.values * scale, curve.excess))
-            rows += [
-                (label, item, excess)
-                for item, excess in zip((scale * curve.values).tolist(), curve.excess.tolist(), strict=True)
-            ]
-        y = LinearBelow("objective above its least (χ² units)", quantile, 1.5 * tallest)
         yield Picture(
             f"How well each {wording.words} fits",
             "Values whose curve stays below the dashed line fit the flight; equal steps below it, powers of "
             "ten above.",
-            Plot(x, y, tuple(marks)),
-            number_table(("curve", x.words, "above the least"), rows),
+            partial(draw_profile, result=result, estimate=estimate, number=index),
+            number_table(("curve", axis_of(wording), "above the least"), rows),
         )
-
-
-def _abscissa(words: str, grid: Float[np.ndarray, " values"]) -> Linear | Logarithmic:
-    low, high = float(grid[0]), float(grid[-1])
-    if low <= 0.0 or high < WIDE_RATIO * low:
-        return margined(words, grid, 0.03)
-    return Logarithmic(words, 0.9 * low, 1.1 * high)
 
 
 def _spectra(trace: Trace, runs: list[FlightRun]) -> Picture:
-    frequency, driven = _banded(*spectrum(trace.driven, runs))
-    _, left = _banded(*spectrum(trace.measured - trace.predicted, runs))
-    low, high = runs[0].spectral.band_hz
-    top = float(max(driven.max(), left.max()))
-    least = max(float(min(driven.min(), left.min())), LEAST_AMPLITUDE * top)
-    x = Logarithmic("frequency [Hz]", float(frequency[0]), float(frequency[-1]))
-    y = Logarithmic(f"amplitude [{trace.unit} per √Hz]", 0.8 * least, 1.3 * top)
-    marks = (
-        Band("band used", "shade", max(low, x.low), min(high, x.high), upright=True),
-        Curve("residual", "residual", frequency, left),
-        Curve(f"input: {trace.drive}", "predicted", frequency, driven),
-    )
-    decades = np.log10(frequency[-1] / frequency[0])
-    kept = np.unique(
-        np.searchsorted(
-            frequency, np.geomspace(frequency[0], frequency[-1], int(ROWS_PER_DECADE * decades) + 2)
-        )
-    ).clip(max=frequency.size - 1)
+    frequency, driven = banded(*spectrum(trace.driven, runs), BANDS_PER_DECADE)
+    _, left = banded(*spectrum(trace.measured - trace.predicted, runs), BANDS_PER_DECADE)
+    steps = int(ROWS_PER_DECADE * np.log10(frequency[-1] / frequency[0])) + 2
+    kept = np.searchsorted(frequency, np.geomspace(frequency[0], frequency[-1], steps))
+    kept = np.unique(kept.clip(max=frequency.size - 1))
     columns = (frequency[kept].tolist(), driven[kept].tolist(), left[kept].tolist())
     return Picture(
         f"What excites the {trace.axis}",
         "Where the input stands above the residual, the flight carries some information.",
-        Plot(x, y, marks),
-        number_table((x.words, f"input: {trace.drive}", "residual"), zip(*columns, strict=True)),
+        partial(draw_excitation, traces=(trace,), runs=runs, per_decade=BANDS_PER_DECADE),
+        number_table(("frequency [Hz]", f"input: {trace.drive}", "residual"), zip(*columns, strict=True)),
     )
-
-
-def _banded(
-    frequency: Float[np.ndarray, " bins"], amplitude: Float[np.ndarray, " bins"]
-) -> tuple[Float[np.ndarray, " bands"], Float[np.ndarray, " bands"]]:
-    """Root mean square amplitude of narrow bands: bins stand closer than a drawing shows."""
-    _, position = np.unique(
-        np.floor(BANDS_PER_DECADE * np.log10(frequency / frequency[0])), return_inverse=True
-    )
-    count = np.bincount(position)
-    return np.bincount(position, frequency) / count, np.sqrt(np.bincount(position, amplitude**2) / count)
 
 
 def _sets(result: FlightEstimate, fit: Fit) -> Iterator[Picture]:
     """Sets of the headline beside the interval that is identified."""
     for name, sets in fit.sets.items():
         wording, quantity = result.motion.wording[name], result.quantities[name]
+        rows = [_interval("reported", QuantityReport(name, wording, quantity))]
         value = quantity.value * wording.scale
-        reported = numbers(quantity, wording)
-        interval = (quantity.interval[0] * wording.scale, quantity.interval[1] * wording.scale)
-        rows = [ForestRow("reported", " ".join(reported), value, (interval,), quantity.verdict)]
         for label, item in (
             ("estimate plus and minus", sets.wald),
             ("profile", sets.profile),
             ("Anderson–Rubin", sets.anderson_rubin),
         ):
             pieces = tuple((low * wording.scale, high * wording.scale) for low, high in item.intervals)
-            rows.append(ForestRow(label, _pieces(item, value, wording), np.nan, pieces))
-        table = number_table(
-            ("set", f"{wording.symbol} [{wording.shown_unit}]"), [(row.label, row.numbers) for row in rows]
-        )
-        yield Picture(
+            texts = " or ".join(_piece(*piece, value) for piece in pieces) or "no value"
+            rows.append(PlottedInterval(label, np.nan, pieces, texts))
+        yield forest_picture(
             f"Three 95 % sets of the {wording.words}",
+            axis_of(wording),
+            rows,
             "Nearly one where instruments are strong; where they are weak, the wider of the last two counts.",
-            Forest(_axis_words(wording), tuple(rows)),
-            table,
+            number_table(
+                ("set", f"{wording.symbol} [{wording.shown_unit}]"),
+                [(row.label, row.numbers) for row in rows],
+            ),
         )
-
-
-def _pieces(confidence_set: ConfidenceSet, value: float, wording: Wording) -> str:
-    """Pieces of a set in words."""
-    if not confidence_set.intervals:
-        return "no value"
-    return " or ".join(
-        _piece(low * wording.scale, high * wording.scale, value) for low, high in confidence_set.intervals
-    )
 
 
 def _piece(low: float, high: float, value: float) -> str:
+    """A piece of a set in words."""
     plain_number = plain_numbers(value, (low, high))[1]
     if plain_number != NO_NUMBER:
         return plain_number
@@ -414,38 +457,37 @@ def _ellipse(result: FlightEstimate, estimate: Estimate) -> Iterator[Picture]:
         return
     words = [result.motion.wording[name] for name in pair]
     scales = np.array([word.scale for word in words])
-    outline, centre = ellipse.outline() * scales, ellipse.centre * scales
-    if not np.isfinite(outline).all():
-        return
-    ends = [
-        np.array(result.quantities[name].interval) * word.scale
-        for name, word in zip(pair, words, strict=True)
-    ]
-    x, y = (
-        margined(_axis_words(word), np.concatenate([outline[:, index], ends[index]]))
-        for index, word in enumerate(words)
+    scaled = replace(
+        ellipse, centre=ellipse.centre * scales, covariance=ellipse.covariance * np.outer(scales, scales)
     )
-    marks: list[Mark] = [
-        Curve("joint 95 % ellipse", "first", *outline.T),
-        *(
-            Rule(label, "limit", float(end), upright=True)
-            for label, end in zip(("intervals one by one", ""), ends[0], strict=True)
-            if np.isfinite(end)
-        ),
-        *(Rule("", "limit", float(end), upright=False) for end in ends[1] if np.isfinite(end)),
-        Dots("estimate", "first", centre[:1], centre[1:]),
-    ]
-    rows = [
-        (word.words, *numbers(result.quantities[name], word), word.shown_unit)
-        for name, word in zip(pair, words, strict=True)
+    if not np.isfinite(scaled.outline()).all():
+        return
+    quantities = [
+        QuantityReport(name, word, result.quantities[name]) for name, word in zip(pair, words, strict=True)
     ]
     first, other = (word.words for word in words)
     yield Picture(
-        f"{first[0].upper()}{first[1:]} and {other} together",
+        f"{capitalised(first)} and {other} together",
         f"The two parameters that trade off most: their errors correlate by {ellipse.correlation:+.2f}.",
-        Plot(x, y, tuple(marks)),
-        number_table(("quantity", "value", "95 % interval", "unit"), rows),
+        partial(_draw_ellipse, ellipse=scaled, quantities=quantities),
+        number_table(
+            ("quantity", "value", "95 % interval", "unit"),
+            [(item.wording.words, *item.numbers_text, item.wording.shown_unit) for item in quantities],
+        ),
     )
+
+
+def _draw_ellipse(axes: Axes, ellipse: Ellipse, quantities: list[QuantityReport]) -> None:
+    names = [item.name for item in quantities]
+    intervals = [item.scaled_interval for item in quantities]
+    ellipse_figure(
+        {"joint 95 % ellipse": ellipse},
+        names=(names[0], names[1]),
+        intervals=(intervals[0], intervals[1]) if np.isfinite(intervals).all() else None,
+        ax=axes,
+    )
+    axes.set_xlabel(axis_of(quantities[0].wording), parse_math=False)
+    axes.set_ylabel(axis_of(quantities[1].wording), parse_math=False)
 
 
 def _closest(result: FlightEstimate, estimate: Estimate) -> tuple[str, str] | None:
@@ -465,65 +507,46 @@ def _closest(result: FlightEstimate, estimate: Estimate) -> tuple[str, str] | No
     return max(combinations(known, 2), key=size, default=None)
 
 
-def _axis_words(wording: Wording) -> str:
-    return f"{wording.words} {wording.symbol} [{wording.shown_unit or '-'}]"
-
-
 # -- Figures of rows --
-
-ROW_LOOKS = ("predicted", "second", "third", "fourth")
 
 
 def forests(record: FlightReport, rows: tuple[ReportRow, ...], whole: str) -> Pictures:
     """Forest of each quantity that the rows have; below them the result itself, named `whole`, if any."""
     pictures = []
     for item in record.reported:
-        if item.name not in record.rows:
+        if item.name not in record.result.motion.rows:
             continue
-        neighbours = [
-            _row_of_forest(row.label, quantity)
+        drawn = [
+            _interval(row.label, quantity)
             for row in rows
             for quantity in row.quantities
             if quantity.name == item.name
         ]
         if whole:
-            neighbours.append(_row_of_forest(whole, item, whole=True))
-        wording = item.wording
-        axis = f"{wording.words} {wording.symbol} [{wording.shown_unit or '-'}]"
-        title = f"{wording.words[0].upper()}{wording.words[1:]}"
-        pictures.append(Picture(title, "", Forest(axis, tuple(neighbours)), None))
+            drawn.append(replace(_interval(whole, item), whole=True))
+        pictures.append(forest_picture(capitalised(item.wording.words), axis_of(item.wording), drawn))
     return Pictures("", tuple(pictures))
 
 
-def _row_of_forest(label: str, record: QuantityReport, *, whole: bool = False) -> ForestRow:
-    quantity, scale = record.quantity, record.wording.scale
-    low, high = (end * scale for end in quantity.interval)
-    known = math.isfinite(quantity.value) and not (math.isnan(low) or math.isnan(high))
-    pieces = ((low, high),) if known else ()
-    numbers = " ".join(dict.fromkeys(record.numbers_text))
-    return ForestRow(label, numbers, quantity.value * scale, pieces, quantity.verdict, whole)
+def _interval(label: str, record: QuantityReport) -> PlottedInterval:
+    low, high = record.scaled_interval
+    value = record.quantity.value * record.wording.scale
+    known = math.isfinite(value) and not (math.isnan(low) or math.isnan(high))
+    texts = " ".join(dict.fromkeys(record.numbers_text))
+    return PlottedInterval(label, value, ((low, high),) if known else (), texts, record.quantity.verdict)
 
 
 def prediction_pictures(prediction: MultiStepPrediction) -> Pictures:
     """Errors by horizon, of every quantity."""
-    return Pictures("", tuple(_by_horizon(prediction)))
-
-
-def _by_horizon(prediction: MultiStepPrediction) -> Iterator[Picture]:
-    horizons = np.array(prediction.horizons_s)
-    for models in prediction.by_quantity:
-        unit, times = display_unit(models[0].unit)
-        quantity = models[0].quantity
-        marks: list[Mark] = []
-        every = [0.0]
-        for model, look in zip(models, cycle(ROW_LOOKS), strict=False):
-            errors = times * np.array(model.rms)
-            marks += [Curve(model.words, look, horizons, errors), Dots("", look, horizons, errors)]
-            every += errors.tolist()
-        x = margined("predicted so far ahead [s]", horizons)
-        y = Linear(f"RMS error [{unit}]", 0.0, 1.08 * max(every) or 1.0)
-        title = f"Error of {quantity} by horizon"
-        yield Picture(title, "", Plot(x, y, tuple(marks)), None)
+    pictures = (
+        Picture(
+            f"Error of {models[0].quantity} by horizon",
+            "",
+            partial(draw_by_horizon, prediction=prediction, models=models, key=True),
+        )
+        for models in prediction.by_quantity
+    )
+    return Pictures("", tuple(pictures))
 
 
 # -- Over time --
@@ -539,9 +562,9 @@ def flights_over_time(result: FlightEstimate) -> Iterator[Pictures]:
     several = len(result.prepared) > 1
     traces = () if result.fit is None else result.fit.traces(result.motion)
     runs = [] if result.fit is None else flight_runs(result)
-    for number, flight in enumerate(result.prepared[:MOST_FLIGHTS]):
-        runs_kept = [run for run in runs if run.flight == number]
-        pictures = (*_fitted(number, flight, traces, runs_kept), *_simulated(number, flight, result))
+    for index, flight in enumerate(result.prepared[:MOST_FLIGHTS]):
+        runs_kept = [run for run in runs if run.flight == index]
+        pictures = (*_fitted(index, flight, traces, runs_kept), *_simulated(index, flight, result))
         yield Pictures(flight.recording.name if several else "", pictures)
 
 
@@ -563,14 +586,14 @@ def _fitted(
             Line(f"predicted: {trace.model}", "predicted", both[:, 1]),
         )
         yield Picture(
-            f"{_started(trace.axis)}, measured and predicted [{trace.unit}]",
+            f"{capitalised(trace.axis)}, measured and predicted [{trace.unit}]",
             f"{passed}.{_hatched(flight)}",
             _chart(number, flight, trace.unit, time, lines),
             table,
         )
         left = (Line("measured − predicted", "residual", both[:, 0] - both[:, 1]),)
         yield Picture(
-            f"{_started(trace.axis)}, what the model leaves [{trace.unit}]",
+            f"{capitalised(trace.axis)}, what the model leaves [{trace.unit}]",
             "Nothing of the vehicle's movement should be seen in it.",
             _chart(number, flight, trace.unit, time, left),
             table,
@@ -597,7 +620,9 @@ def _by_run(runs: list[FlightRun], bands: list[Float[np.ndarray, "length 2"]], u
 def _simulated(number: int, flight: PreparedFlight, result: FlightEstimate) -> Iterator[Picture]:
     """What moved, with what was requested, and the input."""
     where = result.motion.words.where
-    known = f"{_started(where)} by {flight.active.rule}." if flight.active.mask.any() else f"Never {where}."
+    known = (
+        f"{capitalised(where)} by {flight.active.rule}." if flight.active.mask.any() else f"Never {where}."
+    )
     level = flight.signals.family(flight.input.name).mean(axis=1)
     mean = "" if flight.actuators == 1 else f", mean of {flight.actuators} actuators"
     panels = (*result.motion.overview(flight), PlotData(f"input: {flight.input.name}{mean}", level))
@@ -606,7 +631,7 @@ def _simulated(number: int, flight: PreparedFlight, result: FlightEstimate) -> I
         lines = [Line("measured" if unit else "logged", "measured", panel.values)]
         if panel.reference is not None:
             lines.append(Line("asked for", "predicted", panel.reference))
-        title = f"{_started(name)} [{unit}" if unit else _started(name)
+        title = f"{capitalised(name)} [{unit}" if unit else capitalised(name)
         table = number_table(
             ("series", "least", "mean", "greatest", "standard deviation"),
             [(line.label, *_spread(line.values)) for line in lines],
@@ -616,11 +641,7 @@ def _simulated(number: int, flight: PreparedFlight, result: FlightEstimate) -> I
 
 
 def _chart(
-    number: int,
-    flight: PreparedFlight,
-    unit: str,
-    time_s: Float[np.ndarray, " n"],
-    lines: tuple[Line, ...],
+    number: int, flight: PreparedFlight, unit: str, time_s: Float[np.ndarray, " n"], lines: tuple[Line, ...]
 ) -> Chart:
     whole = flight.grid.time_s
     over = (float(whole[0]), float(whole[-1]))
@@ -629,7 +650,7 @@ def _chart(
         first, last = flight.span_s
         around = AROUND * (last - first)
         view = (max(over[0], first - around), min(over[1], last + around))
-    return Chart(f"flight-{number + 1}", unit, time_s, lines, over, view, stretches_of(~flight.used, whole))
+    return Chart(f"flight-{number + 1}", unit, time_s, lines, over, view, spans_of(~flight.used, whole))
 
 
 def _spread(values: Float[np.ndarray, " n"]) -> tuple[float, ...]:
@@ -645,71 +666,6 @@ def _rms(values: Float[np.ndarray, " n"]) -> float:
 
 def _hatched(flight: PreparedFlight) -> str:
     return "" if flight.used.all() else " Hatched: left out of the estimate."
-
-
-def _started(words: str) -> str:
-    return f"{words[0].upper()}{words[1:]}"
-
-
-# -- Provenance --
-
-TITLES = ("log", "format", "span [s]", "used [s]", "runs", "samples", "rate [Hz]")
-
-
-def provenance(numbers: Mapping[str, Any]) -> Markup:
-    """Section of a page, of the document as JSON."""
-    made = numbers["provenance"]
-    facts = (Fact("made by", f"Eivor {made['version']}"), Fact("schema", numbers["schema"]))
-    section = Section("Provenance", (Facts(facts), _logs(numbers)))
-    words = [
-        Fact(name, _option(item)) for name, item in made["options"].items() if item not in (None, "", [], {})
-    ]
-    drawing = uplot()
-    licence = drawing.licence.strip().split("\n\n")
-    return element(
-        "div",
-        None,
-        section_html(section, "provenance", {}),
-        _unfolded("Options", part_html(Facts(tuple(words)), {})),
-        _unfolded(
-            f"Licence of {drawing.name} {drawing.version}, which draws the charts and is part of this file",
-            *(element("p", {"class": "licence"}, paragraph.replace("\n", " ")) for paragraph in licence),
-        ),
-        element(
-            "p", {"class": "saving"}, element("button", {"type": "button", "id": "save"}, "Save as JSON")
-        ),
-    )
-
-
-def _unfolded(summary: str, *content: Markup) -> Markup:
-    return element("details", None, element("summary", None, summary), *content)
-
-
-def _logs(numbers: Mapping[str, Any]) -> TableOf:
-    rows = []
-    for log, source in zip(numbers["logs"], numbers["provenance"]["logs"], strict=True):
-        checksum = f"SHA-256 {source['sha256']}" if source["sha256"] else ""
-        counts = (str(log["runs"]), str(log["samples"]), f"{log['rate_hz']:g}")
-        selected = (log["format"], _span(log["span"]), _span(log["window"]), *counts)
-        rows.append((Cell(log["name"], checksum), *map(Cell, selected)))
-    columns = (*map(TableColumn, TITLES[:2]), *(TableColumn(title, whole=True) for title in TITLES[2:]))
-    return TableOf(columns, tuple(rows))
-
-
-def _span(pair: list[float] | None) -> str:
-    return NO_NUMBER if pair is None else f"{pair[0]:.2f} to {pair[1]:.2f}"
-
-
-def _option(value: object) -> str:
-    match value:
-        case bool():
-            return "yes" if value else "no"
-        case float():
-            return f"{value:g}"
-        case list() | tuple():
-            return ", ".join(map(_option, value))
-        case _:
-            return str(value)
 
 
 # -- Verdict data --
@@ -738,17 +694,15 @@ def verdict_data(document: Document, record: FlightReport) -> dict[str, object]:
 def _reading_json(record: QuantityReport) -> dict[str, object]:
     """A quantity in its shown unit: as it is written, and as numbers to draw; null for no bound."""
     wording, quantity = record.wording, record.quantity
-    value, interval = record.numbers_text
-    index, low, high = (item * wording.scale for item in (quantity.value, *quantity.interval))
     return {
         "name": record.name,
         "words": wording.words,
         "symbol": wording.symbol,
         "unit": wording.shown_unit,
-        "shown": [value, interval],
+        "shown": list(record.numbers_text),
         "status": quantity.verdict.value,
-        "at": index if math.isfinite(index) else None,
-        "interval": [end if math.isfinite(end) else None for end in (low, high)],
+        "at": number(quantity.value * wording.scale),
+        "interval": [number(end) for end in record.scaled_interval],
     }
 
 
@@ -767,44 +721,44 @@ SHORT = {
     "Noticed in the logs": "Noticed",
     "Figure": "Pictures",
 }
+TITLES = ("log", "format", "span [s]", "used [s]", "runs", "samples", "rate [Hz]")
 
 
 def flight_page(result: FlightEstimate) -> str:
     """Text of a page that identifies a result: HTML without anything to fetch."""
     flight = flight_report(result)
-    document, numbers = document_of(flight, card=True), json_of(flight, result)
+    document, told = document_of(flight, card=True), json_of(flight)
     over_time = list(flights_over_time(result))
     figures = Figures(lines_of(over_time))
-    drawn = {
-        "ahead": figures.html(
-            [prediction_pictures(flight.multi_step_prediction)]
-            if flight.multi_step_prediction is not None
-            else []
-        ),
-        "flights": figures.html([forests(flight, flight.flights, "all together")] if flight.flights else []),
-        "methods": figures.html([forests(flight, flight.comparisons, "")] if flight.comparisons else []),
-        "flight": figures.html(
-            [*over_time, *([] if result.fit is None else [pictures_of_fit(result, result.fit)])]
-        ),
+    groups = {
+        "ahead": [prediction_pictures(ahead)] if (ahead := result.multi_step_prediction) else [],
+        "flights": [forests(flight, flight.flights, "all together")] if flight.flights else [],
+        "methods": [forests(flight, flight.comparisons, "")] if flight.comparisons else [],
+        "flight": [*over_time, *([] if result.fit is None else [pictures_of_fit(result, result.fit)])],
     }
-    sections = [(_name(section), section) for section in document.sections]
-    told_sections = [section_html(_displayed(section, result), name, drawn) for name, section in sections]
+    provenance, options = _provenance(told)
+    sections = [
+        (_displayed(section, result), SHORT.get(section.heading, section.heading))
+        for section in document.sections
+    ]
     title = _title(flight)
-    body = joined(
-        [
-            element("a", {"class": "skip", "href": "#main"}, "To the verdict"),
-            _header(result, title),
-            element(
-                "main",
-                {"id": "main"},
-                _verdict(document, flight),
-                _contents([*sections, ("provenance", Section("Provenance", ()))]),
-                *told_sections,
-                provenance(numbers),
-            ),
-        ]
+    body = rendered(
+        "flight.html",
+        title=title,
+        about=result.motion.words.title,
+        meaning=document.about,
+        report=flight,
+        details=verdict_details(flight),
+        sections=[
+            ("-".join(re.findall(r"[^\W_]+", words.lower())), words, section)
+            for section, words in (*sections, (provenance, provenance.heading))
+        ],
+        provenance=provenance,
+        options=options,
+        drawing=uplot(),
+        figures={name: figures.html(group) for name, group in groups.items()},
     )
-    data = {"result": numbers, "charts": figures.charts, "verdict": verdict_data(document, flight)}
+    data = {"result": told, "charts": figures.charts, "verdict": verdict_data(document, flight)}
     return whole_page(f"{title}: {flight.verdict.status.value}", body, data)
 
 
@@ -815,58 +769,8 @@ def _title(record: FlightReport) -> str:
     return names if len(names) <= LONGEST_TITLE else f"{names[: LONGEST_TITLE - 1]}…"
 
 
-def _header(result: FlightEstimate, title: str) -> Markup:
-    theme = element("button", {"type": "button", "id": "theme"}, "Dark")
-    about = element("p", {"class": "about"}, f"Eivor · {result.motion.words.title}")
-    return element("header", None, element("div", None, about, element("h1", None, title)), theme)
-
-
-def _verdict(document: Document, record: FlightReport) -> Markup:
-    """What is taken home in three seconds: the verdict in a sentence, and the numbers that it is about."""
-    status = record.verdict.status
-    sentence = element(
-        "p", {"class": "said"}, shape(status), element("strong", None, status.value), f": {document.about}"
-    )
-    more = [element("p", None, verdict_detail) for verdict_detail in verdict_details(record)]
-    readings = [_reading_section(item) for item in record.brief]
-    note = element("p", {"class": "note"}, "In brackets: 95 % intervals.")
-    listed = [element("div", {"class": "readings"}, *readings), note] if readings else []
-    return element("div", {"class": f"verdict {status.value}"}, sentence, *more, *listed)
-
-
-def _reading_section(quantity: QuantityReport) -> Markup:
-    """One number with its interval."""
-    value, interval = quantity.numbers_text
-    wording = quantity.wording
-    unit = [element("span", {"class": "unit"}, f" {wording.shown_unit}")] if wording.shown_unit else []
-    return element(
-        "div",
-        {"class": "reading", "data-quantity": quantity.name},
-        element(
-            "p", {"class": "name"}, f"{wording.words} ", element("span", {"class": "symbol"}, wording.symbol)
-        ),
-        element("p", {"class": "number"}, element("span", {"class": "value"}, value), *unit),
-        element("p", {"class": "interval"}, interval),
-        badge(quantity.quantity.verdict, quantity.quantity.verdict.value),
-    )
-
-
-def _contents(sections: list[tuple[str, Section]]) -> Markup:
-    links = [
-        element("li", None, element("a", {"href": f"#{name}"}, SHORT.get(section.heading, section.heading)))
-        for name, section in sections
-    ]
-    return element("nav", {"aria-label": "On this page"}, element("ul", None, *links))
-
-
-def _name(section: Section) -> str:
-    """Identifier of a section."""
-    words = SHORT.get(section.heading, section.heading).lower()
-    return "-".join("".join(letter if letter.isalnum() else " " for letter in words).split())
-
-
 def _displayed(section: Section, result: FlightEstimate) -> Section:
-    """Section under the heading that a page has for it."""
+    """Section as a page has it: without what the verdict above has said, and what is not drawn."""
     if not section.heading:
         return replace(section, parts=tuple(_without_summary(part) for part in section.parts))
     if section.heading != "Figure":
@@ -877,7 +781,39 @@ def _displayed(section: Section, result: FlightEstimate) -> Section:
 
 
 def _without_summary(part: Part) -> Part:
-    """Facts without what the verdict above has said."""
     if not isinstance(part, Facts):
         return part
     return Facts(tuple(fact for fact in part.facts if fact.label != "identified"))
+
+
+def _provenance(told: Mapping[str, Any]) -> tuple[Section, Facts]:
+    """Where the numbers of a document come from, and the options."""
+    made = told["provenance"]
+    rows = []
+    for log, source in zip(told["logs"], made["logs"], strict=True):
+        checksum = f"SHA-256 {source['sha256']}" if source["sha256"] else ""
+        counts = (str(log["runs"]), str(log["samples"]), f"{log['rate_hz']:g}")
+        texts = (log["format"], _span(log["span"]), _span(log["window"]), *counts)
+        rows.append((Cell(log["name"], checksum), *map(Cell, texts)))
+    columns = (*map(TableColumn, TITLES[:2]), *(TableColumn(title, whole=True) for title in TITLES[2:]))
+    facts = (Fact("made by", f"Eivor {made['version']}"), Fact("schema", told["schema"]))
+    options = (
+        Fact(name, _option(item)) for name, item in made["options"].items() if item not in (None, "", [], {})
+    )
+    return Section("Provenance", (Facts(facts), TableOf(columns, tuple(rows)))), Facts(tuple(options))
+
+
+def _span(pair: list[float] | None) -> str:
+    return NO_NUMBER if pair is None else f"{pair[0]:.2f} to {pair[1]:.2f}"
+
+
+def _option(value: object) -> str:
+    match value:
+        case bool():
+            return "yes" if value else "no"
+        case float():
+            return f"{value:g}"
+        case list() | tuple():
+            return ", ".join(map(_option, value))
+        case _:
+            return str(value)

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from eivor.errors import EivorError
-from eivor.flights.grid import Grid
 from eivor.flights.motion import Motion
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepare import overview
@@ -19,12 +18,27 @@ from eivor.flights.references import Reference
 from eivor.flights.result import FlightEstimate
 from eivor.inference.verdict import Status
 from eivor.motions.identify import identify_flight
-from eivor.report.document import Bullets, Cell, Document, Section, Statement, TableColumn, TableOf, Tone
-from eivor.report.flight import card_section, section
-from eivor.report.wording import NO_NUMBER, flight_card, logging_advice_for, missing_channels
+from eivor.report.document import (
+    Bullets,
+    Cell,
+    Document,
+    Section,
+    Statement,
+    TableColumn,
+    TableOf,
+    Tone,
+    capitalised,
+)
+from eivor.report.flight import (
+    NO_NUMBER,
+    card_section,
+    flight_card,
+    logging_advice_for,
+    missing_channels,
+    section,
+    spans_of,
+)
 from eivor.signals.recording import Channel, ChannelQuality, Finding, MadeChannels, Recording
-from eivor.signals.signals import stretches
-from eivor.tools import Bool
 
 # -- Inspection --
 
@@ -64,28 +78,36 @@ class AirborneTime:
 
 
 @dataclass(frozen=True)
-class Inspection:
+class _Tried:
+    """What `identify` makes of logs, or why it cannot begin."""
+
+    result: FlightEstimate | None
+    obstacle: EivorError | None
+
+    @property
+    def verdict(self) -> str:
+        """The verdict that `identify` gives, "unusable" when it cannot begin."""
+        return "unusable" if self.result is None else self.result.verdict.status.value
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """Reasons of that verdict."""
+        if self.result is not None:
+            return self.result.verdict.sentences
+        return (str(self.obstacle),) if self.obstacle is not None else ()
+
+
+@dataclass(frozen=True)
+class Inspection(_Tried):
     """A log, and what can be made of it."""
 
     motion: Motion[Any]
     recording: Recording
     channels: tuple[ChannelSummary, ...]
-    result: FlightEstimate | None
-    obstacle: EivorError | None
     missing: tuple[str, ...]  # Channels without which nothing can be identified, and that the log lacks
     advice: tuple[str, ...]
     whole: tuple[str, Stretches] | None = None
     tried: tuple[float, float] | None = None  # [s]
-
-    @property
-    def verdict(self) -> str:
-        """The verdict that `identify` gives, "unusable" when it cannot begin."""
-        return _verdict_word(self.result)
-
-    @property
-    def reasons(self) -> tuple[str, ...]:
-        """Reasons of that verdict."""
-        return _reasons(self.result, self.obstacle)
 
     @property
     def findings(self) -> tuple[Finding, ...]:
@@ -98,11 +120,11 @@ class Inspection:
         if self.result is None:
             return None
         flight = self.result.prepared[0]
-        rule, active = self.whole or (flight.active.rule, _stretches(flight.active.mask, flight.grid))
+        rule, active = self.whole or (flight.active.rule, spans_of(flight.active.mask, flight.grid.time_s))
         return AirborneTime(
             rule,
             active,
-            _stretches(flight.used, flight.grid),
+            spans_of(flight.used, flight.grid.time_s),
             float(flight.used.sum()) * flight.signals.step_s,
             flight.references,
         )
@@ -115,32 +137,10 @@ class Inspection:
 
 
 @dataclass(frozen=True)
-class PooledInspection:
+class PooledInspection(_Tried):
     """Several logs, each by itself, and what can be made of them together."""
 
     logs: tuple[Inspection, ...]
-    result: FlightEstimate | None
-    obstacle: EivorError | None
-
-    @property
-    def verdict(self) -> str:
-        """The verdict that `identify` gives, "unusable" when it cannot begin."""
-        return _verdict_word(self.result)
-
-    @property
-    def reasons(self) -> tuple[str, ...]:
-        """Reasons of that verdict."""
-        return _reasons(self.result, self.obstacle)
-
-
-def _verdict_word(result: FlightEstimate | None) -> str:
-    return "unusable" if result is None else result.verdict.status.value
-
-
-def _reasons(result: FlightEstimate | None, obstacle: EivorError | None) -> tuple[str, ...]:
-    if result is not None:
-        return result.verdict.sentences
-    return (str(obstacle),) if obstacle is not None else ()
 
 
 def pooled_inspection(
@@ -155,13 +155,13 @@ def pooled_inspection(
         for recording, window in zip(recordings, windows, strict=True)
     )
     if len(logs) == 1:
-        return PooledInspection(logs, logs[0].result, logs[0].obstacle)
+        return PooledInspection(logs[0].result, logs[0].obstacle, logs)
     try:
         parts = [log.tried or window for log, window in zip(logs, windows, strict=True)]
         result = identify_flight(recordings, options, windows=parts, model=motion)
     except EivorError as error:
-        return PooledInspection(logs, None, error)
-    return PooledInspection(logs, result, None)
+        return PooledInspection(None, error, logs)
+    return PooledInspection(result, None, logs)
 
 
 def inspection(recording: Recording, options: FlightOptions, motion: Motion[Any]) -> Inspection:
@@ -178,11 +178,11 @@ def inspection(recording: Recording, options: FlightOptions, motion: Motion[Any]
     missing = missing_channels(recording, motion)
     advice = [sentence for name in missing for sentence in logging_advice_for(recording, name)]
     return Inspection(
+        result,
+        obstacle,
         motion,
         recording,
         tuple(_summary(recording.channels[name]) for name in sorted(recording.channels)),
-        result,
-        obstacle,
         missing,
         tuple(dict.fromkeys(advice)),
         whole,
@@ -203,28 +203,15 @@ def _summary(channel: Channel) -> ChannelSummary:
     known = np.isfinite(channel.values)
     low = float(np.min(channel.values, where=known, initial=np.inf))
     high = float(np.max(channel.values, where=known, initial=-np.inf))
-    rate_hz = channel.rate_hz
+    copied = ("name", "source", "unit", "held", "estimated", "delay_s", "quality", "rate_hz")
     return ChannelSummary(
-        channel.name,
-        channel.source,
-        channel.unit,
-        channel.held,
-        channel.estimated,
-        channel.delay_s,
-        channel.quality,
-        channel.time_s.size,
-        rate_hz,
-        low if known.any() else np.nan,
-        high if known.any() else np.nan,
+        **{name: getattr(channel, name) for name in copied},
+        samples=channel.time_s.size,
+        lowest=low if known.any() else np.nan,
+        highest=high if known.any() else np.nan,
         # a held channel may rest: silence is no gap in it
-        () if channel.held and rate_hz < 1.0 else tuple(channel.gaps()),
+        gaps=() if channel.held and channel.rate_hz < 1.0 else tuple(channel.gaps()),
     )
-
-
-def _stretches(mask: Bool[np.ndarray, " n"], grid: Grid) -> Stretches:
-    """First and last second of each stretch of true samples [s]."""
-    time = grid.time_s
-    return tuple((float(time[stretch.start]), float(time[stretch.stop - 1])) for stretch in stretches(mask))
 
 
 # -- Inspection document --
@@ -247,39 +234,33 @@ def pooled_documents(result: PooledInspection) -> tuple[Document, ...]:
     return (*(_document(log, tuple(_sections(log))) for log in result.logs), together)
 
 
-def _document(method_scores: Inspection, sections: tuple[Section, ...]) -> Document:
-    return Document(method_scores.recording.name, None, _about(method_scores.recording), sections)
-
-
-def _about(log: Recording) -> str:
+def _document(inspected: Inspection, sections: tuple[Section, ...]) -> Document:
+    log = inspected.recording
     first, last = log.span_s
-    about = f"{log.format}, {first:.2f} to {last:.2f} s, {log.frame.value}"
-    return about + (f", sha256 {log.sha256[:12]}…" if log.sha256 else "")
+    sha256 = f", sha256 {log.sha256[:12]}…" if log.sha256 else ""
+    about = f"{log.format}, {first:.2f} to {last:.2f} s, {log.frame.value}{sha256}"
+    return Document(log.name, None, about, sections)
 
 
 def _sections(result: Inspection) -> Iterator[Section]:
     yield Section("Channels", (_channel_table(result),))
     if result.airborne is not None:
         words = result.motion.words
-        yield from section(_sentence(words.where), Bullets, _airborne(result.airborne, words))
+        yield from section(capitalised(words.where), Bullets, _airborne(result.airborne, words))
         yield from section("References", Bullets, _references(result.airborne, words))
     yield from _absent(result)
     parameters = (f"{name} = {value:g}" for name, value in result.parameters.items())
     yield from section("Parameters of the vehicle", Bullets, parameters)
     yield from section("Noticed in the log", Bullets, (finding.message for finding in result.findings))
-    yield _verdict_section(result, *_part(result))
-
-
-def _part(result: Inspection) -> tuple[str, ...]:
-    """Of which part of a long log the verdict is, and why."""
     if result.tried is None:
-        return ()
+        yield _verdict_section(result)
+        return
     start, end = result.tried
     why = (
         f"The log does not fit into memory: identify was tried on {start:.1f} to {end:.1f} s. Name another "
         "part with --window START:END."
     )
-    return f" of {start:.1f} to {end:.1f} s", why
+    yield _verdict_section(result, f" of {start:.1f} to {end:.1f} s", why)
 
 
 def _channel_table(result: Inspection) -> TableOf:
@@ -288,20 +269,14 @@ def _channel_table(result: Inspection) -> TableOf:
         TableColumn("rate [Hz]", right=True, whole=True),
         TableColumn("range, and remarks", below=Tone.WARNING),
     )
-    return TableOf(columns, tuple(_channel(summary) for summary in result.channels))
-
-
-def _channel(summary: ChannelSummary) -> tuple[Cell, ...]:
-    return (
-        Cell(summary.name, summary.source),
-        Cell(_rate(summary.rate_hz)),
-        Cell(_range(summary), "; ".join(_remarks(summary))),
-    )
-
-
-def _rate(rate_hz: float) -> str:
-    """To a tenth; of what happens now and then to two digits, which a tenth would make nothing."""
-    return f"{rate_hz:.1f}" if rate_hz >= 1.0 or not rate_hz else f"{rate_hz:.2g}"
+    rows = []
+    for channel in result.channels:
+        rate = channel.rate_hz
+        # of what happens now and then two digits, which a tenth would make nothing
+        text = f"{rate:.1f}" if rate >= 1.0 or not rate else f"{rate:.2g}"
+        remarks = "; ".join(_remarks(channel))
+        rows.append((Cell(channel.name, channel.source), Cell(text), Cell(_range(channel), remarks)))
+    return TableOf(columns, tuple(rows))
 
 
 def _range(summary: ChannelSummary) -> str:
@@ -333,16 +308,11 @@ def _remarks(summary: ChannelSummary) -> Iterator[str]:
 
 def _airborne(flight: AirborneTime, words: Words) -> Iterator[str]:
     yield f"Known by {flight.rule}."
-    where = _sentence(words.where)
+    where = capitalised(words.where)
     yield f"{where}: {_listed(flight.active)}." if flight.active else f"Never {words.where}."
     if flight.active:
         kept = f"{flight.used_s:.1f} s in {_listed(flight.used)}" if flight.used else "nothing"
         yield f"Used, after the limits of {words.limited_by}: {kept}."
-
-
-def _sentence(words: str) -> str:
-    """The words with a capital letter."""
-    return words[:1].upper() + words[1:]
 
 
 def _listed(intervals: tuple[tuple[float, float], ...]) -> str:
@@ -366,21 +336,17 @@ def _absent(result: Inspection) -> Iterator[Section]:
         for name, sources in log.looked_for.items()
         if name not in log.channels and not log.family(name.rstrip("1").rstrip("_"))
     }
+
+    def sought(name: str) -> str:
+        return ", ".join(absent.get(name, ())) or f"a channel or column '{name}'"
+
     selected = {name: sources for name, sources in absent.items() if sources != (f"column {name}",)}
-    first = [f"{name} (needed): looked for {_sources(absent.get(name, ()), name)}" for name in result.missing]
-    others = [
-        f"{name}: looked for {_sources(sources, name)}"
-        for name, sources in selected.items()
-        if name not in result.missing
-    ]
+    first = [f"{name} (needed): looked for {sought(name)}" for name in result.missing]
+    others = [f"{name}: looked for {sought(name)}" for name in selected if name not in result.missing]
     plain = [name for name in absent if name not in selected and name not in result.missing]
     columns = [f"Columns {', '.join(plain)}."] if plain else []
     yield from section("Not in the log", Bullets, (*first, *others, *columns))
     yield from section("How to log it", Bullets, result.advice)
-
-
-def _sources(sources: tuple[str, ...], name: str) -> str:
-    return ", ".join(sources) or f"a channel or column '{name}'"
 
 
 def _verdict_section(result: Inspection | PooledInspection, of: str = "", *record: str) -> Section:

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from importlib.metadata import version
 from pathlib import Path
 from textwrap import fill
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from eivor import checks
-from eivor.errors import NotIdentifiedError, UsageError
+from eivor.errors import NotIdentifiedError
 from eivor.flights.result import FlightEstimate
 from eivor.flights.track import HELD, TOLD, Moment, Track
 from eivor.inference.verdict import Status
@@ -30,18 +28,12 @@ from eivor.report.document import (
     Tone,
     printable,
 )
-from eivor.report.figure_panels import (
-    BLUE,
-    RED,
-    labelled,
-    legend,
-    page,
-)
-from eivor.report.flight import section
-from eivor.report.json_document import Json, findings_list, number
-from eivor.report.outputs import saved_fit
-from eivor.report.saved_fit import SavedFit, load_fit
-from eivor.report.wording import NO_NUMBER, plain_numbers
+from eivor.report.figure_panels import BLUE, RED, labelled, legend, page
+from eivor.report.flight import NO_NUMBER, plain_numbers, section
+from eivor.report.json_document import Json, document
+from eivor.report.outputs import saved_of
+from eivor.report.saved_fit import SavedFit
+from eivor.signals.signals import stretches
 
 if TYPE_CHECKING:
     import polars as pl
@@ -96,14 +88,16 @@ FLAT = 0.1
 def track_document(track: Track) -> Document:
     """Document of a track."""
     (flight,) = track.result.prepared
-    texts = (
-        f"{len(track.precise_moments)} of {len(track.moments)} moments identify it"
-        if track.moments
-        else "no moment identifies it"
+    texts = "no moment identifies it"
+    if track.moments:
+        texts = f"{len(track.precise_moments)} of {len(track.moments)} moments identify it"
+    sections = (
+        *((Section("", (_line(track), _table(track))),) if track.moments else ()),
+        *section("Changes", Bullets, report_changes(track)),
+        *section("Not identified", Bullets, untold(track)),
+        *section("Taken as known", Bullets, (*_at(track), *track.known)),
     )
-    return Document(
-        flight.recording.name, None, f"{_called(track)} over the flight: {texts}", tuple(_sections(track))
-    )
+    return Document(flight.recording.name, None, f"{_called(track)} over the flight: {texts}", sections)
 
 
 def _called(track: Track) -> str:
@@ -113,23 +107,14 @@ def _called(track: Track) -> str:
     return f"{wording.words} {wording.symbol}"
 
 
-def _sections(track: Track) -> Iterator[Section]:
-    if track.moments:
-        yield Section("", (_line(track), _table(track)))
-    yield from section("Changes", Bullets, report_changes(track))
-    yield from section("Not identified", Bullets, untold(track))
-    yield from section("Taken as known", Bullets, (*_at(track), *track.known))
-
-
 def report_changes(track: Track) -> Iterator[str]:
     """Return a sentence about each change; one where there is none."""
     for change in track.changes:
-        before, after = _rotor_moments(track, change)
-        share = (
-            f" by {abs(100.0 * (after / before - 1.0)):.0f} %"
-            if before is not None and after is not None
-            else ""
-        )
+        # a change may be as old as the memory: values before that, and within the memory after it
+        since = [(moment.time_s - change.time_s, moment.value) for moment in track.precise_moments]
+        before = [value for seconds, value in since if seconds < -track.memory_s]
+        after = [value for seconds, value in since if 0.25 * track.memory_s < seconds < track.memory_s]
+        share = f" by {abs(100.0 * (after[-1] / before[-1] - 1.0)):.0f} %" if before and after else ""
         yield (
             f"Identified at {change.time_s:.1f} s, and up to {track.memory_s:g} s older than that: "
             f"the {_called(track)} {'rose' if change.change > 0 else 'fell'}{share}."
@@ -138,28 +123,13 @@ def report_changes(track: Track) -> Iterator[str]:
         yield "None: what moved, moved slowly or within its band."
 
 
-def _rotor_moments(track: Track, change: Moment) -> tuple[float | None, float | None]:
-    """Values reported a memory before a change, since it may be as old, and after it, within a memory."""
-    before = [
-        precise_moment.value
-        for precise_moment in track.precise_moments
-        if precise_moment.time_s < change.time_s - track.memory_s
-    ]
-    after = [
-        precise_moment.value
-        for precise_moment in track.precise_moments
-        if change.time_s + 0.25 * track.memory_s < precise_moment.time_s < change.time_s + track.memory_s
-    ]
-    return (before[-1] if before else None, after[-1] if after else None)
-
-
 def untold(track: Track) -> Iterator[str]:
     """Why the parameter is not identified, where it is not."""
     if not track.moments:
         yield from (f"{reason.sentence} {reason.remedy}" for reason in track.result.verdict.reasons)
         return
-    for start, stop in _stretches(track):
-        here = track.moments[start:stop]
+    for part in stretches(np.array([not moment.is_precise for moment in track.moments])):
+        here = track.moments[part]
         ends = f"{here[0].time_s:.1f} to {here[-1].time_s:.1f} s"
         empty = sum(item.share < HELD for item in here)
         if 2 * empty >= len(here):
@@ -167,11 +137,6 @@ def untold(track: Track) -> Iterator[str]:
         else:
             why = f"the interval is wider than ±{100.0 * TOLD:.0f} %; a longer memory narrows it (--memory)"
         yield f"{ends}: {why}."
-
-
-def _stretches(track: Track) -> Iterator[tuple[int, int]]:
-    edges = np.flatnonzero(np.diff([0, *(not moment.is_precise for moment in track.moments), 0]))
-    yield from zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True)
 
 
 def _at(track: Track) -> Iterator[str]:
@@ -240,29 +205,29 @@ def _table(track: Track) -> TableOf:
 def track_json(track: Track) -> dict[str, Json]:
     """Document of a track; numbers are in SI units, and null where nothing is identified."""
     (flight,) = track.result.prepared
-    return {
-        "schema": "eivor.track/1",
-        "log": flight.recording.name,
-        "parameter": track.name,
-        "unit": track.unit,
-        "memory_s": track.memory_s,
-        "at": dict(track.nuisances),
-        "known": list(track.known),
-        "moments": [
+    return document(
+        "eivor.track/1",
+        log=flight.recording.name,
+        parameter=track.name,
+        unit=track.unit,
+        memory_s=track.memory_s,
+        at=track.nuisances,
+        known=track.known,
+        moments=[
             {
                 "time_s": moment.time_s,
-                "value": number(moment.value),
-                "low": number(moment.value - moment.half_width),
-                "high": number(moment.value + moment.half_width),
+                "value": moment.value,
+                "low": moment.value - moment.half_width,
+                "high": moment.value + moment.half_width,
                 "told": moment.is_precise,
             }
             for moment in track.moments
         ],
-        "changes": [{"time_s": change.time_s, "upwards": change.change > 0} for change in track.changes],
-        "not_told": list(untold(track)),
-        "verdict_of_the_flight": track.result.verdict.status.value,
-        "findings": findings_list(track.result.findings),
-    }
+        changes=[{"time_s": change.time_s, "upwards": change.change > 0} for change in track.changes],
+        not_told=list(untold(track)),
+        verdict_of_the_flight=track.result.verdict.status,
+        findings=track.result.findings,
+    )
 
 
 # -- Plan --
@@ -311,23 +276,11 @@ def plan(
     Simulated with the result's numbers, what it left over by frequency, and its controller; this takes
     seven seconds or so.
     """
-    return make_plan(_vehicle(source), target=target, limits=limits, shape=shape, seed=seed)
-
-
-def _vehicle(source: SavedFit | FlightEstimate | VehicleGuess | str | Path) -> VehicleGuess:
-    if isinstance(source, VehicleGuess):
-        return source
-    if isinstance(source, FlightEstimate):
-        source = saved_fit(source)
-    elif isinstance(source, str | Path):
-        source = load_fit(source)
-    if not isinstance(source, SavedFit):
-        raise UsageError(
-            "a result, the path of its JSON file, or a vehicle",
-            checks.described(source),
-            'Such as ev.plan("fit.json") or ev.plan(ev.VehicleGuess()).',
-        )
-    return vehicle_of_result(source.document)
+    if not isinstance(source, VehicleGuess):
+        expected = "a result, the path of its JSON file, or a vehicle"
+        fit = saved_of(source, expected, 'Such as ev.plan("fit.json") or ev.plan(ev.VehicleGuess()).')
+        source = vehicle_of_result(fit.document)
+    return make_plan(source, target=target, limits=limits, shape=shape, seed=seed)
 
 
 def plan_document(made: FlightPlan) -> Document:
@@ -382,31 +335,24 @@ def _plan_facts(made: FlightPlan) -> Facts:
 
 def plan_json(made: FlightPlan) -> dict[str, Json]:
     """Document of a plan of schema ``eivor.plan/1``, ready for `json_text`."""
-    limits, (low, high, speed) = made.limits, made.reached
-    return {
-        "schema": PLAN_SCHEMA,
-        "target": made.target,
-        "sentence": made.sentence,
-        "shape": {"kind": made.shape.kind, "words": made.shape.words},
-        "limits": {
-            "height_m": list(limits.height_m),
-            "speed": limits.speed,
-            "acceleration": limits.acceleration,
-            "tilt_deg": limits.tilt_deg,
-            "duration_s": limits.duration_s,
-        },
-        "predicted": {
+    low, high, speed = made.reached
+    return document(
+        PLAN_SCHEMA,
+        target=made.target,
+        sentence=made.sentence,
+        shape={"kind": made.shape.kind, "words": made.shape.words},
+        limits=made.limits,
+        predicted={
             word: {
-                "half_width": number(item.half_width),
-                "value": number(item.value),
+                "half_width": item.half_width,
+                "value": item.value,
                 "unit": TARGETS[word].unit,
-                "verdicts": [status.value for status in item.verdicts],
+                "verdicts": item.verdicts,
             }
             for word, item in made.predicted.items()
         },
-        "simulated": {"lowest_m": number(low), "highest_m": number(high), "speed": number(speed)},
-        "provenance": {"version": version("eivor")},
-    }
+        simulated={"lowest_m": low, "highest_m": high, "speed": speed},
+    )
 
 
 # -- Track figure --
@@ -429,11 +375,10 @@ def track_figure(track: Track) -> Figure:
     time = np.array([moment.time_s for moment in track.moments])
     reported = np.array([moment.is_precise for moment in track.moments])
     value, half = (
-        np.where(reported, wording.scale * np.array(part), np.nan)
-        for part in (
-            [moment.value for moment in track.moments],
-            [moment.half_width for moment in track.moments],
+        np.where(
+            reported, wording.scale * np.array([getattr(moment, name) for moment in track.moments]), np.nan
         )
+        for name in ("value", "half_width")
     )
     figure = page(TRACK_WIDTH, HEIGHT, f"{printable(flight.recording.name)}: {wording.words} over the flight")
     axes = figure.add_subplot()

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING
 
+from eivor.checks import described
+from eivor.errors import UsageError
 from eivor.flights.result import FlightEstimate
 from eivor.report.figures import flight_figure
 from eivor.report.json_document import json_document, json_text
-from eivor.report.saved_fit import SavedFit, fit_of
+from eivor.report.saved_fit import SavedFit, fit_of, load_fit
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -19,6 +22,17 @@ if TYPE_CHECKING:
 def saved_fit(result: FlightEstimate) -> SavedFit:
     """Return what `eivor.load_fit` would read of a result's document."""
     return fit_of(json.loads(json_text(json_document(result))))
+
+
+def saved_of(source: object, expected: str, remedy: str) -> SavedFit:
+    """Saved result of a result, of one, or of the path of its file."""
+    if isinstance(source, FlightEstimate):
+        return saved_fit(source)
+    if isinstance(source, str | Path):
+        return load_fit(source)
+    if not isinstance(source, SavedFit):
+        raise UsageError(expected, described(source), remedy)
+    return source
 
 
 class FlightOutputs:

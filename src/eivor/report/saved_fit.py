@@ -94,37 +94,20 @@ MOST_DRAWS = 10_000_000
 
 @dataclass(frozen=True)
 class SavedFit:
-    """What a document of schema ``eivor.identify/1`` says.
-
-    Parameters
-    ----------
-    verdict : Status
-        The overall verdict.
-    reasons : tuple of str
-        Why it is not better.
-    quantities : mapping of str to Quantity
-        Parameters and derived quantities.
-    names : tuple of str
-        Joint vector; empty without an estimate.
-    candidates : tuple of SavedCandidate
-        Those that fit at a level of .999, or of a document without their `excess` at .95; empty without an
-        estimate.
-    prediction : mapping of str to object
-        What a prediction needs beside the quantities: `input`, `input_map`, `instruments`, `at`, `by_run`,
-        `limits`, `beside`; empty without an estimate.
-    document : mapping of str to object
-        The whole document.
-    by_flight : mapping of str to mapping of str to Quantity
-        For each flight of a pool its quantities, those that are its own among them; empty otherwise.
-    """
+    """What a document of schema ``eivor.identify/1`` says."""
 
     verdict: Status
-    reasons: tuple[str, ...]
-    quantities: Mapping[str, Quantity]
-    names: tuple[str, ...]
+    reasons: tuple[str, ...]  # Why the verdict is not better
+    quantities: Mapping[str, Quantity]  # Parameters and derived quantities
+    names: tuple[str, ...]  # Joint vector; empty without an estimate
+    #: Those that fit at a level of .999, or of a document without their `excess` at .95; empty without an
+    #: estimate.
     candidates: tuple[SavedCandidate, ...]
+    #: What a prediction needs beside the quantities: `input`, `input_map`, `instruments`, `at`, `by_run`,
+    #: `limits`, `beside`; empty without an estimate.
     prediction: Mapping[str, Any]
-    document: Mapping[str, Any] = field(repr=False)
+    document: Mapping[str, Any] = field(repr=False)  # The whole document
+    #: For each flight of a pool its quantities, those that are its own among them; empty otherwise.
     by_flight: Mapping[str, Mapping[str, Quantity]] = field(default_factory=dict)
 
     @property

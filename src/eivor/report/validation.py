@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from functools import partial
-from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -43,20 +42,19 @@ from eivor.report.figure_panels import (
     RED,
     GivenAxes,
     Panels,
+    column_page,
     figure_of,
     fitting,
     given_axes,
     labelled,
     legend,
-    page,
-    without_abscissa,
+    liveliest,
 )
 from eivor.report.figures import SIZE_INCHES, prediction_page, prediction_panels
-from eivor.report.flight import prediction_parts, prediction_rows
-from eivor.report.json_document import Json, json_text, number, prediction_json
-from eivor.report.outputs import saved_fit
-from eivor.report.saved_fit import SavedFit, load_fit
-from eivor.report.wording import NO_NUMBER
+from eivor.report.flight import NO_NUMBER, prediction_parts, prediction_rows
+from eivor.report.json_document import Json, document, json_text, prediction_json
+from eivor.report.outputs import saved_of
+from eivor.report.saved_fit import SavedFit
 from eivor.signals.recording import Recording
 from eivor.tools import Float, html_table
 
@@ -95,28 +93,15 @@ class ModelPrediction:
 
 @dataclass(frozen=True)
 class Validation:
-    """A flight as a result of other flights predicts it.
-
-    Parameters
-    ----------
-    fit : SavedFit
-        The result.
-    motion : Motion
-        What it is a result of.
-    flight : PreparedFlight
-        The flight that is predicted.
-    predictions : tuple of ModelPrediction
-        Of every quantity over whole runs: by the fit, then by each simpler model. Empty for a motion that
-        predicts ahead from many starts.
-    multi_step_prediction : MultiStepPrediction or None
-        Predictions over some tenths of a second; None for a motion that predicts whole runs.
-    """
+    """A flight as a result of other flights predicts it."""
 
     fit: SavedFit
-    motion: Motion[Any]
-    flight: PreparedFlight
+    motion: Motion[Any]  # What the fit is a result of
+    flight: PreparedFlight  # The flight that is predicted
+    #: Of every quantity over whole runs: by the fit, then by each simpler model; empty for a motion that
+    #: predicts ahead from many starts.
     predictions: tuple[ModelPrediction, ...]
-    multi_step_prediction: MultiStepPrediction | None = None
+    multi_step_prediction: MultiStepPrediction | None = None  # None for a motion that predicts whole runs
 
     @property
     def spans_s(self) -> tuple[tuple[float, float], ...]:
@@ -150,7 +135,8 @@ class Validation:
         if self.multi_step_prediction is not None:
             return self.multi_step_prediction.sentence
         current, *others = self.by_quantity[-1]
-        far = f"{current.quantity}, {current.horizon.words}, over {_seconds(self.flight)}"
+        runs = f" in {len(self.flight.runs)} runs" if len(self.flight.runs) > 1 else ""
+        far = f"{current.quantity}, {current.horizon.words}, over {self.flight.used_s:.1f} s{runs}"
         share = f"{current.error.explained:.1%}" if current.error.explained > 0.0 else "nothing"
         text = f"The fit explains {share} of the {far}"
         better = [item.words for item in others if item.error.rms < current.error.rms]
@@ -162,16 +148,10 @@ class Validation:
         """Errors of every prediction as plain text."""
         lines = [f"{self.motion.words.title}, {self.flight.recording.name}", self.sentence]
         if self.multi_step_prediction is not None:
-            rows = prediction_rows(self.multi_step_prediction)
-            return "\n".join(
-                [
-                    *lines,
-                    *(
-                        f"{what:<12}{by:<38}{unit:<6}{' '.join(f'{item:>8}' for item in rms)}"
-                        for what, by, unit, *rms in rows
-                    ),
-                ]
-            )
+            lines += [
+                f"{what:<12}{by:<38}{unit:<6}{' '.join(f'{item:>8}' for item in rms)}"
+                for what, by, unit, *rms in prediction_rows(self.multi_step_prediction)
+            ]
         lines += [
             f"{what:<42}{by:<36}{rms:>10} {unit:<6}{share:>9}" for what, by, rms, unit, share in _rows(self)
         ]
@@ -181,17 +161,16 @@ class Validation:
         return f"<Validation of {self.flight.recording.name!r}: {self.sentence}>"
 
     def _repr_html_(self) -> str:
-        columns = ("prediction", "model", "RMS error", "unit", "explained")
         title = f"{self.motion.words.title}, {self.flight.recording.name}"
+        columns: tuple[str, ...] = ("prediction", "model", "RMS error", "unit", "explained")
+        rows = _rows(self)
         if self.multi_step_prediction is not None:
-            horizons = tuple(f"{item:g} s" for item in self.multi_step_prediction.horizons_s)
-            return html_table(
-                title,
+            horizons = (f"{item:g} s" for item in self.multi_step_prediction.horizons_s)
+            columns, rows = (
                 ("error of", "model", "unit", *horizons),
                 prediction_rows(self.multi_step_prediction),
-                self.sentence,
             )
-        return html_table(title, columns, _rows(self), self.sentence)
+        return html_table(title, columns, rows, self.sentence)
 
     def to_json(self) -> str:
         """Text of the JSON document that ``eivor validate --json`` writes, see docs/json.md."""
@@ -250,7 +229,7 @@ def validate(
     -----
     Nothing is fitted to the flight but what belongs to each run: its trim, and where it starts.
     """
-    result = _saved(fit)
+    result = saved_of(fit, "a result, or the path of its JSON file", 'Such as ev.load_fit("fit.json").')
     checks.kind("recording", recording, Recording, "a Recording", 'Read it: ev.read_log("other.ulg").')
     if not result.prediction:
         raise UsageError(
@@ -264,7 +243,13 @@ def validate(
     _check_scale(result, motion, flight)
     prediction = motion.multi_step_prediction((flight.shortened,), _simpler_models(result), result.refused)
     if prediction is not None:
-        return _with_prediction(result, motion, flight, prediction)
+        if not prediction.errors:
+            raise UsageError(
+                "a result and a log that carry enough information of the vehicle to predict it",
+                " ".join(prediction.omitted) or "no half second without a gap",
+                "Validate a flight that carries more information, on a log of the same vehicle.",
+            )
+        return Validation(result, motion, flight, (), prediction)
     problem = motion.problem((flight.shortened,), NoInstruments())
     results = tuple(
         _of_model(name, model.words, predicted, flight)
@@ -275,18 +260,8 @@ def validate(
         raise UsageError(
             "a motion that predicts", f"'{motion.name}', which does not", "See docs/motions.md: predictions."
         )
-    return Validation(result, motion, flight, tuple(sorted(results, key=_nearest_first)))
-
-
-def _saved(fit: SavedFit | FlightEstimate | str | Path) -> SavedFit:
-    if isinstance(fit, FlightEstimate):
-        return saved_fit(fit)
-    if isinstance(fit, SavedFit):
-        return fit
-    if isinstance(fit, str | Path):
-        return load_fit(fit)
-    raise UsageError(
-        "a result, or the path of its JSON file", checks.described(fit), 'Such as ev.load_fit("fit.json").'
+    return Validation(
+        result, motion, flight, tuple(sorted(results, key=lambda item: list(Horizon).index(item.horizon)))
     )
 
 
@@ -328,27 +303,14 @@ def _check_scale(fit: SavedFit, motion: Motion[Any], flight: PreparedFlight) -> 
         )
 
 
-def _with_prediction(
-    fit: SavedFit, motion: Motion[Any], flight: PreparedFlight, prediction: MultiStepPrediction
-) -> Validation:
-    if not prediction.errors:
-        raise UsageError(
-            "a result and a log that carry enough information of the vehicle to predict it",
-            " ".join(prediction.omitted) or "no half second without a gap",
-            "Validate a flight that carries more information, on a log of the same vehicle.",
-        )
-    return Validation(fit, motion, flight, (), prediction)
-
-
 def _simpler_models(fit: SavedFit) -> dict[str, SimpleModel]:
     """The fit and the simpler models that its document holds, by name."""
     best = next(candidate for candidate in fit.candidates if candidate.best)
     index = {str(name): float(value) for name, value in fit.prediction["at"].items()}
     current = index | dict(zip(fit.names, best.values.tolist(), strict=True))
-    neighbours = fit.prediction.get("beside", {})
     simpler = {
         name: SimpleModel(str(neighbour["words"]), dict(neighbour["values"]))
-        for name, neighbour in neighbours.items()
+        for name, neighbour in fit.prediction.get("beside", {}).items()
     }
     return {FIT: SimpleModel("the fit", current), **simpler}
 
@@ -383,26 +345,22 @@ def _error(left: Float[np.ndarray, " n"], moved: Float[np.ndarray, " n"]) -> Pre
     return PredictionError(float(np.sqrt(np.mean(left**2))), explained)
 
 
-def _nearest_first(model_prediction: ModelPrediction) -> int:
-    return list(Horizon).index(model_prediction.horizon)
-
-
-def _seconds(flight: PreparedFlight) -> str:
-    runs = len(flight.runs)
-    return f"{flight.used_s:.1f} s" + (f" in {runs} runs" if runs > 1 else "")
-
-
 def _rows(validation: Validation) -> list[tuple[str, ...]]:
+    """What is predicted, by what, root mean square error, unit and share explained, of each prediction."""
     return [
         (
-            f"{prediction.quantity}, {prediction.horizon.words}",
-            prediction.words,
-            f"{prediction.error.rms:.3g}",
-            prediction.unit,
-            f"{prediction.error.explained:.1%}",
+            f"{item.quantity}, {item.horizon.words}",
+            item.words,
+            f"{item.error.rms:.3g}",
+            item.unit,
+            _share(item.error),
         )
-        for prediction in validation.predictions
+        for item in validation.predictions
     ]
+
+
+def _share(error: PredictionError) -> str:
+    return f"{error.explained:.1%}" if np.isfinite(error.explained) else NO_NUMBER
 
 
 # -- JSON validation --
@@ -412,40 +370,34 @@ VALIDATE_SCHEMA = "eivor.validate/1"
 
 def validation_json(validation: Validation) -> dict[str, Json]:
     """Document of a validation, ready for `json_text`."""
-    log = validation.flight.recording
-    fitted = validation.fit.document
-    return {
-        "schema": VALIDATE_SCHEMA,
-        "log": {"name": log.name, "sha256": log.sha256 or None},
-        "fit": {
+    log, fitted = validation.flight.recording, validation.fit.document
+    return document(
+        VALIDATE_SCHEMA,
+        log={"name": log.name, "sha256": log.sha256 or None},
+        fit={
             "logs": fitted["provenance"]["logs"],
             "model": fitted["model"]["name"],
-            "verdict": validation.fit.verdict.value,
+            "verdict": validation.fit.verdict,
         },
-        "predicts": validation.predicts,
-        "sentence": validation.sentence,
-        "runs": [[number(start), number(end)] for start, end in validation.spans_s],
-        "samples": int(validation.flight.used.sum()),
-        "rate_hz": number(validation.flight.signals.rate_hz),
-        "band": [number(end) for end in validation.flight.band_hz],
-        "predictions": [_prediction(prediction) for prediction in validation.predictions],
-        "ahead": prediction_json(validation.multi_step_prediction),
-        "provenance": {"version": version("eivor")},
-    }
-
-
-def _prediction(model_prediction: ModelPrediction) -> Json:
-    return {
-        "model": model_prediction.model,
-        "horizon": model_prediction.horizon.value,
-        "quantity": model_prediction.quantity,
-        "unit": model_prediction.unit,
-        "rms": number(model_prediction.error.rms),
-        "explained": number(model_prediction.error.explained),
-        "by_run": [
-            {"rms": number(run.rms), "explained": number(run.explained)} for run in model_prediction.by_run
+        predicts=validation.predicts,
+        sentence=validation.sentence,
+        runs=validation.spans_s,
+        samples=int(validation.flight.used.sum()),
+        rate_hz=validation.flight.signals.rate_hz,
+        band=validation.flight.band_hz,
+        predictions=[
+            {
+                "model": item.model,
+                "horizon": item.horizon,
+                "quantity": item.quantity,
+                "unit": item.unit,
+                **asdict(item.error),
+                "by_run": item.by_run,
+            }
+            for item in validation.predictions
         ],
-    }
+        ahead=prediction_json(validation.multi_step_prediction),
+    )
 
 
 # -- Validation document --
@@ -467,33 +419,22 @@ def validation_document(validation: Validation) -> Document:
 
 def _validation_facts(validation: Validation) -> Facts:
     logs = ", ".join(str(log["name"]) for log in validation.fit.document["provenance"]["logs"])
-    verdict = validation.fit.verdict
+    verdict, flight = validation.fit.verdict, validation.flight
     trust = "" if verdict is Status.IDENTIFIED else f" ({verdict.value})"
-    runs = len(validation.spans_s)
-    return Facts(
-        (
-            Fact("fit", f"of {logs}{trust}"),
-            Fact("model", validation.motion.equation[0].replace(" - ", " − ")),
-            Fact("used", f"{validation.flight.used_s:.1f} s in {runs} run{'' if runs == 1 else 's'}"),
-            *_how(validation),
-        )
-    )
-
-
-def _how(validation: Validation) -> tuple[Fact, ...]:
-    if validation.multi_step_prediction is not None:
-        return (
-            Fact("fitted", "the trim of each run, for every model with parameters alike"),
-            Fact(
-                "starts",
-                f"{validation.multi_step_prediction.start_s.size}, each from what was measured there",
-            ),
-        )
-    low, high = validation.flight.band_hz
-    return (
-        Fact("fitted", "the trim and the start of each run, for every model alike"),
-        Fact("band", f"{low:g} to {high:g} Hz, one step ahead; all frequencies in open loop"),
-    )
+    runs, ahead = len(validation.spans_s), validation.multi_step_prediction
+    facts = {
+        "fit": f"of {logs}{trust}",
+        "model": validation.motion.equation[0].replace(" - ", " − "),
+        "used": f"{flight.used_s:.1f} s in {runs} run{'' if runs == 1 else 's'}",
+    }
+    if ahead is not None:
+        facts["fitted"] = "the trim of each run, for every model with parameters alike"
+        facts["starts"] = f"{ahead.start_s.size}, each from what was measured there"
+    else:
+        low, high = flight.band_hz
+        facts["fitted"] = "the trim and the start of each run, for every model alike"
+        facts["band"] = f"{low:g} to {high:g} Hz, one step ahead; all frequencies in open loop"
+    return Facts(tuple(Fact(label, text) for label, text in facts.items()))
 
 
 def _models_table(validation: Validation) -> TableOf:
@@ -504,12 +445,10 @@ def _models_table(validation: Validation) -> TableOf:
         TableColumn("unit"),
         TableColumn("explained", right=True),
     )
-    rows = []
-    for models in validation.by_quantity:
-        for index, model in enumerate(models):
-            what = Cell("") if index else Cell(f"{model.quantity}, {model.horizon.words}")
-            rms, explained = _cells(model.error)
-            rows.append((what, Cell(model.words), rms, Cell(model.unit), explained))
+    rows, before = [], ""
+    for what, *others in _rows(validation):
+        rows.append(tuple(map(Cell, ("" if what == before else what, *others))))
+        before = what
     return TableOf(columns, tuple(rows))
 
 
@@ -521,16 +460,10 @@ def _by_run(validation: Validation) -> TableOf:
         columns += [TableColumn(title, right=True, strong=True), TableColumn("explained", right=True)]
     rows = []
     for index, (start, end) in enumerate(validation.spans_s):
-        cells = [Cell(f"{start:.1f} to {end:.1f}")]
-        for item in selected:
-            cells += _cells(item.by_run[index])
-        rows.append(tuple(cells))
+        errors = [item.by_run[index] for item in selected]
+        texts = [text for error in errors for text in (f"{error.rms:.3g}", _share(error))]
+        rows.append(tuple(map(Cell, (f"{start:.1f} to {end:.1f}", *texts))))
     return TableOf(tuple(columns), tuple(rows))
-
-
-def _cells(error: PredictionError) -> tuple[Cell, Cell]:
-    explained = f"{error.explained:.1%}" if error.explained == error.explained else NO_NUMBER
-    return Cell(f"{error.rms:.3g}"), Cell(explained)
 
 
 # -- Validation figure --
@@ -551,8 +484,14 @@ def validation_figure(validation: Validation, axes: GivenAxes | None = None) -> 
         name = models[0].horizon.value
         panels[name] = partial(_draw_predicted, validation=validation, models=models)
         panels[f"{name} residual"] = partial(_draw_left, validation=validation, models=models)
-    new_page = _validation_page if validation.multi_step_prediction is None else prediction_page
-    placed = new_page(tuple(panels)) if axes is None else given_axes(axes, tuple(panels))
+    names = tuple(panels)
+    if axes is not None:
+        placed = given_axes(axes, names)
+    elif validation.multi_step_prediction is not None:
+        placed = prediction_page(names)
+    else:
+        size = (SIZE_INCHES[0], SIZE_INCHES[1] * len(names) / 4.0)
+        placed = column_page(names, size, heights=(1.6, 1.0) * (len(names) // 2), shared=2)
     for name, ax in placed.items():
         panels[name](ax)
     figure = figure_of(*placed.values())
@@ -561,19 +500,6 @@ def validation_figure(validation: Validation, axes: GivenAxes | None = None) -> 
         title = f"{short_name(printable(validation.flight.recording.name))}\n{sentence}"
         figure.suptitle(title, fontsize=11, parse_math=False)
     return figure
-
-
-def _validation_page(names: tuple[str, ...]) -> dict[str, Axes]:
-    from matplotlib.gridspec import GridSpec
-
-    figure = page(SIZE_INCHES[0], SIZE_INCHES[1] * len(names) / 4.0)
-    grid = GridSpec(len(names), 1, figure=figure, height_ratios=(1.6, 1.0) * (len(names) // 2))
-    placed: dict[str, Axes] = {}
-    for row, (predicted, left) in enumerate(zip(names[::2], names[1::2], strict=True)):
-        placed[predicted] = figure.add_subplot(grid[2 * row])
-        placed[left] = figure.add_subplot(grid[2 * row + 1], sharex=placed[predicted])
-        without_abscissa(placed[predicted])
-    return placed
 
 
 def _draw_predicted(ax: Axes, validation: Validation, models: tuple[ModelPrediction, ...]) -> None:
@@ -625,9 +551,7 @@ def _displayed(validation: Validation, first: ModelPrediction) -> tuple[Float[np
     lengths = [samples.size for samples in validation.flight.samples_of_runs]
     longest = int(np.argmax(lengths))
     begin = sum(lengths[:longest])
-    count = min(lengths[longest], max(int(FIT_SHOWN_S * validation.flight.signals.rate_hz), 1))
     values = first.measured[begin : begin + lengths[longest]]
-    power = np.concatenate([[0.0], np.cumsum((values - values.mean()) ** 2)])
-    start = int(np.argmax(power[count:] - power[: power.size - count]))
+    inside = liveliest(values, max(int(FIT_SHOWN_S * validation.flight.signals.rate_hz), 1))
     time = validation.flight.grid.time_s[validation.flight.samples_of_runs[longest]]
-    return time[start : start + count], slice(begin + start, begin + start + count)
+    return time[inside], slice(begin + inside.start, begin + inside.stop)

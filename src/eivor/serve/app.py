@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import hmac
-import html
 import os
 import re
 import secrets
@@ -52,7 +51,7 @@ from eivor.serve.jobs import (
     WorkFunction,
     shown_name,
 )
-from eivor.serve.page import page_text
+from eivor.serve.page import page_sources, page_text
 from eivor.serve.requests import RefusedError, error_parts, parse_job, sent_files, status_of
 
 #: The only address, and the header with the token.
@@ -83,7 +82,6 @@ _HEADERS = {
     "Connection": "close",
     "Content-Security-Policy": "default-src 'none'; frame-ancestors 'none'",
 }
-_POLICY = re.compile(r'http-equiv="Content-Security-Policy" content="([^"]*)"')
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,6 +103,7 @@ class Server:
     def __init__(self, options: ServeOptions | None = None) -> None:
         self.options = chosen = options or ServeOptions()
         self.page = page_text()
+        self.policy = f"{page_sources().policy}; frame-ancestors 'none'"
         self.token = secrets.token_urlsafe(24)
         listening = _listening(chosen.port)
         self.port: int = listening.getsockname()[1]
@@ -143,12 +142,6 @@ class Server:
     def connections(self) -> int:
         """Number of open connections."""
         return len(self._uvicorn.server_state.connections)
-
-    def policy(self) -> str:
-        """Content security policy of the page, as it declares itself, and that nobody may frame it."""
-        stated = _POLICY.search(self.page)
-        current = html.unescape(stated.group(1)) if stated else "default-src 'none'"
-        return f"{current}; frame-ancestors 'none'"
 
     def forget(self) -> None:
         """Delete what is an hour old."""
@@ -289,19 +282,16 @@ class _Routes:
         self._server, self._logs, self._jobs = server, server.logs, server.jobs
 
     def page(self, _request: Request) -> Response:
-        return HTMLResponse(self._server.page, headers={"Content-Security-Policy": self._server.policy()})
+        return HTMLResponse(self._server.page, headers={"Content-Security-Policy": self._server.policy})
 
     def choices(self, _request: Request) -> Response:
-        return JSONResponse(
-            {**self._server.workers.choices().known, "largest_bytes": self._server.options.largest}
-        )
+        return JSONResponse({**self._server.workers.choices(), "largest_bytes": self._server.options.largest})
 
     async def keep_log(self, request: Request) -> Response:
         size = _length(request, self._server.options.largest)
         name = shown_name(request.headers.get("x-eivor-name", ""))
         body = _Body(request, size)
-        sent = sent_files(request.headers.get("x-eivor-files", ""), size)
-        files = [(item.name, item.size) for item in sent] or [("", size)]
+        files = sent_files(request.headers.get("x-eivor-files", ""), size) or (("", size),)
         parts = ((item, body.parts(length)) for item, length in files)
         log = await anyio.to_thread.run_sync(lambda: self._logs.keep(name, size, parts, self._jobs.in_use))
         return JSONResponse({"log": log, "name": name, "bytes": size})
@@ -363,9 +353,7 @@ class _Routes:
     def _done(self, task: Task) -> Outcome:
         outcome = self._jobs.do(task)
         if isinstance(outcome, Refused):
-            parts = outcome.error_parts
-            status = HTTPStatus(outcome.status)
-            raise RefusedError(status, parts["expected"], parts["received"], parts["advice"])
+            raise outcome.error
         if outcome is None:
             unavailable = HTTPStatus.SERVICE_UNAVAILABLE
             raise RefusedError(

@@ -8,8 +8,8 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from concurrent.futures import Future
 from dataclasses import dataclass, field
-from functools import partial
 from http import HTTPStatus
 from pathlib import Path, PurePosixPath
 from pkgutil import resolve_name
@@ -38,13 +38,6 @@ class KeptLog:
 @dataclass(frozen=True, slots=True)
 class Begin:
     """Say what may be chosen."""
-
-
-@dataclass(frozen=True, slots=True)
-class PageChoices:
-    """What may be chosen, as the page is given it."""
-
-    known: Mapping[str, object]  # see `eivor.serve`
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,30 +97,26 @@ class File:
 
 
 @dataclass(frozen=True, slots=True)
-class StageStarted:
-    """Reported while it runs: what begins."""
-
-    name: str
-
-
-@dataclass(frozen=True, slots=True)
-class Found:
-    """Reported while it runs: the result is written, and its verdict."""
-
-    status: str
-
-
-@dataclass(frozen=True, slots=True)
 class Refused:
     """In place of a result: the error that came instead."""
 
     status: int  # of the answer
-    error_parts: ErrorParts = field(default_factory=dict)  # parts of the error
+    error_parts: ErrorParts = field(default_factory=dict)
+
+    @property
+    def error(self) -> RefusedError:
+        """The error as it was."""
+        expected, received, advice = (self.error_parts[name] for name in ("expected", "received", "advice"))
+        return RefusedError(HTTPStatus(self.status), expected, received, advice)
 
 
+#: Choices of the page, or of exports.
+Listed = dict[str, object] | list[dict[str, object]]
 Task = Begin | Identify | ListExports | Export | Plan
-Outcome = PageChoices | File | Refused | list[dict[str, object]] | None
+Outcome = File | Refused | Listed | None
+#: Its progress are events: `stage`, or `done` with the verdict as soon as the result is written.
 WorkFunction = Callable[[Task, ProgressCallback], Outcome]
+Event = dict[str, Any]
 
 
 #: Function of the worker processes, which alone load it and what it needs.
@@ -170,22 +159,9 @@ class Ticket:
     task: Task
     on_start: Callable[[], None] = _ignore  # called when a process takes it
     report: ProgressCallback = _ignore  # takes progress
-    ended: Callable[[Outcome], None] = _ignore  # takes the outcome: None as well where it was given up
     urgent: bool = False  # whether it goes before those that are not
     given_up: bool = False
-    _over: threading.Event = field(default_factory=threading.Event)
-    _outcome: Outcome = None
-
-    def end(self, outcome: Outcome) -> None:
-        """Hand the outcome over."""
-        self._outcome = outcome
-        self.ended(outcome)
-        self._over.set()
-
-    def outcome(self) -> Outcome:
-        """Outcome, once it is there."""
-        self._over.wait()
-        return self._outcome
+    outcome: Future[Outcome] = field(default_factory=Future)  # None where it was given up
 
 
 class Workers:
@@ -197,7 +173,7 @@ class Workers:
         self._waiting: deque[Ticket] = deque()
         self._free: set[int] = set()
         self._closed = False
-        self._choices: PageChoices | None = None
+        self._choices: dict[str, object] | None = None
         self._processes = [WorkerProcess(work, limits) for _ in range(count)]
         self._threads = [
             threading.Thread(target=self._work, args=(index,), daemon=True) for index in range(count)
@@ -232,9 +208,9 @@ class Workers:
             if waited:
                 self._waiting.remove(ticket)
         if waited:
-            ticket.end(None)
+            ticket.outcome.set_result(None)
 
-    def choices(self) -> PageChoices:
+    def choices(self) -> dict[str, object]:
         """What may be chosen, as the first process reports it; a `RefusedError` when it does not begin."""
         with self._change:
             self._change.wait_for(lambda: self._choices is not None or self._closed, timeout=BEGIN_S)
@@ -275,7 +251,7 @@ class Workers:
                     process.close()
                 else:
                     ticket.on_start()
-                    ticket.end(self._done(process, ticket))
+                    ticket.outcome.set_result(self._done(process, ticket))
         finally:
             process.close()
 
@@ -338,8 +314,6 @@ HEARTBEAT_S = 1.0
 #: The stage before a process takes a job.
 WAITING = "waiting"
 
-Event = dict[str, Any]
-
 
 class Job:
     """A job and what has happened of it."""
@@ -362,33 +336,25 @@ class Job:
         self._begun_at = time.monotonic()
         self._events: list[Event] = [{"stage": WAITING}]
         self._report: Refused | None = None
-        self._working = True
+        self.working = True  # a process may still use its logs and its folder
         self.stem = next(iter(logs.values())).name.rpartition(".")[0] or "flight"
-        self._ticket = Ticket(
-            Identify(job_request, logs, folder), on_start=self._began, report=self._heard, ended=self._ended
-        )
+        self._ticket = Ticket(Identify(job_request, logs, folder), on_start=self._began, report=self._heard)
+        self._ticket.outcome.add_done_callback(lambda outcome: self._ended(outcome.result()))
         workers.put(self._ticket)
-
-    @property
-    def working(self) -> bool:
-        """Whether a process may still use its logs and its folder."""
-        return self._working
 
     def events(self) -> Iterator[Event]:
         """Everything that has happened, and what happens, to the last; something each second."""
         reported = 0
         while True:
             with self._change:
-                self._change.wait_for(partial(self._has_more, reported), timeout=HEARTBEAT_S)
+                if len(self._events) == reported:
+                    self._change.wait(timeout=HEARTBEAT_S)
                 new, reported = self._events[reported:], len(self._events)
                 last = self._events[-1]
             for event in new or [last]:
                 yield self._timed(event) if "stage" in event else event
             if "stage" not in last:
                 return
-
-    def _has_more(self, record: int) -> bool:
-        return len(self._events) > record
 
     def _timed(self, event: Event) -> Event:
         timed = {**event, "elapsed": round(time.monotonic() - self._begun_at, 2)}
@@ -418,15 +384,9 @@ class Job:
         """File of its report, once it is there."""
         folder = self.result_folder()
         with self._change:
-            self._change.wait_for(lambda: not self._working)
+            self._change.wait_for(lambda: not self.working)
         if self._report is not None:
-            reported = self._report.error_parts
-            raise RefusedError(
-                HTTPStatus(self._report.status),
-                reported["expected"],
-                reported["received"],
-                reported["advice"],
-            )
+            raise self._report.error
         if not (folder / REPORT).exists():
             raise absent("a report", self.name)
         return folder / REPORT
@@ -434,29 +394,25 @@ class Job:
     def _began(self) -> None:
         self._begun_at = time.monotonic()
 
-    def _heard(self, record: Any) -> None:
+    def _heard(self, event: Event) -> None:
         with self._change:
             if "stage" in self._events[-1]:  # after the verdict the report is written
-                if isinstance(record, Found):
-                    self._over({"done": {"status": record.status}})
-                elif isinstance(record, StageStarted):
-                    self._events.append({"stage": record.name})
-                    self._change.notify_all()
+                self._add(event)
 
     def _ended(self, outcome: Outcome) -> None:
         with self._change:
-            self._working = False
+            self.working = False
+            refused = outcome if isinstance(outcome, Refused) else None
             if "stage" not in self._events[-1]:
-                self._report = outcome if isinstance(outcome, Refused) else None
+                self._report = refused
                 self._change.notify_all()
-            elif isinstance(outcome, Refused):
-                self._over({"failed": outcome.error_parts})
             else:
-                self._over({"cancelled": True})
+                self._add({"failed": refused.error_parts} if refused else {"cancelled": True})
 
-    def _over(self, event: Event) -> None:
+    def _add(self, event: Event) -> None:
         self._events.append(event)
-        self.over_at = self._clock()
+        if "stage" not in event:
+            self.over_at = self._clock()
         self._change.notify_all()
 
 
@@ -519,7 +475,7 @@ class Jobs:
         """Outcome of something small that somebody waits for."""
         ticket = Ticket(task, urgent=True)
         self._workers.put(ticket)
-        return ticket.outcome()
+        return ticket.outcome.result()
 
     def _forget(self, job: Job) -> None:
         job.cancel()  # its report may still be written
@@ -539,18 +495,12 @@ LEFT_FREE = 200_000_000
 LONGEST_ENDING = 12
 
 
-@dataclass(slots=True)
-class _Entry:
-    log: KeptLog
-    used_at: float
-
-
 class KeptLogs:
     """The logs of a run."""
 
     def __init__(self, folder: Path, largest: int, clock: Callable[[], float]) -> None:
         self._folder, self._largest, self._clock = folder, largest, clock
-        self._entries: dict[str, _Entry] = {}
+        self._entries: dict[str, tuple[KeptLog, float]] = {}  # and when it was used last
         self._coming = 0
         self._lock = threading.Lock()
         folder.mkdir(mode=0o700)
@@ -569,7 +519,7 @@ class KeptLogs:
             path = self._folder / f"{log}{_ending(name)}"
             _write(path, files)
             with self._lock:
-                self._entries[log] = _Entry(KeptLog(path, name, size), self._clock())
+                self._entries[log] = KeptLog(path, name, size), self._clock()
         finally:
             with self._lock:
                 self._coming -= size
@@ -580,8 +530,8 @@ class KeptLogs:
         with self._lock:
             most = LARGEST_KEPT * self._largest
             free = shutil.disk_usage(self._folder).free - LEFT_FREE - self._coming
-            oldest = sorted(set(self._entries) - set(in_use), key=lambda item: self._entries[item].used_at)
-            kept = sum(_entry.log.size for _entry in self._entries.values()) + self._coming
+            oldest = sorted(set(self._entries) - set(in_use), key=lambda item: self._entries[item][1])
+            kept = sum(kept.size for kept, _ in self._entries.values()) + self._coming
             while (kept + size > most or size > free) and oldest:
                 gone = self._forget(oldest.pop(0))
                 kept, free = kept - gone, free + gone
@@ -597,11 +547,11 @@ class KeptLogs:
     def get(self, log: str) -> KeptLog:
         """Log of an identifier, which is used now."""
         with self._lock:
-            entry = self._entries.get(log)
-            if entry is None:
+            if log not in self._entries:
                 raise absent("a log", log)
-            entry.used_at = self._clock()
-            return entry.log
+            kept, _ = self._entries[log]
+            self._entries[log] = kept, self._clock()
+            return kept
 
     def forget(self, log: str) -> None:
         """Delete a log."""
@@ -614,14 +564,14 @@ class KeptLogs:
         """Delete the logs that nobody has used for so long, or works on."""
         with self._lock:
             oldest = self._clock() - age_s
-            for log in [name for name, entry in self._entries.items() if entry.used_at < oldest]:
+            for log in [name for name, (_, used_at) in self._entries.items() if used_at < oldest]:
                 if log not in in_use:
                     self._forget(log)
 
     def _forget(self, log: str) -> int:
-        entry = self._entries.pop(log)
-        _delete(entry.log.path)
-        return entry.log.size
+        kept, _ = self._entries.pop(log)
+        _delete(kept.path)
+        return kept.size
 
 
 def _write(path: Path, files: Iterable[tuple[str, Iterator[bytes]]]) -> None:

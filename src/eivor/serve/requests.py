@@ -200,25 +200,15 @@ _ENTRY = re.compile(r"([^/ ]{1,1000})/([0-9]{1,15})")
 _OTHER = re.compile(r"[^A-Za-z0-9_.\-\[\]]")
 
 
-@dataclass(frozen=True, slots=True)
-class SentFile:
-    """A file of a folder."""
-
-    name: str  # plain: of letters that mean nothing to a file system
-    size: int  # bytes
-
-
-def sent_files(header: str, size: int) -> tuple[SentFile, ...]:
-    """Files of a folder, out of their header."""
+def sent_files(header: str, size: int) -> tuple[tuple[str, int], ...]:
+    """Files of a folder out of their header: plain names, which mean nothing to a file system, and bytes."""
     if not header:
         return ()
     entries = [_ENTRY.fullmatch(item) for item in header.split(" ")]
-    files = [
-        SentFile(plain_name(unquote(entry[1], errors="replace")), int(entry[2])) for entry in entries if entry
-    ]
-    if len(files) < len(entries) or len(files) > MOST_FILES or sum(file.size for file in files) != size:
+    files = [(plain_name(unquote(entry[1], errors="replace")), int(entry[2])) for entry in entries if entry]
+    if len(files) < len(entries) or len(files) > MOST_FILES or sum(length for _, length in files) != size:
         raise _wrong_header(f"at most {MOST_FILES} files of a folder, NAME/BYTES, of {size} bytes", header)
-    if len({file.name.casefold() for file in files}) < len(files):
+    if len({name.casefold() for name, _ in files}) < len(files):
         raise _wrong_header("files of a folder with different names", header)
     return tuple(files)
 

@@ -51,15 +51,12 @@ from eivor.serve.jobs import (
     Begin,
     Export,
     File,
-    Found,
     Identify,
     KeptLog,
     ListExports,
     Outcome,
-    PageChoices,
     Plan,
     Refused,
-    StageStarted,
     Supply,
     Task,
 )
@@ -123,7 +120,7 @@ def outcome_of(task: Task, progress: ProgressCallback) -> Outcome:
     try:
         match task:
             case Begin():
-                return PageChoices(choices())
+                return choices()
             case Identify():
                 with _temporary_files_in(task.folder):
                     _identify(task, progress)
@@ -150,7 +147,7 @@ def _temporary_files_in(folder: Path) -> Iterator[None]:
 
 def _identify(task: Identify, progress: ProgressCallback) -> None:
     """Identify, write the result, determine it, and write the report."""
-    progress(StageStarted("reading"))
+    progress({"stage": "reading"})
     requested, folder = task.request, task.folder
     with _vehicle(requested.vehicle, folder) as vehicle:
         motion = named_motion(requested.model, vehicle)
@@ -172,11 +169,11 @@ def _identify(task: Identify, progress: ProgressCallback) -> None:
     windows = [item.window for item in given]
     check_windows(recordings, [window or options.window for window in windows])
     result = identified(
-        recordings, motion, options, windows, progress=lambda stage: progress(StageStarted(stage.value))
+        recordings, motion, options, windows, progress=lambda stage: progress({"stage": stage.value})
     )
-    progress(StageStarted("writing"))
+    progress({"stage": "writing"})
     write_atomically(folder / RESULT, json_text(json_document(result)))
-    progress(Found(result.verdict.status.value))
+    progress({"done": {"status": result.verdict.status.value}})
     write_atomically(folder / REPORT, flight_page(result))
 
 
