@@ -32,10 +32,10 @@ if TYPE_CHECKING:
     from eivor.inference.confidence_set import ConfidenceSet
     from eivor.inference.regions import ConfidenceRegion
     from eivor.lab import cramer_rao as bounds
-    from eivor.lab.fractional_model import FractionalDifferenceModel
-    from eivor.lab.fractional_terms import (
+    from eivor.lab.fractional_model import (
         FractionalDerivative,
         FractionalDifference,
+        FractionalDifferenceModel,
         FractionalTerm,
         UnknownOrder,
     )
@@ -85,11 +85,11 @@ _HOMES = {
     "FlightLimits": "eivor.planning.vehicle",
     "FlightPlan": "eivor.planning.plan",
     "FlightOptions": "eivor.flights.options",
-    "FractionalDerivative": "eivor.lab.fractional_terms",
-    "FractionalDifference": "eivor.lab.fractional_terms",
+    "FractionalDerivative": "eivor.lab.fractional_model",
+    "FractionalDifference": "eivor.lab.fractional_model",
     "FractionalDifferenceModel": "eivor.lab.fractional_model",
     "FractionalNoise": "eivor.signals.noise",
-    "FractionalTerm": "eivor.lab.fractional_terms",
+    "FractionalTerm": "eivor.lab.fractional_model",
     "HeavyTailedNoise": "eivor.signals.noise",
     "HomoskedasticErrors": "eivor.estimation.weak_identification",
     "Bounds": "eivor.models.separable",
@@ -103,7 +103,7 @@ _HOMES = {
     "SignPerturbedSet": "eivor.estimation.weak_identification",
     "SignalRegression": "eivor.models.signal_regression",
     "Signals": "eivor.signals.signals",
-    "UnknownOrder": "eivor.lab.fractional_terms",
+    "UnknownOrder": "eivor.lab.fractional_model",
     "Validation": "eivor.report.validation",
     "VehicleGuess": "eivor.planning.vehicle",
     "VerticalMotion": "eivor.motions.vertical.model",

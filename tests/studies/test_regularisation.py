@@ -7,8 +7,8 @@ import pytest
 
 import eivor as ev
 from eivor.errors import UsageError
+from eivor.lab.scenario_files import method_choice
 from eivor.lab.study import TARGETS, MethodChoice, Regularisation, trial
-from eivor.lab.study_files import method_choice
 from eivor.strict_toml import read_toml
 from studies.study_parts import EQUATION, small_study
 

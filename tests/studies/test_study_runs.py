@@ -18,15 +18,19 @@ import pytest
 
 from eivor.atomic_file import ABANDONED_S, PREFIX, SUFFIX
 from eivor.errors import InputError, UsageError
-from eivor.lab.study import MethodChoice, MethodRecord, ParameterRecord, TrialRecord, trial
-from eivor.lab.study_run import (
+from eivor.lab.study import (
     SHARD_TRIALS,
+    MethodChoice,
+    MethodRecord,
+    ParameterRecord,
     Share,
     StudyResult,
+    TrialRecord,
     frame,
     run_study,
     scores,
     shard_trials,
+    trial,
     trial_nrmse,
 )
 from eivor.process_pool import Executor, InProcess, Item, Result

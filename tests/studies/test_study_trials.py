@@ -11,9 +11,8 @@ import eivor
 from eivor.errors import UsageError
 from eivor.lab.experiments import DifferenceEquation, VerticalExperiment
 from eivor.lab.records import Scenario
-from eivor.lab.study import DIRECT, MethodChoice, failure, trial
+from eivor.lab.study import DIRECT, MethodChoice, failure, run_study, scores, trial
 from eivor.lab.study import METHODS as METHOD_NAMES
-from eivor.lab.study_run import run_study, scores
 from eivor.signals.signals import Signals
 from studies.study_parts import EQUATION, METHODS, Coin, small_study
 

@@ -11,7 +11,7 @@ import pytest
 
 import eivor as ev
 from eivor.lab.experiments import marks, page_with
-from eivor.lab.study_files import read_suite
+from eivor.lab.scenario_files import read_suite
 from validation.efficiency.bounds import main as bounds
 from validation.efficiency.bounds import with_bounds
 from validation.efficiency.known_spectra import main as known_spectra

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import sys
 
-from eivor.lab.study_files import coverage_suite
+from eivor.lab.scenario_files import coverage_suite
 from validation.coverage.page import PART, coverage_tables
 from validation.coverage.requirements import requirements
 from validation.coverage.table import COLUMNS, coverage_rows

@@ -13,7 +13,7 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from eivor.lab.study_files import Suite, read_suite
+from eivor.lab.scenario_files import Suite, read_suite
 from validation.efficiency.page import PART, efficiency_tables
 from validation.efficiency.requirements import requirements
 from validation.efficiency.table import COLUMNS, efficiency_rows

@@ -33,9 +33,9 @@ from eivor.cli.outputs import (
     write_out,
     writing,
 )
+from eivor.dask_executor import DaskCluster
 from eivor.errors import InputError, ParameterError, UsageError, did_you_mean
 from eivor.lab import figures
-from eivor.lab.dask_executor import DaskCluster
 from eivor.lab.experiments import page_with
 from eivor.lab.figures import (
     by_reading,
@@ -46,10 +46,8 @@ from eivor.lab.figures import (
     write_figures,
     write_study_figures,
 )
-from eivor.lab.known_logs import KnownLog, log_about_hover, log_of_flight, log_of_rigid_body_flight
-from eivor.lab.paper_examples import PaperResult, run_paper
-from eivor.lab.paper_readings import PaperReading, named_readings
-from eivor.lab.records import Scenario
+from eivor.lab.paper import PaperReading, PaperResult, named_readings, run_paper
+from eivor.lab.records import Scenario, log_about_hover
 from eivor.lab.scenario_files import (
     FLIGHT_KIND,
     SHIPPED,
@@ -60,17 +58,18 @@ from eivor.lab.scenario_files import (
     shipped_rigid_body_flight,
     shipped_scenario,
     shipped_scenarios,
+    study_from_table,
 )
 from eivor.lab.scenario_files import RIGID_BODY_KIND as RIGID_BODY
-from eivor.lab.study import Study, failure
-from eivor.lab.study_files import study_from_table
-from eivor.lab.study_run import (
+from eivor.lab.study import (
     SHARD_TRIALS,
     TOGETHER,
     MethodScore,
     Progress,
     Spread,
+    Study,
     StudyResult,
+    failure,
     no_progress,
     run_study,
     scores,
@@ -79,6 +78,7 @@ from eivor.logs.table.columnar import write_recording
 from eivor.process_pool import Executor, local_executor
 from eivor.report.document import printable
 from eivor.report.json_document import json_text, number
+from eivor.simulation.known_logs import KnownLog, log_of_flight, log_of_rigid_body_flight
 from eivor.simulation.rigid_body_spec import RigidBodyFlightSpec, vehicle_text
 from eivor.simulation.vertical import VerticalFlightSpec
 from eivor.strict_toml import TomlTable, read_toml

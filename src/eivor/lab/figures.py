@@ -17,18 +17,23 @@ from rich.text import Text
 
 from eivor.errors import UsageError
 from eivor.lab.experiments import markdown
-from eivor.lab.paper_errata import errata
-from eivor.lab.paper_examples import (
+from eivor.lab.paper import (
+    EXAMPLES,
+    METHODS,
+    PRINTED_METHODS,
+    SCORES,
     SEED,
+    Example,
     Nearness,
+    PaperReading,
     PaperResult,
     integrated_height,
     nearness,
     record,
     trial_generator,
 )
-from eivor.lab.paper_readings import EXAMPLES, METHODS, PRINTED_METHODS, SCORES, Example, PaperReading
-from eivor.lab.study_run import TOGETHER, Share, Spread, StudyResult, scores, trial_nrmse
+from eivor.lab.paper_errata import errata
+from eivor.lab.study import TOGETHER, Share, Spread, StudyResult, scores, trial_nrmse
 from eivor.motions import wording_of
 from eivor.report.document import printable
 from eivor.report.figure_panels import (

@@ -13,8 +13,7 @@ from eivor.estimation import methods
 from eivor.estimation.linear import LinearMethod
 from eivor.estimation.moments import CrossMoments, Moments, TriangularMoments
 from eivor.lab.disturbances import RandomCoefficientMovingAverage
-from eivor.lab.paper_examples import nrmse, record, trial_generator
-from eivor.lab.paper_readings import (
+from eivor.lab.paper import (
     DISTURBANCE,
     EXAMPLES,
     PRINTED_METHODS,
@@ -22,6 +21,9 @@ from eivor.lab.paper_readings import (
     Example,
     Ratio,
     named_readings,
+    nrmse,
+    record,
+    trial_generator,
 )
 from eivor.lab.records import SimulatedRecord
 from eivor.linalg.system import LinearSystem

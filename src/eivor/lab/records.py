@@ -6,15 +6,20 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
+from importlib.metadata import version
 
 import numpy as np
 from scipy.linalg.lapack import dtbtrs
 
 from eivor import checks
-from eivor.errors import ParameterError
+from eivor.errors import ParameterError, UsageError
+from eivor.motions.vertical.model import GRAVITY
+from eivor.signals.channels import held_by_default, unit_of
 from eivor.signals.noise import MeasurementNoise, WhiteNoise
+from eivor.signals.recording import Channel, Recording
 from eivor.signals.signals import Signals
 from eivor.simulation.excitation import Disturbance, Excitation, PaperInput, finite, positive
+from eivor.simulation.known_logs import SCHEMA, KnownLog
 from eivor.tools import Float
 
 # -- Control --
@@ -580,3 +585,56 @@ def _controlled(scenario: Scenario, feedback: Feedback, additions: Series, pushe
     """Motion of the loop under additions to its error [m/s] and held accelerations [m/s^2]."""
     commanded, states = driven_loop(sampled_loop(scenario.vehicle, feedback), additions, pushes)
     return LinearMotion(commanded, states[:, 0], states[:, 1] if feedback.altitude_gain != 0.0 else None)
+
+
+# -- Log about hover --
+
+
+def log_about_hover(scenario: Scenario, seed: int, *, hover: bool = False) -> KnownLog:
+    """Log of a scenario."""
+    record = simulate(scenario, np.random.default_rng(seed))
+    hover_input = _hover_input(scenario) if hover else 0.0
+    truth = _scenario_truth(scenario, record) | {"hover_input": hover_input, "seed": seed}
+    return KnownLog(_recording(record, hover_input), scenario.rate_hz, scenario.samples, truth)
+
+
+def _hover_input(scenario: Scenario) -> float:
+    """Input whose effect is the weight's."""
+    if scenario.input_gain <= 0.0:
+        raise UsageError(
+            "an input_gain above zero with --hover", f"{scenario.input_gain}", "Leave --hover out."
+        )
+    return GRAVITY / scenario.input_gain
+
+
+def _recording(record: SimulatedRecord, hover_input: float) -> Recording:
+    """Recording of the measured channels."""
+    signals = record.signals
+    time_s = np.arange(signals.sample_count) * signals.step_s
+    channels = {}
+    for key, values in signals.channels.items():
+        logged = values + hover_input if key == "input" else values
+        channels[key] = Channel(
+            key, time_s, logged, unit_of(key), source="simulation", held=held_by_default(key)
+        )
+    return Recording(name="simulation", format="simulation", channels=channels)
+
+
+def _scenario_truth(scenario: Scenario, record: SimulatedRecord) -> dict[str, object]:
+    noises = {
+        name: {"std": noise.std, "order": getattr(noise, "order", 0.0)}
+        for name, noise in record.signals.noise.items()
+    }
+    return {
+        "schema": SCHEMA,
+        **record.parameters,
+        "units": {"viscous_friction": "1/s", "input_gain": "m/s^2 per unit of input"},
+        "noise": noises,
+        "disturbance": {
+            "route": scenario.route.value,
+            "std": float(record.truth.channels["disturbance"].std()),
+        },
+        "rate_hz": scenario.rate_hz,
+        "samples": scenario.samples,
+        "provenance": {"version": version("eivor")},
+    }

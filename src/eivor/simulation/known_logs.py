@@ -8,12 +8,9 @@ from importlib.metadata import version
 
 import numpy as np
 
-from eivor.errors import ParameterError, UsageError
-from eivor.lab.records import Scenario, SimulatedRecord, simulate
+from eivor.errors import ParameterError
 from eivor.motions.rigid_body.dynamics import into_body, rotation
-from eivor.motions.vertical.model import GRAVITY
-from eivor.signals.channels import held_by_default, unit_of
-from eivor.signals.recording import Channel, Recording
+from eivor.signals.recording import Recording
 from eivor.simulation.rigid_body import RigidBodyFlight, RigidBodyTruth, simulate_rigid_body_flights
 from eivor.simulation.rigid_body_spec import RigidBodyFlightSpec
 from eivor.simulation.vertical import STEP_S, VerticalFlightSpec, simulate_vertical_flights
@@ -31,14 +28,6 @@ class KnownLog:
     rate_hz: float
     samples: int
     truth: dict[str, object]
-
-
-def log_about_hover(scenario: Scenario, seed: int, *, hover: bool = False) -> KnownLog:
-    """Log of a scenario."""
-    record = simulate(scenario, np.random.default_rng(seed))
-    hover_input = _hover_input(scenario) if hover else 0.0
-    truth = _scenario_truth(scenario, record) | {"hover_input": hover_input, "seed": seed}
-    return KnownLog(_recording(record, hover_input), scenario.rate_hz, scenario.samples, truth)
 
 
 def log_of_flight(spec: VerticalFlightSpec) -> KnownLog:
@@ -59,48 +48,6 @@ def logs_of_flights(specs: Sequence[VerticalFlightSpec]) -> Iterator[KnownLog]:
         # Without its input map, which is the rotors' own default: so a CSV can keep all that there is.
         recording = replace(flight.recording, input_map="")
         yield KnownLog(recording, 1.0 / STEP_S, spec.count, _flight_truth(spec))
-
-
-def _hover_input(scenario: Scenario) -> float:
-    """Input whose effect is the weight's."""
-    if scenario.input_gain <= 0.0:
-        raise UsageError(
-            "an input_gain above zero with --hover", f"{scenario.input_gain}", "Leave --hover out."
-        )
-    return GRAVITY / scenario.input_gain
-
-
-def _recording(record: SimulatedRecord, hover_input: float) -> Recording:
-    """Recording of the measured channels."""
-    signals = record.signals
-    time_s = np.arange(signals.sample_count) * signals.step_s
-    channels = {}
-    for key, values in signals.channels.items():
-        logged = values + hover_input if key == "input" else values
-        channels[key] = Channel(
-            key, time_s, logged, unit_of(key), source="simulation", held=held_by_default(key)
-        )
-    return Recording(name="simulation", format="simulation", channels=channels)
-
-
-def _scenario_truth(scenario: Scenario, record: SimulatedRecord) -> dict[str, object]:
-    noises = {
-        name: {"std": noise.std, "order": getattr(noise, "order", 0.0)}
-        for name, noise in record.signals.noise.items()
-    }
-    return {
-        "schema": SCHEMA,
-        **record.parameters,
-        "units": {"viscous_friction": "1/s", "input_gain": "m/s^2 per unit of input"},
-        "noise": noises,
-        "disturbance": {
-            "route": scenario.route.value,
-            "std": float(record.truth.channels["disturbance"].std()),
-        },
-        "rate_hz": scenario.rate_hz,
-        "samples": scenario.samples,
-        "provenance": {"version": version("eivor")},
-    }
 
 
 def _flight_truth(spec: VerticalFlightSpec) -> dict[str, object]:
@@ -134,7 +81,7 @@ def _flight_truth(spec: VerticalFlightSpec) -> dict[str, object]:
     }
 
 
-# -- Known log --
+# -- Rigid body log --
 
 #: Units of what the truth says of every axis.
 UNITS = {
