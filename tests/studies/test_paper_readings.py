@@ -13,7 +13,7 @@ from eivor.errors import UsageError
 from eivor.estimation import methods
 from eivor.estimation.methods import identify
 from eivor.inference.verdict import Status
-from eivor.lab import paper_examples as paper_trials
+from eivor.lab import paper as paper_trials
 from eivor.lab.paper import (
     EXAMPLES,
     METHODS,
