@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from enum import Enum, StrEnum
+from enum import Enum
 from functools import lru_cache
 from importlib.resources import as_file, files
 from pathlib import Path
 from types import UnionType
-from typing import TYPE_CHECKING, Any, TypeVar, Union, get_args, get_origin, get_type_hints
+from typing import TYPE_CHECKING, Any, Union, get_args, get_origin, get_type_hints
 
-from eivor.errors import EivorError, InputError, UsageError, did_you_mean
+from eivor.errors import EivorError, UsageError, did_you_mean
 from eivor.lab.disturbances import (
     Arma,
     Bilinear,
@@ -36,7 +37,7 @@ from eivor.lab.disturbances import (
 )
 from eivor.lab.experiments import INPUT, OUTPUT, DifferenceEquation, Experiment, VerticalExperiment
 from eivor.lab.records import ABOUT_HOVER, NOISY_CHANNELS, AltitudeControl, Control, Scenario, VelocityControl
-from eivor.lab.study import MethodChoice, Regularisation, Study
+from eivor.lab.study import MethodChoice, Study
 from eivor.signals.noise import (
     AutoregressiveNoise,
     FractionalNoise,
@@ -45,7 +46,7 @@ from eivor.signals.noise import (
     RoundingNoise,
     WhiteNoise,
 )
-from eivor.simulation.environment import NoiseKind, SensorNoise, TrajectoryKind
+from eivor.simulation.environment import SensorNoise
 from eivor.simulation.excitation import (
     Chirp,
     Disturbance,
@@ -213,11 +214,7 @@ USUAL: Mapping[type, str] = {CoefficientPath: "sinusoid"}
 def of_kind(table: TomlTable, family: type, **known: object) -> Any:
     """Object that a table with a `kind` describes."""
     kinds = KINDS[family]
-    kind = table.text("kind", USUAL[family]) if family in USUAL else table.text("kind")
-    if kind not in kinds:
-        remedy = did_you_mean(kind, kinds, "Name one of them.")
-        raise table.wrong("kind", f"one of {', '.join(kinds)}", f"'{kind}'", remedy)
-    return built(table, kinds[kind], **known)
+    return built(table, kinds[table.choice("kind", tuple(kinds), USUAL.get(family))], **known)
 
 
 def built(table: TomlTable, maker: Maker, **known: object) -> Any:
@@ -230,8 +227,15 @@ def built(table: TomlTable, maker: Maker, **known: object) -> Any:
             values[name] = _value(table, name, annotation)
         table.taken.add(name)
     table.finish()
-    try:
+    with located(table):
         return maker(**values)
+
+
+@contextmanager
+def located(table: TomlTable) -> Iterator[None]:
+    """Turn the error of what a table describes into one with its place: it is the file that is wrong."""
+    try:
+        yield
     except EivorError as error:
         raise table.wrong("", error.expected, error.received, error.remedy) from error
 
@@ -253,13 +257,12 @@ def _value(table: TomlTable, name: str, annotation: Any) -> Any:
     if annotation in KINDS:
         return of_kind(table.section(name), annotation)
     if isinstance(annotation, type):
-        if issubclass(annotation, StrEnum):
-            return annotation(table.choice(name, tuple(annotation)))
+        if issubclass(annotation, Enum):
+            return annotation(table.choice(name, tuple(member.value for member in annotation)))
         return built(table.section(name), annotation)
     item = get_args(annotation)[0]
-    if item in KINDS:
-        return tuple(of_kind(section, item) for section in table.sections(name))
-    return tuple(built(section, item) for section in table.sections(name))
+    read = of_kind if item in KINDS else built
+    return tuple(read(section, item) for section in table.sections(name))
 
 
 def _numbers(table: TomlTable, name: str) -> tuple[float, ...]:
@@ -271,12 +274,8 @@ def _numbers(table: TomlTable, name: str) -> tuple[float, ...]:
 
 def _rows(table: TomlTable, name: str) -> tuple[tuple[float, ...], ...]:
     """A list of lists of numbers."""
-    rows = table.values.get(name)
-    if not isinstance(rows, list):
-        raise table.wrong(name, "a list of lists of numbers", repr(rows) if table.has(name) else "nothing")
-    path = ".".join(part for part in (table.path, name) if part)
-    numbered = table.part({f"{number + 1}": row for number, row in enumerate(rows)}, path)
-    return tuple(numbered.numbers(key) for key in numbered.values)
+    rows = table.rows(name)
+    return tuple(rows.numbers(key) for key in rows.values)
 
 
 def _wholes(table: TomlTable, name: str) -> tuple[int, ...]:
@@ -292,6 +291,8 @@ _PLAIN: Mapping[Any, Callable[[TomlTable, str], Any]] = {
     float: TomlTable.number,
     int: TomlTable.whole,
     str: TomlTable.text,
+    bool: lambda table, name: table.flag(name, default=False),
+    tuple[int, int]: TomlTable.span,
     tuple[float, ...]: _numbers,
     tuple[int, ...]: _wholes,
     tuple[str, ...]: TomlTable.texts,
@@ -303,6 +304,8 @@ _PLAIN: Mapping[Any, Callable[[TomlTable, str], Any]] = {
 
 #: What a file of a flight says of itself.
 FLIGHT_KIND = "flight"
+#: Folders of what comes with the package.
+_FLIGHTS, _SCENARIOS = (Path(__file__).parent / name for name in ("scenario_flights", "scenarios"))
 
 
 def read_flight(path: Path) -> VerticalFlightSpec:
@@ -312,22 +315,17 @@ def read_flight(path: Path) -> VerticalFlightSpec:
 
 def shipped_flight() -> VerticalFlightSpec:
     """Flight that comes with the package, "flight"."""
-    with as_file(files("eivor.lab").joinpath("scenario_flights", f"{FLIGHT_KIND}.toml")) as path:
-        return read_flight(path)
+    return read_flight(_FLIGHTS / f"{FLIGHT_KIND}.toml")
 
 
 def flight_from_table(table: TomlTable) -> VerticalFlightSpec:
     """Flight from the top table of a TOML file, all of whose keys it takes."""
     table.choice("kind", (FLIGHT_KIND,))
     known: dict[str, object] = {"seed": 0}
-    if table.has("trajectory"):
-        known["trajectory"] = TrajectoryKind(table.choice("trajectory", tuple(TrajectoryKind)))
     if table.has("noise"):
-        section = table.section("noise")
-        quiet = SensorNoise()
-        kind = NoiseKind(section.choice("kind", tuple(NoiseKind))) if section.has("kind") else quiet.kind
         # The log of vertical motion has no angular rates.
-        known["noise"] = built(section, SensorNoise, kind=kind, angular_rate=quiet.angular_rate)
+        quiet = SensorNoise().angular_rate
+        known["noise"] = built(table.section("noise"), SensorNoise, angular_rate=quiet)
     flight: VerticalFlightSpec = built(table, VerticalFlightSpec, **known)
     return flight
 
@@ -399,8 +397,7 @@ def shipped_rigid_body_flight(name: str) -> RigidBodyFlightSpec:
     """Flight that comes with the package."""
     if name not in SHIPPED:
         raise UsageError(f"a flight out of {', '.join(SHIPPED)}", f"'{name}'", "Name one of them.")
-    with as_file(files("eivor.lab").joinpath("scenario_flights", f"{name}.toml")) as path:
-        return read_rigid_body_flight(path)
+    return read_rigid_body_flight(_FLIGHTS / f"{name}.toml")
 
 
 def rigid_body_flight_from_table(table: TomlTable) -> RigidBodyFlightSpec:
@@ -417,8 +414,6 @@ def rigid_body_flight_from_table(table: TomlTable) -> RigidBodyFlightSpec:
 #: Most samples of a record that is simulated from a file.
 MOST_SAMPLES = 50_000_000
 
-AnyEnum = TypeVar("AnyEnum", bound=Enum)
-
 
 def read_scenario(path: Path) -> Scenario:
     """Scenario from a file."""
@@ -427,9 +422,7 @@ def read_scenario(path: Path) -> Scenario:
 
 def shipped_scenarios() -> tuple[str, ...]:
     """Names of the scenarios that come with the package."""
-    folder = files("eivor.lab").joinpath("scenarios")
-    names = (entry.name for entry in folder.iterdir())
-    return tuple(sorted(name.removesuffix(".toml") for name in names if name.endswith(".toml")))
+    return tuple(sorted(path.stem for path in _SCENARIOS.glob("*.toml")))
 
 
 def shipped_scenario(name: str) -> Scenario:
@@ -444,8 +437,7 @@ def shipped_scenario(name: str) -> Scenario:
         raise UsageError(
             f"a scenario out of {', '.join(shipped_scenarios())}", f"'{name}'", "Name one of them."
         )
-    with as_file(files("eivor.lab").joinpath("scenarios", f"{name}.toml")) as path:
-        return read_scenario(path)
+    return read_scenario(_SCENARIOS / f"{name}.toml")
 
 
 def scenario_from_table(table: TomlTable) -> Scenario:
@@ -453,30 +445,14 @@ def scenario_from_table(table: TomlTable) -> Scenario:
     if table.has("kind") and table.text("kind") != "vertical":
         raise table.wrong("kind", "'vertical'", repr(table.values["kind"]))
     noise, ratios = noises(table, NOISY_CHANNELS)
-    values: dict[str, Any] = {
-        "viscous_friction": table.number("viscous_friction"),
-        "input_gain": table.number("input_gain"),
-        "rate_hz": table.number("rate_hz", Scenario.rate_hz),
-        "samples": sample_count(table, Scenario.samples),
-        "route": _choice(table, "route", Scenario.route),
-        "intersample": _choice(table, "intersample", Scenario.intersample),
-        "noise": noise,
-        "noise_to_signal": ratios,
-    }
-    if table.has("excitation"):
-        values["excitation"] = of_kind(table.section("excitation"), Excitation)
-    if table.has("control"):
-        values["control"] = of_kind(table.section("control"), Control)
+    known: dict[str, object] = {"noise": noise, "noise_to_signal": ratios, "disturbance_to_signal": None}
     if table.has("disturbance"):
         section = table.section("disturbance")
-        values["disturbance_to_signal"] = ratio_to_signal(section)
-        values["disturbance"] = of_kind(section, Disturbance)
-    table.taken.update({"kind", "excitation", "control", "disturbance", "noise"})
-    table.finish()
-    try:
-        return Scenario(**values)
-    except EivorError as error:
-        raise table.wrong("", error.expected, error.received, error.remedy) from error
+        known["disturbance_to_signal"] = ratio_to_signal(section)
+        known["disturbance"] = of_kind(section, Disturbance)
+    table.taken.update({"kind", "disturbance", "noise"})
+    scenario: Scenario = built(table, Scenario, samples=sample_count(table, Scenario.samples), **known)
+    return scenario
 
 
 def sample_count(table: TomlTable, default: int) -> int:
@@ -485,14 +461,6 @@ def sample_count(table: TomlTable, default: int) -> int:
     if samples > MOST_SAMPLES:
         raise table.wrong("samples", f"{MOST_SAMPLES} samples or fewer", f"{samples}", "Ask for fewer.")
     return samples
-
-
-def _choice(table: TomlTable, key: str, default: AnyEnum) -> AnyEnum:
-    words = {member.value: member for member in type(default)}
-    word = table.text(key, default.value)
-    if word not in words:
-        raise table.wrong(key, " or ".join(f"'{name}'" for name in words), f"'{word}'")
-    return words[word]
 
 
 # -- Study file --
@@ -507,88 +475,32 @@ def study_from_table(top: TomlTable) -> Study:
     """Study from the top table of a file, all of whose keys it takes."""
     name = top.text("name", Path(top.file).stem)
     runs, seed = top.whole("runs"), top.whole("seed")
-    intervals, level = top.flag("intervals", default=False), top.number("level", 0.95)
     if isinstance(top.values.get("scenario"), str):
         experiment = _experiment(top.neighbour("scenario", "a scenario"))
     else:
         experiment = _experiment(top.section("scenario"))
     choices = tuple(method_choice(table) for table in top.sections("methods"))
-    top.finish()
-    try:
-        return Study(name, experiment, choices, runs, seed, intervals, level)
-    except EivorError as error:
-        raise _placed(top, error) from error
+    study: Study = built(top, Study, name=name, experiment=experiment, methods=choices, runs=runs, seed=seed)
+    return study
 
 
 def method_choice(table: TomlTable, channel: str = INPUT) -> MethodChoice:
     """Method and its options, from a table all of whose keys it takes."""
-    name = table.text("name")
-    lags = table.span("lags") if table.has("lags") else None
-    channel = table.text("channel", channel)
-    weighting = table.text("weighting", "unweighted")
-    known = table.texts("known_noise") if table.has("known_noise") else None
-    label = table.text("label", name)
-    covariance, strength = table.text("covariance", "default"), table.number("strength", 1.0)
-    shrunk = _regularisation(table.section("regularisation")) if table.has("regularisation") else None
-    table.taken.update(("lags", "known_noise", "regularisation"))
-    table.finish()
-    try:
-        return MethodChoice(name, lags, channel, weighting, known, label, covariance, strength, shrunk)
-    except EivorError as error:
-        raise _placed(table, error) from error
-
-
-def _regularisation(table: TomlTable) -> Regularisation:
-    towards = table.text("towards", "zero")
-    parameter = table.number("parameter") if table.has("parameter") else None
-    table.taken.add("parameter")
-    table.finish()
-    try:
-        return Regularisation(parameter, towards)
-    except EivorError as error:
-        raise _placed(table, error) from error
+    choice: MethodChoice = built(table, MethodChoice, channel=table.text("channel", channel))
+    return choice
 
 
 def _experiment(table: TomlTable) -> Experiment:
-    if (
-        table.has("kind")
-        and table.choice("kind", ("vertical", "difference_equation")) == "difference_equation"
-    ):
-        return _difference_equation(table)
-    return VerticalExperiment(scenario_from_table(table))
-
-
-def _difference_equation(table: TomlTable) -> DifferenceEquation:
+    kinds = ("vertical", "difference_equation")
+    if not table.has("kind") or table.choice("kind", kinds) == "vertical":
+        return VerticalExperiment(scenario_from_table(table))
     noise, ratios = noises(table, (OUTPUT, INPUT))
-    disturbance = None
-    if table.has("disturbance"):
-        disturbance = of_kind(table.section("disturbance"), Disturbance)
-    output_coefficients = table.numbers("output_coefficients")
-    input_coefficients = table.numbers("input_coefficients")
-    excitation = of_kind(table.section("excitation"), Excitation)
-    delay, samples = table.whole("delay", 1), sample_count(table, 1000)
-    rate_hz = table.number("rate_hz", 1.0)
-    table.taken.update(("disturbance", "noise"))
-    table.finish()
-    try:
-        return DifferenceEquation(
-            output_coefficients,
-            input_coefficients,
-            excitation,
-            delay=delay,
-            samples=samples,
-            rate_hz=rate_hz,
-            noise=noise,
-            noise_to_signal=ratios,
-            disturbance=disturbance,
-        )
-    except EivorError as error:
-        raise _placed(table, error) from error
-
-
-def _placed(table: TomlTable, error: EivorError) -> InputError:
-    """Error of what a table describes, with its place: it is the file that is wrong."""
-    return table.wrong("", error.expected, error.received, error.remedy)
+    table.taken.add("noise")
+    known: dict[str, object] = {"noise": noise, "noise_to_signal": ratios}
+    equation: DifferenceEquation = built(
+        table, DifferenceEquation, samples=sample_count(table, 1000), **known
+    )
+    return equation
 
 
 # -- Suite file --
@@ -635,11 +547,9 @@ def read_suite(path: Path) -> Suite:
             experiment = VerticalExperiment(replace(scenario, samples=samples))
             channel = experiment.exogenous_channel
             choices = tuple(method_choice(table, channel) for table in tables)
-            try:
-                label = f"{name}: {word}, {samples} samples"
+            label = f"{name}: {word}, {samples} samples"
+            with located(top):
                 study = Study(label, experiment, choices, runs, seed, intervals=True, level=level)
-            except EivorError as error:
-                raise top.wrong("", error.expected, error.received, error.remedy) from error
             studies.append(SuiteStudy(word, samples, study))
     return Suite(name, tuple(studies))
 
