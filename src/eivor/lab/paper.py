@@ -7,6 +7,7 @@ from contextlib import closing
 from dataclasses import dataclass, replace
 from enum import Enum
 from functools import lru_cache, partial
+from typing import Any
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -24,7 +25,7 @@ from eivor.motions.vertical.model import VerticalMotion
 from eivor.process_pool import in_order, local_executor
 from eivor.signals.noise import FractionalNoise, MeasurementNoise, WhiteNoise, fractional_difference
 from eivor.signals.signals import Signals
-from eivor.simulation.excitation import Excitation, PaperInput
+from eivor.simulation.excitation import Excitation, PaperInput, WhiteExcitation
 from eivor.tools import Bool, Float
 
 #: theta = (K, K_u) of (34).
@@ -200,19 +201,16 @@ class PaperReading:
     compensation: Compensation = Compensation.SHARED
     as_many: bool = False
 
+    def but(self, name: str, sentence: str, **changes: Any) -> PaperReading:
+        """The same reading apart from some choices."""
+        return replace(self, name=name, sentence=sentence, **changes)
+
     @property
     def records(self) -> PaperReading:
         """What shapes the records alone: readings that share it have the same ones."""
         same = PaperReading("", "")
-        return replace(
-            self,
-            name="",
-            sentence="",
-            allowed=True,
-            lags=same.lags,
-            compensation=same.compensation,
-            as_many=same.as_many,
-        )
+        estimation = {name: getattr(same, name) for name in ("allowed", "lags", "compensation", "as_many")}
+        return self.but("", "", **estimation)
 
 
 _STD = PaperReading(
@@ -221,11 +219,8 @@ _STD = PaperReading(
     "motion, ten lags.",
     input_variance=0.02**2,
 )
-_VARIANCE = replace(
-    _STD,
-    name="ratios-of-variances",
-    sentence="As ratios-of-std, with the ratios those of variances.",
-    ratio=Ratio.VARIANCE,
+_VARIANCE = _STD.but(
+    "ratios-of-variances", "As ratios-of-std, with the ratios those of variances.", ratio=Ratio.VARIANCE
 )
 _CENTRAL = PaperReading(
     "central-10-lags",
@@ -237,168 +232,137 @@ _CENTRAL = PaperReading(
 READINGS: tuple[PaperReading, ...] = (
     _STD,
     _VARIANCE,
-    replace(
-        _STD,
-        name="input-variance-std",
-        sentence="As ratios-of-std, with 0.02 the variance of the input's noise.",
+    _STD.but(
+        "input-variance-std",
+        "As ratios-of-std, with 0.02 the variance of the input's noise.",
         input_variance=0.02,
     ),
-    replace(
-        _VARIANCE,
-        name="input-variance",
-        sentence="As ratios-of-variances, with 0.02 the variance of the input's noise.",
+    _VARIANCE.but(
+        "input-variance",
+        "As ratios-of-variances, with 0.02 the variance of the input's noise.",
         input_variance=0.02,
     ),
-    replace(
-        _VARIANCE,
-        name="larger-on-acceleration",
-        sentence="As ratios-of-variances, with 1e-2 on z''.",
-        larger_on="acceleration_z",
+    _VARIANCE.but(
+        "larger-on-acceleration", "As ratios-of-variances, with 1e-2 on z''.", larger_on="acceleration_z"
     ),
-    replace(
-        _VARIANCE,
-        name="larger-on-input",
-        sentence="As ratios-of-variances, with 1e-2 on u.",
-        larger_on="input",
+    _VARIANCE.but("larger-on-input", "As ratios-of-variances, with 1e-2 on u.", larger_on="input"),
+    _VARIANCE.but(
+        "larger-on-disturbance",
+        "As ratios-of-variances, with 1e-2 on the disturbance.",
+        larger_on="disturbance",
     ),
-    replace(
-        _VARIANCE,
-        name="larger-on-disturbance",
-        sentence="As ratios-of-variances, with 1e-2 on the disturbance.",
-        larger_on=DISTURBANCE,
-    ),
-    replace(
-        _VARIANCE,
-        name="ratio-after-delta",
-        sentence="As ratios-of-variances, the ratios of the noises after Delta^alpha.",
+    _VARIANCE.but(
+        "ratio-after-delta",
+        "As ratios-of-variances, the ratios of the noises after Delta^alpha.",
         ratio_of=RatioOf.FRACTIONAL,
     ),
-    replace(
-        _VARIANCE,
-        name="weights-as-printed",
-        sentence="As ratios-of-variances, with binom(alpha, j) as weights: signs alternate.",
+    _VARIANCE.but(
+        "weights-as-printed",
+        "As ratios-of-variances, with binom(alpha, j) as weights: signs alternate.",
         weights=Weights.PRINTED,
     ),
-    replace(
-        _VARIANCE,
-        name="disturbance-in-dynamics",
-        sentence="As ratios-of-variances, with the disturbance moving the vehicle.",
+    _VARIANCE.but(
+        "disturbance-in-dynamics",
+        "As ratios-of-variances, with the disturbance moving the vehicle.",
         route=DisturbanceRoute.DYNAMICS,
     ),
-    replace(
-        _VARIANCE,
-        name="disturbance-unscaled",
-        sentence="As ratios-of-variances, with e ~ N(0, 1) and sinusoids of amplitude 1 m/s^2 as printed.",
+    _VARIANCE.but(
+        "disturbance-unscaled",
+        "As ratios-of-variances, with e ~ N(0, 1) and sinusoids of amplitude 1 m/s^2 as printed.",
         disturbance_scaled=False,
     ),
-    replace(
-        _VARIANCE,
-        name="two-lags",
-        sentence="As ratios-of-variances, with n = 2 in (21) and (28): as many delayed inputs as parameters.",
+    _VARIANCE.but(
+        "two-lags",
+        "As ratios-of-variances, with n = 2 in (21) and (28): as many delayed inputs as parameters.",
         lags=2,
     ),
-    replace(
-        _VARIANCE,
-        name="row-of-h-as-printed",
-        sentence="As larger-on-input, with the 1 of H in row 2 as printed.",
+    _VARIANCE.but(
+        "row-of-h-as-printed",
+        "As larger-on-input, with the 1 of H in row 2 as printed.",
         larger_on="input",
         compensation=Compensation.PRINTED_ROW,
     ),
-    replace(
-        _VARIANCE,
-        name="count-left-out",
-        sentence="As larger-on-input, with sigma_u^2 not multiplied by N, as (29) is printed.",
+    _VARIANCE.but(
+        "count-left-out",
+        "As larger-on-input, with sigma_u^2 not multiplied by N, as (29) is printed.",
         larger_on="input",
         compensation=Compensation.WITHOUT_COUNT,
     ),
-    replace(
-        _VARIANCE,
-        name="time-in-samples",
-        sentence="As ratios-of-variances, with t in (35) counted in samples.",
-        input=Input.SAMPLES,
+    _VARIANCE.but(
+        "time-in-samples", "As ratios-of-variances, with t in (35) counted in samples.", input=Input.SAMPLES
     ),
     _CENTRAL,
-    replace(_CENTRAL, name="central-5-lags", sentence="As central-10-lags, with five lags.", lags=5),
-    replace(_CENTRAL, name="central-2-lags", sentence="As central-10-lags, with n = 2 as in (21).", lags=2),
-    replace(
-        _CENTRAL,
-        name="central-linear-input",
-        sentence="As central-5-lags, with an input that is linear between samples.",
-        lags=5,
+    _CENTRAL.but("central-5-lags", "As central-10-lags, with five lags.", lags=5),
+    _CENTRAL.but("central-2-lags", "As central-10-lags, with n = 2 as in (21).", lags=2),
+    _CENTRAL.but(
+        "central-linear-input",
+        "As central-5-lags, with an input that is linear between samples.",
         intersample=Intersample.LINEAR,
-    ),
-    replace(
-        _CENTRAL,
-        name="height-central",
-        sentence="As central-5-lags, with z' by central and z'' by central second differences of z.",
         lags=5,
+    ),
+    _CENTRAL.but(
+        "height-central",
+        "As central-5-lags, with z' by central and z'' by central second differences of z.",
         motion=MotionSource.HEIGHT_CENTRAL,
-    ),
-    replace(
-        _CENTRAL,
-        name="height-backward",
-        sentence="As central-5-lags, with z' and z'' by backward differences of z, one after the other.",
         lags=5,
-        motion=MotionSource.HEIGHT_BACKWARD,
     ),
-    replace(
-        _CENTRAL,
-        name="height-backward-2-lags",
-        sentence="As height-backward, with n = 2 as in (21).",
+    _CENTRAL.but(
+        "height-backward",
+        "As central-5-lags, with z' and z'' by backward differences of z, one after the other.",
+        motion=MotionSource.HEIGHT_BACKWARD,
+        lags=5,
+    ),
+    _CENTRAL.but(
+        "height-backward-2-lags",
+        "As height-backward, with n = 2 as in (21).",
+        motion=MotionSource.HEIGHT_BACKWARD,
         lags=2,
-        motion=MotionSource.HEIGHT_BACKWARD,
     ),
-    replace(
-        _CENTRAL,
-        name="noise-before-differences",
-        sentence="As central-5-lags, with z'' by central differences of the noisy z'.",
-        lags=5,
+    _CENTRAL.but(
+        "noise-before-differences",
+        "As central-5-lags, with z'' by central differences of the noisy z'.",
         motion=MotionSource.NOISY_VELOCITY,
+        lags=5,
     ),
-    replace(
-        _CENTRAL,
-        name="euler-steps",
-        sentence="As central-10-lags, with the motion by Euler's steps: z'' of the z' before, and in the "
-        "equation beside the z' that it leads to.",
+    _CENTRAL.but(
+        "euler-steps",
+        "As central-10-lags, with the motion by Euler's steps: z'' of the z' before, and in the equation "
+        "beside the z' that it leads to.",
         motion=MotionSource.EULER_STEPS,
     ),
-    replace(
-        _VARIANCE,
-        name="forward-printed-weights",
-        sentence="As larger-on-input, with z'' by forward differences of z', binom(alpha, j) as weights, "
-        "n = 2, and as many instruments in generalized as in extended IV.",
+    _VARIANCE.but(
+        "forward-printed-weights",
+        "As larger-on-input, with z'' by forward differences of z', binom(alpha, j) as weights, n = 2, and "
+        "as many instruments in generalized as in extended IV.",
         larger_on="input",
-        motion=MotionSource.VELOCITY_FORWARD,
         weights=Weights.PRINTED,
-        lags=2,
-        as_many=True,
-    ),
-    replace(
-        _VARIANCE,
-        name="forward-linear-2-lags",
-        sentence="As ratios-of-variances, with 0.02 a variance, an input that is linear between samples, "
-        "z'' by forward differences of z', n = 2, and as many instruments in generalized as in extended IV.",
-        input_variance=0.02,
-        intersample=Intersample.LINEAR,
         motion=MotionSource.VELOCITY_FORWARD,
         lags=2,
         as_many=True,
     ),
-    replace(
-        _VARIANCE,
-        name="white-input",
-        sentence="Not the paper's: as ratios-of-variances, with a white input of the variance of (35).",
-        allowed=False,
-        input=Input.WHITE,
+    _VARIANCE.but(
+        "forward-linear-2-lags",
+        "As ratios-of-variances, with 0.02 a variance, an input that is linear between samples, z'' by "
+        "forward differences of z', n = 2, and as many instruments in generalized as in extended IV.",
         input_variance=0.02,
+        motion=MotionSource.VELOCITY_FORWARD,
+        intersample=Intersample.LINEAR,
+        lags=2,
+        as_many=True,
     ),
-    replace(
-        _VARIANCE,
-        name="white-input-2-lags",
-        sentence="Not the paper's: as white-input, with n = 2.",
+    _VARIANCE.but(
+        "white-input",
+        "Not the paper's: as ratios-of-variances, with a white input of the variance of (35).",
         allowed=False,
-        input=Input.WHITE,
         input_variance=0.02,
+        input=Input.WHITE,
+    ),
+    _VARIANCE.but(
+        "white-input-2-lags",
+        "Not the paper's: as white-input, with n = 2.",
+        allowed=False,
+        input_variance=0.02,
+        input=Input.WHITE,
         lags=2,
     ),
 )
@@ -462,17 +426,6 @@ class SampleClockInput(Excitation):
         return PaperInput(self.variance).sample(count, 1.0, rng)
 
 
-@dataclass(frozen=True, slots=True)
-class WhiteInput(Excitation):
-    """White input."""
-
-    variance: float
-
-    def sample(self, count: int, _step_s: float, rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
-        """One realisation."""
-        return np.sqrt(self.variance) * rng.standard_normal(count)
-
-
 def scenario(reading: PaperReading, example: Example) -> Scenario:
     """What a reading of an example simulates; longer by the edges when differences are taken."""
     exact = reading.motion is MotionSource.SOLUTION
@@ -509,7 +462,7 @@ def _excitation(reading: PaperReading) -> Excitation:
     if reading.input is Input.SAMPLES:
         return SampleClockInput(reading.input_variance)
     if reading.input is Input.WHITE:
-        return WhiteInput(MOVING_AVERAGE * reading.input_variance + SINUSOID)
+        return WhiteExcitation(float(np.sqrt(MOVING_AVERAGE * reading.input_variance + SINUSOID)))
     return PaperInput(reading.input_variance)
 
 
@@ -755,13 +708,14 @@ class Nearness:
 
 def run_example(reading: PaperReading, example: Example, runs: int, seed: int = SEED) -> PaperResult:
     """Result of some runs of an example under a reading, on one thread."""
-    return run_together((reading,), example, runs, seed)[0]
+    return run_together(((reading,), example), runs, seed)[0]
 
 
 def run_together(
-    readings: Sequence[PaperReading], example: Example, runs: int, seed: int = SEED
+    task: tuple[Sequence[PaperReading], Example], runs: int, seed: int = SEED
 ) -> list[PaperResult]:
-    """Results under readings that have their records in common, see `Reading.records`."""
+    """Results of an example under readings that have their records in common, see `PaperReading.records`."""
+    readings, example = task
     theta = np.empty((len(readings), runs, len(METHODS), len(TRUTH)))
     weak = np.empty((len(readings), runs, len(METHODS)), dtype=np.bool_)
     with threadpool_limits(limits=1):
@@ -798,17 +752,13 @@ def _results(
     tasks = [(tuple(group), example) for group in groups.values() for example in EXAMPLES]
     waiting = [(reading, example) for reading in readings for example in EXAMPLES]
     done: dict[tuple[str, int], PaperResult] = {}
-    computed = local_executor(workers, len(tasks)).map(partial(_run_task, runs=runs, seed=seed), tasks)
+    computed = local_executor(workers, len(tasks)).map(partial(run_together, runs=runs, seed=seed), tasks)
     with closing(in_order(computed)) as groups_done:
         for results in groups_done:
             done |= {(result.reading.name, result.example.number): result for result in results}
             while waiting and (waiting[0][0].name, waiting[0][1].number) in done:
                 reading, example = waiting.pop(0)
                 yield done[reading.name, example.number]
-
-
-def _run_task(task: tuple[tuple[PaperReading, ...], Example], runs: int, seed: int) -> list[PaperResult]:
-    return run_together(*task, runs, seed)
 
 
 def nearness(results: Sequence[PaperResult], *, total_least_squares: bool = False) -> Nearness:
