@@ -141,7 +141,8 @@ def coverage_figure(
     for text in axes.get_yticklabels():
         text.set_parse_math(False)
     axes.set_ylim(len(groups) - 0.5, -0.5)
-    axes.set_xlim(min(_lowest(drawn), 100 * nominal - 2.0) - 1.0, 100.5)
+    lowest = 100.0 * min(Share(row.hits, row.count).interval[0] for row in drawn)
+    axes.set_xlim(min(lowest, 100 * nominal - 2.0) - 1.0, 100.5)
     axes.set_xlabel("intervals that hold the truth [%]")
     axes.grid(axis="x", alpha=0.25)
     figure = figure_of(axes)
@@ -192,23 +193,18 @@ def study_coverage_figure(
             "Set intervals = true in the study's file; draw levels apart.",
         )
     rows = [
-        CoverageRow(item.label, _group(result, score.name, alone=len(results) == 1), hit.hits, hit.count)
+        CoverageRow(
+            item.label,
+            _words(score.name) if len(results) == 1 else f"{result.study.name}: {_words(score.name)}",
+            hit.hits,
+            hit.count,
+        )
         for result in results
         for item in scores(result)
         for score in item.parameters
         if (hit := score.coverage) is not None
     ]
     return coverage_figure(rows, nominal=levels.pop(), band=band, title=title, ax=ax)
-
-
-def _group(result: StudyResult, name: str, *, alone: bool) -> str:
-    wording = wording_of(name)
-    words = wording.symbol if wording is not None else name
-    return words if alone else f"{result.study.name}: {words}"
-
-
-def _lowest(rows: Sequence[CoverageRow]) -> float:
-    return 100.0 * min(Share(row.hits, row.count).interval[0] for row in rows)
 
 
 def _dots(axes: Axes, rows: Sequence[CoverageRow], positions: Sequence[float], number: int) -> None:
@@ -321,11 +317,17 @@ def study_figure(result: StudyResult, *, axes: GivenAxes | None = None) -> Figur
     return nrmse_figure(rows, title=title, axes=axes)
 
 
+def study_figures(result: StudyResult) -> Iterator[tuple[str, Figure]]:
+    """Histograms of NRMSE and, where intervals were recorded, their coverage."""
+    yield "nrmse", study_figure(result)
+    if result.study.intervals:
+        yield "coverage", study_coverage_figure([result], title=f"Coverage: {result.study.name}")
+
+
 def _words(name: str) -> str:
-    if name == TOGETHER:
-        return "all parameters"
     wording = wording_of(name)
-    return wording.symbol if wording is not None else printable(name)
+    words = wording.symbol if wording is not None else printable(name)
+    return "all parameters" if name == TOGETHER else words
 
 
 def _draw(axes: Axes, values: Float[np.ndarray, " trials"], printed: Spread | None) -> None:
@@ -383,36 +385,15 @@ PAPER_FIGURES = tuple(f"figure-{number}" for number in range(2, 9))
 WORDS = {"LS": "least squares", "IV": "extended IV", "GIV": "generalized IV"}
 
 
-def write_figures(results: Sequence[PaperResult], folder: Path) -> tuple[Path, ...]:
-    """Write figures 2 to 8, each as SVG and PNG.
-
-    Parameters
-    ----------
-    results : sequence of PaperResult
-        Both examples under one reading.
-    folder : Path
-        Where to; it exists.
-
-    Returns
-    -------
-    tuple of Path
-        What was written.
-
-    Raises
-    ------
-    OSError
-        When a file cannot be written.
-    """
-    written = []
-    for name, figure in paper_figures(results):
+def write_figures(figures: Iterable[tuple[str, Figure]], folder: Path) -> None:
+    """Write figures by their names, each as SVG and PNG, into a folder that exists."""
+    for name, figure in figures:
         for path in figure_files(folder, name):
             save_figure(figure, path)
-            written.append(path)
-    return tuple(written)
 
 
 def figure_files(folder: Path, *names: str) -> tuple[Path, ...]:
-    """Files of the figures of these names; without names, of all."""
+    """Files of the figures of these names; without names, of those of the paper."""
     return tuple(folder / f"{name}.{ending}" for name in names or PAPER_FIGURES for ending in FORMATS)
 
 
@@ -549,19 +530,16 @@ def overview_report(results: Sequence[PaperResult]) -> Iterator[RenderableType]:
 def verdict_sentence(results: Sequence[PaperResult]) -> str:
     """Whether any reading gives the printed tables."""
     groups = by_reading(results)
-    whole = [name for name, group in groups.items() if _reproduces(nearness(group))]
+    near = {name: nearness(group) for name, group in groups.items()}
+    whole = [name for name, result in near.items() if result.agreeing == result.printed]
     if whole:
         return f"Every printed mean is met by: {', '.join(whole)}."
     name = nearest(results)
-    result = nearness(groups[name])
+    result = near[name]
     return (
         f"No reading gives the printed tables. Nearest is {name}: its means are off by a factor of "
         f"{_factor(result.means)}, and {result.agreeing} of {result.printed} are met."
     )
-
-
-def _reproduces(result: Nearness) -> bool:
-    return result.agreeing == result.printed
 
 
 def _nearness_cells(result: Nearness) -> tuple[str, str, str]:
@@ -658,14 +636,10 @@ def page_parts(results: Sequence[PaperResult]) -> dict[str, str]:
                 )
             ]
         )
-    parts["errata"] = _errata_table()
+    lines = [(item.where, item.printed, item.used, item.check) for item in errata()]
+    parts["errata"] = markdown(("where", "printed", "used here", "checked"), lines)
     parts["figures"] = _figures(first[0].reading.name)
     return parts
-
-
-def _errata_table() -> str:
-    lines = [(item.where, item.printed, item.used, item.check) for item in errata()]
-    return markdown(("where", "printed", "used here", "checked"), lines)
 
 
 def _readings_table(results: Sequence[PaperResult]) -> str:
@@ -709,42 +683,3 @@ def _figures(name: str) -> str:
         texts.append(f"![{caption}](images/paper/figure-{index}.svg)")
         texts.append(f"*Counterpart of figure {index}. {caption}.*")
     return "\n\n".join(texts)
-
-
-# -- Study pictures --
-
-STUDY_FIGURES = ("nrmse", "coverage")
-
-
-def write_study_figures(result: StudyResult) -> tuple[Path, ...]:
-    """Write histograms of NRMSE and, where intervals were recorded, their coverage, as SVG and PNG.
-
-    Parameters
-    ----------
-    result : StudyResult
-        A finished study; the files go into its folder.
-
-    Returns
-    -------
-    tuple of Path
-        What was written.
-
-    Raises
-    ------
-    OSError
-        When a file cannot be written.
-    """
-    figures = {"nrmse": study_figure(result)}
-    if result.study.intervals:
-        figures["coverage"] = study_coverage_figure([result], title=f"Coverage: {result.study.name}")
-    written = []
-    for name, figure in figures.items():
-        for path in picture_files(result.folder, name):
-            save_figure(figure, path)
-            written.append(path)
-    return tuple(written)
-
-
-def picture_files(folder: Path, *names: str) -> tuple[Path, ...]:
-    """Files of the pictures of these names; without names, of all that there can be."""
-    return tuple(folder / f"{name}.{ending}" for name in names or STUDY_FIGURES for ending in FORMATS)

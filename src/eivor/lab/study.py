@@ -723,16 +723,18 @@ TOGETHER = "together"
 
 @dataclass(frozen=True, slots=True)
 class Spread:
-    """Mean and sample standard deviation; NaN where there are too few values.
-
-    Parameters
-    ----------
-    mean, std : float
-        Over trials.
-    """
+    """Mean and sample standard deviation over trials; NaN where there are too few values."""
 
     mean: float
     std: float
+
+    def __format__(self, digits: str) -> str:
+        return f"{self.mean:{digits}} ± {self.std:.2g}"
+
+    @property
+    def document(self) -> dict[str, float | None]:
+        """Numbers of a JSON document: finite or null."""
+        return {"mean": number(self.mean), "std": number(self.std)}
 
 
 @dataclass(frozen=True, slots=True)
