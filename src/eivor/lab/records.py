@@ -399,6 +399,7 @@ _REMEDIES = {
 
 
 def check_number(in_range: bool, expected: str, value: float | int) -> None:
+    """Refuse a number that is out of range or not finite."""
     if not (in_range and np.isfinite(value)):
         raise ParameterError(expected, f"{value}", "Correct the scenario.")
 
