@@ -68,19 +68,7 @@ ABANDONED_S = 60.0
 
 @contextmanager
 def atomic_write(path: Path) -> Iterator[BinaryIO]:
-    """File to write to, which takes its place when the block ends without an error.
-
-    Parameters
-    ----------
-    path : Path
-        Where to. A link stays one, and what it points to is replaced; permissions of an earlier file stay.
-        What is no file (a device, a pipe) is written to as it is.
-
-    Raises
-    ------
-    OSError
-        When the system refuses; an earlier file is as it was, and nothing is left beside it.
-    """
+    """File to write to, which takes its place when the block ends without an error."""
     mode = _mode(path)
     if mode is not None and not stat.S_ISREG(mode):
         with path.open("wb") as device:

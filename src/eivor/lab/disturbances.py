@@ -142,11 +142,6 @@ class Arma(Disturbance):
         a_1, a_2, ...
     moving_average : tuple of float
         b_1, b_2, ...
-
-    Raises
-    ------
-    ParameterError
-        When a number is not finite, or the autoregression is not stationary.
     """
 
     std: float
@@ -195,11 +190,6 @@ class TimeVaryingArma(Disturbance):
         Standard deviation of the shocks w, in the unit of the equation.
     autoregression, moving_average : tuple of Course
         Of a_1, a_2, ... and b_1, b_2, ...: sinusoids where no kind is named.
-
-    Raises
-    ------
-    ParameterError
-        When the autoregression, held at what it is at some time of the record, would not be stationary.
     """
 
     std: float
@@ -242,11 +232,6 @@ class RandomCoefficientMovingAverage(Disturbance):
         Of the normal coefficients c_1, c_2, ... (the paper's: 0 and 3, 1 and 1).
     std : float
         Standard deviation of w, in the unit of the equation.
-
-    Raises
-    ------
-    ParameterError
-        When a number is out of range, or there are not as many stds as means.
     """
 
     means: tuple[float, ...] = (0.0, 3.0)
@@ -306,11 +291,6 @@ class Sinusoids(Disturbance):
         Angular [rad/s].
     phases : tuple of float
         At the first sample [rad]; zero when left out.
-
-    Raises
-    ------
-    ParameterError
-        When the lists differ in length, or a number is not finite.
     """
 
     amplitudes: tuple[float, ...]
@@ -351,11 +331,6 @@ class BoundedAdversary(Disturbance):
         Period at the beginning and at the end of the record [s].
     high_share : float
         Share of each period that is spent at the upper bound, from 0 to 1.
-
-    Raises
-    ------
-    ParameterError
-        When a number is out of range.
     """
 
     bound: float
@@ -454,11 +429,6 @@ class OrnsteinUhlenbeck(Disturbance):
         Standard deviation, in the unit of what it disturbs.
     correlation_s : float
         Time in which the correlation falls to 1/e [s].
-
-    Raises
-    ------
-    ParameterError
-        When a number is out of range.
     """
 
     std: float
@@ -493,11 +463,6 @@ class ThresholdMovingAverage(Disturbance):
         Samples back to the value that chooses the regime, one or more.
     std : float
         Standard deviation of the shocks w, in the unit of the equation.
-
-    Raises
-    ------
-    ParameterError
-        When thresholds do not ascend, regimes are not one more than they, or a number is out of range.
 
     Notes
     -----
@@ -573,11 +538,6 @@ class Bilinear(Disturbance):
         One or more; x must be strictly older than the shock that it multiplies.
     std : float
         Standard deviation of the shocks w, in the unit of the equation.
-
-    Raises
-    ------
-    ParameterError
-        When x is not the older one, or the variance is not finite, (b std)^2 >= 1.
     """
 
     coefficient: float
@@ -615,11 +575,6 @@ class BilinearSum(Disturbance):
         One or more.
     std : float
         Standard deviation of the shocks w, in the unit of the equation.
-
-    Raises
-    ------
-    ParameterError
-        When the variance may not be finite: std times the sum of all |b_m| must be below one.
     """
 
     terms: tuple[BilinearTerm, ...]
@@ -675,11 +630,6 @@ class Garch(Disturbance):
         b_1, b_2, ..., zero or more.
     largest_square : float, optional
         Squares beyond it count as it, which keeps a heavy-tailed series finite.
-
-    Raises
-    ------
-    ParameterError
-        When a number is out of range, or the coefficients add up to one or more.
     """
 
     floor: float
@@ -751,11 +701,6 @@ class VarianceSwitch(Disturbance):
         Of the variance, afterwards.
     at : float
         When, as a share of the record, from 0 to 1.
-
-    Raises
-    ------
-    ParameterError
-        When a number is out of range.
     """
 
     series: Disturbance

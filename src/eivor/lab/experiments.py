@@ -45,15 +45,9 @@ class Experiment(ABC):
 
 @dataclass(frozen=True, slots=True)
 class VerticalExperiment(Experiment):
-    """Vertical motion z'' = -K z' + K_u u, the paper's simulation.
+    """Vertical motion z'' = -K z' + K_u u, the paper's simulation."""
 
-    Parameters
-    ----------
-    scenario : Scenario
-        What is simulated.
-    """
-
-    scenario: Scenario
+    scenario: Scenario  # What is simulated
 
     @property
     def truth(self) -> Mapping[str, float]:

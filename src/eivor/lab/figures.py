@@ -70,21 +70,11 @@ WIDTH, ROW_HEIGHT, LEAST_ROW = 7.6, 0.13, 0.3
 
 @dataclass(frozen=True, slots=True)
 class CoverageRow:
-    """One share.
+    """One share."""
 
-    Parameters
-    ----------
-    label : str
-        What intervals were made of: the method or the covariance. Has a colour.
-    group : str
-        What they were made for: scenario, length, parameter. Has a line.
-    hits, count : int
-        Intervals that held the truth, and all.
-    """
-
-    label: str
-    group: str
-    hits: int
+    label: str  # What intervals were made of: the method or the covariance. Has a colour
+    group: str  # What they were made for: scenario, length, parameter. Has a line
+    hits: int  # Intervals that held the truth, and all
     count: int
 
 
@@ -96,31 +86,7 @@ def coverage_figure(
     title: str = "",
     ax: Axes | None = None,
 ) -> Figure:
-    """Shares of intervals that held the truth, as dots with 95 % Wilson intervals.
-
-    Parameters
-    ----------
-    rows : sequence of CoverageRow
-        Groups are drawn from the top and labels beside each other, in the order of their first rows.
-    nominal : float
-        Level that was requested: a line.
-    band : (float, float), optional
-        Shares that are good enough: a band.
-    title : str
-        Of the figure, or of the panel that is given.
-    ax : matplotlib.axes.Axes, optional
-        Where to draw; default: a figure of its own.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        With a canvas of its own, or that of `ax`.
-
-    Raises
-    ------
-    UsageError
-        When there is nothing to draw, or `ax` are no Axes.
-    """
+    """Shares of intervals that held the truth, as dots with 95 % Wilson intervals."""
     drawn = [row for row in rows if row.count]
     if not drawn:
         raise UsageError("intervals that were counted", "none", "Run a study with intervals.")
@@ -162,29 +128,7 @@ def study_coverage_figure(
     title: str = "",
     ax: Axes | None = None,
 ) -> Figure:
-    """Coverage of every parameter in one or several studies, methods side by side.
-
-    Parameters
-    ----------
-    results : sequence of StudyResult
-        Finished studies that recorded intervals, of one level.
-    band : (float, float), optional
-        Shares that are good enough.
-    title : str
-        Of the figure, or of the panel that is given.
-    ax : matplotlib.axes.Axes, optional
-        Where to draw; default: a figure of its own.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        See `coverage_figure`.
-
-    Raises
-    ------
-    UsageError
-        When no study recorded intervals, their levels differ, or `ax` are no Axes.
-    """
+    """Coverage of every parameter in one or several studies, methods side by side."""
     levels = {result.study.level for result in results if result.study.intervals}
     if len(levels) != 1:
         raise UsageError(
@@ -242,29 +186,7 @@ def nrmse_figure(
     title: str = "",
     axes: GivenAxes | None = None,
 ) -> Figure:
-    """Histograms of NRMSE, a row of panels for each method and a column for each score.
-
-    Parameters
-    ----------
-    rows : mapping of str to mapping of str to ndarray, shape (trials,)
-        For each method in words its scores by name (a parameter's, or "together"), in percent.
-    printed : mapping of str to mapping of str to Spread, optional
-        Mean and standard deviation that others published, drawn as a line and a band.
-    title : str
-        Of the figure, or of the first panel that is given.
-    axes : mapping of str to Axes, or sequence of Axes, optional
-        Where to draw: some panels, called "METHOD: SCORE", or all, row by row. Default: a figure of its own.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        With a canvas of its own, or that of `axes`.
-
-    Raises
-    ------
-    UsageError
-        When there is nothing to draw, or `axes` do not fit the panels.
-    """
+    """Histograms of NRMSE, a row of panels for each method and a column for each score."""
     columns = max((len(scores) for scores in rows.values()), default=0)
     drawable(range(columns), "scores", "Run the study first.")
     cells = {f"{method}: {name}": (method, name) for method, scores in rows.items() for name in scores}
@@ -289,25 +211,7 @@ def _table(rows: Mapping[str, Mapping[str, object]], columns: int, title: str) -
 
 
 def study_figure(result: StudyResult, *, axes: GivenAxes | None = None) -> Figure:
-    """Histograms of NRMSE of every method of a study.
-
-    Parameters
-    ----------
-    result : StudyResult
-        A finished study.
-    axes : mapping of str to Axes, or sequence of Axes, optional
-        Where to draw, see `nrmse_figure`.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        A row for each method, a column for each parameter and one for all together.
-
-    Raises
-    ------
-    UsageError
-        When `axes` do not fit the panels.
-    """
+    """Histograms of NRMSE of every method of a study."""
     names = (*result.study.parameters, TOGETHER)
     rows = {
         choice.label: {name: trial_nrmse(result, choice.label, name) for name in names}

@@ -56,20 +56,11 @@ PRINTED_METHODS: Mapping[str, str] = {"LS": "least_squares", "IV": "extended_iv"
 
 @dataclass(frozen=True, slots=True)
 class Example:
-    """An example of the paper with the table it prints.
+    """An example of the paper with the table it prints."""
 
-    Parameters
-    ----------
-    number : int
-        1 or 2.
-    ratio : float
-        Noise-to-signal ratio of all sources but one.
-    printed : mapping of str to (Spread, Spread, Spread)
-        For each method of the table, mean and SD of NRMSE in percent, in the order of `SCORES`.
-    """
-
-    number: int
-    ratio: float
+    number: int  # 1 or 2
+    ratio: float  # Noise-to-signal ratio of all sources but one
+    # For each method of the table, mean and SD of NRMSE in percent, in the order of `SCORES`
     printed: Mapping[str, tuple[Spread, Spread, Spread]]
 
 
@@ -148,58 +139,25 @@ class Compensation(Enum):
 
 @dataclass(frozen=True, slots=True)
 class PaperReading:
-    """One way to read the paper's simulation.
+    """One way to read the paper's simulation."""
 
-    Parameters
-    ----------
-    name : str
-        What the command line calls it.
-    sentence : str
-        What it says.
-    allowed : bool
-        Whether the text allows it; False for what is measured to understand the others.
-    input_variance : float
-        Variance of the white sequence in (35).
-    input : Input
-        Which input.
-    ratio, ratio_of : Ratio, RatioOf
-        What the ratios mean.
-    larger_on : str
-        Source that has the ratio 1e-2, one of `SOURCES`.
-    weights : Weights
-        Of Delta^alpha.
-    motion : MotionSource
-        Where z' and z'' come from.
-    intersample : Intersample
-        What the input does between samples.
-    route : Route
-        Where the disturbance enters.
-    disturbance_scaled : bool
-        Scale the disturbance to its ratio; False leaves e ~ N(0, 1) and sinusoids of amplitude 1.
-    lags : int
-        n: extended IV has the input at lags 1 to n, generalized IV at 0 to n.
-    compensation : Compensation
-        Of generalized IV.
-    as_many : bool
-        Generalized IV has the lags 0 to n - 1, as many instruments as extended IV.
-    """
-
-    name: str
-    sentence: str
-    allowed: bool = True
-    input_variance: float = 0.02
-    input: Input = Input.PAPER
-    ratio: Ratio = Ratio.STD
+    name: str  # What the command line calls it
+    sentence: str  # What it says
+    allowed: bool = True  # Whether the text allows it; False for what is measured to understand the others
+    input_variance: float = 0.02  # Variance of the white sequence in (35)
+    input: Input = Input.PAPER  # Which input
+    ratio: Ratio = Ratio.STD  # What the ratios mean
     ratio_of: RatioOf = RatioOf.WHITE
-    larger_on: str = "velocity_z"
-    weights: Weights = Weights.SIGNED
-    motion: MotionSource = MotionSource.SOLUTION
-    intersample: Intersample = Intersample.HOLD
-    route: DisturbanceRoute = DisturbanceRoute.EQUATION
+    larger_on: str = "velocity_z"  # Source that has the ratio 1e-2, one of `SOURCES`
+    weights: Weights = Weights.SIGNED  # Of Delta^alpha
+    motion: MotionSource = MotionSource.SOLUTION  # Where z' and z'' come from
+    intersample: Intersample = Intersample.HOLD  # What the input does between samples
+    route: DisturbanceRoute = DisturbanceRoute.EQUATION  # Where the disturbance enters
+    # Scale the disturbance to its ratio; False leaves e ~ N(0, 1) and sinusoids of amplitude 1
     disturbance_scaled: bool = True
-    lags: int = 10
-    compensation: Compensation = Compensation.SHARED
-    as_many: bool = False
+    lags: int = 10  # n: extended IV has the input at lags 1 to n, generalized IV at 0 to n
+    compensation: Compensation = Compensation.SHARED  # Of generalized IV
+    as_many: bool = False  # Generalized IV has the lags 0 to n - 1, as many instruments as extended IV
 
     def but(self, name: str, sentence: str, **changes: Any) -> PaperReading:
         """The same reading apart from some choices."""
@@ -645,24 +603,13 @@ PRINTED_RUNS = 100
 
 @dataclass(frozen=True, slots=True)
 class PaperResult:
-    """What came out of one example under one reading.
+    """What came out of one example under one reading."""
 
-    Parameters
-    ----------
-    reading : Reading
-        The reading.
-    example : Example
-        The example.
-    estimates : ndarray, shape (runs, methods, parameters)
-        In the order of `METHODS`; NaN where a method gave none.
-    weak : ndarray, shape (runs, methods)
-        Whether a method's instruments were weak.
-    """
-
-    reading: PaperReading
-    example: Example
+    reading: PaperReading  # The reading
+    example: Example  # The example
+    # In the order of `METHODS`; NaN where a method gave none
     estimates: Float[np.ndarray, "runs methods parameters"]
-    weak: Bool[np.ndarray, "runs methods"]
+    weak: Bool[np.ndarray, "runs methods"]  # Whether a method's instruments were weak
 
     def nrmse(self, method: str) -> Float[np.ndarray, "runs scores"]:
         """NRMSE in percent of each run in which the method gave an estimate, in the order of `SCORES`."""
@@ -688,20 +635,13 @@ class PaperResult:
 
 @dataclass(frozen=True, slots=True)
 class Nearness:
-    """How far a reading is from the printed tables.
+    """How far a reading is from the printed tables."""
 
-    Parameters
-    ----------
-    means, spreads : float
-        Typical factor between measured and printed means, and SDs, of NRMSE: exp of the mean of
-        |log(measured / printed)| over examples, columns and parameters.
-    agreeing, printed : int
-        Printed means that the measured ones agree with to `AGREEMENT` standard errors, and how many
-        there are.
-    """
-
+    # Typical factor between measured and printed means, and SDs, of NRMSE: exp of the mean of |log(measured /
+    # printed)| over examples, columns and parameters
     means: float
     spreads: float
+    # Printed means that the measured ones agree with to `AGREEMENT` standard errors, and how many there are
     agreeing: int
     printed: int
 
@@ -762,16 +702,7 @@ def _results(
 
 
 def nearness(results: Sequence[PaperResult], *, total_least_squares: bool = False) -> Nearness:
-    """How far both examples of one reading are from the printed tables.
-
-    Parameters
-    ----------
-    results : sequence of PaperResult
-        Of one reading.
-    total_least_squares : bool
-        Take the forms of IV and GIV that are solved by total least squares, as the paper proposes; its
-        tables do not say which they show.
-    """
+    """How far both examples of one reading are from the printed tables."""
     pairs = [
         (spread, printed, len(result.nrmse(method)))
         for result in results

@@ -51,13 +51,7 @@ class Erratum:
 
 
 def errata(runs: int = RUNS) -> tuple[Erratum, ...]:
-    """Every place with its check, computed anew.
-
-    Parameters
-    ----------
-    runs : int
-        Records behind each mean.
-    """
+    """Every place with its check, computed anew."""
     reading = replace(named_readings(("ratios-of-variances",))[0], ratio=Ratio.VARIANCE)
     records = [record(reading, STRONG, trial_generator(index)) for index in range(runs)]
     return (*_of_the_motion(records), *_of_errors(records), *_of_instruments(records), *_of_the_simulation())

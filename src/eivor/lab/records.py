@@ -70,11 +70,6 @@ class VelocityControl(Control):
         Input per velocity missing [input per m/s].
     velocity_integral_gain : float
         Input per metre that the missing velocity adds up to.
-
-    Raises
-    ------
-    ParameterError
-        When a gain is not finite, or both are zero.
     """
 
     reference: ClassVar[str] = "reference_velocity_z"
@@ -102,11 +97,6 @@ class AltitudeControl(Control):
         Velocity setpoint per altitude missing [1/s].
     velocity_gain, velocity_integral_gain : float
         Input per velocity missing [input per m/s], and per metre that it adds up to.
-
-    Raises
-    ------
-    ParameterError
-        When a gain is not finite, the altitude's is not above zero, or both of the velocity are zero.
     """
 
     reference: ClassVar[str] = "reference_position_z"

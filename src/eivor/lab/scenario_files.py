@@ -426,13 +426,7 @@ def shipped_scenarios() -> tuple[str, ...]:
 
 
 def shipped_scenario(name: str) -> Scenario:
-    """Scenario that comes with the package.
-
-    Raises
-    ------
-    UsageError
-        When there is none of that name.
-    """
+    """Scenario that comes with the package."""
     if name not in shipped_scenarios():
         raise UsageError(
             f"a scenario out of {', '.join(shipped_scenarios())}", f"'{name}'", "Name one of them."

@@ -105,44 +105,20 @@ class Regularisation:
 
 @dataclass(frozen=True, slots=True)
 class MethodChoice:
-    """A method and its options in a study.
+    """A method and its options in a study."""
 
-    Parameters
-    ----------
-    name : str
-        One of `METHODS`.
-    lags : tuple of int, optional
-        First and last lag of the instruments, both included; for methods that need them.
-    channel : str
-        Channel that the instruments are lags of.
-    weighting : str
-        Of the equations, one of `WEIGHTINGS`.
-    covariance : str
-        What intervals rest on: "default", or one of `eivor.inference.covariance.TABLE`.
-    known_noise : tuple of str, optional
-        Channels whose true noise the method is identified; None for all of them.
-    label : str
-        What results call it; default: its name.
-    strength : float
-        Of `fuller` and `generalized_fuller`.
-    regularisation : Regularisation, optional
-        Tikhonov's, of a linear method; none by default.
-
-    Raises
-    ------
-    UsageError
-        When a name is unknown, or an option does not fit the method.
-    """
-
-    name: str
+    name: str  # One of `METHODS`
+    # First and last lag of the instruments, both included; for methods that need them
     lags: tuple[int, int] | None = None
-    channel: str = "input"
-    weighting: str = "unweighted"
+    channel: str = "input"  # Channel that the instruments are lags of
+    weighting: str = "unweighted"  # Of the equations, one of `WEIGHTINGS`
+    # Channels whose true noise the method is identified; None for all of them
     known_noise: tuple[str, ...] | None = None
-    label: str = ""
+    label: str = ""  # What results call it; default: its name
+    # What intervals rest on: "default", or one of `eivor.inference.covariance.TABLE`
     covariance: str = "default"
-    strength: float = 1.0
-    regularisation: Regularisation | None = None
+    strength: float = 1.0  # Of `fuller` and `generalized_fuller`
+    regularisation: Regularisation | None = None  # Tikhonov's, of a linear method; none by default
 
     def __post_init__(self) -> None:
         check_among("a method", self.name, METHODS)
@@ -204,39 +180,15 @@ class MethodChoice:
 
 @dataclass(frozen=True, slots=True)
 class Study:
-    """A Monte Carlo study.
+    """A Monte Carlo study."""
 
-    Parameters
-    ----------
-    name : str
-        What reports call it.
-    experiment : Experiment
-        What each trial repeats.
-    methods : tuple of MethodChoice
-        What is tried on each record, with labels of their own.
-    runs : int
-        Number of trials.
-    seed : int
-        Of all randomness; trial `index` draws from the seed sequence's child of that number.
-    intervals : bool
-        Record standard errors and intervals as well.
-    level : float
-        Confidence level of the intervals.
-
-    Raises
-    ------
-    UsageError
-        When a number is out of range, there is no method, two methods share a label, or a method names a
-        channel that the experiment does not record.
-    """
-
-    name: str
-    experiment: Experiment
-    methods: tuple[MethodChoice, ...]
-    runs: int = 100
-    seed: int = 0
-    intervals: bool = False
-    level: float = 0.95
+    name: str  # What reports call it
+    experiment: Experiment  # What each trial repeats
+    methods: tuple[MethodChoice, ...]  # What is tried on each record, with labels of their own
+    runs: int = 100  # Number of trials
+    seed: int = 0  # Of all randomness; trial `index` draws from the seed sequence's child of that number
+    intervals: bool = False  # Record standard errors and intervals as well
+    level: float = 0.95  # Confidence level of the intervals
 
     def __post_init__(self) -> None:
         check_runs(self.runs)
@@ -596,21 +548,11 @@ def no_progress(_done: int, _total: int, /) -> None:
 
 @dataclass(frozen=True)
 class StudyResult:
-    """A finished study.
+    """A finished study."""
 
-    Parameters
-    ----------
-    study : Study
-        What was run.
-    folder : Path
-        Where its files are, see `eivor.lab.study`.
-    trials : polars.DataFrame
-        One row for each trial, in order.
-    """
-
-    study: Study
-    folder: Path
-    trials: pl.DataFrame
+    study: Study  # What was run
+    folder: Path  # Where its files are, see `eivor.lab.study`
+    trials: pl.DataFrame  # One row for each trial, in order
 
 
 @dataclass(frozen=True, slots=True)
@@ -636,35 +578,7 @@ def run_study(
     executor: Executor | None = None,
     progress: Progress = no_progress,
 ) -> StudyResult:
-    """Run what is left of a study.
-
-    Parameters
-    ----------
-    study : Study
-        What to run.
-    folder : Path
-        A new folder, or one in which this study was begun: its complete shards are not computed again.
-    executor : Executor, optional
-        Where to compute. Default: in this process. The files do not depend on it.
-    progress : callable
-        Called with done and total trials, first with what was there already.
-
-    Returns
-    -------
-    StudyResult
-        With all trials.
-
-    Raises
-    ------
-    UsageError
-        When the folder belongs to another study.
-    InputError
-        When a file cannot be written or a worker is lost. Complete shards are kept.
-
-    Notes
-    -----
-    Memory: a few shards for each worker, and in the end the table of all trials.
-    """
+    """Run what is left of a study."""
     shards = open_folder(study, folder)
     missing = shards.missing()
     done = study.runs - sum(len(shard_trials(study.runs, number)) for number in missing)
@@ -682,19 +596,11 @@ def run_study(
 
 @dataclass(frozen=True, slots=True)
 class Share:
-    """A share of trials, with its binomial error.
+    """A share of trials, with its binomial error."""
 
-    Parameters
-    ----------
-    hits, count : int
-        Trials that did, and all.
-    level : float
-        Confidence level of the interval.
-    """
-
-    hits: int
+    hits: int  # Trials that did, and all
     count: int
-    level: float = 0.95
+    level: float = 0.95  # Confidence level of the interval
 
     @property
     def value(self) -> float:
@@ -769,17 +675,7 @@ def scores(result: StudyResult) -> tuple[MethodScore, ...]:
 
 
 def trial_nrmse(result: StudyResult, label: str, parameter: str = TOGETHER) -> Float[np.ndarray, " trials"]:
-    """NRMSE of each trial in which a method gave an estimate, in percent: what histograms show.
-
-    Parameters
-    ----------
-    result : StudyResult
-        A finished study.
-    label : str
-        The method.
-    parameter : str
-        One parameter, or all of them together.
-    """
+    """NRMSE of each trial in which a method gave an estimate, in percent: what histograms show."""
     truth = dict(result.study.experiment.truth)
     names = tuple(truth) if parameter == TOGETHER else (parameter,)
     kept = result.trials.filter(pl.col(f"{label}.status") != FAILED)

@@ -61,11 +61,6 @@ class FlightController:
     hold : float
         Gain towards the place where the flight began [1/s]: zero for a vehicle that flies attitudes and
         drifts.
-
-    Raises
-    ------
-    ParameterError
-        When a value is out of its range.
     """
 
     rate_hz: float = 500.0
@@ -370,11 +365,6 @@ class Sensor:
         controller gets readings as they are.
     jitter_s : float
         Standard deviation of the stamps' error [s].
-
-    Raises
-    ------
-    ParameterError
-        When a number is out of its range.
     """
 
     noise: MeasurementNoise = field(default_factory=lambda: WhiteNoise(0.0))

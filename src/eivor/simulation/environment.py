@@ -53,11 +53,6 @@ class SensorNoise:
         Standard deviation of small rotations about the body's axes [rad].
     angular_rate : float
         Standard deviation of the body rates' error [rad/s].
-
-    Raises
-    ------
-    UsageError
-        When a level is negative or not finite.
     """
 
     kind: NoiseKind = NoiseKind.WHITE
@@ -313,21 +308,11 @@ class FlightTruth:
 
 @dataclass(frozen=True, slots=True)
 class SimulatedFlight:
-    """A recording as a log would hold it, and the truth behind it.
+    """A recording as a log would hold it, and the truth behind it."""
 
-    Parameters
-    ----------
-    recording : Recording
-        Noisy channels, frame z up.
-    truth : FlightTruth
-        Noise-free arrays on the recording's grid, and nominal parameters.
-    flew : bool
-        False when the vehicle was lost; recording and truth then end where it was.
-    """
-
-    recording: Recording
-    truth: FlightTruth
-    flew: bool
+    recording: Recording  # Noisy channels, frame z up
+    truth: FlightTruth  # Noise-free arrays on the recording's grid, and nominal parameters
+    flew: bool  # False when the vehicle was lost; recording and truth then end where it was
 
 
 class BestFittingParameters(NamedTuple):

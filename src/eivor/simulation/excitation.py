@@ -454,11 +454,6 @@ class WhiteDisturbance(Disturbance):
     ----------
     std : float
         Standard deviation, in the unit of the equation.
-
-    Raises
-    ------
-    ParameterError
-        When it is negative or not finite.
     """
 
     std: float
@@ -523,11 +518,6 @@ class DrydenGust(Disturbance):
         Scale length of the turbulence [m]; close to the ground, the height.
     airspeed_mps : float
         Speed at which it is met [m/s].
-
-    Raises
-    ------
-    ParameterError
-        When a number is out of range.
     """
 
     std: float

@@ -87,11 +87,6 @@ class AdaptiveSteps(Integrator):
         Relative and absolute tolerance of every component.
     method : str
         Of `scipy.integrate.solve_ivp`.
-
-    Raises
-    ------
-    ParameterError
-        When a tolerance is not above zero, or the method is unknown.
     """
 
     rtol: float = 1e-8
@@ -266,11 +261,6 @@ class Wind:
         What does not change, on three axes [m/s].
     x, y, z : Disturbance or None
         Gusts along each axis of the world [m/s].
-
-    Raises
-    ------
-    ParameterError
-        When the steady wind is no triple of speeds up to 50 m/s.
     """
 
     steady: tuple[float, ...] = (0.0, 0.0, 0.0)
@@ -301,11 +291,6 @@ class Sensors:
         Its errors are small rotations about the body's axes [rad]; of .002 rad. It has no filter.
     rotor_speed : Sensor or None
         [rad/s]; not logged when left out.
-
-    Raises
-    ------
-    ParameterError
-        When the attitude has a filter, or is averaged.
     """
 
     angular_rate: Sensor = field(default_factory=lambda: _noisy(0.02))
@@ -344,11 +329,6 @@ class Logged:
         References of height and attitude [Hz].
     left_out : tuple of str
         Channels that are not logged, `rotor_command_*` for those of all rotors.
-
-    Raises
-    ------
-    ParameterError
-        When a rate is out of its range.
     """
 
     rotor_command_hz: float = 0.0
@@ -396,11 +376,6 @@ class RigidBodyFlightSpec:
         Of the motion.
     seed : int
         Of the random streams.
-
-    Raises
-    ------
-    ParameterError
-        When a value is out of its range, or the loops' rates or a delay of the rotors do not fit the steps.
     """
 
     vehicle: Vehicle

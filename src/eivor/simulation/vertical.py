@@ -223,11 +223,6 @@ class VerticalFlightSpec:
         Of the random streams.
     duration : float
         Of the flight [s], a multiple of 0.01.
-
-    Raises
-    ------
-    UsageError
-        When a value is out of its range.
     """
 
     viscous_friction: float = 0.4
