@@ -7,7 +7,7 @@ import io
 import json
 import math
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, fields, is_dataclass, replace
 from enum import Enum
@@ -191,7 +191,8 @@ class Study:
     level: float = 0.95  # Confidence level of the intervals
 
     def __post_init__(self) -> None:
-        check_runs(self.runs)
+        if not 1 <= self.runs <= MOST_RUNS:
+            raise UsageError(f"runs from 1 to {MOST_RUNS}", f"{self.runs}", "Ask for a number of trials.")
         if self.seed < 0:
             raise UsageError("a seed of zero or more", f"{self.seed}", "Any such integer will do.")
         if not 0.0 < self.level < 1.0:
@@ -225,12 +226,6 @@ class Study:
         return hashlib.sha256(text.encode()).hexdigest()
 
 
-def check_runs(runs: int) -> None:
-    """Refuse a number of runs that is none."""
-    if not 1 <= runs <= MOST_RUNS:
-        raise UsageError(f"runs from 1 to {MOST_RUNS}", f"{runs}", "Ask for a number of trials.")
-
-
 def _plain(value: object) -> object:
     """Value in terms of JSON, exact and with the kind of every object."""
     if is_dataclass(value) and not isinstance(value, type):
@@ -240,16 +235,9 @@ def _plain(value: object) -> object:
         return {str(key): _plain(item) for key, item in value.items()}
     if isinstance(value, tuple | list):
         return [_plain(item) for item in value]
-    return _plain_atom(value)
-
-
-def _plain_atom(value: object) -> object:
     if isinstance(value, Enum):
         return {"kind": type(value).__name__, "value": value.value}
-    if isinstance(value, np.ndarray):
-        digest = hashlib.sha256(np.ascontiguousarray(value).tobytes()).hexdigest()
-        return {"dtype": str(value.dtype), "shape": list(value.shape), "sha256": digest}
-    if isinstance(value, float | np.floating):
+    if isinstance(value, float):
         return float(value).hex()
     if value is None or isinstance(value, bool | int | str):
         return value
@@ -262,45 +250,43 @@ def _plain_atom(value: object) -> object:
 FAILED = "failed"
 
 
-@dataclass(frozen=True, slots=True)
-class ParameterRecord:
-    """What a method found for one parameter."""
-
-    value: float
-    std_error: float | None = None
-    low: float | None = None
-    high: float | None = None
+#: A row of the table of trials: a trial's number, and what each method did, by column; None for nothing.
+Row = dict[str, int | float | str | None]
+#: Parts of a parameter's result by the ends of their columns' names; without intervals the first alone.
+PARTS = ("", ".std_error", ".low", ".high")
 
 
-@dataclass(frozen=True, slots=True)
-class MethodRecord:
-    """What a method did on one record."""
-
-    status: str  # The estimate's status, or `FAILED`
-    error: str = ""  # Name of the exception of a method that failed
-    parameters: tuple[ParameterRecord, ...] = ()
-
-
-@dataclass(frozen=True, slots=True)
-class TrialRecord:
-    """One trial. It holds nothing that differs from one computation of it to the next, such as a time."""
-
-    index: int  # Number of the trial
-    methods: tuple[MethodRecord, ...]
-
-
-def trial(study: Study, index: int) -> TrialRecord:
-    """Compute a trial, a pure function of study and index."""
+def trial(study: Study, index: int) -> Row:
+    """Compute a trial, a pure function of study and index: nothing in it is a time, say."""
+    row: Row = dict.fromkeys(schema(study)) | {"trial": index}
     with warnings.catch_warnings(), np.errstate(all="ignore"):
         warnings.simplefilter("ignore")  # weak instruments are recorded as a status
+        signals: Signals | Exception
         try:
             signals = study.experiment.record(study.rng(index))
         except MemoryError:
             raise
         except Exception as error:  # noqa: BLE001 - whatever breaks a trial is its result
-            failed = MethodRecord(FAILED, type(error).__name__)
-            return TrialRecord(index, (failed,) * len(study.methods))
-        return TrialRecord(index, tuple(_tried(study, choice, signals) for choice in study.methods))
+            signals = error
+        for choice in study.methods:
+            try:
+                row |= _estimated(study, choice, signals)
+            except MemoryError:
+                raise
+            except Exception as error:  # noqa: BLE001 - whatever breaks a method is its result
+                row |= {f"{choice.label}.status": FAILED, f"{choice.label}.error": type(error).__name__}
+    return row
+
+
+def schema(study: Study) -> dict[str, type[pl.DataType]]:
+    """Columns of the table of trials."""
+    columns: dict[str, type[pl.DataType]] = {"trial": pl.Int64}
+    for choice in study.methods:
+        columns |= {f"{choice.label}.status": pl.String, f"{choice.label}.error": pl.String}
+        for name in study.parameters:
+            parts = PARTS if study.intervals else PARTS[:1]
+            columns |= {f"{choice.label}.{name}{part}": pl.Float64 for part in parts}
+    return columns
 
 
 def failure(study: Study, index: int, label: str) -> str:
@@ -315,40 +301,32 @@ def failure(study: Study, index: int, label: str) -> str:
     return ""
 
 
-def _tried(study: Study, choice: MethodChoice, signals: Signals) -> MethodRecord:
-    try:
-        return _estimated(study, choice, signals)
-    except MemoryError:
-        raise
-    except Exception as error:  # noqa: BLE001 - whatever breaks a method is its result
-        return MethodRecord(FAILED, type(error).__name__)
-
-
-def _estimated(study: Study, choice: MethodChoice, signals: Signals) -> MethodRecord:
+def _estimated(study: Study, choice: MethodChoice, signals: Signals | Exception) -> Row:
+    """What a method says of a record; raises what was raised in its place."""
+    if isinstance(signals, Exception):
+        raise signals
     if choice.known_noise is not None:
         signals = replace(signals, noise={name: signals.noise[name] for name in choice.known_noise})
     estimate = identify(study.experiment.problem(signals, choice.instruments), choice.method)
     if study.intervals:
         estimate = choice.with_covariance(estimate)
-    results = []
+    row: Row = {f"{choice.label}.status": estimate.status.value}
     for name in study.parameters:
-        value = estimate.parameters[name]
+        values: tuple[float, ...] = (estimate.parameters[name],)
         if study.intervals:
-            low, high = estimate.interval(name, study.level)
-            results.append(ParameterRecord(value, estimate.std_error(name), low, high))
-        else:
-            results.append(ParameterRecord(value))
-    return MethodRecord(estimate.status.value, "", tuple(results))
+            values += (estimate.std_error(name), *estimate.interval(name, study.level))
+        row |= {f"{choice.label}.{name}{part}": value for part, value in zip(PARTS, values, strict=False)}
+    return row
 
 
 # -- Trial shards --
 
 #: Trials of a shard. Part of the format: a study that was begun with another number is not continued.
 SHARD_TRIALS = 25
+#: Shards that are put together at a time, those of a row group.
+SHARDS_AT_ONCE = GROUP_ROWS // SHARD_TRIALS
 #: Packages whose versions bear on the bytes.
 PACKAGES = ("eivor", "numpy", "scipy", "polars")
-#: Parts of a parameter's record when intervals are requested, besides the value.
-INTERVAL_PARTS = ("std_error", "low", "high")
 IDENTITY_FILE = "study.json"
 TABLE_FILE = "trials.parquet"
 
@@ -404,10 +382,11 @@ class TrialShards:
             )
         return pl.read_parquet(io.BytesIO(content))
 
-    def write(self, number: int, trials: Sequence[TrialRecord]) -> None:
+    def write(self, number: int, trials: Sequence[Row]) -> None:
         """Keep the trials of a shard."""
+        table = pl.DataFrame(trials, schema=schema(self.study))
         with report_study_errors(self.folder):
-            write_atomically(self.path(number), sealed(frame(self.study, trials), self._facts(number)))
+            write_atomically(self.path(number), sealed(table, self._facts(number)))
 
     def consolidate(self) -> pl.DataFrame:
         """Make the table of all trials from the shards."""
@@ -416,18 +395,15 @@ class TrialShards:
             table = pl.concat(
                 [
                     pl.concat([self._read(number) for number in group], rechunk=True)
-                    for group in batched(range(self.count), GROUP_ROWS // SHARD_TRIALS)
+                    for group in (
+                        range(self.count)[start : start + SHARDS_AT_ONCE]
+                        for start in range(0, self.count, SHARDS_AT_ONCE)
+                    )
                 ],
                 rechunk=True,
             )
             write_atomically(self.folder / TABLE_FILE, parquet_bytes(table))
         return table
-
-
-def batched(numbers: range, size: int) -> Iterator[range]:
-    """Successive parts of a range, each of `size` numbers but for the last."""
-    for start in range(0, len(numbers), size):
-        yield numbers[start : start + size]
 
 
 def shard_trials(runs: int, number: int) -> range:
@@ -511,31 +487,6 @@ def _listed(versions: object) -> str:
     return ", ".join(f"{package} {number}" for package, number in pairs)
 
 
-def frame(study: Study, trials: Sequence[TrialRecord]) -> pl.DataFrame:
-    """Trials as a table."""
-    columns = [pl.Series("trial", [record.index for record in trials], pl.Int64)]
-    for position, choice in enumerate(study.methods):
-        results = [record.methods[position] for record in trials]
-        columns += [
-            pl.Series(
-                f"{choice.label}.{part}", [getattr(result, part) or None for result in results], pl.String
-            )
-            for part in ("status", "error")
-        ]
-        for index, name in enumerate(study.parameters):
-            records = [result.parameters[index] if result.parameters else None for result in results]
-            stem = f"{choice.label}.{name}"
-            columns += [
-                pl.Series(
-                    stem if part == "value" else f"{stem}.{part}",
-                    [None if record is None else getattr(record, part) for record in records],
-                    pl.Float64,
-                )
-                for part in ("value", *(INTERVAL_PARTS if study.intervals else ()))
-            ]
-    return pl.DataFrame(columns)
-
-
 # -- Run --
 
 #: Called with the number of trials that are done, and that of all.
@@ -561,7 +512,7 @@ class ShardTrials:
 
     study: Study  # whose shards
 
-    def __call__(self, number: int) -> tuple[TrialRecord, ...]:
+    def __call__(self, number: int) -> tuple[Row, ...]:
         """Trials of a shard, in order; fewer of them when nobody waits for them any more."""
         trials = []
         for index in shard_trials(self.study.runs, number):
