@@ -172,7 +172,7 @@ class _Loop:
             moments.append((body, speeds, command, thrust, torque, rates))
             (wx, wy, wz), (mx, my, mz) = read.wind[now], read.disturbance[now]
             held = HeldInputs(self.line.pass_on(command), (wx, wy, wz), (mx, my, mz))
-            body, speeds = self.stepper.step(body, speeds, held)
+            body, speeds = self.stepper(body, speeds, held)
             if now == CHUNK - 1 or k == first.count - 1:
                 yield moments
 
@@ -306,13 +306,8 @@ def recording_of(
         format="simulation",
         channels=channels,
         frame=Frame.Z_UP,
-        input_map=_map_of(spec),
+        input_map="" if spec.vehicle.rotors.thrust_linear else "square",
     )
-
-
-def _map_of(spec: RigidBodyFlightSpec) -> str:
-    """Square, where the rotors' thrust goes with it."""
-    return "" if spec.vehicle.rotors.thrust_linear else "square"
 
 
 def _add(
@@ -335,7 +330,7 @@ def _measured(
 ) -> list[tuple[Sensor, dict[str, Float[np.ndarray, " n"]]]]:
     """Each sensor with its readings at every step."""
     sensors, step_s, body = spec.sensors, spec.step_s, flight.body
-    attitude = turned_by(body[:, 6:10], met.attitude_error)
+    attitude = np.column_stack(turned(list(body[:, 6:10].T), *met.attitude_error.T))
 
     def logged(sensor: Sensor, raw: Float[np.ndarray, "n axes"]) -> Float[np.ndarray, "n axes"]:
         return sensor.averages(sensor.readings(raw, step_s), step_s)
@@ -377,13 +372,6 @@ def _report(
         (logged.setpoint_hz, setpoints),
         (logged.reference_hz, dict(zip(requested, series, strict=True))),
     ]
-
-
-def turned_by(
-    attitude: Float[np.ndarray, "n 4"], angles: Float[np.ndarray, "n 3"]
-) -> Float[np.ndarray, "n 4"]:
-    """Attitudes turned about their own axes by small angles."""
-    return np.column_stack(turned(list(attitude.T), *angles.T))
 
 
 def _named(stem: str, parts: str, series: Float[np.ndarray, "n parts"]) -> dict[str, Float[np.ndarray, " n"]]:
