@@ -42,23 +42,14 @@ class FractionalPart:
     gain: float = 1.0  # Constant, noise-free factor
     by_order: bool = False  # True for the derivative by the order
 
-    @property
-    def derivative(self) -> FractionalPart:
-        """The same part's derivative by its order."""
-        return replace(self, by_order=True)
-
-    def times(self, factor: float) -> FractionalPart:
-        """The same part with another gain."""
-        return replace(self, gain=factor * self.gain)
-
 
 #: A column: the sum of its parts.
 FractionalColumn = tuple[FractionalPart, ...]
 
 
-def combined(columns: list[tuple[float, FractionalColumn]]) -> FractionalColumn:
-    """Sum of columns, each times a number."""
-    return tuple(part.times(factor) for factor, column in columns for part in column)
+def channels_of(columns: Sequence[FractionalColumn]) -> list[str]:
+    """Channels that columns are made of."""
+    return sorted({part.channel for column in columns for part in column})
 
 
 # -- Operator --
@@ -345,7 +336,7 @@ class FilteredSignals:
     ) -> Float[np.ndarray, "left right"]:
         """Average covariance of the noises of plain columns with those of fractional ones, C of (29)."""
         shared = np.zeros((len(left), len(right)))
-        for channel in self._channels(right):
+        for channel in channels_of(right):
             selected = [i for i, column in enumerate(left) if column.channel == channel]
             if not selected:
                 continue
@@ -368,7 +359,7 @@ class FilteredSignals:
     ) -> Float[np.ndarray, "columns columns"]:
         """Average covariance of the noises of columns among themselves."""
         total = np.zeros((len(columns), len(columns)))
-        for channel in self._channels(columns):
+        for channel in channels_of(columns):
             noises = self._noise_of(channel, columns)
             total += (noises * self._share_of_rows(first)[:, None]).T @ noises
         return 0.5 * (total + total.T)
@@ -417,10 +408,6 @@ class FilteredSignals:
             kept[key] = result
         return result
 
-    @staticmethod
-    def _channels(columns: Sequence[FractionalColumn]) -> list[str]:
-        return sorted({part.channel for column in columns for part in column})
-
 
 # -- Regression --
 
@@ -467,8 +454,12 @@ class FractionalRegression(LinearProblem):
         return self._rows.blocks(size)
 
     @cached_property
+    def _columns(self) -> tuple[FractionalColumn, ...]:
+        return (*self.regressors, self.response)
+
+    @cached_property
     def _own_noise(self) -> Float[np.ndarray, "n_plus_1 n_plus_1"]:
-        return self.filtered.noise_covariance((*self.regressors, self.response), self.first)
+        return self.filtered.noise_covariance(self._columns, self.first)
 
     def regressor_noise_covariance(self) -> Float[np.ndarray, "n_plus_1 n_plus_1"]:
         """Noise covariance of [Phi y] from the columns' tags and the declared noises."""
@@ -476,15 +467,13 @@ class FractionalRegression(LinearProblem):
 
     def instrument_noise_covariance(self) -> Float[np.ndarray, "p n_plus_1"]:
         """C and c from the columns' tags and the declared noises."""
-        columns = (*self.regressors, self.response)
-        return self.filtered.shared_noise(self.instrument_columns, columns, self.first)
+        return self.filtered.shared_noise(self.instrument_columns, self._columns, self.first)
 
     def instruments_share_noise(self) -> bool:
         """Return whether declared noises make an instrument and another column correlated."""
         declared = self.filtered.signals.noise
         known = tuple(column for column in self.instrument_columns if column.channel in declared)
-        columns = (*self.regressors, self.response)
-        return bool(np.any(self.filtered.shared_noise(known, columns, self.first)))
+        return bool(np.any(self.filtered.shared_noise(known, self._columns, self.first)))
 
 
 # -- Problem --
@@ -545,12 +534,11 @@ class FractionalProblem(LinearisableProblem):
 
     def _by_order(self, name: str, nuisances: Values, theta: Float[np.ndarray, " n"]) -> FractionalColumn:
         """Derivative of Phi theta by an order."""
-        return combined(
-            [
-                (value, tuple(part.derivative for part in term.column(nuisances)))
-                for value, (_, term) in zip(theta.tolist(), self.terms, strict=True)
-                if isinstance(term.term.order, UnknownOrder) and term.term.order.name == name
-            ]
+        return tuple(
+            replace(part, by_order=True, gain=value * part.gain)
+            for value, (_, term) in zip(theta.tolist(), self.terms, strict=True)
+            if isinstance(term.term.order, UnknownOrder) and term.term.order.name == name
+            for part in term.column(nuisances)
         )
 
     def bins(self, nuisances: Values) -> SpectralRegression:
@@ -560,12 +548,6 @@ class FractionalProblem(LinearisableProblem):
             f"one that asks for its spectra at {dict(nuisances)}",
             "Use generalized_iv, or another method of the page on fractional equations.",
         )
-
-
-def sought(order: UnknownOrder) -> Nuisance:
-    """Nuisance of an order."""
-    grid = np.linspace(order.low, order.high, GRID_POINTS)
-    return Nuisance(Parameter(order.name), grid, tolerance=ORDER_TOLERANCE)
 
 
 # -- Model --
@@ -613,7 +595,7 @@ class FractionalDifferenceModel:
         checks.kind("operator", self.operator, FractionalOperator, "an operator", remedy)
         checks.text("output_channel", self.output_channel)
         checks.text("input_channel", self.input_channel)
-        leading = self._outputs[0].order
+        leading = self._of_side("output")[0].order
         if isinstance(leading, UnknownOrder):
             raise ParameterError(
                 "a known order of the first term of the output",
@@ -689,14 +671,22 @@ class FractionalDifferenceModel:
             both_sides = self._solved_for_output(
                 divided_by_output_at, signals.sample_count, rate_hz=signals.rate_hz
             )
-        every = (*self._outputs, *self._inputs)
-        known = frozenset(float(term.order) for term in every if not isinstance(term.order, UnknownOrder))
+        known = frozenset(
+            float(term.order) for term in self._every if not isinstance(term.order, UnknownOrder)
+        )
         return FractionalProblem(
             FilteredSignals(signals, self.operator, known, both_sides),
-            ChannelTerm(self.output_channel, self._outputs[0]),
+            ChannelTerm(self.output_channel, self._of_side("output")[0]),
             tuple(self._terms()),
             instruments,
-            tuple(sought(order) for order in self.unknown_orders),
+            tuple(
+                Nuisance(
+                    Parameter(order.name),
+                    np.linspace(order.low, order.high, GRID_POINTS),
+                    tolerance=ORDER_TOLERANCE,
+                )
+                for order in self.unknown_orders
+            ),
         )
 
     def impulse_response(self, parameters: Parameters, count: int, *, rate_hz: float = 1.0) -> Series:
@@ -793,33 +783,30 @@ class FractionalDifferenceModel:
         back = np.exp(-2j * np.pi * frequencies / rate_hz)
         return np.asarray(over.response(back) / under.response(back))
 
-    @property
-    def _outputs(self) -> tuple[FractionalTerm, ...]:
-        return terms_of("output", self.output)
+    def _of_side(self, side: str) -> tuple[FractionalTerm, ...]:
+        return terms_of(side, getattr(self, side))
 
     @property
-    def _inputs(self) -> tuple[FractionalTerm, ...]:
-        return terms_of("input", self.input)
+    def _every(self) -> tuple[FractionalTerm, ...]:
+        return (*self._of_side("output"), *self._of_side("input"))
 
     def _repeated_orders(self) -> list[UnknownOrder]:
         """Unknown orders, as often as they are named."""
-        every = (*self._outputs, *self._inputs)
-        return [term.order for term in every if isinstance(term.order, UnknownOrder)]
+        return [term.order for term in self._every if isinstance(term.order, UnknownOrder)]
 
     def _terms(self) -> Iterator[tuple[Parameter, ChannelTerm]]:
         """Right side of the equation solved for the first term of the output."""
-        for number, term in enumerate(self._outputs[1:], start=2):
+        for number, term in enumerate(self._of_side("output")[1:], start=2):
             yield Parameter(f"output_coefficient_{number}"), ChannelTerm(self.output_channel, term, -1.0)
-        for number, term in enumerate(self._inputs, start=1):
+        for number, term in enumerate(self._of_side("input"), start=1):
             yield Parameter(f"input_coefficient_{number}"), ChannelTerm(self.input_channel, term)
 
     def _solved_for_output(self, parameters: Parameters, count: int, *, rate_hz: float) -> Series:
         """Weights of the filter that undoes the output's side."""
         left = self._side("output", parameters, rate_hz)
         weights = left.weights(count)
-        if abs(weights[0]) <= LEAST_OWN_COEFFICIENT * max(
-            abs(coefficient) for coefficient, _, _ in left.terms
-        ):
+        largest = max(abs(coefficient) for coefficient, _, _ in left.terms)
+        if abs(weights[0]) <= LEAST_OWN_COEFFICIENT * largest:
             raise ParameterError(
                 "an equation that can be solved for the newest output",
                 f"a coefficient of {weights[0]:.3g} before y(k)",
@@ -838,29 +825,19 @@ class FractionalDifferenceModel:
         """One side of the equation at some values of its parameters."""
         checks.mapping("parameters", parameters, checks.NUMBERS, "numbers")
         checks.number("rate_hz", rate_hz)
-        missing = [
-            parameter.name
-            for parameter in self.parameters
-            if not np.isfinite(parameters.get(parameter.name, np.nan))
-        ]
+        names = [parameter.name for parameter in self.parameters]
+        missing = [name for name in names if not np.isfinite(parameters.get(name, np.nan))]
         if missing:
             raise ParameterError(
-                f"finite values of {', '.join(parameter.name for parameter in self.parameters)}",
+                f"finite values of {', '.join(names)}",
                 f"none of {', '.join(missing)}",
                 "Give estimate.parameters, or all of them by name.",
             )
         if not (np.isfinite(rate_hz) and rate_hz > 0.0):
             raise ParameterError("a positive rate in Hz", f"rate_hz={rate_hz}", "Give that of the record.")
-        terms = self._outputs if side == "output" else self._inputs
-        coefficients = [
-            float(parameters[f"{side}_coefficient_{number}"]) if side == "input" or number > 1 else 1.0
-            for number in range(1, len(terms) + 1)
-        ]
-        return Side(
-            tuple(
-                (coefficient, term.order_at(parameters), term.lag)
-                for coefficient, term in zip(coefficients, terms, strict=True)
-            ),
-            self.operator,
-            1.0 / rate_hz,
+        coefficients = {"output_coefficient_1": 1.0, **parameters}
+        parts = tuple(
+            (float(coefficients[f"{side}_coefficient_{number}"]), term.order_at(parameters), term.lag)
+            for number, term in enumerate(self._of_side(side), start=1)
         )
+        return Side(parts, self.operator, 1.0 / rate_hz)
