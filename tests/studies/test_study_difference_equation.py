@@ -72,7 +72,7 @@ def test_a_disturbance_moves_the_machine():
         ({"noise_to_signal": {"input": -0.1}}, "noise_to_signal of zero or more for input; received -0.1"),
         (
             {"noise": {"velocity_z": WhiteNoise(1.0)}},
-            "noise of output and input; received noise of 'velocity_z'",
+            "noise of output, input; received noise of 'velocity_z'",
         ),
     ],
 )

@@ -35,7 +35,7 @@ from eivor.cli.outputs import (
 )
 from eivor.dask_executor import DaskCluster
 from eivor.errors import InputError, ParameterError, UsageError, did_you_mean
-from eivor.lab.experiments import page_with
+from eivor.lab.experiments import page_text, page_with
 from eivor.lab.figures import (
     by_reading,
     figure_files,
@@ -158,7 +158,7 @@ def paper(
     for path in figure_files(_folder(out)) if out else ():
         output_file(str(path), option="--out")
     if page:
-        _page_text(page)
+        page_text(Path(page), "run")
     start_s, results = time.perf_counter(), []
     with _progress("examples", 2 * len(chosen)) as progress:
         for result in run_paper(chosen, runs=runs, workers=workers or None):
@@ -170,22 +170,11 @@ def paper(
     outputs: dict[Callable[[], None], bool] = {
         partial(_print_paper, results, whole=bool(named)): json != STANDARD_OUTPUT,
         lambda: write_out(json_text(paper_document(results, seconds=seconds)), json): bool(json),
-        lambda: write_out(page_with(_page_text(page), page_parts(results)), page): bool(page),
+        lambda: write_out(page_with(page_text(Path(page), "run"), page_parts(results)), page): bool(page),
         lambda: _draw(Path(out), paper_figures(nearest_group)): bool(out),
     }
     deliver(*(output for output, wanted in outputs.items() if wanted))
     return ExitCode.IDENTIFIED
-
-
-def _page_text(page: str) -> str:
-    """Text of the page that the tables go into."""
-    try:
-        return Path(page).read_text(encoding="utf-8")
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or str(error)
-        raise InputError(
-            "a page with marks for the tables, in UTF-8", f"'{page}', unreadable: {reason}", "Check the name."
-        ) from error
 
 
 def _print_paper(results: Sequence[PaperResult], *, whole: bool) -> None:

@@ -835,7 +835,7 @@ class FractionalDifferenceModel:
             )
         if not (np.isfinite(rate_hz) and rate_hz > 0.0):
             raise ParameterError("a positive rate in Hz", f"rate_hz={rate_hz}", "Give that of the record.")
-        coefficients = {"output_coefficient_1": 1.0, **parameters}
+        coefficients = {**parameters, "output_coefficient_1": 1.0}
         parts = tuple(
             (float(coefficients[f"{side}_coefficient_{number}"]), term.order_at(parameters), term.lag)
             for number, term in enumerate(self._of_side(side), start=1)

@@ -5,10 +5,8 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
 from enum import Enum
 from functools import lru_cache
-from importlib.resources import as_file, files
 from pathlib import Path
 from types import UnionType
 from typing import TYPE_CHECKING, Any, Union, get_args, get_origin, get_type_hints
@@ -495,74 +493,3 @@ def _experiment(table: TomlTable) -> Experiment:
         table, DifferenceEquation, samples=sample_count(table, 1000), **known
     )
     return equation
-
-
-# -- Suite file --
-
-
-@dataclass(frozen=True, slots=True)
-class SuiteStudy:
-    """One study of a suite."""
-
-    scenario: str
-    samples: int
-    study: Study
-
-
-@dataclass(frozen=True, slots=True)
-class Suite:
-    """Studies with the same methods, runs and seed."""
-
-    name: str
-    studies: tuple[SuiteStudy, ...]  # Every scenario at every length, lengths first
-
-    def reduced(self, runs: int) -> Suite:
-        """Same suite with other numbers of runs; trials are the same as far as they go."""
-        studies = tuple(replace(study, study=replace(study.study, runs=runs)) for study in self.studies)
-        return replace(self, studies=studies)
-
-
-def read_suite(path: Path) -> Suite:
-    """Suite from a file."""
-    top = read_toml(path, "a suite of studies")
-    name, runs, seed = top.text("name", path.stem), top.whole("runs"), top.whole("seed")
-    level = top.number("level", 0.95)
-    lengths = [_length(top, value) for value in top.numbers("samples")]
-    scenarios = {word: _scenario(top, word, path.parent) for word in top.texts("scenarios")}
-    tables = top.sections("methods")
-    top.finish()
-    if not lengths or not scenarios or len(set(lengths)) < len(lengths):
-        raise top.wrong(
-            "", "one scenario or more, and one length or more, each once", f"{lengths} of {list(scenarios)}"
-        )
-    studies = []
-    for samples in lengths:
-        for word, scenario in scenarios.items():
-            experiment = VerticalExperiment(replace(scenario, samples=samples))
-            channel = experiment.exogenous_channel
-            choices = tuple(method_choice(table, channel) for table in tables)
-            label = f"{name}: {word}, {samples} samples"
-            with located(top):
-                study = Study(label, experiment, choices, runs, seed, intervals=True, level=level)
-            studies.append(SuiteStudy(word, samples, study))
-    return Suite(name, tuple(studies))
-
-
-def coverage_suite() -> Suite:
-    """The suite that comes with the package: coverage of the intervals of generalized IV."""
-    with as_file(files("validation.coverage").joinpath("coverage.toml")) as path:
-        return read_suite(path)
-
-
-def _length(top: TomlTable, value: float) -> int:
-    if value != int(value) or not 1 <= value <= MOST_SAMPLES:
-        raise top.wrong("samples", f"whole numbers up to {MOST_SAMPLES}", f"{value:g}")
-    return int(value)
-
-
-def _scenario(top: TomlTable, word: str, folder: Path) -> Scenario:
-    if word in shipped_scenarios():
-        return shipped_scenario(word)
-    if not word.endswith(".toml"):
-        raise top.wrong("scenarios", f"names out of {', '.join(shipped_scenarios())}, or files", f"'{word}'")
-    return read_scenario(folder / word)

@@ -47,37 +47,27 @@ from eivor.tools import Float
 # -- Study --
 
 #: Methods that need no instruments.
-DIRECT: Mapping[str, Callable[[], LinearMethod]] = {
-    "least_squares": methods.least_squares,
-    "total_least_squares": methods.total_least_squares,
-    "bias_compensated_least_squares": methods.bias_compensated_least_squares,
-}
+DIRECT = ("least_squares", "total_least_squares", "bias_compensated_least_squares")
 #: Methods with instruments whose equations can be weighted.
-WEIGHTED: Mapping[str, Callable[[EquationWeighting | None], LinearMethod]] = {
-    "extended_iv": methods.extended_iv,
-    "generalized_iv": methods.generalized_iv,
-}
-#: Methods with instruments whose equations cannot.
-UNWEIGHTED: Mapping[str, Callable[[], Method]] = {
-    "extended_iv_tls": methods.extended_iv_tls,
-    "generalized_iv_tls": methods.generalized_iv_tls,
-    "liml": methods.liml,
-    "generalized_liml": methods.generalized_liml,
-    "spectral_giv": methods.spectral_giv,
-    "spectral_giv_combined": methods.spectral_giv_combined,
-    "whittle_ml": methods.whittle_ml,
-    "generalized_iv_unknown_noise": methods.generalized_iv_unknown_noise,
-    "bias_eliminating_least_squares": methods.bias_eliminating_least_squares,
-    "frisch_scheme": methods.frisch_scheme,
-}
+WEIGHTED = ("extended_iv", "generalized_iv")
 #: Methods with instruments and a strength.
-STRENGTHS: Mapping[str, Callable[[float], Method]] = {
-    "fuller": methods.fuller,
-    "generalized_fuller": methods.generalized_fuller,
-}
+STRENGTHS = ("fuller", "generalized_fuller")
 #: Methods that need instruments.
-INSTRUMENTAL = (*WEIGHTED, *UNWEIGHTED, *STRENGTHS)
-#: Every method of a study.
+INSTRUMENTAL = (
+    *WEIGHTED,
+    "extended_iv_tls",
+    "generalized_iv_tls",
+    "liml",
+    "generalized_liml",
+    "spectral_giv",
+    "spectral_giv_combined",
+    "whittle_ml",
+    "generalized_iv_unknown_noise",
+    "bias_eliminating_least_squares",
+    "frisch_scheme",
+    *STRENGTHS,
+)
+#: Every method of a study, by the name of its maker in `eivor.methods`.
 METHODS = (*DIRECT, *INSTRUMENTAL)
 #: Weightings of equations by name.
 WEIGHTINGS: Mapping[str, Callable[[], EquationWeighting]] = {
@@ -153,18 +143,14 @@ class MethodChoice:
     @property
     def method(self) -> Method:
         """The method itself."""
-        made = self._plain_method
+        make: Callable[..., Method] = getattr(methods, self.name)
+        if self.name in WEIGHTED:
+            made = make(WEIGHTINGS[self.weighting]())
+        else:
+            made = make(self.strength) if self.name in STRENGTHS else make()
         if self.regularisation is None or not isinstance(made, LinearMethod):
             return made
         return regularised(made, self.regularisation.parameter, TARGETS[self.regularisation.towards])
-
-    @property
-    def _plain_method(self) -> Method:
-        if self.name in WEIGHTED:
-            return WEIGHTED[self.name](WEIGHTINGS[self.weighting]())
-        if self.name in STRENGTHS:
-            return STRENGTHS[self.name](self.strength)
-        return {**DIRECT, **UNWEIGHTED}[self.name]()
 
     def with_covariance(self, estimate: Estimate) -> Estimate:
         """Estimate whose intervals rest on the covariance chosen."""

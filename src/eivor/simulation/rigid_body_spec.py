@@ -301,9 +301,8 @@ class Logged:
     left_out: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        for name in ("rotor_command_hz", "setpoint_hz", "reference_hz"):
-            if not 0.0 <= getattr(self, name) <= 1e5:
-                raise ParameterError(f"{name} between 0 and 1e5", f"{getattr(self, name)}", "Correct it.")
+        rates = ("rotor_command_hz", "setpoint_hz", "reference_hz")
+        within(self, dict.fromkeys(rates, (0.0, 1e5)), "Correct it.")
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,10 +8,10 @@ from typing import TypeVar
 
 import numpy as np
 
+from eivor import checks
 from eivor.errors import UsageError
 from eivor.motions.vertical.model import GRAVITY
 from eivor.signals.filters import actuator_state
-from eivor.signals.recording import Recording
 from eivor.simulation.environment import (
     FlightTruth,
     SensorErrors,
@@ -248,12 +248,7 @@ class VerticalFlightSpec:
     duration: float = 60.0
 
     def __post_init__(self) -> None:
-        for name, (low, high) in RANGES.items():
-            value = getattr(self, name)
-            if not low <= value <= high:
-                raise UsageError(
-                    f"{name} between {low:g} and {high:g}", f"{value}", "Correct the flight's specification."
-                )
+        checks.within(self, RANGES, "Correct the flight's specification.")
         substeps = self.delay / STEP_S * SUBSTEPS
         if abs(substeps - round(substeps)) > 1e-6:
             raise UsageError(
@@ -332,19 +327,6 @@ def simulate_vertical_flights(specs: Sequence[VerticalFlightSpec]) -> Iterator[S
         raise UsageError("flights of one duration", f"durations {durations} s", "Simulate them separately.")
     for first in range(0, len(specs), BATCH):
         yield from _batch(specs[first : first + BATCH])
-
-
-def actual_state_recording(flight: SimulatedFlight) -> Recording:
-    """Recording in which the rotor's actual state stands in place of its command (`rotor_speed_1`)."""
-    log, truth = flight.recording, flight.truth
-    held = {key: channel.values for key, channel in log.channels.items() if key.startswith("reference_")}
-    sampled = {
-        key: channel.values
-        for key, channel in log.channels.items()
-        if key not in held and not key.startswith("rotor_")
-    }
-    sampled["rotor_speed_1"] = truth.rotor_state[:, 0]
-    return simulated_recording(log.name, simulator=SIMULATOR, time_s=truth.time_s, held=held, sampled=sampled)
 
 
 @dataclass(frozen=True, slots=True)
