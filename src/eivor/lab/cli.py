@@ -68,6 +68,7 @@ from eivor.lab.study import (
     TOGETHER,
     MethodScore,
     Progress,
+    Spread,
     StudyResult,
     failure,
     no_progress,
@@ -565,7 +566,7 @@ def _method(method_score: MethodScore) -> dict[str, object]:
             "std": number(score.estimate.std),
             "bias": number(score.bias),
             "rmse": number(score.rmse),
-            "nrmse_percent": score.nrmse.document,
+            "nrmse_percent": _spread(score.nrmse),
             "coverage": None
             if coverage is None
             else {
@@ -580,5 +581,9 @@ def _method(method_score: MethodScore) -> dict[str, object]:
         "failed": method_score.failed,
         "weak": method_score.weak,
         "parameters": parameters,
-        "together": {"nrmse_percent": method_score.together.document},
+        "together": {"nrmse_percent": _spread(method_score.together)},
     }
+
+
+def _spread(spread: Spread) -> dict[str, object]:
+    return {"mean": number(spread.mean), "std": number(spread.std)}

@@ -198,8 +198,9 @@ def page_text(path: Path, part: str) -> str:
     """Text of a page that has the marks of a part."""
     try:
         text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError("a page that can be read", f"{path}: {error}", "Name a text file.") from error
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise InputError("a page that can be read", f"'{path}', unreadable: {reason}", "Check it.") from error
     page_with(text, {part: ""})
     return text
 

@@ -523,23 +523,19 @@ def _spreads(spreads: Sequence[Spread]) -> Json:
 def page_parts(results: Sequence[PaperResult]) -> dict[str, str]:
     """Generated parts of the page, by the name of their marks."""
     first = by_reading(results)[nearest(results)]
-    examples = [result.example for result in first]
+    groups = list(by_reading(results).values())
     parts = {
-        "run": f"Made by `eivor paper` with Eivor {version('eivor')}: {len(by_reading(results))} readings, "
+        "run": f"Made by `eivor paper` with Eivor {version('eivor')}: {len(groups)} readings, "
         f"2 examples, {len(first[0].estimates)} runs, 6 methods; seed {SEED}. {verdict_sentence(results)}",
         "readings": _readings_table(results),
     }
-    for index, example in enumerate(examples):
-        parts[f"example {example.number}"] = "\n\n".join(
-            [
-                part
-                for column, method in PRINTED_METHODS.items()
-                for part in (
-                    f"**{column}**, NRMSE in percent",
-                    _example_table([group[index] for group in by_reading(results).values()], example, method),
-                )
-            ]
+    for index, example in enumerate(EXAMPLES):
+        tables = (
+            f"**{column}**, NRMSE in percent\n\n"
+            + _example_table([group[index] for group in groups], example, method)
+            for column, method in PRINTED_METHODS.items()
         )
+        parts[f"example {example.number}"] = "\n\n".join(tables)
     lines = [(item.where, item.printed, item.used, item.check) for item in errata()]
     parts["errata"] = markdown(("where", "printed", "used here", "checked"), lines)
     parts["figures"] = _figures(first[0].reading.name)
@@ -549,15 +545,8 @@ def page_parts(results: Sequence[PaperResult]) -> dict[str, str]:
 def _readings_table(results: Sequence[PaperResult]) -> str:
     lines = []
     for name, group in by_reading(results).items():
-        with_tls = nearness(group, total_least_squares=True)
-        lines.append(
-            [
-                f"`{name}`",
-                group[0].reading.sentence,
-                *_nearness_cells(nearness(group)),
-                _factor(with_tls.means),
-            ]
-        )
+        tls = _factor(nearness(group, total_least_squares=True).means)
+        lines.append([f"`{name}`", group[0].reading.sentence, *_nearness_cells(nearness(group)), tls])
     header = ("reading", "what it says", "means off by", "SDs off by", "means met", "TLS forms off by")
     return markdown(header, lines)
 
@@ -569,14 +558,10 @@ def _example_table(results: Sequence[PaperResult], example: Example, method: str
     for result in results:
         both = (*result.spreads(method), *result.spreads(partner))
         lines.append([f"`{result.reading.name}`", *map(spread_text, both)])
-    return markdown(header, lines) + _weak_readings(results, method)
-
-
-def _weak_readings(results: Sequence[PaperResult], method: str) -> str:
-    """Readings under which the instruments of a method are weak, as a line below its table."""
     counts = {result.reading.name: result.weak_runs(method) for result in results}
-    texts = [f"`{name}` ({count} of {len(results[0].weak)})" for name, count in counts.items() if count]
-    return f"\n\nWeak instruments (first-stage F below 10), in runs: {', '.join(texts)}." if texts else ""
+    weak = [f"`{name}` ({count} of {len(results[0].weak)})" for name, count in counts.items() if count]
+    words = f"\n\nWeak instruments (first-stage F below 10), in runs: {', '.join(weak)}." if weak else ""
+    return markdown(header, lines) + words
 
 
 def _figures(name: str) -> str:

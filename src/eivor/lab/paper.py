@@ -520,37 +520,22 @@ def estimates(reading: PaperReading, signals: Signals) -> Estimates:
     model = VerticalMotion(intercept=False)
     last = reading.lags - 1 if reading.as_many else reading.lags
     problems = (
-        (
-            model.regression(_known_by_variance(signals)),
-            methods.least_squares(),
-            methods.total_least_squares(),
-        ),
-        (
-            model.regression(signals, lags("input", 1, reading.lags)),
-            methods.extended_iv(),
-            methods.extended_iv_tls(),
-        ),
-        (
-            model.regression(signals, lags("input", 0, last)),
-            methods.generalized_iv(),
-            methods.generalized_iv_tls(),
-        ),
+        model.regression(_known_by_variance(signals)),
+        model.regression(signals, lags("input", 1, reading.lags)),
+        model.regression(signals, lags("input", 0, last)),
     )
     result = np.full((len(METHODS), len(TRUTH)), np.nan)
     weak = np.zeros(len(METHODS), dtype=np.bool_)
-    for pair, (problem, *both) in enumerate(problems):
+    for pair, problem in enumerate(problems):
+        both: list[LinearMethod] = [getattr(methods, name)() for name in METHODS[2 * pair : 2 * pair + 2]]
         moments = both[0].moments(problem)
-        weak[2 * pair : 2 * pair + 2] = _weak(moments)
+        # As the status of an estimate says it.
+        strengths = first_stage_strengths(moments)
+        weak[2 * pair : 2 * pair + 2] = strengths is not None and strengths.min() < STRONG_FIRST_STAGE
         as_read = _as_read(moments, reading.compensation)
         for index, method in enumerate(both):
             result[2 * pair + index] = _theta(method, as_read)
     return Estimates(result, weak)
-
-
-def _weak(moments: Moments) -> bool:
-    """Whether the instruments hardly move one of the regressors, as the status of an estimate says it."""
-    strengths = first_stage_strengths(moments)
-    return strengths is not None and bool(strengths.min() < STRONG_FIRST_STAGE)
 
 
 def _known_by_variance(signals: Signals) -> Signals:
@@ -707,7 +692,7 @@ def nearness(results: Sequence[PaperResult], *, total_least_squares: bool = Fals
         (spread, printed, len(result.nrmse(method)))
         for result in results
         for item in PRINTED_METHODS.values()
-        for method in (solved_by(item, total_least_squares=total_least_squares),)
+        for method in (f"{item}_tls" if total_least_squares and item.endswith("_iv") else item,)
         for spread, printed in zip(result.spreads(method)[:2], result.example.printed[item][:2], strict=True)
     ]
     agreeing = sum(_agrees(spread, printed, runs) for spread, printed, runs in pairs)
@@ -717,11 +702,6 @@ def nearness(results: Sequence[PaperResult], *, total_least_squares: bool = Fals
         agreeing,
         len(pairs),
     )
-
-
-def solved_by(method: str, *, total_least_squares: bool) -> str:
-    """Instrumental method as the tables may mean it; least squares is what it is."""
-    return f"{method}_tls" if total_least_squares and method.endswith("_iv") else method
 
 
 def _agrees(measured: Spread, printed: Spread, runs: int) -> bool:

@@ -333,18 +333,12 @@ class Scenario:
         for name in ("viscous_friction", "input_gain", "rate_hz"):
             checks.number(name, getattr(self, name))
         checks.whole("samples", self.samples)
-        checks.kind("excitation", self.excitation, Excitation, "an excitation")
         checks.mapping("noise", self.noise, MeasurementNoise, "noises")
         checks.mapping("noise_to_signal", self.noise_to_signal, checks.NUMBERS, "numbers")
-        if self.disturbance is not None:
-            checks.kind("disturbance", self.disturbance, Disturbance, "a disturbance")
         if self.disturbance_to_signal is not None:
             checks.number("disturbance_to_signal", self.disturbance_to_signal)
-        checks.kind(
-            "route", self.route, DisturbanceRoute, "a Route", "Give Route.EQUATION or Route.DYNAMICS."
-        )
-        checks.kind("intersample", self.intersample, Intersample, "an Intersample", "Give Intersample.HOLD.")
-        checks.kind("control", self.control, Control, "a control")
+        for name, types, expected in _KINDS:
+            checks.kind(name, getattr(self, name), types, expected)
 
     @property
     def step_s(self) -> float:
@@ -381,6 +375,14 @@ class SimulatedRecord:
     parameters: Mapping[str, float]  # viscous_friction and input_gain
 
 
+#: Fields that are objects, with their types.
+_KINDS: tuple[tuple[str, type | tuple[type, ...], str], ...] = (
+    ("excitation", Excitation, "an excitation"),
+    ("disturbance", (Disturbance, type(None)), "a disturbance"),
+    ("route", DisturbanceRoute, "a DisturbanceRoute"),
+    ("intersample", Intersample, "an Intersample"),
+    ("control", Control, "a control"),
+)
 #: For channels that a scenario does not measure, or not always.
 _REMEDIES = {
     "position_z": "The altitude is measured under altitude control only.",

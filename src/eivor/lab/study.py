@@ -574,11 +574,6 @@ class Spread:
     def __format__(self, digits: str) -> str:
         return f"{self.mean:{digits}} ± {self.std:.2g}"
 
-    @property
-    def document(self) -> dict[str, float | None]:
-        """Numbers of a JSON document: finite or null."""
-        return {"mean": number(self.mean), "std": number(self.std)}
-
 
 @dataclass(frozen=True, slots=True)
 class ParameterScore:
