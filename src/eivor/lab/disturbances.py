@@ -62,10 +62,8 @@ class CoefficientCourse(CoefficientPath):
     phase: float = 0.0
 
     def __post_init__(self) -> None:
-        finite("mean", self.mean)
-        finite("amplitude", self.amplitude)
-        finite("cycles", self.cycles)
-        finite("phase", self.phase)
+        for name in ("mean", "amplitude", "cycles", "phase"):
+            finite(name, getattr(self, name))
 
     def values(self, count: int) -> Float[np.ndarray, " count"]:
         """Coefficient at each sample."""
@@ -310,10 +308,8 @@ class Sinusoids(Disturbance):
         """Draw nothing: it is always the same."""
         t = step_s * np.arange(count)
         phases = self.phases or (0.0,) * len(self.amplitudes)
-        series = np.zeros(count)
-        for amplitude, frequency, phase in zip(self.amplitudes, self.frequencies, phases, strict=True):
-            series += amplitude * np.sin(frequency * t + phase)
-        return series
+        waves = zip(self.amplitudes, self.frequencies, phases, strict=True)
+        return sum((a * np.sin(frequency * t + phase) for a, frequency, phase in waves), np.zeros(count))
 
 
 @dataclass(frozen=True, slots=True)
@@ -396,10 +392,8 @@ class SumOfDisturbances(Disturbance):
 
     def sample(self, count: int, step_s: float, rng: np.random.Generator) -> Float[np.ndarray, " count"]:
         """Sum of one realisation of each."""
-        series = np.zeros(count)
-        for part, stream in zip(self.parts, rng.spawn(len(self.parts)), strict=True):
-            series += part.sample(count, step_s, stream)
-        return series
+        drawn = zip(self.parts, rng.spawn(len(self.parts)), strict=True)
+        return sum((part.sample(count, step_s, stream) for part, stream in drawn), np.zeros(count))
 
 
 def paper_disturbance(std: float = 1.0) -> SumOfDisturbances:

@@ -6,7 +6,6 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
-from importlib.metadata import version
 from typing import ClassVar
 
 import numpy as np
@@ -20,7 +19,7 @@ from eivor.signals.noise import MeasurementNoise, WhiteNoise
 from eivor.signals.recording import Channel, Recording
 from eivor.signals.signals import Signals
 from eivor.simulation.excitation import Disturbance, Excitation, PaperInput, finite, positive
-from eivor.simulation.known_logs import SCHEMA, KnownLog
+from eivor.simulation.known_logs import KnownLog, known_log
 from eivor.tools import Float
 
 # -- Control --
@@ -572,50 +571,32 @@ def _controlled(scenario: Scenario, feedback: Feedback, additions: Series, pushe
 
 
 def log_about_hover(scenario: Scenario, seed: int, *, hover: bool = False) -> KnownLog:
-    """Log of a scenario."""
-    record = simulate(scenario, np.random.default_rng(seed))
-    hover_input = _hover_input(scenario) if hover else 0.0
-    truth = _scenario_truth(scenario, record) | {"hover_input": hover_input, "seed": seed}
-    return KnownLog(_recording(record, hover_input), scenario.rate_hz, scenario.samples, truth)
-
-
-def _hover_input(scenario: Scenario) -> float:
-    """Input whose effect is the weight's."""
-    if scenario.input_gain <= 0.0:
+    """Log of the measured channels of a scenario; with `hover` the input carries the weight too."""
+    if hover and scenario.input_gain <= 0.0:
         raise UsageError(
             "an input_gain above zero with --hover", f"{scenario.input_gain}", "Leave --hover out."
         )
-    return GRAVITY / scenario.input_gain
-
-
-def _recording(record: SimulatedRecord, hover_input: float) -> Recording:
-    """Recording of the measured channels."""
+    hover_input = GRAVITY / scenario.input_gain if hover else 0.0
+    record = simulate(scenario, np.random.default_rng(seed))
     signals = record.signals
     time_s = np.arange(signals.sample_count) * signals.step_s
-    channels = {}
-    for key, values in signals.channels.items():
-        logged = values + hover_input if key == "input" else values
-        channels[key] = Channel(
-            key, time_s, logged, unit_of(key), source="simulation", held=held_by_default(key)
-        )
-    return Recording(name="simulation", format="simulation", channels=channels)
-
-
-def _scenario_truth(scenario: Scenario, record: SimulatedRecord) -> dict[str, object]:
-    noises = {
-        name: {"std": noise.std, "order": getattr(noise, "order", 0.0)}
-        for name, noise in record.signals.noise.items()
+    logged = dict(signals.channels) | {"input": signals.channels["input"] + hover_input}
+    channels = {
+        key: Channel(key, time_s, values, unit_of(key), source="simulation", held=held_by_default(key))
+        for key, values in logged.items()
     }
-    return {
-        "schema": SCHEMA,
+    recording = Recording(name="simulation", format="simulation", channels=channels)
+    truth = {
         **record.parameters,
         "units": {"viscous_friction": "1/s", "input_gain": "m/s^2 per unit of input"},
-        "noise": noises,
+        "noise": {
+            name: {"std": noise.std, "order": getattr(noise, "order", 0.0)}
+            for name, noise in signals.noise.items()
+        },
         "disturbance": {
             "route": scenario.route.value,
             "std": float(record.truth.channels["disturbance"].std()),
         },
-        "rate_hz": scenario.rate_hz,
-        "samples": scenario.samples,
-        "provenance": {"version": version("eivor")},
+        "hover_input": hover_input,
     }
+    return known_log(recording, scenario.rate_hz, scenario.samples, seed, truth)

@@ -124,18 +124,14 @@ class MethodChoice:
             )
         if self.lags is not None:
             lags(self.channel, *self.lags)
-        if self.weighting != "unweighted" and self.name not in WEIGHTED:
-            raise UsageError(
-                f"a weighting for {' or '.join(WEIGHTED)} only",
-                f"'{self.weighting}' for '{self.name}'",
-                "Leave it out.",
-            )
-        if self.strength != 1.0 and self.name not in STRENGTHS:
-            raise UsageError(
-                f"a strength for {' or '.join(STRENGTHS)} only",
-                f"{self.strength:g} for '{self.name}'",
-                "Leave it out.",
-            )
+        for what, value, usual, fitting in (
+            ("weighting", self.weighting, "unweighted", WEIGHTED),
+            ("strength", self.strength, 1.0, STRENGTHS),
+        ):
+            if value != usual and self.name not in fitting:
+                given = f"'{value}'" if isinstance(value, str) else f"{value:g}"
+                expected = f"a {what} for {' or '.join(fitting)} only"
+                raise UsageError(expected, f"{given} for '{self.name}'", "Leave it out.")
         made = self.method  # refuses a strength out of range, and what cannot be regularised
         if self.regularisation is not None and not isinstance(made, LinearMethod | ShrunkTowards):
             raise UsageError("a regularisation of a linear method", f"one of '{self.name}'", "Leave it out.")
@@ -336,11 +332,6 @@ class TrialShards:
         """File of a shard."""
         return self.folder / "shards" / f"{number:06d}.parquet"
 
-    @property
-    def tables(self) -> tuple[Path, Path]:
-        """What stands beside the shards: the identity, and the table of all trials."""
-        return self.folder / IDENTITY_FILE, self.folder / TABLE_FILE
-
     def missing(self) -> list[int]:
         """Shards that are not there, or not whole, in order."""
         return [number for number in range(self.count) if not self._whole(number)]
@@ -378,16 +369,11 @@ class TrialShards:
         """Make the table of all trials from the shards."""
         with report_study_errors(self.folder):
             # In two steps: thousands of small tables at once take many times the memory of one large one.
-            table = pl.concat(
-                [
-                    pl.concat([self._read(number) for number in group], rechunk=True)
-                    for group in (
-                        range(self.count)[start : start + SHARDS_AT_ONCE]
-                        for start in range(0, self.count, SHARDS_AT_ONCE)
-                    )
-                ],
-                rechunk=True,
-            )
+            groups = []
+            for start in range(0, self.count, SHARDS_AT_ONCE):
+                numbers = range(start, min(self.count, start + SHARDS_AT_ONCE))
+                groups.append(pl.concat([self._read(number) for number in numbers], rechunk=True))
+            table = pl.concat(groups, rechunk=True)
             write_atomically(self.folder / TABLE_FILE, parquet_bytes(table))
         return table
 

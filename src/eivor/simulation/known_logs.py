@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from importlib.metadata import version
 
@@ -30,6 +30,15 @@ class KnownLog:
     truth: dict[str, object]
 
 
+def known_log(
+    recording: Recording, rate_hz: float, samples: int, seed: int, truth: Mapping[str, object]
+) -> KnownLog:
+    """Log with the document of its truth."""
+    of_log = {"rate_hz": rate_hz, "samples": samples, "seed": seed}
+    document = {"schema": SCHEMA, **truth, **of_log, "provenance": {"version": version("eivor")}}
+    return KnownLog(recording, rate_hz, samples, document)
+
+
 def log_of_flight(spec: VerticalFlightSpec) -> KnownLog:
     """Log of a flight."""
     (log,) = logs_of_flights([spec])
@@ -47,37 +56,24 @@ def logs_of_flights(specs: Sequence[VerticalFlightSpec]) -> Iterator[KnownLog]:
             )
         # Without its input map, which is the rotors' own default: so a CSV can keep all that there is.
         recording = replace(flight.recording, input_map="")
-        yield KnownLog(recording, 1.0 / STEP_S, spec.count, _flight_truth(spec))
+        yield known_log(recording, 1.0 / STEP_S, spec.count, spec.seed, _flight_truth(spec))
 
 
 def _flight_truth(spec: VerticalFlightSpec) -> dict[str, object]:
     levels = ("acceleration", "velocity", "position", "attitude")
+    numbers = ("viscous_friction", "input_gain", "actuator_lag", "delay", "hover_input")
+    changes = ("gust_rms", "gain_after", "gain_changes_at", "gain_changes_over")
     return {
-        "schema": SCHEMA,
-        "viscous_friction": spec.viscous_friction,
-        "input_gain": spec.input_gain,
-        "actuator_lag": spec.actuator_lag,
-        "delay": spec.delay,
-        "hover_input": spec.hover_input,
+        **{name: getattr(spec, name) for name in numbers},
         "units": {
             "viscous_friction": "1/s",
             "input_gain": "m/s^2 per squared share of full command",
-            "actuator_lag": "s",
-            "delay": "s",
             "hover_input": "share of full command",
-            "gain_changes_at": "s",
-            "gain_changes_over": "s",
+            **dict.fromkeys(("actuator_lag", "delay", "gain_changes_at", "gain_changes_over"), "s"),
         },
         "noise": {"kind": str(spec.noise.kind)} | {name: getattr(spec.noise, name) for name in levels},
-        "gust_rms": spec.gust_rms,
-        "gain_after": spec.gain_after,
-        "gain_changes_at": spec.gain_changes_at,
-        "gain_changes_over": spec.gain_changes_over,
+        **{name: getattr(spec, name) for name in changes},
         "trajectory": str(spec.trajectory),
-        "rate_hz": 1.0 / STEP_S,
-        "samples": spec.count,
-        "seed": spec.seed,
-        "provenance": {"version": version("eivor")},
     }
 
 
@@ -100,6 +96,9 @@ UNITS = {
     "delay": "s",
     "control_effectiveness": "rad/s^2 per unit of torque setpoint",
     "hover_speed": "rad/s",
+    "viscous_friction": "1/s",
+    "input_gain": "m/s^2 per squared rad/s",
+    "hover_input": "rad/s",
 }
 
 
@@ -114,32 +113,22 @@ def log_of_rigid_body_flight(spec: RigidBodyFlightSpec) -> KnownLog:
         )
     # Without its input map where that is the rotors' own default: so a CSV can keep all that there is.
     recording = replace(flight.recording, input_map="")
-    return KnownLog(recording, spec.rate_hz, spec.count, _rigid_body_truth(spec, flight))
+    truth = _rigid_body_truth(spec, flight)
+    return known_log(recording, spec.rate_hz, spec.count, spec.seed, truth)
 
 
 def _rigid_body_truth(spec: RigidBodyFlightSpec, flight: RigidBodyFlight) -> dict[str, object]:
     """Everything true, as a JSON document; what the vertical motion's truth has by the same names."""
     parameters = flight.truth.parameters
-    rotors = spec.vehicle.rotors
     return {
-        "schema": SCHEMA,
         "viscous_friction": viscous_friction(flight.truth),
-        "input_gain": rotors.count * parameters.thrust_gain,
+        "input_gain": spec.vehicle.rotors.count * parameters.thrust_gain,
         "hover_input": spec.vehicle.hover_speed,
         **asdict(parameters),
         "control_effectiveness": list(flight.truth.control_effectiveness),
         "hover_speed": spec.vehicle.hover_speed,
-        "units": UNITS
-        | {
-            "viscous_friction": "1/s",
-            "input_gain": "m/s^2 per squared rad/s",
-            "hover_input": "rad/s",
-        },
+        "units": UNITS,
         "trajectory": str(spec.trajectory),
-        "rate_hz": spec.rate_hz,
-        "samples": spec.count,
-        "seed": spec.seed,
-        "provenance": {"version": version("eivor")},
     }
 
 
