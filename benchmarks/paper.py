@@ -15,8 +15,7 @@ import scipy.linalg
 from _shared import EIVOR, arguments, least_seconds, machine, process_seconds
 from threadpoolctl import threadpool_limits
 
-from eivor.lab.paper_examples import estimates, record, trial_generator
-from eivor.lab.paper_readings import EXAMPLES, METHODS, READINGS
+from eivor.lab.paper import EXAMPLES, METHODS, READINGS, estimates, record, trial_generator
 from eivor.motions.vertical.model import VerticalMotion
 
 #: Direct fits of each record: least squares and total least squares.

@@ -17,7 +17,7 @@ import polars as pl
 
 import eivor as ev
 from eivor.lab.figures import CoverageRow, coverage_figure
-from eivor.lab.study_files import coverage_suite
+from eivor.lab.scenario_files import coverage_suite
 from eivor.report.figure_panels import estimates_figure, pair_figure
 from eivor.report.figures import residual_figure
 from validation.coverage.requirements import BOUNDS, JUDGED

@@ -114,7 +114,7 @@ def test_vehicle_files_in_the_pages_are_valid(tmp_path):
 
 
 def test_the_study_in_the_pages_is_valid(tmp_path):
-    from eivor.lab.study_files import read_study
+    from eivor.lab.scenario_files import read_study
 
     page = (ROOT / "docs" / "studies" / "scenarios.md").read_text(encoding="utf-8")
     page = page.partition("## Running a study")[2]

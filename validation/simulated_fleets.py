@@ -12,9 +12,9 @@ import numpy as np
 
 from eivor.errors import UsageError
 from eivor.inference.distributions import normal_quantile
-from eivor.lab.known_logs import logs_of_flights
 from eivor.logs.table.columnar import write_recording
 from eivor.motions.vertical.model import GRAVITY
+from eivor.simulation.known_logs import logs_of_flights
 from eivor.simulation.vertical import VerticalFlightSpec
 from eivor.tools import Float, Int
 

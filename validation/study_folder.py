@@ -16,9 +16,8 @@ from typing import Generic, Protocol, TypeVar, runtime_checkable
 
 import polars as pl
 
-from eivor.atomic_file import write_atomically
+from eivor.atomic_file import is_sealed, sealed, write_atomically
 from eivor.errors import InputError
-from eivor.lab.study_run import is_sealed, sealed
 from eivor.process_pool import local_executor
 
 #: Packages whose versions bear on the numbers.

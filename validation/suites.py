@@ -17,10 +17,10 @@ import polars as pl
 from eivor.atomic_file import atomic_write, write_atomically
 from eivor.errors import EivorError, InputError
 from eivor.lab.experiments import page_text, page_with
-from eivor.lab.study_files import Suite, SuiteStudy, read_suite
-from eivor.lab.study_run import SHARD_TRIALS, StudyResult, run_study
+from eivor.lab.study import SHARD_TRIALS, StudyResult, run_study
 from eivor.process_pool import check_workers, local_executor
 from validation.requirement import Requirement
+from validation.suite_files import Suite, SuiteStudy, read_suite
 
 #: Exit code when a requirement is not met, and for an input that cannot be used.
 NOT_MET, WRONG = 3, 2

@@ -32,10 +32,10 @@ if TYPE_CHECKING:
     from eivor.inference.confidence_set import ConfidenceSet
     from eivor.inference.regions import ConfidenceRegion
     from eivor.lab import cramer_rao as bounds
-    from eivor.lab.fractional_model import FractionalDifferenceModel
-    from eivor.lab.fractional_terms import (
+    from eivor.lab.fractional_model import (
         FractionalDerivative,
         FractionalDifference,
+        FractionalDifferenceModel,
         FractionalTerm,
         UnknownOrder,
     )
@@ -70,76 +70,51 @@ if TYPE_CHECKING:
 if TYPE_CHECKING:
     __version__: str
 
-#: Where each public name lives.
-_HOMES = {
-    "AndersonRubinSet": "eivor.estimation.weak_identification",
-    "AutocorrelatedErrors": "eivor.estimation.weak_identification",
-    "ChangeDetector": "eivor.estimation.recursive",
-    "AutoregressiveNoise": "eivor.signals.noise",
-    "Column": "eivor.models.regression",
-    "ConfidenceRegion": "eivor.inference.regions",
-    "ConfidenceSet": "eivor.inference.confidence_set",
-    "Diagnostics": "eivor.estimation.diagnose",
-    "Estimate": "eivor.estimation.estimate",
-    "FlightEstimate": "eivor.flights.result",
-    "FlightLimits": "eivor.planning.vehicle",
-    "FlightPlan": "eivor.planning.plan",
-    "FlightOptions": "eivor.flights.options",
-    "FractionalDerivative": "eivor.lab.fractional_terms",
-    "FractionalDifference": "eivor.lab.fractional_terms",
-    "FractionalDifferenceModel": "eivor.lab.fractional_model",
-    "FractionalNoise": "eivor.signals.noise",
-    "FractionalTerm": "eivor.lab.fractional_terms",
-    "HeavyTailedNoise": "eivor.signals.noise",
-    "HomoskedasticErrors": "eivor.estimation.weak_identification",
-    "Bounds": "eivor.models.separable",
-    "Prior": "eivor.models.separable",
-    "Recording": "eivor.signals.recording",
-    "RecursiveIdentification": "eivor.estimation.recursive",
-    "Regression": "eivor.models.regression",
-    "RoundingNoise": "eivor.signals.noise",
-    "SavedFit": "eivor.report.saved_fit",
-    "Scenario": "eivor.lab.records",
-    "SignPerturbedSet": "eivor.estimation.weak_identification",
-    "SignalRegression": "eivor.models.signal_regression",
-    "Signals": "eivor.signals.signals",
-    "UnknownOrder": "eivor.lab.fractional_terms",
-    "Validation": "eivor.report.validation",
-    "VehicleGuess": "eivor.planning.vehicle",
-    "VerticalMotion": "eivor.motions.vertical.model",
-    "WeakInstrumentsWarning": "eivor.errors",
-    "WhiteNoise": "eivor.signals.noise",
-    "anderson_rubin_set": "eivor.estimation.weak_identification",
-    "bootstrap": "eivor.estimation.bootstrap",
-    "bootstrap_flights": "eivor.flights.pooling",
-    "bounds": "eivor.lab.cramer_rao",
-    "covariances": "eivor.inference.covariance",
-    "derived": "eivor.estimation.derived",
-    "diagnose": "eivor.estimation.diagnose",
-    "estimate_long_memory": "eivor.signals.noise",
-    "example_flight": "eivor.logs.read",
-    "fleet": "eivor.fleet",
-    "identify": "eivor.estimation.methods",
-    "identify_chunks": "eivor.estimation.streaming",
-    "identify_flight": "eivor.motions.identify",
-    "log_signals": "eivor.motions.identify",
-    "identify_recursively": "eivor.estimation.recursive",
-    "lags": "eivor.models.regression",
-    "load_fit": "eivor.report.saved_fit",
-    "methods": "eivor.methods",
-    "moments": "eivor.estimation.streaming",
-    "motion_by_name": "eivor.motions",
-    "plan": "eivor.report.other_results",
-    "ratio": "eivor.estimation.derived",
-    "read_chunks": "eivor.logs.table.delimited",
-    "read_log": "eivor.logs",
-    "recording_from_columns": "eivor.logs",
-    "regression": "eivor.models.regression",
-    "sign_perturbed_set": "eivor.estimation.weak_identification",
-    "simulate": "eivor.lab.records",
-    "validate": "eivor.report.validation",
-    "weighted_total_least_squares": "eivor.linalg.total_least_squares",
+#: Public names by the module where they live.
+_PLACES = {
+    "eivor.errors": "WeakInstrumentsWarning",
+    "eivor.estimation.bootstrap": "bootstrap",
+    "eivor.estimation.derived": "derived ratio",
+    "eivor.estimation.diagnose": "Diagnostics diagnose",
+    "eivor.estimation.estimate": "Estimate",
+    "eivor.estimation.methods": "identify",
+    "eivor.estimation.recursive": "ChangeDetector RecursiveIdentification identify_recursively",
+    "eivor.estimation.streaming": "identify_chunks moments",
+    "eivor.estimation.weak_identification": "AndersonRubinSet AutocorrelatedErrors HomoskedasticErrors "
+    "SignPerturbedSet anderson_rubin_set sign_perturbed_set",
+    "eivor.fleet": "fleet",
+    "eivor.flights.options": "FlightOptions",
+    "eivor.flights.pooling": "bootstrap_flights",
+    "eivor.flights.result": "FlightEstimate",
+    "eivor.inference.confidence_set": "ConfidenceSet",
+    "eivor.inference.covariance": "covariances",
+    "eivor.inference.regions": "ConfidenceRegion",
+    "eivor.lab.cramer_rao": "bounds",
+    "eivor.lab.fractional_model": "FractionalDerivative FractionalDifference "
+    "FractionalDifferenceModel FractionalTerm UnknownOrder",
+    "eivor.lab.records": "Scenario simulate",
+    "eivor.linalg.total_least_squares": "weighted_total_least_squares",
+    "eivor.logs": "read_log recording_from_columns",
+    "eivor.logs.read": "example_flight",
+    "eivor.logs.table.delimited": "read_chunks",
+    "eivor.methods": "methods",
+    "eivor.models.regression": "Column Regression lags regression",
+    "eivor.models.separable": "Bounds Prior",
+    "eivor.models.signal_regression": "SignalRegression",
+    "eivor.motions": "motion_by_name",
+    "eivor.motions.identify": "identify_flight log_signals",
+    "eivor.motions.vertical.model": "VerticalMotion",
+    "eivor.planning.plan": "FlightPlan",
+    "eivor.planning.vehicle": "FlightLimits VehicleGuess",
+    "eivor.report.other_results": "plan",
+    "eivor.report.saved_fit": "SavedFit load_fit",
+    "eivor.report.validation": "Validation validate",
+    "eivor.signals.noise": "AutoregressiveNoise FractionalNoise HeavyTailedNoise "
+    "RoundingNoise WhiteNoise estimate_long_memory",
+    "eivor.signals.recording": "Recording",
+    "eivor.signals.signals": "Signals",
 }
+_HOMES = {name: module for module, names in _PLACES.items() for name in names.split()}
 
 #: Public names that are modules themselves.
 _MODULES = frozenset({"bounds", "covariances", "fleet", "methods"})
@@ -220,18 +195,14 @@ _late = late_names(__name__, _HOMES)
 
 
 def __getattr__(name: str) -> object:
-    value = globals()[name] = _version() if name == "__version__" else _public(name)
+    if name == "__version__":
+        from importlib.metadata import version
+
+        value: object = version("eivor")
+    else:
+        value = import_module(_HOMES[name]) if name in _MODULES else _late(name)
+    globals()[name] = value
     return value
-
-
-def _version() -> str:
-    from importlib.metadata import version
-
-    return version("eivor")
-
-
-def _public(name: str) -> object:
-    return import_module(_HOMES[name]) if name in _MODULES else _late(name)
 
 
 def __dir__() -> list[str]:

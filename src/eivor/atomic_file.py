@@ -1,18 +1,24 @@
-"""Files that are written whole or not at all, and processes that may crash on hostile input."""
+"""Files that are written whole or not at all, and Parquet tables that are sealed."""
 
 from __future__ import annotations
 
 import errno
+import hashlib
+import io
 import os
 import stat
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import BinaryIO
+from typing import TYPE_CHECKING, BinaryIO
 
 from eivor.errors import InputError
+
+if TYPE_CHECKING:
+    import polars as pl
+
 
 # -- Folder lock --
 
@@ -62,19 +68,7 @@ ABANDONED_S = 60.0
 
 @contextmanager
 def atomic_write(path: Path) -> Iterator[BinaryIO]:
-    """File to write to, which takes its place when the block ends without an error.
-
-    Parameters
-    ----------
-    path : Path
-        Where to. A link stays one, and what it points to is replaced; permissions of an earlier file stay.
-        What is no file (a device, a pipe) is written to as it is.
-
-    Raises
-    ------
-    OSError
-        When the system refuses; an earlier file is as it was, and nothing is left beside it.
-    """
+    """File to write to, which takes its place when the block ends without an error."""
     mode = _mode(path)
     if mode is not None and not stat.S_ISREG(mode):
         with path.open("wb") as device:
@@ -136,3 +130,69 @@ def _positions(path: Path) -> tuple[Path, Path]:
     """Where the file goes once links are followed, and a new name beside it."""
     target = Path(os.path.realpath(path))
     return target, target.with_name(f"{PREFIX}{os.urandom(8).hex()}{SUFFIX}")
+
+
+# -- Sealed table --
+
+#: Key of the checksum in the metadata, and how it is written there: Thrift's header of 64 bytes of text.
+SEAL_KEY = "eivor.sha256"
+SEAL_MARK = SEAL_KEY.encode() + b"\x18\x40"
+SEAL_BYTES = 64
+#: Rows of a row group.
+GROUP_ROWS = 10_000
+
+
+def sealed(table: pl.DataFrame, facts: Mapping[str, str]) -> bytes:
+    """Parquet of a table, sealed. Equal tables and facts give equal bytes."""
+    content = parquet_bytes(table, {SEAL_KEY: "0" * SEAL_BYTES, **facts})
+    position = content.rindex(SEAL_MARK) + len(SEAL_MARK)
+    return content[:position] + _checksum(content, position) + content[position + SEAL_BYTES :]
+
+
+def is_sealed(content: bytes, facts: Mapping[str, str]) -> bool:
+    """Whether these are the bytes that `sealed` made, of a table of these facts. Decodes no table."""
+    position = content.rfind(SEAL_MARK) + len(SEAL_MARK)
+    if position < len(SEAL_MARK) or content[position : position + SEAL_BYTES] != _checksum(content, position):
+        return False
+    import polars as pl
+
+    result = pl.read_parquet_metadata(io.BytesIO(content))
+    return all(result.get(key) == value for key, value in facts.items())
+
+
+def parquet_bytes(table: pl.DataFrame, metadata: Mapping[str, str] | None = None) -> bytes:
+    """Parquet with settings that are all fixed, so that equal tables give equal bytes."""
+    buffer = io.BytesIO()
+    table.write_parquet(
+        buffer,
+        compression="zstd",
+        compression_level=3,
+        statistics=False,
+        row_group_size=GROUP_ROWS,
+        metadata=dict(metadata) if metadata else None,
+    )
+    return buffer.getvalue()
+
+
+def _checksum(content: bytes, position: int) -> bytes:
+    """Hexadecimal digest of a file whose seal begins at `position`."""
+    digest = hashlib.sha256(content[:position])
+    digest.update(b"0" * SEAL_BYTES)
+    digest.update(content[position + SEAL_BYTES :])
+    return digest.hexdigest().encode()
+
+
+@contextmanager
+def report_system_errors(folder: Path, *, of: str, kept: str) -> Iterator[None]:
+    """Turn the system's error for a file of a folder of tables into one of Eivor's."""
+    import polars as pl
+
+    try:
+        yield
+    except (OSError, pl.exceptions.PolarsError, pl.exceptions.PanicException) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise InputError(
+            f"a folder '{folder}' that the {of} can be written to",
+            f"what the system says: {reason}",
+            f"{kept} are kept: make room, or repair it, and run the same again.",
+        ) from error

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import math
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 from eivor.errors import InputError, did_you_mean, nearest_names
-
-T = TypeVar("T")
 
 #: Larger files are not studies.
 LARGEST_BYTES = 1_000_000
@@ -52,78 +50,60 @@ class TomlTable:
         """Whether there is a key."""
         return key in self.values
 
-    def _take(self, key: str, expected: str, default: T | None) -> Any:
+    def _take(self, key: str, expected: str, fits: Callable[[Any], bool], default: object = None) -> Any:
+        """Value of a key, or its default where it has any."""
         self.taken.add(key)
         if key not in self.values and default is None:
-            raise self.wrong(key, expected, "nothing", "Add it." + self._near(key))
-        return self.values.get(key, default)
-
-    def _near(self, key: str) -> str:
-        """A key that was perhaps meant to be this one."""
-        near = nearest_names(key, [name for name in self.values if name not in self.taken])
-        return f" Is '{near[0]}' meant to be it?" if near else ""
+            near = nearest_names(key, [name for name in self.values if name not in self.taken])
+            meant = f" Is '{near[0]}' meant to be it?" if near else ""
+            raise self.wrong(key, expected, "nothing", f"Add it.{meant}")
+        value = self.values.get(key, default)
+        if not fits(value):
+            raise self.wrong(key, expected, repr(value))
+        return value
 
     def text(self, key: str, default: str | None = None) -> str:
         """A text that is not empty."""
-        value = self._take(key, "a text in quotes", default)
-        if not isinstance(value, str) or not (value or default == ""):
-            raise self.wrong(key, "a text in quotes", repr(value))
-        return value
+        return str(self._take(key, "a text in quotes", lambda v: _is_text(v) or v == default == "", default))
 
     def flag(self, key: str, *, default: bool) -> bool:
         """True or false."""
-        value = self._take(key, "true or false", default)
-        if not isinstance(value, bool):
-            raise self.wrong(key, "true or false", repr(value))
-        return value
+        return bool(self._take(key, "true or false", lambda value: isinstance(value, bool), default))
 
     def whole(self, key: str, default: int | None = None) -> int:
         """A whole number."""
-        value = self._take(key, "a whole number", default)
-        if isinstance(value, bool) or not isinstance(value, int):
-            raise self.wrong(key, "a whole number", repr(value))
-        return value
+        return int(self._take(key, "a whole number", lambda value: type(value) is int, default))
 
     def number(self, key: str, default: float | None = None) -> float:
         """A finite number, see `LARGEST_NUMBER`."""
-        value = self._take(key, "a finite number", default)
-        if not _is_number(value):
-            raise self.wrong(key, "a finite number", repr(value))
-        return self._sized(key, [float(value)])[0]
+        return self._sized(key, [self._take(key, "a finite number", _is_number, default)])[0]
 
     def numbers(self, key: str, default: tuple[float, ...] | None = None) -> tuple[float, ...]:
         """A list of finite numbers."""
-        value = self._take(key, "a list of numbers", default)
-        if not isinstance(value, list | tuple) or not all(_is_number(item) for item in value):
-            raise self.wrong(key, "a list of numbers", repr(value))
-        return self._sized(key, [float(item) for item in value])
+        return self._sized(key, self._take(key, "a list of numbers", _list_of(_is_number), default))
 
-    def _sized(self, key: str, values: list[float]) -> tuple[float, ...]:
+    def _sized(self, key: str, values: Iterable[float]) -> tuple[float, ...]:
         for value in values:
             if value and not SMALLEST_NUMBER <= abs(value) <= LARGEST_NUMBER:
                 expected = f"zero, or numbers of {SMALLEST_NUMBER:g} to {LARGEST_NUMBER:g} in size,"
-                raise self.wrong(key, expected, repr(value))
-        return tuple(values)
+                raise self.wrong(key, expected, repr(float(value)))
+        return tuple(map(float, values))
 
     def texts(self, key: str) -> tuple[str, ...]:
         """A list of texts."""
-        value = self._take(key, "a list of texts", None)
-        if not isinstance(value, list) or not all(isinstance(item, str) and item for item in value):
-            raise self.wrong(key, "a list of texts", repr(value))
-        return tuple(value)
+        return tuple(self._take(key, "a list of texts", _list_of(_is_text)))
 
     def span(self, key: str) -> tuple[int, int]:
         """Two whole numbers, the first not above the second."""
-        value = self._take(key, "[first, last]", None)
-        whole = isinstance(value, list) and all(type(item) is int for item in value)
-        if not whole or len(value) != 2 or value[0] > value[1]:
+        value = self._take(key, "[first, last], both whole numbers", _list_of(lambda item: type(item) is int))
+        if len(value) != 2 or value[0] > value[1]:
             raise self.wrong(key, "[first, last], both whole numbers", repr(value))
         return value[0], value[1]
 
     def choice(self, key: str, among: tuple[str, ...], default: str | None = None) -> str:
         """One of some words."""
         expected = f"one of {', '.join(word or repr(word) for word in among)}"
-        value = self._take(key, expected, default)
+        value = self._take(key, expected, lambda _: True, default)
         if value not in among:
             remedy = did_you_mean(str(value), among, "Choose one of them.")
             raise self.wrong(key, expected, repr(value), remedy)
@@ -131,17 +111,12 @@ class TomlTable:
 
     def rows(self, key: str) -> TomlTable:
         """A list as a table whose keys are the places in it."""
-        value = self._take(key, "a list", None)
-        if not isinstance(value, list):
-            raise self.wrong(key, "a list", repr(value))
-        positions = {f"{key}[{number + 1}]": item for number, item in enumerate(value)}
-        return self.part(positions, self.path)
+        value = self._take(key, "a list", lambda value: isinstance(value, list))
+        return self.part({f"{key}[{number}]": item for number, item in enumerate(value, start=1)}, self.path)
 
     def section(self, key: str) -> TomlTable:
         """A table in this one."""
-        value = self._take(key, f"a table [{key}]", None)
-        if not isinstance(value, dict):
-            raise self.wrong(key, f"a table [{key}]", repr(value))
+        value = self._take(key, f"a table [{key}]", lambda value: isinstance(value, dict))
         return self.part(value, ".".join(part for part in (self.path, key) if part))
 
     def named_sections(self, key: str) -> dict[str, TomlTable]:
@@ -151,21 +126,16 @@ class TomlTable:
 
     def sections(self, key: str) -> tuple[TomlTable, ...]:
         """A list of tables."""
-        value = self._take(key, f"tables [[{key}]]", None)
-        if not isinstance(value, list) or not value or not all(isinstance(item, dict) for item in value):
-            raise self.wrong(key, f"one table [[{key}]] or more", repr(value))
-        return tuple(self.part(item, f"{key}[{n + 1}]") for n, item in enumerate(value))
+        tables = _list_of(lambda item: isinstance(item, dict))
+        value = self._take(key, f"one table [[{key}]] or more", lambda value: value and tables(value))
+        return tuple(self.part(item, f"{key}[{number}]") for number, item in enumerate(value, start=1))
 
     def finish(self) -> None:
-        """Refuse keys that nobody asked for."""
-        for key in self.values:
-            if key not in self.taken:
-                raise self.wrong(
-                    "",
-                    f"no keys but {', '.join(sorted(self.taken))}",
-                    f"the unknown key '{key}'",
-                    did_you_mean(key, sorted(self.taken), "Remove it."),
-                )
+        """Refuse keys that nobody took."""
+        for key in (key for key in self.values if key not in self.taken):
+            known = sorted(self.taken)
+            expected, remedy = f"no keys but {', '.join(known)}", did_you_mean(key, known, "Remove it.")
+            raise self.wrong("", expected, f"the unknown key '{key}'", remedy)
 
 
 def read_toml(path: Path, what: str, error: type[InputError] = InputError) -> TomlTable:
@@ -209,3 +179,11 @@ def _check_integers(table: TomlTable) -> None:
 
 def _is_number(value: object) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def _is_text(value: object) -> bool:
+    return isinstance(value, str) and value != ""
+
+
+def _list_of(fits: Callable[[Any], bool]) -> Callable[[Any], bool]:
+    return lambda value: isinstance(value, list | tuple) and all(map(fits, value))

@@ -304,12 +304,17 @@ def test_standard_input_is_a_file_too(log: Path) -> None:
 
 def test_the_files_of_folders_are_those_that_are_written(tmp_path: Path) -> None:
     from eivor.fleet.table import FLIGHTS, IDENTITY, PART, RUN, UNOPENED, report_path
-    from eivor.lab.figures import figure_files, picture_files
-    from eivor.lab.study_run import IDENTITY_FILE, TABLE_FILE
+    from eivor.lab.figures import figure_files
+    from eivor.lab.study import IDENTITY_FILE, TABLE_FILE
 
     fleet = {IDENTITY, RUN, f"{FLIGHTS}/{PART}", f"{FLIGHTS}/{UNOPENED}"}
     fleet.add(report_path(Path(), "0").as_posix())
-    study = {IDENTITY_FILE, TABLE_FILE, "shards/000000.parquet", *map(str, picture_files(Path()))}
+    study = {
+        IDENTITY_FILE,
+        TABLE_FILE,
+        "shards/000000.parquet",
+        *map(str, figure_files(Path(), "nrmse", "coverage")),
+    }
     for names, patterns in (
         (fleet, (*FLEET_FILES, FLEET_PARTS)),
         (study, STUDY_FILES),

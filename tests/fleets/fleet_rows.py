@@ -6,8 +6,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from eivor.atomic_file import parquet_bytes
 from eivor.fleet.table import FLIGHTS, flight_frame
-from eivor.lab.study_run import parquet_bytes
 
 
 def row(name: str, **values: Any) -> dict[str, Any]:

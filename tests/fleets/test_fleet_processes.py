@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from eivor.atomic_file import parquet_bytes
 from eivor.fleet.table import read_flights
-from eivor.lab.study_run import parquet_bytes
 from fleets.fleet_tasks import write_logs
 from studies.dask_cluster import SOURCES
 

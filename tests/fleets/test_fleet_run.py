@@ -10,7 +10,7 @@ from pathlib import Path
 import polars as pl
 import pytest
 
-from eivor.atomic_file import folder_lock
+from eivor.atomic_file import folder_lock, parquet_bytes
 from eivor.errors import InputError, UsageError
 from eivor.fleet.logs import LogList, logs_found
 from eivor.fleet.run import COPIES, hashed, run_fleet
@@ -23,7 +23,6 @@ from eivor.fleet.table import (
     report_path,
     reports_there,
 )
-from eivor.lab.study_run import parquet_bytes
 from eivor.process_pool import Limits
 from fleets.fleet_tasks import rows_of, write_logs
 

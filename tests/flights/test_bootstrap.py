@@ -20,7 +20,8 @@ from eivor.motions.identify import identify_flight
 from eivor.motions.vertical.motion import vertical_flight
 from eivor.motions.vertical.regression import VerticalFlights
 from eivor.signals.recording import Recording
-from eivor.simulation.vertical import VerticalFlightSpec, actual_state_recording, simulate_vertical_flights
+from eivor.simulation.vertical import VerticalFlightSpec, simulate_vertical_flights
+from simulation.rotor_states import actual_state_recording
 
 pytestmark = pytest.mark.thorough
 

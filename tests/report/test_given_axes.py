@@ -34,11 +34,9 @@ from eivor.lab.figures import (
     study_coverage_figure,
     study_figure,
 )
-from eivor.lab.paper_examples import run_example
-from eivor.lab.paper_readings import EXAMPLES, named_readings
+from eivor.lab.paper import EXAMPLES, named_readings, run_example
 from eivor.lab.records import Scenario
-from eivor.lab.study import MethodChoice, Study
-from eivor.lab.study_run import StudyResult
+from eivor.lab.study import MethodChoice, Study, StudyResult
 from eivor.models.regression import Parameter, regression
 from eivor.models.separable import Nuisance
 from eivor.motions.vertical.motion import Vertical

@@ -18,8 +18,7 @@ from eivor.inference.regions import Ellipse
 from eivor.lab.experiments import VerticalExperiment
 from eivor.lab.figures import CoverageRow, coverage_figure, study_coverage_figure
 from eivor.lab.records import Scenario
-from eivor.lab.study import MethodChoice, Study
-from eivor.lab.study_run import StudyResult
+from eivor.lab.study import MethodChoice, Study, StudyResult
 from eivor.report.figure_panels import (
     PlottedInterval,
     ellipse_figure,

@@ -10,11 +10,9 @@ from matplotlib.figure import Figure
 from eivor.errors import MissingChannelError, NonFiniteError, UsageError
 from eivor.lab.experiments import VerticalExperiment
 from eivor.lab.figures import histogram_figure, nrmse_figure, signal_figure, study_figure
-from eivor.lab.paper_examples import run_example
-from eivor.lab.paper_readings import EXAMPLES, named_readings
+from eivor.lab.paper import EXAMPLES, named_readings, run_example
 from eivor.lab.records import Scenario
-from eivor.lab.study import MethodChoice, Study
-from eivor.lab.study_run import Spread, StudyResult
+from eivor.lab.study import MethodChoice, Spread, Study, StudyResult
 from eivor.report.figures import axis_label, noise_spectrum_figure, signals_figure
 from eivor.signals.noise import FractionalNoise, LongMemory
 from eivor.signals.signals import Signals

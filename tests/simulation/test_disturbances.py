@@ -58,32 +58,34 @@ def assert_autocovariance(disturbance: Disturbance, expected: dict[int, float], 
         assert_mean(products.mean(axis=1), value)
 
 
+#: Stationary disturbances with their variance.
 STATIONARY = [
-    WhiteDisturbance(0.7),
-    Arma(0.5, (0.9,), (0.4,)),
-    Arma(1.0, (1.2, -0.5), ()),
-    Arma(1.0, (), (0.5, 0.3)),
-    RandomCoefficientMovingAverage((0.0, 3.0), (1.0, 1.0), 0.4),
-    Bilinear(0.6, 3, 1, 1.1),
-    Garch(0.1, (0.3,), (0.5,)),
-    DrydenGust(0.8, 5.0, 4.0),
-    OrnsteinUhlenbeck(0.8, 0.7),
-    SumOfDisturbances((WhiteDisturbance(0.3), Arma(1.0, (0.5,)))),
+    (WhiteDisturbance(0.7), 0.49),
+    (Arma(0.5, (0.9,), (0.4,)), 0.25 * 1.88 / 0.19),
+    (Arma(1.0, (1.2, -0.5), ()), 1.5 / (0.5 * 0.81)),
+    (Arma(1.0, (), (0.5, 0.3)), 1.34),
+    (RandomCoefficientMovingAverage((0.0, 3.0), (1.0, 1.0), 0.4), 0.16 * 11.0),
+    (Bilinear(0.6, 3, 1, 1.1), 1.21 / (1.0 - 0.66**2)),
+    (Garch(0.1, (0.3,), (0.5,)), 0.5),
+    (DrydenGust(0.8, 5.0, 4.0), 0.64),
+    (OrnsteinUhlenbeck(0.8, 0.7), 0.64),
+    (SumOfDisturbances((WhiteDisturbance(0.3), Arma(1.0, (0.5,)))), 0.09 + 1.0 / 0.75),
 ]
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("disturbance", STATIONARY, ids=lambda item: type(item).__name__)
-def test_variance_is_that_of_the_first_and_of_the_last_sample(disturbance):
+@pytest.mark.parametrize(
+    ("disturbance", "variance"), STATIONARY, ids=[type(item).__name__ for item, _ in STATIONARY]
+)
+def test_variance_is_that_of_the_first_and_of_the_last_sample(disturbance, variance):
     series = realisations(disturbance, 60, 1500)
-    assert disturbance.variance is not None
     for k in (0, 1, 59):
         assert_mean(series[:, k], 0.0)
-        assert_mean(series[:, k] ** 2, disturbance.variance)
+        assert_mean(series[:, k] ** 2, variance)
 
 
 EVERY = [
-    *STATIONARY,
+    *(item for item, _ in STATIONARY),
     TimeVaryingArma(1.0, (CoefficientCourse(amplitude=0.8, cycles=3.0),), (CoefficientCourse(0.5),)),
     ThresholdMovingAverage((0.0,), ((0.2,), (0.9,))),
     VarianceSwitch(WhiteDisturbance(1.0)),
@@ -110,7 +112,6 @@ def test_arma_has_the_autocovariance_of_the_textbook():
     variance = std**2 * (1 + 2 * a * b + b**2) / (1 - a**2)
     first = std**2 * (1 + a * b) * (a + b) / (1 - a**2)
     process = Arma(std, (a,), (b,))
-    assert process.variance == pytest.approx(variance, rel=1e-12)
     assert_autocovariance(process, {0: variance, 1: first, 2: a * first, 5: a**4 * first})
 
 
@@ -118,9 +119,8 @@ def test_autoregression_of_second_order():
     """Yule and Walker: rho_1 = a_1 / (1 - a_2), rho_2 = a_2 + a_1 rho_1."""
     process = Arma(1.0, (1.2, -0.5))
     rho = 1.2 / 1.5
-    assert_autocovariance(
-        process, {1: process.variance * rho, 2: process.variance * (-0.5 + 1.2 * rho)}, runs=600
-    )
+    variance = 1.5 / (0.5 * 0.81)
+    assert_autocovariance(process, {1: variance * rho, 2: variance * (-0.5 + 1.2 * rho)}, runs=600)
 
 
 def test_arma_is_the_filter_of_scipy_after_its_start():
@@ -148,7 +148,6 @@ def test_time_varying_arma_is_its_recursion():
             expected[k] += 0.8 * np.sin(6 * np.pi * k / count) * expected[k - 1]
             expected[k] += 0.9 * np.cos(10 * np.pi * k / count) * w[k - 1]
     np.testing.assert_allclose(disturbance.sample(count, STEP_S, rng()), expected, atol=1e-12)
-    assert disturbance.variance is None
 
 
 def test_random_coefficients_have_their_moments():
@@ -156,7 +155,6 @@ def test_random_coefficients_have_their_moments():
     means, stds, std = (1.0, 3.0), (1.0, 0.5), 0.5
     process = RandomCoefficientMovingAverage(means, stds, std)
     variance = std**2 * (1 + 1 + 9 + 0.25)
-    assert process.variance == pytest.approx(variance)
     assert_autocovariance(process, {0: variance, 1: std**2 * 3.0, 2: 0.0, 3: 0.0}, runs=800)
     # With one coefficient, x = c w: E x^4 = 3 std^4 (mean^4 + 6 mean^2 s^2 + 3 s^4).
     single = realisations(RandomCoefficientMovingAverage((3.0,), (1.0,), std), 200, 600)
@@ -198,14 +196,15 @@ def test_bilinear_is_uncorrelated_with_heavy_tails():
     """E x^4 = 3 s^4 (1 + 2 b^2 E x^2) / (1 - 3 b^4 s^4), and no autocovariance at all."""
     b, s = 0.5, 1.0
     process = Bilinear(b, 2, 1, s)
-    fourth = 3 * s**4 * (1 + 2 * b**2 * process.variance) / (1 - 3 * b**4 * s**4)
+    variance = s**2 / (1 - (b * s) ** 2)
+    fourth = 3 * s**4 * (1 + 2 * b**2 * variance) / (1 - 3 * b**4 * s**4)
     series = realisations(process, 300, 800)
     assert_mean((series**4).mean(axis=1), fourth)
-    assert fourth / process.variance**2 > 3.4
+    assert fourth / variance**2 > 3.4
     assert_autocovariance(process, {1: 0.0, 2: 0.0, 3: 0.0})
     # Not independent: x[k] follows the product that drives it.
     bispectral = series[:, 3:] * series[:, 1:-2] * series[:, 2:-1]
-    assert_mean(bispectral.mean(axis=1), b * process.variance * s**2)
+    assert_mean(bispectral.mean(axis=1), b * variance * s**2)
 
 
 def test_several_bilinear_terms_follow_their_recursion():
@@ -223,7 +222,7 @@ def test_one_bilinear_term_of_a_sum_is_bilinear():
     alone, summed = Bilinear(0.5, 3, 1, 0.8), BilinearSum((BilinearTerm(0.5, 3, 1),), 0.8)
     item, other = (np.mean(realisations(each, 300, 300) ** 2) for each in (alone, summed))
     assert item == pytest.approx(other, rel=0.05)
-    assert item == pytest.approx(alone.variance, rel=0.05)
+    assert item == pytest.approx(0.64 / (1.0 - 0.16), rel=0.05)
 
 
 def test_a_series_of_ones_own_is_taken_as_it_is():
@@ -253,7 +252,6 @@ def test_arch_has_the_kurtosis_of_engle():
     floor, a = 0.2, 0.3
     process = Garch(floor, (a,))
     variance = floor / (1 - a)
-    assert process.variance == pytest.approx(variance)
     kurtosis = 3 * (1 - a**2) / (1 - 3 * a**2)
     series = realisations(process, 400, 800)[:, 50:]
     assert_mean((series**4).mean(axis=1), kurtosis * variance**2)
@@ -274,7 +272,6 @@ def test_garch_is_its_recursion_limited_or_not(shocks, persistence):
     first = int(np.argmax(series**2 > limit)) + 1
     np.testing.assert_allclose(near[:first], series[:first], rtol=1e-10)
     assert not np.allclose(near[first:], series[first:], rtol=1e-6)
-    assert Garch(0.2, shocks, persistence, largest_square=limit).variance is None
 
 
 def test_limited_squares_bound_the_variance():
@@ -289,7 +286,6 @@ def test_variance_switches_where_it_is_told():
     series = realisations(process, 80, 2000)
     assert_mean((series[:, :20] ** 2).mean(axis=1), 0.25)
     assert_mean((series[:, 20:] ** 2).mean(axis=1), 2.5)
-    assert process.variance is None
 
 
 def test_trend_and_sinusoids_are_what_they_say():
@@ -300,7 +296,6 @@ def test_trend_and_sinusoids_are_what_they_say():
     np.testing.assert_allclose(Trend((1.0, 0.0, 2.0)).sample(3, STEP_S, rng()), [3.0, 1.0, 3.0])
     cosine = Sinusoids((1.0,), (2.0,), (np.pi / 2.0,)).sample(50, STEP_S, rng())
     np.testing.assert_allclose(cosine, np.cos(2.0 * t), atol=1e-13)
-    assert method.variance is None
 
 
 @pytest.mark.thorough

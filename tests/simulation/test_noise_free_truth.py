@@ -29,12 +29,8 @@ from eivor.motions.vertical.motion import Vertical, vertical_flight
 from eivor.motions.vertical.regression import VerticalFlights
 from eivor.signals.thrust_map import Power
 from eivor.simulation.environment import SensorNoise, SimulatedFlight, TrajectoryKind
-from eivor.simulation.vertical import (
-    STEP_S,
-    VerticalFlightSpec,
-    actual_state_recording,
-    simulate_vertical_flights,
-)
+from eivor.simulation.vertical import STEP_S, VerticalFlightSpec, simulate_vertical_flights
+from simulation.rotor_states import actual_state_recording
 
 EXCITATIONS = (TrajectoryKind.STEPS, TrajectoryKind.MULTISINE, TrajectoryKind.CHIRP)
 #: Methods that listen to the differentiated velocity too.

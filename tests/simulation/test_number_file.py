@@ -11,8 +11,7 @@ import pytest
 from eivor.errors import InputError, ParameterError
 from eivor.lab import scenario_files
 from eivor.lab.records import simulate
-from eivor.lab.scenario_files import read_scenario
-from eivor.lab.study_files import read_study
+from eivor.lab.scenario_files import read_scenario, read_study
 from eivor.simulation.excitation import GivenSeries
 
 SCENARIO = "viscous_friction = 0.293\ninput_gain = 0.021\nsamples = 60\n"

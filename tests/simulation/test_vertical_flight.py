@@ -10,21 +10,10 @@ import pytest
 from eivor.errors import UsageError
 from eivor.motions.vertical.model import GRAVITY
 from eivor.signals.recording import Frame
-from eivor.simulation.environment import (
-    FlightTruth,
-    NoiseKind,
-    SensorNoise,
-    SimulatedFlight,
-    TrajectoryKind,
-    effective_parameters,
-)
-from eivor.simulation.vertical import (
-    BATCH,
-    STEP_S,
-    VerticalFlightSpec,
-    actual_state_recording,
-    simulate_vertical_flights,
-)
+from eivor.simulation.environment import FlightTruth, NoiseKind, SensorNoise, SimulatedFlight, TrajectoryKind
+from eivor.simulation.vertical import BATCH, STEP_S, VerticalFlightSpec, simulate_vertical_flights
+from simulation.rotor_states import actual_state_recording
+from validation.effective_parameters import effective_parameters
 
 QUIET = VerticalFlightSpec(noise=SensorNoise.none(), duration=8.0, seed=21)
 LOUD = VerticalFlightSpec(

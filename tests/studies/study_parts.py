@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from eivor.lab.experiments import DifferenceEquation
-from eivor.lab.study import MethodChoice, Study
-from eivor.lab.study_run import TABLE_FILE
+from eivor.lab.study import TABLE_FILE, MethodChoice, Study
 from eivor.signals.noise import WhiteNoise
 from eivor.simulation.excitation import Excitation
 

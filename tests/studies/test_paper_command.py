@@ -11,8 +11,7 @@ from typer.testing import CliRunner, Result
 from eivor.cli.main import app
 from eivor.lab import figures
 from eivor.lab.experiments import page_with
-from eivor.lab.paper_examples import run_paper
-from eivor.lab.paper_readings import named_readings
+from eivor.lab.paper import named_readings, run_paper
 
 PARTS = ("run", "readings", "example 1", "example 2", "errata", "figures")
 SMALL = ("paper", "--runs", "3", "--workers", "1")

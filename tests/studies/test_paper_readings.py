@@ -13,13 +13,23 @@ from eivor.errors import UsageError
 from eivor.estimation import methods
 from eivor.estimation.methods import identify
 from eivor.inference.verdict import Status
-from eivor.lab import paper_examples as paper_trials
-from eivor.lab.paper_examples import (
+from eivor.lab import paper as paper_trials
+from eivor.lab.paper import (
+    EXAMPLES,
+    METHODS,
+    RATE_HZ,
+    READINGS,
+    SOURCES,
+    TRUTH,
     AlternatingNoise,
+    Compensation,
+    MotionSource,
+    PaperReading,
     PaperResult,
     estimates,
     euler_steps,
     integrated_height,
+    named_readings,
     nearness,
     nrmse,
     record,
@@ -27,20 +37,8 @@ from eivor.lab.paper_examples import (
     run_paper,
     trial_generator,
 )
-from eivor.lab.paper_readings import (
-    EXAMPLES,
-    METHODS,
-    RATE_HZ,
-    READINGS,
-    SOURCES,
-    TRUTH,
-    Compensation,
-    MotionSource,
-    PaperReading,
-    named_readings,
-)
 from eivor.lab.records import Intersample
-from eivor.lab.study_run import Spread
+from eivor.lab.study import Spread
 from eivor.models.regression import lags
 from eivor.motions.vertical.model import VerticalMotion
 from eivor.signals.noise import FractionalNoise, WhiteNoise

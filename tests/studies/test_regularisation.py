@@ -7,8 +7,8 @@ import pytest
 
 import eivor as ev
 from eivor.errors import UsageError
+from eivor.lab.scenario_files import method_choice
 from eivor.lab.study import TARGETS, MethodChoice, Regularisation, trial
-from eivor.lab.study_files import method_choice
 from eivor.strict_toml import read_toml
 from studies.study_parts import EQUATION, small_study
 
@@ -35,9 +35,10 @@ def test_a_trial_is_that_of_the_method():
     rng = np.random.Generator(np.random.PCG64(np.random.SeedSequence(7, spawn_key=(3,))))
     problem = EQUATION.problem(EQUATION.record(rng), ev.lags("input", 0, 5))
     fit = ev.identify(problem, ev.methods.regularised(ev.methods.generalized_iv(), 0.3))
-    record = trial(study, 3).methods[0]
-    assert [parameter.value for parameter in record.parameters] == list(fit.parameters.values())
-    assert record.status == "weak"
+    label, *_ = (choice.label for choice in study.methods)
+    row = trial(study, 3)
+    assert [row[f"{label}.{name}"] for name in study.parameters] == list(fit.parameters.values())
+    assert row[f"{label}.status"] == "weak"
 
 
 @pytest.mark.parametrize(

@@ -10,9 +10,9 @@ import numpy as np
 import polars as pl
 import pytest
 
+from eivor.atomic_file import SEAL_MARK, is_sealed, sealed
 from eivor.errors import InputError
 from eivor.lab.scenario_files import numbers_in_file
-from eivor.lab.study_run import SEAL_MARK, is_sealed, sealed
 from eivor.strict_toml import TomlTable
 from validation.coverage.table import read_coverage
 from validation.flight_recipe.trial_table import read_trial_table
@@ -76,7 +76,7 @@ def test_a_seal_in_the_data_is_not_the_files(table):
 @pytest.mark.thorough
 def test_equal_tables_give_equal_bytes_in_every_process():
     script = (
-        "import polars as pl; from eivor.lab.study_run import sealed; import sys;"
+        "import polars as pl; from eivor.atomic_file import sealed; import sys;"
         "sys.stdout.buffer.write(sealed(pl.DataFrame({'a': [1.5, None]}), {'x': '1', 'y': '2', 'z': '3'}))"
     )
     made = [subprocess.run([sys.executable, "-c", script], capture_output=True, check=True) for _ in range(3)]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import binomtest
 
-from eivor.lab.study_run import Share
+from eivor.lab.study import Share
 
 
 @pytest.mark.parametrize("level", [0.95, 0.99])

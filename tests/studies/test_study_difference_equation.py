@@ -7,9 +7,9 @@ import pytest
 
 import eivor
 from eivor.errors import ParameterError
-from eivor.lab.experiments import DifferenceEquation, recursion
+from eivor.lab.experiments import DifferenceEquation
 from eivor.signals.noise import FractionalNoise, WhiteNoise
-from eivor.simulation.excitation import WhiteDisturbance
+from eivor.simulation.excitation import WhiteDisturbance, autoregression, constant
 from studies.study_parts import Coin
 
 
@@ -19,8 +19,8 @@ def test_recursion_is_that_of_the_equation():
     y = np.zeros(53)
     for k in range(50):
         y[k + 3] = a[0] * y[k + 2] + a[1] * y[k + 1] + a[2] * y[k] + driven[k]
-    np.testing.assert_allclose(recursion(a, driven), y[3:], rtol=1e-12)
-    np.testing.assert_array_equal(recursion((), driven), driven)
+    np.testing.assert_allclose(autoregression(driven, constant(a, driven.size)), y[3:], rtol=1e-12)
+    np.testing.assert_array_equal(autoregression(driven, constant((), driven.size)), driven)
 
 
 @pytest.mark.parametrize("delay", [0, 1, 3])
@@ -72,7 +72,7 @@ def test_a_disturbance_moves_the_machine():
         ({"noise_to_signal": {"input": -0.1}}, "noise_to_signal of zero or more for input; received -0.1"),
         (
             {"noise": {"velocity_z": WhiteNoise(1.0)}},
-            "noise of output and input; received noise of 'velocity_z'",
+            "noise of output, input; received noise of 'velocity_z'",
         ),
     ],
 )

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from eivor.lab.study_files import read_study
-from eivor.lab.study_run import MethodScore, run_study, scores
+from eivor.lab.scenario_files import read_study
+from eivor.lab.study import MethodScore, run_study, scores
 from eivor.process_pool import LocalProcesses
 
 FOLDER = Path(__file__).parents[2] / "examples" / "studies"

@@ -12,9 +12,9 @@ from pathlib import Path
 
 import pytest
 
+from eivor.dask_executor import DaskCluster
 from eivor.errors import InputError, UsageError
-from eivor.lab.dask_executor import DaskCluster
-from eivor.lab.study_run import SHARD_TRIALS, run_study
+from eivor.lab.study import SHARD_TRIALS, run_study
 from eivor.process_pool import (
     TASKS_PER_WORKER,
     InProcess,
@@ -59,7 +59,7 @@ import sys
 from pathlib import Path
 from studies.study_parts import small_study
 from eivor.process_pool import InProcess, LocalProcesses
-from eivor.lab.study_run import run_study
+from eivor.lab.study import run_study
 if __name__ == "__main__":
     run_study(small_study({runs}), Path({folder!r}), executor={executor})
 """
@@ -210,7 +210,7 @@ def test_dask_with_a_worker_killed(expected, cluster, tmp_path):
 
 @pytest.mark.thorough
 def test_dask_without_a_scheduler(tmp_path, monkeypatch):
-    monkeypatch.setattr("eivor.lab.dask_executor.PATIENCE_S", 0.5)
+    monkeypatch.setattr("eivor.dask_executor.PATIENCE_S", 0.5)
     with pytest.raises(
         InputError, match=r"Expected a Dask scheduler at tcp://127.0.0.1:1; received no answer"
     ):

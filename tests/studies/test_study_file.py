@@ -9,8 +9,8 @@ import pytest
 from eivor.errors import InputError
 from eivor.lab.experiments import DifferenceEquation, VerticalExperiment
 from eivor.lab.records import Scenario
+from eivor.lab.scenario_files import read_study
 from eivor.lab.study import MethodChoice
-from eivor.lab.study_files import read_study
 from eivor.signals.noise import FractionalNoise, WhiteNoise
 from eivor.simulation.excitation import PseudoRandomBinary, WhiteDisturbance
 

@@ -18,15 +18,18 @@ import pytest
 
 from eivor.atomic_file import ABANDONED_S, PREFIX, SUFFIX
 from eivor.errors import InputError, UsageError
-from eivor.lab.study import MethodChoice, MethodRecord, ParameterRecord, TrialRecord, trial
-from eivor.lab.study_run import (
+from eivor.lab.study import (
+    PARTS,
     SHARD_TRIALS,
+    MethodChoice,
+    Row,
     Share,
     StudyResult,
-    frame,
     run_study,
+    schema,
     scores,
     shard_trials,
+    trial,
     trial_nrmse,
 )
 from eivor.process_pool import Executor, InProcess, Item, Result
@@ -60,8 +63,8 @@ def test_trials_are_in_order(finished):
     table = finished.trials
     assert table["trial"].to_list() == list(range(60))
     assert table.equals(pl.read_parquet(finished.folder / "trials.parquet"))
-    third = trial(finished.study, 3).methods[0].parameters
-    assert table["least_squares.output_lag_1"][3] == third[0].value
+    third = trial(finished.study, 3)
+    assert table["least_squares.output_lag_1"][3] == third["least_squares.output_lag_1"]
     assert table.columns[:5] == [
         "trial",
         *(f"least_squares.{part}" for part in ("status", "error", "output_lag_1", "input_lag_1")),
@@ -294,21 +297,15 @@ def test_scores_by_hand():
     """Three trials with errors that can be reckoned in the head: truth (0.5, 2)."""
     study = small_study(4, methods=METHODS[:1], intervals=True)
     estimates = [(0.6, 2.0), (0.5, 1.8), (0.45, 2.4)]
-    trials = [
-        TrialRecord(
-            index,
-            (
-                MethodRecord(
-                    "weak" if index else "identified",
-                    "",
-                    (ParameterRecord(a, 0.1, a - 0.1, a + 0.1), ParameterRecord(b, 0.1, b - 0.1, b + 0.3)),
-                ),
-            ),
-        )
-        for index, (a, b) in enumerate(estimates)
-    ]
-    trials.append(TrialRecord(3, (MethodRecord("failed", "EstimationError"),)))
-    result = StudyResult(study, Path(), frame(study, trials))
+    label = study.methods[0].label
+    trials: list[Row] = [{"trial": 3, f"{label}.status": "failed", f"{label}.error": "EstimationError"}]
+    for index, (a, b) in enumerate(estimates):
+        row: Row = {"trial": index, f"{label}.status": "weak" if index else "identified"}
+        numbers = [(a, 0.1, a - 0.1, a + 0.1), (b, 0.1, b - 0.1, b + 0.3)]
+        for name, values in zip(study.parameters, numbers, strict=True):
+            row |= {f"{label}.{name}{part}": value for part, value in zip(PARTS, values, strict=True)}
+        trials.insert(index, row)
+    result = StudyResult(study, Path(), pl.DataFrame(trials, schema=schema(study)))
     (results,) = scores(result)
     a, b = results.parameters
     assert (results.trials, results.failed, results.weak, results.first_failure) == (4, 1, 2, 3)

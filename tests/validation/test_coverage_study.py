@@ -15,11 +15,11 @@ from scipy.stats import binom
 from eivor.errors import InputError
 from eivor.inference.covariance import TABLE
 from eivor.lab.experiments import marks, page_with
-from eivor.lab.study_files import coverage_suite, read_suite
 from validation.coverage import study as coverage_study
 from validation.coverage.page import PART, coverage_tables
 from validation.coverage.requirements import BOUNDS, requirements
 from validation.coverage.table import read_coverage
+from validation.suite_files import coverage_suite, read_suite
 from validation.suites import WRONG
 
 RUNS = 20

@@ -11,7 +11,6 @@ import pytest
 
 import eivor as ev
 from eivor.lab.experiments import marks, page_with
-from eivor.lab.study_files import read_suite
 from validation.efficiency.bounds import main as bounds
 from validation.efficiency.bounds import with_bounds
 from validation.efficiency.known_spectra import main as known_spectra
@@ -20,6 +19,7 @@ from validation.efficiency.page import PART, efficiency_tables
 from validation.efficiency.requirements import HELD, KNOWN, OVER_BOUND, requirements
 from validation.efficiency.study import efficiency_suite, main
 from validation.efficiency.table import COLUMNS
+from validation.suite_files import read_suite
 from validation.suites import KEYS, WRONG, joined, read_rows, write_rows
 
 DOCS = Path(__file__).parents[2] / "docs"

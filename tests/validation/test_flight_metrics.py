@@ -10,7 +10,7 @@ import pytest
 
 from eivor.errors import InputError
 from eivor.lab.experiments import marks, page_with
-from eivor.lab.study_run import Share
+from eivor.lab.study import Share
 from eivor.simulation.vertical import VerticalFlightSpec
 from validation.flight_recipe import study as flight_study
 from validation.flight_recipe.grid import FlightCase

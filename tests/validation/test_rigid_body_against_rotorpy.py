@@ -86,7 +86,7 @@ def replayed(parameters: dict[str, Any], integrator: Integrator, seconds: float)
     positions = []
     for command in commands:
         state = theirs.step(state, {"cmd_motor_speeds": command}, step)
-        body, speeds = ours.step(body, speeds, HeldInputs(command.tolist()))
+        body, speeds = ours(body, speeds, HeldInputs(command.tolist()))
         positions.append((state["x"], body[:3]))
     return tuple(np.array(column) for column in zip(*positions, strict=True))
 

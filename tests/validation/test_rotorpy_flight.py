@@ -18,14 +18,8 @@ from scipy.spatial.transform import Rotation
 
 from eivor.errors import CollinearError, MissingReaderError, ShapeError, TooFewSamplesError, UsageError
 from eivor.signals.recording import Recording
-from eivor.simulation.environment import (
-    FlightTruth,
-    NoiseKind,
-    SensorNoise,
-    SimulatedFlight,
-    TrajectoryKind,
-    effective_parameters,
-)
+from eivor.simulation.environment import FlightTruth, NoiseKind, SensorNoise, SimulatedFlight, TrajectoryKind
+from validation.effective_parameters import effective_parameters
 from validation.flight_recipe import rotorpy_flight
 from validation.flight_recipe.rotorpy_flight import RotorpyFlightSpec, simulate_rotorpy_flight
 from validation.flight_recipe.rotorpy_vehicles import STEP_S, Vehicle

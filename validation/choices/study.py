@@ -24,7 +24,7 @@ from eivor.errors import EivorError, UsageError
 from eivor.inference.verdict import Status
 from eivor.lab.experiments import markdown, page_with
 from eivor.lab.scenario_files import shipped_flight
-from eivor.lab.study_run import Share
+from eivor.lab.study import Share
 from eivor.models.lagged_runs import lag_and_delay
 from eivor.motions.vertical.regression import VerticalFlights
 from eivor.process_pool import in_order, local_executor

@@ -5,7 +5,7 @@ from __future__ import annotations
 import polars as pl
 
 from eivor.inference.distributions import normal_quantile
-from eivor.lab.study_run import Share
+from eivor.lab.study import Share
 from validation.requirement import Requirement
 
 #: Method whose intervals are judged: the one with default settings.

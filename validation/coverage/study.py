@@ -13,10 +13,10 @@ from __future__ import annotations
 
 import sys
 
-from eivor.lab.study_files import coverage_suite
 from validation.coverage.page import PART, coverage_tables
 from validation.coverage.requirements import requirements
 from validation.coverage.table import COLUMNS, coverage_rows
+from validation.suite_files import coverage_suite
 from validation.suites import SuiteCommand
 
 COMMAND = SuiteCommand(

@@ -15,9 +15,8 @@ import numpy as np
 import polars as pl
 
 from eivor.inference.distributions import normal_quantile
-from eivor.lab.study import FAILED
-from eivor.lab.study_files import SuiteStudy
-from eivor.lab.study_run import StudyResult
+from eivor.lab.study import FAILED, StudyResult
+from validation.suite_files import SuiteStudy
 from validation.suites import read_rows, versions
 
 #: Columns of the table.

@@ -15,9 +15,9 @@ from pathlib import Path
 import polars as pl
 
 from eivor.errors import EivorError
-from eivor.lab.study_files import Suite
 from validation.efficiency.study import efficiency_suite
 from validation.efficiency.table import COLUMNS, bounds_of
+from validation.suite_files import Suite
 from validation.suites import WRONG, read_rows, write_rows
 
 

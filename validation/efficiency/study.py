@@ -13,10 +13,10 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from eivor.lab.study_files import Suite, read_suite
 from validation.efficiency.page import PART, efficiency_tables
 from validation.efficiency.requirements import requirements
 from validation.efficiency.table import COLUMNS, efficiency_rows
+from validation.suite_files import Suite, read_suite
 from validation.suites import SuiteCommand
 
 

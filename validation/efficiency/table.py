@@ -14,9 +14,9 @@ import numpy as np
 from eivor.errors import ParameterError
 from eivor.lab.cramer_rao import cramer_rao
 from eivor.lab.experiments import VerticalExperiment
-from eivor.lab.study_files import SuiteStudy
-from eivor.lab.study_run import StudyResult, scores
+from eivor.lab.study import StudyResult, scores
 from validation.efficiency.open_loop import open_loop
+from validation.suite_files import SuiteStudy
 from validation.suites import Row, versions
 
 #: Columns of the table.

@@ -19,8 +19,8 @@ from typing import Any
 import numpy as np
 import polars as pl
 
+from eivor.atomic_file import parquet_bytes
 from eivor.fleet.table import part_files, read_flights
-from eivor.lab.study_run import parquet_bytes
 from validation.fleet_run.logs import SEED, Size
 
 #: Logs of a task where runs are ended: little is made twice.

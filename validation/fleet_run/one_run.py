@@ -14,10 +14,10 @@ import sys
 import time
 from pathlib import Path
 
+from eivor.dask_executor import DaskCluster
 from eivor.fleet.logs import logs_found
 from eivor.fleet.run import run_fleet
 from eivor.fleet.table import FleetOptions
-from eivor.lab.dask_executor import DaskCluster
 from eivor.process_pool import Executor, InProcess, LocalThreads
 from validation.fleet_run.logs import VEHICLES
 

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 import eivor as ev
-from eivor.lab.known_logs import log_of_flight
 from eivor.models.separable import Bounds
 from eivor.signals.recording import Recording
 from eivor.simulation.environment import TrajectoryKind
+from eivor.simulation.known_logs import log_of_flight
 from eivor.simulation.vertical import VerticalFlightSpec
 
 SEED = 20261122

@@ -13,7 +13,7 @@ import polars as pl
 from jaxtyping import Bool, Float
 
 from eivor.inference.verdict import Status
-from eivor.lab.study_run import Share
+from eivor.lab.study import Share
 from validation.flight_recipe.trials import LOST, RECIPE
 
 #: Confidence level of the intervals of shares.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import polars as pl
 
-from eivor.lab.study_run import Share
+from eivor.lab.study import Share
 from validation.flight_recipe.metrics import Score, accepted, accepted_share, score
 from validation.flight_recipe.trials import LAG_IGNORED, NONLINEAR
 from validation.requirement import Requirement

@@ -24,8 +24,9 @@ from eivor.models.lagged_runs import lag_and_delay
 from eivor.motions.identify import identify_flight
 from eivor.motions.vertical.regression import VerticalFlights
 from eivor.process_pool import Executor, in_order
-from eivor.simulation.environment import FlightTruth, SimulatedFlight, effective_parameters
+from eivor.simulation.environment import FlightTruth, SimulatedFlight
 from eivor.simulation.vertical import VerticalFlightSpec, simulate_vertical_flights
+from validation.effective_parameters import effective_parameters
 from validation.flight_recipe.grid import FlightCase, FlightGrid
 from validation.flight_recipe.rotorpy_flight import RotorpyFlightSpec, simulate_rotorpy_flight
 

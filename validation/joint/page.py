@@ -8,7 +8,7 @@ import numpy as np
 
 from eivor.inference.verdict import Status
 from eivor.lab.experiments import markdown
-from eivor.lab.study_run import Share
+from eivor.lab.study import Share
 from validation.joint.trials import ALONE, GIVEN, JOINT, LOST, TURNING, Told
 from validation.requirement import Requirement
 

@@ -8,8 +8,9 @@ from scipy.spatial.transform import Rotation
 
 from eivor.flights.prepared import PreparedFlight
 from eivor.motions.rigid_body.vehicle import Vehicle
-from eivor.simulation.environment import FlightTruth, effective_parameters
+from eivor.simulation.environment import FlightTruth
 from eivor.simulation.rigid_body import RigidBodyFlight
+from validation.effective_parameters import effective_parameters
 
 
 def vertical_truth(flight: RigidBodyFlight, vehicle: Vehicle) -> FlightTruth:

@@ -17,10 +17,9 @@ from pathlib import Path
 import numpy as np
 
 from eivor.estimation.methods import identify
-from eivor.lab.study import MethodChoice, Study
-from eivor.lab.study_files import Suite, SuiteStudy, read_suite
-from eivor.lab.study_run import StudyResult, scores, trial_nrmse
+from eivor.lab.study import MethodChoice, Study, StudyResult, scores, trial_nrmse
 from validation.paper.claims_page import PART, claims_tables
+from validation.suite_files import Suite, SuiteStudy, read_suite
 from validation.suites import Row, SuiteCommand, versions
 
 #: Columns of the table; errors, spreads and biases over the size of the parameter.

@@ -22,17 +22,20 @@ from jaxtyping import Float
 
 from eivor.atomic_file import write_atomically
 from eivor.lab.experiments import markdown, page_with
-from eivor.lab.paper_examples import PaperResult, estimates, record, trial_generator
-from eivor.lab.paper_readings import (
+from eivor.lab.paper import (
     EXAMPLES,
     PRINTED_METHODS,
     SOURCES,
     Input,
     MotionSource,
     PaperReading,
+    PaperResult,
     Ratio,
     RatioOf,
     Weights,
+    estimates,
+    record,
+    trial_generator,
 )
 from eivor.lab.records import Intersample
 from eivor.process_pool import in_order, local_executor

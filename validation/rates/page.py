@@ -8,7 +8,7 @@ import numpy as np
 
 from eivor.inference.distributions import normal_quantile
 from eivor.lab.experiments import markdown
-from eivor.lab.study_run import Share
+from eivor.lab.study import Share
 from validation.rates.grid import Grid
 from validation.rates.trials import EFFECTIVENESS, INSTRUMENTS, LAG, LEAST_SQUARES, Told
 from validation.requirement import Requirement

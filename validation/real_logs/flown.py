@@ -10,7 +10,8 @@ from jaxtyping import Bool, Float
 
 from eivor.errors import EivorError
 from eivor.motions.vertical.model import GRAVITY
-from eivor.simulation.environment import FlightTruth, Trajectory, effective_parameters
+from eivor.simulation.environment import FlightTruth, Trajectory
+from validation.effective_parameters import effective_parameters
 from validation.real_logs.effective_lag import effective_lag
 
 #: Rotor states, as shares of that at hover, among which the one that carries the weight is looked for.

@@ -6,7 +6,7 @@ import numpy as np
 import polars as pl
 
 from eivor.lab.experiments import markdown
-from eivor.lab.study_run import Share
+from eivor.lab.study import Share
 from eivor.motions.vertical.verdict import HOVER_FLOOR
 from validation.flight_recipe.metrics import accepted_share, flown, score
 from validation.flight_recipe.page import verdict_table

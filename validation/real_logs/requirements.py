@@ -8,7 +8,7 @@ import numpy as np
 import polars as pl
 
 from eivor.inference.verdict import Status
-from eivor.lab.study_run import Share
+from eivor.lab.study import Share
 from validation.flight_recipe.metrics import LEVEL, accepted, accepted_share, flown, score
 from validation.flight_recipe.requirements import COVERAGE_BOUNDS, COVERED, share_text
 from validation.flight_recipe.requirements import NAMES as SYMBOLS

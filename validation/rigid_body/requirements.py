@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import polars as pl
 
-from eivor.lab.study_run import Share
+from eivor.lab.study import Share
 from validation.requirement import Requirement
 from validation.rigid_body.grid import Grid
 from validation.rigid_body.quantities import GROUPS, unit_of_error

@@ -37,6 +37,7 @@ from eivor.cli.outputs import (
     write_out,
 )
 from eivor.cli.parsing import NO_TEXTS, flight_options, named_motion
+from eivor.dask_executor import DaskCluster
 from eivor.errors import UsageError
 from eivor.fleet.analysis import fleet_reports
 from eivor.fleet.analysis import query as answer_of
@@ -45,7 +46,6 @@ from eivor.fleet.report import fleet_document, fleet_json, fleet_page, flight_li
 from eivor.fleet.run import FleetRun, Progress, no_progress, run_fleet
 from eivor.fleet.table import COPY, FAILED, FleetOptions, given_maps, read_flights
 from eivor.inference.verdict import Status
-from eivor.lab.dask_executor import DaskCluster
 from eivor.motions import DEFAULT as DEFAULT_MODEL
 from eivor.process_pool import Executor, InProcess, Limits, LocalThreads, begun_in_advance, useful_workers
 from eivor.report.document import printable

@@ -20,7 +20,7 @@ import polars as pl
 from eivor.errors import EivorError, InputError, UsageError
 from eivor.logs.common import FolderParts
 from eivor.logs.mapping import fitting_map
-from eivor.logs.read import TEXTS, folder_parts, format_at, log_formats
+from eivor.logs.read import FURTHER_ENDINGS, TEXTS, folder_parts, format_at, log_formats
 from eivor.logs.table.delimited import DELIMITERS, open_csv
 
 # -- Covariates from a file --
@@ -240,8 +240,6 @@ def _is_folder(entry: os.DirEntry[str]) -> bool:
 
 # -- Search for logs --
 
-#: Ends of names of logs of formats that are recognised, or that others read: the reader says what to do.
-FURTHER_ENDINGS = (".bag", ".bbl", ".bfl", ".db3", ".db3.zstd", ".mcap", ".mcap.zstd", ".tlog")
 #: Folders whose parts are known at a time: files come folder after folder.
 FOLDERS = 64
 

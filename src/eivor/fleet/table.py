@@ -23,13 +23,12 @@ import numpy as np
 import polars as pl
 
 from eivor import checks
-from eivor.atomic_file import remove_abandoned, write_atomically
+from eivor.atomic_file import is_sealed, remove_abandoned, report_system_errors, sealed, write_atomically
 from eivor.errors import EivorError, InputError, UsageError
 from eivor.fleet.logs import Log, PathPattern
 from eivor.flights.motion import Motion
 from eivor.flights.options import FlightOptions
 from eivor.flights.result import FlightEstimate
-from eivor.lab.study_run import is_sealed, report_system_errors, sealed
 from eivor.logs.channel_map import load_channel_map, shipped_maps
 from eivor.logs.read import format_at, read_log
 from eivor.motions import DEFAULT, motion_by_name

@@ -33,23 +33,23 @@ from eivor.cli.outputs import (
     write_out,
     writing,
 )
+from eivor.dask_executor import DaskCluster
 from eivor.errors import InputError, ParameterError, UsageError, did_you_mean
-from eivor.lab import figures
-from eivor.lab.dask_executor import DaskCluster
-from eivor.lab.experiments import page_with
+from eivor.lab.experiments import page_text, page_with
 from eivor.lab.figures import (
     by_reading,
     figure_files,
     nearest,
+    overview_report,
     page_parts,
     paper_document,
+    paper_figures,
+    reading_report,
+    study_figures,
     write_figures,
-    write_study_figures,
 )
-from eivor.lab.known_logs import KnownLog, log_about_hover, log_of_flight, log_of_rigid_body_flight
-from eivor.lab.paper_examples import PaperResult, run_paper
-from eivor.lab.paper_readings import PaperReading, named_readings
-from eivor.lab.records import Scenario
+from eivor.lab.paper import PaperReading, PaperResult, named_readings, run_paper
+from eivor.lab.records import Scenario, log_about_hover
 from eivor.lab.scenario_files import (
     FLIGHT_KIND,
     SHIPPED,
@@ -60,32 +60,34 @@ from eivor.lab.scenario_files import (
     shipped_rigid_body_flight,
     shipped_scenario,
     shipped_scenarios,
+    study_from_table,
 )
 from eivor.lab.scenario_files import RIGID_BODY_KIND as RIGID_BODY
-from eivor.lab.study import Study, failure
-from eivor.lab.study_files import study_from_table
-from eivor.lab.study_run import (
+from eivor.lab.study import (
     SHARD_TRIALS,
     TOGETHER,
     MethodScore,
     Progress,
     Spread,
     StudyResult,
+    failure,
     no_progress,
     run_study,
     scores,
 )
 from eivor.logs.table.columnar import write_recording
-from eivor.process_pool import Executor, local_executor
+from eivor.process_pool import local_executor
 from eivor.report.document import printable
 from eivor.report.json_document import json_text, number
+from eivor.simulation.known_logs import KnownLog, log_of_flight, log_of_rigid_body_flight
 from eivor.simulation.rigid_body_spec import RigidBodyFlightSpec, vehicle_text
 from eivor.simulation.vertical import VerticalFlightSpec
 from eivor.strict_toml import TomlTable, read_toml
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Sequence
 
+    from matplotlib.figure import Figure
     from rich.console import RenderableType
     from rich.table import Table
 
@@ -154,83 +156,45 @@ def paper(
             f"--runs {runs} --workers {workers}",
             "The paper has 100 runs.",
         )
-    folder = _folder(out) if out else None
+    for path in figure_files(_folder(out)) if out else ():
+        output_file(str(path), option="--out")
     if page:
-        _page_text(page)
-    if folder:
-        for path in figure_files(folder):
-            output_file(str(path), option="--out")
-    start_s = time.perf_counter()
-    with _paper_progress(2 * len(chosen)) as advance:
-        results = []
+        page_text(Path(page), "run")
+    start_s, results = time.perf_counter(), []
+    with _progress("examples", 2 * len(chosen)) as progress:
         for result in run_paper(chosen, runs=runs, workers=workers or None):
             results.append(result)
-            advance()
+            progress(len(results), 2 * len(chosen))
     seconds = time.perf_counter() - start_s
-    report = partial(_print_report if named else _print_overview, results)
-    deliver(*_paper_deliveries(results, seconds, report, json=json, page=page, folder=folder))
+
+    nearest_group = by_reading(results)[nearest(results)]
+    outputs: dict[Callable[[], None], bool] = {
+        partial(_print_paper, results, whole=bool(named)): json != STANDARD_OUTPUT,
+        lambda: write_out(json_text(paper_document(results, seconds=seconds)), json): bool(json),
+        lambda: write_out(page_with(page_text(Path(page), "run"), page_parts(results)), page): bool(page),
+        lambda: _draw(Path(out), paper_figures(nearest_group)): bool(out),
+    }
+    deliver(*(output for output, wanted in outputs.items() if wanted))
     return ExitCode.IDENTIFIED
 
 
-def _page_text(page: str) -> str:
-    """Text of the page that the tables go into."""
-    try:
-        return Path(page).read_text(encoding="utf-8")
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or str(error)
-        raise InputError(
-            "a page with marks for the tables, in UTF-8", f"'{page}', unreadable: {reason}", "Check the name."
-        ) from error
-
-
-def _paper_deliveries(
-    results: Sequence[PaperResult],
-    seconds: float,
-    report: Callable[[], None],
-    *,
-    json: str,
-    page: str,
-    folder: Path | None,
-) -> Iterator[Callable[[], None]]:
-    if json != STANDARD_OUTPUT:
-        yield report
-    if json:
-        yield partial(_write_paper_json, results, seconds, json)
-    if page:
-        yield partial(_fill_page, results, page)
-    if folder:
-        yield partial(_draw_paper, results, folder)
-
-
-def _print_overview(results: Sequence[PaperResult]) -> None:
+def _print_paper(results: Sequence[PaperResult], *, whole: bool) -> None:
+    """Tables of every reading, or of the nearest; and how near all of them are."""
     from rich.text import Text
 
-    for part in figures.reading_report(figures.by_reading(results)[figures.nearest(results)]):
-        show(part)
-    for part in figures.overview_report(results):
-        show(part)
-    show(Text(f"Every reading's tables: eivor paper --readings {ALL}"))
-
-
-def _print_report(results: Sequence[PaperResult]) -> None:
-    for group in figures.by_reading(results).values():
-        for part in figures.reading_report(group):
+    groups = by_reading(results)
+    for group in groups.values() if whole else [groups[nearest(results)]]:
+        for part in reading_report(group):
             show(part)
-    for part in figures.overview_report(results):
+    for part in overview_report(results):
         show(part)
+    if not whole:
+        show(Text(f"Every reading's tables: eivor paper --readings {ALL}"))
 
 
-def _write_paper_json(results: Sequence[PaperResult], seconds: float, position: str) -> None:
-    write_out(json_text(paper_document(results, seconds=seconds)), position)
-
-
-def _fill_page(results: Sequence[PaperResult], page: str) -> None:
-    write_out(page_with(_page_text(page), page_parts(results)), page)
-
-
-def _draw_paper(results: Sequence[PaperResult], folder: Path) -> None:
+def _draw(folder: Path, figures: Iterable[tuple[str, Figure]]) -> None:
     with step("Drawing the figures"), writing(folder):
-        write_figures(by_reading(results)[nearest(results)], folder)
+        write_figures(figures, folder)
 
 
 def _list(readings: Sequence[PaperReading]) -> None:
@@ -260,14 +224,18 @@ def _folder(text: str) -> Path:
 
 
 @contextmanager
-def _paper_progress(total: int) -> Iterator[Callable[[], None]]:
-    """Bar on standard error, on terminals only."""
-    from rich.progress import Progress
-
+def _progress(name: str, total: int | None = None) -> Iterator[Progress]:
+    """Bar on standard error, when that is a terminal."""
     screen = console(error=True)
-    with Progress(console=screen, disable=not screen.is_terminal, transient=True) as progress:
-        task = progress.add_task("examples", total=total)
-        yield lambda: progress.advance(task)
+    if not screen.is_terminal:
+        yield no_progress
+        return
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=screen, transient=True) as bar:
+        task = bar.add_task(printable(name), total=total)
+        yield lambda done, total: bar.update(task, completed=done, total=total)
 
 
 # -- Simulate --
@@ -347,7 +315,12 @@ def simulate(
         )
     source = Path(scenario_file)
     scenario, files = _scenario(source)
-    vehicle_file = _vehicle_text(scenario, source.stem) if vehicle else ""
+    if vehicle and not isinstance(scenario, RigidBodyFlightSpec):
+        raise UsageError(
+            "--vehicle with a flight of a whole vehicle, such as crazyflie",
+            f"'{source.stem}', whose rotors are nowhere",
+            "Leave --vehicle out.",
+        )
     keep_inputs(source.name, files)
     try:
         with step("Simulating"):
@@ -358,8 +331,8 @@ def simulate(
         write_recording(replace(made.recording, name=log_path.name), log_path)
     if truth:
         write_out(json_text(made.truth), truth)
-    if vehicle:
-        write_out(vehicle_file, vehicle)
+    if vehicle and isinstance(scenario, RigidBodyFlightSpec):
+        write_out(vehicle_text(scenario, source.stem), vehicle)
     duration = made.samples / made.rate_hz
     write(f"{log_path}: {made.samples} samples at {made.rate_hz:g} Hz, {duration:g} s\n")
     if hover and made.rate_hz < FLIGHT_RATE_HZ:
@@ -400,17 +373,6 @@ def _shipped(name: str) -> Simulated:
         f"'{name}'",
         did_you_mean(name, known, "Check the name."),
     )
-
-
-def _vehicle_text(scenario: Simulated, name: str) -> str:
-    """Vehicle file of a flight of a whole vehicle."""
-    if not isinstance(scenario, RigidBodyFlightSpec):
-        raise UsageError(
-            "--vehicle with a flight of a whole vehicle, such as crazyflie",
-            f"'{name}', whose rotors are nowhere",
-            "Leave --vehicle out.",
-        )
-    return vehicle_text(scenario, name)
 
 
 def _simulated(scenario: Simulated, seed: int, *, hover: bool) -> KnownLog:
@@ -484,59 +446,24 @@ def study(
     chosen = study_from_table(table)
     if runs is not None:
         chosen = replace(chosen, runs=runs)
-    executor = _executor(chosen, workers, dask)
+    executor = DaskCluster(dask) if dask else local_executor(workers, tasks=-(-chosen.runs // SHARD_TRIALS))
     folder = Path(out) if out else Path(f"{Path(study_file).stem}-study")
     keep_inputs(Path(study_file).name, table.files)
     try:
-        with _study_progress(chosen.name) as progress:
+        with _progress(chosen.name) as progress:
             result = run_study(chosen, folder, executor=executor, progress=progress)
     except KeyboardInterrupt:
         complain("interrupted", f"Complete trials are in {folder}. Run the same command again to go on.")
         return ExitCode.INTERRUPTED
     results = scores(result)
-    deliver(*_study_deliveries(result, results, json, figures=figures))
+
+    outputs: dict[Callable[[], None], bool] = {
+        lambda: show(_report(result, results)): json != STANDARD_OUTPUT,
+        lambda: write_out(json_text(_document(result, results)), json): bool(json),
+        lambda: _draw(result.folder, study_figures(result)): figures,
+    }
+    deliver(*(output for output, wanted in outputs.items() if wanted))
     return ExitCode.FAILED if all(item.failed == item.trials for item in results) else ExitCode.IDENTIFIED
-
-
-def _executor(study: Study, workers: int | None, dask: str) -> Executor:
-    if dask:
-        return DaskCluster(dask)
-    return local_executor(workers, tasks=-(-study.runs // SHARD_TRIALS))
-
-
-@contextmanager
-def _study_progress(name: str) -> Iterator[Progress]:
-    """Bar on standard error, when that is a terminal."""
-    screen = console(error=True)
-    if not screen.is_terminal:
-        yield no_progress
-        return
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=screen, transient=True) as bar:
-        task = bar.add_task(printable(name), total=None)
-        yield lambda done, total: bar.update(task, completed=done, total=total)
-
-
-def _study_deliveries(
-    result: StudyResult, method_scores: tuple[MethodScore, ...], json: str, *, figures: bool
-) -> Iterator[Callable[[], None]]:
-    if json != STANDARD_OUTPUT:
-        yield lambda: show(_report(result, method_scores))
-    if json:
-        yield partial(_write_study_json, result, method_scores, json)
-    if figures:
-        yield partial(_draw_study, result)
-
-
-def _write_study_json(result: StudyResult, method_scores: tuple[MethodScore, ...], position: str) -> None:
-    write_out(json_text(_document(result, method_scores)), position)
-
-
-def _draw_study(result: StudyResult) -> None:
-    with step("Drawing the figures"), writing(result.folder):
-        write_study_figures(result)
 
 
 def _report(result: StudyResult, method_scores: tuple[MethodScore, ...]) -> RenderableType:
@@ -578,9 +505,9 @@ def _table(method_scores: tuple[MethodScore, ...]) -> Table:
         ]
         table.add_row(Text(method_score.label, style="bold"), ", ".join(notes))
         for score in method_score.parameters:
-            cells = [f"  {score.name}", _pair(score.estimate, 4), _pair(score.nrmse, 3)]
+            cells = [f"  {score.name}", f"{score.estimate:.4g}", f"{score.nrmse:.3g}"]
             table.add_row(*cells, f"{score.bias:.2g}", f"{score.rmse:.2g}")
-        table.add_row(f"  {TOGETHER}", "", _pair(method_score.together, 3))
+        table.add_row(f"  {TOGETHER}", "", f"{method_score.together:.3g}")
     return table
 
 
@@ -608,10 +535,6 @@ def _columns(first: str, *numbers: str) -> Table:
     for title in numbers:
         table.add_column(title, justify="right", no_wrap=True)
     return table
-
-
-def _pair(spread: Spread, digits: int) -> str:
-    return f"{spread.mean:.{digits}g} ± {spread.std:.2g}"
 
 
 def _document(result: StudyResult, method_scores: tuple[MethodScore, ...]) -> dict[str, object]:

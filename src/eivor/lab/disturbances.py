@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from bisect import bisect_left
 from dataclasses import dataclass
+from itertools import zip_longest
 
 import numpy as np
 
@@ -61,10 +62,8 @@ class CoefficientCourse(CoefficientPath):
     phase: float = 0.0
 
     def __post_init__(self) -> None:
-        finite("mean", self.mean)
-        finite("amplitude", self.amplitude)
-        finite("cycles", self.cycles)
-        finite("phase", self.phase)
+        for name in ("mean", "amplitude", "cycles", "phase"):
+            finite(name, getattr(self, name))
 
     def values(self, count: int) -> Float[np.ndarray, " count"]:
         """Coefficient at each sample."""
@@ -141,11 +140,6 @@ class Arma(Disturbance):
         a_1, a_2, ...
     moving_average : tuple of float
         b_1, b_2, ...
-
-    Raises
-    ------
-    ParameterError
-        When a number is not finite, or the autoregression is not stationary.
     """
 
     std: float
@@ -166,7 +160,15 @@ class Arma(Disturbance):
 
     def sample(self, count: int, _step_s: float, rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
         """One realisation; the state before the record is drawn from its stationary distribution."""
-        transition, _, covariance = self._state_space()
+        from scipy.linalg import solve_discrete_lyapunov
+
+        # Transition, input and stationary covariance of Harvey's form, whose first state is x.
+        r = max(len(self.autoregression), len(self.moving_average) + 1)
+        transition = np.eye(r, k=1)
+        transition[: len(self.autoregression), 0] = self.autoregression
+        shock = np.zeros(r)
+        shock[: len(self.moving_average) + 1] = (1.0, *self.moving_average)
+        covariance = solve_discrete_lyapunov(transition, np.outer(shock, shock))
         eigenvalues, vectors = np.linalg.eigh(covariance)
         before = vectors @ (np.sqrt(np.maximum(eigenvalues, 0.0)) * rng.standard_normal(eigenvalues.size))
         shocks = rng.standard_normal(count)
@@ -174,25 +176,6 @@ class Arma(Disturbance):
         echo = (transition @ before)[:count]
         driven[: echo.size] += echo
         return self.std * autoregression(driven, constant(self.autoregression, count))
-
-    @property
-    def variance(self) -> float:
-        """Variance of the stationary series."""
-        return self.std**2 * float(self._state_space()[2][0, 0])
-
-    def _state_space(
-        self,
-    ) -> tuple[Float[np.ndarray, "r r"], Float[np.ndarray, " r"], Float[np.ndarray, "r r"]]:
-        """Transition, input and stationary covariance of Harvey's form, whose first state is x."""
-        from scipy.linalg import solve_discrete_lyapunov
-
-        r = max(len(self.autoregression), len(self.moving_average) + 1)
-        transition = np.eye(r, k=1)
-        transition[: len(self.autoregression), 0] = self.autoregression
-        shock = np.zeros(r)
-        shock[: len(self.moving_average) + 1] = (1.0, *self.moving_average)
-        covariance = solve_discrete_lyapunov(transition, np.outer(shock, shock))
-        return transition, shock, covariance
 
 
 @dataclass(frozen=True, slots=True)
@@ -205,11 +188,6 @@ class TimeVaryingArma(Disturbance):
         Standard deviation of the shocks w, in the unit of the equation.
     autoregression, moving_average : tuple of Course
         Of a_1, a_2, ... and b_1, b_2, ...: sinusoids where no kind is named.
-
-    Raises
-    ------
-    ParameterError
-        When the autoregression, held at what it is at some time of the record, would not be stationary.
     """
 
     std: float
@@ -237,11 +215,6 @@ class TimeVaryingArma(Disturbance):
             driven[lag:] += trend.values(count)[lag:] * shocks[:-lag]
         return self.std * autoregression(driven, self._courses(self.autoregression, count))
 
-    @property
-    def variance(self) -> None:
-        """None: it changes with time."""
-        return
-
     @staticmethod
     def _courses(trends: tuple[CoefficientPath, ...], count: int) -> Float[np.ndarray, "count lags"]:
         return np.array([trend.values(count) for trend in trends]).reshape(len(trends), count).T
@@ -257,11 +230,6 @@ class RandomCoefficientMovingAverage(Disturbance):
         Of the normal coefficients c_1, c_2, ... (the paper's: 0 and 3, 1 and 1).
     std : float
         Standard deviation of w, in the unit of the equation.
-
-    Raises
-    ------
-    ParameterError
-        When a number is out of range, or there are not as many stds as means.
     """
 
     means: tuple[float, ...] = (0.0, 3.0)
@@ -283,12 +251,6 @@ class RandomCoefficientMovingAverage(Disturbance):
         for lag, (mean, std) in enumerate(zip(self.means, self.stds, strict=True), start=1):
             series += (mean + std * rng.standard_normal(count)) * shocks[order - lag : order - lag + count]
         return self.std * series
-
-    @property
-    def variance(self) -> float:
-        """std^2 sum_j (mean_j^2 + std_j^2)."""
-        squares = (mean**2 + std**2 for mean, std in zip(self.means, self.stds, strict=True))
-        return self.std**2 * sum(squares)
 
 
 # -- Deterministic disturbance --
@@ -314,11 +276,6 @@ class Trend(Disturbance):
         """Draw nothing: it is always the same."""
         return np.polynomial.polynomial.polyval(np.linspace(-1.0, 1.0, count), np.array(self.coefficients))
 
-    @property
-    def variance(self) -> None:
-        """None: it is not random."""
-        return
-
 
 @dataclass(frozen=True, slots=True)
 class Sinusoids(Disturbance):
@@ -332,11 +289,6 @@ class Sinusoids(Disturbance):
         Angular [rad/s].
     phases : tuple of float
         At the first sample [rad]; zero when left out.
-
-    Raises
-    ------
-    ParameterError
-        When the lists differ in length, or a number is not finite.
     """
 
     amplitudes: tuple[float, ...]
@@ -356,15 +308,8 @@ class Sinusoids(Disturbance):
         """Draw nothing: it is always the same."""
         t = step_s * np.arange(count)
         phases = self.phases or (0.0,) * len(self.amplitudes)
-        series = np.zeros(count)
-        for amplitude, frequency, phase in zip(self.amplitudes, self.frequencies, phases, strict=True):
-            series += amplitude * np.sin(frequency * t + phase)
-        return series
-
-    @property
-    def variance(self) -> None:
-        """None: it is not random."""
-        return
+        waves = zip(self.amplitudes, self.frequencies, phases, strict=True)
+        return sum((a * np.sin(frequency * t + phase) for a, frequency, phase in waves), np.zeros(count))
 
 
 @dataclass(frozen=True, slots=True)
@@ -382,11 +327,6 @@ class BoundedAdversary(Disturbance):
         Period at the beginning and at the end of the record [s].
     high_share : float
         Share of each period that is spent at the upper bound, from 0 to 1.
-
-    Raises
-    ------
-    ParameterError
-        When a number is out of range.
     """
 
     bound: float
@@ -413,11 +353,6 @@ class BoundedAdversary(Disturbance):
         high = turns / self.longest_s % 1.0 < self.high_share
         return np.where(high, self.bound, -self.bound)
 
-    @property
-    def variance(self) -> None:
-        """None: it is not random."""
-        return
-
 
 @dataclass(frozen=True, slots=True)
 class GivenDisturbance(Disturbance):
@@ -439,11 +374,6 @@ class GivenDisturbance(Disturbance):
         """Draw nothing: it is always the same."""
         return beginning_of(self.values, count)
 
-    @property
-    def variance(self) -> None:
-        """None: it is not random."""
-        return
-
 
 @dataclass(frozen=True, slots=True)
 class SumOfDisturbances(Disturbance):
@@ -462,16 +392,8 @@ class SumOfDisturbances(Disturbance):
 
     def sample(self, count: int, step_s: float, rng: np.random.Generator) -> Float[np.ndarray, " count"]:
         """Sum of one realisation of each."""
-        series = np.zeros(count)
-        for part, stream in zip(self.parts, rng.spawn(len(self.parts)), strict=True):
-            series += part.sample(count, step_s, stream)
-        return series
-
-    @property
-    def variance(self) -> float | None:
-        """Sum of the parts' variances; None when one has none."""
-        variances = [part.variance for part in self.parts]
-        return None if None in variances else sum(v for v in variances if v is not None)
+        drawn = zip(self.parts, rng.spawn(len(self.parts)), strict=True)
+        return sum((part.sample(count, step_s, stream) for part, stream in drawn), np.zeros(count))
 
 
 def paper_disturbance(std: float = 1.0) -> SumOfDisturbances:
@@ -501,11 +423,6 @@ class OrnsteinUhlenbeck(Disturbance):
         Standard deviation, in the unit of what it disturbs.
     correlation_s : float
         Time in which the correlation falls to 1/e [s].
-
-    Raises
-    ------
-    ParameterError
-        When a number is out of range.
     """
 
     std: float
@@ -521,11 +438,6 @@ class OrnsteinUhlenbeck(Disturbance):
         shocks = rng.standard_normal(count)
         shocks[1:] *= np.sqrt(1.0 - decay**2)
         return self.std * autoregression(shocks, constant((decay,), count))
-
-    @property
-    def variance(self) -> float:
-        """Square of `std`."""
-        return self.std**2
 
 
 # -- Nonlinear disturbance --
@@ -545,11 +457,6 @@ class ThresholdMovingAverage(Disturbance):
         Samples back to the value that chooses the regime, one or more.
     std : float
         Standard deviation of the shocks w, in the unit of the equation.
-
-    Raises
-    ------
-    ParameterError
-        When thresholds do not ascend, regimes are not one more than they, or a number is out of range.
 
     Notes
     -----
@@ -592,11 +499,6 @@ class ThresholdMovingAverage(Disturbance):
             series.append(choices[bisect_left(self.thresholds, series[k])][k])
         return np.array(series[self.delay + unused :])
 
-    @property
-    def variance(self) -> None:
-        """None: it has no closed form."""
-        return
-
 
 @dataclass(frozen=True, slots=True)
 class BilinearTerm:
@@ -630,11 +532,6 @@ class Bilinear(Disturbance):
         One or more; x must be strictly older than the shock that it multiplies.
     std : float
         Standard deviation of the shocks w, in the unit of the equation.
-
-    Raises
-    ------
-    ParameterError
-        When x is not the older one, or the variance is not finite, (b std)^2 >= 1.
     """
 
     coefficient: float
@@ -653,17 +550,9 @@ class Bilinear(Disturbance):
         )
 
     def sample(self, count: int, _step_s: float, rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
-        """One realisation, settled to its stationary variance: given w it is a linear recursion in x."""
-        unused = self.series_lag * settling(self._growth)
-        shocks = self.std * rng.standard_normal(unused + count)
-        coefficients = np.zeros((shocks.size, self.series_lag))
-        coefficients[self.shock_lag :, -1] = self.coefficient * shocks[: shocks.size - self.shock_lag]
-        return autoregression(shocks, coefficients)[unused:]
-
-    @property
-    def variance(self) -> float:
-        """std^2 / (1 - (b std)^2)."""
-        return self.std**2 / (1.0 - self._growth)
+        """One realisation, settled to its stationary variance."""
+        term = BilinearTerm(self.coefficient, self.series_lag, self.shock_lag)
+        return _bilinear((term,), self.std, self._growth, count, rng)
 
     @property
     def _growth(self) -> float:
@@ -680,11 +569,6 @@ class BilinearSum(Disturbance):
         One or more.
     std : float
         Standard deviation of the shocks w, in the unit of the equation.
-
-    Raises
-    ------
-    ParameterError
-        When the variance may not be finite: std times the sum of all |b_m| must be below one.
     """
 
     terms: tuple[BilinearTerm, ...]
@@ -701,24 +585,26 @@ class BilinearSum(Disturbance):
         )
 
     def sample(self, count: int, _step_s: float, rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
-        """One realisation, settled: given w it is a linear recursion in x."""
-        longest = max(term.series_lag for term in self.terms)
-        unused = longest * settling(self._growth)
-        shocks = self.std * rng.standard_normal(unused + count)
-        coefficients = np.zeros((shocks.size, longest))
-        for term in self.terms:
-            earlier = term.coefficient * shocks[: shocks.size - term.shock_lag]
-            coefficients[term.shock_lag :, term.series_lag - 1] += earlier
-        return autoregression(shocks, coefficients)[unused:]
-
-    @property
-    def variance(self) -> None:
-        """None: it has a closed form for one term only, see `Bilinear`."""
-        return
+        """One realisation, settled."""
+        return _bilinear(self.terms, self.std, self._growth, count, rng)
 
     @property
     def _growth(self) -> float:
         return self.std * sum(abs(term.coefficient) for term in self.terms)
+
+
+def _bilinear(
+    terms: tuple[BilinearTerm, ...], std: float, growth: float, count: int, rng: np.random.Generator
+) -> Float[np.ndarray, " count"]:
+    """Realisation once it has settled: given w it is a linear recursion in x."""
+    longest = max(term.series_lag for term in terms)
+    unused = longest * settling(growth)
+    shocks = std * rng.standard_normal(unused + count)
+    coefficients = np.zeros((shocks.size, longest))
+    for term in terms:
+        earlier = term.coefficient * shocks[: shocks.size - term.shock_lag]
+        coefficients[term.shock_lag :, term.series_lag - 1] += earlier
+    return autoregression(shocks, coefficients)[unused:]
 
 
 # -- Volatility --
@@ -738,11 +624,6 @@ class Garch(Disturbance):
         b_1, b_2, ..., zero or more.
     largest_square : float, optional
         Squares beyond it count as it, which keeps a heavy-tailed series finite.
-
-    Raises
-    ------
-    ParameterError
-        When a number is out of range, or the coefficients add up to one or more.
     """
 
     floor: float
@@ -756,10 +637,11 @@ class Garch(Disturbance):
         non_negative("coefficient of persistence", *self.persistence)
         if self.largest_square is not None:
             positive("largest_square", self.largest_square)
+        total = sum(self.shocks) + sum(self.persistence)
         require(
-            self._sum < 1.0,
+            total < 1.0,
             "coefficients that add up to less than one, so that the variance is finite",
-            f"{self._sum:.4g}",
+            f"{total:.4g}",
             "Make one of them smaller.",
         )
 
@@ -774,26 +656,15 @@ class Garch(Disturbance):
         return series
 
     @property
-    def variance(self) -> float | None:
-        """Without a limit on squares, floor / (1 - sum of coefficients); else None."""
-        return self._unlimited if self.largest_square is None else None
-
-    @property
-    def _sum(self) -> float:
-        return sum(self.shocks) + sum(self.persistence)
-
-    @property
     def _unlimited(self) -> float:
-        return self.floor / (1.0 - self._sum)
+        return self.floor / (1.0 - (sum(self.shocks) + sum(self.persistence)))
 
     def _variances(self, white_squares: Float[np.ndarray, " count"]) -> Float[np.ndarray, " count"]:
         """Variances by a linear recursion, h[k] = floor + sum_i (a_i w[k-i]^2 + b_i) h[k-i]."""
-        count, lags = white_squares.size, max(len(self.shocks), len(self.persistence))
-        coefficients = np.zeros((count, lags))
+        count, both = white_squares.size, list(zip_longest(self.shocks, self.persistence, fillvalue=0.0))
+        coefficients = np.zeros((count, len(both)))
         driven = np.full(count, self.floor)
-        for i in range(1, lags + 1):
-            a = self.shocks[i - 1] if i <= len(self.shocks) else 0.0
-            b = self.persistence[i - 1] if i <= len(self.persistence) else 0.0
+        for i, (a, b) in enumerate(both, start=1):
             coefficients[i:, i - 1] = a * white_squares[: max(count - i, 0)] + b
             driven[:i] += (a + b) * self._unlimited
         return autoregression(driven, coefficients)
@@ -824,11 +695,6 @@ class VarianceSwitch(Disturbance):
         Of the variance, afterwards.
     at : float
         When, as a share of the record, from 0 to 1.
-
-    Raises
-    ------
-    ParameterError
-        When a number is out of range.
     """
 
     series: Disturbance
@@ -845,8 +711,3 @@ class VarianceSwitch(Disturbance):
         series = self.series.sample(count, step_s, rng).copy()
         series[int(np.ceil(self.at * count)) :] *= np.sqrt(self.factor)
         return series
-
-    @property
-    def variance(self) -> None:
-        """None: it changes."""
-        return

@@ -8,17 +8,15 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from scipy.linalg.lapack import dtbtrs
 
 from eivor.errors import InputError, ParameterError
-from eivor.lab.records import Scenario, simulate
+from eivor.lab.records import Scenario, check_noises, check_number, declared_noise, simulate
 from eivor.models.regression import Column, Equation, Parameter
 from eivor.models.signal_regression import SignalRegression
 from eivor.motions.vertical.model import VerticalMotion
-from eivor.signals.noise import MeasurementNoise, WhiteNoise
+from eivor.signals.noise import MeasurementNoise
 from eivor.signals.signals import Signals
-from eivor.simulation.excitation import Disturbance, Excitation
-from eivor.tools import Float
+from eivor.simulation.excitation import Disturbance, Excitation, autoregression, constant, largest_root
 
 # -- Experiment --
 
@@ -47,15 +45,9 @@ class Experiment(ABC):
 
 @dataclass(frozen=True, slots=True)
 class VerticalExperiment(Experiment):
-    """Vertical motion z'' = -K z' + K_u u, the paper's simulation.
+    """Vertical motion z'' = -K z' + K_u u, the paper's simulation."""
 
-    Parameters
-    ----------
-    scenario : Scenario
-        What is simulated.
-    """
-
-    scenario: Scenario
+    scenario: Scenario  # What is simulated
 
     @property
     def truth(self) -> Mapping[str, float]:
@@ -114,20 +106,16 @@ class DifferenceEquation(Experiment):
                 "at least one input coefficient", "none", "Without an input nothing is excited."
             )
         for value in (*self.output_coefficients, *self.input_coefficients):
-            _check(True, "finite coefficients", value)
-        _check(self.delay >= 0, "a delay of zero or more samples", self.delay)
-        _check(self.rate_hz > 0.0, "rate_hz above zero", self.rate_hz)
+            check_number(True, "finite coefficients", value)
+        check_number(self.delay >= 0, "a delay of zero or more samples", self.delay)
+        check_number(self.rate_hz > 0.0, "rate_hz above zero", self.rate_hz)
         unknowns = len(self.output_coefficients) + len(self.input_coefficients)
         needed = unknowns + self.largest_lag
-        _check(self.samples >= needed, f"samples of {needed} or more for {unknowns} unknowns", self.samples)
-        for name, ratio in self.noise_to_signal.items():
-            _check(ratio >= 0.0, f"noise_to_signal of zero or more for {name}", ratio)
-        for name in (*self.noise, *self.noise_to_signal):
-            if name not in (OUTPUT, INPUT):
-                raise ParameterError(
-                    f"noise of {OUTPUT} and {INPUT}", f"noise of '{name}'", "Name one of these channels."
-                )
-        root = float(np.abs(np.roots([1.0, *(-a for a in self.output_coefficients)])).max(initial=0.0))
+        check_number(
+            self.samples >= needed, f"samples of {needed} or more for {unknowns} unknowns", self.samples
+        )
+        check_noises(self.noise, self.noise_to_signal, self.channels)
+        root = largest_root(np.array(self.output_coefficients))
         if root >= LARGEST_ROOT:
             raise ParameterError(
                 "output coefficients of a stable equation",
@@ -169,39 +157,17 @@ class DifferenceEquation(Experiment):
         for number, coefficient in enumerate(self.input_coefficients):
             lag = self.delay + number
             driven[lag:] += coefficient * true_input[: self.samples - lag]
-        true = {OUTPUT: recursion(self.output_coefficients, driven), INPUT: true_input}
-        noise = {name: self._noise(name, series) for name, series in true.items()}
+        output = autoregression(driven, constant(self.output_coefficients, self.samples))
+        true = {OUTPUT: output, INPUT: true_input}
+        noise = declared_noise(self.noise, self.noise_to_signal, true)
         measured = {
             name: series + noise[name].sample(self.samples, streams[name]) for name, series in true.items()
         }
         return Signals(self.rate_hz, measured, noise=noise)
 
-    def _noise(self, name: str, true: Float[np.ndarray, " samples"]) -> MeasurementNoise:
-        noise = self.noise.get(name, WhiteNoise(0.0))
-        if name not in self.noise_to_signal:
-            return noise
-        return noise.with_std(self.noise_to_signal[name] * float(true.std()))
-
     def problem(self, signals: Signals, instruments: tuple[Column, ...]) -> SignalRegression:
         """Rows of lagged outputs and inputs, with y(k) as the response."""
         return SignalRegression(signals, Equation(Column(OUTPUT), self.terms), instruments)
-
-
-def recursion(
-    coefficients: tuple[float, ...], driven: Float[np.ndarray, " samples"]
-) -> Float[np.ndarray, " samples"]:
-    """y(k) = sum_i a_i y(k-i) + driven(k) from rest, as the banded triangular system that it is."""
-    if not coefficients:
-        return driven
-    band = np.ones((len(coefficients) + 1, driven.size))
-    band[1:] = -np.array(coefficients)[:, None]
-    series: Float[np.ndarray, " samples"] = dtbtrs(band, driven[:, None], uplo="L", diag="U")[0][:, 0]
-    return series
-
-
-def _check(in_range: bool, expected: str, value: int | float) -> None:
-    if not (in_range and np.isfinite(value)):
-        raise ParameterError(expected, f"{value}", "Correct the scenario.")
 
 
 # -- Generated page --
@@ -232,8 +198,9 @@ def page_text(path: Path, part: str) -> str:
     """Text of a page that has the marks of a part."""
     try:
         text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError("a page that can be read", f"{path}: {error}", "Name a text file.") from error
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise InputError("a page that can be read", f"'{path}', unreadable: {reason}", "Check it.") from error
     page_with(text, {part: ""})
     return text
 

@@ -17,18 +17,23 @@ from rich.text import Text
 
 from eivor.errors import UsageError
 from eivor.lab.experiments import markdown
-from eivor.lab.paper_errata import errata
-from eivor.lab.paper_examples import (
+from eivor.lab.paper import (
+    EXAMPLES,
+    METHODS,
+    PRINTED_METHODS,
+    SCORES,
     SEED,
+    Example,
     Nearness,
+    PaperReading,
     PaperResult,
     integrated_height,
     nearness,
     record,
     trial_generator,
 )
-from eivor.lab.paper_readings import EXAMPLES, METHODS, PRINTED_METHODS, SCORES, Example, PaperReading
-from eivor.lab.study_run import TOGETHER, Share, Spread, StudyResult, scores, trial_nrmse
+from eivor.lab.paper_errata import errata
+from eivor.lab.study import TOGETHER, Share, Spread, StudyResult, scores, trial_nrmse
 from eivor.motions import wording_of
 from eivor.report.document import printable
 from eivor.report.figure_panels import (
@@ -65,21 +70,11 @@ WIDTH, ROW_HEIGHT, LEAST_ROW = 7.6, 0.13, 0.3
 
 @dataclass(frozen=True, slots=True)
 class CoverageRow:
-    """One share.
+    """One share."""
 
-    Parameters
-    ----------
-    label : str
-        What intervals were made of: the method or the covariance. Has a colour.
-    group : str
-        What they were made for: scenario, length, parameter. Has a line.
-    hits, count : int
-        Intervals that held the truth, and all.
-    """
-
-    label: str
-    group: str
-    hits: int
+    label: str  # What intervals were made of: the method or the covariance. Has a colour
+    group: str  # What they were made for: scenario, length, parameter. Has a line
+    hits: int  # Intervals that held the truth, and all
     count: int
 
 
@@ -91,31 +86,7 @@ def coverage_figure(
     title: str = "",
     ax: Axes | None = None,
 ) -> Figure:
-    """Shares of intervals that held the truth, as dots with 95 % Wilson intervals.
-
-    Parameters
-    ----------
-    rows : sequence of CoverageRow
-        Groups are drawn from the top and labels beside each other, in the order of their first rows.
-    nominal : float
-        Level that was requested: a line.
-    band : (float, float), optional
-        Shares that are good enough: a band.
-    title : str
-        Of the figure, or of the panel that is given.
-    ax : matplotlib.axes.Axes, optional
-        Where to draw; default: a figure of its own.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        With a canvas of its own, or that of `ax`.
-
-    Raises
-    ------
-    UsageError
-        When there is nothing to draw, or `ax` are no Axes.
-    """
+    """Shares of intervals that held the truth, as dots with 95 % Wilson intervals."""
     drawn = [row for row in rows if row.count]
     if not drawn:
         raise UsageError("intervals that were counted", "none", "Run a study with intervals.")
@@ -136,7 +107,8 @@ def coverage_figure(
     for text in axes.get_yticklabels():
         text.set_parse_math(False)
     axes.set_ylim(len(groups) - 0.5, -0.5)
-    axes.set_xlim(min(_lowest(drawn), 100 * nominal - 2.0) - 1.0, 100.5)
+    lowest = 100.0 * min(Share(row.hits, row.count).interval[0] for row in drawn)
+    axes.set_xlim(min(lowest, 100 * nominal - 2.0) - 1.0, 100.5)
     axes.set_xlabel("intervals that hold the truth [%]")
     axes.grid(axis="x", alpha=0.25)
     figure = figure_of(axes)
@@ -156,29 +128,7 @@ def study_coverage_figure(
     title: str = "",
     ax: Axes | None = None,
 ) -> Figure:
-    """Coverage of every parameter in one or several studies, methods side by side.
-
-    Parameters
-    ----------
-    results : sequence of StudyResult
-        Finished studies that recorded intervals, of one level.
-    band : (float, float), optional
-        Shares that are good enough.
-    title : str
-        Of the figure, or of the panel that is given.
-    ax : matplotlib.axes.Axes, optional
-        Where to draw; default: a figure of its own.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        See `coverage_figure`.
-
-    Raises
-    ------
-    UsageError
-        When no study recorded intervals, their levels differ, or `ax` are no Axes.
-    """
+    """Coverage of every parameter in one or several studies, methods side by side."""
     levels = {result.study.level for result in results if result.study.intervals}
     if len(levels) != 1:
         raise UsageError(
@@ -187,23 +137,18 @@ def study_coverage_figure(
             "Set intervals = true in the study's file; draw levels apart.",
         )
     rows = [
-        CoverageRow(item.label, _group(result, score.name, alone=len(results) == 1), hit.hits, hit.count)
+        CoverageRow(
+            item.label,
+            _words(score.name) if len(results) == 1 else f"{result.study.name}: {_words(score.name)}",
+            hit.hits,
+            hit.count,
+        )
         for result in results
         for item in scores(result)
         for score in item.parameters
         if (hit := score.coverage) is not None
     ]
     return coverage_figure(rows, nominal=levels.pop(), band=band, title=title, ax=ax)
-
-
-def _group(result: StudyResult, name: str, *, alone: bool) -> str:
-    wording = wording_of(name)
-    words = wording.symbol if wording is not None else name
-    return words if alone else f"{result.study.name}: {words}"
-
-
-def _lowest(rows: Sequence[CoverageRow]) -> float:
-    return 100.0 * min(Share(row.hits, row.count).interval[0] for row in rows)
 
 
 def _dots(axes: Axes, rows: Sequence[CoverageRow], positions: Sequence[float], number: int) -> None:
@@ -241,29 +186,7 @@ def nrmse_figure(
     title: str = "",
     axes: GivenAxes | None = None,
 ) -> Figure:
-    """Histograms of NRMSE, a row of panels for each method and a column for each score.
-
-    Parameters
-    ----------
-    rows : mapping of str to mapping of str to ndarray, shape (trials,)
-        For each method in words its scores by name (a parameter's, or "together"), in percent.
-    printed : mapping of str to mapping of str to Spread, optional
-        Mean and standard deviation that others published, drawn as a line and a band.
-    title : str
-        Of the figure, or of the first panel that is given.
-    axes : mapping of str to Axes, or sequence of Axes, optional
-        Where to draw: some panels, called "METHOD: SCORE", or all, row by row. Default: a figure of its own.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        With a canvas of its own, or that of `axes`.
-
-    Raises
-    ------
-    UsageError
-        When there is nothing to draw, or `axes` do not fit the panels.
-    """
+    """Histograms of NRMSE, a row of panels for each method and a column for each score."""
     columns = max((len(scores) for scores in rows.values()), default=0)
     drawable(range(columns), "scores", "Run the study first.")
     cells = {f"{method}: {name}": (method, name) for method, scores in rows.items() for name in scores}
@@ -288,25 +211,7 @@ def _table(rows: Mapping[str, Mapping[str, object]], columns: int, title: str) -
 
 
 def study_figure(result: StudyResult, *, axes: GivenAxes | None = None) -> Figure:
-    """Histograms of NRMSE of every method of a study.
-
-    Parameters
-    ----------
-    result : StudyResult
-        A finished study.
-    axes : mapping of str to Axes, or sequence of Axes, optional
-        Where to draw, see `nrmse_figure`.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        A row for each method, a column for each parameter and one for all together.
-
-    Raises
-    ------
-    UsageError
-        When `axes` do not fit the panels.
-    """
+    """Histograms of NRMSE of every method of a study."""
     names = (*result.study.parameters, TOGETHER)
     rows = {
         choice.label: {name: trial_nrmse(result, choice.label, name) for name in names}
@@ -316,11 +221,17 @@ def study_figure(result: StudyResult, *, axes: GivenAxes | None = None) -> Figur
     return nrmse_figure(rows, title=title, axes=axes)
 
 
+def study_figures(result: StudyResult) -> Iterator[tuple[str, Figure]]:
+    """Histograms of NRMSE and, where intervals were recorded, their coverage."""
+    yield "nrmse", study_figure(result)
+    if result.study.intervals:
+        yield "coverage", study_coverage_figure([result], title=f"Coverage: {result.study.name}")
+
+
 def _words(name: str) -> str:
-    if name == TOGETHER:
-        return "all parameters"
     wording = wording_of(name)
-    return wording.symbol if wording is not None else printable(name)
+    words = wording.symbol if wording is not None else printable(name)
+    return "all parameters" if name == TOGETHER else words
 
 
 def _draw(axes: Axes, values: Float[np.ndarray, " trials"], printed: Spread | None) -> None:
@@ -378,36 +289,15 @@ PAPER_FIGURES = tuple(f"figure-{number}" for number in range(2, 9))
 WORDS = {"LS": "least squares", "IV": "extended IV", "GIV": "generalized IV"}
 
 
-def write_figures(results: Sequence[PaperResult], folder: Path) -> tuple[Path, ...]:
-    """Write figures 2 to 8, each as SVG and PNG.
-
-    Parameters
-    ----------
-    results : sequence of PaperResult
-        Both examples under one reading.
-    folder : Path
-        Where to; it exists.
-
-    Returns
-    -------
-    tuple of Path
-        What was written.
-
-    Raises
-    ------
-    OSError
-        When a file cannot be written.
-    """
-    written = []
-    for name, figure in paper_figures(results):
+def write_figures(figures: Iterable[tuple[str, Figure]], folder: Path) -> None:
+    """Write figures by their names, each as SVG and PNG, into a folder that exists."""
+    for name, figure in figures:
         for path in figure_files(folder, name):
             save_figure(figure, path)
-            written.append(path)
-    return tuple(written)
 
 
 def figure_files(folder: Path, *names: str) -> tuple[Path, ...]:
-    """Files of the figures of these names; without names, of all."""
+    """Files of the figures of these names; without names, of those of the paper."""
     return tuple(folder / f"{name}.{ending}" for name in names or PAPER_FIGURES for ending in FORMATS)
 
 
@@ -544,19 +434,16 @@ def overview_report(results: Sequence[PaperResult]) -> Iterator[RenderableType]:
 def verdict_sentence(results: Sequence[PaperResult]) -> str:
     """Whether any reading gives the printed tables."""
     groups = by_reading(results)
-    whole = [name for name, group in groups.items() if _reproduces(nearness(group))]
+    near = {name: nearness(group) for name, group in groups.items()}
+    whole = [name for name, result in near.items() if result.agreeing == result.printed]
     if whole:
         return f"Every printed mean is met by: {', '.join(whole)}."
     name = nearest(results)
-    result = nearness(groups[name])
+    result = near[name]
     return (
         f"No reading gives the printed tables. Nearest is {name}: its means are off by a factor of "
         f"{_factor(result.means)}, and {result.agreeing} of {result.printed} are met."
     )
-
-
-def _reproduces(result: Nearness) -> bool:
-    return result.agreeing == result.printed
 
 
 def _nearness_cells(result: Nearness) -> tuple[str, str, str]:
@@ -636,45 +523,30 @@ def _spreads(spreads: Sequence[Spread]) -> Json:
 def page_parts(results: Sequence[PaperResult]) -> dict[str, str]:
     """Generated parts of the page, by the name of their marks."""
     first = by_reading(results)[nearest(results)]
-    examples = [result.example for result in first]
+    groups = list(by_reading(results).values())
     parts = {
-        "run": f"Made by `eivor paper` with Eivor {version('eivor')}: {len(by_reading(results))} readings, "
+        "run": f"Made by `eivor paper` with Eivor {version('eivor')}: {len(groups)} readings, "
         f"2 examples, {len(first[0].estimates)} runs, 6 methods; seed {SEED}. {verdict_sentence(results)}",
         "readings": _readings_table(results),
     }
-    for index, example in enumerate(examples):
-        parts[f"example {example.number}"] = "\n\n".join(
-            [
-                part
-                for column, method in PRINTED_METHODS.items()
-                for part in (
-                    f"**{column}**, NRMSE in percent",
-                    _example_table([group[index] for group in by_reading(results).values()], example, method),
-                )
-            ]
+    for index, example in enumerate(EXAMPLES):
+        tables = (
+            f"**{column}**, NRMSE in percent\n\n"
+            + _example_table([group[index] for group in groups], example, method)
+            for column, method in PRINTED_METHODS.items()
         )
-    parts["errata"] = _errata_table()
+        parts[f"example {example.number}"] = "\n\n".join(tables)
+    lines = [(item.where, item.printed, item.used, item.check) for item in errata()]
+    parts["errata"] = markdown(("where", "printed", "used here", "checked"), lines)
     parts["figures"] = _figures(first[0].reading.name)
     return parts
-
-
-def _errata_table() -> str:
-    lines = [(item.where, item.printed, item.used, item.check) for item in errata()]
-    return markdown(("where", "printed", "used here", "checked"), lines)
 
 
 def _readings_table(results: Sequence[PaperResult]) -> str:
     lines = []
     for name, group in by_reading(results).items():
-        with_tls = nearness(group, total_least_squares=True)
-        lines.append(
-            [
-                f"`{name}`",
-                group[0].reading.sentence,
-                *_nearness_cells(nearness(group)),
-                _factor(with_tls.means),
-            ]
-        )
+        tls = _factor(nearness(group, total_least_squares=True).means)
+        lines.append([f"`{name}`", group[0].reading.sentence, *_nearness_cells(nearness(group)), tls])
     header = ("reading", "what it says", "means off by", "SDs off by", "means met", "TLS forms off by")
     return markdown(header, lines)
 
@@ -686,14 +558,10 @@ def _example_table(results: Sequence[PaperResult], example: Example, method: str
     for result in results:
         both = (*result.spreads(method), *result.spreads(partner))
         lines.append([f"`{result.reading.name}`", *map(spread_text, both)])
-    return markdown(header, lines) + _weak_readings(results, method)
-
-
-def _weak_readings(results: Sequence[PaperResult], method: str) -> str:
-    """Readings under which the instruments of a method are weak, as a line below its table."""
     counts = {result.reading.name: result.weak_runs(method) for result in results}
-    texts = [f"`{name}` ({count} of {len(results[0].weak)})" for name, count in counts.items() if count]
-    return f"\n\nWeak instruments (first-stage F below 10), in runs: {', '.join(texts)}." if texts else ""
+    weak = [f"`{name}` ({count} of {len(results[0].weak)})" for name, count in counts.items() if count]
+    words = f"\n\nWeak instruments (first-stage F below 10), in runs: {', '.join(weak)}." if weak else ""
+    return markdown(header, lines) + words
 
 
 def _figures(name: str) -> str:
@@ -704,42 +572,3 @@ def _figures(name: str) -> str:
         texts.append(f"![{caption}](images/paper/figure-{index}.svg)")
         texts.append(f"*Counterpart of figure {index}. {caption}.*")
     return "\n\n".join(texts)
-
-
-# -- Study pictures --
-
-STUDY_FIGURES = ("nrmse", "coverage")
-
-
-def write_study_figures(result: StudyResult) -> tuple[Path, ...]:
-    """Write histograms of NRMSE and, where intervals were recorded, their coverage, as SVG and PNG.
-
-    Parameters
-    ----------
-    result : StudyResult
-        A finished study; the files go into its folder.
-
-    Returns
-    -------
-    tuple of Path
-        What was written.
-
-    Raises
-    ------
-    OSError
-        When a file cannot be written.
-    """
-    figures = {"nrmse": study_figure(result)}
-    if result.study.intervals:
-        figures["coverage"] = study_coverage_figure([result], title=f"Coverage: {result.study.name}")
-    written = []
-    for name, figure in figures.items():
-        for path in picture_files(result.folder, name):
-            save_figure(figure, path)
-            written.append(path)
-    return tuple(written)
-
-
-def picture_files(folder: Path, *names: str) -> tuple[Path, ...]:
-    """Files of the pictures of these names; without names, of all that there can be."""
-    return tuple(folder / f"{name}.{ending}" for name in names or STUDY_FIGURES for ending in FORMATS)

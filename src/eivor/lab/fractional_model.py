@@ -1,10 +1,12 @@
-"""Fractional difference equations: model, filtered signals and regression."""
+"""Fractional difference equations: terms, operators, model and regression."""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import combinations
 
 import numpy as np
 
@@ -18,24 +20,271 @@ from eivor.errors import (
     TooFewSamplesError,
     UsageError,
 )
-from eivor.lab.fractional_terms import (
-    FractionalColumn,
-    FractionalDifference,
-    FractionalOperator,
-    FractionalPart,
-    FractionalTerm,
-    Side,
-    UnknownOrder,
-    combined,
-    terms_of,
-)
 from eivor.linalg.system import PASSED_ROWS
 from eivor.models.regression import Column, LinearProblem, Parameter, Regression, RowBlock, check_columns
 from eivor.models.separable import LinearisableProblem, Nuisance, Values
 from eivor.models.spectral import SpectralRegression
 from eivor.signals.filters import filtered, in_a_row, reciprocal
+from eivor.signals.noise import fractional_weights, order_slope
 from eivor.signals.signals import Signals
 from eivor.tools import Complex, Float
+
+# -- Column --
+
+
+@dataclass(frozen=True, slots=True)
+class FractionalPart:
+    """``gain * operator^order channel[k - lag]``, or its derivative by the order. Performs no checks."""
+
+    channel: str
+    order: float = 0.0
+    lag: int = 0
+    gain: float = 1.0  # Constant, noise-free factor
+    by_order: bool = False  # True for the derivative by the order
+
+
+#: A column: the sum of its parts.
+FractionalColumn = tuple[FractionalPart, ...]
+
+
+def channels_of(columns: Sequence[FractionalColumn]) -> list[str]:
+    """Channels that columns are made of."""
+    return sorted({part.channel for column in columns for part in column})
+
+
+# -- Operator --
+
+
+class FractionalOperator(ABC):
+    """A causal filter for each order, the identity at zero; the record is zero before it starts."""
+
+    @abstractmethod
+    def weights(self, order: float, count: int, step_s: float, /) -> Float[np.ndarray, " count"]:
+        """Weights w_0 ... w_{count-1} of the filter, for samples `step_s` apart [s]."""
+
+    @abstractmethod
+    def slope(self, order: float, count: int, step_s: float, /) -> Float[np.ndarray, " count"]:
+        """Derivatives of the weights by the order."""
+
+    @abstractmethod
+    def response(
+        self, order: float, back: Complex[np.ndarray, " k"], step_s: float, /
+    ) -> Complex[np.ndarray, " k"]:
+        """sum_j w_j z^-j where z^-1 has the values `back`."""
+
+
+@dataclass(frozen=True, slots=True)
+class FractionalDifference(FractionalOperator):
+    """Grunwald-Letnikov's difference of samples, Delta^order = (1 - z^-1)^order: the step is not in it."""
+
+    def weights(self, order: float, count: int, _step_s: float, /) -> Float[np.ndarray, " count"]:
+        """See `fractional_weights`."""
+        return fractional_weights(order, count)
+
+    def slope(self, order: float, count: int, _step_s: float, /) -> Float[np.ndarray, " count"]:
+        """See `order_slope`."""
+        return order_slope(order, count)
+
+    def response(
+        self, order: float, back: Complex[np.ndarray, " k"], _step_s: float, /
+    ) -> Complex[np.ndarray, " k"]:
+        """(1 - z^-1)^order, the principal value."""
+        return np.asarray((1.0 - back) ** order)
+
+
+@dataclass(frozen=True, slots=True)
+class FractionalDerivative(FractionalOperator):
+    """Derivative by time, (Delta^order + order/2 Delta^(order+1)) / step^order: per second to the order.
+
+    Delta^order / step^order alone is the derivative at a time order/2 steps ago and has an error of the
+    first order of the step; the second term takes it away, which leaves one of the second order.
+    """
+
+    def weights(self, order: float, count: int, step_s: float, /) -> Float[np.ndarray, " count"]:
+        """Weights of both terms."""
+        both = fractional_weights(order, count) + 0.5 * order * fractional_weights(order + 1.0, count)
+        return np.asarray(both * step_s**-order)
+
+    def slope(self, order: float, count: int, step_s: float, /) -> Float[np.ndarray, " count"]:
+        """Of the weights, and of the power of the step before them."""
+        both = order_slope(order, count) + 0.5 * order * order_slope(order + 1.0, count)
+        both += 0.5 * fractional_weights(order + 1.0, count)
+        return both * step_s**-order - np.log(step_s) * self.weights(order, count, step_s)
+
+    def response(
+        self, order: float, back: Complex[np.ndarray, " k"], step_s: float, /
+    ) -> Complex[np.ndarray, " k"]:
+        """((1 - z^-1) / step)^order (1 + order/2 (1 - z^-1))."""
+        change = 1.0 - back
+        return np.asarray((change / step_s) ** order * (1.0 + 0.5 * order * change))
+
+
+# -- Side --
+
+#: Points of the unit circle, from so near to one on, at which the equation's roots are counted.
+CIRCLE_POINTS = 20_000
+NEAREST_ANGLE = 1e-9
+
+
+@dataclass(frozen=True, slots=True)
+class Side:
+    """sum_i c_i z^-lag_i operator^order_i."""
+
+    terms: tuple[tuple[float, float, int], ...]  # Coefficient, order and lag of each term
+    operator: FractionalOperator
+    step_s: float  # Time between samples [s]
+
+    def weights(self, count: int) -> Float[np.ndarray, " count"]:
+        """Weights of the side as one filter."""
+        total: Float[np.ndarray, " count"] = np.zeros(count)
+        for coefficient, order, lag in self.terms:
+            weights = self.operator.weights(order, count, self.step_s)
+            total[lag:] += coefficient * weights[: max(count - lag, 0)]
+        return total
+
+    def response(self, back: Complex[np.ndarray, " k"]) -> Complex[np.ndarray, " k"]:
+        """Value where z^-1 has the values `back`."""
+        total: Complex[np.ndarray, " k"] = np.zeros(back.size, dtype=np.complex128)
+        for coefficient, order, lag in self.terms:
+            total += coefficient * back**lag * self.operator.response(order, back, self.step_s)
+        return total
+
+    @property
+    def growing_modes(self) -> int:
+        """Roots inside the unit circle of z^-1: each is a mode of the output that grows."""
+        shared = min(order for _, order, _ in self.terms)
+        angles = np.geomspace(NEAREST_ANGLE, np.pi, CIRCLE_POINTS)
+        back = np.exp(-1j * angles)
+        turned = np.unwrap(np.angle(self.response(back) / (1.0 - back) ** shared))
+        # From one back to one below the real axis is the mirror image: twice the half circle.
+        return abs(round(float(turned[-1] - turned[0]) / np.pi))
+
+
+# -- Terms --
+
+#: Largest order, in absolute value.
+LARGEST_ORDER = 3.0
+
+
+@dataclass(frozen=True, slots=True)
+class UnknownOrder:
+    """An order that is estimated; the same name in several terms is one unknown.
+
+    Parameters
+    ----------
+    name : str
+        How results call it.
+    low, high : float
+        Between what it is looked for, within -3 and 3.
+
+    Raises
+    ------
+    ParameterError
+        When the range is empty, or reaches beyond that.
+    UsageError
+        When the name is no text or empty, or a number is none.
+    """
+
+    name: str
+    low: float
+    high: float
+
+    def __post_init__(self) -> None:
+        checks.text("name", self.name)
+        checks.number("low", self.low)
+        checks.number("high", self.high)
+        if not self.name:
+            raise UsageError("a name for an unknown order", "''", 'Call it "order", for example.')
+        if not -LARGEST_ORDER <= self.low < self.high <= LARGEST_ORDER:
+            raise ParameterError(
+                f"a range of orders between -{LARGEST_ORDER:g} and {LARGEST_ORDER:g}, the lower end first",
+                f"{self.low} and {self.high} for '{self.name}'",
+                "Differentiate or integrate the channel by whole orders first.",
+            )
+
+
+#: An order, known or sought.
+Order = float | UnknownOrder
+
+
+@dataclass(frozen=True, slots=True)
+class FractionalTerm:
+    """One term of the equation: a channel behind an operator of some order, some samples ago.
+
+    Parameters
+    ----------
+    order : float or UnknownOrder
+        Of the difference, between -3 and 3; below zero it is a sum.
+    lag : int
+        Samples back, zero or more.
+
+    Raises
+    ------
+    ParameterError
+        When a known order is out of range.
+    UsageError
+        When the lag is no whole number or negative, or the order is of another type.
+    """
+
+    order: Order
+    lag: int = 0
+
+    def __post_init__(self) -> None:
+        checks.whole("lag", self.lag)
+        if self.lag < 0:
+            raise UsageError("a lag of zero or more samples", f"{self.lag}", "Only past samples have a part.")
+        if isinstance(self.order, UnknownOrder):
+            return
+        checks.number("order", self.order)
+        if not (np.isfinite(self.order) and abs(self.order) <= LARGEST_ORDER):
+            raise ParameterError(
+                f"an order between -{LARGEST_ORDER:g} and {LARGEST_ORDER:g}",
+                f"{self.order}",
+                "Differentiate or integrate the channel by whole orders first.",
+            )
+
+    def order_at(self, orders: Mapping[str, float]) -> float:
+        """Order, which a mapping has where it is sought."""
+        return orders[self.order.name] if isinstance(self.order, UnknownOrder) else float(self.order)
+
+    @property
+    def range(self) -> tuple[float, float]:
+        """Least and largest order that it may have."""
+        order = self.order
+        return (order.low, order.high) if isinstance(order, UnknownOrder) else (float(order), float(order))
+
+    def may_be(self, other: FractionalTerm) -> bool:
+        """Whether the two could be one column: of one lag, with an order in common inside their ranges."""
+        (low, high), (least, largest) = self.range, other.range
+        if low < high and least < largest:  # two ranges may touch
+            return self.lag == other.lag and low < largest and least < high
+        return self.lag == other.lag and low <= largest and least <= high
+
+
+def terms_of(name: str, given: object) -> tuple[FractionalTerm, ...]:
+    """Terms from a sequence of them, of orders, or of both."""
+    kinds = (FractionalTerm, UnknownOrder, *checks.NUMBERS)
+    if not isinstance(given, tuple | list) or not given or not all(isinstance(item, kinds) for item in given):
+        raise UsageError(
+            f"one term or more for {name}: orders, unknown orders, or FractionalTerm(order, lag)",
+            checks.described(given),
+            "Give (0.0, 0.5), for example.",
+        )
+    terms = tuple(item if isinstance(item, FractionalTerm) else FractionalTerm(item) for item in given)
+    for entry, other in combinations(terms, 2):
+        if entry.may_be(other):
+            raise ParameterError(
+                f"terms of different orders or lags for {name}, in ranges that do not meet",
+                f"orders {_span(entry)} and {_span(other)} at lag {entry.lag}",
+                "Where orders are equal their columns are one: leave a term out, or narrow the range.",
+            )
+    return terms
+
+
+def _span(term: FractionalTerm) -> str:
+    low, high = term.range
+    return f"{low:g}" if low == high else f"{low:g} to {high:g}"
+
 
 # -- Filtered signals --
 
@@ -87,7 +336,7 @@ class FilteredSignals:
     ) -> Float[np.ndarray, "left right"]:
         """Average covariance of the noises of plain columns with those of fractional ones, C of (29)."""
         shared = np.zeros((len(left), len(right)))
-        for channel in self._channels(right):
+        for channel in channels_of(right):
             selected = [i for i, column in enumerate(left) if column.channel == channel]
             if not selected:
                 continue
@@ -110,7 +359,7 @@ class FilteredSignals:
     ) -> Float[np.ndarray, "columns columns"]:
         """Average covariance of the noises of columns among themselves."""
         total = np.zeros((len(columns), len(columns)))
-        for channel in self._channels(columns):
+        for channel in channels_of(columns):
             noises = self._noise_of(channel, columns)
             total += (noises * self._share_of_rows(first)[:, None]).T @ noises
         return 0.5 * (total + total.T)
@@ -159,10 +408,6 @@ class FilteredSignals:
             kept[key] = result
         return result
 
-    @staticmethod
-    def _channels(columns: Sequence[FractionalColumn]) -> list[str]:
-        return sorted({part.channel for column in columns for part in column})
-
 
 # -- Regression --
 
@@ -209,8 +454,12 @@ class FractionalRegression(LinearProblem):
         return self._rows.blocks(size)
 
     @cached_property
+    def _columns(self) -> tuple[FractionalColumn, ...]:
+        return (*self.regressors, self.response)
+
+    @cached_property
     def _own_noise(self) -> Float[np.ndarray, "n_plus_1 n_plus_1"]:
-        return self.filtered.noise_covariance((*self.regressors, self.response), self.first)
+        return self.filtered.noise_covariance(self._columns, self.first)
 
     def regressor_noise_covariance(self) -> Float[np.ndarray, "n_plus_1 n_plus_1"]:
         """Noise covariance of [Phi y] from the columns' tags and the declared noises."""
@@ -218,15 +467,13 @@ class FractionalRegression(LinearProblem):
 
     def instrument_noise_covariance(self) -> Float[np.ndarray, "p n_plus_1"]:
         """C and c from the columns' tags and the declared noises."""
-        columns = (*self.regressors, self.response)
-        return self.filtered.shared_noise(self.instrument_columns, columns, self.first)
+        return self.filtered.shared_noise(self.instrument_columns, self._columns, self.first)
 
     def instruments_share_noise(self) -> bool:
         """Return whether declared noises make an instrument and another column correlated."""
         declared = self.filtered.signals.noise
         known = tuple(column for column in self.instrument_columns if column.channel in declared)
-        columns = (*self.regressors, self.response)
-        return bool(np.any(self.filtered.shared_noise(known, columns, self.first)))
+        return bool(np.any(self.filtered.shared_noise(known, self._columns, self.first)))
 
 
 # -- Problem --
@@ -287,12 +534,11 @@ class FractionalProblem(LinearisableProblem):
 
     def _by_order(self, name: str, nuisances: Values, theta: Float[np.ndarray, " n"]) -> FractionalColumn:
         """Derivative of Phi theta by an order."""
-        return combined(
-            [
-                (value, tuple(part.derivative for part in term.column(nuisances)))
-                for value, (_, term) in zip(theta.tolist(), self.terms, strict=True)
-                if isinstance(term.term.order, UnknownOrder) and term.term.order.name == name
-            ]
+        return tuple(
+            replace(part, by_order=True, gain=value * part.gain)
+            for value, (_, term) in zip(theta.tolist(), self.terms, strict=True)
+            if isinstance(term.term.order, UnknownOrder) and term.term.order.name == name
+            for part in term.column(nuisances)
         )
 
     def bins(self, nuisances: Values) -> SpectralRegression:
@@ -302,12 +548,6 @@ class FractionalProblem(LinearisableProblem):
             f"one that asks for its spectra at {dict(nuisances)}",
             "Use generalized_iv, or another method of the page on fractional equations.",
         )
-
-
-def sought(order: UnknownOrder) -> Nuisance:
-    """Nuisance of an order."""
-    grid = np.linspace(order.low, order.high, GRID_POINTS)
-    return Nuisance(Parameter(order.name), grid, tolerance=ORDER_TOLERANCE)
 
 
 # -- Model --
@@ -355,7 +595,7 @@ class FractionalDifferenceModel:
         checks.kind("operator", self.operator, FractionalOperator, "an operator", remedy)
         checks.text("output_channel", self.output_channel)
         checks.text("input_channel", self.input_channel)
-        leading = self._outputs[0].order
+        leading = self._of_side("output")[0].order
         if isinstance(leading, UnknownOrder):
             raise ParameterError(
                 "a known order of the first term of the output",
@@ -431,14 +671,22 @@ class FractionalDifferenceModel:
             both_sides = self._solved_for_output(
                 divided_by_output_at, signals.sample_count, rate_hz=signals.rate_hz
             )
-        every = (*self._outputs, *self._inputs)
-        known = frozenset(float(term.order) for term in every if not isinstance(term.order, UnknownOrder))
+        known = frozenset(
+            float(term.order) for term in self._every if not isinstance(term.order, UnknownOrder)
+        )
         return FractionalProblem(
             FilteredSignals(signals, self.operator, known, both_sides),
-            ChannelTerm(self.output_channel, self._outputs[0]),
+            ChannelTerm(self.output_channel, self._of_side("output")[0]),
             tuple(self._terms()),
             instruments,
-            tuple(sought(order) for order in self.unknown_orders),
+            tuple(
+                Nuisance(
+                    Parameter(order.name),
+                    np.linspace(order.low, order.high, GRID_POINTS),
+                    tolerance=ORDER_TOLERANCE,
+                )
+                for order in self.unknown_orders
+            ),
         )
 
     def impulse_response(self, parameters: Parameters, count: int, *, rate_hz: float = 1.0) -> Series:
@@ -535,33 +783,30 @@ class FractionalDifferenceModel:
         back = np.exp(-2j * np.pi * frequencies / rate_hz)
         return np.asarray(over.response(back) / under.response(back))
 
-    @property
-    def _outputs(self) -> tuple[FractionalTerm, ...]:
-        return terms_of("output", self.output)
+    def _of_side(self, side: str) -> tuple[FractionalTerm, ...]:
+        return terms_of(side, getattr(self, side))
 
     @property
-    def _inputs(self) -> tuple[FractionalTerm, ...]:
-        return terms_of("input", self.input)
+    def _every(self) -> tuple[FractionalTerm, ...]:
+        return (*self._of_side("output"), *self._of_side("input"))
 
     def _repeated_orders(self) -> list[UnknownOrder]:
         """Unknown orders, as often as they are named."""
-        every = (*self._outputs, *self._inputs)
-        return [term.order for term in every if isinstance(term.order, UnknownOrder)]
+        return [term.order for term in self._every if isinstance(term.order, UnknownOrder)]
 
     def _terms(self) -> Iterator[tuple[Parameter, ChannelTerm]]:
         """Right side of the equation solved for the first term of the output."""
-        for number, term in enumerate(self._outputs[1:], start=2):
+        for number, term in enumerate(self._of_side("output")[1:], start=2):
             yield Parameter(f"output_coefficient_{number}"), ChannelTerm(self.output_channel, term, -1.0)
-        for number, term in enumerate(self._inputs, start=1):
+        for number, term in enumerate(self._of_side("input"), start=1):
             yield Parameter(f"input_coefficient_{number}"), ChannelTerm(self.input_channel, term)
 
     def _solved_for_output(self, parameters: Parameters, count: int, *, rate_hz: float) -> Series:
         """Weights of the filter that undoes the output's side."""
         left = self._side("output", parameters, rate_hz)
         weights = left.weights(count)
-        if abs(weights[0]) <= LEAST_OWN_COEFFICIENT * max(
-            abs(coefficient) for coefficient, _, _ in left.terms
-        ):
+        largest = max(abs(coefficient) for coefficient, _, _ in left.terms)
+        if abs(weights[0]) <= LEAST_OWN_COEFFICIENT * largest:
             raise ParameterError(
                 "an equation that can be solved for the newest output",
                 f"a coefficient of {weights[0]:.3g} before y(k)",
@@ -580,29 +825,19 @@ class FractionalDifferenceModel:
         """One side of the equation at some values of its parameters."""
         checks.mapping("parameters", parameters, checks.NUMBERS, "numbers")
         checks.number("rate_hz", rate_hz)
-        missing = [
-            parameter.name
-            for parameter in self.parameters
-            if not np.isfinite(parameters.get(parameter.name, np.nan))
-        ]
+        names = [parameter.name for parameter in self.parameters]
+        missing = [name for name in names if not np.isfinite(parameters.get(name, np.nan))]
         if missing:
             raise ParameterError(
-                f"finite values of {', '.join(parameter.name for parameter in self.parameters)}",
+                f"finite values of {', '.join(names)}",
                 f"none of {', '.join(missing)}",
                 "Give estimate.parameters, or all of them by name.",
             )
         if not (np.isfinite(rate_hz) and rate_hz > 0.0):
             raise ParameterError("a positive rate in Hz", f"rate_hz={rate_hz}", "Give that of the record.")
-        terms = self._outputs if side == "output" else self._inputs
-        coefficients = [
-            float(parameters[f"{side}_coefficient_{number}"]) if side == "input" or number > 1 else 1.0
-            for number in range(1, len(terms) + 1)
-        ]
-        return Side(
-            tuple(
-                (coefficient, term.order_at(parameters), term.lag)
-                for coefficient, term in zip(coefficients, terms, strict=True)
-            ),
-            self.operator,
-            1.0 / rate_hz,
+        coefficients = {**parameters, "output_coefficient_1": 1.0}
+        parts = tuple(
+            (float(coefficients[f"{side}_coefficient_{number}"]), term.order_at(parameters), term.lag)
+            for number, term in enumerate(self._of_side(side), start=1)
         )
+        return Side(parts, self.operator, 1.0 / rate_hz)

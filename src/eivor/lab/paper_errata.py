@@ -13,8 +13,7 @@ from eivor.estimation import methods
 from eivor.estimation.linear import LinearMethod
 from eivor.estimation.moments import CrossMoments, Moments, TriangularMoments
 from eivor.lab.disturbances import RandomCoefficientMovingAverage
-from eivor.lab.paper_examples import nrmse, record, trial_generator
-from eivor.lab.paper_readings import (
+from eivor.lab.paper import (
     DISTURBANCE,
     EXAMPLES,
     PRINTED_METHODS,
@@ -22,6 +21,9 @@ from eivor.lab.paper_readings import (
     Example,
     Ratio,
     named_readings,
+    nrmse,
+    record,
+    trial_generator,
 )
 from eivor.lab.records import SimulatedRecord
 from eivor.linalg.system import LinearSystem
@@ -49,19 +51,9 @@ class Erratum:
 
 
 def errata(runs: int = RUNS) -> tuple[Erratum, ...]:
-    """Every place with its check, computed anew.
-
-    Parameters
-    ----------
-    runs : int
-        Records behind each mean.
-    """
+    """Every place with its check, computed anew."""
     reading = replace(named_readings(("ratios-of-variances",))[0], ratio=Ratio.VARIANCE)
     records = [record(reading, STRONG, trial_generator(index)) for index in range(runs)]
-    return (*_of_the_motion(records), *_of_errors(records), *_of_instruments(records), *_of_the_simulation())
-
-
-def _of_the_motion(records: Sequence[SimulatedRecord]) -> tuple[Erratum, ...]:
     return (
         Erratum(
             "(1) rows 1 to 3",
@@ -84,11 +76,6 @@ def _of_the_motion(records: Sequence[SimulatedRecord]) -> tuple[Erratum, ...]:
         Erratum(
             "(9)", "Z'' stacked with - g, and g subtracted again", "the response z'' + g once", "As above."
         ),
-    )
-
-
-def _of_errors(records: Sequence[SimulatedRecord]) -> tuple[Erratum, ...]:
-    return (
         Erratum(
             "(12)",
             "eps = xi'' + (phi~ - phi) theta",
@@ -131,11 +118,6 @@ def _of_errors(records: Sequence[SimulatedRecord]) -> tuple[Erratum, ...]:
             "k, the noise zero before the record",
             "The sum of (20) runs over the record so far.",
         ),
-    )
-
-
-def _of_instruments(records: Sequence[SimulatedRecord]) -> tuple[Erratum, ...]:
-    return (
         Erratum(
             "before (21)",
             "E(psi phi^T), with the row phi of (6)",
@@ -168,11 +150,6 @@ def _of_instruments(records: Sequence[SimulatedRecord]) -> tuple[Erratum, ...]:
             "N sigma^2 H, with the 1 in the row of lag 0, the first of (28)",
             compensations(records),
         ),
-    )
-
-
-def _of_the_simulation() -> tuple[Erratum, ...]:
-    return (
         Erratum(
             "(34)",
             "no name before (t_k, q^-1)",
@@ -223,19 +200,26 @@ def _unchanged(moments: Moments) -> Moments:
     return moments
 
 
+def _right_and_wrong(
+    records: Sequence[SimulatedRecord],
+    method: LinearMethod,
+    change: Callable[[Moments], Moments],
+    first_lag: int = -1,
+) -> tuple[str, str]:
+    """Mean errors from moments as they are, and changed."""
+    right, wrong = (_mean_error(records, method, how, first_lag) for how in (_unchanged, change))
+    return right, wrong
+
+
 def gravity(records: Sequence[SimulatedRecord]) -> str:
     """Take g from the response instead of adding it."""
-
-    def shifted(simulated_record: SimulatedRecord) -> SimulatedRecord:
-        channels = dict(simulated_record.signals.channels)
+    shifted = []
+    for item in records:
+        channels = dict(item.signals.channels)
         channels["acceleration_z"] = channels["acceleration_z"] - 2.0 * GRAVITY
-        return replace(
-            simulated_record,
-            signals=Signals(simulated_record.signals.rate_hz, channels, noise=simulated_record.signals.noise),
-        )
-
-    right = _mean_error(records, methods.least_squares(), _unchanged)
-    wrong = _mean_error([shifted(item) for item in records], methods.least_squares(), _unchanged)
+        signals = Signals(item.signals.rate_hz, channels, noise=item.signals.noise)
+        shifted.append(replace(item, signals=signals))
+    right, wrong = (_mean_error(each, methods.least_squares(), _unchanged) for each in (records, shifted))
     return f"LS errs by {right} with z'' + g, by {wrong} with z'' - g."
 
 
@@ -247,23 +231,19 @@ def signal_variances(records: Sequence[SimulatedRecord]) -> str:
         power = np.einsum("ij,ij->j", moments.root, moments.root) / moments.count
         return replace(moments, noise=np.diag(power))
 
-    method = methods.total_least_squares()
-    right, wrong = (_mean_error(records, method, change) for change in (_unchanged, with_signals))
+    right, wrong = _right_and_wrong(records, methods.total_least_squares(), with_signals)
     return f"TLS errs by {right} with the noises' variances, by {wrong} with the signals'."
 
 
 def first_unknown(simulated_record: SimulatedRecord) -> str:
     """Solve (27) in full, with p + 2 unknowns."""
     A, b = _extended_equations(simulated_record)
-    rows, unknowns = A.shape
     sigma = float(np.linalg.svd(np.column_stack([A, b]), compute_uv=False)[-1])
-    full = np.block([[sigma * np.eye(rows), A], [A.T, sigma * np.eye(unknowns)]])
-    solution = np.linalg.solve(full, np.concatenate([b, np.zeros(unknowns)]))
-    residual = b - A @ solution[rows:]
+    block, residual = _solved_in_full(A, b, sigma, sigma)
     return (
         f"Solved in full, the first block times sigma is the residual to "
-        f"{_off(sigma * solution[:rows], residual):.0e}; the block itself is off by a factor of "
-        f"{np.linalg.norm(solution[:rows]) / np.linalg.norm(residual):.2g}."
+        f"{_off(sigma * block, residual):.0e}; the block itself is off by a factor of "
+        f"{np.linalg.norm(block) / np.linalg.norm(residual):.2g}."
     )
 
 
@@ -271,16 +251,24 @@ def _off(first: Float[np.ndarray, " n"], other: Float[np.ndarray, " n"]) -> floa
     return float(np.linalg.norm(first - other) / np.linalg.norm(other))
 
 
+def _with_noise(
+    change: Callable[[Float[np.ndarray, "p n"], float], Float[np.ndarray, "p n"]],
+) -> Callable[[Moments], Moments]:
+    """Change of compensated instrumental moments by one of their shared noise, which their rows are given."""
+
+    def changed(before: Moments) -> Moments:
+        assert isinstance(before, CrossMoments)  # noqa: S101 - those of an instrumental method
+        assert before.noise is not None  # noqa: S101 - of a compensated one
+        return replace(before, noise=change(before.noise, before.rows))
+
+    return changed
+
+
 def compensations(records: Sequence[SimulatedRecord]) -> str:
     """Compensate (29) as printed, part by part."""
 
     def changed(change: Callable[[Float[np.ndarray, "p n"], float], Float[np.ndarray, "p n"]]) -> str:
-        def moments(before: Moments) -> Moments:
-            assert isinstance(before, CrossMoments)  # noqa: S101 - those of an instrumental method
-            assert before.noise is not None  # noqa: S101 - of a compensated one
-            return replace(before, noise=change(before.noise, before.rows))
-
-        return _mean_error(records, methods.generalized_iv(), moments, 0)
+        return _mean_error(records, methods.generalized_iv(), _with_noise(change), 0)
 
     return (
         f"GIV errs by {changed(lambda noise, _: noise)}; with the 1 in row 2 by "
@@ -379,13 +367,20 @@ def which_system(simulated_record: SimulatedRecord) -> str:
 def first_unknown_of_least_squares(simulated_record: SimulatedRecord) -> str:
     """Solve (25) in full, with p + 2 unknowns and one number K."""
     A, b = _extended_equations(simulated_record)
-    rows, unknowns = A.shape
     scale = float(np.linalg.svd(A, compute_uv=False)[-1]) / np.sqrt(2.0)
-    full = np.block([[scale * np.eye(rows), A], [A.T, np.zeros((unknowns, unknowns))]])
-    solution = np.linalg.solve(full, np.concatenate([b, np.zeros(unknowns)]))
-    residual = b - A @ solution[rows:]
-    off = _off(scale * solution[:rows], residual)
+    block, residual = _solved_in_full(A, b, scale, 0.0)
+    off = _off(scale * block, residual)
     return f"With one number for both, the first block times it is the residual to {off:.0e}."
+
+
+def _solved_in_full(
+    A: Float[np.ndarray, "p n"], b: Float[np.ndarray, " p"], upper: float, lower: float
+) -> tuple[Float[np.ndarray, " p"], Float[np.ndarray, " p"]]:
+    """First block of the unknowns of an augmented system, and the residual of the others."""
+    rows, unknowns = A.shape
+    full = np.block([[upper * np.eye(rows), A], [A.T, lower * np.eye(unknowns)]])
+    solution = np.linalg.solve(full, np.concatenate([b, np.zeros(unknowns)]))
+    return solution[:rows], b - A @ solution[rows:]
 
 
 def _extended_equations(
@@ -405,14 +400,10 @@ def which_noise(records: Sequence[SimulatedRecord]) -> str:
     input_noise = float(np.mean([item.signals.noise["input"].std ** 2 for item in records]))
     equation = float(np.mean([item.truth.channels[DISTURBANCE].var() for item in records]))
 
-    def swapped(before: Moments) -> Moments:
-        assert isinstance(before, CrossMoments)  # noqa: S101 - those of an instrumental method
-        assert before.noise is not None  # noqa: S101 - of a compensated one
-        return replace(before, noise=before.noise * equation / input_noise)
+    def scaled(noise: Float[np.ndarray, "p n"], _: float) -> Float[np.ndarray, "p n"]:
+        return noise * equation / input_noise
 
-    right, wrong = (
-        _mean_error(records, methods.generalized_iv(), change, 0) for change in (_unchanged, swapped)
-    )
+    right, wrong = _right_and_wrong(records, methods.generalized_iv(), _with_noise(scaled), 0)
     return f"GIV errs by {right} with the variance of u's noise, by {wrong} with that of zeta."
 
 

@@ -6,15 +6,20 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
+from typing import ClassVar
 
 import numpy as np
 from scipy.linalg.lapack import dtbtrs
 
 from eivor import checks
-from eivor.errors import ParameterError
+from eivor.errors import ParameterError, UsageError
+from eivor.motions.vertical.model import GRAVITY
+from eivor.signals.channels import held_by_default, unit_of
 from eivor.signals.noise import MeasurementNoise, WhiteNoise
+from eivor.signals.recording import Channel, Recording
 from eivor.signals.signals import Signals
 from eivor.simulation.excitation import Disturbance, Excitation, PaperInput, finite, positive
+from eivor.simulation.known_logs import KnownLog, known_log
 from eivor.tools import Float
 
 # -- Control --
@@ -33,10 +38,8 @@ class Feedback:
 class Control(ABC):
     """Where the input comes from."""
 
-    @property
-    @abstractmethod
-    def reference(self) -> str:
-        """Channel that the excitation is: `input`, or the reference of a controller."""
+    #: Channel that the excitation is: `input`, or the reference of a controller.
+    reference: ClassVar[str]
 
     @property
     @abstractmethod
@@ -48,10 +51,7 @@ class Control(ABC):
 class OpenLoop(Control):
     """No control: the excitation is the input."""
 
-    @property
-    def reference(self) -> str:
-        """The input."""
-        return "input"
+    reference: ClassVar[str] = "input"
 
     @property
     def feedback(self) -> Feedback | None:
@@ -69,23 +69,14 @@ class VelocityControl(Control):
         Input per velocity missing [input per m/s].
     velocity_integral_gain : float
         Input per metre that the missing velocity adds up to.
-
-    Raises
-    ------
-    ParameterError
-        When a gain is not finite, or both are zero.
     """
 
+    reference: ClassVar[str] = "reference_velocity_z"
     velocity_gain: float
     velocity_integral_gain: float = 0.0
 
     def __post_init__(self) -> None:
         _check_velocity_gains(self.velocity_gain, self.velocity_integral_gain)
-
-    @property
-    def reference(self) -> str:
-        """Velocity."""
-        return "reference_velocity_z"
 
     @property
     def feedback(self) -> Feedback | None:
@@ -105,13 +96,9 @@ class AltitudeControl(Control):
         Velocity setpoint per altitude missing [1/s].
     velocity_gain, velocity_integral_gain : float
         Input per velocity missing [input per m/s], and per metre that it adds up to.
-
-    Raises
-    ------
-    ParameterError
-        When a gain is not finite, the altitude's is not above zero, or both of the velocity are zero.
     """
 
+    reference: ClassVar[str] = "reference_position_z"
     altitude_gain: float
     velocity_gain: float
     velocity_integral_gain: float = 0.0
@@ -119,11 +106,6 @@ class AltitudeControl(Control):
     def __post_init__(self) -> None:
         positive("altitude_gain", self.altitude_gain)
         _check_velocity_gains(self.velocity_gain, self.velocity_integral_gain)
-
-    @property
-    def reference(self) -> str:
-        """Altitude."""
-        return "reference_position_z"
 
     @property
     def feedback(self) -> Feedback | None:
@@ -244,15 +226,6 @@ def from_rest(
     return solved.reshape(steps + 1, states)
 
 
-def driven_loop(
-    loop: SampledLoop, additions: Series, pushes: Series
-) -> tuple[Series, Float[np.ndarray, "samples states"]]:
-    """Input and states of a loop from rest."""
-    forcing = np.outer(additions[:-1], loop.error_effect) + np.outer(pushes[:-1], loop.push_effect)
-    states = from_rest(loop.matrix, forcing)
-    return loop.error_gain * additions + states @ loop.input_from_state, states
-
-
 # -- Scenario --
 
 #: Channels that are measured with noise in every record.
@@ -335,22 +308,14 @@ class Scenario:
 
     def __post_init__(self) -> None:
         self._check_types()
-        _check(self.viscous_friction >= 0.0, "viscous_friction of zero or more", self.viscous_friction)
-        _check(True, "a finite input_gain", self.input_gain)
-        _check(self.rate_hz > 0.0, "rate_hz above zero", self.rate_hz)
-        _check(self.samples >= LEAST_SAMPLES, f"samples of {LEAST_SAMPLES} or more", self.samples)
-        for name, ratio in self.noise_to_signal.items():
-            _check(ratio >= 0.0, f"noise_to_signal of zero or more for {name}", ratio)
-        for name in (*self.noise, *self.noise_to_signal):
-            if name not in self.measured:
-                raise ParameterError(
-                    f"noise of {', '.join(self.measured)}",
-                    f"noise of '{name}'",
-                    _REMEDIES.get(name, "Name one of these channels."),
-                )
+        check_number(self.viscous_friction >= 0.0, "viscous_friction of zero or more", self.viscous_friction)
+        check_number(True, "a finite input_gain", self.input_gain)
+        check_number(self.rate_hz > 0.0, "rate_hz above zero", self.rate_hz)
+        check_number(self.samples >= LEAST_SAMPLES, f"samples of {LEAST_SAMPLES} or more", self.samples)
+        check_noises(self.noise, self.noise_to_signal, self.measured)
         if self.disturbance_to_signal is not None:
             ratio = self.disturbance_to_signal
-            _check(ratio >= 0.0, "disturbance_to_signal of zero or more", ratio)
+            check_number(ratio >= 0.0, "disturbance_to_signal of zero or more", ratio)
             if self.disturbance is None:
                 raise ParameterError(
                     "a disturbance to scale", "disturbance_to_signal alone", "Give the disturbance as well."
@@ -367,18 +332,12 @@ class Scenario:
         for name in ("viscous_friction", "input_gain", "rate_hz"):
             checks.number(name, getattr(self, name))
         checks.whole("samples", self.samples)
-        checks.kind("excitation", self.excitation, Excitation, "an excitation")
         checks.mapping("noise", self.noise, MeasurementNoise, "noises")
         checks.mapping("noise_to_signal", self.noise_to_signal, checks.NUMBERS, "numbers")
-        if self.disturbance is not None:
-            checks.kind("disturbance", self.disturbance, Disturbance, "a disturbance")
         if self.disturbance_to_signal is not None:
             checks.number("disturbance_to_signal", self.disturbance_to_signal)
-        checks.kind(
-            "route", self.route, DisturbanceRoute, "a Route", "Give Route.EQUATION or Route.DYNAMICS."
-        )
-        checks.kind("intersample", self.intersample, Intersample, "an Intersample", "Give Intersample.HOLD.")
-        checks.kind("control", self.control, Control, "a control")
+        for name, types, expected in _KINDS:
+            checks.kind(name, getattr(self, name), types, expected)
 
     @property
     def step_s(self) -> float:
@@ -415,6 +374,14 @@ class SimulatedRecord:
     parameters: Mapping[str, float]  # viscous_friction and input_gain
 
 
+#: Fields that are objects, with their types.
+_KINDS: tuple[tuple[str, type | tuple[type, ...], str], ...] = (
+    ("excitation", Excitation, "an excitation"),
+    ("disturbance", (Disturbance, type(None)), "a disturbance"),
+    ("route", DisturbanceRoute, "a DisturbanceRoute"),
+    ("intersample", Intersample, "an Intersample"),
+    ("control", Control, "a control"),
+)
 #: For channels that a scenario does not measure, or not always.
 _REMEDIES = {
     "position_z": "The altitude is measured under altitude control only.",
@@ -422,9 +389,25 @@ _REMEDIES = {
 }
 
 
-def _check(in_range: bool, expected: str, value: float | int) -> None:
+def check_number(in_range: bool, expected: str, value: float | int) -> None:
+    """Refuse a number that is out of range or not finite."""
     if not (in_range and np.isfinite(value)):
         raise ParameterError(expected, f"{value}", "Correct the scenario.")
+
+
+def check_noises(
+    noises: Mapping[str, MeasurementNoise], ratios: Mapping[str, float], channels: tuple[str, ...]
+) -> None:
+    """Refuse noise of other channels, and ratios below zero."""
+    for name, ratio in ratios.items():
+        check_number(ratio >= 0.0, f"noise_to_signal of zero or more for {name}", ratio)
+    for name in (*noises, *ratios):
+        if name not in channels:
+            raise ParameterError(
+                f"noise of {', '.join(channels)}",
+                f"noise of '{name}'",
+                _REMEDIES.get(name, "Name one of these channels."),
+            )
 
 
 # -- Simulate --
@@ -482,7 +465,8 @@ def simulate(scenario: Scenario, rng: np.random.Generator) -> SimulatedRecord:
     disturbance = _disturbance(scenario, motion, streams["disturbance"])
     if scenario.route is DisturbanceRoute.DYNAMICS and scenario.disturbance is not None:
         motion += pushed_motion(scenario, disturbance)
-    noise = declared_noise(scenario, _channels(scenario, motion, disturbance))
+    channels = _channels(scenario, motion, disturbance)
+    noise = declared_noise(scenario.noise, scenario.noise_to_signal, channels)
     errors = {name: each.sample(scenario.samples, streams[name]) for name, each in noise.items()}
     feedback = scenario.control.feedback
     if feedback is not None:
@@ -530,15 +514,13 @@ def misled_motion(scenario: Scenario, feedback: Feedback, errors: Mapping[str, S
     return _controlled(scenario, feedback, -error, np.zeros_like(error))
 
 
-def declared_noise(scenario: Scenario, channels: Mapping[str, Series]) -> dict[str, MeasurementNoise]:
-    """Noise of each measured channel, with its std in the channel's unit."""
-    noises: dict[str, MeasurementNoise] = {}
-    for name in scenario.measured:
-        noise = scenario.noise.get(name, WhiteNoise(0.0))
-        if name in scenario.noise_to_signal:
-            noise = noise.with_std(scenario.noise_to_signal[name] * float(channels[name].std()))
-        noises[name] = noise
-    return noises
+def declared_noise(
+    noises: Mapping[str, MeasurementNoise], ratios: Mapping[str, float], channels: Mapping[str, Series]
+) -> dict[str, MeasurementNoise]:
+    """Noise of each channel, with its std in the channel's unit."""
+    declared = {name: noises.get(name, WhiteNoise(0.0)) for name in channels}
+    scaled = {name: ratio * float(channels[name].std()) for name, ratio in ratios.items()}
+    return declared | {name: declared[name].with_std(std) for name, std in scaled.items()}
 
 
 def _channels(scenario: Scenario, motion: LinearMotion, disturbance: Series) -> dict[str, Series]:
@@ -578,5 +560,43 @@ def _decaying(scenario: Scenario, steps: Float[np.ndarray, " steps"]) -> Series:
 
 def _controlled(scenario: Scenario, feedback: Feedback, additions: Series, pushes: Series) -> LinearMotion:
     """Motion of the loop under additions to its error [m/s] and held accelerations [m/s^2]."""
-    commanded, states = driven_loop(sampled_loop(scenario.vehicle, feedback), additions, pushes)
+    loop = sampled_loop(scenario.vehicle, feedback)
+    forcing = np.outer(additions[:-1], loop.error_effect) + np.outer(pushes[:-1], loop.push_effect)
+    states = from_rest(loop.matrix, forcing)
+    commanded = loop.error_gain * additions + states @ loop.input_from_state
     return LinearMotion(commanded, states[:, 0], states[:, 1] if feedback.altitude_gain != 0.0 else None)
+
+
+# -- Log about hover --
+
+
+def log_about_hover(scenario: Scenario, seed: int, *, hover: bool = False) -> KnownLog:
+    """Log of the measured channels of a scenario; with `hover` the input carries the weight too."""
+    if hover and scenario.input_gain <= 0.0:
+        raise UsageError(
+            "an input_gain above zero with --hover", f"{scenario.input_gain}", "Leave --hover out."
+        )
+    hover_input = GRAVITY / scenario.input_gain if hover else 0.0
+    record = simulate(scenario, np.random.default_rng(seed))
+    signals = record.signals
+    time_s = np.arange(signals.sample_count) * signals.step_s
+    logged = dict(signals.channels) | {"input": signals.channels["input"] + hover_input}
+    channels = {
+        key: Channel(key, time_s, values, unit_of(key), source="simulation", held=held_by_default(key))
+        for key, values in logged.items()
+    }
+    recording = Recording(name="simulation", format="simulation", channels=channels)
+    truth = {
+        **record.parameters,
+        "units": {"viscous_friction": "1/s", "input_gain": "m/s^2 per unit of input"},
+        "noise": {
+            name: {"std": noise.std, "order": getattr(noise, "order", 0.0)}
+            for name, noise in signals.noise.items()
+        },
+        "disturbance": {
+            "route": scenario.route.value,
+            "std": float(record.truth.channels["disturbance"].std()),
+        },
+        "hover_input": hover_input,
+    }
+    return known_log(recording, scenario.rate_hz, scenario.samples, seed, truth)

@@ -1,15 +1,15 @@
-"""Scenario files: flights, rigid bodies and noises."""
+"""Files of scenarios, flights, studies and suites."""
 
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Mapping
-from enum import Enum, StrEnum
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from enum import Enum
 from functools import lru_cache
-from importlib.resources import as_file, files
 from pathlib import Path
 from types import UnionType
-from typing import TYPE_CHECKING, Any, TypeVar, Union, get_args, get_origin, get_type_hints
+from typing import TYPE_CHECKING, Any, Union, get_args, get_origin, get_type_hints
 
 from eivor.errors import EivorError, UsageError, did_you_mean
 from eivor.lab.disturbances import (
@@ -33,7 +33,9 @@ from eivor.lab.disturbances import (
     VarianceSwitch,
     paper_disturbance,
 )
+from eivor.lab.experiments import INPUT, OUTPUT, DifferenceEquation, Experiment, VerticalExperiment
 from eivor.lab.records import ABOUT_HOVER, NOISY_CHANNELS, AltitudeControl, Control, Scenario, VelocityControl
+from eivor.lab.study import MethodChoice, Study
 from eivor.signals.noise import (
     AutoregressiveNoise,
     FractionalNoise,
@@ -42,7 +44,7 @@ from eivor.signals.noise import (
     RoundingNoise,
     WhiteNoise,
 )
-from eivor.simulation.environment import NoiseKind, SensorNoise, TrajectoryKind
+from eivor.simulation.environment import SensorNoise
 from eivor.simulation.excitation import (
     Chirp,
     Disturbance,
@@ -210,11 +212,7 @@ USUAL: Mapping[type, str] = {CoefficientPath: "sinusoid"}
 def of_kind(table: TomlTable, family: type, **known: object) -> Any:
     """Object that a table with a `kind` describes."""
     kinds = KINDS[family]
-    kind = table.text("kind", USUAL[family]) if family in USUAL else table.text("kind")
-    if kind not in kinds:
-        remedy = did_you_mean(kind, kinds, "Name one of them.")
-        raise table.wrong("kind", f"one of {', '.join(kinds)}", f"'{kind}'", remedy)
-    return built(table, kinds[kind], **known)
+    return built(table, kinds[table.choice("kind", tuple(kinds), USUAL.get(family))], **known)
 
 
 def built(table: TomlTable, maker: Maker, **known: object) -> Any:
@@ -227,8 +225,15 @@ def built(table: TomlTable, maker: Maker, **known: object) -> Any:
             values[name] = _value(table, name, annotation)
         table.taken.add(name)
     table.finish()
-    try:
+    with located(table):
         return maker(**values)
+
+
+@contextmanager
+def located(table: TomlTable) -> Iterator[None]:
+    """Turn the error of what a table describes into one with its place: it is the file that is wrong."""
+    try:
+        yield
     except EivorError as error:
         raise table.wrong("", error.expected, error.received, error.remedy) from error
 
@@ -250,13 +255,12 @@ def _value(table: TomlTable, name: str, annotation: Any) -> Any:
     if annotation in KINDS:
         return of_kind(table.section(name), annotation)
     if isinstance(annotation, type):
-        if issubclass(annotation, StrEnum):
-            return annotation(table.choice(name, tuple(annotation)))
+        if issubclass(annotation, Enum):
+            return annotation(table.choice(name, tuple(member.value for member in annotation)))
         return built(table.section(name), annotation)
     item = get_args(annotation)[0]
-    if item in KINDS:
-        return tuple(of_kind(section, item) for section in table.sections(name))
-    return tuple(built(section, item) for section in table.sections(name))
+    read = of_kind if item in KINDS else built
+    return tuple(read(section, item) for section in table.sections(name))
 
 
 def _numbers(table: TomlTable, name: str) -> tuple[float, ...]:
@@ -268,12 +272,8 @@ def _numbers(table: TomlTable, name: str) -> tuple[float, ...]:
 
 def _rows(table: TomlTable, name: str) -> tuple[tuple[float, ...], ...]:
     """A list of lists of numbers."""
-    rows = table.values.get(name)
-    if not isinstance(rows, list):
-        raise table.wrong(name, "a list of lists of numbers", repr(rows) if table.has(name) else "nothing")
-    path = ".".join(part for part in (table.path, name) if part)
-    numbered = table.part({f"{number + 1}": row for number, row in enumerate(rows)}, path)
-    return tuple(numbered.numbers(key) for key in numbered.values)
+    rows = table.rows(name)
+    return tuple(rows.numbers(key) for key in rows.values)
 
 
 def _wholes(table: TomlTable, name: str) -> tuple[int, ...]:
@@ -289,6 +289,8 @@ _PLAIN: Mapping[Any, Callable[[TomlTable, str], Any]] = {
     float: TomlTable.number,
     int: TomlTable.whole,
     str: TomlTable.text,
+    bool: lambda table, name: table.flag(name, default=False),
+    tuple[int, int]: TomlTable.span,
     tuple[float, ...]: _numbers,
     tuple[int, ...]: _wholes,
     tuple[str, ...]: TomlTable.texts,
@@ -300,6 +302,8 @@ _PLAIN: Mapping[Any, Callable[[TomlTable, str], Any]] = {
 
 #: What a file of a flight says of itself.
 FLIGHT_KIND = "flight"
+#: Folders of what comes with the package.
+_FLIGHTS, _SCENARIOS = (Path(__file__).parent / name for name in ("scenario_flights", "scenarios"))
 
 
 def read_flight(path: Path) -> VerticalFlightSpec:
@@ -309,22 +313,17 @@ def read_flight(path: Path) -> VerticalFlightSpec:
 
 def shipped_flight() -> VerticalFlightSpec:
     """Flight that comes with the package, "flight"."""
-    with as_file(files("eivor.lab").joinpath("scenario_flights", f"{FLIGHT_KIND}.toml")) as path:
-        return read_flight(path)
+    return read_flight(_FLIGHTS / f"{FLIGHT_KIND}.toml")
 
 
 def flight_from_table(table: TomlTable) -> VerticalFlightSpec:
     """Flight from the top table of a TOML file, all of whose keys it takes."""
     table.choice("kind", (FLIGHT_KIND,))
     known: dict[str, object] = {"seed": 0}
-    if table.has("trajectory"):
-        known["trajectory"] = TrajectoryKind(table.choice("trajectory", tuple(TrajectoryKind)))
     if table.has("noise"):
-        section = table.section("noise")
-        quiet = SensorNoise()
-        kind = NoiseKind(section.choice("kind", tuple(NoiseKind))) if section.has("kind") else quiet.kind
         # The log of vertical motion has no angular rates.
-        known["noise"] = built(section, SensorNoise, kind=kind, angular_rate=quiet.angular_rate)
+        quiet = SensorNoise().angular_rate
+        known["noise"] = built(table.section("noise"), SensorNoise, angular_rate=quiet)
     flight: VerticalFlightSpec = built(table, VerticalFlightSpec, **known)
     return flight
 
@@ -396,8 +395,7 @@ def shipped_rigid_body_flight(name: str) -> RigidBodyFlightSpec:
     """Flight that comes with the package."""
     if name not in SHIPPED:
         raise UsageError(f"a flight out of {', '.join(SHIPPED)}", f"'{name}'", "Name one of them.")
-    with as_file(files("eivor.lab").joinpath("scenario_flights", f"{name}.toml")) as path:
-        return read_rigid_body_flight(path)
+    return read_rigid_body_flight(_FLIGHTS / f"{name}.toml")
 
 
 def rigid_body_flight_from_table(table: TomlTable) -> RigidBodyFlightSpec:
@@ -414,8 +412,6 @@ def rigid_body_flight_from_table(table: TomlTable) -> RigidBodyFlightSpec:
 #: Most samples of a record that is simulated from a file.
 MOST_SAMPLES = 50_000_000
 
-AnyEnum = TypeVar("AnyEnum", bound=Enum)
-
 
 def read_scenario(path: Path) -> Scenario:
     """Scenario from a file."""
@@ -424,25 +420,16 @@ def read_scenario(path: Path) -> Scenario:
 
 def shipped_scenarios() -> tuple[str, ...]:
     """Names of the scenarios that come with the package."""
-    folder = files("eivor.lab").joinpath("scenarios")
-    names = (entry.name for entry in folder.iterdir())
-    return tuple(sorted(name.removesuffix(".toml") for name in names if name.endswith(".toml")))
+    return tuple(sorted(path.stem for path in _SCENARIOS.glob("*.toml")))
 
 
 def shipped_scenario(name: str) -> Scenario:
-    """Scenario that comes with the package.
-
-    Raises
-    ------
-    UsageError
-        When there is none of that name.
-    """
+    """Scenario that comes with the package."""
     if name not in shipped_scenarios():
         raise UsageError(
             f"a scenario out of {', '.join(shipped_scenarios())}", f"'{name}'", "Name one of them."
         )
-    with as_file(files("eivor.lab").joinpath("scenarios", f"{name}.toml")) as path:
-        return read_scenario(path)
+    return read_scenario(_SCENARIOS / f"{name}.toml")
 
 
 def scenario_from_table(table: TomlTable) -> Scenario:
@@ -450,30 +437,14 @@ def scenario_from_table(table: TomlTable) -> Scenario:
     if table.has("kind") and table.text("kind") != "vertical":
         raise table.wrong("kind", "'vertical'", repr(table.values["kind"]))
     noise, ratios = noises(table, NOISY_CHANNELS)
-    values: dict[str, Any] = {
-        "viscous_friction": table.number("viscous_friction"),
-        "input_gain": table.number("input_gain"),
-        "rate_hz": table.number("rate_hz", Scenario.rate_hz),
-        "samples": sample_count(table, Scenario.samples),
-        "route": _choice(table, "route", Scenario.route),
-        "intersample": _choice(table, "intersample", Scenario.intersample),
-        "noise": noise,
-        "noise_to_signal": ratios,
-    }
-    if table.has("excitation"):
-        values["excitation"] = of_kind(table.section("excitation"), Excitation)
-    if table.has("control"):
-        values["control"] = of_kind(table.section("control"), Control)
+    known: dict[str, object] = {"noise": noise, "noise_to_signal": ratios, "disturbance_to_signal": None}
     if table.has("disturbance"):
         section = table.section("disturbance")
-        values["disturbance_to_signal"] = ratio_to_signal(section)
-        values["disturbance"] = of_kind(section, Disturbance)
-    table.taken.update({"kind", "excitation", "control", "disturbance", "noise"})
-    table.finish()
-    try:
-        return Scenario(**values)
-    except EivorError as error:
-        raise table.wrong("", error.expected, error.received, error.remedy) from error
+        known["disturbance_to_signal"] = ratio_to_signal(section)
+        known["disturbance"] = of_kind(section, Disturbance)
+    table.taken.update({"kind", "disturbance", "noise"})
+    scenario: Scenario = built(table, Scenario, samples=sample_count(table, Scenario.samples), **known)
+    return scenario
 
 
 def sample_count(table: TomlTable, default: int) -> int:
@@ -484,9 +455,41 @@ def sample_count(table: TomlTable, default: int) -> int:
     return samples
 
 
-def _choice(table: TomlTable, key: str, default: AnyEnum) -> AnyEnum:
-    words = {member.value: member for member in type(default)}
-    word = table.text(key, default.value)
-    if word not in words:
-        raise table.wrong(key, " or ".join(f"'{name}'" for name in words), f"'{word}'")
-    return words[word]
+# -- Study file --
+
+
+def read_study(path: Path) -> Study:
+    """Study from a file."""
+    return study_from_table(read_toml(path, "a study"))
+
+
+def study_from_table(top: TomlTable) -> Study:
+    """Study from the top table of a file, all of whose keys it takes."""
+    name = top.text("name", Path(top.file).stem)
+    runs, seed = top.whole("runs"), top.whole("seed")
+    if isinstance(top.values.get("scenario"), str):
+        experiment = _experiment(top.neighbour("scenario", "a scenario"))
+    else:
+        experiment = _experiment(top.section("scenario"))
+    choices = tuple(method_choice(table) for table in top.sections("methods"))
+    study: Study = built(top, Study, name=name, experiment=experiment, methods=choices, runs=runs, seed=seed)
+    return study
+
+
+def method_choice(table: TomlTable, channel: str = INPUT) -> MethodChoice:
+    """Method and its options, from a table all of whose keys it takes."""
+    choice: MethodChoice = built(table, MethodChoice, channel=table.text("channel", channel))
+    return choice
+
+
+def _experiment(table: TomlTable) -> Experiment:
+    kinds = ("vertical", "difference_equation")
+    if not table.has("kind") or table.choice("kind", kinds) == "vertical":
+        return VerticalExperiment(scenario_from_table(table))
+    noise, ratios = noises(table, (OUTPUT, INPUT))
+    table.taken.add("noise")
+    known: dict[str, object] = {"noise": noise, "noise_to_signal": ratios}
+    equation: DifferenceEquation = built(
+        table, DifferenceEquation, samples=sample_count(table, 1000), **known
+    )
+    return equation

@@ -1,17 +1,33 @@
-"""A Monte Carlo study: its definition and one trial."""
+"""A Monte Carlo study: its definition, trials, shards and metrics."""
 
 from __future__ import annotations
 
 import hashlib
+import io
 import json
+import math
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass, fields, is_dataclass, replace
 from enum import Enum
+from functools import partial
+from importlib.metadata import version
+from pathlib import Path
 
 import numpy as np
+import polars as pl
 
-from eivor.errors import UsageError
+from eivor.atomic_file import (
+    GROUP_ROWS,
+    is_sealed,
+    parquet_bytes,
+    remove_abandoned,
+    report_system_errors,
+    sealed,
+    write_atomically,
+)
+from eivor.errors import InputError, UsageError
 from eivor.estimation import methods
 from eivor.estimation.estimate import Estimate
 from eivor.estimation.linear import LinearMethod
@@ -19,46 +35,39 @@ from eivor.estimation.method import Method
 from eivor.estimation.methods import identify
 from eivor.estimation.weighting import EquationWeighting
 from eivor.inference import covariance as covariances
+from eivor.inference.distributions import normal_quantile
+from eivor.inference.verdict import Status
 from eivor.lab.experiments import Experiment
 from eivor.lab.regularised import ShrunkTowards, regularised
 from eivor.models.regression import Column, lags
-from eivor.process_pool import check_among
+from eivor.process_pool import Executor, InProcess, abandoned, check_among
 from eivor.signals.signals import Signals
+from eivor.tools import Float
 
 # -- Study --
 
 #: Methods that need no instruments.
-DIRECT: Mapping[str, Callable[[], LinearMethod]] = {
-    "least_squares": methods.least_squares,
-    "total_least_squares": methods.total_least_squares,
-    "bias_compensated_least_squares": methods.bias_compensated_least_squares,
-}
+DIRECT = ("least_squares", "total_least_squares", "bias_compensated_least_squares")
 #: Methods with instruments whose equations can be weighted.
-WEIGHTED: Mapping[str, Callable[[EquationWeighting | None], LinearMethod]] = {
-    "extended_iv": methods.extended_iv,
-    "generalized_iv": methods.generalized_iv,
-}
-#: Methods with instruments whose equations cannot.
-UNWEIGHTED: Mapping[str, Callable[[], Method]] = {
-    "extended_iv_tls": methods.extended_iv_tls,
-    "generalized_iv_tls": methods.generalized_iv_tls,
-    "liml": methods.liml,
-    "generalized_liml": methods.generalized_liml,
-    "spectral_giv": methods.spectral_giv,
-    "spectral_giv_combined": methods.spectral_giv_combined,
-    "whittle_ml": methods.whittle_ml,
-    "generalized_iv_unknown_noise": methods.generalized_iv_unknown_noise,
-    "bias_eliminating_least_squares": methods.bias_eliminating_least_squares,
-    "frisch_scheme": methods.frisch_scheme,
-}
+WEIGHTED = ("extended_iv", "generalized_iv")
 #: Methods with instruments and a strength.
-STRENGTHS: Mapping[str, Callable[[float], Method]] = {
-    "fuller": methods.fuller,
-    "generalized_fuller": methods.generalized_fuller,
-}
+STRENGTHS = ("fuller", "generalized_fuller")
 #: Methods that need instruments.
-INSTRUMENTAL = (*WEIGHTED, *UNWEIGHTED, *STRENGTHS)
-#: Every method of a study.
+INSTRUMENTAL = (
+    *WEIGHTED,
+    "extended_iv_tls",
+    "generalized_iv_tls",
+    "liml",
+    "generalized_liml",
+    "spectral_giv",
+    "spectral_giv_combined",
+    "whittle_ml",
+    "generalized_iv_unknown_noise",
+    "bias_eliminating_least_squares",
+    "frisch_scheme",
+    *STRENGTHS,
+)
+#: Every method of a study, by the name of its maker in `eivor.methods`.
 METHODS = (*DIRECT, *INSTRUMENTAL)
 #: Weightings of equations by name.
 WEIGHTINGS: Mapping[str, Callable[[], EquationWeighting]] = {
@@ -86,44 +95,20 @@ class Regularisation:
 
 @dataclass(frozen=True, slots=True)
 class MethodChoice:
-    """A method and its options in a study.
+    """A method and its options in a study."""
 
-    Parameters
-    ----------
-    name : str
-        One of `METHODS`.
-    lags : tuple of int, optional
-        First and last lag of the instruments, both included; for methods that need them.
-    channel : str
-        Channel that the instruments are lags of.
-    weighting : str
-        Of the equations, one of `WEIGHTINGS`.
-    covariance : str
-        What intervals rest on: "default", or one of `eivor.inference.covariance.TABLE`.
-    known_noise : tuple of str, optional
-        Channels whose true noise the method is identified; None for all of them.
-    label : str
-        What results call it; default: its name.
-    strength : float
-        Of `fuller` and `generalized_fuller`.
-    regularisation : Regularisation, optional
-        Tikhonov's, of a linear method; none by default.
-
-    Raises
-    ------
-    UsageError
-        When a name is unknown, or an option does not fit the method.
-    """
-
-    name: str
+    name: str  # One of `METHODS`
+    # First and last lag of the instruments, both included; for methods that need them
     lags: tuple[int, int] | None = None
-    channel: str = "input"
-    weighting: str = "unweighted"
+    channel: str = "input"  # Channel that the instruments are lags of
+    weighting: str = "unweighted"  # Of the equations, one of `WEIGHTINGS`
+    # Channels whose true noise the method is identified; None for all of them
     known_noise: tuple[str, ...] | None = None
-    label: str = ""
+    label: str = ""  # What results call it; default: its name
+    # What intervals rest on: "default", or one of `eivor.inference.covariance.TABLE`
     covariance: str = "default"
-    strength: float = 1.0
-    regularisation: Regularisation | None = None
+    strength: float = 1.0  # Of `fuller` and `generalized_fuller`
+    regularisation: Regularisation | None = None  # Tikhonov's, of a linear method; none by default
 
     def __post_init__(self) -> None:
         check_among("a method", self.name, METHODS)
@@ -139,18 +124,14 @@ class MethodChoice:
             )
         if self.lags is not None:
             lags(self.channel, *self.lags)
-        if self.weighting != "unweighted" and self.name not in WEIGHTED:
-            raise UsageError(
-                f"a weighting for {' or '.join(WEIGHTED)} only",
-                f"'{self.weighting}' for '{self.name}'",
-                "Leave it out.",
-            )
-        if self.strength != 1.0 and self.name not in STRENGTHS:
-            raise UsageError(
-                f"a strength for {' or '.join(STRENGTHS)} only",
-                f"{self.strength:g} for '{self.name}'",
-                "Leave it out.",
-            )
+        for what, value, usual, fitting in (
+            ("weighting", self.weighting, "unweighted", WEIGHTED),
+            ("strength", self.strength, 1.0, STRENGTHS),
+        ):
+            if value != usual and self.name not in fitting:
+                given = f"'{value}'" if isinstance(value, str) else f"{value:g}"
+                expected = f"a {what} for {' or '.join(fitting)} only"
+                raise UsageError(expected, f"{given} for '{self.name}'", "Leave it out.")
         made = self.method  # refuses a strength out of range, and what cannot be regularised
         if self.regularisation is not None and not isinstance(made, LinearMethod | ShrunkTowards):
             raise UsageError("a regularisation of a linear method", f"one of '{self.name}'", "Leave it out.")
@@ -158,18 +139,14 @@ class MethodChoice:
     @property
     def method(self) -> Method:
         """The method itself."""
-        made = self._plain_method
+        make: Callable[..., Method] = getattr(methods, self.name)
+        if self.name in WEIGHTED:
+            made = make(WEIGHTINGS[self.weighting]())
+        else:
+            made = make(self.strength) if self.name in STRENGTHS else make()
         if self.regularisation is None or not isinstance(made, LinearMethod):
             return made
         return regularised(made, self.regularisation.parameter, TARGETS[self.regularisation.towards])
-
-    @property
-    def _plain_method(self) -> Method:
-        if self.name in WEIGHTED:
-            return WEIGHTED[self.name](WEIGHTINGS[self.weighting]())
-        if self.name in STRENGTHS:
-            return STRENGTHS[self.name](self.strength)
-        return {**DIRECT, **UNWEIGHTED}[self.name]()
 
     def with_covariance(self, estimate: Estimate) -> Estimate:
         """Estimate whose intervals rest on the covariance chosen."""
@@ -185,42 +162,19 @@ class MethodChoice:
 
 @dataclass(frozen=True, slots=True)
 class Study:
-    """A Monte Carlo study.
+    """A Monte Carlo study."""
 
-    Parameters
-    ----------
-    name : str
-        What reports call it.
-    experiment : Experiment
-        What each trial repeats.
-    methods : tuple of MethodChoice
-        What is tried on each record, with labels of their own.
-    runs : int
-        Number of trials.
-    seed : int
-        Of all randomness; trial `index` draws from the seed sequence's child of that number.
-    intervals : bool
-        Record standard errors and intervals as well.
-    level : float
-        Confidence level of the intervals.
-
-    Raises
-    ------
-    UsageError
-        When a number is out of range, there is no method, two methods share a label, or a method names a
-        channel that the experiment does not record.
-    """
-
-    name: str
-    experiment: Experiment
-    methods: tuple[MethodChoice, ...]
-    runs: int = 100
-    seed: int = 0
-    intervals: bool = False
-    level: float = 0.95
+    name: str  # What reports call it
+    experiment: Experiment  # What each trial repeats
+    methods: tuple[MethodChoice, ...]  # What is tried on each record, with labels of their own
+    runs: int = 100  # Number of trials
+    seed: int = 0  # Of all randomness; trial `index` draws from the seed sequence's child of that number
+    intervals: bool = False  # Record standard errors and intervals as well
+    level: float = 0.95  # Confidence level of the intervals
 
     def __post_init__(self) -> None:
-        check_runs(self.runs)
+        if not 1 <= self.runs <= MOST_RUNS:
+            raise UsageError(f"runs from 1 to {MOST_RUNS}", f"{self.runs}", "Ask for a number of trials.")
         if self.seed < 0:
             raise UsageError("a seed of zero or more", f"{self.seed}", "Any such integer will do.")
         if not 0.0 < self.level < 1.0:
@@ -254,12 +208,6 @@ class Study:
         return hashlib.sha256(text.encode()).hexdigest()
 
 
-def check_runs(runs: int) -> None:
-    """Refuse a number of runs that is none."""
-    if not 1 <= runs <= MOST_RUNS:
-        raise UsageError(f"runs from 1 to {MOST_RUNS}", f"{runs}", "Ask for a number of trials.")
-
-
 def _plain(value: object) -> object:
     """Value in terms of JSON, exact and with the kind of every object."""
     if is_dataclass(value) and not isinstance(value, type):
@@ -269,16 +217,9 @@ def _plain(value: object) -> object:
         return {str(key): _plain(item) for key, item in value.items()}
     if isinstance(value, tuple | list):
         return [_plain(item) for item in value]
-    return _plain_atom(value)
-
-
-def _plain_atom(value: object) -> object:
     if isinstance(value, Enum):
         return {"kind": type(value).__name__, "value": value.value}
-    if isinstance(value, np.ndarray):
-        digest = hashlib.sha256(np.ascontiguousarray(value).tobytes()).hexdigest()
-        return {"dtype": str(value.dtype), "shape": list(value.shape), "sha256": digest}
-    if isinstance(value, float | np.floating):
+    if isinstance(value, float):
         return float(value).hex()
     if value is None or isinstance(value, bool | int | str):
         return value
@@ -291,45 +232,43 @@ def _plain_atom(value: object) -> object:
 FAILED = "failed"
 
 
-@dataclass(frozen=True, slots=True)
-class ParameterRecord:
-    """What a method found for one parameter."""
-
-    value: float
-    std_error: float | None = None
-    low: float | None = None
-    high: float | None = None
+#: A row of the table of trials: a trial's number, and what each method did, by column; None for nothing.
+Row = dict[str, int | float | str | None]
+#: Parts of a parameter's result by the ends of their columns' names; without intervals the first alone.
+PARTS = ("", ".std_error", ".low", ".high")
 
 
-@dataclass(frozen=True, slots=True)
-class MethodRecord:
-    """What a method did on one record."""
-
-    status: str  # The estimate's status, or `FAILED`
-    error: str = ""  # Name of the exception of a method that failed
-    parameters: tuple[ParameterRecord, ...] = ()
-
-
-@dataclass(frozen=True, slots=True)
-class TrialRecord:
-    """One trial. It holds nothing that differs from one computation of it to the next, such as a time."""
-
-    index: int  # Number of the trial
-    methods: tuple[MethodRecord, ...]
-
-
-def trial(study: Study, index: int) -> TrialRecord:
-    """Compute a trial, a pure function of study and index."""
+def trial(study: Study, index: int) -> Row:
+    """Compute a trial, a pure function of study and index: nothing in it is a time, say."""
+    row: Row = dict.fromkeys(schema(study)) | {"trial": index}
     with warnings.catch_warnings(), np.errstate(all="ignore"):
         warnings.simplefilter("ignore")  # weak instruments are recorded as a status
+        signals: Signals | Exception
         try:
             signals = study.experiment.record(study.rng(index))
         except MemoryError:
             raise
         except Exception as error:  # noqa: BLE001 - whatever breaks a trial is its result
-            failed = MethodRecord(FAILED, type(error).__name__)
-            return TrialRecord(index, (failed,) * len(study.methods))
-        return TrialRecord(index, tuple(_tried(study, choice, signals) for choice in study.methods))
+            signals = error
+        for choice in study.methods:
+            try:
+                row |= _estimated(study, choice, signals)
+            except MemoryError:
+                raise
+            except Exception as error:  # noqa: BLE001 - whatever breaks a method is its result
+                row |= {f"{choice.label}.status": FAILED, f"{choice.label}.error": type(error).__name__}
+    return row
+
+
+def schema(study: Study) -> dict[str, type[pl.DataType]]:
+    """Columns of the table of trials."""
+    columns: dict[str, type[pl.DataType]] = {"trial": pl.Int64}
+    for choice in study.methods:
+        columns |= {f"{choice.label}.status": pl.String, f"{choice.label}.error": pl.String}
+        for name in study.parameters:
+            parts = PARTS if study.intervals else PARTS[:1]
+            columns |= {f"{choice.label}.{name}{part}": pl.Float64 for part in parts}
+    return columns
 
 
 def failure(study: Study, index: int, label: str) -> str:
@@ -344,27 +283,358 @@ def failure(study: Study, index: int, label: str) -> str:
     return ""
 
 
-def _tried(study: Study, choice: MethodChoice, signals: Signals) -> MethodRecord:
-    try:
-        return _estimated(study, choice, signals)
-    except MemoryError:
-        raise
-    except Exception as error:  # noqa: BLE001 - whatever breaks a method is its result
-        return MethodRecord(FAILED, type(error).__name__)
-
-
-def _estimated(study: Study, choice: MethodChoice, signals: Signals) -> MethodRecord:
+def _estimated(study: Study, choice: MethodChoice, signals: Signals | Exception) -> Row:
+    """What a method says of a record; raises what was raised in its place."""
+    if isinstance(signals, Exception):
+        raise signals
     if choice.known_noise is not None:
         signals = replace(signals, noise={name: signals.noise[name] for name in choice.known_noise})
     estimate = identify(study.experiment.problem(signals, choice.instruments), choice.method)
     if study.intervals:
         estimate = choice.with_covariance(estimate)
-    results = []
+    row: Row = {f"{choice.label}.status": estimate.status.value}
     for name in study.parameters:
-        value = estimate.parameters[name]
+        values: tuple[float, ...] = (estimate.parameters[name],)
         if study.intervals:
-            low, high = estimate.interval(name, study.level)
-            results.append(ParameterRecord(value, estimate.std_error(name), low, high))
-        else:
-            results.append(ParameterRecord(value))
-    return MethodRecord(estimate.status.value, "", tuple(results))
+            values += (estimate.std_error(name), *estimate.interval(name, study.level))
+        row |= {f"{choice.label}.{name}{part}": value for part, value in zip(PARTS, values, strict=False)}
+    return row
+
+
+# -- Trial shards --
+
+#: Trials of a shard. Part of the format: a study that was begun with another number is not continued.
+SHARD_TRIALS = 25
+#: Shards that are put together at a time, those of a row group.
+SHARDS_AT_ONCE = GROUP_ROWS // SHARD_TRIALS
+#: Packages whose versions bear on the bytes.
+PACKAGES = ("eivor", "numpy", "scipy", "polars")
+IDENTITY_FILE = "study.json"
+TABLE_FILE = "trials.parquet"
+
+#: The system's error for a file of a study's folder, as one of Eivor's.
+report_study_errors = partial(report_system_errors, of="study", kept="Trials that were complete")
+
+
+@dataclass(frozen=True, slots=True)
+class TrialShards:
+    """Shards of a study in a folder."""
+
+    study: Study
+    folder: Path
+
+    @property
+    def count(self) -> int:
+        """Number of shards."""
+        return -(-self.study.runs // SHARD_TRIALS)
+
+    def path(self, number: int) -> Path:
+        """File of a shard."""
+        return self.folder / "shards" / f"{number:06d}.parquet"
+
+    def missing(self) -> list[int]:
+        """Shards that are not there, or not whole, in order."""
+        return [number for number in range(self.count) if not self._whole(number)]
+
+    def _whole(self, number: int) -> bool:
+        """Whether a shard's file holds its trials, to the bit."""
+        try:
+            return is_sealed(self.path(number).read_bytes(), self._facts(number))
+        except OSError:
+            return False
+
+    def _facts(self, number: int) -> dict[str, str]:
+        """What the seal of a shard says: whose trials, and which."""
+        trials = shard_trials(self.study.runs, number)
+        return {"eivor.study": self.study.identity, "eivor.trials": f"{trials.start} to {trials.stop - 1}"}
+
+    def _read(self, number: int) -> pl.DataFrame:
+        """Trials of a shard."""
+        content = self.path(number).read_bytes()
+        if not is_sealed(content, self._facts(number)):
+            raise InputError(
+                f"'{self.path(number)}' as it was written",
+                "other bytes",
+                "Something has changed it meanwhile: run the same again, and it is computed anew.",
+            )
+        return pl.read_parquet(io.BytesIO(content))
+
+    def write(self, number: int, trials: Sequence[Row]) -> None:
+        """Keep the trials of a shard."""
+        table = pl.DataFrame(trials, schema=schema(self.study))
+        with report_study_errors(self.folder):
+            write_atomically(self.path(number), sealed(table, self._facts(number)))
+
+    def consolidate(self) -> pl.DataFrame:
+        """Make the table of all trials from the shards."""
+        with report_study_errors(self.folder):
+            # In two steps: thousands of small tables at once take many times the memory of one large one.
+            groups = []
+            for start in range(0, self.count, SHARDS_AT_ONCE):
+                numbers = range(start, min(self.count, start + SHARDS_AT_ONCE))
+                groups.append(pl.concat([self._read(number) for number in numbers], rechunk=True))
+            table = pl.concat(groups, rechunk=True)
+            write_atomically(self.folder / TABLE_FILE, parquet_bytes(table))
+        return table
+
+
+def shard_trials(runs: int, number: int) -> range:
+    """Trials of a shard."""
+    return range(number * SHARD_TRIALS, min(runs, (number + 1) * SHARD_TRIALS))
+
+
+def open_folder(study: Study, folder: Path) -> TrialShards:
+    """Folder for a study: new, or one in which this study was begun."""
+    shards = TrialShards(study, folder)
+    with report_study_errors(folder):
+        if folder.exists() and not folder.is_dir():
+            raise UsageError("a folder for the study", f"the file '{folder}'", "Choose another.")
+        shards.path(0).parent.mkdir(parents=True, exist_ok=True)
+        for item in (folder, shards.path(0).parent):
+            remove_abandoned(item)
+        document = {
+            "name": study.name,
+            "identity": study.identity,
+            "shard_trials": SHARD_TRIALS,
+            "runs": study.runs,
+            "versions": {package: version(package) for package in PACKAGES},
+        }
+        before = _document(folder)
+        if before is not None:
+            _check_same(shards, document, before)
+            document["versions"] = before["versions"]  # those that computed the trials, whoever looks at them
+        if document != before:
+            write_atomically(folder / IDENTITY_FILE, (json.dumps(document, indent=2) + "\n").encode())
+    return shards
+
+
+def _document(folder: Path) -> Mapping[str, object] | None:
+    path = folder / IDENTITY_FILE
+    if not path.exists():
+        if (folder / TABLE_FILE).exists() or any((folder / "shards").glob("*.parquet")):
+            raise UsageError(
+                "a new folder, or the folder of this study",
+                f"'{folder}', which has trials and no {IDENTITY_FILE}",
+                "Choose another folder.",
+            )
+        return None
+    try:
+        document = json.loads(path.read_text(encoding="utf-8"))
+    except (ValueError, RecursionError):
+        document = None
+    if not isinstance(document, dict) or not {"identity", "runs", "versions"} <= document.keys():
+        raise UsageError(
+            f"the {IDENTITY_FILE} of a study", f"'{path}', which is another file", "Choose another folder."
+        )
+    return document
+
+
+def _check_same(shards: TrialShards, document: Mapping[str, object], before: Mapping[str, object]) -> None:
+    name = shards.folder
+    if any(document[key] != before.get(key) for key in ("identity", "shard_trials")):
+        raise UsageError(
+            f"a new folder, or one of the study '{shards.study.name}'",
+            f"'{name}', which holds the study '{before.get('name')}' with another experiment, other methods "
+            "or another seed",
+            "Choose another folder with --out, or delete this one.",
+        )
+    held = before["runs"]
+    if not isinstance(held, int) or held > shards.study.runs:
+        raise UsageError(
+            f"at least {held} runs, as many as '{name}' was begun with",
+            f"{shards.study.runs}",
+            "Ask for as many or more, or choose another folder.",
+        )
+    if document["versions"] != before["versions"] and shards.missing():
+        raise InputError(
+            f"the versions that '{name}' was begun with: {_listed(before['versions'])}",
+            _listed(document["versions"]),
+            "Trials of different versions need not agree to the bit, so they are never put together. Begin "
+            "anew in another folder with --out, delete this one, or install those versions.",
+        )
+
+
+def _listed(versions: object) -> str:
+    pairs = versions.items() if isinstance(versions, dict) else ()
+    return ", ".join(f"{package} {number}" for package, number in pairs)
+
+
+# -- Run --
+
+#: Called with the number of trials that are done, and that of all.
+Progress = Callable[[int, int], None]
+
+
+def no_progress(_done: int, _total: int, /) -> None:
+    """Report to no one how much is done."""
+
+
+@dataclass(frozen=True)
+class StudyResult:
+    """A finished study."""
+
+    study: Study  # What was run
+    folder: Path  # Where its files are, see `eivor.lab.study`
+    trials: pl.DataFrame  # One row for each trial, in order
+
+
+@dataclass(frozen=True, slots=True)
+class ShardTrials:
+    """The task of a study: from the number of a shard to its trials."""
+
+    study: Study  # whose shards
+
+    def __call__(self, number: int) -> tuple[Row, ...]:
+        """Trials of a shard, in order; fewer of them when nobody waits for them any more."""
+        trials = []
+        for index in shard_trials(self.study.runs, number):
+            if abandoned():
+                break
+            trials.append(trial(self.study, index))
+        return tuple(trials)
+
+
+def run_study(
+    study: Study,
+    folder: Path,
+    *,
+    executor: Executor | None = None,
+    progress: Progress = no_progress,
+) -> StudyResult:
+    """Run what is left of a study."""
+    shards = open_folder(study, folder)
+    missing = shards.missing()
+    done = study.runs - sum(len(shard_trials(study.runs, number)) for number in missing)
+    progress(done, study.runs)
+    with closing((executor or InProcess()).map(ShardTrials(study), missing)) as results:
+        for item, trials in results:
+            shards.write(missing[item], trials)
+            done += len(trials)
+            progress(done, study.runs)
+    return StudyResult(study, folder, shards.consolidate())
+
+
+# -- Share --
+
+
+@dataclass(frozen=True, slots=True)
+class Share:
+    """A share of trials, with its binomial error."""
+
+    hits: int  # Trials that did, and all
+    count: int
+    level: float = 0.95  # Confidence level of the interval
+
+    @property
+    def value(self) -> float:
+        """Hits per count; NaN of nothing."""
+        return self.hits / self.count if self.count else float("nan")
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Wilson's interval of the share; (0, 1) of nothing.
+
+        Notation: z the normal quantile, n the count, p the share. Wilson (1927), J. Am. Stat. Assoc. 22.
+        """
+        if not self.count:
+            return 0.0, 1.0
+        z, n, p = normal_quantile(self.level), self.count, self.value
+        centre = (p + z * z / (2 * n)) / (1 + z * z / n)
+        half = z / (1 + z * z / n) * math.sqrt(p * (1 - p) / n + z * z / (4 * n * n))
+        return max(centre - half, 0.0), min(centre + half, 1.0)
+
+
+# -- Metrics --
+
+#: What scores of all parameters together are called.
+TOGETHER = "together"
+
+
+@dataclass(frozen=True, slots=True)
+class Spread:
+    """Mean and sample standard deviation over trials; NaN where there are too few values."""
+
+    mean: float
+    std: float
+
+    def __format__(self, digits: str) -> str:
+        return f"{self.mean:{digits}} ± {self.std:.2g}"
+
+
+@dataclass(frozen=True, slots=True)
+class ParameterScore:
+    """How a method did on one parameter."""
+
+    name: str
+    truth: float
+    estimate: Spread
+    nrmse: Spread
+    bias: float
+    rmse: float
+    coverage: Share | None
+
+
+@dataclass(frozen=True, slots=True)
+class MethodScore:
+    """How a method did."""
+
+    label: str
+    trials: int
+    failed: int
+    weak: int
+    first_failure: int | None
+    parameters: tuple[ParameterScore, ...]
+    together: Spread  # NRMSE of the vector of parameters, in percent
+
+
+def scores(result: StudyResult) -> tuple[MethodScore, ...]:
+    """Score of each method of a study, in its order."""
+    return tuple(_score(result, choice.label) for choice in result.study.methods)
+
+
+def trial_nrmse(result: StudyResult, label: str, parameter: str = TOGETHER) -> Float[np.ndarray, " trials"]:
+    """NRMSE of each trial in which a method gave an estimate, in percent: what histograms show."""
+    truth = dict(result.study.experiment.truth)
+    names = tuple(truth) if parameter == TOGETHER else (parameter,)
+    kept = result.trials.filter(pl.col(f"{label}.status") != FAILED)
+    errors = np.column_stack([kept[f"{label}.{name}"].to_numpy() - truth[name] for name in names])
+    size = np.linalg.norm([truth[name] for name in names])
+    with np.errstate(divide="ignore", invalid="ignore"):  # a truth of zero has no relative error
+        relative: Float[np.ndarray, " trials"] = 100.0 * np.linalg.norm(errors, axis=1) / size
+    return relative
+
+
+def _score(result: StudyResult, label: str) -> MethodScore:
+    status = result.trials[f"{label}.status"]
+    failed = result.trials.filter(status == FAILED)["trial"]
+    return MethodScore(
+        label,
+        len(status),
+        len(failed),
+        int((status == Status.WEAK.value).sum()),
+        int(failed[0]) if len(failed) else None,
+        tuple(_parameter_score(result, label, name) for name in result.study.parameters),
+        _spread(trial_nrmse(result, label)),
+    )
+
+
+def _parameter_score(result: StudyResult, label: str, name: str) -> ParameterScore:
+    truth = result.study.experiment.truth[name]
+    kept = result.trials.filter(pl.col(f"{label}.status") != FAILED)
+    values = kept[f"{label}.{name}"].to_numpy()
+    error = _spread(values - truth)
+    coverage = None
+    if result.study.intervals:
+        low, high = (kept[f"{label}.{name}.{end}"].to_numpy() for end in ("low", "high"))
+        coverage = Share(int(((low <= truth) & (truth <= high)).sum()), len(values))
+    rmse = float(np.sqrt(np.mean((values - truth) ** 2))) if len(values) else float("nan")
+    nrmse = _spread(trial_nrmse(result, label, name))
+    return ParameterScore(name, truth, _spread(values), nrmse, error.mean, rmse, coverage)
+
+
+def _spread(values: Float[np.ndarray, " n"]) -> Spread:
+    nan = float("nan")
+    return Spread(
+        float(values.mean()) if values.size else nan,
+        float(values.std(ddof=1)) if values.size > 1 else nan,
+    )

@@ -263,6 +263,9 @@ FORMATS: tuple[LogFormat, ...] = (*_READ, *RECOGNISED, TELEMETRY, DJI)
 #: Formats of text, which has no first bytes of its own: asked last.
 TEXTS: tuple[LogFormat, ...] = (UTF_16, CSV, EIGHT_BIT)
 
+#: Ends of names of logs of formats that are recognised, or that others read: the reader says what to do.
+FURTHER_ENDINGS = (".bag", ".bbl", ".bfl", ".db3", ".db3.zstd", ".mcap", ".mcap.zstd", ".tlog")
+
 #: What other packages have declared, by name; asked after `FORMATS` and before `TEXTS`.
 _DECLARED: dict[str, LogFormat] = {}
 

@@ -30,10 +30,9 @@ from eivor.errors import EivorError, InputError, UsageError, did_you_mean
 from eivor.estimation.methods import TABLE
 from eivor.exports.fitted import Exported, Supplied, Target
 from eivor.exports.targets import TARGETS, target_by_name
-from eivor.fleet.logs import FURTHER_ENDINGS
 from eivor.logs import read_log
 from eivor.logs.channel_map import shipped_maps
-from eivor.logs.read import readable_formats
+from eivor.logs.read import FURTHER_ENDINGS, readable_formats
 from eivor.logs.rosbag.containers import ENDINGS as BAG_ENDINGS
 from eivor.logs.rosbag.containers import METADATA
 from eivor.logs.ulog.reader import TOPIC_TABLE, ULOG_ENDINGS

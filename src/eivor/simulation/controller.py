@@ -61,11 +61,6 @@ class FlightController:
     hold : float
         Gain towards the place where the flight began [1/s]: zero for a vehicle that flies attitudes and
         drifts.
-
-    Raises
-    ------
-    ParameterError
-        When a value is out of its range.
     """
 
     rate_hz: float = 500.0
@@ -343,6 +338,10 @@ class DelayLine:
 
 # -- Sensors --
 
+#: What each number of a sensor may be.
+SENSOR_RANGES = dict.fromkeys(("rate_hz", "cutoff_hz"), (0.0, 1e5)) | dict.fromkeys(
+    ("delay_s", "offset_s", "averaged_s", "jitter_s"), (0.0, 1.0)
+)
 #: Stamps never err by more than this part of their period.
 LARGEST_JITTER = 0.45
 
@@ -370,11 +369,6 @@ class Sensor:
         controller gets readings as they are.
     jitter_s : float
         Standard deviation of the stamps' error [s].
-
-    Raises
-    ------
-    ParameterError
-        When a number is out of its range.
     """
 
     noise: MeasurementNoise = field(default_factory=lambda: WhiteNoise(0.0))
@@ -387,18 +381,7 @@ class Sensor:
     jitter_s: float = 0.0
 
     def __post_init__(self) -> None:
-        for name, most in (
-            ("rate_hz", 1e5),
-            ("cutoff_hz", 1e5),
-            ("delay_s", 1.0),
-            ("offset_s", 1.0),
-            ("averaged_s", 1.0),
-            ("jitter_s", 1.0),
-        ):
-            if not 0.0 <= getattr(self, name) <= most:
-                raise ParameterError(
-                    f"{name} between 0 and {most:g}", f"{getattr(self, name)}", "Correct the sensor."
-                )
+        within(self, SENSOR_RANGES, "Correct the sensor.")
         if not np.isfinite(self.bias):
             raise ParameterError("a finite bias", f"{self.bias}", "Correct the sensor.")
 

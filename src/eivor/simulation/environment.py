@@ -5,15 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import NamedTuple
 
 import numpy as np
 
-from eivor.errors import CollinearError, ShapeError, TooFewSamplesError, UsageError
+from eivor.errors import ShapeError, UsageError
 from eivor.signals.channels import unit_of
 from eivor.signals.noise import fractional_difference, fractional_weights
 from eivor.signals.recording import Channel, Frame, Recording
-from eivor.tools import Bool, Float
+from eivor.tools import Float
 
 # -- Sensor noise --
 
@@ -53,11 +52,6 @@ class SensorNoise:
         Standard deviation of small rotations about the body's axes [rad].
     angular_rate : float
         Standard deviation of the body rates' error [rad/s].
-
-    Raises
-    ------
-    UsageError
-        When a level is negative or not finite.
     """
 
     kind: NoiseKind = NoiseKind.WHITE
@@ -313,70 +307,11 @@ class FlightTruth:
 
 @dataclass(frozen=True, slots=True)
 class SimulatedFlight:
-    """A recording as a log would hold it, and the truth behind it.
+    """A recording as a log would hold it, and the truth behind it."""
 
-    Parameters
-    ----------
-    recording : Recording
-        Noisy channels, frame z up.
-    truth : FlightTruth
-        Noise-free arrays on the recording's grid, and nominal parameters.
-    flew : bool
-        False when the vehicle was lost; recording and truth then end where it was.
-    """
-
-    recording: Recording
-    truth: FlightTruth
-    flew: bool
-
-
-class BestFittingParameters(NamedTuple):
-    """Parameters of the vertical model that fit one flight's noise-free data best."""
-
-    viscous_friction: float
-    """K [1/s]."""
-    input_gain: float
-    """K_u [m/s^2 per unit of the mean mapped rotor state]."""
-    intercept: float
-    """b [m/s^2]."""
-
-
-def effective_parameters(
-    truth: FlightTruth,
-    rows: Bool[np.ndarray, " n"],
-    input_map: Callable[[Float[np.ndarray, "m rotors"]], Float[np.ndarray, "m rotors"]],
-) -> BestFittingParameters:
-    """Least squares of the true specific force on (-air velocity, U, 1) over the given rows."""
-    if rows.shape != truth.time_s.shape:
-        raise ShapeError(
-            f"a mask of {truth.time_s.size} rows",
-            f"a mask of shape {rows.shape}",
-            "Give one truth value for each row of the flight.",
-        )
-    if int(rows.sum()) < 4:
-        raise TooFewSamplesError(
-            "at least four rows", f"{int(rows.sum())} rows", "Choose a longer part of the flight."
-        )
-    columns = np.column_stack(
-        [
-            -truth.air_velocity_z[rows],
-            truth.cos_tilt[rows] * input_map(truth.rotor_state[rows]).mean(axis=1),
-        ]
-    )
-    response = truth.specific_force_z[rows]
-    means, response_mean = columns.mean(axis=0), float(response.mean())
-    centred = columns - means
-    norms = np.linalg.norm(centred, axis=0)
-    floor = 1e-12 * np.sqrt(rows.sum()) * np.maximum(np.abs(means), 1.0)
-    if np.any(norms <= floor) or np.linalg.cond(centred / norms) > 1e10:
-        raise CollinearError(
-            "a velocity and an input that vary, each in its own way",
-            "rows over which at least one of them is constant or follows the other",
-            "Choose rows with vertical motion.",
-        )
-    scaled = np.linalg.lstsq(centred / norms, response - response_mean)[0]
-    friction, gain = (scaled / norms).tolist()
-    return BestFittingParameters(friction, gain, response_mean - float(means @ (scaled / norms)))
+    recording: Recording  # Noisy channels, frame z up
+    truth: FlightTruth  # Noise-free arrays on the recording's grid, and nominal parameters
+    flew: bool  # False when the vehicle was lost; recording and truth then end where it was
 
 
 # -- Wind --

@@ -445,11 +445,6 @@ class Disturbance(ABC):
     def sample(self, count: int, step_s: float, rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
         """One realisation on a grid of that step [s]."""
 
-    @property
-    @abstractmethod
-    def variance(self) -> float | None:
-        """Variance of the stationary series; None when it has none."""
-
 
 @dataclass(frozen=True, slots=True)
 class WhiteDisturbance(Disturbance):
@@ -459,11 +454,6 @@ class WhiteDisturbance(Disturbance):
     ----------
     std : float
         Standard deviation, in the unit of the equation.
-
-    Raises
-    ------
-    ParameterError
-        When it is negative or not finite.
     """
 
     std: float
@@ -474,11 +464,6 @@ class WhiteDisturbance(Disturbance):
     def sample(self, count: int, _step_s: float, rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
         """Independent normal values."""
         return self.std * rng.standard_normal(count)
-
-    @property
-    def variance(self) -> float:
-        """Square of `std`."""
-        return self.std**2
 
 
 # -- Recursion --
@@ -533,11 +518,6 @@ class DrydenGust(Disturbance):
         Scale length of the turbulence [m]; close to the ground, the height.
     airspeed_mps : float
         Speed at which it is met [m/s].
-
-    Raises
-    ------
-    ParameterError
-        When a number is out of range.
     """
 
     std: float
@@ -569,8 +549,3 @@ class DrydenGust(Disturbance):
         driven[0] = np.sqrt(0.125) * (shocks[0, 0] + shocks[1, 0])
         second = autoregression(driven, constant((decay,), count))
         return self.std * (np.sqrt(3.0) * first + (1.0 - np.sqrt(3.0)) * second)
-
-    @property
-    def variance(self) -> float:
-        """Square of `std`."""
-        return self.std**2

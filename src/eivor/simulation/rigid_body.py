@@ -104,32 +104,12 @@ class _Read:
 
 
 @dataclass(frozen=True, slots=True)
-class _Senses:
-    """The sensors that the controller reads."""
-
-    rate: LiveFilter
-    attitude: LiveFilter
-    velocity: LiveFilter
-    position: LiveFilter
-
-    def seen(self, body: Body, read: _Read, row: int) -> tuple[Triple, list[Value], list[Value], list[Value]]:
-        """Rates, attitude, velocity and position as the controller gets them."""
-        p, q, r = self.rate.read(_sum(body[10:13], read.rate_error[row]))
-        return (
-            (p, q, r),
-            self.attitude.read(turned(body[6:10], *read.attitude_error[row])),
-            self.velocity.read(_sum(body[3:6], read.velocity_error[row])),
-            self.position.read(_sum(body[0:3], read.position_error[row])),
-        )
-
-
-@dataclass(frozen=True, slots=True)
 class _Loop:
     """Everything that a closed loop is made of."""
 
     specs: Sequence[RigidBodyFlightSpec]
     read: Callable[[int, int], _Read]
-    senses: _Senses
+    senses: tuple[LiveFilter, ...]  # In the order of `SENSES`
     cascade: Cascade
     mixer: Mixer
     line: DelayLine
@@ -154,7 +134,15 @@ class _Loop:
             if now == 0:
                 read = self.read(k, k + CHUNK)
                 moments: list[_Moment] = []
-            seen_rates, attitude, velocity, position = self.senses.seen(body, read, now)
+            seen = (
+                _sum(body[10:13], read.rate_error[now]),
+                turned(body[6:10], *read.attitude_error[now]),
+                _sum(body[3:6], read.velocity_error[now]),
+                _sum(body[0:3], read.position_error[now]),
+            )
+            (p, q, r), attitude, velocity, position = (
+                sense.read(raw) for sense, raw in zip(self.senses, seen, strict=True)
+            )
             if k % height_every == 0:
                 _, x, y, _ = attitude
                 cosine = 1.0 - 2.0 * (x * x + y * y)
@@ -166,13 +154,13 @@ class _Loop:
                     wanted = cascade.holding(wanted, position[:2], velocity[:2])
                 rates = cascade.rates(wanted, attitude)
             if k % every == 0:
-                roll, pitch, yaw = _sum(cascade.torques(rates, seen_rates), read.injected[now])
+                roll, pitch, yaw = _sum(cascade.torques(rates, (p, q, r)), read.injected[now])
                 torque = (roll, pitch, yaw)
                 command = self.mixer.commands(thrust, torque)
             moments.append((body, speeds, command, thrust, torque, rates))
             (wx, wy, wz), (mx, my, mz) = read.wind[now], read.disturbance[now]
             held = HeldInputs(self.line.pass_on(command), (wx, wy, wz), (mx, my, mz))
-            body, speeds = self.stepper.step(body, speeds, held)
+            body, speeds = self.stepper(body, speeds, held)
             if now == CHUNK - 1 or k == first.count - 1:
                 yield moments
 
@@ -205,7 +193,7 @@ def _alone(spec: RigidBodyFlightSpec, met: Surroundings) -> list[Float[np.ndarra
         read=lambda first, last: _Read(
             *(getattr(met, name)[first:last].tolist() for name in _Read.__slots__)
         ),
-        senses=_Senses(*(_filter_of(getattr(sensors, name), step_s) for name in SENSES)),
+        senses=tuple(_filter_of(getattr(sensors, name), step_s) for name in SENSES),
         cascade=_cascade(spec, gains_of(spec.controller, vehicle, sensors.angular_rate.lateness_s)),
         mixer=mixer_of(vehicle),
         line=DelayLine(round(vehicle.rotors.delay / step_s), hover),
@@ -232,9 +220,7 @@ def _together(
                 for name in _Read.__slots__
             )
         ),
-        senses=_Senses(
-            *(_filters_of([getattr(spec.sensors, name) for spec in specs], step_s) for name in SENSES)
-        ),
+        senses=tuple(_filters_of([getattr(spec.sensors, name) for spec in specs], step_s) for name in SENSES),
         cascade=_cascade(first, gains_side_by_side(gains)),
         mixer=mixers_side_by_side(vehicles),
         line=DelayLine(np.array([round(vehicle.rotors.delay / step_s) for vehicle in vehicles]), [hover]),
@@ -245,7 +231,7 @@ def _together(
     return _collected(loop)
 
 
-#: Sensors that the controller reads, in the order of `_Senses`.
+#: Sensors that the controller reads, as the loop reads them.
 SENSES = ("angular_rate", "attitude", "velocity", "position")
 
 
@@ -306,13 +292,8 @@ def recording_of(
         format="simulation",
         channels=channels,
         frame=Frame.Z_UP,
-        input_map=_map_of(spec),
+        input_map="" if spec.vehicle.rotors.thrust_linear else "square",
     )
-
-
-def _map_of(spec: RigidBodyFlightSpec) -> str:
-    """Square, where the rotors' thrust goes with it."""
-    return "" if spec.vehicle.rotors.thrust_linear else "square"
 
 
 def _add(
@@ -335,7 +316,7 @@ def _measured(
 ) -> list[tuple[Sensor, dict[str, Float[np.ndarray, " n"]]]]:
     """Each sensor with its readings at every step."""
     sensors, step_s, body = spec.sensors, spec.step_s, flight.body
-    attitude = turned_by(body[:, 6:10], met.attitude_error)
+    attitude = np.column_stack(turned(list(body[:, 6:10].T), *met.attitude_error.T))
 
     def logged(sensor: Sensor, raw: Float[np.ndarray, "n axes"]) -> Float[np.ndarray, "n axes"]:
         return sensor.averages(sensor.readings(raw, step_s), step_s)
@@ -377,13 +358,6 @@ def _report(
         (logged.setpoint_hz, setpoints),
         (logged.reference_hz, dict(zip(requested, series, strict=True))),
     ]
-
-
-def turned_by(
-    attitude: Float[np.ndarray, "n 4"], angles: Float[np.ndarray, "n 3"]
-) -> Float[np.ndarray, "n 4"]:
-    """Attitudes turned about their own axes by small angles."""
-    return np.column_stack(turned(list(attitude.T), *angles.T))
 
 
 def _named(stem: str, parts: str, series: Float[np.ndarray, "n parts"]) -> dict[str, Float[np.ndarray, " n"]]:

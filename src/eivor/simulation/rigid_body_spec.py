@@ -5,9 +5,9 @@ from __future__ import annotations
 import json
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import TypeAlias
+from typing import ClassVar, TypeAlias
 
 import numpy as np
 
@@ -42,39 +42,49 @@ class HeldInputs:
     disturbance: Triple = (0.0, 0.0, 0.0)  # Torque from outside, on the body's axes [N m]
 
 
+#: State of body and rotors a step later, of a flight or of several side by side. Performs no checks.
+Stepper: TypeAlias = Callable[[Body, Sequence[Value], HeldInputs], Moved]
+
+
 class Integrator(ABC):
     """A way to move on in time."""
+
+    #: Whether several flights may be moved on together without a difference to any of them.
+    side_by_side: ClassVar[bool]
 
     @abstractmethod
     def stepper(self, coefficients: Coefficients, step_s: float) -> Stepper:
         """Return what makes steps of this length [s] for vehicles with these coefficients."""
-
-    @property
-    @abstractmethod
-    def side_by_side(self) -> bool:
-        """Whether several flights may be moved on together without a difference to any of them."""
-
-
-class Stepper(ABC):
-    """What makes the steps of a flight, or of several side by side."""
-
-    @abstractmethod
-    def step(self, body: Body, speeds: Sequence[Value], held: HeldInputs) -> Moved:
-        """State of body and rotors a step later. Performs no checks."""
 
 
 @dataclass(frozen=True, slots=True)
 class RungeKutta4(Integrator):
     """The classical method of the fourth order, one step at a time."""
 
-    def stepper(self, coefficients: Coefficients, step_s: float) -> Stepper:
-        """Return steps of this length [s]."""
-        return _FixedStep(coefficients, step_s)
+    side_by_side: ClassVar[bool] = True
 
-    @property
-    def side_by_side(self) -> bool:
-        """Every flight is moved on by itself."""
-        return True
+    def stepper(self, coefficients: Coefficients, step_s: float) -> Stepper:
+        """Return steps of Runge and Kutta's four slopes."""
+        c, h = coefficients, step_s
+        half = RotorCourse(c, h / 2.0)
+
+        def spin_up(speeds: Sequence[Value], command: Sequence[Value]) -> Sequence[Value]:
+            return speed_derivative(c, speeds, command) if c.gyroscopic else ()
+
+        def step(body: Body, speeds: Sequence[Value], held: HeldInputs) -> Moved:
+            command, wind, disturbance = held.command, held.wind, held.disturbance
+            middle = half.after(speeds, command)
+            end = half.after(middle, command)
+            change = spin_up(middle, command)
+            k1 = body_derivative(c, body, speeds, spin_up(speeds, command), wind, disturbance)
+            k2 = body_derivative(c, _stepped(body, k1, h / 2.0), middle, change, wind, disturbance)
+            k3 = body_derivative(c, _stepped(body, k2, h / 2.0), middle, change, wind, disturbance)
+            k4 = body_derivative(c, _stepped(body, k3, h), end, spin_up(end, command), wind, disturbance)
+            # Six times the mean slope.
+            slope = [p + 2.0 * (q + r) + s for p, q, r, s in zip(k1, k2, k3, k4, strict=True)]
+            return unit_attitude(_stepped(body, slope, h / 6.0)), end
+
+        return step
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,13 +97,9 @@ class AdaptiveSteps(Integrator):
         Relative and absolute tolerance of every component.
     method : str
         Of `scipy.integrate.solve_ivp`.
-
-    Raises
-    ------
-    ParameterError
-        When a tolerance is not above zero, or the method is unknown.
     """
 
+    side_by_side: ClassVar[bool] = False
     rtol: float = 1e-8
     atol: float = 1e-10
     method: str = "DOP853"
@@ -111,71 +117,29 @@ class AdaptiveSteps(Integrator):
 
     def stepper(self, coefficients: Coefficients, step_s: float) -> Stepper:
         """Return steps of this length [s], of a single flight."""
-        return _DividedStep(coefficients, step_s, self)
-
-    @property
-    def side_by_side(self) -> bool:
-        """Flights would share their steps."""
-        return False
-
-
-class _FixedStep(Stepper):
-    """Runge and Kutta's four slopes."""
-
-    def __init__(self, coefficients: Coefficients, step_s: float) -> None:
-        self._coefficients = coefficients
-        self._step_s = step_s
-        self._half = RotorCourse(coefficients, step_s / 2.0)
-
-    def step(self, body: Body, speeds: Sequence[Value], held: HeldInputs) -> Moved:
-        c, h = self._coefficients, self._step_s
-        command, wind, disturbance = held.command, held.wind, held.disturbance
-        middle = self._half.after(speeds, command)
-        end = self._half.after(middle, command)
-        change = self._spin_up(middle, command)
-        k1 = body_derivative(c, body, speeds, self._spin_up(speeds, command), wind, disturbance)
-        k2 = body_derivative(c, _stepped(body, k1, h / 2.0), middle, change, wind, disturbance)
-        k3 = body_derivative(c, _stepped(body, k2, h / 2.0), middle, change, wind, disturbance)
-        k4 = body_derivative(c, _stepped(body, k3, h), end, self._spin_up(end, command), wind, disturbance)
-        slope = _weighted(k1, k2, k3, k4)
-        return unit_attitude(_stepped(body, slope, h / 6.0)), end
-
-    def _spin_up(self, speeds: Sequence[Value], command: Sequence[Value]) -> Sequence[Value]:
-        """Derivatives of the speeds, where they matter."""
-        c = self._coefficients
-        return speed_derivative(c, speeds, command) if c.gyroscopic else ()
-
-
-class _DividedStep(Stepper):
-    """SciPy's steps within a step."""
-
-    def __init__(self, coefficients: Coefficients, step_s: float, options: AdaptiveSteps) -> None:
-        self._coefficients, self._step_s, self._options = coefficients, step_s, options
-
-    def step(self, body: Body, speeds: Sequence[Value], held: HeldInputs) -> Moved:
         from scipy.integrate import solve_ivp
 
-        coefficients, command = self._coefficients, held.command
+        def step(body: Body, speeds: Sequence[Value], held: HeldInputs) -> Moved:
+            def slope(time: float, state: Float[np.ndarray, " 13"]) -> list[Value]:
+                now = RotorCourse(coefficients, time).after(speeds, held.command)
+                change = speed_derivative(coefficients, now, held.command)
+                return body_derivative(coefficients, state.tolist(), now, change, held.wind, held.disturbance)
 
-        def slope(time: float, state: Float[np.ndarray, " 13"]) -> list[Value]:
-            now = RotorCourse(coefficients, time).after(speeds, command)
-            change = speed_derivative(coefficients, now, command)
-            return body_derivative(coefficients, state.tolist(), now, change, held.wind, held.disturbance)
+            # A first step that is given, not guessed: most of these steps need no other.
+            first = 1.0 / max(1.0 / step_s, coefficients.rate_up, coefficients.rate_down)
+            solved = solve_ivp(
+                slope,
+                (0.0, step_s),
+                np.array(body),
+                method=self.method,
+                rtol=self.rtol,
+                atol=self.atol,
+                first_step=first,
+            )
+            end = RotorCourse(coefficients, step_s).after(speeds, held.command)
+            return unit_attitude(solved.y[:, -1].tolist()), end
 
-        options = self._options
-        # A first step that is given, not guessed: most of these steps need no other.
-        first = 1.0 / max(1.0 / self._step_s, coefficients.rate_up, coefficients.rate_down)
-        solved = solve_ivp(
-            slope,
-            (0.0, self._step_s),
-            np.array(body),
-            method=options.method,
-            rtol=options.rtol,
-            atol=options.atol,
-            first_step=first,
-        )
-        end = RotorCourse(coefficients, self._step_s).after(speeds, command)
-        return unit_attitude(solved.y[:, -1].tolist()), end
+        return step
 
 
 class RotorCourse:
@@ -201,11 +165,6 @@ def _stepped(state: Body, slope: Sequence[Value], time_s: float) -> Body:
     if isinstance(state, np.ndarray):
         return state + time_s * np.array(slope)
     return [x + time_s * k for x, k in zip(state, slope, strict=True)]
-
-
-def _weighted(k1: list[Value], k2: list[Value], k3: list[Value], k4: list[Value]) -> list[Value]:
-    """Six times the mean slope."""
-    return [a + 2.0 * (b + c) + d for a, b, c, d in zip(k1, k2, k3, k4, strict=True)]
 
 
 def unit_attitude(body: Body) -> Body:
@@ -266,11 +225,6 @@ class Wind:
         What does not change, on three axes [m/s].
     x, y, z : Disturbance or None
         Gusts along each axis of the world [m/s].
-
-    Raises
-    ------
-    ParameterError
-        When the steady wind is no triple of speeds up to 50 m/s.
     """
 
     steady: tuple[float, ...] = (0.0, 0.0, 0.0)
@@ -301,11 +255,6 @@ class Sensors:
         Its errors are small rotations about the body's axes [rad]; of .002 rad. It has no filter.
     rotor_speed : Sensor or None
         [rad/s]; not logged when left out.
-
-    Raises
-    ------
-    ParameterError
-        When the attitude has a filter, or is averaged.
     """
 
     angular_rate: Sensor = field(default_factory=lambda: _noisy(0.02))
@@ -344,11 +293,6 @@ class Logged:
         References of height and attitude [Hz].
     left_out : tuple of str
         Channels that are not logged, `rotor_command_*` for those of all rotors.
-
-    Raises
-    ------
-    ParameterError
-        When a rate is out of its range.
     """
 
     rotor_command_hz: float = 0.0
@@ -357,9 +301,8 @@ class Logged:
     left_out: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        for name in ("rotor_command_hz", "setpoint_hz", "reference_hz"):
-            if not 0.0 <= getattr(self, name) <= 1e5:
-                raise ParameterError(f"{name} between 0 and 1e5", f"{getattr(self, name)}", "Correct it.")
+        rates = ("rotor_command_hz", "setpoint_hz", "reference_hz")
+        within(self, dict.fromkeys(rates, (0.0, 1e5)), "Correct it.")
 
 
 @dataclass(frozen=True, slots=True)
@@ -396,11 +339,6 @@ class RigidBodyFlightSpec:
         Of the motion.
     seed : int
         Of the random streams.
-
-    Raises
-    ------
-    ParameterError
-        When a value is out of its range, or the loops' rates or a delay of the rotors do not fit the steps.
     """
 
     vehicle: Vehicle
@@ -487,16 +425,15 @@ def surroundings_of(spec: RigidBodyFlightSpec) -> Surroundings:
     reference = altitude_reference(
         spec.trajectory, count=count, step_s=step_s, rng=height, vigour=spec.vigour
     )
-    about = (spec.torque_disturbance.roll, spec.torque_disturbance.pitch, spec.torque_disturbance.yaw)
-    accelerations = _series(about, count, step_s, torque)
+    accelerations = _series(_about(spec.torque_disturbance), count, step_s, torque)
     rotors = spec.vehicle.rotors.count
     of_speeds = sensors.rotor_speed
     period = round(spec.rate_hz / spec.controller.rate_hz)
     held = np.arange(count) // period * period  # what is injected is held as torque setpoints are
     return Surroundings(
         height=np.column_stack([reference.position, reference.velocity, reference.acceleration]),
-        attitude=quaternions(_excited(spec.attitude, count, step_s, angles)),
-        injected=_excited(spec.injection, count, step_s, injected)[held],
+        attitude=quaternions(_series(_about(spec.attitude), count, step_s, angles)),
+        injected=_series(_about(spec.injection), count, step_s, injected)[held],
         wind=np.array(spec.wind.steady)
         + _series((spec.wind.x, spec.wind.y, spec.wind.z), count, step_s, air),
         disturbance=accelerations @ spec.vehicle.inertia_matrix,
@@ -531,10 +468,8 @@ def quaternions(angles: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 4"]:
     )
 
 
-def _excited(
-    axes: AxisExcitations, count: int, step_s: float, rng: np.random.Generator
-) -> Float[np.ndarray, "count 3"]:
-    return _series((axes.roll, axes.pitch, axes.yaw), count, step_s, rng)
+def _about(axes: AxisExcitations | TorqueDisturbance) -> tuple[Excitation | Disturbance | None, ...]:
+    return axes.roll, axes.pitch, axes.yaw
 
 
 def _series(

@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from typing import TypeVar
 
 import numpy as np
 
+from eivor import checks
 from eivor.errors import UsageError
 from eivor.motions.vertical.model import GRAVITY
 from eivor.signals.filters import actuator_state
-from eivor.signals.recording import Recording
 from eivor.simulation.environment import (
     FlightTruth,
     SensorErrors,
     SensorNoise,
     SimulatedFlight,
-    Trajectory,
     TrajectoryKind,
     altitude_reference,
     gusts,
@@ -26,6 +26,8 @@ from eivor.simulation.environment import (
 from eivor.tools import Float
 
 # -- Closed loop --
+
+Parts = TypeVar("Parts")
 
 #: Substeps of one control period: delays are rounded to them.
 SUBSTEPS = 5
@@ -223,11 +225,6 @@ class VerticalFlightSpec:
         Of the random streams.
     duration : float
         Of the flight [s], a multiple of 0.01.
-
-    Raises
-    ------
-    UsageError
-        When a value is out of its range.
     """
 
     viscous_friction: float = 0.4
@@ -251,12 +248,7 @@ class VerticalFlightSpec:
     duration: float = 60.0
 
     def __post_init__(self) -> None:
-        for name, (low, high) in RANGES.items():
-            value = getattr(self, name)
-            if not low <= value <= high:
-                raise UsageError(
-                    f"{name} between {low:g} and {high:g}", f"{value}", "Correct the flight's specification."
-                )
+        checks.within(self, RANGES, "Correct the flight's specification.")
         substeps = self.delay / STEP_S * SUBSTEPS
         if abs(substeps - round(substeps)) > 1e-6:
             raise UsageError(
@@ -337,25 +329,11 @@ def simulate_vertical_flights(specs: Sequence[VerticalFlightSpec]) -> Iterator[S
         yield from _batch(specs[first : first + BATCH])
 
 
-def actual_state_recording(flight: SimulatedFlight) -> Recording:
-    """Recording in which the rotor's actual state stands in place of its command (`rotor_speed_1`)."""
-    log, truth = flight.recording, flight.truth
-    held = {key: channel.values for key, channel in log.channels.items() if key.startswith("reference_")}
-    sampled = {
-        key: channel.values
-        for key, channel in log.channels.items()
-        if key not in held and not key.startswith("rotor_")
-    }
-    sampled["rotor_speed_1"] = truth.rotor_state[:, 0]
-    return simulated_recording(log.name, simulator=SIMULATOR, time_s=truth.time_s, held=held, sampled=sampled)
-
-
 @dataclass(frozen=True, slots=True)
 class _Surroundings:
     """What one flight meets."""
 
-    reference: Trajectory
-    gust: Float[np.ndarray, " n"]
+    environment: VerticalEnvironment  # Arrays of shape (samples,)
     angles: Float[np.ndarray, "n 2"]
     errors: SensorErrors
 
@@ -364,59 +342,49 @@ def _surroundings(spec: VerticalFlightSpec) -> _Surroundings:
     shape, air, sensors, attitude = (
         np.random.Generator(np.random.PCG64(s)) for s in np.random.SeedSequence(spec.seed).spawn(4)
     )
-    reference = altitude_reference(
-        spec.trajectory, count=spec.count, step_s=STEP_S, rng=shape, vigour=spec.vigour
-    )
-    wind = gusts(
-        count=spec.count,
-        axes=1,
-        step_s=STEP_S,
-        rms=spec.gust_rms,
-        correlation_s=spec.gust_correlation,
-        rng=air,
-    )
-    angles = gusts(
-        count=spec.count,
-        axes=2,
-        step_s=STEP_S,
-        rms=spec.tilt_rms,
-        correlation_s=TILT_CORRELATION_S,
-        rng=attitude,
+    count = spec.count
+    reference = altitude_reference(spec.trajectory, count=count, step_s=STEP_S, rng=shape, vigour=spec.vigour)
+    wind, angles = (
+        gusts(count=count, axes=axes, step_s=STEP_S, rms=rms, correlation_s=correlation_s, rng=rng)
+        for axes, rms, correlation_s, rng in (
+            (1, spec.gust_rms, spec.gust_correlation, air),
+            (2, spec.tilt_rms, TILT_CORRELATION_S, attitude),
+        )
     )
     smooth = actuator_state(angles, step_s=STEP_S, lag_s=TILT_SMOOTHING_S, delay_s=0.0)
-    errors = sensor_errors(spec.noise, count=spec.count, axes=2, rng=sensors)
-    return _Surroundings(reference, wind[:, 0], smooth, errors)
+    errors = sensor_errors(spec.noise, count=count, axes=2, rng=sensors)
+    environment = VerticalEnvironment(
+        reference.position,
+        reference.velocity,
+        reference.acceleration,
+        wind[:, 0],
+        np.cos(smooth).prod(axis=1),
+        errors.position[:, 0],
+        errors.velocity[:, 0],
+        errors.acceleration[:, 0],
+    )
+    return _Surroundings(environment, smooth, errors)
+
+
+def _together(kind: Callable[..., Parts], each: Sequence[Parts], names: Sequence[str]) -> Parts:
+    """Parts of several flights as arrays, whose last axis is the flight."""
+    return kind(*(np.stack([getattr(item, name) for item in each], axis=-1) for name in names))
 
 
 def _batch(specs: Sequence[VerticalFlightSpec]) -> Iterator[SimulatedFlight]:
     met = [_surroundings(spec) for spec in specs]
-    gains = [spec.controller for spec in specs]
-    vehicles = VerticalVehicles(
-        viscous_friction=np.array([spec.viscous_friction for spec in specs]),
-        input_gain=np.array([spec.input_gain for spec in specs]),
-        lag_s=np.array([spec.actuator_lag for spec in specs]),
-        delay_s=np.array([spec.delay for spec in specs]),
-    )
-    environment = VerticalEnvironment(
-        reference_position=np.stack([s.reference.position for s in met], axis=1),
-        reference_velocity=np.stack([s.reference.velocity for s in met], axis=1),
-        reference_acceleration=np.stack([s.reference.acceleration for s in met], axis=1),
-        gust=np.stack([s.gust for s in met], axis=1),
-        cos_tilt=np.stack([np.cos(s.angles).prod(axis=1) for s in met], axis=1),
-        position_noise=np.stack([s.errors.position[:, 0] for s in met], axis=1),
-        velocity_noise=np.stack([s.errors.velocity[:, 0] for s in met], axis=1),
-        acceleration_noise=np.stack([s.errors.acceleration[:, 0] for s in met], axis=1),
-    )
-    controller = AltitudeController(
-        position_gain=np.array([gain.position_gain for gain in gains]),
-        velocity_gain=np.array([gain.velocity_gain for gain in gains]),
-        integral_gain=np.array([gain.integral_gain for gain in gains]),
-    )
     motion = simulate_vertical(
-        vehicles,
-        environment,
+        VerticalVehicles(
+            viscous_friction=np.array([spec.viscous_friction for spec in specs]),
+            input_gain=np.array([spec.input_gain for spec in specs]),
+            lag_s=np.array([spec.actuator_lag for spec in specs]),
+            delay_s=np.array([spec.delay for spec in specs]),
+        ),
+        _together(VerticalEnvironment, [item.environment for item in met], VerticalEnvironment.__slots__),
         step_s=STEP_S,
-        controller=controller,
+        controller=_together(
+            AltitudeController, [spec.controller for spec in specs], AltitudeController.__slots__
+        ),
         gain_share=np.stack([spec.gain_share for spec in specs], axis=1),
     )
     for number, (spec, surroundings) in enumerate(zip(specs, met, strict=True)):
@@ -431,9 +399,9 @@ def _flight(
     truth = FlightTruth(
         time_s=time,
         specific_force_z=force.copy(),
-        air_velocity_z=velocity - met.gust,
+        air_velocity_z=velocity - met.environment.gust,
         rotor_state=motion.rotor_state[:, [number]],
-        cos_tilt=np.cos(met.angles).prod(axis=1),
+        cos_tilt=met.environment.cos_tilt,
         actuator_lag=spec.actuator_lag,
         delay=spec.delay,
         viscous_friction=spec.viscous_friction,
@@ -446,9 +414,9 @@ def _flight(
         time_s=time,
         held={
             "rotor_command_1": motion.command[:, number],
-            "reference_position_z": met.reference.position,
-            "reference_velocity_z": met.reference.velocity,
-            "reference_acceleration_z": met.reference.acceleration,
+            "reference_position_z": met.environment.reference_position,
+            "reference_velocity_z": met.environment.reference_velocity,
+            "reference_acceleration_z": met.environment.reference_acceleration,
         },
         sampled={
             "position_z": motion.position[:, number] + met.errors.position[:, 0],
@@ -457,5 +425,5 @@ def _flight(
             "cos_tilt": np.cos(met.angles + met.errors.attitude).prod(axis=1),
         },
     )
-    flew = bool(np.abs(motion.position[:, number] - met.reference.position).max() < LOST_M)
+    flew = bool(np.abs(motion.position[:, number] - met.environment.reference_position).max() < LOST_M)
     return SimulatedFlight(recording, truth, flew)

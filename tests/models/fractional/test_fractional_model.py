@@ -15,7 +15,7 @@ from eivor.errors import (
     ShapeError,
     UsageError,
 )
-from eivor.lab.fractional_terms import FractionalDifference, Side
+from eivor.lab.fractional_model import FractionalDifference, Side
 from eivor.signals.noise import fractional_difference
 from validation.fractional.relaxation import ramp_response, step_response
 

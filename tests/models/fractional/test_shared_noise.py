@@ -6,8 +6,12 @@ from scipy.special import gamma
 
 import eivor as ev
 from eivor.errors import DataError, MissingNoiseError, UsageError
-from eivor.lab.fractional_model import FilteredSignals
-from eivor.lab.fractional_terms import FractionalDerivative, FractionalDifference, FractionalPart
+from eivor.lab.fractional_model import (
+    FilteredSignals,
+    FractionalDerivative,
+    FractionalDifference,
+    FractionalPart,
+)
 
 
 def of_noise(noise, count=60, operator=None, **more):

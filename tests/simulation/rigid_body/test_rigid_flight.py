@@ -11,7 +11,6 @@ from scipy.spatial.transform import Rotation
 
 from eivor.errors import ParameterError
 from eivor.lab.disturbances import OrnsteinUhlenbeck
-from eivor.lab.known_logs import log_of_rigid_body_flight, viscous_friction
 from eivor.motions.rigid_body.vehicle import BodyDrag, Rotors, Vehicle
 from eivor.motions.vertical.model import GRAVITY
 from eivor.signals.filters import actuator_state
@@ -19,6 +18,7 @@ from eivor.signals.noise import WhiteNoise
 from eivor.simulation.controller import FlightController, Sensor
 from eivor.simulation.environment import TrajectoryKind
 from eivor.simulation.excitation import DrydenGust, RandomSteps, SteppedExcitation
+from eivor.simulation.known_logs import log_of_rigid_body_flight, viscous_friction
 from eivor.simulation.rigid_body import RigidBodyFlight, RigidBodyTruth, simulate_rigid_body_flights
 from eivor.simulation.rigid_body_spec import (
     AdaptiveSteps,

@@ -49,7 +49,7 @@ def flown(
     stepper = RungeKutta4().stepper(coefficients, step_s)
     bodies, rotors = [body], [speeds]
     for _ in range(round(seconds / step_s)):
-        body, speeds = stepper.step(body, speeds, held)
+        body, speeds = stepper(body, speeds, held)
         bodies.append(body)
         rotors.append(speeds)
     return np.array(bodies), np.array(rotors)
@@ -151,7 +151,7 @@ def test_adaptive_steps_agree_with_small_fixed_ones():
     held = HeldInputs([1.1 * hover, hover, 0.9 * hover, hover], wind=(2.0, 0.0, 0.0))
     state = turning((1.0, -2.0, 0.5)), [hover, hover, 1.1 * hover, 0.9 * hover]
     fixed = flown(coefficients, *state, held, step_s=0.001, seconds=0.1)
-    body, speeds = AdaptiveSteps(rtol=1e-10).stepper(coefficients, 0.1).step(*state, held)
+    body, speeds = AdaptiveSteps(rtol=1e-10).stepper(coefficients, 0.1)(*state, held)
     np.testing.assert_allclose(body, fixed[0][-1], atol=1e-9)
     np.testing.assert_allclose(speeds, fixed[1][-1], rtol=1e-12)
 
@@ -224,16 +224,12 @@ def test_flights_side_by_side_are_those_alone():
     starts = [turning((1.0, 0.0, 2.0)), turning((-1.0, 3.0, 0.0))]
     commands = [[1500.0, 1600.0, 1400.0, 1550.0], [2000.0, 1900.0, 2100.0, 2000.0]]
     wind = (np.ones(2), np.zeros(2), np.zeros(2))
-    body, (speeds,) = (
-        RungeKutta4()
-        .stepper(side_by_side(vehicles), 0.01)
-        .step(np.array(starts).T, [np.full((4, 2), 1500.0)], HeldInputs([np.array(commands).T], wind))
+    body, (speeds,) = RungeKutta4().stepper(side_by_side(vehicles), 0.01)(
+        np.array(starts).T, [np.full((4, 2), 1500.0)], HeldInputs([np.array(commands).T], wind)
     )
     for k, vehicle in enumerate(vehicles):
-        alone = (
-            RungeKutta4()
-            .stepper(coefficients_of(vehicle), 0.01)
-            .step(starts[k], [1500.0] * 4, HeldInputs(commands[k], wind=(1.0, 0.0, 0.0)))
+        alone = RungeKutta4().stepper(coefficients_of(vehicle), 0.01)(
+            starts[k], [1500.0] * 4, HeldInputs(commands[k], wind=(1.0, 0.0, 0.0))
         )
         np.testing.assert_allclose(body[:, k], alone[0], rtol=1e-12, atol=1e-14)
         np.testing.assert_allclose(speeds[:, k], alone[1], rtol=1e-12)

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from importlib.metadata import version
 
 import numpy as np
 
-from eivor.errors import ParameterError, UsageError
-from eivor.lab.records import Scenario, SimulatedRecord, simulate
+from eivor.errors import ParameterError
 from eivor.motions.rigid_body.dynamics import into_body, rotation
-from eivor.motions.vertical.model import GRAVITY
-from eivor.signals.channels import held_by_default, unit_of
-from eivor.signals.recording import Channel, Recording
+from eivor.signals.recording import Recording
 from eivor.simulation.rigid_body import RigidBodyFlight, RigidBodyTruth, simulate_rigid_body_flights
 from eivor.simulation.rigid_body_spec import RigidBodyFlightSpec
 from eivor.simulation.vertical import STEP_S, VerticalFlightSpec, simulate_vertical_flights
@@ -33,12 +30,13 @@ class KnownLog:
     truth: dict[str, object]
 
 
-def log_about_hover(scenario: Scenario, seed: int, *, hover: bool = False) -> KnownLog:
-    """Log of a scenario."""
-    record = simulate(scenario, np.random.default_rng(seed))
-    hover_input = _hover_input(scenario) if hover else 0.0
-    truth = _scenario_truth(scenario, record) | {"hover_input": hover_input, "seed": seed}
-    return KnownLog(_recording(record, hover_input), scenario.rate_hz, scenario.samples, truth)
+def known_log(
+    recording: Recording, rate_hz: float, samples: int, seed: int, truth: Mapping[str, object]
+) -> KnownLog:
+    """Log with the document of its truth."""
+    of_log = {"rate_hz": rate_hz, "samples": samples, "seed": seed}
+    document = {"schema": SCHEMA, **truth, **of_log, "provenance": {"version": version("eivor")}}
+    return KnownLog(recording, rate_hz, samples, document)
 
 
 def log_of_flight(spec: VerticalFlightSpec) -> KnownLog:
@@ -58,83 +56,28 @@ def logs_of_flights(specs: Sequence[VerticalFlightSpec]) -> Iterator[KnownLog]:
             )
         # Without its input map, which is the rotors' own default: so a CSV can keep all that there is.
         recording = replace(flight.recording, input_map="")
-        yield KnownLog(recording, 1.0 / STEP_S, spec.count, _flight_truth(spec))
-
-
-def _hover_input(scenario: Scenario) -> float:
-    """Input whose effect is the weight's."""
-    if scenario.input_gain <= 0.0:
-        raise UsageError(
-            "an input_gain above zero with --hover", f"{scenario.input_gain}", "Leave --hover out."
-        )
-    return GRAVITY / scenario.input_gain
-
-
-def _recording(record: SimulatedRecord, hover_input: float) -> Recording:
-    """Recording of the measured channels."""
-    signals = record.signals
-    time_s = np.arange(signals.sample_count) * signals.step_s
-    channels = {}
-    for key, values in signals.channels.items():
-        logged = values + hover_input if key == "input" else values
-        channels[key] = Channel(
-            key, time_s, logged, unit_of(key), source="simulation", held=held_by_default(key)
-        )
-    return Recording(name="simulation", format="simulation", channels=channels)
-
-
-def _scenario_truth(scenario: Scenario, record: SimulatedRecord) -> dict[str, object]:
-    noises = {
-        name: {"std": noise.std, "order": getattr(noise, "order", 0.0)}
-        for name, noise in record.signals.noise.items()
-    }
-    return {
-        "schema": SCHEMA,
-        **record.parameters,
-        "units": {"viscous_friction": "1/s", "input_gain": "m/s^2 per unit of input"},
-        "noise": noises,
-        "disturbance": {
-            "route": scenario.route.value,
-            "std": float(record.truth.channels["disturbance"].std()),
-        },
-        "rate_hz": scenario.rate_hz,
-        "samples": scenario.samples,
-        "provenance": {"version": version("eivor")},
-    }
+        yield known_log(recording, 1.0 / STEP_S, spec.count, spec.seed, _flight_truth(spec))
 
 
 def _flight_truth(spec: VerticalFlightSpec) -> dict[str, object]:
     levels = ("acceleration", "velocity", "position", "attitude")
+    numbers = ("viscous_friction", "input_gain", "actuator_lag", "delay", "hover_input")
+    changes = ("gust_rms", "gain_after", "gain_changes_at", "gain_changes_over")
     return {
-        "schema": SCHEMA,
-        "viscous_friction": spec.viscous_friction,
-        "input_gain": spec.input_gain,
-        "actuator_lag": spec.actuator_lag,
-        "delay": spec.delay,
-        "hover_input": spec.hover_input,
+        **{name: getattr(spec, name) for name in numbers},
         "units": {
             "viscous_friction": "1/s",
             "input_gain": "m/s^2 per squared share of full command",
-            "actuator_lag": "s",
-            "delay": "s",
             "hover_input": "share of full command",
-            "gain_changes_at": "s",
-            "gain_changes_over": "s",
+            **dict.fromkeys(("actuator_lag", "delay", "gain_changes_at", "gain_changes_over"), "s"),
         },
         "noise": {"kind": str(spec.noise.kind)} | {name: getattr(spec.noise, name) for name in levels},
-        "gust_rms": spec.gust_rms,
-        "gain_after": spec.gain_after,
-        "gain_changes_at": spec.gain_changes_at,
-        "gain_changes_over": spec.gain_changes_over,
+        **{name: getattr(spec, name) for name in changes},
         "trajectory": str(spec.trajectory),
-        "rate_hz": 1.0 / STEP_S,
-        "samples": spec.count,
-        "seed": spec.seed,
-        "provenance": {"version": version("eivor")},
     }
 
 
-# -- Known log --
+# -- Rigid body log --
 
 #: Units of what the truth says of every axis.
 UNITS = {
@@ -153,6 +96,9 @@ UNITS = {
     "delay": "s",
     "control_effectiveness": "rad/s^2 per unit of torque setpoint",
     "hover_speed": "rad/s",
+    "viscous_friction": "1/s",
+    "input_gain": "m/s^2 per squared rad/s",
+    "hover_input": "rad/s",
 }
 
 
@@ -167,32 +113,22 @@ def log_of_rigid_body_flight(spec: RigidBodyFlightSpec) -> KnownLog:
         )
     # Without its input map where that is the rotors' own default: so a CSV can keep all that there is.
     recording = replace(flight.recording, input_map="")
-    return KnownLog(recording, spec.rate_hz, spec.count, _rigid_body_truth(spec, flight))
+    truth = _rigid_body_truth(spec, flight)
+    return known_log(recording, spec.rate_hz, spec.count, spec.seed, truth)
 
 
 def _rigid_body_truth(spec: RigidBodyFlightSpec, flight: RigidBodyFlight) -> dict[str, object]:
     """Everything true, as a JSON document; what the vertical motion's truth has by the same names."""
     parameters = flight.truth.parameters
-    rotors = spec.vehicle.rotors
     return {
-        "schema": SCHEMA,
         "viscous_friction": viscous_friction(flight.truth),
-        "input_gain": rotors.count * parameters.thrust_gain,
+        "input_gain": spec.vehicle.rotors.count * parameters.thrust_gain,
         "hover_input": spec.vehicle.hover_speed,
         **asdict(parameters),
         "control_effectiveness": list(flight.truth.control_effectiveness),
         "hover_speed": spec.vehicle.hover_speed,
-        "units": UNITS
-        | {
-            "viscous_friction": "1/s",
-            "input_gain": "m/s^2 per squared rad/s",
-            "hover_input": "rad/s",
-        },
+        "units": UNITS,
         "trajectory": str(spec.trajectory),
-        "rate_hz": spec.rate_hz,
-        "samples": spec.count,
-        "seed": spec.seed,
-        "provenance": {"version": version("eivor")},
     }
 
 

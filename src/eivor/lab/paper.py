@@ -1,11 +1,13 @@
-"""Examples of the paper: trials and their results."""
+"""The paper's simulation: its readings, trials and results."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
+from enum import Enum
 from functools import lru_cache, partial
+from typing import Any
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -16,35 +18,324 @@ from eivor.estimation.linear import LinearMethod, first_stage_strengths
 from eivor.estimation.moments import CrossMoments, Moments
 from eivor.inference.diagnostics.instruments import STRONG_FIRST_STAGE
 from eivor.lab.disturbances import paper_disturbance
-from eivor.lab.paper_readings import (
-    DISTURBANCE,
-    EXAMPLES,
-    LARGER_RATIO,
-    METHODS,
-    ORDERS,
-    PRINTED_METHODS,
-    RATE_HZ,
-    SAMPLES,
-    SOURCES,
-    TRUTH,
-    Compensation,
-    Example,
-    Input,
-    MotionSource,
-    PaperReading,
-    Ratio,
-    RatioOf,
-    Weights,
-)
-from eivor.lab.records import Intersample, Scenario, SimulatedRecord, simulate
-from eivor.lab.study_run import Spread
+from eivor.lab.records import DisturbanceRoute, Intersample, Scenario, SimulatedRecord, simulate
+from eivor.lab.study import Spread
 from eivor.models.regression import lags
 from eivor.motions.vertical.model import VerticalMotion
 from eivor.process_pool import in_order, local_executor
 from eivor.signals.noise import FractionalNoise, MeasurementNoise, WhiteNoise, fractional_difference
 from eivor.signals.signals import Signals
-from eivor.simulation.excitation import Excitation, PaperInput
+from eivor.simulation.excitation import Excitation, PaperInput, WhiteExcitation
 from eivor.tools import Bool, Float
+
+#: theta = (K, K_u) of (34).
+TRUTH: Mapping[str, float] = {"viscous_friction": 0.293, "input_gain": 0.021}
+RATE_HZ = 5.0
+SAMPLES = 4000
+RUNS = 100
+#: Orders of the noises of z' and z'' in (34).
+ORDERS: Mapping[str, float] = {"velocity_z": -0.4, "acceleration_z": -0.5}
+#: The ratio that is the same in both examples, and what it may belong to.
+LARGER_RATIO = 1e-2
+DISTURBANCE = "disturbance"
+SOURCES = ("velocity_z", "acceleration_z", "input", DISTURBANCE)
+#: Columns of the tables: NRMSE of K, of K_u, and of both together.
+SCORES = ("viscous_friction", "input_gain", "together")
+#: Methods in the order of the results; of each pair the second is solved by total least squares.
+METHODS = (
+    "least_squares",
+    "total_least_squares",
+    "extended_iv",
+    "extended_iv_tls",
+    "generalized_iv",
+    "generalized_iv_tls",
+)
+#: What the paper's columns LS, IV and GIV are called here.
+PRINTED_METHODS: Mapping[str, str] = {"LS": "least_squares", "IV": "extended_iv", "GIV": "generalized_iv"}
+
+
+@dataclass(frozen=True, slots=True)
+class Example:
+    """An example of the paper with the table it prints."""
+
+    number: int  # 1 or 2
+    ratio: float  # Noise-to-signal ratio of all sources but one
+    # For each method of the table, mean and SD of NRMSE in percent, in the order of `SCORES`
+    printed: Mapping[str, tuple[Spread, Spread, Spread]]
+
+
+EXAMPLES = (
+    Example(
+        1,
+        2e-3,
+        {
+            "least_squares": (Spread(6.43, 0.074), Spread(6.32, 0.075), Spread(6.42, 0.074)),
+            "extended_iv": (Spread(187.2, 119.4), Spread(129.3, 80.4), Spread(186.9, 119.2)),
+            "generalized_iv": (Spread(2.30, 1.67), Spread(2.26, 1.65), Spread(2.30, 1.67)),
+        },
+    ),
+    Example(
+        2,
+        5e-3,
+        {
+            "least_squares": (Spread(6.55, 0.10), Spread(6.442, 0.10), Spread(6.55, 0.10)),
+            "extended_iv": (Spread(211.6, 247.3), Spread(145.0, 159.7), Spread(211.6, 246.9)),
+            "generalized_iv": (Spread(5.74, 2.70), Spread(3.69, 2.65), Spread(5.739, 2.70)),
+        },
+    ),
+)
+
+
+class Ratio(Enum):
+    """What the noise-to-signal ratios are ratios of."""
+
+    STD = "standard deviations"
+    VARIANCE = "variances"
+
+
+class RatioOf(Enum):
+    """Which noise a ratio is taken of."""
+
+    WHITE = "the white sequence before Delta^alpha"
+    FRACTIONAL = "the noise after Delta^alpha, its mean variance over the record"
+
+
+class Weights(Enum):
+    """Weights of Delta^alpha."""
+
+    SIGNED = "(-1)^j binom(alpha, j)"
+    PRINTED = "binom(alpha, j)"
+
+
+class MotionSource(Enum):
+    """Where z' and z'' at the samples come from; z is the height, integrated exactly."""
+
+    SOLUTION = "the solution of the equation of motion"
+    VELOCITY_CENTRAL = "z'' by central differences of z'"
+    VELOCITY_BACKWARD = "z'' by backward differences of z'"
+    VELOCITY_FORWARD = "z'' by forward differences of z'"
+    HEIGHT_CENTRAL = "z' by central, z'' by central second differences of z"
+    HEIGHT_TWICE_CENTRAL = "z' by central differences of z, z'' by central differences of that"
+    HEIGHT_BACKWARD = "z' by backward differences of z, z'' by backward differences of that"
+    NOISY_VELOCITY = "z'' by central differences of z' as measured, with its noise"
+    EULER_STEPS = "Euler's steps, each z'' beside the z' that it leads to"
+
+
+class Input(Enum):
+    """Which input drives the vehicle."""
+
+    PAPER = "(35) with t in seconds"
+    SAMPLES = "(35) with t counted in samples"
+    WHITE = "white, with the variance of (35)"
+
+
+class Compensation(Enum):
+    """What is subtracted from the products of instruments and regressors in (29)."""
+
+    SHARED = "N sigma_u^2 in the row of lag 0"
+    PRINTED_ROW = "N sigma_u^2 in row 2, as H is printed"
+    WITHOUT_COUNT = "sigma_u^2 without N, as (29) is printed"
+
+
+@dataclass(frozen=True, slots=True)
+class PaperReading:
+    """One way to read the paper's simulation."""
+
+    name: str  # What the command line calls it
+    sentence: str  # What it says
+    allowed: bool = True  # Whether the text allows it; False for what is measured to understand the others
+    input_variance: float = 0.02  # Variance of the white sequence in (35)
+    input: Input = Input.PAPER  # Which input
+    ratio: Ratio = Ratio.STD  # What the ratios mean
+    ratio_of: RatioOf = RatioOf.WHITE
+    larger_on: str = "velocity_z"  # Source that has the ratio 1e-2, one of `SOURCES`
+    weights: Weights = Weights.SIGNED  # Of Delta^alpha
+    motion: MotionSource = MotionSource.SOLUTION  # Where z' and z'' come from
+    intersample: Intersample = Intersample.HOLD  # What the input does between samples
+    route: DisturbanceRoute = DisturbanceRoute.EQUATION  # Where the disturbance enters
+    # Scale the disturbance to its ratio; False leaves e ~ N(0, 1) and sinusoids of amplitude 1
+    disturbance_scaled: bool = True
+    lags: int = 10  # n: extended IV has the input at lags 1 to n, generalized IV at 0 to n
+    compensation: Compensation = Compensation.SHARED  # Of generalized IV
+    as_many: bool = False  # Generalized IV has the lags 0 to n - 1, as many instruments as extended IV
+
+    def but(self, name: str, sentence: str, **changes: Any) -> PaperReading:
+        """The same reading apart from some choices."""
+        return replace(self, name=name, sentence=sentence, **changes)
+
+    @property
+    def records(self) -> PaperReading:
+        """What shapes the records alone: readings that share it have the same ones."""
+        same = PaperReading("", "")
+        estimation = {name: getattr(same, name) for name in ("allowed", "lags", "compensation", "as_many")}
+        return self.but("", "", **estimation)
+
+
+_STD = PaperReading(
+    "ratios-of-std",
+    "Ratios of standard deviations, 1e-2 on z', 0.02 the standard deviation of the input's noise, exact "
+    "motion, ten lags.",
+    input_variance=0.02**2,
+)
+_VARIANCE = _STD.but(
+    "ratios-of-variances", "As ratios-of-std, with the ratios those of variances.", ratio=Ratio.VARIANCE
+)
+_CENTRAL = PaperReading(
+    "central-10-lags",
+    "Ratios of standard deviations, 0.02 a variance, z'' by central differences of z' at T = 0.2 s, ten "
+    "lags.",
+    motion=MotionSource.VELOCITY_CENTRAL,
+)
+#: Every named reading.
+READINGS: tuple[PaperReading, ...] = (
+    _STD,
+    _VARIANCE,
+    _STD.but(
+        "input-variance-std",
+        "As ratios-of-std, with 0.02 the variance of the input's noise.",
+        input_variance=0.02,
+    ),
+    _VARIANCE.but(
+        "input-variance",
+        "As ratios-of-variances, with 0.02 the variance of the input's noise.",
+        input_variance=0.02,
+    ),
+    _VARIANCE.but(
+        "larger-on-acceleration", "As ratios-of-variances, with 1e-2 on z''.", larger_on="acceleration_z"
+    ),
+    _VARIANCE.but("larger-on-input", "As ratios-of-variances, with 1e-2 on u.", larger_on="input"),
+    _VARIANCE.but(
+        "larger-on-disturbance",
+        "As ratios-of-variances, with 1e-2 on the disturbance.",
+        larger_on="disturbance",
+    ),
+    _VARIANCE.but(
+        "ratio-after-delta",
+        "As ratios-of-variances, the ratios of the noises after Delta^alpha.",
+        ratio_of=RatioOf.FRACTIONAL,
+    ),
+    _VARIANCE.but(
+        "weights-as-printed",
+        "As ratios-of-variances, with binom(alpha, j) as weights: signs alternate.",
+        weights=Weights.PRINTED,
+    ),
+    _VARIANCE.but(
+        "disturbance-in-dynamics",
+        "As ratios-of-variances, with the disturbance moving the vehicle.",
+        route=DisturbanceRoute.DYNAMICS,
+    ),
+    _VARIANCE.but(
+        "disturbance-unscaled",
+        "As ratios-of-variances, with e ~ N(0, 1) and sinusoids of amplitude 1 m/s^2 as printed.",
+        disturbance_scaled=False,
+    ),
+    _VARIANCE.but(
+        "two-lags",
+        "As ratios-of-variances, with n = 2 in (21) and (28): as many delayed inputs as parameters.",
+        lags=2,
+    ),
+    _VARIANCE.but(
+        "row-of-h-as-printed",
+        "As larger-on-input, with the 1 of H in row 2 as printed.",
+        larger_on="input",
+        compensation=Compensation.PRINTED_ROW,
+    ),
+    _VARIANCE.but(
+        "count-left-out",
+        "As larger-on-input, with sigma_u^2 not multiplied by N, as (29) is printed.",
+        larger_on="input",
+        compensation=Compensation.WITHOUT_COUNT,
+    ),
+    _VARIANCE.but(
+        "time-in-samples", "As ratios-of-variances, with t in (35) counted in samples.", input=Input.SAMPLES
+    ),
+    _CENTRAL,
+    _CENTRAL.but("central-5-lags", "As central-10-lags, with five lags.", lags=5),
+    _CENTRAL.but("central-2-lags", "As central-10-lags, with n = 2 as in (21).", lags=2),
+    _CENTRAL.but(
+        "central-linear-input",
+        "As central-5-lags, with an input that is linear between samples.",
+        intersample=Intersample.LINEAR,
+        lags=5,
+    ),
+    _CENTRAL.but(
+        "height-central",
+        "As central-5-lags, with z' by central and z'' by central second differences of z.",
+        motion=MotionSource.HEIGHT_CENTRAL,
+        lags=5,
+    ),
+    _CENTRAL.but(
+        "height-backward",
+        "As central-5-lags, with z' and z'' by backward differences of z, one after the other.",
+        motion=MotionSource.HEIGHT_BACKWARD,
+        lags=5,
+    ),
+    _CENTRAL.but(
+        "height-backward-2-lags",
+        "As height-backward, with n = 2 as in (21).",
+        motion=MotionSource.HEIGHT_BACKWARD,
+        lags=2,
+    ),
+    _CENTRAL.but(
+        "noise-before-differences",
+        "As central-5-lags, with z'' by central differences of the noisy z'.",
+        motion=MotionSource.NOISY_VELOCITY,
+        lags=5,
+    ),
+    _CENTRAL.but(
+        "euler-steps",
+        "As central-10-lags, with the motion by Euler's steps: z'' of the z' before, and in the equation "
+        "beside the z' that it leads to.",
+        motion=MotionSource.EULER_STEPS,
+    ),
+    _VARIANCE.but(
+        "forward-printed-weights",
+        "As larger-on-input, with z'' by forward differences of z', binom(alpha, j) as weights, n = 2, and "
+        "as many instruments in generalized as in extended IV.",
+        larger_on="input",
+        weights=Weights.PRINTED,
+        motion=MotionSource.VELOCITY_FORWARD,
+        lags=2,
+        as_many=True,
+    ),
+    _VARIANCE.but(
+        "forward-linear-2-lags",
+        "As ratios-of-variances, with 0.02 a variance, an input that is linear between samples, z'' by "
+        "forward differences of z', n = 2, and as many instruments in generalized as in extended IV.",
+        input_variance=0.02,
+        motion=MotionSource.VELOCITY_FORWARD,
+        intersample=Intersample.LINEAR,
+        lags=2,
+        as_many=True,
+    ),
+    _VARIANCE.but(
+        "white-input",
+        "Not the paper's: as ratios-of-variances, with a white input of the variance of (35).",
+        allowed=False,
+        input_variance=0.02,
+        input=Input.WHITE,
+    ),
+    _VARIANCE.but(
+        "white-input-2-lags",
+        "Not the paper's: as white-input, with n = 2.",
+        allowed=False,
+        input_variance=0.02,
+        input=Input.WHITE,
+        lags=2,
+    ),
+)
+
+
+def named_readings(names: tuple[str, ...]) -> tuple[PaperReading, ...]:
+    """Readings of those names, in the order of the names; all for none."""
+    known = {reading.name: reading for reading in READINGS}
+    for name in names:
+        if name not in known:
+            raise UsageError(
+                f"readings out of {', '.join(known)}", f"'{name}'", "Name some of them, with commas between."
+            )
+    return tuple(known[name] for name in names) or READINGS
+
 
 # -- Trials --
 
@@ -93,17 +384,6 @@ class SampleClockInput(Excitation):
         return PaperInput(self.variance).sample(count, 1.0, rng)
 
 
-@dataclass(frozen=True, slots=True)
-class WhiteInput(Excitation):
-    """White input."""
-
-    variance: float
-
-    def sample(self, count: int, _step_s: float, rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
-        """One realisation."""
-        return np.sqrt(self.variance) * rng.standard_normal(count)
-
-
 def scenario(reading: PaperReading, example: Example) -> Scenario:
     """What a reading of an example simulates; longer by the edges when differences are taken."""
     exact = reading.motion is MotionSource.SOLUTION
@@ -140,7 +420,7 @@ def _excitation(reading: PaperReading) -> Excitation:
     if reading.input is Input.SAMPLES:
         return SampleClockInput(reading.input_variance)
     if reading.input is Input.WHITE:
-        return WhiteInput(MOVING_AVERAGE * reading.input_variance + SINUSOID)
+        return WhiteExcitation(float(np.sqrt(MOVING_AVERAGE * reading.input_variance + SINUSOID)))
     return PaperInput(reading.input_variance)
 
 
@@ -240,37 +520,22 @@ def estimates(reading: PaperReading, signals: Signals) -> Estimates:
     model = VerticalMotion(intercept=False)
     last = reading.lags - 1 if reading.as_many else reading.lags
     problems = (
-        (
-            model.regression(_known_by_variance(signals)),
-            methods.least_squares(),
-            methods.total_least_squares(),
-        ),
-        (
-            model.regression(signals, lags("input", 1, reading.lags)),
-            methods.extended_iv(),
-            methods.extended_iv_tls(),
-        ),
-        (
-            model.regression(signals, lags("input", 0, last)),
-            methods.generalized_iv(),
-            methods.generalized_iv_tls(),
-        ),
+        model.regression(_known_by_variance(signals)),
+        model.regression(signals, lags("input", 1, reading.lags)),
+        model.regression(signals, lags("input", 0, last)),
     )
     result = np.full((len(METHODS), len(TRUTH)), np.nan)
     weak = np.zeros(len(METHODS), dtype=np.bool_)
-    for pair, (problem, *both) in enumerate(problems):
+    for pair, problem in enumerate(problems):
+        both: list[LinearMethod] = [getattr(methods, name)() for name in METHODS[2 * pair : 2 * pair + 2]]
         moments = both[0].moments(problem)
-        weak[2 * pair : 2 * pair + 2] = _weak(moments)
+        # As the status of an estimate says it.
+        strengths = first_stage_strengths(moments)
+        weak[2 * pair : 2 * pair + 2] = strengths is not None and strengths.min() < STRONG_FIRST_STAGE
         as_read = _as_read(moments, reading.compensation)
         for index, method in enumerate(both):
             result[2 * pair + index] = _theta(method, as_read)
     return Estimates(result, weak)
-
-
-def _weak(moments: Moments) -> bool:
-    """Whether the instruments hardly move one of the regressors, as the status of an estimate says it."""
-    strengths = first_stage_strengths(moments)
-    return strengths is not None and bool(strengths.min() < STRONG_FIRST_STAGE)
 
 
 def _known_by_variance(signals: Signals) -> Signals:
@@ -323,24 +588,13 @@ PRINTED_RUNS = 100
 
 @dataclass(frozen=True, slots=True)
 class PaperResult:
-    """What came out of one example under one reading.
+    """What came out of one example under one reading."""
 
-    Parameters
-    ----------
-    reading : Reading
-        The reading.
-    example : Example
-        The example.
-    estimates : ndarray, shape (runs, methods, parameters)
-        In the order of `METHODS`; NaN where a method gave none.
-    weak : ndarray, shape (runs, methods)
-        Whether a method's instruments were weak.
-    """
-
-    reading: PaperReading
-    example: Example
+    reading: PaperReading  # The reading
+    example: Example  # The example
+    # In the order of `METHODS`; NaN where a method gave none
     estimates: Float[np.ndarray, "runs methods parameters"]
-    weak: Bool[np.ndarray, "runs methods"]
+    weak: Bool[np.ndarray, "runs methods"]  # Whether a method's instruments were weak
 
     def nrmse(self, method: str) -> Float[np.ndarray, "runs scores"]:
         """NRMSE in percent of each run in which the method gave an estimate, in the order of `SCORES`."""
@@ -366,33 +620,27 @@ class PaperResult:
 
 @dataclass(frozen=True, slots=True)
 class Nearness:
-    """How far a reading is from the printed tables.
+    """How far a reading is from the printed tables."""
 
-    Parameters
-    ----------
-    means, spreads : float
-        Typical factor between measured and printed means, and SDs, of NRMSE: exp of the mean of
-        |log(measured / printed)| over examples, columns and parameters.
-    agreeing, printed : int
-        Printed means that the measured ones agree with to `AGREEMENT` standard errors, and how many
-        there are.
-    """
-
+    # Typical factor between measured and printed means, and SDs, of NRMSE: exp of the mean of |log(measured /
+    # printed)| over examples, columns and parameters
     means: float
     spreads: float
+    # Printed means that the measured ones agree with to `AGREEMENT` standard errors, and how many there are
     agreeing: int
     printed: int
 
 
 def run_example(reading: PaperReading, example: Example, runs: int, seed: int = SEED) -> PaperResult:
     """Result of some runs of an example under a reading, on one thread."""
-    return run_together((reading,), example, runs, seed)[0]
+    return run_together(((reading,), example), runs, seed)[0]
 
 
 def run_together(
-    readings: Sequence[PaperReading], example: Example, runs: int, seed: int = SEED
+    task: tuple[Sequence[PaperReading], Example], runs: int, seed: int = SEED
 ) -> list[PaperResult]:
-    """Results under readings that have their records in common, see `Reading.records`."""
+    """Results of an example under readings that have their records in common, see `PaperReading.records`."""
+    readings, example = task
     theta = np.empty((len(readings), runs, len(METHODS), len(TRUTH)))
     weak = np.empty((len(readings), runs, len(METHODS)), dtype=np.bool_)
     with threadpool_limits(limits=1):
@@ -429,7 +677,7 @@ def _results(
     tasks = [(tuple(group), example) for group in groups.values() for example in EXAMPLES]
     waiting = [(reading, example) for reading in readings for example in EXAMPLES]
     done: dict[tuple[str, int], PaperResult] = {}
-    computed = local_executor(workers, len(tasks)).map(partial(_run_task, runs=runs, seed=seed), tasks)
+    computed = local_executor(workers, len(tasks)).map(partial(run_together, runs=runs, seed=seed), tasks)
     with closing(in_order(computed)) as groups_done:
         for results in groups_done:
             done |= {(result.reading.name, result.example.number): result for result in results}
@@ -438,26 +686,13 @@ def _results(
                 yield done[reading.name, example.number]
 
 
-def _run_task(task: tuple[tuple[PaperReading, ...], Example], runs: int, seed: int) -> list[PaperResult]:
-    return run_together(*task, runs, seed)
-
-
 def nearness(results: Sequence[PaperResult], *, total_least_squares: bool = False) -> Nearness:
-    """How far both examples of one reading are from the printed tables.
-
-    Parameters
-    ----------
-    results : sequence of PaperResult
-        Of one reading.
-    total_least_squares : bool
-        Take the forms of IV and GIV that are solved by total least squares, as the paper proposes; its
-        tables do not say which they show.
-    """
+    """How far both examples of one reading are from the printed tables."""
     pairs = [
         (spread, printed, len(result.nrmse(method)))
         for result in results
         for item in PRINTED_METHODS.values()
-        for method in (solved_by(item, total_least_squares=total_least_squares),)
+        for method in (f"{item}_tls" if total_least_squares and item.endswith("_iv") else item,)
         for spread, printed in zip(result.spreads(method)[:2], result.example.printed[item][:2], strict=True)
     ]
     agreeing = sum(_agrees(spread, printed, runs) for spread, printed, runs in pairs)
@@ -467,11 +702,6 @@ def nearness(results: Sequence[PaperResult], *, total_least_squares: bool = Fals
         agreeing,
         len(pairs),
     )
-
-
-def solved_by(method: str, *, total_least_squares: bool) -> str:
-    """Instrumental method as the tables may mean it; least squares is what it is."""
-    return f"{method}_tls" if total_least_squares and method.endswith("_iv") else method
 
 
 def _agrees(measured: Spread, printed: Spread, runs: int) -> bool:

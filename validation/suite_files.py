@@ -1,0 +1,86 @@
+"""Suites of studies: files of scenarios, lengths and methods."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from eivor.lab.experiments import VerticalExperiment
+from eivor.lab.records import Scenario
+from eivor.lab.scenario_files import (
+    MOST_SAMPLES,
+    located,
+    method_choice,
+    read_scenario,
+    shipped_scenario,
+    shipped_scenarios,
+)
+from eivor.lab.study import Study
+from eivor.strict_toml import TomlTable, read_toml
+
+
+@dataclass(frozen=True, slots=True)
+class SuiteStudy:
+    """One study of a suite."""
+
+    scenario: str
+    samples: int
+    study: Study
+
+
+@dataclass(frozen=True, slots=True)
+class Suite:
+    """Studies with the same methods, runs and seed."""
+
+    name: str
+    studies: tuple[SuiteStudy, ...]  # Every scenario at every length, lengths first
+
+    def reduced(self, runs: int) -> Suite:
+        """Same suite with other numbers of runs; trials are the same as far as they go."""
+        studies = tuple(replace(study, study=replace(study.study, runs=runs)) for study in self.studies)
+        return replace(self, studies=studies)
+
+
+def read_suite(path: Path) -> Suite:
+    """Suite from a file."""
+    top = read_toml(path, "a suite of studies")
+    name, runs, seed = top.text("name", path.stem), top.whole("runs"), top.whole("seed")
+    level = top.number("level", 0.95)
+    lengths = [_length(top, value) for value in top.numbers("samples")]
+    scenarios = {word: _scenario(top, word, path.parent) for word in top.texts("scenarios")}
+    tables = top.sections("methods")
+    top.finish()
+    if not lengths or not scenarios or len(set(lengths)) < len(lengths):
+        raise top.wrong(
+            "", "one scenario or more, and one length or more, each once", f"{lengths} of {list(scenarios)}"
+        )
+    studies = []
+    for samples in lengths:
+        for word, scenario in scenarios.items():
+            experiment = VerticalExperiment(replace(scenario, samples=samples))
+            channel = experiment.exogenous_channel
+            choices = tuple(method_choice(table, channel) for table in tables)
+            label = f"{name}: {word}, {samples} samples"
+            with located(top):
+                study = Study(label, experiment, choices, runs, seed, intervals=True, level=level)
+            studies.append(SuiteStudy(word, samples, study))
+    return Suite(name, tuple(studies))
+
+
+def coverage_suite() -> Suite:
+    """Coverage of the intervals of generalized IV."""
+    return read_suite(Path(__file__).parent / "coverage" / "coverage.toml")
+
+
+def _length(top: TomlTable, value: float) -> int:
+    if value != int(value) or not 1 <= value <= MOST_SAMPLES:
+        raise top.wrong("samples", f"whole numbers up to {MOST_SAMPLES}", f"{value:g}")
+    return int(value)
+
+
+def _scenario(top: TomlTable, word: str, folder: Path) -> Scenario:
+    if word in shipped_scenarios():
+        return shipped_scenario(word)
+    if not word.endswith(".toml"):
+        raise top.wrong("scenarios", f"names out of {', '.join(shipped_scenarios())}, or files", f"'{word}'")
+    return read_scenario(folder / word)
