@@ -265,7 +265,7 @@ def drawing(draw: Draw, name: str, title: str, height: float) -> Markup:
     axes.set_title("")
     axes.tick_params(labelsize=8)
     for axis in (axes.xaxis, axes.yaxis):
-        axis.label.set_size(8.5)
+        axis.label.set_fontsize(8.5)
         if axis.get_scale() != "linear":
             axis.set_major_formatter(partial(_tick, getattr(axis.get_transform(), "linthresh", 0.0)))
     stream = BytesIO()
@@ -580,24 +580,19 @@ def _fitted(
         low, high = band_of(trace, runs[0])
         both = np.concatenate(bands)
         table = _by_run(runs, bands, trace.unit)
-        passed = f"Both are band-passed {low:.2f} to {high:.0f} Hz"
-        lines = (
-            Line("measured", "measured", both[:, 0]),
-            Line(f"predicted: {trace.model}", "predicted", both[:, 1]),
-        )
-        yield Picture(
-            f"{capitalised(trace.axis)}, measured and predicted [{trace.unit}]",
-            f"{passed}.{_hatched(flight)}",
-            _chart(number, flight, trace.unit, time, lines),
-            table,
-        )
-        left = (Line("measured − predicted", "residual", both[:, 0] - both[:, 1]),)
-        yield Picture(
-            f"{capitalised(trace.axis)}, what the model leaves [{trace.unit}]",
-            "Nothing of the vehicle's movement should be seen in it.",
-            _chart(number, flight, trace.unit, time, left),
-            table,
-        )
+        measured = Line("measured", "measured", both[:, 0])
+        predicted = Line(f"predicted: {trace.model}", "predicted", both[:, 1])
+        left = Line("measured − predicted", "residual", both[:, 0] - both[:, 1])
+        for what, words, lines in (
+            (
+                "measured and predicted",
+                f"Both are band-passed {low:.2f} to {high:.0f} Hz.{_hatched(flight)}",
+                (measured, predicted),
+            ),
+            ("what the model leaves", "Nothing of the vehicle's movement should be seen in it.", (left,)),
+        ):
+            title = f"{capitalised(trace.axis)}, {what} [{trace.unit}]"
+            yield Picture(title, words, _chart(number, flight, trace.unit, time, lines), table)
 
 
 def _by_run(runs: list[FlightRun], bands: list[Float[np.ndarray, "length 2"]], unit: str) -> TableOf:
@@ -655,9 +650,8 @@ def _chart(
 
 def _spread(values: Float[np.ndarray, " n"]) -> tuple[float, ...]:
     there = values[np.isfinite(values)]
-    if not there.size:
-        return (np.nan,) * 4
-    return float(there.min()), float(there.mean()), float(there.max()), float(there.std())
+    measures = (np.min, np.mean, np.max, np.std)
+    return tuple(float(measure(there)) if there.size else np.nan for measure in measures)
 
 
 def _rms(values: Float[np.ndarray, " n"]) -> float:
