@@ -721,7 +721,7 @@ TITLES = ("log", "format", "span [s]", "used [s]", "runs", "samples", "rate [Hz]
 def flight_page(result: FlightEstimate) -> str:
     """Text of a page that identifies a result: HTML without anything to fetch."""
     flight = flight_report(result)
-    document, told = document_of(flight, card=True), json_of(flight)
+    document, written = document_of(flight, card=True), json_of(flight)
     over_time = list(flights_over_time(result))
     figures = Figures(lines_of(over_time))
     groups = {
@@ -730,7 +730,7 @@ def flight_page(result: FlightEstimate) -> str:
         "methods": [forests(flight, flight.comparisons, "")] if flight.comparisons else [],
         "flight": [*over_time, *([] if result.fit is None else [pictures_of_fit(result, result.fit)])],
     }
-    provenance, options = _provenance(told)
+    provenance, options = _provenance(written)
     sections = [
         (_displayed(section, result), SHORT.get(section.heading, section.heading))
         for section in document.sections
@@ -752,7 +752,7 @@ def flight_page(result: FlightEstimate) -> str:
         drawing=uplot(),
         figures={name: figures.html(group) for name, group in groups.items()},
     )
-    data = {"result": told, "charts": figures.charts, "verdict": verdict_data(document, flight)}
+    data = {"result": written, "charts": figures.charts, "verdict": verdict_data(document, flight)}
     return whole_page(f"{title}: {flight.verdict.status.value}", body, data)
 
 
@@ -780,17 +780,17 @@ def _without_summary(part: Part) -> Part:
     return Facts(tuple(fact for fact in part.facts if fact.label != "identified"))
 
 
-def _provenance(told: Mapping[str, Any]) -> tuple[Section, Facts]:
+def _provenance(written: Mapping[str, Any]) -> tuple[Section, Facts]:
     """Where the numbers of a document come from, and the options."""
-    made = told["provenance"]
+    made = written["provenance"]
     rows = []
-    for log, source in zip(told["logs"], made["logs"], strict=True):
+    for log, source in zip(written["logs"], made["logs"], strict=True):
         checksum = f"SHA-256 {source['sha256']}" if source["sha256"] else ""
         counts = (str(log["runs"]), str(log["samples"]), f"{log['rate_hz']:g}")
         texts = (log["format"], _span(log["span"]), _span(log["window"]), *counts)
         rows.append((Cell(log["name"], checksum), *map(Cell, texts)))
     columns = (*map(TableColumn, TITLES[:2]), *(TableColumn(title, whole=True) for title in TITLES[2:]))
-    facts = (Fact("made by", f"Eivor {made['version']}"), Fact("schema", told["schema"]))
+    facts = (Fact("made by", f"Eivor {made['version']}"), Fact("schema", written["schema"]))
     options = (
         Fact(name, _option(item)) for name, item in made["options"].items() if item not in (None, "", [], {})
     )
