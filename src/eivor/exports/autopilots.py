@@ -37,7 +37,7 @@ class Autopilot:
 
 
 #: Numbers by the autopilot's names, and why others are missing.
-Found: TypeAlias = tuple[dict[str, Number], dict[str, str]]
+Proposed: TypeAlias = tuple[dict[str, Number], dict[str, str]]
 
 
 def chosen_parameters(
@@ -78,7 +78,7 @@ def _check_shares(fitted: Fitted) -> None:
         )
 
 
-def _fit(fitted: Fitted, autopilot: Autopilot) -> Found:
+def _fit(fitted: Fitted, autopilot: Autopilot) -> Proposed:
     """Curve and hover together, hover alone where the curve in force stays, or neither."""
     hover, curve = fitted.identified_number("hover_input"), fitted.identified_number("thrust_curve")
     names = autopilot.hover.name, autopilot.curve.name

@@ -293,14 +293,14 @@ def _parts(
                 lacking = (item for item in formulas[name].needed if not fitted.is_identified(item))
                 missing[name] = " ".join(map(fitted.why_not, lacking)) or row.sentence
     for name, root in MADE_OF[fitted.model].items():
-        found = fitted.identified_number(root) or given.get(root)
-        if found is None:
+        root_number = fitted.identified_number(root) or given.get(root)
+        if root_number is None:
             missing[name] = fitted.why_not(root)
         elif name in {"thrust", "drag_z"}:
             share = 1.0 / vehicle.count if root == "input_gain" else 1.0
-            parts[name] = per_mass(given["mass"], found, root, share)
+            parts[name] = per_mass(given["mass"], root_number, root, share)
         else:
-            parts[name] = SimulatorNumber(found, itemgetter(root))
+            parts[name] = SimulatorNumber(root_number, itemgetter(root))
     return parts, missing
 
 

@@ -215,7 +215,6 @@ def legend(
 
 # -- Fit panels --
 
-MEASURED, PREDICTED, RESIDUAL, SHADE = "#333333", "#d1495b", "#66717e", "#2e86ab"
 #: At most so much of a flight is drawn over time [s].
 FIT_SHOWN_S = 40.0
 #: Line styles of several axes in one panel.
@@ -226,8 +225,8 @@ def draw_fit(axes: Axes, trace: Trace, runs: list[FlightRun]) -> None:
     """Draw what was measured along one axis and what the model says, both within the band."""
     run, time, band = _within_the_band(trace, runs)
     low, high = band_of(trace, run)
-    axes.plot(time, band[:, 0], color=MEASURED, lw=0.9, label="measured")
-    axes.plot(time, band[:, 1], color=PREDICTED, lw=1.1, label=f"predicted: {trace.model}")
+    axes.plot(time, band[:, 0], color=DARK, lw=0.9, label="measured")
+    axes.plot(time, band[:, 1], color=RED, lw=1.1, label=f"predicted: {trace.model}")
     axes.set_ylabel(f"{trace.axis}\n[{trace.unit}]", parse_math=False)
     count = len(runs)
     what = "the whole run" if count == 1 else f"the longest of {count} runs"
@@ -243,7 +242,7 @@ def draw_fit(axes: Axes, trace: Trace, runs: list[FlightRun]) -> None:
 def draw_residual(axes: Axes, trace: Trace, runs: list[FlightRun]) -> None:
     """Draw what the model leaves of what `draw_fit` shows."""
     _, time, band = _within_the_band(trace, runs)
-    axes.plot(time, band[:, 0] - band[:, 1], color=RESIDUAL, lw=0.9)
+    axes.plot(time, band[:, 0] - band[:, 1], color=GREY, lw=0.9)
     axes.axhline(0.0, color="black", lw=0.5)
     axes.set_ylabel(f"residual\n[{trace.unit}]", parse_math=False)
     _time_axis(axes)
@@ -276,9 +275,9 @@ def draw_autocorrelation(axes: Axes, best: Candidate, runs: list[FlightRun]) -> 
     """Autocorrelation of the residual that inference works on, sampled at twice the band's top."""
     autocorrelation = residual_autocorrelation(best, runs)
     lags, correlation, band = autocorrelation.shift_s, autocorrelation.correlation, autocorrelation.band
-    axes.axhspan(-band, band, color=SHADE, alpha=0.18, lw=0, label="95 % band of white noise")
-    axes.vlines(lags[1:], 0.0, correlation[1:], color=RESIDUAL, lw=1.6)
-    axes.plot(lags[1:], correlation[1:], "o", color=RESIDUAL, ms=3)
+    axes.axhspan(-band, band, color=BLUE, alpha=0.18, lw=0, label="95 % band of white noise")
+    axes.vlines(lags[1:], 0.0, correlation[1:], color=GREY, lw=1.6)
+    axes.plot(lags[1:], correlation[1:], "o", color=GREY, ms=3)
     axes.axhline(0.0, color="black", lw=0.5)
     axes.set_title(f"Autocorrelation of the {autocorrelation.what}", fontsize=9)
     labelled(axes, x="shift [s]", y="correlation")
@@ -295,8 +294,8 @@ def draw_excitation(
     for trace, style in zip(traces, cycle(STYLES), strict=False):
         of_axis = f" ({trace.axis})" if len(traces) > 1 else ""
         for values, colour, label in (
-            (trace.driven, PREDICTED, f"input: {trace.drive}{of_axis}"),
-            (trace.measured - trace.predicted, RESIDUAL, f"residual{of_axis}"),
+            (trace.driven, RED, f"input: {trace.drive}{of_axis}"),
+            (trace.measured - trace.predicted, GREY, f"residual{of_axis}"),
         ):
             frequency, amplitude = spectrum(values, runs)
             if per_decade is not None:
@@ -305,7 +304,7 @@ def draw_excitation(
     low, high = axes.get_ylim()
     axes.set_ylim(bottom=max(low, LEAST_AMPLITUDE * high))
     low, high = runs[0].spectral.band_hz
-    axes.axvspan(low, high, color=SHADE, alpha=0.12, lw=0, label="band used")
+    axes.axvspan(low, high, color=BLUE, alpha=0.12, lw=0, label="band used")
     axes.set_title("Excitation", fontsize=9)
     axes.set_xlabel("frequency [Hz]")
     axes.set_ylabel(f"amplitude [{traces[0].unit} per √Hz]", parse_math=False)
@@ -696,8 +695,8 @@ def draw_profile(axes: Axes, result: FlightEstimate, estimate: Estimate, number:
     _abscissa(axes, profile.grid * scale)
     first, last = axes.get_xlim()  # an interval may have no end, and a logarithm has no zero
     low, high = (float(np.clip(scale * end, first, last)) for end in quantity.interval)
-    axes.axvspan(low, high, color=SHADE, alpha=0.18, lw=0, label="95 % interval")
-    axes.axvline(scale * quantity.value, color=SHADE, lw=0.7)
+    axes.axvspan(low, high, color=BLUE, alpha=0.18, lw=0, label="95 % interval")
+    axes.axvline(scale * quantity.value, color=BLUE, lw=0.7)
     axes.axhline(quantile, color="black", lw=0.7, ls="--", label="95 % by curves")
     axes.set_yscale("symlog", linthresh=quantile)
     axes.set_ylim(-0.15 * quantile, 60.0 * tallest)  # room for the legend above the curves

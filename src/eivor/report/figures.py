@@ -16,6 +16,7 @@ from eivor.flights.quantity import PlotData
 from eivor.flights.result import Fit, FlightEstimate
 from eivor.inference.bootstrap import autocovariance
 from eivor.inference.distributions import normal_quantile
+from eivor.inference.verdict import Status
 from eivor.report.document import printable, short_name
 from eivor.report.figure_panels import (
     BLUE,
@@ -223,11 +224,11 @@ def _title_without_estimate(result: FlightEstimate) -> str:
 def _draw(axes: Axes, plot_data: PlotData, result: FlightEstimate, title: str) -> None:
     prepared = result.prepared[0]
     time = prepared.grid.time_s
-    axes.plot(time, plot_data.values, color="#333333", lw=0.9)
+    axes.plot(time, plot_data.values, color=DARK, lw=0.9)
     labelled(axes, x="time from the log's start [s]", y=plot_data.label)
     axes.margins(x=0.005)
-    _shade(axes, time, prepared.active.mask, "#2e86ab")
-    _shade(axes, time, prepared.used, "#1b7f3b")
+    _shade(axes, time, prepared.active.mask, BLUE)
+    _shade(axes, time, prepared.used, STATUS_COLOURS[Status.IDENTIFIED])
     if title:
         axes.set_title(fitting(axes, title), fontsize=9, parse_math=False)
 

@@ -265,7 +265,7 @@ def drawing(draw: Draw, name: str, title: str, height: float) -> Markup:
     axes.set_title("")
     axes.tick_params(labelsize=8)
     for axis in (axes.xaxis, axes.yaxis):
-        axis.label.set_size(8.5)
+        axis.label.set_fontsize(8.5)
         if axis.get_scale() != "linear":
             axis.set_major_formatter(partial(_tick, getattr(axis.get_transform(), "linthresh", 0.0)))
     stream = BytesIO()
@@ -580,24 +580,19 @@ def _fitted(
         low, high = band_of(trace, runs[0])
         both = np.concatenate(bands)
         table = _by_run(runs, bands, trace.unit)
-        passed = f"Both are band-passed {low:.2f} to {high:.0f} Hz"
-        lines = (
-            Line("measured", "measured", both[:, 0]),
-            Line(f"predicted: {trace.model}", "predicted", both[:, 1]),
-        )
-        yield Picture(
-            f"{capitalised(trace.axis)}, measured and predicted [{trace.unit}]",
-            f"{passed}.{_hatched(flight)}",
-            _chart(number, flight, trace.unit, time, lines),
-            table,
-        )
-        left = (Line("measured − predicted", "residual", both[:, 0] - both[:, 1]),)
-        yield Picture(
-            f"{capitalised(trace.axis)}, what the model leaves [{trace.unit}]",
-            "Nothing of the vehicle's movement should be seen in it.",
-            _chart(number, flight, trace.unit, time, left),
-            table,
-        )
+        measured = Line("measured", "measured", both[:, 0])
+        predicted = Line(f"predicted: {trace.model}", "predicted", both[:, 1])
+        left = Line("measured − predicted", "residual", both[:, 0] - both[:, 1])
+        for what, words, lines in (
+            (
+                "measured and predicted",
+                f"Both are band-passed {low:.2f} to {high:.0f} Hz.{_hatched(flight)}",
+                (measured, predicted),
+            ),
+            ("what the model leaves", "Nothing of the vehicle's movement should be seen in it.", (left,)),
+        ):
+            title = f"{capitalised(trace.axis)}, {what} [{trace.unit}]"
+            yield Picture(title, words, _chart(number, flight, trace.unit, time, lines), table)
 
 
 def _by_run(runs: list[FlightRun], bands: list[Float[np.ndarray, "length 2"]], unit: str) -> TableOf:
@@ -655,9 +650,8 @@ def _chart(
 
 def _spread(values: Float[np.ndarray, " n"]) -> tuple[float, ...]:
     there = values[np.isfinite(values)]
-    if not there.size:
-        return (np.nan,) * 4
-    return float(there.min()), float(there.mean()), float(there.max()), float(there.std())
+    measures = (np.min, np.mean, np.max, np.std)
+    return tuple(float(measure(there)) if there.size else np.nan for measure in measures)
 
 
 def _rms(values: Float[np.ndarray, " n"]) -> float:
@@ -727,7 +721,7 @@ TITLES = ("log", "format", "span [s]", "used [s]", "runs", "samples", "rate [Hz]
 def flight_page(result: FlightEstimate) -> str:
     """Text of a page that identifies a result: HTML without anything to fetch."""
     flight = flight_report(result)
-    document, told = document_of(flight, card=True), json_of(flight)
+    document, written = document_of(flight, card=True), json_of(flight)
     over_time = list(flights_over_time(result))
     figures = Figures(lines_of(over_time))
     groups = {
@@ -736,7 +730,7 @@ def flight_page(result: FlightEstimate) -> str:
         "methods": [forests(flight, flight.comparisons, "")] if flight.comparisons else [],
         "flight": [*over_time, *([] if result.fit is None else [pictures_of_fit(result, result.fit)])],
     }
-    provenance, options = _provenance(told)
+    provenance, options = _provenance(written)
     sections = [
         (_displayed(section, result), SHORT.get(section.heading, section.heading))
         for section in document.sections
@@ -758,7 +752,7 @@ def flight_page(result: FlightEstimate) -> str:
         drawing=uplot(),
         figures={name: figures.html(group) for name, group in groups.items()},
     )
-    data = {"result": told, "charts": figures.charts, "verdict": verdict_data(document, flight)}
+    data = {"result": written, "charts": figures.charts, "verdict": verdict_data(document, flight)}
     return whole_page(f"{title}: {flight.verdict.status.value}", body, data)
 
 
@@ -786,17 +780,17 @@ def _without_summary(part: Part) -> Part:
     return Facts(tuple(fact for fact in part.facts if fact.label != "identified"))
 
 
-def _provenance(told: Mapping[str, Any]) -> tuple[Section, Facts]:
+def _provenance(written: Mapping[str, Any]) -> tuple[Section, Facts]:
     """Where the numbers of a document come from, and the options."""
-    made = told["provenance"]
+    made = written["provenance"]
     rows = []
-    for log, source in zip(told["logs"], made["logs"], strict=True):
+    for log, source in zip(written["logs"], made["logs"], strict=True):
         checksum = f"SHA-256 {source['sha256']}" if source["sha256"] else ""
         counts = (str(log["runs"]), str(log["samples"]), f"{log['rate_hz']:g}")
         texts = (log["format"], _span(log["span"]), _span(log["window"]), *counts)
         rows.append((Cell(log["name"], checksum), *map(Cell, texts)))
     columns = (*map(TableColumn, TITLES[:2]), *(TableColumn(title, whole=True) for title in TITLES[2:]))
-    facts = (Fact("made by", f"Eivor {made['version']}"), Fact("schema", told["schema"]))
+    facts = (Fact("made by", f"Eivor {made['version']}"), Fact("schema", written["schema"]))
     options = (
         Fact(name, _option(item)) for name, item in made["options"].items() if item not in (None, "", [], {})
     )
