@@ -598,14 +598,10 @@ def _concat(parts: list[pl.DataFrame]) -> pl.DataFrame:
 
 def _tests(quantities: list[_Quantity]) -> pl.DataFrame:
     """How many quantities of each vehicle have enough flights for a course."""
-    parts = [
-        quantity.trend.about.filter(pl.Series(quantity.trend.enough_flights))
-        for quantity in quantities
-        if quantity.trend is not None
-    ]
-    if not parts:
-        return pl.DataFrame(schema={**dict.fromkeys(VEHICLE, pl.String), "tests": pl.Float64})
-    return pl.concat(parts).group_by(VEHICLE).agg(pl.len().cast(pl.Float64).alias("tests"))
+    trends = [quantity.trend for quantity in quantities if quantity.trend is not None]
+    parts = [trend.about.filter(pl.Series(trend.enough_flights)) for trend in trends]
+    vehicles = pl.concat([pl.DataFrame(schema=dict.fromkeys(VEHICLE, pl.String)), *parts])
+    return vehicles.group_by(VEHICLE).agg(tests=pl.len().cast(pl.Float64))
 
 
 def _differing(vehicles: pl.DataFrame) -> pl.DataFrame:

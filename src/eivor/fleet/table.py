@@ -81,7 +81,7 @@ class FleetOptions:
         return {
             "motion": self.motion,
             "vehicle": _content(self.vehicle_file),
-            "flight": _plain(asdict(self.flight)),
+            "flight": json.loads(json.dumps(asdict(self.flight), default=repr)),
             "maps": [[pattern, _content(item)] for pattern, item in self.maps],
             "vehicle_from": self.vehicle_from,
             "limits": asdict(self.limits),
@@ -116,15 +116,6 @@ def _content(text: str) -> str:
     """A name as it is, a file as its hash: another content is another choice."""
     path = Path(text)
     return f"sha256:{hashlib.sha256(path.read_bytes()).hexdigest()}" if text and path.is_file() else text
-
-
-def _plain(value: Any) -> Any:
-    """Value as JSON can have it."""
-    if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, tuple | list):
-        return [_plain(item) for item in value]
-    return value if value is None or isinstance(value, str | int | float | bool) else repr(value)
 
 
 # -- Table --
