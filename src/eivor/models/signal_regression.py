@@ -202,11 +202,6 @@ class SignalRegression(LinearProblem):
         return tuple(column for _, column in self.equation.terms)
 
     @property
-    def names(self) -> tuple[str, ...]:
-        """Name of each parameter."""
-        return tuple(parameter.name for parameter in self.parameters)
-
-    @property
     def instrument_count(self) -> int:
         """Number of instruments."""
         return len(self.instrument_columns)
