@@ -5,8 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -165,16 +164,15 @@ class RowLayout(ABC):
         """Products of test functions and residual by sample; their sum is ``test.T @ residual``."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class SampleRows(RowLayout):
     """Rows are time samples of one axis, in their order."""
 
     flight_of_row: Int[np.ndarray, " rows"]
+    axis_of_row: Int[np.ndarray, " rows"] = field(init=False, repr=False, compare=False)
 
-    @cached_property
-    def axis_of_row(self) -> Int[np.ndarray, " rows"]:
-        """Zeros: there is one axis."""
-        return np.zeros(self.flight_of_row.size, dtype=np.int64)
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "axis_of_row", np.zeros(self.flight_of_row.size, dtype=np.int64))
 
     def scores(
         self, test: Float[np.ndarray, "rows n"], residual: Float[np.ndarray, " rows"]
