@@ -102,24 +102,16 @@ def with_reasons(
     estimate = Estimate(name, candidate.rows.parameters, (candidate,), noises=noises)
     reasons: list[Reason] = []
     if not converged:
-        reasons.append(
-            Reason(
-                Status.WEAK,
-                "The spectra of the residuals had not come to rest when the passes ran out.",
-                "Record longer, or compare with generalized_iv.",
-            )
-        )
+        sentence = "The spectra of the residuals had not come to rest when the passes ran out."
+        reasons.append(Reason(Status.WEAK, sentence, "Record longer, or compare with generalized_iv."))
     for parameter in estimate.joint_parameters[:2]:
         low, high = estimate.interval(parameter.name)
         if low <= 0.0 <= high:
-            reasons.append(
-                Reason(
-                    Status.WEAK,
-                    f"The {parameter.name.replace('_', ' ')} cannot be distinguished from zero: its "
-                    f"interval is [{low:.3g}, {high:.3g}] {parameter.unit}.",
-                    "Excite more, or record longer.",
-                )
+            sentence = (
+                f"The {parameter.name.replace('_', ' ')} cannot be distinguished from zero: its "
+                f"interval is [{low:.3g}, {high:.3g}] {parameter.unit}."
             )
+            reasons.append(Reason(Status.WEAK, sentence, "Excite more, or record longer."))
     return replace(estimate, reasons=tuple(reasons))
 
 
@@ -145,13 +137,11 @@ def start_of(sampled: SampledProblem, plain: Estimate) -> SampledMotion | Reason
     return fallback(f"generalized IV, from which it begins, has a friction of {friction:.3g} 1/s")
 
 
-def distance_of(
-    plain: Estimate, values: Float[np.ndarray, " 2"], covariance: Float[np.ndarray, "2 2"]
-) -> float:
+def distance_of(plain: Estimate, solution: SpectralSolution) -> float:
     """Squared distance of friction and gain from generalized IV's, in the errors of both."""
-    between = plain.best.values[:2] - values
+    between = plain.best.values[:2] - solution.values
     current = plain.with_covariance(EqualWeightedCosines()).covariance[:2, :2]
-    spread = np.diag(np.maximum(np.diag(covariance), 0.0)) + current
+    spread = np.diag(np.maximum(np.diag(solution.covariance.model[:2, :2]), 0.0)) + current
     return float(between @ np.linalg.solve(spread, between))
 
 
@@ -409,7 +399,7 @@ def _doubt(solution: SpectralSolution, plain: Estimate) -> str:
         return f"its last pass changed it by {solution.change:.0%}"
     if values[0] <= 0.0 or values[1] * plain.best.values[1] <= 0.0:
         return f"its friction came out at {values[0]:.3g} 1/s and its gain at {values[1]:.3g}"
-    distance = distance_of(plain, values, covariance)
+    distance = distance_of(plain, solution)
     return f"{CONTRADICTS} (squared distance {distance:.3g})" if distance > FARTHEST else ""
 
 
@@ -491,10 +481,7 @@ class WhittleLikelihood(Method):
             streamed_covariance=joint_covariance(solution.covariance),
         )
         answer = with_reasons(self.name, candidate, likelihood.noises, converged=likelihood.converged)
-        reasons = (
-            *_contradiction(plain, solution.values, solution.covariance.model),
-            *_not_held(sampled, likelihood, solution),
-        )
+        reasons = (*_contradiction(plain, solution), *_not_held(sampled, likelihood, solution))
         return replace(answer, reasons=(*answer.reasons, *reasons))
 
     def _likelihood(self, sampled: SampledProblem, plain: Estimate) -> Likelihood | Reason:
@@ -513,11 +500,9 @@ class WhittleLikelihood(Method):
         return likelihood
 
 
-def _contradiction(
-    plain: Estimate, values: Float[np.ndarray, " 2"], covariance: Float[np.ndarray, "2 2"]
-) -> tuple[Reason, ...]:
+def _contradiction(plain: Estimate, solution: SpectralSolution) -> tuple[Reason, ...]:
     """Reason against numbers that generalized IV, which assumes less, contradicts; the numbers stay."""
-    distance = distance_of(plain, values, covariance)
+    distance = distance_of(plain, solution)
     if not distance > FARTHEST:
         return ()
     sentence = (

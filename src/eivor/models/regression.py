@@ -351,11 +351,9 @@ class Regression(LinearProblem):
             When none was.
         """
         if self.regressor_noise is None:
-            raise MissingNoiseError(
-                "the covariance of the measurement noises of regressors and response",
-                "none",
-                "Give regression(noise_covariance=...); zeros say that a column is exact.",
-            )
+            expected = "the covariance of the measurement noises of regressors and response"
+            remedy = "Give regression(noise_covariance=...); zeros say that a column is exact."
+            raise MissingNoiseError(expected, "none", remedy)
         return self.regressor_noise
 
     def instrument_noise_covariance(self) -> Float[np.ndarray, "p n_plus_1"]:
@@ -367,11 +365,9 @@ class Regression(LinearProblem):
             When none was.
         """
         if self.instrument_noise is None:
-            raise MissingNoiseError(
-                "the covariance of the instruments' noises with those of regressors and response",
-                "none",
-                "Give regression(instrument_noise_covariance=...); zeros say that they share none.",
-            )
+            expected = "the covariance of the instruments' noises with those of regressors and response"
+            remedy = "Give regression(instrument_noise_covariance=...); zeros say that they share none."
+            raise MissingNoiseError(expected, "none", remedy)
         return self.instrument_noise
 
     def instruments_share_noise(self) -> bool:
