@@ -346,7 +346,7 @@ class SpectralGeneralizedIV(Method):
         solution, count = _spectral(sampled, plain), sampled.record.count
         if isinstance(solution, Reason):
             return fallen_back(self.name, plain, solution)
-        candidate = solved_rows(solution, (*sampled.parameters, BLEND)[: solution.parameters])
+        candidate = solved_rows(solution, (*sampled.problem.parameters, BLEND)[: solution.parameters])
         if count >= self.alone_from:
             candidate = replace(candidate, streamed_covariance=joint_covariance(solution.covariance))
         else:
@@ -422,16 +422,16 @@ def _with_blend(sampled: SampledProblem, start: SampledMotion) -> SpectralSoluti
 
 def _combined(candidate: Candidate, plain: Estimate, solution: SpectralSolution) -> Candidate:
     """theta_S - Cov(theta_S, delta) Var(delta)^-1 delta with delta = theta_G - theta_S."""
-    influence, equation, own = solution.covariance.influence, plain.best.equation, solution.parameters
+    influence, equation, n = solution.covariance.influence, plain.best.equation, solution.parameters
     other = np.zeros((influence.shape[0], 2))
     scores = np.linalg.solve(equation.sensitivity, equation.scores.T).T
     other[-scores.shape[0] :] = scores
     joint = sum_covariance(np.concatenate([influence, other - influence[:, :2]], axis=1))
-    weights = np.linalg.solve(joint[own:, own:], joint[own:, :own]).T
+    weights = np.linalg.solve(joint[n:, n:], joint[n:, :n]).T
     theta = candidate.theta - weights @ (plain.best.values[:2] - solution.values)
     alone = joint_covariance(solution.covariance)
     of_both = CovariancePart(
-        "equal_weighted_cosines", joint[:own, :own] - weights @ joint[own:, :own], alone.parts[0].degrees
+        "equal_weighted_cosines", joint[:n, :n] - weights @ joint[n:, :n], alone.parts[0].degrees
     )
     return replace(
         candidate,
@@ -474,7 +474,7 @@ class WhittleLikelihood(Method):
         if isinstance(likelihood, Reason):
             return fallen_back(self.name, plain, likelihood)
         solution = _as_solution(sampled, likelihood)
-        solved = solved_rows(solution, sampled.parameters)
+        solved = solved_rows(solution, sampled.problem.parameters)
         candidate = replace(
             solved,
             solution=replace(solved.solution, theta=solution.values),
