@@ -174,7 +174,7 @@ class SpectralSolution:
         return moved_by(self.motion, step[: self.parameters])
 
     @cached_property
-    def _derivatives(self) -> tuple[Pairs, Pairs]:
+    def _derivatives(self) -> tuple[Complex[np.ndarray, "k 2 bins"], Complex[np.ndarray, "p 2 bins"]]:
         """C^-1 times the derivatives of the residuals: what moves, and what the compensation moves."""
         solved = self.spectrum.solved(self.motion.directions[: self.parameters])
         moved = [solved * self.motion.record.input, self.spectrum.solved(self.nuisance_shapes)]
