@@ -307,8 +307,7 @@ def piece_moments(rows: Regression, method: LinearMethod, whole: Moments, plan: 
     psi = method.assembler.test_functions(rows)
     needs_instrument_products = method.equation_weighting.needs_instrument_products
     of_atoms = products_of_rows(psi, Phi, y, edges=plan.bounds, whole=needs_instrument_products)
-    noise = whole.noise if isinstance(whole, CrossMoments) else None
-    return CrossPieces(_pieces(of_atoms, plan), noise)
+    return CrossPieces(_pieces(of_atoms, plan), whole.noise)
 
 
 def _pieces(atoms: Products, plan: BlockPlan) -> Products:
@@ -456,7 +455,8 @@ def _sample_rows(problem: LinearProblem) -> Regression:
             "Use bootstrap_flights for flights; moments have no rows to draw again.",
         )
     rows = problem.rows()
-    if not isinstance(rows.layout, SampleRows) or np.any(rows.layout.flights != rows.layout.flights[0]):
+    flights = rows.layout.flight_of_row
+    if not isinstance(rows.layout, SampleRows) or np.any(flights != flights[0]):
         raise UsageError(
             "rows that are the samples of one record",
             "rows of several flights, or of a spectrum",

@@ -223,7 +223,7 @@ def derived(estimate: Estimate, function: Function, level: float = 0.95) -> Deri
         When the level is not between 0 and 1, or the function is not finite within the interval.
     """
     check_level(level)
-    _check_estimate(estimate)
+    checks.kind("estimate", estimate, Estimate, "an estimate", "Make one by ev.identify(...).")
     if not callable(function):
         raise UsageError(
             "a function of the parameters",
@@ -300,7 +300,7 @@ def ratio(
         When a name is unknown, or the level is not between 0 and 1.
     """
     check_level(level)
-    _check_estimate(estimate)
+    checks.kind("estimate", estimate, Estimate, "an estimate", "Make one by ev.identify(...).")
     for name, item in (("numerator", numerator), ("denominator", denominator)):
         if not isinstance(item, str):
             checks.number(name, item)
@@ -313,10 +313,6 @@ def ratio(
             values, V = exact + rows @ candidate.values, rows @ part.matrix @ rows.T
             intervals.extend(fieller_set(values, V, _half_widths(part, level)).intervals)
     return ConfidenceSet.union(intervals)
-
-
-def _check_estimate(estimate: object) -> None:
-    checks.kind("estimate", estimate, Estimate, "an estimate", "Make one by ev.identify(...).")
 
 
 def _half_widths(part: CovariancePart, level: float) -> float:

@@ -640,7 +640,7 @@ class Pooled:
         made = [member.rows_at(pool.nuisances) for member in pool.separate.members]
         each = list(zip(made, pool.theta, joint.slopes, strict=True))
         rows = Regression(
-            np.concatenate([item.response - item.regressors @ (own - theta) for item, own, _ in each]),
+            np.concatenate([item.response - item.regressors @ (values - theta) for item, values, _ in each]),
             np.concatenate([item.regressors for item in made]),
             np.concatenate([item.instruments @ slopes.seen for item, _, slopes in each]),
             made[0].parameters,

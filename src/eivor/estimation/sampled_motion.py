@@ -13,7 +13,7 @@ import numpy as np
 from eivor.errors import ConvergenceError, InstrumentError, MissingNoiseError, UsageError
 from eivor.estimation.method import Problem
 from eivor.estimation.moments import FittedNoise
-from eivor.models.regression import Parameter, lags
+from eivor.models.regression import lags
 from eivor.models.signal_regression import SignalRegression
 from eivor.signals.noise import FractionalNoise, MeasurementNoise, WhiteNoise
 from eivor.tools import Bool, Complex, Float, Int
@@ -188,10 +188,6 @@ class NoisePrior:
 
     centre: NoiseModel
     fitted: Bool[np.ndarray, " 6"]
-
-    def with_input_variance(self, variance: float) -> NoisePrior:
-        """The same with another noise of the input."""
-        return replace(self, centre=replace(self.centre, input_variance=variance))
 
 
 def prior_of(
@@ -595,11 +591,6 @@ class SampledProblem:
     instrument: Complex[np.ndarray, " bins"] | None
     declared: tuple[MeasurementNoise | None, MeasurementNoise | None]
     noise_estimated: bool = False
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        """Friction and gain."""
-        return self.problem.parameters
 
 
 def problem_of_motion(problem: Problem, method: str) -> SignalRegression:

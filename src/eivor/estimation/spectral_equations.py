@@ -174,7 +174,7 @@ class SpectralSolution:
         return moved_by(self.motion, step[: self.parameters])
 
     @cached_property
-    def _derivatives(self) -> tuple[Pairs, Pairs]:
+    def _derivatives(self) -> tuple[Complex[np.ndarray, "k 2 bins"], Complex[np.ndarray, "p 2 bins"]]:
         """C^-1 times the derivatives of the residuals: what moves, and what the compensation moves."""
         solved = self.spectrum.solved(self.motion.directions[: self.parameters])
         moved = [solved * self.motion.record.input, self.spectrum.solved(self.nuisance_shapes)]
@@ -251,7 +251,8 @@ def solved_equations(
         residual = now.residual
         if noise_test is not None:
             known = max(now.input_variance, 0.0)
-            noise, prior = replace(noise, input_variance=known), prior.with_input_variance(known)
+            noise = replace(noise, input_variance=known)
+            prior = replace(prior, centre=replace(prior.centre, input_variance=known))
             now = replace(now, weights=signal_weights(record.input, known))
         noise = fitted_noise(now.motion, residual, noise, prior) if number else noise
         C = corrected_spectrum(noise.spectrum(now.motion), residual, leverage)
@@ -312,10 +313,10 @@ def solved_rows(solution: SpectralSolution, parameters: tuple[Parameter, ...]) -
 def whitened_rows(solution: SpectralSolution, parameters: tuple[Parameter, ...]) -> Regression:
     """Rows of both equations, sample by sample, one equation after the other."""
     motion, C, count = solution.motion, solution.spectrum, solution.motion.record.count
-    own = solution.parameters
-    direction = motion.directions[:own]
-    theta = np.array([motion.friction, motion.gain, motion.blend])[:own]
-    tests, nuisance_tests = solution.tests[:own], solution.tests[own : own + solution.nuisances.size]
+    n = solution.parameters
+    direction = motion.directions[:n]
+    theta = np.array([motion.friction, motion.gain, motion.blend])[:n]
+    tests, nuisance_tests = solution.tests[:n], solution.tests[n : n + solution.nuisances.size]
     moved = C.solved(solution.nuisance_shapes).conj()
     by_nuisance = np.einsum("jkb,lkb->jl", moved, tests).real
     among = np.einsum("jkb,lkb->jl", moved, nuisance_tests).real

@@ -102,24 +102,16 @@ def with_reasons(
     estimate = Estimate(name, candidate.rows.parameters, (candidate,), noises=noises)
     reasons: list[Reason] = []
     if not converged:
-        reasons.append(
-            Reason(
-                Status.WEAK,
-                "The spectra of the residuals had not come to rest when the passes ran out.",
-                "Record longer, or compare with generalized_iv.",
-            )
-        )
+        sentence = "The spectra of the residuals had not come to rest when the passes ran out."
+        reasons.append(Reason(Status.WEAK, sentence, "Record longer, or compare with generalized_iv."))
     for parameter in estimate.joint_parameters[:2]:
         low, high = estimate.interval(parameter.name)
         if low <= 0.0 <= high:
-            reasons.append(
-                Reason(
-                    Status.WEAK,
-                    f"The {parameter.name.replace('_', ' ')} cannot be distinguished from zero: its "
-                    f"interval is [{low:.3g}, {high:.3g}] {parameter.unit}.",
-                    "Excite more, or record longer.",
-                )
+            sentence = (
+                f"The {parameter.name.replace('_', ' ')} cannot be distinguished from zero: its "
+                f"interval is [{low:.3g}, {high:.3g}] {parameter.unit}."
             )
+            reasons.append(Reason(Status.WEAK, sentence, "Excite more, or record longer."))
     return replace(estimate, reasons=tuple(reasons))
 
 
@@ -145,13 +137,11 @@ def start_of(sampled: SampledProblem, plain: Estimate) -> SampledMotion | Reason
     return fallback(f"generalized IV, from which it begins, has a friction of {friction:.3g} 1/s")
 
 
-def distance_of(
-    plain: Estimate, values: Float[np.ndarray, " 2"], covariance: Float[np.ndarray, "2 2"]
-) -> float:
+def distance_of(plain: Estimate, solution: SpectralSolution) -> float:
     """Squared distance of friction and gain from generalized IV's, in the errors of both."""
-    between = plain.best.values[:2] - values
+    between = plain.best.values[:2] - solution.values
     current = plain.with_covariance(EqualWeightedCosines()).covariance[:2, :2]
-    spread = np.diag(np.maximum(np.diag(covariance), 0.0)) + current
+    spread = np.diag(np.maximum(np.diag(solution.covariance.model[:2, :2]), 0.0)) + current
     return float(between @ np.linalg.solve(spread, between))
 
 
@@ -356,7 +346,7 @@ class SpectralGeneralizedIV(Method):
         solution, count = _spectral(sampled, plain), sampled.record.count
         if isinstance(solution, Reason):
             return fallen_back(self.name, plain, solution)
-        candidate = solved_rows(solution, (*sampled.parameters, BLEND)[: solution.parameters])
+        candidate = solved_rows(solution, (*sampled.problem.parameters, BLEND)[: solution.parameters])
         if count >= self.alone_from:
             candidate = replace(candidate, streamed_covariance=joint_covariance(solution.covariance))
         else:
@@ -409,7 +399,7 @@ def _doubt(solution: SpectralSolution, plain: Estimate) -> str:
         return f"its last pass changed it by {solution.change:.0%}"
     if values[0] <= 0.0 or values[1] * plain.best.values[1] <= 0.0:
         return f"its friction came out at {values[0]:.3g} 1/s and its gain at {values[1]:.3g}"
-    distance = distance_of(plain, values, covariance)
+    distance = distance_of(plain, solution)
     return f"{CONTRADICTS} (squared distance {distance:.3g})" if distance > FARTHEST else ""
 
 
@@ -432,16 +422,16 @@ def _with_blend(sampled: SampledProblem, start: SampledMotion) -> SpectralSoluti
 
 def _combined(candidate: Candidate, plain: Estimate, solution: SpectralSolution) -> Candidate:
     """theta_S - Cov(theta_S, delta) Var(delta)^-1 delta with delta = theta_G - theta_S."""
-    influence, equation, own = solution.covariance.influence, plain.best.equation, solution.parameters
+    influence, equation, n = solution.covariance.influence, plain.best.equation, solution.parameters
     other = np.zeros((influence.shape[0], 2))
     scores = np.linalg.solve(equation.sensitivity, equation.scores.T).T
     other[-scores.shape[0] :] = scores
     joint = sum_covariance(np.concatenate([influence, other - influence[:, :2]], axis=1))
-    weights = np.linalg.solve(joint[own:, own:], joint[own:, :own]).T
+    weights = np.linalg.solve(joint[n:, n:], joint[n:, :n]).T
     theta = candidate.theta - weights @ (plain.best.values[:2] - solution.values)
     alone = joint_covariance(solution.covariance)
     of_both = CovariancePart(
-        "equal_weighted_cosines", joint[:own, :own] - weights @ joint[own:, :own], alone.parts[0].degrees
+        "equal_weighted_cosines", joint[:n, :n] - weights @ joint[n:, :n], alone.parts[0].degrees
     )
     return replace(
         candidate,
@@ -484,17 +474,14 @@ class WhittleLikelihood(Method):
         if isinstance(likelihood, Reason):
             return fallen_back(self.name, plain, likelihood)
         solution = _as_solution(sampled, likelihood)
-        solved = solved_rows(solution, sampled.parameters)
+        solved = solved_rows(solution, sampled.problem.parameters)
         candidate = replace(
             solved,
             solution=replace(solved.solution, theta=solution.values),
             streamed_covariance=joint_covariance(solution.covariance),
         )
         answer = with_reasons(self.name, candidate, likelihood.noises, converged=likelihood.converged)
-        reasons = (
-            *_contradiction(plain, solution.values, solution.covariance.model),
-            *_not_held(sampled, likelihood, solution),
-        )
+        reasons = (*_contradiction(plain, solution), *_not_held(sampled, likelihood, solution))
         return replace(answer, reasons=(*answer.reasons, *reasons))
 
     def _likelihood(self, sampled: SampledProblem, plain: Estimate) -> Likelihood | Reason:
@@ -513,11 +500,9 @@ class WhittleLikelihood(Method):
         return likelihood
 
 
-def _contradiction(
-    plain: Estimate, values: Float[np.ndarray, " 2"], covariance: Float[np.ndarray, "2 2"]
-) -> tuple[Reason, ...]:
+def _contradiction(plain: Estimate, solution: SpectralSolution) -> tuple[Reason, ...]:
     """Reason against numbers that generalized IV, which assumes less, contradicts; the numbers stay."""
-    distance = distance_of(plain, values, covariance)
+    distance = distance_of(plain, solution)
     if not distance > FARTHEST:
         return ()
     sentence = (

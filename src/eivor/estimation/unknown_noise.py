@@ -424,9 +424,8 @@ class _MomentSearch:
                     f"[{low:.3g}, {high:.3g}] {variance.unit}".rstrip()
                     + "."
                 )
-                reasons.append(
-                    Reason(Status.WEAK, sentence, "Declare it, where it is known, or record longer.")
-                )
+                remedy = "Declare it, where it is known, or record longer."
+                reasons.append(Reason(Status.WEAK, sentence, remedy))
         for name, strength in self._first_stage().items():
             if strength < STRONG_FIRST_STAGE:
                 sentence = (
@@ -444,9 +443,8 @@ class _MomentSearch:
                 f"The equations contradict each other (J = {J:.3g} on {degrees} degrees of freedom): a "
                 "disturbance moves the vehicle, or a noise has another memory."
             )
-            reasons.append(
-                Reason(Status.WEAK, sentence, "Leave out the velocity's equations, or give orders.")
-            )
+            remedy = "Leave out the velocity's equations, or give orders."
+            reasons.append(Reason(Status.WEAK, sentence, remedy))
         return reasons
 
 

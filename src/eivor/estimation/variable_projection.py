@@ -381,7 +381,7 @@ class _Grids(Generic[Made]):
             criteria = [self.criterion(candidate) for _, candidate in result]
             least = least_comparable_criteria(bounded_sums(nuisances), [item for item, _ in result], criteria)
             compared = zip(result, criteria, least, strict=True)
-            near = [(_position(finer, item), made) for (item, made), own, low in compared if own == low]
+            near = [(_position(finer, item), made) for (item, made), value, low in compared if value == low]
             known = {_position(finer, item) for item, _ in result}
             for combination in combinations(finer):
                 position = _position(finer, combination)
@@ -450,11 +450,11 @@ def with_values_tried(nuisances: tuple[Nuisance, ...], tried: Iterable[Values]) 
 def _position(nuisances: tuple[Nuisance, ...], values: Values) -> GridIndex:
     """Place on the grids; of a nuisance with bounds on that of the sum."""
 
-    def place(nuisance: Nuisance) -> int:
+    def index(nuisance: Nuisance) -> int:
         value = values[nuisance.name] if nuisance.bounds is None else nuisance.with_others(values)
         return int(np.argmin(np.abs(nuisance.grid - value)))
 
-    return tuple(place(nuisance) for nuisance in nuisances if not nuisance.refined)
+    return tuple(index(nuisance) for nuisance in nuisances if not nuisance.refined)
 
 
 def _adjacent(

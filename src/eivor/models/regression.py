@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -154,15 +154,8 @@ class Equation:
 class RowLayout(ABC):
     """What the rows of a regression are."""
 
-    @property
-    @abstractmethod
-    def flight_of_row(self) -> Int[np.ndarray, " rows"]:
-        """Number of the flight that each row belongs to."""
-
-    @property
-    @abstractmethod
-    def axis_of_row(self) -> Int[np.ndarray, " rows"]:
-        """Number of the axis of motion that each row is an equation of."""
+    flight_of_row: Int[np.ndarray, " rows"]  # Number of the flight that each row belongs to
+    axis_of_row: Int[np.ndarray, " rows"]  # Number of the axis of motion that each row is an equation of
 
     @abstractmethod
     def scores(
@@ -175,17 +168,11 @@ class RowLayout(ABC):
 class SampleRows(RowLayout):
     """Rows are time samples of one axis, in their order."""
 
-    flights: Int[np.ndarray, " rows"]
+    flight_of_row: Int[np.ndarray, " rows"]
+    axis_of_row: Int[np.ndarray, " rows"] = field(init=False, repr=False, compare=False)
 
-    @property
-    def flight_of_row(self) -> Int[np.ndarray, " rows"]:
-        """Flight of each row."""
-        return self.flights
-
-    @property
-    def axis_of_row(self) -> Int[np.ndarray, " rows"]:
-        """Zeros: there is one axis."""
-        return np.zeros(self.flights.size, dtype=np.int64)
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "axis_of_row", np.zeros(self.flight_of_row.size, dtype=np.int64))
 
     def scores(
         self, test: Float[np.ndarray, "rows n"], residual: Float[np.ndarray, " rows"]
@@ -198,25 +185,15 @@ class SampleRows(RowLayout):
 class AxisRows(RowLayout):
     """Rows are time samples of several axes."""
 
-    flights: Int[np.ndarray, " rows"]
-    axes: Int[np.ndarray, " rows"]
+    flight_of_row: Int[np.ndarray, " rows"]
+    axis_of_row: Int[np.ndarray, " rows"]
     samples: Int[np.ndarray, " rows"]
-
-    @property
-    def flight_of_row(self) -> Int[np.ndarray, " rows"]:
-        """Flight of each row."""
-        return self.flights
-
-    @property
-    def axis_of_row(self) -> Int[np.ndarray, " rows"]:
-        """Axis of each row."""
-        return self.axes
 
     def scores(
         self, test: Float[np.ndarray, "rows n"], residual: Float[np.ndarray, " rows"]
     ) -> Float[np.ndarray, "samples n"]:
         """Row-wise products, added over the axes; flight after flight, in time order."""
-        times = np.stack([self.flights, self.samples], axis=1)
+        times = np.stack([self.flight_of_row, self.samples], axis=1)
         distinct, position = np.unique(times, axis=0, return_inverse=True)
         scores: Float[np.ndarray, "samples n"] = np.zeros((distinct.shape[0], test.shape[1]))
         np.add.at(scores, position.ravel(), test * residual[:, None])
@@ -247,6 +224,11 @@ class LinearProblem(ABC):
     """Anything that has rows ``y = Phi theta + e``: arrays, or signals that rows can be cut from."""
 
     parameters: tuple[Parameter, ...]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Name of each parameter."""
+        return tuple(parameter.name for parameter in self.parameters)
 
     @abstractmethod
     def rows(self) -> Regression:
@@ -340,11 +322,6 @@ class Regression(LinearProblem):
             )
 
     @property
-    def names(self) -> tuple[str, ...]:
-        """Name of each parameter."""
-        return tuple(p.name for p in self.parameters)
-
-    @property
     def units(self) -> tuple[str, ...]:
         """Unit of each parameter."""
         return tuple(p.unit for p in self.parameters)
@@ -374,11 +351,9 @@ class Regression(LinearProblem):
             When none was.
         """
         if self.regressor_noise is None:
-            raise MissingNoiseError(
-                "the covariance of the measurement noises of regressors and response",
-                "none",
-                "Give regression(noise_covariance=...); zeros say that a column is exact.",
-            )
+            expected = "the covariance of the measurement noises of regressors and response"
+            remedy = "Give regression(noise_covariance=...); zeros say that a column is exact."
+            raise MissingNoiseError(expected, "none", remedy)
         return self.regressor_noise
 
     def instrument_noise_covariance(self) -> Float[np.ndarray, "p n_plus_1"]:
@@ -390,11 +365,9 @@ class Regression(LinearProblem):
             When none was.
         """
         if self.instrument_noise is None:
-            raise MissingNoiseError(
-                "the covariance of the instruments' noises with those of regressors and response",
-                "none",
-                "Give regression(instrument_noise_covariance=...); zeros say that they share none.",
-            )
+            expected = "the covariance of the instruments' noises with those of regressors and response"
+            remedy = "Give regression(instrument_noise_covariance=...); zeros say that they share none."
+            raise MissingNoiseError(expected, "none", remedy)
         return self.instrument_noise
 
     def instruments_share_noise(self) -> bool:

@@ -53,8 +53,8 @@ def cross_fitted(
     # each block reaches from the middle between its samples and those before to that of those after
     edges = [0, *((before[-1] + after[0] + 1) // 2 for before, after in pairwise(parts))]
     predicted = np.empty_like(values)
-    for start, stop, own in zip(edges, [*edges[1:], values.shape[0]], products, strict=True):
-        normal, right = np.split(whole - own, [design.shape[1]], axis=1)
+    for start, stop, excluded in zip(edges, [*edges[1:], values.shape[0]], products, strict=True):
+        normal, right = np.split(whole - excluded, [design.shape[1]], axis=1)
         shrunk = SHRINKAGE * normal[0, 0] * np.diag(np.arange(normal.shape[0]) > 0)
         solution = np.linalg.lstsq(normal + shrunk, right, rcond=None)[0]
         predicted[start:stop] = design[start:stop] @ solution
@@ -200,11 +200,6 @@ class SignalRegression(LinearProblem):
     def regressor_columns(self) -> tuple[Column, ...]:
         """Columns of the right side."""
         return tuple(column for _, column in self.equation.terms)
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Name of each parameter."""
-        return tuple(parameter.name for parameter in self.parameters)
 
     @property
     def instrument_count(self) -> int:

@@ -132,15 +132,13 @@ class BinRows(RowLayout):
 
     runs: tuple[SpectralRun, ...]
 
-    @cached_property
-    def flight_of_row(self) -> Int[np.ndarray, " rows"]:
-        """Flight of each row."""
-        return np.repeat([run.flight for run in self.runs], [2 * run.count for run in self.runs])
+    flight_of_row: Int[np.ndarray, " rows"] = field(init=False, repr=False, compare=False)
+    axis_of_row: Int[np.ndarray, " rows"] = field(init=False, repr=False, compare=False)
 
-    @cached_property
-    def axis_of_row(self) -> Int[np.ndarray, " rows"]:
-        """Axis of each row."""
-        return np.repeat([run.axis for run in self.runs], [2 * run.count for run in self.runs])
+    def __post_init__(self) -> None:
+        counts = np.array([2 * run.count for run in self.runs], dtype=np.int64)
+        object.__setattr__(self, "flight_of_row", np.repeat([run.flight for run in self.runs], counts))
+        object.__setattr__(self, "axis_of_row", np.repeat([run.axis for run in self.runs], counts))
 
     @cached_property
     def _ends(self) -> Int[np.ndarray, " _"]:

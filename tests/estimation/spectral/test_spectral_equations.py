@@ -60,7 +60,7 @@ def test_the_naive_sums_are_zero(solution: SpectralSolution) -> None:
 
 
 def test_rows_meet_the_same_equations(solution: SpectralSolution, sampled: SampledProblem) -> None:
-    parameters = (*sampled.parameters, ev.VerticalMotion().parameters[0])[: solution.parameters]
+    parameters = (*sampled.problem.parameters, ev.VerticalMotion().parameters[0])[: solution.parameters]
     if solution.parameters == 3:
         parameters = (*parameters[:2], type(parameters[0])("intersample_share"))
     motion = solution.motion
