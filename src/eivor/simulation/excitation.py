@@ -447,7 +447,7 @@ class Disturbance(ABC):
 
 
 @dataclass(frozen=True, slots=True)
-class WhiteDisturbance(Disturbance):
+class WhiteDisturbance(WhiteExcitation, Disturbance):
     """Uncorrelated Gaussian series.
 
     Parameters
@@ -457,13 +457,6 @@ class WhiteDisturbance(Disturbance):
     """
 
     std: float
-
-    def __post_init__(self) -> None:
-        non_negative("std", self.std)
-
-    def sample(self, count: int, _step_s: float, rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
-        """Independent normal values."""
-        return self.std * rng.standard_normal(count)
 
 
 # -- Recursion --
