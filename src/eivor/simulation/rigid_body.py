@@ -113,7 +113,7 @@ class _Loop:
     specs: Sequence[RigidBodyFlightSpec]
     read: Callable[[int, int], _Read]
     senses: tuple[LiveFilter, ...]  # In the order of `SENSES`
-    cascade: Cascade
+    gains: Gains
     mixer: Mixer
     line: DelayLine
     stepper: Stepper
@@ -122,8 +122,9 @@ class _Loop:
 
     def run(self) -> Iterator[list[_Moment]]:
         """Fly to the end; some steps at a time, so that what is read and what happened takes little space."""
-        first, cascade = self.specs[0], self.cascade
+        first = self.specs[0]
         control = first.controller
+        cascade = Cascade(self.gains, 1.0 / control.rate_hz, 1.0 / control.height_hz)
         every, attitude_every, height_every = (
             round(first.rate_hz / hz) for hz in (control.rate_hz, control.attitude_hz, control.height_hz)
         )
@@ -191,20 +192,16 @@ def _alone(spec: RigidBodyFlightSpec, met: Surroundings) -> list[Float[np.ndarra
     """One flight, in floats."""
     vehicle, sensors, step_s = spec.vehicle, spec.sensors, spec.step_s
     hover: list[Value] = [vehicle.hover_speed] * vehicle.rotors.count
-    loop = _Loop(
-        specs=[spec],
-        read=lambda first, last: _Read(
-            *(getattr(met, name)[first:last].tolist() for name in _Read.__slots__)
-        ),
-        senses=tuple(_filter_of(getattr(sensors, name), step_s) for name in SENSES),
-        cascade=_cascade(spec, gains_of(spec.controller, vehicle, sensors.angular_rate.lateness_s)),
-        mixer=mixer_of(vehicle),
-        line=DelayLine(round(vehicle.rotors.delay / step_s), hover),
-        stepper=spec.integrator.stepper(coefficients_of(vehicle), step_s),
-        body=_start(met).tolist(),
-        speeds=hover,
-    )
-    return _collected(loop)
+
+    def read(first: int, last: int) -> _Read:
+        return _Read(*(getattr(met, name)[first:last].tolist() for name in _Read.__slots__))
+
+    senses = tuple(_filter_of(getattr(sensors, name), step_s) for name in SENSES)
+    gains = gains_of(spec.controller, vehicle, sensors.angular_rate.lateness_s)
+    line = DelayLine(round(vehicle.rotors.delay / step_s), hover)
+    stepper = spec.integrator.stepper(coefficients_of(vehicle), step_s)
+    body = _start(met).tolist()
+    return _collected(_Loop([spec], read, senses, gains, mixer_of(vehicle), line, stepper, body, hover))
 
 
 def _together(
@@ -214,32 +211,22 @@ def _together(
     first, vehicles = specs[0], [spec.vehicle for spec in specs]
     step_s = first.step_s
     hover = np.tile([vehicle.hover_speed for vehicle in vehicles], (first.vehicle.rotors.count, 1))
+
+    def read(start: int, stop: int) -> _Read:
+        parts = ([getattr(item, name)[start:stop] for item in met] for name in _Read.__slots__)
+        return _Read(*(np.stack(part, axis=-1) for part in parts))
+
+    senses = tuple(_filters_of([getattr(spec.sensors, name) for spec in specs], step_s) for name in SENSES)
     gains = [gains_of(spec.controller, spec.vehicle, spec.sensors.angular_rate.lateness_s) for spec in specs]
-    loop = _Loop(
-        specs=specs,
-        read=lambda start, stop: _Read(
-            *(
-                np.stack([getattr(item, name)[start:stop] for item in met], axis=-1)
-                for name in _Read.__slots__
-            )
-        ),
-        senses=tuple(_filters_of([getattr(spec.sensors, name) for spec in specs], step_s) for name in SENSES),
-        cascade=_cascade(first, gains_side_by_side(gains)),
-        mixer=mixers_side_by_side(vehicles),
-        line=DelayLine(np.array([round(vehicle.rotors.delay / step_s) for vehicle in vehicles]), [hover]),
-        stepper=first.integrator.stepper(side_by_side(vehicles), step_s),
-        body=np.stack([_start(item) for item in met], axis=1),
-        speeds=[hover],
-    )
-    return _collected(loop)
+    line = DelayLine(np.array([round(vehicle.rotors.delay / step_s) for vehicle in vehicles]), [hover])
+    stepper = first.integrator.stepper(side_by_side(vehicles), step_s)
+    body, mixer = np.stack([_start(item) for item in met], axis=1), mixers_side_by_side(vehicles)
+    together = gains_side_by_side(gains)
+    return _collected(_Loop(specs, read, senses, together, mixer, line, stepper, body, [hover]))
 
 
 #: Sensors that the controller reads, as the loop reads them.
 SENSES = ("angular_rate", "attitude", "velocity", "position")
-
-
-def _cascade(spec: RigidBodyFlightSpec, gains: Gains) -> Cascade:
-    return Cascade(gains, 1.0 / spec.controller.rate_hz, 1.0 / spec.controller.height_hz)
 
 
 def _start(met: Surroundings) -> Float[np.ndarray, " 13"]:
