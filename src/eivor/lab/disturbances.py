@@ -11,6 +11,7 @@ import numpy as np
 
 from eivor.simulation.excitation import (
     Disturbance,
+    GivenSeries,
     at_least,
     autoregression,
     beginning_of,
@@ -355,7 +356,7 @@ class BoundedAdversary(Disturbance):
 
 
 @dataclass(frozen=True, slots=True)
-class GivenDisturbance(Disturbance):
+class GivenDisturbance(GivenSeries, Disturbance):
     """A user's own series, from its beginning.
 
     Parameters
@@ -365,14 +366,6 @@ class GivenDisturbance(Disturbance):
     """
 
     values: tuple[float, ...]
-
-    def __post_init__(self) -> None:
-        given("values", self.values)
-        finite("value", *self.values)
-
-    def sample(self, count: int, _step_s: float, _rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
-        """Draw nothing: it is always the same."""
-        return beginning_of(self.values, count)
 
 
 @dataclass(frozen=True, slots=True)

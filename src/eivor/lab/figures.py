@@ -153,13 +153,12 @@ def study_coverage_figure(
 
 def _dots(axes: Axes, rows: Sequence[CoverageRow], positions: Sequence[float], number: int) -> None:
     shares = [Share(row.hits, row.count) for row in rows]
-    middle = [100 * share.value for share in shares]
-    below = [100 * max(share.value - share.interval[0], 0.0) for share in shares]
-    above = [100 * max(share.interval[1] - share.value, 0.0) for share in shares]
+    middle = 100.0 * np.array([share.value for share in shares])
+    low, high = 100.0 * np.array([share.interval for share in shares]).T
     axes.errorbar(
         middle,
         positions,
-        xerr=[below, above],
+        xerr=np.maximum([middle - low, high - middle], 0.0),
         fmt=MARKERS[number % len(MARKERS)],
         color=COLOURS[number % len(COLOURS)],
         ms=4.5,

@@ -343,20 +343,17 @@ def noises(
     if not table.has("noise"):
         return noise, ratios
     sections = table.section("noise")
-    for name in channels:
-        sections.taken.add(name)
-        if not sections.has(name):
-            continue
+    sections.taken.update(channels)
+    for name in filter(sections.has, channels):
         section = sections.section(name)
         ratio = ratio_to_signal(section)
         if (ratio is None) != section.has("std"):
             given = "both" if section.has("std") else "neither"
             raise section.wrong("", f"std or {RATIO}", given, "Give one of them.")
-        if ratio is None:
-            noise[name] = of_kind(section, MeasurementNoise)
-        else:
-            # Its std follows from the signal; until then any will do.
-            noise[name], ratios[name] = of_kind(section, MeasurementNoise, std=1.0), ratio
+        # The std of a ratio follows from the signal; until then any will do.
+        std = {} if ratio is None else {"std": 1.0}
+        noise[name] = of_kind(section, MeasurementNoise, **std)
+        ratios |= {} if ratio is None else {name: ratio}
     if sections.has("specific_force_z") and "acceleration_z" in channels:
         raise sections.wrong(
             "", f"noise of {', '.join(channels)}", "noise of 'specific_force_z'", ABOUT_HOVER
@@ -368,10 +365,8 @@ def noises(
 def ratio_to_signal(table: TomlTable) -> float | None:
     """Ratio that a table gives, None when it gives none."""
     table.taken.add(RATIO)
-    if not table.has(RATIO):
-        return None
-    ratio = table.number(RATIO)
-    if ratio < 0.0:
+    ratio = table.number(RATIO) if table.has(RATIO) else None
+    if ratio is not None and ratio < 0.0:
         raise table.wrong(RATIO, "a ratio of zero or more", f"{ratio}")
     return ratio
 

@@ -228,7 +228,8 @@ class Cascade:
                 item - gain * slope
                 for item, gain, slope in zip(torque, g.derivative, self._slopes(measured), strict=True)
             ]
-        return between(torque[0], -1.0, 1.0), between(torque[1], -1.0, 1.0), between(torque[2], -1.0, 1.0)
+        roll, pitch, yaw = (between(item, -1.0, 1.0) for item in torque)
+        return roll, pitch, yaw
 
     def _slopes(self, measured: Triple) -> list[Value]:
         """Derivatives of the measured rates, filtered."""
@@ -338,6 +339,8 @@ class DelayLine:
 
 # -- Sensors --
 
+Readings = Float[np.ndarray, "count axes"]
+
 #: What each number of a sensor may be.
 SENSOR_RANGES = dict.fromkeys(("rate_hz", "cutoff_hz"), (0.0, 1e5)) | dict.fromkeys(
     ("delay_s", "offset_s", "averaged_s", "jitter_s"), (0.0, 1.0)
@@ -390,13 +393,11 @@ class Sensor:
         """Delay of slow signals: its own and its filter's [s]."""
         return self.delay_s + (np.sqrt(2.0) / (2.0 * np.pi * self.cutoff_hz) if self.cutoff_hz else 0.0)
 
-    def errors(self, count: int, axes: int, rng: np.random.Generator) -> Float[np.ndarray, "count axes"]:
+    def errors(self, count: int, axes: int, rng: np.random.Generator) -> Readings:
         """What is added to the true values before the filter, one row for each step."""
         return self.bias + np.column_stack([self.noise.sample(count, rng) for _ in range(axes)])
 
-    def readings(
-        self, raw: Float[np.ndarray, "count axes"], step_s: float
-    ) -> Float[np.ndarray, "count axes"]:
+    def readings(self, raw: Readings, step_s: float) -> Readings:
         """What comes out of filter and delay; both have seen the first value for ever."""
         late = round(self.delay_s / step_s)
         filtered = raw
@@ -408,9 +409,7 @@ class Sensor:
         rows = np.maximum(np.arange(raw.shape[0]) - late, 0)
         return filtered[rows]
 
-    def averages(
-        self, readings: Float[np.ndarray, "count axes"], step_s: float
-    ) -> Float[np.ndarray, "count axes"]:
+    def averages(self, readings: Readings, step_s: float) -> Readings:
         """What is logged of the readings: means over those of the last steps, of as many as there are."""
         steps = round(self.averaged_s / step_s)
         if steps < 2:

@@ -14,6 +14,8 @@ from eivor.signals.noise import fractional_difference, fractional_weights
 from eivor.signals.recording import Channel, Frame, Recording
 from eivor.tools import Float
 
+Series = Float[np.ndarray, " n"]
+
 # -- Sensor noise --
 
 #: Orders of fractional noise of acceleration and velocity.
@@ -116,9 +118,9 @@ def simulated_recording(
     name: str,
     *,
     simulator: str,
-    time_s: Float[np.ndarray, " n"],
-    held: Mapping[str, Float[np.ndarray, " n"]],
-    sampled: Mapping[str, Float[np.ndarray, " n"]],
+    time_s: Series,
+    held: Mapping[str, Series],
+    sampled: Mapping[str, Series],
 ) -> Recording:
     """Log of a simulated flight whose rotors' thrust goes with the square of their state."""
     channels = {
@@ -156,9 +158,9 @@ OWN_HEIGHT = frozenset({TrajectoryKind.CLIMBS, TrajectoryKind.HOVER_STEPS})
 class Trajectory:
     """Altitude reference and its derivatives on the log's grid."""
 
-    position: Float[np.ndarray, " n"]  # [m]
-    velocity: Float[np.ndarray, " n"]  # [m]
-    acceleration: Float[np.ndarray, " n"]  # [m]
+    position: Series  # [m]
+    velocity: Series  # [m]
+    acceleration: Series  # [m]
 
 
 def altitude_reference(
@@ -179,16 +181,14 @@ def altitude_reference(
     return Trajectory(scale * position, scale * velocity, scale * acceleration)
 
 
-def _steps(time: Float[np.ndarray, " n"], step_s: float, rng: np.random.Generator) -> Float[np.ndarray, " n"]:
+def _steps(time: Series, step_s: float, rng: np.random.Generator) -> Series:
     """Random levels, held 1.5 to 4 s each, through four equal first-order lags."""
     starts = np.cumsum(rng.uniform(1.5, 4.0, size=int(time[-1] / 1.5) + 2))
     levels = rng.uniform(-2.0, 2.0, size=starts.size + 1)
     return _smoothed_levels(time, starts, levels, np.exp(-step_s / rng.uniform(0.25, 0.45)))
 
 
-def _hover_steps(
-    time: Float[np.ndarray, " n"], step_s: float, rng: np.random.Generator
-) -> Float[np.ndarray, " n"]:
+def _hover_steps(time: Series, step_s: float, rng: np.random.Generator) -> Series:
     """Steps of 5 cm up or down about a hover, each level held 2 to 6 s."""
     starts = np.cumsum(rng.uniform(2.0, 6.0, size=int(time[-1] / 2.0) + 2))
     # Alternately away from the middle and back to it, so that every step has the same height.
@@ -198,26 +198,19 @@ def _hover_steps(
 
 
 def _smoothed_levels(
-    time: Float[np.ndarray, " n"],
-    starts: Float[np.ndarray, " m"],
-    levels: Float[np.ndarray, " levels"],
-    decay: float,
-) -> Float[np.ndarray, " n"]:
+    time: Series, starts: Float[np.ndarray, " m"], levels: Float[np.ndarray, " levels"], decay: float
+) -> Series:
     """Levels from their starts on, the first one zero, through four equal first-order lags."""
     from scipy.signal import lfilter
 
     levels[0] = 0.0
-    series: Float[np.ndarray, " n"] = levels[np.searchsorted(starts, time, side="right")]
+    series: Series = levels[np.searchsorted(starts, time, side="right")]
     for _ in range(4):
         series = lfilter([1.0 - decay], [1.0, -decay], series)
     return series
 
 
-def _multisine(
-    time: Float[np.ndarray, " n"],
-    _step_s: float,
-    rng: np.random.Generator,
-) -> Float[np.ndarray, " n"]:
+def _multisine(time: Series, _step_s: float, rng: np.random.Generator) -> Series:
     """Twelve sines between 0.06 and 1.2 Hz with random phases, amplitude falling with frequency."""
     edges = np.geomspace(0.06, 1.2, 13)
     frequencies = rng.uniform(edges[:-1], edges[1:])
@@ -226,11 +219,7 @@ def _multisine(
     return np.asarray(np.sin(angles) @ frequencies**-1.3)
 
 
-def _chirp(
-    time: Float[np.ndarray, " n"],
-    _step_s: float,
-    rng: np.random.Generator,
-) -> Float[np.ndarray, " n"]:
+def _chirp(time: Series, _step_s: float, rng: np.random.Generator) -> Series:
     """Sine whose frequency rises from about 0.1 to 1.2 Hz, at the full speed or acceleration throughout."""
     first, last = rng.uniform(0.08, 0.12), rng.uniform(1.0, 1.4)
     growth = np.log(last / first) / time[-1]
@@ -239,11 +228,7 @@ def _chirp(
     return np.asarray(np.sin(angle) / (pulsation / 2.0 + pulsation**2 / 3.5))
 
 
-def _climbs(
-    time: Float[np.ndarray, " n"],
-    _step_s: float,
-    rng: np.random.Generator,
-) -> Float[np.ndarray, " n"]:
+def _climbs(time: Series, _step_s: float, rng: np.random.Generator) -> Series:
     """One climb and one descent, each of least jerk (a polynomial of the fifth degree)."""
     span = float(time[-1])
     height = rng.uniform(1.5, 4.0)
@@ -255,23 +240,13 @@ def _climbs(
     return position
 
 
-def _hover(
-    time: Float[np.ndarray, " n"],
-    _step_s: float,
-    _rng: np.random.Generator,
-) -> Float[np.ndarray, " n"]:
-    """Return a constant reference."""
-    return np.zeros_like(time)
-
-
 #: A shape's heights at times [s], of which the second argument is the step; it draws what is random.
-_Shape = Callable[[Float[np.ndarray, " n"], float, np.random.Generator], Float[np.ndarray, " n"]]
-_SHAPES: Mapping[TrajectoryKind, _Shape] = {
+_SHAPES: Mapping[TrajectoryKind, Callable[[Series, float, np.random.Generator], Series]] = {
     TrajectoryKind.STEPS: _steps,
     TrajectoryKind.MULTISINE: _multisine,
     TrajectoryKind.CHIRP: _chirp,
     TrajectoryKind.CLIMBS: _climbs,
-    TrajectoryKind.HOVER: _hover,
+    TrajectoryKind.HOVER: lambda time, *_: np.zeros_like(time),
     TrajectoryKind.HOVER_STEPS: _hover_steps,
 }
 
@@ -283,11 +258,11 @@ _SHAPES: Mapping[TrajectoryKind, _Shape] = {
 class FlightTruth:
     """Noise-free arrays of a simulated flight, and its nominal parameters."""
 
-    time_s: Float[np.ndarray, " n"]  # Stamps [s] of the rows
-    specific_force_z: Float[np.ndarray, " n"]  # Acceleration plus g along the world's z [m/s^2]
-    air_velocity_z: Float[np.ndarray, " n"]  # Vertical velocity minus vertical wind [m/s]
+    time_s: Series  # Stamps [s] of the rows
+    specific_force_z: Series  # Acceleration plus g along the world's z [m/s^2]
+    air_velocity_z: Series  # Vertical velocity minus vertical wind [m/s]
     rotor_state: Float[np.ndarray, "n rotors"]  # Actual rotor states, in the commands' unit
-    cos_tilt: Float[np.ndarray, " n"]  # Cosine of the angle between the body's and the world's z
+    cos_tilt: Series  # Cosine of the angle between the body's and the world's z
     actuator_lag: float  # Time constant of the rotors [s]
     delay: float  # [s]
     viscous_friction: float  # K at hover in still air [1/s]

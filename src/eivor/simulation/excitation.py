@@ -363,23 +363,17 @@ def _bins(count: int, step_s: float, low_hz: float, high_hz: float) -> Bool[np.n
 
 # -- Binary excitation --
 
-#: Stages whose sum feeds the register, from its length: primitive polynomials over the integers modulo 2.
-_FEEDBACK = {
-    2: (2, 1),
-    3: (3, 2),
-    4: (4, 3),
-    5: (5, 3),
-    6: (6, 5),
-    7: (7, 6),
-    8: (8, 6, 5, 4),
-    9: (9, 5),
-    10: (10, 7),
-    11: (11, 9),
-    12: (12, 11, 10, 4),
-    13: (13, 12, 11, 8),
-    14: (14, 13, 12, 2),
-    15: (15, 14),
-    16: (16, 15, 13, 4),
+#: Stages whose sum feeds the register besides the last, from its length: primitive polynomials modulo 2.
+_TAPS = dict.fromkeys(range(2, 17), (1,)) | {
+    5: (2,),
+    8: (2, 3, 4),
+    9: (4,),
+    10: (3,),
+    11: (2,),
+    12: (1, 2, 8),
+    13: (1, 2, 5),
+    14: (1, 2, 12),
+    16: (1, 3, 12),
 }
 
 
@@ -407,7 +401,7 @@ class PseudoRandomBinary(Excitation):
 
     def __post_init__(self) -> None:
         non_negative("amplitude", self.amplitude)
-        least, most = min(_FEEDBACK), max(_FEEDBACK)
+        least, most = min(_TAPS), max(_TAPS)
         require(
             least <= self.register <= most,
             f"a register of {least} to {most} stages",
@@ -424,15 +418,9 @@ class PseudoRandomBinary(Excitation):
 
 def maximal_sequence(register: int) -> Float[np.ndarray, " period"]:
     """One period of the maximal binary sequence of plus and minus one. Performs no checks."""
-    stages = [1] * register
-    period = np.empty((1 << register) - 1)
-    for k in range(period.size):
-        period[k] = 2.0 * stages[-1] - 1.0
-        fed = 0
-        for stage in _FEEDBACK[register]:
-            fed ^= stages[stage - 1]
-        stages = [fed, *stages[:-1]]
-    return period
+    from scipy.signal import max_len_seq
+
+    return 2.0 * max_len_seq(register, taps=_TAPS[register])[0] - 1.0
 
 
 # -- Disturbance --
@@ -447,7 +435,7 @@ class Disturbance(ABC):
 
 
 @dataclass(frozen=True, slots=True)
-class WhiteDisturbance(Disturbance):
+class WhiteDisturbance(WhiteExcitation, Disturbance):
     """Uncorrelated Gaussian series.
 
     Parameters
@@ -457,13 +445,6 @@ class WhiteDisturbance(Disturbance):
     """
 
     std: float
-
-    def __post_init__(self) -> None:
-        non_negative("std", self.std)
-
-    def sample(self, count: int, _step_s: float, rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
-        """Independent normal values."""
-        return self.std * rng.standard_normal(count)
 
 
 # -- Recursion --

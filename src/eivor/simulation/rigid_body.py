@@ -50,6 +50,9 @@ from eivor.simulation.rigid_body_spec import (
 )
 from eivor.tools import Float
 
+Series: TypeAlias = Float[np.ndarray, " n"]
+Vectors: TypeAlias = Float[np.ndarray, "n 3"]
+
 # -- Loop --
 
 
@@ -60,9 +63,9 @@ class ClosedLoopRecord:
     body: Float[np.ndarray, "n 13"]  # Position [m], velocity [m/s], attitude w, x, y, z, body rates [rad/s]
     rotor_speed: Float[np.ndarray, "n rotors"]  # [rad/s]
     rotor_command: Float[np.ndarray, "n rotors"]  # [rad/s]
-    thrust: Float[np.ndarray, " n"]  # Collective thrust setpoint, a share of full thrust
-    torque: Float[np.ndarray, "n 3"]
-    wanted_rate: Float[np.ndarray, "n 3"]  # [rad/s]
+    thrust: Series  # Collective thrust setpoint, a share of full thrust
+    torque: Vectors
+    wanted_rate: Vectors  # [rad/s]
 
 
 def fly(specs: Sequence[RigidBodyFlightSpec], met: Sequence[Surroundings]) -> Iterator[ClosedLoopRecord]:
@@ -110,7 +113,7 @@ class _Loop:
     specs: Sequence[RigidBodyFlightSpec]
     read: Callable[[int, int], _Read]
     senses: tuple[LiveFilter, ...]  # In the order of `SENSES`
-    cascade: Cascade
+    gains: Gains
     mixer: Mixer
     line: DelayLine
     stepper: Stepper
@@ -119,8 +122,9 @@ class _Loop:
 
     def run(self) -> Iterator[list[_Moment]]:
         """Fly to the end; some steps at a time, so that what is read and what happened takes little space."""
-        first, cascade = self.specs[0], self.cascade
+        first = self.specs[0]
         control = first.controller
+        cascade = Cascade(self.gains, 1.0 / control.rate_hz, 1.0 / control.height_hz)
         every, attitude_every, height_every = (
             round(first.rate_hz / hz) for hz in (control.rate_hz, control.attitude_hz, control.height_hz)
         )
@@ -188,20 +192,16 @@ def _alone(spec: RigidBodyFlightSpec, met: Surroundings) -> list[Float[np.ndarra
     """One flight, in floats."""
     vehicle, sensors, step_s = spec.vehicle, spec.sensors, spec.step_s
     hover: list[Value] = [vehicle.hover_speed] * vehicle.rotors.count
-    loop = _Loop(
-        specs=[spec],
-        read=lambda first, last: _Read(
-            *(getattr(met, name)[first:last].tolist() for name in _Read.__slots__)
-        ),
-        senses=tuple(_filter_of(getattr(sensors, name), step_s) for name in SENSES),
-        cascade=_cascade(spec, gains_of(spec.controller, vehicle, sensors.angular_rate.lateness_s)),
-        mixer=mixer_of(vehicle),
-        line=DelayLine(round(vehicle.rotors.delay / step_s), hover),
-        stepper=spec.integrator.stepper(coefficients_of(vehicle), step_s),
-        body=_start(met).tolist(),
-        speeds=hover,
-    )
-    return _collected(loop)
+
+    def read(first: int, last: int) -> _Read:
+        return _Read(*(getattr(met, name)[first:last].tolist() for name in _Read.__slots__))
+
+    senses = tuple(_filter_of(getattr(sensors, name), step_s) for name in SENSES)
+    gains = gains_of(spec.controller, vehicle, sensors.angular_rate.lateness_s)
+    line = DelayLine(round(vehicle.rotors.delay / step_s), hover)
+    stepper = spec.integrator.stepper(coefficients_of(vehicle), step_s)
+    body = _start(met).tolist()
+    return _collected(_Loop([spec], read, senses, gains, mixer_of(vehicle), line, stepper, body, hover))
 
 
 def _together(
@@ -211,32 +211,22 @@ def _together(
     first, vehicles = specs[0], [spec.vehicle for spec in specs]
     step_s = first.step_s
     hover = np.tile([vehicle.hover_speed for vehicle in vehicles], (first.vehicle.rotors.count, 1))
+
+    def read(start: int, stop: int) -> _Read:
+        parts = ([getattr(item, name)[start:stop] for item in met] for name in _Read.__slots__)
+        return _Read(*(np.stack(part, axis=-1) for part in parts))
+
+    senses = tuple(_filters_of([getattr(spec.sensors, name) for spec in specs], step_s) for name in SENSES)
     gains = [gains_of(spec.controller, spec.vehicle, spec.sensors.angular_rate.lateness_s) for spec in specs]
-    loop = _Loop(
-        specs=specs,
-        read=lambda start, stop: _Read(
-            *(
-                np.stack([getattr(item, name)[start:stop] for item in met], axis=-1)
-                for name in _Read.__slots__
-            )
-        ),
-        senses=tuple(_filters_of([getattr(spec.sensors, name) for spec in specs], step_s) for name in SENSES),
-        cascade=_cascade(first, gains_side_by_side(gains)),
-        mixer=mixers_side_by_side(vehicles),
-        line=DelayLine(np.array([round(vehicle.rotors.delay / step_s) for vehicle in vehicles]), [hover]),
-        stepper=first.integrator.stepper(side_by_side(vehicles), step_s),
-        body=np.stack([_start(item) for item in met], axis=1),
-        speeds=[hover],
-    )
-    return _collected(loop)
+    line = DelayLine(np.array([round(vehicle.rotors.delay / step_s) for vehicle in vehicles]), [hover])
+    stepper = first.integrator.stepper(side_by_side(vehicles), step_s)
+    body, mixer = np.stack([_start(item) for item in met], axis=1), mixers_side_by_side(vehicles)
+    together = gains_side_by_side(gains)
+    return _collected(_Loop(specs, read, senses, together, mixer, line, stepper, body, [hover]))
 
 
 #: Sensors that the controller reads, as the loop reads them.
 SENSES = ("angular_rate", "attitude", "velocity", "position")
-
-
-def _cascade(spec: RigidBodyFlightSpec, gains: Gains) -> Cascade:
-    return Cascade(gains, 1.0 / spec.controller.rate_hz, 1.0 / spec.controller.height_hz)
 
 
 def _start(met: Surroundings) -> Float[np.ndarray, " 13"]:
@@ -276,17 +266,26 @@ SIMULATOR = "rigid body"
 
 
 def recording_of(
-    spec: RigidBodyFlightSpec, met: Surroundings, flight: ClosedLoopRecord, force: Float[np.ndarray, "n 3"]
+    spec: RigidBodyFlightSpec, met: Surroundings, flight: ClosedLoopRecord, force: Vectors
 ) -> Recording:
     """Log of a flight."""
     rng = stamping_stream(spec)
     channels: dict[str, Channel] = {}
+
+    def add(time_s: Float[np.ndarray, " rows"], rows: np.ndarray, series: Mapping[str, Series]) -> None:
+        for name, values in series.items():
+            if not any(fnmatch(name, item) for item in spec.logged.left_out):
+                held = held_by_default(name)
+                channels[name] = Channel(
+                    name, time_s, values[rows], unit_of(name), source=SIMULATOR, held=held
+                )
+
     for sensor, series in _measured(spec, met, flight, force):
         rows = sensor.rows(spec.count, spec.step_s)
-        _add(channels, spec, sensor.stamps(rows, spec.step_s, rng), rows, series)
+        add(sensor.stamps(rows, spec.step_s, rng), rows, series)
     for rate_hz, series in _report(spec, met, flight):
         rows = Sensor(rate_hz=rate_hz).rows(spec.count, spec.step_s)
-        _add(channels, spec, rows * spec.step_s, rows, series)
+        add(rows * spec.step_s, rows, series)
     return Recording(
         name=f"rigid body, {spec.trajectory}, seed {spec.seed}",
         format="simulation",
@@ -296,24 +295,9 @@ def recording_of(
     )
 
 
-def _add(
-    channels: dict[str, Channel],
-    spec: RigidBodyFlightSpec,
-    time_s: Float[np.ndarray, " rows"],
-    rows: np.ndarray,
-    series: Mapping[str, Float[np.ndarray, " n"]],
-) -> None:
-    """Add the rows of some series under their names, those apart that are left out."""
-    for name, values in series.items():
-        if not any(fnmatch(name, item) for item in spec.logged.left_out):
-            channels[name] = Channel(
-                name, time_s, values[rows], unit_of(name), source=SIMULATOR, held=held_by_default(name)
-            )
-
-
 def _measured(
-    spec: RigidBodyFlightSpec, met: Surroundings, flight: ClosedLoopRecord, force: Float[np.ndarray, "n 3"]
-) -> list[tuple[Sensor, dict[str, Float[np.ndarray, " n"]]]]:
+    spec: RigidBodyFlightSpec, met: Surroundings, flight: ClosedLoopRecord, force: Vectors
+) -> list[tuple[Sensor, dict[str, Series]]]:
     """Each sensor with its readings at every step."""
     sensors, step_s, body = spec.sensors, spec.step_s, flight.body
     attitude = np.column_stack(turned(list(body[:, 6:10].T), *met.attitude_error.T))
@@ -340,7 +324,7 @@ def _measured(
 
 def _report(
     spec: RigidBodyFlightSpec, met: Surroundings, flight: ClosedLoopRecord
-) -> list[tuple[float, dict[str, Float[np.ndarray, " n"]]]]:
+) -> list[tuple[float, dict[str, Series]]]:
     """Commands, setpoints and references, with the rate of each group."""
     logged = spec.logged
     setpoints = {
@@ -360,11 +344,11 @@ def _report(
     ]
 
 
-def _named(stem: str, parts: str, series: Float[np.ndarray, "n parts"]) -> dict[str, Float[np.ndarray, " n"]]:
+def _named(stem: str, parts: str, series: Float[np.ndarray, "n parts"]) -> dict[str, Series]:
     return {f"{stem}_{part}": series[:, i] for i, part in enumerate(parts)}
 
 
-def _numbered(stem: str, series: Float[np.ndarray, "n rotors"]) -> dict[str, Float[np.ndarray, " n"]]:
+def _numbered(stem: str, series: Float[np.ndarray, "n rotors"]) -> dict[str, Series]:
     return {f"{stem}_{i + 1}": series[:, i] for i in range(series.shape[1])}
 
 
@@ -380,18 +364,18 @@ LOST_M, LOST_COSINE = 5.0, 0.17
 class RigidBodyTruth:
     """What is true of a flight, a row for each step of the simulation, without errors of sensors."""
 
-    time_s: Float[np.ndarray, " n"]
-    position: Float[np.ndarray, "n 3"]  # [m, m/s]
-    velocity: Float[np.ndarray, "n 3"]  # [m, m/s]
+    time_s: Series
+    position: Vectors  # [m, m/s]
+    velocity: Vectors  # [m, m/s]
     attitude: Float[np.ndarray, "n 4"]
-    angular_rate: Float[np.ndarray, "n 3"]  # Body rates [rad/s]
-    specific_force: Float[np.ndarray, "n 3"]  # On the body's axes [m/s^2]
-    air_velocity: Float[np.ndarray, "n 3"]  # [m/s]
+    angular_rate: Vectors  # Body rates [rad/s]
+    specific_force: Vectors  # On the body's axes [m/s^2]
+    air_velocity: Vectors  # [m/s]
     rotor_speed: Float[np.ndarray, "n rotors"]  # [rad/s]
     rotor_command: Float[np.ndarray, "n rotors"]  # [rad/s]
-    thrust_setpoint: Float[np.ndarray, " n"]  # A share of full thrust
-    torque_setpoint: Float[np.ndarray, "n 3"]
-    disturbance: Float[np.ndarray, "n 3"]  # Torque from outside [N m]
+    thrust_setpoint: Series  # A share of full thrust
+    torque_setpoint: Vectors
+    disturbance: Vectors  # Torque from outside [N m]
     parameters: EffectiveParameters  # Combinations of the vehicle's parameters that the flight shows
     control_effectiveness: tuple[float, float, float]  # [rad/s^2]
 

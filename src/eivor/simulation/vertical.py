@@ -28,6 +28,8 @@ from eivor.tools import Float
 # -- Closed loop --
 
 Parts = TypeVar("Parts")
+Flights = Float[np.ndarray, " flights"]
+Samples = Float[np.ndarray, "samples flights"]
 
 #: Substeps of one control period: delays are rounded to them.
 SUBSTEPS = 5
@@ -39,44 +41,44 @@ THRUST_RANGE = np.array([[0.05], [3.0]])
 class VerticalVehicles:
     """Physical parameters of several vehicles, arrays of shape (flights,)."""
 
-    viscous_friction: Float[np.ndarray, " flights"]  # K [1/s], above zero, and neither 1/tau nor 2/tau
-    input_gain: Float[np.ndarray, " flights"]  # K_u [m/s^2 per squared unit of rotor state]
-    lag_s: Float[np.ndarray, " flights"]
-    delay_s: Float[np.ndarray, " flights"]
+    viscous_friction: Flights  # K [1/s], above zero, and neither 1/tau nor 2/tau
+    input_gain: Flights  # K_u [m/s^2 per squared unit of rotor state]
+    lag_s: Flights
+    delay_s: Flights
 
 
 @dataclass(frozen=True, slots=True)
 class VerticalEnvironment:
     """What acts on the flights from outside, arrays of shape (samples, flights)."""
 
-    reference_position: Float[np.ndarray, "samples flights"]  # [m, m/s, m/s^2]
-    reference_velocity: Float[np.ndarray, "samples flights"]  # [m, m/s, m/s^2]
-    reference_acceleration: Float[np.ndarray, "samples flights"]  # [m, m/s, m/s^2]
-    gust: Float[np.ndarray, "samples flights"]  # Vertical wind [m/s]
-    cos_tilt: Float[np.ndarray, "samples flights"]
-    position_noise: Float[np.ndarray, "samples flights"]  # [m, m/s, m/s^2]
-    velocity_noise: Float[np.ndarray, "samples flights"]  # [m, m/s, m/s^2]
-    acceleration_noise: Float[np.ndarray, "samples flights"]  # [m, m/s, m/s^2]
+    reference_position: Samples  # [m, m/s, m/s^2]
+    reference_velocity: Samples  # [m, m/s, m/s^2]
+    reference_acceleration: Samples  # [m, m/s, m/s^2]
+    gust: Samples  # Vertical wind [m/s]
+    cos_tilt: Samples
+    position_noise: Samples  # [m, m/s, m/s^2]
+    velocity_noise: Samples  # [m, m/s, m/s^2]
+    acceleration_noise: Samples  # [m, m/s, m/s^2]
 
 
 @dataclass(frozen=True, slots=True)
 class AltitudeController:
     """Position, velocity and integral gains around the trajectory's feed-forward."""
 
-    position_gain: float | Float[np.ndarray, " flights"] = 1.2  # [1/s]
-    velocity_gain: float | Float[np.ndarray, " flights"] = 3.0  # [1/s]
-    integral_gain: float | Float[np.ndarray, " flights"] = 1.0  # [1/s^2]
+    position_gain: float | Flights = 1.2  # [1/s]
+    velocity_gain: float | Flights = 3.0  # [1/s]
+    integral_gain: float | Flights = 1.0  # [1/s^2]
 
 
 @dataclass(frozen=True, slots=True)
 class SimulatedMotion:
     """What happened, arrays of shape (samples, flights)."""
 
-    command: Float[np.ndarray, "samples flights"]  # [k]
-    rotor_state: Float[np.ndarray, "samples flights"]  # [k]
-    position: Float[np.ndarray, "samples flights"]  # [m, m/s, m/s^2]
-    velocity: Float[np.ndarray, "samples flights"]  # [m, m/s, m/s^2]
-    specific_force: Float[np.ndarray, "samples flights"]  # [m, m/s, m/s^2]
+    command: Samples  # [k]
+    rotor_state: Samples  # [k]
+    position: Samples  # [m, m/s, m/s^2]
+    velocity: Samples  # [m, m/s, m/s^2]
+    specific_force: Samples  # [m, m/s, m/s^2]
 
 
 def simulate_vertical(
@@ -85,7 +87,7 @@ def simulate_vertical(
     *,
     step_s: float,
     controller: AltitudeController,
-    gain_share: Float[np.ndarray, "samples flights"] | None = None,
+    gain_share: Samples | None = None,
 ) -> SimulatedMotion:
     """Fly every vehicle through its environment under altitude control."""
     count, flights = environment.gust.shape
@@ -111,8 +113,8 @@ def simulate_vertical(
             + controller.velocity_gain * error_v
             + controller.integral_gain * integral
         )
-        thrust = np.clip((GRAVITY + wanted_a) / (vehicles.input_gain * tilt), *THRUST_RANGE * hover**2)
-        command = np.sqrt(thrust)
+        thrust = (GRAVITY + wanted_a) / (vehicles.input_gain * tilt)
+        command = np.sqrt(np.clip(thrust, *THRUST_RANGE * hover**2))
         out.command[k], out.rotor_state[k], out.position[k], out.velocity[k] = command, state, z, v
         out.specific_force[k] = vehicles.input_gain * lift * state**2 - vehicles.viscous_friction * (v - gust)
         history.push(command)
@@ -124,23 +126,21 @@ def simulate_vertical(
 class CommandHistory:
     """Commands of the last control periods, and what reaches the actuator in each substep."""
 
-    def __init__(
-        self, hover: Float[np.ndarray, " flights"], delay_s: Float[np.ndarray, " flights"], step_s: float
-    ) -> None:
+    def __init__(self, hover: Flights, delay_s: Flights, step_s: float) -> None:
         self._substeps = np.rint(delay_s / step_s * SUBSTEPS).astype(np.int64)
         self._depth = int(self._substeps.max(initial=0)) // SUBSTEPS + 2
         self._past = np.tile(hover, (self._depth, 1))
         self._flight = np.arange(hover.size)
 
-    def push(self, command: Float[np.ndarray, " flights"]) -> None:
+    def push(self, command: Flights) -> None:
         """Add the command of the period that begins."""
         self._past = np.roll(self._past, 1, axis=0)
         self._past[0] = command
 
-    def reaching(self, substep: int) -> Float[np.ndarray, " flights"]:
+    def reaching(self, substep: int) -> Flights:
         """Command that each actuator receives in this substep of the present period."""
         periods_back = -((substep - self._substeps) // SUBSTEPS)
-        reached: Float[np.ndarray, " flights"] = self._past[periods_back, self._flight]
+        reached: Flights = self._past[periods_back, self._flight]
         return reached
 
 
@@ -162,13 +162,13 @@ class ExactSubstep:
 
     def end(
         self,
-        command: Float[np.ndarray, " flights"],
-        state: Float[np.ndarray, " flights"],
-        z: Float[np.ndarray, " flights"],
-        v: Float[np.ndarray, " flights"],
-        gust: Float[np.ndarray, " flights"],
-        lift: Float[np.ndarray, " flights"],
-    ) -> tuple[Float[np.ndarray, " flights"], Float[np.ndarray, " flights"], Float[np.ndarray, " flights"]]:
+        command: Flights,
+        state: Flights,
+        z: Flights,
+        v: Flights,
+        gust: Flights,
+        lift: Flights,
+    ) -> tuple[Flights, Flights, Flights]:
         """Rotor state, height and velocity at the end; K_u times `lift` is what the state does upwards."""
         away = state - command
         gain = self._K_u * lift
