@@ -11,7 +11,6 @@ from eivor.flights.quantity import (
     QuantityEstimate,
     SystematicUncertainty,
     Wording,
-    reserved_uncertainty,
     widened,
 )
 from eivor.inference.verdict import Status, Verdict
@@ -43,7 +42,9 @@ def test_intervals_with_their_systematic_parts(parts, wanted):
 
 
 def test_a_reserve_is_the_verdicts():
-    assert reserved_uncertainty((LATE, RESERVE, LEAST, RESERVE)) == pytest.approx(0.6)
+    parts = (LATE, RESERVE, LEAST, RESERVE)
+    quantity = QuantityEstimate(10.0, "s", 0.5, (9.0, 11.0), systematic_uncertainties=parts)
+    assert quantity.reserved_uncertainty == pytest.approx(0.6)
 
 
 def test_a_result_keeps_its_parts_and_widens_other_levels_by_them():

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -69,50 +70,40 @@ def rates_prediction(
 ) -> MultiStepPrediction:
     """Rates after each horizon, by each model and by the rates at the start."""
     fit = next(iter(models.values())).values
-    logged = [axis for axis in AXES if all(axis.torque in flight.signals.channels for flight in flights)]
-    axes = [axis for axis in logged if axis.effectiveness.name in fit.keys() - refused]
-    if EFFECTIVE_LAG in refused:
-        axes = []
-    omitted = tuple(_why(axis, logged, refused) for axis in AXES if axis not in axes)
-    starts = [starts_of(flight) for flight in flights]
-    results = [
-        tuple(error for axis in axes for error in _of_axis(axis, flight, where, models))
-        for flight, where in zip(flights, starts, strict=True)
-    ]
-    times = [flight.grid.time_s[where.samples] for flight, where in zip(flights, starts, strict=True)]
-    return multi_step_predictions(results, times, omitted)
-
-
-def _why(axis: Axis, logged: list[Axis], refused: frozenset[str]) -> str:
-    if axis not in logged:
-        why = "its setpoint or rate is not logged"
-    elif EFFECTIVE_LAG in refused:
-        why = "the lag is refused"
-    else:
-        why = "its effectiveness is refused" if axis.effectiveness.name in refused else "the fit knows none"
-    return f"The {axis.name} rate is not predicted: {why}."
+    predicted_axes, omitted = [], []
+    for axis in AXES:
+        name, why = axis.effectiveness.name, ""
+        if not all(axis.torque in flight.signals.channels for flight in flights):
+            why = "its setpoint or rate is not logged"
+        elif EFFECTIVE_LAG in refused:
+            why = "the lag is refused"
+        elif name in refused or name not in fit:
+            why = "its effectiveness is refused" if name in refused else "the fit knows none"
+        if why:
+            omitted.append(f"The {axis.name} rate is not predicted: {why}.")
+        else:
+            predicted_axes.append(axis)
+    results, times = [], []
+    for flight in flights:
+        starts = starts_of(flight)
+        times.append(flight.grid.time_s[starts.samples])
+        errors = [error for axis in predicted_axes for error in _of_axis(axis, flight, starts, models)]
+        results.append(tuple(errors))
+    return multi_step_predictions(results, times, tuple(omitted))
 
 
 def _of_axis(
     axis: Axis, flight: PreparedFlight, starts: Starts, models: Mapping[str, SimpleModel]
-) -> list[HorizonErrors]:
+) -> Iterator[HorizonErrors]:
     rate = flight.signals.channel(axis.rate)
     measured, started = rate[starts.ends], rate[starts.samples]
     by_model = {
         name: (model.words, _predicted(axis, flight, starts, model.values)) for name, model in models.items()
     }
     by_model[UNCHANGED] = (STAYS, np.broadcast_to(started, measured.shape))
-    return [
-        HorizonErrors(
-            name,
-            words,
-            f"{axis.name} rate",
-            "rad/s",
-            np.abs(predicted - measured).T,
-            np.column_stack([measured[-1], predicted[-1]]),
-        )
-        for name, (words, predicted) in by_model.items()
-    ]
+    for name, (words, predicted) in by_model.items():
+        left, series = np.abs(predicted - measured).T, np.column_stack([measured[-1], predicted[-1]])
+        yield HorizonErrors(name, words, f"{axis.name} rate", "rad/s", left, series)
 
 
 def _predicted(
@@ -120,16 +111,14 @@ def _predicted(
 ) -> Float[np.ndarray, "horizons starts"]:
     """Answer of one rate to its setpoint, from every start."""
     signals = flight.signals
-    command, rate = signals.channel(axis.torque)[:, None], signals.channel(axis.rate)
-    lag_s, delay_s = values[ACTUATOR_LAG.name], values[DELAY.name]
-    state = actuator_state(command, step_s=signals.step_s, lag_s=lag_s, delay_s=delay_s)[:, 0]
+    rate, damping = signals.channel(axis.rate), values[axis.damping.name]
+    state, *changes = lagged_torque(signals, axis, values).T
     driven = values[axis.effectiveness.name] * state
-    if axis.reacts:
-        driven += values[axis.reaction.name] * time_derivative(state, signals.step_s)
-    damping = values[axis.damping.name]
+    for change in changes:
+        driven += values[axis.reaction.name] * change
     driven += trim(flight, time_derivative(rate, signals.step_s) + damping * rate - driven)
-    started = rate[starts.samples][None, :]
     force = starts.over_step(driven)
+    started = rate[starts.samples][None, :]
     return starts.propagate(started, lambda rates, now: force[now] - damping * rates)[:, 0]
 
 
@@ -144,36 +133,19 @@ LAGS_S = np.geomspace(0.004, 0.15, 30)
 DELAYS_S = (0.0, 0.005, 0.010, 0.015, 0.020, 0.030)
 
 
-@dataclass(frozen=True)
-class LaggedTorque:
-    """Columns of what the actuators make of a torque setpoint."""
-
-    signals: Signals
-    axis: Axis
-
-    def __call__(self, nuisance_values: Values) -> Float[np.ndarray, "n m"]:
-        """State at a lag and a delay and, where it reacts, its rate of change."""
-        step_s = self.signals.step_s
-        command = self.signals.channel(self.axis.torque)[:, None]
-        state = actuator_state(
-            command,
-            step_s=step_s,
-            lag_s=nuisance_values[ACTUATOR_LAG.name],
-            delay_s=nuisance_values[DELAY.name],
-        )
-        if not self.axis.reacts:
-            return state
-        return np.column_stack([state, time_derivative(state[:, 0], step_s)])
+def lagged_torque(signals: Signals, axis: Axis, nuisance_values: Values) -> Float[np.ndarray, "n m"]:
+    """State of the actuators at a lag and a delay and, where it reacts, its rate of change."""
+    command, step_s = signals.channel(axis.torque)[:, None], signals.step_s
+    lag_s, delay_s = nuisance_values[ACTUATOR_LAG.name], nuisance_values[DELAY.name]
+    state = actuator_state(command, step_s=step_s, lag_s=lag_s, delay_s=delay_s)
+    return np.column_stack([state, time_derivative(state[:, 0], step_s)]) if axis.reacts else state
 
 
 def rates_problem(flights: tuple[PreparedFlight, ...], rule: InstrumentRule) -> LaggedRuns:
     """Regressions of the flights for each lag and delay."""
     axes = tuple(axis for axis in AXES if all(axis.torque in flight.signals.channels for flight in flights))
     fixed = tuple(axis.damping for axis in axes)
-    moving = (
-        *(axis.effectiveness for axis in axes),
-        *(axis.reaction for axis in axes if axis.reacts),
-    )
+    moving = (*(axis.effectiveness for axis in axes), *(axis.reaction for axis in axes if axis.reacts))
     columns = tuple(
         _columns(number, flight, axis, rule, fixed, moving)
         for number, flight in enumerate(flights)
@@ -202,7 +174,7 @@ def _columns(
         flight.runs,
         time_derivative(rate, signals.step_s)[:, None],
         damped,
-        LaggedTorque(signals, axis),
+        partial(lagged_torque, signals, axis),
         of_axis(rule, axis).columns(driven),
         number,
         axis.number,
@@ -248,49 +220,48 @@ LEVELS = ("input", "rotor_command", "rotor_speed")
 FASTEST_RATE = 40.0
 
 
-def axes_of(log: Recording) -> tuple[Axis, ...]:
-    """Axes whose setpoint and rate are both in a log."""
-    return tuple(axis for axis in AXES if axis.torque in log.channels and axis.rate in log.channels)
+def multirotor_input(
+    log: Recording, families: tuple[InputFamily, ...], wanted: str, *, remedy: str, other: str
+) -> tuple[InputFamily, tuple[Channel, ...]]:
+    """Family and channels of the input of a multirotor, see `chosen_input`; others are refused."""
+    if log.vehicle not in ("", ROTARY_WING):
+        received = f"{log.name}, which says that it is of a {log.vehicle}"
+        raise InputError("a log of a multirotor", received, other)
+    return chosen_input(log, families, wanted, remedy=remedy)
 
 
 def selected(log: Recording, options: FlightOptions) -> Selection:
     """Channels of a log by role."""
-    if log.vehicle not in ("", ROTARY_WING):
-        raise InputError(
-            "a log of a multirotor",
-            f"{log.name}, which says that it is of a {log.vehicle}",
-            "Rotors turn it by their thrust; name another motion with --model if you have one.",
-        )
-    family, _ = chosen_input(log, INPUTS, options.input, remedy="Log the torque setpoints at 50 Hz or more")
+    family, _ = multirotor_input(
+        log,
+        INPUTS,
+        options.input,
+        remedy="Log the torque setpoints at 50 Hz or more",
+        other="Rotors turn it by their thrust; name another motion with --model if you have one.",
+    )
     for axis in (ROLL, PITCH):
         if axis.torque not in log.channels:
-            raise MissingChannelError(
-                f"{axis.torque} in {log.name}",
-                "a log without it",
-                "Log the torque setpoints of roll and pitch.",
-            )
+            needed = f"{axis.torque} in {log.name}"
+            remedy = "Log the torque setpoints of roll and pitch."
+            raise MissingChannelError(needed, "a log without it", remedy)
         log.channel(axis.rate)
-    axes = axes_of(log)
+    axes = [axis for axis in AXES if axis.torque in log.channels and axis.rate in log.channels]
     rates = {axis.name: log.channel(axis.rate) for axis in axes}
     for rate in rates.values():
         refuse_degrees(rate, log)
     slowest = min(rate.rate_hz for rate in rates.values())
+    no_yaw = "Torque setpoint or rate of yaw is not logged: roll and pitch are looked at alone."
     return Selection(
         family,
         tuple(log.channel(axis.torque) for axis in axes),
         states=rates,
         responses={},
         band_hz=(BAND_HZ[0], min(BAND_HZ[1], BAND_SHARE * slowest)),
-        findings=(_NO_YAW,) if len(axes) < len(AXES) else (),
+        findings=(Finding("no_yaw", no_yaw),) if len(axes) < len(AXES) else (),
         issued_within_s=float(np.median(np.diff(log.channel(ROLL.rate).time_s))),  # once a rate, or oftener
         step_s=FINE_STEP_S if slowest >= FINE_FROM_HZ else STEP_S,
         matched_interpolation_filter=True,
     )
-
-
-_NO_YAW = Finding(
-    "no_yaw", "Torque setpoint or rate of yaw is not logged: roll and pitch are looked at alone."
-)
 
 
 def refuse_degrees(rate: Channel, log: Recording) -> None:
@@ -307,16 +278,23 @@ def refuse_degrees(rate: Channel, log: Recording) -> None:
 
 def active(log: Recording, grid: Grid) -> Active:
     """Samples in the air: torque setpoints do not identify, so by the land detector."""
-    level: Float[np.ndarray, " n"] | None = None
-    for family in LEVELS:
-        members = log.family(family)
-        if level is None and members:
-            level = np.mean([on_grid(member, grid)[0] for member in members], axis=0)
-    if level is None and "landed" not in log.channels:
-        return Active(
-            np.ones(grid.count, dtype=np.bool_), "nothing: neither a land detector nor thrust is logged"
-        )
-    return airborne_by_log(log, grid, np.ones(grid.count) if level is None else level)
+    members = next((members for family in LEVELS if (members := log.family(family))), [])
+    if not members and "landed" not in log.channels:
+        why = "nothing: neither a land detector nor thrust is logged"
+        return Active(np.ones(grid.count, dtype=np.bool_), why)
+    level = (
+        np.mean([on_grid(member, grid)[0] for member in members], axis=0) if members else np.ones(grid.count)
+    )
+    return airborne_by_log(log, grid, level)
+
+
+def rates_std(flights: tuple[PreparedFlight, ...], axes: tuple[Axis, ...]) -> list[float]:
+    """Standard deviation of the rate about each axis over the time used [deg/s]."""
+    rates = [
+        np.concatenate([flight.signals.channel(axis.rate)[flight.used] for flight in flights])
+        for axis in axes
+    ]
+    return [float(np.rad2deg(np.std(rate))) for rate in rates]
 
 
 # -- Motion --
@@ -386,11 +364,7 @@ class Rates(Motion[LaggedRuns]):
 
     def excitation(self, flights: tuple[PreparedFlight, ...]) -> str:
         """Standard deviations of the rates of roll and pitch."""
-        spreads = [
-            np.std(np.concatenate([flight.signals.channel(axis.rate)[flight.used] for flight in flights]))
-            for axis in (ROLL, PITCH)
-        ]
-        roll, pitch = (float(np.rad2deg(spread)) for spread in spreads)
+        roll, pitch = rates_std(flights, (ROLL, PITCH))
         return f"Roll turned at {roll:.2g} and pitch at {pitch:.2g} deg/s (standard deviations)."
 
     def simple_models(self, problem: LaggedRuns, estimate: Estimate) -> Mapping[str, SimpleModel]:
@@ -412,7 +386,14 @@ class Rates(Motion[LaggedRuns]):
 
     def traces(self, problem: LaggedRuns, estimate: Estimate) -> tuple[Trace, ...]:
         """Angular acceleration about each axis within the band, see `Motion.traces`."""
-        return tuple(_trace(problem, estimate, axis) for axis in AXES if axis.number in problem.axes)
+        best, traces = estimate.best, []
+        for axis in AXES:
+            if axis.number in problem.axes:
+                of_input = (axis.effectiveness, axis.reaction)
+                driving = [number for number, item in enumerate(problem.parameters) if item in of_input]
+                series = problem.series_in_band(best.nuisances, axis.number, best.theta, driving)
+                traces.append(Trace(f"{axis.name} acceleration", "rad/s²", "G u − D ω", "G u", *series.T))
+        return tuple(traces)
 
     def overview(self, flight: PreparedFlight) -> tuple[PlotData, ...]:
         """Rates of roll and pitch, see `Motion.overview`."""
@@ -421,14 +402,3 @@ class Rates(Motion[LaggedRuns]):
     def advice(self, log_format: str) -> tuple[CardSection, ...]:
         """What to fly and to log, see `Motion.advice`."""
         return rates_card(log_format)
-
-
-def _trace(problem: LaggedRuns, estimate: Estimate, axis: Axis) -> Trace:
-    best = estimate.best
-    driving = [
-        number
-        for number, parameter in enumerate(problem.parameters)
-        if parameter in (axis.effectiveness, axis.reaction)
-    ]
-    series = problem.series_in_band(best.nuisances, axis.number, best.theta, driving)
-    return Trace(f"{axis.name} acceleration", "rad/s²", "G u − D ω", "G u", *series.T)

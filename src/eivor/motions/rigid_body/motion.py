@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
@@ -34,8 +34,9 @@ from eivor.flights.quantity import (
 from eivor.inference.verdict import Reason, Status
 from eivor.logs.read import advising_format
 from eivor.models.lagged_runs import ACTUATOR_LAG, AxisColumns, LaggedRuns
+from eivor.models.regression import Parameter
 from eivor.models.separable import InstrumentRule, NoInstruments, Nuisance, WarmStart
-from eivor.motions.rates.motion import active, rate_panel
+from eivor.motions.rates.motion import active, rate_panel, rates_std
 from eivor.motions.rates.verdict import AXES
 from eivor.motions.rigid_body.inertia import Combinations
 from eivor.motions.rigid_body.physical_parameters import PhysicalEstimateRow, physical_parameters
@@ -212,56 +213,58 @@ EQUATION = (
     "phi = map(n); tau n' + n = command(t - d); p rate, v velocity, s force on body axes; others alike",
 )
 _RATES = "pqr"
-QUANTITIES = {
-    THRUST.name: Wording("thrust gain", "α_z", "m/s^2", shown_unit="m/s²", optional=True),
-    **{
-        item.name: Wording(f"{name} gain", f"α_{rate}", item.unit, shown_unit=unit)
-        for item, name, rate, unit in zip(
-            GAIN, TURNING, _RATES, ("rad/s²/m", "rad/s²/m", "rad/s²"), strict=True
-        )
-    },
-    **{
-        item.name: Wording(f"{name} coupling", f"β_{number}", "")
-        for number, (item, name) in enumerate(zip(COUPLING, TURNING, strict=True), start=1)
-    },
-    **{
-        item.name: Wording(f"{name} damping", f"d_{rate}", "1/s", shown_unit="1/s")
-        for item, name, rate in zip(DAMPING, TURNING, _RATES, strict=True)
-    },
-    **{
-        item.name: Wording(f"drag along {axis}", f"d_{axis}", "1/s", shown_unit="1/s", optional=True)
-        for item, axis in zip(DRAG, ALONG, strict=True)
-    },
-    **{
+
+
+def _wordings(
+    parameters: Iterable[Parameter],
+    words: Iterable[str],
+    symbols: Iterable[str],
+    *,
+    optional: bool = True,
+) -> dict[str, Wording]:
+    """How parameters of several axes are called; those that need more than rates and rotors are optional."""
+    return {
         item.name: Wording(
-            f"quadratic drag along {axis}", f"c_{axis}", "1/m", shown_unit="1/m", optional=True
+            text,
+            symbol,
+            item.unit,
+            shown_unit=item.unit.replace("^2", "²").replace("^3", "³"),
+            optional=optional,
         )
-        for item, axis in zip(QUADRATIC_DRAG, ALONG, strict=True)
-    },
+        for item, text, symbol in zip(parameters, words, symbols, strict=False)
+    }
+
+
+def _of_axes(text: str) -> list[str]:
+    return [text.format(name) for name in TURNING]
+
+
+def _along(text: str) -> list[str]:
+    return [text.format(axis) for axis in ALONG]
+
+
+QUANTITIES = {
+    **_wordings([THRUST], ["thrust gain"], ["α_z"]),
+    **_wordings(GAIN, _of_axes("{} gain"), [f"α_{rate}" for rate in _RATES], optional=False),
+    **_wordings(COUPLING, _of_axes("{} coupling"), ["β_1", "β_2", "β_3"], optional=False),
+    **_wordings(DAMPING, _of_axes("{} damping"), [f"d_{rate}" for rate in _RATES], optional=False),
+    **_wordings(DRAG, _along("drag along {}"), _along("d_{}")),
+    **_wordings(QUADRATIC_DRAG, _along("quadratic drag along {}"), _along("c_{}")),
     FRICTION.name: Wording(
         "viscous friction", "K", FRICTION.unit, kind=Kind.DERIVED, shown_unit="1/s", optional=True
     ),
-    LIFT.name: Wording("translational lift", "h", "1/m", shown_unit="1/m", optional=True),
+    **_wordings([LIFT], ["translational lift"], ["h"]),
+    **_wordings(LIFT_MOMENT, _of_axes("{} by lift"), [f"h_{rate}" for rate in _RATES]),
     **{
-        item.name: Wording(f"{name} by lift", f"h_{rate}", item.unit, shown_unit="1/m³", optional=True)
-        for item, name, rate in zip(LIFT_MOMENT, TURNING, _RATES, strict=False)
+        name: wording
+        for turning, letter, pair, axes in zip(TURNING, "LMN", DRAG_MOMENT, ("yz", "xz", "xy"), strict=True)
+        for name, wording in _wordings(
+            pair, [f"{turning} by drag along {axis}" for axis in axes], [f"{letter}_{axis}" for axis in axes]
+        ).items()
     },
-    **{
-        item.name: Wording(
-            f"{name} by drag along {axis}", f"{letter}_{axis}", item.unit, shown_unit="1/(m s)", optional=True
-        )
-        for name, letter, pair, axes in zip(TURNING, "LMN", DRAG_MOMENT, ("yz", "xz", "xy"), strict=True)
-        for item, axis in zip(pair, axes, strict=True)
-    },
-    **{
-        item.name: Wording(f"{name} by spin", f"j_{rate}", "")
-        for item, name, rate in zip(GYROSCOPIC_MOMENT, TURNING, _RATES, strict=False)
-    },
-    REACTION.name: Wording("rotor reaction", "j", ""),
-    **{
-        item.name: Wording(f"{name} offset", f"o_{rate}", "rad/s^2", shown_unit="rad/s²")
-        for item, name, rate in zip(OFFSET, TURNING, _RATES, strict=False)
-    },
+    **_wordings(GYROSCOPIC_MOMENT, _of_axes("{} by spin"), [f"j_{rate}" for rate in _RATES], optional=False),
+    **_wordings([REACTION], ["rotor reaction"], ["j"], optional=False),
+    **_wordings(OFFSET, _of_axes("{} offset"), [f"o_{rate}" for rate in _RATES], optional=False),
     **LAG_WORDINGS,
 }
 #: The same in the order of reports.
@@ -440,15 +443,9 @@ class RigidBody(Motion[LaggedRuns]):
 
     def excitation(self, flights: tuple[PreparedFlight, ...]) -> str:
         """Standard deviations of the rates."""
-        spreads = [
-            float(np.rad2deg(np.std(np.concatenate([f.signals.channel(axis.rate)[f.used] for f in flights]))))
-            for axis in AXES
-        ]
-        roll, pitch, yaw = spreads
-        return (
-            f"Roll, pitch and yaw turned at {roll:.2g}, {pitch:.2g} and {yaw:.2g} deg/s (standard "
-            "deviations)."
-        )
+        roll, pitch, yaw = rates_std(flights, AXES)
+        turned = f"Roll, pitch and yaw turned at {roll:.2g}, {pitch:.2g} and {yaw:.2g} deg/s"
+        return f"{turned} (standard deviations)."
 
     def simple_models(self, problem: LaggedRuns, estimate: Estimate) -> Mapping[str, SimpleModel]:
         """Least squares without a lag, see `Motion.simple_models`."""
@@ -479,18 +476,13 @@ class RigidBody(Motion[LaggedRuns]):
     def traces(self, problem: LaggedRuns, estimate: Estimate) -> tuple[Trace, ...]:
         """Angular acceleration about each axis and force along it, within the bands; see `Motion.traces`."""
         driving = [number for number, parameter in enumerate(problem.parameters) if parameter in DRIVING]
-        results = []
+        results, best = [], estimate.best
         for axis in problem.axes:
-            series = problem.series_in_band(estimate.best.nuisances, axis, estimate.best.theta, driving)
-            turning = axis < FORCE_X_EQUATION
-            words = (
-                f"{TURNING[axis]} acceleration"
-                if turning
-                else f"specific force along {ALONG[axis - FORCE_X_EQUATION]}"
-            )
-            unit, band = "rad/s²" if turning else "m/s²", problem.band_hz(axis)
-            measured, predicted, driven = series.T
-            results.append(Trace(words, unit, "model", "rotors", measured, predicted, driven, band))
+            series = problem.series_in_band(best.nuisances, axis, best.theta, driving)
+            words, unit = f"{(*TURNING, '', '', '')[axis]} acceleration", "rad/s²"
+            if axis >= FORCE_X_EQUATION:
+                words, unit = f"specific force along {ALONG[axis - FORCE_X_EQUATION]}", "m/s²"
+            results.append(Trace(words, unit, "model", "rotors", *series.T, problem.band_hz(axis)))
         return tuple(results)
 
     def overview(self, flight: PreparedFlight) -> tuple[PlotData, ...]:
@@ -503,16 +495,8 @@ class RigidBody(Motion[LaggedRuns]):
 
 
 def _implied(row: PhysicalEstimateRow) -> Implied:
-    reported = row.estimate
-    if reported is None:
+    item = row.estimate
+    if item is None:
         return Implied(row.name, row.words, "", "", None, None, None, row.sentence)
-    return Implied(
-        row.name,
-        row.words,
-        reported.symbol,
-        reported.unit,
-        reported.value,
-        reported.std_error,
-        reported.interval,
-        row.sentence,
-    )
+    numbers = item.value, item.std_error, item.interval
+    return Implied(row.name, row.words, item.symbol, item.unit, *numbers, row.sentence)

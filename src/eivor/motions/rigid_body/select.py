@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from eivor.errors import InputError
 from eivor.flights.options import FlightOptions
-from eivor.flights.prepared import InputFamily, Selection, chosen_input
+from eivor.flights.prepared import InputFamily, Selection
 from eivor.flights.timestamps import with_corrected_stamps
-from eivor.motions.rates.motion import refuse_degrees
+from eivor.motions.rates.motion import multirotor_input, refuse_degrees
 from eivor.motions.rates.verdict import AXES
 from eivor.motions.rigid_body.regression import NEEDED as FOR_BODY_VELOCITY
 from eivor.motions.rigid_body.vehicle import RotorLayout
 from eivor.motions.vertical.select import REFERENCES as HEIGHT_REFERENCES
-from eivor.signals.recording import ROTARY_WING, Channel, Finding, Recording
+from eivor.signals.recording import Channel, Finding, Recording
 from eivor.tools import Float
 
 # -- Attitude order --
@@ -129,15 +129,13 @@ UNIT_WITHIN = 0.05
 
 def selected(log: Recording, options: FlightOptions, layout: RotorLayout) -> Selection:
     """Channels of a log by role."""
-    if log.vehicle not in ("", ROTARY_WING):
-        raise InputError(
-            "a log of a multirotor",
-            f"{log.name}, which says that it is of a {log.vehicle}",
-            "Name another motion with --model if you have one.",
-        )
     log, erring = with_corrected_stamps(log)
-    family, commands = chosen_input(
-        log, INPUTS, options.input, remedy="Log the rotor commands or speeds at 100 Hz or more"
+    family, commands = multirotor_input(
+        log,
+        INPUTS,
+        options.input,
+        remedy="Log the rotor commands or speeds at 100 Hz or more",
+        other="Name another motion with --model if you have one.",
     )
     family = replace(family, input_map=layout.vehicle.thrust_map)
     if len(commands) != layout.count:
@@ -180,11 +178,10 @@ def _refuse_no_differences(commands: tuple[Channel, ...], layout: RotorLayout, l
     values = values[:, np.isfinite(values).all(axis=0)]
     if not values.shape[1] or not (values.max() > values.min()):
         return  # nothing varies at all, which is reported about every motion
-    still = []
-    for axis, arms in zip(AXES, (layout.roll, layout.pitch, layout.yaw), strict=True):
-        separated = arms / np.abs(arms).sum() @ values
-        if np.ptp(separated) <= NO_DIFFERENCE * np.abs(values).max():
-            still.append(axis.name)
+    arms = zip(AXES, (layout.roll, layout.pitch, layout.yaw), strict=True)
+    differences = {axis.name: np.ptp(arm / np.abs(arm).sum() @ values) for axis, arm in arms}
+    least = NO_DIFFERENCE * np.abs(values).max()
+    still = [name for name, difference in differences.items() if difference <= least]
     if still:
         raise InputError(
             f"rotor commands that differ about roll, pitch and yaw in {log.name}",
@@ -198,13 +195,9 @@ def _without_flips(conditions: tuple[Channel, ...]) -> tuple[Channel, ...]:
     parts = [condition for condition in conditions if condition.name in ATTITUDE]
     if len({part.time_s.tobytes() for part in parts}) != 1:
         return conditions
-    smooth = dict(
-        zip((part.name for part in parts), continuous(np.stack([p.values for p in parts])), strict=True)
-    )
-    return tuple(
-        replace(condition, values=smooth[condition.name]) if condition.name in smooth else condition
-        for condition in conditions
-    )
+    rows = continuous(np.stack([part.values for part in parts]))
+    smooth = {part.name: replace(part, values=row) for part, row in zip(parts, rows, strict=True)}
+    return tuple(smooth.get(condition.name, condition) for condition in conditions)
 
 
 def _refuse_no_quaternion(log: Recording) -> None:
@@ -222,19 +215,13 @@ def _refuse_no_quaternion(log: Recording) -> None:
         )
 
 
-def _findings(forces: dict[str, Channel | None], moving: bool) -> list[Finding]:
-    results = []
+def _findings(forces: dict[str, Channel | None], moving: bool) -> Iterator[Finding]:
     if not moving:
-        results.append(
-            Finding(
-                "no_body_velocity",
-                "Velocity or attitude is not logged: no result for drag along x and y and of "
-                "translational lift; drag along z rests on the accelerometer's integral over less than 5 s.",
-            )
+        yield Finding(
+            "no_body_velocity",
+            "Velocity or attitude is not logged: no result for drag along x and y and of "
+            "translational lift; drag along z rests on the accelerometer's integral over less than 5 s.",
         )
     absent = [name.removeprefix("force_") for name, channel in forces.items() if channel is None]
     if absent:
-        results.append(
-            Finding("no_body_force", f"No specific force along {', '.join(absent)}: no result for it.")
-        )
-    return results
+        yield Finding("no_body_force", f"No specific force along {', '.join(absent)}: no result for it.")
