@@ -141,7 +141,7 @@ def leaves(kind: type) -> set[str]:
 def test_documented_axes_are_the_code():
     """The classes of the four axes of a linear method on the page are those that there are."""
     for module in pkgutil.walk_packages(eivor.__path__, "eivor."):
-        if module.name.startswith(("eivor.estimation.", "eivor.linalg.")):
+        if module.name.startswith(("eivor.estimation.", "eivor.linalg.", "eivor.lab.regularised")):
             importlib.import_module(module.name)
     from eivor.estimation.moments import Assembler
     from eivor.estimation.weighting import EquationWeighting, RowWeighting

@@ -121,7 +121,7 @@ def test_what_a_killed_process_left_is_removed(tmp_path: Path) -> None:
 def test_nothing_else_in_the_package_writes_files() -> None:
     """Other ways to write a file would leave half of one behind."""
     formulas = re.compile(
-        r"\.write_(text|bytes)\(|\.(write_csv|write_parquet|savefig)\((?!\s*(?:file|buffer)\b)"
+        r"\.write_(text|bytes)\(|\.(write_csv|write_parquet|savefig)\((?!\s*(?:file|buffer)\b|\))"
         r"|mkstemp|open\([^)]*[\"'][wax]"
     )
     results = {
