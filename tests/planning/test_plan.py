@@ -169,9 +169,9 @@ def test_what_a_result_tells_is_planned_with_and_the_rest_is_usual():
     assert (vehicle.viscous_friction, vehicle.lag_s, vehicle.hover_input) == (0.42, 0.03, 0.6)
     assert vehicle.follows.velocity_gain == 2.0
     assert vehicle.tilt_rms == 0.2  # the most that is flown
-    assert vehicle.asked == "friction"
+    assert vehicle.requested == "friction"
     without = vehicle_of_result({**document, "prediction": None})
-    assert replace(without, hover_input=0.5, asked="") == VehicleGuess()
+    assert replace(without, hover_input=0.5, requested="") == VehicleGuess()
     with pytest.raises(UsageError, match="'rover_motion'"):
         vehicle_of_result({**document, "model": {"name": "rover_motion"}})
 

@@ -56,7 +56,7 @@ cutoff_hz = 80.0
 noise = { kind = "fractional", std = 0.02, order = -0.2 }
 [sensors.rotor_speed]
 [logged]
-left_out = ["rotor_command_*"]
+omitted = ["rotor_command_*"]
 [integrator]
 kind = "adaptive"
 method = "RK45"
@@ -82,7 +82,7 @@ def test_everything_is_read(file):
     assert flight.sensors.angular_rate.noise == FractionalNoise(0.02, -0.2)
     assert flight.sensors.velocity.noise == WhiteNoise(0.05)
     assert flight.sensors.rotor_speed is not None
-    assert flight.logged.left_out == ("rotor_command_*",)
+    assert flight.logged.omitted == ("rotor_command_*",)
     assert flight.integrator == AdaptiveSteps(rtol=1e-6, method="RK45")
     assert (flight.trajectory, flight.duration, flight.seed) == (TrajectoryKind.CHIRP, 0.2, 0)
 

@@ -126,9 +126,9 @@ def _references(
     equations: Float[np.ndarray, "L p n_plus_1"], counts: Float[np.ndarray, " L"]
 ) -> Iterator[References | None]:
     A, b = equations[:, :, :-1], equations[:, :, -1]
-    looks, p, n = A.shape
+    total, p, n = A.shape
     if p < n:
-        yield from [None] * looks
+        yield from [None] * total
         return
     scale = unit_scale(np.einsum("lpn,lpn->ln", A, A))
     Q, R = np.linalg.qr(A * scale[:, None, :])
@@ -137,7 +137,7 @@ def _references(
     inverse = scale[:, :, None] * np.linalg.solve(R, Q.swapaxes(1, 2))
     theta = np.matmul(inverse, b[:, :, None])[:, :, 0]
     mapped = counts[:, None, None] * inverse
-    for number in range(looks):
+    for number in range(total):
         here = slice(number, number + 1)
         yield References(theta[here], mapped[here], slice(0, n)) if reported[number] else None
 
@@ -194,10 +194,10 @@ class ChangeDetector:
     def __post_init__(self) -> None:
         for name in ("threshold", "drift", "limit"):
             checks.number(name, getattr(self, name))
-        looks = ("scale_looks", "least_looks", "kept_looks", "held_looks")
-        for name in looks:
+        lengths = ("scale_looks", "least_looks", "kept_looks", "held_looks")
+        for name in lengths:
             checks.whole(name, getattr(self, name))
-        if not all(getattr(self, name) > 0 for name in ("threshold", "drift", *looks)):
+        if not all(getattr(self, name) > 0 for name in ("threshold", "drift", *lengths)):
             raise UsageError("a detector whose numbers are above zero", repr(self), "The defaults are.")
         if not self.limit > self.drift:
             raise UsageError(
@@ -245,8 +245,8 @@ class Watch:
         nothing, sums = seen < LEAST_SEEN, self.sums
         roots = np.sqrt(np.where(nothing, 0.0, np.minimum(seen, 1.0)))
         # Of one variance: over sqrt(q), or q where that is more; NaN where a look shows nothing.
-        shown = np.where(nothing, 1.0, seen)
-        units = np.where(nothing, np.nan, change / np.maximum(np.sqrt(shown), shown))
+        expected = np.where(nothing, 1.0, seen)
+        units = np.where(nothing, np.nan, change / np.maximum(np.sqrt(expected), expected))
         if self.before.shape[0] >= detector.least_looks and not self.resting:
             positions = (roots.shape[0] - 1 - self.held, np.arange(roots.shape[1]))
             root, most = roots[positions], detector.limit

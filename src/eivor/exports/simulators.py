@@ -265,7 +265,7 @@ def _pybullet(fitted: Fitted, supplied: Supplied) -> Exported:
     )
     order = by_quarters(made.vehicle, PYBULLET)
     value, rotor = _first(made.values), _first_rotor(made, PYBULLET_GRAVITY)
-    ahead, aside = mean_distances(made.vehicle)
+    forward, sideways = mean_distances(made.vehicle)
     arm, thrust = value["arm_scale"], rotor["thrust_constant"]
     size, weight = arm * made.vehicle.arm, value["mass"] * PYBULLET_GRAVITY
     properties = {
@@ -292,7 +292,7 @@ def _pybullet(fitted: Fitted, supplied: Supplied) -> Exported:
         xml_comments((*comments, *PYBULLET_REMARKS)),
         properties=properties,
         size=size,
-        positions=[(arm * ahead * x, arm * aside * y) for x, y in QUARTERS],
+        positions=[(arm * forward * x, arm * sideways * y) for x, y in QUARTERS],
     )
 
 
@@ -355,7 +355,7 @@ def _sih(fitted: Fitted, supplied: Supplied) -> Exported:
     made = describe(fitted, supplied, "SIH", WITH_LARGEST)
     by_quarters(made.vehicle, "SIH")
     value = _first(made.values)
-    ahead, aside = mean_distances(made.vehicle)
+    forward, sideways = mean_distances(made.vehicle)
     largest = value["thrust"] * float(made.thrust_map(made.values["largest_command"])[0])
     values = {
         "SIH_MASS": value["mass"],
@@ -363,8 +363,8 @@ def _sih(fitted: Fitted, supplied: Supplied) -> Exported:
         **dict.fromkeys(("SIH_IXY", "SIH_IXZ", "SIH_IYZ"), 0.0),
         "SIH_T_MAX": largest,
         "SIH_Q_MAX": value["torque_ratio"] * largest,
-        "SIH_L_ROLL": value["arm_scale"] * aside,
-        "SIH_L_PITCH": value["arm_scale"] * ahead,
+        "SIH_L_ROLL": value["arm_scale"] * sideways,
+        "SIH_L_PITCH": value["arm_scale"] * forward,
         "SIH_T_TAU": value["actuator_lag"],
         **({"SIH_KDV": value["drag_z"]} if "drag_z" in value else {}),
         "THR_MDL_FAC": 0.0,

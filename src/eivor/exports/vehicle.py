@@ -348,8 +348,8 @@ def by_quarters(vehicle: KnownVehicle, target: str) -> tuple[int, ...]:
 
 def mean_distances(vehicle: KnownVehicle) -> tuple[float, float]:
     """Mean distance of the rotors forward or behind, and to a side [m]."""
-    ahead, aside = np.abs(vehicle.positions).mean(axis=0).tolist()
-    return ahead, aside
+    forward, sideways = np.abs(vehicle.positions).mean(axis=0).tolist()
+    return forward, sideways
 
 
 # -- Randomisation --

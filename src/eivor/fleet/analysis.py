@@ -79,7 +79,9 @@ NO_RESULT, NO_NUMBER, NO_REFERENCE, NOT_EXCITED, NOT_POSITIVE = (
 
 def across_of(motion: Motion[Any], further: Sequence[str] = ()) -> tuple[AcrossFlights, ...]:
     """What a motion compares over flights; its headline as it is where it says nothing."""
-    quantities = motion.across or tuple(AcrossFlights(name, told_by=(name,)) for name in motion.headline)
+    quantities = motion.across or tuple(
+        AcrossFlights(name, identified_by=(name,)) for name in motion.headline
+    )
     return tuple(_with_covariates(quantity, further) for quantity in quantities)
 
 
@@ -93,7 +95,7 @@ def wanted_columns(across: Sequence[AcrossFlights]) -> list[str]:
     """Columns of a fleet's table that its report reads."""
     columns = ["sha256", "name", "motion", *VEHICLE, "start", "duration_s", "verdict"]
     columns += [f"{item.name}.{part}" for item in across for part in (*NUMBERS, VERDICT)]
-    columns += [f"{DIAGNOSTIC}first_stage_F_{name}" for item in across for name in item.told_by]
+    columns += [f"{DIAGNOSTIC}first_stage_F_{name}" for item in across for name in item.identified_by]
     columns += [covariate.name for item in across for covariate in item.covariates]
     return list(dict.fromkeys(columns))
 
@@ -122,7 +124,7 @@ def in_order(table: pl.DataFrame) -> pl.DataFrame:
 def omission_reason(across: AcrossFlights, columns: Sequence[str]) -> pl.Expr:
     """Why a row does not say anything of a quantity; null where it does."""
     value, error = pl.col(f"{across.name}.value"), _error(across)
-    texts = [f"{DIAGNOSTIC}first_stage_F_{name}" for name in across.told_by]
+    texts = [f"{DIAGNOSTIC}first_stage_F_{name}" for name in across.identified_by]
     weak = [pl.col(name) < STRONG_FIRST_STAGE for name in texts if name in columns]
     reasons = (
         (pl.col("verdict") == FAILED, NO_RESULT),

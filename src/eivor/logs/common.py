@@ -174,11 +174,13 @@ def look(channel: Channel) -> ChannelProfile:
     return ChannelProfile(channel.quality, float(np.median(steps)) if sampled else np.nan, values)
 
 
-def findings_of(looks: Mapping[str, ChannelProfile], channels: Mapping[str, Channel]) -> tuple[Finding, ...]:
+def findings_of(
+    profiles: Mapping[str, ChannelProfile], channels: Mapping[str, Channel]
+) -> tuple[Finding, ...]:
     """Return what `channel_findings` does, of channels that were looked at as they were made."""
-    qualities = {name: item.quality for name, item in looks.items()}
-    steps = [item.step_s for item in looks.values() if np.isfinite(item.step_s)]
-    return (*_count_findings(qualities), *_time_findings(steps), *_unit_findings(looks, channels))
+    qualities = {name: item.quality for name, item in profiles.items()}
+    steps = [item.step_s for item in profiles.values() if np.isfinite(item.step_s)]
+    return (*_count_findings(qualities), *_time_findings(steps), *_unit_findings(profiles, channels))
 
 
 _COUNTS: Sequence[tuple[str, Callable[[ChannelQuality], int], str]] = (
@@ -214,8 +216,8 @@ def _time_findings(steps: Sequence[float]) -> list[Finding]:
     return [] if 1e-5 <= step <= 1.0 else noted("time_unit", sentence, step)
 
 
-def _unit_findings(looks: Mapping[str, ChannelProfile], channels: Mapping[str, Channel]) -> list[Finding]:
-    values = {name: item.values for name, item in looks.items() if name in _SIZED}
+def _unit_findings(profiles: Mapping[str, ChannelProfile], channels: Mapping[str, Channel]) -> list[Finding]:
+    values = {name: item.values for name, item in profiles.items() if name in _SIZED}
     doubts = (*_force_doubts(values), *_attitude_doubts(values), *_rate_doubts(values))
     return [Finding("mixed_units", doubt) for doubt in (*doubts, *_velocity_doubts(channels))]
 
@@ -490,12 +492,12 @@ def by_rate(sources: Sequence[Source], count: Callable[[Source], int]) -> list[S
 
 
 def held_at(
-    times: Float[np.ndarray, " n"], values: np.ndarray, at: Float[np.ndarray, " m"], before: float
+    times: Float[np.ndarray, " n"], values: np.ndarray, stamp: Float[np.ndarray, " m"], before: float
 ) -> np.ndarray:
     """Values that are in force at some times, set at others; `before` the first of these."""
     order = np.argsort(times, kind="stable")
     in_force = np.concatenate([np.full(1, before, dtype=values.dtype), values[order]])
-    return np.asarray(in_force[np.searchsorted(times[order], at, side="right")])
+    return np.asarray(in_force[np.searchsorted(times[order], stamp, side="right")])
 
 
 def logged_channel(

@@ -83,7 +83,7 @@ def _table(
     """Row of a table: what is the same of all is said here."""
 
     def read(file: Path, options: ReadOptions) -> Recording:
-        source, by_itself = opened(file), options.channel_map is None
+        source, alone = opened(file), options.channel_map is None
         findings = list(source.findings)
         if options.channel_map is None:
             chosen, finding = fitting_map(source.names, file.name)
@@ -93,7 +93,7 @@ def _table(
         requested = [column for rule in chosen.rules for column in rule.expression.columns]
         rules = fitted_rules(chosen, with_elements(requested, source.names), file.name)
         needed = dict.fromkeys([chosen.time_column, *(c for rule in rules for c in rule.expression.columns)])
-        if by_itself and chosen.origin == file.name:
+        if alone and chosen.origin == file.name:
             ignored = listed([name for name in source.names if name not in needed])
             sentence = "Columns without a canonical name are not used: {}."
             findings += noted("ignored_columns", sentence, ignored)
@@ -106,7 +106,7 @@ def _table(
             sha256=options.sha256,
             findings=findings,
         )
-        return restore(recording, source.metadata) if by_itself else recording
+        return restore(recording, source.metadata) if alone else recording
 
     return LogFormat(
         name, label, sniff, read, takes_map=True, advice=_advice, setpoints=_SETPOINTS, endings=endings

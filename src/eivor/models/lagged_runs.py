@@ -257,13 +257,13 @@ class LaggedRuns(SeparableProblem):
         flights, axes, samples = np.concatenate(parts, axis=1)
         return SampleRows(flights) if len(self.axes) == 1 else AxisRows(flights, axes, samples)
 
-    def rows(self, at: Values) -> Regression:
+    def rows(self, nuisance_values: Values) -> Regression:
         """Rows in time, means of each run removed when it has an intercept."""
         fixed, instruments = self._fixed_rows
-        moving = self._timed(self._among_all(self._moving(at)))
+        moving = self._timed(self._among_all(self._moving(nuisance_values)))
         regressors = np.column_stack([fixed[:, 1:], moving])
         exact = np.zeros((instruments.shape[1], len(self.parameters) + 1))
-        noise = RowNoise(None, exact) if self.noise is None else self.noise(at)
+        noise = RowNoise(None, exact) if self.noise is None else self.noise(nuisance_values)
         regression = Regression(
             fixed[:, 0],
             regressors,
@@ -275,7 +275,9 @@ class LaggedRuns(SeparableProblem):
         )
         if self.noisier is None:
             return regression
-        return replace(regression, regressor_noise=noise_of_surrogate(regression, self.noisier.rows(at)))
+        return replace(
+            regression, regressor_noise=noise_of_surrogate(regression, self.noisier.rows(nuisance_values))
+        )
 
     # -- rows in frequency ----------------------------------------------------------------------------
 
@@ -312,20 +314,20 @@ class LaggedRuns(SeparableProblem):
         """Memo of the moving columns: every pass of a weighting visits the same grid again."""
         return {}
 
-    def bins(self, at: Values) -> SpectralRegression:
+    def bins(self, nuisance_values: Values) -> SpectralRegression:
         """Rows in frequency, run after run."""
         responses, fixed, instruments = self._fixed_bins
-        regressors = np.concatenate([fixed, self._moving_spectra(at)], axis=1)
-        noisier = None if self.noisier is None else self.noisier.bins(at)
+        regressors = np.concatenate([fixed, self._moving_spectra(nuisance_values)], axis=1)
+        noisier = None if self.noisier is None else self.noisier.bins(nuisance_values)
         return SpectralRegression(
             responses, regressors, instruments, self.parameters, self._bin_layout, noisier
         )
 
     def series_in_band(
-        self, at: Values, axis: int, theta: Float[np.ndarray, " n"], part: Sequence[int]
+        self, nuisance_values: Values, axis: int, theta: Float[np.ndarray, " n"], part: Sequence[int]
     ) -> Float[np.ndarray, "samples 3"]:
         """Response of an axis, what parameters say of it, and the part of some of them, within the band."""
-        bins, index = self.bins(at), list(part)
+        bins, index = self.bins(nuisance_values), list(part)
         reported = np.column_stack(
             [bins.responses[:, 0], bins.regressors @ theta, bins.regressors[:, index] @ theta[index]]
         )

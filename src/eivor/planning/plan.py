@@ -294,7 +294,7 @@ def make_plan(
     checks.whole("seed", seed)
     if seed < 0:
         raise UsageError("a seed of zero or more", f"{seed}", "Any such integer will do.")
-    target = target or vehicle.asked or "friction"
+    target = target or vehicle.requested or "friction"
     check_target(target)
     if shape not in ("", *KINDS):
         raise UsageError(f"one of {', '.join(KINDS)}", f"{shape!r}", "Or nothing, for the better one.")

@@ -252,7 +252,7 @@ class VehicleGuess:
     tilt_rms: float = 0.05  # Standard deviation of roll and of pitch [rad]
     densities: Densities | None = None  # What an estimate left; default: gusts and white noise as above
     controller: AltitudeController | None = None  # Of the height setpoint; default: one that suits the lag
-    asked: str = field(default="", repr=False)  # What an estimate could not identify, a word of `TARGETS`
+    requested: str = field(default="", repr=False)  # What an estimate could not identify, a word of `TARGETS`
 
     def __post_init__(self) -> None:
         checks.within(self, VEHICLE_RANGES, "A rough number will do.")
@@ -260,7 +260,7 @@ class VehicleGuess:
             checks.kind("densities", self.densities, Densities, "Densities", "Leave it out.")
         if self.controller is not None:
             checks.kind("controller", self.controller, AltitudeController, "a controller", "Leave it out.")
-        checks.text("asked", self.asked)
+        checks.text("asked", self.requested)
 
     @property
     def input_gain(self) -> float:
@@ -305,7 +305,7 @@ def vehicle_of_result(document: Mapping[str, Any]) -> VehicleGuess:
     gains, residual, taken = flight.get("controller"), flight.get("residual"), flight.get("taken", {})
     # the first of friction, lag and gain that is not identified
     order = {"friction": "viscous_friction", "lag": "effective_lag", "gain": "input_gain"}
-    asked = (word for word, name in order.items() if selected[name]["verdict"] != "identified")
+    requested = (word for word, name in order.items() if selected[name]["verdict"] != "identified")
     return VehicleGuess(
         hover_input=_hover(selected["hover_input"], document["model"]["input_map"], usual.hover_input),
         viscous_friction=_within("viscous_friction", taken.get("viscous_friction", usual.viscous_friction)),
@@ -316,7 +316,7 @@ def vehicle_of_result(document: Mapping[str, Any]) -> VehicleGuess:
             **{item.name: np.array(residual[item.name], dtype=np.float64) for item in fields(Densities)}
         ),
         controller=None if gains is None else AltitudeController(**gains),
-        asked=next(asked, ""),
+        requested=next(requested, ""),
     )
 
 

@@ -65,17 +65,21 @@ AHEAD_SHOWN_S = 20.0
 BROKEN_AFTER = 3.0
 
 
-def prediction_panels(ahead: MultiStepPrediction) -> Panels:
+def prediction_panels(predictions: MultiStepPrediction) -> Panels:
     """Panels by name: each quantity, and "QUANTITY by horizon" beside it."""
     panels: Panels = {}
-    liveliest = _liveliest(ahead)
-    for number, models in enumerate(ahead.by_quantity):
+    liveliest = _liveliest(predictions)
+    for number, models in enumerate(predictions.by_quantity):
         name = models[0].quantity
         panels[name] = partial(
-            _draw_ahead_over_time, prediction=ahead, models=models, displayed=liveliest, first=number == 0
+            _draw_ahead_over_time,
+            prediction=predictions,
+            models=models,
+            displayed=liveliest,
+            first=number == 0,
         )
         panels[f"{name} by horizon"] = partial(
-            _by_horizon, prediction=ahead, models=models, first=number == 0
+            _by_horizon, prediction=predictions, models=models, first=number == 0
         )
     return panels
 

@@ -725,7 +725,7 @@ def flight_page(result: FlightEstimate) -> str:
     over_time = list(flights_over_time(result))
     figures = Figures(lines_of(over_time))
     groups = {
-        "ahead": [prediction_pictures(ahead)] if (ahead := result.multi_step_prediction) else [],
+        "ahead": [prediction_pictures(multi_step)] if (multi_step := result.multi_step_prediction) else [],
         "flights": [forests(flight, flight.flights, "all together")] if flight.flights else [],
         "methods": [forests(flight, flight.comparisons, "")] if flight.comparisons else [],
         "flight": [*over_time, *([] if result.fit is None else [pictures_of_fit(result, result.fit)])],

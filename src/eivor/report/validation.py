@@ -421,13 +421,13 @@ def _validation_facts(validation: Validation) -> Facts:
     logs = ", ".join(str(log["name"]) for log in validation.fit.document["provenance"]["logs"])
     verdict, flight = validation.fit.verdict, validation.flight
     trust = "" if verdict is Status.IDENTIFIED else f" ({verdict.value})"
-    runs, ahead = len(validation.spans_s), validation.multi_step_prediction
+    runs, multi_step = len(validation.spans_s), validation.multi_step_prediction
     facts = {
         "fit": f"of {logs}{trust}",
         "model": validation.motion.equation[0].replace(" - ", " − "),
         "used": f"{flight.used_s:.1f} s in {runs} run{'' if runs == 1 else 's'}",
     }
-    if ahead is not None:
+    if multi_step is not None:
         facts["fitted"] = "the trim of each run, for every model with parameters alike"
         facts["starts"] = f"{ahead.start_s.size}, each from what was measured there"
     else:

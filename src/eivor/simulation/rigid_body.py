@@ -274,7 +274,7 @@ def recording_of(
 
     def add(time_s: Float[np.ndarray, " rows"], rows: np.ndarray, series: Mapping[str, Series]) -> None:
         for name, values in series.items():
-            if not any(fnmatch(name, item) for item in spec.logged.left_out):
+            if not any(fnmatch(name, item) for item in spec.logged.omitted):
                 held = held_by_default(name)
                 channels[name] = Channel(
                     name, time_s, values[rows], unit_of(name), source=SIMULATOR, held=held

@@ -291,14 +291,14 @@ class Logged:
         Setpoints of thrust, torques and rates, and injected torques [Hz]: the values of that moment.
     reference_hz : float
         References of height and attitude [Hz].
-    left_out : tuple of str
+    omitted : tuple of str
         Channels that are not logged, `rotor_command_*` for those of all rotors.
     """
 
     rotor_command_hz: float = 0.0
     setpoint_hz: float = 0.0
     reference_hz: float = 0.0
-    left_out: tuple[str, ...] = ()
+    omitted: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         rates = ("rotor_command_hz", "setpoint_hz", "reference_hz")

@@ -259,7 +259,7 @@ def test_each_group_has_its_own_stamps_and_some_are_left_out():
         QUIET,
         duration=0.4,
         sensors=replace(QUIET.sensors, angular_rate=Sensor(rate_hz=250.0)),
-        logged=Logged(100.0, 50.0, 25.0, left_out=("rotor_command_*", "reference_velocity_z")),
+        logged=Logged(100.0, 50.0, 25.0, omitted=("rotor_command_*", "reference_velocity_z")),
     )
     channels = fly(spec).recording.channels
     assert not {"rotor_command_1", "reference_velocity_z"} & set(channels)

@@ -101,8 +101,8 @@ def read_dataflash(file: Path, options: ReadOptions) -> Recording:
         )
     findings += unit_findings(tables)
     findings += delay_findings(reading.heads.values(), parameters)
-    silent = "Not in force while its message is silent: {}."
-    findings += noted("setpoint_silent", silent, reading.inactive_setpoints)
+    no_progress = "Not in force while its message is silent: {}."
+    findings += noted("setpoint_silent", no_progress, reading.inactive_setpoints)
     return Recording(
         name=file.name,
         format="dataflash",
@@ -111,7 +111,7 @@ def read_dataflash(file: Path, options: ReadOptions) -> Recording:
         sha256=options.sha256,
         parameters=parameters,
         looked_for=LOOKED_FOR,
-        findings=(*findings, *findings_of(reading.looks, reading.channels)),
+        findings=(*findings, *findings_of(reading.profiles, reading.channels)),
         vehicle=vehicle_of(tables),
         origin=dataflash_origin(tables, parameters),
     )

@@ -230,7 +230,7 @@ class MessageReading:
     end_s: float
     channels: KeptChannels = field(default_factory=KeptChannels)
     heads: dict[str, Channel] = field(default_factory=dict)  # The same without their arrays
-    looks: dict[str, ChannelProfile] = field(default_factory=dict)
+    profiles: dict[str, ChannelProfile] = field(default_factory=dict)
     inactive_setpoints: list[str] = field(default_factory=list)  # Setpoints that are not in force throughout
     _clocks: dict[tuple[int, float], tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
 
@@ -326,7 +326,7 @@ class MessageReading:
         self.channels.put(channel, make)
         nothing = np.empty(0)
         self.heads[channel.name] = replace(channel, time_s=nothing, values=nothing)
-        self.looks[channel.name] = look(channel)
+        self.profiles[channel.name] = look(channel)
 
     def modes_at(
         self, table: Messages, modes: tuple[int, ...], *, before: bool = False

@@ -42,14 +42,14 @@ if TYPE_CHECKING:
 #: What a child leaves with that refuses a file, having printed why.
 REFUSED = 3
 _DAMAGED = "The file is damaged or incomplete; write it again."
-#: What a child begins with: `asked` is what it is given, and it may use so many bytes.
+#: What a child begins with: `request` is what it is given, and it may use so many bytes.
 #: Where the system cannot limit memory, it is not limited.
 BEGINNING = """
 import json, sys
-asked = json.load(sys.stdin)
+request = json.load(sys.stdin)
 try:
     import resource
-    resource.setrlimit(resource.RLIMIT_DATA, (asked["bytes"], asked["bytes"]))
+    resource.setrlimit(resource.RLIMIT_DATA, (request["bytes"], request["bytes"]))
 except (ImportError, ValueError, OSError):
     pass
 """
@@ -104,8 +104,8 @@ try:
 except ImportError:
     sys.exit(0)
 try:
-    frame = pl.scan_parquet(asked["path"], glob=False, hive_partitioning=False)
-    for pattern in asked["patterns"]:
+    frame = pl.scan_parquet(request["path"], glob=False, hive_partitioning=False)
+    for pattern in request["patterns"]:
         frame.select(pl.col(pattern)).collect()
 {ENDING}"""
 
@@ -118,8 +118,10 @@ def exactly(column: str) -> str:
 
 def probe_parquet(file: Path, columns: Sequence[str], max_bytes: int) -> None:
     """Decode columns of a Parquet file in a child process; `decode_in_child` says what it raises."""
-    asked, limit_s = {"patterns": [*map(exactly, columns)]}, PARQUET_TIMEOUT_S
-    decode_in_child(file, _PARQUET_CODE, asked, max_bytes=max_bytes, timeout_s=limit_s, kind="a Parquet file")
+    request, limit_s = {"patterns": [*map(exactly, columns)]}, PARQUET_TIMEOUT_S
+    decode_in_child(
+        file, _PARQUET_CODE, request, max_bytes=max_bytes, timeout_s=limit_s, kind="a Parquet file"
+    )
 
 
 # -- Parquet --
@@ -310,10 +312,10 @@ _HDF5_CODE = f"""{BEGINNING}
 import h5py
 def visit(name, one):
     if isinstance(one, h5py.Dataset) and one.dtype.kind in "iufb" and not (one.is_virtual or one.external):
-        if (one.size or 0) <= asked["most"]:
+        if (one.size or 0) <= request["most"]:
             one[()]
 try:
-    with h5py.File(asked["path"], "r") as file:
+    with h5py.File(request["path"], "r") as file:
         file.visititems(visit)
 {ENDING}"""
 
@@ -389,7 +391,7 @@ MAX_NESTING = 4
 _MATLAB_CODE = f"""{BEGINNING}
 from scipy.io import loadmat
 try:
-    loadmat(asked["path"], squeeze_me=True)
+    loadmat(request["path"], squeeze_me=True)
 {ENDING}"""
 
 

@@ -369,8 +369,8 @@ def read_topics(
     findings += _reset_findings(reading)
     findings += delay_findings(reading.channels.values(), delays)
     findings += noted("never_valid", "Logged without one valid value: {}.", reading.never_valid)
-    silent = "Not in force while its topic is silent: {}."
-    findings += noted("setpoint_silent", silent, reading.inactive_setpoints)
+    quiet = "Not in force while its topic is silent: {}."
+    findings += noted("setpoint_silent", quiet, reading.inactive_setpoints)
     return reading.channels
 
 
