@@ -84,18 +84,11 @@ LONGEST_S = 6 * 3600.0
 
 @dataclass(frozen=True, slots=True)
 class Grid:
-    """Sample times ``start_s + k * step_s``, for every k of the pieces.
+    """Sample times ``start_s + k * step_s``, for every k of the pieces."""
 
-    Parameters
-    ----------
-    start_s, step_s : float
-        Time of k = 0, and the step [s].
-    pieces : tuple of range
-        Values of k, increasing. Stretches of time that nothing needs lie between the pieces.
-    """
-
-    start_s: float
-    step_s: float
+    start_s: float  # Time of k = 0, and the step [s]
+    step_s: float  # Time of k = 0, and the step [s]
+    #: Values of k, increasing. Stretches of time that nothing needs lie between the pieces.
     pieces: tuple[range, ...]
 
     @property
@@ -303,18 +296,10 @@ AIRBORNE_MARGIN_S = 1.0
 
 @dataclass(frozen=True, slots=True)
 class Active:
-    """Where the vehicle does what a motion describes (where it flies), and how that is known.
+    """Where the vehicle does what a motion describes (where it flies), and how that is known."""
 
-    Parameters
-    ----------
-    mask : ndarray of bool, shape (n,)
-        True where it does; in the air, margins left out.
-    rule : str
-        Which rule was used, in words.
-    """
-
-    mask: Bool[np.ndarray, " n"]
-    rule: str
+    mask: Bool[np.ndarray, " n"]  # True where it does; in the air, margins left out
+    rule: str  # Which rule was used, in words
 
 
 def airborne_by_log(log: Recording, grid: Grid, input_level: Float[np.ndarray, " n"]) -> Active:

@@ -198,25 +198,17 @@ class ReferenceSource:
 
     One that answers the vehicle (it is not exogenous in the table of channels), such as a setpoint that a
     loop computes from the vehicle's state, serves only when nothing else varies.
-
-    Parameters
-    ----------
-    channel : str
-        Name.
-    in_control : str
-        Channel that is above one half while a pilot is in control, without which this one does not count;
-        empty for none. A log without that channel is taken as flown by a pilot throughout.
-    open_loop : str
-        Channel that is above one half while no loop acts on this one, which does not answer the vehicle then.
-        It counts only where that channel says so of every sample used, and then it serves alone: others are
-        what it was made of. Empty for a channel whose nature does not change.
-    axis : str
-        Which of the motion's axes it moves; empty for all. What serves one axis says nothing of another.
     """
 
-    channel: str
+    channel: str  # Name
+    #: Channel that is above one half while a pilot is in control, without which this one does not count;
+    #: empty for none. A log without that channel is taken as flown by a pilot throughout.
     in_control: str = ""
+    #: Channel that is above one half while no loop acts on this one, which does not answer the vehicle then.
+    #: It counts only where that channel says so of every sample used, and then it serves alone: others are
+    #: what it was made of. Empty for a channel whose nature does not change.
     open_loop: str = ""
+    #: Which of the motion's axes it moves; empty for all. What serves one axis says nothing of another.
     axis: str = ""
 
 
