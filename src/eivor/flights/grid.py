@@ -327,7 +327,9 @@ def airborne(
 ) -> Active:
     """Airborne samples of a flight on its grid."""
     if landed is not None:
-        flying = ~landed & ~_idle(input_level, ~landed, step_s)
+        # motors at idle for so long that nothing flies
+        level = float(np.percentile(input_level[~landed], 95)) if not landed.all() else 0.0
+        flying = ~landed & ~_for_long(input_level < IDLE_SHARE * level, step_s)
         return Active(_without_margins(flying, step_s), "the log's land detector")
     level = float(np.percentile(input_level, 95))
     off = _for_long(input_level < OFF_SHARE * level, step_s)
@@ -350,14 +352,6 @@ def _ground(height: Float[np.ndarray, " n"], off: Bool[np.ndarray, " n"], step_s
     ends = [height[: on[0]], height[on[-1] + 1 :]] if on.size else [height]
     known = [float(np.median(end)) for end in ends if end.size * step_s >= OFF_FOR_S]
     return min(known) if known else None
-
-
-def _idle(
-    input_level: Float[np.ndarray, " n"], airborne: Bool[np.ndarray, " n"], step_s: float
-) -> Bool[np.ndarray, " n"]:
-    """Samples of motors at idle for so long that nothing flies."""
-    level = float(np.percentile(input_level[airborne], 95)) if airborne.any() else 0.0
-    return _for_long(input_level < IDLE_SHARE * level, step_s)
 
 
 def _for_long(mask: Bool[np.ndarray, " n"], step_s: float) -> Bool[np.ndarray, " n"]:

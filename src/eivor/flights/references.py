@@ -70,11 +70,8 @@ def noise_levels(
             level = white_noise_std(values[name][used])
             levels[name] = NoiseLevel(level, level, unit_of(name))
         else:
-            std = (
-                logged
-                if channel.held
-                else logged * math.sqrt(share_left(channel, grid, used, between(channel)))
-            )
+            left = 1.0 if channel.held else share_left(channel, grid, used, between(channel))
+            std = logged * math.sqrt(left)
             density = logged * math.sqrt(2.0 / channel.rate_hz) if channel.rate_hz else math.nan
             levels[name] = NoiseLevel(std, logged, unit_of(name), source, density)
     return levels
@@ -244,26 +241,18 @@ def references(
 
 def _preferred(result: list[Reference], sources: list[ReferenceSource]) -> list[Reference]:
     """References of one axis, those that others make needless no longer usable."""
-    alone = [
-        reference.name
-        for reference, source in zip(result, sources, strict=True)
-        if reference.usable and source.open_loop
+    pairs = zip(result, sources, strict=True)
+    alone = [reference.name for reference, source in pairs if reference.usable and source.open_loop]
+    clean = [reference.name for reference in result if reference.exogenous]
+    serving, why = alone, f"{alone[0]}, which follows it openly, serves" if alone else ""
+    if not alone and any(reference.usable and reference.name in clean for reference in result):
+        serving, why = clean, "contains feedback; others serve"
+    if not serving:
+        return result
+    return [
+        reference if reference.name in serving else replace(reference, usable=False, remark=why)
+        for reference in result
     ]
-    if alone:
-        return [
-            reference
-            if reference.name in alone
-            else replace(reference, usable=False, remark=f"{alone[0]}, which follows it openly, serves")
-            for reference in result
-        ]
-    if any(reference.usable and reference.exogenous for reference in result):
-        return [
-            reference
-            if reference.exogenous
-            else replace(reference, usable=False, remark="contains feedback; others serve")
-            for reference in result
-        ]
-    return result
 
 
 def _reference(

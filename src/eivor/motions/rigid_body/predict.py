@@ -387,7 +387,7 @@ def _of_flight(
     if len(what.omitted) == len(_RATES) + len(_BEYOND) or not starts.samples.size:
         return ()
     started = logged.body[:, starts.samples]
-    states = {}
+    states: dict[str, tuple[str, Float[np.ndarray, "horizons 13 starts"]]] = {}
     for name, model in models.items():
         body = StatePropagator(logged.flight, layout, model.values, logged, starts, what.turns, what.lifts)
         states[name] = model.words, starts.propagate(started, body)
