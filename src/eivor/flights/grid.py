@@ -84,18 +84,11 @@ LONGEST_S = 6 * 3600.0
 
 @dataclass(frozen=True, slots=True)
 class Grid:
-    """Sample times ``start_s + k * step_s``, for every k of the pieces.
+    """Sample times ``start_s + k * step_s``, for every k of the pieces."""
 
-    Parameters
-    ----------
-    start_s, step_s : float
-        Time of k = 0, and the step [s].
-    pieces : tuple of range
-        Values of k, increasing. Stretches of time that nothing needs lie between the pieces.
-    """
-
-    start_s: float
-    step_s: float
+    start_s: float  # Time of k = 0, and the step [s]
+    step_s: float  # Time of k = 0, and the step [s]
+    #: Values of k, increasing. Stretches of time that nothing needs lie between the pieces.
     pieces: tuple[range, ...]
 
     @property
@@ -303,18 +296,10 @@ AIRBORNE_MARGIN_S = 1.0
 
 @dataclass(frozen=True, slots=True)
 class Active:
-    """Where the vehicle does what a motion describes (where it flies), and how that is known.
+    """Where the vehicle does what a motion describes (where it flies), and how that is known."""
 
-    Parameters
-    ----------
-    mask : ndarray of bool, shape (n,)
-        True where it does; in the air, margins left out.
-    rule : str
-        Which rule was used, in words.
-    """
-
-    mask: Bool[np.ndarray, " n"]
-    rule: str
+    mask: Bool[np.ndarray, " n"]  # True where it does; in the air, margins left out
+    rule: str  # Which rule was used, in words
 
 
 def airborne_by_log(log: Recording, grid: Grid, input_level: Float[np.ndarray, " n"]) -> Active:
@@ -342,7 +327,9 @@ def airborne(
 ) -> Active:
     """Airborne samples of a flight on its grid."""
     if landed is not None:
-        flying = ~landed & ~_idle(input_level, ~landed, step_s)
+        # motors at idle for so long that nothing flies
+        level = float(np.percentile(input_level[~landed], 95)) if not landed.all() else 0.0
+        flying = ~landed & ~_for_long(input_level < IDLE_SHARE * level, step_s)
         return Active(_without_margins(flying, step_s), "the log's land detector")
     level = float(np.percentile(input_level, 95))
     off = _for_long(input_level < OFF_SHARE * level, step_s)
@@ -365,14 +352,6 @@ def _ground(height: Float[np.ndarray, " n"], off: Bool[np.ndarray, " n"], step_s
     ends = [height[: on[0]], height[on[-1] + 1 :]] if on.size else [height]
     known = [float(np.median(end)) for end in ends if end.size * step_s >= OFF_FOR_S]
     return min(known) if known else None
-
-
-def _idle(
-    input_level: Float[np.ndarray, " n"], airborne: Bool[np.ndarray, " n"], step_s: float
-) -> Bool[np.ndarray, " n"]:
-    """Samples of motors at idle for so long that nothing flies."""
-    level = float(np.percentile(input_level[airborne], 95)) if airborne.any() else 0.0
-    return _for_long(input_level < IDLE_SHARE * level, step_s)
 
 
 def _for_long(mask: Bool[np.ndarray, " n"], step_s: float) -> Bool[np.ndarray, " n"]:

@@ -61,25 +61,15 @@ Derivative = Callable[[Float[np.ndarray, "parts starts"], Int[np.ndarray, " star
 
 @dataclass(frozen=True)
 class HorizonErrors:
-    """What one model leaves of one quantity after each horizon.
+    """What one model leaves of one quantity after each horizon."""
 
-    Parameters
-    ----------
-    model, words : str
-        The model's name, and what it is.
-    quantity, unit : str
-        What is predicted, and the unit of what is left.
-    left : ndarray, shape (starts, horizons)
-        Size of predicted less measured; NaN where nothing was measured.
-    series : ndarray, shape (starts, 2), optional
-        Measured and predicted after the last horizon, of a quantity that is a single number.
-    """
-
-    model: str
-    words: str
-    quantity: str
-    unit: str
+    model: str  # The model's name, and what it is
+    words: str  # The model's name, and what it is
+    quantity: str  # What is predicted, and the unit of what is left
+    unit: str  # What is predicted, and the unit of what is left
+    #: Size of predicted less measured; NaN where nothing was measured
     left: Float[np.ndarray, "starts horizons"] = field(repr=False)
+    #: Measured and predicted after the last horizon, of a quantity that is a single number
     series: Float[np.ndarray, "starts 2"] | None = field(default=None, repr=False)
 
     @property
@@ -90,24 +80,13 @@ class HorizonErrors:
 
 @dataclass(frozen=True)
 class MultiStepPrediction:
-    """Predictions of flights by several models.
+    """Predictions of flights by several models."""
 
-    Parameters
-    ----------
-    errors : tuple of HorizonErrors
-        Of every quantity: by the fit, then by each simpler model.
-    start_s : ndarray, shape (starts,)
-        Times of the starts on their log's clock [s], flight after flight.
-    left_out : tuple of str
-        Sentences that say what is not predicted, and why.
-    horizons_s : tuple of float
-        How far ahead [s].
-    """
-
-    errors: tuple[HorizonErrors, ...]
+    errors: tuple[HorizonErrors, ...]  # Of every quantity: by the fit, then by each simpler model
+    #: Times of the starts on their log's clock [s], flight after flight
     start_s: Float[np.ndarray, " starts"] = field(repr=False)
-    omitted: tuple[str, ...] = ()
-    horizons_s: tuple[float, ...] = HORIZONS_S
+    omitted: tuple[str, ...] = ()  # Sentences that say what is not predicted, and why
+    horizons_s: tuple[float, ...] = HORIZONS_S  # How far ahead [s]
 
     @property
     def by_quantity(self) -> tuple[tuple[HorizonErrors, ...], ...]:
@@ -245,78 +224,40 @@ class Searched:
 
 @dataclass(frozen=True, slots=True)
 class InstrumentStrength:
-    """What the instruments identify, in numbers.
+    """What the instruments identify, in numbers."""
 
-    Parameters
-    ----------
-    first_stage : mapping of str to float
-        Conditional first-stage F of each joint parameter; NaN without instruments.
-    p_value : float
-        Of the over-identification test.
-    searched : mapping of str to Searched
-        Nuisance parameters that were searched for.
-    robust : mapping of str to ConfidenceSet
-        Sets that hold however weak the instruments are, of parameters whose interval is theirs: where
-        instruments are weak, or where the sets have no bounds.
-    """
-
+    #: Conditional first-stage F of each joint parameter; NaN without instruments
     first_stage: Mapping[str, float]
-    p_value: float
+    p_value: float  # Of the over-identification test
+    #: Nuisance parameters that were searched for
     searched: Mapping[str, Searched] = field(default_factory=dict)
+    #: Sets that hold however weak the instruments are, of parameters whose interval is theirs: where
+    #: instruments are weak, or where the sets have no bounds
     robust: Mapping[str, ConfidenceSet] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
 class VerdictInputs:
-    """What a verdict needs to know beside the numbers.
+    """What a verdict needs to know beside the numbers."""
 
-    Parameters
-    ----------
-    flights : int
-        Number of flights used.
-    command_rate_hz, response_rate_hz : float
-        Slowest command, and the fastest of what was measured over the slowest flight [Hz].
-    exogenous : bool
-        The instruments do not answer the vehicle.
-    direct : bool
-        The method uses no instruments.
-    missing_reference : str
-        Why there is no instrument; empty when there is one.
-    constant_reference : bool
-        A reference is logged, and constant.
-    excitation : str
-        How much the flights moved, as a sentence; empty when it is not known.
-    single_frequency_hz : float
-        The frequency of a reference that has only one; zero for others [Hz].
-    numbers : mapping of str to float
-        What the motion adds, see `Motion.diagnostics`.
-    lag_prior : LagPrior or None
-        What was known of the lag from elsewhere.
-    sensors : SensorAgreement or None
-        Whether two measurements of one response agree.
-    aligned : bool
-        The differences between them that can be taken out are.
-    used_s : float
-        Time used of all flights [s].
-    past_inputs : bool
-        The instruments are past inputs, which a controller computes.
-    """
-
-    flights: int
+    flights: int  # Number of flights used
+    #: Slowest command, and the fastest of what was measured over the slowest flight [Hz]
     command_rate_hz: float
+    #: Slowest command, and the fastest of what was measured over the slowest flight [Hz]
     response_rate_hz: float
-    exogenous: bool
-    direct: bool
-    missing_reference: str = ""
-    constant_reference: bool = False
-    excitation: str = ""
-    single_frequency_hz: float = 0.0
+    exogenous: bool  # The instruments do not answer the vehicle
+    direct: bool  # The method uses no instruments
+    missing_reference: str = ""  # Why there is no instrument; empty when there is one
+    constant_reference: bool = False  # A reference is logged, and constant
+    excitation: str = ""  # How much the flights moved, as a sentence; empty when it is not known
+    single_frequency_hz: float = 0.0  # The frequency of a reference that has only one; zero for others [Hz]
+    #: What the motion adds, see `Motion.diagnostics`
     numbers: Mapping[str, float] = field(default_factory=dict)
-    lag_prior: LagPrior | None = None
-    sensors: SensorAgreement | None = None
-    aligned: bool = False
-    used_s: float = np.inf
-    past_inputs: bool = False
+    lag_prior: LagPrior | None = None  # What was known of the lag from elsewhere
+    sensors: SensorAgreement | None = None  # Whether two measurements of one response agree
+    aligned: bool = False  # The differences between them that can be taken out are
+    used_s: float = np.inf  # Time used of all flights [s]
+    past_inputs: bool = False  # The instruments are past inputs, which a controller computes
 
 
 # -- Motion --

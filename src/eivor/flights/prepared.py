@@ -151,27 +151,14 @@ def _alone(problem: LaggedRuns, least: Mapping[str, float]) -> dict[str, Differe
 
 @dataclass(frozen=True, slots=True)
 class InputFamily:
-    """Channels that may drive a vehicle, one for each actuator or one for all.
+    """Channels that may drive a vehicle, one for each actuator or one for all."""
 
-    Parameters
-    ----------
-    name : str
-        The channel, or what stands before the actuators' numbers ("rotor_command").
-    measured : bool
-        True for the actuators' measured state, which does not lag, and may be late or early.
-    input_map : str
-        Name of the map from its values to what enters the equation.
-    numbered : bool
-        One channel for each actuator, recognised by numbers from 1 on.
-    least_rate_hz : float
-        Slower channels are passed over where there is another family [Hz].
-    """
-
-    name: str
+    name: str  # The channel, or what stands before the actuators' numbers ("rotor_command")
+    #: True for the actuators' measured state, which does not lag, and may be late or early
     measured: bool = False
-    input_map: str = "linear"
-    numbered: bool = False
-    least_rate_hz: float = 0.0
+    input_map: str = "linear"  # Name of the map from its values to what enters the equation
+    numbered: bool = False  # One channel for each actuator, recognised by numbers from 1 on
+    least_rate_hz: float = 0.0  # Slower channels are passed over where there is another family [Hz]
 
     def holds(self, channel: str) -> bool:
         """Return whether a channel is this one, or one of this family."""
@@ -190,50 +177,27 @@ class Limit:
 
 @dataclass(frozen=True)
 class Selection:
-    """Channels of one log by their role.
+    """Channels of one log by their role."""
 
-    Parameters
-    ----------
-    input : InputFamily
-        What drives the vehicle. After a gap in it the actuator's state is not known for a while.
-    commands : tuple of Channel
-        Its channels.
-    states : mapping of str to Channel
-        By role, what the equation needs beside the input ("velocity").
-    responses : mapping of str to Channel or None
-        By role, what the equation explains; None for what the log lacks and the motion can do without.
-        The grid is fine when these and the commands are fast.
-    conditions : tuple of Channel
-        Others that enter.
-    constants : mapping of str to float
-        Values in place of conditions that the log lacks.
-    limits : tuple of Limit
-        Which samples count.
-    band_hz : tuple of float
-        Band of spectral rows [Hz].
-    findings : tuple of Finding
-        What a reader of the result should know of the choice.
-    issued_within_s : float
-        The longest that the next command can be waited for [s], where the command's stamps do not show.
-    step_s : float, optional
-        Step of the grid [s]. Default: by the rates of commands and responses.
-    matched_interpolation_filter : bool
-        What was measured is a line between its stamps, and is spread over time as the line between the stamps
-        of a thinned command spreads what was issued, so that both sides of the equation are; the band is then
-        kept whole. Else it is a curve.
-    """
-
+    #: What drives the vehicle. After a gap in it the actuator's state is not known for a while.
     input: InputFamily
-    commands: tuple[Channel, ...]
-    states: Mapping[str, Channel]
+    commands: tuple[Channel, ...]  # Its channels
+    states: Mapping[str, Channel]  # By role, what the equation needs beside the input ("velocity")
+    #: By role, what the equation explains; None for what the log lacks and the motion can do without. The
+    #: grid is fine when these and the commands are fast.
     responses: Mapping[str, Channel | None]
-    conditions: tuple[Channel, ...] = ()
+    conditions: tuple[Channel, ...] = ()  # Others that enter
+    #: Values in place of conditions that the log lacks
     constants: Mapping[str, float] = field(default_factory=dict)
-    limits: tuple[Limit, ...] = ()
-    band_hz: tuple[float, float] = (0.04, 5.0)
-    findings: tuple[Finding, ...] = ()
+    limits: tuple[Limit, ...] = ()  # Which samples count
+    band_hz: tuple[float, float] = (0.04, 5.0)  # Band of spectral rows [Hz]
+    findings: tuple[Finding, ...] = ()  # What a reader of the result should know of the choice
+    #: The longest that the next command can be waited for [s], where the command's stamps do not show
     issued_within_s: float = math.inf
-    step_s: float | None = None
+    step_s: float | None = None  # Step of the grid [s]. Default: by the rates of commands and responses.
+    #: What was measured is a line between its stamps, and is spread over time as the line between the stamps
+    #: of a thinned command spreads what was issued, so that both sides of the equation are; the band is then
+    #: kept whole. Else it is a curve.
     matched_interpolation_filter: bool = False
 
     def between(self, channel: Channel) -> Between:
@@ -373,68 +337,32 @@ CONSTANT_INPUT_SHARE = 1e-6
 
 @dataclass(frozen=True)
 class PreparedFlight:
-    """A flight on its grid.
+    """A flight on its grid."""
 
-    Parameters
-    ----------
-    recording : Recording
-        The log, z up.
-    signals : Signals
-        Channels that the motion selected, and the references, on one grid.
-    input : InputFamily
-        What drives the vehicle.
-    input_map : str
-        Name of the input map.
-    runs : tuple of slice
-        Stretches to use; without any nothing can be estimated. Of their samples those count that are usable.
-    band_hz : tuple of float
-        Band of spectral rows [Hz].
-    references : tuple of Reference
-        Candidate instruments.
-    active : Active
-        Where the vehicle does what the motion describes: where it flies.
-    usable : ndarray of bool, shape (n,)
-        Samples that are active, in the window, within the motion's limits, and standing on data.
-    rates_hz : mapping of str to float
-        Mean logging rates by role: "command" and those of the selection (0 when absent).
-    findings : tuple of Finding
-        Named diagnostics.
-    grid : Grid
-        Times of the samples.
-    memory_s : float
-        Time before a sample that decides the state of the actuators [s].
-    estimated : tuple of str
-        Roles of the selection whose channel comes from an estimator.
-    command_slack_s : float
-        What the command may be late or early by throughout, see `CommandClock` [s].
-    unlogged_step_s : float
-        Time between two commands where the log holds but some of them; zero where it holds every one [s].
-    noise : mapping of str to NoiseLevel
-        Measurement noise by channel.
-    states : tuple of str
-        Channels of the selection's states, which are regressors.
-    curve_side : CurveSide
-        Where the channels of the input stand to the autopilot's thrust curve; unknown where they differ.
-    """
-
-    recording: Recording
-    signals: Signals
-    input: InputFamily
-    input_map: str
+    recording: Recording  # The log, z up
+    signals: Signals  # Channels that the motion selected, and the references, on one grid
+    input: InputFamily  # What drives the vehicle
+    input_map: str  # Name of the input map
+    #: Stretches to use; without any nothing can be estimated. Of their samples those count that are usable.
     runs: tuple[slice, ...]
-    band_hz: tuple[float, float]
-    references: tuple[Reference, ...]
-    active: Active
+    band_hz: tuple[float, float]  # Band of spectral rows [Hz]
+    references: tuple[Reference, ...]  # Candidate instruments
+    active: Active  # Where the vehicle does what the motion describes: where it flies
+    #: Samples that are active, in the window, within the motion's limits, and standing on data
     usable: Bool[np.ndarray, " n"]
+    #: Mean logging rates by role: "command" and those of the selection (0 when absent)
     rates_hz: Mapping[str, float]
-    findings: tuple[Finding, ...]
-    grid: Grid
-    memory_s: float
-    estimated: tuple[str, ...] = ()
+    findings: tuple[Finding, ...]  # Named diagnostics
+    grid: Grid  # Times of the samples
+    memory_s: float  # Time before a sample that decides the state of the actuators [s]
+    estimated: tuple[str, ...] = ()  # Roles of the selection whose channel comes from an estimator
+    #: What the command may be late or early by throughout, see `CommandClock` [s]
     command_slack_s: float = 0.0
+    #: Time between two commands where the log holds but some of them; zero where it holds every one [s]
     unlogged_step_s: float = 0.0
-    noise: Mapping[str, NoiseLevel] = field(default_factory=dict)
-    states: tuple[str, ...] = ()
+    noise: Mapping[str, NoiseLevel] = field(default_factory=dict)  # Measurement noise by channel
+    states: tuple[str, ...] = ()  # Channels of the selection's states, which are regressors
+    #: Where the channels of the input stand to the autopilot's thrust curve; unknown where they differ
     curve_side: CurveSide = CurveSide.UNKNOWN
 
     @cached_property

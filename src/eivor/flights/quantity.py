@@ -190,49 +190,26 @@ class SimpleModel:
 
 @dataclass(frozen=True)
 class Trace:
-    """One axis over the samples of all runs, run after run: what was measured and what the model says.
+    """One axis over the samples of all runs, run after run: what was measured and what the model says."""
 
-    Parameters
-    ----------
-    axis : str
-        What is measured, in words.
-    unit : str
-        As it is shown.
-    model, drive : str
-        The prediction, and the part of it that the input makes, in symbols.
-    measured, predicted, driven : ndarray, shape (samples,)
-        In that unit; the mean of each run may be missing from them.
-    band_hz : tuple of float, optional
-        Band that they are of, where it is another than that of the flights.
-    """
-
-    axis: str
-    unit: str
-    model: str
-    drive: str
-    measured: Float[np.ndarray, " samples"]
-    predicted: Float[np.ndarray, " samples"]
-    driven: Float[np.ndarray, " samples"]
+    axis: str  # What is measured, in words
+    unit: str  # As it is shown
+    model: str  # The prediction, and the part of it that the input makes, in symbols
+    drive: str  # The prediction, and the part of it that the input makes, in symbols
+    measured: Float[np.ndarray, " samples"]  # In that unit; the mean of each run may be missing from them
+    predicted: Float[np.ndarray, " samples"]  # In that unit; the mean of each run may be missing from them
+    driven: Float[np.ndarray, " samples"]  # In that unit; the mean of each run may be missing from them
+    #: Band that they are of, where it is another than that of the flights
     band_hz: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True)
 class PlotData:
-    """A series of a flight to look at, whether or not something could be estimated.
+    """A series of a flight to look at, whether or not something could be estimated."""
 
-    Parameters
-    ----------
-    label : str
-        With its unit.
-    values : ndarray, shape (n,)
-        On the flight's grid.
-    asked : ndarray, shape (n,), optional
-        What the vehicle was requested, in the same unit.
-    """
-
-    label: str
-    values: Float[np.ndarray, " n"]
-    reference: Float[np.ndarray, " n"] | None = None
+    label: str  # With its unit
+    values: Float[np.ndarray, " n"]  # On the flight's grid
+    reference: Float[np.ndarray, " n"] | None = None  # What was requested of the vehicle, in the same unit
 
 
 # -- Tracked --
@@ -273,61 +250,29 @@ def least_squares_without_lag(problem: LaggedRuns, nuisance_values: Values) -> S
 
 @dataclass(frozen=True, slots=True)
 class Words:
-    """How reports speak of a motion.
+    """How reports speak of a motion."""
 
-    Parameters
-    ----------
-    title : str
-        Name of the motion, as a heading.
-    meanings : mapping of Status to str
-        What each verdict means.
-    fly : str
-        What to fly when nothing else helps, one sentence.
-    limits : str
-        What samples are limited by, after "three seconds in the air in runs of a second or more,".
-    limited_by : str
-        The same as a list of nouns.
-    loosen : str
-        What to do when those limits leave nothing.
-    no_reference : str
-        What is missing when no reference is logged.
-    no_lag : str
-        Why there is no lag to find when the input is measured.
-    where : str
-        Where the vehicle is while the motion holds.
-    begins : str
-        What it does to get there.
-    another_log : str
-        What to do when it never does.
-    """
-
-    title: str
-    meanings: Mapping[Status, str]
-    fly: str
+    title: str  # Name of the motion, as a heading
+    meanings: Mapping[Status, str]  # What each verdict means
+    fly: str  # What to fly when nothing else helps, one sentence
+    #: What samples are limited by, after "three seconds in the air in runs of a second or more,"
     limits: str = "inside the window"
-    limited_by: str = "window and gaps"
-    loosen: str = "Widen the window."
-    no_reference: str = "None is logged."
+    limited_by: str = "window and gaps"  # The same as a list of nouns
+    loosen: str = "Widen the window."  # What to do when those limits leave nothing
+    no_reference: str = "None is logged."  # What is missing when no reference is logged
+    #: Why there is no lag to find when the input is measured
     no_lag: str = "The input was measured:\nthere is no lag to find."
-    where: str = "in the air"
-    begins: str = "takes off"
-    another_log: str = "Give a log of a flight."
+    where: str = "in the air"  # Where the vehicle is while the motion holds
+    begins: str = "takes off"  # What it does to get there
+    another_log: str = "Give a log of a flight."  # What to do when it never does
 
 
 @dataclass(frozen=True, slots=True)
 class CardSection:
-    """One part of a flight card.
+    """One part of a flight card."""
 
-    Parameters
-    ----------
-    title : str
-        A few words.
-    sentences : tuple of str
-        What to do.
-    """
-
-    title: str
-    sentences: tuple[str, ...]
+    title: str  # A few words
+    sentences: tuple[str, ...]  # What to do
 
 
 # -- Quantity --
@@ -345,39 +290,17 @@ class Kind(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Wording:
-    """How a quantity is called, measured and shown.
+    """How a quantity is called, measured and shown."""
 
-    Parameters
-    ----------
-    words : str
-        In words.
-    symbol : str
-        As in the equation of motion.
-    unit : str
-        SI unit; empty for the unit of the input.
-    kind : Kind
-        Parameter or derived.
-    shown_unit : str
-        Unit of tables and figures.
-    scale : float
-        From the SI unit to the shown one.
-    lowest : float
-        What no such quantity can be below; intervals are cut there.
-    by_run : bool
-        The quantity has a value of its own in each run.
-    optional : bool
-        Results have it only where it was requested.
-    """
-
-    words: str
-    symbol: str
-    unit: str
-    kind: Kind = Kind.PARAMETER
-    shown_unit: str = ""
-    scale: float = 1.0
-    lowest: float = -math.inf
-    by_run: bool = False
-    optional: bool = False
+    words: str  # In words
+    symbol: str  # As in the equation of motion
+    unit: str  # SI unit; empty for the unit of the input
+    kind: Kind = Kind.PARAMETER  # Parameter or derived
+    shown_unit: str = ""  # Unit of tables and figures
+    scale: float = 1.0  # From the SI unit to the shown one
+    lowest: float = -math.inf  # What no such quantity can be below; intervals are cut there
+    by_run: bool = False  # The quantity has a value of its own in each run
+    optional: bool = False  # Results have it only where it was requested
 
     def possible(self, interval: tuple[float, float]) -> tuple[float, float]:
         """Part of an interval that is not below `lowest`; one without a lower bound stays as it is."""
@@ -395,34 +318,15 @@ class Choice:
 
 @dataclass(frozen=True, slots=True)
 class QuantityEstimate:
-    """A number with its interval, and no verdict yet.
+    """A number with its interval, and no verdict yet."""
 
-    Parameters
-    ----------
-    value : float
-        NaN when it could not be estimated.
-    unit : str
-        SI unit.
-    std_error : float
-        At the best candidate; NaN when there is none.
-    interval : tuple of float
-        95 %, a union over the candidates that fit.
-    choice : Choice, optional
-        For what was chosen out of a few values; the interval spans those that fit.
-    by_run : tuple of float
-        Its value in each run, for what belongs to a run.
-    lowest : float
-        What it cannot be below in this problem, beside what its wording says of every one.
-    allowances : tuple of Allowance
-        Systematic parts; the interval has those that belong to it.
-    """
-
-    value: float
-    unit: str
-    std_error: float
-    interval: tuple[float, float]
-    choice: Choice | None = None
-    by_run: tuple[float, ...] = ()
+    value: float  # NaN when it could not be estimated
+    unit: str  # SI unit
+    std_error: float  # At the best candidate; NaN when there is none
+    interval: tuple[float, float]  # 95 %, a union over the candidates that fit
+    choice: Choice | None = None  # For what was chosen out of a few values; the interval spans those that fit
+    by_run: tuple[float, ...] = ()  # Its value in each run, for what belongs to a run
+    #: What it cannot be below in this problem, beside what its wording says of every one
     lowest: float = -math.inf
     systematic_uncertainties: tuple[SystematicUncertainty, ...] = ()
 

@@ -70,11 +70,8 @@ def noise_levels(
             level = white_noise_std(values[name][used])
             levels[name] = NoiseLevel(level, level, unit_of(name))
         else:
-            std = (
-                logged
-                if channel.held
-                else logged * math.sqrt(share_left(channel, grid, used, between(channel)))
-            )
+            left = 1.0 if channel.held else share_left(channel, grid, used, between(channel))
+            std = logged * math.sqrt(left)
             density = logged * math.sqrt(2.0 / channel.rate_hz) if channel.rate_hz else math.nan
             levels[name] = NoiseLevel(std, logged, unit_of(name), source, density)
     return levels
@@ -198,25 +195,17 @@ class ReferenceSource:
 
     One that answers the vehicle (it is not exogenous in the table of channels), such as a setpoint that a
     loop computes from the vehicle's state, serves only when nothing else varies.
-
-    Parameters
-    ----------
-    channel : str
-        Name.
-    in_control : str
-        Channel that is above one half while a pilot is in control, without which this one does not count;
-        empty for none. A log without that channel is taken as flown by a pilot throughout.
-    open_loop : str
-        Channel that is above one half while no loop acts on this one, which does not answer the vehicle then.
-        It counts only where that channel says so of every sample used, and then it serves alone: others are
-        what it was made of. Empty for a channel whose nature does not change.
-    axis : str
-        Which of the motion's axes it moves; empty for all. What serves one axis says nothing of another.
     """
 
-    channel: str
+    channel: str  # Name
+    #: Channel that is above one half while a pilot is in control, without which this one does not count;
+    #: empty for none. A log without that channel is taken as flown by a pilot throughout.
     in_control: str = ""
+    #: Channel that is above one half while no loop acts on this one, which does not answer the vehicle then.
+    #: It counts only where that channel says so of every sample used, and then it serves alone: others are
+    #: what it was made of. Empty for a channel whose nature does not change.
     open_loop: str = ""
+    #: Which of the motion's axes it moves; empty for all. What serves one axis says nothing of another.
     axis: str = ""
 
 
@@ -252,26 +241,18 @@ def references(
 
 def _preferred(result: list[Reference], sources: list[ReferenceSource]) -> list[Reference]:
     """References of one axis, those that others make needless no longer usable."""
-    alone = [
-        reference.name
-        for reference, source in zip(result, sources, strict=True)
-        if reference.usable and source.open_loop
+    pairs = zip(result, sources, strict=True)
+    alone = [reference.name for reference, source in pairs if reference.usable and source.open_loop]
+    clean = [reference.name for reference in result if reference.exogenous]
+    serving, why = alone, f"{alone[0]}, which follows it openly, serves" if alone else ""
+    if not alone and any(reference.usable and reference.name in clean for reference in result):
+        serving, why = clean, "contains feedback; others serve"
+    if not serving:
+        return result
+    return [
+        reference if reference.name in serving else replace(reference, usable=False, remark=why)
+        for reference in result
     ]
-    if alone:
-        return [
-            reference
-            if reference.name in alone
-            else replace(reference, usable=False, remark=f"{alone[0]}, which follows it openly, serves")
-            for reference in result
-        ]
-    if any(reference.usable and reference.exogenous for reference in result):
-        return [
-            reference
-            if reference.exogenous
-            else replace(reference, usable=False, remark="contains feedback; others serve")
-            for reference in result
-        ]
-    return result
 
 
 def _reference(

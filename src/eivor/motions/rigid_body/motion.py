@@ -482,7 +482,9 @@ class RigidBody(Motion[LaggedRuns]):
             words, unit = f"{(*TURNING, '', '', '')[axis]} acceleration", "rad/s²"
             if axis >= FORCE_X_EQUATION:
                 words, unit = f"specific force along {ALONG[axis - FORCE_X_EQUATION]}", "m/s²"
-            results.append(Trace(words, unit, "model", "rotors", *series.T, problem.band_hz(axis)))
+            measured, predicted, driven = series.T
+            band_hz = problem.band_hz(axis)
+            results.append(Trace(words, unit, "model", "rotors", measured, predicted, driven, band_hz))
         return tuple(results)
 
     def overview(self, flight: PreparedFlight) -> tuple[PlotData, ...]:

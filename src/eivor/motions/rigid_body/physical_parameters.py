@@ -110,8 +110,8 @@ def _tilting_inertia(axes: str, turning: str) -> PhysicalParameter:
 def _yaw_inertia(yaw: YawInertia) -> PhysicalParameter:
     name, words, route = "inertia_zz", "inertia in yaw", yaw.route
     if route is None:
-        needed = ("thrust_gain", "yaw_gain")
-        left = Formula("Izz/(m kappa)", "1/m", needed, (), lambda v: v["thrust_gain"] / v["yaw_gain"])
+        gains = ("thrust_gain", "yaw_gain")
+        left = Formula("Izz/(m kappa)", "1/m", gains, (), lambda v: v["thrust_gain"] / v["yaw_gain"])
         helps = ("torque_ratio", "yaw_inertia_ratio")
         return PhysicalParameter(name, words, (left,), refusal=_unexcited(yaw), helps=helps)
     needed, units = ("thrust_gain", *route.needed), ("kg m^2", "m^2")
@@ -174,8 +174,8 @@ def _torque_ratio(yaw: YawInertia) -> PhysicalParameter:
     name, words = "torque_ratio", "reaction torque over thrust"
     route = next((item for item in yaw.routes if item.over_thrust is not None), None)
     if route is None or route.over_thrust is None:
-        needed = ("yaw_gain", "thrust_gain")
-        left = Formula("kappa m/Izz", "1/m", needed, (), lambda v: v["yaw_gain"] / v["thrust_gain"])
+        gains = ("yaw_gain", "thrust_gain")
+        left = Formula("kappa m/Izz", "1/m", gains, (), lambda v: v["yaw_gain"] / v["thrust_gain"])
         return PhysicalParameter(name, words, (left,), refusal=_unexcited(yaw), helps=("yaw_inertia_ratio",))
     over_thrust, needed = route.over_thrust, ("yaw_gain", *route.needed)
     scaled = tuple(item for item in route.supplied if item != "arm_scale")

@@ -171,10 +171,8 @@ class StatePropagator:
         products = (q * r, p * r, p * q)
         neighbours = self._rotor_moments(velocity, body[10:13], sums[6])
         turning = [
-            beta * product + drag + moment
-            for beta, product, drag, moment in zip(
-                self._coupling, products, dragged[:3], neighbours, strict=True
-            )
+            self._value(item.name) * product + drag + moment
+            for item, product, drag, moment in zip(COUPLING, products, dragged[:3], neighbours, strict=True)
         ]
         u, v, _ = velocity
         x, y = -self.layout.pitch, self.layout.roll
@@ -210,25 +208,17 @@ class StatePropagator:
         return results
 
     @cached_property
-    def _coupling(self) -> tuple[float, ...]:
-        return tuple(self._value(item.name) for item in COUPLING)
-
-    @cached_property
     def _dragging(self) -> tuple[float, ...]:
         """Damping and drag for rotors whose state is 1."""
         count, _, _, xx, _, yy, _ = self.layout.sums.sum(axis=1).tolist()
-        squares = (yy, xx, xx + yy, count, count, count)
+        squares, usual = (yy, xx, xx + yy, count, count, count), usual_state((self.flight,))
         return tuple(
-            self._value(item.name) / (self._usual * square)
+            self._value(item.name) / (usual * square)
             for item, square in zip((*DAMPING, *DRAG), squares, strict=True)
         )
 
     def _value(self, name: str) -> float:
         return self.values.get(name, 0.0)
-
-    @cached_property
-    def _usual(self) -> float:
-        return usual_state((self.flight,))
 
     @cached_property
     def _rotors(self) -> RotorSums:
@@ -397,10 +387,10 @@ def _of_flight(
     if len(what.omitted) == len(_RATES) + len(_BEYOND) or not starts.samples.size:
         return ()
     started = logged.body[:, starts.samples]
-    states = {
-        name: (model.words, starts.propagate(started, _body(logged, layout, model.values, starts, what)))
-        for name, model in models.items()
-    }
+    states: dict[str, tuple[str, Float[np.ndarray, "horizons 13 starts"]]] = {}
+    for name, model in models.items():
+        body = StatePropagator(logged.flight, layout, model.values, logged, starts, what.turns, what.lifts)
+        states[name] = model.words, starts.propagate(started, body)
     states[UNCHANGED] = (STAYS, _unchanged(started, starts))
     measured = logged.body[:, starts.ends].transpose(1, 0, 2)
     return tuple(
@@ -409,12 +399,6 @@ def _of_flight(
         if quantity not in what.omitted
         for name, (words, predicted) in states.items()
     )
-
-
-def _body(
-    logged: LoggedState, layout: RotorLayout, values: Values, starts: Starts, what: Predictable
-) -> StatePropagator:
-    return StatePropagator(logged.flight, layout, values, logged, starts, what.turns, what.lifts)
 
 
 def _unchanged(

@@ -319,7 +319,12 @@ def _disagreement(problem: LaggedRuns, method: str) -> float:
 
 def _without_filter(problem: LaggedRuns, flight: PreparedFlight, layout: RotorLayout, key: str) -> LaggedRuns:
     """The same problem for a vehicle without one of its filters; instruments and nuisances stay."""
-    unfiltered = replace(layout.vehicle, **{key: None})
+    known = layout.vehicle
+    unfiltered = (
+        replace(known, gyro_cutoff_hz=None)
+        if key == "gyro_cutoff_hz"
+        else replace(known, accelerometer_cutoff_hz=None)
+    )
     made = rigid_body_problem((flight,), RotorLayout(unfiltered), NoInstruments())
     spin = rotor_inertia_ratios(problem)
     if spin is not None:

@@ -89,8 +89,9 @@ def omitted_variable_tests(
     added = {term.omission_sentence for term in problem.terms}
     differences: dict[str, Difference] = {}
     for name in _TERMS.keys() - added:
-        columns, instruments = ([_TERMS[name](of) for of in each] for each in (measured, explained))
-        if any(item is None for item in (*columns, *instruments)):
+        pairs = [(_TERMS[name](of), _TERMS[name](by)) for of, by in zip(measured, explained, strict=True)]
+        known = [(x, z) for x, z in pairs if x is not None and z is not None]
+        if len(known) < len(current):
             continue
         with_term = tuple(
             replace(
@@ -99,7 +100,7 @@ def omitted_variable_tests(
                 moving=nothing_moves(len(linear)),
                 instruments=np.column_stack([item.instruments, z]),
             )
-            for item, linear, x, z in zip(current, base, columns, instruments, strict=True)
+            for item, linear, (x, z) in zip(current, base, known, strict=True)
         )
         others = (Parameter(f"of the model {index}", "") for index in range(1, with_term[0].fixed.shape[1]))
         try:

@@ -433,8 +433,11 @@ def balance(problem: VerticalFlights, candidate: Candidate) -> Balance:
         return float(np.concatenate(_columns(problem, nuisance_values))[:, 2].mean())
 
     means = stacked.mean(axis=0)
+    derivative, velocity, mapped = means[:3].tolist()
     return Balance(
-        *means[:3].tolist(),
+        derivative,
+        velocity,
+        mapped,
         moving[0].derivative(mapped_mean, candidate.nuisances) if moving else 0.0,
         means[3:],
         long_run_mean_variance(residual - residual.mean()),

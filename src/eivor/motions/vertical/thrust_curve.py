@@ -196,11 +196,15 @@ def curve_quantities(
     results: dict[str, QuantityEstimate] = {}
     for name, (of, unit) in formulas.items():
         moved = {point: item.propagated(curve, of) for point, item in points.items()}
-        results[name] = linear_quantity(estimate, lambda item, at=moved: at[point_of(item)], unit)
+        results[name] = linear_quantity(estimate, partial(_at, moved), unit)
     if math.isinf(curve.bias_std) and math.isinf(curve.curvature_error):
         return {**results, "thrust_curve": QuantityEstimate(curve.value, "", NAN, NO_INTERVAL)}
     of_curve = {point: item.curve(curve)[1] for point, item in points.items()}
-    return {**results, "thrust_curve": linear_quantity(estimate, lambda item: of_curve[point_of(item)], "")}
+    return {**results, "thrust_curve": linear_quantity(estimate, partial(_at, of_curve), "")}
+
+
+def _at(results: Mapping[Point, Linear], candidate: Candidate) -> Linear:
+    return results[point_of(candidate)]
 
 
 def _points(problem: VerticalFlights, estimate: Estimate, curve: FittedCurve) -> dict[Point, AtCandidate]:
