@@ -338,11 +338,11 @@ def airborne(
     if off.sum() * step_s < OFF_FOR_S:
         return Active(np.ones(off.size, dtype=np.bool_), "the input, which is never off")
     flying = ~off
-    ground = None if height is None else _ground(height, off, step_s)
-    if height is None or ground is None:
+    ground_height = None if height is None else _ground(height, off, step_s)
+    if height is None or ground_height is None:
         missing = "no height is logged" if height is None else "it is on at both ends of the log"
         return Active(_without_margins(flying, step_s), f"the input ({missing})")
-    flying &= height > ground + CLEARANCE_M
+    flying &= height > ground_height + CLEARANCE_M
     return Active(_without_margins(flying, step_s), "the input and the height above ground")
 
 

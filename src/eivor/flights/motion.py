@@ -434,7 +434,7 @@ class Motion(ABC, Generic[P]):
 
     @abstractmethod
     def reasons(
-        self, quantities: Mapping[str, QuantityEstimate], strength: InstrumentStrength, at: VerdictInputs
+        self, quantities: Mapping[str, QuantityEstimate], strength: InstrumentStrength, inputs: VerdictInputs
     ) -> Mapping[str, tuple[Reason, ...]]:
         """Reasons against each quantity of `wording`."""
 

@@ -34,7 +34,7 @@ class AcrossFlights:
     logarithm: bool = False
     largest: float = math.inf  # Bound of a quantity that is a share, such as 1
     covariates: tuple[Covariate, ...] = ()
-    told_by: tuple[str, ...] = ()
+    identified_by: tuple[str, ...] = ()
 
 
 # -- Allowance --

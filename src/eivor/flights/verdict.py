@@ -52,9 +52,9 @@ class FlightRule:
         yield from lag_prior_reasons(inputs)
 
 
-def moved(at: VerdictInputs) -> str:
+def moved(inputs: VerdictInputs) -> str:
     """How much the flight moved, with a blank before it."""
-    return f" {at.excitation}" if at.excitation else ""
+    return f" {inputs.excitation}" if inputs.excitation else ""
 
 
 def lag_prior_reasons(inputs: VerdictInputs) -> Iterator[Reason]:
@@ -120,21 +120,21 @@ def wide_lag_reasons(half_width_s: float, needed_s: float, *, whose: str, remedy
 
 
 def instrument_reasons(
-    strength: InstrumentStrength, at: VerdictInputs, *, fly: str, log_reference: str, log_planned: str
+    strength: InstrumentStrength, inputs: VerdictInputs, *, fly: str, log_reference: str, log_planned: str
 ) -> list[Reason]:
     """Reasons against everything that instruments are to identify, with what to fly and to log.
 
     Weak instruments refuse what has no set that holds all the same.
     """
-    if at.constant_reference:
-        return [refused(f"The reference never moved ({at.missing_reference}).{moved(at)}", fly)]
-    if at.direct and at.missing_reference:
+    if inputs.constant_reference:
+        return [refused(f"The reference never moved ({inputs.missing_reference}).{moved(inputs)}", fly)]
+    if inputs.direct and inputs.missing_reference:
         sentence = (
-            f"No reference can serve as an instrument ({at.missing_reference}), so the numbers come from "
+            f"No reference can serve as an instrument ({inputs.missing_reference}), so the numbers come from "
             "nonlinear least squares, which disturbances bias."
         )
         return [provisional(sentence, log_reference)]
-    if at.direct:
+    if inputs.direct:
         sentence = "A direct method is biased by disturbances in closed loop."
         return [provisional(sentence, "Use reference_iv for a verdict.")]
     names, strengths = list(strength.first_stage), np.array(list(strength.first_stage.values()))
@@ -148,19 +148,19 @@ def instrument_reasons(
                 f"The instruments carry too little information about the {names[weakest].replace('_', ' ')}: "
                 f"first-stage F is {strengths[weakest]:.1f}, and {STRONG_FIRST_STAGE:.0f} is needed."
             )
-        if at.single_frequency_hz and len(names) > 2:
+        if inputs.single_frequency_hz and len(names) > 2:
             sentence += (
-                f" The reference has one frequency ({at.single_frequency_hz:.2g} Hz), which identifies two "
+                f" The reference has one frequency ({inputs.single_frequency_hz:.2g} Hz), which identifies two "
                 f"of {len(names)} numbers: two frequencies are needed."
             )
-        reasons.append(_of_weak(sentence, strength, at, fly))
-    if at.past_inputs:
+        reasons.append(_of_weak(sentence, strength, inputs, fly))
+    if inputs.past_inputs:
         sentence = (
             "Past inputs are the instruments: under control they answer past disturbances, which moves the "
             "numbers."
         )
         reasons.append(provisional(sentence, log_reference))
-    elif not at.exogenous:
+    elif not inputs.exogenous:
         who = "the vehicle's own disturbances (a setpoint that a position loop computes)"
         reasons.append(weak(f"The instruments answer {who}.", log_planned))
     return reasons

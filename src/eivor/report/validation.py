@@ -429,7 +429,7 @@ def _validation_facts(validation: Validation) -> Facts:
     }
     if multi_step is not None:
         facts["fitted"] = "the trim of each run, for every model with parameters alike"
-        facts["starts"] = f"{ahead.start_s.size}, each from what was measured there"
+        facts["starts"] = f"{multi_step.start_s.size}, each from what was measured there"
     else:
         low, high = flight.band_hz
         facts["fitted"] = "the trim and the start of each run, for every model alike"

@@ -537,7 +537,7 @@ def height_logged(flight: PreparedFlight) -> Float[np.ndarray, " n"] | None:
     return _logged(flight, "position_z")
 
 
-def ground(flight: PreparedFlight) -> float | None:
+def ground_height(flight: PreparedFlight) -> float | None:
     """Height of the ground, of a flight that has runs; None where the log does not show it [m]."""
     height = height_logged(flight)
     if height is None:
@@ -551,7 +551,7 @@ def height_over_ground(flight: PreparedFlight) -> Float[np.ndarray, " n"] | None
     height = height_logged(flight)
     if height is None:
         return None
-    known = ground(flight)
+    known = ground_height(flight)
     return height - (float(height[flight.used].min()) - BELOW_FLIGHT if known is None else known)
 
 
@@ -596,7 +596,7 @@ def check_flights(flights: Sequence[PreparedFlight], options: FlightOptions) -> 
                 raise MissingChannelError(
                     f"the channel {channel} for the term {word}", f"{name}, which has none", remedy
                 )
-        if GROUND_EFFECT.word in options.terms and ground(flight) is None:
+        if GROUND_EFFECT.word in options.terms and ground_height(flight) is None:
             raise InputError(
                 f"a log that begins or ends on the ground, whose height the term {GROUND_EFFECT.word} needs",
                 f"{name}, whose height is never below that of the flight",

@@ -104,7 +104,7 @@ ACROSS = (
     AcrossFlights(
         "viscous_friction",
         covariates=(Covariate("air_density"), Covariate("mass", -1.0, 0.3)),
-        told_by=("viscous_friction",),
+        identified_by=("viscous_friction",),
     ),
     AcrossFlights(
         "input_gain",
@@ -114,13 +114,13 @@ ACROSS = (
             Covariate("battery_voltage", 1.0, 1.0),
             Covariate("mass", -1.0, 0.1),
         ),
-        told_by=("input_gain",),
+        identified_by=("input_gain",),
     ),
     AcrossFlights(
         EFFECTIVE_LAG,
         logarithm=True,
         covariates=(Covariate("battery_voltage", 0.0, 1.0),),
-        told_by=(ACTUATOR_LAG.name,),
+        identified_by=(ACTUATOR_LAG.name,),
     ),
     AcrossFlights(
         "hover_input",

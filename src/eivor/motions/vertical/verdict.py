@@ -50,7 +50,7 @@ from eivor.motions.vertical.misspecification import (
     velocity_over_accelerometer,
 )
 from eivor.motions.vertical.model import GRAVITY
-from eivor.motions.vertical.regression import GROUND, SUPPLY, TERMS, ground, height_over_ground
+from eivor.motions.vertical.regression import GROUND, SUPPLY, TERMS, ground_height, height_over_ground
 from eivor.motions.vertical.select import FLY, LOG_REFERENCE, QUICKER
 from eivor.signals.channels import CurveSide
 from eivor.signals.recording import Channel, Finding
@@ -342,7 +342,7 @@ def near_ground(
     shares, lowest = [], []
     for flight in flights:
         height = height_over_ground(flight)
-        if height is not None and ground(flight) is not None:
+        if height is not None and ground_height(flight) is not None:
             radii = height[flight.used] / radius
             shares.append(float(np.mean(radii < NEAR_RADII)))
             lowest.append(float(radii.min()))
