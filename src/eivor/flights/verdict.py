@@ -150,8 +150,8 @@ def instrument_reasons(
             )
         if inputs.single_frequency_hz and len(names) > 2:
             sentence += (
-                f" The reference has one frequency ({inputs.single_frequency_hz:.2g} Hz), which identifies two "
-                f"of {len(names)} numbers: two frequencies are needed."
+                f" The reference has one frequency ({inputs.single_frequency_hz:.2g} Hz), which identifies "
+                f"two of {len(names)} numbers: two frequencies are needed."
             )
         reasons.append(_of_weak(sentence, strength, inputs, fly))
     if inputs.past_inputs:
