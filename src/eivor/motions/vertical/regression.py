@@ -585,29 +585,32 @@ def check_terms(options: FlightOptions, radius: float | None = None) -> None:
 
 def check_flights(flights: Sequence[PreparedFlight], options: FlightOptions) -> None:
     """Refuse a term that a flight does not log enough for."""
-    needed = (
-        (GROUND_EFFECT.word, "position_z", height_logged, "Log the height, or leave the term out."),
-        (VOLTAGE_TERM.word, VOLTAGE, voltage, "Log the battery's voltage, or leave the term out."),
-    )
     for flight in [flight for flight in flights if flight.runs]:
         name = flight.recording.name
-        for word, channel, series, remedy in needed:
-            if word in options.terms and series(flight) is None:
-                raise MissingChannelError(
-                    f"the channel {channel} for the term {word}", f"{name}, which has none", remedy
+        if GROUND_EFFECT.word in options.terms:
+            if height_logged(flight) is None:
+                raise _missing("position_z", GROUND_EFFECT, name, "height")
+            if ground(flight) is None:
+                raise InputError(
+                    "a log that begins or ends on the ground, whose height the term "
+                    f"{GROUND_EFFECT.word} needs",
+                    f"{name}, whose height is never below that of the flight",
+                    "Log from before take-off or until after landing, or leave the term out.",
                 )
-        if GROUND_EFFECT.word in options.terms and ground_height(flight) is None:
-            raise InputError(
-                f"a log that begins or ends on the ground, whose height the term {GROUND_EFFECT.word} needs",
-                f"{name}, whose height is never below that of the flight",
-                "Log from before take-off or until after landing, or leave the term out.",
-            )
-        if VOLTAGE_TERM.word in options.terms and flight.input.measured:
-            raise InputError(
-                f"commands for the term {VOLTAGE_TERM.word}: what they give follows the voltage",
-                f"{flight.input.name} of {name}, which was measured",
-                "Leave the term out, or name the commands with --input.",
-            )
+        if VOLTAGE_TERM.word in options.terms:
+            if voltage(flight) is None:
+                raise _missing(VOLTAGE, VOLTAGE_TERM, name, "battery's voltage")
+            if flight.input.measured:
+                raise InputError(
+                    f"commands for the term {VOLTAGE_TERM.word}: what they give follows the voltage",
+                    f"{flight.input.name} of {name}, which was measured",
+                    "Leave the term out, or name the commands with --input.",
+                )
+
+
+def _missing(channel: str, term: OptionalTerm, name: str, words: str) -> MissingChannelError:
+    needed = f"the channel {channel} for the term {term.word}"
+    return MissingChannelError(needed, f"{name}, which has none", f"Log the {words}, or leave the term out.")
 
 
 def mean_voltage(flights: Sequence[PreparedFlight]) -> float | None:
