@@ -590,7 +590,7 @@ def check_flights(flights: Sequence[PreparedFlight], options: FlightOptions) -> 
         if GROUND_EFFECT.word in options.terms:
             if height_logged(flight) is None:
                 raise _missing("position_z", GROUND_EFFECT, name, "height")
-            if ground(flight) is None:
+            if ground_height(flight) is None:
                 raise InputError(
                     "a log that begins or ends on the ground, whose height the term "
                     f"{GROUND_EFFECT.word} needs",
