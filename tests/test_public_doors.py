@@ -330,7 +330,7 @@ def doors(folder):
                 "tilt_rms": 0.05,
                 "densities": None,
                 "controller": None,
-                "asked": "",
+                "requested": "",
             },
         ),
         "FractionalNoise": (ev.FractionalNoise, {"std": 1.0, "order": 0.2}),

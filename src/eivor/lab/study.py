@@ -260,9 +260,9 @@ def trial(study: Study, index: int) -> Row:
     return row
 
 
-def schema(study: Study) -> dict[str, type[pl.DataType]]:
+def schema(study: Study) -> dict[str, Any]:
     """Columns of the table of trials."""
-    columns: dict[str, type[pl.DataType]] = {"trial": pl.Int64}
+    columns: dict[str, Any] = {"trial": pl.Int64}
     for choice in study.methods:
         columns |= {f"{choice.label}.status": pl.String, f"{choice.label}.error": pl.String}
         for name in study.parameters:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import warnings
 from functools import partial
+from io import BytesIO
 from pathlib import Path
-from typing import IO, TYPE_CHECKING
+from typing import TYPE_CHECKING, BinaryIO
 
 import numpy as np
 
@@ -303,7 +304,7 @@ def save_figure(figure: Figure, path: Path) -> None:
         write_figure(figure, file, path.suffix.lower().lstrip("."))
 
 
-def write_figure(figure: Figure, file: IO[bytes], kind: str) -> None:
+def write_figure(figure: Figure, file: BytesIO | BinaryIO, kind: str) -> None:
     """Write a figure as PNG, SVG or PDF, without the date."""
     metadata = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(kind)
     with warnings.catch_warnings():

@@ -29,7 +29,7 @@ from eivor.tools import Float
 
 Parts = TypeVar("Parts")
 Flights = Float[np.ndarray, " flights"]
-Samples = Float[np.ndarray, "samples flights"]
+Samples = Float[np.ndarray, "samples *flights"]
 
 #: Substeps of one control period: delays are rounded to them.
 SUBSTEPS = 5
@@ -49,7 +49,7 @@ class VerticalVehicles:
 
 @dataclass(frozen=True, slots=True)
 class VerticalEnvironment:
-    """What acts on the flights from outside, arrays of shape (samples, flights)."""
+    """What acts on flights from outside: arrays of shape (samples, flights), of one flight (samples,)."""
 
     reference_position: Samples  # [m, m/s, m/s^2]
     reference_velocity: Samples  # [m, m/s, m/s^2]
