@@ -109,7 +109,7 @@ ACCEPTED = {
     ("VehicleGuess", "acceleration_noise"): NUMBER,
     ("VehicleGuess", "densities"): {"none"},
     ("VehicleGuess", "controller"): {"none"},
-    ("VehicleGuess", "asked"): {"text"},
+    ("VehicleGuess", "requested"): {"text"},
     ("Prior", "mean"): ANY_NUMBER,
     ("Prior", "std"): NUMBER,
     ("FractionalNoise", "std"): NUMBER,
