@@ -159,18 +159,12 @@ def pool_flights(problem: SeparableProblem, estimate: Estimate) -> PoolFlights:
         and isinstance(method.assembler, Instrumental)
         and isinstance(method.row_weighting, SpectralWhitening)
     ):
-        raise UsageError(
-            "an estimate by whitened instruments (reference_iv)",
-            f"one by {method.name}",
-            "Identify the pool with the default method.",
-        )
+        expected = "an estimate by whitened instruments (reference_iv)"
+        raise UsageError(expected, f"one by {method.name}", "Identify the pool with the default method.")
     flights = np.unique(problem.bins(estimate.best.nuisances).layout.flight_of_row).tolist()
     if len(flights) < 2:
-        raise UsageError(
-            "a pool of two flights or more with usable runs",
-            f"{len(flights)}",
-            "Give several flights to identify_flight; ten or more make good intervals.",
-        )
+        remedy = "Give several flights to identify_flight; ten or more make good intervals."
+        raise UsageError("a pool of two flights or more with usable runs", f"{len(flights)}", remedy)
     nodes = nodes_of(problem.nuisances)
     candidates = tuple(
         _candidate_flights(problem, nodes, estimate.best, candidate, number)
@@ -449,19 +443,14 @@ class _RowReplicates:
 def _sample_rows(problem: LinearProblem) -> Regression:
     """Rows in the time order of one record."""
     if not isinstance(problem, LinearProblem):
-        raise UsageError(
-            "a regression of rows in time",
-            type(problem).__name__,
-            "Use bootstrap_flights for flights; moments have no rows to draw again.",
-        )
+        remedy = "Use bootstrap_flights for flights; moments have no rows to draw again."
+        raise UsageError("a regression of rows in time", type(problem).__name__, remedy)
     rows = problem.rows()
     flights = rows.layout.flight_of_row
     if not isinstance(rows.layout, SampleRows) or np.any(flights != flights[0]):
-        raise UsageError(
-            "rows that are the samples of one record",
-            "rows of several flights, or of a spectrum",
-            "Use bootstrap_flights, or one record after the other.",
-        )
+        expected = "rows that are the samples of one record"
+        remedy = "Use bootstrap_flights, or one record after the other."
+        raise UsageError(expected, "rows of several flights, or of a spectrum", remedy)
     return rows
 
 

@@ -225,11 +225,8 @@ def derived(estimate: Estimate, function: Function, level: float = 0.95) -> Deri
     check_level(level)
     checks.kind("estimate", estimate, Estimate, "an estimate", "Make one by ev.identify(...).")
     if not callable(function):
-        raise UsageError(
-            "a function of the parameters",
-            checks.described(function),
-            'Give lambda p: p["theta_1"] ** 2, for example.',
-        )
+        remedy = 'Give lambda p: p["theta_1"] ** 2, for example.'
+        raise UsageError("a function of the parameters", checks.described(function), remedy)
 
     def of_vector(values: Float[np.ndarray, " n"]) -> float:
         result = function(dict(zip(estimate.names, (float(value) for value in values), strict=True)))
@@ -239,11 +236,9 @@ def derived(estimate: Estimate, function: Function, level: float = 0.95) -> Deri
     results = derived_from(of_vector, joint_estimates(estimate, level), level)
     numbers = (results.value, results.std_error, *results.interval)
     if math.isnan(results.bend) or not np.isfinite(numbers).all():
-        raise UsageError(
-            "a function that is finite within the interval",
-            f"{results.value} with the interval {results.interval}",
-            "For a ratio whose denominator may be zero use eivor.ratio.",
-        )
+        expected = "a function that is finite within the interval"
+        remedy = "For a ratio whose denominator may be zero use eivor.ratio."
+        raise UsageError(expected, f"{results.value} with the interval {results.interval}", remedy)
     return results
 
 

@@ -245,11 +245,9 @@ def diagnose(estimate: Estimate) -> Diagnostics:
     """
     checks.kind("estimate", estimate, Estimate, "an estimate", "Make one by ev.identify(...).")
     if not estimate.best.has_rows:
-        raise EstimationError(
-            "an estimate with its rows available, for diagnostics",
-            "an estimate from moments, which do not keep the rows",
-            "Identify a chunk that fits in memory, or the whole problem.",
-        )
+        expected = "an estimate with its rows available, for diagnostics"
+        remedy = "Identify a chunk that fits in memory, or the whole problem."
+        raise EstimationError(expected, "an estimate from moments, which do not keep the rows", remedy)
     return Diagnostics(estimate, estimate.best)
 
 

@@ -117,11 +117,9 @@ class Candidate:
     def rows(self) -> Regression:
         """Weighted rows at the estimate; an `EstimationError` for an estimate from moments."""
         if self.problem is None:
-            raise EstimationError(
-                "an estimate with its rows available, for residuals and standard errors",
-                "an estimate from moments, which do not keep the rows",
-                "Pass over the chunks again with eivor.identify_chunks, or identify the whole problem.",
-            )
+            expected = "an estimate with its rows available, for residuals and standard errors"
+            remedy = "Pass over the chunks again with eivor.identify_chunks, or identify the whole problem."
+            raise EstimationError(expected, "an estimate from moments, which do not keep the rows", remedy)
         return self.problem.rows()
 
     @property
@@ -531,11 +529,9 @@ class Estimate:
         """
         check_covariance_estimator(estimator)
         if not all(candidate.has_rows for candidate in self.candidates):
-            raise EstimationError(
-                "an estimate with its rows available, for another covariance",
-                "one from chunks or moments, which keeps no rows",
-                "Name the covariance when you identify: identify_chunks(..., covariance=...).",
-            )
+            expected = "an estimate with its rows available, for another covariance"
+            remedy = "Name the covariance when you identify: identify_chunks(..., covariance=...)."
+            raise EstimationError(expected, "one from chunks or moments, which keeps no rows", remedy)
         changed = (replace(candidate, covariance_estimator=estimator) for candidate in self.candidates)
         return replace(self, candidates=tuple(changed))
 

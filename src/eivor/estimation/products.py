@@ -222,11 +222,9 @@ def row_count(problem: SignalRegression) -> int:
     """Number of rows of a problem."""
     count = problem.signals.sample_count - problem.first
     if count < 1:
-        raise TooFewSamplesError(
-            f"more than {problem.first} samples, the largest lag",
-            f"{problem.signals.sample_count}",
-            "Give a longer record or fewer lags.",
-        )
+        expected = f"more than {problem.first} samples, the largest lag"
+        remedy = "Give a longer record or fewer lags."
+        raise TooFewSamplesError(expected, f"{problem.signals.sample_count}", remedy)
     return count if problem.used is None else int(problem.used.sum())
 
 
@@ -236,11 +234,8 @@ def row_count(problem: SignalRegression) -> int:
 def products_of(problem: LinearProblem, *, instruments: bool = True, whole: bool) -> Products:
     """Products of the columns [psi phi y] of a problem."""
     if instruments and not problem.instrument_count:
-        raise InstrumentError(
-            "instruments",
-            "a problem without any",
-            'Name them: regression(signals, ev.lags("input", 0, 10)), or regression(instruments=...).',
-        )
+        remedy = 'Name them: regression(signals, ev.lags("input", 0, 10)), or regression(instruments=...).'
+        raise InstrumentError("instruments", "a problem without any", remedy)
     if isinstance(problem, SignalRegression):
         made = products_of_signals(problem, instruments=instruments, whole=whole)
     else:

@@ -276,11 +276,9 @@ def _information_root(
             return np.asarray(np.linalg.cholesky(information))
         except np.linalg.LinAlgError:
             pass
-    raise ConvergenceError(
-        "residuals whose spectra determine the measurement noises",
-        "residuals that are zero in the band, or too few of them",
-        "Declare the noises, use a method that needs none, such as reference_iv, or record longer.",
-    )
+    expected = "residuals whose spectra determine the measurement noises"
+    remedy = "Declare the noises, use a method that needs none, such as reference_iv, or record longer."
+    raise ConvergenceError(expected, "residuals that are zero in the band, or too few of them", remedy)
 
 
 def fitted_noises(
@@ -596,11 +594,9 @@ class SampledProblem:
 def problem_of_motion(problem: Problem, method: str) -> SignalRegression:
     """Take a problem for a spectral method; without instruments it has lagged inputs."""
     if not isinstance(problem, SignalRegression):
-        raise UsageError(
-            f"a record of one motion for {method}, sampled evenly",
-            type(problem).__name__,
-            "Make it of signals: ev.VerticalMotion(intercept=False).regression(signals, instruments).",
-        )
+        expected = f"a record of one motion for {method}, sampled evenly"
+        remedy = "Make it of signals: ev.VerticalMotion(intercept=False).regression(signals, instruments)."
+        raise UsageError(expected, type(problem).__name__, remedy)
     driver = motion_of(problem, method)[2]
     noise = problem.signals.noise.get(driver)
     if noise is None:

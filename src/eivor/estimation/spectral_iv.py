@@ -290,11 +290,9 @@ def input_noise_start(problem: Problem, method: str) -> tuple[Problem, bool] | E
     try:
         result = NoiseEstimatingIV("generalized_iv_unknown_noise").estimate(problem)
     except (EivorError, np.linalg.LinAlgError) as error:
-        raise MissingNoiseError(
-            f"the noise of {driver}, which {method} takes off, or an input that identifies it",
-            f"none that is declared; and {error}",
-            "Declare it: Signals(..., noise={'input': ev.WhiteNoise(0.01)}); zero says that it is exact.",
-        ) from error
+        expected = f"the noise of {driver}, which {method} takes off, or an input that identifies it"
+        remedy = "Declare it: Signals(..., noise={'input': ev.WhiteNoise(0.01)}); zero says that it is exact."
+        raise MissingNoiseError(expected, f"none that is declared; and {error}", remedy) from error
     if result.status is Status.REFUSED:
         return replace(result, method=method)
     least = LEAST_SHARE * float(np.var(problem.signals.channel(driver)))
@@ -465,11 +463,9 @@ class WhittleLikelihood(Method):
             return fallen_back(self.name, plain, fallback(*lacking))
         sampled = sampled_problem(checked, self.name)
         if sampled.instrument is not None:
-            raise MissingNoiseError(
-                f"an open loop for {self.name}",
-                "instruments of another channel than the input",
-                "Under control use spectral_giv.",
-            )
+            expected = f"an open loop for {self.name}"
+            remedy = "Under control use spectral_giv."
+            raise MissingNoiseError(expected, "instruments of another channel than the input", remedy)
         likelihood = self._likelihood(sampled, plain)
         if isinstance(likelihood, Reason):
             return fallen_back(self.name, plain, likelihood)

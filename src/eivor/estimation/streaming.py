@@ -133,11 +133,9 @@ def _check_successor(before: Signals, chunk: Signals) -> None:
         )
     expected = before.offset + before.sample_count
     if chunk.offset not in (0, expected):
-        raise UsageError(
-            f"a chunk that begins where the one before it ends, at sample {expected}",
-            f"one that says it begins at sample {chunk.offset}",
-            "Give every chunk, in order; mark samples that are missing as not valid.",
-        )
+        expected = f"a chunk that begins where the one before it ends, at sample {expected}"
+        remedy = "Give every chunk, in order; mark samples that are missing as not valid."
+        raise UsageError(expected, f"one that says it begins at sample {chunk.offset}", remedy)
 
 
 # -- Chunked fit --
@@ -181,11 +179,9 @@ def identify_chunks(
     check_chunked(model, method, instruments)
     check_covariance_estimator(covariance)
     if not callable(chunks):
-        raise UsageError(
-            "a function that gives the chunks anew in every pass",
-            checks.described(chunks),
-            "Give lambda: ev.read_chunks(file, ...), for example.",
-        )
+        expected = "a function that gives the chunks anew in every pass"
+        remedy = "Give lambda: ev.read_chunks(file, ...), for example."
+        raise UsageError(expected, checks.described(chunks), remedy)
     first = moments(chunks(), model=model, method=method, instruments=instruments)
     estimate = identify(first, method)
     total = first.moments
@@ -198,11 +194,9 @@ def identify_chunks(
                 size += block.response.size
                 yield block
         if size != total.rows:
-            raise UsageError(
-                f"chunks of {total.rows:.0f} rows in every pass",
-                f"{size} in a later one",
-                "Give a function that starts the same chunks anew each time it is called.",
-            )
+            expected = f"chunks of {total.rows:.0f} rows in every pass"
+            remedy = "Give a function that starts the same chunks anew each time it is called."
+            raise UsageError(expected, f"{size} in a later one", remedy)
 
     equation = estimating_equation(candidate, blocks)
     streamed = replace(candidate, streamed_covariance=covariance.joint(equation))
@@ -231,11 +225,8 @@ class Forgetting:
         checks.number("memory", self.memory)
         least, most = MEMORIES
         if not least <= self.memory <= most:
-            raise UsageError(
-                f"a memory of {least:g} to {most:g} samples",
-                f"{self.memory:g}",
-                "It is 1 / (1 - lambda): 200 for a forgetting factor of 0.995.",
-            )
+            remedy = "It is 1 / (1 - lambda): 200 for a forgetting factor of 0.995."
+            raise UsageError(f"a memory of {least:g} to {most:g} samples", f"{self.memory:g}", remedy)
 
     @property
     def factor(self) -> float:

@@ -62,11 +62,9 @@ def argmin(objective: Objective, grid: Box) -> Float[np.ndarray, " axes"]:
             return position
         reach = np.where(at_edge, 1.0, 0.5) * (high - low) if at_edge.any() else spacing
         low, high = np.maximum(position - reach, bottom), np.minimum(position + reach, top)
-    raise ConvergenceError(
-        f"a search of {axes} variables that settles",
-        f"one that still moves after {BOX_ROUNDS} boxes",
-        "Give narrower grids, or more exciting data.",
-    )
+    expected = f"a search of {axes} variables that settles"
+    remedy = "Give narrower grids, or more exciting data."
+    raise ConvergenceError(expected, f"one that still moves after {BOX_ROUNDS} boxes", remedy)
 
 
 def _best_point(objective: Objective, box: Box) -> Int[np.ndarray, " axes"]:
@@ -272,11 +270,9 @@ def bounded_search(
         if before.objective - result.objective <= LEAST_GAIN * abs(result.objective):
             return result
         spacing = max(0.1 * spacing, 10.0 * accuracy)
-    raise ConvergenceError(
-        f"a search of {', '.join(nuisance.name for nuisance in unknown)} that settles",
-        f"one that still gains after {RESTARTS} beginnings",
-        "Give narrower grids, what is known of one of them, or more exciting data.",
-    )
+    expected = f"a search of {', '.join(nuisance.name for nuisance in unknown)} that settles"
+    remedy = "Give narrower grids, what is known of one of them, or more exciting data."
+    raise ConvergenceError(expected, f"one that still gains after {RESTARTS} beginnings", remedy)
 
 
 # -- Model comparison --

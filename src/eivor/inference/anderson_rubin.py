@@ -13,13 +13,7 @@ from scipy import special
 
 from eivor.errors import CollinearError, ParameterError, TooFewSamplesError
 from eivor.inference.confidence_set import ConfidenceSet
-from eivor.inference.regions import (
-    ConfidenceRegion,
-    Points,
-    RegionFrame,
-    RegionShape,
-    hotelling_quantile,
-)
+from eivor.inference.regions import ConfidenceRegion, Points, RegionFrame, RegionShape, hotelling_quantile
 from eivor.tools import Bool, Float, Int
 
 # -- Anderson rubin --
@@ -51,11 +45,8 @@ def averages_for(samples: int, equations: int) -> int:
     """Number of cosine averages B for so many samples and equations."""
     averages = max(round(AVERAGES_RATE * samples ** (2.0 / 3.0)), AVERAGES_PER_EQUATION * equations)
     if 4 * averages > samples:
-        raise TooFewSamplesError(
-            f"at least {4 * averages} samples for {equations} moment equations",
-            f"{samples}",
-            "Give a longer record, or fewer instruments.",
-        )
+        expected = f"at least {4 * averages} samples for {equations} moment equations"
+        raise TooFewSamplesError(expected, f"{samples}", "Give a longer record, or fewer instruments.")
     return averages
 
 
@@ -189,9 +180,7 @@ def homoskedastic_region(
     degrees = rows - p - partialled
     if degrees < 1:
         raise TooFewSamplesError(
-            f"more than {p + partialled} rows for as many instruments",
-            f"{rows}",
-            "Give a longer record.",
+            f"more than {p + partialled} rows for as many instruments", f"{rows}", "Give a longer record."
         )
     variance = float(left @ left) / degrees
     if not variance > np.finfo(np.float64).eps ** 2 * float(columns[:, 0] @ columns[:, 0]):
@@ -443,11 +432,9 @@ def excluded_sums(level: float, sums: int) -> int:
     """Return q such that 1 - q/m is the level."""
     excluded = (1 - Fraction(level).limit_denominator(10**6)) * sums
     if not (0.0 < level < 1.0 and excluded.denominator == 1 and 1 <= excluded < sums):
-        raise ParameterError(
-            "a level between 0 and 1 of which (1 - level) times the number of sums is a whole number",
-            f"level={level}, sums={sums}",
-            "Use level=0.95 with sums=100, or 0.99 with 200, for example.",
-        )
+        expected = "a level between 0 and 1 of which (1 - level) times the number of sums is a whole number"
+        remedy = "Use level=0.95 with sums=100, or 0.99 with 200, for example."
+        raise ParameterError(expected, f"level={level}, sums={sums}", remedy)
     return int(excluded)
 
 

@@ -56,11 +56,9 @@ class ConfidenceSet:
             or -inf in ends[1:]
             or not (ordered and separated)
         ):
-            raise ParameterError(
-                "intervals in ascending order and apart from each other",
-                f"{list(self.intervals)}",
-                "Use ConfidenceSet.union(intervals), which sorts and joins them.",
-            )
+            expected = "intervals in ascending order and apart from each other"
+            remedy = "Use ConfidenceSet.union(intervals), which sorts and joins them."
+            raise ParameterError(expected, f"{list(self.intervals)}", remedy)
 
     @classmethod
     def empty(cls) -> ConfidenceSet:
@@ -130,9 +128,7 @@ class ConfidenceSet:
 
     @classmethod
     def from_membership(
-        cls,
-        contains: Callable[[Float[np.ndarray, " k"]], Bool[np.ndarray, " k"]],
-        roots: Iterable[float],
+        cls, contains: Callable[[Float[np.ndarray, " k"]], Bool[np.ndarray, " k"]], roots: Iterable[float]
     ) -> ConfidenceSet:
         """Set whose membership can change at `roots` only.
 

@@ -264,13 +264,8 @@ def _part(
 
 def check_covariance_estimator(estimator: object) -> None:
     """Refuse what is no estimator of covariances."""
-    checks.kind(
-        "covariance",
-        estimator,
-        CovarianceEstimator,
-        "one of eivor.covariances",
-        "Make one: ev.covariances.Classical().",
-    )
+    remedy = "Make one: ev.covariances.Classical()."
+    checks.kind("covariance", estimator, CovarianceEstimator, "one of eivor.covariances", remedy)
 
 
 @dataclass(frozen=True, slots=True)
@@ -522,13 +517,8 @@ class KernelRobust(CovarianceEstimator):
 
     def __post_init__(self) -> None:
         checks.kind("kernel", self.kernel, Kernel, "a kernel", "Make one: ev.covariances.Bartlett().")
-        checks.kind(
-            "bandwidth",
-            self.bandwidth,
-            Bandwidth,
-            "a bandwidth",
-            "Make one: ev.covariances.FixedBandwidth(9).",
-        )
+        remedy = "Make one: ev.covariances.FixedBandwidth(9)."
+        checks.kind("bandwidth", self.bandwidth, Bandwidth, "a bandwidth", remedy)
         checks.flag("fixed_b", self.fixed_b)
 
     def parts(self, equation: EstimatingEquation) -> tuple[CovariancePart, ...]:

@@ -121,11 +121,9 @@ class Products:
     def __add__(self, other: Products) -> Products:
         """Blocks of both, one after the other."""
         if self.layout != other.layout:
-            raise UsageError(
-                f"products of {_words(self.layout)}",
-                f"products of {_words(other.layout)}",
-                "Add the products of one problem.",
-            )
+            expected = f"products of {_words(self.layout)}"
+            remedy = "Add the products of one problem."
+            raise UsageError(expected, f"products of {_words(other.layout)}", remedy)
         return replace(
             self,
             counts=np.concatenate([self.counts, other.counts]),

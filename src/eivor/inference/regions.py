@@ -107,11 +107,8 @@ class ConfidenceRegion:
         """
         values = checks.real_array("theta", theta)
         if values.shape != (len(self.names),):
-            raise ShapeError(
-                f"one value for each of {', '.join(self.names)}",
-                f"shape {values.shape}",
-                "Give them in this order.",
-            )
+            expected = f"one value for each of {', '.join(self.names)}"
+            raise ShapeError(expected, f"shape {values.shape}", "Give them in this order.")
         return float(self.shape.excess(self.frame.homogeneous(values)[None, :])[0])
 
     def contains(self, theta: ArrayLike) -> bool:
@@ -358,21 +355,16 @@ class Ellipse:
 
     def __post_init__(self) -> None:
         if self.centre.shape != (2,) or self.covariance.shape != (2, 2):
-            raise ShapeError(
-                "a pair of estimates and their 2 x 2 covariance",
-                f"shapes {self.centre.shape} and {self.covariance.shape}",
-                "Choose two parameters, or two linear combinations.",
-            )
+            expected = "a pair of estimates and their 2 x 2 covariance"
+            remedy = "Choose two parameters, or two linear combinations."
+            raise ShapeError(expected, f"shapes {self.centre.shape} and {self.covariance.shape}", remedy)
         C = self.covariance
         shared = math.sqrt(max(float(C[0, 0]) * float(C[1, 1]), 0.0))
         symmetric = abs(float(C[0, 1] - C[1, 0])) <= 1e-10 * shared
         bounded = abs(float(C[0, 1])) <= shared * (1.0 + 1e-10)
         if not (np.isfinite(C).all() and C[0, 0] >= 0.0 and C[1, 1] >= 0.0 and symmetric and bounded):
-            raise UsageError(
-                "a finite, symmetric, positive semidefinite covariance",
-                f"{C.tolist()}",
-                "Use rows and columns of an estimate's covariance.",
-            )
+            remedy = "Use rows and columns of an estimate's covariance."
+            raise UsageError("a finite, symmetric, positive semidefinite covariance", f"{C.tolist()}", remedy)
         hotelling_quantile(self.level, 2, self.degrees)
 
     @property
@@ -471,11 +463,9 @@ def joint_ellipse(
     """Confidence ellipse of two linear combinations of a vector of estimates."""
     size = values.size
     if covariance.shape != (size, size) or directions.shape != (2, size):
-        raise ShapeError(
-            f"a {size} x {size} covariance and two directions of length {size}",
-            f"shapes {covariance.shape} and {directions.shape}",
-            "Give one coefficient for each estimate.",
-        )
+        expected = f"a {size} x {size} covariance and two directions of length {size}"
+        remedy = "Give one coefficient for each estimate."
+        raise ShapeError(expected, f"shapes {covariance.shape} and {directions.shape}", remedy)
     C = directions @ covariance @ directions.T
     return Ellipse(directions @ values, 0.5 * (C + C.T), level, float(degrees))
 
@@ -484,11 +474,8 @@ def hotelling_quantile(level: float, dimension: int, degrees: float = math.inf) 
     """Value that Hotelling's T^2 stays below with probability `level`."""
     check_level(level)
     if not degrees >= dimension:
-        raise UsageError(
-            f"at least {dimension} degrees of freedom for {dimension} estimates together",
-            f"{degrees:g}",
-            "Use more cosine averages, or intervals one by one.",
-        )
+        expected = f"at least {dimension} degrees of freedom for {dimension} estimates together"
+        raise UsageError(expected, f"{degrees:g}", "Use more cosine averages, or intervals one by one.")
     if math.isinf(degrees):
         return chi_square_quantile(level, dimension)
     second = degrees - dimension + 1.0

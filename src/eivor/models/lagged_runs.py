@@ -140,19 +140,15 @@ class LaggedRuns(SeparableProblem):
             )
         for item in self.columns:
             if item.responses.shape[1] not in (1, 2):
-                raise ShapeError(
-                    "one or two candidates for the response of an axis",
-                    f"{item.responses.shape[1]}",
-                    "Give what was measured and, beside it, a derivative of what was measured.",
-                )
+                expected = "one or two candidates for the response of an axis"
+                remedy = "Give what was measured and, beside it, a derivative of what was measured."
+                raise ShapeError(expected, f"{item.responses.shape[1]}", remedy)
         for axis in self.axes:
             widths = [column.instruments.shape[1] for column in self.columns if column.axis == axis]
             if len(set(widths)) != 1:
-                raise InstrumentError(
-                    "the same instruments in every flight of a pool",
-                    f"{widths} columns",
-                    "Pool flights that log the same references, or name the instruments.",
-                )
+                expected = "the same instruments in every flight of a pool"
+                remedy = "Pool flights that log the same references, or name the instruments."
+                raise InstrumentError(expected, f"{widths} columns", remedy)
 
     @cached_property
     def axes(self) -> tuple[int, ...]:
@@ -194,11 +190,9 @@ class LaggedRuns(SeparableProblem):
         for column in self.columns:
             columns, positions = column.moving(nuisances), self._positions(column)
             if columns.shape[1] != len(positions):
-                raise ShapeError(
-                    f"a fixed or moving column for each of {len(self.parameters)} parameters",
-                    f"{column.fixed.shape[1]} and {columns.shape[1]}",
-                    "Give columns of zeros for what is not in an axis' equation, or say what is.",
-                )
+                expected = f"a fixed or moving column for each of {len(self.parameters)} parameters"
+                remedy = "Give columns of zeros for what is not in an axis' equation, or say what is."
+                raise ShapeError(expected, f"{column.fixed.shape[1]} and {columns.shape[1]}", remedy)
             results.extend(columns[run] for run in column.runs)
         return results
 

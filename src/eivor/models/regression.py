@@ -84,11 +84,9 @@ class Column:
         """
         count = signals.sample_count - first
         if count < 1 or self.lag > first:
-            raise TooFewSamplesError(
-                f"more than {max(first, self.lag)} samples",
-                f"{signals.sample_count}",
-                "Give a longer record or fewer lags.",
-            )
+            expected = f"more than {max(first, self.lag)} samples"
+            remedy = "Give a longer record or fewer lags."
+            raise TooFewSamplesError(expected, f"{signals.sample_count}", remedy)
         gain = self.gain * (signals.channel(self.gain_channel)[first:] if self.gain_channel else 1.0)
         if not self.channel:
             return np.full(count, gain)
@@ -315,11 +313,9 @@ class Regression(LinearProblem):
             object.__setattr__(self, "layout", SampleRows(np.zeros(rows, dtype=np.int64)))
         laid_out = self.layout.flight_of_row.shape
         if laid_out != (rows,):
-            raise ShapeError(
-                f"a layout of {rows} rows, as many as the response has",
-                f"one of shape {laid_out}",
-                "Give the flight of every row, or no layout for the samples of one flight.",
-            )
+            expected = f"a layout of {rows} rows, as many as the response has"
+            remedy = "Give the flight of every row, or no layout for the samples of one flight."
+            raise ShapeError(expected, f"one of shape {laid_out}", remedy)
 
     @property
     def units(self) -> tuple[str, ...]:
@@ -377,27 +373,21 @@ class Regression(LinearProblem):
 
 def _check_rows(y: np.ndarray, Phi: np.ndarray, Psi: np.ndarray, names: tuple[str, ...]) -> None:
     if y.ndim != 1 or Phi.ndim != 2 or Psi.ndim != 2:
-        raise ShapeError(
-            "a response of shape (rows,), and regressors and instruments with two dimensions",
-            f"shapes {y.shape}, {Phi.shape} and {Psi.shape}",
-            "Stack columns with numpy.column_stack.",
-        )
+        expected = "a response of shape (rows,), and regressors and instruments with two dimensions"
+        remedy = "Stack columns with numpy.column_stack."
+        raise ShapeError(expected, f"shapes {y.shape}, {Phi.shape} and {Psi.shape}", remedy)
     rows, unknowns = Phi.shape
     if y.shape != (rows,) or Psi.shape[0] != rows:
-        raise ShapeError(
-            "response, regressors and instruments with equally many rows",
-            f"{y.shape}, {Phi.shape} and {Psi.shape}",
-            "Cut them from the same samples.",
-        )
+        expected = "response, regressors and instruments with equally many rows"
+        remedy = "Cut them from the same samples."
+        raise ShapeError(expected, f"{y.shape}, {Phi.shape} and {Psi.shape}", remedy)
     if len(names) != unknowns:
         raise ShapeError(f"one name for each of {unknowns} regressors", f"{len(names)}", "Name every column.")
     twice = sorted(item for item, count in Counter(names).items() if count > 1)
     if twice:
-        raise UsageError(
-            "a name of its own for every parameter",
-            f"{', '.join(repr(item) for item in twice)} more than once",
-            "An estimate is requested by the name of its parameter.",
-        )
+        expected = "a name of its own for every parameter"
+        remedy = "An estimate is requested by the name of its parameter."
+        raise UsageError(expected, f"{', '.join(repr(item) for item in twice)} more than once", remedy)
     if rows < unknowns:
         raise TooFewSamplesError(
             f"at least {unknowns} rows for {unknowns} unknowns", f"{rows}", "Give a longer record."
@@ -433,11 +423,9 @@ def _check_noise(
     unknowns, available = Phi.shape[1], Psi.shape[1]
     if specific is not None:
         if specific.shape != (unknowns + 1, unknowns + 1):
-            raise ShapeError(
-                f"a {unknowns + 1} x {unknowns + 1} covariance of the noises of [regressors, response]",
-                f"shape {specific.shape}",
-                "Its last row and column belong to the response.",
-            )
+            expected = f"a {unknowns + 1} x {unknowns + 1} covariance of the noises of [regressors, response]"
+            remedy = "Its last row and column belong to the response."
+            raise ShapeError(expected, f"shape {specific.shape}", remedy)
         check_covariance(specific)
     if shared is not None:
         if shared.shape != (available, unknowns + 1):
@@ -454,11 +442,8 @@ def check_covariance(matrix: Float[np.ndarray, "n n"]) -> None:
     """Raise when a matrix is not a covariance."""
     check_finite("covariance", matrix)
     if np.abs(matrix).max(initial=0.0) > LARGEST_VARIANCE:
-        raise CovarianceError(
-            f"variances up to {LARGEST_VARIANCE:g}",
-            f"{np.abs(matrix).max():g}",
-            "Give columns and noises in other units; products of these no double can hold.",
-        )
+        remedy = "Give columns and noises in other units; products of these no double can hold."
+        raise CovarianceError(f"variances up to {LARGEST_VARIANCE:g}", f"{np.abs(matrix).max():g}", remedy)
     scale = np.sqrt(np.abs(np.diag(matrix)))
     scale = np.where(scale > 0.0, scale, 1.0)
     unit = matrix / np.outer(scale, scale)
@@ -466,11 +451,9 @@ def check_covariance(matrix: Float[np.ndarray, "n n"]) -> None:
         raise CovarianceError("a symmetric covariance", "one that is not", "Symmetrise it: 0.5 * (C + C.T).")
     smallest = float(np.linalg.eigvalsh(unit)[0])
     if smallest < -1e-10:
-        raise CovarianceError(
-            "a positive semidefinite covariance",
-            f"one whose correlations have the eigenvalue {smallest:.3g}",
-            "Check the signs and sizes of its off-diagonal elements.",
-        )
+        expected = "a positive semidefinite covariance"
+        remedy = "Check the signs and sizes of its off-diagonal elements."
+        raise CovarianceError(expected, f"one whose correlations have the eigenvalue {smallest:.3g}", remedy)
 
 
 def regression(
