@@ -100,9 +100,9 @@ def test_blocks_of_folded_products_are_their_rows():
         scale = np.abs(current).max()
         np.testing.assert_allclose(record.products.instruments[k], current[:6, :6], atol=1e-10 * scale)
         np.testing.assert_allclose(record.products.cross[k], current[:6, 6:8], atol=1e-10 * scale)
-        np.testing.assert_allclose(record.products.residual[k], current[:6, 8], atol=1e-10 * scale)
+        np.testing.assert_allclose(record.products.instrument_response[k], current[:6, 8], atol=1e-10 * scale)
         np.testing.assert_allclose(record.products.regressors[k], current[6:8, 6:8], atol=1e-10 * scale)
-        np.testing.assert_allclose(record.products.regressor_residual[k], current[6:8, 8], atol=1e-10 * scale)
+        np.testing.assert_allclose(record.products.regressor_response[k], current[6:8, 8], atol=1e-10 * scale)
         np.testing.assert_allclose(record.products.power[k], current[8, 8], atol=1e-10 * scale)
 
 

@@ -326,7 +326,6 @@ def _linearised_estimate(method: LinearMethod, problem: LinearisableProblem) -> 
 def _plain_estimate(
     method: LinearMethod, candidate: Candidate, parameters: tuple[Parameter, ...]
 ) -> Estimate:
-    """Estimate of plain rows, with the reasons for the status weak."""
     reasons = (
         *weak_instruments(candidate.moments, candidate.system, parameters),
         *overstated_noise(candidate.moments, parameters),
@@ -345,7 +344,6 @@ def check_linear(method: object) -> None:
 
 
 def _separable_estimate(method: LinearMethod, problem: SeparableProblem) -> Estimate:
-    """Estimate with a candidate for each combination of the discrete nuisances' values."""
     candidates = on_nested_grids(
         problem.nuisances,
         partial(_candidate, method, problem),
@@ -362,7 +360,6 @@ def _separable_estimate(method: LinearMethod, problem: SeparableProblem) -> Esti
 def _candidate(
     method: LinearMethod, problem: SeparableProblem, fixed: dict[str, float], candidate: Candidate | None
 ) -> Candidate:
-    """Estimate at some values of the discrete nuisances: passes of search and renewed row weights."""
     start = problem.warm_start
     if start is not None:
         weights = method.row_weighting.last_pass(problem, start.theta, start.nuisances)

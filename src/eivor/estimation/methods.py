@@ -67,12 +67,17 @@ def identify(problem: Problem, method: Method) -> Estimate:
         When the equations have no unique solution.
     """
     if not isinstance(problem, LinearProblem | SeparableProblem | ProblemMoments):
-        expected = "a problem: regression(...), a model's regression, or moments(...)"
-        raise UsageError(expected, f"{type(problem).__name__}", "For a flight log use identify_flight.")
+        raise UsageError(
+            "a problem: regression(...), a model's regression, or moments(...)",
+            f"{type(problem).__name__}",
+            "For a flight log use identify_flight.",
+        )
     if not isinstance(method, Method):
-        expected = "a method, such as eivor.methods.least_squares()"
-        remedy = "Call the function of eivor.methods that is named so."
-        raise UsageError(expected, repr(method) if isinstance(method, str) else type(method).__name__, remedy)
+        raise UsageError(
+            "a method, such as eivor.methods.least_squares()",
+            repr(method) if isinstance(method, str) else type(method).__name__,
+            "Call the function of eivor.methods that is named so.",
+        )
     estimate = method.estimate(problem)
     if method.needs_instruments or not isinstance(problem, LinearProblem) or not problem.instrument_count:
         return estimate
@@ -262,7 +267,6 @@ def _limited_information(name: str, assembler: Assembler, solver: Solver) -> Lin
 
 
 def _weighting(weighting: EquationWeighting | None) -> EquationWeighting:
-    """Return the weighting given, or none."""
     if weighting is None:
         return Unweighted()
     checks.kind("weighting", weighting, EquationWeighting, "a weighting", "Make one: ev.methods.TwoStage().")

@@ -195,7 +195,6 @@ def _squares(
     cross: Float[np.ndarray, "K p m"],
     edges: Int[np.ndarray, " K_plus_1"],
 ) -> Float[np.ndarray, "K m m"]:
-    """Sums over each block of the products of columns among themselves."""
     m, ends = len(columns), list(pairwise(edges.tolist()))
     sums = np.empty((len(ends), m, m))
     for i in range(m):
@@ -243,9 +242,8 @@ def products_of(problem: LinearProblem, *, instruments: bool = True, whole: bool
         psi, edges = rows.instruments if instruments else rows.regressors, np.array([0, rows.response.size])
         made = products_of_rows(psi, rows.regressors, rows.response, edges=edges, whole=whole)
     if not np.isfinite(made.sums).all():
-        raise NonFiniteError(
-            "finite cross-products", "NaN or infinity", "Check the channels for overflow or missing values."
-        )
+        remedy = "Check the channels for overflow or missing values."
+        raise NonFiniteError("finite cross-products", "NaN or infinity", remedy)
     return made
 
 

@@ -200,9 +200,8 @@ class ChangeDetector:
         if not all(getattr(self, name) > 0 for name in ("threshold", "drift", *lengths)):
             raise UsageError("a detector whose numbers are above zero", repr(self), "The defaults are.")
         if not self.limit > self.drift:
-            raise UsageError(
-                "a limit above the drift", f"{self.limit:g} and {self.drift:g}", "No sum would ever grow."
-            )
+            remedy = "No sum would ever grow."
+            raise UsageError("a limit above the drift", f"{self.limit:g} and {self.drift:g}", remedy)
 
 
 @dataclass(frozen=True, slots=True)

@@ -73,9 +73,8 @@ def moments(
         result = ProblemMoments(problem.parameters, method.moments(problem))
         total = result if total is None else total.merge(result)
     if total is None:
-        raise TooFewSamplesError(
-            "chunks with more samples than the largest lag", "none", "Give longer chunks, or fewer lags."
-        )
+        remedy = "Give longer chunks, or fewer lags."
+        raise TooFewSamplesError("chunks with more samples than the largest lag", "none", remedy)
     return total
 
 
@@ -133,9 +132,9 @@ def _check_successor(before: Signals, chunk: Signals) -> None:
         )
     expected = before.offset + before.sample_count
     if chunk.offset not in (0, expected):
-        expected = f"a chunk that begins where the one before it ends, at sample {expected}"
+        place = f"a chunk that begins where the one before it ends, at sample {expected}"
         remedy = "Give every chunk, in order; mark samples that are missing as not valid."
-        raise UsageError(expected, f"one that says it begins at sample {chunk.offset}", remedy)
+        raise UsageError(place, f"one that says it begins at sample {chunk.offset}", remedy)
 
 
 # -- Chunked fit --
@@ -179,9 +178,11 @@ def identify_chunks(
     check_chunked(model, method, instruments)
     check_covariance_estimator(covariance)
     if not callable(chunks):
-        expected = "a function that gives the chunks anew in every pass"
-        remedy = "Give lambda: ev.read_chunks(file, ...), for example."
-        raise UsageError(expected, checks.described(chunks), remedy)
+        raise UsageError(
+            "a function that gives the chunks anew in every pass",
+            checks.described(chunks),
+            "Give lambda: ev.read_chunks(file, ...), for example.",
+        )
     first = moments(chunks(), model=model, method=method, instruments=instruments)
     estimate = identify(first, method)
     total = first.moments
@@ -360,11 +361,10 @@ class WeightedBlockSums:
 
     def __add__(self, other: WeightedBlockSums) -> WeightedBlockSums:
         """Blocks of both, one after the other."""
-        return WeightedBlockSums(
-            self.products + other.products,
-            np.concatenate([self.noise, other.noise]),
-            np.concatenate([self.squares, other.squares]),
+        noise, squares = (
+            np.concatenate(both) for both in ((self.noise, other.noise), (self.squares, other.squares))
         )
+        return WeightedBlockSums(self.products + other.products, noise, squares)
 
     def between(self, start: int, stop: int) -> WeightedBlockSums:
         """Some of the blocks."""
@@ -374,11 +374,8 @@ class WeightedBlockSums:
 
     def weighted(self, factors: Float[np.ndarray, " K"]) -> WeightedBlockSums:
         """One sum of all, each block with a factor."""
-        return WeightedBlockSums(
-            self.products.weighted(factors),
-            (factors @ self.noise)[None, :],
-            np.array([factors**2 @ self.squares]),
-        )
+        noise, squares = (factors @ self.noise)[None, :], np.array([factors**2 @ self.squares])
+        return WeightedBlockSums(self.products.weighted(factors), noise, squares)
 
 
 def sums_of_rows(rows: TimedRows, forgetting: Forgetting, length: int, *, whole: bool) -> WeightedBlockSums:

@@ -244,8 +244,6 @@ class NoiseEstimatingIV(Method):
 
 @dataclass
 class _MomentSearch:
-    """The weighted moments of one problem, and their least."""
-
     shared: SharedMoments  # With the unknown noises
 
     def __post_init__(self) -> None:

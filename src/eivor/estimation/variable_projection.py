@@ -164,7 +164,6 @@ def _refined(
     grids: list[Float[np.ndarray, " _"]],
     tolerance: float,
 ) -> Trial:
-    """Least trial between the grid's points, never worse than the best of these."""
     if not unknown:
         return best
     if len(unknown) > 1:
@@ -393,7 +392,6 @@ class _Grids(Generic[Made]):
         return min((candidate for _, candidate in result), key=self.criterion)
 
     def _profile(self, nuisance: Nuisance, result: Found[Made]) -> dict[float, float]:
-        """Least criterion at each value of a nuisance, in their order."""
         least: dict[float, float] = {}
         for item, candidate in sorted(result, key=lambda pair: pair[0][nuisance.name]):
             value = item[nuisance.name]
@@ -401,7 +399,6 @@ class _Grids(Generic[Made]):
         return least
 
     def _added(self, nuisances: tuple[Nuisance, ...], longer: Nuisance, result: Found[Made]) -> Found[Made]:
-        """Candidates at the values that a longer grid has more."""
         known, best = {item[longer.name] for item, _ in result}, self.best_of(result)
         every = combinations(_with(nuisances, longer))
         return [(item, self.made(item, best)) for item in every if item[longer.name] not in known]

@@ -125,9 +125,8 @@ class HomoskedasticShape(RegionShape):
     ) -> ConfidenceSet:
         """Members on a line, in closed form."""
         Q = self.explained - self.critical * self.unexplained
-        return ConfidenceSet.from_quadratic(
-            float(step @ Q @ step), float(2.0 * (base @ Q @ step)), float(base @ Q @ base)
-        )
+        coefficients = (step @ Q @ step, 2.0 * (base @ Q @ step), base @ Q @ base)
+        return ConfidenceSet.from_quadratic(*map(float, coefficients))
 
     def shadow(self, axis: int) -> ConfidenceSet:
         """Values that some x of the other parameters passes the test with, in closed form."""
@@ -156,9 +155,8 @@ def robust_region(names: tuple[str, ...], scores: LinearScores, level: float) ->
         pivot = _weighted_solution(scores.total, root)
     frame = RegionFrame(pivot, _standard_errors(scores.total, root))
     whitening = scipy.linalg.solve_triangular(root, np.eye(p), lower=True)
-    shape = RobustShape(
-        scores.changed(whitening, _to_frame(frame)), hotelling_quantile(level, p, float(averages))
-    )
+    critical = hotelling_quantile(level, p, float(averages))
+    shape = RobustShape(scores.changed(whitening, _to_frame(frame)), critical)
     return ConfidenceRegion(names, frame, shape)
 
 
@@ -179,9 +177,8 @@ def homoskedastic_region(
     left = residual - Q @ (Q.T @ residual)
     degrees = rows - p - partialled
     if degrees < 1:
-        raise TooFewSamplesError(
-            f"more than {p + partialled} rows for as many instruments", f"{rows}", "Give a longer record."
-        )
+        expected = f"more than {p + partialled} rows for as many instruments"
+        raise TooFewSamplesError(expected, f"{rows}", "Give a longer record.")
     variance = float(left @ left) / degrees
     if not variance > np.finfo(np.float64).eps ** 2 * float(columns[:, 0] @ columns[:, 0]):
         raise _no_error()
@@ -234,7 +231,6 @@ def _solution(
 def _standard_errors(
     total: Float[np.ndarray, "p n_plus_1"], root: Float[np.ndarray, "p p"]
 ) -> Float[np.ndarray, " n"]:
-    """Standard error of each parameter at the pivot."""
     A = scipy.linalg.solve_triangular(root, total[:, 1:], lower=True)
     lengths = _lengths(A)
     singular, V = np.linalg.svd(A / lengths, full_matrices=False)[1:]
@@ -412,12 +408,8 @@ class SignPerturbedShape(RegionShape):
     ) -> ConfidenceSet:
         """Members on a line: a rival is shorter where a quadratic is positive, whose roots are the ends."""
         D = self._differences
-        a, b, c = (
-            np.einsum("a,iab,b->i", step, D, step),
-            2.0 * np.einsum("a,iab,b->i", base, D, step),
-            np.einsum("a,iab,b->i", base, D, base),
-        )
-        ends = np.sort(_real_roots(a, b, c))
+        a, b, c = (np.einsum("a,iab,b->i", u, D, v) for u, v in ((step, step), (base, step), (base, base)))
+        ends = np.sort(_real_roots(a, 2.0 * b, c))
         if ends.size == 0:
             inside = bool(self.excess(base[None, :])[0] <= 1.0)
             return ConfidenceSet.whole_line() if inside else ConfidenceSet.empty()

@@ -126,19 +126,7 @@ def _optimal_length(series: Float[np.ndarray, " rows"], scheme: BlockScheme) -> 
 
 
 def autocovariance(series: Float[np.ndarray, " rows"], lags: int) -> Float[np.ndarray, " lags_plus_1"]:
-    """Mean products of a centred series with itself, divided by its length, at lags 0 to `lags`.
-
-    Parameters
-    ----------
-    series : ndarray, shape (rows,)
-        Centred series.
-    lags : int
-        Largest lag, below `rows`.
-
-    Notes
-    -----
-    By FFT of twice the length. Performs no checks.
-    """
+    """Mean products of a centred series with itself, divided by its length, at lags 0 to `lags`."""
     size = 1 << (2 * series.size - 1).bit_length()
     spectrum = np.abs(np.fft.rfft(series, size)) ** 2
     products: Float[np.ndarray, " lags_plus_1"] = np.fft.irfft(spectrum, size)[: lags + 1]

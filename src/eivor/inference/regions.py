@@ -157,9 +157,8 @@ class ConfidenceRegion:
             When the region does not have two parameters, or has no bounds and no window is given.
         """
         if len(self.names) != 2:
-            raise UsageError(
-                "a region of two parameters", f"one of {len(self.names)}", "Use interval(name) for each."
-            )
+            remedy = "Use interval(name) for each."
+            raise UsageError("a region of two parameters", f"one of {len(self.names)}", remedy)
         remedy = "Give window=((low, high), (low, high)) in the parameters' units."
         if window is not None:
             checks.items("window", window, (tuple, list), "two pairs of numbers", remedy)
@@ -278,9 +277,8 @@ def _searched(
         values = shape.excess(np.vstack([weights, weights + moves]) @ span)
         return float(values[0]), (values[1 : start.size + 1] - values[start.size + 1 :]) / (2.0 * SEARCH_STEP)
 
-    solution = minimize(
-        value_and_slope, start, jac=True, method="BFGS", options={"maxiter": 60, "gtol": 1e-6}
-    )
+    options = {"maxiter": 60, "gtol": 1e-6}
+    solution = minimize(value_and_slope, start, jac=True, method="BFGS", options=options)
     if 1.0 < solution.fun < KINK_SHARE:
         solution = minimize(
             lambda weights: float(shape.excess((weights @ span)[None, :])[0]),
@@ -375,8 +373,7 @@ class Ellipse:
     @property
     def std_errors(self) -> Float[np.ndarray, "2"]:
         """Standard error of each of the pair."""
-        errors: Float[np.ndarray, "2"] = np.sqrt(np.diag(self.covariance))
-        return errors
+        return np.sqrt(np.diag(self.covariance))
 
     @property
     def correlation(self) -> float:
@@ -386,24 +383,16 @@ class Ellipse:
 
     @property
     def bounds(self) -> Float[np.ndarray, "2 2"]:
-        """Lowest and highest value (columns) of each of the pair (rows) on the ellipse.
-
-        Wider than the intervals of the parameters one by one: these hold for both, whatever their
-        combination (Scheffe).
-        """
+        """Lowest and highest value (columns) of each of the pair (rows) on the ellipse."""
         reach = math.sqrt(self.squared_radius) * self.std_errors
         return np.column_stack([self.centre - reach, self.centre + reach])
 
     @property
     def semi_axes(self) -> Float[np.ndarray, "2 2"]:
-        """Vectors (rows) from the centre to the ends of the longer and of the shorter axis.
-
-        Orthogonal in the plane of the two numbers, so that they change with the parameters' units.
-        """
+        """Vectors (rows) from the centre to the ends of the longer and of the shorter axis."""
         eigenvalues, vectors = np.linalg.eigh(self.covariance)
         lengths = np.sqrt(self.squared_radius * np.maximum(eigenvalues, 0.0))
-        axes: Float[np.ndarray, "2 2"] = (vectors * lengths).T[::-1]
-        return axes
+        return (vectors * lengths).T[::-1]
 
     @property
     def area(self) -> float:
@@ -418,19 +407,10 @@ class Ellipse:
         # principal axes of the correlation matrix, whatever r: the diagonals of the unit square
         along, across = np.sqrt(0.5 * (1.0 + r)) * np.cos(angle), np.sqrt(0.5 * (1.0 - r)) * np.sin(angle)
         unit = np.column_stack([along - across, along + across])
-        outline: Float[np.ndarray, "points 2"] = (
-            self.centre + math.sqrt(self.squared_radius) * unit * self.std_errors
-        )
-        return outline
+        return np.asarray(self.centre + math.sqrt(self.squared_radius) * unit * self.std_errors)
 
     def distance(self, points: Float[np.ndarray, "k 2"]) -> Float[np.ndarray, " k"]:
-        """Squared distance (p - c)' C^-1 (p - c) of each point; infinite off a degenerate ellipse.
-
-        Parameters
-        ----------
-        points : ndarray, shape (k, 2)
-            Points of the plane.
-        """
+        """Squared distance (p - c)' C^-1 (p - c) of each point; infinite off a degenerate ellipse."""
         errors, r = self.std_errors, self.correlation
         away = points - self.centre
         z = np.divide(away, errors, out=np.where(away == 0.0, 0.0, np.inf), where=errors > 0.0)
@@ -442,13 +422,7 @@ class Ellipse:
         return squared + np.square(rest) / (1.0 - r * r)
 
     def contains(self, points: Float[np.ndarray, "k 2"]) -> Bool[np.ndarray, " k"]:
-        """Return which points lie inside or on the ellipse.
-
-        Parameters
-        ----------
-        points : ndarray, shape (k, 2)
-            Points of the plane.
-        """
+        """Which points lie inside or on the ellipse."""
         return self.distance(points) <= self.squared_radius * (1.0 + 1e-12)
 
 

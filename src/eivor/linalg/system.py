@@ -116,9 +116,8 @@ class LinearSystem:
             expected = f"at least {unknowns} equations for {unknowns} unknowns"
             raise TooFewSamplesError(expected, f"{rows}", "Give more samples or more instruments.")
         if not (np.isfinite(self.matrix).all() and np.isfinite(self.right).all()):
-            raise NonFiniteError(
-                "finite equations", "NaN or infinity", "Repair or mask the samples they come from."
-            )
+            remedy = "Repair or mask the samples they come from."
+            raise NonFiniteError("finite equations", "NaN or infinity", remedy)
 
     @property
     def equations(self) -> float:

@@ -200,9 +200,8 @@ def split_problem(system: LinearSystem) -> SplitProblem:
         raise TooFewSamplesError(expected, f"{rows}", "Give more equations, or use least squares.")
     S = np.eye(unknowns + 1) if system.error_covariance is None else system.error_covariance
     if not (np.diag(S) >= 0.0).all():
-        raise CovarianceError(
-            "variances of zero or more", f"{np.diag(S)}", "Check the covariance of the columns' errors."
-        )
+        remedy = "Check the covariance of the columns' errors."
+        raise CovarianceError("variances of zero or more", f"{np.diag(S)}", remedy)
     exact = np.flatnonzero(np.diag(S)[:-1] == 0.0)
     noisy = np.flatnonzero(np.diag(S)[:-1] > 0.0)
     order = np.concatenate([exact, noisy])
@@ -383,9 +382,8 @@ def weighted_total_least_squares(
     checks.kind("system", system, LinearSystem, "a LinearSystem", "Make one: LinearSystem(A, b).")
     A, b, S = system.matrix, system.right, checks.real_array("row_covariances", row_covariances)
     if S.shape != (*A.shape[:1], A.shape[1] + 1, A.shape[1] + 1):
-        raise ShapeError(
-            f"covariances of shape {(A.shape[0], A.shape[1] + 1, A.shape[1] + 1)}", f"{S.shape}", "One a row."
-        )
+        expected = f"covariances of shape {(A.shape[0], A.shape[1] + 1, A.shape[1] + 1)}"
+        raise ShapeError(expected, f"{S.shape}", "One a row.")
     start = LeastSquares().solve(system)
     # Rows [A b] in units in which every column has length one: neither the stopping rule nor the solve
     # then depends on the user's.

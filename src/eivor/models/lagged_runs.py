@@ -43,13 +43,8 @@ def lag_and_delay(
     step_s: float = 0.0,
 ) -> tuple[Nuisance, Nuisance]:
     """Nuisances of actuators that lag [s] behind delayed commands; samples a step apart resolve no less."""
-    delay = Nuisance(
-        DELAY,
-        np.asarray(delays_s, dtype=np.float64),
-        discrete=True,
-        halvings=DELAY_HALVINGS,
-        furthest=FURTHEST_DELAY_S,
-    )
+    grid, furthest = np.asarray(delays_s, dtype=np.float64), FURTHEST_DELAY_S
+    delay = Nuisance(DELAY, grid, discrete=True, halvings=DELAY_HALVINGS, furthest=furthest)
     return Nuisance(ACTUATOR_LAG, np.asarray(lags_s, dtype=np.float64), resolution=step_s), delay
 
 
@@ -100,17 +95,7 @@ def nothing_moves(count: int) -> Callable[[Values], Float[np.ndarray, "n 0"]]:
 
 @dataclass(frozen=True)
 class LaggedRuns(SeparableProblem):
-    """Regressions of runs for each value of the nuisances.
-
-    Raises
-    ------
-    TooFewSamplesError
-        When there is no run, or too little of the band is left.
-    ShapeError
-        When there is no candidate for the response, or more than two.
-    InstrumentError
-        When flights differ in the instruments of an axis.
-    """
+    """Regressions of runs for each value of the nuisances."""
 
     columns: tuple[AxisColumns, ...]  # Of each flight and axis
     #: Those of the fixed columns first; every axis has a column for each, maybe of zeros.
@@ -125,9 +110,8 @@ class LaggedRuns(SeparableProblem):
 
     def __post_init__(self) -> None:
         if not any(column.runs for column in self.columns):
-            raise TooFewSamplesError(
-                "at least one usable run of flight", "none", "See the reasons that `eivor inspect` gives."
-            )
+            remedy = "See the reasons that `eivor inspect` gives."
+            raise TooFewSamplesError("at least one usable run of flight", "none", remedy)
         runs = self._bin_layout.runs
         count, least = sum(run.count for run in runs), len(self.parameters) // 2 + 1  # two numbers each
         if count < least:
@@ -164,10 +148,7 @@ class LaggedRuns(SeparableProblem):
         noisier: LaggedRuns | None = None,
         begun: WarmStart | None = None,
     ) -> LaggedRuns:
-        """The same runs with moving columns that are sums of these, of which no spectrum is made twice.
-
-        `combination` says what each of the new parameters, `moving`, has of each of these.
-        """
+        """The same runs, their moving columns combined by a matrix; no spectrum is made twice."""
         fixed = self.parameters[: self.columns[0].fixed.shape[1]]
         parameters = (*fixed, *moving)
         result = replace(self, columns=columns, parameters=parameters, noisier=noisier, warm_start=begun)
@@ -258,20 +239,12 @@ class LaggedRuns(SeparableProblem):
         regressors = np.column_stack([fixed[:, 1:], moving])
         exact = np.zeros((instruments.shape[1], len(self.parameters) + 1))
         noise = RowNoise(None, exact) if self.noise is None else self.noise(nuisance_values)
-        regression = Regression(
-            fixed[:, 0],
-            regressors,
-            instruments,
-            self.parameters,
-            self._row_layout,
-            noise.regressors,
-            noise.instruments,
-        )
+        columns, noises = (fixed[:, 0], regressors, instruments), (noise.regressors, noise.instruments)
+        regression = Regression(*columns, self.parameters, self._row_layout, *noises)
         if self.noisier is None:
             return regression
-        return replace(
-            regression, regressor_noise=noise_of_surrogate(regression, self.noisier.rows(nuisance_values))
-        )
+        surrogate = self.noisier.rows(nuisance_values)
+        return replace(regression, regressor_noise=noise_of_surrogate(regression, surrogate))
 
     # -- rows in frequency ----------------------------------------------------------------------------
 

@@ -63,9 +63,8 @@ class Column:
         if not np.isfinite(self.gain):
             raise UsageError("a finite gain", f"{self.gain}", "A column of zeros has the gain 0.")
         if self.lag < 0:
-            raise UsageError(
-                "a lag of zero or more samples", f"{self.lag}", "Only past samples are regressors."
-            )
+            remedy = "Only past samples are regressors."
+            raise UsageError("a lag of zero or more samples", f"{self.lag}", remedy)
 
     @property
     def name(self) -> str:
@@ -75,13 +74,7 @@ class Column:
         return f"{self.channel}(k-{self.lag})" if self.lag else self.channel
 
     def values(self, signals: Signals, first: int) -> Float[np.ndarray, " rows"]:
-        """Column of `signals`, for the samples from `first` on.
-
-        Raises
-        ------
-        TooFewSamplesError
-            When no sample is that late.
-        """
+        """Values at the samples of `signals` from `first` on; an error where there is none."""
         count = signals.sample_count - first
         if count < 1 or self.lag > first:
             expected = f"more than {max(first, self.lag)} samples"
@@ -112,9 +105,8 @@ def lags(channel: str, first: int, last: int) -> tuple[Column, ...]:
     if last < first:
         raise UsageError("first <= last", f"first={first}, last={last}", "Both ends are included.")
     if last - first >= MOST_LAGS:
-        raise UsageError(
-            f"{MOST_LAGS} lags or fewer", f"first={first}, last={last}", "Each is a column of its own."
-        )
+        remedy = "Each is a column of its own."
+        raise UsageError(f"{MOST_LAGS} lags or fewer", f"first={first}, last={last}", remedy)
     return tuple(Column(channel, lag) for lag in range(first, last + 1))
 
 
@@ -123,18 +115,10 @@ def lags(channel: str, first: int, last: int) -> tuple[Column, ...]:
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """One unknown.
+    """One unknown."""
 
-    Parameters
-    ----------
-    name : str
-        Term of the field, as used in results ("viscous_friction").
-    unit : str
-        SI unit, empty for a pure number.
-    """
-
-    name: str
-    unit: str = ""
+    name: str  # Term of the field, as used in results ("viscous_friction")
+    unit: str = ""  # SI; empty for a pure number
 
 
 @dataclass(frozen=True, slots=True)
@@ -339,13 +323,7 @@ class Regression(LinearProblem):
             yield RowBlock(self.response[here], self.regressors[here], self.instruments[here], flights[here])
 
     def regressor_noise_covariance(self) -> Float[np.ndarray, "n_plus_1 n_plus_1"]:
-        """Return the covariance that was given.
-
-        Raises
-        ------
-        MissingNoiseError
-            When none was.
-        """
+        """The covariance given; MissingNoiseError when none was."""
         if self.regressor_noise is None:
             expected = "the covariance of the measurement noises of regressors and response"
             remedy = "Give regression(noise_covariance=...); zeros say that a column is exact."
@@ -353,13 +331,7 @@ class Regression(LinearProblem):
         return self.regressor_noise
 
     def instrument_noise_covariance(self) -> Float[np.ndarray, "p n_plus_1"]:
-        """Return the covariance that was given.
-
-        Raises
-        ------
-        MissingNoiseError
-            When none was.
-        """
+        """The covariance given; MissingNoiseError when none was."""
         if self.instrument_noise is None:
             expected = "the covariance of the instruments' noises with those of regressors and response"
             remedy = "Give regression(instrument_noise_covariance=...); zeros say that they share none."
@@ -389,9 +361,8 @@ def _check_rows(y: np.ndarray, Phi: np.ndarray, Psi: np.ndarray, names: tuple[st
         remedy = "An estimate is requested by the name of its parameter."
         raise UsageError(expected, f"{', '.join(repr(item) for item in twice)} more than once", remedy)
     if rows < unknowns:
-        raise TooFewSamplesError(
-            f"at least {unknowns} rows for {unknowns} unknowns", f"{rows}", "Give a longer record."
-        )
+        remedy = "Give a longer record."
+        raise TooFewSamplesError(f"at least {unknowns} rows for {unknowns} unknowns", f"{rows}", remedy)
     for name, values in (("response", y), ("regressors", Phi), ("instruments", Psi)):
         check_finite(name, values)
 
@@ -499,9 +470,8 @@ def regression(
     Phi = _matrix("regressors", regressors)
     y = checks.real_array("response", response)
     if y.ndim != 1:
-        raise ShapeError(
-            "a response of shape (rows,)", f"shape {y.shape}", "Use .ravel() or choose a column."
-        )
+        remedy = "Use .ravel() or choose a column."
+        raise ShapeError("a response of shape (rows,)", f"shape {y.shape}", remedy)
     Psi = np.empty((Phi.shape[0], 0)) if instruments is None else _matrix("instruments", instruments)
     labels = tuple(f"theta_{j + 1}" for j in range(Phi.shape[1]))
     if names is not None:
@@ -521,7 +491,6 @@ def regression(
 def _matrix(name: str, values: ArrayLike) -> Float[np.ndarray, "m n"]:
     matrix = checks.real_array(name, values)
     if matrix.ndim != 2:
-        raise ShapeError(
-            f"{name} with two dimensions", f"shape {matrix.shape}", "Stack columns with numpy.column_stack."
-        )
+        remedy = "Stack columns with numpy.column_stack."
+        raise ShapeError(f"{name} with two dimensions", f"shape {matrix.shape}", remedy)
     return matrix
