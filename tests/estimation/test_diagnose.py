@@ -77,7 +77,7 @@ def test_folded_products_are_those_of_rows(lags):
     np.testing.assert_allclose(folded.residual, plain.residual, atol=1e-10)
     # blocks differ by a few samples: their sums agree, and so does everything said of the whole
     scale = np.abs(folded.products.instruments.sum(axis=0)).max()
-    for name in ("instruments", "cross", "residual", "regressors", "regressor_residual", "power"):
+    for name in ("instruments", "cross", "instrument_response", "regressors", "regressor_response", "power"):
         item, other = (np.sum(getattr(each.products, name), axis=0) for each in (folded, plain))
         np.testing.assert_allclose(item, other, atol=1e-9 * scale)
     np.testing.assert_allclose(folded.products.shared, noise[:, :-1], atol=1e-9)
@@ -100,9 +100,9 @@ def test_blocks_of_folded_products_are_their_rows():
         scale = np.abs(current).max()
         np.testing.assert_allclose(record.products.instruments[k], current[:6, :6], atol=1e-10 * scale)
         np.testing.assert_allclose(record.products.cross[k], current[:6, 6:8], atol=1e-10 * scale)
-        np.testing.assert_allclose(record.products.residual[k], current[:6, 8], atol=1e-10 * scale)
+        np.testing.assert_allclose(record.products.instrument_response[k], current[:6, 8], atol=1e-10 * scale)
         np.testing.assert_allclose(record.products.regressors[k], current[6:8, 6:8], atol=1e-10 * scale)
-        np.testing.assert_allclose(record.products.regressor_residual[k], current[6:8, 8], atol=1e-10 * scale)
+        np.testing.assert_allclose(record.products.regressor_response[k], current[6:8, 8], atol=1e-10 * scale)
         np.testing.assert_allclose(record.products.power[k], current[8, 8], atol=1e-10 * scale)
 
 

@@ -134,8 +134,8 @@ def test_units_do_not_count():
     products = compensated(3)
     psi, G, e = np.array([1e-6, 1.0, 1e6, 3.0, 1.0, 0.1]), np.full(products.cross.shape[2], 1e4), 1e-3
     unit = np.concatenate([psi, G, [e]])
-    table = replace(products.products, sums=products.products.sums * np.outer(unit, unit))
-    turned = type(products)(table, products.shared * np.outer(psi, G), products.constant * psi * e)
+    sums, shared = products.sums * np.outer(unit, unit), products.shared * np.outer(psi, G)
+    turned = replace(products, sums=sums, shared=shared, constant=products.constant * psi * e)
     assert (
         pytest.approx(robust_over_identification(products).J, rel=1e-6)
         == robust_over_identification(turned).J

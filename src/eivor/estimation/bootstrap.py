@@ -48,9 +48,8 @@ def products_by_flight(rows: Regression) -> Products:
     flights = rows.layout.flight_of_row
     order = np.argsort(flights, kind="stable")
     edges = np.append(np.flatnonzero(np.diff(flights[order], prepend=-1)), order.size)
-    return products_of_rows(
-        rows.instruments[order], rows.regressors[order], rows.response[order], edges=edges
-    )
+    columns = (part[order] for part in (rows.instruments, rows.regressors, rows.response))
+    return products_of_rows(*columns, edges=edges)
 
 
 # -- Pool replicates --
@@ -114,13 +113,9 @@ class CandidateFlights:
 
     def _of_one(self, known: Mapping[str, Prior]) -> dict[str, Prior]:
         """What is known of each nuisance by itself, where it is of its sum with those that are fixed here."""
-        others = {
-            axis.nuisance.name: sum(self.fixed[other] for other in axis.nuisance.known_with)
-            for axis in self.nodes.axes
-        }
-        return {
-            name: replace(prior, mean=prior.mean - others.get(name, 0.0)) for name, prior in known.items()
-        }
+        nuisances = [axis.nuisance for axis in self.nodes.axes]
+        others = {item.name: sum(self.fixed[other] for other in item.known_with) for item in nuisances}
+        return {name: replace(it, mean=it.mean - others.get(name, 0.0)) for name, it in known.items()}
 
 
 @dataclass(frozen=True)
@@ -159,18 +154,12 @@ def pool_flights(problem: SeparableProblem, estimate: Estimate) -> PoolFlights:
         and isinstance(method.assembler, Instrumental)
         and isinstance(method.row_weighting, SpectralWhitening)
     ):
-        raise UsageError(
-            "an estimate by whitened instruments (reference_iv)",
-            f"one by {method.name}",
-            "Identify the pool with the default method.",
-        )
+        expected = "an estimate by whitened instruments (reference_iv)"
+        raise UsageError(expected, f"one by {method.name}", "Identify the pool with the default method.")
     flights = np.unique(problem.bins(estimate.best.nuisances).layout.flight_of_row).tolist()
     if len(flights) < 2:
-        raise UsageError(
-            "a pool of two flights or more with usable runs",
-            f"{len(flights)}",
-            "Give several flights to identify_flight; ten or more make good intervals.",
-        )
+        remedy = "Give several flights to identify_flight; ten or more make good intervals."
+        raise UsageError("a pool of two flights or more with usable runs", f"{len(flights)}", remedy)
     nodes = nodes_of(problem.nuisances)
     candidates = tuple(
         _candidate_flights(problem, nodes, estimate.best, candidate, number)
@@ -273,9 +262,8 @@ class RootPieces:
         covariance = solved.system.error_covariance
         pull = self.solver.score_correction(np.ones(1), theta, covariance).rows[0]
         scores = products @ self.root[:, :-1] + np.outer(products @ away, pull)
-        return over_sensitivity(
-            scores, A, self.solver.score_correction(b - A @ theta, theta, covariance).sensitivity
-        )
+        correction = self.solver.score_correction(b - A @ theta, theta, covariance)
+        return over_sensitivity(scores, A, correction.sensitivity)
 
 
 #: Products of pieces of a record, which the moments of any replicate are added up from.
@@ -311,7 +299,6 @@ def piece_moments(rows: Regression, method: LinearMethod, whole: Moments, plan: 
 
 
 def _pieces(atoms: Products, plan: BlockPlan) -> Products:
-    """Products of each piece, from those of the atoms that it has."""
     return replace(atoms, counts=piece_sums(atoms.counts, plan), sums=piece_sums(atoms.sums, plan))
 
 
@@ -369,14 +356,6 @@ def bootstrap(
         For flights and moments, whose rows are not samples of one record, and for numbers out of range.
     EstimationError, TooFewSamplesError
         When the problem itself has no estimate.
-
-    Notes
-    -----
-    A replicate is the sum of its blocks' moments, made once in a pass over the rows. It costs as much as
-    there are blocks (many short ones where scores are white, some N^(2/3) where they are not), and one
-    solution of the method's equations. The noise that
-    compensated methods subtract, C and c, is the declared one in every replicate; so is a weight that is
-    made of residuals (`TwoStepRobust`), which changes the estimate to second order only.
     """
     check_linear(method)
     rows, kind = _sample_rows(problem), _scheme(scheme)
@@ -385,9 +364,8 @@ def bootstrap(
     solved = method.determined(whole, problem)
     plan = block_plan(rows.response.size, _length(block_length, rows, method, solved, kind), kind)
     renewed = method.equation_weighting.passes == 1
-    again = _RowReplicates(
-        method, piece_moments(rows, method, whole, plan), None if renewed else solved.factor
-    )
+    pieces = piece_moments(rows, method, whole, plan)
+    again = _RowReplicates(method, pieces, None if renewed else solved.factor)
     random = np.random.default_rng(seed)
     studentised = kind is not BlockScheme.STATIONARY
     results = [again.replicate(plan.drawn(random), errors=studentised) for _ in range(runs)]
@@ -411,8 +389,6 @@ def bootstrap(
 
 @dataclass(frozen=True)
 class _RowReplicates:
-    """How a replicate is estimated."""
-
     method: LinearMethod
     pieces: PieceMoments
     factor: Float[np.ndarray, "p p"] | None
@@ -447,7 +423,6 @@ class _RowReplicates:
 
 
 def _sample_rows(problem: LinearProblem) -> Regression:
-    """Rows in the time order of one record."""
     if not isinstance(problem, LinearProblem):
         raise UsageError(
             "a regression of rows in time",
@@ -457,11 +432,9 @@ def _sample_rows(problem: LinearProblem) -> Regression:
     rows = problem.rows()
     flights = rows.layout.flight_of_row
     if not isinstance(rows.layout, SampleRows) or np.any(flights != flights[0]):
-        raise UsageError(
-            "rows that are the samples of one record",
-            "rows of several flights, or of a spectrum",
-            "Use bootstrap_flights, or one record after the other.",
-        )
+        expected = "rows that are the samples of one record"
+        remedy = "Use bootstrap_flights, or one record after the other."
+        raise UsageError(expected, "rows of several flights, or of a spectrum", remedy)
     return rows
 
 

@@ -57,9 +57,8 @@ class ParameterEquations:
 def parameter_equations(rows: Regression, position: int) -> ParameterEquations:
     """Equations of the parameter of some number."""
     current = rows.regressors[:, position] != 0.0
-    others = [
-        j for j in range(rows.regressors.shape[1]) if j != position and rows.regressors[current, j].any()
-    ]
+    moving = np.flatnonzero(rows.regressors[current].any(axis=0))
+    others = moving[moving != position]
     instruments = rows.instruments
     if not current.all():
         basis, sizes, _ = np.linalg.svd(instruments[current], full_matrices=False)
@@ -169,11 +168,8 @@ def _criterion(
     lengths = np.sqrt(np.diagonal(np.mean(power, axis=0)))
     sizes = np.where(lengths > 0.0, lengths, 1.0)
 
-    known = [
-        (nuisance, nuisance.prior)
-        for nuisance in problem.nuisances
-        if nuisance.searched and nuisance.prior is not None
-    ]
+    searched = [nuisance for nuisance in problem.nuisances if nuisance.searched]
+    known = [(nuisance, nuisance.prior) for nuisance in searched if nuisance.prior is not None]
 
     def misfit(positions: Points) -> Points:
         index = {name: np.full(positions.size, value) for name, value in candidate.nuisances.items()}
@@ -239,11 +235,9 @@ def derived(estimate: Estimate, function: Function, level: float = 0.95) -> Deri
     results = derived_from(of_vector, joint_estimates(estimate, level), level)
     numbers = (results.value, results.std_error, *results.interval)
     if math.isnan(results.bend) or not np.isfinite(numbers).all():
-        raise UsageError(
-            "a function that is finite within the interval",
-            f"{results.value} with the interval {results.interval}",
-            "For a ratio whose denominator may be zero use eivor.ratio.",
-        )
+        expected = "a function that is finite within the interval"
+        remedy = "For a ratio whose denominator may be zero use eivor.ratio."
+        raise UsageError(expected, f"{results.value} with the interval {results.interval}", remedy)
     return results
 
 
@@ -257,11 +251,8 @@ def derived_from(
     function: OfVector, candidates: Sequence[JointEstimate], level: float, largest_bend: float = LARGEST_BEND
 ) -> DerivedQuantity:
     """A smooth function of a vector of estimates, with an interval that is a union over candidates."""
-    pieces = [
-        _of_part(function, candidate, part, level, largest_bend)
-        for candidate in candidates
-        for part in candidate.covariance.parts
-    ]
+    parts = [(candidate, part) for candidate in candidates for part in candidate.covariance.parts]
+    pieces = [_of_part(function, candidate, part, level, largest_bend) for candidate, part in parts]
     best = candidates[0]
     scale = np.sqrt(np.diag(best.covariance.matrix))
     return DerivedQuantity(
@@ -322,7 +313,6 @@ def _half_widths(part: CovariancePart, level: float) -> float:
 def _of_part(
     function: OfVector, candidate: JointEstimate, part: CovariancePart, level: float, largest_bend: float
 ) -> DerivedQuantity:
-    """Quantity of one candidate, under one assumption on the residual."""
     values, t = candidate.values, _half_widths(part, level)
     gradient = gradient_of(function, values, np.sqrt(np.diag(part.matrix)))
     error = math.sqrt(part.variance(gradient))

@@ -113,7 +113,6 @@ def record_of(candidate: Candidate) -> Record:
 
 
 def _of_rows(candidate: Candidate) -> Record:
-    """Any problem, from its rows in arrays."""
     rows, theta, jacobian = candidate.rows, candidate.theta, candidate.jacobian
     residual = candidate.residuals
     if candidate.assembler.moment_equations:
@@ -150,9 +149,8 @@ def _assembled(
         linear = candidate.system.matrix.shape[1]
         noise = A[:, :linear] - candidate.system.matrix
         shared = np.zeros(A.shape)
-        shared[:, :linear] = rows * np.where(
-            np.abs(noise) > SHARED_ROUNDING * np.abs(A[:, :linear]), noise, 0.0
-        )
+        seen = np.abs(noise) > SHARED_ROUNDING * np.abs(A[:, :linear])
+        shared[:, :linear] = rows * np.where(seen, noise, 0.0)
         A[:, :linear] = candidate.system.matrix
         WA = A if candidate.factor is None else scipy.linalg.cho_solve((candidate.factor, True), A)
         constant = rows * candidate.constant
@@ -181,7 +179,8 @@ def _of_blocks(problem: SignalRegression, candidate: Candidate, made: Products) 
     # The power of the residual is no difference of large numbers.
     edges = np.concatenate([[0], np.cumsum(made.counts).astype(np.int64)])
     products.sums[:, -1, -1] = [residual[a:b] @ residual[a:b] for a, b in pairwise(edges.tolist())]
-    result = EquationProducts(products, np.zeros((0, 0)), np.zeros(0))
+    nothing = np.zeros((0, 0)), np.zeros(0)
+    result = EquationProducts(products.counts, products.sums, products.layout, *nothing)
     step_s = problem.signals.step_s
     return Record(*_assembled(candidate, result), residual, tuple(values), tuple(factors), step_s)
 
@@ -236,20 +235,12 @@ def diagnose(estimate: Estimate) -> Diagnostics:
     ------
     EstimationError
         For an estimate from moments, which do not keep the rows.
-
-    Notes
-    -----
-    One pass over the rows gives sums of products over a hundred blocks or so, from which strength, J,
-    endogeneity, constancy, periodicity and leverage follow; whiteness, memory and spectra read the
-    residual.
     """
     checks.kind("estimate", estimate, Estimate, "an estimate", "Make one by ev.identify(...).")
     if not estimate.best.has_rows:
-        raise EstimationError(
-            "an estimate with its rows available, for diagnostics",
-            "an estimate from moments, which do not keep the rows",
-            "Identify a chunk that fits in memory, or the whole problem.",
-        )
+        expected = "an estimate with its rows available, for diagnostics"
+        remedy = "Identify a chunk that fits in memory, or the whole problem."
+        raise EstimationError(expected, "an estimate from moments, which do not keep the rows", remedy)
     return Diagnostics(estimate, estimate.best)
 
 
@@ -435,9 +426,8 @@ class Diagnostics:
     def __getitem__(self, name: str) -> Diagnostic | None:
         """Diagnostic of that name; None where it cannot be made."""
         if name not in DIAGNOSTICS:
-            raise UsageError(
-                f"a diagnostic out of {', '.join(DIAGNOSTICS)}", f"'{name}'", "Name one of them."
-            )
+            remedy = "Name one of them."
+            raise UsageError(f"a diagnostic out of {', '.join(DIAGNOSTICS)}", f"'{name}'", remedy)
         diagnostic: Diagnostic | None = getattr(self, name)
         return diagnostic
 
@@ -472,11 +462,8 @@ class Diagnostics:
 
         rows = [astuple(row) for item in self for row in item.rows(self.subject)]
         columns = ("diagnostic", "of", "value", "compare")
-        return pl.DataFrame(
-            rows,
-            schema=dict.fromkeys(columns[:2], pl.String) | dict.fromkeys(columns[2:], pl.Float64),
-            orient="row",
-        )
+        schema = dict.fromkeys(columns[:2], pl.String) | dict.fromkeys(columns[2:], pl.Float64)
+        return pl.DataFrame(rows, schema=schema, orient="row")
 
     def summary(self) -> str:
         """Every diagnostic in a line or two, and what to do about those that matter."""
@@ -520,17 +507,15 @@ def contradiction(problem: LinearProblem, estimate: Estimate) -> tuple[Reason, .
 
 
 def _scores(direct: Candidate, instrumental: Diagnostics) -> DirectScores:
-    """Scores of a direct estimate, from the products of an instrumental one."""
     products, theta = instrumental.record.products, direct.theta
     difference = theta - instrumental.candidate.theta
     GG = np.asarray(products.regressors.sum(axis=0))
-    power = float(products.power.sum() - 2.0 * difference @ products.regressor_residual.sum(axis=0))
+    power = float(products.power.sum() - 2.0 * difference @ products.regressor_response.sum(axis=0))
     power += float(difference @ GG @ difference)
     if direct.assembler.moment_equations:
         sensitivity = products.count * direct.system.matrix
         return DirectScores(difference, np.zeros(theta.size), direct.constant, sensitivity)
     root = np.sqrt(power)
     correction = direct.solver.score_correction(np.array([root]), theta, direct.system.error_covariance)
-    return DirectScores(
-        difference, correction.rows[0] / root, np.zeros(theta.size), GG + correction.sensitivity
-    )
+    pull, nothing = correction.rows[0] / root, np.zeros(theta.size)
+    return DirectScores(difference, pull, nothing, GG + correction.sensitivity)

@@ -117,11 +117,9 @@ class Candidate:
     def rows(self) -> Regression:
         """Weighted rows at the estimate; an `EstimationError` for an estimate from moments."""
         if self.problem is None:
-            raise EstimationError(
-                "an estimate with its rows available, for residuals and standard errors",
-                "an estimate from moments, which do not keep the rows",
-                "Pass over the chunks again with eivor.identify_chunks, or identify the whole problem.",
-            )
+            expected = "an estimate with its rows available, for residuals and standard errors"
+            remedy = "Pass over the chunks again with eivor.identify_chunks, or identify the whole problem."
+            raise EstimationError(expected, "an estimate from moments, which do not keep the rows", remedy)
         return self.problem.rows()
 
     @property
@@ -332,7 +330,6 @@ def _in_combinations(
 
 
 def _direct_equation(candidate: Candidate, blocks: Blocks) -> EstimatingEquation:
-    """Equation of a direct method."""
     system, theta, solver = candidate.system, candidate.theta, candidate.solver
     covariance, searched = system.error_covariance, candidate.nuisance_columns.shape[1]
     known, root = candidate.prior_rows(), triangular_root(system.matrix)
@@ -388,7 +385,6 @@ def _root_of(
 
 
 def _condition(root: Float[np.ndarray, "k n"]) -> float:
-    """Condition number, columns scaled to one length."""
     return float(np.linalg.cond(root * unit_scale(np.sum(root**2, axis=0))))
 
 
@@ -474,9 +470,8 @@ class Estimate:
 
     def least_comparable_criteria(self, criteria: Sequence[float]) -> list[float]:
         """For each candidate the least criterion of those it competes with, see `competing`."""
-        return least_comparable_criteria(
-            self.bounded, [candidate.nuisances for candidate in self.candidates], criteria
-        )
+        points = [candidate.nuisances for candidate in self.candidates]
+        return least_comparable_criteria(self.bounded, points, criteria)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -531,11 +526,9 @@ class Estimate:
         """
         check_covariance_estimator(estimator)
         if not all(candidate.has_rows for candidate in self.candidates):
-            raise EstimationError(
-                "an estimate with its rows available, for another covariance",
-                "one from chunks or moments, which keeps no rows",
-                "Name the covariance when you identify: identify_chunks(..., covariance=...).",
-            )
+            expected = "an estimate with its rows available, for another covariance"
+            remedy = "Name the covariance when you identify: identify_chunks(..., covariance=...)."
+            raise EstimationError(expected, "one from chunks or moments, which keeps no rows", remedy)
         changed = (replace(candidate, covariance_estimator=estimator) for candidate in self.candidates)
         return replace(self, candidates=tuple(changed))
 
@@ -626,9 +619,7 @@ class Estimate:
 
     def _repr_html_(self) -> str:
         frame = self.to_frame()
-        rows = [
-            [f"{cell:.5g}" if isinstance(cell, float) else str(cell) for cell in row] for row in frame.rows()
-        ]
+        rows = [[f"{x:.5g}" if isinstance(x, float) else str(x) for x in row] for row in frame.rows()]
         note = " ".join(f"{reason.sentence} {reason.remedy}" for reason in self.reasons)
         return html_table(f"{self.method}: {self.status.value}", frame.columns, rows, note)
 

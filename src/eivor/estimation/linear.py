@@ -92,11 +92,9 @@ def refined_nuisances(problem: LinearisableProblem, solve: Solve, start: Values)
                 "Give a wider range, or leave out a term that the data do not show.",
             )
         values = following
-    raise ConvergenceError(
-        f"steps of {', '.join(names)} that end",
-        f"some that go on after {MOST_STEPS}",
-        "Give a narrower range, a longer record, or less noise: the data hardly identify it.",
-    )
+    expected = f"steps of {', '.join(names)} that end"
+    remedy = "Give a narrower range, a longer record, or less noise: the data hardly identify it."
+    raise ConvergenceError(expected, f"some that go on after {MOST_STEPS}", remedy)
 
 
 # -- Shrinkage bias --
@@ -126,11 +124,8 @@ def shrinkage_bias(solution: Solution, parameters: tuple[Parameter, ...]) -> tup
 def check_freedom(rows: int | float, unknowns: int) -> None:
     """Refuse rows that any parameters fit: their residual of zero would pass for no error at all."""
     if rows <= unknowns:
-        raise TooFewSamplesError(
-            f"more rows than the {unknowns} unknowns, since the residual determines their errors",
-            f"{rows:g}",
-            "Give a longer record.",
-        )
+        expected = f"more rows than the {unknowns} unknowns, since the residual determines their errors"
+        raise TooFewSamplesError(expected, f"{rows:g}", "Give a longer record.")
 
 
 def check_rank(system: LinearSystem) -> None:
@@ -152,11 +147,9 @@ def check_instruments(rows: Regression, nuisances: int, method: str) -> None:
     """Refuse fewer instruments than unknowns, the nuisances that are searched for among them."""
     needed, available = rows.regressors.shape[1] + nuisances, rows.instruments.shape[1]
     if available < needed:
-        raise InstrumentError(
-            f"at least {needed} independent instruments for {needed} unknowns and the method {method}",
-            f"{available}",
-            "Name exogenous signals that vary: instruments=..., or --instruments.",
-        )
+        expected = f"at least {needed} independent instruments for {needed} unknowns and the method {method}"
+        remedy = "Name exogenous signals that vary: instruments=..., or --instruments."
+        raise InstrumentError(expected, f"{available}", remedy)
 
 
 # -- Strength --
@@ -288,11 +281,9 @@ class LinearMethod(Method):
         """Solve for the linear parameters from moments."""
         spectra = isinstance(problem, Regression) and isinstance(problem.layout, BinRows)
         if self.row_weighting.needs_spectra and not spectra:
-            raise UsageError(
-                "a flight, whose runs have spectra, for a method with spectral whitening",
-                "a regression of plain rows",
-                "Use identify_flight, or another method.",
-            )
+            expected = "a flight, whose runs have spectra, for a method with spectral whitening"
+            remedy = "Use identify_flight, or another method."
+            raise UsageError(expected, "a regression of plain rows", remedy)
         system = self.assembler.system(moments)
         theta: Float[np.ndarray, " n"] | None = None
         for _ in range(self.equation_weighting.passes):
@@ -335,7 +326,6 @@ def _linearised_estimate(method: LinearMethod, problem: LinearisableProblem) -> 
 def _plain_estimate(
     method: LinearMethod, candidate: Candidate, parameters: tuple[Parameter, ...]
 ) -> Estimate:
-    """Estimate of plain rows, with the reasons for the status weak."""
     reasons = (
         *weak_instruments(candidate.moments, candidate.system, parameters),
         *overstated_noise(candidate.moments, parameters),
@@ -354,7 +344,6 @@ def check_linear(method: object) -> None:
 
 
 def _separable_estimate(method: LinearMethod, problem: SeparableProblem) -> Estimate:
-    """Estimate with a candidate for each combination of the discrete nuisances' values."""
     candidates = on_nested_grids(
         problem.nuisances,
         partial(_candidate, method, problem),
@@ -371,7 +360,6 @@ def _separable_estimate(method: LinearMethod, problem: SeparableProblem) -> Esti
 def _candidate(
     method: LinearMethod, problem: SeparableProblem, fixed: dict[str, float], candidate: Candidate | None
 ) -> Candidate:
-    """Estimate at some values of the discrete nuisances: passes of search and renewed row weights."""
     start = problem.warm_start
     if start is not None:
         weights = method.row_weighting.last_pass(problem, start.theta, start.nuisances)

@@ -267,7 +267,6 @@ def _limited_information(name: str, assembler: Assembler, solver: Solver) -> Lin
 
 
 def _weighting(weighting: EquationWeighting | None) -> EquationWeighting:
-    """Return the weighting given, or none."""
     if weighting is None:
         return Unweighted()
     checks.kind("weighting", weighting, EquationWeighting, "a weighting", "Make one: ev.methods.TwoStage().")

@@ -113,11 +113,8 @@ class ProblemMoments:
     def merge(self, other: ProblemMoments) -> ProblemMoments:
         """Moments of both sets of rows: other chunks, other flights, other machines."""
         if self.names != other.names:
-            raise UsageError(
-                f"moments of the parameters {', '.join(self.names)}",
-                f"moments of {', '.join(other.names)}",
-                "Merge moments of one model.",
-            )
+            expected = f"moments of the parameters {', '.join(self.names)}"
+            raise UsageError(expected, f"moments of {', '.join(other.names)}", "Merge moments of one model.")
         return replace(self, moments=self.moments.merge(other.moments))
 
 
@@ -263,11 +260,9 @@ def _instrumental_system(moments: Moments, *, compensated: bool) -> LinearSystem
         raise _other_kind("cross moments", moments)
     available, columns = moments.equations.shape
     if available < columns - 1:
-        raise InstrumentError(
-            f"at least {columns - 1} instruments for {columns - 1} parameters",
-            f"{available}",
-            "Add lags or exogenous columns, or use a direct method.",
-        )
+        expected = f"at least {columns - 1} instruments for {columns - 1} parameters"
+        remedy = "Add lags or exogenous columns, or use a direct method."
+        raise InstrumentError(expected, f"{available}", remedy)
     equations = moments.equations
     if compensated:
         if moments.noise is None:

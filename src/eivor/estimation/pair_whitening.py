@@ -128,11 +128,9 @@ def paired_bins(problem: SeparableProblem, theta: Float[np.ndarray, " n"], nuisa
     """Bins of a problem at some parameters."""
     state = problem.sampled_state(nuisances)
     if state is None:
-        raise EstimationError(
-            "a motion whose state and its derivative were both measured, for a spectral method",
-            "one of them alone",
-            "Log the accelerometer and the velocity, or use reference_iv.",
-        )
+        expected = "a motion whose state and its derivative were both measured, for a spectral method"
+        remedy = "Log the accelerometer and the velocity, or use reference_iv."
+        raise EstimationError(expected, "one of them alone", remedy)
     bins = problem.bins(nuisances)
     pairs = PairedBins(bins.layout, theta, state)
     power = np.abs(bins.responses[:, 0]) ** 2 * pairs.density_scale

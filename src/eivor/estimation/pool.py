@@ -533,9 +533,8 @@ class Pooled:
             return [ConfidenceSet.union(pieces) for pieces in self._below(criteria, excess, _place)]
 
         profiles = below(self._systematic_uncertainty(level))
-        robust = {
-            count: below(chi_square_quantile(level, count)) for count in {m.instruments for m in members}
-        }
+        counts = {member.instruments for member in members}
+        robust = {count: below(chi_square_quantile(level, count)) for count in counts}
         return tuple(
             ParameterSets(
                 ConfidenceSet((self.member(number).interval(name, level),)),
@@ -595,9 +594,8 @@ class Pooled:
     def _least(self, criteria: Sequence[PoolCriterion]) -> list[float]:
         """For each candidate the least J of those it competes with."""
         points = [candidate.nuisances for candidate in self.candidates]
-        return least_comparable_criteria(
-            bounded_sums(self.nuisances), points, [criterion.minimum[1] for criterion in criteria]
-        )
+        minima = [criterion.minimum[1] for criterion in criteria]
+        return least_comparable_criteria(bounded_sums(self.nuisances), points, minima)
 
     def _below(
         self, criteria: Sequence[PoolCriterion], excess: float, position: int
@@ -631,10 +629,8 @@ class Pooled:
     def _of_all(self, pool: PoolCandidate) -> Candidate:
         """Rows of all flights, their response less what a flight's own parameters differ from the mean."""
         joint, positions = pool.joint, self._positions(self.flight_specific)
-        means = {
-            position: self.mean(name, pool)
-            for name, position in zip(self.flight_specific, positions, strict=True)
-        }
+        commons = (self.mean(name, pool) for name in self.flight_specific)
+        means = dict(zip(positions, commons, strict=True))
         theta = pool.theta[0].copy()
         theta[positions] = [means[position].value for position in positions]
         made = [member.rows_at(pool.nuisances) for member in pool.separate.members]
@@ -668,7 +664,6 @@ class Pooled:
         return JointCovariance((*result.parts, between))
 
     def _estimate(self, candidates: Iterable[Candidate]) -> Estimate:
-        """Estimate whose candidates are at values that the pool has."""
         first = self.estimates[0]
         refined = (nuisance.parameter for nuisance in self.nuisances if nuisance.refined)
         joint = (*first.best.rows.parameters, *refined)
@@ -682,7 +677,6 @@ class Pooled:
         nuisance_columns: Float[np.ndarray, "rows c"],
         covariance: JointCovariance,
     ) -> Candidate:
-        """Rows, and what a pool says of them."""
         method = by_name(self.estimates[0].method)
         check_linear(method)
         solved = cast("LinearMethod", method).solve(rows)
@@ -703,14 +697,8 @@ class Pooled:
 
 
 def _joined(layouts: Sequence[object]) -> BinRows:
-    """Rows of several flights, one after the other."""
-    runs = [
-        replace(run, flight=number)
-        for number, layout in enumerate(layouts)
-        if isinstance(layout, BinRows)
-        for run in layout.runs
-    ]
-    return BinRows(tuple(runs))
+    bins = ((number, layout) for number, layout in enumerate(layouts) if isinstance(layout, BinRows))
+    return BinRows(tuple(replace(run, flight=number) for number, layout in bins for run in layout.runs))
 
 
 # -- Pooling --
@@ -774,7 +762,6 @@ def _criterion(
 
 
 def _nearest(estimate: Estimate, fixed: Values) -> Candidate:
-    """The candidate of a flight alone whose discrete nuisances are nearest to some values."""
     refined = {profile.nuisance.name for profile in estimate.best.profiles}
     names = [name for name in fixed if name not in refined]
     return min(

@@ -195,7 +195,6 @@ def _squares(
     cross: Float[np.ndarray, "K p m"],
     edges: Int[np.ndarray, " K_plus_1"],
 ) -> Float[np.ndarray, "K m m"]:
-    """Sums over each block of the products of columns among themselves."""
     m, ends = len(columns), list(pairwise(edges.tolist()))
     sums = np.empty((len(ends), m, m))
     for i in range(m):
@@ -222,11 +221,9 @@ def row_count(problem: SignalRegression) -> int:
     """Number of rows of a problem."""
     count = problem.signals.sample_count - problem.first
     if count < 1:
-        raise TooFewSamplesError(
-            f"more than {problem.first} samples, the largest lag",
-            f"{problem.signals.sample_count}",
-            "Give a longer record or fewer lags.",
-        )
+        expected = f"more than {problem.first} samples, the largest lag"
+        remedy = "Give a longer record or fewer lags."
+        raise TooFewSamplesError(expected, f"{problem.signals.sample_count}", remedy)
     return count if problem.used is None else int(problem.used.sum())
 
 
@@ -236,11 +233,8 @@ def row_count(problem: SignalRegression) -> int:
 def products_of(problem: LinearProblem, *, instruments: bool = True, whole: bool) -> Products:
     """Products of the columns [psi phi y] of a problem."""
     if instruments and not problem.instrument_count:
-        raise InstrumentError(
-            "instruments",
-            "a problem without any",
-            'Name them: regression(signals, ev.lags("input", 0, 10)), or regression(instruments=...).',
-        )
+        remedy = 'Name them: regression(signals, ev.lags("input", 0, 10)), or regression(instruments=...).'
+        raise InstrumentError("instruments", "a problem without any", remedy)
     if isinstance(problem, SignalRegression):
         made = products_of_signals(problem, instruments=instruments, whole=whole)
     else:
@@ -248,9 +242,8 @@ def products_of(problem: LinearProblem, *, instruments: bool = True, whole: bool
         psi, edges = rows.instruments if instruments else rows.regressors, np.array([0, rows.response.size])
         made = products_of_rows(psi, rows.regressors, rows.response, edges=edges, whole=whole)
     if not np.isfinite(made.sums).all():
-        raise NonFiniteError(
-            "finite cross-products", "NaN or infinity", "Check the channels for overflow or missing values."
-        )
+        remedy = "Check the channels for overflow or missing values."
+        raise NonFiniteError("finite cross-products", "NaN or infinity", remedy)
     return made
 
 

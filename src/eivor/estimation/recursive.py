@@ -200,9 +200,8 @@ class ChangeDetector:
         if not all(getattr(self, name) > 0 for name in ("threshold", "drift", *lengths)):
             raise UsageError("a detector whose numbers are above zero", repr(self), "The defaults are.")
         if not self.limit > self.drift:
-            raise UsageError(
-                "a limit above the drift", f"{self.limit:g} and {self.drift:g}", "No sum would ever grow."
-            )
+            remedy = "No sum would ever grow."
+            raise UsageError("a limit above the drift", f"{self.limit:g} and {self.drift:g}", remedy)
 
 
 @dataclass(frozen=True, slots=True)
@@ -413,11 +412,8 @@ class RecursiveIdentification:
             raise TooFewSamplesError("a chunk of samples", "none so far", "Call update(chunk) first.")
         weighted = self._products
         if weighted is None or not weighted.total.products.count > 0.0:
-            raise TooFewSamplesError(
-                "rows that are not forgotten yet",
-                "none",
-                "Give more samples than the largest lag, valid ones among the last of them.",
-            )
+            remedy = "Give more samples than the largest lag, valid ones among the last of them."
+            raise TooFewSamplesError("rows that are not forgotten yet", "none", remedy)
         result = identify(ProblemMoments(self._parameters, weighted.moments), self.method)
         (candidate,) = result.candidates
         covariance = exponentially_weighted_covariance(weighted, candidate.theta, equation_map(candidate))

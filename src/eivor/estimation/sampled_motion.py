@@ -240,7 +240,6 @@ def fitted_noise(pairs: PairedEquations, residual: Pair, start: NoiseModel, prio
 
 
 def _lowest(function: ValueAndGradient, moves: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " n"]:
-    """Minimum of a function from the origin, where its curvature is near the identity."""
     size = moves.shape[1]
     x, inverse = np.zeros(size), np.eye(size)
     value, gradient = function(x)
@@ -268,7 +267,6 @@ def _lowest(function: ValueAndGradient, moves: Float[np.ndarray, "m n"]) -> Floa
 def _information_root(
     fit: _Fit, vector: Float[np.ndarray, " 6"], fitted: Bool[np.ndarray, " 6"]
 ) -> Float[np.ndarray, "m m"]:
-    """Triangular root of the information, L L'."""
     with np.errstate(all="ignore"):
         information = fit.information(vector)[np.ix_(fitted, fitted)]
     if np.isfinite(information).all():
@@ -276,11 +274,9 @@ def _information_root(
             return np.asarray(np.linalg.cholesky(information))
         except np.linalg.LinAlgError:
             pass
-    raise ConvergenceError(
-        "residuals whose spectra determine the measurement noises",
-        "residuals that are zero in the band, or too few of them",
-        "Declare the noises, use a method that needs none, such as reference_iv, or record longer.",
-    )
+    expected = "residuals whose spectra determine the measurement noises"
+    remedy = "Declare the noises, use a method that needs none, such as reference_iv, or record longer."
+    raise ConvergenceError(expected, "residuals that are zero in the band, or too few of them", remedy)
 
 
 def fitted_noises(
@@ -385,7 +381,6 @@ class _Fit:
         return far, np.append(np.ones(3), _order_slopes(orders)) / PRIOR_STD
 
     def _powers(self, vector: Float[np.ndarray, " 6"]) -> Float[np.ndarray, "3 bands"]:
-        """Spectrum of each noise."""
         return np.exp(vector[:3, None] + 2.0 * _orders(vector)[:, None] * self.log_scale)
 
     def _spectra(self, vector: Float[np.ndarray, " 6"]) -> tuple[PairSpectrum, PairSpectrum]:
@@ -402,12 +397,10 @@ def _numbers(spectrum: PairSpectrum) -> Float[np.ndarray, "4 *shape bands"]:
 
 
 def _orders(vector: Float[np.ndarray, " 6"]) -> Float[np.ndarray, " 3"]:
-    """Orders of the noises."""
     return LARGEST_ORDER * np.tanh(vector[3:])
 
 
 def _order_slopes(orders: Float[np.ndarray, " 3"]) -> Float[np.ndarray, " 3"]:
-    """Derivatives of the orders by what gives them."""
     return LARGEST_ORDER - orders**2 / LARGEST_ORDER
 
 
@@ -539,12 +532,8 @@ class SampledMotion:
     def residuals(self) -> Pair:
         """r_1 and r_2 without the transient."""
         record = self.record
-        return np.stack(
-            [
-                record.acceleration + self.friction * record.velocity - self.gain * record.input,
-                record.velocity - self.response * record.input,
-            ]
-        )
+        first = record.acceleration + self.friction * record.velocity - self.gain * record.input
+        return np.stack([first, record.velocity - self.response * record.input])
 
     def shapes(self) -> Shapes:
         """C of one unit of noise of the input, of z', of z'' and of a disturbance that moves the vehicle."""
@@ -596,11 +585,9 @@ class SampledProblem:
 def problem_of_motion(problem: Problem, method: str) -> SignalRegression:
     """Take a problem for a spectral method; without instruments it has lagged inputs."""
     if not isinstance(problem, SignalRegression):
-        raise UsageError(
-            f"a record of one motion for {method}, sampled evenly",
-            type(problem).__name__,
-            "Make it of signals: ev.VerticalMotion(intercept=False).regression(signals, instruments).",
-        )
+        expected = f"a record of one motion for {method}, sampled evenly"
+        remedy = "Make it of signals: ev.VerticalMotion(intercept=False).regression(signals, instruments)."
+        raise UsageError(expected, type(problem).__name__, remedy)
     driver = motion_of(problem, method)[2]
     noise = problem.signals.noise.get(driver)
     if noise is None:
@@ -611,9 +598,8 @@ def problem_of_motion(problem: Problem, method: str) -> SignalRegression:
             "a likelihood it is a disturbance that moves the vehicle. ev.methods.spectral_giv() seeks it.",
         )
     if not isinstance(noise, WhiteNoise):
-        raise UsageError(
-            f"white noise of {driver} for {method}", f"a {type(noise).__name__}", "Use generalized_iv."
-        )
+        remedy = "Use generalized_iv."
+        raise UsageError(f"white noise of {driver} for {method}", f"a {type(noise).__name__}", remedy)
     return with_instruments(problem, driver)
 
 
@@ -640,11 +626,8 @@ def sampled_problem(problem: SignalRegression, method: str) -> SampledProblem:
     signals = problem.signals
     noise = signals.noise[driver]
     current = is_own_instrument(problem, driver)
-    record = SampledRecord(
-        signals.step_s,
-        signals.sample_count,
-        *(unitary_bins(signals.channel(name)) for name in (response, state, driver)),
-    )
+    bins = (unitary_bins(signals.channel(name)) for name in (response, state, driver))
+    record = SampledRecord(signals.step_s, signals.sample_count, *bins)
     instrument = None if current else unitary_bins(_projected(problem, driver, method))
     declared = signals.noise.get(state), signals.noise.get(response)
     return SampledProblem(problem, record, noise.std**2, instrument, declared)

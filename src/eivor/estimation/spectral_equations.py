@@ -272,9 +272,8 @@ def _newton(now: SpectralSolution) -> tuple[SpectralSolution, Float[np.ndarray, 
     try:
         inverse = np.linalg.inv(first.sensitivity)
     except np.linalg.LinAlgError as error:
-        raise EstimationError(
-            "an input that moves the vehicle", "equations without a unique solution", "Excite it more."
-        ) from error
+        expected = "an input that moves the vehicle"
+        raise EstimationError(expected, "equations without a unique solution", "Excite it more.") from error
     for _ in range(STEPS):
         step = -inverse @ now.scores()
         largest = float(np.max(np.abs(step[:2]) / np.abs([now.motion.friction, now.motion.gain])))

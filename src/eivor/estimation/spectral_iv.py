@@ -209,9 +209,8 @@ def least_quadratic(
         return np.concatenate([pair.real, pair.imag])
 
     first = np.array([1.0, 1.0, transient / units[2]])
-    squares = least_squares(
-        whitened, first, method="lm", max_nfev=EVALUATIONS * first.size, xtol=1e-9, ftol=1e-10
-    )
+    evaluations = EVALUATIONS * first.size
+    squares = least_squares(whitened, first, method="lm", max_nfev=evaluations, xtol=1e-9, ftol=1e-10)
     return *at(squares.x), bool(squares.success)
 
 
@@ -290,11 +289,9 @@ def input_noise_start(problem: Problem, method: str) -> tuple[Problem, bool] | E
     try:
         result = NoiseEstimatingIV("generalized_iv_unknown_noise").estimate(problem)
     except (EivorError, np.linalg.LinAlgError) as error:
-        raise MissingNoiseError(
-            f"the noise of {driver}, which {method} takes off, or an input that identifies it",
-            f"none that is declared; and {error}",
-            "Declare it: Signals(..., noise={'input': ev.WhiteNoise(0.01)}); zero says that it is exact.",
-        ) from error
+        expected = f"the noise of {driver}, which {method} takes off, or an input that identifies it"
+        remedy = "Declare it: Signals(..., noise={'input': ev.WhiteNoise(0.01)}); zero says that it is exact."
+        raise MissingNoiseError(expected, f"none that is declared; and {error}", remedy) from error
     if result.status is Status.REFUSED:
         return replace(result, method=method)
     least = LEAST_SHARE * float(np.var(problem.signals.channel(driver)))
@@ -368,7 +365,6 @@ def _shortness(count: int) -> Reason:
 
 
 def _noises(solution: SpectralSolution) -> tuple[FittedNoise, ...]:
-    """Noises that were fitted, that of the input among them where it was sought; below zero it is none."""
     if solution.noise_test is None:
         return solution.noises
     error, strength = solution.covariance.noise_error, math.sqrt(max(solution.input_variance, 0.0))
@@ -391,7 +387,6 @@ def _spectral(sampled: SampledProblem, plain: Estimate) -> SpectralSolution | Re
 
 
 def _doubt(solution: SpectralSolution, plain: Estimate) -> str:
-    """Why a solution is not to be believed; empty where it is."""
     values, covariance = solution.values, solution.covariance.model[:2, :2]
     if not (np.isfinite(values).all() and np.isfinite(covariance).all()):
         return "its search left every number behind"
@@ -430,14 +425,10 @@ def _combined(candidate: Candidate, plain: Estimate, solution: SpectralSolution)
     weights = np.linalg.solve(joint[n:, n:], joint[n:, :n]).T
     theta = candidate.theta - weights @ (plain.best.values[:2] - solution.values)
     alone = joint_covariance(solution.covariance)
-    of_both = CovariancePart(
-        "equal_weighted_cosines", joint[:n, :n] - weights @ joint[n:, :n], alone.parts[0].degrees
-    )
-    return replace(
-        candidate,
-        solution=replace(candidate.solution, theta=theta),
-        streamed_covariance=JointCovariance((of_both, *alone.parts)),
-    )
+    matrix = joint[:n, :n] - weights @ joint[n:, :n]
+    of_both = CovariancePart("equal_weighted_cosines", matrix, alone.parts[0].degrees)
+    moved, covariance = replace(candidate.solution, theta=theta), JointCovariance((of_both, *alone.parts))
+    return replace(candidate, solution=moved, streamed_covariance=covariance)
 
 
 # -- Whittle --
@@ -465,11 +456,9 @@ class WhittleLikelihood(Method):
             return fallen_back(self.name, plain, fallback(*lacking))
         sampled = sampled_problem(checked, self.name)
         if sampled.instrument is not None:
-            raise MissingNoiseError(
-                f"an open loop for {self.name}",
-                "instruments of another channel than the input",
-                "Under control use spectral_giv.",
-            )
+            expected = f"an open loop for {self.name}"
+            remedy = "Under control use spectral_giv."
+            raise MissingNoiseError(expected, "instruments of another channel than the input", remedy)
         likelihood = self._likelihood(sampled, plain)
         if isinstance(likelihood, Reason):
             return fallen_back(self.name, plain, likelihood)
@@ -501,7 +490,6 @@ class WhittleLikelihood(Method):
 
 
 def _contradiction(plain: Estimate, solution: SpectralSolution) -> tuple[Reason, ...]:
-    """Reason against numbers that generalized IV, which assumes less, contradicts; the numbers stay."""
     distance = distance_of(plain, solution)
     if not distance > FARTHEST:
         return ()

@@ -73,9 +73,8 @@ def moments(
         result = ProblemMoments(problem.parameters, method.moments(problem))
         total = result if total is None else total.merge(result)
     if total is None:
-        raise TooFewSamplesError(
-            "chunks with more samples than the largest lag", "none", "Give longer chunks, or fewer lags."
-        )
+        remedy = "Give longer chunks, or fewer lags."
+        raise TooFewSamplesError("chunks with more samples than the largest lag", "none", remedy)
     return total
 
 
@@ -133,11 +132,9 @@ def _check_successor(before: Signals, chunk: Signals) -> None:
         )
     expected = before.offset + before.sample_count
     if chunk.offset not in (0, expected):
-        raise UsageError(
-            f"a chunk that begins where the one before it ends, at sample {expected}",
-            f"one that says it begins at sample {chunk.offset}",
-            "Give every chunk, in order; mark samples that are missing as not valid.",
-        )
+        place = f"a chunk that begins where the one before it ends, at sample {expected}"
+        remedy = "Give every chunk, in order; mark samples that are missing as not valid."
+        raise UsageError(place, f"one that says it begins at sample {chunk.offset}", remedy)
 
 
 # -- Chunked fit --
@@ -198,11 +195,9 @@ def identify_chunks(
                 size += block.response.size
                 yield block
         if size != total.rows:
-            raise UsageError(
-                f"chunks of {total.rows:.0f} rows in every pass",
-                f"{size} in a later one",
-                "Give a function that starts the same chunks anew each time it is called.",
-            )
+            expected = f"chunks of {total.rows:.0f} rows in every pass"
+            remedy = "Give a function that starts the same chunks anew each time it is called."
+            raise UsageError(expected, f"{size} in a later one", remedy)
 
     equation = estimating_equation(candidate, blocks)
     streamed = replace(candidate, streamed_covariance=covariance.joint(equation))
@@ -231,11 +226,8 @@ class Forgetting:
         checks.number("memory", self.memory)
         least, most = MEMORIES
         if not least <= self.memory <= most:
-            raise UsageError(
-                f"a memory of {least:g} to {most:g} samples",
-                f"{self.memory:g}",
-                "It is 1 / (1 - lambda): 200 for a forgetting factor of 0.995.",
-            )
+            remedy = "It is 1 / (1 - lambda): 200 for a forgetting factor of 0.995."
+            raise UsageError(f"a memory of {least:g} to {most:g} samples", f"{self.memory:g}", remedy)
 
     @property
     def factor(self) -> float:
@@ -369,11 +361,10 @@ class WeightedBlockSums:
 
     def __add__(self, other: WeightedBlockSums) -> WeightedBlockSums:
         """Blocks of both, one after the other."""
-        return WeightedBlockSums(
-            self.products + other.products,
-            np.concatenate([self.noise, other.noise]),
-            np.concatenate([self.squares, other.squares]),
+        noise, squares = (
+            np.concatenate(both) for both in ((self.noise, other.noise), (self.squares, other.squares))
         )
+        return WeightedBlockSums(self.products + other.products, noise, squares)
 
     def between(self, start: int, stop: int) -> WeightedBlockSums:
         """Some of the blocks."""
@@ -383,11 +374,8 @@ class WeightedBlockSums:
 
     def weighted(self, factors: Float[np.ndarray, " K"]) -> WeightedBlockSums:
         """One sum of all, each block with a factor."""
-        return WeightedBlockSums(
-            self.products.weighted(factors),
-            (factors @ self.noise)[None, :],
-            np.array([factors**2 @ self.squares]),
-        )
+        noise, squares = (factors @ self.noise)[None, :], np.array([factors**2 @ self.squares])
+        return WeightedBlockSums(self.products.weighted(factors), noise, squares)
 
 
 def sums_of_rows(rows: TimedRows, forgetting: Forgetting, length: int, *, whole: bool) -> WeightedBlockSums:

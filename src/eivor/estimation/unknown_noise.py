@@ -218,11 +218,9 @@ class NoiseEstimatingIV(Method):
     def estimate(self, problem: Problem) -> Estimate:
         """Estimate parameters and noises."""
         if not isinstance(problem, SignalRegression):
-            raise UsageError(
-                "a regression of signals, whose columns say what noises they share",
-                type(problem).__name__,
-                "Make one with VerticalMotion().regression(signals, instruments).",
-            )
+            expected = "a regression of signals, whose columns say what noises they share"
+            remedy = "Make one with VerticalMotion().regression(signals, instruments)."
+            raise UsageError(expected, type(problem).__name__, remedy)
         search = _MomentSearch(self._moments(problem))
         return search.estimate(self.name, search.minimum())
 
@@ -246,8 +244,6 @@ class NoiseEstimatingIV(Method):
 
 @dataclass
 class _MomentSearch:
-    """The weighted moments of one problem, and their least."""
-
     shared: SharedMoments  # With the unknown noises
 
     def __post_init__(self) -> None:
@@ -256,11 +252,9 @@ class _MomentSearch:
         unknowns = len(self.shared.parameters)
         check_freedom(count, unknowns)
         if psi.shape[1] < unknowns:
-            raise InstrumentError(
-                f"at least {unknowns} equations for {unknowns} unknowns, the noises among them",
-                f"{psi.shape[1]}",
-                "Give more lags as instruments, or declare the noise of a channel.",
-            )
+            expected = f"at least {unknowns} equations for {unknowns} unknowns, the noises among them"
+            remedy = "Give more lags as instruments, or declare the noise of a channel."
+            raise InstrumentError(expected, f"{psi.shape[1]}", remedy)
         self.cross = psi.T @ np.column_stack([self.rows.regressors, self.rows.response]) / count
         self.known = self.shared.known()
         self._weigh(psi.T @ psi / count)

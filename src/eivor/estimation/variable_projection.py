@@ -62,11 +62,9 @@ def argmin(objective: Objective, grid: Box) -> Float[np.ndarray, " axes"]:
             return position
         reach = np.where(at_edge, 1.0, 0.5) * (high - low) if at_edge.any() else spacing
         low, high = np.maximum(position - reach, bottom), np.minimum(position + reach, top)
-    raise ConvergenceError(
-        f"a search of {axes} variables that settles",
-        f"one that still moves after {BOX_ROUNDS} boxes",
-        "Give narrower grids, or more exciting data.",
-    )
+    expected = f"a search of {axes} variables that settles"
+    remedy = "Give narrower grids, or more exciting data."
+    raise ConvergenceError(expected, f"one that still moves after {BOX_ROUNDS} boxes", remedy)
 
 
 def _best_point(objective: Objective, box: Box) -> Int[np.ndarray, " axes"]:
@@ -166,7 +164,6 @@ def _refined(
     grids: list[Float[np.ndarray, " _"]],
     tolerance: float,
 ) -> Trial:
-    """Least trial between the grid's points, never worse than the best of these."""
     if not unknown:
         return best
     if len(unknown) > 1:
@@ -272,11 +269,9 @@ def bounded_search(
         if before.objective - result.objective <= LEAST_GAIN * abs(result.objective):
             return result
         spacing = max(0.1 * spacing, 10.0 * accuracy)
-    raise ConvergenceError(
-        f"a search of {', '.join(nuisance.name for nuisance in unknown)} that settles",
-        f"one that still gains after {RESTARTS} beginnings",
-        "Give narrower grids, what is known of one of them, or more exciting data.",
-    )
+    expected = f"a search of {', '.join(nuisance.name for nuisance in unknown)} that settles"
+    remedy = "Give narrower grids, what is known of one of them, or more exciting data."
+    raise ConvergenceError(expected, f"one that still gains after {RESTARTS} beginnings", remedy)
 
 
 # -- Model comparison --
@@ -397,7 +392,6 @@ class _Grids(Generic[Made]):
         return min((candidate for _, candidate in result), key=self.criterion)
 
     def _profile(self, nuisance: Nuisance, result: Found[Made]) -> dict[float, float]:
-        """Least criterion at each value of a nuisance, in their order."""
         least: dict[float, float] = {}
         for item, candidate in sorted(result, key=lambda pair: pair[0][nuisance.name]):
             value = item[nuisance.name]
@@ -405,7 +399,6 @@ class _Grids(Generic[Made]):
         return least
 
     def _added(self, nuisances: tuple[Nuisance, ...], longer: Nuisance, result: Found[Made]) -> Found[Made]:
-        """Candidates at the values that a longer grid has more."""
         known, best = {item[longer.name] for item, _ in result}, self.best_of(result)
         every = combinations(_with(nuisances, longer))
         return [(item, self.made(item, best)) for item in every if item[longer.name] not in known]

@@ -86,11 +86,8 @@ class MomentRows:
         kept = eigenvalues > SMALLEST_DIRECTION**2
         unknowns = len(self.parameters)
         if int(kept.sum()) < unknowns:
-            raise InstrumentError(
-                f"at least {unknowns} independent instruments for {unknowns} parameters",
-                f"{int(kept.sum())}",
-                "Add lags or exogenous columns.",
-            )
+            expected = f"at least {unknowns} independent instruments for {unknowns} parameters"
+            raise InstrumentError(expected, f"{int(kept.sum())}", "Add lags or exogenous columns.")
         change = vectors[:, kept] / np.sqrt(eigenvalues[kept])
         noise = change.T @ (self.noise[moving] / lengths[moving, None])
         return replace(self, test_functions=unit @ change, noise=noise)
@@ -112,11 +109,8 @@ def moment_rows(problem: LinearProblem, method: LinearMethod) -> MomentRows:
     remedy = "Make one by ev.regression(...) or VerticalMotion().regression(signals)."
     checks.kind("problem", problem, LinearProblem, "a regression", remedy)
     if not method.assembler.moment_equations:
-        raise UsageError(
-            "a method with instruments",
-            method.name,
-            "Use extended_iv, generalized_iv or bias_compensated_least_squares.",
-        )
+        remedy = "Use extended_iv, generalized_iv or bias_compensated_least_squares."
+        raise UsageError("a method with instruments", method.name, remedy)
     moments = method.assembler.moments(problem)  # refuses what it cannot use
     rows = problem.rows()
     columns = np.column_stack([rows.response, rows.regressors])
@@ -165,20 +159,11 @@ class AutocorrelatedErrors(ErrorAssumption):
                 raise UsageError("one cosine average or more", f"{self.averages}", "Leave averages out.")
 
     def region(self, rows: MomentRows, level: float) -> ConfidenceRegion:
-        """Region of the robust test.
-
-        Raises
-        ------
-        TooFewSamplesError
-            When the record is too short for the averages, or these are fewer than the equations.
-        """
+        """Region of the robust test; its averages are as many as the equations at least."""
         equations = rows.test_functions.shape[1]
         if self.averages is not None and not equations <= self.averages < rows.columns.shape[0]:
-            raise TooFewSamplesError(
-                f"as many cosine averages as equations, {equations}, and fewer than samples",
-                f"{self.averages}",
-                "Leave averages out, or drop instruments.",
-            )
+            expected = f"as many cosine averages as equations, {equations}, and fewer than samples"
+            raise TooFewSamplesError(expected, f"{self.averages}", "Leave averages out, or drop instruments.")
         return robust_region(rows.names, rows.scores(self.averages), level)
 
 
@@ -193,13 +178,7 @@ class HomoskedasticErrors(ErrorAssumption):
     )
 
     def region(self, rows: MomentRows, level: float) -> ConfidenceRegion:
-        """Region of the classical test.
-
-        Raises
-        ------
-        UsageError
-            For compensated equations, whose scores do not have the variance that the test supposes.
-        """
+        """Region of the classical test, of equations that are not compensated."""
         if rows.noise.any():
             raise UsageError(
                 "equations without compensation for the classical test",
@@ -458,11 +437,9 @@ def sign_perturbed_set(
     _check_independent(problem)
     rows = moment_rows(problem, method)
     if not isinstance(rows.layout, SampleRows):
-        raise UsageError(
-            "rows that are time samples",
-            "bins of spectra, whose errors are not independent",
-            "Use anderson_rubin_set.",
-        )
+        expected = "rows that are time samples"
+        remedy = "Use anderson_rubin_set."
+        raise UsageError(expected, "bins of spectra, whose errors are not independent", remedy)
     usable = rows.independent()
     region = sign_perturbed_region(
         usable.names, usable.test_functions, usable.columns, rng, level=level, sums=sums

@@ -62,13 +62,7 @@ class TwoStage(EquationWeighting):
     """Weight by the inverse of mean(psi psi'): two-stage least squares, efficient for white errors."""
 
     def equations(self, system: LinearSystem, moments: Moments, *_: object) -> Weighted:
-        """Equations divided by the Cholesky factor of mean(psi psi').
-
-        Raises
-        ------
-        InstrumentError
-            When instruments are combinations of one another.
-        """
+        """Equations weighted by the inverse of the instruments' mean products."""
         if not isinstance(moments, CrossMoments) or moments.instruments is None:
             raise UsageError(
                 "moments with the instruments' own products",
@@ -106,21 +100,12 @@ class TwoStepRobust(EquationWeighting):
         theta: Float[np.ndarray, " n"] | None,
         /,
     ) -> Weighted:
-        """Two-stage without theta; with it, divided by the Cholesky factor of the scores' covariance.
-
-        Raises
-        ------
-        UsageError
-            When the rows are not at hand: the weight needs a second pass over them.
-        """
+        """Equations weighted by the inverse of a long-run covariance of their scores."""
         if theta is None:
             return TwoStage().equations(system, moments)
         if problem is None:
-            raise UsageError(
-                "the rows themselves for a robust weighting",
-                "moments only",
-                "Use two-stage weighting for data that do not fit in memory.",
-            )
+            remedy = "Use two-stage weighting for data that do not fit in memory."
+            raise UsageError("the rows themselves for a robust weighting", "moments only", remedy)
         rows = problem.rows()
         scores = rows.instruments * (rows.response - rows.regressors @ theta)[:, None]
         if isinstance(moments, CrossMoments):
@@ -168,18 +153,13 @@ class LimitedInformation(EquationWeighting):
         two_stage, L = TwoStage().equations(system, moments)
         columns = moments.columns if isinstance(moments, CrossMoments) else None
         if columns is None or L is None or not isinstance(moments, CrossMoments):
-            raise UsageError(
-                "moments with the products of all columns",
-                type(moments).__name__,
-                "Make the moments with the method that is to use them.",
-            )
+            remedy = "Make the moments with the method that is to use them."
+            raise UsageError("moments with the products of all columns", type(moments).__name__, remedy)
         instruments = L.shape[0]
         if moments.rows <= instruments:
-            raise TooFewSamplesError(
-                f"more rows than the {instruments} instruments, for what they leave of the columns",
-                f"{moments.rows:g}",
-                "Give a longer record, or fewer instruments.",
-            )
+            expected = f"more rows than the {instruments} instruments, for what they leave of the columns"
+            remedy = "Give a longer record, or fewer instruments."
+            raise TooFewSamplesError(expected, f"{moments.rows:g}", remedy)
         errors = _left_over(columns, scipy.linalg.solve_triangular(L, moments.equations, lower=True))
         return replace(two_stage, error_covariance=errors, error_degrees=moments.rows - instruments), L
 

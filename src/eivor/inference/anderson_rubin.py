@@ -13,13 +13,7 @@ from scipy import special
 
 from eivor.errors import CollinearError, ParameterError, TooFewSamplesError
 from eivor.inference.confidence_set import ConfidenceSet
-from eivor.inference.regions import (
-    ConfidenceRegion,
-    Points,
-    RegionFrame,
-    RegionShape,
-    hotelling_quantile,
-)
+from eivor.inference.regions import ConfidenceRegion, Points, RegionFrame, RegionShape, hotelling_quantile
 from eivor.tools import Bool, Float, Int
 
 # -- Anderson rubin --
@@ -51,11 +45,8 @@ def averages_for(samples: int, equations: int) -> int:
     """Number of cosine averages B for so many samples and equations."""
     averages = max(round(AVERAGES_RATE * samples ** (2.0 / 3.0)), AVERAGES_PER_EQUATION * equations)
     if 4 * averages > samples:
-        raise TooFewSamplesError(
-            f"at least {4 * averages} samples for {equations} moment equations",
-            f"{samples}",
-            "Give a longer record, or fewer instruments.",
-        )
+        expected = f"at least {4 * averages} samples for {equations} moment equations"
+        raise TooFewSamplesError(expected, f"{samples}", "Give a longer record, or fewer instruments.")
     return averages
 
 
@@ -134,9 +125,8 @@ class HomoskedasticShape(RegionShape):
     ) -> ConfidenceSet:
         """Members on a line, in closed form."""
         Q = self.explained - self.critical * self.unexplained
-        return ConfidenceSet.from_quadratic(
-            float(step @ Q @ step), float(2.0 * (base @ Q @ step)), float(base @ Q @ base)
-        )
+        coefficients = (step @ Q @ step, 2.0 * (base @ Q @ step), base @ Q @ base)
+        return ConfidenceSet.from_quadratic(*map(float, coefficients))
 
     def shadow(self, axis: int) -> ConfidenceSet:
         """Values that some x of the other parameters passes the test with, in closed form."""
@@ -165,9 +155,8 @@ def robust_region(names: tuple[str, ...], scores: LinearScores, level: float) ->
         pivot = _weighted_solution(scores.total, root)
     frame = RegionFrame(pivot, _standard_errors(scores.total, root))
     whitening = scipy.linalg.solve_triangular(root, np.eye(p), lower=True)
-    shape = RobustShape(
-        scores.changed(whitening, _to_frame(frame)), hotelling_quantile(level, p, float(averages))
-    )
+    critical = hotelling_quantile(level, p, float(averages))
+    shape = RobustShape(scores.changed(whitening, _to_frame(frame)), critical)
     return ConfidenceRegion(names, frame, shape)
 
 
@@ -188,11 +177,8 @@ def homoskedastic_region(
     left = residual - Q @ (Q.T @ residual)
     degrees = rows - p - partialled
     if degrees < 1:
-        raise TooFewSamplesError(
-            f"more than {p + partialled} rows for as many instruments",
-            f"{rows}",
-            "Give a longer record.",
-        )
+        expected = f"more than {p + partialled} rows for as many instruments"
+        raise TooFewSamplesError(expected, f"{rows}", "Give a longer record.")
     variance = float(left @ left) / degrees
     if not variance > np.finfo(np.float64).eps ** 2 * float(columns[:, 0] @ columns[:, 0]):
         raise _no_error()
@@ -245,7 +231,6 @@ def _solution(
 def _standard_errors(
     total: Float[np.ndarray, "p n_plus_1"], root: Float[np.ndarray, "p p"]
 ) -> Float[np.ndarray, " n"]:
-    """Standard error of each parameter at the pivot."""
     A = scipy.linalg.solve_triangular(root, total[:, 1:], lower=True)
     lengths = _lengths(A)
     singular, V = np.linalg.svd(A / lengths, full_matrices=False)[1:]
@@ -423,12 +408,8 @@ class SignPerturbedShape(RegionShape):
     ) -> ConfidenceSet:
         """Members on a line: a rival is shorter where a quadratic is positive, whose roots are the ends."""
         D = self._differences
-        a, b, c = (
-            np.einsum("a,iab,b->i", step, D, step),
-            2.0 * np.einsum("a,iab,b->i", base, D, step),
-            np.einsum("a,iab,b->i", base, D, base),
-        )
-        ends = np.sort(_real_roots(a, b, c))
+        a, b, c = (np.einsum("a,iab,b->i", u, D, v) for u, v in ((step, step), (base, step), (base, base)))
+        ends = np.sort(_real_roots(a, 2.0 * b, c))
         if ends.size == 0:
             inside = bool(self.excess(base[None, :])[0] <= 1.0)
             return ConfidenceSet.whole_line() if inside else ConfidenceSet.empty()
@@ -443,11 +424,9 @@ def excluded_sums(level: float, sums: int) -> int:
     """Return q such that 1 - q/m is the level."""
     excluded = (1 - Fraction(level).limit_denominator(10**6)) * sums
     if not (0.0 < level < 1.0 and excluded.denominator == 1 and 1 <= excluded < sums):
-        raise ParameterError(
-            "a level between 0 and 1 of which (1 - level) times the number of sums is a whole number",
-            f"level={level}, sums={sums}",
-            "Use level=0.95 with sums=100, or 0.99 with 200, for example.",
-        )
+        expected = "a level between 0 and 1 of which (1 - level) times the number of sums is a whole number"
+        remedy = "Use level=0.95 with sums=100, or 0.99 with 200, for example."
+        raise ParameterError(expected, f"level={level}, sums={sums}", remedy)
     return int(excluded)
 
 

@@ -126,19 +126,7 @@ def _optimal_length(series: Float[np.ndarray, " rows"], scheme: BlockScheme) -> 
 
 
 def autocovariance(series: Float[np.ndarray, " rows"], lags: int) -> Float[np.ndarray, " lags_plus_1"]:
-    """Mean products of a centred series with itself, divided by its length, at lags 0 to `lags`.
-
-    Parameters
-    ----------
-    series : ndarray, shape (rows,)
-        Centred series.
-    lags : int
-        Largest lag, below `rows`.
-
-    Notes
-    -----
-    By FFT of twice the length. Performs no checks.
-    """
+    """Mean products of a centred series with itself, divided by its length, at lags 0 to `lags`."""
     size = 1 << (2 * series.size - 1).bit_length()
     spectrum = np.abs(np.fft.rfft(series, size)) ** 2
     products: Float[np.ndarray, " lags_plus_1"] = np.fft.irfft(spectrum, size)[: lags + 1]
@@ -167,11 +155,8 @@ def check_draws(runs: object, seed: object) -> None:
     if isinstance(seed, np.random.Generator):
         return
     if isinstance(seed, bool) or not isinstance(seed, int | np.integer):
-        raise UsageError(
-            "a whole number or a numpy.random.Generator for seed",
-            checks.described(seed),
-            "Give 0, for example.",
-        )
+        expected = "a whole number or a numpy.random.Generator for seed"
+        raise UsageError(expected, checks.described(seed), "Give 0, for example.")
     if seed < 0:
         raise UsageError("a seed of zero or more", f"seed={seed}", "Any other one will do.")
 
@@ -233,11 +218,9 @@ class Bootstrap:
 
     def __post_init__(self) -> None:
         if self.replicates.shape[0] < 2:
-            raise UsageError(
-                "at least two replicates with an estimate",
-                f"{self.replicates.shape[0]}, and {self.failed} without",
-                "Ask for more runs; where most fail, the data do not determine the parameters.",
-            )
+            expected = "at least two replicates with an estimate"
+            remedy = "Ask for more runs; where most fail, the data do not determine the parameters."
+            raise UsageError(expected, f"{self.replicates.shape[0]}, and {self.failed} without", remedy)
 
     @property
     def covariance(self) -> Float[np.ndarray, "n n"]:
@@ -300,11 +283,9 @@ class Bootstrap:
         value = float(self.values[position])
         if chosen is IntervalKind.STUDENTISED:
             if self.studentised is None or self.std_errors is None:
-                raise UsageError(
-                    "replicates with standard errors of their own, for a studentised interval",
-                    "replicates without",
-                    "Draw blocks of one length, or take another kind of interval.",
-                )
+                expected = "replicates with standard errors of their own, for a studentised interval"
+                remedy = "Draw blocks of one length, or take another kind of interval."
+                raise UsageError(expected, "replicates without", remedy)
             low, high = _quantiles(self.studentised[:, position], level)
             std_error = float(self.std_errors[position])
             return value - high * std_error, value - low * std_error
@@ -330,10 +311,7 @@ def _quantiles(values: Float[np.ndarray, " runs"], level: float) -> tuple[float,
     """Order statistics (R + 1) p of R runs: another replicate is below the p-quantile with probability p."""
     needed = math.ceil(2.0 / (1.0 - level) * (1.0 - 1e-12)) - 1
     if values.size < needed:
-        raise UsageError(
-            f"{needed} replicates or more for a level of {level:g}",
-            f"{values.size}",
-            "Draw more runs, or ask for a lower level.",
-        )
+        remedy = "Draw more runs, or ask for a lower level."
+        raise UsageError(f"{needed} replicates or more for a level of {level:g}", f"{values.size}", remedy)
     low, high = np.quantile(values, [0.5 - 0.5 * level, 0.5 + 0.5 * level], method="weibull")
     return float(low), float(high)

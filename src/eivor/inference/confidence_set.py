@@ -46,21 +46,12 @@ class ConfidenceSet:
                 raise ParameterError("intervals of two ends", f"{pair}", "Give a lower and an upper end.")
         ends = [end for interval in self.intervals for end in interval]
         ordered = all(low <= high for low, high in self.intervals)
-        separated = all(
-            interval[1] < other[0]
-            for interval, other in zip(self.intervals, self.intervals[1:], strict=False)
-        )
-        if (
-            any(isnan(end) for end in ends)
-            or inf in ends[:-1]
-            or -inf in ends[1:]
-            or not (ordered and separated)
-        ):
-            raise ParameterError(
-                "intervals in ascending order and apart from each other",
-                f"{list(self.intervals)}",
-                "Use ConfidenceSet.union(intervals), which sorts and joins them.",
-            )
+        separated = all(here[1] < there[0] for here, there in pairwise(self.intervals))
+        infinite_inside = inf in ends[:-1] or -inf in ends[1:]
+        if any(isnan(end) for end in ends) or infinite_inside or not (ordered and separated):
+            expected = "intervals in ascending order and apart from each other"
+            remedy = "Use ConfidenceSet.union(intervals), which sorts and joins them."
+            raise ParameterError(expected, f"{list(self.intervals)}", remedy)
 
     @classmethod
     def empty(cls) -> ConfidenceSet:
@@ -85,18 +76,7 @@ class ConfidenceSet:
 
     @classmethod
     def from_quadratic(cls, a: float, b: float, c: float) -> ConfidenceSet:
-        """Solutions of ``a x^2 + b x + c <= 0``.
-
-        Parameters
-        ----------
-        a, b, c : float
-            Finite coefficients. They are taken as they are: a coefficient is zero when it is exactly zero.
-
-        Notes
-        -----
-        Roots are computed in exact rational arithmetic and rounded once, the smaller from the product of the
-        two: nothing cancels, overflows or underflows on the way, and whether there are roots is decided
-        by the sign of the exact discriminant. Roots beyond the range of numbers count as infinite.
+        """Solutions of ``a x^2 + b x + c <= 0``, by exact rational arithmetic.
 
         Raises
         ------
@@ -104,9 +84,8 @@ class ConfidenceSet:
             When a coefficient is not finite.
         """
         if not (isfinite(a) and isfinite(b) and isfinite(c)):
-            raise ParameterError(
-                "finite coefficients of a quadratic", f"{a}, {b}, {c}", "Check the data for overflow."
-            )
+            remedy = "Check the data for overflow."
+            raise ParameterError("finite coefficients of a quadratic", f"{a}, {b}, {c}", remedy)
         if a == 0.0:
             return cls._from_line(b, c)
         roots = _roots(a, b, c)
@@ -130,31 +109,19 @@ class ConfidenceSet:
 
     @classmethod
     def from_membership(
-        cls,
-        contains: Callable[[Float[np.ndarray, " k"]], Bool[np.ndarray, " k"]],
-        roots: Iterable[float],
+        cls, contains: Callable[[Float[np.ndarray, " k"]], Bool[np.ndarray, " k"]], roots: Iterable[float]
     ) -> ConfidenceSet:
         """Set whose membership can change at `roots` only.
 
-        Parameters
-        ----------
-        contains : callable
-            Which of several values belong to the set; asked once, for all roots, one value between each two
-            neighbouring ones, and one beyond each outermost one. Roots belong to the set where a neighbouring
-            stretch does, since the set is closed, or where `contains` says so.
-        roots : iterable of float
-            In any order; values that are not finite are left out.
+        `contains` is called once, with all roots and a value of each stretch between and beyond them.
         """
         ends = sorted({float(root) for root in roots if isfinite(root)})
         if not ends:
             return cls.whole_line() if contains(np.zeros(1))[0] else cls.empty()
         reach = max(1.0, abs(ends[0]), abs(ends[-1]))
         edges = [-inf, *ends, inf]
-        probes = [
-            ends[0] - reach,
-            *(low + 0.5 * (high - low) for low, high in pairwise(ends)),
-            ends[-1] + reach,
-        ]
+        between = [low + 0.5 * (high - low) for low, high in pairwise(ends)]
+        probes = [ends[0] - reach, *between, ends[-1] + reach]
         stretches = [*zip(ends, ends, strict=True), *pairwise(edges)]
         belongs = contains(np.array([*ends, *probes]))
         return cls.union(piece for piece, inside in zip(stretches, belongs, strict=True) if inside)
@@ -192,17 +159,10 @@ class ConfidenceSet:
         return any(low <= value <= high for low, high in self.intervals)
 
     def scaled(self, factor: float) -> ConfidenceSet:
-        """Set of the values times `factor`, as of a parameter in another unit.
-
-        Raises
-        ------
-        ParameterError
-            When the factor is zero or not finite.
-        """
+        """Set of the values times a finite `factor` other than zero, as in another unit."""
         if factor == 0.0 or not isfinite(factor):
-            raise ParameterError(
-                "a finite factor other than zero", f"{factor}", "Give the ratio of the units."
-            )
+            remedy = "Give the ratio of the units."
+            raise ParameterError("a finite factor other than zero", f"{factor}", remedy)
         pairs = ((low * factor, high * factor) for low, high in self.intervals)
         return ConfidenceSet.union((min(pair), max(pair)) for pair in pairs)
 

@@ -184,12 +184,11 @@ def _sums_of_groups(
     """Sums of the scores times each cosine, from moments of groups around their middle angles."""
     cosine, sine = np.cos(middles), np.sin(middles)
     order = np.arange(1, middles.shape[0] + 1)[:, None]
-    return np.asarray(
-        sum(
-            sign * order**power * ((sine if power % 2 else cosine) @ moments[:, :, power].T)
-            for power, sign in enumerate(SIGNS)
-        )
+    terms = (
+        sign * order**power * ((sine if power % 2 else cosine) @ moments[:, :, power].T)
+        for power, sign in enumerate(SIGNS)
     )
+    return np.asarray(sum(terms))
 
 
 def cosine_averages(
@@ -225,27 +224,14 @@ class CovarianceEstimator(ABC):
 
     @abstractmethod
     def parts(self, equation: EstimatingEquation) -> tuple[CovariancePart, ...]:
-        """Covariances of the estimates, the leading one first; none when the rows cannot identify.
-
-        Raises
-        ------
-        CollinearError
-            When the sensitivity is singular.
-        """
+        """Covariances of the estimates, the leading one first; none when the rows cannot identify."""
 
     def joint(self, equation: EstimatingEquation) -> JointCovariance:
-        """Covariance of the joint vector.
-
-        Raises
-        ------
-        UsageError
-            When the rows cannot identify, as a single flight cannot be clustered.
-        """
+        """Covariance of the joint vector."""
         parts = self.parts(equation)
         if not parts:
-            raise UsageError(
-                f"rows that {type(self).__name__} can use", "too few flights", "Choose another covariance."
-            )
+            remedy = "Choose another covariance."
+            raise UsageError(f"rows that {type(self).__name__} can use", "too few flights", remedy)
         joint_covariance = JointCovariance(parts)
         return joint_covariance if equation.move is None else joint_covariance.with_bias(equation.move)
 
@@ -257,20 +243,14 @@ def _part(
     degrees: float = math.inf,
     share: float = 1.0,
 ) -> CovariancePart:
-    """Part of the covariance of the sum of scores, to which a prior adds its own."""
     matrix = sandwich(equation.slope, meat + equation.prior_covariance)
     return CovariancePart(name, matrix, degrees, share)
 
 
 def check_covariance_estimator(estimator: object) -> None:
     """Refuse what is no estimator of covariances."""
-    checks.kind(
-        "covariance",
-        estimator,
-        CovarianceEstimator,
-        "one of eivor.covariances",
-        "Make one: ev.covariances.Classical().",
-    )
+    remedy = "Make one: ev.covariances.Classical()."
+    checks.kind("covariance", estimator, CovarianceEstimator, "one of eivor.covariances", remedy)
 
 
 @dataclass(frozen=True, slots=True)
@@ -480,11 +460,7 @@ FURTHEST = 100.0
 
 @lru_cache(maxsize=256)
 def fixed_b_reference(kernel: Kernel, b: float) -> tuple[float, float]:
-    """Reference distribution at a share b = S/N of the record, 0 < b <= 1: Student's t over a root.
-
-    Degrees of freedom, and the share of the long-run variance that the kernel is expected to see, of which
-    the root is. Performs no checks.
-    """
+    """Degrees and share of Student's t over a root, at a share b = S/N of the record, 0 < b <= 1."""
     end = min(1.0 / b, 1.0 if kernel.ends else FURTHEST)
     x = np.linspace(0.0, end, POINTS)
     k = kernel.weights(x)
@@ -522,13 +498,8 @@ class KernelRobust(CovarianceEstimator):
 
     def __post_init__(self) -> None:
         checks.kind("kernel", self.kernel, Kernel, "a kernel", "Make one: ev.covariances.Bartlett().")
-        checks.kind(
-            "bandwidth",
-            self.bandwidth,
-            Bandwidth,
-            "a bandwidth",
-            "Make one: ev.covariances.FixedBandwidth(9).",
-        )
+        remedy = "Make one: ev.covariances.FixedBandwidth(9)."
+        checks.kind("bandwidth", self.bandwidth, Bandwidth, "a bandwidth", remedy)
         checks.flag("fixed_b", self.fixed_b)
 
     def parts(self, equation: EstimatingEquation) -> tuple[CovariancePart, ...]:

@@ -150,17 +150,7 @@ class Bandwidth(ABC):
 
     @abstractmethod
     def lags(self, blocks: Blocks, count: int, kernel: Kernel, /) -> float:
-        """Bandwidth in lags.
-
-        Parameters
-        ----------
-        blocks : callable
-            Gives the scores in blocks, anew in each call.
-        count : int
-            Number of scores.
-        kernel : Kernel
-            What it is for.
-        """
+        """Bandwidth in lags of so many scores, which `blocks` gives in blocks, anew in each call."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -88,11 +88,9 @@ class Products:
 
     def _check_whole(self, part: str) -> None:
         if not self.layout.whole:
-            raise UsageError(
-                f"a table with the products {part}",
-                "one with those of the instruments with regressors and response only",
-                "Make the products of all columns: moments(problem, whole=True) of an assembler.",
-            )
+            known = "one with those of the instruments with regressors and response only"
+            remedy = "Make the products of all columns: moments(problem, whole=True) of an assembler."
+            raise UsageError(f"a table with the products {part}", known, remedy)
 
     # -- totals -------------------------------------------------------------------------------------------
 
@@ -121,42 +119,27 @@ class Products:
     def __add__(self, other: Products) -> Products:
         """Blocks of both, one after the other."""
         if self.layout != other.layout:
-            raise UsageError(
-                f"products of {_words(self.layout)}",
-                f"products of {_words(other.layout)}",
-                "Add the products of one problem.",
-            )
-        return replace(
-            self,
-            counts=np.concatenate([self.counts, other.counts]),
-            sums=np.concatenate([self.sums, other.sums]),
-        )
+            expected = f"products of {_words(self.layout)}"
+            remedy = "Add the products of one problem."
+            raise UsageError(expected, f"products of {_words(other.layout)}", remedy)
+        counts, sums = np.concatenate([self.counts, other.counts]), np.concatenate([self.sums, other.sums])
+        return replace(self, counts=counts, sums=sums)
 
     def grouped(self, edges: Sequence[int] | Int[np.ndarray, " groups_plus_1"]) -> Products:
         """Sums over groups of successive blocks."""
         ends = list(pairwise(edges))
-        return replace(
-            self,
-            counts=np.array([self.counts[a:b].sum() for a, b in ends]),
-            sums=np.stack([self.sums[a:b].sum(axis=0) for a, b in ends]),
-        )
+        counts = np.array([self.counts[a:b].sum() for a, b in ends])
+        return replace(self, counts=counts, sums=np.stack([self.sums[a:b].sum(axis=0) for a, b in ends]))
 
     def resampled(self, blocks: Int[np.ndarray, " k"]) -> Products:
         """One block, with the rows of the blocks that were drawn, each as often as it was."""
-        return replace(
-            self,
-            counts=self.counts[blocks].sum(keepdims=True),
-            sums=self.sums[blocks].sum(axis=0, keepdims=True),
-        )
+        return replace(self, counts=self.counts[blocks], sums=self.sums[blocks]).total
 
     def weighted(self, weights: Float[np.ndarray, " F"]) -> Products:
         """Sum of stretches of successive blocks, in which each stretch counts as often as its weight says."""
-        stretches = weights.size
-        return replace(
-            self,
-            counts=np.tensordot(weights, self.counts.reshape(stretches, -1), 1),
-            sums=np.tensordot(weights, self.sums.reshape(stretches, -1, *self.sums.shape[1:]), 1),
-        )
+        counts = np.tensordot(weights, self.counts.reshape(weights.size, -1), 1)
+        sums = np.tensordot(weights, self.sums.reshape(weights.size, -1, *self.sums.shape[1:]), 1)
+        return replace(self, counts=counts, sums=sums)
 
     def with_residual(self, theta: Float[np.ndarray, " n"]) -> Products:
         """The same with the residual y - Phi theta in the response's place."""

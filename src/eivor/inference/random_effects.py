@@ -187,13 +187,8 @@ def random_effects_means(
     result = weighted(groups, estimates, variances, between)
     degrees = groups.sizes - 1
     q = groups.sums(result.squares) / np.maximum(degrees, 1)
-    return RandomEffectsMeans(
-        result.mean,
-        np.maximum(q, 1.0) / result.total,
-        between,
-        degrees,
-        result.weights / groups.spread(result.total),
-    )
+    variance, weights = np.maximum(q, 1.0) / result.total, result.weights / groups.spread(result.total)
+    return RandomEffectsMeans(result.mean, variance, between, degrees, weights)
 
 
 # -- Confidence distribution --

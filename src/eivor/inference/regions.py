@@ -107,11 +107,8 @@ class ConfidenceRegion:
         """
         values = checks.real_array("theta", theta)
         if values.shape != (len(self.names),):
-            raise ShapeError(
-                f"one value for each of {', '.join(self.names)}",
-                f"shape {values.shape}",
-                "Give them in this order.",
-            )
+            expected = f"one value for each of {', '.join(self.names)}"
+            raise ShapeError(expected, f"shape {values.shape}", "Give them in this order.")
         return float(self.shape.excess(self.frame.homogeneous(values)[None, :])[0])
 
     def contains(self, theta: ArrayLike) -> bool:
@@ -160,9 +157,8 @@ class ConfidenceRegion:
             When the region does not have two parameters, or has no bounds and no window is given.
         """
         if len(self.names) != 2:
-            raise UsageError(
-                "a region of two parameters", f"one of {len(self.names)}", "Use interval(name) for each."
-            )
+            remedy = "Use interval(name) for each."
+            raise UsageError("a region of two parameters", f"one of {len(self.names)}", remedy)
         remedy = "Give window=((low, high), (low, high)) in the parameters' units."
         if window is not None:
             checks.items("window", window, (tuple, list), "two pairs of numbers", remedy)
@@ -281,9 +277,8 @@ def _searched(
         values = shape.excess(np.vstack([weights, weights + moves]) @ span)
         return float(values[0]), (values[1 : start.size + 1] - values[start.size + 1 :]) / (2.0 * SEARCH_STEP)
 
-    solution = minimize(
-        value_and_slope, start, jac=True, method="BFGS", options={"maxiter": 60, "gtol": 1e-6}
-    )
+    options = {"maxiter": 60, "gtol": 1e-6}
+    solution = minimize(value_and_slope, start, jac=True, method="BFGS", options=options)
     if 1.0 < solution.fun < KINK_SHARE:
         solution = minimize(
             lambda weights: float(shape.excess((weights @ span)[None, :])[0]),
@@ -358,21 +353,16 @@ class Ellipse:
 
     def __post_init__(self) -> None:
         if self.centre.shape != (2,) or self.covariance.shape != (2, 2):
-            raise ShapeError(
-                "a pair of estimates and their 2 x 2 covariance",
-                f"shapes {self.centre.shape} and {self.covariance.shape}",
-                "Choose two parameters, or two linear combinations.",
-            )
+            expected = "a pair of estimates and their 2 x 2 covariance"
+            remedy = "Choose two parameters, or two linear combinations."
+            raise ShapeError(expected, f"shapes {self.centre.shape} and {self.covariance.shape}", remedy)
         C = self.covariance
         shared = math.sqrt(max(float(C[0, 0]) * float(C[1, 1]), 0.0))
         symmetric = abs(float(C[0, 1] - C[1, 0])) <= 1e-10 * shared
         bounded = abs(float(C[0, 1])) <= shared * (1.0 + 1e-10)
         if not (np.isfinite(C).all() and C[0, 0] >= 0.0 and C[1, 1] >= 0.0 and symmetric and bounded):
-            raise UsageError(
-                "a finite, symmetric, positive semidefinite covariance",
-                f"{C.tolist()}",
-                "Use rows and columns of an estimate's covariance.",
-            )
+            remedy = "Use rows and columns of an estimate's covariance."
+            raise UsageError("a finite, symmetric, positive semidefinite covariance", f"{C.tolist()}", remedy)
         hotelling_quantile(self.level, 2, self.degrees)
 
     @property
@@ -383,8 +373,7 @@ class Ellipse:
     @property
     def std_errors(self) -> Float[np.ndarray, "2"]:
         """Standard error of each of the pair."""
-        errors: Float[np.ndarray, "2"] = np.sqrt(np.diag(self.covariance))
-        return errors
+        return np.sqrt(np.diag(self.covariance))
 
     @property
     def correlation(self) -> float:
@@ -394,24 +383,16 @@ class Ellipse:
 
     @property
     def bounds(self) -> Float[np.ndarray, "2 2"]:
-        """Lowest and highest value (columns) of each of the pair (rows) on the ellipse.
-
-        Wider than the intervals of the parameters one by one: these hold for both, whatever their
-        combination (Scheffe).
-        """
+        """Lowest and highest value (columns) of each of the pair (rows) on the ellipse."""
         reach = math.sqrt(self.squared_radius) * self.std_errors
         return np.column_stack([self.centre - reach, self.centre + reach])
 
     @property
     def semi_axes(self) -> Float[np.ndarray, "2 2"]:
-        """Vectors (rows) from the centre to the ends of the longer and of the shorter axis.
-
-        Orthogonal in the plane of the two numbers, so that they change with the parameters' units.
-        """
+        """Vectors (rows) from the centre to the ends of the longer and of the shorter axis."""
         eigenvalues, vectors = np.linalg.eigh(self.covariance)
         lengths = np.sqrt(self.squared_radius * np.maximum(eigenvalues, 0.0))
-        axes: Float[np.ndarray, "2 2"] = (vectors * lengths).T[::-1]
-        return axes
+        return (vectors * lengths).T[::-1]
 
     @property
     def area(self) -> float:
@@ -426,19 +407,10 @@ class Ellipse:
         # principal axes of the correlation matrix, whatever r: the diagonals of the unit square
         along, across = np.sqrt(0.5 * (1.0 + r)) * np.cos(angle), np.sqrt(0.5 * (1.0 - r)) * np.sin(angle)
         unit = np.column_stack([along - across, along + across])
-        outline: Float[np.ndarray, "points 2"] = (
-            self.centre + math.sqrt(self.squared_radius) * unit * self.std_errors
-        )
-        return outline
+        return np.asarray(self.centre + math.sqrt(self.squared_radius) * unit * self.std_errors)
 
     def distance(self, points: Float[np.ndarray, "k 2"]) -> Float[np.ndarray, " k"]:
-        """Squared distance (p - c)' C^-1 (p - c) of each point; infinite off a degenerate ellipse.
-
-        Parameters
-        ----------
-        points : ndarray, shape (k, 2)
-            Points of the plane.
-        """
+        """Squared distance (p - c)' C^-1 (p - c) of each point; infinite off a degenerate ellipse."""
         errors, r = self.std_errors, self.correlation
         away = points - self.centre
         z = np.divide(away, errors, out=np.where(away == 0.0, 0.0, np.inf), where=errors > 0.0)
@@ -450,13 +422,7 @@ class Ellipse:
         return squared + np.square(rest) / (1.0 - r * r)
 
     def contains(self, points: Float[np.ndarray, "k 2"]) -> Bool[np.ndarray, " k"]:
-        """Return which points lie inside or on the ellipse.
-
-        Parameters
-        ----------
-        points : ndarray, shape (k, 2)
-            Points of the plane.
-        """
+        """Which points lie inside or on the ellipse."""
         return self.distance(points) <= self.squared_radius * (1.0 + 1e-12)
 
 
@@ -471,11 +437,9 @@ def joint_ellipse(
     """Confidence ellipse of two linear combinations of a vector of estimates."""
     size = values.size
     if covariance.shape != (size, size) or directions.shape != (2, size):
-        raise ShapeError(
-            f"a {size} x {size} covariance and two directions of length {size}",
-            f"shapes {covariance.shape} and {directions.shape}",
-            "Give one coefficient for each estimate.",
-        )
+        expected = f"a {size} x {size} covariance and two directions of length {size}"
+        remedy = "Give one coefficient for each estimate."
+        raise ShapeError(expected, f"shapes {covariance.shape} and {directions.shape}", remedy)
     C = directions @ covariance @ directions.T
     return Ellipse(directions @ values, 0.5 * (C + C.T), level, float(degrees))
 
@@ -484,11 +448,8 @@ def hotelling_quantile(level: float, dimension: int, degrees: float = math.inf) 
     """Value that Hotelling's T^2 stays below with probability `level`."""
     check_level(level)
     if not degrees >= dimension:
-        raise UsageError(
-            f"at least {dimension} degrees of freedom for {dimension} estimates together",
-            f"{degrees:g}",
-            "Use more cosine averages, or intervals one by one.",
-        )
+        expected = f"at least {dimension} degrees of freedom for {dimension} estimates together"
+        raise UsageError(expected, f"{degrees:g}", "Use more cosine averages, or intervals one by one.")
     if math.isinf(degrees):
         return chi_square_quantile(level, dimension)
     second = degrees - dimension + 1.0

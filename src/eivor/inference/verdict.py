@@ -17,21 +17,11 @@ class Status(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Reason:
-    """One reason for a verdict.
+    """A reason for a verdict."""
 
-    Parameters
-    ----------
-    status : Status
-        The best that this ground allows.
-    sentence : str
-        What was found.
-    remedy : str
-        What to fly or log instead; may be empty.
-    """
-
-    status: Status
+    status: Status  # The best that it allows
     sentence: str
-    remedy: str = ""
+    remedy: str = ""  # What to fly or log instead
 
 
 @dataclass(frozen=True, slots=True)

@@ -99,11 +99,8 @@ class LinearSystem:
             if given is not None or name != "error_covariance":
                 object.__setattr__(self, name, checks.real_array(name, given))
         if self.matrix.ndim != 2:
-            raise ShapeError(
-                "a matrix with two dimensions",
-                f"shape {self.matrix.shape}",
-                "Stack columns with column_stack.",
-            )
+            remedy = "Stack columns with column_stack."
+            raise ShapeError("a matrix with two dimensions", f"shape {self.matrix.shape}", remedy)
         rows, unknowns = self.matrix.shape
         covariance = self.error_covariance
         if self.right.shape != (rows,) or (
@@ -116,15 +113,11 @@ class LinearSystem:
                 "Check the shapes.",
             )
         if rows < unknowns:
-            raise TooFewSamplesError(
-                f"at least {unknowns} equations for {unknowns} unknowns",
-                f"{rows}",
-                "Give more samples or more instruments.",
-            )
+            expected = f"at least {unknowns} equations for {unknowns} unknowns"
+            raise TooFewSamplesError(expected, f"{rows}", "Give more samples or more instruments.")
         if not (np.isfinite(self.matrix).all() and np.isfinite(self.right).all()):
-            raise NonFiniteError(
-                "finite equations", "NaN or infinity", "Repair or mask the samples they come from."
-            )
+            remedy = "Repair or mask the samples they come from."
+            raise NonFiniteError("finite equations", "NaN or infinity", remedy)
 
     @property
     def equations(self) -> float:

@@ -113,11 +113,8 @@ def column_lengths(matrix: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " n"]:
     """Euclidean length of each column."""
     lengths: Float[np.ndarray, " n"] = np.sqrt(np.einsum("ij,ij->j", matrix, matrix))
     if not lengths.all():
-        raise CollinearError(
-            "regressors that vary",
-            f"column {int(np.argmin(lengths))} is zero",
-            "Leave that column out, or give rows in which it moves.",
-        )
+        remedy = "Leave that column out, or give rows in which it moves."
+        raise CollinearError("regressors that vary", f"column {int(np.argmin(lengths))} is zero", remedy)
     return lengths
 
 
@@ -199,16 +196,12 @@ def split_problem(system: LinearSystem) -> SplitProblem:
     """Split and whiten a problem."""
     rows, unknowns = system.matrix.shape
     if rows < unknowns + 1:
-        raise TooFewSamplesError(
-            f"at least {unknowns + 1} equations for total least squares with {unknowns} unknowns",
-            f"{rows}",
-            "Give more equations, or use least squares.",
-        )
+        expected = f"at least {unknowns + 1} equations for total least squares with {unknowns} unknowns"
+        raise TooFewSamplesError(expected, f"{rows}", "Give more equations, or use least squares.")
     S = np.eye(unknowns + 1) if system.error_covariance is None else system.error_covariance
     if not (np.diag(S) >= 0.0).all():
-        raise CovarianceError(
-            "variances of zero or more", f"{np.diag(S)}", "Check the covariance of the columns' errors."
-        )
+        remedy = "Check the covariance of the columns' errors."
+        raise CovarianceError("variances of zero or more", f"{np.diag(S)}", remedy)
     exact = np.flatnonzero(np.diag(S)[:-1] == 0.0)
     noisy = np.flatnonzero(np.diag(S)[:-1] > 0.0)
     order = np.concatenate([exact, noisy])
@@ -254,19 +247,15 @@ def _smallest(root: Float[np.ndarray, "k q_plus_1"], unknowns: int) -> float:
 def _cholesky(S: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "n n"]:
     scale = np.sqrt(np.diag(S))
     if not scale.all():
-        raise NoUniqueSolutionError(
-            "a response with noise",
-            "an exact response beside noisy regressors",
-            "Declare the response's noise, or exchange response and regressor.",
-        )
+        expected = "a response with noise"
+        remedy = "Declare the response's noise, or exchange response and regressor."
+        raise NoUniqueSolutionError(expected, "an exact response beside noisy regressors", remedy)
     try:
         return np.asarray(scale[:, None] * np.linalg.cholesky(S / np.outer(scale, scale)))
     except np.linalg.LinAlgError as error:
-        raise CovarianceError(
-            "a positive definite covariance of the noisy columns' errors",
-            "one that is singular or indefinite",
-            "Errors of two columns must not be exact multiples of each other; check signs and sizes.",
-        ) from error
+        expected = "a positive definite covariance of the noisy columns' errors"
+        remedy = "Errors of two columns must not be exact multiples of each other; check signs and sizes."
+        raise CovarianceError(expected, "one that is singular or indefinite", remedy) from error
 
 
 # -- Total least squares --
@@ -349,11 +338,9 @@ class Fuller(ErrorsInColumns):
     def solve(self, system: LinearSystem) -> Solution:
         """Solution, see `Solver.solve`."""
         if system.error_degrees is None:
-            raise UsageError(
-                "equations whose errors' covariance was estimated, on so many degrees of freedom",
-                "ones without",
-                "Use the method that goes with it: eivor.methods.fuller().",
-            )
+            expected = "equations whose errors' covariance was estimated, on so many degrees of freedom"
+            remedy = "Use the method that goes with it: eivor.methods.fuller()."
+            raise UsageError(expected, "ones without", remedy)
         split = split_problem(system)
         if not split.noisy.size:
             return split.solution(split.theta(np.empty(0)))
@@ -395,9 +382,8 @@ def weighted_total_least_squares(
     checks.kind("system", system, LinearSystem, "a LinearSystem", "Make one: LinearSystem(A, b).")
     A, b, S = system.matrix, system.right, checks.real_array("row_covariances", row_covariances)
     if S.shape != (*A.shape[:1], A.shape[1] + 1, A.shape[1] + 1):
-        raise ShapeError(
-            f"covariances of shape {(A.shape[0], A.shape[1] + 1, A.shape[1] + 1)}", f"{S.shape}", "One a row."
-        )
+        expected = f"covariances of shape {(A.shape[0], A.shape[1] + 1, A.shape[1] + 1)}"
+        raise ShapeError(expected, f"{S.shape}", "One a row.")
     start = LeastSquares().solve(system)
     # Rows [A b] in units in which every column has length one: neither the stopping rule nor the solve
     # then depends on the user's.
@@ -433,10 +419,8 @@ def _adjusted(
     pull = S @ np.append(theta, -1.0)
     weight = pull @ np.append(theta, -1.0)
     if not (weight > 0.0).all():
-        raise CovarianceError(
-            "a positive variance of every row's residual",
-            f"{float(weight.min()):.3g} in row {int(np.argmin(weight))}",
-            "Give every row an error in the response or in a regressor.",
-        )
+        expected = "a positive variance of every row's residual"
+        remedy = "Give every row an error in the response or in a regressor."
+        raise CovarianceError(expected, f"{float(weight.min()):.3g} in row {int(np.argmin(weight))}", remedy)
     residual = b - A @ theta
     return weight, A + (residual / weight)[:, None] * pull[:, :-1]

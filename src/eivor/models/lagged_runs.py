@@ -43,13 +43,8 @@ def lag_and_delay(
     step_s: float = 0.0,
 ) -> tuple[Nuisance, Nuisance]:
     """Nuisances of actuators that lag [s] behind delayed commands; samples a step apart resolve no less."""
-    delay = Nuisance(
-        DELAY,
-        np.asarray(delays_s, dtype=np.float64),
-        discrete=True,
-        halvings=DELAY_HALVINGS,
-        furthest=FURTHEST_DELAY_S,
-    )
+    grid, furthest = np.asarray(delays_s, dtype=np.float64), FURTHEST_DELAY_S
+    delay = Nuisance(DELAY, grid, discrete=True, halvings=DELAY_HALVINGS, furthest=furthest)
     return Nuisance(ACTUATOR_LAG, np.asarray(lags_s, dtype=np.float64), resolution=step_s), delay
 
 
@@ -100,17 +95,7 @@ def nothing_moves(count: int) -> Callable[[Values], Float[np.ndarray, "n 0"]]:
 
 @dataclass(frozen=True)
 class LaggedRuns(SeparableProblem):
-    """Regressions of runs for each value of the nuisances.
-
-    Raises
-    ------
-    TooFewSamplesError
-        When there is no run, or too little of the band is left.
-    ShapeError
-        When there is no candidate for the response, or more than two.
-    InstrumentError
-        When flights differ in the instruments of an axis.
-    """
+    """Regressions of runs for each value of the nuisances."""
 
     columns: tuple[AxisColumns, ...]  # Of each flight and axis
     #: Those of the fixed columns first; every axis has a column for each, maybe of zeros.
@@ -125,9 +110,8 @@ class LaggedRuns(SeparableProblem):
 
     def __post_init__(self) -> None:
         if not any(column.runs for column in self.columns):
-            raise TooFewSamplesError(
-                "at least one usable run of flight", "none", "See the reasons that `eivor inspect` gives."
-            )
+            remedy = "See the reasons that `eivor inspect` gives."
+            raise TooFewSamplesError("at least one usable run of flight", "none", remedy)
         runs = self._bin_layout.runs
         count, least = sum(run.count for run in runs), len(self.parameters) // 2 + 1  # two numbers each
         if count < least:
@@ -140,19 +124,15 @@ class LaggedRuns(SeparableProblem):
             )
         for item in self.columns:
             if item.responses.shape[1] not in (1, 2):
-                raise ShapeError(
-                    "one or two candidates for the response of an axis",
-                    f"{item.responses.shape[1]}",
-                    "Give what was measured and, beside it, a derivative of what was measured.",
-                )
+                expected = "one or two candidates for the response of an axis"
+                remedy = "Give what was measured and, beside it, a derivative of what was measured."
+                raise ShapeError(expected, f"{item.responses.shape[1]}", remedy)
         for axis in self.axes:
             widths = [column.instruments.shape[1] for column in self.columns if column.axis == axis]
             if len(set(widths)) != 1:
-                raise InstrumentError(
-                    "the same instruments in every flight of a pool",
-                    f"{widths} columns",
-                    "Pool flights that log the same references, or name the instruments.",
-                )
+                expected = "the same instruments in every flight of a pool"
+                remedy = "Pool flights that log the same references, or name the instruments."
+                raise InstrumentError(expected, f"{widths} columns", remedy)
 
     @cached_property
     def axes(self) -> tuple[int, ...]:
@@ -168,10 +148,7 @@ class LaggedRuns(SeparableProblem):
         noisier: LaggedRuns | None = None,
         begun: WarmStart | None = None,
     ) -> LaggedRuns:
-        """The same runs with moving columns that are sums of these, of which no spectrum is made twice.
-
-        `combination` says what each of the new parameters, `moving`, has of each of these.
-        """
+        """The same runs, their moving columns combined by a matrix; no spectrum is made twice."""
         fixed = self.parameters[: self.columns[0].fixed.shape[1]]
         parameters = (*fixed, *moving)
         result = replace(self, columns=columns, parameters=parameters, noisier=noisier, warm_start=begun)
@@ -194,11 +171,9 @@ class LaggedRuns(SeparableProblem):
         for column in self.columns:
             columns, positions = column.moving(nuisances), self._positions(column)
             if columns.shape[1] != len(positions):
-                raise ShapeError(
-                    f"a fixed or moving column for each of {len(self.parameters)} parameters",
-                    f"{column.fixed.shape[1]} and {columns.shape[1]}",
-                    "Give columns of zeros for what is not in an axis' equation, or say what is.",
-                )
+                expected = f"a fixed or moving column for each of {len(self.parameters)} parameters"
+                remedy = "Give columns of zeros for what is not in an axis' equation, or say what is."
+                raise ShapeError(expected, f"{column.fixed.shape[1]} and {columns.shape[1]}", remedy)
             results.extend(columns[run] for run in column.runs)
         return results
 
@@ -264,20 +239,12 @@ class LaggedRuns(SeparableProblem):
         regressors = np.column_stack([fixed[:, 1:], moving])
         exact = np.zeros((instruments.shape[1], len(self.parameters) + 1))
         noise = RowNoise(None, exact) if self.noise is None else self.noise(nuisance_values)
-        regression = Regression(
-            fixed[:, 0],
-            regressors,
-            instruments,
-            self.parameters,
-            self._row_layout,
-            noise.regressors,
-            noise.instruments,
-        )
+        columns, noises = (fixed[:, 0], regressors, instruments), (noise.regressors, noise.instruments)
+        regression = Regression(*columns, self.parameters, self._row_layout, *noises)
         if self.noisier is None:
             return regression
-        return replace(
-            regression, regressor_noise=noise_of_surrogate(regression, self.noisier.rows(nuisance_values))
-        )
+        surrogate = self.noisier.rows(nuisance_values)
+        return replace(regression, regressor_noise=noise_of_surrogate(regression, surrogate))
 
     # -- rows in frequency ----------------------------------------------------------------------------
 

@@ -63,9 +63,8 @@ class Column:
         if not np.isfinite(self.gain):
             raise UsageError("a finite gain", f"{self.gain}", "A column of zeros has the gain 0.")
         if self.lag < 0:
-            raise UsageError(
-                "a lag of zero or more samples", f"{self.lag}", "Only past samples are regressors."
-            )
+            remedy = "Only past samples are regressors."
+            raise UsageError("a lag of zero or more samples", f"{self.lag}", remedy)
 
     @property
     def name(self) -> str:
@@ -75,20 +74,12 @@ class Column:
         return f"{self.channel}(k-{self.lag})" if self.lag else self.channel
 
     def values(self, signals: Signals, first: int) -> Float[np.ndarray, " rows"]:
-        """Column of `signals`, for the samples from `first` on.
-
-        Raises
-        ------
-        TooFewSamplesError
-            When no sample is that late.
-        """
+        """Values at the samples of `signals` from `first` on; an error where there is none."""
         count = signals.sample_count - first
         if count < 1 or self.lag > first:
-            raise TooFewSamplesError(
-                f"more than {max(first, self.lag)} samples",
-                f"{signals.sample_count}",
-                "Give a longer record or fewer lags.",
-            )
+            expected = f"more than {max(first, self.lag)} samples"
+            remedy = "Give a longer record or fewer lags."
+            raise TooFewSamplesError(expected, f"{signals.sample_count}", remedy)
         gain = self.gain * (signals.channel(self.gain_channel)[first:] if self.gain_channel else 1.0)
         if not self.channel:
             return np.full(count, gain)
@@ -114,9 +105,8 @@ def lags(channel: str, first: int, last: int) -> tuple[Column, ...]:
     if last < first:
         raise UsageError("first <= last", f"first={first}, last={last}", "Both ends are included.")
     if last - first >= MOST_LAGS:
-        raise UsageError(
-            f"{MOST_LAGS} lags or fewer", f"first={first}, last={last}", "Each is a column of its own."
-        )
+        remedy = "Each is a column of its own."
+        raise UsageError(f"{MOST_LAGS} lags or fewer", f"first={first}, last={last}", remedy)
     return tuple(Column(channel, lag) for lag in range(first, last + 1))
 
 
@@ -125,18 +115,10 @@ def lags(channel: str, first: int, last: int) -> tuple[Column, ...]:
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """One unknown.
+    """One unknown."""
 
-    Parameters
-    ----------
-    name : str
-        Term of the field, as used in results ("viscous_friction").
-    unit : str
-        SI unit, empty for a pure number.
-    """
-
-    name: str
-    unit: str = ""
+    name: str  # Term of the field, as used in results ("viscous_friction")
+    unit: str = ""  # SI; empty for a pure number
 
 
 @dataclass(frozen=True, slots=True)
@@ -315,11 +297,9 @@ class Regression(LinearProblem):
             object.__setattr__(self, "layout", SampleRows(np.zeros(rows, dtype=np.int64)))
         laid_out = self.layout.flight_of_row.shape
         if laid_out != (rows,):
-            raise ShapeError(
-                f"a layout of {rows} rows, as many as the response has",
-                f"one of shape {laid_out}",
-                "Give the flight of every row, or no layout for the samples of one flight.",
-            )
+            expected = f"a layout of {rows} rows, as many as the response has"
+            remedy = "Give the flight of every row, or no layout for the samples of one flight."
+            raise ShapeError(expected, f"one of shape {laid_out}", remedy)
 
     @property
     def units(self) -> tuple[str, ...]:
@@ -343,13 +323,7 @@ class Regression(LinearProblem):
             yield RowBlock(self.response[here], self.regressors[here], self.instruments[here], flights[here])
 
     def regressor_noise_covariance(self) -> Float[np.ndarray, "n_plus_1 n_plus_1"]:
-        """Return the covariance that was given.
-
-        Raises
-        ------
-        MissingNoiseError
-            When none was.
-        """
+        """The covariance given; MissingNoiseError when none was."""
         if self.regressor_noise is None:
             expected = "the covariance of the measurement noises of regressors and response"
             remedy = "Give regression(noise_covariance=...); zeros say that a column is exact."
@@ -357,13 +331,7 @@ class Regression(LinearProblem):
         return self.regressor_noise
 
     def instrument_noise_covariance(self) -> Float[np.ndarray, "p n_plus_1"]:
-        """Return the covariance that was given.
-
-        Raises
-        ------
-        MissingNoiseError
-            When none was.
-        """
+        """The covariance given; MissingNoiseError when none was."""
         if self.instrument_noise is None:
             expected = "the covariance of the instruments' noises with those of regressors and response"
             remedy = "Give regression(instrument_noise_covariance=...); zeros say that they share none."
@@ -377,31 +345,24 @@ class Regression(LinearProblem):
 
 def _check_rows(y: np.ndarray, Phi: np.ndarray, Psi: np.ndarray, names: tuple[str, ...]) -> None:
     if y.ndim != 1 or Phi.ndim != 2 or Psi.ndim != 2:
-        raise ShapeError(
-            "a response of shape (rows,), and regressors and instruments with two dimensions",
-            f"shapes {y.shape}, {Phi.shape} and {Psi.shape}",
-            "Stack columns with numpy.column_stack.",
-        )
+        expected = "a response of shape (rows,), and regressors and instruments with two dimensions"
+        remedy = "Stack columns with numpy.column_stack."
+        raise ShapeError(expected, f"shapes {y.shape}, {Phi.shape} and {Psi.shape}", remedy)
     rows, unknowns = Phi.shape
     if y.shape != (rows,) or Psi.shape[0] != rows:
-        raise ShapeError(
-            "response, regressors and instruments with equally many rows",
-            f"{y.shape}, {Phi.shape} and {Psi.shape}",
-            "Cut them from the same samples.",
-        )
+        expected = "response, regressors and instruments with equally many rows"
+        remedy = "Cut them from the same samples."
+        raise ShapeError(expected, f"{y.shape}, {Phi.shape} and {Psi.shape}", remedy)
     if len(names) != unknowns:
         raise ShapeError(f"one name for each of {unknowns} regressors", f"{len(names)}", "Name every column.")
     twice = sorted(item for item, count in Counter(names).items() if count > 1)
     if twice:
-        raise UsageError(
-            "a name of its own for every parameter",
-            f"{', '.join(repr(item) for item in twice)} more than once",
-            "An estimate is requested by the name of its parameter.",
-        )
+        expected = "a name of its own for every parameter"
+        remedy = "An estimate is requested by the name of its parameter."
+        raise UsageError(expected, f"{', '.join(repr(item) for item in twice)} more than once", remedy)
     if rows < unknowns:
-        raise TooFewSamplesError(
-            f"at least {unknowns} rows for {unknowns} unknowns", f"{rows}", "Give a longer record."
-        )
+        remedy = "Give a longer record."
+        raise TooFewSamplesError(f"at least {unknowns} rows for {unknowns} unknowns", f"{rows}", remedy)
     for name, values in (("response", y), ("regressors", Phi), ("instruments", Psi)):
         check_finite(name, values)
 
@@ -433,11 +394,9 @@ def _check_noise(
     unknowns, available = Phi.shape[1], Psi.shape[1]
     if specific is not None:
         if specific.shape != (unknowns + 1, unknowns + 1):
-            raise ShapeError(
-                f"a {unknowns + 1} x {unknowns + 1} covariance of the noises of [regressors, response]",
-                f"shape {specific.shape}",
-                "Its last row and column belong to the response.",
-            )
+            expected = f"a {unknowns + 1} x {unknowns + 1} covariance of the noises of [regressors, response]"
+            remedy = "Its last row and column belong to the response."
+            raise ShapeError(expected, f"shape {specific.shape}", remedy)
         check_covariance(specific)
     if shared is not None:
         if shared.shape != (available, unknowns + 1):
@@ -454,11 +413,8 @@ def check_covariance(matrix: Float[np.ndarray, "n n"]) -> None:
     """Raise when a matrix is not a covariance."""
     check_finite("covariance", matrix)
     if np.abs(matrix).max(initial=0.0) > LARGEST_VARIANCE:
-        raise CovarianceError(
-            f"variances up to {LARGEST_VARIANCE:g}",
-            f"{np.abs(matrix).max():g}",
-            "Give columns and noises in other units; products of these no double can hold.",
-        )
+        remedy = "Give columns and noises in other units; products of these no double can hold."
+        raise CovarianceError(f"variances up to {LARGEST_VARIANCE:g}", f"{np.abs(matrix).max():g}", remedy)
     scale = np.sqrt(np.abs(np.diag(matrix)))
     scale = np.where(scale > 0.0, scale, 1.0)
     unit = matrix / np.outer(scale, scale)
@@ -466,11 +422,9 @@ def check_covariance(matrix: Float[np.ndarray, "n n"]) -> None:
         raise CovarianceError("a symmetric covariance", "one that is not", "Symmetrise it: 0.5 * (C + C.T).")
     smallest = float(np.linalg.eigvalsh(unit)[0])
     if smallest < -1e-10:
-        raise CovarianceError(
-            "a positive semidefinite covariance",
-            f"one whose correlations have the eigenvalue {smallest:.3g}",
-            "Check the signs and sizes of its off-diagonal elements.",
-        )
+        expected = "a positive semidefinite covariance"
+        remedy = "Check the signs and sizes of its off-diagonal elements."
+        raise CovarianceError(expected, f"one whose correlations have the eigenvalue {smallest:.3g}", remedy)
 
 
 def regression(
@@ -516,9 +470,8 @@ def regression(
     Phi = _matrix("regressors", regressors)
     y = checks.real_array("response", response)
     if y.ndim != 1:
-        raise ShapeError(
-            "a response of shape (rows,)", f"shape {y.shape}", "Use .ravel() or choose a column."
-        )
+        remedy = "Use .ravel() or choose a column."
+        raise ShapeError("a response of shape (rows,)", f"shape {y.shape}", remedy)
     Psi = np.empty((Phi.shape[0], 0)) if instruments is None else _matrix("instruments", instruments)
     labels = tuple(f"theta_{j + 1}" for j in range(Phi.shape[1]))
     if names is not None:
@@ -538,7 +491,6 @@ def regression(
 def _matrix(name: str, values: ArrayLike) -> Float[np.ndarray, "m n"]:
     matrix = checks.real_array(name, values)
     if matrix.ndim != 2:
-        raise ShapeError(
-            f"{name} with two dimensions", f"shape {matrix.shape}", "Stack columns with numpy.column_stack."
-        )
+        remedy = "Stack columns with numpy.column_stack."
+        raise ShapeError(f"{name} with two dimensions", f"shape {matrix.shape}", remedy)
     return matrix

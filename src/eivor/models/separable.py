@@ -147,9 +147,8 @@ class Prior:
         checks.number("mean", self.mean)
         checks.number("std", self.std)
         if not (np.isfinite(self.mean) and np.isfinite(self.std) and self.std > 0.0):
-            raise ParameterError(
-                "a finite mean and a positive standard error", f"{self.mean} and {self.std}", "Give both."
-            )
+            expected = "a finite mean and a positive standard error"
+            raise ParameterError(expected, f"{self.mean} and {self.std}", "Give both.")
 
     def misfit(self, value: Number) -> Number:
         """Squared distance of a value, or of each of an array, from the mean, in standard errors."""
@@ -182,9 +181,8 @@ class Bounds:
         checks.number("low", self.low)
         checks.number("high", self.high)
         if not (np.isfinite(self.low) and np.isfinite(self.high) and self.low <= self.high):
-            raise ParameterError(
-                "finite bounds, the lower one first", f"{self.low} and {self.high}", "Give both."
-            )
+            remedy = "Give both."
+            raise ParameterError("finite bounds, the lower one first", f"{self.low} and {self.high}", remedy)
 
 
 @dataclass(frozen=True, eq=False)
@@ -204,13 +202,11 @@ class Nuisance:
 
     def __post_init__(self) -> None:
         if not (self.grid.size and np.isfinite(self.grid).all() and (np.diff(self.grid) > 0.0).all()):
-            raise ParameterError(
-                f"one or more finite values of {self.name}, increasing", f"{self.grid}", "Sort them."
-            )
+            expected = f"one or more finite values of {self.name}, increasing"
+            raise ParameterError(expected, f"{self.grid}", "Sort them.")
         if not self.tolerance > 0.0:
-            raise ParameterError(
-                f"a positive tolerance of {self.name}", f"{self.tolerance}", "Give a small number."
-            )
+            remedy = "Give a small number."
+            raise ParameterError(f"a positive tolerance of {self.name}", f"{self.tolerance}", remedy)
 
     @property
     def name(self) -> str:

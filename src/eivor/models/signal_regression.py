@@ -225,13 +225,7 @@ class SignalRegression(LinearProblem):
         return np.asarray(broken[lag + 1 :] - broken[: valid.size - lag] == 0)
 
     def column(self, column: Column) -> Float[np.ndarray, " rows"]:
-        """Values of one column.
-
-        Raises
-        ------
-        MissingChannelError, TooFewSamplesError
-            When the channel is absent, or the record shorter than the largest lag.
-        """
+        """Values of one column; an error when its channel is absent or the record shorter than the lag."""
         values = column.values(self.signals, self.first)
         return values if self.used is None else values[self.used]
 
@@ -240,13 +234,8 @@ class SignalRegression(LinearProblem):
         Phi = np.column_stack([self.column(column) for column in self.regressor_columns])
         instruments = [self.column(column) for column in self.instrument_columns]
         Psi = np.column_stack(instruments) if instruments else np.empty((Phi.shape[0], 0))
-        return Regression(
-            self.column(self.equation.response),
-            Phi,
-            Psi,
-            self.parameters,
-            regressor_noise=self.declared_noise(),
-        )
+        response, noise = self.column(self.equation.response), self.declared_noise()
+        return Regression(response, Phi, Psi, self.parameters, regressor_noise=noise)
 
     def rows(self) -> Regression:
         """Rows in arrays, built once."""
@@ -294,24 +283,12 @@ class SignalRegression(LinearProblem):
         return values
 
     def regressor_noise_covariance(self) -> Float[np.ndarray, "n_plus_1 n_plus_1"]:
-        """Noise covariance of [Phi y] from the columns' tags and the declared noises.
-
-        Raises
-        ------
-        MissingNoiseError
-            When the noise of a channel is not declared.
-        """
+        """Of [Phi y], from the noises of channels; MissingNoiseError where one is not declared."""
         columns = (*self.regressor_columns, self.equation.response)
         return shared_noise(columns, columns, self.signals, self.first, self.used)
 
     def instrument_noise_covariance(self) -> Float[np.ndarray, "p n_plus_1"]:
-        """C and c from the columns' tags and the declared noises.
-
-        Raises
-        ------
-        MissingNoiseError
-            When an instrument and another column are of one channel whose noise is not declared.
-        """
+        """C and c, from the noises of channels; MissingNoiseError where one is not declared."""
         columns = (*self.regressor_columns, self.equation.response)
         return shared_noise(self.instrument_columns, columns, self.signals, self.first, self.used)
 

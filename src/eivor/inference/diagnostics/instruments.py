@@ -95,7 +95,7 @@ def endogeneity(
     scale = unit_scale(np.diag(GG))
     GG = np.outer(scale, scale) * GG  # columns of unit length: gamma and M are in their units
     if direct is None:
-        gamma = np.linalg.lstsq(GG, scale * products.regressor_residual.sum(axis=0), rcond=None)[0]
+        gamma = np.linalg.lstsq(GG, scale * products.regressor_response.sum(axis=0), rcond=None)[0]
         H = GG
     else:
         gamma = direct.difference / scale
@@ -104,13 +104,13 @@ def endogeneity(
     M = products.count * weights.T @ products.sensitivity * scale
     D = np.linalg.lstsq(H.T, M.T, rcond=None)[0]
     cross, shared = products.cross * scale, products.shared * scale
-    h = (products.residual - cross @ gamma) @ weights
+    h = (products.instrument_response - cross @ gamma) @ weights
     h += products.counts[:, None] * ((products.constant + shared @ gamma) @ weights)
     regressors = products.regressors * np.outer(scale, scale)
-    s = products.regressor_residual * scale - regressors @ gamma
+    s = products.regressor_response * scale - regressors @ gamma
     left = float(products.power.sum()) - float(gamma @ GG @ gamma)  # of least squares
     if direct is not None:
-        power = products.power - 2.0 * (products.regressor_residual * scale) @ gamma
+        power = products.power - 2.0 * (products.regressor_response * scale) @ gamma
         power += np.einsum("i,kij,j->k", gamma, regressors, gamma)
         left = float(power.sum())
         s += scale * (power[:, None] * direct.pull + products.counts[:, None] * direct.constant)
@@ -206,7 +206,7 @@ def robust_over_identification(products: EquationProducts, averages: int | None 
     degrees = max(T.shape[1] - products.sensitivity.shape[1], 0)
     B = joint_averages(degrees, products.counts.size) if averages is None else averages
     S = covariance_of_total(products.equation_sums @ T, B) / products.count
-    return hansen_j(T.T @ products.equations, T.T @ products.sensitivity, S, products.count, B)
+    return hansen_j(T.T @ products.mean_equations, T.T @ products.sensitivity, S, products.count, B)
 
 
 # -- Strength --

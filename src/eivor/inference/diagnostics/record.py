@@ -176,9 +176,8 @@ def first_stage_of_products(
         direction[j], direction[others] = 1.0, -delta
         explained = float(direction @ projected @ direction)
         total = float(direction @ regressors @ direction)
-        unexplained = (
-            total - explained - 2.0 * float((basis_products @ direction) @ (noise_products @ direction))
-        )
+        both = float((basis_products @ direction) @ (noise_products @ direction))
+        unexplained = total - explained - 2.0 * both
         negligible = unexplained <= 1e-12 * float(regressors[j, j])
         strengths[j] = np.inf if negligible else explained / degrees / (unexplained / (rows - available))
     return strengths
@@ -198,53 +197,12 @@ def over_identification(
 
 
 @dataclass(frozen=True)
-class EquationProducts:
+class EquationProducts(Products):
     """Products of [psi G e] over K successive blocks of time, and what compensation adds."""
 
-    products: Products
     shared: Float[np.ndarray, "p n"]
     constant: Float[np.ndarray, " p"]  # C theta - c
     rows: float | None = None  # Rows that the sums are of
-
-    @property
-    def counts(self) -> Float[np.ndarray, " K"]:
-        """Samples in each block."""
-        return self.products.counts
-
-    @property
-    def instruments(self) -> Float[np.ndarray, "K p p"]:
-        """Psi psi'."""
-        return self.products.instruments
-
-    @property
-    def cross(self) -> Float[np.ndarray, "K p n"]:
-        """Psi G'."""
-        return self.products.cross
-
-    @property
-    def residual(self) -> Float[np.ndarray, "K p"]:
-        """Psi e."""
-        return self.products.instrument_response
-
-    @property
-    def regressors(self) -> Float[np.ndarray, "K n n"]:
-        """G G'."""
-        return self.products.regressors
-
-    @property
-    def regressor_residual(self) -> Float[np.ndarray, "K n"]:
-        """G e."""
-        return self.products.regressor_response
-
-    @property
-    def power(self) -> Float[np.ndarray, " K"]:
-        """e^2."""
-        return self.products.power
-
-    @cached_property
-    def count(self) -> float:
-        """Samples in all blocks, N."""
-        return self.products.count
 
     @property
     def row_count(self) -> float:
@@ -267,14 +225,14 @@ class EquationProducts:
         return np.asarray(self.regressors.sum(axis=0)) / self.count
 
     @cached_property
-    def equations(self) -> Float[np.ndarray, " p"]:
+    def mean_equations(self) -> Float[np.ndarray, " p"]:
         """mean(psi e) + C theta - c."""
-        return np.asarray(self.residual.sum(axis=0)) / self.count + self.constant
+        return np.asarray(self.instrument_response.sum(axis=0)) / self.count + self.constant
 
     @cached_property
     def equation_sums(self) -> Float[np.ndarray, "K p"]:
         """Sums of the equations' scores psi e + C theta - c over each block."""
-        return self.residual + self.counts[:, None] * self.constant
+        return self.instrument_response + self.counts[:, None] * self.constant
 
     @cached_property
     def whitening(self) -> Float[np.ndarray, "p q"]:
@@ -299,8 +257,7 @@ def equation_products(
     """Products of rows that are samples in time order. Performs no checks."""
     rows, p = instruments.shape
     n = jacobian.shape[1]
-    return EquationProducts(
-        products_of_rows(instruments, jacobian, residual, edges=block_edges(rows, blocks)),
-        np.zeros((p, n)) if shared is None else shared,
-        np.zeros(p) if constant is None else constant,
-    )
+    products = products_of_rows(instruments, jacobian, residual, edges=block_edges(rows, blocks))
+    shared = np.zeros((p, n)) if shared is None else shared
+    constant = np.zeros(p) if constant is None else constant
+    return EquationProducts(products.counts, products.sums, products.layout, shared, constant)

@@ -130,9 +130,8 @@ def wald_path(groups: Float[np.ndarray, "64 n"]) -> Float[np.ndarray, " breaks"]
 
 def p_value(statistic: float, unknowns: int) -> float:
     """Tail of the supremum, from the table: logarithms are interpolated, ends are kept."""
-    return float(
-        np.exp(np.interp(np.log(max(statistic, 1e-300)), np.log(QUANTILES[unknowns]), np.log(TAILS)))
-    )
+    quantiles, tails = np.log(QUANTILES[unknowns]), np.log(TAILS)
+    return float(np.exp(np.interp(np.log(max(statistic, 1e-300)), quantiles, tails)))
 
 
 @lru_cache(maxsize=1)
