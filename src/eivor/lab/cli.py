@@ -402,9 +402,7 @@ STUDY_EXIT_CODES = (
 @guarded
 def study(
     study_file: Annotated[
-        str,
-        typer.Argument(metavar="STUDY.toml", help="The study: scenario, methods, runs, seed."),
-        Reads(),
+        str, typer.Argument(metavar="STUDY.toml", help="The study: scenario, methods, runs, seed."), Reads()
     ],
     *,
     out: Annotated[

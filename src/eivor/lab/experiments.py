@@ -52,10 +52,7 @@ class VerticalExperiment(Experiment):
     @property
     def truth(self) -> Mapping[str, float]:
         """K and K_u."""
-        return {
-            "viscous_friction": self.scenario.viscous_friction,
-            "input_gain": self.scenario.input_gain,
-        }
+        return {"viscous_friction": self.scenario.viscous_friction, "input_gain": self.scenario.input_gain}
 
     @property
     def channels(self) -> tuple[str, ...]:

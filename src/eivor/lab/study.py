@@ -496,11 +496,7 @@ class ShardTrials:
 
 
 def run_study(
-    study: Study,
-    folder: Path,
-    *,
-    executor: Executor | None = None,
-    progress: Progress = no_progress,
+    study: Study, folder: Path, *, executor: Executor | None = None, progress: Progress = no_progress
 ) -> StudyResult:
     """Run what is left of a study."""
     shards = open_folder(study, folder)
@@ -636,6 +632,5 @@ def _parameter_score(result: StudyResult, label: str, name: str) -> ParameterSco
 def _spread(values: Float[np.ndarray, " n"]) -> Spread:
     nan = float("nan")
     return Spread(
-        float(values.mean()) if values.size else nan,
-        float(values.std(ddof=1)) if values.size > 1 else nan,
+        float(values.mean()) if values.size else nan, float(values.std(ddof=1)) if values.size > 1 else nan
     )

@@ -115,12 +115,7 @@ def _unit_noise(
 
 
 def simulated_recording(
-    name: str,
-    *,
-    simulator: str,
-    time_s: Series,
-    held: Mapping[str, Series],
-    sampled: Mapping[str, Series],
+    name: str, *, simulator: str, time_s: Series, held: Mapping[str, Series], sampled: Mapping[str, Series]
 ) -> Recording:
     """Log of a simulated flight whose rotors' thrust goes with the square of their state."""
     channels = {

@@ -390,12 +390,7 @@ class RigidBodyFlightSpec:
 
 
 #: What each number of a specification may be.
-SPEC_RANGES = {
-    "rate_hz": (20.0, 1e4),
-    "duration": (0.1, 3600.0),
-    "vigour": (0.01, 2.0),
-    "seed": (0, 2**63),
-}
+SPEC_RANGES = {"rate_hz": (20.0, 1e4), "duration": (0.1, 3600.0), "vigour": (0.01, 2.0), "seed": (0, 2**63)}
 
 
 # -- Surroundings --
@@ -459,12 +454,7 @@ def quaternions(angles: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 4"]:
     """Attitudes w, x, y, z of roll, pitch and yaw [rad]: yaw first, then pitch, then roll."""
     (a, b, c), (d, e, f) = np.cos(0.5 * angles).T, np.sin(0.5 * angles).T
     return np.column_stack(
-        [
-            a * b * c + d * e * f,
-            d * b * c - a * e * f,
-            a * e * c + d * b * f,
-            a * b * f - d * e * c,
-        ]
+        [a * b * c + d * e * f, d * b * c - a * e * f, a * e * c + d * b * f, a * b * f - d * e * c]
     )
 
 

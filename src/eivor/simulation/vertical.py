@@ -161,13 +161,7 @@ class ExactSubstep:
         self._fast_integral = -np.expm1(-2.0 * rate * h) / (2.0 * rate)
 
     def end(
-        self,
-        command: Flights,
-        state: Flights,
-        z: Flights,
-        v: Flights,
-        gust: Flights,
-        lift: Flights,
+        self, command: Flights, state: Flights, z: Flights, v: Flights, gust: Flights, lift: Flights
     ) -> tuple[Flights, Flights, Flights]:
         """Rotor state, height and velocity at the end; K_u times `lift` is what the state does upwards."""
         away = state - command
