@@ -119,11 +119,9 @@ def real_array(name: str, values: Any) -> Float[np.ndarray, "*shape"]:
         raise DataError(f"real numbers in {name}", f"{error}", "Convert them first.") from error
     if array.dtype.kind not in REAL_KINDS:
         complex_numbers = array.dtype.kind == "c"
-        raise DataError(
-            f"real numbers in {name}",
-            "complex ones" if complex_numbers else f"values of the type {array.dtype}",
-            "Take their real part or their absolute value." if complex_numbers else "Convert them first.",
-        )
+        received = "complex ones" if complex_numbers else f"values of the type {array.dtype}"
+        remedy = "Take their real part or their absolute value." if complex_numbers else "Convert them first."
+        raise DataError(f"real numbers in {name}", received, remedy)
     return np.asarray(array, dtype=np.float64)
 
 

@@ -151,11 +151,8 @@ def paper(
         _list(chosen)
         return ExitCode.IDENTIFIED
     if runs < 2 or workers < 0:
-        raise UsageError(
-            "two runs or more, and workers of zero or more",
-            f"--runs {runs} --workers {workers}",
-            "The paper has 100 runs.",
-        )
+        expected = "two runs or more, and workers of zero or more"
+        raise UsageError(expected, f"--runs {runs} --workers {workers}", "The paper has 100 runs.")
     for path in figure_files(_folder(out)) if out else ():
         output_file(str(path), option="--out")
     if page:
@@ -215,11 +212,8 @@ def _folder(text: str) -> Path:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise InputError(
-            "a folder for the figures",
-            f"'{text}', for which the system says: {error.strerror or error}",
-            "Choose another.",
-        ) from error
+        received = f"'{text}', for which the system says: {error.strerror or error}"
+        raise InputError("a folder for the figures", received, "Choose another.") from error
     return folder
 
 
@@ -316,11 +310,8 @@ def simulate(
     source = Path(scenario_file)
     scenario, files = _scenario(source)
     if vehicle and not isinstance(scenario, RigidBodyFlightSpec):
-        raise UsageError(
-            "--vehicle with a flight of a whole vehicle, such as crazyflie",
-            f"'{source.stem}', whose rotors are nowhere",
-            "Leave --vehicle out.",
-        )
+        expected = "--vehicle with a flight of a whole vehicle, such as crazyflie"
+        raise UsageError(expected, f"'{source.stem}', whose rotors are nowhere", "Leave --vehicle out.")
     keep_inputs(source.name, files)
     try:
         with step("Simulating"):
@@ -368,22 +359,16 @@ def _shipped(name: str) -> Simulated:
     if name in shipped_scenarios():
         return shipped_scenario(name)
     known = (*shipped_scenarios(), FLIGHT_KIND, *SHIPPED)
-    raise UsageError(
-        "a scenario file that ends in .toml, or one of " + ", ".join(sorted(known)),
-        f"'{name}'",
-        did_you_mean(name, known, "Check the name."),
-    )
+    expected = "a scenario file that ends in .toml, or one of " + ", ".join(sorted(known))
+    raise UsageError(expected, f"'{name}'", did_you_mean(name, known, "Check the name."))
 
 
 def _simulated(scenario: Simulated, seed: int, *, hover: bool) -> KnownLog:
     if isinstance(scenario, Scenario):
         return log_about_hover(scenario, seed, hover=hover)
     if hover:
-        raise UsageError(
-            "--hover with a scenario about hover",
-            "a flight, whose log has the whole input",
-            "Leave --hover out.",
-        )
+        expected = "--hover with a scenario about hover"
+        raise UsageError(expected, "a flight, whose log has the whole input", "Leave --hover out.")
     if isinstance(scenario, RigidBodyFlightSpec):
         return log_of_rigid_body_flight(replace(scenario, seed=seed))
     return log_of_flight(replace(scenario, seed=seed))

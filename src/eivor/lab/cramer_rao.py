@@ -92,11 +92,9 @@ def cramer_rao(scenario: Scenario, runs: int = RUNS, seed: int = 0) -> CramerRao
     checks.whole("runs", runs)
     checks.whole("seed", seed)
     if scenario.controlled:
-        raise ParameterError(
-            "a scenario in open loop, for its bound",
-            "one under control, whose input depends on the noises",
-            "Leave the control out; its bound is that of the open loop with the same input.",
-        )
+        expected = "a scenario in open loop, for its bound"
+        remedy = "Leave the control out; its bound is that of the open loop with the same input."
+        raise ParameterError(expected, "one under control, whose input depends on the noises", remedy)
     if not 1 <= runs <= MOST_RUNS:
         raise ParameterError(f"1 to {MOST_RUNS} records", f"runs={runs}", f"Leave it out for {RUNS}.")
     if seed < 0:

@@ -181,11 +181,8 @@ def page_with(page: str, parts: Mapping[str, str]) -> str:
     for name, text in parts.items():
         begin, end = marks(name)
         if page.count(begin) != 1 or page.partition(begin)[2].count(end) != 1:
-            raise InputError(
-                f"a page with the marks {begin} and {end}",
-                "one without both of them",
-                "Put them where it goes.",
-            )
+            expected = f"a page with the marks {begin} and {end}"
+            raise InputError(expected, "one without both of them", "Put them where it goes.")
         before, _, rest = page.partition(begin)
         page = f"{before}{begin}\n\n{text}\n\n{end}{rest.partition(end)[2]}"
     return page

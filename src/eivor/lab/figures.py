@@ -131,11 +131,9 @@ def study_coverage_figure(
     """Coverage of every parameter in one or several studies, methods side by side."""
     levels = {result.study.level for result in results if result.study.intervals}
     if len(levels) != 1:
-        raise UsageError(
-            "studies with intervals of one level",
-            f"levels {sorted(levels)}" if levels else "none with intervals",
-            "Set intervals = true in the study's file; draw levels apart.",
-        )
+        expected = "studies with intervals of one level"
+        received = f"levels {sorted(levels)}" if levels else "none with intervals"
+        raise UsageError(expected, received, "Set intervals = true in the study's file; draw levels apart.")
     rows = [
         CoverageRow(
             item.label,

@@ -237,11 +237,9 @@ class FractionalTerm:
             return
         checks.number("order", self.order)
         if not (np.isfinite(self.order) and abs(self.order) <= LARGEST_ORDER):
-            raise ParameterError(
-                f"an order between -{LARGEST_ORDER:g} and {LARGEST_ORDER:g}",
-                f"{self.order}",
-                "Differentiate or integrate the channel by whole orders first.",
-            )
+            expected = f"an order between -{LARGEST_ORDER:g} and {LARGEST_ORDER:g}"
+            remedy = "Differentiate or integrate the channel by whole orders first."
+            raise ParameterError(expected, f"{self.order}", remedy)
 
     def order_at(self, orders: Mapping[str, float]) -> float:
         """Order, which a mapping has where it is sought."""
@@ -265,11 +263,8 @@ def terms_of(name: str, given: object) -> tuple[FractionalTerm, ...]:
     """Terms from a sequence of them, of orders, or of both."""
     kinds = (FractionalTerm, UnknownOrder, *checks.NUMBERS)
     if not isinstance(given, tuple | list) or not given or not all(isinstance(item, kinds) for item in given):
-        raise UsageError(
-            f"one term or more for {name}: orders, unknown orders, or FractionalTerm(order, lag)",
-            checks.described(given),
-            "Give (0.0, 0.5), for example.",
-        )
+        expected = f"one term or more for {name}: orders, unknown orders, or FractionalTerm(order, lag)"
+        raise UsageError(expected, checks.described(given), "Give (0.0, 0.5), for example.")
     terms = tuple(item if isinstance(item, FractionalTerm) else FractionalTerm(item) for item in given)
     for entry, other in combinations(terms, 2):
         if entry.may_be(other):
@@ -344,11 +339,9 @@ class FilteredSignals:
             base = self._moving_average(channel)
             for i in selected:
                 if left[i].gain_channel:
-                    raise UsageError(
-                        f"instruments of '{channel}' without a gain of another channel",
-                        f"{left[i].name} times '{left[i].gain_channel}'",
-                        "Leave the gain out.",
-                    )
+                    expected = f"instruments of '{channel}' without a gain of another channel"
+                    received = f"{left[i].name} times '{left[i].gain_channel}'"
+                    raise UsageError(expected, received, "Leave the gain out.")
                 lag = left[i].lag
                 seen = base[: max(self.count - lag, 0)]
                 shared[i] += left[i].gain * (seen @ noises[lag : lag + seen.size])
@@ -543,11 +536,9 @@ class FractionalProblem(LinearisableProblem):
 
     def bins(self, nuisances: Values) -> SpectralRegression:
         """Nothing: an operator's memory does not end with a run."""
-        raise UsageError(
-            "a method without spectral whitening for a fractional difference equation",
-            f"one that asks for its spectra at {dict(nuisances)}",
-            "Use generalized_iv, or another method of the page on fractional equations.",
-        )
+        expected = "a method without spectral whitening for a fractional difference equation"
+        remedy = "Use generalized_iv, or another method of the page on fractional equations."
+        raise UsageError(expected, f"one that asks for its spectra at {dict(nuisances)}", remedy)
 
 
 # -- Model --
@@ -775,11 +766,9 @@ class FractionalDifferenceModel:
         if frequencies.ndim != 1:
             raise ShapeError("frequencies of shape (k,)", f"shape {frequencies.shape}", "Give a series.")
         if not ((frequencies > 0.0) & (frequencies <= 0.5 * rate_hz)).all():
-            raise ParameterError(
-                f"frequencies above zero and up to {0.5 * rate_hz:g} Hz, half the rate",
-                f"{frequencies}",
-                "Leave the others out, or give the rate of the record: rate_hz=...",
-            )
+            expected = f"frequencies above zero and up to {0.5 * rate_hz:g} Hz, half the rate"
+            remedy = "Leave the others out, or give the rate of the record: rate_hz=..."
+            raise ParameterError(expected, f"{frequencies}", remedy)
         back = np.exp(-2j * np.pi * frequencies / rate_hz)
         return np.asarray(over.response(back) / under.response(back))
 
@@ -807,18 +796,14 @@ class FractionalDifferenceModel:
         weights = left.weights(count)
         largest = max(abs(coefficient) for coefficient, _, _ in left.terms)
         if abs(weights[0]) <= LEAST_OWN_COEFFICIENT * largest:
-            raise ParameterError(
-                "an equation that can be solved for the newest output",
-                f"a coefficient of {weights[0]:.3g} before y(k)",
-                "Give the output a term without a lag, and coefficients that do not cancel.",
-            )
+            expected = "an equation that can be solved for the newest output"
+            remedy = "Give the output a term without a lag, and coefficients that do not cancel."
+            raise ParameterError(expected, f"a coefficient of {weights[0]:.3g} before y(k)", remedy)
         growing = left.growing_modes
         if growing:
-            raise ParameterError(
-                "a stable equation",
-                f"one with {growing} growing mode{'s' if growing > 1 else ''}",
-                "Check the signs of the coefficients, and that orders are below two.",
-            )
+            received = f"one with {growing} growing mode{'s' if growing > 1 else ''}"
+            remedy = "Check the signs of the coefficients, and that orders are below two."
+            raise ParameterError("a stable equation", received, remedy)
         return reciprocal(weights)
 
     def _side(self, side: str, parameters: Parameters, rate_hz: float) -> Side:
@@ -828,11 +813,9 @@ class FractionalDifferenceModel:
         names = [parameter.name for parameter in self.parameters]
         missing = [name for name in names if not np.isfinite(parameters.get(name, np.nan))]
         if missing:
-            raise ParameterError(
-                f"finite values of {', '.join(names)}",
-                f"none of {', '.join(missing)}",
-                "Give estimate.parameters, or all of them by name.",
-            )
+            expected = f"finite values of {', '.join(names)}"
+            received = f"none of {', '.join(missing)}"
+            raise ParameterError(expected, received, "Give estimate.parameters, or all of them by name.")
         if not (np.isfinite(rate_hz) and rate_hz > 0.0):
             raise ParameterError("a positive rate in Hz", f"rate_hz={rate_hz}", "Give that of the record.")
         coefficients = {**parameters, "output_coefficient_1": 1.0}

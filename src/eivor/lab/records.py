@@ -118,11 +118,9 @@ def _check_velocity_gains(proportional: float, integral: float) -> None:
     finite("velocity_gain", proportional)
     finite("velocity_integral_gain", integral)
     if proportional == 0.0 and integral == 0.0:
-        raise ParameterError(
-            "a controller with a velocity_gain or a velocity_integral_gain",
-            "both zero",
-            "Give one of them, or leave the control out for open loop.",
-        )
+        expected = "a controller with a velocity_gain or a velocity_integral_gain"
+        received = "both zero"
+        raise ParameterError(expected, received, "Give one of them, or leave the control out for open loop.")
 
 
 # -- Sampled vehicle --
@@ -321,11 +319,9 @@ class Scenario:
                     "a disturbance to scale", "disturbance_to_signal alone", "Give the disturbance as well."
                 )
         if self.controlled and self.intersample is not Intersample.HOLD:
-            raise ParameterError(
-                "an input that is held between samples, as a sampled controller gives it",
-                f"intersample '{self.intersample.value}' under control",
-                "Use hold, or leave the control out.",
-            )
+            expected = "an input that is held between samples, as a sampled controller gives it"
+            received = f"intersample '{self.intersample.value}' under control"
+            raise ParameterError(expected, received, "Use hold, or leave the control out.")
         check_stable(self.vehicle, self.control)
 
     def _check_types(self) -> None:
@@ -403,11 +399,8 @@ def check_noises(
         check_number(ratio >= 0.0, f"noise_to_signal of zero or more for {name}", ratio)
     for name in (*noises, *ratios):
         if name not in channels:
-            raise ParameterError(
-                f"noise of {', '.join(channels)}",
-                f"noise of '{name}'",
-                _REMEDIES.get(name, "Name one of these channels."),
-            )
+            remedy = _REMEDIES.get(name, "Name one of these channels.")
+            raise ParameterError(f"noise of {', '.join(channels)}", f"noise of '{name}'", remedy)
 
 
 # -- Simulate --
@@ -543,11 +536,9 @@ def _disturbance(scenario: Scenario, undisturbed: LinearMotion, rng: np.random.G
         return series
     spread = float(series.std())
     if not (np.isfinite(spread) and spread > 0.0):
-        raise ParameterError(
-            "a disturbance that varies, since it is to be scaled to a share of z''",
-            f"a standard deviation of {spread} over the record",
-            "Give it a positive std, or leave disturbance_to_signal out.",
-        )
+        expected = "a disturbance that varies, since it is to be scaled to a share of z''"
+        remedy = "Give it a positive std, or leave disturbance_to_signal out."
+        raise ParameterError(expected, f"a standard deviation of {spread} over the record", remedy)
     response = _channels(scenario, undisturbed, rest)["acceleration_z"]
     return scenario.disturbance_to_signal * float(response.std()) / spread * series
 

@@ -92,12 +92,9 @@ def numbers_in_file(table: TomlTable) -> tuple[float, ...]:
     if bad.any():
         row = bad.arg_max()
         value = column[row] if row is not None else None
-        raise table.wrong(
-            "column",
-            f"finite numbers in column '{name}' of {path.name}, up to {LARGEST_NUMBER:g} in size",
-            "no value" if value is None else repr(value)[:60],
-            f"See its row {0 if row is None else row + 1}, not counting the header.",
-        )
+        expected = f"finite numbers in column '{name}' of {path.name}, up to {LARGEST_NUMBER:g} in size"
+        remedy = f"See its row {0 if row is None else row + 1}, not counting the header."
+        raise table.wrong("column", expected, "no value" if value is None else repr(value)[:60], remedy)
     return tuple(numbers.to_list())
 
 

@@ -182,11 +182,9 @@ class Study:
             raise UsageError("a level between 0 and 1", f"{self.level}", "Use 0.95, for example.")
         labels = [choice.label for choice in self.methods]
         if not labels or len(set(labels)) < len(labels) or any("." in label for label in labels):
-            raise UsageError(
-                "one method or more, with labels of their own that have no dot in them",
-                f"labels {', '.join(labels) or 'of no method'}",
-                'Give a method that appears twice a label, such as label = "giv_20_lags".',
-            )
+            expected = "one method or more, with labels of their own that have no dot in them"
+            remedy = 'Give a method that appears twice a label, such as label = "giv_20_lags".'
+            raise UsageError(expected, f"labels {', '.join(labels) or 'of no method'}", remedy)
         for choice in self.methods:
             named = (choice.channel,) if choice.lags else ()
             for channel in (*named, *(choice.known_noise or ())):
@@ -353,11 +351,8 @@ class TrialShards:
         """Trials of a shard."""
         content = self.path(number).read_bytes()
         if not is_sealed(content, self._facts(number)):
-            raise InputError(
-                f"'{self.path(number)}' as it was written",
-                "other bytes",
-                "Something has changed it meanwhile: run the same again, and it is computed anew.",
-            )
+            remedy = "Something has changed it meanwhile: run the same again, and it is computed anew."
+            raise InputError(f"'{self.path(number)}' as it was written", "other bytes", remedy)
         return pl.read_parquet(io.BytesIO(content))
 
     def write(self, number: int, trials: Sequence[Row]) -> None:
@@ -413,11 +408,8 @@ def _document(folder: Path) -> Mapping[str, object] | None:
     path = folder / IDENTITY_FILE
     if not path.exists():
         if (folder / TABLE_FILE).exists() or any((folder / "shards").glob("*.parquet")):
-            raise UsageError(
-                "a new folder, or the folder of this study",
-                f"'{folder}', which has trials and no {IDENTITY_FILE}",
-                "Choose another folder.",
-            )
+            received = f"'{folder}', which has trials and no {IDENTITY_FILE}"
+            raise UsageError("a new folder, or the folder of this study", received, "Choose another folder.")
         return None
     try:
         document = json.loads(path.read_text(encoding="utf-8"))
@@ -441,11 +433,9 @@ def _check_same(shards: TrialShards, document: Mapping[str, object], before: Map
         )
     held = before["runs"]
     if not isinstance(held, int) or held > shards.study.runs:
-        raise UsageError(
-            f"at least {held} runs, as many as '{name}' was begun with",
-            f"{shards.study.runs}",
-            "Ask for as many or more, or choose another folder.",
-        )
+        expected = f"at least {held} runs, as many as '{name}' was begun with"
+        received = f"{shards.study.runs}"
+        raise UsageError(expected, received, "Ask for as many or more, or choose another folder.")
     if document["versions"] != before["versions"] and shards.missing():
         raise InputError(
             f"the versions that '{name}' was begun with: {_listed(before['versions'])}",

@@ -274,11 +274,9 @@ def load_channel_map(source: str | os.PathLike[str]) -> ChannelMap:
         return parse_channel_map(text, f"{source}.toml")
     path = Path(source)
     if not os.path.isfile(path):  # noqa: PTH113 - Path.is_file raises for names that are too long
-        raise ChannelMapError(
-            f"a channel map: a TOML file, or one of the shipped maps {', '.join(shipped_maps())}",
-            f"'{path}', which is no file",
-            did_you_mean(str(source), shipped_maps(), "Check the name of the map."),
-        )
+        expected = f"a channel map: a TOML file, or one of the shipped maps {', '.join(shipped_maps())}"
+        remedy = did_you_mean(str(source), shipped_maps(), "Check the name of the map.")
+        raise ChannelMapError(expected, f"'{path}', which is no file", remedy)
     return _channel_map(read_toml(path, "a channel map", ChannelMapError))
 
 

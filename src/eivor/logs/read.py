@@ -307,11 +307,9 @@ def format_of(head: bytes, file: Path) -> LogFormat:
         if row.sniff(head, file):
             return row
     labels = ", ".join(row.label for row in readable_formats())
-    raise UnknownFormatError(
-        f"a log of a format that is read ({labels})",
-        f"'{file.name}', whose content is that of none of them",
-        "Check that this is the file you meant; a table needs a line of column names and delimited text.",
-    )
+    expected = f"a log of a format that is read ({labels})"
+    remedy = "Check that this is the file you meant; a table needs a line of column names and delimited text."
+    raise UnknownFormatError(expected, f"'{file.name}', whose content is that of none of them", remedy)
 
 
 def format_at(path: Path) -> LogFormat:
@@ -407,11 +405,9 @@ def _read(file: Path, channel_map: str | os.PathLike[str] | None, max_bytes: int
     if size == 0:
         raise EmptyLogError("a log", f"'{file.name}', which is empty (0 bytes)", "Copy the file again.")
     if size > max_bytes:
-        raise LogTooLargeError(
-            f"a log of at most {max_bytes} bytes",
-            f"'{file.name}' with {size} bytes",
-            "Cut the log to the manoeuvre of interest, or raise the limit: read_log(max_bytes=...).",
-        )
+        expected = f"a log of at most {max_bytes} bytes"
+        remedy = "Cut the log to the manoeuvre of interest, or raise the limit: read_log(max_bytes=...)."
+        raise LogTooLargeError(expected, f"'{file.name}' with {size} bytes", remedy)
     try:
         head, sha256 = _head(file)
     except OSError as error:
@@ -419,11 +415,9 @@ def _read(file: Path, channel_map: str | os.PathLike[str] | None, max_bytes: int
     chosen = format_of(head, file)
     if channel_map is not None and chosen.is_read and not chosen.takes_map:
         taking = ", ".join(row.label for row in readable_formats() if row.takes_map)
-        raise UsageError(
-            f"a channel map only with logs whose columns have any names ({taking})",
-            f"a channel map with the {chosen.label} '{file.name}'",
-            f"Leave the map out: what a {chosen.label} holds is known.",
-        )
+        expected = f"a channel map only with logs whose columns have any names ({taking})"
+        received = f"a channel map with the {chosen.label} '{file.name}'"
+        raise UsageError(expected, received, f"Leave the map out: what a {chosen.label} holds is known.")
     return chosen.read(file, ReadOptions(channel_map, sha256))
 
 

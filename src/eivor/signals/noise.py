@@ -211,11 +211,9 @@ class FractionalNoise(MeasurementNoise):
         check_std(self.std)
         checks.number("order", self.order)
         if not LEAST_ORDER <= self.order <= LARGEST_ORDER:
-            raise NonFiniteError(
-                f"an order between {LEAST_ORDER} and {LARGEST_ORDER}",
-                f"order={self.order}",
-                "Integrate or differentiate the channel itself by whole orders first.",
-            )
+            expected = f"an order between {LEAST_ORDER} and {LARGEST_ORDER}"
+            remedy = "Integrate or differentiate the channel itself by whole orders first."
+            raise NonFiniteError(expected, f"order={self.order}", remedy)
 
     def autocovariance(self, lag: int, start: int, count: int) -> Float[np.ndarray, " count"]:
         """std^2 sum_{q <= m} a_q a_{q + lag}, from a table that is linear in the record."""
@@ -270,11 +268,9 @@ class AutoregressiveNoise(MeasurementNoise):
         check_std(self.std)
         checks.number("coefficient", self.coefficient)
         if not abs(self.coefficient) < 1.0:
-            raise ParameterError(
-                "a coefficient between -1 and 1, both left out",
-                f"coefficient={self.coefficient}",
-                "Give FractionalNoise(std, -1) for a random walk.",
-            )
+            expected = "a coefficient between -1 and 1, both left out"
+            received = f"coefficient={self.coefficient}"
+            raise ParameterError(expected, received, "Give FractionalNoise(std, -1) for a random walk.")
 
     @property
     def innovation_std(self) -> float:
@@ -328,11 +324,9 @@ class HeavyTailedNoise(UncorrelatedNoise):
         check_std(self.std)
         checks.number("degrees", self.degrees)
         if not 2.0 < self.degrees < np.inf:
-            raise ParameterError(
-                "more than two degrees of freedom, and finitely many",
-                f"degrees={self.degrees}",
-                "Give 3 for heavy tails, WhiteNoise for normal noise.",
-            )
+            expected = "more than two degrees of freedom, and finitely many"
+            received = f"degrees={self.degrees}"
+            raise ParameterError(expected, received, "Give 3 for heavy tails, WhiteNoise for normal noise.")
 
     def sample(self, count: int, rng: np.random.Generator) -> Float[np.ndarray, " count"]:
         """Independent values of Student's t, scaled."""
@@ -466,11 +460,8 @@ def estimate_long_memory(values: Float[np.ndarray, " n"], *, bandwidth: int | No
         )
     most = (values.size - 1) // 2
     if most < LEAST_BANDWIDTH:
-        raise TooFewSamplesError(
-            f"{2 * LEAST_BANDWIDTH + 1} samples or more",
-            f"{values.size}",
-            "Record the machine at rest for longer.",
-        )
+        expected = f"{2 * LEAST_BANDWIDTH + 1} samples or more"
+        raise TooFewSamplesError(expected, f"{values.size}", "Record the machine at rest for longer.")
     m = max(LEAST_BANDWIDTH, int(values.size**BANDWIDTH_EXPONENT)) if bandwidth is None else bandwidth
     if not LEAST_BANDWIDTH <= m <= most:
         raise ParameterError(

@@ -115,8 +115,5 @@ def input_map(name: str) -> InputMap:
             return Mixed(float(number))
     except ValueError:
         pass
-    raise UsageError(
-        "an input map linear, square, power:EXPONENT or mixed:SHARE",
-        f"'{name}'",
-        "Rotor speeds want square, thrust setpoints linear.",
-    )
+    expected = "an input map linear, square, power:EXPONENT or mixed:SHARE"
+    raise UsageError(expected, f"'{name}'", "Rotor speeds want square, thrust setpoints linear.")

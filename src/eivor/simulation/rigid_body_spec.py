@@ -106,11 +106,8 @@ class AdaptiveSteps(Integrator):
 
     def __post_init__(self) -> None:
         if not (0.0 < self.rtol < 1.0 and 0.0 < self.atol < math.inf):
-            raise ParameterError(
-                "tolerances above zero, the relative one below one",
-                f"rtol={self.rtol}, atol={self.atol}",
-                "Correct the integrator.",
-            )
+            expected = "tolerances above zero, the relative one below one"
+            raise ParameterError(expected, f"rtol={self.rtol}, atol={self.atol}", "Correct the integrator.")
         methods = ("RK45", "DOP853", "Radau", "BDF", "LSODA")
         if self.method not in methods:
             raise ParameterError(f"a method out of {', '.join(methods)}", f"{self.method!r}", "Choose one.")
@@ -267,11 +264,9 @@ class Sensors:
     def __post_init__(self) -> None:
         for name in ("cutoff_hz", "averaged_s"):
             if getattr(self.attitude, name):
-                raise ParameterError(
-                    "an attitude without a filter",
-                    f"{name}={getattr(self.attitude, name):g}",
-                    "Leave it out: quaternions are not averaged part by part.",
-                )
+                expected = "an attitude without a filter"
+                remedy = "Leave it out: quaternions are not averaged part by part."
+                raise ParameterError(expected, f"{name}={getattr(self.attitude, name):g}", remedy)
 
     @classmethod
     def exact(cls) -> Sensors:
@@ -372,11 +367,9 @@ class RigidBodyFlightSpec:
 
     def _whole(self, what: str, periods: float) -> None:
         if not (periods > 0.5 and abs(periods - round(periods)) < 1e-6):
-            raise ParameterError(
-                f"{what} that is the rate of the simulation, and of its rate loop, over a whole number",
-                f"{periods:g} periods of these in one of its own",
-                f"The simulation has {self.rate_hz:g} Hz, its rate loop {self.controller.rate_hz:g} Hz.",
-            )
+            expected = f"{what} that is the rate of the simulation, and of its rate loop, over a whole number"
+            remedy = f"The simulation has {self.rate_hz:g} Hz, its rate loop {self.controller.rate_hz:g} Hz."
+            raise ParameterError(expected, f"{periods:g} periods of these in one of its own", remedy)
 
     @property
     def step_s(self) -> float:

@@ -245,11 +245,8 @@ class VerticalFlightSpec:
         checks.within(self, RANGES, "Correct the flight's specification.")
         substeps = self.delay / STEP_S * SUBSTEPS
         if abs(substeps - round(substeps)) > 1e-6:
-            raise UsageError(
-                f"a delay that is a multiple of {STEP_S / SUBSTEPS:g} s",
-                f"{self.delay}",
-                "The simulator delays whole substeps.",
-            )
+            expected = f"a delay that is a multiple of {STEP_S / SUBSTEPS:g} s"
+            raise UsageError(expected, f"{self.delay}", "The simulator delays whole substeps.")
 
     @property
     def count(self) -> int:

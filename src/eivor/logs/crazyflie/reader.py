@@ -72,11 +72,9 @@ def parse_header(data: bytes, name: str) -> Header:
     cursor = _Cursor(data, name, len(MAGIC))
     version, count = cursor.number(), cursor.number()
     if version not in STAMPS:
-        raise CorruptLogError(
-            "a Crazyflie microSD log of version 1 or 2",
-            f"'{name}' of version {version}",
-            "The file is damaged, or newer than this release; try a newer Eivor.",
-        )
+        expected = "a Crazyflie microSD log of version 1 or 2"
+        remedy = "The file is damaged, or newer than this release; try a newer Eivor."
+        raise CorruptLogError(expected, f"'{name}' of version {version}", remedy)
     if count > MAX_EVENT_TYPES:
         raise cursor.corrupt(f"announces {count} types of events (at most {MAX_EVENT_TYPES} are read)")
     stamp, tick_s = STAMPS[version]
@@ -135,11 +133,9 @@ class _Cursor:
 
     def corrupt(self, reason: str) -> CorruptLogError:
         """Return the error for a head that is not sound."""
-        return CorruptLogError(
-            "a Crazyflie microSD log with a sound head",
-            f"'{self.name}', which {reason}",
-            "The file is cut or damaged; copy it from the card again.",
-        )
+        expected = "a Crazyflie microSD log with a sound head"
+        received = f"'{self.name}', which {reason}"
+        return CorruptLogError(expected, received, "The file is cut or damaged; copy it from the card again.")
 
 
 # -- Advice --
@@ -438,19 +434,14 @@ def read_crazyflie(file: Path, options: ReadOptions) -> Recording:
     try:
         data = file.read_bytes()
     except OSError as error:
-        raise CorruptLogError(
-            "a Crazyflie microSD log that can be read",
-            f"'{file.name}': {error}",
-            "Copy it from the card again.",
-        ) from error
+        expected = "a Crazyflie microSD log that can be read"
+        raise CorruptLogError(expected, f"'{file.name}': {error}", "Copy it from the card again.") from error
     header = parse_header(data, file.name)
     events, findings = read_events(data, header)
     if not events:
-        raise EmptyLogError(
-            "a Crazyflie microSD log with records",
-            f"'{file.name}' without a whole record of any (types of events: {len(header.types)})",
-            "Check config.txt on the card, and end the logging before the power goes (usd.logging = 0).",
-        )
+        received = f"'{file.name}' without a whole record of any (types of events: {len(header.types)})"
+        remedy = "Check config.txt on the card, and end the logging before the power goes (usd.logging = 0)."
+        raise EmptyLogError("a Crazyflie microSD log with records", received, remedy)
     texts = [text for event in events if (text := _gaps(event))]
     findings += noted("dropouts", "Records are missing in {}.", "; ".join(texts))
     events.sort(key=lambda event: -event.time_s.size)
@@ -585,11 +576,9 @@ def _position(rule: ChannelRule, chosen: ChannelMap, events: Sequence[Event], na
     for index, event in enumerate(events):
         if event.has(needed):
             return index
-    raise ChannelMapError(
-        f"columns of one type of events for channels.{rule.name} ({chosen.origin})",
-        f"{listed(needed)}, which no type of '{name}' has all of",
-        f"Take columns of one type, and '{CLOCK}' for the time.",
-    )
+    expected = f"columns of one type of events for channels.{rule.name} ({chosen.origin})"
+    received = f"{listed(needed)}, which no type of '{name}' has all of"
+    raise ChannelMapError(expected, received, f"Take columns of one type, and '{CLOCK}' for the time.")
 
 
 CRAZYFLIE = LogFormat(

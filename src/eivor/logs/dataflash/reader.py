@@ -82,11 +82,9 @@ def read_dataflash(file: Path, options: ReadOptions) -> Recording:
         with file.open("rb") as stream:
             content = mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ)
     except (OSError, ValueError) as error:
-        raise CorruptLogError(
-            "a readable DataFlash log",
-            f"'{file.name}', which cannot be read ({error})",
-            "Copy it from the vehicle again.",
-        ) from error
+        expected = "a readable DataFlash log"
+        received = f"'{file.name}', which cannot be read ({error})"
+        raise CorruptLogError(expected, received, "Copy it from the vehicle again.") from error
     tables, findings = _tables(content)
     parameters = _parameters(tables)
     choose_estimator(tables, parameters, findings)

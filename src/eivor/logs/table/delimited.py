@@ -299,11 +299,9 @@ def _layout(lines: _Lines) -> _Layout:
         remedy = f"At most {MAX_COLUMNS} are read; cut the table."
         raise corrupt_table(lines.name, f"with {len(names)} columns", remedy)
     if names and all(map(_is_number, names)):
-        raise UnknownFormatError(
-            "a table whose first line holds the names of the columns",
-            f"'{lines.name}', whose first line holds numbers only",
-            "Put a line of column names on top.",
-        )
+        expected = "a table whose first line holds the names of the columns"
+        received = f"'{lines.name}', whose first line holds numbers only"
+        raise UnknownFormatError(expected, received, "Put a line of column names on top.")
     layout = _check_rows(lines, _Layout(tuple(names), lines.delimiter, lines.number))
     if layout.rows == 0:
         remedy = "Check that logging was on during the flight."
