@@ -102,9 +102,8 @@ def mapping(name: str, value: object, types: type | tuple[type, ...], expected: 
     assert isinstance(value, Mapping)  # noqa: S101 - `kind` has refused anything else
     for key, item in value.items():
         if not isinstance(key, str) or not isinstance(item, types):
-            raise UsageError(
-                f"{expected} for {name}", f"{described(item)} for {described(key)}", "Correct the call."
-            )
+            received = f"{described(item)} for {described(key)}"
+            raise UsageError(f"{expected} for {name}", received, "Correct the call.")
 
 
 def real_array(name: str, values: Any) -> Float[np.ndarray, "*shape"]:

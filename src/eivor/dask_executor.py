@@ -32,9 +32,8 @@ class DaskCluster(Executor):
 
     def __post_init__(self) -> None:
         if "://" not in self.address:
-            raise UsageError(
-                "the address of a Dask scheduler", f"'{self.address}'", "Give one such as tcp://HOST:8786."
-            )
+            expected = "the address of a Dask scheduler"
+            raise UsageError(expected, f"'{self.address}'", "Give one such as tcp://HOST:8786.")
 
     def map(
         self, function: Callable[[Item], Result], items: Iterable[Item]

@@ -83,9 +83,8 @@ class Limits:
         for name, unit in (("time_s", "s"), ("memory_gb", "GB")):
             value = getattr(self, name)
             if not value > 0.0:
-                raise UsageError(
-                    f"a limit {name} above zero", f"{value:g} {unit}", "Give more, or leave it out."
-                )
+                expected = f"a limit {name} above zero"
+                raise UsageError(expected, f"{value:g} {unit}", "Give more, or leave it out.")
 
 
 UNLIMITED = Limits(math.inf, math.inf)

@@ -304,9 +304,8 @@ def simulate(
         raise UsageError("a seed of zero or more", f"--seed {seed}", "Any such integer will do.")
     log_path = Path(out)
     if log_path.suffix not in LOG_FORMATS:
-        raise UsageError(
-            f"a log that ends in {' or '.join(LOG_FORMATS)}", f"'{out}'", "The ending chooses the format."
-        )
+        remedy = "The ending chooses the format."
+        raise UsageError(f"a log that ends in {' or '.join(LOG_FORMATS)}", f"'{out}'", remedy)
     source = Path(scenario_file)
     scenario, files = _scenario(source)
     if vehicle and not isinstance(scenario, RigidBodyFlightSpec):

@@ -174,11 +174,10 @@ def _known_noise(noises: Mapping[str, MeasurementNoise]) -> NoiseModel:
     for name in ("input", "velocity_z", "acceleration_z"):
         noise = noises[name]
         if not isinstance(noise, WhiteNoise | FractionalNoise) or noise.std == 0.0:
-            raise ParameterError(
-                "white or fractional noise of input, velocity and response, for a bound",
-                f"{name} without" if noise.std == 0.0 else type(noise).__name__,
-                "Give every channel some noise; without, nothing bounds an estimate.",
-            )
+            expected = "white or fractional noise of input, velocity and response, for a bound"
+            received = f"{name} without" if noise.std == 0.0 else type(noise).__name__
+            remedy = "Give every channel some noise; without, nothing bounds an estimate."
+            raise ParameterError(expected, received, remedy)
 
     def order(name: str) -> float:
         noise = noises[name]

@@ -99,9 +99,8 @@ class DifferenceEquation(Experiment):
 
     def __post_init__(self) -> None:
         if not self.input_coefficients:
-            raise ParameterError(
-                "at least one input coefficient", "none", "Without an input nothing is excited."
-            )
+            expected = "at least one input coefficient"
+            raise ParameterError(expected, "none", "Without an input nothing is excited.")
         for value in (*self.output_coefficients, *self.input_coefficients):
             check_number(True, "finite coefficients", value)
         check_number(self.delay >= 0, "a delay of zero or more samples", self.delay)

@@ -317,9 +317,8 @@ class FilteredSignals:
     def values(self, column: FractionalColumn, first: int) -> Float[np.ndarray, " rows"]:
         """Column of the samples from `first` on."""
         if self.count <= first:
-            raise TooFewSamplesError(
-                f"more than {first} samples", f"{self.count}", "Give a longer record or fewer lags."
-            )
+            expected = f"more than {first} samples"
+            raise TooFewSamplesError(expected, f"{self.count}", "Give a longer record or fewer lags.")
         total: Float[np.ndarray, " rows"] = np.zeros(self.count - first)
         for part in column:
             series = self._behind(self._series, part, self.signals.channel)
@@ -596,9 +595,8 @@ class FractionalDifferenceModel:
         ranges = {order.name: order for order in self._repeated_orders()}
         for order in self._repeated_orders():
             if order != ranges[order.name]:
-                raise ParameterError(
-                    f"one range of the order '{order.name}'", "two", "Use one UnknownOrder in both terms."
-                )
+                expected = f"one range of the order '{order.name}'"
+                raise ParameterError(expected, "two", "Use one UnknownOrder in both terms.")
         clash = sorted({parameter.name for parameter, _ in self._terms()} & set(ranges))
         if clash:
             raise ParameterError("orders with names of their own", f"'{clash[0]}'", "Rename the order.")

@@ -331,9 +331,8 @@ def named_readings(names: tuple[str, ...]) -> tuple[PaperReading, ...]:
     known = {reading.name: reading for reading in READINGS}
     for name in names:
         if name not in known:
-            raise UsageError(
-                f"readings out of {', '.join(known)}", f"'{name}'", "Name some of them, with commas between."
-            )
+            expected = f"readings out of {', '.join(known)}"
+            raise UsageError(expected, f"'{name}'", "Name some of them, with commas between.")
     return tuple(known[name] for name in names) or READINGS
 
 

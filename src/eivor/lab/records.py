@@ -315,9 +315,8 @@ class Scenario:
             ratio = self.disturbance_to_signal
             check_number(ratio >= 0.0, "disturbance_to_signal of zero or more", ratio)
             if self.disturbance is None:
-                raise ParameterError(
-                    "a disturbance to scale", "disturbance_to_signal alone", "Give the disturbance as well."
-                )
+                remedy = "Give the disturbance as well."
+                raise ParameterError("a disturbance to scale", "disturbance_to_signal alone", remedy)
         if self.controlled and self.intersample is not Intersample.HOLD:
             expected = "an input that is held between samples, as a sampled controller gives it"
             received = f"intersample '{self.intersample.value}' under control"
@@ -564,9 +563,8 @@ def _controlled(scenario: Scenario, feedback: Feedback, additions: Series, pushe
 def log_about_hover(scenario: Scenario, seed: int, *, hover: bool = False) -> KnownLog:
     """Log of the measured channels of a scenario; with `hover` the input carries the weight too."""
     if hover and scenario.input_gain <= 0.0:
-        raise UsageError(
-            "an input_gain above zero with --hover", f"{scenario.input_gain}", "Leave --hover out."
-        )
+        expected = "an input_gain above zero with --hover"
+        raise UsageError(expected, f"{scenario.input_gain}", "Leave --hover out.")
     hover_input = GRAVITY / scenario.input_gain if hover else 0.0
     record = simulate(scenario, np.random.default_rng(seed))
     signals = record.signals

@@ -88,15 +88,13 @@ class Tikhonov:
         if self.parameter is not None:
             checks.number("parameter", self.parameter)
             if not 0.0 <= self.parameter < np.inf:
-                raise UsageError(
-                    "a parameter of zero or more", f"{self.parameter:g}", "Zero regularises nothing."
-                )
+                expected = "a parameter of zero or more"
+                raise UsageError(expected, f"{self.parameter:g}", "Zero regularises nothing.")
         if self.towards is not None:
             vector = checks.real_array("towards", self.towards)
             if vector.ndim != 1 or not np.isfinite(vector).all():
-                raise NonFiniteError(
-                    "a vector of finite numbers", f"{vector}", "Give one number for each parameter."
-                )
+                expected = "a vector of finite numbers"
+                raise NonFiniteError(expected, f"{vector}", "Give one number for each parameter.")
             object.__setattr__(self, "towards", vector)
 
     def vector(self, unknowns: int) -> Float[np.ndarray, " n"]:

@@ -108,9 +108,8 @@ def _path(table: TomlTable, text: str) -> Path:
     except (OSError, ValueError, RuntimeError):  # a loop of links, a name that no system has
         inside = False
     if not inside:
-        raise table.wrong(
-            "file", "a file beside the scenario or in a folder below it", f"'{text}'", "Put it there."
-        )
+        expected = "a file beside the scenario or in a folder below it"
+        raise table.wrong("file", expected, f"'{text}'", "Put it there.")
     if path.suffix.lower() not in FORMATS:
         raise table.wrong("file", f"a file that ends in {' or '.join(FORMATS)}", f"'{text}'")
     if not path.is_file():
@@ -352,9 +351,8 @@ def noises(
         noise[name] = of_kind(section, MeasurementNoise, **std)
         ratios |= {} if ratio is None else {name: ratio}
     if sections.has("specific_force_z") and "acceleration_z" in channels:
-        raise sections.wrong(
-            "", f"noise of {', '.join(channels)}", "noise of 'specific_force_z'", ABOUT_HOVER
-        )
+        expected = f"noise of {', '.join(channels)}"
+        raise sections.wrong("", expected, "noise of 'specific_force_z'", ABOUT_HOVER)
     sections.finish()
     return noise, ratios
 
@@ -418,9 +416,8 @@ def shipped_scenarios() -> tuple[str, ...]:
 def shipped_scenario(name: str) -> Scenario:
     """Scenario that comes with the package."""
     if name not in shipped_scenarios():
-        raise UsageError(
-            f"a scenario out of {', '.join(shipped_scenarios())}", f"'{name}'", "Name one of them."
-        )
+        expected = f"a scenario out of {', '.join(shipped_scenarios())}"
+        raise UsageError(expected, f"'{name}'", "Name one of them.")
     return read_scenario(_SCENARIOS / f"{name}.toml")
 
 

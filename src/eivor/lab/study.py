@@ -416,9 +416,8 @@ def _document(folder: Path) -> Mapping[str, object] | None:
     except (ValueError, RecursionError):
         document = None
     if not isinstance(document, dict) or not {"identity", "runs", "versions"} <= document.keys():
-        raise UsageError(
-            f"the {IDENTITY_FILE} of a study", f"'{path}', which is another file", "Choose another folder."
-        )
+        expected = f"the {IDENTITY_FILE} of a study"
+        raise UsageError(expected, f"'{path}', which is another file", "Choose another folder.")
     return document
 
 

@@ -336,9 +336,8 @@ def _rule(name: str, section: TomlTable, source: str) -> ChannelRule:
         raise section.wrong("", f"a canonical channel name ({', '.join(known)})", f"'{name}'", remedy)
     given = [formula for formula in FORMULAS if section.has(formula)]
     sources = f"exactly one of {', '.join(FORMULAS)}"
-    _require(
-        section, len(given) == 1, "", sources, " and ".join(given) or "none of them", "State one source."
-    )
+    received = " and ".join(given) or "none of them"
+    _require(section, len(given) == 1, "", sources, received, "State one source.")
     formula = given[0]
     is_turned = formula == "roll_pitch"
     default = "rad" if is_turned else channel.unit

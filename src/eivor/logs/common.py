@@ -611,9 +611,8 @@ def kept(file: Path, max_bytes: int) -> Iterator[Path]:
                     target.write(block)
         except OSError as error:
             reason = error.strerror or str(error)
-            raise InputError(
-                f"a log from {NAME}", f"what cannot be copied: {reason}", "Save it, and give the file."
-            ) from error
+            received = f"what cannot be copied: {reason}"
+            raise InputError(f"a log from {NAME}", received, "Save it, and give the file.") from error
         yield copy
 
 
@@ -624,9 +623,8 @@ def _opened(file: Path) -> Iterator[BinaryIO]:
             yield stream
         return
     if sys.stdin is None or sys.stdin.closed or sys.stdin.isatty():
-        raise InputError(
-            f"a log from {NAME}", "nothing that is piped into it", f"Write `... | eivor identify {file}`."
-        )
+        expected = f"a log from {NAME}"
+        raise InputError(expected, "nothing that is piped into it", f"Write `... | eivor identify {file}`.")
     yield sys.stdin.buffer
 
 

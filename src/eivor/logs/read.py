@@ -449,9 +449,8 @@ def _log_size(file: Path) -> int:
         return folder_size(file)
     if not stat.S_ISREG(status.st_mode):
         kind = "a directory" if stat.S_ISDIR(status.st_mode) else "not a regular file"
-        raise InputError(
-            "the path of a log file", f"'{file}', which is {kind}", "Give the file itself, one log at a time."
-        )
+        expected = "the path of a log file"
+        raise InputError(expected, f"'{file}', which is {kind}", "Give the file itself, one log at a time.")
     return status.st_size
 
 

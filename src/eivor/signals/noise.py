@@ -234,9 +234,8 @@ def check_std(std: float) -> None:
     is_valid = np.isfinite(std) and std >= 0.0
     if not is_valid or std > LARGEST_STD:
         expected = f"up to {LARGEST_STD:g}" if is_valid else "of zero or more"
-        raise NonFiniteError(
-            f"a standard deviation {expected}", f"std={std}", "Give it in the channel's own unit."
-        )
+        remedy = "Give it in the channel's own unit."
+        raise NonFiniteError(f"a standard deviation {expected}", f"std={std}", remedy)
 
 
 # -- Further noises --
@@ -455,9 +454,8 @@ def estimate_long_memory(values: Float[np.ndarray, " n"], *, bandwidth: int | No
     if bandwidth is not None:
         checks.whole("bandwidth", bandwidth)
     if not np.isfinite(values).all():
-        raise NonFiniteError(
-            "a record of finite values", "NaN or infinity in it", "Cut the record to a stretch without gaps."
-        )
+        remedy = "Cut the record to a stretch without gaps."
+        raise NonFiniteError("a record of finite values", "NaN or infinity in it", remedy)
     most = (values.size - 1) // 2
     if most < LEAST_BANDWIDTH:
         expected = f"{2 * LEAST_BANDWIDTH + 1} samples or more"
@@ -469,9 +467,8 @@ def estimate_long_memory(values: Float[np.ndarray, " n"], *, bandwidth: int | No
         )
     power = np.abs(np.fft.rfft(values - values.mean())[1 : m + 1]) ** 2 / values.size
     if not power.max() > (np.finfo(np.float64).eps * np.abs(values).max()) ** 2:
-        raise ParameterError(
-            "a record that varies", "a constant one", "Use one with the sensor's full resolution."
-        )
+        received = "a constant one"
+        raise ParameterError("a record that varies", received, "Use one with the sensor's full resolution.")
     return _whittle(power, np.log(2.0 * np.sin(np.pi * np.arange(1, m + 1) / values.size)))
 
 

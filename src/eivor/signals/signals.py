@@ -63,9 +63,8 @@ class Signals:
         checks.mapping("channels", self.channels, object, "values")
         checks.mapping("noise", self.noise, MeasurementNoise, "noises")
         if not (np.isfinite(self.rate_hz) and self.rate_hz > 0.0):
-            raise NonFiniteError(
-                "a positive rate in Hz", f"rate_hz={self.rate_hz}", "Give the number of samples per second."
-            )
+            remedy = "Give the number of samples per second."
+            raise NonFiniteError("a positive rate in Hz", f"rate_hz={self.rate_hz}", remedy)
         if not np.isfinite(self.start_s) or self.offset < 0:
             expected = "a finite start, and an offset of zero samples or more"
             received = f"start_s={self.start_s}, offset={self.offset}"
@@ -149,7 +148,6 @@ def _mask(valid: object) -> Bool[np.ndarray, "*shape"]:
     if mask.dtype == np.bool_:
         return mask
     if mask.dtype.kind not in "iu" or not np.isin(mask, (0, 1)).all():
-        raise DataError(
-            "a mask of True and False for valid", f"values of the type {mask.dtype}", "Compare first: x > 0."
-        )
+        expected = "a mask of True and False for valid"
+        raise DataError(expected, f"values of the type {mask.dtype}", "Compare first: x > 0.")
     return np.asarray(mask, dtype=np.bool_)

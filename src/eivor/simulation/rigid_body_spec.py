@@ -231,9 +231,8 @@ class Wind:
 
     def __post_init__(self) -> None:
         if len(self.steady) != 3 or not all(abs(speed) <= 50.0 for speed in self.steady):
-            raise ParameterError(
-                "a steady wind of three speeds up to 50 m/s", f"{self.steady}", "Correct the wind."
-            )
+            expected = "a steady wind of three speeds up to 50 m/s"
+            raise ParameterError(expected, f"{self.steady}", "Correct the wind.")
 
 
 @dataclass(frozen=True, slots=True)

@@ -546,9 +546,8 @@ def _map_channels(
     served = [(events[position], items) for position, items in rules.items()]
     channels = _mapped(chosen, served, name, findings)
     if not channels:
-        raise EmptyLogError(
-            "a log with values", f"'{name}', in which every mapped variable is empty", "Check the map."
-        )
+        expected = "a log with values"
+        raise EmptyLogError(expected, f"'{name}', in which every mapped variable is empty", "Check the map.")
     findings += delay_findings(channels, chosen.origin)
     return channels
 

@@ -155,12 +155,11 @@ def check_schemas(file: Path) -> None:
     text = ", ".join(f"{name} ({encoding})" for name, encoding in schemas[:8]) + (
         ", ..." if schemas[8:] else ""
     )
-    raise MissingReaderError(
-        "an MCAP file with messages of ROS 2",
-        f"'{file.name}' with {text}",
+    remedy = (
         "Convert its topics to CSV with canonical column names (`mcap cat --json` prints them), or give the "
-        "vehicle's own log.",
+        "vehicle's own log."
     )
+    raise MissingReaderError("an MCAP file with messages of ROS 2", f"'{file.name}' with {text}", remedy)
 
 
 def _schemas(file: Path) -> list[tuple[str, str]]:

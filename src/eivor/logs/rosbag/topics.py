@@ -367,9 +367,8 @@ def map_channels(
             channels |= made
             findings += result
     if not channels:
-        raise EmptyLogError(
-            "a bag with values", f"'{name}', in which every mapped field is empty", "Check the map."
-        )
+        expected = "a bag with values"
+        raise EmptyLogError(expected, f"'{name}', in which every mapped field is empty", "Check the map.")
     findings += delay_findings(channels, chosen.origin)
     return channels
 

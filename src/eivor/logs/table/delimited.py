@@ -113,9 +113,8 @@ def _chunks(
     wanted = dict(channels) if channels is not None else {name: name for name in available if name != "time"}
     missing = [column for column in wanted.values() if column not in available]
     if missing:
-        raise ChannelMapError(
-            f"columns out of {', '.join(available)}", f"{', '.join(missing)}", "Name columns of the table."
-        )
+        expected = f"columns out of {', '.join(available)}"
+        raise ChannelMapError(expected, f"{', '.join(missing)}", "Name columns of the table.")
     first = 0
     while True:
         with polars_errors(partial(_unread_chunk, path)):

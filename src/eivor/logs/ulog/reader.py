@@ -115,9 +115,8 @@ def read_csv_folder(folder: Path, options: ReadOptions) -> Recording:
     start = min((int(topic.fields["timestamp"].min()) for topic in topics.values()), default=0)
     channels = read_topics(topics, np.uint64(start), {}, findings)
     if not channels:
-        raise EmptyLogError(
-            "tables with flight data", f"'{folder.name}' without a value", "Convert the ULog again."
-        )
+        remedy = "Convert the ULog again."
+        raise EmptyLogError("tables with flight data", f"'{folder.name}' without a value", remedy)
     findings += unknown_filters(channels.values(), "These tables hold")
     return Recording(
         name=folder.name,
