@@ -173,7 +173,6 @@ def parquet_bytes(table: pl.DataFrame, metadata: Mapping[str, str] | None = None
 
 
 def _checksum(content: bytes, position: int) -> bytes:
-    """Hexadecimal digest of a file whose seal begins at `position`."""
     digest = hashlib.sha256(content[:position])
     digest.update(b"0" * SEAL_BYTES)
     digest.update(content[position + SEAL_BYTES :])

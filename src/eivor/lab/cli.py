@@ -176,7 +176,6 @@ def paper(
 
 
 def _print_paper(results: Sequence[PaperResult], *, whole: bool) -> None:
-    """Tables of every reading, or of the nearest; and how near all of them are."""
     from rich.text import Text
 
     groups = by_reading(results)
@@ -336,7 +335,6 @@ def simulate(
 
 
 def _scenario(source: Path) -> tuple[Simulated, set[Path]]:
-    """Scenario of a file with the files that were read, or of a name when there is no such file."""
     if not source.exists() and not source.suffix and source.name == str(source):
         return _shipped(source.name), set()
     table = read_toml(source, "a scenario")
@@ -350,7 +348,6 @@ def _scenario(source: Path) -> tuple[Simulated, set[Path]]:
 
 
 def _shipped(name: str) -> Simulated:
-    """Scenario that comes with Eivor."""
     if name == FLIGHT_KIND:
         return shipped_flight()
     if name in SHIPPED:
@@ -494,7 +491,6 @@ def _table(method_scores: tuple[MethodScore, ...]) -> Table:
 
 
 def _coverage_table(method_scores: tuple[MethodScore, ...], level: float) -> Table:
-    """How often intervals held the truth: a row for each method and parameter."""
     table = _columns(f"{100 * level:g} % intervals", "held the truth", "95 % range of this share")
     for method_score in method_scores:
         for score in method_score.parameters:

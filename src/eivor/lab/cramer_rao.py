@@ -30,7 +30,6 @@ DISTURBED_RUNS = 200
 
 
 def __dir__() -> list[str]:
-    """Names that the module offers, and not those that it uses."""
     return __all__
 
 
@@ -129,7 +128,6 @@ def disturbance_power(scenario: Scenario, seed: int = 0) -> Float[np.ndarray, " 
 def _information(
     scenario: Scenario, record: SimulatedRecord, power: Float[np.ndarray, " bins"]
 ) -> Float[np.ndarray, "2 2"]:
-    """Information of one record about friction and gain."""
     signals = record.signals
     U = unitary_bins(record.truth.channel("input"))
     bins = SampledRecord(signals.step_s, signals.sample_count, U, U, U)

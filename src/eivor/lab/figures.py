@@ -198,7 +198,6 @@ def nrmse_figure(
 
 
 def _table(rows: Mapping[str, Mapping[str, object]], columns: int, title: str) -> dict[str, Axes]:
-    """Panels of a page, a row for each method."""
     figure = page(PANEL_WIDTH * columns, PANEL_HEIGHT * len(rows) + (0.5 if title else 0.1), title)
     return {
         f"{method}: {name}": figure.add_subplot(len(rows), columns, row * columns + column + 1)

@@ -361,7 +361,6 @@ class FilteredSignals:
         return np.minimum(1.0, (self.count - np.arange(self.count)) / (self.count - first))
 
     def _noise_of(self, channel: str, columns: Sequence[FractionalColumn]) -> Float[np.ndarray, "n columns"]:
-        """Weights of a channel's white noise in each column."""
         weights: Float[np.ndarray, "n columns"] = np.zeros((self.count, len(columns)))
         for index, column in enumerate(columns):
             for part in column:
@@ -525,7 +524,6 @@ class FractionalProblem(LinearisableProblem):
         )
 
     def _by_order(self, name: str, nuisances: Values, theta: Float[np.ndarray, " n"]) -> FractionalColumn:
-        """Derivative of Phi theta by an order."""
         return tuple(
             replace(part, by_order=True, gain=value * part.gain)
             for value, (_, term) in zip(theta.tolist(), self.terms, strict=True)
@@ -778,7 +776,6 @@ class FractionalDifferenceModel:
         return (*self._of_side("output"), *self._of_side("input"))
 
     def _repeated_orders(self) -> list[UnknownOrder]:
-        """Unknown orders, as often as they are named."""
         return [term.order for term in self._every if isinstance(term.order, UnknownOrder)]
 
     def _terms(self) -> Iterator[tuple[Parameter, ChannelTerm]]:
@@ -805,7 +802,6 @@ class FractionalDifferenceModel:
         return reciprocal(weights)
 
     def _side(self, side: str, parameters: Parameters, rate_hz: float) -> Side:
-        """One side of the equation at some values of its parameters."""
         checks.mapping("parameters", parameters, checks.NUMBERS, "numbers")
         checks.number("rate_hz", rate_hz)
         names = [parameter.name for parameter in self.parameters]

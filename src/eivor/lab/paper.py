@@ -406,7 +406,6 @@ def scenario(reading: PaperReading, example: Example) -> Scenario:
 
 
 def _ratio(reading: PaperReading, example: Example, source: str) -> float:
-    """Ratio of standard deviations, that of the noise before its operator."""
     ratio = LARGER_RATIO if source == reading.larger_on else example.ratio
     if reading.ratio is Ratio.VARIANCE:
         ratio = float(np.sqrt(ratio))

@@ -171,7 +171,6 @@ def _mean_error(
     change: Callable[[Moments], Moments],
     first_lag: int = -1,
 ) -> str:
-    """Mean NRMSE of both parameters by a method from changed moments, in words."""
     results = []
     for item in records:
         columns = lags("input", first_lag, 10) if first_lag >= 0 else ()
@@ -190,7 +189,6 @@ def _right_and_wrong(
     change: Callable[[Moments], Moments],
     first_lag: int = -1,
 ) -> tuple[str, str]:
-    """Mean errors from moments as they are, and changed."""
     right, wrong = (_mean_error(records, method, how, first_lag) for how in (_unchanged, change))
     return right, wrong
 

@@ -243,7 +243,6 @@ def parameters_of(maker: Maker) -> dict[str, tuple[Any, Any]]:
 
 
 def _value(table: TomlTable, name: str, annotation: Any) -> Any:
-    """Value of one key, by the type that its parameter has."""
     if get_origin(annotation) in (Union, UnionType):
         annotation = next(option for option in get_args(annotation) if option is not type(None))
     if annotation in _PLAIN:
@@ -260,20 +259,17 @@ def _value(table: TomlTable, name: str, annotation: Any) -> Any:
 
 
 def _numbers(table: TomlTable, name: str) -> tuple[float, ...]:
-    """A list of numbers, or a column of a file of numbers."""
     if isinstance(table.values.get(name), dict):
         return numbers_in_file(table.section(name))
     return table.numbers(name)
 
 
 def _rows(table: TomlTable, name: str) -> tuple[tuple[float, ...], ...]:
-    """A list of lists of numbers."""
     rows = table.rows(name)
     return tuple(rows.numbers(key) for key in rows.values)
 
 
 def _wholes(table: TomlTable, name: str) -> tuple[int, ...]:
-    """A list of whole numbers."""
     numbers = table.numbers(name)
     if any(number != round(number) for number in numbers):
         raise table.wrong(name, "a list of whole numbers", repr(table.values[name]))

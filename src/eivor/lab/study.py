@@ -343,12 +343,10 @@ class TrialShards:
             return False
 
     def _facts(self, number: int) -> dict[str, str]:
-        """What the seal of a shard says: whose trials, and which."""
         trials = shard_trials(self.study.runs, number)
         return {"eivor.study": self.study.identity, "eivor.trials": f"{trials.start} to {trials.stop - 1}"}
 
     def _read(self, number: int) -> pl.DataFrame:
-        """Trials of a shard."""
         content = self.path(number).read_bytes()
         if not is_sealed(content, self._facts(number)):
             remedy = "Something has changed it meanwhile: run the same again, and it is computed anew."

@@ -306,7 +306,6 @@ def _channel_map(top: TomlTable) -> ChannelMap:
 
 
 def _input_map(top: TomlTable) -> str:
-    """Name of the vehicle's input map, empty when the map does not state one."""
     name = top.text("input_map", "")
     try:
         return input_map(name).name if name else ""
@@ -376,7 +375,6 @@ def _rule(name: str, section: TomlTable, source: str) -> ChannelRule:
 
 
 def _curve_side(name: str, section: TomlTable) -> CurveSide:
-    """Side of the thrust curve that the map states; unknown where it states none."""
     if not section.has("curve_side"):
         return CurveSide.UNKNOWN
     is_command = name.rstrip("0123456789").rstrip("_") in COMMANDS
@@ -396,7 +394,6 @@ def _delay_s(section: TomlTable) -> float:
 
 
 def _noise(section: TomlTable, to_si: float) -> float | DataSheet | None:
-    """What the map states of the measurement noise, in SI units."""
     keys = ("noise_density", "noise_bandwidth_hz", "quantisation")
     sheet = [key for key in keys if section.has(key)]
     if not section.has("noise"):
@@ -438,7 +435,6 @@ def _index(section: TomlTable) -> int:
 
 
 def _columns(section: TomlTable, key: str, count: int) -> tuple[str, ...]:
-    """Names of `count` columns."""
     names = section.texts(key)
     expected = f"a list of {count} column names"
     _require(section, len(names) == count, key, expected, f"{list(names)}", "Correct the list.")

@@ -239,7 +239,6 @@ def _clock(
 
 
 def _start(chosen: ChannelMap, columns: Columns) -> datetime | None:
-    """Time of the first row of a clock that counts from 1970; None of another clock."""
     stamps = columns.values[chosen.time_column]
     unit = 1.0 if chosen.time_column in columns.seconds else TIME_UNITS[chosen.time_unit]
     first = next(iter(stamps[np.isfinite(stamps)].tolist()), 0.0) * unit
@@ -267,7 +266,6 @@ def _angle_findings(rules: Sequence[ChannelRule], ranged: Mapping[str, _Ranged])
 def _within(
     values: Float[np.ndarray, " n"], missing: Bool[np.ndarray, " n"], bounds: ValidRange | None
 ) -> _Ranged:
-    """Values within the bounds, the others NaN; overflow is counted among the missing ones too."""
     if bounds is None:
         return _Ranged(np.where(missing, np.nan, values) if missing.any() else values)
     outside = (values < bounds.low) | (values > bounds.high)

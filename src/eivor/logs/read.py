@@ -60,7 +60,6 @@ _SETPOINTS = (
 
 
 def _is_csv(head: bytes, _file: Path) -> bool:
-    """Whether the first bytes are delimited text in UTF-8."""
     decoder = codecs.getincrementaldecoder("utf-8-sig")()
     try:
         return is_delimited(decoder.decode(head))
@@ -69,7 +68,6 @@ def _is_csv(head: bytes, _file: Path) -> bool:
 
 
 def _advice(channel: str) -> tuple[str, ...]:
-    """Which columns to write."""
     return (f"Add a column '{channel}', or map one in a channel map.",) if channel else _ADVICE
 
 
@@ -440,7 +438,6 @@ def _head(file: Path) -> tuple[bytes, str]:
 
 
 def _log_size(file: Path) -> int:
-    """Size of a regular file, or of the files of a folder that is a log [bytes]."""
     try:
         status = file.stat()
     except (OSError, ValueError) as error:
@@ -455,7 +452,6 @@ def _log_size(file: Path) -> int:
 
 
 def _unreadable(file: Path, error: OSError | ValueError) -> InputError:
-    """Return the error for a file that cannot be opened."""
     if isinstance(error, FileNotFoundError):
         expected = "the path of an existing log file"
         return InputError(expected, f"'{file}', which does not exist", "Check the name and the folder.")

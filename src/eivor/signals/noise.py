@@ -54,7 +54,6 @@ def padded_length(count: int) -> int:
 
 
 def _response(order: float, count: int) -> Complex[np.ndarray, " bins"]:
-    """Spectrum of the weights on the padded length."""
     response = np.fft.rfft(fractional_weights(order, count), padded_length(count))
     response.flags.writeable = False
     return response
@@ -98,7 +97,6 @@ class GrowthTable:
         return growth
 
     def _weights(self, first: int, value: float, count: int = BLOCK + 1) -> Float[np.ndarray, " count"]:
-        """Weights a_first .. by their recursion, from the first one's value."""
         j = np.arange(first + 1, first + count)
         return np.cumprod(np.concatenate([[value], (j - 1 - self.order) / j]))
 

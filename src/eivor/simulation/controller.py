@@ -232,7 +232,6 @@ class Cascade:
         return roll, pitch, yaw
 
     def _slopes(self, measured: Triple) -> list[Value]:
-        """Derivatives of the measured rates, filtered."""
         decay, before = self._gains.derivative_decay, self._before or measured
         self._before = measured
         self._derivative = [

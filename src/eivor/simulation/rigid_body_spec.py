@@ -487,12 +487,10 @@ def vehicle_text(spec: RigidBodyFlightSpec, name: str) -> str:
 
 
 def _text(words: str) -> str:
-    """Text as TOML has it: letters as they are, question marks for what cannot be printed."""
     return json.dumps("".join(word if word.isprintable() else "?" for word in words), ensure_ascii=False)
 
 
 def _thrust_map(rotors: Rotors) -> str:
-    """Name of the map whose share is that of the quadratic part, for commands in rad/s."""
     if not rotors.thrust_linear:
         return "square"
     if not rotors.thrust_quadratic:

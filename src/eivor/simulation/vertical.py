@@ -358,7 +358,6 @@ def _surroundings(spec: VerticalFlightSpec) -> _Surroundings:
 
 
 def _together(kind: Callable[..., Parts], each: Sequence[Parts], names: Sequence[str]) -> Parts:
-    """Parts of several flights as arrays, whose last axis is the flight."""
     return kind(*(np.stack([getattr(item, name) for item in each], axis=-1) for name in names))
 
 

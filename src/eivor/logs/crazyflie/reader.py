@@ -112,7 +112,6 @@ class _Cursor:
     offset: int
 
     def number(self) -> int:
-        """Read a number of two bytes."""
         if self.offset + 2 > len(self.data):
             raise self.corrupt("ends in its head")
         value: int = struct.unpack_from("<H", self.data, self.offset)[0]
@@ -168,7 +167,6 @@ def _sniff(head: bytes, _file: Path) -> bool:
 
 
 def _advice(channel: str) -> tuple[str, ...]:
-    """What to name in config.txt."""
     if not channel:
         return _ADVICE
     if channel not in TO_LOG:
@@ -358,7 +356,6 @@ def _follow(data: bytes, position: int, end: int, sizes: Mapping[int, int]) -> b
 
 
 def _damage(walk: _RecordWalk, sound: bool) -> list[Finding]:
-    """Say what the checksum and the walk show."""
     findings: list[Finding] = []
     complete = sound or walk.left == CHECKSUM_BYTES
     left = 0 if walk.left == CHECKSUM_BYTES and not sound else walk.left
@@ -382,7 +379,6 @@ def _damage(walk: _RecordWalk, sound: bool) -> list[Finding]:
 
 
 def _records(data: bytes, kind: EventType, positions: np.ndarray) -> np.ndarray:
-    """Records of one type, copied together."""
     size = kind.record.itemsize
     anywhere = np.ndarray((len(data) - size + 1,), dtype=kind.record, buffer=data, strides=(1,))
     return anywhere[positions]
@@ -466,7 +462,6 @@ def read_crazyflie(file: Path, options: ReadOptions) -> Recording:
 
 
 def _known_channels(name: str, events: Sequence[Event], findings: list[Finding]) -> dict[str, Channel]:
-    """Return the channels of the variables that are known."""
     chosen = _chosen(events, findings)
     served = [
         (event, [rule for source, item in chosen if item is event for rule in source.rules])
@@ -537,7 +532,6 @@ def _as_feedback(source: VariableSource) -> VariableSource:
 def _map_channels(
     chosen: ChannelMap, name: str, events: Sequence[Event], findings: list[Finding]
 ) -> dict[str, Channel]:
-    """Return the channels of the variables that a channel map names."""
     names = list(dict.fromkeys(column for event in events for column in event.names))
     rules: dict[int, list[ChannelRule]] = {}
     for rule in fitted_rules(chosen, names, name):
@@ -558,7 +552,6 @@ def _mapped(
     name: str,
     findings: list[Finding],
 ) -> dict[str, Channel]:
-    """Channels that rules make of the variables of each event."""
     channels: dict[str, Channel] = {}
     for event, rules in served:
         columns = (column for rule in rules for column in rule.expression.columns)

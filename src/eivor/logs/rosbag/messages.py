@@ -276,7 +276,6 @@ class _MessageWalk:
             self.fields |= {f"{name}[{index}]": (position + index * size, kind) for index in range(count)}
 
     def _length(self) -> int:
-        """The length of a text or of a sequence."""
         if self.aligned:
             self.position += -(self.position - ENCAPSULATION) % 4
         position = self.position

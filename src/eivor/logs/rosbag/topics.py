@@ -374,7 +374,6 @@ def map_channels(
 
 
 def _check(chosen: ChannelMap, available: Mapping[str, str], name: str) -> None:
-    """Raise for a map that names no clock of a bag, topics that are not there, or several for one channel."""
     if chosen.time_column not in CLOCKS:
         expected = f"the clock of a bag, '{CLOCKS[0]}' ({chosen.origin}, key time.column)"
         remedy = "Each topic has a clock of its own: the stamps of its messages."

@@ -195,7 +195,6 @@ def _read(file: Path, frame: pl.LazyFrame, schema: pl.Schema, rows: int, columns
 
 
 def _element(series: pl.Series, index: int) -> pl.Series:
-    """One number of each list."""
     import polars as pl
 
     if series.dtype == pl.Array:
@@ -204,7 +203,6 @@ def _element(series: pl.Series, index: int) -> pl.Series:
 
 
 def _holds_lists(kind: pl.DataType) -> bool:
-    """Whether it is a type of lists of numbers."""
     import polars as pl
 
     inner = getattr(kind, "inner", None)
@@ -230,7 +228,6 @@ def _check_parquet_size(file: Path, rows: int, columns: int) -> None:
 
 
 def _is_decoded(kind: pl.DataType, index: int | None) -> bool:
-    """Whether a column holds numbers, or lists of which an element is requested."""
     import polars as pl
 
     if index is not None:
@@ -239,7 +236,6 @@ def _is_decoded(kind: pl.DataType, index: int | None) -> bool:
 
 
 def _parquet_numbers(series: pl.Series) -> tuple[np.ndarray, int]:
-    """Numbers of a column, points in time in seconds, and the count of cells that are none."""
     import polars as pl
 
     missing = series.null_count()
@@ -345,7 +341,6 @@ def open_hdf5(file: Path) -> TableSource:
 
 
 def _datasets(h5py: Any, content: Any) -> dict[str, tuple[int, ...]]:
-    """Shapes of the vectors and matrices of numbers in the file itself, by their path."""
     results: dict[str, tuple[int, ...]] = {}
 
     def visit(path: str, first: Any) -> None:
@@ -405,7 +400,6 @@ def open_matlab(file: Path) -> TableSource:
 
 
 def _matlab_numbers(name: str, value: Any, depth: int) -> Iterator[tuple[str, np.ndarray]]:
-    """The arrays of numbers of a variable, and of the fields of a structure."""
     array = np.asarray(value)
     if array.dtype.names and array.ndim == 0 and depth:
         for field in array.dtype.names:
@@ -447,7 +441,6 @@ def _recording_columns(recording: Recording) -> dict[str, np.ndarray]:
 
 
 def _all_stamps(recording: Recording) -> Float[np.ndarray, " n"]:
-    """The stamps of every channel, once each."""
     clocks: list[np.ndarray] = []
     for channel in recording.channels.values():
         if not any(np.array_equal(channel.time_s, clock) for clock in clocks):

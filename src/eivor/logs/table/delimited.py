@@ -287,7 +287,6 @@ class _Lines:
 
 
 def _layout(lines: _Lines) -> _Layout:
-    """Read the header, then count and check the rows."""
     line = lines.line()
     while line and not line.strip():
         line = lines.line()
@@ -351,7 +350,6 @@ def _is_number(text: str) -> bool:
 
 
 def _read(file: Path, layout: _Layout, columns: Sequence[str]) -> Columns:
-    """Convert some columns; a cell that is no number becomes NaN and is counted."""
     import polars as pl
 
     # one column more, for the lines that end with a delimiter
@@ -388,7 +386,6 @@ def _read(file: Path, layout: _Layout, columns: Sequence[str]) -> Columns:
 
 
 def _first(texts: pl.Series) -> str:
-    """The first cell that is not empty."""
     filled = texts.drop_nulls()
     filled = filled.filter(filled != "")
     return str(filled[0])[:200] if filled.len() else ""
@@ -411,7 +408,6 @@ def _has_decimal_commas(frame: pl.DataFrame) -> bool:
 
 
 def _numbers(texts: pl.Series) -> tuple[np.ndarray, int]:
-    """Numbers of a column of texts, and the count of cells that are none."""
     import polars as pl
 
     numbers = texts.cast(pl.Float64, strict=False)

@@ -168,7 +168,6 @@ def _advice(channel: str) -> tuple[str, ...]:
 
 
 def _topic_sentence(entry: TopicLogging) -> str:
-    """Say at which rate PX4 logs a topic, and what raises it."""
     rate = "at every message" if entry.default_rate_hz == float("inf") else f"at {entry.default_rate_hz:g} Hz"
     sentence = f"PX4's default profile (SDLOG_PROFILE bit 0) logs {entry.topic} {rate}"
     raising = [bit for bit in entry.full_rate_bits if bit != 0]
@@ -387,7 +386,6 @@ def _take_definition(log: CleanLog, kind: int, payload: bytes) -> bool:
 
 
 def _take_about(log: CleanLog, payload: bytes) -> None:
-    """Keep what the log says of itself, when it is of the type that it should be of."""
     size = payload[0]
     words = (_text(payload[1 : 1 + size]) or "").split(" ")
     if len(words) == 2 and words[1] in ABOUT and words[0].partition("[")[0] == ABOUT[words[1]]:
@@ -526,13 +524,11 @@ def _decode(clean: CleanLog, file: Path) -> tuple[Any, bool]:
 
 
 def _parameters(ulog: Any) -> dict[str, float]:
-    """Numeric parameters that were set when the log began."""
     values = {str(key): float(value) for key, value in ulog.initial_parameters.items()}
     return {key: value for key, value in sorted(values.items()) if np.isfinite(value)}
 
 
 def _file_findings(clean: CleanLog, ulog: Any, printed: bool) -> list[Finding]:
-    """Damage and dropouts."""
     sentence = "The log ends within a message ({} bytes of it are there)."
     findings = noted("truncated", sentence, clean.cut_bytes)
     if clean.skipped_bytes or clean.rejected_messages or ulog.file_corruption or printed:
@@ -545,7 +541,6 @@ def _file_findings(clean: CleanLog, ulog: Any, printed: bool) -> list[Finding]:
 
 
 def _topics(ulog: Any, rows: Mapping[int, list[bytes]], findings: list[Finding]) -> dict[str, Topic]:
-    """The instance of each topic that is used."""
     instances: dict[str, list[Topic]] = {}
     for data in ulog.data_list:
         fields = _table(data.data, rows[data.msg_id])
