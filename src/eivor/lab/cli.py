@@ -457,15 +457,11 @@ def _report(result: StudyResult, method_scores: tuple[MethodScore, ...]) -> Rend
         _table(method_scores),
         *((_coverage_table(method_scores, study.level),) if study.intervals else ()),
     ]
-    for method_score in method_scores:
-        if method_score.first_failure is not None:
-            sentence = printable(failure(study, method_score.first_failure, method_score.label))
-            parts.append(
-                Text(
-                    f"{method_score.label} failed in {method_score.failed} of {method_score.trials} "
-                    f"trials; {method_score.first_failure}: {sentence}"
-                )
-            )
+    for score in method_scores:
+        if score.first_failure is not None:
+            sentence = printable(failure(study, score.first_failure, score.label))
+            counts = f"{score.label} failed in {score.failed} of {score.trials} trials"
+            parts.append(Text(f"{counts}; {score.first_failure}: {sentence}"))
     parts.append(Text(f"Every trial: {printable(str(result.folder / 'trials.parquet'))}", style="dim"))
     return Group(*parts)
 
@@ -477,11 +473,8 @@ def _table(method_scores: tuple[MethodScore, ...]) -> Table:
     for index, method_score in enumerate(method_scores):
         if index:
             table.add_row()
-        notes = [
-            f"{count} {word}"
-            for count, word in ((method_score.failed, "failed"), (method_score.weak, "weak"))
-            if count
-        ]
+        counts = {"failed": method_score.failed, "weak": method_score.weak}
+        notes = [f"{count} {word}" for word, count in counts.items() if count]
         table.add_row(Text(method_score.label, style="bold"), ", ".join(notes))
         for score in method_score.parameters:
             cells = [f"  {score.name}", f"{score.estimate:.4g}", f"{score.nrmse:.3g}"]
@@ -497,9 +490,8 @@ def _coverage_table(method_scores: tuple[MethodScore, ...], level: float) -> Tab
             if score.coverage is not None:
                 low, high = score.coverage.interval
                 share = f"{100 * score.coverage.value:.1f} %"
-                table.add_row(
-                    f"{method_score.label}, {score.name}", share, f"{100 * low:.1f} to {100 * high:.1f} %"
-                )
+                label = f"{method_score.label}, {score.name}"
+                table.add_row(label, share, f"{100 * low:.1f} to {100 * high:.1f} %")
     return table
 
 
@@ -538,26 +530,18 @@ def _document(result: StudyResult, method_scores: tuple[MethodScore, ...]) -> di
 def _method(method_score: MethodScore) -> dict[str, object]:
     parameters = {}
     for score in method_score.parameters:
-        coverage = score.coverage
+        held: dict[str, object] | None = None
+        if (share := score.coverage) is not None:
+            held = {"share": number(share.value), "bounds": list(share.interval), "count": share.count}
         parameters[score.name] = {
-            "mean": number(score.estimate.mean),
-            "std": number(score.estimate.std),
+            **_spread(score.estimate),
             "bias": number(score.bias),
             "rmse": number(score.rmse),
             "nrmse_percent": _spread(score.nrmse),
-            "coverage": None
-            if coverage is None
-            else {
-                "share": number(coverage.value),
-                "bounds": list(coverage.interval),
-                "count": coverage.count,
-            },
+            "coverage": held,
         }
     return {
-        "label": method_score.label,
-        "trials": method_score.trials,
-        "failed": method_score.failed,
-        "weak": method_score.weak,
+        **{key: getattr(method_score, key) for key in ("label", "trials", "failed", "weak")},
         "parameters": parameters,
         "together": {"nrmse_percent": _spread(method_score.together)},
     }

@@ -311,10 +311,7 @@ def paper_figures(results: Sequence[PaperResult]) -> Iterator[tuple[str, Figure]
 def signal_figure(
     reading: PaperReading, example: Example = EXAMPLES[0], *, axes: GivenAxes | None = None
 ) -> Figure:
-    """Input u(t) and height z(t) of the first run, without noise: the paper's figure 2.
-
-    `axes` are for "input" and "position_z", see `signals_figure`.
-    """
+    """Input u(t) and height z(t) of the first run, without noise: the paper's figure 2."""
     exact = replace(reading, motion=type(reading.motion).SOLUTION)
     truth = record(exact, example, trial_generator(0)).truth
     drive, velocity = truth.channels["input"], truth.channels["velocity_z"]
@@ -325,10 +322,7 @@ def signal_figure(
 
 
 def histogram_figure(result: PaperResult, column: str, *, axes: GivenAxes | None = None) -> Figure:
-    """Histograms of NRMSE of one column of the printed tables: the paper's figures 3 to 8.
-
-    `axes` are for K, K_u and both together, in this order; see `nrmse_figure`.
-    """
+    """Histograms of NRMSE of one column of the printed tables: the paper's figures 3 to 8."""
     method = PRINTED_METHODS[column]
     scores = result.nrmse(method)
     words = WORDS[column]
@@ -337,12 +331,8 @@ def histogram_figure(result: PaperResult, column: str, *, axes: GivenAxes | None
         f"Example {result.example.number}, {words}, reading {result.reading.name} "
         f"({len(result.estimates)} runs; red: printed mean ± SD)"
     )
-    return nrmse_figure(
-        {words: {name: scores[:, index] for index, name in enumerate(SCORES)}},
-        printed={words: printed},
-        title=title if axes is None else "",
-        axes=axes,
-    )
+    rows = {words: {name: scores[:, index] for index, name in enumerate(SCORES)}}
+    return nrmse_figure(rows, printed={words: printed}, title=title if axes is None else "", axes=axes)
 
 
 # -- Paper table --

@@ -515,13 +515,7 @@ class FractionalProblem(LinearisableProblem):
         known = self.regression(nuisances)
         changes = tuple(self._by_order(nuisance.name, nuisances, theta) for nuisance in self.nuisances)
         orders = tuple(nuisance.parameter for nuisance in self.nuisances)
-        return FractionalRegression(
-            self.filtered,
-            self.parameters + orders,
-            known.response,
-            known.regressors + changes,
-            self.instruments,
-        )
+        return replace(known, parameters=self.parameters + orders, regressors=known.regressors + changes)
 
     def _by_order(self, name: str, nuisances: Values, theta: Float[np.ndarray, " n"]) -> FractionalColumn:
         return tuple(
@@ -658,23 +652,15 @@ class FractionalDifferenceModel:
             both_sides = self._solved_for_output(
                 divided_by_output_at, signals.sample_count, rate_hz=signals.rate_hz
             )
-        known = frozenset(
-            float(term.order) for term in self._every if not isinstance(term.order, UnknownOrder)
+        orders_of_terms = [term.order for term in self._every]
+        known = frozenset(float(item) for item in orders_of_terms if not isinstance(item, UnknownOrder))
+        orders = tuple(
+            Nuisance(Parameter(o.name), np.linspace(o.low, o.high, GRID_POINTS), tolerance=ORDER_TOLERANCE)
+            for o in self.unknown_orders
         )
-        return FractionalProblem(
-            FilteredSignals(signals, self.operator, known, both_sides),
-            ChannelTerm(self.output_channel, self._of_side("output")[0]),
-            tuple(self._terms()),
-            instruments,
-            tuple(
-                Nuisance(
-                    Parameter(order.name),
-                    np.linspace(order.low, order.high, GRID_POINTS),
-                    tolerance=ORDER_TOLERANCE,
-                )
-                for order in self.unknown_orders
-            ),
-        )
+        series = FilteredSignals(signals, self.operator, known, both_sides)
+        response = ChannelTerm(self.output_channel, self._of_side("output")[0])
+        return FractionalProblem(series, response, tuple(self._terms()), instruments, orders)
 
     def impulse_response(self, parameters: Parameters, count: int, *, rate_hz: float = 1.0) -> Series:
         """Output of the equation, from rest, for the input 1, 0, 0, ...

@@ -693,13 +693,9 @@ def nearness(results: Sequence[PaperResult], *, total_least_squares: bool = Fals
         for method in (f"{item}_tls" if total_least_squares and item.endswith("_iv") else item,)
         for spread, printed in zip(result.spreads(method)[:2], result.example.printed[item][:2], strict=True)
     ]
-    agreeing = sum(_agrees(spread, printed, runs) for spread, printed, runs in pairs)
-    return Nearness(
-        _factor([(spread.mean, printed.mean) for spread, printed, _ in pairs]),
-        _factor([(spread.std, printed.std) for spread, printed, _ in pairs]),
-        agreeing,
-        len(pairs),
-    )
+    means = _factor([(spread.mean, printed.mean) for spread, printed, _ in pairs])
+    stds = _factor([(spread.std, printed.std) for spread, printed, _ in pairs])
+    return Nearness(means, stds, sum(_agrees(*pair) for pair in pairs), len(pairs))
 
 
 def _agrees(measured: Spread, printed: Spread, runs: int) -> bool:

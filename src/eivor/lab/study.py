@@ -516,10 +516,7 @@ class Share:
 
     @property
     def interval(self) -> tuple[float, float]:
-        """Wilson's interval of the share; (0, 1) of nothing.
-
-        Notation: z the normal quantile, n the count, p the share. Wilson (1927), J. Am. Stat. Assoc. 22.
-        """
+        """Wilson's interval of the share, J. Am. Stat. Assoc. 22 (1927); (0, 1) of nothing."""
         if not self.count:
             return 0.0, 1.0
         z, n, p = normal_quantile(self.level), self.count, self.value
@@ -617,7 +614,5 @@ def _parameter_score(result: StudyResult, label: str, name: str) -> ParameterSco
 
 
 def _spread(values: Float[np.ndarray, " n"]) -> Spread:
-    nan = float("nan")
-    return Spread(
-        float(values.mean()) if values.size else nan, float(values.std(ddof=1)) if values.size > 1 else nan
-    )
+    mean = float(values.mean()) if values.size else float("nan")
+    return Spread(mean, float(values.std(ddof=1)) if values.size > 1 else float("nan"))

@@ -272,10 +272,8 @@ def recording_of(
     def add(time_s: Float[np.ndarray, " rows"], rows: np.ndarray, series: Mapping[str, Series]) -> None:
         for name, values in series.items():
             if not any(fnmatch(name, item) for item in spec.logged.omitted):
-                held = held_by_default(name)
-                channels[name] = Channel(
-                    name, time_s, values[rows], unit_of(name), source=SIMULATOR, held=held
-                )
+                held, unit = held_by_default(name), unit_of(name)
+                channels[name] = Channel(name, time_s, values[rows], unit, source=SIMULATOR, held=held)
 
     for sensor, series in _measured(spec, met, flight, force):
         rows = sensor.rows(spec.count, spec.step_s)

@@ -459,12 +459,11 @@ def _series(
 ) -> Float[np.ndarray, "count axes"]:
     """Each source's series from a stream of its own; zeros where there is none."""
     streams = rng.spawn(len(sources))
-    return np.column_stack(
-        [
-            np.zeros(count) if source is None else source.sample(count, step_s, stream)
-            for source, stream in zip(sources, streams, strict=True)
-        ]
-    )
+    series = [
+        np.zeros(count) if source is None else source.sample(count, step_s, stream)
+        for source, stream in zip(sources, streams, strict=True)
+    ]
+    return np.column_stack(series)
 
 
 # -- Vehicle text --
@@ -475,11 +474,8 @@ def vehicle_text(spec: RigidBodyFlightSpec, name: str) -> str:
     rotors, sensors = spec.vehicle.rotors, spec.sensors
     lines = ["# The simulated vehicle as it is: every number is exact.", f"name = {_text(name)}"]
     lines.append(f"mass = {spec.vehicle.mass!r}")
-    cutoffs = {
-        "gyro_cutoff_hz": sensors.angular_rate.cutoff_hz,
-        "accelerometer_cutoff_hz": sensors.specific_force.cutoff_hz,
-    }
-    lines += [f"{key} = {cutoff!r}" for key, cutoff in cutoffs.items() if cutoff]
+    filtered = {"gyro": sensors.angular_rate, "accelerometer": sensors.specific_force}
+    lines += [f"{key}_cutoff_hz = {item.cutoff_hz!r}" for key, item in filtered.items() if item.cutoff_hz]
     lines += ["", "[rotors]", f"positions = {[[x, y] for x, y, _ in rotors.positions]}"]
     lines += [f"spins = {list(rotors.spins)}", "speed_scale = 1.0", f"torque_ratio = {rotors.torque_ratio!r}"]
     lines.append(f"thrust_map = {_text(_thrust_map(rotors))}")

@@ -103,9 +103,8 @@ def simulate_vertical(
         tilt, lift, gust = environment.cos_tilt[k], lifts[k], environment.gust[k]
         measured_z = z + environment.position_noise[k]
         measured_v = v + environment.velocity_noise[k]
-        wanted_v = environment.reference_velocity[k] + controller.position_gain * (
-            environment.reference_position[k] - measured_z
-        )
+        away = environment.reference_position[k] - measured_z
+        wanted_v = environment.reference_velocity[k] + controller.position_gain * away
         error_v = wanted_v - measured_v
         integral += error_v * step_s
         wanted_a = (
@@ -270,11 +269,7 @@ class VerticalFlightSpec:
     def controller(self) -> AltitudeController:
         """Gains that suit the actuator."""
         velocity = min(self.quickness / (self.actuator_lag + self.delay + STEP_S / 2), LARGEST_VELOCITY_GAIN)
-        return AltitudeController(
-            position_gain=self.position_share * velocity,
-            velocity_gain=velocity,
-            integral_gain=self.integral_share * velocity**2,
-        )
+        return AltitudeController(self.position_share * velocity, velocity, self.integral_share * velocity**2)
 
 
 #: What each number of a specification may be.
@@ -357,19 +352,14 @@ def _surroundings(spec: VerticalFlightSpec) -> _Surroundings:
     return _Surroundings(environment, smooth, errors)
 
 
-def _together(kind: Callable[..., Parts], each: Sequence[Parts], names: Sequence[str]) -> Parts:
+def _together(kind: Callable[..., Parts], each: Sequence[object], names: Sequence[str]) -> Parts:
     return kind(*(np.stack([getattr(item, name) for item in each], axis=-1) for name in names))
 
 
 def _batch(specs: Sequence[VerticalFlightSpec]) -> Iterator[SimulatedFlight]:
     met = [_surroundings(spec) for spec in specs]
     motion = simulate_vertical(
-        VerticalVehicles(
-            viscous_friction=np.array([spec.viscous_friction for spec in specs]),
-            input_gain=np.array([spec.input_gain for spec in specs]),
-            lag_s=np.array([spec.actuator_lag for spec in specs]),
-            delay_s=np.array([spec.delay for spec in specs]),
-        ),
+        _together(VerticalVehicles, specs, ("viscous_friction", "input_gain", "actuator_lag", "delay")),
         _together(VerticalEnvironment, [item.environment for item in met], VerticalEnvironment.__slots__),
         step_s=STEP_S,
         controller=_together(

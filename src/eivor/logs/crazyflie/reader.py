@@ -161,11 +161,6 @@ _ADVICE = (
 )
 
 
-def _sniff(head: bytes, _file: Path) -> bool:
-    """Whether a version of one byte follows the first one, which no text has."""
-    return head.startswith(MAGIC) and head[2:3] in (b"", b"\x00")
-
-
 def _advice(channel: str) -> tuple[str, ...]:
     if not channel:
         return _ADVICE

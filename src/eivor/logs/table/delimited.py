@@ -166,10 +166,7 @@ def table_columns(
     names: Sequence[str],
     convert: Callable[[str, int | None], tuple[np.ndarray, int, str]],
 ) -> Columns:
-    """Return columns of a table, and elements of such that hold lists, as numbers.
-
-    `convert` gives numbers, the count of cells that are none, and what lists look like where there are any.
-    """
+    """Columns, by a function that gives numbers, the count of cells that are none, and how lists look."""
     converted = {column: convert(*(element_of(column, names) or (column, None))) for column in columns}
     return Columns(
         {column: values for column, (values, _, _) in converted.items()},
