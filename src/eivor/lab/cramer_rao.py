@@ -169,7 +169,8 @@ def noise_of_record(scenario: Scenario, record: SimulatedRecord) -> KnownNoise:
 
 def _known_noise(noises: Mapping[str, MeasurementNoise]) -> NoiseModel:
     """Strengths and orders that a scenario's record really has; no disturbance."""
-    for name in ("input", "velocity_z", "acceleration_z"):
+    names = ("input", "velocity_z", "acceleration_z")
+    for name in names:
         noise = noises[name]
         if not isinstance(noise, WhiteNoise | FractionalNoise) or noise.std == 0.0:
             expected = "white or fractional noise of input, velocity and response, for a bound"
@@ -183,14 +184,8 @@ def _known_noise(noises: Mapping[str, MeasurementNoise]) -> NoiseModel:
 
     if order("input") != 0.0:
         raise ParameterError("white noise of the input, for a bound", "fractional noise", "Use WhiteNoise.")
-    return NoiseModel(
-        noises["input"].std ** 2,
-        noises["velocity_z"].std ** 2,
-        noises["acceleration_z"].std ** 2,
-        0.0,
-        order("velocity_z"),
-        order("acceleration_z"),
-    )
+    drive, velocity, response = (noises[name].std ** 2 for name in names)
+    return NoiseModel(drive, velocity, response, 0.0, order("velocity_z"), order("acceleration_z"))
 
 
 def _shaped_noise_information(known: KnownNoise, motion: SampledMotion) -> float:
@@ -202,14 +197,9 @@ def _shaped_noise_information(known: KnownNoise, motion: SampledMotion) -> float
     q_K = np.stack([-h - motion.friction * by_friction, by_friction, 0.0 * h], axis=-1)
     R = power * _outer(q, q)
     index = np.arange(3)
-    R[:, index, index] += np.stack(
-        [
-            noise.acceleration_variance * record.power(noise.acceleration_order),
-            noise.velocity_variance * record.power(noise.velocity_order),
-            np.full(h.size, noise.input_variance),
-        ],
-        axis=-1,
-    )
+    acceleration = noise.acceleration_variance * record.power(noise.acceleration_order)
+    velocity = noise.velocity_variance * record.power(noise.velocity_order)
+    R[:, index, index] += np.stack([acceleration, velocity, np.full(h.size, noise.input_variance)], axis=-1)
     R_K = power * (_outer(q_K, q) + _outer(q, q_K))
     share = np.linalg.solve(R, R_K)
     return float(np.einsum("bij,bji->", share, share).real)

@@ -301,13 +301,14 @@ class FilteredSignals:
     def __post_init__(self) -> None:
         valid = self.signals.valid
         if self.signals.offset or not (valid is None or bool(valid.all())):
-            raise DataError(
-                "a whole record, every sample of which is valid",
-                f"one that begins at sample {self.signals.offset} of another"
-                if self.signals.offset
-                else "samples that are not valid",
-                "A fractional difference has all samples before in it: cut the record where it was at rest.",
+            offset, expected = self.signals.offset, "a whole record, every sample of which is valid"
+            received = (
+                f"one that begins at sample {offset} of another" if offset else "samples that are not valid"
             )
+            remedy = (
+                "A fractional difference has all samples before in it: cut the record where it was at rest."
+            )
+            raise DataError(expected, received, remedy)
 
     @property
     def count(self) -> int:

@@ -185,13 +185,8 @@ def sampled_loop(vehicle: SampledVehicle, feedback: Feedback) -> SampledLoop:
     sums = np.array([0.0, 0.0, 1.0])
     matrix = plant + np.outer(vehicle.input_gain * push, from_state) - np.outer(sums, seen)
     used = np.array([True, feedback.altitude_gain != 0.0, feedback.integral != 0.0])
-    return SampledLoop(
-        matrix[np.ix_(used, used)],
-        (vehicle.input_gain * present * push + sums)[used],
-        push[used],
-        from_state[used],
-        present,
-    )
+    error_effect = (vehicle.input_gain * present * push + sums)[used]
+    return SampledLoop(matrix[np.ix_(used, used)], error_effect, push[used], from_state[used], present)
 
 
 def check_stable(vehicle: SampledVehicle, control: Control) -> None:
@@ -465,15 +460,11 @@ def simulate(scenario: Scenario, rng: np.random.Generator) -> SimulatedRecord:
         motion += misled_motion(scenario, feedback, errors)
     true = _channels(scenario, motion, disturbance)
     references = dict.fromkeys(scenario.references, drive)
-    return SimulatedRecord(
-        Signals(
-            scenario.rate_hz,
-            {name: true[name] + error for name, error in errors.items()} | references,
-            noise=noise | {name: WhiteNoise(0.0) for name in references},
-        ),
-        Signals(scenario.rate_hz, true | references | {"disturbance": disturbance}),
-        {"viscous_friction": scenario.viscous_friction, "input_gain": scenario.input_gain},
-    )
+    measured = {name: true[name] + error for name, error in errors.items()} | references
+    noise |= {name: WhiteNoise(0.0) for name in references}
+    parameters = {name: getattr(scenario, name) for name in ("viscous_friction", "input_gain")}
+    truth = Signals(scenario.rate_hz, true | references | {"disturbance": disturbance})
+    return SimulatedRecord(Signals(scenario.rate_hz, measured, noise=noise), truth, parameters)
 
 
 def driven_motion(scenario: Scenario, drive: Series) -> LinearMotion:
