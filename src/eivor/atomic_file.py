@@ -34,11 +34,9 @@ def folder_lock(folder: Path) -> Iterator[None]:
         try:
             _take(descriptor)
         except BlockingIOError as error:
-            raise InputError(
-                "a folder that no other run works on",
-                f"'{folder}', on which one works now",
-                "Wait for it, or choose another folder with -o.",
-            ) from error
+            expected = "a folder that no other run works on"
+            received = f"'{folder}', on which one works now"
+            raise InputError(expected, received, "Wait for it, or choose another folder with -o.") from error
         yield
     finally:
         os.close(descriptor)
@@ -175,7 +173,6 @@ def parquet_bytes(table: pl.DataFrame, metadata: Mapping[str, str] | None = None
 
 
 def _checksum(content: bytes, position: int) -> bytes:
-    """Hexadecimal digest of a file whose seal begins at `position`."""
     digest = hashlib.sha256(content[:position])
     digest.update(b"0" * SEAL_BYTES)
     digest.update(content[position + SEAL_BYTES :])
@@ -191,8 +188,6 @@ def report_system_errors(folder: Path, *, of: str, kept: str) -> Iterator[None]:
         yield
     except (OSError, pl.exceptions.PolarsError, pl.exceptions.PanicException) as error:
         reason = getattr(error, "strerror", None) or str(error)
-        raise InputError(
-            f"a folder '{folder}' that the {of} can be written to",
-            f"what the system says: {reason}",
-            f"{kept} are kept: make room, or repair it, and run the same again.",
-        ) from error
+        expected = f"a folder '{folder}' that the {of} can be written to"
+        remedy = f"{kept} are kept: make room, or repair it, and run the same again."
+        raise InputError(expected, f"what the system says: {reason}", remedy) from error

@@ -102,9 +102,8 @@ def mapping(name: str, value: object, types: type | tuple[type, ...], expected: 
     assert isinstance(value, Mapping)  # noqa: S101 - `kind` has refused anything else
     for key, item in value.items():
         if not isinstance(key, str) or not isinstance(item, types):
-            raise UsageError(
-                f"{expected} for {name}", f"{described(item)} for {described(key)}", "Correct the call."
-            )
+            received = f"{described(item)} for {described(key)}"
+            raise UsageError(f"{expected} for {name}", received, "Correct the call.")
 
 
 def real_array(name: str, values: Any) -> Float[np.ndarray, "*shape"]:
@@ -119,11 +118,9 @@ def real_array(name: str, values: Any) -> Float[np.ndarray, "*shape"]:
         raise DataError(f"real numbers in {name}", f"{error}", "Convert them first.") from error
     if array.dtype.kind not in REAL_KINDS:
         complex_numbers = array.dtype.kind == "c"
-        raise DataError(
-            f"real numbers in {name}",
-            "complex ones" if complex_numbers else f"values of the type {array.dtype}",
-            "Take their real part or their absolute value." if complex_numbers else "Convert them first.",
-        )
+        received = "complex ones" if complex_numbers else f"values of the type {array.dtype}"
+        remedy = "Take their real part or their absolute value." if complex_numbers else "Convert them first."
+        raise DataError(f"real numbers in {name}", received, remedy)
     return np.asarray(array, dtype=np.float64)
 
 

@@ -32,9 +32,8 @@ class DaskCluster(Executor):
 
     def __post_init__(self) -> None:
         if "://" not in self.address:
-            raise UsageError(
-                "the address of a Dask scheduler", f"'{self.address}'", "Give one such as tcp://HOST:8786."
-            )
+            expected = "the address of a Dask scheduler"
+            raise UsageError(expected, f"'{self.address}'", "Give one such as tcp://HOST:8786.")
 
     def map(
         self, function: Callable[[Item], Result], items: Iterable[Item]
@@ -43,11 +42,9 @@ class DaskCluster(Executor):
         try:
             import distributed
         except ImportError as error:
-            raise UsageError(
-                "Dask, which is needed to reach a cluster",
-                "an installation without it",
-                "Install it: pip install 'eivor[dask]'.",
-            ) from error
+            expected = "Dask, which is needed to reach a cluster"
+            received = "an installation without it"
+            raise UsageError(expected, received, "Install it: pip install 'eivor[dask]'.") from error
         versions = {package: version(package) for package in NUMERIC_PACKAGES}
         waiting = enumerate(items)
         with self._client() as client:
@@ -72,20 +69,15 @@ class DaskCluster(Executor):
         try:
             client = Client(self.address, timeout=PATIENCE_S, set_as_default=False)
         except (OSError, ValueError) as error:
-            raise InputError(
-                f"a Dask scheduler at {self.address}",
-                f"no answer: {error}",
-                "Start one with `dask scheduler`, or correct the address.",
-            ) from error
+            remedy = "Start one with `dask scheduler`, or correct the address."
+            raise InputError(f"a Dask scheduler at {self.address}", f"no answer: {error}", remedy) from error
         try:
             client.wait_for_workers(1, timeout=PATIENCE_S)
         except TimeoutError as error:
             client.close()
-            raise InputError(
-                f"a Dask scheduler at {self.address} that has workers",
-                "one without any",
-                f"Start some with `dask worker {self.address}`.",
-            ) from error
+            expected = f"a Dask scheduler at {self.address} that has workers"
+            received = "one without any"
+            raise InputError(expected, received, f"Start some with `dask worker {self.address}`.") from error
         return client
 
 
@@ -109,10 +101,7 @@ def _task_on_worker(
     """Result of an item, computed with the versions that the caller has."""
     selected = {package: version(package) for package in versions}
     if selected != dict(versions):
-        raise InputError(
-            f"workers with the versions {dict(versions)}",
-            f"one with {selected}",
-            "Install the same everywhere.",
-        )
+        expected = f"workers with the versions {dict(versions)}"
+        raise InputError(expected, f"one with {selected}", "Install the same everywhere.")
     threadpool_limits(limits=1)  # for good: another thread of this worker may be computing as well
     return position, function(item)

@@ -11,5 +11,4 @@ __all__ += methods.__all__
 
 
 def __dir__() -> list[str]:
-    """Names that the module offers."""
     return __all__

@@ -83,9 +83,8 @@ class Limits:
         for name, unit in (("time_s", "s"), ("memory_gb", "GB")):
             value = getattr(self, name)
             if not value > 0.0:
-                raise UsageError(
-                    f"a limit {name} above zero", f"{value:g} {unit}", "Give more, or leave it out."
-                )
+                expected = f"a limit {name} above zero"
+                raise UsageError(expected, f"{value:g} {unit}", "Give more, or leave it out.")
 
 
 UNLIMITED = Limits(math.inf, math.inf)
@@ -140,11 +139,9 @@ class _Process:
 
     def __init__(self, *modules: str) -> None:
         if _LOADING_MAIN:
-            raise InputError(
-                "a script that runs tasks of its own guarded by `if __name__ == '__main__':`",
-                "one that runs them where it is imported",
-                "Guard it, or define the task in a module.",
-            )
+            expected = "a script that runs tasks of its own guarded by `if __name__ == '__main__':`"
+            received = "one that runs them where it is imported"
+            raise InputError(expected, received, "Guard it, or define the task in a module.")
         self._printed = tempfile.TemporaryFile("a+b")  # noqa: SIM115 - closed with the process
         self.popen = subprocess.Popen(
             [sys.executable, "-P", "-c", "from eivor.process_pool import work; work()"],

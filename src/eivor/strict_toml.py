@@ -51,7 +51,6 @@ class TomlTable:
         return key in self.values
 
     def _take(self, key: str, expected: str, fits: Callable[[Any], bool], default: object = None) -> Any:
-        """Value of a key, or its default where it has any."""
         self.taken.add(key)
         if key not in self.values and default is None:
             near = nearest_names(key, [name for name in self.values if name not in self.taken])

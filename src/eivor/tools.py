@@ -131,7 +131,6 @@ else:
 
     class _Unchecked:
         def __class_getitem__(cls, kind_and_shape: tuple[Any, str]) -> Any:
-            """Kind of array, whatever its shape."""
             return kind_and_shape[0]
 
     Bool = Complex = Float = Int = _Unchecked

@@ -151,11 +151,8 @@ def paper(
         _list(chosen)
         return ExitCode.IDENTIFIED
     if runs < 2 or workers < 0:
-        raise UsageError(
-            "two runs or more, and workers of zero or more",
-            f"--runs {runs} --workers {workers}",
-            "The paper has 100 runs.",
-        )
+        expected = "two runs or more, and workers of zero or more"
+        raise UsageError(expected, f"--runs {runs} --workers {workers}", "The paper has 100 runs.")
     for path in figure_files(_folder(out)) if out else ():
         output_file(str(path), option="--out")
     if page:
@@ -179,7 +176,6 @@ def paper(
 
 
 def _print_paper(results: Sequence[PaperResult], *, whole: bool) -> None:
-    """Tables of every reading, or of the nearest; and how near all of them are."""
     from rich.text import Text
 
     groups = by_reading(results)
@@ -215,11 +211,8 @@ def _folder(text: str) -> Path:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise InputError(
-            "a folder for the figures",
-            f"'{text}', for which the system says: {error.strerror or error}",
-            "Choose another.",
-        ) from error
+        received = f"'{text}', for which the system says: {error.strerror or error}"
+        raise InputError("a folder for the figures", received, "Choose another.") from error
     return folder
 
 
@@ -310,17 +303,13 @@ def simulate(
         raise UsageError("a seed of zero or more", f"--seed {seed}", "Any such integer will do.")
     log_path = Path(out)
     if log_path.suffix not in LOG_FORMATS:
-        raise UsageError(
-            f"a log that ends in {' or '.join(LOG_FORMATS)}", f"'{out}'", "The ending chooses the format."
-        )
+        remedy = "The ending chooses the format."
+        raise UsageError(f"a log that ends in {' or '.join(LOG_FORMATS)}", f"'{out}'", remedy)
     source = Path(scenario_file)
     scenario, files = _scenario(source)
     if vehicle and not isinstance(scenario, RigidBodyFlightSpec):
-        raise UsageError(
-            "--vehicle with a flight of a whole vehicle, such as crazyflie",
-            f"'{source.stem}', whose rotors are nowhere",
-            "Leave --vehicle out.",
-        )
+        expected = "--vehicle with a flight of a whole vehicle, such as crazyflie"
+        raise UsageError(expected, f"'{source.stem}', whose rotors are nowhere", "Leave --vehicle out.")
     keep_inputs(source.name, files)
     try:
         with step("Simulating"):
@@ -346,7 +335,6 @@ def simulate(
 
 
 def _scenario(source: Path) -> tuple[Simulated, set[Path]]:
-    """Scenario of a file with the files that were read, or of a name when there is no such file."""
     if not source.exists() and not source.suffix and source.name == str(source):
         return _shipped(source.name), set()
     table = read_toml(source, "a scenario")
@@ -360,7 +348,6 @@ def _scenario(source: Path) -> tuple[Simulated, set[Path]]:
 
 
 def _shipped(name: str) -> Simulated:
-    """Scenario that comes with Eivor."""
     if name == FLIGHT_KIND:
         return shipped_flight()
     if name in SHIPPED:
@@ -368,22 +355,16 @@ def _shipped(name: str) -> Simulated:
     if name in shipped_scenarios():
         return shipped_scenario(name)
     known = (*shipped_scenarios(), FLIGHT_KIND, *SHIPPED)
-    raise UsageError(
-        "a scenario file that ends in .toml, or one of " + ", ".join(sorted(known)),
-        f"'{name}'",
-        did_you_mean(name, known, "Check the name."),
-    )
+    expected = "a scenario file that ends in .toml, or one of " + ", ".join(sorted(known))
+    raise UsageError(expected, f"'{name}'", did_you_mean(name, known, "Check the name."))
 
 
 def _simulated(scenario: Simulated, seed: int, *, hover: bool) -> KnownLog:
     if isinstance(scenario, Scenario):
         return log_about_hover(scenario, seed, hover=hover)
     if hover:
-        raise UsageError(
-            "--hover with a scenario about hover",
-            "a flight, whose log has the whole input",
-            "Leave --hover out.",
-        )
+        expected = "--hover with a scenario about hover"
+        raise UsageError(expected, "a flight, whose log has the whole input", "Leave --hover out.")
     if isinstance(scenario, RigidBodyFlightSpec):
         return log_of_rigid_body_flight(replace(scenario, seed=seed))
     return log_of_flight(replace(scenario, seed=seed))
@@ -402,9 +383,7 @@ STUDY_EXIT_CODES = (
 @guarded
 def study(
     study_file: Annotated[
-        str,
-        typer.Argument(metavar="STUDY.toml", help="The study: scenario, methods, runs, seed."),
-        Reads(),
+        str, typer.Argument(metavar="STUDY.toml", help="The study: scenario, methods, runs, seed."), Reads()
     ],
     *,
     out: Annotated[
@@ -478,15 +457,11 @@ def _report(result: StudyResult, method_scores: tuple[MethodScore, ...]) -> Rend
         _table(method_scores),
         *((_coverage_table(method_scores, study.level),) if study.intervals else ()),
     ]
-    for method_score in method_scores:
-        if method_score.first_failure is not None:
-            sentence = printable(failure(study, method_score.first_failure, method_score.label))
-            parts.append(
-                Text(
-                    f"{method_score.label} failed in {method_score.failed} of {method_score.trials} "
-                    f"trials; {method_score.first_failure}: {sentence}"
-                )
-            )
+    for score in method_scores:
+        if score.first_failure is not None:
+            sentence = printable(failure(study, score.first_failure, score.label))
+            counts = f"{score.label} failed in {score.failed} of {score.trials} trials"
+            parts.append(Text(f"{counts}; {score.first_failure}: {sentence}"))
     parts.append(Text(f"Every trial: {printable(str(result.folder / 'trials.parquet'))}", style="dim"))
     return Group(*parts)
 
@@ -498,11 +473,8 @@ def _table(method_scores: tuple[MethodScore, ...]) -> Table:
     for index, method_score in enumerate(method_scores):
         if index:
             table.add_row()
-        notes = [
-            f"{count} {word}"
-            for count, word in ((method_score.failed, "failed"), (method_score.weak, "weak"))
-            if count
-        ]
+        counts = {"failed": method_score.failed, "weak": method_score.weak}
+        notes = [f"{count} {word}" for word, count in counts.items() if count]
         table.add_row(Text(method_score.label, style="bold"), ", ".join(notes))
         for score in method_score.parameters:
             cells = [f"  {score.name}", f"{score.estimate:.4g}", f"{score.nrmse:.3g}"]
@@ -512,16 +484,14 @@ def _table(method_scores: tuple[MethodScore, ...]) -> Table:
 
 
 def _coverage_table(method_scores: tuple[MethodScore, ...], level: float) -> Table:
-    """How often intervals held the truth: a row for each method and parameter."""
     table = _columns(f"{100 * level:g} % intervals", "held the truth", "95 % range of this share")
     for method_score in method_scores:
         for score in method_score.parameters:
             if score.coverage is not None:
                 low, high = score.coverage.interval
                 share = f"{100 * score.coverage.value:.1f} %"
-                table.add_row(
-                    f"{method_score.label}, {score.name}", share, f"{100 * low:.1f} to {100 * high:.1f} %"
-                )
+                label = f"{method_score.label}, {score.name}"
+                table.add_row(label, share, f"{100 * low:.1f} to {100 * high:.1f} %")
     return table
 
 
@@ -560,26 +530,18 @@ def _document(result: StudyResult, method_scores: tuple[MethodScore, ...]) -> di
 def _method(method_score: MethodScore) -> dict[str, object]:
     parameters = {}
     for score in method_score.parameters:
-        coverage = score.coverage
+        held: dict[str, object] | None = None
+        if (share := score.coverage) is not None:
+            held = {"share": number(share.value), "bounds": list(share.interval), "count": share.count}
         parameters[score.name] = {
-            "mean": number(score.estimate.mean),
-            "std": number(score.estimate.std),
+            **_spread(score.estimate),
             "bias": number(score.bias),
             "rmse": number(score.rmse),
             "nrmse_percent": _spread(score.nrmse),
-            "coverage": None
-            if coverage is None
-            else {
-                "share": number(coverage.value),
-                "bounds": list(coverage.interval),
-                "count": coverage.count,
-            },
+            "coverage": held,
         }
     return {
-        "label": method_score.label,
-        "trials": method_score.trials,
-        "failed": method_score.failed,
-        "weak": method_score.weak,
+        **{key: getattr(method_score, key) for key in ("label", "trials", "failed", "weak")},
         "parameters": parameters,
         "together": {"nrmse_percent": _spread(method_score.together)},
     }

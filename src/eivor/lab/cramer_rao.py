@@ -30,7 +30,6 @@ DISTURBED_RUNS = 200
 
 
 def __dir__() -> list[str]:
-    """Names that the module offers, and not those that it uses."""
     return __all__
 
 
@@ -92,11 +91,9 @@ def cramer_rao(scenario: Scenario, runs: int = RUNS, seed: int = 0) -> CramerRao
     checks.whole("runs", runs)
     checks.whole("seed", seed)
     if scenario.controlled:
-        raise ParameterError(
-            "a scenario in open loop, for its bound",
-            "one under control, whose input depends on the noises",
-            "Leave the control out; its bound is that of the open loop with the same input.",
-        )
+        expected = "a scenario in open loop, for its bound"
+        remedy = "Leave the control out; its bound is that of the open loop with the same input."
+        raise ParameterError(expected, "one under control, whose input depends on the noises", remedy)
     if not 1 <= runs <= MOST_RUNS:
         raise ParameterError(f"1 to {MOST_RUNS} records", f"runs={runs}", f"Leave it out for {RUNS}.")
     if seed < 0:
@@ -131,7 +128,6 @@ def disturbance_power(scenario: Scenario, seed: int = 0) -> Float[np.ndarray, " 
 def _information(
     scenario: Scenario, record: SimulatedRecord, power: Float[np.ndarray, " bins"]
 ) -> Float[np.ndarray, "2 2"]:
-    """Information of one record about friction and gain."""
     signals = record.signals
     U = unitary_bins(record.truth.channel("input"))
     bins = SampledRecord(signals.step_s, signals.sample_count, U, U, U)
@@ -173,14 +169,14 @@ def noise_of_record(scenario: Scenario, record: SimulatedRecord) -> KnownNoise:
 
 def _known_noise(noises: Mapping[str, MeasurementNoise]) -> NoiseModel:
     """Strengths and orders that a scenario's record really has; no disturbance."""
-    for name in ("input", "velocity_z", "acceleration_z"):
+    names = ("input", "velocity_z", "acceleration_z")
+    for name in names:
         noise = noises[name]
         if not isinstance(noise, WhiteNoise | FractionalNoise) or noise.std == 0.0:
-            raise ParameterError(
-                "white or fractional noise of input, velocity and response, for a bound",
-                f"{name} without" if noise.std == 0.0 else type(noise).__name__,
-                "Give every channel some noise; without, nothing bounds an estimate.",
-            )
+            expected = "white or fractional noise of input, velocity and response, for a bound"
+            received = f"{name} without" if noise.std == 0.0 else type(noise).__name__
+            remedy = "Give every channel some noise; without, nothing bounds an estimate."
+            raise ParameterError(expected, received, remedy)
 
     def order(name: str) -> float:
         noise = noises[name]
@@ -188,14 +184,8 @@ def _known_noise(noises: Mapping[str, MeasurementNoise]) -> NoiseModel:
 
     if order("input") != 0.0:
         raise ParameterError("white noise of the input, for a bound", "fractional noise", "Use WhiteNoise.")
-    return NoiseModel(
-        noises["input"].std ** 2,
-        noises["velocity_z"].std ** 2,
-        noises["acceleration_z"].std ** 2,
-        0.0,
-        order("velocity_z"),
-        order("acceleration_z"),
-    )
+    drive, velocity, response = (noises[name].std ** 2 for name in names)
+    return NoiseModel(drive, velocity, response, 0.0, order("velocity_z"), order("acceleration_z"))
 
 
 def _shaped_noise_information(known: KnownNoise, motion: SampledMotion) -> float:
@@ -207,14 +197,9 @@ def _shaped_noise_information(known: KnownNoise, motion: SampledMotion) -> float
     q_K = np.stack([-h - motion.friction * by_friction, by_friction, 0.0 * h], axis=-1)
     R = power * _outer(q, q)
     index = np.arange(3)
-    R[:, index, index] += np.stack(
-        [
-            noise.acceleration_variance * record.power(noise.acceleration_order),
-            noise.velocity_variance * record.power(noise.velocity_order),
-            np.full(h.size, noise.input_variance),
-        ],
-        axis=-1,
-    )
+    acceleration = noise.acceleration_variance * record.power(noise.acceleration_order)
+    velocity = noise.velocity_variance * record.power(noise.velocity_order)
+    R[:, index, index] += np.stack([acceleration, velocity, np.full(h.size, noise.input_variance)], axis=-1)
     R_K = power * (_outer(q_K, q) + _outer(q, q_K))
     share = np.linalg.solve(R, R_K)
     return float(np.einsum("bij,bji->", share, share).real)

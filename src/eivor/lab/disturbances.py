@@ -201,12 +201,9 @@ class TimeVaryingArma(Disturbance):
         trends = self._courses(self.autoregression, min(known, default=CHECKED))
         times = np.linspace(0, len(trends) - 1, min(len(trends), CHECKED)).round().astype(np.int64)
         root = max((largest_root(row) for row in trends[times]), default=0.0)
-        require(
-            root < 1.0,
-            "an autoregression that is stationary at every time of the record",
-            f"one whose slowest mode is multiplied by up to {root:.4g} each step",
-            "Make the means or amplitudes smaller.",
-        )
+        expected = "an autoregression that is stationary at every time of the record"
+        received = f"one whose slowest mode is multiplied by up to {root:.4g} each step"
+        require(root < 1.0, expected, received, "Make the means or amplitudes smaller.")
 
     def sample(self, count: int, _step_s: float, rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
         """One realisation."""
@@ -339,11 +336,8 @@ class BoundedAdversary(Disturbance):
         non_negative("bound", self.bound)
         positive("longest_s", self.longest_s)
         positive("shortest_s", self.shortest_s)
-        require(
-            self.shortest_s <= self.longest_s,
-            "a shortest_s up to longest_s",
-            f"shortest_s={self.shortest_s}, longest_s={self.longest_s}",
-        )
+        received = f"shortest_s={self.shortest_s}, longest_s={self.longest_s}"
+        require(self.shortest_s <= self.longest_s, "a shortest_s up to longest_s", received)
         require(0.0 <= self.high_share <= 1.0, "a high_share from 0 to 1", f"high_share={self.high_share}")
 
     def sample(self, count: int, step_s: float, _rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
@@ -466,11 +460,9 @@ class ThresholdMovingAverage(Disturbance):
         finite("threshold", *self.thresholds)
         ascending = all(a < b for a, b in zip(self.thresholds, self.thresholds[1:], strict=False))
         require(ascending, "ascending thresholds", f"thresholds={self.thresholds}")
-        require(
-            len(self.coefficients) == len(self.thresholds) + 1,
-            f"coefficients of {len(self.thresholds) + 1} regimes, one more than thresholds",
-            f"those of {len(self.coefficients)}",
-        )
+        expected = f"coefficients of {len(self.thresholds) + 1} regimes, one more than thresholds"
+        received = f"those of {len(self.coefficients)}"
+        require(len(self.coefficients) == len(self.thresholds) + 1, expected, received)
         for regime in self.coefficients:
             equally_many("coefficients of the first regime", self.coefficients[0], "of another one", regime)
             finite("coefficient", *regime)
@@ -504,11 +496,9 @@ class BilinearTerm:
     def __post_init__(self) -> None:
         finite("coefficient", self.coefficient)
         at_least("shock_lag", self.shock_lag, 1)
-        require(
-            self.series_lag > self.shock_lag,
-            "a series_lag above shock_lag, so that the two factors are independent",
-            f"series_lag={self.series_lag}, shock_lag={self.shock_lag}",
-        )
+        expected = "a series_lag above shock_lag, so that the two factors are independent"
+        received = f"series_lag={self.series_lag}, shock_lag={self.shock_lag}"
+        require(self.series_lag > self.shock_lag, expected, received)
 
 
 @dataclass(frozen=True, slots=True)
@@ -535,12 +525,8 @@ class Bilinear(Disturbance):
     def __post_init__(self) -> None:
         BilinearTerm(self.coefficient, self.series_lag, self.shock_lag)  # refuses what no term may be
         non_negative("std", self.std)
-        require(
-            self._growth < 1.0,
-            "(coefficient * std)^2 below one, so that the series is stationary",
-            f"{self._growth:.4g}",
-            "Make one of them smaller.",
-        )
+        expected = "(coefficient * std)^2 below one, so that the series is stationary"
+        require(self._growth < 1.0, expected, f"{self._growth:.4g}", "Make one of them smaller.")
 
     def sample(self, count: int, _step_s: float, rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
         """One realisation, settled to its stationary variance."""
@@ -570,12 +556,8 @@ class BilinearSum(Disturbance):
     def __post_init__(self) -> None:
         given("terms", self.terms)
         non_negative("std", self.std)
-        require(
-            self._growth < 1.0,
-            "std times the sum of the coefficients' sizes below one, so that the series is stationary",
-            f"{self._growth:.4g}",
-            "Make some of them smaller.",
-        )
+        expected = "std times the sum of the coefficients' sizes below one, so that the series is stationary"
+        require(self._growth < 1.0, expected, f"{self._growth:.4g}", "Make some of them smaller.")
 
     def sample(self, count: int, _step_s: float, rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
         """One realisation, settled."""
@@ -631,12 +613,8 @@ class Garch(Disturbance):
         if self.largest_square is not None:
             positive("largest_square", self.largest_square)
         total = sum(self.shocks) + sum(self.persistence)
-        require(
-            total < 1.0,
-            "coefficients that add up to less than one, so that the variance is finite",
-            f"{total:.4g}",
-            "Make one of them smaller.",
-        )
+        expected = "coefficients that add up to less than one, so that the variance is finite"
+        require(total < 1.0, expected, f"{total:.4g}", "Make one of them smaller.")
 
     def sample(self, count: int, _step_s: float, rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
         """One realisation; before the record, squares and variances are the stationary variance."""

@@ -52,10 +52,7 @@ class VerticalExperiment(Experiment):
     @property
     def truth(self) -> Mapping[str, float]:
         """K and K_u."""
-        return {
-            "viscous_friction": self.scenario.viscous_friction,
-            "input_gain": self.scenario.input_gain,
-        }
+        return {"viscous_friction": self.scenario.viscous_friction, "input_gain": self.scenario.input_gain}
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -102,9 +99,8 @@ class DifferenceEquation(Experiment):
 
     def __post_init__(self) -> None:
         if not self.input_coefficients:
-            raise ParameterError(
-                "at least one input coefficient", "none", "Without an input nothing is excited."
-            )
+            expected = "at least one input coefficient"
+            raise ParameterError(expected, "none", "Without an input nothing is excited.")
         for value in (*self.output_coefficients, *self.input_coefficients):
             check_number(True, "finite coefficients", value)
         check_number(self.delay >= 0, "a delay of zero or more samples", self.delay)
@@ -184,11 +180,8 @@ def page_with(page: str, parts: Mapping[str, str]) -> str:
     for name, text in parts.items():
         begin, end = marks(name)
         if page.count(begin) != 1 or page.partition(begin)[2].count(end) != 1:
-            raise InputError(
-                f"a page with the marks {begin} and {end}",
-                "one without both of them",
-                "Put them where it goes.",
-            )
+            expected = f"a page with the marks {begin} and {end}"
+            raise InputError(expected, "one without both of them", "Put them where it goes.")
         before, _, rest = page.partition(begin)
         page = f"{before}{begin}\n\n{text}\n\n{end}{rest.partition(end)[2]}"
     return page

@@ -131,11 +131,9 @@ def study_coverage_figure(
     """Coverage of every parameter in one or several studies, methods side by side."""
     levels = {result.study.level for result in results if result.study.intervals}
     if len(levels) != 1:
-        raise UsageError(
-            "studies with intervals of one level",
-            f"levels {sorted(levels)}" if levels else "none with intervals",
-            "Set intervals = true in the study's file; draw levels apart.",
-        )
+        expected = "studies with intervals of one level"
+        received = f"levels {sorted(levels)}" if levels else "none with intervals"
+        raise UsageError(expected, received, "Set intervals = true in the study's file; draw levels apart.")
     rows = [
         CoverageRow(
             item.label,
@@ -200,7 +198,6 @@ def nrmse_figure(
 
 
 def _table(rows: Mapping[str, Mapping[str, object]], columns: int, title: str) -> dict[str, Axes]:
-    """Panels of a page, a row for each method."""
     figure = page(PANEL_WIDTH * columns, PANEL_HEIGHT * len(rows) + (0.5 if title else 0.1), title)
     return {
         f"{method}: {name}": figure.add_subplot(len(rows), columns, row * columns + column + 1)
@@ -314,10 +311,7 @@ def paper_figures(results: Sequence[PaperResult]) -> Iterator[tuple[str, Figure]
 def signal_figure(
     reading: PaperReading, example: Example = EXAMPLES[0], *, axes: GivenAxes | None = None
 ) -> Figure:
-    """Input u(t) and height z(t) of the first run, without noise: the paper's figure 2.
-
-    `axes` are for "input" and "position_z", see `signals_figure`.
-    """
+    """Input u(t) and height z(t) of the first run, without noise: the paper's figure 2."""
     exact = replace(reading, motion=type(reading.motion).SOLUTION)
     truth = record(exact, example, trial_generator(0)).truth
     drive, velocity = truth.channels["input"], truth.channels["velocity_z"]
@@ -328,10 +322,7 @@ def signal_figure(
 
 
 def histogram_figure(result: PaperResult, column: str, *, axes: GivenAxes | None = None) -> Figure:
-    """Histograms of NRMSE of one column of the printed tables: the paper's figures 3 to 8.
-
-    `axes` are for K, K_u and both together, in this order; see `nrmse_figure`.
-    """
+    """Histograms of NRMSE of one column of the printed tables: the paper's figures 3 to 8."""
     method = PRINTED_METHODS[column]
     scores = result.nrmse(method)
     words = WORDS[column]
@@ -340,12 +331,8 @@ def histogram_figure(result: PaperResult, column: str, *, axes: GivenAxes | None
         f"Example {result.example.number}, {words}, reading {result.reading.name} "
         f"({len(result.estimates)} runs; red: printed mean ± SD)"
     )
-    return nrmse_figure(
-        {words: {name: scores[:, index] for index, name in enumerate(SCORES)}},
-        printed={words: printed},
-        title=title if axes is None else "",
-        axes=axes,
-    )
+    rows = {words: {name: scores[:, index] for index, name in enumerate(SCORES)}}
+    return nrmse_figure(rows, printed={words: printed}, title=title if axes is None else "", axes=axes)
 
 
 # -- Paper table --

@@ -237,11 +237,9 @@ class FractionalTerm:
             return
         checks.number("order", self.order)
         if not (np.isfinite(self.order) and abs(self.order) <= LARGEST_ORDER):
-            raise ParameterError(
-                f"an order between -{LARGEST_ORDER:g} and {LARGEST_ORDER:g}",
-                f"{self.order}",
-                "Differentiate or integrate the channel by whole orders first.",
-            )
+            expected = f"an order between -{LARGEST_ORDER:g} and {LARGEST_ORDER:g}"
+            remedy = "Differentiate or integrate the channel by whole orders first."
+            raise ParameterError(expected, f"{self.order}", remedy)
 
     def order_at(self, orders: Mapping[str, float]) -> float:
         """Order, which a mapping has where it is sought."""
@@ -265,11 +263,8 @@ def terms_of(name: str, given: object) -> tuple[FractionalTerm, ...]:
     """Terms from a sequence of them, of orders, or of both."""
     kinds = (FractionalTerm, UnknownOrder, *checks.NUMBERS)
     if not isinstance(given, tuple | list) or not given or not all(isinstance(item, kinds) for item in given):
-        raise UsageError(
-            f"one term or more for {name}: orders, unknown orders, or FractionalTerm(order, lag)",
-            checks.described(given),
-            "Give (0.0, 0.5), for example.",
-        )
+        expected = f"one term or more for {name}: orders, unknown orders, or FractionalTerm(order, lag)"
+        raise UsageError(expected, checks.described(given), "Give (0.0, 0.5), for example.")
     terms = tuple(item if isinstance(item, FractionalTerm) else FractionalTerm(item) for item in given)
     for entry, other in combinations(terms, 2):
         if entry.may_be(other):
@@ -306,13 +301,14 @@ class FilteredSignals:
     def __post_init__(self) -> None:
         valid = self.signals.valid
         if self.signals.offset or not (valid is None or bool(valid.all())):
-            raise DataError(
-                "a whole record, every sample of which is valid",
-                f"one that begins at sample {self.signals.offset} of another"
-                if self.signals.offset
-                else "samples that are not valid",
-                "A fractional difference has all samples before in it: cut the record where it was at rest.",
+            offset, expected = self.signals.offset, "a whole record, every sample of which is valid"
+            received = (
+                f"one that begins at sample {offset} of another" if offset else "samples that are not valid"
             )
+            remedy = (
+                "A fractional difference has all samples before in it: cut the record where it was at rest."
+            )
+            raise DataError(expected, received, remedy)
 
     @property
     def count(self) -> int:
@@ -322,9 +318,8 @@ class FilteredSignals:
     def values(self, column: FractionalColumn, first: int) -> Float[np.ndarray, " rows"]:
         """Column of the samples from `first` on."""
         if self.count <= first:
-            raise TooFewSamplesError(
-                f"more than {first} samples", f"{self.count}", "Give a longer record or fewer lags."
-            )
+            expected = f"more than {first} samples"
+            raise TooFewSamplesError(expected, f"{self.count}", "Give a longer record or fewer lags.")
         total: Float[np.ndarray, " rows"] = np.zeros(self.count - first)
         for part in column:
             series = self._behind(self._series, part, self.signals.channel)
@@ -344,11 +339,9 @@ class FilteredSignals:
             base = self._moving_average(channel)
             for i in selected:
                 if left[i].gain_channel:
-                    raise UsageError(
-                        f"instruments of '{channel}' without a gain of another channel",
-                        f"{left[i].name} times '{left[i].gain_channel}'",
-                        "Leave the gain out.",
-                    )
+                    expected = f"instruments of '{channel}' without a gain of another channel"
+                    received = f"{left[i].name} times '{left[i].gain_channel}'"
+                    raise UsageError(expected, received, "Leave the gain out.")
                 lag = left[i].lag
                 seen = base[: max(self.count - lag, 0)]
                 shared[i] += left[i].gain * (seen @ noises[lag : lag + seen.size])
@@ -369,7 +362,6 @@ class FilteredSignals:
         return np.minimum(1.0, (self.count - np.arange(self.count)) / (self.count - first))
 
     def _noise_of(self, channel: str, columns: Sequence[FractionalColumn]) -> Float[np.ndarray, "n columns"]:
-        """Weights of a channel's white noise in each column."""
         weights: Float[np.ndarray, "n columns"] = np.zeros((self.count, len(columns)))
         for index, column in enumerate(columns):
             for part in column:
@@ -524,16 +516,9 @@ class FractionalProblem(LinearisableProblem):
         known = self.regression(nuisances)
         changes = tuple(self._by_order(nuisance.name, nuisances, theta) for nuisance in self.nuisances)
         orders = tuple(nuisance.parameter for nuisance in self.nuisances)
-        return FractionalRegression(
-            self.filtered,
-            self.parameters + orders,
-            known.response,
-            known.regressors + changes,
-            self.instruments,
-        )
+        return replace(known, parameters=self.parameters + orders, regressors=known.regressors + changes)
 
     def _by_order(self, name: str, nuisances: Values, theta: Float[np.ndarray, " n"]) -> FractionalColumn:
-        """Derivative of Phi theta by an order."""
         return tuple(
             replace(part, by_order=True, gain=value * part.gain)
             for value, (_, term) in zip(theta.tolist(), self.terms, strict=True)
@@ -543,11 +528,9 @@ class FractionalProblem(LinearisableProblem):
 
     def bins(self, nuisances: Values) -> SpectralRegression:
         """Nothing: an operator's memory does not end with a run."""
-        raise UsageError(
-            "a method without spectral whitening for a fractional difference equation",
-            f"one that asks for its spectra at {dict(nuisances)}",
-            "Use generalized_iv, or another method of the page on fractional equations.",
-        )
+        expected = "a method without spectral whitening for a fractional difference equation"
+        remedy = "Use generalized_iv, or another method of the page on fractional equations."
+        raise UsageError(expected, f"one that asks for its spectra at {dict(nuisances)}", remedy)
 
 
 # -- Model --
@@ -605,9 +588,8 @@ class FractionalDifferenceModel:
         ranges = {order.name: order for order in self._repeated_orders()}
         for order in self._repeated_orders():
             if order != ranges[order.name]:
-                raise ParameterError(
-                    f"one range of the order '{order.name}'", "two", "Use one UnknownOrder in both terms."
-                )
+                expected = f"one range of the order '{order.name}'"
+                raise ParameterError(expected, "two", "Use one UnknownOrder in both terms.")
         clash = sorted({parameter.name for parameter, _ in self._terms()} & set(ranges))
         if clash:
             raise ParameterError("orders with names of their own", f"'{clash[0]}'", "Rename the order.")
@@ -671,23 +653,15 @@ class FractionalDifferenceModel:
             both_sides = self._solved_for_output(
                 divided_by_output_at, signals.sample_count, rate_hz=signals.rate_hz
             )
-        known = frozenset(
-            float(term.order) for term in self._every if not isinstance(term.order, UnknownOrder)
+        orders_of_terms = [term.order for term in self._every]
+        known = frozenset(float(item) for item in orders_of_terms if not isinstance(item, UnknownOrder))
+        orders = tuple(
+            Nuisance(Parameter(o.name), np.linspace(o.low, o.high, GRID_POINTS), tolerance=ORDER_TOLERANCE)
+            for o in self.unknown_orders
         )
-        return FractionalProblem(
-            FilteredSignals(signals, self.operator, known, both_sides),
-            ChannelTerm(self.output_channel, self._of_side("output")[0]),
-            tuple(self._terms()),
-            instruments,
-            tuple(
-                Nuisance(
-                    Parameter(order.name),
-                    np.linspace(order.low, order.high, GRID_POINTS),
-                    tolerance=ORDER_TOLERANCE,
-                )
-                for order in self.unknown_orders
-            ),
-        )
+        series = FilteredSignals(signals, self.operator, known, both_sides)
+        response = ChannelTerm(self.output_channel, self._of_side("output")[0])
+        return FractionalProblem(series, response, tuple(self._terms()), instruments, orders)
 
     def impulse_response(self, parameters: Parameters, count: int, *, rate_hz: float = 1.0) -> Series:
         """Output of the equation, from rest, for the input 1, 0, 0, ...
@@ -775,11 +749,9 @@ class FractionalDifferenceModel:
         if frequencies.ndim != 1:
             raise ShapeError("frequencies of shape (k,)", f"shape {frequencies.shape}", "Give a series.")
         if not ((frequencies > 0.0) & (frequencies <= 0.5 * rate_hz)).all():
-            raise ParameterError(
-                f"frequencies above zero and up to {0.5 * rate_hz:g} Hz, half the rate",
-                f"{frequencies}",
-                "Leave the others out, or give the rate of the record: rate_hz=...",
-            )
+            expected = f"frequencies above zero and up to {0.5 * rate_hz:g} Hz, half the rate"
+            remedy = "Leave the others out, or give the rate of the record: rate_hz=..."
+            raise ParameterError(expected, f"{frequencies}", remedy)
         back = np.exp(-2j * np.pi * frequencies / rate_hz)
         return np.asarray(over.response(back) / under.response(back))
 
@@ -791,7 +763,6 @@ class FractionalDifferenceModel:
         return (*self._of_side("output"), *self._of_side("input"))
 
     def _repeated_orders(self) -> list[UnknownOrder]:
-        """Unknown orders, as often as they are named."""
         return [term.order for term in self._every if isinstance(term.order, UnknownOrder)]
 
     def _terms(self) -> Iterator[tuple[Parameter, ChannelTerm]]:
@@ -807,32 +778,25 @@ class FractionalDifferenceModel:
         weights = left.weights(count)
         largest = max(abs(coefficient) for coefficient, _, _ in left.terms)
         if abs(weights[0]) <= LEAST_OWN_COEFFICIENT * largest:
-            raise ParameterError(
-                "an equation that can be solved for the newest output",
-                f"a coefficient of {weights[0]:.3g} before y(k)",
-                "Give the output a term without a lag, and coefficients that do not cancel.",
-            )
+            expected = "an equation that can be solved for the newest output"
+            remedy = "Give the output a term without a lag, and coefficients that do not cancel."
+            raise ParameterError(expected, f"a coefficient of {weights[0]:.3g} before y(k)", remedy)
         growing = left.growing_modes
         if growing:
-            raise ParameterError(
-                "a stable equation",
-                f"one with {growing} growing mode{'s' if growing > 1 else ''}",
-                "Check the signs of the coefficients, and that orders are below two.",
-            )
+            received = f"one with {growing} growing mode{'s' if growing > 1 else ''}"
+            remedy = "Check the signs of the coefficients, and that orders are below two."
+            raise ParameterError("a stable equation", received, remedy)
         return reciprocal(weights)
 
     def _side(self, side: str, parameters: Parameters, rate_hz: float) -> Side:
-        """One side of the equation at some values of its parameters."""
         checks.mapping("parameters", parameters, checks.NUMBERS, "numbers")
         checks.number("rate_hz", rate_hz)
         names = [parameter.name for parameter in self.parameters]
         missing = [name for name in names if not np.isfinite(parameters.get(name, np.nan))]
         if missing:
-            raise ParameterError(
-                f"finite values of {', '.join(names)}",
-                f"none of {', '.join(missing)}",
-                "Give estimate.parameters, or all of them by name.",
-            )
+            expected = f"finite values of {', '.join(names)}"
+            received = f"none of {', '.join(missing)}"
+            raise ParameterError(expected, received, "Give estimate.parameters, or all of them by name.")
         if not (np.isfinite(rate_hz) and rate_hz > 0.0):
             raise ParameterError("a positive rate in Hz", f"rate_hz={rate_hz}", "Give that of the record.")
         coefficients = {**parameters, "output_coefficient_1": 1.0}

@@ -331,9 +331,8 @@ def named_readings(names: tuple[str, ...]) -> tuple[PaperReading, ...]:
     known = {reading.name: reading for reading in READINGS}
     for name in names:
         if name not in known:
-            raise UsageError(
-                f"readings out of {', '.join(known)}", f"'{name}'", "Name some of them, with commas between."
-            )
+            expected = f"readings out of {', '.join(known)}"
+            raise UsageError(expected, f"'{name}'", "Name some of them, with commas between.")
     return tuple(known[name] for name in names) or READINGS
 
 
@@ -407,7 +406,6 @@ def scenario(reading: PaperReading, example: Example) -> Scenario:
 
 
 def _ratio(reading: PaperReading, example: Example, source: str) -> float:
-    """Ratio of standard deviations, that of the noise before its operator."""
     ratio = LARGER_RATIO if source == reading.larger_on else example.ratio
     if reading.ratio is Ratio.VARIANCE:
         ratio = float(np.sqrt(ratio))
@@ -695,13 +693,9 @@ def nearness(results: Sequence[PaperResult], *, total_least_squares: bool = Fals
         for method in (f"{item}_tls" if total_least_squares and item.endswith("_iv") else item,)
         for spread, printed in zip(result.spreads(method)[:2], result.example.printed[item][:2], strict=True)
     ]
-    agreeing = sum(_agrees(spread, printed, runs) for spread, printed, runs in pairs)
-    return Nearness(
-        _factor([(spread.mean, printed.mean) for spread, printed, _ in pairs]),
-        _factor([(spread.std, printed.std) for spread, printed, _ in pairs]),
-        agreeing,
-        len(pairs),
-    )
+    means = _factor([(spread.mean, printed.mean) for spread, printed, _ in pairs])
+    stds = _factor([(spread.std, printed.std) for spread, printed, _ in pairs])
+    return Nearness(means, stds, sum(_agrees(*pair) for pair in pairs), len(pairs))
 
 
 def _agrees(measured: Spread, printed: Spread, runs: int) -> bool:

@@ -95,16 +95,10 @@ def errata(runs: int = RUNS) -> tuple[Erratum, ...]:
             signal_variances(records),
         ),
         Erratum(
-            "W of (13), (29)",
-            "sigma_zeta",
-            "sigma of xi_u, the noise of u in (11)",
-            which_noise(records),
+            "W of (13), (29)", "sigma_zeta", "sigma of xi_u, the noise of u in (11)", which_noise(records)
         ),
         Erratum(
-            "(14), after (16), (17), (34)",
-            "y for the height",
-            "z, as everywhere else",
-            "No y is introduced.",
+            "(14), after (16), (17), (34)", "y for the height", "z, as everywhere else", "No y is introduced."
         ),
         Erratum(
             "a_j, b_j",
@@ -125,12 +119,7 @@ def errata(runs: int = RUNS) -> tuple[Erratum, ...]:
             "The product must be p x n; two columns have none.",
         ),
         Erratum("(24)", "the LS solution of system (20)", "of system (23)", which_system(records[0])),
-        Erratum(
-            "(25)",
-            "K_EIV-LS and K_EIV",
-            "one number",
-            first_unknown_of_least_squares(records[0]),
-        ),
+        Erratum("(25)", "K_EIV-LS and K_EIV", "one number", first_unknown_of_least_squares(records[0])),
         Erratum(
             "(25), (27)",
             "Psi Phi^T below the diagonal",
@@ -162,12 +151,7 @@ def errata(runs: int = RUNS) -> tuple[Erratum, ...]:
             "the ratio of e is that of the series",
             roles_of_e(),
         ),
-        Erratum(
-            "table 2, GIV",
-            "5.74 ± 2.70",
-            "taken as printed; 3.74 would fit its neighbours",
-            table_2(),
-        ),
+        Erratum("table 2, GIV", "5.74 ± 2.70", "taken as printed; 3.74 would fit its neighbours", table_2()),
     )
 
 
@@ -187,7 +171,6 @@ def _mean_error(
     change: Callable[[Moments], Moments],
     first_lag: int = -1,
 ) -> str:
-    """Mean NRMSE of both parameters by a method from changed moments, in words."""
     results = []
     for item in records:
         columns = lags("input", first_lag, 10) if first_lag >= 0 else ()
@@ -206,7 +189,6 @@ def _right_and_wrong(
     change: Callable[[Moments], Moments],
     first_lag: int = -1,
 ) -> tuple[str, str]:
-    """Mean errors from moments as they are, and changed."""
     right, wrong = (_mean_error(records, method, how, first_lag) for how in (_unchanged, change))
     return right, wrong
 

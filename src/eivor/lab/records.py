@@ -118,11 +118,9 @@ def _check_velocity_gains(proportional: float, integral: float) -> None:
     finite("velocity_gain", proportional)
     finite("velocity_integral_gain", integral)
     if proportional == 0.0 and integral == 0.0:
-        raise ParameterError(
-            "a controller with a velocity_gain or a velocity_integral_gain",
-            "both zero",
-            "Give one of them, or leave the control out for open loop.",
-        )
+        expected = "a controller with a velocity_gain or a velocity_integral_gain"
+        received = "both zero"
+        raise ParameterError(expected, received, "Give one of them, or leave the control out for open loop.")
 
 
 # -- Sampled vehicle --
@@ -187,13 +185,8 @@ def sampled_loop(vehicle: SampledVehicle, feedback: Feedback) -> SampledLoop:
     sums = np.array([0.0, 0.0, 1.0])
     matrix = plant + np.outer(vehicle.input_gain * push, from_state) - np.outer(sums, seen)
     used = np.array([True, feedback.altitude_gain != 0.0, feedback.integral != 0.0])
-    return SampledLoop(
-        matrix[np.ix_(used, used)],
-        (vehicle.input_gain * present * push + sums)[used],
-        push[used],
-        from_state[used],
-        present,
-    )
+    error_effect = (vehicle.input_gain * present * push + sums)[used]
+    return SampledLoop(matrix[np.ix_(used, used)], error_effect, push[used], from_state[used], present)
 
 
 def check_stable(vehicle: SampledVehicle, control: Control) -> None:
@@ -317,15 +310,12 @@ class Scenario:
             ratio = self.disturbance_to_signal
             check_number(ratio >= 0.0, "disturbance_to_signal of zero or more", ratio)
             if self.disturbance is None:
-                raise ParameterError(
-                    "a disturbance to scale", "disturbance_to_signal alone", "Give the disturbance as well."
-                )
+                remedy = "Give the disturbance as well."
+                raise ParameterError("a disturbance to scale", "disturbance_to_signal alone", remedy)
         if self.controlled and self.intersample is not Intersample.HOLD:
-            raise ParameterError(
-                "an input that is held between samples, as a sampled controller gives it",
-                f"intersample '{self.intersample.value}' under control",
-                "Use hold, or leave the control out.",
-            )
+            expected = "an input that is held between samples, as a sampled controller gives it"
+            received = f"intersample '{self.intersample.value}' under control"
+            raise ParameterError(expected, received, "Use hold, or leave the control out.")
         check_stable(self.vehicle, self.control)
 
     def _check_types(self) -> None:
@@ -403,11 +393,8 @@ def check_noises(
         check_number(ratio >= 0.0, f"noise_to_signal of zero or more for {name}", ratio)
     for name in (*noises, *ratios):
         if name not in channels:
-            raise ParameterError(
-                f"noise of {', '.join(channels)}",
-                f"noise of '{name}'",
-                _REMEDIES.get(name, "Name one of these channels."),
-            )
+            remedy = _REMEDIES.get(name, "Name one of these channels.")
+            raise ParameterError(f"noise of {', '.join(channels)}", f"noise of '{name}'", remedy)
 
 
 # -- Simulate --
@@ -473,15 +460,11 @@ def simulate(scenario: Scenario, rng: np.random.Generator) -> SimulatedRecord:
         motion += misled_motion(scenario, feedback, errors)
     true = _channels(scenario, motion, disturbance)
     references = dict.fromkeys(scenario.references, drive)
-    return SimulatedRecord(
-        Signals(
-            scenario.rate_hz,
-            {name: true[name] + error for name, error in errors.items()} | references,
-            noise=noise | {name: WhiteNoise(0.0) for name in references},
-        ),
-        Signals(scenario.rate_hz, true | references | {"disturbance": disturbance}),
-        {"viscous_friction": scenario.viscous_friction, "input_gain": scenario.input_gain},
-    )
+    measured = {name: true[name] + error for name, error in errors.items()} | references
+    noise |= {name: WhiteNoise(0.0) for name in references}
+    parameters = {name: getattr(scenario, name) for name in ("viscous_friction", "input_gain")}
+    truth = Signals(scenario.rate_hz, true | references | {"disturbance": disturbance})
+    return SimulatedRecord(Signals(scenario.rate_hz, measured, noise=noise), truth, parameters)
 
 
 def driven_motion(scenario: Scenario, drive: Series) -> LinearMotion:
@@ -543,11 +526,9 @@ def _disturbance(scenario: Scenario, undisturbed: LinearMotion, rng: np.random.G
         return series
     spread = float(series.std())
     if not (np.isfinite(spread) and spread > 0.0):
-        raise ParameterError(
-            "a disturbance that varies, since it is to be scaled to a share of z''",
-            f"a standard deviation of {spread} over the record",
-            "Give it a positive std, or leave disturbance_to_signal out.",
-        )
+        expected = "a disturbance that varies, since it is to be scaled to a share of z''"
+        remedy = "Give it a positive std, or leave disturbance_to_signal out."
+        raise ParameterError(expected, f"a standard deviation of {spread} over the record", remedy)
     response = _channels(scenario, undisturbed, rest)["acceleration_z"]
     return scenario.disturbance_to_signal * float(response.std()) / spread * series
 
@@ -573,9 +554,8 @@ def _controlled(scenario: Scenario, feedback: Feedback, additions: Series, pushe
 def log_about_hover(scenario: Scenario, seed: int, *, hover: bool = False) -> KnownLog:
     """Log of the measured channels of a scenario; with `hover` the input carries the weight too."""
     if hover and scenario.input_gain <= 0.0:
-        raise UsageError(
-            "an input_gain above zero with --hover", f"{scenario.input_gain}", "Leave --hover out."
-        )
+        expected = "an input_gain above zero with --hover"
+        raise UsageError(expected, f"{scenario.input_gain}", "Leave --hover out.")
     hover_input = GRAVITY / scenario.input_gain if hover else 0.0
     record = simulate(scenario, np.random.default_rng(seed))
     signals = record.signals

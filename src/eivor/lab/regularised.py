@@ -63,11 +63,9 @@ class ReducedProblem:
     def cross_validated(self) -> float:
         """Parameter of the least misfit / (m - parameters left)^2 (Golub, Heath and Wahba 1979)."""
         if self.equations <= self.right.size:
-            raise EstimationError(
-                f"more equations than the {self.right.size} unknowns for generalized cross-validation",
-                f"{self.equations:g}",
-                "Give more instruments (moments count, not rows), or give the parameter.",
-            )
+            expected = f"more equations than the {self.right.size} unknowns for generalized cross-validation"
+            remedy = "Give more instruments (moments count, not rows), or give the parameter."
+            raise EstimationError(expected, f"{self.equations:g}", remedy)
         first, last = DECADES
         parameters = np.append(0.0, np.logspace(first, last, (last - first) * POINTS + 1))
         U, s, Vt = np.linalg.svd(self.R)
@@ -90,15 +88,13 @@ class Tikhonov:
         if self.parameter is not None:
             checks.number("parameter", self.parameter)
             if not 0.0 <= self.parameter < np.inf:
-                raise UsageError(
-                    "a parameter of zero or more", f"{self.parameter:g}", "Zero regularises nothing."
-                )
+                expected = "a parameter of zero or more"
+                raise UsageError(expected, f"{self.parameter:g}", "Zero regularises nothing.")
         if self.towards is not None:
             vector = checks.real_array("towards", self.towards)
             if vector.ndim != 1 or not np.isfinite(vector).all():
-                raise NonFiniteError(
-                    "a vector of finite numbers", f"{vector}", "Give one number for each parameter."
-                )
+                expected = "a vector of finite numbers"
+                raise NonFiniteError(expected, f"{vector}", "Give one number for each parameter.")
             object.__setattr__(self, "towards", vector)
 
     def vector(self, unknowns: int) -> Float[np.ndarray, " n"]:
@@ -106,11 +102,8 @@ class Tikhonov:
         if self.towards is None:
             return np.zeros(unknowns)
         if self.towards.size != unknowns:
-            raise ShapeError(
-                f"{unknowns} numbers to be shrunk towards, one for each parameter",
-                f"{self.towards.size}",
-                "Give them in the order of the parameters.",
-            )
+            expected = f"{unknowns} numbers to be shrunk towards, one for each parameter"
+            raise ShapeError(expected, f"{self.towards.size}", "Give them in the order of the parameters.")
         return self.towards
 
     def solve(
@@ -228,9 +221,7 @@ def _shrunk(method: LinearMethod, scheme: Tikhonov) -> LinearMethod:
     elif isinstance(method.solver, GeneralizedTotalLeastSquares):
         solver = RegularisedTotalLeastSquares(scheme)
     else:
-        raise UsageError(
-            "a method that is solved by least squares or total least squares",
-            f"{method.name}, which has {type(method.solver).__name__}",
-            "Use generalized_iv(), extended_iv() or least_squares(), for example.",
-        )
+        expected = "a method that is solved by least squares or total least squares"
+        remedy = "Use generalized_iv(), extended_iv() or least_squares(), for example."
+        raise UsageError(expected, f"{method.name}, which has {type(method.solver).__name__}", remedy)
     return replace(method, name=f"{method.name}_tikhonov", solver=solver)

@@ -92,12 +92,9 @@ def numbers_in_file(table: TomlTable) -> tuple[float, ...]:
     if bad.any():
         row = bad.arg_max()
         value = column[row] if row is not None else None
-        raise table.wrong(
-            "column",
-            f"finite numbers in column '{name}' of {path.name}, up to {LARGEST_NUMBER:g} in size",
-            "no value" if value is None else repr(value)[:60],
-            f"See its row {0 if row is None else row + 1}, not counting the header.",
-        )
+        expected = f"finite numbers in column '{name}' of {path.name}, up to {LARGEST_NUMBER:g} in size"
+        remedy = f"See its row {0 if row is None else row + 1}, not counting the header."
+        raise table.wrong("column", expected, "no value" if value is None else repr(value)[:60], remedy)
     return tuple(numbers.to_list())
 
 
@@ -111,9 +108,8 @@ def _path(table: TomlTable, text: str) -> Path:
     except (OSError, ValueError, RuntimeError):  # a loop of links, a name that no system has
         inside = False
     if not inside:
-        raise table.wrong(
-            "file", "a file beside the scenario or in a folder below it", f"'{text}'", "Put it there."
-        )
+        expected = "a file beside the scenario or in a folder below it"
+        raise table.wrong("file", expected, f"'{text}'", "Put it there.")
     if path.suffix.lower() not in FORMATS:
         raise table.wrong("file", f"a file that ends in {' or '.join(FORMATS)}", f"'{text}'")
     if not path.is_file():
@@ -247,7 +243,6 @@ def parameters_of(maker: Maker) -> dict[str, tuple[Any, Any]]:
 
 
 def _value(table: TomlTable, name: str, annotation: Any) -> Any:
-    """Value of one key, by the type that its parameter has."""
     if get_origin(annotation) in (Union, UnionType):
         annotation = next(option for option in get_args(annotation) if option is not type(None))
     if annotation in _PLAIN:
@@ -264,20 +259,17 @@ def _value(table: TomlTable, name: str, annotation: Any) -> Any:
 
 
 def _numbers(table: TomlTable, name: str) -> tuple[float, ...]:
-    """A list of numbers, or a column of a file of numbers."""
     if isinstance(table.values.get(name), dict):
         return numbers_in_file(table.section(name))
     return table.numbers(name)
 
 
 def _rows(table: TomlTable, name: str) -> tuple[tuple[float, ...], ...]:
-    """A list of lists of numbers."""
     rows = table.rows(name)
     return tuple(rows.numbers(key) for key in rows.values)
 
 
 def _wholes(table: TomlTable, name: str) -> tuple[int, ...]:
-    """A list of whole numbers."""
     numbers = table.numbers(name)
     if any(number != round(number) for number in numbers):
         raise table.wrong(name, "a list of whole numbers", repr(table.values[name]))
@@ -355,9 +347,8 @@ def noises(
         noise[name] = of_kind(section, MeasurementNoise, **std)
         ratios |= {} if ratio is None else {name: ratio}
     if sections.has("specific_force_z") and "acceleration_z" in channels:
-        raise sections.wrong(
-            "", f"noise of {', '.join(channels)}", "noise of 'specific_force_z'", ABOUT_HOVER
-        )
+        expected = f"noise of {', '.join(channels)}"
+        raise sections.wrong("", expected, "noise of 'specific_force_z'", ABOUT_HOVER)
     sections.finish()
     return noise, ratios
 
@@ -421,9 +412,8 @@ def shipped_scenarios() -> tuple[str, ...]:
 def shipped_scenario(name: str) -> Scenario:
     """Scenario that comes with the package."""
     if name not in shipped_scenarios():
-        raise UsageError(
-            f"a scenario out of {', '.join(shipped_scenarios())}", f"'{name}'", "Name one of them."
-        )
+        expected = f"a scenario out of {', '.join(shipped_scenarios())}"
+        raise UsageError(expected, f"'{name}'", "Name one of them.")
     return read_scenario(_SCENARIOS / f"{name}.toml")
 
 

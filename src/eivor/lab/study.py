@@ -182,11 +182,9 @@ class Study:
             raise UsageError("a level between 0 and 1", f"{self.level}", "Use 0.95, for example.")
         labels = [choice.label for choice in self.methods]
         if not labels or len(set(labels)) < len(labels) or any("." in label for label in labels):
-            raise UsageError(
-                "one method or more, with labels of their own that have no dot in them",
-                f"labels {', '.join(labels) or 'of no method'}",
-                'Give a method that appears twice a label, such as label = "giv_20_lags".',
-            )
+            expected = "one method or more, with labels of their own that have no dot in them"
+            remedy = 'Give a method that appears twice a label, such as label = "giv_20_lags".'
+            raise UsageError(expected, f"labels {', '.join(labels) or 'of no method'}", remedy)
         for choice in self.methods:
             named = (choice.channel,) if choice.lags else ()
             for channel in (*named, *(choice.known_noise or ())):
@@ -345,19 +343,14 @@ class TrialShards:
             return False
 
     def _facts(self, number: int) -> dict[str, str]:
-        """What the seal of a shard says: whose trials, and which."""
         trials = shard_trials(self.study.runs, number)
         return {"eivor.study": self.study.identity, "eivor.trials": f"{trials.start} to {trials.stop - 1}"}
 
     def _read(self, number: int) -> pl.DataFrame:
-        """Trials of a shard."""
         content = self.path(number).read_bytes()
         if not is_sealed(content, self._facts(number)):
-            raise InputError(
-                f"'{self.path(number)}' as it was written",
-                "other bytes",
-                "Something has changed it meanwhile: run the same again, and it is computed anew.",
-            )
+            remedy = "Something has changed it meanwhile: run the same again, and it is computed anew."
+            raise InputError(f"'{self.path(number)}' as it was written", "other bytes", remedy)
         return pl.read_parquet(io.BytesIO(content))
 
     def write(self, number: int, trials: Sequence[Row]) -> None:
@@ -413,20 +406,16 @@ def _document(folder: Path) -> Mapping[str, object] | None:
     path = folder / IDENTITY_FILE
     if not path.exists():
         if (folder / TABLE_FILE).exists() or any((folder / "shards").glob("*.parquet")):
-            raise UsageError(
-                "a new folder, or the folder of this study",
-                f"'{folder}', which has trials and no {IDENTITY_FILE}",
-                "Choose another folder.",
-            )
+            received = f"'{folder}', which has trials and no {IDENTITY_FILE}"
+            raise UsageError("a new folder, or the folder of this study", received, "Choose another folder.")
         return None
     try:
         document = json.loads(path.read_text(encoding="utf-8"))
     except (ValueError, RecursionError):
         document = None
     if not isinstance(document, dict) or not {"identity", "runs", "versions"} <= document.keys():
-        raise UsageError(
-            f"the {IDENTITY_FILE} of a study", f"'{path}', which is another file", "Choose another folder."
-        )
+        expected = f"the {IDENTITY_FILE} of a study"
+        raise UsageError(expected, f"'{path}', which is another file", "Choose another folder.")
     return document
 
 
@@ -441,11 +430,9 @@ def _check_same(shards: TrialShards, document: Mapping[str, object], before: Map
         )
     held = before["runs"]
     if not isinstance(held, int) or held > shards.study.runs:
-        raise UsageError(
-            f"at least {held} runs, as many as '{name}' was begun with",
-            f"{shards.study.runs}",
-            "Ask for as many or more, or choose another folder.",
-        )
+        expected = f"at least {held} runs, as many as '{name}' was begun with"
+        received = f"{shards.study.runs}"
+        raise UsageError(expected, received, "Ask for as many or more, or choose another folder.")
     if document["versions"] != before["versions"] and shards.missing():
         raise InputError(
             f"the versions that '{name}' was begun with: {_listed(before['versions'])}",
@@ -496,11 +483,7 @@ class ShardTrials:
 
 
 def run_study(
-    study: Study,
-    folder: Path,
-    *,
-    executor: Executor | None = None,
-    progress: Progress = no_progress,
+    study: Study, folder: Path, *, executor: Executor | None = None, progress: Progress = no_progress
 ) -> StudyResult:
     """Run what is left of a study."""
     shards = open_folder(study, folder)
@@ -533,10 +516,7 @@ class Share:
 
     @property
     def interval(self) -> tuple[float, float]:
-        """Wilson's interval of the share; (0, 1) of nothing.
-
-        Notation: z the normal quantile, n the count, p the share. Wilson (1927), J. Am. Stat. Assoc. 22.
-        """
+        """Wilson's interval of the share, J. Am. Stat. Assoc. 22 (1927); (0, 1) of nothing."""
         if not self.count:
             return 0.0, 1.0
         z, n, p = normal_quantile(self.level), self.count, self.value
@@ -634,8 +614,5 @@ def _parameter_score(result: StudyResult, label: str, name: str) -> ParameterSco
 
 
 def _spread(values: Float[np.ndarray, " n"]) -> Spread:
-    nan = float("nan")
-    return Spread(
-        float(values.mean()) if values.size else nan,
-        float(values.std(ddof=1)) if values.size > 1 else nan,
-    )
+    mean = float(values.mean()) if values.size else float("nan")
+    return Spread(mean, float(values.std(ddof=1)) if values.size > 1 else float("nan"))

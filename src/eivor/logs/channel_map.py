@@ -274,11 +274,9 @@ def load_channel_map(source: str | os.PathLike[str]) -> ChannelMap:
         return parse_channel_map(text, f"{source}.toml")
     path = Path(source)
     if not os.path.isfile(path):  # noqa: PTH113 - Path.is_file raises for names that are too long
-        raise ChannelMapError(
-            f"a channel map: a TOML file, or one of the shipped maps {', '.join(shipped_maps())}",
-            f"'{path}', which is no file",
-            did_you_mean(str(source), shipped_maps(), "Check the name of the map."),
-        )
+        expected = f"a channel map: a TOML file, or one of the shipped maps {', '.join(shipped_maps())}"
+        remedy = did_you_mean(str(source), shipped_maps(), "Check the name of the map.")
+        raise ChannelMapError(expected, f"'{path}', which is no file", remedy)
     return _channel_map(read_toml(path, "a channel map", ChannelMapError))
 
 
@@ -308,7 +306,6 @@ def _channel_map(top: TomlTable) -> ChannelMap:
 
 
 def _input_map(top: TomlTable) -> str:
-    """Name of the vehicle's input map, empty when the map does not state one."""
     name = top.text("input_map", "")
     try:
         return input_map(name).name if name else ""
@@ -338,9 +335,8 @@ def _rule(name: str, section: TomlTable, source: str) -> ChannelRule:
         raise section.wrong("", f"a canonical channel name ({', '.join(known)})", f"'{name}'", remedy)
     given = [formula for formula in FORMULAS if section.has(formula)]
     sources = f"exactly one of {', '.join(FORMULAS)}"
-    _require(
-        section, len(given) == 1, "", sources, " and ".join(given) or "none of them", "State one source."
-    )
+    received = " and ".join(given) or "none of them"
+    _require(section, len(given) == 1, "", sources, received, "State one source.")
     formula = given[0]
     is_turned = formula == "roll_pitch"
     default = "rad" if is_turned else channel.unit
@@ -379,7 +375,6 @@ def _rule(name: str, section: TomlTable, source: str) -> ChannelRule:
 
 
 def _curve_side(name: str, section: TomlTable) -> CurveSide:
-    """Side of the thrust curve that the map states; unknown where it states none."""
     if not section.has("curve_side"):
         return CurveSide.UNKNOWN
     is_command = name.rstrip("0123456789").rstrip("_") in COMMANDS
@@ -399,7 +394,6 @@ def _delay_s(section: TomlTable) -> float:
 
 
 def _noise(section: TomlTable, to_si: float) -> float | DataSheet | None:
-    """What the map states of the measurement noise, in SI units."""
     keys = ("noise_density", "noise_bandwidth_hz", "quantisation")
     sheet = [key for key in keys if section.has(key)]
     if not section.has("noise"):
@@ -441,7 +435,6 @@ def _index(section: TomlTable) -> int:
 
 
 def _columns(section: TomlTable, key: str, count: int) -> tuple[str, ...]:
-    """Names of `count` columns."""
     names = section.texts(key)
     expected = f"a list of {count} column names"
     _require(section, len(names) == count, key, expected, f"{list(names)}", "Correct the list.")

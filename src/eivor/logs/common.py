@@ -611,9 +611,8 @@ def kept(file: Path, max_bytes: int) -> Iterator[Path]:
                     target.write(block)
         except OSError as error:
             reason = error.strerror or str(error)
-            raise InputError(
-                f"a log from {NAME}", f"what cannot be copied: {reason}", "Save it, and give the file."
-            ) from error
+            received = f"what cannot be copied: {reason}"
+            raise InputError(f"a log from {NAME}", received, "Save it, and give the file.") from error
         yield copy
 
 
@@ -624,9 +623,8 @@ def _opened(file: Path) -> Iterator[BinaryIO]:
             yield stream
         return
     if sys.stdin is None or sys.stdin.closed or sys.stdin.isatty():
-        raise InputError(
-            f"a log from {NAME}", "nothing that is piped into it", f"Write `... | eivor identify {file}`."
-        )
+        expected = f"a log from {NAME}"
+        raise InputError(expected, "nothing that is piped into it", f"Write `... | eivor identify {file}`.")
     yield sys.stdin.buffer
 
 
@@ -634,31 +632,19 @@ def _opened(file: Path) -> Iterator[BinaryIO]:
 
 #: Unit as written in a map: its SI unit, and how many of that one of it is.
 UNITS: Mapping[str, tuple[str, float]] = {
-    "": ("", 1.0),
-    "1": ("", 1.0),
-    "%": ("", 0.01),
-    "m": ("m", 1.0),
-    "cm": ("m", 1e-2),
-    "mm": ("m", 1e-3),
-    "ft": ("m", 0.3048),
-    "m/s": ("m/s", 1.0),
-    "cm/s": ("m/s", 1e-2),
-    "mm/s": ("m/s", 1e-3),
-    "km/h": ("m/s", 1.0 / 3.6),
-    "m/s^2": ("m/s^2", 1.0),
-    "cm/s^2": ("m/s^2", 1e-2),
-    "mm/s^2": ("m/s^2", 1e-3),
-    "g": ("m/s^2", 9.80665),
-    "mg": ("m/s^2", 9.80665e-3),
-    "rad": ("rad", 1.0),
-    "deg": ("rad", math.pi / 180.0),
-    "rad/s": ("rad/s", 1.0),
-    "deg/s": ("rad/s", math.pi / 180.0),
-    "rpm": ("rad/s", math.pi / 30.0),
-    "V": ("V", 1.0),
-    "mV": ("V", 1e-3),
-    "N": ("N", 1.0),
-    "us": ("us", 1.0),
+    unit: (si_unit, factor)
+    for si_unit, units in {
+        "": {"": 1.0, "1": 1.0, "%": 0.01},
+        "m": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "ft": 0.3048},
+        "m/s": {"m/s": 1.0, "cm/s": 1e-2, "mm/s": 1e-3, "km/h": 1.0 / 3.6},
+        "m/s^2": {"m/s^2": 1.0, "cm/s^2": 1e-2, "mm/s^2": 1e-3, "g": 9.80665, "mg": 9.80665e-3},
+        "rad": {"rad": 1.0, "deg": math.pi / 180.0},
+        "rad/s": {"rad/s": 1.0, "deg/s": math.pi / 180.0, "rpm": math.pi / 30.0},
+        "V": {"V": 1.0, "mV": 1e-3},
+        "N": {"N": 1.0},
+        "us": {"us": 1.0},
+    }.items()
+    for unit, factor in units.items()
 }
 
 #: Seconds in one unit of a clock.

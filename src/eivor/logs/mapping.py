@@ -85,27 +85,20 @@ def fitted_rules(chosen: ChannelMap, names: Sequence[str], table: str) -> tuple[
     if chosen.time_column not in known:
         raise _no_column(chosen.time_column, "time.column", chosen, names, table)
     if chosen.time_column in used:
-        raise ChannelMapError(
-            f"a time column that no channel is made of ({chosen.origin})",
-            f"'{chosen.time_column}' as both",
-            "Correct the column of the time, or that of the channel.",
-        )
+        expected = f"a time column that no channel is made of ({chosen.origin})"
+        received = f"'{chosen.time_column}' as both"
+        raise ChannelMapError(expected, received, "Correct the column of the time, or that of the channel.")
     for column in chosen.ranges:
         if column not in known and column not in used:
             raise _no_column(column, f"columns.{column}", chosen, names, table)
     doubled = {name for name in names if names.count(name) > 1} & (used | {chosen.time_column})
     if doubled:
-        raise ChannelMapError(
-            f"columns with names of their own in '{table}'",
-            f"two columns called {listed(sorted(doubled))}",
-            "Rename one of them.",
-        )
+        expected = f"columns with names of their own in '{table}'"
+        received = f"two columns called {listed(sorted(doubled))}"
+        raise ChannelMapError(expected, received, "Rename one of them.")
     if not rules:
-        raise ChannelMapError(
-            f"at least one channel of {chosen.origin} in '{table}'",
-            "none",
-            "Check that the map fits the table.",
-        )
+        expected = f"at least one channel of {chosen.origin} in '{table}'"
+        raise ChannelMapError(expected, "none", "Check that the map fits the table.")
     return tuple(rules)
 
 
@@ -146,11 +139,8 @@ def mapped_recording(
     channels, result = mapped_channels(chosen, rules, columns, name)
     if not channels:
         lists = f". {_report_lists(columns)}" if columns.lists else ""
-        raise EmptyLogError(
-            "a table with values",
-            f"'{name}', in which every mapped column is empty{lists}",
-            "Check the export.",
-        )
+        received = f"'{name}', in which every mapped column is empty{lists}"
+        raise EmptyLogError("a table with values", received, "Check the export.")
     absent = {
         rule.name: (f"{rule.expression.text}, which is there and holds no number",)
         for rule in rules
@@ -234,11 +224,9 @@ def _clock(
     raw = columns.values[chosen.time_column]
     stamped = np.isfinite(raw)
     if not stamped.any():
-        raise EmptyLogError(
-            f"a table whose column '{chosen.time_column}' holds time stamps",
-            f"'{name}', in which it holds no number",
-            "Check the time column, or name another one in a channel map.",
-        )
+        expected = f"a table whose column '{chosen.time_column}' holds time stamps"
+        remedy = "Check the time column, or name another one in a channel map."
+        raise EmptyLogError(expected, f"'{name}', in which it holds no number", remedy)
     unit = 1.0 if chosen.time_column in columns.seconds else TIME_UNITS[chosen.time_unit]
     lost = int((~stamped).sum())
     findings = noted("time_stamps", "Rows dropped, because they have no time stamp: {}.", lost)
@@ -251,7 +239,6 @@ def _clock(
 
 
 def _start(chosen: ChannelMap, columns: Columns) -> datetime | None:
-    """Time of the first row of a clock that counts from 1970; None of another clock."""
     stamps = columns.values[chosen.time_column]
     unit = 1.0 if chosen.time_column in columns.seconds else TIME_UNITS[chosen.time_unit]
     first = next(iter(stamps[np.isfinite(stamps)].tolist()), 0.0) * unit
@@ -279,7 +266,6 @@ def _angle_findings(rules: Sequence[ChannelRule], ranged: Mapping[str, _Ranged])
 def _within(
     values: Float[np.ndarray, " n"], missing: Bool[np.ndarray, " n"], bounds: ValidRange | None
 ) -> _Ranged:
-    """Values within the bounds, the others NaN; overflow is counted among the missing ones too."""
     if bounds is None:
         return _Ranged(np.where(missing, np.nan, values) if missing.any() else values)
     outside = (values < bounds.low) | (values > bounds.high)
@@ -375,22 +361,16 @@ def recording_from_columns(
         raise UsageError("canonical names of channels", f"{unknown[0]!r}", hint)
     chosen = canonical_map(names, name)
     if chosen is None:
-        raise UsageError(
-            "a column 'time' and at least one channel",
-            f"{', '.join(names) or 'no columns'}",
-            "Add what is missing.",
-        )
+        expected = "a column 'time' and at least one channel"
+        raise UsageError(expected, f"{', '.join(names) or 'no columns'}", "Add what is missing.")
     arrays = {key: np.array(checks.real_array(f"column '{key}'", columns[key]), ndmin=1) for key in names}
     rows = arrays["time"].size
     if rows == 0:
         raise EmptyLogError("columns with values", "columns of length 0", "Give at least one row.")
     for key, array in arrays.items():
         if array.shape != (rows,):
-            raise ShapeError(
-                f"columns of the length of 'time', {rows}",
-                f"'{key}' of shape {array.shape}",
-                "Give one value a row.",
-            )
+            expected = f"columns of the length of 'time', {rows}"
+            raise ShapeError(expected, f"'{key}' of shape {array.shape}", "Give one value a row.")
     checks.items("estimated", estimated, str, "names of channels", 'Give ("velocity_z",), for example.')
     unknown = [item for item in estimated if item not in names]
     if unknown:

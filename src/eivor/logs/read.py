@@ -60,7 +60,6 @@ _SETPOINTS = (
 
 
 def _is_csv(head: bytes, _file: Path) -> bool:
-    """Whether the first bytes are delimited text in UTF-8."""
     decoder = codecs.getincrementaldecoder("utf-8-sig")()
     try:
         return is_delimited(decoder.decode(head))
@@ -69,7 +68,6 @@ def _is_csv(head: bytes, _file: Path) -> bool:
 
 
 def _advice(channel: str) -> tuple[str, ...]:
-    """Which columns to write."""
     return (f"Add a column '{channel}', or map one in a channel map.",) if channel else _ADVICE
 
 
@@ -307,11 +305,9 @@ def format_of(head: bytes, file: Path) -> LogFormat:
         if row.sniff(head, file):
             return row
     labels = ", ".join(row.label for row in readable_formats())
-    raise UnknownFormatError(
-        f"a log of a format that is read ({labels})",
-        f"'{file.name}', whose content is that of none of them",
-        "Check that this is the file you meant; a table needs a line of column names and delimited text.",
-    )
+    expected = f"a log of a format that is read ({labels})"
+    remedy = "Check that this is the file you meant; a table needs a line of column names and delimited text."
+    raise UnknownFormatError(expected, f"'{file.name}', whose content is that of none of them", remedy)
 
 
 def format_at(path: Path) -> LogFormat:
@@ -407,11 +403,9 @@ def _read(file: Path, channel_map: str | os.PathLike[str] | None, max_bytes: int
     if size == 0:
         raise EmptyLogError("a log", f"'{file.name}', which is empty (0 bytes)", "Copy the file again.")
     if size > max_bytes:
-        raise LogTooLargeError(
-            f"a log of at most {max_bytes} bytes",
-            f"'{file.name}' with {size} bytes",
-            "Cut the log to the manoeuvre of interest, or raise the limit: read_log(max_bytes=...).",
-        )
+        expected = f"a log of at most {max_bytes} bytes"
+        remedy = "Cut the log to the manoeuvre of interest, or raise the limit: read_log(max_bytes=...)."
+        raise LogTooLargeError(expected, f"'{file.name}' with {size} bytes", remedy)
     try:
         head, sha256 = _head(file)
     except OSError as error:
@@ -419,11 +413,9 @@ def _read(file: Path, channel_map: str | os.PathLike[str] | None, max_bytes: int
     chosen = format_of(head, file)
     if channel_map is not None and chosen.is_read and not chosen.takes_map:
         taking = ", ".join(row.label for row in readable_formats() if row.takes_map)
-        raise UsageError(
-            f"a channel map only with logs whose columns have any names ({taking})",
-            f"a channel map with the {chosen.label} '{file.name}'",
-            f"Leave the map out: what a {chosen.label} holds is known.",
-        )
+        expected = f"a channel map only with logs whose columns have any names ({taking})"
+        received = f"a channel map with the {chosen.label} '{file.name}'"
+        raise UsageError(expected, received, f"Leave the map out: what a {chosen.label} holds is known.")
     return chosen.read(file, ReadOptions(channel_map, sha256))
 
 
@@ -446,7 +438,6 @@ def _head(file: Path) -> tuple[bytes, str]:
 
 
 def _log_size(file: Path) -> int:
-    """Size of a regular file, or of the files of a folder that is a log [bytes]."""
     try:
         status = file.stat()
     except (OSError, ValueError) as error:
@@ -455,14 +446,12 @@ def _log_size(file: Path) -> int:
         return folder_size(file)
     if not stat.S_ISREG(status.st_mode):
         kind = "a directory" if stat.S_ISDIR(status.st_mode) else "not a regular file"
-        raise InputError(
-            "the path of a log file", f"'{file}', which is {kind}", "Give the file itself, one log at a time."
-        )
+        expected = "the path of a log file"
+        raise InputError(expected, f"'{file}', which is {kind}", "Give the file itself, one log at a time.")
     return status.st_size
 
 
 def _unreadable(file: Path, error: OSError | ValueError) -> InputError:
-    """Return the error for a file that cannot be opened."""
     if isinstance(error, FileNotFoundError):
         expected = "the path of an existing log file"
         return InputError(expected, f"'{file}', which does not exist", "Check the name and the folder.")

@@ -62,11 +62,9 @@ class CanonicalChannel:
 
     def __post_init__(self) -> None:
         if not _NAME.fullmatch(self.name) or len(self.name) > _LONGEST_NAME or self.name == "time":
-            raise UsageError(
-                "a name of small letters, digits and '_' for a canonical channel, other than 'time'",
-                f"{self.name[:_LONGEST_NAME]!r}",
-                "Rename it; a name for each rotor ends in '_*'.",
-            )
+            expected = "a name of small letters, digits and '_' for a canonical channel, other than 'time'"
+            received = f"{self.name[:_LONGEST_NAME]!r}"
+            raise UsageError(expected, received, "Rename it; a name for each rotor ends in '_*'.")
 
 
 def _vector(stem: str, unit: str, **kinds: bool) -> tuple[CanonicalChannel, ...]:
@@ -139,11 +137,8 @@ def unit_of(name: str) -> str:
     """Return the SI unit of a canonical channel, empty for a pure number."""
     channel = canonical_channel(name)
     if channel is None:
-        raise UsageError(
-            "the name of a canonical channel",
-            f"{name!r}",
-            f"The names are {', '.join(canonical_channels())}.",
-        )
+        expected = "the name of a canonical channel"
+        raise UsageError(expected, f"{name!r}", f"The names are {', '.join(canonical_channels())}.")
     return channel.unit
 
 
@@ -159,11 +154,8 @@ def declare_channels(*declared: CanonicalChannel) -> None:
     for channel in declared:
         taken = [other for other in (*_TABLE.values(), *added.values()) if _collide(channel, other)]
         if any(other != channel for other in taken):
-            raise UsageError(
-                "a channel that is declared once, or the same each time",
-                f"{channel} where {taken[0]} is known",
-                "Rename one of them.",
-            )
+            expected = "a channel that is declared once, or the same each time"
+            raise UsageError(expected, f"{channel} where {taken[0]} is known", "Rename one of them.")
         added[channel.name] = channel
     _TABLE.update(added)
 

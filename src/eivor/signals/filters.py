@@ -14,10 +14,7 @@ from eivor.tools import Float
 def actuator_state(
     command: Float[np.ndarray, "n rotors"], *, step_s: float, lag_s: float, delay_s: float
 ) -> Float[np.ndarray, "n rotors"]:
-    """State of each actuator at the samples, behind lag and delay [s]; at rest at its first command.
-
-    ``command[k]`` is held from sample k to sample k+1. Performs no checks. Linear in n.
-    """
+    """State of each actuator at the samples, behind lag and delay [s] of held commands; first at rest."""
     if lag_s <= 0.0 and delay_s <= 0.0:
         return command
     whole = int(np.floor(delay_s / step_s + 1e-9))

@@ -54,7 +54,6 @@ def padded_length(count: int) -> int:
 
 
 def _response(order: float, count: int) -> Complex[np.ndarray, " bins"]:
-    """Spectrum of the weights on the padded length."""
     response = np.fft.rfft(fractional_weights(order, count), padded_length(count))
     response.flags.writeable = False
     return response
@@ -98,7 +97,6 @@ class GrowthTable:
         return growth
 
     def _weights(self, first: int, value: float, count: int = BLOCK + 1) -> Float[np.ndarray, " count"]:
-        """Weights a_first .. by their recursion, from the first one's value."""
         j = np.arange(first + 1, first + count)
         return np.cumprod(np.concatenate([[value], (j - 1 - self.order) / j]))
 
@@ -211,11 +209,9 @@ class FractionalNoise(MeasurementNoise):
         check_std(self.std)
         checks.number("order", self.order)
         if not LEAST_ORDER <= self.order <= LARGEST_ORDER:
-            raise NonFiniteError(
-                f"an order between {LEAST_ORDER} and {LARGEST_ORDER}",
-                f"order={self.order}",
-                "Integrate or differentiate the channel itself by whole orders first.",
-            )
+            expected = f"an order between {LEAST_ORDER} and {LARGEST_ORDER}"
+            remedy = "Integrate or differentiate the channel itself by whole orders first."
+            raise NonFiniteError(expected, f"order={self.order}", remedy)
 
     def autocovariance(self, lag: int, start: int, count: int) -> Float[np.ndarray, " count"]:
         """std^2 sum_{q <= m} a_q a_{q + lag}, from a table that is linear in the record."""
@@ -236,9 +232,8 @@ def check_std(std: float) -> None:
     is_valid = np.isfinite(std) and std >= 0.0
     if not is_valid or std > LARGEST_STD:
         expected = f"up to {LARGEST_STD:g}" if is_valid else "of zero or more"
-        raise NonFiniteError(
-            f"a standard deviation {expected}", f"std={std}", "Give it in the channel's own unit."
-        )
+        remedy = "Give it in the channel's own unit."
+        raise NonFiniteError(f"a standard deviation {expected}", f"std={std}", remedy)
 
 
 # -- Further noises --
@@ -270,11 +265,9 @@ class AutoregressiveNoise(MeasurementNoise):
         check_std(self.std)
         checks.number("coefficient", self.coefficient)
         if not abs(self.coefficient) < 1.0:
-            raise ParameterError(
-                "a coefficient between -1 and 1, both left out",
-                f"coefficient={self.coefficient}",
-                "Give FractionalNoise(std, -1) for a random walk.",
-            )
+            expected = "a coefficient between -1 and 1, both left out"
+            received = f"coefficient={self.coefficient}"
+            raise ParameterError(expected, received, "Give FractionalNoise(std, -1) for a random walk.")
 
     @property
     def innovation_std(self) -> float:
@@ -328,11 +321,9 @@ class HeavyTailedNoise(UncorrelatedNoise):
         check_std(self.std)
         checks.number("degrees", self.degrees)
         if not 2.0 < self.degrees < np.inf:
-            raise ParameterError(
-                "more than two degrees of freedom, and finitely many",
-                f"degrees={self.degrees}",
-                "Give 3 for heavy tails, WhiteNoise for normal noise.",
-            )
+            expected = "more than two degrees of freedom, and finitely many"
+            received = f"degrees={self.degrees}"
+            raise ParameterError(expected, received, "Give 3 for heavy tails, WhiteNoise for normal noise.")
 
     def sample(self, count: int, rng: np.random.Generator) -> Float[np.ndarray, " count"]:
         """Independent values of Student's t, scaled."""
@@ -461,16 +452,12 @@ def estimate_long_memory(values: Float[np.ndarray, " n"], *, bandwidth: int | No
     if bandwidth is not None:
         checks.whole("bandwidth", bandwidth)
     if not np.isfinite(values).all():
-        raise NonFiniteError(
-            "a record of finite values", "NaN or infinity in it", "Cut the record to a stretch without gaps."
-        )
+        remedy = "Cut the record to a stretch without gaps."
+        raise NonFiniteError("a record of finite values", "NaN or infinity in it", remedy)
     most = (values.size - 1) // 2
     if most < LEAST_BANDWIDTH:
-        raise TooFewSamplesError(
-            f"{2 * LEAST_BANDWIDTH + 1} samples or more",
-            f"{values.size}",
-            "Record the machine at rest for longer.",
-        )
+        expected = f"{2 * LEAST_BANDWIDTH + 1} samples or more"
+        raise TooFewSamplesError(expected, f"{values.size}", "Record the machine at rest for longer.")
     m = max(LEAST_BANDWIDTH, int(values.size**BANDWIDTH_EXPONENT)) if bandwidth is None else bandwidth
     if not LEAST_BANDWIDTH <= m <= most:
         raise ParameterError(
@@ -478,9 +465,8 @@ def estimate_long_memory(values: Float[np.ndarray, " n"], *, bandwidth: int | No
         )
     power = np.abs(np.fft.rfft(values - values.mean())[1 : m + 1]) ** 2 / values.size
     if not power.max() > (np.finfo(np.float64).eps * np.abs(values).max()) ** 2:
-        raise ParameterError(
-            "a record that varies", "a constant one", "Use one with the sensor's full resolution."
-        )
+        received = "a constant one"
+        raise ParameterError("a record that varies", received, "Use one with the sensor's full resolution.")
     return _whittle(power, np.log(2.0 * np.sin(np.pi * np.arange(1, m + 1) / values.size)))
 
 

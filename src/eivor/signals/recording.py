@@ -37,11 +37,8 @@ class DataSheet:
             if not 0.0 <= value < math.inf:
                 raise UsageError(f"a {name} of zero or more", f"{value:g}", "Correct what the sheet says.")
         if not (self.density > 0.0 or self.step > 0.0):
-            raise UsageError(
-                "a noise density or a quantisation step above zero",
-                "neither",
-                "Give DataSheet(density=0.002, bandwidth_hz=50.0), for example.",
-            )
+            remedy = "Give DataSheet(density=0.002, bandwidth_hz=50.0), for example."
+            raise UsageError("a noise density or a quantisation step above zero", "neither", remedy)
 
     def std(self, rate_hz: float) -> float:
         """Standard deviation of one sample of a channel that is logged at that rate, in its unit."""
@@ -155,17 +152,13 @@ class Channel:
 
     def __post_init__(self) -> None:
         if self.time_s.shape != self.values.shape or self.time_s.ndim != 1:
-            raise ShapeError(
-                f"one stamp for each value of channel '{self.name}'",
-                f"stamps of shape {self.time_s.shape} and values of shape {self.values.shape}",
-                "Give both as one-dimensional arrays of the same length.",
-            )
+            expected = f"one stamp for each value of channel '{self.name}'"
+            received = f"stamps of shape {self.time_s.shape} and values of shape {self.values.shape}"
+            raise ShapeError(expected, received, "Give both as one-dimensional arrays of the same length.")
         if not _rise(self.time_s):
-            raise NonFiniteError(
-                f"finite, strictly increasing time stamps in channel '{self.name}'",
-                "stamps that are not finite, repeat, or go backward",
-                "Use `clean_channel`, which drops such samples and counts them.",
-            )
+            expected = f"finite, strictly increasing time stamps in channel '{self.name}'"
+            remedy = "Use `clean_channel`, which drops such samples and counts them."
+            raise NonFiniteError(expected, "stamps that are not finite, repeat, or go backward", remedy)
 
     @property
     def rate_hz(self) -> float:
@@ -211,11 +204,9 @@ def clean_channel(
     time = checks.real_array(f"stamps of channel '{name}'", time_s)
     series = np.array(checks.real_array(f"channel '{name}'", values))
     if time.shape != series.shape:
-        raise ShapeError(
-            f"one stamp for each value of channel '{name}'",
-            f"{time.size} stamps and {series.size} values",
-            "Give both as one-dimensional arrays of the same length.",
-        )
+        expected = f"one stamp for each value of channel '{name}'"
+        received = f"{time.size} stamps and {series.size} values"
+        raise ShapeError(expected, received, "Give both as one-dimensional arrays of the same length.")
     finite = np.isfinite(time)
     if not finite.all():
         time, series = time[finite], series[finite]
@@ -357,20 +348,16 @@ class Recording:
         if name in self.channels:
             return self.channels[name]
         sources = ", ".join(self.looked_for.get(name, ())) or "no source of it is known for this format"
-        raise MissingChannelError(
-            f"the channel '{name}' in {self.name}",
-            f"a log without it (looked for: {sources})",
-            "Log it, or name its column in a channel map (--map).",
-        )
+        expected = f"the channel '{name}' in {self.name}"
+        received = f"a log without it (looked for: {sources})"
+        raise MissingChannelError(expected, received, "Log it, or name its column in a channel map (--map).")
 
 
 def interval_within(window: tuple[float, float], span: tuple[float, float]) -> tuple[float, float]:
     """Return the part of `window` [s] that lies in `span` [s]."""
     start, end = max(window[0], span[0]), min(window[1], span[1])
     if not window[0] < window[1] or not start < end:
-        raise UsageError(
-            f"a window START:END inside the log, which spans {span[0]:.2f} to {span[1]:.2f} s",
-            f"{window[0]:g}:{window[1]:g}",
-            "Give the start and the end in seconds from the log's start.",
-        )
+        expected = f"a window START:END inside the log, which spans {span[0]:.2f} to {span[1]:.2f} s"
+        received = f"{window[0]:g}:{window[1]:g}"
+        raise UsageError(expected, received, "Give the start and the end in seconds from the log's start.")
     return start, end

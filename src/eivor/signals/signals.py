@@ -63,15 +63,12 @@ class Signals:
         checks.mapping("channels", self.channels, object, "values")
         checks.mapping("noise", self.noise, MeasurementNoise, "noises")
         if not (np.isfinite(self.rate_hz) and self.rate_hz > 0.0):
-            raise NonFiniteError(
-                "a positive rate in Hz", f"rate_hz={self.rate_hz}", "Give the number of samples per second."
-            )
+            remedy = "Give the number of samples per second."
+            raise NonFiniteError("a positive rate in Hz", f"rate_hz={self.rate_hz}", remedy)
         if not np.isfinite(self.start_s) or self.offset < 0:
-            raise NonFiniteError(
-                "a finite start, and an offset of zero samples or more",
-                f"start_s={self.start_s}, offset={self.offset}",
-                "Leave them out where they are not known.",
-            )
+            expected = "a finite start, and an offset of zero samples or more"
+            received = f"start_s={self.start_s}, offset={self.offset}"
+            raise NonFiniteError(expected, received, "Leave them out where they are not known.")
         converted = {
             name: checks.real_array(f"channel '{name}'", values) for name, values in self.channels.items()
         }
@@ -79,18 +76,14 @@ class Signals:
         mask = None if self.valid is None else _mask(self.valid)
         shapes = set(lengths.values()) | (set() if mask is None else {mask.shape})
         if len(shapes) != 1 or len(next(iter(shapes))) != 1 or not lengths:
-            raise ShapeError(
-                "at least one channel, and one-dimensional channels and mask of equal length",
-                f"shapes {lengths}" + ("" if mask is None else f" and a mask of shape {mask.shape}"),
-                "Resample every channel to one grid first.",
-            )
+            expected = "at least one channel, and one-dimensional channels and mask of equal length"
+            received = f"shapes {lengths}" + ("" if mask is None else f" and a mask of shape {mask.shape}")
+            raise ShapeError(expected, received, "Resample every channel to one grid first.")
         unknown = [name for name in self.noise if name not in converted]
         if unknown:
-            raise UsageError(
-                f"noise of the channels {', '.join(converted)}",
-                f"noise of {', '.join(repr(name) for name in unknown)}",
-                "Name channels that are there.",
-            )
+            expected = f"noise of the channels {', '.join(converted)}"
+            received = f"noise of {', '.join(repr(name) for name in unknown)}"
+            raise UsageError(expected, received, "Name channels that are there.")
         for name, values in converted.items():
             with np.errstate(invalid="ignore", over="ignore"):
                 if np.isfinite(values.sum()):
@@ -125,11 +118,9 @@ class Signals:
         """
         checks.text("a channel", name)
         if name not in self.channels:
-            raise MissingChannelError(
-                f"a channel called '{name}'",
-                f"channels {', '.join(sorted(self.channels))}",
-                "Add it, or name another channel.",
-            )
+            expected = f"a channel called '{name}'"
+            received = f"channels {', '.join(sorted(self.channels))}"
+            raise MissingChannelError(expected, received, "Add it, or name another channel.")
         return self.channels[name]
 
     def family(self, name: str) -> Float[np.ndarray, "n members"]:
@@ -157,7 +148,6 @@ def _mask(valid: object) -> Bool[np.ndarray, "*shape"]:
     if mask.dtype == np.bool_:
         return mask
     if mask.dtype.kind not in "iu" or not np.isin(mask, (0, 1)).all():
-        raise DataError(
-            "a mask of True and False for valid", f"values of the type {mask.dtype}", "Compare first: x > 0."
-        )
+        expected = "a mask of True and False for valid"
+        raise DataError(expected, f"values of the type {mask.dtype}", "Compare first: x > 0.")
     return np.asarray(mask, dtype=np.bool_)

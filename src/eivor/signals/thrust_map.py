@@ -40,9 +40,8 @@ class Power(InputMap):
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.exponent) and self.exponent > 0.0):
-            raise UsageError(
-                "a positive exponent of the input map", f"{self.exponent}", "Use linear, square or power:1.5."
-            )
+            expected = "a positive exponent of the input map"
+            raise UsageError(expected, f"{self.exponent}", "Use linear, square or power:1.5.")
 
     @property
     def name(self) -> str:
@@ -115,8 +114,5 @@ def input_map(name: str) -> InputMap:
             return Mixed(float(number))
     except ValueError:
         pass
-    raise UsageError(
-        "an input map linear, square, power:EXPONENT or mixed:SHARE",
-        f"'{name}'",
-        "Rotor speeds want square, thrust setpoints linear.",
-    )
+    expected = "an input map linear, square, power:EXPONENT or mixed:SHARE"
+    raise UsageError(expected, f"'{name}'", "Rotor speeds want square, thrust setpoints linear.")

@@ -232,7 +232,6 @@ class Cascade:
         return roll, pitch, yaw
 
     def _slopes(self, measured: Triple) -> list[Value]:
-        """Derivatives of the measured rates, filtered."""
         decay, before = self._gains.derivative_decay, self._before or measured
         self._before = measured
         self._derivative = [
@@ -270,11 +269,9 @@ def mixer_of(vehicle: Vehicle) -> Mixer:
     geometry = np.stack([np.ones(rotors.count), y, -x, rotors.torque_ratio * np.array(rotors.spins)])
     scale = np.array([vehicle.full_thrust, *torque_limits(vehicle)])
     if np.any(scale <= 0.0) or np.linalg.matrix_rank(geometry / scale[:, None], tol=1e-9) < 4:
-        raise ParameterError(
-            "rotors that give thrust and a torque about each axis independently",
-            f"{rotors.count} rotors that do not",
-            "Correct positions and spins; neighbours turn opposite ways.",
-        )
+        expected = "rotors that give thrust and a torque about each axis independently"
+        remedy = "Correct positions and spins; neighbours turn opposite ways."
+        raise ParameterError(expected, f"{rotors.count} rotors that do not", remedy)
     shares = np.linalg.pinv(geometry / scale[:, None]).tolist()
     full = rotors.thrust(rotors.highest_speed)
     return Mixer(
@@ -442,11 +439,9 @@ def low_pass(cutoff_hz: float, step_s: float) -> tuple[Float[np.ndarray, " 3"], 
     from scipy.signal import butter
 
     if not cutoff_hz < 0.5 / step_s:
-        raise ParameterError(
-            "a filter whose cut-off lies below half the simulation's rate",
-            f"{cutoff_hz:g} Hz at {1.0 / step_s:g} Hz",
-            "Lower it, or raise the rate.",
-        )
+        expected = "a filter whose cut-off lies below half the simulation's rate"
+        received = f"{cutoff_hz:g} Hz at {1.0 / step_s:g} Hz"
+        raise ParameterError(expected, received, "Lower it, or raise the rate.")
     b, a = butter(2, cutoff_hz, fs=1.0 / step_s)
     return np.asarray(b), np.asarray(a)
 

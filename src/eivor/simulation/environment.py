@@ -115,12 +115,7 @@ def _unit_noise(
 
 
 def simulated_recording(
-    name: str,
-    *,
-    simulator: str,
-    time_s: Series,
-    held: Mapping[str, Series],
-    sampled: Mapping[str, Series],
+    name: str, *, simulator: str, time_s: Series, held: Mapping[str, Series], sampled: Mapping[str, Series]
 ) -> Recording:
     """Log of a simulated flight whose rotors' thrust goes with the square of their state."""
     channels = {
@@ -273,11 +268,9 @@ class FlightTruth:
         arrays = (self.time_s, self.specific_force_z, self.air_velocity_z, self.rotor_state, self.cos_tilt)
         counts = [array.shape[0] for array in arrays]
         if len(set(counts)) != 1 or self.rotor_state.ndim != 2:
-            raise ShapeError(
-                "arrays with one row for each stamp, the rotor state with one column for each rotor",
-                f"rows {counts} and a rotor state of shape {self.rotor_state.shape}",
-                "Put every array of the truth on the log's grid.",
-            )
+            expected = "arrays with one row for each stamp, the rotor state with one column for each rotor"
+            received = f"rows {counts} and a rotor state of shape {self.rotor_state.shape}"
+            raise ShapeError(expected, received, "Put every array of the truth on the log's grid.")
 
 
 @dataclass(frozen=True, slots=True)

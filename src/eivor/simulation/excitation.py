@@ -50,11 +50,8 @@ def equally_many(
     first: str, first_values: tuple[object, ...], other: str, others: tuple[object, ...]
 ) -> None:
     """Refuse lists of unequal length."""
-    require(
-        len(first_values) == len(others),
-        f"as many {other} as {first}",
-        f"{len(others)} {other} and {len(first_values)} {first}",
-    )
+    received = f"{len(others)} {other} and {len(first_values)} {first}"
+    require(len(first_values) == len(others), f"as many {other} as {first}", received)
 
 
 def require(condition: bool, expected: str, received: str, remedy: str = REMEDY) -> None:
@@ -65,12 +62,8 @@ def require(condition: bool, expected: str, received: str, remedy: str = REMEDY)
 
 def beginning_of(values: tuple[float, ...], count: int) -> Float[np.ndarray, " count"]:
     """Beginning of a user's own series, which must be as long as the record."""
-    require(
-        len(values) >= count,
-        f"a series of {count} values or more, as many as the record has samples",
-        f"{len(values)}",
-        "Give a longer one, or ask for fewer samples.",
-    )
+    expected = f"a series of {count} values or more, as many as the record has samples"
+    require(len(values) >= count, expected, f"{len(values)}", "Give a longer one, or ask for fewer samples.")
     return np.array(values[:count])
 
 
@@ -174,11 +167,8 @@ class RandomSteps(Excitation):
         non_negative("amplitude", self.amplitude)
         positive("shortest_s", self.shortest_s)
         finite("longest_s", self.longest_s)
-        require(
-            self.shortest_s <= self.longest_s,
-            "a shortest_s up to longest_s",
-            f"shortest_s={self.shortest_s}, longest_s={self.longest_s}",
-        )
+        received = f"shortest_s={self.shortest_s}, longest_s={self.longest_s}"
+        require(self.shortest_s <= self.longest_s, "a shortest_s up to longest_s", received)
 
     def sample(self, count: int, step_s: float, rng: np.random.Generator) -> Float[np.ndarray, " count"]:
         """One realisation, which begins with zero."""
@@ -338,12 +328,9 @@ def _check_size_and_band(name: str, size: float, low_hz: float, high_hz: float) 
 
 
 def _check_rate(high_hz: float, step_s: float) -> None:
-    require(
-        high_hz < 0.5 / step_s,
-        "a band that ends below half the rate",
-        f"high_hz={high_hz} at {1.0 / step_s:.6g} Hz",
-        "Lower it, or raise the rate.",
-    )
+    expected = "a band that ends below half the rate"
+    received = f"high_hz={high_hz} at {1.0 / step_s:.6g} Hz"
+    require(high_hz < 0.5 / step_s, expected, received, "Lower it, or raise the rate.")
 
 
 def _bins(count: int, step_s: float, low_hz: float, high_hz: float) -> Bool[np.ndarray, " bins"]:
@@ -353,11 +340,9 @@ def _bins(count: int, step_s: float, low_hz: float, high_hz: float) -> Bool[np.n
     tolerance = 1e-9 / (count * step_s)
     inside = (frequencies >= low_hz - tolerance) & (frequencies <= high_hz + tolerance) & (frequencies > 0.0)
     if not inside.any():
-        raise ParameterError(
-            f"a band that holds a multiple of {1.0 / (count * step_s):.6g} Hz, one over the duration",
-            f"low_hz={low_hz}, high_hz={high_hz}",
-            "Widen it, or make the record longer.",
-        )
+        expected = f"a band that holds a multiple of {1.0 / (count * step_s):.6g} Hz, one over the duration"
+        received = f"low_hz={low_hz}, high_hz={high_hz}"
+        raise ParameterError(expected, received, "Widen it, or make the record longer.")
     return inside
 
 
@@ -402,11 +387,8 @@ class PseudoRandomBinary(Excitation):
     def __post_init__(self) -> None:
         non_negative("amplitude", self.amplitude)
         least, most = min(_TAPS), max(_TAPS)
-        require(
-            least <= self.register <= most,
-            f"a register of {least} to {most} stages",
-            f"register={self.register}",
-        )
+        expected = f"a register of {least} to {most} stages"
+        require(least <= self.register <= most, expected, f"register={self.register}")
         require(self.hold >= 1, "hold of 1 or more", f"hold={self.hold}")
 
     def sample(self, count: int, _step_s: float, rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:

@@ -49,11 +49,9 @@ def logs_of_flights(specs: Sequence[VerticalFlightSpec]) -> Iterator[KnownLog]:
     """Logs of flights of one duration, in order; many are flown side by side."""
     for spec, flight in zip(specs, simulate_vertical_flights(specs), strict=True):
         if not flight.flew:
-            raise ParameterError(
-                "a flight that follows its reference within 5 m",
-                f"one that is lost with the seed {spec.seed}",
-                "Make the gusts weaker, or the trajectory less vigorous.",
-            )
+            expected = "a flight that follows its reference within 5 m"
+            remedy = "Make the gusts weaker, or the trajectory less vigorous."
+            raise ParameterError(expected, f"one that is lost with the seed {spec.seed}", remedy)
         # Without its input map, which is the rotors' own default: so a CSV can keep all that there is.
         recording = replace(flight.recording, input_map="")
         yield known_log(recording, 1.0 / STEP_S, spec.count, spec.seed, _flight_truth(spec))
@@ -106,11 +104,9 @@ def log_of_rigid_body_flight(spec: RigidBodyFlightSpec) -> KnownLog:
     """Log of a flight of a whole vehicle."""
     (flight,) = simulate_rigid_body_flights([spec])
     if not flight.flew:
-        raise ParameterError(
-            "a flight that follows its height within 5 m and stays upright",
-            f"one that is lost with the seed {spec.seed}",
-            "Make gusts, steps or disturbances smaller, or the controller less quick.",
-        )
+        expected = "a flight that follows its height within 5 m and stays upright"
+        remedy = "Make gusts, steps or disturbances smaller, or the controller less quick."
+        raise ParameterError(expected, f"one that is lost with the seed {spec.seed}", remedy)
     # Without its input map where that is the rotors' own default: so a CSV can keep all that there is.
     recording = replace(flight.recording, input_map="")
     truth = _rigid_body_truth(spec, flight)

@@ -108,8 +108,6 @@ class _Read:
 
 @dataclass(frozen=True, slots=True)
 class _Loop:
-    """Everything that a closed loop is made of."""
-
     specs: Sequence[RigidBodyFlightSpec]
     read: Callable[[int, int], _Read]
     senses: tuple[LiveFilter, ...]  # In the order of `SENSES`
@@ -230,7 +228,6 @@ SENSES = ("angular_rate", "attitude", "velocity", "position")
 
 
 def _start(met: Surroundings) -> Float[np.ndarray, " 13"]:
-    """On the reference, with the wind, at rest about its axes."""
     height, climb, _ = met.height[0]
     return np.array([0.0, 0.0, height, *met.wind[0, :2], climb, *met.attitude[0], 0.0, 0.0, 0.0])
 
@@ -275,10 +272,8 @@ def recording_of(
     def add(time_s: Float[np.ndarray, " rows"], rows: np.ndarray, series: Mapping[str, Series]) -> None:
         for name, values in series.items():
             if not any(fnmatch(name, item) for item in spec.logged.omitted):
-                held = held_by_default(name)
-                channels[name] = Channel(
-                    name, time_s, values[rows], unit_of(name), source=SIMULATOR, held=held
-                )
+                held, unit = held_by_default(name), unit_of(name)
+                channels[name] = Channel(name, time_s, values[rows], unit, source=SIMULATOR, held=held)
 
     for sensor, series in _measured(spec, met, flight, force):
         rows = sensor.rows(spec.count, spec.step_s)
@@ -298,7 +293,6 @@ def recording_of(
 def _measured(
     spec: RigidBodyFlightSpec, met: Surroundings, flight: ClosedLoopRecord, force: Vectors
 ) -> list[tuple[Sensor, dict[str, Series]]]:
-    """Each sensor with its readings at every step."""
     sensors, step_s, body = spec.sensors, spec.step_s, flight.body
     attitude = np.column_stack(turned(list(body[:, 6:10].T), *met.attitude_error.T))
 
@@ -325,7 +319,6 @@ def _measured(
 def _report(
     spec: RigidBodyFlightSpec, met: Surroundings, flight: ClosedLoopRecord
 ) -> list[tuple[float, dict[str, Series]]]:
-    """Commands, setpoints and references, with the rate of each group."""
     logged = spec.logged
     setpoints = {
         "input": flight.thrust,

@@ -106,11 +106,8 @@ class AdaptiveSteps(Integrator):
 
     def __post_init__(self) -> None:
         if not (0.0 < self.rtol < 1.0 and 0.0 < self.atol < math.inf):
-            raise ParameterError(
-                "tolerances above zero, the relative one below one",
-                f"rtol={self.rtol}, atol={self.atol}",
-                "Correct the integrator.",
-            )
+            expected = "tolerances above zero, the relative one below one"
+            raise ParameterError(expected, f"rtol={self.rtol}, atol={self.atol}", "Correct the integrator.")
         methods = ("RK45", "DOP853", "Radau", "BDF", "LSODA")
         if self.method not in methods:
             raise ParameterError(f"a method out of {', '.join(methods)}", f"{self.method!r}", "Choose one.")
@@ -234,9 +231,8 @@ class Wind:
 
     def __post_init__(self) -> None:
         if len(self.steady) != 3 or not all(abs(speed) <= 50.0 for speed in self.steady):
-            raise ParameterError(
-                "a steady wind of three speeds up to 50 m/s", f"{self.steady}", "Correct the wind."
-            )
+            expected = "a steady wind of three speeds up to 50 m/s"
+            raise ParameterError(expected, f"{self.steady}", "Correct the wind.")
 
 
 @dataclass(frozen=True, slots=True)
@@ -267,11 +263,9 @@ class Sensors:
     def __post_init__(self) -> None:
         for name in ("cutoff_hz", "averaged_s"):
             if getattr(self.attitude, name):
-                raise ParameterError(
-                    "an attitude without a filter",
-                    f"{name}={getattr(self.attitude, name):g}",
-                    "Leave it out: quaternions are not averaged part by part.",
-                )
+                expected = "an attitude without a filter"
+                remedy = "Leave it out: quaternions are not averaged part by part."
+                raise ParameterError(expected, f"{name}={getattr(self.attitude, name):g}", remedy)
 
     @classmethod
     def exact(cls) -> Sensors:
@@ -372,11 +366,9 @@ class RigidBodyFlightSpec:
 
     def _whole(self, what: str, periods: float) -> None:
         if not (periods > 0.5 and abs(periods - round(periods)) < 1e-6):
-            raise ParameterError(
-                f"{what} that is the rate of the simulation, and of its rate loop, over a whole number",
-                f"{periods:g} periods of these in one of its own",
-                f"The simulation has {self.rate_hz:g} Hz, its rate loop {self.controller.rate_hz:g} Hz.",
-            )
+            expected = f"{what} that is the rate of the simulation, and of its rate loop, over a whole number"
+            remedy = f"The simulation has {self.rate_hz:g} Hz, its rate loop {self.controller.rate_hz:g} Hz."
+            raise ParameterError(expected, f"{periods:g} periods of these in one of its own", remedy)
 
     @property
     def step_s(self) -> float:
@@ -390,12 +382,7 @@ class RigidBodyFlightSpec:
 
 
 #: What each number of a specification may be.
-SPEC_RANGES = {
-    "rate_hz": (20.0, 1e4),
-    "duration": (0.1, 3600.0),
-    "vigour": (0.01, 2.0),
-    "seed": (0, 2**63),
-}
+SPEC_RANGES = {"rate_hz": (20.0, 1e4), "duration": (0.1, 3600.0), "vigour": (0.01, 2.0), "seed": (0, 2**63)}
 
 
 # -- Surroundings --
@@ -459,12 +446,7 @@ def quaternions(angles: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 4"]:
     """Attitudes w, x, y, z of roll, pitch and yaw [rad]: yaw first, then pitch, then roll."""
     (a, b, c), (d, e, f) = np.cos(0.5 * angles).T, np.sin(0.5 * angles).T
     return np.column_stack(
-        [
-            a * b * c + d * e * f,
-            d * b * c - a * e * f,
-            a * e * c + d * b * f,
-            a * b * f - d * e * c,
-        ]
+        [a * b * c + d * e * f, d * b * c - a * e * f, a * e * c + d * b * f, a * b * f - d * e * c]
     )
 
 
@@ -477,12 +459,11 @@ def _series(
 ) -> Float[np.ndarray, "count axes"]:
     """Each source's series from a stream of its own; zeros where there is none."""
     streams = rng.spawn(len(sources))
-    return np.column_stack(
-        [
-            np.zeros(count) if source is None else source.sample(count, step_s, stream)
-            for source, stream in zip(sources, streams, strict=True)
-        ]
-    )
+    series = [
+        np.zeros(count) if source is None else source.sample(count, step_s, stream)
+        for source, stream in zip(sources, streams, strict=True)
+    ]
+    return np.column_stack(series)
 
 
 # -- Vehicle text --
@@ -493,11 +474,8 @@ def vehicle_text(spec: RigidBodyFlightSpec, name: str) -> str:
     rotors, sensors = spec.vehicle.rotors, spec.sensors
     lines = ["# The simulated vehicle as it is: every number is exact.", f"name = {_text(name)}"]
     lines.append(f"mass = {spec.vehicle.mass!r}")
-    cutoffs = {
-        "gyro_cutoff_hz": sensors.angular_rate.cutoff_hz,
-        "accelerometer_cutoff_hz": sensors.specific_force.cutoff_hz,
-    }
-    lines += [f"{key} = {cutoff!r}" for key, cutoff in cutoffs.items() if cutoff]
+    filtered = {"gyro": sensors.angular_rate, "accelerometer": sensors.specific_force}
+    lines += [f"{key}_cutoff_hz = {item.cutoff_hz!r}" for key, item in filtered.items() if item.cutoff_hz]
     lines += ["", "[rotors]", f"positions = {[[x, y] for x, y, _ in rotors.positions]}"]
     lines += [f"spins = {list(rotors.spins)}", "speed_scale = 1.0", f"torque_ratio = {rotors.torque_ratio!r}"]
     lines.append(f"thrust_map = {_text(_thrust_map(rotors))}")
@@ -505,12 +483,10 @@ def vehicle_text(spec: RigidBodyFlightSpec, name: str) -> str:
 
 
 def _text(words: str) -> str:
-    """Text as TOML has it: letters as they are, question marks for what cannot be printed."""
     return json.dumps("".join(word if word.isprintable() else "?" for word in words), ensure_ascii=False)
 
 
 def _thrust_map(rotors: Rotors) -> str:
-    """Name of the map whose share is that of the quadratic part, for commands in rad/s."""
     if not rotors.thrust_linear:
         return "square"
     if not rotors.thrust_quadratic:

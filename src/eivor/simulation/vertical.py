@@ -103,9 +103,8 @@ def simulate_vertical(
         tilt, lift, gust = environment.cos_tilt[k], lifts[k], environment.gust[k]
         measured_z = z + environment.position_noise[k]
         measured_v = v + environment.velocity_noise[k]
-        wanted_v = environment.reference_velocity[k] + controller.position_gain * (
-            environment.reference_position[k] - measured_z
-        )
+        away = environment.reference_position[k] - measured_z
+        wanted_v = environment.reference_velocity[k] + controller.position_gain * away
         error_v = wanted_v - measured_v
         integral += error_v * step_s
         wanted_a = (
@@ -161,13 +160,7 @@ class ExactSubstep:
         self._fast_integral = -np.expm1(-2.0 * rate * h) / (2.0 * rate)
 
     def end(
-        self,
-        command: Flights,
-        state: Flights,
-        z: Flights,
-        v: Flights,
-        gust: Flights,
-        lift: Flights,
+        self, command: Flights, state: Flights, z: Flights, v: Flights, gust: Flights, lift: Flights
     ) -> tuple[Flights, Flights, Flights]:
         """Rotor state, height and velocity at the end; K_u times `lift` is what the state does upwards."""
         away = state - command
@@ -251,11 +244,8 @@ class VerticalFlightSpec:
         checks.within(self, RANGES, "Correct the flight's specification.")
         substeps = self.delay / STEP_S * SUBSTEPS
         if abs(substeps - round(substeps)) > 1e-6:
-            raise UsageError(
-                f"a delay that is a multiple of {STEP_S / SUBSTEPS:g} s",
-                f"{self.delay}",
-                "The simulator delays whole substeps.",
-            )
+            expected = f"a delay that is a multiple of {STEP_S / SUBSTEPS:g} s"
+            raise UsageError(expected, f"{self.delay}", "The simulator delays whole substeps.")
 
     @property
     def count(self) -> int:
@@ -279,11 +269,7 @@ class VerticalFlightSpec:
     def controller(self) -> AltitudeController:
         """Gains that suit the actuator."""
         velocity = min(self.quickness / (self.actuator_lag + self.delay + STEP_S / 2), LARGEST_VELOCITY_GAIN)
-        return AltitudeController(
-            position_gain=self.position_share * velocity,
-            velocity_gain=velocity,
-            integral_gain=self.integral_share * velocity**2,
-        )
+        return AltitudeController(self.position_share * velocity, velocity, self.integral_share * velocity**2)
 
 
 #: What each number of a specification may be.
@@ -366,20 +352,14 @@ def _surroundings(spec: VerticalFlightSpec) -> _Surroundings:
     return _Surroundings(environment, smooth, errors)
 
 
-def _together(kind: Callable[..., Parts], each: Sequence[Parts], names: Sequence[str]) -> Parts:
-    """Parts of several flights as arrays, whose last axis is the flight."""
+def _together(kind: Callable[..., Parts], each: Sequence[object], names: Sequence[str]) -> Parts:
     return kind(*(np.stack([getattr(item, name) for item in each], axis=-1) for name in names))
 
 
 def _batch(specs: Sequence[VerticalFlightSpec]) -> Iterator[SimulatedFlight]:
     met = [_surroundings(spec) for spec in specs]
     motion = simulate_vertical(
-        VerticalVehicles(
-            viscous_friction=np.array([spec.viscous_friction for spec in specs]),
-            input_gain=np.array([spec.input_gain for spec in specs]),
-            lag_s=np.array([spec.actuator_lag for spec in specs]),
-            delay_s=np.array([spec.delay for spec in specs]),
-        ),
+        _together(VerticalVehicles, specs, ("viscous_friction", "input_gain", "actuator_lag", "delay")),
         _together(VerticalEnvironment, [item.environment for item in met], VerticalEnvironment.__slots__),
         step_s=STEP_S,
         controller=_together(

@@ -49,7 +49,6 @@ _UNITS = {"": 1.0, "milli": 1e-3, "power": 1.0 / FULL_POWER} | {
 
 
 def _source(row: Mapping[str, Any]) -> VariableSource:
-    """Source of a channel in one variable."""
     name, low_pass_hz = row["channel"], row.get("low_pass_hz", 0.0)
     rule = ChannelRule(
         name,
@@ -63,7 +62,6 @@ def _source(row: Mapping[str, Any]) -> VariableSource:
 
 
 def _quaternion(columns: Sequence[str]) -> VariableSource:
-    """Attitude of four columns w, x, y, z."""
     texts = (PACKED_QUATERNION if column in UNPACKED else column for column in columns)
     expressions = (Expression(text, (name,), (name,)) for text, name in zip(texts, columns, strict=True))
     rules = (ChannelRule(f"attitude_{part}", item) for part, item in zip("wxyz", expressions, strict=True))

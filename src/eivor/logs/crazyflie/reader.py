@@ -72,11 +72,9 @@ def parse_header(data: bytes, name: str) -> Header:
     cursor = _Cursor(data, name, len(MAGIC))
     version, count = cursor.number(), cursor.number()
     if version not in STAMPS:
-        raise CorruptLogError(
-            "a Crazyflie microSD log of version 1 or 2",
-            f"'{name}' of version {version}",
-            "The file is damaged, or newer than this release; try a newer Eivor.",
-        )
+        expected = "a Crazyflie microSD log of version 1 or 2"
+        remedy = "The file is damaged, or newer than this release; try a newer Eivor."
+        raise CorruptLogError(expected, f"'{name}' of version {version}", remedy)
     if count > MAX_EVENT_TYPES:
         raise cursor.corrupt(f"announces {count} types of events (at most {MAX_EVENT_TYPES} are read)")
     stamp, tick_s = STAMPS[version]
@@ -114,7 +112,6 @@ class _Cursor:
     offset: int
 
     def number(self) -> int:
-        """Read a number of two bytes."""
         if self.offset + 2 > len(self.data):
             raise self.corrupt("ends in its head")
         value: int = struct.unpack_from("<H", self.data, self.offset)[0]
@@ -135,11 +132,9 @@ class _Cursor:
 
     def corrupt(self, reason: str) -> CorruptLogError:
         """Return the error for a head that is not sound."""
-        return CorruptLogError(
-            "a Crazyflie microSD log with a sound head",
-            f"'{self.name}', which {reason}",
-            "The file is cut or damaged; copy it from the card again.",
-        )
+        expected = "a Crazyflie microSD log with a sound head"
+        received = f"'{self.name}', which {reason}"
+        return CorruptLogError(expected, received, "The file is cut or damaged; copy it from the card again.")
 
 
 # -- Advice --
@@ -166,13 +161,7 @@ _ADVICE = (
 )
 
 
-def _sniff(head: bytes, _file: Path) -> bool:
-    """Whether a version of one byte follows the first one, which no text has."""
-    return head.startswith(MAGIC) and head[2:3] in (b"", b"\x00")
-
-
 def _advice(channel: str) -> tuple[str, ...]:
-    """What to name in config.txt."""
     if not channel:
         return _ADVICE
     if channel not in TO_LOG:
@@ -362,7 +351,6 @@ def _follow(data: bytes, position: int, end: int, sizes: Mapping[int, int]) -> b
 
 
 def _damage(walk: _RecordWalk, sound: bool) -> list[Finding]:
-    """Say what the checksum and the walk show."""
     findings: list[Finding] = []
     complete = sound or walk.left == CHECKSUM_BYTES
     left = 0 if walk.left == CHECKSUM_BYTES and not sound else walk.left
@@ -386,7 +374,6 @@ def _damage(walk: _RecordWalk, sound: bool) -> list[Finding]:
 
 
 def _records(data: bytes, kind: EventType, positions: np.ndarray) -> np.ndarray:
-    """Records of one type, copied together."""
     size = kind.record.itemsize
     anywhere = np.ndarray((len(data) - size + 1,), dtype=kind.record, buffer=data, strides=(1,))
     return anywhere[positions]
@@ -438,19 +425,14 @@ def read_crazyflie(file: Path, options: ReadOptions) -> Recording:
     try:
         data = file.read_bytes()
     except OSError as error:
-        raise CorruptLogError(
-            "a Crazyflie microSD log that can be read",
-            f"'{file.name}': {error}",
-            "Copy it from the card again.",
-        ) from error
+        expected = "a Crazyflie microSD log that can be read"
+        raise CorruptLogError(expected, f"'{file.name}': {error}", "Copy it from the card again.") from error
     header = parse_header(data, file.name)
     events, findings = read_events(data, header)
     if not events:
-        raise EmptyLogError(
-            "a Crazyflie microSD log with records",
-            f"'{file.name}' without a whole record of any (types of events: {len(header.types)})",
-            "Check config.txt on the card, and end the logging before the power goes (usd.logging = 0).",
-        )
+        received = f"'{file.name}' without a whole record of any (types of events: {len(header.types)})"
+        remedy = "Check config.txt on the card, and end the logging before the power goes (usd.logging = 0)."
+        raise EmptyLogError("a Crazyflie microSD log with records", received, remedy)
     texts = [text for event in events if (text := _gaps(event))]
     findings += noted("dropouts", "Records are missing in {}.", "; ".join(texts))
     events.sort(key=lambda event: -event.time_s.size)
@@ -475,7 +457,6 @@ def read_crazyflie(file: Path, options: ReadOptions) -> Recording:
 
 
 def _known_channels(name: str, events: Sequence[Event], findings: list[Finding]) -> dict[str, Channel]:
-    """Return the channels of the variables that are known."""
     chosen = _chosen(events, findings)
     served = [
         (event, [rule for source, item in chosen if item is event for rule in source.rules])
@@ -546,7 +527,6 @@ def _as_feedback(source: VariableSource) -> VariableSource:
 def _map_channels(
     chosen: ChannelMap, name: str, events: Sequence[Event], findings: list[Finding]
 ) -> dict[str, Channel]:
-    """Return the channels of the variables that a channel map names."""
     names = list(dict.fromkeys(column for event in events for column in event.names))
     rules: dict[int, list[ChannelRule]] = {}
     for rule in fitted_rules(chosen, names, name):
@@ -555,9 +535,8 @@ def _map_channels(
     served = [(events[position], items) for position, items in rules.items()]
     channels = _mapped(chosen, served, name, findings)
     if not channels:
-        raise EmptyLogError(
-            "a log with values", f"'{name}', in which every mapped variable is empty", "Check the map."
-        )
+        expected = "a log with values"
+        raise EmptyLogError(expected, f"'{name}', in which every mapped variable is empty", "Check the map.")
     findings += delay_findings(channels, chosen.origin)
     return channels
 
@@ -568,7 +547,6 @@ def _mapped(
     name: str,
     findings: list[Finding],
 ) -> dict[str, Channel]:
-    """Channels that rules make of the variables of each event."""
     channels: dict[str, Channel] = {}
     for event, rules in served:
         columns = (column for rule in rules for column in rule.expression.columns)
@@ -585,11 +563,9 @@ def _position(rule: ChannelRule, chosen: ChannelMap, events: Sequence[Event], na
     for index, event in enumerate(events):
         if event.has(needed):
             return index
-    raise ChannelMapError(
-        f"columns of one type of events for channels.{rule.name} ({chosen.origin})",
-        f"{listed(needed)}, which no type of '{name}' has all of",
-        f"Take columns of one type, and '{CLOCK}' for the time.",
-    )
+    expected = f"columns of one type of events for channels.{rule.name} ({chosen.origin})"
+    received = f"{listed(needed)}, which no type of '{name}' has all of"
+    raise ChannelMapError(expected, received, f"Take columns of one type, and '{CLOCK}' for the time.")
 
 
 CRAZYFLIE = LogFormat(

@@ -360,7 +360,6 @@ def _add_landed(reading: MessageReading) -> None:
 
 
 def _add_throttle(reading: MessageReading) -> None:
-    """Add the pilot's throttle as a share of its range."""
     sticks = reading.table("RCIN")
     number = int(reading.parameters.get("RCMAP_THROTTLE", 3.0))
     column = sticks.first(f"C{number}", f"Ch{number}") if sticks is not None else ""
@@ -409,7 +408,6 @@ def add_attitude(reading: MessageReading) -> None:
 
 
 def _quaternion(table: Messages, part: str) -> Float[np.ndarray, " n"]:
-    """Part w, x, y or z of the quaternion from body to world."""
     # a yaw without jumps makes a quaternion without jumps of sign
     made = table.values("Yaw")
     made *= _DEG

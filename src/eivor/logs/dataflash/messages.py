@@ -135,7 +135,6 @@ def read_layouts(data: mmap.mmap) -> tuple[dict[int, MessageType], list[Finding]
 
 
 def _layout(payload: bytes) -> MessageType | None:
-    """Layout of the content of an FMT message; None when it is none."""
     number, length, name = payload[0], payload[1], payload[2:6]
     if length <= HEAD_BYTES or not _NAME.fullmatch(name):
         return None
@@ -145,7 +144,6 @@ def _layout(payload: bytes) -> MessageType | None:
 
 
 def _fields(codes: str, names: list[str], length: int) -> dict[str, Field]:
-    """Fields of a message; none where codes, names and length do not agree."""
     if len(codes) != len(names) or len(set(names)) != len(names) or not set(codes) <= set(CODES):
         return {}
     fields, offset = {}, HEAD_BYTES
@@ -504,6 +502,5 @@ def _stored(field: Field, values: Float[np.ndarray, " n"]) -> tuple[np.ndarray, 
 
 
 def _messages(layout: MessageType, parts: list[np.ndarray]) -> Messages:
-    """Messages one after the other, as if a file held them alone."""
     data = np.concatenate([np.empty(0, np.uint8), *(part.ravel() for part in parts)])
     return Messages(layout, data, np.arange(0, data.size, layout.length))

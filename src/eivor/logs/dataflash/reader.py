@@ -63,7 +63,6 @@ _ADVICE = (
 
 
 def _advice(channel: str) -> tuple[str, ...]:
-    """How to set ArduPilot's logger; for a channel, at which rate its messages are logged."""
     if not channel:
         return _ADVICE
     messages = dict.fromkeys(source.message for source in CHANNEL_SOURCES.get(channel, ()))
@@ -82,11 +81,9 @@ def read_dataflash(file: Path, options: ReadOptions) -> Recording:
         with file.open("rb") as stream:
             content = mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ)
     except (OSError, ValueError) as error:
-        raise CorruptLogError(
-            "a readable DataFlash log",
-            f"'{file.name}', which cannot be read ({error})",
-            "Copy it from the vehicle again.",
-        ) from error
+        expected = "a readable DataFlash log"
+        received = f"'{file.name}', which cannot be read ({error})"
+        raise CorruptLogError(expected, received, "Copy it from the vehicle again.") from error
     tables, findings = _tables(content)
     parameters = _parameters(tables)
     choose_estimator(tables, parameters, findings)
@@ -118,7 +115,6 @@ def read_dataflash(file: Path, options: ReadOptions) -> Recording:
 
 
 def _add_all(reading: MessageReading) -> None:
-    """Add every channel that the messages of a reading hold."""
     counts = {name: table.count for name, table in reading.tables.items()}
     for name, sources in CHANNEL_SOURCES.items():
         by_choice = by_rate(sources, lambda source: counts.get(source.message, 0))
@@ -144,7 +140,6 @@ def _channels_of_part(reading: MessageReading, start_s: float, end_s: float, ste
 
 
 def _tables(content: mmap.mmap) -> tuple[dict[str, Messages], list[Finding]]:
-    """Messages that are needed, by name, each of its lowest instance; and what is wrong with the file."""
     read = read_lines if is_text(content[:SNIFFED_BYTES]) else read_messages
     messages, findings = read(content, NEEDED)
     unusable = sorted(message.name for message in messages if not message.layout.fields)
@@ -185,7 +180,6 @@ def _lowest(table: Messages) -> Messages:
 
 
 def _parameters(tables: Mapping[str, Messages]) -> dict[str, float]:
-    """Parameters that were set when the log began."""
     values: dict[str, float] = {}
     for name, value in rows_of(tables, "PARM", "Name", "Value"):
         if np.isfinite(value) and name.isprintable() and name:
@@ -194,7 +188,6 @@ def _parameters(tables: Mapping[str, Messages]) -> dict[str, float]:
 
 
 def _add(reading: MessageReading, name: str, source: MessageSource) -> None:
-    """Add a channel from a source, when that has a value."""
     table = reading.table(source.message, source.column)
     if table is None:
         return

@@ -301,7 +301,6 @@ def _is_in_the_world(topic: BagTopic, fields: Mapping[str, np.ndarray]) -> bool:
 
 
 def _channel(name: str, topic: BagTopic, source: RosSource, start: int) -> Channel | None:
-    """A channel of a field; None when it has no value, or an output never moves."""
     values = source.sign * topic.fields[source.field].astype(np.float64)
     finite = values[np.isfinite(values)]
     if not finite.size or (source.topic == PULSES and finite.min() == finite.max()):
@@ -351,7 +350,6 @@ _ADVICE = (
 
 
 def _advice(channel: str) -> tuple[str, ...]:
-    """Which topics to record."""
     if not channel:
         return _ADVICE
     return (f"Record {TO_RECORD[channel]}.",) if channel in TO_RECORD else ()
@@ -421,7 +419,6 @@ def read_bag(path: Path, options: ReadOptions, log_format: str) -> Recording:
 
 
 def _known_channels(contents: Contents, findings: list[Finding]) -> tuple[dict[str, Channel], Frame, str]:
-    """The channels of the topics that are known, which way z points, and the kind of vehicle."""
     of_px4 = [raw for raw in contents.topics.values() if is_px4(raw.name, raw.kind)]
     if of_px4:
         channels, vehicle = px4_channels(of_px4, findings)

@@ -126,11 +126,9 @@ def bag_files(path: Path) -> list[Path]:
     names = {(match[1], match[3]) for match in parts.values() if match is not None}
     if len(names) > 1:
         text = ", ".join(file.name for file in candidates[:4]) + (", ..." if len(candidates) > 4 else "")
-        raise InputError(
-            "a folder with the files of one bag",
-            f"'{path.name}' with those of {len(names)} ({text})",
-            "Give the file or the folder of one bag.",
-        )
+        expected = "a folder with the files of one bag"
+        received = f"'{path.name}' with those of {len(names)} ({text})"
+        raise InputError(expected, received, "Give the file or the folder of one bag.")
     return sorted(candidates, key=lambda file: int((parts[file] or [0, 0, 0])[2] or 0))
 
 
@@ -157,12 +155,11 @@ def check_schemas(file: Path) -> None:
     text = ", ".join(f"{name} ({encoding})" for name, encoding in schemas[:8]) + (
         ", ..." if schemas[8:] else ""
     )
-    raise MissingReaderError(
-        "an MCAP file with messages of ROS 2",
-        f"'{file.name}' with {text}",
+    remedy = (
         "Convert its topics to CSV with canonical column names (`mcap cat --json` prints them), or give the "
-        "vehicle's own log.",
+        "vehicle's own log."
     )
+    raise MissingReaderError("an MCAP file with messages of ROS 2", f"'{file.name}' with {text}", remedy)
 
 
 def _schemas(file: Path) -> list[tuple[str, str]]:
@@ -226,11 +223,9 @@ def check_installed() -> None:
         import rosbags.rosbag1
         import rosbags.rosbag2  # noqa: F401
     except ImportError as error:
-        raise MissingReaderError(
-            "rosbags, which reads bags and MCAP",
-            f"an installation without it ({error})",
-            "Install it: pip install 'eivor[ros]'.",
-        ) from error
+        expected = "rosbags, which reads bags and MCAP"
+        received = f"an installation without it ({error})"
+        raise MissingReaderError(expected, received, "Install it: pip install 'eivor[ros]'.") from error
 
 
 @contextmanager
@@ -262,11 +257,9 @@ def _errors_of_rosbags() -> tuple[type[Exception], ...]:
 
 def _unreadable(file: Path, kind: str, error: Exception) -> CorruptLogError:
     sentence = str(error).replace(str(file.resolve()), file.name)[:200]
-    return CorruptLogError(
-        "a bag that can be read to its end",
-        f"'{file.name}', which cannot ({type(error).__name__}: {sentence})",
-        _REMEDIES.get(kind, "Copy it again."),
-    )
+    expected = "a bag that can be read to its end"
+    received = f"'{file.name}', which cannot ({type(error).__name__}: {sentence})"
+    return CorruptLogError(expected, received, _REMEDIES.get(kind, "Copy it again."))
 
 
 def _unpacked(file: Path, folder: Path, budget: Budget) -> Path:

@@ -183,12 +183,9 @@ class MessageLayout:
 
     def table(self, rows: np.ndarray) -> np.ndarray:
         """Return messages of this layout, a row of bytes each, as a structured array."""
-        kind: Any = {
-            "names": list(self.fields),
-            "formats": [kind for _, kind in self.fields.values()],
-            "offsets": [offset for offset, _ in self.fields.values()],
-            "itemsize": self.size,
-        }
+        offsets, formats = zip(*self.fields.values(), strict=True) if self.fields else ((), ())
+        names = list(self.fields)
+        kind: Any = {"names": names, "formats": formats, "offsets": offsets, "itemsize": self.size}
         return np.asarray(rows.view(np.dtype(kind))[:, 0])
 
 
@@ -276,7 +273,6 @@ class _MessageWalk:
             self.fields |= {f"{name}[{index}]": (position + index * size, kind) for index in range(count)}
 
     def _length(self) -> int:
-        """The length of a text or of a sequence."""
         if self.aligned:
             self.position += -(self.position - ENCAPSULATION) % 4
         position = self.position

@@ -367,33 +367,25 @@ def map_channels(
             channels |= made
             findings += result
     if not channels:
-        raise EmptyLogError(
-            "a bag with values", f"'{name}', in which every mapped field is empty", "Check the map."
-        )
+        expected = "a bag with values"
+        raise EmptyLogError(expected, f"'{name}', in which every mapped field is empty", "Check the map.")
     findings += delay_findings(channels, chosen.origin)
     return channels
 
 
 def _check(chosen: ChannelMap, available: Mapping[str, str], name: str) -> None:
-    """Raise for a map that names no clock of a bag, topics that are not there, or several for one channel."""
     if chosen.time_column not in CLOCKS:
-        raise ChannelMapError(
-            f"the clock of a bag, '{CLOCKS[0]}' ({chosen.origin}, key time.column)",
-            f"'{chosen.time_column}'",
-            "Each topic has a clock of its own: the stamps of its messages.",
-        )
+        expected = f"the clock of a bag, '{CLOCKS[0]}' ({chosen.origin}, key time.column)"
+        remedy = "Each topic has a clock of its own: the stamps of its messages."
+        raise ChannelMapError(expected, f"'{chosen.time_column}'", remedy)
     for rule in chosen.rules:
         topics = {topic_of(column) for column in rule.expression.columns}
         if len(topics) > 1:
-            raise ChannelMapError(
-                f"columns of one topic for channels.{rule.name} ({chosen.origin})",
-                f"{listed(sorted(topics))}, whose clocks differ",
-                "Take fields of one topic.",
-            )
+            expected = f"columns of one topic for channels.{rule.name} ({chosen.origin})"
+            received = f"{listed(sorted(topics))}, whose clocks differ"
+            raise ChannelMapError(expected, received, "Take fields of one topic.")
         missing = [topic for topic in topics if topic not in available]
         if missing and not rule.optional:
-            raise ChannelMapError(
-                f"a topic '{missing[0]}' ({chosen.origin}, key channels.{rule.name})",
-                f"'{name}' with the topics {listed(sorted(available))}",
-                did_you_mean(missing[0], sorted(available), "Correct the map: TOPIC.FIELD.", most=3),
-            )
+            expected = f"a topic '{missing[0]}' ({chosen.origin}, key channels.{rule.name})"
+            remedy = did_you_mean(missing[0], sorted(available), "Correct the map: TOPIC.FIELD.", most=3)
+            raise ChannelMapError(expected, f"'{name}' with the topics {listed(sorted(available))}", remedy)

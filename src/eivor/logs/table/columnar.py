@@ -195,7 +195,6 @@ def _read(file: Path, frame: pl.LazyFrame, schema: pl.Schema, rows: int, columns
 
 
 def _element(series: pl.Series, index: int) -> pl.Series:
-    """One number of each list."""
     import polars as pl
 
     if series.dtype == pl.Array:
@@ -204,7 +203,6 @@ def _element(series: pl.Series, index: int) -> pl.Series:
 
 
 def _holds_lists(kind: pl.DataType) -> bool:
-    """Whether it is a type of lists of numbers."""
     import polars as pl
 
     inner = getattr(kind, "inner", None)
@@ -224,15 +222,12 @@ def _check_parquet_size(file: Path, rows: int, columns: int) -> None:
         raise LogTooLargeError(f"at most {MAX_CELLS} numbers", counted, _CUT)
     size = file.stat().st_size
     if cells > max(FREE_CELLS, MAX_CELLS_PER_BYTE * size):
-        raise LogTooLargeError(
-            f"at most {MAX_CELLS_PER_BYTE} numbers for each byte of a Parquet file",
-            f"{counted} in {size} bytes",
-            "Such a file repeats itself, which no flight does; check what wrote it.",
-        )
+        expected = f"at most {MAX_CELLS_PER_BYTE} numbers for each byte of a Parquet file"
+        remedy = "Such a file repeats itself, which no flight does; check what wrote it."
+        raise LogTooLargeError(expected, f"{counted} in {size} bytes", remedy)
 
 
 def _is_decoded(kind: pl.DataType, index: int | None) -> bool:
-    """Whether a column holds numbers, or lists of which an element is requested."""
     import polars as pl
 
     if index is not None:
@@ -241,7 +236,6 @@ def _is_decoded(kind: pl.DataType, index: int | None) -> bool:
 
 
 def _parquet_numbers(series: pl.Series) -> tuple[np.ndarray, int]:
-    """Numbers of a column, points in time in seconds, and the count of cells that are none."""
     import polars as pl
 
     missing = series.null_count()
@@ -264,11 +258,8 @@ def variables_source(
 ) -> TableSource:
     """Return the table of a file's variables."""
     if not shapes:
-        raise EmptyLogError(
-            "a file with vectors or matrices of numbers",
-            f"'{name}' without any",
-            "Save each signal as a vector of its own; objects (timeseries, tables) are not read.",
-        )
+        remedy = "Save each signal as a vector of its own; objects (timeseries, tables) are not read."
+        raise EmptyLogError("a file with vectors or matrices of numbers", f"'{name}' without any", remedy)
     if len(shapes) > MAX_COLUMNS:
         raise corrupt_table(name, f"with {len(shapes)} variables", f"At most {MAX_COLUMNS} are read.")
 
@@ -291,11 +282,8 @@ def variables_source(
         lengths = {column: array.size for column, array in table.values.items()}
         if len(set(lengths.values())) > 1:
             text = ", ".join(f"'{column}' {size}" for column, size in list(lengths.items())[:8])
-            raise ChannelMapError(
-                "variables of one length, with one clock",
-                f"'{name}' with {text}",
-                "Name those of one clock in a channel map (--map).",
-            )
+            remedy = "Name those of one clock in a channel map (--map)."
+            raise ChannelMapError("variables of one length, with one clock", f"'{name}' with {text}", remedy)
         return table
 
     return TableSource(tuple(shapes), read)
@@ -325,11 +313,9 @@ def open_hdf5(file: Path) -> TableSource:
     try:
         import h5py
     except ImportError as error:
-        raise MissingReaderError(
-            "h5py, which reads HDF5 and MATLAB 7.3",
-            f"an installation without it ({error})",
-            "Install it: pip install 'eivor[hdf5]'. Or save with '-v7' in MATLAB.",
-        ) from error
+        expected = "h5py, which reads HDF5 and MATLAB 7.3"
+        remedy = "Install it: pip install 'eivor[hdf5]'. Or save with '-v7' in MATLAB."
+        raise MissingReaderError(expected, f"an installation without it ({error})", remedy) from error
     size = file.stat().st_size
     most = min(MAX_CELLS, max(FREE_CELLS, MAX_CELLS_PER_BYTE * size))
     limit = DECODER_BYTES + BYTES_PER_CELL * most
@@ -355,7 +341,6 @@ def open_hdf5(file: Path) -> TableSource:
 
 
 def _datasets(h5py: Any, content: Any) -> dict[str, tuple[int, ...]]:
-    """Shapes of the vectors and matrices of numbers in the file itself, by their path."""
     results: dict[str, tuple[int, ...]] = {}
 
     def visit(path: str, first: Any) -> None:
@@ -375,11 +360,9 @@ def _datasets(h5py: Any, content: Any) -> dict[str, tuple[int, ...]]:
 def _check_hdf5_size(file: Path, shape: tuple[int, ...], most: int) -> None:
     cells = math.prod(shape)
     if cells > most:
-        raise LogTooLargeError(
-            f"at most {most} numbers in a variable of this file",
-            f"'{file.name}' with {cells}",
-            "Such a file repeats itself, which no flight does; check what wrote it.",
-        )
+        expected = f"at most {most} numbers in a variable of this file"
+        remedy = "Such a file repeats itself, which no flight does; check what wrote it."
+        raise LogTooLargeError(expected, f"'{file.name}' with {cells}", remedy)
 
 
 # -- MATLAB --
@@ -417,7 +400,6 @@ def open_matlab(file: Path) -> TableSource:
 
 
 def _matlab_numbers(name: str, value: Any, depth: int) -> Iterator[tuple[str, np.ndarray]]:
-    """The arrays of numbers of a variable, and of the fields of a structure."""
     array = np.asarray(value)
     if array.dtype.names and array.ndim == 0 and depth:
         for field in array.dtype.names:
@@ -437,11 +419,8 @@ def write_recording(recording: Recording, path: str | os.PathLike[str]) -> None:
 
     position = Path(path)
     if position.suffix not in (".parquet", ".csv"):
-        raise UsageError(
-            "a path that ends in .parquet or .csv",
-            f"'{position.name}'",
-            "Parquet keeps everything; CSV the numbers.",
-        )
+        expected = "a path that ends in .parquet or .csv"
+        raise UsageError(expected, f"'{position.name}'", "Parquet keeps everything; CSV the numbers.")
     frame = pl.DataFrame(_recording_columns(recording))
     if position.suffix == ".csv":
         _check_csv(recording)
@@ -462,7 +441,6 @@ def _recording_columns(recording: Recording) -> dict[str, np.ndarray]:
 
 
 def _all_stamps(recording: Recording) -> Float[np.ndarray, " n"]:
-    """The stamps of every channel, once each."""
     clocks: list[np.ndarray] = []
     for channel in recording.channels.values():
         if not any(np.array_equal(channel.time_s, clock) for clock in clocks):
@@ -474,11 +452,9 @@ def _on_stamps(channel: Channel, time: Float[np.ndarray, " n"]) -> Float[np.ndar
     if channel.time_s.size == time.size:
         return channel.values
     if np.isnan(channel.values).any():
-        raise UsageError(
-            f"values at all stamps of '{channel.name}', which has a clock of its own",
-            "NaN among them, which would read back as no stamp",
-            "Leave these samples out first, or write the channel by itself.",
-        )
+        expected = f"values at all stamps of '{channel.name}', which has a clock of its own"
+        received = "NaN among them, which would read back as no stamp"
+        raise UsageError(expected, received, "Leave these samples out first, or write the channel by itself.")
     values = np.full(time.size, np.nan)
     values[np.searchsorted(time, channel.time_s)] = channel.values
     return values
@@ -498,11 +474,8 @@ def _check_csv(recording: Recording) -> None:
         *(f"that an estimator made {c.name}" for c in channels if c.estimated),
     )
     if losses:
-        raise UsageError(
-            "a recording that a CSV can keep",
-            f"one that would lose {', '.join(losses)}",
-            "Write .parquet instead.",
-        )
+        expected = "a recording that a CSV can keep"
+        raise UsageError(expected, f"one that would lose {', '.join(losses)}", "Write .parquet instead.")
 
 
 #: What metadata hold of a log's origin, of a channel and of its quality, and the type of each.

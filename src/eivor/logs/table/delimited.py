@@ -113,9 +113,8 @@ def _chunks(
     wanted = dict(channels) if channels is not None else {name: name for name in available if name != "time"}
     missing = [column for column in wanted.values() if column not in available]
     if missing:
-        raise ChannelMapError(
-            f"columns out of {', '.join(available)}", f"{', '.join(missing)}", "Name columns of the table."
-        )
+        expected = f"columns out of {', '.join(available)}"
+        raise ChannelMapError(expected, f"{', '.join(missing)}", "Name columns of the table.")
     first = 0
     while True:
         with polars_errors(partial(_unread_chunk, path)):
@@ -167,10 +166,7 @@ def table_columns(
     names: Sequence[str],
     convert: Callable[[str, int | None], tuple[np.ndarray, int, str]],
 ) -> Columns:
-    """Return columns of a table, and elements of such that hold lists, as numbers.
-
-    `convert` gives numbers, the count of cells that are none, and what lists look like where there are any.
-    """
+    """Columns, by a function that gives numbers, the count of cells that are none, and how lists look."""
     converted = {column: convert(*(element_of(column, names) or (column, None))) for column in columns}
     return Columns(
         {column: values for column, (values, _, _) in converted.items()},
@@ -288,7 +284,6 @@ class _Lines:
 
 
 def _layout(lines: _Lines) -> _Layout:
-    """Read the header, then count and check the rows."""
     line = lines.line()
     while line and not line.strip():
         line = lines.line()
@@ -299,11 +294,9 @@ def _layout(lines: _Lines) -> _Layout:
         remedy = f"At most {MAX_COLUMNS} are read; cut the table."
         raise corrupt_table(lines.name, f"with {len(names)} columns", remedy)
     if names and all(map(_is_number, names)):
-        raise UnknownFormatError(
-            "a table whose first line holds the names of the columns",
-            f"'{lines.name}', whose first line holds numbers only",
-            "Put a line of column names on top.",
-        )
+        expected = "a table whose first line holds the names of the columns"
+        received = f"'{lines.name}', whose first line holds numbers only"
+        raise UnknownFormatError(expected, received, "Put a line of column names on top.")
     layout = _check_rows(lines, _Layout(tuple(names), lines.delimiter, lines.number))
     if layout.rows == 0:
         remedy = "Check that logging was on during the flight."
@@ -354,7 +347,6 @@ def _is_number(text: str) -> bool:
 
 
 def _read(file: Path, layout: _Layout, columns: Sequence[str]) -> Columns:
-    """Convert some columns; a cell that is no number becomes NaN and is counted."""
     import polars as pl
 
     # one column more, for the lines that end with a delimiter
@@ -391,7 +383,6 @@ def _read(file: Path, layout: _Layout, columns: Sequence[str]) -> Columns:
 
 
 def _first(texts: pl.Series) -> str:
-    """The first cell that is not empty."""
     filled = texts.drop_nulls()
     filled = filled.filter(filled != "")
     return str(filled[0])[:200] if filled.len() else ""
@@ -414,7 +405,6 @@ def _has_decimal_commas(frame: pl.DataFrame) -> bool:
 
 
 def _numbers(texts: pl.Series) -> tuple[np.ndarray, int]:
-    """Numbers of a column of texts, and the count of cells that are none."""
     import polars as pl
 
     numbers = texts.cast(pl.Float64, strict=False)

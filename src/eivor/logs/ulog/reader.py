@@ -102,11 +102,9 @@ def read_csv_folder(folder: Path, options: ReadOptions) -> Recording:
     tables = tables_of(folder)
     logs = sorted({table.log for table in tables})
     if len(logs) > 1:
-        raise InputError(
-            "a folder with the tables of one log",
-            f"'{folder.name}' with those of {len(logs)}: {', '.join(logs[:4])}",
-            "Put them into folders of their own.",
-        )
+        expected = "a folder with the tables of one log"
+        received = f"'{folder.name}' with those of {len(logs)}: {', '.join(logs[:4])}"
+        raise InputError(expected, received, "Put them into folders of their own.")
     findings: list[Finding] = []
     instances: dict[str, list[Topic]] = {}
     for table in tables:
@@ -117,9 +115,8 @@ def read_csv_folder(folder: Path, options: ReadOptions) -> Recording:
     start = min((int(topic.fields["timestamp"].min()) for topic in topics.values()), default=0)
     channels = read_topics(topics, np.uint64(start), {}, findings)
     if not channels:
-        raise EmptyLogError(
-            "tables with flight data", f"'{folder.name}' without a value", "Convert the ULog again."
-        )
+        remedy = "Convert the ULog again."
+        raise EmptyLogError("tables with flight data", f"'{folder.name}' without a value", remedy)
     findings += unknown_filters(channels.values(), "These tables hold")
     return Recording(
         name=folder.name,
@@ -171,7 +168,6 @@ def _advice(channel: str) -> tuple[str, ...]:
 
 
 def _topic_sentence(entry: TopicLogging) -> str:
-    """Say at which rate PX4 logs a topic, and what raises it."""
     rate = "at every message" if entry.default_rate_hz == float("inf") else f"at {entry.default_rate_hz:g} Hz"
     sentence = f"PX4's default profile (SDLOG_PROFILE bit 0) logs {entry.topic} {rate}"
     raising = [bit for bit in entry.full_rate_bits if bit != 0]
@@ -255,11 +251,9 @@ class CleanLog:
 def clean_log(data: memory_map | bytes, topics: Collection[str], name: str) -> CleanLog:
     """Walk the messages of `data` and keep those that the `topics` need."""
     if len(data) < _HEADER_BYTES:
-        raise CorruptLogError(
-            f"a ULog header of {_HEADER_BYTES} bytes",
-            f"'{name}' with {len(data)} bytes",
-            "The file is cut right at its start; copy it again.",
-        )
+        expected = f"a ULog header of {_HEADER_BYTES} bytes"
+        received = f"'{name}' with {len(data)} bytes"
+        raise CorruptLogError(expected, received, "The file is cut right at its start; copy it again.")
     # The version byte is set to the newest known one: the layout has been the same since.
     log = CleanLog(bytearray(data[:7]) + b"\x01" + bytes(data[8:_HEADER_BYTES]))
     bounds = [*_appended_offsets(data, name), len(data)]
@@ -284,11 +278,9 @@ def _appended_offsets(data: memory_map | bytes, name: str) -> list[int]:
     begin = _HEADER_BYTES + 3
     flags = bytes(data[begin + 8 : begin + 16])
     if flags[0] & ~1 or any(flags[1:]):
-        raise CorruptLogError(
-            "a ULog whose feature flags are known",
-            f"'{name}' with the incompatible flags {flags.hex()}",
-            "The file is damaged, or newer than this release; try a newer Eivor.",
-        )
+        expected = "a ULog whose feature flags are known"
+        remedy = "The file is damaged, or newer than this release; try a newer Eivor."
+        raise CorruptLogError(expected, f"'{name}' with the incompatible flags {flags.hex()}", remedy)
     if not flags[0] & 1:
         return []
     offsets = struct.unpack_from("<3Q", data, begin + 16)
@@ -394,7 +386,6 @@ def _take_definition(log: CleanLog, kind: int, payload: bytes) -> bool:
 
 
 def _take_about(log: CleanLog, payload: bytes) -> None:
-    """Keep what the log says of itself, when it is of the type that it should be of."""
     size = payload[0]
     words = (_text(payload[1 : 1 + size]) or "").split(" ")
     if len(words) == 2 and words[1] in ABOUT and words[0].partition("[")[0] == ABOUT[words[1]]:
@@ -495,11 +486,9 @@ def read_ulog(file: Path, options: ReadOptions) -> Recording:
     start = np.uint64(ulog.start_timestamp)
     channels = read_topics(topics, start, parameters, findings)
     if not channels:
-        raise EmptyLogError(
-            f"a ULog with flight data (one of the topics {', '.join(NEEDED_TOPICS)})",
-            f"'{file.name}' without a value of any of them",
-            "Check that logging was on during the flight, and the logging profile (SDLOG_PROFILE).",
-        )
+        expected = f"a ULog with flight data (one of the topics {', '.join(NEEDED_TOPICS)})"
+        remedy = "Check that logging was on during the flight, and the logging profile (SDLOG_PROFILE)."
+        raise EmptyLogError(expected, f"'{file.name}' without a value of any of them", remedy)
     channels |= air_channels(neighbours, start)
     return Recording(
         name=file.name,
@@ -516,11 +505,9 @@ def read_ulog(file: Path, options: ReadOptions) -> Recording:
 
 
 def _corrupt(file: Path, error: Exception) -> CorruptLogError:
-    return CorruptLogError(
-        "a readable ULog",
-        f"'{file.name}', which cannot be decoded ({type(error).__name__}: {error})",
-        "The file is damaged; copy it from the vehicle again.",
-    )
+    expected = "a readable ULog"
+    received = f"'{file.name}', which cannot be decoded ({type(error).__name__}: {error})"
+    return CorruptLogError(expected, received, "The file is damaged; copy it from the vehicle again.")
 
 
 def _decode(clean: CleanLog, file: Path) -> tuple[Any, bool]:
@@ -537,13 +524,11 @@ def _decode(clean: CleanLog, file: Path) -> tuple[Any, bool]:
 
 
 def _parameters(ulog: Any) -> dict[str, float]:
-    """Numeric parameters that were set when the log began."""
     values = {str(key): float(value) for key, value in ulog.initial_parameters.items()}
     return {key: value for key, value in sorted(values.items()) if np.isfinite(value)}
 
 
 def _file_findings(clean: CleanLog, ulog: Any, printed: bool) -> list[Finding]:
-    """Damage and dropouts."""
     sentence = "The log ends within a message ({} bytes of it are there)."
     findings = noted("truncated", sentence, clean.cut_bytes)
     if clean.skipped_bytes or clean.rejected_messages or ulog.file_corruption or printed:
@@ -556,7 +541,6 @@ def _file_findings(clean: CleanLog, ulog: Any, printed: bool) -> list[Finding]:
 
 
 def _topics(ulog: Any, rows: Mapping[int, list[bytes]], findings: list[Finding]) -> dict[str, Topic]:
-    """The instance of each topic that is used."""
     instances: dict[str, list[Topic]] = {}
     for data in ulog.data_list:
         fields = _table(data.data, rows[data.msg_id])

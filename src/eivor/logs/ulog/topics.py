@@ -258,7 +258,6 @@ def _text(content: bytes) -> str:
 
 
 def _release(number: int) -> str:
-    """Version of a release: bytes of its major, minor and patch number and of its kind."""
     major, minor, patch, kind = number.to_bytes(4, "big")
     return f"{major}.{minor}.{patch}{KINDS.get(kind, ' development')}"
 
