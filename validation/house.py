@@ -63,24 +63,12 @@ A_PARAMETER = re.compile(r"viscous_friction|input_gain|hover_input")
 
 @dataclass(frozen=True)
 class Module:
-    """One file.
+    """One file."""
 
-    Parameters
-    ----------
-    name : str
-        As it is imported.
-    text : str
-        Its source.
-    tree : ast.Module
-        Its syntax.
-    path : Path
-        Where it stands.
-    """
-
-    name: str
-    text: str
-    tree: ast.Module
-    path: Path
+    name: str  # As it is imported
+    text: str  # Its source
+    tree: ast.Module  # Its syntax
+    path: Path  # Where it stands
 
     @property
     def lines(self) -> int:
@@ -143,17 +131,7 @@ def public_names(tree: ast.Module) -> Iterator[str]:
 
 
 def imports(module: Module, known: set[str], nodes: Iterable[ast.AST] | None = None) -> list[set[str]]:
-    """Modules of the package that each import statement of a module names.
-
-    Parameters
-    ----------
-    module : Module
-        The importing module.
-    known : set of str
-        Names of all modules of the package.
-    nodes : iterable of ast.AST, optional
-        Where to look; default: everywhere, so in functions and under TYPE_CHECKING too.
-    """
+    """Modules of the package that each import statement of a module names."""
     results = []
     for node in ast.walk(module.tree) if nodes is None else nodes:
         if isinstance(node, ast.Import):

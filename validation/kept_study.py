@@ -39,24 +39,13 @@ def kept_lines(path: Path, kind: type[Told]) -> list[Told]:
 
 @dataclass(frozen=True, slots=True)
 class KeptStudyCommand:
-    """A study whose file goes on where it was interrupted.
+    """A study whose file goes on where it was interrupted."""
 
-    Parameters
-    ----------
-    module, doc : str
-        How it is called, and what its help says.
-    grid : Path
-        The published one.
-    part : str
-        Name of the page's part.
-    answer : callable
-        From the grid's file, the size and the study's file to what it says.
-    """
-
-    module: str
+    module: str  # How it is called, and what its help says
     doc: str
-    grid: Path
-    part: str
+    grid: Path  # The published one
+    part: str  # Name of the page's part
+    # From the grid's file, the size and the study's file to what it says
     answer: Callable[[Path, str, Path], Answer]
 
     def main(self, arguments: Sequence[str] | None = None) -> int:

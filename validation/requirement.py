@@ -7,17 +7,9 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Requirement:
-    """One thing that must hold.
+    """One thing that must hold."""
 
-    Parameters
-    ----------
-    what, asked, measured : str
-        In words and numbers.
-    met : bool
-        Whether it holds.
-    """
-
-    what: str
+    what: str  # In words and numbers
     asked: str
     measured: str
-    met: bool
+    met: bool  # Whether it holds

@@ -54,18 +54,10 @@ Task = TypeVar("Task", bound=StudyTask)
 
 @dataclass(frozen=True)
 class StudyTable:
-    """What a run of the study leaves behind.
+    """What a run of the study leaves behind."""
 
-    Parameters
-    ----------
-    rows : polars.DataFrame
-        One row for each flight.
-    origin : mapping of str to str
-        The grid's name, how many of its flights were flown, and the versions.
-    """
-
-    rows: pl.DataFrame
-    origin: Mapping[str, str]
+    rows: pl.DataFrame  # One row for each flight
+    origin: Mapping[str, str]  # The grid's name, how many of its flights were flown, and the versions
 
     def write(self, path: Path) -> None:
         """Write one sealed file."""
@@ -74,13 +66,7 @@ class StudyTable:
 
 
 def read_study_table(path: Path) -> StudyTable:
-    """Table from a file that `StudyTable.write` made.
-
-    Raises
-    ------
-    InputError
-        When the file is none of them, or was changed.
-    """
+    """Table from a file that `StudyTable.write` made."""
     try:
         content = path.read_bytes()
         if not is_sealed(content, {}):
@@ -94,28 +80,14 @@ def read_study_table(path: Path) -> StudyTable:
 
 @dataclass(frozen=True)
 class StudyFolder(Generic[Task]):
-    """Where the tasks' rows are kept.
+    """Where the tasks' rows are kept."""
 
-    Parameters
-    ----------
-    folder : Path
-        Made when it is not there.
-    tasks : sequence of StudyTask
-        In the order in which they are done.
-    name, text : str
-        Of the study's grid.
-    package : str
-        The study's own, whose code makes rows beside Eivor's.
-    planned : int
-        Flights of the whole study.
-    """
-
-    folder: Path
-    tasks: Sequence[Task]
-    name: str
+    folder: Path  # Made when it is not there
+    tasks: Sequence[Task]  # In the order in which they are done
+    name: str  # Of the study's grid
     text: str
-    package: str
-    planned: int
+    package: str  # The study's own, whose code makes rows beside Eivor's
+    planned: int  # Flights of the whole study
 
     def missing(self) -> list[Task]:
         """Tasks whose file is not there, not whole, or was made by other code."""
@@ -127,15 +99,7 @@ class StudyFolder(Generic[Task]):
         write_atomically(self._path(task), sealed(pl.DataFrame(list(rows)), self._facts(task)))
 
     def run(self, rows_of: Callable[[Task], Sequence[Row]], workers: int | None = None) -> None:
-        """Do what is left of the study.
-
-        Parameters
-        ----------
-        rows_of : callable
-            From a task to its rows.
-        workers : int, optional
-            Processes; default one for each core. The rows do not depend on it.
-        """
+        """Do what is left of the study."""
         from rich.console import Console
         from rich.progress import Progress
 
@@ -150,13 +114,7 @@ class StudyFolder(Generic[Task]):
                         bar.advance(task)
 
     def gathered(self) -> StudyTable:
-        """Table of all tasks that are done, in the order of their files' names.
-
-        Raises
-        ------
-        InputError
-            When none is.
-        """
+        """Table of all tasks that are done, in the order of their files' names."""
         contents = {task: self._content(task) for task in sorted(self.tasks, key=lambda task: task.file_name)}
         done = {task: pl.read_parquet(io.BytesIO(content)) for task, content in contents.items() if content}
         if not done:

@@ -33,37 +33,17 @@ Row = dict[str, str | int | float]
 
 @dataclass(frozen=True, slots=True)
 class SuiteCommand:
-    """A study that is a suite.
+    """A study that is a suite."""
 
-    Parameters
-    ----------
-    module, doc : str
-        How it is called, and what its help says.
-    suite : callable
-        Gives the suite that is run when no other is named.
-    rows_of : callable
-        Rows of one of its studies.
-    columns : tuple of str
-        Of these rows.
-    kind : str
-        What their table is called.
-    tables : callable
-        The page's part, of all rows.
-    part : str
-        Name of that part.
-    requirements : callable
-        What rows are judged by.
-    """
-
-    module: str
+    module: str  # How it is called, and what its help says
     doc: str
-    suite: Callable[[], Suite]
-    rows_of: Callable[[SuiteStudy, StudyResult], Iterable[Row]]
-    columns: tuple[str, ...]
-    kind: str
-    tables: Callable[[pl.DataFrame], str]
-    part: str
-    requirements: Callable[[pl.DataFrame], Iterable[Requirement]]
+    suite: Callable[[], Suite]  # Gives the suite that is run when no other is named
+    rows_of: Callable[[SuiteStudy, StudyResult], Iterable[Row]]  # Rows of one of its studies
+    columns: tuple[str, ...]  # Of these rows
+    kind: str  # What their table is called
+    tables: Callable[[pl.DataFrame], str]  # The page's part, of all rows
+    part: str  # Name of that part
+    requirements: Callable[[pl.DataFrame], Iterable[Requirement]]  # What rows are judged by
 
     def main(self, arguments: Sequence[str] | None = None) -> int:
         """Run the command; returns its exit code."""
@@ -120,19 +100,7 @@ def run_suite(
     rows_of: Callable[[SuiteStudy, StudyResult], Iterable[Row]],
     workers: int | None = None,
 ) -> pl.DataFrame:
-    """Run what is left of a suite and gather its rows.
-
-    Parameters
-    ----------
-    suite : Suite
-        What to run.
-    folder : Path
-        Each study keeps its trials in a folder of its own in there.
-    rows_of : callable
-        Rows of one of its studies.
-    workers : int, optional
-        Processes; default one for each core.
-    """
+    """Run what is left of a suite and gather its rows."""
     from rich.console import Console
     from rich.progress import Progress
 
@@ -149,11 +117,7 @@ def run_suite(
 
 
 def joined(tables: Sequence[pl.DataFrame]) -> pl.DataFrame:
-    """Rows of several runs, in the order in which they are first met.
-
-    A row that several have is taken from the one with most records: those of one seed begin alike, so the
-    others' are among them.
-    """
+    """Rows of several runs, in the order in which they are first met."""
     rows = pl.concat(tables)
     most = rows.group_by(*KEYS, maintain_order=True).agg(pl.all().sort_by("runs").last())
     return most.select(rows.columns)
@@ -166,13 +130,7 @@ def versions() -> str:
 
 
 def write_rows(rows: pl.DataFrame, path: Path) -> None:
-    """Write a table as Parquet.
-
-    Raises
-    ------
-    InputError
-        When it cannot be written.
-    """
+    """Write a table as Parquet."""
     try:
         with atomic_write(path) as file:
             rows.write_parquet(file, compression="zstd", statistics=False)
@@ -181,13 +139,7 @@ def write_rows(rows: pl.DataFrame, path: Path) -> None:
 
 
 def read_rows(path: Path, columns: tuple[str, ...], kind: str) -> pl.DataFrame:
-    """Table from a file that `write_rows` made.
-
-    Raises
-    ------
-    InputError
-        When the file has other columns, or is no table.
-    """
+    """Table from a file that `write_rows` made."""
     try:
         rows = pl.read_parquet(path)
     except (OSError, pl.exceptions.PolarsError, pl.exceptions.PanicException) as error:

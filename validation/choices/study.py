@@ -45,50 +45,27 @@ WRONG = 2
 
 @dataclass(frozen=True, slots=True)
 class RateTrial:
-    """A flight at one rate.
+    """A flight at one rate."""
 
-    Parameters
-    ----------
-    verdict : str
-        Of the flight.
-    held : tuple of bool or None
-        Whether the interval of each of `QUANTITIES` holds the truth; None without an interval.
-    """
-
-    verdict: str
+    verdict: str  # Of the flight
+    # Whether the interval of each of `QUANTITIES` holds the truth; None without an interval
     held: tuple[bool | None, ...]
 
 
 @dataclass(frozen=True, slots=True)
 class DelayTrial:
-    """A flight whose commands are late, with one model.
+    """A flight whose commands are late, with one model."""
 
-    Parameters
-    ----------
-    error : float
-        Of the input gain, relative to the truth.
-    held : bool
-        Whether its interval holds the truth.
-    """
-
-    error: float
-    held: bool
+    error: float  # Of the input gain, relative to the truth
+    held: bool  # Whether its interval holds the truth
 
 
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """What was made of one seed.
+    """What was made of one seed."""
 
-    Parameters
-    ----------
-    rates : tuple of RateTrial
-        For each of `THINNINGS`.
-    with_delay, without_delay : DelayTrial
-        Of the model that searches the delay, and of the one that has none.
-    """
-
-    rates: tuple[RateTrial, ...]
-    with_delay: DelayTrial
+    rates: tuple[RateTrial, ...]  # For each of `THINNINGS`
+    with_delay: DelayTrial  # Of the model that searches the delay, and of the one that has none
     without_delay: DelayTrial
 
 
@@ -183,13 +160,7 @@ def share_text(share: Share) -> str:
 
 
 def run(flights: int = FLIGHTS, workers: int | None = None) -> list[Trial]:
-    """Trials of the first seeds.
-
-    Raises
-    ------
-    UsageError
-        When there are fewer than two: a standard deviation needs two.
-    """
+    """Trials of the first seeds."""
     if flights < 2:
         raise UsageError("two flights or more", f"{flights}", "The page has 40.")
     return list(in_order(local_executor(workers, flights).map(fly, range(flights))))

@@ -55,11 +55,5 @@ def coverage_rows(suite_study: SuiteStudy, result: StudyResult) -> Iterator[dict
 
 
 def read_coverage(path: Path) -> pl.DataFrame:
-    """Table from a file that the command wrote.
-
-    Raises
-    ------
-    InputError
-        When the file is none of them.
-    """
+    """Table from a file that the command wrote."""
     return read_rows(path, COLUMNS, "coverage")

@@ -43,49 +43,24 @@ LAGS_S = (0.03, 0.15)
 
 @dataclass(frozen=True, slots=True)
 class Steps:
-    """What can be chosen in the steps; the defaults are what gives the published numbers.
+    """What can be chosen in the steps; the defaults are what gives the published numbers."""
 
-    Parameters
-    ----------
-    lag_s : float
-        Of the motors [s].
-    gravity : float
-        What an accelerometer's g along z counts as [m/s^2].
-    full_power : float
-        Command that is full power.
-    corrected_stamps : bool
-        Steps of the mean length in place of the logged ones.
-    own_thrust : bool
-        Thrust of the log with roll and pitch manoeuvres itself.
-    torque_has_the_noise : bool
-        The rates' differences regressed on the torque in place of the torque on them.
-    """
-
-    lag_s: float = 0.0716
-    gravity: float = 9.18
-    full_power: float = 65536.0
-    corrected_stamps: bool = False
-    own_thrust: bool = False
+    lag_s: float = 0.0716  # Of the motors [s]
+    gravity: float = 9.18  # What an accelerometer's g along z counts as [m/s^2]
+    full_power: float = 65536.0  # Command that is full power
+    corrected_stamps: bool = False  # Steps of the mean length in place of the logged ones
+    own_thrust: bool = False  # Thrust of the log with roll and pitch manoeuvres itself
+    # The rates' differences regressed on the torque in place of the torque on them
     torque_has_the_noise: bool = False
 
 
 @dataclass(frozen=True, slots=True)
 class Numbers:
-    """What comes out.
+    """What comes out."""
 
-    Parameters
-    ----------
-    thrust : tuple of float
-        c0, c1, c2 of a rotor [N].
-    residual : float
-        Root mean square of the specific force that thrust does not explain [m/s^2].
-    inertia : tuple of float
-        Ixx, Iyy, Izz [kg m^2].
-    """
-
-    thrust: tuple[float, float, float]
-    residual: float
-    inertia: tuple[float, float, float]
+    thrust: tuple[float, float, float]  # c0, c1, c2 of a rotor [N]
+    residual: float  # Root mean square of the specific force that thrust does not explain [m/s^2]
+    inertia: tuple[float, float, float]  # Ixx, Iyy, Izz [kg m^2]
 
 
 #: Lag [s], and numbers as they were published; nothing is known of the residual.
@@ -95,15 +70,9 @@ PUBLISHED_LAG_S = 0.0716
 
 @dataclass(frozen=True)
 class Logs:
-    """Stretches of the two logs that the recipe takes.
+    """Stretches of the two logs that the recipe takes."""
 
-    Parameters
-    ----------
-    thrust, tilting : tuple of Stretch
-        With thrust manoeuvres, and with those of roll and pitch.
-    """
-
-    thrust: tuple[Stretch, ...]
+    thrust: tuple[Stretch, ...]  # With thrust manoeuvres, and with those of roll and pitch
     tilting: tuple[Stretch, ...]
 
     @classmethod

@@ -21,24 +21,12 @@ ROTORS = range(1, 5)
 
 @dataclass(frozen=True)
 class Stretch:
-    """Records in a row.
+    """Records in a row."""
 
-    Parameters
-    ----------
-    time_s : ndarray, shape (n,)
-        Stamps since the vehicle was switched on [s].
-    force_g : ndarray, shape (n,)
-        Accelerometer along z [g].
-    rates : ndarray, shape (n, 3)
-        Body rates [rad/s].
-    commands : ndarray, shape (n, 4)
-        Of the motors, 0 to 65535.
-    """
-
-    time_s: Float[np.ndarray, " n"]
-    force_g: Float[np.ndarray, " n"]
-    rates: Float[np.ndarray, "n 3"]
-    commands: Float[np.ndarray, "n 4"]
+    time_s: Float[np.ndarray, " n"]  # Stamps since the vehicle was switched on [s]
+    force_g: Float[np.ndarray, " n"]  # Accelerometer along z [g]
+    rates: Float[np.ndarray, "n 3"]  # Body rates [rad/s]
+    commands: Float[np.ndarray, "n 4"]  # Of the motors, 0 to 65535
 
 
 def stretches(log: Path, window: tuple[float, float]) -> tuple[Stretch, ...]:

@@ -22,15 +22,7 @@ from validation.suites import WRONG, read_rows, write_rows
 
 
 def with_bounds(rows: pl.DataFrame, suite: Suite) -> pl.DataFrame:
-    """Rows with the bounds of a suite's scenarios; those of other scenarios and lengths stay as they are.
-
-    Parameters
-    ----------
-    rows : polars.DataFrame
-        See `validation.efficiency.table`.
-    suite : Suite
-        Whose scenarios and lengths.
-    """
+    """Rows with the bounds of a suite's scenarios; those of other scenarios and lengths stay as they are."""
     keys = ["scenario", "samples", "parameter"]
     result = pl.DataFrame(
         [

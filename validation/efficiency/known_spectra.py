@@ -35,22 +35,12 @@ from validation.suites import WRONG, Row, versions, write_rows
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """One record.
+    """One record."""
 
-    Parameters
-    ----------
-    scenario : str
-        Name of a shipped one.
-    samples, run : int
-        Length, and number of the record.
-    values : list of float
-        K and K_u.
-    """
-
-    scenario: str
-    samples: int
+    scenario: str  # Name of a shipped one
+    samples: int  # Length, and number of the record
     run: int
-    values: list[float]
+    values: list[float]  # K and K_u
 
 
 def trial(suite_study: SuiteStudy, run: int) -> Found:

@@ -12,10 +12,7 @@ from eivor.simulation.excitation import GivenSeries
 
 
 def open_loop(scenario: Scenario, seed: int) -> Scenario:
-    """Scenario with one realised input, disturbance and strengths of noises, and nothing that answers them.
-
-    What control adds to the input in answer to disturbances and noises is left out: no instrument tells it.
-    """
+    """Scenario with one realised input, disturbance and strengths of noises, and nothing that answers them."""
     quiet = replace(scenario, noise={}, noise_to_signal={}, disturbance=None, disturbance_to_signal=None)
     record, undisturbed = (simulate(item, np.random.default_rng(seed)) for item in (scenario, quiet))
     return replace(

@@ -55,10 +55,7 @@ def efficiency_rows(suite_study: SuiteStudy, result: StudyResult) -> Iterator[Ro
 
 
 def bounds_of(suite_study: SuiteStudy) -> dict[str, float]:
-    """Bound of each parameter over its size; under control that of the open loop with the same input.
-
-    None where noises are of kinds that there is no bound for.
-    """
+    """Bound of each parameter over its size; under control that of the open loop with the same input."""
     experiment = suite_study.study.experiment
     if not isinstance(experiment, VerticalExperiment):
         return {}

@@ -42,21 +42,11 @@ STANDARD_ERRORS = 3.0
 
 @dataclass(frozen=True, slots=True)
 class Tried:
-    """One record.
+    """One record."""
 
-    Parameters
-    ----------
-    scenario : str
-        Name of a shipped one.
-    run : int
-        Number of the record.
-    errors : dict of str to list of float
-        Of K and K_u over their size, by method.
-    """
-
-    scenario: str
-    run: int
-    errors: dict[str, list[float]]
+    scenario: str  # Name of a shipped one
+    run: int  # Number of the record
+    errors: dict[str, list[float]]  # Of K and K_u over their size, by method
 
 
 def trial(name: str, samples: int, run: int) -> Tried:

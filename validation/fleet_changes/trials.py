@@ -27,76 +27,41 @@ NEAR = 3
 
 @dataclass(frozen=True, slots=True)
 class Cell:
-    """What a cell is.
+    """What a cell is."""
 
-    Parameters
-    ----------
-    what : str
-        "nothing", "wear", "step", or "weaker": the first vehicle of each fleet, from its first flight.
-    share : float
-        Of thrust lost.
-    flights, vehicles, fleets : int
-        Of a vehicle, of a fleet, of the cell.
-    weather, battery : float
-        Standard deviations of the logarithms of density and voltage.
-    outliers : int
-        Flights of each vehicle that are off by `OFF`.
-    payload : float
-        Share by which the mass, which is given, grows evenly over the flights.
-    """
-
+    # "nothing", "wear", "step", or "weaker": the first vehicle of each fleet, from its first flight
     what: str
-    share: float
-    flights: int
+    share: float  # Of thrust lost
+    flights: int  # Of a vehicle, of a fleet, of the cell
     vehicles: int
     fleets: int
-    weather: float
+    weather: float  # Standard deviations of the logarithms of density and voltage
     battery: float
-    outliers: int = 0
-    payload: float = 0.0
+    outliers: int = 0  # Flights of each vehicle that are off by `OFF`
+    payload: float = 0.0  # Share by which the mass, which is given, grows evenly over the flights
 
 
 @dataclass(frozen=True, slots=True)
 class Told:
-    """Shares of a cell's vehicles.
+    """Shares of a cell's vehicles."""
 
-    Parameters
-    ----------
-    what : str
-        As in `Cell`.
-    flights, vehicles, fleets, outliers : int
-        Likewise.
-    payload : float
-        Likewise.
-    changes : float
-        A change is told of some quantity.
-    gain_changes : float
-        Of the one that loses thrust.
-    deviating, wrong : float
-        Of the flights that are off those that are told to deviate; vehicles of which another one is.
-    sign, covered : float
-        The drift's interval has the sign of the wear alone; it holds the wear.
-    dated, held : float
-        A step is told within three flights of the truth; the flights left open hold it.
-    differing, others : float
-        Of the weaker vehicles those that are told to differ in the gain; of the others those told to in any
-        quantity.
-    """
-
-    what: str
-    flights: int
+    what: str  # As in `Cell`
+    flights: int  # Likewise
     vehicles: int
     fleets: int
     outliers: int
-    payload: float
-    changes: float
-    gain_changes: float
+    payload: float  # Likewise
+    changes: float  # A change is told of some quantity
+    gain_changes: float  # Of the one that loses thrust
+    # Of the flights that are off those that are told to deviate; vehicles of which another one is
     deviating: float
     wrong: float
-    sign: float
+    sign: float  # The drift's interval has the sign of the wear alone; it holds the wear
     covered: float
-    dated: float
+    dated: float  # A step is told within three flights of the truth; the flights left open hold it
     held: float
+    # Of the weaker vehicles those that are told to differ in the gain; of the others those told to in any
+    # quantity
     differing: float
     others: float
 

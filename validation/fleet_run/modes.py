@@ -35,39 +35,20 @@ LOOK_S = 0.02
 
 @dataclass(frozen=True, slots=True)
 class Told:
-    """What a way of running the fleet made.
+    """What a way of running the fleet made."""
 
-    Parameters
-    ----------
-    mode, what : str
-        The way, by the name of its folder and in words.
-    logs, rows, names : int
-        Logs of the fleet, rows of the table, and different names in it.
-    verdicts : mapping of str to int
-        Rows by verdict.
-    sha256 : str
-        Of the table, sorted, as Parquet.
-    table_bytes, parts : int
-        Of the files of the table.
-    row_bytes : float
-        Of a row with a result, in one file of all such rows.
-    ended : int
-        Runs, or workers, that were killed or interrupted on the way.
-    seconds, cpu_s, parent_mb : float
-        Of the last run: by the clock, of all processors, and the largest memory of who hands out.
-    """
-
-    mode: str
+    mode: str  # The way, by the name of its folder and in words
     what: str
-    logs: int
+    logs: int  # Logs of the fleet, rows of the table, and different names in it
     rows: int
     names: int
-    verdicts: Mapping[str, int]
-    sha256: str
-    table_bytes: int
+    verdicts: Mapping[str, int]  # Rows by verdict
+    sha256: str  # Of the table, sorted, as Parquet
+    table_bytes: int  # Of the files of the table
     parts: int
-    row_bytes: float
-    ended: int
+    row_bytes: float  # Of a row with a result, in one file of all such rows
+    ended: int  # Runs, or workers, that were killed or interrupted on the way
+    # Of the last run: by the clock, of all processors, and the largest memory of who hands out
     seconds: float
     cpu_s: float
     parent_mb: float

@@ -27,52 +27,26 @@ PARAMETERS = ("viscous_friction", "input_gain")
 
 @dataclass(frozen=True, slots=True)
 class Regime:
-    """Flights of one kind.
+    """Flights of one kind."""
 
-    Parameters
-    ----------
-    name : str
-        How tables call it.
-    gust_rms, duration : float
-        Of the simulated flights [m/s, s].
-    every : int
-        Of so many samples of the log one is kept.
-    left_out : bool
-        Whether methods are also told that there is no lag.
-    """
-
-    name: str
-    gust_rms: float
+    name: str  # How tables call it
+    gust_rms: float  # Of the simulated flights [m/s, s]
     duration: float
-    every: int
-    left_out: bool
+    every: int  # Of so many samples of the log one is kept
+    left_out: bool  # Whether methods are also told that there is no lag
 
 
 @dataclass(frozen=True, slots=True)
 class Told:
-    """What one method says of one flight.
+    """What one method says of one flight."""
 
-    Parameters
-    ----------
-    regime, run : str, int
-        Which flight.
-    method, lag : str
-        By which method, and whether the lag is `SEARCHED` or `OMITTED`.
-    verdict : str
-        On the flight.
-    errors : list of float
-        Of friction and gain over the truth; NaN without an estimate.
-    held : list of bool
-        Whether their intervals hold the truth.
-    """
-
-    regime: str
+    regime: str  # Which flight
     run: int
-    method: str
+    method: str  # By which method, and whether the lag is `SEARCHED` or `OMITTED`
     lag: str
-    verdict: str
-    errors: list[float]
-    held: list[bool]
+    verdict: str  # On the flight
+    errors: list[float]  # Of friction and gain over the truth; NaN without an estimate
+    held: list[bool]  # Whether their intervals hold the truth
 
 
 def flight(regime: Regime, vehicle: dict[str, float], run: int) -> tuple[VerticalFlightSpec, Recording]:

@@ -28,52 +28,24 @@ SIMULATORS = ("vertical", "rotorpy")
 
 @dataclass(frozen=True, slots=True)
 class FlightCase:
-    """One flight of the grid.
+    """One flight of the grid."""
 
-    Parameters
-    ----------
-    name : str
-        Class and number in the class.
-    flight_class : str
-        Class.
-    simulator : str
-        "vertical" or "rotorpy".
-    kind : str
-        What it is scored as, one of `KINDS`.
-    calm : bool
-        Excited, with gusts up to the grid's limit.
-    small : bool
-        Flown in the small size too.
-    spec : VerticalFlightSpec or RotorpyFlightSpec
-        The flight.
-    """
-
-    name: str
-    flight_class: str
-    simulator: str
-    kind: str
-    calm: bool
-    small: bool
-    spec: FlightSpec
+    name: str  # Class and number in the class
+    flight_class: str  # Class
+    simulator: str  # "vertical" or "rotorpy"
+    kind: str  # What it is scored as, one of `KINDS`
+    calm: bool  # Excited, with gusts up to the grid's limit
+    small: bool  # Flown in the small size too
+    spec: FlightSpec  # The flight
 
 
 @dataclass(frozen=True, slots=True)
 class FlightGrid:
-    """All flights of a study.
+    """All flights of a study."""
 
-    Parameters
-    ----------
-    name : str
-        Name of the grid.
-    calm_up_to : float
-        Largest gusts of a calm flight [m/s].
-    cases : tuple of FlightCase
-        In the order of the file.
-    """
-
-    name: str
-    calm_up_to: float
-    cases: tuple[FlightCase, ...]
+    name: str  # Name of the grid
+    calm_up_to: float  # Largest gusts of a calm flight [m/s]
+    cases: tuple[FlightCase, ...]  # In the order of the file
 
     def small(self) -> FlightGrid:
         """Return the small size: the flights that the file picks out."""
@@ -92,15 +64,7 @@ def read_grid(path: Path) -> FlightGrid:
 
 
 def flight_grid(text: str) -> FlightGrid:
-    """Grid from the text of a TOML file.
-
-    Raises
-    ------
-    InputError
-        When it is not TOML, a key is missing or unknown, or a value is of the wrong type.
-    UsageError
-        When a flight's specification is out of range.
-    """
+    """Grid from the text of a TOML file."""
     return _grid(toml_table(text, Path("grid.toml"), "a grid"))
 
 

@@ -22,25 +22,13 @@ LEVEL = 0.99
 
 @dataclass(frozen=True, slots=True)
 class Score:
-    """How one estimator did on one quantity over some flights.
+    """How one estimator did on one quantity over some flights."""
 
-    Parameters
-    ----------
-    median, ninetieth : float
-        Quantiles of the absolute error.
-    bias : float
-        Mean error.
-    coverage : Share
-        Intervals that hold the truth.
-    beyond_half : Share
-        Estimates off by more than half of the truth.
-    """
-
-    median: float
+    median: float  # Quantiles of the absolute error
     ninetieth: float
-    bias: float
-    coverage: Share
-    beyond_half: Share
+    bias: float  # Mean error
+    coverage: Share  # Intervals that hold the truth
+    beyond_half: Share  # Estimates off by more than half of the truth
 
 
 def accepted(rows: pl.DataFrame) -> pl.DataFrame:
@@ -59,15 +47,7 @@ def accepted_share(rows: pl.DataFrame) -> Share:
 
 
 def score(rows: pl.DataFrame, quantity: str, estimator: str = RECIPE) -> Score:
-    """Errors and coverage over all flights of a table that have an estimate.
-
-    Parameters
-    ----------
-    rows : polars.DataFrame
-        Rows of a `TrialTable`.
-    quantity, estimator : str
-        What is scored.
-    """
+    """Errors and coverage over all flights of a table that have an estimate."""
     value, low, high = (
         rows[f"{estimator}.{quantity}.{part}"].to_numpy() for part in ("value", "low", "high")
     )

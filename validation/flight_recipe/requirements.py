@@ -33,15 +33,7 @@ NAMES = {
 
 
 def requirements(rows: pl.DataFrame, *, allow_chance: bool = False) -> tuple[Requirement, ...]:
-    """Judge a run of the study.
-
-    Parameters
-    ----------
-    rows : polars.DataFrame
-        Rows of a `TrialTable`.
-    allow_chance : bool
-        Compare shares through their 99 % interval, as a small run needs it; else as they are.
-    """
+    """Judge a run of the study."""
     calm = rows.filter(pl.col("calm"))
     excited = rows.filter(pl.col("kind") == "excited")
     gusty = excited.filter(~pl.col("calm"))

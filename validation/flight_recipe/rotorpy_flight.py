@@ -47,45 +47,19 @@ from validation.flight_recipe.rotorpy_vehicles import (
 
 @dataclass(frozen=True, slots=True)
 class RotorpyFlightSpec:
-    """Everything that a flight is a function of.
+    """Everything that a flight is a function of."""
 
-    Parameters
-    ----------
-    vehicle : Vehicle
-        Which multirotor.
-    actuator_lag : float or None
-        Time constant of the rotors [s]; None for the vehicle's own.
-    delay : float
-        Delay of the commands [s], a multiple of 0.01.
-    gust_rms : float
-        Standard deviation of the wind on each of the three axes [m/s].
-    gust_correlation : float
-        Correlation time of the wind, an Ornstein-Uhlenbeck process [s].
-    noise : SensorNoise
-        Levels and kind.
-    trajectory : TrajectoryKind
-        The altitude reference.
-    seed : int
-        Reference, wind and noise have streams of their own, so that a change of the noise's kind leaves
-        trajectory and wind as they were.
-    duration : float
-        [s], a multiple of 0.01.
-
-    Raises
-    ------
-    UsageError
-        When a value is out of its range.
-    """
-
-    vehicle: Vehicle = Vehicle.CRAZYFLIE
-    actuator_lag: float | None = None
-    delay: float = 0.0
-    gust_rms: float = 0.0
-    gust_correlation: float = 1.0
-    noise: SensorNoise = field(default_factory=SensorNoise)
-    trajectory: TrajectoryKind = TrajectoryKind.MULTISINE
+    vehicle: Vehicle = Vehicle.CRAZYFLIE  # Which multirotor
+    actuator_lag: float | None = None  # Time constant of the rotors [s]; None for the vehicle's own
+    delay: float = 0.0  # Delay of the commands [s], a multiple of 0.01
+    gust_rms: float = 0.0  # Standard deviation of the wind on each of the three axes [m/s]
+    gust_correlation: float = 1.0  # Correlation time of the wind, an Ornstein-Uhlenbeck process [s]
+    noise: SensorNoise = field(default_factory=SensorNoise)  # Levels and kind
+    trajectory: TrajectoryKind = TrajectoryKind.MULTISINE  # The altitude reference
+    # Reference, wind and noise have streams of their own, so that a change of the noise's kind leaves
+    # trajectory and wind as they were
     seed: int = 0
-    duration: float = 60.0
+    duration: float = 60.0  # [s], a multiple of 0.01
 
     def __post_init__(self) -> None:
         lag = 0.01 if self.actuator_lag is None else self.actuator_lag
@@ -114,32 +88,7 @@ class RotorpyFlightSpec:
 def simulate_rotorpy_flight(
     spec: RotorpyFlightSpec, reference: Trajectory | None = None, vertical_gains: float = 1.0
 ) -> SimulatedFlight:
-    """Fly one closed loop of RotorPy and return its log and its truth.
-
-    Parameters
-    ----------
-    spec : RotorpyFlightSpec
-        The flight. The result is a pure function of the arguments.
-    reference : Trajectory, optional
-        Fly this in place of the specification's.
-    vertical_gains : float
-        Gain of the vertical velocity loop over the tuned one; that of the height stays.
-
-    Returns
-    -------
-    SimulatedFlight
-        Recording with the channels rotor_command_1..4 [rad/s], velocity_z, position_z, attitude_*,
-        specific_force_body_*, reference_*_z (the trajectory's own, no feedback in it), and the truth.
-
-    Raises
-    ------
-    MissingReaderError
-        When RotorPy is not installed.
-
-    Notes
-    -----
-    On one core a flight of 60 s takes 6 to 20 s, the more the shorter the lag.
-    """
+    """Fly one closed loop of RotorPy and return its log and its truth."""
     shape, air, sensors = (
         np.random.Generator(np.random.PCG64(s)) for s in np.random.SeedSequence(spec.seed).spawn(3)
     )

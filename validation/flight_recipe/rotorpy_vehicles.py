@@ -72,13 +72,7 @@ _MEDIUM: Mapping[str, Any] = {
 
 
 def vehicle_parameters(vehicle: Vehicle, lag_s: float | None) -> dict[str, Any]:
-    """RotorPy's parameter set of the vehicle, with another actuator lag when one is given [s].
-
-    Raises
-    ------
-    MissingReaderError
-        When RotorPy is not installed.
-    """
+    """RotorPy's parameter set of the vehicle, with another actuator lag when one is given [s]."""
     try:
         from rotorpy.vehicles import crazyflie_params, hummingbird_params
     except ModuleNotFoundError as error:
@@ -127,22 +121,13 @@ def hover_speed(parameters: Mapping[str, Any]) -> float:
 
 
 def integrator_options(lag: float) -> dict[str, Any]:
-    """Options of the integrator, by the actuator's lag [s].
-
-    RotorPy's default tolerance (1e-3) puts a 5 s flight off by .33 m. These leave errors below 2e-5 rad/s
-    and 1e-8 m against a tolerance of 1e-11, because the first step, given rather than guessed, spans the
-    control step or the lag, whichever is shorter. The fifth order suffices when the lag is long.
-    """
+    """Options of the integrator, by the actuator's lag [s]."""
     method = "RK45" if lag >= 4.0 * STEP_S else "DOP853"
     return {"method": method, "rtol": 1e-6, "atol": 1e-7, "first_step": min(STEP_S, lag)}
 
 
 def tuned_controller(parameters: Mapping[str, Any], delay_s: float) -> Any:
-    """RotorPy's SE3 controller, its gains lowered where the actuator's lag asks for it.
-
-    The shipped gains lose a Crazyflie (lag 72 ms) at 20 ms of delay. T is the lag, the delay and half a
-    control step together; each loop's crossover stays a fixed part of 1/T, and below the shipped gain.
-    """
+    """RotorPy's SE3 controller, its gains lowered where the actuator's lag asks for it."""
     from rotorpy.controllers.quadrotor_control import SE3Control
 
     controller = SE3Control(dict(parameters))

@@ -31,20 +31,7 @@ NOT_MET, WRONG = 3, 2
 
 
 def run_grid(size: str, workers: int | None = None) -> TrialTable:
-    """Run the published grid at one of its sizes.
-
-    Parameters
-    ----------
-    size : str
-        "small" or "full". On a terminal the progress is shown.
-    workers : int, optional
-        Processes; default one for each core. The table does not depend on it.
-
-    Raises
-    ------
-    UsageError
-        When there is less than one worker.
-    """
+    """Run the published grid at one of its sizes."""
     grid = published_grid() if size == "full" else published_grid().small()
     executor = local_executor(workers, len(flown_together(grid)))
     return trial_table(_displayed(run_trials(grid, executor), grid), grid=grid.name, size=size)

@@ -30,18 +30,10 @@ MANTISSA_BITS = 17
 
 @dataclass(frozen=True)
 class TrialTable:
-    """What a run of the study leaves behind.
+    """What a run of the study leaves behind."""
 
-    Parameters
-    ----------
-    rows : polars.DataFrame
-        One row for each flight.
-    origin : mapping of str to str
-        `grid`, `size`, and the versions it was made with.
-    """
-
-    rows: pl.DataFrame
-    origin: Mapping[str, str]
+    rows: pl.DataFrame  # One row for each flight
+    origin: Mapping[str, str]  # `grid`, `size`, and the versions it was made with
 
     def write(self, path: Path) -> None:
         """Write a small Parquet file."""
@@ -53,15 +45,7 @@ class TrialTable:
 
 
 def trial_table(trials: Iterable[FlightTrial], *, grid: str, size: str) -> TrialTable:
-    """Table of finished trials.
-
-    Parameters
-    ----------
-    trials : iterable of FlightTrial
-        In any order.
-    grid, size : str
-        Names of the grid and of its size.
-    """
+    """Table of finished trials."""
     origin = {"grid": grid, "size": size, "python": platform.python_version()}
     rows = pl.DataFrame([_row(trial) for trial in trials])
     rounded = rows.with_columns(
@@ -71,13 +55,7 @@ def trial_table(trials: Iterable[FlightTrial], *, grid: str, size: str) -> Trial
 
 
 def read_trial_table(path: Path) -> TrialTable:
-    """Table from a file that `TrialTable.write` made.
-
-    Raises
-    ------
-    InputError
-        When the file is none of them.
-    """
+    """Table from a file that `TrialTable.write` made."""
     try:
         rows, metadata = pl.read_parquet(path), pl.read_parquet_metadata(path)
     except (OSError, pl.exceptions.PolarsError, pl.exceptions.PanicException) as error:

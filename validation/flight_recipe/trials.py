@@ -47,42 +47,23 @@ FLIGHTS_TOGETHER = 12
 
 @dataclass(frozen=True, slots=True)
 class IntervalEstimate:
-    """A number and its 95 % interval; NaN when there is none.
+    """A number and its 95 % interval; NaN when there is none."""
 
-    Parameters
-    ----------
-    value, low, high : float
-        In the quantity's unit.
-    """
-
-    value: float = float("nan")
+    value: float = float("nan")  # In the quantity's unit
     low: float = float("nan")
     high: float = float("nan")
 
 
 @dataclass(frozen=True, slots=True)
 class FlightTrial:
-    """One flight and what was made of it.
+    """One flight and what was made of it."""
 
-    Parameters
-    ----------
-    case : FlightCase
-        The flight.
-    verdict : str
-        The recipe's overall verdict, or "lost".
-    truth : mapping of str to float
-        Each of `QUANTITIES`; NaN for a lost flight.
-    estimates : mapping of str to mapping of str to IntervalEstimate
-        By estimator and quantity, as in `ESTIMATORS`.
-    first_stage, p_value : float
-        Least conditional first-stage F and the p-value of the over-identification test of the recipe; NaN
-        when it had no instruments.
-    """
-
-    case: FlightCase
-    verdict: str
-    truth: Mapping[str, float]
-    estimates: Mapping[str, Mapping[str, IntervalEstimate]]
+    case: FlightCase  # The flight
+    verdict: str  # The recipe's overall verdict, or "lost"
+    truth: Mapping[str, float]  # Each of `QUANTITIES`; NaN for a lost flight
+    estimates: Mapping[str, Mapping[str, IntervalEstimate]]  # By estimator and quantity, as in `ESTIMATORS`
+    # Least conditional first-stage F and the p-value of the over-identification test of the recipe; NaN when
+    # it had no instruments
     first_stage: float = float("nan")
     p_value: float = float("nan")
 
@@ -93,21 +74,7 @@ class FlightTrial:
 
 
 def run_trials(grid: FlightGrid, executor: Executor) -> Iterator[FlightTrial]:
-    """Fly and judge every flight of the grid, the own simulator's first.
-
-    Parameters
-    ----------
-    grid : FlightGrid
-        The flights.
-    executor : Executor
-        Where to compute. The trials do not depend on it.
-
-    Yields
-    ------
-    FlightTrial
-        Each a function of its case alone. About a second for one of the own simulator's flights, twenty
-        for one of RotorPy's.
-    """
+    """Fly and judge every flight of the grid, the own simulator's first."""
     for trials in in_order(executor.map(fly, flown_together(grid))):
         yield from trials
 

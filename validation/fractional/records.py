@@ -26,19 +26,7 @@ FAR = (*REACH, 128, 192, 256, 384)
 
 
 class KnownEquation(ABC):
-    """A fractional difference equation with its numbers, and records of it.
-
-    Attributes
-    ----------
-    name, about : str
-        Of the scenario.
-    model : FractionalDifferenceModel
-        The equation.
-    truth : mapping of str to float
-        Its parameters.
-    guess : mapping of str to float
-        What both sides are divided by the output's side at: not the truth.
-    """
+    """A fractional difference equation with its numbers, and records of it."""
 
     name: str
     about: str
@@ -92,10 +80,7 @@ OHMIC, ARC, TIME_CONSTANT, ARC_ORDER = 0.010, 0.020, 2.0, 0.8
 
 @dataclass(frozen=True)
 class Cell(KnownEquation):
-    """V + tau^alpha D^alpha V = (R0 + R1) I + R0 tau^alpha D^alpha I, its voltage not by any recursion.
-
-    The current is a line between samples, to which the analytic response is known.
-    """
+    """V + tau^alpha D^alpha V = (R0 + R1) I + R0 tau^alpha D^alpha I, its voltage not by any recursion."""
 
     name = "cell"
     about = "R0 + R1/(1 + (s τ)^0.8), 20 Hz, 2,000 samples"
@@ -136,21 +121,11 @@ def _ramp(samples: int, rate_hz: float) -> Series:
 
 @dataclass(frozen=True, slots=True)
 class Formula:
-    """A method with its instruments.
+    """A method with its instruments."""
 
-    Parameters
-    ----------
-    method : Method
-        Which.
-    instruments : tuple of Column
-        May be empty.
-    rounds : int
-        Estimates one after the other, each divided by the output's side at the one before it.
-    """
-
-    method: Method
-    instruments: tuple[Column, ...] = ()
-    rounds: int = 1
+    method: Method  # Which
+    instruments: tuple[Column, ...] = ()  # May be empty
+    rounds: int = 1  # Estimates one after the other, each divided by the output's side at the one before it
 
     def estimate(self, equation: KnownEquation, record: ev.Signals) -> ev.Estimate:
         """Estimate that is divided by the output's side at the equation's guess first."""

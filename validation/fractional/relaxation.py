@@ -46,10 +46,7 @@ def ramp_response(time: Sequence[float] | Series, alpha: float) -> Series:
 
 
 def driven(current: Float[np.ndarray, " k"], ramp: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
-    """Response at the samples to an input that is a line between them, zero at first.
-
-    `ramp` is the response to a ramp of one per sample, at as many samples.
-    """
+    """Response at the samples to an input that is a line between them, zero at first."""
     bends = np.diff(current, n=2, prepend=[0.0, 0.0])
     # The line bends at a sample and is felt after it.
     return filtered(np.append(bends[1:], 0.0), ramp)

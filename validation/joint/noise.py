@@ -13,15 +13,9 @@ from eivor.simulation.environment import STUDENT_DOF, NoiseKind
 
 @dataclass(frozen=True, slots=True)
 class HeavyTailedNoise(MeasurementNoise):
-    """Independent values of Student's distribution.
+    """Independent values of Student's distribution."""
 
-    Parameters
-    ----------
-    std : float
-        Standard deviation, in the channel's unit.
-    """
-
-    std: float
+    std: float  # Standard deviation, in the channel's unit
 
     def autocovariance(self, lag: int, _start: int, count: int, /) -> Float[np.ndarray, " count"]:
         """Square of `std` at lag zero, nothing else."""

@@ -40,25 +40,13 @@ LOST, FAILED = "lost", "failed"
 
 @dataclass(frozen=True, slots=True)
 class Told:
-    """What one identification of one flight says of K.
+    """What one identification of one flight says of K."""
 
-    Parameters
-    ----------
-    flight, way : str
-        Name of the flight, and how it was identified.
-    verdict : str
-        K's own.
-    of_flight : str
-        The overall one.
-    truth, value, low, high : float
-        Effective value over the samples that were used, estimate and interval [1/s]; zeros without an
-        estimate.
-    """
-
-    flight: str
+    flight: str  # Name of the flight, and how it was identified
     formula: str
-    verdict: str
-    of_flight: str
+    verdict: str  # K's own
+    of_flight: str  # The overall one
+    # Effective value over the samples that were used, estimate and interval [1/s]; zeros without an estimate
     truth: float = 0.0
     value: float = 0.0
     low: float = 0.0
@@ -124,11 +112,7 @@ def strength_of(case: FlightCase, flight: RigidBodyFlight, vehicle: Vehicle) -> 
 
 
 def run(grid: FlightGrid, kept: Path) -> list[Told]:
-    """Run what is left of the study, and return all that its file has.
-
-    Flights are simulated some at a time, and kept when they are done: a run that was interrupted goes on
-    there.
-    """
+    """Run what is left of the study, and return all that its file has."""
     result = read_told(kept)
     done = {item.flight for item in result}
     left = [case for case in grid.cases if case.name not in done]

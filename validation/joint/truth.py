@@ -36,10 +36,7 @@ def effective_vertical(flight: RigidBodyFlight, vehicle: Vehicle, used: Bool[np.
 
 
 def effective_along(flight: RigidBodyFlight, vehicle: Vehicle, used: Bool[np.ndarray, " n"]) -> float:
-    """Drag over mass at hover of the noise-free force along the body's z over some steps [1/s].
-
-    By the equation of the rigid body: what rotors drag goes with their speed and the air's velocity at each.
-    """
+    """Drag over mass at hover of the noise-free force along the body's z over some steps [1/s]."""
     truth, positions = flight.truth, np.array(vehicle.rotors.positions)
     body = Rotation.from_quat(truth.attitude[:, [1, 2, 3, 0]])
     air = body.inv().apply(truth.air_velocity)

@@ -27,24 +27,12 @@ UNNOTICED = 3
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What became of a mutant.
+    """What became of a mutant."""
 
-    Parameters
-    ----------
-    mutant : Mutant
-        The swap.
-    failed : int
-        Tests that failed, over all that it names.
-    blind : tuple of str
-        Names below which no test failed.
-    seconds : float
-        Time of its tests.
-    """
-
-    mutant: Mutant
-    failed: int
-    blind: tuple[str, ...]
-    seconds: float
+    mutant: Mutant  # The swap
+    failed: int  # Tests that failed, over all that it names
+    blind: tuple[str, ...]  # Names below which no test failed
+    seconds: float  # Time of its tests
 
     @property
     def noticed(self) -> bool:
@@ -53,13 +41,7 @@ class Outcome:
 
 
 def tried(workspace: Workspace, mutant: Mutant) -> Outcome:
-    """Make a mutant and run its tests.
-
-    Raises
-    ------
-    MutantError
-        When its tests cannot be run.
-    """
+    """Make a mutant and run its tests."""
     with workspace.swapped(mutant):
         run = workspace.tested(mutant.tests)
     if run.code not in {PASSED, FAILED}:
@@ -70,13 +52,7 @@ def tried(workspace: Workspace, mutant: Mutant) -> Outcome:
 
 
 def check_tests(workspace: Workspace, mutants: Sequence[Mutant]) -> None:
-    """Refuse tests that fail, or are not there, without any mutant.
-
-    Raises
-    ------
-    MutantError
-        With what pytest says.
-    """
+    """Refuse tests that fail, or are not there, without any mutant."""
     names = list(dict.fromkeys(test for mutant in mutants for test in mutant.tests))
     run = workspace.tested(names)
     if run.code != PASSED or any(how != "PASSED" for how, _ in run.ended):

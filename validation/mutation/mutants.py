@@ -16,40 +16,18 @@ class MutantError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Mutant:
-    """One line and what it is swapped for.
+    """One line and what it is swapped for."""
 
-    Parameters
-    ----------
-    name : str
-        Short and unique.
-    area : str
-        What kind of line it is.
-    what : str
-        What the swap does, for people.
-    file : str
-        Path from the root of the project.
-    line, replacement : str
-        The line as it stands, without its indentation, and what takes its place.
-    tests : tuple of str
-        Pytest's names of files, classes or tests; each must have a test that fails.
-    """
-
-    name: str
-    area: str
-    what: str
-    file: str
-    line: str
+    name: str  # Short and unique
+    area: str  # What kind of line it is
+    what: str  # What the swap does, for people
+    file: str  # Path from the root of the project
+    line: str  # The line as it stands, without its indentation, and what takes its place
     replacement: str
-    tests: tuple[str, ...]
+    tests: tuple[str, ...]  # Pytest's names of files, classes or tests; each must have a test that fails
 
     def applied(self, text: str) -> str:
-        """Text of the file with the line swapped, its indentation kept.
-
-        Raises
-        ------
-        MutantError
-            When the line is not found exactly once, or would be swapped for itself.
-        """
+        """Text of the file with the line swapped, its indentation kept."""
         lines = text.splitlines(keepends=True)
         positions = [j for j, line in enumerate(lines) if line.strip() == self.line]
         if len(positions) != 1:
@@ -65,13 +43,7 @@ class Mutant:
 
 
 def read_mutants(path: Path = TABLE) -> tuple[Mutant, ...]:
-    """Mutants of a table, in its order.
-
-    Raises
-    ------
-    MutantError
-        When two have one name, or one names no test.
-    """
+    """Mutants of a table, in its order."""
     entries = tomllib.loads(path.read_text(encoding="utf-8"))["mutant"]
     result = tuple(Mutant(**entry | {"tests": tuple(entry["tests"])}) for entry in entries)
     names = [mutant.name for mutant in result]
@@ -84,10 +56,7 @@ def read_mutants(path: Path = TABLE) -> tuple[Mutant, ...]:
 
 
 def check_lines(mutants: Sequence[Mutant], root: Path) -> list[str]:
-    """What is wrong with the mutants' places; nothing when every line is found exactly once.
-
-    Of a line that has moved to another file of the package, that file is told.
-    """
+    """What is wrong with the mutants' places; nothing when every line is found exactly once."""
     wrong = []
     for mutant in mutants:
         path = root / mutant.file

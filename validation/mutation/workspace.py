@@ -27,24 +27,12 @@ ENDED = re.compile(r"^(PASSED|FAILED|ERROR|SKIPPED|XFAIL|XPASS) (\S+::\S.*?)(?: 
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """Tests that were run.
+    """Tests that were run."""
 
-    Parameters
-    ----------
-    code : int
-        Pytest's exit code.
-    ended : tuple of (str, str)
-        How each test ended, and its name.
-    seconds : float
-        Wall time.
-    text : str
-        What pytest printed.
-    """
-
-    code: int
-    ended: tuple[tuple[str, str], ...]
-    seconds: float
-    text: str
+    code: int  # Pytest's exit code
+    ended: tuple[tuple[str, str], ...]  # How each test ended, and its name
+    seconds: float  # Wall time
+    text: str  # What pytest printed
 
     def failed_of(self, test: str) -> int:
         """Number of tests below a name that did not pass."""
@@ -55,15 +43,7 @@ class Run:
 
 
 class Workspace:
-    """A copy of the project.
-
-    Parameters
-    ----------
-    project : Path
-        Root of the project.
-    folder : Path
-        An empty folder for the copy.
-    """
+    """A copy of the project."""
 
     def __init__(self, project: Path, folder: Path) -> None:
         self.root = folder
@@ -76,13 +56,7 @@ class Workspace:
 
     @contextmanager
     def swapped(self, mutant: Mutant) -> Iterator[None]:
-        """The copy with a mutant's line swapped.
-
-        Raises
-        ------
-        MutantError
-            When its line is not found exactly once, or the file would be no Python any more.
-        """
+        """The copy with a mutant's line swapped."""
         path = self.root / mutant.file
         before = path.read_text(encoding="utf-8")
         after = mutant.applied(before)
@@ -97,11 +71,7 @@ class Workspace:
             path.write_text(before, encoding="utf-8")
 
     def tested(self, tests: Sequence[str]) -> Run:
-        """Run tests in the copy, in one process, without the checks of shapes, which take longer.
-
-        Nothing that is compiled is kept: of a file swapped within a second for one of the same size, Python
-        would run what it compiled before.
-        """
+        """Run tests in the copy, in one process, without the checks of shapes, which take longer."""
         command = [sys.executable, "-m", "pytest", "-q", "-rA", "-n", "0", "-p", "no:cacheprovider"]
         start_s = time.perf_counter()
         done = subprocess.run(

@@ -47,22 +47,12 @@ INSTRUMENTS = ((2, True), (2, False), (3, False), (5, False), (10, False), (20, 
 
 @dataclass(frozen=True, slots=True)
 class Tried:
-    """A combination, and how far it is from table 1.
+    """A combination, and how far it is from table 1."""
 
-    Parameters
-    ----------
-    reading : Reading
-        The combination.
-    means, spreads : ndarray, shape (3, 2)
-        NRMSE of K and K_u in percent, for LS, IV and GIV.
-    total_least_squares : bool
-        IV and GIV in the forms that are solved by total least squares.
-    """
-
-    reading: PaperReading
-    means: Float[np.ndarray, "columns parameters"]
+    reading: PaperReading  # The combination
+    means: Float[np.ndarray, "columns parameters"]  # NRMSE of K and K_u in percent, for LS, IV and GIV
     spreads: Float[np.ndarray, "columns parameters"]
-    total_least_squares: bool
+    total_least_squares: bool  # IV and GIV in the forms that are solved by total least squares
 
     def off_by(self, columns: Sequence[int], *, spreads: bool) -> float:
         """Typical factor between measured and printed in some columns of the table."""

@@ -106,19 +106,7 @@ def compare(
     exact: bool = False,
     reworded: bool = False,
 ) -> Comparison:
-    """Compare the entries of two records.
-
-    Parameters
-    ----------
-    old, new : mapping
-        Entries by PART/NAME, as `record.entry` makes them.
-    listed : sequence of Change
-        What may differ, and must.
-    exact : bool
-        Compare hashes, not numbers within their tolerance.
-    reworded : bool
-        With `exact`: sentences and printed text may differ.
-    """
+    """Compare the entries of two records."""
     result = Comparison(explained=[(change, []) for change in listed])
     for name in [*old, *(name for name in new if name not in old)]:
         missing = next((word for word, record in ((NEW, old), (GONE, new)) if name not in record), "")
@@ -185,22 +173,7 @@ def _text(leaf: Leaf) -> str:
 
 
 def allowed(name: str, path: tuple[str, ...], old: Leaves) -> float:
-    """Largest difference that a number of an entry may have.
-
-    Array problems agree to 1e-9, or to the rounding unit times the condition of their equations where that is
-    larger; a value and the ends of its interval are measured by its standard error where that is larger than
-    they are, as an end may be zero. The numbers of flights follow from a search, and agree to 1e-3 of their
-    standard error, or of themselves where they have none.
-
-    Parameters
-    ----------
-    name : str
-        PART/NAME of the entry.
-    path : tuple of str
-        Where the number stands in it.
-    old : mapping
-        All values of the older entry.
-    """
+    """Largest difference that a number of an entry may have."""
     size = _number(old.get(path))
     if isinstance(old.get(path), int) or not path:
         return 0.0

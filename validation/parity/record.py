@@ -71,19 +71,13 @@ VERTICAL_SEEDS, WHOLE_VEHICLE_SEEDS = range(1, 5), range(1, 3)
 
 @dataclass
 class Folder:
-    """A folder in which commands run, with the recordings at `data` and the studies at `studies`.
-
-    All paths of commands are relative to it, so that no document holds a path of this machine.
-    """
+    """A folder in which commands run, with the recordings at `data` and the studies at `studies`."""
 
     path: Path
     environment: Mapping[str, str] = field(default_factory=lambda: os.environ | ENVIRONMENT)
 
     def eivor(self, *arguments: object, files: Mapping[str, str] | None = None) -> dict[str, Any]:
-        """Run a command; its exit code, its document, and hashes of what it printed and wrote.
-
-        `files` names what else it writes: the hash of each is kept under its key.
-        """
+        """Run a command; its exit code, its document, and hashes of what it printed and wrote."""
         document = self.path / "document.json"
         document.unlink(missing_ok=True)
         done = subprocess.run(
@@ -310,13 +304,7 @@ def _compact(value: Any) -> str:
 
 
 def recordings_folder() -> Path:
-    """Folder of the real recordings: EIVOR_DATA, or ../shared/data beside the project.
-
-    Raises
-    ------
-    SystemExit
-        When there is none: a record without them proves less.
-    """
+    """Folder of the real recordings: EIVOR_DATA, or ../shared/data beside the project."""
     folder = Path(os.environ.get("EIVOR_DATA") or ROOT.parent / "shared" / "data")
     if not folder.is_dir():
         raise SystemExit(f"Expected real recordings in {folder}; received none. Set EIVOR_DATA.")

@@ -34,18 +34,10 @@ OTHER_CONTROLLER = 0.75
 
 @dataclass(frozen=True)
 class FlownPlan:
-    """What a vehicle did.
+    """What a vehicle did."""
 
-    Parameters
-    ----------
-    recording : Recording
-        Its log.
-    height, velocity : ndarray, shape (n,)
-        Its motion [m, m/s], on the reference's own zero.
-    """
-
-    recording: Recording
-    height: Float[np.ndarray, " n"]
+    recording: Recording  # Its log
+    height: Float[np.ndarray, " n"]  # Its motion [m, m/s], on the reference's own zero
     velocity: Float[np.ndarray, " n"]
 
 
@@ -62,18 +54,10 @@ class Flyer(Protocol):
 
 @dataclass(frozen=True)
 class OwnVehicle:
-    """A vehicle of the own simulator.
+    """A vehicle of the own simulator."""
 
-    Parameters
-    ----------
-    name : str
-        What to call it.
-    friction, hover_input, lag_s : float
-        K [1/s], share of full command, lag [s].
-    """
-
-    name: str
-    friction: float
+    name: str  # What to call it
+    friction: float  # K [1/s], share of full command, lag [s]
     hover_input: float
     lag_s: float
 
@@ -125,15 +109,9 @@ class OwnVehicle:
 
 @dataclass(frozen=True)
 class RotorpyVehicle:
-    """A vehicle of RotorPy.
+    """A vehicle of RotorPy."""
 
-    Parameters
-    ----------
-    vehicle : Vehicle
-        Which one.
-    """
-
-    vehicle: Vehicle
+    vehicle: Vehicle  # Which one
 
     @property
     def name(self) -> str:

@@ -22,32 +22,16 @@ LIMITS = FlightLimits()
 
 @dataclass(frozen=True)
 class Outcome:
-    """One planned flight.
+    """One planned flight."""
 
-    Parameters
-    ----------
-    vehicle, target : str
-        Who flew, and what for.
-    number : int
-        Which of the plan's flights.
-    shape : str
-        Kind of the setpoint.
-    predicted, reached : float
-        Half-width of the target in its unit: as the plan printed it, and as the flight has it.
-    identified : bool
-        The target is.
-    kept : bool
-        The vehicle stayed within the limits.
-    """
-
-    vehicle: str
+    vehicle: str  # Who flew, and what for
     target: str
-    number: int
-    shape: str
-    predicted: float
+    number: int  # Which of the plan's flights
+    shape: str  # Kind of the setpoint
+    predicted: float  # Half-width of the target in its unit: as the plan printed it, and as the flight has it
     reached: float
-    identified: bool
-    kept: bool
+    identified: bool  # The target is
+    kept: bool  # The vehicle stayed within the limits
 
     @property
     def ratio(self) -> float:

@@ -22,41 +22,22 @@ SEED = 20261122
 
 @dataclass(frozen=True, slots=True)
 class Told:
-    """Shares of the vehicles of a cell whose intervals hold the truth.
+    """Shares of the vehicles of a cell whose intervals hold the truth."""
 
-    Parameters
-    ----------
-    flights : int
-        Of each vehicle.
-    heterogeneity : float
-        Standard deviation between flights.
-    replications : int
-        Vehicles.
-    std_error : float
-        Mean of the flights' standard errors.
-    mean, knapp, fixed, moments : float
-        Intervals of the mean: Eivor's, Hartung and Knapp's modified one, that of a fixed effect,
-        DerSimonian and Laird's with normal quantiles.
-    following, plain : float
-        Intervals of the next flight: Eivor's, and the plain one with t of n - 2.
-    spread : float
-        Intervals of the heterogeneity.
-    wider : float
-        Median of Eivor's interval of the next flight over the plain one.
-    """
-
-    flights: int
-    heterogeneity: float
-    replications: int
-    std_error: float
+    flights: int  # Of each vehicle
+    heterogeneity: float  # Standard deviation between flights
+    replications: int  # Vehicles
+    std_error: float  # Mean of the flights' standard errors
+    # Intervals of the mean: Eivor's, Hartung and Knapp's modified one, that of a fixed effect, DerSimonian
+    # and Laird's with normal quantiles
     mean: float
     knapp: float
     fixed: float
     moments: float
-    following: float
+    following: float  # Intervals of the next flight: Eivor's, and the plain one with t of n - 2
     plain: float
-    spread: float
-    wider: float
+    spread: float  # Intervals of the heterogeneity
+    wider: float  # Median of Eivor's interval of the next flight over the plain one
 
 
 def cell(flights: int, heterogeneity: float, replications: int, std_errors: tuple[float, float]) -> Told:

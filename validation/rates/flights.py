@@ -54,23 +54,12 @@ VEHICLES = {
 
 @dataclass(frozen=True, slots=True)
 class Condition:
-    """How a cell of the study is flown and logged.
+    """How a cell of the study is flown and logged."""
 
-    Parameters
-    ----------
-    name : str
-        In words.
-    steps : float
-        Attitude steps of roll and pitch [rad]; none where zero.
-    setpoint_hz : float
-        At which setpoints are logged [Hz].
-    judged : str
-        Which requirements it is held against: "50 Hz", "250 Hz", or "small", whose flights may be refused.
-    """
-
-    name: str
-    steps: float
-    setpoint_hz: float
+    name: str  # In words
+    steps: float  # Attitude steps of roll and pitch [rad]; none where zero
+    setpoint_hz: float  # At which setpoints are logged [Hz]
+    # Which requirements it is held against: "50 Hz", "250 Hz", or "small", whose flights may be refused
     judged: str
 
 

@@ -14,34 +14,16 @@ GRID = Path(__file__).with_name("grid.toml")
 
 @dataclass(frozen=True, slots=True)
 class Grid:
-    """What is flown.
+    """What is flown."""
 
-    Parameters
-    ----------
-    seed : int
-        Of the first flight of each cell.
-    seconds : float
-        Of a flight [s].
-    flights : mapping of str to int
-        Of each vehicle and condition, by the size of the study.
-    conditions : tuple of Condition
-        How.
-    """
-
-    seed: int
-    seconds: float
-    flights: Mapping[str, int]
-    conditions: tuple[Condition, ...]
+    seed: int  # Of the first flight of each cell
+    seconds: float  # Of a flight [s]
+    flights: Mapping[str, int]  # Of each vehicle and condition, by the size of the study
+    conditions: tuple[Condition, ...]  # How
 
 
 def read_grid(path: Path = GRID) -> Grid:
-    """Grid of a file.
-
-    Raises
-    ------
-    InputError
-        When it is none.
-    """
+    """Grid of a file."""
     table = read_toml(path, "a grid")
     table.text("name")
     sizes = table.section("flights")

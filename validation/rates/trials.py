@@ -20,33 +20,17 @@ LAG = "effective_lag"
 
 @dataclass(frozen=True, slots=True)
 class Told:
-    """What one identification says of one quantity.
+    """What one identification says of one quantity."""
 
-    Parameters
-    ----------
-    vehicle, condition : str
-        Names of the cell.
-    number : int
-        Of the flight in its cell.
-    method, quantity : str
-        What was asked.
-    error : float
-        Value less truth: of an effectiveness as a share of the truth, of the lag in seconds.
-    below, above : float
-        Ends of the interval less the truth, likewise.
-    accepted : bool
-        The quantity's verdict is identified.
-    """
-
-    vehicle: str
+    vehicle: str  # Names of the cell
     condition: str
-    number: int
-    method: str
+    number: int  # Of the flight in its cell
+    method: str  # What was asked
     quantity: str
-    error: float
-    below: float
+    error: float  # Value less truth: of an effectiveness as a share of the truth, of the lag in seconds
+    below: float  # Ends of the interval less the truth, likewise
     above: float
-    accepted: bool
+    accepted: bool  # The quantity's verdict is identified
 
     @property
     def held(self) -> bool:
@@ -80,11 +64,7 @@ def strength_of(flight: RigidBodyFlight, vehicle: str, condition: Condition, num
 
 
 def run(grid: Grid, size: str, kept: Path) -> list[Told]:
-    """Run what is left of the study, and return all that its file has.
-
-    Flights are simulated side by side, a number of each cell at a time, and kept when they are done: a run
-    that was interrupted goes on there.
-    """
+    """Run what is left of the study, and return all that its file has."""
     result = read_told(kept)
     done = {(item.vehicle, item.condition, item.number) for item in result}
     for number in range(grid.flights[size]):

@@ -19,18 +19,10 @@ DROPOUT_SECONDS = (0.05, 0.5)
 
 @dataclass(frozen=True, slots=True)
 class Clock:
-    """Samples of one topic.
+    """Samples of one topic."""
 
-    Parameters
-    ----------
-    instants : ndarray, shape (n,)
-        When they were taken [s].
-    stamps : ndarray, shape (n,)
-        When the log says that they were [s].
-    """
-
-    instants: Float[np.ndarray, " n"]
-    stamps: Float[np.ndarray, " n"]
+    instants: Float[np.ndarray, " n"]  # When they were taken [s]
+    stamps: Float[np.ndarray, " n"]  # When the log says that they were [s]
 
 
 def topic_clock(spec: FlightSpec, rate_hz: float, rng: np.random.Generator) -> Clock:
@@ -41,12 +33,7 @@ def topic_clock(spec: FlightSpec, rate_hz: float, rng: np.random.Generator) -> C
 
 
 def command_clock(spec: FlightSpec, rng: np.random.Generator) -> Clock:
-    """Clock of the command: at each tick of the logger the controller's latest instant, with its own stamp.
-
-    So distances of stamps are even where the controller's rate is a multiple of the logger's, and else of two
-    kinds, as a log of every second or third command has them. Irregular ticks pick other instants, whose
-    stamps are true.
-    """
+    """Clock of the command."""
     every = STEP_S * spec.vehicle.controller_steps
     period = max(1.0 / spec.logger.command_hz, every)
     ticks = rng.uniform(0.0, period) + period * np.arange(int(spec.duration / period) - 1)
@@ -71,21 +58,11 @@ def _jittered(
 
 @dataclass(frozen=True)
 class Writer:
-    """What happens to every topic on its way into the log: gaps, and samples that are written twice.
+    """What happens to every topic on its way into the log: gaps, and samples that are written twice."""
 
-    Parameters
-    ----------
-    spec : FlightSpec
-        The flight.
-    gaps : ndarray, shape (m, 2)
-        Begin and end [s] of what is lost.
-    rng : numpy.random.Generator
-        Picks what is written twice.
-    """
-
-    spec: FlightSpec
-    gaps: Float[np.ndarray, "m 2"]
-    rng: np.random.Generator
+    spec: FlightSpec  # The flight
+    gaps: Float[np.ndarray, "m 2"]  # Begin and end [s] of what is lost
+    rng: np.random.Generator  # Picks what is written twice
 
     def channel(self, name: str, clock: Clock, values: Float[np.ndarray, " n"], source: str) -> Channel:
         """Channel of the log."""

@@ -30,30 +30,16 @@ State = TypeVar("State", float, np.ndarray)
 
 @dataclass(frozen=True, slots=True)
 class Surroundings:
-    """What a flight meets, arrays of shape (steps,).
+    """What a flight meets, arrays of shape (steps,)."""
 
-    Parameters
-    ----------
-    position, velocity, acceleration : ndarray
-        Reference [m, m/s, m/s^2].
-    gust : ndarray
-        Vertical wind, its mean included [m/s].
-    pitch, roll : ndarray
-        [rad].
-    horizontal : ndarray
-        Velocity along x [m/s].
-    position_noise, velocity_noise : ndarray
-        Errors of what the controller sees [m, m/s].
-    """
-
-    position: Float[np.ndarray, " steps"]
+    position: Float[np.ndarray, " steps"]  # Reference [m, m/s, m/s^2]
     velocity: Float[np.ndarray, " steps"]
     acceleration: Float[np.ndarray, " steps"]
-    gust: Float[np.ndarray, " steps"]
-    pitch: Float[np.ndarray, " steps"]
+    gust: Float[np.ndarray, " steps"]  # Vertical wind, its mean included [m/s]
+    pitch: Float[np.ndarray, " steps"]  # [rad]
     roll: Float[np.ndarray, " steps"]
-    horizontal: Float[np.ndarray, " steps"]
-    position_noise: Float[np.ndarray, " steps"]
+    horizontal: Float[np.ndarray, " steps"]  # Velocity along x [m/s]
+    position_noise: Float[np.ndarray, " steps"]  # Errors of what the controller sees [m, m/s]
     velocity_noise: Float[np.ndarray, " steps"]
 
     @property
@@ -64,31 +50,17 @@ class Surroundings:
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """What happened, arrays of shape (steps,).
+    """What happened, arrays of shape (steps,)."""
 
-    Parameters
-    ----------
-    command, rotor_state : ndarray
-        Command in force from a step on, and the rotor's state.
-    position, velocity, force : ndarray
-        Height [m], vertical velocity [m/s] and specific force [m/s^2].
-    """
-
-    command: Float[np.ndarray, " steps"]
+    command: Float[np.ndarray, " steps"]  # Command in force from a step on, and the rotor's state
     rotor_state: Float[np.ndarray, " steps"]
-    position: Float[np.ndarray, " steps"]
+    position: Float[np.ndarray, " steps"]  # Height [m], vertical velocity [m/s] and specific force [m/s^2]
     velocity: Float[np.ndarray, " steps"]
     force: Float[np.ndarray, " steps"]
 
 
 class Thrust:
-    """Static thrust of a vehicle's rotor.
-
-    Parameters
-    ----------
-    spec : VehicleSpec
-        Its curve, its sag under load, and where it hovers.
-    """
+    """Static thrust of a vehicle's rotor."""
 
     def __init__(self, spec: VehicleSpec) -> None:
         self._spec = spec
@@ -111,19 +83,7 @@ class Thrust:
 
 
 def fly(spec: VehicleSpec, met: Surroundings) -> Motion:
-    """Fly a vehicle through its surroundings under altitude control.
-
-    Parameters
-    ----------
-    spec : VehicleSpec
-        The vehicle.
-    met : Surroundings
-        What it meets.
-
-    Notes
-    -----
-    Begins in equilibrium on the reference. Linear in steps, about .2 s for a minute; performs no checks.
-    """
+    """Fly a vehicle through its surroundings under altitude control."""
     thrust_of, controller = Thrust(spec), _Controller(spec, met)
     scale = (supply(spec, met.position.size) * met.cos_tilt).tolist()
     friction, coupling = (part.tolist() for part in _along_vertical(spec, met))

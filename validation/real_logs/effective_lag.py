@@ -22,22 +22,7 @@ def effective_lag(
     thrust: Callable[[Float[np.ndarray, "n rotors"]], Float[np.ndarray, "n rotors"]],
     rows: Bool[np.ndarray, " n"],
 ) -> float:
-    """Sum of the first-order lag and the delay that best describe the true thrust from the commands [s].
-
-    Least squares of the true thrust on that of rotors with one lag, and an intercept, over the rows. The
-    nominal values for rotors that have one lag.
-
-    Parameters
-    ----------
-    truth : FlightTruth
-        The flight.
-    command : ndarray, shape (n, rotors)
-        In force from each instant on.
-    thrust : callable
-        Static thrust [m/s^2] of rotor states, elementwise.
-    rows : ndarray of bool, shape (n,)
-        Rows to use.
-    """
+    """Sum of the first-order lag and the delay that best describe the true thrust from the commands [s]."""
     from scipy.optimize import minimize
 
     step_s = float(truth.time_s[1] - truth.time_s[0])

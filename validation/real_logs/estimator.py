@@ -22,17 +22,7 @@ def estimated(
     *,
     bias_time: float,
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-    """Velocity [m/s] and acceleration [m/s^2] that the estimator gives.
-
-    Parameters
-    ----------
-    time_s : ndarray, shape (n,)
-        When it computes [s].
-    acceleration, fused : ndarray, shape (n,)
-        What it is given: acceleration [m/s^2] and velocity [m/s].
-    bias_time : float
-        T [s].
-    """
+    """Velocity [m/s] and acceleration [m/s^2] that the estimator gives."""
     velocity, bias = float(fused[0]), 0.0
     velocities, accelerations = np.empty(time_s.size), np.empty(time_s.size)
     steps = np.diff(time_s, prepend=time_s[0]).tolist()

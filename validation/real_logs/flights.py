@@ -14,32 +14,14 @@ from validation.real_logs.spec import FlightSpec
 
 @dataclass(frozen=True)
 class LoggedFlight:
-    """A log and what happened.
+    """A log and what happened."""
 
-    Parameters
-    ----------
-    recording : Recording
-        The log.
-    flown : Flown
-        What is true of it.
-    """
-
-    recording: Recording
-    flown: Flown
+    recording: Recording  # The log
+    flown: Flown  # What is true of it
 
 
 def logged_flight(spec: FlightSpec) -> LoggedFlight:
-    """Fly and log a flight.
-
-    Parameters
-    ----------
-    spec : FlightSpec
-        The flight; the result is a function of it and of nothing else.
-
-    Notes
-    -----
-    About .3 s for a minute of flight of the own simulator, ten or more for one of RotorPy's.
-    """
+    """Fly and log a flight."""
     reported = topics(spec)
     flight = fly_rotorpy(spec) if spec.multirotor else fly_own(spec, reported.seen(spec))
     return LoggedFlight(log_of(spec, flight, reported), flight)

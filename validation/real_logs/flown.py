@@ -19,59 +19,23 @@ NEAR_HOVER = np.linspace(0.5, 1.5, 4001)
 
 @dataclass(frozen=True, slots=True)
 class Flown:
-    """A flight's noise-free motion on one clock, n instants.
+    """A flight's noise-free motion on one clock, n instants."""
 
-    Parameters
-    ----------
-    truth : FlightTruth
-        Its arrays and nominal parameters.
-    thrust : callable
-        Static thrust [m/s^2] of rotor states, elementwise.
-    supply : ndarray, shape (n,)
-        What the voltage leaves of the thrust.
-    command : ndarray, shape (n, rotors)
-        In force from each instant on.
-    reference : Trajectory
-        Of the altitude.
-    position, velocity : ndarray, shape (n,)
-        Height [m] and vertical velocity [m/s].
-    horizontal : ndarray, shape (n,), or None
-        Velocity along x [m/s], where it is logged.
-    attitude : ndarray, shape (n, 4)
-        Quaternion [w, x, y, z] from body to world.
-    force_body : ndarray, shape (n, 3)
-        Specific force along the body's axes [m/s^2].
-    flew : bool
-        False when the vehicle was lost.
-    """
-
-    truth: FlightTruth
+    truth: FlightTruth  # Its arrays and nominal parameters
+    # Static thrust [m/s^2] of rotor states, elementwise
     thrust: Callable[[Float[np.ndarray, "m rotors"]], Float[np.ndarray, "m rotors"]]
-    supply: Float[np.ndarray, " n"]
-    command: Float[np.ndarray, "n rotors"]
-    reference: Trajectory
-    position: Float[np.ndarray, " n"]
+    supply: Float[np.ndarray, " n"]  # What the voltage leaves of the thrust
+    command: Float[np.ndarray, "n rotors"]  # In force from each instant on
+    reference: Trajectory  # Of the altitude
+    position: Float[np.ndarray, " n"]  # Height [m] and vertical velocity [m/s]
     velocity: Float[np.ndarray, " n"]
-    horizontal: Float[np.ndarray, " n"] | None
-    attitude: Float[np.ndarray, "n 4"]
-    force_body: Float[np.ndarray, "n 3"]
-    flew: bool
+    horizontal: Float[np.ndarray, " n"] | None  # Velocity along x [m/s], where it is logged
+    attitude: Float[np.ndarray, "n 4"]  # Quaternion [w, x, y, z] from body to world
+    force_body: Float[np.ndarray, "n 3"]  # Specific force along the body's axes [m/s^2]
+    flew: bool  # False when the vehicle was lost
 
     def effective(self, used_s: Float[np.ndarray, " m"], used: Bool[np.ndarray, " m"]) -> dict[str, float]:
-        """Values that an estimator without any error would give over the samples that were used.
-
-        The friction is that of the noise-free specific force on air velocity and true thrust. The gain is
-        that of the true thrust at the mean voltage, in the unit of a squared input. The hover input is the
-        one that carried the weight in that flight's air. The lag is the one first-order lag, with its
-        delay, that describes the true thrust best.
-
-        Parameters
-        ----------
-        used_s : ndarray, shape (m,)
-            Times of the estimator's samples [s].
-        used : ndarray of bool, shape (m,)
-            Whether each was used.
-        """
+        """Values that an estimator without any error would give over the samples that were used."""
         truth = self.truth
         rows = np.interp(truth.time_s, used_s, used.astype(np.float64), left=0.0, right=0.0) > 0.5
         friction, gain, hover = truth.viscous_friction, truth.input_gain, truth.hover_input

@@ -26,52 +26,22 @@ GRID_FILE = "grid.toml"
 
 @dataclass(frozen=True, slots=True)
 class Family:
-    """Flights of one kind.
+    """Flights of one kind."""
 
-    Parameters
-    ----------
-    name : str
-        What they are.
-    seed, count : int
-        First seed, and number of flights; of pools, if they are pooled.
-    holds : str
-        One of `HOLDS`.
-    lag_bias : bool
-        The mean error of the lag must be small.
-    named : str
-        What must be said of them; empty for nothing.
-    share : float
-        In which share of them.
-    given : str
-        One of `GIVEN`.
-    refused : bool
-        None of them may be identified.
-    pool : int
-        Flights of a pool; 1 for flights that are judged one by one.
-    shared : tuple of str
-        What the flights of a pool share.
-    frequencies : tuple of float
-        Frequencies of the references in a pool [Hz], one flight after the other.
-    fixed : mapping of str to number or str
-        What is the same in all of them.
-    drawn : mapping of str to Draw
-        What differs.
-    """
-
-    name: str
-    seed: int
+    name: str  # What they are
+    seed: int  # First seed, and number of flights; of pools, if they are pooled
     count: int
-    holds: str
-    lag_bias: bool
-    named: str
-    share: float
-    given: str
-    refused: bool
-    pool: int
-    shared: tuple[str, ...]
-    frequencies: tuple[float, ...]
-    fixed: Mapping[str, Value]
-    drawn: Mapping[str, Draw]
+    holds: str  # One of `HOLDS`
+    lag_bias: bool  # The mean error of the lag must be small
+    named: str  # What must be said of them; empty for nothing
+    share: float  # In which share of them
+    given: str  # One of `GIVEN`
+    refused: bool  # None of them may be identified
+    pool: int  # Flights of a pool; 1 for flights that are judged one by one
+    shared: tuple[str, ...]  # What the flights of a pool share
+    frequencies: tuple[float, ...]  # Frequencies of the references in a pool [Hz], one flight after the other
+    fixed: Mapping[str, Value]  # What is the same in all of them
+    drawn: Mapping[str, Draw]  # What differs
 
     def flight(self, number: int) -> FlightSpec:
         """Specification of a flight; of pools the flights are numbered through."""
@@ -87,24 +57,12 @@ class Family:
 
 @dataclass(frozen=True, slots=True)
 class Grid:
-    """The study's flights.
+    """The study's flights."""
 
-    Parameters
-    ----------
-    name : str
-        Name of the grid.
-    lag_given_std : float
-        Standard error of a lag that is given [s].
-    families : tuple of Family
-        In the order of the file.
-    text : str
-        The file.
-    """
-
-    name: str
-    lag_given_std: float
-    families: tuple[Family, ...]
-    text: str
+    name: str  # Name of the grid
+    lag_given_std: float  # Standard error of a lag that is given [s]
+    families: tuple[Family, ...]  # In the order of the file
+    text: str  # The file
 
     def family(self, name: str) -> Family:
         """Return a family by its name."""
@@ -118,13 +76,7 @@ def published_grid() -> Grid:
 
 
 def grid_from(text: str) -> Grid:
-    """Grid from the text of a TOML file.
-
-    Raises
-    ------
-    InputError
-        When a key is missing or unknown, a value is of the wrong type, or a flight cannot be flown.
-    """
+    """Grid from the text of a TOML file."""
     table = toml_table(text, Path(GRID_FILE), "a grid")
     name, std, common = table.text("name"), table.number("lag_given_std"), draws(table, "draw")
     families = tuple(_family(entry, common) for entry in table.sections("family"))
@@ -181,13 +133,7 @@ def _fixed(entry: TomlTable) -> dict[str, Value]:
 
 
 def _spec(values: Mapping[str, Value], seed: int) -> FlightSpec:
-    """Specification with these values; each key belongs to the vehicle, the logger, its noise or the flight.
-
-    Raises
-    ------
-    InputError
-        For a key that belongs to none of them.
-    """
+    """Specification with these values."""
     given = dict(values)
     noise = SensorNoise(
         kind=NoiseKind(str(given.pop("noise"))),

@@ -24,15 +24,7 @@ def stream(spec: FlightSpec, name: str) -> np.random.Generator:
 
 
 def fly_own(spec: FlightSpec, seen_errors: tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]) -> Flown:
-    """Fly one flight.
-
-    Parameters
-    ----------
-    spec : FlightSpec
-        The flight.
-    seen_errors : tuple of two ndarrays
-        Errors of the position [m] and velocity [m/s] that the controller sees, at every step.
-    """
+    """Fly one flight."""
     reference = altitude(spec, stream(spec, "altitude"))
     horizontal = horizontal_velocity(spec, reference, stream(spec, "horizontal"))
     wander = _wander(spec)

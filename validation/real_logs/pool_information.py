@@ -42,26 +42,14 @@ SHARED, LAG, DELAY = 3, 1, 2
 
 @dataclass(frozen=True, slots=True)
 class LagBound:
-    """Half-width of the effective lag's 95 % interval that references allow [s].
+    """Half-width of the effective lag's 95 % interval that references allow [s]."""
 
-    Parameters
-    ----------
-    delay_known, delay_free : float
-        With the delay known, and to be found too.
-    """
-
-    delay_known: float
+    delay_known: float  # With the delay known, and to be found too
     delay_free: float
 
 
 def lag_bound(flights: Sequence[FlightSpec]) -> LagBound:
-    """Bound of a pool of flights of one vehicle.
-
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        When references tell no end of the lag.
-    """
+    """Bound of a pool of flights of one vehicle."""
     size = SHARED + 2 * len(flights)
     information = np.zeros((size, size))
     for index, spec in enumerate(flights):

@@ -34,15 +34,7 @@ FRICTION, LAG = "viscous_friction", "effective_lag"
 
 
 def requirements(rows: pl.DataFrame, grid: Grid) -> tuple[Requirement, ...]:
-    """Judge a run of the study, family by family.
-
-    Parameters
-    ----------
-    rows : polars.DataFrame
-        Rows of a `StudyTable`.
-    grid : Grid
-        Which families there are, and what each must give.
-    """
+    """Judge a run of the study, family by family."""
     result: list[Requirement] = []
     for family in grid.families:
         here = rows.filter(pl.col("class") == family.name)

@@ -12,13 +12,7 @@ from validation.real_logs.spec import FlightSpec
 
 
 def fly_rotorpy(spec: FlightSpec) -> Flown:
-    """Fly one of RotorPy's multirotors at 100 Hz, with sensors that the controller sees without noise.
-
-    Parameters
-    ----------
-    spec : FlightSpec
-        Its `multirotor` and `reference`; of its vehicle the lag, delay and gusts count.
-    """
+    """Fly one of RotorPy's multirotors at 100 Hz, with sensors that the controller sees without noise."""
     flight = simulate_rotorpy_flight(
         RotorpyFlightSpec(
             vehicle=Vehicle(spec.multirotor),

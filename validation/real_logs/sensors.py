@@ -25,22 +25,12 @@ FULL_VOLTAGE, VOLTAGE_HZ = 16.0, 10.0
 
 @dataclass(frozen=True)
 class Topics:
-    """Clocks of a log, and the errors of its sensors at their samples.
+    """Clocks of a log, and the errors of its sensors at their samples."""
 
-    Parameters
-    ----------
-    clocks : mapping of str to Clock
-        Of command, reference, velocity, acceleration, attitude.
-    slow, quick : SensorErrors
-        Errors of position and velocity, and of the accelerometer.
-    attitude : ndarray, shape (n, 3)
-        Small rotations of the attitude [rad].
-    """
-
-    clocks: Mapping[str, Clock]
-    slow: SensorErrors
+    clocks: Mapping[str, Clock]  # Of command, reference, velocity, acceleration, attitude
+    slow: SensorErrors  # Errors of position and velocity, and of the accelerometer
     quick: SensorErrors
-    attitude: Float[np.ndarray, "n 3"]
+    attitude: Float[np.ndarray, "n 3"]  # Small rotations of the attitude [rad]
 
     def seen(self, spec: FlightSpec) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
         """Errors of position and velocity that the controller sees, at every step of the simulation."""
@@ -70,17 +60,7 @@ def topics(spec: FlightSpec) -> Topics:
 
 
 def log_of(spec: FlightSpec, flight: Flown, record: Topics) -> Recording:
-    """Log of a flight.
-
-    Parameters
-    ----------
-    spec : FlightSpec
-        With the logger and the sensors.
-    flown : Flown
-        What happened.
-    told : Topics
-        Clocks and errors of its log.
-    """
+    """Log of a flight."""
     written = writer(spec, stream(spec, "writer"))
     channels = [*_commands(flight, record, written), *_references(flight, record, written)]
     if spec.logger.bias_time > 0.0:

@@ -35,63 +35,34 @@ class Jitter(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class VehicleSpec:
-    """A vehicle, its surroundings and its controller; unlisted units are SI.
+    """A vehicle, its surroundings and its controller; unlisted units are SI."""
 
-    Parameters
-    ----------
-    viscous_friction, quadratic_drag : float
-        K [1/s] and the coefficient of v|v| [1/m].
-    hover_input : float
-        Command at which it hovers, a share of full command.
-    thrust_share, thrust_power : float
-        Thrust goes as (1 - s) w + s w^p with the rotor state w.
-    actuator_lag, delay : float
-        Time constant of the rotor upwards, and delay of its command [s].
-    slower_down : float
-        Time constant downwards over that upwards.
-    load_sag : float
-        c in the speed w (1 - c (x^3 - 1)) with x = w over its value at hover.
-    voltage_sag : float
-        Share of the voltage that is lost over the flight; speed follows it.
-    rotor_radius, least_height : float
-        Thrust gains 1 / (1 - (R / 4 z)^2) above a ground that is `least_height` below the lowest reference;
-        no ground for a radius of zero.
-    horizontal_speed, horizontal_friction : float
-        Largest speed of the horizontal flight [m/s], and the friction along the body's x [1/s].
-    diagonal : float
-        Share of the horizontal speed that goes along with the climbs, from 0 to 1; the rest goes back and
-        forth by itself.
-    gust_rms, gust_correlation, updraft : float
-        Vertical wind: its standard deviation and correlation time, and its mean.
-    tilt_rms : float
-        Standard deviation of roll and pitch [rad], before they are smoothed.
-    controller_hz : float
-        Rate of the controller.
-    quickness, position_share, integral_share : float
-        As in `eivor.simulation.vertical`.
-    """
-
-    viscous_friction: float = 0.4
+    viscous_friction: float = 0.4  # K [1/s] and the coefficient of v|v| [1/m]
     quadratic_drag: float = 0.0
-    hover_input: float = 0.5
-    thrust_share: float = 1.0
+    hover_input: float = 0.5  # Command at which it hovers, a share of full command
+    thrust_share: float = 1.0  # Thrust goes as (1 - s) w + s w^p with the rotor state w
     thrust_power: float = 2.0
-    actuator_lag: float = 0.04
+    actuator_lag: float = 0.04  # Time constant of the rotor upwards, and delay of its command [s]
     delay: float = 0.0
-    slower_down: float = 1.0
-    load_sag: float = 0.0
-    voltage_sag: float = 0.0
+    slower_down: float = 1.0  # Time constant downwards over that upwards
+    load_sag: float = 0.0  # c in the speed w (1 - c (x^3 - 1)) with x = w over its value at hover
+    voltage_sag: float = 0.0  # Share of the voltage that is lost over the flight; speed follows it
+    # Thrust gains 1 / (1 - (R / 4 z)^2) above a ground that is `least_height` below the lowest reference; no
+    # ground for a radius of zero
     rotor_radius: float = 0.0
     least_height: float = 2.0
+    # Largest speed of the horizontal flight [m/s], and the friction along the body's x [1/s]
     horizontal_speed: float = 0.0
     horizontal_friction: float = 0.3
+    # Share of the horizontal speed that goes along with the climbs, from 0 to 1; the rest goes back and forth
+    # by itself
     diagonal: float = 0.0
-    gust_rms: float = 0.0
+    gust_rms: float = 0.0  # Vertical wind: its standard deviation and correlation time, and its mean
     gust_correlation: float = 1.0
     updraft: float = 0.0
-    tilt_rms: float = 0.03
-    controller_hz: float = 100.0
-    quickness: float = 0.35
+    tilt_rms: float = 0.03  # Standard deviation of roll and pitch [rad], before they are smoothed
+    controller_hz: float = 100.0  # Rate of the controller
+    quickness: float = 0.35  # As in `eivor.simulation.vertical`
     position_share: float = 0.3
     integral_share: float = 0.05
 
@@ -110,96 +81,46 @@ class VehicleSpec:
 
 @dataclass(frozen=True, slots=True)
 class LoggerSpec:
-    """Sensors and the logger.
+    """Sensors and the logger."""
 
-    Parameters
-    ----------
-    command_hz, reference_hz, velocity_hz, acceleration_hz, attitude_hz : float
-        Rates; commands are never logged faster than the controller gives them.
-    jitter : Jitter
-        What is irregular.
-    jitter_s : float
-        Its standard deviation [s], at most `LARGEST_JITTER` of a channel's period.
-    dropouts : float
-        Times a minute at which the logger loses all channels, for up to half a second.
-    duplicates : float
-        Share of the samples that are written twice.
-    noise : SensorNoise
-        Of accelerometer, velocity, position and attitude.
-    accelerometer_bias : float
-        Constant error along the body's z [m/s^2].
-    velocity_delay, velocity_filter, acceleration_delay, acceleration_filter : float
-        Pure delays and time constants of low-pass filters [s].
-    velocity_scale, acceleration_scale : float
-        What a true value of one is measured as.
-    tilt_error : float
-        Error of the pitch that attitude and accelerometer share [rad].
-    voltage_logged : bool
-        Whether the battery's voltage is in the log.
-    bias_time, fused_late : float
-        Velocity and acceleration come from an estimator that learns the accelerometer's bias with this
-        time constant and fuses a velocity that is so late [s]; none when the time constant is zero.
-    """
-
-    command_hz: float = 100.0
+    command_hz: float = 100.0  # Rates; commands are never logged faster than the controller gives them
     reference_hz: float = 100.0
     velocity_hz: float = 100.0
     acceleration_hz: float = 100.0
     attitude_hz: float = 100.0
-    jitter: Jitter = Jitter.NONE
-    jitter_s: float = 0.0
-    dropouts: float = 0.0
-    duplicates: float = 0.0
+    jitter: Jitter = Jitter.NONE  # What is irregular
+    jitter_s: float = 0.0  # Its standard deviation [s], at most `LARGEST_JITTER` of a channel's period
+    dropouts: float = 0.0  # Times a minute at which the logger loses all channels, for up to half a second
+    duplicates: float = 0.0  # Share of the samples that are written twice
+    # Of accelerometer, velocity, position and attitude
     noise: SensorNoise = field(default_factory=SensorNoise)
-    accelerometer_bias: float = 0.0
-    velocity_delay: float = 0.0
+    accelerometer_bias: float = 0.0  # Constant error along the body's z [m/s^2]
+    velocity_delay: float = 0.0  # Pure delays and time constants of low-pass filters [s]
     velocity_filter: float = 0.0
     acceleration_delay: float = 0.0
     acceleration_filter: float = 0.0
-    velocity_scale: float = 1.0
+    velocity_scale: float = 1.0  # What a true value of one is measured as
     acceleration_scale: float = 1.0
-    tilt_error: float = 0.0
-    voltage_logged: bool = False
+    tilt_error: float = 0.0  # Error of the pitch that attitude and accelerometer share [rad]
+    voltage_logged: bool = False  # Whether the battery's voltage is in the log
+    # Velocity and acceleration come from an estimator that learns the accelerometer's bias with this time
+    # constant and fuses a velocity that is so late [s]; none when the time constant is zero
     bias_time: float = 0.0
     fused_late: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
 class FlightSpec:
-    """One flight.
+    """One flight."""
 
-    Parameters
-    ----------
-    vehicle : VehicleSpec
-        What flies.
-    logger : LoggerSpec
-        What records it.
-    reference : Reference
-        The altitude's.
-    frequency : float
-        Of a reference that is one sine [Hz].
-    vigour : float
-        Share of the speed and acceleration that an excitation may reach.
-    duration : float
-        [s].
-    seed : int
-        Of all random streams.
-    multirotor : str
-        Name of a vehicle of RotorPy, which then flies in place of the own simulator's; empty for none.
-
-    Raises
-    ------
-    UsageError
-        When controller or delay are no whole steps of the simulation, or the flight is too short.
-    """
-
-    vehicle: VehicleSpec = field(default_factory=VehicleSpec)
-    logger: LoggerSpec = field(default_factory=LoggerSpec)
-    reference: Reference = Reference.MULTISINE
-    frequency: float = 0.3
-    vigour: float = 0.8
-    duration: float = 60.0
-    seed: int = 0
+    vehicle: VehicleSpec = field(default_factory=VehicleSpec)  # What flies
+    logger: LoggerSpec = field(default_factory=LoggerSpec)  # What records it
+    reference: Reference = Reference.MULTISINE  # The altitude's
+    frequency: float = 0.3  # Of a reference that is one sine [Hz]
+    vigour: float = 0.8  # Share of the speed and acceleration that an excitation may reach
+    duration: float = 60.0  # [s]
+    seed: int = 0  # Of all random streams
+    # Name of a vehicle of RotorPy, which then flies in place of the own simulator's; empty for none
     multirotor: str = ""
 
     def __post_init__(self) -> None:

@@ -35,18 +35,10 @@ Row = dict[str, str | float | int | bool]
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """Some flights, or pools, of a family.
+    """Some flights, or pools, of a family."""
 
-    Parameters
-    ----------
-    family : str
-        Its name.
-    first, last : int
-        First flight, and the one after the last; of pools likewise.
-    """
-
-    family: str
-    first: int
+    family: str  # Its name
+    first: int  # First flight, and the one after the last; of pools likewise
     last: int
 
     @property

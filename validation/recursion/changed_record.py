@@ -13,21 +13,7 @@ from eivor.signals.signals import Signals
 def changed_record(
     scenario: Scenario, rng: np.random.Generator, parameter: str, factor: float, sample: int
 ) -> Signals:
-    """Measured signals of a scenario in open loop whose disturbance is in the equation.
-
-    Parameters
-    ----------
-    scenario : Scenario
-        Before the change.
-    rng : numpy.random.Generator
-        Of the record; the same record without a change comes of an equal one.
-    parameter : str
-        "viscous_friction" or "input_gain".
-    factor : float
-        By which it is multiplied.
-    sample : int
-        The first with the new value.
-    """
+    """Measured signals of a scenario in open loop whose disturbance is in the equation."""
     record = simulate(scenario, rng)
     before, after = scenario, replace(scenario, **{parameter: factor * getattr(scenario, parameter)})
     true, measured = record.truth.channels, record.signals

@@ -21,30 +21,14 @@ SEED = 20261122
 
 @dataclass(frozen=True, slots=True)
 class Told:
-    """What one record says.
+    """What one record says."""
 
-    Parameters
-    ----------
-    scenario : str
-        Name of a shipped one.
-    changed : str
-        Parameter that drops, or "nothing".
-    run : int
-        Number of the record.
-    alarms : int
-        Changes that were told where there was none.
-    delay : int or None
-        Samples from the change to the first that was told after it; None for never.
-    covered, half_width : dict of str to bool and float
-        Whether the interval at the end holds the truth, and its half-width over it.
-    """
-
-    scenario: str
-    changed: str
-    run: int
-    alarms: int
-    delay: int | None
-    covered: dict[str, bool]
+    scenario: str  # Name of a shipped one
+    changed: str  # Parameter that drops, or "nothing"
+    run: int  # Number of the record
+    alarms: int  # Changes that were told where there was none
+    delay: int | None  # Samples from the change to the first that was told after it; None for never
+    covered: dict[str, bool]  # Whether the interval at the end holds the truth, and its half-width over it
     half_width: dict[str, float]
 
 

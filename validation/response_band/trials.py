@@ -25,29 +25,16 @@ VEHICLES = {"viscous_friction": (0.2, 0.6), "hover_input": (0.3, 0.6), "actuator
 
 @dataclass(frozen=True, slots=True)
 class Told:
-    """What one flight says.
+    """What one flight says."""
 
-    Parameters
-    ----------
-    name : str
-        Of its kind.
-    run : int
-        Number of the flight.
-    verdict : str
-        Of the flight; empty where nothing was estimated.
-    held, held_at_best : list of bool
-        At each of `TIMES_S`, whether the band holds the true climb rate: of draws at all delays that fit, and
-        at the one that fits best.
-    width : list of float
-        Half of the band over the true climb rate.
-    """
-
-    name: str
-    run: int
-    verdict: str
+    name: str  # Of its kind
+    run: int  # Number of the flight
+    verdict: str  # Of the flight; empty where nothing was estimated
+    # At each of `TIMES_S`, whether the band holds the true climb rate: of draws at all delays that fit, and
+    # at the one that fits best
     held: list[bool]
     held_at_best: list[bool]
-    width: list[float]
+    width: list[float]  # Half of the band over the true climb rate
 
 
 def trials(name: str, settings: Mapping[str, float], position: int, runs: Sequence[int]) -> Iterator[Told]:
@@ -107,10 +94,7 @@ def climb_rates(
     lag: Float[np.ndarray, " n"],
     delay: Float[np.ndarray, " n"],
 ) -> Float[np.ndarray, "n times"]:
-    """Climb rate after a step of the mapped command, of which one per cent is 1 [m/s per unit].
-
-    v' = gain x - friction v, with the state's answer x = 1 - exp(-(t - delay) / lag).
-    """
+    """Climb rate after a step of the mapped command, of which one per cent is 1 [m/s per unit]."""
     rows = friction[:, None], gain[:, None], np.maximum(lag, 1e-4)[:, None]
     since = np.maximum(np.array(TIMES_S) - delay[:, None], 0.0)
     each, steep, slow = rows

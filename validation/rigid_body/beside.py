@@ -66,18 +66,10 @@ PLOTTED = (*(item.name for item in GAIN), THRUST.name, DRAG[2].name)
 
 @dataclass(frozen=True, slots=True)
 class Flown:
-    """One flight.
+    """One flight."""
 
-    Parameters
-    ----------
-    kind : str
-        Which table it is of.
-    case, number : int
-        Which of its lags or noises, and which flight with these.
-    """
-
-    kind: str
-    case: int
+    kind: str  # Which table it is of
+    case: int  # Which of its lags or noises, and which flight with these
     number: int
 
     @property

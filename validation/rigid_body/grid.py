@@ -17,24 +17,12 @@ GRID = Path(__file__).with_name("grid.toml")
 
 @dataclass(frozen=True, slots=True)
 class Grid:
-    """What is flown.
+    """What is flown."""
 
-    Parameters
-    ----------
-    name : str
-        Of the grid.
-    seconds : float
-        Of a flight [s].
-    scenarios : tuple of Scenario
-        In the order of the file.
-    text : str
-        The file.
-    """
-
-    name: str
-    seconds: float
-    scenarios: tuple[Scenario, ...]
-    text: str
+    name: str  # Of the grid
+    seconds: float  # Of a flight [s]
+    scenarios: tuple[Scenario, ...]  # In the order of the file
+    text: str  # The file
 
     def scenario(self, name: str) -> Scenario:
         """Return a scenario by its name."""
@@ -48,13 +36,7 @@ def published_grid() -> Grid:
 
 
 def grid_from(text: str) -> Grid:
-    """Grid from the text of a TOML file.
-
-    Raises
-    ------
-    InputError
-        When a key is missing or unknown, or a value is none that it may be.
-    """
+    """Grid from the text of a TOML file."""
     table = toml_table(text, GRID, "a grid")
     name, seconds = table.text("name"), table.number("seconds")
     grid = Grid(name, seconds, tuple(_scenario(section) for section in table.sections("scenario")), text)

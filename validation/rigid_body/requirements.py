@@ -20,23 +20,14 @@ LEVEL = 0.99
 
 @dataclass(frozen=True, slots=True)
 class Score:
-    """How well a quantity is told, over flights.
+    """How well a quantity is told, over flights."""
 
-    Parameters
-    ----------
-    count : int
-        Flights that tell it.
-    bias, rmse, largest : float
-        Mean of the errors, root of the mean of their squares, and the largest, relative to the truth.
-    covered : Share
-        Intervals that hold the truth.
-    """
-
-    count: int
+    count: int  # Flights that tell it
+    # Mean of the errors, root of the mean of their squares, and the largest, relative to the truth
     bias: float
     rmse: float
     largest: float
-    covered: Share
+    covered: Share  # Intervals that hold the truth
 
 
 def score(rows: pl.DataFrame) -> Score:
@@ -79,15 +70,7 @@ def parts_of(rows: pl.DataFrame, scenario: Scenario) -> Iterator[tuple[str, str,
 
 
 def requirements(rows: pl.DataFrame, grid: Grid) -> tuple[Requirement, ...]:
-    """Judge a run of the study by the first method of each scenario.
-
-    Parameters
-    ----------
-    rows : polars.DataFrame
-        Rows of a `StudyTable`.
-    grid : Grid
-        What is asked.
-    """
+    """Judge a run of the study by the first method of each scenario."""
     return tuple(
         item
         for scenario in grid.scenarios

@@ -27,21 +27,11 @@ LOST, FAILED = "lost", "failed"
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """Some flights of a scenario.
+    """Some flights of a scenario."""
 
-    Parameters
-    ----------
-    scenario : str
-        Its name.
-    vehicle : Vehicle
-        What flies.
-    first, last : int
-        First flight, and the one after the last.
-    """
-
-    scenario: str
-    vehicle: Vehicle
-    first: int
+    scenario: str  # Its name
+    vehicle: Vehicle  # What flies
+    first: int  # First flight, and the one after the last
     last: int
 
     @property

@@ -69,26 +69,14 @@ class Case:
 
 @dataclass(frozen=True, slots=True)
 class Told:
-    """What one method says of one parameter over all records.
+    """What one method says of one parameter over all records."""
 
-    Parameters
-    ----------
-    case, method, parameter : str
-        Of what.
-    errors : ndarray, shape (records,)
-        Over the truth; an order's are plain.
-    held : ndarray of bool, shape (records,)
-        Whether the interval holds the truth.
-    refused : int
-        Records whose estimate is refused.
-    """
-
-    case: str
+    case: str  # Of what
     method: str
     parameter: str
-    errors: Float[np.ndarray, " records"]
-    held: np.ndarray
-    refused: int
+    errors: Float[np.ndarray, " records"]  # Over the truth; an order's are plain
+    held: np.ndarray  # Whether the interval holds the truth
+    refused: int  # Records whose estimate is refused
 
 
 @dataclass(frozen=True, slots=True)
