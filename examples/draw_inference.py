@@ -20,8 +20,7 @@ from eivor.lab.figures import CoverageRow, coverage_figure
 from eivor.lab.study_files import coverage_suite
 from eivor.report.figure_panels import estimates_figure, pair_figure
 from eivor.report.figures import residual_figure
-from validation.coverage.requirements import BOUNDS, JUDGED
-from validation.coverage.table import read_coverage
+from validation.coverage.study import BOUNDS, JUDGED, read_coverage
 
 ROOT = Path(__file__).resolve().parents[1]
 COVERAGE = ROOT / "docs" / "studies" / "coverage.parquet"

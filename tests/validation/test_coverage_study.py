@@ -17,10 +17,8 @@ from eivor.inference.covariance import TABLE
 from eivor.lab.experiments import marks, page_with
 from eivor.lab.study_files import coverage_suite, read_suite
 from validation.coverage import study as coverage_study
-from validation.coverage.page import PART, coverage_tables
-from validation.coverage.requirements import BOUNDS, requirements
-from validation.coverage.table import read_coverage
-from validation.suites import WRONG
+from validation.coverage.study import BOUNDS, PART, coverage_tables, read_coverage, requirements
+from validation.studies import WRONG
 
 RUNS = 20
 CHANCE = 1e-4

@@ -16,11 +16,18 @@ from validation.efficiency.bounds import main as bounds
 from validation.efficiency.bounds import with_bounds
 from validation.efficiency.known_spectra import main as known_spectra
 from validation.efficiency.known_spectra import rows_of, trial
-from validation.efficiency.page import PART, efficiency_tables
-from validation.efficiency.requirements import HELD, KNOWN, OVER_BOUND, requirements
-from validation.efficiency.study import efficiency_suite, main
-from validation.efficiency.table import COLUMNS
-from validation.suites import KEYS, WRONG, joined, read_rows, write_rows
+from validation.efficiency.study import (
+    COLUMNS,
+    HELD,
+    KNOWN,
+    OVER_BOUND,
+    PART,
+    efficiency_suite,
+    efficiency_tables,
+    main,
+    requirements,
+)
+from validation.studies import KEYS, WRONG, joined, read_rows, write_rows
 
 DOCS = Path(__file__).parents[2] / "docs"
 SUITES = Path(__file__).parents[2] / "validation" / "efficiency"

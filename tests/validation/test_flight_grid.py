@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from eivor.errors import InputError, UsageError
-from validation.flight_recipe.grid import FlightGrid, flight_grid, published_grid, read_grid
+from validation.flight_recipe.trials import FlightGrid, flight_grid, published_grid, read_grid
 
 TEXT = files("validation.flight_recipe").joinpath("grid.toml").read_text(encoding="utf-8")
 

@@ -9,8 +9,18 @@ import pytest
 
 from eivor.estimation.methods import TABLE
 from eivor.lab.experiments import marks
-from validation.flight_methods.study import GRID, PART, _judged, _line, _requirements, main, read_grid
-from validation.flight_methods.trials import OMITTED, SEARCHED, Told
+from validation.flight_methods.study import (
+    GRID,
+    OMITTED,
+    PART,
+    SEARCHED,
+    Told,
+    _judged,
+    _line,
+    _requirements,
+    main,
+    read_grid,
+)
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "efficiency.md"
 REGIME = """

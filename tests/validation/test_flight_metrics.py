@@ -13,11 +13,16 @@ from eivor.lab.experiments import marks, page_with
 from eivor.lab.study_run import Share
 from eivor.simulation.vertical import VerticalFlightSpec
 from validation.flight_recipe import study as flight_study
-from validation.flight_recipe.grid import FlightCase
-from validation.flight_recipe.metrics import LEVEL, accepted, accepted_share, flown, score
-from validation.flight_recipe.page import PART, study_tables
-from validation.flight_recipe.requirements import requirements
-from validation.flight_recipe.trial_table import read_trial_table, trial_table
+from validation.flight_recipe.study import (
+    LEVEL,
+    PART,
+    accepted,
+    accepted_share,
+    flown,
+    requirements,
+    score,
+    study_tables,
+)
 from validation.flight_recipe.trials import (
     ESTIMATORS,
     LAG_IGNORED,
@@ -25,8 +30,11 @@ from validation.flight_recipe.trials import (
     NONLINEAR,
     QUANTITIES,
     RECIPE,
+    FlightCase,
     FlightTrial,
     IntervalEstimate,
+    read_trial_table,
+    trial_table,
 )
 
 ROOT = Path(__file__).resolve().parents[2]

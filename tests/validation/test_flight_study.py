@@ -19,12 +19,23 @@ from scipy.stats import binom
 from eivor.lab.experiments import marks
 from validation.flight_recipe import study as flight_study
 from validation.flight_recipe import trials as flight_trials
-from validation.flight_recipe.grid import published_grid
-from validation.flight_recipe.metrics import accepted, accepted_share, flown, score
-from validation.flight_recipe.page import PART
-from validation.flight_recipe.requirements import ERROR_BOUNDS, requirements
-from validation.flight_recipe.trial_table import TrialTable, read_trial_table
-from validation.flight_recipe.trials import LAG_IGNORED, NONLINEAR, QUANTITIES
+from validation.flight_recipe.study import (
+    ERROR_BOUNDS,
+    PART,
+    accepted,
+    accepted_share,
+    flown,
+    requirements,
+    score,
+)
+from validation.flight_recipe.trials import (
+    LAG_IGNORED,
+    NONLINEAR,
+    QUANTITIES,
+    TrialTable,
+    published_grid,
+    read_trial_table,
+)
 
 pytest.importorskip("rotorpy")
 pytestmark = pytest.mark.calibration

@@ -10,14 +10,25 @@ import pytest
 from eivor.simulation.environment import NoiseKind
 from eivor.simulation.rigid_body import simulate_rigid_body_flights
 from eivor.simulation.rigid_body_spec import AxisExcitations, Sensors, Wind
-from validation.flight_recipe.grid import published_grid, read_grid
-from validation.joint import trials
-from validation.joint.flights import flight_of
-from validation.joint.noise import noise_of
-from validation.joint.page import requirements, tables
-from validation.joint.study import GRID
-from validation.joint.trials import ALONE, GIVEN, JOINT, LOST, TURNING, Told, read_told, run
-from validation.joint.truth import effective_along, effective_vertical
+from validation.flight_recipe.trials import published_grid, read_grid
+from validation.joint import study as trials
+from validation.joint.study import (
+    ALONE,
+    GIVEN,
+    GRID,
+    JOINT,
+    LOST,
+    TURNING,
+    Told,
+    effective_along,
+    effective_vertical,
+    flight_of,
+    noise_of,
+    read_told,
+    requirements,
+    run,
+    tables,
+)
 
 
 def told(flight: str, formula: str, half: float = 0.1, value: float = 0.42, **changes: object) -> Told:

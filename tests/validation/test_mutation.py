@@ -9,9 +9,17 @@ from pathlib import Path
 
 import pytest
 
-from validation.mutation.check import UNNOTICED, main
-from validation.mutation.mutants import TABLE, Mutant, check_lines, read_mutants, sample
-from validation.mutation.workspace import PASSED, Workspace
+from validation.mutation.check import (
+    PASSED,
+    TABLE,
+    UNNOTICED,
+    Mutant,
+    Workspace,
+    check_lines,
+    main,
+    read_mutants,
+    sample,
+)
 
 SOURCE = """def twice(x):
     doubled = 2 * x

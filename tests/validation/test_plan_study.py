@@ -7,9 +7,18 @@ import pytest
 
 from eivor.planning.vehicle import FlightLimits, candidates
 from eivor.simulation.environment import Trajectory
-from validation.plan.flights import OTHER_CONTROLLER, OWN, VEHICLES
-from validation.plan.study import GRID, answer, requirements_of, table
-from validation.plan.trials import PLANNED_FOR, Outcome, outcomes
+from validation.plan.study import (
+    GRID,
+    OTHER_CONTROLLER,
+    OWN,
+    PLANNED_FOR,
+    VEHICLES,
+    Outcome,
+    answer,
+    outcomes,
+    requirements_of,
+    table,
+)
 
 SHORT = FlightLimits(duration_s=20.0)
 

@@ -7,12 +7,21 @@ from dataclasses import replace
 import pytest
 
 from eivor.errors import InputError
-from validation.rates import trials
-from validation.rates.flights import VEHICLES, flight_of
-from validation.rates.grid import GRID, read_grid
-from validation.rates.page import requirements, tables
-from validation.rates.study import main
-from validation.rates.trials import INSTRUMENTS, LEAST_SQUARES, Told, read_told, run
+from validation.rates import study as trials
+from validation.rates.study import (
+    GRID,
+    INSTRUMENTS,
+    LEAST_SQUARES,
+    VEHICLES,
+    Told,
+    flight_of,
+    main,
+    read_grid,
+    read_told,
+    requirements,
+    run,
+    tables,
+)
 
 
 def told(condition: str, error: float = 0.01, **changes: object) -> Told:

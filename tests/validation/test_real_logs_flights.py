@@ -11,11 +11,16 @@ from eivor.motions.identify import identify_flight
 from eivor.motions.vertical.model import GRAVITY
 from eivor.signals.filters import actuator_state
 from eivor.simulation.environment import SensorNoise
-from validation.real_logs.course import altitude
-from validation.real_logs.estimator import estimated
-from validation.real_logs.flights import LoggedFlight, logged_flight
-from validation.real_logs.sensors import topics
-from validation.real_logs.spec import STEP_S, FlightSpec, Jitter, LoggerSpec, Reference, VehicleSpec
+from validation.real_logs.closed_loop import (
+    STEP_S,
+    FlightSpec,
+    Jitter,
+    LoggerSpec,
+    Reference,
+    VehicleSpec,
+    altitude,
+)
+from validation.real_logs.flights import LoggedFlight, estimated, logged_flight, topics
 
 QUIET = LoggerSpec(noise=SensorNoise.none())
 

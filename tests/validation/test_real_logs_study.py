@@ -12,13 +12,18 @@ from eivor.errors import InputError
 from eivor.lab.experiments import marks
 from validation.flight_recipe.trials import QUANTITIES
 from validation.real_logs import study
-from validation.real_logs.grid import grid_from, published_grid
-from validation.real_logs.named import NAMES, SENTENCES
-from validation.real_logs.page import PART, hover_sentence
-from validation.real_logs.requirements import far_off, requirements
-from validation.real_logs.table import folder_of
-from validation.real_logs.trials import family_tasks, interleaved, rows_of
-from validation.study_folder import read_study_table
+from validation.real_logs.study import PART, far_off, hover_sentence, requirements
+from validation.real_logs.trials import (
+    NAMES,
+    SENTENCES,
+    family_tasks,
+    folder_of,
+    grid_from,
+    interleaved,
+    published_grid,
+    rows_of,
+)
+from validation.studies import read_study_table
 
 GRID = published_grid()
 

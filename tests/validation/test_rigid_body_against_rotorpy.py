@@ -9,7 +9,7 @@ import pytest
 
 from eivor.motions.rigid_body.dynamics import coefficients_of, side_by_side, state_derivative
 from eivor.simulation.rigid_body_spec import AdaptiveSteps, HeldInputs, Integrator, RungeKutta4
-from validation.flight_recipe.rotorpy_vehicles import (
+from validation.flight_recipe.rotorpy_flight import (
     GRAVITY,
     Vehicle,
     hover_speed,

@@ -9,7 +9,7 @@ import pytest
 
 from eivor.lab.experiments import page_text
 from validation.rigid_body import beside
-from validation.study_folder import Row, StudyTable
+from validation.studies import Row, StudyTable
 
 pytest.importorskip("rotorpy")
 

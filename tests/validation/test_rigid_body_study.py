@@ -11,15 +11,24 @@ import pytest
 from eivor.errors import InputError
 from eivor.lab.experiments import marks
 from eivor.signals.recording import Channel, Frame, Recording
-from validation.flight_recipe.rotorpy_vehicles import Vehicle
+from validation.flight_recipe.rotorpy_flight import Vehicle
 from validation.rigid_body import study
-from validation.rigid_body.flights import flight_of, jittered, known_vehicle
-from validation.rigid_body.grid import GRID, grid_from, published_grid
-from validation.rigid_body.page import PART, study_tables
-from validation.rigid_body.quantities import GROUPS, truth_of, unit_of_error
-from validation.rigid_body.requirements import requirements, scores
-from validation.rigid_body.trials import Task, rows_of, tasks_of
-from validation.study_folder import Row, StudyTable
+from validation.rigid_body.study import PART, requirements, scores, study_tables
+from validation.rigid_body.trials import (
+    GRID,
+    GROUPS,
+    Task,
+    flight_of,
+    grid_from,
+    jittered,
+    known_vehicle,
+    published_grid,
+    rows_of,
+    tasks_of,
+    truth_of,
+    unit_of_error,
+)
+from validation.studies import Row, StudyTable
 
 pytest.importorskip("rotorpy")
 
@@ -116,7 +125,7 @@ def test_errors_are_relative_but_of_ratios_that_are_nearly_zero():
 
 def _parameters():
     from eivor.motions.rigid_body.dynamics import effective_parameters
-    from validation.rigid_body.flights import flown_vehicle
+    from validation.rigid_body.trials import flown_vehicle
 
     return effective_parameters(flown_vehicle(Vehicle.HUMMINGBIRD, published_grid().scenarios[0]))
 

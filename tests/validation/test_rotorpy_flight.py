@@ -27,8 +27,12 @@ from eivor.simulation.environment import (
     effective_parameters,
 )
 from validation.flight_recipe import rotorpy_flight
-from validation.flight_recipe.rotorpy_flight import RotorpyFlightSpec, simulate_rotorpy_flight
-from validation.flight_recipe.rotorpy_vehicles import STEP_S, Vehicle
+from validation.flight_recipe.rotorpy_flight import (
+    STEP_S,
+    RotorpyFlightSpec,
+    Vehicle,
+    simulate_rotorpy_flight,
+)
 
 pytest.importorskip("rotorpy")
 

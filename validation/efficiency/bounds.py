@@ -16,9 +16,8 @@ import polars as pl
 
 from eivor.errors import EivorError
 from eivor.lab.study_files import Suite
-from validation.efficiency.study import efficiency_suite
-from validation.efficiency.table import COLUMNS, bounds_of
-from validation.suites import WRONG, read_rows, write_rows
+from validation.efficiency.study import COLUMNS, bounds_of, efficiency_suite
+from validation.studies import WRONG, read_rows, write_rows
 
 
 def with_bounds(rows: pl.DataFrame, suite: Suite) -> pl.DataFrame:

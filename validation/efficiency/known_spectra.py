@@ -28,9 +28,8 @@ from eivor.lab.cramer_rao import cramer_rao, noise_of_record
 from eivor.lab.experiments import VerticalExperiment
 from eivor.lab.records import Scenario, simulate
 from eivor.lab.study_files import SuiteStudy, read_suite
-from validation.efficiency.requirements import KNOWN
-from validation.kept_study import keep, kept_lines
-from validation.suites import WRONG, Row, versions, write_rows
+from validation.efficiency.study import KNOWN
+from validation.studies import WRONG, Row, keep, kept_lines, versions, write_rows
 
 
 @dataclass(frozen=True, slots=True)

@@ -26,9 +26,7 @@ from eivor.inference.verdict import Reason
 from eivor.lab.experiments import markdown
 from eivor.lab.scenario_files import shipped_scenario
 from eivor.strict_toml import read_toml
-from validation.kept_study import Answer, KeptStudyCommand, keep, kept_lines
-from validation.requirement import Requirement
-from validation.suites import versions
+from validation.studies import Answer, KeptStudyCommand, Requirement, keep, kept_lines, versions
 
 PART = "wrong-orders"
 GRID = Path(__file__).with_name("wrong_orders.toml")

@@ -19,7 +19,7 @@ from eivor.fleet.run import run_fleet
 from eivor.fleet.table import FleetOptions
 from eivor.lab.dask_executor import DaskCluster
 from eivor.process_pool import Executor, InProcess, LocalThreads
-from validation.fleet_run.logs import VEHICLES
+from validation.fleet_run.study import VEHICLES
 
 #: Bytes of a unit of the largest resident memory.
 UNIT = 1 if sys.platform == "darwin" else 1024

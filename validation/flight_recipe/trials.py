@@ -10,12 +10,20 @@ any error would give. In the own simulator these are the nominal ones.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+import platform
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from importlib.metadata import PackageNotFoundError, version
+from importlib.resources import files
+from itertools import product
+from pathlib import Path
 
 import numpy as np
+import polars as pl
+from jaxtyping import Float
 
-from eivor.errors import EivorError
+from eivor.atomic_file import atomic_write
+from eivor.errors import EivorError, InputError
 from eivor.estimation.methods import identify, reference_iv
 from eivor.flights.options import FlightOptions
 from eivor.flights.result import FlightEstimate
@@ -24,10 +32,135 @@ from eivor.models.lagged_runs import lag_and_delay
 from eivor.motions.identify import identify_flight
 from eivor.motions.vertical.regression import VerticalFlights
 from eivor.process_pool import Executor, in_order
-from eivor.simulation.environment import FlightTruth, SimulatedFlight, effective_parameters
+from eivor.simulation.environment import (
+    FlightTruth,
+    NoiseKind,
+    SensorNoise,
+    SimulatedFlight,
+    TrajectoryKind,
+    effective_parameters,
+)
 from eivor.simulation.vertical import VerticalFlightSpec, simulate_vertical_flights
-from validation.flight_recipe.grid import FlightCase, FlightGrid
-from validation.flight_recipe.rotorpy_flight import RotorpyFlightSpec, simulate_rotorpy_flight
+from eivor.strict_toml import TomlTable, read_toml, toml_table
+from validation.drawn import Draw, Value, draws, lists
+from validation.flight_recipe.rotorpy_flight import RotorpyFlightSpec, Vehicle, simulate_rotorpy_flight
+
+FlightSpec = VerticalFlightSpec | RotorpyFlightSpec
+
+#: What a class may be scored as.
+KINDS = ("excited", "climbs", "hover", "hover-steps")
+SIMULATORS = ("vertical", "rotorpy")
+
+
+@dataclass(frozen=True, slots=True)
+class FlightCase:
+    """One flight of the grid."""
+
+    name: str  # Class and number in the class
+    flight_class: str  # Class
+    simulator: str  # "vertical" or "rotorpy"
+    kind: str  # What it is scored as, one of `KINDS`
+    calm: bool  # Excited, with gusts up to the grid's limit
+    small: bool  # Flown in the small size too
+    spec: FlightSpec  # The flight
+
+
+@dataclass(frozen=True, slots=True)
+class FlightGrid:
+    """All flights of a study."""
+
+    name: str  # Name of the grid
+    calm_up_to: float  # Largest gusts of a calm flight [m/s]
+    cases: tuple[FlightCase, ...]  # In the order of the file
+
+    def small(self) -> FlightGrid:
+        """Return the small size: the flights that the file picks out."""
+        return FlightGrid(self.name, self.calm_up_to, tuple(case for case in self.cases if case.small))
+
+
+def published_grid() -> FlightGrid:
+    """Return the grid that comes with the package."""
+    text = files("validation.flight_recipe").joinpath("grid.toml").read_text(encoding="utf-8")
+    return flight_grid(text)
+
+
+def read_grid(path: Path) -> FlightGrid:
+    """Grid from a file; see `flight_grid`."""
+    return _grid(read_toml(path, "a grid"))
+
+
+def flight_grid(text: str) -> FlightGrid:
+    """Grid from the text of a TOML file."""
+    return _grid(toml_table(text, Path("grid.toml"), "a grid"))
+
+
+def _grid(table: TomlTable) -> FlightGrid:
+    name, duration, calm_up_to = table.text("name"), table.number("duration"), table.number("calm_up_to")
+    drawn = {simulator: draws(table, simulator) for simulator in SIMULATORS}
+    cases: list[FlightCase] = []
+    for entry in table.sections("class"):
+        cases.extend(_class_cases(entry, drawn, duration, calm_up_to))
+    table.finish()
+    names = [case.name for case in cases]
+    seeds = [case.spec.seed for case in cases]
+    if len(set(names)) < len(names) or len(set(seeds)) < len(seeds):
+        raise table.wrong(
+            "class",
+            "flights with names and seeds of their own",
+            "classes of one name, or whose seeds overlap",
+            "Give each class its name, and a seed further away from the next than it has flights.",
+        )
+    return FlightGrid(name, calm_up_to, tuple(cases))
+
+
+def _class_cases(
+    entry: TomlTable, drawn: Mapping[str, dict[str, Draw]], duration: float, calm_up_to: float
+) -> list[FlightCase]:
+    name, kind = entry.text("name"), entry.choice("kind", KINDS)
+    simulator = entry.choice("simulator", SIMULATORS)
+    every = lists(entry.section("every"))
+    open_draws = drawn[simulator] | draws(entry, "draw")
+    seed, replicates, small_every = (
+        entry.whole("seed"),
+        entry.whole("replicates"),
+        entry.whole("small_every", 0),
+    )
+    entry.finish()
+    combinations = [dict(zip(every, values, strict=True)) for values in product(*every.values())] * replicates
+    cases = []
+    for number, fixed in enumerate(combinations):
+        open_values = {
+            key: draw.value(seed + number, key) for key, draw in open_draws.items() if key not in fixed
+        }
+        spec = _spec(entry, simulator, fixed | open_values, seed + number, duration)
+        calm = kind == "excited" and spec.gust_rms <= calm_up_to
+        small = small_every > 0 and number % small_every == 0
+        cases.append(FlightCase(f"{name} {number:03d}", name, simulator, kind, calm, small, spec))
+    return cases
+
+
+def _spec(
+    entry: TomlTable, simulator: str, values: Mapping[str, Value], seed: int, duration: float
+) -> FlightSpec:
+    """Specification with these values; noise levels and kind go into one `SensorNoise`."""
+    given = dict(values)
+    try:
+        noise = SensorNoise(
+            kind=NoiseKind(str(given.pop("noise"))),
+            acceleration=float(given.pop("acceleration_noise")),
+            velocity=float(given.pop("velocity_noise")),
+            position=float(given.pop("position_noise")),
+        )
+        trajectory = TrajectoryKind(str(given.pop("trajectory")))
+        vehicle = {"vehicle": Vehicle(str(given.pop("vehicle")))} if simulator == "rotorpy" else {}
+        numbers = {key: float(value) for key, value in given.items()}
+        common = {"noise": noise, "trajectory": trajectory, "seed": seed, "duration": duration}
+        maker = RotorpyFlightSpec if simulator == "rotorpy" else VerticalFlightSpec
+        return maker(**(vehicle | numbers | common))  # type: ignore[arg-type]
+    except (KeyError, TypeError, ValueError) as error:
+        expected = f"every value of a flight of the simulator '{simulator}', and no other,"
+        raise entry.wrong("", expected, f"{error!r}") from error
+
 
 #: What is scored, and the estimators: the recipe first, then the controls.
 QUANTITIES = ("viscous_friction", "input_gain", "effective_lag", "hover_input")
@@ -166,3 +299,95 @@ def _truth(truth: FlightTruth, result: FlightEstimate) -> dict[str, float]:
         "effective_lag": truth.actuator_lag + truth.delay,
         "hover_input": float(np.sqrt(mapped)),
     }
+
+
+#: Packages whose versions bear on the numbers.
+PACKAGES = ("eivor", "numpy", "scipy", "rotorpy")
+#: Significant binary digits of a number, five decimal ones: more would not compress.
+MANTISSA_BITS = 17
+
+
+@dataclass(frozen=True)
+class TrialTable:
+    """What a run of the study leaves behind."""
+
+    rows: pl.DataFrame  # One row for each flight
+    origin: Mapping[str, str]  # `grid`, `size`, and the versions it was made with
+
+    def write(self, path: Path) -> None:
+        """Write a small Parquet file."""
+        narrow = self.rows.with_columns(pl.col(_rounded_columns(self.rows)).cast(pl.Float32))
+        with atomic_write(path) as file:
+            narrow.write_parquet(
+                file, compression="zstd", compression_level=19, statistics=False, metadata=dict(self.origin)
+            )
+
+
+def trial_table(trials: Iterable[FlightTrial], *, grid: str, size: str) -> TrialTable:
+    """Table of finished trials."""
+    origin = {"grid": grid, "size": size, "python": platform.python_version()}
+    rows = pl.DataFrame([_row(trial) for trial in trials])
+    rounded = rows.with_columns(
+        pl.Series(name, _rounded(rows[name].to_numpy())) for name in _rounded_columns(rows)
+    )
+    return TrialTable(rounded, origin | _versions())
+
+
+def read_trial_table(path: Path) -> TrialTable:
+    """Table from a file that `TrialTable.write` made."""
+    try:
+        rows, metadata = pl.read_parquet(path), pl.read_parquet_metadata(path)
+    except (OSError, pl.exceptions.PolarsError, pl.exceptions.PanicException) as error:
+        raise InputError("a table of trials", f"{path}: {error}", "Make one with --out.") from error
+    origin = {key: value for key, value in metadata.items() if not key.startswith("ARROW")}
+    if "grid" not in origin or "verdict" not in rows.columns:
+        raise InputError("a table of trials", f"{path}, which is another table", "Make one with --out.")
+    return TrialTable(rows.with_columns(pl.col(pl.Float32).cast(pl.Float64)), origin)
+
+
+def _row(trial: FlightTrial) -> dict[str, str | float | int | bool]:
+    case = trial.case
+    row: dict[str, str | float | int | bool] = {
+        "flight": case.name,
+        "class": case.flight_class,
+        "simulator": case.simulator,
+        "kind": case.kind,
+        "calm": case.calm,
+        "trajectory": str(case.spec.trajectory),
+        "noise": str(case.spec.noise.kind),
+        "gust_rms": case.spec.gust_rms,
+        "delay": case.spec.delay,
+        "seed": case.spec.seed,
+        "verdict": trial.verdict,
+    }
+    row |= {f"truth.{name}": trial.truth[name] for name in QUANTITIES}
+    row |= {"recipe.first_stage_F": trial.first_stage, "recipe.p_value": trial.p_value}
+    for estimator, quantities in ESTIMATORS.items():
+        for name in quantities:
+            estimate = trial.estimates[estimator][name]
+            row |= {
+                f"{estimator}.{name}.{part}": getattr(estimate, part) for part in ("value", "low", "high")
+            }
+    return row
+
+
+def _rounded_columns(rows: pl.DataFrame) -> list[str]:
+    """Columns of results; what the grid gives is exact."""
+    return [name for name in rows.columns if "." in name]
+
+
+def _rounded(values: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    """Values that the file holds exactly, so that tables are the same before and after it."""
+    mantissa, exponent = np.frexp(values)
+    scale = 2.0**MANTISSA_BITS
+    return np.ldexp(np.round(mantissa * scale) / scale, exponent)
+
+
+def _versions() -> dict[str, str]:
+    results = {}
+    for package in PACKAGES:
+        try:
+            results[package] = version(package)
+        except PackageNotFoundError:
+            results[package] = "not installed"
+    return results

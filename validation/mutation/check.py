@@ -10,15 +10,172 @@ of mutants that are not tried as well. The exit code is 0 when each named test n
 from __future__ import annotations
 
 import argparse
+import os
+import re
+import shutil
+import subprocess
 import sys
 import tempfile
-from collections.abc import Sequence
+import time
+import tomllib
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from validation.mutation.mutants import TABLE, Mutant, MutantError, check_lines, read_mutants, sample
-from validation.mutation.page import write_page
-from validation.mutation.workspace import FAILED, PASSED, Workspace
+from eivor.lab.experiments import markdown, page_with
+
+TABLE = Path(__file__).with_name("mutants.toml")
+
+
+class MutantError(Exception):
+    """A mutant that cannot be tried: its line is not there, or its tests are not."""
+
+
+@dataclass(frozen=True, slots=True)
+class Mutant:
+    """One line and what it is swapped for."""
+
+    name: str  # Short and unique
+    area: str  # What kind of line it is
+    what: str  # What the swap does, for people
+    file: str  # Path from the root of the project
+    line: str  # The line as it stands, without its indentation, and what takes its place
+    replacement: str
+    tests: tuple[str, ...]  # Pytest's names of files, classes or tests; each must have a test that fails
+
+    def applied(self, text: str) -> str:
+        """Text of the file with the line swapped, its indentation kept."""
+        lines = text.splitlines(keepends=True)
+        positions = [j for j, line in enumerate(lines) if line.strip() == self.line]
+        if len(positions) != 1:
+            raise MutantError(
+                f"{self.name}: the line `{self.line}` was found {len(positions)} times in {self.file}; "
+                f"bring {TABLE.name} up to date"
+            )
+        if self.line == self.replacement:
+            raise MutantError(f"{self.name}: the line is swapped for itself")
+        position = positions[0]
+        lines[position] = lines[position].replace(self.line, self.replacement)
+        return "".join(lines)
+
+
+def read_mutants(path: Path = TABLE) -> tuple[Mutant, ...]:
+    """Mutants of a table, in its order."""
+    entries = tomllib.loads(path.read_text(encoding="utf-8"))["mutant"]
+    result = tuple(Mutant(**entry | {"tests": tuple(entry["tests"])}) for entry in entries)
+    names = [mutant.name for mutant in result]
+    for mutant in result:
+        if names.count(mutant.name) > 1:
+            raise MutantError(f"{mutant.name}: two mutants have this name")
+        if not mutant.tests:
+            raise MutantError(f"{mutant.name}: names no test")
+    return result
+
+
+def check_lines(mutants: Sequence[Mutant], root: Path) -> list[str]:
+    """What is wrong with the mutants' places; nothing when every line is found exactly once."""
+    wrong = []
+    for mutant in mutants:
+        path = root / mutant.file
+        try:
+            if not path.is_file():
+                raise MutantError(f"{mutant.name}: there is no {mutant.file}; bring {TABLE.name} up to date")
+            mutant.applied(path.read_text(encoding="utf-8"))
+            for test in mutant.tests:
+                if not (root / test.partition("::")[0]).exists():
+                    raise MutantError(f"{mutant.name}: there is no test {test}")
+        except MutantError as error:
+            others = [
+                item.relative_to(root).as_posix()
+                for item in sorted((root / "src").rglob("*.py"))
+                if item != path and mutant.line in map(str.strip, item.read_text("utf-8").splitlines())
+            ]
+            wrong.append(f"{error} (it is in {', '.join(others)})" if others else str(error))
+    return wrong
+
+
+def sample(mutants: Sequence[Mutant], count: int) -> list[Mutant]:
+    """The first of each area, then the second of each, until there are `count`."""
+    ranks: dict[str, int] = {}
+    ranked = []
+    for index, mutant in enumerate(mutants):
+        ranks[mutant.area] = ranks.get(mutant.area, 0) + 1
+        ranked.append((ranks[mutant.area], index, mutant))
+    return [mutant for _, _, mutant in sorted(ranked, key=lambda entry: entry[:2])[:count]]
+
+
+#: What tests of the package need of the project.
+COPIED = ("src", "tests", "validation", "pyproject.toml")
+#: What the tests find in their environment, beside the copy.
+ENVIRONMENT = {"PYTHONDONTWRITEBYTECODE": "1", "EIVOR_SHAPE_CHECKS": "0", "CI": "1"}
+#: Pytest's exit codes: all passed, some failed.
+PASSED, FAILED = 0, 1
+#: A line of pytest's summary: how a test ended, and its name.
+ENDED = re.compile(r"^(PASSED|FAILED|ERROR|SKIPPED|XFAIL|XPASS) (\S+::\S.*?)(?: - .*)?$", re.MULTILINE)
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """Tests that were run."""
+
+    code: int  # Pytest's exit code
+    ended: tuple[tuple[str, str], ...]  # How each test ended, and its name
+    seconds: float  # Wall time
+    text: str  # What pytest printed
+
+    def failed_of(self, test: str) -> int:
+        """Number of tests below a name that did not pass."""
+        return sum(
+            how in {"FAILED", "ERROR"} and (name == test or name.startswith((f"{test}::", f"{test}[")))
+            for how, name in self.ended
+        )
+
+
+class Workspace:
+    """A copy of the project."""
+
+    def __init__(self, project: Path, folder: Path) -> None:
+        self.root = folder
+        for name in COPIED:
+            source = project / name
+            if source.is_dir():
+                shutil.copytree(source, folder / name, ignore=shutil.ignore_patterns("__pycache__"))
+            elif source.exists():
+                shutil.copy2(source, folder / name)
+
+    @contextmanager
+    def swapped(self, mutant: Mutant) -> Iterator[None]:
+        """The copy with a mutant's line swapped."""
+        path = self.root / mutant.file
+        before = path.read_text(encoding="utf-8")
+        after = mutant.applied(before)
+        try:
+            compile(after, mutant.file, "exec")
+        except SyntaxError as error:
+            raise MutantError(f"{mutant.name}: no Python any more: {error}") from error
+        path.write_text(after, encoding="utf-8")
+        try:
+            yield
+        finally:
+            path.write_text(before, encoding="utf-8")
+
+    def tested(self, tests: Sequence[str]) -> Run:
+        """Run tests in the copy, in one process, without the checks of shapes, which take longer."""
+        command = [sys.executable, "-m", "pytest", "-q", "-rA", "-n", "0", "-p", "no:cacheprovider"]
+        start_s = time.perf_counter()
+        done = subprocess.run(
+            [*command, "--tb=no", "--no-header", "-m", "", *tests],
+            capture_output=True,
+            encoding="utf-8",
+            check=False,
+            cwd=self.root,
+            env=os.environ | ENVIRONMENT | {"PYTHONPATH": str(self.root / "src")},
+        )
+        seconds = time.perf_counter() - start_s
+        text = done.stdout + done.stderr
+        return Run(done.returncode, tuple(ENDED.findall(done.stdout)), seconds, text)
+
 
 ROOT = Path(__file__).resolve().parents[2]
 #: Exit code when a mutant is not noticed, or cannot be tried.
@@ -105,6 +262,52 @@ def main(arguments: Sequence[str] | None = None, *, project: Path = ROOT, table:
     if chosen.page:
         write_page(chosen.page, outcomes)
     return 0 if outcomes and noticed == len(outcomes) else UNNOTICED
+
+
+#: The part of the page that is generated.
+PART = "mutants"
+
+
+def write_page(path: Path, outcomes: Sequence[Outcome]) -> None:
+    """Put the tables between the marks of a page."""
+    text = path.read_text(encoding="utf-8")
+    path.write_text(page_with(text, {PART: "\n\n".join(parts(outcomes))}), encoding="utf-8")
+
+
+def parts(outcomes: Sequence[Outcome]) -> Iterator[str]:
+    """How many were noticed, and a table for each area."""
+    noticed = sum(outcome.noticed for outcome in outcomes)
+    yield f"{noticed} of {len(outcomes)} swapped lines were noticed."
+    areas = list(dict.fromkeys(outcome.mutant.area for outcome in outcomes))
+    for area in areas:
+        here = [outcome for outcome in outcomes if outcome.mutant.area == area]
+        yield f"## {area.capitalize()}"
+        yield markdown(("what the swap does", "line", "becomes", "noticed by"), map(_row, here))
+
+
+def _row(outcome: Outcome) -> tuple[str, ...]:
+    mutant = outcome.mutant
+    tests = (test.removeprefix("tests/") for test in mutant.tests)
+    by = f"{outcome.failed} of " if outcome.noticed else "**not by** "
+    where = mutant.file.removeprefix("src/eivor/")
+    return (
+        f"{_plain(mutant.what)}<br>`{where}`",
+        _code(mutant.line),
+        _code(mutant.replacement),
+        by + "<br>".join(_codes(tests)),
+    )
+
+
+def _plain(text: str) -> str:
+    return text.replace("|", "\\|")
+
+
+def _code(text: str) -> str:
+    return f"`{text}`".replace("|", "\\|")
+
+
+def _codes(texts: Iterable[str]) -> Iterator[str]:
+    return map(_code, texts)
 
 
 if __name__ == "__main__":

@@ -25,9 +25,8 @@ from eivor.atomic_file import write_atomically
 from eivor.lab.experiments import markdown, page_text, page_with
 from eivor.motions.vertical.model import GRAVITY
 from eivor.signals.filters import actuator_state
-from validation.real_logs.grid import Family, published_grid
-from validation.real_logs.own_flights import fly_own
-from validation.real_logs.spec import STEP_S, FlightSpec
+from validation.real_logs.closed_loop import STEP_S, FlightSpec, fly_own
+from validation.real_logs.trials import Family, published_grid
 
 PART = "pool information"
 #: Half-width of a normal variable's 95 % interval, in standard deviations.

@@ -11,16 +11,95 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
+import eivor as ev
 from eivor.lab.experiments import markdown
+from eivor.lab.records import Scenario, simulate
+from eivor.lab.scenario_files import shipped_scenario
+from eivor.signals.signals import Signals
 from eivor.strict_toml import read_toml
-from validation.kept_study import Answer, KeptStudyCommand, keep, kept_lines
-from validation.recursion.trials import SEED, Told, trial
-from validation.requirement import Requirement
-from validation.suites import versions
+from validation.studies import Answer, KeptStudyCommand, Requirement, keep, kept_lines, versions
+
+
+def changed_record(
+    scenario: Scenario, rng: np.random.Generator, parameter: str, factor: float, sample: int
+) -> Signals:
+    """Measured signals of a scenario in open loop whose disturbance is in the equation."""
+    record = simulate(scenario, rng)
+    before, after = scenario, replace(scenario, **{parameter: factor * getattr(scenario, parameter)})
+    true, measured = record.truth.channels, record.signals
+    u, velocity = true["input"], true["velocity_z"].copy()
+    for k in range(max(sample, 1), u.size):
+        now = after if k > sample else before  # what held over the step to sample k
+        velocity[k] = now.vehicle.decay * velocity[k - 1] + now.input_gain * now.vehicle.held * u[k - 1]
+    friction = np.full(u.size, before.viscous_friction)
+    gain = np.full(u.size, before.input_gain)
+    friction[sample:], gain[sample:] = after.viscous_friction, after.input_gain
+    acceleration = gain * u - friction * velocity + true["disturbance"]
+    channels = dict(measured.channels)
+    for name, series in (("velocity_z", velocity), ("acceleration_z", acceleration)):
+        channels[name] = measured.channels[name] - true[name] + series
+    return Signals(measured.rate_hz, channels, noise=measured.noise)
+
+
+#: Length of a record, and the samples between which its parameter changes.
+SAMPLES, CHANGES = 2500, (1250, 1300)
+#: Lags of the input that are instruments.
+LAGS = 10
+#: What a parameter is multiplied by when it changes.
+DROP = 0.8
+SEED = 20261122
+
+
+@dataclass(frozen=True, slots=True)
+class Told:
+    """What one record says."""
+
+    scenario: str  # Name of a shipped one
+    changed: str  # Parameter that drops, or "nothing"
+    run: int  # Number of the record
+    alarms: int  # Changes that were told where there was none
+    delay: int | None  # Samples from the change to the first that was told after it; None for never
+    covered: dict[str, bool]  # Whether the interval at the end holds the truth, and its half-width over it
+    half_width: dict[str, float]
+
+
+def trial(scenario: str, changed: str, run: int) -> Told:
+    """Run one record; the same scenario and run have the same noises with and without a change."""
+    given = replace(shipped_scenario(scenario), samples=SAMPLES)
+    rng = np.random.default_rng([SEED, run])
+    index = CHANGES[0] + run % (CHANGES[1] - CHANGES[0])
+    truth = {"viscous_friction": given.viscous_friction, "input_gain": given.input_gain}
+    drops = changed in truth
+    if drops:
+        truth[changed] *= DROP
+        signals = changed_record(given, rng, changed, DROP, index)
+    else:
+        signals = ev.simulate(given, rng).signals
+    recursion = ev.RecursiveIdentification(
+        ev.VerticalMotion(intercept=False),
+        ev.methods.generalized_iv(),
+        ev.lags("input", 0, LAGS),
+        detector=ev.ChangeDetector(),
+    ).update(signals)
+    selected = [change.sample + LAGS for change in recursion.changes]
+    after = [sample - index for sample in selected if sample > index]
+    estimate = recursion.estimate()
+    ends = {name: estimate.interval(name) for name in truth}
+    return Told(
+        scenario,
+        changed,
+        run,
+        sum(sample <= index for sample in selected) if drops else len(selected),
+        after[0] if drops and after else None,
+        {name: bool(low <= truth[name] <= high) for name, (low, high) in ends.items()},
+        {name: 0.5 * (high - low) / truth[name] for name, (low, high) in ends.items()},
+    )
+
 
 PART = "recursion"
 GRID = Path(__file__).with_name("grid.toml")

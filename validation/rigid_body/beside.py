@@ -32,13 +32,19 @@ from eivor.signals.recording import Recording
 from eivor.simulation.controller import Sensor
 from eivor.simulation.rigid_body import simulate_rigid_body_flights
 from eivor.simulation.rigid_body_spec import RigidBodyFlightSpec
-from validation.flight_recipe.rotorpy_vehicles import Vehicle
-from validation.rigid_body.flights import NOISE, flight_of, jittered, known_vehicle
-from validation.rigid_body.grid import published_grid
-from validation.rigid_body.page import cell
-from validation.rigid_body.quantities import GROUPS, LAG, truth_of
-from validation.rigid_body.requirements import scores
-from validation.study_folder import Row, StudyFolder, StudyTable
+from validation.flight_recipe.rotorpy_flight import Vehicle
+from validation.rigid_body.study import cell, scores
+from validation.rigid_body.trials import (
+    GROUPS,
+    LAG,
+    NOISE,
+    flight_of,
+    jittered,
+    known_vehicle,
+    published_grid,
+    truth_of,
+)
+from validation.studies import Row, StudyFolder, StudyTable
 
 VEHICLE = Vehicle.CRAZYFLIE
 LEAST_SQUARES, TOTAL, INSTRUMENTS = "whitened_least_squares", "total_least_squares", "reference_iv"

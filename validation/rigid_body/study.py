@@ -13,17 +13,200 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+
+import numpy as np
+import polars as pl
 
 from eivor.atomic_file import write_atomically
 from eivor.errors import EivorError
-from eivor.lab.experiments import page_text, page_with
-from validation.rigid_body.grid import Grid, published_grid
-from validation.rigid_body.page import PART, study_tables
-from validation.rigid_body.requirements import requirements
-from validation.rigid_body.trials import rows_of, tasks_of
-from validation.study_folder import StudyFolder, StudyTable, read_study_table
+from eivor.lab.experiments import markdown, page_text, page_with
+from eivor.lab.study_run import Share
+from validation.rigid_body.trials import (
+    GROUPS,
+    Grid,
+    Scenario,
+    published_grid,
+    rows_of,
+    tasks_of,
+    unit_of_error,
+)
+from validation.studies import Requirement, StudyFolder, StudyTable, read_study_table
+
+#: Of the interval of a share that is compared with what is asked.
+LEVEL = 0.99
+
+
+@dataclass(frozen=True, slots=True)
+class Score:
+    """How well a quantity is told, over flights."""
+
+    count: int  # Flights that tell it
+    # Mean of the errors, root of the mean of their squares, and the largest, relative to the truth
+    bias: float
+    rmse: float
+    largest: float
+    covered: Share  # Intervals that hold the truth
+
+
+def score(rows: pl.DataFrame) -> Score:
+    """Score of one quantity by one method of one vehicle; a flight that told nothing missed."""
+    truth, value = rows["truth"].to_numpy(), rows["value"].to_numpy()
+    reported = np.isfinite(value)
+    errors = (value - truth)[reported] / unit_of_error(str(rows["quantity"][0]), float(truth[0]))
+    held = (rows["low"].to_numpy() <= truth) & (truth <= rows["high"].to_numpy())
+    if not errors.size:
+        errors = np.array([np.nan])
+    return Score(
+        int(reported.sum()),
+        float(errors.mean()),
+        float(np.sqrt(np.mean(errors**2))),
+        float(np.abs(errors).max()),
+        Share(int(held.sum()), rows.height, LEVEL),
+    )
+
+
+def scores(rows: pl.DataFrame) -> dict[str, Score]:
+    """Score of every quantity whose error can be told relative to its truth."""
+    return {
+        str(name): score(item)
+        for (name,), item in rows.group_by(["quantity"], maintain_order=True)
+        if unit_of_error(str(name), float(item["truth"][0])) > 0.0
+    }
+
+
+def parts_of(rows: pl.DataFrame, scenario: Scenario) -> Iterator[tuple[str, str, pl.DataFrame]]:
+    """Rows of a scenario by vehicle and method, in the order of the grid."""
+    for vehicle in scenario.vehicles:
+        for method in scenario.methods:
+            current = rows.filter(
+                (pl.col("scenario") == scenario.name)
+                & (pl.col("vehicle") == str(vehicle))
+                & (pl.col("method") == method)
+            )
+            if current.height:
+                yield str(vehicle), method, current
+
+
+def requirements(rows: pl.DataFrame, grid: Grid) -> tuple[Requirement, ...]:
+    """Judge a run of the study by the first method of each scenario."""
+    return tuple(
+        item
+        for scenario in grid.scenarios
+        for vehicle, method, entry in parts_of(rows, scenario)
+        if method == scenario.methods[0]
+        for item in _of_part(scenario, vehicle, scores(entry))
+    )
+
+
+def _of_part(scenario: Scenario, vehicle: str, result: dict[str, Score]) -> Iterator[Requirement]:
+    requested = scenario.asked
+    name = scenario.name if len(scenario.vehicles) == 1 else f"{scenario.name}, {vehicle}"
+    for word, bounds, number in (
+        ("largest error", requested.largest, "largest"),
+        ("RMSE", requested.rmse, "rmse"),
+        ("bias", requested.bias, "bias"),
+    ):
+        for group, bound in bounds.items():
+            sizes = [abs(getattr(result[item], number)) for item in GROUPS[group] if item in result]
+            if sizes:
+                worst = float(np.max(sizes))
+                yield Requirement(
+                    f"{name}: {word}, {group}", f"<= {percent(bound)}", percent(worst), worst <= bound
+                )
+    judged = {
+        item: result[item].covered for group in requested.groups for item in GROUPS[group] if item in result
+    }
+    if requested.coverage_each and judged:
+        below = [item for item, share in judged.items() if share.interval[1] < requested.coverage_each]
+        least = min(judged.values(), key=lambda share: share.value)
+        yield Requirement(
+            f"{name}: coverage of each",
+            f"{requested.coverage_each:g} in its 99 % interval",
+            share_text(least) + (f"; below: {', '.join(below)}" if below else " at least"),
+            not below,
+        )
+    if requested.coverage_pooled and judged:
+        low, high = requested.coverage_pooled
+        pooled = Share(
+            sum(item.hits for item in judged.values()), sum(item.count for item in judged.values()), LEVEL
+        )
+        yield Requirement(
+            f"{name}: coverage of all",
+            f"{low:g} to {high:g}",
+            share_text(pooled),
+            low <= pooled.value <= high,
+        )
+
+
+def percent(value: float) -> str:
+    """A share in percent."""
+    return f"{100.0 * value:.2g} %" if np.isfinite(value) else "-"
+
+
+def share_text(share: Share) -> str:
+    """A share with its interval."""
+    low, high = share.interval
+    return f"{share.value:.3f} [{low:.2f}, {high:.2f}]"
+
+
+#: Name of the generated part of the page.
+PART = "rigid body"
+COMMAND = "python -m validation.rigid_body.study"
+
+
+def study_tables(table: StudyTable, grid: Grid) -> str:
+    """All tables of a run, as Markdown."""
+    rows, origin = table.rows, table.origin
+    return "\n\n".join(
+        [
+            f"Made by `{COMMAND}` with {origin['made with']}: grid *{origin['grid']}*, {origin['flights']} "
+            "flights. Brackets hold the 99 % Wilson interval of a share.",
+            "## What is asked, and what came out",
+            requirement_table(rows, grid),
+            "## Errors and coverage",
+            "Bias and root mean square error, in brackets the coverage of 95 % intervals; of groups the "
+            "worst of each number.",
+            score_table(rows, grid),
+        ]
+    )
+
+
+def requirement_table(rows: pl.DataFrame, grid: Grid) -> str:
+    """One row for each requirement."""
+    lines = [
+        (requirement.what, requirement.asked, requirement.measured, "yes" if requirement.met else "no")
+        for requirement in requirements(rows, grid)
+    ]
+    return markdown(("what", "asked", "measured", "met"), lines)
+
+
+def score_table(rows: pl.DataFrame, grid: Grid) -> str:
+    """One row for each scenario, vehicle and method."""
+    lines = []
+    for scenario in grid.scenarios:
+        for vehicle, method, item in parts_of(rows, scenario):
+            name = scenario.name if len(scenario.vehicles) == 1 else f"{scenario.name}: {vehicle}"
+            result = scores(item)
+            flights = item["number"].n_unique()
+            lines.append(
+                (f"{name}, {method}", f"{flights}", *(cell(result, names) for names in GROUPS.values()))
+            )
+    return markdown(("flights", "number", *GROUPS), lines)
+
+
+def cell(result: dict[str, Score], names: tuple[str, ...]) -> str:
+    """Bias, root mean square error and coverage of a group: the worst of each number."""
+    selected = [result[name] for name in names if name in result and result[name].count]
+    if not selected:
+        return "-"
+    bias = max((item.bias for item in selected), key=abs)
+    rmse = float(np.max([item.rmse for item in selected]))
+    covered = min(item.covered.value for item in selected)
+    return f"{'+' if bias >= 0.0 else '-'}{percent(abs(bias))}, {percent(rmse)} [{covered:.2f}]"
+
 
 #: Exit code when a requirement is not met, and for an input that cannot be used.
 NOT_MET, WRONG = 3, 2

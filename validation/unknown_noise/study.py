@@ -26,8 +26,7 @@ from eivor.lab.scenario_files import shipped_scenario
 from eivor.signals.noise import FractionalNoise
 from eivor.strict_toml import TomlTable, read_toml
 from eivor.tools import Float
-from validation.requirement import Requirement
-from validation.suites import versions
+from validation.studies import Requirement, versions
 
 PART = "unknown-noise"
 #: Exit code when a requirement is not met, and for an input that cannot be used.
