@@ -1,4 +1,4 @@
-"""What a study must reach, and what a run of it says."""
+"""What studies share: their commands, what is asked of them, and how their rows are kept."""
 
 from __future__ import annotations
 
@@ -9,39 +9,132 @@ import json
 import platform
 import sys
 import tempfile
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, nullcontext
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from importlib.metadata import version
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, Generic, Protocol, TypeVar, runtime_checkable
+from typing import Any, Generic, Protocol, TypeVar
 
 import polars as pl
 
 from eivor.atomic_file import atomic_write, write_atomically
 from eivor.errors import EivorError, InputError
-from eivor.lab.experiments import page_text, page_with
+from eivor.lab.experiments import markdown, page_text, page_with
 from eivor.lab.study_files import Suite, SuiteStudy, read_suite
-from eivor.lab.study_run import SHARD_TRIALS, StudyResult, is_sealed, run_study, sealed
+from eivor.lab.study_run import SHARD_TRIALS, Share, StudyResult, is_sealed, run_study, sealed
 from eivor.process_pool import check_workers, local_executor
+
+#: Exit code when a requirement is not met, and for an input that cannot be used.
+NOT_MET, WRONG = 3, 2
+PACKAGES = ("eivor", "numpy", "scipy")
+#: What names a row of a run.
+KEYS = ("scenario", "samples", "method", "parameter")
+
+Row = Mapping[str, str | int | float]
+#: A dataclass that is kept as a line of a file, and what names it among the others.
+Told = TypeVar("Told")
+Key = TypeVar("Key", bound=Hashable)
+Item = TypeVar("Item")
 
 
 @dataclass(frozen=True, slots=True)
 class Requirement:
-    """One thing that must hold."""
+    """One thing that must hold, in words and numbers."""
 
-    what: str  # In words and numbers
+    what: str
     asked: str
     measured: str
-    met: bool  # Whether it holds
+    met: bool
 
 
-#: A dataclass: what one identification says.
-Told = TypeVar("Told")
-#: A study's tables, and what is asked of it.
-Answer = tuple[str, Iterable[Requirement]]
+#: A study's tables (of one part of the page, or of several by name), and what is asked of it.
+Answer = tuple[str | Mapping[str, str], Iterable[Requirement]]
+#: Settings of an option, as argparse takes them.
+Option = Mapping[str, Any]
+SIZE: Option = {"choices": ("small", "full"), "default": "small"}
+WORKERS: Option = {"type": int, "metavar": "N", "help": "processes; default: one for each core"}
+OUT: Option = {"type": Path, "metavar": "FILE.parquet", "help": "write every row"}
+FINISHED: Option = {"dest": "source", "type": Path, "metavar": "FILE.parquet", "help": "a finished run"}
+KEPT: Option = {
+    "type": Path,
+    "required": True,
+    "metavar": "FILE.jsonl",
+    "help": "keep every trial here",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class StudyCommand:
+    """A study as a command that prints its tables and puts them into a page."""
+
+    module: str  # How it is called, and what its help says
+    doc: str | None
+    part: str | Callable[[argparse.Namespace], str]  # Name of the page's part
+    answer: Callable[[argparse.Namespace], Answer]
+    options: Mapping[str, Option]
+
+    def main(self, arguments: Sequence[str] | None = None) -> int:
+        """Run the command; returns its exit code."""
+        parser = argparse.ArgumentParser(
+            prog=f"python -m {self.module}",
+            description=self.doc,
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+        )
+        for name, settings in self.options.items():
+            parser.add_argument(name, **settings)
+        parser.add_argument("--page", type=Path, metavar="FILE.md", help="put the tables between its marks")
+        chosen = parser.parse_args(arguments)
+        try:
+            part = self.part if isinstance(self.part, str) else self.part(chosen)
+            page = page_text(chosen.page, part) if chosen.page else ""
+            tables, requirements = self.answer(chosen)
+            parts = {part: tables} if isinstance(tables, str) else tables
+            if chosen.page:
+                write_atomically(chosen.page, page_with(page, parts))
+        except EivorError as error:
+            sys.stderr.write(f"{error}\n")
+            return WRONG
+        sys.stdout.write("\n\n".join(parts.values()) + "\n")
+        return 0 if all(requirement.met for requirement in requirements) else NOT_MET
+
+
+def requirement_table(requirements: Iterable[Requirement], what: str = "what", *, not_met: str = "no") -> str:
+    """A row for each requirement."""
+    lines = [(item.what, item.asked, item.measured, "yes" if item.met else not_met) for item in requirements]
+    return markdown((what, "asked", "measured", "met"), lines)
+
+
+def share_text(share: Share, digits: int = 3) -> str:
+    """Share with its interval and its count."""
+    low, high = share.interval
+    if not share.count:
+        return "-"
+    return f"{share.value:.{digits}f} [{low:.{digits}f}, {high:.{digits}f}] of {share.count}"
+
+
+def with_bar(items: Iterable[Item], name: str, total: int) -> Iterator[Item]:
+    """Items as they come, with a bar on standard error when that is a terminal."""
+    from rich.console import Console
+    from rich.progress import Progress
+
+    console = Console(stderr=True)
+    with Progress(console=console, disable=not console.is_terminal) as bar:
+        task = bar.add_task(name, total=total)
+        for item in items:
+            yield item
+            bar.advance(task)
+
+
+def versions() -> str:
+    """What a table was made with."""
+    packages = ", ".join(f"{package} {version(package)}" for package in PACKAGES)
+    return f"{packages}, Python {platform.python_version()}"
+
+
+# -- studies that keep every trial as a line of a file --
 
 
 def keep(path: Path, record: Iterable[Any]) -> None:
@@ -57,113 +150,77 @@ def kept_lines(path: Path, kind: type[Told]) -> list[Told]:
     return [kind(**json.loads(line)) for line in path.read_text(encoding="utf-8").splitlines()]
 
 
-@dataclass(frozen=True, slots=True)
-class KeptStudyCommand:
-    """A study whose file goes on where it was interrupted."""
-
-    module: str  # How it is called, and what its help says
-    doc: str
-    grid: Path  # The published one
-    part: str  # Name of the page's part
-    # From the grid's file, the size and the study's file to what it says
-    answer: Callable[[Path, str, Path], Answer]
-
-    def main(self, arguments: Sequence[str] | None = None) -> int:
-        """Run the command; returns its exit code."""
-        parser = argparse.ArgumentParser(prog=f"python -m {self.module}", description=self.doc)
-        parser.formatter_class = argparse.RawDescriptionHelpFormatter
-        parser.add_argument("--grid", type=Path, default=self.grid, help="instead of the published one")
-        parser.add_argument("--size", choices=("small", "full"), default="small")
-        parser.add_argument(
-            "--kept", type=Path, required=True, metavar="FILE.jsonl", help="keep every trial here"
-        )
-        parser.add_argument("--page", type=Path, metavar="FILE.md", help="put the tables between its marks")
-        chosen = parser.parse_args(arguments)
-        try:
-            return self._run(chosen)
-        except EivorError as error:
-            sys.stderr.write(f"{error}\n")
-            return WRONG
-
-    def _run(self, chosen: argparse.Namespace) -> int:
-        page = page_text(chosen.page, self.part) if chosen.page else ""
-        tables, requirements = self.answer(chosen.grid, chosen.size, chosen.kept)
-        if chosen.page:
-            write_atomically(chosen.page, page_with(page, {self.part: tables}))
-        sys.stdout.write(tables + "\n")
-        return 0 if all(requirement.met for requirement in requirements) else NOT_MET
+def completed(
+    path: Path, kind: type[Told], trials: Mapping[Key, Callable[[], Told]], key_of: Callable[[Told], Key]
+) -> list[Told]:
+    """One line for each trial, in their order; what the file does not have yet is made and kept."""
+    done = {key_of(line): line for line in kept_lines(path, kind)}
+    for key, trial in trials.items():
+        if key not in done:
+            done[key] = trial()
+            keep(path, [done[key]])
+    return [done[key] for key in trials]
 
 
-#: Exit code when a requirement is not met, and for an input that cannot be used.
-NOT_MET, WRONG = 3, 2
-PACKAGES = ("eivor", "numpy", "scipy")
-#: What names a row of a run.
-KEYS = ("scenario", "samples", "method", "parameter")
+def kept_command(
+    module: str, doc: str | None, grid: Path, part: str, answer: Callable[[Path, str, Path], Answer]
+) -> StudyCommand:
+    """Command of a study whose file goes on where it was interrupted."""
+    options = {
+        "--grid": {"type": Path, "default": grid, "help": "instead of the published one"},
+        "--size": SIZE,
+        "--kept": KEPT,
+    }
+    return StudyCommand(
+        module, doc, part, lambda chosen: answer(chosen.grid, chosen.size, chosen.kept), options
+    )
 
-Row = Mapping[str, str | int | float]
+
+# -- studies that are a suite of scenarios --
 
 
-@dataclass(frozen=True, slots=True)
-class SuiteCommand:
-    """A study that is a suite."""
+def suite_command(
+    module: str,
+    doc: str | None,
+    part: str,
+    suite: Callable[[], Suite],  # the one that is run when no other is named
+    rows_of: Callable[[SuiteStudy, StudyResult], Iterable[Row]],
+    columns: tuple[str, ...],
+    kind: str,  # what the table of these rows is called
+    answer: Callable[[pl.DataFrame], Answer],
+) -> StudyCommand:
+    """Command of a study that is a suite."""
 
-    module: str  # How it is called, and what its help says
-    doc: str
-    suite: Callable[[], Suite]  # Gives the suite that is run when no other is named
-    rows_of: Callable[[SuiteStudy, StudyResult], Iterable[Row]]  # Rows of one of its studies
-    columns: tuple[str, ...]  # Of these rows
-    kind: str  # What their table is called
-    tables: Callable[[pl.DataFrame], str]  # The page's part, of all rows
-    part: str  # Name of that part
-    requirements: Callable[[pl.DataFrame], Iterable[Requirement]]  # What rows are judged by
+    def rows(chosen: argparse.Namespace) -> pl.DataFrame:
+        if chosen.sources:
+            return joined([read_rows(source, columns, kind) for source in chosen.sources])
+        selected = read_suite(chosen.suite) if chosen.suite else suite()
+        if chosen.runs is not None:
+            selected = selected.reduced(chosen.runs)
+        kept = nullcontext(str(chosen.folder)) if chosen.folder else tempfile.TemporaryDirectory()
+        with kept as folder:
+            return run_suite(selected, Path(folder), rows_of, chosen.workers)
 
-    def main(self, arguments: Sequence[str] | None = None) -> int:
-        """Run the command; returns its exit code."""
-        parser = argparse.ArgumentParser(prog=f"python -m {self.module}", description=self.doc)
-        parser.formatter_class = argparse.RawDescriptionHelpFormatter
-        parser.add_argument("suite", type=Path, nargs="?", help="a suite file; default: the package's")
-        parser.add_argument("--runs", type=int, help="instead of the suite's")
-        parser.add_argument("--folder", type=Path, help="keep every trial here")
-        parser.add_argument("--workers", type=int, help="processes; default: one for each core")
-        parser.add_argument("--out", type=Path, metavar="FILE.parquet", help=f"write the {self.kind}")
-        parser.add_argument("--page", type=Path, metavar="FILE.md", help="put the tables between its marks")
-        parser.add_argument(
-            "--from",
-            dest="sources",
-            type=Path,
-            action="append",
-            metavar="FILE.parquet",
-            help="a finished run; given again, one of other rows: of one that both have, more records win",
-        )
-        chosen = parser.parse_args(arguments)
-        try:
-            return self._run(chosen)
-        except EivorError as error:
-            sys.stderr.write(f"{error}\n")
-            return WRONG
-
-    def _run(self, chosen: argparse.Namespace) -> int:
-        page = page_text(chosen.page, self.part) if chosen.page else ""
+    def made(chosen: argparse.Namespace) -> Answer:
         if chosen.workers is not None:
             check_workers(chosen.workers)
         if chosen.out and not chosen.out.parent.is_dir():
             raise InputError("a folder that exists", f"{chosen.out.parent}", "Make it first.")
-        if chosen.sources:
-            rows = joined([read_rows(source, self.columns, self.kind) for source in chosen.sources])
-        else:
-            suite = read_suite(chosen.suite) if chosen.suite else self.suite()
-            if chosen.runs is not None:
-                suite = suite.reduced(chosen.runs)
-            kept = nullcontext(str(chosen.folder)) if chosen.folder else tempfile.TemporaryDirectory()
-            with kept as folder:
-                rows = run_suite(suite, Path(folder), self.rows_of, chosen.workers)
+        table = rows(chosen)
         if chosen.out:
-            write_rows(rows, chosen.out)
-        tables = self.tables(rows)
-        if chosen.page:
-            write_atomically(chosen.page, page_with(page, {self.part: tables}))
-        sys.stdout.write(tables + "\n")
-        return 0 if all(item.met for item in self.requirements(rows)) else NOT_MET
+            write_rows(table, chosen.out)
+        return answer(table)
+
+    finished = "a finished run; given again, one of other rows: of one that both have, more records win"
+    options: Mapping[str, Option] = {
+        "suite": {"type": Path, "nargs": "?", "help": "a suite file; default: the package's"},
+        "--runs": {"type": int, "help": "instead of the suite's"},
+        "--folder": {"type": Path, "help": "keep every trial here"},
+        "--workers": WORKERS,
+        "--out": OUT,
+        "--from": {**FINISHED, "dest": "sources", "action": "append", "help": finished},
+    }
+    return StudyCommand(module, doc, part, made, options)
 
 
 def run_suite(
@@ -173,18 +230,11 @@ def run_suite(
     workers: int | None = None,
 ) -> pl.DataFrame:
     """Run what is left of a suite and gather its rows."""
-    from rich.console import Console
-    from rich.progress import Progress
-
-    console = Console(stderr=True)
     rows: list[Row] = []
-    with Progress(console=console, disable=not console.is_terminal) as bar:
-        task = bar.add_task("studies", total=len(suite.studies))
-        for study in suite.studies:
-            executor = local_executor(workers, tasks=-(-study.study.runs // SHARD_TRIALS))
-            result = run_study(study.study, folder / f"{study.scenario}-{study.samples}", executor=executor)
-            rows.extend(rows_of(study, result))
-            bar.advance(task)
+    for study in with_bar(suite.studies, "studies", len(suite.studies)):
+        executor = local_executor(workers, tasks=-(-study.study.runs // SHARD_TRIALS))
+        result = run_study(study.study, folder / f"{study.scenario}-{study.samples}", executor=executor)
+        rows.extend(rows_of(study, result))
     return pl.DataFrame(rows)
 
 
@@ -193,12 +243,6 @@ def joined(tables: Sequence[pl.DataFrame]) -> pl.DataFrame:
     rows = pl.concat(tables)
     most = rows.group_by(*KEYS, maintain_order=True).agg(pl.all().sort_by("runs").last())
     return most.select(rows.columns)
-
-
-def versions() -> str:
-    """What a table was made with."""
-    packages = ", ".join(f"{package} {version(package)}" for package in PACKAGES)
-    return f"{packages}, Python {platform.python_version()}"
 
 
 def write_rows(rows: pl.DataFrame, path: Path) -> None:
@@ -221,28 +265,21 @@ def read_rows(path: Path, columns: tuple[str, ...], kind: str) -> pl.DataFrame:
     return rows
 
 
+# -- studies whose tasks are sealed files of a folder --
+
 #: Files that make tables of rows, and no row.
 TABLES_ONLY = frozenset({"study.py"})
 
 
-@runtime_checkable
 class StudyTask(Protocol):
     """Some flights of a study, whose rows are kept in one file."""
 
     @property
-    def file_name(self) -> str:
-        """Name of the file, without its ending."""
-        ...
-
+    def file_name(self) -> str: ...  # without its ending
     @property
-    def facts(self) -> Mapping[str, str]:
-        """What the file is sealed with: whose flights, and which."""
-        ...
-
+    def facts(self) -> Mapping[str, str]: ...  # whose flights, and which: the file is sealed with it
     @property
-    def flights(self) -> int:
-        """Number of flights."""
-        ...
+    def flights(self) -> int: ...  # how many
 
 
 Task = TypeVar("Task", bound=StudyTask)
@@ -296,18 +333,11 @@ class StudyFolder(Generic[Task]):
 
     def run(self, rows_of: Callable[[Task], Sequence[Row]], workers: int | None = None) -> None:
         """Do what is left of the study."""
-        from rich.console import Console
-        from rich.progress import Progress
-
         missing = self.missing()
-        console = Console(stderr=True)
-        with Progress(console=console, disable=not console.is_terminal) as bar:
-            task = bar.add_task("tasks", total=len(missing))
-            if missing:
-                with closing(local_executor(workers, len(missing)).map(rows_of, missing)) as results:
-                    for item, rows in results:
-                        self.write(missing[item], rows)
-                        bar.advance(task)
+        if missing:
+            with closing(local_executor(workers, len(missing)).map(rows_of, missing)) as results:
+                for item, rows in with_bar(results, "tasks", len(missing)):
+                    self.write(missing[item], rows)
 
     def gathered(self) -> StudyTable:
         """Table of all tasks that are done, in the order of their files' names."""
@@ -316,11 +346,10 @@ class StudyFolder(Generic[Task]):
         if not done:
             raise InputError("a folder with finished tasks", f"{self.folder}", "Run the study first.")
         rows = pl.concat(done.values())
-        made = ", ".join(f"{package} {version(package)}" for package in PACKAGES)
         origin = {
             "grid": self.name,
             "flights": f"{sum(task.flights for task in done)} of {self.planned}",
-            "made with": f"{made}, Python {platform.python_version()}",
+            "made with": versions(),
         }
         return StudyTable(rows, origin)
 
@@ -349,3 +378,39 @@ class StudyFolder(Generic[Task]):
 
 def _sources(folder: Path) -> Iterator[Path]:
     yield from (path for path in sorted(folder.rglob("*.py")) if path.name not in TABLES_ONLY)
+
+
+def folder_command(
+    module: str,
+    doc: str | None,
+    part: str,
+    word: str,  # option that names what is flown
+    folder_of: Callable[[argparse.Namespace], StudyFolder[Any]],
+    rows_of: Callable[[Any], Sequence[Row]],
+    answer: Callable[[StudyTable], Answer],
+) -> StudyCommand:
+    """Command of a study in a folder."""
+
+    def made(chosen: argparse.Namespace) -> Answer:
+        if chosen.source:
+            table = read_study_table(chosen.source)
+        else:
+            folder = folder_of(chosen)
+            if not chosen.tables:
+                folder.run(rows_of, chosen.workers)
+            table = folder.gathered()
+        if chosen.out:
+            table.write(chosen.out)
+        return answer(table)
+
+    name = module.removeprefix("validation.").replace(".", "-").replace("_", "-")
+    options: Mapping[str, Option] = {
+        "--folder": {"type": Path, "default": Path(name), "help": "keeps finished parts"},
+        "--tables": {"action": "store_true", "help": "fly nothing; tables of what is done"},
+        "--share": {"type": float, "default": 1.0, "help": "only the first flights of each"},
+        word: {"dest": "word", "default": "", "metavar": "WORD", "help": "those with this in their name"},
+        "--workers": WORKERS,
+        "--out": OUT,
+        "--from": FINISHED,
+    }
+    return StudyCommand(module, doc, part, made, options)

@@ -23,7 +23,7 @@ from eivor.lab.experiments import markdown
 from eivor.lab.study import FAILED
 from eivor.lab.study_files import SuiteStudy, coverage_suite
 from eivor.lab.study_run import Share, StudyResult
-from validation.studies import Requirement, SuiteCommand, read_rows, versions
+from validation.studies import Requirement, read_rows, requirement_table, suite_command, versions
 
 #: Columns of the table.
 COLUMNS = (
@@ -156,14 +156,11 @@ def coverage_tables(rows: pl.DataFrame) -> str:
     """All tables of a run."""
     first = rows.row(0, named=True)
     level = f"{100 * first['level']:g} %"
-    requested = [
-        (item.what, item.asked, item.measured, "yes" if item.met else "no") for item in requirements(rows)
-    ]
     parts = [
         f"Made by `{CALLED}` with {first['versions']}: {first['runs']} records of each scenario and length, "
         f"seed {first['seed']}, intervals at {level}. In brackets: the 95 % Wilson interval of a share.",
         "## What is asked, and what came out",
-        markdown(("coverage of the default intervals", "asked", "measured", "met"), requested),
+        requirement_table(requirements(rows), "coverage of the default intervals"),
     ]
     for samples in rows["samples"].unique(maintain_order=True):
         here = rows.filter(pl.col("samples") == samples)
@@ -219,19 +216,16 @@ def _pair(rows: pl.DataFrame) -> str:
     return " / ".join(f"{coverage_of(row).value:.3f}" for row in rows.iter_rows(named=True))
 
 
-COMMAND = SuiteCommand(
+main = suite_command(
     "validation.coverage.study",
     __doc__,
+    PART,
     coverage_suite,
     coverage_rows,
     COLUMNS,
     "coverage",
-    coverage_tables,
-    PART,
-    requirements,
-)
-main = COMMAND.main
-
+    lambda rows: (coverage_tables(rows), requirements(rows)),
+).main
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -28,7 +28,7 @@ from eivor.lab.records import ALWAYS_MEASURED, OpenLoop, Scenario, simulate
 from eivor.lab.study_files import Suite, SuiteStudy, read_suite
 from eivor.lab.study_run import StudyResult, scores
 from eivor.simulation.excitation import GivenSeries
-from validation.studies import Requirement, Row, SuiteCommand, versions
+from validation.studies import Requirement, Row, requirement_table, suite_command, versions
 
 
 def open_loop(scenario: Scenario, seed: int) -> Scenario:
@@ -280,13 +280,10 @@ Cell = Callable[[Row], str]
 def efficiency_tables(rows: pl.DataFrame) -> str:
     """All tables of a run."""
     first = rows.row(0, named=True)
-    requested = [
-        (item.what, item.asked, item.measured, "yes" if item.met else "no") for item in requirements(rows)
-    ]
     parts = [
         f"Made by `{CALLED}` with {first['versions']}: {_number(rows)} records of each scenario and length, "
         f"seed {first['seed']}. Each cell is K / K_u.",
-        markdown(("what", "asked", "measured", "met"), requested),
+        requirement_table(requirements(rows)),
     ]
     methods = rows["method"].unique(maintain_order=True).to_list()
     for samples in rows["samples"].unique(maintain_order=True):
@@ -344,19 +341,16 @@ def efficiency_suite() -> Suite:
     return read_suite(Path(__file__).with_name("efficiency.toml"))
 
 
-COMMAND = SuiteCommand(
+main = suite_command(
     "validation.efficiency.study",
     __doc__,
+    PART,
     efficiency_suite,
     efficiency_rows,
     COLUMNS,
     "efficiency",
-    efficiency_tables,
-    PART,
-    requirements,
-)
-main = COMMAND.main
-
+    lambda rows: (efficiency_tables(rows), requirements(rows)),
+).main
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -12,6 +12,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +23,14 @@ from eivor.fleet.simulate import FleetSpec, fleet_rows, fleet_truth
 from eivor.lab.experiments import markdown
 from eivor.motions import motion_by_name
 from eivor.strict_toml import read_toml
-from validation.studies import Answer, KeptStudyCommand, Requirement, keep, kept_lines, versions
+from validation.studies import (
+    Answer,
+    Requirement,
+    completed,
+    kept_command,
+    requirement_table,
+    versions,
+)
 
 SEED = 20261122
 #: What loses thrust, and flights from either end without a step.
@@ -196,14 +204,8 @@ HEADER = (
 
 def answer(grid: Path, size: str, kept: Path) -> Answer:
     """Simulate what the file does not have yet, and judge all of it."""
-    known = {_key(kept_line): kept_line for kept_line in kept_lines(kept, Told)}
-    results = []
-    for cell in _cells(grid, size):
-        key = _key(cell)
-        if key not in known:
-            known[key] = told(cell)
-            keep(kept, [known[key]])
-        results.append(known[key])
+    trials = {_key(cell): partial(told, cell) for cell in _cells(grid, size)}
+    results = completed(kept, Told, trials, _key)
     requirements = tuple(_requirements(results))
     return _tables(results, requirements), requirements
 
@@ -254,14 +256,10 @@ def _requirements(tolds: list[Told]) -> Iterator[Requirement]:
 
 
 def _tables(tolds: list[Told], requirements: tuple[Requirement, ...]) -> str:
-    requested = [
-        (requirement.what, requirement.asked, requirement.measured, "yes" if requirement.met else "no")
-        for requirement in requirements
-    ]
     return "\n\n".join(
         (
             f"Made by `python -m validation.fleet_changes.study` with {versions()}, seed {SEED}.",
-            markdown(("what", "asked", "measured", "met"), requested),
+            requirement_table(requirements),
             markdown(HEADER, map(_line, tolds)),
         )
     )
@@ -289,9 +287,7 @@ def _line(first: Told) -> tuple[str, ...]:
     )
 
 
-COMMAND = KeptStudyCommand("validation.fleet_changes.study", __doc__, GRID, PART, answer)
-main = COMMAND.main
-
+main = kept_command("validation.fleet_changes.study", __doc__, GRID, PART, answer).main
 
 if __name__ == "__main__":
     sys.exit(main())

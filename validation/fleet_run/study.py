@@ -37,7 +37,16 @@ from eivor.lab.study_run import parquet_bytes
 from eivor.logs.read import read_log
 from eivor.motions.identify import identify_flight
 from eivor.strict_toml import read_toml
-from validation.studies import Answer, KeptStudyCommand, Requirement, keep, kept_lines, versions
+from validation.studies import (
+    Answer,
+    Requirement,
+    completed,
+    keep,
+    kept_command,
+    kept_lines,
+    requirement_table,
+    versions,
+)
 
 #: Of all draws.
 SEED = 20261122
@@ -245,16 +254,12 @@ def answer(grid: Path, size: str, kept: Path) -> Answer:
     """Run what the folder does not have yet, and judge all of it."""
     requested, folder = _parsed(grid, size), kept.with_suffix("")
     write_logs(requested, folder / "logs")
-    selected = {kept_line.mode: kept_line for kept_line in kept_lines(kept, Told)}
-    for name, run in MODES.items():
-        if name not in selected:
-            selected[name] = run(requested, folder / "logs", folder / name)
-            keep(kept, [selected[name]])
+    trials = {name: partial(run, requested, folder / "logs", folder / name) for name, run in MODES.items()}
+    results = completed(kept, Told, trials, lambda line: line.mode)
     costs = kept.with_suffix(".cost.jsonl")
     if not costs.exists():
         keep(costs, [_cost(requested.cost_s)])
     (cost,) = kept_lines(costs, Cost)
-    results = [selected[name] for name in MODES]
     requirements = tuple(_requirements(requested, results))
     return _tables(requested, results, requirements, cost), requirements
 
@@ -296,10 +301,6 @@ def _requirements(size: Size, tolds: Sequence[Told]) -> Iterator[Requirement]:
 
 
 def _tables(size: Size, tolds: Sequence[Told], requirements: Sequence[Requirement], cost: Cost) -> str:
-    requested = [
-        (requirement.what, requirement.asked, requirement.measured, "yes" if requirement.met else "no")
-        for requirement in requirements
-    ]
     verdicts = ", ".join(f"{count:,} {verdict}" for verdict, count in tolds[0].verdicts.items())
     return "\n\n".join(
         (
@@ -307,7 +308,7 @@ def _tables(size: Size, tolds: Sequence[Told], requirements: Sequence[Requiremen
             f"{size.short_vehicles:,} vehicles with {size.short_flights} flights each that are too short to "
             f"be told, {size.told_vehicles} with {size.told_flights} that are not; a copy, a damaged log and "
             f"an empty one. Rows: {verdicts}.",
-            markdown(("what", "asked", "measured", "met"), requested),
+            requirement_table(requirements),
             markdown(("run", "rows", "parts", "table", "memory of who hands out"), map(_line, tolds)),
             "On paper, from these figures:",
             markdown((f"{MANY:,} logs", "take"), _on_paper(tolds[0], cost)),
@@ -341,9 +342,7 @@ def _on_paper(first: Told, cost: Cost) -> Iterator[tuple[str, str]]:
     )
 
 
-COMMAND = KeptStudyCommand("validation.fleet_run.study", __doc__, GRID, PART, answer)
-main = COMMAND.main
-
+main = kept_command("validation.fleet_run.study", __doc__, GRID, PART, answer).main
 
 if __name__ == "__main__":
     sys.exit(main())

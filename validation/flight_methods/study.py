@@ -28,7 +28,15 @@ from eivor.signals.recording import Recording
 from eivor.simulation.environment import TrajectoryKind
 from eivor.simulation.vertical import VerticalFlightSpec
 from eivor.strict_toml import read_toml
-from validation.studies import Answer, KeptStudyCommand, Requirement, keep, kept_lines, versions
+from validation.studies import (
+    Answer,
+    Requirement,
+    keep,
+    kept_command,
+    kept_lines,
+    requirement_table,
+    versions,
+)
 
 SEED = 20261122
 #: References in turn.
@@ -191,10 +199,6 @@ def _searched(tolds: Sequence[Told], method: str) -> list[Told]:
 
 
 def _tables(grid: Grid, tolds: Sequence[Told], requirements: Sequence[Requirement]) -> str:
-    requested = [
-        (requirement.what, requirement.asked, requirement.measured, "yes" if requirement.met else "no")
-        for requirement in requirements
-    ]
     flights = ", ".join(f"{runs} of {regime.name}" for regime, runs in grid.regimes)
     compared = [regime.name for regime, _ in grid.regimes if regime.left_out]
     of_lag = [
@@ -213,7 +217,7 @@ def _tables(grid: Grid, tolds: Sequence[Told], requirements: Sequence[Requiremen
         (
             f"Made by `python -m validation.flight_methods.study` with {versions()}: flights {flights}, "
             f"actuators of {1e3 * grid.vehicle['actuator_lag']:g} ms, seed {SEED}.",
-            markdown(("what", "asked", "measured", "met"), requested),
+            requirement_table(requirements),
             f"The lag left out, and a nuisance ({', '.join(compared)}):",
             markdown(("lag", "method", *COLUMNS), of_lag),
             "Regimes, the lag a nuisance:",
@@ -265,9 +269,7 @@ def _judged(tolds: Sequence[Told], method: str) -> str:
     )
 
 
-COMMAND = KeptStudyCommand("validation.flight_methods.study", __doc__, GRID, PART, answer)
-main = COMMAND.main
-
+main = kept_command("validation.flight_methods.study", __doc__, GRID, PART, answer).main
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -12,20 +12,16 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 import polars as pl
 from jaxtyping import Bool, Float
 
-from eivor.atomic_file import write_atomically
-from eivor.errors import EivorError
 from eivor.inference.diagnostics.instruments import STRONG_FIRST_STAGE
 from eivor.inference.diagnostics.record import BEYOND_DOUBT
 from eivor.inference.verdict import Status
-from eivor.lab.experiments import markdown, page_with
+from eivor.lab.experiments import markdown
 from eivor.lab.study_run import Share
 from eivor.process_pool import local_executor
 from validation.flight_recipe.trials import (
@@ -35,8 +31,6 @@ from validation.flight_recipe.trials import (
     PACKAGES,
     QUANTITIES,
     RECIPE,
-    FlightGrid,
-    FlightTrial,
     TrialTable,
     flown_together,
     published_grid,
@@ -44,7 +38,17 @@ from validation.flight_recipe.trials import (
     run_trials,
     trial_table,
 )
-from validation.studies import Requirement
+from validation.studies import (
+    FINISHED,
+    OUT,
+    SIZE,
+    WORKERS,
+    Answer,
+    Requirement,
+    StudyCommand,
+    share_text,
+    with_bar,
+)
 
 #: Confidence level of the intervals of shares.
 LEVEL = 0.99
@@ -152,14 +156,6 @@ def error_text(quantity: str, value: float) -> str:
     return f"{value * 1e3:.1f} ms" if quantity == "effective_lag" else f"{value:.1%}".replace("%", " %")
 
 
-def share_text(share: Share) -> str:
-    """Share with its count and its interval."""
-    if not share.count:
-        return "-"
-    low, high = share.interval
-    return f"{share.value:.3f} [{low:.3f}, {high:.3f}] of {share.count}"
-
-
 def _small_errors(rows: pl.DataFrame, quantity: str) -> Requirement:
     median, ninetieth = ERROR_BOUNDS[quantity]
     result = score(rows, quantity)
@@ -250,7 +246,7 @@ def study_tables(table: TrialTable) -> str:
             f"*{origin['grid']}*, size {origin['size']}, {rows.height} flights, of which {lost} lost their "
             "vehicle in the simulator and are left out. Brackets hold the 99 % Wilson interval of a share.",
             "## What is asked, and what came out",
-            requirement_table(rows, allow_chance=origin["size"] != "full"),
+            requirement_table(requirements(rows, allow_chance=origin["size"] != "full"), not_met="**no**"),
             "## By class",
             "Errors and coverage of accepted flights; relative errors for K and K_u.",
             class_table(rows),
@@ -268,15 +264,6 @@ def study_tables(table: TrialTable) -> str:
             lag_table(accepted(rows.filter(pl.col("calm"), pl.col("simulator") == "vertical"))),
         ]
     )
-
-
-def requirement_table(rows: pl.DataFrame, *, allow_chance: bool) -> str:
-    """One row for each requirement."""
-    lines = [
-        (item.what, item.asked, item.measured, "yes" if item.met else "**no**")
-        for item in requirements(rows, allow_chance=allow_chance)
-    ]
-    return markdown(("what", "asked", "measured", "met"), lines)
 
 
 def class_table(rows: pl.DataFrame) -> str:
@@ -391,64 +378,24 @@ def _covered(result: Score) -> str:
     return f"{result.coverage.value:.3f}" if result.coverage.count else "-"
 
 
-SIZES = ("small", "full")
-#: Exit code when a requirement is not met, and for an input that cannot be used.
-NOT_MET, WRONG = 3, 2
-
-
 def run_grid(size: str, workers: int | None = None) -> TrialTable:
     """Run the published grid at one of its sizes."""
     grid = published_grid() if size == "full" else published_grid().small()
     executor = local_executor(workers, len(flown_together(grid)))
-    return trial_table(_displayed(run_trials(grid, executor), grid), grid=grid.name, size=size)
+    trials = with_bar(run_trials(grid, executor), "flights", len(grid.cases))
+    return trial_table(trials, grid=grid.name, size=size)
 
 
-def _displayed(trials: Iterable[FlightTrial], grid: FlightGrid) -> Iterator[FlightTrial]:
-    """Trials as they are done, with a bar on standard error when that is a terminal."""
-    from rich.console import Console
-    from rich.progress import Progress
-
-    console = Console(stderr=True)
-    with Progress(console=console, disable=not console.is_terminal) as progress:
-        task = progress.add_task("flights", total=len(grid.cases))
-        for trial in trials:
-            yield trial
-            progress.advance(task)
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command; returns its exit code."""
-    parser = argparse.ArgumentParser(prog="python -m validation.flight_recipe.study", description=__doc__)
-    parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.add_argument("--size", choices=SIZES, default="full", help="small is a published part of the grid")
-    parser.add_argument("--workers", type=int, metavar="N", help="processes; default: one for each core")
-    parser.add_argument("--out", type=Path, metavar="FILE.parquet", help="write every trial")
-    parser.add_argument(
-        "--page", type=Path, metavar="FILE.md", help="put the tables between the page's marks"
-    )
-    parser.add_argument(
-        "--from", dest="source", type=Path, metavar="FILE.parquet", help="tables of a finished run"
-    )
-    chosen = parser.parse_args(arguments)
-    try:
-        return _run(chosen)
-    except EivorError as error:
-        sys.stderr.write(f"{error}\n")
-        return WRONG
-
-
-def _run(chosen: argparse.Namespace) -> int:
+def answer(chosen: argparse.Namespace) -> Answer:
+    """Tables of a run, or of a finished one."""
     table = read_trial_table(chosen.source) if chosen.source else run_grid(chosen.size, chosen.workers)
     if chosen.out:
         table.write(chosen.out)
-    tables = study_tables(table)
-    if chosen.page:
-        page = page_with(chosen.page.read_text(encoding="utf-8"), {PART: tables})
-        write_atomically(chosen.page, page)
-    sys.stdout.write(tables + "\n")
-    small = table.origin["size"] != "full"
-    return 0 if all(item.met for item in requirements(table.rows, allow_chance=small)) else NOT_MET
+    return study_tables(table), requirements(table.rows, allow_chance=table.origin["size"] != "full")
 
+
+OPTIONS = {"--size": {**SIZE, "default": "full"}, "--workers": WORKERS, "--out": OUT, "--from": FINISHED}
+main = StudyCommand("validation.flight_recipe.study", __doc__, PART, answer, OPTIONS).main
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -8,26 +8,24 @@ asks each method of the paper for coefficients, order and 95 % intervals.
 
 from __future__ import annotations
 
-import argparse
 import sys
 import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
-from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
 
 import eivor as ev
-from eivor.atomic_file import write_atomically
 from eivor.errors import EstimationError, WeakInstrumentsWarning
 from eivor.estimation.method import Method
-from eivor.lab.experiments import markdown, page_text, page_with
+from eivor.lab.experiments import markdown
 from eivor.models.regression import Column
 from eivor.signals.filters import filtered
 from eivor.tools import Float
+from validation.studies import Option, StudyCommand
 
 Series = Float[np.ndarray, " n"]
 
@@ -273,24 +271,17 @@ def sharper(runs: int) -> str:
         return f"**cell**, {runs:,} runs.\n\n" + markdown(HEADER, lines_of(cell, runs, sharper_ways()))
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command; returns its exit code."""
-    parser = argparse.ArgumentParser(prog="python -m validation.fractional.study", description=__doc__)
-    parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.add_argument("--runs", type=int, default=20, help="seeds of each scenario")
-    parser.add_argument("--page", type=Path, metavar="FILE.md", help="put the tables between its marks")
-    parser.add_argument(
-        "--sharper", action="store_true", help="the cell with further lags, or a second round"
-    )
-    chosen = parser.parse_args(arguments)
-    part, make = (SHARPER_PART, sharper) if chosen.sharper else (PART, tables)
-    page = page_text(chosen.page, part) if chosen.page else ""
-    made = make(chosen.runs)
-    if chosen.page:
-        write_atomically(chosen.page, page_with(page, {part: made}))
-    sys.stdout.write(made + "\n")
-    return 0
-
+OPTIONS: dict[str, Option] = {
+    "--runs": {"type": int, "default": 20, "help": "seeds of each scenario"},
+    "--sharper": {"action": "store_true", "help": "the cell with further lags, or a second round"},
+}
+main = StudyCommand(
+    "validation.fractional.study",
+    __doc__,
+    lambda chosen: SHARPER_PART if chosen.sharper else PART,
+    lambda chosen: ((sharper if chosen.sharper else tables)(chosen.runs), ()),
+    OPTIONS,
+).main
 
 if __name__ == "__main__":
     sys.exit(main())

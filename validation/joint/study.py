@@ -46,7 +46,15 @@ from eivor.simulation.rigid_body import RigidBodyFlight, simulate_rigid_body_fli
 from eivor.simulation.rigid_body_spec import AxisExcitations, Logged, RigidBodyFlightSpec, Sensors, Wind
 from validation.flight_recipe.rotorpy_flight import RotorpyFlightSpec, rigid_body, vehicle_parameters
 from validation.flight_recipe.trials import FlightCase, FlightGrid, read_grid
-from validation.studies import Answer, KeptStudyCommand, Requirement, keep, kept_lines
+from validation.studies import (
+    Answer,
+    Requirement,
+    keep,
+    kept_command,
+    kept_lines,
+    requirement_table,
+    share_text,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -314,17 +322,13 @@ def requirements(tolds: Sequence[Told]) -> Iterator[Requirement]:
     yield Requirement(
         "coverage of K where it is identified",
         f"99 % interval meets {COVERAGE[0]} to {COVERAGE[1]}",
-        _share(covered),
+        share_text(covered, 2),
         low <= COVERAGE[1] and high >= COVERAGE[0],
     )
 
 
 def tables(tolds: Sequence[Told]) -> str:
     """What is asked, and each way beside the others."""
-    requested = [
-        (requirement.what, requirement.asked, requirement.measured, "yes" if requirement.met else "no")
-        for requirement in requirements(tolds)
-    ]
     names = dict.fromkeys(item.flight for item in tolds)
     header = (
         "",
@@ -339,7 +343,7 @@ def tables(tolds: Sequence[Told]) -> str:
     return "\n\n".join(
         (
             f"Made by `python -m validation.joint.study` of {len(names)} flights, of which {lost} were lost.",
-            markdown(("K in gusts, attitude and height excited", "asked", "measured", "met"), requested),
+            requirement_table(requirements(tolds), "K in gusts, attitude and height excited"),
             markdown(header, rows),
         )
     )
@@ -354,7 +358,7 @@ def _cells(tolds: Sequence[Told], formula: str) -> tuple[str, ...]:
         f"{flights} of {len(selected)}",
         f"{float(np.median(_lengths(tolds, formula))):.2f}",
         f"{float(np.median(errors)):.1%}".replace("%", " %"),
-        _share(_coverage(selected)),
+        share_text(_coverage(selected), 2),
     )
 
 
@@ -373,11 +377,6 @@ def _coverage(tolds: Sequence[Told]) -> Share:
     return Share(sum(held), len(held), LEVEL)
 
 
-def _share(share: Share) -> str:
-    low, high = share.interval
-    return f"{share.value:.2f} [{low:.2f}, {high:.2f}] of {share.count}"
-
-
 GRID = Path(__file__).with_name("grid.toml")
 
 
@@ -388,8 +387,7 @@ def answer(grid_file: Path, size: str, kept: Path) -> Answer:
     return tables(completed), requirements(completed)
 
 
-main = KeptStudyCommand("validation.joint.study", __doc__, GRID, PART, answer).main
-
+main = kept_command("validation.joint.study", __doc__, GRID, PART, answer).main
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -22,7 +22,7 @@ from eivor.lab.experiments import markdown
 from eivor.lab.study import MethodChoice, Study
 from eivor.lab.study_files import Suite, SuiteStudy, read_suite
 from eivor.lab.study_run import StudyResult, scores, trial_nrmse
-from validation.studies import Row, SuiteCommand, versions
+from validation.studies import Row, suite_command, versions
 
 #: Name of the generated part of the page.
 PART = "claims"
@@ -207,19 +207,16 @@ def claims_suite() -> Suite:
     return read_suite(Path(__file__).with_name("claims.toml"))
 
 
-COMMAND = SuiteCommand(
+main = suite_command(
     "validation.paper.claims",
     __doc__,
+    PART,
     claims_suite,
     claims_rows,
     COLUMNS,
     "claims",
-    claims_tables,
-    PART,
-    lambda _: (),
-)
-main = COMMAND.main
-
+    lambda rows: (claims_tables(rows), ()),
+).main
 
 if __name__ == "__main__":
     sys.exit(main())

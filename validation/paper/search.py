@@ -9,19 +9,16 @@ No number is fitted: the axes below hold alternatives only. A few minutes on two
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import product
-from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
 
-from eivor.atomic_file import write_atomically
-from eivor.lab.experiments import markdown, page_with
+from eivor.lab.experiments import markdown
 from eivor.lab.paper_examples import PaperResult, estimates, record, trial_generator
 from eivor.lab.paper_readings import (
     EXAMPLES,
@@ -36,6 +33,7 @@ from eivor.lab.paper_readings import (
 )
 from eivor.lab.records import Intersample
 from eivor.process_pool import in_order, local_executor
+from validation.studies import WORKERS, Option, StudyCommand
 
 RUNS = 10
 PLOTTED = 6
@@ -174,23 +172,17 @@ def _words(tried: Tried) -> str:
     )
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command; returns its exit code."""
-    parser = argparse.ArgumentParser(prog="python -m validation.paper.search", description=__doc__)
-    parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.add_argument("--runs", type=int, default=RUNS, help="of each combination")
-    parser.add_argument("--workers", type=int, default=None, help="processes; default: one for each core")
-    parser.add_argument(
-        "--page", type=Path, metavar="FILE.md", help="put the tables between the page's marks"
-    )
-    chosen = parser.parse_args(arguments)
-    text = search_page(search(chosen.runs, chosen.workers), chosen.runs)
-    if chosen.page:
-        page = page_with(chosen.page.read_text(encoding="utf-8"), {"search": text})
-        write_atomically(chosen.page, page)
-    sys.stdout.write(text + "\n")
-    return 0
-
+OPTIONS: dict[str, Option] = {
+    "--runs": {"type": int, "default": RUNS, "help": "of each combination"},
+    "--workers": WORKERS,
+}
+main = StudyCommand(
+    "validation.paper.search",
+    __doc__,
+    "search",
+    lambda chosen: (search_page(search(chosen.runs, chosen.workers), chosen.runs), ()),
+    OPTIONS,
+).main
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -47,7 +47,15 @@ from eivor.simulation.vertical import (
 )
 from eivor.strict_toml import read_toml
 from validation.flight_recipe.rotorpy_flight import RotorpyFlightSpec, Vehicle, simulate_rotorpy_flight
-from validation.studies import Answer, KeptStudyCommand, Requirement, keep, kept_lines, versions
+from validation.studies import (
+    Answer,
+    Requirement,
+    keep,
+    kept_command,
+    kept_lines,
+    requirement_table,
+    versions,
+)
 
 STEP_S = 0.01
 #: Vertical gusts of every flight, the sensors' noise is that of the studies of the recipe [m/s].
@@ -311,12 +319,8 @@ def table(result: Sequence[Outcome]) -> str:
 
 
 def _tables(tolds: Sequence[Outcome], requirements: Sequence[Requirement]) -> str:
-    requested = [
-        (requirement.what, requirement.asked, requirement.measured, "yes" if requirement.met else "no")
-        for requirement in requirements
-    ]
     made = f"Made by `python -m validation.plan.study` with {versions()}: {len(tolds)} planned flights."
-    return "\n\n".join((made, markdown(("what", "asked", "measured", "met"), requested), table(tolds)))
+    return "\n\n".join((made, requirement_table(requirements), table(tolds)))
 
 
 def _row(vehicle: str, target: str, specific: Sequence[Outcome]) -> tuple[str, ...]:
@@ -337,9 +341,7 @@ def _row(vehicle: str, target: str, specific: Sequence[Outcome]) -> tuple[str, .
     )
 
 
-COMMAND = KeptStudyCommand("validation.plan.study", __doc__, GRID, PART, answer)
-main = COMMAND.main
-
+main = kept_command("validation.plan.study", __doc__, GRID, PART, answer).main
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -12,6 +12,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -28,7 +29,14 @@ from eivor.inference.random_effects import (
 )
 from eivor.lab.experiments import markdown
 from eivor.strict_toml import read_toml
-from validation.studies import Answer, KeptStudyCommand, Requirement, keep, kept_lines, versions
+from validation.studies import (
+    Answer,
+    Requirement,
+    completed,
+    kept_command,
+    requirement_table,
+    versions,
+)
 
 SEED = 20261122
 
@@ -114,17 +122,15 @@ HEADER = (
 
 def answer(grid: Path, size: str, kept: Path) -> Answer:
     """Draw what the file does not have yet, and judge all of it."""
-    selected = {
-        (kept_line.flights, kept_line.heterogeneity, kept_line.replications): kept_line
-        for kept_line in kept_lines(kept, Told)
+    trials = {
+        (flights, heterogeneity, replications): partial(
+            cell, flights, heterogeneity, replications, std_errors
+        )
+        for flights, heterogeneity, replications, std_errors in _parsed(grid, size)
     }
-    results = []
-    for flights, heterogeneity, replications, std_errors in _parsed(grid, size):
-        key = (flights, heterogeneity, replications)
-        if key not in selected:
-            selected[key] = cell(flights, heterogeneity, replications, std_errors)
-            keep(kept, [selected[key]])
-        results.append(selected[key])
+    results = completed(
+        kept, Told, trials, lambda line: (line.flights, line.heterogeneity, line.replications)
+    )
     requirements = tuple(_requirements(results))
     return _tables(results, requirements), requirements
 
@@ -162,15 +168,11 @@ def _requirements(tolds: list[Told]) -> Iterator[Requirement]:
 
 
 def _tables(tolds: list[Told], requirements: tuple[Requirement, ...]) -> str:
-    requested = [
-        (requirement.what, requirement.asked, requirement.measured, "yes" if requirement.met else "no")
-        for requirement in requirements
-    ]
     return "\n\n".join(
         (
             f"Made by `python -m validation.pooling.study` with {versions()}: {tolds[0].replications:,} "
             f"vehicles in each cell, seed {SEED}.",
-            markdown(("what", "asked", "measured", "met"), requested),
+            requirement_table(requirements),
             markdown(HEADER, map(_line, tolds)),
         )
     )
@@ -187,9 +189,7 @@ def _line(first: Told) -> tuple[str, ...]:
     )
 
 
-COMMAND = KeptStudyCommand("validation.pooling.study", __doc__, GRID, PART, answer)
-main = COMMAND.main
-
+main = kept_command("validation.pooling.study", __doc__, GRID, PART, answer).main
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -35,7 +35,15 @@ from eivor.simulation.rigid_body_spec import (
     TorqueDisturbance,
 )
 from eivor.strict_toml import TomlTable, read_toml
-from validation.studies import Answer, KeptStudyCommand, Requirement, keep, kept_lines
+from validation.studies import (
+    Answer,
+    Requirement,
+    keep,
+    kept_command,
+    kept_lines,
+    requirement_table,
+    share_text,
+)
 
 CONTROLLER_HZ, GYROSCOPE_HZ = 400.0, 200.0
 #: Of the gyroscope [rad/s], and of the gusts' angular acceleration about each axis [rad/s^2], correlated [s].
@@ -238,7 +246,7 @@ def requirements(grid: Grid, tolds: Sequence[Told]) -> Iterator[Requirement]:
     held = [item.held for item in accepted if item.condition in large]
     covered, (low, high) = Share(sum(held), len(held)), COVERAGE
     yield Requirement(
-        "coverage of what is accepted", f"{low:.2f} to {high:.2f}", _share(covered), _within(covered)
+        "coverage of what is accepted", f"{low:.2f} to {high:.2f}", share_text(covered, 2), _within(covered)
     )
     missed = sum(not item.held for item in accepted if item.condition not in large)
     yield Requirement("small steps and hover: accepted intervals that miss", "0", f"{missed}", missed == 0)
@@ -252,10 +260,6 @@ def _within(covered: Share) -> bool:
 
 def tables(grid: Grid, tolds: Sequence[Told]) -> str:
     """What is asked, and a table of every cell."""
-    requested = [
-        (requirement.what, requirement.asked, requirement.measured, "yes" if requirement.met else "no")
-        for requirement in requirements(grid, tolds)
-    ]
     header = ("flights", "effectiveness", "lag", "accepted", "intervals that hold", "least squares")
     rows = []
     for condition, vehicle in dict.fromkeys((item.condition, item.vehicle) for item in tolds):
@@ -265,7 +269,7 @@ def tables(grid: Grid, tolds: Sequence[Told]) -> str:
     return "\n\n".join(
         (
             f"Made by `python -m validation.rates.study` of {flights} flights of {grid.seconds:g} s.",
-            markdown(("median size of errors, and coverage", "asked", "measured", "met"), requested),
+            requirement_table(requirements(grid, tolds), "median size of errors, and coverage"),
             markdown(header, rows),
         )
     )
@@ -279,7 +283,7 @@ def _cells(tolds: Sequence[Told]) -> tuple[str, ...]:
         _of(selected, EFFECTIVENESS, lambda bias, size: f"{bias:+.1%} ({size:.1%})"),
         _of(selected, (LAG,), lambda bias, size: f"{1e3 * bias:+.1f} ({1e3 * size:.1f}) ms"),
         f"{len(accepted)} of {len(selected)}",
-        _share(Share(sum(item.held for item in accepted), len(accepted))) if accepted else "-",
+        share_text(Share(sum(item.held for item in accepted), len(accepted)), 2) if accepted else "-",
         ", ".join(
             (
                 _of(plain, EFFECTIVENESS, lambda bias, _: f"{bias:+.0%}"),
@@ -299,11 +303,6 @@ def _errors(tolds: Sequence[Told], names: Sequence[str]) -> list[float]:
     return [item.error for item in tolds if item.quantity in names and np.isfinite(item.error)]
 
 
-def _share(share: Share) -> str:
-    low, high = share.interval
-    return f"{share.value:.2f} [{low:.2f}, {high:.2f}] of {share.count}"
-
-
 def answer(grid_file: Path, size: str, kept: Path) -> Answer:
     """Run what is left, and say what all of it says."""
     grid = read_grid(grid_file)
@@ -311,8 +310,7 @@ def answer(grid_file: Path, size: str, kept: Path) -> Answer:
     return tables(grid, completed), requirements(grid, completed)
 
 
-main = KeptStudyCommand("validation.rates.study", __doc__, GRID, PART, answer).main
-
+main = kept_command("validation.rates.study", __doc__, GRID, PART, answer).main
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -11,19 +11,15 @@ met, 3 when one is not, 2 for an input that cannot be used.
 
 from __future__ import annotations
 
-import argparse
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import polars as pl
 
-from eivor.atomic_file import write_atomically
-from eivor.errors import EivorError
 from eivor.inference.verdict import Status
-from eivor.lab.experiments import markdown, page_with
+from eivor.lab.experiments import markdown
 from eivor.lab.study_run import Share
 from eivor.motions.vertical.verdict import HOVER_FLOOR
 from validation.flight_recipe.study import (
@@ -34,13 +30,12 @@ from validation.flight_recipe.study import (
     accepted_share,
     flown,
     score,
-    share_text,
     verdict_table,
 )
 from validation.flight_recipe.study import NAMES as SYMBOLS
 from validation.flight_recipe.trials import QUANTITIES, RECIPE
 from validation.real_logs.trials import NAMES, Family, Grid, folder_of, published_grid, rows_of
-from validation.studies import Requirement, StudyTable, read_study_table
+from validation.studies import Answer, Requirement, StudyTable, folder_command, share_text
 
 #: Coverage of all accepted flights of families that the model holds, together; and of short flights.
 POOLED_BOUNDS = (0.93, 0.97)
@@ -250,7 +245,7 @@ def study_tables(table: StudyTable, grid: Grid) -> str:
             "## Verdicts",
             verdict_table(rows),
             "## What is asked, and what came out",
-            requirement_table(rows, grid),
+            requirement_table(requirements(rows, grid), not_met="**no**"),
             *hover_sentence(rows, grid),
         ]
     )
@@ -279,15 +274,6 @@ def said_table(rows: pl.DataFrame, grid: Grid) -> str:
     return markdown(("family", *NAMES), lines)
 
 
-def requirement_table(rows: pl.DataFrame, grid: Grid) -> str:
-    """One row for each requirement."""
-    lines = [
-        (item.what, item.asked, item.measured, "yes" if item.met else "**no**")
-        for item in requirements(rows, grid)
-    ]
-    return markdown(("what", "asked", "measured", "met"), lines)
-
-
 def hover_sentence(rows: pl.DataFrame, grid: Grid) -> list[str]:
     """Errors of hover inputs beside the floor of their interval; nothing where none is identified."""
     held = [family.name for family in grid.families if family.holds == "yes"]
@@ -312,10 +298,6 @@ def _value(share: Share) -> str:
     return f"{share.value:.3f}" if share.count else "-"
 
 
-#: Exit code when a requirement is not met, and for an input that cannot be used.
-NOT_MET, WRONG = 3, 2
-
-
 def part_of(grid: Grid, share: float, word: str) -> Grid:
     """First flights of the families whose name holds a word."""
     kept = [family for family in grid.families if word in family.name]
@@ -324,44 +306,20 @@ def part_of(grid: Grid, share: float, word: str) -> Grid:
     )
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command; returns its exit code."""
-    parser = argparse.ArgumentParser(prog="python -m validation.real_logs.study", description=__doc__)
-    parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.add_argument("--folder", type=Path, default=Path("real-logs-study"), help="keeps finished parts")
-    parser.add_argument("--tables", action="store_true", help="fly nothing; tables of what is done")
-    parser.add_argument("--share", type=float, default=1.0, help="of the flights of each family")
-    parser.add_argument("--families", default="", metavar="WORD", help="those with this in their name")
-    parser.add_argument("--workers", type=int, metavar="N", help="processes; default: one for each core")
-    parser.add_argument("--out", type=Path, metavar="FILE.parquet", help="write every row")
-    parser.add_argument("--page", type=Path, metavar="FILE.md", help="put the tables between its marks")
-    parser.add_argument("--from", dest="source", type=Path, metavar="FILE.parquet", help="a finished run")
-    chosen = parser.parse_args(arguments)
-    try:
-        return _run(chosen)
-    except EivorError as error:
-        sys.stderr.write(f"{error}\n")
-        return WRONG
+def answer(table: StudyTable) -> Answer:
+    """Tables of a run, and what is asked of it."""
+    return study_tables(table, published_grid()), requirements(table.rows, published_grid())
 
 
-def _run(chosen: argparse.Namespace) -> int:
-    grid = published_grid()
-    table = read_study_table(chosen.source) if chosen.source else _simulated(chosen, grid)
-    if chosen.out:
-        table.write(chosen.out)
-    tables = study_tables(table, grid)
-    if chosen.page:
-        write_atomically(chosen.page, page_with(chosen.page.read_text(encoding="utf-8"), {PART: tables}))
-    sys.stdout.write(tables + "\n")
-    return 0 if all(item.met for item in requirements(table.rows, grid)) else NOT_MET
-
-
-def _simulated(chosen: argparse.Namespace, grid: Grid) -> StudyTable:
-    folder = folder_of(chosen.folder, part_of(grid, chosen.share, chosen.families))
-    if not chosen.tables:
-        folder.run(rows_of, chosen.workers)
-    return folder.gathered()
-
+main = folder_command(
+    "validation.real_logs.study",
+    __doc__,
+    PART,
+    "--families",
+    lambda chosen: folder_of(chosen.folder, part_of(published_grid(), chosen.share, chosen.word)),
+    rows_of,
+    answer,
+).main
 
 if __name__ == "__main__":
     sys.exit(main())

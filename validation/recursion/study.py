@@ -12,6 +12,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +23,14 @@ from eivor.lab.records import Scenario, simulate
 from eivor.lab.scenario_files import shipped_scenario
 from eivor.signals.signals import Signals
 from eivor.strict_toml import read_toml
-from validation.studies import Answer, KeptStudyCommand, Requirement, keep, kept_lines, versions
+from validation.studies import (
+    Answer,
+    Requirement,
+    completed,
+    kept_command,
+    requirement_table,
+    versions,
+)
 
 
 def changed_record(
@@ -122,16 +130,8 @@ HEADER = (
 
 def answer(grid: Path, size: str, kept: Path) -> Answer:
     """Run what the file does not have yet, and judge all of it."""
-    selected = {
-        (kept_line.scenario, kept_line.changed, kept_line.run): kept_line
-        for kept_line in kept_lines(kept, Told)
-    }
-    results = []
-    for key in _parsed(grid, size):
-        if key not in selected:
-            selected[key] = trial(*key)
-            keep(kept, [selected[key]])
-        results.append(selected[key])
+    trials = {key: partial(trial, *key) for key in _parsed(grid, size)}
+    results = completed(kept, Told, trials, lambda line: (line.scenario, line.changed, line.run))
     requirements = tuple(_requirements(results))
     return _tables(results, requirements), requirements
 
@@ -183,16 +183,12 @@ def _delays(tolds: list[Told]) -> list[float]:
 
 
 def _tables(tolds: list[Told], requirements: tuple[Requirement, ...]) -> str:
-    requested = [
-        (requirement.what, requirement.asked, requirement.measured, "yes" if requirement.met else "no")
-        for requirement in requirements
-    ]
     kinds = dict.fromkeys((item.scenario, item.changed) for item in tolds)
     return "\n\n".join(
         (
             f"Made by `python -m validation.recursion.study` with {versions()}: records of 2,500 samples, "
             f"memory 200, seed {SEED}.",
-            markdown(("what", "asked", "measured", "met"), requested),
+            requirement_table(requirements),
             markdown(HEADER, [_line(_of(tolds, *kind)) for kind in kinds]),
         )
     )
@@ -219,9 +215,7 @@ def _samples(delay: float) -> str:
     return f"{delay:.0f}" if np.isfinite(delay) else "never"
 
 
-COMMAND = KeptStudyCommand("validation.recursion.study", __doc__, GRID, PART, answer)
-main = COMMAND.main
-
+main = kept_command("validation.recursion.study", __doc__, GRID, PART, answer).main
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -25,7 +25,15 @@ from eivor.simulation.environment import SimulatedFlight
 from eivor.simulation.vertical import VerticalFlightSpec, simulate_vertical_flights
 from eivor.strict_toml import read_toml
 from eivor.tools import Float
-from validation.studies import Answer, KeptStudyCommand, Requirement, keep, kept_lines, versions
+from validation.studies import (
+    Answer,
+    Requirement,
+    keep,
+    kept_command,
+    kept_lines,
+    requirement_table,
+    versions,
+)
 
 #: Times after a step of the command at which the climb rate is asked [s].
 TIMES_S = (0.05, 0.1, 0.2, 0.4, 0.8, 1.6, 3.2)
@@ -173,15 +181,12 @@ def _parsed(grid: Path, size: str) -> list[tuple[str, Mapping[str, float], int, 
 
 def _tables(tolds: list[Told], requirement: Requirement) -> str:
     kinds = dict.fromkeys(item.name for item in tolds)
-    requested = [
-        (requirement.what, requirement.asked, requirement.measured, "yes" if requirement.met else "no")
-    ]
     rows = [_line(kind, [item for item in tolds if item.name == kind]) for kind in kinds]
     return "\n\n".join(
         (
             f"Made by `python -m validation.response_band.study` with {versions()}: {len(tolds)} flights of "
             f"a minute, {DRAWS} draws of each, seed {SEED}.",
-            markdown(("what", "asked", "measured", "met"), requested),
+            requirement_table([requirement]),
             markdown(HEADER, [*rows, _line("**all**", tolds)]),
         )
     )
@@ -199,9 +204,7 @@ def _line(kind: str, tolds: list[Told]) -> tuple[str, ...]:
     )
 
 
-COMMAND = KeptStudyCommand("validation.response_band.study", __doc__, GRID, PART, answer)
-main = COMMAND.main
-
+main = kept_command("validation.response_band.study", __doc__, GRID, PART, answer).main
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -11,19 +11,16 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import polars as pl
 
-from eivor.atomic_file import write_atomically
-from eivor.errors import EivorError
 from eivor.flights.result import FlightEstimate
 from eivor.inference.verdict import Status
-from eivor.lab.experiments import markdown, page_text, page_with
+from eivor.lab.experiments import markdown
 from eivor.motions.identify import identify_flight
 from eivor.motions.rigid_body.motion import RigidBody
 from eivor.motions.rigid_body.vehicle import DRAG, GAIN, THRUST
@@ -44,7 +41,7 @@ from validation.rigid_body.trials import (
     published_grid,
     truth_of,
 )
-from validation.studies import Row, StudyFolder, StudyTable
+from validation.studies import Row, StudyFolder, StudyTable, folder_command
 
 VEHICLE = Vehicle.CRAZYFLIE
 LEAST_SQUARES, TOTAL, INSTRUMENTS = "whitened_least_squares", "total_least_squares", "reference_iv"
@@ -254,35 +251,21 @@ def _table_of_grid(rows: pl.DataFrame) -> str:
     return markdown(("flights", *groups), [(flights, *(cell(result, names) for names in groups.values()))])
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command; returns its exit code."""
-    parser = argparse.ArgumentParser(prog="python -m validation.rigid_body.beside", description=__doc__)
-    parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.add_argument("--folder", type=Path, default=Path("rigid-body-beside"), help="keeps finished parts")
-    parser.add_argument("--tables", action="store_true", help="fly nothing; tables of what is done")
-    parser.add_argument("--kinds", default="", metavar="WORD", help="those with this in their name")
-    parser.add_argument("--workers", type=int, metavar="N", help="processes; default: one for each core")
-    parser.add_argument("--page", type=Path, metavar="FILE.md", help="put the tables between their marks")
-    chosen = parser.parse_args(arguments)
-    try:
-        return _run(chosen)
-    except EivorError as error:
-        sys.stderr.write(f"{error}\n")
-        return 2
+def folder_of(chosen: argparse.Namespace) -> StudyFolder[Flown]:
+    """Folder of the flights that are chosen."""
+    flights = [flight for flight in all_flights() if chosen.word in flight.kind]
+    return StudyFolder(chosen.folder, flights, "beside", "", "validation.rigid_body", len(all_flights()))
 
 
-def _run(chosen: argparse.Namespace) -> int:
-    page = page_text(chosen.page, LAGS) if chosen.page else ""
-    flights = [all_flight for all_flight in all_flights() if chosen.kinds in all_flight.kind]
-    folder = StudyFolder(chosen.folder, flights, "beside", "", "validation.rigid_body", len(all_flights()))
-    if not chosen.tables:
-        folder.run(rows_of, chosen.workers)
-    result = tables(folder.gathered())
-    if chosen.page:
-        write_atomically(chosen.page, page_with(page, result))
-    sys.stdout.write("\n\n".join(result.values()) + "\n")
-    return 0
-
+main = folder_command(
+    "validation.rigid_body.beside",
+    __doc__,
+    LAGS,
+    "--kinds",
+    folder_of,
+    rows_of,
+    lambda table: (tables(table), ()),
+).main
 
 if __name__ == "__main__":
     sys.exit(main())

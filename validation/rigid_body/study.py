@@ -13,27 +13,25 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 import polars as pl
 
-from eivor.atomic_file import write_atomically
-from eivor.errors import EivorError
-from eivor.lab.experiments import markdown, page_text, page_with
+from eivor.lab.experiments import markdown
 from eivor.lab.study_run import Share
 from validation.rigid_body.trials import (
     GROUPS,
     Grid,
     Scenario,
+    Task,
     published_grid,
     rows_of,
     tasks_of,
     unit_of_error,
 )
-from validation.studies import Requirement, StudyFolder, StudyTable, read_study_table
+from validation.studies import Answer, Requirement, StudyFolder, StudyTable, folder_command
 
 #: Of the interval of a share that is compared with what is asked.
 LEVEL = 0.99
@@ -165,22 +163,13 @@ def study_tables(table: StudyTable, grid: Grid) -> str:
             f"Made by `{COMMAND}` with {origin['made with']}: grid *{origin['grid']}*, {origin['flights']} "
             "flights. Brackets hold the 99 % Wilson interval of a share.",
             "## What is asked, and what came out",
-            requirement_table(rows, grid),
+            requirement_table(requirements(rows, grid)),
             "## Errors and coverage",
             "Bias and root mean square error, in brackets the coverage of 95 % intervals; of groups the "
             "worst of each number.",
             score_table(rows, grid),
         ]
     )
-
-
-def requirement_table(rows: pl.DataFrame, grid: Grid) -> str:
-    """One row for each requirement."""
-    lines = [
-        (requirement.what, requirement.asked, requirement.measured, "yes" if requirement.met else "no")
-        for requirement in requirements(rows, grid)
-    ]
-    return markdown(("what", "asked", "measured", "met"), lines)
 
 
 def score_table(rows: pl.DataFrame, grid: Grid) -> str:
@@ -208,51 +197,22 @@ def cell(result: dict[str, Score], names: tuple[str, ...]) -> str:
     return f"{'+' if bias >= 0.0 else '-'}{percent(abs(bias))}, {percent(rmse)} [{covered:.2f}]"
 
 
-#: Exit code when a requirement is not met, and for an input that cannot be used.
-NOT_MET, WRONG = 3, 2
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command; returns its exit code."""
-    parser = argparse.ArgumentParser(prog="python -m validation.rigid_body.study", description=__doc__)
-    parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.add_argument("--folder", type=Path, default=Path("rigid-body-study"), help="keeps finished parts")
-    parser.add_argument("--tables", action="store_true", help="fly nothing; tables of what is done")
-    parser.add_argument("--share", type=float, default=1.0, help="of the flights of each scenario")
-    parser.add_argument("--scenarios", default="", metavar="WORD", help="those with this in their name")
-    parser.add_argument("--workers", type=int, metavar="N", help="processes; default: one for each core")
-    parser.add_argument("--out", type=Path, metavar="FILE.parquet", help="write every row")
-    parser.add_argument("--page", type=Path, metavar="FILE.md", help="put the tables between its marks")
-    parser.add_argument("--from", dest="source", type=Path, metavar="FILE.parquet", help="a finished run")
-    chosen = parser.parse_args(arguments)
-    try:
-        return _run(chosen)
-    except EivorError as error:
-        sys.stderr.write(f"{error}\n")
-        return WRONG
-
-
-def _run(chosen: argparse.Namespace) -> int:
+def folder_of(chosen: argparse.Namespace) -> StudyFolder[Task]:
+    """Folder of the tasks that are chosen."""
     grid = published_grid()
-    page = page_text(chosen.page, PART) if chosen.page else ""
-    table = read_study_table(chosen.source) if chosen.source else _simulated(chosen, grid)
-    if chosen.out:
-        table.write(chosen.out)
-    tables = study_tables(table, grid)
-    if chosen.page:
-        write_atomically(chosen.page, page_with(page, {PART: tables}))
-    sys.stdout.write(tables + "\n")
-    return 0 if all(item.met for item in requirements(table.rows, grid)) else NOT_MET
-
-
-def _simulated(chosen: argparse.Namespace, grid: Grid) -> StudyTable:
-    tasks = tasks_of(grid, chosen.share, chosen.scenarios)
     planned = sum(scenario.count * len(scenario.vehicles) for scenario in grid.scenarios)
-    folder = StudyFolder(chosen.folder, tasks, grid.name, grid.text, "validation.rigid_body", planned)
-    if not chosen.tables:
-        folder.run(rows_of, chosen.workers)
-    return folder.gathered()
+    tasks = tasks_of(grid, chosen.share, chosen.word)
+    return StudyFolder(chosen.folder, tasks, grid.name, grid.text, "validation.rigid_body", planned)
 
+
+def answer(table: StudyTable) -> Answer:
+    """Tables of a run, and what is asked of it."""
+    return study_tables(table, published_grid()), requirements(table.rows, published_grid())
+
+
+main = folder_command(
+    "validation.rigid_body.study", __doc__, PART, "--scenarios", folder_of, rows_of, answer
+).main
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -17,20 +17,16 @@ from pathlib import Path
 import numpy as np
 
 import eivor as ev
-from eivor.atomic_file import write_atomically
-from eivor.errors import EivorError
 from eivor.estimation.method import Method
 from eivor.inference.verdict import Status
-from eivor.lab.experiments import markdown, page_text, page_with
+from eivor.lab.experiments import markdown
 from eivor.lab.scenario_files import shipped_scenario
 from eivor.signals.noise import FractionalNoise
 from eivor.strict_toml import TomlTable, read_toml
 from eivor.tools import Float
-from validation.studies import Requirement, versions
+from validation.studies import Answer, Option, Requirement, StudyCommand, requirement_table, versions
 
 PART = "unknown-noise"
-#: Exit code when a requirement is not met, and for an input that cannot be used.
-NOT_MET, WRONG = 3, 2
 VELOCITY = "velocity_z"
 METHODS = ("generalized_iv_unknown_noise", "bias_eliminating_least_squares", "frisch_scheme", "spectral_giv")
 #: The coverage that is asked of parameters, and of what is told of noises.
@@ -175,45 +171,37 @@ def tables(tolds: Sequence[Told], runs: int, seed: int) -> str:
         )
         for item in tolds
     ]
-    requested = [
-        (item.what, item.asked, item.measured, "yes" if item.met else "no") for item in requirements(tolds)
-    ]
     return "\n\n".join(
         (
             f"Made by `python -m validation.unknown_noise.study` with {versions()}: {runs} records of each "
             f"case, seed {seed}.",
-            markdown(("what", "asked", "measured", "met"), requested),
+            requirement_table(requirements(tolds)),
             markdown(("case", "method", "of", "bias", "scatter", "coverage", "refused"), lines),
         )
     )
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command; returns its exit code."""
-    parser = argparse.ArgumentParser(prog="python -m validation.unknown_noise.study", description=__doc__)
-    parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.add_argument(
-        "suite", type=Path, nargs="?", default=SUITE, help="a suite file; default: the package's"
-    )
-    parser.add_argument("--runs", type=int, help="instead of the suite's")
-    parser.add_argument("--page", type=Path, metavar="FILE.md", help="put the tables between its marks")
-    chosen = parser.parse_args(arguments)
-    try:
-        suite = read_suite(chosen.suite)
-        page = page_text(chosen.page, suite.part) if chosen.page else ""
-        runs = suite.runs if chosen.runs is None else chosen.runs
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            selected = [item for case in suite.cases for item in tried(case, runs, suite.seed)]
-        text = tables(selected, runs, suite.seed)
-        if chosen.page:
-            write_atomically(chosen.page, page_with(page, {suite.part: text}))
-    except EivorError as error:
-        sys.stderr.write(f"{error}\n")
-        return WRONG
-    sys.stdout.write(text + "\n")
-    return 0 if all(item.met for item in requirements(selected)) else NOT_MET
+def answer(chosen: argparse.Namespace) -> Answer:
+    """Run the suite."""
+    suite = read_suite(chosen.suite)
+    runs = suite.runs if chosen.runs is None else chosen.runs
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        selected = [item for case in suite.cases for item in tried(case, runs, suite.seed)]
+    return tables(selected, runs, suite.seed), requirements(selected)
 
+
+OPTIONS: dict[str, Option] = {
+    "suite": {"type": Path, "nargs": "?", "default": SUITE, "help": "a suite file; default: the package's"},
+    "--runs": {"type": int, "help": "instead of the suite's"},
+}
+main = StudyCommand(
+    "validation.unknown_noise.study",
+    __doc__,
+    lambda chosen: read_suite(chosen.suite).part,
+    answer,
+    OPTIONS,
+).main
 
 if __name__ == "__main__":
     sys.exit(main())
