@@ -102,13 +102,11 @@ class StudyCommand:
 
 
 def requirement_table(requirements: Iterable[Requirement], what: str = "what", *, not_met: str = "no") -> str:
-    """A row for each requirement."""
     lines = [(item.what, item.asked, item.measured, "yes" if item.met else not_met) for item in requirements]
     return markdown((what, "asked", "measured", "met"), lines)
 
 
 def share_text(share: Share, digits: int = 3) -> str:
-    """Share with its interval and its count."""
     low, high = share.interval
     if not share.count:
         return "-"
@@ -129,7 +127,6 @@ def with_bar(items: Iterable[Item], name: str, total: int) -> Iterator[Item]:
 
 
 def versions() -> str:
-    """What a table was made with."""
     packages = ", ".join(f"{package} {version(package)}" for package in PACKAGES)
     return f"{packages}, Python {platform.python_version()}"
 
@@ -138,7 +135,6 @@ def versions() -> str:
 
 
 def keep(path: Path, record: Iterable[Any]) -> None:
-    """Add lines to the file of a study."""
     with path.open("a", encoding="utf-8") as file:
         file.writelines(json.dumps(asdict(item)) + "\n" for item in record)
 
@@ -189,7 +185,6 @@ def suite_command(
     kind: str,  # what the table of these rows is called
     answer: Callable[[pl.DataFrame], Answer],
 ) -> StudyCommand:
-    """Command of a study that is a suite."""
 
     def rows(chosen: argparse.Namespace) -> pl.DataFrame:
         if chosen.sources:
@@ -246,7 +241,6 @@ def joined(tables: Sequence[pl.DataFrame]) -> pl.DataFrame:
 
 
 def write_rows(rows: pl.DataFrame, path: Path) -> None:
-    """Write a table as Parquet."""
     try:
         with atomic_write(path) as file:
             rows.write_parquet(file, compression="zstd", statistics=False)
@@ -255,7 +249,6 @@ def write_rows(rows: pl.DataFrame, path: Path) -> None:
 
 
 def read_rows(path: Path, columns: tuple[str, ...], kind: str) -> pl.DataFrame:
-    """Table from a file that `write_rows` made."""
     try:
         rows = pl.read_parquet(path)
     except (OSError, pl.exceptions.PolarsError, pl.exceptions.PanicException) as error:
@@ -293,13 +286,11 @@ class StudyTable:
     origin: Mapping[str, str]  # The grid's name, how many of its flights were flown, and the versions
 
     def write(self, path: Path) -> None:
-        """Write one sealed file."""
         narrow = self.rows.with_columns(pl.col(pl.Float64).cast(pl.Float32))
         write_atomically(path, sealed(narrow, self.origin))
 
 
 def read_study_table(path: Path) -> StudyTable:
-    """Table from a file that `StudyTable.write` made."""
     try:
         content = path.read_bytes()
         if not is_sealed(content, {}):
@@ -327,12 +318,10 @@ class StudyFolder(Generic[Task]):
         return [task for task in self.tasks if self._content(task) is None]
 
     def write(self, task: Task, rows: Sequence[Row]) -> None:
-        """Keep the rows of a task."""
         self.folder.mkdir(parents=True, exist_ok=True)
         write_atomically(self._path(task), sealed(pl.DataFrame(list(rows)), self._facts(task)))
 
     def run(self, rows_of: Callable[[Task], Sequence[Row]], workers: int | None = None) -> None:
-        """Do what is left of the study."""
         missing = self.missing()
         if missing:
             with closing(local_executor(workers, len(missing)).map(rows_of, missing)) as results:
@@ -389,7 +378,6 @@ def folder_command(
     rows_of: Callable[[Any], Sequence[Row]],
     answer: Callable[[StudyTable], Answer],
 ) -> StudyCommand:
-    """Command of a study in a folder."""
 
     def made(chosen: argparse.Namespace) -> Answer:
         if chosen.source:

@@ -40,8 +40,6 @@ PART = "choices"
 
 @dataclass(frozen=True, slots=True)
 class RateTrial:
-    """A flight at one rate."""
-
     verdict: str  # Of the flight
     # Whether the interval of each of `QUANTITIES` holds the truth; None without an interval
     held: tuple[bool | None, ...]
@@ -65,7 +63,6 @@ class Trial:
 
 
 def fly(seed: int) -> Trial:
-    """Fly both flights of a seed and identify them."""
     prompt = replace(shipped_flight(), seed=seed)
     late = replace(prompt, delay=DELAY_S)
     first, second = (flight.recording for flight in simulate_vertical_flights([prompt, late]))
@@ -107,7 +104,6 @@ def _late(value: float, interval: tuple[float, float], truth: float) -> DelayTri
 
 
 def tables(trials: Sequence[Trial]) -> str:
-    """Markdown of what was found."""
     made = (
         f"Made by `python -m validation.choices.study` with {versions()}: {len(trials)} flights, seeds 0 to "
         f"{len(trials) - 1}. Brackets hold the 95 % Wilson interval of a share."
@@ -148,7 +144,6 @@ def _delay_row(model: str, trials: Sequence[DelayTrial]) -> tuple[str, str, str]
 
 
 def run(flights: int = FLIGHTS, workers: int | None = None) -> list[Trial]:
-    """Trials of the first seeds."""
     if flights < 2:
         raise UsageError("two flights or more", f"{flights}", "The page has 40.")
     return list(in_order(local_executor(workers, flights).map(fly, range(flights))))

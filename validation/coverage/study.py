@@ -33,7 +33,6 @@ COLUMNS = (
 
 
 def coverage_rows(suite_study: SuiteStudy, result: StudyResult) -> Iterator[dict[str, str | int | float]]:
-    """Rows of one study."""
     study = suite_study.study
     for choice in study.methods:
         kept = result.trials.filter(pl.col(f"{choice.label}.status") != FAILED)
@@ -60,7 +59,6 @@ def coverage_rows(suite_study: SuiteStudy, result: StudyResult) -> Iterator[dict
 
 
 def read_coverage(path: Path) -> pl.DataFrame:
-    """Table from a file that the command wrote."""
     return read_rows(path, COLUMNS, "coverage")
 
 
@@ -89,7 +87,6 @@ def requirements(rows: pl.DataFrame) -> tuple[Requirement, ...]:
 
 
 def coverage_of(row: dict[str, object]) -> Share:
-    """Hits and count of a row."""
     return Share(int(str(row["hits"])), int(str(row["count"])))
 
 
@@ -153,7 +150,6 @@ NAMES = {
 
 
 def coverage_tables(rows: pl.DataFrame) -> str:
-    """All tables of a run."""
     first = rows.row(0, named=True)
     level = f"{100 * first['level']:g} %"
     parts = [

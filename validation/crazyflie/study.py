@@ -30,8 +30,6 @@ ROTORS = range(1, 5)
 
 @dataclass(frozen=True)
 class Stretch:
-    """Records in a row."""
-
     time_s: Float[np.ndarray, " n"]  # Stamps since the vehicle was switched on [s]
     force_g: Float[np.ndarray, " n"]  # Accelerometer along z [g]
     rates: Float[np.ndarray, "n 3"]  # Body rates [rad/s]
@@ -92,8 +90,6 @@ class Steps:
 
 @dataclass(frozen=True, slots=True)
 class Numbers:
-    """What comes out."""
-
     thrust: tuple[float, float, float]  # c0, c1, c2 of a rotor [N]
     residual: float  # Root mean square of the specific force that thrust does not explain [m/s^2]
     inertia: tuple[float, float, float]  # Ixx, Iyy, Izz [kg m^2]
@@ -113,14 +109,12 @@ class Logs:
 
     @classmethod
     def of_folder(cls, folder: Path) -> Logs:
-        """Those of a folder."""
         return cls(
             stretches(folder / THRUST_LOG, THRUST_WINDOW), stretches(folder / TILTING_LOG, TILTING_WINDOW)
         )
 
 
 def numbers(logs: Logs, steps: Steps) -> Numbers:
-    """Thrust and inertias by the steps."""
     curve, residual = thrust_curve(logs.tilting if steps.own_thrust else logs.thrust, steps)
     force = [_states(item, steps) for item in logs.tilting]
     thrusts = np.concatenate([curve[0] + n * curve[1] + n**2 * curve[2] for n in force])
@@ -158,7 +152,6 @@ def _time(stretch: Stretch, steps: Steps) -> Float[np.ndarray, " n"]:
 
 
 def _states(stretch: Stretch, steps: Steps) -> Float[np.ndarray, "n 4"]:
-    """States of the motors behind their commands."""
     commands = stretch.commands / steps.full_power
     if steps.corrected_stamps:
         step_s = (stretch.time_s[-1] - stretch.time_s[0]) / (stretch.time_s.size - 1)
@@ -172,7 +165,6 @@ def _states(stretch: Stretch, steps: Steps) -> Float[np.ndarray, "n 4"]:
 
 
 def _ratio(torque: Float[np.ndarray, " n"], change: Float[np.ndarray, " n"], steps: Steps) -> float:
-    """Torque over change of rate."""
     product = float(torque @ change)
     return (
         float(torque @ torque) / product if steps.torque_has_the_noise else product / float(change @ change)
@@ -202,7 +194,6 @@ def variants(logs: Logs) -> dict[str, Steps]:
 
 
 def line(words: str, result: Numbers) -> str:
-    """A row of the table."""
     curve = ", ".join(f"{item:.4f}" for item in result.thrust)
     residual = "" if result.residual != result.residual else f"{result.residual:.4f}"
     inertias = " | ".join(f"{1e5 * item:.3f}" for item in result.inertia)
@@ -217,7 +208,6 @@ def table(folder: Path) -> list[str]:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Print the table."""
     parser = argparse.ArgumentParser(prog="python -m validation.crazyflie.study", description=__doc__)
     parser.add_argument("folder", type=Path, help="folder with log10 and log15")
     folder = parser.parse_args(arguments).folder

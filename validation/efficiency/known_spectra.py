@@ -34,8 +34,6 @@ from validation.studies import WRONG, Row, keep, kept_lines, versions, write_row
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """One record."""
-
     scenario: str  # Name of a shipped one
     samples: int  # Length, and number of the record
     run: int

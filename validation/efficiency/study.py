@@ -57,7 +57,6 @@ CONTROLLED_RUNS = 10
 
 
 def efficiency_rows(suite_study: SuiteStudy, result: StudyResult) -> Iterator[Row]:
-    """Rows of one study."""
     bounds = bounds_of(suite_study)
     for score in scores(result):
         for parameter in score.parameters:
@@ -278,7 +277,6 @@ Cell = Callable[[Row], str]
 
 
 def efficiency_tables(rows: pl.DataFrame) -> str:
-    """All tables of a run."""
     first = rows.row(0, named=True)
     parts = [
         f"Made by `{CALLED}` with {first['versions']}: {_number(rows)} records of each scenario and length, "
@@ -337,7 +335,6 @@ def _covered(row: Row) -> str:
 
 
 def efficiency_suite() -> Suite:
-    """The suite beside this file."""
     return read_suite(Path(__file__).with_name("efficiency.toml"))
 
 

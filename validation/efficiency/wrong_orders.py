@@ -48,15 +48,12 @@ STANDARD_ERRORS = 3.0
 
 @dataclass(frozen=True, slots=True)
 class Tried:
-    """One record."""
-
     scenario: str  # Name of a shipped one
     run: int  # Number of the record
     errors: dict[str, list[float]]  # Of K and K_u over their size, by method
 
 
 def trial(name: str, samples: int, run: int) -> Tried:
-    """Run one record."""
     scenario = replace(shipped_scenario(name), samples=samples)
     signals = ev.simulate(scenario, np.random.default_rng([SEED, run])).signals
     problem = ev.VerticalMotion(intercept=False).regression(signals, ev.lags("input", 0, 10))
@@ -75,7 +72,6 @@ def trial(name: str, samples: int, run: int) -> Tried:
 
 
 def taken_as_white(start: SampledMotion, input_variance: float) -> Pilot:
-    """Noises that fit with all orders at zero."""
     free = pilot_at(start, input_variance)
     centre = replace(free.prior.centre, velocity_order=0.0, acceleration_order=0.0)
     prior = NoisePrior(centre, np.array([True, True, True, False, False, False]))

@@ -47,8 +47,6 @@ NEAR = 3
 
 @dataclass(frozen=True, slots=True)
 class Cell:
-    """What a cell is."""
-
     # "nothing", "wear", "step", or "weaker": the first vehicle of each fleet, from its first flight
     what: str
     share: float  # Of thrust lost
@@ -63,8 +61,6 @@ class Cell:
 
 @dataclass(frozen=True, slots=True)
 class Told:
-    """Shares of a cell's vehicles."""
-
     what: str  # As in `Cell`
     flights: int  # Likewise
     vehicles: int
@@ -87,7 +83,6 @@ class Told:
 
 
 def told(cell: Cell) -> Told:
-    """Simulate a cell's fleets and read their reports."""
     parts = [
         _reported(cell, range(start, min(start + TOGETHER, cell.fleets)))
         for start in range(0, cell.fleets, TOGETHER)
@@ -124,7 +119,6 @@ def told(cell: Cell) -> Told:
 
 
 def _share(vehicles: pl.DataFrame) -> float:
-    """Of some vehicles those that are told to differ."""
     return float(vehicles["differs"].sum()) / max(vehicles.height, 1)
 
 
@@ -139,7 +133,6 @@ class _Reported:
 
 
 def _reported(cell: Cell, numbers: Iterable[int]) -> _Reported:
-    """Report of some fleets, each as a type."""
     tables, positions = zip(*(_fleet(cell, number) for number in numbers), strict=True)
     table = pl.concat(tables)
     report = fleet_report(table, motion_by_name("vertical"))

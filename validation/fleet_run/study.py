@@ -128,12 +128,10 @@ class Told:
 
 
 def one(size: Size, logs: Path, fleet: Path) -> Told:
-    """One process, one log after the other."""
     return _report("one process", size, fleet, _run(logs, fleet))
 
 
 def two(size: Size, logs: Path, fleet: Path) -> Told:
-    """Two processes."""
     return _report("two processes", size, fleet, _run(logs, fleet, "--workers", "2"))
 
 
@@ -206,7 +204,6 @@ def _has(fleet: Path, parts: float) -> bool:
 
 
 def _wait_for(run: subprocess.Popen[str], true: Callable[[], bool]) -> None:
-    """Until it is so, or the run has ended."""
     while run.poll() is None and not true():
         time.sleep(LOOK_S)
 

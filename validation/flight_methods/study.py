@@ -49,8 +49,6 @@ PARAMETERS = ("viscous_friction", "input_gain")
 
 @dataclass(frozen=True, slots=True)
 class Regime:
-    """Flights of one kind."""
-
     name: str  # How tables call it
     gust_rms: float  # Of the simulated flights [m/s, s]
     duration: float
@@ -72,7 +70,6 @@ class Told:
 
 
 def flight(regime: Regime, vehicle: dict[str, float], run: int) -> tuple[VerticalFlightSpec, Recording]:
-    """Specification and log of one flight."""
     values: dict[str, Any] = vehicle
     spec = VerticalFlightSpec(
         **values,
@@ -90,7 +87,6 @@ def flight(regime: Regime, vehicle: dict[str, float], run: int) -> tuple[Vertica
 
 
 def trial(regime: Regime, vehicle: dict[str, float], methods: Sequence[str], run: int) -> Iterator[Told]:
-    """Every method on one flight."""
     spec, log = flight(regime, vehicle, run)
     truth = np.array([getattr(spec, name) for name in PARAMETERS])
     for lag, known in ((SEARCHED, None), (OMITTED, Bounds(0.0, 0.0))):

@@ -113,7 +113,6 @@ def vehicle_parameters(vehicle: Vehicle, lag_s: float | None) -> dict[str, Any]:
 
 
 def rigid_body(parameters: Mapping[str, Any]) -> RigidBody:
-    """Vehicle of Eivor's own simulator with RotorPy's parameters."""
     moments = tuple(float(parameters[name]) for name in ("Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz"))
     quadratic = tuple(float(parameters.get(name, 0.0)) for name in ("c_Dx", "c_Dy", "c_Dz"))
     thrust, torque = float(parameters["k_eta"]), float(parameters["k_m"])
@@ -164,7 +163,6 @@ def tuned_controller(parameters: Mapping[str, Any], delay_s: float) -> Any:
 def initial_state(
     reference: Trajectory, hover: Float[np.ndarray, " rotors"]
 ) -> dict[str, Float[np.ndarray, " _"]]:
-    """Level, on the reference, rotors at hover speed."""
     return {
         "x": np.array([0.0, 0.0, reference.position[0]]),
         "v": np.array([0.0, 0.0, reference.velocity[0]]),
@@ -190,7 +188,6 @@ def flat_output(reference: Trajectory, k: int) -> dict[str, Any]:
 
 
 def measured(state: Mapping[str, Float[np.ndarray, " _"]], errors: SensorErrors, k: int) -> dict[str, Any]:
-    """Return the state as the sensors show it."""
     x, y, z, w = state["q"]
     a, b, c = 0.5 * errors.attitude[k]
     # q multiplied from the right by the small rotation [a, b, c, 1], first order in the angles.
@@ -254,7 +251,6 @@ class RotorpyFlightSpec:
 
     @property
     def count(self) -> int:
-        """Number of stamps."""
         return round(self.duration / STEP_S)
 
 

@@ -66,17 +66,14 @@ class Score:
 
 
 def accepted(rows: pl.DataFrame) -> pl.DataFrame:
-    """Flights that the recipe calls identified."""
     return rows.filter(pl.col("verdict") == Status.IDENTIFIED.value)
 
 
 def flown(rows: pl.DataFrame) -> pl.DataFrame:
-    """Flights whose vehicle was not lost in the simulator."""
     return rows.filter(pl.col("verdict") != LOST)
 
 
 def accepted_share(rows: pl.DataFrame) -> Share:
-    """Share of the flights flown that are called identified."""
     return Share(accepted(rows).height, flown(rows).height, LEVEL)
 
 
@@ -136,7 +133,6 @@ NAMES = {
 
 
 def requirements(rows: pl.DataFrame, *, allow_chance: bool = False) -> tuple[Requirement, ...]:
-    """Judge a run of the study."""
     calm = rows.filter(pl.col("calm"))
     excited = rows.filter(pl.col("kind") == "excited")
     gusty = excited.filter(~pl.col("calm"))
@@ -235,7 +231,6 @@ LAG_BANDS = ("below 10 ms", "10 to 25 ms", "25 to 60 ms", "60 ms and more")
 
 
 def study_tables(table: TrialTable) -> str:
-    """All tables of a run, as Markdown."""
     rows, origin = table.rows, table.origin
     option = "" if origin["size"] == "full" else f" --size {origin['size']}"
     made = ", ".join(f"{package} {origin[package]}" for package in PACKAGES)
@@ -308,7 +303,6 @@ def verdict_table(rows: pl.DataFrame) -> str:
 
 
 def control_table(rows: pl.DataFrame) -> str:
-    """The recipe beside the controls, calm and gusty."""
     excited = rows.filter(pl.col("kind") == "excited")
     lines = []
     for label, part in (
@@ -330,7 +324,6 @@ def control_table(rows: pl.DataFrame) -> str:
 
 
 def group_table(rows: pl.DataFrame) -> str:
-    """Coverage by noise, trajectory, lag, delay, gusts and simulator."""
     banded = rows.with_columns(
         pl.Series("lag", _lag_bands(rows), dtype=pl.String),
         (pl.col("delay") * 1e3).round(0).cast(pl.Int64).cast(pl.String).alias("delay [ms]"),
@@ -379,7 +372,6 @@ def _covered(result: Score) -> str:
 
 
 def run_grid(size: str, workers: int | None = None) -> TrialTable:
-    """Run the published grid at one of its sizes."""
     grid = published_grid() if size == "full" else published_grid().small()
     executor = local_executor(workers, len(flown_together(grid)))
     trials = with_bar(run_trials(grid, executor), "flights", len(grid.cases))
@@ -387,7 +379,6 @@ def run_grid(size: str, workers: int | None = None) -> TrialTable:
 
 
 def answer(chosen: argparse.Namespace) -> Answer:
-    """Tables of a run, or of a finished one."""
     table = read_trial_table(chosen.source) if chosen.source else run_grid(chosen.size, chosen.workers)
     if chosen.out:
         table.write(chosen.out)

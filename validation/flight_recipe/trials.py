@@ -54,8 +54,6 @@ SIMULATORS = ("vertical", "rotorpy")
 
 @dataclass(frozen=True, slots=True)
 class FlightCase:
-    """One flight of the grid."""
-
     name: str  # Class and number in the class
     flight_class: str  # Class
     simulator: str  # "vertical" or "rotorpy"
@@ -67,8 +65,6 @@ class FlightCase:
 
 @dataclass(frozen=True, slots=True)
 class FlightGrid:
-    """All flights of a study."""
-
     name: str  # Name of the grid
     calm_up_to: float  # Largest gusts of a calm flight [m/s]
     cases: tuple[FlightCase, ...]  # In the order of the file
@@ -79,7 +75,6 @@ class FlightGrid:
 
 
 def published_grid() -> FlightGrid:
-    """Return the grid that comes with the package."""
     text = files("validation.flight_recipe").joinpath("grid.toml").read_text(encoding="utf-8")
     return flight_grid(text)
 
@@ -90,7 +85,6 @@ def read_grid(path: Path) -> FlightGrid:
 
 
 def flight_grid(text: str) -> FlightGrid:
-    """Grid from the text of a TOML file."""
     return _grid(toml_table(text, Path("grid.toml"), "a grid"))
 
 
@@ -202,7 +196,6 @@ class FlightTrial:
 
     @property
     def accepted(self) -> bool:
-        """The recipe called the flight identified."""
         return self.verdict == Status.IDENTIFIED.value
 
 
@@ -220,7 +213,6 @@ def flown_together(grid: FlightGrid) -> list[tuple[FlightCase, ...]]:
 
 
 def fly(cases: Sequence[FlightCase]) -> tuple[FlightTrial, ...]:
-    """Fly and judge some flights."""
     specs = [case.spec for case in cases if isinstance(case.spec, VerticalFlightSpec)]
     together = simulate_vertical_flights(specs)
     return tuple(
@@ -315,7 +307,6 @@ class TrialTable:
     origin: Mapping[str, str]  # `grid`, `size`, and the versions it was made with
 
     def write(self, path: Path) -> None:
-        """Write a small Parquet file."""
         narrow = self.rows.with_columns(pl.col(_rounded_columns(self.rows)).cast(pl.Float32))
         with atomic_write(path) as file:
             narrow.write_parquet(
@@ -324,7 +315,6 @@ class TrialTable:
 
 
 def trial_table(trials: Iterable[FlightTrial], *, grid: str, size: str) -> TrialTable:
-    """Table of finished trials."""
     origin = {"grid": grid, "size": size, "python": platform.python_version()}
     rows = pl.DataFrame([_row(trial) for trial in trials])
     rounded = rows.with_columns(
@@ -334,7 +324,6 @@ def trial_table(trials: Iterable[FlightTrial], *, grid: str, size: str) -> Trial
 
 
 def read_trial_table(path: Path) -> TrialTable:
-    """Table from a file that `TrialTable.write` made."""
     try:
         rows, metadata = pl.read_parquet(path), pl.read_parquet_metadata(path)
     except (OSError, pl.exceptions.PolarsError, pl.exceptions.PanicException) as error:

@@ -116,7 +116,6 @@ class Relaxation(KnownEquation):
     }
 
     def exact(self, rng: np.random.Generator) -> tuple[Series, Series]:
-        """Input and output of the recursion."""
         u = filtered(0.8 ** np.arange(100.0), rng.standard_normal(self.samples))
         return u, self.model.simulate(self.truth, u)
 
@@ -168,8 +167,6 @@ def _ramp(samples: int, rate_hz: float) -> Series:
 
 @dataclass(frozen=True, slots=True)
 class Formula:
-    """A method with its instruments."""
-
     method: Method  # Which
     instruments: tuple[Column, ...] = ()  # May be empty
     rounds: int = 1  # Estimates one after the other, each divided by the output's side at the one before it
@@ -185,7 +182,6 @@ class Formula:
 
 
 def formulas() -> dict[str, Formula]:
-    """Methods of the paper by name."""
     current, reference = (tuple(ev.Column(name, lag) for lag in REACH) for name in ("input", "reference"))
     return {
         "least_squares": Formula(ev.methods.least_squares()),
@@ -235,7 +231,6 @@ def answers(
 
 
 def lines_of(scenario: KnownEquation, runs: int, chosen: Mapping[str, Formula]) -> Iterator[tuple[str, ...]]:
-    """Lines of a scenario's table."""
     for name, formula in chosen.items():
         result = answers(scenario, formula, range(runs))
         for index, (parameter, value) in enumerate(scenario.truth.items()):
@@ -253,7 +248,6 @@ def lines_of(scenario: KnownEquation, runs: int, chosen: Mapping[str, Formula]) 
 
 
 def tables(runs: int) -> str:
-    """Tables of all scenarios."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", WeakInstrumentsWarning)
         return "\n\n".join(

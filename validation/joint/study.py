@@ -59,25 +59,19 @@ from validation.studies import (
 
 @dataclass(frozen=True, slots=True)
 class HeavyTailedNoise(MeasurementNoise):
-    """Independent values of Student's distribution."""
-
     std: float  # Standard deviation, in the channel's unit
 
     def autocovariance(self, lag: int, _start: int, count: int, /) -> Float[np.ndarray, " count"]:
-        """Square of `std` at lag zero, nothing else."""
         return np.full(count, self.std**2 if lag == 0 else 0.0)
 
     def moving_average(self, count: int) -> Float[np.ndarray, " count"]:
-        """That of white noise."""
         return WhiteNoise(self.std).moving_average(count)
 
     def sample(self, count: int, rng: np.random.Generator) -> Float[np.ndarray, " count"]:
-        """One realisation."""
         scale = self.std * np.sqrt(1.0 - 2.0 / STUDENT_DOF)
         return scale * np.asarray(rng.standard_t(STUDENT_DOF, size=count))
 
     def with_std(self, std: float) -> HeavyTailedNoise:
-        """Return the same with another standard deviation."""
         return HeavyTailedNoise(std)
 
 
@@ -137,7 +131,6 @@ def known(vehicle: Vehicle) -> KnownVehicle:
 
 
 def vertical_truth(flight: RigidBodyFlight, vehicle: Vehicle) -> FlightTruth:
-    """What is true of the flight's vertical motion."""
     truth, rotors = flight.truth, vehicle.rotors
     body = Rotation.from_quat(truth.attitude[:, [1, 2, 3, 0]])
     return FlightTruth(
@@ -181,7 +174,6 @@ def effective_along(flight: RigidBodyFlight, vehicle: Vehicle, used: Bool[np.nda
 
 
 def used_steps(flight: RigidBodyFlight, prepared: PreparedFlight) -> Bool[np.ndarray, " n"]:
-    """Steps of the simulation that an identification used."""
     time_s = prepared.grid.time_s
     used = np.interp(flight.truth.time_s, time_s, prepared.used.astype(np.float64), left=0.0, right=0.0)
     return np.asarray(used > 0.5)
@@ -216,12 +208,10 @@ class Told:
 
     @property
     def accepted(self) -> bool:
-        """K is identified."""
         return self.verdict == Status.IDENTIFIED.value
 
     @property
     def held(self) -> bool:
-        """The interval holds the truth."""
         return self.low <= self.truth <= self.high
 
     @property
@@ -233,7 +223,6 @@ class Told:
 def formulas(
     flight: RigidBodyFlight, vehicle: Vehicle, seed: int
 ) -> Mapping[str, Callable[[], FlightEstimate]]:
-    """Each way to identify a flight."""
     stream = np.random.Generator(np.random.PCG64(np.random.SeedSequence(seed, spawn_key=(GIVEN_KEY,))))
     reported = vehicle.rotors.lag_up + vehicle.rotors.delay + GIVEN_STD_S * float(stream.standard_normal())
     lag = Prior(max(reported, 0.1 * GIVEN_STD_S), GIVEN_STD_S)
@@ -247,7 +236,6 @@ def formulas(
 
 
 def strength_of(case: FlightCase, flight: RigidBodyFlight, vehicle: Vehicle) -> list[Told]:
-    """What each way says of a flight."""
     if not flight.flew:
         return [Told(case.name, formula, LOST, LOST) for formula in (JOINT, GIVEN, TURNING, ALONE)]
     results = []
@@ -290,7 +278,6 @@ def run(grid: FlightGrid, kept: Path) -> list[Told]:
 
 
 def read_told(path: Path) -> list[Told]:
-    """What a file of the study has."""
     return kept_lines(path, Told)
 
 
@@ -301,7 +288,6 @@ COVERAGE, LEVEL = (0.92, 0.98), 0.99
 
 
 def requirements(tolds: Sequence[Told]) -> Iterator[Requirement]:
-    """What is asked, held against a run."""
     by = {formula: [item for item in tolds if item.formula == formula] for formula in (JOINT, GIVEN)}
     joint, given = (sum(item.accepted for item in by[formula]) for formula in (JOINT, GIVEN))
     yield Requirement(
@@ -328,7 +314,6 @@ def requirements(tolds: Sequence[Told]) -> Iterator[Requirement]:
 
 
 def tables(tolds: Sequence[Told]) -> str:
-    """What is asked, and each way beside the others."""
     names = dict.fromkeys(item.flight for item in tolds)
     header = (
         "",

@@ -61,7 +61,6 @@ class Mutant:
 
 
 def read_mutants(path: Path = TABLE) -> tuple[Mutant, ...]:
-    """Mutants of a table, in its order."""
     entries = tomllib.loads(path.read_text(encoding="utf-8"))["mutant"]
     result = tuple(Mutant(**entry | {"tests": tuple(entry["tests"])}) for entry in entries)
     names = [mutant.name for mutant in result]
@@ -117,8 +116,6 @@ ENDED = re.compile(r"^(PASSED|FAILED|ERROR|SKIPPED|XFAIL|XPASS) (\S+::\S.*?)(?: 
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """Tests that were run."""
-
     code: int  # Pytest's exit code
     ended: tuple[tuple[str, str], ...]  # How each test ended, and its name
     seconds: float  # Wall time
@@ -133,8 +130,6 @@ class Run:
 
 
 class Workspace:
-    """A copy of the project."""
-
     def __init__(self, project: Path, folder: Path) -> None:
         self.root = folder
         for name in COPIED:
@@ -146,7 +141,6 @@ class Workspace:
 
     @contextmanager
     def swapped(self, mutant: Mutant) -> Iterator[None]:
-        """The copy with a mutant's line swapped."""
         path = self.root / mutant.file
         before = path.read_text(encoding="utf-8")
         after = mutant.applied(before)
@@ -184,8 +178,6 @@ UNNOTICED = 3
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What became of a mutant."""
-
     mutant: Mutant  # The swap
     failed: int  # Tests that failed, over all that it names
     blind: tuple[str, ...]  # Names below which no test failed
@@ -193,12 +185,10 @@ class Outcome:
 
     @property
     def noticed(self) -> bool:
-        """Every name has a test that failed."""
         return not self.blind
 
 
 def tried(workspace: Workspace, mutant: Mutant) -> Outcome:
-    """Make a mutant and run its tests."""
     with workspace.swapped(mutant):
         run = workspace.tested(mutant.tests)
     if run.code not in {PASSED, FAILED}:
@@ -217,7 +207,6 @@ def check_tests(workspace: Workspace, mutants: Sequence[Mutant]) -> None:
 
 
 def checked(project: Path, mutants: Sequence[Mutant]) -> list[Outcome]:
-    """Outcome of each mutant, told as it comes."""
     outcomes = []
     with tempfile.TemporaryDirectory() as folder:
         workspace = Workspace(project, Path(folder))
@@ -269,7 +258,6 @@ PART = "mutants"
 
 
 def write_page(path: Path, outcomes: Sequence[Outcome]) -> None:
-    """Put the tables between the marks of a page."""
     text = path.read_text(encoding="utf-8")
     path.write_text(page_with(text, {PART: "\n\n".join(parts(outcomes))}), encoding="utf-8")
 

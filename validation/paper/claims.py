@@ -32,7 +32,6 @@ Cell = Callable[[Row, Row], str]
 
 
 def claims_tables(rows: pl.DataFrame) -> str:
-    """All sentences with their tables."""
     first = rows.row(0, named=True)
     made = (
         f"Made by `{CALLED}` with {first['versions']}: {first['runs']} records of each scenario and length, "
@@ -51,7 +50,6 @@ class Claims:
         self.lengths = sorted(int(length) for length in rows["samples"].unique())
 
     def pair(self, scenario: str, samples: int, method: str, base: str, cell: Cell) -> str:
-        """Cells of both parameters."""
         here, there = (
             [self.found[scenario, samples, name, parameter] for parameter in PARAMETERS]
             for name in (method, base)
@@ -164,7 +162,6 @@ CONDITIONED = 5
 
 
 def claims_rows(suite_study: SuiteStudy, result: StudyResult) -> Iterator[Row]:
-    """Rows of one study."""
     for choice, score in zip(suite_study.study.methods, scores(result), strict=True):
         condition, unscaled = _conditions(suite_study.study, choice)
         for parameter in score.parameters:
@@ -203,7 +200,6 @@ def _conditions(study: Study, choice: MethodChoice) -> tuple[float, float]:
 
 
 def claims_suite() -> Suite:
-    """The suite beside this file."""
     return read_suite(Path(__file__).with_name("claims.toml"))
 
 

@@ -71,7 +71,6 @@ def printed_table() -> tuple[
 
 
 def simulations() -> Iterator[PaperReading]:
-    """Every combination of what shapes the record."""
     axes = product(Input, MotionSource, Intersample, (0.02, 0.02**2), Ratio, SOURCES, RatioOf, Weights)
     for drive, motion, between, variance, ratio, larger, of, weights in axes:
         if drive is Input.WHITE:
@@ -115,14 +114,12 @@ def _tried(result: PaperResult) -> Iterator[Tried]:
 
 
 def search(runs: int = RUNS, workers: int | None = None) -> list[Tried]:
-    """Every combination."""
     readings = list(simulations())
     parts = local_executor(workers, len(readings)).map(partial(try_simulation, runs=runs), readings)
     return [tried for part in in_order(parts) for tried in part]
 
 
 def search_page(tried: Sequence[Tried], runs: int) -> str:
-    """Markdown of what was found."""
     whole, some = (0, 1, 2), (0, 2)
     near = [item for item in tried if item.off_by((0,), spreads=False) < AS_PRINTED]
     parts = [

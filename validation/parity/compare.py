@@ -74,7 +74,6 @@ class Comparison:
 
     @property
     def unmet(self) -> list[Change]:
-        """Listed changes that explain nothing."""
         return [change for change, differences in self.explained if not differences]
 
     @property
@@ -106,7 +105,6 @@ def compare(
     exact: bool = False,
     reworded: bool = False,
 ) -> Comparison:
-    """Compare the entries of two records."""
     result = Comparison(explained=[(change, []) for change in listed])
     for name in [*old, *(name for name in new if name not in old)]:
         missing = next((word for word, record in ((NEW, old), (GONE, new)) if name not in record), "")
@@ -214,7 +212,6 @@ def _of_search(path: tuple[str, ...], old: Leaves, size: float) -> float:
 
 
 def report(result: Comparison) -> Iterator[str]:
-    """Lines for people."""
     for change, item in result.explained:
         yield f"Finding {change.finding}: {change.why} ({change.pattern}: {len(item)} values)"
         yield from (f"    {difference}" for difference in item)

@@ -101,11 +101,9 @@ class Folder:
         return results
 
     def identify(self, *arguments: object, files: Mapping[str, str] | None = None) -> dict[str, Any]:
-        """`eivor identify` with its document."""
         return self.eivor("identify", *arguments, "--json", "document.json", files=files)
 
     def recordings(self, pattern: str = "*") -> list[str]:
-        """Every recording, as a path from this folder."""
         return sorted(
             str(path.relative_to(self.path))
             for path in (self.path / "data").glob(f"*/{pattern}")
@@ -114,7 +112,6 @@ class Folder:
 
 
 def digest(content: bytes) -> str:
-    """SHA-256 in hexadecimal digits."""
     return hashlib.sha256(content).hexdigest()
 
 
@@ -157,7 +154,6 @@ def rates(folder: Folder) -> Iterator[tuple[str, Any]]:
 
 
 def rigid_body(folder: Folder) -> Iterator[tuple[str, Any]]:
-    """The rigid body, of recordings whose rotors are logged."""
     for path, vehicle in RIGID_BODY.items():
         yield path, folder.identify(f"data/{path}", "--model", "rigid-body", "--vehicle", vehicle)
 
@@ -185,7 +181,6 @@ def simulated(folder: Folder) -> Iterator[tuple[str, Any]]:
 
 
 def commands(folder: Folder) -> Iterator[tuple[str, Any]]:
-    """The other commands that answer with numbers."""
     to_document = ("--json", "document.json")
     few = ("px4/ekf_failure.ulg", "ardupilot/log_0036_mechanical_failure.bin", "arpl-crazyflie/log10")
     logs = [f"data/{path}" for path in (*few, f"nanobench/{CLEAN[0]}.csv")]
@@ -220,7 +215,6 @@ def studies(folder: Folder) -> Iterator[tuple[str, Any]]:
 
 
 def arrays(folder: Folder) -> dict[str, Callable[[], Iterator[tuple[str, Any]]]]:
-    """Parts of the record that Python makes from arrays."""
     from validation.parity import arrays as of_arrays
 
     cases = of_arrays.array_problems(folder)
@@ -291,7 +285,6 @@ def write_record(path: Path, record: Mapping[str, Any]) -> None:
 
 
 def read_record(path: Path) -> dict[str, Any]:
-    """Read a record, compressed or not."""
     content = path.read_bytes()
     record = json.loads(lzma.decompress(content) if path.suffix == ".xz" else content)
     if record.get("schema") != SCHEMA:

@@ -66,8 +66,6 @@ OTHER_CONTROLLER = 0.75
 
 @dataclass(frozen=True)
 class FlownPlan:
-    """What a vehicle did."""
-
     recording: Recording  # Its log
     height: Float[np.ndarray, " n"]  # Its motion [m, m/s], on the reference's own zero
     velocity: Float[np.ndarray, " n"]
@@ -94,7 +92,6 @@ class OwnVehicle:
     lag_s: float
 
     def fly(self, reference: Trajectory, seed: int, *, gains: float) -> FlownPlan:
-        """Fly in gusts, seen by noisy sensors."""
         count = reference.position.size
         air, sensors, attitude = (
             np.random.Generator(np.random.PCG64(s)) for s in np.random.SeedSequence(seed).spawn(3)
@@ -141,17 +138,13 @@ class OwnVehicle:
 
 @dataclass(frozen=True)
 class RotorpyVehicle:
-    """A vehicle of RotorPy."""
-
     vehicle: Vehicle  # Which one
 
     @property
     def name(self) -> str:
-        """What to call it."""
         return f"RotorPy {self.vehicle}"
 
     def fly(self, reference: Trajectory, seed: int, *, gains: float) -> FlownPlan:
-        """Fly in three-dimensional wind."""
         duration = reference.position.size * STEP_S
         spec = RotorpyFlightSpec(self.vehicle, gust_rms=GUST_RMS, seed=seed, duration=duration)
         flight = simulate_rotorpy_flight(spec, reference, gains)
@@ -184,8 +177,6 @@ LIMITS = FlightLimits()
 
 @dataclass(frozen=True)
 class Outcome:
-    """One planned flight."""
-
     vehicle: str  # Who flew, and what for
     target: str
     number: int  # Which of the plan's flights
@@ -197,7 +188,6 @@ class Outcome:
 
     @property
     def ratio(self) -> float:
-        """Reached over predicted."""
         return self.reached / self.predicted
 
 
@@ -217,7 +207,6 @@ def outcomes(vehicle: Flyer, requested: Sequence[tuple[str, int]], seed: int) ->
 
 
 def flown_outcome(vehicle: Flyer, made: FlightPlan, number: int, seed: int) -> Outcome:
-    """The plan, flown once with the other controller."""
     reference = Trajectory(made.shape.offset, made.velocity, made.acceleration)
     flight = vehicle.fly(reference, 2000 + 100 * seed + number, gains=OTHER_CONTROLLER)
     result = identify_flight(flight.recording)
@@ -291,7 +280,6 @@ def _parsed(grid: Path, size: str) -> tuple[int, dict[str, int]]:
 
 
 def requirements_of(result: Sequence[Outcome]) -> Iterator[Requirement]:
-    """What is asked of all flights together."""
     for target, (low, high) in RATIOS.items():
         median = float(np.median([item.ratio for item in result if item.target == target]))
         what = f"median of reached over predicted, {TARGETS[target].words}"

@@ -85,7 +85,6 @@ class Condition:
 
 
 def flight_of(vehicle: str, condition: Condition, seconds: float, seed: int) -> RigidBodyFlightSpec:
-    """Specification of a flight."""
     flight = VEHICLES[vehicle]
     steps = RandomSteps(condition.steps, 0.7, 1.8) if condition.steps else None
     return RigidBodyFlightSpec(
@@ -109,8 +108,6 @@ GRID = Path(__file__).with_name("grid.toml")
 
 @dataclass(frozen=True, slots=True)
 class Grid:
-    """What is flown."""
-
     seed: int  # Of the first flight of each cell
     seconds: float  # Of a flight [s]
     flights: Mapping[str, int]  # Of each vehicle and condition, by the size of the study
@@ -118,7 +115,6 @@ class Grid:
 
 
 def read_grid(path: Path = GRID) -> Grid:
-    """Grid of a file."""
     table = read_toml(path, "a grid")
     table.text("name")
     sizes = table.section("flights")
@@ -165,12 +161,10 @@ class Told:
 
     @property
     def held(self) -> bool:
-        """The interval holds the truth."""
         return self.below <= 0.0 <= self.above
 
 
 def strength_of(flight: RigidBodyFlight, vehicle: str, condition: Condition, number: int) -> Iterator[Told]:
-    """Everything that one flight tells, by each method."""
     rotors = VEHICLES[vehicle].rotors
     truth = {
         **dict(zip(EFFECTIVENESS, flight.truth.control_effectiveness[:2], strict=True)),
@@ -217,7 +211,6 @@ def run(grid: Grid, size: str, kept: Path) -> list[Told]:
 
 
 def read_told(path: Path) -> list[Told]:
-    """What a file of the study has."""
     return kept_lines(path, Told)
 
 
@@ -230,7 +223,6 @@ COVERAGE, CHANCE_LEVEL = (0.90, 0.98), 0.999
 
 
 def requirements(grid: Grid, tolds: Sequence[Told]) -> Iterator[Requirement]:
-    """What is asked, held against a run."""
     for judged, (share, seconds) in LARGEST.items():
         names = {condition.name for condition in grid.conditions if condition.judged == judged}
         selected = [item for item in tolds if item.condition in names and item.method == INSTRUMENTS]
@@ -259,7 +251,6 @@ def _within(covered: Share) -> bool:
 
 
 def tables(grid: Grid, tolds: Sequence[Told]) -> str:
-    """What is asked, and a table of every cell."""
     header = ("flights", "effectiveness", "lag", "accepted", "intervals that hold", "least squares")
     rows = []
     for condition, vehicle in dict.fromkeys((item.condition, item.vehicle) for item in tolds):

@@ -103,21 +103,17 @@ class VehicleSpec:
 
     @property
     def gains(self) -> AltitudeController:
-        """Gains that suit the actuator and the controller's rate."""
         late = self.actuator_lag + self.delay + 0.5 / self.controller_hz
         velocity = min(self.quickness / late, LARGEST_VELOCITY_GAIN)
         return AltitudeController(self.position_share * velocity, velocity, self.integral_share * velocity**2)
 
     @property
     def controller_steps(self) -> int:
-        """Steps of the simulation in one of the controller."""
         return round(1.0 / (self.controller_hz * STEP_S))
 
 
 @dataclass(frozen=True, slots=True)
 class LoggerSpec:
-    """Sensors and the logger."""
-
     command_hz: float = 100.0  # Rates; commands are never logged faster than the controller gives them
     reference_hz: float = 100.0
     velocity_hz: float = 100.0
@@ -146,8 +142,6 @@ class LoggerSpec:
 
 @dataclass(frozen=True, slots=True)
 class FlightSpec:
-    """One flight."""
-
     vehicle: VehicleSpec = field(default_factory=VehicleSpec)  # What flies
     logger: LoggerSpec = field(default_factory=LoggerSpec)  # What records it
     reference: Reference = Reference.MULTISINE  # The altitude's
@@ -170,7 +164,6 @@ class FlightSpec:
 
     @property
     def steps(self) -> int:
-        """Steps of the simulation."""
         return round(self.duration / STEP_S)
 
 
@@ -193,7 +186,6 @@ class Surroundings:
 
     @property
     def cos_tilt(self) -> Float[np.ndarray, " steps"]:
-        """Cosine of the tilt."""
         return np.asarray(np.cos(self.pitch) * np.cos(self.roll))
 
 
@@ -232,7 +224,6 @@ class Thrust:
 
 
 def fly(spec: VehicleSpec, met: Surroundings) -> Motion:
-    """Fly a vehicle through its surroundings under altitude control."""
     thrust_of, controller = Thrust(spec), _Controller(spec, met)
     scale = (supply(spec, met.position.size) * met.cos_tilt).tolist()
     friction, coupling = (part.tolist() for part in _along_vertical(spec, met))
@@ -275,7 +266,6 @@ class _Controller:
         self._integral = 0.0
 
     def command(self, k: int, z: float, v: float, thrust_of: Thrust) -> float:
-        """Command that is computed at a step."""
         gains = self._gains
         error = self._wanted[k] - float(gains.position_gain) * z - v
         self._integral += error * self._period
@@ -476,13 +466,11 @@ def pitch(spec: FlightSpec, horizontal: Float[np.ndarray, " n"]) -> Float[np.nda
 
 
 def stream(spec: FlightSpec, name: str) -> np.random.Generator:
-    """Random stream of a flight for one purpose."""
     seed = np.random.SeedSequence(spec.seed, spawn_key=(zlib.crc32(name.encode()),))
     return np.random.Generator(np.random.PCG64(seed))
 
 
 def fly_own(spec: FlightSpec, seen_errors: tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]) -> Flown:
-    """Fly one flight."""
     reference = altitude(spec, stream(spec, "altitude"))
     horizontal = horizontal_velocity(spec, reference, stream(spec, "horizontal"))
     wander = _wander(spec)

@@ -24,8 +24,6 @@ DROPOUT_SECONDS = (0.05, 0.5)
 
 @dataclass(frozen=True, slots=True)
 class Clock:
-    """Samples of one topic."""
-
     instants: Float[np.ndarray, " n"]  # When they were taken [s]
     stamps: Float[np.ndarray, " n"]  # When the log says that they were [s]
 
@@ -38,7 +36,6 @@ def topic_clock(spec: FlightSpec, rate_hz: float, rng: np.random.Generator) -> C
 
 
 def command_clock(spec: FlightSpec, rng: np.random.Generator) -> Clock:
-    """Clock of the command."""
     every = STEP_S * spec.vehicle.controller_steps
     period = max(1.0 / spec.logger.command_hz, every)
     ticks = rng.uniform(0.0, period) + period * np.arange(int(spec.duration / period) - 1)
@@ -70,7 +67,6 @@ class Writer:
     rng: np.random.Generator  # Picks what is written twice
 
     def channel(self, name: str, clock: Clock, values: Float[np.ndarray, " n"], source: str) -> Channel:
-        """Channel of the log."""
         kept = ~self._lost(clock.instants)
         times = np.where(self.rng.random(int(kept.sum())) < self.spec.logger.duplicates, 2, 1)
         stamps, series = (np.repeat(part[kept], times) for part in (clock.stamps, values))
@@ -82,7 +78,6 @@ class Writer:
 
 
 def writer(spec: FlightSpec, rng: np.random.Generator) -> Writer:
-    """Writer with gaps drawn over the flight."""
     count = int(rng.poisson(spec.logger.dropouts * spec.duration / 60.0))
     begin = rng.uniform(0.0, spec.duration, count)
     return Writer(spec, np.stack([begin, begin + rng.uniform(*DROPOUT_SECONDS, count)], axis=1), rng)
@@ -192,7 +187,6 @@ def topics(spec: FlightSpec) -> Topics:
 
 
 def log_of(spec: FlightSpec, flight: Flown, record: Topics) -> Recording:
-    """Log of a flight."""
     written = writer(spec, stream(spec, "writer"))
     channels = [*_commands(flight, record, written), *_references(flight, record, written)]
     if spec.logger.bias_time > 0.0:
@@ -338,14 +332,11 @@ def _read(
 
 @dataclass(frozen=True)
 class LoggedFlight:
-    """A log and what happened."""
-
     recording: Recording  # The log
     flown: Flown  # What is true of it
 
 
 def logged_flight(spec: FlightSpec) -> LoggedFlight:
-    """Fly and log a flight."""
     reported = topics(spec)
     flight = fly_rotorpy(spec) if spec.multirotor else fly_own(spec, reported.seen(spec))
     return LoggedFlight(log_of(spec, flight, reported), flight)

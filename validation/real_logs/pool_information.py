@@ -47,7 +47,6 @@ class LagBound:
 
 
 def lag_bound(flights: Sequence[FlightSpec]) -> LagBound:
-    """Bound of a pool of flights of one vehicle."""
     size = SHARED + 2 * len(flights)
     information = np.zeros((size, size))
     for index, spec in enumerate(flights):

@@ -55,7 +55,6 @@ FRICTION, LAG = "viscous_friction", "effective_lag"
 
 
 def requirements(rows: pl.DataFrame, grid: Grid) -> tuple[Requirement, ...]:
-    """Judge a run of the study, family by family."""
     result: list[Requirement] = []
     for family in grid.families:
         here = rows.filter(pl.col("class") == family.name)
@@ -69,7 +68,6 @@ def requirements(rows: pl.DataFrame, grid: Grid) -> tuple[Requirement, ...]:
 
 
 def judged(rows: pl.DataFrame, quantity: str) -> pl.DataFrame:
-    """Accepted flights whose quantity is identified too."""
     return accepted(rows).filter(pl.col(f"verdict.{quantity}") == Status.IDENTIFIED.value)
 
 
@@ -85,7 +83,6 @@ def far_off(rows: pl.DataFrame) -> Share:
 
 
 def said(rows: pl.DataFrame, name: str) -> Share:
-    """Flights of which something was said."""
     return Share(int(rows[f"named.{name}"].sum()), rows.height, LEVEL)
 
 
@@ -151,7 +148,6 @@ def _narrow(what: str, pools: pl.DataFrame) -> Requirement:
 
 
 def _one_each(family: Family, rows: pl.DataFrame) -> pl.DataFrame:
-    """One row of each pool."""
     return rows.filter(pl.col("number") % family.pool == 0)
 
 
@@ -170,7 +166,6 @@ def _coverage(family: Family, rows: pl.DataFrame, quantity: str) -> Requirement:
 
 
 def _coverage_of_any(family: Family, rows: pl.DataFrame, quantity: str) -> Requirement:
-    """Coverage whatever the verdict."""
     return _covered(family, rows, quantity)
 
 
@@ -227,7 +222,6 @@ COMMAND = "python -m validation.real_logs.study"
 
 
 def study_tables(table: StudyTable, grid: Grid) -> str:
-    """All tables of a run, as Markdown."""
     rows, origin = table.rows, table.origin
     lost = rows.height - flown(rows).height
     return "\n\n".join(
@@ -252,7 +246,6 @@ def study_tables(table: StudyTable, grid: Grid) -> str:
 
 
 def family_table(rows: pl.DataFrame, grid: Grid) -> str:
-    """One row for each family that was flown."""
     header = ["family", "flown", "accepted", "K", "K_u", "lag", "hover", "bias of the lag", "far off"]
     lines = []
     for name, here in _families(rows, grid):
@@ -267,7 +260,6 @@ def family_table(rows: pl.DataFrame, grid: Grid) -> str:
 
 
 def said_table(rows: pl.DataFrame, grid: Grid) -> str:
-    """How often each thing was said, for each family."""
     lines = [
         [name, *(_value(said(flown(here), what)) for what in NAMES)] for name, here in _families(rows, grid)
     ]

@@ -81,8 +81,6 @@ GRID_FILE = "grid.toml"
 
 @dataclass(frozen=True, slots=True)
 class Family:
-    """Flights of one kind."""
-
     name: str  # What they are
     seed: int  # First seed, and number of flights; of pools, if they are pooled
     count: int
@@ -112,26 +110,21 @@ class Family:
 
 @dataclass(frozen=True, slots=True)
 class Grid:
-    """The study's flights."""
-
     name: str  # Name of the grid
     lag_given_std: float  # Standard error of a lag that is given [s]
     families: tuple[Family, ...]  # In the order of the file
     text: str  # The file
 
     def family(self, name: str) -> Family:
-        """Return a family by its name."""
         return next(family for family in self.families if family.name == name)
 
 
 @cache
 def published_grid() -> Grid:
-    """Return the grid that lies beside this file."""
     return grid_from(files("validation.real_logs").joinpath(GRID_FILE).read_text(encoding="utf-8"))
 
 
 def grid_from(text: str) -> Grid:
-    """Grid from the text of a TOML file."""
     table = toml_table(text, Path(GRID_FILE), "a grid")
     name, std, common = table.text("name"), table.number("lag_given_std"), draws(table, "draw")
     families = tuple(_family(entry, common) for entry in table.sections("family"))
@@ -188,7 +181,6 @@ def _fixed(entry: TomlTable) -> dict[str, Value]:
 
 
 def _spec(values: Mapping[str, Value], seed: int) -> FlightSpec:
-    """Specification with these values."""
     given = dict(values)
     noise = SensorNoise(
         kind=NoiseKind(str(given.pop("noise"))),
@@ -207,7 +199,6 @@ def _spec(values: Mapping[str, Value], seed: int) -> FlightSpec:
 
 
 def _names(kind: type) -> set[str]:
-    """Return the fields of a specification."""
     return {field.name for field in fields(kind)}
 
 
@@ -244,7 +235,6 @@ class Task:
 
     @property
     def facts(self) -> Mapping[str, str]:
-        """What that file is sealed with."""
         return {"family": self.family, "flights": f"{self.first} to {self.last - 1}"}
 
     @property
@@ -254,7 +244,6 @@ class Task:
 
 
 def family_tasks(family: Family) -> tuple[Task, ...]:
-    """Tasks of a family, in order."""
     size = _together(family)
     return tuple(
         Task(family.name, first, min(first + size, family.count)) for first in range(0, family.count, size)
@@ -289,7 +278,6 @@ class _Outcome:
     reason: str = ""
 
     def row(self, family: Family, spec: FlightSpec, number: int) -> Row:
-        """Row of the table."""
         row: Row = {
             "class": family.name,
             "number": number,
@@ -397,7 +385,6 @@ def interleaved(families: Sequence[Family]) -> list[Task]:
 
 
 def folder_of(path: Path, grid: Grid) -> StudyFolder[Task]:
-    """Folder that keeps the rows of the grid's tasks."""
     planned = sum(family.count * family.pool for family in grid.families)
     return StudyFolder(
         path, interleaved(grid.families), grid.name, grid.text, "validation.real_logs", planned

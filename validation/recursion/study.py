@@ -65,8 +65,6 @@ SEED = 20261122
 
 @dataclass(frozen=True, slots=True)
 class Told:
-    """What one record says."""
-
     scenario: str  # Name of a shipped one
     changed: str  # Parameter that drops, or "nothing"
     run: int  # Number of the record

@@ -46,8 +46,6 @@ VEHICLES = {"viscous_friction": (0.2, 0.6), "hover_input": (0.3, 0.6), "actuator
 
 @dataclass(frozen=True, slots=True)
 class Told:
-    """What one flight says."""
-
     name: str  # Of its kind
     run: int  # Number of the flight
     verdict: str  # Of the flight; empty where nothing was estimated

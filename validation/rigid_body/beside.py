@@ -69,8 +69,6 @@ PLOTTED = (*(item.name for item in GAIN), THRUST.name, DRAG[2].name)
 
 @dataclass(frozen=True, slots=True)
 class Flown:
-    """One flight."""
-
     kind: str  # Which table it is of
     case: int  # Which of its lags or noises, and which flight with these
     number: int
@@ -82,17 +80,14 @@ class Flown:
 
     @property
     def facts(self) -> Mapping[str, str]:
-        """What that file is sealed with."""
         return {"flight": self.file_name}
 
     @property
     def flights(self) -> int:
-        """One."""
         return 1
 
 
 def all_flights() -> list[Flown]:
-    """Flights of all tables, those of low numbers first."""
     lags = [Flown(LAGS, case, 0) for case in range(len(LAGS_S))]
     speeds = [Flown(SPEEDS, case, n) for n in range(SPEED_FLIGHTS) for case in range(len(SPEED_NOISES))]
     of_grid = [
@@ -252,7 +247,6 @@ def _table_of_grid(rows: pl.DataFrame) -> str:
 
 
 def folder_of(chosen: argparse.Namespace) -> StudyFolder[Flown]:
-    """Folder of the flights that are chosen."""
     flights = [flight for flight in all_flights() if chosen.word in flight.kind]
     return StudyFolder(chosen.folder, flights, "beside", "", "validation.rigid_body", len(all_flights()))
 

@@ -140,12 +140,10 @@ def _of_part(scenario: Scenario, vehicle: str, result: dict[str, Score]) -> Iter
 
 
 def percent(value: float) -> str:
-    """A share in percent."""
     return f"{100.0 * value:.2g} %" if np.isfinite(value) else "-"
 
 
 def share_text(share: Share) -> str:
-    """A share with its interval."""
     low, high = share.interval
     return f"{share.value:.3f} [{low:.2f}, {high:.2f}]"
 
@@ -156,7 +154,6 @@ COMMAND = "python -m validation.rigid_body.study"
 
 
 def study_tables(table: StudyTable, grid: Grid) -> str:
-    """All tables of a run, as Markdown."""
     rows, origin = table.rows, table.origin
     return "\n\n".join(
         [
@@ -173,7 +170,6 @@ def study_tables(table: StudyTable, grid: Grid) -> str:
 
 
 def score_table(rows: pl.DataFrame, grid: Grid) -> str:
-    """One row for each scenario, vehicle and method."""
     lines = []
     for scenario in grid.scenarios:
         for vehicle, method, item in parts_of(rows, scenario):
@@ -198,7 +194,6 @@ def cell(result: dict[str, Score], names: tuple[str, ...]) -> str:
 
 
 def folder_of(chosen: argparse.Namespace) -> StudyFolder[Task]:
-    """Folder of the tasks that are chosen."""
     grid = published_grid()
     planned = sum(scenario.count * len(scenario.vehicles) for scenario in grid.scenarios)
     tasks = tasks_of(grid, chosen.share, chosen.word)

@@ -47,8 +47,6 @@ from validation.studies import Row
 
 @dataclass(frozen=True, slots=True)
 class Asked:
-    """What a scenario must reach."""
-
     # Bounds by group of quantities, relative to the truth: of every error, of the root of their mean square,
     # of the size of their mean
     largest: Mapping[str, float]
@@ -60,14 +58,11 @@ class Asked:
 
     @property
     def groups(self) -> tuple[str, ...]:
-        """Groups of quantities with a bound, in order."""
         return tuple(dict.fromkeys([*self.largest, *self.rmse, *self.bias]))
 
 
 @dataclass(frozen=True, slots=True)
 class Scenario:
-    """Flights of one kind."""
-
     name: str  # What they are
     seed: int  # Seed of the first flight, and flights of each vehicle
     count: int
@@ -104,7 +99,6 @@ NEARLY_ZERO = 0.1
 
 
 def truth_of(parameters: EffectiveParameters) -> dict[str, float]:
-    """True value of every quantity that is judged."""
     selected = (
         *zip(GROUPS["torque gains"], parameters.torque_gains, strict=True),
         *zip(GROUPS["gyroscopic ratios"], parameters.gyroscopic_ratios, strict=True),
@@ -129,26 +123,21 @@ GRID = Path(__file__).with_name("grid.toml")
 
 @dataclass(frozen=True, slots=True)
 class Grid:
-    """What is flown."""
-
     name: str  # Of the grid
     seconds: float  # Of a flight [s]
     scenarios: tuple[Scenario, ...]  # In the order of the file
     text: str  # The file
 
     def scenario(self, name: str) -> Scenario:
-        """Return a scenario by its name."""
         return next(item for item in self.scenarios if item.name == name)
 
 
 @cache
 def published_grid() -> Grid:
-    """Return the grid that lies beside this file."""
     return grid_from(GRID.read_text(encoding="utf-8"))
 
 
 def grid_from(text: str) -> Grid:
-    """Grid from the text of a TOML file."""
     table = toml_table(text, GRID, "a grid")
     name, seconds = table.text("name"), table.number("seconds")
     grid = Grid(name, seconds, tuple(_scenario(section) for section in table.sections("scenario")), text)
@@ -191,7 +180,6 @@ def _scenario(table: TomlTable) -> Scenario:
 
 
 def _bounds(table: TomlTable, key: str) -> Mapping[str, float]:
-    """Bounds by group of quantities."""
     if not table.has(key):
         return {}
     section = table.section(key)
@@ -217,13 +205,11 @@ LARGEST_JITTER = 0.45
 
 
 def flown_vehicle(vehicle: Vehicle, scenario: Scenario) -> FlownBody:
-    """Vehicle of RotorPy, with the delay of the scenario."""
     body = rigid_body(vehicle_parameters(vehicle, None))
     return replace(body, rotors=replace(body.rotors, delay=scenario.delay_s))
 
 
 def known_vehicle(vehicle: Vehicle, scenario: Scenario) -> KnownVehicle:
-    """What whoever identifies the flight knows of the vehicle."""
     rotors, taken = flown_vehicle(vehicle, scenario).rotors, scenario.taken_delay_s
     return KnownVehicle(
         str(vehicle),
@@ -236,7 +222,6 @@ def known_vehicle(vehicle: Vehicle, scenario: Scenario) -> KnownVehicle:
 
 
 def flight_of(vehicle: Vehicle, scenario: Scenario, seconds: float, number: int) -> RigidBodyFlightSpec:
-    """Specification of a flight."""
     air = OrnsteinUhlenbeck(scenario.torque, TORQUE_S) if scenario.torque else None
     added = FilteredWhite(scenario.injected, 0.5, 8.0) if scenario.injected else None
     return RigidBodyFlightSpec(
@@ -303,8 +288,6 @@ LOST, FAILED = "lost", "failed"
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """Some flights of a scenario."""
-
     scenario: str  # Its name
     vehicle: Vehicle  # What flies
     first: int  # First flight, and the one after the last
@@ -318,12 +301,10 @@ class Task:
 
     @property
     def facts(self) -> Mapping[str, str]:
-        """What that file is sealed with."""
         return {"scenario": self.scenario, "flights": f"{self.vehicle} {self.first} to {self.last - 1}"}
 
     @property
     def flights(self) -> int:
-        """Number of flights."""
         return self.last - self.first
 
 
@@ -358,7 +339,6 @@ def rows_of(task: Task) -> tuple[Row, ...]:
 def rows_of_flight(
     flight: RigidBodyFlight, vehicle: Vehicle, scenario: Scenario, number: int
 ) -> Iterator[Row]:
-    """Rows of a flight."""
     truth = truth_of(flight.truth.parameters)
     log = jittered(flight.recording, scenario.jitter_s, scenario.seed + number)
     motion = RigidBody(known_vehicle(vehicle, scenario))

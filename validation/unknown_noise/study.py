@@ -45,7 +45,6 @@ class Case:
     methods: tuple[str, ...]
 
     def scene(self) -> ev.Scenario:
-        """The scenario."""
         scenario = replace(shipped_scenario(self.scenario), samples=self.samples)
         noise = FractionalNoise(1.0, self.order) if self.order else ev.WhiteNoise(1.0)
         return replace(scenario, noise={**scenario.noise, VELOCITY: noise})
@@ -85,7 +84,6 @@ class Suite:
 
 
 def read_suite(path: Path) -> Suite:
-    """Suite of a file."""
     top = read_toml(path, "a suite of unknown noises")
     top.text("name")
     runs, seed, part = top.whole("runs"), top.whole("seed"), top.text("part", PART)
@@ -103,7 +101,6 @@ def _case(name: str, table: TomlTable) -> Case:
 
 
 def tried(case: Case, runs: int, seed: int) -> Iterator[Told]:
-    """Every method of a case on its records."""
     scene, columns = case.scene(), ev.lags("input", 0, 10)
     results: dict[tuple[str, str], list[tuple[float, bool]]] = {}
     refused = dict.fromkeys(case.methods, 0)
@@ -134,7 +131,6 @@ def tried(case: Case, runs: int, seed: int) -> Iterator[Told]:
 
 
 def requirements(tolds: Iterable[Told]) -> list[Requirement]:
-    """Coverage of what the input allows to tell."""
     judged = [item for item in tolds if item.refused < 0.5 * item.held.size]
     results = []
     for words, noises, (low, high) in (
@@ -156,7 +152,6 @@ def requirements(tolds: Iterable[Told]) -> list[Requirement]:
 
 
 def tables(tolds: Sequence[Told], runs: int, seed: int) -> str:
-    """The page's part."""
     lines = [
         (
             item.case,
@@ -182,7 +177,6 @@ def tables(tolds: Sequence[Told], runs: int, seed: int) -> str:
 
 
 def answer(chosen: argparse.Namespace) -> Answer:
-    """Run the suite."""
     suite = read_suite(chosen.suite)
     runs = suite.runs if chosen.runs is None else chosen.runs
     with warnings.catch_warnings():
