@@ -18,6 +18,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any, Generic, Protocol, TypeVar
 
+import msgspec
 import polars as pl
 
 from eivor.atomic_file import atomic_write, write_atomically
@@ -58,12 +59,7 @@ SIZE: Option = {"choices": ("small", "full"), "default": "small"}
 WORKERS: Option = {"type": int, "metavar": "N", "help": "processes; default: one for each core"}
 OUT: Option = {"type": Path, "metavar": "FILE.parquet", "help": "write every row"}
 FINISHED: Option = {"dest": "source", "type": Path, "metavar": "FILE.parquet", "help": "a finished run"}
-KEPT: Option = {
-    "type": Path,
-    "required": True,
-    "metavar": "FILE.jsonl",
-    "help": "keep every trial here",
-}
+KEPT: Option = {"type": Path, "required": True, "metavar": "FILE.jsonl", "help": "keep every trial here"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,6 +125,18 @@ def with_bar(items: Iterable[Item], name: str, total: int) -> Iterator[Item]:
 def versions() -> str:
     packages = ", ".join(f"{package} {version(package)}" for package in PACKAGES)
     return f"{packages}, Python {platform.python_version()}"
+
+
+def read_as(kind: type[Item], path: Path, text: str | None = None) -> Item:
+    """Grid of a TOML file, or of its text, as a struct."""
+    try:
+        return msgspec.toml.decode(path.read_bytes() if text is None else text, type=kind)
+    except (OSError, ValueError) as error:  # also those of msgspec
+        raise InputError("a grid of the study", f"{path}: {error}", "Correct the file.") from error
+
+
+class GridStruct(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Keys of a table of a grid."""
 
 
 # -- studies that keep every trial as a line of a file --
@@ -312,6 +320,7 @@ class StudyFolder(Generic[Task]):
     text: str
     package: str  # The study's own, whose code makes rows beside Eivor's
     planned: int  # Flights of the whole study
+    rows_of: Callable[[Task], Sequence[Row]]  # Flies a task
 
     def missing(self) -> list[Task]:
         """Tasks whose file is not there, not whole, or was made by other code."""
@@ -321,10 +330,10 @@ class StudyFolder(Generic[Task]):
         self.folder.mkdir(parents=True, exist_ok=True)
         write_atomically(self._path(task), sealed(pl.DataFrame(list(rows)), self._facts(task)))
 
-    def run(self, rows_of: Callable[[Task], Sequence[Row]], workers: int | None = None) -> None:
+    def run(self, workers: int | None = None) -> None:
         missing = self.missing()
         if missing:
-            with closing(local_executor(workers, len(missing)).map(rows_of, missing)) as results:
+            with closing(local_executor(workers, len(missing)).map(self.rows_of, missing)) as results:
                 for item, rows in with_bar(results, "tasks", len(missing)):
                     self.write(missing[item], rows)
 
@@ -375,7 +384,6 @@ def folder_command(
     part: str,
     word: str,  # option that names what is flown
     folder_of: Callable[[argparse.Namespace], StudyFolder[Any]],
-    rows_of: Callable[[Any], Sequence[Row]],
     answer: Callable[[StudyTable], Answer],
 ) -> StudyCommand:
 
@@ -385,7 +393,7 @@ def folder_command(
         else:
             folder = folder_of(chosen)
             if not chosen.tables:
-                folder.run(rows_of, chosen.workers)
+                folder.run(chosen.workers)
             table = folder.gathered()
         if chosen.out:
             table.write(chosen.out)

@@ -91,11 +91,7 @@ def test_file_is_read_from_a_path(tmp_path, grid):
         ('name = "gusty"', 'name = "calm"', "names and seeds of their own"),
         ("seed = 420000", "seed = 410001", "names and seeds of their own"),
         ('kind = "climbs"', 'kind = "walks"', "one of excited, climbs.*kind"),
-        (
-            "replicates = 4",
-            "repetitions = 4",
-            "a whole number at class.*replicates.*received nothing",
-        ),
+        ("replicates = 4", "repetitions = 4", "a whole number at class.*replicates.*received nothing"),
         ("small_every = 19", "colour = 19", "no keys but.*the unknown key 'colour'"),
         ("vigour = [0.6, 1.0]", "vigour = [1.0, 0.6]", "a range of two numbers.*vertical.uniform.vigour"),
         ("vigour = [0.6, 1.0]", "vigour = 0.6", "a list of numbers at vertical.uniform.vigour"),

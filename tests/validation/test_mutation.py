@@ -69,10 +69,7 @@ def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         ("src/toy.py", SOURCE),
         ("tests/test_toy.py", TESTS),
         ("pyproject.toml", '[tool.pytest.ini_options]\naddopts = "-p xdist"\n'),
-        (
-            "page.md",
-            "# Mutants\n\n<!-- generated: mutants -->\n\nold\n\n<!-- end: mutants -->\n\nBy hand.\n",
-        ),
+        ("page.md", "# Mutants\n\n<!-- generated: mutants -->\n\nold\n\n<!-- end: mutants -->\n\nBy hand.\n"),
     ):
         path = tmp_path / name
         path.parent.mkdir(exist_ok=True)

@@ -21,9 +21,8 @@ from validation.real_logs.trials import (
     grid_from,
     interleaved,
     published_grid,
-    rows_of,
 )
-from validation.studies import read_study_table
+from validation.studies import StudyFolder, read_study_table
 
 GRID = published_grid()
 
@@ -187,19 +186,19 @@ def test_the_hover_inputs_errors_stand_beside_the_floor():
 def test_rows_are_kept_and_a_run_goes_on(tmp_path):
     """The rows of two tasks in a folder; a damaged one is done again, and the table is the same again."""
     families = tuple(replace(family, count=1) for family in GRID.families[:2])
-    folder = folder_of(tmp_path / "study", replace(GRID, families=families))
     made = []
 
     def trial(task):
         made.append(task.family)
         return tuple(rows(1, task.family).to_dicts())
 
-    folder.run(trial, 1)
+    folder = replace(folder_of(tmp_path / "study", replace(GRID, families=families)), rows_of=trial)
+    folder.run(1)
     before = folder.gathered()
     assert made == [family.name for family in families]
     victim = sorted((tmp_path / "study").iterdir())[1]
     victim.write_bytes(victim.read_bytes()[:-9])
-    folder.run(trial, 1)
+    folder.run(1)
     assert made[2:] == [families[1].name]
     assert folder.gathered().rows.equals(before.rows)
     assert before.origin["flights"] == "2 of 2"
@@ -231,7 +230,7 @@ def test_command_flies_a_family_and_fills_the_page(tmp_path, capsys, monkeypatch
     vehicle = short.flight(0).vehicle
     assert row["truth.effective_lag"] == pytest.approx(vehicle.actuator_lag + vehicle.delay)
     assert row["truth.viscous_friction"] == pytest.approx(vehicle.viscous_friction, rel=0.01)
-    monkeypatch.setattr(study, "rows_of", None)
+    monkeypatch.setattr(StudyFolder, "run", None)
     assert study.main([*chosen, "--tables"]) == 3
     assert capsys.readouterr().out == printed
     assert study.main(["--folder", str(tmp_path / "none"), "--tables"]) == 2
@@ -247,7 +246,7 @@ def test_small_size(tmp_path):
         if family.holds == "yes" and family.flight(0).duration < 100.0 and not family.flight(0).multirotor
     )
     folder = folder_of(tmp_path, replace(grid, families=families[:3]))
-    folder.run(rows_of, 1)
+    folder.run(1)
     table = folder.gathered().rows
     assert table.height >= 12
     assert (table["verdict"] == "identified").mean() > 0.6

@@ -103,11 +103,7 @@ def test_effective_parameters_are_near_the_nominal_ones(vehicle, low, high):
 @pytest.mark.thorough
 @pytest.mark.parametrize(
     ("vehicle", "lag", "delay"),
-    [
-        (Vehicle.CRAZYFLIE, None, 0.0),
-        (Vehicle.CRAZYFLIE, 0.12, 0.02),
-        (Vehicle.HUMMINGBIRD, None, 0.02),
-    ],
+    [(Vehicle.CRAZYFLIE, None, 0.0), (Vehicle.CRAZYFLIE, 0.12, 0.02), (Vehicle.HUMMINGBIRD, None, 0.02)],
 )
 def test_rotors_are_the_exact_lag_of_the_delayed_commands(vehicle, lag, delay):
     flight = fly(RotorpyFlightSpec(vehicle, lag, delay, gust_rms=0.3, duration=2.0, seed=13))

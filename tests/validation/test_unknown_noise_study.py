@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from eivor.lab.experiments import marks
-from validation.unknown_noise import study
+from validation.studies import NOT_MET, WRONG
 from validation.unknown_noise.study import PART, SUITE, Told, main, read_suite, requirements
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "efficiency.md"
@@ -28,12 +28,12 @@ def test_a_small_suite_runs_and_fills_a_page(tmp_path, capsys):
     suite, page = tmp_path / "small.toml", tmp_path / "page.md"
     suite.write_text(SMALL, encoding="utf-8")
     page.write_text(f"{begin}\n{end}\n", encoding="utf-8")
-    assert main([str(suite), "--page", str(page)]) in (0, study.NOT_MET)
+    assert main([str(suite), "--page", str(page)]) in (0, NOT_MET)
     text = page.read_text(encoding="utf-8")
     assert "| short | frisch_scheme | noise_variance_velocity_z |" in text
     assert "2 records of each case" in text
     capsys.readouterr()
-    assert main([str(suite), "--page", str(suite)]) == study.WRONG
+    assert main([str(suite), "--page", str(suite)]) == WRONG
 
 
 def test_coverage_is_judged_of_what_is_not_refused():

@@ -27,14 +27,7 @@ from eivor.inference.verdict import Reason
 from eivor.lab.experiments import markdown
 from eivor.lab.scenario_files import shipped_scenario
 from eivor.strict_toml import read_toml
-from validation.studies import (
-    Answer,
-    Requirement,
-    completed,
-    kept_command,
-    requirement_table,
-    versions,
-)
+from validation.studies import Answer, Requirement, completed, kept_command, requirement_table, versions
 
 PART = "wrong-orders"
 GRID = Path(__file__).with_name("wrong_orders.toml")

@@ -23,14 +23,7 @@ from eivor.fleet.simulate import FleetSpec, fleet_rows, fleet_truth
 from eivor.lab.experiments import markdown
 from eivor.motions import motion_by_name
 from eivor.strict_toml import read_toml
-from validation.studies import (
-    Answer,
-    Requirement,
-    completed,
-    kept_command,
-    requirement_table,
-    versions,
-)
+from validation.studies import Answer, Requirement, completed, kept_command, requirement_table, versions
 
 SEED = 20261122
 #: What loses thrust, and flights from either end without a step.

@@ -36,14 +36,15 @@ from eivor.lab.experiments import markdown
 from eivor.lab.study_run import parquet_bytes
 from eivor.logs.read import read_log
 from eivor.motions.identify import identify_flight
-from eivor.strict_toml import read_toml
 from validation.studies import (
     Answer,
+    GridStruct,
     Requirement,
     completed,
     keep,
     kept_command,
     kept_lines,
+    read_as,
     requirement_table,
     versions,
 )
@@ -54,8 +55,7 @@ SEED = 20261122
 VEHICLES = "**/{vehicle}/*.parquet"
 
 
-@dataclass(frozen=True, slots=True)
-class Size:
+class Size(GridStruct, frozen=True):
     """A fleet of the grid, see its file."""
 
     told_vehicles: int
@@ -233,8 +233,6 @@ def _report(what: str, size: Size, fleet: Path, took: Mapping[str, float], ended
 
 PART = "fleet run"
 GRID = Path(__file__).with_name("grid.toml")
-WHOLE = ("told_vehicles", "told_flights", "short_vehicles", "short_flights", "kills", "interrupts")
-SECONDS = ("told_s", "short_s", "cost_s")
 #: Logs and cores of the cluster on paper, and logs of its tasks.
 MANY, CORES, PAPER_TASK_LOGS = 1_000_000, 100, 200
 
@@ -249,9 +247,9 @@ class Cost:
 
 def answer(grid: Path, size: str, kept: Path) -> Answer:
     """Run what the folder does not have yet, and judge all of it."""
-    requested, folder = _parsed(grid, size), kept.with_suffix("")
+    requested, folder = read_as(dict[str, Size], grid)[size], kept.with_suffix("")
     write_logs(requested, folder / "logs")
-    trials = {name: partial(run, requested, folder / "logs", folder / name) for name, run in MODES.items()}
+    trials = {name: partial(_made, name, requested, folder) for name in MODES}
     results = completed(kept, Told, trials, lambda line: line.mode)
     costs = kept.with_suffix(".cost.jsonl")
     if not costs.exists():
@@ -259,17 +257,6 @@ def answer(grid: Path, size: str, kept: Path) -> Answer:
     (cost,) = kept_lines(costs, Cost)
     requirements = tuple(_requirements(requested, results))
     return _tables(requested, results, requirements, cost), requirements
-
-
-def _parsed(grid: Path, size: str) -> Size:
-    root = read_toml(grid, "grid of fleets")
-    sizes = {name: root.section(name) for name in ("small", "full")}
-    read = {
-        name: Size(*(item.whole(key) for key in WHOLE), *(item.number(key) for key in SECONDS))
-        for name, item in sizes.items()
-    }
-    root.finish()
-    return read[size]
 
 
 def _cost(flight_s: float) -> Cost:
@@ -280,6 +267,10 @@ def _cost(flight_s: float) -> Cost:
     process_time = time.process_time()
     identify_flight(second)
     return Cost(flight_s, time.process_time() - process_time)
+
+
+def _made(name: str, size: Size, folder: Path) -> Told:
+    return MODES[name](size, folder / "logs", folder / name)
 
 
 def _requirements(size: Size, tolds: Sequence[Told]) -> Iterator[Requirement]:
@@ -329,10 +320,7 @@ def _on_paper(first: Told, cost: Cost) -> Iterator[tuple[str, str]]:
         f"processor time, {cost.cpu_s:.2f} s for a flight of {cost.flight_s:g} s",
         f"{hours:,.0f} hours; {hours / CORES:.1f} h on {CORES} cores",
     )
-    yield (
-        f"table, {first.row_bytes / 1e3:.2f} kB a row",
-        f"{first.row_bytes * MANY / 1e9:.1f} GB",
-    )
+    yield (f"table, {first.row_bytes / 1e3:.2f} kB a row", f"{first.row_bytes * MANY / 1e9:.1f} GB")
     yield (
         f"tasks of {PAPER_TASK_LOGS} logs",
         f"{MANY // PAPER_TASK_LOGS:,}, of which two a core are known to the scheduler",

@@ -27,13 +27,14 @@ from eivor.models.separable import Bounds
 from eivor.signals.recording import Recording
 from eivor.simulation.environment import TrajectoryKind
 from eivor.simulation.vertical import VerticalFlightSpec
-from eivor.strict_toml import read_toml
 from validation.studies import (
     Answer,
+    GridStruct,
     Requirement,
     keep,
     kept_command,
     kept_lines,
+    read_as,
     requirement_table,
     versions,
 )
@@ -47,13 +48,14 @@ SEARCHED, OMITTED = "searched for", "left out"
 PARAMETERS = ("viscous_friction", "input_gain")
 
 
-@dataclass(frozen=True, slots=True)
-class Regime:
+class Regime(GridStruct, frozen=True):
     name: str  # How tables call it
     gust_rms: float  # Of the simulated flights [m/s, s]
     duration: float
     every: int  # Of so many samples of the log one is kept
-    left_out: bool  # Whether methods are also told that there is no lag
+    small: int  # Flights by size of the study
+    full: int
+    left_out: bool = False  # Whether methods are also told that there is no lag
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,45 +125,22 @@ IDENTIFIED = Status.IDENTIFIED.value
 COLUMNS = ("flights", "bias of K / K_u", "RMSE", "coverage", "identified", "no estimate")
 
 
-@dataclass(frozen=True, slots=True)
-class Grid:
+class Grid(GridStruct, frozen=True):
     """What is flown, by what, and how often."""
 
     vehicle: dict[str, float]
     methods: tuple[str, ...]
-    regimes: tuple[tuple[Regime, int], ...]
-
-
-def read_grid(path: Path, size: str) -> Grid:
-    """Grid of a file, with so many flights of each regime as the size says."""
-    root = read_toml(path, "grid of flights")
-    about = root.section("vehicle")
-    vehicle = {name: about.number(name) for name in ("viscous_friction", "hover_input", "actuator_lag")}
-    about.finish()
-    methods = root.texts("methods")
-    regimes = []
-    for section in root.sections("regimes"):
-        runs = {name: section.whole(name) for name in ("small", "full")}[size]
-        numbers = (
-            section.number("gust_rms"),
-            section.number("duration"),
-            section.whole("every"),
-            section.flag("left_out", default=False),
-        )
-        regimes.append((Regime(section.text("name"), *numbers), runs))
-        section.finish()
-    root.finish()
-    return Grid(vehicle, methods, tuple(regimes))
+    regimes: tuple[Regime, ...]
 
 
 def answer(grid: Path, size: str, kept: Path) -> Answer:
     """Fly what the file does not have yet, and judge all of it."""
-    requested = read_grid(grid, size)
+    requested = read_as(Grid, grid)
     done = kept_lines(kept, Told)
     tolds: list[Told] = []
-    for run in range(max(runs for _, runs in requested.regimes)):
-        for regime, runs in requested.regimes:
-            if run >= runs:
+    for run in range(max(getattr(regime, size) for regime in requested.regimes)):
+        for regime in requested.regimes:
+            if run >= getattr(regime, size):
                 continue
             selected = [item for item in done if (item.regime, item.run) == (regime.name, run)]
             if not selected:
@@ -169,7 +148,7 @@ def answer(grid: Path, size: str, kept: Path) -> Answer:
                 keep(kept, selected)
             tolds.extend(selected)
     requirements = tuple(_requirements(tolds))
-    return _tables(requested, tolds, requirements), requirements
+    return _tables(requested, size, tolds, requirements), requirements
 
 
 def _requirements(tolds: Sequence[Told]) -> Iterator[Requirement]:
@@ -194,9 +173,9 @@ def _searched(tolds: Sequence[Told], method: str) -> list[Told]:
     return [item for item in tolds if (item.method, item.lag) == (method, SEARCHED)]
 
 
-def _tables(grid: Grid, tolds: Sequence[Told], requirements: Sequence[Requirement]) -> str:
-    flights = ", ".join(f"{runs} of {regime.name}" for regime, runs in grid.regimes)
-    compared = [regime.name for regime, _ in grid.regimes if regime.left_out]
+def _tables(grid: Grid, size: str, tolds: Sequence[Told], requirements: Sequence[Requirement]) -> str:
+    flights = ", ".join(f"{getattr(regime, size)} of {regime.name}" for regime in grid.regimes)
+    compared = [regime.name for regime in grid.regimes if regime.left_out]
     of_lag = [
         (lag, method, *_line([o for o in tolds if (o.regime, o.method, o.lag) == (name, method, lag)]))
         for name in compared
@@ -205,7 +184,7 @@ def _tables(grid: Grid, tolds: Sequence[Told], requirements: Sequence[Requiremen
     ]
     of_regimes = [
         (regime.name, method, *_line([o for o in _searched(tolds, method) if o.regime == regime.name]))
-        for regime, _ in grid.regimes
+        for regime in grid.regimes
         for method in grid.methods
     ]
     overall = [(method, *_line(_searched(tolds, method))) for method in grid.methods]

@@ -46,6 +46,7 @@ from validation.studies import (
     Answer,
     Requirement,
     StudyCommand,
+    requirement_table,
     share_text,
     with_bar,
 )
@@ -305,10 +306,7 @@ def verdict_table(rows: pl.DataFrame) -> str:
 def control_table(rows: pl.DataFrame) -> str:
     excited = rows.filter(pl.col("kind") == "excited")
     lines = []
-    for label, part in (
-        ("calm", excited.filter(pl.col("calm"))),
-        ("gusty", excited.filter(~pl.col("calm"))),
-    ):
+    for label, part in (("calm", excited.filter(pl.col("calm"))), ("gusty", excited.filter(~pl.col("calm")))):
         for estimator, name in ESTIMATOR_NAMES.items():
             result = score(part, "viscous_friction", estimator)
             lines.append(

@@ -79,10 +79,7 @@ def _parts(claims: Claims) -> Iterator[str]:
     yield '### "Generalized instrumental variables have better numerical stability"'
     yield "Condition of $\\Psi^\\top\\Phi$, columns of unit length (as they are), median of five records:"
     lines = [
-        [
-            scenario,
-            *(_conditioning(claims, scenario, method) for method in ("extended_iv", "generalized_iv")),
-        ]
+        [scenario, *(_conditioning(claims, scenario, method) for method in ("extended_iv", "generalized_iv"))]
         for scenario in claims.scenarios
     ]
     yield markdown([f"scenario, N = {claims.lengths[-1]}", "IV", "GIV"], lines)

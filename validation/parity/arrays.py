@@ -375,8 +375,7 @@ def streamed_record() -> dict[str, Any]:
 
     chunked = ev.identify_chunks(chunks, model=motion, method=M.generalized_iv(), instruments=lags)
     merged = ev.identify(
-        ev.moments(chunks(), model=motion, method=M.generalized_iv(), instruments=lags),
-        M.generalized_iv(),
+        ev.moments(chunks(), model=motion, method=M.generalized_iv(), instruments=lags), M.generalized_iv()
     )
     return {
         "condition": number(chunked.condition),

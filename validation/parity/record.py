@@ -87,10 +87,7 @@ class Folder:
             cwd=self.path,
             env=self.environment,
         )
-        results: dict[str, Any] = {
-            "exit_code": done.returncode,
-            "printed": digest(done.stdout + done.stderr),
-        }
+        results: dict[str, Any] = {"exit_code": done.returncode, "printed": digest(done.stdout + done.stderr)}
         if done.returncode not in {0, 3}:
             results["message"] = done.stderr.decode()
         if document.exists():

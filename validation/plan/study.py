@@ -233,16 +233,7 @@ GRID = Path(__file__).with_name("grid.toml")
 RATIOS = {"friction": (0.6, 1.4), "lag": (0.5, 2.0)}
 #: Asked: the share of flights in which what was planned for is identified.
 IDENTIFIED = 0.9
-HEADER = (
-    "vehicle",
-    "planned for",
-    "flights",
-    "predicted",
-    "reached",
-    "ratio",
-    "identified",
-    "within limits",
-)
+HEADER = ("vehicle", "planned for", "flights", "predicted", "reached", "ratio", "identified", "within limits")
 
 
 def answer(grid: Path, size: str, kept: Path) -> Answer:

@@ -29,14 +29,7 @@ from eivor.inference.random_effects import (
 )
 from eivor.lab.experiments import markdown
 from eivor.strict_toml import read_toml
-from validation.studies import (
-    Answer,
-    Requirement,
-    completed,
-    kept_command,
-    requirement_table,
-    versions,
-)
+from validation.studies import Answer, Requirement, completed, kept_command, requirement_table, versions
 
 SEED = 20261122
 

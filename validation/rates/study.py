@@ -12,6 +12,7 @@ import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
@@ -34,13 +35,14 @@ from eivor.simulation.rigid_body_spec import (
     Sensors,
     TorqueDisturbance,
 )
-from eivor.strict_toml import TomlTable, read_toml
 from validation.studies import (
     Answer,
+    GridStruct,
     Requirement,
     keep,
     kept_command,
     kept_lines,
+    read_as,
     requirement_table,
     share_text,
 )
@@ -73,15 +75,13 @@ VEHICLES = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class Condition:
+class Condition(GridStruct, frozen=True):
     """How a cell of the study is flown and logged."""
 
     name: str  # In words
     steps: float  # Attitude steps of roll and pitch [rad]; none where zero
     setpoint_hz: float  # At which setpoints are logged [Hz]
-    # Which requirements it is held against: "50 Hz", "250 Hz", or "small", whose flights may be refused
-    judged: str
+    judged: Literal["50 Hz", "250 Hz", "small"]  # Its requirements; small ones may be refused
 
 
 def flight_of(vehicle: str, condition: Condition, seconds: float, seed: int) -> RigidBodyFlightSpec:
@@ -106,38 +106,12 @@ def flight_of(vehicle: str, condition: Condition, seconds: float, seed: int) -> 
 GRID = Path(__file__).with_name("grid.toml")
 
 
-@dataclass(frozen=True, slots=True)
-class Grid:
+class Grid(GridStruct, frozen=True):
+    name: str
     seed: int  # Of the first flight of each cell
     seconds: float  # Of a flight [s]
     flights: Mapping[str, int]  # Of each vehicle and condition, by the size of the study
     conditions: tuple[Condition, ...]  # How
-
-
-def read_grid(path: Path = GRID) -> Grid:
-    table = read_toml(path, "a grid")
-    table.text("name")
-    sizes = table.section("flights")
-    grid = Grid(
-        table.whole("seed"),
-        table.number("seconds"),
-        {size: sizes.whole(size) for size in ("small", "full")},
-        tuple(_condition(section) for section in table.sections("conditions")),
-    )
-    sizes.finish()
-    table.finish()
-    return grid
-
-
-def _condition(table: TomlTable) -> Condition:
-    condition = Condition(
-        table.text("name"),
-        table.number("steps"),
-        table.number("setpoint_hz"),
-        table.choice("judged", ("50 Hz", "250 Hz", "small")),
-    )
-    table.finish()
-    return condition
 
 
 INSTRUMENTS, LEAST_SQUARES = "reference_iv", "least_squares"
@@ -296,7 +270,7 @@ def _errors(tolds: Sequence[Told], names: Sequence[str]) -> list[float]:
 
 def answer(grid_file: Path, size: str, kept: Path) -> Answer:
     """Run what is left, and say what all of it says."""
-    grid = read_grid(grid_file)
+    grid = read_as(Grid, grid_file)
     completed = run(grid, size, kept)
     return tables(grid, completed), requirements(grid, completed)
 

@@ -34,8 +34,8 @@ from validation.flight_recipe.study import (
 )
 from validation.flight_recipe.study import NAMES as SYMBOLS
 from validation.flight_recipe.trials import QUANTITIES, RECIPE
-from validation.real_logs.trials import NAMES, Family, Grid, folder_of, published_grid, rows_of
-from validation.studies import Answer, Requirement, StudyTable, folder_command, share_text
+from validation.real_logs.trials import NAMES, Family, Grid, folder_of, published_grid
+from validation.studies import Answer, Requirement, StudyTable, folder_command, requirement_table, share_text
 
 #: Coverage of all accepted flights of families that the model holds, together; and of short flights.
 POOLED_BOUNDS = (0.93, 0.97)
@@ -309,7 +309,6 @@ main = folder_command(
     PART,
     "--families",
     lambda chosen: folder_of(chosen.folder, part_of(published_grid(), chosen.share, chosen.word)),
-    rows_of,
     answer,
 ).main
 

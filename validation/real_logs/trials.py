@@ -386,6 +386,5 @@ def interleaved(families: Sequence[Family]) -> list[Task]:
 
 def folder_of(path: Path, grid: Grid) -> StudyFolder[Task]:
     planned = sum(family.count * family.pool for family in grid.families)
-    return StudyFolder(
-        path, interleaved(grid.families), grid.name, grid.text, "validation.real_logs", planned
-    )
+    tasks = interleaved(grid.families)
+    return StudyFolder(path, tasks, grid.name, grid.text, "validation.real_logs", planned, rows_of)

@@ -14,6 +14,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
@@ -22,12 +23,13 @@ from eivor.lab.experiments import markdown
 from eivor.lab.records import Scenario, simulate
 from eivor.lab.scenario_files import shipped_scenario
 from eivor.signals.signals import Signals
-from eivor.strict_toml import read_toml
 from validation.studies import (
     Answer,
+    GridStruct,
     Requirement,
     completed,
     kept_command,
+    read_as,
     requirement_table,
     versions,
 )
@@ -126,23 +128,27 @@ HEADER = (
 )
 
 
+class Records(GridStruct, frozen=True):
+    scenario: str  # Name of a shipped one
+    changed: Literal["nothing", "input_gain", "viscous_friction"]  # What drops
+    small: int  # Number of records by size of the study
+    full: int
+
+
+class Grid(GridStruct, frozen=True):
+    records: tuple[Records, ...]
+
+
 def answer(grid: Path, size: str, kept: Path) -> Answer:
     """Run what the file does not have yet, and judge all of it."""
-    trials = {key: partial(trial, *key) for key in _parsed(grid, size)}
+    trials = {
+        (records.scenario, records.changed, run): partial(trial, records.scenario, records.changed, run)
+        for records in read_as(Grid, grid).records
+        for run in range(getattr(records, size))
+    }
     results = completed(kept, Told, trials, lambda line: (line.scenario, line.changed, line.run))
     requirements = tuple(_requirements(results))
     return _tables(results, requirements), requirements
-
-
-def _parsed(grid: Path, size: str) -> Iterator[tuple[str, str, int]]:
-    root = read_toml(grid, "grid of records")
-    for records in root.sections("records"):
-        scenario, changed = records.text("scenario"), records.choice("changed", tuple(NAMES))
-        runs = {name: records.whole(name) for name in ("small", "full")}[size]
-        records.finish()
-        for run in range(runs):
-            yield scenario, changed, run
-    root.finish()
 
 
 def _of(tolds: list[Told], scenario: str, changed: str) -> list[Told]:

@@ -15,6 +15,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
+import msgspec
 import numpy as np
 import polars as pl
 
@@ -102,7 +103,7 @@ def rows_of(suite_study: Flown) -> tuple[Row, ...]:
     """Rows of a flight: one for each method and quantity."""
     if suite_study.kind in OF_GRID:
         return _rows_of_grid(suite_study)
-    scenario = replace(
+    scenario = msgspec.structs.replace(
         published_grid().scenario(NOMINAL), seed=LAGS_SEED if suite_study.kind == LAGS else SPEED_SEED
     )
     spec = flight_of(VEHICLE, scenario, published_grid().seconds, suite_study.number)
@@ -132,7 +133,7 @@ def _rows_of_grid(first: Flown) -> tuple[Row, ...]:
     (flight,) = simulate_rigid_body_flights([flight_of(VEHICLE, scenario, published_grid().seconds, number)])
     log = jittered(flight.recording, scenario.jitter_s, scenario.seed + number)
     if first.kind == DELAYS:
-        scenario = replace(scenario, taken_delay_s=scenario.delay_s)
+        scenario = msgspec.structs.replace(scenario, taken_delay_s=scenario.delay_s)
     motion = RigidBody(known_vehicle(VEHICLE, scenario))
     reported = identified(log, motion, scenario.methods[0], None)
     return tuple(_rows(first, scenario.methods[0], truth_of(flight.truth.parameters), reported))
@@ -248,7 +249,8 @@ def _table_of_grid(rows: pl.DataFrame) -> str:
 
 def folder_of(chosen: argparse.Namespace) -> StudyFolder[Flown]:
     flights = [flight for flight in all_flights() if chosen.word in flight.kind]
-    return StudyFolder(chosen.folder, flights, "beside", "", "validation.rigid_body", len(all_flights()))
+    planned = len(all_flights())
+    return StudyFolder(chosen.folder, flights, "beside", "", "validation.rigid_body", planned, rows_of)
 
 
 main = folder_command(
@@ -257,7 +259,6 @@ main = folder_command(
     LAGS,
     "--kinds",
     folder_of,
-    rows_of,
     lambda table: (tables(table), ()),
 ).main
 

@@ -22,6 +22,7 @@ import polars as pl
 from eivor.lab.experiments import markdown
 from eivor.lab.study_run import Share
 from validation.rigid_body.trials import (
+    GRID,
     GROUPS,
     Grid,
     Scenario,
@@ -31,7 +32,7 @@ from validation.rigid_body.trials import (
     tasks_of,
     unit_of_error,
 )
-from validation.studies import Answer, Requirement, StudyFolder, StudyTable, folder_command
+from validation.studies import Answer, Requirement, StudyFolder, StudyTable, folder_command, requirement_table
 
 #: Of the interval of a share that is compared with what is asked.
 LEVEL = 0.99
@@ -100,12 +101,11 @@ def requirements(rows: pl.DataFrame, grid: Grid) -> tuple[Requirement, ...]:
 
 
 def _of_part(scenario: Scenario, vehicle: str, result: dict[str, Score]) -> Iterator[Requirement]:
-    requested = scenario.asked
     name = scenario.name if len(scenario.vehicles) == 1 else f"{scenario.name}, {vehicle}"
     for word, bounds, number in (
-        ("largest error", requested.largest, "largest"),
-        ("RMSE", requested.rmse, "rmse"),
-        ("bias", requested.bias, "bias"),
+        ("largest error", scenario.largest, "largest"),
+        ("RMSE", scenario.rmse, "rmse"),
+        ("bias", scenario.bias, "bias"),
     ):
         for group, bound in bounds.items():
             sizes = [abs(getattr(result[item], number)) for item in GROUPS[group] if item in result]
@@ -115,19 +115,19 @@ def _of_part(scenario: Scenario, vehicle: str, result: dict[str, Score]) -> Iter
                     f"{name}: {word}, {group}", f"<= {percent(bound)}", percent(worst), worst <= bound
                 )
     judged = {
-        item: result[item].covered for group in requested.groups for item in GROUPS[group] if item in result
+        item: result[item].covered for group in scenario.groups for item in GROUPS[group] if item in result
     }
-    if requested.coverage_each and judged:
-        below = [item for item, share in judged.items() if share.interval[1] < requested.coverage_each]
+    if scenario.coverage_each and judged:
+        below = [item for item, share in judged.items() if share.interval[1] < scenario.coverage_each]
         least = min(judged.values(), key=lambda share: share.value)
         yield Requirement(
             f"{name}: coverage of each",
-            f"{requested.coverage_each:g} in its 99 % interval",
+            f"{scenario.coverage_each:g} in its 99 % interval",
             share_text(least) + (f"; below: {', '.join(below)}" if below else " at least"),
             not below,
         )
-    if requested.coverage_pooled and judged:
-        low, high = requested.coverage_pooled
+    if scenario.coverage_pooled and judged:
+        low, high = scenario.coverage_pooled
         pooled = Share(
             sum(item.hits for item in judged.values()), sum(item.count for item in judged.values()), LEVEL
         )
@@ -197,7 +197,15 @@ def folder_of(chosen: argparse.Namespace) -> StudyFolder[Task]:
     grid = published_grid()
     planned = sum(scenario.count * len(scenario.vehicles) for scenario in grid.scenarios)
     tasks = tasks_of(grid, chosen.share, chosen.word)
-    return StudyFolder(chosen.folder, tasks, grid.name, grid.text, "validation.rigid_body", planned)
+    return StudyFolder(
+        chosen.folder,
+        tasks,
+        grid.name,
+        GRID.read_text(encoding="utf-8"),
+        "validation.rigid_body",
+        planned,
+        rows_of,
+    )
 
 
 def answer(table: StudyTable) -> Answer:
@@ -205,9 +213,7 @@ def answer(table: StudyTable) -> Answer:
     return study_tables(table, published_grid()), requirements(table.rows, published_grid())
 
 
-main = folder_command(
-    "validation.rigid_body.study", __doc__, PART, "--scenarios", folder_of, rows_of, answer
-).main
+main = folder_command("validation.rigid_body.study", __doc__, PART, "--scenarios", folder_of, answer).main
 
 if __name__ == "__main__":
     sys.exit(main())

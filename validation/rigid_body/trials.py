@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 
+import msgspec
 import numpy as np
 
 from eivor.errors import EivorError
@@ -39,49 +40,9 @@ from eivor.simulation.rigid_body_spec import (
     Sensors,
     TorqueDisturbance,
 )
-from eivor.strict_toml import TomlTable, toml_table
 from eivor.tools import Float
 from validation.flight_recipe.rotorpy_flight import Vehicle, rigid_body, vehicle_parameters
-from validation.studies import Row
-
-
-@dataclass(frozen=True, slots=True)
-class Asked:
-    # Bounds by group of quantities, relative to the truth: of every error, of the root of their mean square,
-    # of the size of their mean
-    largest: Mapping[str, float]
-    rmse: Mapping[str, float]
-    bias: Mapping[str, float]
-    coverage_each: float = 0.0  # What each quantity's coverage may be; zero where nothing is asked
-    # Between which the coverage of all quantities with a bound lies; empty where nothing is asked
-    coverage_pooled: tuple[float, ...] = ()
-
-    @property
-    def groups(self) -> tuple[str, ...]:
-        return tuple(dict.fromkeys([*self.largest, *self.rmse, *self.bias]))
-
-
-@dataclass(frozen=True, slots=True)
-class Scenario:
-    name: str  # What they are
-    seed: int  # Seed of the first flight, and flights of each vehicle
-    count: int
-    vehicles: tuple[Vehicle, ...]  # What flies
-    methods: tuple[str, ...]  # What identifies; the first one is judged
-    asked: Asked  # What it must reach
-    others: int = 0  # So many flights are identified by methods other than the first
-    noise: float = 1.0  # Of the sensors, times the nominal one
-    delay_s: float = 0.0  # From a rotor's command to its first effect [s]
-    taken_delay_s: float | None = None  # What that is taken for [s]; None where it is searched for
-    # Standard deviation of every stamp's error [s]; with it channels are logged out of step
-    jitter_s: float = 0.0
-    command_hz: float = 0.0  # At which rotor commands are logged [Hz]; all of them where zero
-    filtered: bool = False  # Gyroscope and accelerometer have filters onboard
-    torque: float = 0.0  # Standard deviation of what the air does about each axis [rad/s^2]
-    injected: float = 0.0  # Standard deviation of what is added to the normalised torque setpoints
-    quickness: float = 0.6  # Of the controller, see `FlightController`
-    derivative_share: float = 0.0
-
+from validation.studies import GridStruct, Row, read_as
 
 LAG = "effective_lag"
 GROUPS = {
@@ -121,12 +82,48 @@ def unit_of_error(name: str, truth: float) -> float:
 GRID = Path(__file__).with_name("grid.toml")
 
 
-@dataclass(frozen=True, slots=True)
-class Grid:
+class Scenario(GridStruct, frozen=True, kw_only=True):
+    name: str  # What they are
+    seed: int  # Seed of the first flight, and flights of each vehicle
+    count: int = msgspec.field(name="flights")
+    vehicles: tuple[Vehicle, ...] = (Vehicle.CRAZYFLIE,)  # What flies
+    methods: tuple[str, ...]  # What identifies; the first one is judged
+    # Bounds by group of quantities, relative to the truth: of every error, of the root of their mean square,
+    # of the size of their mean
+    largest: dict[str, float] = msgspec.field(default_factory=dict)
+    rmse: dict[str, float] = msgspec.field(default_factory=dict)
+    bias: dict[str, float] = msgspec.field(default_factory=dict)
+    coverage_each: float = 0.0  # What each quantity's coverage may be; zero where nothing is asked
+    # Between which the coverage of all quantities with a bound lies; empty where nothing is asked
+    coverage_pooled: tuple[float, ...] = ()
+    others: int = 0  # So many flights are identified by methods other than the first
+    noise: float = 1.0  # Of the sensors, times the nominal one
+    delay_s: float = msgspec.field(name="delay", default=0.0)  # From a rotor's command to its first effect
+    # What that is taken for [s]; None where it is searched for
+    taken_delay_s: float | None = msgspec.field(name="taken_delay", default=None)
+    # Standard deviation of every stamp's error [s]; with it channels are logged out of step
+    jitter_s: float = msgspec.field(name="jitter", default=0.0)
+    command_hz: float = 0.0  # At which rotor commands are logged [Hz]; all of them where zero
+    filtered: bool = False  # Gyroscope and accelerometer have filters onboard
+    torque: float = 0.0  # Standard deviation of what the air does about each axis [rad/s^2]
+    injected: float = 0.0  # Standard deviation of what is added to the normalised torque setpoints
+    quickness: float = 0.6  # Of the controller, see `FlightController`
+    derivative_share: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not set(self.groups) <= set(GROUPS):
+            raise ValueError(f"groups out of {', '.join(GROUPS)}")
+
+    @property
+    def groups(self) -> tuple[str, ...]:
+        """Groups of quantities with a bound, in order."""
+        return tuple(dict.fromkeys([*self.largest, *self.rmse, *self.bias]))
+
+
+class Grid(GridStruct, frozen=True):
     name: str  # Of the grid
     seconds: float  # Of a flight [s]
-    scenarios: tuple[Scenario, ...]  # In the order of the file
-    text: str  # The file
+    scenarios: tuple[Scenario, ...] = msgspec.field(name="scenario")  # In the order of the file
 
     def scenario(self, name: str) -> Scenario:
         return next(item for item in self.scenarios if item.name == name)
@@ -134,61 +131,7 @@ class Grid:
 
 @cache
 def published_grid() -> Grid:
-    return grid_from(GRID.read_text(encoding="utf-8"))
-
-
-def grid_from(text: str) -> Grid:
-    table = toml_table(text, GRID, "a grid")
-    name, seconds = table.text("name"), table.number("seconds")
-    grid = Grid(name, seconds, tuple(_scenario(section) for section in table.sections("scenario")), text)
-    table.finish()
-    return grid
-
-
-def _scenario(table: TomlTable) -> Scenario:
-    requested = Asked(
-        _bounds(table, "largest"),
-        _bounds(table, "rmse"),
-        _bounds(table, "bias"),
-        table.number("coverage_each", 0.0),
-        table.numbers("coverage_pooled", ()),
-    )
-    named = table.texts("vehicles") if table.has("vehicles") else (str(Vehicle.CRAZYFLIE),)
-    if not set(named) <= set(Vehicle):
-        raise table.wrong("vehicles", f"vehicles out of {', '.join(Vehicle)}", ", ".join(named))
-    scenario = Scenario(
-        table.text("name"),
-        table.whole("seed"),
-        table.whole("flights"),
-        tuple(map(Vehicle, named)),
-        table.texts("methods"),
-        requested,
-        table.whole("others", 0),
-        table.number("noise", 1.0),
-        table.number("delay", 0.0),
-        table.number("taken_delay") if table.has("taken_delay") else None,
-        table.number("jitter", 0.0),
-        table.number("command_hz", 0.0),
-        table.flag("filtered", default=False),
-        table.number("torque", 0.0),
-        table.number("injected", 0.0),
-        table.number("quickness", 0.6),
-        table.number("derivative_share", 0.0),
-    )
-    table.finish()
-    return scenario
-
-
-def _bounds(table: TomlTable, key: str) -> Mapping[str, float]:
-    if not table.has(key):
-        return {}
-    section = table.section(key)
-    unknown = sorted(set(section.values) - set(GROUPS))
-    if unknown:
-        raise table.wrong(key, f"groups out of {', '.join(GROUPS)}", ", ".join(unknown))
-    results = {name: section.number(name) for name in section.values}
-    section.finish()
-    return results
+    return read_as(Grid, GRID)
 
 
 CONTROLLER_HZ, FINE_HZ = 500.0, 1000.0

@@ -190,11 +190,7 @@ OPTIONS: dict[str, Option] = {
     "--runs": {"type": int, "help": "instead of the suite's"},
 }
 main = StudyCommand(
-    "validation.unknown_noise.study",
-    __doc__,
-    lambda chosen: read_suite(chosen.suite).part,
-    answer,
-    OPTIONS,
+    "validation.unknown_noise.study", __doc__, lambda chosen: read_suite(chosen.suite).part, answer, OPTIONS
 ).main
 
 if __name__ == "__main__":
