@@ -73,7 +73,6 @@ class StudyCommand:
     options: Mapping[str, Option]
 
     def main(self, arguments: Sequence[str] | None = None) -> int:
-        """Run the command; returns its exit code."""
         parser = argparse.ArgumentParser(
             prog=f"python -m {self.module}",
             description=self.doc,

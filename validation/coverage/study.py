@@ -133,7 +133,6 @@ def _within(covered: Share, low: float, high: float) -> bool:
     return low - below <= covered.value <= high + above
 
 
-#: Name of the generated part of the page.
 PART = "coverage"
 CALLED = "python -m validation.coverage.study"
 SYMBOLS = {"viscous_friction": "K", "input_gain": "K_u"}

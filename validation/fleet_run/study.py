@@ -11,9 +11,11 @@ requirement is met, 3 when one is not, 2 for an input of no use.
 
 from __future__ import annotations
 
+import argparse
 import hashlib
 import json
 import os
+import resource
 import shutil
 import signal
 import subprocess
@@ -30,12 +32,16 @@ from typing import Any
 import numpy as np
 import polars as pl
 
+from eivor.fleet.logs import logs_found
+from eivor.fleet.run import run_fleet
 from eivor.fleet.simulate import FleetSpec, write_fleet_logs
-from eivor.fleet.table import part_files, read_flights
+from eivor.fleet.table import FleetOptions, part_files, read_flights
+from eivor.lab.dask_executor import DaskCluster
 from eivor.lab.experiments import markdown
 from eivor.lab.study_run import parquet_bytes
 from eivor.logs.read import read_log
 from eivor.motions.identify import identify_flight
+from eivor.process_pool import Executor, InProcess, LocalThreads
 from validation.studies import (
     Answer,
     GridStruct,
@@ -70,7 +76,6 @@ class Size(GridStruct, frozen=True):
 
     @property
     def logs(self) -> int:
-        """Of the folder: flights, a copy, a damaged log and an empty one."""
         return self.told_vehicles * self.told_flights + self.short_vehicles * self.short_flights + 3
 
 
@@ -104,6 +109,41 @@ LATER_S = 1.5
 MOST_DONE = 0.95
 #: How often it is looked at whether it is time [s].
 LOOK_S = 0.02
+
+
+#: Word after which the command is one run of a fleet, in a process that may be killed.
+ONE = "one-run"
+#: Bytes of a unit of the largest resident memory.
+UNIT = 1 if sys.platform == "darwin" else 1024
+
+
+def one_run(arguments: Sequence[str]) -> None:
+    """Print processor time of this process and of all that it began, and the memory of this one."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("logs")
+    parser.add_argument("fleet", type=Path)
+    parser.add_argument("--workers", type=int, default=1)
+    parser.add_argument("--dask", default="")
+    parser.add_argument("--task-logs", type=int)
+    chosen = parser.parse_args(arguments)
+    start_s = time.monotonic()
+    workers: Executor = LocalThreads(chosen.workers) if chosen.workers > 1 else InProcess()
+    done = run_fleet(
+        logs_found(chosen.logs),
+        chosen.fleet,
+        FleetOptions(vehicle_from=VEHICLES),
+        executor=DaskCluster(chosen.dask) if chosen.dask else workers,
+        shared=bool(chosen.dask),
+        shard_logs=chosen.task_logs,
+    )
+    current, children = (resource.getrusage(of) for of in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+    took = {
+        "made": done.logs - done.before,
+        "seconds": time.monotonic() - start_s,
+        "cpu_s": sum(item.ru_utime + item.ru_stime for item in (current, children)),
+        "parent_mb": current.ru_maxrss * UNIT / 1e6,
+    }
+    sys.stdout.write(json.dumps(took) + "\n")
 
 
 @dataclass(frozen=True, slots=True)
@@ -185,7 +225,7 @@ MODES: Mapping[str, Callable[[Size, Path, Path], Told]] = {
 
 
 def _started(logs: Path, fleet: Path, *arguments: str) -> subprocess.Popen[str]:
-    command = (sys.executable, "-m", "validation.fleet_run.one_run", str(logs), str(fleet), *arguments)
+    command = (sys.executable, "-m", "validation.fleet_run.study", ONE, str(logs), str(fleet), *arguments)
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
 
 
@@ -330,4 +370,4 @@ def _on_paper(first: Told, cost: Cost) -> Iterator[tuple[str, str]]:
 main = kept_command("validation.fleet_run.study", __doc__, GRID, PART, answer).main
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(one_run(sys.argv[2:]) if sys.argv[1:2] == [ONE] else main())

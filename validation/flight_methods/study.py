@@ -233,7 +233,6 @@ def _coverage(tolds: Sequence[Told]) -> float:
 
 
 def _judged(tolds: Sequence[Told], method: str) -> str:
-    """Whether a method is better than the default in what decides."""
     searched, usual = _searched(tolds, method), _searched(tolds, DEFAULT)
     better = _coverage(searched) > _coverage(usual) and _identified(searched) > _identified(usual)
     words = "better in both" if better else "not better in both"

@@ -222,7 +222,6 @@ def _least_squares_fails(result: Score, *, allow_chance: bool) -> Requirement:
     )
 
 
-#: Name of the generated part of the page.
 PART = "flight study"
 COMMAND = "python -m validation.flight_recipe.study"
 ESTIMATOR_NAMES = {RECIPE: "the recipe", LAG_IGNORED: "lag ignored", NONLINEAR: "nonlinear least squares"}

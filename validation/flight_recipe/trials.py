@@ -80,7 +80,6 @@ def published_grid() -> FlightGrid:
 
 
 def read_grid(path: Path) -> FlightGrid:
-    """Grid from a file; see `flight_grid`."""
     return _grid(read_toml(path, "a grid"))
 
 
@@ -136,7 +135,6 @@ def _class_cases(
 def _spec(
     entry: TomlTable, simulator: str, values: Mapping[str, Value], seed: int, duration: float
 ) -> FlightSpec:
-    """Specification with these values; noise levels and kind go into one `SensorNoise`."""
     given = dict(values)
     try:
         noise = SensorNoise(
@@ -258,7 +256,6 @@ def _displayed(result: FlightEstimate, estimator: str) -> dict[str, IntervalEsti
 
 
 def _lag_ignored(result: FlightEstimate) -> dict[str, IntervalEstimate]:
-    """Return the recipe's estimate with the commands taken for the rotors' states."""
     scored = ESTIMATORS[LAG_IGNORED]
     if result.fit is None or not isinstance(result.fit.problem, VerticalFlights):
         return dict.fromkeys(scored, IntervalEstimate())
@@ -361,7 +358,6 @@ def _row(trial: FlightTrial) -> dict[str, str | float | int | bool]:
 
 
 def _rounded_columns(rows: pl.DataFrame) -> list[str]:
-    """Columns of results; what the grid gives is exact."""
     return [name for name in rows.columns if "." in name]
 
 

@@ -281,7 +281,6 @@ def read_told(path: Path) -> list[Told]:
     return kept_lines(path, Told)
 
 
-#: Name of the generated part of the page.
 PART = "joint"
 #: What the interval of the coverage must meet, and its confidence level.
 COVERAGE, LEVEL = (0.92, 0.98), 0.99

@@ -222,7 +222,6 @@ def checked(project: Path, mutants: Sequence[Mutant]) -> list[Outcome]:
 
 
 def main(arguments: Sequence[str] | None = None, *, project: Path = ROOT, table: Path = TABLE) -> int:
-    """Run the command; returns its exit code."""
     parser = argparse.ArgumentParser(
         prog="python -m validation.mutation.check",
         description=__doc__,

@@ -24,7 +24,6 @@ from eivor.lab.study_files import Suite, SuiteStudy, read_suite
 from eivor.lab.study_run import StudyResult, scores, trial_nrmse
 from validation.studies import Row, suite_command, versions
 
-#: Name of the generated part of the page.
 PART = "claims"
 CALLED = "python -m validation.paper.claims"
 PARAMETERS = ("viscous_friction", "input_gain")

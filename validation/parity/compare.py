@@ -78,7 +78,6 @@ class Comparison:
 
     @property
     def agrees(self) -> bool:
-        """Whether nothing differs but what is listed, and all that is listed differs."""
         return not self.unexplained and not self.unmet
 
 
@@ -240,7 +239,6 @@ def entries_of(path: Path, parts: Sequence[str]) -> dict[str, Any]:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command; returns its exit code."""
     parser = argparse.ArgumentParser(
         prog="python -m validation.parity.compare",
         description=__doc__,

@@ -312,7 +312,6 @@ def record_of_checkout(checkout: Path, file: Path, parts: Sequence[str] = ()) ->
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command; returns its exit code."""
     parser = argparse.ArgumentParser(
         prog="python -m validation.parity.record",
         description=__doc__,

@@ -188,7 +188,6 @@ def read_told(path: Path) -> list[Told]:
     return kept_lines(path, Told)
 
 
-#: Name of the generated part of the page.
 PART = "rates"
 #: Largest median of the size of errors: of effectiveness (a share), of the lag [s].
 LARGEST = {"50 Hz": (0.08, 0.006), "250 Hz": (0.02, 0.002)}

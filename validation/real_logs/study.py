@@ -215,7 +215,6 @@ def _at_least(family: Family, what: str, share: Share, least: float) -> Requirem
     return Requirement(f"{family.name}: {what}", f"at least {least}", share_text(share), share.value >= least)
 
 
-#: Name of the generated part of the page.
 PART = "real logs"
 HOVER = "hover_input"
 COMMAND = "python -m validation.real_logs.study"

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, fields
 from functools import cache
 from importlib.resources import files
 from itertools import pairwise
@@ -28,7 +28,7 @@ from eivor.motions.vertical.misspecification import MISSED
 from eivor.simulation.environment import NoiseKind, SensorNoise
 from eivor.strict_toml import TomlTable, toml_table
 from validation.drawn import Draw, Value, draws
-from validation.flight_recipe.trials import LOST, QUANTITIES, RECIPE, IntervalEstimate
+from validation.flight_recipe.trials import LOST, QUANTITIES, RECIPE
 from validation.real_logs.closed_loop import FlightSpec, Jitter, LoggerSpec, Reference, VehicleSpec, stream
 from validation.real_logs.flights import LoggedFlight, logged_flight
 from validation.studies import StudyFolder
@@ -229,7 +229,6 @@ class Task:
 
     @property
     def file_name(self) -> str:
-        """Name of the file that its rows are kept in, without its ending."""
         index = [family.name for family in published_grid().families].index(self.family)
         return f"family-{index + 1:02d}-{self.first:03d}-{self.last:03d}"
 
@@ -239,7 +238,6 @@ class Task:
 
     @property
     def flights(self) -> int:
-        """Number of flights, those of pools counted one by one."""
         return (self.last - self.first) * published_grid().family(self.family).pool
 
 
@@ -265,77 +263,82 @@ def rows_of(task: Task) -> tuple[Row, ...]:
     return tuple(_flight_row(family, number) for number in range(task.first, task.last))
 
 
-@dataclass(frozen=True)
-class _Outcome:
-    """What was made of a flight."""
-
-    verdict: str
-    truth: Mapping[str, float] = field(default_factory=dict)
-    estimates: Mapping[str, IntervalEstimate] = field(default_factory=dict)
-    verdicts: Mapping[str, str] = field(default_factory=dict)
-    named: Mapping[str, bool] = field(default_factory=dict)
-    numbers: Mapping[str, float] = field(default_factory=dict)
-    reason: str = ""
-
-    def row(self, family: Family, spec: FlightSpec, number: int) -> Row:
-        row: Row = {
-            "class": family.name,
-            "number": number,
-            "reference": str(spec.reference),
-            "gust_rms": spec.vehicle.gust_rms,
-            "verdict": self.verdict,
-            "reason": self.reason,
+def _row(
+    family: Family,
+    number: int,
+    verdict: str,
+    reason: str = "",
+    result: FlightEstimate | None = None,
+    quantities: Mapping[str, Quantity] | None = None,
+    truth: Mapping[str, float] | None = None,
+) -> Row:
+    """Row of a flight; without a result of one that was not identified at all."""
+    spec, said = family.flight(number), {} if result is None else named(result)
+    row: Row = {
+        "class": family.name,
+        "number": number,
+        "reference": str(spec.reference),
+        "gust_rms": spec.vehicle.gust_rms,
+        "verdict": verdict,
+        "reason": reason,
+    }
+    for name in QUANTITIES:
+        quantity = quantities[name] if quantities else None
+        ends = (quantity.value, *quantity.interval) if quantity else (np.nan, np.nan, np.nan)
+        row[f"truth.{name}"] = truth[name] if truth else np.nan
+        row |= {
+            f"{RECIPE}.{name}.{part}": end for part, end in zip(("value", "low", "high"), ends, strict=True)
         }
-        for name in QUANTITIES:
-            result = self.estimates.get(name, IntervalEstimate())
-            row[f"truth.{name}"] = self.truth.get(name, np.nan)
-            row |= {f"{RECIPE}.{name}.{part}": getattr(result, part) for part in ("value", "low", "high")}
-            row[f"verdict.{name}"] = self.verdicts.get(name, "")
-        row |= {f"named.{name}": self.named.get(name, False) for name in NAMES}
-        return row | {
-            "recipe.first_stage_F": self.numbers.get("first_stage_F", np.nan),
-            "recipe.p_value": self.numbers.get("over_identification_p_value", np.nan),
-        }
+        row[f"verdict.{name}"] = quantity.verdict.value if quantity else ""
+    row |= {f"named.{name}": said.get(name, False) for name in NAMES}
+    diagnostics = {} if result is None else result.diagnostics
+    strengths = [value for name, value in diagnostics.items() if name.startswith("first_stage_F")]
+    return row | {
+        "recipe.first_stage_F": min(strengths, default=np.nan),
+        "recipe.p_value": diagnostics.get("over_identification_p_value", np.nan),
+    }
 
 
 def _flight_row(family: Family, number: int) -> Row:
     spec = family.flight(number)
     flight = logged_flight(spec)
     if not flight.flown.flew:
-        return _Outcome(LOST).row(family, spec, number)
+        return _row(family, number, LOST)
     try:
         result = identify_flight(flight.recording, _options(family, spec))
     except EivorError as error:
-        return _Outcome(FAILED, reason=str(error)).row(family, spec, number)
-    return _outcome(result, _truth(result, 0, flight), result.quantities).row(family, spec, number)
+        return _row(family, number, FAILED, str(error))
+    return _identified_row(family, number, result, 0, flight)
 
 
 def _pool_rows(family: Family, pool: int) -> tuple[Row, ...]:
     numbers = range(pool * family.pool, (pool + 1) * family.pool)
-    specs = [family.flight(number) for number in numbers]
-    flights = [logged_flight(spec) for spec in specs]
+    flights = [logged_flight(family.flight(number)) for number in numbers]
     try:
         result = identify_flight([flight.recording for flight in flights])
     except EivorError as error:
-        outcomes = [_Outcome(FAILED, reason=str(error))] * family.pool
-    else:
-        outcomes = [
-            _of_member(result, index, _truth(result, index, flight)) for index, flight in enumerate(flights)
-        ]
+        return tuple(_row(family, number, FAILED, str(error)) for number in numbers)
     return tuple(
-        outcome.row(family, spec, number)
-        for outcome, spec, number in zip(outcomes, specs, numbers, strict=True)
+        _identified_row(family, number, result, position, flight)
+        for position, (number, flight) in enumerate(zip(numbers, flights, strict=True))
     )
 
 
-def _of_member(result: FlightEstimate, position: int, truth: Mapping[str, float]) -> _Outcome:
-    """Outcome of a flight of a pool: verdict and quantities are its own where the pool has them."""
-    if position >= len(result.by_flight):
-        return _outcome(result, truth, result.quantities)
-    member = result.by_flight[position]
-    outcome = _outcome(result, truth, {**result.quantities, **member.quantities})
-    against = "" if member.verdict is Status.IDENTIFIED else member.reasons[0]
-    return replace(outcome, verdict=member.verdict.value, reason=against)
+def _identified_row(
+    family: Family, number: int, result: FlightEstimate, position: int, flight: LoggedFlight
+) -> Row:
+    """Row of a flight, or of one of a pool: verdict and quantities are its own where the pool has them."""
+    prepared = result.prepared[position]
+    truth = flight.flown.effective(prepared.grid.time_s, prepared.used)
+    if family.pool > 1 and position < len(result.by_flight):
+        member = result.by_flight[position]
+        status, quantities = member.verdict, {**result.quantities, **member.quantities}
+        against = member.reasons[:1]
+    else:
+        status, quantities = result.verdict.status, result.quantities
+        against = tuple(reason.sentence for reason in result.verdict.reasons[:1])
+    reason = "" if status is Status.IDENTIFIED or not against else against[0]
+    return _row(family, number, status.value, reason, result, quantities, truth)
 
 
 def _options(family: Family, spec: FlightSpec) -> FlightOptions:
@@ -350,32 +353,6 @@ def _options(family: Family, spec: FlightSpec) -> FlightOptions:
             lag=Prior(true - off if draw.random() < 0.5 and true > off + std else true + off, std)
         )
     return FlightOptions(lag=Prior(max(true + std * draw.standard_normal(), 0.1 * std), std))
-
-
-def _truth(result: FlightEstimate, position: int, flight: LoggedFlight) -> dict[str, float]:
-    prepared = result.prepared[position]
-    return flight.flown.effective(prepared.grid.time_s, prepared.used)
-
-
-def _outcome(
-    result: FlightEstimate, truth: Mapping[str, float], quantities: Mapping[str, Quantity]
-) -> _Outcome:
-    strengths = [value for name, value in result.diagnostics.items() if name.startswith("first_stage_F")]
-    against = result.verdict.reasons
-    return _Outcome(
-        result.verdict.status.value,
-        truth,
-        {name: IntervalEstimate(quantities[name].value, *quantities[name].interval) for name in QUANTITIES},
-        {name: quantities[name].verdict.value for name in QUANTITIES},
-        named(result),
-        {"first_stage_F": min(strengths, default=np.nan)}
-        | {
-            key: result.diagnostics[key]
-            for key in ("over_identification_p_value",)
-            if key in result.diagnostics
-        },
-        against[0].sentence if against and result.verdict.status is not Status.IDENTIFIED else "",
-    )
 
 
 def interleaved(families: Sequence[Family]) -> list[Task]:

@@ -148,7 +148,6 @@ def share_text(share: Share) -> str:
     return f"{share.value:.3f} [{low:.2f}, {high:.2f}]"
 
 
-#: Name of the generated part of the page.
 PART = "rigid body"
 COMMAND = "python -m validation.rigid_body.study"
 

@@ -116,7 +116,6 @@ class Scenario(GridStruct, frozen=True, kw_only=True):
 
     @property
     def groups(self) -> tuple[str, ...]:
-        """Groups of quantities with a bound, in order."""
         return tuple(dict.fromkeys([*self.largest, *self.rmse, *self.bias]))
 
 
@@ -238,7 +237,6 @@ class Task:
 
     @property
     def file_name(self) -> str:
-        """Name of the file that its rows are kept in, without its ending."""
         index = [scenario.name for scenario in published_grid().scenarios].index(self.scenario)
         return f"scenario-{index + 1:02d}-{self.vehicle}-{self.first:03d}-{self.last:03d}"
 
