@@ -50,6 +50,19 @@ class Requirement:
     measured: str
     met: bool
 
+    @classmethod
+    def within(cls, what: str, value: float, bounds: tuple[float, float], form: str = ".3f") -> Requirement:
+        low, high = bounds
+        return cls(what, f"{low:g} to {high:g}", f"{value:{form}}", low <= value <= high)
+
+    @classmethod
+    def at_most(cls, what: str, value: float, most: float, form: str = ".3f") -> Requirement:
+        return cls(what, f"at most {most:g}", f"{value:{form}}", value <= most)
+
+    @classmethod
+    def at_least(cls, what: str, value: float, least: float, form: str = ".3f") -> Requirement:
+        return cls(what, f"at least {least:g}", f"{value:{form}}", value >= least)
+
 
 #: A study's tables (of one part of the page, or of several by name), and what is asked of it.
 Answer = tuple[str | Mapping[str, str], Iterable[Requirement]]

@@ -16,7 +16,6 @@ from validation.flight_recipe import study as flight_study
 from validation.flight_recipe.study import (
     LEVEL,
     PART,
-    accepted,
     accepted_share,
     flown,
     requirements,
@@ -25,10 +24,7 @@ from validation.flight_recipe.study import (
 )
 from validation.flight_recipe.trials import (
     ESTIMATORS,
-    LAG_IGNORED,
     LOST,
-    NONLINEAR,
-    QUANTITIES,
     RECIPE,
     FlightCase,
     FlightTrial,
@@ -177,20 +173,6 @@ def test_tables_have_a_row_for_every_class_and_estimator():
     assert "| hover | 10 | 0 | - |" in text
     assert "| noise | white | 120 |" in text
     assert "nan" not in text
-
-
-def test_page_keeps_what_is_around_the_marks():
-    page = f"a\n{BEGIN}\nold\n{END}\nb"
-    assert page_with(page, {PART: "new"}) == f"a\n{BEGIN}\n\nnew\n\n{END}\nb"
-    with pytest.raises(InputError, match="a page with the marks"):
-        page_with("no marks", {PART: "new"})
-
-
-def test_accepted_is_identified():
-    rows = rows_of([trial(k, verdict=word) for k, word in enumerate(["identified", "weak", "refused"])])
-    assert accepted(rows)["verdict"].to_list() == ["identified"]
-    assert {RECIPE, LAG_IGNORED, NONLINEAR} == set(ESTIMATORS)
-    assert set(QUANTITIES) == set(TRUTH)
 
 
 # ------------------------------------------------------------------------------------- what is published

@@ -155,11 +155,6 @@ def test_command_prints_its_tables_and_puts_them_into_the_page(run):
     assert f"Before.\n\n{BEGIN}\n\n{run.printed.strip()}\n\n{END}\n\nAfter." in run.page
 
 
-def test_command_makes_the_tables_anew_from_its_file(run, capsys):
-    assert flight_study.main(["--from", str(run.path)]) == 0
-    assert capsys.readouterr().out == run.printed
-
-
 def test_missed_requirement_is_the_exit_code(table, tmp_path, capsys, monkeypatch):
     spoilt = TrialTable(table.rows.with_columns(pl.lit("identified").alias("verdict")), table.origin)
     monkeypatch.setattr(flight_study, "run_grid", lambda *chosen: {("small", None): spoilt}[chosen])
@@ -187,8 +182,3 @@ def test_the_table_does_not_depend_on_the_number_of_workers(tmp_path, monkeypatc
     rows = read_trial_table(tmp_path / "trials.parquet").rows
     assert rows["flight"].to_list() == [case.name for case in (*current, *other)]
     assert rows["recipe.viscous_friction.value"].is_finite().sum() >= len(current)
-
-
-def test_workers_are_counted(capsys):
-    assert flight_study.main(["--size", "small", "--workers", "0"]) == 2
-    assert "Expected one worker or more; received 0" in capsys.readouterr().err

@@ -10,7 +10,7 @@ import pytest
 from eivor.simulation.environment import NoiseKind
 from eivor.simulation.rigid_body import simulate_rigid_body_flights
 from eivor.simulation.rigid_body_spec import AxisExcitations, Sensors, Wind
-from validation.flight_recipe.trials import published_grid, read_grid
+from validation.flight_recipe.trials import read_grid
 from validation.joint import study as trials
 from validation.joint.study import (
     ALONE,
@@ -43,18 +43,6 @@ def whole(half: float = 0.05) -> list[Told]:
         for number in range(20)
         for formula in (JOINT, GIVEN, TURNING, ALONE)
     ]
-
-
-def test_settings_are_those_of_the_gusty_class_of_the_vertical_study():
-    grid, published = read_grid(GRID), published_grid()
-    gusty = [case.spec for case in published.cases if case.flight_class == "RotorPy, gusty"]
-    assert len(grid.cases) == 4 * len(gusty)
-    assert len({case.spec.seed for case in (*grid.cases, *published.cases)}) == len(grid.cases) + len(
-        published.cases
-    )
-    for case in grid.cases:
-        assert 0.5 <= case.spec.gust_rms <= 1.5
-        assert 0.2 <= case.spec.noise.acceleration <= 0.5
 
 
 def test_a_flight_has_the_gusts_the_noise_and_the_lag_of_its_case():

@@ -94,13 +94,6 @@ def replayed(parameters: dict[str, Any], integrator: Integrator, seconds: float)
 BOUNDS = [(Vehicle.CRAZYFLIE, 1e-6), (Vehicle.HUMMINGBIRD, 1e-4)]
 
 
-@pytest.mark.thorough
-@pytest.mark.parametrize(("vehicle", "bound"), BOUNDS)
-def test_open_loop_replay(vehicle, bound):
-    theirs, ours = replayed(vehicle_parameters(vehicle, None), RungeKutta4(), 0.3)
-    assert np.abs(theirs - ours).max() < bound / 10.0
-
-
 @pytest.mark.long
 @pytest.mark.usefixtures("unchecked_shapes")  # of five seconds and of a third of one they are the same
 @pytest.mark.parametrize(("vehicle", "bound"), BOUNDS)

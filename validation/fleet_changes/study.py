@@ -219,16 +219,10 @@ def _requirements(tolds: list[Told]) -> Iterator[Requirement]:
         where += f", {item.outliers} flights off" if item.outliers else ""
         where += ", growing payload" if item.payload else ""
         if item.what == "nothing":
-            met = item.changes <= ALARMS
-            yield Requirement(
-                f"vehicles with a false alarm: {where}", f"at most {ALARMS:g}", f"{item.changes:.3f}", met
-            )
+            yield Requirement.at_most(f"vehicles with a false alarm: {where}", item.changes, ALARMS)
         if item.what in ("nothing", "weaker") and item.vehicles > 1:
-            yield Requirement(
-                f"vehicles alike that are told to differ: {item.what}, {where}",
-                f"at most {ALARMS:g}",
-                f"{item.others:.3f}",
-                item.others <= ALARMS,
+            yield Requirement.at_most(
+                f"vehicles alike that are told to differ: {item.what}, {where}", item.others, ALARMS
             )
         for what, words, entry, measured in (
             ("wear", "the drift has the sign of the wear", SIGN, item.sign),
@@ -236,9 +230,7 @@ def _requirements(tolds: list[Told]) -> Iterator[Requirement]:
             ("step", "steps dated within three flights", DATED, item.dated),
         ):
             if item.what == what:
-                yield Requirement(
-                    f"{words}: {where}", f"at least {entry:g}", f"{measured:.3f}", measured >= entry
-                )
+                yield Requirement.at_least(f"{words}: {where}", measured, entry)
 
 
 def _tables(tolds: list[Told], requirements: tuple[Requirement, ...]) -> str:

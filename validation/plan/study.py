@@ -271,10 +271,10 @@ def _parsed(grid: Path, size: str) -> tuple[int, dict[str, int]]:
 
 
 def requirements_of(result: Sequence[Outcome]) -> Iterator[Requirement]:
-    for target, (low, high) in RATIOS.items():
+    for target, bounds in RATIOS.items():
         median = float(np.median([item.ratio for item in result if item.target == target]))
         what = f"median of reached over predicted, {TARGETS[target].words}"
-        yield Requirement(what, f"{low:g} to {high:g}", f"{median:.2f}", low <= median <= high)
+        yield Requirement.within(what, median, bounds, ".2f")
     reported, kept = sum(item.identified for item in result), sum(item.kept for item in result)
     yield Requirement(
         "what was planned for is identified",

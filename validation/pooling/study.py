@@ -141,22 +141,14 @@ def _parsed(grid: Path, size: str) -> Iterator[tuple[int, float, int, tuple[floa
 
 def _requirements(tolds: list[Told]) -> Iterator[Requirement]:
     clear = [item.mean for item in tolds if item.heterogeneity > item.std_error]
-    for what, entry, measured, met in (
-        ("coverage of the mean in every cell", f"at least {MEAN:g}", min(item.mean for item in tolds), MEAN),
-        (
-            "coverage of the next flight in every cell",
-            f"at least {FOLLOWING:g}",
-            min(item.following for item in tolds),
-            FOLLOWING,
-        ),
-    ):
-        yield Requirement(what, entry, f"{measured:.3f}", measured >= met)
+    means, following = min(item.mean for item in tolds), min(item.following for item in tolds)
+    yield Requirement.at_least("coverage of the mean in every cell", means, MEAN)
+    yield Requirement.at_least("coverage of the next flight in every cell", following, FOLLOWING)
     if clear:
-        yield Requirement(
+        yield Requirement.at_most(
             "coverage of the mean where the heterogeneity exceeds the mean standard error",
-            f"at most {NOT_ABOVE:g}",
-            f"{max(clear):.3f}",
-            max(clear) <= NOT_ABOVE,
+            max(clear),
+            NOT_ABOVE,
         )
 
 

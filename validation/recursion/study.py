@@ -158,11 +158,8 @@ def _of(tolds: list[Told], scenario: str, changed: str) -> list[Told]:
 def _requirements(tolds: list[Told]) -> Iterator[Requirement]:
     still = _of(tolds, SCENARIO, "nothing")
     alarms = float(np.mean([item.alarms > 0 for item in still]))
-    yield Requirement(
-        f"{SCENARIO}: records of 2,500 samples with a false alarm",
-        f"at most {FALSE_ALARMS:g}",
-        f"{alarms:.3f}",
-        alarms <= FALSE_ALARMS,
+    yield Requirement.at_most(
+        f"{SCENARIO}: records of 2,500 samples with a false alarm", alarms, FALSE_ALARMS
     )
     delay = float(np.median(_delays(_of(tolds, SCENARIO, PARAMETER))))
     yield Requirement(
@@ -173,13 +170,7 @@ def _requirements(tolds: list[Told]) -> Iterator[Requirement]:
     )
     for name in ("viscous_friction", "input_gain"):
         covered = float(np.mean([item.covered[name] for item in still]))
-        low, high = COVERAGE
-        yield Requirement(
-            f"{SCENARIO}: coverage of the intervals of {NAMES[name]}",
-            f"{low:g} to {high:g}",
-            f"{covered:.3f}",
-            low <= covered <= high,
-        )
+        yield Requirement.within(f"{SCENARIO}: coverage of the intervals of {NAMES[name]}", covered, COVERAGE)
 
 
 def _delays(tolds: list[Told]) -> list[float]:

@@ -150,13 +150,7 @@ def answer(grid: Path, size: str, kept: Path) -> Answer:
             keep(kept, [trial])
         results += [selected[name, run] for run in runs]
     covered = float(np.mean([held for result in results for held in result.held]))
-    low, high = COVERAGE
-    requirement = Requirement(
-        "pointwise coverage of the band of 90 %",
-        f"{low:g} to {high:g}",
-        f"{covered:.3f}",
-        low <= covered <= high,
-    )
+    requirement = Requirement.within("pointwise coverage of the band of 90 %", covered, COVERAGE)
     return _tables(results, requirement), (requirement,)
 
 
