@@ -381,13 +381,10 @@ class StudyFolder(Generic[Task]):
         """Checksum of the grid and of the code that makes rows: those of different code are never mixed."""
         digest = hashlib.sha256(self.text.encode())
         for package in ("eivor", self.package):
-            for path in _sources(Path(str(files(package)))):
-                digest.update(path.read_bytes())
+            for path in sorted(Path(str(files(package))).rglob("*.py")):
+                if path.name not in TABLES_ONLY:
+                    digest.update(path.read_bytes())
         return digest.hexdigest()
-
-
-def _sources(folder: Path) -> Iterator[Path]:
-    yield from (path for path in sorted(folder.rglob("*.py")) if path.name not in TABLES_ONLY)
 
 
 def folder_command(

@@ -24,11 +24,11 @@ from validation.joint.study import (
     effective_vertical,
     flight_of,
     noise_of,
-    read_told,
     requirements,
     run,
     tables,
 )
+from validation.studies import kept_lines
 
 
 def told(flight: str, formula: str, half: float = 0.1, value: float = 0.42, **changes: object) -> Told:
@@ -96,5 +96,5 @@ def test_a_run_goes_on_where_it_was_interrupted(tmp_path, monkeypatch):
     monkeypatch.setattr(trials, "strength_of", lambda case, _flight, _vehicle: [told(case.name, JOINT)])
     first = run(grid, kept)
     assert len(flight) == len(first) == len(grid.cases) == 12
-    assert run(grid, kept) == first == read_told(kept)
+    assert run(grid, kept) == first == kept_lines(kept, Told)
     assert len(flight) == len(first)

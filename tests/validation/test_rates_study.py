@@ -17,12 +17,11 @@ from validation.rates.study import (
     Told,
     flight_of,
     main,
-    read_told,
     requirements,
     run,
     tables,
 )
-from validation.studies import read_as
+from validation.studies import kept_lines, read_as
 
 
 def told(condition: str, error: float = 0.01, **changes: object) -> Told:
@@ -92,7 +91,7 @@ def test_a_run_goes_on_where_it_was_interrupted(tmp_path, monkeypatch):
     )
     first = run(grid, "small", kept)
     assert len(flight) == len(first) == len(VEHICLES) * len(grid.conditions)
-    assert run(grid, "small", kept) == first == read_told(kept)
+    assert run(grid, "small", kept) == first == kept_lines(kept, Told)
     assert len(flight) == len(first)
 
 

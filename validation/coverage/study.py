@@ -189,26 +189,27 @@ def _default_table(rows: pl.DataFrame) -> str:
 
 def _rival_table(rows: pl.DataFrame) -> str:
     methods = rows["method"].unique(maintain_order=True).to_list()
-    lines = []
-    for scenario in rows["scenario"].unique(maintain_order=True):
-        index = rows.filter(pl.col("scenario") == scenario)
-        lines.append([scenario, *(_pair(index.filter(pl.col("method") == method)) for method in methods)])
-    worst = ["least", *(f"{min(_shares(rows, method)):.3f}" for method in methods)]
-    length = ["mean length", *(f"{_mean_length(rows, method):.2f}" for method in methods)]
+    shares = {
+        key: [coverage_of(row).value for row in part.iter_rows(named=True)]
+        for key, part in rows.group_by("scenario", "method", maintain_order=True)
+    }
+    lines = [
+        [scenario, *(" / ".join(f"{share:.3f}" for share in shares[scenario, method]) for method in methods)]
+        for scenario in rows["scenario"].unique(maintain_order=True)
+    ]
+    worst = [
+        "least",
+        *(
+            f"{min(min(each) for (_, name), each in shares.items() if name == method):.3f}"
+            for method in methods
+        ),
+    ]
+    length = [
+        "mean length",
+        *(f"{rows.filter(pl.col('method') == method)['length'].to_numpy().mean():.2f}" for method in methods),
+    ]
     header = ["scenario", *(NAMES.get(method, method) for method in methods)]
     return markdown(header, [*lines, worst, length])
-
-
-def _shares(rows: pl.DataFrame, method: str) -> list[float]:
-    return [coverage_of(row).value for row in rows.filter(pl.col("method") == method).iter_rows(named=True)]
-
-
-def _mean_length(rows: pl.DataFrame, method: str) -> float:
-    return float(rows.filter(pl.col("method") == method)["length"].to_numpy().mean())
-
-
-def _pair(rows: pl.DataFrame) -> str:
-    return " / ".join(f"{coverage_of(row).value:.3f}" for row in rows.iter_rows(named=True))
 
 
 main = suite_command(

@@ -18,7 +18,7 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 from scipy.signal import lfilter
 
-from eivor.logs.crazyflie.reader import Event, parse_header, read_events
+from eivor.logs.crazyflie.reader import parse_header, read_events
 from eivor.tools import Float
 
 #: Of the one type of events that these logs have.
@@ -38,7 +38,8 @@ class Stretch:
 
 def stretches(log: Path, window: tuple[float, float]) -> tuple[Stretch, ...]:
     """Stretches of a log within a window [s since the vehicle was switched on]."""
-    event = _event(log)
+    data = log.read_bytes()
+    event = read_events(data, parse_header(data, log.name))[0][0]
     time = event.records["stamp"].astype(np.float64) * STAMP_S
     rates = np.deg2rad(np.column_stack([event.values(f"gyro.{axis}") for axis in "xyz"]))
     commands = np.column_stack([event.values(f"motor.m{rotor}") for rotor in ROTORS])
@@ -47,12 +48,6 @@ def stretches(log: Path, window: tuple[float, float]) -> tuple[Stretch, ...]:
     return tuple(
         Stretch(time[part], force[part], rates[part], commands[part]) for part in _parts(inside, time)
     )
-
-
-def _event(log: Path) -> Event:
-    data = log.read_bytes()
-    events, _ = read_events(data, parse_header(data, log.name))
-    return events[0]
 
 
 def _parts(inside: np.ndarray, time: Float[np.ndarray, " n"]) -> Sequence[np.ndarray]:

@@ -12,11 +12,12 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 import polars as pl
-from jaxtyping import Bool, Float
+from jaxtyping import Bool
 
 from eivor.inference.diagnostics.instruments import STRONG_FIRST_STAGE
 from eivor.inference.diagnostics.record import BEYOND_DOUBT
@@ -85,7 +86,9 @@ def score(rows: pl.DataFrame, quantity: str, estimator: str = RECIPE) -> Score:
     )
     truth = rows[f"truth.{quantity}"].to_numpy()
     known = np.isfinite(value) & np.isfinite(truth)
-    error = _errors(value[known], truth[known], quantity)
+    error = value[known] - truth[known]
+    if quantity != "effective_lag":
+        error = error / truth[known]
     inside = (low[known] <= truth[known]) & (truth[known] <= high[known])
     half = np.abs(value[known] - truth[known]) > 0.5 * truth[known]
     if not known.any():
@@ -98,12 +101,6 @@ def score(rows: pl.DataFrame, quantity: str, estimator: str = RECIPE) -> Score:
         _share(inside),
         _share(half),
     )
-
-
-def _errors(
-    value: Float[np.ndarray, " n"], truth: Float[np.ndarray, " n"], quantity: str
-) -> Float[np.ndarray, " n"]:
-    return value - truth if quantity == "effective_lag" else value / truth - 1.0
 
 
 def _share(hits: Bool[np.ndarray, " n"]) -> Share:
@@ -134,17 +131,42 @@ NAMES = {
 
 
 def requirements(rows: pl.DataFrame, *, allow_chance: bool = False) -> tuple[Requirement, ...]:
-    calm = rows.filter(pl.col("calm"))
-    excited = rows.filter(pl.col("kind") == "excited")
-    gusty = excited.filter(~pl.col("calm"))
-    return (
-        *(_small_errors(accepted(calm), quantity) for quantity in ERROR_BOUNDS),
-        *(_coverage(accepted(rows), quantity) for quantity in COVERED),
-        _enough_accepted(accepted_share(calm), allow_chance=allow_chance),
-        _no_hover(accepted_share(rows.filter(pl.col("kind") == "hover"))),
-        _few_far_off(score(accepted(rows), "viscous_friction").beyond_half, allow_chance=allow_chance),
-        _lag_ignored_fails(score(calm, "viscous_friction", LAG_IGNORED)),
-        _least_squares_fails(score(gusty, "viscous_friction", NONLINEAR), allow_chance=allow_chance),
+    return tuple(_requirements(rows, allow_chance))
+
+
+def _requirements(rows: pl.DataFrame, allow_chance: bool) -> Iterator[Requirement]:
+    calm, excited = rows.filter(pl.col("calm")), rows.filter(pl.col("kind") == "excited")
+    yield from (_small_errors(accepted(calm), quantity) for quantity in ERROR_BOUNDS)
+    yield from (_coverage(accepted(rows), quantity) for quantity in COVERED)
+    share = accepted_share(calm)
+    reached = share.interval[1] if allow_chance else share.value
+    met = reached >= LEAST_ACCEPTED
+    yield Requirement("calm excited flights accepted", f"at least {LEAST_ACCEPTED}", share_text(share), met)
+    share = accepted_share(rows.filter(pl.col("kind") == "hover"))
+    what = "constant-reference hovers accepted"
+    yield Requirement(what, "none", f"{share.hits} of {share.count}", share.hits == 0)
+    share = score(accepted(rows), "viscous_friction").beyond_half
+    reached = share.interval[0] if allow_chance else share.value
+    yield Requirement(
+        "accepted flights whose K is off by more than half",
+        f"at most {MOST_BEYOND_HALF}",
+        share_text(share),
+        share.count > 0 and reached <= MOST_BEYOND_HALF,
+    )
+    result = score(calm, "viscous_friction", LAG_IGNORED)
+    yield Requirement(
+        "control that must fail: lag ignored, calm flights",
+        f"bias of K below {CONTROL_BIAS:.0%}, or coverage below {CONTROL_COVERAGE}".replace("%", " %"),
+        f"bias {result.bias:.1%}, coverage {share_text(result.coverage)}".replace("%", " %"),
+        result.bias < CONTROL_BIAS or result.coverage.interval[1] < CONTROL_COVERAGE,
+    )
+    result = score(excited.filter(~pl.col("calm")), "viscous_friction", NONLINEAR)
+    reached = result.coverage.interval[0] if allow_chance else result.coverage.value
+    yield Requirement(
+        "control that must fail: nonlinear least squares, gusty flights",
+        f"coverage of K below {CONTROL_COVERAGE}",
+        f"bias {result.bias:.1%}, coverage {share_text(result.coverage)}".replace("%", " %"),
+        reached < CONTROL_COVERAGE,
     )
 
 
@@ -173,52 +195,6 @@ def _coverage(rows: pl.DataFrame, quantity: str) -> Requirement:
         f"99 % interval meets [{low}, {high}]",
         share_text(coverage),
         least <= high and most >= low,
-    )
-
-
-def _enough_accepted(share: Share, *, allow_chance: bool) -> Requirement:
-    reached = share.interval[1] if allow_chance else share.value
-    return Requirement(
-        "calm excited flights accepted",
-        f"at least {LEAST_ACCEPTED}",
-        share_text(share),
-        reached >= LEAST_ACCEPTED,
-    )
-
-
-def _no_hover(share: Share) -> Requirement:
-    return Requirement(
-        "constant-reference hovers accepted", "none", f"{share.hits} of {share.count}", share.hits == 0
-    )
-
-
-def _few_far_off(share: Share, *, allow_chance: bool) -> Requirement:
-    reached = share.interval[0] if allow_chance else share.value
-    return Requirement(
-        "accepted flights whose K is off by more than half",
-        f"at most {MOST_BEYOND_HALF}",
-        share_text(share),
-        share.count > 0 and reached <= MOST_BEYOND_HALF,
-    )
-
-
-def _lag_ignored_fails(result: Score) -> Requirement:
-    fails = result.bias < CONTROL_BIAS or result.coverage.interval[1] < CONTROL_COVERAGE
-    return Requirement(
-        "control that must fail: lag ignored, calm flights",
-        f"bias of K below {CONTROL_BIAS:.0%}, or coverage below {CONTROL_COVERAGE}".replace("%", " %"),
-        f"bias {result.bias:.1%}, coverage {share_text(result.coverage)}".replace("%", " %"),
-        fails,
-    )
-
-
-def _least_squares_fails(result: Score, *, allow_chance: bool) -> Requirement:
-    reached = result.coverage.interval[0] if allow_chance else result.coverage.value
-    return Requirement(
-        "control that must fail: nonlinear least squares, gusty flights",
-        f"coverage of K below {CONTROL_COVERAGE}",
-        f"bias {result.bias:.1%}, coverage {share_text(result.coverage)}".replace("%", " %"),
-        reached < CONTROL_COVERAGE,
     )
 
 

@@ -263,7 +263,7 @@ def strength_of(case: FlightCase, flight: RigidBodyFlight, vehicle: Vehicle) -> 
 
 def run(grid: FlightGrid, kept: Path) -> list[Told]:
     """Run what is left of the study, and return all that its file has."""
-    result = read_told(kept)
+    result = kept_lines(kept, Told)
     done = {item.flight for item in result}
     left = [case for case in grid.cases if case.name not in done]
     for first in range(0, len(left), TOGETHER):
@@ -275,10 +275,6 @@ def run(grid: FlightGrid, kept: Path) -> list[Told]:
             result += reported
             keep(kept, reported)
     return result
-
-
-def read_told(path: Path) -> list[Told]:
-    return kept_lines(path, Told)
 
 
 PART = "joint"

@@ -18,7 +18,7 @@ import sys
 import tempfile
 import time
 import tomllib
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -248,17 +248,14 @@ def main(arguments: Sequence[str] | None = None, *, project: Path = ROOT, table:
     noticed = sum(outcome.noticed for outcome in outcomes)
     print(f"{noticed} of {len(outcomes)} noticed")
     if chosen.page:
-        write_page(chosen.page, outcomes)
+        text = chosen.page.read_text(encoding="utf-8")
+        page = page_with(text, {PART: "\n\n".join(parts(outcomes))})
+        chosen.page.write_text(page, encoding="utf-8")
     return 0 if outcomes and noticed == len(outcomes) else UNNOTICED
 
 
 #: The part of the page that is generated.
 PART = "mutants"
-
-
-def write_page(path: Path, outcomes: Sequence[Outcome]) -> None:
-    text = path.read_text(encoding="utf-8")
-    path.write_text(page_with(text, {PART: "\n\n".join(parts(outcomes))}), encoding="utf-8")
 
 
 def parts(outcomes: Sequence[Outcome]) -> Iterator[str]:
@@ -278,23 +275,15 @@ def _row(outcome: Outcome) -> tuple[str, ...]:
     by = f"{outcome.failed} of " if outcome.noticed else "**not by** "
     where = mutant.file.removeprefix("src/eivor/")
     return (
-        f"{_plain(mutant.what)}<br>`{where}`",
+        f"{mutant.what}<br>`{where}`".replace("|", "\\|"),
         _code(mutant.line),
         _code(mutant.replacement),
-        by + "<br>".join(_codes(tests)),
+        by + "<br>".join(map(_code, tests)),
     )
-
-
-def _plain(text: str) -> str:
-    return text.replace("|", "\\|")
 
 
 def _code(text: str) -> str:
     return f"`{text}`".replace("|", "\\|")
-
-
-def _codes(texts: Iterable[str]) -> Iterator[str]:
-    return map(_code, texts)
 
 
 if __name__ == "__main__":

@@ -164,7 +164,7 @@ def strength_of(flight: RigidBodyFlight, vehicle: str, condition: Condition, num
 
 def run(grid: Grid, size: str, kept: Path) -> list[Told]:
     """Run what is left of the study, and return all that its file has."""
-    result = read_told(kept)
+    result = kept_lines(kept, Told)
     done = {(item.vehicle, item.condition, item.number) for item in result}
     for number in range(grid.flights[size]):
         cells = [
@@ -182,10 +182,6 @@ def run(grid: Grid, size: str, kept: Path) -> list[Told]:
             result += reported
             keep(kept, reported)
     return result
-
-
-def read_told(path: Path) -> list[Told]:
-    return kept_lines(path, Told)
 
 
 PART = "rates"

@@ -228,7 +228,8 @@ def fly(spec: VehicleSpec, met: Surroundings) -> Motion:
     scale = (supply(spec, met.position.size) * met.cos_tilt).tolist()
     friction, coupling = (part.tolist() for part in _along_vertical(spec, met))
     gust, floor = met.gust.tolist(), float(met.position.min()) - spec.least_height
-    up, down = (math.exp(-0.5 * STEP_S / lag) for lag in (spec.actuator_lag, _lag_down(spec)))
+    lags = (spec.actuator_lag, spec.actuator_lag * spec.slower_down)
+    up, down = (math.exp(-0.5 * STEP_S / lag) for lag in lags)
     late, every = round(spec.delay / STEP_S), spec.controller_steps
     state, z, v = spec.hover_input, float(met.position[0]), float(met.velocity[0])
     command, thrust = spec.hover_input, thrust_of(spec.hover_input)
@@ -272,10 +273,6 @@ class _Controller:
         feedback = float(gains.velocity_gain) * error + float(gains.integral_gain) * self._integral
         requested = (self._weight[k] + feedback) / self._cosine[k]
         return thrust_of.command(min(max(requested, self._least), self._most))
-
-
-def _lag_down(spec: VehicleSpec) -> float:
-    return spec.actuator_lag * spec.slower_down
 
 
 def supply(spec: VehicleSpec, steps: int) -> Float[np.ndarray, " steps"]:

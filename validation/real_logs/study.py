@@ -93,7 +93,7 @@ def _of_family(family: Family, rows: pl.DataFrame) -> Iterator[Requirement]:
     if family.holds != "no":
         if not family.given and family.holds != "short":
             yield _enough(family, accepted_share(rows))
-        yield from (_coverage(family, rows, quantity) for quantity in COVERED)
+        yield from (_covered(family, judged(rows, quantity), quantity) for quantity in COVERED)
     if family.lag_bias:
         yield _small_bias(family, judged(rows, LAG))
     if family.named:
@@ -118,9 +118,9 @@ def _of_family(family: Family, rows: pl.DataFrame) -> Iterator[Requirement]:
 
 
 def _of_pools(family: Family, rows: pl.DataFrame) -> Iterator[Requirement]:
-    yield _coverage_of_any(family, rows, FRICTION)
+    yield _covered(family, rows, FRICTION)
     if len(family.frequencies) == 1:
-        yield _coverage_of_any(family, _one_each(family, rows), LAG)
+        yield _covered(family, _one_each(family, rows), LAG)
         share = said(_one_each(family, rows), family.named)
         yield _at_least(family, f"named: {family.named}", share, family.share)
         return
@@ -159,14 +159,6 @@ def _enough(family: Family, share: Share) -> Requirement:
         f"{share.hits} of {share.count}",
         share.hits >= least,
     )
-
-
-def _coverage(family: Family, rows: pl.DataFrame, quantity: str) -> Requirement:
-    return _covered(family, judged(rows, quantity), quantity)
-
-
-def _coverage_of_any(family: Family, rows: pl.DataFrame, quantity: str) -> Requirement:
-    return _covered(family, rows, quantity)
 
 
 def _covered(family: Family, rows: pl.DataFrame, quantity: str) -> Requirement:

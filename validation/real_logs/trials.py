@@ -189,17 +189,16 @@ def _spec(values: Mapping[str, Value], seed: int) -> FlightSpec:
         position=float(given.pop("position_noise")),
     )
     parts: list[dict[str, Any]] = [
-        {name: _TYPES.get(name, float)(given.pop(name)) for name in _names(kind) & given.keys()}
+        {
+            name: _TYPES.get(name, float)(given.pop(name))
+            for name in {field.name for field in fields(kind)} & given.keys()
+        }
         for kind in (VehicleSpec, LoggerSpec, FlightSpec)
     ]
     if given:
         raise InputError("keys of a flight", ", ".join(given), "Remove them.")
     vehicle, logger, flight = parts
     return FlightSpec(VehicleSpec(**vehicle), LoggerSpec(**logger, noise=noise), seed=seed, **flight)
-
-
-def _names(kind: type) -> set[str]:
-    return {field.name for field in fields(kind)}
 
 
 #: Quantities that are words, or are on or off.
