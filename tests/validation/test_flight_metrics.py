@@ -28,7 +28,7 @@ from validation.flight_recipe.trials import (
     RECIPE,
     FlightCase,
     FlightTrial,
-    IntervalEstimate,
+    Number,
     read_trial_table,
     trial_table,
 )
@@ -55,9 +55,9 @@ def trial(
     spec = VerticalFlightSpec(seed=number, gust_rms=0.1 if calm else 1.0)
     case = FlightCase(f"{kind} {number}", kind, "vertical", kind, calm and kind == "excited", False, spec)
 
-    def around(name: str, off: float) -> IntervalEstimate:
+    def around(name: str, off: float) -> Number:
         value, width = TRUTH[name] * (1.0 + off), TRUTH[name] * half_width
-        return IntervalEstimate(value, value - width, value + width)
+        return value, value - width, value + width
 
     estimates = {
         estimator: {name: around(name, error if estimator == RECIPE else control_error) for name in names}

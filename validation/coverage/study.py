@@ -197,17 +197,10 @@ def _rival_table(rows: pl.DataFrame) -> str:
         [scenario, *(" / ".join(f"{share:.3f}" for share in shares[scenario, method]) for method in methods)]
         for scenario in rows["scenario"].unique(maintain_order=True)
     ]
-    worst = [
-        "least",
-        *(
-            f"{min(min(each) for (_, name), each in shares.items() if name == method):.3f}"
-            for method in methods
-        ),
-    ]
-    length = [
-        "mean length",
-        *(f"{rows.filter(pl.col('method') == method)['length'].to_numpy().mean():.2f}" for method in methods),
-    ]
+    worst, length = ["least"], ["mean length"]
+    for method in methods:
+        worst.append(f"{min(min(each) for (_, name), each in shares.items() if name == method):.3f}")
+        length.append(f"{rows.filter(pl.col('method') == method)['length'].to_numpy().mean():.2f}")
     header = ["scenario", *(NAMES.get(method, method) for method in methods)]
     return markdown(header, [*lines, worst, length])
 

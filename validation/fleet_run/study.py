@@ -117,7 +117,7 @@ ONE = "one-run"
 UNIT = 1 if sys.platform == "darwin" else 1024
 
 
-def one_run(arguments: Sequence[str]) -> None:
+def one_run(arguments: Sequence[str]) -> int:
     """Print processor time of this process and of all that it began, and the memory of this one."""
     parser = argparse.ArgumentParser()
     parser.add_argument("logs")
@@ -144,6 +144,7 @@ def one_run(arguments: Sequence[str]) -> None:
         "parent_mb": current.ru_maxrss * UNIT / 1e6,
     }
     sys.stdout.write(json.dumps(took) + "\n")
+    return 0
 
 
 @dataclass(frozen=True, slots=True)

@@ -27,7 +27,6 @@ from eivor.errors import EivorError, InputError
 from eivor.estimation.methods import identify, reference_iv
 from eivor.flights.options import FlightOptions
 from eivor.flights.result import FlightEstimate
-from eivor.inference.verdict import Status
 from eivor.models.lagged_runs import lag_and_delay
 from eivor.motions.identify import identify_flight
 from eivor.motions.vertical.regression import VerticalFlights
@@ -170,13 +169,9 @@ LOST = "lost"
 FLIGHTS_TOGETHER = 12
 
 
-@dataclass(frozen=True, slots=True)
-class IntervalEstimate:
-    """A number and its 95 % interval; NaN when there is none."""
-
-    value: float = float("nan")  # In the quantity's unit
-    low: float = float("nan")
-    high: float = float("nan")
+#: A number and its 95 % interval, in the quantity's unit; NaN when there is none.
+Number = tuple[float, float, float]
+NOTHING: Number = (float("nan"), float("nan"), float("nan"))
 
 
 @dataclass(frozen=True, slots=True)
@@ -186,15 +181,11 @@ class FlightTrial:
     case: FlightCase  # The flight
     verdict: str  # The recipe's overall verdict, or "lost"
     truth: Mapping[str, float]  # Each of `QUANTITIES`; NaN for a lost flight
-    estimates: Mapping[str, Mapping[str, IntervalEstimate]]  # By estimator and quantity, as in `ESTIMATORS`
+    estimates: Mapping[str, Mapping[str, Number]]  # By estimator and quantity, as in `ESTIMATORS`
     # Least conditional first-stage F and the p-value of the over-identification test of the recipe; NaN when
     # it had no instruments
     first_stage: float = float("nan")
     p_value: float = float("nan")
-
-    @property
-    def accepted(self) -> bool:
-        return self.verdict == Status.IDENTIFIED.value
 
 
 def run_trials(grid: FlightGrid, executor: Executor) -> Iterator[FlightTrial]:
@@ -226,7 +217,7 @@ def fly(cases: Sequence[FlightCase]) -> tuple[FlightTrial, ...]:
 
 def judged(case: FlightCase, flight: SimulatedFlight) -> FlightTrial:
     """Run the recipe and the controls on a flight and put the truth beside them."""
-    nothing = {name: dict.fromkeys(scored, IntervalEstimate()) for name, scored in ESTIMATORS.items()}
+    nothing = {name: dict.fromkeys(scored, NOTHING) for name, scored in ESTIMATORS.items()}
     if not flight.flew:
         return FlightTrial(case, LOST, dict.fromkeys(QUANTITIES, float("nan")), nothing)
     result = identify_flight(flight.recording)
@@ -248,23 +239,21 @@ def judged(case: FlightCase, flight: SimulatedFlight) -> FlightTrial:
     )
 
 
-def _displayed(result: FlightEstimate, estimator: str) -> dict[str, IntervalEstimate]:
+def _displayed(result: FlightEstimate, estimator: str) -> dict[str, Number]:
     quantities = {name: result.quantities[name] for name in ESTIMATORS[estimator]}
-    return {
-        name: IntervalEstimate(quantity.value, *quantity.interval) for name, quantity in quantities.items()
-    }
+    return {name: (quantity.value, *quantity.interval) for name, quantity in quantities.items()}
 
 
-def _lag_ignored(result: FlightEstimate) -> dict[str, IntervalEstimate]:
+def _lag_ignored(result: FlightEstimate) -> dict[str, Number]:
     scored = ESTIMATORS[LAG_IGNORED]
     if result.fit is None or not isinstance(result.fit.problem, VerticalFlights):
-        return dict.fromkeys(scored, IntervalEstimate())
+        return dict.fromkeys(scored, NOTHING)
     problem = replace(result.fit.problem, nuisances=lag_and_delay([0.0], [0.0]))
     try:
         estimate = identify(problem, reference_iv())
     except EivorError:
-        return dict.fromkeys(scored, IntervalEstimate())
-    return {name: IntervalEstimate(estimate.parameters[name], *estimate.interval(name)) for name in scored}
+        return dict.fromkeys(scored, NOTHING)
+    return {name: (estimate.parameters[name], *estimate.interval(name)) for name in scored}
 
 
 def _truth(truth: FlightTruth, result: FlightEstimate) -> dict[str, float]:
@@ -350,10 +339,8 @@ def _row(trial: FlightTrial) -> dict[str, str | float | int | bool]:
     row |= {"recipe.first_stage_F": trial.first_stage, "recipe.p_value": trial.p_value}
     for estimator, quantities in ESTIMATORS.items():
         for name in quantities:
-            estimate = trial.estimates[estimator][name]
-            row |= {
-                f"{estimator}.{name}.{part}": getattr(estimate, part) for part in ("value", "low", "high")
-            }
+            parts = zip(("value", "low", "high"), trial.estimates[estimator][name], strict=True)
+            row |= {f"{estimator}.{name}.{part}": number for part, number in parts}
     return row
 
 

@@ -334,7 +334,7 @@ def _identified_row(
         status, quantities = member.verdict, {**result.quantities, **member.quantities}
         against = member.reasons[:1]
     else:
-        status, quantities = result.verdict.status, result.quantities
+        status, quantities = result.verdict.status, dict(result.quantities)
         against = tuple(reason.sentence for reason in result.verdict.reasons[:1])
     reason = "" if status is Status.IDENTIFIED or not against else against[0]
     return _row(family, number, status.value, reason, result, quantities, truth)
