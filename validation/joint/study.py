@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool
 from scipy.spatial.transform import Rotation
 
 from eivor.errors import EivorError
@@ -31,7 +31,13 @@ from eivor.motions.identify import identify_flight
 from eivor.motions.rigid_body.motion import RigidBody
 from eivor.motions.rigid_body.vehicle import KnownVehicle, Vehicle
 from eivor.motions.vertical.motion import Vertical
-from eivor.signals.noise import FractionalNoise, MeasurementNoise, WhiteNoise, fractional_weights
+from eivor.signals.noise import (
+    FractionalNoise,
+    HeavyTailedNoise,
+    MeasurementNoise,
+    WhiteNoise,
+    fractional_weights,
+)
 from eivor.simulation.controller import FlightController, Sensor
 from eivor.simulation.environment import (
     ACCELERATION_ORDER,
@@ -57,30 +63,12 @@ from validation.studies import (
 )
 
 
-@dataclass(frozen=True, slots=True)
-class HeavyTailedNoise(MeasurementNoise):
-    std: float  # Standard deviation, in the channel's unit
-
-    def autocovariance(self, lag: int, _start: int, count: int, /) -> Float[np.ndarray, " count"]:
-        return np.full(count, self.std**2 if lag == 0 else 0.0)
-
-    def moving_average(self, count: int) -> Float[np.ndarray, " count"]:
-        return WhiteNoise(self.std).moving_average(count)
-
-    def sample(self, count: int, rng: np.random.Generator) -> Float[np.ndarray, " count"]:
-        scale = self.std * np.sqrt(1.0 - 2.0 / STUDENT_DOF)
-        return scale * np.asarray(rng.standard_t(STUDENT_DOF, size=count))
-
-    def with_std(self, std: float) -> HeavyTailedNoise:
-        return HeavyTailedNoise(std)
-
-
 def noise_of(kind: NoiseKind, std: float, order: float, count: int) -> MeasurementNoise:
     """Noise of a kind with a standard deviation over a record of `count` samples."""
     if kind is NoiseKind.WHITE:
         return WhiteNoise(std)
     if kind is NoiseKind.HEAVY_TAILED:
-        return HeavyTailedNoise(std)
+        return HeavyTailedNoise(std, degrees=STUDENT_DOF)
     mean_variance = np.cumsum(fractional_weights(order, count) ** 2).mean()
     return FractionalNoise(float(std / np.sqrt(mean_variance)), order)
 

@@ -34,7 +34,6 @@ class Case:
 
 
 def array_problems(folder: Folder) -> dict[str, Case]:
-    """All ten by their names."""
     plain = {
         "filip": filip(),
         "norris": norris(),
