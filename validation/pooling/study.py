@@ -28,8 +28,16 @@ from eivor.inference.random_effects import (
     random_effects_means,
 )
 from eivor.lab.experiments import markdown
-from eivor.strict_toml import read_toml
-from validation.studies import Answer, Requirement, completed, kept_command, requirement_table, versions
+from validation.studies import (
+    Answer,
+    GridStruct,
+    Requirement,
+    completed,
+    kept_command,
+    read_as,
+    requirement_table,
+    versions,
+)
 
 SEED = 20261122
 
@@ -113,30 +121,28 @@ HEADER = (
 )
 
 
+class Grid(GridStruct, frozen=True):
+    flights: tuple[int, ...]
+    heterogeneity: tuple[float, ...]
+    std_errors: tuple[float, float]  # Between which they are drawn
+    small: int  # Vehicles of a cell by size of the study
+    full: int
+
+
 def answer(grid: Path, size: str, kept: Path) -> Answer:
     """Draw what the file does not have yet, and judge all of it."""
+    table = read_as(Grid, grid)
+    count = getattr(table, size)
     trials = {
-        (flights, heterogeneity, replications): partial(
-            cell, flights, heterogeneity, replications, std_errors
-        )
-        for flights, heterogeneity, replications, std_errors in _parsed(grid, size)
+        (flights, heterogeneity, count): partial(cell, flights, heterogeneity, count, table.std_errors)
+        for flights in table.flights
+        for heterogeneity in table.heterogeneity
     }
     results = completed(
         kept, Told, trials, lambda line: (line.flights, line.heterogeneity, line.replications)
     )
     requirements = tuple(_requirements(results))
     return _tables(results, requirements), requirements
-
-
-def _parsed(grid: Path, size: str) -> Iterator[tuple[int, float, int, tuple[float, float]]]:
-    root = read_toml(grid, "grid of cells")
-    replications = {name: root.whole(name) for name in ("small", "full")}[size]
-    low, high = root.numbers("std_errors")
-    flights, heterogeneity = root.numbers("flights"), root.numbers("heterogeneity")
-    root.finish()
-    for count in flights:
-        for between in heterogeneity:
-            yield int(count), between, replications, (low, high)
 
 
 def _requirements(tolds: list[Told]) -> Iterator[Requirement]:

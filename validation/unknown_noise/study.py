@@ -22,9 +22,17 @@ from eivor.inference.verdict import Status
 from eivor.lab.experiments import markdown
 from eivor.lab.scenario_files import shipped_scenario
 from eivor.signals.noise import FractionalNoise
-from eivor.strict_toml import TomlTable, read_toml
 from eivor.tools import Float
-from validation.studies import Answer, Option, Requirement, StudyCommand, requirement_table, versions
+from validation.studies import (
+    Answer,
+    GridStruct,
+    Option,
+    Requirement,
+    StudyCommand,
+    read_as,
+    requirement_table,
+    versions,
+)
 
 PART = "unknown-noise"
 VELOCITY = "velocity_z"
@@ -34,11 +42,9 @@ OF_PARAMETERS, OF_NOISES = (0.91, 0.99), (0.90, 0.99)
 SUITE = Path(__file__).with_name("unknown_noise.toml")
 
 
-@dataclass(frozen=True, slots=True)
-class Case:
+class Case(GridStruct, frozen=True):
     """Records of one scenario, with the velocity's noise of one order; white noise has the order zero."""
 
-    name: str
     scenario: str
     samples: int
     order: float
@@ -73,34 +79,15 @@ class Told:
     refused: int  # Records whose estimate is refused
 
 
-@dataclass(frozen=True, slots=True)
-class Suite:
-    """Runs, seed, cases, and the part of a page that their tables are."""
-
+class Suite(GridStruct, frozen=True):
+    name: str
     runs: int
     seed: int
-    cases: tuple[Case, ...]
-    part: str = PART
+    cases: dict[str, Case]
+    part: str = PART  # Of the page
 
 
-def read_suite(path: Path) -> Suite:
-    top = read_toml(path, "a suite of unknown noises")
-    top.text("name")
-    runs, seed, part = top.whole("runs"), top.whole("seed"), top.text("part", PART)
-    cases = tuple(_case(name, table) for name, table in top.named_sections("cases").items())
-    top.finish()
-    return Suite(runs, seed, cases, part)
-
-
-def _case(name: str, table: TomlTable) -> Case:
-    case = Case(
-        name, table.text("scenario"), table.whole("samples"), table.number("order"), table.texts("methods")
-    )
-    table.finish()
-    return case
-
-
-def tried(case: Case, runs: int, seed: int) -> Iterator[Told]:
+def tried(of: str, case: Case, runs: int, seed: int) -> Iterator[Told]:
     scene, columns = case.scene(), ev.lags("input", 0, 10)
     results: dict[tuple[str, str], list[tuple[float, bool]]] = {}
     refused = dict.fromkeys(case.methods, 0)
@@ -127,7 +114,7 @@ def tried(case: Case, runs: int, seed: int) -> Iterator[Told]:
                 results.setdefault((method, "noise_std_input"), []).append((noise.strength / std - 1.0, near))
     for (method, name), pairs in results.items():
         errors, held = zip(*pairs, strict=True)
-        yield Told(case.name, method, name, np.array(errors), np.array(held), refused[method])
+        yield Told(of, method, name, np.array(errors), np.array(held), refused[method])
 
 
 def requirements(tolds: Iterable[Told]) -> list[Requirement]:
@@ -177,11 +164,13 @@ def tables(tolds: Sequence[Told], runs: int, seed: int) -> str:
 
 
 def answer(chosen: argparse.Namespace) -> Answer:
-    suite = read_suite(chosen.suite)
+    suite = read_as(Suite, chosen.suite)
     runs = suite.runs if chosen.runs is None else chosen.runs
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        selected = [item for case in suite.cases for item in tried(case, runs, suite.seed)]
+        selected = [
+            item for name, case in suite.cases.items() for item in tried(name, case, runs, suite.seed)
+        ]
     return tables(selected, runs, suite.seed), requirements(selected)
 
 
@@ -190,7 +179,11 @@ OPTIONS: dict[str, Option] = {
     "--runs": {"type": int, "help": "instead of the suite's"},
 }
 main = StudyCommand(
-    "validation.unknown_noise.study", __doc__, lambda chosen: read_suite(chosen.suite).part, answer, OPTIONS
+    "validation.unknown_noise.study",
+    __doc__,
+    lambda chosen: read_as(Suite, chosen.suite).part,
+    answer,
+    OPTIONS,
 ).main
 
 if __name__ == "__main__":
