@@ -25,21 +25,10 @@ DIGITS = 4
 
 @dataclass(frozen=True, slots=True)
 class Draw:
-    """How a quantity is drawn.
-
-    Parameters
-    ----------
-    rule : str
-        One of `RULES`.
-    values : tuple of float or str
-        The ends of a range, or the members of a set.
-    """
-
-    rule: str
-    values: tuple[Value, ...]
+    rule: str  # One of `RULES`
+    values: tuple[Value, ...]  # The ends of a range, or the members of a set
 
     def value(self, seed: int, name: str) -> Value:
-        """Value for the flight of that seed."""
         stream = np.random.SeedSequence(seed, spawn_key=(DRAW_KEY, zlib.crc32(name.encode())))
         rng = np.random.Generator(np.random.PCG64(stream))
         if self.rule == "choice":
@@ -52,13 +41,7 @@ class Draw:
 
 
 def draws(outer: TomlTable, key: str) -> dict[str, Draw]:
-    """What a table says is drawn, by name; nothing without the key.
-
-    Raises
-    ------
-    InputError
-        When a range is none, or a set is empty.
-    """
+    """What a table says is drawn, by name; nothing without the key."""
     if not outer.has(key):
         return {}
     table = outer.section(key)
@@ -75,13 +58,6 @@ def draws(outer: TomlTable, key: str) -> dict[str, Draw]:
 
 
 def lists(table: TomlTable) -> dict[str, tuple[Value, ...]]:
-    """Lists of numbers, or of words, by name.
-
-    Raises
-    ------
-    InputError
-        When a list is empty.
-    """
     return {key: _words_or_numbers(table, key) for key in table.values}
 
 

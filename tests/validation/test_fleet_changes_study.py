@@ -6,8 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from validation.fleet_changes.study import main
-from validation.fleet_changes.trials import Cell, told
+from validation.fleet_changes.study import Cell, main, told
 
 CELL = Cell("nothing", 0.0, 40, 20, 1, 0.05, 0.03)
 
