@@ -14,6 +14,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import polars as pl
@@ -21,9 +22,17 @@ import polars as pl
 from eivor.fleet.analysis import STEADY, STEPS, fleet_report
 from eivor.lab.experiments import markdown
 from eivor.motions import motion_by_name
-from eivor.strict_toml import read_toml
 from validation.simulated_fleets import FleetSpec, fleet_rows, fleet_truth
-from validation.studies import Answer, Requirement, completed, kept_command, requirement_table, versions
+from validation.studies import (
+    Answer,
+    GridStruct,
+    Requirement,
+    completed,
+    kept_command,
+    read_as,
+    requirement_table,
+    versions,
+)
 
 SEED = 20261122
 #: What loses thrust, and flights from either end without a step.
@@ -38,18 +47,24 @@ WEAKER = "v0000"
 NEAR = 3
 
 
-@dataclass(frozen=True, slots=True)
-class Cell:
-    # "nothing", "wear", "step", or "weaker": the first vehicle of each fleet, from its first flight
-    what: str
+class Cell(GridStruct, frozen=True):
+    """Fleets to which the same happens."""
+
+    # "weaker": the first vehicle of each fleet, from its first flight
+    what: Literal["nothing", "wear", "step", "weaker"]
     share: float  # Of thrust lost
-    flights: int  # Of a vehicle, of a fleet, of the cell
-    vehicles: int
-    fleets: int
-    weather: float  # Standard deviations of the logarithms of density and voltage
-    battery: float
+    flights: int  # Of a vehicle
+    vehicles: int  # Of a fleet
+    small: int  # Fleets, by the size of the study
+    full: int
     outliers: int = 0  # Flights of each vehicle that are off by `OFF`
     payload: float = 0.0  # Share by which the mass, which is given, grows evenly over the flights
+
+
+class Grid(GridStruct, frozen=True):
+    weather: float  # Standard deviations of the logarithms of density and voltage
+    battery: float
+    cells: list[Cell]
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,10 +90,10 @@ class Told:
     others: float
 
 
-def told(cell: Cell) -> Told:
+def told(grid: Grid, cell: Cell, fleets: int) -> Told:
     parts = [
-        _reported(cell, range(start, min(start + TOGETHER, cell.fleets)))
-        for start in range(0, cell.fleets, TOGETHER)
+        _reported(grid, cell, range(start, min(start + TOGETHER, fleets)))
+        for start in range(0, fleets, TOGETHER)
     ]
     rows = pl.concat([part.vehicles for part in parts])
     first = np.concatenate([part.first for part in parts])
@@ -95,7 +110,7 @@ def told(cell: Cell) -> Told:
         cell.what,
         cell.flights,
         cell.vehicles,
-        cell.fleets,
+        fleets,
         cell.outliers,
         cell.payload,
         float(changes.to_numpy().mean()),
@@ -125,8 +140,8 @@ class _Reported:
     named: pl.DataFrame
 
 
-def _reported(cell: Cell, numbers: Iterable[int]) -> _Reported:
-    tables, positions = zip(*(_fleet(cell, number) for number in numbers), strict=True)
+def _reported(grid: Grid, cell: Cell, numbers: Iterable[int]) -> _Reported:
+    tables, positions = zip(*(_fleet(grid, cell, number) for number in numbers), strict=True)
     table = pl.concat(tables)
     report = fleet_report(table, motion_by_name("vertical"))
     named = report.deviating.filter(pl.col("quantity") == QUANTITY).select("type", "vehicle", "name")
@@ -135,7 +150,7 @@ def _reported(cell: Cell, numbers: Iterable[int]) -> _Reported:
     )
 
 
-def _fleet(cell: Cell, number: int) -> tuple[pl.DataFrame, np.ndarray]:
+def _fleet(grid: Grid, cell: Cell, number: int) -> tuple[pl.DataFrame, np.ndarray]:
     """One fleet, and the first flight, counted from one, after the step of each vehicle."""
     rng = np.random.default_rng([SEED, cell.flights, cell.vehicles, number])
     first = rng.integers(END, cell.flights - END, cell.vehicles) if cell.what == "step" else np.zeros(0, int)
@@ -146,8 +161,8 @@ def _fleet(cell: Cell, number: int) -> tuple[pl.DataFrame, np.ndarray]:
         broken=((0, 0, cell.share),)
         if cell.what == "weaker"
         else tuple((vehicle, int(item), cell.share) for vehicle, item in enumerate(first)),
-        weather=cell.weather,
-        battery=cell.battery,
+        weather=grid.weather,
+        battery=grid.battery,
         payload=cell.payload,
         seed=int(rng.integers(2**31)),
     )
@@ -190,27 +205,18 @@ HEADER = (
 
 def answer(grid: Path, size: str, kept: Path) -> Answer:
     """Simulate what the file does not have yet, and judge all of it."""
-    trials = {_key(cell): partial(told, cell) for cell in _cells(grid, size)}
-    results = completed(kept, Told, trials, _key)
+    fleets = read_as(Grid, grid)
+    trials = {
+        _key(cell, getattr(cell, size)): partial(told, fleets, cell, getattr(cell, size))
+        for cell in fleets.cells
+    }
+    results = completed(kept, Told, trials, lambda item: _key(item, item.fleets))
     requirements = tuple(_requirements(results))
     return _tables(results, requirements), requirements
 
 
-def _key(first: Cell | Told) -> tuple[str, int, int, int, int, float]:
-    return first.what, first.flights, first.vehicles, first.fleets, first.outliers, first.payload
-
-
-def _cells(grid: Path, size: str) -> Iterator[Cell]:
-    root = read_toml(grid, "grid of fleets")
-    weather, battery = root.number("weather"), root.number("battery")
-    for table in root.sections("cells"):
-        what, share = table.choice("what", ("nothing", "wear", "step", "weaker")), table.number("share")
-        flights, vehicles = table.whole("flights"), table.whole("vehicles")
-        fleets = {name: table.whole(name) for name in ("small", "full")}[size]
-        outliers, payload = table.whole("outliers", default=0), table.number("payload", default=0.0)
-        table.finish()
-        yield Cell(what, share, flights, vehicles, fleets, weather, battery, outliers, payload)
-    root.finish()
+def _key(first: Cell | Told, fleets: int) -> tuple[str, int, int, int, int, float]:
+    return first.what, first.flights, first.vehicles, fleets, first.outliers, first.payload
 
 
 def _requirements(tolds: list[Told]) -> Iterator[Requirement]:

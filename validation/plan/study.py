@@ -20,7 +20,6 @@ from typing import Protocol
 import numpy as np
 from jaxtyping import Float
 
-from eivor.errors import InputError
 from eivor.inference.verdict import Status
 from eivor.lab.experiments import markdown
 from eivor.motions.identify import identify_flight
@@ -45,14 +44,15 @@ from eivor.simulation.vertical import (
     VerticalVehicles,
     simulate_vertical,
 )
-from eivor.strict_toml import read_toml
 from validation.flight_recipe.rotorpy_flight import RotorpyFlightSpec, Vehicle, simulate_rotorpy_flight
 from validation.studies import (
     Answer,
+    GridStruct,
     Requirement,
     keep,
     kept_command,
     kept_lines,
+    read_as,
     requirement_table,
     versions,
 )
@@ -175,6 +175,23 @@ FIRST_S = 40.0
 LIMITS = FlightLimits()
 
 
+class Planned(GridStruct, frozen=True):
+    """How often a vehicle flies each of its plans, by the size of the study."""
+
+    name: str
+    small: int
+    full: int
+
+    def __post_init__(self) -> None:
+        if self.name not in VEHICLES:
+            raise ValueError(f"expected one of {', '.join(VEHICLES)}; received {self.name!r}")
+
+
+class Grid(GridStruct, frozen=True):
+    seed: int
+    vehicle: list[Planned]
+
+
 @dataclass(frozen=True)
 class Outcome:
     vehicle: str  # Who flew, and what for
@@ -242,32 +259,18 @@ def answer(grid: Path, size: str, kept: Path) -> Answer:
         (kept_line.vehicle, kept_line.target, kept_line.number): kept_line
         for kept_line in kept_lines(kept, Outcome)
     }
-    seed, vehicles = _parsed(grid, size)
+    told = read_as(Grid, grid)
     results = []
-    for name, flights in vehicles.items():
+    for entry in told.vehicle:
+        name, flights = entry.name, getattr(entry, size)
         requested = [(target, number) for target in PLANNED_FOR for number in range(flights)]
         missing = [each for each in requested if (name, *each) not in selected]
-        for outcome in outcomes(VEHICLES[name], missing, seed):
+        for outcome in outcomes(VEHICLES[name], missing, told.seed):
             selected[name, outcome.target, outcome.number] = outcome
             keep(kept, [outcome])
         results += [selected[name, target, number] for target, number in requested]
     requirements = tuple(requirements_of(results))
     return _tables(results, requirements), requirements
-
-
-def _parsed(grid: Path, size: str) -> tuple[int, dict[str, int]]:
-    """Seed of the study, and how often each vehicle flies each of its plans."""
-    root = read_toml(grid, "grid of planned flights")
-    seed = root.whole("seed")
-    vehicles = {}
-    for section in root.sections("vehicle"):
-        name = section.text("name")
-        if name not in VEHICLES:
-            raise InputError(f"one of {', '.join(VEHICLES)}", f"{name!r}", "Name a vehicle of the study.")
-        vehicles[name] = {word: section.whole(word) for word in ("small", "full")}[size]
-        section.finish()
-    root.finish()
-    return seed, vehicles
 
 
 def requirements_of(result: Sequence[Outcome]) -> Iterator[Requirement]:

@@ -11,7 +11,7 @@ of no use.
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -23,14 +23,15 @@ from eivor.errors import EivorError
 from eivor.lab.experiments import markdown
 from eivor.simulation.environment import SimulatedFlight
 from eivor.simulation.vertical import VerticalFlightSpec, simulate_vertical_flights
-from eivor.strict_toml import read_toml
 from eivor.tools import Float
 from validation.studies import (
     Answer,
+    GridStruct,
     Requirement,
     keep,
     kept_command,
     kept_lines,
+    read_as,
     requirement_table,
     versions,
 )
@@ -42,6 +43,21 @@ LEVEL, DRAWS = 0.90, 1000
 SEED = 20261122
 #: What is drawn for each flight, evenly: K [1/s], hover command, lag [s].
 VEHICLES = {"viscous_friction": (0.2, 0.6), "hover_input": (0.3, 0.6), "actuator_lag": (0.02, 0.08)}
+
+
+class Kind(GridStruct, frozen=True):
+    """Flights of one kind."""
+
+    name: str
+    small: int  # How many, by the size of the study
+    full: int
+    gust_rms: float = 0.0
+    delay: float = 0.0
+    vigour: float = 1.0
+
+
+class Grid(GridStruct, frozen=True):
+    flights: list[Kind]
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,23 +72,23 @@ class Told:
     width: list[float]  # Half of the band over the true climb rate
 
 
-def trials(name: str, settings: Mapping[str, float], position: int, runs: Sequence[int]) -> Iterator[Told]:
+def trials(kind: Kind, position: int, runs: Sequence[int]) -> Iterator[Told]:
     """Fly some of a kind side by side: the kind's place and a run give the same flight in any company."""
-    specs = [_spec(settings, position, run) for run in runs]
+    specs = [_spec(kind, position, run) for run in runs]
     for run, spec, flight in zip(runs, specs, simulate_vertical_flights(specs), strict=True):
-        yield _report(name, run, spec, flight)
+        yield _report(kind.name, run, spec, flight)
 
 
-def _spec(settings: Mapping[str, float], position: int, run: int) -> VerticalFlightSpec:
+def _spec(kind: Kind, position: int, run: int) -> VerticalFlightSpec:
     rng = np.random.default_rng([SEED, position, run])
     vehicle = {key: float(rng.uniform(low, high)) for key, (low, high) in VEHICLES.items()}
     return VerticalFlightSpec(
         viscous_friction=vehicle["viscous_friction"],
         hover_input=vehicle["hover_input"],
         actuator_lag=vehicle["actuator_lag"],
-        delay=settings.get("delay", 0.0),
-        gust_rms=settings.get("gust_rms", 0.0),
-        vigour=settings.get("vigour", 1.0),
+        delay=kind.delay,
+        gust_rms=kind.gust_rms,
+        vigour=kind.vigour,
         seed=int(rng.integers(2**31)),
     )
 
@@ -128,8 +144,6 @@ GRID = Path(__file__).with_name("grid.toml")
 COVERAGE = (0.86, 0.94)
 #: Flights that are simulated side by side.
 TOGETHER = 25
-#: What a kind of flights may differ in.
-SETTINGS = ("gust_rms", "delay", "vigour")
 HEADER = (
     "flights",
     "how many",
@@ -144,31 +158,25 @@ def answer(grid: Path, size: str, kept: Path) -> Answer:
     """Fly what the file does not have yet, and judge all of it."""
     selected = {(kept_line.name, kept_line.run): kept_line for kept_line in kept_lines(kept, Told)}
     results = []
-    for name, settings, item, runs in _parsed(grid, size):
-        for trial in trials(name, settings, item, [run for run in runs if (name, run) not in selected]):
-            selected[name, trial.run] = trial
+    for kind, position, runs in _turns(read_as(Grid, grid), size):
+        missing = [run for run in runs if (kind.name, run) not in selected]
+        for trial in trials(kind, position, missing):
+            selected[kind.name, trial.run] = trial
             keep(kept, [trial])
-        results += [selected[name, run] for run in runs]
+        results += [selected[kind.name, run] for run in runs]
     covered = float(np.mean([held for result in results for held in result.held]))
     requirement = Requirement.within("pointwise coverage of the band of 90 %", covered, COVERAGE)
     return _tables(results, requirement), (requirement,)
 
 
-def _parsed(grid: Path, size: str) -> list[tuple[str, Mapping[str, float], int, range]]:
+def _turns(grid: Grid, size: str) -> list[tuple[Kind, int, range]]:
     """Flights side by side; kinds take turns, so that a study that is cut short has some of each."""
-    root = read_toml(grid, "grid of flights")
-    requested: list[tuple[str, Mapping[str, float], int, range]] = []
-    for index, kind in enumerate(root.sections("flights")):
-        name = kind.text("name")
-        settings = {key: kind.number(key) for key in SETTINGS if kind.has(key)}
-        runs = {word: kind.whole(word) for word in ("small", "full")}[size]
-        kind.finish()
-        requested += [
-            (name, settings, index, range(first, min(first + TOGETHER, runs)))
-            for first in range(0, runs, TOGETHER)
-        ]
-    root.finish()
-    return sorted(requested, key=lambda item: (item[3].start, item[2]))
+    requested = []
+    for position, kind in enumerate(grid.flights):
+        runs = getattr(kind, size)
+        starts = range(0, runs, TOGETHER)
+        requested += [(kind, position, range(first, min(first + TOGETHER, runs))) for first in starts]
+    return sorted(requested, key=lambda item: (item[2].start, item[1]))
 
 
 def _tables(tolds: list[Told], requirement: Requirement) -> str:
