@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+import dataclasses
 
 import numpy as np
 import polars as pl
 import pytest
+from msgspec.structs import replace
 
 from eivor.errors import InputError
 from eivor.lab.experiments import marks
@@ -41,10 +42,10 @@ def test_flights_of_a_pool_share_the_vehicle_and_not_the_wind(family):
 @pytest.mark.parametrize(
     ("before", "after", "expected"),
     [
-        ("flights = 170", "flights = 170.5", "a whole number at family[2].flights"),
+        ("flights = 170", "flights = 170.5", "Expected `int`, got `float` - at `$.family[1].flights`"),
         ("seed = 1200000", "seed = 1100001", "families with names and seeds of their own"),
         ("thrust_power = 1.0", "thrust_might = 1.0", "keys of a flight; received thrust_might"),
-        ('holds = "short"', 'holds = "perhaps"', "one of yes, short, no"),
+        ('holds = "short"', 'holds = "perhaps"', "Invalid enum value 'perhaps' - at `$.family["),
     ],
 )
 def test_damaged_grid_is_refused(before, after, expected):
@@ -163,7 +164,8 @@ def test_rows_are_kept_and_a_run_goes_on(tmp_path):
         made.append(task.family)
         return tuple(rows(1, task.family).to_dicts())
 
-    folder = replace(folder_of(tmp_path / "study", replace(GRID, families=families)), rows_of=trial)
+    study = folder_of(tmp_path / "study", replace(GRID, families=families))
+    folder = dataclasses.replace(study, rows_of=trial)
     folder.run(1)
     before = folder.gathered()
     assert made == [family.name for family in families]

@@ -17,6 +17,7 @@ from importlib.metadata import PackageNotFoundError, version
 from importlib.resources import files
 from itertools import product
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import polars as pl
@@ -33,24 +34,42 @@ from eivor.motions.vertical.regression import VerticalFlights
 from eivor.process_pool import Executor, in_order
 from eivor.simulation.environment import FlightTruth, NoiseKind, SensorNoise, SimulatedFlight, TrajectoryKind
 from eivor.simulation.vertical import VerticalFlightSpec, simulate_vertical_flights
-from eivor.strict_toml import TomlTable, read_toml, toml_table
-from validation.drawn import Draw, Value, draws, lists
+from validation.drawn import Drawn, Value, Values
 from validation.effective_parameters import effective_parameters
 from validation.flight_recipe.rotorpy_flight import RotorpyFlightSpec, Vehicle, simulate_rotorpy_flight
+from validation.studies import GridStruct, read_as
 
 FlightSpec = VerticalFlightSpec | RotorpyFlightSpec
 
-#: What a class may be scored as.
-KINDS = ("excited", "climbs", "hover", "hover-steps")
-SIMULATORS = ("vertical", "rotorpy")
+
+class FlightClass(GridStruct, frozen=True):
+    """Flights of one kind: every combination of values, some times over; what is left open is drawn."""
+
+    name: str
+    simulator: Literal["vertical", "rotorpy"]
+    kind: Literal["excited", "climbs", "hover", "hover-steps"]  # What they are scored as
+    seed: int  # Of the first
+    replicates: int
+    every: dict[str, Values]
+    small_every: int = 0  # The small size flies each n-th
+    draw: Drawn = Drawn()
+
+
+class GridFile(GridStruct, frozen=True, rename={"classes": "class"}):
+    name: str
+    duration: float  # Of each flight [s]
+    calm_up_to: float  # Largest gusts of a calm flight [m/s]
+    classes: list[FlightClass]
+    vertical: Drawn = Drawn()  # What is drawn in each simulator
+    rotorpy: Drawn = Drawn()
 
 
 @dataclass(frozen=True, slots=True)
 class FlightCase:
     name: str  # Class and number in the class
     flight_class: str  # Class
-    simulator: str  # "vertical" or "rotorpy"
-    kind: str  # What it is scored as, one of `KINDS`
+    simulator: str  # Those of its class
+    kind: str
     calm: bool  # Excited, with gusts up to the grid's limit
     small: bool  # Flown in the small size too
     spec: FlightSpec  # The flight
@@ -73,61 +92,41 @@ def published_grid() -> FlightGrid:
 
 
 def read_grid(path: Path) -> FlightGrid:
-    return _grid(read_toml(path, "a grid"))
+    return _grid(read_as(GridFile, path))
 
 
 def flight_grid(text: str) -> FlightGrid:
-    return _grid(toml_table(text, Path("grid.toml"), "a grid"))
+    return _grid(read_as(GridFile, Path("grid.toml"), text))
 
 
-def _grid(table: TomlTable) -> FlightGrid:
-    name, duration, calm_up_to = table.text("name"), table.number("duration"), table.number("calm_up_to")
-    drawn = {simulator: draws(table, simulator) for simulator in SIMULATORS}
-    cases: list[FlightCase] = []
-    for entry in table.sections("class"):
-        cases.extend(_class_cases(entry, drawn, duration, calm_up_to))
-    table.finish()
-    names = [case.name for case in cases]
-    seeds = [case.spec.seed for case in cases]
-    if len(set(names)) < len(names) or len(set(seeds)) < len(seeds):
-        raise table.wrong(
-            "class",
+def _grid(file: GridFile) -> FlightGrid:
+    cases = tuple(case for entry in file.classes for case in _class_cases(file, entry))
+    names = {case.name for case in cases}
+    seeds = {case.spec.seed for case in cases}
+    if min(len(names), len(seeds)) < len(cases):
+        raise InputError(
             "flights with names and seeds of their own",
             "classes of one name, or whose seeds overlap",
             "Give each class its name, and a seed further away from the next than it has flights.",
         )
-    return FlightGrid(name, calm_up_to, tuple(cases))
+    return FlightGrid(file.name, file.calm_up_to, cases)
 
 
-def _class_cases(
-    entry: TomlTable, drawn: Mapping[str, dict[str, Draw]], duration: float, calm_up_to: float
-) -> list[FlightCase]:
-    name, kind = entry.text("name"), entry.choice("kind", KINDS)
-    simulator = entry.choice("simulator", SIMULATORS)
-    every = lists(entry.section("every"))
-    open_draws = drawn[simulator] | draws(entry, "draw")
-    seed, replicates, small_every = (
-        entry.whole("seed"),
-        entry.whole("replicates"),
-        entry.whole("small_every", 0),
-    )
-    entry.finish()
-    combinations = [dict(zip(every, values, strict=True)) for values in product(*every.values())] * replicates
-    cases = []
-    for number, fixed in enumerate(combinations):
-        open_values = {
-            key: draw.value(seed + number, key) for key, draw in open_draws.items() if key not in fixed
-        }
-        spec = _spec(entry, simulator, fixed | open_values, seed + number, duration)
-        calm = kind == "excited" and spec.gust_rms <= calm_up_to
-        small = small_every > 0 and number % small_every == 0
-        cases.append(FlightCase(f"{name} {number:03d}", name, simulator, kind, calm, small, spec))
-    return cases
+def _class_cases(file: GridFile, entry: FlightClass) -> Iterator[FlightCase]:
+    simulated: Drawn = getattr(file, entry.simulator)
+    drawn = simulated.draws() | entry.draw.draws()
+    combinations = [dict(zip(entry.every, values, strict=True)) for values in product(*entry.every.values())]
+    for number, fixed in enumerate(combinations * entry.replicates):
+        seed = entry.seed + number
+        values = {key: draw.value(seed, key) for key, draw in drawn.items()} | fixed
+        spec = _spec(entry, values, seed, file.duration)
+        calm = entry.kind == "excited" and spec.gust_rms <= file.calm_up_to
+        small = entry.small_every > 0 and number % entry.small_every == 0
+        name = f"{entry.name} {number:03d}"
+        yield FlightCase(name, entry.name, entry.simulator, entry.kind, calm, small, spec)
 
 
-def _spec(
-    entry: TomlTable, simulator: str, values: Mapping[str, Value], seed: int, duration: float
-) -> FlightSpec:
+def _spec(entry: FlightClass, values: Mapping[str, Value], seed: int, duration: float) -> FlightSpec:
     given = dict(values)
     try:
         noise = SensorNoise(
@@ -137,14 +136,14 @@ def _spec(
             position=float(given.pop("position_noise")),
         )
         trajectory = TrajectoryKind(str(given.pop("trajectory")))
-        vehicle = {"vehicle": Vehicle(str(given.pop("vehicle")))} if simulator == "rotorpy" else {}
+        vehicle = {"vehicle": Vehicle(str(given.pop("vehicle")))} if entry.simulator == "rotorpy" else {}
         numbers = {key: float(value) for key, value in given.items()}
         common = {"noise": noise, "trajectory": trajectory, "seed": seed, "duration": duration}
-        maker = RotorpyFlightSpec if simulator == "rotorpy" else VerticalFlightSpec
+        maker = RotorpyFlightSpec if entry.simulator == "rotorpy" else VerticalFlightSpec
         return maker(**(vehicle | numbers | common))  # type: ignore[arg-type]
     except (KeyError, TypeError, ValueError) as error:
-        expected = f"every value of a flight of the simulator '{simulator}', and no other,"
-        raise entry.wrong("", expected, f"{error!r}") from error
+        expected = f"every value of a flight of the simulator '{entry.simulator}', and no other,"
+        raise InputError(expected, f"{error!r} in class '{entry.name}'", "Correct the grid.") from error
 
 
 #: What is scored, and the estimators: the recipe first, then the controls.

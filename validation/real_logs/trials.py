@@ -13,9 +13,11 @@ from functools import cache
 from importlib.resources import files
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
+from msgspec import field
+from msgspec.structs import replace
 
 from eivor.errors import EivorError, InputError
 from eivor.flights.options import FlightOptions
@@ -26,12 +28,11 @@ from eivor.models.separable import Prior
 from eivor.motions.identify import identify_flight
 from eivor.motions.vertical.misspecification import MISSED
 from eivor.simulation.environment import NoiseKind, SensorNoise
-from eivor.strict_toml import TomlTable, toml_table
-from validation.drawn import Draw, Value, draws
+from validation.drawn import Drawn, Value
 from validation.flight_recipe.trials import LOST, QUANTITIES, RECIPE
 from validation.real_logs.closed_loop import FlightSpec, Jitter, LoggerSpec, Reference, VehicleSpec, stream
 from validation.real_logs.flights import LoggedFlight, logged_flight
-from validation.studies import StudyFolder
+from validation.studies import GridStruct, StudyFolder, read_as
 
 #: What is told in sentences.
 SENTENCES: dict[str, re.Pattern[str]] = {
@@ -72,48 +73,49 @@ def _sentences(result: FlightEstimate) -> Iterator[str]:
         yield f"{finding.name}: {finding.message}"
 
 
-#: Whether the model holds in a family.
-HOLDS = ("yes", "short", "no")
-#: What the recipe is told of the lag.
-GIVEN = ("", "truth", "wrong")
 GRID_FILE = "grid.toml"
 
 
-@dataclass(frozen=True, slots=True)
-class Family:
+class Family(GridStruct, frozen=True, rename={"count": "flights"}):
     name: str  # What they are
     seed: int  # First seed, and number of flights; of pools, if they are pooled
     count: int
-    holds: str  # One of `HOLDS`
-    lag_bias: bool  # The mean error of the lag must be small
-    named: str  # What must be said of them; empty for nothing
-    share: float  # In which share of them
-    given: str  # One of `GIVEN`
-    refused: bool  # None of them may be identified
-    pool: int  # Flights of a pool; 1 for flights that are judged one by one
-    shared: tuple[str, ...]  # What the flights of a pool share
-    frequencies: tuple[float, ...]  # Frequencies of the references in a pool [Hz], one flight after the other
-    fixed: Mapping[str, Value]  # What is the same in all of them
-    drawn: Mapping[str, Draw]  # What differs
+    holds: Literal["yes", "short", "no"] = "no"  # Whether the model does
+    lag_bias: bool = False  # The mean error of the lag must be small
+    named: str = ""  # What must be said of them; empty for nothing
+    share: float = 1.0  # In which share of them
+    given: Literal["", "truth", "wrong"] = ""  # What the recipe is told of the lag
+    refused: bool = False  # None of them may be identified
+    pool: int = 1  # Flights of a pool; 1 for flights that are judged one by one
+    shared: tuple[str, ...] = ()  # What the flights of a pool share
+    frequencies: tuple[float, ...] = ()  # Of the references in a pool [Hz], one flight after the other
+    fixed: dict[str, Value] = field(default_factory=dict)  # What is the same in all of them
+    draw: Drawn = Drawn()  # What differs, and what does in every family
+    common: Drawn = Drawn()
+
+    def __post_init__(self) -> None:
+        if self.named not in ("", *NAMES):
+            raise ValueError(f"expected one of {', '.join(NAMES)}; received '{self.named}'")
 
     def flight(self, number: int) -> FlightSpec:
         """Specification of a flight; of pools the flights are numbered through."""
         seed = self.seed + number
         first = self.seed + number - number % self.pool
-        given: dict[str, Value] = {
-            key: draw.value(first if key in self.shared else seed, key) for key, draw in self.drawn.items()
+        given = {
+            key: draw.value(first if key in self.shared else seed, key)
+            for key, draw in (self.common.draws() | self.draw.draws()).items()
         }
         if self.frequencies:
             given["frequency"] = self.frequencies[number % self.pool % len(self.frequencies)]
         return _spec({**given, **self.fixed}, seed)
 
 
-@dataclass(frozen=True, slots=True)
-class Grid:
+class Grid(GridStruct, frozen=True, rename={"families": "family"}):
     name: str  # Name of the grid
     lag_given_std: float  # Standard error of a lag that is given [s]
     families: tuple[Family, ...]  # In the order of the file
-    text: str  # The file
+    draw: Drawn = Drawn()  # In every family
+    text: str = ""  # The file
 
     def family(self, name: str) -> Family:
         return next(family for family in self.families if family.name == name)
@@ -125,59 +127,23 @@ def published_grid() -> Grid:
 
 
 def grid_from(text: str) -> Grid:
-    table = toml_table(text, Path(GRID_FILE), "a grid")
-    name, std, common = table.text("name"), table.number("lag_given_std"), draws(table, "draw")
-    families = tuple(_family(entry, common) for entry in table.sections("family"))
-    table.finish()
+    read = read_as(Grid, Path(GRID_FILE), text)
+    families = tuple(replace(family, common=read.draw) for family in read.families)
     taken = sorted((family.seed, family.seed + family.count * family.pool) for family in families)
     separated = all(end <= begin for (_, end), (begin, _) in pairwise(taken))
     if not separated or len({family.name for family in families}) < len(families):
-        raise table.wrong(
-            "family",
+        raise InputError(
             "families with names and seeds of their own",
             "some of one name, or whose seeds overlap",
             "Give each its name, and a seed further from the next than it has flights.",
         )
-    return Grid(name, std, families, text)
-
-
-def _family(entry: TomlTable, common: Mapping[str, Draw]) -> Family:
-    fixed = _fixed(entry)
-    drawn = {key: draw for key, draw in {**common, **draws(entry, "draw")}.items() if key not in fixed}
-    family = Family(
-        entry.text("name"),
-        entry.whole("seed"),
-        entry.whole("flights"),
-        entry.choice("holds", HOLDS, "no"),
-        entry.flag("lag_bias", default=False),
-        entry.choice("named", ("", *NAMES), ""),
-        entry.number("share", 1.0),
-        entry.choice("given", GIVEN, ""),
-        entry.flag("refused", default=False),
-        entry.whole("pool", 1),
-        entry.texts("shared") if entry.has("shared") else (),
-        entry.numbers("frequencies", ()),
-        fixed,
-        drawn,
-    )
-    entry.finish()
-    try:
-        family.flight(0)
-    except (KeyError, TypeError, ValueError) as error:
-        raise entry.wrong("", "values of a flight, and no other,", f"{error!r}") from error
-    return family
-
-
-def _fixed(entry: TomlTable) -> dict[str, Value]:
-    if not entry.has("fixed"):
-        return {}
-    table = entry.section("fixed")
-    result: dict[str, Value] = {
-        key: table.text(key) if isinstance(value, str) else table.number(key)
-        for key, value in table.values.items()
-    }
-    table.finish()
-    return result
+    for family in families:
+        try:
+            family.flight(0)
+        except (KeyError, TypeError, ValueError) as error:
+            wrong = f"{error!r} in family '{family.name}'"
+            raise InputError("values of a flight, and no other,", wrong, "Correct the grid.") from error
+    return replace(read, families=families, text=text)
 
 
 def _spec(values: Mapping[str, Value], seed: int) -> FlightSpec:
