@@ -15,8 +15,7 @@ from matplotlib.axes import Axes
 
 import eivor as ev
 from eivor.report.figure_panels import BLUE, DARK, GREY, RED, labelled, legend, page
-from validation.fractional.records import ARC, ARC_ORDER, OHMIC, TIME_CONSTANT, Cell, formulas
-from validation.fractional.relaxation import step_response
+from validation.fractional.study import ARC, ARC_ORDER, OHMIC, TIME_CONSTANT, Cell, formulas, step_response
 
 PICTURES = Path(__file__).resolve().parents[1] / "docs" / "images"
 #: Steps of the step response [s], and the time that it is drawn for.

@@ -19,8 +19,7 @@ import eivor as ev
 from eivor.lab.figures import CoverageRow, coverage_figure
 from eivor.report.figure_panels import estimates_figure, pair_figure
 from eivor.report.figures import residual_figure
-from validation.coverage.requirements import BOUNDS, JUDGED
-from validation.coverage.table import read_coverage
+from validation.coverage.study import BOUNDS, JUDGED, read_coverage
 from validation.suite_files import coverage_suite
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -19,8 +19,7 @@ import numpy as np
 import polars as pl
 
 from eivor.simulation.environment import SensorNoise, SimulatedFlight, TrajectoryKind
-from validation.flight_recipe.rotorpy_flight import RotorpyFlightSpec, simulate_rotorpy_flight
-from validation.flight_recipe.rotorpy_vehicles import Vehicle
+from validation.flight_recipe.rotorpy_flight import RotorpyFlightSpec, Vehicle, simulate_rotorpy_flight
 
 SPEC = RotorpyFlightSpec(
     vehicle=Vehicle.CRAZYFLIE,

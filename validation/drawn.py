@@ -8,15 +8,18 @@ from __future__ import annotations
 
 import zlib
 from dataclasses import dataclass
+from typing import Annotated
 
+import msgspec
 import numpy as np
 
-from eivor.strict_toml import TomlTable
+from validation.studies import GridStruct
 
 Value = float | str
+Values = Annotated[tuple[Value, ...], msgspec.Meta(min_length=1)]
+Range = tuple[float, float]
 
-RANGES = ("uniform", "log_uniform")
-RULES = (*RANGES, "choice")
+RULES = ("uniform", "log_uniform", "choice")
 #: Distinguishes the streams of drawn parameters from those that the simulators spawn.
 DRAW_KEY = 99
 #: Drawn numbers are rounded to so many significant digits, which a table can show in full.
@@ -25,21 +28,10 @@ DIGITS = 4
 
 @dataclass(frozen=True, slots=True)
 class Draw:
-    """How a quantity is drawn.
-
-    Parameters
-    ----------
-    rule : str
-        One of `RULES`.
-    values : tuple of float or str
-        The ends of a range, or the members of a set.
-    """
-
-    rule: str
-    values: tuple[Value, ...]
+    rule: str  # One of `RULES`
+    values: tuple[Value, ...]  # The ends of a range, or the members of a set
 
     def value(self, seed: int, name: str) -> Value:
-        """Value for the flight of that seed."""
         stream = np.random.SeedSequence(seed, spawn_key=(DRAW_KEY, zlib.crc32(name.encode())))
         rng = np.random.Generator(np.random.PCG64(stream))
         if self.rule == "choice":
@@ -51,44 +43,17 @@ class Draw:
         return float(f"{np.exp(drawn) if self.rule == 'log_uniform' else drawn:.{DIGITS}g}")
 
 
-def draws(outer: TomlTable, key: str) -> dict[str, Draw]:
-    """What a table says is drawn, by name; nothing without the key.
+class Drawn(GridStruct, frozen=True):
+    """What is drawn, by its rule and name."""
 
-    Raises
-    ------
-    InputError
-        When a range is none, or a set is empty.
-    """
-    if not outer.has(key):
-        return {}
-    table = outer.section(key)
-    result: dict[str, Draw] = {}
-    for rule in RULES:
-        part = table.section(rule) if table.has(rule) else table.part({}, rule)
-        for name, values in lists(part).items():
-            result[name] = Draw(rule, values)
-            ends = part.numbers(name) if rule in RANGES else (0.0, 1.0)
-            if len(ends) != 2 or ends[0] >= ends[1]:
-                raise part.wrong(name, "a range of two numbers, the smaller first,", f"{list(ends)}")
-    table.finish()
-    return result
+    uniform: dict[str, Range] = msgspec.field(default_factory=dict)
+    log_uniform: dict[str, Range] = msgspec.field(default_factory=dict)
+    choice: dict[str, Values] = msgspec.field(default_factory=dict)
 
+    def __post_init__(self) -> None:
+        for name, (low, high) in (self.uniform | self.log_uniform).items():
+            if low >= high:
+                raise ValueError(f"expected a range of {name}, the smaller first; received {low}, {high}")
 
-def lists(table: TomlTable) -> dict[str, tuple[Value, ...]]:
-    """Lists of numbers, or of words, by name.
-
-    Raises
-    ------
-    InputError
-        When a list is empty.
-    """
-    return {key: _words_or_numbers(table, key) for key in table.values}
-
-
-def _words_or_numbers(table: TomlTable, key: str) -> tuple[Value, ...]:
-    given = table.values[key]
-    words = isinstance(given, list) and bool(given) and isinstance(given[0], str)
-    values = table.texts(key) if words else table.numbers(key)
-    if not values:
-        raise table.wrong(key, "one value or more", "none")
-    return values
+    def draws(self) -> dict[str, Draw]:
+        return {name: Draw(rule, values) for rule in RULES for name, values in getattr(self, rule).items()}

@@ -63,38 +63,21 @@ A_PARAMETER = re.compile(r"viscous_friction|input_gain|hover_input")
 
 @dataclass(frozen=True)
 class Module:
-    """One file.
-
-    Parameters
-    ----------
-    name : str
-        As it is imported.
-    text : str
-        Its source.
-    tree : ast.Module
-        Its syntax.
-    path : Path
-        Where it stands.
-    """
-
-    name: str
-    text: str
-    tree: ast.Module
-    path: Path
+    name: str  # As it is imported
+    text: str  # Its source
+    tree: ast.Module  # Its syntax
+    path: Path  # Where it stands
 
     @property
     def lines(self) -> int:
-        """Lines of the file."""
         return self.text.count("\n")
 
     @property
     def is_package(self) -> bool:
-        """Whether it is the `__init__` of a folder."""
         return self.path.name == "__init__.py"
 
 
 def modules(package: Path) -> list[Module]:
-    """Every module of a package."""
     results = []
     for path in sorted(package.rglob("*.py")):
         parts = path.relative_to(package.parent).with_suffix("").parts
@@ -105,7 +88,6 @@ def modules(package: Path) -> list[Module]:
 
 
 def function_lengths(tree: ast.Module) -> Iterator[int]:
-    """Lines of every function without its docstring."""
     for node in ast.walk(tree):
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
             body = node.body[1:] if ast.get_docstring(node) is not None else node.body
@@ -113,16 +95,11 @@ def function_lengths(tree: ast.Module) -> Iterator[int]:
 
 
 def prose_lines(module: Module) -> tuple[int, int]:
-    """Lines of docstrings, and lines with a comment."""
     docstrings = 0
     for node in ast.walk(module.tree):
         if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
             first = node.body[0] if node.body else None
-            if (
-                isinstance(first, ast.Expr)
-                and isinstance(first.value, ast.Constant)
-                and isinstance(first.value.value, str)
-            ):
+            if first is not None and _is_text(first):
                 docstrings += (first.end_lineno or 0) - first.lineno + 1
     tokens = tokenize.generate_tokens(io.StringIO(module.text).readline)
     return docstrings, sum(token.type == tokenize.COMMENT for token in tokens)
@@ -143,17 +120,7 @@ def public_names(tree: ast.Module) -> Iterator[str]:
 
 
 def imports(module: Module, known: set[str], nodes: Iterable[ast.AST] | None = None) -> list[set[str]]:
-    """Modules of the package that each import statement of a module names.
-
-    Parameters
-    ----------
-    module : Module
-        The importing module.
-    known : set of str
-        Names of all modules of the package.
-    nodes : iterable of ast.AST, optional
-        Where to look; default: everywhere, so in functions and under TYPE_CHECKING too.
-    """
+    """Modules of the package that each import statement of a module names."""
     results = []
     for node in ast.walk(module.tree) if nodes is None else nodes:
         if isinstance(node, ast.Import):
@@ -164,7 +131,6 @@ def imports(module: Module, known: set[str], nodes: Iterable[ast.AST] | None = N
 
 
 def in_functions(module: Module) -> list[ast.AST]:
-    """Every node inside a function."""
     functions = [node for node in ast.walk(module.tree) if isinstance(node, FUNCTIONS)]
     return list({id(node): node for function in functions for node in ast.walk(function)}.values())
 
@@ -241,7 +207,6 @@ def identifiers(module: Module) -> Iterator[str]:
 
 
 def replaced_names(result: list[Module]) -> list[str]:
-    """Patterns of `REPLACED` that still stand."""
     present = {name for module in result for name in identifiers(module)}
     plain = {name.removesuffix(".py") for name in present}
 
@@ -259,27 +224,20 @@ def motion_members(result: list[Module]) -> int:
     """Members of the protocol of motions: the largest class that is named Motion."""
     members = [0]
     for module in result:
-        for node in module.tree.body:
-            if isinstance(node, ast.ClassDef) and node.name == "Motion":
+        for motion in module.tree.body:
+            if isinstance(motion, ast.ClassDef) and motion.name == "Motion":
                 names = {
                     target.id
-                    for item in node.body
-                    for target in (
-                        item.targets if isinstance(item, ast.Assign) else [getattr(item, "target", None)]
-                    )
+                    for item in motion.body
+                    for target in getattr(item, "targets", [getattr(item, "target", None)])
                     if isinstance(target, ast.Name)
                 }
-                names |= {
-                    item.name
-                    for item in node.body
-                    if isinstance(item, ast.FunctionDef | ast.AsyncFunctionDef)
-                }
-                members.append(len(names))
+                methods = [item for item in motion.body if isinstance(item, ast.FunctionDef)]
+                members.append(len(names.union(method.name for method in methods)))
     return max(members)
 
 
 def architecture(package: Path) -> dict[str, int]:
-    """The counts that have bounds: `tests/test_architecture.py` holds them."""
     result = modules(package)
     known = {module.name for module in result}
     knots = circles(import_graph(result))
@@ -318,7 +276,6 @@ def only_forwards(tree: ast.Module) -> bool:
 
 
 def counts(package: Path) -> dict[str, str]:
-    """Every count, in words."""
     result = modules(package)
     plain = [module for module in result if not module.name.endswith(package.name)]
     lengths = sorted(length for module in result for length in function_lengths(module.tree))
@@ -351,16 +308,15 @@ def counts(package: Path) -> dict[str, str]:
 def product_types(result: list[Module]) -> list[str]:
     """Classes that hold sums, means or roots of products of rows themselves; views of one do not count."""
     fields = re.compile(r"^    (?:cross|sums|products|root|table|own|moving)\b[^:]*: Float", re.MULTILINE)
-    names = []
-    for module in result:
-        for node in module.tree.body:
-            if isinstance(node, ast.ClassDef):
-                text = ast.get_source_segment(module.text, node) or ""
-                if fields.search(text) and re.search(
-                    r"[Mm]oments|[Pp]roducts|Pieces|Blocks|Record", node.name
-                ):
-                    names.append(node.name)
-    return names
+    kinds = re.compile(r"[Mm]oments|[Pp]roducts|Pieces|Blocks|Record")
+    return [
+        node.name
+        for module in result
+        for node in module.tree.body
+        if isinstance(node, ast.ClassDef)
+        and kinds.search(node.name)
+        and fields.search(ast.get_source_segment(module.text, node) or "")
+    ]
 
 
 @dataclass
@@ -374,7 +330,6 @@ class Walk:
     depth: int = 0
 
     def profile(self, frame: FrameType, event: str, _: object) -> None:
-        """Count an event of `sys.setprofile`."""
         code = frame.f_code
         if event == "call" and code.co_name in {"__init__", "__new__", "__post_init__"} and code.co_argcount:
             made = frame.f_locals[code.co_varnames[0]]
@@ -400,7 +355,6 @@ class Walk:
 
 
 def from_arrays() -> None:
-    """Arrays to an estimate with its covariance."""
     import eivor as ev
 
     rng = np.random.default_rng(1)
@@ -417,20 +371,17 @@ def from_arrays() -> None:
 
 
 def px4_log() -> Path:
-    """The PX4 log of the walk."""
     data = Path(os.environ.get("EIVOR_DATA") or ROOT.parent / "shared" / "data")
     return data / "px4" / "ekf_failure.ulg"
 
 
 def from_example() -> None:
-    """The example flight to JSON."""
     import eivor as ev
 
     ev.identify_flight(ev.example_flight(), model="vertical").to_json()
 
 
 def from_px4_log() -> None:
-    """A PX4 log to JSON."""
     import eivor as ev
 
     ev.identify_flight(ev.read_log(px4_log()), model="vertical").to_json()
@@ -472,7 +423,6 @@ def walks(package: Path) -> dict[str, dict[str, int]]:
 
 
 def main() -> None:
-    """Print the counts as a table."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

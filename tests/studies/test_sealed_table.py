@@ -14,8 +14,8 @@ from eivor.atomic_file import SEAL_MARK, is_sealed, sealed
 from eivor.errors import InputError
 from eivor.lab.scenario_files import numbers_in_file
 from eivor.strict_toml import TomlTable
-from validation.coverage.table import read_coverage
-from validation.flight_recipe.trial_table import read_trial_table
+from validation.coverage.study import read_coverage
+from validation.flight_recipe.trials import read_trial_table
 
 FACTS = {"eivor.study": "b" * 64, "eivor.trials": "25 to 49"}
 

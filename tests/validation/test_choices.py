@@ -9,49 +9,15 @@ import pytest
 from scipy.stats import binom
 
 from eivor.lab.experiments import marks
-from eivor.lab.scenario_files import shipped_flight
-from eivor.simulation.vertical import simulate_vertical_flights
 from validation.choices import study
 from validation.choices.study import (
     PART,
     QUANTITIES,
     THINNINGS,
-    DelayTrial,
-    RateTrial,
-    Trial,
-    tables,
-    thinned,
 )
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "studies" / "coverage.md"
 SEEDS, CHANCE = 4, 1e-3
-
-
-def made_up(number: int) -> Trial:
-    """Every quantity held at the two highest rates; the gain off by 1 or 3 %."""
-    rates = [
-        RateTrial("identified" if every < 5 else "weak", (every < 5, True, True, None)) for every in THINNINGS
-    ]
-    return Trial(tuple(rates), DelayTrial(0.0, True), DelayTrial(0.01 + 0.02 * number, False))
-
-
-def test_tables_count():
-    text = tables([made_up(0), made_up(1)])
-    assert "| 50 Hz | 2 of 2 | 1.000 [0.342, 1.000] of 2 | 1.000 [0.342, 1.000] of 2 |" in text
-    assert "| 20 Hz | 0 of 2 | 0.000 [0.000, 0.658] of 2 | 1.000 [0.342, 1.000] of 2 |" in text
-    assert "| 100 Hz |" in text
-    assert "of 2 | - |" in text
-    assert "| left out | +2.00 ± 1.41 % | 0.000 [0.000, 0.658] of 2 |" in text
-
-
-@pytest.mark.thorough
-def test_thinned_logs_keep_every_so_many_samples():
-    (flight,) = simulate_vertical_flights([shipped_flight()])
-    log = thinned(flight.recording, 5)
-    for name, channel in log.channels.items():
-        whole = flight.recording.channels[name]
-        assert (channel.rate_hz, channel.held) == (pytest.approx(20.0), whole.held)
-        np.testing.assert_array_equal(channel.values, whole.values[::5])
 
 
 def test_the_page_holds_a_run():

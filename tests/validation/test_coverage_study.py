@@ -13,14 +13,11 @@ import pytest
 from scipy.stats import binom
 
 from eivor.errors import InputError
-from eivor.inference.covariance import TABLE
 from eivor.lab.experiments import marks, page_with
 from validation.coverage import study as coverage_study
-from validation.coverage.page import PART, coverage_tables
-from validation.coverage.requirements import BOUNDS, requirements
-from validation.coverage.table import read_coverage
+from validation.coverage.study import BOUNDS, PART, coverage_tables, read_coverage, requirements
+from validation.studies import WRONG
 from validation.suite_files import coverage_suite, read_suite
-from validation.suites import WRONG
 
 RUNS = 20
 CHANCE = 1e-4
@@ -165,12 +162,6 @@ def test_own_suite_with_own_scenario(tmp_path, capsys):
     assert (tmp_path / "trials" / "rich-high-500" / "trials.parquet").exists()
 
 
-def test_instruments_are_what_the_vehicle_does_not_answer():
-    channels = {item.scenario: item.study.methods[0].channel for item in coverage_suite().studies}
-    assert channels.pop("closed-loop") == "reference_velocity_z"
-    assert set(channels.values()) == {"input"}
-
-
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [
@@ -204,8 +195,3 @@ def test_other_tables_are_refused(tmp_path):
     for path in (tmp_path / "other.parquet", tmp_path / "none.parquet"):
         with pytest.raises(InputError, match="a table of coverage"):
             read_coverage(path)
-
-
-def test_every_covariance_of_the_table_can_be_named():
-    named = {choice.covariance for choice in coverage_suite().studies[0].study.methods}
-    assert named - {"default"} <= set(TABLE)

@@ -6,8 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from validation.crazyflie.recipe import PUBLISHED, PUBLISHED_LAG_S, Logs, Steps, best_lag, numbers
-from validation.crazyflie.study import table
+from validation.crazyflie.study import PUBLISHED, PUBLISHED_LAG_S, Logs, Steps, best_lag, numbers, table
 
 
 @pytest.fixture(scope="module")

@@ -11,16 +11,21 @@ import pytest
 
 import eivor as ev
 from eivor.lab.experiments import marks, page_with
-from validation.efficiency.bounds import main as bounds
-from validation.efficiency.bounds import with_bounds
 from validation.efficiency.known_spectra import main as known_spectra
 from validation.efficiency.known_spectra import rows_of, trial
-from validation.efficiency.page import PART, efficiency_tables
-from validation.efficiency.requirements import HELD, KNOWN, OVER_BOUND, requirements
-from validation.efficiency.study import efficiency_suite, main
-from validation.efficiency.table import COLUMNS
+from validation.efficiency.study import (
+    COLUMNS,
+    HELD,
+    KNOWN,
+    OVER_BOUND,
+    PART,
+    efficiency_suite,
+    efficiency_tables,
+    main,
+    requirements,
+)
+from validation.studies import KEYS, WRONG, joined, read_rows, write_rows
 from validation.suite_files import read_suite
-from validation.suites import KEYS, WRONG, joined, read_rows, write_rows
 
 DOCS = Path(__file__).parents[2] / "docs"
 SUITES = Path(__file__).parents[2] / "validation" / "efficiency"
@@ -172,22 +177,3 @@ def test_a_wrong_file_is_a_sentence(tmp_path: Path, capsys: pytest.CaptureFixtur
     (tmp_path / "other.parquet").write_bytes(b"nothing")
     assert main(["--from", str(tmp_path / "other.parquet")]) == WRONG
     assert "a table of efficiency" in capsys.readouterr().err
-
-
-def test_bounds_of_finished_rows_are_computed_anew(tmp_path: Path, published: pl.DataFrame) -> None:
-    """Errors stay; of a scenario that is no longer in the suite the bound does, too."""
-    suite = tmp_path / "small.toml"
-    suite.write_text(SUITE, encoding="utf-8")
-    rows = published.filter(pl.col("samples") == 500, pl.col("scenario").is_in(["white", "trend"]))
-    wrong = rows.with_columns(bound=pl.lit(7.0))
-    result = with_bounds(wrong, read_suite(suite))
-    assert result.drop("bound").equals(rows.drop("bound"))
-    of_white = pl.col("scenario") == "white"
-    np.testing.assert_allclose(result.filter(of_white)["bound"], rows.filter(of_white)["bound"], rtol=1e-12)
-    assert (result.filter(~of_white)["bound"] == 7.0).all()
-
-
-def test_the_command_of_bounds_says_what_is_wrong(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    table = tmp_path / "rows.parquet"
-    assert bounds([str(table), "--out", str(table)]) == WRONG
-    assert "rows.parquet" in capsys.readouterr().err

@@ -2,25 +2,27 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import pytest
+from msgspec.structs import replace
 
-from validation.fleet_changes.study import main
-from validation.fleet_changes.trials import Cell, told
+from validation.fleet_changes.study import Cell, Grid, main, told
 
-CELL = Cell("nothing", 0.0, 40, 20, 1, 0.05, 0.03)
+CELL = Cell("nothing", 0.0, 40, 20, 1, 1)
+
+
+def told_of(**what):
+    return told(Grid(0.05, 0.03, []), replace(CELL, **what), 1)
 
 
 @pytest.mark.thorough
 def test_steps_are_dated_and_nothing_is_not_told():
-    assert told(CELL).changes <= 0.1
-    step = told(replace(CELL, what="step", share=0.08))
+    assert told_of().changes <= 0.1
+    step = told_of(what="step", share=0.08)
     assert step.dated >= 0.8
     assert step.held >= 0.8
-    assert told(replace(CELL, outliers=2)).deviating >= 0.9
-    assert told(replace(CELL, payload=0.3)).changes <= 0.1
-    wear = told(replace(CELL, what="wear", share=0.10))
+    assert told_of(outliers=2).deviating >= 0.9
+    assert told_of(payload=0.3).changes <= 0.1
+    wear = told_of(what="wear", share=0.10)
     assert wear.sign == 1.0
     assert wear.covered >= 0.8
 

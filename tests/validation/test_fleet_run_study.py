@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 
 from validation.fleet_run import study
-from validation.fleet_run.modes import Told
+from validation.fleet_run.study import Told
 
 TOLD = Told("one", "one process", 17, 17, 17, {"weak": 17}, "a", 1_000_000, 3, 1500.0, 0, 9.0, 8.0, 100.0)
 

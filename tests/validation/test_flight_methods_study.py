@@ -9,8 +9,19 @@ import pytest
 
 from eivor.estimation.methods import TABLE
 from eivor.lab.experiments import marks
-from validation.flight_methods.study import GRID, PART, _judged, _line, _requirements, main, read_grid
-from validation.flight_methods.trials import OMITTED, SEARCHED, Told
+from validation.flight_methods.study import (
+    GRID,
+    OMITTED,
+    PART,
+    SEARCHED,
+    Grid,
+    Told,
+    _judged,
+    _line,
+    _requirements,
+    main,
+)
+from validation.studies import read_as
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "efficiency.md"
 REGIME = """
@@ -82,10 +93,10 @@ def test_the_default_changes_only_for_a_method_that_is_better_in_both() -> None:
 
 
 def test_the_published_grid_and_its_page_belong_together() -> None:
-    grid = read_grid(GRID, "full")
+    grid = read_as(Grid, GRID)
     text = PAGE.read_text(encoding="utf-8").partition(marks(PART)[0])[2].partition(marks(PART)[1])[0]
     assert set(grid.methods) <= set(TABLE)
-    for regime, runs in grid.regimes:
-        assert f"{runs} of {regime.name}" in text
+    for regime in grid.regimes:
+        assert f"{regime.full} of {regime.name}" in text
         for method in grid.methods:
-            assert f"| {regime.name} | {method} | {runs} |" in text
+            assert f"| {regime.name} | {method} | {regime.full} |" in text

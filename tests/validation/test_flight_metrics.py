@@ -13,20 +13,24 @@ from eivor.lab.experiments import marks, page_with
 from eivor.lab.study import Share
 from eivor.simulation.vertical import VerticalFlightSpec
 from validation.flight_recipe import study as flight_study
-from validation.flight_recipe.grid import FlightCase
-from validation.flight_recipe.metrics import LEVEL, accepted, accepted_share, flown, score
-from validation.flight_recipe.page import PART, study_tables
-from validation.flight_recipe.requirements import requirements
-from validation.flight_recipe.trial_table import read_trial_table, trial_table
+from validation.flight_recipe.study import (
+    LEVEL,
+    PART,
+    accepted_share,
+    flown,
+    requirements,
+    score,
+    study_tables,
+)
 from validation.flight_recipe.trials import (
     ESTIMATORS,
-    LAG_IGNORED,
     LOST,
-    NONLINEAR,
-    QUANTITIES,
     RECIPE,
+    FlightCase,
     FlightTrial,
-    IntervalEstimate,
+    Number,
+    read_trial_table,
+    trial_table,
 )
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -51,9 +55,9 @@ def trial(
     spec = VerticalFlightSpec(seed=number, gust_rms=0.1 if calm else 1.0)
     case = FlightCase(f"{kind} {number}", kind, "vertical", kind, calm and kind == "excited", False, spec)
 
-    def around(name: str, off: float) -> IntervalEstimate:
+    def around(name: str, off: float) -> Number:
         value, width = TRUTH[name] * (1.0 + off), TRUTH[name] * half_width
-        return IntervalEstimate(value, value - width, value + width)
+        return value, value - width, value + width
 
     estimates = {
         estimator: {name: around(name, error if estimator == RECIPE else control_error) for name in names}
@@ -169,20 +173,6 @@ def test_tables_have_a_row_for_every_class_and_estimator():
     assert "| hover | 10 | 0 | - |" in text
     assert "| noise | white | 120 |" in text
     assert "nan" not in text
-
-
-def test_page_keeps_what_is_around_the_marks():
-    page = f"a\n{BEGIN}\nold\n{END}\nb"
-    assert page_with(page, {PART: "new"}) == f"a\n{BEGIN}\n\nnew\n\n{END}\nb"
-    with pytest.raises(InputError, match="a page with the marks"):
-        page_with("no marks", {PART: "new"})
-
-
-def test_accepted_is_identified():
-    rows = rows_of([trial(k, verdict=word) for k, word in enumerate(["identified", "weak", "refused"])])
-    assert accepted(rows)["verdict"].to_list() == ["identified"]
-    assert {RECIPE, LAG_IGNORED, NONLINEAR} == set(ESTIMATORS)
-    assert set(QUANTITIES) == set(TRUTH)
 
 
 # ------------------------------------------------------------------------------------- what is published

@@ -19,12 +19,23 @@ from scipy.stats import binom
 from eivor.lab.experiments import marks
 from validation.flight_recipe import study as flight_study
 from validation.flight_recipe import trials as flight_trials
-from validation.flight_recipe.grid import published_grid
-from validation.flight_recipe.metrics import accepted, accepted_share, flown, score
-from validation.flight_recipe.page import PART
-from validation.flight_recipe.requirements import ERROR_BOUNDS, requirements
-from validation.flight_recipe.trial_table import TrialTable, read_trial_table
-from validation.flight_recipe.trials import LAG_IGNORED, NONLINEAR, QUANTITIES
+from validation.flight_recipe.study import (
+    ERROR_BOUNDS,
+    PART,
+    accepted,
+    accepted_share,
+    flown,
+    requirements,
+    score,
+)
+from validation.flight_recipe.trials import (
+    LAG_IGNORED,
+    NONLINEAR,
+    QUANTITIES,
+    TrialTable,
+    published_grid,
+    read_trial_table,
+)
 
 pytest.importorskip("rotorpy")
 pytestmark = pytest.mark.calibration
@@ -144,11 +155,6 @@ def test_command_prints_its_tables_and_puts_them_into_the_page(run):
     assert f"Before.\n\n{BEGIN}\n\n{run.printed.strip()}\n\n{END}\n\nAfter." in run.page
 
 
-def test_command_makes_the_tables_anew_from_its_file(run, capsys):
-    assert flight_study.main(["--from", str(run.path)]) == 0
-    assert capsys.readouterr().out == run.printed
-
-
 def test_missed_requirement_is_the_exit_code(table, tmp_path, capsys, monkeypatch):
     spoilt = TrialTable(table.rows.with_columns(pl.lit("identified").alias("verdict")), table.origin)
     monkeypatch.setattr(flight_study, "run_grid", lambda *chosen: {("small", None): spoilt}[chosen])
@@ -176,8 +182,3 @@ def test_the_table_does_not_depend_on_the_number_of_workers(tmp_path, monkeypatc
     rows = read_trial_table(tmp_path / "trials.parquet").rows
     assert rows["flight"].to_list() == [case.name for case in (*current, *other)]
     assert rows["recipe.viscous_friction.value"].is_finite().sum() >= len(current)
-
-
-def test_workers_are_counted(capsys):
-    assert flight_study.main(["--size", "small", "--workers", "0"]) == 2
-    assert "Expected one worker or more; received 0" in capsys.readouterr().err

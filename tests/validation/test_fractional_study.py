@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from eivor.lab.experiments import marks
-from validation.fractional.records import Cell, Relaxation, formulas, sharper_ways
-from validation.fractional.study import PART, answers, main
+from validation.fractional.study import PART, Cell, Relaxation, answers, formulas, main, sharper_ways
 
 COMPENSATED = ("total_least_squares", "bias_compensated_least_squares", "generalized_iv")
 ORDER_PLACE = -1

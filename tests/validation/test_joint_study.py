@@ -10,14 +10,25 @@ import pytest
 from eivor.simulation.environment import NoiseKind
 from eivor.simulation.rigid_body import simulate_rigid_body_flights
 from eivor.simulation.rigid_body_spec import AxisExcitations, Sensors, Wind
-from validation.flight_recipe.grid import published_grid, read_grid
-from validation.joint import trials
-from validation.joint.flights import flight_of
-from validation.joint.noise import noise_of
-from validation.joint.page import requirements, tables
-from validation.joint.study import GRID
-from validation.joint.trials import ALONE, GIVEN, JOINT, LOST, TURNING, Told, read_told, run
-from validation.joint.truth import effective_along, effective_vertical
+from validation.flight_recipe.trials import read_grid
+from validation.joint import study as trials
+from validation.joint.study import (
+    ALONE,
+    GIVEN,
+    GRID,
+    JOINT,
+    LOST,
+    TURNING,
+    Told,
+    effective_along,
+    effective_vertical,
+    flight_of,
+    noise_of,
+    requirements,
+    run,
+    tables,
+)
+from validation.studies import kept_lines
 
 
 def told(flight: str, formula: str, half: float = 0.1, value: float = 0.42, **changes: object) -> Told:
@@ -32,18 +43,6 @@ def whole(half: float = 0.05) -> list[Told]:
         for number in range(20)
         for formula in (JOINT, GIVEN, TURNING, ALONE)
     ]
-
-
-def test_settings_are_those_of_the_gusty_class_of_the_vertical_study():
-    grid, published = read_grid(GRID), published_grid()
-    gusty = [case.spec for case in published.cases if case.flight_class == "RotorPy, gusty"]
-    assert len(grid.cases) == 4 * len(gusty)
-    assert len({case.spec.seed for case in (*grid.cases, *published.cases)}) == len(grid.cases) + len(
-        published.cases
-    )
-    for case in grid.cases:
-        assert 0.5 <= case.spec.gust_rms <= 1.5
-        assert 0.2 <= case.spec.noise.acceleration <= 0.5
 
 
 def test_a_flight_has_the_gusts_the_noise_and_the_lag_of_its_case():
@@ -97,5 +96,5 @@ def test_a_run_goes_on_where_it_was_interrupted(tmp_path, monkeypatch):
     monkeypatch.setattr(trials, "strength_of", lambda case, _flight, _vehicle: [told(case.name, JOINT)])
     first = run(grid, kept)
     assert len(flight) == len(first) == len(grid.cases) == 12
-    assert run(grid, kept) == first == read_told(kept)
+    assert run(grid, kept) == first == kept_lines(kept, Told)
     assert len(flight) == len(first)

@@ -9,9 +9,17 @@ from pathlib import Path
 
 import pytest
 
-from validation.mutation.check import UNNOTICED, main
-from validation.mutation.mutants import TABLE, Mutant, check_lines, read_mutants, sample
-from validation.mutation.workspace import PASSED, Workspace
+from validation.mutation.check import (
+    PASSED,
+    TABLE,
+    UNNOTICED,
+    Mutant,
+    Workspace,
+    check_lines,
+    main,
+    read_mutants,
+    sample,
+)
 
 SOURCE = """def twice(x):
     doubled = 2 * x
@@ -61,10 +69,7 @@ def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         ("src/toy.py", SOURCE),
         ("tests/test_toy.py", TESTS),
         ("pyproject.toml", '[tool.pytest.ini_options]\naddopts = "-p xdist"\n'),
-        (
-            "page.md",
-            "# Mutants\n\n<!-- generated: mutants -->\n\nold\n\n<!-- end: mutants -->\n\nBy hand.\n",
-        ),
+        ("page.md", "# Mutants\n\n<!-- generated: mutants -->\n\nold\n\n<!-- end: mutants -->\n\nBy hand.\n"),
     ):
         path = tmp_path / name
         path.parent.mkdir(exist_ok=True)

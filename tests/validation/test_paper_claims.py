@@ -8,9 +8,8 @@ import polars as pl
 import pytest
 
 from eivor.lab.experiments import marks, page_with
-from validation.paper.claims import COLUMNS, claims_suite, main
-from validation.paper.claims_page import PART, claims_tables
-from validation.suites import read_rows
+from validation.paper.claims import COLUMNS, PART, claims_suite, claims_tables, main
+from validation.studies import read_rows
 
 DOCS = Path(__file__).parents[2] / "docs"
 

@@ -7,9 +7,17 @@ import pytest
 
 from eivor.planning.vehicle import FlightLimits, candidates
 from eivor.simulation.environment import Trajectory
-from validation.plan.flights import OTHER_CONTROLLER, OWN, VEHICLES
-from validation.plan.study import GRID, answer, requirements_of, table
-from validation.plan.trials import PLANNED_FOR, Outcome, outcomes
+from validation.plan.study import (
+    GRID,
+    OTHER_CONTROLLER,
+    OWN,
+    PLANNED_FOR,
+    Outcome,
+    answer,
+    outcomes,
+    requirements_of,
+    table,
+)
 
 SHORT = FlightLimits(duration_s=20.0)
 
@@ -25,10 +33,6 @@ def test_vehicles_follow_a_plan_under_both_controllers():
         assert np.abs(flight.height - shape.offset).max() < 0.6
         heights.append(flight.height)
     assert np.abs(heights[0] - heights[1]).max() > 0.005
-
-
-def test_six_vehicles_are_flown():
-    assert len(VEHICLES) == 6
 
 
 def test_the_table_has_medians_and_shares():

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from validation.pooling.study import main
-from validation.pooling.trials import cell
+from validation.pooling.study import cell, main
 
 
 @pytest.mark.parametrize(("flights", "heterogeneity"), [(4, 0.05), (10, 0.02)])

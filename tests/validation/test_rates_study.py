@@ -7,12 +7,21 @@ from dataclasses import replace
 import pytest
 
 from eivor.errors import InputError
-from validation.rates import trials
-from validation.rates.flights import VEHICLES, flight_of
-from validation.rates.grid import GRID, read_grid
-from validation.rates.page import requirements, tables
-from validation.rates.study import main
-from validation.rates.trials import INSTRUMENTS, LEAST_SQUARES, Told, read_told, run
+from validation.rates import study as trials
+from validation.rates.study import (
+    GRID,
+    INSTRUMENTS,
+    LEAST_SQUARES,
+    VEHICLES,
+    Grid,
+    Told,
+    flight_of,
+    main,
+    requirements,
+    run,
+    tables,
+)
+from validation.studies import kept_lines, read_as
 
 
 def told(condition: str, error: float = 0.01, **changes: object) -> Told:
@@ -24,7 +33,7 @@ def whole(error: float = 0.01) -> list[Told]:
     """A flight of each condition by each quantity."""
     return [
         told(condition.name, size, quantity=quantity)
-        for condition in read_grid().conditions
+        for condition in read_as(Grid, GRID).conditions
         for quantity, size in (
             ("roll_effectiveness", error),
             ("pitch_effectiveness", error),
@@ -34,7 +43,7 @@ def whole(error: float = 0.01) -> list[Told]:
 
 
 def test_the_published_grid_flies_every_vehicle_alike():
-    grid = read_grid()
+    grid = read_as(Grid, GRID)
     assert {condition.judged for condition in grid.conditions} == {"50 Hz", "250 Hz", "small"}
     specs = [flight_of(vehicle, grid.conditions[0], 2.0, 1) for vehicle in VEHICLES]
     assert {spec.controller.rate_hz for spec in specs} == {400.0}
@@ -42,7 +51,7 @@ def test_the_published_grid_flies_every_vehicle_alike():
 
 
 def test_requirements_look_at_errors_and_at_what_is_accepted():
-    grid = read_grid()
+    grid = read_as(Grid, GRID)
     assert all(requirement.met for requirement in requirements(grid, whole()))
     unmet = [requirement.what for requirement in requirements(grid, whole(0.05))]
     assert [requirement.what for requirement in requirements(grid, whole(0.05)) if not requirement.met] == [
@@ -57,17 +66,17 @@ def test_requirements_look_at_errors_and_at_what_is_accepted():
 
 
 def test_tables_have_least_squares_beside():
-    large = read_grid().conditions[0].name
+    large = read_as(Grid, GRID).conditions[0].name
     plain = [
         told(large, error, method=LEAST_SQUARES, quantity=name, accepted=False)
         for name, error in (("roll_effectiveness", -0.5), ("effective_lag", 0.047))
     ]
-    lines = tables(read_grid(), [*whole(), *plain]).splitlines()
+    lines = tables(read_as(Grid, GRID), [*whole(), *plain]).splitlines()
     assert any("-50%, +47 ms" in line for line in lines)
 
 
 def test_a_run_goes_on_where_it_was_interrupted(tmp_path, monkeypatch):
-    grid, kept = read_grid(), tmp_path / "kept.jsonl"
+    grid, kept = read_as(Grid, GRID), tmp_path / "kept.jsonl"
     flight = []
 
     def fly(specs):
@@ -82,7 +91,7 @@ def test_a_run_goes_on_where_it_was_interrupted(tmp_path, monkeypatch):
     )
     first = run(grid, "small", kept)
     assert len(flight) == len(first) == len(VEHICLES) * len(grid.conditions)
-    assert run(grid, "small", kept) == first == read_told(kept)
+    assert run(grid, "small", kept) == first == kept_lines(kept, Told)
     assert len(flight) == len(first)
 
 
@@ -90,6 +99,6 @@ def test_a_grid_that_is_none_is_refused(tmp_path, capsys):
     wrong = tmp_path / "grid.toml"
     wrong.write_text(GRID.read_text().replace('judged = "small"', 'judged = "large"', 1))
     with pytest.raises(InputError, match="judged"):
-        read_grid(wrong)
+        read_as(Grid, wrong)
     assert main(["--grid", str(wrong), "--kept", str(tmp_path / "kept.jsonl")]) == 2
     assert "judged" in capsys.readouterr().err

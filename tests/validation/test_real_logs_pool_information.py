@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from validation.real_logs.grid import published_grid
+from validation.real_logs.closed_loop import FlightSpec, Reference, VehicleSpec
 from validation.real_logs.pool_information import PART, flight_information, lag_bound, main
-from validation.real_logs.spec import FlightSpec, Reference, VehicleSpec
+from validation.real_logs.trials import published_grid
 
 
 def _sine(frequency, friction, gusts=0.2):

@@ -7,9 +7,7 @@ import pytest
 
 import eivor as ev
 from eivor.lab.scenario_files import shipped_scenario
-from validation.recursion.changed_record import changed_record
-from validation.recursion.study import main
-from validation.recursion.trials import trial
+from validation.recursion.study import changed_record, main, trial
 
 
 def test_a_record_whose_parameter_does_not_change_is_the_simulated_one():

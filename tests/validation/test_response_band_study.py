@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from validation.response_band.study import COVERAGE, main
-from validation.response_band.trials import LEVEL, TIMES_S, climb_rates
+from validation.response_band.study import COVERAGE, LEVEL, TIMES_S, climb_rates, main
 
 PAGE = Path(__file__).parents[2] / "docs" / "exports.md"
 

@@ -18,11 +18,15 @@ from scipy.spatial.transform import Rotation
 
 from eivor.errors import CollinearError, MissingReaderError, ShapeError, TooFewSamplesError, UsageError
 from eivor.signals.recording import Recording
-from eivor.simulation.environment import FlightTruth, NoiseKind, SensorNoise, SimulatedFlight, TrajectoryKind
+from eivor.simulation.environment import FlightTruth, SensorNoise, SimulatedFlight, TrajectoryKind
 from validation.effective_parameters import effective_parameters
 from validation.flight_recipe import rotorpy_flight
-from validation.flight_recipe.rotorpy_flight import RotorpyFlightSpec, simulate_rotorpy_flight
-from validation.flight_recipe.rotorpy_vehicles import STEP_S, Vehicle
+from validation.flight_recipe.rotorpy_flight import (
+    STEP_S,
+    RotorpyFlightSpec,
+    Vehicle,
+    simulate_rotorpy_flight,
+)
 
 pytest.importorskip("rotorpy")
 
@@ -37,9 +41,6 @@ def calm(vehicle: Vehicle = Vehicle.CRAZYFLIE, **changes: object) -> RotorpyFlig
     """Four noise-free seconds in still air."""
     chosen = {"noise": SensorNoise.none(), "duration": 4.0, "seed": 11} | changes
     return RotorpyFlightSpec(vehicle, **chosen)
-
-
-NOISY = RotorpyFlightSpec(gust_rms=0.3, duration=2.0, seed=12)
 
 
 def values(recording: Recording, name: str) -> np.ndarray:
@@ -93,11 +94,7 @@ def test_effective_parameters_are_near_the_nominal_ones(vehicle, low, high):
 @pytest.mark.thorough
 @pytest.mark.parametrize(
     ("vehicle", "lag", "delay"),
-    [
-        (Vehicle.CRAZYFLIE, None, 0.0),
-        (Vehicle.CRAZYFLIE, 0.12, 0.02),
-        (Vehicle.HUMMINGBIRD, None, 0.02),
-    ],
+    [(Vehicle.CRAZYFLIE, None, 0.0), (Vehicle.CRAZYFLIE, 0.12, 0.02), (Vehicle.HUMMINGBIRD, None, 0.02)],
 )
 def test_rotors_are_the_exact_lag_of_the_delayed_commands(vehicle, lag, delay):
     flight = fly(RotorpyFlightSpec(vehicle, lag, delay, gust_rms=0.3, duration=2.0, seed=13))
@@ -173,80 +170,7 @@ def parked(monkeypatch):
     monkeypatch.setattr(rotorpy_flight, "_fly", stays)
 
 
-@pytest.mark.usefixtures("parked")
-@pytest.mark.parametrize("kind", list(TrajectoryKind))
-def test_reference_is_smooth_and_within_its_limits(kind):
-    recording = simulate_rotorpy_flight(RotorpyFlightSpec(trajectory=kind, duration=6.0, seed=14)).recording
-    position, velocity, acceleration = (
-        values(recording, f"reference_{name}_z") for name in ("position", "velocity", "acceleration")
-    )
-    if kind is TrajectoryKind.HOVER:
-        assert np.ptp(position) == np.ptp(velocity) == np.ptp(acceleration) == 0.0
-        return
-    assert np.ptp(position) > (0.02 if kind is TrajectoryKind.HOVER_STEPS else 0.05)
-    assert np.abs(velocity).max() <= 2.2 + 1e-9
-    assert np.abs(acceleration).max() <= 4.0 + 1e-9
-    np.testing.assert_allclose(np.gradient(position, STEP_S)[1:-1], velocity[1:-1], atol=0.02)
-    np.testing.assert_allclose(np.gradient(velocity, STEP_S)[1:-1], acceleration[1:-1], atol=0.2)
-
-
-@pytest.mark.usefixtures("parked")
-def test_climbs_are_one_climb_and_one_descent():
-    spec = RotorpyFlightSpec(trajectory=TrajectoryKind.CLIMBS, duration=6.0, seed=14)
-    velocity = values(simulate_rotorpy_flight(spec).recording, "reference_velocity_z")
-    moving = np.sign(np.where(np.abs(velocity) > 1e-3, velocity, 0.0))
-    runs = moving[np.flatnonzero(np.diff(moving, prepend=0.0))]
-    assert [run for run in runs if run] == [1.0, -1.0]
-
-
 # ------------------------------------------------------------------------------ noise and the seed
-
-
-@pytest.mark.thorough
-def test_same_specification_gives_the_same_bytes():
-    first, second = fly(NOISY), simulate_rotorpy_flight(NOISY)
-    for name, channel in first.recording.channels.items():
-        assert channel.values.tobytes() == second.recording.channels[name].values.tobytes()
-    assert first.truth.rotor_state.tobytes() == second.truth.rotor_state.tobytes()
-    assert first.truth.air_velocity_z.tobytes() == second.truth.air_velocity_z.tobytes()
-
-
-@pytest.mark.thorough
-def test_kind_of_noise_leaves_the_trajectory_alone():
-    other = RotorpyFlightSpec(
-        gust_rms=0.3, duration=2.0, seed=12, noise=SensorNoise(kind=NoiseKind.HEAVY_TAILED)
-    )
-    name = "reference_position_z"
-    np.testing.assert_array_equal(values(fly(NOISY).recording, name), values(fly(other).recording, name))
-    assert not np.array_equal(commands(fly(NOISY)), commands(fly(other)))
-
-
-@pytest.mark.thorough
-@pytest.mark.parametrize("kind", list(NoiseKind))
-def test_noise_has_its_level_and_memory(kind):
-    # In still air the air velocity is the velocity, so the logged noise can be taken out again.
-    seconds = 8.0 if kind is NoiseKind.FRACTIONAL else 4.0  # a long memory takes longer to show its level
-    spec = RotorpyFlightSpec(
-        trajectory=TrajectoryKind.HOVER, noise=SensorNoise(kind=kind), duration=seconds, seed=15
-    )
-    flight = fly(spec)
-    noise = values(flight.recording, "velocity_z") - flight.truth.air_velocity_z
-    tolerance = {NoiseKind.WHITE: 0.1, NoiseKind.HEAVY_TAILED: 0.25, NoiseKind.FRACTIONAL: 0.4}
-    assert np.sqrt(np.mean(noise**2)) == pytest.approx(spec.noise.velocity, rel=tolerance[kind])
-    if kind is NoiseKind.FRACTIONAL:  # differencing of the inverse order leaves a white sequence
-        weights = np.cumprod([1.0, *((j - 1.0 - 0.4) / j for j in range(1, noise.size))])
-        assert np.corrcoef(noise[1:], noise[:-1])[0, 1] > 0.3
-        noise = np.convolve(weights, noise)[: noise.size]
-    assert abs(np.corrcoef(noise[1:], noise[:-1])[0, 1]) < 4.0 / np.sqrt(noise.size)
-
-
-@pytest.mark.thorough
-def test_wind_has_its_strength_and_correlation():
-    flight = fly(RotorpyFlightSpec(Vehicle.CRAZYFLIE, gust_rms=0.5, gust_correlation=0.1, duration=8.0))
-    wind = values(flight.recording, "velocity_z") - flight.truth.air_velocity_z
-    assert np.std(wind) == pytest.approx(0.5, rel=0.2)  # sensor noise of .03 m/s does not matter
-    lag = np.corrcoef(wind[10:], wind[:-10])[0, 1]
-    assert lag == pytest.approx(np.exp(-1.0), abs=0.15)
 
 
 # --------------------------------------------------------------------------------------- refusals

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from eivor.lab.experiments import marks
-from validation.unknown_noise import study
-from validation.unknown_noise.study import PART, SUITE, Told, main, read_suite, requirements
+from validation.studies import NOT_MET, WRONG, read_as
+from validation.unknown_noise.study import PART, SUITE, Suite, Told, main, requirements
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "efficiency.md"
 SMALL = """
@@ -28,12 +28,12 @@ def test_a_small_suite_runs_and_fills_a_page(tmp_path, capsys):
     suite, page = tmp_path / "small.toml", tmp_path / "page.md"
     suite.write_text(SMALL, encoding="utf-8")
     page.write_text(f"{begin}\n{end}\n", encoding="utf-8")
-    assert main([str(suite), "--page", str(page)]) in (0, study.NOT_MET)
+    assert main([str(suite), "--page", str(page)]) in (0, NOT_MET)
     text = page.read_text(encoding="utf-8")
     assert "| short | frisch_scheme | noise_variance_velocity_z |" in text
     assert "2 records of each case" in text
     capsys.readouterr()
-    assert main([str(suite), "--page", str(suite)]) == study.WRONG
+    assert main([str(suite), "--page", str(suite)]) == WRONG
 
 
 def test_coverage_is_judged_of_what_is_not_refused():
@@ -55,12 +55,12 @@ def test_coverage_is_judged_of_what_is_not_refused():
 
 @pytest.mark.parametrize(("path", "least"), [(SUITE, 1000), (SUITE.with_name("spectral.toml"), 1000)])
 def test_the_published_suites_and_their_page_belong_together(path, least):
-    suite = read_suite(path)
+    suite = read_as(Suite, path)
     runs, seed, cases = suite.runs, suite.seed, suite.cases
     begin, end = marks(suite.part)
     text = PAGE.read_text(encoding="utf-8").partition(begin)[2].partition(end)[0]
     assert runs >= least
     assert f"{runs} records of each case, seed {seed}" in text
-    for case in cases:
+    for name, case in cases.items():
         for method in case.methods:
-            assert f"| {case.name} | {method} |" in text
+            assert f"| {name} | {method} |" in text

@@ -9,26 +9,23 @@ Prints the tables; `--page` puts them between the page's marks. Some minutes on 
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from importlib.metadata import version
-from pathlib import Path
 
 import numpy as np
 
 import eivor as ev
-from eivor.atomic_file import write_atomically
-from eivor.errors import EivorError, UsageError
+from eivor.errors import UsageError
 from eivor.inference.verdict import Status
-from eivor.lab.experiments import markdown, page_with
+from eivor.lab.experiments import markdown
 from eivor.lab.scenario_files import shipped_flight
 from eivor.lab.study import Share
 from eivor.models.lagged_runs import lag_and_delay
 from eivor.motions.vertical.regression import VerticalFlights
 from eivor.process_pool import in_order, local_executor
 from eivor.simulation.vertical import VerticalFlightSpec, simulate_vertical_flights
+from validation.studies import WORKERS, Option, StudyCommand, share_text, versions
 
 #: Every so many samples of a log of 100 Hz are kept: 100, 50, 20 and 10 Hz.
 THINNINGS = (1, 2, 5, 10)
@@ -39,61 +36,33 @@ FLIGHTS = 40
 QUANTITIES = ("viscous_friction", "input_gain", "effective_lag", "hover_input")
 TITLES = ("K", "K_u", "effective lag", "hover input")
 PART = "choices"
-#: Exit code for an input that cannot be used.
-WRONG = 2
 
 
 @dataclass(frozen=True, slots=True)
 class RateTrial:
-    """A flight at one rate.
-
-    Parameters
-    ----------
-    verdict : str
-        Of the flight.
-    held : tuple of bool or None
-        Whether the interval of each of `QUANTITIES` holds the truth; None without an interval.
-    """
-
-    verdict: str
+    verdict: str  # Of the flight
+    # Whether the interval of each of `QUANTITIES` holds the truth; None without an interval
     held: tuple[bool | None, ...]
 
 
 @dataclass(frozen=True, slots=True)
 class DelayTrial:
-    """A flight whose commands are late, with one model.
+    """A flight whose commands are late, with one model."""
 
-    Parameters
-    ----------
-    error : float
-        Of the input gain, relative to the truth.
-    held : bool
-        Whether its interval holds the truth.
-    """
-
-    error: float
-    held: bool
+    error: float  # Of the input gain, relative to the truth
+    held: bool  # Whether its interval holds the truth
 
 
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """What was made of one seed.
+    """What was made of one seed."""
 
-    Parameters
-    ----------
-    rates : tuple of RateTrial
-        For each of `THINNINGS`.
-    with_delay, without_delay : DelayTrial
-        Of the model that searches the delay, and of the one that has none.
-    """
-
-    rates: tuple[RateTrial, ...]
-    with_delay: DelayTrial
+    rates: tuple[RateTrial, ...]  # For each of `THINNINGS`
+    with_delay: DelayTrial  # Of the model that searches the delay, and of the one that has none
     without_delay: DelayTrial
 
 
 def fly(seed: int) -> Trial:
-    """Fly both flights of a seed and identify them."""
     prompt = replace(shipped_flight(), seed=seed)
     late = replace(prompt, delay=DELAY_S)
     first, second = (flight.recording for flight in simulate_vertical_flights([prompt, late]))
@@ -135,10 +104,8 @@ def _late(value: float, interval: tuple[float, float], truth: float) -> DelayTri
 
 
 def tables(trials: Sequence[Trial]) -> str:
-    """Markdown of what was found."""
-    packages = ", ".join(f"{name} {version(name)}" for name in ("eivor", "numpy", "scipy"))
     made = (
-        f"Made by `python -m validation.choices.study` with {packages}: {len(trials)} flights, seeds 0 to "
+        f"Made by `python -m validation.choices.study` with {versions()}: {len(trials)} flights, seeds 0 to "
         f"{len(trials) - 1}. Brackets hold the 95 % Wilson interval of a share."
     )
     rates = [
@@ -176,45 +143,23 @@ def _delay_row(model: str, trials: Sequence[DelayTrial]) -> tuple[str, str, str]
     return model, f"{errors.mean():+.2f} ± {errors.std(ddof=1):.2f} %", held
 
 
-def share_text(share: Share) -> str:
-    """Share with its interval and its count."""
-    low, high = share.interval
-    return f"{share.value:.3f} [{low:.3f}, {high:.3f}] of {share.count}" if share.count else "-"
-
-
 def run(flights: int = FLIGHTS, workers: int | None = None) -> list[Trial]:
-    """Trials of the first seeds.
-
-    Raises
-    ------
-    UsageError
-        When there are fewer than two: a standard deviation needs two.
-    """
     if flights < 2:
         raise UsageError("two flights or more", f"{flights}", "The page has 40.")
     return list(in_order(local_executor(workers, flights).map(fly, range(flights))))
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command; returns its exit code."""
-    parser = argparse.ArgumentParser(prog="python -m validation.choices.study", description=__doc__)
-    parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.add_argument("--flights", type=int, default=FLIGHTS, help="seeds from 0 on")
-    parser.add_argument("--workers", type=int, metavar="N", help="processes; default: one for each core")
-    parser.add_argument(
-        "--page", type=Path, metavar="FILE.md", help="put the tables between the page's marks"
-    )
-    chosen = parser.parse_args(arguments)
-    try:
-        text = tables(run(chosen.flights, chosen.workers))
-        if chosen.page:
-            write_atomically(chosen.page, page_with(chosen.page.read_text(encoding="utf-8"), {PART: text}))
-    except EivorError as error:
-        sys.stderr.write(f"{error}\n")
-        return WRONG
-    sys.stdout.write(text + "\n")
-    return 0
-
+OPTIONS: dict[str, Option] = {
+    "--flights": {"type": int, "default": FLIGHTS, "help": "seeds from 0 on"},
+    "--workers": WORKERS,
+}
+main = StudyCommand(
+    "validation.choices.study",
+    __doc__,
+    PART,
+    lambda chosen: (tables(run(chosen.flights, chosen.workers)), ()),
+    OPTIONS,
+).main
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -14,12 +14,13 @@ import argparse
 import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import polars as pl
 
-from eivor.errors import EivorError, EstimationError, UsageError
+from eivor.errors import EstimationError, UsageError
 from eivor.estimation.sampled_motion import sampled_problem
 from eivor.estimation.spectral_equations import consistent_estimate, first_transient
 from eivor.estimation.spectral_iv import least_quadratic, start_of
@@ -27,30 +28,27 @@ from eivor.inference.verdict import Reason
 from eivor.lab.cramer_rao import cramer_rao, noise_of_record
 from eivor.lab.experiments import VerticalExperiment
 from eivor.lab.records import Scenario, simulate
-from validation.efficiency.requirements import KNOWN
-from validation.kept_study import keep, kept_lines
+from validation.efficiency.study import KNOWN
+from validation.studies import (
+    KEPT,
+    OUT,
+    Answer,
+    Option,
+    Row,
+    StudyCommand,
+    completed,
+    versions,
+    write_rows,
+)
 from validation.suite_files import SuiteStudy, read_suite
-from validation.suites import WRONG, Row, versions, write_rows
 
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """One record.
-
-    Parameters
-    ----------
-    scenario : str
-        Name of a shipped one.
-    samples, run : int
-        Length, and number of the record.
-    values : list of float
-        K and K_u.
-    """
-
-    scenario: str
-    samples: int
+    scenario: str  # Name of a shipped one
+    samples: int  # Length, and number of the record
     run: int
-    values: list[float]
+    values: list[float]  # K and K_u
 
 
 def trial(suite_study: SuiteStudy, run: int) -> Found:
@@ -99,38 +97,30 @@ def rows_of(suite_study: SuiteStudy, founds: Sequence[Found]) -> Iterator[Row]:
         }
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command; returns its exit code."""
-    parser = argparse.ArgumentParser(
-        prog="python -m validation.efficiency.known_spectra", description=__doc__
-    )
-    parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.add_argument("suite", type=Path, help="a suite file")
-    parser.add_argument("--runs", type=int, help="instead of the suite's")
-    parser.add_argument(
-        "--kept", type=Path, required=True, metavar="FILE.jsonl", help="keep every trial here"
-    )
-    parser.add_argument("--out", type=Path, required=True, metavar="FILE.parquet", help="write the rows")
-    chosen = parser.parse_args(arguments)
-    try:
-        suite = read_suite(chosen.suite)
-        if chosen.runs is not None:
-            suite = suite.reduced(chosen.runs)
-        done = {(each.scenario, each.samples, each.run): each for each in kept_lines(chosen.kept, Found)}
-        rows: list[Row] = []
-        for study in suite.studies:
-            keys = [(study.scenario, study.samples, run) for run in range(study.study.runs)]
-            for key in keys:
-                if key not in done:
-                    done[key] = trial(study, key[2])
-                    keep(chosen.kept, [done[key]])
-            rows.extend(rows_of(study, [done[key] for key in keys]))
-        write_rows(pl.DataFrame(rows), chosen.out)
-    except EivorError as error:
-        sys.stderr.write(f"{error}\n")
-        return WRONG
-    return 0
+def answer(chosen: argparse.Namespace) -> Answer:
+    """Estimate from every record that the file does not have yet, and write the rows."""
+    suite = read_suite(chosen.suite)
+    if chosen.runs is not None:
+        suite = suite.reduced(chosen.runs)
+    rows: list[Row] = []
+    for study in suite.studies:
+        trials = {
+            (study.scenario, study.samples, run): partial(trial, study, run)
+            for run in range(study.study.runs)
+        }
+        found = completed(chosen.kept, Found, trials, lambda each: (each.scenario, each.samples, each.run))
+        rows.extend(rows_of(study, found))
+    write_rows(pl.DataFrame(rows), chosen.out)
+    return f"{len(rows)} rows", ()
 
+
+OPTIONS: dict[str, Option] = {
+    "suite": {"type": Path, "help": "a suite file"},
+    "--runs": {"type": int, "help": "instead of the suite's"},
+    "--kept": KEPT,
+    "--out": {**OUT, "required": True},
+}
+main = StudyCommand("validation.efficiency.known_spectra", __doc__, KNOWN, answer, OPTIONS).main
 
 if __name__ == "__main__":
     sys.exit(main())

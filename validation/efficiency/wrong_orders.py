@@ -13,6 +13,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -26,9 +27,7 @@ from eivor.inference.verdict import Reason
 from eivor.lab.experiments import markdown
 from eivor.lab.scenario_files import shipped_scenario
 from eivor.strict_toml import read_toml
-from validation.kept_study import Answer, KeptStudyCommand, keep, kept_lines
-from validation.requirement import Requirement
-from validation.suites import versions
+from validation.studies import Answer, Requirement, completed, kept_command, requirement_table, versions
 
 PART = "wrong-orders"
 GRID = Path(__file__).with_name("wrong_orders.toml")
@@ -42,25 +41,12 @@ STANDARD_ERRORS = 3.0
 
 @dataclass(frozen=True, slots=True)
 class Tried:
-    """One record.
-
-    Parameters
-    ----------
-    scenario : str
-        Name of a shipped one.
-    run : int
-        Number of the record.
-    errors : dict of str to list of float
-        Of K and K_u over their size, by method.
-    """
-
-    scenario: str
-    run: int
-    errors: dict[str, list[float]]
+    scenario: str  # Name of a shipped one
+    run: int  # Number of the record
+    errors: dict[str, list[float]]  # Of K and K_u over their size, by method
 
 
 def trial(name: str, samples: int, run: int) -> Tried:
-    """Run one record."""
     scenario = replace(shipped_scenario(name), samples=samples)
     signals = ev.simulate(scenario, np.random.default_rng([SEED, run])).signals
     problem = ev.VerticalMotion(intercept=False).regression(signals, ev.lags("input", 0, 10))
@@ -79,7 +65,6 @@ def trial(name: str, samples: int, run: int) -> Tried:
 
 
 def taken_as_white(start: SampledMotion, input_variance: float) -> Pilot:
-    """Noises that fit with all orders at zero."""
     free = pilot_at(start, input_variance)
     centre = replace(free.prior.centre, velocity_order=0.0, acceleration_order=0.0)
     prior = NoisePrior(centre, np.array([True, True, True, False, False, False]))
@@ -93,24 +78,20 @@ def answer(grid: Path, size: str, kept: Path) -> Answer:
     names, samples = root.texts("scenarios"), root.whole("samples")
     runs = {item: root.whole(item) for item in ("small", "full")}[size]
     root.finish()
-    tried = {(kept_line.scenario, kept_line.run): kept_line for kept_line in kept_lines(kept, Tried)}
-    for name in names:
-        for run in range(runs):
-            if (name, run) not in tried:
-                tried[name, run] = trial(name, samples, run)
-                keep(kept, [tried[name, run]])
+    trials = {(name, run): partial(trial, name, samples, run) for name in names for run in range(runs)}
+    tried = completed(kept, Tried, trials, lambda line: (line.scenario, line.run))
     results = {
         name: {
-            method: np.array([tried[name, run].errors[method] for run in range(runs)]) for method in METHODS
+            method: np.array([line.errors[method] for line in tried if line.scenario == name])
+            for method in METHODS
         }
         for name in names
     }
     requirement = _requirement({name: errors["spectral_giv"] for name, errors in results.items()})
-    selected = (requirement.what, requirement.asked, requirement.measured, "yes" if requirement.met else "no")
     tables = (
         f"Made by `python -m validation.efficiency.wrong_orders` with {versions()}: {runs} records of "
         f"{samples} samples of each scenario, seed {SEED}. Each cell is K / K_u.",
-        markdown(("what", "asked", "measured", "met"), [selected]),
+        requirement_table([requirement]),
         markdown(
             ("scenario", *(f"{method}: {what}" for method in METHODS for what in ("bias", "scatter"))),
             list(_lines(results)),
@@ -141,9 +122,7 @@ def _lines(dicts: dict[str, dict[str, np.ndarray]]) -> Iterator[tuple[str, ...]]
         yield name, *(" / ".join(f"{100.0 * item:.2g} %" for item in each) for each in figures)
 
 
-COMMAND = KeptStudyCommand("validation.efficiency.wrong_orders", __doc__, GRID, PART, answer)
-main = COMMAND.main
-
+main = kept_command("validation.efficiency.wrong_orders", __doc__, GRID, PART, answer).main
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -11,19 +11,111 @@ of no use.
 from __future__ import annotations
 
 import sys
+import warnings
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+import eivor as ev
 from eivor.inference.verdict import Status
 from eivor.lab.experiments import markdown
-from eivor.strict_toml import read_toml
-from validation.flight_methods.trials import OMITTED, SEARCHED, SEED, Regime, Told, trial
-from validation.kept_study import Answer, KeptStudyCommand, keep, kept_lines
-from validation.requirement import Requirement
-from validation.suites import versions
+from eivor.models.separable import Bounds
+from eivor.signals.recording import Recording
+from eivor.simulation.environment import TrajectoryKind
+from eivor.simulation.known_logs import log_of_flight
+from eivor.simulation.vertical import VerticalFlightSpec
+from validation.studies import (
+    Answer,
+    GridStruct,
+    Requirement,
+    keep,
+    kept_command,
+    kept_lines,
+    read_as,
+    requirement_table,
+    versions,
+)
+
+SEED = 20261122
+#: References in turn.
+EXCITATIONS = (TrajectoryKind.MULTISINE, TrajectoryKind.STEPS, TrajectoryKind.CHIRP)
+#: What is said of the lag.
+SEARCHED, OMITTED = "searched for", "left out"
+#: What is compared with the truth.
+PARAMETERS = ("viscous_friction", "input_gain")
+
+
+class Regime(GridStruct, frozen=True):
+    name: str  # How tables call it
+    gust_rms: float  # Of the simulated flights [m/s, s]
+    duration: float
+    every: int  # Of so many samples of the log one is kept
+    small: int  # Flights by size of the study
+    full: int
+    left_out: bool = False  # Whether methods are also told that there is no lag
+
+
+@dataclass(frozen=True, slots=True)
+class Told:
+    """What one method says of one flight."""
+
+    regime: str  # Which flight
+    run: int
+    method: str  # By which method, and whether the lag is `SEARCHED` or `OMITTED`
+    lag: str
+    verdict: str  # On the flight
+    errors: list[float]  # Of friction and gain over the truth; NaN without an estimate
+    held: list[bool]  # Whether their intervals hold the truth
+
+
+def flight(regime: Regime, vehicle: dict[str, float], run: int) -> tuple[VerticalFlightSpec, Recording]:
+    values: dict[str, Any] = vehicle
+    spec = VerticalFlightSpec(
+        **values,
+        gust_rms=regime.gust_rms,
+        duration=regime.duration,
+        trajectory=EXCITATIONS[run % len(EXCITATIONS)],
+        seed=SEED + run,
+    )
+    log = log_of_flight(spec).recording
+    channels = {
+        name: replace(channel, time_s=channel.time_s[:: regime.every], values=channel.values[:: regime.every])
+        for name, channel in log.channels.items()
+    }
+    return spec, replace(log, channels=channels)
+
+
+def trial(regime: Regime, vehicle: dict[str, float], methods: Sequence[str], run: int) -> Iterator[Told]:
+    spec, log = flight(regime, vehicle, run)
+    truth = np.array([getattr(spec, name) for name in PARAMETERS])
+    for lag, known in ((SEARCHED, None), (OMITTED, Bounds(0.0, 0.0))):
+        if known is not None and not regime.left_out:
+            continue
+        for method in methods:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                result = ev.identify_flight(
+                    log, method=method, input_map="square", noise="estimate", lag=known
+                )
+            selected = [result.quantities[name] for name in PARAMETERS]
+            errors = np.array([item.value for item in selected]) / truth - 1.0
+            held = [
+                item.interval[0] <= true <= item.interval[1]
+                for item, true in zip(selected, truth, strict=True)
+            ]
+            yield Told(
+                regime.name,
+                run,
+                method,
+                lag,
+                result.verdict.status.value,
+                errors.tolist(),
+                [bool(item) for item in held],
+            )
+
 
 PART = "flight-methods"
 GRID = Path(__file__).with_name("grid.toml")
@@ -33,45 +125,22 @@ IDENTIFIED = Status.IDENTIFIED.value
 COLUMNS = ("flights", "bias of K / K_u", "RMSE", "coverage", "identified", "no estimate")
 
 
-@dataclass(frozen=True, slots=True)
-class Grid:
+class Grid(GridStruct, frozen=True):
     """What is flown, by what, and how often."""
 
     vehicle: dict[str, float]
     methods: tuple[str, ...]
-    regimes: tuple[tuple[Regime, int], ...]
-
-
-def read_grid(path: Path, size: str) -> Grid:
-    """Grid of a file, with so many flights of each regime as the size says."""
-    root = read_toml(path, "grid of flights")
-    about = root.section("vehicle")
-    vehicle = {name: about.number(name) for name in ("viscous_friction", "hover_input", "actuator_lag")}
-    about.finish()
-    methods = root.texts("methods")
-    regimes = []
-    for section in root.sections("regimes"):
-        runs = {name: section.whole(name) for name in ("small", "full")}[size]
-        numbers = (
-            section.number("gust_rms"),
-            section.number("duration"),
-            section.whole("every"),
-            section.flag("left_out", default=False),
-        )
-        regimes.append((Regime(section.text("name"), *numbers), runs))
-        section.finish()
-    root.finish()
-    return Grid(vehicle, methods, tuple(regimes))
+    regimes: tuple[Regime, ...]
 
 
 def answer(grid: Path, size: str, kept: Path) -> Answer:
     """Fly what the file does not have yet, and judge all of it."""
-    requested = read_grid(grid, size)
+    requested = read_as(Grid, grid)
     done = kept_lines(kept, Told)
     tolds: list[Told] = []
-    for run in range(max(runs for _, runs in requested.regimes)):
-        for regime, runs in requested.regimes:
-            if run >= runs:
+    for run in range(max(getattr(regime, size) for regime in requested.regimes)):
+        for regime in requested.regimes:
+            if run >= getattr(regime, size):
                 continue
             selected = [item for item in done if (item.regime, item.run) == (regime.name, run)]
             if not selected:
@@ -79,7 +148,7 @@ def answer(grid: Path, size: str, kept: Path) -> Answer:
                 keep(kept, selected)
             tolds.extend(selected)
     requirements = tuple(_requirements(tolds))
-    return _tables(requested, tolds, requirements), requirements
+    return _tables(requested, size, tolds, requirements), requirements
 
 
 def _requirements(tolds: Sequence[Told]) -> Iterator[Requirement]:
@@ -104,13 +173,9 @@ def _searched(tolds: Sequence[Told], method: str) -> list[Told]:
     return [item for item in tolds if (item.method, item.lag) == (method, SEARCHED)]
 
 
-def _tables(grid: Grid, tolds: Sequence[Told], requirements: Sequence[Requirement]) -> str:
-    requested = [
-        (requirement.what, requirement.asked, requirement.measured, "yes" if requirement.met else "no")
-        for requirement in requirements
-    ]
-    flights = ", ".join(f"{runs} of {regime.name}" for regime, runs in grid.regimes)
-    compared = [regime.name for regime, _ in grid.regimes if regime.left_out]
+def _tables(grid: Grid, size: str, tolds: Sequence[Told], requirements: Sequence[Requirement]) -> str:
+    flights = ", ".join(f"{getattr(regime, size)} of {regime.name}" for regime in grid.regimes)
+    compared = [regime.name for regime in grid.regimes if regime.left_out]
     of_lag = [
         (lag, method, *_line([o for o in tolds if (o.regime, o.method, o.lag) == (name, method, lag)]))
         for name in compared
@@ -119,7 +184,7 @@ def _tables(grid: Grid, tolds: Sequence[Told], requirements: Sequence[Requiremen
     ]
     of_regimes = [
         (regime.name, method, *_line([o for o in _searched(tolds, method) if o.regime == regime.name]))
-        for regime, _ in grid.regimes
+        for regime in grid.regimes
         for method in grid.methods
     ]
     overall = [(method, *_line(_searched(tolds, method))) for method in grid.methods]
@@ -127,7 +192,7 @@ def _tables(grid: Grid, tolds: Sequence[Told], requirements: Sequence[Requiremen
         (
             f"Made by `python -m validation.flight_methods.study` with {versions()}: flights {flights}, "
             f"actuators of {1e3 * grid.vehicle['actuator_lag']:g} ms, seed {SEED}.",
-            markdown(("what", "asked", "measured", "met"), requested),
+            requirement_table(requirements),
             f"The lag left out, and a nuisance ({', '.join(compared)}):",
             markdown(("lag", "method", *COLUMNS), of_lag),
             "Regimes, the lag a nuisance:",
@@ -168,7 +233,6 @@ def _coverage(tolds: Sequence[Told]) -> float:
 
 
 def _judged(tolds: Sequence[Told], method: str) -> str:
-    """Whether a method is better than the default in what decides."""
     searched, usual = _searched(tolds, method), _searched(tolds, DEFAULT)
     better = _coverage(searched) > _coverage(usual) and _identified(searched) > _identified(usual)
     words = "better in both" if better else "not better in both"
@@ -179,9 +243,7 @@ def _judged(tolds: Sequence[Told], method: str) -> str:
     )
 
 
-COMMAND = KeptStudyCommand("validation.flight_methods.study", __doc__, GRID, PART, answer)
-main = COMMAND.main
-
+main = kept_command("validation.flight_methods.study", __doc__, GRID, PART, answer).main
 
 if __name__ == "__main__":
     sys.exit(main())

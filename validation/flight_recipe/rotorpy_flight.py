@@ -13,13 +13,17 @@ Conventions, settled here once:
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from enum import StrEnum
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
-from eivor.errors import UsageError
+from eivor.errors import MissingReaderError, UsageError
+from eivor.motions.rigid_body.vehicle import BodyDrag, Rotors
+from eivor.motions.rigid_body.vehicle import Vehicle as RigidBody
 from eivor.signals.recording import Recording
 from eivor.simulation.environment import (
     FlightTruth,
@@ -33,59 +37,199 @@ from eivor.simulation.environment import (
     sensor_errors,
     simulated_recording,
 )
-from validation.flight_recipe.rotorpy_states import flat_output, initial_state, is_lost, measured
-from validation.flight_recipe.rotorpy_vehicles import (
-    GRAVITY,
-    STEP_S,
-    Vehicle,
-    hover_speed,
-    integrator_options,
-    tuned_controller,
-    vehicle_parameters,
-)
+
+#: Step of the controller and of the log [s].
+STEP_S = 0.01
+#: RotorPy's acceleration of gravity [m/s^2].
+GRAVITY = 9.81
+
+
+class Vehicle(StrEnum):
+    """The multirotors: two that RotorPy ships and one of 1.2 kg."""
+
+    CRAZYFLIE = "crazyflie"
+    HUMMINGBIRD = "hummingbird"
+    MEDIUM = "medium-1.2kg"
+
+
+#: A quadrotor of 1.2 kg in the size of the common 450 mm frames; Eivor's own choice, not a measured
+#: vehicle. k_eta: a 10 x 4.5 inch propeller, C_T about .11 in C_T rho D^4/(2 pi)^2. k_m/k_eta: .016 m,
+#: usual for such propellers. Inertia: scaled from the shipped Hummingbird by mass x arm^2. k_z: makes K
+#: about .4 1/s at hover, the size published for real quadrotors; k_d: half of it, as in the Hummingbird.
+_MEDIUM: Mapping[str, Any] = {
+    "mass": 1.2,
+    "Ixx": 0.0153,
+    "Iyy": 0.0155,
+    "Izz": 0.0296,
+    "Ixy": 0.0,
+    "Iyz": 0.0,
+    "Ixz": 0.0,
+    "num_rotors": 4,
+    "rotor_pos": {
+        "r1": np.array([0.1591, 0.1591, 0.0]),
+        "r2": np.array([0.1591, -0.1591, 0.0]),
+        "r3": np.array([-0.1591, -0.1591, 0.0]),
+        "r4": np.array([-0.1591, 0.1591, 0.0]),
+    },
+    "rotor_directions": np.array([1, -1, 1, -1]),
+    "rI": np.zeros(3),
+    "c_Dx": 0.01,
+    "c_Dy": 0.01,
+    "c_Dz": 0.02,
+    "k_eta": 1.39e-5,
+    "k_m": 2.2e-7,
+    "k_d": 1.3e-4,
+    "k_z": 2.6e-4,
+    "k_h": 0.0,
+    "k_flap": 0.0,
+    "tau_m": 0.04,
+    "rotor_speed_min": 0,
+    "rotor_speed_max": 900,
+    "motor_noise_std": 0.0,
+    "kp_att": 544,
+    "kd_att": 46.64,
+}
+
+
+def vehicle_parameters(vehicle: Vehicle, lag_s: float | None) -> dict[str, Any]:
+    """RotorPy's parameter set of the vehicle, with another actuator lag when one is given [s]."""
+    try:
+        from rotorpy.vehicles import crazyflie_params, hummingbird_params
+    except ModuleNotFoundError as error:
+        raise MissingReaderError(
+            "the simulator RotorPy",
+            f"an environment without it ({error})",
+            "Install it: python -m pip install 'rotorpy>=3.0'.",
+        ) from error
+    sets: Mapping[Vehicle, Mapping[str, Any]] = {
+        Vehicle.CRAZYFLIE: crazyflie_params.quad_params,
+        Vehicle.HUMMINGBIRD: hummingbird_params.quad_params,
+        Vehicle.MEDIUM: _MEDIUM,
+    }
+    parameters = dict(sets[vehicle])
+    if lag_s is not None:
+        parameters["tau_m"] = lag_s
+    return parameters
+
+
+def rigid_body(parameters: Mapping[str, Any]) -> RigidBody:
+    moments = tuple(float(parameters[name]) for name in ("Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz"))
+    quadratic = tuple(float(parameters.get(name, 0.0)) for name in ("c_Dx", "c_Dy", "c_Dz"))
+    thrust, torque = float(parameters["k_eta"]), float(parameters["k_m"])
+    rotors = Rotors(
+        positions=tuple(tuple(float(x) for x in parameter) for parameter in parameters["rotor_pos"].values()),
+        spins=tuple(int(direction) for direction in parameters["rotor_directions"]),
+        highest_speed=float(parameters["rotor_speed_max"]),
+        lowest_speed=float(parameters["rotor_speed_min"]),
+        thrust_quadratic=thrust,
+        torque_ratio=torque / thrust,
+        lag_up=float(parameters["tau_m"]),
+        lag_down=float(parameters["tau_m"]),
+        drag=float(parameters.get("k_d", 0.0)),
+        inflow=float(parameters.get("k_z", 0.0)),
+        translational_lift=float(parameters.get("k_h", 0.0)),
+        flapping=float(parameters.get("k_flap", 0.0)),
+    )
+    return RigidBody(float(parameters["mass"]), moments, rotors, BodyDrag(quadratic=quadratic))
+
+
+def hover_speed(parameters: Mapping[str, Any]) -> float:
+    """Rotor speed at which the thrust carries the weight [rad/s]."""
+    lift = parameters["num_rotors"] * parameters["k_eta"]
+    return float(np.sqrt(parameters["mass"] * GRAVITY / lift))
+
+
+def integrator_options(lag: float) -> dict[str, Any]:
+    """Options of the integrator, by the actuator's lag [s]."""
+    method = "RK45" if lag >= 4.0 * STEP_S else "DOP853"
+    return {"method": method, "rtol": 1e-6, "atol": 1e-7, "first_step": min(STEP_S, lag)}
+
+
+def tuned_controller(parameters: Mapping[str, Any], delay_s: float) -> Any:
+    """RotorPy's SE3 controller, its gains lowered where the actuator's lag asks for it."""
+    from rotorpy.controllers.quadrotor_control import SE3Control
+
+    controller = SE3Control(dict(parameters))
+    slowness = float(parameters["tau_m"]) + delay_s + STEP_S / 2
+    controller.kd_att = min(controller.kd_att, 0.6 / slowness)
+    controller.kp_att = min(controller.kp_att, 0.3 / slowness * controller.kd_att)
+    sideways, upward = min(4.0, 0.15 / slowness), min(9.0, 0.9 / slowness)
+    controller.kd_pos = np.array([sideways, sideways, upward])
+    side_gain = min(6.5, 0.06 / slowness * sideways)
+    controller.kp_pos = np.array([side_gain, side_gain, min(15.0, 0.185 * upward**2)])
+    return controller
+
+
+def initial_state(
+    reference: Trajectory, hover: Float[np.ndarray, " rotors"]
+) -> dict[str, Float[np.ndarray, " _"]]:
+    return {
+        "x": np.array([0.0, 0.0, reference.position[0]]),
+        "v": np.array([0.0, 0.0, reference.velocity[0]]),
+        "q": np.array([0.0, 0.0, 0.0, 1.0]),
+        "w": np.zeros(3),
+        "wind": np.zeros(3),
+        "rotor_speeds": hover,
+    }
+
+
+def flat_output(reference: Trajectory, k: int) -> dict[str, Any]:
+    """RotorPy's name for the reference: the vertical one, and none sideways or in yaw."""
+    upward = np.array([0.0, 0.0, 1.0])
+    return {
+        "x": reference.position[k] * upward,
+        "x_dot": reference.velocity[k] * upward,
+        "x_ddot": reference.acceleration[k] * upward,
+        "x_dddot": np.zeros(3),
+        "x_ddddot": np.zeros(3),
+        "yaw": 0.0,
+        "yaw_dot": 0.0,
+    }
+
+
+def measured(state: Mapping[str, Float[np.ndarray, " _"]], errors: SensorErrors, k: int) -> dict[str, Any]:
+    x, y, z, w = state["q"]
+    a, b, c = 0.5 * errors.attitude[k]
+    # q multiplied from the right by the small rotation [a, b, c, 1], first order in the angles.
+    turned = np.array(
+        [
+            x + w * a + y * c - z * b,
+            y + w * b + z * a - x * c,
+            z + w * c + x * b - y * a,
+            w - x * a - y * b - z * c,
+        ]
+    )
+    return {
+        "x": state["x"] + errors.position[k],
+        "v": state["v"] + errors.velocity[k],
+        "q": turned / np.sqrt(turned @ turned),
+        "w": state["w"] + errors.angular_rate[k],
+    }
+
+
+def is_lost(state: Mapping[str, Float[np.ndarray, " _"]], altitude: float) -> bool:
+    """Return whether the vehicle is beyond recovery: far from the reference, or tilted by 70 degrees."""
+    away = np.abs(state["x"] - np.array([0.0, 0.0, altitude]))
+    near = bool(away[0] < 50.0 and away[1] < 50.0 and away[2] < 5.0)
+    x, y = float(state["q"][0]), float(state["q"][1])
+    return not (near and 1.0 - 2.0 * (x * x + y * y) > np.cos(np.radians(70.0)))
 
 
 @dataclass(frozen=True, slots=True)
 class RotorpyFlightSpec:
-    """Everything that a flight is a function of.
+    """Everything that a flight is a function of."""
 
-    Parameters
-    ----------
-    vehicle : Vehicle
-        Which multirotor.
-    actuator_lag : float or None
-        Time constant of the rotors [s]; None for the vehicle's own.
-    delay : float
-        Delay of the commands [s], a multiple of 0.01.
-    gust_rms : float
-        Standard deviation of the wind on each of the three axes [m/s].
-    gust_correlation : float
-        Correlation time of the wind, an Ornstein-Uhlenbeck process [s].
-    noise : SensorNoise
-        Levels and kind.
-    trajectory : TrajectoryKind
-        The altitude reference.
-    seed : int
-        Reference, wind and noise have streams of their own, so that a change of the noise's kind leaves
-        trajectory and wind as they were.
-    duration : float
-        [s], a multiple of 0.01.
-
-    Raises
-    ------
-    UsageError
-        When a value is out of its range.
-    """
-
-    vehicle: Vehicle = Vehicle.CRAZYFLIE
-    actuator_lag: float | None = None
-    delay: float = 0.0
-    gust_rms: float = 0.0
-    gust_correlation: float = 1.0
-    noise: SensorNoise = field(default_factory=SensorNoise)
-    trajectory: TrajectoryKind = TrajectoryKind.MULTISINE
+    vehicle: Vehicle = Vehicle.CRAZYFLIE  # Which multirotor
+    actuator_lag: float | None = None  # Time constant of the rotors [s]; None for the vehicle's own
+    delay: float = 0.0  # Delay of the commands [s], a multiple of 0.01
+    gust_rms: float = 0.0  # Standard deviation of the wind on each of the three axes [m/s]
+    gust_correlation: float = 1.0  # Correlation time of the wind, an Ornstein-Uhlenbeck process [s]
+    noise: SensorNoise = field(default_factory=SensorNoise)  # Levels and kind
+    trajectory: TrajectoryKind = TrajectoryKind.MULTISINE  # The altitude reference
+    # Reference, wind and noise have streams of their own, so that a change of the noise's kind leaves
+    # trajectory and wind as they were
     seed: int = 0
-    duration: float = 60.0
+    duration: float = 60.0  # [s], a multiple of 0.01
 
     def __post_init__(self) -> None:
         lag = 0.01 if self.actuator_lag is None else self.actuator_lag
@@ -107,39 +251,13 @@ class RotorpyFlightSpec:
 
     @property
     def count(self) -> int:
-        """Number of stamps."""
         return round(self.duration / STEP_S)
 
 
 def simulate_rotorpy_flight(
     spec: RotorpyFlightSpec, reference: Trajectory | None = None, vertical_gains: float = 1.0
 ) -> SimulatedFlight:
-    """Fly one closed loop of RotorPy and return its log and its truth.
-
-    Parameters
-    ----------
-    spec : RotorpyFlightSpec
-        The flight. The result is a pure function of the arguments.
-    reference : Trajectory, optional
-        Fly this in place of the specification's.
-    vertical_gains : float
-        Gain of the vertical velocity loop over the tuned one; that of the height stays.
-
-    Returns
-    -------
-    SimulatedFlight
-        Recording with the channels rotor_command_1..4 [rad/s], velocity_z, position_z, attitude_*,
-        specific_force_body_*, reference_*_z (the trajectory's own, no feedback in it), and the truth.
-
-    Raises
-    ------
-    MissingReaderError
-        When RotorPy is not installed.
-
-    Notes
-    -----
-    On one core a flight of 60 s takes 6 to 20 s, the more the shorter the lag.
-    """
+    """Fly one closed loop of RotorPy and return its log and its truth."""
     shape, air, sensors = (
         np.random.Generator(np.random.PCG64(s)) for s in np.random.SeedSequence(spec.seed).spawn(3)
     )

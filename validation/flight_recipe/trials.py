@@ -10,25 +10,141 @@ any error would give. In the own simulator these are the nominal ones.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+import platform
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from importlib.metadata import PackageNotFoundError, version
+from importlib.resources import files
+from itertools import product
+from pathlib import Path
+from typing import Literal
 
 import numpy as np
+import polars as pl
+from jaxtyping import Float
 
-from eivor.errors import EivorError
+from eivor.atomic_file import atomic_write
+from eivor.errors import EivorError, InputError
 from eivor.estimation.methods import identify, reference_iv
 from eivor.flights.options import FlightOptions
 from eivor.flights.result import FlightEstimate
-from eivor.inference.verdict import Status
 from eivor.models.lagged_runs import lag_and_delay
 from eivor.motions.identify import identify_flight
 from eivor.motions.vertical.regression import VerticalFlights
 from eivor.process_pool import Executor, in_order
-from eivor.simulation.environment import FlightTruth, SimulatedFlight
+from eivor.simulation.environment import FlightTruth, NoiseKind, SensorNoise, SimulatedFlight, TrajectoryKind
 from eivor.simulation.vertical import VerticalFlightSpec, simulate_vertical_flights
+from validation.drawn import Drawn, Value, Values
 from validation.effective_parameters import effective_parameters
-from validation.flight_recipe.grid import FlightCase, FlightGrid
-from validation.flight_recipe.rotorpy_flight import RotorpyFlightSpec, simulate_rotorpy_flight
+from validation.flight_recipe.rotorpy_flight import RotorpyFlightSpec, Vehicle, simulate_rotorpy_flight
+from validation.studies import GridStruct, read_as
+
+FlightSpec = VerticalFlightSpec | RotorpyFlightSpec
+
+
+class FlightClass(GridStruct, frozen=True):
+    """Flights of one kind: every combination of values, some times over; what is left open is drawn."""
+
+    name: str
+    simulator: Literal["vertical", "rotorpy"]
+    kind: Literal["excited", "climbs", "hover", "hover-steps"]  # What they are scored as
+    seed: int  # Of the first
+    replicates: int
+    every: dict[str, Values]
+    small_every: int = 0  # The small size flies each n-th
+    draw: Drawn = Drawn()
+
+
+class GridFile(GridStruct, frozen=True, rename={"classes": "class"}):
+    name: str
+    duration: float  # Of each flight [s]
+    calm_up_to: float  # Largest gusts of a calm flight [m/s]
+    classes: list[FlightClass]
+    vertical: Drawn = Drawn()  # What is drawn in each simulator
+    rotorpy: Drawn = Drawn()
+
+
+@dataclass(frozen=True, slots=True)
+class FlightCase:
+    name: str  # Class and number in the class
+    flight_class: str  # Class
+    simulator: str  # Those of its class
+    kind: str
+    calm: bool  # Excited, with gusts up to the grid's limit
+    small: bool  # Flown in the small size too
+    spec: FlightSpec  # The flight
+
+
+@dataclass(frozen=True, slots=True)
+class FlightGrid:
+    name: str  # Name of the grid
+    calm_up_to: float  # Largest gusts of a calm flight [m/s]
+    cases: tuple[FlightCase, ...]  # In the order of the file
+
+    def small(self) -> FlightGrid:
+        """Return the small size: the flights that the file picks out."""
+        return FlightGrid(self.name, self.calm_up_to, tuple(case for case in self.cases if case.small))
+
+
+def published_grid() -> FlightGrid:
+    text = files("validation.flight_recipe").joinpath("grid.toml").read_text(encoding="utf-8")
+    return flight_grid(text)
+
+
+def read_grid(path: Path) -> FlightGrid:
+    return _grid(read_as(GridFile, path))
+
+
+def flight_grid(text: str) -> FlightGrid:
+    return _grid(read_as(GridFile, Path("grid.toml"), text))
+
+
+def _grid(file: GridFile) -> FlightGrid:
+    cases = tuple(case for entry in file.classes for case in _class_cases(file, entry))
+    names = {case.name for case in cases}
+    seeds = {case.spec.seed for case in cases}
+    if min(len(names), len(seeds)) < len(cases):
+        raise InputError(
+            "flights with names and seeds of their own",
+            "classes of one name, or whose seeds overlap",
+            "Give each class its name, and a seed further away from the next than it has flights.",
+        )
+    return FlightGrid(file.name, file.calm_up_to, cases)
+
+
+def _class_cases(file: GridFile, entry: FlightClass) -> Iterator[FlightCase]:
+    simulated: Drawn = getattr(file, entry.simulator)
+    drawn = simulated.draws() | entry.draw.draws()
+    combinations = [dict(zip(entry.every, values, strict=True)) for values in product(*entry.every.values())]
+    for number, fixed in enumerate(combinations * entry.replicates):
+        seed = entry.seed + number
+        values = {key: draw.value(seed, key) for key, draw in drawn.items()} | fixed
+        spec = _spec(entry, values, seed, file.duration)
+        calm = entry.kind == "excited" and spec.gust_rms <= file.calm_up_to
+        small = entry.small_every > 0 and number % entry.small_every == 0
+        name = f"{entry.name} {number:03d}"
+        yield FlightCase(name, entry.name, entry.simulator, entry.kind, calm, small, spec)
+
+
+def _spec(entry: FlightClass, values: Mapping[str, Value], seed: int, duration: float) -> FlightSpec:
+    given = dict(values)
+    try:
+        noise = SensorNoise(
+            kind=NoiseKind(str(given.pop("noise"))),
+            acceleration=float(given.pop("acceleration_noise")),
+            velocity=float(given.pop("velocity_noise")),
+            position=float(given.pop("position_noise")),
+        )
+        trajectory = TrajectoryKind(str(given.pop("trajectory")))
+        vehicle = {"vehicle": Vehicle(str(given.pop("vehicle")))} if entry.simulator == "rotorpy" else {}
+        numbers = {key: float(value) for key, value in given.items()}
+        common = {"noise": noise, "trajectory": trajectory, "seed": seed, "duration": duration}
+        maker = RotorpyFlightSpec if entry.simulator == "rotorpy" else VerticalFlightSpec
+        return maker(**(vehicle | numbers | common))  # type: ignore[arg-type]
+    except (KeyError, TypeError, ValueError) as error:
+        expected = f"every value of a flight of the simulator '{entry.simulator}', and no other,"
+        raise InputError(expected, f"{error!r} in class '{entry.name}'", "Correct the grid.") from error
+
 
 #: What is scored, and the estimators: the recipe first, then the controls.
 QUANTITIES = ("viscous_friction", "input_gain", "effective_lag", "hover_input")
@@ -46,69 +162,27 @@ LOST = "lost"
 FLIGHTS_TOGETHER = 12
 
 
-@dataclass(frozen=True, slots=True)
-class IntervalEstimate:
-    """A number and its 95 % interval; NaN when there is none.
-
-    Parameters
-    ----------
-    value, low, high : float
-        In the quantity's unit.
-    """
-
-    value: float = float("nan")
-    low: float = float("nan")
-    high: float = float("nan")
+#: A number and its 95 % interval, in the quantity's unit; NaN when there is none.
+Number = tuple[float, float, float]
+NOTHING: Number = (float("nan"), float("nan"), float("nan"))
 
 
 @dataclass(frozen=True, slots=True)
 class FlightTrial:
-    """One flight and what was made of it.
+    """One flight and what was made of it."""
 
-    Parameters
-    ----------
-    case : FlightCase
-        The flight.
-    verdict : str
-        The recipe's overall verdict, or "lost".
-    truth : mapping of str to float
-        Each of `QUANTITIES`; NaN for a lost flight.
-    estimates : mapping of str to mapping of str to IntervalEstimate
-        By estimator and quantity, as in `ESTIMATORS`.
-    first_stage, p_value : float
-        Least conditional first-stage F and the p-value of the over-identification test of the recipe; NaN
-        when it had no instruments.
-    """
-
-    case: FlightCase
-    verdict: str
-    truth: Mapping[str, float]
-    estimates: Mapping[str, Mapping[str, IntervalEstimate]]
+    case: FlightCase  # The flight
+    verdict: str  # The recipe's overall verdict, or "lost"
+    truth: Mapping[str, float]  # Each of `QUANTITIES`; NaN for a lost flight
+    estimates: Mapping[str, Mapping[str, Number]]  # By estimator and quantity, as in `ESTIMATORS`
+    # Least conditional first-stage F and the p-value of the over-identification test of the recipe; NaN when
+    # it had no instruments
     first_stage: float = float("nan")
     p_value: float = float("nan")
 
-    @property
-    def accepted(self) -> bool:
-        """The recipe called the flight identified."""
-        return self.verdict == Status.IDENTIFIED.value
-
 
 def run_trials(grid: FlightGrid, executor: Executor) -> Iterator[FlightTrial]:
-    """Fly and judge every flight of the grid, the own simulator's first.
-
-    Parameters
-    ----------
-    grid : FlightGrid
-        The flights.
-    executor : Executor
-        Where to compute. The trials do not depend on it.
-
-    Yields
-    ------
-    FlightTrial
-        Each a function of its case alone. About a second for one of the own simulator's flights, twenty
-        for one of RotorPy's.
-    """
+    """Fly and judge every flight of the grid, the own simulator's first."""
     for trials in in_order(executor.map(fly, flown_together(grid))):
         yield from trials
 
@@ -121,7 +195,6 @@ def flown_together(grid: FlightGrid) -> list[tuple[FlightCase, ...]]:
 
 
 def fly(cases: Sequence[FlightCase]) -> tuple[FlightTrial, ...]:
-    """Fly and judge some flights."""
     specs = [case.spec for case in cases if isinstance(case.spec, VerticalFlightSpec)]
     together = simulate_vertical_flights(specs)
     return tuple(
@@ -137,7 +210,7 @@ def fly(cases: Sequence[FlightCase]) -> tuple[FlightTrial, ...]:
 
 def judged(case: FlightCase, flight: SimulatedFlight) -> FlightTrial:
     """Run the recipe and the controls on a flight and put the truth beside them."""
-    nothing = {name: dict.fromkeys(scored, IntervalEstimate()) for name, scored in ESTIMATORS.items()}
+    nothing = {name: dict.fromkeys(scored, NOTHING) for name, scored in ESTIMATORS.items()}
     if not flight.flew:
         return FlightTrial(case, LOST, dict.fromkeys(QUANTITIES, float("nan")), nothing)
     result = identify_flight(flight.recording)
@@ -159,24 +232,21 @@ def judged(case: FlightCase, flight: SimulatedFlight) -> FlightTrial:
     )
 
 
-def _displayed(result: FlightEstimate, estimator: str) -> dict[str, IntervalEstimate]:
+def _displayed(result: FlightEstimate, estimator: str) -> dict[str, Number]:
     quantities = {name: result.quantities[name] for name in ESTIMATORS[estimator]}
-    return {
-        name: IntervalEstimate(quantity.value, *quantity.interval) for name, quantity in quantities.items()
-    }
+    return {name: (quantity.value, *quantity.interval) for name, quantity in quantities.items()}
 
 
-def _lag_ignored(result: FlightEstimate) -> dict[str, IntervalEstimate]:
-    """Return the recipe's estimate with the commands taken for the rotors' states."""
+def _lag_ignored(result: FlightEstimate) -> dict[str, Number]:
     scored = ESTIMATORS[LAG_IGNORED]
     if result.fit is None or not isinstance(result.fit.problem, VerticalFlights):
-        return dict.fromkeys(scored, IntervalEstimate())
+        return dict.fromkeys(scored, NOTHING)
     problem = replace(result.fit.problem, nuisances=lag_and_delay([0.0], [0.0]))
     try:
         estimate = identify(problem, reference_iv())
     except EivorError:
-        return dict.fromkeys(scored, IntervalEstimate())
-    return {name: IntervalEstimate(estimate.parameters[name], *estimate.interval(name)) for name in scored}
+        return dict.fromkeys(scored, NOTHING)
+    return {name: (estimate.parameters[name], *estimate.interval(name)) for name in scored}
 
 
 def _truth(truth: FlightTruth, result: FlightEstimate) -> dict[str, float]:
@@ -200,3 +270,89 @@ def _truth(truth: FlightTruth, result: FlightEstimate) -> dict[str, float]:
         "effective_lag": truth.actuator_lag + truth.delay,
         "hover_input": float(np.sqrt(mapped)),
     }
+
+
+#: Packages whose versions bear on the numbers.
+PACKAGES = ("eivor", "numpy", "scipy", "rotorpy")
+#: Significant binary digits of a number, five decimal ones: more would not compress.
+MANTISSA_BITS = 17
+
+
+@dataclass(frozen=True)
+class TrialTable:
+    """What a run of the study leaves behind."""
+
+    rows: pl.DataFrame  # One row for each flight
+    origin: Mapping[str, str]  # `grid`, `size`, and the versions it was made with
+
+    def write(self, path: Path) -> None:
+        narrow = self.rows.with_columns(pl.col(_rounded_columns(self.rows)).cast(pl.Float32))
+        with atomic_write(path) as file:
+            narrow.write_parquet(
+                file, compression="zstd", compression_level=19, statistics=False, metadata=dict(self.origin)
+            )
+
+
+def trial_table(trials: Iterable[FlightTrial], *, grid: str, size: str) -> TrialTable:
+    origin = {"grid": grid, "size": size, "python": platform.python_version()}
+    rows = pl.DataFrame([_row(trial) for trial in trials])
+    rounded = rows.with_columns(
+        pl.Series(name, _rounded(rows[name].to_numpy())) for name in _rounded_columns(rows)
+    )
+    return TrialTable(rounded, origin | _versions())
+
+
+def read_trial_table(path: Path) -> TrialTable:
+    try:
+        rows, metadata = pl.read_parquet(path), pl.read_parquet_metadata(path)
+    except (OSError, pl.exceptions.PolarsError, pl.exceptions.PanicException) as error:
+        raise InputError("a table of trials", f"{path}: {error}", "Make one with --out.") from error
+    origin = {key: value for key, value in metadata.items() if not key.startswith("ARROW")}
+    if "grid" not in origin or "verdict" not in rows.columns:
+        raise InputError("a table of trials", f"{path}, which is another table", "Make one with --out.")
+    return TrialTable(rows.with_columns(pl.col(pl.Float32).cast(pl.Float64)), origin)
+
+
+def _row(trial: FlightTrial) -> dict[str, str | float | int | bool]:
+    case = trial.case
+    row: dict[str, str | float | int | bool] = {
+        "flight": case.name,
+        "class": case.flight_class,
+        "simulator": case.simulator,
+        "kind": case.kind,
+        "calm": case.calm,
+        "trajectory": str(case.spec.trajectory),
+        "noise": str(case.spec.noise.kind),
+        "gust_rms": case.spec.gust_rms,
+        "delay": case.spec.delay,
+        "seed": case.spec.seed,
+        "verdict": trial.verdict,
+    }
+    row |= {f"truth.{name}": trial.truth[name] for name in QUANTITIES}
+    row |= {"recipe.first_stage_F": trial.first_stage, "recipe.p_value": trial.p_value}
+    for estimator, quantities in ESTIMATORS.items():
+        for name in quantities:
+            parts = zip(("value", "low", "high"), trial.estimates[estimator][name], strict=True)
+            row |= {f"{estimator}.{name}.{part}": number for part, number in parts}
+    return row
+
+
+def _rounded_columns(rows: pl.DataFrame) -> list[str]:
+    return [name for name in rows.columns if "." in name]
+
+
+def _rounded(values: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    """Values that the file holds exactly, so that tables are the same before and after it."""
+    mantissa, exponent = np.frexp(values)
+    scale = 2.0**MANTISSA_BITS
+    return np.ldexp(np.round(mantissa * scale) / scale, exponent)
+
+
+def _versions() -> dict[str, str]:
+    results = {}
+    for package in PACKAGES:
+        try:
+            results[package] = version(package)
+        except PackageNotFoundError:
+            results[package] = "not installed"
+    return results

@@ -9,19 +9,16 @@ No number is fitted: the axes below hold alternatives only. A few minutes on two
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import product
-from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
 
-from eivor.atomic_file import write_atomically
-from eivor.lab.experiments import markdown, page_with
+from eivor.lab.experiments import markdown
 from eivor.lab.paper import (
     EXAMPLES,
     PRINTED_METHODS,
@@ -39,6 +36,7 @@ from eivor.lab.paper import (
 )
 from eivor.lab.records import Intersample
 from eivor.process_pool import in_order, local_executor
+from validation.studies import WORKERS, Option, StudyCommand
 
 RUNS = 10
 PLOTTED = 6
@@ -50,22 +48,12 @@ INSTRUMENTS = ((2, True), (2, False), (3, False), (5, False), (10, False), (20, 
 
 @dataclass(frozen=True, slots=True)
 class Tried:
-    """A combination, and how far it is from table 1.
+    """A combination, and how far it is from table 1."""
 
-    Parameters
-    ----------
-    reading : Reading
-        The combination.
-    means, spreads : ndarray, shape (3, 2)
-        NRMSE of K and K_u in percent, for LS, IV and GIV.
-    total_least_squares : bool
-        IV and GIV in the forms that are solved by total least squares.
-    """
-
-    reading: PaperReading
-    means: Float[np.ndarray, "columns parameters"]
+    reading: PaperReading  # The combination
+    means: Float[np.ndarray, "columns parameters"]  # NRMSE of K and K_u in percent, for LS, IV and GIV
     spreads: Float[np.ndarray, "columns parameters"]
-    total_least_squares: bool
+    total_least_squares: bool  # IV and GIV in the forms that are solved by total least squares
 
     def off_by(self, columns: Sequence[int], *, spreads: bool) -> float:
         """Typical factor between measured and printed in some columns of the table."""
@@ -86,7 +74,6 @@ def printed_table() -> tuple[
 
 
 def simulations() -> Iterator[PaperReading]:
-    """Every combination of what shapes the record."""
     axes = product(Input, MotionSource, Intersample, (0.02, 0.02**2), Ratio, SOURCES, RatioOf, Weights)
     for drive, motion, between, variance, ratio, larger, of, weights in axes:
         if drive is Input.WHITE:
@@ -130,14 +117,12 @@ def _tried(result: PaperResult) -> Iterator[Tried]:
 
 
 def search(runs: int = RUNS, workers: int | None = None) -> list[Tried]:
-    """Every combination."""
     readings = list(simulations())
     parts = local_executor(workers, len(readings)).map(partial(try_simulation, runs=runs), readings)
     return [tried for part in in_order(parts) for tried in part]
 
 
 def search_page(tried: Sequence[Tried], runs: int) -> str:
-    """Markdown of what was found."""
     whole, some = (0, 1, 2), (0, 2)
     near = [item for item in tried if item.off_by((0,), spreads=False) < AS_PRINTED]
     parts = [
@@ -187,23 +172,17 @@ def _words(tried: Tried) -> str:
     )
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command; returns its exit code."""
-    parser = argparse.ArgumentParser(prog="python -m validation.paper.search", description=__doc__)
-    parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.add_argument("--runs", type=int, default=RUNS, help="of each combination")
-    parser.add_argument("--workers", type=int, default=None, help="processes; default: one for each core")
-    parser.add_argument(
-        "--page", type=Path, metavar="FILE.md", help="put the tables between the page's marks"
-    )
-    chosen = parser.parse_args(arguments)
-    text = search_page(search(chosen.runs, chosen.workers), chosen.runs)
-    if chosen.page:
-        page = page_with(chosen.page.read_text(encoding="utf-8"), {"search": text})
-        write_atomically(chosen.page, page)
-    sys.stdout.write(text + "\n")
-    return 0
-
+OPTIONS: dict[str, Option] = {
+    "--runs": {"type": int, "default": RUNS, "help": "of each combination"},
+    "--workers": WORKERS,
+}
+main = StudyCommand(
+    "validation.paper.search",
+    __doc__,
+    "search",
+    lambda chosen: (search_page(search(chosen.runs, chosen.workers), chosen.runs), ()),
+    OPTIONS,
+).main
 
 if __name__ == "__main__":
     sys.exit(main())

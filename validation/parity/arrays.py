@@ -34,7 +34,6 @@ class Case:
 
 
 def array_problems(folder: Folder) -> dict[str, Case]:
-    """All ten by their names."""
     plain = {
         "filip": filip(),
         "norris": norris(),
@@ -60,10 +59,7 @@ def grouped(problem: ev.Regression, flights: int) -> ev.Regression:
 def with_noise(
     response: np.ndarray, regressors: np.ndarray, instruments: np.ndarray | None, noisy: tuple[int, ...]
 ) -> ev.Regression:
-    """Rows whose response and `noisy` columns are declared to have a noise of a hundredth of their variance.
-
-    The instruments share nothing; without any, the regressors serve.
-    """
+    """Rows whose response and `noisy` columns declare a noise of a hundredth of their variance."""
     variances = np.append(
         [0.01 * column.var() if j in noisy else 0.0 for j, column in enumerate(regressors.T)],
         0.01 * response.var(),
@@ -343,10 +339,7 @@ def inference_record(case: Case) -> dict[str, Any]:
 
 
 def diagnostics_record(fit: Any) -> dict[str, Any]:
-    """Rows of the table of diagnostics: a number and what it is held against, by what it is of.
-
-    Of the autocorrelation the first lag, and no spectrum: they are many, and follow from the residual.
-    """
+    """Rows of the table of diagnostics: a number and what it is held against, by what it is of."""
     rows = ev.diagnose(fit).to_frame().iter_rows()
     return {
         f"{what}: {of}": [number(value) for value in values]
@@ -381,8 +374,7 @@ def streamed_record() -> dict[str, Any]:
 
     chunked = ev.identify_chunks(chunks, model=motion, method=M.generalized_iv(), instruments=lags)
     merged = ev.identify(
-        ev.moments(chunks(), model=motion, method=M.generalized_iv(), instruments=lags),
-        M.generalized_iv(),
+        ev.moments(chunks(), model=motion, method=M.generalized_iv(), instruments=lags), M.generalized_iv()
     )
     return {
         "condition": number(chunked.condition),

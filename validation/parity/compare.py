@@ -74,12 +74,10 @@ class Comparison:
 
     @property
     def unmet(self) -> list[Change]:
-        """Listed changes that explain nothing."""
         return [change for change, differences in self.explained if not differences]
 
     @property
     def agrees(self) -> bool:
-        """Whether nothing differs but what is listed, and all that is listed differs."""
         return not self.unexplained and not self.unmet
 
 
@@ -106,19 +104,6 @@ def compare(
     exact: bool = False,
     reworded: bool = False,
 ) -> Comparison:
-    """Compare the entries of two records.
-
-    Parameters
-    ----------
-    old, new : mapping
-        Entries by PART/NAME, as `record.entry` makes them.
-    listed : sequence of Change
-        What may differ, and must.
-    exact : bool
-        Compare hashes, not numbers within their tolerance.
-    reworded : bool
-        With `exact`: sentences and printed text may differ.
-    """
     result = Comparison(explained=[(change, []) for change in listed])
     for name in [*old, *(name for name in new if name not in old)]:
         missing = next((word for word, record in ((NEW, old), (GONE, new)) if name not in record), "")
@@ -185,22 +170,7 @@ def _text(leaf: Leaf) -> str:
 
 
 def allowed(name: str, path: tuple[str, ...], old: Leaves) -> float:
-    """Largest difference that a number of an entry may have.
-
-    Array problems agree to 1e-9, or to the rounding unit times the condition of their equations where that is
-    larger; a value and the ends of its interval are measured by its standard error where that is larger than
-    they are, as an end may be zero. The numbers of flights follow from a search, and agree to 1e-3 of their
-    standard error, or of themselves where they have none.
-
-    Parameters
-    ----------
-    name : str
-        PART/NAME of the entry.
-    path : tuple of str
-        Where the number stands in it.
-    old : mapping
-        All values of the older entry.
-    """
+    """Largest difference that a number of an entry may have."""
     size = _number(old.get(path))
     if isinstance(old.get(path), int) or not path:
         return 0.0
@@ -241,7 +211,6 @@ def _of_search(path: tuple[str, ...], old: Leaves, size: float) -> float:
 
 
 def report(result: Comparison) -> Iterator[str]:
-    """Lines for people."""
     for change, item in result.explained:
         yield f"Finding {change.finding}: {change.why} ({change.pattern}: {len(item)} values)"
         yield from (f"    {difference}" for difference in item)
@@ -270,7 +239,6 @@ def entries_of(path: Path, parts: Sequence[str]) -> dict[str, Any]:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command; returns its exit code."""
     parser = argparse.ArgumentParser(
         prog="python -m validation.parity.compare",
         description=__doc__,

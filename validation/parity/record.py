@@ -71,19 +71,13 @@ VERTICAL_SEEDS, WHOLE_VEHICLE_SEEDS = range(1, 5), range(1, 3)
 
 @dataclass
 class Folder:
-    """A folder in which commands run, with the recordings at `data` and the studies at `studies`.
-
-    All paths of commands are relative to it, so that no document holds a path of this machine.
-    """
+    """A folder in which commands run, with the recordings at `data` and the studies at `studies`."""
 
     path: Path
     environment: Mapping[str, str] = field(default_factory=lambda: os.environ | ENVIRONMENT)
 
     def eivor(self, *arguments: object, files: Mapping[str, str] | None = None) -> dict[str, Any]:
-        """Run a command; its exit code, its document, and hashes of what it printed and wrote.
-
-        `files` names what else it writes: the hash of each is kept under its key.
-        """
+        """Run a command; its exit code, its document, and hashes of what it printed and wrote."""
         document = self.path / "document.json"
         document.unlink(missing_ok=True)
         done = subprocess.run(
@@ -93,10 +87,7 @@ class Folder:
             cwd=self.path,
             env=self.environment,
         )
-        results: dict[str, Any] = {
-            "exit_code": done.returncode,
-            "printed": digest(done.stdout + done.stderr),
-        }
+        results: dict[str, Any] = {"exit_code": done.returncode, "printed": digest(done.stdout + done.stderr)}
         if done.returncode not in {0, 3}:
             results["message"] = done.stderr.decode()
         if document.exists():
@@ -107,11 +98,9 @@ class Folder:
         return results
 
     def identify(self, *arguments: object, files: Mapping[str, str] | None = None) -> dict[str, Any]:
-        """`eivor identify` with its document."""
         return self.eivor("identify", *arguments, "--json", "document.json", files=files)
 
     def recordings(self, pattern: str = "*") -> list[str]:
-        """Every recording, as a path from this folder."""
         return sorted(
             str(path.relative_to(self.path))
             for path in (self.path / "data").glob(f"*/{pattern}")
@@ -120,7 +109,6 @@ class Folder:
 
 
 def digest(content: bytes) -> str:
-    """SHA-256 in hexadecimal digits."""
     return hashlib.sha256(content).hexdigest()
 
 
@@ -163,7 +151,6 @@ def rates(folder: Folder) -> Iterator[tuple[str, Any]]:
 
 
 def rigid_body(folder: Folder) -> Iterator[tuple[str, Any]]:
-    """The rigid body, of recordings whose rotors are logged."""
     for path, vehicle in RIGID_BODY.items():
         yield path, folder.identify(f"data/{path}", "--model", "rigid-body", "--vehicle", vehicle)
 
@@ -191,7 +178,6 @@ def simulated(folder: Folder) -> Iterator[tuple[str, Any]]:
 
 
 def commands(folder: Folder) -> Iterator[tuple[str, Any]]:
-    """The other commands that answer with numbers."""
     to_document = ("--json", "document.json")
     few = ("px4/ekf_failure.ulg", "ardupilot/log_0036_mechanical_failure.bin", "arpl-crazyflie/log10")
     logs = [f"data/{path}" for path in (*few, f"nanobench/{CLEAN[0]}.csv")]
@@ -226,7 +212,6 @@ def studies(folder: Folder) -> Iterator[tuple[str, Any]]:
 
 
 def arrays(folder: Folder) -> dict[str, Callable[[], Iterator[tuple[str, Any]]]]:
-    """Parts of the record that Python makes from arrays."""
     from validation.parity import arrays as of_arrays
 
     cases = of_arrays.array_problems(folder)
@@ -297,7 +282,6 @@ def write_record(path: Path, record: Mapping[str, Any]) -> None:
 
 
 def read_record(path: Path) -> dict[str, Any]:
-    """Read a record, compressed or not."""
     content = path.read_bytes()
     record = json.loads(lzma.decompress(content) if path.suffix == ".xz" else content)
     if record.get("schema") != SCHEMA:
@@ -310,13 +294,7 @@ def _compact(value: Any) -> str:
 
 
 def recordings_folder() -> Path:
-    """Folder of the real recordings: EIVOR_DATA, or ../shared/data beside the project.
-
-    Raises
-    ------
-    SystemExit
-        When there is none: a record without them proves less.
-    """
+    """Folder of the real recordings: EIVOR_DATA, or ../shared/data beside the project."""
     folder = Path(os.environ.get("EIVOR_DATA") or ROOT.parent / "shared" / "data")
     if not folder.is_dir():
         raise SystemExit(f"Expected real recordings in {folder}; received none. Set EIVOR_DATA.")
@@ -334,7 +312,6 @@ def record_of_checkout(checkout: Path, file: Path, parts: Sequence[str] = ()) ->
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command; returns its exit code."""
     parser = argparse.ArgumentParser(
         prog="python -m validation.parity.record",
         description=__doc__,

@@ -12,20 +12,237 @@ requirement is met, 3 when one is not, 2 for an input of no use.
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
+from jaxtyping import Float
 
-from eivor.errors import InputError
+from eivor.inference.verdict import Status
 from eivor.lab.experiments import markdown
-from eivor.planning.vehicle import TARGETS
-from eivor.strict_toml import read_toml
-from validation.kept_study import Answer, KeptStudyCommand, keep, kept_lines
-from validation.plan.flights import VEHICLES
-from validation.plan.trials import PLANNED_FOR, Outcome, outcomes
-from validation.requirement import Requirement
-from validation.suites import versions
+from eivor.motions.identify import identify_flight
+from eivor.motions.vertical.model import GRAVITY
+from eivor.planning.plan import FlightPlan
+from eivor.planning.vehicle import TARGETS, FlightLimits
+from eivor.report.other_results import plan
+from eivor.signals.filters import actuator_state
+from eivor.signals.recording import Recording
+from eivor.simulation.environment import (
+    SensorNoise,
+    Trajectory,
+    TrajectoryKind,
+    altitude_reference,
+    gusts,
+    sensor_errors,
+    simulated_recording,
+)
+from eivor.simulation.vertical import (
+    AltitudeController,
+    VerticalEnvironment,
+    VerticalVehicles,
+    simulate_vertical,
+)
+from validation.flight_recipe.rotorpy_flight import RotorpyFlightSpec, Vehicle, simulate_rotorpy_flight
+from validation.studies import (
+    Answer,
+    GridStruct,
+    Requirement,
+    keep,
+    kept_command,
+    kept_lines,
+    read_as,
+    requirement_table,
+    versions,
+)
+
+STEP_S = 0.01
+#: Vertical gusts of every flight, the sensors' noise is that of the studies of the recipe [m/s].
+GUST_RMS = 0.3
+#: Gains of the second controller over those of the first: slower on climb rate, quicker on height.
+OTHER_CONTROLLER = 0.75
+
+
+@dataclass(frozen=True)
+class FlownPlan:
+    recording: Recording  # Its log
+    height: Float[np.ndarray, " n"]  # Its motion [m, m/s], on the reference's own zero
+    velocity: Float[np.ndarray, " n"]
+
+
+class Flyer(Protocol):
+    """A vehicle that flies along a reference."""
+
+    @property
+    def name(self) -> str:
+        """What to call it."""
+
+    def fly(self, reference: Trajectory, seed: int, *, gains: float) -> FlownPlan:
+        """Fly with the first controller's gains times `gains`."""
+
+
+@dataclass(frozen=True)
+class OwnVehicle:
+    """A vehicle of the own simulator."""
+
+    name: str  # What to call it
+    friction: float  # K [1/s], share of full command, lag [s]
+    hover_input: float
+    lag_s: float
+
+    def fly(self, reference: Trajectory, seed: int, *, gains: float) -> FlownPlan:
+        count = reference.position.size
+        air, sensors, attitude = (
+            np.random.Generator(np.random.PCG64(s)) for s in np.random.SeedSequence(seed).spawn(3)
+        )
+        gust = gusts(count=count, axes=1, step_s=STEP_S, rms=GUST_RMS, correlation_s=1.0, rng=air)
+        angles = gusts(count=count, axes=2, step_s=STEP_S, rms=0.05, correlation_s=1.0, rng=attitude)
+        tilt = np.cos(actuator_state(angles, step_s=STEP_S, lag_s=0.15, delay_s=0.0)).prod(axis=1)
+        errors = sensor_errors(SensorNoise(), count=count, axes=1, rng=sensors)
+        environment = VerticalEnvironment(
+            reference.position[:, None],
+            reference.velocity[:, None],
+            reference.acceleration[:, None],
+            gust,
+            tilt[:, None],
+            errors.position,
+            errors.velocity,
+            errors.acceleration,
+        )
+        vehicles = VerticalVehicles(
+            *(np.array([value]) for value in (self.friction, GRAVITY / self.hover_input**2, self.lag_s, 0.0))
+        )
+        velocity = gains * min(0.35 / (self.lag_s + STEP_S / 2.0), 5.0)
+        controller = AltitudeController(0.3 * velocity / gains**2, velocity, 0.05 * velocity**2)
+        motion = simulate_vertical(vehicles, environment, step_s=STEP_S, controller=controller)
+        recording = simulated_recording(
+            f"{self.name}, seed {seed}",
+            simulator="vertical",
+            time_s=STEP_S * np.arange(count),
+            held={
+                "rotor_command_1": motion.command[:, 0],
+                "reference_position_z": reference.position,
+                "reference_velocity_z": reference.velocity,
+                "reference_acceleration_z": reference.acceleration,
+            },
+            sampled={
+                "position_z": motion.position[:, 0] + errors.position[:, 0],
+                "velocity_z": motion.velocity[:, 0] + errors.velocity[:, 0],
+                "specific_force_z": motion.specific_force[:, 0] + errors.acceleration[:, 0],
+                "cos_tilt": tilt,
+            },
+        )
+        return FlownPlan(recording, motion.position[:, 0], motion.velocity[:, 0])
+
+
+@dataclass(frozen=True)
+class RotorpyVehicle:
+    vehicle: Vehicle  # Which one
+
+    @property
+    def name(self) -> str:
+        return f"RotorPy {self.vehicle}"
+
+    def fly(self, reference: Trajectory, seed: int, *, gains: float) -> FlownPlan:
+        duration = reference.position.size * STEP_S
+        spec = RotorpyFlightSpec(self.vehicle, gust_rms=GUST_RMS, seed=seed, duration=duration)
+        flight = simulate_rotorpy_flight(spec, reference, gains)
+        height, velocity = (
+            _quiet(flight.recording.channels[f"{what}_z"].values) for what in ("position", "velocity")
+        )
+        return FlownPlan(flight.recording, height, velocity)
+
+
+def _quiet(values: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    """Values without their noise: means over a tenth of a second."""
+    return np.convolve(np.pad(values, 5, mode="edge"), np.ones(11) / 11.0, mode="valid")
+
+
+OWN = (
+    OwnVehicle("light, quick", 0.6, 0.35, 0.02),
+    OwnVehicle("usual", 0.3, 0.5, 0.045),
+    OwnVehicle("heavy, slow", 0.2, 0.6, 0.09),
+)
+ROTORPY = tuple(RotorpyVehicle(vehicle) for vehicle in Vehicle)
+#: Every vehicle by its name.
+_ALL: tuple[Flyer, ...] = (*OWN, *ROTORPY)
+VEHICLES: Mapping[str, Flyer] = {vehicle.name: vehicle for vehicle in _ALL}
+
+
+PLANNED_FOR = ("friction", "lag")
+FIRST_S = 40.0
+LIMITS = FlightLimits()
+
+
+class Planned(GridStruct, frozen=True):
+    """How often a vehicle flies each of its plans, by the size of the study."""
+
+    name: str
+    small: int
+    full: int
+
+    def __post_init__(self) -> None:
+        if self.name not in VEHICLES:
+            raise ValueError(f"expected one of {', '.join(VEHICLES)}; received {self.name!r}")
+
+
+class Grid(GridStruct, frozen=True):
+    seed: int
+    vehicle: list[Planned]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    vehicle: str  # Who flew, and what for
+    target: str
+    number: int  # Which of the plan's flights
+    shape: str  # Kind of the setpoint
+    predicted: float  # Half-width of the target in its unit: as the plan printed it, and as the flight has it
+    reached: float
+    identified: bool  # The target is
+    kept: bool  # The vehicle stayed within the limits
+
+    @property
+    def ratio(self) -> float:
+        return self.reached / self.predicted
+
+
+def outcomes(vehicle: Flyer, requested: Sequence[tuple[str, int]], seed: int) -> Iterator[Outcome]:
+    """Plans after one first flight, and those of their flights that are asked for, as (target, number)."""
+    if not requested:
+        return
+    rng = np.random.default_rng(seed)
+    first = altitude_reference(
+        TrajectoryKind.HOVER_STEPS, count=round(FIRST_S / STEP_S), step_s=STEP_S, rng=rng
+    )
+    flight = identify_flight(vehicle.fly(first, 1000 + seed, gains=1.0).recording)
+    for target in dict.fromkeys(target for target, _ in requested):
+        made = plan(flight, target=target, limits=LIMITS, seed=seed)
+        for number in (number for other, number in requested if other == target):
+            yield flown_outcome(vehicle, made, number, seed)
+
+
+def flown_outcome(vehicle: Flyer, made: FlightPlan, number: int, seed: int) -> Outcome:
+    reference = Trajectory(made.shape.offset, made.velocity, made.acceleration)
+    flight = vehicle.fly(reference, 2000 + 100 * seed + number, gains=OTHER_CONTROLLER)
+    result = identify_flight(flight.recording)
+    requested = TARGETS[made.target]
+    quantity = result.quantities[requested.quantity]
+    width = quantity.half_width / (abs(quantity.value) if requested.relative else 1.0)
+    half_height = 0.5 * (made.limits.height_m[1] - made.limits.height_m[0])
+    kept = np.abs(flight.height).max() <= half_height and np.abs(flight.velocity).max() <= made.limits.speed
+    return Outcome(
+        vehicle.name,
+        made.target,
+        number,
+        made.shape.kind,
+        made.predicted[made.target].half_width,
+        requested.scale * width,
+        quantity.verdict is Status.IDENTIFIED,
+        bool(kept),
+    )
+
 
 PART = "planned flights"
 GRID = Path(__file__).with_name("grid.toml")
@@ -33,16 +250,7 @@ GRID = Path(__file__).with_name("grid.toml")
 RATIOS = {"friction": (0.6, 1.4), "lag": (0.5, 2.0)}
 #: Asked: the share of flights in which what was planned for is identified.
 IDENTIFIED = 0.9
-HEADER = (
-    "vehicle",
-    "planned for",
-    "flights",
-    "predicted",
-    "reached",
-    "ratio",
-    "identified",
-    "within limits",
-)
+HEADER = ("vehicle", "planned for", "flights", "predicted", "reached", "ratio", "identified", "within limits")
 
 
 def answer(grid: Path, size: str, kept: Path) -> Answer:
@@ -51,12 +259,13 @@ def answer(grid: Path, size: str, kept: Path) -> Answer:
         (kept_line.vehicle, kept_line.target, kept_line.number): kept_line
         for kept_line in kept_lines(kept, Outcome)
     }
-    seed, vehicles = _parsed(grid, size)
+    told = read_as(Grid, grid)
     results = []
-    for name, flights in vehicles.items():
+    for entry in told.vehicle:
+        name, flights = entry.name, getattr(entry, size)
         requested = [(target, number) for target in PLANNED_FOR for number in range(flights)]
         missing = [each for each in requested if (name, *each) not in selected]
-        for outcome in outcomes(VEHICLES[name], missing, seed):
+        for outcome in outcomes(VEHICLES[name], missing, told.seed):
             selected[name, outcome.target, outcome.number] = outcome
             keep(kept, [outcome])
         results += [selected[name, target, number] for target, number in requested]
@@ -64,27 +273,11 @@ def answer(grid: Path, size: str, kept: Path) -> Answer:
     return _tables(results, requirements), requirements
 
 
-def _parsed(grid: Path, size: str) -> tuple[int, dict[str, int]]:
-    """Seed of the study, and how often each vehicle flies each of its plans."""
-    root = read_toml(grid, "grid of planned flights")
-    seed = root.whole("seed")
-    vehicles = {}
-    for section in root.sections("vehicle"):
-        name = section.text("name")
-        if name not in VEHICLES:
-            raise InputError(f"one of {', '.join(VEHICLES)}", f"{name!r}", "Name a vehicle of the study.")
-        vehicles[name] = {word: section.whole(word) for word in ("small", "full")}[size]
-        section.finish()
-    root.finish()
-    return seed, vehicles
-
-
 def requirements_of(result: Sequence[Outcome]) -> Iterator[Requirement]:
-    """What is asked of all flights together."""
-    for target, (low, high) in RATIOS.items():
+    for target, bounds in RATIOS.items():
         median = float(np.median([item.ratio for item in result if item.target == target]))
         what = f"median of reached over predicted, {TARGETS[target].words}"
-        yield Requirement(what, f"{low:g} to {high:g}", f"{median:.2f}", low <= median <= high)
+        yield Requirement.within(what, median, bounds, ".2f")
     reported, kept = sum(item.identified for item in result), sum(item.kept for item in result)
     yield Requirement(
         "what was planned for is identified",
@@ -108,12 +301,8 @@ def table(result: Sequence[Outcome]) -> str:
 
 
 def _tables(tolds: Sequence[Outcome], requirements: Sequence[Requirement]) -> str:
-    requested = [
-        (requirement.what, requirement.asked, requirement.measured, "yes" if requirement.met else "no")
-        for requirement in requirements
-    ]
     made = f"Made by `python -m validation.plan.study` with {versions()}: {len(tolds)} planned flights."
-    return "\n\n".join((made, markdown(("what", "asked", "measured", "met"), requested), table(tolds)))
+    return "\n\n".join((made, requirement_table(requirements), table(tolds)))
 
 
 def _row(vehicle: str, target: str, specific: Sequence[Outcome]) -> tuple[str, ...]:
@@ -134,9 +323,7 @@ def _row(vehicle: str, target: str, specific: Sequence[Outcome]) -> tuple[str, .
     )
 
 
-COMMAND = KeptStudyCommand("validation.plan.study", __doc__, GRID, PART, answer)
-main = COMMAND.main
-
+main = kept_command("validation.plan.study", __doc__, GRID, PART, answer).main
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -11,14 +11,96 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
+import numpy as np
+from scipy import special
+
+from eivor.inference.distributions import normal_quantile
+from eivor.inference.random_effects import (
+    Groups,
+    between_distribution,
+    moment_between,
+    paule_mandel,
+    q_profile,
+    random_effects_means,
+)
 from eivor.lab.experiments import markdown
-from eivor.strict_toml import read_toml
-from validation.kept_study import Answer, KeptStudyCommand, keep, kept_lines
-from validation.pooling.trials import SEED, Told, cell
-from validation.requirement import Requirement
-from validation.suites import versions
+from validation.studies import (
+    Answer,
+    GridStruct,
+    Requirement,
+    completed,
+    kept_command,
+    read_as,
+    requirement_table,
+    versions,
+)
+
+SEED = 20261122
+
+
+@dataclass(frozen=True, slots=True)
+class Told:
+    """Shares of the vehicles of a cell whose intervals hold the truth."""
+
+    flights: int  # Of each vehicle
+    heterogeneity: float  # Standard deviation between flights
+    replications: int  # Vehicles
+    std_error: float  # Mean of the flights' standard errors
+    # Intervals of the mean: Eivor's, Hartung and Knapp's modified one, that of a fixed effect, DerSimonian
+    # and Laird's with normal quantiles
+    mean: float
+    knapp: float
+    fixed: float
+    moments: float
+    following: float  # Intervals of the next flight: Eivor's, and the plain one with t of n - 2
+    plain: float
+    spread: float  # Intervals of the heterogeneity
+    wider: float  # Median of Eivor's interval of the next flight over the plain one
+
+
+def cell(flights: int, heterogeneity: float, replications: int, std_errors: tuple[float, float]) -> Told:
+    """Draw a cell and judge what is said of it; its numbers follow from its own seed."""
+    rng = np.random.default_rng([SEED, flights, round(1e4 * heterogeneity), replications])
+    groups = Groups(np.full(replications, flights))
+    errors = rng.uniform(*std_errors, replications * flights)
+    y = np.hypot(heterogeneity, errors) * rng.standard_normal(errors.size)
+    following = heterogeneity * rng.standard_normal(replications)
+    variances = errors**2
+    means = random_effects_means(groups, y, variances, paule_mandel(groups, y, variances))
+    fixed = random_effects_means(groups, y, variances, np.zeros(replications))
+    laird = random_effects_means(groups, y, variances, moment_between(groups, y, variances))
+    known = between_distribution(groups, y, variances)
+    next_half_widths = known.next_half_widths(means.value)
+    plain = special.stdtrit(flights - 2, 0.975) * np.sqrt(means.between + means.variance)
+    low, high = q_profile(groups, y, variances)
+    spread = (low <= heterogeneity**2) & (heterogeneity**2 <= high)
+    z = normal_quantile(0.95)
+    by_weights = [
+        z / np.sqrt(groups.sums(1.0 / (variances + groups.spread(item.between)))) for item in (fixed, laird)
+    ]
+    return Told(
+        flights,
+        heterogeneity,
+        replications,
+        float(np.mean(std_errors)),
+        _share(means.value, known.mean_half_widths(means)),
+        _share(means.value, means.half_widths()),
+        _share(fixed.value, by_weights[0]),
+        _share(laird.value, by_weights[1]),
+        _share(means.value - following, next_half_widths),
+        _share(means.value - following, plain),
+        float(np.mean(spread)),
+        float(np.median(next_half_widths / plain)),
+    )
+
+
+def _share(off: np.ndarray, half_widths: np.ndarray) -> float:
+    return float(np.mean(np.abs(off) <= half_widths))
+
 
 PART = "pooling"
 GRID = Path(__file__).with_name("grid.toml")
@@ -39,65 +121,49 @@ HEADER = (
 )
 
 
+class Grid(GridStruct, frozen=True):
+    flights: tuple[int, ...]
+    heterogeneity: tuple[float, ...]
+    std_errors: tuple[float, float]  # Between which they are drawn
+    small: int  # Vehicles of a cell by size of the study
+    full: int
+
+
 def answer(grid: Path, size: str, kept: Path) -> Answer:
     """Draw what the file does not have yet, and judge all of it."""
-    selected = {
-        (kept_line.flights, kept_line.heterogeneity, kept_line.replications): kept_line
-        for kept_line in kept_lines(kept, Told)
+    table = read_as(Grid, grid)
+    count = getattr(table, size)
+    trials = {
+        (flights, heterogeneity, count): partial(cell, flights, heterogeneity, count, table.std_errors)
+        for flights in table.flights
+        for heterogeneity in table.heterogeneity
     }
-    results = []
-    for flights, heterogeneity, replications, std_errors in _parsed(grid, size):
-        key = (flights, heterogeneity, replications)
-        if key not in selected:
-            selected[key] = cell(flights, heterogeneity, replications, std_errors)
-            keep(kept, [selected[key]])
-        results.append(selected[key])
+    results = completed(
+        kept, Told, trials, lambda line: (line.flights, line.heterogeneity, line.replications)
+    )
     requirements = tuple(_requirements(results))
     return _tables(results, requirements), requirements
 
 
-def _parsed(grid: Path, size: str) -> Iterator[tuple[int, float, int, tuple[float, float]]]:
-    root = read_toml(grid, "grid of cells")
-    replications = {name: root.whole(name) for name in ("small", "full")}[size]
-    low, high = root.numbers("std_errors")
-    flights, heterogeneity = root.numbers("flights"), root.numbers("heterogeneity")
-    root.finish()
-    for count in flights:
-        for between in heterogeneity:
-            yield int(count), between, replications, (low, high)
-
-
 def _requirements(tolds: list[Told]) -> Iterator[Requirement]:
     clear = [item.mean for item in tolds if item.heterogeneity > item.std_error]
-    for what, entry, measured, met in (
-        ("coverage of the mean in every cell", f"at least {MEAN:g}", min(item.mean for item in tolds), MEAN),
-        (
-            "coverage of the next flight in every cell",
-            f"at least {FOLLOWING:g}",
-            min(item.following for item in tolds),
-            FOLLOWING,
-        ),
-    ):
-        yield Requirement(what, entry, f"{measured:.3f}", measured >= met)
+    means, following = min(item.mean for item in tolds), min(item.following for item in tolds)
+    yield Requirement.at_least("coverage of the mean in every cell", means, MEAN)
+    yield Requirement.at_least("coverage of the next flight in every cell", following, FOLLOWING)
     if clear:
-        yield Requirement(
+        yield Requirement.at_most(
             "coverage of the mean where the heterogeneity exceeds the mean standard error",
-            f"at most {NOT_ABOVE:g}",
-            f"{max(clear):.3f}",
-            max(clear) <= NOT_ABOVE,
+            max(clear),
+            NOT_ABOVE,
         )
 
 
 def _tables(tolds: list[Told], requirements: tuple[Requirement, ...]) -> str:
-    requested = [
-        (requirement.what, requirement.asked, requirement.measured, "yes" if requirement.met else "no")
-        for requirement in requirements
-    ]
     return "\n\n".join(
         (
             f"Made by `python -m validation.pooling.study` with {versions()}: {tolds[0].replications:,} "
             f"vehicles in each cell, seed {SEED}.",
-            markdown(("what", "asked", "measured", "met"), requested),
+            requirement_table(requirements),
             markdown(HEADER, map(_line, tolds)),
         )
     )
@@ -114,9 +180,7 @@ def _line(first: Told) -> tuple[str, ...]:
     )
 
 
-COMMAND = KeptStudyCommand("validation.pooling.study", __doc__, GRID, PART, answer)
-main = COMMAND.main
-
+main = kept_command("validation.pooling.study", __doc__, GRID, PART, answer).main
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -16,18 +16,16 @@ import argparse
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
 
-from eivor.atomic_file import write_atomically
-from eivor.lab.experiments import markdown, page_text, page_with
+from eivor.lab.experiments import markdown
 from eivor.motions.vertical.model import GRAVITY
 from eivor.signals.filters import actuator_state
-from validation.real_logs.grid import Family, published_grid
-from validation.real_logs.own_flights import fly_own
-from validation.real_logs.spec import STEP_S, FlightSpec
+from validation.real_logs.closed_loop import STEP_S, FlightSpec, fly_own
+from validation.real_logs.trials import Family, published_grid
+from validation.studies import Answer, Option, StudyCommand
 
 PART = "pool information"
 #: Half-width of a normal variable's 95 % interval, in standard deviations.
@@ -42,26 +40,13 @@ SHARED, LAG, DELAY = 3, 1, 2
 
 @dataclass(frozen=True, slots=True)
 class LagBound:
-    """Half-width of the effective lag's 95 % interval that references allow [s].
+    """Half-width of the effective lag's 95 % interval that references allow [s]."""
 
-    Parameters
-    ----------
-    delay_known, delay_free : float
-        With the delay known, and to be found too.
-    """
-
-    delay_known: float
+    delay_known: float  # With the delay known, and to be found too
     delay_free: float
 
 
 def lag_bound(flights: Sequence[FlightSpec]) -> LagBound:
-    """Bound of a pool of flights of one vehicle.
-
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        When references tell no end of the lag.
-    """
     size = SHARED + 2 * len(flights)
     information = np.zeros((size, size))
     for index, spec in enumerate(flights):
@@ -135,19 +120,14 @@ def pool_table(families: Sequence[Family], pools: int | None) -> str:
     return markdown(("family", "pools", "delay known", "delay to be found"), lines)
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command; returns its exit code."""
-    parser = argparse.ArgumentParser(prog="python -m validation.real_logs.pool_information")
-    parser.add_argument("--pools", type=int, metavar="N", help="of each family; default: all")
-    parser.add_argument("--page", type=Path, metavar="FILE.md", help="put the table between its marks")
-    chosen = parser.parse_args(arguments)
-    page = page_text(chosen.page, PART) if chosen.page else ""
-    table = pool_table([family for family in published_grid().families if family.pool > 1], chosen.pools)
-    if chosen.page:
-        write_atomically(chosen.page, page_with(page, {PART: table}))
-    sys.stdout.write(table + "\n")
-    return 0
+def answer(chosen: argparse.Namespace) -> Answer:
+    """Table of the first pools of each family of pools."""
+    families = [family for family in published_grid().families if family.pool > 1]
+    return pool_table(families, chosen.pools), ()
 
+
+OPTIONS: dict[str, Option] = {"--pools": {"type": int, "metavar": "N", "help": "of each; default: all"}}
+main = StudyCommand("validation.real_logs.pool_information", __doc__, PART, answer, OPTIONS).main
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -6,24 +6,175 @@ default options, and with the lag where the family gives it one.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields
+from functools import cache
+from importlib.resources import files
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, Literal
 
 import numpy as np
+from msgspec import field
+from msgspec.structs import replace
 
-from eivor.errors import EivorError
+from eivor.errors import EivorError, InputError
 from eivor.flights.options import FlightOptions
 from eivor.flights.quantity import Quantity
 from eivor.flights.result import FlightEstimate
 from eivor.inference.verdict import Status
 from eivor.models.separable import Prior
 from eivor.motions.identify import identify_flight
-from validation.flight_recipe.trials import LOST, QUANTITIES, RECIPE, IntervalEstimate
+from eivor.motions.vertical.misspecification import MISSED
+from eivor.simulation.environment import NoiseKind, SensorNoise
+from validation.drawn import Drawn, Value
+from validation.flight_recipe.trials import LOST, QUANTITIES, RECIPE
+from validation.real_logs.closed_loop import FlightSpec, Jitter, LoggerSpec, Reference, VehicleSpec, stream
 from validation.real_logs.flights import LoggedFlight, logged_flight
-from validation.real_logs.grid import Family, published_grid
-from validation.real_logs.named import NAMES, named
-from validation.real_logs.own_flights import stream
-from validation.real_logs.spec import FlightSpec
+from validation.studies import GridStruct, StudyFolder, read_as
+
+#: What is told in sentences.
+SENTENCES: dict[str, re.Pattern[str]] = {
+    "thrust curve": re.compile(r"thrust grows as the command to the power"),
+    "accelerometer late": re.compile(r"accelerometer is [\d.]+ ± [\d.]+ ms behind"),
+    "velocity late": re.compile(r"velocity is [\d.]+ ± [\d.]+ ms behind"),
+    "velocity reads more": re.compile(r"velocity reads [\d.]+ ?% \(± [\d.]+ ?%\) more than"),
+    "velocity reads less": re.compile(r"velocity reads [\d.]+ ?% \(± [\d.]+ ?%\) less than"),
+    "tilt error": re.compile(r"Attitude and accelerometer differ by"),
+    "sideways": re.compile(r"flew sideways at"),
+    "voltage": re.compile(r"battery's voltage fell|No battery voltage is logged"),
+    "lag contradicted": re.compile(r"contradicts the flight"),
+    "lag from the frictions": re.compile(r"the lag rests on the differences of"),
+}
+#: Terms that are missed, by the p-value of their test.
+TESTS = {
+    "drag missed": "left_out_quadratic_drag_p_value",
+    "ground missed": "left_out_ground_effect_p_value",
+    "supply missed": "left_out_supply_p_value",
+}
+#: All that may be said.
+NAMES = (*SENTENCES, *TESTS)
+
+
+def named(result: FlightEstimate) -> dict[str, bool]:
+    """Say which of `NAMES` a result says, in its sentences, those of its quantities, or its findings."""
+    text = "\n".join(_sentences(result))
+    results = {name: pattern.search(text) is not None for name, pattern in SENTENCES.items()}
+    return results | {name: result.diagnostics.get(key, 1.0) < MISSED for name, key in TESTS.items()}
+
+
+def _sentences(result: FlightEstimate) -> Iterator[str]:
+    yield from result.verdict.sentences
+    for quantity in result.quantities.values():
+        for reason in quantity.reasons:
+            yield f"{reason.sentence} {reason.remedy}"
+    for finding in result.findings:
+        yield f"{finding.name}: {finding.message}"
+
+
+GRID_FILE = "grid.toml"
+
+
+class Family(GridStruct, frozen=True, rename={"count": "flights"}):
+    name: str  # What they are
+    seed: int  # First seed, and number of flights; of pools, if they are pooled
+    count: int
+    holds: Literal["yes", "short", "no"] = "no"  # Whether the model does
+    lag_bias: bool = False  # The mean error of the lag must be small
+    named: str = ""  # What must be said of them; empty for nothing
+    share: float = 1.0  # In which share of them
+    given: Literal["", "truth", "wrong"] = ""  # What the recipe is told of the lag
+    refused: bool = False  # None of them may be identified
+    pool: int = 1  # Flights of a pool; 1 for flights that are judged one by one
+    shared: tuple[str, ...] = ()  # What the flights of a pool share
+    frequencies: tuple[float, ...] = ()  # Of the references in a pool [Hz], one flight after the other
+    fixed: dict[str, Value] = field(default_factory=dict)  # What is the same in all of them
+    draw: Drawn = Drawn()  # What differs, and what does in every family
+    common: Drawn = Drawn()
+
+    def __post_init__(self) -> None:
+        if self.named not in ("", *NAMES):
+            raise ValueError(f"expected one of {', '.join(NAMES)}; received '{self.named}'")
+
+    def flight(self, number: int) -> FlightSpec:
+        """Specification of a flight; of pools the flights are numbered through."""
+        seed = self.seed + number
+        first = self.seed + number - number % self.pool
+        given = {
+            key: draw.value(first if key in self.shared else seed, key)
+            for key, draw in (self.common.draws() | self.draw.draws()).items()
+        }
+        if self.frequencies:
+            given["frequency"] = self.frequencies[number % self.pool % len(self.frequencies)]
+        return _spec({**given, **self.fixed}, seed)
+
+
+class Grid(GridStruct, frozen=True, rename={"families": "family"}):
+    name: str  # Name of the grid
+    lag_given_std: float  # Standard error of a lag that is given [s]
+    families: tuple[Family, ...]  # In the order of the file
+    draw: Drawn = Drawn()  # In every family
+    text: str = ""  # The file
+
+    def family(self, name: str) -> Family:
+        return next(family for family in self.families if family.name == name)
+
+
+@cache
+def published_grid() -> Grid:
+    return grid_from(files("validation.real_logs").joinpath(GRID_FILE).read_text(encoding="utf-8"))
+
+
+def grid_from(text: str) -> Grid:
+    read = read_as(Grid, Path(GRID_FILE), text)
+    families = tuple(replace(family, common=read.draw) for family in read.families)
+    taken = sorted((family.seed, family.seed + family.count * family.pool) for family in families)
+    separated = all(end <= begin for (_, end), (begin, _) in pairwise(taken))
+    if not separated or len({family.name for family in families}) < len(families):
+        raise InputError(
+            "families with names and seeds of their own",
+            "some of one name, or whose seeds overlap",
+            "Give each its name, and a seed further from the next than it has flights.",
+        )
+    for family in families:
+        try:
+            family.flight(0)
+        except (KeyError, TypeError, ValueError) as error:
+            wrong = f"{error!r} in family '{family.name}'"
+            raise InputError("values of a flight, and no other,", wrong, "Correct the grid.") from error
+    return replace(read, families=families, text=text)
+
+
+def _spec(values: Mapping[str, Value], seed: int) -> FlightSpec:
+    given = dict(values)
+    noise = SensorNoise(
+        kind=NoiseKind(str(given.pop("noise"))),
+        acceleration=float(given.pop("acceleration_noise")),
+        velocity=float(given.pop("velocity_noise")),
+        position=float(given.pop("position_noise")),
+    )
+    parts: list[dict[str, Any]] = [
+        {
+            name: _TYPES.get(name, float)(given.pop(name))
+            for name in {field.name for field in fields(kind)} & given.keys()
+        }
+        for kind in (VehicleSpec, LoggerSpec, FlightSpec)
+    ]
+    if given:
+        raise InputError("keys of a flight", ", ".join(given), "Remove them.")
+    vehicle, logger, flight = parts
+    return FlightSpec(VehicleSpec(**vehicle), LoggerSpec(**logger, noise=noise), seed=seed, **flight)
+
+
+#: Quantities that are words, or are on or off.
+_TYPES: Mapping[str, Callable[[Any], Any]] = {
+    "jitter": Jitter,
+    "reference": Reference,
+    "multirotor": str,
+    "voltage_logged": bool,
+}
+
 
 #: Flights of a minute that make one task; longer ones count as more.
 FLIGHTS_TOGETHER = 10
@@ -35,39 +186,27 @@ Row = dict[str, str | float | int | bool]
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """Some flights, or pools, of a family.
+    """Some flights, or pools, of a family."""
 
-    Parameters
-    ----------
-    family : str
-        Its name.
-    first, last : int
-        First flight, and the one after the last; of pools likewise.
-    """
-
-    family: str
-    first: int
+    family: str  # Its name
+    first: int  # First flight, and the one after the last; of pools likewise
     last: int
 
     @property
     def file_name(self) -> str:
-        """Name of the file that its rows are kept in, without its ending."""
         index = [family.name for family in published_grid().families].index(self.family)
         return f"family-{index + 1:02d}-{self.first:03d}-{self.last:03d}"
 
     @property
     def facts(self) -> Mapping[str, str]:
-        """What that file is sealed with."""
         return {"family": self.family, "flights": f"{self.first} to {self.last - 1}"}
 
     @property
     def flights(self) -> int:
-        """Number of flights, those of pools counted one by one."""
         return (self.last - self.first) * published_grid().family(self.family).pool
 
 
 def family_tasks(family: Family) -> tuple[Task, ...]:
-    """Tasks of a family, in order."""
     size = _together(family)
     return tuple(
         Task(family.name, first, min(first + size, family.count)) for first in range(0, family.count, size)
@@ -89,78 +228,82 @@ def rows_of(task: Task) -> tuple[Row, ...]:
     return tuple(_flight_row(family, number) for number in range(task.first, task.last))
 
 
-@dataclass(frozen=True)
-class _Outcome:
-    """What was made of a flight."""
-
-    verdict: str
-    truth: Mapping[str, float] = field(default_factory=dict)
-    estimates: Mapping[str, IntervalEstimate] = field(default_factory=dict)
-    verdicts: Mapping[str, str] = field(default_factory=dict)
-    named: Mapping[str, bool] = field(default_factory=dict)
-    numbers: Mapping[str, float] = field(default_factory=dict)
-    reason: str = ""
-
-    def row(self, family: Family, spec: FlightSpec, number: int) -> Row:
-        """Row of the table."""
-        row: Row = {
-            "class": family.name,
-            "number": number,
-            "reference": str(spec.reference),
-            "gust_rms": spec.vehicle.gust_rms,
-            "verdict": self.verdict,
-            "reason": self.reason,
+def _row(
+    family: Family,
+    number: int,
+    verdict: str,
+    reason: str = "",
+    result: FlightEstimate | None = None,
+    quantities: Mapping[str, Quantity] | None = None,
+    truth: Mapping[str, float] | None = None,
+) -> Row:
+    """Row of a flight; without a result of one that was not identified at all."""
+    spec, said = family.flight(number), {} if result is None else named(result)
+    row: Row = {
+        "class": family.name,
+        "number": number,
+        "reference": str(spec.reference),
+        "gust_rms": spec.vehicle.gust_rms,
+        "verdict": verdict,
+        "reason": reason,
+    }
+    for name in QUANTITIES:
+        quantity = quantities[name] if quantities else None
+        ends = (quantity.value, *quantity.interval) if quantity else (np.nan, np.nan, np.nan)
+        row[f"truth.{name}"] = truth[name] if truth else np.nan
+        row |= {
+            f"{RECIPE}.{name}.{part}": end for part, end in zip(("value", "low", "high"), ends, strict=True)
         }
-        for name in QUANTITIES:
-            result = self.estimates.get(name, IntervalEstimate())
-            row[f"truth.{name}"] = self.truth.get(name, np.nan)
-            row |= {f"{RECIPE}.{name}.{part}": getattr(result, part) for part in ("value", "low", "high")}
-            row[f"verdict.{name}"] = self.verdicts.get(name, "")
-        row |= {f"named.{name}": self.named.get(name, False) for name in NAMES}
-        return row | {
-            "recipe.first_stage_F": self.numbers.get("first_stage_F", np.nan),
-            "recipe.p_value": self.numbers.get("over_identification_p_value", np.nan),
-        }
+        row[f"verdict.{name}"] = quantity.verdict.value if quantity else ""
+    row |= {f"named.{name}": said.get(name, False) for name in NAMES}
+    diagnostics = {} if result is None else result.diagnostics
+    strengths = [value for name, value in diagnostics.items() if name.startswith("first_stage_F")]
+    return row | {
+        "recipe.first_stage_F": min(strengths, default=np.nan),
+        "recipe.p_value": diagnostics.get("over_identification_p_value", np.nan),
+    }
 
 
 def _flight_row(family: Family, number: int) -> Row:
     spec = family.flight(number)
     flight = logged_flight(spec)
     if not flight.flown.flew:
-        return _Outcome(LOST).row(family, spec, number)
+        return _row(family, number, LOST)
     try:
         result = identify_flight(flight.recording, _options(family, spec))
     except EivorError as error:
-        return _Outcome(FAILED, reason=str(error)).row(family, spec, number)
-    return _outcome(result, _truth(result, 0, flight), result.quantities).row(family, spec, number)
+        return _row(family, number, FAILED, str(error))
+    return _identified_row(family, number, result, 0, flight)
 
 
 def _pool_rows(family: Family, pool: int) -> tuple[Row, ...]:
     numbers = range(pool * family.pool, (pool + 1) * family.pool)
-    specs = [family.flight(number) for number in numbers]
-    flights = [logged_flight(spec) for spec in specs]
+    flights = [logged_flight(family.flight(number)) for number in numbers]
     try:
         result = identify_flight([flight.recording for flight in flights])
     except EivorError as error:
-        outcomes = [_Outcome(FAILED, reason=str(error))] * family.pool
-    else:
-        outcomes = [
-            _of_member(result, index, _truth(result, index, flight)) for index, flight in enumerate(flights)
-        ]
+        return tuple(_row(family, number, FAILED, str(error)) for number in numbers)
     return tuple(
-        outcome.row(family, spec, number)
-        for outcome, spec, number in zip(outcomes, specs, numbers, strict=True)
+        _identified_row(family, number, result, position, flight)
+        for position, (number, flight) in enumerate(zip(numbers, flights, strict=True))
     )
 
 
-def _of_member(result: FlightEstimate, position: int, truth: Mapping[str, float]) -> _Outcome:
-    """Outcome of a flight of a pool: verdict and quantities are its own where the pool has them."""
-    if position >= len(result.by_flight):
-        return _outcome(result, truth, result.quantities)
-    member = result.by_flight[position]
-    outcome = _outcome(result, truth, {**result.quantities, **member.quantities})
-    against = "" if member.verdict is Status.IDENTIFIED else member.reasons[0]
-    return replace(outcome, verdict=member.verdict.value, reason=against)
+def _identified_row(
+    family: Family, number: int, result: FlightEstimate, position: int, flight: LoggedFlight
+) -> Row:
+    """Row of a flight, or of one of a pool: verdict and quantities are its own where the pool has them."""
+    prepared = result.prepared[position]
+    truth = flight.flown.effective(prepared.grid.time_s, prepared.used)
+    if family.pool > 1 and position < len(result.by_flight):
+        member = result.by_flight[position]
+        status, quantities = member.verdict, {**result.quantities, **member.quantities}
+        against = member.reasons[:1]
+    else:
+        status, quantities = result.verdict.status, dict(result.quantities)
+        against = tuple(reason.sentence for reason in result.verdict.reasons[:1])
+    reason = "" if status is Status.IDENTIFIED or not against else against[0]
+    return _row(family, number, status.value, reason, result, quantities, truth)
 
 
 def _options(family: Family, spec: FlightSpec) -> FlightOptions:
@@ -177,33 +320,13 @@ def _options(family: Family, spec: FlightSpec) -> FlightOptions:
     return FlightOptions(lag=Prior(max(true + std * draw.standard_normal(), 0.1 * std), std))
 
 
-def _truth(result: FlightEstimate, position: int, flight: LoggedFlight) -> dict[str, float]:
-    prepared = result.prepared[position]
-    return flight.flown.effective(prepared.grid.time_s, prepared.used)
-
-
-def _outcome(
-    result: FlightEstimate, truth: Mapping[str, float], quantities: Mapping[str, Quantity]
-) -> _Outcome:
-    strengths = [value for name, value in result.diagnostics.items() if name.startswith("first_stage_F")]
-    against = result.verdict.reasons
-    return _Outcome(
-        result.verdict.status.value,
-        truth,
-        {name: IntervalEstimate(quantities[name].value, *quantities[name].interval) for name in QUANTITIES},
-        {name: quantities[name].verdict.value for name in QUANTITIES},
-        named(result),
-        {"first_stage_F": min(strengths, default=np.nan)}
-        | {
-            key: result.diagnostics[key]
-            for key in ("over_identification_p_value",)
-            if key in result.diagnostics
-        },
-        against[0].sentence if against and result.verdict.status is not Status.IDENTIFIED else "",
-    )
-
-
 def interleaved(families: Sequence[Family]) -> list[Task]:
     """Tasks of all families, so that a run that is cut short has flown the same share of each."""
     tasks = [(task.first / family.count, task) for family in families for task in family_tasks(family)]
     return [task for _, task in sorted(tasks, key=lambda each: each[0])]
+
+
+def folder_of(path: Path, grid: Grid) -> StudyFolder[Task]:
+    planned = sum(family.count * family.pool for family in grid.families)
+    tasks = interleaved(grid.families)
+    return StudyFolder(path, tasks, grid.name, grid.text, "validation.real_logs", planned, rows_of)

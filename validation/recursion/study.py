@@ -11,16 +11,103 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
+import eivor as ev
 from eivor.lab.experiments import markdown
-from eivor.strict_toml import read_toml
-from validation.kept_study import Answer, KeptStudyCommand, keep, kept_lines
-from validation.recursion.trials import SEED, Told, trial
-from validation.requirement import Requirement
-from validation.suites import versions
+from eivor.lab.records import Scenario, simulate
+from eivor.lab.scenario_files import shipped_scenario
+from eivor.signals.signals import Signals
+from validation.studies import (
+    Answer,
+    GridStruct,
+    Requirement,
+    completed,
+    kept_command,
+    read_as,
+    requirement_table,
+    versions,
+)
+
+
+def changed_record(
+    scenario: Scenario, rng: np.random.Generator, parameter: str, factor: float, sample: int
+) -> Signals:
+    """Measured signals of a scenario in open loop whose disturbance is in the equation."""
+    record = simulate(scenario, rng)
+    before, after = scenario, replace(scenario, **{parameter: factor * getattr(scenario, parameter)})
+    true, measured = record.truth.channels, record.signals
+    u, velocity = true["input"], true["velocity_z"].copy()
+    for k in range(max(sample, 1), u.size):
+        now = after if k > sample else before  # what held over the step to sample k
+        velocity[k] = now.vehicle.decay * velocity[k - 1] + now.input_gain * now.vehicle.held * u[k - 1]
+    friction = np.full(u.size, before.viscous_friction)
+    gain = np.full(u.size, before.input_gain)
+    friction[sample:], gain[sample:] = after.viscous_friction, after.input_gain
+    acceleration = gain * u - friction * velocity + true["disturbance"]
+    channels = dict(measured.channels)
+    for name, series in (("velocity_z", velocity), ("acceleration_z", acceleration)):
+        channels[name] = measured.channels[name] - true[name] + series
+    return Signals(measured.rate_hz, channels, noise=measured.noise)
+
+
+#: Length of a record, and the samples between which its parameter changes.
+SAMPLES, CHANGES = 2500, (1250, 1300)
+#: Lags of the input that are instruments.
+LAGS = 10
+#: What a parameter is multiplied by when it changes.
+DROP = 0.8
+SEED = 20261122
+
+
+@dataclass(frozen=True, slots=True)
+class Told:
+    scenario: str  # Name of a shipped one
+    changed: str  # Parameter that drops, or "nothing"
+    run: int  # Number of the record
+    alarms: int  # Changes that were told where there was none
+    delay: int | None  # Samples from the change to the first that was told after it; None for never
+    covered: dict[str, bool]  # Whether the interval at the end holds the truth, and its half-width over it
+    half_width: dict[str, float]
+
+
+def trial(scenario: str, changed: str, run: int) -> Told:
+    """Run one record; the same scenario and run have the same noises with and without a change."""
+    given = replace(shipped_scenario(scenario), samples=SAMPLES)
+    rng = np.random.default_rng([SEED, run])
+    index = CHANGES[0] + run % (CHANGES[1] - CHANGES[0])
+    truth = {"viscous_friction": given.viscous_friction, "input_gain": given.input_gain}
+    drops = changed in truth
+    if drops:
+        truth[changed] *= DROP
+        signals = changed_record(given, rng, changed, DROP, index)
+    else:
+        signals = ev.simulate(given, rng).signals
+    recursion = ev.RecursiveIdentification(
+        ev.VerticalMotion(intercept=False),
+        ev.methods.generalized_iv(),
+        ev.lags("input", 0, LAGS),
+        detector=ev.ChangeDetector(),
+    ).update(signals)
+    selected = [change.sample + LAGS for change in recursion.changes]
+    after = [sample - index for sample in selected if sample > index]
+    estimate = recursion.estimate()
+    ends = {name: estimate.interval(name) for name in truth}
+    return Told(
+        scenario,
+        changed,
+        run,
+        sum(sample <= index for sample in selected) if drops else len(selected),
+        after[0] if drops and after else None,
+        {name: bool(low <= truth[name] <= high) for name, (low, high) in ends.items()},
+        {name: 0.5 * (high - low) / truth[name] for name, (low, high) in ends.items()},
+    )
+
 
 PART = "recursion"
 GRID = Path(__file__).with_name("grid.toml")
@@ -41,31 +128,27 @@ HEADER = (
 )
 
 
+class Records(GridStruct, frozen=True):
+    scenario: str  # Name of a shipped one
+    changed: Literal["nothing", "input_gain", "viscous_friction"]  # What drops
+    small: int  # Number of records by size of the study
+    full: int
+
+
+class Grid(GridStruct, frozen=True):
+    records: tuple[Records, ...]
+
+
 def answer(grid: Path, size: str, kept: Path) -> Answer:
     """Run what the file does not have yet, and judge all of it."""
-    selected = {
-        (kept_line.scenario, kept_line.changed, kept_line.run): kept_line
-        for kept_line in kept_lines(kept, Told)
+    trials = {
+        (records.scenario, records.changed, run): partial(trial, records.scenario, records.changed, run)
+        for records in read_as(Grid, grid).records
+        for run in range(getattr(records, size))
     }
-    results = []
-    for key in _parsed(grid, size):
-        if key not in selected:
-            selected[key] = trial(*key)
-            keep(kept, [selected[key]])
-        results.append(selected[key])
+    results = completed(kept, Told, trials, lambda line: (line.scenario, line.changed, line.run))
     requirements = tuple(_requirements(results))
     return _tables(results, requirements), requirements
-
-
-def _parsed(grid: Path, size: str) -> Iterator[tuple[str, str, int]]:
-    root = read_toml(grid, "grid of records")
-    for records in root.sections("records"):
-        scenario, changed = records.text("scenario"), records.choice("changed", tuple(NAMES))
-        runs = {name: records.whole(name) for name in ("small", "full")}[size]
-        records.finish()
-        for run in range(runs):
-            yield scenario, changed, run
-    root.finish()
 
 
 def _of(tolds: list[Told], scenario: str, changed: str) -> list[Told]:
@@ -75,11 +158,8 @@ def _of(tolds: list[Told], scenario: str, changed: str) -> list[Told]:
 def _requirements(tolds: list[Told]) -> Iterator[Requirement]:
     still = _of(tolds, SCENARIO, "nothing")
     alarms = float(np.mean([item.alarms > 0 for item in still]))
-    yield Requirement(
-        f"{SCENARIO}: records of 2,500 samples with a false alarm",
-        f"at most {FALSE_ALARMS:g}",
-        f"{alarms:.3f}",
-        alarms <= FALSE_ALARMS,
+    yield Requirement.at_most(
+        f"{SCENARIO}: records of 2,500 samples with a false alarm", alarms, FALSE_ALARMS
     )
     delay = float(np.median(_delays(_of(tolds, SCENARIO, PARAMETER))))
     yield Requirement(
@@ -90,13 +170,7 @@ def _requirements(tolds: list[Told]) -> Iterator[Requirement]:
     )
     for name in ("viscous_friction", "input_gain"):
         covered = float(np.mean([item.covered[name] for item in still]))
-        low, high = COVERAGE
-        yield Requirement(
-            f"{SCENARIO}: coverage of the intervals of {NAMES[name]}",
-            f"{low:g} to {high:g}",
-            f"{covered:.3f}",
-            low <= covered <= high,
-        )
+        yield Requirement.within(f"{SCENARIO}: coverage of the intervals of {NAMES[name]}", covered, COVERAGE)
 
 
 def _delays(tolds: list[Told]) -> list[float]:
@@ -104,16 +178,12 @@ def _delays(tolds: list[Told]) -> list[float]:
 
 
 def _tables(tolds: list[Told], requirements: tuple[Requirement, ...]) -> str:
-    requested = [
-        (requirement.what, requirement.asked, requirement.measured, "yes" if requirement.met else "no")
-        for requirement in requirements
-    ]
     kinds = dict.fromkeys((item.scenario, item.changed) for item in tolds)
     return "\n\n".join(
         (
             f"Made by `python -m validation.recursion.study` with {versions()}: records of 2,500 samples, "
             f"memory 200, seed {SEED}.",
-            markdown(("what", "asked", "measured", "met"), requested),
+            requirement_table(requirements),
             markdown(HEADER, [_line(_of(tolds, *kind)) for kind in kinds]),
         )
     )
@@ -140,9 +210,7 @@ def _samples(delay: float) -> str:
     return f"{delay:.0f}" if np.isfinite(delay) else "never"
 
 
-COMMAND = KeptStudyCommand("validation.recursion.study", __doc__, GRID, PART, answer)
-main = COMMAND.main
-
+main = kept_command("validation.recursion.study", __doc__, GRID, PART, answer).main
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -11,17 +11,132 @@ of no use.
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
+import eivor as ev
+from eivor.errors import EivorError
 from eivor.lab.experiments import markdown
-from eivor.strict_toml import read_toml
-from validation.kept_study import Answer, KeptStudyCommand, keep, kept_lines
-from validation.requirement import Requirement
-from validation.response_band.trials import DRAWS, SEED, TIMES_S, Told, trials
-from validation.suites import versions
+from eivor.simulation.environment import SimulatedFlight
+from eivor.simulation.vertical import VerticalFlightSpec, simulate_vertical_flights
+from eivor.tools import Float
+from validation.studies import (
+    Answer,
+    GridStruct,
+    Requirement,
+    keep,
+    kept_command,
+    kept_lines,
+    read_as,
+    requirement_table,
+    versions,
+)
+
+#: Times after a step of the command at which the climb rate is asked [s].
+TIMES_S = (0.05, 0.1, 0.2, 0.4, 0.8, 1.6, 3.2)
+#: Share of the draws that a band holds at each of them, and how many draws there are.
+LEVEL, DRAWS = 0.90, 1000
+SEED = 20261122
+#: What is drawn for each flight, evenly: K [1/s], hover command, lag [s].
+VEHICLES = {"viscous_friction": (0.2, 0.6), "hover_input": (0.3, 0.6), "actuator_lag": (0.02, 0.08)}
+
+
+class Kind(GridStruct, frozen=True):
+    """Flights of one kind."""
+
+    name: str
+    small: int  # How many, by the size of the study
+    full: int
+    gust_rms: float = 0.0
+    delay: float = 0.0
+    vigour: float = 1.0
+
+
+class Grid(GridStruct, frozen=True):
+    flights: list[Kind]
+
+
+@dataclass(frozen=True, slots=True)
+class Told:
+    name: str  # Of its kind
+    run: int  # Number of the flight
+    verdict: str  # Of the flight; empty where nothing was estimated
+    # At each of `TIMES_S`, whether the band holds the true climb rate: of draws at all delays that fit, and
+    # at the one that fits best
+    held: list[bool]
+    held_at_best: list[bool]
+    width: list[float]  # Half of the band over the true climb rate
+
+
+def trials(kind: Kind, position: int, runs: Sequence[int]) -> Iterator[Told]:
+    """Fly some of a kind side by side: the kind's place and a run give the same flight in any company."""
+    specs = [_spec(kind, position, run) for run in runs]
+    for run, spec, flight in zip(runs, specs, simulate_vertical_flights(specs), strict=True):
+        yield _report(kind.name, run, spec, flight)
+
+
+def _spec(kind: Kind, position: int, run: int) -> VerticalFlightSpec:
+    rng = np.random.default_rng([SEED, position, run])
+    vehicle = {key: float(rng.uniform(low, high)) for key, (low, high) in VEHICLES.items()}
+    return VerticalFlightSpec(
+        viscous_friction=vehicle["viscous_friction"],
+        hover_input=vehicle["hover_input"],
+        actuator_lag=vehicle["actuator_lag"],
+        delay=kind.delay,
+        gust_rms=kind.gust_rms,
+        vigour=kind.vigour,
+        seed=int(rng.integers(2**31)),
+    )
+
+
+def _report(name: str, run: int, spec: VerticalFlightSpec, flight: SimulatedFlight) -> Told:
+    numbers = (spec.viscous_friction, spec.input_gain, spec.actuator_lag, spec.delay)
+    (truth,) = climb_rates(*(np.array([number]) for number in numbers))
+    try:
+        fit = ev.identify_flight(flight.recording)
+        low, high = _band(fit, "all", run)
+    except EivorError:
+        return Told(name, run, "", [], [], [])
+    least, most = _band(fit, "best", run)
+    return Told(
+        name,
+        run,
+        fit.verdict.status.value,
+        ((low <= truth) & (truth <= high)).tolist(),
+        ((least <= truth) & (truth <= most)).tolist(),
+        (0.5 * (high - low) / truth).tolist(),
+    )
+
+
+def _band(fit: ev.FlightEstimate, delays: Literal["best", "all"], seed: int) -> Float[np.ndarray, "2 times"]:
+    draws, best = fit.sample(DRAWS, seed=seed, delays=delays), fit.parameters
+    columns = (
+        draws.get(name, np.full(DRAWS, best[name]))
+        for name in ("viscous_friction", "input_gain", "actuator_lag", "delay")
+    )
+    ends = (0.5 - 0.5 * LEVEL, 0.5 + 0.5 * LEVEL)
+    band: Float[np.ndarray, "2 times"] = np.quantile(climb_rates(*columns), ends, axis=0)
+    return band
+
+
+def climb_rates(
+    friction: Float[np.ndarray, " n"],
+    gain: Float[np.ndarray, " n"],
+    lag: Float[np.ndarray, " n"],
+    delay: Float[np.ndarray, " n"],
+) -> Float[np.ndarray, "n times"]:
+    """Climb rate after a step of the mapped command, of which one per cent is 1 [m/s per unit]."""
+    rows = friction[:, None], gain[:, None], np.maximum(lag, 1e-4)[:, None]
+    since = np.maximum(np.array(TIMES_S) - delay[:, None], 0.0)
+    each, steep, slow = rows
+    steady = -np.expm1(-each * since) / each
+    passing = (np.exp(-each * since) - np.exp(-since / slow)) / (1.0 / slow - each)
+    return steep * (steady - passing)
+
 
 PART = "response band"
 GRID = Path(__file__).with_name("grid.toml")
@@ -29,8 +144,6 @@ GRID = Path(__file__).with_name("grid.toml")
 COVERAGE = (0.86, 0.94)
 #: Flights that are simulated side by side.
 TOGETHER = 25
-#: What a kind of flights may differ in.
-SETTINGS = ("gust_rms", "delay", "vigour")
 HEADER = (
     "flights",
     "how many",
@@ -45,50 +158,35 @@ def answer(grid: Path, size: str, kept: Path) -> Answer:
     """Fly what the file does not have yet, and judge all of it."""
     selected = {(kept_line.name, kept_line.run): kept_line for kept_line in kept_lines(kept, Told)}
     results = []
-    for name, settings, item, runs in _parsed(grid, size):
-        for trial in trials(name, settings, item, [run for run in runs if (name, run) not in selected]):
-            selected[name, trial.run] = trial
+    for kind, position, runs in _turns(read_as(Grid, grid), size):
+        missing = [run for run in runs if (kind.name, run) not in selected]
+        for trial in trials(kind, position, missing):
+            selected[kind.name, trial.run] = trial
             keep(kept, [trial])
-        results += [selected[name, run] for run in runs]
+        results += [selected[kind.name, run] for run in runs]
     covered = float(np.mean([held for result in results for held in result.held]))
-    low, high = COVERAGE
-    requirement = Requirement(
-        "pointwise coverage of the band of 90 %",
-        f"{low:g} to {high:g}",
-        f"{covered:.3f}",
-        low <= covered <= high,
-    )
+    requirement = Requirement.within("pointwise coverage of the band of 90 %", covered, COVERAGE)
     return _tables(results, requirement), (requirement,)
 
 
-def _parsed(grid: Path, size: str) -> list[tuple[str, Mapping[str, float], int, range]]:
+def _turns(grid: Grid, size: str) -> list[tuple[Kind, int, range]]:
     """Flights side by side; kinds take turns, so that a study that is cut short has some of each."""
-    root = read_toml(grid, "grid of flights")
-    requested: list[tuple[str, Mapping[str, float], int, range]] = []
-    for index, kind in enumerate(root.sections("flights")):
-        name = kind.text("name")
-        settings = {key: kind.number(key) for key in SETTINGS if kind.has(key)}
-        runs = {word: kind.whole(word) for word in ("small", "full")}[size]
-        kind.finish()
-        requested += [
-            (name, settings, index, range(first, min(first + TOGETHER, runs)))
-            for first in range(0, runs, TOGETHER)
-        ]
-    root.finish()
-    return sorted(requested, key=lambda item: (item[3].start, item[2]))
+    requested = []
+    for position, kind in enumerate(grid.flights):
+        runs = getattr(kind, size)
+        starts = range(0, runs, TOGETHER)
+        requested += [(kind, position, range(first, min(first + TOGETHER, runs))) for first in starts]
+    return sorted(requested, key=lambda item: (item[2].start, item[1]))
 
 
 def _tables(tolds: list[Told], requirement: Requirement) -> str:
     kinds = dict.fromkeys(item.name for item in tolds)
-    requested = [
-        (requirement.what, requirement.asked, requirement.measured, "yes" if requirement.met else "no")
-    ]
     rows = [_line(kind, [item for item in tolds if item.name == kind]) for kind in kinds]
     return "\n\n".join(
         (
             f"Made by `python -m validation.response_band.study` with {versions()}: {len(tolds)} flights of "
             f"a minute, {DRAWS} draws of each, seed {SEED}.",
-            markdown(("what", "asked", "measured", "met"), requested),
+            requirement_table([requirement]),
             markdown(HEADER, [*rows, _line("**all**", tolds)]),
         )
     )
@@ -106,9 +204,7 @@ def _line(kind: str, tolds: list[Told]) -> tuple[str, ...]:
     )
 
 
-COMMAND = KeptStudyCommand("validation.response_band.study", __doc__, GRID, PART, answer)
-main = COMMAND.main
-
+main = kept_command("validation.response_band.study", __doc__, GRID, PART, answer).main
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -11,19 +11,17 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 import polars as pl
 
-from eivor.atomic_file import write_atomically
-from eivor.errors import EivorError
 from eivor.flights.result import FlightEstimate
 from eivor.inference.verdict import Status
-from eivor.lab.experiments import markdown, page_text, page_with
+from eivor.lab.experiments import markdown
 from eivor.motions.identify import identify_flight
 from eivor.motions.rigid_body.motion import RigidBody
 from eivor.motions.rigid_body.vehicle import DRAG, GAIN, THRUST
@@ -32,13 +30,19 @@ from eivor.signals.recording import Recording
 from eivor.simulation.controller import Sensor
 from eivor.simulation.rigid_body import simulate_rigid_body_flights
 from eivor.simulation.rigid_body_spec import RigidBodyFlightSpec
-from validation.flight_recipe.rotorpy_vehicles import Vehicle
-from validation.rigid_body.flights import NOISE, flight_of, jittered, known_vehicle
-from validation.rigid_body.grid import published_grid
-from validation.rigid_body.page import cell
-from validation.rigid_body.quantities import GROUPS, LAG, truth_of
-from validation.rigid_body.requirements import scores
-from validation.study_folder import Row, StudyFolder, StudyTable
+from validation.flight_recipe.rotorpy_flight import Vehicle
+from validation.rigid_body.study import cell, scores
+from validation.rigid_body.trials import (
+    GROUPS,
+    LAG,
+    NOISE,
+    flight_of,
+    jittered,
+    known_vehicle,
+    published_grid,
+    truth_of,
+)
+from validation.studies import Row, StudyFolder, StudyTable, folder_command
 
 VEHICLE = Vehicle.CRAZYFLIE
 LEAST_SQUARES, TOTAL, INSTRUMENTS = "whitened_least_squares", "total_least_squares", "reference_iv"
@@ -66,18 +70,8 @@ PLOTTED = (*(item.name for item in GAIN), THRUST.name, DRAG[2].name)
 
 @dataclass(frozen=True, slots=True)
 class Flown:
-    """One flight.
-
-    Parameters
-    ----------
-    kind : str
-        Which table it is of.
-    case, number : int
-        Which of its lags or noises, and which flight with these.
-    """
-
-    kind: str
-    case: int
+    kind: str  # Which table it is of
+    case: int  # Which of its lags or noises, and which flight with these
     number: int
 
     @property
@@ -87,17 +81,14 @@ class Flown:
 
     @property
     def facts(self) -> Mapping[str, str]:
-        """What that file is sealed with."""
         return {"flight": self.file_name}
 
     @property
     def flights(self) -> int:
-        """One."""
         return 1
 
 
 def all_flights() -> list[Flown]:
-    """Flights of all tables, those of low numbers first."""
     lags = [Flown(LAGS, case, 0) for case in range(len(LAGS_S))]
     speeds = [Flown(SPEEDS, case, n) for n in range(SPEED_FLIGHTS) for case in range(len(SPEED_NOISES))]
     of_grid = [
@@ -112,7 +103,7 @@ def rows_of(suite_study: Flown) -> tuple[Row, ...]:
     """Rows of a flight: one for each method and quantity."""
     if suite_study.kind in OF_GRID:
         return _rows_of_grid(suite_study)
-    scenario = replace(
+    scenario = msgspec.structs.replace(
         published_grid().scenario(NOMINAL), seed=LAGS_SEED if suite_study.kind == LAGS else SPEED_SEED
     )
     spec = flight_of(VEHICLE, scenario, published_grid().seconds, suite_study.number)
@@ -142,7 +133,7 @@ def _rows_of_grid(first: Flown) -> tuple[Row, ...]:
     (flight,) = simulate_rigid_body_flights([flight_of(VEHICLE, scenario, published_grid().seconds, number)])
     log = jittered(flight.recording, scenario.jitter_s, scenario.seed + number)
     if first.kind == DELAYS:
-        scenario = replace(scenario, taken_delay_s=scenario.delay_s)
+        scenario = msgspec.structs.replace(scenario, taken_delay_s=scenario.delay_s)
     motion = RigidBody(known_vehicle(VEHICLE, scenario))
     reported = identified(log, motion, scenario.methods[0], None)
     return tuple(_rows(first, scenario.methods[0], truth_of(flight.truth.parameters), reported))
@@ -256,35 +247,20 @@ def _table_of_grid(rows: pl.DataFrame) -> str:
     return markdown(("flights", *groups), [(flights, *(cell(result, names) for names in groups.values()))])
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command; returns its exit code."""
-    parser = argparse.ArgumentParser(prog="python -m validation.rigid_body.beside", description=__doc__)
-    parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.add_argument("--folder", type=Path, default=Path("rigid-body-beside"), help="keeps finished parts")
-    parser.add_argument("--tables", action="store_true", help="fly nothing; tables of what is done")
-    parser.add_argument("--kinds", default="", metavar="WORD", help="those with this in their name")
-    parser.add_argument("--workers", type=int, metavar="N", help="processes; default: one for each core")
-    parser.add_argument("--page", type=Path, metavar="FILE.md", help="put the tables between their marks")
-    chosen = parser.parse_args(arguments)
-    try:
-        return _run(chosen)
-    except EivorError as error:
-        sys.stderr.write(f"{error}\n")
-        return 2
+def folder_of(chosen: argparse.Namespace) -> StudyFolder[Flown]:
+    flights = [flight for flight in all_flights() if chosen.word in flight.kind]
+    planned = len(all_flights())
+    return StudyFolder(chosen.folder, flights, "beside", "", "validation.rigid_body", planned, rows_of)
 
 
-def _run(chosen: argparse.Namespace) -> int:
-    page = page_text(chosen.page, LAGS) if chosen.page else ""
-    flights = [all_flight for all_flight in all_flights() if chosen.kinds in all_flight.kind]
-    folder = StudyFolder(chosen.folder, flights, "beside", "", "validation.rigid_body", len(all_flights()))
-    if not chosen.tables:
-        folder.run(rows_of, chosen.workers)
-    result = tables(folder.gathered())
-    if chosen.page:
-        write_atomically(chosen.page, page_with(page, result))
-    sys.stdout.write("\n\n".join(result.values()) + "\n")
-    return 0
-
+main = folder_command(
+    "validation.rigid_body.beside",
+    __doc__,
+    LAGS,
+    "--kinds",
+    folder_of,
+    lambda table: (tables(table), ()),
+).main
 
 if __name__ == "__main__":
     sys.exit(main())

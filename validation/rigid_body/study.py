@@ -13,63 +13,206 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Sequence
-from pathlib import Path
+from collections.abc import Iterator
+from dataclasses import dataclass
 
-from eivor.atomic_file import write_atomically
-from eivor.errors import EivorError
-from eivor.lab.experiments import page_text, page_with
-from validation.rigid_body.grid import Grid, published_grid
-from validation.rigid_body.page import PART, study_tables
-from validation.rigid_body.requirements import requirements
-from validation.rigid_body.trials import rows_of, tasks_of
-from validation.study_folder import StudyFolder, StudyTable, read_study_table
+import numpy as np
+import polars as pl
 
-#: Exit code when a requirement is not met, and for an input that cannot be used.
-NOT_MET, WRONG = 3, 2
+from eivor.lab.experiments import markdown
+from eivor.lab.study import Share
+from validation.rigid_body.trials import (
+    GRID,
+    GROUPS,
+    Grid,
+    Scenario,
+    Task,
+    published_grid,
+    rows_of,
+    tasks_of,
+    unit_of_error,
+)
+from validation.studies import Answer, Requirement, StudyFolder, StudyTable, folder_command, requirement_table
 
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command; returns its exit code."""
-    parser = argparse.ArgumentParser(prog="python -m validation.rigid_body.study", description=__doc__)
-    parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.add_argument("--folder", type=Path, default=Path("rigid-body-study"), help="keeps finished parts")
-    parser.add_argument("--tables", action="store_true", help="fly nothing; tables of what is done")
-    parser.add_argument("--share", type=float, default=1.0, help="of the flights of each scenario")
-    parser.add_argument("--scenarios", default="", metavar="WORD", help="those with this in their name")
-    parser.add_argument("--workers", type=int, metavar="N", help="processes; default: one for each core")
-    parser.add_argument("--out", type=Path, metavar="FILE.parquet", help="write every row")
-    parser.add_argument("--page", type=Path, metavar="FILE.md", help="put the tables between its marks")
-    parser.add_argument("--from", dest="source", type=Path, metavar="FILE.parquet", help="a finished run")
-    chosen = parser.parse_args(arguments)
-    try:
-        return _run(chosen)
-    except EivorError as error:
-        sys.stderr.write(f"{error}\n")
-        return WRONG
+#: Of the interval of a share that is compared with what is asked.
+LEVEL = 0.99
 
 
-def _run(chosen: argparse.Namespace) -> int:
+@dataclass(frozen=True, slots=True)
+class Score:
+    """How well a quantity is told, over flights."""
+
+    count: int  # Flights that tell it
+    # Mean of the errors, root of the mean of their squares, and the largest, relative to the truth
+    bias: float
+    rmse: float
+    largest: float
+    covered: Share  # Intervals that hold the truth
+
+
+def score(rows: pl.DataFrame) -> Score:
+    """Score of one quantity by one method of one vehicle; a flight that told nothing missed."""
+    truth, value = rows["truth"].to_numpy(), rows["value"].to_numpy()
+    reported = np.isfinite(value)
+    errors = (value - truth)[reported] / unit_of_error(str(rows["quantity"][0]), float(truth[0]))
+    held = (rows["low"].to_numpy() <= truth) & (truth <= rows["high"].to_numpy())
+    if not errors.size:
+        errors = np.array([np.nan])
+    return Score(
+        int(reported.sum()),
+        float(errors.mean()),
+        float(np.sqrt(np.mean(errors**2))),
+        float(np.abs(errors).max()),
+        Share(int(held.sum()), rows.height, LEVEL),
+    )
+
+
+def scores(rows: pl.DataFrame) -> dict[str, Score]:
+    """Score of every quantity whose error can be told relative to its truth."""
+    return {
+        str(name): score(item)
+        for (name,), item in rows.group_by(["quantity"], maintain_order=True)
+        if unit_of_error(str(name), float(item["truth"][0])) > 0.0
+    }
+
+
+def parts_of(rows: pl.DataFrame, scenario: Scenario) -> Iterator[tuple[str, str, pl.DataFrame]]:
+    """Rows of a scenario by vehicle and method, in the order of the grid."""
+    for vehicle in scenario.vehicles:
+        for method in scenario.methods:
+            current = rows.filter(
+                (pl.col("scenario") == scenario.name)
+                & (pl.col("vehicle") == str(vehicle))
+                & (pl.col("method") == method)
+            )
+            if current.height:
+                yield str(vehicle), method, current
+
+
+def requirements(rows: pl.DataFrame, grid: Grid) -> tuple[Requirement, ...]:
+    """Judge a run of the study by the first method of each scenario."""
+    return tuple(
+        item
+        for scenario in grid.scenarios
+        for vehicle, method, entry in parts_of(rows, scenario)
+        if method == scenario.methods[0]
+        for item in _of_part(scenario, vehicle, scores(entry))
+    )
+
+
+def _of_part(scenario: Scenario, vehicle: str, result: dict[str, Score]) -> Iterator[Requirement]:
+    name = scenario.name if len(scenario.vehicles) == 1 else f"{scenario.name}, {vehicle}"
+    for word, bounds, number in (
+        ("largest error", scenario.largest, "largest"),
+        ("RMSE", scenario.rmse, "rmse"),
+        ("bias", scenario.bias, "bias"),
+    ):
+        for group, bound in bounds.items():
+            sizes = [abs(getattr(result[item], number)) for item in GROUPS[group] if item in result]
+            if sizes:
+                worst = float(np.max(sizes))
+                yield Requirement(
+                    f"{name}: {word}, {group}", f"<= {percent(bound)}", percent(worst), worst <= bound
+                )
+    judged = {
+        item: result[item].covered for group in scenario.groups for item in GROUPS[group] if item in result
+    }
+    if scenario.coverage_each and judged:
+        below = [item for item, share in judged.items() if share.interval[1] < scenario.coverage_each]
+        least = min(judged.values(), key=lambda share: share.value)
+        yield Requirement(
+            f"{name}: coverage of each",
+            f"{scenario.coverage_each:g} in its 99 % interval",
+            share_text(least) + (f"; below: {', '.join(below)}" if below else " at least"),
+            not below,
+        )
+    if scenario.coverage_pooled and judged:
+        low, high = scenario.coverage_pooled
+        pooled = Share(
+            sum(item.hits for item in judged.values()), sum(item.count for item in judged.values()), LEVEL
+        )
+        yield Requirement(
+            f"{name}: coverage of all",
+            f"{low:g} to {high:g}",
+            share_text(pooled),
+            low <= pooled.value <= high,
+        )
+
+
+def percent(value: float) -> str:
+    return f"{100.0 * value:.2g} %" if np.isfinite(value) else "-"
+
+
+def share_text(share: Share) -> str:
+    low, high = share.interval
+    return f"{share.value:.3f} [{low:.2f}, {high:.2f}]"
+
+
+PART = "rigid body"
+COMMAND = "python -m validation.rigid_body.study"
+
+
+def study_tables(table: StudyTable, grid: Grid) -> str:
+    rows, origin = table.rows, table.origin
+    return "\n\n".join(
+        [
+            f"Made by `{COMMAND}` with {origin['made with']}: grid *{origin['grid']}*, {origin['flights']} "
+            "flights. Brackets hold the 99 % Wilson interval of a share.",
+            "## What is asked, and what came out",
+            requirement_table(requirements(rows, grid)),
+            "## Errors and coverage",
+            "Bias and root mean square error, in brackets the coverage of 95 % intervals; of groups the "
+            "worst of each number.",
+            score_table(rows, grid),
+        ]
+    )
+
+
+def score_table(rows: pl.DataFrame, grid: Grid) -> str:
+    lines = []
+    for scenario in grid.scenarios:
+        for vehicle, method, item in parts_of(rows, scenario):
+            name = scenario.name if len(scenario.vehicles) == 1 else f"{scenario.name}: {vehicle}"
+            result = scores(item)
+            flights = item["number"].n_unique()
+            lines.append(
+                (f"{name}, {method}", f"{flights}", *(cell(result, names) for names in GROUPS.values()))
+            )
+    return markdown(("flights", "number", *GROUPS), lines)
+
+
+def cell(result: dict[str, Score], names: tuple[str, ...]) -> str:
+    """Bias, root mean square error and coverage of a group: the worst of each number."""
+    selected = [result[name] for name in names if name in result and result[name].count]
+    if not selected:
+        return "-"
+    bias = max((item.bias for item in selected), key=abs)
+    rmse = float(np.max([item.rmse for item in selected]))
+    covered = min(item.covered.value for item in selected)
+    return f"{'+' if bias >= 0.0 else '-'}{percent(abs(bias))}, {percent(rmse)} [{covered:.2f}]"
+
+
+def folder_of(chosen: argparse.Namespace) -> StudyFolder[Task]:
     grid = published_grid()
-    page = page_text(chosen.page, PART) if chosen.page else ""
-    table = read_study_table(chosen.source) if chosen.source else _simulated(chosen, grid)
-    if chosen.out:
-        table.write(chosen.out)
-    tables = study_tables(table, grid)
-    if chosen.page:
-        write_atomically(chosen.page, page_with(page, {PART: tables}))
-    sys.stdout.write(tables + "\n")
-    return 0 if all(item.met for item in requirements(table.rows, grid)) else NOT_MET
-
-
-def _simulated(chosen: argparse.Namespace, grid: Grid) -> StudyTable:
-    tasks = tasks_of(grid, chosen.share, chosen.scenarios)
     planned = sum(scenario.count * len(scenario.vehicles) for scenario in grid.scenarios)
-    folder = StudyFolder(chosen.folder, tasks, grid.name, grid.text, "validation.rigid_body", planned)
-    if not chosen.tables:
-        folder.run(rows_of, chosen.workers)
-    return folder.gathered()
+    tasks = tasks_of(grid, chosen.share, chosen.word)
+    return StudyFolder(
+        chosen.folder,
+        tasks,
+        grid.name,
+        GRID.read_text(encoding="utf-8"),
+        "validation.rigid_body",
+        planned,
+        rows_of,
+    )
 
+
+def answer(table: StudyTable) -> Answer:
+    """Tables of a run, and what is asked of it."""
+    return study_tables(table, published_grid()), requirements(table.rows, published_grid())
+
+
+main = folder_command("validation.rigid_body.study", __doc__, PART, "--scenarios", folder_of, answer).main
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -3,21 +3,224 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
 
+import msgspec
 import numpy as np
 
 from eivor.errors import EivorError
+from eivor.lab.disturbances import OrnsteinUhlenbeck
 from eivor.motions.identify import identify_flight
+from eivor.motions.rigid_body.dynamics import EffectiveParameters
 from eivor.motions.rigid_body.motion import RigidBody
+from eivor.motions.rigid_body.vehicle import (
+    ALONG,
+    COUPLING,
+    DAMPING,
+    DRAG,
+    GAIN,
+    LIFT,
+    THRUST,
+    KnownNumber,
+    KnownVehicle,
+)
+from eivor.motions.rigid_body.vehicle import Vehicle as FlownBody
+from eivor.signals.noise import WhiteNoise
 from eivor.signals.recording import Recording
+from eivor.simulation.controller import FlightController, Sensor
+from eivor.simulation.environment import TrajectoryKind
+from eivor.simulation.excitation import FilteredWhite, RandomSteps
 from eivor.simulation.rigid_body import RigidBodyFlight, simulate_rigid_body_flights
-from validation.flight_recipe.rotorpy_vehicles import Vehicle
-from validation.rigid_body.flights import flight_of, jittered, known_vehicle
-from validation.rigid_body.grid import Grid, published_grid
-from validation.rigid_body.quantities import truth_of
-from validation.rigid_body.scenario import Scenario
-from validation.study_folder import Row
+from eivor.simulation.rigid_body_spec import (
+    AxisExcitations,
+    Logged,
+    RigidBodyFlightSpec,
+    Sensors,
+    TorqueDisturbance,
+)
+from eivor.tools import Float
+from validation.flight_recipe.rotorpy_flight import Vehicle, rigid_body, vehicle_parameters
+from validation.studies import GridStruct, Row, read_as
+
+LAG = "effective_lag"
+GROUPS = {
+    "torque gains": tuple(item.name for item in GAIN),
+    "gyroscopic ratios": tuple(item.name for item in COUPLING),
+    "rate damping": tuple(item.name for item in DAMPING),
+    "lag": (LAG,),
+    "thrust gain": (THRUST.name,),
+    "vertical drag": (DRAG[ALONG.index("z")].name,),
+    "horizontal drag": tuple(item.name for item in DRAG if not item.name.endswith("z")),
+    "translational lift": (LIFT.name,),
+}
+#: A ratio nearer to zero than this is compared absolutely.
+NEARLY_ZERO = 0.1
+
+
+def truth_of(parameters: EffectiveParameters) -> dict[str, float]:
+    selected = (
+        *zip(GROUPS["torque gains"], parameters.torque_gains, strict=True),
+        *zip(GROUPS["gyroscopic ratios"], parameters.gyroscopic_ratios, strict=True),
+        *zip(GROUPS["rate damping"], parameters.rate_damping, strict=True),
+        *zip((item.name for item in DRAG), parameters.drag, strict=True),
+    )
+    return {
+        **dict(selected),
+        THRUST.name: parameters.thrust_gain,
+        LIFT.name: parameters.translational_lift,
+        LAG: parameters.lag_up + parameters.delay,
+    }
+
+
+def unit_of_error(name: str, truth: float) -> float:
+    """What errors of a quantity are told in: the truth, or one for a ratio that is nearly zero."""
+    return 1.0 if name in GROUPS["gyroscopic ratios"] and abs(truth) < NEARLY_ZERO else abs(truth)
+
+
+GRID = Path(__file__).with_name("grid.toml")
+
+
+class Scenario(GridStruct, frozen=True, kw_only=True):
+    name: str  # What they are
+    seed: int  # Seed of the first flight, and flights of each vehicle
+    count: int = msgspec.field(name="flights")
+    vehicles: tuple[Vehicle, ...] = (Vehicle.CRAZYFLIE,)  # What flies
+    methods: tuple[str, ...]  # What identifies; the first one is judged
+    # Bounds by group of quantities, relative to the truth: of every error, of the root of their mean square,
+    # of the size of their mean
+    largest: dict[str, float] = msgspec.field(default_factory=dict)
+    rmse: dict[str, float] = msgspec.field(default_factory=dict)
+    bias: dict[str, float] = msgspec.field(default_factory=dict)
+    coverage_each: float = 0.0  # What each quantity's coverage may be; zero where nothing is asked
+    # Between which the coverage of all quantities with a bound lies; empty where nothing is asked
+    coverage_pooled: tuple[float, ...] = ()
+    others: int = 0  # So many flights are identified by methods other than the first
+    noise: float = 1.0  # Of the sensors, times the nominal one
+    delay_s: float = msgspec.field(name="delay", default=0.0)  # From a rotor's command to its first effect
+    # What that is taken for [s]; None where it is searched for
+    taken_delay_s: float | None = msgspec.field(name="taken_delay", default=None)
+    # Standard deviation of every stamp's error [s]; with it channels are logged out of step
+    jitter_s: float = msgspec.field(name="jitter", default=0.0)
+    command_hz: float = 0.0  # At which rotor commands are logged [Hz]; all of them where zero
+    filtered: bool = False  # Gyroscope and accelerometer have filters onboard
+    torque: float = 0.0  # Standard deviation of what the air does about each axis [rad/s^2]
+    injected: float = 0.0  # Standard deviation of what is added to the normalised torque setpoints
+    quickness: float = 0.6  # Of the controller, see `FlightController`
+    derivative_share: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not set(self.groups) <= set(GROUPS):
+            raise ValueError(f"groups out of {', '.join(GROUPS)}")
+
+    @property
+    def groups(self) -> tuple[str, ...]:
+        return tuple(dict.fromkeys([*self.largest, *self.rmse, *self.bias]))
+
+
+class Grid(GridStruct, frozen=True):
+    name: str  # Of the grid
+    seconds: float  # Of a flight [s]
+    scenarios: tuple[Scenario, ...] = msgspec.field(name="scenario")  # In the order of the file
+
+    def scenario(self, name: str) -> Scenario:
+        return next(item for item in self.scenarios if item.name == name)
+
+
+@cache
+def published_grid() -> Grid:
+    return read_as(Grid, GRID)
+
+
+CONTROLLER_HZ, FINE_HZ = 500.0, 1000.0
+#: Onboard filters [Hz].
+GYROSCOPE_CUTOFF_HZ, ACCELEROMETER_CUTOFF_HZ = 80.0, 30.0
+#: Nominal noise: gyroscope [rad/s], accelerometer [m/s^2], velocity [m/s], position [m], attitude [rad].
+NOISE = (0.02, 0.5, 0.05, 0.01, 0.002)
+#: Rates [Hz] and first instants [s] of the same sensors where they are out of step.
+OUT_OF_STEP = ((1000.0 / 3.0, 0.001), (250.0, 0.003), (100.0, 0.007), (100.0, 0.006), (200.0, 0.002))
+#: Correlation of the torques of the air [s].
+TORQUE_S = 0.3
+#: Jitter moves no stamp further than this share of the distance to the next.
+LARGEST_JITTER = 0.45
+
+
+def flown_vehicle(vehicle: Vehicle, scenario: Scenario) -> FlownBody:
+    body = rigid_body(vehicle_parameters(vehicle, None))
+    return replace(body, rotors=replace(body.rotors, delay=scenario.delay_s))
+
+
+def known_vehicle(vehicle: Vehicle, scenario: Scenario) -> KnownVehicle:
+    rotors, taken = flown_vehicle(vehicle, scenario).rotors, scenario.taken_delay_s
+    return KnownVehicle(
+        str(vehicle),
+        tuple((x, y) for x, y, _ in rotors.positions),
+        rotors.spins,
+        delay=None if taken is None else KnownNumber(taken),
+        gyro_cutoff_hz=GYROSCOPE_CUTOFF_HZ if scenario.filtered else None,
+        accelerometer_cutoff_hz=ACCELEROMETER_CUTOFF_HZ if scenario.filtered else None,
+    )
+
+
+def flight_of(vehicle: Vehicle, scenario: Scenario, seconds: float, number: int) -> RigidBodyFlightSpec:
+    air = OrnsteinUhlenbeck(scenario.torque, TORQUE_S) if scenario.torque else None
+    added = FilteredWhite(scenario.injected, 0.5, 8.0) if scenario.injected else None
+    return RigidBodyFlightSpec(
+        flown_vehicle(vehicle, scenario),
+        rate_hz=FINE_HZ if scenario.jitter_s else CONTROLLER_HZ,
+        duration=seconds,
+        trajectory=TrajectoryKind.MULTISINE,
+        controller=FlightController(quickness=scenario.quickness, derivative_share=scenario.derivative_share),
+        attitude=AxisExcitations(RandomSteps(0.25), RandomSteps(0.25), FilteredWhite(0.5, 0.05, 0.6)),
+        injection=AxisExcitations(added, added, added),
+        torque_disturbance=TorqueDisturbance(air, air, air),
+        sensors=_sensors(scenario),
+        logged=_logged(scenario),
+        seed=scenario.seed + number,
+    )
+
+
+def _logged(scenario: Scenario) -> Logged:
+    """Every command and setpoint that the controller issues, and fewer rotor commands where so asked."""
+    all_hz = CONTROLLER_HZ if scenario.jitter_s else 0.0
+    return Logged(scenario.command_hz or all_hz, all_hz, all_hz)
+
+
+def _sensors(scenario: Scenario) -> Sensors:
+    filters = (GYROSCOPE_CUTOFF_HZ, ACCELEROMETER_CUTOFF_HZ) if scenario.filtered else (0.0, 0.0)
+    sensors = []
+    for number, std in enumerate(NOISE):
+        sensor = Sensor(WhiteNoise(scenario.noise * std), cutoff_hz=(*filters, 0.0, 0.0, 0.0)[number])
+        if scenario.jitter_s:
+            rate_hz, first_s = OUT_OF_STEP[number]
+            sensor = replace(sensor, rate_hz=rate_hz, offset_s=first_s, jitter_s=scenario.jitter_s)
+        sensors.append(sensor)
+    return Sensors(*sensors)
+
+
+def jittered(log: Recording, std_s: float, seed: int) -> Recording:
+    """Log in which stamps of commands, setpoints and references err, as those of its sensors do already."""
+    if not std_s:
+        return log
+    rng = np.random.default_rng((seed, 1))
+    moved: dict[bytes, Float[np.ndarray, " n"]] = {}
+    channels = dict(log.channels)
+    for name, channel in channels.items():
+        if channel.held:
+            group = channel.time_s.tobytes()
+            if group not in moved:
+                moved[group] = _moved(channel.time_s, std_s, rng)
+            channels[name] = replace(channel, time_s=moved[group])
+    return replace(log, channels=channels)
+
+
+def _moved(
+    time_s: Float[np.ndarray, " n"], std_s: float, rng: np.random.Generator
+) -> Float[np.ndarray, " n"]:
+    most = LARGEST_JITTER * float(np.diff(time_s).min())
+    return time_s + np.clip(std_s * rng.standard_normal(time_s.size), -most, most)
+
 
 #: Flights of a task, which are simulated side by side.
 FLIGHTS_TOGETHER = 10
@@ -27,37 +230,22 @@ LOST, FAILED = "lost", "failed"
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """Some flights of a scenario.
-
-    Parameters
-    ----------
-    scenario : str
-        Its name.
-    vehicle : Vehicle
-        What flies.
-    first, last : int
-        First flight, and the one after the last.
-    """
-
-    scenario: str
-    vehicle: Vehicle
-    first: int
+    scenario: str  # Its name
+    vehicle: Vehicle  # What flies
+    first: int  # First flight, and the one after the last
     last: int
 
     @property
     def file_name(self) -> str:
-        """Name of the file that its rows are kept in, without its ending."""
         index = [scenario.name for scenario in published_grid().scenarios].index(self.scenario)
         return f"scenario-{index + 1:02d}-{self.vehicle}-{self.first:03d}-{self.last:03d}"
 
     @property
     def facts(self) -> Mapping[str, str]:
-        """What that file is sealed with."""
         return {"scenario": self.scenario, "flights": f"{self.vehicle} {self.first} to {self.last - 1}"}
 
     @property
     def flights(self) -> int:
-        """Number of flights."""
         return self.last - self.first
 
 
@@ -92,7 +280,6 @@ def rows_of(task: Task) -> tuple[Row, ...]:
 def rows_of_flight(
     flight: RigidBodyFlight, vehicle: Vehicle, scenario: Scenario, number: int
 ) -> Iterator[Row]:
-    """Rows of a flight."""
     truth = truth_of(flight.truth.parameters)
     log = jittered(flight.recording, scenario.jitter_s, scenario.seed + number)
     motion = RigidBody(known_vehicle(vehicle, scenario))

@@ -17,21 +17,24 @@ from pathlib import Path
 import numpy as np
 
 import eivor as ev
-from eivor.atomic_file import write_atomically
-from eivor.errors import EivorError
 from eivor.estimation.method import Method
 from eivor.inference.verdict import Status
-from eivor.lab.experiments import markdown, page_text, page_with
+from eivor.lab.experiments import markdown
 from eivor.lab.scenario_files import shipped_scenario
 from eivor.signals.noise import FractionalNoise
-from eivor.strict_toml import TomlTable, read_toml
 from eivor.tools import Float
-from validation.requirement import Requirement
-from validation.suites import versions
+from validation.studies import (
+    Answer,
+    GridStruct,
+    Option,
+    Requirement,
+    StudyCommand,
+    read_as,
+    requirement_table,
+    versions,
+)
 
 PART = "unknown-noise"
-#: Exit code when a requirement is not met, and for an input that cannot be used.
-NOT_MET, WRONG = 3, 2
 VELOCITY = "velocity_z"
 METHODS = ("generalized_iv_unknown_noise", "bias_eliminating_least_squares", "frisch_scheme", "spectral_giv")
 #: The coverage that is asked of parameters, and of what is told of noises.
@@ -39,18 +42,15 @@ OF_PARAMETERS, OF_NOISES = (0.91, 0.99), (0.90, 0.99)
 SUITE = Path(__file__).with_name("unknown_noise.toml")
 
 
-@dataclass(frozen=True, slots=True)
-class Case:
+class Case(GridStruct, frozen=True):
     """Records of one scenario, with the velocity's noise of one order; white noise has the order zero."""
 
-    name: str
     scenario: str
     samples: int
     order: float
     methods: tuple[str, ...]
 
     def scene(self) -> ev.Scenario:
-        """The scenario."""
         scenario = replace(shipped_scenario(self.scenario), samples=self.samples)
         noise = FractionalNoise(1.0, self.order) if self.order else ev.WhiteNoise(1.0)
         return replace(scenario, noise={**scenario.noise, VELOCITY: noise})
@@ -69,58 +69,25 @@ class Case:
 
 @dataclass(frozen=True, slots=True)
 class Told:
-    """What one method says of one parameter over all records.
+    """What one method says of one parameter over all records."""
 
-    Parameters
-    ----------
-    case, method, parameter : str
-        Of what.
-    errors : ndarray, shape (records,)
-        Over the truth; an order's are plain.
-    held : ndarray of bool, shape (records,)
-        Whether the interval holds the truth.
-    refused : int
-        Records whose estimate is refused.
-    """
-
-    case: str
+    case: str  # Of what
     method: str
     parameter: str
-    errors: Float[np.ndarray, " records"]
-    held: np.ndarray
-    refused: int
+    errors: Float[np.ndarray, " records"]  # Over the truth; an order's are plain
+    held: np.ndarray  # Whether the interval holds the truth
+    refused: int  # Records whose estimate is refused
 
 
-@dataclass(frozen=True, slots=True)
-class Suite:
-    """Runs, seed, cases, and the part of a page that their tables are."""
-
+class Suite(GridStruct, frozen=True):
+    name: str
     runs: int
     seed: int
-    cases: tuple[Case, ...]
-    part: str = PART
+    cases: dict[str, Case]
+    part: str = PART  # Of the page
 
 
-def read_suite(path: Path) -> Suite:
-    """Suite of a file."""
-    top = read_toml(path, "a suite of unknown noises")
-    top.text("name")
-    runs, seed, part = top.whole("runs"), top.whole("seed"), top.text("part", PART)
-    cases = tuple(_case(name, table) for name, table in top.named_sections("cases").items())
-    top.finish()
-    return Suite(runs, seed, cases, part)
-
-
-def _case(name: str, table: TomlTable) -> Case:
-    case = Case(
-        name, table.text("scenario"), table.whole("samples"), table.number("order"), table.texts("methods")
-    )
-    table.finish()
-    return case
-
-
-def tried(case: Case, runs: int, seed: int) -> Iterator[Told]:
-    """Every method of a case on its records."""
+def tried(of: str, case: Case, runs: int, seed: int) -> Iterator[Told]:
     scene, columns = case.scene(), ev.lags("input", 0, 10)
     results: dict[tuple[str, str], list[tuple[float, bool]]] = {}
     refused = dict.fromkeys(case.methods, 0)
@@ -147,11 +114,10 @@ def tried(case: Case, runs: int, seed: int) -> Iterator[Told]:
                 results.setdefault((method, "noise_std_input"), []).append((noise.strength / std - 1.0, near))
     for (method, name), pairs in results.items():
         errors, held = zip(*pairs, strict=True)
-        yield Told(case.name, method, name, np.array(errors), np.array(held), refused[method])
+        yield Told(of, method, name, np.array(errors), np.array(held), refused[method])
 
 
 def requirements(tolds: Iterable[Told]) -> list[Requirement]:
-    """Coverage of what the input allows to tell."""
     judged = [item for item in tolds if item.refused < 0.5 * item.held.size]
     results = []
     for words, noises, (low, high) in (
@@ -173,7 +139,6 @@ def requirements(tolds: Iterable[Told]) -> list[Requirement]:
 
 
 def tables(tolds: Sequence[Told], runs: int, seed: int) -> str:
-    """The page's part."""
     lines = [
         (
             item.case,
@@ -188,45 +153,38 @@ def tables(tolds: Sequence[Told], runs: int, seed: int) -> str:
         )
         for item in tolds
     ]
-    requested = [
-        (item.what, item.asked, item.measured, "yes" if item.met else "no") for item in requirements(tolds)
-    ]
     return "\n\n".join(
         (
             f"Made by `python -m validation.unknown_noise.study` with {versions()}: {runs} records of each "
             f"case, seed {seed}.",
-            markdown(("what", "asked", "measured", "met"), requested),
+            requirement_table(requirements(tolds)),
             markdown(("case", "method", "of", "bias", "scatter", "coverage", "refused"), lines),
         )
     )
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command; returns its exit code."""
-    parser = argparse.ArgumentParser(prog="python -m validation.unknown_noise.study", description=__doc__)
-    parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.add_argument(
-        "suite", type=Path, nargs="?", default=SUITE, help="a suite file; default: the package's"
-    )
-    parser.add_argument("--runs", type=int, help="instead of the suite's")
-    parser.add_argument("--page", type=Path, metavar="FILE.md", help="put the tables between its marks")
-    chosen = parser.parse_args(arguments)
-    try:
-        suite = read_suite(chosen.suite)
-        page = page_text(chosen.page, suite.part) if chosen.page else ""
-        runs = suite.runs if chosen.runs is None else chosen.runs
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            selected = [item for case in suite.cases for item in tried(case, runs, suite.seed)]
-        text = tables(selected, runs, suite.seed)
-        if chosen.page:
-            write_atomically(chosen.page, page_with(page, {suite.part: text}))
-    except EivorError as error:
-        sys.stderr.write(f"{error}\n")
-        return WRONG
-    sys.stdout.write(text + "\n")
-    return 0 if all(item.met for item in requirements(selected)) else NOT_MET
+def answer(chosen: argparse.Namespace) -> Answer:
+    suite = read_as(Suite, chosen.suite)
+    runs = suite.runs if chosen.runs is None else chosen.runs
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        selected = [
+            item for name, case in suite.cases.items() for item in tried(name, case, runs, suite.seed)
+        ]
+    return tables(selected, runs, suite.seed), requirements(selected)
 
+
+OPTIONS: dict[str, Option] = {
+    "suite": {"type": Path, "nargs": "?", "default": SUITE, "help": "a suite file; default: the package's"},
+    "--runs": {"type": int, "help": "instead of the suite's"},
+}
+main = StudyCommand(
+    "validation.unknown_noise.study",
+    __doc__,
+    lambda chosen: read_as(Suite, chosen.suite).part,
+    answer,
+    OPTIONS,
+).main
 
 if __name__ == "__main__":
     sys.exit(main())

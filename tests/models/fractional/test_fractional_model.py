@@ -17,7 +17,7 @@ from eivor.errors import (
 )
 from eivor.lab.fractional_model import FractionalDifference, Side
 from eivor.signals.noise import fractional_difference
-from validation.fractional.relaxation import ramp_response, step_response
+from validation.fractional.study import ramp_response, step_response
 
 ORDER = ev.UnknownOrder("order", 0.2, 1.2)
 LAGGED = ev.FractionalDifferenceModel(

@@ -1,0 +1,421 @@
+"""What studies share: their commands, what is asked of them, and how their rows are kept."""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import io
+import json
+import platform
+import sys
+import tempfile
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
+from contextlib import closing, nullcontext
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from importlib.metadata import version
+from importlib.resources import files
+from pathlib import Path
+from typing import Any, Generic, Protocol, TypeVar
+
+import msgspec
+import polars as pl
+
+from eivor.atomic_file import atomic_write, is_sealed, sealed, write_atomically
+from eivor.errors import EivorError, InputError
+from eivor.lab.experiments import markdown, page_text, page_with
+from eivor.lab.study import SHARD_TRIALS, Share, StudyResult, run_study
+from eivor.process_pool import check_workers, local_executor
+from validation.suite_files import Suite, SuiteStudy, read_suite
+
+#: Exit code when a requirement is not met, and for an input that cannot be used.
+NOT_MET, WRONG = 3, 2
+PACKAGES = ("eivor", "numpy", "scipy")
+#: What names a row of a run.
+KEYS = ("scenario", "samples", "method", "parameter")
+
+Row = Mapping[str, str | int | float]
+#: A dataclass that is kept as a line of a file, and what names it among the others.
+Told = TypeVar("Told")
+Key = TypeVar("Key", bound=Hashable)
+Item = TypeVar("Item")
+
+
+@dataclass(frozen=True, slots=True)
+class Requirement:
+    """One thing that must hold, in words and numbers."""
+
+    what: str
+    asked: str
+    measured: str
+    met: bool
+
+    @classmethod
+    def within(cls, what: str, value: float, bounds: tuple[float, float], form: str = ".3f") -> Requirement:
+        low, high = bounds
+        return cls(what, f"{low:g} to {high:g}", f"{value:{form}}", low <= value <= high)
+
+    @classmethod
+    def at_most(cls, what: str, value: float, most: float, form: str = ".3f") -> Requirement:
+        return cls(what, f"at most {most:g}", f"{value:{form}}", value <= most)
+
+    @classmethod
+    def at_least(cls, what: str, value: float, least: float, form: str = ".3f") -> Requirement:
+        return cls(what, f"at least {least:g}", f"{value:{form}}", value >= least)
+
+
+#: A study's tables (of one part of the page, or of several by name), and what is asked of it.
+Answer = tuple[str | Mapping[str, str], Iterable[Requirement]]
+#: Settings of an option, as argparse takes them.
+Option = Mapping[str, Any]
+SIZE: Option = {"choices": ("small", "full"), "default": "small"}
+WORKERS: Option = {"type": int, "metavar": "N", "help": "processes; default: one for each core"}
+OUT: Option = {"type": Path, "metavar": "FILE.parquet", "help": "write every row"}
+FINISHED: Option = {"dest": "source", "type": Path, "metavar": "FILE.parquet", "help": "a finished run"}
+KEPT: Option = {"type": Path, "required": True, "metavar": "FILE.jsonl", "help": "keep every trial here"}
+
+
+@dataclass(frozen=True, slots=True)
+class StudyCommand:
+    """A study as a command that prints its tables and puts them into a page."""
+
+    module: str  # How it is called, and what its help says
+    doc: str | None
+    part: str | Callable[[argparse.Namespace], str]  # Name of the page's part
+    answer: Callable[[argparse.Namespace], Answer]
+    options: Mapping[str, Option]
+
+    def main(self, arguments: Sequence[str] | None = None) -> int:
+        parser = argparse.ArgumentParser(
+            prog=f"python -m {self.module}",
+            description=self.doc,
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+        )
+        for name, settings in self.options.items():
+            parser.add_argument(name, **settings)
+        parser.add_argument("--page", type=Path, metavar="FILE.md", help="put the tables between its marks")
+        chosen = parser.parse_args(arguments)
+        try:
+            part = self.part if isinstance(self.part, str) else self.part(chosen)
+            page = page_text(chosen.page, part) if chosen.page else ""
+            tables, requirements = self.answer(chosen)
+            parts = {part: tables} if isinstance(tables, str) else tables
+            if chosen.page:
+                write_atomically(chosen.page, page_with(page, parts))
+        except EivorError as error:
+            sys.stderr.write(f"{error}\n")
+            return WRONG
+        sys.stdout.write("\n\n".join(parts.values()) + "\n")
+        return 0 if all(requirement.met for requirement in requirements) else NOT_MET
+
+
+def requirement_table(requirements: Iterable[Requirement], what: str = "what", *, not_met: str = "no") -> str:
+    lines = [(item.what, item.asked, item.measured, "yes" if item.met else not_met) for item in requirements]
+    return markdown((what, "asked", "measured", "met"), lines)
+
+
+def share_text(share: Share, digits: int = 3) -> str:
+    low, high = share.interval
+    if not share.count:
+        return "-"
+    return f"{share.value:.{digits}f} [{low:.{digits}f}, {high:.{digits}f}] of {share.count}"
+
+
+def with_bar(items: Iterable[Item], name: str, total: int) -> Iterator[Item]:
+    """Items as they come, with a bar on standard error when that is a terminal."""
+    from rich.console import Console
+    from rich.progress import Progress
+
+    console = Console(stderr=True)
+    with Progress(console=console, disable=not console.is_terminal) as bar:
+        task = bar.add_task(name, total=total)
+        for item in items:
+            yield item
+            bar.advance(task)
+
+
+def versions() -> str:
+    packages = ", ".join(f"{package} {version(package)}" for package in PACKAGES)
+    return f"{packages}, Python {platform.python_version()}"
+
+
+def read_as(kind: type[Item], path: Path, text: str | None = None) -> Item:
+    """Grid of a TOML file, or of its text, as a struct."""
+    try:
+        return msgspec.toml.decode(path.read_bytes() if text is None else text, type=kind)
+    except (OSError, ValueError) as error:  # also those of msgspec
+        raise InputError("a grid of the study", f"{path}: {error}", "Correct the file.") from error
+
+
+class GridStruct(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Keys of a table of a grid."""
+
+
+# -- studies that keep every trial as a line of a file --
+
+
+def keep(path: Path, record: Iterable[Any]) -> None:
+    with path.open("a", encoding="utf-8") as file:
+        file.writelines(json.dumps(asdict(item)) + "\n" for item in record)
+
+
+def kept_lines(path: Path, kind: type[Told]) -> list[Told]:
+    """What the file of a study has; nothing where there is none yet."""
+    if not path.exists():
+        return []
+    return [kind(**json.loads(line)) for line in path.read_text(encoding="utf-8").splitlines()]
+
+
+def completed(
+    path: Path, kind: type[Told], trials: Mapping[Key, Callable[[], Told]], key_of: Callable[[Told], Key]
+) -> list[Told]:
+    """One line for each trial, in their order; what the file does not have yet is made and kept."""
+    done = {key_of(line): line for line in kept_lines(path, kind)}
+    for key, trial in trials.items():
+        if key not in done:
+            done[key] = trial()
+            keep(path, [done[key]])
+    return [done[key] for key in trials]
+
+
+def kept_command(
+    module: str, doc: str | None, grid: Path, part: str, answer: Callable[[Path, str, Path], Answer]
+) -> StudyCommand:
+    """Command of a study whose file goes on where it was interrupted."""
+    options = {
+        "--grid": {"type": Path, "default": grid, "help": "instead of the published one"},
+        "--size": SIZE,
+        "--kept": KEPT,
+    }
+    return StudyCommand(
+        module, doc, part, lambda chosen: answer(chosen.grid, chosen.size, chosen.kept), options
+    )
+
+
+# -- studies that are a suite of scenarios --
+
+
+def suite_command(
+    module: str,
+    doc: str | None,
+    part: str,
+    suite: Callable[[], Suite],  # the one that is run when no other is named
+    rows_of: Callable[[SuiteStudy, StudyResult], Iterable[Row]],
+    columns: tuple[str, ...],
+    kind: str,  # what the table of these rows is called
+    answer: Callable[[pl.DataFrame], Answer],
+) -> StudyCommand:
+
+    def rows(chosen: argparse.Namespace) -> pl.DataFrame:
+        if chosen.sources:
+            return joined([read_rows(source, columns, kind) for source in chosen.sources])
+        selected = read_suite(chosen.suite) if chosen.suite else suite()
+        if chosen.runs is not None:
+            selected = selected.reduced(chosen.runs)
+        kept = nullcontext(str(chosen.folder)) if chosen.folder else tempfile.TemporaryDirectory()
+        with kept as folder:
+            return run_suite(selected, Path(folder), rows_of, chosen.workers)
+
+    def made(chosen: argparse.Namespace) -> Answer:
+        if chosen.workers is not None:
+            check_workers(chosen.workers)
+        if chosen.out and not chosen.out.parent.is_dir():
+            raise InputError("a folder that exists", f"{chosen.out.parent}", "Make it first.")
+        table = rows(chosen)
+        if chosen.out:
+            write_rows(table, chosen.out)
+        return answer(table)
+
+    finished = "a finished run; given again, one of other rows: of one that both have, more records win"
+    options: Mapping[str, Option] = {
+        "suite": {"type": Path, "nargs": "?", "help": "a suite file; default: the package's"},
+        "--runs": {"type": int, "help": "instead of the suite's"},
+        "--folder": {"type": Path, "help": "keep every trial here"},
+        "--workers": WORKERS,
+        "--out": OUT,
+        "--from": {**FINISHED, "dest": "sources", "action": "append", "help": finished},
+    }
+    return StudyCommand(module, doc, part, made, options)
+
+
+def run_suite(
+    suite: Suite,
+    folder: Path,
+    rows_of: Callable[[SuiteStudy, StudyResult], Iterable[Row]],
+    workers: int | None = None,
+) -> pl.DataFrame:
+    """Run what is left of a suite and gather its rows."""
+    rows: list[Row] = []
+    for study in with_bar(suite.studies, "studies", len(suite.studies)):
+        executor = local_executor(workers, tasks=-(-study.study.runs // SHARD_TRIALS))
+        result = run_study(study.study, folder / f"{study.scenario}-{study.samples}", executor=executor)
+        rows.extend(rows_of(study, result))
+    return pl.DataFrame(rows)
+
+
+def joined(tables: Sequence[pl.DataFrame]) -> pl.DataFrame:
+    """Rows of several runs, in the order in which they are first met."""
+    rows = pl.concat(tables)
+    most = rows.group_by(*KEYS, maintain_order=True).agg(pl.all().sort_by("runs").last())
+    return most.select(rows.columns)
+
+
+def write_rows(rows: pl.DataFrame, path: Path) -> None:
+    try:
+        with atomic_write(path) as file:
+            rows.write_parquet(file, compression="zstd", statistics=False)
+    except OSError as error:
+        raise InputError("a file that can be written", f"{path}: {error}", "Choose another.") from error
+
+
+def read_rows(path: Path, columns: tuple[str, ...], kind: str) -> pl.DataFrame:
+    try:
+        rows = pl.read_parquet(path)
+    except (OSError, pl.exceptions.PolarsError, pl.exceptions.PanicException) as error:
+        raise InputError(f"a table of {kind}", f"{path}: {error}", "Make one with --out.") from error
+    if tuple(rows.columns) != columns:
+        raise InputError(f"a table of {kind}", f"{path}, which is another table", "Make one with --out.")
+    return rows
+
+
+# -- studies whose tasks are sealed files of a folder --
+
+#: Files that make tables of rows, and no row.
+TABLES_ONLY = frozenset({"study.py"})
+
+
+class StudyTask(Protocol):
+    """Some flights of a study, whose rows are kept in one file."""
+
+    @property
+    def file_name(self) -> str: ...  # without its ending
+    @property
+    def facts(self) -> Mapping[str, str]: ...  # whose flights, and which: the file is sealed with it
+    @property
+    def flights(self) -> int: ...  # how many
+
+
+Task = TypeVar("Task", bound=StudyTask)
+
+
+@dataclass(frozen=True)
+class StudyTable:
+    """What a run of the study leaves behind."""
+
+    rows: pl.DataFrame  # One row for each flight
+    origin: Mapping[str, str]  # The grid's name, how many of its flights were flown, and the versions
+
+    def write(self, path: Path) -> None:
+        narrow = self.rows.with_columns(pl.col(pl.Float64).cast(pl.Float32))
+        write_atomically(path, sealed(narrow, self.origin))
+
+
+def read_study_table(path: Path) -> StudyTable:
+    try:
+        content = path.read_bytes()
+        if not is_sealed(content, {}):
+            raise InputError("a table of the study as it was written", f"{path}", "Make one with --out.")
+        rows, metadata = pl.read_parquet(io.BytesIO(content)), pl.read_parquet_metadata(io.BytesIO(content))
+    except (OSError, pl.exceptions.PolarsError, pl.exceptions.PanicException) as error:
+        raise InputError("a table of the study", f"{path}: {error}", "Make one with --out.") from error
+    origin = {key: value for key, value in metadata.items() if key in {"grid", "flights", "made with"}}
+    return StudyTable(rows.with_columns(pl.col(pl.Float32).cast(pl.Float64)), origin)
+
+
+@dataclass(frozen=True)
+class StudyFolder(Generic[Task]):
+    """Where the tasks' rows are kept."""
+
+    folder: Path  # Made when it is not there
+    tasks: Sequence[Task]  # In the order in which they are done
+    name: str  # Of the study's grid
+    text: str
+    package: str  # The study's own, whose code makes rows beside Eivor's
+    planned: int  # Flights of the whole study
+    rows_of: Callable[[Task], Sequence[Row]]  # Flies a task
+
+    def missing(self) -> list[Task]:
+        """Tasks whose file is not there, not whole, or was made by other code."""
+        return [task for task in self.tasks if self._content(task) is None]
+
+    def write(self, task: Task, rows: Sequence[Row]) -> None:
+        self.folder.mkdir(parents=True, exist_ok=True)
+        write_atomically(self._path(task), sealed(pl.DataFrame(list(rows)), self._facts(task)))
+
+    def run(self, workers: int | None = None) -> None:
+        missing = self.missing()
+        if missing:
+            with closing(local_executor(workers, len(missing)).map(self.rows_of, missing)) as results:
+                for item, rows in with_bar(results, "tasks", len(missing)):
+                    self.write(missing[item], rows)
+
+    def gathered(self) -> StudyTable:
+        """Table of all tasks that are done, in the order of their files' names."""
+        contents = {task: self._content(task) for task in sorted(self.tasks, key=lambda task: task.file_name)}
+        done = {task: pl.read_parquet(io.BytesIO(content)) for task, content in contents.items() if content}
+        if not done:
+            raise InputError("a folder with finished tasks", f"{self.folder}", "Run the study first.")
+        rows = pl.concat(done.values())
+        origin = {
+            "grid": self.name,
+            "flights": f"{sum(task.flights for task in done)} of {self.planned}",
+            "made with": versions(),
+        }
+        return StudyTable(rows, origin)
+
+    def _content(self, task: Task) -> bytes | None:
+        try:
+            content = self._path(task).read_bytes()
+        except OSError:
+            return None
+        return content if is_sealed(content, self._facts(task)) else None
+
+    def _path(self, task: Task) -> Path:
+        return self.folder / f"{task.file_name}.parquet"
+
+    def _facts(self, task: Task) -> Mapping[str, str]:
+        return {**task.facts, "code": self._code}
+
+    @cached_property
+    def _code(self) -> str:
+        """Checksum of the grid and of the code that makes rows: those of different code are never mixed."""
+        digest = hashlib.sha256(self.text.encode())
+        for package in ("eivor", self.package):
+            for path in sorted(Path(str(files(package))).rglob("*.py")):
+                if path.name not in TABLES_ONLY:
+                    digest.update(path.read_bytes())
+        return digest.hexdigest()
+
+
+def folder_command(
+    module: str,
+    doc: str | None,
+    part: str,
+    word: str,  # option that names what is flown
+    folder_of: Callable[[argparse.Namespace], StudyFolder[Any]],
+    answer: Callable[[StudyTable], Answer],
+) -> StudyCommand:
+
+    def made(chosen: argparse.Namespace) -> Answer:
+        if chosen.source:
+            table = read_study_table(chosen.source)
+        else:
+            folder = folder_of(chosen)
+            if not chosen.tables:
+                folder.run(chosen.workers)
+            table = folder.gathered()
+        if chosen.out:
+            table.write(chosen.out)
+        return answer(table)
+
+    name = module.removeprefix("validation.").replace(".", "-").replace("_", "-")
+    options: Mapping[str, Option] = {
+        "--folder": {"type": Path, "default": Path(name), "help": "keeps finished parts"},
+        "--tables": {"action": "store_true", "help": "fly nothing; tables of what is done"},
+        "--share": {"type": float, "default": 1.0, "help": "only the first flights of each"},
+        word: {"dest": "word", "default": "", "metavar": "WORD", "help": "those with this in their name"},
+        "--workers": WORKERS,
+        "--out": OUT,
+        "--from": FINISHED,
+    }
+    return StudyCommand(module, doc, part, made, options)
