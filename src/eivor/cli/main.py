@@ -66,7 +66,6 @@ ADDED = {
 
 
 def _targets() -> dict[str, str]:
-    """Where each command or group of commands is, MODULE:NAME."""
     added = {point.name: point.value for point in entry_points(group=ENTRY_POINTS)}
     return {**{name: target for name, (target, _) in COMMANDS.items()}, **added}
 
@@ -128,7 +127,6 @@ def application(*names: str, loaded: bool = True) -> typer.Typer:
 
 
 def _add(made: typer.Typer, name: str, target: str) -> None:
-    """Load a command or a group, and add it."""
     home, _, attribute = target.partition(":")
     try:
         module = import_module(home)

@@ -207,14 +207,12 @@ def _bar() -> Iterator[Progress]:
 
 
 def _rate(speed: float | None) -> str:
-    """Logs in a second, or in a minute where that is less than one."""
     if not speed:
         return ""
     return f"{speed:.1f} logs/s" if speed >= 1.0 else f"{60.0 * speed:.0f} logs/min"
 
 
 def _report(done: FleetRun, out: str) -> RenderableType:
-    """What a run found, in some lines."""
     from rich.console import Group
     from rich.text import Text
 

@@ -350,7 +350,6 @@ def is_log(path: Path) -> bool:
 
 
 def _is_known_table(path: Path) -> bool:
-    """Whether the columns of a text are those of a log."""
     try:
         fitting_map(_columns(path), path.name)
     except EivorError:
@@ -359,7 +358,6 @@ def _is_known_table(path: Path) -> bool:
 
 
 def _columns(path: Path) -> tuple[str, ...]:
-    """Columns of a table; none of what is no table."""
     try:
         return open_csv(path).names
     except EivorError:

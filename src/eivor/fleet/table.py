@@ -462,7 +462,6 @@ class RowOfLog:
         return {**about, **_of_result(result), **page}
 
     def _map(self, log: Log) -> str | None:
-        """Channel map of a log, when it is of a format that takes one."""
         chosen = self.options.map_of(log.name)
         return chosen if chosen and format_at(Path(log.path)).takes_map else None
 

@@ -63,12 +63,12 @@ def fly(shapes: Sequence[Shape], vehicle: VehicleGuess, seeds: Sequence[int]) ->
     """Fly each shape with its seed, all side by side."""
     count, flights = shapes[0].offset.size, len(shapes)
     drawn = [_surroundings(vehicle, count, seed) for seed in seeds]
-    derivatives = [shape.derivatives for shape in shapes]
+    velocities, accelerations = zip(*(shape.derivatives for shape in shapes), strict=True)
     every = np.ones(flights)
     environment = VerticalEnvironment(
         reference_position=np.stack([shape.offset for shape in shapes], axis=1),
-        reference_velocity=np.stack([derivative[0] for derivative in derivatives], axis=1),
-        reference_acceleration=np.stack([derivative[1] for derivative in derivatives], axis=1),
+        reference_velocity=np.stack(velocities, axis=1),
+        reference_acceleration=np.stack(accelerations, axis=1),
         **{name: np.stack([item[name] for item in drawn], axis=1) for name in drawn[0]},
     )
     vehicles = VerticalVehicles(
@@ -116,7 +116,6 @@ def _with_density(
     count: int,
     rng: np.random.Generator,
 ) -> Float[np.ndarray, " n"]:
-    """Gaussian series of a one-sided density, with no mean."""
     frequency = np.fft.rfftfreq(count, STEP_S)
     scale = np.zeros(frequency.size)
     scale[1:] = np.sqrt(density(frequency[1:]) * count / (4.0 * STEP_S))
@@ -386,9 +385,8 @@ def qgc_text(plan: FlightPlan, home: tuple[float, float]) -> str:
         raise UsageError("a plan of steps", f"a {plan.shape.kind}", "Plan with --shape steps.")
     latitude, longitude = home
     if not (abs(latitude) <= 90.0 and abs(longitude) <= 180.0):
-        raise UsageError(
-            "a latitude and a longitude [deg]", f"{latitude:g}, {longitude:g}", "Such as 47.4,8.5."
-        )
+        place = f"{latitude:g}, {longitude:g}"
+        raise UsageError("a latitude and a longitude [deg]", place, "Such as 47.4,8.5.")
     position = [round(float(latitude), 7), round(float(longitude), 7)]
     speed = plan.limits.speed * 0.8
     items = [
@@ -421,15 +419,8 @@ def levels(plan: FlightPlan) -> list[tuple[float, float]]:
 
 
 def _item(command: int, frame: int, params: list[float | None]) -> dict[str, object]:
-    """One item of the mission, as QGroundControl writes it."""
-    item: dict[str, object] = {
-        "type": "SimpleItem",
-        "autoContinue": True,
-        "command": command,
-        "doJumpId": 0,
-        "frame": frame,
-        "params": params,
-    }
+    item: dict[str, object] = {"type": "SimpleItem", "autoContinue": True, "command": command, "doJumpId": 0}
+    item |= {"frame": frame, "params": params}
     if frame == RELATIVE:
         item |= {"AMSLAltAboveTerrain": None, "Altitude": params[-1], "AltitudeMode": 1}
     return item

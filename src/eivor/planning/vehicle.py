@@ -349,7 +349,6 @@ def read_vehicle(path: Path) -> VehicleGuess:
 
 
 def _within(name: str, value: float) -> float:
-    """Return the value, or the end of its range that is nearest."""
     return float(np.clip(value, *VEHICLE_RANGES[name]))
 
 

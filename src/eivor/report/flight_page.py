@@ -295,11 +295,7 @@ def _tick(bend: float, value: float, _position: int) -> str:
 
 
 def _attributes(given: dict[str, str], name: str) -> dict[str, str]:
-    """Attributes of an element as a page has them.
-
-    Names begin with that of the picture. Properties of a style, which the page's policy forbids, are
-    attributes. Letters are the page's.
-    """
+    """Attributes of an element: in place of a style, which the page's policy forbids, and with own names."""
     made = {}
     for key, value in given.items():
         if key == "id":
@@ -411,7 +407,6 @@ def _spectra(trace: Trace, runs: list[FlightRun]) -> Picture:
 
 
 def _sets(result: FlightEstimate, fit: Fit) -> Iterator[Picture]:
-    """Sets of the headline beside the interval that is identified."""
     for name, sets in fit.sets.items():
         wording, quantity = result.motion.wording[name], result.quantities[name]
         rows = [_interval("reported", QuantityReport(name, wording, quantity))]
@@ -437,7 +432,6 @@ def _sets(result: FlightEstimate, fit: Fit) -> Iterator[Picture]:
 
 
 def _piece(low: float, high: float, value: float) -> str:
-    """A piece of a set in words."""
     plain_number = plain_numbers(value, (low, high))[1]
     if plain_number != NO_NUMBER:
         return plain_number
@@ -447,7 +441,6 @@ def _piece(low: float, high: float, value: float) -> str:
 
 
 def _ellipse(result: FlightEstimate, estimate: Estimate) -> Iterator[Picture]:
-    """Joint region of the two parameters that trade off most."""
     pair = _closest(result, estimate)
     if pair is None:
         return
@@ -516,12 +509,8 @@ def forests(record: FlightReport, rows: tuple[ReportRow, ...], whole: str) -> Pi
     for item in record.reported:
         if item.name not in record.result.motion.rows:
             continue
-        drawn = [
-            _interval(row.label, quantity)
-            for row in rows
-            for quantity in row.quantities
-            if quantity.name == item.name
-        ]
+        shown = ((row.label, each) for row in rows for each in row.quantities if each.name == item.name)
+        drawn = [_interval(label, each) for label, each in shown]
         if whole:
             drawn.append(replace(_interval(whole, item), whole=True))
         pictures.append(forest_picture(capitalised(item.wording.words), axis_of(item.wording), drawn))
@@ -538,14 +527,10 @@ def _interval(label: str, record: QuantityReport) -> PlottedInterval:
 
 def prediction_pictures(prediction: MultiStepPrediction) -> Pictures:
     """Errors by horizon, of every quantity."""
-    pictures = (
-        Picture(
-            f"Error of {models[0].quantity} by horizon",
-            "",
-            partial(draw_by_horizon, prediction=prediction, models=models, key=True),
-        )
-        for models in prediction.by_quantity
-    )
+    pictures = []
+    for models in prediction.by_quantity:
+        draw = partial(draw_by_horizon, prediction=prediction, models=models, key=True)
+        pictures.append(Picture(f"Error of {models[0].quantity} by horizon", "", draw))
     return Pictures("", tuple(pictures))
 
 
@@ -596,28 +581,19 @@ def _fitted(
 
 
 def _by_run(runs: list[FlightRun], bands: list[Float[np.ndarray, "length 2"]], unit: str) -> TableOf:
-    """How much moves and how much is left in each run."""
-    titles = (
-        "from [s]",
-        "to [s]",
-        "samples",
-        f"RMS measured [{unit}]",
-        f"RMS predicted [{unit}]",
-        f"RMS left [{unit}]",
-    )
+    of_rms = (f"RMS {what} [{unit}]" for what in ("measured", "predicted", "left"))
     rows: list[tuple[float | str, ...]] = []
     for run, band in zip(runs, bands, strict=True):
         times = (f"{run.time_s[0]:.2f}", f"{run.time_s[-1]:.2f}", f"{run.time_s.size}")
         rows.append((*times, _rms(band[:, 0]), _rms(band[:, 1]), _rms(band[:, 0] - band[:, 1])))
-    return number_table(titles, rows)
+    return number_table(("from [s]", "to [s]", "samples", *of_rms), rows)
 
 
 def _simulated(number: int, flight: PreparedFlight, result: FlightEstimate) -> Iterator[Picture]:
     """What moved, with what was requested, and the input."""
     where = result.motion.words.where
-    known = (
-        f"{capitalised(where)} by {flight.active.rule}." if flight.active.mask.any() else f"Never {where}."
-    )
+    active = flight.active
+    known = f"{capitalised(where)} by {active.rule}." if active.mask.any() else f"Never {where}."
     level = flight.signals.family(flight.input.name).mean(axis=1)
     mean = "" if flight.actuators == 1 else f", mean of {flight.actuators} actuators"
     panels = (*result.motion.overview(flight), PlotData(f"input: {flight.input.name}{mean}", level))

@@ -311,6 +311,7 @@ def plan_document(made: FlightPlan) -> Document:
 def _plan_facts(made: FlightPlan) -> Facts:
     limits, (low, high, speed) = made.limits, made.reached
     gains = made.vehicle.follows
+    why = ", to suit the lag" if made.vehicle.controller is None else ", as the flight was flown"
     return Facts(
         (
             Fact("setpoint", f"{made.shape.words}, about {limits.middle_m:g} m above take-off"),
@@ -322,12 +323,7 @@ def _plan_facts(made: FlightPlan) -> Facts:
             Fact("simulated", f"{low:.1f} to {high:.1f} m, up to {speed:.1f} m/s"),
             Fact(
                 "controller",
-                f"{gains.position_gain:.2g} 1/s on height, {gains.velocity_gain:.2g} 1/s on climb rate"
-                + (
-                    ", as the flight was flown"
-                    if made.vehicle.controller is not None
-                    else ", to suit the lag"
-                ),
+                f"{gains.position_gain:.2g} 1/s on height, {gains.velocity_gain:.2g} 1/s on climb rate{why}",
             ),
         )
     )

@@ -256,7 +256,6 @@ class Workers:
             process.close()
 
     def _began(self, process: WorkerProcess) -> bool:
-        """Whether a process is ready."""
         try:
             choices = process(Begin(), report=_ignore, given_up=lambda: self._closed)
         except AbandonedError:
