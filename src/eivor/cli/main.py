@@ -99,10 +99,7 @@ class Commands(TyperGroup):
 
 
 def application(*names: str, loaded: bool = True) -> typer.Typer:
-    """Return the command line; with some of its commands only, when they are named.
-
-    Commands that are not loaded have their help alone.
-    """
+    """Return the command line; commands that are not among the names, if any, have their help alone."""
     made = typer.Typer(
         name="eivor",
         help="Identify the vertical parameters of a drone from its flight logs, "

@@ -274,7 +274,6 @@ def reported(error: EivorError) -> ExitCode:
 
 
 def _source(context: Any, parameter: Any) -> str:
-    """Where the value of a parameter is from, by the words of click."""
     return getattr(context.get_parameter_source(parameter.name), "name", "DEFAULT")
 
 
@@ -556,7 +555,6 @@ def _option_name(parameter: Any) -> str:
 
 
 def _words(value: Any) -> str:
-    """Value of an option as it is typed; nothing for a switch."""
     if isinstance(value, bool):
         return "" if value else "off"
     if isinstance(value, list | tuple):

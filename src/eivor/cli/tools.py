@@ -117,9 +117,8 @@ def fetched(log: PublicLog, *, folder: Path) -> Path:
     downloader = pooch.HTTPDownloader(timeout=TIMEOUT_S) if log.url.startswith("http") else _copied
     kept = folder / log.file_name
     try:
-        result = pooch.retrieve(
-            log.url, f"sha256:{log.sha256}", fname=log.file_name, path=folder, downloader=downloader
-        )
+        to = {"fname": log.file_name, "path": folder, "downloader": downloader}
+        result = pooch.retrieve(log.url, f"sha256:{log.sha256}", **to)
     except ValueError as error:
         raise CorruptLogError(
             f"'{log.file_name}' with the SHA-256 {log.sha256[:12]}...",

@@ -66,7 +66,6 @@ def _check_autopilot(fitted: Fitted, autopilot: Autopilot) -> None:
 
 
 def _check_shares(fitted: Fitted) -> None:
-    """Refuse results whose command is in another unit, such as rotor speeds or pulse widths."""
     value = fitted.quantities["hover_input"].value if "hover_input" in fitted.quantities else float("nan")
     if fitted.input_measured or value >= 1.0:
         raise UsageError(

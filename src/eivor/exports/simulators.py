@@ -83,7 +83,6 @@ DRONE_MODELS_REMARKS = (
 
 
 def _drone_models(fitted: Fitted, supplied: Supplied) -> Exported:
-    """One table, [vehicle], for the first-principles model."""
     made = describe(fitted, supplied, "drone-models", BODY)
     value, rotor = _first(made.values), _first_rotor(made)
     rate, arm = 1.0 / value["actuator_lag"], made.vehicle.arm

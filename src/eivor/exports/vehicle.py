@@ -250,9 +250,7 @@ def _columns(
     for name, entry in given.items():
         drawn = entry.value + _std(entry) * rng.standard_normal(count)
         columns[name] = np.maximum(drawn, LEAST_SHARE * entry.value)
-    return columns | {
-        name: column for name, column in draws.items() if fitted.identified_number(name) is not None
-    }
+    return columns | {name: column for name, column in draws.items() if fitted.identified_number(name)}
 
 
 def _std(number: Number) -> float:

@@ -79,10 +79,8 @@ NO_RESULT, NO_NUMBER, NO_REFERENCE, NOT_EXCITED, NOT_POSITIVE = (
 
 def across_of(motion: Motion[Any], further: Sequence[str] = ()) -> tuple[AcrossFlights, ...]:
     """What a motion compares over flights; its headline as it is where it says nothing."""
-    quantities = motion.across or tuple(
-        AcrossFlights(name, identified_by=(name,)) for name in motion.headline
-    )
-    return tuple(_with_covariates(quantity, further) for quantity in quantities)
+    headline = (AcrossFlights(name, identified_by=(name,)) for name in motion.headline)
+    return tuple(_with_covariates(quantity, further) for quantity in motion.across or headline)
 
 
 def _with_covariates(across: AcrossFlights, names: Sequence[str]) -> AcrossFlights:
@@ -176,7 +174,6 @@ def flight_interval(across: AcrossFlights) -> tuple[pl.Expr, pl.Expr]:
 
 
 def _error(across: AcrossFlights) -> pl.Expr:
-    """Standard error, or that of an interval where there is none."""
     half = 0.5 * (pl.col(f"{across.name}.high") - pl.col(f"{across.name}.low"))
     return pl.coalesce(pl.col(f"{across.name}.std_error"), half / normal_quantile(0.95))
 
@@ -401,7 +398,6 @@ def _verdicts(table: pl.DataFrame) -> pl.DataFrame:
 
 
 def _vehicles(table: pl.DataFrame) -> pl.DataFrame:
-    """Each vehicle: its logs, those with a result, the hours they hold, days of the first and the last."""
     reported = pl.col("verdict").is_in((COPY, FAILED)).not_()
     return (
         table.group_by("motion", "type", "vehicle")
@@ -542,7 +538,6 @@ def _concat(parts: list[pl.DataFrame]) -> pl.DataFrame:
 
 
 def _tests(quantities: list[_Quantity]) -> pl.DataFrame:
-    """How many quantities of each vehicle have enough flights for a course."""
     trends = [quantity.trend for quantity in quantities if quantity.trend is not None]
     parts = [trend.about.filter(pl.Series(trend.enough_flights)) for trend in trends]
     vehicles = pl.concat([pl.DataFrame(schema=dict.fromkeys(VEHICLE, pl.String)), *parts])
@@ -572,9 +567,8 @@ class _Quantity:
 
     @classmethod
     def of(cls, rows: pl.DataFrame, across: AcrossFlights) -> _Quantity:
-        marked = rows.with_columns(is_share(across)).with_columns(
-            omission_reason(across, rows.columns).alias("why")
-        )
+        why = omission_reason(across, rows.columns).alias("why")
+        marked = rows.with_columns(is_share(across)).with_columns(why)
         used = marked.filter(pl.col("why").is_null())
         timed = used.filter(pl.col("start").is_not_null())
         return cls(across, marked, used, timed, trend(timed, across) if timed.height else None)

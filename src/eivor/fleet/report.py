@@ -195,9 +195,8 @@ def report_covariates(report: FleetReport) -> list[str]:
     for row in report.covariates.iter_rows(named=True):
         words = report.motion.wording[row["quantity"]].words
         power = f"{row['slope']:.2f} ± {1.96 * row['std_error']:.2f}"
-        selected.append(
-            f"{words} goes with {row['covariate'].replace('_', ' ')} (type {row['type']}: {power})."
-        )
+        covariate = row["covariate"].replace("_", " ")
+        selected.append(f"{words} goes with {covariate} (type {row['type']}: {power}).")
     used = set(report.covariates.select("quantity", "covariate").iter_rows())
     missing: dict[str, list[str]] = {}
     expected: dict[str, list[str]] = {}
@@ -488,9 +487,8 @@ def _forest_row(
 
 def _over_hours(report: FleetReport, links: Mapping[str, str]) -> Iterator[Picture]:
     chosen = vehicles_to_report(report.vehicles).head(MOST_LINES).select(VEHICLE)
-    rows = report.flights.with_columns(
-        is_share(across).name.suffix(f".{across.name}") for across in report.quantities
-    )
+    shares = (is_share(across).name.suffix(f".{across.name}") for across in report.quantities)
+    rows = report.flights.with_columns(shares)
     for kind, vehicle in chosen.iter_rows():
         current = (pl.col("type") == kind) & (pl.col("vehicle") == vehicle)
         flights, means = rows.filter(current), report.vehicles.filter(current)

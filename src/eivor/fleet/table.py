@@ -323,7 +323,6 @@ class FleetFolder:
             )
 
     def _document(self) -> dict[str, Any] | None:
-        """What the folder says of itself; None of a new one."""
         path = self.folder / IDENTITY
         try:
             document = json.loads(path.read_text(encoding="utf-8"))

@@ -71,9 +71,8 @@ def fly(shapes: Sequence[Shape], vehicle: VehicleGuess, seeds: Sequence[int]) ->
         reference_acceleration=np.stack(accelerations, axis=1),
         **{name: np.stack([item[name] for item in drawn], axis=1) for name in drawn[0]},
     )
-    vehicles = VerticalVehicles(
-        _separated(vehicle) * every, vehicle.input_gain * every, vehicle.lag_s * every, 0.0 * every
-    )
+    numbers = (_separated(vehicle), vehicle.input_gain, vehicle.lag_s, 0.0)
+    vehicles = VerticalVehicles(*(number * every for number in numbers))
     gains = AltitudeController(**{name: gain * every for name, gain in asdict(vehicle.follows).items()})
     motion = simulate_vertical(vehicles, environment, step_s=STEP_S, controller=gains)
     return [_simulated(shape, environment, motion, number) for number, shape in enumerate(shapes)]
@@ -87,9 +86,7 @@ def _separated(vehicle: VehicleGuess) -> float:
 
 
 def _surroundings(vehicle: VehicleGuess, count: int, seed: int) -> dict[str, Float[np.ndarray, " n"]]:
-    force, acceleration, velocity, other = (
-        np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(4)
-    )
+    force, acceleration, velocity, other = map(np.random.default_rng, np.random.SeedSequence(seed).spawn(4))
     angles = [vehicle.tilt_rms * _with_density(_tilt_density, count, other) for _ in range(2)]
 
     def left(name: str, rng: np.random.Generator) -> Float[np.ndarray, " n"]:

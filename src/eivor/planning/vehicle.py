@@ -192,9 +192,8 @@ def check_target(word: str) -> None:
     """Refuse a word that is none of `TARGETS`."""
     if word not in TARGETS:
         known = ", ".join(TARGETS)
-        raise UsageError(
-            f"one of {known}", f"{word!r}", did_you_mean(word, TARGETS, f"Plan for one of {known}.")
-        )
+        remedy = did_you_mean(word, TARGETS, f"Plan for one of {known}.")
+        raise UsageError(f"one of {known}", f"{word!r}", remedy)
 
 
 # -- Vehicle --

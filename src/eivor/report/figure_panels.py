@@ -63,9 +63,8 @@ def figure_of(*axes: Axes) -> Figure:
     """Return the figure that Axes are of; that of a subfigure is the one around it."""
     figures = {id(axis.figure.figure): axis.figure.figure for axis in axes}
     if len(figures) != 1:
-        raise UsageError(
-            "Axes of one figure", f"of {len(figures)}", "Draw into each figure by itself, naming its panels."
-        )
+        remedy = "Draw into each figure by itself, naming its panels."
+        raise UsageError("Axes of one figure", f"of {len(figures)}", remedy)
     return next(iter(figures.values()))
 
 
@@ -82,9 +81,8 @@ def _ordered(axes: object, panels: Sequence[str]) -> dict[str, Axes]:
     from matplotlib.axes import Axes as AnyAxes
 
     if isinstance(axes, str) or not isinstance(axes, AnyAxes | Iterable):
-        raise UsageError(
-            "Axes by the name of their panel, or as many as there are panels", described(axes), REMEDY
-        )
+        expected = "Axes by the name of their panel, or as many as there are panels"
+        raise UsageError(expected, described(axes), REMEDY)
     flat = [axes] if isinstance(axes, AnyAxes) else np.asarray([*axes], dtype=object).ravel().tolist()
     if len(flat) != len(panels):
         raise UsageError(
@@ -105,9 +103,8 @@ def _check(name: str, axes: object) -> None:
 
     if not isinstance(axes, AnyAxes):
         many = isinstance(axes, np.ndarray | Sequence) and not isinstance(axes, str)
-        raise UsageError(
-            f"Matplotlib Axes for {name}", described(axes), "Pass one of them." if many else REMEDY
-        )
+        remedy = "Pass one of them." if many else REMEDY
+        raise UsageError(f"Matplotlib Axes for {name}", described(axes), remedy)
     if axes.figure is None:
         raise UsageError(f"Axes of a figure for {name}", "Axes that were removed from theirs", REMEDY)
 

@@ -186,9 +186,8 @@ def flight_panels(result: FlightEstimate) -> Panels:
     """What moves in the first flight and its input, shaded where it counts, and the reasons below."""
     prepared = result.prepared[0]
     level = prepared.signals.family(prepared.input.name).mean(axis=1)
-    displayed = {
-        " ".join(panel.label.split()).partition(" [")[0]: panel for panel in result.motion.overview(prepared)
-    }
+    panels_of_motion = result.motion.overview(prepared)
+    displayed = {" ".join(item.label.split()).partition(" [")[0]: item for item in panels_of_motion}
     displayed["input"] = PlotData(f"mean of\n{prepared.input.name}", level)
     where, active = result.motion.words.where, prepared.active
     known = f"shaded where {where}" if active.mask.any() else f"never {where}"
@@ -203,9 +202,8 @@ def flight_panels(result: FlightEstimate) -> Panels:
 
 def page_without_estimate(names: tuple[str, ...]) -> dict[str, Axes]:
     """Axes of these panels, one below the other; the last has words only."""
-    return column_page(
-        names, SIZE_INCHES, heights=(*[1.0] * (len(names) - 1), 0.6), shared=max(len(names) - 1, 1)
-    )
+    above = len(names) - 1
+    return column_page(names, SIZE_INCHES, heights=(*[1.0] * above, 0.6), shared=max(above, 1))
 
 
 def _draw(axes: Axes, plot_data: PlotData, result: FlightEstimate, title: str) -> None:
@@ -450,13 +448,11 @@ def residual_figure(
     of any varying strength within the shaded one.
     """
     if not (np.isfinite(residual).all() and np.isfinite(rate_hz) and rate_hz > 0.0):
-        raise NonFiniteError(
-            "finite residuals and a positive rate", f"rate_hz={rate_hz}", "Repair or cut the samples."
-        )
+        expected = "finite residuals and a positive rate"
+        raise NonFiniteError(expected, f"rate_hz={rate_hz}", "Repair or cut the samples.")
     if residual.size < 2 * LEAST_BANDWIDTH + 1:
-        raise TooFewSamplesError(
-            f"{2 * LEAST_BANDWIDTH + 1} residuals or more", f"{residual.size}", "Use a longer record."
-        )
+        expected = f"{2 * LEAST_BANDWIDTH + 1} residuals or more"
+        raise TooFewSamplesError(expected, f"{residual.size}", "Use a longer record.")
     if axes is None:
         rows = [(PANELS[0], PANELS[0]), PANELS[1:]]
         panels = mosaic(page(10.0, 6.4, title), rows, height_ratios=(0.85, 1.0))

@@ -93,7 +93,6 @@ def plain_numbers(value: float, interval: tuple[float, float]) -> tuple[str, str
 
 
 def _fitting(choice: Choice, scale: float) -> str:
-    """Values that fit, and out of how many; nothing to choose is no number."""
     if len(choice.tried) < 2:
         return NO_NUMBER
     *others, last = [f"{value * scale:g}" for value in choice.fitting]
@@ -478,9 +477,8 @@ def _choice(candidate: Candidate, result: FlightEstimate) -> str:
         for name, value in candidate.nuisances.items()
         if name not in refined
     ]
-    return ", ".join(
-        f"{item.words} {value * item.scale:.3g} {item.shown_unit}".rstrip() for item, value in selected
-    )
+    texts = (f"{item.words} {value * item.scale:.3g} {item.shown_unit}" for item, value in selected)
+    return ", ".join(map(str.rstrip, texts))
 
 
 # -- Reported result --
@@ -552,20 +550,17 @@ class FlightReport:
             for reason in reported.quantity.reasons:
                 against.setdefault(reason, []).append(reported.wording.symbol)
         known = {reason.sentence for reason in self.reasons}
-        return tuple(
-            (", ".join(symbols), reason)
-            for reason, symbols in against.items()
-            if reason.sentence not in known
-        )
+        further = ((symbols, reason) for reason, symbols in against.items() if reason.sentence not in known)
+        return tuple((", ".join(symbols), reason) for symbols, reason in further)
 
     @property
     def systematic(self) -> tuple[tuple[str, str], ...]:
         """Systematic parts of intervals: the quantity in words, and what for."""
+        written = (item for item in self.reported if item.quantity.verdict is not Status.REFUSED)
         return tuple(
-            (item.wording.words, systematic_uncertainty.sentence)
-            for item in self.reported
-            if item.quantity.verdict is not Status.REFUSED
-            for systematic_uncertainty in item.quantity.systematic_uncertainties
+            (item.wording.words, part.sentence)
+            for item in written
+            for part in item.quantity.systematic_uncertainties
         )
 
     @property
@@ -580,9 +575,7 @@ class FlightReport:
     @property
     def summary(self) -> str:
         """What is identified, what is identified weakly, and what is not and why; empty without numbers."""
-        if not self.brief or all(
-            item.quantity.verdict is self.brief[0].quantity.verdict for item in self.brief
-        ):
+        if len({item.quantity.verdict for item in self.brief}) < 2:
             return ""
         parts = []
         for statuses, words in (
@@ -662,9 +655,8 @@ def _flight_row(row: FlightRow, result: FlightEstimate) -> ReportRow:
 
 
 def _report(quantities: Mapping[str, Quantity], wording: Mapping[str, Wording]) -> tuple[QuantityReport, ...]:
-    return tuple(
-        QuantityReport(name, words, quantities[name]) for name, words in wording.items() if name in quantities
-    )
+    known = ((name, words) for name, words in wording.items() if name in quantities)
+    return tuple(QuantityReport(name, words, quantities[name]) for name, words in known)
 
 
 # -- Flight document --
@@ -685,9 +677,8 @@ def flight_document(result: FlightEstimate, *, card: bool = False) -> Document:
 
 def document_of(record: FlightReport, *, card: bool = False) -> Document:
     """Document of what is reported about a result, see `flight_document`."""
-    return Document(
-        ", ".join(record.logs), record.verdict.status, record.meaning, tuple(_sections(record, card=card))
-    )
+    sections = tuple(_sections(record, card=card))
+    return Document(", ".join(record.logs), record.verdict.status, record.meaning, sections)
 
 
 def _sections(record: FlightReport, *, card: bool) -> Iterator[Section]:
@@ -788,7 +779,6 @@ def _row_table(rows: tuple[ReportRow, ...], label: str) -> TableOf:
 
 
 def _flight_table(by_flight: tuple[ReportRow, ...], result: FlightEstimate) -> TableOf:
-    """One row for each flight of a pool, with the quantities that are not alike in all of them."""
     tables = [row.quantities for row in result.by_flight]
     alike = {
         name

@@ -278,9 +278,8 @@ def drawing(draw: Draw, name: str, title: str, height: float) -> Markup:
                 parent.remove(child)
         parent.tag = parent.tag.removeprefix(_SVG)
         parent.attrib = _attributes(parent.attrib, name)
-        parent.text, parent.tail = (
-            text if text and text.strip() else None for text in (parent.text, parent.tail)
-        )
+        texts = parent.text, parent.tail
+        parent.text, parent.tail = (text if text and text.strip() else None for text in texts)
     heading = ElementTree.Element("title", {"id": f"{name}-title"})
     heading.text = printable(title)
     root.insert(0, heading)
@@ -323,23 +322,16 @@ def lines_of(groups: Iterable[Pictures]) -> int:
 
 def number_table(titles: Iterable[str], rows: Iterable[Iterable[float | str | Cell]]) -> TableOf:
     """Table of numbers, and of words where a row has them."""
-    reported = tuple(
-        tuple(item if isinstance(item, Cell) else Cell(_report(item)) for item in row) for row in rows
-    )
-    left = {
-        index for row in reported for index, cell in enumerate(row) if cell.text and cell.text[0].isalpha()
-    }
-    columns = (
-        TableColumn(title, right=index not in left, whole=index not in left)
-        for index, title in enumerate(titles)
-    )
-    return TableOf(tuple(columns), reported)
+    reported = tuple(tuple(map(_cell, row)) for row in rows)
+    left = {index for row in reported for index, cell in enumerate(row) if cell.text[:1].isalpha()}
+    columns = [(title, index not in left) for index, title in enumerate(titles)]
+    return TableOf(tuple(TableColumn(title, right=right, whole=right) for title, right in columns), reported)
 
 
-def _report(coupled_axis: float | str) -> str:
-    if isinstance(coupled_axis, str):
-        return coupled_axis
-    return f"{coupled_axis:.4g}".replace("-", "−") if np.isfinite(coupled_axis) else NO_NUMBER
+def _cell(item: float | str | Cell) -> Cell:
+    if isinstance(item, Cell | str):
+        return item if isinstance(item, Cell) else Cell(item)
+    return Cell(f"{item:.4g}".replace("-", "−") if np.isfinite(item) else NO_NUMBER)
 
 
 # -- Figures of a fit --
@@ -450,14 +442,12 @@ def _ellipse(result: FlightEstimate, estimate: Estimate) -> Iterator[Picture]:
         return
     words = [result.motion.wording[name] for name in pair]
     scales = np.array([word.scale for word in words])
-    scaled = replace(
-        ellipse, centre=ellipse.centre * scales, covariance=ellipse.covariance * np.outer(scales, scales)
-    )
+    covariance = ellipse.covariance * np.outer(scales, scales)
+    scaled = replace(ellipse, centre=ellipse.centre * scales, covariance=covariance)
     if not np.isfinite(scaled.outline()).all():
         return
-    quantities = [
-        QuantityReport(name, word, result.quantities[name]) for name, word in zip(pair, words, strict=True)
-    ]
+    named = zip(pair, words, strict=True)
+    quantities = [QuantityReport(name, word, result.quantities[name]) for name, word in named]
     first, other = (word.words for word in words)
     yield Picture(
         f"{capitalised(first)} and {other} together",
@@ -484,7 +474,6 @@ def _draw_ellipse(axes: Axes, ellipse: Ellipse, quantities: list[QuantityReport]
 
 
 def _closest(result: FlightEstimate, estimate: Estimate) -> tuple[str, str] | None:
-    """The two of the reported parameters whose errors correlate most; None where there are no two."""
     covariance, names = estimate.covariance, list(estimate.names)
     spread = np.sqrt(np.diag(covariance))
     known = [
@@ -556,7 +545,6 @@ def flights_over_time(result: FlightEstimate) -> Iterator[Pictures]:
 def _fitted(
     number: int, flight: PreparedFlight, traces: tuple[Trace, ...], runs: list[FlightRun]
 ) -> Iterator[Picture]:
-    """Measured and predicted along each axis, and what is left."""
     if not runs:
         return
     time = np.concatenate([run.time_s for run in runs])
@@ -590,7 +578,6 @@ def _by_run(runs: list[FlightRun], bands: list[Float[np.ndarray, "length 2"]], u
 
 
 def _simulated(number: int, flight: PreparedFlight, result: FlightEstimate) -> Iterator[Picture]:
-    """What moved, with what was requested, and the input."""
     where = result.motion.words.where
     active = flight.active
     known = f"{capitalised(where)} by {active.rule}." if active.mask.any() else f"Never {where}."
@@ -757,7 +744,6 @@ def _without_summary(part: Part) -> Part:
 
 
 def _provenance(written: Mapping[str, Any]) -> tuple[Section, Facts]:
-    """Where the numbers of a document come from, and the options."""
     made = written["provenance"]
     rows = []
     for log, source in zip(written["logs"], made["logs"], strict=True):
@@ -767,9 +753,8 @@ def _provenance(written: Mapping[str, Any]) -> tuple[Section, Facts]:
         rows.append((Cell(log["name"], checksum), *map(Cell, texts)))
     columns = (*map(TableColumn, TITLES[:2]), *(TableColumn(title, whole=True) for title in TITLES[2:]))
     facts = (Fact("made by", f"Eivor {made['version']}"), Fact("schema", written["schema"]))
-    options = (
-        Fact(name, _option(item)) for name, item in made["options"].items() if item not in (None, "", [], {})
-    )
+    given = {name: item for name, item in made["options"].items() if item not in (None, "", [], {})}
+    options = (Fact(name, _option(item)) for name, item in given.items())
     return Section("Provenance", (Facts(facts), TableOf(columns, tuple(rows)))), Facts(tuple(options))
 
 

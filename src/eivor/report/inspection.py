@@ -316,7 +316,6 @@ def _references(flight: AirborneTime, words: Words) -> Iterator[str]:
 
 
 def _absent(result: Inspection) -> Iterator[Section]:
-    """Channels that the reader looked for in vain, the indispensable ones first."""
     log = result.recording
     absent = {
         name: sources

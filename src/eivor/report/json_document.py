@@ -173,7 +173,6 @@ def _covariance(estimate: Estimate) -> Json:
 
 
 def _prediction(result: FlightEstimate, fit: Fit) -> Json:
-    """What a prediction of the same motion needs beside the quantities."""
     first = result.prepared[0]
     flying = tuple(flight.shortened for flight in result.prepared if flight.runs)
     return {

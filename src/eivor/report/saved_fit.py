@@ -74,9 +74,7 @@ class SavedFit:
     @property
     def refused(self) -> frozenset[str]:
         """Names of the quantities that are refused."""
-        return frozenset(
-            name for name, quantity in self.quantities.items() if quantity.verdict is Status.REFUSED
-        )
+        return frozenset(name for name, q in self.quantities.items() if q.verdict is Status.REFUSED)
 
     @property
     def covariance(self) -> Float[np.ndarray, "n n"]:
@@ -369,9 +367,8 @@ def load_fit(file: str | Path) -> SavedFit:
             raise _no_document(path, f"a file of {path.stat().st_size} bytes")
         document = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
-        raise InputError(
-            "a result that can be read", f"'{path}': {error.strerror or error}", "Check the path."
-        ) from error
+        received = f"'{path}': {error.strerror or error}"
+        raise InputError("a result that can be read", received, "Check the path.") from error
     except (ValueError, RecursionError) as error:
         raise _no_document(path, "content that is not JSON") from error
     if not isinstance(document, dict) or document.get("schema") != IDENTIFY_SCHEMA:

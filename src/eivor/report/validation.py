@@ -257,12 +257,10 @@ def validate(
         for predicted in motion.predictions(problem, model.values)
     )
     if not results:
-        raise UsageError(
-            "a motion that predicts", f"'{motion.name}', which does not", "See docs/motions.md: predictions."
-        )
-    return Validation(
-        result, motion, flight, tuple(sorted(results, key=lambda item: list(Horizon).index(item.horizon)))
-    )
+        received = f"'{motion.name}', which does not"
+        raise UsageError("a motion that predicts", received, "See docs/motions.md: predictions.")
+    in_order = sorted(results, key=lambda item: list(Horizon).index(item.horizon))
+    return Validation(result, motion, flight, tuple(in_order))
 
 
 def _prepared(
@@ -337,17 +335,11 @@ def _error(left: Float[np.ndarray, " n"], moved: Float[np.ndarray, " n"]) -> Pre
 
 
 def _rows(validation: Validation) -> list[tuple[str, ...]]:
-    """What is predicted, by what, root mean square error, unit and share explained, of each prediction."""
-    return [
-        (
-            f"{item.quantity}, {item.horizon.words}",
-            item.words,
-            f"{item.error.rms:.3g}",
-            item.unit,
-            _share(item.error),
-        )
-        for item in validation.predictions
-    ]
+    rows: list[tuple[str, ...]] = []
+    for item in validation.predictions:
+        what, error = f"{item.quantity}, {item.horizon.words}", item.error
+        rows.append((what, item.words, f"{error.rms:.3g}", item.unit, _share(error)))
+    return rows
 
 
 def _share(error: PredictionError) -> str:
@@ -530,7 +522,6 @@ def _measured_limits(measured: Float[np.ndarray, " shown"]) -> tuple[float, floa
 
 
 def _displayed(validation: Validation, first: ModelPrediction) -> tuple[Float[np.ndarray, " shown"], slice]:
-    """Time and samples of the liveliest part of the longest run."""
     lengths = [samples.size for samples in validation.flight.samples_of_runs]
     longest = int(np.argmax(lengths))
     begin = sum(lengths[:longest])

@@ -298,9 +298,8 @@ class _Routes:
     def forget_log(self, request: Request) -> Response:
         log = request.path_params["log"]
         if log in self._jobs.in_use():
-            raise RefusedError(
-                HTTPStatus.CONFLICT, "a log that nobody works on", "one of a job", "Cancel the job first."
-            )
+            busy = HTTPStatus.CONFLICT
+            raise RefusedError(busy, "a log that nobody works on", "one of a job", "Cancel the job first.")
         self._logs.forget(log)
         return JSONResponse({})
 
@@ -349,10 +348,8 @@ class _Routes:
         if isinstance(outcome, Refused):
             raise outcome.error
         if outcome is None:
-            unavailable = HTTPStatus.SERVICE_UNAVAILABLE
-            raise RefusedError(
-                unavailable, "a server that stays", "one that stops", "Start it again: eivor serve."
-            )
+            stopped, remedy = HTTPStatus.SERVICE_UNAVAILABLE, "Start it again: eivor serve."
+            raise RefusedError(stopped, "a server that stays", "one that stops", remedy)
         return outcome
 
     async def refuse(self, request: Request, error: Exception) -> Response:
@@ -435,9 +432,8 @@ class _Body:
 def _length(request: Request, most: int) -> int:
     text = request.headers.get("content-length", "")
     if "transfer-encoding" in request.headers or not re.fullmatch("[0-9]{1,15}", text):
-        raise RefusedError(
-            HTTPStatus.LENGTH_REQUIRED, "a request that says how long it is", "one that does not", _RELOAD
-        )
+        expected = "a request that says how long it is"
+        raise RefusedError(HTTPStatus.LENGTH_REQUIRED, expected, "one that does not", _RELOAD)
     if int(text) > most:
         raise RefusedError(
             HTTPStatus.REQUEST_ENTITY_TOO_LARGE,

@@ -97,12 +97,10 @@ def parse_job(body: bytes) -> JobRequest:
     _require(isinstance(logs, list) and 1 <= len(logs) <= MOST_LOGS, f"1 to {MOST_LOGS} logs", logs)
     _require(isinstance(options, dict), "options by name", options)
     options = {name: value for name, value in options.items() if value not in (None, "", [])}
-    model, vehicle, channel_map, mass = (
-        _text(options.pop(name, ""), name) for name in ("model", "vehicle", "map", "mass")
-    )
-    return JobRequest(
-        tuple(map(_log, logs)), model or DEFAULT, vehicle, channel_map, mass, _flight_options(options)
-    )
+    words = (_text(options.pop(name, ""), name) for name in ("model", "vehicle", "map", "mass"))
+    model, vehicle, channel_map, mass = words
+    parsed, known = tuple(map(_log, logs)), _flight_options(options)
+    return JobRequest(parsed, model or DEFAULT, vehicle, channel_map, mass, known)
 
 
 def _log(record: Any) -> tuple[str, str]:
@@ -217,6 +215,5 @@ def plain_name(name: str) -> str:
 
 
 def _wrong_header(expected: str, header: str) -> RefusedError:
-    return RefusedError(
-        HTTPStatus.BAD_REQUEST, expected, f"'{header[:100]}'", "Drop the files of the log one by one."
-    )
+    remedy = "Drop the files of the log one by one."
+    return RefusedError(HTTPStatus.BAD_REQUEST, expected, f"'{header[:100]}'", remedy)

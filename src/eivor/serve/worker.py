@@ -175,7 +175,6 @@ def _identify(task: Identify, progress: ProgressCallback) -> None:
 
 
 def _log_names(task: Identify) -> list[str]:
-    """What each log is called: several of one name are numbered."""
     ids = list(dict.fromkeys(log for log, _ in task.request.logs))
     names: dict[str, str] = {}
     seen: Counter[str] = Counter()
