@@ -66,7 +66,6 @@ ADDED = {
 
 
 def _targets() -> dict[str, str]:
-    """Where each command or group of commands is, MODULE:NAME."""
     added = {point.name: point.value for point in entry_points(group=ENTRY_POINTS)}
     return {**{name: target for name, (target, _) in COMMANDS.items()}, **added}
 
@@ -100,10 +99,7 @@ class Commands(TyperGroup):
 
 
 def application(*names: str, loaded: bool = True) -> typer.Typer:
-    """Return the command line; with some of its commands only, when they are named.
-
-    Commands that are not loaded have their help alone.
-    """
+    """Return the command line; commands that are not among the names, if any, have their help alone."""
     made = typer.Typer(
         name="eivor",
         help="Identify the vertical parameters of a drone from its flight logs, "
@@ -128,7 +124,6 @@ def application(*names: str, loaded: bool = True) -> typer.Typer:
 
 
 def _add(made: typer.Typer, name: str, target: str) -> None:
-    """Load a command or a group, and add it."""
     home, _, attribute = target.partition(":")
     try:
         module = import_module(home)

@@ -274,7 +274,6 @@ def reported(error: EivorError) -> ExitCode:
 
 
 def _source(context: Any, parameter: Any) -> str:
-    """Where the value of a parameter is from, by the words of click."""
     return getattr(context.get_parameter_source(parameter.name), "name", "DEFAULT")
 
 
@@ -347,7 +346,8 @@ class _Output:
         if any(fnmatchcase(path, f"{escape(spelling)}/{item}") for item in self.inside):
             return True
         keys = _key(self.path), _key(other)
-        return keys[0] == keys[1] if None not in keys else spelling == path and not _is_device(other)
+        is_device = other.exists() and not other.is_file() and not other.is_dir()
+        return keys[0] == keys[1] if None not in keys else spelling == path and not is_device
 
 
 #: Existing files that the command may replace, with the option that names each.
@@ -432,10 +432,6 @@ def _key(path: Path) -> tuple[int, int] | None:
     except (OSError, ValueError):
         return None
     return (status.st_dev, status.st_ino) if stat.S_ISREG(status.st_mode) else None
-
-
-def _is_device(path: Path) -> bool:
-    return path.exists() and not path.is_file() and not path.is_dir()
 
 
 def _spelling(path: Path) -> str:
@@ -540,14 +536,12 @@ def _of_command(command: Any, table: TomlTable) -> dict[str, Any]:
             remedy = did_you_mean(name, options, "Remove it.")
             raise table.wrong("", f"options of eivor {table.path.replace('.', ' ')}", f"'{name}'", remedy)
         option = options[name]
-        results[option.name] = (
-            table.flag(name, default=False) if option.is_flag else _value(option, name, table)
-        )
+        value = table.flag(name, default=False) if option.is_flag else _value(option, name, table)
+        results[option.name] = value
     return results
 
 
 def _value(option: Any, name: str, table: TomlTable) -> Any:
-    """What an option takes: a text, or a list of them where it may be given more than once."""
     value = table.values[name]
     items = value if option.multiple and isinstance(value, list) else [value]
     if not all(isinstance(item, str | int | float) and not isinstance(item, bool) for item in items):
@@ -557,12 +551,10 @@ def _value(option: Any, name: str, table: TomlTable) -> Any:
 
 
 def _option_name(parameter: Any) -> str:
-    """Name of an option, without the dashes."""
     return str(parameter.opts[0]).removeprefix("--")
 
 
 def _words(value: Any) -> str:
-    """Value of an option as it is typed; nothing for a switch."""
     if isinstance(value, bool):
         return "" if value else "off"
     if isinstance(value, list | tuple):

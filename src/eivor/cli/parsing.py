@@ -247,7 +247,6 @@ def _declared(name: str, values: list[str]) -> Declared:
 
 
 def _number(name: str, text: str, what: str) -> tuple[float, str]:
-    """A number of zero or more, and what stands behind it."""
     matched = _NUMBER.fullmatch(text)
     value = float(matched.group(1)) if matched else math.nan
     if matched is None or not 0.0 <= value < math.inf:
@@ -265,9 +264,7 @@ def _size(name: str, text: str, what: str) -> float:
     channel = canonical_channel(name)
     si_unit, to_si = UNITS.get(unit, ("", math.nan))
     if math.isnan(to_si) or (channel is not None and not unit_fits(channel, si_unit)):
-        known = (
-            f"{channel.unit}, or a unit of that kind" if channel is not None and channel.unit else "its unit"
-        )
+        known = f"{channel.unit}, or a unit of that kind" if channel and channel.unit else "its unit"
         remedy = f"Units are {', '.join(word for word in UNITS if word)}."
         raise UsageError(f"a {what} of {name} in {known}", f"'{text}', in {unit}", remedy)
     return value * to_si
@@ -443,11 +440,7 @@ def position_of(text: str) -> Location:
 
 
 def flight_limits(
-    height: str = "3:8",
-    speed: float = 2.0,
-    acceleration: float = 3.0,
-    tilt: float = 20.0,
-    time: float = 60.0,
+    height: str = "3:8", speed: float = 2.0, acceleration: float = 3.0, tilt: float = 20.0, time: float = 60.0
 ) -> FlightLimits:
     """Limits of a planned flight, with heights as ``LOW:HIGH`` [m]."""
     low, high = parse_pair(height)
@@ -468,13 +461,11 @@ def supplied(mass: str, priors: Sequence[str], vehicle: str) -> Supplied:
         if not equals:
             raise UsageError("a prior NAME=VALUE:STD", f"'{text}'", "Give delay=0.01:0.002, for example.")
         known[name.strip()] = _known(number, "--prior")
-    return Supplied(
-        _known(mass, "--mass") if mass else None, known, load_vehicle(vehicle) if vehicle else None
-    )
+    known_mass = _known(mass, "--mass") if mass else None
+    return Supplied(known_mass, known, load_vehicle(vehicle) if vehicle else None)
 
 
 def _known(text: str, option: str) -> KnownNumber:
-    """Number of ``VALUE`` or ``VALUE:STD``."""
     value, std = parse_pair(text if ":" in text else f"{text}:0", omitted=(math.nan, math.nan))
     if math.isnan(std) or not math.isfinite(value):
         raise UsageError(f"VALUE or VALUE:STD for {option}", f"'{text}'", "Give 1.53:0.02, for example.")

@@ -56,11 +56,7 @@ from eivor.motions.rigid_body.vehicle import (
 )
 from eivor.planning.plan import WRITTEN
 from eivor.planning.vehicle import VehicleGuess, read_vehicle, rough_vehicle
-from eivor.report.inspection import (
-    inspection_document,
-    pooled_documents,
-    pooled_inspection,
-)
+from eivor.report.inspection import inspection_document, pooled_documents, pooled_inspection
 from eivor.report.json_document import inspection_json, json_text, pooled_json
 from eivor.report.other_results import draws_table, plan_document, plan_json
 from eivor.report.other_results import plan as planned
@@ -95,18 +91,12 @@ class PublicLog:
 def public_logs() -> Mapping[str, PublicLog]:
     """Every public log by name, in the order of the registry."""
     text = resources.files("eivor.data").joinpath(REGISTRY).read_text(encoding="utf-8")
-    logs = [
-        PublicLog(
-            entry["name"],
-            f"{source['base']}/{entry['file']}",
-            entry["sha256"],
-            entry["about"],
-            source["licence"],
-        )
-        for source in tomllib.loads(text)["source"]
-        for entry in source["log"]
-    ]
-    return {log.name: log for log in logs}
+    logs = {}
+    for source in tomllib.loads(text)["source"]:
+        for entry in source["log"]:
+            name, url = entry["name"], f"{source['base']}/{entry['file']}"
+            logs[name] = PublicLog(name, url, entry["sha256"], entry["about"], source["licence"])
+    return logs
 
 
 def cache_folder() -> Path:
@@ -127,9 +117,8 @@ def fetched(log: PublicLog, *, folder: Path) -> Path:
     downloader = pooch.HTTPDownloader(timeout=TIMEOUT_S) if log.url.startswith("http") else _copied
     kept = folder / log.file_name
     try:
-        result = pooch.retrieve(
-            log.url, f"sha256:{log.sha256}", fname=log.file_name, path=folder, downloader=downloader
-        )
+        to = {"fname": log.file_name, "path": folder, "downloader": downloader}
+        result = pooch.retrieve(log.url, f"sha256:{log.sha256}", **to)
     except ValueError as error:
         raise CorruptLogError(
             f"'{log.file_name}' with the SHA-256 {log.sha256[:12]}...",
@@ -147,7 +136,6 @@ def fetched(log: PublicLog, *, folder: Path) -> Path:
 
 
 def _copied(url: str, output_file: str, _pooch: object) -> None:
-    """Download of a file: URL."""
     import shutil
     from urllib.parse import unquote, urlparse
 
@@ -332,7 +320,6 @@ def export(
 def _draw_vehicles(
     result: SavedFit, count: int, seed: int, supplied: Supplied, path: Path, delays: Delays
 ) -> tuple[str, ...]:
-    """Write a table of draws, and say what is not in it."""
     replace(supplied, mass=None).check_only((), "draws of a table", body=False)
     table = draws_table(result, count, seed, supplied.mass, delays=delays.value)
     buffer = io.BytesIO()
@@ -435,10 +422,9 @@ def plan(
     check_mission(qgc, home, shape)
     limits = flight_limits(height, speed, acceleration, tilt, time)
     vehicle = _vehicle(source, rough)
+    shape = shape or ("steps" if qgc else "")
     with step("Planning"):
-        made = planned(
-            vehicle, target=for_what, limits=limits, shape=shape or ("steps" if qgc else ""), seed=seed
-        )
+        made = planned(vehicle, target=for_what, limits=limits, shape=shape, seed=seed)
     position = position_of(home) if home else None
     texts = {files[name]: WRITTEN[name].text(made, position) for name in WRITTEN if files.get(name)}
     deliver_result(
@@ -495,9 +481,8 @@ def new(
         if path.suffix != ENDING:
             raise UsageError(f"a vehicle file that ends in {ENDING}", f"'{file}'", "Add the ending.")
         if os.path.lexists(path):
-            raise UsageError(
-                "a file that does not exist yet", f"'{file}', which would be lost", "Choose another name."
-            )
+            received = f"'{file}', which would be lost"
+            raise UsageError("a file that does not exist yet", received, "Choose another name.")
     write_out(vehicle_template(), file)
     if file != STANDARD_OUTPUT:
         write(f"{file}: fill in what you know\n")

@@ -54,7 +54,6 @@ def chosen_parameters(
 
 
 def _check_autopilot(fitted: Fitted, autopilot: Autopilot) -> None:
-    """Refuse results of a log of another autopilot."""
     others = [f"format {item}" for item in fitted.formats if item in autopilot.not_of]
     if fitted.curve_in_force and autopilot.curve.name not in fitted.curve_in_force:
         others.append(f"a vehicle with {' and '.join(fitted.curve_in_force)}")
@@ -67,7 +66,6 @@ def _check_autopilot(fitted: Fitted, autopilot: Autopilot) -> None:
 
 
 def _check_shares(fitted: Fitted) -> None:
-    """Refuse results whose command is in another unit, such as rotor speeds or pulse widths."""
     value = fitted.quantities["hover_input"].value if "hover_input" in fitted.quantities else float("nan")
     if fitted.input_measured or value >= 1.0:
         raise UsageError(
@@ -137,7 +135,6 @@ HEADER = "# Vehicle-Id Component-Id Name Value Type"
 
 
 def _px4(fitted: Fitted, supplied: Supplied) -> Exported:
-    """Comments, a header, and lines of five fields with tabs between them."""
     supplied.check_only((), "px4", body=False)
     numbers, comments, omitted = chosen_parameters(fitted, PX4)
     rows = {name: number.value for name, number in numbers.items()}
@@ -203,15 +200,8 @@ class StateSpace:
                 "a Python without it",
                 "Install it: pip install control. The arrays A, B, C and D are there without it.",
             ) from error
-        return control.ss(
-            self.A,
-            self.B,
-            self.C,
-            self.D,
-            states=list(self.states),
-            inputs=list(self.inputs),
-            outputs=list(self.outputs),
-        )
+        names = {name: list(getattr(self, name)) for name in ("states", "inputs", "outputs")}
+        return control.ss(self.A, self.B, self.C, self.D, **names)
 
 
 def state_space(fitted: Fitted, supplied: Supplied) -> StateSpace:
@@ -232,7 +222,6 @@ def state_space(fitted: Fitted, supplied: Supplied) -> StateSpace:
 
 
 def _state_space_document(fitted: Fitted, supplied: Supplied) -> Exported:
-    """The arrays as JSON."""
     supplied.check_only((*NEEDED, *LAGS), "statespace", body=False)
     made = state_space(fitted, supplied)
     document = {

@@ -75,9 +75,8 @@ class Supplied:
         }
         for name, received in given.items():
             if received and not body:
-                raise UsageError(
-                    f"no {name} for {target}, which is made of ratios", received, "Leave it out."
-                )
+                expected = f"no {name} for {target}, which is made of ratios"
+                raise UsageError(expected, received, "Leave it out.")
         for name in self.priors:
             if name not in names:
                 useful = ", ".join(names) or "none"

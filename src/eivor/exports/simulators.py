@@ -83,7 +83,6 @@ DRONE_MODELS_REMARKS = (
 
 
 def _drone_models(fitted: Fitted, supplied: Supplied) -> Exported:
-    """One table, [vehicle], for the first-principles model."""
     made = describe(fitted, supplied, "drone-models", BODY)
     value, rotor = _first(made.values), _first_rotor(made)
     rate, arm = 1.0 / value["actuator_lag"], made.vehicle.arm
@@ -132,9 +131,8 @@ def _gazebo(fitted: Fitted, supplied: Supplied) -> Exported:
     value = _first(made.values)
     mass, arm = value["mass"], value["arm_scale"]
     each, rest = ROTOR_SHARE * mass, mass * (1.0 - made.vehicle.count * ROTOR_SHARE)
-    disc = (
-        each * (made.vehicle.rotor_radius or 0.5 * arm * made.vehicle.arm) ** 2 * np.diag([0.25, 0.25, 0.5])
-    )
+    radius = made.vehicle.rotor_radius or 0.5 * arm * made.vehicle.arm
+    disc = each * radius**2 * np.diag([0.25, 0.25, 0.5])
     # the body without its rotors, about its own centre of mass
     positions = [(arm * x, arm * y) for x, y in made.vehicle.positions]
     centre = [0.0 - each * sum(position[axis] for position in positions) / rest for axis in (0, 1)]
@@ -260,9 +258,8 @@ PYBULLET_REMARKS = (
 
 def _pybullet(fitted: Fitted, supplied: Supplied) -> Exported:
     """Without the lag of the rotors, which gym-pybullet-drones does not have."""
-    made = describe(
-        fitted, supplied, PYBULLET, tuple(name for name in WITH_LARGEST if name != "actuator_lag")
-    )
+    needs = tuple(name for name in WITH_LARGEST if name != "actuator_lag")
+    made = describe(fitted, supplied, PYBULLET, needs)
     order = by_quarters(made.vehicle, PYBULLET)
     value, rotor = _first(made.values), _first_rotor(made, PYBULLET_GRAVITY)
     forward, sideways = mean_distances(made.vehicle)
@@ -300,9 +297,7 @@ def _pybullet(fitted: Fitted, supplied: Supplied) -> Exported:
 
 
 def _rotorpy(fitted: Fitted, supplied: Supplied) -> Exported:
-    """A file to import ``quad_params`` from."""
-    made = describe(fitted, supplied, "RotorPy", WITH_LARGEST)
-    return _rotorpy_file(made, ())
+    return _rotorpy_file(describe(fitted, supplied, "RotorPy", WITH_LARGEST), ())
 
 
 def _rotorpy_draws(fitted: Fitted, supplied: Supplied, draws: Columns, seed: int) -> Exported:
@@ -322,7 +317,6 @@ def _rotorpy_file(made: VehicleDescription, head: tuple[str, ...], **drawn: obje
 
 
 def _rotorpy_columns(made: VehicleDescription) -> Columns:
-    """RotorPy's numbers by its names, a row for each vehicle."""
     values, rotors = made.values, rotors_of(made, ROTORPY_GRAVITY)
     zero = np.zeros_like(values["mass"])
     return {

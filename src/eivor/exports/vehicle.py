@@ -172,14 +172,12 @@ def describe(
 
 
 def _check_signs(supplied: Supplied) -> None:
-    """Refuse what no vehicle has."""
     for name, prior in supplied.priors.items():
         if prior.value < 0.0 or (prior.value == 0.0 and name not in MAY_BE_ZERO):
             raise UsageError(f"a {name} above zero", f"{prior.value:g}", "Correct the prior.")
 
 
 def _vehicle(fitted: Fitted, supplied: Supplied, target: str) -> KnownVehicle:
-    """Whose rotors and mass are known."""
     vehicle = supplied.vehicle or fitted.vehicle
     mass = supplied.mass is not None or (vehicle is not None and vehicle.mass is not None)
     if vehicle is not None and mass and vehicle.in_metres:
@@ -224,7 +222,6 @@ def _hovers_with_a_share(fitted: Fitted, vehicle: KnownVehicle) -> bool:
 def _lacks(
     lacking: Iterable[str], missing: Mapping[str, str], fitted: Fitted, target: str
 ) -> NotIdentifiedError:
-    """Say all that is missing at once."""
     reasons = " ".join(missing.get(name, f"No flight of this kind determines {name}.") for name in lacking)
     requested = {"thrust": MADE_OF[fitted.model]["thrust"]}
     priors = " ".join(f"--prior {requested.get(name, name)}=VALUE:STD" for name in lacking)
@@ -243,7 +240,6 @@ def _columns(
     draws: Columns | None,
     seed: int,
 ) -> dict[str, Column]:
-    """Columns of all that the parts rest on."""
     if draws is None:
         joint = {name: quantity.value for name, quantity in fitted.quantities.items()}
         given_values = {name: item.value for name, item in given.items()}
@@ -254,13 +250,10 @@ def _columns(
     for name, entry in given.items():
         drawn = entry.value + _std(entry) * rng.standard_normal(count)
         columns[name] = np.maximum(drawn, LEAST_SHARE * entry.value)
-    return columns | {
-        name: column for name, column in draws.items() if fitted.identified_number(name) is not None
-    }
+    return columns | {name: column for name, column in draws.items() if fitted.identified_number(name)}
 
 
 def _std(number: Number) -> float:
-    """Standard deviation of what is given."""
     return (number.interval[1] - number.interval[0]) / (2.0 * normal_quantile(0.95))
 
 
@@ -305,7 +298,6 @@ def _parts(
 
 
 def _identified(fitted: Fitted) -> Combinations:
-    """Those of the joint vector that are."""
     if not fitted.candidates:
         return Combinations((), ())
     names = frozenset(name for name in fitted.names if fitted.is_identified(name))

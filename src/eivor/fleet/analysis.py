@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import polars as pl
-from scipy import special
+from scipy import special, stats
 
 from eivor.errors import UsageError, did_you_mean
 from eivor.fleet.change_points import (
@@ -79,10 +79,8 @@ NO_RESULT, NO_NUMBER, NO_REFERENCE, NOT_EXCITED, NOT_POSITIVE = (
 
 def across_of(motion: Motion[Any], further: Sequence[str] = ()) -> tuple[AcrossFlights, ...]:
     """What a motion compares over flights; its headline as it is where it says nothing."""
-    quantities = motion.across or tuple(
-        AcrossFlights(name, identified_by=(name,)) for name in motion.headline
-    )
-    return tuple(_with_covariates(quantity, further) for quantity in quantities)
+    headline = (AcrossFlights(name, identified_by=(name,)) for name in motion.headline)
+    return tuple(_with_covariates(quantity, further) for quantity in motion.across or headline)
 
 
 def _with_covariates(across: AcrossFlights, names: Sequence[str]) -> AcrossFlights:
@@ -176,7 +174,6 @@ def flight_interval(across: AcrossFlights) -> tuple[pl.Expr, pl.Expr]:
 
 
 def _error(across: AcrossFlights) -> pl.Expr:
-    """Standard error, or that of an interval where there is none."""
     half = 0.5 * (pl.col(f"{across.name}.high") - pl.col(f"{across.name}.low"))
     return pl.coalesce(pl.col(f"{across.name}.std_error"), half / normal_quantile(0.95))
 
@@ -211,14 +208,6 @@ SEARCHED = 5.0
 #: A logarithm of a covariate that lies so near to the mean of its type differs from it by rounding only.
 ROUNDING = 1e-9
 STEADY, DRIFTS, STEPS = "steady", "drifts", "steps"
-
-
-def _of_type(
-    groups: Groups, vehicles: Groups, y: Float[np.ndarray, " rows"], v: Float[np.ndarray, " rows"]
-) -> Float[np.ndarray, " rows"]:
-    """Mean of the type of each row: what turns the power of a covariate into a slope of the value itself."""
-    first, total = (vehicles.sums(groups.sums(item)) for item in (y / v, 1.0 / v))
-    return groups.spread(vehicles.spread(first / total))
 
 
 def _is_known(rows: pl.DataFrame, name: str) -> bool:
@@ -285,18 +274,12 @@ def trend(rows: pl.DataFrame, across: AcrossFlights) -> FleetTrend:
     used = tuple(covariate for covariate in across.covariates if _is_known(rows, covariate.name))
     x = rows.select(_about_the_type(item.name).alias(item.name) for item in used).to_numpy()
     x = x.T.reshape(len(used), rows.height).astype(float)
-    if not across.logarithm:
-        x *= _of_type(groups, vehicles, y, v)
+    if not across.logarithm:  # the mean of its type turns the power of a covariate into a slope of the value
+        first, total = (vehicles.sums(groups.sums(item)) for item in (y / v, 1.0 / v))
+        x *= groups.spread(vehicles.spread(first / total))
     expected = np.array([item.slope for item in used]), np.array([item.uncertainty for item in used])
     isolation = outlier_test(groups, vehicles, v)
-
-    def between(
-        level: Float[np.ndarray, " rows"],
-        errors: Float[np.ndarray, " rows"],
-        near: Float[np.ndarray, " groups"] | None = None,
-    ) -> Float[np.ndarray, " groups"]:
-        """Variance between flights, common to a type."""
-        return paule_mandel(groups, level, errors, together=vehicles, near=near)
+    between = partial(paule_mandel, groups, together=vehicles)  # variance between flights, common to a type
 
     def without_covariates(
         errors: Float[np.ndarray, " rows"],
@@ -310,7 +293,7 @@ def trend(rows: pl.DataFrame, across: AcrossFlights) -> FleetTrend:
         covariance = np.repeat(slopes.covariance, vehicles.sizes, axis=0)
         if used:
             errors = v + isolation(level)
-        after = between(level, errors, before)
+        after = between(level, errors, near=before)
         weights, own_weights = (weights_of(groups, item, after) for item in (errors, v))
         ordered = Ordered(groups, level, errors, weights, own_weights, hours, x, covariance)
         return ordered, slopes, after
@@ -319,16 +302,8 @@ def trend(rows: pl.DataFrame, across: AcrossFlights) -> FleetTrend:
     if used:  # again, beside the step that is seen now
         both = np.stack([hours, steps(ordered).after])
         ordered, slopes, _ = without_covariates(ordered.errors, variance, both)
-    return FleetTrend(
-        about.select(VEHICLE),
-        ordered,
-        vehicles,
-        sets[TOGETHER],
-        used,
-        slopes,
-        drifts(ordered),
-        steps(ordered),
-    )
+    changes = drifts(ordered), steps(ordered)
+    return FleetTrend(about.select(VEHICLE), ordered, vehicles, sets[TOGETHER], used, slopes, *changes)
 
 
 def differing_p_values(result: FleetTrend) -> Float[np.ndarray, " vehicles"]:
@@ -340,30 +315,11 @@ def differing_p_values(result: FleetTrend) -> Float[np.ndarray, " vehicles"]:
     scatter = groups.sums(w * (ordered.y - groups.spread(means)) ** 2) / np.maximum(groups.sizes - 1, 1)
     errors = np.maximum(scatter, 1.0) / total
     position = weighted(vehicles, means, errors, paule_mandel(vehicles, means, errors))
-    none = np.zeros((0, means.size))
-    about = Ordered(
-        vehicles,
-        means,
-        errors,
-        position.weights,
-        position.weights,
-        none.sum(axis=0),
-        none,
-        np.zeros((vehicles.sizes.size, 0, 0)),
-    )
-    line, leverage = vehicles.spread(position.mean), position.weights / vehicles.spread(position.total)
+    w, none, covariance = position.weights, np.zeros((0, means.size)), np.zeros((vehicles.sizes.size, 0, 0))
+    about = Ordered(vehicles, means, errors, w, w, none.sum(axis=0), none, covariance)
+    line, leverage = vehicles.spread(position.mean), w / vehicles.spread(position.total)
     p_values = deviation_p_values(about, line, leverage, np.ones(vehicles.sizes.size))
     return np.where(vehicles.spread(vehicles.sizes.astype(float)) >= FEWEST_VEHICLES, p_values, np.nan)
-
-
-def among_many(p_values: Sequence[float] | Float[np.ndarray, " tests"]) -> Float[np.ndarray, " tests"]:
-    """P-values that keep the share of false ones among those reported (Benjamini and Hochberg 1995)."""
-    p = np.asarray(p_values, dtype=float)
-    order = np.argsort(-p)
-    ranks = np.arange(p.size, 0, -1)
-    adjusted = np.empty(p.size)
-    adjusted[order] = np.minimum.accumulate(np.minimum(p[order] * p.size / ranks, 1.0))
-    return adjusted
 
 
 # -- Pool --
@@ -423,18 +379,14 @@ def _report(
     between[:, shares] *= 1.0 - mean[shares] / largest  # a share of the value, not of the odds
     columns = (mean, mean_low, mean_high, *between, next_low, next_high)
     known_ends = np.isfinite(half)
-    numbers = dict(zip(POOLED, columns, strict=True))
-    return about.with_columns(
-        pl.Series("pooled", groups.sizes),
-        *(
-            _known(name, number, np.isfinite(number) & (known_ends | (name == "mean")))
-            for name, number in numbers.items()
-        ),
+    numbers = (
+        _known(name, number, np.isfinite(number) & (known_ends | (name == "mean")))
+        for name, number in zip(POOLED, columns, strict=True)
     )
+    return about.with_columns(pl.Series("pooled", groups.sizes), *numbers)
 
 
 def _known(name: str, numbers: Float[np.ndarray, " rows"], known: np.ndarray) -> pl.Series:
-    """Column of the numbers that are known, null elsewhere."""
     return pl.Series(name, np.where(known, numbers, np.nan)).fill_nan(None)
 
 
@@ -442,12 +394,10 @@ def _known(name: str, numbers: Float[np.ndarray, " rows"], known: np.ndarray) ->
 
 
 def _verdicts(table: pl.DataFrame) -> pl.DataFrame:
-    """How many logs have which verdict."""
     return table.group_by("motion", "verdict").agg(pl.len().alias("logs")).sort("motion", "logs", "verdict")
 
 
 def _vehicles(table: pl.DataFrame) -> pl.DataFrame:
-    """Each vehicle: its logs, those with a result, the hours they hold, days of the first and the last."""
     reported = pl.col("verdict").is_in((COPY, FAILED)).not_()
     return (
         table.group_by("motion", "type", "vehicle")
@@ -464,12 +414,10 @@ def _vehicles(table: pl.DataFrame) -> pl.DataFrame:
 
 
 def _reasons(verdict: str, table: pl.DataFrame) -> pl.DataFrame:
-    """Logs of a verdict, and why."""
     return table.filter(pl.col("verdict") == verdict).select("motion", "name", "reason")
 
 
 def _copies(table: pl.DataFrame) -> pl.DataFrame:
-    """Logs that are copies, and what of."""
     firsts = table.filter(pl.col("verdict") != COPY).select(
         "motion", pl.col("sha256").alias("copy_of"), pl.col("name").alias("first")
     )
@@ -498,16 +446,11 @@ def query(table: pl.DataFrame, what: str) -> pl.DataFrame:
             f"'{what}'",
             did_you_mean(what, [*QUERIES, *names], "Name one of them."),
         )
+    columns = (pl.col(f"{what}.{part}").alias(part) for part in (*NUMBERS, VERDICT))
     return (
         table.filter(pl.col(f"{what}.{VERDICT}").is_not_null())
         .sort("motion", "type", "vehicle", "start", "name", nulls_last=True)
-        .select(
-            "motion",
-            "vehicle",
-            "start",
-            "name",
-            *(pl.col(f"{what}.{part}").alias(part) for part in (*NUMBERS, VERDICT)),
-        )
+        .select("motion", "vehicle", "start", "name", *columns)
     )
 
 
@@ -565,6 +508,7 @@ def fleet_report(table: pl.DataFrame, motion: Motion[Any], further: Sequence[str
         vehicles = list(pool.map(lambda item: item.vehicles(tests), selected))
         types = list(pool.map(_Quantity.types, selected))
         deviating = list(pool.map(lambda item: item.deviating(tests), selected))
+    trends = ((item.across.name, item.trend) for item in selected if item.trend)
     logs = {
         "logs": current.height,
         "copies": int((current["verdict"] == COPY).sum()),
@@ -581,16 +525,11 @@ def fleet_report(table: pl.DataFrame, motion: Motion[Any], further: Sequence[str
         _concat([COVARIATES, *(item.covariates() for item in selected)]),
         _concat([DEVIATING, *deviating]).sort("p_value"),
         rows,
-        frozenset(
-            (item.across.name, known.name)
-            for item in selected
-            for known in (item.trend.used if item.trend else ())
-        ),
+        frozenset((name, known.name) for name, trend in trends for known in trend.used),
     )
 
 
 def _joined(left: pl.DataFrame, right: pl.DataFrame) -> pl.DataFrame:
-    """What is known of each vehicle put beside its rows."""
     return left.join(right, on=VEHICLE, how="left", maintain_order="left")
 
 
@@ -599,7 +538,6 @@ def _concat(parts: list[pl.DataFrame]) -> pl.DataFrame:
 
 
 def _tests(quantities: list[_Quantity]) -> pl.DataFrame:
-    """How many quantities of each vehicle have enough flights for a course."""
     trends = [quantity.trend for quantity in quantities if quantity.trend is not None]
     parts = [trend.about.filter(pl.Series(trend.enough_flights)) for trend in trends]
     vehicles = pl.concat([pl.DataFrame(schema=dict.fromkeys(VEHICLE, pl.String)), *parts])
@@ -611,7 +549,8 @@ def _differing(vehicles: pl.DataFrame) -> pl.DataFrame:
     known = vehicles["differs_p"].fill_null(np.nan).to_numpy()
     tested = np.isfinite(known)
     adjusted = np.ones(known.size)
-    adjusted[tested] = among_many(known[tested])
+    if tested.any():  # the share of false ones among those reported is kept (Benjamini and Hochberg 1995)
+        adjusted[tested] = stats.false_discovery_control(known[tested])
     return vehicles.with_columns(
         differs=pl.Series(adjusted <= LEVEL),
         differs_p=pl.Series(np.where(tested, adjusted, np.nan)).fill_nan(None),
@@ -620,8 +559,6 @@ def _differing(vehicles: pl.DataFrame) -> pl.DataFrame:
 
 @dataclass(frozen=True)
 class _Quantity:
-    """One quantity of all flights."""
-
     across: AcrossFlights
     marked: pl.DataFrame
     used: pl.DataFrame
@@ -630,9 +567,8 @@ class _Quantity:
 
     @classmethod
     def of(cls, rows: pl.DataFrame, across: AcrossFlights) -> _Quantity:
-        marked = rows.with_columns(is_share(across)).with_columns(
-            omission_reason(across, rows.columns).alias("why")
-        )
+        why = omission_reason(across, rows.columns).alias("why")
+        marked = rows.with_columns(is_share(across)).with_columns(why)
         used = marked.filter(pl.col("why").is_null())
         timed = used.filter(pl.col("start").is_not_null())
         return cls(across, marked, used, timed, trend(timed, across) if timed.height else None)
@@ -656,7 +592,6 @@ class _Quantity:
         return _joined(pooled, self._changes(self.trend, tests)).with_columns(pl.col("course").fill_null(""))
 
     def _changes(self, result: FleetTrend, tests: pl.DataFrame) -> pl.DataFrame:
-        """Drift and step of each vehicle, and whether it differs."""
         groups, steps = result.ordered.groups, result.steps
         starts = groups.starts
         span = result.ordered.times[starts + groups.sizes - 1] - result.ordered.times[starts]

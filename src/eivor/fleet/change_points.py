@@ -151,10 +151,7 @@ OF_THREE, OF_SQUARES = 0.449, 0.455
 def outlier_test(
     groups: Groups, sets: Groups, variances: Float[np.ndarray, " rows"]
 ) -> Callable[[Float[np.ndarray, " rows"]], Float[np.ndarray, " rows"]]:
-    """Return what turns estimates of these variances into the variance to be added to isolated ones.
-
-    It is zero for all others. Performs no checks.
-    """
+    """Return what turns estimates into the variance to be added to isolated ones, zero for all others."""
     of_row = np.repeat(np.arange(groups.sizes.size), groups.sizes)
     pairs = np.flatnonzero(of_row[1:] == of_row[:-1])  # first rows of neighbours in one group
     of_group = groups.sizes - 1

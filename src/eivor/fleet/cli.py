@@ -164,9 +164,8 @@ def run_command(
                     page_of=flight_page if reports else None,
                 )
         except KeyboardInterrupt:
-            complain(
-                "interrupted", f"Rows that were written are in {out}. Run the same command again to go on."
-            )
+            kept = f"Rows that were written are in {out}. Run the same command again to go on."
+            complain("interrupted", kept)
             return ExitCode.INTERRUPTED
     show(_report(done, out))
     return ExitCode.IDENTIFIED
@@ -181,7 +180,6 @@ def _executor(workers: int | None, dask: str, logs: int) -> Executor:
 
 @contextmanager
 def _bar() -> Iterator[Progress]:
-    """Bar with rate and time left on standard error, when that is a terminal."""
     screen = console(error=True)
     if not screen.is_terminal:
         yield no_progress
@@ -207,14 +205,12 @@ def _bar() -> Iterator[Progress]:
 
 
 def _rate(speed: float | None) -> str:
-    """Logs in a second, or in a minute where that is less than one."""
     if not speed:
         return ""
     return f"{speed:.1f} logs/s" if speed >= 1.0 else f"{60.0 * speed:.0f} logs/min"
 
 
 def _report(done: FleetRun, out: str) -> RenderableType:
-    """What a run found, in some lines."""
     from rich.console import Group
     from rich.text import Text
 
@@ -304,7 +300,6 @@ def report(
 
 
 def _table(answer: pl.DataFrame) -> Table:
-    """Answer for the terminal; a motion's column only where there are several."""
     from rich.table import Table
     from rich.text import Text
 

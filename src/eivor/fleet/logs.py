@@ -34,9 +34,8 @@ def given_covariates(file: Path) -> pl.DataFrame:
     try:
         table = pl.read_csv(file, infer_schema_length=None)
     except (OSError, pl.exceptions.PolarsError) as error:
-        raise InputError(
-            f"a CSV of covariates in '{file}'", f"{type(error).__name__}: {error}", "Check the path."
-        ) from error
+        received = f"{type(error).__name__}: {error}"
+        raise InputError(f"a CSV of covariates in '{file}'", received, "Check the path.") from error
     key = next((name for name in COVARIATE_KEYS if name in table.columns), None)
     numbers = [name for name, kind in table.schema.items() if kind.is_numeric() and name != key]
     if key is None or not numbers:
@@ -350,7 +349,6 @@ def is_log(path: Path) -> bool:
 
 
 def _is_known_table(path: Path) -> bool:
-    """Whether the columns of a text are those of a log."""
     try:
         fitting_map(_columns(path), path.name)
     except EivorError:
@@ -359,7 +357,6 @@ def _is_known_table(path: Path) -> bool:
 
 
 def _columns(path: Path) -> tuple[str, ...]:
-    """Columns of a table; none of what is no table."""
     try:
         return open_csv(path).names
     except EivorError:

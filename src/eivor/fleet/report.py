@@ -195,9 +195,8 @@ def report_covariates(report: FleetReport) -> list[str]:
     for row in report.covariates.iter_rows(named=True):
         words = report.motion.wording[row["quantity"]].words
         power = f"{row['slope']:.2f} ± {1.96 * row['std_error']:.2f}"
-        selected.append(
-            f"{words} goes with {row['covariate'].replace('_', ' ')} (type {row['type']}: {power})."
-        )
+        covariate = row["covariate"].replace("_", " ")
+        selected.append(f"{words} goes with {covariate} (type {row['type']}: {power}).")
     used = set(report.covariates.select("quantity", "covariate").iter_rows())
     missing: dict[str, list[str]] = {}
     expected: dict[str, list[str]] = {}
@@ -251,10 +250,8 @@ def about_fleet(report: FleetReport) -> str:
     vehicles = known.select(VEHICLE).n_unique()
     types = known.filter(pl.col("type") != UNKNOWN)["type"].n_unique()
     counts = [_count(report.logs["logs"], "log")]
-    if report.logs["copies"]:
-        counts.append(
-            "1 of them a copy" if report.logs["copies"] == 1 else f"{report.logs['copies']} of them copies"
-        )
+    if copies := report.logs["copies"]:
+        counts.append("1 of them a copy" if copies == 1 else f"{copies} of them copies")
     if report.logs["failed"]:
         counts.append(f"{report.logs['failed']} without a result")
     text = f"{_count(vehicles, 'vehicle')} of {_count(types, 'type')}"
@@ -269,23 +266,20 @@ def _count(number: int, what: str) -> str:
 
 def _sections(report: FleetReport, links: Mapping[str, str] | None) -> Iterator[Section]:
     if not report.vehicles.height:
-        yield Section(
-            "Nothing to pool", (Bullets(("No flight identifies a quantity with a standard error.",)),)
-        )
+        nothing_there = "No flight identifies a quantity with a standard error."
+        yield Section("Nothing to pool", (Bullets((nothing_there,)),))
         yield from section("Left out", Bullets, report_omitted(report))
         return
     types = sorted(report.types.iter_rows(named=True), key=lambda row: row["type"])
     if types:
-        yield Section(
-            "By type", (_members(report, types, "vehicle"), *_notes(few_footnote(types, "vehicles")))
-        )
+        few = _notes(few_footnote(types, "vehicles"))
+        yield Section("By type", (_members(report, types, "vehicle"), *few))
     displayed = _displayed(report.vehicles)
     vehicles = list(displayed.iter_rows(named=True))
     notes = [*few_footnote(vehicles, "flights"), *mean_footnote(vehicles), *singles_told(report)]
     if (count := report.vehicles.select("type", "vehicle").n_unique()) > MOST_VEHICLES:
-        notes.append(
-            f"{MOST_VEHICLES} of {count} vehicles, those that change or differ first; the JSON has all."
-        )
+        firsts = "those that change or differ first; the JSON has all."
+        notes.append(f"{MOST_VEHICLES} of {count} vehicles, {firsts}")
     yield Section("By vehicle", (_members(report, vehicles, "flight"), *_notes(notes), Figure(FOREST)))
     nothing = ["No vehicle has enough flights with a time, or none changes by more than chance would."]
     yield Section("Changes", (Bullets(tuple(report_changes(report) or nothing)), Figure(LINES)))
@@ -321,20 +315,13 @@ def linked(name: str, sha256: str, links: Mapping[str, str]) -> Cell:
 
 
 def _deviating(report: FleetReport, links: Mapping[str, str] | None) -> Iterator[TableOf | Bullets]:
-    """Flights that deviate, the clearest first."""
-    rows = list(report.deviating.head(MOST).iter_rows(named=True))
     cells = []
-    for row in rows:
+    for row in report.deviating.head(MOST).iter_rows(named=True):
         wording = report.motion.wording[row["quantity"]]
-        cells.append(
-            (
-                linked(row["name"], row["sha256"], links or {}),
-                Cell(row["vehicle"]),
-                Cell(titled(wording)),
-                Cell(*interval_text(row, wording, ("value", "low", "high"))),
-                Cell(f"{row['expected'] * wording.scale:.4g}"),
-            )
-        )
+        name = linked(row["name"], row["sha256"], links or {})
+        value = Cell(*interval_text(row, wording, ("value", "low", "high")))
+        expected = Cell(f"{row['expected'] * wording.scale:.4g}")
+        cells.append((name, Cell(row["vehicle"]), Cell(titled(wording)), value, expected))
     columns = (
         TableColumn("flight", strong=True),
         TableColumn("vehicle"),
@@ -470,19 +457,16 @@ def _motion_section(
 
 
 def _forests(report: FleetReport) -> Iterator[Picture]:
-    """Vehicles side by side, and below them their type."""
     chosen = vehicles_to_report(report.vehicles).head(MOST_ROWS).select(VEHICLE)
     several = report.vehicles["type"].n_unique() > 1
     for across in report.quantities:
         mine = pl.col("quantity") == across.name
         rows = report.vehicles.filter(mine).join(chosen, on=VEHICLE, how="semi", maintain_order="left")
         wording = report.motion.wording[across.name]
-        drawn = [
-            _forest_row(
-                row, report, across, f"{row['type']}: {row['vehicle']}" if several else row["vehicle"]
-            )
-            for row in rows.iter_rows(named=True)
-        ]
+        drawn = []
+        for row in rows.iter_rows(named=True):
+            label = f"{row['type']}: {row['vehicle']}" if several else row["vehicle"]
+            drawn.append(_forest_row(row, report, across, label))
         drawn += [
             _forest_row(row, report, across, f"type {row['type']}", whole=True)
             for row in report.types.filter(mine).sort("type").head(MOST_ROWS).iter_rows(named=True)
@@ -502,11 +486,9 @@ def _forest_row(
 
 
 def _over_hours(report: FleetReport, links: Mapping[str, str]) -> Iterator[Picture]:
-    """Flights of a few vehicles over their hours, those that change first."""
     chosen = vehicles_to_report(report.vehicles).head(MOST_LINES).select(VEHICLE)
-    rows = report.flights.with_columns(
-        is_share(across).name.suffix(f".{across.name}") for across in report.quantities
-    )
+    shares = (is_share(across).name.suffix(f".{across.name}") for across in report.quantities)
+    rows = report.flights.with_columns(shares)
     for kind, vehicle in chosen.iter_rows():
         current = (pl.col("type") == kind) & (pl.col("vehicle") == vehicle)
         flights, means = rows.filter(current), report.vehicles.filter(current)
@@ -531,19 +513,14 @@ def _line(
         ("flight hours", symbol, "low", "high", "flight"),
         zip(hours.tolist(), value.tolist(), low.tolist(), high.tolist(), flights, strict=True),
     )
-    return trend_picture(
-        f"{row['vehicle']}: {wording.words}",
-        ("flight hours", symbol),
-        (hours, value, low, high),
-        _trend(row, across, (hours, low, high), wording.scale),
-        table,
-    )
+    title, words = f"{row['vehicle']}: {wording.words}", ("flight hours", symbol)
+    lines = _trend(row, across, (hours, low, high), wording.scale)
+    return trend_picture(title, words, (hours, value, low, high), lines, table)
 
 
 def _trend(
     row: Row, across: AcrossFlights, drawn: tuple[np.ndarray, np.ndarray, np.ndarray], scale: float
 ) -> Iterator[tuple[str, np.ndarray, np.ndarray]]:
-    """Mean, drift or step of a vehicle, as lines."""
     hours, low, high = drawn
     mean = row["mean"] * scale
     if row["course"] == STEPS and row["step_hours"] is not None:

@@ -232,8 +232,6 @@ def run_fleet(
 
 @dataclass(frozen=True, slots=True)
 class _Run:
-    """A run on a folder that it holds."""
-
     shard: Shard
     executor: Executor
     shared: bool
@@ -275,7 +273,6 @@ class _Run:
             return LogList.of(log for _, page in results for log in page).table
 
     def _mapped(self, shard: Shard, logs: pl.DataFrame, size: int | None = None) -> Iterable[int]:
-        """Number of rows of each task, as it is done."""
         size = size or min(MOST_LOGS, max(1, logs.height // TASKS))
         with closing(self.executor.map(shard, LogList(logs).pages(size))) as results:
             for _, rows in results:
@@ -293,9 +290,8 @@ class _Run:
         named, options = NamedRow(self.shard.options), self.shard.options
         for part in copies.iter_slices(COPIES):
             named_firsts = zip(LogList(part), part["first"], strict=True)
-            self.shard.folder.write(
-                [copy_row(named(log), first) for log, first in named_firsts], options.hash()
-            )
+            rows = [copy_row(named(log), first) for log, first in named_firsts]
+            self.shard.folder.write(rows, options.hash())
 
 
 def _taken_over(folder: Path) -> InputError:
@@ -316,9 +312,8 @@ def hashed(log: Log) -> Log:
             return replace(log, problem="It is no regular file.")
         size = folder_size(path) if is_folder else status.st_size
         if size > DEFAULT_MAX_BYTES:
-            return replace(
-                log, problem=f"It has {size} bytes, more than the {DEFAULT_MAX_BYTES} that are read."
-            )
+            problem = f"It has {size} bytes, more than the {DEFAULT_MAX_BYTES} that are read."
+            return replace(log, problem=problem)
         if is_folder:
             return replace(log, sha256=folder_sha256(path))
         with path.open("rb") as stream:

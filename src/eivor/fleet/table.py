@@ -323,7 +323,6 @@ class FleetFolder:
             )
 
     def _document(self) -> dict[str, Any] | None:
-        """What the folder says of itself; None of a new one."""
         path = self.folder / IDENTITY
         try:
             document = json.loads(path.read_text(encoding="utf-8"))
@@ -462,7 +461,6 @@ class RowOfLog:
         return {**about, **_of_result(result), **page}
 
     def _map(self, log: Log) -> str | None:
-        """Channel map of a log, when it is of a format that takes one."""
         chosen = self.options.map_of(log.name)
         return chosen if chosen and format_at(Path(log.path)).takes_map else None
 

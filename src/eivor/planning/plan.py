@@ -63,17 +63,16 @@ def fly(shapes: Sequence[Shape], vehicle: VehicleGuess, seeds: Sequence[int]) ->
     """Fly each shape with its seed, all side by side."""
     count, flights = shapes[0].offset.size, len(shapes)
     drawn = [_surroundings(vehicle, count, seed) for seed in seeds]
-    derivatives = [shape.derivatives for shape in shapes]
+    velocities, accelerations = zip(*(shape.derivatives for shape in shapes), strict=True)
     every = np.ones(flights)
     environment = VerticalEnvironment(
         reference_position=np.stack([shape.offset for shape in shapes], axis=1),
-        reference_velocity=np.stack([derivative[0] for derivative in derivatives], axis=1),
-        reference_acceleration=np.stack([derivative[1] for derivative in derivatives], axis=1),
+        reference_velocity=np.stack(velocities, axis=1),
+        reference_acceleration=np.stack(accelerations, axis=1),
         **{name: np.stack([item[name] for item in drawn], axis=1) for name in drawn[0]},
     )
-    vehicles = VerticalVehicles(
-        _separated(vehicle) * every, vehicle.input_gain * every, vehicle.lag_s * every, 0.0 * every
-    )
+    numbers = (_separated(vehicle), vehicle.input_gain, vehicle.lag_s, 0.0)
+    vehicles = VerticalVehicles(*(number * every for number in numbers))
     gains = AltitudeController(**{name: gain * every for name, gain in asdict(vehicle.follows).items()})
     motion = simulate_vertical(vehicles, environment, step_s=STEP_S, controller=gains)
     return [_simulated(shape, environment, motion, number) for number, shape in enumerate(shapes)]
@@ -87,9 +86,7 @@ def _separated(vehicle: VehicleGuess) -> float:
 
 
 def _surroundings(vehicle: VehicleGuess, count: int, seed: int) -> dict[str, Float[np.ndarray, " n"]]:
-    force, acceleration, velocity, other = (
-        np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(4)
-    )
+    force, acceleration, velocity, other = map(np.random.default_rng, np.random.SeedSequence(seed).spawn(4))
     angles = [vehicle.tilt_rms * _with_density(_tilt_density, count, other) for _ in range(2)]
 
     def left(name: str, rng: np.random.Generator) -> Float[np.ndarray, " n"]:
@@ -116,7 +113,6 @@ def _with_density(
     count: int,
     rng: np.random.Generator,
 ) -> Float[np.ndarray, " n"]:
-    """Gaussian series of a one-sided density, with no mean."""
     frequency = np.fft.rfftfreq(count, STEP_S)
     scale = np.zeros(frequency.size)
     scale[1:] = np.sqrt(density(frequency[1:]) * count / (4.0 * STEP_S))
@@ -386,9 +382,8 @@ def qgc_text(plan: FlightPlan, home: tuple[float, float]) -> str:
         raise UsageError("a plan of steps", f"a {plan.shape.kind}", "Plan with --shape steps.")
     latitude, longitude = home
     if not (abs(latitude) <= 90.0 and abs(longitude) <= 180.0):
-        raise UsageError(
-            "a latitude and a longitude [deg]", f"{latitude:g}, {longitude:g}", "Such as 47.4,8.5."
-        )
+        place = f"{latitude:g}, {longitude:g}"
+        raise UsageError("a latitude and a longitude [deg]", place, "Such as 47.4,8.5.")
     position = [round(float(latitude), 7), round(float(longitude), 7)]
     speed = plan.limits.speed * 0.8
     items = [
@@ -421,15 +416,8 @@ def levels(plan: FlightPlan) -> list[tuple[float, float]]:
 
 
 def _item(command: int, frame: int, params: list[float | None]) -> dict[str, object]:
-    """One item of the mission, as QGroundControl writes it."""
-    item: dict[str, object] = {
-        "type": "SimpleItem",
-        "autoContinue": True,
-        "command": command,
-        "doJumpId": 0,
-        "frame": frame,
-        "params": params,
-    }
+    item: dict[str, object] = {"type": "SimpleItem", "autoContinue": True, "command": command, "doJumpId": 0}
+    item |= {"frame": frame, "params": params}
     if frame == RELATIVE:
         item |= {"AMSLAltAboveTerrain": None, "Altitude": params[-1], "AltitudeMode": 1}
     return item

@@ -192,9 +192,8 @@ def check_target(word: str) -> None:
     """Refuse a word that is none of `TARGETS`."""
     if word not in TARGETS:
         known = ", ".join(TARGETS)
-        raise UsageError(
-            f"one of {known}", f"{word!r}", did_you_mean(word, TARGETS, f"Plan for one of {known}.")
-        )
+        remedy = did_you_mean(word, TARGETS, f"Plan for one of {known}.")
+        raise UsageError(f"one of {known}", f"{word!r}", remedy)
 
 
 # -- Vehicle --
@@ -349,7 +348,6 @@ def read_vehicle(path: Path) -> VehicleGuess:
 
 
 def _within(name: str, value: float) -> float:
-    """Return the value, or the end of its range that is nearest."""
     return float(np.clip(value, *VEHICLE_RANGES[name]))
 
 

@@ -63,9 +63,8 @@ def figure_of(*axes: Axes) -> Figure:
     """Return the figure that Axes are of; that of a subfigure is the one around it."""
     figures = {id(axis.figure.figure): axis.figure.figure for axis in axes}
     if len(figures) != 1:
-        raise UsageError(
-            "Axes of one figure", f"of {len(figures)}", "Draw into each figure by itself, naming its panels."
-        )
+        remedy = "Draw into each figure by itself, naming its panels."
+        raise UsageError("Axes of one figure", f"of {len(figures)}", remedy)
     return next(iter(figures.values()))
 
 
@@ -82,9 +81,8 @@ def _ordered(axes: object, panels: Sequence[str]) -> dict[str, Axes]:
     from matplotlib.axes import Axes as AnyAxes
 
     if isinstance(axes, str) or not isinstance(axes, AnyAxes | Iterable):
-        raise UsageError(
-            "Axes by the name of their panel, or as many as there are panels", described(axes), REMEDY
-        )
+        expected = "Axes by the name of their panel, or as many as there are panels"
+        raise UsageError(expected, described(axes), REMEDY)
     flat = [axes] if isinstance(axes, AnyAxes) else np.asarray([*axes], dtype=object).ravel().tolist()
     if len(flat) != len(panels):
         raise UsageError(
@@ -105,9 +103,8 @@ def _check(name: str, axes: object) -> None:
 
     if not isinstance(axes, AnyAxes):
         many = isinstance(axes, np.ndarray | Sequence) and not isinstance(axes, str)
-        raise UsageError(
-            f"Matplotlib Axes for {name}", described(axes), "Pass one of them." if many else REMEDY
-        )
+        remedy = "Pass one of them." if many else REMEDY
+        raise UsageError(f"Matplotlib Axes for {name}", described(axes), remedy)
     if axes.figure is None:
         raise UsageError(f"Axes of a figure for {name}", "Axes that were removed from theirs", REMEDY)
 
@@ -352,20 +349,6 @@ def interval_figure(
         Unit of each parameter.
     truth : mapping of str to float, optional
         Values to mark by a line.
-    title : str
-        Of the figure, or of the first panel that is given.
-    axes : mapping of str to Axes, or sequence of Axes, optional
-        Where to draw: some parameters by name, or all in order. Default: a figure of its own.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        With a canvas of its own, or that of `axes`. An end without bound is an arrow; an empty set says so.
-
-    Raises
-    ------
-    UsageError
-        When there is nothing to draw, or `axes` do not fit the panels.
     """
     most = max((len(rows) for rows in panels.values()), default=0)
     if not most:
@@ -403,20 +386,6 @@ def estimates_figure(
         Confidence level.
     truth : mapping of str to float, optional
         Values to mark by a line.
-    title : str
-        Of the figure, or of the first panel that is given; default: the level, on a figure of its own.
-    axes : mapping of str to Axes, or sequence of Axes, optional
-        Where to draw: some parameters by name, or all in order. Default: a figure of its own.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        A panel for each parameter, in its unit.
-
-    Raises
-    ------
-    UsageError
-        When there is nothing to draw, `axes` do not fit the panels, or the level is not between 0 and 1.
     """
     panels: dict[str, list[PlottedInterval]] = {}
     units: dict[str, str] = {}
@@ -459,20 +428,6 @@ def ellipse_figure(
         Replicates.
     regions : mapping of str to sequence of ndarray, shape (corners, 2), optional
         Other regions by the polygons of their outlines.
-    title : str
-        Of the figure, or of the panel that is given.
-    ax : matplotlib.axes.Axes, optional
-        Where to draw; default: a figure of its own.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        With a canvas of its own, or that of `ax`.
-
-    Raises
-    ------
-    UsageError
-        When there is nothing to draw, or `ax` are no Axes.
     """
     if not ellipses and not regions:
         raise UsageError("an ellipse or a region to draw", "none", "Give one by its name.")
@@ -526,20 +481,6 @@ def pair_figure(
         Values of parameters.
     replicates : Bootstrap, optional
         Drawn as a cloud.
-    title : str
-        Of the figure, or of the panel that is given.
-    ax : matplotlib.axes.Axes, optional
-        Where to draw; default: a figure of its own.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        See `ellipse_figure`.
-
-    Raises
-    ------
-    UsageError
-        When a parameter is unknown, the level is not between 0 and 1, or `ax` are no Axes.
     """
     unit = dict(zip(estimate.names, estimate.units, strict=True))
     ellipse = estimate.ellipse(name, other, level)
@@ -597,7 +538,6 @@ def _draw_interval(
     *,
     filled: bool = True,
 ) -> None:
-    """Point and whiskers; an end beyond the limits is an arrow."""
     low, high = limits
     inside = 0.02 * (high - low)
     for left, right in row.pieces:
@@ -653,7 +593,6 @@ def draw_forest(axes: Axes, rows: Sequence[PlottedInterval], words: str) -> None
 
 
 def _interval_limits(rows: Sequence[PlottedInterval], truth: float | None) -> tuple[float, float]:
-    """Range of all finite numbers, with a margin; never empty."""
     numbers = [end for row in rows for piece in row.pieces for end in piece] + [row.value for row in rows]
     finite = [x for x in [*numbers, *([] if truth is None else [truth])] if math.isfinite(x)] or [0.0]
     low, high = min(finite), max(finite)

@@ -6,7 +6,7 @@ import warnings
 from functools import partial
 from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 
@@ -72,16 +72,9 @@ def prediction_panels(predictions: MultiStepPrediction) -> Panels:
     liveliest = _liveliest(predictions)
     for number, models in enumerate(predictions.by_quantity):
         name = models[0].quantity
-        panels[name] = partial(
-            _draw_ahead_over_time,
-            prediction=predictions,
-            models=models,
-            displayed=liveliest,
-            first=number == 0,
-        )
-        panels[f"{name} by horizon"] = partial(
-            _by_horizon, prediction=predictions, models=models, first=number == 0
-        )
+        given: dict[str, Any] = {"prediction": predictions, "models": models, "first": number == 0}
+        panels[name] = partial(_draw_ahead_over_time, **given, displayed=liveliest)
+        panels[f"{name} by horizon"] = partial(_by_horizon, **given)
     return panels
 
 
@@ -147,7 +140,6 @@ def draw_by_horizon(
 
 
 def _coloured(models: tuple[HorizonErrors, ...]) -> list[tuple[HorizonErrors, str]]:
-    """Models, the fit drawn last and so on top."""
     parametric = [model for model in models if model.model != UNCHANGED]
     colours = dict(zip((item.model for item in parametric), AHEAD_COLOURS, strict=False))
     return [(model, colours.get(model.model, GREY)) for model in reversed(models)]
@@ -195,19 +187,15 @@ def flight_panels(result: FlightEstimate) -> Panels:
     """What moves in the first flight and its input, shaded where it counts, and the reasons below."""
     prepared = result.prepared[0]
     level = prepared.signals.family(prepared.input.name).mean(axis=1)
-    displayed = {
-        " ".join(panel.label.split()).partition(" [")[0]: panel for panel in result.motion.overview(prepared)
-    }
+    panels_of_motion = result.motion.overview(prepared)
+    displayed = {" ".join(item.label.split()).partition(" [")[0]: item for item in panels_of_motion}
     displayed["input"] = PlotData(f"mean of\n{prepared.input.name}", level)
-    first = next(iter(displayed))
+    where, active = result.motion.words.where, prepared.active
+    known = f"shaded where {where}" if active.mask.any() else f"never {where}"
+    title = f"{printable(prepared.recording.name)}: {known}, by {active.rule}"
     panels: Panels = {
-        name: partial(
-            _draw,
-            plot_data=panel,
-            result=result,
-            title=_title_without_estimate(result) if name == first else "",
-        )
-        for name, panel in displayed.items()
+        name: partial(_draw, plot_data=panel, result=result, title="" if number else title)
+        for number, (name, panel) in enumerate(displayed.items())
     }
     panels["reasons"] = partial(_write_reasons, result=result)
     return panels
@@ -215,15 +203,8 @@ def flight_panels(result: FlightEstimate) -> Panels:
 
 def page_without_estimate(names: tuple[str, ...]) -> dict[str, Axes]:
     """Axes of these panels, one below the other; the last has words only."""
-    return column_page(
-        names, SIZE_INCHES, heights=(*[1.0] * (len(names) - 1), 0.6), shared=max(len(names) - 1, 1)
-    )
-
-
-def _title_without_estimate(result: FlightEstimate) -> str:
-    prepared, where = result.prepared[0], result.motion.words.where
-    known = f"shaded where {where}" if prepared.active.mask.any() else f"never {where}"
-    return f"{printable(prepared.recording.name)}: {known}, by {prepared.active.rule}"
+    above = len(names) - 1
+    return column_page(names, SIZE_INCHES, heights=(*[1.0] * above, 0.6), shared=max(above, 1))
 
 
 def _draw(axes: Axes, plot_data: PlotData, result: FlightEstimate, title: str) -> None:
@@ -265,19 +246,6 @@ def flight_figure(result: FlightEstimate, axes: GivenAxes | None = None) -> Figu
     ----------
     result : FlightEstimate
         Of one flight or of a pool.
-    axes : mapping of str to Axes, or sequence of Axes, optional
-        Where to draw: some panels by name, or all in order, see the notes. Default: a figure of its
-        own, with the verdict above.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        With a canvas of its own, or that of `axes`; save it with `save_figure` or `Figure.savefig`.
-
-    Raises
-    ------
-    UsageError
-        When `axes` do not fit the panels.
 
     Notes
     -----
@@ -400,22 +368,6 @@ def noise_spectrum_figure(
         Unit of the values; "-" for none.
     estimate : LongMemory, optional
         What was fitted. Default: `estimate_long_memory` of the values.
-    title : str
-        Of the figure, or of the panel that is given.
-    ax : matplotlib.axes.Axes, optional
-        Where to draw; default: a figure of its own.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        With a canvas of its own, or that of `ax`.
-
-    Raises
-    ------
-    NonFiniteError
-        When the rate is not positive; see also `estimate_long_memory`.
-    UsageError
-        When `ax` are no Axes.
     """
     if not (np.isfinite(rate_hz) and rate_hz > 0.0):
         raise NonFiniteError("a positive rate in Hz", f"rate_hz={rate_hz}", "Give samples per second.")
@@ -490,35 +442,18 @@ def residual_figure(
         Time of the first sample [s].
     lags : int
         Lags of the autocorrelation [samples].
-    title : str
-        Of the figure, or of the first panel that is given.
-    axes : mapping of str to Axes, or sequence of Axes, optional
-        Where to draw: some of "time", "autocorrelation" and "spectrum", or all three in this order.
-        Default: a figure of its own.
 
-    Returns
-    -------
-    matplotlib.figure.Figure
-        With a canvas of its own, or that of `axes`. White noise keeps 95 % of its autocorrelations within
-        the dashed band, 1.96 / sqrt(n); uncorrelated noise of any varying strength within the shaded one.
-
-    Raises
-    ------
-    NonFiniteError
-        When a value is not finite, or the rate is not positive.
-    TooFewSamplesError
-        With too few samples for a spectrum.
-    UsageError
-        When `axes` do not fit the panels.
+    Notes
+    -----
+    White noise keeps 95 % of its autocorrelations within the dashed band, 1.96 / sqrt(n); uncorrelated noise
+    of any varying strength within the shaded one.
     """
     if not (np.isfinite(residual).all() and np.isfinite(rate_hz) and rate_hz > 0.0):
-        raise NonFiniteError(
-            "finite residuals and a positive rate", f"rate_hz={rate_hz}", "Repair or cut the samples."
-        )
+        expected = "finite residuals and a positive rate"
+        raise NonFiniteError(expected, f"rate_hz={rate_hz}", "Repair or cut the samples.")
     if residual.size < 2 * LEAST_BANDWIDTH + 1:
-        raise TooFewSamplesError(
-            f"{2 * LEAST_BANDWIDTH + 1} residuals or more", f"{residual.size}", "Use a longer record."
-        )
+        expected = f"{2 * LEAST_BANDWIDTH + 1} residuals or more"
+        raise TooFewSamplesError(expected, f"{residual.size}", "Use a longer record.")
     if axes is None:
         rows = [(PANELS[0], PANELS[0]), PANELS[1:]]
         panels = mosaic(page(10.0, 6.4, title), rows, height_ratios=(0.85, 1.0))
@@ -610,22 +545,6 @@ def signals_figure(
         Which channels; all for none.
     truth : Signals, optional
         The same channels without noise, drawn above the measured ones.
-    title : str
-        Of the figure, or of the first panel that is given.
-    axes : mapping of str to Axes, or sequence of Axes, optional
-        Where to draw: some channels by name, or all in order. Default: a figure of its own.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        With a canvas of its own, or that of `axes`.
-
-    Raises
-    ------
-    UsageError
-        When there is nothing to draw, or `axes` do not fit the channels.
-    MissingChannelError
-        When a channel is absent.
     """
     names = tuple(dict.fromkeys(channels or signals.channels))
     drawable(names, "channels", "Name some of them.")

@@ -73,14 +73,7 @@ PLAIN_RANGE = (1e-3, 1e6)
 
 
 def numbers(quantity: Quantity, wording: Wording) -> tuple[str, str]:
-    """Value and interval of a quantity in its shown unit, with digits that the interval supports.
-
-    Returns
-    -------
-    value, interval : str
-        "0.186" and "[0.162, 0.210]"; `NO_NUMBER` where there is none. What was chosen out of a few values
-        has those that fit in place of an interval: "0 or 10 (5 tried)".
-    """
+    """Value and interval in the shown unit: "0.186", "[0.162, 0.210]"; of a choice "0 or 10 (5 tried)"."""
     if quantity.choice is not None:
         return f"{quantity.value * wording.scale:g}", _fitting(quantity.choice, wording.scale)
     low, high = quantity.interval
@@ -100,7 +93,6 @@ def plain_numbers(value: float, interval: tuple[float, float]) -> tuple[str, str
 
 
 def _fitting(choice: Choice, scale: float) -> str:
-    """Values that fit, and out of how many; nothing to choose is no number."""
     if len(choice.tried) < 2:
         return NO_NUMBER
     *others, last = [f"{value * scale:g}" for value in choice.fitting]
@@ -309,12 +301,10 @@ def _least_squares(result: FlightEstimate, fit: Fit) -> Iterator[Check]:
 
 
 def _closely(result: FlightEstimate) -> list[tuple[str, Wording]]:
-    """Parameters of the headline, which are looked at more closely."""
     return [(name, result.motion.wording[name]) for name in result.motion.headline if name in result.names]
 
 
 def _tail(p_value: float) -> str:
-    """P-value in brackets."""
     return f"(p {'<= 0.001' if p_value <= 0.001 else f'{p_value:.2g}'})"
 
 
@@ -481,16 +471,14 @@ def _curve(
 
 
 def _choice(candidate: Candidate, result: FlightEstimate) -> str:
-    """Values of the discrete nuisances, in the motion's words: "delay 10 ms"."""
     refined = {profile.nuisance.name for profile in candidate.profiles}
     selected = [
         (result.motion.wording[name], value)
         for name, value in candidate.nuisances.items()
         if name not in refined
     ]
-    return ", ".join(
-        f"{item.words} {value * item.scale:.3g} {item.shown_unit}".rstrip() for item, value in selected
-    )
+    texts = (f"{item.words} {value * item.scale:.3g} {item.shown_unit}" for item, value in selected)
+    return ", ".join(map(str.rstrip, texts))
 
 
 # -- Reported result --
@@ -528,10 +516,6 @@ class ReportRow:
     reasons: tuple[str, ...]
     quantities: tuple[QuantityReport, ...]  # The motion's `rows`, without numbers where nothing was estimated
 
-    def first_reason(self, fly: str) -> str:
-        """The first reason, without the advice `fly` that all of them end with; empty for none."""
-        return self.reasons[0].removesuffix(fly).strip() if self.reasons else ""
-
 
 @dataclass(frozen=True, slots=True)
 class FlightReport:
@@ -549,10 +533,9 @@ class FlightReport:
     @property
     def brief(self) -> tuple[QuantityReport, ...]:
         """Quantities that tables of flights show, where there is an estimate."""
-        estimated = any(np.isfinite(quantity.quantity.std_error) for quantity in self.quantities)
-        return (
-            tuple(item for item in self.reported if item.name in self.result.motion.rows) if estimated else ()
-        )
+        if not any(np.isfinite(item.quantity.std_error) for item in self.quantities):
+            return ()
+        return tuple(item for item in self.reported if item.name in self.result.motion.rows)
 
     @property
     def reasons(self) -> tuple[Reason, ...]:
@@ -567,20 +550,17 @@ class FlightReport:
             for reason in reported.quantity.reasons:
                 against.setdefault(reason, []).append(reported.wording.symbol)
         known = {reason.sentence for reason in self.reasons}
-        return tuple(
-            (", ".join(symbols), reason)
-            for reason, symbols in against.items()
-            if reason.sentence not in known
-        )
+        further = ((symbols, reason) for reason, symbols in against.items() if reason.sentence not in known)
+        return tuple((", ".join(symbols), reason) for symbols, reason in further)
 
     @property
     def systematic(self) -> tuple[tuple[str, str], ...]:
         """Systematic parts of intervals: the quantity in words, and what for."""
+        written = (item for item in self.reported if item.quantity.verdict is not Status.REFUSED)
         return tuple(
-            (item.wording.words, systematic_uncertainty.sentence)
-            for item in self.reported
-            if item.quantity.verdict is not Status.REFUSED
-            for systematic_uncertainty in item.quantity.systematic_uncertainties
+            (item.wording.words, part.sentence)
+            for item in written
+            for part in item.quantity.systematic_uncertainties
         )
 
     @property
@@ -595,9 +575,7 @@ class FlightReport:
     @property
     def summary(self) -> str:
         """What is identified, what is identified weakly, and what is not and why; empty without numbers."""
-        if not self.brief or all(
-            item.quantity.verdict is self.brief[0].quantity.verdict for item in self.brief
-        ):
+        if len({item.quantity.verdict for item in self.brief}) < 2:
             return ""
         parts = []
         for statuses, words in (
@@ -608,10 +586,8 @@ class FlightReport:
             names = [item.wording.words for item in self.brief if item.quantity.verdict in statuses]
             if names:
                 parts.append(f"{in_words(names)} {'is' if len(names) == 1 else 'are'} {words}")
-        refused = next(
-            (item.quantity for item in self.brief if item.quantity.verdict is Status.REFUSED), None
-        )
-        why = refused.reasons[0].sentence if refused is not None and refused.reasons else ""
+        refused = [item.quantity for item in self.brief if item.quantity.verdict is Status.REFUSED]
+        why = refused[0].reasons[0].sentence if refused and refused[0].reasons else ""
         why = f"{why.split('. ', 1)[0].removesuffix('.')}." if why else ""
         text = "; ".join(parts)
         return f"{capitalised(text)}{f', because {_started(why)}' if why else '.'}"
@@ -679,15 +655,19 @@ def _flight_row(row: FlightRow, result: FlightEstimate) -> ReportRow:
 
 
 def _report(quantities: Mapping[str, Quantity], wording: Mapping[str, Wording]) -> tuple[QuantityReport, ...]:
-    return tuple(
-        QuantityReport(name, words, quantities[name]) for name, words in wording.items() if name in quantities
-    )
+    known = ((name, words) for name, words in wording.items() if name in quantities)
+    return tuple(QuantityReport(name, words, quantities[name]) for name, words in known)
 
 
 # -- Flight document --
 
 #: Where the card is, when it is not shown.
 WHERE_THE_CARD_IS = "What to fly and what to log, step by step: the same command with --card."
+NUMBER_COLUMNS = (
+    TableColumn("value", right=True, strong=True, whole=True),
+    TableColumn("95 % interval", whole=True),
+    TableColumn("unit"),
+)
 
 
 def flight_document(result: FlightEstimate, *, card: bool = False) -> Document:
@@ -697,9 +677,8 @@ def flight_document(result: FlightEstimate, *, card: bool = False) -> Document:
 
 def document_of(record: FlightReport, *, card: bool = False) -> Document:
     """Document of what is reported about a result, see `flight_document`."""
-    return Document(
-        ", ".join(record.logs), record.verdict.status, record.meaning, tuple(_sections(record, card=card))
-    )
+    sections = tuple(_sections(record, card=card))
+    return Document(", ".join(record.logs), record.verdict.status, record.meaning, sections)
 
 
 def _sections(record: FlightReport, *, card: bool) -> Iterator[Section]:
@@ -721,8 +700,9 @@ def _sections(record: FlightReport, *, card: bool) -> Iterator[Section]:
     if record.by_flight:
         yield Section("What belongs to each flight of the pool", (_flight_table(record.by_flight, result),))
     if record.flights:
-        fly = result.motion.words.fly
-        reasons = tuple(f"{row.label}: {row.first_reason(fly)}" for row in record.flights if row.reasons)
+        fly = result.motion.words.fly  # all reasons end with this advice
+        firsts = ((row.label, row.reasons[0]) for row in record.flights if row.reasons)
+        reasons = tuple(f"{label}: {reason.removesuffix(fly).strip()}" for label, reason in firsts)
         parts_below = (Bullets(reasons),) if reasons else ()
         table = _row_table(record.flights, "log")
         yield Section("Flights one by one", (table, Figure("flights"), *parts_below))
@@ -765,15 +745,7 @@ def _facts(record: FlightReport) -> Facts:
 
 
 def _quantity_table(record: FlightReport) -> TableOf:
-    """Every quantity with its symbol, value, interval, unit and verdict."""
-    columns = (
-        TableColumn("quantity"),
-        TableColumn(""),
-        TableColumn("value", right=True, strong=True, whole=True),
-        TableColumn("95 % interval", whole=True),
-        TableColumn("unit"),
-        TableColumn("verdict"),
-    )
+    columns = (TableColumn("quantity"), TableColumn(""), *NUMBER_COLUMNS, TableColumn("verdict"))
     rows = []
     for item in record.reported:
         status, wording = item.quantity.verdict, item.wording
@@ -784,13 +756,7 @@ def _quantity_table(record: FlightReport) -> TableOf:
 
 def _implied(implications: Implications) -> Iterator[Part]:
     """Numbers that follow, then in sentences those that do not, and what cannot be."""
-    columns = (
-        TableColumn(""),
-        TableColumn(""),
-        TableColumn("value", right=True, strong=True, whole=True),
-        TableColumn("95 % interval", whole=True),
-        TableColumn("unit"),
-    )
+    columns = (TableColumn(""), TableColumn(""), *NUMBER_COLUMNS)
     texts = (
         (number.words, number.symbol, *plain_numbers(number.value, number.interval), number.unit)
         for number in implications.numbers
@@ -806,7 +772,6 @@ def _implied(implications: Implications) -> Iterator[Part]:
 
 
 def _row_table(rows: tuple[ReportRow, ...], label: str) -> TableOf:
-    """One row for each flight or method; the interval stands below the value."""
     words = [quantity.wording for quantity in rows[0].quantities]
     titles = [f"{w.symbol} [{w.shown_unit}]" if w.shown_unit else w.symbol for w in words]
     columns = (TableColumn(label), *(TableColumn(title, strong=True, whole=True) for title in titles))
@@ -814,7 +779,6 @@ def _row_table(rows: tuple[ReportRow, ...], label: str) -> TableOf:
 
 
 def _flight_table(by_flight: tuple[ReportRow, ...], result: FlightEstimate) -> TableOf:
-    """One row for each flight of a pool, with the quantities that are not alike in all of them."""
     tables = [row.quantities for row in result.by_flight]
     alike = {
         name

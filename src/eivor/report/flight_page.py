@@ -278,9 +278,8 @@ def drawing(draw: Draw, name: str, title: str, height: float) -> Markup:
                 parent.remove(child)
         parent.tag = parent.tag.removeprefix(_SVG)
         parent.attrib = _attributes(parent.attrib, name)
-        parent.text, parent.tail = (
-            text if text and text.strip() else None for text in (parent.text, parent.tail)
-        )
+        texts = parent.text, parent.tail
+        parent.text, parent.tail = (text if text and text.strip() else None for text in texts)
     heading = ElementTree.Element("title", {"id": f"{name}-title"})
     heading.text = printable(title)
     root.insert(0, heading)
@@ -295,11 +294,7 @@ def _tick(bend: float, value: float, _position: int) -> str:
 
 
 def _attributes(given: dict[str, str], name: str) -> dict[str, str]:
-    """Attributes of an element as a page has them.
-
-    Names begin with that of the picture. Properties of a style, which the page's policy forbids, are
-    attributes. Letters are the page's.
-    """
+    """Attributes of an element: in place of a style, which the page's policy forbids, and with own names."""
     made = {}
     for key, value in given.items():
         if key == "id":
@@ -327,23 +322,16 @@ def lines_of(groups: Iterable[Pictures]) -> int:
 
 def number_table(titles: Iterable[str], rows: Iterable[Iterable[float | str | Cell]]) -> TableOf:
     """Table of numbers, and of words where a row has them."""
-    reported = tuple(
-        tuple(item if isinstance(item, Cell) else Cell(_report(item)) for item in row) for row in rows
-    )
-    left = {
-        index for row in reported for index, cell in enumerate(row) if cell.text and cell.text[0].isalpha()
-    }
-    columns = (
-        TableColumn(title, right=index not in left, whole=index not in left)
-        for index, title in enumerate(titles)
-    )
-    return TableOf(tuple(columns), reported)
+    reported = tuple(tuple(map(_cell, row)) for row in rows)
+    left = {index for row in reported for index, cell in enumerate(row) if cell.text[:1].isalpha()}
+    columns = [(title, index not in left) for index, title in enumerate(titles)]
+    return TableOf(tuple(TableColumn(title, right=right, whole=right) for title, right in columns), reported)
 
 
-def _report(coupled_axis: float | str) -> str:
-    if isinstance(coupled_axis, str):
-        return coupled_axis
-    return f"{coupled_axis:.4g}".replace("-", "−") if np.isfinite(coupled_axis) else NO_NUMBER
+def _cell(item: float | str | Cell) -> Cell:
+    if isinstance(item, Cell | str):
+        return item if isinstance(item, Cell) else Cell(item)
+    return Cell(f"{item:.4g}".replace("-", "−") if np.isfinite(item) else NO_NUMBER)
 
 
 # -- Figures of a fit --
@@ -411,7 +399,6 @@ def _spectra(trace: Trace, runs: list[FlightRun]) -> Picture:
 
 
 def _sets(result: FlightEstimate, fit: Fit) -> Iterator[Picture]:
-    """Sets of the headline beside the interval that is identified."""
     for name, sets in fit.sets.items():
         wording, quantity = result.motion.wording[name], result.quantities[name]
         rows = [_interval("reported", QuantityReport(name, wording, quantity))]
@@ -437,7 +424,6 @@ def _sets(result: FlightEstimate, fit: Fit) -> Iterator[Picture]:
 
 
 def _piece(low: float, high: float, value: float) -> str:
-    """A piece of a set in words."""
     plain_number = plain_numbers(value, (low, high))[1]
     if plain_number != NO_NUMBER:
         return plain_number
@@ -447,7 +433,6 @@ def _piece(low: float, high: float, value: float) -> str:
 
 
 def _ellipse(result: FlightEstimate, estimate: Estimate) -> Iterator[Picture]:
-    """Joint region of the two parameters that trade off most."""
     pair = _closest(result, estimate)
     if pair is None:
         return
@@ -457,14 +442,12 @@ def _ellipse(result: FlightEstimate, estimate: Estimate) -> Iterator[Picture]:
         return
     words = [result.motion.wording[name] for name in pair]
     scales = np.array([word.scale for word in words])
-    scaled = replace(
-        ellipse, centre=ellipse.centre * scales, covariance=ellipse.covariance * np.outer(scales, scales)
-    )
+    covariance = ellipse.covariance * np.outer(scales, scales)
+    scaled = replace(ellipse, centre=ellipse.centre * scales, covariance=covariance)
     if not np.isfinite(scaled.outline()).all():
         return
-    quantities = [
-        QuantityReport(name, word, result.quantities[name]) for name, word in zip(pair, words, strict=True)
-    ]
+    named = zip(pair, words, strict=True)
+    quantities = [QuantityReport(name, word, result.quantities[name]) for name, word in named]
     first, other = (word.words for word in words)
     yield Picture(
         f"{capitalised(first)} and {other} together",
@@ -491,7 +474,6 @@ def _draw_ellipse(axes: Axes, ellipse: Ellipse, quantities: list[QuantityReport]
 
 
 def _closest(result: FlightEstimate, estimate: Estimate) -> tuple[str, str] | None:
-    """The two of the reported parameters whose errors correlate most; None where there are no two."""
     covariance, names = estimate.covariance, list(estimate.names)
     spread = np.sqrt(np.diag(covariance))
     known = [
@@ -516,12 +498,8 @@ def forests(record: FlightReport, rows: tuple[ReportRow, ...], whole: str) -> Pi
     for item in record.reported:
         if item.name not in record.result.motion.rows:
             continue
-        drawn = [
-            _interval(row.label, quantity)
-            for row in rows
-            for quantity in row.quantities
-            if quantity.name == item.name
-        ]
+        shown = ((row.label, each) for row in rows for each in row.quantities if each.name == item.name)
+        drawn = [_interval(label, each) for label, each in shown]
         if whole:
             drawn.append(replace(_interval(whole, item), whole=True))
         pictures.append(forest_picture(capitalised(item.wording.words), axis_of(item.wording), drawn))
@@ -538,14 +516,10 @@ def _interval(label: str, record: QuantityReport) -> PlottedInterval:
 
 def prediction_pictures(prediction: MultiStepPrediction) -> Pictures:
     """Errors by horizon, of every quantity."""
-    pictures = (
-        Picture(
-            f"Error of {models[0].quantity} by horizon",
-            "",
-            partial(draw_by_horizon, prediction=prediction, models=models, key=True),
-        )
-        for models in prediction.by_quantity
-    )
+    pictures = []
+    for models in prediction.by_quantity:
+        draw = partial(draw_by_horizon, prediction=prediction, models=models, key=True)
+        pictures.append(Picture(f"Error of {models[0].quantity} by horizon", "", draw))
     return Pictures("", tuple(pictures))
 
 
@@ -571,7 +545,6 @@ def flights_over_time(result: FlightEstimate) -> Iterator[Pictures]:
 def _fitted(
     number: int, flight: PreparedFlight, traces: tuple[Trace, ...], runs: list[FlightRun]
 ) -> Iterator[Picture]:
-    """Measured and predicted along each axis, and what is left."""
     if not runs:
         return
     time = np.concatenate([run.time_s for run in runs])
@@ -596,28 +569,18 @@ def _fitted(
 
 
 def _by_run(runs: list[FlightRun], bands: list[Float[np.ndarray, "length 2"]], unit: str) -> TableOf:
-    """How much moves and how much is left in each run."""
-    titles = (
-        "from [s]",
-        "to [s]",
-        "samples",
-        f"RMS measured [{unit}]",
-        f"RMS predicted [{unit}]",
-        f"RMS left [{unit}]",
-    )
+    of_rms = (f"RMS {what} [{unit}]" for what in ("measured", "predicted", "left"))
     rows: list[tuple[float | str, ...]] = []
     for run, band in zip(runs, bands, strict=True):
         times = (f"{run.time_s[0]:.2f}", f"{run.time_s[-1]:.2f}", f"{run.time_s.size}")
         rows.append((*times, _rms(band[:, 0]), _rms(band[:, 1]), _rms(band[:, 0] - band[:, 1])))
-    return number_table(titles, rows)
+    return number_table(("from [s]", "to [s]", "samples", *of_rms), rows)
 
 
 def _simulated(number: int, flight: PreparedFlight, result: FlightEstimate) -> Iterator[Picture]:
-    """What moved, with what was requested, and the input."""
     where = result.motion.words.where
-    known = (
-        f"{capitalised(where)} by {flight.active.rule}." if flight.active.mask.any() else f"Never {where}."
-    )
+    active = flight.active
+    known = f"{capitalised(where)} by {active.rule}." if active.mask.any() else f"Never {where}."
     level = flight.signals.family(flight.input.name).mean(axis=1)
     mean = "" if flight.actuators == 1 else f", mean of {flight.actuators} actuators"
     panels = (*result.motion.overview(flight), PlotData(f"input: {flight.input.name}{mean}", level))
@@ -781,7 +744,6 @@ def _without_summary(part: Part) -> Part:
 
 
 def _provenance(written: Mapping[str, Any]) -> tuple[Section, Facts]:
-    """Where the numbers of a document come from, and the options."""
     made = written["provenance"]
     rows = []
     for log, source in zip(written["logs"], made["logs"], strict=True):
@@ -791,9 +753,8 @@ def _provenance(written: Mapping[str, Any]) -> tuple[Section, Facts]:
         rows.append((Cell(log["name"], checksum), *map(Cell, texts)))
     columns = (*map(TableColumn, TITLES[:2]), *(TableColumn(title, whole=True) for title in TITLES[2:]))
     facts = (Fact("made by", f"Eivor {made['version']}"), Fact("schema", written["schema"]))
-    options = (
-        Fact(name, _option(item)) for name, item in made["options"].items() if item not in (None, "", [], {})
-    )
+    given = {name: item for name, item in made["options"].items() if item not in (None, "", [], {})}
+    options = (Fact(name, _option(item)) for name, item in given.items())
     return Section("Provenance", (Facts(facts), TableOf(columns, tuple(rows)))), Facts(tuple(options))
 
 

@@ -36,10 +36,7 @@ _POWERS = re.compile(r"(\[?-?[\d.]{1,20}e-\d{1,3}[\],]?)")
 
 @cache
 def template(name: str) -> Template:
-    """Template of the folder `templates`; line breaks and indents of its source mean nothing.
-
-    Values are escaped, and what a browser would not show of them is made visible.
-    """
+    """Template, without its line breaks and indents; values are escaped, and made visible."""
     from jinja2 import Environment, FunctionLoader, StrictUndefined
 
     folder = resources.files("eivor.report").joinpath("templates")

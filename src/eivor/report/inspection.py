@@ -121,13 +121,8 @@ class Inspection(_Tried):
             return None
         flight = self.result.prepared[0]
         rule, active = self.whole or (flight.active.rule, spans_of(flight.active.mask, flight.grid.time_s))
-        return AirborneTime(
-            rule,
-            active,
-            spans_of(flight.used, flight.grid.time_s),
-            float(flight.used.sum()) * flight.signals.step_s,
-            flight.references,
-        )
+        used = spans_of(flight.used, flight.grid.time_s)
+        return AirborneTime(rule, active, used, flight.used_s, flight.references)
 
     @property
     def parameters(self) -> dict[str, float]:
@@ -176,18 +171,10 @@ def inspection(recording: Recording, options: FlightOptions, motion: Motion[Any]
     except EivorError as error:
         obstacle = error
     missing = missing_channels(recording, motion)
-    advice = [sentence for name in missing for sentence in logging_advice_for(recording, name)]
-    return Inspection(
-        result,
-        obstacle,
-        motion,
-        recording,
-        tuple(_summary(recording.channels[name]) for name in sorted(recording.channels)),
-        missing,
-        tuple(dict.fromkeys(advice)),
-        whole,
-        tried,
-    )
+    texts = (sentence for name in missing for sentence in logging_advice_for(recording, name))
+    channels = tuple(_summary(recording.channels[name]) for name in sorted(recording.channels))
+    advice = tuple(dict.fromkeys(texts))
+    return Inspection(result, obstacle, motion, recording, channels, missing, advice, whole, tried)
 
 
 def _part_to_try(active: Stretches) -> tuple[float, float] | None:
@@ -329,7 +316,6 @@ def _references(flight: AirborneTime, words: Words) -> Iterator[str]:
 
 
 def _absent(result: Inspection) -> Iterator[Section]:
-    """Channels that the reader looked for in vain, the indispensable ones first."""
     log = result.recording
     absent = {
         name: sources

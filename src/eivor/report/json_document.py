@@ -87,6 +87,7 @@ def prediction_json(prediction: MultiStepPrediction | None) -> dict[str, object]
 
 #: Candidates that do not fit even at this level are left out.
 WIDEST_LEVEL = 0.999
+OF_QUANTITY = ("value", "unit", "std_error", "interval", "verdict")
 
 
 def json_document(result: FlightEstimate) -> dict[str, Json]:
@@ -172,7 +173,6 @@ def _covariance(estimate: Estimate) -> Json:
 
 
 def _prediction(result: FlightEstimate, fit: Fit) -> Json:
-    """What a prediction of the same motion needs beside the quantities."""
     first = result.prepared[0]
     flying = tuple(flight.shortened for flight in result.prepared if flight.runs)
     return {
@@ -214,11 +214,7 @@ def _quantities(quantities: tuple[QuantityReport, ...], kind: Kind) -> dict[str,
     """Quantities of one kind; what belongs to a run has its value in each besides."""
     return {
         item.name: {
-            "value": item.quantity.value,
-            "unit": item.quantity.unit,
-            "std_error": item.quantity.std_error,
-            "interval": item.quantity.interval,
-            "verdict": item.quantity.verdict,
+            **{name: getattr(item.quantity, name) for name in OF_QUANTITY},
             "reasons": [reason.sentence for reason in item.quantity.reasons],
             "systematic": item.quantity.systematic_uncertainties,
             "lowest": item.wording.lowest,
@@ -258,6 +254,7 @@ def _lag_prior(given: LagPrior) -> Json:
 
 INSPECT_SCHEMA = "eivor.inspect/1"
 POOLED_SCHEMA = "eivor.inspect_pool/1"
+OF_CHANNEL = ("name", "source", "unit", "samples", "rate_hz", "held", "estimated", "delay_s")
 
 
 def inspection_json(inspection: Inspection) -> dict[str, Json]:
@@ -274,14 +271,7 @@ def inspection_json(inspection: Inspection) -> dict[str, Json]:
         },
         channels=[
             {
-                "name": channel.name,
-                "source": channel.source,
-                "unit": channel.unit,
-                "samples": channel.samples,
-                "rate_hz": channel.rate_hz,
-                "held": channel.held,
-                "estimated": channel.estimated,
-                "delay_s": channel.delay_s,
+                **{name: getattr(channel, name) for name in OF_CHANNEL},
                 "range": (channel.lowest, channel.highest),
                 "gaps": channel.gaps,
                 **asdict(channel.quality),

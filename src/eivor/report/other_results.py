@@ -141,9 +141,8 @@ def untold(track: Track) -> Iterator[str]:
 
 def _at(track: Track) -> Iterator[str]:
     if track.nuisances:
-        values = ", ".join(
-            f"{name.replace('_', ' ')} {1e3 * value:.0f} ms" for name, value in track.nuisances.items()
-        )
+        texts = (f"{name} {1e3 * value:.0f} ms" for name, value in track.nuisances.items())
+        values = ", ".join(texts).replace("_", " ")
         yield f"Followed at {values}, with a memory of {track.memory_s:g} s."
 
 
@@ -164,9 +163,8 @@ def marks(values: Sequence[float], record: Sequence[bool]) -> str:
 def _thinned(track: Track, most: int) -> list[Moment]:
     """Moments evenly spread, changes among them."""
     step = max(1, -(-len(track.moments) // most))
-    return [
-        moment for number, moment in enumerate(track.moments) if moment.change or number % step == step - 1
-    ]
+    numbered = enumerate(track.moments, start=1)
+    return [moment for number, moment in numbered if moment.change or number % step == 0]
 
 
 def _line(track: Track) -> Facts:
@@ -297,9 +295,8 @@ def plan_document(made: FlightPlan) -> Document:
         requested = TARGETS[word]
         taken = "" if requested.relative else f"{item.value:.3g}"
         text = f"in {item.identified} of {len(item.verdicts)}"
-        rows.append(
-            tuple(map(Cell, (requested.words, taken, f"± {item.half_width:.2g}", requested.unit, text)))
-        )
+        texts = (requested.words, taken, f"± {item.half_width:.2g}", requested.unit, text)
+        rows.append(tuple(map(Cell, texts)))
     return Document(
         f"Plan for the {TARGETS[made.target].words}",
         None,
@@ -311,6 +308,7 @@ def plan_document(made: FlightPlan) -> Document:
 def _plan_facts(made: FlightPlan) -> Facts:
     limits, (low, high, speed) = made.limits, made.reached
     gains = made.vehicle.follows
+    why = ", to suit the lag" if made.vehicle.controller is None else ", as the flight was flown"
     return Facts(
         (
             Fact("setpoint", f"{made.shape.words}, about {limits.middle_m:g} m above take-off"),
@@ -322,12 +320,7 @@ def _plan_facts(made: FlightPlan) -> Facts:
             Fact("simulated", f"{low:.1f} to {high:.1f} m, up to {speed:.1f} m/s"),
             Fact(
                 "controller",
-                f"{gains.position_gain:.2g} 1/s on height, {gains.velocity_gain:.2g} 1/s on climb rate"
-                + (
-                    ", as the flight was flown"
-                    if made.vehicle.controller is not None
-                    else ", to suit the lag"
-                ),
+                f"{gains.position_gain:.2g} 1/s on height, {gains.velocity_gain:.2g} 1/s on climb rate{why}",
             ),
         )
     )
@@ -367,9 +360,8 @@ def track_figure(track: Track) -> Figure:
     (flight,) = track.result.prepared
     if not track.precise_moments:
         figure = page(TRACK_WIDTH, HEIGHT, f"{printable(flight.recording.name)}: reported at no moment")
-        figure.text(
-            0.5, 0.5, fill("\n".join(map(printable, untold(track))), LETTERS), ha="center", parse_math=False
-        )
+        words = fill("\n".join(map(printable, untold(track))), LETTERS)
+        figure.text(0.5, 0.5, words, ha="center", parse_math=False)
         return figure
     wording = track.result.motion.wording[track.name]
     time = np.array([moment.time_s for moment in track.moments])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
@@ -29,7 +29,7 @@ from eivor.motions.rigid_body.vehicle import KnownNumber, load_vehicle, vehicle_
 from eivor.signals.channels import CurveSide
 from eivor.tools import Float, html_table
 
-# -- Draws of candidates --
+# -- Saved fit --
 
 
 @dataclass(frozen=True)
@@ -43,51 +43,7 @@ class SavedCandidate:
     excess: float = 0.0
 
 
-def drawn_at(
-    candidate: SavedCandidate,
-    names: Sequence[str],
-    lowest: Float[np.ndarray, " names"],
-    n: int,
-    rng: np.random.Generator,
-) -> dict[str, Float[np.ndarray, " n"]]:
-    """Joint draws at a candidate, one array for each name; what is below its lowest value is put there."""
-    draws = np.maximum(joint_draws(candidate.values, candidate.covariance, n, rng), lowest)
-    return dict(zip(names, draws.T, strict=True))
-
-
-def drawn_at_all(
-    candidates: Sequence[SavedCandidate],
-    names: Sequence[str],
-    lowest: Float[np.ndarray, " names"],
-    n: int,
-    rng: np.random.Generator,
-) -> dict[str, Float[np.ndarray, " n"]]:
-    """Joint draws at all candidates, and one array more for each discrete nuisance."""
-    selected = [
-        name
-        for name in candidates[0].nuisances
-        if name not in names and len({candidate.nuisances[name] for candidate in candidates}) > 1
-    ]
-    ordered = sorted(candidates, key=lambda candidate: [candidate.nuisances[name] for name in selected])
-    excesses = np.array([item.excess for item in ordered])
-    shares = shares_in_order(excesses) if len(selected) == 1 else shares_by_likelihood(excesses)
-    parts = [
-        drawn_at(item, names, lowest, int(count), rng)
-        | {name: np.full(count, value) for name, value in item.nuisances.items() if name not in names}
-        for item, count in zip(ordered, rng.multinomial(n, shares), strict=True)
-        if count
-    ]
-    order = rng.permutation(n)
-    return {name: np.concatenate([part[name] for part in parts])[order] for name in parts[0]}
-
-
-# -- Identify schema --
-
 IDENTIFY_SCHEMA = "eivor.identify/1"
-
-
-# -- Saved fit --
-
 #: More draws at once would fill the memory.
 MOST_DRAWS = 10_000_000
 
@@ -118,9 +74,7 @@ class SavedFit:
     @property
     def refused(self) -> frozenset[str]:
         """Names of the quantities that are refused."""
-        return frozenset(
-            name for name, quantity in self.quantities.items() if quantity.verdict is Status.REFUSED
-        )
+        return frozenset(name for name, q in self.quantities.items() if q.verdict is Status.REFUSED)
 
     @property
     def covariance(self) -> Float[np.ndarray, "n n"]:
@@ -134,7 +88,6 @@ class SavedFit:
         return self._best().covariance.matrix
 
     def _best(self) -> SavedCandidate:
-        """Where it fits best."""
         for candidate in self.candidates:
             if candidate.best:
                 return candidate
@@ -217,10 +170,36 @@ class SavedFit:
         if delays not in {"best", "all"}:
             raise UsageError("delays 'best' or 'all'", f"{delays!r}", "Give one of them.")
         rng = np.random.default_rng(seed)
-        best, lowest = self._best(), np.array([self._lowest(name) for name in self.names])
-        if delays == "best":
-            return drawn_at(best, self.names, lowest, n, rng)
-        return drawn_at_all(self.candidates, self.names, lowest, n, rng)
+        best = self._best()
+        return self._drawn_at(best, n, rng) if delays == "best" else self._drawn_at_all(n, rng)
+
+    def _drawn_at(
+        self, candidate: SavedCandidate, n: int, rng: np.random.Generator
+    ) -> dict[str, Float[np.ndarray, " n"]]:
+        """Joint draws at a candidate; what is below its lowest value is put there."""
+        lowest = np.array([self._lowest(name) for name in self.names])
+        draws = np.maximum(joint_draws(candidate.values, candidate.covariance, n, rng), lowest)
+        return dict(zip(self.names, draws.T, strict=True))
+
+    def _drawn_at_all(self, n: int, rng: np.random.Generator) -> dict[str, Float[np.ndarray, " n"]]:
+        """Joint draws at all candidates, and one array more for each discrete nuisance."""
+        candidates, further = self.candidates, set(self.candidates[0].nuisances).difference(self.names)
+        selected = [
+            name
+            for name in candidates[0].nuisances
+            if name in further and len({candidate.nuisances[name] for candidate in candidates}) > 1
+        ]
+        ordered = sorted(candidates, key=lambda candidate: [candidate.nuisances[name] for name in selected])
+        excesses = np.array([item.excess for item in ordered])
+        shares = shares_in_order(excesses) if len(selected) == 1 else shares_by_likelihood(excesses)
+        parts = [
+            self._drawn_at(item, int(count), rng)
+            | {name: np.full(count, value) for name, value in item.nuisances.items() if name in further}
+            for item, count in zip(ordered, rng.multinomial(n, shares), strict=True)
+            if count
+        ]
+        order = rng.permutation(n)
+        return {name: np.concatenate([part[name] for part in parts])[order] for name in parts[0]}
 
     def to_statespace(self) -> StateSpace:
         """Arrays of the vertical motion about hover, and ``.to_control()`` for python-control.
@@ -315,11 +294,8 @@ class SavedFit:
 
     def _joint(self) -> tuple[JointEstimate, ...]:
         """The joint vector where it fits, the best first; empty without an estimate."""
-        fits = [
-            candidate
-            for candidate in self.candidates
-            if candidate.best or candidate.excess <= self._systematic_uncertainty(0.95)
-        ]
+        most = self._systematic_uncertainty(0.95)
+        fits = [item for item in self.candidates if item.best or item.excess <= most]
         fits.sort(key=lambda fit: not fit.best)
         return tuple(JointEstimate(fit.values, fit.covariance) for fit in fits)
 
@@ -328,12 +304,10 @@ class SavedFit:
         return chi_square_quantile(level, self.document["covariance"].get("choices", 1))
 
     def _lowest(self, name: str) -> float:
-        """What a parameter cannot be below."""
         lowest = self.document["parameters"].get(name, {}).get("lowest")
         return -math.inf if lowest is None else float(lowest)
 
     def _wald(self, name: str, level: float) -> tuple[float, float]:
-        """The estimate plus and minus."""
         index = self.names.index(name)
         direction = np.eye(len(self.names))[index]
         uncertainty = self._systematic_uncertainty(level)
@@ -355,7 +329,6 @@ class SavedFit:
 
 
 def _known_pair(name: str, pair: tuple[float, ...]) -> KnownNumber:
-    """A value and its standard deviation."""
     checks.items(name, pair, (int, float), "a value and a standard deviation", "Give (1.53, 0.02).")
     if len(pair) != 2:
         raise UsageError(f"a value and a standard deviation for {name}", f"{pair}", "Give (1.53, 0.02).")
@@ -394,9 +367,8 @@ def load_fit(file: str | Path) -> SavedFit:
             raise _no_document(path, f"a file of {path.stat().st_size} bytes")
         document = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
-        raise InputError(
-            "a result that can be read", f"'{path}': {error.strerror or error}", "Check the path."
-        ) from error
+        received = f"'{path}': {error.strerror or error}"
+        raise InputError("a result that can be read", received, "Check the path.") from error
     except (ValueError, RecursionError) as error:
         raise _no_document(path, "content that is not JSON") from error
     if not isinstance(document, dict) or document.get("schema") != IDENTIFY_SCHEMA:
@@ -417,24 +389,21 @@ def _no_document(path: Path, received: str) -> InputError:
 
 def fit_of(document: Mapping[str, Any]) -> SavedFit:
     """Return the fit of a document."""
-    selected = {**document["parameters"], **document["derived"]}
     covariance = document.get("covariance") or {"names": [], "candidates": []}
     return SavedFit(
         verdict=Status(document["verdict"]),
         reasons=tuple(str(reason) for reason in document["reasons"]),
-        quantities={str(name): _read_quantity(item) for name, item in selected.items()},
+        quantities=_read_quantities(document),
         names=tuple(str(name) for name in covariance["names"]),
         candidates=tuple(_candidate(item) for item in covariance["candidates"]),
         prediction=dict(document.get("prediction") or {}),
         document=document,
-        by_flight={
-            str(row["log"]): {
-                str(name): _read_quantity(item)
-                for name, item in {**row["parameters"], **row["derived"]}.items()
-            }
-            for row in document.get("by_flight") or ()
-        },
+        by_flight={str(row["log"]): _read_quantities(row) for row in document.get("by_flight") or ()},
     )
+
+
+def _read_quantities(row: Mapping[str, Any]) -> dict[str, Quantity]:
+    return {str(name): _read_quantity(item) for name, item in {**row["parameters"], **row["derived"]}.items()}
 
 
 def _read_quantity(first: Mapping[str, Any]) -> Quantity:
@@ -448,34 +417,27 @@ def _read_quantity(first: Mapping[str, Any]) -> Quantity:
         verdict=status,
         by_run=tuple(_number(value, math.nan) for value in first.get("by_segment", ())),
         reasons=tuple(Reason(status, str(sentence)) for sentence in first.get("reasons", ())),
-        systematic_uncertainties=tuple(_systematic_uncertainty(part) for part in first.get("systematic", ())),
-    )
-
-
-def _systematic_uncertainty(first: Mapping[str, Any]) -> SystematicUncertainty:
-    return SystematicUncertainty(
-        Counts(first["counts"]), float(first["below"]), float(first["above"]), str(first["sentence"])
+        systematic_uncertainties=tuple(
+            SystematicUncertainty(
+                Counts(part["counts"]), float(part["below"]), float(part["above"]), str(part["sentence"])
+            )
+            for part in first.get("systematic", ())
+        ),
     )
 
 
 def _candidate(first: Mapping[str, Any]) -> SavedCandidate:
     values = np.array([_number(value, math.nan) for value in first["values"]])
-    parts = tuple(
-        CovariancePart(
-            str(part["name"]),
-            np.array([[_number(value, math.nan) for value in row] for row in part["matrix"]]).reshape(
-                values.size, values.size
-            ),
-            _number(part["degrees"], math.inf),
-            float(part["share"]),
-        )
-        for part in first["parts"]
-    )
+    parts = []
+    for part in first["parts"]:
+        numbers = np.array([[_number(value, math.nan) for value in row] for row in part["matrix"]])
+        matrix, degrees = numbers.reshape(values.size, values.size), _number(part["degrees"], math.inf)
+        parts.append(CovariancePart(str(part["name"]), matrix, degrees, float(part["share"])))
     if not parts:
         raise ValueError("a covariance without parts")
     index = {str(name): _number(value, math.nan) for name, value in first["at"].items()}
     excess = _number(first.get("excess", 0.0), math.inf)
-    return SavedCandidate(index, bool(first["best"]), values, JointCovariance(parts), excess)
+    return SavedCandidate(index, bool(first["best"]), values, JointCovariance(tuple(parts)), excess)
 
 
 def _number(value: float | None, missing: float) -> float:

@@ -59,7 +59,6 @@ def _document(document: Document) -> Iterator[RenderableType]:
 
 
 def _head(document: Document) -> Text:
-    """Title, the overall verdict and what it means."""
     head = Text(printable(document.title), style="bold", overflow="fold")
     head.append("\n")
     about = printable(document.about)
@@ -103,7 +102,6 @@ def _part(part: Part) -> RenderableType:
 
 
 def _bullets(part: Bullets) -> Table:
-    """Sentences with a dash before each, wrapped under their own beginning."""
     grid = Table.grid(padding=(0, 1))
     grid.add_column(width=1)
     grid.add_column(overflow="fold")
@@ -138,7 +136,8 @@ class FoldingTable:
             if words <= _displayed(wider, console, options):
                 yield wider
                 return
-        yield table if _not_long(words) <= displayed else _folded(self.table, options.max_width)
+        not_long = Counter({word: count for word, count in words.items() if len(word) <= LONGEST_WHOLE})
+        yield table if not_long <= displayed else _folded(self.table, options.max_width)
 
 
 def _displayed(table: Table, console: Console, options: ConsoleOptions) -> Counter[str]:
@@ -148,15 +147,9 @@ def _displayed(table: Table, console: Console, options: ConsoleOptions) -> Count
 
 
 def _words(table: TableOf) -> Counter[str]:
-    """Numbers and all other words."""
     cells = [line for row in table.rows for cell in row for line in (cell.text, cell.below)]
     titles = [column.title for column in table.columns]
     return Counter(printable(" ".join((*titles, *cells))).split())
-
-
-def _not_long(words: Counter[str]) -> Counter[str]:
-    """Those that are not too long to stay whole."""
-    return Counter({word: count for word, count in words.items() if len(word) <= LONGEST_WHOLE})
 
 
 def _width(text: str) -> int:
@@ -175,9 +168,8 @@ def _side_by_side(table: TableOf, *, whole: bool, names: bool) -> Table:
             overflow="fold",
         )
     for row in table.rows:
-        displayed.add_row(
-            *(_cell(cell, column, "\n") for cell, column in zip(row, table.columns, strict=True))
-        )
+        cells = (_cell(cell, column, "\n") for cell, column in zip(row, table.columns, strict=True))
+        displayed.add_row(*cells)
     return displayed
 
 

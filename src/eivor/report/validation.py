@@ -257,12 +257,10 @@ def validate(
         for predicted in motion.predictions(problem, model.values)
     )
     if not results:
-        raise UsageError(
-            "a motion that predicts", f"'{motion.name}', which does not", "See docs/motions.md: predictions."
-        )
-    return Validation(
-        result, motion, flight, tuple(sorted(results, key=lambda item: list(Horizon).index(item.horizon)))
-    )
+        received = f"'{motion.name}', which does not"
+        raise UsageError("a motion that predicts", received, "See docs/motions.md: predictions.")
+    in_order = sorted(results, key=lambda item: list(Horizon).index(item.horizon))
+    return Validation(result, motion, flight, tuple(in_order))
 
 
 def _prepared(
@@ -272,7 +270,6 @@ def _prepared(
     window: tuple[float, float] | None,
     max_tilt_deg: float | None,
 ) -> tuple[Motion[Any], PreparedFlight]:
-    """The motion with the terms of the fit, and the flight."""
     prediction = fit.prediction
     options = FlightOptions(
         window=window,
@@ -304,7 +301,6 @@ def _check_scale(fit: SavedFit, motion: Motion[Any], flight: PreparedFlight) -> 
 
 
 def _simpler_models(fit: SavedFit) -> dict[str, SimpleModel]:
-    """The fit and the simpler models that its document holds, by name."""
     best = next(candidate for candidate in fit.candidates if candidate.best)
     index = {str(name): float(value) for name, value in fit.prediction["at"].items()}
     current = index | dict(zip(fit.names, best.values.tolist(), strict=True))
@@ -326,16 +322,9 @@ def _of_model(name: str, words: str, record: PredictedQuantity, flight: Prepared
         measured, predicted = np.concatenate(passed).T
     centred = np.concatenate([measured[run] - measured[run].mean() for run in runs])
     left = measured - predicted
+    errors = _error(left, centred), tuple(_error(left[run], centred[run]) for run in runs)
     return ModelPrediction(
-        name,
-        words,
-        record.horizon,
-        record.quantity,
-        record.unit,
-        measured,
-        predicted,
-        _error(left, centred),
-        tuple(_error(left[run], centred[run]) for run in runs),
+        name, words, record.horizon, record.quantity, record.unit, measured, predicted, *errors
     )
 
 
@@ -346,17 +335,11 @@ def _error(left: Float[np.ndarray, " n"], moved: Float[np.ndarray, " n"]) -> Pre
 
 
 def _rows(validation: Validation) -> list[tuple[str, ...]]:
-    """What is predicted, by what, root mean square error, unit and share explained, of each prediction."""
-    return [
-        (
-            f"{item.quantity}, {item.horizon.words}",
-            item.words,
-            f"{item.error.rms:.3g}",
-            item.unit,
-            _share(item.error),
-        )
-        for item in validation.predictions
-    ]
+    rows: list[tuple[str, ...]] = []
+    for item in validation.predictions:
+        what, error = f"{item.quantity}, {item.horizon.words}", item.error
+        rows.append((what, item.words, f"{error.rms:.3g}", item.unit, _share(error)))
+    return rows
 
 
 def _share(error: PredictionError) -> str:
@@ -405,13 +388,10 @@ def validation_json(validation: Validation) -> dict[str, Json]:
 
 def validation_document(validation: Validation) -> Document:
     """Document of a validation."""
-    table = (
-        (_models_table(validation),)
-        if validation.multi_step_prediction is None
-        else prediction_parts(validation.multi_step_prediction, sentence=False)
-    )
+    ahead = validation.multi_step_prediction
+    table = (_models_table(validation),) if ahead is None else prediction_parts(ahead, sentence=False)
     sections = [Section("", (_validation_facts(validation), *table))]
-    if validation.multi_step_prediction is None and len(validation.spans_s) > 1:
+    if ahead is None and len(validation.spans_s) > 1:
         sections.append(Section("Of the fit, run by run", (_by_run(validation),)))
     sections.append(Section("Figure", (DocumentFigure("validation"),)))
     return Document(validation.flight.recording.name, None, validation.sentence, tuple(sections))
@@ -475,11 +455,8 @@ TITLE_LETTERS = 120
 
 def validation_figure(validation: Validation, axes: GivenAxes | None = None) -> Figure:
     """Figure of a validation."""
-    panels: Panels = (
-        {}
-        if validation.multi_step_prediction is None
-        else prediction_panels(validation.multi_step_prediction)
-    )
+    ahead = validation.multi_step_prediction
+    panels: Panels = {} if ahead is None else prediction_panels(ahead)
     for models in validation.by_quantity:
         name = models[0].horizon.value
         panels[name] = partial(_draw_predicted, validation=validation, models=models)
@@ -487,7 +464,7 @@ def validation_figure(validation: Validation, axes: GivenAxes | None = None) -> 
     names = tuple(panels)
     if axes is not None:
         placed = given_axes(axes, names)
-    elif validation.multi_step_prediction is not None:
+    elif ahead is not None:
         placed = prediction_page(names)
     else:
         size = (SIZE_INCHES[0], SIZE_INCHES[1] * len(names) / 4.0)
@@ -532,11 +509,9 @@ def _draw_left(ax: Axes, validation: Validation, models: tuple[ModelPrediction, 
     labelled(ax, x="time from the log's start [s]", y=f"left [{models[0].unit}]", size=9.0)
 
 
-def _label(model_prediction: ModelPrediction) -> str:
-    return (
-        f"{model_prediction.words}: RMS error {model_prediction.error.rms:.2g} "
-        f"{model_prediction.unit}, explains {model_prediction.error.explained:.0%}"
-    )
+def _label(model: ModelPrediction) -> str:
+    rms, explained = model.error.rms, model.error.explained
+    return f"{model.words}: RMS error {rms:.2g} {model.unit}, explains {explained:.0%}"
 
 
 def _measured_limits(measured: Float[np.ndarray, " shown"]) -> tuple[float, float]:
@@ -547,7 +522,6 @@ def _measured_limits(measured: Float[np.ndarray, " shown"]) -> tuple[float, floa
 
 
 def _displayed(validation: Validation, first: ModelPrediction) -> tuple[Float[np.ndarray, " shown"], slice]:
-    """Time and samples of the liveliest part of the longest run."""
     lengths = [samples.size for samples in validation.flight.samples_of_runs]
     longest = int(np.argmax(lengths))
     begin = sum(lengths[:longest])

@@ -182,10 +182,8 @@ class BoundedProtocol(H11Protocol):
         """Accept a connection when there is room."""
         super().connection_made(transport)
         if len(self.connections) > MOST_CONNECTIONS:
-            error = RefusedError(
-                HTTPStatus.SERVICE_UNAVAILABLE, "fewer connections", "one more", "Close some tabs."
-            )
-            self._end(error)
+            busy = HTTPStatus.SERVICE_UNAVAILABLE
+            self._end(RefusedError(busy, "fewer connections", "one more", "Close some tabs."))
         else:
             self.loop.call_later(HEAD_S, self._end_late)
 
@@ -218,11 +216,9 @@ class Gate:
         async def with_headers(message: Message) -> None:
             if message["type"] == "http.response.start":
                 present = {name.lower() for name, _ in message["headers"]}
-                selected = [(name.lower().encode(), value.encode()) for name, value in _HEADERS.items()]
-                message["headers"] = [
-                    *message["headers"],
-                    *(item for item in selected if item[0] not in present),
-                ]
+                ours = [(name.lower().encode(), value.encode()) for name, value in _HEADERS.items()]
+                more = [item for item in ours if item[0] not in present]
+                message["headers"] = [*message["headers"], *more]
             await send(message)
 
         anyio.to_thread.current_default_thread_limiter().total_tokens = 2 * MOST_CONNECTIONS
@@ -240,10 +236,8 @@ class Gate:
         headers = request.headers
         host, origin = headers.get("host", ""), headers.get("origin")
         if host.lower() not in self._hosts:
-            received = f"'{host[:100]}'"
-            raise RefusedError(
-                HTTPStatus.MISDIRECTED_REQUEST, f"the host {self._hosts[0]}", received, _REOPEN
-            )
+            wrong, expected = HTTPStatus.MISDIRECTED_REQUEST, f"the host {self._hosts[0]}"
+            raise RefusedError(wrong, expected, f"'{host[:100]}'", _REOPEN)
         if origin is not None and origin.lower() not in {f"http://{_host}" for _host in self._hosts}:
             raise _forbidden("a request of the page itself", f"one of '{origin[:100]}'")
         site = headers.get("sec-fetch-site", "none")
@@ -304,9 +298,8 @@ class _Routes:
     def forget_log(self, request: Request) -> Response:
         log = request.path_params["log"]
         if log in self._jobs.in_use():
-            raise RefusedError(
-                HTTPStatus.CONFLICT, "a log that nobody works on", "one of a job", "Cancel the job first."
-            )
+            busy = HTTPStatus.CONFLICT
+            raise RefusedError(busy, "a log that nobody works on", "one of a job", "Cancel the job first.")
         self._logs.forget(log)
         return JSONResponse({})
 
@@ -355,10 +348,8 @@ class _Routes:
         if isinstance(outcome, Refused):
             raise outcome.error
         if outcome is None:
-            unavailable = HTTPStatus.SERVICE_UNAVAILABLE
-            raise RefusedError(
-                unavailable, "a server that stays", "one that stops", "Start it again: eivor serve."
-            )
+            stopped, remedy = HTTPStatus.SERVICE_UNAVAILABLE, "Start it again: eivor serve."
+            raise RefusedError(stopped, "a server that stays", "one that stops", remedy)
         return outcome
 
     async def refuse(self, request: Request, error: Exception) -> Response:
@@ -397,14 +388,11 @@ def _as_refusal(request: Request, error: Exception) -> EivorError:
     if isinstance(error, EivorError):
         return error
     if isinstance(error, TimeoutError):
-        return RefusedError(
-            HTTPStatus.REQUEST_TIMEOUT, "a log that comes at once", "a slow one", "Drop it again."
-        )
+        late = HTTPStatus.REQUEST_TIMEOUT
+        return RefusedError(late, "a log that comes at once", "a slow one", "Drop it again.")
     if isinstance(error, OSError):
-        sentence = error.strerror or type(error).__name__
-        return RefusedError(
-            HTTPStatus.INTERNAL_SERVER_ERROR, "files that can be written", sentence, "Make room."
-        )
+        broken, sentence = HTTPStatus.INTERNAL_SERVER_ERROR, error.strerror or type(error).__name__
+        return RefusedError(broken, "files that can be written", sentence, "Make room.")
     status = HTTPStatus(error.status_code) if isinstance(error, HTTPException) else HTTPStatus(500)
     if status == HTTPStatus.METHOD_NOT_ALLOWED and isinstance(error, HTTPException):
         return RefusedError(status, (error.headers or {}).get("Allow", ""), request.method, _RELOAD)
@@ -442,12 +430,10 @@ class _Body:
 
 
 def _length(request: Request, most: int) -> int:
-    """Bytes of the body, before any of it is read."""
     text = request.headers.get("content-length", "")
     if "transfer-encoding" in request.headers or not re.fullmatch("[0-9]{1,15}", text):
-        raise RefusedError(
-            HTTPStatus.LENGTH_REQUIRED, "a request that says how long it is", "one that does not", _RELOAD
-        )
+        expected = "a request that says how long it is"
+        raise RefusedError(HTTPStatus.LENGTH_REQUIRED, expected, "one that does not", _RELOAD)
     if int(text) > most:
         raise RefusedError(
             HTTPStatus.REQUEST_ENTITY_TOO_LARGE,
@@ -459,7 +445,6 @@ def _length(request: Request, most: int) -> int:
 
 
 def _fields(request: Request) -> dict[str, str]:
-    """Fields of the query."""
     query = request.scope["query_string"].decode("latin-1")
     try:
         if len(query) > LONGEST_QUERY:

@@ -65,7 +65,6 @@ def serve(
 
 
 def _options(port: int, workers: int | None, memory: float, time: float, largest: float) -> ServeOptions:
-    """What the server may spend."""
     if not 0 <= port < 1 << 16:
         raise UsageError("a port of 0 to 65535", str(port), "Leave it out for any that is free.")
     if workers is not None and workers < 1:

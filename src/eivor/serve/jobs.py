@@ -175,9 +175,8 @@ class Workers:
         self._closed = False
         self._choices: dict[str, object] | None = None
         self._processes = [WorkerProcess(work, limits) for _ in range(count)]
-        self._threads = [
-            threading.Thread(target=self._work, args=(index,), daemon=True) for index in range(count)
-        ]
+        threads = (threading.Thread(target=self._work, args=(n,), daemon=True) for n in range(count))
+        self._threads = list(threads)
         for thread in self._threads:
             thread.start()
 
@@ -239,7 +238,6 @@ class Workers:
             thread.join()
 
     def _work(self, number: int) -> None:
-        """Take one task after the other, until it is closed."""
         process, has_worked = self._processes[number], False
         try:
             while not self._closed:
@@ -256,7 +254,6 @@ class Workers:
             process.close()
 
     def _began(self, process: WorkerProcess) -> bool:
-        """Whether a process is ready."""
         try:
             choices = process(Begin(), report=_ignore, given_up=lambda: self._closed)
         except AbandonedError:
@@ -285,7 +282,6 @@ class Workers:
         return bool(self._waiting) and number == min(self._free)
 
     def _done(self, process: WorkerProcess, ticket: Ticket) -> Outcome:
-        """Outcome of a task; what exceeds a limit is refused."""
         try:
             outcome: Outcome = process(
                 ticket.task, report=ticket.report, given_up=lambda: ticket.given_up or self._closed

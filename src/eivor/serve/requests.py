@@ -91,20 +91,16 @@ def parse_job(body: bytes) -> JobRequest:
         reported = json.loads(body)
     except (ValueError, RecursionError):
         raise _wrong_json("a job as JSON", "other text") from None
-    if not isinstance(reported, dict) or set(reported) - {"logs", "options"}:
-        raise _wrong_json('a job {"logs": [...], "options": {...}}', _displayed(reported))
+    is_job = isinstance(reported, dict) and not set(reported) - {"logs", "options"}
+    _require(is_job, 'a job {"logs": [...], "options": {...}}', reported)
     logs, options = reported.get("logs"), reported.get("options") or {}
-    if not isinstance(logs, list) or not 1 <= len(logs) <= MOST_LOGS:
-        raise _wrong_json(f"1 to {MOST_LOGS} logs", _displayed(logs))
-    if not isinstance(options, dict):
-        raise _wrong_json("options by name", _displayed(options))
+    _require(isinstance(logs, list) and 1 <= len(logs) <= MOST_LOGS, f"1 to {MOST_LOGS} logs", logs)
+    _require(isinstance(options, dict), "options by name", options)
     options = {name: value for name, value in options.items() if value not in (None, "", [])}
-    model, vehicle, channel_map, mass = (
-        _text(options.pop(name, ""), name) for name in ("model", "vehicle", "map", "mass")
-    )
-    return JobRequest(
-        tuple(map(_log, logs)), model or DEFAULT, vehicle, channel_map, mass, _flight_options(options)
-    )
+    words = (_text(options.pop(name, ""), name) for name in ("model", "vehicle", "map", "mass"))
+    model, vehicle, channel_map, mass = words
+    parsed, known = tuple(map(_log, logs)), _flight_options(options)
+    return JobRequest(parsed, model or DEFAULT, vehicle, channel_map, mass, known)
 
 
 def _log(record: Any) -> tuple[str, str]:
@@ -128,28 +124,23 @@ def _flight_options(record: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _value(value: Any, name: str, default: object) -> Any:
-    """Value of the kind that an option has."""
     if name == "window":
         return _window(value)
     if isinstance(default, bool):
-        if not isinstance(value, bool):
-            raise _wrong_json(f"true or false for {name}", _displayed(value))
+        _require(isinstance(value, bool), f"true or false for {name}", value)
         return value
     if isinstance(default, str):
         return _text(value, name)
     if default is None:
         return _number(value, name)
-    if not isinstance(value, list) or len(value) > MOST_LOGS:
-        raise _wrong_json(f"a list of texts for {name}", _displayed(value))
+    _require(isinstance(value, list) and len(value) <= MOST_LOGS, f"a list of texts for {name}", value)
     return [_text(item, name) for item in value]
 
 
 def _window(value: Any) -> str:
-    """Window as words, of words or of two numbers."""
     if isinstance(value, str):
         return _text(value, "window")
-    if not isinstance(value, list) or len(value) != 2:
-        raise _wrong_json("a window [FROM, TO] in seconds", _displayed(value))
+    _require(isinstance(value, list) and len(value) == 2, "a window [FROM, TO] in seconds", value)
     return ":".join("" if item is None else repr(_number(item, "window")) for item in value)
 
 
@@ -159,8 +150,8 @@ def _number(value: Any, name: str) -> float:
             value = float(_text(value, name))
         except ValueError:
             raise _wrong_json(f"a number for {name}", _displayed(value)) from None
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise _wrong_json(f"a number for {name}", _displayed(value))
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    _require(is_number, f"a number for {name}", value)
     try:
         return float(value)
     except OverflowError:
@@ -169,15 +160,19 @@ def _number(value: Any, name: str) -> float:
 
 def _text(value: Any, name: str) -> str:
     longest = LONGEST_FILE if name in FILES else LONGEST_WORD
-    if not isinstance(value, str) or len(value) > longest:
-        raise _wrong_json(f"a text of at most {longest} letters for {name}", _displayed(value))
-    if not value.isprintable() and name not in FILES:
-        raise _wrong_json(f"a text in one line for {name}", _displayed(value))
+    is_short = isinstance(value, str) and len(value) <= longest
+    _require(is_short, f"a text of at most {longest} letters for {name}", value)
+    _require(value.isprintable() or name in FILES, f"a text in one line for {name}", value)
     try:
         value.encode("utf-8")
     except UnicodeEncodeError:
         raise _wrong_json(f"text for {name}", "half a letter") from None
-    return value
+    return str(value)
+
+
+def _require(fits: bool, expected: str, value: Any) -> None:
+    if not fits:
+        raise _wrong_json(expected, _displayed(value))
 
 
 def _displayed(value: Any) -> str:
@@ -220,6 +215,5 @@ def plain_name(name: str) -> str:
 
 
 def _wrong_header(expected: str, header: str) -> RefusedError:
-    return RefusedError(
-        HTTPStatus.BAD_REQUEST, expected, f"'{header[:100]}'", "Drop the files of the log one by one."
-    )
+    remedy = "Drop the files of the log one by one."
+    return RefusedError(HTTPStatus.BAD_REQUEST, expected, f"'{header[:100]}'", remedy)

@@ -88,7 +88,6 @@ def choices() -> dict[str, object]:
 
 
 def _folders() -> dict[str, object]:
-    """By which names files of a folder are identified to be logs, or one log together."""
     endings = {end for readable_format in readable_formats() for end in readable_format.endings}
     return {
         "endings": sorted({*endings, *FURTHER_ENDINGS, ".csv"}),
@@ -145,7 +144,6 @@ def _temporary_files_in(folder: Path) -> Iterator[None]:
 
 
 def _identify(task: Identify, progress: ProgressCallback) -> None:
-    """Identify, write the result, determine it, and write the report."""
     progress({"stage": "reading"})
     requested, folder = task.request, task.folder
     with _vehicle(requested.vehicle, folder) as vehicle:
@@ -177,7 +175,6 @@ def _identify(task: Identify, progress: ProgressCallback) -> None:
 
 
 def _log_names(task: Identify) -> list[str]:
-    """What each log is called: several of one name are numbered."""
     ids = list(dict.fromkeys(log for log, _ in task.request.logs))
     names: dict[str, str] = {}
     seen: Counter[str] = Counter()
@@ -228,7 +225,6 @@ def _vehicle(text: str, folder: Path) -> AbstractContextManager[str]:
 
 
 def _reworded(error: EivorError, changed: Callable[[str], str]) -> EivorError:
-    """The same error in other words."""
     return type(error)(*map(changed, (error.expected, error.received, error.remedy)))
 
 
@@ -240,12 +236,7 @@ def _supplied(supply: Supply, folder: Path) -> Supplied:
 def _list_exports(task: ListExports) -> list[dict[str, object]]:
     given, result = _supplied(task.supply, task.folder), load_fit(task.folder / RESULT)
     return [
-        {
-            "name": name,
-            "words": target.words,
-            "file": _file_name(task.stem, target),
-            **_state(result, name, given),
-        }
+        _named(name, target.words) | {"file": _file_name(task.stem, target)} | _state(result, name, given)
         for name, target in TARGETS.items()
     ]
 
