@@ -132,7 +132,6 @@ def identify_flight(
 
 
 def _chosen(options: FlightOptions | None, choices: OptionChoices) -> FlightOptions:
-    """Options with the choices that were named one by one."""
     start = FlightOptions() if options is None else options
     checks.kind("options", start, FlightOptions, "FlightOptions", "Give ev.FlightOptions(...), or nothing.")
     known = {field.name: field.default for field in fields(FlightOptions)}

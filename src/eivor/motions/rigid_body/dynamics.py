@@ -308,7 +308,6 @@ def _rate_derivative(
     speeds: Sequence[Value],
     spin_up: Sequence[Value],
 ) -> Triple:
-    """Euler's equations with rotors that spin."""
     p, q, r = rates
     xx, yy, zz, xy, xz, yz = coefficients.inertia
     lx, ly, lz = xx * p + xy * q + xz * r, xy * p + yy * q + yz * r, xz * p + yz * q + zz * r

@@ -216,13 +216,11 @@ class StatePropagator:
 
     @cached_property
     def _rotors(self) -> RotorSums:
-        """Sums over the rotors."""
         lag_s, delay_s = self.values[ACTUATOR_LAG.name], self.values[DELAY.name]
         return RotorStates(self.flight, self.layout).sums_at(lag_s, delay_s)
 
     @cached_property
     def _states(self) -> Float[np.ndarray, "7 n"]:
-        """Sums of the rotors' states over each step."""
         return self.starts.over_step(self._rotors.state)
 
     @cached_property

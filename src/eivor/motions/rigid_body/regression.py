@@ -327,7 +327,6 @@ class AxisInstruments:
 
     @cached_property
     def _swift(self) -> Float[np.ndarray, "n 3"]:
-        """Predicted velocity times its size."""
         return swift_velocity(self._velocity)
 
 
@@ -626,7 +625,6 @@ def _terms(flights: tuple[PreparedFlight, ...]) -> Terms:
 def _flight(
     number: int, flight: PreparedFlight, layout: RotorLayout, rule: InstrumentRule, terms: Terms, usual: float
 ) -> list[AxisColumns]:
-    """Columns of every axis of a flight."""
     signals = flight.signals
     states, instruments = RotorStates(flight, layout), AxisInstruments(flight, layout, rule)
     slowest = min(rate for role, rate in flight.rates_hz.items() if rate and role != "command")
@@ -686,7 +684,6 @@ def _staying(axis: int, terms: Terms, states: RotorStates) -> dict[Parameter, Fl
 
 
 def _behind(sensor: OnboardFilter | None, column: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-    """A column behind a sensor's filter, where one is known."""
     return column if sensor is None else sensor(column)
 
 

@@ -348,7 +348,6 @@ class KnownVehicle:
 
 
 def _check_turning(positions: tuple[tuple[float, ...], ...], spins: tuple[int, ...]) -> None:
-    """Refuse rotors that do not turn a vehicle about each axis."""
     size = max(max(abs(x), abs(y)) for x, y in positions) or 1.0
     rotors = zip(positions, spins, strict=True)
     turning = np.array([[y / size, x / size, spin, 1.0] for (x, y), spin in rotors])
@@ -418,7 +417,6 @@ GYROSCOPIC_WORDS = {"cw": CLOCKWISE, "ccw": COUNTERCLOCKWISE}
 
 
 def _numbered(rotors: str) -> tuple[Rotor, ...]:
-    """Rotors in their order, by place and spin in words."""
     words = [rotor.split() for rotor in rotors.split(", ")]
     return tuple((*_PLACES[place], GYROSCOPIC_WORDS[spin]) for place, spin in words)
 
@@ -575,7 +573,6 @@ def _of_positions(table: TomlTable) -> RotorTable:
 
 
 def _spins(table: TomlTable) -> tuple[int, ...]:
-    """Spins as words or as signs."""
     rows = table.rows("spins")
     if any(isinstance(value, str) for value in rows.values.values()):
         return tuple(GYROSCOPIC_WORDS[rows.choice(key, tuple(GYROSCOPIC_WORDS))] for key in rows.values)
