@@ -14,7 +14,7 @@ from eivor.flights.options import FlightOptions
 from eivor.inference.verdict import Status
 from eivor.models.separable import NoInstruments
 from eivor.motions.vertical.motion import Vertical
-from eivor.motions.vertical.predict import NODES_HZ, Taken, controller_gains, residual_densities
+from eivor.motions.vertical.predict import NODES_HZ, controller_gains, residual_densities
 from eivor.planning import plan as planning
 from eivor.planning.plan import FlightPlan, fly, ranked_std_errors
 from eivor.planning.vehicle import (
@@ -45,10 +45,15 @@ def flown_first():
     return specs[0], prepared, Vertical().problem(prepared, NoInstruments())
 
 
+def vertical_numbers(friction, gain, lag_s):
+    """Parameters and nuisances by name."""
+    return {"viscous_friction": friction, "input_gain": gain, "actuator_lag": lag_s, "delay": 0.0}
+
+
 @pytest.mark.thorough
 def test_the_controller_is_read_off_a_flight(flown_first):
     spec, prepared, problem = flown_first
-    numbers = Taken(spec.viscous_friction, spec.input_gain, spec.actuator_lag, 0.0)
+    numbers = vertical_numbers(spec.viscous_friction, spec.input_gain, spec.actuator_lag)
     gains = controller_gains(problem, numbers, prepared)
     for name, value in gains.items():
         assert value == pytest.approx(getattr(spec.controller, name), rel=0.2), name
@@ -57,9 +62,8 @@ def test_the_controller_is_read_off_a_flight(flown_first):
 @pytest.mark.thorough
 def test_forces_and_sensors_are_told_apart_by_frequency(flown_first):
     spec, _, problem = flown_first
-    densities = residual_densities(
-        problem, Taken(spec.viscous_friction, spec.input_gain, spec.actuator_lag, 0.0)
-    )
+    numbers = vertical_numbers(spec.viscous_friction, spec.input_gain, spec.actuator_lag)
+    densities = residual_densities(problem, numbers)
     gust = 4.0 * spec.gust_rms**2 / (1.0 + (2.0 * np.pi * NODES_HZ) ** 2)
     slow = slice(2, 6)
     expected = (spec.viscous_friction**2 * gust)[slow].mean()
@@ -78,7 +82,7 @@ def test_simulated_flights_have_the_densities_that_were_asked_for(flown_first):
     (flight,) = fly([shape], vehicle, [1])
     prepared = prepare_vertical(flight.recording, FlightOptions())
     problem = Vertical().problem((prepared,), NoInstruments())
-    numbers = Taken(vehicle.viscous_friction, vehicle.input_gain, vehicle.lag_s, 0.0)
+    numbers = vertical_numbers(vehicle.viscous_friction, vehicle.input_gain, vehicle.lag_s)
     densities = residual_densities(problem, numbers)
     slow = slice(2, 6)
     expected = vehicle.left.density_at("force", NODES_HZ)[slow].mean()

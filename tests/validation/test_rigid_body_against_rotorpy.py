@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from eivor.motions.rigid_body.dynamics import coefficients_of, side_by_side, state_derivative
+from eivor.motions.rigid_body.dynamics import coefficients_of, side_by_side
 from eivor.simulation.rigid_body_spec import AdaptiveSteps, HeldInputs, Integrator, RungeKutta4
+from tests.motions.rigid_body.state_derivatives import state_derivative
 from validation.flight_recipe.rotorpy_flight import (
     GRAVITY,
     Vehicle,

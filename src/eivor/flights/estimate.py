@@ -372,7 +372,6 @@ def not_estimated(motion: Motion[Any], known: Mapping[str, float]) -> dict[str, 
 
 
 def _reason_of_use(motion: Motion[Any], prepared: tuple[PreparedFlight, ...]) -> Reason:
-    """Why no flight has a run."""
     words = motion.words
     name, alone = prepared[0].recording.name, len(prepared) == 1
     if not any(flight.active.mask.any() for flight in prepared):

@@ -417,12 +417,8 @@ class _TurnedChannels(MadeChannels):
 
 
 def _turned(channel: Channel) -> Channel:
-    return replace(channel, values=-channel.values) if _flipped(channel.name) else channel
-
-
-def _flipped(name: str) -> bool:
-    channel = canonical_channel(name)
-    return channel is not None and channel.flipped
+    known = canonical_channel(channel.name)
+    return replace(channel, values=-channel.values) if known is not None and known.flipped else channel
 
 
 # -- Noise level --

@@ -50,11 +50,7 @@ def joint_quantities(estimate: Estimate) -> dict[str, QuantityEstimate]:
 def ratio_quantity(
     estimate: Estimate, numerator: str | float, denominator: str, unit: str
 ) -> QuantityEstimate:
-    """Ratio of two parameters, or of a number and a parameter; see `eivor.ratio`.
-
-    Its interval has no bound as soon as the denominator cannot be distinguished from zero; the standard
-    error is by the delta method.
-    """
+    """Ratio of two parameters, or of a number and a parameter; see `eivor.ratio`."""
     parameters, below = estimate.parameters, estimate.parameters[denominator]
     above = parameters[numerator] if isinstance(numerator, str) else float(numerator)
     interval = ratio(estimate, numerator, denominator).hull
@@ -77,18 +73,7 @@ def reciprocal(of: QuantityEstimate, unit: str) -> QuantityEstimate:
 
 
 def lag_quantities(problem: SeparableProblem, estimate: Estimate) -> dict[str, QuantityEstimate]:
-    """`actuator_lag`, `delay` and `effective_lag`, their sum; zero for what was not searched for.
-
-    A sum that cannot be negative has no interval below zero; that of a measured state's delay may. One
-    that is known between bounds has these for its interval.
-
-    Parameters
-    ----------
-    problem : SeparableProblem
-        With the nuisances actuator_lag and delay; the latter discrete, or continuous without a lag.
-    estimate : Estimate
-        Of it.
-    """
+    """`actuator_lag`, `delay` and `effective_lag`, their sum; zero for what was not searched for."""
     joint, index = joint_quantities(estimate), estimate.best.nuisances
     named = {nuisance.name: nuisance for nuisance in problem.nuisances}
     lag = effective = joint.get(ACTUATOR_LAG.name, QuantityEstimate(0.0, "s", 0.0, (0.0, 0.0)))
@@ -140,9 +125,8 @@ class LagMeasurement:
 
     source: str  # "telemetry", or the name of the motion
     who: str  # The same in words
-    measured: (
-        QuantityEstimate  # Lag and delay together, as they were estimated, systematic parts included [s]
-    )
+    #: Lag and delay together, as they were estimated, systematic parts included [s]
+    measured: QuantityEstimate
     apart_s: float
     why_not_used: str  # The reason of that in words, after "with"
 
@@ -254,9 +238,8 @@ class LagPrior:
 
 def with_lag_prior(problem: SeparableProblem, known: Prior | Bounds, alone: Values) -> SeparableProblem:
     """Return the problem with what is known of the sum of lag and delay."""
-    return problem.with_nuisances(
-        tuple(_with_known(nuisance, known, alone) for nuisance in problem.nuisances)
-    )
+    nuisances = tuple(_with_known(nuisance, known, alone) for nuisance in problem.nuisances)
+    return problem.with_nuisances(nuisances)
 
 
 def _with_known(nuisance: Nuisance, known: Prior | Bounds, alone: Values) -> Nuisance:
@@ -347,11 +330,8 @@ def telemetry_lag(flights: tuple[PreparedFlight, ...], families: tuple[str, ...]
 
 def _telemetry(flight: PreparedFlight, families: tuple[str, ...]) -> list[Channel]:
     """Channels of the first family that the log has, when they are fast enough."""
-    for family in families:
-        channels = flight.recording.family(family)
-        if channels:
-            return channels if min(channel.rate_hz for channel in channels) >= TELEMETRY_RATE_HZ else []
-    return []
+    channels = next(filter(None, map(flight.recording.family, families)), [])
+    return channels if all(channel.rate_hz >= TELEMETRY_RATE_HZ for channel in channels) else []
 
 
 def _columns(number: int, flight: PreparedFlight, channels: list[Channel]) -> AxisColumns:

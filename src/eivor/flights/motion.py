@@ -96,10 +96,7 @@ class MultiStepPrediction:
 
     @property
     def ratios(self) -> dict[str, float]:
-        """Errors of the fit over those of each simpler model, by its words.
-
-        After the last horizon; the geometric mean over all quantities.
-        """
+        """Errors of the fit over those of each simpler model, by its words."""
         results: dict[str, list[float]] = {}
         for item, *others in self.by_quantity:
             for other in others:
@@ -317,26 +314,14 @@ class Motion(ABC, Generic[P]):
     # -- from a log to a problem --------------------------------------------------------------------------
 
     def check(self, options: FlightOptions) -> None:
-        """Refuse options that this motion does not have, before any log is looked at.
-
-        Raises
-        ------
-        UsageError
-            With what there is.
-        """
+        """Refuse options that this motion does not have, before any log is looked at."""
 
     def weighted(self, method: Method, /) -> Method:
         """Return a method with the weights of rows that it needs for this motion; by default its own."""
         return method
 
     def for_flights(self, _flights: tuple[PreparedFlight, ...], _options: FlightOptions, /) -> Motion[P]:
-        """Return the same motion with the terms that were asked for, and what all flights say together.
-
-        Raises
-        ------
-        EivorError
-            When a log lacks what a term needs, with what it is.
-        """
+        """Return the same motion with the terms that were asked for, and what all flights say together."""
         return self
 
     @property
@@ -345,75 +330,31 @@ class Motion(ABC, Generic[P]):
         return self.equation
 
     def of_vehicle(self, vehicle: str) -> Motion[P]:
-        """Return the same motion of a vehicle that a user describes, by a name or a file.
-
-        Raises
-        ------
-        UsageError
-            When the motion has no use for one.
-        """
+        """Return the same motion of a vehicle that a user describes, by a name or a file."""
         raise UsageError(
             "a motion that asks what flies", f"'{self.name}', which does not", f"Leave out {vehicle!r}."
         )
 
     @abstractmethod
     def select(self, log: Recording, options: FlightOptions) -> Selection:
-        """Return the channels by role, and which samples count.
-
-        Raises
-        ------
-        MissingChannelError
-            When the log lacks one that is needed.
-        """
+        """Return the channels by role, and which samples count."""
 
     def active(self, log: Recording, grid: Grid, input_level: Float[np.ndarray, " n"]) -> Active:
-        """Samples during which the motion holds; for what flies: while it is in the air.
-
-        Parameters
-        ----------
-        log : Recording
-            Z up.
-        grid : Grid
-            Samples to judge.
-        input_level : ndarray, shape (n,)
-            Mean of the actuators' commands on the grid.
-        """
+        """Samples during which the motion holds; for what flies: while it is in the air."""
         return airborne_by_log(log, grid, input_level)
 
     @abstractmethod
     def problem(self, flights: tuple[PreparedFlight, ...], rule: InstrumentRule) -> P:
-        """Return the problem of flights that all have runs.
-
-        Raises
-        ------
-        EivorError
-            When they make none.
-        """
+        """Return the problem of flights that all have runs."""
 
     def signals(self, flight: PreparedFlight, _lag_s: float, _delay_s: float, /) -> Signals:
-        """Return a flight's signals for work in Python, what drives the vehicle as its equation has it.
-
-        Parameters
-        ----------
-        flight : PreparedFlight
-            Whose.
-        lag_s, delay_s : float
-            Of its actuators [s].
-        """
+        """Return a flight's signals for work in Python, what drives the vehicle as its equation has it."""
         return flight.signals
 
     def refined(
         self, problem: P, estimated: Callable[[P], Estimate], _options: FlightOptions, /
     ) -> tuple[P, Estimate]:
-        """Problem and its estimate, when all that the motion finds out by estimates is found out.
-
-        Parameters
-        ----------
-        problem : SeparableProblem
-            To begin with.
-        estimated : callable
-            From a problem to its estimate.
-        """
+        """Problem and its estimate, when all that the motion finds out by estimates is found out."""
         return problem, estimated(problem)
 
     def with_refinement(
@@ -506,17 +447,11 @@ class Motion(ABC, Generic[P]):
     # -- for replicates of a pool, see `bootstrap_flights` -------------------------------------------------
 
     def flight_sums(self, _problem: P, _at: Values, /) -> Mapping[str, Float[np.ndarray, " flights"]]:
-        """Sums over the samples of each flight, at values of the nuisances, that `resampled` needs by name.
-
-        Flights are numbered as in the problem's rows.
-        """
+        """Sums over the samples of each flight, at values of the nuisances, that `resampled` needs."""
         return {}
 
     def resampled(self, problem: P, drawn: Drawn) -> Mapping[str, float]:
-        """Quantities of a draw of flights, in the order of results; each is a parameter or in `wording`.
-
-        By default the linear parameters, and the nuisances that were searched for.
-        """
+        """Quantities of a draw of flights, in the order of results; each is a parameter or in `wording`."""
         searched = [nuisance.name for nuisance in problem.nuisances if nuisance.searched]
         return {**drawn.parameters, **{name: drawn.nuisances[name] for name in searched}}
 
@@ -527,10 +462,7 @@ class Motion(ABC, Generic[P]):
         return {}
 
     def predictions(self, _problem: P, _values: Values, /) -> tuple[PredictedQuantity, ...]:
-        """What parameters and nuisances, by name, say of flights; the farthest horizon comes last.
-
-        By default nothing: the motion cannot be validated.
-        """
+        """What parameters and nuisances, by name, say of flights; the farthest horizon comes last."""
         return ()
 
     def multi_step_prediction(
@@ -540,11 +472,7 @@ class Motion(ABC, Generic[P]):
         _refused: frozenset[str],
         /,
     ) -> MultiStepPrediction | None:
-        """Predictions some tenths of a second ahead, from many starts of flights that all have runs.
-
-        By default nothing. The models are those of `simple_models`, the fit itself before them; quantities
-        that the fit refuses have no say.
-        """
+        """Predictions some tenths of a second ahead, from many starts of flights that all have runs."""
         return None
 
     def vehicle_record(self) -> Mapping[str, object] | None:
@@ -552,13 +480,7 @@ class Motion(ABC, Generic[P]):
         return None
 
     def with_vehicle_record(self, _report: object, /) -> Motion[P]:
-        """Return the same motion of the vehicle that a result holds, see `vehicle_record`.
-
-        Raises
-        ------
-        InputError
-            When the motion asks what flies, and is not identified.
-        """
+        """Return the same motion of the vehicle that a result holds, see `vehicle_record`."""
         return self
 
     # -- for planning ---------------------------------------------------------------------------------------

@@ -112,7 +112,6 @@ Sums = Mapping[str, Float[np.ndarray, "F T"]]
 
 
 def _sums(motion: Motion[Any], problem: SeparableProblem, pool: PoolFlights) -> tuple[Sums, ...]:
-    """Sums that the motion needs, for each candidate."""
     flights, results = list(pool.flights), []
     for candidate in pool.candidates:
         at_nodes = [motion.flight_sums(problem, point) for point in candidate.points]
@@ -350,7 +349,6 @@ class _Pool:
         )
 
     def _by_flight(self, pool: Pooled, fit: Fit, inputs: VerdictInputs) -> Iterator[FlightRow]:
-        """What the pool says of each flight."""
         motion = self.motion
         of_own = {name: pool.member_sets(name) for name in pool.flight_specific}
         shared = {name: profile for name, profile in fit.profiles.items() if name not in pool.flight_specific}
@@ -381,14 +379,12 @@ class _Pool:
 
 
 def _first_stage(pool: Pooled, number: int) -> dict[str, float]:
-    """Conditional first-stage F of the vector of one flight."""
     joint = pool.candidates[pool.best].joint
     names = [*linear_names(pool), *(axis.nuisance.name for axis in joint.criterion.nodes.axes)]
     return dict(zip(names, joint.first_stage[joint.indices[number]].tolist(), strict=True))
 
 
 def _of_lags(pool: Pooled) -> dict[str, ConfidenceSet]:
-    """Profile sets of the lag, and of lag and delay together."""
     if pool.nuisance_names != (ACTUATOR_LAG.name,):
         return {}
     names = {ACTUATOR_LAG.name: (ACTUATOR_LAG.name,), EFFECTIVE_LAG: (ACTUATOR_LAG.name, DELAY.name)}

@@ -68,9 +68,8 @@ def prepare(recording: Recording, motion: Motion[Any], options: FlightOptions) -
     measured = (*selected.states.values(), *selected.logged_responses)
     driving = selected.commands if selected.input.measured or isinstance(options.noise, Mapping) else ()
     levels = noise_levels(log, (*measured, *driving), options.noise, (grid, used, channels), selected.between)
-    listed = {
-        name: level for name, level in levels.items() if level.source or name not in selected.command_names
-    }
+    commands = {command.name for command in selected.commands}
+    listed = {name: level for name, level in levels.items() if level.source or name not in commands}
     noise = {name: WhiteNoise(level.std) for name, level in listed.items()}
     chosen = "" if options.input_map == FIT_MAP else options.input_map
     jump = any(jumps(log.channel(item.name), grid, used) for item in candidates if item.usable)
@@ -190,11 +189,7 @@ def _gridded(
 
 
 def _references(
-    log: Recording,
-    motion: Motion[Any],
-    grid: Grid,
-    used: Bool[np.ndarray, " n"],
-    options: FlightOptions,
+    log: Recording, motion: Motion[Any], grid: Grid, used: Bool[np.ndarray, " n"], options: FlightOptions
 ) -> tuple[Reference, ...]:
     """References that the log has; in place of them those that a user named."""
     automatic = references(log, motion.references, grid, used)

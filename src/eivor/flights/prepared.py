@@ -216,11 +216,6 @@ class Selection:
         return (*self.states.values(), *self.commands, *self.logged_responses, *self.conditions)
 
     @property
-    def command_names(self) -> frozenset[str]:
-        """Names of the channels that drive the vehicle."""
-        return frozenset(command.name for command in self.commands)
-
-    @property
     def estimated(self) -> tuple[str, ...]:
         """Roles of what was measured whose channel comes from an estimator."""
         measured = {**self.states, **self.responses}
@@ -239,26 +234,7 @@ class Selection:
 def chosen_input(
     log: Recording, families: tuple[InputFamily, ...], wanted: str, *, remedy: str
 ) -> tuple[InputFamily, tuple[Channel, ...]]:
-    """Family and channels of the input: the one that is wanted, or the first that the log has.
-
-    Parameters
-    ----------
-    log : Recording
-        Where to look.
-    families : tuple of InputFamily
-        In order of preference.
-    wanted : str
-        Channel or family that a user named; empty for none.
-    remedy : str
-        What to log, as a beginning of a sentence: ", or name a channel with --input." follows.
-
-    Raises
-    ------
-    UsageError
-        When the log does not have the one that is wanted.
-    MissingChannelError
-        When it has none.
-    """
+    """Family and channels of the input: the one that is wanted, or the first that the log has."""
     if wanted:
         name = wanted.rstrip("*").rstrip("_")
         channels = log.family(name)

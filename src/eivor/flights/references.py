@@ -191,11 +191,7 @@ CONSTANT = "constant"
 
 @dataclass(frozen=True, slots=True)
 class ReferenceSource:
-    """A channel that a motion offers as an instrument.
-
-    One that answers the vehicle (it is not exogenous in the table of channels), such as a setpoint that a
-    loop computes from the vehicle's state, serves only when nothing else varies.
-    """
+    """A channel that a motion offers as an instrument."""
 
     channel: str  # Name
     #: Channel that is above one half while a pilot is in control, without which this one does not count;
@@ -266,7 +262,8 @@ def _reference(
     share = float(in_force[used].mean())
     if share < IN_FORCE_SHARE:
         return judged(usable=False, remark=f"in force for {share:.0%} of the flight only")
-    if source.in_control and not _pilot_flies(recording, source.in_control, grid, used):
+    state = source.in_control if source.in_control in recording.channels else ""
+    if state and _share(recording, state, grid, used) < PILOT_SHARE:
         return judged(usable=False, remark="no pilot flies")
     openly = _share(recording, source.open_loop, grid, used) if source.open_loop else 0.0
     if source.open_loop and openly < 1.0:
@@ -318,10 +315,6 @@ def _spread_within_runs(values: Float[np.ndarray, " n"], used: Bool[np.ndarray, 
     runs = np.split(index, np.flatnonzero(np.diff(index) > 1) + 1)
     deviations = np.concatenate([values[run] - values[run].mean() for run in runs])
     return float(np.sqrt(np.mean(deviations**2)))
-
-
-def _pilot_flies(recording: Recording, in_control: str, grid: Grid, used: Bool[np.ndarray, " n"]) -> bool:
-    return in_control not in recording.channels or _share(recording, in_control, grid, used) >= PILOT_SHARE
 
 
 def _share(recording: Recording, state: str, grid: Grid, used: Bool[np.ndarray, " n"]) -> float:

@@ -122,10 +122,7 @@ def wide_lag_reasons(half_width_s: float, needed_s: float, *, whose: str, remedy
 def instrument_reasons(
     strength: InstrumentStrength, inputs: VerdictInputs, *, fly: str, log_reference: str, log_planned: str
 ) -> list[Reason]:
-    """Reasons against everything that instruments are to identify, with what to fly and to log.
-
-    Weak instruments refuse what has no set that holds all the same.
-    """
+    """Reasons against everything that instruments are to identify, with what to fly and to log."""
     if inputs.constant_reference:
         return [refused(f"The reference never moved ({inputs.missing_reference}).{moved(inputs)}", fly)]
     if inputs.direct and inputs.missing_reference:

@@ -92,7 +92,6 @@ def _added() -> dict[str, EntryPoint]:
 
 
 def _loaded(point: EntryPoint) -> Motion[Any]:
-    """Motion of another package."""
     try:
         kind = point.load()
     except Exception as error:

@@ -101,11 +101,7 @@ def identify_flight(
     checks.kind("recordings", given, Iterable, "a Recording or several", READ_FIRST)
     logs = list(given)
     if not all(isinstance(log, Recording) for log in logs):
-        raise UsageError(
-            "recordings",
-            ", ".join(sorted({type(log).__name__ for log in logs})),
-            READ_FIRST,
-        )
+        raise UsageError("recordings", ", ".join(sorted({type(log).__name__ for log in logs})), READ_FIRST)
     if not logs:
         raise UsageError("at least one recording", "none", "Give one or several.")
     motion = motion_by_name(model) if isinstance(model, str) else model
@@ -136,7 +132,6 @@ def identify_flight(
 
 
 def _chosen(options: FlightOptions | None, choices: OptionChoices) -> FlightOptions:
-    """Options with the choices that were named one by one."""
     start = FlightOptions() if options is None else options
     checks.kind("options", start, FlightOptions, "FlightOptions", "Give ev.FlightOptions(...), or nothing.")
     known = {field.name: field.default for field in fields(FlightOptions)}

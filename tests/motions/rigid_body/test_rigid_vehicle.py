@@ -7,10 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eivor.errors import ParameterError, ShapeError, UsageError
-from eivor.motions.rigid_body.dynamics import coefficients_of, side_by_side, specific_force, state_derivative
+from eivor.errors import ParameterError, UsageError
+from eivor.motions.rigid_body.dynamics import coefficients_of, side_by_side, specific_force
 from eivor.motions.rigid_body.vehicle import BodyDrag, Rotors, Vehicle
 from eivor.motions.vertical.model import GRAVITY
+from tests.motions.rigid_body.state_derivatives import state_derivative
 
 ROTORS = Rotors(
     positions=((0.1, 0.0, 0.0), (-0.1, 0.0, 0.0)),
@@ -86,12 +87,6 @@ def test_rotors_are_checked(change, message):
 def test_drag_is_checked(drag, message):
     with pytest.raises(ParameterError, match=message):
         BodyDrag(**drag)
-
-
-def test_states_must_fit_the_rotors():
-    coefficients = side_by_side([VEHICLE])
-    with pytest.raises(ShapeError, match="states of 15 components"):
-        state_derivative(coefficients, np.zeros(17), np.zeros(2), np.zeros(3))
 
 
 def test_batch_of_states_is_each_of_them():

@@ -372,10 +372,7 @@ class Rates(Motion[LaggedRuns]):
         return {quantity.NAME: quantity.least_squares_without_lag(problem, estimate.best.nuisances)}
 
     def multi_step_prediction(
-        self,
-        flights: tuple[PreparedFlight, ...],
-        models: Mapping[str, SimpleModel],
-        refused: frozenset[str],
+        self, flights: tuple[PreparedFlight, ...], models: Mapping[str, SimpleModel], refused: frozenset[str]
     ) -> MultiStepPrediction:
         """Rates of the setpoints alone, see `eivor.motions.rates.motion`."""
         return rates_prediction(flights, models, refused)

@@ -8,7 +8,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from eivor.errors import ShapeError, UsageError
+from eivor.errors import UsageError
 from eivor.motions.rigid_body.vehicle import Vehicle
 from eivor.motions.vertical.model import GRAVITY
 from eivor.tools import Float
@@ -143,15 +143,13 @@ def effective_parameters(vehicle: Vehicle) -> EffectiveParameters:
     sideways = sum(y * y for _, y, _ in rotors.positions)
     heights, upward = (sum(z**power for _, _, z in rotors.positions) for power in (1, 2))
     drag, inflow = rotors.drag * speed, rotors.inflow * speed
-    linear, quadratic, rotational = (
-        vehicle.drag.linear,
-        vehicle.drag.quadratic,
-        vehicle.drag.rotational,
-    )
+    body, rotational = vehicle.drag, vehicle.drag.rotational
     high = drag * upward - rotors.flapping * speed * heights  # of rotors above or below the centre of mass
     of_rotors = (rotors.count * drag, rotors.count * drag, rotors.count * inflow)
-    dx, dy, dz = ((of_rotor + body) / mass for of_rotor, body in zip(of_rotors, linear, strict=True))
-    cx, cy, cz = (body / mass for body in quadratic)
+    dx, dy, dz = (
+        (of_rotor + of_body) / mass for of_rotor, of_body in zip(of_rotors, body.linear, strict=True)
+    )
+    cx, cy, cz = (of_body / mass for of_body in body.quadratic)
     return EffectiveParameters(
         gyroscopic_ratios=((iy - iz) / ix, (iz - ix) / iy, (ix - iy) / iz),
         torque_gains=(gain / ix, gain / iy, rotors.torque_ratio * gain / iz),
@@ -188,30 +186,6 @@ BODY = 13
 ZERO: Value = 0.0
 
 
-def state_derivative(
-    coefficients: Coefficients,
-    state: Float[np.ndarray, "*batch components"],
-    command: Float[np.ndarray, "*batch rotors"],
-    wind: Float[np.ndarray, "*batch 3"],
-) -> Float[np.ndarray, "*batch components"]:
-    """Time derivative of the states of bodies and rotors."""
-    rotors = coefficients.rotors
-    if state.shape[-1] != BODY + rotors or command.shape[-1] != rotors:
-        raise ShapeError(
-            f"states of {BODY + rotors} components and commands of {rotors}, for {rotors} rotors",
-            f"{state.shape[-1]} and {command.shape[-1]}",
-            "Put position, velocity, attitude, rates and rotor speeds into one row.",
-        )
-    flat = state.reshape(-1, BODY + rotors).T
-    speeds, requested = [flat[BODY:]], [command.reshape(-1, rotors).T]
-    air = wind.reshape(-1, 3).T
-    change = speed_derivative(coefficients, speeds, requested)
-    body = body_derivative(
-        coefficients, flat[:BODY], speeds, change, (air[0], air[1], air[2]), (0.0, 0.0, 0.0)
-    )
-    return np.vstack([*body, *change]).T.reshape(state.shape)
-
-
 def speed_derivative(
     coefficients: Coefficients, speeds: Sequence[Value], command: Sequence[Value]
 ) -> list[Value]:
@@ -240,28 +214,14 @@ def body_derivative(
     (r00, r01, r02), (r10, r11, r12), (r20, r21, r22) = rows
     fx, fy, fz = force
     mass = coefficients.mass
-    p_dot, q_dot, r_dot = _rate_derivative(
-        coefficients,
-        (p, q, r),
-        (torque[0] + disturbance[0], torque[1] + disturbance[1], torque[2] + disturbance[2]),
-        speeds,
-        spin_up,
-    )
-    return [
-        vx,
-        vy,
-        vz,
-        (r00 * fx + r01 * fy + r02 * fz) / mass,
-        (r10 * fx + r11 * fy + r12 * fz) / mass,
-        (r20 * fx + r21 * fy + r22 * fz) / mass - coefficients.weight_acceleration,
-        -0.5 * (x * p + y * q + z * r),
-        0.5 * (w * p + y * r - z * q),
-        0.5 * (w * q + z * p - x * r),
-        0.5 * (w * r + x * q - y * p),
-        p_dot,
-        q_dot,
-        r_dot,
-    ]
+    torque = torque[0] + disturbance[0], torque[1] + disturbance[1], torque[2] + disturbance[2]
+    turning = _rate_derivative(coefficients, (p, q, r), torque, speeds, spin_up)
+    ax = (r00 * fx + r01 * fy + r02 * fz) / mass
+    ay = (r10 * fx + r11 * fy + r12 * fz) / mass
+    az = (r20 * fx + r21 * fy + r22 * fz) / mass - coefficients.weight_acceleration
+    w_dot, x_dot = -0.5 * (x * p + y * q + z * r), 0.5 * (w * p + y * r - z * q)
+    y_dot, z_dot = 0.5 * (w * q + z * p - x * r), 0.5 * (w * r + x * q - y * p)
+    return [vx, vy, vz, ax, ay, az, w_dot, x_dot, y_dot, z_dot, *turning]
 
 
 def specific_force(coefficients: Coefficients, body: Body, speeds: Sequence[Value], wind: Triple) -> Triple:
@@ -331,11 +291,7 @@ def wrench(
     if not isinstance(fx, float):
         fx, fy, fz, mx, my, mz = (over_rotors(part) for part in (fx, fy, fz, mx, my, mz))
     return (
-        (
-            fx - (x1 + x2 * swiftness) * u,
-            fy - (y1 + y2 * swiftness) * v,
-            fz - (z1 + z2 * swiftness) * w,
-        ),
+        (fx - (x1 + x2 * swiftness) * u, fy - (y1 + y2 * swiftness) * v, fz - (z1 + z2 * swiftness) * w),
         (mx - x3 * p, my - y3 * q, mz - z3 * r),
     )
 
@@ -352,7 +308,6 @@ def _rate_derivative(
     speeds: Sequence[Value],
     spin_up: Sequence[Value],
 ) -> Triple:
-    """Euler's equations with rotors that spin."""
     p, q, r = rates
     xx, yy, zz, xy, xz, yz = coefficients.inertia
     lx, ly, lz = xx * p + xy * q + xz * r, xy * p + yy * q + yz * r, xz * p + yz * q + zz * r

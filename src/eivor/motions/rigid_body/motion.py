@@ -216,11 +216,7 @@ _RATES = "pqr"
 
 
 def _wordings(
-    parameters: Iterable[Parameter],
-    words: Iterable[str],
-    symbols: Iterable[str],
-    *,
-    optional: bool = True,
+    parameters: Iterable[Parameter], words: Iterable[str], symbols: Iterable[str], *, optional: bool = True
 ) -> dict[str, Wording]:
     """How parameters of several axes are called; those that need more than rates and rotors are optional."""
     return {
@@ -452,10 +448,7 @@ class RigidBody(Motion[LaggedRuns]):
         return {quantity.NAME: quantity.least_squares_without_lag(problem, estimate.best.nuisances)}
 
     def multi_step_prediction(
-        self,
-        flights: tuple[PreparedFlight, ...],
-        models: Mapping[str, SimpleModel],
-        refused: frozenset[str],
+        self, flights: tuple[PreparedFlight, ...], models: Mapping[str, SimpleModel], refused: frozenset[str]
     ) -> MultiStepPrediction:
         """The state of the rotors alone, see `eivor.motions.rigid_body.predict`."""
         return rigid_body_prediction(flights, self.layout, models, refused)

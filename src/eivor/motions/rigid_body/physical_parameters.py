@@ -234,7 +234,6 @@ def _yaw_drag(route: YawInertiaRoute | None) -> PhysicalParameter:
 
 
 def _over_inertia(damping: str, axis: str) -> Formula:
-    """Torque against a rate over the inertia about its axis."""
     return Formula(f"B_{axis}/I{axis}{axis}", "1/s", (damping,), (), lambda v: v[damping])
 
 

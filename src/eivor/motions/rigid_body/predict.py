@@ -164,12 +164,10 @@ class StatePropagator:
         velocity = np.zeros_like(body[3:6])
         if self.logged.moves:
             velocity[:] = into_body(rows, body[3], body[4], body[5])
-        dragged = [
-            -share * dragged_by(axis, sums, velocity, body[10:13])
-            for axis, share in enumerate(self._dragging)
-        ]
+        shares, rates = enumerate(self._dragging), body[10:13]
+        dragged = [-share * dragged_by(axis, sums, velocity, rates) for axis, share in shares]
         products = (q * r, p * r, p * q)
-        neighbours = self._rotor_moments(velocity, body[10:13], sums[6])
+        neighbours = self._rotor_moments(velocity, rates, sums[6])
         turning = [
             self._value(item.name) * product + drag + moment
             for item, product, drag, moment in zip(COUPLING, products, dragged[:3], neighbours, strict=True)
@@ -194,17 +192,13 @@ class StatePropagator:
         """What drag beside the centre of mass, lift and rotors that spin do to the rates."""
         results = [
             sum(self._value(item.name) * part for item, part in zip(pair, parts, strict=True))
-            for pair, parts in zip(
-                DRAG_MOMENT, (drag_moments(axis, velocity) for axis in range(3)), strict=True
-            )
+            for pair, parts in ((pair, drag_moments(axis, velocity)) for axis, pair in enumerate(DRAG_MOMENT))
         ]
         lifted = lift_moments(self.layout, velocity, rates[YAW_EQUATION])
         for axis, (lift, spinning) in enumerate(zip(LIFT_MOMENT, GYROSCOPIC_MOMENT, strict=True)):
-            results[axis] = (
-                results[axis]
-                + self._value(lift.name) * lifted[axis]
-                + self._value(spinning.name) * gyroscopic_moment(axis, rates, spin)
-            )
+            moment = gyroscopic_moment(axis, rates, spin)
+            lifting = results[axis] + self._value(lift.name) * lifted[axis]
+            results[axis] = lifting + self._value(spinning.name) * moment
         return results
 
     @cached_property
@@ -222,13 +216,11 @@ class StatePropagator:
 
     @cached_property
     def _rotors(self) -> RotorSums:
-        """Sums over the rotors."""
         lag_s, delay_s = self.values[ACTUATOR_LAG.name], self.values[DELAY.name]
         return RotorStates(self.flight, self.layout).sums_at(lag_s, delay_s)
 
     @cached_property
     def _states(self) -> Float[np.ndarray, "7 n"]:
-        """Sums of the rotors' states over each step."""
         return self.starts.over_step(self._rotors.state)
 
     @cached_property

@@ -228,9 +228,8 @@ def predicted_flight(flight: PreparedFlight, layout: RotorLayout, rule: LaggedRe
     channels |= _rotors(flight, layout, says)
     velocity = body_velocity(signals)
     if velocity is not None:
-        for along, (axis, lags) in enumerate(
-            ((TILTED[0], SLOW), (TILTED[1], SLOW), (FORCE_Z_EQUATION, HEIGHT))
-        ):
+        by_axis = ((TILTED[0], SLOW), (TILTED[1], SLOW), (FORCE_Z_EQUATION, HEIGHT))
+        for along, (axis, lags) in enumerate(by_axis):
             channels[f"velocity_{'xyz'[along]}"] = says.predicted(velocity[:, along], axis, lags)
         for part in "wxyz":
             channels[f"attitude_{part}"] = np.full(signals.sample_count, float(part == "w"))
@@ -244,18 +243,10 @@ def _rotors(
     logged = flight.signals.family(flight.input.name)
     parts = np.column_stack([layout.roll, layout.pitch, layout.yaw, np.ones(layout.count)])
     shares = np.linalg.lstsq(parts, logged.T, rcond=None)[0].T
-    chosen = (
-        (ROLL_EQUATION, QUICK),
-        (PITCH_EQUATION, QUICK),
-        (YAW_EQUATION, QUICK),
-        (FORCE_Z_EQUATION, HEIGHT),
-    )
-    selected = [
-        says.predicted(share, axis, lags) for share, (axis, lags) in zip(shares.T, chosen, strict=True)
-    ]
-    rotors = np.clip(
-        np.column_stack(selected) @ parts.T, logged[flight.used].min(), logged[flight.used].max()
-    )
+    chosen = (*((axis, QUICK) for axis in range(FORCE_X_EQUATION)), (FORCE_Z_EQUATION, HEIGHT))
+    pairs, used = zip(shares.T, chosen, strict=True), logged[flight.used]
+    selected = np.column_stack([says.predicted(share, axis, lags) for share, (axis, lags) in pairs])
+    rotors = np.clip(selected @ parts.T, used.min(), used.max())
     return {f"{flight.input.name}_{number + 1}": column for number, column in enumerate(rotors.T)}
 
 
@@ -302,12 +293,9 @@ class AxisInstruments:
 
     def _turning(self, axis: int, moving: Columns) -> Float[np.ndarray, "n p"]:
         """Columns for several lags, and the product of the other two rates."""
-        measured = self.flight.input.measured
-        nodes = (
-            [(0.0, delay) for delay in INSTRUMENT_DELAYS_S]
-            if measured
-            else [(lag, 0.0) for lag in INSTRUMENT_LAGS_S]
-        )
+        nodes = [(lag, 0.0) for lag in INSTRUMENT_LAGS_S]
+        if self.flight.input.measured:
+            nodes = [(0.0, delay) for delay in INSTRUMENT_DELAYS_S]
         columns = [moving({ACTUATOR_LAG.name: lag, DELAY.name: delay}) for lag, delay in nodes]
         first, second = (self._predicted.signals.channel(AXES[(axis + n) % 3].rate) for n in (1, 2))
         return np.column_stack([*columns, first * second, *self._spun(axis), *self._moments(axis)])
@@ -339,7 +327,6 @@ class AxisInstruments:
 
     @cached_property
     def _swift(self) -> Float[np.ndarray, "n 3"]:
-        """Predicted velocity times its size."""
         return swift_velocity(self._velocity)
 
 
@@ -419,13 +406,12 @@ TOLERANCE_S = 3e-7
 def searched_lag_and_delay(known: KnownNumber | None = None) -> tuple[Nuisance, Nuisance]:
     """Lag and delay of commands, both continuous; of a delay that is known, what is known of it [s]."""
     lag, delay = lag_and_delay(SEARCH_LAGS_S, SEARCH_DELAYS_S)
+    lag = replace(lag, tolerance=TOLERANCE_S)
     if known is not None and not known.std:
-        return replace(lag, tolerance=TOLERANCE_S), delay.known_at(known.value)
+        return lag, delay.known_at(known.value)
     if known is not None:
         delay = replace(delay, prior=Prior(known.value, known.std))
-    return replace(lag, tolerance=TOLERANCE_S), replace(
-        delay, discrete=False, halvings=0, tolerance=TOLERANCE_S
-    )
+    return lag, replace(delay, discrete=False, halvings=0, tolerance=TOLERANCE_S)
 
 
 @dataclass(frozen=True, slots=True)
@@ -501,22 +487,18 @@ class RotorColumns:
 
     def __call__(self, nuisance_values: Values) -> Float[np.ndarray, "n k"]:
         """Columns at a lag and a delay, of the parameters of this equation."""
-        axis = self._of_axis(
-            self.states.sums_at(nuisance_values[ACTUATOR_LAG.name], nuisance_values[DELAY.name])
-        )
-        selected = {item: axis[item] for item in (self.moving[index] for index in self.indices)}
+        lag_s, delay_s = nuisance_values[ACTUATOR_LAG.name], nuisance_values[DELAY.name]
+        axis = self._of_axis(self.states.sums_at(lag_s, delay_s))
+        selected = {self.moving[index]: axis[self.moving[index]] for index in self.indices}
         return np.stack(list(as_logged(selected, self.axis, self._sensor).values())).T
 
     @cached_property
     def indices(self) -> tuple[int, ...]:
         """Places of this equation's parameters among those of all moving columns."""
-        current = {*MOVING[self.axis], REACTION} if self._has_common_inertia else {*MOVING[self.axis]}
+        current = {*MOVING[self.axis]}
+        if self.common_rotor_inertia is not None and self.axis in (ROLL_EQUATION, PITCH_EQUATION):
+            current.add(REACTION)
         return tuple(index for index, item in enumerate(self.moving) if item in current)
-
-    @property
-    def _has_common_inertia(self) -> bool:
-        """Whether the rotors' inertia turns this axis as one with that of yaw."""
-        return self.common_rotor_inertia is not None and self.axis in (ROLL_EQUATION, PITCH_EQUATION)
 
     @cached_property
     def _sensor(self) -> OnboardFilter | None:
@@ -641,14 +623,8 @@ def _terms(flights: tuple[PreparedFlight, ...]) -> Terms:
 
 
 def _flight(
-    number: int,
-    flight: PreparedFlight,
-    layout: RotorLayout,
-    rule: InstrumentRule,
-    terms: Terms,
-    usual: float,
+    number: int, flight: PreparedFlight, layout: RotorLayout, rule: InstrumentRule, terms: Terms, usual: float
 ) -> list[AxisColumns]:
-    """Columns of every axis of a flight."""
     signals = flight.signals
     states, instruments = RotorStates(flight, layout), AxisInstruments(flight, layout, rule)
     slowest = min(rate for role, rate in flight.rates_hz.items() if rate and role != "command")
@@ -680,9 +656,7 @@ def _flight(
         )
 
     changes = change_over_step(states.rates, signals.step_s)
-    turning = [
-        columns(axis, changes[axis][:, None]) for axis in (ROLL_EQUATION, PITCH_EQUATION, YAW_EQUATION)
-    ]
+    turning = [columns(axis, changes[axis][:, None]) for axis in range(FORCE_X_EQUATION)]
     by_velocity = force_by_velocity(signals) if terms.velocity else None
     forces = []
     for along in terms.forces:
@@ -710,7 +684,6 @@ def _staying(axis: int, terms: Terms, states: RotorStates) -> dict[Parameter, Fl
 
 
 def _behind(sensor: OnboardFilter | None, column: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-    """A column behind a sensor's filter, where one is known."""
     return column if sensor is None else sensor(column)
 
 

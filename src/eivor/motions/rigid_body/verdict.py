@@ -485,9 +485,8 @@ class Order:
             return f"{_rotors(turned)} the other way than the vehicle file says"
         if len(moved) == 2 and not turned:
             return f"Rotors {moved[0]} and {moved[1]} look exchanged"
-        commands, positions = (
-            ", ".join(map(str, x)) for x in (range(1, len(self.acts_as) + 1), map(abs, self.acts_as))
-        )
+        commands = ", ".join(map(str, range(1, len(self.acts_as) + 1)))
+        positions = ", ".join(map(str, map(abs, self.acts_as)))
         order = f"The commands {commands} look to act as the rotors {positions} of the vehicle file"
         return f"{order}, of which {_rotors(turned).lower()} the other way" if turned else order
 
@@ -745,10 +744,8 @@ def all_reasons(
     quantities: Mapping[str, QuantityEstimate], strength: InstrumentStrength, inputs: VerdictInputs
 ) -> dict[str, tuple[Reason, ...]]:
     """Reasons against every quantity that there is."""
-    half_width, quicker = (
-        quantities[EFFECTIVE_LAG].half_width,
-        "Fly quicker steps, and log rotors and rates faster.",
-    )
+    half_width = quantities[EFFECTIVE_LAG].half_width
+    quicker = "Fly quicker steps, and log rotors and rates faster."
     of_lag = tuple(wide_lag_reasons(half_width, LAG_WITHIN_S, whose="rotors'", remedy=quicker))
     of_model = tuple(_of_model(inputs.numbers))
 

@@ -273,7 +273,6 @@ def sideways_speed(flights: Sequence[PreparedFlight]) -> float:
 
 
 def _lags(velocity: Float[np.ndarray, " n"], step_s: float) -> Float[np.ndarray, "n p"]:
-    """A horizontal velocity and lags of it."""
     results = [velocity]
     for lag_s in SIDEWAYS_LAGS_S:
         results.append(first_order_lag(results[-1], step_s=step_s, lag_s=lag_s))

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
@@ -94,28 +92,6 @@ USUAL_FRICTION, USUAL_LAG_S = 0.3, 0.05
 LEAST_EXPLAINED = 0.5
 
 
-@dataclass(frozen=True, slots=True)
-class Taken:
-    """Numbers that a flight is simulated with: the estimate's where it identifies them."""
-
-    friction: float  # [1/s]
-    gain: float  # [1/s]
-    lag_s: float
-    delay_s: float
-    others: Mapping[str, float] = field(default_factory=dict)
-
-    @property
-    def values(self) -> dict[str, float]:
-        """Every parameter and nuisance by name."""
-        return {
-            **self.others,
-            VISCOUS_FRICTION.name: self.friction,
-            INPUT_GAIN.name: self.gain,
-            ACTUATOR_LAG.name: self.lag_s,
-            DELAY.name: self.delay_s,
-        }
-
-
 def closed_loop_record(
     problem: VerticalFlights, estimate: Estimate, flights: tuple[PreparedFlight, ...]
 ) -> dict[str, object]:
@@ -125,15 +101,18 @@ def closed_loop_record(
     )
     numbers = taken(problem, estimate)
     return {
-        "taken": {"viscous_friction": numbers.friction, "lag_s": numbers.lag_s + numbers.delay_s},
+        "taken": {
+            "viscous_friction": numbers[VISCOUS_FRICTION.name],
+            "lag_s": numbers[ACTUATOR_LAG.name] + numbers[DELAY.name],
+        },
         "residual": residual_densities(problem, numbers),
         "controller": controller_gains(problem, numbers, flights),
         "tilt_rms": float(np.sqrt(np.mean(np.arccos(np.clip(tilt, -1.0, 1.0)) ** 2) / 2.0)),
     }
 
 
-def taken(problem: VerticalFlights, estimate: Estimate) -> Taken:
-    """Numbers to simulate with."""
+def taken(problem: VerticalFlights, estimate: Estimate) -> dict[str, float]:
+    """Every parameter and nuisance that a flight is simulated with: the estimate's where identified."""
     friction, gain = estimate.best.theta[:2].tolist()
     index = estimate.best.nuisances
     lag, delay = index[ACTUATOR_LAG.name], index[DELAY.name]
@@ -145,7 +124,8 @@ def taken(problem: VerticalFlights, estimate: Estimate) -> Taken:
         sums = balance_sums(problem, {**index, ACTUATOR_LAG.name: lag, DELAY.name: delay})
         gain = GRAVITY * float(sums["samples"].sum() / sums["mapped"].sum())
     linear = dict(zip((p.name for p in problem.parameters), estimate.best.theta.tolist(), strict=True))
-    return Taken(friction, gain, lag, delay, {**index, **linear})
+    own = {VISCOUS_FRICTION.name: friction, INPUT_GAIN.name: gain}
+    return {**index, **linear, **own, ACTUATOR_LAG.name: lag, DELAY.name: delay}
 
 
 def _half_width(estimate: Estimate, name: str) -> float:
@@ -153,10 +133,10 @@ def _half_width(estimate: Estimate, name: str) -> float:
     return 0.5 * (high - low)
 
 
-def residual_densities(problem: VerticalFlights, numbers: Taken) -> dict[str, list[float]]:
+def residual_densities(problem: VerticalFlights, numbers: Values) -> dict[str, list[float]]:
     """One-sided densities at `NODES_HZ`: of the force on the vehicle, and of each sensor's own error."""
-    bins = problem.bins({nuisance.name: numbers.values[nuisance.name] for nuisance in problem.nuisances})
-    left = bins.residuals(np.array([numbers.values[parameter.name] for parameter in bins.parameters]))
+    bins = problem.bins({nuisance.name: numbers[nuisance.name] for nuisance in problem.nuisances})
+    left = bins.residuals(np.array([numbers[parameter.name] for parameter in bins.parameters]))
     first, second = left[:, 0], left[:, -1]
     frequency, weight = _scales(bins.layout)
     products = {
@@ -206,7 +186,7 @@ def _at_nodes(
 
 
 def controller_gains(
-    problem: VerticalFlights, numbers: Taken, flights: tuple[PreparedFlight, ...]
+    problem: VerticalFlights, numbers: Values, flights: tuple[PreparedFlight, ...]
 ) -> dict[str, float] | None:
     """Gains of the height controller [1/s, 1/s, 1/s^2]; None where the command does not follow one."""
     rows, wanted = [], []
@@ -214,7 +194,7 @@ def controller_gains(
         errors = _tracking_errors(flight)
         if errors is None or flight.input.measured:
             return None
-        command = numbers.gain * cut.mapped_input(problem.motion, 0.0, 0.0)
+        command = numbers[INPUT_GAIN.name] * cut.mapped_input(problem.motion, 0.0, 0.0)
         feed_forward = flight.signals.channels.get("reference_acceleration_z", np.zeros(command.size))
         for run in flight.runs:
             integral = np.cumsum(errors[run, 1]) * flight.signals.step_s

@@ -65,10 +65,7 @@ LOG_REFERENCE = "Log the position setpoint, or the pilot's stick, at 50 Hz or mo
 
 # -- Wording --
 
-EQUATION = (
-    "z'' + g = K_u U - K z' + b",
-    "U = cos(tilt) * mean(map(w)); tau w' + w = command(t - d)",
-)
+EQUATION = ("z'' + g = K_u U - K z' + b", "U = cos(tilt) * mean(map(w)); tau w' + w = command(t - d)")
 #: Every quantity, in the order of results.
 QUANTITIES = {
     "viscous_friction": Wording("viscous friction", "K", "1/s", shown_unit="1/s"),

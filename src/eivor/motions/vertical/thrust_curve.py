@@ -237,7 +237,6 @@ def linear_intercept(_problem: VerticalFlights, candidate: Candidate, terms: Bal
 
 
 def _hover(problem: VerticalFlights, candidate: Candidate, terms: Balance) -> Linear:
-    """Hover input in the unit of commands."""
     mapped, gradient = hover_mapped(candidate, terms)
     chosen = problem.motion.input_map
     hover = chosen.inverse(mapped)

@@ -506,7 +506,6 @@ def _bend(intercept: QuantityEstimate, inputs: VerdictInputs) -> str:
 
 
 def _fitting_map(exponent: float, hover: float, inputs: VerdictInputs) -> str:
-    """The input map that has an exponent near hover."""
     if exponent < LEAST_EXPONENT:
         return (
             "No propeller's thrust grows so slowly: look for a supply that sags under load, and check that "
