@@ -28,7 +28,15 @@ BOUNDS = {
     "circles of imports": 0,
     "files in circles of imports": 0,
     "imports of the package inside functions": 0,
-    "imports of the package for type checking only": 119,
+    "imports of the package for type checking only": 37,
+    "files": 200,
+    "lines": 66_000,
+    "lines of code without docstrings and imports": 42_000,
+    "files of fewer than 60 lines": 12,
+    "files of more than 900 lines": 4,
+    "files in the largest folder": 22,
+    "replaced names that still stand": 0,
+    "the words told and tells": 30,
 }
 
 
@@ -125,7 +133,7 @@ def test_rooms_name_no_parameter_of_a_motion(room):
         assert not named, f"{path} names {', '.join(named)}"
 
 
-def test_circles_and_late_imports_are_bounded():
+def test_counts_of_the_house_are_bounded():
     """Imports inside functions and for type checking count, too."""
     counted = architecture(ROOT / "src" / "eivor")
     exceeded = {name: counted[name] for name, most in BOUNDS.items() if counted[name] > most}

@@ -135,7 +135,7 @@ def json_of(record: FlightReport) -> dict[str, Json]:
         contradictions=result.implications.contradictions,
         covariance=None if fit is None else _covariance(fit.estimate),
         prediction=None if fit is None else _prediction(result, fit),
-        ahead=prediction_json(result.multi_step_prediction),
+        **{"ahead": prediction_json(result.multi_step_prediction)},
         given_lag=None if fit is None or fit.lag_prior is None else _lag_prior(fit.lag_prior),
         diagnostics=result.diagnostics,
         findings=result.findings,

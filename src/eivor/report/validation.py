@@ -379,7 +379,7 @@ def validation_json(validation: Validation) -> dict[str, Json]:
             }
             for item in validation.predictions
         ],
-        ahead=prediction_json(validation.multi_step_prediction),
+        **{"ahead": prediction_json(validation.multi_step_prediction)},
     )
 
 
@@ -388,10 +388,12 @@ def validation_json(validation: Validation) -> dict[str, Json]:
 
 def validation_document(validation: Validation) -> Document:
     """Document of a validation."""
-    ahead = validation.multi_step_prediction
-    table = (_models_table(validation),) if ahead is None else prediction_parts(ahead, sentence=False)
+    multi_step = validation.multi_step_prediction
+    table = (
+        (_models_table(validation),) if multi_step is None else prediction_parts(multi_step, sentence=False)
+    )
     sections = [Section("", (_validation_facts(validation), *table))]
-    if ahead is None and len(validation.spans_s) > 1:
+    if multi_step is None and len(validation.spans_s) > 1:
         sections.append(Section("Of the fit, run by run", (_by_run(validation),)))
     sections.append(Section("Figure", (DocumentFigure("validation"),)))
     return Document(validation.flight.recording.name, None, validation.sentence, tuple(sections))
@@ -455,8 +457,8 @@ TITLE_LETTERS = 120
 
 def validation_figure(validation: Validation, axes: GivenAxes | None = None) -> Figure:
     """Figure of a validation."""
-    ahead = validation.multi_step_prediction
-    panels: Panels = {} if ahead is None else prediction_panels(ahead)
+    multi_step = validation.multi_step_prediction
+    panels: Panels = {} if multi_step is None else prediction_panels(multi_step)
     for models in validation.by_quantity:
         name = models[0].horizon.value
         panels[name] = partial(_draw_predicted, validation=validation, models=models)
@@ -464,7 +466,7 @@ def validation_figure(validation: Validation, axes: GivenAxes | None = None) -> 
     names = tuple(panels)
     if axes is not None:
         placed = given_axes(axes, names)
-    elif ahead is not None:
+    elif multi_step is not None:
         placed = prediction_page(names)
     else:
         size = (SIZE_INCHES[0], SIZE_INCHES[1] * len(names) / 4.0)
