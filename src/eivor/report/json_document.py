@@ -67,11 +67,11 @@ def number(value: float | None) -> float | None:
 # -- JSON ahead --
 
 
-def prediction_json(prediction: MultiStepPrediction | None) -> dict[str, object] | None:
-    """Object of the predictions; None for none."""
+def prediction_json(prediction: MultiStepPrediction | None) -> dict[str, object]:
+    """The key of multi-step predictions; null for none."""
     if prediction is None:
-        return None
-    return {
+        return {"ahead": None}
+    fields = {
         "horizons": prediction.horizons_s,
         "starts": prediction.start_s.size,
         "errors": [
@@ -81,6 +81,7 @@ def prediction_json(prediction: MultiStepPrediction | None) -> dict[str, object]
         "left_out": prediction.omitted,
         "sentence": prediction.sentence if prediction.errors else "",
     }
+    return {"ahead": fields}
 
 
 # -- JSON document --
@@ -135,7 +136,7 @@ def json_of(record: FlightReport) -> dict[str, Json]:
         contradictions=result.implications.contradictions,
         covariance=None if fit is None else _covariance(fit.estimate),
         prediction=None if fit is None else _prediction(result, fit),
-        **{"ahead": prediction_json(result.multi_step_prediction)},
+        **prediction_json(result.multi_step_prediction),
         given_lag=None if fit is None or fit.lag_prior is None else _lag_prior(fit.lag_prior),
         diagnostics=result.diagnostics,
         findings=result.findings,

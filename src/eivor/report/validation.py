@@ -379,7 +379,7 @@ def validation_json(validation: Validation) -> dict[str, Json]:
             }
             for item in validation.predictions
         ],
-        **{"ahead": prediction_json(validation.multi_step_prediction)},
+        **prediction_json(validation.multi_step_prediction),
     )
 
 
@@ -388,12 +388,10 @@ def validation_json(validation: Validation) -> dict[str, Json]:
 
 def validation_document(validation: Validation) -> Document:
     """Document of a validation."""
-    multi_step = validation.multi_step_prediction
-    table = (
-        (_models_table(validation),) if multi_step is None else prediction_parts(multi_step, sentence=False)
-    )
+    steps = validation.multi_step_prediction
+    table = (_models_table(validation),) if steps is None else prediction_parts(steps, sentence=False)
     sections = [Section("", (_validation_facts(validation), *table))]
-    if multi_step is None and len(validation.spans_s) > 1:
+    if steps is None and len(validation.spans_s) > 1:
         sections.append(Section("Of the fit, run by run", (_by_run(validation),)))
     sections.append(Section("Figure", (DocumentFigure("validation"),)))
     return Document(validation.flight.recording.name, None, validation.sentence, tuple(sections))
