@@ -299,7 +299,8 @@ def draw_excitation(
                 frequency, amplitude = banded(frequency, amplitude, per_decade)
             axes.loglog(frequency, amplitude, color=colour, lw=1.2, ls=style, label=label)
     low, high = axes.get_ylim()
-    axes.set_ylim(bottom=max(low, LEAST_AMPLITUDE * high))
+    if low < LEAST_AMPLITUDE * high:
+        axes.set_ylim(bottom=LEAST_AMPLITUDE * high)
     low, high = runs[0].spectral.band_hz
     axes.axvspan(low, high, color=BLUE, alpha=0.12, lw=0, label="band used")
     axes.set_title("Excitation", fontsize=9)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import math
 import re
+import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -261,7 +262,10 @@ def drawing(draw: Draw, name: str, title: str, height: float) -> Markup:
 
     figure = page(WIDTH_INCHES, height)
     axes = figure.add_subplot()
-    draw(axes)
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="Attempting to set identical")  # values that are all equal
+        draw(axes)
+        axes.get_ylim()
     axes.set_title("")
     axes.tick_params(labelsize=8)
     for axis in (axes.xaxis, axes.yaxis):
