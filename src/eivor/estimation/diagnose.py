@@ -235,6 +235,12 @@ def diagnose(estimate: Estimate) -> Diagnostics:
     ------
     EstimationError
         For an estimate from moments, which do not keep the rows.
+
+    Notes
+    -----
+    One pass over the rows gives sums of products over a hundred blocks or so, from which strength, J,
+    endogeneity, constancy, periodicity and leverage follow; whiteness, memory and spectra read the
+    residual.
     """
     checks.kind("estimate", estimate, Estimate, "an estimate", "Make one by ev.identify(...).")
     if not estimate.best.has_rows:

@@ -159,7 +159,13 @@ class AutocorrelatedErrors(ErrorAssumption):
                 raise UsageError("one cosine average or more", f"{self.averages}", "Leave averages out.")
 
     def region(self, rows: MomentRows, level: float) -> ConfidenceRegion:
-        """Region of the robust test; its averages are as many as the equations at least."""
+        """Region of the robust test.
+
+        Raises
+        ------
+        TooFewSamplesError
+            When the record is too short for the averages, or these are fewer than the equations.
+        """
         equations = rows.test_functions.shape[1]
         if self.averages is not None and not equations <= self.averages < rows.columns.shape[0]:
             expected = f"as many cosine averages as equations, {equations}, and fewer than samples"
@@ -178,7 +184,13 @@ class HomoskedasticErrors(ErrorAssumption):
     )
 
     def region(self, rows: MomentRows, level: float) -> ConfidenceRegion:
-        """Region of the classical test, of equations that are not compensated."""
+        """Region of the classical test.
+
+        Raises
+        ------
+        UsageError
+            For compensated equations, whose scores do not have the variance that the test supposes.
+        """
         if rows.noise.any():
             raise UsageError(
                 "equations without compensation for the classical test",

@@ -62,7 +62,13 @@ class TwoStage(EquationWeighting):
     """Weight by the inverse of mean(psi psi'): two-stage least squares, efficient for white errors."""
 
     def equations(self, system: LinearSystem, moments: Moments, *_: object) -> Weighted:
-        """Equations weighted by the inverse of the instruments' mean products."""
+        """Equations divided by the Cholesky factor of mean(psi psi').
+
+        Raises
+        ------
+        InstrumentError
+            When instruments are combinations of one another.
+        """
         if not isinstance(moments, CrossMoments) or moments.instruments is None:
             raise UsageError(
                 "moments with the instruments' own products",
@@ -100,7 +106,13 @@ class TwoStepRobust(EquationWeighting):
         theta: Float[np.ndarray, " n"] | None,
         /,
     ) -> Weighted:
-        """Equations weighted by the inverse of a long-run covariance of their scores."""
+        """Two-stage without theta; with it, divided by the Cholesky factor of the scores' covariance.
+
+        Raises
+        ------
+        UsageError
+            When the rows are not at hand: the weight needs a second pass over them.
+        """
         if theta is None:
             return TwoStage().equations(system, moments)
         if problem is None:

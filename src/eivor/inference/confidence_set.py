@@ -76,7 +76,18 @@ class ConfidenceSet:
 
     @classmethod
     def from_quadratic(cls, a: float, b: float, c: float) -> ConfidenceSet:
-        """Solutions of ``a x^2 + b x + c <= 0``, by exact rational arithmetic.
+        """Solutions of ``a x^2 + b x + c <= 0``.
+
+        Parameters
+        ----------
+        a, b, c : float
+            Finite coefficients. They are taken as they are: a coefficient is zero when it is exactly zero.
+
+        Notes
+        -----
+        Roots are computed in exact rational arithmetic and rounded once, the smaller from the product of the
+        two: nothing cancels, overflows or underflows on the way, and whether there are roots is decided
+        by the sign of the exact discriminant. Roots beyond the range of numbers count as infinite.
 
         Raises
         ------
@@ -113,7 +124,14 @@ class ConfidenceSet:
     ) -> ConfidenceSet:
         """Set whose membership can change at `roots` only.
 
-        `contains` is called once, with all roots and a value of each stretch between and beyond them.
+        Parameters
+        ----------
+        contains : callable
+            Which of several values belong to the set; asked once, for all roots, one value between each two
+            neighbouring ones, and one beyond each outermost one. Roots belong to the set where a neighbouring
+            stretch does, since the set is closed, or where `contains` says so.
+        roots : iterable of float
+            In any order; values that are not finite are left out.
         """
         ends = sorted({float(root) for root in roots if isfinite(root)})
         if not ends:
@@ -159,7 +177,13 @@ class ConfidenceSet:
         return any(low <= value <= high for low, high in self.intervals)
 
     def scaled(self, factor: float) -> ConfidenceSet:
-        """Set of the values times a finite `factor` other than zero, as in another unit."""
+        """Set of the values times `factor`, as of a parameter in another unit.
+
+        Raises
+        ------
+        ParameterError
+            When the factor is zero or not finite.
+        """
         if factor == 0.0 or not isfinite(factor):
             remedy = "Give the ratio of the units."
             raise ParameterError("a finite factor other than zero", f"{factor}", remedy)

@@ -224,10 +224,22 @@ class CovarianceEstimator(ABC):
 
     @abstractmethod
     def parts(self, equation: EstimatingEquation) -> tuple[CovariancePart, ...]:
-        """Covariances of the estimates, the leading one first; none when the rows cannot identify."""
+        """Covariances of the estimates, the leading one first; none when the rows cannot identify.
+
+        Raises
+        ------
+        CollinearError
+            When the sensitivity is singular.
+        """
 
     def joint(self, equation: EstimatingEquation) -> JointCovariance:
-        """Covariance of the joint vector."""
+        """Covariance of the joint vector.
+
+        Raises
+        ------
+        UsageError
+            When the rows cannot identify, as a single flight cannot be clustered.
+        """
         parts = self.parts(equation)
         if not parts:
             remedy = "Choose another covariance."

@@ -150,7 +150,17 @@ class Bandwidth(ABC):
 
     @abstractmethod
     def lags(self, blocks: Blocks, count: int, kernel: Kernel, /) -> float:
-        """Bandwidth in lags of so many scores, which `blocks` gives in blocks, anew in each call."""
+        """Bandwidth in lags.
+
+        Parameters
+        ----------
+        blocks : callable
+            Gives the scores in blocks, anew in each call.
+        count : int
+            Number of scores.
+        kernel : Kernel
+            What it is for.
+        """
 
 
 @dataclass(frozen=True, slots=True)

@@ -74,7 +74,13 @@ class Column:
         return f"{self.channel}(k-{self.lag})" if self.lag else self.channel
 
     def values(self, signals: Signals, first: int) -> Float[np.ndarray, " rows"]:
-        """Values at the samples of `signals` from `first` on; an error where there is none."""
+        """Column of `signals`, for the samples from `first` on.
+
+        Raises
+        ------
+        TooFewSamplesError
+            When no sample is that late.
+        """
         count = signals.sample_count - first
         if count < 1 or self.lag > first:
             expected = f"more than {max(first, self.lag)} samples"
@@ -323,7 +329,13 @@ class Regression(LinearProblem):
             yield RowBlock(self.response[here], self.regressors[here], self.instruments[here], flights[here])
 
     def regressor_noise_covariance(self) -> Float[np.ndarray, "n_plus_1 n_plus_1"]:
-        """The covariance given; MissingNoiseError when none was."""
+        """Return the covariance that was given.
+
+        Raises
+        ------
+        MissingNoiseError
+            When none was.
+        """
         if self.regressor_noise is None:
             expected = "the covariance of the measurement noises of regressors and response"
             remedy = "Give regression(noise_covariance=...); zeros say that a column is exact."
@@ -331,7 +343,13 @@ class Regression(LinearProblem):
         return self.regressor_noise
 
     def instrument_noise_covariance(self) -> Float[np.ndarray, "p n_plus_1"]:
-        """The covariance given; MissingNoiseError when none was."""
+        """Return the covariance that was given.
+
+        Raises
+        ------
+        MissingNoiseError
+            When none was.
+        """
         if self.instrument_noise is None:
             expected = "the covariance of the instruments' noises with those of regressors and response"
             remedy = "Give regression(instrument_noise_covariance=...); zeros say that they share none."

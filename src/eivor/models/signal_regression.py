@@ -225,7 +225,13 @@ class SignalRegression(LinearProblem):
         return np.asarray(broken[lag + 1 :] - broken[: valid.size - lag] == 0)
 
     def column(self, column: Column) -> Float[np.ndarray, " rows"]:
-        """Values of one column; an error when its channel is absent or the record shorter than the lag."""
+        """Values of one column.
+
+        Raises
+        ------
+        MissingChannelError, TooFewSamplesError
+            When the channel is absent, or the record shorter than the largest lag.
+        """
         values = column.values(self.signals, self.first)
         return values if self.used is None else values[self.used]
 
@@ -283,12 +289,24 @@ class SignalRegression(LinearProblem):
         return values
 
     def regressor_noise_covariance(self) -> Float[np.ndarray, "n_plus_1 n_plus_1"]:
-        """Of [Phi y], from the noises of channels; MissingNoiseError where one is not declared."""
+        """Noise covariance of [Phi y] from the columns' tags and the declared noises.
+
+        Raises
+        ------
+        MissingNoiseError
+            When the noise of a channel is not declared.
+        """
         columns = (*self.regressor_columns, self.equation.response)
         return shared_noise(columns, columns, self.signals, self.first, self.used)
 
     def instrument_noise_covariance(self) -> Float[np.ndarray, "p n_plus_1"]:
-        """C and c, from the noises of channels; MissingNoiseError where one is not declared."""
+        """C and c from the columns' tags and the declared noises.
+
+        Raises
+        ------
+        MissingNoiseError
+            When an instrument and another column are of one channel whose noise is not declared.
+        """
         columns = (*self.regressor_columns, self.equation.response)
         return shared_noise(self.instrument_columns, columns, self.signals, self.first, self.used)
 
