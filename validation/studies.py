@@ -16,7 +16,7 @@ from functools import cached_property
 from importlib.metadata import version
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, Generic, Protocol, TypeVar
+from typing import Any, Generic, Protocol, TypeVar, runtime_checkable
 
 import msgspec
 import polars as pl
@@ -139,7 +139,7 @@ def versions() -> str:
     return f"{packages}, Python {platform.python_version()}"
 
 
-def read_as(kind: type[Item], path: Path, text: str | None = None) -> Item:
+def read_as(kind: Callable[..., Item], path: Path, text: str | None = None) -> Item:
     """Grid of a TOML file, or of its text, as a struct."""
     try:
         return msgspec.toml.decode(path.read_bytes() if text is None else text, type=kind)
@@ -284,6 +284,7 @@ def read_rows(path: Path, columns: tuple[str, ...], kind: str) -> pl.DataFrame:
 TABLES_ONLY = frozenset({"study.py"})
 
 
+@runtime_checkable
 class StudyTask(Protocol):
     """Some flights of a study, whose rows are kept in one file."""
 

@@ -207,23 +207,58 @@ class Rotors:
         n'     = (command(t - delay) - n) / lag
 
     The drag terms are those of the simulator RotorPy.
+
+    Parameters
+    ----------
+    positions : tuple of tuple of float
+        Of each rotor from the centre of mass, forward, left, up [m].
+    spins : tuple of int
+        Of each rotor: +1 where its reaction torque on the body points up, which turns clockwise as seen from
+        above, and else -1.
+    highest_speed : float
+        Commands above it are cut off [rad/s].
+    thrust_quadratic : float
+        c2 [N/(rad/s)^2].
+    thrust_linear : float
+        c1 [N/(rad/s)].
+    torque_ratio : float
+        kappa, reaction torque over thrust [m].
+    inertia : float
+        J of one rotor with what turns of its motor, about its axis [kg m^2].
+    lag_up, lag_down : float
+        Time constants towards a higher and towards a lower speed [s].
+    delay : float
+        From a command to its first effect on the speed [s].
+    lowest_speed : float
+        Commands below it are raised to it [rad/s].
+    drag, inflow : float
+        k_d across the axis and k_z along it [N/(m/s) per rad/s].
+    translational_lift : float
+        k_h [N/(m/s)^2].
+    flapping : float
+        Torque -k n (l_y, -l_x) on the hub [N m/(m/s) per rad/s].
+
+    Raises
+    ------
+    ParameterError
+        When a number is out of its range, or positions and spins do not fit.
     """
 
-    positions: tuple[tuple[float, ...], ...]  # From the centre of mass, forward, left, up [m]
-    spins: tuple[int, ...]  # +1 where the reaction torque on the body points up (clockwise from above), or -1
-    highest_speed: float  # Commands above it are cut off [rad/s]
-    thrust_quadratic: float  # c2 [N/(rad/s)^2]
-    torque_ratio: float  # kappa, reaction torque over thrust [m]
-    lag_up: float  # Time constant towards a higher speed [s]
-    lag_down: float  # Towards a lower speed [s]
-    thrust_linear: float = 0.0  # c1 [N/(rad/s)]
-    inertia: float = 0.0  # J of one rotor with what turns of its motor, about its axis [kg m^2]
-    delay: float = 0.0  # From a command to its first effect on the speed [s]
-    lowest_speed: float = 0.0  # Commands below it are raised to it [rad/s]
-    drag: float = 0.0  # k_d, across the axis [N/(m/s) per rad/s]
-    inflow: float = 0.0  # k_z, along the axis [N/(m/s) per rad/s]
-    translational_lift: float = 0.0  # k_h [N/(m/s)^2]
-    flapping: float = 0.0  # Torque -k n (l_y, -l_x) on the hub [N m/(m/s) per rad/s]
+    positions: tuple[tuple[float, ...], ...]
+    spins: tuple[int, ...]
+    highest_speed: float
+    thrust_quadratic: float
+    torque_ratio: float
+    lag_up: float
+    lag_down: float
+    thrust_linear: float = 0.0
+    inertia: float = 0.0
+    delay: float = 0.0
+    lowest_speed: float = 0.0
+    drag: float = 0.0
+    inflow: float = 0.0
+    translational_lift: float = 0.0
+    flapping: float = 0.0
 
     def __post_init__(self) -> None:
         _check_places(self.positions, self.spins, planar=False)
@@ -600,11 +635,26 @@ def _plain(table: TomlTable, key: str) -> float | None:
 
 @dataclass(frozen=True, slots=True)
 class BodyDrag:
-    """What the air does to the body without its rotors, along and about the body's axes."""
+    """What the air does to the body without its rotors, along and about the body's axes.
 
-    linear: tuple[float, ...] = (0.0, 0.0, 0.0)  # Against the air speed on each axis [N/(m/s)]
-    quadratic: tuple[float, ...] = (0.0, 0.0, 0.0)  # Per speed times its component on the axis [N/(m/s)^2]
-    rotational: tuple[float, ...] = (0.0, 0.0, 0.0)  # Against the rate about each axis [N m/(rad/s)]
+    Parameters
+    ----------
+    linear : tuple of float
+        Force against the air speed on each axis [N/(m/s)].
+    quadratic : tuple of float
+        Force per product of the air's speed and its component on each axis [N/(m/s)^2].
+    rotational : tuple of float
+        Torque against the rate about each axis [N m/(rad/s)].
+
+    Raises
+    ------
+    ParameterError
+        When one of them is no triple of numbers of zero or more.
+    """
+
+    linear: tuple[float, ...] = (0.0, 0.0, 0.0)
+    quadratic: tuple[float, ...] = (0.0, 0.0, 0.0)
+    rotational: tuple[float, ...] = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
         for name in ("linear", "quadratic", "rotational"):
@@ -614,10 +664,27 @@ class BodyDrag:
 
 @dataclass(frozen=True, slots=True)
 class Vehicle:
-    """A rigid body that flies on rotors."""
+    """A rigid body that flies on rotors.
 
-    mass: float  # With everything on board [kg]
-    #: About the centre of mass, rotors included [kg m^2]: Ixx, Iyy, Izz of the matrix, or also Ixy, Ixz, Iyz
+    Parameters
+    ----------
+    mass : float
+        With everything on board [kg].
+    inertia : tuple of float
+        About the centre of mass, rotors included [kg m^2]: Ixx, Iyy, Izz of the inertia matrix, or these and
+        its elements Ixy, Ixz, Iyz (minus the products of inertia).
+    rotors : Rotors
+        What drives it.
+    drag : BodyDrag
+        What the air does to the body.
+
+    Raises
+    ------
+    ParameterError
+        When a number is out of its range, or the inertia matrix is not positive definite.
+    """
+
+    mass: float
     inertia: tuple[float, ...]
     rotors: Rotors
     drag: BodyDrag = field(default_factory=BodyDrag)
