@@ -194,3 +194,14 @@ def test_other_motions_are_refused(tmp_path: Path) -> None:
 def test_a_delay_is_said(tmp_path: Path) -> None:
     for target in ("rotorpy", "mujoco", "pybullet", "gazebo", "drone-models", "sih"):
         assert "back by 0.015 s" in exported(target, tmp_path, of_speeds(delay=(0.015, 0.0)))
+
+
+def test_a_result_without_an_estimate_ends_in_a_sentence(tmp_path: Path) -> None:
+    file = tmp_path / "fit.json"
+    file.write_text(ev.identify_flight(ev.example_flight(), window=(0.0, 2.0)).to_json())
+    fit = ev.load_fit(file)
+    assert fit.document["covariance"] is None
+    assert "is not written" in fit.export("px4")
+    for target in TARGETS:
+        with pytest.raises((NotIdentifiedError, UsageError)):
+            fit.export(target)

@@ -301,7 +301,7 @@ class SavedFit:
 
     def _systematic_uncertainty(self, level: float) -> float:
         """What the criterion of another candidate may be above that of the best."""
-        return chi_square_quantile(level, self.document["covariance"].get("choices", 1))
+        return chi_square_quantile(level, (self.document["covariance"] or {}).get("choices", 1))
 
     def _lowest(self, name: str) -> float:
         lowest = self.document["parameters"].get(name, {}).get("lowest")
