@@ -239,9 +239,9 @@ def test_folders_are_dropped(served, server, log, tmp_path):
     (flights / "notes.txt").write_text("windy")
     page = served()
     known = page.context.new_cdp_session(page)
-    propagate = {"items": [], "files": [str(tables), str(flights.parent)], "dragOperationsMask": 1}
+    drag_data = {"items": [], "files": [str(tables), str(flights.parent)], "dragOperationsMask": 1}
     for kind in ("dragEnter", "dragOver", "drop"):
-        known.send("Input.dispatchDragEvent", {"type": kind, "x": 200, "y": 200, "data": propagate})
+        known.send("Input.dispatchDragEvent", {"type": kind, "x": 200, "y": 200, "data": drag_data})
     done(page)
     page.locator('[data-state="failed"]').wait_for(timeout=A_WHILE)
     assert page.locator(".flight-name").all_text_contents() == [tables.name, log.name]

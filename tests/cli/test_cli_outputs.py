@@ -164,7 +164,7 @@ def contents(folder: Path) -> dict[str, bytes]:
 
 def test_every_text_of_a_command_declares_its_files() -> None:
     """A new option fails here until it declares `Reads` or `Writes`, or stands in `WORDS`."""
-    no_stage_callback = []
+    unguarded = []
     for words, command in COMMANDS.items():
         assert hasattr(command, "commands") or isinstance(command, ReadableCommand)  # which guards outputs
         positions = declarations(command)
@@ -176,8 +176,8 @@ def test_every_text_of_a_command_declares_its_files() -> None:
             kinds = str(get_args(kind)[0] if hasattr(kind, "__metadata__") else kind)
             is_text = any(word in kinds for word in ("str", "Path"))
             if is_text and parameter.name not in positions and label(parameter) not in WORDS:
-                no_stage_callback.append((*words, label(parameter)))
-    assert no_stage_callback == []
+                unguarded.append((*words, label(parameter)))
+    assert unguarded == []
     assert len(PAIRS) > 40
 
 

@@ -19,7 +19,7 @@ DELAY = Nuisance(Parameter("delay"), np.array([0.0, 10.0, 20.0]), discrete=True,
 
 
 def delays(criterion, rejected=lambda _: False, delay: Nuisance = DELAY) -> list[float]:
-    return list(on_nested_grids((delay,), lambda item, _rotor_moments: item["delay"], criterion, rejected))
+    return list(on_nested_grids((delay,), lambda item, _start: item["delay"], criterion, rejected))
 
 
 @pytest.mark.parametrize(
@@ -67,9 +67,7 @@ def test_between_the_values_of_a_grid_one_may_fit():
 def test_bounds_of_a_sum_may_leave_no_further_value(known, tried):
     # wrong bounds: the data reject all that is between them, and a longer delay does not fit in
     sums = Nuisance(Parameter("lag"), np.unique(known), True, bounds=Bounds(*known), known_with=("delay",))
-    nested_grids = on_nested_grids(
-        (sums, DELAY), lambda item, _rotor_moments: item, lambda _: 99.0, lambda _: True
-    )
+    nested_grids = on_nested_grids((sums, DELAY), lambda item, _start: item, lambda _: 99.0, lambda _: True)
     assert {nested_grid["delay"] for nested_grid in nested_grids} == tried
 
 

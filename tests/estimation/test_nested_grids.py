@@ -20,7 +20,7 @@ def delay(**more) -> Nuisance:
 
 
 def tried(nuisances: tuple[Nuisance, ...], criterion) -> list[dict[str, float]]:
-    return list(on_nested_grids(nuisances, lambda nuisance, _rotor_moments: nuisance, criterion))
+    return list(on_nested_grids(nuisances, lambda nuisance, _start: nuisance, criterion))
 
 
 @pytest.mark.parametrize(

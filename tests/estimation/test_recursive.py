@@ -164,8 +164,8 @@ def test_a_sum_is_held_against_the_estimate_from_before_it_began():
     mapped = np.ones((1, 1, 1))
     for number, change in enumerate((1.0, -1.0, 1.0, -1.0, 3.0, 3.0, 3.0, 3.0, 3.0, 3.0)):
         # an estimate that has followed by the next look; what a look shows is its change of 3 less that
-        tracked_parameter = 3.0 * (number > 4)
-        watch = watch.expecting(References(np.array([[tracked_parameter]]), mapped, slice(0, 1)), detector)
+        later = 3.0 * (number > 4)
+        watch = watch.expecting(References(np.array([[later]]), mapped, slice(0, 1)), detector)
         watch = watch.after(SequentialLook(number, np.array([[1.0, change]]), 24.0), detector)
     per_look = 3.0 / 1.4826 - detector.drift
     assert watch.sums[0, 0] == pytest.approx(6 * per_look, rel=1e-6)

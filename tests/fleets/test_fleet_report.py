@@ -143,10 +143,10 @@ def test_a_single_flight_has_a_mean_and_no_interval():
 def test_logs_without_a_vehicle_are_pooled_with_nothing() -> None:
     """Ten logs of nobody knows how many vehicles; three of them say their type, one path has two contents."""
     table = fleet_rows(FleetSpec(vehicles=3, flights=10, between_vehicles=0.3, weather=0.05, seed=6))
-    no_progress = (pl.col("vehicle") == "v0001").alias("nobody")
+    without_vehicle = (pl.col("vehicle") == "v0001").alias("nobody")
     table = table.with_columns(
-        vehicle=pl.when(no_progress).then(None).otherwise("vehicle"),
-        type=pl.when(no_progress & (pl.col("name") > "v0001-0002.ulg")).then(None).otherwise("type"),
+        vehicle=pl.when(without_vehicle).then(None).otherwise("vehicle"),
+        type=pl.when(without_vehicle & (pl.col("name") > "v0001-0002.ulg")).then(None).otherwise("type"),
     )
     table = at(table, "name", {11: table["name"][10]})
     report = reported(FleetSpec(), table)

@@ -219,13 +219,13 @@ def test_a_log_of_every_command_has_no_slack():
 
 
 def test_a_given_lag_is_less_certain_where_the_command_may_be_late():
-    quantity_estimate = QuantityEstimate(0.050, "s", 0.002, (0.046, 0.054))
-    given = LagPrior(Prior(0.060, 0.003), quantity_estimate, 0.006)
+    lag = QuantityEstimate(0.050, "s", 0.002, (0.046, 0.054))
+    given = LagPrior(Prior(0.060, 0.003), lag, 0.006)
     assert given.for_the_log.std == pytest.approx(np.hypot(0.003, 0.006 / np.sqrt(3.0)))
-    assert LagPrior(Bounds(0.04, 0.05), quantity_estimate, 0.006).for_the_log == Bounds(0.034, 0.056)
-    assert LagPrior(Prior(0.060, 0.003), quantity_estimate).for_the_log == Prior(0.060, 0.003)
+    assert LagPrior(Bounds(0.04, 0.05), lag, 0.006).for_the_log == Bounds(0.034, 0.056)
+    assert LagPrior(Prior(0.060, 0.003), lag).for_the_log == Prior(0.060, 0.003)
     # 10 ms apart: with standard errors of 2 and 3 ms much, with 6 ms more that are open less
-    assert given.p_value > 5.0 * LagPrior(Prior(0.060, 0.003), quantity_estimate).p_value
+    assert given.p_value > 5.0 * LagPrior(Prior(0.060, 0.003), lag).p_value
     assert "[40, 60] ms" in given.sentence
 
 
@@ -251,15 +251,15 @@ def test_uneven_stamps_and_stamps_that_err_make_no_jump():
     grid, rng = Grid(0.0, 0.01, (range(4000),)), np.random.default_rng(7)
     used = np.ones(4000, dtype=np.bool_)
     even = np.arange(0.0, 39.9, 0.02)
-    has_jitter = np.sort(even + rng.uniform(0.0, 0.015, even.size))
+    jittered = np.sort(even + rng.uniform(0.0, 0.015, even.size))
     wave = np.sin
-    assert not jumps(command(has_jitter, wave(has_jitter)), grid, used)
-    assert not jumps(command(has_jitter, wave(even)), grid, used)
-    late = wave(has_jitter - rng.uniform(0.0, 0.004, even.size))  # a setpoint that is renewed every 4 ms
-    assert not jumps(command(has_jitter, late), grid, used)
-    assert jumps(command(has_jitter, late + (has_jitter > 20.0)), grid, used)
+    assert not jumps(command(jittered, wave(jittered)), grid, used)
+    assert not jumps(command(jittered, wave(even)), grid, used)
+    late = wave(jittered - rng.uniform(0.0, 0.004, even.size))  # a setpoint that is renewed every 4 ms
+    assert not jumps(command(jittered, late), grid, used)
+    assert jumps(command(jittered, late + (jittered > 20.0)), grid, used)
     # of what is not used nothing counts
-    assert not jumps(command(has_jitter, late + (has_jitter > 20.0)), grid, grid.time_s < 19.0)
+    assert not jumps(command(jittered, late + (jittered > 20.0)), grid, grid.time_s < 19.0)
 
 
 def looked_at(issued_s: float, instants, name: str = "input"):

@@ -37,8 +37,8 @@ def test_a_setpoint_that_is_not_in_force_for_a_while_stays_so():
     slow = np.arange(ROWS) % 10 == 0
     gone = (TIME_S > 4.0) & (TIME_S < 7.0)
     channel = joined(has_value=slow & ~gone, name="reference_position_z").channels["reference_position_z"]
-    no_stage_callback = channel.time_s[np.isnan(channel.values)]
-    np.testing.assert_allclose(no_stage_callback, [5.0])
+    silent_s = channel.time_s[np.isnan(channel.values)]
+    np.testing.assert_allclose(silent_s, [5.0])
 
 
 @pytest.mark.parametrize(

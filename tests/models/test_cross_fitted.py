@@ -40,11 +40,11 @@ def test_many_columns_that_say_nothing_do_not_follow_the_values():
     values = RNG.standard_normal((COUNT, 1))
     design = np.column_stack([np.ones(COUNT), exogenous])
     fitted = design @ np.linalg.lstsq(design, values, rcond=None)[0]
-    tracked_parameter = [
+    correlations = [
         np.corrcoef(item[:, 0], values[:, 0])[0, 1] for item in (fitted, cross_fitted(exogenous, values, ALL))
     ]
-    assert tracked_parameter[0] > 0.3
-    assert abs(tracked_parameter[1]) < 0.12
+    assert correlations[0] > 0.3
+    assert abs(correlations[1]) < 0.12
 
 
 def test_samples_that_are_not_used_are_predicted_and_not_fitted_to():

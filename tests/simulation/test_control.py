@@ -147,8 +147,8 @@ def test_noise_of_what_is_fed_back_moves_the_vehicle(channel):
 
 def test_altitude_noise_is_declared_and_of_its_own_stream():
     """The others' realisations are those of a scenario without an altitude."""
-    no_stage_callback = {name: noise for name, noise in NOISY.noise.items() if name != "position_z"}
-    with_altitude, without = simulate(NOISY, rng()), simulate(replace(NOISY, noise=no_stage_callback), rng())
+    with_exact_height = {name: noise for name, noise in NOISY.noise.items() if name != "position_z"}
+    with_altitude, without = simulate(NOISY, rng()), simulate(replace(NOISY, noise=with_exact_height), rng())
     for name in ALWAYS_MEASURED:
         item, other = (
             entry.signals.channel(name) - entry.truth.channel(name) for entry in (with_altitude, without)

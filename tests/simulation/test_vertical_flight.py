@@ -96,12 +96,12 @@ def test_rotor_is_the_lag_of_the_delayed_command():
 
 def test_bias_and_noise_are_on_the_logged_force_alone():
     quiet = replace(LOUD, noise=SensorNoise(NoiseKind.FRACTIONAL, acceleration=0.0), accelerometer_bias=0.0)
-    loud, no_stage_callback = fly(LOUD), fly(quiet)
+    loud, quiet_flight = fly(LOUD), fly(quiet)
     error = values(loud, "specific_force_z") - loud.truth.specific_force_z
     assert error.mean() == pytest.approx(LOUD.accelerometer_bias, abs=0.3)
     assert np.std(error) == pytest.approx(LOUD.noise.acceleration, rel=0.4)
     np.testing.assert_allclose(
-        values(no_stage_callback, "rotor_command_1"), values(loud, "rotor_command_1"), rtol=1e-12
+        values(quiet_flight, "rotor_command_1"), values(loud, "rotor_command_1"), rtol=1e-12
     )
 
 

@@ -112,8 +112,8 @@ def test_what_must_be_said_is_counted():
     assert unmet(sentence.with_columns()) == unmet(
         rows(0, name)
     ) or f"{name}: named: velocity reads more" not in unmet(sentence)
-    no_stage_callback = rows(10, name, **{"named.velocity reads more": [True] * 7 + [False] * 3})
-    assert f"{name}: named: velocity reads more" in unmet(no_stage_callback)
+    silent = rows(10, name, **{"named.velocity reads more": [True] * 7 + [False] * 3})
+    assert f"{name}: named: velocity reads more" in unmet(silent)
 
 
 def test_an_interval_far_off_counts_only_where_it_is_called_identified():

@@ -524,15 +524,15 @@ class Pooled:
         """Sets of a parameter of each flight's own; None where several nuisances are continuous."""
         if len(self.candidates[0].separate.nodes.axes) > 1:
             return (None,) * len(self.estimates)
-        _place = self._positions([name])[0]
+        position = self._positions([name])[0]
         members = self.candidates[self.best].separate.members
 
         criteria = [candidate.separate for candidate in self.candidates]
 
         def below(excess: float) -> list[ConfidenceSet]:
-            return [ConfidenceSet.union(pieces) for pieces in self._below(criteria, excess, _place)]
+            return [ConfidenceSet.union(pieces) for pieces in self._below(criteria, excess, position)]
 
-        profiles = below(self._systematic_uncertainty(level))
+        profiles = below(self._largest_excess(level))
         counts = {member.instruments for member in members}
         robust = {count: below(chi_square_quantile(level, count)) for count in counts}
         return tuple(
@@ -555,16 +555,16 @@ class Pooled:
         current = name in self.flight_specific
         if len(self.candidates[0].separate.nodes.axes) > 1 or (current and self.differs):
             return None
-        _place = self._positions([name])[0]
+        position = self._positions([name])[0]
         criteria = [candidate.common if current else candidate.separate for candidate in self.candidates]
         instruments = max(member.instruments for member in criteria[0].members)
 
         def below(excess: float) -> ConfidenceSet:
-            return ConfidenceSet.union(self._below(criteria, excess, _place)[0])
+            return ConfidenceSet.union(self._below(criteria, excess, position)[0])
 
         return ParameterSets(
             ConfidenceSet((self.whole().interval(name, level),)),
-            below(self._systematic_uncertainty(level)),
+            below(self._largest_excess(level)),
             below(chi_square_quantile(level, instruments)),
         )
 
@@ -578,16 +578,14 @@ class Pooled:
         pieces = []
         for pool, lowest in zip(self.candidates, self._least(criteria), strict=True):
             neighbours = sum(pool.nuisances[name] for name in names if name != axis.nuisance.name)
-            for within, cut_short in pool.separate.scan.stretches(
-                lowest + self._systematic_uncertainty(level)
-            ):
+            for within, cut_short in pool.separate.scan.stretches(lowest + self._largest_excess(level)):
                 low, high = axis.values_at(within[[0, -1]]).tolist()
                 if axis.nuisance.positive and within[0] == axis.nodes[0]:
                     low = 0.0
                 pieces.append((neighbours + low, inf if cut_short else neighbours + high))
         return ConfidenceSet.union(pieces)
 
-    def _systematic_uncertainty(self, level: float) -> float:
+    def _largest_excess(self, level: float) -> float:
         """By how much J may exceed its least in a profile set; more where what is shared differs."""
         return self.inflation * t_quantile(level, DEGREES) ** 2
 
@@ -610,9 +608,9 @@ class Pooled:
     def mean(self, name: str, candidate: PoolCandidate | None = None) -> CommonValue:
         """One value for all flights of a parameter that is their own."""
         pool = self.candidates[self.best] if candidate is None else candidate
-        _place = self._positions([name])[0]
-        values = np.array([theta[_place] for theta in pool.theta])
-        rows = [int(index[_place]) for index in pool.joint.indices]
+        position = self._positions([name])[0]
+        values = np.array([theta[position] for theta in pool.theta])
+        rows = [int(index[position]) for index in pool.joint.indices]
         if self.differs:
             flights, variances = one_group(values.size), pool.joint.flight_parameter_variance(rows)
             between = moment_between(flights, values, variances)
@@ -620,7 +618,7 @@ class Pooled:
             return CommonValue(float(means.value[0]), means.weights, float(means.variance[0]))
         covariance = pool.joint.classical[np.ix_(rows, rows)]
         weights = np.linalg.solve(covariance, np.ones(values.size))
-        return CommonValue(float(pool.common_theta[_place]), weights / weights.sum(), None)
+        return CommonValue(float(pool.common_theta[position]), weights / weights.sum(), None)
 
     def _positions(self, names: Sequence[str]) -> list[int]:
         parameters = [parameter.name for parameter in self.estimates[0].best.rows.parameters]

@@ -132,14 +132,14 @@ def _references(
         return
     scale = unit_scale(np.einsum("lpn,lpn->ln", A, A))
     Q, R = np.linalg.qr(A * scale[:, None, :])
-    reported = np.abs(np.diagonal(R, axis1=1, axis2=2)).min(axis=1) > COLLINEAR_SHARE
-    R[~reported] = np.eye(n)
+    independent = np.abs(np.diagonal(R, axis1=1, axis2=2)).min(axis=1) > COLLINEAR_SHARE
+    R[~independent] = np.eye(n)
     inverse = scale[:, :, None] * np.linalg.solve(R, Q.swapaxes(1, 2))
     theta = np.matmul(inverse, b[:, :, None])[:, :, 0]
     mapped = counts[:, None, None] * inverse
     for number in range(total):
         here = slice(number, number + 1)
-        yield References(theta[here], mapped[here], slice(0, n)) if reported[number] else None
+        yield References(theta[here], mapped[here], slice(0, n)) if independent[number] else None
 
 
 # -- Change detector --
@@ -366,7 +366,7 @@ class RecursiveIdentification:
     def _watched(
         self, weighted: ExponentiallyWeightedProducts, rows: TimedRows, detector: ChangeDetector
     ) -> tuple[ExponentiallyWeightedProducts, TimedRows]:
-        """Products up to the end of the first look that identifies a change, and the rows that are left."""
+        """Products up to the end of the first look that shows a change, and the rows that are left."""
         after, watch = weighted.then(rows), self._watch
         taken, changes = rows.count, self.changes
         for look, reference in looks_between(weighted, after):

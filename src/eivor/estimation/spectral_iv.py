@@ -237,7 +237,7 @@ def spectral_giv_of_flights(name: str, problem: SeparableProblem) -> Estimate:
         plain = GENERALIZED_IV.estimate(problem)
     except (EstimationError, np.linalg.LinAlgError):
         return with_noises(problem, result)
-    distance, farthest = _separated(result, plain)
+    distance, farthest = _least_distance(result, plain)
     if distance > farthest:
         return _instead(name, plain, f"{CONTRADICTS} (squared distance {distance:.3g})")
     return with_noises(problem, result)
@@ -255,7 +255,7 @@ def _instead(name: str, plain: Estimate, why: str) -> Estimate:
     return replace(plain, method=name, reasons=(*plain.reasons, reason))
 
 
-def _separated(estimate: Estimate, plain: Estimate) -> tuple[float, float]:
+def _least_distance(estimate: Estimate, plain: Estimate) -> tuple[float, float]:
     """Least squared distance of the linear parameters of two estimates, and what chance hardly exceeds."""
     count = estimate.best.theta.size
     farthest = hotelling_quantile(ALLOWED, count, COSINE_AVERAGES)

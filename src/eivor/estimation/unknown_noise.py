@@ -335,13 +335,13 @@ class _MomentSearch:
         error = self.rows.response - self.rows.regressors @ beta[:n]
         lags = newey_west_bandwidth(count)
         whole = psi.T @ error
-        results = psi.T @ psi * float(error @ error) / count**2 + np.outer(whole, whole) / count**2
+        covariance = psi.T @ psi * float(error @ error) / count**2 + np.outer(whole, whole) / count**2
         for lag in range(1, lags + 1):
             share = (1.0 - lag / (lags + 1.0)) / count**2
-            current = psi[lag:].T @ psi[:-lag] * float(error[lag:] @ error[:-lag])
-            both = current + np.outer(psi[:-lag].T @ error[lag:], psi[lag:].T @ error[:-lag])
-            results += share * (both + both.T)
-        return results
+            lagged = psi[lag:].T @ psi[:-lag] * float(error[lag:] @ error[:-lag])
+            both = lagged + np.outer(psi[:-lag].T @ error[lag:], psi[lag:].T @ error[:-lag])
+            covariance += share * (both + both.T)
+        return covariance
 
     def estimate(self, name: str, beta: Float[np.ndarray, " k"]) -> Estimate:
         """Estimate at the least."""

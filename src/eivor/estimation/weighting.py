@@ -290,11 +290,11 @@ class WhitenedRows(WeightedRows):
     def products(self, points: Sequence[Values]) -> Float[np.ndarray, "points p n_plus_1"]:
         """Mean of psi [phi' y] at many values of the nuisances, all of them multiplied at once."""
         rows = self._side_by_side(points)
-        return _separated(self.basis.T @ rows / rows.shape[0], len(points))
+        return _of_points(self.basis.T @ rows / rows.shape[0], len(points))
 
     def columns(self, points: Sequence[Values]) -> Float[np.ndarray, "points rows n_plus_1"]:
         """Whitened rows of [phi y] at many values of the nuisances."""
-        return _separated(self._side_by_side(points), len(points))
+        return _of_points(self._side_by_side(points), len(points))
 
     def _side_by_side(self, points: Sequence[Values]) -> Float[np.ndarray, "rows columns"]:
         """Whitened rows: the response, and the regressors of one point after the other."""
@@ -310,7 +310,7 @@ class WhitenedRows(WeightedRows):
         return replace(whitened_by_residuals(self.problem, theta, nuisances), renewals=self.renewals - 1)
 
 
-def _separated(rows: Float[np.ndarray, "rows columns"], points: int) -> Float[np.ndarray, "points rows k"]:
+def _of_points(rows: Float[np.ndarray, "rows columns"], points: int) -> Float[np.ndarray, "points rows k"]:
     """[phi y] of each point, from the response and the regressors of all of them side by side."""
     response = np.broadcast_to(rows[:, :1], (points, rows.shape[0], 1))
     regressors = rows[:, 1:].reshape(rows.shape[0], points, -1).transpose(1, 0, 2)

@@ -47,10 +47,10 @@ def chosen_parameters(
     fitted.check_vertical(autopilot.name)
     _check_autopilot(fitted, autopilot)
     _check_shares(fitted)
-    numbers, reasons = _fit(fitted, autopilot)
+    numbers, reasons = _proposed(fitted, autopilot)
     missing = tuple(f"{name} is not written: {reason}" for name, reason in reasons.items())
-    reported = tuple(f"{name}: {number.words}" for name, number in numbers.items())
-    return numbers, (*fitted.origin(), *reported, *missing), missing
+    lines = tuple(f"{name}: {number.words}" for name, number in numbers.items())
+    return numbers, (*fitted.origin(), *lines, *missing), missing
 
 
 def _check_autopilot(fitted: Fitted, autopilot: Autopilot) -> None:
@@ -76,7 +76,7 @@ def _check_shares(fitted: Fitted) -> None:
         )
 
 
-def _fit(fitted: Fitted, autopilot: Autopilot) -> Proposed:
+def _proposed(fitted: Fitted, autopilot: Autopilot) -> Proposed:
     """Curve and hover together, hover alone where the curve in force stays, or neither."""
     hover, curve = fitted.identified_number("hover_input"), fitted.identified_number("thrust_curve")
     names = autopilot.hover.name, autopilot.curve.name

@@ -176,12 +176,12 @@ def outlier_test(
     return added
 
 
-def _distance(groups: Groups, y: Float[np.ndarray, " rows"], formula: int) -> Float[np.ndarray, " rows"]:
+def _distance(groups: Groups, y: Float[np.ndarray, " rows"], direction: int) -> Float[np.ndarray, " rows"]:
     """Distance from the median of the next few rows one way; from the nearest where there are fewer."""
     row = np.arange(y.size)
-    ends = groups.starts if formula < 0 else groups.starts + groups.sizes - 1
+    ends = groups.starts if direction < 0 else groups.starts + groups.sizes - 1
     left = np.abs(row - np.repeat(ends, groups.sizes))
-    first, second, third = (np.roll(y, -formula * (number + 1)) - y for number in range(SIDE))
+    first, second, third = (np.roll(y, -direction * (number + 1)) - y for number in range(SIDE))
     low, high = np.minimum(first, second), np.maximum(first, second)
     middle = np.abs(np.maximum(low, np.minimum(high, third)))
     nearer = np.minimum(np.abs(first), np.abs(second))

@@ -44,11 +44,11 @@ def given_covariates(file: Path) -> pl.DataFrame:
             f"'{file}' with the columns {', '.join(table.columns)}",
             "Write a table such as name,mass with a row for each flight.",
         )
-    drop_nulls = table.select(pl.col(key).cast(pl.String), pl.col(numbers).cast(pl.Float64)).drop_nulls(key)
-    if drop_nulls[key].n_unique() < drop_nulls.height:
-        twice = drop_nulls.filter(drop_nulls[key].is_duplicated())[key][0]
+    covariates = table.select(pl.col(key).cast(pl.String), pl.col(numbers).cast(pl.Float64)).drop_nulls(key)
+    if covariates[key].n_unique() < covariates.height:
+        twice = covariates.filter(covariates[key].is_duplicated())[key][0]
         raise InputError("every flight once", f"'{twice}' twice in '{file}'", "Leave one of its rows out.")
-    return drop_nulls
+    return covariates
 
 
 def with_covariates(table: pl.DataFrame, given: pl.DataFrame) -> pl.DataFrame:

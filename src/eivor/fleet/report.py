@@ -420,7 +420,7 @@ NO_REPORTS = "Flights have no reports of their own here; eivor fleet run --repor
 
 
 def fleet_page(reports: Sequence[FleetReport], title: str, links: Mapping[str, str]) -> str:
-    """Text of a page that identifies a fleet: HTML without anything to fetch."""
+    """HTML page of a fleet, without anything to fetch."""
     figures = Figures(0)
     documents = [fleet_document(report, title, links) for report in reports]
     selected = [

@@ -134,14 +134,14 @@ def common_grid(
         )
     fine = all(channel.rate_hz >= FINE_FROM_HZ for channel in fast)
     step = step_s or (FINE_STEP_S if fine else STEP_S)
-    telling = {channel.name for channel in fast}
-    no_stage_callback = [
+    fast_names = {channel.name for channel in fast}
+    silences = [
         (ceil((first + MARGIN_S - start) / step), floor((last - memory_s - start) / step))
         for channel in channels
-        if channel.name in telling or not channel.held
+        if channel.name in fast_names or not channel.held
         for first, last in channel.silences()
     ]
-    grid = Grid(start, step, _without(no_stage_callback, int((end - start) / step + LAST_SAMPLE_SHARE) + 1))
+    grid = Grid(start, step, _without(silences, int((end - start) / step + LAST_SAMPLE_SHARE) + 1))
     if grid.count * step > LONGEST_S:
         raise InputError(
             f"a flight of at most {LONGEST_S / 3600:.0f} hours",

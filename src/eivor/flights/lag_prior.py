@@ -65,8 +65,8 @@ def ratio_quantity(
 def reciprocal(of: QuantityEstimate, unit: str) -> QuantityEstimate:
     """One over a quantity; without bounds where its interval is not to one side of zero."""
     low, high = of.interval
-    reported = low > 0.0 or high < 0.0
-    interval = (1.0 / high, 1.0 / low) if reported else NO_INTERVAL
+    excludes_zero = low > 0.0 or high < 0.0
+    interval = (1.0 / high, 1.0 / low) if excludes_zero else NO_INTERVAL
     if not of.value:
         return QuantityEstimate(NAN, unit, NAN, interval)
     return QuantityEstimate(1.0 / of.value, unit, of.std_error / of.value**2, interval)

@@ -467,7 +467,7 @@ def fieller_set(
     size = np.where(size > 0.0, size, 1.0)
     p, q = pair / size
     V = covariance * half_widths**2 / np.outer(size, size)
-    from_quadratic = ConfidenceSet.from_quadratic(
+    ratios = ConfidenceSet.from_quadratic(
         float(q * q - V[1, 1]), float(-2.0 * (p * q - V[0, 1])), float(p * p - V[0, 0])
     )
-    return from_quadratic.scaled(float(size[0] / size[1]))
+    return ratios.scaled(float(size[0] / size[1]))

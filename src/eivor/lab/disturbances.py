@@ -198,9 +198,9 @@ class TimeVaryingArma(Disturbance):
     def __post_init__(self) -> None:
         non_negative("std", self.std)
         known = [item.longest for item in self.autoregression if item.longest is not None]
-        trends = self._courses(self.autoregression, min(known, default=CHECKED))
-        times = np.linspace(0, len(trends) - 1, min(len(trends), CHECKED)).round().astype(np.int64)
-        root = max((largest_root(row) for row in trends[times]), default=0.0)
+        paths = self._coefficients(self.autoregression, min(known, default=CHECKED))
+        times = np.linspace(0, len(paths) - 1, min(len(paths), CHECKED)).round().astype(np.int64)
+        root = max((largest_root(row) for row in paths[times]), default=0.0)
         expected = "an autoregression that is stationary at every time of the record"
         received = f"one whose slowest mode is multiplied by up to {root:.4g} each step"
         require(root < 1.0, expected, received, "Make the means or amplitudes smaller.")
@@ -209,13 +209,13 @@ class TimeVaryingArma(Disturbance):
         """One realisation."""
         shocks = rng.standard_normal(count)
         driven = shocks.copy()
-        for lag, trend in enumerate(self.moving_average[: count - 1], start=1):
-            driven[lag:] += trend.values(count)[lag:] * shocks[:-lag]
-        return self.std * autoregression(driven, self._courses(self.autoregression, count))
+        for lag, path in enumerate(self.moving_average[: count - 1], start=1):
+            driven[lag:] += path.values(count)[lag:] * shocks[:-lag]
+        return self.std * autoregression(driven, self._coefficients(self.autoregression, count))
 
     @staticmethod
-    def _courses(trends: tuple[CoefficientPath, ...], count: int) -> Float[np.ndarray, "count lags"]:
-        return np.array([trend.values(count) for trend in trends]).reshape(len(trends), count).T
+    def _coefficients(paths: tuple[CoefficientPath, ...], count: int) -> Float[np.ndarray, "count lags"]:
+        return np.array([path.values(count) for path in paths]).reshape(len(paths), count).T
 
 
 @dataclass(frozen=True, slots=True)

@@ -206,7 +206,7 @@ LONGEST_LIST = 100_000
 #: Channels, or families of them, that stand on one side of a thrust curve.
 COMMANDS = ("input", "rotor_command", "rotor_speed", "actuator_output")
 #: Keys of what a channel is made of.
-FORMULAS = ("column", "expression", "quaternion", "roll_pitch")
+EXPRESSIONS = ("column", "expression", "quaternion", "roll_pitch")
 SATURATING = ("none", "lower", "upper", "both")
 _FRAMES = {"z_up": Frame.Z_UP, "ned": Frame.NED}
 
@@ -333,19 +333,19 @@ def _rule(name: str, section: TomlTable, source: str) -> ChannelRule:
     if channel is None:
         remedy = did_you_mean(name, known, "Rename the channel.")
         raise section.wrong("", f"a canonical channel name ({', '.join(known)})", f"'{name}'", remedy)
-    given = [formula for formula in FORMULAS if section.has(formula)]
-    sources = f"exactly one of {', '.join(FORMULAS)}"
+    given = [kind for kind in EXPRESSIONS if section.has(kind)]
+    sources = f"exactly one of {', '.join(EXPRESSIONS)}"
     received = " and ".join(given) or "none of them"
     _require(section, len(given) == 1, "", sources, received, "State one source.")
-    formula = given[0]
-    is_turned = formula == "roll_pitch"
+    kind = given[0]
+    is_turned = kind == "roll_pitch"
     default = "rad" if is_turned else channel.unit
     unit = section.choice("unit", tuple(dict.fromkeys((*UNITS, default))), default)
     si_unit, to_si = UNITS.get(unit, (unit, 1.0))
-    expression = _expression(section, formula, si_unit, to_si)
-    if formula in ("quaternion", "roll_pitch"):
+    expression = _expression(section, kind, si_unit, to_si)
+    if kind in ("quaternion", "roll_pitch"):
         remedy = "Use column or expression."
-        _require(section, name == "cos_tilt", formula, "this key for cos_tilt only", f"it in {name}", remedy)
+        _require(section, name == "cos_tilt", kind, "this key for cos_tilt only", f"it in {name}", remedy)
         factor = 1.0
     else:
         kind = f"a unit of the kind '{channel.unit}'" if channel.unit else "no unit"
@@ -412,14 +412,14 @@ def _noise(section: TomlTable, to_si: float) -> float | DataSheet | None:
     return std * to_si
 
 
-def _expression(section: TomlTable, formula: str, si_unit: str, to_si: float) -> Expression:
-    if formula == "column":
+def _expression(section: TomlTable, kind: str, si_unit: str, to_si: float) -> Expression:
+    if kind == "column":
         column = section.text("column")
         return Expression.of_column(element_name(column, _index(section)) if section.has("index") else column)
-    if formula == "expression":
+    if kind == "expression":
         where = f"{section.path}.expression of {section.file}"
         return parse_expression(section.text("expression"), where)
-    if formula == "quaternion":
+    if kind == "quaternion":
         parts = dict(zip("wxyz", _columns(section, "quaternion", 4), strict=True))
         return _formula("1 - 2 * (x*x + y*y) / (w*w + x*x + y*y + z*z)", parts)
     received = f"a unit of {si_unit or 'pure numbers'}"

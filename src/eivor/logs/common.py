@@ -398,7 +398,7 @@ HEAD_BYTES = 65536
 
 @dataclass(frozen=True, slots=True)
 class ReadOptions:
-    """What a reader is reported beside the file."""
+    """What a reader receives besides the file."""
 
     channel_map: str | os.PathLike[str] | None = None
     sha256: str = ""  # Hash of the file's bytes, for the Recording

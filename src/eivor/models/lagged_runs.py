@@ -295,14 +295,14 @@ class LaggedRuns(SeparableProblem):
     ) -> Float[np.ndarray, "samples 3"]:
         """Response of an axis, what parameters say of it, and the part of some of them, within the band."""
         bins, index = self.bins(nuisance_values), list(part)
-        reported = np.column_stack(
+        columns = np.column_stack(
             [bins.responses[:, 0], bins.regressors @ theta, bins.regressors[:, index] @ theta[index]]
         )
         ends = np.cumsum([run.count for run in self._bin_layout.runs])
         results = []
         for run, end in zip(self._bin_layout.runs, ends.tolist(), strict=True):
             if run.axis == axis:
-                series = run.series(reported[end - run.count : end])
+                series = run.series(columns[end - run.count : end])
                 results.append(series if run.counted is None else series[run.counted])
         return np.concatenate(results)
 

@@ -71,14 +71,14 @@ def fly(shapes: Sequence[Shape], vehicle: VehicleGuess, seeds: Sequence[int]) ->
         reference_acceleration=np.stack(accelerations, axis=1),
         **{name: np.stack([item[name] for item in drawn], axis=1) for name in drawn[0]},
     )
-    numbers = (_separated(vehicle), vehicle.input_gain, vehicle.lag_s, 0.0)
+    numbers = (_regular_friction(vehicle), vehicle.input_gain, vehicle.lag_s, 0.0)
     vehicles = VerticalVehicles(*(number * every for number in numbers))
     gains = AltitudeController(**{name: gain * every for name, gain in asdict(vehicle.follows).items()})
     motion = simulate_vertical(vehicles, environment, step_s=STEP_S, controller=gains)
     return [_simulated(shape, environment, motion, number) for number, shape in enumerate(shapes)]
 
 
-def _separated(vehicle: VehicleGuess) -> float:
+def _regular_friction(vehicle: VehicleGuess) -> float:
     """Friction, moved a little where the simulator's closed form does not hold."""
     rate = 1.0 / vehicle.lag_s
     near = any(abs(vehicle.viscous_friction - multiple * rate) < 1e-6 for multiple in (1.0, 2.0))
@@ -93,7 +93,7 @@ def _surroundings(vehicle: VehicleGuess, count: int, seed: int) -> dict[str, Flo
         return _with_density(partial(vehicle.left.density_at, name), count, rng)
 
     return {
-        "gust": left("force", force) / _separated(vehicle),
+        "gust": left("force", force) / _regular_friction(vehicle),
         "cos_tilt": np.cos(angles[0]) * np.cos(angles[1]),
         "position_noise": POSITION_NOISE * other.standard_normal(count),
         "velocity_noise": left("velocity", velocity),

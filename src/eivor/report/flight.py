@@ -590,7 +590,7 @@ class FlightReport:
         why = refused[0].reasons[0].sentence if refused and refused[0].reasons else ""
         why = f"{why.split('. ', 1)[0].removesuffix('.')}." if why else ""
         text = "; ".join(parts)
-        return f"{capitalised(text)}{f', because {_started(why)}' if why else '.'}"
+        return f"{capitalised(text)}{f', because {_as_continuation(why)}' if why else '.'}"
 
     @property
     def reported(self) -> tuple[QuantityReport, ...]:
@@ -602,15 +602,15 @@ class FlightReport:
     def reported_findings(self) -> tuple[Finding, ...]:
         """Findings but the quiet ones and the reasons; what is said of several logs is said once."""
         reasons = {reason.sentence for reason in self.reasons}
-        sentence: dict[tuple[str, str], list[str]] = {}
+        logs_of_message: dict[tuple[str, str], list[str]] = {}
         for finding in self.result.findings:
             if finding.name in QUIET_FINDINGS or finding.message in reasons:
                 continue
             log = next((name for name in self.logs if finding.message.startswith(f"{name}: ")), "")
             message = finding.message.removeprefix(f"{log}: ") if log else finding.message
-            sentence.setdefault((finding.name, message), []).extend([log] if log else [])
+            logs_of_message.setdefault((finding.name, message), []).extend([log] if log else [])
         selected = []
-        for (name, message), about in sentence.items():
+        for (name, message), about in logs_of_message.items():
             everywhere = len(about) == len(self.logs) > 1
             prefix = "Every log: " if everywhere else f"{', '.join(about)}: " if about else ""
             selected.append(Finding(name, prefix + message))
@@ -641,7 +641,7 @@ def in_words(names: Sequence[str]) -> str:
     return f"{', '.join(first)} and {last}" if first else last
 
 
-def _started(sentence: str) -> str:
+def _as_continuation(sentence: str) -> str:
     """A sentence as the rest of another: "The lag is" becomes "the lag is"."""
     article = sentence.split(" ", 1)[0] in {"The", "A", "An", "No", "Every", "Its"}
     return f"{sentence[0].lower()}{sentence[1:]}" if article else sentence

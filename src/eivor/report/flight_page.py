@@ -326,10 +326,10 @@ def lines_of(groups: Iterable[Pictures]) -> int:
 
 def number_table(titles: Iterable[str], rows: Iterable[Iterable[float | str | Cell]]) -> TableOf:
     """Table of numbers, and of words where a row has them."""
-    reported = tuple(tuple(map(_cell, row)) for row in rows)
-    left = {index for row in reported for index, cell in enumerate(row) if cell.text[:1].isalpha()}
+    cells = tuple(tuple(map(_cell, row)) for row in rows)
+    left = {index for row in cells for index, cell in enumerate(row) if cell.text[:1].isalpha()}
     columns = [(title, index not in left) for index, title in enumerate(titles)]
-    return TableOf(tuple(TableColumn(title, right=right, whole=right) for title, right in columns), reported)
+    return TableOf(tuple(TableColumn(title, right=right, whole=right) for title, right in columns), cells)
 
 
 def _cell(item: float | str | Cell) -> Cell:
@@ -542,7 +542,7 @@ def flights_over_time(result: FlightEstimate) -> Iterator[Pictures]:
     runs = [] if result.fit is None else flight_runs(result)
     for index, flight in enumerate(result.prepared[:MOST_FLIGHTS]):
         runs_kept = [run for run in runs if run.flight == index]
-        pictures = (*_fitted(index, flight, traces, runs_kept), *_simulated(index, flight, result))
+        pictures = (*_fitted(index, flight, traces, runs_kept), *_airborne_pictures(index, flight, result))
         yield Pictures(flight.recording.name if several else "", pictures)
 
 
@@ -581,7 +581,7 @@ def _by_run(runs: list[FlightRun], bands: list[Float[np.ndarray, "length 2"]], u
     return number_table(("from [s]", "to [s]", "samples", *of_rms), rows)
 
 
-def _simulated(number: int, flight: PreparedFlight, result: FlightEstimate) -> Iterator[Picture]:
+def _airborne_pictures(number: int, flight: PreparedFlight, result: FlightEstimate) -> Iterator[Picture]:
     where = result.motion.words.where
     active = flight.active
     known = f"{capitalised(where)} by {active.rule}." if active.mask.any() else f"Never {where}."
@@ -686,7 +686,7 @@ TITLES = ("log", "format", "span [s]", "used [s]", "runs", "samples", "rate [Hz]
 
 
 def flight_page(result: FlightEstimate) -> str:
-    """Text of a page that identifies a result: HTML without anything to fetch."""
+    """HTML page of a result, without anything to fetch."""
     flight = flight_report(result)
     document, written = document_of(flight, card=True), json_of(flight)
     over_time = list(flights_over_time(result))

@@ -294,12 +294,12 @@ class SavedFit:
 
     def _joint(self) -> tuple[JointEstimate, ...]:
         """The joint vector where it fits, the best first; empty without an estimate."""
-        most = self._systematic_uncertainty(0.95)
-        fits = [item for item in self.candidates if item.best or item.excess <= most]
+        largest = self._largest_excess(0.95)
+        fits = [item for item in self.candidates if item.best or item.excess <= largest]
         fits.sort(key=lambda fit: not fit.best)
         return tuple(JointEstimate(fit.values, fit.covariance) for fit in fits)
 
-    def _systematic_uncertainty(self, level: float) -> float:
+    def _largest_excess(self, level: float) -> float:
         """What the criterion of another candidate may be above that of the best."""
         return chi_square_quantile(level, (self.document["covariance"] or {}).get("choices", 1))
 
@@ -310,12 +310,12 @@ class SavedFit:
     def _wald(self, name: str, level: float) -> tuple[float, float]:
         index = self.names.index(name)
         direction = np.eye(len(self.names))[index]
-        uncertainty = self._systematic_uncertainty(level)
+        largest = self._largest_excess(level)
         ends = [
             float(candidate.values[index]) + sign * candidate.covariance.half_width(direction, level)
             for candidate in self.candidates
             for sign in (-1.0, 1.0)
-            if candidate.excess <= uncertainty
+            if candidate.excess <= largest
         ]
         return min(ends), max(ends)
 

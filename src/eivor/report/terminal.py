@@ -115,8 +115,8 @@ def _facts(part: Facts) -> Table:
     grid.add_column(style="dim", no_wrap=True)
     grid.add_column(overflow="fold")
     for fact in part.facts:
-        reported = _bullets(fact.text) if isinstance(fact.text, Bullets) else Text(printable(fact.text))
-        grid.add_row(Text(printable(fact.label)), reported)
+        text = _bullets(fact.text) if isinstance(fact.text, Bullets) else Text(printable(fact.text))
+        grid.add_row(Text(printable(fact.label)), text)
     return grid
 
 

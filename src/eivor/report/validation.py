@@ -290,7 +290,7 @@ def _prepared(
 
 
 def _check_scale(fit: SavedFit, motion: Motion[Any], flight: PreparedFlight) -> None:
-    """Refuse a flight whose input is of another size than those of the fit, as far as the fit identifies."""
+    """Refuse a flight whose input is of another size than those of the fit, as far as the fit holds it."""
     level, input_level = fit.prediction.get("input_level"), motion.input_level(flight)
     if level is not None and max(level, input_level) > LARGEST_INPUT_RATIO * min(level, input_level):
         raise InputError(

@@ -44,7 +44,7 @@ def error_parts(error: EivorError) -> ErrorParts:
 
 
 def status_of(error: EivorError) -> HTTPStatus:
-    """Status of the answer that identifies an error."""
+    """HTTP status of an error."""
     if isinstance(error, RefusedError):
         return error.status
     return HTTPStatus.CONFLICT if isinstance(error, NotIdentifiedError) else HTTPStatus.BAD_REQUEST
@@ -88,12 +88,12 @@ class JobRequest:
 def parse_job(body: bytes) -> JobRequest:
     """Job of the JSON of a request."""
     try:
-        reported = json.loads(body)
+        job = json.loads(body)
     except (ValueError, RecursionError):
         raise _wrong_json("a job as JSON", "other text") from None
-    is_job = isinstance(reported, dict) and not set(reported) - {"logs", "options"}
-    _require(is_job, 'a job {"logs": [...], "options": {...}}', reported)
-    logs, options = reported.get("logs"), reported.get("options") or {}
+    is_job = isinstance(job, dict) and not set(job) - {"logs", "options"}
+    _require(is_job, 'a job {"logs": [...], "options": {...}}', job)
+    logs, options = job.get("logs"), job.get("options") or {}
     _require(isinstance(logs, list) and 1 <= len(logs) <= MOST_LOGS, f"1 to {MOST_LOGS} logs", logs)
     _require(isinstance(options, dict), "options by name", options)
     options = {name: value for name, value in options.items() if value not in (None, "", [])}

@@ -198,20 +198,20 @@ class Cascade:
             between(HOLD_DAMPING * hold * (-hold * away - speed), -most, most)
             for away, speed in zip(components, drift, strict=True)
         )
-        prediction, aside, _ = into_body(rotation(*wanted), forward, left, 0.0)
-        return turned(wanted, -aside / GRAVITY, prediction / GRAVITY, 0.0)
+        along, sideways, _ = into_body(rotation(*wanted), forward, left, 0.0)
+        return turned(wanted, -sideways / GRAVITY, along / GRAVITY, 0.0)
 
     def rates(self, wanted: Components, attitude: Components) -> Triple:
         """Body rates [rad/s] that turn an attitude towards the one that is requested."""
         a, b, c, d = wanted
         w, x, y, z = attitude
         # vector part of conj(attitude) wanted, by the shorter way round
-        formula = 4.0 * (a * w + b * x + c * y + d * z >= 0.0) - 2.0
+        twice_sign = 4.0 * (a * w + b * x + c * y + d * z >= 0.0) - 2.0
         roll, pitch, yaw = self._gains.attitude
         return (
-            formula * roll * (w * b - a * x - y * d + z * c),
-            formula * pitch * (w * c - a * y - z * b + x * d),
-            formula * yaw * (w * d - a * z - x * c + y * b),
+            twice_sign * roll * (w * b - a * x - y * d + z * c),
+            twice_sign * pitch * (w * c - a * y - z * b + x * d),
+            twice_sign * yaw * (w * d - a * z - x * c + y * b),
         )
 
     def torques(self, wanted: Triple, measured: Triple) -> Triple:

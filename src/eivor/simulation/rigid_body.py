@@ -75,7 +75,7 @@ def fly(specs: Sequence[RigidBodyFlightSpec], met: Sequence[Surroundings]) -> It
         yield ClosedLoopRecord(*(np.ascontiguousarray(part[..., flight]) for part in series))
 
 
-def alike(spec: RigidBodyFlightSpec) -> tuple[object, ...]:
+def shared_settings(spec: RigidBodyFlightSpec) -> tuple[object, ...]:
     """What flights that are simulated side by side have in common."""
     c = spec.controller
     loops = (c.rate_hz, c.attitude_hz, c.height_hz)
@@ -278,7 +278,7 @@ def recording_of(
     for sensor, series in _measured(spec, met, flight, force):
         rows = sensor.rows(spec.count, spec.step_s)
         add(sensor.stamps(rows, spec.step_s, rng), rows, series)
-    for rate_hz, series in _report(spec, met, flight):
+    for rate_hz, series in _logged_series(spec, met, flight):
         rows = Sensor(rate_hz=rate_hz).rows(spec.count, spec.step_s)
         add(rows * spec.step_s, rows, series)
     return Recording(
@@ -316,7 +316,7 @@ def _measured(
     return measured
 
 
-def _report(
+def _logged_series(
     spec: RigidBodyFlightSpec, met: Surroundings, flight: ClosedLoopRecord
 ) -> list[tuple[float, dict[str, Series]]]:
     logged = spec.logged
@@ -384,7 +384,7 @@ class RigidBodyFlight:
 
 def simulate_rigid_body_flights(specs: Sequence[RigidBodyFlightSpec]) -> Iterator[RigidBodyFlight]:
     """Fly each specification and give its log and its truth, in order."""
-    for _, group in groupby(specs, alike):
+    for _, group in groupby(specs, shared_settings):
         together = list(group)
         first = together[0]
         most = max(BATCH_STEPS // first.count, 1) if first.integrator.side_by_side else 1

@@ -91,7 +91,7 @@ def test_a_likelihood_under_control_is_provisional_at_most() -> None:
 
 @pytest.mark.thorough
 def test_where_generalized_iv_contradicts_it_its_numbers_are_given(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(spectral_iv, "_separated", lambda *_: (30.0, 13.8))
+    monkeypatch.setattr(spectral_iv, "_least_distance", lambda *_: (30.0, 13.8))
     result, plain = identified("spectral_giv"), identified("generalized_iv")
     assert result.verdict.status is Status.WEAK
     assert any("generalized IV's numbers" in sentence for sentence in result.verdict.sentences)
@@ -126,13 +126,13 @@ def test_answers_that_are_apart_are_told_and_those_at_another_delay_are_not(
 ) -> None:
     problem = problem_of_flight()
     spectral_giv = spectral_giv_of_flights("spectral_giv", problem)
-    distance, farthest = spectral_iv._separated(spectral_giv, spectral_giv)
+    distance, farthest = spectral_iv._least_distance(spectral_giv, spectral_giv)
     assert distance == 0.0
     theta = spectral_giv.best.theta * np.array([1.0, 2.0])
     moved = replace(spectral_giv.best, solution=replace(spectral_giv.best.solution, theta=theta))
-    assert spectral_iv._separated(spectral_giv, replace(spectral_giv, candidates=(moved,)))[0] > farthest
+    assert spectral_iv._least_distance(spectral_giv, replace(spectral_giv, candidates=(moved,)))[0] > farthest
     assert (
-        spectral_iv._separated(
+        spectral_iv._least_distance(
             spectral_giv, replace(spectral_giv, candidates=(moved, *spectral_giv.candidates))
         )[0]
         == 0.0

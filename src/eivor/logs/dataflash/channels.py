@@ -503,10 +503,10 @@ def _add_sweep(reading: MessageReading, name: str, sweep: Messages, values: Floa
     if time[0] > 0.0:
         time, injected = np.insert(time, 0, 0.0), np.insert(injected, 0, 0.0)
     channel = replace(channel, time_s=time, values=injected)
-    reading.keep(channel if requested is None else _rotor_moments(requested, channel))
+    reading.keep(channel if requested is None else _with_sweep(requested, channel))
 
 
-def _rotor_moments(channel: Channel, sweep: Channel) -> Channel:
+def _with_sweep(channel: Channel, sweep: Channel) -> Channel:
     """What sticks ask for, and in its place a sweep where there is one; zero where there is neither."""
     rests = held_at(sweep.time_s, sweep.values, channel.time_s, 0.0) == 0.0
     moves = np.flatnonzero(sweep.values != 0.0)

@@ -109,12 +109,12 @@ class DeclaredLayouts:
 def begins_within(head: bytes) -> bool:
     """Say whether a log in binary form, whose beginning is lost, goes on in some bytes."""
     mark = HEAD + bytes([FMT_TYPE])
-    find = head.find(mark)
-    while find >= 0:
-        following = find + FMT_LENGTH
-        if head.startswith(mark, following) and _layout(head[find + HEAD_BYTES : following]) is not None:
+    position = head.find(mark)
+    while position >= 0:
+        following = position + FMT_LENGTH
+        if head.startswith(mark, following) and _layout(head[position + HEAD_BYTES : following]) is not None:
             return True
-        find = head.find(mark, find + HEAD_BYTES)
+        position = head.find(mark, position + HEAD_BYTES)
     return False
 
 
@@ -122,14 +122,14 @@ def read_layouts(data: mmap.mmap) -> tuple[dict[int, MessageType], list[Finding]
     """Return the layouts of all types by number, and what is wrong with FMT messages."""
     described = DeclaredLayouts()
     mark = HEAD + bytes([FMT_TYPE])
-    find = data.find(mark)
+    position = data.find(mark)
     for _ in range(MAX_FORMATS):
-        if find < 0 or find + FMT_LENGTH > len(data):
+        if position < 0 or position + FMT_LENGTH > len(data):
             break
         # in a long log other messages hold these three bytes by chance: no head stands where they end
-        tracked_parameter = data[find + FMT_LENGTH : find + FMT_LENGTH + len(HEAD)] in (HEAD, b"")
-        sound = described.add(data[find + HEAD_BYTES : find + FMT_LENGTH], is_message=tracked_parameter)
-        find = data.find(mark, find + (FMT_LENGTH if sound else HEAD_BYTES))
+        is_message_next = data[position + FMT_LENGTH : position + FMT_LENGTH + len(HEAD)] in (HEAD, b"")
+        sound = described.add(data[position + HEAD_BYTES : position + FMT_LENGTH], is_message=is_message_next)
+        position = data.find(mark, position + (FMT_LENGTH if sound else HEAD_BYTES))
     described.layouts[FMT_TYPE] = MessageType(FMT_TYPE, "FMT", FMT_LENGTH, {})
     return described.layouts, described.findings()
 
@@ -333,30 +333,30 @@ def _followed(data: np.ndarray, ends: np.ndarray, lengths: np.ndarray) -> Bool[n
 
 
 def _chained(
-    data: np.ndarray, result: np.ndarray, lengths: np.ndarray, positions: Offsets
+    data: np.ndarray, heads: np.ndarray, lengths: np.ndarray, positions: Offsets
 ) -> Bool[np.ndarray, " n"]:
-    """Which places of a block are messages; moves `places` on to where the next one should begin."""
-    taken = np.zeros(result.size, dtype=np.bool_)
-    if not result.size:
+    """Which heads of a block begin messages; moves `positions` on to where the next one should begin."""
+    taken = np.zeros(heads.size, dtype=np.bool_)
+    if not heads.size:
         return taken
-    ends = result + lengths[data[result + 2]]
-    tracked_parameter = _followed(data, ends, lengths)
-    able = np.flatnonzero(tracked_parameter)
-    last = np.append(np.flatnonzero(~tracked_parameter[:-1] | (ends[:-1] != result[1:])), result.size - 1)
-    index = int(np.searchsorted(result, positions._position))
-    while index < result.size and positions._breaks <= MAX_BREAKS:
-        if result[index] != positions._position or not tracked_parameter[index]:
+    ends = heads + lengths[data[heads + 2]]
+    continues = _followed(data, ends, lengths)
+    able = np.flatnonzero(continues)
+    last = np.append(np.flatnonzero(~continues[:-1] | (ends[:-1] != heads[1:])), heads.size - 1)
+    index = int(np.searchsorted(heads, positions._position))
+    while index < heads.size and positions._breaks <= MAX_BREAKS:
+        if heads[index] != positions._position or not continues[index]:
             following = int(np.searchsorted(able, index))
             if following == able.size:
                 break
             index = int(able[following])
-            positions.skipped += int(result[index]) - positions._position
+            positions.skipped += int(heads[index]) - positions._position
         final = int(last[np.searchsorted(last, index)])
-        taken[index : final + 1] = tracked_parameter[index : final + 1]
-        positions._position = int(ends[final] if tracked_parameter[final] else result[final])
+        taken[index : final + 1] = continues[index : final + 1]
+        positions._position = int(ends[final] if continues[final] else heads[final])
         index = max(
-            int(np.searchsorted(result, positions._position)),
-            final + 1 if not tracked_parameter[final] else 0,
+            int(np.searchsorted(heads, positions._position)),
+            final + 1 if not continues[final] else 0,
         )
         positions._breaks += 1
     return taken

@@ -98,8 +98,8 @@ def read_dataflash(file: Path, options: ReadOptions) -> Recording:
         )
     findings += unit_findings(tables)
     findings += delay_findings(reading.heads.values(), parameters)
-    no_progress = "Not in force while its message is silent: {}."
-    findings += noted("setpoint_silent", no_progress, reading.inactive_setpoints)
+    sentence = "Not in force while its message is silent: {}."
+    findings += noted("setpoint_silent", sentence, reading.inactive_setpoints)
     return Recording(
         name=file.name,
         format="dataflash",

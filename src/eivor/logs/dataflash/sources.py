@@ -209,8 +209,8 @@ def _most(table: Messages | None, column: str) -> int:
     """Value that a column has most often; 0 where there is none."""
     if table is None or not table.has(column) or not table.count:
         return 0
-    reported, counts = np.unique(table.stored(column), return_counts=True)
-    return int(reported[np.argmax(counts)])
+    values, counts = np.unique(table.stored(column), return_counts=True)
+    return int(values[np.argmax(counts)])
 
 
 # -- Reading --

@@ -105,8 +105,8 @@ def _chosen(sound: Sequence[BagTopic], findings: list[Finding]) -> dict[str, Top
         topic = Topic(match["topic"], int(match["instance"] or 0), item.fields)
         by_name.setdefault(match["topic"], {}).setdefault(match["way"] or "out", []).append(topic)
     return {
-        name: choose_instance(formulas.get("out") or formulas["in"], findings)
-        for name, formulas in by_name.items()
+        name: choose_instance(directions.get("out") or directions["in"], findings)
+        for name, directions in by_name.items()
     }
 
 
@@ -291,8 +291,8 @@ def _is_in_the_world(topic: BagTopic, fields: Mapping[str, np.ndarray]) -> bool:
         for axis in "xyz":
             position = fields[f"pose.pose.position.{axis}"].astype(np.float64)
             moved = fields[f"{stem}.{axis}"].astype(np.float64)
-            formula = np.append(0.0, np.cumsum(np.diff(time_s) * 0.5 * (moved[1:] + moved[:-1])))
-            gone = (position - formula)[later[indices]] - (position - formula)[indices]
+            travelled = np.append(0.0, np.cumsum(np.diff(time_s) * 0.5 * (moved[1:] + moved[:-1])))
+            gone = (position - travelled)[later[indices]] - (position - travelled)[indices]
             total += float(np.nanmedian(np.abs(gone)))
         return total
 

@@ -128,7 +128,7 @@ NOTCHES: Mapping[str, tuple[tuple[str, str], ...]] = {
 #: Means over an interval, by topic, and the field that holds its length [us; in old logs s].
 MEANS: Mapping[str, str] = {"sensor_combined": "accelerometer_integral_dt"}
 #: Longer ways from sample to stamp are those of another clock [s].
-LONGEST_WAY_S = 0.02
+LONGEST_LATENCY_S = 0.02
 #: Longer intervals are no means of an inertial sensor [s].
 LONGEST_MEAN_S = 0.02
 
@@ -152,7 +152,7 @@ def topic_delays(topic: Topic, parameters: Mapping[str, float]) -> list[Delay]:
         length = _mean_length(topic)
         delays.append((0.5 * length, f"half of the {1e3 * length:.3g} ms of which it is the mean"))
     if topic.name in SAMPLED:
-        delays.append((_way(topic), "from its sample to its stamp"))
+        delays.append((_latency_s(topic), "from its sample to its stamp"))
     return [delay for delay in delays if delay[0] > 0.0]
 
 
@@ -166,15 +166,15 @@ def _mean_length(topic: Topic) -> float:
     return length if 0.0 < length <= LONGEST_MEAN_S else 0.0
 
 
-def _way(topic: Topic) -> float:
+def _latency_s(topic: Topic) -> float:
     """Median time from sample to stamp [s]; 0 when it is not known, or of another clock."""
     sampled = topic.fields.get("timestamp_sample")
     if sampled is None or not sampled.size or sampled.dtype.kind not in "iu":
         return 0.0
     with np.errstate(over="ignore"):
         ticks = (topic.fields["timestamp"].astype(np.uint64) - sampled.astype(np.uint64)).view(np.int64)
-    formula = 1e-6 * float(np.median(ticks))
-    return formula if 0.0 < formula <= LONGEST_WAY_S else 0.0
+    latency_s = 1e-6 * float(np.median(ticks))
+    return latency_s if 0.0 < latency_s <= LONGEST_LATENCY_S else 0.0
 
 
 def _topic_of(channel: Channel) -> str:
@@ -369,8 +369,8 @@ def read_topics(
     findings += _reset_findings(reading)
     findings += delay_findings(reading.channels.values(), delays)
     findings += noted("never_valid", "Logged without one valid value: {}.", reading.never_valid)
-    quiet = "Not in force while its topic is silent: {}."
-    findings += noted("setpoint_silent", quiet, reading.inactive_setpoints)
+    sentence = "Not in force while its topic is silent: {}."
+    findings += noted("setpoint_silent", sentence, reading.inactive_setpoints)
     return reading.channels
 
 

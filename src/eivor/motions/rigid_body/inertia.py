@@ -405,14 +405,14 @@ def _of_routes(
             continue
         names = tuple(dict.fromkeys(("thrust_gain", *item.needed, *other.needed)))
         supplied = {name: getattr(known, name) for name in (*item.supplied, *other.supplied)}
-        separated = partial(_separated, item.per_mass, other.per_mass)
+        separated = partial(_relative_difference, item.per_mass, other.per_mass)
         function = combinations.function(separated, names, supplied, level, math.inf)
         if differs_from_zero(function.interval) and abs(function.value) > ROUNDING:
             low, high = (100.0 * end for end in function.interval)
             yield f"Izz by {other.words} is {low:+.3g} to {high:+.3g} % off that by {item.words}."
 
 
-def _separated(formula: FormulaFunction, other: FormulaFunction, v: Mapping[str, float]) -> float:
+def _relative_difference(formula: FormulaFunction, other: FormulaFunction, v: Mapping[str, float]) -> float:
     return other(v) / formula(v) - 1.0
 
 

@@ -368,7 +368,7 @@ class LagConsistencyTest:
     @property
     def sentence(self) -> str:
         """What each axis says."""
-        each = ", ".join(f"{name} {self._parsed(change)}" for name, change in self.changes_s.items())
+        each = ", ".join(f"{name} {self._change_words(change)}" for name, change in self.changes_s.items())
         return (
             f"The axes disagree about the lag (p-value {self.p_value:.1g}). For all of them it is "
             f"{1e3 * self.lag_s:.0f} ms; by itself {each}."
@@ -382,7 +382,7 @@ class LagConsistencyTest:
             "which the two are distinguished, and fly in calm air. A delay that was given wrong shows alike."
         )
 
-    def _parsed(self, change: float) -> str:
+    def _change_words(self, change: float) -> str:
         if abs(change) <= FAR * self.lag_s:
             return f"asks for {1e3 * (self.lag_s + change):.0f} ms"
         return f"for a much {'longer' if change > 0.0 else 'shorter'} one"
@@ -414,14 +414,14 @@ def _changes(estimate: Estimate) -> Iterator[tuple[str, float, float]]:
     residual, axes = rows.response - rows.regressors @ best.theta, rows.layout.axis_of_row
     for axis, name in DRIVEN.items():
         current = axes == axis
-        neighbours = _rotor_moments(moves[current], rows.regressors[current])
+        neighbours = _unexplained(moves[current], rows.regressors[current])
         squares = float(neighbours @ neighbours)
         if squares > 0.0:
             change = float(neighbours @ residual[current]) / squares
             yield name, change, float(np.mean(residual[current] ** 2)) / squares
 
 
-def _rotor_moments(
+def _unexplained(
     column: Float[np.ndarray, " rows"], others: Float[np.ndarray, "rows k"]
 ) -> Float[np.ndarray, " rows"]:
     """What of a column other columns do not explain."""
@@ -618,8 +618,8 @@ def _without(
 ) -> Complex[np.ndarray, "bins m"]:
     """Columns without what real multiples of others explain of them."""
     split = np.concatenate([stays.real, stays.imag])
-    reported, *_ = np.linalg.lstsq(split, np.concatenate([moves.real, moves.imag]), rcond=1e-10)
-    return moves - stays @ reported
+    shares, *_ = np.linalg.lstsq(split, np.concatenate([moves.real, moves.imag]), rcond=1e-10)
+    return moves - stays @ shares
 
 
 # -- Wind --

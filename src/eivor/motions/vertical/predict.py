@@ -282,8 +282,8 @@ def _open_loop(problem: VerticalFlights, values: Values) -> Float[np.ndarray, " 
         step_s = flight.signals.step_s
         for run in flight.runs:
             counted = slice(None) if flight.signals.valid is None else flight.signals.valid[run]
-            reported = driven[run], flight.velocity[run], counted, friction
-            results.append(dragged_run(*reported, drag, step_s) if drag else _run(*reported, step_s))
+            series = driven[run], flight.velocity[run], counted, friction
+            results.append(dragged_run(*series, drag, step_s) if drag else _run(*series, step_s))
     return np.concatenate(results)
 
 

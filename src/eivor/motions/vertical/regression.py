@@ -148,7 +148,7 @@ class OptionalTerm:
     meaning: str
     parameter: Parameter  # Its coefficient
     written: str  # As it stands in the equation, with its sign
-    symbols: str  # What its symbols are; empty when the equation identifies
+    symbols: str  # What its symbols are; empty where the equation has none
     omission_sentence: str  # Name of the test that it is missed
     column: Callable[[TermIngredients], TermColumn]  # Of the parameter; performs no checks
 

@@ -242,15 +242,15 @@ def _force_and_tilt(log: Recording) -> tuple[Channel | None, Channel | None, lis
     present = [channel for channel in attitude if channel is not None]
     row = vertical_row(present) if len(present) == 4 else None
     findings: list[Finding] = []
-    tilt = _report(log, "cos_tilt", findings)
+    tilt = _usable_channel(log, "cos_tilt", findings)
     if tilt is None and row is not None:
         tilt = Channel("cos_tilt", row[0], row[1][:, 2], "", "attitude quaternion")
     if tilt is None:
         findings.append(
             Finding("no_attitude", "No attitude is logged: the vehicle is taken as level throughout.")
         )
-    force = _report(log, "specific_force_z", findings)
-    logged = _report(log, "acceleration_z", findings)
+    force = _usable_channel(log, "specific_force_z", findings)
+    logged = _usable_channel(log, "acceleration_z", findings)
     if force is None and logged is not None:
         force = replace(logged, name="specific_force_z", values=logged.values + GRAVITY)
     body = [log.channels.get(f"specific_force_body_{axis}") for axis in "xyz"]
@@ -268,7 +268,7 @@ def _force_and_tilt(log: Recording) -> tuple[Channel | None, Channel | None, lis
     return force, tilt, findings
 
 
-def _report(log: Recording, name: str, findings: list[Finding]) -> Channel | None:
+def _usable_channel(log: Recording, name: str, findings: list[Finding]) -> Channel | None:
     """Channel of that name if it has two numbers or more; a finding when it is there and has not."""
     channel = log.channels.get(name)
     if channel is None or np.isfinite(channel.values).sum() >= 2:
