@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import reprlib
 import sys
@@ -10,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from eivor.errors import DataError, UsageError
+from eivor.errors import DataError, ParameterError, UsageError
 from eivor.tools import Float
 
 #: What counts as a real number by itself; booleans are no numbers.
@@ -138,3 +139,34 @@ def _unmasked(values: Any) -> np.ndarray:
 def described(value: object) -> str:
     """A value in a few characters, and its type."""
     return f"{reprlib.repr(value)} ({type(value).__name__})"
+
+
+# -- Ranges of parameters --
+
+REMEDY = "Correct it, or leave it out where it has a default."
+
+
+def require(condition: bool, expected: str, received: str, remedy: str = REMEDY) -> None:
+    """Raise ParameterError unless the condition holds."""
+    if not condition:
+        raise ParameterError(expected, received, remedy)
+
+
+def finite(name: str, *values: float, remedy: str = REMEDY) -> None:
+    """Refuse NaN and infinity."""
+    for value in values:
+        require(math.isfinite(value), f"a finite {name}", f"{name}={value}", remedy)
+
+
+def positive(name: str, *values: float, remedy: str = REMEDY) -> None:
+    """Refuse what is not finite and above zero."""
+    for value in values:
+        sound = math.isfinite(value) and value > 0.0
+        require(sound, f"a finite {name} above zero", f"{name}={value}", remedy)
+
+
+def non_negative(name: str, *values: float, remedy: str = REMEDY) -> None:
+    """Refuse what is not finite and zero or more."""
+    for value in values:
+        sound = math.isfinite(value) and value >= 0.0
+        require(sound, f"a finite {name} of zero or more", f"{name}={value}", remedy)

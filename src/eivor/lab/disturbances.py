@@ -9,6 +9,7 @@ from itertools import zip_longest
 
 import numpy as np
 
+from eivor.checks import finite, non_negative, positive, require
 from eivor.simulation.excitation import (
     Disturbance,
     GivenSeries,
@@ -17,12 +18,8 @@ from eivor.simulation.excitation import (
     beginning_of,
     constant,
     equally_many,
-    finite,
     given,
     largest_root,
-    non_negative,
-    positive,
-    require,
     settling,
 )
 from eivor.tools import Float

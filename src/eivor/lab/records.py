@@ -18,7 +18,7 @@ from eivor.signals.channels import held_by_default, unit_of
 from eivor.signals.noise import MeasurementNoise, WhiteNoise
 from eivor.signals.recording import Channel, Recording
 from eivor.signals.signals import Signals
-from eivor.simulation.excitation import Disturbance, Excitation, PaperInput, finite, positive
+from eivor.simulation.excitation import Disturbance, Excitation, PaperInput
 from eivor.simulation.known_logs import KnownLog, known_log
 from eivor.tools import Float
 
@@ -104,7 +104,7 @@ class AltitudeControl(Control):
     velocity_integral_gain: float = 0.0
 
     def __post_init__(self) -> None:
-        positive("altitude_gain", self.altitude_gain)
+        checks.positive("altitude_gain", self.altitude_gain)
         _check_velocity_gains(self.velocity_gain, self.velocity_integral_gain)
 
     @property
@@ -115,8 +115,8 @@ class AltitudeControl(Control):
 
 
 def _check_velocity_gains(proportional: float, integral: float) -> None:
-    finite("velocity_gain", proportional)
-    finite("velocity_integral_gain", integral)
+    checks.finite("velocity_gain", proportional)
+    checks.finite("velocity_integral_gain", integral)
     if proportional == 0.0 and integral == 0.0:
         expected = "a controller with a velocity_gain or a velocity_integral_gain"
         received = "both zero"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -10,30 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg.lapack import dtbtrs
 
+from eivor.checks import finite, non_negative, positive, require
 from eivor.errors import ParameterError
 from eivor.tools import Bool, Float
 
 # -- Parameter checks --
-
-REMEDY = "Correct it, or leave it out where it has a default."
-
-
-def finite(name: str, *values: float) -> None:
-    """Refuse NaN and infinity."""
-    for value in values:
-        require(math.isfinite(value), f"a finite {name}", f"{name}={value}")
-
-
-def positive(name: str, *values: float) -> None:
-    """Refuse what is not finite and above zero."""
-    for value in values:
-        require(math.isfinite(value) and value > 0.0, f"a finite {name} above zero", f"{name}={value}")
-
-
-def non_negative(name: str, *values: float) -> None:
-    """Refuse what is not finite and zero or more."""
-    for value in values:
-        require(math.isfinite(value) and value >= 0.0, f"a finite {name} of zero or more", f"{name}={value}")
 
 
 def at_least(name: str, value: int, least: int) -> None:
@@ -52,12 +32,6 @@ def equally_many(
     """Refuse lists of unequal length."""
     received = f"{len(others)} {other} and {len(first_values)} {first}"
     require(len(first_values) == len(others), f"as many {other} as {first}", received)
-
-
-def require(condition: bool, expected: str, received: str, remedy: str = REMEDY) -> None:
-    """Raise ParameterError unless the condition holds."""
-    if not condition:
-        raise ParameterError(expected, received, remedy)
 
 
 def beginning_of(values: tuple[float, ...], count: int) -> Float[np.ndarray, " count"]:

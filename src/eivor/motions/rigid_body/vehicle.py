@@ -6,7 +6,7 @@ import math
 import os
 from collections.abc import Mapping, Sized
 from dataclasses import dataclass, field, fields
-from functools import cached_property
+from functools import cached_property, partial
 from importlib import resources
 from importlib.resources.abc import Traversable
 from pathlib import Path
@@ -114,25 +114,9 @@ _REMEDY = "Correct the vehicle's description."
 NO_BODY_UNCERTAINTY = 0.05
 
 
-def finite(name: str, *values: float) -> None:
-    """Refuse NaN and infinity."""
-    for value in values:
-        if not math.isfinite(value):
-            raise ParameterError(f"a finite {name}", f"{name}={value}", _REMEDY)
-
-
-def positive(name: str, *values: float) -> None:
-    """Refuse what is not finite and above zero."""
-    for value in values:
-        if not (math.isfinite(value) and value > 0.0):
-            raise ParameterError(f"a finite {name} above zero", f"{name}={value}", _REMEDY)
-
-
-def non_negative(name: str, *values: float) -> None:
-    """Refuse what is not finite and zero or more."""
-    for value in values:
-        if not (math.isfinite(value) and value >= 0.0):
-            raise ParameterError(f"a finite {name} of zero or more", f"{name}={value}", _REMEDY)
+finite = partial(checks.finite, remedy=_REMEDY)
+positive = partial(checks.positive, remedy=_REMEDY)
+non_negative = partial(checks.non_negative, remedy=_REMEDY)
 
 
 def triple(name: str, values: Sized) -> None:
