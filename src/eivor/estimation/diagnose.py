@@ -26,7 +26,6 @@ from eivor.inference.diagnostics.excitation import (
     Swing,
     band_power,
     block_sums,
-    blocks_of,
     information,
     largest,
     strongest_swings,
@@ -380,9 +379,11 @@ class Diagnostics:
     @cached_property
     def bands(self) -> BandPower:
         """Power of each column against that of the residual, in bands."""
-        record = self.record
+        record, theta = self.record, self.candidate.theta
         rate_hz = 1.0 if record.step_s is None else 1.0 / record.step_s
-        return band_power(record.columns, record.factors, record.residual, rate_hz)
+        # The products hold the sums of squares: no pass over the columns.
+        squares = record.products.count * theta**2 * np.diag(record.products.regressor_mean)[: theta.size]
+        return band_power(record.columns, record.factors, record.residual, rate_hz, squares.tolist())
 
     @cached_property
     def constancy(self) -> Constancy | None:
@@ -405,13 +406,16 @@ class Diagnostics:
             return None
         step, times = record.step_s or 1.0, self.times
         made = influences(record.score_sums, np.asarray(record.sensitivities.sum(axis=0)))
+        named = tuple(zip(self.names, self.estimate.units, strict=True))
         if left_over is None and not self.in_frequency:
-            residual = blocks_of(record.residual, times, step, counts.size)
-            left_over = strongest_swings(residual, (("the response", ""),), 1.0 / record.residual.size)
+            first = np.concatenate([[0], np.cumsum(counts)[:-1]]).astype(np.int64)
+            residual = np.add.reduceat(record.residual, first) / record.residual.size
+            made, named = np.column_stack([made, residual]), (*named, ("the response", ""))
         blocks = block_sums(made, counts, times, step)
         unit = "rows" if record.step_s is None else "s"
-        parameters = strongest_swings(blocks, tuple(zip(self.names, self.estimate.units, strict=True)))
-        return Periodicity(parameters, left_over or (), unit, 1.0 / blocks.span) if parameters else None
+        swings = strongest_swings(blocks, named)
+        parameters, left_over = swings[: len(self.names)], left_over or swings[len(self.names) :]
+        return Periodicity(parameters, left_over, unit, 1.0 / blocks.span) if parameters else None
 
     @cached_property
     def leverage(self) -> SegmentLeverage | None:

@@ -304,8 +304,9 @@ def band_power(
     factors: Sequence[float],
     residual: Float[np.ndarray, " rows"],
     rate_hz: float = 1.0,
+    squares: Sequence[float] | None = None,
 ) -> BandPower:
-    """Spectra of what each column contributes and of the residual, in bands of equal ratio."""
+    """Spectra of parts and residual in bands of equal ratio; `squares` are the parts' sums of squares."""
     length = min(STRETCH, residual.size)
     number = min(STRETCHES, residual.size // length)
     window = np.sin(np.pi * (np.arange(length) + 0.5) / length) ** 2
@@ -326,11 +327,14 @@ def band_power(
     above = np.where(banded[:, :-1] > banded[:, -1:], banded[:, :-1], 0.0).sum(axis=0)
     total = banded[:, :-1].sum(axis=0)
     frequency = np.arange(1, bins + 1) * (rate_hz / length)
+    if squares is None:
+        squares = [
+            factor**2 * float(column @ column) for factor, column in zip(factors, columns, strict=True)
+        ]
     moving = [
         # The sum of squares is above the largest: what exceeds its share needs no search for that.
-        power > VANISHING * factor**2 * float(column @ column)
-        or power > VANISHING * (factor * largest(column)) ** 2
-        for power, factor, column in zip(total.tolist(), factors, columns, strict=True)
+        power > VANISHING * square or power > VANISHING * (factor * largest(column)) ** 2
+        for power, square, factor, column in zip(total.tolist(), squares, factors, columns, strict=True)
     ]
     return BandPower(
         frequency[edges[:-1]],
