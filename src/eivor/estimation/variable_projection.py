@@ -75,7 +75,7 @@ def _best_point(objective: Objective, box: Box) -> Int[np.ndarray, " axes"]:
 # -- Search --
 
 #: Where only weights are made of an estimate, tolerances are so many times coarser.
-COARSE = 100.0
+COARSE = 10.0
 #: Points of a product of grids; but no grid is thinned below three.
 PRODUCT_POINTS = 200
 #: A search of several nuisances has settled when beginning again gains less than this share of the
