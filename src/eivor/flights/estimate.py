@@ -1,16 +1,16 @@
-"""Identification of one or several flights of a vehicle."""
+"""Stages of an identification, from prepared flights to a result."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
 import numpy as np
 
 from eivor.errors import EstimationError, InputError, MissingNoiseError, TooFewSamplesError
-from eivor.estimation.derived import parameter_sets
+from eivor.estimation.derived import ParameterSets, parameter_sets
 from eivor.estimation.diagnose import diagnose
 from eivor.estimation.estimate import Estimate
 from eivor.estimation.method import Method, NaturalInstruments
@@ -29,7 +29,7 @@ from eivor.flights.lag_prior import (
 from eivor.flights.motion import InstrumentStrength, Motion, Searched, VerdictInputs
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepare import part_to_read, prepare
-from eivor.flights.prepared import PreparedFlight
+from eivor.flights.prepared import PreparedFlight, SensorAgreement
 from eivor.flights.quantity import (
     NAN,
     NO_INTERVAL,
@@ -41,6 +41,7 @@ from eivor.flights.quantity import (
 from eivor.flights.references import check_declared
 from eivor.flights.result import (
     Fit,
+    FitDiagnostics,
     FlightEstimate,
     WithoutPrior,
     fit_diagnostics,
@@ -127,10 +128,139 @@ def single_frequency_hz(flying: tuple[PreparedFlight, ...], names: tuple[str, ..
     return float(np.mean(peaks)) if peaks else 0.0
 
 
-# -- Steps of an identification --
+# -- Stages of an identification --
 
 #: What other motions say of the lag, when it is requested.
 LagMeasurements = Callable[[], tuple[LagMeasurement, ...]]
+#: Stands in a state for what a later stage makes.
+UNMADE: Any = None
+
+
+@dataclass(frozen=True)
+class FlightState:
+    """What the stages of an identification read and make."""
+
+    motion: Motion[Any]
+    prepared: tuple[PreparedFlight, ...]
+    options: FlightOptions
+    lag_measurements: LagMeasurements = tuple
+    agreement: OverIdentification | None = None  # Of the flights of a pool; else that of the estimate counts
+    with_sets: bool = True
+    # Made by the stages, in this order
+    instruments: Instruments = UNMADE
+    method: Method = UNMADE
+    problem: SeparableProblem = UNMADE
+    sensors: SensorAgreement | None = None
+    aligned: bool = False
+    estimate: Estimate = UNMADE
+    lag_prior: LagPrior | None = None
+    without_prior: WithoutPrior | None = None
+    findings: tuple[Finding, ...] = ()
+    checks: FitDiagnostics = UNMADE
+    sets: Mapping[str, ParameterSets] = field(default_factory=dict)
+    result: FlightEstimate = UNMADE
+
+    @property
+    def flying(self) -> tuple[PreparedFlight, ...]:
+        """Flights with runs."""
+        return tuple(flight for flight in self.prepared if flight.runs)
+
+    @property
+    def shortened(self) -> tuple[PreparedFlight, ...]:
+        """The same without what no run needs."""
+        return tuple(flight.shortened for flight in self.flying)
+
+
+def choose_instruments(state: FlightState) -> FlightState:
+    """The method that was requested, and its instruments; without any the direct method of the motion."""
+    motion, method = state.motion, by_name(state.options.method)
+    chosen = instruments(state.flying, state.options, method)
+    if method.of_flights.needs_instruments and chosen.absent:
+        method = by_name(motion.direct)
+    return replace(state, instruments=chosen, method=motion.weighted(method))
+
+
+def pose_problem(state: FlightState) -> FlightState:
+    """The problem of the flights; with sensors aligned where that is requested and they disagree."""
+    motion, rule = state.motion, state.instruments.rule
+    _check_noises(state.flying, state.instruments, state.method, state.options)
+    problem = motion.problem(state.shortened, rule)
+    sensors = motion.sensors(problem, state.shortened)
+    if not (state.options.align and sensors is not None and sensors.significant):
+        return replace(state, problem=problem, sensors=sensors)
+    state = replace(state, prepared=motion.aligned(state.prepared, sensors), sensors=sensors, aligned=True)
+    return replace(state, problem=motion.problem(state.shortened, rule))
+
+
+def estimate_parameters(state: FlightState) -> FlightState:
+    """The estimate, and the problem with what the motion finds out by estimates."""
+    problem, estimate = state.motion.refined(state.problem, _solver(state), state.options)
+    return replace(state, problem=problem, estimate=estimate)
+
+
+def apply_lag_prior(state: FlightState) -> FlightState:
+    """The same with what is known of the lag from elsewhere, where something is."""
+    motion, problem, estimate = state.motion, state.problem, state.estimate
+    prior, findings = known_lag(
+        motion, state.flying, state.options, problem, estimate, state.lag_measurements
+    )
+    state = replace(state, lag_prior=prior, findings=findings)
+    if prior is not None:
+        alone = WithoutPrior(problem, estimate)
+        problem = with_lag_prior(problem, prior.for_the_log, estimate.best.nuisances)
+        problem, estimate = motion.refined(problem, _solver(state), state.options)
+        state = replace(state, problem=problem, estimate=estimate, without_prior=alone)
+    return replace(state, prepared=motion.with_refinement(state.prepared, problem))
+
+
+def diagnose_fit(state: FlightState) -> FlightState:
+    """Diagnostics of the estimate and of its residual."""
+    estimate = state.estimate
+    checks = fit_diagnostics(state.motion.traces(state.problem, estimate), estimate)
+    if state.without_prior is not None:
+        # what was given is compared with the flight by itself, and is nothing that instruments say
+        checks = replace(checks, agreement=diagnose(state.without_prior.estimate).over_identification)
+    if state.agreement is not None and checks.agreement is not None:
+        checks = replace(checks, agreement=state.agreement)
+    return replace(state, checks=checks)
+
+
+def build_confidence_sets(state: FlightState) -> FlightState:
+    """Confidence sets of the linear parameters of the headline."""
+    linear = {parameter.name for parameter in state.estimate.best.rows.parameters}
+    names = [name for name in state.motion.headline if name in linear and state.with_sets]
+    sets = {name: parameter_sets(state.problem, state.estimate, name) for name in names}
+    return replace(state, sets={name: item for name, item in sets.items() if item is not None})
+
+
+def judge(state: FlightState) -> FlightState:
+    """The result: quantities with systematic parts and verdicts."""
+    motion, label = state.motion, state.instruments.rule.label
+    fit = Fit(
+        state.problem,
+        state.estimate,
+        label,
+        state.checks,
+        state.lag_prior,
+        state.sets,
+        state.sensors,
+        state.without_prior,
+    )
+    numbers = motion.diagnostics(fit.problem, fit.estimate, state.shortened)
+    inputs = verdict_inputs(motion, state.flying, state.instruments, numbers, fit, aligned=state.aligned)
+    result = with_fit(motion, state.prepared, state.options, fit, inputs)
+    return replace(state, result=replace(result, findings=(*result.findings, *state.findings)))
+
+
+STAGES = (
+    choose_instruments,
+    pose_problem,
+    estimate_parameters,
+    apply_lag_prior,
+    diagnose_fit,
+    build_confidence_sets,
+    judge,
+)
 
 
 def estimated(
@@ -143,58 +273,26 @@ def estimated(
     *,
     with_sets: bool = True,
 ) -> FlightEstimate:
-    """Estimate one set of parameters, with the method asked for or, without instruments, the fallback."""
-    flying = tuple(flight for flight in prepared if flight.runs)
-    if not flying:
+    """Result of prepared flights: one set of parameters by the `STAGES`, or why there is none."""
+    state = FlightState(motion, prepared, options, lag_measurements, agreement, with_sets)
+    if not state.flying:
         return without_fit(motion, prepared, options, _reason_of_use(motion, prepared))
-    if all(flight.constant_input for flight in flying):
+    if all(flight.constant_input for flight in state.flying):
         sentence = "The input is constant: it carries no information about the vehicle."
         return without_fit(motion, prepared, options, refused(sentence, motion.words.fly))
-    method = by_name(options.method)
-    chosen = instruments(flying, options, method)
-    if method.of_flights.needs_instruments and chosen.absent:
-        method = by_name(motion.direct)
-    method = motion.weighted(method)
-    solve = partial(identify, method=method)
     try:
-        _check_noises(flying, chosen, method, options)
-        problem = motion.problem(_shortened(flying), chosen.rule)
-        sensors = motion.sensors(problem, _shortened(flying))
-        align = options.align and sensors is not None and bool(sensors.significant)
-        if align and sensors is not None:
-            prepared = motion.aligned(prepared, sensors)
-            flying = tuple(flight for flight in prepared if flight.runs)
-            problem = motion.problem(_shortened(flying), chosen.rule)
-        whole, alone = motion.refined(problem, solve, options)
-        given, noticed = known_lag(motion, flying, options, whole, alone, lag_measurements)
-        problem, estimate, without_prior = whole, alone, None
-        if given is not None:
-            problem = with_lag_prior(whole, given.for_the_log, alone.best.nuisances)
-            problem, estimate = motion.refined(problem, solve, options)
-            without_prior = WithoutPrior(whole, alone)
-        prepared = motion.with_refinement(prepared, problem)
-        progress(Stage.DIAGNOSING)
-        checks = fit_diagnostics(motion.traces(problem, estimate), estimate)
-        if given is not None:
-            # what was given is compared with the flight by itself, and is nothing that instruments say
-            checks = replace(checks, agreement=diagnose(alone).over_identification)
-        if agreement is not None and checks.agreement is not None:
-            checks = replace(checks, agreement=agreement)
-        linear = {parameter.name for parameter in estimate.best.rows.parameters}
-        names = [name for name in motion.headline if name in linear and with_sets]
-        sets = {name: item for name in names if (item := parameter_sets(problem, estimate, name)) is not None}
-        fit = Fit(problem, estimate, chosen.rule.label, checks, given, sets, sensors, without_prior)
-        numbers = motion.diagnostics(problem, estimate, _shortened(flying))
-        inputs = verdict_inputs(motion, flying, chosen, numbers, fit, aligned=align)
-        result = with_fit(motion, prepared, options, fit, inputs)
+        for stage in STAGES:
+            if stage is diagnose_fit:
+                progress(Stage.DIAGNOSING)
+            state = stage(state)
     except (EstimationError, TooFewSamplesError) as error:
         remedy = "" if isinstance(error, MissingNoiseError) else motion.words.fly
-        return without_fit(motion, prepared, options, refused(str(error), remedy))
-    return replace(result, findings=(*result.findings, *noticed))
+        return without_fit(motion, state.prepared, options, refused(str(error), remedy))
+    return state.result
 
 
-def _shortened(flights: tuple[PreparedFlight, ...]) -> tuple[PreparedFlight, ...]:
-    return tuple(flight.shortened for flight in flights)
+def _solver(state: FlightState) -> Callable[[SeparableProblem], Estimate]:
+    return partial(identify, method=state.method)
 
 
 def known_lag(
