@@ -249,7 +249,10 @@ def test_declared_noises_are_taken_as_they_are(problem_of: ProblemOf) -> None:
 
 def test_answers_that_differ_by_chance_are_no_contradiction() -> None:
     """Generalized IV's covariance is told by eight averages: the limit is that of Hotelling's T^2."""
-    from eivor.estimation.spectral_iv import FARTHEST
+    from eivor.estimation.spectral_iv import COSINE_AVERAGES, FARTHEST
+    from eivor.inference.regions import hotelling_quantile
+
+    assert hotelling_quantile(0.999, 2, COSINE_AVERAGES) == pytest.approx(FARTHEST, rel=1e-12)
 
     ratios = np.random.default_rng(2).standard_normal((4000, 10, 2))
     spread = np.einsum("ikj,ikl->ijl", ratios[:, :8], ratios[:, :8]) / 8.0
