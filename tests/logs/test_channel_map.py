@@ -151,7 +151,10 @@ def test_a_map_without_delays_says_nothing_of_them(table):
             HEAD + "[channels.input]\ncolumn = 3\n",
             "a text in quotes at channels.input.column of m.*; received 3",
         ),
-        (HEAD + '[channels.input]\ncolumn = ""\n', "a text in quotes at channels.input.column"),
+        (
+            HEAD + '[channels.input]\ncolumn = ""\n',
+            "a text in quotes of length >= 1 at channels.input.column",
+        ),
         (HEAD + PWM + "colour = 1\n", "unknown key 'colour'"),
         (
             HEAD + PWM + "sign = 2\n",

@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
+import msgspec
 import numpy as np
 
 import eivor as ev
@@ -72,12 +73,17 @@ def taken_as_white(start: SampledMotion, input_variance: float) -> Pilot:
     return Pilot(start, free.transient, fitted_noise(start, residual, centre, prior), prior)
 
 
+class RecordGrid(msgspec.Struct, forbid_unknown_fields=True):
+    scenarios: list[str]
+    samples: int
+    small: int
+    full: int
+
+
 def answer(grid: Path, size: str, kept: Path) -> Answer:
     """Run what the file does not have yet, and judge all of it."""
-    root = read_toml(grid, "grid of records")
-    names, samples = root.texts("scenarios"), root.whole("samples")
-    runs = {item: root.whole(item) for item in ("small", "full")}[size]
-    root.finish()
+    root = read_toml(grid, "grid of records").convert(RecordGrid)
+    names, samples, runs = root.scenarios, root.samples, {"small": root.small, "full": root.full}[size]
     trials = {(name, run): partial(trial, name, samples, run) for name in names for run in range(runs)}
     tried = completed(kept, Tried, trials, lambda line: (line.scenario, line.run))
     results = {

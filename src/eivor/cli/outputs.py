@@ -522,7 +522,7 @@ def _of_group(group: Any, table: TomlTable, known: Iterable[str] = ()) -> dict[s
         if name not in names:
             expected = f"tables named as commands, {', '.join(names)},"
             raise table.wrong("", expected, f"[{name}]", did_you_mean(name, names, "Remove it."))
-        part, command = table.section(name), group.commands.get(name)
+        part, command = table.part(name), group.commands.get(name)
         if command is not None:
             results[name] = (_of_group if hasattr(command, "commands") else _of_command)(command, part)
     return results
@@ -536,13 +536,16 @@ def _of_command(command: Any, table: TomlTable) -> dict[str, Any]:
             remedy = did_you_mean(name, options, "Remove it.")
             raise table.wrong("", f"options of eivor {table.path.replace('.', ' ')}", f"'{name}'", remedy)
         option = options[name]
-        value = table.flag(name, default=False) if option.is_flag else _value(option, name, table)
-        results[option.name] = value
+        results[option.name] = _value(option, name, table)
     return results
 
 
 def _value(option: Any, name: str, table: TomlTable) -> Any:
     value = table.values[name]
+    if option.is_flag and not isinstance(value, bool):
+        raise table.wrong(name, "true or false", repr(value))
+    if option.is_flag:
+        return value
     items = value if option.multiple and isinstance(value, list) else [value]
     if not all(isinstance(item, str | int | float) and not isinstance(item, bool) for item in items):
         raise table.wrong(name, f"a text or a number{', or a list of them' * option.multiple},", repr(value))
