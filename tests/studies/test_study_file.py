@@ -160,11 +160,7 @@ excitation = { kind = "white" }
         ),
         (
             '"least_squares"',
-            (
-                '"least_squares"',
-                '"least_squares"\nknown_noise = "input"',
-                r"a list at methods\[1\].known_noise of mine.toml; received 'input'",
-            ),
+            '"least_squares"\nknown_noise = "input"',
             r"Expected a list at methods\[1\].known_noise of mine.toml; received 'input'",
         ),
         (
