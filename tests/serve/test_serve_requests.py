@@ -12,7 +12,9 @@ import sys
 from contextlib import ExitStack, suppress
 
 import pytest
+import typer
 
+from eivor.cli.main import app as command_line
 from eivor.serve import app, jobs
 from eivor.serve.jobs import shown_name
 from eivor.serve.page import page_text
@@ -256,3 +258,23 @@ def test_the_server_loads_nothing_heavy():
     code = "import sys, eivor.serve.app; print(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert not {"polars", "matplotlib", "pyulog", "eivor.serve.worker"} & set(done.stdout.split())
+
+
+def test_options_are_declared_once(page):
+    """The command line, the page's requests and the JSON Schema have the same options of the same types."""
+    command = typer.main.get_command(command_line).commands["identify"]
+    typed = {
+        item.name: "array" if item.multiple else "boolean" if getattr(item, "is_flag", False) else "value"
+        for item in command.params
+    }
+    words = {"string": "value", "number": "value", "boolean": "boolean", "array": "array"}
+    schema = page.json("GET", "/options.schema.json")
+    declared = schema["$defs"]["flight_options"]["properties"]
+    kinds = {name: words[item.get("type") or item["anyOf"][0]["type"]] for name, item in declared.items()}
+    assert kinds == {name: typed[name] for name in kinds}
+    assert {*kinds} == {*typed} - {
+        *("logs", "example", "model", "vehicle", "channel_map", "json", "figure", "html", "card", "help"),
+    }
+    body = {"logs": ["1"], "options": {"surprise": 1}}
+    refused = page.refused("POST", "/jobs", json.dumps(body).encode())
+    assert all(name in str(refused) for name in kinds if name != "lag_from")

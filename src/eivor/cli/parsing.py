@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import math
 import os
 import re
@@ -9,8 +10,11 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, get_args
+
+import msgspec
 
 from eivor.cli.outputs import Reads, flag, option
 from eivor.errors import EivorError, MissingChannelError, UsageError, did_you_mean
@@ -395,6 +399,24 @@ def flight_options(
     )
     check_options(motion, options)
     return options if max_tilt is None else replace(options, max_tilt_deg=max_tilt)
+
+
+@cache
+def options_structure() -> type[msgspec.Struct]:
+    """Structure of `flight_options`: of the requests of the page, and of the JSON Schema."""
+    fields: list[Any] = []
+    for name, parameter in inspect.signature(flight_options, eval_str=True).parameters.items():
+        if parameter.kind is parameter.KEYWORD_ONLY:
+            kind, about, *_ = get_args(parameter.annotation)
+            described = msgspec.Meta(title=about.metavar or None, description=about.help)
+            default = msgspec.field(default_factory=list) if kind == list[str] else parameter.default
+            fields.append((name, Annotated[kind, described], default))
+    return msgspec.defstruct("flight_options", fields, forbid_unknown_fields=True, kw_only=True)
+
+
+def options_schema() -> dict[str, Any]:
+    """JSON Schema of the options of an identification."""
+    return msgspec.json.schema(options_structure())
 
 
 def lag_prior(text: str, file: str) -> Prior | Bounds | None:
