@@ -25,14 +25,13 @@ LARGEST_BYTES = 1_000_000
 SMALLEST_NUMBER, LARGEST_NUMBER = 1e-30, 1e30
 #: Of TOML's integers, the sign included.
 INTEGER_BITS = 64
-#: Types as msgspec calls them, in words.
-WORDS = {
-    "float": "a finite number",
-    "int": "a whole number",
-    "str": "a text in quotes",
-    "bool": "true or false",
-    "array": "a list",
-    "object": "a table",
+#: Types of values in words, one and several.
+WORDS: Mapping[type[inspect.Type], tuple[str, str]] = {
+    inspect.FloatType: ("a finite number", "numbers"),
+    inspect.IntType: ("a whole number", "whole numbers"),
+    inspect.StrType: ("a text in quotes", "texts"),
+    inspect.BoolType: ("true or false", "flags"),
+    inspect.ListType: ("a list", "lists"),
 }
 _PLACE = re.compile(r"(.*?)(?: - at `(?:key in )?\$(.*)`)?", re.DOTALL)
 _STEP = re.compile(r"\.([^.\[]+)|\[(\d+)\]")
@@ -116,8 +115,8 @@ class TomlTable:
             expected, received = f"one of {', '.join(among)}", repr(value)
             remedy = did_you_mean(str(value), among, "Choose one of them.")
         else:
-            expected = reason.removeprefix("Expected ").partition(", got")[0]
-            expected = re.sub("`([^`]*)`", _in_words, expected)
+            limit = re.search(r"of length .*|[<>]=? .*", reason.partition(" - ")[0])
+            expected = f"{_words(declared)}{f' {limit[0]}' if limit else ''}"
             received = repr(value)[:200]
         return self.wrong(where, expected, received, remedy)
 
@@ -136,14 +135,17 @@ def _members(declared: inspect.Type) -> tuple[inspect.Type, ...]:
     return declared.types if isinstance(declared, inspect.UnionType) else (declared,)
 
 
-def _in_words(match: re.Match[str]) -> str:
-    return " or ".join(WORDS.get(name, name) for name in match[1].split(" | ") if name != "null")
-
-
 def _words(declared: inspect.Type) -> str:
-    names = {inspect.FloatType: "float", inspect.IntType: "int", inspect.StrType: "str"}
-    names |= {inspect.BoolType: "bool", inspect.ListType: "array", inspect.VarTupleType: "array"}
-    return WORDS[names.get(type(declared), "object")]
+    """What a value of a type is, in words."""
+    words = []
+    for item in _members(declared):
+        one, _ = WORDS.get(type(item), ("a table", ""))
+        if isinstance(item, inspect.ListType):
+            several = {WORDS.get(type(entry), ("", "tables"))[1] for entry in _members(item.item_type)}
+            one = f"a list of {' or '.join(sorted(several))}"
+        if not isinstance(item, inspect.NoneType):
+            words.append(one)
+    return " or ".join(words)
 
 
 def read_toml(path: Path, what: str, error: type[InputError] = InputError) -> TomlTable:

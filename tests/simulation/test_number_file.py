@@ -133,7 +133,7 @@ def test_columns_of_parquet_that_are_refused(series, tmp_path):
         ('{ file = "mine.csv" }', "a text in quotes at excitation.values.column.*nothing"),
         ('{ column = "u" }', "a text in quotes at excitation.values.file.*nothing"),
         ('{ file = "mine.csv", column = "u", sheet = 2 }', "the unknown key 'sheet'"),
-        ('"mine.csv"', "a list of numbers at excitation.values"),
+        ('"mine.csv"', "a list of numbers or a table at excitation.values"),
     ],
 )
 def test_tables_that_are_refused(tmp_path, values, said):

@@ -141,7 +141,7 @@ excitation = { kind = "white" }
         ),
         ("seed = 3", "seed = 3\nlevel = inf", "Expected a finite number at level of mine.toml; received inf"),
         ("seed = 3", "seed = 3 3", "Expected a study in TOML; received .*mine.toml', which is not"),
-        ("[[methods]]", "[methods]", "Expected a list at methods of mine.toml"),
+        ("[[methods]]", "[methods]", "Expected a list of tables at methods of mine.toml"),
         (
             '"least_squares"',
             '"least_square"',
@@ -161,7 +161,7 @@ excitation = { kind = "white" }
         (
             '"least_squares"',
             '"least_squares"\nknown_noise = "input"',
-            r"Expected a list at methods\[1\].known_noise of mine.toml; received 'input'",
+            r"Expected a list of texts at methods\[1\].known_noise of mine.toml; received 'input'",
         ),
         (
             "input_gain",
