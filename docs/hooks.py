@@ -34,7 +34,7 @@ def on_files(files: Any, *, config: Any) -> Any:
     """Put KaTeX, which draws the equations, and the JSON Schema of the options beside the pages."""
     from mkdocs.structure.files import File
 
-    from eivor.cli.parsing import options_schema
+    from eivor.cli.options import options_schema
 
     files.append(
         File.generated(config, "options.schema.json", content=json.dumps(options_schema(), indent=2))

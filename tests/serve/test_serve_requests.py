@@ -275,7 +275,7 @@ def test_options_are_declared_once(page):
     }
     words = {"string": "value", "number": "value", "boolean": "boolean", "array": "array"}
     schema = page.json("GET", "/options.schema.json")
-    declared = schema["$defs"]["flight_options"]["properties"]
+    declared = schema["$defs"]["FlightWords"]["properties"]
     kinds = {name: words[item.get("type") or item["anyOf"][0]["type"]] for name, item in declared.items()}
     assert kinds == {name: typed[name] for name in kinds}
     assert {*kinds} == {*typed} - {

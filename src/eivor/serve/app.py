@@ -32,7 +32,7 @@ from starlette.routing import Route
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
-from eivor.cli.parsing import options_schema
+from eivor.cli.options import options_schema
 from eivor.errors import EivorError
 from eivor.process_pool import Limits
 from eivor.serve.jobs import (

@@ -13,7 +13,7 @@ from urllib.parse import unquote
 
 import msgspec
 
-from eivor.cli.parsing import options_structure
+from eivor.cli.options import FlightWords
 from eivor.errors import EivorError, NotIdentifiedError, did_you_mean
 from eivor.motions import DEFAULT
 
@@ -117,7 +117,7 @@ def _log(given: str | _WindowedLog) -> tuple[str, str]:
 
 
 def _flight_options(record: Mapping[str, Any]) -> dict[str, Any]:
-    known = {item.name: item for item in msgspec.structs.fields(options_structure())}
+    known = {item.name: item for item in msgspec.structs.fields(FlightWords)}
     for name in record:
         if name not in known or name in _PATHS:
             among = [word for word in known if word not in _PATHS]
