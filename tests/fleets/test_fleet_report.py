@@ -28,8 +28,8 @@ from eivor.fleet.analysis import (
 from eivor.fleet.logs import given_covariates, with_covariates
 from eivor.fleet.report import few_footnote, fleet_document, interval_text, next_text
 from eivor.fleet.table import LEADING, TRAILING, read_flights
-from eivor.motions import motion_by_name
 from eivor.motions.rigid_body.motion import RigidBody
+from eivor.motions.table import motion_by_name
 from eivor.report.terminal import on_terminal
 from fleets.fleet_rows import row, write_fleet
 from validation.simulated_fleets import FleetSpec, fleet_rows, fleet_truth

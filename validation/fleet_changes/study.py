@@ -21,7 +21,7 @@ import polars as pl
 
 from eivor.fleet.analysis import STEADY, STEPS, fleet_report
 from eivor.lab.experiments import markdown
-from eivor.motions import motion_by_name
+from eivor.motions.table import motion_by_name
 from validation.simulated_fleets import FleetSpec, fleet_rows, fleet_truth
 from validation.studies import (
     Answer,

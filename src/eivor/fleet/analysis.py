@@ -51,7 +51,7 @@ from eivor.inference.random_effects import (
     weights_of,
 )
 from eivor.inference.verdict import Status
-from eivor.motions import motion_by_name
+from eivor.motions.table import motion_by_name
 from eivor.process_pool import useful_workers
 from eivor.tools import Bool, Float
 

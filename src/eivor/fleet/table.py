@@ -31,8 +31,8 @@ from eivor.flights.options import FlightOptions
 from eivor.flights.result import FlightEstimate
 from eivor.logs.channel_map import load_channel_map, shipped_maps
 from eivor.logs.read import format_at, read_log
-from eivor.motions import DEFAULT, motion_by_name
 from eivor.motions.identify import identify_flight
+from eivor.motions.table import DEFAULT, motion_by_name
 from eivor.process_pool import Limits
 from eivor.signals.recording import Recording
 

@@ -34,7 +34,7 @@ from eivor.lab.paper import (
 )
 from eivor.lab.paper_errata import errata
 from eivor.lab.study import TOGETHER, Share, Spread, StudyResult, scores, trial_nrmse
-from eivor.motions import wording_of
+from eivor.motions.table import wording_of
 from eivor.report.document import printable
 from eivor.report.figure_panels import (
     BLUE,

@@ -21,7 +21,7 @@ from eivor.flights.quantity import Horizon, PredictedQuantity, SimpleModel
 from eivor.flights.result import FlightEstimate
 from eivor.inference.verdict import Status
 from eivor.models.separable import NoInstruments
-from eivor.motions import motion_of_model
+from eivor.motions.table import motion_of_model
 from eivor.report.document import (
     Cell,
     Document,

@@ -36,8 +36,8 @@ from eivor.logs.read import FURTHER_ENDINGS, readable_formats
 from eivor.logs.rosbag.containers import ENDINGS as BAG_ENDINGS
 from eivor.logs.rosbag.containers import METADATA
 from eivor.logs.ulog.reader import TOPIC_TABLE, ULOG_ENDINGS
-from eivor.motions import motion_by_name, motion_names
 from eivor.motions.rigid_body.vehicle import load_vehicle, shipped_vehicles
+from eivor.motions.table import motion_by_name, motion_names
 from eivor.planning.plan import WRITTEN
 from eivor.process_pool import ProgressCallback
 from eivor.report.flight_page import flight_page
