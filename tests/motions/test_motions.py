@@ -15,7 +15,6 @@ from turning_logs import turned
 from typer.testing import CliRunner
 
 import eivor as ev
-from eivor import motions
 from eivor.cli.main import app
 from eivor.errors import ChannelMapError, UsageError
 from eivor.flights import identify
@@ -26,6 +25,7 @@ from eivor.flights.result import FlightEstimate
 from eivor.flights.verdict import unbounded_reasons
 from eivor.inference.confidence_set import ConfidenceSet
 from eivor.inference.verdict import Reason, Status, verdict
+from eivor.motions import table as motions
 from eivor.motions.identify import identify_flight
 from eivor.motions.rates import verdict as rates
 from eivor.motions.rates.verdict import AXES
