@@ -490,8 +490,8 @@ def _whose_by_name(options: FleetOptions, log: Log) -> Mapping[str, str]:
     pattern = options.pattern()
     if pattern is not None:
         return pattern.fields_of(log.name)
-    reported = log.metadata.get(options.vehicle_from, "")
-    return {"vehicle": reported} if reported else {}
+    vehicle = log.metadata.get(options.vehicle_from, "")
+    return {"vehicle": vehicle} if vehicle else {}
 
 
 def failed_row(about: Mapping[str, Any], reason: str) -> dict[str, Any]:

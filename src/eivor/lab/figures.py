@@ -113,8 +113,8 @@ def coverage_figure(
     axes.grid(axis="x", alpha=0.25)
     figure = figure_of(axes)
     if ax is None:
-        displayed = figure.legend(loc="outside lower center", ncols=3, fontsize=8)
-        for text in displayed.get_texts():
+        drawn_legend = figure.legend(loc="outside lower center", ncols=3, fontsize=8)
+        for text in drawn_legend.get_texts():
             text.set_parse_math(False)
     else:
         legend(axes)

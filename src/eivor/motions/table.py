@@ -66,8 +66,8 @@ def loaded_motion(name: str) -> Motion[Any]:
     """Motion of a name, loaded once."""
     if name in _OWN:
         module, _, attribute = _OWN[name].partition(":")
-        current: Motion[Any] = getattr(import_module(module), attribute)()
-        return current
+        own_motion: Motion[Any] = getattr(import_module(module), attribute)()
+        return own_motion
     added = _added()
     if name not in added:
         raise UsageError(

@@ -253,10 +253,10 @@ def plan_document(made: FlightPlan) -> Document:
     )
     rows = []
     for word, item in made.predicted.items():
-        requested = TARGETS[word]
-        taken = "" if requested.relative else f"{item.value:.3g}"
+        target = TARGETS[word]
+        taken = "" if target.relative else f"{item.value:.3g}"
         text = f"in {item.identified} of {len(item.verdicts)}"
-        texts = (requested.words, taken, f"± {item.half_width:.2g}", requested.unit, text)
+        texts = (target.words, taken, f"± {item.half_width:.2g}", target.unit, text)
         rows.append(tuple(map(Cell, texts)))
     return Document(
         f"Plan for the {TARGETS[made.target].words}",
@@ -326,10 +326,10 @@ def track_figure(track: Track) -> Figure:
         return figure
     wording = track.result.motion.wording[track.name]
     time = np.array([moment.time_s for moment in track.moments])
-    reported = np.array([moment.is_precise for moment in track.moments])
+    precise = np.array([moment.is_precise for moment in track.moments])
     value, half = (
         np.where(
-            reported, wording.scale * np.array([getattr(moment, name) for moment in track.moments]), np.nan
+            precise, wording.scale * np.array([getattr(moment, name) for moment in track.moments]), np.nan
         )
         for name in ("value", "half_width")
     )
