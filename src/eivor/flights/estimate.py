@@ -132,8 +132,6 @@ def single_frequency_hz(flying: tuple[PreparedFlight, ...], names: tuple[str, ..
 
 #: What other motions say of the lag, when it is requested.
 LagMeasurements = Callable[[], tuple[LagMeasurement, ...]]
-#: Stands in a state for what a later stage makes.
-UNMADE: Any = None
 
 
 @dataclass(frozen=True)
@@ -146,19 +144,19 @@ class FlightState:
     lag_measurements: LagMeasurements = tuple
     agreement: OverIdentification | None = None  # Of the flights of a pool; else that of the estimate counts
     with_sets: bool = True
-    # Made by the stages, in this order
-    instruments: Instruments = UNMADE
-    method: Method = UNMADE
-    problem: SeparableProblem = UNMADE
+    # Made by the stages, in this order; None until then
+    instruments: Instruments | Any = None
+    method: Method | Any = None
+    problem: SeparableProblem | Any = None
     sensors: SensorAgreement | None = None
     aligned: bool = False
-    estimate: Estimate = UNMADE
+    estimate: Estimate | Any = None
     lag_prior: LagPrior | None = None
     without_prior: WithoutPrior | None = None
     findings: tuple[Finding, ...] = ()
-    checks: FitDiagnostics = UNMADE
+    checks: FitDiagnostics | Any = None
     sets: Mapping[str, ParameterSets] = field(default_factory=dict)
-    result: FlightEstimate = UNMADE
+    result: FlightEstimate | Any = None
 
     @property
     def flying(self) -> tuple[PreparedFlight, ...]:
