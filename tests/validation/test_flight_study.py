@@ -1,22 +1,21 @@
-"""The small size of the flight study, judged with binomial bounds, and the command that runs it.
-
-The bounds are crossed by chance once in a thousand runs of a recipe that is exactly as good as it must be;
-this one is the same in every run.
-"""
+"""The flight study: its grid, its scores on made-up trials, and its small size judged by binomial bounds."""
 
 from __future__ import annotations
 
 import os
 import subprocess
 import sys
-from dataclasses import dataclass, replace
-from pathlib import Path
+from collections import Counter
+from dataclasses import replace
+from importlib.resources import files
 
 import polars as pl
 import pytest
 from scipy.stats import binom
 
+from eivor.errors import InputError, UsageError
 from eivor.lab.experiments import marks
+from eivor.simulation.vertical import VerticalFlightSpec
 from validation.flight_recipe import study as flight_study
 from validation.flight_recipe import trials as flight_trials
 from validation.flight_recipe.study import (
@@ -29,64 +28,187 @@ from validation.flight_recipe.study import (
     score,
 )
 from validation.flight_recipe.trials import (
+    ESTIMATORS,
     LAG_IGNORED,
     NONLINEAR,
     QUANTITIES,
+    RECIPE,
+    FlightCase,
+    FlightGrid,
+    FlightTrial,
+    Number,
     TrialTable,
+    flight_grid,
     published_grid,
     read_trial_table,
+    trial_table,
 )
 
-pytest.importorskip("rotorpy")
-pytestmark = pytest.mark.calibration
+GRID_TEXT = files("validation.flight_recipe").joinpath("grid.toml").read_text(encoding="utf-8")
 
-CHANCE = 1e-3
+
+@pytest.fixture(scope="module")
+def grid() -> FlightGrid:
+    return published_grid()
+
+
+def test_grid_is_as_large_as_promised(grid):
+    excited = [case for case in grid.cases if case.kind == "excited"]
+    assert len(excited) >= 300
+    assert sum(case.calm for case in excited) >= 150
+    assert sum(case.simulator == "rotorpy" for case in excited) >= 60
+    hovers = [case for case in grid.cases if case.kind == "hover"]
+    assert len(hovers) >= 60
+    assert {case.simulator for case in hovers} == {"vertical", "rotorpy"}
+    assert Counter(case.simulator for case in grid.cases).most_common(1)[0][0] == "vertical"
+    assert {case.spec.duration for case in grid.cases} == {60.0}
+
+
+def test_draws_do_not_depend_on_one_another(grid):
+    other = flight_grid(GRID_TEXT.replace("hover_input = [0.4, 0.7]", "hover_input = [0.3, 0.4]"))
+    for first, second in zip(grid.cases, other.cases, strict=True):
+        assert first.spec.actuator_lag == second.spec.actuator_lag
+        assert first.spec.noise == second.spec.noise
+        if first.simulator == "vertical":
+            assert first.spec.hover_input >= 0.4 >= second.spec.hover_input
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("duration = 60.0", "", "missing required field `duration`"),
+        ('name = "gusty"', 'name = "calm"', "names and seeds of their own"),
+        ('kind = "climbs"', 'kind = "walks"', "Invalid enum value 'walks'.*kind"),
+        ("small_every = 19", "colour = 19", "unknown field `colour`"),
+        ("vigour = [0.6, 1.0]", "vigour = [1.0, 0.6]", "a range of vigour.*1.0, 0.6.*vertical"),
+        ("vigour = [0.6, 1.0]", "courage = [0.6, 1.0]", "every value of a flight"),
+        ('"fractional"]\ngust_rms = [0.0, 0.1, 0.2', '"pink"]\ngust_rms = [0.0, 0.1, 0.2', "every value"),
+        ("quickness = [0.2, 0.45]", "quickness = [2.0, 4.5]", "quickness between"),
+    ],
+)
+def test_damaged_grid_is_refused(old, new, message):
+    assert old in GRID_TEXT
+    with pytest.raises((InputError, UsageError), match=message):
+        flight_grid(GRID_TEXT.replace(old, new, 1))
+
+
+TRUTH = {"viscous_friction": 0.4, "input_gain": 40.0, "effective_lag": 0.05, "hover_input": 0.5}
+
 
 BEGIN, END = marks(PART)
 
 
-PAGE = f"# Study\n\nBefore.\n\n{BEGIN}\n{END}\n\nAfter.\n"
+def made_trial(
+    number: int,
+    *,
+    kind: str = "excited",
+    calm: bool = True,
+    verdict: str = "identified",
+    error: float = 0.01,
+    half_width: float = 0.02,
+    control_error: float = -0.5,
+) -> FlightTrial:
+    """A flight whose estimates are off by a share of the truth, each interval a share of it wide."""
+    spec = VerticalFlightSpec(seed=number, gust_rms=0.1 if calm else 1.0)
+    case = FlightCase(f"{kind} {number}", kind, "vertical", kind, calm and kind == "excited", False, spec)
+
+    def around(name: str, off: float) -> Number:
+        value, width = TRUTH[name] * (1.0 + off), TRUTH[name] * half_width
+        return value, value - width, value + width
+
+    estimates = {
+        estimator: {name: around(name, error if estimator == RECIPE else control_error) for name in names}
+        for estimator, names in ESTIMATORS.items()
+    }
+    return FlightTrial(case, verdict, TRUTH, estimates, first_stage=30.0, p_value=0.5)
 
 
-@dataclass(frozen=True)
-class Run:
-    """What the command left behind."""
+def good_run() -> list[FlightTrial]:
+    """Trials that meet every requirement: one interval in twenty misses."""
+    excited = [made_trial(k, error=0.03 if k % 20 == 0 else 0.01) for k in range(80)]
+    gusty = [made_trial(100 + k, calm=False, error=0.03 if k % 20 == 0 else 0.01) for k in range(40)]
+    hovers = [made_trial(200 + k, kind="hover", verdict="refused") for k in range(10)]
+    return [*excited, *gusty, *hovers]
 
-    code: int
-    printed: str
-    page: str
-    path: Path
+
+def rows_of(made: list[FlightTrial]) -> pl.DataFrame:
+    return trial_table(made, grid="made up", size="full").rows
+
+
+def missed(made: list[FlightTrial]) -> list[str]:
+    return [item.what for item in requirements(rows_of(made)) if not item.met]
+
+
+@pytest.mark.parametrize(
+    ("count", "changes", "what"),
+    [
+        (100, {"error": 0.1, "half_width": 0.2}, "error of K, calm"),
+        (100, {"error": 0.02, "half_width": 0.03}, "error of K_u, calm"),
+        (30, {"error": 0.5, "half_width": 0.6}, "error of effective lag"),
+        (40, {"error": 0.05}, "coverage of the 95 % interval of K,"),
+        (3000, {"half_width": 1.0}, "coverage of the 95 % interval of K_u"),
+        (40, {"verdict": "weak"}, "calm excited flights accepted"),
+        (1, {"kind": "hover"}, "constant-reference hovers accepted"),
+        (9, {"calm": False, "error": 0.6}, "accepted flights whose K is off"),
+        (400, {"control_error": 0.0}, "control that must fail: lag ignored"),
+        (400, {"calm": False, "control_error": 0.0}, "control that must fail: nonlinear"),
+    ],
+)
+def test_each_requirement_can_be_missed(count, changes, what):
+    spoilt = [made_trial(300 + k, **changes) for k in range(count)]
+    assert any(item.startswith(what) for item in missed([*good_run(), *spoilt]))
+
+
+pytest.importorskip("rotorpy")
+
+
+CHANCE = 1e-3
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
-    """The command, in a process of its own: checks of every shape would make it three times as long."""
+def calm(trials) -> pl.DataFrame:
+    return trials.rows.filter(pl.col("calm"))
+
+
+@pytest.fixture(scope="module")
+def small_run(tmp_path_factory: pytest.TempPathFactory) -> tuple[TrialTable, str]:
+    """Trials and tables of the command, in a process of its own."""
     folder = tmp_path_factory.mktemp("study")
     trials, page = folder / "trials.parquet", folder / "page.md"
-    page.write_text(PAGE, encoding="utf-8")
+    page.write_text(f"Before.\n\n{BEGIN}\n{END}\n\nAfter.\n", encoding="utf-8")
+    command = [sys.executable, "-m", "validation.flight_recipe.study", "--size", "small"]
     done = subprocess.run(
-        [
-            *(sys.executable, "-m", "validation.flight_recipe.study", "--size", "small"),
-            *("--out", str(trials), "--page", str(page)),
-        ],
+        [*command, "--out", str(trials), "--page", str(page)],
         capture_output=True,
-        text=True,
         check=False,
         encoding="utf-8",
         env=os.environ | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "PYTHONUTF8": "1"},
     )
-    assert trials.exists(), done.stderr
-    return Run(done.returncode, done.stdout, page.read_text(encoding="utf-8"), trials)
+    assert done.returncode == 0, done.stdout + done.stderr
+    filled = f"Before.\n\n{BEGIN}\n\n{done.stdout.strip()}\n\n{END}\n\nAfter."
+    assert filled in page.read_text(encoding="utf-8")
+    return read_trial_table(trials), done.stdout
 
 
 @pytest.fixture(scope="module")
-def table(run) -> TrialTable:
-    return read_trial_table(run.path)
+def trials(small_run) -> TrialTable:
+    return small_run[0]
 
 
-@pytest.fixture(scope="module")
-def calm(table) -> pl.DataFrame:
-    return table.rows.filter(pl.col("calm"))
+@pytest.mark.calibration
+def test_the_small_grid_is_flown_and_meets_what_is_required(small_run, trials, calm):
+    assert "| constant-reference hovers accepted | none | 0 of 3 | yes |" in small_run[1]
+    assert trials.rows.height == flown(trials.rows).height == 36
+    assert set(trials.rows["simulator"]) == {"vertical", "rotorpy"}
+    assert all(item.met for item in requirements(trials.rows, allow_chance=True))
+    share = accepted_share(calm)
+    assert share.hits >= least(share.count, 0.75)
+    hovers = accepted_share(trials.rows.filter(pl.col("kind") == "hover"))
+    assert hovers.count >= 3
+    assert hovers.hits == 0
+    far = score(accepted(trials.rows), "viscous_friction").beyond_half
+    assert far.hits <= most(far.count, 0.04)
 
 
 def least(count: int, share: float) -> int:
@@ -98,19 +220,15 @@ def most(count: int, share: float) -> int:
     return int(binom.isf(CHANCE, count, share))
 
 
-def test_every_flight_of_the_small_grid_was_flown(table):
-    assert table.rows.height == 36
-    assert flown(table.rows).height == 36
-    assert set(table.rows["simulator"]) == {"vertical", "rotorpy"}
-
-
+@pytest.mark.calibration
 @pytest.mark.parametrize("quantity", QUANTITIES)
-def test_intervals_of_accepted_flights_hold_the_truth(table, quantity):
-    coverage = score(accepted(table.rows), quantity).coverage
+def test_intervals_of_accepted_flights_hold_the_truth(trials, quantity):
+    coverage = score(accepted(trials.rows), quantity).coverage
     assert coverage.count >= 20
     assert coverage.hits >= least(coverage.count, 0.92)
 
 
+@pytest.mark.calibration
 @pytest.mark.parametrize("quantity", list(ERROR_BOUNDS))
 def test_errors_of_calm_accepted_flights_are_small(calm, quantity):
     result = score(accepted(calm), quantity)
@@ -123,43 +241,16 @@ def test_errors_of_calm_accepted_flights_are_small(calm, quantity):
     assert beyond.height <= most(accepted(calm).height, 0.1)
 
 
-def test_calm_excited_flights_are_accepted_and_hovers_are_not(table, calm):
-    share = accepted_share(calm)
-    assert share.hits >= least(share.count, 0.75)
-    hovers = accepted_share(table.rows.filter(pl.col("kind") == "hover"))
-    assert hovers.count >= 3
-    assert hovers.hits == 0
-    far = score(accepted(table.rows), "viscous_friction").beyond_half
-    assert far.hits <= most(far.count, 0.04)
-
-
-def test_controls_fail(table, calm):
+@pytest.mark.calibration
+def test_controls_fail(trials, calm):
     ignored = score(calm, "viscous_friction", LAG_IGNORED)
     assert ignored.bias < -0.2
     assert ignored.coverage.hits < least(ignored.coverage.count, 0.8)
-    gusty = table.rows.filter((pl.col("kind") == "excited") & ~pl.col("calm"))
+    gusty = trials.rows.filter((pl.col("kind") == "excited") & ~pl.col("calm"))
     direct = score(gusty, "viscous_friction", NONLINEAR)
     assert direct.coverage.hits <= most(direct.coverage.count, 0.8)
     assert direct.bias < -0.05
     assert direct.bias < score(gusty, "viscous_friction").bias
-
-
-def test_no_requirement_is_missed_beyond_chance(table):
-    missed = [item for item in requirements(table.rows, allow_chance=True) if not item.met]
-    assert not missed
-
-
-def test_command_prints_its_tables_and_puts_them_into_the_page(run):
-    assert run.code == 0, run.printed
-    assert "| constant-reference hovers accepted | none | 0 of 3 | yes |" in run.printed
-    assert f"Before.\n\n{BEGIN}\n\n{run.printed.strip()}\n\n{END}\n\nAfter." in run.page
-
-
-def test_missed_requirement_is_the_exit_code(table, tmp_path, capsys, monkeypatch):
-    spoilt = TrialTable(table.rows.with_columns(pl.lit("identified").alias("verdict")), table.origin)
-    monkeypatch.setattr(flight_study, "run_grid", lambda *chosen: {("small", None): spoilt}[chosen])
-    assert flight_study.main(["--size", "small", "--out", str(tmp_path / "spoilt.parquet")]) == 3
-    assert "| constant-reference hovers accepted | none | 3 of 3 | **no** |" in capsys.readouterr().out
 
 
 @pytest.mark.long

@@ -1,4 +1,4 @@
-"""The search through all combinations, and the errata's numbers."""
+"""The search through all combinations of readings, and the numbers of the errata."""
 
 from __future__ import annotations
 

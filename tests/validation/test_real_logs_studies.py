@@ -1,25 +1,28 @@
-"""The simulator of logs as they are: its physics against other routes, its loggers against their promises."""
+"""Logs as they are: the simulator's physics and loggers, the study's requirements, bounds of pools."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
 import numpy as np
+import polars as pl
 import pytest
+from msgspec.structs import replace as struct_replace
 
+from eivor.errors import InputError
+from eivor.lab.experiments import marks
 from eivor.motions.identify import identify_flight
 from eivor.motions.vertical.model import GRAVITY
 from eivor.signals.filters import actuator_state
 from eivor.simulation.environment import SensorNoise
-from validation.real_logs.closed_loop import (
-    STEP_S,
-    FlightSpec,
-    Jitter,
-    LoggerSpec,
-    Reference,
-    VehicleSpec,
-)
+from validation.flight_recipe.trials import QUANTITIES
+from validation.real_logs import study
+from validation.real_logs.closed_loop import STEP_S, FlightSpec, Jitter, LoggerSpec, Reference, VehicleSpec
 from validation.real_logs.flights import LoggedFlight, estimated, logged_flight, topics
+from validation.real_logs.pool_information import flight_information, lag_bound
+from validation.real_logs.study import PART, far_off, requirements
+from validation.real_logs.trials import NAMES, folder_of, grid_from, published_grid
+from validation.studies import StudyFolder
 
 QUIET = LoggerSpec(noise=SensorNoise.none())
 
@@ -169,3 +172,129 @@ def test_estimator_learns_a_bias_in_its_time():
     _, acceleration = estimated(time, np.full(time.size, 0.3), np.zeros(time.size), bias_time=40.0)
     # The bias is learnt by 1 - 1/e after T, and the velocity's own settling time of a third of a second.
     assert acceleration[4030] / 0.3 == pytest.approx(np.exp(-1.0), abs=0.02)
+
+
+GRID = published_grid()
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "expected"),
+    [
+        ("flights = 170", "flights = 170.5", "Expected `int`, got `float` - at `$.family[1].flights`"),
+        ("seed = 1200000", "seed = 1100001", "families with names and seeds of their own"),
+        ("thrust_power = 1.0", "thrust_might = 1.0", "keys of a flight; received thrust_might"),
+        ('holds = "short"', 'holds = "perhaps"', "Invalid enum value 'perhaps' - at `$.family["),
+    ],
+)
+def test_damaged_grid_is_refused(before, after, expected):
+    assert before in GRID.text
+    with pytest.raises(InputError) as caught:
+        grid_from(GRID.text.replace(before, after, 1))
+    assert expected in str(caught.value)
+
+
+def rows(count: int, family: str, **columns) -> pl.DataFrame:
+    """Rows of accepted flights whose intervals hold the truth."""
+    results: dict[str, object] = {
+        "class": [family] * count,
+        "number": np.arange(count),
+        "verdict": ["identified"] * count,
+    }
+    for name in QUANTITIES:
+        results |= {f"truth.{name}": 1.0, f"recipe.{name}.value": 1.0, f"verdict.{name}": "identified"}
+        results |= {f"recipe.{name}.low": 0.9, f"recipe.{name}.high": 1.1}
+    results |= {f"named.{name}": False for name in NAMES} | columns
+    results |= {"recipe.first_stage_F": 100.0, "recipe.p_value": 0.5}
+    return pl.DataFrame(
+        {
+            name: results[name] if isinstance(results[name], list | np.ndarray) else [results[name]] * count
+            for name in results
+        }
+    )
+
+
+def unmet(table: pl.DataFrame) -> list[str]:
+    return [item.what for item in requirements(table, GRID) if not item.met]
+
+
+def test_coverage_and_bias_are_required_of_families_that_the_model_holds():
+    name = "gusts of .5 to 1 m/s"
+    truth = np.where(np.arange(200) % 20 == 0, 1.15, 1.0)
+    table = rows(200, name, **{f"truth.{quantity}": truth for quantity in QUANTITIES})
+    assert unmet(table) == [f"{name}: mean error of the lag"]
+    right = table.with_columns(pl.col("truth.effective_lag") * 0 + 1.0)
+    right = right.with_columns(
+        pl.Series("truth.effective_lag", np.where(np.arange(200) % 40 == 0, 1.02, 1.0))
+    )
+    assert f"{name}: mean error of the lag" not in unmet(right)
+    worse = rows(200, name, **{"truth.viscous_friction": np.where(np.arange(200) % 5 == 0, 1.15, 1.0)})
+    assert f"{name}: coverage of K" in unmet(worse)
+    assert f"{name}: accepted flights" in unmet(worse.head(100))
+
+
+def test_an_interval_far_off_counts_only_where_it_is_called_identified():
+    table = rows(10, "300 s", **{"truth.input_gain": [1.25] + [1.15] * 9})
+    assert (far_off(table).hits, far_off(table).count) == (1, 10)
+    weak = table.with_columns(pl.lit("weak").alias("verdict.input_gain"))
+    assert far_off(weak).hits == 0
+
+
+@pytest.mark.thorough
+def test_command_flies_a_family_and_fills_the_page(tmp_path, capsys, monkeypatch):
+    """One short flight from its specification to the tables."""
+    (short,) = [family for family in GRID.families if family.holds == "short"]
+    grid = struct_replace(GRID, families=(struct_replace(short, count=1),))
+    monkeypatch.setattr(study, "published_grid", lambda: grid)
+    begin, end = marks(PART)
+    page = tmp_path / "page.md"
+    page.write_text(f"# Page\n\n{begin}\n{end}\n", encoding="utf-8")
+    chosen = ["--folder", str(tmp_path / "rows"), "--workers", "1", "--page", str(page)]
+    assert study.main(chosen) == 3
+    printed = capsys.readouterr().out
+    assert "| 15 s | 1 | " in printed
+    assert "| 15 s: coverage of K | at least 0.9, or weak |" in printed
+    assert printed.strip() in page.read_text(encoding="utf-8")
+    (row,) = folder_of(tmp_path / "rows", grid).gathered().rows.to_dicts()
+    vehicle = short.flight(0).vehicle
+    assert row["truth.effective_lag"] == pytest.approx(vehicle.actuator_lag + vehicle.delay)
+    assert row["truth.viscous_friction"] == pytest.approx(vehicle.viscous_friction, rel=0.01)
+    monkeypatch.setattr(StudyFolder, "run", None)
+    assert study.main([*chosen, "--tables"]) == 3
+    assert capsys.readouterr().out == printed
+
+
+@pytest.mark.calibration
+def test_small_size(tmp_path):
+    """A few flights of the families of clocks: accepted, and few intervals miss."""
+    grid = study.part_of(GRID, 0.025, "r")
+    families = tuple(
+        family
+        for family in grid.families
+        if family.holds == "yes" and family.flight(0).duration < 100.0 and not family.flight(0).multirotor
+    )
+    folder = folder_of(tmp_path, struct_replace(grid, families=families[:3]))
+    folder.run(1)
+    table = folder.gathered().rows
+    assert table.height >= 12
+    assert (table["verdict"] == "identified").mean() > 0.6
+    assert far_off(table).value < 0.2
+
+
+def _sine(frequency, friction, gusts=0.2):
+    vehicle = VehicleSpec(viscous_friction=friction, gust_rms=gusts)
+    return FlightSpec(vehicle=vehicle, reference=Reference.SINE, frequency=frequency, duration=10.0)
+
+
+@pytest.mark.thorough
+def test_stronger_gusts_tell_less():
+    weak, strong = (flight_information(_sine(0.3, 0.4, gusts)) for gusts in (0.1, 0.4))
+    assert np.all(np.linalg.eigvalsh(weak - strong) > -1e-9 * np.abs(weak).max())
+    assert weak[1, 1] > 2.0 * strong[1, 1]
+
+
+def test_frictions_that_differ_tell_the_lag_of_one_frequency():
+    separated, equal = (
+        lag_bound([_sine(0.3, friction) for friction in frictions])
+        for frictions in ((0.2, 0.6), (0.39, 0.41))
+    )
+    assert equal.delay_known > 5.0 * separated.delay_known
