@@ -13,7 +13,7 @@ import pytest
 from eivor import process_pool
 from eivor.errors import InputError, UsageError
 from eivor.process_pool import SANDBOX, AbandonedError, LimitError, Limits, WorkerProcess, begun_in_advance
-from studies.dask_cluster import SOURCES, wait_until
+from studies.study_parts import SOURCES, wait_until
 from worker_answers import always_reporting, answered, begin_another, counted, unreadable
 
 

@@ -310,13 +310,7 @@ def doors(folder):
         ),
         "FlightLimits": (
             ev.FlightLimits,
-            {
-                "height_m": (3.0, 8.0),
-                "speed": 2.0,
-                "acceleration": 3.0,
-                "tilt_deg": 20.0,
-                "duration_s": 60.0,
-            },
+            {"height_m": (3.0, 8.0), "speed": 2.0, "acceleration": 3.0, "tilt_deg": 20.0, "duration_s": 60.0},
         ),
         "VehicleGuess": (
             ev.VehicleGuess,
@@ -353,10 +347,7 @@ def doors(folder):
                 "vehicle": "",
             },
         ),
-        "RecursiveIdentification": (
-            ev.RecursiveIdentification,
-            {**model, "memory": 100.0, "detector": None},
-        ),
+        "RecursiveIdentification": (ev.RecursiveIdentification, {**model, "memory": 100.0, "detector": None}),
         "Regression": (
             ev.Regression,
             {
@@ -467,10 +458,7 @@ def doors(folder):
             ev.plan,
             {"source": ev.VehicleGuess(), "target": "lag", "limits": None, "shape": "", "seed": 0},
         ),
-        "ratio": (
-            ev.ratio,
-            {"estimate": m.fit, "numerator": "theta_1", "denominator": "theta_2", **level},
-        ),
+        "ratio": (ev.ratio, {"estimate": m.fit, "numerator": "theta_1", "denominator": "theta_2", **level}),
         "read_chunks": (
             ev.read_chunks,
             {"path": parquet, "rate_hz": 5.0, "channels": None, "noise": None, "rows": 100},
@@ -545,11 +533,7 @@ def doors(folder):
         "methods.by_name": (methods.by_name, {"name": "reference_iv"}),
         "methods.regularised": (
             methods.regularised,
-            {
-                "method": m.iv,
-                "parameter": 0.1,
-                "towards": np.array([1.0, 2.0]),
-            },
+            {"method": m.iv, "parameter": 0.1, "towards": np.array([1.0, 2.0])},
         ),
         "methods.fuller": (methods.fuller, {"strength": 4.0}),
         "methods.generalized_fuller": (methods.generalized_fuller, {"strength": 4.0}),
@@ -560,11 +544,7 @@ def doors(folder):
         "covariances.ClusteredByFlight": (ev.covariances.ClusteredByFlight, {"least_flights": 8}),
         "covariances.KernelRobust": (
             ev.covariances.KernelRobust,
-            {
-                "kernel": ev.covariances.Parzen(),
-                "bandwidth": ev.covariances.NeweyWestRule(),
-                "fixed_b": True,
-            },
+            {"kernel": ev.covariances.Parzen(), "bandwidth": ev.covariances.NeweyWestRule(), "fixed_b": True},
         ),
         "covariances.FixedBandwidth": (ev.covariances.FixedBandwidth, {"bandwidth": 3.0}),
         "covariances.Widest": (ev.covariances.Widest, {"estimators": (ev.covariances.Classical(),)}),

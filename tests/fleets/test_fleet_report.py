@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from datetime import UTC, datetime
+from pathlib import Path
+
 import numpy as np
 import polars as pl
 import pytest
@@ -25,16 +28,19 @@ from eivor.fleet.analysis import (
     fleet_reports,
     wanted_columns,
 )
-from eivor.fleet.logs import given_covariates, with_covariates
-from eivor.fleet.report import few_footnote, fleet_document, interval_text, next_text
-from eivor.fleet.table import LEADING, TRAILING, read_flights
+from eivor.fleet.logs import given_covariates, logs_found, with_covariates
+from eivor.fleet.report import few_footnote, fleet_document, flight_links, interval_text, linked, next_text
+from eivor.fleet.run import run_fleet
+from eivor.fleet.table import LEADING, TRAILING, FleetOptions, read_flights, write_report
 from eivor.motions import motion_by_name
 from eivor.motions.rigid_body.motion import RigidBody
 from eivor.report.terminal import on_terminal
 from fleets.fleet_rows import row, write_fleet
-from validation.simulated_fleets import FleetSpec, fleet_rows, fleet_truth
+from validation.simulated_fleets import FleetSpec, fleet_rows, fleet_truth, write_fleet_logs
 
 VERTICAL = motion_by_name("vertical")
+
+
 GAIN, FRICTION, HOVER = "input_gain", "viscous_friction", "hover_input"
 
 
@@ -408,3 +414,56 @@ def test_a_mean_that_reaches_far_keeps_its_digits() -> None:
     )
     assert interval_text({"mean": 24.32, "low": 11.0, "high": 350.0}, wording, names)[0] == "20"
     assert interval_text({"mean": None, "low": None, "high": None}, wording, names) == ("–", "–")
+
+
+#: Where the clocks of logs of one vehicle begin [s since 1970].
+BEGIN = {"unset": 30.0, "autumn_of_1970": 86400.0 * 300, "set": 1.77e9, "far": 9.9e12}
+
+
+@pytest.mark.thorough
+def test_clocks_of_1970_tell_no_time(tmp_path: Path) -> None:
+    (log,) = write_fleet_logs(FleetSpec(vehicles=1, flights=1, duration_s=6.0), tmp_path / "made")
+    rows = pl.read_parquet(log)
+    logs = tmp_path / "logs"
+    (logs / "one").mkdir(parents=True)
+    for name, begin in BEGIN.items():
+        rows.with_columns(pl.col("time") - rows["time"][0] + begin).write_csv(logs / "one" / f"{name}.csv")
+    options = FleetOptions(vehicle_from="{vehicle}/*.csv")
+    run_fleet(logs_found(str(logs)), tmp_path / "fleet", options, guarded=False)
+    path = read_flights(tmp_path / "fleet", ["name", "start", "duration_s"])
+    assert dict(path.select("name", "start").rows()) == {
+        f"one/{name}.csv": datetime(2026, 2, 2, 2, 40, tzinfo=UTC) if name == "set" else None
+        for name in BEGIN
+    }
+    assert path["duration_s"].is_between(5.9, 6.0).all()
+    (report,) = fleet_reports(tmp_path / "fleet")
+    assert report.logs["logs"] == len(BEGIN)
+    assert report.flights["vehicle"].to_list() == ["one"] * len(BEGIN)
+
+
+HASH = "0123456789abcdef" * 4
+
+
+@pytest.mark.parametrize(
+    ("page", "address"),
+    [
+        ("report.html", f"my%20fleet/reports/{HASH}.html"),
+        ("my fleet/report.html", f"reports/{HASH}.html"),
+        ("pages/report.html", f"../my%20fleet/reports/{HASH}.html"),
+    ],
+)
+def test_addresses_are_relative_to_the_page_and_say_the_hash_alone(
+    tmp_path: Path, page: str, address: str
+) -> None:
+    folder = tmp_path / "my fleet"
+    folder.mkdir()
+    assert flight_links(folder, tmp_path / page) == {}
+    write_report(folder, HASH, "a page")
+    (folder / "reports" / "javascript:alert(1).html").write_text("somebody else's")
+    assert flight_links(folder, tmp_path / page) == {HASH: address}
+
+
+def test_a_flight_without_a_report_says_so_where_others_have_one() -> None:
+    assert linked("a.ulg", HASH, {HASH: "there"}).link == "there"
+    assert linked("a.ulg", "", {HASH: "there"}).below == "no report of its own"
+    assert linked("a.ulg", HASH, {}).below == ""

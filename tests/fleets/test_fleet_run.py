@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import errno
+import hashlib
 import json
+import os
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,11 +16,13 @@ import pytest
 
 from eivor.atomic_file import folder_lock, parquet_bytes
 from eivor.errors import InputError, UsageError
-from eivor.fleet.logs import LogList, logs_found
-from eivor.fleet.run import COPIES, hashed, run_fleet
+from eivor.fleet.logs import Log, LogList, logs_found
+from eivor.fleet.run import COPIES, Work, hashed, run_fleet, share_of, without_report, work_of
 from eivor.fleet.table import (
     IDENTITY,
+    KEY_COLUMNS,
     RUN,
+    SHARES,
     FleetOptions,
     part_files,
     read_flights,
@@ -25,6 +31,7 @@ from eivor.fleet.table import (
 )
 from eivor.process_pool import Limits
 from fleets.fleet_tasks import rows_of, write_logs
+from studies.study_parts import SOURCES
 
 OPTIONS = FleetOptions()
 
@@ -321,3 +328,121 @@ def test_a_report_that_cannot_be_written_is_no_fault_of_its_log(logs, tmp_path):
     (tmp_path / "fleet" / "reports").unlink()
     run(logs, tmp_path / "fleet", page_of=str)
     assert "failed" not in set(read_flights(tmp_path / "fleet")["verdict"])
+
+
+#: Of the plan by which processes are killed.
+SEED = 0
+
+
+#: Begins runs as children of a process that has loaded everything, and kills them, until it was often enough.
+SCRIPT = """
+import os, signal, sys, time
+from pathlib import Path
+import numpy as np
+from eivor.fleet import run as shard
+from eivor.fleet.table import FleetOptions
+from eivor.fleet.logs import logs_found
+from eivor.fleet.run import run_fleet
+from fleets.fleet_tasks import QuickRow
+shard.RowOfLog = QuickRow
+logs, folder, kills, options = sys.argv[1], Path(sys.argv[2]), int(sys.argv[3]), FleetOptions()
+plan, killed, fleets = np.random.default_rng({seed}), 0, 1
+while killed < kills:
+    child = os.fork()
+    if not child:
+        run_fleet(logs_found(logs), folder / str(fleets), options, guarded=False, shard_logs=3)
+        os._exit(0)
+    time.sleep(plan.uniform(0.02, 1.2))
+    os.kill(child, signal.SIGKILL)
+    was_killed = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) != 0
+    killed, fleets = killed + was_killed, fleets + (not was_killed)
+for fleet in range(fleets + 1):  # the first was never killed
+    run_fleet(logs_found(logs), folder / str(fleet), options, guarded=False, shard_logs=3)
+"""
+
+
+@pytest.mark.parametrize(
+    "kills", [pytest.param(3, marks=pytest.mark.thorough), pytest.param(50, marks=pytest.mark.long)]
+)
+def test_killed_at_random_instants(tmp_path, kills):
+    """SIGKILL to who runs the fleet and begins it again; what is done is begun anew in another folder."""
+    texts = {f"{number:03d}.csv": f"slow {number % 50}" for number in range(60)}
+    logs = write_logs(tmp_path / "logs", texts)
+    script = tmp_path / "script.py"
+    script.write_text(SCRIPT.format(seed=SEED), encoding="utf-8")
+    fleets = tmp_path / "fleets"
+    subprocess.run(
+        [sys.executable, str(script), str(logs), str(fleets), str(kills)],
+        env=os.environ | {"PYTHONPATH": SOURCES},
+        check=True,
+    )
+    tables = {folder.name: content(folder) for folder in fleets.iterdir()}
+    assert len(tables) >= 2
+    assert read_flights(fleets / "0").height == len(texts)
+    assert set(tables.values()) == {tables["0"]}
+
+
+def sha256(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def log(name: str, content: str = "") -> Log:
+    return Log(f"/logs/{name}", name, {"tail": "N1"}, sha256(content) if content else "")
+
+
+def known_rows(*record: tuple[str, str, str]) -> pl.DataFrame:
+    known = [(name, sha256(content) if content else None, verdict) for name, content, verdict in record]
+    return pl.DataFrame(known, schema=dict.fromkeys(KEY_COLUMNS, pl.String), orient="row")
+
+
+def work(logs: list[Log], there: pl.DataFrame) -> Work:
+    return work_of(LogList.of(logs).table, there)
+
+
+def test_logs_are_in_the_order_of_their_names_and_once():
+    paths = ("b/é.ulg", "a.ulg", "b/z.ulg", "b.ulg", "a.ulg", "\U0001f681")
+    logs = LogList.of(Log(f"/{index}", name, {}) for index, name in enumerate(paths))
+    assert [item.name for item in logs] == sorted(set(paths))
+    assert next(iter(logs)).path == "/4"
+    assert [len(page) for page in logs.pages(2)] == [2, 2, 1]
+    assert len(logs) == 5
+    assert (len(LogList.of([])), list(LogList.of([]))) == (0, [])
+
+
+def test_a_path_that_is_no_text_stays_as_it_is():
+    (log_list,) = LogList.of([Log("/\udcff.ulg", "x", {"a": "\n"})])
+    assert (log_list.path, log_list.metadata, log_list.sha256) == ("/\udcff.ulg", {"a": "\n"}, "")
+
+
+def test_the_numbers_are_of_the_row_that_is_there_else_of_the_first_by_name():
+    logs = [log("c", "one"), log("a", "one"), log("b", "two"), log("d", "two"), log("e", "three"), log("f")]
+    there = known_rows(
+        ("gone", "two", "weak"), ("b", "two", "copy"), ("e", "three", "failed"), ("x", "", "failed")
+    )
+    result = work(logs, there)
+    assert result.identify["name"].to_list() == ["a"]
+    assert result.copies.select("name", "first").rows() == [("c", "a"), ("d", "gone")]
+    assert result.opened.height == 5
+
+
+def test_a_log_of_another_content_under_an_old_name_is_another_log():
+    result = work([log("a", "new"), log("b", "old")], known_rows(("a", "old", "weak")))
+    assert result.identify["name"].to_list() == ["a"]
+    assert result.copies["name"].to_list() == ["b"]
+
+
+def test_nothing_is_to_be_done_with_logs_that_have_rows():
+    result = work([log("a", "one"), log("b", "one")], known_rows(("a", "one", "weak"), ("b", "one", "copy")))
+    assert (result.opened.height, result.identify.height, result.copies.height) == (2, 0, 0)
+
+
+def test_logs_that_cannot_be_opened_are_spread_over_all_shares():
+    assert {share_of(f"{number}") for number in range(2000)} == set(range(SHARES))
+    assert share_of("a.ulg") == 6
+
+
+def test_reports_are_wanted_of_results_that_have_none():
+    logs = LogList.of(log(name, name) for name in "abcd").table
+    there = known_rows(("a", "a", "weak"), ("b", "b", "failed"), ("c", "c", "identified"), ("d", "x", "weak"))
+    assert without_report(logs, there, [sha256("a")])["name"].to_list() == ["c"]
+    assert without_report(logs, there, [])["name"].to_list() == ["a", "c"]

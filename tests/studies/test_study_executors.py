@@ -23,9 +23,16 @@ from eivor.process_pool import (
     in_order,
     local_executor,
 )
-from studies.dask_cluster import SOURCES, Cluster, dask_cluster, wait_for_workers, wait_until
 from studies.mapped_tasks import Arriving, Patient, late_first, refusing, text_of
-from studies.study_parts import content, small_study
+from studies.study_parts import (
+    SOURCES,
+    Cluster,
+    content,
+    dask_cluster,
+    small_study,
+    wait_for_workers,
+    wait_until,
+)
 from worker_answers import answered
 
 #: Enough shards that every worker has some and a killed one leaves some.

@@ -30,14 +30,7 @@ from validation.rates.study import Told as ToldOfRates
 from validation.rates.study import run as run_rates
 from validation.rigid_body import beside, study
 from validation.rigid_body.study import PART, scores
-from validation.rigid_body.trials import (
-    GROUPS,
-    Task,
-    jittered,
-    published_grid,
-    rows_of,
-    tasks_of,
-)
+from validation.rigid_body.trials import GROUPS, Task, jittered, published_grid, rows_of, tasks_of
 from validation.studies import Row, StudyTable, kept_lines, read_as
 
 pytest.importorskip("rotorpy")

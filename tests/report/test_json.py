@@ -13,9 +13,16 @@ from eivor.flights.result import FlightEstimate
 from eivor.report.json_document import json_document, json_text
 
 DOCS = Path(__file__).parents[2] / "docs"
+
+
 VERDICTS = {"identified", "weak", "provisional", "refused"}
+
+
 NUMBER = (float, int, type(None))
+
+
 PAIR = "pair"
+
 
 #: Key to type; a dict is an object with exactly these keys, a list the type of every element.
 QUANTITY: dict[str, Any] = {
@@ -35,13 +42,19 @@ QUANTITY: dict[str, Any] = {
     ],
     "lowest": NUMBER,
 }
+
+
 SETS: dict[str, Any] = {**QUANTITY, "sets": (dict, type(None))}
+
+
 ROW: dict[str, Any] = {
     "verdict": VERDICTS,
     "reasons": [str],
     "parameters": {"viscous_friction": QUANTITY, "input_gain": QUANTITY},
     "derived": {"effective_lag": QUANTITY, "hover_input": QUANTITY},
 }
+
+
 SCHEMA: dict[str, Any] = {
     "schema": {"eivor.identify/1"},
     "logs": [
