@@ -79,14 +79,6 @@ def test_the_command_loads_no_leaf_room_and_no_figures(recordings):
     assert not loaded & {"eivor.methods", "numpy.f2py.crackfortran"}
 
 
-@pytest.mark.thorough
-def test_a_saved_result_loads_no_estimator():
-    """An export reads a document: most of its second was loading what had estimated it."""
-    loaded = modules_after("import eivor.report.saved_fit")
-    assert heavy(loaded) == []
-    assert "eivor.flights.result" not in loaded
-
-
 def test_help_loads_nothing_heavy():
     code = (
         "from eivor.cli.main import run\n"

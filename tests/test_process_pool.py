@@ -11,10 +11,10 @@ import sys
 import pytest
 
 from eivor import process_pool
-from eivor.errors import InputError, UsageError
+from eivor.errors import InputError
 from eivor.process_pool import SANDBOX, AbandonedError, LimitError, Limits, WorkerProcess, begun_in_advance
 from studies.study_parts import SOURCES, wait_until
-from worker_answers import always_reporting, answered, begin_another, counted, unreadable
+from worker_answers import answered, begin_another, counted, unreadable
 
 
 @pytest.mark.thorough
@@ -67,11 +67,6 @@ def test_progress_comes_in_order_and_anew_with_another_attempt(tmp_path, monkeyp
         (tmp_path / "die once").touch()
         assert worker(2, report=reported.append) == 2
     assert reported == [0, 1, 2, 0, 1, 0, 1]
-
-
-def test_progress_does_not_hide_limits():
-    with pytest.raises(LimitError, match=r"It took longer than 0\.1 s to answer"):
-        WorkerProcess(always_reporting, Limits(0.1, 4.0))(1, report=lambda _: None)
 
 
 def test_a_result_that_cannot_be_read_ends_its_process(monkeypatch):
@@ -183,9 +178,3 @@ def test_a_process_that_nobody_took_is_ended(begun):
     with contextlib.closing(WorkerProcess(answered)) as worker:
         assert worker("a") == "<a>"
     assert len(begun) == 2
-
-
-def test_limits_are_above_zero():
-    for wrong in ({"time_s": 0.0}, {"memory_gb": float("nan")}):
-        with pytest.raises(UsageError, match=r"a limit .* above zero"):
-            Limits(**wrong)

@@ -50,21 +50,6 @@ def test_marginal_laws_and_correlations(degrees: float | None, tmp_path: Path) -
     np.testing.assert_allclose(np.corrcoef(scaled), CORRELATIONS, atol=0.01)
 
 
-@pytest.mark.thorough
-def test_single_draws_are_correlated_too() -> None:
-    """Each call has its own strata; the correlation must not come from the number of draws."""
-    covariance = JointCovariance((CovariancePart("classical", np.array([[1.0, 0.95], [0.95, 1.0]])),))
-    draws = [joint_draws(np.zeros(2), covariance, 1, np.random.default_rng(seed))[0] for seed in range(200)]
-    assert np.corrcoef(np.array(draws).T)[0, 1] == pytest.approx(0.95, abs=0.03)
-
-
-def test_the_same_seed_gives_the_same_draws(tmp_path: Path) -> None:
-    fit = ev.load_fit(written(document(), tmp_path))
-    first, again, other = (fit.sample(5, seed=seed)["input_gain"] for seed in (1, 1, 2))
-    np.testing.assert_array_equal(first, again)
-    assert not np.array_equal(first, other)
-
-
 def test_what_cannot_be_negative_is_cut_as_its_interval_is(tmp_path: Path) -> None:
     draws = ev.load_fit(written(document(actuator_lag=(0.001, 0.002)), tmp_path)).sample(1000)
     assert draws["actuator_lag"].min() == 0.0
@@ -131,13 +116,11 @@ def test_several_nuisances_are_drawn_by_their_likelihood(tmp_path: Path) -> None
     np.testing.assert_array_equal(draws["other"] == 1.0, draws["delay"] == 0.01)
 
 
-@pytest.mark.usefixtures("unchecked_shapes")
-def test_other_delays_are_told(tmp_path: Path) -> None:
+def test_what_cannot_be_drawn_is_told(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="delays 'best' or 'all'"):
         ev.load_fit(written(document(), tmp_path)).sample(10, delays="some")
-
-
-def test_what_cannot_be_drawn_is_told(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="draws for rotorpy, mujoco, isaaclab"):
+        drawn("gazebo", tmp_path)
     fit = ev.load_fit(written(document(degrees=2.0), tmp_path))
     with pytest.raises(EstimationError, match="degrees of freedom"):
         fit.sample(10)
@@ -148,15 +131,6 @@ def test_what_cannot_be_drawn_is_told(tmp_path: Path) -> None:
     nothing["covariance"] = None
     with pytest.raises(EstimationError, match="with an estimate"):
         ev.load_fit(written(nothing, tmp_path)).sample(10)
-
-
-def test_hover_of_joint_draws_is_as_narrow_as_the_gain(tmp_path: Path) -> None:
-    """Mass and thrust drawn each by itself lose the ratio that a flight tells."""
-    draws = ev.load_fit(written(document(), tmp_path)).sample(10_000)
-    joint = 9.80665 / draws["input_gain"]
-    rng = np.random.default_rng(1)
-    boxes = rng.uniform(0.95, 1.05, 10_000) / rng.uniform(0.95, 1.05, 10_000)
-    assert 8.0 * joint.std() / joint.mean() < boxes.std()
 
 
 COUNT = 2000
@@ -195,17 +169,6 @@ def test_vehicles_of_rotorpy_hover_alike_though_masses_differ(tmp_path: Path) ->
     arms = [np.hypot(*vehicle["rotor_pos"]["r1"][:2]) for vehicle in vehicles]
     assert spread(arms) == pytest.approx(0.0004 / 0.043, rel=0.1)
     assert min(vehicle["tau_m"] for vehicle in vehicles) > 0.05
-
-
-def test_rotorpy_flies_a_draw(tmp_path: Path) -> None:
-    multirotor = pytest.importorskip("rotorpy.vehicles.multirotor", reason="RotorPy is not installed")
-    vehicle = python_file("rotorpy", tmp_path)["vehicles"][7]
-    hover = np.sqrt(vehicle["mass"] * 9.81 / (4 * vehicle["k_eta"]))
-    rest = {name: np.zeros(3) for name in ("x", "v", "w", "wind")}
-    state = rest | {"q": np.array([0.0, 0.0, 0.0, 1.0]), "rotor_speeds": np.full(4, hover)}
-    made = multirotor.Multirotor(vehicle, state, "cmd_motor_speeds")
-    after = made.step(state, {"cmd_motor_speeds": np.full(4, hover)}, 0.05)
-    np.testing.assert_allclose(after["v"], 0.0, atol=1e-6)
 
 
 @pytest.mark.thorough  # of the extra `simulators`
@@ -273,8 +236,3 @@ def test_no_name_breaks_out_of_draws(to: str, tmp_path: Path) -> None:
         assert not np.any(json.loads(text)["fields"]["dof_damping"])
     else:
         assert "linear_damping" not in python_file(to, tmp_path, record=reported).get("draws", {})
-
-
-def test_other_targets_take_no_draws(tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match="draws for rotorpy, mujoco, isaaclab"):
-        drawn("gazebo", tmp_path)

@@ -169,6 +169,7 @@ def test_intervals_log_and_hash_stand_beside_the_numbers(target: str, tmp_path: 
     assert "lag of the rotors [s]: 0.072, 95 % interval [0.07, 0.074], identified" in text
     assert "flight.ulg, SHA-256 abab" in text
     assert "mass [kg]: 0.03, 95 % interval [0.029412, 0.030588], given" in text
+    assert "back by 0.015 s" in exported(target, tmp_path, of_speeds(delay=(0.015, 0.0)))
 
 
 @pytest.mark.parametrize("target", TARGETS)
@@ -208,6 +209,10 @@ def test_a_refused_lag_must_be_given(target: str, tmp_path: Path) -> None:
 
 
 def test_all_that_is_missing_is_said_at_once(tmp_path: Path) -> None:
+    turning = of_speeds()
+    turning["model"]["name"] = "angular_rates"
+    with pytest.raises(UsageError, match="the vertical motion or the rigid body"):
+        exported("mujoco", tmp_path, turning)
     fit = ev.load_fit(written(of_speeds(), tmp_path))
     with pytest.raises(NotIdentifiedError, match=r"--mass 1.53:0.02.* and .*--vehicle FILE.toml"):
         fit.export("rotorpy")
@@ -250,18 +255,6 @@ def test_rotors_elsewhere_are_refused_where_a_simulator_knows_one_order(tmp_path
     with pytest.raises(UsageError, match="one in each quarter"):
         fit.export("pybullet", vehicle=plus, priors=PRIORS)
     assert "rotor4" in fit.export("mujoco", vehicle=plus, priors=PRIORS)
-
-
-def test_other_motions_are_refused(tmp_path: Path) -> None:
-    speeds = of_speeds()
-    speeds["model"]["name"] = "angular_rates"
-    with pytest.raises(UsageError, match="the vertical motion or the rigid body"):
-        exported("mujoco", tmp_path, speeds)
-
-
-def test_a_delay_is_said(tmp_path: Path) -> None:
-    for target in ("rotorpy", "mujoco", "pybullet", "gazebo", "drone-models", "sih"):
-        assert "back by 0.015 s" in exported(target, tmp_path, of_speeds(delay=(0.015, 0.0)))
 
 
 def test_a_result_without_an_estimate_ends_in_a_sentence(tmp_path: Path) -> None:

@@ -84,14 +84,6 @@ def test_pybullet_reads_mass_and_inertia(tmp_path: Path) -> None:
         pybullet.disconnect(client)
 
 
-@pytest.mark.thorough  # of the extra `simulators`
-def test_yourdfpy_finds_nothing_wrong(tmp_path: Path) -> None:
-    yourdfpy = pytest.importorskip("yourdfpy", reason="yourdfpy is not installed")
-    robot = yourdfpy.URDF.load(saved("pybullet", tmp_path), load_meshes=False)
-    assert robot.validate()
-    assert robot.robot.links[0].inertial.inertia[2, 2] == 2.7e-5
-
-
 #: In a process of its own: drone-models must be imported before SciPy.
 ACCELERATION = """
 import inspect, json, sys, tomllib
@@ -176,26 +168,6 @@ def holds(quantities: dict[str, Any], **truth: float) -> None:
         low, high = quantities[name].interval
         assert low <= value <= high, (name, low, value, high)
         assert high - low < 0.5 * value
-
-
-@pytest.mark.thorough  # the climb in `test_consumers` says the same quicker
-def test_mujoco(tmp_path: Path) -> None:
-    mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed")
-    model = mujoco.MjModel.from_xml_path(saved("mujoco", tmp_path))
-    data = mujoco.MjData(model)
-    mujoco.mj_resetDataKeyframe(model, data, 0)
-    steps = round(LOG_STEP_S / model.opt.timestep)
-
-    def measure() -> tuple[float, float, float]:
-        mujoco.mj_forward(model, data)
-        return data.qpos[2], data.qvel[2], data.qacc[2]
-
-    def advance(record: float) -> None:
-        data.ctrl[:] = record
-        mujoco.mj_step(model, data, steps)
-
-    again = identified_again(lambda wanted: 1.0 + wanted / GRAVITY, measure, advance, "input", "linear")
-    holds(again, viscous_friction=FRICTION, input_gain=GRAVITY, actuator_lag=LAG, hover_input=1.0)
 
 
 @pytest.mark.thorough  # RotorPy takes a millisecond for a step

@@ -31,7 +31,7 @@ from eivor.fleet.analysis import (
 from eivor.fleet.logs import given_covariates, logs_found, with_covariates
 from eivor.fleet.report import few_footnote, fleet_document, flight_links, interval_text, linked, next_text
 from eivor.fleet.run import run_fleet
-from eivor.fleet.table import LEADING, TRAILING, FleetOptions, read_flights, write_report
+from eivor.fleet.table import FleetOptions, read_flights, write_report
 from eivor.motions import motion_by_name
 from eivor.motions.rigid_body.motion import RigidBody
 from eivor.report.terminal import on_terminal
@@ -171,18 +171,6 @@ def test_logs_without_a_vehicle_are_pooled_with_nothing() -> None:
     text = plain(report)
     assert "2 vehicles of 1 type; 10 logs without a vehicle, each by itself" in text
     assert "A log without a vehicle id stands alone under its own name" in text
-
-
-def test_vehicles_of_no_known_type_are_of_no_type() -> None:
-    table = fleet_rows(FleetSpec(vehicles=2, flights=12, weather=0.05, seed=6))
-    report = reported(FleetSpec(), table.with_columns(type=pl.lit(None, pl.String)))
-    assert of(report, GAIN).select("type", "vehicle", "pooled").rows() == [
-        ("unknown", "v0000", 12),
-        ("unknown", "v0001", 12),
-    ]
-    assert report.types.height == 0
-    assert set(report.covariates["type"]) == {"unknown, v0000", "unknown, v0001"}
-    assert "2 vehicles of 0 types" in plain(report)
 
 
 def test_the_intervals_of_a_share_stay_within_its_bounds() -> None:
@@ -357,31 +345,6 @@ def test_a_flight_that_deviates_hides_no_step() -> None:
     assert set(identified) == {table["name"][item] for item in (8, 30, 50, 72)}
 
 
-def test_a_vehicle_whose_flights_scatter_more_does_not_differ() -> None:
-    """Its mean is known less well than the scatter that its type shares would say."""
-    table = fleet_rows(FleetSpec(vehicles=12, flights=8, between_vehicles=0.01, seed=2))
-    value = table[f"{GAIN}.value"].to_list()
-    scatter = 1.12 + 0.35 * np.random.default_rng(1).standard_normal(8)
-    table = at(table, f"{GAIN}.value", {index: scatter[index] * value[index] for index in range(8)})
-    vehicles = of(reported(FleetSpec(), table), GAIN)
-    assert vehicles["mean"][0] > 1.08 * vehicles["mean"].median()
-    assert not vehicles["differs"].any()
-
-
-def test_simulated_rows_are_a_table_of_a_fleet(tmp_path):
-    table = fleet_rows(FleetSpec(vehicles=1, flights=2))
-    assert set(LEADING) | set(TRAILING) <= set(table.columns)
-    (tmp_path / "flights").mkdir()
-    table.write_parquet(tmp_path / "flights" / "part-0.parquet")
-    assert read_flights(tmp_path)["name"].to_list() == ["v0000-0000.ulg", "v0000-0001.ulg"]
-
-
-def test_a_table_that_tells_nothing_is_reported():
-    report = fleet_report(pl.DataFrame([row("a", verdict="failed", reason="It is empty.")]), VERTICAL)
-    assert not report.vehicles.height
-    assert not report.quantities
-
-
 def test_a_folder_has_a_report_for_each_motion(tmp_path):
     numbers = {f"{FRICTION}.{part}": 0.4 for part in ("value", "std_error", "low", "high")}
     fleet = write_fleet(
@@ -404,16 +367,6 @@ def test_a_next_vehicle_that_may_be_anywhere_has_no_interval() -> None:
     assert next_text(row, wording) == "–"
     assert not list(few_footnote([row], "vehicles"))
     assert next_text(row | {"next_high": 4.0}, wording).endswith(" *")
-
-
-def test_a_mean_that_reaches_far_keeps_its_digits() -> None:
-    wording, names = RigidBody.wording["pitch_damping"], ("mean", "low", "high")
-    assert interval_text({"mean": 0.2432, "low": 1.7e-5, "high": 3412.0}, wording, names) == (
-        "0.24",
-        "[1.7e-05, 3400]",
-    )
-    assert interval_text({"mean": 24.32, "low": 11.0, "high": 350.0}, wording, names)[0] == "20"
-    assert interval_text({"mean": None, "low": None, "high": None}, wording, names) == ("–", "–")
 
 
 #: Where the clocks of logs of one vehicle begin [s since 1970].
@@ -461,9 +414,21 @@ def test_addresses_are_relative_to_the_page_and_say_the_hash_alone(
     write_report(folder, HASH, "a page")
     (folder / "reports" / "javascript:alert(1).html").write_text("somebody else's")
     assert flight_links(folder, tmp_path / page) == {HASH: address}
-
-
-def test_a_flight_without_a_report_says_so_where_others_have_one() -> None:
     assert linked("a.ulg", HASH, {HASH: "there"}).link == "there"
     assert linked("a.ulg", "", {HASH: "there"}).below == "no report of its own"
-    assert linked("a.ulg", HASH, {}).below == ""
+
+
+def test_a_table_that_tells_nothing_is_reported():
+    report = fleet_report(pl.DataFrame([row("a", verdict="failed", reason="It is empty.")]), VERTICAL)
+    assert not report.vehicles.height
+    assert not report.quantities
+
+
+def test_a_mean_that_reaches_far_keeps_its_digits() -> None:
+    wording, names = RigidBody.wording["pitch_damping"], ("mean", "low", "high")
+    assert interval_text({"mean": 0.2432, "low": 1.7e-5, "high": 3412.0}, wording, names) == (
+        "0.24",
+        "[1.7e-05, 3400]",
+    )
+    assert interval_text({"mean": 24.32, "low": 11.0, "high": 350.0}, wording, names)[0] == "20"
+    assert interval_text({"mean": None, "low": None, "high": None}, wording, names) == ("–", "–")

@@ -17,12 +17,11 @@ import pytest
 from eivor.atomic_file import folder_lock, parquet_bytes
 from eivor.errors import InputError, UsageError
 from eivor.fleet.logs import Log, LogList, logs_found
-from eivor.fleet.run import COPIES, Work, hashed, run_fleet, share_of, without_report, work_of
+from eivor.fleet.run import COPIES, Work, hashed, run_fleet, without_report, work_of
 from eivor.fleet.table import (
     IDENTITY,
     KEY_COLUMNS,
     RUN,
-    SHARES,
     FleetOptions,
     part_files,
     read_flights,
@@ -90,12 +89,6 @@ def test_what_is_there_is_not_made_again(logs, tmp_path):
     (logs / "e.csv").unlink()
     assert run(logs, folder).elsewhere == 1
     assert content(folder) != before
-
-
-def test_the_table_does_not_depend_on_the_tasks(logs, tmp_path):
-    for size in (1, 2, 100):
-        run(logs, tmp_path / f"{size}", shard_logs=size)
-    assert content(tmp_path / "1") == content(tmp_path / "2") == content(tmp_path / "100")
 
 
 def test_an_interrupt_keeps_what_was_done(logs, tmp_path, monkeypatch):
@@ -251,18 +244,6 @@ def test_a_folder_of_other_options_or_versions_is_refused(logs, tmp_path):
         run(logs, logs / "a.csv")
 
 
-def test_motions_share_a_folder(logs, tmp_path):
-    folder = tmp_path / "fleet"
-    run(logs, folder)
-    done = run(logs, folder, FleetOptions(motion="rates"))
-    assert (done.before, done.elsewhere) == (0, 0)
-    assert read_flights(folder).group_by("motion").len().sort("motion").rows() == [
-        ("rates", 4),
-        ("vertical", 4),
-    ]
-    assert set(json.loads((folder / IDENTITY).read_text())["options"]) == {"rates", "vertical"}
-
-
 def test_one_run_at_a_time(logs, tmp_path):
     folder = tmp_path / "fleet"
     run(logs, folder)
@@ -289,15 +270,6 @@ def test_nothing_to_do_is_told(tmp_path):
     with pytest.raises(InputError, match=r"received none \(0 other files\)"):
         run(tmp_path / "logs", tmp_path / "fleet")
     assert not (tmp_path / "fleet").exists()
-
-
-def test_a_folder_that_cannot_be_written(logs, tmp_path, monkeypatch):
-    def refuse(*_choices, **_more):
-        raise PermissionError(errno.EACCES, "Permission denied")
-
-    monkeypatch.setattr(Path, "mkdir", refuse)
-    with pytest.raises(InputError, match=r"that the fleet can be written to; received .*Permission denied"):
-        run(logs, tmp_path / "fleet")
 
 
 def test_flights_have_reports_of_their_own_where_they_are_asked_for(logs, tmp_path):
@@ -409,11 +381,6 @@ def test_logs_are_in_the_order_of_their_names_and_once():
     assert (len(LogList.of([])), list(LogList.of([]))) == (0, [])
 
 
-def test_a_path_that_is_no_text_stays_as_it_is():
-    (log_list,) = LogList.of([Log("/\udcff.ulg", "x", {"a": "\n"})])
-    assert (log_list.path, log_list.metadata, log_list.sha256) == ("/\udcff.ulg", {"a": "\n"}, "")
-
-
 def test_the_numbers_are_of_the_row_that_is_there_else_of_the_first_by_name():
     logs = [log("c", "one"), log("a", "one"), log("b", "two"), log("d", "two"), log("e", "three"), log("f")]
     there = known_rows(
@@ -423,22 +390,6 @@ def test_the_numbers_are_of_the_row_that_is_there_else_of_the_first_by_name():
     assert result.identify["name"].to_list() == ["a"]
     assert result.copies.select("name", "first").rows() == [("c", "a"), ("d", "gone")]
     assert result.opened.height == 5
-
-
-def test_a_log_of_another_content_under_an_old_name_is_another_log():
-    result = work([log("a", "new"), log("b", "old")], known_rows(("a", "old", "weak")))
-    assert result.identify["name"].to_list() == ["a"]
-    assert result.copies["name"].to_list() == ["b"]
-
-
-def test_nothing_is_to_be_done_with_logs_that_have_rows():
-    result = work([log("a", "one"), log("b", "one")], known_rows(("a", "one", "weak"), ("b", "one", "copy")))
-    assert (result.opened.height, result.identify.height, result.copies.height) == (2, 0, 0)
-
-
-def test_logs_that_cannot_be_opened_are_spread_over_all_shares():
-    assert {share_of(f"{number}") for number in range(2000)} == set(range(SHARES))
-    assert share_of("a.ulg") == 6
 
 
 def test_reports_are_wanted_of_results_that_have_none():

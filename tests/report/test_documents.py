@@ -7,7 +7,6 @@ import re
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -20,7 +19,7 @@ from eivor.flights.result import FlightEstimate
 from eivor.inference.verdict import Reason, Status, Verdict
 from eivor.motions.vertical.motion import Vertical
 from eivor.report.document import Bullets, Document, Facts, Figure, Part, Statement, TableOf, printable
-from eivor.report.flight import NO_NUMBER, document_of, flight_card, flight_document, flight_report, numbers
+from eivor.report.flight import NO_NUMBER, document_of, flight_document, flight_report, numbers
 from eivor.report.inspection import (
     PooledInspection,
     inspection,
@@ -28,8 +27,8 @@ from eivor.report.inspection import (
     pooled_documents,
     pooled_inspection,
 )
-from eivor.report.json_document import inspection_json, json_document, json_of, json_text
-from eivor.report.terminal import COLOURS, on_terminal
+from eivor.report.json_document import json_document, json_of, json_text
+from eivor.report.terminal import on_terminal
 from eivor.signals.recording import Finding, Recording
 
 
@@ -59,18 +58,6 @@ def _lines(part: Part) -> Iterator[str]:
             yield f"**{part.text}**{part.more}"
         case Figure():
             yield f"![]({part.name}.svg)"
-
-
-@pytest.mark.thorough
-def test_another_medium_tells_a_result(pool: FlightEstimate) -> None:
-    lines = list(markdown(flight_document(pool, card=True)))
-    assert lines[0] == "# first, second"
-    assert lines[1].startswith(f"**{pool.verdict.status.value}** ")
-    quantities = next(line for line in lines if line.startswith("viscous friction|K|"))
-    assert quantities.endswith(f"|1/s|{pool.quantities['viscous_friction'].verdict.value}")
-    rows = [line for line in lines if line.startswith(tuple(f"{row.label} " for row in pool.comparisons))]
-    assert len(rows) == len(pool.comparisons)
-    assert "![](flight.svg)" in lines
 
 
 @pytest.fixture(scope="module")
@@ -126,17 +113,6 @@ def test_what_is_told_is_told_by_every_medium(pool: FlightEstimate) -> None:
     ):
         assert words in displayed, words
         assert words in written, words
-
-
-@pytest.mark.thorough
-def test_json_and_document_of_an_inspection_take_one_flight(inspected: PooledInspection) -> None:
-    (logs,) = inspected.logs
-    flight = logs.airborne
-    assert flight is not None
-    written: dict[str, Any] = inspection_json(logs)
-    assert written["airborne"]["segments"] == [list(stretch) for stretch in flight.active]
-    (start, end) = flight.active[0]
-    assert any(f"{start:.1f} to {end:.1f} s" in line for line in markdown(inspection_document(logs)))
 
 
 @pytest.mark.parametrize("name", ["fit", pytest.param("pool", marks=pytest.mark.thorough), "still"])
@@ -216,21 +192,9 @@ def test_columns_fold_into_rows_where_their_numbers_would_break(pool: FlightEsti
     assert lines[row + 1].startswith("  K [1/s]")
 
 
-@pytest.mark.thorough
-def test_a_long_word_folds_and_its_row_stays(pool: FlightEstimate) -> None:
-    long = replace(pool.flights[0], label="a_log_with_a_very_long_name_that_no_window_holds.csv")
-    text = _text(on_terminal(flight_document(replace(pool, flights=(long,)))), 40)
-    assert max(len(line) for line in text.splitlines()) <= 40
-    assert long.label in "".join(text.split())
-
-
 def test_the_verdict_is_in_words_and_in_colour(fit: FlightEstimate) -> None:
     assert "IDENTIFIED" in _text(on_terminal(flight_document(fit)), 80)
     assert "\x1b[1;32mIDENTIFIED" in _text(on_terminal(flight_document(fit)), 80, colour=True)
-
-
-def test_every_verdict_has_a_colour_and_a_meaning() -> None:
-    assert set(COLOURS) == set(Vertical.words.meanings) == set(Status)
 
 
 def test_a_result_without_estimate_says_why_and_what_to_fly(still: FlightEstimate) -> None:
@@ -240,11 +204,6 @@ def test_a_result_without_estimate_says_why_and_what_to_fly(still: FlightEstimat
     assert "--card" not in text
     assert "nan" not in text
     assert "inf" not in text.replace("information", "")
-
-
-def test_the_card_is_for_flights_that_are_not_identified(fit: FlightEstimate, still: FlightEstimate) -> None:
-    assert flight_card(fit) == ()
-    assert [section.title for section in flight_card(still)] == ["Fly", "Log", "Setpoints"]
 
 
 def test_a_refusal_is_short_and_says_where_the_card_is(still: FlightEstimate) -> None:
@@ -261,16 +220,6 @@ def test_a_reason_is_no_finding_besides(still: FlightEstimate) -> None:
     reason = still.verdict.reasons[0].sentence
     document = flight_document(replace(still, findings=(Finding("no_flight", reason),)))
     assert str(document).count(reason) == 1
-
-
-@pytest.mark.thorough
-def test_what_is_said_of_every_log_is_said_once(pool: FlightEstimate) -> None:
-    findings = tuple(
-        Finding("no_attitude", f"{flight.recording.name}: No attitude.") for flight in pool.prepared
-    )
-    text = _text(on_terminal(flight_document(replace(pool, findings=findings))), 80)
-    assert "Every log: No attitude." in text
-    assert "first: No attitude." not in text
 
 
 def test_strings_of_a_log_are_shown_and_not_obeyed(fit: FlightEstimate) -> None:
@@ -310,27 +259,6 @@ def test_no_number_of_an_inspection_is_broken(recording: Recording, width: int) 
     assert rates + ends <= words
 
 
-@pytest.mark.thorough
-def test_a_source_is_not_broken_where_it_fits(recording: Recording) -> None:
-    """A name of PX4's that is longer than a third of the window can still be copied whole."""
-    source = "sensor_combined.accelerometer_m_s2[0]"
-    channels = {
-        name: replace(channel, source=source, delay_s=0.0025) for name, channel in recording.channels.items()
-    }
-    result = inspection(replace(recording, channels=channels), _options(), Vertical())
-    text = _text(on_terminal(inspection_document(result)), 80)
-    assert max(map(len, text.splitlines())) <= 80
-    assert text.split().count(source) == len(channels)
-
-
-@pytest.mark.thorough
-def test_what_is_logged_now_and_then_has_a_rate(recording: Recording) -> None:
-    result = inspection(recording, _options(), Vertical())
-    seldom = replace(result, channels=tuple(replace(channel, rate_hz=0.0137) for channel in result.channels))
-    words = _text(on_terminal(inspection_document(seldom)), 80).split()
-    assert words.count("0.014") == len(result.channels)
-
-
 def _options() -> object:
     from eivor.flights.options import FlightOptions
 
@@ -368,10 +296,6 @@ def test_the_interval_decides_the_digits(
     value: float, low: float, high: float, shown: tuple[str, str]
 ) -> None:
     assert numbers(_quantity(value, low, high), PLAIN) == shown
-
-
-def test_lags_are_in_milliseconds() -> None:
-    assert numbers(_quantity(0.0718, 0.0703, 0.0733), Vertical.wording["effective_lag"])[0] == "71.8"
 
 
 @pytest.mark.parametrize(

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
@@ -22,7 +20,6 @@ from eivor.estimation.bootstrap import bootstrap
 from eivor.estimation.estimate import Candidate, Estimate
 from eivor.estimation.methods import least_squares
 from eivor.estimation.variable_projection import NuisanceProfile
-from eivor.flights.options import FlightOptions
 from eivor.flights.quantity import Trace, Wording
 from eivor.flights.result import FlightEstimate
 from eivor.inference.bootstrap import Bootstrap
@@ -91,17 +88,6 @@ def test_a_flight_has_its_panels(fit: FlightEstimate) -> None:
     assert inside(figure)
 
 
-def test_every_axis_has_a_unit_or_is_a_number(fit: FlightEstimate) -> None:
-    for axes in flight_figure(fit).axes:
-        assert axes.get_ylabel()
-        assert "[" in axes.get_ylabel() or axes.get_ylabel().startswith(("correlation", "objective"))
-
-
-def test_the_prediction_drawn_is_close_for_a_good_fit(fit: FlightEstimate) -> None:
-    measured, predicted = (np.asarray(line.get_ydata()) for line in flight_figure(fit).axes[0].lines[:2])
-    assert np.std(measured - predicted) < 0.2 * np.std(measured)
-
-
 def test_the_lag_profile_is_least_at_the_lag(fit: FlightEstimate) -> None:
     panel = flight_figure(fit).axes[3]
     curve = next(line for line in panel.lines if str(line.get_label()).startswith("delay"))
@@ -139,30 +125,6 @@ def test_every_axis_of_a_motion_is_drawn(fit: FlightEstimate) -> None:
 
 
 @pytest.mark.thorough
-@pytest.mark.long
-def test_a_pool_says_which_run_is_drawn(pool: FlightEstimate) -> None:
-    figure = flight_figure(pool)
-    assert "the longest of 2 runs" in _titles(figure)[0]
-    assert "2 flights" in figure.get_suptitle()
-    assert inside(figure)
-
-
-@pytest.mark.thorough
-def test_without_estimate_the_flight_itself_is_drawn(still: FlightEstimate) -> None:
-    figure = flight_figure(still)
-    assert "The input is constant" in figure.axes[-1].texts[0].get_text()
-    assert "height [m]" in [axes.get_ylabel() for axes in figure.axes]
-    assert inside(figure)
-
-
-@pytest.mark.thorough
-@pytest.mark.parametrize("method", ["least_squares", "total_least_squares", "extended_iv"])
-def test_every_method_can_be_drawn(recording: Recording, method: str) -> None:
-    result = identify_flight(recording, FlightOptions(window=(0.0, 20.0), method=method))
-    assert inside(flight_figure(result))
-
-
-@pytest.mark.thorough
 def test_measured_rotors_have_a_profile_of_their_delay(recording: Recording) -> None:
     channels = {
         name.replace("rotor_command", "rotor_speed"): replace(
@@ -193,16 +155,6 @@ def test_the_same_result_gives_the_same_bytes(fit: FlightEstimate, tmp_path: Pat
     for name in ("a.png", "b.png"):
         save_figure(flight_figure(fit), tmp_path / name)
     assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
-
-
-@pytest.mark.thorough
-def test_pyplot_is_left_alone() -> None:
-    code = "import sys, eivor.report.figures; assert 'matplotlib.pyplot' not in sys.modules"
-    subprocess.run([sys.executable, "-c", code], check=True)
-
-
-def test_plot_of_a_result_is_the_figure(fit: FlightEstimate) -> None:
-    assert isinstance(fit.plot(), Figure)
 
 
 FLIGHT = ("fit", "residual", "autocorrelation", "profile", "excitation")

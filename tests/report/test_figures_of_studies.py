@@ -19,13 +19,9 @@ from eivor.lab.experiments import VerticalExperiment
 from eivor.lab.figures import (
     CoverageRow,
     coverage_figure,
-    histogram_figure,
     nrmse_figure,
-    signal_figure,
     study_coverage_figure,
-    study_figure,
 )
-from eivor.lab.paper import EXAMPLES, named_readings, run_example
 from eivor.lab.records import Scenario
 from eivor.lab.study import MethodChoice, Spread, Study, StudyResult
 from eivor.report.figure_panels import (
@@ -36,7 +32,6 @@ from eivor.report.figure_panels import (
     pair_figure,
 )
 from eivor.report.figures import (
-    axis_label,
     noise_spectrum_figure,
     residual_figure,
     robust_band,
@@ -105,18 +100,6 @@ def test_ends_without_bound_are_arrows_and_an_empty_set_says_so() -> None:
     assert inside(figure)
 
 
-def test_a_single_exact_value_still_has_an_axis() -> None:
-    figure = interval_figure({"a": [PlottedInterval("one", 2.0, ((2.0, 2.0),))]})
-    low, high = figure.axes[0].get_xlim()
-    assert low < 2.0 < high
-
-
-@pytest.mark.parametrize("panels", [{}, {"a": []}])
-def test_no_interval_is_no_figure(panels: dict[str, list[PlottedInterval]]) -> None:
-    with pytest.raises(UsageError, match="intervals to draw"):
-        interval_figure(panels)
-
-
 def test_a_pair_has_its_ellipse_its_intervals_the_truth_and_a_cloud(estimate: Estimate) -> None:
     replicates = ev.bootstrap(estimate.best.rows, ev.methods.least_squares(), runs=40)
     figure = pair_figure(estimate, "viscous_friction", "input_gain", truth=TRUTH, replicates=replicates)
@@ -127,17 +110,15 @@ def test_a_pair_has_its_ellipse_its_intervals_the_truth_and_a_cloud(estimate: Es
     outline = estimate.ellipse("viscous_friction", "input_gain").outline()
     np.testing.assert_array_equal(axes.lines[1].get_xydata(), outline)
     assert inside(figure)
-
-
-def test_any_polygon_may_stand_beside_an_ellipse() -> None:
     corners = np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 2.0], [0.0, 0.0]])
     figure = ellipse_figure(
         {"Wald": Ellipse(np.zeros(2), np.eye(2))}, names=("a", "b"), regions={"set": [corners, corners + 3.0]}
     )
     assert words(figure) == ["Wald", "set"]
     assert figure.axes[0].get_xlim()[1] > 5.0
-    with pytest.raises(UsageError, match="an ellipse or a region"):
-        ellipse_figure({}, names=("a", "b"))
+    figure = interval_figure({"a": [PlottedInterval("one", 2.0, ((2.0, 2.0),))]})
+    low, high = figure.axes[0].get_xlim()
+    assert low < 2.0 < high
 
 
 @pytest.mark.thorough
@@ -180,15 +161,6 @@ def test_the_robust_band_is_that_of_white_noise_when_its_strength_is_constant_an
     assert robust / 400 < 0.05 + 3.0 * np.sqrt(0.05 * 0.95 / 400)
 
 
-def test_what_is_no_residual_is_refused() -> None:
-    with pytest.raises(NonFiniteError):
-        residual_figure(np.array([1.0, math.nan] * 20), rate_hz=5.0)
-    with pytest.raises(NonFiniteError):
-        residual_figure(np.ones(100), rate_hz=0.0)
-    with pytest.raises(TooFewSamplesError):
-        residual_figure(np.ones(9), rate_hz=5.0)
-
-
 def test_coverage_has_a_line_for_each_group_and_a_colour_for_each_label() -> None:
     rows = [
         CoverageRow(label, group, hits, 1000)
@@ -212,11 +184,6 @@ def test_coverage_has_a_line_for_each_group_and_a_colour_for_each_label() -> Non
     assert spans[0][:, 0] == pytest.approx([67.1, 72.8], abs=0.1)  # Wilson's
     assert axes.get_xlim()[0] < 67.0
     assert inside(figure)
-
-
-def test_no_count_is_no_figure() -> None:
-    with pytest.raises(UsageError, match="intervals that were counted"):
-        coverage_figure([CoverageRow("one", "a", 0, 0)])
 
 
 def finished(folder: Path, name: str, *, intervals: bool = True, level: float = 0.95) -> StudyResult:
@@ -248,13 +215,6 @@ def test_studies_show_each_parameter_with_its_methods_side_by_side(tmp_path: Pat
     assert inside(both)
 
 
-def test_studies_without_intervals_or_of_different_levels_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match="none with intervals"):
-        study_coverage_figure([finished(tmp_path, "one", intervals=False)])
-    with pytest.raises(UsageError, match="intervals of one level"):
-        study_coverage_figure([finished(tmp_path, "one"), finished(tmp_path, "two", level=0.9)])
-
-
 def labels(figure: Figure) -> list[str]:
     return [text.get_text() for axes in figure.axes if axes.get_legend() for text in axes.get_legend().texts]
 
@@ -281,16 +241,6 @@ def test_what_is_not_valid_is_a_gap_and_truth_is_drawn_too():
     assert np.isnan(drawn[4])
     assert not np.isnan(np.delete(drawn, 4)).any()
     assert labels(figure) == ["measured", "without noise"]
-
-
-def test_a_channel_that_is_not_there_is_told():
-    signals = Signals(5.0, {"input": np.zeros(4)})
-    with pytest.raises(MissingChannelError, match="velocity_z"):
-        signals_figure(signals, ("velocity_z",))
-
-
-def test_unknown_channels_keep_their_names():
-    assert axis_label("odd\nname") == "odd\\nname [-]"
 
 
 def test_bars_hold_every_trial():
@@ -333,26 +283,6 @@ def test_no_estimate_is_said():
         nrmse_figure({})
 
 
-@pytest.mark.thorough
-def test_a_study_has_a_row_for_each_method(tmp_path):
-    study = Study(
-        "a study",
-        VerticalExperiment(Scenario(0.293, 0.021)),
-        (MethodChoice("least_squares"), MethodChoice("generalized_iv", lags=(0, 3))),
-        runs=3,
-    )
-    columns: dict[str, list[int] | list[float] | list[str]] = {"trial": [0, 1, 2]}
-    for label in ("least_squares", "generalized_iv"):
-        columns[f"{label}.status"] = ["identified", "failed", "weak"]
-        columns[f"{label}.viscous_friction"] = [0.3, float("nan"), 0.28]
-        columns[f"{label}.input_gain"] = [0.02, float("nan"), 0.022]
-    figure = study_figure(StudyResult(study, tmp_path, pl.DataFrame(columns)))
-    assert len(figure.axes) == 6
-    assert figure.get_suptitle() == "a study: 3 trials"
-    assert all(sum(patch.get_height() for patch in axes.patches) == 2 for axes in figure.axes)
-    assert inside(figure)
-
-
 @pytest.mark.parametrize("order", [pytest.param(-0.5, marks=pytest.mark.thorough), -0.4, 0.0, 0.3])
 def test_the_fitted_line_lies_on_the_bands(order):
     values = FractionalNoise(0.2, order).sample(20_000, np.random.default_rng(2))
@@ -382,17 +312,33 @@ def test_an_estimate_of_ones_own_is_drawn():
         noise_spectrum_figure(np.arange(100.0), rate_hz=0.0)
 
 
-@pytest.mark.thorough
-def test_counterparts_of_the_papers_figures():
-    reading = named_readings(("height-central",))[0]
-    signals = signal_figure(reading)
-    assert [axes.get_ylabel() for axes in signals.axes] == ["input u [-]", "height z [m]"]
-    assert signals.axes[0].lines[0].get_xdata()[-1] == pytest.approx(799.8)
-    histogram = histogram_figure(run_example(reading, EXAMPLES[0], 4), "IV")
-    assert [axes.get_xlabel() for axes in histogram.axes] == [
-        "NRMSE of K [%]",
-        "NRMSE of K_u [%]",
-        "NRMSE of all parameters [%]",
-    ]
-    assert inside(signals)
-    assert inside(histogram)
+@pytest.mark.parametrize(
+    ("draw", "error", "message"),
+    [
+        (lambda: interval_figure({}), UsageError, "intervals to draw"),
+        (lambda: interval_figure({"a": []}), UsageError, "intervals to draw"),
+        (lambda: ellipse_figure({}, names=("a", "b")), UsageError, "an ellipse or a region"),
+        (lambda: residual_figure(np.array([1.0, math.nan] * 20), rate_hz=5.0), NonFiniteError, "Expected"),
+        (lambda: residual_figure(np.ones(100), rate_hz=0.0), NonFiniteError, "Expected"),
+        (lambda: residual_figure(np.ones(9), rate_hz=5.0), TooFewSamplesError, "Expected"),
+        (lambda: coverage_figure([CoverageRow("one", "a", 0, 0)]), UsageError, "that were counted"),
+        (
+            lambda: study_coverage_figure([finished(Path(), "one", intervals=False)]),
+            UsageError,
+            "none with intervals",
+        ),
+        (
+            lambda: study_coverage_figure([finished(Path(), "a"), finished(Path(), "b", level=0.9)]),
+            UsageError,
+            "intervals of one level",
+        ),
+        (
+            lambda: signals_figure(Signals(5.0, {"input": np.zeros(4)}), ("velocity_z",)),
+            MissingChannelError,
+            "velocity_z",
+        ),
+    ],
+)
+def test_what_cannot_be_drawn_is_refused(draw, error, message) -> None:
+    with pytest.raises(error, match=message):
+        draw()

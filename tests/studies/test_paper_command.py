@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Callable
 from dataclasses import replace
@@ -71,24 +70,6 @@ def test_without_names_there_is_an_overview(two_readings, monkeypatch):
     assert full.output.count("example 1: NRMSE") == 2
 
 
-def test_help_names_the_paper():
-    text = " ".join(eivor("paper", "--help").output.replace("│", " ").split())
-    assert "D. Ivanov, A. Zhdanov and I. Sandler, Identification of dynamical systems with" in text
-    assert "(2024)" in text
-
-
-@pytest.mark.thorough
-def test_json_is_finite_and_complete(two_readings):
-    run = eivor(*SMALL, "--readings", "two-lags", "--json", "-")
-    document = json.loads(run.output)
-    assert document["schema"] == "eivor.paper/1"
-    example = document["readings"][0]["examples"][1]
-    assert example["methods"]["generalized_iv"]["printed"]["viscous_friction"] == {"mean": 5.74, "sd": 2.7}
-    assert example["methods"]["extended_iv_tls"]["failed"] == 3
-    assert example["methods"]["extended_iv_tls"]["nrmse"]["together"]["mean"] is None
-    assert document["readings"][0]["choices"]["lags"] == 2
-
-
 @pytest.mark.thorough
 def test_weak_instruments_are_told(two_readings):
     run = eivor(*SMALL, "--readings", "white-input")
@@ -103,15 +84,6 @@ def test_weak_instruments_are_told(two_readings):
     assert counts == [0, 0, 3, 3]
     page = figures.page_parts(two_readings)["example 1"]
     assert page.count("Weak instruments (first-stage F below 10), in runs: `white-input` (3 of 3).") == 1
-
-
-@pytest.mark.thorough
-def test_figures_are_written_in_both_formats(tmp_path: Path, monkeypatch):
-    monkeypatch.setattr("eivor.lab.figures.save_figure", lambda _, path: path.touch())
-    run = eivor(*SMALL, "--readings", "ratios-of-std", "--out", str(tmp_path / "new" / "folder"))
-    assert run.exit_code == 0, run.output
-    written = {path.name for path in (tmp_path / "new" / "folder").iterdir()}
-    assert written == {f"figure-{number}.{ending}" for number in range(2, 9) for ending in ("svg", "png")}
 
 
 @pytest.mark.thorough
@@ -134,16 +106,6 @@ def test_page_is_filled_between_its_marks(tmp_path: Path, two_readings):
     assert file.read_text(encoding="utf-8") == "no marks\n"
 
 
-def test_the_nearest_reading_is_one_that_the_text_allows(two_readings):
-    assert figures.nearest(two_readings) == "ratios-of-variances"
-
-
-def test_readings_are_listed():
-    run = eivor("paper", "--list")
-    assert run.exit_code == 0
-    assert "central-10-lags" in run.output
-
-
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -158,13 +120,6 @@ def test_wrong_usage_is_told_before_anything_runs(arguments, message, monkeypatc
     run = eivor("paper", *arguments)
     assert run.exit_code in (1, 2)
     assert message in run.output
-
-
-def test_a_folder_that_is_a_file_is_told(tmp_path: Path):
-    (tmp_path / "file").write_text("", encoding="utf-8")
-    run = eivor(*SMALL, "--out", str(tmp_path / "file"))
-    assert run.exit_code == 1
-    assert "a folder for the figures" in run.output
 
 
 FOLDER = Path(__file__).parents[2] / "examples" / "studies"
@@ -333,16 +288,6 @@ def test_a_disturbance_that_is_given_counts_as_white() -> None:
     np.testing.assert_allclose(power, series.var())
 
 
-def test_longer_records_tell_more() -> None:
-    short, long = (
-        ev.bounds.cramer_rao(replace(shipped_scenario("white"), samples=count), runs=2).std_errors[
-            "input_gain"
-        ]
-        for count in (1000, 4000)
-    )
-    assert short / long == pytest.approx(2.0, rel=0.1)
-
-
 def test_what_has_no_bound_is_refused() -> None:
     with pytest.raises(ParameterError, match="in open loop"):
         ev.bounds.cramer_rao(shipped_scenario("closed-loop"))
@@ -352,3 +297,16 @@ def test_what_has_no_bound_is_refused() -> None:
         ev.bounds.cramer_rao(shipped_scenario("rich"), runs=0)
     with pytest.raises(ParameterError, match="a seed of zero or more"):
         ev.bounds.cramer_rao(shipped_scenario("rich"), seed=-1)
+
+
+def test_readings_are_listed():
+    run = eivor("paper", "--list")
+    assert run.exit_code == 0
+    assert "central-10-lags" in run.output
+
+
+def test_a_folder_that_is_a_file_is_told(tmp_path: Path):
+    (tmp_path / "file").write_text("", encoding="utf-8")
+    run = eivor(*SMALL, "--out", str(tmp_path / "file"))
+    assert run.exit_code == 1
+    assert "a folder for the figures" in run.output

@@ -30,7 +30,6 @@ from eivor.lab.paper import (
     euler_steps,
     integrated_height,
     named_readings,
-    nearness,
     nrmse,
     record,
     run_example,
@@ -41,8 +40,6 @@ from eivor.lab.records import Intersample
 from eivor.lab.study import Spread
 from eivor.models.regression import lags
 from eivor.motions.vertical.model import VerticalMotion
-from eivor.signals.noise import FractionalNoise, WhiteNoise
-from eivor.signals.signals import Signals
 
 RUNS = 30
 PROTOTYPE_RUNS = 100
@@ -159,21 +156,7 @@ def test_weak_is_what_identify_calls_weak(name):
     assert weak == (fit.status is Status.WEAK) == (name == "white-input")
 
 
-def test_too_few_instruments_for_total_least_squares_are_no_estimate():
-    result = run_example(reading("two-lags"), EXAMPLES[0], 2)
-    assert result.failed("extended_iv_tls") == 2
-    assert result.failed("extended_iv") == 0
-    assert np.isnan(result.spreads("extended_iv_tls")[0].mean)
-
-
 # -- records -----------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("name", [item.name for item in READINGS])
-def test_every_reading_makes_records_of_the_papers_length(name):
-    made = record(reading(name), EXAMPLES[1], trial_generator(0))
-    assert made.signals.sample_count == made.truth.sample_count == 4000
-    assert np.isfinite(list(made.signals.channels.values())).all()
 
 
 @pytest.mark.parametrize("intersample", list(Intersample))
@@ -234,25 +217,6 @@ def test_alternating_noise_has_the_printed_weights():
     assert sample == pytest.approx(expected, rel=1e-10)
 
 
-def test_alternating_noise_has_the_autocovariance_of_its_weights():
-    weights = binom(-0.4, np.arange(40))
-    autocovariance = AlternatingNoise(1.5, -0.4).autocovariance(3, 10, 5)
-    expected = [2.25 * weights[: m + 1] @ weights[3 : m + 4] for m in range(10, 15)]
-    assert autocovariance == pytest.approx(expected, rel=1e-10)
-
-
-def test_ratios_are_of_what_the_reading_says():
-    std, variance = reading("ratios-of-std"), reading("ratios-of-variances")
-    after = reading("ratio-after-delta")
-    noise = {
-        item.name: record(item, EXAMPLES[0], trial_generator(0)).signals.noise["velocity_z"].std
-        for item in (std, variance, after)
-    }
-    assert noise["ratios-of-variances"] == pytest.approx(10.0 * noise["ratios-of-std"])
-    mean_variance = FractionalNoise(noise["ratio-after-delta"], -0.4).autocovariance(0, 0, 4000).mean()
-    assert mean_variance == pytest.approx(noise["ratios-of-variances"] ** 2)
-
-
 @pytest.mark.parametrize("source", SOURCES)
 @pytest.mark.parametrize(("example", "smaller"), [(EXAMPLES[0], 2e-3), (EXAMPLES[1], 5e-3)], ids=["1", "2"])
 def test_the_larger_ratio_belongs_to_one_source(source, example, smaller):
@@ -268,16 +232,6 @@ def test_input_noise_of_the_second_example_is_five_thousandths_of_its_signal():
     noisy, exact = made.signals.channels["input"], made.truth.channels["input"]
     # 4000 samples tell a standard deviation to 1.1 %
     assert (noisy - exact).std() / exact.std() == pytest.approx(5e-3, rel=0.05)
-
-
-def test_direct_methods_use_no_more_of_a_noise_than_its_mean_variance():
-    noise = {"velocity_z": FractionalNoise(0.3, -0.4), "input": WhiteNoise(0.1)}
-    channels = {name: np.linspace(0.0, 1.0, 50) for name in ("velocity_z", "acceleration_z", "input")}
-    signals = Signals(5.0, channels, noise=noise | {"acceleration_z": FractionalNoise(0.2, -0.5)})
-    model = VerticalMotion(intercept=False)
-    exact = model.regression(signals).regressor_noise_covariance()
-    simpler = model.regression(paper_trials._known_by_variance(signals)).regressor_noise_covariance()
-    assert simpler == pytest.approx(exact, rel=1e-12)
 
 
 # -- the whole study ---------------------------------------------------------------------------------
@@ -322,41 +276,10 @@ def test_readings_with_records_in_common_give_what_they_give_alone():
         assert np.array_equal(result.estimates, alone, equal_nan=True)
 
 
-def test_more_runs_continue_the_same_study():
-    few, more = (run_example(reading("ratios-of-std"), EXAMPLES[0], runs).estimates for runs in (2, 3))
-    assert np.array_equal(few, more[:2])
-
-
 def test_nrmse_is_the_papers():
     scores = nrmse(np.array([[0.293 * 1.1, 0.021 * 0.8], [0.293, 0.021]]))
     together = 100.0 * np.hypot(0.0293, 0.0042) / np.hypot(0.293, 0.021)
     assert scores == pytest.approx(np.array([[10.0, 20.0, together], [0.0, 0.0, 0.0]]), abs=1e-9)
-
-
-def test_nearness_of_the_printed_tables_to_themselves():
-    """Runs with exactly the printed means and SDs: two of them, one SD over the square root of two away."""
-    for example in EXAMPLES:
-        theta = np.full((2, len(METHODS), 2), np.nan)
-        for method, (friction, gain, _) in example.printed.items():
-            away = np.array([-1.0, 1.0]) / np.sqrt(2.0)
-            columns = [friction.mean + friction.std * away, gain.mean + gain.std * away]
-            theta[:, METHODS.index(method)] = np.array(list(TRUTH.values())) * (
-                1.0 + np.column_stack(columns) / 100.0
-            )
-        result = nearness([PaperResult(READINGS[0], example, theta, np.zeros(theta.shape[:2], dtype=bool))])
-        assert result.agreeing == result.printed == 6
-        assert (result.means, result.spreads) == (pytest.approx(1.0, abs=1e-2), pytest.approx(1.0, abs=2e-1))
-
-
-def test_no_estimate_is_infinitely_far():
-    result = PaperResult(
-        READINGS[0],
-        EXAMPLES[0],
-        np.full((3, len(METHODS), 2), np.nan),
-        np.zeros((3, len(METHODS)), dtype=bool),
-    )
-    assert nearness([result]).means == float("inf")
-    assert np.isnan(result.spreads("least_squares")[0].std)
 
 
 def test_names_and_runs_are_checked():
@@ -377,3 +300,44 @@ def test_printed_tables_are_those_of_the_paper():
     assert second.printed["least_squares"] == (Spread(6.55, 0.10), Spread(6.442, 0.10), Spread(6.55, 0.10))
     assert first.printed["extended_iv"][0] == Spread(187.2, 119.4)
     assert second.printed["generalized_iv"][2] == Spread(5.739, 2.70)
+
+
+def test_too_few_instruments_for_total_least_squares_are_no_estimate():
+    result = run_example(reading("two-lags"), EXAMPLES[0], 2)
+    assert result.failed("extended_iv_tls") == 2
+    assert result.failed("extended_iv") == 0
+    assert np.isnan(result.spreads("extended_iv_tls")[0].mean)
+
+
+def test_alternating_noise_has_the_autocovariance_of_its_weights():
+    weights = binom(-0.4, np.arange(40))
+    autocovariance = AlternatingNoise(1.5, -0.4).autocovariance(3, 10, 5)
+    expected = [2.25 * weights[: m + 1] @ weights[3 : m + 4] for m in range(10, 15)]
+    assert autocovariance == pytest.approx(expected, rel=1e-10)
+
+
+def test_ratios_are_of_what_the_reading_says():
+    std, variance = reading("ratios-of-std"), reading("ratios-of-variances")
+    after = reading("ratio-after-delta")
+    noise = {
+        item.name: record(item, EXAMPLES[0], trial_generator(0)).signals.noise["velocity_z"].std
+        for item in (std, variance, after)
+    }
+    assert noise["ratios-of-variances"] == pytest.approx(10.0 * noise["ratios-of-std"])
+    mean_variance = FractionalNoise(noise["ratio-after-delta"], -0.4).autocovariance(0, 0, 4000).mean()
+    assert mean_variance == pytest.approx(noise["ratios-of-variances"] ** 2)
+
+
+def test_nearness_of_the_printed_tables_to_themselves():
+    """Runs with exactly the printed means and SDs: two of them, one SD over the square root of two away."""
+    for example in EXAMPLES:
+        theta = np.full((2, len(METHODS), 2), np.nan)
+        for method, (friction, gain, _) in example.printed.items():
+            away = np.array([-1.0, 1.0]) / np.sqrt(2.0)
+            columns = [friction.mean + friction.std * away, gain.mean + gain.std * away]
+            theta[:, METHODS.index(method)] = np.array(list(TRUTH.values())) * (
+                1.0 + np.column_stack(columns) / 100.0
+            )
+        result = nearness([PaperResult(READINGS[0], example, theta, np.zeros(theta.shape[:2], dtype=bool))])
+        assert result.agreeing == result.printed == 6
+        assert (result.means, result.spreads) == (pytest.approx(1.0, abs=1e-2), pytest.approx(1.0, abs=2e-1))

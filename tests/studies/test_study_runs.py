@@ -9,7 +9,7 @@ import shutil
 import sys
 import time
 from collections.abc import Callable, Generator, Iterable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +20,6 @@ from eivor.atomic_file import ABANDONED_S, PREFIX, SUFFIX
 from eivor.errors import InputError, UsageError
 from eivor.lab.study import (
     PARTS,
-    SHARD_TRIALS,
     MethodChoice,
     Row,
     Share,
@@ -28,8 +27,6 @@ from eivor.lab.study import (
     run_study,
     schema,
     scores,
-    shard_trials,
-    trial,
     trial_nrmse,
 )
 from eivor.process_pool import Executor, InProcess, Item, Result
@@ -59,24 +56,6 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> StudyResult:
 
 
 @pytest.mark.thorough
-def test_trials_are_in_order(finished):
-    table = finished.trials
-    assert table["trial"].to_list() == list(range(60))
-    assert table.equals(pl.read_parquet(finished.folder / "trials.parquet"))
-    third = trial(finished.study, 3)
-    assert table["least_squares.output_lag_1"][3] == third["least_squares.output_lag_1"]
-    assert table.columns[:5] == [
-        "trial",
-        *(f"least_squares.{part}" for part in ("status", "error", "output_lag_1", "input_lag_1")),
-    ]
-    assert sorted(path.name for path in finished.folder.iterdir()) == [
-        "shards",
-        "study.json",
-        "trials.parquet",
-    ]
-
-
-@pytest.mark.thorough
 def test_interrupted_and_resumed(finished, tmp_path):
     first = Recorder(stop_after=1)
     with pytest.raises(KeyboardInterrupt):
@@ -101,18 +80,6 @@ def test_more_runs_continue(finished, tmp_path):
     assert content(tmp_path) == content(finished.folder)
     with pytest.raises(UsageError, match=r"at least 60 runs, as many as .* received 30"):
         run_study(small_study(30), tmp_path)
-
-
-@pytest.mark.thorough
-def test_a_shard_that_was_damaged_is_made_again(finished, tmp_path):
-    run_study(small_study(), tmp_path)
-    shard = tmp_path / "shards" / "000001.parquet"
-    shard.write_bytes(shard.read_bytes()[:-10])
-    (tmp_path / "shards" / "000000.parquet").unlink()
-    recorder = Recorder()
-    run_study(small_study(), tmp_path, executor=recorder)
-    assert recorder.asked == [1, 0]
-    assert content(tmp_path) == content(finished.folder)
 
 
 @pytest.mark.thorough
@@ -335,17 +302,3 @@ def test_what_a_killed_run_left_is_removed(tmp_path):
         os.utime(path, (past, past))
     run_study(small_study(5), tmp_path)
     assert [path for path in (*left, young) if path.exists()] == [young]
-
-
-def test_shards_cover_every_trial_once():
-    for runs in (1, SHARD_TRIALS - 1, SHARD_TRIALS, SHARD_TRIALS + 1, 110):
-        count = -(-runs // SHARD_TRIALS)
-        assert [index for number in range(count) for index in shard_trials(runs, number)] == list(range(runs))
-
-
-def test_intervals_are_columns(tmp_path):
-    study = replace(small_study(2), intervals=True)
-    table = run_study(study, tmp_path).trials
-    for part in ("std_error", "low", "high"):
-        assert table[f"generalized_iv.input_lag_1.{part}"].dtype == pl.Float64
-    assert (table["generalized_iv.input_lag_1.low"] < table["generalized_iv.input_lag_1"]).all()

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import polars as pl
 import pytest
 from msgspec.structs import replace as struct_replace
 
@@ -15,13 +14,12 @@ from eivor.motions.identify import identify_flight
 from eivor.motions.vertical.model import GRAVITY
 from eivor.signals.filters import actuator_state
 from eivor.simulation.environment import SensorNoise
-from validation.flight_recipe.trials import QUANTITIES
 from validation.real_logs import study
 from validation.real_logs.closed_loop import STEP_S, FlightSpec, Jitter, LoggerSpec, Reference, VehicleSpec
 from validation.real_logs.flights import LoggedFlight, estimated, logged_flight, topics
-from validation.real_logs.pool_information import flight_information, lag_bound
-from validation.real_logs.study import PART, far_off, requirements
-from validation.real_logs.trials import NAMES, folder_of, grid_from, published_grid
+from validation.real_logs.pool_information import lag_bound
+from validation.real_logs.study import PART, far_off
+from validation.real_logs.trials import folder_of, grid_from, published_grid
 from validation.studies import StudyFolder
 
 QUIET = LoggerSpec(noise=SensorNoise.none())
@@ -141,22 +139,6 @@ def test_clocks_are_out_of_step_and_stamps_are_true_or_not():
         assert np.array_equal(clock.stamps, clock.instants) == (kind is Jitter.INSTANTS)
 
 
-def test_commands_are_logged_as_they_were_given():
-    flight = flown(VehicleSpec(controller_hz=250.0), replace(QUIET, command_hz=50.0))
-    channel = flight.recording.channels["rotor_command_1"]
-    step = np.rint(channel.time_s / STEP_S).astype(int)
-    assert np.all(step % 2 == 0)
-    np.testing.assert_array_equal(channel.values, flight.flown.command[step, 0])
-
-
-def test_gaps_and_samples_written_twice():
-    flight = flown(VehicleSpec(), replace(QUIET, dropouts=60.0, duplicates=0.05), duration=10.0)
-    channels = flight.recording.channels
-    assert channels["velocity_z"].quality.duplicated_stamps > 10
-    assert channels["velocity_z"].gaps()
-    assert channels["rotor_command_1"].gaps()
-
-
 def test_sensors_are_late_filtered_and_scaled():
     for late in ({"velocity_delay": 0.03}, {"velocity_filter": 0.03}):
         flight = flown(VehicleSpec(), replace(QUIET, velocity_scale=1.05, **late))
@@ -191,52 +173,6 @@ def test_damaged_grid_is_refused(before, after, expected):
     with pytest.raises(InputError) as caught:
         grid_from(GRID.text.replace(before, after, 1))
     assert expected in str(caught.value)
-
-
-def rows(count: int, family: str, **columns) -> pl.DataFrame:
-    """Rows of accepted flights whose intervals hold the truth."""
-    results: dict[str, object] = {
-        "class": [family] * count,
-        "number": np.arange(count),
-        "verdict": ["identified"] * count,
-    }
-    for name in QUANTITIES:
-        results |= {f"truth.{name}": 1.0, f"recipe.{name}.value": 1.0, f"verdict.{name}": "identified"}
-        results |= {f"recipe.{name}.low": 0.9, f"recipe.{name}.high": 1.1}
-    results |= {f"named.{name}": False for name in NAMES} | columns
-    results |= {"recipe.first_stage_F": 100.0, "recipe.p_value": 0.5}
-    return pl.DataFrame(
-        {
-            name: results[name] if isinstance(results[name], list | np.ndarray) else [results[name]] * count
-            for name in results
-        }
-    )
-
-
-def unmet(table: pl.DataFrame) -> list[str]:
-    return [item.what for item in requirements(table, GRID) if not item.met]
-
-
-def test_coverage_and_bias_are_required_of_families_that_the_model_holds():
-    name = "gusts of .5 to 1 m/s"
-    truth = np.where(np.arange(200) % 20 == 0, 1.15, 1.0)
-    table = rows(200, name, **{f"truth.{quantity}": truth for quantity in QUANTITIES})
-    assert unmet(table) == [f"{name}: mean error of the lag"]
-    right = table.with_columns(pl.col("truth.effective_lag") * 0 + 1.0)
-    right = right.with_columns(
-        pl.Series("truth.effective_lag", np.where(np.arange(200) % 40 == 0, 1.02, 1.0))
-    )
-    assert f"{name}: mean error of the lag" not in unmet(right)
-    worse = rows(200, name, **{"truth.viscous_friction": np.where(np.arange(200) % 5 == 0, 1.15, 1.0)})
-    assert f"{name}: coverage of K" in unmet(worse)
-    assert f"{name}: accepted flights" in unmet(worse.head(100))
-
-
-def test_an_interval_far_off_counts_only_where_it_is_called_identified():
-    table = rows(10, "300 s", **{"truth.input_gain": [1.25] + [1.15] * 9})
-    assert (far_off(table).hits, far_off(table).count) == (1, 10)
-    weak = table.with_columns(pl.lit("weak").alias("verdict.input_gain"))
-    assert far_off(weak).hits == 0
 
 
 @pytest.mark.thorough
@@ -283,13 +219,6 @@ def test_small_size(tmp_path):
 def _sine(frequency, friction, gusts=0.2):
     vehicle = VehicleSpec(viscous_friction=friction, gust_rms=gusts)
     return FlightSpec(vehicle=vehicle, reference=Reference.SINE, frequency=frequency, duration=10.0)
-
-
-@pytest.mark.thorough
-def test_stronger_gusts_tell_less():
-    weak, strong = (flight_information(_sine(0.3, 0.4, gusts)) for gusts in (0.1, 0.4))
-    assert np.all(np.linalg.eigvalsh(weak - strong) > -1e-9 * np.abs(weak).max())
-    assert weak[1, 1] > 2.0 * strong[1, 1]
 
 
 def test_frictions_that_differ_tell_the_lag_of_one_frequency():

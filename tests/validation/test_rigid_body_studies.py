@@ -10,7 +10,6 @@ import polars as pl
 import pytest
 
 from eivor.lab.experiments import marks
-from eivor.signals.recording import Channel, Frame, Recording
 from eivor.simulation.rigid_body import simulate_rigid_body_flights
 from eivor.simulation.rigid_body_spec import AxisExcitations, Sensors, Wind
 from validation.flight_recipe.rotorpy_flight import Vehicle
@@ -28,10 +27,10 @@ from validation.rates.study import INSTRUMENTS, VEHICLES
 from validation.rates.study import Grid as RatesGrid
 from validation.rates.study import Told as ToldOfRates
 from validation.rates.study import run as run_rates
-from validation.rigid_body import beside, study
+from validation.rigid_body import study
 from validation.rigid_body.study import PART, scores
-from validation.rigid_body.trials import GROUPS, Task, jittered, published_grid, rows_of, tasks_of
-from validation.studies import Row, StudyTable, kept_lines, read_as
+from validation.rigid_body.trials import GROUPS, Task, published_grid, rows_of, tasks_of
+from validation.studies import Row, kept_lines, read_as
 
 pytest.importorskip("rotorpy")
 
@@ -52,22 +51,6 @@ def rows(error: float = 0.0, half_width: float = 0.01, **only: float) -> pl.Data
                     ends = {"low": value - half_width, "high": value + half_width}
                     result.append({**row, **ends, "verdict": "identified"})
     return pl.DataFrame(result)
-
-
-def test_stamps_of_commands_err_together_and_keep_their_order():
-    time_s, values = 0.002 * np.arange(500), np.zeros(500)
-    channels = {
-        name: Channel(name, time_s, values, "rad/s", held=name.startswith("rotor"))
-        for name in ("rotor_command_1", "rotor_command_2", "angular_rate_x")
-    }
-    log = Recording("flight", "simulation", channels, frame=Frame.Z_UP)
-    assert jittered(log, 0.0, 1) is log
-    moved = jittered(log, 0.001, 1).channels
-    first, second = (moved[f"rotor_command_{number}"].time_s for number in (1, 2))
-    np.testing.assert_array_equal(first, second)
-    assert (np.diff(first) > 0.0).all()
-    assert 5e-4 < np.std(first - time_s) < 1e-3
-    np.testing.assert_array_equal(moved["angular_rate_x"].time_s, time_s)
 
 
 @pytest.mark.thorough
@@ -107,45 +90,6 @@ def test_a_flight_of_the_study_is_flown_and_told(monkeypatch):
         reported = scores(pl.DataFrame(list(rows_of(Task(name, Vehicle.CRAZYFLIE, 0, 1)))))
         for quantity in GROUPS["torque gains"] + GROUPS["lag"]:
             assert reported[quantity].largest < 0.01
-
-
-def rows_beside(kind: str, errors: dict[int, float], method: str, half_width: float = 0.02) -> list[Row]:
-    """Every quantity of flights, each off by its flight's error, relative to a truth of 2."""
-    return [
-        {
-            "kind": kind,
-            "case": 1,
-            "number": number,
-            "method": method,
-            "quantity": name,
-            "truth": 2.0,
-            "value": 2.0 * (1.0 + error),
-            "low": 2.0 * (1.0 + error - half_width),
-            "high": 2.0 * (1.0 + error + half_width),
-            "verdict": "weak",
-            "agreement": 1e-5,
-        }
-        for number, error in errors.items()
-        for name in (beside.LAG, *beside.PLOTTED)
-    ]
-
-
-def test_tables_say_what_the_rows_are_off_by_and_how_many_intervals_held():
-    made = [
-        *rows_beside(beside.LAGS, {0: -0.01}, beside.INSTRUMENTS),
-        *rows_beside(beside.LAGS, {0: 0.03}, beside.LEAST_SQUARES),
-        *rows_beside(beside.SPEEDS, {0: 0.01, 1: 0.03}, beside.TOTAL),
-    ]
-    tables = beside.tables(StudyTable(pl.DataFrame(made), {}))
-    assert tables[beside.LAGS].splitlines()[2:] == [
-        "| 60, 72 ms | `reference_iv` | -1.0 % | -1.0 %, -1.0 %, -1.0 % | -1.0 % | -1.0 % "
-        "| weak, p = 1e-05 |",
-        "| 60, 72 ms | `whitened_least_squares` | (+3.0 %) | (+3.0 %), (+3.0 %), (+3.0 %) | (+3.0 %) "
-        "| (+3.0 %) | weak |",
-    ]
-    assert beside.STAMPS not in tables  # a page keeps the table of what was not flown
-    (line,) = tables[beside.SPEEDS].splitlines()[2:]
-    assert line.startswith("| 3 % | `total_least_squares` | 2 of 2 | +2.0, 2.2 % [0.50] |")
 
 
 def told_of_rates(condition: str, error: float = 0.01, **changes: object) -> ToldOfRates:

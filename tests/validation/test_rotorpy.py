@@ -6,7 +6,6 @@ import functools
 import importlib.util
 import itertools
 import json
-import sys
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -16,7 +15,7 @@ import polars as pl
 import pytest
 from scipy.spatial.transform import Rotation
 
-from eivor.errors import CollinearError, MissingReaderError, ShapeError, TooFewSamplesError, UsageError
+from eivor.errors import CollinearError, ShapeError, TooFewSamplesError, UsageError
 from eivor.motions.rigid_body.dynamics import (
     BODY,
     body_derivative,
@@ -26,7 +25,7 @@ from eivor.motions.rigid_body.dynamics import (
 )
 from eivor.signals.recording import Recording
 from eivor.simulation.environment import FlightTruth, SensorNoise, SimulatedFlight, TrajectoryKind
-from eivor.simulation.rigid_body_spec import AdaptiveSteps, HeldInputs, Integrator, RungeKutta4
+from eivor.simulation.rigid_body_spec import HeldInputs, Integrator, RungeKutta4
 from validation.effective_parameters import effective_parameters
 from validation.flight_recipe import rotorpy_flight
 from validation.flight_recipe.rotorpy_flight import (
@@ -88,20 +87,6 @@ def test_force_follows_the_nominal_parameters_exactly(vehicle, friction, lag):
     expected = truth.input_gain * np.square(truth.rotor_state).mean(axis=1) - rotor_drag
     expected -= parasitic[vehicle] * np.abs(velocity) * velocity
     np.testing.assert_allclose(truth.specific_force_z, expected, atol=1e-9)
-
-
-@pytest.mark.thorough
-@pytest.mark.parametrize(
-    ("vehicle", "low", "high"),
-    [(Vehicle.CRAZYFLIE, 0.98, 1.02), (Vehicle.HUMMINGBIRD, 0.99, 1.06), (Vehicle.MEDIUM, 0.99, 1.06)],
-)
-def test_effective_parameters_are_near_the_nominal_ones(vehicle, low, high):
-    # Quadratic drag makes the effective friction of the last two larger than that at hover.
-    truth = fly(calm(vehicle)).truth
-    friction, gain, intercept = effective_parameters(truth, everywhere(truth), np.square)
-    assert low < friction / truth.viscous_friction < high
-    assert gain == pytest.approx(truth.input_gain, rel=0.01)
-    assert abs(intercept) < 0.15  # one per cent of g, traded against the gain, and the drag's mean
 
 
 @pytest.mark.thorough
@@ -204,12 +189,6 @@ def test_rows_without_motion_or_of_another_flight_have_no_effective_parameters()
 def test_specification_is_checked(wrong, message):
     with pytest.raises(UsageError, match=message):
         SensorNoise(**wrong["noise"]) if "noise" in wrong else RotorpyFlightSpec(**wrong)
-
-
-def test_without_rotorpy_the_error_says_what_to_install(monkeypatch):
-    monkeypatch.setitem(sys.modules, "rotorpy.vehicles", None)
-    with pytest.raises(MissingReaderError, match="pip install 'rotorpy"):
-        simulate_rotorpy_flight(calm())
 
 
 @functools.cache
@@ -350,10 +329,3 @@ def test_open_loop_replay_of_five_seconds(vehicle, bound):
     theirs, ours = replayed(vehicle_parameters(vehicle, None), RungeKutta4(), 5.0)
     assert np.ptp(theirs, axis=0).min() > 8.0
     assert np.abs(theirs - ours).max() < bound
-
-
-@pytest.mark.thorough
-@pytest.mark.usefixtures("unchecked_shapes")
-def test_open_loop_replay_by_adaptive_steps():
-    theirs, ours = replayed(vehicle_parameters(Vehicle.CRAZYFLIE, None), AdaptiveSteps(), 1.0)
-    assert np.abs(theirs - ours).max() < 1e-7

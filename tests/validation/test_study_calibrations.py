@@ -20,8 +20,6 @@ import eivor as ev
 from eivor.errors import InputError
 from eivor.lab.experiments import marks
 from eivor.lab.scenario_files import shipped_scenario
-from eivor.planning.vehicle import FlightLimits, candidates
-from eivor.simulation.environment import Trajectory
 from validation.choices import study as choices
 from validation.coverage import study as coverage_study
 from validation.coverage.study import BOUNDS, PART, read_coverage
@@ -33,7 +31,7 @@ from validation.fleet_changes.study import Grid as FleetGrid
 from validation.fleet_run import study as fleet_run
 from validation.fleet_run.study import Told as FleetTold
 from validation.plan.study import GRID as PLAN_GRID
-from validation.plan.study import OTHER_CONTROLLER, OWN, PLANNED_FOR, Outcome, outcomes
+from validation.plan.study import OWN, PLANNED_FOR, Outcome, outcomes
 from validation.plan.study import answer as plan_answer
 from validation.pooling.study import cell as pooling_cell
 from validation.recursion.study import changed_record
@@ -133,14 +131,6 @@ def test_rivals_fall_short(run):
     assert shares["classical"] < shares["newey_west"] < shares["default"] - 2.0 * spread
     paper = rows.filter(pl.col("scenario").is_in(["v", "p"]), pl.col("method") == "classical")
     assert paper["hits"].sum() < binom.ppf(COVERAGE_CHANCE, paper["count"].sum(), 0.75)
-
-
-@pytest.mark.calibration
-def test_page_and_printed_tables_agree(run):
-    begin, end = marks(PART)
-    assert f"Before.\n{begin}\n\n{run.printed.strip()}\n\n{end}\nAfter." in run.page
-    for part in ("## N = 4000", "## N = 500", "closed-loop", "K_u: coverage", "mean length"):
-        assert part in run.printed
 
 
 def test_own_suite_with_own_scenario(tmp_path, capsys):
@@ -315,22 +305,6 @@ def test_the_page_of_a_fleet_that_is_run_four_ways(tmp_path, capsys, monkeypatch
     modes.clear()  # what was kept is not made again
     monkeypatch.setattr(fleet_run, "MODES", dict.fromkeys(("one", "ended")))
     assert fleet_run.main([*arguments, str(page)]) == code
-
-
-SHORT = FlightLimits(duration_s=20.0)
-
-
-@pytest.mark.thorough
-def test_vehicles_follow_a_plan_under_both_controllers():
-    vehicle = OWN[2]
-    shape = next(candidates(SHORT, ("multisine",), 0))
-    reference = Trajectory(shape.offset, *shape.derivatives)
-    heights = []
-    for gains in (1.0, OTHER_CONTROLLER):
-        flight = vehicle.fly(reference, 1, gains=gains)
-        assert np.abs(flight.height - shape.offset).max() < 0.6
-        heights.append(flight.height)
-    assert np.abs(heights[0] - heights[1]).max() > 0.005
 
 
 def test_flights_that_are_kept_are_not_flown_again(tmp_path, monkeypatch):
