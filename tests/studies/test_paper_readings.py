@@ -40,6 +40,7 @@ from eivor.lab.records import Intersample
 from eivor.lab.study import Spread
 from eivor.models.regression import lags
 from eivor.motions.vertical.model import VerticalMotion
+from eivor.signals.noise import FractionalNoise
 
 RUNS = 30
 PROTOTYPE_RUNS = 100
