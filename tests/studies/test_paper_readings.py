@@ -30,6 +30,7 @@ from eivor.lab.paper import (
     euler_steps,
     integrated_height,
     named_readings,
+    nearness,
     nrmse,
     record,
     run_example,
