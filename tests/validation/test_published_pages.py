@@ -136,8 +136,8 @@ def test_pages_have_every_row_of_their_grids():
     text = part_of("studies/coverage.md", choices.PART)
     assert f"{choices.FLIGHTS} flights, seeds 0 to {choices.FLIGHTS - 1}" in text
     assert text.count(f" of {choices.FLIGHTS} |") >= len(choices.THINNINGS) * len(choices.QUANTITIES)
-    grid = read_as(flight_methods.Grid, flight_methods.GRID)
-    text = part_of("efficiency.md", flight_methods.PART)
+    grid = read_as(flight_methods.Grid, flight_methods.STUDY.grid)
+    text = part_of("efficiency.md", flight_methods.STUDY.part)
     for regime in grid.regimes:
         assert f"{regime.full} of {regime.name}" in text
         for method in grid.methods:

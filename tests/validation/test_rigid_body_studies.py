@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import msgspec
 import numpy as np
@@ -13,24 +14,16 @@ from eivor.lab.experiments import marks
 from eivor.simulation.rigid_body import simulate_rigid_body_flights
 from eivor.simulation.rigid_body_spec import AxisExcitations, Sensors, Wind
 from validation.flight_recipe.rotorpy_flight import Vehicle
-from validation.flight_recipe.trials import read_grid
+from validation.flight_recipe.trials import GridFile, grid_of
 from validation.joint import study as joint
 from validation.joint.study import ALONE, GIVEN, JOINT, TURNING, effective_along, effective_vertical
-from validation.joint.study import GRID as JOINT_GRID
 from validation.joint.study import Told as ToldOfK
 from validation.joint.study import flight_of as joint_flight_of
-from validation.joint.study import requirements as joint_requirements
-from validation.joint.study import run as run_joint
 from validation.rates import study as rates
-from validation.rates.study import GRID as RATES_GRID
-from validation.rates.study import INSTRUMENTS, VEHICLES
-from validation.rates.study import Grid as RatesGrid
-from validation.rates.study import Told as ToldOfRates
-from validation.rates.study import run as run_rates
 from validation.rigid_body import study
 from validation.rigid_body.study import PART, scores
 from validation.rigid_body.trials import GROUPS, Task, published_grid, rows_of, tasks_of
-from validation.studies import Row, kept_lines, read_as
+from validation.studies import KeptRun, Requirement, Row, read_as
 
 pytest.importorskip("rotorpy")
 
@@ -92,31 +85,10 @@ def test_a_flight_of_the_study_is_flown_and_told(monkeypatch):
             assert reported[quantity].largest < 0.01
 
 
-def told_of_rates(condition: str, error: float = 0.01, **changes: object) -> ToldOfRates:
-    item = ToldOfRates("usual", condition, 0, INSTRUMENTS, "roll_effectiveness", error, -0.02, 0.03, True)
-    return replace(item, **changes)
-
-
-def test_rates_go_on_where_they_were_interrupted(tmp_path, monkeypatch):
-    grid, kept = read_as(RatesGrid, RATES_GRID), tmp_path / "kept.jsonl"
-    flight = []
-
-    def fly(specs):
-        flight.extend(specs)
-        return iter(specs)
-
-    monkeypatch.setattr(rates, "simulate_rigid_body_flights", fly)
-    monkeypatch.setattr(
-        rates,
-        "strength_of",
-        lambda _flight, vehicle, condition, number: [
-            told_of_rates(condition.name, vehicle=vehicle, number=number)
-        ],
+def told_of_rates(vehicle: str, condition: str, number: int) -> rates.Turned:
+    return rates.Turned(
+        vehicle, condition, number, rates.INSTRUMENTS, "roll_effectiveness", 0.01, -0.02, 0.03, True
     )
-    first = run_rates(grid, "small", kept)
-    assert len(flight) == len(first) == len(VEHICLES) * len(grid.conditions)
-    assert run_rates(grid, "small", kept) == first == kept_lines(kept, ToldOfRates)
-    assert len(flight) == len(first)
 
 
 def told_of_k(
@@ -137,9 +109,13 @@ def all_formulas(half: float = 0.05) -> list[ToldOfK]:
     ]
 
 
+def required(lines: list[ToldOfK]) -> list[Requirement]:
+    return list(joint.requirements(KeptRun(None, "full", Path(), lines)))
+
+
 @pytest.mark.thorough
 def test_without_gusts_and_tilt_both_truths_are_the_vehicle_s():
-    spec = joint_flight_of(replace(read_grid(JOINT_GRID).cases[0].spec, duration=8.0))
+    spec = joint_flight_of(replace(grid_of(read_as(GridFile, joint.STUDY.grid)).cases[0].spec, duration=8.0))
     calm = replace(spec, wind=Wind(), attitude=AxisExcitations(), sensors=Sensors.exact())
     (flight,) = simulate_rigid_body_flights([calm])
     used = np.ones(flight.truth.time_s.size, dtype=np.bool_)
@@ -149,25 +125,33 @@ def test_without_gusts_and_tilt_both_truths_are_the_vehicle_s():
 
 
 def test_requirements_compare_what_is_identified_and_how_long_intervals_are():
-    assert all(requirement.met for requirement in joint_requirements(all_formulas()))
-    assert [requirement.met for requirement in joint_requirements(all_formulas(0.09))] == [True, False, True]
+    assert all(requirement.met for requirement in required(all_formulas()))
+    assert [requirement.met for requirement in required(all_formulas(0.09))] == [True, False, True]
     weak = [replace(item, verdict="weak") if item.formula == JOINT else item for item in all_formulas()]
-    assert [requirement.met for requirement in joint_requirements(weak)] == [False, True, True]
+    assert [requirement.met for requirement in required(weak)] == [False, True, True]
     missing = [replace(item, truth=1.0) if item.formula == JOINT else item for item in all_formulas()]
-    assert [requirement.met for requirement in joint_requirements(missing)] == [True, True, False]
+    assert [requirement.met for requirement in required(missing)] == [True, True, False]
 
 
-def test_a_run_goes_on_where_it_was_interrupted(tmp_path, monkeypatch):
-    grid, kept = read_grid(JOINT_GRID).small(), tmp_path / "kept.jsonl"
-    flight = []
+@pytest.mark.parametrize(("study_of", "trials"), [(rates, None), (joint, 12)], ids=["rates", "joint"])
+def test_a_run_goes_on_where_it_was_interrupted(study_of, trials, tmp_path, monkeypatch, capsys):
+    kept, flown = tmp_path / "kept.jsonl", []
 
     def fly(specs):
-        flight.extend(specs)
+        flown.extend(specs)
         return iter(specs)
 
-    monkeypatch.setattr(joint, "simulate_rigid_body_flights", fly)
-    monkeypatch.setattr(joint, "strength_of", lambda case, _flight, _vehicle: [told_of_k(case.name, JOINT)])
-    first = run_joint(grid, kept)
-    assert len(flight) == len(first) == len(grid.cases) == 12
-    assert run_joint(grid, kept) == first == kept_lines(kept, ToldOfK)
-    assert len(flight) == len(first)
+    def strength_of(first, *others):
+        if study_of is rates:
+            vehicle, condition, number = others
+            return [told_of_rates(vehicle, condition.name, number)]
+        return [told_of_k(first.name, formula) for formula in (JOINT, GIVEN)]
+
+    monkeypatch.setattr(study_of, "simulate_rigid_body_flights", fly)
+    monkeypatch.setattr(study_of, "strength_of", strength_of)
+    code = study_of.main(["--kept", str(kept)])
+    printed, lines = capsys.readouterr().out, kept.read_text()
+    assert len(flown) == (trials or len(lines.splitlines()))
+    assert study_of.main(["--kept", str(kept)]) == code
+    assert (capsys.readouterr().out, kept.read_text()) == (printed, lines)
+    assert len(flown) == (trials or len(lines.splitlines()))

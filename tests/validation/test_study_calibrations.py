@@ -30,9 +30,8 @@ from validation.fleet_changes.study import Cell, told
 from validation.fleet_changes.study import Grid as FleetGrid
 from validation.fleet_run import study as fleet_run
 from validation.fleet_run.study import Told as FleetTold
-from validation.plan.study import GRID as PLAN_GRID
 from validation.plan.study import OWN, PLANNED_FOR, Outcome, outcomes
-from validation.plan.study import answer as plan_answer
+from validation.plan.study import main as plan_command
 from validation.pooling.study import cell as pooling_cell
 from validation.recursion.study import changed_record
 from validation.recursion.study import trial as recursion_trial
@@ -302,33 +301,33 @@ def test_the_page_of_a_fleet_that_is_run_four_ways(tmp_path, capsys, monkeypatch
     assert "| processor time, 0.90 s for a flight of 300 s | 250 hours; 2.5 h on 100 cores |" in table
     assert "| table, 1.50 kB a row | 1.5 GB |" in table
     assert table.strip() in page.read_text()
-    modes.clear()  # what was kept is not made again
-    monkeypatch.setattr(fleet_run, "MODES", dict.fromkeys(("one", "ended")))
+    modes.update(dict.fromkeys(modes, lambda *_: 1 / 0))  # what was kept is not made again
     assert fleet_run.main([*arguments, str(page)]) == code
 
 
-def test_flights_that_are_kept_are_not_flown_again(tmp_path, monkeypatch):
-    def flown(vehicle, requested, seed):
-        asked_of.append((vehicle.name, *requested))
-        return (Outcome(vehicle.name, *each, "steps", 1.0, 1.2, True, True) for each in requested)
+def test_planned_flights_that_are_kept_are_not_flown_again(tmp_path, monkeypatch, capsys):
+    def flown(vehicle, seed, keys):
+        asked_of.append(list(keys))
+        return ([Outcome(*key, "steps", 1.0, 1.2, True, True)] for key in keys)
 
     monkeypatch.setattr("validation.plan.study.outcomes", flown)
-    asked_of: list[tuple[object, ...]] = []
+    asked_of: list[list[tuple[str, str, int]]] = []
     kept = tmp_path / "kept.jsonl"
-    first, _ = plan_answer(PLAN_GRID, "small", kept)
-    assert [item for item in asked_of if item[1:]] == [
-        (vehicle.name, *((target, number) for target in PLANNED_FOR for number in (0, 1))) for vehicle in OWN
-    ]
+    assert plan_command(["--kept", str(kept)]) == 0
+    first = capsys.readouterr().out
+    assert [len(keys) for keys in asked_of] == [len(PLANNED_FOR) * 2] * len(OWN)
     kept.write_text("".join(kept.read_text().splitlines(keepends=True)[:-1]))
     asked_of.clear()
-    assert plan_answer(PLAN_GRID, "small", kept)[0] == first
-    assert [item for item in asked_of if item[1:]] == [("heavy, slow", ("lag", 1))]
+    assert plan_command(["--kept", str(kept)]) == 0
+    assert capsys.readouterr().out == first
+    assert asked_of == [[("heavy, slow", "lag", 1)]]
 
 
 @pytest.mark.calibration
 def test_planned_flights_reach_what_was_predicted():
     """Bounds of the study, with room for four flights."""
-    result = list(outcomes(OWN[1], [(target, number) for target in PLANNED_FOR for number in (0, 1)], 1))
+    keys = [(OWN[1].name, target, number) for target in PLANNED_FOR for number in (0, 1)]
+    result = [outcome for made in outcomes(OWN[1], 1, keys) for outcome in made]
     ratios = {
         target: [item.ratio for item in result if item.target == target] for target in ("friction", "lag")
     }

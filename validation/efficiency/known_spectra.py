@@ -36,6 +36,7 @@ from validation.studies import (
     Option,
     Row,
     StudyCommand,
+    alone,
     completed,
     versions,
     write_rows,
@@ -69,6 +70,10 @@ def _scenario(suite_study: SuiteStudy) -> Scenario:
     if not isinstance(experiment, VerticalExperiment):
         raise UsageError("vertical motion", type(experiment).__name__, "Choose other scenarios.")
     return experiment.scenario
+
+
+def key_of(found: Found) -> tuple[str, int, int]:
+    return found.scenario, found.samples, found.run
 
 
 def rows_of(suite_study: SuiteStudy, founds: Sequence[Found]) -> Iterator[Row]:
@@ -108,7 +113,9 @@ def answer(chosen: argparse.Namespace) -> Answer:
             (study.scenario, study.samples, run): partial(trial, study, run)
             for run in range(study.study.runs)
         }
-        found = completed(chosen.kept, Found, trials, lambda each: (each.scenario, each.samples, each.run))
+        found = completed(
+            chosen.kept, Found, alone(trials), lambda each: (each.scenario, each.samples, each.run)
+        )
         rows.extend(rows_of(study, found))
     write_rows(pl.DataFrame(rows), chosen.out)
     return f"{len(rows)} rows", ()

@@ -4,8 +4,7 @@
 
 runs the suite beside this file, or another one, and prints its tables. `--from FILE.parquet` makes them anew
 from a finished run, or from several of other scenarios or lengths. Trials are kept in `--folder` as they are
-done, and a run that was interrupted goes on there. The exit code is 0 when every requirement is met (by few
-runs: as far as they can tell), 3 when one is not, 2 for an input that cannot be used.
+done, and a run that was interrupted goes on there.
 """
 
 from __future__ import annotations

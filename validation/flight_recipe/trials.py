@@ -91,15 +91,11 @@ def published_grid() -> FlightGrid:
     return flight_grid(text)
 
 
-def read_grid(path: Path) -> FlightGrid:
-    return _grid(read_as(GridFile, path))
-
-
 def flight_grid(text: str) -> FlightGrid:
-    return _grid(read_as(GridFile, Path("grid.toml"), text))
+    return grid_of(read_as(GridFile, Path("grid.toml"), text))
 
 
-def _grid(file: GridFile) -> FlightGrid:
+def grid_of(file: GridFile) -> FlightGrid:
     cases = tuple(case for entry in file.classes for case in _class_cases(file, entry))
     names = {case.name for case in cases}
     seeds = {case.spec.seed for case in cases}
