@@ -145,7 +145,7 @@ def test_a_run_goes_on_where_it_was_interrupted(study_of, trials, tmp_path, monk
         if study_of is rates:
             vehicle, condition, number = others
             return [told_of_rates(vehicle, condition.name, number)]
-        return [told_of_k(first.name, formula) for formula in (JOINT, GIVEN)]
+        return [told_of_k(first.name, formula) for formula in joint.FORMULAS]
 
     monkeypatch.setattr(study_of, "simulate_rigid_body_flights", fly)
     monkeypatch.setattr(study_of, "strength_of", strength_of)
