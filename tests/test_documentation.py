@@ -86,17 +86,6 @@ def test_sample_output_is_what_is_printed():
     assert numbers(block) == pytest.approx(numbers(run.stdout), rel=1e-2, abs=2e-3)
 
 
-def test_intervals_of_the_sample_output_hold_the_truth():
-    """What the README prints beside a truth that it states."""
-    match = re.search(r"a friction of ([\d.]+) 1/s, a lag of ([\d.]+) ms", README)
-    assert match is not None
-    block = blocks(README, "text")[0]
-    for row, truth in zip(("viscous friction", "actuator lag"), match.groups(), strict=True):
-        interval = re.search(rf"^{row}.*\[(.+), (.+)\]", block, flags=re.MULTILINE)
-        assert interval is not None
-        assert within(float(truth), (float(interval[1]), float(interval[2]))), row
-
-
 def test_channel_maps_in_the_pages_are_valid():
     from eivor.logs.channel_map import parse_channel_map
 

@@ -14,7 +14,7 @@ from eivor import process_pool
 from eivor.errors import InputError
 from eivor.process_pool import SANDBOX, AbandonedError, LimitError, Limits, WorkerProcess, begun_in_advance
 from studies.study_parts import SOURCES, wait_until
-from worker_answers import answered, begin_another, counted, unreadable
+from worker_answers import always_reporting, answered, begin_another, counted, unreadable
 
 
 @pytest.mark.thorough
@@ -78,7 +78,7 @@ def test_a_result_that_cannot_be_read_ends_its_process(monkeypatch):
 PARENT = """
 import sys
 from eivor.process_pool import WorkerProcess
-from worker_answers import begin_another
+from worker_answers import always_reporting, answered, begin_another, counted, unreadable
 WorkerProcess(begin_another)(sys.argv[1])
 """
 
@@ -178,3 +178,8 @@ def test_a_process_that_nobody_took_is_ended(begun):
     with contextlib.closing(WorkerProcess(answered)) as worker:
         assert worker("a") == "<a>"
     assert len(begun) == 2
+
+
+def test_progress_does_not_hide_limits():
+    with pytest.raises(LimitError, match=r"It took longer than 0\.1 s to answer"):
+        WorkerProcess(always_reporting, Limits(0.1, 4.0))(1, report=lambda _: None)

@@ -198,15 +198,6 @@ def test_a_curve_beyond_the_range_leaves_the_hover_of_the_setpoint(
     assert "The value in force stays." in text
 
 
-@pytest.mark.parametrize("name", ["thrust_curve", "hover_input"])
-def test_curve_and_hover_of_motor_signals_go_together(
-    name: str, outputs: Callable[[], Document], tmp_path: Path
-) -> None:
-    text = exported(refused(outputs(), name), tmp_path)
-    assert qgc(text) == {}
-    assert "The flight does not identify it." in text
-
-
 def test_without_the_value_in_force_a_setpoint_tells_no_curve(
     motors: Callable[[], Document], tmp_path: Path
 ) -> None:

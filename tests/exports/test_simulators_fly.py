@@ -67,23 +67,6 @@ def test_mujoco_climbs_as_the_flight_did(tmp_path: Path) -> None:
     assert model.actuator_ctrlrange[0, 1] == pytest.approx((2500.0 / HOVER) ** 2)
 
 
-@pytest.mark.thorough  # of the extra `simulators`
-def test_pybullet_reads_mass_and_inertia(tmp_path: Path) -> None:
-    pybullet = pytest.importorskip("pybullet", reason="pybullet is not installed")
-    client = pybullet.connect(pybullet.DIRECT)
-    try:
-        body = pybullet.loadURDF(
-            saved("pybullet", tmp_path), flags=pybullet.URDF_USE_INERTIA_FROM_FILE, physicsClientId=client
-        )
-        mass, _, inertia = pybullet.getDynamicsInfo(body, -1, physicsClientId=client)[:3]
-        assert mass == 0.03
-        np.testing.assert_allclose(inertia, [1.43e-5, 1.45e-5, 2.7e-5], rtol=1e-9)
-        names = [pybullet.getJointInfo(body, joint, client)[12].decode() for joint in range(5)]
-        assert names == [*(f"prop{number}_link" for number in range(4)), "center_of_mass_link"]
-    finally:
-        pybullet.disconnect(client)
-
-
 #: In a process of its own: drone-models must be imported before SciPy.
 ACCELERATION = """
 import inspect, json, sys, tomllib

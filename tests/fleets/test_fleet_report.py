@@ -222,17 +222,6 @@ def test_a_slope_that_the_flights_leave_as_expected_is_not_told() -> None:
     assert few.covariates.height == 0
 
 
-def test_flights_without_a_time_are_pooled_and_have_no_course():
-    table = fleet_rows(FleetSpec(vehicles=1, flights=12)).with_columns(
-        start=pl.lit(None, pl.Datetime("us", "UTC"))
-    )
-    (identified,) = of(reported(FleetSpec(), table), GAIN).rows(named=True)
-    assert (identified["pooled"], identified["course"]) == (12, "")
-    half = at(fleet_rows(FleetSpec(vehicles=1, flights=12)), "start", dict.fromkeys(range(7)))
-    (identified,) = of(reported(FleetSpec(), half), GAIN).rows(named=True)
-    assert (identified["pooled"], identified["course"], identified["change"]) == (12, "", None)
-
-
 def test_a_broken_propeller_is_dated_in_its_vehicle_and_nowhere_else():
     spec = FleetSpec(vehicles=6, flights=40, weather=0.05, battery=0.03, broken=((2, 17, 0.15),), seed=3)
     gains = of(reported(spec), GAIN)
@@ -332,19 +321,6 @@ def test_a_flight_and_a_vehicle_that_are_out_of_line_are_named():
     assert report.vehicles.filter(pl.col("differs"))["vehicle"].to_list() == ["v0000"]
 
 
-def test_a_flight_that_deviates_hides_no_step() -> None:
-    spec = FleetSpec(vehicles=2, flights=40, weather=0.05, battery=0.03, broken=((1, 17, 0.12),), seed=3)
-    table = fleet_rows(spec)
-    value = table[f"{GAIN}.value"].to_list()
-    table = at(table, f"{GAIN}.value", {item: 1.6 * value[item] for item in (8, 30, 50, 72)})
-    report = reported(FleetSpec(), table)
-    first, second = of(report, GAIN).rows(named=True)
-    assert (first["course"], second["course"]) == (STEADY, STEPS)
-    assert abs(second["step_flight"] - 18) <= 3
-    identified = report.deviating.filter(pl.col("quantity") == GAIN)["name"].to_list()
-    assert set(identified) == {table["name"][item] for item in (8, 30, 50, 72)}
-
-
 def test_a_folder_has_a_report_for_each_motion(tmp_path):
     numbers = {f"{FRICTION}.{part}": 0.4 for part in ("value", "std_error", "low", "high")}
     fleet = write_fleet(
@@ -432,3 +408,14 @@ def test_a_mean_that_reaches_far_keeps_its_digits() -> None:
     )
     assert interval_text({"mean": 24.32, "low": 11.0, "high": 350.0}, wording, names)[0] == "20"
     assert interval_text({"mean": None, "low": None, "high": None}, wording, names) == ("–", "–")
+
+
+def test_flights_without_a_time_are_pooled_and_have_no_course():
+    table = fleet_rows(FleetSpec(vehicles=1, flights=12)).with_columns(
+        start=pl.lit(None, pl.Datetime("us", "UTC"))
+    )
+    (identified,) = of(reported(FleetSpec(), table), GAIN).rows(named=True)
+    assert (identified["pooled"], identified["course"]) == (12, "")
+    half = at(fleet_rows(FleetSpec(vehicles=1, flights=12)), "start", dict.fromkeys(range(7)))
+    (identified,) = of(reported(FleetSpec(), half), GAIN).rows(named=True)
+    assert (identified["pooled"], identified["course"], identified["change"]) == (12, "", None)

@@ -17,7 +17,7 @@ import pytest
 from eivor.atomic_file import folder_lock, parquet_bytes
 from eivor.errors import InputError, UsageError
 from eivor.fleet.logs import Log, LogList, logs_found
-from eivor.fleet.run import COPIES, Work, hashed, run_fleet, without_report, work_of
+from eivor.fleet.run import COPIES, Work, hashed, run_fleet, work_of
 from eivor.fleet.table import (
     IDENTITY,
     KEY_COLUMNS,
@@ -152,23 +152,6 @@ def test_logs_that_cannot_be_opened_have_rows_until_they_can(logs, tmp_path, mon
     write_logs(logs, {"huge.bin": "small"})
     run(logs, folder)
     assert not any("unopened" in path.name for path in part_files(folder))
-
-
-def test_rows_of_logs_that_could_not_be_opened_stay_where_other_logs_are_run(logs, tmp_path):
-    folder = tmp_path / "fleet"
-    for number in range(70):
-        (logs / f"gone-{number}.ulg").symlink_to("nowhere")
-    assert run(logs, folder).verdicts == {"weak": 3, "failed": 70, "copy": 1}
-    before, made = content(folder), {path: path.read_bytes() for path in part_files(folder)}
-    write_logs(tmp_path / "others", {"gone-1.ulg": "here", "x.csv": "other"})
-    assert run(tmp_path / "others", folder).verdicts == {"weak": 2}
-    table = read_flights(folder)
-    assert table.filter(pl.col("name").str.starts_with("gone-"), verdict="failed").height == 69
-    assert table.height == 4 + 70 + 1
-    run(logs, folder)
-    again = {path: path.read_bytes() for path in part_files(folder)}
-    assert made.items() <= again.items()
-    assert before != content(folder)  # gone-1.ulg of the other folder has a row of its own
 
 
 def test_every_row_has_the_vehicle_that_its_path_or_the_list_tells(logs, tmp_path):
@@ -390,10 +373,3 @@ def test_the_numbers_are_of_the_row_that_is_there_else_of_the_first_by_name():
     assert result.identify["name"].to_list() == ["a"]
     assert result.copies.select("name", "first").rows() == [("c", "a"), ("d", "gone")]
     assert result.opened.height == 5
-
-
-def test_reports_are_wanted_of_results_that_have_none():
-    logs = LogList.of(log(name, name) for name in "abcd").table
-    there = known_rows(("a", "a", "weak"), ("b", "b", "failed"), ("c", "c", "identified"), ("d", "x", "weak"))
-    assert without_report(logs, there, [sha256("a")])["name"].to_list() == ["c"]
-    assert without_report(logs, there, [])["name"].to_list() == ["a", "c"]

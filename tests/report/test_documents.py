@@ -5,114 +5,26 @@ from __future__ import annotations
 import io
 import re
 from collections import Counter
-from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from rich.console import Console
 
-from coarse_search import coarse
 from eivor.flights.options import FlightOptions
 from eivor.flights.quantity import Choice, Quantity, Wording
 from eivor.flights.result import FlightEstimate
-from eivor.inference.verdict import Reason, Status, Verdict
+from eivor.inference.verdict import Status
 from eivor.motions.vertical.motion import Vertical
-from eivor.report.document import Bullets, Document, Facts, Figure, Part, Statement, TableOf, printable
-from eivor.report.flight import NO_NUMBER, document_of, flight_document, flight_report, numbers
+from eivor.report.document import Bullets, TableOf, printable
+from eivor.report.flight import NO_NUMBER, flight_document, numbers
 from eivor.report.inspection import (
-    PooledInspection,
     inspection,
     inspection_document,
-    pooled_documents,
-    pooled_inspection,
 )
-from eivor.report.json_document import json_document, json_of, json_text
+from eivor.report.json_document import json_document
 from eivor.report.terminal import on_terminal
 from eivor.signals.recording import Finding, Recording
-
-
-def markdown(document: Document) -> Iterator[str]:
-    """Another medium."""
-    yield f"# {document.title}"
-    yield f"**{document.status.value if document.status else ''}** {document.about}"
-    for section in document.sections:
-        yield f"## {section.heading}"
-        for part in section.parts:
-            yield from _lines(part)
-
-
-def _lines(part: Part) -> Iterator[str]:
-    match part:
-        case Facts():
-            for fact in part.facts:
-                reported = fact.text.sentences if isinstance(fact.text, Bullets) else (fact.text,)
-                yield f"*{fact.label}* {'; '.join(reported)}"
-        case TableOf():
-            yield "|".join(column.title for column in part.columns)
-            yield "|".join("--:" if column.right else ":--" for column in part.columns)
-            yield from ("|".join(f"{cell.text} {cell.below}".strip() for cell in row) for row in part.rows)
-        case Bullets():
-            yield from (f"- {sentence}" for sentence in part.sentences)
-        case Statement():
-            yield f"**{part.text}**{part.more}"
-        case Figure():
-            yield f"![]({part.name}.svg)"
-
-
-@pytest.fixture(scope="module")
-def inspected(recording: Recording) -> PooledInspection:
-    """The inspection of the example flight."""
-    with coarse():
-        return pooled_inspection([recording], FlightOptions(), [None], Vertical())
-
-
-@pytest.mark.thorough
-def test_another_medium_tells_inspections(recording: Recording, inspected: PooledInspection) -> None:
-    result = inspected
-    lines = list(markdown(inspection_document(result.logs[0])))
-    assert all(any(line.startswith(f"{name} ") for line in lines) for name in recording.channels)
-    assert "**identified** (method reference_iv)" in lines
-    *logs, together = pooled_documents(result)
-    assert [log.title for log in logs] == [recording.name]
-    assert [section.heading for section in together.sections] == [
-        "What identify says of the 1 logs together (found by running it)"
-    ]
-
-
-@pytest.mark.thorough
-def test_what_is_told_is_told_by_every_medium(pool: FlightEstimate) -> None:
-    """Whatever the one source says is in the document and in JSON; neither asks the result for it."""
-    changed = replace(
-        pool,
-        verdict=Verdict(Status.WEAK, (Reason(Status.WEAK, "A reason.", "A remedy."),)),
-        findings=(Finding("name", "A finding."),),
-    )
-    flight = flight_report(changed)
-    friction = replace(flight.quantities[0], quantity=replace(flight.quantities[0].quantity, value=4321.0))
-    row = replace(
-        flight.flights[0], label="another log", reasons=("A reason of it.",), quantities=(friction,)
-    )
-    flight = replace(
-        flight,
-        quantities=(friction, *flight.quantities[1:]),
-        flights=(row,),
-        comparisons=(replace(row, label="another method"),),
-    )
-    displayed = "\n".join(markdown(document_of(flight)))
-    written = json_text(json_of(flight))
-    for words in (
-        "weak",
-        "A reason.",
-        "A remedy.",
-        "4321",
-        "A finding.",
-        "another log",
-        "A reason of it.",
-        "another method",
-    ):
-        assert words in displayed, words
-        assert words in written, words
 
 
 @pytest.mark.parametrize("name", ["fit", pytest.param("pool", marks=pytest.mark.thorough), "still"])
@@ -183,15 +95,6 @@ def test_no_number_is_broken(name: str, width: int, request: pytest.FixtureReque
     assert all(any(piece in line for line in text.splitlines()) for piece in pieces)
 
 
-@pytest.mark.thorough
-@pytest.mark.parametrize("width", [40, 60])
-def test_columns_fold_into_rows_where_their_numbers_would_break(pool: FlightEstimate, width: int) -> None:
-    lines = stripped_lines(_text(on_terminal(flight_document(pool)), width))
-    row = lines.index("Flights one by one") + 1
-    assert lines[row].split() == ["first", pool.flights[0].verdict.value]
-    assert lines[row + 1].startswith("  K [1/s]")
-
-
 def test_the_verdict_is_in_words_and_in_colour(fit: FlightEstimate) -> None:
     assert "IDENTIFIED" in _text(on_terminal(flight_document(fit)), 80)
     assert "\x1b[1;32mIDENTIFIED" in _text(on_terminal(flight_document(fit)), 80, colour=True)
@@ -214,12 +117,6 @@ def test_a_refusal_is_short_and_says_where_the_card_is(still: FlightEstimate) ->
     why, remedy = lines.index("Why"), lines.index("What to do")
     assert lines.index("quantity                 value  95 % interval  unit  verdict") < why < remedy
     assert len(lines) < 30
-
-
-def test_a_reason_is_no_finding_besides(still: FlightEstimate) -> None:
-    reason = still.verdict.reasons[0].sentence
-    document = flight_document(replace(still, findings=(Finding("no_flight", reason),)))
-    assert str(document).count(reason) == 1
 
 
 def test_strings_of_a_log_are_shown_and_not_obeyed(fit: FlightEstimate) -> None:
@@ -247,20 +144,7 @@ def test_an_inspection_shows_hostile_sources(recording: Recording) -> None:
     assert "MPC_THR_HOVER = 0.35" in text
 
 
-@pytest.mark.thorough
-@pytest.mark.parametrize("width", [40, 60, 80])
-def test_no_number_of_an_inspection_is_broken(recording: Recording, width: int) -> None:
-    result = inspection(recording, _options(), Vertical())
-    text = _text(on_terminal(inspection_document(result)), width)
-    assert max(map(len, text.splitlines())) <= width
-    words = Counter(text.split())
-    rates = Counter(f"{summary.rate_hz:.1f}" for summary in result.channels)
-    ends = Counter(f"{end:.4g}" for summary in result.channels for end in (summary.lowest, summary.highest))
-    assert rates + ends <= words
-
-
 def _options() -> object:
-    from eivor.flights.options import FlightOptions
 
     return FlightOptions()
 
@@ -340,3 +224,9 @@ def test_any_size_gives_short_text() -> None:
 )
 def test_nothing_that_acts_on_a_terminal_passes(text: str, shown: str) -> None:
     assert printable(text) == shown
+
+
+def test_a_reason_is_no_finding_besides(still: FlightEstimate) -> None:
+    reason = still.verdict.reasons[0].sentence
+    document = flight_document(replace(still, findings=(Finding("no_flight", reason),)))
+    assert str(document).count(reason) == 1

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 import polars as pl
@@ -17,10 +17,9 @@ from matplotlib.figure import Figure
 import shape_checks
 from eivor.errors import EstimationError, UsageError
 from eivor.estimation.bootstrap import bootstrap
-from eivor.estimation.estimate import Candidate, Estimate
+from eivor.estimation.estimate import Estimate
 from eivor.estimation.methods import least_squares
-from eivor.estimation.variable_projection import NuisanceProfile
-from eivor.flights.quantity import Trace, Wording
+from eivor.flights.quantity import Trace
 from eivor.flights.result import FlightEstimate
 from eivor.inference.bootstrap import Bootstrap
 from eivor.inference.regions import Ellipse
@@ -37,9 +36,7 @@ from eivor.lab.figures import (
 from eivor.lab.paper import EXAMPLES, named_readings, run_example
 from eivor.lab.records import Scenario
 from eivor.lab.study import MethodChoice, Study, StudyResult
-from eivor.models.regression import Parameter, regression
-from eivor.models.separable import Nuisance
-from eivor.motions.identify import identify_flight
+from eivor.models.regression import regression
 from eivor.motions.vertical.motion import Vertical
 from eivor.motions.vertical.regression import VerticalFlights
 from eivor.report.figure_panels import (
@@ -56,7 +53,6 @@ from eivor.report.figures import (
     save_figure,
     signals_figure,
 )
-from eivor.signals.recording import Recording
 from eivor.signals.signals import Signals
 
 
@@ -125,20 +121,6 @@ def test_every_axis_of_a_motion_is_drawn(fit: FlightEstimate) -> None:
 
 
 @pytest.mark.thorough
-def test_measured_rotors_have_a_profile_of_their_delay(recording: Recording) -> None:
-    channels = {
-        name.replace("rotor_command", "rotor_speed"): replace(
-            channel, name=channel.name.replace("rotor_command", "rotor_speed")
-        )
-        for name, channel in recording.channels.items()
-    }
-    figure = flight_figure(identify_flight(replace(recording, channels=channels)))
-    labels = [axes.get_xlabel() for axes in figure.axes]
-    assert any("delay" in label and "[ms]" in label for label in labels), labels
-    assert inside(figure)
-
-
-@pytest.mark.thorough
 @pytest.mark.parametrize("ending", ["png", "svg", "pdf"])
 def test_a_hostile_name_is_drawn_as_it_is(fit: FlightEstimate, tmp_path: Path, ending: str) -> None:
     flight = fit.prepared[0]
@@ -148,13 +130,6 @@ def test_a_hostile_name_is_drawn_as_it_is(fit: FlightEstimate, tmp_path: Path, e
     save_figure(figure, tmp_path / f"x.{ending}")
     assert (tmp_path / f"x.{ending}").stat().st_size > 10_000
     assert r"<b>&\x1b[31m\n" in _titles(figure)[0].replace("\n", " ")
-
-
-@pytest.mark.thorough
-def test_the_same_result_gives_the_same_bytes(fit: FlightEstimate, tmp_path: Path) -> None:
-    for name in ("a.png", "b.png"):
-        save_figure(flight_figure(fit), tmp_path / name)
-    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
 
 
 FLIGHT = ("fit", "residual", "autocorrelation", "profile", "excitation")
@@ -233,24 +208,6 @@ def test_a_single_panel_is_drawn_where_it_is_told(name: str, fit: FlightEstimate
     assert figure._suptitle is None  # type: ignore[attr-defined]
     assert not figure.legends
     assert inside(figure)
-
-
-@pytest.mark.thorough
-@pytest.mark.parametrize("name", ONE_PANEL)
-def test_what_are_no_axes_is_refused(name: str, fit: FlightEstimate, tmp_path: Path) -> None:
-    figure, both = page(1, 2)
-    gone = figure.add_subplot()
-    gone.remove()
-    with shape_checks.unchecked():
-        for wrong, remedy in (
-            (3, "plt.subplots"),
-            ("ax", "plt.subplots"),
-            (figure, "plt.subplots"),
-            (both, "one of them"),
-            (gone, "removed"),
-        ):
-            with pytest.raises(UsageError, match=remedy):
-                ONE_PANEL[name](wrong, fit, tmp_path)
 
 
 def test_a_panel_of_a_subfigure_is_drawn_too() -> None:
@@ -377,60 +334,3 @@ def test_without_an_estimate_the_flight_is_drawn_by_its_names(still: FlightEstim
         flight_figure(still, {"zzz": axes[0]})
     with pytest.raises(EstimationError):
         still.plot(axes=axes)
-
-
-@dataclass(frozen=True)
-class Curved(Vertical):
-    """A motion whose input acts through a curve that is searched for, beside the lag."""
-
-    wording: ClassVar[Mapping[str, Wording]] = {
-        **Vertical.wording,
-        "curve_share": Wording("curve's share", "s", ""),
-    }
-
-
-@pytest.fixture
-def curved(fit: FlightEstimate) -> FlightEstimate:
-    """A result with a second continuous nuisance, whose objective is least at 0.4."""
-    assert fit.fit is not None
-    grid = np.linspace(0.0, 1.0, 11)
-    nuisance = Nuisance(Parameter("curve_share"), grid)
-
-    def with_share(candidate: Candidate) -> Candidate:
-        least = candidate.solution.objective
-        share = NuisanceProfile(nuisance, grid, least * (1.0 + (grid - 0.4) ** 2))
-        return replace(
-            candidate,
-            nuisances={**candidate.nuisances, "curve_share": 0.4},
-            profiles=(*candidate.profiles, share),
-        )
-
-    estimate = replace(
-        fit.fit.estimate, candidates=tuple(with_share(candidate) for candidate in fit.fit.estimate.candidates)
-    )
-    share = replace(fit.quantities["actuator_lag"], value=0.4, interval=(0.3, 0.5))
-    return replace(
-        fit,
-        motion=Curved(),
-        fit=replace(fit.fit, estimate=estimate),
-        quantities={**fit.quantities, "curve_share": share},
-    )
-
-
-@pytest.mark.thorough
-@pytest.mark.usefixtures("_as_a_user")
-def test_each_continuous_nuisance_has_a_panel(curved: FlightEstimate) -> None:
-    figure = flight_figure(curved)
-    assert [axes.get_title() for axes in figure.axes[3:5]] == [
-        "How well each actuator lag fits",
-        "How well each curve's share fits",
-    ]
-    share = figure.axes[4]
-    assert (share.get_xlabel(), share.get_xscale()) == ("curve's share s [-]", "linear")
-    curve = np.asarray(share.lines[0].get_xydata())
-    assert curve[np.argmin(curve[:, 1]), 0] == 0.4
-    assert share.patches[0].get_extents().width > 0
-    assert inside(figure)
-    alone, (ax,) = page(1)
-    flight_figure(curved, {"profile of curve_share": ax})
-    assert inside(alone)

@@ -138,12 +138,6 @@ def test_a_residual_has_time_autocorrelation_and_spectrum() -> None:
     assert inside(figure)
 
 
-def test_long_residuals_are_drawn_by_their_range() -> None:
-    figure = residual_figure(np.random.default_rng(3).normal(size=100_000), rate_hz=100.0)
-    assert len(figure.axes[0].lines) == 1  # zero; the range is an area
-    assert figure.axes[0].collections
-
-
 def test_the_robust_band_is_that_of_white_noise_when_its_strength_is_constant_and_holds_when_not() -> None:
     random = np.random.default_rng(4)
     assert robust_band(random.normal(size=20_000), 5) == pytest.approx(
@@ -254,19 +248,6 @@ def test_bars_hold_every_trial():
     assert inside(figure)
 
 
-def test_a_long_tail_is_logarithmic_and_loses_no_trial():
-    values = np.concatenate([np.full(50, 1.0), [1e-9, 500.0]])
-    axes = nrmse_figure({"a": {"together": values}}).axes[0]
-    assert axes.get_xscale() == "log"
-    assert sum(patch.get_height() for patch in axes.patches) == 52
-
-
-@pytest.mark.parametrize("values", [np.full(5, 2.0), np.zeros(3), np.array([7.0])])
-def test_equal_values_are_drawn(values):
-    axes = nrmse_figure({"a": {"together": values}}).axes[0]
-    assert sum(patch.get_height() for patch in axes.patches) == values.size
-
-
 def test_what_is_printed_is_drawn_when_it_is_near_and_told_when_it_is_not():
     values = np.linspace(1.0, 2.0, 20)
     for mean, drawn in ((2.5, True), (187.2, False)):
@@ -304,14 +285,6 @@ def test_density_integrates_to_the_variance():
     assert np.sum(amplitude**2) * (frequency[1] - frequency[0]) == pytest.approx(values.var(), rel=1e-2)
 
 
-def test_an_estimate_of_ones_own_is_drawn():
-    long_memory = LongMemory(order=-0.2, order_error=0.01, std=1.0, std_error=0.1, bandwidth=20)
-    figure = noise_spectrum_figure(np.arange(100.0) % 7, rate_hz=1.0, estimate=long_memory)
-    assert any("order -0.200 ± 0.010" in label for label in labels(figure))
-    with pytest.raises(NonFiniteError, match="positive rate"):
-        noise_spectrum_figure(np.arange(100.0), rate_hz=0.0)
-
-
 @pytest.mark.parametrize(
     ("draw", "error", "message"),
     [
@@ -342,3 +315,24 @@ def test_an_estimate_of_ones_own_is_drawn():
 def test_what_cannot_be_drawn_is_refused(draw, error, message) -> None:
     with pytest.raises(error, match=message):
         draw()
+
+
+def test_long_residuals_are_drawn_by_their_range() -> None:
+    figure = residual_figure(np.random.default_rng(3).normal(size=100_000), rate_hz=100.0)
+    assert len(figure.axes[0].lines) == 1  # zero; the range is an area
+    assert figure.axes[0].collections
+
+
+def test_a_long_tail_is_logarithmic_and_loses_no_trial():
+    values = np.concatenate([np.full(50, 1.0), [1e-9, 500.0]])
+    axes = nrmse_figure({"a": {"together": values}}).axes[0]
+    assert axes.get_xscale() == "log"
+    assert sum(patch.get_height() for patch in axes.patches) == 52
+
+
+def test_an_estimate_of_ones_own_is_drawn():
+    long_memory = LongMemory(order=-0.2, order_error=0.01, std=1.0, std_error=0.1, bandwidth=20)
+    figure = noise_spectrum_figure(np.arange(100.0) % 7, rate_hz=1.0, estimate=long_memory)
+    assert any("order -0.200 ± 0.010" in label for label in labels(figure))
+    with pytest.raises(NonFiniteError, match="positive rate"):
+        noise_spectrum_figure(np.arange(100.0), rate_hz=0.0)

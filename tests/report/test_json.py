@@ -196,18 +196,6 @@ def test_the_sets_are_lists_of_pieces(fit: FlightEstimate) -> None:
     assert friction["sets"]["wald"] == [friction["interval"]]
 
 
-def test_the_numbers_are_those_of_the_result(fit: FlightEstimate) -> None:
-    document: dict[str, Any] = json_document(fit)
-    for part in ("parameters", "derived"):
-        for name, fields in document[part].items():
-            quantity = fit.quantities[name]
-            assert fields["value"] == quantity.value
-            assert tuple(fields["interval"]) == quantity.interval
-            assert fields["verdict"] == quantity.verdict.value
-    lag, delay = (document["parameters"][name]["value"] for name in ("actuator_lag", "delay"))
-    assert document["derived"]["effective_lag"]["value"] == pytest.approx(lag + delay)
-
-
 def test_text_is_ascii_whatever_the_log_is_called(fit: FlightEstimate) -> None:
     document = json_document(fit)
     document["method"] = "é\udcff\x1b"

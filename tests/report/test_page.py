@@ -23,7 +23,6 @@ from eivor.motions.identify import identify_flight
 from eivor.report import flight_page as flight_pages
 from eivor.report.document import Cell, Section, TableColumn, TableOf
 from eivor.report.figure_panels import PlottedInterval, draw_forest
-from eivor.report.flight import banded
 from eivor.report.flight_page import LARGEST, MISSING, Chart, Line, drawing, flight_page, forest_picture
 from eivor.report.html import element, own, section_html
 from eivor.signals.recording import Finding, Recording
@@ -156,27 +155,6 @@ def check(record: dict[str, Any], scale: float, value: str, interval: str) -> No
     if interval.startswith("["):
         for (end, half), wanted in zip(numbers_in(interval), record["interval"], strict=True):
             assert end == pytest.approx(scale * wanted, abs=1.001 * half)
-
-
-@pytest.mark.thorough
-def test_rows_of_flights_and_methods_are_those_of_the_json(pages):
-    result, _, page = pages["pool"]
-    reported = json.loads(result.to_json())
-    for identifier, key, label in (
-        ("flights-one-by-one", "flights", "log"),
-        ("methods-side-by-side", "comparisons", "method"),
-    ):
-        (section,) = page.all("section", id=identifier)
-        drawn = section.all("svg", class_="drawn")
-        assert len(drawn) == len(result.motion.rows)
-        for svg, name in zip(
-            drawn, [item for item in result.motion.plotted if item in result.motion.rows], strict=True
-        ):
-            texts = [text.text for text in svg.all("text")]
-            for row in reported[key]:
-                quantity = {**row["parameters"], **row["derived"]}[name]
-                value, _, interval = texts[texts.index(row[label]) + 1].partition(" ")
-                check(quantity, result.motion.wording[name].scale, value, interval)
 
 
 @pytest.mark.parametrize("name", RESULTS)
@@ -373,14 +351,6 @@ def test_a_forest_is_made_for_what_is_known_and_cuts_the_rest():
     assert [line.get_marker() for line in points] == ["o", "o", "x", "D"]
     arrows = [line.get_marker() for line in made[0].lines if line.get_marker() in {"<", ">"}]
     assert arrows == ["<", ">", "<", ">"]
-
-
-def test_a_spectrum_of_many_bins_is_drawn_in_few_points_of_the_same_power():
-    frequency = np.arange(1, 5001) / 10.0
-    bands, amplitude = banded(frequency, np.full(5000, 3.0), flight_pages.BANDS_PER_DECADE)
-    assert bands.size < 350
-    assert (np.diff(bands) > 0.0).all()
-    np.testing.assert_allclose(amplitude, 3.0)
 
 
 def test_an_axis_that_no_input_moves_has_no_spectrum(fit, monkeypatch):

@@ -18,7 +18,6 @@ from eivor.errors import ParameterError
 from eivor.lab import figures
 from eivor.lab.cramer_rao import disturbance_power
 from eivor.lab.disturbances import Arma, GivenDisturbance, SumOfDisturbances, Trend
-from eivor.lab.experiments import page_with
 from eivor.lab.paper import named_readings, run_paper
 from eivor.lab.records import Scenario
 from eivor.lab.scenario_files import read_study, shipped_scenario
@@ -27,9 +26,6 @@ from eivor.process_pool import LocalProcesses
 from eivor.signals.noise import WhiteNoise
 from eivor.simulation.excitation import Disturbance, WhiteDisturbance
 from eivor.tools import Float
-
-PARTS = ("run", "readings", "example 1", "example 2", "errata", "figures")
-
 
 SMALL = ("paper", "--runs", "3", "--workers", "1")
 
@@ -84,26 +80,6 @@ def test_weak_instruments_are_told(two_readings):
     assert counts == [0, 0, 3, 3]
     page = figures.page_parts(two_readings)["example 1"]
     assert page.count("Weak instruments (first-stage F below 10), in runs: `white-input` (3 of 3).") == 1
-
-
-@pytest.mark.thorough
-def test_page_is_filled_between_its_marks(tmp_path: Path, two_readings):
-    page = (
-        "Before.\n"
-        + "\n".join(f"<!-- generated: {n} -->\nold\n<!-- end: {n} -->" for n in PARTS)
-        + "\nAfter.\n"
-    )
-    filled = page_with(page, figures.page_parts(two_readings))
-    assert filled.startswith("Before.\n")
-    assert filled.endswith("\nAfter.\n")
-    assert "old" not in filled
-    assert filled.count("| `ratios-of-variances` |") == 1 + 2 * 3
-    assert page_with(filled, figures.page_parts(two_readings)) == filled
-    file = tmp_path / "page.md"
-    file.write_text("no marks\n", encoding="utf-8")
-    run = eivor(*SMALL, "--readings", "two-lags", "--page", str(file))
-    assert run.exit_code == 1
-    assert file.read_text(encoding="utf-8") == "no marks\n"
 
 
 @pytest.mark.parametrize(

@@ -47,21 +47,6 @@ def expected(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
     return content(folder)
 
 
-@pytest.mark.thorough
-def test_local_processes(expected, tmp_path):
-    progress: list[tuple[int, int]] = []
-    run_study(
-        small_study(RUNS),
-        tmp_path,
-        executor=LocalProcesses(2),
-        progress=lambda done, total: progress.append((done, total)),
-    )
-    assert content(tmp_path) == expected
-    assert progress[0] == (0, RUNS)
-    assert progress[-1] == (RUNS, RUNS)
-    assert sorted(progress) == progress
-
-
 SCRIPT = """
 import sys
 from pathlib import Path

@@ -131,14 +131,8 @@ excitation = { kind = "white" }
         ("runs = 5", "", "Expected a whole number at runs of mine.toml; received nothing. Add it."),
         ("runs = 5", "rnus = 5", "Is 'rnus' meant to be it"),
         ("runs = 5", "runs = -5", r"Expected runs from 1 to 10000000 at the top of mine.toml; received -5"),
-        ("runs = 5", "runs = 5.5", "Expected a whole number at runs of mine.toml; received 5.5"),
         ("runs = 5", "runs = true", "Expected a whole number at runs of mine.toml; received True"),
         ("seed = 3", "seed = 3\nsede = 4", r"received the unknown key 'sede'\. Did you mean 'seed'"),
-        (
-            "seed = 3",
-            "seed = 3\nintervals = 1",
-            "Expected true or false at intervals of mine.toml; received 1",
-        ),
         ("seed = 3", "seed = 3\nlevel = inf", "Expected a finite number at level of mine.toml; received inf"),
         ("seed = 3", "seed = 3 3", "Expected a study in TOML; received .*mine.toml', which is not"),
         ("[[methods]]", "[methods]", r"Expected one table \[\[methods\]\] or more at methods of mine.toml"),
@@ -153,11 +147,6 @@ excitation = { kind = "white" }
             r"received the unknown key 'lag'\. Did you mean 'lags'",
         ),
         ('"least_squares"', '"extended_iv"\nlags = [2, 1]', r"Expected \[first, last\].* received \[2, 1\]"),
-        (
-            '"least_squares"',
-            '"extended_iv"\nlags = [0.5, 1]',
-            r"Expected \[first, last\].* received \[0.5, 1\]",
-        ),
         ('"least_squares"', '"least_squares"\nknown_noise = "input"', "Expected a list of texts"),
         (
             "input_gain",

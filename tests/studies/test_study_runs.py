@@ -72,17 +72,6 @@ def test_interrupted_and_resumed(finished, tmp_path):
 
 
 @pytest.mark.thorough
-def test_more_runs_continue(finished, tmp_path):
-    run_study(small_study(30), tmp_path)
-    recorder = Recorder()
-    run_study(small_study(), tmp_path, executor=recorder)
-    assert recorder.asked == [2, 1]
-    assert content(tmp_path) == content(finished.folder)
-    with pytest.raises(UsageError, match=r"at least 60 runs, as many as .* received 30"):
-        run_study(small_study(30), tmp_path)
-
-
-@pytest.mark.thorough
 @pytest.mark.parametrize("part", np.linspace(0.0, 1.0, 12))
 def test_a_flipped_byte_is_mended(finished, tmp_path, part):
     """Wherever it is in a shard, the next run computes that shard anew, and the table is the same."""
