@@ -10,7 +10,6 @@ import pytest
 
 import eivor as ev
 from eivor.errors import CorruptLogError, EivorError, did_you_mean
-from eivor.linalg import LinearSystem
 
 RNG = np.random.default_rng(0)
 
@@ -108,7 +107,6 @@ def test_only_real_numbers_are_taken(spoil, said):
         lambda: ev.Signals(5.0, {"input": spoil(Y)}),
         lambda: ev.recording_from_columns({"time": np.arange(60), "velocity_z": spoil(Y)}),
         lambda: ev.estimate_long_memory(spoil(Y)),
-        lambda: LinearSystem(spoil(PHI), Y),
         lambda: REGION.contains(spoil(np.ones(2))),
     ):
         with pytest.raises(EivorError, match=said):

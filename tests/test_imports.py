@@ -111,10 +111,8 @@ def test_names_shadow_no_submodule():
 @pytest.mark.skipif(not shape_checks.wanted(), reason="EIVOR_SHAPE_CHECKS=0")
 def test_shapes_are_checked_in_this_run():
     """The hook in conftest.py is on: a matrix where a vector belongs is refused by the annotation."""
-    from eivor.signals.filters import first_order_lag
-
     with pytest.raises(Exception, match=r"violates|Type-check"):
-        first_order_lag(np.zeros((3, 2)), step_s=0.01, lag_s=0.1)
+        eivor.Signals(5.0, {"input": np.zeros(3)}).channel(3)
 
 
 @pytest.mark.parametrize("name", ["bounds", "covariances", "fleet", "methods"])

@@ -14,9 +14,6 @@ import pytest
 import eivor as ev
 from eivor import methods
 from eivor.errors import EivorError
-from eivor.linalg import LinearSystem
-from eivor.models.regression import Parameter, SampleRows
-from eivor.signals.recording import Frame
 from fleets.fleet_rows import row, write_fleet
 
 #: What is given in place of a right argument, each under the name that `ACCEPTED` calls it.
@@ -210,7 +207,8 @@ def doors(folder):
     pl.DataFrame({"time": np.arange(60.0), "velocity_z": m.y}).write_parquet(parquet)
     log.write_text("time,velocity_z\n0,1\n1,2\n", encoding="utf-8")
     matrix = {"response": m.y, "regressors": m.X, "instruments": m.Z}
-    parameters = (Parameter("a"), Parameter("b"))
+    # A type that has no public name.
+    system = inspect.signature(ev.weighted_total_least_squares, eval_str=True).parameters["system"].annotation
     name, std = {"name": "theta_1"}, {"std": 1.0}
     region, of_fraction = m.found.region, {"parameters": FRACTIONAL}
     columns = {"time": np.arange(60.0), "velocity_z": m.y}
@@ -228,15 +226,15 @@ def doors(folder):
         "RoundingNoise": (ev.RoundingNoise, std),
         "Recording": (
             ev.Recording,
-            {"name": "a", "format": "csv", "channels": m.recording.channels, "frame": Frame.Z_UP},
+            {"name": "a", "format": "csv", "channels": m.recording.channels, "frame": m.recording.frame},
         ),
         "RecursiveIdentification": (ev.RecursiveIdentification, model),
         "Regression": (
             ev.Regression,
             {
                 **matrix,
-                "parameters": parameters,
-                "layout": SampleRows(np.zeros(60, dtype=np.int64)),
+                "parameters": m.rows.parameters,
+                "layout": m.rows.layout,
                 "regressor_noise": np.eye(3),
                 "instrument_noise": np.zeros((2, 3)),
             },
@@ -295,7 +293,7 @@ def doors(folder):
         "validate": (ev.validate, {"fit": fit_file, "recording": m.recording}),
         "weighted_total_least_squares": (
             ev.weighted_total_least_squares,
-            {"system": LinearSystem(m.X, m.y), "row_covariances": np.tile(np.eye(3), (60, 1, 1))},
+            {"system": system(m.X, m.y), "row_covariances": np.tile(np.eye(3), (60, 1, 1))},
         ),
         # methods of what they give, and of the rooms
         "VerticalMotion.regression": (m.motion.regression, {"signals": m.signals}),

@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 
 import eivor as ev
-from eivor.cli.main import app
 from eivor.errors import UsageError
 from exports.documents import refused, vehicle_file, written
 from exports.identified import HOVER, TRUE, ardupilot_log, curve_told, identified, px4_log
@@ -278,12 +277,6 @@ OF_AUTOPILOTS = [
 ]
 
 
-def called(command: str) -> int:
-    with pytest.raises(SystemExit) as left:
-        app(shlex.split(command), prog_name="eivor")
-    return int(left.value.code or 0)
-
-
 def written_to(command: str) -> Path:
     """The file that a command writes; the last word of each is one."""
     return Path(re.findall(r"(?:-o|--json|--out) (\S+)", command)[0])
@@ -291,35 +284,37 @@ def written_to(command: str) -> Path:
 
 @pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 def test_what_a_simulated_flight_of_each_autopilot_tells(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command_line: Any
 ) -> None:
     monkeypatch.chdir(tmp_path)
     Path("flight.ulg").write_bytes(px4_log())
     Path("flight.bin").write_bytes(ardupilot_log())
     assert len(OF_AUTOPILOTS) == 5
     for command in OF_AUTOPILOTS:
-        assert called(command) == 0, command
+        assert command_line(*shlex.split(command)).code == 0, command
     for item in (qgc(Path("vehicle.params").read_text()), ardupilot(Path("vehicle.param").read_text())):
         assert sorted(item.values()) == [pytest.approx(HOVER, abs=0.005), pytest.approx(TRUE, abs=0.03)]
 
 
 @pytest.mark.thorough
 @pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
-def test_commands_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_commands_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command_line: Any) -> None:
     monkeypatch.chdir(tmp_path)
     Path("flight.ulg").write_bytes(px4_log())
     Path("flight.bin").write_bytes(ardupilot_log())
     vehicle_file(tmp_path).rename("mine.toml")
     assert len(COMMANDS) == 19
     for command in COMMANDS:
-        assert called(command) == 0, command
+        assert command_line(*shlex.split(command)).code == 0, command
         assert written_to(command).stat().st_size > 100
 
 
 @pytest.mark.recordings
 @pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 @pytest.mark.parametrize("log", ["battery_brownout", "log_123_2024-3-1-14-47-02"])
-def test_real_flights(log: str, recordings: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_real_flights(
+    log: str, recordings: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command_line: Any
+) -> None:
     """None of these flights tells its curve: nothing beyond a range is written, and it is said why."""
     monkeypatch.chdir(tmp_path)
     (ulog,) = recordings.rglob(f"{log}.ulg")
@@ -327,7 +322,7 @@ def test_real_flights(log: str, recordings: Path, tmp_path: Path, monkeypatch: p
     Path("flight.ulg").symlink_to(ulog)
     Path("flight.bin").symlink_to(dataflash)
     for command in OF_AUTOPILOTS:
-        assert called(command) in {0, 3}, command
+        assert command_line(*shlex.split(command)).code in {0, 3}, command
     px4, of_ardupilot = Path("vehicle.params").read_text(), Path("vehicle.param").read_text()
     assert "THR_MDL_FAC is not written: " in px4
     assert "Command: actuator_output, before the autopilot's thrust curve" in px4

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from eivor.flights.result import FlightEstimate
-from eivor.report.json_document import json_document, json_text
+import eivor as ev
 
 DOCS = Path(__file__).parents[2] / "docs"
 
@@ -148,8 +148,8 @@ def check(value: Any, expected: Any, where: str = "document") -> None:
 @pytest.fixture(params=["fit", pytest.param("pool", marks=pytest.mark.thorough), "still"])
 def document(request: pytest.FixtureRequest) -> dict[str, Any]:
     """The document of a flight, a pool, and a result without an estimate, read back."""
-    result: FlightEstimate = request.getfixturevalue(request.param)
-    read: dict[str, Any] = json.loads(json_text(json_document(result)))
+    result: ev.FlightEstimate = request.getfixturevalue(request.param)
+    read: dict[str, Any] = json.loads(result.to_json())
     return read
 
 
@@ -168,9 +168,8 @@ def test_every_key_is_documented(document: dict[str, Any]) -> None:
     assert all(f"`{key}`" in diagnostics for key in document["diagnostics"])
 
 
-def test_numbers_are_finite_or_null(still: FlightEstimate) -> None:
-    document = json_document(still)
-    text = json_text(document)
+def test_numbers_are_finite_or_null(still: ev.FlightEstimate) -> None:
+    text = still.to_json()
     assert "NaN" not in text
     assert "Infinity" not in text
     friction = json.loads(text)["parameters"]["viscous_friction"]
@@ -187,8 +186,8 @@ def test_numbers_are_finite_or_null(still: FlightEstimate) -> None:
     }
 
 
-def test_the_sets_are_lists_of_pieces(fit: FlightEstimate) -> None:
-    document: dict[str, Any] = json_document(fit)
+def test_the_sets_are_lists_of_pieces(fit: ev.FlightEstimate) -> None:
+    document: dict[str, Any] = json.loads(fit.to_json())
     friction = document["parameters"]["viscous_friction"]
     assert set(friction["sets"]) == {"wald", "profile", "anderson_rubin"}
     for pieces in friction["sets"].values():
@@ -196,10 +195,10 @@ def test_the_sets_are_lists_of_pieces(fit: FlightEstimate) -> None:
     assert friction["sets"]["wald"] == [friction["interval"]]
 
 
-def test_text_is_ascii_whatever_the_log_is_called(fit: FlightEstimate) -> None:
-    document = json_document(fit)
-    document["method"] = "é\udcff\x1b"
-    text = json_text(document)
+def test_text_is_ascii_whatever_the_log_is_called(fit: ev.FlightEstimate) -> None:
+    flight = fit.prepared[0]
+    named = replace(flight, recording=replace(flight.recording, name="é\udcff\x1b"))
+    text = replace(fit, prepared=(named,)).to_json()
     assert text.isascii()
     assert "\x1b" not in text
-    assert json.loads(text)["method"] == "é\udcff\x1b"
+    assert json.loads(text)["logs"][0]["name"] == "é\udcff\x1b"

@@ -13,7 +13,6 @@ import pytest
 from scipy.stats import binom
 
 from eivor.errors import InputError, UsageError
-from eivor.lab.experiments import marks
 from validation.flight_recipe.study import (
     ERROR_BOUNDS,
     PART,
@@ -83,7 +82,7 @@ def test_damaged_grid_is_refused(old, new, message):
         flight_grid(GRID_TEXT.replace(old, new, 1))
 
 
-BEGIN, END = marks(PART)
+BEGIN, END = f"<!-- generated: {PART} -->", f"<!-- end: {PART} -->"
 
 
 pytest.importorskip("rotorpy")

@@ -18,8 +18,6 @@ from scipy.stats import binom
 
 import eivor as ev
 from eivor.errors import InputError
-from eivor.lab.experiments import marks
-from eivor.lab.scenario_files import shipped_scenario
 from validation.choices import study as choices
 from validation.coverage import study as coverage_study
 from validation.coverage.study import BOUNDS, PART, read_coverage
@@ -83,7 +81,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
     """The command, in a process of its own: checks of every shape would make it many times as long."""
     folder = tmp_path_factory.mktemp("coverage")
     out, page = folder / "coverage.parquet", folder / "page.md"
-    page.write_text("Before.\n" + "\n".join(marks(PART)) + "\nAfter.\n", encoding="utf-8")
+    page.write_text(f"<!-- generated: {PART} -->\n<!-- end: {PART} -->\n", encoding="utf-8")
     done = subprocess.run(
         [
             *(sys.executable, "-m", "validation.coverage.study", "--runs", str(COVERAGE_RUNS)),
@@ -227,7 +225,8 @@ def test_the_likelihood_is_biased_by_wrong_orders_and_spectral_giv_is_not():
 
 
 def test_a_record_whose_parameter_does_not_change_is_the_simulated_one():
-    scenario = shipped_scenario("rich")
+    studies = coverage_suite().studies
+    scenario = next(item.study.experiment.scenario for item in studies if item.scenario == "rich")
     same = changed_record(scenario, np.random.default_rng(3), "input_gain", 1.0, 1000)
     for name, values in ev.simulate(scenario, np.random.default_rng(3)).signals.channels.items():
         np.testing.assert_allclose(same.channels[name], values, atol=1e-14)
