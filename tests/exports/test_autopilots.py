@@ -184,19 +184,6 @@ def test_what_px4_does_not_take_is_a_comment(
     assert all(f"{given[0]:g}" not in text for given in (curve, hover) if given)
 
 
-def test_a_curve_beyond_the_range_leaves_the_hover_of_the_setpoint(
-    motors: Callable[[], Document], tmp_path: Path
-) -> None:
-    reported = motors()
-    reported["parameters"]["thrust_curve"] |= {"value": -1.0, "interval": [-1.1, -0.9]}
-    text = exported(reported, tmp_path)
-    assert qgc(text) == {
-        "MPC_THR_HOVER": pytest.approx(reported["derived"]["hover_input"]["value"], rel=1e-6)
-    }
-    assert "THR_MDL_FAC is not written: what was found lies below the range of 0 to 1" in text
-    assert "The value in force stays." in text
-
-
 def test_without_the_value_in_force_a_setpoint_tells_no_curve(
     motors: Callable[[], Document], tmp_path: Path
 ) -> None:

@@ -354,16 +354,6 @@ def work(logs: list[Log], there: pl.DataFrame) -> Work:
     return work_of(LogList.of(logs).table, there)
 
 
-def test_logs_are_in_the_order_of_their_names_and_once():
-    paths = ("b/é.ulg", "a.ulg", "b/z.ulg", "b.ulg", "a.ulg", "\U0001f681")
-    logs = LogList.of(Log(f"/{index}", name, {}) for index, name in enumerate(paths))
-    assert [item.name for item in logs] == sorted(set(paths))
-    assert next(iter(logs)).path == "/4"
-    assert [len(page) for page in logs.pages(2)] == [2, 2, 1]
-    assert len(logs) == 5
-    assert (len(LogList.of([])), list(LogList.of([]))) == (0, [])
-
-
 def test_the_numbers_are_of_the_row_that_is_there_else_of_the_first_by_name():
     logs = [log("c", "one"), log("a", "one"), log("b", "two"), log("d", "two"), log("e", "three"), log("f")]
     there = known_rows(

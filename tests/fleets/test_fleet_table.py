@@ -12,19 +12,9 @@ import pytest
 import eivor as ev
 from eivor.errors import InputError, UsageError
 from eivor.fleet.analysis import QUERIES, query
-from eivor.fleet.table import LEADING, TRAILING, flight_frame, read_flights
+from eivor.fleet.table import flight_frame, read_flights
 from fleets.fleet_rows import row, write_fleet
 from validation.simulated_fleets import FleetSpec, fleet_rows
-
-
-def test_rows_bring_the_columns_of_their_quantities():
-    table = flight_frame([row("b"), {"motion": "vertical", "name": "a", "diagnostic.runs": float("nan")}])
-    assert table["name"].to_list() == ["a", "b"]
-    assert [*LEADING, "gain.value"] == table.columns[: len(LEADING) + 1]
-    assert set(TRAILING) < set(table.columns)
-    assert table["diagnostic.runs"].to_list() == [None, None]
-    assert table.schema["gain.verdict"] == pl.String
-    assert table.schema["diagnostic.runs"] == pl.Float64
 
 
 def test_parts_of_several_motions_are_put_together_by_name(tmp_path):
@@ -42,13 +32,6 @@ def test_parts_of_several_motions_are_put_together_by_name(tmp_path):
     ]
     chosen = read_flights(fleet.folder, ["drag.value", "name", "unknown"])
     assert chosen.columns == ["drag.value", "name", "unknown"]
-
-
-def test_a_fleet_without_results_has_no_quantities(tmp_path):
-    failed = row("a", verdict="failed", reason="empty")
-    fleet = ev.fleet.open(write_fleet(tmp_path / "fleet", [failed]))
-    assert fleet.quantities.height == 0
-    assert "value" in fleet.quantities.columns
 
 
 def test_what_is_no_fleet_is_told(tmp_path):

@@ -61,10 +61,6 @@ def _text(report: object, width: int, *, colour: bool = False) -> str:
     return stream.getvalue()
 
 
-def stripped_lines(text: str) -> list[str]:
-    return [line.rstrip() for line in text.splitlines()]
-
-
 @pytest.mark.thorough
 @pytest.mark.parametrize("width", [40, 60, 80, 120])
 def test_nothing_is_cut_off(pool: FlightEstimate, width: int) -> None:
@@ -107,16 +103,6 @@ def test_a_result_without_estimate_says_why_and_what_to_fly(still: FlightEstimat
     assert "--card" not in text
     assert "nan" not in text
     assert "inf" not in text.replace("information", "")
-
-
-def test_a_refusal_is_short_and_says_where_the_card_is(still: FlightEstimate) -> None:
-    lines = stripped_lines(_text(on_terminal(flight_document(still)), 80))
-    assert "Flight card" not in lines
-    assert lines[1].startswith("REFUSED")
-    assert sum("--card" in line for line in lines) == 1
-    why, remedy = lines.index("Why"), lines.index("What to do")
-    assert lines.index("quantity                 value  95 % interval  unit  verdict") < why < remedy
-    assert len(lines) < 30
 
 
 def test_strings_of_a_log_are_shown_and_not_obeyed(fit: FlightEstimate) -> None:

@@ -20,7 +20,6 @@ from eivor.flights.options import FlightOptions
 from eivor.flights.result import FlightEstimate
 from eivor.inference.verdict import Reason, Status, Verdict
 from eivor.motions.identify import identify_flight
-from eivor.report import flight_page as flight_pages
 from eivor.report.document import Cell, Section, TableColumn, TableOf
 from eivor.report.figure_panels import PlottedInterval, draw_forest
 from eivor.report.flight_page import LARGEST, MISSING, Chart, Line, drawing, flight_page, forest_picture
@@ -306,27 +305,6 @@ def test_a_long_series_keeps_its_extremes_where_they_are():
     assert np.min(back) == pytest.approx(-50.0, abs=1e-2)
 
 
-def test_a_drawing_has_names_of_its_own_and_no_style():
-    def draw(axes):
-        axes.semilogx([0.01, 1.0, 100.0], [1.0, 2.0, 3.0], "o-", label="<b>&amp;")
-        axes.legend()
-
-    text = drawing(draw, "p", "A <title>", 3.0)
-    (svg,) = parsed(text).all("svg")
-    assert text == drawing(draw, "p", "A <title>", 3.0)
-    assert svg.all("title")[0].text == "A <title>"
-    assert "<b>&amp;" in [item.text for item in svg.all("text")]
-    assert {"0.01", "1", "100"} <= {item.text for item in svg.all("text")}
-    names = [item.attributes["id"] for item in svg.all() if "id" in item.attributes]
-    assert len(names) == len(set(names))
-    assert all(name.startswith("p-") for name in names)
-    for entry in svg.all():
-        assert not {"style", "src"} & set(entry.attributes)
-        assert not any(key.startswith("on") for key in entry.attributes)
-        for key in ("href", "clip-path"):
-            assert entry.attributes.get(key, "#p-").removeprefix("url(").startswith("#p-")
-
-
 def test_a_forest_is_made_for_what_is_known_and_cuts_the_rest():
     rows = (
         PlottedInterval("one", 1.0, ((0.0, 2.0),), "1 [0, 2]", Status.IDENTIFIED),
@@ -351,14 +329,6 @@ def test_a_forest_is_made_for_what_is_known_and_cuts_the_rest():
     assert [line.get_marker() for line in points] == ["o", "o", "x", "D"]
     arrows = [line.get_marker() for line in made[0].lines if line.get_marker() in {"<", ">"}]
     assert arrows == ["<", ">", "<", ">"]
-
-
-def test_an_axis_that_no_input_moves_has_no_spectrum(fit, monkeypatch):
-    (trace,) = fit.fit.traces(fit.motion)
-    still = replace(trace, axis="side", driven=np.zeros_like(trace.driven))
-    monkeypatch.setattr(type(fit.fit), "traces", lambda *_: (trace, still))
-    titles = [picture.title for picture in flight_pages.pictures_of_fit(fit, fit.fit).pictures]
-    assert [title for title in titles if "excites" in title] == [f"What excites the {trace.axis}"]
 
 
 def test_numbers_with_powers_stay_in_one_line_each():

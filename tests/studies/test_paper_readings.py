@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -12,14 +11,12 @@ from scipy.special import binom
 from eivor.errors import UsageError
 from eivor.estimation import methods
 from eivor.estimation.methods import identify
-from eivor.inference.verdict import Status
 from eivor.lab import paper as paper_trials
 from eivor.lab.paper import (
     EXAMPLES,
     METHODS,
     RATE_HZ,
     READINGS,
-    SOURCES,
     TRUTH,
     AlternatingNoise,
     Compensation,
@@ -41,8 +38,7 @@ from eivor.lab.records import Intersample
 from eivor.lab.study import Spread
 from eivor.models.regression import lags
 from eivor.motions.vertical.model import VerticalMotion
-from eivor.signals.noise import FractionalNoise, WhiteNoise
-from eivor.signals.signals import Signals
+from eivor.signals.noise import FractionalNoise
 
 RUNS = 30
 PROTOTYPE_RUNS = 100
@@ -137,18 +133,6 @@ def test_compensation_is_where_the_reading_has_it(compensation, row, counted):
     assert far == 0.0 if compensation is Compensation.SHARED else far > 1e-3
 
 
-@pytest.mark.parametrize("name", ["white-input", "ratios-of-variances"])
-def test_weak_is_what_identify_calls_weak(name):
-    chosen = reading(name)
-    signals = record(chosen, EXAMPLES[0], trial_generator(3)).signals
-    columns = lags("input", 1, chosen.lags)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        fit = identify(VerticalMotion(intercept=False).regression(signals, columns), methods.extended_iv())
-    weak = estimates(chosen, signals).weak[METHODS.index("extended_iv")]
-    assert weak == (fit.status is Status.WEAK) == (name == "white-input")
-
-
 # -- records -----------------------------------------------------------------------------------------
 
 
@@ -198,15 +182,6 @@ def test_alternating_noise_has_the_printed_weights():
     weights = binom(-0.4, np.arange(60))
     expected = 2.0 * np.convolve(weights, white * signs)[:60]
     assert sample == pytest.approx(expected, rel=1e-10)
-
-
-@pytest.mark.parametrize("source", SOURCES)
-@pytest.mark.parametrize(("example", "smaller"), [(EXAMPLES[0], 2e-3), (EXAMPLES[1], 5e-3)], ids=["1", "2"])
-def test_the_larger_ratio_belongs_to_one_source(source, example, smaller):
-    made = paper_trials.scenario(reading("ratios-of-std", larger_on=source), example)
-    ratios = {**made.noise_to_signal, "disturbance": made.disturbance_to_signal}
-    assert {name for name, ratio in ratios.items() if ratio == 1e-2} == {source}
-    assert {ratio for name, ratio in ratios.items() if name != source} == {smaller}
 
 
 def test_input_noise_of_the_second_example_is_five_thousandths_of_its_signal():
@@ -310,26 +285,6 @@ def test_every_reading_makes_records_of_the_papers_length(name):
     made = record(reading(name), EXAMPLES[1], trial_generator(0))
     assert made.signals.sample_count == made.truth.sample_count == 4000
     assert np.isfinite(list(made.signals.channels.values())).all()
-
-
-def test_noise_that_is_differentiated_is_in_both_channels():
-    chosen = reading("noise-before-differences")
-    made = record(chosen, EXAMPLES[0], trial_generator(1))
-    plain = record(replace(chosen, motion=MotionSource.VELOCITY_CENTRAL), EXAMPLES[0], trial_generator(1))
-    assert np.array_equal(made.signals.channels["velocity_z"], plain.signals.channels["velocity_z"])
-    added = made.signals.channels["acceleration_z"] - plain.signals.channels["acceleration_z"]
-    error = plain.signals.channels["velocity_z"] - plain.truth.channels["velocity_z"]
-    assert added[1:-1] == pytest.approx(2.5 * (error[2:] - error[:-2]), abs=1e-12)
-
-
-def test_direct_methods_use_no_more_of_a_noise_than_its_mean_variance():
-    noise = {"velocity_z": FractionalNoise(0.3, -0.4), "input": WhiteNoise(0.1)}
-    channels = {name: np.linspace(0.0, 1.0, 50) for name in ("velocity_z", "acceleration_z", "input")}
-    signals = Signals(5.0, channels, noise=noise | {"acceleration_z": FractionalNoise(0.2, -0.5)})
-    model = VerticalMotion(intercept=False)
-    exact = model.regression(signals).regressor_noise_covariance()
-    simpler = model.regression(paper_trials._known_by_variance(signals)).regressor_noise_covariance()
-    assert simpler == pytest.approx(exact, rel=1e-12)
 
 
 def test_no_estimate_is_infinitely_far():

@@ -20,7 +20,6 @@ from eivor.atomic_file import ABANDONED_S, PREFIX, SUFFIX
 from eivor.errors import InputError, UsageError
 from eivor.lab.study import (
     PARTS,
-    MethodChoice,
     Row,
     Share,
     StudyResult,
@@ -235,18 +234,6 @@ def test_a_full_disk_keeps_what_was_complete(finished, tmp_path, monkeypatch):
     ]
     run_study(small_study(), tmp_path)
     assert content(tmp_path) == content(finished.folder)
-
-
-def test_failed_methods_are_counted(tmp_path):
-    blind = MethodChoice("generalized_iv", (0, 5), known_noise=(), label="blind")
-    result = run_study(small_study(30, methods=(METHODS[0], blind), intervals=True), tmp_path)
-    good, bad = scores(result)
-    assert (good.trials, good.failed, good.first_failure) == (30, 0, None)
-    assert (bad.trials, bad.failed, bad.first_failure) == (30, 30, 0)
-    assert np.isnan(bad.together.mean)
-    assert bad.parameters[0].coverage == Share(0, 0)
-    assert result.trials["blind.error"].unique().to_list() == ["MissingNoiseError"]
-    assert result.trials["blind.output_lag_1"].null_count() == 30
 
 
 def test_scores_by_hand():

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-from collections import Counter
 from importlib.resources import files
 
 import polars as pl
@@ -26,40 +25,12 @@ from validation.flight_recipe.trials import (
     LAG_IGNORED,
     NONLINEAR,
     QUANTITIES,
-    FlightGrid,
     TrialTable,
     flight_grid,
-    published_grid,
     read_trial_table,
 )
 
 GRID_TEXT = files("validation.flight_recipe").joinpath("grid.toml").read_text(encoding="utf-8")
-
-
-@pytest.fixture(scope="module")
-def grid() -> FlightGrid:
-    return published_grid()
-
-
-def test_grid_is_as_large_as_promised(grid):
-    excited = [case for case in grid.cases if case.kind == "excited"]
-    assert len(excited) >= 300
-    assert sum(case.calm for case in excited) >= 150
-    assert sum(case.simulator == "rotorpy" for case in excited) >= 60
-    hovers = [case for case in grid.cases if case.kind == "hover"]
-    assert len(hovers) >= 60
-    assert {case.simulator for case in hovers} == {"vertical", "rotorpy"}
-    assert Counter(case.simulator for case in grid.cases).most_common(1)[0][0] == "vertical"
-    assert {case.spec.duration for case in grid.cases} == {60.0}
-
-
-def test_draws_do_not_depend_on_one_another(grid):
-    other = flight_grid(GRID_TEXT.replace("hover_input = [0.4, 0.7]", "hover_input = [0.3, 0.4]"))
-    for first, second in zip(grid.cases, other.cases, strict=True):
-        assert first.spec.actuator_lag == second.spec.actuator_lag
-        assert first.spec.noise == second.spec.noise
-        if first.simulator == "vertical":
-            assert first.spec.hover_input >= 0.4 >= second.spec.hover_input
 
 
 @pytest.mark.thorough

@@ -22,7 +22,7 @@ from validation.paper.claims import COLUMNS as CLAIMS_COLUMNS
 from validation.paper.claims import claims_suite, claims_tables
 from validation.response_band.study import COVERAGE, LEVEL
 from validation.rigid_body import beside
-from validation.studies import KEYS, joined, read_as, read_rows, write_rows
+from validation.studies import read_as, read_rows
 from validation.suite_files import Suite, coverage_suite, read_suite
 from validation.unknown_noise import study as unknown_noise
 
@@ -88,19 +88,6 @@ def test_coverage_is_as_required_and_need_not_be(coverage):
     assert [item.met for item in always] == [False, False, False]
 
 
-def test_efficiency_need_not_be_as_required(efficiencies):
-    chosen = (pl.col("scenario") == "rich") & (pl.col("method") == "spectral_giv")
-    worse = efficiencies.with_columns(rmse=pl.when(chosen).then(3.0).otherwise(1.0) * pl.col("rmse"), hits=0)
-    results = {item.what: item for item in efficiency.requirements(worse)}
-    over_bound = results["spectral_giv, N = 4000: RMSE over the bound"]
-    assert not over_bound.met
-    assert "rich, N = 4000, viscous_friction" in over_bound.measured
-    assert not results["spectral_giv, rich: RMSE of K over generalized IV's"].met
-    assert not results["spectral_giv, N = 4000: mean coverage"].met
-    shifted = {item.what: item for item in efficiency.requirements(efficiencies.with_columns(bias=0.9))}
-    assert not shifted["spectral_giv, N = 500: bias over the scatter"].met
-
-
 def test_suites_of_parts_have_the_records_of_the_whole_suite():
     whole = {(item.scenario, item.samples): item.study for item in efficiency.efficiency_suite().studies}
     held, quick = (
@@ -113,23 +100,6 @@ def test_suites_of_parts_have_the_records_of_the_whole_suite():
     for key, study in quick.items():
         assert study == dataclasses.replace(whole[key], methods=study.methods)
         assert set(study.methods) < set(whole[key].methods)
-
-
-def test_runs_of_other_lengths_make_one_page(efficiencies, tmp_path, capsys):
-    longest = pl.col("samples") == 4000
-    short = efficiencies.filter(~longest).with_columns(runs=pl.lit(7, pl.Int64))
-    parts = {tmp_path / "long.parquet": efficiencies.filter(longest), tmp_path / "short.parquet": short}
-    for file, rows in parts.items():
-        write_rows(rows, file)
-    efficiency.main([word for file in parts for word in ("--from", str(file))])
-    printed = capsys.readouterr().out
-    assert printed == efficiency.efficiency_tables(pl.concat(parts.values())) + "\n"
-    assert "| v | 7 |" in printed
-    quick = efficiencies.filter(method="generalized_iv").with_columns(runs=pl.lit(5000, pl.Int64))
-    both = joined([efficiencies, quick])  # a row of several runs is that of most records
-    assert both.drop("runs").equals(efficiencies.drop("runs"))
-    assert both.filter(runs=5000).equals(quick)
-    assert joined([quick, efficiencies]).sort(KEYS).equals(both.sort(KEYS))
 
 
 def test_pages_have_every_row_of_their_grids():

@@ -15,8 +15,8 @@ from eivor.motions.vertical.model import GRAVITY
 from eivor.signals.filters import actuator_state
 from eivor.simulation.environment import SensorNoise
 from validation.real_logs import study
-from validation.real_logs.closed_loop import STEP_S, FlightSpec, Jitter, LoggerSpec, Reference, VehicleSpec
-from validation.real_logs.flights import LoggedFlight, estimated, logged_flight, topics
+from validation.real_logs.closed_loop import STEP_S, FlightSpec, LoggerSpec, Reference, VehicleSpec
+from validation.real_logs.flights import LoggedFlight, estimated, logged_flight
 from validation.real_logs.pool_information import lag_bound
 from validation.real_logs.study import PART, far_off
 from validation.real_logs.trials import folder_of, grid_from, published_grid
@@ -92,51 +92,6 @@ def test_motors_of_two_lags_have_an_effective_one_between():
     log = flown(slower, LoggerSpec(), duration=40.0)
     low, high = identify_flight(log.recording).quantities["effective_lag"].interval
     assert low < effective(log)["effective_lag"] < high
-
-
-def test_drag_and_ground_change_the_effective_values():
-    assert effective(flown(VehicleSpec(quadratic_drag=0.1)))["viscous_friction"] > 0.5
-    near = effective(flown(VehicleSpec(rotor_radius=0.4, least_height=0.4)))
-    assert near["hover_input"] < 0.4995
-
-
-def test_accelerometer_attitude_and_tilt_error_agree():
-    from scipy.spatial.transform import Rotation
-
-    vehicle = VehicleSpec(horizontal_speed=5.0)
-    for error in (0.0, 0.05):
-        flight = flown(vehicle, replace(QUIET, tilt_error=error))
-        log, truth = flight.recording.channels, flight.flown.truth
-        time = log["specific_force_body_z"].time_s
-        body = np.stack([log[f"specific_force_body_{axis}"].values for axis in "xyz"], axis=1)
-        reported = np.stack(
-            [np.interp(time, log["attitude_w"].time_s, log[f"attitude_{axis}"].values) for axis in "xyzw"],
-            axis=1,
-        )
-        world = Rotation.from_quat(reported).apply(body)
-        along = np.interp(time, truth.time_s, np.gradient(flight.flown.horizontal, STEP_S))
-        up = np.interp(time, truth.time_s, truth.specific_force_z)
-        np.testing.assert_allclose(
-            world[5:-5, 2], (up * np.cos(error) - along * np.sin(error))[5:-5], atol=0.02
-        )
-
-
-def test_clocks_are_out_of_step_and_stamps_are_true_or_not():
-    regular = flown(VehicleSpec(controller_hz=250.0), replace(QUIET, velocity_hz=50.0, command_hz=50.0))
-    stamps = {name: channel.time_s for name, channel in regular.recording.channels.items()}
-    assert np.allclose(np.diff(stamps["velocity_z"]), 0.02)
-    assert np.allclose(np.diff(stamps["rotor_command_1"]), 0.02)
-    assert stamps["velocity_z"][0] % 0.01 != pytest.approx(
-        stamps["specific_force_body_z"][0] % 0.01, abs=1e-5
-    )
-    for kind in (Jitter.STAMPS, Jitter.INSTANTS):
-        logger = replace(QUIET, jitter=kind, jitter_s=0.002)
-        clock = topics(FlightSpec(VehicleSpec(), logger, seed=7)).clocks["velocity"]
-        assert np.std(np.diff(clock.stamps)) > 0.002
-        assert np.std(np.diff(clock.instants)) == pytest.approx(
-            0.0 if kind is Jitter.STAMPS else 0.0028, abs=5e-4
-        )
-        assert np.array_equal(clock.stamps, clock.instants) == (kind is Jitter.INSTANTS)
 
 
 def test_sensors_are_late_filtered_and_scaled():

@@ -31,7 +31,6 @@ from validation.fleet_run.study import Told as FleetTold
 from validation.plan.study import OWN, PLANNED_FOR, Outcome, outcomes
 from validation.plan.study import main as plan_command
 from validation.pooling.study import cell as pooling_cell
-from validation.recursion.study import changed_record
 from validation.recursion.study import trial as recursion_trial
 from validation.response_band.study import TIMES_S, climb_rates
 from validation.studies import WRONG
@@ -222,14 +221,6 @@ def test_the_likelihood_is_biased_by_wrong_orders_and_spectral_giv_is_not():
     )
     assert likelihood < -0.03
     assert abs(spectral) < 0.02
-
-
-def test_a_record_whose_parameter_does_not_change_is_the_simulated_one():
-    studies = coverage_suite().studies
-    scenario = next(item.study.experiment.scenario for item in studies if item.scenario == "rich")
-    same = changed_record(scenario, np.random.default_rng(3), "input_gain", 1.0, 1000)
-    for name, values in ev.simulate(scenario, np.random.default_rng(3)).signals.channels.items():
-        np.testing.assert_allclose(same.channels[name], values, atol=1e-14)
 
 
 @pytest.mark.thorough
