@@ -157,10 +157,7 @@ def holds(quantities: dict[str, Any], **truth: float) -> None:
 def test_rotorpy(tmp_path: Path) -> None:
     rotorpy = pytest.importorskip("rotorpy.vehicles.multirotor", reason="RotorPy is not installed")
     rest = {name: np.zeros(3) for name in ("x", "v", "w", "wind")}
-    state: dict[str, Any] = rest | {
-        "q": np.array([0.0, 0.0, 0.0, 1.0]),
-        "rotor_speeds": np.full(4, HOVER),
-    }
+    state: dict[str, Any] = rest | {"q": np.array([0.0, 0.0, 0.0, 1.0]), "rotor_speeds": np.full(4, HOVER)}
     vehicle = rotorpy.Multirotor(quad_params(tmp_path), state, "cmd_motor_speeds")
     selected = [HOVER]
 

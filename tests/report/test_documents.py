@@ -18,10 +18,7 @@ from eivor.inference.verdict import Status
 from eivor.motions.vertical.motion import Vertical
 from eivor.report.document import Bullets, TableOf, printable
 from eivor.report.flight import NO_NUMBER, flight_document, numbers
-from eivor.report.inspection import (
-    inspection,
-    inspection_document,
-)
+from eivor.report.inspection import inspection, inspection_document
 from eivor.report.json_document import json_document
 from eivor.report.terminal import on_terminal
 from eivor.signals.recording import Finding, Recording

@@ -16,12 +16,7 @@ from eivor.errors import MissingChannelError, NonFiniteError, TooFewSamplesError
 from eivor.estimation.estimate import Estimate
 from eivor.inference.regions import Ellipse
 from eivor.lab.experiments import VerticalExperiment
-from eivor.lab.figures import (
-    CoverageRow,
-    coverage_figure,
-    nrmse_figure,
-    study_coverage_figure,
-)
+from eivor.lab.figures import CoverageRow, coverage_figure, nrmse_figure, study_coverage_figure
 from eivor.lab.records import Scenario
 from eivor.lab.study import MethodChoice, Spread, Study, StudyResult
 from eivor.report.figure_panels import (
@@ -31,12 +26,7 @@ from eivor.report.figure_panels import (
     interval_figure,
     pair_figure,
 )
-from eivor.report.figures import (
-    noise_spectrum_figure,
-    residual_figure,
-    robust_band,
-    signals_figure,
-)
+from eivor.report.figures import noise_spectrum_figure, residual_figure, robust_band, signals_figure
 from eivor.signals.noise import FractionalNoise, LongMemory
 from eivor.signals.signals import Signals
 

@@ -18,16 +18,7 @@ import pytest
 
 from eivor.atomic_file import ABANDONED_S, PREFIX, SUFFIX
 from eivor.errors import InputError, UsageError
-from eivor.lab.study import (
-    PARTS,
-    Row,
-    Share,
-    StudyResult,
-    run_study,
-    schema,
-    scores,
-    trial_nrmse,
-)
+from eivor.lab.study import PARTS, Row, Share, StudyResult, run_study, schema, scores, trial_nrmse
 from eivor.process_pool import Executor, InProcess, Item, Result
 from studies.study_parts import METHODS, content, small_study
 

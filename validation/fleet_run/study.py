@@ -361,15 +361,7 @@ def _on_paper(first: Told, cost: Cost) -> Iterator[tuple[str, str]]:
 
 
 STUDY = KeptStudy(
-    "fleet_run.study",
-    __doc__,
-    "fleet run",
-    dict[str, Size],
-    Told,
-    ("mode",),
-    groups,
-    requirements,
-    tables,
+    "fleet_run.study", __doc__, "fleet run", dict[str, Size], Told, ("mode",), groups, requirements, tables
 )
 main = STUDY.main
 

@@ -73,11 +73,7 @@ def _spec(kind: Kind, position: int, run: int) -> VerticalFlightSpec:
     rng = np.random.default_rng([SEED, position, run])
     vehicle = {key: float(rng.uniform(low, high)) for key, (low, high) in VEHICLES.items()}
     return VerticalFlightSpec(
-        **vehicle,
-        delay=kind.delay,
-        gust_rms=kind.gust_rms,
-        vigour=kind.vigour,
-        seed=int(rng.integers(2**31)),
+        **vehicle, delay=kind.delay, gust_rms=kind.gust_rms, vigour=kind.vigour, seed=int(rng.integers(2**31))
     )
 
 
