@@ -122,6 +122,20 @@ COMBINATIONS = {
 }
 
 
+#: The vehicle of `VEHICLE`, as a document has it; its torque ratio is what the flight tells.
+OFFSET = 0.043 / 2**0.5
+KNOWN_VEHICLE: dict[str, Any] = {
+    "name": "A small quadrotor",
+    "positions": [[OFFSET, -OFFSET], [-OFFSET, -OFFSET], [-OFFSET, OFFSET], [OFFSET, OFFSET]],
+    "spins": [-1, 1, -1, 1],
+    "arm_scale": {"value": 1.0, "std": 0.0004 / 0.043},
+    "mass": {"value": 0.03, "std": 0.0003},
+    "thrust_map": "square",
+    **dict.fromkeys(("speed_scale", "torque_ratio", "yaw_inertia_ratio", "delay", "rotor_radius")),
+    **dict.fromkeys(("gyro_cutoff_hz", "accelerometer_cutoff_hz")),
+}
+
+
 def of_rigid_body(vehicle: dict[str, Any]) -> dict[str, Any]:
     """A result of the rigid body whose combinations are independent."""
     reported = document()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import runpy
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -16,13 +15,13 @@ import eivor as ev
 from eivor.errors import EstimationError, UsageError
 from eivor.inference.covariance import CovariancePart, JointCovariance, joint_draws
 from eivor.inference.distributions import shares_in_order
-from eivor.motions.rigid_body.vehicle import load_vehicle
 from exports.documents import (
     CORRELATIONS,
     GAIN,
     GRAVITY,
     HOVER,
     JOINT,
+    KNOWN_VEHICLE,
     NUMBERS,
     PRIORS,
     document,
@@ -212,8 +211,7 @@ def test_ranges_of_isaac_lab_hold_95_percent_of_the_draws(tmp_path: Path) -> Non
 
 def test_draws_of_a_rigid_body_keep_what_its_flight_tells(tmp_path: Path) -> None:
     """Inertia over mass and arm is a ratio of gains, told to a tenth of a percent."""
-    rigid_body = of_rigid_body(asdict(load_vehicle(vehicle_file(tmp_path))))
-    rigid_body["prediction"]["vehicle"]["torque_ratio"] = None
+    rigid_body = of_rigid_body(KNOWN_VEHICLE)
     fit = ev.load_fit(written(rigid_body, tmp_path))
     fields = {
         name: np.array(load) for name, load in json.loads(fit.export("mujoco", draws=COUNT))["fields"].items()

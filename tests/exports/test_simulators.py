@@ -6,7 +6,7 @@ import ast
 import json
 import tomllib
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 from xml.parsers import expat
@@ -16,13 +16,13 @@ import pytest
 
 import eivor as ev
 from eivor.errors import MissingReaderError, NotIdentifiedError, ParameterError, UsageError
-from eivor.motions.rigid_body.vehicle import load_vehicle
 from exports.documents import (
     FRICTION,
     GAIN,
     GRAVITY,
     HOVER,
     JOINT,
+    KNOWN_VEHICLE,
     LAG,
     PRIORS,
     climb,
@@ -115,8 +115,7 @@ def test_rotorpy_by_hand(tmp_path: Path) -> None:
 
 def test_a_rigid_body_tells_inertia_and_torque(tmp_path: Path) -> None:
     """Of a flight that turns about all axes only the largest command is asked for."""
-    rigid_body = of_rigid_body(asdict(load_vehicle(vehicle_file(tmp_path))) | {"name": WORSE})
-    rigid_body["prediction"]["vehicle"]["torque_ratio"] = None
+    rigid_body = of_rigid_body(KNOWN_VEHICLE | {"name": WORSE})
     fit = ev.load_fit(written(rigid_body, tmp_path))
     result = table(fit.export("drone-models"))
     np.testing.assert_allclose(np.diag(result["J"]) * 1e5, [1.43, 1.45, 2.7], rtol=1e-3)

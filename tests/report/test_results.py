@@ -6,10 +6,12 @@ import json
 import pickle
 import runpy
 from dataclasses import replace
+from importlib import resources
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import polars as pl
 import pytest
 from PIL import Image
 
@@ -202,7 +204,16 @@ def test_json_holds_what_the_page_says(found: ev.Validation) -> None:
     assert all(f"`{key}`" in page for key in (*document, *first, *document["fit"]))
 
 
-def test_text_and_tables_tell_the_same(found: ev.Validation) -> None:
+def test_text_and_tables_tell_the_same(
+    found: ev.Validation, fit: ev.FlightEstimate, tmp_path: Path, command_line: Any
+) -> None:
+    (tmp_path / "fit.json").write_text(fit.to_json())
+    with resources.as_file(resources.files("eivor.data") / "example_flight.parquet") as example:
+        gap = pl.read_parquet(example).filter(~pl.col("time").is_between(15.0, 17.0))
+    gap.write_csv(tmp_path / "flight.csv")
+    run = command_line("validate", tmp_path / "fit.json", tmp_path / "flight.csv", "--window", "0:30")
+    assert run.code == 0
+    assert "Of the fit, run by run" in run.out
     rms = f"{found.predictions[0].error.rms:.3g}"
     assert rms in found.summary()
     assert rms in found._repr_html_()
