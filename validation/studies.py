@@ -6,14 +6,12 @@ import argparse
 import hashlib
 import io
 import json
-import platform
 import sys
 import tempfile
 from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, nullcontext
 from dataclasses import asdict, dataclass
 from functools import cached_property
-from importlib.metadata import version
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, Generic, Protocol, TypeVar, runtime_checkable
@@ -27,12 +25,11 @@ from eivor.inference.distributions import normal_quantile
 from eivor.lab.experiments import markdown, page_text, page_with
 from eivor.lab.study import SHARD_TRIALS, Share, StudyResult, run_study
 from eivor.process_pool import check_workers, local_executor
-from validation.suite_files import Suite, SuiteStudy, read_suite
+from validation.suite_files import Suite, SuiteStudy, read_suite, versions
 
 #: Exit code when a requirement is not met, and for an input that cannot be used.
 NOT_MET, WRONG = 3, 2
 EXIT_CODES = "The exit code is 0 when every requirement is met, 3 when one is not, 2 for an input of no use."
-PACKAGES = ("eivor", "numpy", "scipy")
 #: What names a row of a run.
 KEYS = ("scenario", "samples", "method", "parameter")
 
@@ -151,11 +148,6 @@ def with_bar(items: Iterable[Item], name: str, total: int) -> Iterator[Item]:
         for item in items:
             yield item
             bar.advance(task)
-
-
-def versions() -> str:
-    packages = ", ".join(f"{package} {version(package)}" for package in PACKAGES)
-    return f"{packages}, Python {platform.python_version()}"
 
 
 def read_as(kind: Callable[..., Item], path: Path, text: str | None = None) -> Item:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import platform
 from dataclasses import dataclass, replace
+from importlib.metadata import version
 from pathlib import Path
 
 from eivor.lab.experiments import VerticalExperiment
@@ -18,6 +20,13 @@ from eivor.lab.scenario_files import (
 from eivor.lab.study import Study
 from eivor.strict_toml import TomlTable, read_toml
 
+PACKAGES = ("eivor", "numpy", "scipy")
+
+
+def versions() -> str:
+    packages = ", ".join(f"{package} {version(package)}" for package in PACKAGES)
+    return f"{packages}, Python {platform.python_version()}"
+
 
 @dataclass(frozen=True, slots=True)
 class SuiteStudy:
@@ -26,6 +35,13 @@ class SuiteStudy:
     scenario: str
     samples: int
     study: Study
+
+    def row(self, method: str, parameter: str, **values: str | float) -> dict[str, str | int | float]:
+        """A row of a method's estimates of a parameter, with whose they are."""
+        study = self.study
+        first = {"scenario": self.scenario, "samples": self.samples, "method": method, "parameter": parameter}
+        last = {"runs": study.runs, "seed": study.seed, "level": study.level, "versions": versions()}
+        return {**first, **values, **last}
 
 
 @dataclass(frozen=True, slots=True)

@@ -115,6 +115,7 @@ def test_several_nuisances_are_drawn_by_their_likelihood(tmp_path: Path) -> None
     np.testing.assert_array_equal(draws["other"] == 1.0, draws["delay"] == 0.01)
 
 
+@pytest.mark.usefixtures("unchecked_shapes")
 def test_what_cannot_be_drawn_is_told(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="delays 'best' or 'all'"):
         ev.load_fit(written(document(), tmp_path)).sample(10, delays="some")

@@ -118,7 +118,7 @@ GRID = published_grid()
     ("before", "after", "expected"),
     [
         ("flights = 170", "flights = 170.5", "Expected `int`, got `float` - at `$.family[1].flights`"),
-        ("seed = 1200000", "seed = 1100001", "families with names and seeds of their own"),
+        ("seed = 1200000", "seed = 1100001", "parts with names and seeds of their own"),
         ("thrust_power = 1.0", "thrust_might = 1.0", "keys of a flight; received thrust_might"),
         ('holds = "short"', 'holds = "perhaps"', "Invalid enum value 'perhaps' - at `$.family["),
     ],

@@ -25,7 +25,6 @@ from validation.studies import (
     read_rows,
     requirement_table,
     suite_command,
-    versions,
 )
 from validation.suite_files import SuiteStudy, coverage_suite
 
@@ -46,20 +45,14 @@ def coverage_rows(suite_study: SuiteStudy, result: StudyResult) -> Iterator[dict
                 kept[f"{choice.label}.{name}{part}"].to_numpy() for part in ("", ".low", ".high")
             )
             scatter = float(value.std(ddof=1)) if value.size > 1 else float("nan")
-            yield {
-                "scenario": suite_study.scenario,
-                "samples": suite_study.samples,
-                "method": choice.label,
-                "parameter": name,
-                "hits": int(((low <= truth) & (truth <= high)).sum()),
-                "count": int(value.size),
-                "length": float(np.mean(high - low)) / (2.0 * normal_quantile(study.level) * scatter),
-                "bias": float(np.mean(value - truth)) / scatter,
-                "runs": study.runs,
-                "seed": study.seed,
-                "level": study.level,
-                "versions": versions(),
-            }
+            yield suite_study.row(
+                choice.label,
+                name,
+                hits=int(((low <= truth) & (truth <= high)).sum()),
+                count=int(value.size),
+                length=float(np.mean(high - low)) / (2.0 * normal_quantile(study.level) * scatter),
+                bias=float(np.mean(value - truth)) / scatter,
+            )
 
 
 def read_coverage(path: Path) -> pl.DataFrame:

@@ -26,7 +26,8 @@ from eivor.estimation.spectral_iv import maximum_likelihood, start_of
 from eivor.inference.verdict import Reason
 from eivor.lab.experiments import markdown
 from eivor.lab.scenario_files import shipped_scenario
-from validation.studies import GridStruct, Group, KeptRun, KeptStudy, Requirement, alone, versions
+from validation.studies import GridStruct, Group, KeptRun, KeptStudy, Requirement, alone
+from validation.suite_files import versions
 
 SEED = 20261122
 #: Largest bias of spectral_giv that is asked for, over the parameter.

@@ -21,7 +21,8 @@ import polars as pl
 from eivor.fleet.analysis import STEADY, STEPS, fleet_report
 from eivor.motions import motion_by_name
 from validation.simulated_fleets import FleetSpec, fleet_rows, fleet_truth
-from validation.studies import GridStruct, Group, KeptRun, KeptStudy, Requirement, alone, table_of, versions
+from validation.studies import GridStruct, Group, KeptRun, KeptStudy, Requirement, alone, table_of
+from validation.suite_files import versions
 
 SEED = 20261122
 #: What loses thrust, and flights from either end without a step.

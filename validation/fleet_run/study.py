@@ -51,8 +51,8 @@ from validation.studies import (
     keep,
     kept_lines,
     table_of,
-    versions,
 )
+from validation.suite_files import versions
 
 #: Of all draws.
 SEED = 20261122
@@ -283,7 +283,7 @@ class Cost:
     cpu_s: float
 
 
-def groups(sizes: Mapping[str, Size], size: str, kept: Path) -> list[Group[tuple[str], Told]]:
+def groups(sizes: dict[str, Size], size: str, kept: Path) -> list[Group[tuple[str], Told]]:
     """Logs, and what a plain identification costs, are made first where they are not there yet."""
     chosen, folder = sizes[size], kept.with_suffix("")
     write_logs(chosen, folder / "logs")
@@ -308,7 +308,7 @@ def _cost(flight_s: float) -> Cost:
     return Cost(flight_s, time.process_time() - process_time)
 
 
-def requirements(run: KeptRun[Mapping[str, Size], Told]) -> Iterator[Requirement]:
+def requirements(run: KeptRun[dict[str, Size], Told]) -> Iterator[Requirement]:
     size = run.grid[run.size]
     rows = {item.rows for item in run.lines} | {item.names for item in run.lines}
     yield Requirement(
@@ -324,7 +324,7 @@ def requirements(run: KeptRun[Mapping[str, Size], Told]) -> Iterator[Requirement
     yield Requirement("runs and workers that were ended", f"{wanted}", f"{ended}", ended >= wanted)
 
 
-COLUMNS = {
+COLUMNS: Mapping[str, str | Callable[[Told], str]] = {
     "run": "{.what}",
     "rows": "{.rows:,}",
     "parts": "{.parts:,}",
@@ -333,7 +333,7 @@ COLUMNS = {
 }
 
 
-def tables(run: KeptRun[Mapping[str, Size], Told]) -> Iterator[str]:
+def tables(run: KeptRun[dict[str, Size], Told]) -> Iterator[str]:
     size, first = run.grid[run.size], run.lines[0]
     verdicts = ", ".join(f"{count:,} {verdict}" for verdict, count in first.verdicts.items())
     yield (

@@ -27,7 +27,8 @@ from eivor.signals.recording import Recording
 from eivor.simulation.environment import TrajectoryKind
 from eivor.simulation.known_logs import log_of_flight
 from eivor.simulation.vertical import VerticalFlightSpec
-from validation.studies import GridStruct, Group, KeptRun, KeptStudy, Requirement, versions
+from validation.studies import GridStruct, Group, KeptRun, KeptStudy, Requirement
+from validation.suite_files import versions
 
 SEED = 20261122
 #: References in turn.

@@ -45,7 +45,8 @@ from eivor.simulation.vertical import (
     simulate_vertical,
 )
 from validation.flight_recipe.rotorpy_flight import RotorpyFlightSpec, Vehicle, simulate_rotorpy_flight
-from validation.studies import GridStruct, Group, KeptRun, KeptStudy, Requirement, versions
+from validation.studies import GridStruct, Group, KeptRun, KeptStudy, Requirement
+from validation.suite_files import versions
 
 STEP_S = 0.01
 #: Vertical gusts of every flight, the sensors' noise is that of the studies of the recipe [m/s].

@@ -26,7 +26,8 @@ from eivor.inference.random_effects import (
     q_profile,
     random_effects_means,
 )
-from validation.studies import GridStruct, Group, KeptRun, KeptStudy, Requirement, alone, table_of, versions
+from validation.studies import GridStruct, Group, KeptRun, KeptStudy, Requirement, alone, table_of
+from validation.suite_files import versions
 
 SEED = 20261122
 

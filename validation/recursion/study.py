@@ -23,7 +23,8 @@ from eivor.lab.experiments import markdown
 from eivor.lab.records import Scenario, simulate
 from eivor.lab.scenario_files import shipped_scenario
 from eivor.signals.signals import Signals
-from validation.studies import GridStruct, Group, KeptRun, KeptStudy, Requirement, alone, versions
+from validation.studies import GridStruct, Group, KeptRun, KeptStudy, Requirement, alone
+from validation.suite_files import versions
 
 
 def changed_record(

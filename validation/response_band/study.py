@@ -14,7 +14,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -24,7 +24,8 @@ from eivor.lab.experiments import markdown
 from eivor.simulation.environment import SimulatedFlight
 from eivor.simulation.vertical import VerticalFlightSpec, simulate_vertical_flights
 from eivor.tools import Float
-from validation.studies import GridStruct, Group, KeptRun, KeptStudy, Requirement, versions
+from validation.studies import GridStruct, Group, KeptRun, KeptStudy, Requirement
+from validation.suite_files import versions
 
 #: Times after a step of the command at which the climb rate is asked [s].
 TIMES_S = (0.05, 0.1, 0.2, 0.4, 0.8, 1.6, 3.2)
@@ -71,7 +72,7 @@ def trials(kind: Kind, position: int, keys: Sequence[tuple[str, int]]) -> Iterat
 
 def _spec(kind: Kind, position: int, run: int) -> VerticalFlightSpec:
     rng = np.random.default_rng([SEED, position, run])
-    vehicle = {key: float(rng.uniform(low, high)) for key, (low, high) in VEHICLES.items()}
+    vehicle: dict[str, Any] = {name: float(rng.uniform(*ends)) for name, ends in VEHICLES.items()}
     return VerticalFlightSpec(
         **vehicle, delay=kind.delay, gust_rms=kind.gust_rms, vigour=kind.vigour, seed=int(rng.integers(2**31))
     )

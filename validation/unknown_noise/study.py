@@ -29,8 +29,8 @@ from validation.studies import (
     StudyCommand,
     read_as,
     requirement_table,
-    versions,
 )
+from validation.suite_files import versions
 
 PART = "unknown-noise"
 VELOCITY = "velocity_z"
