@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
 from pathlib import Path
@@ -30,8 +31,14 @@ def on_config(config: Any) -> Any:
 
 
 def on_files(files: Any, *, config: Any) -> Any:
-    """Put KaTeX, which draws the equations, beside the pages."""
+    """Put KaTeX, which draws the equations, and the JSON Schema of the options beside the pages."""
     from mkdocs.structure.files import File
+
+    from eivor.cli.options import options_schema
+
+    files.append(
+        File.generated(config, "options.schema.json", content=json.dumps(options_schema(), indent=2))
+    )
 
     for path in KATEX.rglob("*"):
         if path.is_file():

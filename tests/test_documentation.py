@@ -155,7 +155,8 @@ def test_first_command_is_one_line_each():
 def test_links_between_files_lead_somewhere():
     for page in PAGES:
         for target in re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", page.read_text(encoding="utf-8")):
-            assert (page.parent / target).exists(), f"{page.name}: {target}"
+            made = target == "options.schema.json"  # by docs/hooks.py
+            assert made or (page.parent / target).exists(), f"{page.name}: {target}"
 
 
 def test_every_channel_and_every_unit_is_documented():

@@ -6,6 +6,9 @@ import platform
 from dataclasses import dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
+
+import msgspec
 
 from eivor.lab.experiments import VerticalExperiment
 from eivor.lab.records import Scenario
@@ -39,9 +42,17 @@ class SuiteStudy:
     def row(self, method: str, parameter: str, **values: str | float) -> dict[str, str | int | float]:
         """A row of a method's estimates of a parameter, with whose they are."""
         study = self.study
-        first = {"scenario": self.scenario, "samples": self.samples, "method": method, "parameter": parameter}
-        last = {"runs": study.runs, "seed": study.seed, "level": study.level, "versions": versions()}
-        return {**first, **values, **last}
+        return {
+            "scenario": self.scenario,
+            "samples": self.samples,
+            "method": method,
+            "parameter": parameter,
+            **values,
+            "runs": study.runs,
+            "seed": study.seed,
+            "level": study.level,
+            "versions": versions(),
+        }
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,41 +68,46 @@ class Suite:
         return replace(self, studies=studies)
 
 
+class _SuiteFile(msgspec.Struct, forbid_unknown_fields=True):
+    runs: int
+    seed: int
+    samples: list[int]
+    scenarios: list[str]
+    methods: list[dict[str, Any]]
+    name: str = ""
+    level: float = 0.95
+
+
 def read_suite(path: Path) -> Suite:
     """Suite from a file."""
     top = read_toml(path, "a suite of studies")
-    name, runs, seed = top.text("name", path.stem), top.whole("runs"), top.whole("seed")
-    level = top.number("level", 0.95)
-    lengths = [_length(top, value) for value in top.numbers("samples")]
-    scenarios = {word: _scenario(top, word, path.parent) for word in top.texts("scenarios")}
-    tables = top.sections("methods")
-    top.finish()
+    given = top.convert(_SuiteFile)
+    lengths, scenarios = given.samples, {word: _scenario(top, word, path.parent) for word in given.scenarios}
+    tables = [top.part(f"methods[{i}]", item) for i, item in enumerate(given.methods, start=1)]
     if not lengths or not scenarios or len(set(lengths)) < len(lengths):
         raise top.wrong(
             "", "one scenario or more, and one length or more, each once", f"{lengths} of {list(scenarios)}"
         )
+    if not all(1 <= length <= MOST_SAMPLES for length in lengths):
+        raise top.wrong("samples", f"whole numbers up to {MOST_SAMPLES}", f"{lengths}")
     studies = []
     for samples in lengths:
         for word, scenario in scenarios.items():
             experiment = VerticalExperiment(replace(scenario, samples=samples))
             channel = experiment.exogenous_channel
             choices = tuple(method_choice(table, channel) for table in tables)
-            label = f"{name}: {word}, {samples} samples"
+            label = f"{given.name or path.stem}: {word}, {samples} samples"
             with located(top):
-                study = Study(label, experiment, choices, runs, seed, intervals=True, level=level)
+                study = Study(
+                    label, experiment, choices, given.runs, given.seed, intervals=True, level=given.level
+                )
             studies.append(SuiteStudy(word, samples, study))
-    return Suite(name, tuple(studies))
+    return Suite(given.name or path.stem, tuple(studies))
 
 
 def coverage_suite() -> Suite:
     """Coverage of the intervals of generalized IV."""
     return read_suite(Path(__file__).parent / "coverage" / "coverage.toml")
-
-
-def _length(top: TomlTable, value: float) -> int:
-    if value != int(value) or not 1 <= value <= MOST_SAMPLES:
-        raise top.wrong("samples", f"whole numbers up to {MOST_SAMPLES}", f"{value:g}")
-    return int(value)
 
 
 def _scenario(top: TomlTable, word: str, folder: Path) -> Scenario:

@@ -1,15 +1,23 @@
-"""Strict reading of TOML tables: unknown keys and wrong types are refused."""
+"""Strict reading of TOML tables into declared structures: unknown keys and wrong types are refused."""
 
 from __future__ import annotations
 
 import math
+import re
 import tomllib
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, TypeVar
+
+import msgspec
+from msgspec import inspect
 
 from eivor.errors import InputError, did_you_mean, nearest_names
+
+T = TypeVar("T")
+#: A text that is not empty.
+Text = Annotated[str, msgspec.Meta(min_length=1)]
 
 #: Larger files are not studies.
 LARGEST_BYTES = 1_000_000
@@ -17,27 +25,53 @@ LARGEST_BYTES = 1_000_000
 SMALLEST_NUMBER, LARGEST_NUMBER = 1e-30, 1e30
 #: Of TOML's integers, the sign included.
 INTEGER_BITS = 64
+#: Types of values in words, one and several.
+WORDS: Mapping[type[inspect.Type], tuple[str, str]] = {
+    inspect.FloatType: ("a finite number", "numbers"),
+    inspect.IntType: ("a whole number", "whole numbers"),
+    inspect.StrType: ("a text in quotes", "texts"),
+    inspect.BoolType: ("true or false", "flags"),
+    inspect.ListType: ("a list", "lists"),
+}
+_PLACE = re.compile(r"(.*?)(?: - at `(?:key in )?\$(.*)`)?", re.DOTALL)
+_STEP = re.compile(r"\.([^.\[]+)|\[(\d+)\]")
 
 
 @dataclass(frozen=True, slots=True)
 class TomlTable:
-    """A table whose keys are taken one by one."""
+    """A table of a file."""
 
     values: Mapping[str, Any]  # Keys and values as read
     file: str  # Name of the file, for messages
-    path: str = ""
-    taken: set[str] = field(default_factory=set)
+    path: str = ""  # Keys of the tables that it is in
     folder: Path = Path()
-    files: set[Path] = field(default_factory=set)
+    files: set[Path] = field(default_factory=set)  # Files that were read
     error: type[InputError] = InputError
 
-    def part(self, values: Mapping[str, Any], path: str) -> TomlTable:
-        """Table of the same file, none of whose keys was requested yet."""
-        return replace(self, values=values, path=path, taken=set())
+    def convert(self, kind: type[T]) -> T:
+        """Return the table as a structure, a `msgspec.Struct`; refuse what it does not declare."""
+        try:
+            return msgspec.convert(self.values, kind)
+        except msgspec.ValidationError as error:
+            raise self._refusal(kind, str(error)) from None
 
-    def neighbour(self, key: str, what: str) -> TomlTable:
-        """Top table of the file that a text names, which stands beside this one, see `read_toml`."""
-        table = read_toml(self.folder / self.text(key), what)
+    def part(self, key: str, values: Any = None) -> TomlTable:
+        """A table in this one, by default that of a key."""
+        values = self.values.get(key) if values is None else values
+        if not isinstance(values, dict):
+            raise self.wrong(key, f"a table [{key}]", "nothing" if values is None else repr(values))
+        return replace(self, values=values, path=".".join(filter(None, (self.path, key))))
+
+    def parts(self, key: str) -> dict[str, TomlTable]:
+        """Tables in the table of a key, by name; none when there is no such key."""
+        if key not in self.values:
+            return {}
+        outer = self.part(key)
+        return {name: outer.part(name) for name in outer.values}
+
+    def neighbour(self, name: str, what: str) -> TomlTable:
+        """Top table of a file beside this one, see `read_toml`."""
+        table = read_toml(self.folder / name, what)
         self.files.update(table.files)
         return replace(table, files=self.files)
 
@@ -46,95 +80,72 @@ class TomlTable:
         where = ".".join(part for part in (self.path, key) if part) or "the top"
         return self.error(f"{expected} at {where} of {self.file}", received, remedy)
 
-    def has(self, key: str) -> bool:
-        """Whether there is a key."""
-        return key in self.values
-
-    def _take(self, key: str, expected: str, fits: Callable[[Any], bool], default: object = None) -> Any:
-        self.taken.add(key)
-        if key not in self.values and default is None:
-            near = nearest_names(key, [name for name in self.values if name not in self.taken])
-            meant = f" Is '{near[0]}' meant to be it?" if near else ""
-            raise self.wrong(key, expected, "nothing", f"Add it.{meant}")
-        value = self.values.get(key, default)
-        if not fits(value):
-            raise self.wrong(key, expected, repr(value))
+    def choose(self, key: str, value: str, among: tuple[str, ...]) -> str:
+        """The value of a key, which is one of some words."""
+        if value not in among:
+            expected = f"one of {', '.join(word or repr(word) for word in among)}"
+            received, remedy = repr(value) if value else "nothing", "Choose one of them."
+            raise self.wrong(key, expected, received, did_you_mean(str(value), among, remedy))
         return value
 
-    def text(self, key: str, default: str | None = None) -> str:
-        """A text that is not empty."""
-        return str(self._take(key, "a text in quotes", lambda v: _is_text(v) or v == default == "", default))
-
-    def flag(self, key: str, *, default: bool) -> bool:
-        """True or false."""
-        return bool(self._take(key, "true or false", lambda value: isinstance(value, bool), default))
-
-    def whole(self, key: str, default: int | None = None) -> int:
-        """A whole number."""
-        return int(self._take(key, "a whole number", lambda value: type(value) is int, default))
-
-    def number(self, key: str, default: float | None = None) -> float:
-        """A finite number, see `LARGEST_NUMBER`."""
-        return self._sized(key, [self._take(key, "a finite number", _is_number, default)])[0]
-
-    def numbers(self, key: str, default: tuple[float, ...] | None = None) -> tuple[float, ...]:
-        """A list of finite numbers."""
-        return self._sized(key, self._take(key, "a list of numbers", _list_of(_is_number), default))
-
-    def _sized(self, key: str, values: Iterable[float]) -> tuple[float, ...]:
-        for value in values:
-            if value and not SMALLEST_NUMBER <= abs(value) <= LARGEST_NUMBER:
-                expected = f"zero, or numbers of {SMALLEST_NUMBER:g} to {LARGEST_NUMBER:g} in size,"
-                raise self.wrong(key, expected, repr(float(value)))
-        return tuple(map(float, values))
-
-    def texts(self, key: str) -> tuple[str, ...]:
-        """A list of texts."""
-        return tuple(self._take(key, "a list of texts", _list_of(_is_text)))
-
-    def span(self, key: str) -> tuple[int, int]:
-        """Two whole numbers, the first not above the second."""
-        value = self._take(key, "[first, last], both whole numbers", _list_of(lambda item: type(item) is int))
-        if len(value) != 2 or value[0] > value[1]:
-            raise self.wrong(key, "[first, last], both whole numbers", repr(value))
-        return value[0], value[1]
-
-    def choice(self, key: str, among: tuple[str, ...], default: str | None = None) -> str:
-        """One of some words."""
-        expected = f"one of {', '.join(word or repr(word) for word in among)}"
-        value = self._take(key, expected, lambda _: True, default)
-        if value not in among:
+    def _refusal(self, kind: type, text: str) -> InputError:
+        """Error of a table that is not of a kind, from the message of msgspec."""
+        match = _PLACE.fullmatch(text)
+        reason, place = (text, "") if match is None else (match[1], match[2] or "")
+        expected, received, remedy = reason, "another value", "Correct the file."
+        declared, value, where = inspect.type_info(kind), self.values, ""
+        for name, number in _STEP.findall(place):
+            declared = _inside(declared, name)
+            value = value[name] if name else value[int(number)]  # type: ignore[index]
+            where += f"[{int(number) + 1}]" if number else f".{name}" if where else name
+        tables = [item for item in _members(declared) if isinstance(item, inspect.StructType)]
+        known = {item.encode_name: item.type for table in tables for item in table.fields}
+        quoted = re.findall(r"`([^`]*)`", reason)
+        choices = [item for item in _members(declared) if isinstance(item, inspect.EnumType)]
+        if reason.startswith("Object contains unknown"):
+            expected, received = f"no keys but {', '.join(sorted(known))}", f"the unknown key '{quoted[0]}'"
+            remedy = did_you_mean(quoted[0], known, "Remove it.")
+        elif reason.startswith("Object missing"):
+            expected, received = _words(known[quoted[0]]), "nothing"
+            near = nearest_names(quoted[0], [name for name in value if name not in known])
+            remedy = f"Add it.{f''' Is '{near[0]}' meant to be it?''' if near else ''}"
+            where = f"{where}.{quoted[0]}" if where else quoted[0]
+        elif choices:
+            among = [member.value for member in choices[0].cls]
+            expected, received = f"one of {', '.join(among)}", repr(value)
             remedy = did_you_mean(str(value), among, "Choose one of them.")
-            raise self.wrong(key, expected, repr(value), remedy)
-        return str(value)
+        else:
+            limit = re.search(r"of length .*|[<>]=? .*", reason.partition(" - ")[0])
+            expected = f"{_words(declared)}{f' {limit[0]}' if limit else ''}"
+            received = repr(value)[:200]
+        return self.wrong(where, expected, received, remedy)
 
-    def rows(self, key: str) -> TomlTable:
-        """A list as a table whose keys are the places in it."""
-        value = self._take(key, "a list", lambda value: isinstance(value, list))
-        return self.part({f"{key}[{number}]": item for number, item in enumerate(value, start=1)}, self.path)
 
-    def section(self, key: str) -> TomlTable:
-        """A table in this one."""
-        value = self._take(key, f"a table [{key}]", lambda value: isinstance(value, dict))
-        return self.part(value, ".".join(part for part in (self.path, key) if part))
+def _inside(declared: inspect.Type, name: str) -> inspect.Type:
+    """Type of a key, or of the items where there is no name."""
+    for item in _members(declared):
+        if name and isinstance(item, inspect.StructType):
+            return next(entry.type for entry in item.fields if entry.encode_name == name)
+        if not name and isinstance(item, inspect.ListType | inspect.VarTupleType):
+            return item.item_type
+    return inspect.AnyType()
 
-    def named_sections(self, key: str) -> dict[str, TomlTable]:
-        """Tables in a table of this one, by name; none when there is no such key."""
-        outer = self.section(key) if self.has(key) else self.part({}, key)
-        return {name: outer.section(name) for name in outer.values}
 
-    def sections(self, key: str) -> tuple[TomlTable, ...]:
-        """A list of tables."""
-        tables = _list_of(lambda item: isinstance(item, dict))
-        value = self._take(key, f"one table [[{key}]] or more", lambda value: value and tables(value))
-        return tuple(self.part(item, f"{key}[{number}]") for number, item in enumerate(value, start=1))
+def _members(declared: inspect.Type) -> tuple[inspect.Type, ...]:
+    return declared.types if isinstance(declared, inspect.UnionType) else (declared,)
 
-    def finish(self) -> None:
-        """Refuse keys that nobody took."""
-        for key in (key for key in self.values if key not in self.taken):
-            known = sorted(self.taken)
-            expected, remedy = f"no keys but {', '.join(known)}", did_you_mean(key, known, "Remove it.")
-            raise self.wrong("", expected, f"the unknown key '{key}'", remedy)
+
+def _words(declared: inspect.Type) -> str:
+    """What a value of a type is, in words."""
+    words = []
+    for item in _members(declared):
+        one, _ = WORDS.get(type(item), ("a table", ""))
+        if isinstance(item, inspect.ListType):
+            several = {WORDS.get(type(entry), ("", "tables"))[1] for entry in _members(item.item_type)}
+            one = f"a list of {' or '.join(sorted(several))}"
+        if not isinstance(item, inspect.NoneType):
+            words.append(one)
+    return " or ".join(words)
 
 
 def read_toml(path: Path, what: str, error: type[InputError] = InputError) -> TomlTable:
@@ -157,12 +168,12 @@ def toml_table(text: str, path: Path, what: str, error: type[InputError] = Input
     except (ValueError, RecursionError) as cause:  # of a number with thousands of digits a plain ValueError
         raise error(f"{what} in TOML", f"'{path}', which is not: {cause}", "Correct the syntax.") from cause
     table = TomlTable(values, path.name, folder=path.parent, files={path}, error=error)
-    _check_integers(table)
+    _check_numbers(table)
     return table
 
 
-def _check_integers(table: TomlTable) -> None:
-    """Refuse integers that TOML does not have: the parser takes them, and no float or array does."""
+def _check_numbers(table: TomlTable) -> None:
+    """Refuse integers that TOML does not have, which the parser takes, and numbers that overflow."""
     waiting: list[tuple[str, object]] = list(table.values.items())
     while waiting:
         position, value = waiting.pop()
@@ -171,18 +182,10 @@ def _check_integers(table: TomlTable) -> None:
         elif isinstance(value, list):
             waiting += [(f"{position}[{number + 1}]", item) for number, item in enumerate(value)]
         elif isinstance(value, int) and value.bit_length() >= INTEGER_BITS:
-            raise table.wrong(
-                position, f"whole numbers of {INTEGER_BITS} bits", f"one of {value.bit_length() + 1}"
-            )
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
-
-
-def _is_text(value: object) -> bool:
-    return isinstance(value, str) and value != ""
-
-
-def _list_of(fits: Callable[[Any], bool]) -> Callable[[Any], bool]:
-    return lambda value: isinstance(value, list | tuple) and all(map(fits, value))
+            received = f"one of {value.bit_length() + 1}"
+            raise table.wrong(position, f"whole numbers of {INTEGER_BITS} bits", received)
+        elif isinstance(value, float) and not math.isfinite(value):
+            raise table.wrong(position, "a finite number", repr(value))
+        elif isinstance(value, float) and value and not SMALLEST_NUMBER <= abs(value) <= LARGEST_NUMBER:
+            expected = f"zero, or numbers of {SMALLEST_NUMBER:g} to {LARGEST_NUMBER:g} in size,"
+            raise table.wrong(position, expected, repr(value))

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import gc
 import io
+import math
 import os
+import re
 import runpy
 import signal
 import subprocess
@@ -18,18 +20,25 @@ from typing import Any
 import polars
 import pytest
 
+import eivor as ev
 from eivor import __main__ as entry
 from eivor.cli import main, outputs
 from eivor.cli.outputs import ExitCode, guarded
+from eivor.cli.parsing import LogArgument, declared_noise, log_argument, named, parse_names, parse_window
+from eivor.errors import CorruptLogError, UsageError
+from eivor.signals.recording import DataSheet
+from eivor.tools import Stage
+
+# -- What never happens: a traceback, a screen rewritten by a log's name, a slow start --
 
 PROJECT = Path(__file__).parents[2] / "pyproject.toml"
 Caller = Callable[..., Any]
 
-pytestmark = pytest.mark.usefixtures("coarse_search")
 
 HOSTILE = "a[red]b[bold]$x_1$\x1b[31m\n@1é.csv"
 
 
+@pytest.mark.usefixtures("coarse_search")
 @pytest.mark.thorough
 def test_help_loads_nothing_heavy() -> None:
     """The help of one command loads what that command needs."""
@@ -47,6 +56,7 @@ def test_help_loads_nothing_heavy() -> None:
     assert not heavy & loaded
 
 
+@pytest.mark.usefixtures("coarse_search")
 @pytest.mark.thorough
 def test_help_loads_little_more_than_what_draws_it(shell: Caller) -> None:
     """Half a second on a slow machine, of which most is Python, typer and rich."""
@@ -63,6 +73,7 @@ def test_help_loads_little_more_than_what_draws_it(shell: Caller) -> None:
     assert min(spent(lambda: shell("--help").code) for _ in range(2)) < 2.0 * bare
 
 
+@pytest.mark.usefixtures("coarse_search")
 def test_help_says_the_exit_codes(eivor: Caller) -> None:
     for command in (
         ["identify"],
@@ -76,6 +87,7 @@ def test_help_says_the_exit_codes(eivor: Caller) -> None:
         assert "Exit codes" in run.out
 
 
+@pytest.mark.usefixtures("coarse_search")
 def test_help_names_every_method_and_shipped_map(eivor: Caller) -> None:
     from eivor.estimation.methods import TABLE
     from eivor.logs import shipped_maps
@@ -84,6 +96,7 @@ def test_help_names_every_method_and_shipped_map(eivor: Caller) -> None:
     assert all(name in run.out for name in (*TABLE, *shipped_maps()))
 
 
+@pytest.mark.usefixtures("coarse_search")
 @pytest.mark.parametrize(
     "command", [(), ("identify",), ("inspect",), ("simulate",), ("study",), ("paper",), ("example", "fetch")]
 )
@@ -94,6 +107,7 @@ def test_paragraphs_of_help_are_as_wide_as_the_terminal(eivor: Caller, command: 
     assert all(len(line) > 60 for line in paragraphs)
 
 
+@pytest.mark.usefixtures("coarse_search")
 @pytest.mark.thorough
 def test_a_shell_completes_commands_and_options(shell: Caller, eivor: Caller) -> None:
     for words, expected in (("eivor ide", "identify"), ("eivor identify --exa", "--example")):
@@ -104,12 +118,14 @@ def test_a_shell_completes_commands_and_options(shell: Caller, eivor: Caller) ->
     assert "--install-completion" in eivor("--help").out
 
 
+@pytest.mark.usefixtures("coarse_search")
 def test_without_arguments_there_is_help(eivor: Caller) -> None:
     run = eivor()
     assert "identify" in run.out + run.err
     assert "inspect" in run.out + run.err
 
 
+@pytest.mark.usefixtures("coarse_search")
 def test_version(eivor: Caller) -> None:
     import eivor as package
 
@@ -118,6 +134,7 @@ def test_version(eivor: Caller) -> None:
     assert run.out == f"eivor {package.__version__}\n"
 
 
+@pytest.mark.usefixtures("coarse_search")
 def test_the_interpreter_runs_the_command_line(eivor: Caller, monkeypatch, capsys) -> None:
     monkeypatch.setattr("sys.argv", ["eivor", "--version"])
     monkeypatch.delitem(sys.modules, "eivor.__main__", raising=False)  # other tests import it
@@ -127,6 +144,7 @@ def test_the_interpreter_runs_the_command_line(eivor: Caller, monkeypatch, capsy
     assert capsys.readouterr().out == eivor("--version").out
 
 
+@pytest.mark.usefixtures("coarse_search")
 def test_a_wrong_command_is_wrong_usage(eivor: Caller) -> None:
     run = eivor("identfy")
     assert run.code == 2
@@ -140,6 +158,7 @@ def _failing(error: BaseException) -> Callable[[], None]:
     return guarded(command)
 
 
+@pytest.mark.usefixtures("coarse_search")
 @pytest.mark.parametrize(
     ("error", "code", "message"),
     [
@@ -164,12 +183,14 @@ def test_an_unexpected_error_is_one_message(
     assert message in capsys.readouterr().err
 
 
+@pytest.mark.usefixtures("coarse_search")
 def test_debug_shows_the_traceback(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("EIVOR_DEBUG", "1")
     with pytest.raises(ZeroDivisionError):
         _failing(ZeroDivisionError("seven"))()
 
 
+@pytest.mark.usefixtures("coarse_search")
 @pytest.mark.thorough
 def test_an_interrupt_leaves_with_130() -> None:
     code = (
@@ -185,6 +206,7 @@ def test_an_interrupt_leaves_with_130() -> None:
     assert "interrupted" in run.stderr
 
 
+@pytest.mark.usefixtures("coarse_search")
 def test_an_interrupt_while_libraries_are_loaded_leaves_with_130() -> None:
     """What was loaded by half cannot be used, not even to say so."""
     code = (
@@ -200,6 +222,7 @@ def test_an_interrupt_while_libraries_are_loaded_leaves_with_130() -> None:
     assert (run.returncode, run.stderr) == (130, "eivor: interrupted\n")
 
 
+@pytest.mark.usefixtures("coarse_search")
 @pytest.mark.parametrize("module", ["eivor.cli.main", "typer", "eivor.cli.outputs", "eivor.errors"])
 def test_an_interrupt_while_the_command_line_is_loaded_leaves_with_130(module: str) -> None:
     """Ctrl-C right after the command was typed: the console script watches from its first line on."""
@@ -216,6 +239,7 @@ def test_an_interrupt_while_the_command_line_is_loaded_leaves_with_130(module: s
     assert (run.returncode, run.stderr) == (ExitCode.INTERRUPTED, "eivor: interrupted\n")
 
 
+@pytest.mark.usefixtures("coarse_search")
 @pytest.mark.parametrize("step", ["parse_args", "get_command"])
 def test_an_interrupt_while_arguments_are_read_leaves_with_130(step: str) -> None:
     code = (
@@ -230,6 +254,7 @@ def test_an_interrupt_while_arguments_are_read_leaves_with_130(step: str) -> Non
     assert (run.returncode, run.stderr) == (ExitCode.INTERRUPTED, "eivor: interrupted\n")
 
 
+@pytest.mark.usefixtures("coarse_search")
 def test_the_console_script_begins_before_anything_is_loaded() -> None:
     """What is loaded before `run` watches cannot be interrupted without a traceback."""
     metadata = tomllib.loads(PROJECT.read_text(encoding="utf-8"))
@@ -242,6 +267,7 @@ def test_the_console_script_begins_before_anything_is_loaded() -> None:
     assert not {"typer", "click", "numpy", "email", "zipfile"} & set(listed.stdout.split())
 
 
+@pytest.mark.usefixtures("coarse_search")
 def test_a_command_that_is_named_is_loaded_alone() -> None:
     code = (
         "import sys\nfrom eivor.__main__ import run\n"
@@ -255,6 +281,7 @@ def test_a_command_that_is_named_is_loaded_alone() -> None:
     assert not {"eivor.lab.cli", "eivor.cli.tools"} & loaded
 
 
+@pytest.mark.usefixtures("coarse_search")
 def test_the_console_script_looks_for_garbage_seldom_and_never_at_the_end(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -269,6 +296,7 @@ def test_the_console_script_looks_for_garbage_seldom_and_never_at_the_end(
         gc.set_threshold(*before)
 
 
+@pytest.mark.usefixtures("coarse_search")
 @pytest.mark.thorough
 def test_a_hostile_name_does_nothing(eivor: Caller, flight: polars.DataFrame, tmp_path: Path) -> None:
     path = tmp_path / HOSTILE
@@ -282,6 +310,7 @@ def test_a_hostile_name_does_nothing(eivor: Caller, flight: polars.DataFrame, tm
     assert (tmp_path / "x.svg").stat().st_size > 10_000
 
 
+@pytest.mark.usefixtures("coarse_search")
 def test_a_hostile_name_in_an_error(eivor: Caller, tmp_path: Path) -> None:
     run = eivor("identify", tmp_path / HOSTILE)
     assert run.code == 1
@@ -289,6 +318,7 @@ def test_a_hostile_name_in_an_error(eivor: Caller, tmp_path: Path) -> None:
     assert run.err.count("\n") == 1
 
 
+@pytest.mark.usefixtures("coarse_search")
 @pytest.mark.thorough
 def test_a_name_that_is_no_text(flight: polars.DataFrame, tmp_path: Path) -> None:
     path = os.path.join(os.fsencode(tmp_path), b"\xff.csv")  # noqa: PTH118 - bytes are the point
@@ -310,6 +340,7 @@ class _Terminal(io.StringIO):
         return True
 
 
+@pytest.mark.usefixtures("coarse_search")
 def test_a_step_is_announced_on_terminals_only(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("TERM", "xterm")
     for stream, announced in ((_Terminal(), True), (io.StringIO(), False)):
@@ -319,3 +350,244 @@ def test_a_step_is_announced_on_terminals_only(monkeypatch: pytest.MonkeyPatch) 
             while "Reading" not in stream.getvalue() and time.monotonic() < end:
                 time.sleep(0.01)
         assert ("Reading [red]\\x1b[2J.ulg" in stream.getvalue()) is announced
+
+
+# -- An option that is nothing by default and was given as nothing: `--lag "$LAG"` where LAG wa --
+
+
+@pytest.mark.parametrize(
+    "option",
+    ["--lag", "--lag-from", "--window", "--input", "--input-map", "--map", "--json", "--figure", "--html"],
+)
+def test_an_empty_option_is_not_passed_over(eivor: Caller, option: str) -> None:
+    run = eivor("identify", "--example", option, "")
+    assert run.code == 2
+    assert run.out == ""
+    assert f"Expected a value for {option}; received an empty text." in run.err
+    assert run.err.rstrip().endswith("or leave it out.")
+
+
+def test_of_the_group_and_of_a_file(eivor: Caller, tmp_path: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert "a value for --config" in eivor("--config", "", "identify", "--example").err
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "eivor.toml").write_text('[identify]\nlag = ""\n')
+    run = eivor("identify", "--example")
+    assert (run.code, run.out) == (2, "")
+    assert "a value for --lag" in run.err
+
+
+def test_options_with_words_of_their_own_keep_them(eivor: Caller) -> None:
+    assert "a method out of reference_iv" in eivor("identify", "--example", "--method", "").err
+    assert "terms out of" in eivor("identify", "--example", "--term", "").err
+
+
+# -- `eivor.toml` and `eivor --config`: options where the command line does not say otherwise --
+
+PAGE = (Path(__file__).parents[2] / "docs" / "from-a-log.md").read_text(encoding="utf-8")
+
+
+@pytest.fixture
+def written(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+    def write(text, name="eivor.toml"):
+        (tmp_path / name).write_text(text, encoding="utf-8")
+
+    return write
+
+
+def test_it_is_read_where_it_is_and_said(eivor, written):
+    written('[identify]\nlag = "65:15"\nterm = ["quadratic-drag", "voltage"]\nalign = true\nmax-tilt = 20\n')
+    ran = eivor("identify", "missing.ulg")
+    assert ran.code == 1
+    splitline, missing = ran.err.splitlines()[0], ran.err
+    assert (
+        splitline
+        == "eivor: options of eivor.toml: max-tilt 20, lag 65:15, align, term quadratic-drag voltage"
+    )
+    assert "missing.ulg" in missing
+    assert ran.out == ""
+
+
+def test_a_value_reaches_the_command(eivor, written):
+    written("[identify]\nmax-tilt = 200\n")
+    assert "tilt" in eivor("identify", "--example").err.splitlines()[1]
+
+
+def test_the_command_line_comes_first(eivor, written):
+    written('[identify]\nlag = "65:15"\n')
+    assert "options of" not in eivor("identify", "missing.ulg", "--lag", "60:10").err
+    assert "options of" not in eivor("inspect", "missing.ulg").err
+
+
+def test_a_file_that_is_named(eivor, written):
+    written('[identify]\nlag = "65:15"\n')
+    written("[fleet.run]\nworkers = 2\n", "lab.toml")
+    assert "options of" not in eivor("--config", "lab.toml", "identify", "missing.ulg").err
+    assert (
+        "options of lab.toml: workers 2"
+        in eivor("--config", "lab.toml", "fleet", "run", "missing", "-o", "out").err
+    )
+
+
+@pytest.mark.parametrize(
+    ("text", "wrong"),
+    [
+        ("[identfy]", r"tables named as commands.*\[identfy\]\. Did you mean 'identify'"),
+        ("lag = 3", "tables named as commands.*Remove it"),
+        ("identify = 3", r"Expected a table \[identify\]"),
+        ("[identify]\nlagg = 3", "options of eivor identify.*'lagg'. Did you mean 'lag'"),
+        ("[fleet.run]\nworker = 3", "options of eivor fleet run.*Did you mean 'workers'"),
+        ("[identify]\nalign = 3", "true or false at identify.align of eivor.toml; received 3"),
+        ("[identify]\nlag = true", "a text or a number, at identify.lag of eivor.toml; received True"),
+        ("[identify]\nterm = [{}]", "a text or a number, or a list of them"),
+        ("[identify", "not: "),
+    ],
+)
+def test_what_is_wrong_is_said(eivor, written, text, wrong):
+    written(text)
+    ran = eivor("identify", "missing.ulg")
+    assert ran.code == 1
+    assert re.search(wrong, ran.err)
+    assert "missing.ulg" not in ran.err
+
+
+def test_a_file_that_is_missing(eivor, written):
+    ran = eivor("--config", "lab.toml", "identify", "missing.ulg")
+    assert ran.code == 1
+    assert "'lab.toml', unreadable" in ran.err
+
+
+def test_tables_of_commands_that_are_not_loaded(written):
+    from typer.testing import CliRunner
+
+    from eivor.cli.main import application
+
+    written('[fleet.run]\nworkers = 2\n[identify]\nlag = "65:15"\n')
+    ran = CliRunner().invoke(application("plan", "identify"), ["identify", "missing.ulg"])
+    assert "lag 65:15" in ran.output
+
+
+def test_the_file_of_the_page_is_valid(eivor, written):
+    (block,) = re.findall(r"```text\n(\[identify\]\n.*?)```", PAGE, flags=re.DOTALL)
+    written(block)
+    splitline = eivor("identify", "missing.ulg").err.splitlines()[0]
+    assert splitline.startswith("eivor: options of eivor.toml: ")
+    assert all(
+        option in splitline for option in ("lag 65:15", "map mycopter.toml", "align", "term quadratic-drag")
+    )
+
+
+# -- words --
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("4:67", (4.0, 67.0)),
+        ("-26.5:-1", (-26.5, -1.0)),
+        ("0:1e2", (0.0, 100.0)),
+        (" 4 : 67 ", (4.0, 67.0)),
+        ("4:", (4.0, math.inf)),
+        (":67", (-math.inf, 67.0)),
+    ],
+)
+def test_a_window_is_two_seconds(text: str, expected: tuple[float, float]) -> None:
+    assert parse_window(text) == expected
+
+
+@pytest.mark.parametrize("text", ["", "4", "67:4", "4:4", "a:b", "4:nan", "nan:", "1:2:3", "4-67"])
+def test_a_window_that_is_none_is_refused(text: str) -> None:
+    with pytest.raises(UsageError, match="START before END"):
+        parse_window(text)
+
+
+def test_a_log_may_bring_its_window() -> None:
+    assert log_argument("a/b.ulg@4:67") == LogArgument(Path("a/b.ulg"), (4.0, 67.0))
+    assert log_argument("b.ulg@-4:6.5") == LogArgument(Path("b.ulg"), (-4.0, 6.5))
+    assert log_argument("me@home.csv") == LogArgument(Path("me@home.csv"))
+    assert log_argument("me@home.csv@1:2") == LogArgument(Path("me@home.csv"), (1.0, 2.0))
+    assert log_argument("@1:2") == LogArgument(Path("@1:2"))
+
+
+def test_an_existing_file_with_an_at_in_its_name_wins(tmp_path: Path) -> None:
+    path = tmp_path / "flight@4:67"
+    path.touch()
+    assert log_argument(str(path)) == LogArgument(path)
+
+
+def test_a_log_with_a_broken_window_is_refused() -> None:
+    with pytest.raises(UsageError, match="START:END"):
+        log_argument("b.ulg@4:x")
+
+
+def test_names_are_a_list_with_commas() -> None:
+    assert parse_names("lags") == ("lags",)
+    assert parse_names("reference_position_z, pilot_throttle") == ("reference_position_z", "pilot_throttle")
+
+
+@pytest.mark.parametrize("text", [",", " ", "lags,references", "references,pilot_throttle"])
+def test_instruments_that_exclude_each_other_are_refused(text: str) -> None:
+    with pytest.raises(UsageError, match="alone"):
+        parse_names(text)
+
+
+def test_an_error_names_its_log_once() -> None:
+    with pytest.raises(CorruptLogError, match=r"bits, in b\.ulg"), named("a/b.ulg", several=True):
+        raise CorruptLogError("a log", "bits, in b.ulg", "Try again.")
+    with pytest.raises(CorruptLogError, match=r"bits, in a/b\.ulg"), named("a/b.ulg", several=True):
+        raise CorruptLogError("a log", "bits", "Try again.")
+    with pytest.raises(CorruptLogError, match=r"bits\. Try"), named("a/b.ulg", several=False):
+        raise CorruptLogError("a log", "bits", "Try again.")
+
+
+# -- `--noise`: what may be typed --
+
+
+def test_numbers_units_sheets_and_the_word():
+    assert declared_noise([]) is None
+    assert declared_noise(["estimate"]) == "estimate"
+    assert declared_noise(["velocity_z=0.02"]) == {"velocity_z": 0.02}
+    assert declared_noise(["velocity_z=2 cm/s,specific_force_z=30mg"]) == {
+        "velocity_z": pytest.approx(0.02),
+        "specific_force_z": pytest.approx(0.2942, rel=1e-3),
+    }
+    assert declared_noise(
+        ["velocity_z=density:0.002m/s/sqrt(Hz),bandwidth:50Hz,step:1cm/s", "rotor_speed=3"]
+    ) == {
+        "velocity_z": DataSheet(0.002, 50.0, 0.01),
+        "rotor_speed": 3.0,
+    }
+
+
+@pytest.mark.parametrize(
+    ("texts", "words"),
+    [
+        (["velocity_z"], "NAME=STD"),
+        (["velocity_z="], "NAME=STD"),
+        (["velocity_z=-1"], "zero or more for velocity_z"),
+        (["velocity_z=nan"], "zero or more for velocity_z"),
+        (["velocity_z=lots"], "zero or more for velocity_z"),
+        (["velocity_z=1 m"], "in m/s, or a unit of that kind"),
+        (["velocity_z=1 parsec"], "in m/s, or a unit of that kind"),
+        (["velocity_z=1", "velocity_z=2"], "twice"),
+        (["velocity_z=densty:1"], "density"),
+        (["velocity_z=bandwidth:50"], "sheet of velocity_z; received 'bandwidth:50'. Give --noise"),
+        (["velocity_z=density:0,bandwidth:50"], "above zero of the data sheet of velocity_z"),
+        (["estimate", "velocity_z=2"], "estimate alone"),
+    ],
+)
+def test_noises_that_are_none(texts, words):
+    with pytest.raises(UsageError, match=words):
+        declared_noise(texts)
+
+
+# -- Those who wait are told what an identification is at --
+
+
+@pytest.mark.usefixtures("coarse_search")
+def test_stages_come_in_order():
+    log = ev.example_flight()
+    stages: list[Stage] = []
+    ev.identify_flight(log, window=(0.0, 20.0), progress=stages.append)
+    assert stages == list(Stage)

@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from collections.abc import Callable
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from coarse_search import coarse
+from eivor.__main__ import load_late
+from eivor.tools import plain_text
+
+# -- The command line on real recordings that nobody here made --
 
 Caller = Callable[..., Any]
-pytestmark = pytest.mark.recordings
 
 CLEAN = (
     "B2_circle_fast_rep1",
@@ -33,6 +39,7 @@ def _not_confidently_wrong(result: dict[str, Any]) -> bool:
     return result["verdict"] != "identified" or (low >= 0.2 and high <= 0.8)
 
 
+@pytest.mark.recordings
 @pytest.mark.thorough
 @pytest.mark.usefixtures("coarse_search")
 def test_a_hover_is_refused(eivor: Caller, recordings: Path) -> None:
@@ -44,6 +51,7 @@ def test_a_hover_is_refused(eivor: Caller, recordings: Path) -> None:
     assert "SDLOG_PROFILE" in card.out
 
 
+@pytest.mark.recordings
 @pytest.mark.thorough
 def test_a_given_lag_tells_the_friction_of_a_flight(eivor: Caller, recordings: Path) -> None:
     """Alone it is known to a quarter of a second: with 65 ms, to 15 ms, the friction has an interval."""
@@ -60,6 +68,7 @@ def test_a_given_lag_tells_the_friction_of_a_flight(eivor: Caller, recordings: P
 TREFOILS = ("fast_rep14", "fast_rep3", "slow_rep13")
 
 
+@pytest.mark.recordings
 @pytest.mark.thorough
 def test_repeat_flights_are_told_and_agree_with_the_lag_given(eivor: Caller, recordings: Path) -> None:
     """Instruments of one of them are weak for all but the gain: its set is bounded, and tells."""
@@ -78,6 +87,7 @@ def test_repeat_flights_are_told_and_agree_with_the_lag_given(eivor: Caller, rec
     assert max(lows) < min(highs)
 
 
+@pytest.mark.recordings
 @pytest.mark.thorough
 def test_time_after_a_crash_is_no_flight(eivor: Caller, recordings: Path) -> None:
     """The motors idle on the ground while the land detector says that the vehicle flies."""
@@ -86,6 +96,7 @@ def test_time_after_a_crash_is_no_flight(eivor: Caller, recordings: Path) -> Non
     assert 0.10 < document["derived"]["hover_input"]["value"] < 0.14
 
 
+@pytest.mark.recordings
 @pytest.mark.thorough
 def test_the_hover_input_is_known_where_the_friction_is_not(eivor: Caller, recordings: Path) -> None:
     path = f"{recordings / 'px4' / 'ekf_failure.ulg'}@4:67"
@@ -107,6 +118,7 @@ def test_the_hover_input_is_known_where_the_friction_is_not(eivor: Caller, recor
     assert "land detector" in inspected.out
 
 
+@pytest.mark.recordings
 @pytest.mark.thorough
 def test_the_hover_input_is_the_autopilot_s_own(eivor: Caller, recordings: Path) -> None:
     document = _document(eivor("identify", recordings / "px4" / "battery_brownout.ulg", "--json", "-"))
@@ -115,6 +127,7 @@ def test_the_hover_input_is_the_autopilot_s_own(eivor: Caller, recordings: Path)
     assert document["derived"]["hover_input"]["value"] == pytest.approx(0.524, rel=0.03)
 
 
+@pytest.mark.recordings
 @pytest.mark.thorough
 def test_thrust_that_a_pilot_sets_is_its_own_instrument(eivor: Caller, recordings: Path) -> None:
     with coarse():
@@ -127,6 +140,7 @@ def test_thrust_that_a_pilot_sets_is_its_own_instrument(eivor: Caller, recording
     assert not any("feedback" in reason for reason in document["reasons"])
 
 
+@pytest.mark.recordings
 @pytest.mark.thorough
 @pytest.mark.parametrize("name", CLEAN)
 def test_single_flights_print_the_friction(eivor: Caller, recordings: Path, name: str) -> None:
@@ -137,6 +151,7 @@ def test_single_flights_print_the_friction(eivor: Caller, recordings: Path, name
     assert _not_confidently_wrong(document)
 
 
+@pytest.mark.recordings
 @pytest.mark.thorough
 @pytest.mark.usefixtures("unchecked_shapes")  # single flights are identified with these checks
 def test_the_pool_has_rows_and_a_figure(eivor: Caller, recordings: Path, tmp_path: Path) -> None:
@@ -153,6 +168,7 @@ def test_the_pool_has_rows_and_a_figure(eivor: Caller, recordings: Path, tmp_pat
     assert document["derived"]["hover_input"]["value"] == pytest.approx(mean, rel=0.1)
 
 
+@pytest.mark.recordings
 @pytest.mark.thorough
 def test_a_flight_that_never_takes_off(eivor: Caller, recordings: Path, tmp_path: Path) -> None:
     run = eivor(
@@ -162,6 +178,7 @@ def test_a_flight_that_never_takes_off(eivor: Caller, recordings: Path, tmp_path
     assert "never takes off" in run.out
 
 
+@pytest.mark.recordings
 @pytest.mark.thorough
 @pytest.mark.usefixtures("coarse_search")
 def test_identical_files_are_used_once(eivor: Caller, recordings: Path) -> None:
@@ -171,6 +188,7 @@ def test_identical_files_are_used_once(eivor: Caller, recordings: Path) -> None:
     assert any(finding["name"] == "duplicate_log" for finding in document["findings"])
 
 
+@pytest.mark.recordings
 @pytest.mark.usefixtures("coarse_search")
 @pytest.mark.parametrize(
     "name",
@@ -185,6 +203,7 @@ def test_overflow_is_reported(eivor: Caller, recordings: Path, name: str) -> Non
     assert "overflowed" in run.out
 
 
+@pytest.mark.recordings
 def test_vehicles_of_different_maps_are_not_pooled(eivor: Caller, recordings: Path) -> None:
     run = eivor(
         "identify", recordings / "px4" / "ekf_failure.ulg", recordings / "nanobench" / f"{CLEAN[0]}.csv"
@@ -193,6 +212,7 @@ def test_vehicles_of_different_maps_are_not_pooled(eivor: Caller, recordings: Pa
     assert "one vehicle" in run.err
 
 
+@pytest.mark.recordings
 @pytest.mark.thorough
 def test_a_log_of_ardupilot(eivor: Caller, recordings: Path) -> None:
     log = recordings / "ardupilot" / "log_0036_mechanical_failure.bin"
@@ -204,7 +224,168 @@ def test_a_log_of_ardupilot(eivor: Caller, recordings: Path) -> None:
     assert "10 Hz" in run.out
 
 
+@pytest.mark.recordings
 def test_a_log_without_flight_is_inspected(eivor: Caller, recordings: Path) -> None:
     run = eivor("inspect", recordings / "px4" / "sample_appended_multiple.ulg")
     assert run.code == 0
     assert "Never in the air" in run.out
+
+
+# -- Standard output and error as they are found: poor in letters, full, closed, or read by nob --
+
+
+@pytest.mark.thorough
+def test_a_reader_that_goes_away_is_no_error_message(tmp_path: Path) -> None:
+    command = f"{sys.executable} -c 'from eivor.cli.main import run; run()' identify --example | true"
+    run = subprocess.run(command, shell=True, capture_output=True, text=True, check=False)  # noqa: S602
+    assert run.stderr == ""
+
+
+@pytest.mark.thorough
+@pytest.mark.long
+def test_signs_that_an_encoding_lacks_are_spelt(shell: Caller) -> None:
+    """A question mark in the equation would say nothing; the columns of the table stay where they are."""
+    poor = shell("identify", "--example", encoding="ascii", PYTHONIOENCODING="ascii", PYTHONUTF8="0")
+    rich = shell("identify", "--example", PYTHONIOENCODING="utf-8")
+    latin = shell("identify", "--example", encoding="latin-1", PYTHONIOENCODING="latin-1", PYTHONUTF8="0")
+    for run in (poor, rich, latin):
+        assert run.code == 0, run.err
+        assert run.err == ""
+        assert "identified" in run.out
+    assert "z'' + g = K_u U - K z' + b" in poor.out
+    assert "U = cos(tilt) x the mean" in poor.out
+    assert "?" not in poor.out
+    assert "z'' + g = K_u U − K z' + b" in rich.out
+    rows = [
+        [line for line in run.out.splitlines() if line.startswith("effective lag")] for run in (poor, rich)
+    ]
+    assert rows[0][0] == rows[1][0].replace("τ + d  ", "tau + d")
+    assert "m/s²" in latin.out
+    assert "K_u U - K z'" in latin.out
+
+
+@pytest.mark.thorough
+def test_help_and_errors_are_spelt_too(shell: Caller) -> None:
+    help_text = shell("identify", "--help", encoding="ascii", PYTHONIOENCODING="ascii", PYTHONUTF8="0")
+    assert "+- Options ---" in help_text.out
+    error = shell("identify", "fläche τ.csv", encoding="ascii", PYTHONIOENCODING="ascii", PYTHONUTF8="0")
+    assert "'flache tau.csv', which does not exist" in error.err
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(
+    ("text", "encoding", "plain"),
+    [
+        ("K z' ± 1 − 2", "ascii", "K z' +- 1 - 2"),
+        ("τ Δ χ² µ 8.5°", "ascii", "tau Delta chi^2 u 8.5deg"),
+        ("τ      | x", "ascii", "tau    | x"),
+        ("m/s²  yes", "ascii", "m/s^2 yes"),
+        ("é漢", "ascii", "e?"),
+        ("√2 ± 1", "latin-1", "sqrt2 ± 1"),
+        ("τ ± 1\n  2", "utf-8", "τ ± 1\n  2"),
+    ],
+)
+def test_plain_text(text: str, encoding: str, plain: str) -> None:
+    assert plain_text(text, encoding) == plain
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("identify", "--example"),
+        ("identify", "--example", "--json", "-"),
+        ("example", "list"),
+        ("--help",),
+        ("--version",),
+    ],
+)
+def test_a_full_disk_behind_standard_output_is_one_message(arguments: tuple[str, ...]) -> None:
+    with Path("/dev/full").open("w", encoding="utf-8") as full:
+        run = subprocess.run(
+            [sys.executable, "-c", "from eivor.cli.main import run; run()", *arguments],
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            check=False,
+        )
+    assert run.returncode == 1
+    assert run.stderr.startswith("eivor: Expected a standard output that can be written to; received one for")
+    assert "No space left on device" in run.stderr
+    assert run.stderr.count("\n") == 1
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(("stream", "code"), [(1, 1), (2, 0)])
+def test_a_stream_that_is_closed(stream: int, code: int) -> None:
+    """Without standard output the numbers cannot be printed; without standard error nothing is missing."""
+    command = f"{sys.executable} -c 'from eivor.cli.main import run; run()' identify --example {stream}>&-"
+    run = subprocess.run(command, shell=True, capture_output=True, text=True, check=False)  # noqa: S602
+    assert run.returncode == code
+    if stream == 1:
+        assert "received one that is closed" in run.stderr
+    else:
+        assert "viscous friction" in run.stdout
+    assert "mistake" not in run.stderr
+
+
+# -- Parts of NumPy that commands have no use for are loaded when they are used, and are whole  --
+
+#: Each is loaded with the part of NumPy that it belongs to.
+WITHIN = ("numpy.f2py.crackfortran", "numpy.testing._private.utils")
+
+
+def printed(code: str) -> str:
+    """What a fresh interpreter prints."""
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    return run.stdout.strip()
+
+
+def test_scipy_does_not_load_them():
+    code = (
+        "import sys\n"
+        "from eivor.__main__ import load_late\n"
+        "load_late()\n"
+        "import scipy.linalg, scipy.special\n"
+        f"print([name for name in {WITHIN!r} if name in sys.modules])"
+    )
+    assert printed(code) == "[]"
+
+
+def test_they_are_whole_when_they_are_used():
+    code = (
+        "import sys\n"
+        "from eivor.__main__ import load_late\n"
+        "load_late()\n"
+        "import numpy as np, scipy.linalg\n"
+        "from numpy.testing import assert_allclose\n"
+        "assert_allclose(1.0, 1.0)\n"
+        "import numpy.f2py\n"
+        "print(callable(np.f2py.get_include), np.testing.assert_allclose is assert_allclose,"
+        f" [name for name in {WITHIN!r} if name not in sys.modules])"
+    )
+    assert printed(code) == "True True []"
+
+
+def test_asked_twice_is_as_asked_once():
+    code = (
+        "import sys\n"
+        "from eivor.__main__ import load_late\n"
+        "load_late(); before = list(sys.meta_path); load_late()\n"
+        "print(before == sys.meta_path)"
+    )
+    assert printed(code) == "True"
+
+
+def test_packages_without_an_init_file_are_found_as_before(tmp_path, monkeypatch):
+    inner = tmp_path / "folder_alone" / "folder_within"
+    inner.mkdir(parents=True)
+    (inner / "found.py").write_text("HERE = True\n")
+    monkeypatch.setattr(sys, "meta_path", sys.meta_path[:])
+    monkeypatch.syspath_prepend(tmp_path)
+    load_late()
+    try:
+        assert import_module("folder_alone.folder_within.found").HERE
+    finally:
+        for name in [name for name in sys.modules if name.startswith("folder_alone")]:
+            del sys.modules[name]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -12,7 +13,11 @@ from hypothesis import strategies as st
 import eivor as ev
 from eivor.errors import ChannelMapError, EstimationError, InputError, TooFewSamplesError, UsageError
 from eivor.estimation.moments import CrossMoments, TriangularMoments
-from eivor.linalg import AugmentedLeastSquares
+from eivor.estimation.unknown_noise import RECORD_OVER_LAG, long_memory_covariance
+from eivor.lab.scenario_files import shipped_scenario
+from eivor.linalg import AugmentedLeastSquares, LeastSquares, LinearSystem
+
+# -- Moments of any split equal those of the whole, whatever a record is cut into and wherever  --
 
 MOTION = ev.VerticalMotion(intercept=True)
 COUNT, ORDER = 600, 7
@@ -221,3 +226,94 @@ def test_the_moments_of_chunks_are_solved_once(weighting, monkeypatch):
     assert sizes == [(ORDER + 2, 3)]
     whole = ev.identify(MOTION.regression(signals, ev.lags("input", 0, ORDER)), method)
     assert fit.parameters == pytest.approx(whole.parameters, rel=1e-9)
+
+
+# -- What an estimate says of a vehicle does not depend on the units of its channels --
+
+MODEL = ev.VerticalMotion(intercept=False)
+m = ev.methods
+DECLARED = (m.bias_compensated_least_squares(), m.spectral_giv(), m.whittle_ml())
+SOUGHT = (
+    m.generalized_iv_unknown_noise(),
+    m.generalized_iv_unknown_noise(orders=("velocity_z",)),
+    m.bias_eliminating_least_squares(),
+    m.frisch_scheme(),
+)
+
+
+@pytest.fixture(scope="module")
+def signals():
+    scenario = replace(shipped_scenario("rich"), samples=400)
+    return ev.simulate(scenario, np.random.default_rng(5)).signals
+
+
+def in_units(signals, of_input, of_motion):
+    units = {"input": of_input, "velocity_z": of_motion, "acceleration_z": of_motion}
+    return replace(
+        signals,
+        channels={name: units[name] * signals.channels[name] for name in units},
+        noise={name: replace(item, std=units[name] * item.std) for name, item in signals.noise.items()},
+    )
+
+
+def told(signals, method, of_input=1.0, of_motion=1.0):
+    """K, K_u and the ends of their intervals, in units of the signals that are given."""
+    scaled = in_units(signals, of_input, of_motion)
+    scaled = replace(scaled, noise={}) if method in SOUGHT else scaled
+    estimate = ev.identify(MODEL.regression(scaled, ev.lags("input", 0, 10)), method)
+    gain = of_motion / of_input
+    names = (("viscous_friction", 1.0), ("input_gain", gain))
+    return np.array(
+        [
+            [estimate.parameters[name] / unit, *np.divide(estimate.interval(name), unit)]
+            for name, unit in names
+        ]
+    )
+
+
+@pytest.mark.parametrize("method", [*DECLARED, *SOUGHT], ids=lambda method: method.name)
+@pytest.mark.parametrize(("of_input", "of_motion"), [(1e-9, 1e9), (1e9, 1e-9)])
+def test_units_change_nothing(signals, method, of_input, of_motion):
+    in_others = told(signals, method, of_input, of_motion)
+    np.testing.assert_allclose(in_others, told(signals, method), rtol=1e-6 if method in SOUGHT else 1e-8)
+
+
+def test_as_many_equations_as_unknowns_are_met_in_any_units():
+    A, theta = np.array([[2.0, 1.0], [1.0, 3.0]]), np.array([0.5, -0.25])
+    rows, columns = np.array([1e15, 1e-15]), np.array([1e-9, 1e9])
+    scaled = rows[:, None] * A * columns
+    solve = LeastSquares().solve(LinearSystem(scaled, rows * (A @ theta)))
+    np.testing.assert_allclose(solve.theta * columns, theta, rtol=1e-13)
+    assert solve.condition < 10.0
+
+
+# -- Covariance of sums whose series remember long, against the sum over all pairs of rows --
+
+
+def test_it_is_the_sum_over_lags():
+    rng = np.random.default_rng(1)
+    g, e = rng.standard_normal((40, 2)), rng.standard_normal(40)
+    most = 40 // RECORD_OVER_LAG
+    naive = np.zeros((2, 2))
+    for lag in range(-most, most + 1):
+        both = [(t + lag, t) for t in range(40) if 0 <= t + lag < 40]
+        of_g = sum(np.outer(g[t], g[s]) for t, s in both)
+        of_e = sum(e[t] * e[s] for t, s in both)
+        prediction = sum(g[t] * e[s] for t, s in both)
+        behind = sum(g[s] * e[t] for t, s in both)
+        naive += (1.0 - abs(lag) / (most + 1.0)) * (of_g * of_e + np.outer(prediction, behind)) / 40
+    np.testing.assert_allclose(long_memory_covariance(g, e), naive, rtol=1e-12)
+
+
+def test_it_widens_the_interval_of_an_order():
+    scenario = replace(shipped_scenario("rich-high"), samples=3000)
+    scenario = replace(scenario, noise={**scenario.noise, "velocity_z": ev.FractionalNoise(1.0, -0.4)})
+    signals = replace(ev.simulate(scenario, np.random.default_rng(1)).signals, noise={})
+    problem = ev.VerticalMotion(intercept=False).regression(signals, ev.lags("input", 0, 10))
+    reported = ev.identify(problem, ev.methods.generalized_iv_unknown_noise(orders=("velocity_z",)))
+    index = reported.names.index("noise_order_velocity_z")
+    errors = {part.name: part.matrix[index, index] ** 0.5 for part in reported.best.covariance.parts}
+    assert errors["of_long_memory"] > 1.2 * errors["of_normal_series"]
+    assert reported.std_error("noise_order_velocity_z") >= errors["of_long_memory"]
+    white = ev.identify(problem, ev.methods.generalized_iv_unknown_noise())
+    assert "of_long_memory" not in {part.name for part in white.best.covariance.parts}

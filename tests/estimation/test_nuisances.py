@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
 import pickle
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
+import scipy
 import scipy.optimize
 from nuisance_runs import (
     CURVE_SHARE,
@@ -26,19 +29,36 @@ from nuisance_runs import (
 from scipy import stats
 
 import eivor as ev
-from eivor.errors import InstrumentError, ParameterError, UsageError
+from eivor.errors import ConvergenceError, InstrumentError, ParameterError, UsageError
 from eivor.estimation.estimate import Estimate
 from eivor.estimation.linear import LinearMethod
 from eivor.estimation.method import Method
 from eivor.estimation.methods import extended_iv, least_squares, reference_iv
 from eivor.estimation.moments import Instrumental
-from eivor.estimation.variable_projection import PRODUCT_POINTS, product_grids
+from eivor.estimation.variable_projection import (
+    PRODUCT_POINTS,
+    Trial,
+    argmin,
+    between,
+    bounded_sums,
+    least_comparable_criteria,
+    on_nested_grids,
+    product_grids,
+    reaching,
+    with_values_tried,
+)
 from eivor.estimation.weighting import TwoStage
+from eivor.inference.verdict import Status
 from eivor.linalg import LeastSquares
+from eivor.linalg.system import Solution
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, LaggedRuns
-from eivor.models.separable import Nuisance, Prior
+from eivor.models.regression import Parameter
+from eivor.models.separable import Bounds, Nuisance, Prior
+from eivor.motions.identify import identify_flight
+from eivor.simulation.vertical import VerticalFlightSpec, simulate_vertical_flights
 
-pytestmark = pytest.mark.usefixtures("unchecked_shapes")
+# -- Several nuisances in one search, what is known of them beforehand, and rows of several axe --
+
 TWO_STAGE = LinearMethod("two_stage", Instrumental(), LeastSquares(), equation_weighting=TwoStage())
 METHODS = [least_squares(), TWO_STAGE, reference_iv()]
 #: Grids for searches that are made many times.
@@ -53,6 +73,7 @@ def named(method: LinearMethod) -> str:
 # -- several continuous nuisances ----------------------------------------------------------------------------
 
 
+@pytest.mark.usefixtures("unchecked_shapes")
 @pytest.mark.thorough
 @pytest.mark.parametrize("method", [*METHODS, extended_iv()], ids=named)
 def test_two_nuisances_are_found_exactly_without_noise(method):
@@ -62,6 +83,7 @@ def test_two_nuisances_are_found_exactly_without_noise(method):
     assert fit.best.nuisances == {"actuator_lag": fit.best.values[2], "curve_share": fit.best.values[3]}
 
 
+@pytest.mark.usefixtures("unchecked_shapes")
 def test_two_nuisances_are_joint_nonlinear_least_squares():
     made = problem(lag(), share())
     fit = ev.identify(made, least_squares())
@@ -78,6 +100,7 @@ def test_two_nuisances_are_joint_nonlinear_least_squares():
     )
 
 
+@pytest.mark.usefixtures("unchecked_shapes")
 def test_the_order_of_the_nuisances_is_that_of_the_joint_vector_only():
     item, other = (
         ev.identify(problem(*pair), least_squares()) for pair in ((lag(), share()), (share(), lag()))
@@ -88,6 +111,7 @@ def test_the_order_of_the_nuisances_is_that_of_the_joint_vector_only():
         assert other.std_error(name) == pytest.approx(item.std_error(name), rel=1e-3)
 
 
+@pytest.mark.usefixtures("unchecked_shapes")
 def test_profiles_are_the_least_over_the_others():
     nuisances = lag(grid=np.geomspace(0.02, 0.3, 5)), share(grid=np.linspace(0.0, 1.0, 4))
     made = problem(*nuisances)
@@ -109,6 +133,7 @@ def test_profiles_are_the_least_over_the_others():
     assert fit.best.solution.objective < table.min()
 
 
+@pytest.mark.usefixtures("unchecked_shapes")
 @pytest.mark.parametrize("count", [2, 3, 4, 5])
 def test_products_of_grids_stay_small_and_keep_their_ends(count):
     nuisances = tuple(lag() for _ in range(count))
@@ -119,6 +144,7 @@ def test_products_of_grids_stay_small_and_keep_their_ends(count):
         assert (grid[0], grid[-1]) == (nuisances[0].grid[0], nuisances[0].grid[-1])
 
 
+@pytest.mark.usefixtures("unchecked_shapes")
 def test_a_minimum_at_the_end_of_a_grid_stays_there():
     fit = ev.identify(problem(lag(), share(grid=np.linspace(0.0, 0.2, 6))), least_squares())
     assert fit.parameters["curve_share"] == pytest.approx(0.2, abs=1e-4)
@@ -135,6 +161,7 @@ def spread() -> list[Estimate]:
     return [ev.identify(problem(*coarse, seed=seed, noise=0.1), TWO_STAGE) for seed in range(RUNS)]
 
 
+@pytest.mark.usefixtures("unchecked_shapes")
 @pytest.mark.calibration
 @pytest.mark.parametrize("number", range(4))
 def test_intervals_of_two_nuisances_cover(spread, number):
@@ -147,6 +174,7 @@ def test_intervals_of_two_nuisances_cover(spread, number):
     assert stats.binom.ppf(1e-4, RUNS, 0.95) <= covered <= stats.binom.ppf(1.0 - 1e-4, RUNS, 0.95)
 
 
+@pytest.mark.usefixtures("unchecked_shapes")
 @pytest.mark.calibration
 def test_estimates_of_two_nuisances_scatter_by_their_joint_covariance(spread):
     squared = [
@@ -161,6 +189,7 @@ def test_estimates_of_two_nuisances_scatter_by_their_joint_covariance(spread):
 # -- what is known beforehand ------------------------------------------------------------------------------
 
 
+@pytest.mark.usefixtures("unchecked_shapes")
 @pytest.mark.parametrize("method", METHODS, ids=named)
 def test_a_prior_that_says_nothing_changes_nothing(method):
     plain = ev.identify(problem(lag(), KNOWN_SHARE), method)
@@ -195,6 +224,7 @@ def pseudo_observed(made, method, prior):
     return fit, joint.x, variance * np.linalg.inv(joint.jac.T @ joint.jac)
 
 
+@pytest.mark.usefixtures("unchecked_shapes")
 @pytest.mark.parametrize("method", [least_squares(), TWO_STAGE], ids=named)
 @pytest.mark.parametrize("prior", [Prior(0.09, 0.002), Prior(0.07, 0.01), Prior(0.081, 0.0005)], ids=str)
 def test_a_prior_is_a_pseudo_observation(method, prior):
@@ -211,6 +241,7 @@ def test_a_prior_is_a_pseudo_observation(method, prior):
     assert matrix[2, 2] < min(part[2, 2], prior.std**2)
 
 
+@pytest.mark.usefixtures("unchecked_shapes")
 @pytest.mark.parametrize("method", [TWO_STAGE, reference_iv()], ids=named)
 def test_a_prior_decides_where_the_data_say_little(method):
     """An input that is slower than any lag tells none."""
@@ -223,6 +254,7 @@ def test_a_prior_decides_where_the_data_say_little(method):
         assert np.sqrt(part.matrix[2, 2]) == pytest.approx(prior.std, rel=0.1)
 
 
+@pytest.mark.usefixtures("unchecked_shapes")
 @pytest.mark.thorough
 @pytest.mark.parametrize("method", METHODS, ids=named)
 def test_priors_of_two_nuisances_are_searched_together(method):
@@ -237,6 +269,7 @@ def test_priors_of_two_nuisances_are_searched_together(method):
         assert abs(fit.best.values[number] - prior.mean) < 3.0 * prior.std
 
 
+@pytest.mark.usefixtures("unchecked_shapes")
 @pytest.mark.calibration
 @pytest.mark.parametrize(
     "method",
@@ -261,6 +294,7 @@ def test_intervals_with_a_prior_cover(method):
     assert (covered <= stats.binom.ppf(1.0 - 1e-4, RUNS, 0.95)).all()
 
 
+@pytest.mark.usefixtures("unchecked_shapes")
 def test_a_prior_of_a_discrete_nuisance_counts_in_the_comparison():
     late = Nuisance(CURVE_SHARE, np.array([0.3, 0.4, 0.5]), discrete=True)
     known = replace(late, prior=Prior(0.5, 0.02))
@@ -274,6 +308,7 @@ def test_a_prior_of_a_discrete_nuisance_counts_in_the_comparison():
         assert prior.names == ("friction", "gain", "actuator_lag")
 
 
+@pytest.mark.usefixtures("unchecked_shapes")
 @pytest.mark.parametrize("method", METHODS, ids=named)
 def test_a_prior_of_a_sum_is_one_of_each_part_at_the_other(method):
     """What is known of two nuisances together tells each candidate of the discrete one another value."""
@@ -289,6 +324,7 @@ def test_a_prior_of_a_sum_is_one_of_each_part_at_the_other(method):
         assert candidate.criterion == pytest.approx(alone.criterion, rel=1e-5)
 
 
+@pytest.mark.usefixtures("unchecked_shapes")
 def test_a_known_nuisance_needs_no_instrument():
     (item,) = problem(lag(), KNOWN_SHARE).columns
     few = replace(item, instruments=item.instruments[:, :2])
@@ -300,6 +336,7 @@ def test_a_known_nuisance_needs_no_instrument():
     assert np.isfinite(fit.covariance).all()
 
 
+@pytest.mark.usefixtures("unchecked_shapes")
 @pytest.mark.parametrize(
     ("make", "said"),
     [
@@ -319,6 +356,7 @@ def test_nuisances_that_cannot_be_searched_are_refused(make, said):
 # -- discrete nuisances -----------------------------------------------------------------------------------
 
 
+@pytest.mark.usefixtures("unchecked_shapes")
 def test_discrete_nuisances_have_a_candidate_for_each_combination():
     shares = Nuisance(CURVE_SHARE, np.array([0.2, SHARE, 0.6]), discrete=True)
     lags = Nuisance(ACTUATOR_LAG, np.array([0.05, LAG_S]), discrete=True)
@@ -335,6 +373,7 @@ def test_discrete_nuisances_have_a_candidate_for_each_combination():
         np.testing.assert_allclose(item.theta, np.linalg.lstsq(rows.regressors, rows.response)[0], rtol=1e-9)
 
 
+@pytest.mark.usefixtures("unchecked_shapes")
 def test_a_choice_of_two_discrete_nuisances_has_two_degrees_of_freedom():
     shares = Nuisance(CURVE_SHARE, np.linspace(0.2, 0.6, 9), discrete=True)
     lags = Nuisance(ACTUATOR_LAG, np.linspace(0.074, 0.086, 7), discrete=True)
@@ -349,6 +388,7 @@ def test_a_choice_of_two_discrete_nuisances_has_two_degrees_of_freedom():
 # -- flights and axes -------------------------------------------------------------------------------------
 
 
+@pytest.mark.usefixtures("unchecked_shapes")
 def test_axes_without_a_parameter_in_common_are_as_if_alone():
     """Each is whitened by its own residual, so that a loud axis does not drown a quiet one."""
     quiet, loud = columns(1, noise=0.02), columns(2, noise=3.0, axis=1)
@@ -398,6 +438,7 @@ def _separated(formula_function, other):
     )
 
 
+@pytest.mark.usefixtures("unchecked_shapes")
 @pytest.mark.parametrize("method", METHODS, ids=named)
 def test_one_axis_told_twice_is_no_more_than_once(method):
     """Scores of one time are one score: two axes that err together do not halve the variance."""
@@ -413,6 +454,7 @@ def test_one_axis_told_twice_is_no_more_than_once(method):
     assert separated.best.equation.sample_count == once.best.equation.sample_count
 
 
+@pytest.mark.usefixtures("unchecked_shapes")
 def test_flights_of_one_axis_are_told_apart():
     pool = LaggedRuns((columns(5), columns(6, flight=1)), PARAMETERS, (lag(), KNOWN_SHARE))
     for rows in (pool.rows(pool.first_values), ev.identify(pool, reference_iv()).best.rows):
@@ -437,6 +479,7 @@ class Nothing(Method):
         return replace(least_squares().estimate(problem), method=self.name)
 
 
+@pytest.mark.usefixtures("unchecked_shapes")
 def test_a_method_of_ones_own_is_asked_for_an_estimate():
     fit = ev.identify(problem(lag(), KNOWN_SHARE), Nothing())
     assert fit.method == "nothing"
@@ -444,6 +487,7 @@ def test_a_method_of_ones_own_is_asked_for_an_estimate():
     assert fit.parameters["gain"] == pytest.approx(GAIN, rel=0.05)
 
 
+@pytest.mark.usefixtures("unchecked_shapes")
 @pytest.mark.parametrize(
     ("given", "said"),
     [
@@ -456,11 +500,13 @@ def test_what_is_no_method_is_refused(given, said):
         ev.identify(problem(lag(), KNOWN_SHARE), given)
 
 
+@pytest.mark.usefixtures("unchecked_shapes")
 def test_what_is_no_problem_is_refused():
     with pytest.raises(UsageError, match=r"a problem: .*; received ndarray"):
         ev.identify(np.zeros((10, 2)), least_squares())
 
 
+@pytest.mark.usefixtures("unchecked_shapes")
 @pytest.mark.parametrize("method", METHODS, ids=named)
 def test_an_estimate_survives_pickling(method):
     fit = ev.identify(problem(lag(), KNOWN_SHARE), method)
@@ -469,3 +515,293 @@ def test_an_estimate_survives_pickling(method):
     assert again.interval("actuator_lag") == interval
     assert again.best.criterion == criterion
     assert DELAY.name not in again.best.nuisances
+
+
+# -- Search in boxes: valleys, ends of grids, and functions without a least value --
+
+
+def over(box, function):
+    """Values of a function of one array for each variable, at the points of a box."""
+    mesh = np.meshgrid(*box, indexing="ij")
+    return np.asarray(function(*mesh), dtype=np.float64).ravel()
+
+
+@pytest.mark.parametrize("least", [0.123456, 3.0, 4.999])
+def test_one_variable_is_found_between_the_places_of_its_grid(least):
+    grid = [np.linspace(0.0, 5.0, 11)]
+    result = argmin(lambda box: (box[0] - least) ** 2, grid)
+    assert result == pytest.approx([least], abs=0.5 * 2.0**-16)
+
+
+@pytest.mark.parametrize(("slope", "end"), [(1.0, 0.0), (-1.0, 5.0)])
+def test_what_is_least_at_an_end_is_there(slope, end):
+    result = argmin(lambda box: slope * box[0], [np.linspace(0.0, 5.0, 11)])
+    np.testing.assert_array_equal(result, [end])
+
+
+@pytest.mark.parametrize("axes", [2, 3, 4])
+def test_a_narrow_valley_across_the_axes_is_followed(axes):
+    """The grid's least is some of its steps away from the least between them."""
+    least = np.array([0.31, 0.62, 0.45, 0.55])[:axes]
+
+    def valley(*values):
+        away = [value - item for value, item in zip(values, least, strict=True)]
+        across = sum((a - b) ** 2 for a, b in pairwise(away))
+        return sum(away) ** 2 + 400.0 * across
+
+    result = argmin(lambda box: over(box, valley), [np.linspace(0.0, 1.0, 5)] * axes)
+    np.testing.assert_allclose(result, least, atol=1e-4)
+
+
+def test_of_two_valleys_the_deeper_one_is_searched():
+    def two(x):
+        return np.minimum((x - 1.0) ** 2, (x - 4.0) ** 2 - 0.1)
+
+    assert argmin(lambda box: two(box[0]), [np.linspace(0.0, 5.0, 11)]) == pytest.approx([4.0], abs=1e-4)
+
+
+def test_nothing_to_search_is_one_place():
+    assert argmin(lambda _: np.zeros(1), []).size == 0
+
+
+def test_a_search_that_never_settles_is_given_up():
+    calls = iter(range(1000))
+
+    def moving(box):
+        """Least in the middle at first, then at the upper end of four boxes out of five."""
+        (positions,), call = box, next(calls)
+        return np.abs(positions - positions.mean()) if call < 3 or call % 5 == 0 else -positions
+
+    with pytest.raises(ConvergenceError, match="still moves after 100 boxes"):
+        argmin(moving, [np.linspace(-100.0, 100.0, 11)])
+
+
+# -- Which candidates are held against which --
+
+GRID = np.array([0.0, 0.01, 0.02])
+POINTS = [{"lag": lag, "delay": delay} for lag in (0.05, 0.06) for delay in (0.0, 0.01)]
+CRITERIA = [4.0, 3.0, 2.0, 1.0]
+
+
+def test_without_bounds_every_candidate_competes_with_every_other() -> None:
+    free = Nuisance(Parameter("lag", "s"), GRID, discrete=True)
+    assert bounded_sums([free]) == ()
+    assert least_comparable_criteria((), POINTS, CRITERIA) == [1.0, 1.0, 1.0, 1.0]
+
+
+def test_candidates_of_one_bounded_sum_compete() -> None:
+    lag = Nuisance(
+        Parameter("lag", "s"), GRID, discrete=True, bounds=Bounds(0.05, 0.07), known_with=("delay",)
+    )
+    bounded = bounded_sums([Nuisance(Parameter("delay", "s"), GRID, discrete=True), lag])
+    assert bounded == (("lag", "delay"),)
+    # .05 and .07 stand alone; .05 + .01 and .06 + 0 are one sum, but for rounding
+    assert least_comparable_criteria(bounded, POINTS, CRITERIA) == [4.0, 2.0, 2.0, 1.0]
+
+
+# -- Grids of discrete nuisances that go on where the truth lies beyond their end --
+
+LONG_DELAY = Nuisance(Parameter("delay"), np.array([0.0, 10.0, 20.0]), discrete=True, furthest=65.0)
+
+
+def delays(criterion, rejected=lambda _: False, delay: Nuisance = LONG_DELAY) -> list[float]:
+    return list(on_nested_grids((delay,), lambda item, _start: item["delay"], criterion, rejected))
+
+
+@pytest.mark.parametrize(
+    ("truth", "last"), [(12.0, 20.0), (20.0, 30.0), (33.0, 40.0), (60.0, 60.0), (90.0, 60.0)]
+)
+def test_a_grid_goes_on_while_its_last_value_alone_fits(truth, last):
+    assert delays(lambda delay: (delay - truth) ** 2) == np.arange(0.0, last + 1.0, 10.0).tolist()
+
+
+def test_a_last_value_that_fits_beside_others_is_the_end():
+    assert delays(lambda delay: 0.01 * (delay - 60.0) ** 2 / 4.0) == LONG_DELAY.grid.tolist()
+
+
+@pytest.mark.parametrize(("truth", "kept"), [(50.0, True), (90.0, False)])
+def test_where_all_are_rejected_every_value_is_tried_and_kept_only_if_it_explains_more(truth, kept):
+    # far from the truth the criterion is flat
+    def criterion(delay: float) -> float:
+        return min((delay - truth) ** 2, 100.0)
+
+    assert delays(criterion, lambda delay: criterion(delay) > 50.0) == (
+        [0.0, 10.0, 20.0, 30.0, 40.0, 50.0, 60.0] if kept else LONG_DELAY.grid.tolist()
+    )
+    assert delays(criterion) == LONG_DELAY.grid.tolist()
+
+
+def test_values_that_explain_more_and_are_rejected_too_are_not_taken():
+    # columns that have little to do with the instruments
+    def criterion(delay: float) -> float:
+        return 100.0 - 2.0 * max(delay - 20.0, 0.0)
+
+    assert delays(criterion, lambda _: True) == LONG_DELAY.grid.tolist()
+    assert len(delays(criterion, lambda delay: criterion(delay) > 50.0)) > len(LONG_DELAY.grid)
+
+
+def test_between_the_values_of_a_grid_one_may_fit():
+    halved = replace(LONG_DELAY, halvings=1)
+
+    def criterion(delay: float) -> float:
+        return 60.0 if delay == 5.0 else 100.0 + delay - 100.0 * (delay > 20.0)
+
+    assert delays(criterion, lambda delay: criterion(delay) > 70.0, halved) == [0.0, 5.0, 10.0, 20.0]
+
+
+@pytest.mark.parametrize(("known", "tried"), [((15.0, 20.0), {0.0, 10.0, 20.0}), ((3.0, 3.0), {0.0})])
+def test_bounds_of_a_sum_may_leave_no_further_value(known, tried):
+    # wrong bounds: the data reject all that is between them, and a longer delay does not fit in
+    sums = Nuisance(Parameter("lag"), np.unique(known), True, bounds=Bounds(*known), known_with=("delay",))
+    nested_grids = on_nested_grids(
+        (sums, LONG_DELAY), lambda item, _start: item, lambda _: 99.0, lambda _: True
+    )
+    assert {nested_grid["delay"] for nested_grid in nested_grids} == tried
+
+
+def test_what_lies_behind_values_that_fit_worse_is_not_taken():
+    # the next period of a periodic motion
+    def criterion(delay: float) -> float:
+        return 100.0 * (1.2 - math.cos(0.1 * delay)) / (1.0 + delay / 30.0)
+
+    assert criterion(60.0) < 0.5 * criterion(0.0)
+    assert delays(criterion, lambda _: True) == LONG_DELAY.grid.tolist()
+
+
+def test_a_pool_has_a_grid_as_long_as_the_longest_of_its_flights():
+    lag = Nuisance(Parameter("lag"), np.array([1.0, 2.0]))
+    points = [{"lag": 1.0, "delay": 20.0}, {"lag": 2.0, "delay": 42.5}]
+    same, longer = reaching((lag, LONG_DELAY), points)
+    assert same is lag
+    assert longer.grid.tolist() == [0.0, 10.0, 20.0, 30.0, 40.0, 50.0]
+    assert reaching((lag, LONG_DELAY), points[:1]) == (lag, LONG_DELAY)
+
+
+def test_a_grid_without_a_furthest_value_ends_where_it_ends():
+    ends = Nuisance(Parameter("delay"), LONG_DELAY.grid, discrete=True)
+    assert delays(lambda delay: -100.0 * delay, lambda _: True, ends) == LONG_DELAY.grid.tolist()
+    assert ends.longest is ends
+    assert ends.longer is ends
+
+
+@pytest.mark.thorough
+def test_a_flight_tells_a_delay_beyond_the_usual_ones():
+    # at 40 ms, the last of the usual delays, lag and gain came out too large and outside their intervals
+    delay = 0.16
+    spec = VerticalFlightSpec(delay=delay, gust_rms=0.1, seed=1, duration=40.0)
+    (flight,) = simulate_vertical_flights([spec])
+    result = identify_flight(flight.recording, input_map="square")
+    for name, truth in (
+        ("viscous_friction", 0.4),
+        ("input_gain", flight.truth.input_gain),
+        ("effective_lag", delay + 0.04),
+    ):
+        low, high = result.interval(name)
+        assert low <= truth <= high
+    assert result.verdict.status is Status.IDENTIFIED
+
+
+# -- Discrete nuisances on nested grids: which values are tried, from what, and in which order --
+
+NESTED_GRID = np.array([0.0, 10.0, 20.0, 30.0])
+UNSOLVED = Solution(np.zeros(1), np.zeros(1), 0.0, 1.0)
+TREND = Nuisance(Parameter("trend"), np.array([1.0, 2.0]), discrete=True)
+
+
+def delay(**more) -> Nuisance:
+    return Nuisance(Parameter("delay"), NESTED_GRID, **({"discrete": True} | more))
+
+
+def tried(nuisances: tuple[Nuisance, ...], criterion) -> list[dict[str, float]]:
+    return list(on_nested_grids(nuisances, lambda nuisance, _start: nuisance, criterion))
+
+
+@pytest.mark.parametrize(
+    ("truth", "expected"),
+    [
+        (6.0, [0.0, 5.0, 7.5, 10.0, 15.0, 20.0, 30.0]),
+        (11.0, [0.0, 5.0, 7.5, 10.0, 12.5, 15.0, 20.0, 30.0]),
+        (40.0, [0.0, 10.0, 20.0, 25.0, 27.5, 30.0]),
+    ],
+)
+def test_steps_are_halved_beside_the_best_and_values_stay_in_order(truth, expected):
+    made = tried((delay(halvings=2),), lambda item: abs(item["delay"] - truth))
+    # both sides of the best; a side that has been tried already is not tried again
+    assert set(expected) <= {item["delay"] for item in made}
+    assert [item["delay"] for item in made] == sorted({item["delay"] for item in made})
+    assert len(made) <= NESTED_GRID.size + 4
+
+
+def test_without_halvings_the_grid_is_what_is_tried():
+    assert [item["delay"] for item in tried((delay(),), lambda item: item["delay"])] == NESTED_GRID.tolist()
+    continuous = (delay(discrete=False, halvings=1),)
+    assert tried(continuous, lambda _: 0.0) == [{}]
+
+
+def test_other_nuisances_stay_where_the_best_has_them():
+    made = tried(
+        (TREND, delay(halvings=1)), lambda item: abs(item["delay"] - 12.0) + abs(item["trend"] - 2.0)
+    )
+    finer = [item for item in made if item["delay"] not in NESTED_GRID]
+    assert finer == [{"trend": 2.0, "delay": 5.0}, {"trend": 2.0, "delay": 15.0}]
+    assert made == sorted(made, key=lambda item: (item["trend"], item["delay"]))
+
+
+def test_each_value_of_a_bounded_sum_has_a_best_of_its_own():
+    lag = Nuisance(
+        Parameter("lag"), np.array([20.0, 40.0]), True, bounds=Bounds(20.0, 40.0), known_with=("delay",)
+    )
+    made = tried((lag, delay(halvings=1)), lambda item: abs(item["delay"] - 0.5 * item["lag"]))
+    finer = {
+        (item["lag"] + item["delay"], item["delay"]) for item in made if item["delay"] not in NESTED_GRID
+    }
+    # of a sum of 20 the best delay is near 7, of 40 near 13: 5 and 15 beside 10 for both
+    assert finer == {(20.0, 5.0), (20.0, 15.0), (40.0, 5.0), (40.0, 15.0)}
+    assert all(item["lag"] >= 0.0 for item in made)
+
+
+def test_a_finer_candidate_is_made_from_the_best_beside_it():
+    started = {}
+
+    def made(nuisances, neighbours):
+        started[nuisances["delay"]] = neighbours
+        return nuisances["delay"]
+
+    on_nested_grids((delay(halvings=2),), made, lambda value: abs(value - 13.0))
+    assert started == {
+        0.0: None,
+        10.0: None,
+        20.0: None,
+        30.0: None,
+        5.0: 10.0,
+        15.0: 10.0,
+        12.5: 15.0,
+        17.5: 15.0,
+    }
+
+
+def test_values_that_were_tried_are_a_grid():
+    lag = Nuisance(Parameter("lag"), NESTED_GRID)
+    points = [{"lag": 1.0, "delay": value} for value in (10.0, 0.0, 5.0, 10.0)]
+    same, fixed = with_values_tried((lag, delay(halvings=2)), points)
+    assert same is lag
+    assert fixed.grid.tolist() == [0.0, 5.0, 10.0]
+    assert [item["delay"] for item in tried((fixed,), lambda item: item["delay"])] == [0.0, 5.0, 10.0]
+
+
+@pytest.mark.parametrize("begun", [0.055, 0.0605, 0.07])
+@pytest.mark.parametrize("least", [0.0613, 0.05, 0.08])
+def test_brents_search_finds_a_minimum_in_few_steps(begun, least):
+    made = []
+
+    def trial(point):
+        made.append(point)
+        return Trial(point, 3.0 + (point[0] - least) ** 2 * (1.0 + 5.0 * point[0]), UNSOLVED)
+
+    best = trial((begun,))
+    result = between(trial, best, (0.055, 0.07), 1e-6)
+    expected = min(max(least, 0.055), 0.07)
+    assert result.point[0] == pytest.approx(expected, abs=3e-6)
+    assert result.objective <= best.objective
+    # golden sections would take 20
+    assert len(made) <= (12 if expected == least else 24)

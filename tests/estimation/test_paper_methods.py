@@ -2,15 +2,24 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import replace
+from importlib import resources
 
 import numpy as np
 import pytest
+import scipy
+import scipy.linalg
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import eivor as ev
-from eivor.linalg import TotalLeastSquares
+from eivor.errors import InstrumentError, NoUniqueSolutionError, UsageError
+from eivor.inference.verdict import Status
+from eivor.linalg import Fuller, TotalLeastSquares
+from reference import constants as truth
+
+# -- The seven methods of the paper's table: recovery, equivalences, invariances, and the errat --
 
 SEVEN = (
     "least_squares",
@@ -270,3 +279,284 @@ def test_intercept_and_noise_free_columns(name):
     fit = ev.identify(problem, method_of(name))
     assert fit.parameters["intercept"] == pytest.approx(9.8, rel=1e-3)
     assert fit.parameters["input_gain"] == pytest.approx(K_U, rel=0.1)
+
+
+# -- Two-stage and two-step weightings against linearmodels and Stata --
+
+linearmodels = pytest.importorskip("linearmodels")
+
+
+@pytest.fixture(scope="module")
+def housing():
+    """Rents on house values (endogenous), share of city dwellers and a constant."""
+    polars = pytest.importorskip("polars")
+    path = resources.files("linearmodels.tests.iv.results").joinpath("housing.csv")
+    table = polars.read_csv(path.read_bytes())
+    regions = sorted(set(table["region"]))[1:]
+    constant = np.ones(table.height)
+    exogenous = np.column_stack([table["pcturban"], constant])
+    excluded = np.column_stack(
+        [table["faminc"], *[(table["region"] == region).cast(int) for region in regions]]
+    )
+    return (
+        table["rent"].to_numpy().astype(float),
+        table["hsngval"].to_numpy().astype(float),
+        exogenous,
+        excluded,
+    )
+
+
+def problem_of(housing):
+    y, endogenous, exogenous, excluded = housing
+    return ev.regression(
+        response=y,
+        regressors=np.column_stack([endogenous, exogenous]),
+        instruments=np.column_stack([exogenous, excluded]),
+        names=["hsngval", "pcturban", "const"],
+    )
+
+
+@pytest.mark.filterwarnings("ignore::eivor.errors.WeakInstrumentsWarning")
+class TestAgainstPeers:
+    def test_two_stage_least_squares(self, housing):
+        fit = ev.identify(problem_of(housing), ev.methods.extended_iv(ev.methods.TwoStage()))
+        y, endogenous, exogenous, excluded = housing
+        peer = linearmodels.IV2SLS(y, exogenous, endogenous, excluded).fit().params.to_numpy()
+        np.testing.assert_allclose(
+            [fit.parameters[name] for name in ("pcturban", "const", "hsngval")], peer, rtol=1e-8
+        )
+        for name, published in truth.STATA_2SLS.items():
+            assert fit.parameters[name] == pytest.approx(published, rel=1e-7)
+
+    def test_limited_information(self, housing):
+        """Stata's manual, ivregress: `ivregress liml rent pcturban (hsngval = faminc i.region)`."""
+        fit = ev.identify(problem_of(housing), ev.methods.liml())
+        for name, printed in truth.STATA_LIML.items():
+            assert fit.parameters[name] == pytest.approx(printed, rel=2e-5)
+
+    @pytest.mark.parametrize("bandwidth", [0, 1, 4])
+    def test_two_step_gmm(self, housing, bandwidth):
+        method = ev.methods.extended_iv(ev.methods.TwoStepRobust(bandwidth=bandwidth))
+        fit = ev.identify(problem_of(housing), method)
+        y, endogenous, exogenous, excluded = housing
+        weights = (
+            {"weight_type": "robust"}
+            if bandwidth == 0
+            else {"weight_type": "kernel", "kernel": "bartlett", "bandwidth": bandwidth}
+        )
+        peer = linearmodels.IVGMM(y, exogenous, endogenous, excluded, **weights).fit(iter_limit=2)
+        np.testing.assert_allclose(
+            [fit.parameters[name] for name in ("pcturban", "const", "hsngval")],
+            peer.params.to_numpy(),
+            rtol=1e-8,
+        )
+
+    def test_two_step_gmm_prints_stata_s_numbers(self, housing):
+        fit = ev.identify(problem_of(housing), ev.methods.extended_iv(ev.methods.TwoStepRobust(bandwidth=0)))
+        for name, published in truth.STATA_GMM.items():
+            assert fit.parameters[name] == pytest.approx(published, rel=1e-7)
+        J = problem_of(housing).response.size * fit.best.solution.objective
+        assert pytest.approx(truth.STATA_GMM_J, rel=1e-9) == J
+
+
+def test_weak_instruments_are_told():
+    rng = np.random.default_rng(3)
+    n = 500
+    x, z = rng.standard_normal(n), rng.standard_normal((n, 3))
+    problem = ev.regression(response=x + rng.standard_normal(n), regressors=x[:, None], instruments=z)
+    with pytest.warns(UserWarning, match="singular values"):
+        fit = ev.identify(problem, ev.methods.extended_iv())
+    assert fit.status.value == "weak"
+    assert "first-stage F" in fit.summary()
+
+
+def test_strong_instruments_are_not_called_weak():
+    rng = np.random.default_rng(4)
+    z = rng.standard_normal((500, 3))
+    x = z.sum(axis=1) + rng.standard_normal(500)
+    fit = ev.identify(
+        ev.regression(response=2.0 * x, regressors=x[:, None], instruments=z), ev.methods.extended_iv()
+    )
+    assert fit.status.value == "identified"
+
+
+# -- LIML and Fuller's modification: total least squares of two-stage equations, against the k- --
+
+
+def weakly_instrumented(seed, rows=300):
+    """An endogenous regressor, one that is its own instrument, a constant, and four instruments."""
+    rng = np.random.default_rng(seed)
+    Z = rng.standard_normal((rows, 4))
+    standard_normal, shared = rng.standard_normal(rows), rng.standard_normal(rows)
+    moved = Z @ [0.3, 0.2, 0.1, 0.1] + 0.4 * standard_normal + shared
+    y = 0.8 * moved - 0.5 * standard_normal + 2.0 + 0.7 * shared + rng.standard_normal(rows)
+    regressors = np.column_stack([moved, standard_normal, np.ones(rows)])
+    return y, regressors, np.column_stack([standard_normal, np.ones(rows), Z])
+
+
+def k_class(y, X, Z, strength):
+    """Projections as dense matrices; k from a generalized eigenvalue problem of SciPy's."""
+
+    def annihilator(W):
+        return np.eye(len(y)) - W @ np.linalg.solve(W.T @ W, W.T)
+
+    M = annihilator(Z)
+    endogenous = np.column_stack([y, X[:, 0]])
+    k = scipy.linalg.eigvalsh(
+        endogenous.T @ annihilator(X[:, 1:]) @ endogenous, endogenous.T @ M @ endogenous
+    )[0]
+    k -= strength / (len(y) - Z.shape[1])
+    inner = X.T @ (np.eye(len(y)) - k * M)
+    return np.linalg.solve(inner @ X, inner @ y)
+
+
+@pytest.mark.filterwarnings("ignore::eivor.errors.WeakInstrumentsWarning")
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("strength", [0.0, 1.0, 4.0])
+def test_the_k_class(seed, strength):
+    y, X, Z = weakly_instrumented(seed)
+    problem = ev.regression(response=y, regressors=X, instruments=Z)
+    wanted = k_class(y, X, Z, strength)
+    two_stage = ev.identify(problem, ev.methods.extended_iv(ev.methods.TwoStage()))
+    result = ev.identify(problem, ev.methods.fuller(strength))
+    np.testing.assert_allclose(list(result.parameters.values()), wanted, rtol=1e-9)
+    assert abs(result.parameters["theta_1"] - two_stage.parameters["theta_1"]) > 1e-3
+    peer = linearmodels.IVLIML(y, X[:, 1:], X[:, :1], Z[:, 2:], fuller=strength).fit()
+    np.testing.assert_allclose(peer.params.to_numpy()[[2, 0, 1]], wanted, rtol=1e-8)
+    if strength == 0.0:
+        liml = ev.identify(problem, ev.methods.liml())
+        np.testing.assert_allclose(list(liml.parameters.values()), wanted, rtol=1e-9)
+
+
+@pytest.mark.filterwarnings("ignore::eivor.errors.WeakInstrumentsWarning")
+def test_the_compensated_k_class():
+    """(A'A - (k - 1) S) theta = A'b - (k - 1) s of two-stage equations without what noises share."""
+    y, X, Z = weakly_instrumented(4)
+    C = np.zeros((6, 4))
+    C[0, 1], C[2, 0] = 0.2, 0.1
+    problem = ev.regression(response=y, regressors=X, instruments=Z, instrument_noise_covariance=C)
+    both, rows = np.column_stack([X, y]), len(y)
+    weight = np.linalg.inv(Z.T @ Z / rows)
+    cross = Z.T @ both / rows
+    S = both.T @ both / rows - cross.T @ weight @ cross
+    G = (cross - C).T @ weight @ (cross - C)
+    S[1:3], S[:, 1:3] = 0.0, 0.0  # its own instrument, and the constant
+    largest = scipy.linalg.eigvals(S, G).real.max()  # of the inverse, since S is singular
+    for strength, method in ((0.0, ev.methods.generalized_liml()), (4.0, ev.methods.generalized_fuller(4.0))):
+        shift = 1.0 / largest - strength / (rows - 6)
+        wanted = np.linalg.solve(G[:-1, :-1] - shift * S[:-1, :-1], G[:-1, -1] - shift * S[:-1, -1])
+        result = ev.identify(problem, method)
+        np.testing.assert_allclose(list(result.parameters.values()), wanted, rtol=1e-9)
+
+
+@pytest.mark.filterwarnings("ignore::eivor.errors.WeakInstrumentsWarning")
+def test_fuller_repairs_what_weak_instruments_do_to_limited_information():
+    """LIML has no moments: a single record may lie anywhere. Fuller's estimates stay where the truth is."""
+    results = {"liml": [], "fuller": []}
+    for seed in range(40):
+        y, X, Z = weakly_instrumented([5, seed], rows=40)
+        problem = ev.regression(response=y, regressors=X, instruments=np.column_stack([Z[:, :2], Z[:, 3:]]))
+        for name, method in (("liml", ev.methods.liml()), ("fuller", ev.methods.fuller(4.0))):
+            results[name].append(ev.identify(problem, method).parameters["theta_1"] - 0.8)
+    rmse = {name: float(np.sqrt(np.mean(np.square(errors)))) for name, errors in results.items()}
+    assert rmse["fuller"] < 0.5 * rmse["liml"]
+
+
+def test_what_limited_information_cannot_use_is_refused():
+    rng = np.random.default_rng(6)
+    X = rng.standard_normal((20, 2))
+    problem = ev.regression(response=X @ [1.0, 2.0] + rng.standard_normal(20), regressors=X, instruments=X)
+    with pytest.raises(UsageError, match="errors' covariance was estimated"):
+        ev.identify(problem, replace(ev.methods.extended_iv(), solver=Fuller()))
+    exact = ev.regression(response=X @ [1.0, 2.0], regressors=X, instruments=rng.standard_normal((20, 3)))
+    with pytest.raises(NoUniqueSolutionError, match="a response that is a combination of regressors"):
+        ev.identify(exact, ev.methods.liml())
+    with pytest.raises(UsageError, match="strength between 0 and"):
+        ev.methods.fuller(-1.0)
+
+
+# -- What compensated equations weigh and score, and which instruments are refused or called we --
+
+ROWS, TRUTH = 400, np.array([0.7, -1.3])
+
+
+def noisy_problem(*, instruments: int, shared_response: float = 0.3) -> tuple[ev.Regression, np.ndarray]:
+    """Rows whose first instrument shares noise with the first regressor and with the response, and C, c.
+
+    The noises are those that the covariance says: a common part of the three, and a part of the regressor.
+    """
+    rng = np.random.default_rng(12)
+    moving = rng.standard_normal((ROWS, instruments)) + 0.5 * rng.standard_normal((ROWS, 1))
+    exact = moving[:, :2] + 0.3 * moving[:, -1:]
+    common = rng.standard_normal(ROWS)
+    regressors = exact + 0.6 * np.outer(common, [1.0, 0.0])
+    response = exact @ TRUTH + shared_response * common + 0.2 * rng.standard_normal(ROWS)
+    psi = moving + np.outer(common, np.eye(instruments)[0])
+    noise = np.zeros((instruments, 3))
+    noise[0] = 0.6, 0.0, shared_response
+    problem = ev.regression(
+        response=response, regressors=regressors, instruments=psi, instrument_noise_covariance=noise
+    )
+    return problem, noise
+
+
+def test_scores_have_what_the_noises_add_to_regressors_and_response():
+    """With as many instruments as unknowns, C theta - c makes their sum vanish."""
+    problem, noise = noisy_problem(instruments=2)
+    fit = ev.identify(problem, ev.methods.generalized_iv())
+    theta = np.array(list(fit.parameters.values()))
+    residual = problem.response - problem.regressors @ theta
+    sums = problem.instruments.T @ residual + ROWS * (noise[:, :2] @ theta - noise[:, 2])
+    np.testing.assert_allclose(sums, 0.0, atol=1e-9 * ROWS)
+    scores = fit.best.equation.scores
+    np.testing.assert_allclose(scores.sum(axis=0), 0.0, atol=1e-9 * np.abs(scores).sum())
+
+
+@pytest.mark.parametrize("bandwidth", [0, 3])
+def test_two_steps_weigh_by_the_scores_without_their_mean(bandwidth):
+    """The second step's weight is the Bartlett covariance of psi e + C theta - c at the first step."""
+    problem, noise = noisy_problem(instruments=5)
+    y, X, Z = problem.response, problem.regressors, problem.instruments
+    A, b = Z.T @ X / ROWS - noise[:, :2], Z.T @ y / ROWS - noise[:, 2]
+
+    def weighted(covariance):
+        gain = A.T @ np.linalg.inv(covariance)
+        return np.linalg.solve(gain @ A, gain @ b)
+
+    first = weighted(Z.T @ Z / ROWS)
+    scores = Z * (y - X @ first)[:, None] + noise[:, :2] @ first - noise[:, 2]
+    covariance = scores.T @ scores
+    for lag in range(1, bandwidth + 1):
+        cross = scores[lag:].T @ scores[:-lag]
+        covariance += (1.0 - lag / (bandwidth + 1.0)) * (cross + cross.T)
+    method = ev.methods.generalized_iv(ev.methods.TwoStepRobust(bandwidth=bandwidth))
+    fit = ev.identify(problem, method)
+    np.testing.assert_allclose(list(fit.parameters.values()), weighted(covariance), rtol=1e-9)
+
+
+def test_instruments_that_share_noise_are_refused_where_nothing_is_taken_off():
+    problem, _ = noisy_problem(instruments=3)
+    for name in ("extended_iv", "extended_iv_tls"):
+        with pytest.raises(InstrumentError, match="whose measurement noise no regressor and no response"):
+            ev.identify(problem, getattr(ev.methods, name)())
+
+
+@pytest.mark.parametrize(("strength", "weak"), [(0.11, True), (0.22, False)])
+def test_instruments_are_weak_below_a_first_stage_f_of_ten(strength, weak):
+    """One instrument that moves the regressor so much that F is about 5, and about 20."""
+    rng = np.random.default_rng(3)
+    z, current, error = rng.standard_normal((3, ROWS))
+    z -= z.mean()
+    current -= z * (z @ current) / (z @ z)
+    x = strength * z + current
+    first_stage = strength**2 * (z @ z) / (current @ current / (ROWS - 1))
+    assert 4.0 < first_stage < 6.0 if weak else 15.0 < first_stage < 25.0
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        fit = ev.identify(
+            ev.regression(response=x + error, regressors=x[:, None], instruments=z[:, None]),
+            ev.methods.extended_iv(ev.methods.TwoStage()),
+        )
+    assert (fit.status is Status.WEAK) == weak
+    if weak:
+        assert f"first-stage F is {first_stage:.2g}" in fit.reasons[0].sentence

@@ -2,23 +2,40 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from flight_logs import GAIN, changed, every, flown, prepare_vertical, recording
+from flight_logs import STEP_S as EXCURSIONS_STEP_S
+from flight_logs import STEP_S as FRAMES_STEP_S
+from flight_logs import channel as channel_airborne
+from flight_logs import channel as channel_frames
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
-from eivor.errors import InputError
+from eivor.errors import InputError, ShapeError
 from eivor.flights.grid import (
+    AIRBORNE_MARGIN_S,
     MARGIN_S,
     MEMORY_S,
     RECOVERY_S,
     Grid,
+    airborne,
     around,
     command_on_grid,
     common_grid,
     on_grid,
+    upward,
 )
-from eivor.signals.recording import Channel
+from eivor.flights.options import FlightOptions
+from eivor.motions.identify import identify_flight
+from eivor.motions.vertical.select import vertical_row
+from eivor.signals.filters import fast_length
+from eivor.signals.recording import Channel, Frame, Recording
+
+# -- Channels on the common grid against naive references, and commands after their gaps --
 
 GRID = Grid(1.0, 0.01, (range(300),))
 
@@ -299,3 +316,336 @@ def test_around_what_is_used_stays_what_it_needs(seed, runs):
     cut = grid.kept(kept)
     np.testing.assert_array_equal(cut.time_s, t[kept])
     assert len(cut.pieces) <= runs + 2  # those of the grid that a run lies across
+
+
+# -- Where a vehicle flies: the land detector, or the rule on input and height --
+
+STEP_S = 0.01
+MARGIN = round(AIRBORNE_MARGIN_S / STEP_S)
+
+
+def profile(*stretches: tuple[float, float]) -> np.ndarray:
+    """Values held for so many seconds each."""
+    return np.concatenate([np.full(round(seconds / STEP_S), value) for seconds, value in stretches])
+
+
+def found(level, *, landed=None, height=None):
+    return airborne(input_level=level, step_s=STEP_S, landed=landed, height=height)
+
+
+def stretches(mask: np.ndarray) -> list[tuple[int, int]]:
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(int), [0]])))
+    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
+
+
+def test_land_detector_decides_and_margins_are_left_out():
+    landed = profile((3.0, 1.0), (10.0, 0.0), (2.0, 1.0)) > 0.5
+    result = found(np.zeros(1500), landed=landed)
+    assert result.rule == "the log's land detector"
+    assert stretches(result.mask) == [(300 + MARGIN, 1300 - MARGIN)]
+    # In the air from the first sample to the last: no take-off and no landing to leave out.
+    assert found(np.zeros(1500), landed=np.zeros(1500, dtype=bool)).mask.all()
+
+
+def test_input_that_is_never_off_flies_throughout():
+    result = found(profile((10.0, 0.5), (0.49, 0.0), (10.0, 0.5)))
+    assert result.rule == "the input, which is never off"
+    assert result.mask.all()
+
+
+def test_short_cuts_of_the_throttle_do_not_land_a_vehicle():
+    result = found(profile((3.0, 0.0), (10.0, 0.5), (0.3, 0.0), (10.0, 0.5), (3.0, 0.0)))
+    assert stretches(result.mask) == [(300 + MARGIN, 2330 - MARGIN)]
+
+
+def test_input_alone_tells_when_there_is_no_height():
+    result = found(profile((2.0, 0.05), (10.0, 0.5), (2.0, 0.0)))
+    assert result.rule == "the input (no height is logged)"
+    assert stretches(result.mask) == [(200 + MARGIN, 1200 - MARGIN)]
+
+
+def test_input_and_height_tell_together():
+    level = profile((2.0, 0.0), (10.0, 0.5), (2.0, 0.0))
+    height = profile((4.0, 3.02), (6.0, 4.5), (2.0, 3.05), (2.0, 3.0))
+    result = found(level, height=height)
+    assert result.rule == "the input and the height above ground"
+    assert stretches(result.mask) == [(400 + MARGIN, 1000 - MARGIN)]
+
+
+def test_an_input_that_is_off_in_the_air_does_not_make_ground():
+    """A dive with the throttle near zero at 1.5 m: the vehicle never touched the ground."""
+    level = profile((10.0, 0.5), (0.51, 0.05), (9.49, 0.5))
+    result = found(level, height=np.full(2000, 1.5))
+    assert result.rule == "the input (it is on at both ends of the log)"
+    assert stretches(result.mask) == [(0, 1000 - MARGIN), (1051 + MARGIN, 2000)]
+    # the ground is where the flight begins, not where the dive was
+    started = found(
+        profile((2.0, 0.0), (8.0, 0.5), (2.0, 0.0), (8.0, 0.5)), height=profile((2.0, 0.1), (18.0, 2.0))
+    )
+    assert stretches(started.mask) == [(200 + MARGIN, 1000 - MARGIN), (1200 + MARGIN, 2000)]
+
+
+def test_the_ground_is_the_lower_end():
+    """Taken off from a table of a metre and landed on the floor: low flight is flight."""
+    height = profile((2.0, 1.0), (6.0, 2.0), (10.0, 0.4), (2.0, 0.0))
+    result = found(profile((2.0, 0.0), (16.0, 0.5), (2.0, 0.0)), height=height)
+    assert stretches(result.mask) == [(200 + MARGIN, 1800 - MARGIN)]
+
+
+def test_motors_at_idle_end_a_flight_whatever_the_land_detector_says():
+    level = profile((10.0, 0.5), (0.4, 0.001), (5.0, 0.5), (5.0, 0.001))
+    result = found(level, landed=np.zeros(2040, dtype=bool))
+    assert stretches(result.mask) == [(0, 1540 - MARGIN)]
+
+
+@pytest.mark.parametrize(
+    "level", [profile((5.0, 0.0)), profile((5.0, -0.3)), profile((5.0, 0.0), (0.1, 1.0))]
+)
+def test_input_that_never_rises_never_flies(level):
+    assert not found(level).mask.any()
+
+
+# -- the channels behind it -------------------------------------------------------------------------------
+
+
+def airborne_share(log) -> float:
+    return float(prepare_vertical(log, FlightOptions()).active.mask.mean())
+
+
+def test_before_its_first_message_the_land_detector_says_landed():
+    (log,) = flown(seconds=10.0)
+    late = channel_airborne("landed", [2.0, 9.0], [0.0, 0.0])
+    mask = prepare_vertical(changed(log, landed=late), FlightOptions()).active.mask
+    assert stretches(mask) == [(200 + MARGIN, 1000)]
+
+
+def test_ground_contact_counts_as_landed():
+    (log,) = flown(seconds=10.0)
+    touching = channel_airborne("ground_contact", [0.0, 4.0, 5.0], [0.0, 1.0, 0.0])
+    landed = channel_airborne("landed", [0.0, 9.0], [0.0, 0.0])
+    mask = prepare_vertical(changed(log, landed=landed, ground_contact=touching), FlightOptions()).active.mask
+    assert stretches(mask) == [(0, 400 - MARGIN), (500 + MARGIN, 1000)]
+
+
+@pytest.mark.parametrize("values", [([], []), ([0.0], [np.nan])])
+def test_a_land_detector_that_says_nothing_is_no_land_detector(values):
+    (log,) = flown(seconds=10.0)
+    assert airborne_share(changed(log, landed=channel_airborne("landed", *values))) == 1.0
+
+
+@pytest.mark.parametrize("height", ["one sample", "nothing but NaN", "none"])
+def test_a_height_that_is_hardly_known_does_not_ground_the_flight(height):
+    (log,) = flown(seconds=10.0)
+    off = log.channels["rotor_command_1"].values.copy()
+    off[:200] = 0.0
+    log = changed(log, rotor_command_1=off)
+    position = {
+        "one sample": channel_airborne("position_z", [5.0], [1.0]),
+        "nothing but NaN": channel_airborne("position_z", np.arange(0.0, 10.0, 0.1), np.full(100, np.nan)),
+        "none": channel_airborne("position_z", [], []),
+    }[height]
+    assert airborne_share(changed(log, position_z=position)) == pytest.approx(0.7, abs=0.01)
+
+
+def test_slow_heights_serve():
+    (log,) = flown(seconds=10.0)
+    assert airborne_share(every(log, 20, "position_z")) == 1.0
+
+
+# -- Frames: what is logged with z down, or along a tilted body, gives what z up gives --
+
+#: Turns z-up axes (world and body alike) into z-down ones.
+DOWN = np.diag([1.0, -1.0, -1.0])
+
+
+def tilted(seed: int = 0, count: int = 600):
+    """Attitudes and world specific forces of a vehicle that leans about, z up."""
+    rng = np.random.default_rng(seed)
+    time = FRAMES_STEP_S * np.arange(count)
+    lean = [0.2 * np.sin(w * time + p) for w, p in ((2.0, 0.3), (3.1, 1.0), (0.7, 0.0))]
+    turns = Rotation.from_euler("xyz", np.column_stack(lean))
+    force = np.column_stack([np.sin(time), np.cos(time), 9.8 + rng.standard_normal(count)])
+    return time, turns, force
+
+
+def body_log(turns: Rotation, body_force: np.ndarray, frame: Frame, scale: float = 1.0):
+    x, y, z, w = turns.as_quat().T * scale
+    columns = {
+        "velocity_z": np.zeros(len(turns)),
+        "input": 0.5 + 0.1 * np.sin(np.arange(len(turns))),
+        **{f"attitude_{axis}": part for axis, part in zip("wxyz", (w, x, y, z), strict=True)},
+        **{f"specific_force_body_{axis}": body_force[:, i].copy() for i, axis in enumerate("xyz")},
+    }
+    return replace(recording(columns), frame=frame)
+
+
+@pytest.mark.parametrize("frame", list(Frame))
+@pytest.mark.parametrize("scale", [1.0, -1.0, 3.0])
+def test_world_force_comes_from_the_bodys_and_the_attitude(frame, scale):
+    """An attitude and its negative are one rotation, and its length does not count."""
+    _, turns, force = tilted()
+    if frame is Frame.NED:
+        matrices = DOWN @ turns.as_matrix() @ DOWN
+        logged = Rotation.from_matrix(matrices)
+        body = logged.inv().apply(force @ DOWN)
+    else:
+        logged, body = turns, turns.inv().apply(force)
+    prepared = prepare_vertical(body_log(logged, body, frame, scale), FlightOptions())
+    np.testing.assert_allclose(prepared.signals.channel("specific_force_z"), force[:, 2], atol=1e-9)
+    np.testing.assert_allclose(prepared.signals.channel("cos_tilt"), turns.as_matrix()[:, 2, 2], atol=1e-12)
+
+
+@pytest.mark.thorough
+@pytest.mark.usefixtures("coarse_search")
+@pytest.mark.usefixtures("unchecked_shapes")
+def test_z_down_log_gives_the_answers_of_the_z_up_log():
+    (log,) = flown(seconds=12.0)
+    _, turns, _ = tilted(count=1200)
+    x, y, z, w = turns.as_quat().T
+    leaning = changed(log, "cos_tilt", attitude_w=w, attitude_x=x, attitude_y=y, attitude_z=z)
+    down = dict(leaning.channels)
+    for name in ("position_z", "velocity_z", "specific_force_z", "reference_position_z",
+                 "reference_velocity_z", "attitude_y", "attitude_z"):  # fmt: skip
+        down[name] = replace(down[name], values=-down[name].values)
+    flight = identify_flight(leaning)
+    mirrored = identify_flight(replace(leaning, channels=down, frame=Frame.NED))
+    for name, quantity in flight.quantities.items():
+        assert mirrored.quantities[name].value == pytest.approx(quantity.value, rel=1e-9)
+        assert mirrored.quantities[name].interval == pytest.approx(quantity.interval, rel=1e-6)
+    np.testing.assert_array_equal(down["velocity_z"].values, -leaning.channels["velocity_z"].values)
+
+
+def test_turning_twice_is_turning_once_and_leaves_the_log_alone():
+    _, turns, force = tilted()
+    log = body_log(turns, force, Frame.NED)
+    before = {name: c.values.copy() for name, c in log.channels.items()}
+    once = upward(log)
+    assert once.frame is Frame.Z_UP
+    assert upward(once) is once
+    for name, values in before.items():
+        np.testing.assert_array_equal(log.channels[name].values, values)
+    np.testing.assert_array_equal(once.channels["attitude_w"].values, before["attitude_w"])
+    np.testing.assert_array_equal(
+        once.channels["specific_force_body_z"].values, -before["specific_force_body_z"]
+    )
+
+
+def test_attitudes_that_are_none_give_no_value():
+    zero = [channel_frames(f"attitude_{axis}", np.arange(3.0), [0.0, 1.0, np.nan]) for axis in "wxyz"]
+    row = vertical_row(zero)[1]
+    assert np.isnan(row[[0, 2]]).all()
+    assert np.isfinite(row[1]).all()
+
+
+def test_attitudes_on_several_clocks_are_refused():
+    parts = [
+        channel_frames(f"attitude_{axis}", np.arange(3.0) + (axis == "y"), np.ones(3)) for axis in "wxyz"
+    ]
+    with pytest.raises(
+        ShapeError, match=r"Expected the four parts of an attitude on one clock; received 3 stamps"
+    ):
+        vertical_row(parts)
+
+
+def test_axes_of_the_accelerometer_may_have_their_own_clocks():
+    time, turns, force = tilted()
+    log = body_log(turns, turns.inv().apply(force), Frame.Z_UP)
+    z = log.channels["specific_force_body_z"]
+    smooth = turns.inv().apply(np.column_stack([np.sin(time), np.cos(time), 9.8 + 0.0 * time]))
+    later = time[:-1] + 0.5 * FRAMES_STEP_S
+    moved = {
+        f"specific_force_body_{axis}": channel_frames(
+            f"specific_force_body_{axis}", later, np.interp(later, time, smooth[:, i])
+        )
+        for i, axis in enumerate("xy")
+    }
+    flown_with = changed(log, **moved, specific_force_body_z=replace(z, values=smooth[:, 2].copy()))
+    result = prepare_vertical(flown_with, FlightOptions()).signals.channel("specific_force_z")
+    np.testing.assert_allclose(result[2:-2], 9.8, atol=2e-3)
+    # An axis without a sample is no accelerometer.
+    empty = changed(log, specific_force_body_x=channel_frames("specific_force_body_x", [], []))
+    names = [finding.name for finding in prepare_vertical(empty, FlightOptions()).findings]
+    assert "no_accelerometer" in names
+
+
+# -- Short excursions beyond a limit do not end a run, and what is measured during them counts  --
+
+LEVEL, TILTED = 1.0, 0.8
+
+
+def tilting(log: Recording, *excursions: tuple[float, float]) -> Recording:
+    """The log with a tilt beyond the limit between some times [s]."""
+    time = log.channels["cos_tilt"].time_s
+    cosine = np.full(time.size, LEVEL)
+    for start, end in excursions:
+        cosine[(time >= start - EXCURSIONS_STEP_S / 2) & (time < end - EXCURSIONS_STEP_S / 2)] = TILTED
+    return changed(log, cos_tilt=cosine)
+
+
+@pytest.fixture(scope="module")
+def log() -> Recording:
+    return flown(seconds=20.0, seed=3)[0]
+
+
+def test_short_excursions_are_left_out_of_a_run_and_long_ones_end_it(log):
+    flight = prepare_vertical(
+        tilting(log, (0.0, 0.5), (4.0, 4.6), (6.0, 7.0), (11.0, 12.1), (13.5, 14.0)), FlightOptions()
+    )
+    time = flight.grid.time_s
+    spans = [(time[run.start], time[run.stop - 1] + EXCURSIONS_STEP_S) for run in flight.runs]
+    # 790 samples are 784 and a few, which are left out for the sake of transforms
+    end = 12.1 + fast_length(790) * EXCURSIONS_STEP_S
+    np.testing.assert_allclose(spans, [(0.5, 11.0), (12.1, end)], atol=1e-9)
+    assert flight.used_s == pytest.approx(10.5 - 1.6 + end - 12.1 - 0.5)
+    assert not flight.used[flight.signals.channel("cos_tilt") < 0.9].any()
+
+
+def test_runs_of_a_second_serve_and_those_mostly_beyond_the_limit_do_not(log):
+    separated = [(1.3 + 2.5 * i, 2.5 + 2.5 * i) for i in range(8)]
+    assert len(prepare_vertical(tilting(log, *separated), FlightOptions()).runs) == 8
+    shaken = [(0.4 * i, 0.4 * i + 0.25) for i in range(50)]
+    assert prepare_vertical(tilting(log, *shaken), FlightOptions()).runs == ()
+    short = [(1.3 + 2.5 * i, 3.4 + 2.5 * i) for i in range(8)]  # a run of 1.3 s, the others too short
+    assert prepare_vertical(tilting(log, *short), FlightOptions()).runs == ()
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("method", ["reference_iv", pytest.param("extended_iv", marks=pytest.mark.thorough)])
+@pytest.mark.usefixtures("coarse_search")
+def test_what_is_measured_beyond_a_limit_counts_for_nothing(log, method):
+    tilted = tilting(log, (4.0, 4.6), (9.0, 9.8))
+    force = tilted.channel("specific_force_z").values.copy()
+    spoilt = changed(tilted, specific_force_z=np.where(tilted.channel("cos_tilt").values < 0.9, 1e3, force))
+    options = FlightOptions(method=method)
+    was, flight = identify_flight(tilted, options), identify_flight(spoilt, options)
+    for name, quantity in was.quantities.items():
+        assert flight.quantities[name].value == pytest.approx(quantity.value, rel=1e-9)
+        assert flight.quantities[name].interval == pytest.approx(quantity.interval, rel=1e-9)
+
+
+@pytest.mark.thorough
+@pytest.mark.usefixtures("coarse_search")
+def test_a_flight_that_tilts_now_and_then_tells_what_it_tells_level(log):
+    # the tilt is made up: the cosine of those samples is wrong, and would be seen in the gain
+    excursions = [(1.0 + i, 1.2 + i) for i in range(18)]
+    quantity = identify_flight(tilting(log, *excursions)).quantities["input_gain"]
+    assert abs(quantity.value - GAIN) < 3.0 * quantity.std_error
+    assert quantity.half_width < 0.1 * GAIN
+
+
+@pytest.mark.thorough
+@pytest.mark.usefixtures("coarse_search")
+def test_pictures_and_predictions_leave_them_out(log):
+    from eivor.report.flight import flight_runs
+
+    result = identify_flight(tilting(log, (4.0, 4.6), (9.0, 9.8)))
+    assert result.fit is not None
+    trace = result.motion.traces(result.fit.problem, result.fit.estimate)[0]
+    (run,) = flight_runs(result)
+    assert run.time_s.size == trace.measured.size == 2000 - 140
+    passed = run.spectral.band_passed(trace.measured[:, None])
+    assert passed.shape == (2000 - 140, 1)
+    predicted = result.motion.predictions(
+        result.fit.problem, dict(result.fit.estimate.best.nuisances) | result.parameters
+    )
+    assert {item.measured.size for item in predicted} == {2000 - 140}

@@ -9,18 +9,28 @@ import numpy as np
 import pytest
 from flight_logs import FRICTION, GAIN, LAG_S, flown
 
+import eivor
 import eivor as ev
-from eivor.flights.pooling import agreement
+from eivor.errors import UsageError
+from eivor.estimation.methods import identify, reference_iv
+from eivor.flights.pooling import agreement, bootstrap_flights
+from eivor.flights.prepare import prepare
 from eivor.flights.result import FitDiagnostics, FlightEstimate
+from eivor.inference.bootstrap import Bootstrap, IntervalKind
 from eivor.inference.diagnostics.instruments import OverIdentification
 from eivor.inference.distributions import t_quantile
-from eivor.inference.verdict import Status
-from eivor.models.lagged_runs import LAG_GRID_S
-from eivor.motions.vertical.motion import Vertical
+from eivor.inference.verdict import Status, Verdict
+from eivor.models.lagged_runs import LAG_GRID_S, lag_and_delay
+from eivor.motions.identify import identify_flight
+from eivor.motions.vertical.motion import Vertical, vertical_flight
+from eivor.motions.vertical.regression import VerticalFlights
 from eivor.report.flight import flight_report
 from eivor.signals.recording import Recording
+from eivor.simulation.vertical import VerticalFlightSpec, simulate_vertical_flights
+from simulation.rotor_states import actual_state_recording
 
-pytestmark = [pytest.mark.thorough, pytest.mark.usefixtures("unchecked_shapes", "coarse_search")]
+# -- Pools: lag, delay and gain once for all flights, and a friction for each --
+
 K = "viscous_friction"
 
 
@@ -47,6 +57,8 @@ def one_sine() -> FlightEstimate:
     return ev.identify_flight(named(logs))
 
 
+@pytest.mark.thorough
+@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 def test_flights_that_agree_have_one_friction_and_one_for_each(alike):
     assert [row.label for row in alike.by_flight] == ["flight 0", "flight 1"]
     truth = {K: FRICTION, "input_gain": GAIN, "effective_lag": LAG_S}
@@ -68,6 +80,8 @@ def test_flights_that_agree_have_one_friction_and_one_for_each(alike):
         assert row.quantities[K].half_width < 1.1 * flight.quantities[K].half_width
 
 
+@pytest.mark.thorough
+@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 def test_common_and_separate_are_what_they_say(alike):
     logs = [flight.recording for flight in alike.prepared]
     common = ev.identify_flight(logs, pool_friction="common")
@@ -88,6 +102,8 @@ class Laden(Vertical):
     of_flight = ("input_gain",)
 
 
+@pytest.mark.thorough
+@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 def test_a_motion_says_what_belongs_to_the_flight(alike):
     identify_flight = ev.identify_flight([flight.recording for flight in alike.prepared], model=Laden())
     rows = [row.quantities for row in identify_flight.by_flight]
@@ -100,6 +116,8 @@ def test_a_motion_says_what_belongs_to_the_flight(alike):
     assert ends[0] < identify_flight.quantities[K].value < ends[1]
 
 
+@pytest.mark.thorough
+@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 @pytest.mark.long
 def test_one_frequency_tells_the_lag_by_differences_of_the_friction(one_sine):
     low, high = one_sine.quantities["effective_lag"].interval
@@ -113,6 +131,8 @@ def test_one_frequency_tells_the_lag_by_differences_of_the_friction(one_sine):
         assert low < FRICTION + more < high
 
 
+@pytest.mark.thorough
+@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 def test_a_pool_is_told_and_read_back(one_sine, tmp_path):
     document = json.loads(one_sine.to_json())
     assert [row["log"] for row in document["by_flight"]] == [row.label for row in one_sine.by_flight]
@@ -129,6 +149,8 @@ def test_a_pool_is_told_and_read_back(one_sine, tmp_path):
         read.interval("actuator_lag", 0.8)
 
 
+@pytest.mark.thorough
+@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 def test_what_a_pool_tells_of_the_lag_is_where_its_criterion_is_small(one_sine):
     pool = one_sine.fit.pooled
     low, high = one_sine.quantities["effective_lag"].interval
@@ -149,6 +171,8 @@ def test_what_a_pool_tells_of_the_lag_is_where_its_criterion_is_small(one_sine):
         assert row.quantities[K].interval == sets.profile.hull
 
 
+@pytest.mark.thorough
+@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 def test_instruments_of_a_pool_agree_when_those_of_half_its_flights_do(alike):
     def checks(p_value: float) -> FitDiagnostics:
         return replace(alike.fit.checks, agreement=OverIdentification(9.0, 3, p_value, None))
@@ -159,6 +183,8 @@ def test_instruments_of_a_pool_agree_when_those_of_half_its_flights_do(alike):
     assert agreement([]) is None
 
 
+@pytest.mark.thorough
+@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 def test_a_pool_has_the_verdict_of_its_own_quantities(alike, one_sine):
     """Each flight of `one_sine` has its friction identified, and their mean is not."""
     order = list(Status)
@@ -171,3 +197,144 @@ def test_a_pool_has_the_verdict_of_its_own_quantities(alike, one_sine):
     flight = flight_report(one_sine)
     assert "viscous friction" in flight.summary
     assert flight.reasons
+
+
+# -- Bootstrap of flights: against the recipe itself, and against the intervals of pools --
+
+QUANTITIES = ("viscous_friction", "input_gain", "effective_lag", "hover_input")
+
+
+def logs(pool: int, count: int, gusts: float = 0.3) -> list[Recording]:
+    """Logs of simulated flights of one vehicle, each with a trajectory, wind and noise of its own."""
+    specs = [VerticalFlightSpec(gust_rms=gusts, seed=1000 * pool + number) for number in range(count)]
+    return [
+        replace(f.recording, sha256=str(s.seed))
+        for s, f in zip(specs, simulate_vertical_flights(specs), strict=True)
+    ]
+
+
+@pytest.fixture(scope="module")
+def pair() -> FlightEstimate:
+    return identify_flight(logs(1, 2))
+
+
+def pooled(pair: FlightEstimate, recordings: list[Recording]) -> FlightEstimate:
+    """Return what `identify_flight` makes of a pool, without each flight's own result."""
+    prepared = tuple(prepare(log, pair.motion, pair.options) for log in recordings)
+    problem = replace(problem_of(pair), flights=tuple(vertical_flight(flight) for flight in prepared))
+    estimate = identify(problem, reference_iv())
+    quantities = {
+        name: quantity.judged(Verdict(Status.IDENTIFIED), pair.motion.wording[name])
+        for name, quantity in pair.motion.quantities(problem, estimate).items()
+    }
+    assert pair.fit is not None
+    return replace(
+        pair,
+        prepared=prepared,
+        fit=replace(pair.fit, problem=problem, estimate=estimate),
+        quantities=quantities,
+    )
+
+
+def problem_of(result: FlightEstimate) -> VerticalFlights:
+    """What was estimated."""
+    assert result.fit is not None
+    assert isinstance(result.fit.problem, VerticalFlights)
+    return result.fit.problem
+
+
+@pytest.fixture(scope="module")
+def pool(pair: FlightEstimate) -> FlightEstimate:
+    return pooled(pair, logs(1, 10))
+
+
+@pytest.fixture(scope="module")
+def found(pool: FlightEstimate) -> Bootstrap:
+    return eivor.bootstrap_flights(pool, runs=40, seed=4)
+
+
+@pytest.mark.thorough
+@pytest.mark.long
+def test_all_flights_once_give_the_pool_again(pool: FlightEstimate, found: Bootstrap) -> None:
+    for name, value in zip(found.names, found.values, strict=True):
+        assert abs(value - pool.quantities[name].value) < 0.05 * pool.quantities[name].std_error
+    assert found.names[:3] == ("viscous_friction", "input_gain", "hover_input")
+    assert (found.pieces, found.failed) == (10, 0)
+    assert np.isnan(found.block_length)
+
+
+@pytest.mark.thorough
+def test_the_seed_decides(pool: FlightEstimate, found: Bootstrap) -> None:
+    np.testing.assert_array_equal(bootstrap_flights(pool, runs=5, seed=4).replicates, found.replicates[:5])
+    assert not np.array_equal(bootstrap_flights(pool, runs=5, seed=5).replicates, found.replicates[:5])
+
+
+@pytest.mark.thorough
+def test_replicates_are_what_the_recipe_makes_of_the_drawn_flights(pool: FlightEstimate) -> None:
+    """The recipe renews its whitening in each replicate: a tenth of a standard error, no more."""
+    alone = replace(problem_of(pool), nuisances=lag_and_delay(delays_s=[0.0]))
+    assert pool.fit is not None
+    single = replace(pool, fit=replace(pool.fit, problem=alone, estimate=identify(alone, reference_iv())))
+    random = np.random.default_rng(6)
+    fast = bootstrap_flights(single, runs=4, seed=6)
+    for replicate in fast.replicates:
+        drawn = random.integers(0, 10, 10)
+        flights = tuple(problem_of(pool).flights[number] for number in drawn)
+        full = identify(VerticalFlights(flights, alone.motion, alone.rule, alone.nuisances), reference_iv())
+        for name in ("viscous_friction", "input_gain", "actuator_lag"):
+            away = replicate[fast.names.index(name)] - full.parameters[name]
+            assert abs(away) < 0.25 * pool.quantities[name].std_error
+
+
+@pytest.mark.thorough
+@pytest.mark.long
+def test_intervals_agree_with_those_of_pools_of_ten(pool: FlightEstimate) -> None:
+    """Within 20 % of their width, in the median over pools and quantities; single pools vary by more."""
+    pools = [(pool, bootstrap_flights(pool, runs=200, seed=4))]
+    for number, gusts in ((2, 1.0), (3, 0.3)):
+        other = pooled(pool, logs(number, 10, gusts))
+        pools.append((other, bootstrap_flights(other, runs=200)))
+    ratios = np.array([[_ratio(item, replicates, name) for name in QUANTITIES] for item, replicates in pools])
+    assert 0.8 < float(np.median(ratios)) < 1.2
+    assert (np.abs(np.median(ratios, axis=0) - 1.0) < 0.3).all()
+
+
+def _ratio(result: FlightEstimate, replicates: Bootstrap, name: str) -> float:
+    low, high = replicates.interval(name)
+    return 0.5 * (high - low) / result.quantities[name].half_width
+
+
+@pytest.mark.thorough
+def test_percentiles_of_few_flights_are_too_narrow_by_the_factor_that_is_told(found: Bootstrap) -> None:
+    narrow = found.interval("viscous_friction", kind=IntervalKind.PERCENTILE)
+    wide = found.interval("viscous_friction")
+    wanted = np.sqrt(10 / 9) * 2.26216 / 1.95996
+    assert (wide[1] - wide[0]) / (narrow[1] - narrow[0]) == pytest.approx(wanted, rel=1e-4)
+
+
+@pytest.mark.thorough
+def test_measured_states_have_a_delay_and_no_lag() -> None:
+    specs = [VerticalFlightSpec(seed=seed) for seed in (1, 2, 3)]
+    states = [actual_state_recording(flight) for flight in simulate_vertical_flights(specs)]
+    fit = identify_flight([replace(log, sha256=str(n)) for n, log in enumerate(states)])
+    replicates = bootstrap_flights(fit, runs=40)
+    assert replicates.names == ("viscous_friction", "input_gain", "hover_input", "effective_lag")
+    low, high = replicates.interval("input_gain")
+    assert low < fit.quantities["input_gain"].value < high
+
+
+@pytest.mark.thorough
+def test_what_cannot_be_resampled_is_refused(pool: FlightEstimate) -> None:
+    assert pool.fit is not None
+    item = replace(problem_of(pool), flights=problem_of(pool).flights[:1])
+    alone = replace(pool, fit=replace(pool.fit, problem=item))
+    with pytest.raises(UsageError, match="two flights or more"):
+        bootstrap_flights(alone)
+    by_another = replace(pool.fit.estimate, method="least_squares")
+    direct = replace(pool, fit=replace(pool.fit, estimate=by_another))
+    with pytest.raises(UsageError, match="one by least_squares"):
+        bootstrap_flights(direct)
+    with pytest.raises(UsageError, match="one without"):
+        bootstrap_flights(replace(alone, fit=None))
+    with pytest.raises(UsageError, match="two runs"):
+        bootstrap_flights(pool, runs=1)

@@ -9,11 +9,19 @@ import pytest
 from flight_logs import STEP_S, changed, channel, every, flown, prepare_vertical
 
 from eivor.errors import EivorError, InputError, MissingChannelError, UsageError
+from eivor.flights.grid import JITTER, MARGIN_S, MEMORY_S, Grid, curve_between, line_between
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepare import SHORTEST_RUN_S
+from eivor.flights.prepared import triangle_mean
+from eivor.models.separable import LaggedInputs
+from eivor.motions.identify import identify_flight
 from eivor.motions.vertical.model import GRAVITY, VerticalMotion
-from eivor.motions.vertical.motion import vertical_flight
+from eivor.motions.vertical.motion import Vertical, vertical_flight
+from eivor.signals.recording import Channel, Recording
 from eivor.signals.thrust_map import Power
+from eivor.simulation.vertical import VerticalFlightSpec, simulate_vertical_flights
+
+# -- Preparation: which samples are used, which channels serve, and the sentences of refusals --
 
 
 @pytest.fixture(scope="module")
@@ -329,3 +337,196 @@ def test_what_hovers_or_may_is_prepared(log, vehicle):
 def test_a_log_of_a_plane_is_refused_as_one(log):
     with pytest.raises(InputError, match=r"which says that it is of a fixed wing.*multirotors"):
         prepare_vertical(replace(log, vehicle="fixed wing"), FlightOptions())
+
+
+# -- A velocity that is logged at 10 Hz moves the gain by less than its interval --
+
+SEEDS = range(50, 58)
+
+
+@pytest.mark.thorough
+def test_gains_are_not_small():
+    specs = [VerticalFlightSpec(seed=seed, duration=60.0) for seed in SEEDS]
+    errors = []
+    for spec, flight in zip(specs, simulate_vertical_flights(specs), strict=True):
+        channels = dict(flight.recording.channels)
+        for name in ("velocity_z", "position_z"):
+            channel = channels[name]
+            channels[name] = Channel(name, channel.time_s[::10], channel.values[::10], channel.unit)
+        fit = identify_flight(Recording("slow", "simulated", channels))
+        gain = fit.quantities["input_gain"]
+        errors.append((gain.value / spec.input_gain - 1.0, gain.std_error / spec.input_gain))
+    error, scatter = np.array(errors).T
+    # lines between the stamps make it 0.55 % too small, twice what chance does to eight flights
+    assert abs(error.mean()) < 2.0 * np.sqrt(np.mean(scatter**2) / error.size)
+    assert abs(error.mean()) < 0.003
+
+
+# -- What lines between stamps do to one side of an equation is done to the other --
+
+GRID = Grid(0.0, 0.005, (range(4000),))
+
+
+@pytest.mark.parametrize("frequency_hz", [1.0, 4.0, 8.0])
+def test_amplitudes_shrink_as_those_of_a_line_between_stamps(frequency_hz):
+    time, width_s = GRID.time_s, 0.02
+    series = np.sin(2.0 * np.pi * frequency_hz * time)
+    # the line between samples that are as far apart, with every phase of the samples
+    lines = np.mean(
+        [
+            np.interp(time, stamps, np.sin(2.0 * np.pi * frequency_hz * stamps))
+            for stamps in (np.arange(-0.1, 20.1, width_s) + shift for shift in np.arange(0.0, width_s, 0.001))
+        ],
+        axis=0,
+    )
+    inside = slice(100, -100)
+    spread = triangle_mean(series, GRID, width_s)
+    gains = [
+        float(item[inside] @ series[inside] / (series[inside] @ series[inside])) for item in (spread, lines)
+    ]
+    assert gains[0] == pytest.approx(gains[1], abs=6e-3)
+    assert gains[0] < 1.0
+
+
+def test_pieces_are_spread_each_by_itself():
+    grid = Grid(0.0, 0.005, (range(10), range(1000, 1010)))
+    values = np.concatenate([np.zeros(10), np.ones(10)])
+    np.testing.assert_allclose(triangle_mean(values, grid, 0.02), values)
+
+
+def test_what_is_as_quick_as_the_grid_stays():
+    values = np.random.default_rng(0).standard_normal(GRID.count)
+    assert triangle_mean(values, GRID, 0.005) is values
+
+
+# -- Curves between stamps keep the size of what moves slowly, and trust no stamps that lie une --
+
+STAMPS = np.arange(0.0, 20.0, 0.1)
+AT = np.arange(1.0, 19.0, 0.01)
+
+
+@pytest.mark.parametrize(("frequency_hz", "curve", "line"), [(0.5, 5e-4, 1e-2), (1.0, 5e-3, 4e-2)])
+def test_amplitudes_are_kept(frequency_hz, curve, line):
+    truth = np.sin(2.0 * np.pi * frequency_hz * AT)
+    gains = [
+        float(item @ truth / (truth @ truth))
+        for item in (
+            between(STAMPS, np.sin(2.0 * np.pi * frequency_hz * STAMPS), AT)
+            for between in (curve_between, line_between)
+        )
+    ]
+    assert abs(gains[0] - 1.0) < curve
+    assert 0.5 * line < 1.0 - gains[1] < line
+
+
+def test_parabolas_are_kept_between_uneven_stamps_too():
+    stamps = np.cumsum(np.random.default_rng(0).uniform(0.08, 0.08 * JITTER, 200))
+    index = np.linspace(stamps[3], stamps[-4], 999)
+    between = curve_between(stamps, 2.0 * stamps**2 - stamps + 3.0, index)
+    # the mean of two parabolas' slopes: what a parabola is between stamps
+    np.testing.assert_allclose(between, 2.0 * index**2 - index + 3.0, rtol=1e-12)
+
+
+def test_stamps_stand_as_they_are():
+    values = np.random.default_rng(1).standard_normal(STAMPS.size)
+    np.testing.assert_array_equal(curve_between(STAMPS, values, STAMPS), values)
+
+
+def test_noise_of_close_stamps_tilts_nothing():
+    stamps = np.sort(np.concatenate([STAMPS, STAMPS[50:150:10] + 0.001]))
+    values = np.random.default_rng(2).standard_normal(stamps.size)
+    between = curve_between(stamps, values, AT)
+    assert np.abs(between).max() < 1.3 * np.abs(values).max()
+    neighbours = (STAMPS[60] < AT) & (STAMPS[61] > AT)
+    np.testing.assert_array_equal(between[neighbours], line_between(stamps, values, AT)[neighbours])
+    assert (between != line_between(stamps, values, AT)).any()
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_few_stamps_are_lines(count):
+    values = np.random.default_rng(3).standard_normal(count)
+    np.testing.assert_array_equal(
+        curve_between(STAMPS[:count], values, AT), line_between(STAMPS[:count], values, AT)
+    )
+
+
+def test_numbers_near_the_largest_give_numbers():
+    values = 1e308 * (-1.0) ** np.arange(STAMPS.size)
+    with np.errstate(all="ignore"):
+        between, line = curve_between(STAMPS, values, AT), line_between(STAMPS, values, AT)
+    assert np.array_equal(np.isfinite(between), np.isfinite(line))
+
+
+# -- Hours in which nothing was logged, or of which nothing is used, cost nothing and change no --
+
+
+def jumping(log: Recording, jump_s: float) -> Recording:
+    """The log, its clock jumping in the middle."""
+    return replace(
+        log,
+        channels={
+            name: replace(
+                c, time_s=np.where(np.arange(c.time_s.size) < c.time_s.size // 2, 0.0, jump_s) + c.time_s
+            )
+            for name, c in log.channels.items()
+        },
+    )
+
+
+@pytest.mark.thorough
+def test_a_jump_of_the_clock_costs_what_a_pause_costs():
+    log = flown(seconds=12.0)[0]
+    paused, jumped = (identify_flight(jumping(log, jump_s)) for jump_s in (20.0, 1e6))
+    flight = jumped.prepared[0]
+    assert flight.signals.sample_count == paused.prepared[0].signals.sample_count
+    assert len(flight.runs) == 2
+    assert jumped.window_s == pytest.approx((0.0, 1e6 + 12.0 - STEP_S))
+    assert jumped.diagnostics["used_s"] == paused.diagnostics["used_s"]
+    assert jumped.diagnostics["command_rate_hz"] == pytest.approx(1.0 / STEP_S)
+    for name, quantity in paused.quantities.items():
+        # stamps of a million seconds are rounded to a tenth of a nanosecond
+        assert jumped.quantities[name].value == pytest.approx(quantity.value, abs=1e-3 * quantity.std_error)
+
+
+@pytest.mark.thorough
+def test_only_the_samples_used_are_searched():
+    log = flown(seconds=30.0)[0]
+    prepared = prepare_vertical(log, FlightOptions(window=(20.0, 24.0)))
+    short = prepared.shortened
+    assert prepared.signals.sample_count == 3000
+    assert short.signals.sample_count == pytest.approx((4.0 + MEMORY_S + MARGIN_S) / STEP_S, abs=2)
+    assert short.used_s == prepared.used_s
+    np.testing.assert_array_equal(short.grid.time_s[short.used], prepared.grid.time_s[prepared.used])
+    np.testing.assert_array_equal(short.used_input, prepared.used_input)
+    motion = Vertical()
+    for item in ({"actuator_lag": 0.3, "delay": 0.04}, {"actuator_lag": 0.02, "delay": 0.0}):
+        whole, cut = (
+            motion.problem((flight,), LaggedInputs(1, 20)).rows(item) for flight in (prepared, short)
+        )
+        for name in ("response", "regressors", "instruments"):
+            was = getattr(whole, name)
+            np.testing.assert_allclose(getattr(cut, name), was, rtol=0.0, atol=1e-10 * np.abs(was).max())
+
+
+@pytest.mark.thorough
+def test_runs_on_both_sides_of_a_landing_keep_their_samples():
+    log = flown(seconds=30.0)[0]
+    command = log.channels["rotor_command_1"]
+    lost = (command.time_s > 5.0) & (command.time_s < 25.0)
+    missing = replace(command, values=np.where(lost, np.nan, command.values))
+    prepared = prepare_vertical(changed(log, rotor_command_1=missing), FlightOptions())
+    short = prepared.shortened
+    assert len(short.runs) == len(prepared.runs) == 2
+    assert short.signals.sample_count < prepared.signals.sample_count - 500
+    for was, now in zip(prepared.runs, short.runs, strict=True):
+        for name in ("velocity_z", "reference_position_z"):
+            np.testing.assert_array_equal(
+                short.signals.channels[name][now], prepared.signals.channels[name][was]
+            )
+    before, after = short.runs
+    assert not short.usable[before.stop : after.start].all()
+
+
+def test_a_flight_that_is_used_throughout_is_itself():
+    prepared = prepare_vertical(flown(seconds=10.0)[0], FlightOptions())
+    assert prepared.shortened is prepared

@@ -2,18 +2,40 @@
 
 from __future__ import annotations
 
+import itertools
+from dataclasses import replace
+
 import instrument_data as data
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from scipy import optimize, stats
 
-from eivor.inference.diagnostics.instruments import critical_value, strength
+from eivor.inference.covariance import cosine_averages
+from eivor.inference.diagnostics.instruments import (
+    critical_value,
+    endogeneity,
+    hansen_j,
+    robust_over_identification,
+    strength,
+)
 from eivor.inference.diagnostics.record import (
+    EquationProducts,
     conditional_first_stage,
+    covariance_of_total,
     equation_products,
     first_stage_of_products,
+    hotelling_p_value,
+    joint_averages,
     orthonormal_basis,
+    over_identification,
 )
+from eivor.inference.kernel import Bartlett, Parzen, QuadraticSpectral, kernel_sum_covariance
+from eivor.inference.verdict import Reason, Status, verdict
+from reference import constants as truth
+
+# -- Strength of instruments against linearmodels, ivreg2 and published critical values; its ca --
 
 linearmodels = pytest.importorskip("linearmodels")
 
@@ -206,3 +228,339 @@ def test_fewer_independent_instruments_than_columns_have_no_strength():
     result = strength_of(np.column_stack([Z[:, 0], 2.0 * Z[:, 0]]), X)
     assert (result.effective == 0.0).all()
     assert result.smallest_eigenvalue == result.cragg_donald == 0.0
+
+
+# -- Strength of instruments against the algebra of two-stage least squares; J's distribution;  --
+
+
+def problem(seed: int, rows: int = 200, count: int = 5) -> tuple[np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(seed)
+    Z = rng.standard_normal((rows, count))
+    G = Z @ rng.standard_normal((count, 3)) + 2.0 * rng.standard_normal((rows, 3))
+    return Z, G
+
+
+@given(seed=st.integers(0, 999))
+def test_conditional_strength_is_that_of_two_stage_residuals(seed):
+    """Sanderson and Windmeijer: regress G_j on the others by 2SLS, then its residual on the instruments."""
+    Z, G = problem(seed)
+    stage = conditional_first_stage(orthonormal_basis(Z), G)
+    for j in range(3):
+        others = np.delete(G, j, axis=1)
+        fitted = Z @ np.linalg.lstsq(Z, others)[0]
+        delta = np.linalg.solve(fitted.T @ others, fitted.T @ G[:, j])
+        residual = G[:, j] - others @ delta
+        explained = Z @ np.linalg.lstsq(Z, residual)[0]
+        wanted = (np.sum(explained**2) / (5 - 2)) / (np.sum((residual - explained) ** 2) / (200 - 5))
+        assert stage[j] == pytest.approx(wanted, rel=1e-8)
+
+
+def test_one_regressors_strength_is_the_ordinary_first_stage_f():
+    Z, G = problem(1)
+    fitted = Z @ np.linalg.lstsq(Z, G[:, 0])[0]
+    wanted = (np.sum(fitted**2) / 5) / (np.sum((G[:, 0] - fitted) ** 2) / 195)
+    assert conditional_first_stage(orthonormal_basis(Z), G[:, :1])[0] == pytest.approx(wanted)
+
+
+@given(seed=st.integers(0, 99), scale=st.floats(1e-6, 1e6))
+def test_strength_does_not_depend_on_units(seed, scale):
+    Z, G = problem(seed)
+    units = np.array([1.0, scale, 1.0])
+    plain = conditional_first_stage(orthonormal_basis(Z), G)
+    np.testing.assert_allclose(
+        conditional_first_stage(orthonormal_basis(Z * scale), G * units), plain, rtol=1e-5
+    )
+
+
+def test_strength_of_too_few_or_perfect_instruments():
+    Z, G = problem(2)
+    basis = orthonormal_basis(Z[:, :2])
+    np.testing.assert_array_equal(conditional_first_stage(basis, G), np.zeros(3))
+    np.testing.assert_array_equal(conditional_first_stage(orthonormal_basis(Z[:5]), G[:5]), np.zeros(3))
+    inside = orthonormal_basis(np.column_stack([Z, G]))
+    assert np.all(conditional_first_stage(inside, G) > 1e12)
+
+
+def test_basis_is_orthonormal_and_drops_what_is_no_direction():
+    Z, _ = problem(3)
+    columns = np.column_stack([1e9 * Z[:, 0], 1e-9 * Z[:, 1], np.zeros(200), Z[:, 0] + 1e-7 * Z[:, 1]])
+    basis = orthonormal_basis(columns)
+    assert basis.shape == (200, 2)
+    np.testing.assert_allclose(basis.T @ basis, np.eye(2), atol=1e-12)
+    assert orthonormal_basis(np.zeros((10, 3))).shape == (10, 0)
+    assert orthonormal_basis(np.empty((10, 0))).shape == (10, 0)
+
+
+def test_over_identification_is_chi_square_when_the_model_holds():
+    runs, rows = 1500, 300
+    rng = np.random.default_rng(4)
+    Z = rng.standard_normal((rows, 6))
+    basis = orthonormal_basis(Z)
+    G = Z @ rng.standard_normal((6, 2)) + rng.standard_normal((rows, 2))
+    p_values = []
+    for _ in range(runs):
+        y = G @ [1.0, 2.0] + rng.standard_normal(rows)
+        theta = np.linalg.lstsq(basis.T @ G, basis.T @ y)[0]
+        p_values.append(over_identification(basis, y - G @ theta, 1.0, 2)[1])
+    assert stats.kstest(p_values, "uniform").pvalue > 1e-4
+    # Exactly identified, or without residuals, it has nothing to say.
+    assert over_identification(basis[:, :2], y, 1.0, 2)[1] == 1.0
+    assert over_identification(basis, np.zeros(rows), 0.0, 2) == (0.0, 1.0)
+
+
+@pytest.mark.parametrize("order", list(itertools.permutations(Status)))
+def test_the_worst_ground_decides_and_stands_first(order):
+    reasons = [Reason(status, f"{status.value} because.", "Do.") for status in order]
+    made = verdict(reasons)
+    assert made.status is Status.REFUSED
+    assert [reason.status for reason in made.reasons] == list(reversed(Status))
+    assert made.sentences[0] == "refused because. Do."
+    for worst, best in itertools.combinations(range(4), 2):
+        kept = [reason for reason in reasons if list(Status).index(reason.status) in {worst, best}]
+        assert list(Status).index(verdict(kept).status) == best
+
+
+def test_no_ground_against_is_identified_and_equals_keep_their_order():
+    assert verdict([]).status is Status.IDENTIFIED
+    assert verdict([]).sentences == ()
+    both = [Reason(Status.WEAK, "First."), Reason(Status.WEAK, "Second.")]
+    assert verdict(both).sentences == ("First.", "Second.")
+
+
+# -- LS against instruments: Durbin and Wu-Hausman of linearmodels; size and power of the robus --
+
+
+def two_stage_weights(products: EquationProducts) -> np.ndarray:
+    return np.linalg.solve(products.instrument_mean, products.sensitivity)
+
+
+def endogeneity_of(result, blocks=25):
+    products = data.products_of(*result, blocks)
+    return endogeneity(products, two_stage_weights(products))
+
+
+@pytest.mark.parametrize("case", ["housing", "griliches"])
+def test_linearmodels_durbin_and_wu_hausman(case):
+    result = data.housing() if case == "housing" else data.griliches()
+    if result is None:
+        pytest.skip("statsmodels, which ships griliches76.dta, is not installed")
+    y, endogenous, exogenous, excluded = result
+    peer = linearmodels.IV2SLS(y, exogenous, endogenous, excluded).fit(cov_type="unadjusted")
+    test = endogeneity_of(result)
+    assert test.degrees == endogenous.shape[1]
+    assert test.durbin == pytest.approx(peer.durbin().stat, rel=1e-6)
+    assert test.durbin_p_value == pytest.approx(peer.durbin().pval, rel=1e-6)
+    assert test.wu == pytest.approx(peer.wu_hausman().stat, rel=1e-6)
+    assert test.wu_p_value == pytest.approx(peer.wu_hausman().pval, rel=1e-6)
+
+
+def test_difference_is_that_of_the_two_estimates():
+    housing = data.housing()
+    theta, X, *_ = data.two_stage(*housing)
+    least_squares = np.linalg.lstsq(X, housing[0], rcond=None)[0]
+    np.testing.assert_allclose(endogeneity_of(housing).difference, theta - least_squares, rtol=1e-6)
+
+
+def test_covariance_is_that_of_the_difference_of_influence_functions():
+    """The statistic from the difference of both estimates and of their influence functions, row by row."""
+    y, endogenous, exogenous, excluded = drawn_endogeneity(0, 0.3, 640)
+    products = data.products_of(y, endogenous, exogenous, excluded, 128)
+    result = endogeneity(products, two_stage_weights(products))
+    theta, X, Z, _ = data.two_stage(y, endogenous, exogenous, excluded)
+    least_squares = np.linalg.lstsq(X, y, rcond=None)[0]
+    fitted = Z @ np.linalg.lstsq(Z, X, rcond=None)[0]
+    e_ls = y - X @ least_squares
+    # under the hypothesis both errors are one; least squares' own is what its influence is made of
+    influence = np.linalg.solve(fitted.T @ X, (fitted * e_ls[:, None]).T) - np.linalg.solve(
+        X.T @ X, (X * e_ls[:, None]).T
+    )
+    sums = influence.T.reshape(128, 5, -1).sum(axis=1)[:, :1]
+    cosines = np.cos(np.pi / 128 * np.outer(np.arange(1, result.averages + 1), np.arange(128) + 0.5))
+    variance = 2.0 * np.sum((cosines @ sums) ** 2) / result.averages
+    assert result.statistic == pytest.approx((theta - least_squares)[0] ** 2 / variance, rel=1e-6)
+
+
+def drawn_endogeneity(seed, endogenous=0.0, count=800, memory=0.8):
+    rng = np.random.default_rng(seed)
+    e = data.autoregression(rng, (count,), memory)
+    Z = data.autoregression(rng, (count, 3), memory)
+    x = Z @ [0.5, 0.3, -0.4] + endogenous * e + data.autoregression(rng, (count,), memory)
+    return x + e, x[:, None], np.ones((count, 1)), Z
+
+
+@pytest.mark.calibration
+def test_size_and_power_in_autocorrelated_data():
+    runs = 600
+    under = [endogeneity_of(drawn_endogeneity(seed), 128) for seed in range(runs)]
+    robust = sum(test.p_value < 0.05 for test in under)
+    white = sum(test.durbin_p_value < 0.05 for test in under)
+    low, high = stats.binom.ppf([1e-4, 1.0 - 1e-4], runs, [0.04, 0.065])
+    assert low <= robust <= high
+    assert white > 2 * high  # what the homoskedastic forms do here
+    assert sum(endogeneity_of(drawn_endogeneity(seed, 0.8), 128).p_value < 0.05 for seed in range(100)) > 80
+
+
+def test_noise_in_a_regressor_is_endogeneity_and_a_declared_zero_is_not():
+    """Compensated equations whose noise is nil are ordinary ones."""
+    rng = np.random.default_rng(1)
+    count = 4000
+    u = data.autoregression(rng, (count + 4,), 0.9)
+    noisy = u + 0.5 * rng.standard_normal(count + 4)
+    y = 2.0 * u[4:] + 0.1 * rng.standard_normal(count)
+    Z = np.column_stack([noisy[4 - lag : count + 4 - lag] for lag in range(5)])
+    for variance, endogenous in ((0.25, True), (0.0, False)):
+        Psi = Z if variance else np.column_stack([u[4 - lag : count + 4 - lag] for lag in range(5)])
+        X = Psi[:, :1]
+        shared = np.zeros((5, 1))
+        shared[0] = variance
+        A = Psi.T @ X / count - shared
+        theta = float(A[:, 0] @ (Psi.T @ y) / count / (A[:, 0] @ A[:, 0]))
+        products = equation_products(
+            instruments=Psi,
+            jacobian=X,
+            residual=y - X[:, 0] * theta,
+            blocks=128,
+            shared=shared,
+            constant=shared[:, 0] * theta,
+        )
+        result = endogeneity(products, A)
+        assert (result.p_value < 0.001) == endogenous
+        slope = float(X[:, 0] @ y / (X[:, 0] @ X[:, 0]))
+        assert result.difference[0] == pytest.approx(theta - slope, rel=1e-6)
+
+
+def test_least_squares_is_not_compared_with_itself():
+    X = np.random.default_rng(0).standard_normal((400, 2))
+    products = equation_products(instruments=X, jacobian=X, residual=np.ones(400), blocks=50)
+    assert endogeneity(products, np.eye(2)) is None
+
+
+@pytest.mark.parametrize("units", [1e-6, 1e6])
+def test_units_do_not_count(units):
+    y, endogenous, exogenous, excluded = drawn_endogeneity(4)
+    item = endogeneity_of((y, endogenous, exogenous, excluded))
+    other = endogeneity_of((y / units, units * endogenous, exogenous, excluded))
+    assert item.statistic == pytest.approx(other.statistic, rel=1e-6)
+    assert item.durbin == pytest.approx(other.durbin, rel=1e-6)
+
+
+# -- Hansen's J against Stata and linearmodels, by the two-step route, and its size in autocorr --
+
+
+def parts(result):
+    theta, X, Z, residual = data.two_stage(*result)
+    count = residual.size
+    return Z * residual[:, None], Z.T @ X / count, count, theta
+
+
+def test_stata_two_step_gmm():
+    scores, A, count, _ = parts(data.housing())
+    result = hansen_j(scores.mean(axis=0), A, scores.T @ scores / count, count)
+    assert pytest.approx(truth.STATA_GMM_J, rel=1e-9) == result.J
+    assert result.degrees == 3
+    assert result.p_value == pytest.approx(stats.chi2(3).sf(truth.STATA_GMM_J), rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("kernel", "name", "bandwidth"),
+    [(Bartlett(), "bartlett", 3), (Parzen(), "parzen", 4), (QuadraticSpectral(), "qs", 2)],
+)
+def test_linearmodels_kernel_weights(kernel, name, bandwidth):
+    y, endogenous, exogenous, excluded = data.housing()
+    scores, A, count, _ = parts((y, endogenous, exogenous, excluded))
+    S = kernel_sum_covariance([scores], count, kernel, float(bandwidth)) / count
+    peer = linearmodels.IVGMM(
+        y, exogenous, endogenous, excluded, weight_type="kernel", kernel=name, bandwidth=bandwidth
+    ).fit(iter_limit=2)
+    result = hansen_j(scores.mean(axis=0), A, S, count)
+    assert pytest.approx(peer.j_stat.stat, rel=1e-6) == result.J
+    assert result.p_value == pytest.approx(peer.j_stat.pval, rel=1e-6)
+
+
+def test_it_is_the_minimum_whatever_the_estimate():
+    """The least value of the weighted equations, found by solving for it; the same from any theta."""
+    scores, A, count, _ = parts(data.housing())
+    S = scores.T @ scores / count
+    g = scores.mean(axis=0)
+    for step in (np.zeros(3), np.array([1e-3, 0.2, -3.0])):
+        here = g - A @ step
+        weighted = np.linalg.solve(np.linalg.cholesky(S), np.column_stack([A, here]))
+        left = np.linalg.lstsq(weighted[:, :-1], weighted[:, -1], rcond=None)[1]
+        assert pytest.approx(count * float(left[0]), rel=1e-6) == hansen_j(here, A, S, count).J
+
+
+def test_exactly_identified_equations_cannot_disagree():
+    g, A = np.zeros(2), np.eye(2)
+    result = hansen_j(g, A, np.eye(2), 10)
+    assert (result.J, result.degrees, result.p_value) == (0.0, 0, 1.0)
+
+
+def test_too_few_averages_are_told():
+    assert np.isnan(hotelling_p_value(1.0, 9, 8))
+    assert joint_averages(9, 128) == 27
+    assert joint_averages(1, 128) == 8
+    assert joint_averages(60, 100) == 50
+
+
+def test_hotelling_is_its_f():
+    assert hotelling_p_value(7.0, 3, 12) == pytest.approx(stats.f(3, 10).sf(7.0 * 10 / 36), rel=1e-9)
+    assert hotelling_p_value(7.0, 3, None) == pytest.approx(stats.chi2(3).sf(7.0), rel=1e-9)
+
+
+def test_block_cosines_are_orthonormal_and_leave_out_a_constant():
+    C = cosine_averages(np.eye(40), 10)
+    np.testing.assert_allclose(C @ C.T, 40 * np.eye(10), atol=1e-9)
+    np.testing.assert_allclose(C.sum(axis=1), 0.0, atol=1e-9)
+    rng = np.random.default_rng(0)
+    sums = rng.standard_normal((40, 3))
+    np.testing.assert_allclose(covariance_of_total(sums, 10), covariance_of_total(sums + 5.0, 10), rtol=1e-9)
+
+
+def compensated(seed, count=1000, memory=0.8, wrong=0.0):
+    """Input with noise of variance .25 as its own instrument; `wrong` is added to the declared variance."""
+    rng = np.random.default_rng(seed)
+    u = data.autoregression(rng, (count + 5,), 0.9)
+    noisy = u + 0.5 * rng.standard_normal(count + 5)
+    y = 2.0 * u[5:] + data.autoregression(rng, (count,), memory)
+    Z = np.column_stack([noisy[5 - lag : count + 5 - lag] for lag in range(6)])
+    X = Z[:, :1]
+    shared = np.zeros((6, 1))
+    shared[0] = 0.25 + wrong
+    A, b = Z.T @ X / count - shared, Z.T @ y / count
+    theta = float(A[:, 0] @ b / (A[:, 0] @ A[:, 0]))
+    return equation_products(
+        instruments=Z,
+        jacobian=X,
+        residual=y - X[:, 0] * theta,
+        blocks=128,
+        shared=shared,
+        constant=shared[:, 0] * theta,
+    )
+
+
+@pytest.mark.calibration
+@pytest.mark.parametrize("memory", [0.0, 0.8])
+def test_size_of_compensated_equations(memory):
+    runs = 800
+    rejected = sum(
+        robust_over_identification(compensated(s, memory=memory)).p_value < 0.05 for s in range(runs)
+    )
+    assert stats.binom.ppf(1e-4, runs, 0.05) <= rejected <= stats.binom.ppf(1.0 - 1e-4, runs, 0.065)
+
+
+def test_wrong_noise_is_noticed():
+    runs = 100
+    rejected = sum(robust_over_identification(compensated(s, wrong=0.25)).p_value < 0.05 for s in range(runs))
+    assert rejected > 80
+
+
+def test_units_do_not_count_over():
+    products = compensated(3)
+    psi, G, e = np.array([1e-6, 1.0, 1e6, 3.0, 1.0, 0.1]), np.full(products.cross.shape[2], 1e4), 1e-3
+    unit = np.concatenate([psi, G, [e]])
+    sums, shared = products.sums * np.outer(unit, unit), products.shared * np.outer(psi, G)
+    turned = replace(products, sums=sums, shared=shared, constant=products.constant * psi * e)
+    assert (
+        pytest.approx(robust_over_identification(products).J, rel=1e-6)
+        == robust_over_identification(turned).J
+    )

@@ -1,29 +1,61 @@
-"""Damaged files: every reader answers with a Recording or an `InputError`, in bounded time.
+"""Damaged files: every reader answers with a Recording or an `InputError`, in bounded time."""
 
-The time is that of the processor: it does not grow when others use the machine too.
-"""
+from __future__ import annotations
 
 import contextlib
 import csv
 import re
+import sqlite3
+import struct
 import sys
 import time
+import tracemalloc
 from importlib import resources
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
 import polars as pl
 import pytest
+from backports import zstd
+from bag_writer import (
+    EPOCH_S,
+    blank,
+    header,
+    mavros_messages,
+    px4_messages,
+    stores,
+    vector,
+    write_ros1,
+    write_ros2,
+)
+from dataflash_writer import FIRMWARES, KINDS, DataflashWriter, fmt, simulated
+from dataflash_writer import survives as survives_dataflash
+from dataflash_writer import told as told_dataflash
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from rosbags.rosbag1 import Writer as Writer1
+from rosbags.rosbag2 import CompressionMode, StoragePlugin
 from ulog_writer import flight
 from usd_writer import flight as crazyflie_flight
 
-from eivor.errors import InputError
+from eivor.errors import CorruptLogError, EivorError, EmptyLogError, InputError, MissingReaderError
 from eivor.logs import read_log
 from eivor.logs.channel_map import parse_channel_map, parse_expression
+from eivor.logs.dataflash import messages
+from eivor.logs.read import read_log as read_log_bags
+from eivor.logs.rosbag import topics
+from eivor.logs.rosbag.messages import (
+    Decoded,
+    UnsoundMessageError,
+    decoded,
+    message_layout,
+    parsed_definition,
+)
 from eivor.logs.table import columnar
 from eivor.signals.recording import Recording
+
+# -- Damaged files: every reader answers with a Recording or an `InputError`, in bounded time --
 
 QUICK = settings(
     max_examples=60,
@@ -298,3 +330,497 @@ def test_the_decoder_has_so_much_memory_and_no_more(tmp_path, monkeypatch):
 def test_file_names_of_several_lines(tmp_path):
     canonical().write_parquet(tmp_path / "a\nb.parquet")
     assert read_log(tmp_path / "a\nb.parquet").channels
+
+
+# -- Damaged and hostile bags: what is sound is read, or one sentence says what is wrong, and n --
+
+
+@pytest.fixture(scope="module")
+def store():
+    return dict(zip(("ros1", "ros2"), stores(), strict=True))
+
+
+def inertial(store, n=60):
+    kind = "sensor_msgs/msg/Imu"
+    for row in range(n):
+        selected = {"header": header(store, 0.01 * row)}
+        selected["linear_acceleration"] = vector(store, 0.0, 0.1 * row, 9.8)
+        yield "/imu", kind, 0.01 * row, store.types[kind](**(blank(store, kind) | selected))
+
+
+@pytest.fixture(scope="module")
+def sound(store, tmp_path_factory):
+    """The bytes of a small bag of each kind."""
+    folder = tmp_path_factory.mktemp("bags")
+    lz4 = Writer1.CompressionFormat.LZ4
+    ros1 = write_ros1(folder / "one.bag", inertial(store["ros1"]), store["ros1"], lz4)
+    plain = write_ros2(folder / "two", inertial(store["ros2"]), store["ros2"])
+    mcap = write_ros2(
+        folder / "three", inertial(store["ros2"]), store["ros2"], StoragePlugin.MCAP, CompressionMode.STORAGE
+    )
+    return {
+        "bag": ros1.read_bytes(),
+        "db3": (plain / "two.db3").read_bytes(),
+        "mcap": (mcap / "three.mcap").read_bytes(),
+    }
+
+
+@pytest.fixture
+def read(tmp_path):
+    def read(content, ending="bag"):
+        path = tmp_path / f"flight.{ending}"
+        path.write_bytes(content)
+        return read_log_bags(path)
+
+    return read
+
+
+def told(recording, name):
+    return " ".join(finding.message for finding in recording.findings if finding.name == name)
+
+
+def survives_bags(read, content, ending):
+    """Whether a bag is read, or refused with a sentence."""
+    try:
+        read(content, ending)
+    except EivorError:
+        return True
+    return True
+
+
+def mutated(content, seed):
+    rng = np.random.default_rng(seed)
+    data = bytearray(content)
+    for integer in rng.integers(16, len(data), size=rng.integers(1, 30)).tolist():
+        if seed % 3 == 0:
+            data[integer] = int(rng.integers(256))
+        elif seed % 3 == 1:
+            del data[integer : integer + int(rng.integers(1, 200))]
+        else:
+            data[integer:integer] = rng.bytes(int(rng.integers(1, 100)))
+    return bytes(data)
+
+
+@pytest.mark.usefixtures("unchecked_shapes")
+@pytest.mark.parametrize(
+    ("ending", "remedy"), [("bag", "rosbag reindex"), ("mcap", "mcap recover"), ("db3", "-wal")]
+)
+def test_a_bag_that_is_cut_says_how_it_is_mended(read, sound, ending, remedy):
+    assert read(sound[ending], ending).channels["specific_force_body_y"].values.size == 60
+    with pytest.raises(CorruptLogError, match=remedy):
+        read(sound[ending][: len(sound[ending]) // 2], ending)
+
+
+@pytest.mark.usefixtures("unchecked_shapes")
+@pytest.mark.parametrize("ending", ["bag", "mcap", "db3"])
+@pytest.mark.parametrize("seeds", [range(15), pytest.param(range(15, 1000), marks=pytest.mark.long)])
+def test_mutated_bags(read, sound, ending, seeds):
+    assert all(survives_bags(read, mutated(sound[ending], seed), ending) for seed in seeds)
+
+
+@pytest.mark.usefixtures("unchecked_shapes")
+@pytest.mark.thorough
+@pytest.mark.parametrize("ending", ["bag", "mcap", "db3"])
+def test_bags_cut_anywhere(read, sound, ending):
+    step = len(sound[ending]) // 80
+    assert all(
+        survives_bags(read, sound[ending][:size], ending) for size in range(1, len(sound[ending]), step)
+    )
+
+
+@pytest.mark.usefixtures("unchecked_shapes")
+def test_a_part_that_is_damaged_is_left_out(tmp_path, store, sound):
+    folder = write_ros2(tmp_path / "flight", inertial(store["ros2"]), store["ros2"])
+    (folder / "flight.db3").rename(folder / "flight_0.db3")
+    (folder / "flight_1.db3").write_bytes(b"SQLite format 3\0 and nothing")
+    r = read_log_bags(folder)
+    assert r.channels["specific_force_body_y"].values.size == 60
+    assert "'flight_1.db3'" in told(r, "corrupt_parts")
+    (folder / "other.mcap").write_bytes(sound["mcap"])
+    with pytest.raises(InputError, match="the files of one bag"):
+        read_log_bags(folder)
+
+
+@pytest.mark.usefixtures("unchecked_shapes")
+def test_one_large_chunk_that_says_nothing_is_refused(read, sound):
+    """A chunk of zeros in a thousandth of its size: neither read nor kept in memory."""
+    index = sound["mcap"].index(b"\x04\0\0\0zstd") + 8
+    bomb = zstd.compress(bytes(1 << 27))
+    start = index - 8 - 28 - 9
+    record = (
+        struct.pack("<QQQI", 0, 1 << 62, 1 << 27, 0) + b"\x04\0\0\0zstd" + struct.pack("<Q", len(bomb)) + bomb
+    )
+    content = BytesIO()
+    content.write(sound["mcap"][:start] + b"\x06" + struct.pack("<Q", len(record)) + record)
+    content.write(b"\x02" + struct.pack("<QQQI", 20, 0, 0, 0) + b"\x89MCAP0\r\n")
+    tracemalloc.start()
+    with pytest.raises(CorruptLogError, match="repeats itself"):
+        read(content.getvalue(), "mcap")
+    assert tracemalloc.get_traced_memory()[1] < 200 << 20
+    tracemalloc.stop()
+
+
+@pytest.mark.usefixtures("unchecked_shapes")
+@pytest.mark.parametrize(
+    "statement",
+    [
+        "CREATE VIEW schema AS WITH RECURSIVE c(x) AS (SELECT 1 UNION ALL SELECT x FROM c) SELECT x FROM c",
+        "CREATE TRIGGER t AFTER INSERT ON messages BEGIN SELECT 1; END",
+        "CREATE TABLE more(a INTEGER, b BLOB GENERATED ALWAYS AS (zeroblob(1000000000)))",
+    ],
+)
+def test_a_database_that_computes_is_refused(tmp_path, sound, statement):
+    path = tmp_path / "flight.db3"
+    path.write_bytes(sound["db3"])
+    database = sqlite3.connect(path)
+    database.execute("DROP TABLE schema")
+    database.execute(statement)
+    database.commit()
+    database.close()
+    with pytest.raises(CorruptLogError, match="more than plain tables"):
+        read_log_bags(path)
+
+
+@pytest.mark.usefixtures("unchecked_shapes")
+def test_names_of_files_that_mean_something_in_addresses(tmp_path, sound):
+    path = tmp_path / "flight #1?mode=rwc%20.db3"
+    path.write_bytes(sound["db3"])
+    assert read_log_bags(path).channels["specific_force_body_z"].values.size == 60
+
+
+def layout(message, text):
+    return message_layout(message, "a/B", parsed_definition(text, "a/B"), ros1=False)
+
+
+@pytest.mark.usefixtures("unchecked_shapes")
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("uint8[1000000000] many", "goes on after them"),
+        ("string words", "goes on after them"),
+        ("B again", "nested too deep"),
+        ("C other", "type a/C is not known"),
+        ("C[] other\n" + "=" * 80 + "\nMSG: a/C\nuint8[0] nothing\n", "more than 4096 fields"),
+        ("uint8 one", "where its type takes 5"),
+    ],
+)
+def test_definitions_that_do_not_fit(text, words):
+    with pytest.raises(UnsoundMessageError, match=words):
+        layout(b"\0\1\0\0" + struct.pack("<IIII", 1 << 31, 0, 0, 0), text)
+
+
+@pytest.mark.usefixtures("unchecked_shapes")
+def test_code_in_a_definition_is_never_run(tmp_path, store):
+    folder = write_ros2(tmp_path / "flight", inertial(store["ros2"]), store["ros2"])
+    database = sqlite3.connect(folder / "flight.db3")
+    evil = "float64 x\n__import__('os').abort() y\n"
+    database.execute("UPDATE message_definitions SET encoded_message_definition = ?", (evil,))
+    database.commit()
+    database.close()
+    with pytest.raises(EivorError, match="where its type takes 12"):
+        read_log_bags(folder)
+
+
+def of_another_kind(how, values):
+    """What another definition could have in the place of a column; None without one."""
+    kinds = {
+        "text": np.full(len(values), b"ab"),
+        "nan": np.full(len(values), np.nan),
+        "inf": np.full(len(values), np.inf, dtype=np.float32),
+        "least": np.full(len(values), -(2**63)),
+        "most": np.full(len(values), 2**64 - 1, dtype=np.uint64),
+    }
+    return kinds.get(how)
+
+
+@pytest.mark.usefixtures("unchecked_shapes")
+@pytest.mark.filterwarnings("error")
+@pytest.mark.thorough
+@pytest.mark.parametrize("how", ["text", "nan", "inf", "least", "most", "nothing"])
+@pytest.mark.parametrize("kind", ["mavros", "px4"])
+def test_definitions_with_fields_of_another_kind(tmp_path, store, monkeypatch, kind, how):
+    flight = simulated(seed=3, duration=2.0)
+    if kind == "mavros":
+        bag = write_ros1(tmp_path / "m.bag", mavros_messages(store["ros1"], flight), store["ros1"])
+    else:
+        bag = write_ros2(tmp_path / "p", px4_messages(store["ros2"], flight), store["ros2"])
+    known = []
+
+    def changed(payloads, layout_of):
+        """As decoded, but one field of one topic is of another kind."""
+        key = (payloads[0], len(payloads))
+        if key not in cache:
+            cache[key] = decoded(payloads, layout_of)
+            known.extend((key, name) for name in cache[key].fields)
+        fields = dict(cache[key].fields)
+        for name in [name for item, name in wanted if item == key]:
+            other = of_another_kind(how, fields.pop(name))
+            fields |= {} if other is None else {name: other}
+        return Decoded(fields, cache[key].indices, cache[key].reason)
+
+    cache, wanted = {}, []
+    monkeypatch.setattr(topics, "decoded", changed)
+    whole = read_log_bags(bag)
+    assert len(known) > 50
+    for entry in known:
+        wanted[:] = [entry]
+        try:
+            result = read_log_bags(bag)
+        except EivorError:
+            continue
+        assert set(result.channels) <= {*whole.channels, *whole.looked_for}
+
+
+@pytest.mark.usefixtures("unchecked_shapes")
+def test_messages_of_other_lengths_stand_beside_each_other():
+    """Texts of several lengths, one message that is none: the others keep their order."""
+    types = parsed_definition("string words\nfloat64 x", "a/B")
+
+    def message(words, value):
+        head = b"\0\1\0\0" + struct.pack("<I", len(words) + 1) + words + b"\0"
+        return head + bytes(-(len(head) - 4) % 8) + struct.pack("<d", value)
+
+    made = [message(b"abc" * (row % 3), float(row)) for row in range(20)]
+    made.insert(7, b"\0\1\0\0junk")
+    result = decoded(made, lambda item: message_layout(item, "a/B", types, ros1=False))
+    assert result.fields["x"].tolist() == [float(row) for row in range(20)]
+    assert result.indices.tolist() == [*range(7), *range(8, 21)]
+    assert "goes on after" in result.reason
+
+
+@pytest.mark.usefixtures("unchecked_shapes")
+def test_stamps_that_cannot_be(tmp_path, store):
+    messages = list(inertial(store["ros2"]))
+    messages[10][3].header.stamp.sec = 0
+    messages[10][3].header.stamp.nanosec = 0
+    messages[20][3].header.stamp.sec = EPOCH_S + 10_000_000
+    r = read_log_bags(write_ros2(tmp_path / "flight", messages, store["ros2"], StoragePlugin.MCAP))
+    channel = r.channels["specific_force_body_y"]
+    assert channel.values.size == 58
+    assert channel.time_s[-1] == pytest.approx(0.59)
+    assert "left out: 2" in told(r, "time_stamps")
+
+
+@pytest.mark.usefixtures("unchecked_shapes")
+def test_an_mcap_of_others_is_refused_with_its_schemas(read, sound):
+    other = sound["mcap"].replace(b"ros2msg", b"jsonsch")
+    with pytest.raises(MissingReaderError, match=r"sensor_msgs/msg/Imu \(jsonsch\).*mcap cat"):
+        read(other, "mcap")
+
+
+# -- Damaged DataFlash logs: what is sound is read, the rest is counted, and nothing else happe --
+
+
+def writer(n=60):
+    t = np.arange(n) * 0.02
+    wave = np.sin(t)
+    parameters = DataflashWriter().text(FIRMWARES["4.6"]).parameters(MOT_PWM_MIN=1000.0, MOT_PWM_MAX=2000.0)
+    parameters.add("MODE", 0.0, "MB", Mode=3, ModeNum=3).add("EV", [0.0, 0.1], "B", Id=[10, 28])
+    parameters.add("XKF1", t, "Bfff", C=0, VN=wave, VD=wave, PD=wave)
+    parameters.add("RATE", t, "ff", R=wave, AOut=0.5 + 0.1 * wave)
+    parameters.add("IMU", t, "Bfff", I=0, AccX=0.0, AccY=0.0, AccZ=-9.8 + wave)
+    parameters.add("ATT", t, "ccC", Roll=wave, Pitch=wave, Yaw=10.0)
+    parameters.add("RCOU", t[::5], "HHHH", C1=1500, C2=1500, C3=1500, C4=1500)
+    return parameters.add("PSCD", t[::5], "ff", DPD=wave[::5], DVD=wave[::5]).units()
+
+
+@pytest.fixture(scope="module")
+def sound_dataflash():
+    return writer().bytes()
+
+
+@pytest.fixture
+def read_dataflash(tmp_path):
+    def read_dataflash(content):
+        path = tmp_path / "flight.bin"
+        path.write_bytes(content)
+        return read_log(path)
+
+    return read_dataflash
+
+
+def test_cut_within_a_message(read_dataflash, sound_dataflash):
+    r = read_dataflash(sound_dataflash[:-5])
+    assert "ends within a message" in told_dataflash(r, "truncated")
+    assert r.channels["velocity_z"].values.size == 60
+
+
+@pytest.mark.parametrize("block", [64, 1000, messages.BLOCK_BYTES])
+@pytest.mark.parametrize("extra", [b"\0" * 7, b"\xa3\x95", b"\xa3\x95\xfe" * 30, bytes(range(256)) * 4])
+def test_bytes_between_messages(read_dataflash, sound_dataflash, monkeypatch, block, extra):
+    monkeypatch.setattr(messages, "BLOCK_BYTES", block)
+    middle = writer()
+    middle.messages.insert(200, (middle.messages[200][0], extra))
+    pairs = middle.messages
+    content = middle.head + b"".join(item for _, item in pairs)
+    r = read_dataflash(content)
+    whole = read_dataflash(middle.head + b"".join(item for _, item in pairs if item is not extra))
+    assert "bytes that belong to no message" in told_dataflash(r, "corrupt_parts")
+    lost = [whole.channels[name].values.size - r.channels[name].values.size for name in whole.channels]
+    assert set(lost) <= {0, 1}
+    assert "corrupt_parts" not in [finding.name for finding in whole.findings]
+
+
+def test_lost_bytes_cost_one_message(read_dataflash, sound_dataflash):
+    cut = len(sound_dataflash) - 1000
+    r = read_dataflash(sound_dataflash[:cut] + sound_dataflash[cut + 4 :])
+    assert told_dataflash(r, "corrupt_parts")
+    counts = {r.channels[name].values.size for name in ("velocity_z", "input", "attitude_w")}
+    assert counts <= {59, 60}
+
+
+def test_a_stamp_far_ahead_costs_its_message_only(read_dataflash):
+    item = writer()
+    position = next(n for n, pair in enumerate(item.messages) if pair[1][2] == item.numbers["XKF1"]) + 20
+    time, row = item.messages[position]
+    item.messages[position] = (time, row[:9] + b"\x40" + row[10:])  # eight thousand years ahead
+    r = read_dataflash(item.bytes())
+    assert r.channels["velocity_z"].values.size == 59
+    assert "cannot be: 1" in told_dataflash(r, "time_stamps")
+
+
+def test_layouts_that_cannot_be(read_dataflash, sound_dataflash):
+    index = sound_dataflash.index(b"XKF1") - 5
+    assert "left out: 1" in told_dataflash(
+        read_dataflash(sound_dataflash[: index + 4] + b"\0" + sound_dataflash[index + 5 :]), "message_formats"
+    )
+    names = sound_dataflash.index(b"C,VN,VD")
+    r = read_dataflash(sound_dataflash[:names] + b"C,VN;VD" + sound_dataflash[names + 7 :])
+    assert "disagree: XKF1" in told_dataflash(r, "message_formats")
+    assert "velocity_z" not in r.channels
+    assert r.channels["input"].values.size == 60
+
+
+def test_bytes_that_look_like_a_layout_by_chance_are_no_damage(read_dataflash):
+    item = writer()
+    position = next(n for n, pair in enumerate(item.messages) if pair[1][2] == item.numbers["IMU"]) + 20
+    time, row = item.messages[position]
+    item.messages[position] = (time, row[:-4] + b"\xa3\x95\x80\x41")
+    r = read_dataflash(item.bytes())
+    assert not told_dataflash(r, "message_formats")
+    assert r.channels["specific_force_body_z"].values.size == 60
+
+
+@pytest.mark.parametrize("before", [b"\0" * 512, b"\x80FMT\0BBnNZ", b""])
+def test_a_log_whose_beginning_is_lost(read_dataflash, sound_dataflash, before):
+    lost = read_dataflash(before + sound_dataflash[37:])
+    whole = read_dataflash(sound_dataflash)
+    assert list(lost.channels) == list(whole.channels)
+    for name, channel in whole.channels.items():
+        np.testing.assert_array_equal(lost.channels[name].values, channel.values, err_msg=name)
+    assert f"left out: {len(before) + 52} bytes" in told_dataflash(lost, "corrupt_parts")
+
+
+def test_a_log_without_descriptions_says_what_is_missing(read_dataflash, sound_dataflash):
+    with pytest.raises(EmptyLogError, match="where messages are described"):
+        read_dataflash(
+            sound_dataflash[sound_dataflash.index(b"\xa3\x95" + bytes([writer().numbers["XKF1"]])) :]
+        )
+
+
+@pytest.mark.parametrize(
+    ("name", "codes", "changed"),
+    [
+        ("PARM", "QNf", (1, "Zaf", 2, "an")),
+        ("IMU", "QBfff", (1, "nZa", 4, "nZa")),
+        ("XKF1", "QBfff", (0, "naZ", 1, "naZ", 3, "naZ")),
+        ("ATT", "QccC", (0, "na", 1, "na", 3, "na")),
+        ("MODE", "QMB", (0, "na", 2, "na")),
+        ("RCOU", "QHHHH", (0, "na", 1, "na")),
+        ("PSCD", "Qff", (0, "na", 1, "na")),
+        ("FMTU", "QBNN", (1, "na", 2, "fa", 3, "fa")),
+        ("MSG", "QZ", (0, "na", 1, "fa")),
+    ],
+)
+def test_texts_and_lists_where_numbers_belong(read_dataflash, name, codes, changed):
+    for item, others in zip(changed[::2], changed[1::2], strict=True):
+        for code in others:
+            if code == codes[item]:
+                continue
+            entry = writer()
+            columns = entry.columns[name]
+            made = codes[:item] + code + codes[item + 1 :]
+            length = 3 + sum(np.dtype(KINDS[each]).itemsize for each in made)
+            number = entry.numbers[name]
+            index = entry.head.index(name.encode().ljust(4, b"\0"), 89) - 5
+            entry.head = (
+                entry.head[:index]
+                + fmt(number, length, name, made, ",".join(columns))
+                + entry.head[index + 89 :]
+            )
+            entry.messages = [
+                (time, row[:3] + (row[3:] + b"\x31" * length)[: length - 3] if row[2] == number else row)
+                for time, row in entry.messages
+            ]
+            r = read_dataflash(entry.bytes())
+            if not (code == "Z" and name == "PARM"):
+                assert f"{name}.{columns[item]}" in told_dataflash(r, "message_formats"), (name, item, code)
+
+
+def test_a_few_messages_of_a_lower_instance_are_damage(read_dataflash):
+    item = writer()
+    for pair in [pair for pair in item.messages if pair[1][2] == item.numbers["IMU"]][3:]:
+        item.messages[item.messages.index(pair)] = (pair[0], pair[1][:11] + b"\x01" + pair[1][12:])
+    assert read_dataflash(item.bytes()).channels["specific_force_body_z"].values.size == 57
+
+
+def test_a_layout_is_said_again(read_dataflash):
+    item = writer()
+    number = item.numbers["XKF1"]
+    again = item.head[item.head.index(b"XKF1") - 5 :][:89]
+    item.messages.append((100.5, again))
+    r = read_dataflash(item.bytes())
+    assert r.channels["velocity_z"].values.size == 60
+    assert not told_dataflash(r, "message_formats")
+    item.messages[-1] = (100.5, fmt(number, 20, "XKF1", "QBd", "TimeUS,C,VD"))
+    r = read_dataflash(item.bytes())
+    assert r.channels["velocity_z"].values.size == 60
+    assert "the first counts: XKF1" in told_dataflash(r, "message_formats")
+
+
+def test_many_breaks_end_the_search(read_dataflash, sound_dataflash, monkeypatch):
+    monkeypatch.setattr(messages, "MAX_BREAKS", 20)
+    r = read_dataflash(sound_dataflash + b"\xa3\x95\x80" * 2000)
+    assert told_dataflash(r, "corrupt_parts") or told_dataflash(r, "truncated")
+
+
+def mutated_dataflash(content, seed):
+    rng = np.random.default_rng(seed)
+    data = bytearray(content)
+    kind = seed % 4
+    for integer in rng.integers(2, len(data), size=rng.integers(1, 30)).tolist():
+        if kind == 0:
+            data[integer] = int(rng.integers(256))
+        elif kind == 1:
+            del data[integer : integer + int(rng.integers(1, 200))]
+        elif kind == 2:
+            data[integer:integer] = rng.bytes(int(rng.integers(1, 100)))
+        else:
+            data[integer : integer + 89] = data[:89]
+        if len(data) < 3:
+            break
+    return bytes(data)
+
+
+@pytest.mark.thorough
+@pytest.mark.usefixtures("unchecked_shapes")
+def test_mutated_logs(read_dataflash, sound_dataflash):
+    assert all(
+        survives_dataflash(read_dataflash, mutated_dataflash(sound_dataflash, seed)) for seed in range(80)
+    )
+
+
+@pytest.mark.usefixtures("unchecked_shapes")
+@pytest.mark.filterwarnings("error")
+@pytest.mark.thorough
+def test_every_length_of_a_head(read_dataflash, sound_dataflash):
+    assert all(survives_dataflash(read_dataflash, sound_dataflash[:length]) for length in range(1, 2000))
+
+
+@pytest.mark.usefixtures("unchecked_shapes")
+@pytest.mark.long
+def test_ten_thousand_mutated_logs(read_dataflash, sound_dataflash):
+    assert all(
+        survives_dataflash(read_dataflash, mutated_dataflash(sound_dataflash, seed))
+        for seed in range(80, 10_080)
+    )

@@ -1,13 +1,24 @@
 """DataFlash logs: dialects of the firmware, and what each channel is."""
 
+from __future__ import annotations
+
+import mmap
+
 import numpy as np
 import pytest
-from dataflash_writer import DataflashWriter, flight_log, simulated
+from dataflash_writer import KINDS, DataflashWriter, flight_log, simulated, survives, told
 
+import eivor as ev
+from eivor.cli.main import app
 from eivor.errors import EmptyLogError
+from eivor.inference.verdict import Status
 from eivor.logs import logging_advice, read_log
+from eivor.logs.dataflash import messages
+from eivor.logs.dataflash.messages import Messages, find_offsets, read_layouts
 from eivor.signals.channels import CurveSide
-from eivor.signals.recording import Frame
+from eivor.signals.recording import Channel, Frame, Recording
+
+# -- DataFlash logs: dialects of the firmware, and what each channel is --
 
 
 @pytest.fixture(scope="module")
@@ -241,3 +252,272 @@ def test_density_of_the_air_by_the_barometer(tmp_path, flight):
     assert density.source == "BARO.Press and .Temp"
     broken = flight_log(flight).add("BARO", np.arange(5.0), "ff", Press=101325.0, Temp=0.0)
     assert "air_density" not in read(tmp_path, broken).channels
+
+
+# -- DataFlash logs in text: what the binary log of the same flight holds --
+
+
+@pytest.fixture(scope="module")
+def flight_text():
+    return simulated(seed=3, duration=2.0)
+
+
+@pytest.fixture
+def read_text(tmp_path):
+    def read_text(content):
+        path = tmp_path / "flight.log"
+        path.write_bytes(content)
+        return read_log(path)
+
+    return read_text
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(
+    ("dialect", "block"),
+    [
+        ("3.3", messages.TEXT_BLOCK_BYTES),
+        ("3.4", messages.TEXT_BLOCK_BYTES),
+        ("4.1", 3000),
+        ("4.6", messages.TEXT_BLOCK_BYTES),
+    ],
+)
+def test_the_channels_and_numbers_of_the_binary_log(read_text, flight_text, monkeypatch, dialect, block):
+    monkeypatch.setattr(messages, "TEXT_BLOCK_BYTES", block)
+    writer = flight_log(flight_text, dialect)
+    written, binary = read_text(writer.lines()), read_text(writer.bytes())
+    assert list(written.channels) == list(binary.channels)
+    for name, channel in binary.channels.items():
+        np.testing.assert_array_equal(written.channels[name].time_s, channel.time_s, err_msg=name)
+        np.testing.assert_array_equal(written.channels[name].values, channel.values, err_msg=name)
+        assert written.channels[name].source == channel.source
+    assert (written.format, written.frame, written.vehicle) == ("dataflash", binary.frame, "rotary wing")
+    assert written.parameters == binary.parameters
+    assert written.findings == binary.findings
+
+
+@pytest.mark.parametrize("names", [{"3": "Auto", "0": "STABILIZE"}, {"3": "Auto", "0": "0"}])
+def test_modes_by_name_and_lines_of_windows(read_text, flight_text, names):
+    writer = flight_log(flight_text, "3.4", modes={0.0: 3, 1.0: 0})
+    for column in ("ModeNum", "Other"):
+        writer.columns["MODE"] = [writer.clock, "Mode", column, "Rsn"]
+        log = read_text(b"Ready to drive.\r\n\r\n" + writer.lines(modes=names, newline="\r\n"))
+        assert log.channels["input_open_loop"].values.tolist() == [0.0, 1.0]
+
+
+@pytest.mark.parametrize("how", ["mark", "tabs", "indented", "empty lines"])
+def test_spaces_and_marks_around_names(read_text, flight_text, how):
+    plain = flight_log(flight_text, "4.6").lines()
+    written = {
+        "mark": b"\xef\xbb\xbf" + plain,
+        "tabs": plain.replace(b", ", b" ,\t"),
+        "indented": b" \t" + plain.replace(b"\n", b"\n \t")[:-2],
+        "empty lines": b"\r\n\n" + plain.replace(b"\n", b"\n\n"),
+    }[how]
+    assert written != plain
+    log, expected = read_text(written), read_text(plain)
+    assert log.findings == expected.findings
+    assert list(log.channels) == list(expected.channels)
+    np.testing.assert_array_equal(log.channels["input"].values, expected.channels["input"].values)
+
+
+def test_a_text_with_commas(read_text):
+    writer = DataflashWriter().text("ArduCopter V4.6.2, with a comma").add("RATE", [0.0, 0.1], "f", AOut=0.4)
+    assert read_text(writer.lines()).vehicle == "rotary wing"
+
+
+def test_damaged_lines_are_left_out_and_counted(read_text, flight_text):
+    writer = flight_log(flight_text, "4.6")
+    lines = writer.lines().split(b"\n")
+    index = next(n for n, line in enumerate(lines) if line.startswith(b"XKF1"))
+    lines[index] = lines[index].replace(b"XKF1", b"XK@1")
+    lines[index + 20 :] = [
+        line.replace(b"1", b"?") if n < 3 else line for n, line in enumerate(lines[index + 20 :])
+    ]
+    lines[5:5] = [b"FMT, 900, 20, ABC, Qf, TimeUS,X", b"FMT, 1", b"FMT, 77, 20, ABC, Q" + b"f" * 40 + b", X"]
+    lines = [b"BAT, 1" if line.startswith(b"BAT") else line for line in lines]
+    lines[-1:] = [b"RATE, " + b"9" * 5000, b"RATE, 1"]
+    log = read_text(b"\n".join(lines))
+    assert "battery_voltage" not in log.channels
+    assert "lines that are no message" in told(log, "corrupt_parts")
+    assert "left out: 3" in told(log, "message_formats")
+    assert "ends within a line (7 bytes" in told(log, "truncated")
+    assert abs(log.channels["velocity_z"].values.size - 50) <= 3
+
+
+def test_a_log_without_flight_data_text(read_text):
+    with pytest.raises(EmptyLogError, match="LOG_BITMASK"):
+        read_text(b"FMT, 128, 89, FMT, BBnNZ, Type,Length,Name,Format\n")
+
+
+def mutated(content, seed):
+    rng = np.random.default_rng(seed)
+    data = bytearray(content)
+    for integer in rng.integers(70, len(data), size=rng.integers(1, 30)).tolist():
+        if seed % 2:
+            data[integer] = int(rng.integers(256))
+        else:
+            del data[integer : integer + int(rng.integers(1, 200))]
+    return bytes(data)
+
+
+@pytest.mark.usefixtures("unchecked_shapes")
+@pytest.mark.parametrize("dialect", ["3.3", "4.6"])
+def test_mutated_logs(read_text, dialect):
+    content = flight_log(simulated(seed=3, duration=2.0), dialect).lines()
+    assert all(survives(read_text, mutated(content, seed)) for seed in range(12))
+
+
+# -- Every message of a DataFlash log, and every number in it, as pymavlink has it --
+
+
+def all_messages(path):
+    """All messages of a log, by name."""
+    with path.open("rb") as stream:
+        content = mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ)
+    layouts, _ = read_layouts(content)
+    data = np.frombuffer(content, dtype=np.uint8)
+    positions = find_offsets(data, layouts, layouts)
+    return {layout.name: Messages(layout, data, positions.of(number)) for number, layout in layouts.items()}
+
+
+def peers_messages(path):
+    """All messages of a log as pymavlink reads them, by name."""
+    from pymavlink.DFReader import DFReader_binary
+
+    log = DFReader_binary(str(path))
+    results = {}
+    while (message := log.recv_msg()) is not None:
+        results.setdefault(message.get_type(), []).append(message)
+    log.filehandle.close()
+    return results
+
+
+def assert_alike(path):
+    """Compare all messages; return how many there are."""
+    ours, theirs = all_messages(path), peers_messages(path)
+    assert {name: our.count for name, our in ours.items() if our.count} == {
+        name: len(sent) for name, sent in theirs.items()
+    }
+    for name, sent in theirs.items():
+        for column, field in ours[name].layout.fields.items():
+            selected = [getattr(message, column) for message in sent]
+            if field.kind.kind == "S":
+                assert ours[name].texts(column) == selected, (name, column)
+            else:
+                values = ours[name].stored(column) if field.kind.subdtype else ours[name].values(column)
+                np.testing.assert_allclose(values, selected, rtol=1e-15, err_msg=f"{name}.{column}")
+    return sum(map(len, theirs.values()))
+
+
+@pytest.mark.parametrize("dialect", ["3.3", "3.4", "4.1", "4.6"])
+def test_the_messages_of_a_dialect(tmp_path, dialect):
+    path = tmp_path / "flight.bin"
+    path.write_bytes(flight_log(simulated(seed=3, duration=2.0), dialect).bytes())
+    assert assert_alike(path) > 700
+
+
+def test_every_code_of_a_field(tmp_path):
+    rng = np.random.default_rng(0)
+    writer = DataflashWriter()
+    numbers = {code: rng.integers(-100, 100, size=20) for code in "bhiqcefdgL"}
+    numbers |= {code: rng.integers(0, 100, size=20) for code in "BHIQCEM"}
+    assert {*numbers, *"nNZa"} == {*KINDS}
+    for n, (code, values) in enumerate(numbers.items()):
+        writer.add(f"T{n}", np.arange(20.0), code, X=values)
+    for code in "nNZ":
+        writer.add(f"S{code}", np.arange(20.0), code, X=b"abc")
+    writer.add("SA", np.arange(20.0), "a", X=rng.integers(-30000, 30000, size=(20, 32)))
+    path = tmp_path / "flight.bin"
+    path.write_bytes(writer.bytes())
+    assert assert_alike(path) == 20 * 21 + 22
+
+
+@pytest.mark.recordings
+@pytest.mark.thorough
+def test_a_real_log(recordings):
+    assert assert_alike(recordings / "ardupilot" / "log_0036_mechanical_failure.bin") > 46_000
+
+
+# -- Flights of known truth, as firmwares of ArduPilot log them: identified, and the intervals  --
+
+TRUTH = {"viscous_friction": 0.4, "input_gain": 39.2266, "effective_lag": 0.04, "hover_input": 0.25}
+LOITER, SYSTEM_IDENTIFICATION, THROTTLE_AXIS = 5, 25, 13
+
+
+def identified(tmp_path, writer):
+    """The fit of a log, which must be told and hold the truth."""
+    path = tmp_path / "flight.bin"
+    path.write_bytes(writer.bytes())
+    fit = ev.identify_flight(ev.read_log(path))
+    assert fit.verdict.status is Status.IDENTIFIED
+    for name, value in TRUTH.items():
+        low, high = fit.quantities[name].interval
+        assert low <= value <= high, name
+    return fit
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("dialect", ["3.4", "4.1", "4.6"])
+def test_the_truth_is_in_the_intervals(tmp_path, dialect):
+    identified(tmp_path, flight_log(simulated(seed=3, duration=60.0), dialect))
+
+
+def swept(seconds=80.0, start=12.0, end=70.0):
+    """A flight that holds its height in gusts, and in between sweeps the throttle of a resting stick."""
+    rng, step, gain, lag = np.random.default_rng(0), 0.0025, TRUTH["input_gain"], TRUTH["effective_lag"]
+    time = np.arange(round(seconds / step)) * step
+    within = (time >= start) & (time < end)
+    sweep = 0.08 * np.sin(2.0 * np.pi * (0.05 * (time - start) + 0.98 / (end - start) * (time - start) ** 2))
+    sweep = np.where(within, sweep, 0.0)
+    kept, gust, height, speed, state, rows = np.exp(-step), 0.0, 5.0, 0.0, 0.25, []
+    gusts = 0.3 * np.sqrt(1.0 - kept**2) * rng.standard_normal(time.size)
+    for k in range(time.size):
+        if k % 4 == 0:
+            gains = (0.003, 0.002) if within[k] else (0.02, 0.04)
+            requested = 0.25 + gains[0] * (5.0 - height) - gains[1] * speed + sweep[k]
+        gust = kept * gust + gusts[k]
+        climb = gain * state - 9.80665 - TRUTH["viscous_friction"] * (speed - gust)
+        rows.append((height, speed, climb + 9.80665, requested))
+        state += (requested - state) * (1.0 - np.exp(-step / lag))
+        speed, height = speed + step * climb, height + step * speed
+    time, sweep, within = time[::4], sweep[::4], within[::4]
+    height, speed, force, requested = np.array(rows[::4]).T
+    values = {"position_z": height, "velocity_z": speed + 0.02 * rng.standard_normal(time.size)}
+    values |= {
+        "specific_force_z": force + 0.3 * rng.standard_normal(time.size),
+        "cos_tilt": np.ones(time.size),
+    }
+    values |= {"rotor_command_1": np.sqrt(requested), "reference_position_z": np.full(time.size, 5.0)}
+    values |= dict.fromkeys(("reference_velocity_z", "reference_acceleration_z"), np.zeros(time.size))
+    channels = {name: Channel(name, time, value, "") for name, value in values.items()}
+    return Recording("swept", "simulated", channels), time[within], sweep[within]
+
+
+@pytest.mark.thorough
+def test_a_sweep_into_the_throttle_is_the_instrument(tmp_path):
+    flight, time, sweep = swept()
+    writer = flight_log(flight, "4.6", modes={0.0: LOITER, time[0]: SYSTEM_IDENTIFICATION, time[-1]: LOITER})
+    writer.add("SIDS", time[0], "Bf", Ax=THROTTLE_AXIS, Mag=0.08)
+    writer.add("SIDD", time, "ff", Time=time - time[0], Targ=sweep)
+    fit = identified(tmp_path, writer)
+    assert fit.prepared[0].usable_references == ("injected_throttle",)
+
+
+@pytest.mark.parametrize(
+    ("firmware", "kind"), [("ArduPlane V4.5.7 (0358a9c2)", "fixed wing"), ("ArduRover V4.2.3", "rover")]
+)
+def test_other_vehicles_are_refused(tmp_path, capsys, monkeypatch, firmware, kind):
+    monkeypatch.setenv("COLUMNS", "200")
+    path = tmp_path / "flight.bin"
+    path.write_bytes(flight_log(simulated(seed=3, duration=2.0), vehicle=firmware).bytes())
+    for model, wanted in (
+        ("vertical", "a vehicle that hovers on its rotors"),
+        ("rates", "a log of a multirotor"),
+    ):
+        with pytest.raises(SystemExit) as left:
+            app(["identify", str(path), "--model", model], prog_name="eivor")
+        text = " ".join(capsys.readouterr().err.split())
+        assert left.value.code == 1
+        assert wanted in text
+        assert f"which says that it is of a {kind}" in text

@@ -1,19 +1,47 @@
+"""The table of formats, and a format of somebody else in it."""
+
+from __future__ import annotations
+
+import codecs
 import gzip
+import io
 import os
+import struct
+import subprocess
 import sys
+import tempfile
+from dataclasses import replace
+from datetime import UTC, datetime
 from pathlib import Path
 
+import numpy as np
+import polars as pl
 import pytest
+from ulog_writer import flight
 
+import eivor as ev
 from eivor.errors import (
+    CorruptLogError,
     EmptyLogError,
     InputError,
     LogTooLargeError,
+    MissingChannelError,
     MissingReaderError,
     UnknownFormatError,
     UsageError,
 )
-from eivor.logs import logging_advice, read_log
+from eivor.logs import log_format, logging_advice, read, read_log, recording_from_columns
+from eivor.logs.common import LogFormat, begins_with
+from eivor.logs.mapping import recording_from_columns as recording_from_columns_columns
+from eivor.logs.mapping import recording_from_columns as recording_from_columns_own
+from eivor.logs.read import declare_format, log_formats, readable_formats
+from eivor.logs.table.columnar import write_recording
+from eivor.logs.ulog.topics import _release
+from eivor.motions.identify import identify_flight
+from eivor.report.flight import logging_advice_for
+from eivor.signals.recording import LogOrigin, utc_time
+
+# -- read --
 
 
 def written(tmp_path, content, name="log"):
@@ -124,3 +152,365 @@ def test_starts_fast():
     code = "import sys, eivor.logs; print([m for m in ('polars', 'pyulog', 'pandas') if m in sys.modules])"
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert out.stdout.strip() == "[]"
+
+
+# -- The table of formats, and a format of somebody else in it --
+
+
+@pytest.fixture
+def table(monkeypatch):
+    """The table of formats, which is as it was after the test."""
+    monkeypatch.setattr(read, "_DECLARED", {})
+
+
+# A new format is one file like this part, and one line: declare_format(WHEELS).
+
+
+def read_wheels(file, options):
+    body = file.read_bytes()[4:]
+    if len(body) % 16:
+        raise CorruptLogError("pairs of doubles", f"'{file.name}' of {len(body)} bytes", "Copy it again.")
+    time_s, speed = np.frombuffer(body, dtype="<f8").reshape(-1, 2).T
+    recording = recording_from_columns({"time": time_s, "velocity_z": speed}, name=file.name)
+    return replace(recording, format=WHEELS.name, sha256=options.sha256)
+
+
+WHEELS = LogFormat(
+    "wheels",
+    "Wheels log",
+    begins_with(b"WHL1"),
+    read_wheels,
+    advice=lambda channel: (f"Turn on {channel}.",) if channel else ("Turn on everything.",),
+    setpoints="the steering",
+)
+
+
+def test_a_format_from_outside(table, tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_bytes(b"WHL1" + struct.pack("<4d", 0.0, 1.0, 0.1, 2.0))
+    with pytest.raises(UnknownFormatError, match=r"MCAP, MATLAB, HDF5, CSV"):
+        read_log(path)
+    declare_format(WHEELS)
+    r = read_log(path)
+    assert (r.format, len(r.sha256)) == ("wheels", 64)
+    assert r.channels["velocity_z"].values.tolist() == [1.0, 2.0]
+    assert logging_advice("wheels") == ("Turn on everything.",)
+    assert logging_advice_for(r, "input") == ("Turn on input.",)
+    with pytest.raises(UsageError, match="a channel map with the Wheels log"):
+        read_log(path, channel_map="rotorpy")
+    path.write_bytes(b"nothing")
+    with pytest.raises(UnknownFormatError, match=r"MCAP, MATLAB, HDF5, Wheels log, CSV"):
+        read_log(path)
+
+
+def test_declared_formats_do_not_take_the_place_of_others(table):
+    declare_format(WHEELS)
+    declare_format(WHEELS)
+    assert [row.name for row in log_formats()].count("wheels") == 1
+    for name in ("ulog", "gzip", "wheels"):
+        taken = LogFormat(name, "Another", begins_with(b"WHL1"), read_wheels)
+        with pytest.raises(UsageError, match=f"name of its own; received '{name}'"):
+            declare_format(taken)
+    assert [row.name for row in readable_formats()] == [
+        "ulog",
+        "ulog2csv",
+        "parquet",
+        "crazyflie",
+        "dataflash",
+        "ros1",
+        "ros2",
+        "mcap",
+        "matlab",
+        "hdf5",
+        "wheels",
+        "csv",
+    ]
+
+
+def test_names_are_unique_and_looked_up():
+    names = [row.name for row in log_formats()]
+    assert len(set(names)) == len(names)
+    assert all(log_format(row.name) is row for row in log_formats())
+    assert log_format("frame") is None
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (codecs.BOM_UTF16_LE + "time,vz\n0,1\n".encode("utf-16-le"), "a table in UTF-16.*-f UTF-16 "),
+        (codecs.BOM_UTF16_BE + "time;vz\n0;1\n".encode("utf-16-be"), "a table in UTF-16"),
+        ("time,vz,høj\n0,1,2\n".encode("utf-16-le"), "a table in UTF-16"),
+        ("time\tvz\n0\t1\n".encode("utf-16-be"), "a table in UTF-16"),
+        ("time,temp°C\n0,20\n".encode("latin-1"), "letters that are not UTF-8.*-f WINDOWS-1252 -t UTF-8"),
+        ("time;größe\r\n0;1\r\n".encode("cp1252"), "letters that are not UTF-8"),
+    ],
+)
+def test_tables_in_other_encodings(tmp_path, content, words):
+    path = tmp_path / "t.csv"
+    path.write_bytes(content)
+    with pytest.raises(UnknownFormatError, match=rf"(?s)in UTF-8; received 't.csv', .*{words}"):
+        read_log(path)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        "only words: høj\n".encode("latin-1"),
+        codecs.BOM_UTF16_LE + "only words".encode("utf-16-le"),
+        b"\xff\xfe",
+        b"\xff\xfe\x00",
+        b"a,\xe9\x01,b\n",
+    ],
+)
+def test_what_only_resembles_them(tmp_path, content):
+    path = tmp_path / "t.csv"
+    path.write_bytes(content)
+    with pytest.raises(UnknownFormatError, match="content is that of none of them"):
+        read_log(path)
+
+
+# -- Which machine wrote a log, with what, and when --
+
+START = datetime(2026, 5, 1, 12, tzinfo=UTC)
+
+
+def test_real_logs_know_their_boards(recordings):
+    """Against pyulog's own info messages, and the texts in the DataFlash log."""
+    px4 = read_log(recordings / "px4" / "ekf_failure.ulg")
+    assert px4.origin == LogOrigin(
+        "00050000000000000000615bb0a12b3c19d7",
+        "PX4 airframe 4001",
+        f"PX4 {_release(17760384)}",
+        px4.origin.start,
+    )
+    assert px4.origin.start is not None
+    assert abs((px4.origin.start - datetime(2025, 2, 10, 13, 57, tzinfo=UTC)).total_seconds()) < 300.0
+    assert np.median(px4.channels["air_density"].values) == pytest.approx(1.2815, abs=1e-3)
+    assert np.median(px4.channels["air_temperature"].values) == pytest.approx(6.4, abs=0.5)
+    apm = read_log(recordings / "ardupilot" / "log_0036_mechanical_failure.bin")
+    assert apm.origin.board == "00420035 33355109 33373538"
+    assert (apm.origin.airframe, apm.origin.firmware) == ("ArduPilot QUAD", "APM:Copter V3.4.4-rc1")
+    assert np.median(apm.channels["air_density"].values) == pytest.approx(1.158, abs=2e-3)
+    assert read_log(recordings / "arpl-crazyflie" / "log10").origin == LogOrigin(airframe="Crazyflie")
+    nanobench = read_log(next((recordings / "nanobench").glob("*.csv")))
+    assert nanobench.origin.airframe == "Crazyflie 2.1"
+    assert nanobench.origin.start is not None  # its clock is that of the computer beside it
+
+
+def test_versions_of_px4():
+    assert _release(0x010F01FF) == "1.15.1"
+    assert _release(0x010F0080) == "1.15.0 beta"
+    assert _release(0x01100000) == "1.16.0 development"
+
+
+@pytest.mark.parametrize(
+    ("seconds", "told"),
+    [(START.timestamp(), START), (0.0, None), (12.5, None), (1e12, None), (1e30, None), (float("nan"), None)],
+)
+def test_clocks_that_were_never_set_tell_no_time(seconds, told):
+    assert utc_time(seconds) == told
+
+
+@pytest.mark.parametrize(("first", "start"), [(START.timestamp(), START), (0.0, None), (5e7, None)])
+def test_tables_on_a_clock_of_the_day_know_when(tmp_path, first, start):
+    path = tmp_path / "log.csv"
+    rows = "".join(f"{first + 0.1 * index:.1f},{index}\n" for index in range(5))
+    path.write_text(f"time,velocity_z\n{rows}")
+    assert read_log(path).origin.start == start
+
+
+@pytest.mark.thorough
+def test_a_written_recording_keeps_its_origin(tmp_path):
+    log = ev.recording_from_columns({"time": np.arange(5.0), "velocity_z": np.ones(5)})
+    for origin in (LogOrigin("N1", "quad", "PX4 1.15.0", START), LogOrigin()):
+        write_recording(replace(log, origin=origin), tmp_path / "log.parquet")
+        assert read_log(tmp_path / "log.parquet").origin == origin
+
+
+@pytest.mark.usefixtures("unchecked_shapes")
+def test_what_is_no_origin_is_told():
+    with pytest.raises(UsageError, match="a datetime"):
+        LogOrigin(start="2026")
+
+
+# -- Logs that come through a pipe --
+
+TABLE = b"time,velocity_z\n0,1\n0.1,2\n"
+
+
+class Input(io.TextIOWrapper):
+    """A standard input that holds some bytes."""
+
+    def __init__(self, content, *, terminal=False):
+        super().__init__(io.BytesIO(content))
+        self.terminal = terminal
+
+    def isatty(self):
+        return self.terminal
+
+
+@pytest.fixture
+def temporary(tmp_path, monkeypatch):
+    """A folder for temporary files, empty before and after."""
+    folder = tmp_path / "temporary"
+    folder.mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(folder))
+    yield folder
+    assert list(folder.iterdir()) == []
+
+
+def parquet():
+    blob = io.BytesIO()
+    pl.DataFrame({"time": [0.0, 0.1], "velocity_z": [1.0, 2.0]}).write_parquet(blob)
+    return blob.getvalue()
+
+
+@pytest.mark.parametrize(
+    ("content", "name"), [(TABLE, "csv"), (parquet(), "parquet"), (flight().bytes(), "ulog")]
+)
+def test_every_format(temporary, monkeypatch, content, name):
+    monkeypatch.setattr(sys, "stdin", Input(content))
+    r = read_log("-")
+    assert (r.format, r.name) == (name, "standard input")
+    assert "velocity_z" in r.channels
+
+
+@pytest.mark.parametrize(
+    ("stream", "error", "words"),
+    [
+        (Input(b""), EmptyLogError, "'standard input', which is empty"),
+        (Input(b"words"), UnknownFormatError, "'standard input', whose content"),
+        (Input(TABLE * 9), LogTooLargeError, "at most 100 bytes; received more from standard input"),
+        (
+            Input(TABLE, terminal=True),
+            InputError,
+            r"nothing that is piped into it. Write `... | eivor identify -`",
+        ),
+        (None, InputError, "nothing that is piped into it"),
+    ],
+)
+def test_what_is_not_read(temporary, monkeypatch, stream, error, words):
+    monkeypatch.setattr(sys, "stdin", stream)
+    with pytest.raises(error, match=words):
+        read_log("-", max_bytes=100)
+
+
+def test_a_file_of_that_name_comes_first(temporary, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "stdin", Input(b""))
+    (tmp_path / "-").write_bytes(TABLE)
+    assert read_log("-").name == "-"
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no such paths there")
+def test_pipes_that_were_opened_for_this_process(temporary):
+    reading, writing = os.pipe()
+    try:
+        os.write(writing, TABLE)
+        os.close(writing)
+        assert read_log(f"/dev/fd/{reading}").channels["velocity_z"].values.tolist() == [1.0, 2.0]
+    finally:
+        os.close(reading)
+
+
+@pytest.mark.thorough
+@pytest.mark.skipif(sys.platform == "win32", reason="no such paths there")
+@pytest.mark.parametrize("path", ["-", "/dev/stdin"])
+def test_the_command_line(tmp_path, path):
+    command = [sys.executable, "-c", "from eivor.cli.main import run; run()", "inspect", path]
+    done = subprocess.run(command, input=TABLE, capture_output=True, check=False, cwd=tmp_path)
+    assert b"standard input" in done.stdout
+    assert done.stderr == b""
+
+
+@pytest.mark.usefixtures("unchecked_shapes")
+@pytest.mark.parametrize("path", [3, None, b"log.csv", ["log.csv"]])
+def test_paths_that_are_none(path):
+    with pytest.raises(UsageError, match="a path, as a text or a Path"):
+        read_log(path)
+
+
+# -- Columns that are there and cannot be used: what is said of them --
+
+TIME_S = 0.01 * np.arange(1000)
+COLUMNS = {
+    "time": TIME_S,
+    "velocity_z": np.sin(TIME_S),
+    "rotor_command_1": 0.5 + 0.1 * np.cos(TIME_S),
+    "reference_velocity_z": np.sin(TIME_S),
+    "specific_force_body_z": 9.8 + np.cos(TIME_S),
+}
+
+
+def test_a_column_without_a_number_is_said_to_be_there():
+    recording = recording_from_columns_columns(COLUMNS | {"velocity_z": np.full(1000, np.nan)})
+    with pytest.raises(MissingChannelError, match="velocity_z, which is there and holds no number"):
+        identify_flight(recording)
+
+
+def test_a_clock_that_runs_backwards_is_named():
+    recording = recording_from_columns_columns({name: column[::-1] for name, column in COLUMNS.items()})
+    with pytest.raises(MissingChannelError, match=r"999 were dropped, because their stamp .* goes backward"):
+        identify_flight(recording)
+
+
+def test_an_accelerometer_without_an_attitude_is_said_to_be_of_no_use():
+    (results,) = (
+        finding.message
+        for finding in identify_flight(recording_from_columns_columns(COLUMNS)).findings
+        if finding.name == "no_accelerometer"
+    )
+    assert results.startswith("Without an attitude the accelerometer cannot be turned to the world's axes")
+
+
+# -- Columns of joined tables, which have values in some of the rows only --
+
+ROWS = 1000
+OWN_TIME_S = 0.01 * np.arange(ROWS)
+VALUES = np.sin(OWN_TIME_S)
+
+
+def joined(*, has_value: np.ndarray, name: str = "rotor_command_1"):
+    column = np.where(has_value, VALUES, np.nan)
+    return recording_from_columns_own({"time": OWN_TIME_S, name: column, "velocity_z": VALUES})
+
+
+def found(recording) -> list[str]:
+    return [finding.message for finding in recording.findings if finding.name == "own_clock"]
+
+
+@pytest.mark.parametrize("every", [2, 5, 20])
+def test_a_column_of_a_slower_topic_has_its_own_rate(every):
+    recording = joined(has_value=np.arange(ROWS) % every == 1)
+    channel = recording.channels["rotor_command_1"]
+    np.testing.assert_array_equal(channel.time_s, OWN_TIME_S[1::every])
+    np.testing.assert_array_equal(channel.values, VALUES[1::every])
+    assert channel.rate_hz == pytest.approx(100.0 / every)
+    assert channel.quality.missing_values == 0
+    (message,) = found(recording)
+    assert message.endswith(f"read at rates of their own: rotor_command_1 {100 / every:.3g} Hz.")
+
+
+def test_a_setpoint_that_is_not_in_force_for_a_while_stays_so():
+    slow = np.arange(ROWS) % 10 == 0
+    gone = (OWN_TIME_S > 4.0) & (OWN_TIME_S < 7.0)
+    channel = joined(has_value=slow & ~gone, name="reference_position_z").channels["reference_position_z"]
+    silent_s = channel.time_s[np.isnan(channel.values)]
+    np.testing.assert_allclose(silent_s, [5.0])
+
+
+@pytest.mark.parametrize(
+    "has_value",
+    [
+        np.arange(ROWS) % 50 != 0,  # lost now and then
+        (OWN_TIME_S < 3.0) | (OWN_TIME_S > 6.0),  # not in force for a while
+        np.ones(ROWS, dtype=bool),
+        np.arange(ROWS) < 5,
+    ],
+)
+def test_blanks_that_are_no_clock_stay_blanks(has_value):
+    recording = joined(has_value=has_value)
+    channel = recording.channels["rotor_command_1"]
+    np.testing.assert_array_equal(channel.time_s, OWN_TIME_S)
+    np.testing.assert_array_equal(np.isfinite(channel.values), has_value)
+    assert not found(recording)

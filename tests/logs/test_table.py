@@ -1,11 +1,32 @@
-import datetime
+"""The tables that pyulog's `ulog2csv` makes of a flight are read as its ULog is."""
 
+from __future__ import annotations
+
+import datetime
+from dataclasses import replace
+
+import bag_writer
 import numpy as np
 import polars as pl
 import pytest
+from dataflash_writer import simulated
+from pyulog.ulog2csv import convert_ulog2csv
 
-from eivor.errors import ChannelMapError, CorruptLogError, EmptyLogError, UnknownFormatError
-from eivor.logs import read_log
+from eivor.errors import (
+    ChannelMapError,
+    CorruptLogError,
+    DataError,
+    EmptyLogError,
+    InputError,
+    ShapeError,
+    UnknownFormatError,
+    UsageError,
+)
+from eivor.logs import read_log, recording_from_columns, write_recording
+from eivor.signals.channels import held_by_default, unit_of
+from eivor.signals.recording import Channel, Frame, Recording
+
+# -- table --
 
 
 def csv(tmp_path, text, **options):
@@ -257,3 +278,295 @@ def test_damaged_parquet(tmp_path):
     (tmp_path / "t.parquet").write_bytes(blob[:-10])
     with pytest.raises(CorruptLogError, match="Parquet file that cannot be decoded"):
         read_log(tmp_path / "t.parquet")
+
+
+# -- The tables that pyulog's `ulog2csv` makes of a flight are read as its ULog is --
+
+PARAMETERS = "IMU_ACCEL_CUTOFF"
+
+
+@pytest.fixture
+def folder(tmp_path):
+    (tmp_path / "flight_1.ulg").write_bytes(bag_writer.ulog(simulated(seed=3, duration=2.0)))
+    made = tmp_path / "tables"
+    made.mkdir()
+    convert_ulog2csv(str(tmp_path / "flight_1.ulg"), "", str(made), ",", None, None)
+    return made
+
+
+def told(recording, name):
+    return " ".join(finding.message for finding in recording.findings if finding.name == name)
+
+
+def test_the_same_channels(folder):
+    expected = read_log(folder.parent / "flight_1.ulg")
+    r = read_log(folder)
+    assert (r.format, r.name, r.frame, r.vehicle) == ("ulog2csv", "tables", expected.frame, "rotary wing")
+    assert set(r.channels) == set(expected.channels)
+    for name, channel in expected.channels.items():
+        np.testing.assert_allclose(r.channels[name].time_s, channel.time_s, atol=1e-9)
+        np.testing.assert_allclose(r.channels[name].values, channel.values, rtol=1e-6, atol=1e-7)
+        assert r.channels[name].source == channel.source
+    assert PARAMETERS in told(r, "sensor_delay")
+
+
+def test_tables_that_are_damaged_or_of_another_log(folder):
+    (folder / "flight_1_vehicle_attitude_0.csv").write_text("timestamp,q[0]\n1,2,3\n")
+    (folder / "flight_1_vehicle_status_0.csv").write_text("timestamp,nav_state\nx,2\n")
+    r = read_log(folder)
+    assert "attitude_w" not in r.channels
+    assert "whose line 2 has 3 fields" in told(r, "corrupt_parts")
+    assert "vehicle_status" in told(r, "time_stamps")
+    (folder / "other_vehicle_attitude_0.csv").write_text("timestamp,q[0]\n1,2\n")
+    with pytest.raises(InputError, match="one log; received 'tables' with those of 2: flight_1, other"):
+        read_log(folder)
+
+
+# -- Columns whose cells are lists: a map names an element, and without one they are told from  --
+
+ROWS = 40
+VECTORS = np.arange(3.0 * ROWS).reshape(ROWS, 3) / 8.0
+TIMES = np.arange(ROWS) * 0.02
+MAP = """
+name = "lists"
+[time]
+column = "t"
+[channels.velocity_z]
+column = "v"
+index = 2
+[channels.position_z]
+column = "v"
+index = 0
+[channels.rotor_command_1]
+expression = '"v[1]" / 2'
+"""
+
+
+@pytest.fixture
+def mapped(tmp_path):
+    def mapped(path, text=MAP):
+        (tmp_path / "m.toml").write_text(text)
+        return read_log(path, channel_map=tmp_path / "m.toml")
+
+    return mapped
+
+
+def written(path, cells):
+    lines = [f"{time:g};{cell}" for time, cell in zip(TIMES, cells, strict=True)]
+    path.write_text("t;v\n" + "\n".join(lines) + "\n")
+    return path
+
+
+@pytest.mark.parametrize("form", ["[{}, {}, {}]", "({}; {}; {})", "[{} {}  {}]", "array([{}, {}, {}])"])
+def test_elements_of_texts(tmp_path, mapped, form):
+    quote = '"' if ";" in form else ""
+    cells = [f"{quote}{form.format(*row)}{quote}" for row in VECTORS]
+    r = mapped(written(tmp_path / "t.csv", cells))
+    np.testing.assert_array_equal(r.channels["velocity_z"].values, VECTORS[:, 2])
+    np.testing.assert_array_equal(r.channels["rotor_command_1"].values, VECTORS[:, 1] / 2)
+
+
+@pytest.mark.parametrize(
+    "kind", [pl.List(pl.Float32), pytest.param(pl.Array(pl.Float64, 3), marks=pytest.mark.thorough)]
+)
+def test_elements_of_nested_columns(tmp_path, mapped, kind):
+    frame = pl.DataFrame({"t": TIMES, "v": pl.Series(VECTORS.tolist(), dtype=kind)})
+    frame.write_parquet(tmp_path / "t.parquet")
+    r = mapped(tmp_path / "t.parquet")
+    np.testing.assert_array_equal(r.channels["velocity_z"].values, VECTORS[:, 2])
+    np.testing.assert_array_equal(r.channels["position_z"].values, VECTORS[:, 0])
+
+
+def test_what_is_no_element_is_missing(tmp_path, mapped):
+    cells = [f"[{row[0]}, {row[1]}, {row[2]}]" for row in VECTORS]
+    cells[3], cells[4], cells[5] = "[1, 2]", "nothing", "[1, 2, x]"
+    channel = mapped(written(tmp_path / "t.csv", cells)).channels["velocity_z"]
+    assert np.flatnonzero(np.isnan(channel.values)).tolist() == [3, 4, 5]
+
+
+def test_lists_are_told_from_empty_columns(tmp_path):
+    cells = [f"[{row[0]}, {row[1]}, {row[2]}]" for row in VECTORS]
+    path = written(tmp_path / "t.csv", [cell.replace(",", "") for cell in cells])
+    path.write_text(path.read_text().replace("t;v", "time;velocity_z", 1))
+    with pytest.raises(EmptyLogError, match=r"lists.*'velocity_z' \(\[0.0 0.125 0.25\]\).*`index`"):
+        read_log(path)
+    frame = pl.DataFrame({"time": TIMES, "velocity_z": VECTORS.tolist(), "position_z": TIMES})
+    frame.write_parquet(tmp_path / "t.parquet")
+    r = read_log(tmp_path / "t.parquet")
+    assert "List(Float64)" in next(finding.message for finding in r.findings if finding.name == "lists")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("index = 2", "index = -1", "a place from 0.*index"),
+        ("index = 2", "index = 1.5", "a whole number"),
+        ('column = "v"\nindex = 2', 'column = "w"\nindex = 2', r"a column 'w\[2\]'.*'v'"),
+    ],
+)
+def test_maps_that_are_wrong(tmp_path, mapped, old, new, words):
+    path = written(tmp_path / "t.csv", ["[1, 2, 3]"] * ROWS)
+    with pytest.raises(ChannelMapError, match=f"(?s){words}"):
+        mapped(path, MAP.replace(old, new))
+
+
+# -- arrays --
+
+T = np.linspace(0.0, 2.0, 201)
+COLUMNS = {
+    "time": T,
+    "velocity_z": np.sin(T) / 3,
+    "input": np.where(T < 1, np.nan, 0.1),
+    "rotor_command_2": T**2,
+}
+
+
+@pytest.mark.parametrize("make", [dict, pl.DataFrame, lambda c: {k: list(v) for k, v in c.items()}])
+def test_from_columns(make):
+    r = recording_from_columns(
+        make(COLUMNS), name="sim", frame=Frame.NED, input_map="square", parameters={"mass": 1.0}
+    )
+    assert (r.name, r.format, r.frame, r.input_map, r.parameters) == (
+        "sim",
+        "frame",
+        Frame.NED,
+        "square",
+        {"mass": 1.0},
+    )
+    np.testing.assert_array_equal(r.channels["input"].values, COLUMNS["input"])
+    assert r.channels["input"].held
+    assert r.sha256 == ""
+
+
+@pytest.mark.parametrize(
+    ("columns", "error", "words"),
+    [
+        ({"velocity_z": [1.0]}, UsageError, "a column 'time'"),
+        ({"time": [1.0]}, UsageError, "at least one channel"),
+        ({"time": [1.0], "velocity_zz": [1.0]}, UsageError, "Did you mean 'velocity_z'"),
+        ({"time": [1.0], 3: [1.0]}, UsageError, "canonical names"),
+        ({"time": [1.0, 2.0], "velocity_z": [1.0]}, ShapeError, "length of 'time', 2"),
+        ({"time": [1.0, 2.0], "velocity_z": [[1.0], [1.0]]}, ShapeError, "shape"),
+        ({"time": [1.0, 2.0], "velocity_z": ["a", "b"]}, DataError, "numbers in column 'velocity_z'"),
+        ({"time": [], "velocity_z": []}, EmptyLogError, "length 0"),
+        ({"time": [1.0], "velocity_z": [np.nan]}, EmptyLogError, "empty"),
+    ],
+)
+def test_wrong_columns(columns, error, words):
+    with pytest.raises(error, match=words):
+        recording_from_columns(columns)
+
+
+def same(first, other):
+    assert (first.frame, first.input_map, first.parameters) == (
+        other.frame,
+        other.input_map,
+        other.parameters,
+    )
+    assert list(first.channels) == list(other.channels)
+    for name, channel in first.channels.items():
+        twin = other.channels[name]
+        np.testing.assert_array_equal(channel.time_s, twin.time_s)
+        np.testing.assert_array_equal(channel.values, twin.values)
+        assert (channel.unit, channel.held, channel.source, channel.quality, channel.estimated) == (
+            twin.unit,
+            twin.held,
+            twin.source,
+            twin.quality,
+            twin.estimated,
+        )
+
+
+def test_parquet_reads_back_the_same(tmp_path):
+    r = recording_from_columns(
+        COLUMNS, frame=Frame.NED, input_map="square", parameters={"a": 0.1}, estimated=("velocity_z",)
+    )
+    assert [name for name, channel in r.channels.items() if channel.estimated] == ["velocity_z"]
+    write_recording(r, tmp_path / "r.parquet")
+    back = read_log(tmp_path / "r.parquet")
+    assert back.name == "r.parquet"
+    same(r, back)
+    write_recording(back, tmp_path / "again.parquet")
+    assert read_log(tmp_path / "again.parquet").sha256 == back.sha256
+
+
+def test_delays_of_sensors_are_kept(tmp_path):
+    r = recording_from_columns(COLUMNS)
+    late = replace(
+        r, channels={name: replace(channel, delay_s=0.004) for name, channel in r.channels.items()}
+    )
+    write_recording(late, tmp_path / "r.parquet")
+    assert {channel.delay_s for channel in read_log(tmp_path / "r.parquet").channels.values()} == {0.004}
+    with pytest.raises(UsageError, match="the delay of"):
+        write_recording(late, tmp_path / "r.csv")
+
+
+def test_csv_reads_back_the_same(tmp_path):
+    r = recording_from_columns(COLUMNS)
+    write_recording(r, tmp_path / "r.csv")
+    same(r, read_log(tmp_path / "r.csv"))
+
+
+def test_what_cannot_be_written(tmp_path):
+    with pytest.raises(UsageError, match=r"z down.*input map 'square'"):
+        write_recording(
+            recording_from_columns(COLUMNS, frame=Frame.NED, input_map="square"), tmp_path / "r.csv"
+        )
+    with pytest.raises(UsageError, match="that an estimator made velocity_z"):
+        write_recording(recording_from_columns(COLUMNS, estimated=("velocity_z",)), tmp_path / "r.csv")
+    with pytest.raises(UsageError, match=r"channels out of time, .*received 'vz'"):
+        recording_from_columns(COLUMNS, estimated=("vz",))
+    with pytest.raises(UsageError, match="ends in"):
+        write_recording(recording_from_columns(COLUMNS), tmp_path / "r.txt")
+    channel = Channel("landed", np.array([0.5, 1.5]), np.array([0.0, np.nan]), "")
+    recording = Recording(
+        name="r",
+        format="",
+        channels={"input": Channel("input", np.arange(2.0), np.zeros(2), ""), "landed": channel},
+    )
+    with pytest.raises(UsageError, match=r"all stamps of 'landed'.*NaN among them"):
+        write_recording(recording, tmp_path / "r.parquet")
+    with pytest.raises(UsageError, match="the stamps of input and others"):
+        write_recording(
+            replace(
+                recording,
+                channels=dict(recording.channels) | {"landed": replace(channel, values=np.zeros(2))},
+            ),
+            tmp_path / "r.csv",
+        )
+    with pytest.raises(UsageError, match="a recording with channels"):
+        write_recording(replace(recording, channels={}), tmp_path / "r.parquet")
+
+
+def test_channels_of_several_clocks_read_back_the_same(tmp_path):
+    quick, slow = np.arange(0.0, 2.0, 0.01), np.arange(0.003, 2.0, 0.02)
+    channels = {
+        name: Channel(name, time, np.sin(time), unit_of(name), source="x", held=held_by_default(name))
+        for name, time in (("velocity_z", quick), ("input", slow), ("position_z", quick))
+    }
+    r = Recording(name="r", format="simulation", channels=channels)
+    write_recording(r, tmp_path / "r.parquet")
+    same(r, read_log(tmp_path / "r.parquet"))
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(
+    "metadata",
+    [
+        "{",
+        "[]",
+        "{}",
+        '{"frame": "UP"}',
+        "[" * 100000,
+        '{"frame": "NED", "input_map": 3, "parameters": {}, "channels": {}}',
+        '{"frame": "NED", "input_map": "", "parameters": {"a": "x"}, "channels": {}}',
+        '{"frame": "NED", "input_map": "", "parameters": {}, "channels": {"input": 3}}',
+        '{"frame": "NED", "input_map": "", "parameters": {}, "channels": {"input": {"held": 3}}}',
+        '{"frame": "NED", "input_map": "", "parameters": {}, "channels": {"input": {"overflowed": -1}}}',
+    ],
+)
+def test_strange_metadata_is_left_out(tmp_path, metadata):
+    pl.DataFrame(COLUMNS).write_parquet(tmp_path / "r.parquet", metadata={"eivor": metadata})
+    r = read_log(tmp_path / "r.parquet")
+    assert r.frame is Frame.Z_UP
+    assert "metadata" in [f.name for f in r.findings]

@@ -1,3 +1,7 @@
+"""Delays of a PX4 log's topics: filters known from parameters, means, the way to the stamp."""
+
+from __future__ import annotations
+
 import contextlib
 import io
 import struct
@@ -6,12 +10,19 @@ import sys
 import numpy as np
 import pytest
 from dataflash_writer import simulated
+from scipy.signal import butter, group_delay, iirnotch
 from ulog_writer import UlogWriter, flight, flight_log, message
 
 from eivor.errors import CorruptLogError, EmptyLogError, UsageError
 from eivor.logs import read_log
+from eivor.logs.ulog.channels import are_pulses, as_shares, motor_outputs, pulse_range, topic_delays
+from eivor.logs.ulog.topics import Topic
+from eivor.motions.vertical.select import INPUTS
 from eivor.signals.channels import CurveSide
 from eivor.signals.recording import Frame
+from logs.ulog_writer import UlogWriter as UlogWriter_pulse
+
+# -- ulog --
 
 
 def read(tmp_path, writer):
@@ -444,3 +455,139 @@ def test_nothing_is_printed(tmp_path):
                 read(tmp_path, bytes(damaged))
     assert out.getvalue() == ""
     assert err.getvalue() == ""
+
+
+# -- Delays of a PX4 log's topics: filters known from parameters, means, the way to the stamp --
+
+RATE_HZ = 4000.0
+
+
+def topic(name: str, **fields) -> Topic:
+    stamps = (1_000_000 + 4000 * np.arange(50)).astype(np.uint64)
+    return Topic(name, 0, {"timestamp": stamps, **fields})
+
+
+def seconds(name: str, parameters=None, **fields) -> float:
+    return sum(seconds for seconds, _ in topic_delays(topic(name, **fields), parameters or {}))
+
+
+def late_at_one_hertz(b, a) -> float:
+    return float(group_delay((b, a), w=[1.0], fs=RATE_HZ)[1][0]) / RATE_HZ
+
+
+def test_low_passes_are_late_by_their_group_delay():
+    expected = late_at_one_hertz(*butter(2, 30.0, fs=RATE_HZ))
+    assert seconds("vehicle_acceleration", {"IMU_ACCEL_CUTOFF": 30.0}) == pytest.approx(expected, rel=0.01)
+    assert seconds("vehicle_angular_velocity", {"IMU_GYRO_CUTOFF": 30.0}) == pytest.approx(expected, rel=0.01)
+    # the one's parameter says nothing of the other, and zero turns a filter off
+    assert seconds("vehicle_acceleration", {"IMU_GYRO_CUTOFF": 30.0, "IMU_ACCEL_CUTOFF": 0.0}) == 0.0
+
+
+@pytest.mark.parametrize("name", ["IMU_GYRO_NF0", "IMU_GYRO_NF1", "IMU_GYRO_NF"])
+def test_notches_are_late_by_their_group_delay(name):
+    frequency = f"{name}_FREQ" if name.endswith("NF") else f"{name}_FRQ"
+    result = seconds("vehicle_angular_velocity", {frequency: 80.0, f"{name}_BW": 20.0})
+    assert result == pytest.approx(late_at_one_hertz(*iirnotch(80.0, 80.0 / 20.0, fs=RATE_HZ)), rel=0.02)
+
+
+@pytest.mark.parametrize("length", [np.full(50, 5000, dtype=np.uint32), np.full(50, 0.005)])
+def test_a_mean_is_late_by_half_of_its_interval(length):
+    cutoff = {"IMU_ACCEL_CUTOFF": 30.0}
+    assert seconds("sensor_combined", cutoff, accelerometer_integral_dt=length) == pytest.approx(0.0025)
+
+
+def test_what_says_when_it_was_sampled_is_late_by_the_way_to_its_stamp():
+    stamps = topic("x").fields["timestamp"]
+    assert seconds("vehicle_local_position", timestamp_sample=stamps - np.uint64(1400)) == pytest.approx(
+        0.0014
+    )
+    # of another clock, or in the future: not known
+    assert seconds("vehicle_local_position", timestamp_sample=stamps - np.uint64(900_000)) == 0.0
+    assert seconds("vehicle_local_position", timestamp_sample=stamps + np.uint64(5000)) == 0.0
+    # a setpoint is in force from when it is published
+    assert seconds("vehicle_thrust_setpoint", timestamp_sample=stamps - np.uint64(1400)) == 0.0
+
+
+def test_a_log_is_read_with_them(tmp_path):
+    time = 0.004 * np.arange(500)
+    log = UlogWriter().parameter("IMU_ACCEL_CUTOFF", 30.0)
+    log.topic("vehicle_acceleration", time, xyz=np.ones((500, 3)))
+    log.topic("vehicle_thrust_setpoint", time, xyz=-0.5 * np.ones((500, 3)))
+    (tmp_path / "log.ulg").write_bytes(log.bytes())
+    r = read_log(tmp_path / "log.ulg")
+    late = np.sqrt(2.0) / (2.0 * np.pi * 30.0)
+    channel = r.channels["specific_force_body_z"]
+    np.testing.assert_allclose(channel.time_s, time - late, atol=1e-9)
+    assert channel.delay_s == pytest.approx(late)
+    np.testing.assert_allclose(r.channels["input"].time_s, time, atol=1e-9)
+    (messages,) = [finding.message for finding in r.findings if finding.name == "sensor_delay"]
+    assert (
+        messages
+        == "Taken off the stamps of vehicle_acceleration: 7.5 ms (low-pass of 30 Hz, IMU_ACCEL_CUTOFF)."
+    )
+
+
+# -- Motor outputs in microseconds become shares of the range that the log's parameters give --
+
+RISING = np.linspace(1100.0, 1900.0, 5)
+
+
+def test_the_range_in_force_is_the_outputs_own_or_else_that_of_all():
+    selected = {"PWM_MAIN_MIN2": 1100.0, "PWM_MAIN_MAX2": 1900.0, "PWM_MIN": 1000.0, "PWM_MAX": 2000.0}
+    result = pulse_range("PWM_MAIN", 1, selected)
+    assert result is not None
+    assert (result.low, result.high, result.names) == (1100.0, 1900.0, ("PWM_MAIN_MIN2", "PWM_MAIN_MAX2"))
+    np.testing.assert_allclose(
+        result.share(np.array([900.0, 1100.0, 1500.0, 2000.0, np.nan])), [0, 0, 0.5, 1, np.nan]
+    )
+    general = pulse_range("PWM_MAIN", 0, {**selected, "PWM_MAIN_MIN1": -1.0, "PWM_MAIN_MAX1": -1.0})
+    assert general is not None
+    assert general.names == ("PWM_MIN", "PWM_MAX")
+    assert pulse_range("PWM_MAIN", 0, {}) is None
+    assert pulse_range("PWM_MAIN", 0, {"PWM_MIN": 2000.0, "PWM_MAX": 1000.0}) is None
+
+
+def test_what_is_no_pulse_width_stays():
+    assert are_pulses([RISING, 0.0 * RISING], {})
+    assert not are_pulses([RISING / 2000.0], {})
+    assert not are_pulses([RISING - 900.0], {})
+    assert not are_pulses([], {})
+    assert not are_pulses([RISING], {"PWM_MAIN_TIM0": -3.0})
+    assert not are_pulses([RISING], {"DSHOT_CONFIG": 600.0})
+    assert are_pulses([RISING], {"PWM_MAIN_TIM0": 400.0, "DSHOT_CONFIG": 0.0})
+
+
+def test_outputs_are_told_by_their_motors():
+    functions = {"PWM_AUX_FUNC1": 102.0, "PWM_AUX_FUNC2": 101.0, "PWM_AUX_FUNC3": 201.0}
+    assert motor_outputs([0, 1, 2], functions) == ("PWM_AUX", {1: 1, 0: 2})
+    assert motor_outputs([0, 2], {}) == ("PWM_MAIN", {0: 1, 2: 2})
+
+
+def test_a_range_that_no_parameter_tells_is_said():
+    values, finding = as_shares({0: RISING}, {})
+    assert values[0] is RISING
+    assert finding.name == "pulse_range_unknown"
+    assert "no parameter gives their range (PWM_MAIN_MIN1 and PWM_MAIN_MAX1" in finding.message
+
+
+def test_a_log_of_pulses_has_shares_for_an_input(tmp_path):
+    t = np.arange(100) * 0.1
+    widths = np.stack([1100 + t * 10, 1200 + t * 10, 1500 + t], 1)
+    writer = UlogWriter_pulse(flags=False).topic("actuator_outputs", t, output=widths)
+    for name, value in (
+        ("PWM_MAIN_FUNC1", 102),
+        ("PWM_MAIN_FUNC2", 101),
+        ("PWM_MAIN_FUNC3", 201),
+        *((f"PWM_MAIN_{end}{n}", width) for end, width in (("MIN", 1100), ("MAX", 1900)) for n in (1, 2)),
+    ):
+        writer = writer.parameter(name, value)
+    r = read(tmp_path, writer)
+    assert [channel.source for channel in r.family("actuator_output")] == [
+        "actuator_outputs.output[1]",
+        "actuator_outputs.output[0]",
+    ]
+    np.testing.assert_allclose(r.channels["actuator_output_1"].values, (100 + t * 10) / 800)
+    (finding,) = [item for item in r.findings if item.name == "pulse_widths"]
+    assert finding.message.endswith("shares of the range 1100 to 1900 (PWM_MAIN_MIN2 and PWM_MAIN_MAX2).")
+    assert INPUTS[-1].name == "actuator_output"
+    assert not INPUTS[-1].measured

@@ -2,19 +2,42 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import json
+import sys
+from dataclasses import dataclass, replace
 from importlib.metadata import EntryPoint
+from pathlib import Path
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
+from turning_logs import turned
+from typer.testing import CliRunner
 
 import eivor as ev
 from eivor import motions
-from eivor.errors import UsageError
-from eivor.flights.motion import Motion
+from eivor.cli.main import app
+from eivor.errors import ChannelMapError, UsageError
+from eivor.flights import identify
+from eivor.flights.identify import with_coupled_axes
+from eivor.flights.motion import InstrumentStrength, Motion, Searched, VerdictInputs
+from eivor.flights.quantity import Quantity, QuantityEstimate
+from eivor.flights.result import FlightEstimate
+from eivor.flights.verdict import unbounded_reasons
+from eivor.inference.confidence_set import ConfidenceSet
+from eivor.inference.verdict import Reason, Status, verdict
 from eivor.motions import loaded_motion, motion_by_name, motion_names, wording_of
+from eivor.motions.identify import identify_flight
+from eivor.motions.rates import verdict as rates
+from eivor.motions.rates.verdict import AXES
+from eivor.motions.rigid_body import verdict as rigid_body
+from eivor.motions.vertical import verdict as vertical
 from eivor.motions.vertical.motion import Vertical
 from eivor.signals import channels
 from eivor.signals.channels import CanonicalChannel
+from eivor.signals.recording import Channel, Recording
+
+# -- The table of motions: Eivor's own, and those that other packages bring --
 
 HERE = __name__
 CLIMB_RATE = CanonicalChannel("climb_rate", "m/s")
@@ -138,3 +161,217 @@ def recording_of_example() -> ev.Recording:
     from eivor.logs.read import example_flight
 
     return example_flight()
+
+
+# -- Quantities that another motion of the same flight tells: the thrust gain beside turning --
+
+LOG = turned(3, seconds=16.0)
+MOTIONS = {"vertical": Vertical()}
+
+
+@pytest.fixture(scope="module")
+def turning() -> FlightEstimate:
+    return identify_flight(LOG, model="rates")
+
+
+def logging(*names: str) -> Recording:
+    """The log with further channels, whose values do not matter."""
+    time = np.arange(0.0, 16.0, 0.02)
+    added = {name: Channel(name, time, np.full(time.size, 0.5), "", held=True) for name in names}
+    return replace(LOG, channels={**LOG.channels, **added})
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(
+    ("logged", "missing"),
+    [
+        ((), "no thrust setpoint is logged"),
+        (("input",), "no accelerometer is logged"),
+        (("input", "specific_force_body_z"), "velocity_z"),
+    ],
+)
+def test_what_is_not_logged_refuses_the_thrust_gain(turning, logged, missing):
+    bare = replace(turning, findings=())
+    companions = with_coupled_axes(bare, MOTIONS, [logging(*logged)], [None])
+    (finding,) = companions.findings
+    assert finding.name == "no_thrust_gain"
+    assert missing in finding.message
+    assert "thrust_gain" not in companions.quantities
+    assert companions.verdict == turning.verdict
+
+
+@pytest.mark.thorough
+def test_the_other_motion_is_given_the_lag_and_has_its_own_verdict(turning, monkeypatch):
+    requested = {}
+    why = Reason(Status.WEAK, "The input gain's interval is wide.", "Fly steps.")
+    gain = Quantity(30.0, "m/s^2", 1.0, (28.0, 32.0), Status.WEAK, reasons=(why,))
+
+    def identified(_logs, _motion, options, _windows, *, lag_measurements):
+        requested.update(options=options, lag_measurements=lag_measurements)
+        return SimpleNamespace(quantities={"input_gain": gain})
+
+    monkeypatch.setattr(identify, "identified", identified)
+    companions = with_coupled_axes(turning, MOTIONS, [logging("input", "acceleration_z")], [None])
+    assert companions.quantities["thrust_gain"].value == 30.0
+    assert companions.quantities["thrust_gain"].reasons[0].sentence == "The thrust gain's interval is wide."
+    assert companions.quantities["roll_effectiveness"] == turning.quantities["roll_effectiveness"]
+    assert (requested["options"].input, requested["options"].input_map) == ("input", "linear")
+    (reported,) = requested["lag_measurements"]
+    assert reported.prior.mean == turning.quantities["effective_lag"].value
+
+
+@pytest.mark.thorough
+def test_a_lag_that_is_not_identified_is_not_passed_on(turning, monkeypatch):
+    passed = []
+
+    def identified(_logs, _motion, _options, _windows, *, lag_measurements):
+        passed.append(lag_measurements)
+        return SimpleNamespace(quantities={"input_gain": turning.quantities["roll_effectiveness"]})
+
+    monkeypatch.setattr(identify, "identified", identified)
+    rough = replace(turning.quantities["effective_lag"], verdict=Status.WEAK)
+    weak = replace(turning, quantities={**turning.quantities, "effective_lag": rough})
+    with_coupled_axes(weak, MOTIONS, [logging("input", "acceleration_z")], [None])
+    assert passed == [()]
+
+
+# -- The rover of the examples: a motion of another package, which nothing in Eivor knows --
+
+ROVER = Path(__file__).parents[2] / "examples" / "motions" / "rover"
+
+
+@pytest.fixture
+def simulate(monkeypatch):
+    """The simulator of the example, whose package is as if it were installed."""
+    monkeypatch.syspath_prepend(str(ROVER))
+    monkeypatch.syspath_prepend(str(ROVER / "src"))
+    monkeypatch.setattr(channels, "_TABLE", dict(channels.canonical_channels()))
+    point = EntryPoint("rover", "eivor_rover:Rover", motions.GROUP)
+    monkeypatch.setattr(motions, "entry_points", lambda *, group: [point] if group == motions.GROUP else [])
+    loaded_motion.cache_clear()
+    import simulate
+
+    yield simulate
+    loaded_motion.cache_clear()
+    for name in [name for name in sys.modules if name == "simulate" or name.startswith("eivor_rover")]:
+        del sys.modules[name]
+
+
+@pytest.mark.thorough
+@pytest.mark.usefixtures("unchecked_shapes")
+def test_the_rover_is_identified_and_refused(simulate, tmp_path):
+    motion_by_name("rover")
+    fit = ev.identify_flight(ev.recording_from_columns(simulate.drive(1), name="drive"), model="rover")
+    assert fit.verdict.status.value == "identified"
+    for name, true in simulate.TRUTH.items():
+        low, high = fit.quantities[name].interval
+        assert low <= true <= high, name
+    # Two quantities make the headline: both are looked at closely, and either refuses.
+    assert {"least_squares_drive_gain", "least_squares_dry_friction"} <= set(fit.diagnostics)
+    simulate.write(simulate.drive(1, constant_speed=1.0), tmp_path / "still.csv")
+    done = CliRunner().invoke(
+        app, ["identify", str(tmp_path / "still.csv"), "--model", "rover", "--json", "-"]
+    )
+    assert done.exit_code == 3
+    document = json.loads(done.output)
+    assert document["model"]["name"] == "rover"
+    assert document["verdict"] == "refused"
+    assert list(document["derived"]) == ["effective_lag", "breakaway_command", "time_constant"]
+
+
+@pytest.mark.long
+@pytest.mark.usefixtures("unchecked_shapes")
+def test_a_pool_of_drives_is_drawn_again(simulate):
+    """The motion says nothing of replicates: they are of its parameters, and of what was searched for."""
+    rover = motion_by_name("rover")
+    drives = [ev.recording_from_columns(simulate.drive(seed), name=f"drive {seed}") for seed in (1, 2)]
+    pool = ev.identify_flight(drives, model=rover)
+    bootstrap_flights = ev.bootstrap_flights(pool, runs=39)
+    assert bootstrap_flights.names == ("rolling_drag", "dry_friction", "drive_gain", "actuator_lag", "delay")
+    assert bootstrap_flights.units == ("1/s", "m/s^2", "m/s^2", "s", "s")
+    assert (bootstrap_flights.pieces, bootstrap_flights.failed) == (2, 0)
+    for name, value in zip(bootstrap_flights.names, bootstrap_flights.values, strict=True):
+        assert value == pytest.approx(pool.quantities[name].value, rel=1e-4)
+        if name != "delay":
+            # draws of two drives are three, one of them the pool: their range holds it and no more is claimed
+            low, high = bootstrap_flights.interval(name)
+            assert low <= value <= high
+            assert high - low > 0.1 * pool.quantities[name].half_width
+
+
+def test_other_motions_do_not_know_its_channels(simulate, tmp_path):
+    simulate.write(simulate.drive(1), tmp_path / "drive.csv")
+    with pytest.raises(ChannelMapError, match="known once it is named"):
+        ev.read_log(tmp_path / "drive.csv")
+
+
+@pytest.mark.usefixtures("simulate")
+def test_weak_instruments_refuse_what_has_no_set():
+    from eivor_rover.rule import reasons
+
+    names = ("drive_gain", "dry_friction", "rolling_drag", "effective_lag")
+    quantities = {name: QuantityEstimate(1.0, "", 0.02, (0.95, 1.05)) for name in names}
+    verdict_inputs = VerdictInputs(1, 100.0, 100.0, exogenous=True, direct=False)
+    sets = dict.fromkeys(names[:2], ConfidenceSet(((0.95, 1.05),)))
+    for F, robust, wanted in ((3.0, sets, "refused"), (3.0, {}, "refused"), (30.0, {}, "identified")):
+        result = reasons(quantities, InstrumentStrength({"drive_gain": F}, 0.5, {}, robust), verdict_inputs)
+        sentence = {name: verdict(list(reasons)).status.value for name, reasons in result.items()}
+        assert sentence["rolling_drag"] == sentence["breakaway_command"] == wanted
+        assert sentence["drive_gain"] == ("weak" if robust else wanted)
+
+
+# -- An interval without an end is refused as such: no sentence of a motion gives it a width --
+
+ENDLESS = QuantityEstimate(1.0, "", np.inf, (0.5, np.inf))
+AT = VerdictInputs(1, 100.0, 100.0, exogenous=True, direct=False, used_s=60.0)
+KNOWN = QuantityEstimate(0.05, "s", 1e-3, (0.045, 0.055))
+
+
+def strength(*names: str) -> InstrumentStrength:
+    searched = {"actuator_lag": Searched(0.05, highest=0.3)}
+    return InstrumentStrength(dict.fromkeys((*names, "actuator_lag"), 100.0), 0.5, searched)
+
+
+def grounds_of_rates(lag: QuantityEstimate):
+    axis = AXES[0]
+    names = (axis.effectiveness.name, axis.damping.name)
+    result = dict.fromkeys(names, ENDLESS)
+    reported = strength(*names)
+    return [
+        *rates.effectiveness_reasons(axis, result[names[0]], AT),
+        *rates.damping_reasons(axis, result[names[1]], AT),
+        *rates.rough_lag_reasons({"effective_lag": lag}, reported),
+    ]
+
+
+def grounds_of_a_rigid_body(lag: QuantityEstimate):
+    names = ("roll_gain", "roll_damping", "thrust_gain")
+    grounds = rigid_body.all_reasons(
+        dict.fromkeys(names, ENDLESS) | {"effective_lag": lag}, strength(*names), AT
+    )
+    return [reason for reasons in grounds.values() for reason in reasons]
+
+
+def grounds_of_climbs(lag: QuantityEstimate):
+    names = ("viscous_friction", "input_gain", "hover_input", "intercept")
+    result = dict.fromkeys(names, ENDLESS) | {"effective_lag": lag, "delay": KNOWN}
+    reported = strength(*names[:2])
+    return [
+        *vertical.friction_reasons(result, reported, AT),
+        *vertical.gain_reasons(ENDLESS, reported, AT),
+        *vertical.hover_reasons(ENDLESS, AT),
+    ]
+
+
+@pytest.mark.parametrize("reasons", [grounds_of_rates, grounds_of_a_rigid_body, grounds_of_climbs])
+def test_no_sentence_gives_a_width_to_an_interval_without_an_end(reasons):
+    assert [reason.sentence for reason in reasons(KNOWN)] == []
+    of_lag = {reason.sentence for reason in reasons(QuantityEstimate(0.05, "s", np.inf, (0.02, np.inf)))}
+    assert of_lag
+    assert all("has no upper bound" in sentence for sentence in of_lag)
+    assert not any("inf" in sentence.replace("information", "") for sentence in of_lag)
+
+
+def test_it_is_refused_all_the_same():
+    (reason,) = unbounded_reasons(ENDLESS, "roll gain", ())
+    assert reason.status is Status.REFUSED

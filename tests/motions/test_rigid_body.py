@@ -14,6 +14,7 @@ from eivor.flights.prepare import prepare
 from eivor.flights.result import FlightEstimate
 from eivor.inference.verdict import Status
 from eivor.lab.scenario_files import shipped_rigid_body_flight
+from eivor.logs import read_log
 from eivor.models.separable import NoInstruments
 from eivor.motions import motion_by_name
 from eivor.motions.identify import identify_flight
@@ -25,6 +26,8 @@ from eivor.signals.recording import Channel, Recording
 from eivor.simulation.controller import Sensor
 from eivor.simulation.rigid_body import RigidBodyFlight, simulate_rigid_body_flights
 from eivor.simulation.rigid_body_spec import RigidBodyFlightSpec, Sensors
+
+# -- The rigid body: what a flight with rotor commands tells of every axis --
 
 SPEC = replace(shipped_rigid_body_flight("crazyflie"), duration=16.0, seed=3)
 EXACT = Sensors(*[Sensor()] * 5)
@@ -258,3 +261,27 @@ def test_quick_rotors_leave_no_error_of_a_derivative():
     }
     for axis, gain in zip(("roll", "pitch", "yaw"), truth.torque_gains, strict=True):
         assert selected[f"{axis}_gain"] == pytest.approx(gain, rel=2e-4)
+
+
+# -- The rigid body of a real Crazyflie: logs of its SD card, without setpoints --
+
+#: Arm [m] and mass [kg] of that vehicle.
+ARM, MASS = 0.028, 0.027
+VEHICLE = KnownVehicle("Crazyflie", ((ARM, -ARM), (-ARM, -ARM), (-ARM, ARM), (ARM, ARM)), (-1, 1, -1, 1))
+
+
+@pytest.mark.thorough
+def test_roll_and_pitch_manoeuvres_tell_inertias_and_nothing_is_called_identified(recordings):
+    log = read_log(recordings / "arpl-crazyflie" / "log15")
+    flight = identify_flight(log, model=RigidBody(VEHICLE), window=(15.8, 50.8))
+    assert flight.verdict.status is Status.PROVISIONAL  # no setpoint is logged
+    thrust = MASS * flight.quantities["thrust_gain"].value
+    about_x, about_y = (thrust / flight.quantities[f"{axis}_gain"].value for axis in ("roll", "pitch"))
+    assert 1.1e-5 < about_x < 1.4e-5
+    assert 1.02 < about_y / about_x < 1.09
+    assert 0.045 < flight.quantities["effective_lag"].value < 0.09
+    assert not {"drag_x", "drag_y"} & set(flight.quantities)  # no velocity is logged
+    assert 0.15 < flight.quantities["drag_z"].value < 0.65
+    (yaw,) = [number for number in flight.implications.numbers if number.name == "inertia_zz"]
+    assert yaw.value is None
+    assert "do not identify Izz" in yaw.sentence

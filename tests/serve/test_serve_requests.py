@@ -6,17 +6,25 @@ import errno
 import html
 import json
 import os
+import re
 import socket
 import subprocess
 import sys
 from contextlib import ExitStack, suppress
+from importlib import resources
 
 import pytest
+import typer
 
+from eivor.cli.main import app as command_line
 from eivor.serve import app, jobs
-from eivor.serve.jobs import shown_name
+from eivor.serve.jobs import Begin, shown_name
 from eivor.serve.page import page_text
+from eivor.serve.requests import MOST_FILES, JobRequest, RefusedError, parse_job, plain_name, sent_files
+from eivor.serve.worker import outcome_of
 from serve.conftest import closed, wait_for
+
+# -- Who may ask for what: everything else is refused, in a sentence, and touches nothing --
 
 NOBODY = "0" * 32
 
@@ -256,3 +264,219 @@ def test_the_server_loads_nothing_heavy():
     code = "import sys, eivor.serve.app; print(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert not {"polars", "matplotlib", "pyulog", "eivor.serve.worker"} & set(done.stdout.split())
+
+
+def test_options_are_declared_once(page):
+    """The command line, the page's requests and the JSON Schema have the same options of the same types."""
+    command = typer.main.get_command(command_line).commands["identify"]
+    typed = {
+        item.name: "array" if item.multiple else "boolean" if getattr(item, "is_flag", False) else "value"
+        for item in command.params
+    }
+    words = {"string": "value", "number": "value", "boolean": "boolean", "array": "array"}
+    schema = page.json("GET", "/options.schema.json")
+    declared = schema["$defs"]["FlightWords"]["properties"]
+    kinds = {name: words[item.get("type") or item["anyOf"][0]["type"]] for name, item in declared.items()}
+    assert kinds == {name: typed[name] for name in kinds}
+    assert {*kinds} == {*typed} - {
+        *("logs", "example", "model", "vehicle", "channel_map", "json", "figure", "html", "card", "help"),
+    }
+    body = {"logs": ["1"], "options": {"surprise": 1}}
+    refused = page.refused("POST", "/jobs", json.dumps(body).encode())
+    assert all(name in str(refused) for name in kinds if name != "lag_from")
+
+
+# -- What a page may ask for, and absurd JSON --
+
+LOG = "a" * 32
+
+
+def asked(**options: object) -> JobRequest:
+    """Job of a log with these options."""
+    return parse_job(json.dumps({"logs": [LOG], "options": options}).encode())
+
+
+def test_options_are_words_of_the_command_line():
+    job = asked(
+        model="rates",
+        vehicle="crazyflie-2x",
+        map="rotorpy",
+        mass="1.5:0.02",
+        method="least_squares",
+        lag="70:15",
+        window=[4, 67.5],
+        compare=True,
+        max_tilt=20,
+        rotor_radius="0.12",
+        terms=["quadratic-drag"],
+        noise=["estimate"],
+        instruments="",
+        align=None,
+    )
+    assert (job.model, job.vehicle, job.channel_map, job.mass) == (
+        *("rates", "crazyflie-2x"),
+        *("rotorpy", "1.5:0.02"),
+    )
+    assert job.options == {
+        "method": "least_squares",
+        "lag": "70:15",
+        "window": "4.0:67.5",
+        "compare": True,
+        "max_tilt": 20.0,
+        "rotor_radius": 0.12,
+        "terms": ["quadratic-drag"],
+        "noise": ["estimate"],
+    }
+    several = parse_job(json.dumps({"logs": [LOG, {"log": LOG, "window": [None, 3]}]}).encode())
+    assert several == JobRequest(((LOG, ""), (LOG, ":3.0")), "vertical")
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        b"",
+        b"\xff\xfe",
+        b"null",
+        b"[]",
+        b"3",
+        b"{}",
+        b"[" * 100_000,
+        b'{"logs": 1e999}',
+        b'{"logs": []}',
+        b'{"logs": [[]]}',
+        b'{"logs": [{}]}',
+        b'{"logs": [{"log": "x", "path": "/etc/passwd"}]}',
+        b'{"logs": ["x"], "more": 1}',
+        b'{"logs": ["x"], "options": [1]}',
+        b'{"logs": ["\\ud800"]}',
+        b'{"logs": ' + b"9" * 5000 + b"}",
+        json.dumps({"logs": ["x"] * 101}).encode(),
+    ],
+)
+def test_absurd_jobs_are_refused(body):
+    with pytest.raises(RefusedError, match=r"Expected .*; received .*") as refused:
+        parse_job(body)
+    assert len(str(refused.value)) < 1000
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        ({"windw": [1, 2]}, "Did you mean 'window'"),
+        ({"lag_from": "/etc/passwd"}, "received 'lag_from'"),
+        ({"window": [1]}, "a window"),
+        ({"window": {"from": 1}}, "a window"),
+        ({"window": ["x", 1]}, "a number for window"),
+        ({"compare": "yes"}, "true or false for compare"),
+        ({"compare": 1}, "true or false for compare"),
+        ({"max_tilt": True}, "a number for max_tilt"),
+        ({"max_tilt": [3]}, "a number for max_tilt"),
+        ({"max_tilt": "steep"}, "a number for max_tilt"),
+        ({"method": 3}, "a text"),
+        ({"method": "x" * 2001}, "at most 2000 letters for method"),
+        ({"lag": "70:15\n"}, "in one line"),
+        ({"model": "\x1b[31m"}, "in one line"),
+        ({"vehicle": "x" * 100_001}, "at most 100000 letters for vehicle"),
+        ({"noise": "estimate"}, "a list of texts for noise"),
+        ({"terms": [["x"]]}, "a text"),
+        ({"model": {"x": 1}}, "a text"),
+    ],
+)
+def test_options_are_of_their_kind(options, sentence):
+    with pytest.raises(RefusedError, match=sentence):
+        asked(**options)
+
+
+def test_a_number_beyond_all_is_infinite():
+    assert asked(max_tilt=10**400).options == {"max_tilt": float("inf")}
+
+
+# -- A log that is a folder is sent as one: its files are kept beside each other, under plain n --
+
+
+@pytest.mark.parametrize(
+    ("name", "plain"),
+    [
+        ("flight_1_vehicle_attitude_0.csv", "flight_1_vehicle_attitude_0.csv"),
+        ("../../etc/passwd", "passwd"),
+        ("..\\boot.ini", "boot.ini"),
+        ("..", "_.."),
+        (".hidden", "_.hidden"),
+        ("", "_"),
+        ("a\0b\u202e<c>:d*.db3", "a_b__c__d_.db3"),
+        ("ä" * 10_000 + ".csv", "_" * 116 + ".csv"),
+    ],
+)
+def test_a_name_in_a_folder_is_plain(name, plain):
+    assert plain_name(name) == plain
+
+
+@pytest.mark.parametrize(
+    "header",
+    [
+        "a.csv",
+        "a.csv/5",
+        "a.csv/-1 b.csv/4",
+        "a.csv/3  ",
+        "a.csv/1 A.csv/2",
+        "/3",
+        "../a/3",
+        "a.csv/2 %2fa.csv/1",
+    ],
+)
+def test_what_are_no_files_of_a_folder(header):
+    with pytest.raises(RefusedError, match="files of a folder"):
+        sent_files(header, 3)
+
+
+def test_more_files_than_a_folder_may_have():
+    every = [f"{number}.csv/1" for number in range(MOST_FILES + 1)]
+    assert len(sent_files(" ".join(every[1:]), MOST_FILES)) == MOST_FILES
+    with pytest.raises(RefusedError, match=f"at most {MOST_FILES} files"):
+        sent_files(" ".join(every), MOST_FILES + 1)
+
+
+def test_its_files_are_kept_and_deleted_with_it(page):
+    files = {"a_0.db3": b"123", "metadata.yaml": b"", "..%2Fb%3C_1.db3": b"4567"}
+    text = " ".join(f"{name}/{len(content)}" for name, content in files.items())
+    body = b"".join(files.values())
+    log = page.json("POST", "/logs", body, x_eivor_name="my%2Fbag", x_eivor_files=text)
+    assert (log["name"], log["bytes"]) == ("bag", 7)
+    folder = page.server.folder / "logs" / log["log"]
+    kept = {file.name: file.read_bytes() for file in folder.iterdir()}
+    assert kept == {"a_0.db3": b"123", "metadata.yaml": b"", "b__1.db3": b"4567"}
+    assert folder.stat().st_mode & 0o077 == 0
+    page.json("DELETE", f"/logs/{log['log']}")
+    assert not folder.exists()
+    assert page.refused("POST", "/logs", body, x_eivor_files="a/1")[0] == 400
+    assert page.refused("POST", "/logs", bytes(1001), x_eivor_files="a/1001")[0] == 413
+
+
+def test_a_folder_that_breaks_off_leaves_nothing(page):
+    before = set(page.server.folder.rglob("*"))
+    with socket.create_connection(("127.0.0.1", page.server.port)) as line:
+        line.sendall(
+            f"POST /logs HTTP/1.1\r\nHost: 127.0.0.1:{page.server.port}\r\nX-Eivor-Files: a/3 b/9\r\n"
+            f"X-Eivor-Token: {page.server.token}\r\nContent-Length: 12\r\n\r\nabcd".encode()
+        )
+        wait_for(lambda: page.server.logs._coming > 0)
+    wait_for(lambda: set(page.server.folder.rglob("*")) == before)
+
+
+def test_the_example_is_kept_as_if_it_was_dropped(opening):
+    page = opening(largest=10**6)
+    log = page.json("POST", "/example", {})
+    (kept,) = page.server.folder.glob(f"logs/{log['log']}*")
+    assert kept.name == f"{log['log']}.parquet"
+    assert kept.read_bytes() == resources.files("eivor.data").joinpath(log["name"]).read_bytes()
+
+
+@pytest.mark.thorough
+def test_the_page_is_told_which_files_of_folders_are_logs():
+    outcome = outcome_of(Begin(), lambda _report: None)
+    assert isinstance(outcome, dict)
+    folders = outcome["folders"]
+    assert {".ulg", ".bin", ".mcap", ".parquet", ".csv"} <= set(folders["endings"])
+    assert {".db3", ".mcap"} <= set(folders["bags"])
+    assert re.fullmatch(folders["tables"], "my_log_sensor_combined_0.csv")[1] == "my_log"
+    assert re.fullmatch(folders["tables"], "flight.csv") is None

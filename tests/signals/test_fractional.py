@@ -9,7 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.special import binom
 
+from eivor.signals.filters import FACTORS, fast_length
 from eivor.signals.noise import fractional_difference, fractional_weights
+
+# -- Fractional differences against direct summation and against their own inverse --
 
 
 @given(order=st.floats(-2.0, 2.0), count=st.integers(1, 60), seed=st.integers(0, 1000))
@@ -74,3 +77,19 @@ def test_kept_weights_do_not_leak_between_orders_and_lengths():
     fractional_difference(values, -0.3)
     np.testing.assert_array_equal(fractional_difference(values, -0.4), first)
     np.testing.assert_allclose(fractional_difference(values[:40], -0.4), first[:40], atol=1e-13)
+
+
+# -- Lengths of which transforms are quick --
+
+
+@pytest.mark.parametrize(
+    ("count", "length"), [(1, 1), (28, 28), (29, 28), (31, 30), (11_994, 11_979), (12_000, 12_000)]
+)
+def test_the_largest_length_of_small_factors(count: int, length: int) -> None:
+    assert fast_length(count) == length
+
+
+def test_little_is_left_out() -> None:
+    omitted = [count - fast_length(count) for count in range(9_000, 11_000)]
+    assert 29 not in FACTORS
+    assert 1 < max(omitted) <= 70

@@ -12,9 +12,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from eivor.errors import EivorError, MissingChannelError, NonFiniteError, ShapeError, UsageError
+from eivor.logs.common import channel_findings
+from eivor.signals.channels import family_members
+from eivor.signals.filters import evened
 from eivor.signals.noise import WhiteNoise
 from eivor.signals.recording import Channel, Recording, clean_channel, interval_within
 from eivor.signals.signals import Signals
+
+# -- Channels, recordings and signals: what they accept, what they count, what they leave alone --
 
 STAMPS = st.lists(
     st.one_of(st.integers(-3, 12).map(float), st.sampled_from([np.nan, np.inf, -np.inf])), max_size=25
@@ -221,3 +226,80 @@ def test_errors_survive_other_processes_and_copies():
 def test_noise_of_a_channel_that_is_not_there_is_refused():
     with pytest.raises(UsageError, match="noise of the channels input; received noise of 'inptu'"):
         Signals(5.0, {"input": np.zeros(4)}, noise={"inptu": WhiteNoise(0.1)})
+
+
+# -- Stamps that err are evened; every other kind of stamps stays as it is --
+
+
+def erring(step_s: float, error_s: float, seconds: float = 40.0):
+    """Even times, and stamps of them that err."""
+    even = np.arange(0.0, seconds, step_s)
+    return even, even + error_s * np.random.default_rng(5).standard_normal(even.size)
+
+
+@pytest.mark.parametrize(("step_s", "error_s"), [(0.004, 0.004), (0.004, 0.002), (0.010, 0.004)])
+def test_stamps_that_err_are_evened_and_none_is_lost(step_s, error_s):
+    even, stamps = erring(step_s, error_s)
+    channel = clean_channel("velocity_z", stamps, np.sin(even), "m/s")
+    assert channel.values.size == even.size
+    assert channel.quality.evened_stamps == even.size
+    assert channel.quality.backward_stamps == 0
+    away = channel.time_s - even
+    assert away.mean() == pytest.approx((stamps - even).mean(), abs=0.02 * error_s)
+    assert away.std() < 0.2 * error_s
+    # those that do not go back are late
+    kept = stamps == np.maximum.accumulate(stamps)
+    assert (stamps - even)[kept].mean() > (stamps - even).mean() + 0.05 * error_s
+
+
+def test_it_is_said():
+    even, stamps = erring(0.004, 0.004)
+    channel = clean_channel("velocity_z", stamps, np.sin(even), "m/s")
+    (findings,) = channel_findings({"velocity_z": channel})
+    assert findings.name == "time_stamps"
+    assert "evened: velocity_z 10000" in findings.message
+
+
+def test_a_pause_stays():
+    even, stamps = erring(0.004, 0.004)
+    result = evened(stamps + np.where(even > 20.0, 3.0, 0.0))
+    assert np.diff(result).max() == pytest.approx(3.0, abs=0.02)
+
+
+def test_stamps_that_are_in_order_stay_however_uneven():
+    stamps = np.cumsum(np.random.default_rng(6).uniform(0.001, 0.02, 2000))
+    assert evened(stamps) is stamps
+
+
+def test_a_few_slips_and_a_clock_that_was_set_stay():
+    slips = 0.01 * np.arange(4000)
+    slips[[1000, 3000]] -= 0.03
+    assert evened(slips) is slips
+    was_set = 0.01 * np.arange(4000) - np.where(np.arange(4000) > 2000, 5.0, 0.0)
+    assert evened(was_set) is was_set
+    again_and_again = 0.01 * (np.arange(4000) % 100)
+    assert evened(again_and_again) is again_and_again
+
+
+def test_a_repeated_stamp_is_no_error():
+    stamps = np.repeat(0.01 * np.arange(1000), 2)
+    assert evened(stamps) is stamps
+
+
+# -- Members of families of channels, and their order --
+
+
+@pytest.mark.parametrize(
+    ("name", "among", "members"),
+    [
+        ("input", ["input", "input_1"], ["input"]),
+        ("rotor_command", ["rotor_command_10", "rotor_command_2", "rotor_command_x1"], ["2", "10"]),
+        ("rotor_command_*", ["rotor_command_1", "other_2"], ["1"]),
+        ("torque_setpoint", ["torque_setpoint_z", "torque_setpoint_x", "torque_setpoint_w"], ["x", "z"]),
+        ("nothing", ["something_1"], []),
+    ],
+)
+def test_numbers_come_in_their_order_and_axes_in_theirs(name, among, members):
+    stem = name.removesuffix("_*")
+    expected = members if members == ["input"] else [f"{stem}_{member}" for member in members]
+    assert family_members(name, among) == expected

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import fields, replace
 from itertools import pairwise
 
 import numpy as np
+import polars as pl
 import pytest
 from scipy.integrate import solve_ivp
 
-from eivor.errors import ParameterError
+from eivor.errors import ParameterError, UsageError
+from eivor.fleet.analysis import across_of, wanted_columns
 from eivor.lab.disturbances import Arma
 from eivor.lab.records import (
     ALWAYS_MEASURED,
@@ -19,8 +21,22 @@ from eivor.lab.records import (
     VelocityControl,
     simulate,
 )
-from eivor.motions.vertical.model import VerticalMotion
+from eivor.logs import read_log
+from eivor.motions import motion_by_name
+from eivor.motions.vertical.model import GRAVITY, VerticalMotion
 from eivor.signals.noise import FractionalNoise, WhiteNoise
+from eivor.signals.recording import Frame
+from eivor.simulation.environment import (
+    OWN_HEIGHT,
+    FlightTruth,
+    NoiseKind,
+    SensorNoise,
+    SimulatedFlight,
+    TrajectoryKind,
+    altitude_reference,
+    gusts,
+    sensor_errors,
+)
 from eivor.simulation.excitation import (
     GivenSeries,
     PaperInput,
@@ -29,6 +45,13 @@ from eivor.simulation.excitation import (
     WhiteDisturbance,
     WhiteExcitation,
 )
+from eivor.simulation.vertical import BATCH, VerticalFlightSpec, simulate_vertical_flights
+from eivor.simulation.vertical import STEP_S as VERTICAL_STEP_S
+from simulation.rotor_states import actual_state_recording
+from validation.effective_parameters import effective_parameters
+from validation.simulated_fleets import FleetSpec, fleet_rows, fleet_truth, write_fleet_logs
+
+# -- Simulated records against an integrator, against the model's own equation, and against eac --
 
 NOISY = {
     "velocity_z": FractionalNoise(1.0, -0.4),
@@ -304,3 +327,322 @@ def test_disturbance_without_variation_cannot_be_scaled():
     scenario = replace(OPEN, disturbance=WhiteDisturbance(0.0), disturbance_to_signal=0.1)
     with pytest.raises(ParameterError, match="a disturbance that varies"):
         simulate(scenario, rng())
+
+
+# -- What both simulators share: trajectories, wind, sensor errors --
+
+STEP_S = 0.01
+
+
+def reference(kind: TrajectoryKind, *, seed: int = 1, count: int = 6000, vigour: float = 1.0):
+    rng = np.random.default_rng(seed)
+    return altitude_reference(kind, count=count, step_s=STEP_S, rng=rng, vigour=vigour)
+
+
+@pytest.mark.parametrize("kind", list(TrajectoryKind))
+def test_reference_and_its_derivatives_belong_together(kind):
+    flight = reference(kind)
+    np.testing.assert_allclose(
+        np.gradient(flight.position, STEP_S)[1:-1], flight.velocity[1:-1], rtol=0.0, atol=5e-3
+    )
+    np.testing.assert_allclose(
+        np.gradient(flight.velocity, STEP_S)[1:-1], flight.acceleration[1:-1], rtol=0.0, atol=5e-2
+    )
+
+
+@pytest.mark.parametrize("kind", [TrajectoryKind.STEPS, TrajectoryKind.MULTISINE, TrajectoryKind.CHIRP])
+@pytest.mark.parametrize("seed", range(5))
+def test_excitation_reaches_a_limit_and_passes_none(kind, seed):
+    flight = reference(kind, seed=seed)
+    speed, acceleration = np.abs(flight.velocity).max(), np.abs(flight.acceleration).max()
+    assert speed <= 2.2 + 1e-9
+    assert acceleration <= 4.0 + 1e-9
+    assert speed >= 1.6 - 1e-9 or acceleration >= 3.0 - 1e-9
+
+
+def test_vigour_is_a_share_of_the_limits():
+    full, half = (reference(TrajectoryKind.CHIRP, vigour=vigour) for vigour in (1.0, 0.5))
+    np.testing.assert_allclose(half.position, 0.5 * full.position, rtol=1e-12)
+
+
+@pytest.mark.parametrize("kind", sorted(OWN_HEIGHT))
+def test_own_height_is_never_scaled_up(kind):
+    heights = [np.ptp(reference(kind, seed=seed).position) for seed in range(5)]
+    assert max(heights) <= {TrajectoryKind.CLIMBS: 4.0, TrajectoryKind.HOVER_STEPS: 0.1}[kind] + 1e-9
+    assert min(heights) >= {TrajectoryKind.CLIMBS: 1.5, TrajectoryKind.HOVER_STEPS: 0.04}[kind]
+
+
+def test_wind_is_stationary_and_forgets():
+    wind = gusts(count=200_000, axes=2, step_s=0.01, rms=0.7, correlation_s=0.2, rng=np.random.default_rng(3))
+    # 200,000 samples of correlation .2 s are about 5,000 independent ones.
+    np.testing.assert_allclose(wind.std(axis=0), 0.7, rtol=0.05)
+    for column in wind.T:
+        assert np.corrcoef(column[20:], column[:-20])[0, 1] == pytest.approx(np.exp(-1.0), abs=0.06)
+    assert abs(np.corrcoef(wind.T)[0, 1]) < 0.06
+
+
+def test_wind_is_the_recursion_it_is_said_to_be():
+    wind = gusts(count=50, axes=1, step_s=0.01, rms=0.5, correlation_s=0.3, rng=np.random.default_rng(4))
+    shocks = np.random.default_rng(4).standard_normal(50)
+    decay = np.exp(-0.01 / 0.3)
+    state = shocks[0]
+    for k in range(50):
+        state = state if k == 0 else decay * state + np.sqrt(1.0 - decay**2) * shocks[k]
+        assert wind[k, 0] == pytest.approx(0.5 * state, rel=1e-12)
+
+
+@pytest.mark.parametrize("kind", list(NoiseKind))
+def test_errors_have_their_levels_over_the_record(kind):
+    noise = SensorNoise(kind, acceleration=0.4, velocity=0.03, position=0.01, attitude=0.002)
+    errors = sensor_errors(noise, count=4000, axes=40, rng=np.random.default_rng(5))
+    for name in ("acceleration", "velocity", "position", "attitude", "angular_rate"):
+        rms = np.sqrt(np.mean(getattr(errors, name) ** 2))
+        assert rms == pytest.approx(getattr(noise, name), rel=0.05)
+
+
+# -- Fleets with known truth, as a table and as logs --
+
+
+def test_wear_breakage_and_weather_act_on_thrust():
+    spec = FleetSpec(
+        vehicles=2, flights=5, between_vehicles=0.0, between_flights=0.0, wear=0.2, broken=((1, 3, 0.5),)
+    )
+    truth = fleet_truth(spec)
+    assert truth.worn[:5] == pytest.approx([1.0, 0.95, 0.9, 0.85, 0.8])
+    assert truth.worn[5:] == pytest.approx([1.0, 0.95, 0.9, 0.425, 0.4])
+    assert truth.input_gain == pytest.approx(GRAVITY / 0.25 * truth.worn)
+    assert truth.hover_input**2 * truth.input_gain == pytest.approx(GRAVITY)
+    windy = fleet_truth(FleetSpec(vehicles=1, flights=50, between_flights=0.0, weather=0.05, battery=0.03))
+    explained = np.log(windy.air_density / 1.20) + 1.5 * np.log(windy.battery_voltage / 15.6)
+    left = np.log(windy.input_gain) - explained
+    assert left == pytest.approx(np.full(50, left[0]))
+
+
+def test_rows_are_the_truth_with_errors_as_they_say():
+    spec = FleetSpec(vehicles=50, flights=40)
+    rows, truth = fleet_rows(spec), fleet_truth(spec)
+    off = (rows["input_gain.value"].to_numpy() - truth.input_gain) / rows["input_gain.std_error"].to_numpy()
+    assert np.std(off) == pytest.approx(1.0, abs=0.06)
+    columns = set(wanted_columns(across_of(motion_by_name("vertical"))))
+    assert columns - set(rows.columns) == {"mass"}  # which no log tells
+    assert rows.equals(fleet_rows(spec))
+    assert rows.filter(pl.col("vehicle") == "v0001")["start"].is_sorted()
+
+
+@pytest.mark.long
+@pytest.mark.usefixtures("unchecked_shapes")
+def test_logs_are_flights_of_the_truth(tmp_path):
+    spec = FleetSpec(vehicles=2, flights=1, duration_s=4.0)
+    logs = list(write_fleet_logs(spec, tmp_path))
+    assert [path.relative_to(tmp_path).as_posix() for path in logs] == [
+        "v0000/0000.parquet",
+        "v0001/0000.parquet",
+    ]
+    truth = fleet_truth(spec)
+    for path, hover in zip(logs, truth.hover_input, strict=True):
+        command = read_log(path).channels["rotor_command_1"].values
+        assert np.sqrt(np.mean(command**2)) == pytest.approx(hover, rel=0.1)
+
+
+@pytest.mark.parametrize("wrong", [{"vehicles": 0}, {"wear": 1.0}, {"broken": ((0, 1, 1.5),)}])
+def test_what_is_no_fleet_is_refused(wrong):
+    with pytest.raises(UsageError, match=r"fleet of one vehicle|share of thrust"):
+        FleetSpec(**wrong)
+
+
+# -- Flights of the own simulator: logs against the truth, and one specification against anothe --
+
+QUIET = VerticalFlightSpec(noise=SensorNoise.none(), duration=8.0, seed=21)
+LOUD = VerticalFlightSpec(
+    viscous_friction=0.7,
+    actuator_lag=0.012,
+    delay=0.02,
+    gust_rms=0.8,
+    accelerometer_bias=0.1,
+    noise=SensorNoise(NoiseKind.FRACTIONAL),
+    duration=8.0,
+    seed=22,
+)
+
+
+def fly(spec: VerticalFlightSpec) -> SimulatedFlight:
+    return next(simulate_vertical_flights([spec]))
+
+
+def values(flight: SimulatedFlight, name: str) -> np.ndarray:
+    return flight.recording.channel(name).values
+
+
+def identical(first: SimulatedFlight, second: SimulatedFlight) -> None:
+    """Raise unless two flights are one, to rounding."""
+    assert first.recording.channels.keys() == second.recording.channels.keys()
+    for name in first.recording.channels:
+        np.testing.assert_allclose(values(first, name), values(second, name), rtol=1e-12, atol=1e-12)
+    for part in fields(FlightTruth):
+        np.testing.assert_allclose(
+            getattr(first.truth, part.name), getattr(second.truth, part.name), rtol=1e-12, atol=1e-12
+        )
+
+
+# -------------------------------------------------------------------------------------- log and truth
+
+
+def test_log_without_noise_is_the_truth():
+    flight = fly(replace(QUIET, gust_rms=0.5))
+    truth = flight.truth
+    np.testing.assert_allclose(values(flight, "specific_force_z"), truth.specific_force_z, rtol=1e-12)
+    np.testing.assert_allclose(values(flight, "cos_tilt"), truth.cos_tilt, rtol=1e-12)
+    lift = QUIET.input_gain * truth.cos_tilt * truth.rotor_state[:, 0] ** 2
+    drag = QUIET.viscous_friction * truth.air_velocity_z
+    np.testing.assert_allclose(truth.specific_force_z, lift - drag, rtol=1e-12)
+    wind = values(flight, "velocity_z") - truth.air_velocity_z
+    assert np.std(wind) > 0.1
+
+
+@pytest.mark.parametrize(("over", "halfway"), [(0.0, 0.8), (2.0, 0.9)])
+def test_the_gain_changes_when_it_is_to_and_the_controller_does_not_know(over, halfway):
+    spec = replace(QUIET, gain_after=0.8, gain_changes_at=4.0, gain_changes_over=over)
+    truth = fly(spec).truth
+    share = (truth.specific_force_z + spec.viscous_friction * truth.air_velocity_z) / (
+        spec.input_gain * truth.cos_tilt * truth.rotor_state[:, 0] ** 2
+    )
+    indices = np.searchsorted(truth.time_s, [3.9, 5.0, 7.9])
+    np.testing.assert_allclose(share[indices], [1.0, halfway, 0.8], rtol=1e-9)
+    hover = truth.rotor_state[[0, -1], 0] ** 2
+    assert hover[1] / hover[0] > 1.1
+
+
+def test_effective_parameters_are_the_nominal_ones():
+    truth = fly(LOUD).truth
+    parameters = effective_parameters(truth, np.ones(truth.time_s.size, dtype=bool), np.square)
+    np.testing.assert_allclose(
+        parameters, (LOUD.viscous_friction, LOUD.input_gain, 0.0), rtol=1e-9, atol=1e-9
+    )
+
+
+def test_rotor_is_the_lag_of_the_delayed_command():
+    flight = fly(LOUD)
+    late = round(LOUD.delay / VERTICAL_STEP_S)
+    reported = np.concatenate([np.full(late, LOUD.hover_input), values(flight, "rotor_command_1")])
+    decay = np.exp(-VERTICAL_STEP_S / LOUD.actuator_lag)
+    state = LOUD.hover_input
+    for k, actual in enumerate(flight.truth.rotor_state[:, 0]):
+        assert actual == pytest.approx(state, rel=1e-9)
+        state = decay * state + (1.0 - decay) * reported[k]
+
+
+def test_bias_and_noise_are_on_the_logged_force_alone():
+    quiet = replace(LOUD, noise=SensorNoise(NoiseKind.FRACTIONAL, acceleration=0.0), accelerometer_bias=0.0)
+    loud, quiet_flight = fly(LOUD), fly(quiet)
+    error = values(loud, "specific_force_z") - loud.truth.specific_force_z
+    assert error.mean() == pytest.approx(LOUD.accelerometer_bias, abs=0.3)
+    assert np.std(error) == pytest.approx(LOUD.noise.acceleration, rel=0.4)
+    np.testing.assert_allclose(
+        values(quiet_flight, "rotor_command_1"), values(loud, "rotor_command_1"), rtol=1e-12
+    )
+
+
+@pytest.mark.thorough
+def test_controller_answers_the_noise_that_is_logged():
+    hover = replace(QUIET, trajectory=TrajectoryKind.HOVER, tilt_rms=0.0, integral_share=0.0)
+    assert np.ptp(values(fly(hover), "rotor_command_1")) < 1e-12
+    flight = fly(replace(hover, noise=SensorNoise(attitude=0.0)))
+    gains = hover.controller
+    error = -gains.position_gain * values(flight, "position_z") - values(flight, "velocity_z")
+    thrust = hover.input_gain * values(flight, "rotor_command_1") ** 2
+    np.testing.assert_allclose(thrust, GRAVITY + gains.velocity_gain * error, rtol=1e-12)
+
+
+@pytest.mark.thorough
+@pytest.mark.usefixtures("unchecked_shapes")  # a minute has the shapes of eight seconds
+def test_tilt_has_its_size():
+    truth = fly(replace(QUIET, tilt_rms=0.1, duration=60.0)).truth
+    # 1 - cos(roll) cos(pitch) is half the squared angles, each .1 rad before smoothing takes 7 % off.
+    assert np.mean(1.0 - truth.cos_tilt) == pytest.approx(0.1**2 / 1.15, rel=0.3)
+
+
+def test_recording_is_what_the_recipe_reads():
+    recording = fly(QUIET).recording
+    assert recording.frame is Frame.Z_UP
+    assert recording.input_map == "square"
+    assert {"rotor_command_1", "velocity_z", "position_z", "specific_force_z", "cos_tilt"} < set(
+        recording.channels
+    )
+    held = {name for name, channel in recording.channels.items() if channel.held}
+    assert held == {"rotor_command_1"} | {
+        name for name in recording.channels if name.startswith("reference_")
+    }
+
+
+def test_actual_state_takes_the_commands_place():
+    flight = fly(LOUD)
+    recording = actual_state_recording(flight)
+    np.testing.assert_array_equal(recording.channel("rotor_speed_1").values, flight.truth.rotor_state[:, 0])
+    assert not recording.channel("rotor_speed_1").held
+    assert set(recording.channels) ^ set(flight.recording.channels) == {"rotor_speed_1", "rotor_command_1"}
+
+
+# ------------------------------------------------------------------------- a flight is its specification
+
+
+@pytest.mark.thorough
+def test_flight_does_not_depend_on_its_batch():
+    others = [replace(QUIET, seed=seed, delay=0.02, viscous_friction=0.2) for seed in range(30, 30 + BATCH)]
+    batch = list(simulate_vertical_flights([*others, LOUD, QUIET]))
+    assert len(batch) == BATCH + 2  # the last two share the second batch
+    identical(batch[-2], fly(LOUD))
+    identical(next(simulate_vertical_flights([LOUD, *others[:3]])), batch[-2])
+    identical(batch[0], fly(others[0]))
+
+
+@pytest.mark.thorough
+def test_same_specification_gives_the_same_bytes():
+    first, second = fly(LOUD), fly(LOUD)
+    for name in first.recording.channels:
+        assert values(first, name).tobytes() == values(second, name).tobytes()
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(
+    ("change", "same"),
+    [
+        ({"noise": SensorNoise(NoiseKind.WHITE)}, ("reference_position_z",)),
+        ({"trajectory": TrajectoryKind.CHIRP}, ()),
+        ({"seed": 23}, ()),
+    ],
+)
+def test_streams_are_apart(change, same):
+    first, second = fly(LOUD), fly(replace(LOUD, **change))
+    for name in ("reference_position_z", "rotor_command_1", "specific_force_z"):
+        assert np.array_equal(values(first, name), values(second, name)) == (name in same)
+
+
+# ------------------------------------------------------------------------------------------ refusals
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"viscous_friction": 0.0}, "viscous_friction between"),
+        ({"actuator_lag": float("nan")}, "actuator_lag between"),
+        ({"delay": 0.005}, "a multiple of 0.002"),
+        ({"quickness": 2.0}, "quickness between"),
+        ({"duration": 1.0}, "duration between"),
+    ],
+)
+def test_specification_is_checked(wrong, message):
+    with pytest.raises(UsageError, match=message):
+        VerticalFlightSpec(**wrong)
+
+
+def test_durations_must_agree():
+    with pytest.raises(UsageError, match="flights of one duration"):
+        list(simulate_vertical_flights([QUIET, replace(QUIET, duration=9.0)]))
+
+
+@pytest.mark.thorough
+@pytest.mark.usefixtures("unchecked_shapes")  # a minute has the shapes of eight seconds
+def test_vehicle_far_from_its_reference_is_lost():
+    storm = replace(QUIET, gust_rms=5.0, viscous_friction=2.0, duration=60.0)
+    breeze = replace(storm, viscous_friction=0.5, gust_rms=1.0)
+    assert [flight.flew for flight in simulate_vertical_flights([storm, breeze])] == [False, True]

@@ -135,7 +135,7 @@ excitation = { kind = "white" }
         ("seed = 3", "seed = 3\nsede = 4", r"received the unknown key 'sede'\. Did you mean 'seed'"),
         ("seed = 3", "seed = 3\nlevel = inf", "Expected a finite number at level of mine.toml; received inf"),
         ("seed = 3", "seed = 3 3", "Expected a study in TOML; received .*mine.toml', which is not"),
-        ("[[methods]]", "[methods]", r"Expected one table \[\[methods\]\] or more at methods of mine.toml"),
+        ("[[methods]]", "[methods]", "Expected a list of tables at methods of mine.toml"),
         (
             '"least_squares"',
             '"least_square"',
@@ -147,11 +147,20 @@ excitation = { kind = "white" }
             r"received the unknown key 'lag'\. Did you mean 'lags'",
         ),
         ('"least_squares"', '"extended_iv"\nlags = [2, 1]', r"Expected \[first, last\].* received \[2, 1\]"),
-        ('"least_squares"', '"least_squares"\nknown_noise = "input"', "Expected a list of texts"),
+        (
+            '"least_squares"',
+            '"extended_iv"\nlags = [0.5, 1]',
+            r"Expected a whole number at methods\[1\].lags\[1\] of mine.toml; received 0.5",
+        ),
+        (
+            '"least_squares"',
+            '"least_squares"\nknown_noise = "input"',
+            r"Expected a list of texts at methods\[1\].known_noise of mine.toml; received 'input'",
+        ),
         (
             "input_gain",
             "input_gian",
-            r"Expected a finite number at scenario.input_gain .* Is 'input_gian' meant",
+            r"at scenario of mine.toml; received the unknown key 'input_gian'. Did you mean 'input_gain'",
         ),
         ("samples = 300", 'samples = "x"', "Expected a whole number at scenario.samples"),
         (VERTICAL, 'kind = "vertcal"', "Did you mean 'vertical'"),
@@ -159,7 +168,7 @@ excitation = { kind = "white" }
         (
             VERTICAL,
             EQUATION.replace("[0.5]", '["a"]'),
-            r"Expected a list of numbers at scenario.output_coefficients",
+            r"Expected a finite number at scenario.output_coefficients\[1\] of mine.toml; received 'a'",
         ),
         (VERTICAL, EQUATION + "noise.outptu.kind = 'white'", "unknown key 'outptu'.* Did you mean 'output'"),
         (

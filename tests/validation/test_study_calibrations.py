@@ -154,13 +154,13 @@ def test_own_suite_with_own_scenario(tmp_path, capsys):
         ),
         (
             SUITE.replace("[500]", "[500.5]"),
-            "whole numbers up to 50000000 at samples of suite.toml; received 500.5",
+            r"a whole number at samples.1. of suite.toml; received 500.5",
         ),
         (SUITE.replace('"classical"', '"clasical"'), "Did you mean 'classical'"),
         (SUITE + "\nextra = 1\n", "extra"),
         (SUITE.replace("[500]", "[]"), "one length or more"),
         (SUITE.replace("[500]", "[500, 500]"), "each once"),
-        (SUITE.replace("[500]", "[1e12]"), "up to 50000000"),
+        (SUITE.replace("[500]", "[1e12]"), "a whole number at samples"),
         (SUITE.replace("runs = {runs}", "runs = 0"), "runs from 1"),
     ],
 )

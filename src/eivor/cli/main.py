@@ -48,7 +48,7 @@ COMMANDS = {
     "inspect": ("eivor.cli.tools:inspect", "Show what a log holds, and what it could be used for."),
     "track": ("eivor.cli.identify:track", "Follow a parameter over a flight."),
     "validate": ("eivor.cli.identify:validate", "Compare a fit with another flight of the vehicle."),
-    "export": ("eivor.cli.tools:export", "Write a result for an autopilot, a controller or a simulator."),
+    "export": ("eivor.cli.export:export", "Write a result for an autopilot, a controller or a simulator."),
     "plan": ("eivor.cli.tools:plan", "Plan the flight that would identify what a result could not."),
     "vehicle": ("eivor.cli.tools:vehicle_app", "Vehicle files of the rigid body."),
     "example": ("eivor.cli.tools:example_app", "Logs to try Eivor with."),

@@ -17,9 +17,10 @@ from glob import escape
 from itertools import combinations
 from pathlib import Path
 from pkgutil import resolve_name
-from typing import TYPE_CHECKING, Annotated, Any, ParamSpec, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, ParamSpec, TypeVar, get_type_hints
 from unicodedata import normalize
 
+import msgspec
 import typer
 from typer import Exit
 from typer.core import TyperCommand
@@ -122,12 +123,14 @@ VehicleOption = Annotated[
 JsonOption = Annotated[str, option("FILE|-", "Write JSON; - prints it instead of the table."), Writes()]
 
 
-def with_options(source: Callable[..., Any], *names: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
-    """Give a command, which takes them by ``**given``, options of another function: some, or all."""
+def with_options(
+    *sources: type[msgspec.Struct], only: tuple[str, ...] = ()
+) -> Callable[[Callable[P, R]], Callable[P, R]]:
+    """Give a command, which takes them by ``**given``, the fields of structures as options: some, or all."""
 
     def extended(command: Callable[P, R]) -> Callable[P, R]:
-        known = inspect.signature(source, eval_str=True).parameters
-        taken = [known[name] for name in names or known if known[name].kind is inspect.Parameter.KEYWORD_ONLY]
+        known = {item.name: item for source in sources for item in _options_of(source)}
+        taken = [known[name] for name in only or known]
         given = {parameter.name for parameter in taken}
         own = inspect.signature(command, eval_str=True).parameters.values()
         kept = [item for item in own if item.kind is not item.VAR_KEYWORD and item.name not in given]
@@ -136,6 +139,15 @@ def with_options(source: Callable[..., Any], *names: str) -> Callable[[Callable[
         return command
 
     return extended
+
+
+def _options_of(source: type[msgspec.Struct]) -> Iterator[inspect.Parameter]:
+    hints = get_type_hints(source, include_extras=True)
+    for item in msgspec.structs.fields(source):
+        default = [] if item.default is msgspec.NODEFAULT else item.default
+        yield inspect.Parameter(
+            item.name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=hints[item.name]
+        )
 
 
 # -- Terminal --
@@ -522,7 +534,7 @@ def _of_group(group: Any, table: TomlTable, known: Iterable[str] = ()) -> dict[s
         if name not in names:
             expected = f"tables named as commands, {', '.join(names)},"
             raise table.wrong("", expected, f"[{name}]", did_you_mean(name, names, "Remove it."))
-        part, command = table.section(name), group.commands.get(name)
+        part, command = table.part(name), group.commands.get(name)
         if command is not None:
             results[name] = (_of_group if hasattr(command, "commands") else _of_command)(command, part)
     return results
@@ -536,13 +548,16 @@ def _of_command(command: Any, table: TomlTable) -> dict[str, Any]:
             remedy = did_you_mean(name, options, "Remove it.")
             raise table.wrong("", f"options of eivor {table.path.replace('.', ' ')}", f"'{name}'", remedy)
         option = options[name]
-        value = table.flag(name, default=False) if option.is_flag else _value(option, name, table)
-        results[option.name] = value
+        results[option.name] = _value(option, name, table)
     return results
 
 
 def _value(option: Any, name: str, table: TomlTable) -> Any:
     value = table.values[name]
+    if option.is_flag and not isinstance(value, bool):
+        raise table.wrong(name, "true or false", repr(value))
+    if option.is_flag:
+        return value
     items = value if option.multiple and isinstance(value, list) else [value]
     if not all(isinstance(item, str | int | float) and not isinstance(item, bool) for item in items):
         raise table.wrong(name, f"a text or a number{', or a list of them' * option.multiple},", repr(value))

@@ -10,12 +10,11 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
-from eivor.cli.outputs import Reads, flag, option
+from eivor.cli.options import FlightWords, parse_pair
 from eivor.errors import EivorError, MissingChannelError, UsageError, did_you_mean
-from eivor.estimation.methods import TABLE, by_name
-from eivor.exports.fitted import Supplied, known_number
+from eivor.estimation.methods import by_name
 from eivor.flights.lag_prior import EFFECTIVE_LAG, NO_LAG
 from eivor.flights.motion import Motion
 from eivor.flights.options import ACCELEROMETER_BIAS, FIT_MAP, FlightOptions
@@ -27,7 +26,6 @@ from eivor.logs.common import UNITS, unit_fits
 from eivor.models.separable import Bounds, Prior
 from eivor.motions import motion_by_name
 from eivor.motions.identify import identify_flight
-from eivor.motions.rigid_body.vehicle import KnownNumber, load_vehicle
 from eivor.planning.plan import Location
 from eivor.planning.vehicle import FlightLimits
 from eivor.report.flight import logging_advice_for, missing_channels
@@ -67,18 +65,6 @@ def parse_window(text: str) -> Window:
             "Give both in seconds from the log's start, such as 4:67; one of them may be left out.",
         )
     return start, end
-
-
-def parse_pair(
-    text: str, separator: str = ":", omitted: tuple[float, float] = (-math.inf, math.inf)
-) -> tuple[float, float]:
-    """Numbers on both sides of a separator, others in place of those left out; NaN where there are none."""
-    texts = text.split(separator, 1)
-    try:
-        first, second = (float(part) if part.strip() else omitted[side] for side, part in enumerate(texts))
-    except ValueError:  # also of a text without the separator
-        return math.nan, math.nan
-    return first, second
 
 
 def parse_lag(text: str) -> Prior | Bounds:
@@ -272,9 +258,6 @@ def _size(name: str, text: str, what: str) -> float:
 
 # -- Options of an identification --
 
-#: Default of an option that may be given several times.
-NO_TEXTS: list[str] = []
-
 
 def named_motion(name: str, vehicle: str = "") -> Motion[Any]:
     """Return the motion of a name, of a vehicle where one is given; its channels are known from then on."""
@@ -282,119 +265,44 @@ def named_motion(name: str, vehicle: str = "") -> Motion[Any]:
     return motion.of_vehicle(vehicle) if vehicle else motion
 
 
-def flight_options(
-    motion: Motion[Any],
-    *,
-    window: Annotated[
-        str, option("START:END", "Use this window of each log, in seconds from its start.")
-    ] = "",
-    max_tilt: Annotated[
-        float | None, option("DEG", "Leave out what is tilted further (default: 25.8 degrees).")
-    ] = None,
-    input_channel: Annotated[
-        str,
-        option("CHANNEL", "Channel, or family such as rotor_command, that drives the vehicle.", "--input"),
-    ] = "",
-    input_map: Annotated[
-        str,
-        option(
-            "MAP", "From command to thrust: linear, square, power:EXPONENT, mixed:SHARE; fit finds it out."
-        ),
-    ] = "",
-    accelerometer_bias: Annotated[
-        float | None,
-        option(
-            "STD",
-            "Standard deviation of the accelerometer's bias in m/s^2, which --input-map fit rests on "
-            "(default: 0.1; inf when nothing is known of it).",
-        ),
-    ] = None,
-    instruments: Annotated[
-        str, option("NAMES", "references, lags, or channels with commas between them.")
-    ] = "",
-    method: Annotated[str, option("NAME", f"{', '.join(TABLE)}.", show_default=True)] = "reference_iv",
-    compare: Annotated[bool, flag("--compare", "List every method side by side.")] = False,
-    lag: Annotated[
-        str,
-        option(
-            "MS:STD|LOW..HIGH|none",
-            "Lag and delay of the actuators together, known from elsewhere: 70:15 is 70 ms with a standard "
-            "deviation of 15 ms, 50..90 is anything between, none is neither lag nor delay.",
-        ),
-    ] = "",
-    lag_from: Annotated[
-        str,
-        option("FIT.json", "Take it from another flight of this vehicle, identified with --json."),
-        Reads(),
-    ] = "",
-    align: Annotated[bool, flag("--align", "Take offset and scale out of sensors that disagree.")] = False,
-    pool_friction: Annotated[
-        str,
-        option(
-            "WAY",
-            "Of several flights: auto, common (one friction for all) or separate (each its own, and their "
-            "mean). auto takes them as common where they agree.",
-            show_default=True,
-        ),
-    ] = "auto",
-    terms: Annotated[
-        list[str],
-        option(
-            "NAME",
-            "Add an optional term of the motion to its equation, such as quadratic-drag; several times "
-            "for several.",
-            "--term",
-        ),
-    ] = NO_TEXTS,
-    rotor_radius: Annotated[
-        float | None,
-        option(
-            "M", "Radius of a rotor in metres, such as 0.12: heights over the ground are reported in radii."
-        ),
-    ] = None,
-    noise: Annotated[
-        list[str],
-        option(
-            "NAME=STD|estimate",
-            "Measurement noise of a channel, for methods that take it out: velocity_z=0.02, with a unit "
-            "where it is not SI (2cm/s), or a data sheet's velocity_z=density:0.002,bandwidth:50,step:0.01. "
-            "estimate reads all of them off the log. Several times for several channels.",
-        ),
-    ] = NO_TEXTS,
-) -> FlightOptions:
-    """Options of the library, checked before any log is read."""
-    chosen = by_name(method)
-    if instruments and not (compare or chosen.of_flights.needs_instruments):
+def flight_options(motion: Motion[Any], **given: Any) -> FlightOptions:
+    """Options of the library, of those of `FlightWords`, checked before any log is read."""
+    words = FlightWords(**given)
+    chosen = by_name(words.method)
+    if words.instruments and not (words.compare or chosen.of_flights.needs_instruments):
         raise UsageError(
             "--instruments with a method that has instruments, or with --compare",
-            f"--instruments {instruments} with --method {method}",
-            f"Leave them out: {method} uses none.",
+            f"--instruments {words.instruments} with --method {words.method}",
+            f"Leave them out: {words.method} uses none.",
         )
-    if max_tilt is not None and not math.isfinite(max_tilt):
-        max_tilt = 0.0  # refused below, in the library's words
-    if accelerometer_bias is not None and input_map != FIT_MAP:
+    if words.accelerometer_bias is not None and words.input_map != FIT_MAP:
         raise UsageError(
             "--accelerometer-bias with --input-map fit, which rests on it",
-            f"--input-map {input_map}" if input_map else "it alone",
+            f"--input-map {words.input_map}" if words.input_map else "it alone",
             "Leave it out.",
         )
     options = FlightOptions(
-        window=parse_window(window) if window else None,
-        input=input_channel,
-        input_map=input_map,
-        instruments=parse_names(instruments) if instruments else (),
-        method=method,
-        compare=compare,
-        lag=lag_prior(lag, lag_from),
-        align=align,
-        accelerometer_bias=ACCELEROMETER_BIAS if accelerometer_bias is None else accelerometer_bias,
-        pool_friction=pool_friction,
-        terms=tuple(terms),
-        rotor_radius=rotor_radius,
-        noise=declared_noise(noise),
+        window=parse_window(words.window) if words.window else None,
+        input=words.input_channel,
+        input_map=words.input_map,
+        instruments=parse_names(words.instruments) if words.instruments else (),
+        method=words.method,
+        compare=words.compare,
+        lag=lag_prior(words.lag, words.lag_from),
+        align=words.align,
+        accelerometer_bias=ACCELEROMETER_BIAS
+        if words.accelerometer_bias is None
+        else words.accelerometer_bias,
+        pool_friction=words.pool_friction,
+        terms=tuple(words.terms),
+        rotor_radius=words.rotor_radius,
+        noise=declared_noise(words.noise),
     )
     check_options(motion, options)
-    return options if max_tilt is None else replace(options, max_tilt_deg=max_tilt)
+    if words.max_tilt is None:
+        return options
+    # what is not finite is refused in the library's words
+    return replace(options, max_tilt_deg=words.max_tilt if math.isfinite(words.max_tilt) else 0.0)
 
 
 def lag_prior(text: str, file: str) -> Prior | Bounds | None:
@@ -448,25 +356,3 @@ def flight_limits(
         expected = "--height LOW:HIGH with both ends, LOW below HIGH"
         raise UsageError(expected, f"'{height}'", "Such as 3:8, in metres above the place of take-off.")
     return FlightLimits((low, high), speed, acceleration, tilt, time)
-
-
-# -- Known numbers --
-
-
-def supplied(mass: str, priors: Sequence[str], vehicle: str) -> Supplied:
-    """What is known beside a flight, of ``KG[:STD]``, ``NAME=VALUE[:STD]`` and a vehicle's name or file."""
-    known = {}
-    for text in priors:
-        name, equals, number = text.partition("=")
-        if not equals:
-            raise UsageError("a prior NAME=VALUE:STD", f"'{text}'", "Give delay=0.01:0.002, for example.")
-        known[name.strip()] = _known(number, "--prior")
-    known_mass = _known(mass, "--mass") if mass else None
-    return Supplied(known_mass, known, load_vehicle(vehicle) if vehicle else None)
-
-
-def _known(text: str, option: str) -> KnownNumber:
-    value, std = parse_pair(text if ":" in text else f"{text}:0", omitted=(math.nan, math.nan))
-    if math.isnan(std) or not math.isfinite(value):
-        raise UsageError(f"VALUE or VALUE:STD for {option}", f"'{text}'", "Give 1.53:0.02, for example.")
-    return known_number(value, std)

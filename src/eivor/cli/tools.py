@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import io
 import os
 import tomllib
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
-from enum import StrEnum
+from dataclasses import dataclass
 from functools import partial
 from importlib import resources
 from pathlib import Path
@@ -15,8 +13,7 @@ from typing import Annotated, Any
 
 import typer
 
-from eivor.atomic_file import write_atomically
-from eivor.cli.identify import read_logs, result_of
+from eivor.cli.options import FlightWords, LogWords
 from eivor.cli.outputs import (
     STANDARD_OUTPUT,
     ExitCode,
@@ -34,19 +31,16 @@ from eivor.cli.outputs import (
     with_options,
     write,
     write_out,
-    writing,
 )
 from eivor.cli.parsing import (
-    NO_TEXTS,
     check_mission,
     flight_limits,
     flight_options,
     named_motion,
     position_of,
-    supplied,
 )
-from eivor.errors import CorruptLogError, InputError, NotIdentifiedError, UsageError
-from eivor.exports.fitted import Supplied
+from eivor.cli.results import read_logs
+from eivor.errors import CorruptLogError, InputError, UsageError
 from eivor.motions.rigid_body.vehicle import (
     ENDING,
     load_vehicle,
@@ -58,9 +52,8 @@ from eivor.planning.plan import WRITTEN
 from eivor.planning.vehicle import VehicleGuess, read_vehicle, rough_vehicle
 from eivor.report.inspection import inspection_document, pooled_documents, pooled_inspection
 from eivor.report.json_document import inspection_json, json_text, pooled_json
-from eivor.report.other_results import draws_table, plan_document, plan_json
 from eivor.report.other_results import plan as planned
-from eivor.report.saved_fit import SavedFit, load_fit
+from eivor.report.other_results import plan_document, plan_json
 from eivor.report.terminal import on_terminal
 
 # -- Examples --
@@ -214,122 +207,6 @@ def path() -> ExitCode:
     return ExitCode.IDENTIFIED
 
 
-# -- Export --
-
-EXPORT_EXIT_CODES = (
-    "[bold]Exit codes[/bold]: 0 all that the target has is written; 3 something is not identified: it is a "
-    "comment in the file with its reason, or, where the target cannot do without it, there is no file; "
-    "2 wrong usage, such as rotor speeds for an autopilot's share of thrust; 1 a file that cannot be read "
-    "or written.\n\n"
-    "[bold]Targets[/bold]: px4 (.params), ardupilot (.param), statespace (JSON); of simulators, which need a "
-    "mass and a vehicle: sih (PX4's, .params), rotorpy (Python), mujoco (MJCF), pybullet (URDF), "
-    "gazebo (SDF), drone-models (TOML)."
-)
-
-
-class Delays(StrEnum):
-    """At which delays draws are taken."""
-
-    BEST = "best"
-    ALL = "all"
-
-
-@guarded
-def export(
-    fit: Annotated[
-        Path,
-        typer.Argument(metavar="FIT.json", help="A result: eivor identify LOG --json FIT.json."),
-        Reads(),
-    ],
-    *,
-    to: Annotated[str, option("TARGET", "What for: see Targets below.")] = "",
-    draws: Annotated[
-        int | None,
-        option(
-            "N",
-            "N joint draws of the identified parameters: without --to as Parquet, else as the "
-            "simulator's randomisation (rotorpy, mujoco, isaaclab).",
-        ),
-    ] = None,
-    seed: Annotated[int, option("SEED", "Of the draws.", show_default=True)] = 0,
-    delays: Annotated[
-        Delays,
-        option(
-            "best|all",
-            "Of a table of draws: at the delay that fits best, or at all that fit, drawn too.",
-            show_default=True,
-        ),
-    ] = Delays.BEST,
-    mass: Annotated[
-        str,
-        option(
-            "KG[:STD]",
-            "Mass with all on board and its standard deviation, such as 1.53:0.02; for simulators and "
-            "draws. Without it that of the vehicle.",
-        ),
-    ] = "",
-    prior: Annotated[
-        list[str],
-        option(
-            "NAME=VALUE[:STD]",
-            "What is known of a quantity that the flight does not identify; several times for several.",
-        ),
-    ] = NO_TEXTS,
-    vehicle: Annotated[
-        str,
-        option(
-            "FILE.toml",
-            "Where the rotors are, for simulators: a vehicle file, or the name of a shipped one. "
-            "Without it that of the result, when it has one.",
-        ),
-        Reads(),
-    ] = "",
-    output: Annotated[
-        str,
-        option("FILE", "Where to; without it on standard output.", "-o", "--output", show_default=True),
-        Writes(),
-    ] = STANDARD_OUTPUT,
-) -> ExitCode:
-    """Write a result's numbers where they are used, with intervals; only what is identified."""
-    if not to and draws is None:
-        raise UsageError("--to TARGET, --draws N or both", "neither", "Say what is to be written.")
-    if delays is Delays.ALL and (to or draws is None):
-        raise UsageError(
-            "--delays all with a table of draws",
-            f"--to {to}",
-            "Simulators have no delay: their draws are at the one that fits best.",
-        )
-    given = supplied(mass, prior, vehicle)
-    if not to and output == STANDARD_OUTPUT:
-        raise UsageError("a file for the draws", "standard output", "Add -o draws.parquet.")
-    result = load_fit(fit)
-    try:
-        if draws is None or to:
-            made = result.exported(to, given, draws, seed)
-            write_out(made.text, output)
-            omitted = made.omitted
-        else:
-            omitted = _draw_vehicles(result, draws, seed, given, Path(output), delays)
-    except NotIdentifiedError as error:
-        omitted = (str(error),)
-    if omitted:
-        complain(*omitted)
-    return ExitCode.NOT_IDENTIFIED if omitted else ExitCode.IDENTIFIED
-
-
-def _draw_vehicles(
-    result: SavedFit, count: int, seed: int, supplied: Supplied, path: Path, delays: Delays
-) -> tuple[str, ...]:
-    replace(supplied, mass=None).check_only((), "draws of a table", body=False)
-    table = draws_table(result, count, seed, supplied.mass, delays=delays.value)
-    buffer = io.BytesIO()
-    table.write_parquet(buffer)
-    with writing(path):
-        write_atomically(path, buffer.getvalue())
-    absent = [name for name in result.names if name not in table.columns]
-    return (f"Not identified, hence no column: {', '.join(absent)}.",) if absent else ()
-
-
 # -- Inspect --
 
 INSPECT_EXIT_CODES = (
@@ -340,9 +217,12 @@ INSPECT_EXIT_CODES = (
 
 @guarded
 @with_options(
-    result_of,
-    *("logs", "example", "window", "max_tilt", "input_channel", "input_map"),
-    *("model", "vehicle", "channel_map"),
+    FlightWords,
+    LogWords,
+    only=(
+        *("logs", "example", "window", "max_tilt", "input_channel", "input_map"),
+        *("model", "vehicle", "channel_map"),
+    ),
 )
 def inspect(
     *,

@@ -9,7 +9,7 @@ from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
-import scipy.linalg
+import scipy
 
 from eivor import checks
 from eivor.errors import EivorError, EstimationError, UsageError

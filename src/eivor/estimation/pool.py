@@ -9,7 +9,7 @@ from math import inf
 from typing import cast
 
 import numpy as np
-import scipy.linalg
+import scipy
 
 from eivor.estimation.derived import DEGREES, ParameterSets
 from eivor.estimation.estimate import Candidate, Estimate

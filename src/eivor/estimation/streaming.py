@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-import scipy.linalg
+import scipy
 
 from eivor import checks
 from eivor.errors import InstrumentError, TooFewSamplesError, UsageError

@@ -8,7 +8,7 @@ from enum import Enum
 from itertools import product
 
 import numpy as np
-import scipy.linalg
+import scipy
 from numpy.polynomial.chebyshev import chebder, chebfit, chebpts1, chebval
 
 from eivor.errors import InstrumentError, UsageError

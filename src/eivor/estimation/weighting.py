@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy.linalg
+import scipy
 
 from eivor import checks
 from eivor.errors import InstrumentError, NoUniqueSolutionError, TooFewSamplesError, UsageError

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import special
+import scipy
 
 from eivor.inference.random_effects import Groups
 from eivor.tools import Bool, Float, Int
@@ -88,7 +88,7 @@ def deviation_p_values(
     score = np.sqrt(ordered.own_weights * off / current / scale)
     p_values = np.ones(w.size)
     far = (degrees >= 1.0) & (score > NEAR)
-    p_values[far] = 2.0 * special.stdtr(degrees[far], -score[far])
+    p_values[far] = 2.0 * scipy.special.stdtr(degrees[far], -score[far])
     return p_values
 
 
@@ -108,14 +108,14 @@ class Drifts:
 
     def half_widths(self, level: float = 0.95) -> Float[np.ndarray, " groups"]:
         """Half-widths of the slopes' intervals; infinite where there is none."""
-        quantile = special.stdtrit(np.maximum(self.degrees, 1), 0.5 + 0.5 * level)
+        quantile = scipy.special.stdtrit(np.maximum(self.degrees, 1), 0.5 + 0.5 * level)
         return np.where(self.degrees > 0, quantile * self.std_error, np.inf)
 
     @property
     def p_values(self) -> Float[np.ndarray, " groups"]:
         """Of no drift; one where there is no line."""
         score = np.abs(self.slope) / np.where(self.std_error > 0.0, self.std_error, np.inf)
-        return np.where(self.degrees > 0, 2.0 * special.stdtr(np.maximum(self.degrees, 1), -score), 1.0)
+        return np.where(self.degrees > 0, 2.0 * scipy.special.stdtr(np.maximum(self.degrees, 1), -score), 1.0)
 
 
 def drifts(ordered: Ordered) -> Drifts:
@@ -315,7 +315,7 @@ def steps(ordered: Ordered) -> BestSteps:
     result, late = possible[best], number > groups.spread(number[best])
     line, leverage = _two_means(groups, w, ordered.y, ~late)
     near = possible & (groups.spread(gain[best]) - gain <= POSITIONS * groups.spread(scale[best]))
-    half_width = special.stdtrit(degrees, 0.975) * np.sqrt(variance[best])
+    half_width = scipy.special.stdtrit(degrees, 0.975) * np.sqrt(variance[best])
     return BestSteps(
         np.where(result, number[best], 0).astype(int),
         np.where(result, _smallest(groups, number, near), 0).astype(int),
@@ -372,16 +372,16 @@ def _tail(
     total: Float[np.ndarray, " rows"],
 ) -> Float[np.ndarray, " groups"]:
     """P-value of the largest |t| over all places, see this module; where that is no news, only a bound."""
-    one_sided = np.maximum(special.stdtr(degrees, -largest), 1e-300)
+    one_sided = np.maximum(scipy.special.stdtr(degrees, -largest), 1e-300)
     bound = 2.0 * one_sided * groups.sums(possible.astype(float))
     pairs = np.append(possible[:-1] & possible[1:], False) & (groups.spread(2.0 * one_sided) < NO_NEWS)
     k = np.flatnonzero(pairs)
     shared = before[k] * (total - before)[k + 1] / (before[k + 1] * (total - before)[k])
     rho = np.sqrt(np.clip(shared, 0.0, 1.0))
     current = groups.spread(one_sided)[k]
-    c = -special.ndtri(current)
+    c = -scipy.special.ndtri(current)
     both = np.zeros(before.size)
     for sign in (1.0, -1.0):
-        separated = special.owens_t(c, np.sqrt((1.0 - sign * rho) / (1.0 + sign * rho)))
+        separated = scipy.special.owens_t(c, np.sqrt((1.0 - sign * rho) / (1.0 + sign * rho)))
         both[k] += 2.0 * np.maximum(current - 2.0 * separated, 0.0)
     return np.clip(bound - groups.sums(both), 2.0 * one_sided, 1.0)

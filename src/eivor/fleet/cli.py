@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from eivor.cli.options import DEFAULT_MODEL, NO_TEXTS, FlightWords
 from eivor.cli.outputs import (
     FLEET_FILES,
     STANDARD_OUTPUT,
@@ -36,7 +37,7 @@ from eivor.cli.outputs import (
     with_options,
     write_out,
 )
-from eivor.cli.parsing import NO_TEXTS, flight_options, named_motion
+from eivor.cli.parsing import flight_options, named_motion
 from eivor.dask_executor import DaskCluster
 from eivor.errors import UsageError
 from eivor.fleet.analysis import fleet_reports
@@ -46,7 +47,6 @@ from eivor.fleet.report import fleet_document, fleet_json, fleet_page, flight_li
 from eivor.fleet.run import FleetRun, Progress, no_progress, run_fleet
 from eivor.fleet.table import COPY, FAILED, FleetOptions, given_maps, read_flights
 from eivor.inference.verdict import Status
-from eivor.motions import DEFAULT as DEFAULT_MODEL
 from eivor.process_pool import Executor, InProcess, Limits, LocalThreads, begun_in_advance, useful_workers
 from eivor.report.document import printable
 from eivor.report.flight_page import flight_page
@@ -80,7 +80,7 @@ FleetArgument = Annotated[
     "written are kept: the same command goes on.",
 )
 @guarded
-@with_options(flight_options, "input_channel", "input_map", "max_tilt")
+@with_options(FlightWords, only=("input_channel", "input_map", "max_tilt"))
 def run_command(
     logs: Annotated[
         str,

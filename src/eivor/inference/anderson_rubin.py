@@ -8,8 +8,7 @@ from functools import cached_property
 from math import inf
 
 import numpy as np
-import scipy.linalg
-from scipy import special
+import scipy
 
 from eivor.errors import CollinearError, ParameterError, TooFewSamplesError
 from eivor.inference.confidence_set import ConfidenceSet
@@ -191,8 +190,8 @@ def homoskedastic_region(
     shape = HomoskedasticShape(
         inside.T @ inside / variance,
         outside.T @ outside / variance,
-        p / degrees * float(special.fdtri(p, degrees, level)),
-        (p - n + 1) / degrees * float(special.fdtri(p - n + 1, degrees, level)),
+        p / degrees * float(scipy.special.fdtri(p, degrees, level)),
+        (p - n + 1) / degrees * float(scipy.special.fdtri(p - n + 1, degrees, level)),
     )
     return ConfidenceRegion(names, frame, shape)
 

@@ -10,7 +10,7 @@ from functools import lru_cache
 from typing import final
 
 import numpy as np
-from scipy import special
+import scipy
 
 from eivor import checks
 from eivor.errors import EstimationError, UsageError
@@ -566,7 +566,7 @@ def joint_draws(
         scores[:, degrees == each] *= np.sqrt(each / rng.chisquare(each, strata))[:, None]
     shares = (scores.argsort(axis=0).argsort(axis=0)[:count] + rng.random((count, values.size))) / strata
     quantiles = [
-        special.ndtri(column) if math.isinf(degree) else special.stdtrit(degree, column)
+        scipy.special.ndtri(column) if math.isinf(degree) else scipy.special.stdtrit(degree, column)
         for column, degree in zip(shares.T, degrees, strict=True)
     ]
     return values + scales * np.stack(quantiles, axis=1)
@@ -598,5 +598,5 @@ def _kept(degrees: float) -> float:
     if math.isinf(degrees):
         return 1.0
     half = 0.5 * degrees
-    mean = math.exp(special.gammaln(half - 0.5) - special.gammaln(half)) * math.sqrt(half)
+    mean = math.exp(scipy.special.gammaln(half - 0.5) - scipy.special.gammaln(half)) * math.sqrt(half)
     return mean * math.sqrt((degrees - 2.0) / degrees)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from scipy import special
+import scipy
 
 from eivor import checks
 from eivor.errors import UsageError
@@ -22,7 +22,7 @@ def shares_in_order(excesses: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"
     below = -np.maximum.accumulate(roots[best::-1])[::-1]
     signed = np.concatenate([below, above[1:]])
     middles = 0.5 * (signed[1:] + signed[:-1])
-    shares: Float[np.ndarray, " n"] = np.diff(special.ndtr(middles), prepend=0.0, append=1.0)
+    shares: Float[np.ndarray, " n"] = np.diff(scipy.special.ndtr(middles), prepend=0.0, append=1.0)
     return shares
 
 
@@ -45,26 +45,26 @@ def check_level(level: float) -> None:
 
 def normal_quantile(level: float) -> float:
     """Half-width, in standard errors, of a two-sided normal interval of confidence `level`."""
-    return float(special.ndtri(0.5 + 0.5 * level))
+    return float(scipy.special.ndtri(0.5 + 0.5 * level))
 
 
 def t_quantile(level: float, degrees: float | int) -> float:
     """Half-width, in standard errors, of a two-sided t interval; infinite without degrees of freedom."""
     if math.isinf(degrees):
         return normal_quantile(level)
-    return float(special.stdtrit(degrees, 0.5 + 0.5 * level)) if degrees > 0 else math.inf
+    return float(scipy.special.stdtrit(degrees, 0.5 + 0.5 * level)) if degrees > 0 else math.inf
 
 
 def chi_square_quantile(level: float, degrees: int = 1) -> float:
     """Value that a chi-square variable stays below with probability `level`."""
-    return float(special.chdtri(degrees, 1.0 - level))
+    return float(scipy.special.chdtri(degrees, 1.0 - level))
 
 
 def chi_square_tail(value: float, degrees: int) -> float:
     """Probability that a chi-square variable exceeds `value`."""
-    return float(special.chdtrc(degrees, value))
+    return float(scipy.special.chdtrc(degrees, value))
 
 
 def t_tail(value: float, degrees: float | int) -> float:
     """Probability that a t variable is further from zero than `value`, to either side."""
-    return float(2.0 * special.stdtr(degrees, -abs(value)))
+    return float(2.0 * scipy.special.stdtr(degrees, -abs(value)))

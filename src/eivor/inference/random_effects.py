@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy import special
+import scipy
 
 from eivor.inference.distributions import normal_quantile
 from eivor.tools import Float, Int
@@ -128,7 +128,7 @@ def q_profile(
     several, alone = degrees > 0, Groups(np.ones_like(groups.sizes))
 
     def end(tail: float) -> Float[np.ndarray, " groups"]:
-        wanted = np.where(several, special.chdtri(np.maximum(degrees, 1), tail), 1.0)
+        wanted = np.where(several, scipy.special.chdtri(np.maximum(degrees, 1), tail), 1.0)
         return _where(groups, estimates, variances, wanted, alone, near)
 
     tail = 0.5 * (1.0 - level)
@@ -173,7 +173,7 @@ class RandomEffectsMeans:
     def half_widths(self, level: float = 0.95) -> Float[np.ndarray, " groups"]:
         """Half-widths of the means' intervals; infinite for a single estimate."""
         several = self.degrees > 0
-        quantile = special.stdtrit(np.maximum(self.degrees, 1), 0.5 + 0.5 * level)
+        quantile = scipy.special.stdtrit(np.maximum(self.degrees, 1), 0.5 + 0.5 * level)
         return np.where(several, quantile * np.sqrt(self.variance), np.inf)
 
 
@@ -240,7 +240,7 @@ def _missed(
     """Probability outside a half-width, and the density at its ends."""
     above, below = (half_width - offsets) / errors, (half_width + offsets) / errors
     density = (np.exp(-0.5 * above**2) + np.exp(-0.5 * below**2)) / errors
-    missed = COUNTS @ (special.ndtr(-above) + special.ndtr(-below))
+    missed = COUNTS @ (scipy.special.ndtr(-above) + scipy.special.ndtr(-below))
     return missed, COUNTS @ density / np.sqrt(2.0 * np.pi)
 
 
@@ -280,7 +280,7 @@ def between_distribution(
         squares[number] = groups.sums(weights) - first**2 / total
         means[number], variance[number] = centre + first / total, 1.0 / total
     inverse = 1.0 / np.maximum(squares, np.finfo(float).tiny)
-    position = _between(inverse, 1.0 / special.chdtri(degrees, PROBABILITIES[:, None]))
+    position = _between(inverse, 1.0 / scipy.special.chdtri(degrees, PROBABILITIES[:, None]))
     of_mean = position(variance)
     return BetweenDistribution(
         groups.sizes, position(means), np.sqrt(of_mean), np.sqrt(of_mean + position(grid))

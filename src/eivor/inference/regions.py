@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from math import inf
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy import special
 
 from eivor import checks
 from eivor.errors import ShapeError, UsageError
@@ -453,7 +453,7 @@ def hotelling_quantile(level: float, dimension: int, degrees: float = math.inf) 
     if math.isinf(degrees):
         return chi_square_quantile(level, dimension)
     second = degrees - dimension + 1.0
-    return dimension * degrees / second * float(special.fdtri(dimension, second, level))
+    return dimension * degrees / second * float(scipy.special.fdtri(dimension, second, level))
 
 
 # -- Fieller --

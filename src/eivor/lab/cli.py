@@ -343,7 +343,7 @@ def _scenario(source: Path) -> tuple[Simulated, set[Path]]:
         FLIGHT_KIND: flight_from_table,
         RIGID_BODY: rigid_body_flight_from_table,
     }
-    kind = table.choice("kind", tuple(readers)) if table.has("kind") else "vertical"
+    kind = table.choose("kind", table.values.get("kind", "vertical"), tuple(readers))
     return readers[kind](table), table.files
 
 

@@ -9,7 +9,7 @@ from enum import Enum
 from typing import ClassVar
 
 import numpy as np
-from scipy.linalg.lapack import dtbtrs
+import scipy
 
 from eivor import checks
 from eivor.errors import ParameterError, UsageError
@@ -215,7 +215,9 @@ def from_rest(
         for column in range(states):
             band[states + row - column, column::states] = -matrix[row, column]
     known = np.concatenate([np.zeros(states), forcing.ravel()])[:, None]
-    solved: Float[np.ndarray, "samples states"] = dtbtrs(band, known, uplo="L", diag="U")[0]
+    solved: Float[np.ndarray, "samples states"] = scipy.linalg.lapack.dtbtrs(band, known, uplo="L", diag="U")[
+        0
+    ]
     return solved.reshape(steps + 1, states)
 
 

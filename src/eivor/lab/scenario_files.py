@@ -5,11 +5,14 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import replace
 from enum import Enum
 from functools import lru_cache
 from pathlib import Path
 from types import UnionType
-from typing import TYPE_CHECKING, Any, Union, get_args, get_origin, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, Union, get_args, get_origin, get_type_hints
+
+import msgspec
 
 from eivor.errors import EivorError, UsageError, did_you_mean
 from eivor.lab.disturbances import (
@@ -63,7 +66,7 @@ from eivor.simulation.excitation import (
 )
 from eivor.simulation.rigid_body_spec import AdaptiveSteps, Integrator, RigidBodyFlightSpec, RungeKutta4
 from eivor.simulation.vertical import VerticalFlightSpec
-from eivor.strict_toml import LARGEST_NUMBER, TomlTable, read_toml
+from eivor.strict_toml import LARGEST_NUMBER, Text, TomlTable, read_toml
 
 if TYPE_CHECKING:
     import polars as pl
@@ -77,12 +80,17 @@ FORMATS = (".csv", ".parquet")
 LARGEST_BYTES, MOST_NUMBERS = 200_000_000, 10_000_000
 
 
+class _NumberFile(msgspec.Struct, forbid_unknown_fields=True):
+    file: Text
+    column: Text
+
+
 def numbers_in_file(table: TomlTable) -> tuple[float, ...]:
     """Numbers of a table ``{ file = ..., column = ... }``."""
-    path = _path(table, table.text("file"))
-    name = table.text("column")
-    table.finish()
     import polars as pl
+
+    given = table.convert(_NumberFile)
+    path, name = _path(table, given.file), given.column
 
     column = _column(table, path, name)
     table.files.add(path)
@@ -205,22 +213,21 @@ KINDS: Mapping[type, Mapping[str, Maker]] = {
 USUAL: Mapping[type, str] = {CoefficientPath: "sinusoid"}
 
 
-def of_kind(table: TomlTable, family: type, **known: object) -> Any:
+def of_kind(table: TomlTable, family: type, *handled: str, **known: object) -> Any:
     """Object that a table with a `kind` describes."""
     kinds = KINDS[family]
-    return built(table, kinds[table.choice("kind", tuple(kinds), USUAL.get(family))], **known)
+    kind = table.choose("kind", table.values.get("kind", USUAL.get(family, "")), tuple(kinds))
+    return built(table, kinds[kind], "kind", *handled, **known)
 
 
-def built(table: TomlTable, maker: Maker, **known: object) -> Any:
+def built(table: TomlTable, maker: Maker, *handled: str, **known: object) -> Any:
     """Call a class or function with what the table says of its parameters; see `of_kind`."""
-    values = dict(known)
-    for name, (annotation, default) in parameters_of(maker).items():
-        if name in known:
-            continue
-        if default is inspect.Parameter.empty or table.has(name):
-            values[name] = _value(table, name, annotation)
-        table.taken.add(name)
-    table.finish()
+    parameters, values = parameters_of(maker), dict(known)
+    own = replace(table, values={key: item for key, item in table.values.items() if key not in handled})
+    given = own.convert(structure_of(maker, frozenset(known)))
+    for name, value in msgspec.structs.asdict(given).items():
+        if value is not msgspec.UNSET:
+            values[name] = _value(table, name, value, _required(parameters[name][0]))
     with located(table):
         return maker(**values)
 
@@ -242,52 +249,70 @@ def parameters_of(maker: Maker) -> dict[str, tuple[Any, Any]]:
     return {name: (hints[name], parameter.default) for name, parameter in signature.parameters.items()}
 
 
-def _value(table: TomlTable, name: str, annotation: Any) -> Any:
+@lru_cache(maxsize=256)
+def structure_of(maker: Maker, known: frozenset[str]) -> type[msgspec.Struct]:
+    """Structure of a table whose keys are the parameters of a class or function, but for those known."""
+    fields: list[Any] = []
+    for name, (annotation, default) in parameters_of(maker).items():
+        kind = _key_type(_required(annotation))
+        if name not in known and default is inspect.Parameter.empty:
+            fields.append((name, kind))
+        elif name not in known:
+            fields.append((name, kind | msgspec.UnsetType, msgspec.UNSET))
+    return msgspec.defstruct(maker.__name__, fields, forbid_unknown_fields=True, kw_only=True)
+
+
+def _required(annotation: Any) -> Any:
+    """A type without None, which a file says by leaving the key out."""
     if get_origin(annotation) in (Union, UnionType):
-        annotation = next(option for option in get_args(annotation) if option is not type(None))
-    if annotation in _PLAIN:
-        return _PLAIN[annotation](table, name)
-    if annotation in KINDS:
-        return of_kind(table.section(name), annotation)
-    if isinstance(annotation, type):
-        if issubclass(annotation, Enum):
-            return annotation(table.choice(name, tuple(member.value for member in annotation)))
-        return built(table.section(name), annotation)
-    item = get_args(annotation)[0]
-    read = of_kind if item in KINDS else built
-    return tuple(read(section, item) for section in table.sections(name))
+        return next(option for option in get_args(annotation) if option is not type(None))
+    return annotation
 
 
-def _numbers(table: TomlTable, name: str) -> tuple[float, ...]:
-    if isinstance(table.values.get(name), dict):
-        return numbers_in_file(table.section(name))
-    return table.numbers(name)
-
-
-def _rows(table: TomlTable, name: str) -> tuple[tuple[float, ...], ...]:
-    rows = table.rows(name)
-    return tuple(rows.numbers(key) for key in rows.values)
-
-
-def _wholes(table: TomlTable, name: str) -> tuple[int, ...]:
-    numbers = table.numbers(name)
-    if any(number != round(number) for number in numbers):
-        raise table.wrong(name, "a list of whole numbers", repr(table.values[name]))
-    return tuple(round(number) for number in numbers)
-
-
-#: How values of the plain types are taken.
-_PLAIN: Mapping[Any, Callable[[TomlTable, str], Any]] = {
-    float: TomlTable.number,
-    int: TomlTable.whole,
-    str: TomlTable.text,
-    bool: lambda table, name: table.flag(name, default=False),
-    tuple[int, int]: TomlTable.span,
-    tuple[float, ...]: _numbers,
-    tuple[int, ...]: _wholes,
-    tuple[str, ...]: TomlTable.texts,
-    tuple[tuple[float, ...], ...]: _rows,
+#: Types of keys whose values are taken as they are, or as tuples.
+_PLAIN: Mapping[Any, Any] = {
+    **{kind: kind for kind in (float, int, str, bool)},
+    tuple[int, int]: list[int],
+    tuple[float, ...]: list[float] | dict[str, Any],
+    tuple[int, ...]: list[float],
+    tuple[str, ...]: list[str],
+    tuple[tuple[float, ...], ...]: list[list[float]],
 }
+
+
+def _key_type(annotation: Any) -> Any:
+    """Type of a key; the values of tables are read by themselves."""
+    if annotation in _PLAIN:
+        return _PLAIN[annotation]
+    if isinstance(annotation, type):
+        return annotation if issubclass(annotation, Enum) else dict[str, Any]
+    return list[dict[str, Any]]
+
+
+def _value(table: TomlTable, name: str, value: Any, annotation: Any) -> Any:
+    """Argument for a parameter, from the value of its key."""
+    if annotation == tuple[int, int] and not (len(value) == 2 and value[0] <= value[1]):
+        raise table.wrong(name, "[first, last], both whole numbers", repr(value))
+    if annotation == tuple[int, ...] and any(item != round(item) for item in value):
+        raise table.wrong(name, "a list of whole numbers", repr(table.values[name]))
+    if annotation == tuple[int, ...]:
+        return tuple(map(round, value))
+    if annotation in _PLAIN and isinstance(value, dict):
+        return numbers_in_file(table.part(name))
+    if isinstance(value, dict):
+        return _of_table(table.part(name), annotation)
+    if isinstance(value, list) and annotation in _PLAIN:
+        return tuple(tuple(item) if isinstance(item, list) else item for item in value)
+    if isinstance(value, list):
+        item = get_args(annotation)[0]
+        if not value:
+            raise table.wrong(name, f"one table [[{name}]] or more", "none")
+        return tuple(_of_table(table.part(f"{name}[{i}]", row), item) for i, row in enumerate(value, start=1))
+    return value
+
+
+def _of_table(table: TomlTable, annotation: Any) -> Any:
+    return of_kind(table, annotation) if annotation in KINDS else built(table, annotation)
 
 
 # -- Flight file --
@@ -310,13 +335,13 @@ def shipped_flight() -> VerticalFlightSpec:
 
 def flight_from_table(table: TomlTable) -> VerticalFlightSpec:
     """Flight from the top table of a TOML file, all of whose keys it takes."""
-    table.choice("kind", (FLIGHT_KIND,))
+    table.choose("kind", table.values.get("kind", ""), (FLIGHT_KIND,))
     known: dict[str, object] = {"seed": 0}
-    if table.has("noise"):
+    if "noise" in table.values:
         # The log of vertical motion has no angular rates.
         quiet = SensorNoise().angular_rate
-        known["noise"] = built(table.section("noise"), SensorNoise, angular_rate=quiet)
-    flight: VerticalFlightSpec = built(table, VerticalFlightSpec, **known)
+        known["noise"] = built(table.part("noise"), SensorNoise, angular_rate=quiet)
+    flight: VerticalFlightSpec = built(table, VerticalFlightSpec, "kind", "noise", **known)
     return flight
 
 
@@ -332,34 +357,35 @@ def noises(
     """Noise of each channel, and the ratio of those that are measured by their signal."""
     noise: dict[str, MeasurementNoise] = {}
     ratios: dict[str, float] = {}
-    if not table.has("noise"):
+    if "noise" not in table.values:
         return noise, ratios
-    sections = table.section("noise")
-    sections.taken.update(channels)
-    for name in filter(sections.has, channels):
-        section = sections.section(name)
+    sections = table.part("noise")
+    if "specific_force_z" in sections.values and "acceleration_z" in channels:
+        expected = f"noise of {', '.join(channels)}"
+        raise sections.wrong("", expected, "noise of 'specific_force_z'", ABOUT_HOVER)
+    optional = dict[str, Any] | msgspec.UnsetType
+    fields: list[Any] = [(name, optional, msgspec.UNSET) for name in channels]
+    sections.convert(msgspec.defstruct("Noise", fields, forbid_unknown_fields=True))
+    for name in filter(sections.values.__contains__, channels):
+        section = sections.part(name)
         ratio = ratio_to_signal(section)
-        if (ratio is None) != section.has("std"):
-            given = "both" if section.has("std") else "neither"
+        if (ratio is None) != ("std" in section.values):
+            given = "neither" if ratio is None else "both"
             raise section.wrong("", f"std or {RATIO}", given, "Give one of them.")
         # The std of a ratio follows from the signal; until then any will do.
         std = {} if ratio is None else {"std": 1.0}
-        noise[name] = of_kind(section, MeasurementNoise, **std)
+        noise[name] = of_kind(section, MeasurementNoise, RATIO, **std)
         ratios |= {} if ratio is None else {name: ratio}
-    if sections.has("specific_force_z") and "acceleration_z" in channels:
-        expected = f"noise of {', '.join(channels)}"
-        raise sections.wrong("", expected, "noise of 'specific_force_z'", ABOUT_HOVER)
-    sections.finish()
     return noise, ratios
+
+
+class _Ratio(msgspec.Struct):
+    ratio_to_signal: Annotated[float, msgspec.Meta(ge=0.0)] | None = None
 
 
 def ratio_to_signal(table: TomlTable) -> float | None:
     """Ratio that a table gives, None when it gives none."""
-    table.taken.add(RATIO)
-    ratio = table.number(RATIO) if table.has(RATIO) else None
-    if ratio is not None and ratio < 0.0:
-        raise table.wrong(RATIO, "a ratio of zero or more", f"{ratio}")
-    return ratio
+    return table.convert(_Ratio).ratio_to_signal
 
 
 # -- Rigid body file --
@@ -386,8 +412,8 @@ def shipped_rigid_body_flight(name: str) -> RigidBodyFlightSpec:
 
 def rigid_body_flight_from_table(table: TomlTable) -> RigidBodyFlightSpec:
     """Flight from the top table of a TOML file, all of whose keys it takes."""
-    table.choice("kind", (RIGID_BODY_KIND,))
-    flight: RigidBodyFlightSpec = built(table, RigidBodyFlightSpec, seed=0)
+    table.choose("kind", table.values.get("kind", ""), (RIGID_BODY_KIND,))
+    flight: RigidBodyFlightSpec = built(table, RigidBodyFlightSpec, "kind", seed=0)
     if flight.count > MOST_STEPS:
         raise table.wrong("duration", f"{MOST_STEPS} steps or fewer", f"{flight.count}", "Ask for fewer.")
     return flight
@@ -419,25 +445,23 @@ def shipped_scenario(name: str) -> Scenario:
 
 def scenario_from_table(table: TomlTable) -> Scenario:
     """Scenario from a table of a TOML file, all of whose keys it takes."""
-    if table.has("kind") and table.text("kind") != "vertical":
-        raise table.wrong("kind", "'vertical'", repr(table.values["kind"]))
+    table.choose("kind", table.values.get("kind", "vertical"), ("vertical",))
     noise, ratios = noises(table, NOISY_CHANNELS)
     known: dict[str, object] = {"noise": noise, "noise_to_signal": ratios, "disturbance_to_signal": None}
-    if table.has("disturbance"):
-        section = table.section("disturbance")
+    if "disturbance" in table.values:
+        section = table.part("disturbance")
         known["disturbance_to_signal"] = ratio_to_signal(section)
-        known["disturbance"] = of_kind(section, Disturbance)
-    table.taken.update({"kind", "disturbance", "noise"})
-    scenario: Scenario = built(table, Scenario, samples=sample_count(table, Scenario.samples), **known)
+        known["disturbance"] = of_kind(section, Disturbance, RATIO)
+    check_sample_count(table)
+    scenario: Scenario = built(table, Scenario, "kind", "disturbance", "noise", **known)
     return scenario
 
 
-def sample_count(table: TomlTable, default: int) -> int:
-    """Samples of a record; default when the table does not say."""
-    samples = table.whole("samples", default)
-    if samples > MOST_SAMPLES:
+def check_sample_count(table: TomlTable) -> None:
+    """Refuse a record of too many samples."""
+    samples = table.values.get("samples")
+    if isinstance(samples, int) and samples > MOST_SAMPLES:
         raise table.wrong("samples", f"{MOST_SAMPLES} samples or fewer", f"{samples}", "Ask for fewer.")
-    return samples
 
 
 # -- Study file --
@@ -448,33 +472,45 @@ def read_study(path: Path) -> Study:
     return study_from_table(read_toml(path, "a study"))
 
 
+class _StudyFile(msgspec.Struct):
+    runs: int
+    seed: int
+    scenario: str | dict[str, Any]
+    methods: list[dict[str, Any]]
+    name: str = ""
+
+
 def study_from_table(top: TomlTable) -> Study:
     """Study from the top table of a file, all of whose keys it takes."""
-    name = top.text("name", Path(top.file).stem)
-    runs, seed = top.whole("runs"), top.whole("seed")
-    if isinstance(top.values.get("scenario"), str):
-        experiment = _experiment(top.neighbour("scenario", "a scenario"))
-    else:
-        experiment = _experiment(top.section("scenario"))
-    choices = tuple(method_choice(table) for table in top.sections("methods"))
-    study: Study = built(top, Study, name=name, experiment=experiment, methods=choices, runs=runs, seed=seed)
+    given = top.convert(_StudyFile)
+    is_file = isinstance(given.scenario, str)
+    experiment = _experiment(
+        top.neighbour(str(given.scenario), "a scenario") if is_file else top.part("scenario")
+    )
+    tables = (top.part(f"methods[{i}]", item) for i, item in enumerate(given.methods, start=1))
+    name, choices = given.name or Path(top.file).stem, tuple(map(method_choice, tables))
+    if not choices:
+        raise top.wrong("methods", "one table [[methods]] or more", "none")
+    handled = ("scenario", "methods", "name")
+    study: Study = built(top, Study, *handled, name=name, experiment=experiment, methods=choices)
     return study
 
 
 def method_choice(table: TomlTable, channel: str = INPUT) -> MethodChoice:
     """Method and its options, from a table all of whose keys it takes."""
-    choice: MethodChoice = built(table, MethodChoice, channel=table.text("channel", channel))
+    known = {} if "channel" in table.values else {"channel": channel}
+    choice: MethodChoice = built(table, MethodChoice, **known)
     return choice
 
 
 def _experiment(table: TomlTable) -> Experiment:
     kinds = ("vertical", "difference_equation")
-    if not table.has("kind") or table.choice("kind", kinds) == "vertical":
+    if table.choose("kind", table.values.get("kind", "vertical"), kinds) == "vertical":
         return VerticalExperiment(scenario_from_table(table))
     noise, ratios = noises(table, (OUTPUT, INPUT))
-    table.taken.add("noise")
     known: dict[str, object] = {"noise": noise, "noise_to_signal": ratios}
-    equation: DifferenceEquation = built(
-        table, DifferenceEquation, samples=sample_count(table, 1000), **known
-    )
+    if "samples" not in table.values:
+        known["samples"] = 1000
+    check_sample_count(table)
+    equation: DifferenceEquation = built(table, DifferenceEquation, "kind", "noise", **known)
     return equation

@@ -6,8 +6,7 @@ from abc import abstractmethod
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg
-from scipy.linalg.lapack import dtrtrs
+import scipy
 
 from eivor import checks
 from eivor.errors import (
@@ -95,7 +94,7 @@ class LeastSquares(UnweightedLeastSquares):
         self, R: Float[np.ndarray, "n n"], right: Float[np.ndarray, " n"], _smallest: float, /
     ) -> Float[np.ndarray, " n"]:
         """Back substitution, by LAPACK itself: a search solves thousands of small systems."""
-        return dtrtrs(R, right)[0]
+        return scipy.linalg.lapack.dtrtrs(R, right)[0]
 
 
 @dataclass(frozen=True, slots=True)

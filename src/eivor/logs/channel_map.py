@@ -10,7 +10,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
+from typing import Any
 
+import msgspec
 import numpy as np
 
 from eivor.errors import ChannelMapError, UsageError, did_you_mean
@@ -18,7 +20,7 @@ from eivor.logs.common import TIME_UNITS, UNITS, element_name, unit_fits
 from eivor.signals.channels import CurveSide, canonical_channel, canonical_channels
 from eivor.signals.recording import DataSheet, Frame
 from eivor.signals.thrust_map import input_map
-from eivor.strict_toml import TomlTable, read_toml, toml_table
+from eivor.strict_toml import Text, TomlTable, read_toml, toml_table
 from eivor.tools import Float
 
 # -- Expressions --
@@ -285,32 +287,65 @@ def parse_channel_map(text: str, origin: str) -> ChannelMap:
     return _channel_map(toml_table(text, Path(origin), "a channel map", ChannelMapError))
 
 
+class _Time(msgspec.Struct, forbid_unknown_fields=True):
+    column: Text
+    unit: str = "s"
+
+
+class _MapFile(msgspec.Struct, forbid_unknown_fields=True):
+    name: Text
+    time: _Time
+    description: str = ""
+    airframe: str | None = None
+    frame: str = "z_up"
+    source: str = SOURCES[0]
+    input_map: str = ""
+    columns: dict[str, Any] = {}
+    channels: dict[str, Any] = {}
+
+
+class _ColumnTable(msgspec.Struct, forbid_unknown_fields=True):
+    valid: list[float]
+    saturates: str | None = None
+
+
+class _ChannelTable(msgspec.Struct, forbid_unknown_fields=True):
+    column: Text | None = None
+    index: int | None = None
+    expression: Text | None = None
+    quaternion: list[Text] | None = None
+    roll_pitch: list[Text] | None = None
+    unit: str | None = None
+    sign: float = 1.0
+    scale: float = 1.0
+    held: bool | None = None
+    optional: bool = False
+    source: str | None = None
+    delay_ms: float = 0.0
+    noise: float | None = None
+    noise_density: float | None = None
+    noise_bandwidth_hz: float | None = None
+    quantisation: float | None = None
+    curve_side: str | None = None
+
+
 def _channel_map(top: TomlTable) -> ChannelMap:
-    name = top.text("name")
-    top.text("description", "")
-    frame_name = top.choice("frame", tuple(_FRAMES), "z_up")
-    time = top.section("time")
-    time_column = time.text("column")
-    time_unit = time.choice("unit", tuple(TIME_UNITS), "s")
-    time.finish()
-    source = top.choice("source", SOURCES, SOURCES[0])
-    ranges = {key: _range(section) for key, section in top.named_sections("columns").items()}
-    rules = tuple(_rule(key, section, source) for key, section in top.named_sections("channels").items())
+    given = top.convert(_MapFile)
+    frame = _FRAMES[top.choose("frame", given.frame, tuple(_FRAMES))]
+    time_unit = top.part("time").choose("unit", given.time.unit, tuple(TIME_UNITS))
+    source = top.choose("source", given.source, SOURCES)
+    ranges = {key: _range(section) for key, section in top.parts("columns").items()}
+    rules = tuple(_rule(key, section, source) for key, section in top.parts("channels").items())
     if not rules:
         raise top.wrong("channels", "at least one channel", "none", "Add a table [channels.velocity_z].")
-    map_of_input = _input_map(top)
-    airframe = top.text("airframe", name)
-    top.finish()
-    frame = _FRAMES[frame_name]
-    return ChannelMap(name, time_column, time_unit, rules, frame, map_of_input, ranges, top.file, airframe)
-
-
-def _input_map(top: TomlTable) -> str:
-    name = top.text("input_map", "")
     try:
-        return input_map(name).name if name else ""
+        name_of_map = input_map(given.input_map).name if given.input_map else ""
     except UsageError as error:
         raise top.wrong("input_map", error.expected, error.received, error.remedy) from error
+    airframe = given.name if given.airframe is None else given.airframe
+    return ChannelMap(
+        given.name, given.time.column, time_unit, rules, frame, name_of_map, ranges, top.file, airframe
+    )
 
 
 def _require(section: TomlTable, sound: bool, key: str, expected: str, received: str, remedy: str) -> None:
@@ -319,73 +354,72 @@ def _require(section: TomlTable, sound: bool, key: str, expected: str, received:
 
 
 def _range(section: TomlTable) -> ValidRange:
-    bounds = section.numbers("valid")
+    given = section.convert(_ColumnTable)
+    bounds = given.valid
     sound = len(bounds) == 2 and bounds[0] < bounds[1]
-    _require(section, sound, "valid", "[low, high] with low < high", f"{list(bounds)}", "Correct the range.")
+    _require(section, sound, "valid", "[low, high] with low < high", f"{bounds}", "Correct the range.")
     # nothing is below zero for a motor that stands still, which is no saturation
-    saturates = section.choice("saturates", SATURATING, "upper" if bounds[0] == 0.0 else "both")
-    section.finish()
-    return ValidRange(bounds[0], bounds[1], saturates)
+    saturates = given.saturates or ("upper" if bounds[0] == 0.0 else "both")
+    return ValidRange(bounds[0], bounds[1], section.choose("saturates", saturates, SATURATING))
 
 
 def _rule(name: str, section: TomlTable, source: str) -> ChannelRule:
+    given = section.convert(_ChannelTable)
     channel, known = canonical_channel(name), canonical_channels()
     if channel is None:
         remedy = did_you_mean(name, known, "Rename the channel.")
         raise section.wrong("", f"a canonical channel name ({', '.join(known)})", f"'{name}'", remedy)
-    given = [kind for kind in EXPRESSIONS if section.has(kind)]
+    kinds = [kind for kind in EXPRESSIONS if getattr(given, kind) is not None]
     sources = f"exactly one of {', '.join(EXPRESSIONS)}"
-    received = " and ".join(given) or "none of them"
-    _require(section, len(given) == 1, "", sources, received, "State one source.")
-    kind = given[0]
+    received = " and ".join(kinds) or "none of them"
+    _require(section, len(kinds) == 1, "", sources, received, "State one source.")
+    kind = kinds[0]
     is_turned = kind == "roll_pitch"
     default = "rad" if is_turned else channel.unit
-    unit = section.choice("unit", tuple(dict.fromkeys((*UNITS, default))), default)
+    unit = given.unit if given.unit is not None else default
+    section.choose("unit", unit, tuple(dict.fromkeys((*UNITS, default))))
     si_unit, to_si = UNITS.get(unit, (unit, 1.0))
-    expression = _expression(section, kind, si_unit, to_si)
+    expression = _expression(section, given, kind, si_unit, to_si)
     if kind in ("quaternion", "roll_pitch"):
         remedy = "Use column or expression."
         _require(section, name == "cos_tilt", kind, "this key for cos_tilt only", f"it in {name}", remedy)
         factor = 1.0
     else:
-        kind = f"a unit of the kind '{channel.unit}'" if channel.unit else "no unit"
+        expected = f"a unit of the kind '{channel.unit}'" if channel.unit else "no unit"
         remedy = "Give the unit in which the column is logged."
-        _require(section, unit_fits(channel, si_unit), "unit", kind, f"'{unit}'", remedy)
+        _require(section, unit_fits(channel, si_unit), "unit", expected, f"'{unit}'", remedy)
         factor = to_si
-    sign, scale = section.number("sign", 1.0), section.number("scale", 1.0)
     remedy = "A factor of another size is `scale`."
-    _require(section, abs(sign) == 1.0, "sign", "1 or -1", f"{sign:g}", remedy)
+    _require(section, abs(given.sign) == 1.0, "sign", "1 or -1", f"{given.sign:g}", remedy)
     remedy = "Leave the channel out instead."
-    _require(section, scale != 0.0, "scale", "a finite number other than 0", "0", remedy)
-    rule = ChannelRule(
+    _require(section, given.scale != 0.0, "scale", "a finite number other than 0", "0", remedy)
+    return ChannelRule(
         name,
         expression,
-        sign * scale * factor,
-        section.flag("held", default=channel.held),
-        section.flag("optional", default=False),
+        given.sign * given.scale * factor,
+        channel.held if given.held is None else given.held,
+        given.optional,
         expression.columns if is_turned else (),
         unit if is_turned else "",
-        section.choice("source", SOURCES, source) == ESTIMATOR,
-        _delay_s(section),
-        _noise(section, to_si),
-        _curve_side(name, section),
+        section.choose("source", given.source or source, SOURCES) == ESTIMATOR,
+        _delay_s(section, given),
+        _noise(section, given, to_si),
+        _curve_side(name, section, given),
     )
-    section.finish()
-    return rule
 
 
-def _curve_side(name: str, section: TomlTable) -> CurveSide:
-    if not section.has("curve_side"):
+def _curve_side(name: str, section: TomlTable, given: _ChannelTable) -> CurveSide:
+    if given.curve_side is None:
         return CurveSide.UNKNOWN
     is_command = name.rstrip("0123456789").rstrip("_") in COMMANDS
     commands = f"this key for commands only ({', '.join(COMMANDS)})"
     _require(section, is_command, "curve_side", commands, f"it in {name}", "Leave it out.")
     sides = (CurveSide.BEFORE.value, CurveSide.BEHIND.value)
-    return CurveSide(section.choice("curve_side", sides, sides[0]))
+    return CurveSide(section.choose("curve_side", given.curve_side, sides))
 
 
-def _delay_s(section: TomlTable) -> float:
-    delay_s = 1e-3 * section.number("delay_ms", 0.0)
+def _delay_s(section: TomlTable, given: _ChannelTable) -> float:
+    delay_s = 1e-3 * given.delay_ms
     longest = 1e3 * LONGEST_DELAY_S
     remedy = "Give how long before its stamp a value was true; below zero for after it."
     expected = f"milliseconds between {-longest:g} and {longest:g}"
@@ -393,49 +427,43 @@ def _delay_s(section: TomlTable) -> float:
     return delay_s
 
 
-def _noise(section: TomlTable, to_si: float) -> float | DataSheet | None:
+def _noise(section: TomlTable, given: _ChannelTable, to_si: float) -> float | DataSheet | None:
     keys = ("noise_density", "noise_bandwidth_hz", "quantisation")
-    sheet = [key for key in keys if section.has(key)]
-    if not section.has("noise"):
-        if not sheet:
-            return None
-        density, step = section.number(keys[0], 0.0), section.number(keys[2], 0.0)
-        bandwidth = section.number(keys[1]) if keys[1] in sheet else None
-        try:
-            return DataSheet(density * to_si, bandwidth, step * to_si)
-        except UsageError as error:
-            raise section.wrong(sheet[0], error.expected, error.received, error.remedy) from error
-    std = section.number("noise")
-    expected = "a standard deviation of zero or more, or the keys of a data sheet"
-    remedy = "Give the noise of a sample in the channel's unit."
-    _require(section, std >= 0.0 and not sheet, "noise", expected, " and ".join((f"{std:g}", *sheet)), remedy)
-    return std * to_si
+    sheet = [key for key in keys if getattr(given, key) is not None]
+    if given.noise is not None:
+        std, remedy = given.noise, "Give the noise of a sample in the channel's unit."
+        expected = "a standard deviation of zero or more, or the keys of a data sheet"
+        received = " and ".join((f"{std:g}", *sheet))
+        _require(section, std >= 0.0 and not sheet, "noise", expected, received, remedy)
+        return std * to_si
+    if not sheet:
+        return None
+    density, step = given.noise_density or 0.0, given.quantisation or 0.0
+    try:
+        return DataSheet(density * to_si, given.noise_bandwidth_hz, step * to_si)
+    except UsageError as error:
+        raise section.wrong(sheet[0], error.expected, error.received, error.remedy) from error
 
 
-def _expression(section: TomlTable, kind: str, si_unit: str, to_si: float) -> Expression:
-    if kind == "column":
-        column = section.text("column")
-        return Expression.of_column(element_name(column, _index(section)) if section.has("index") else column)
-    if kind == "expression":
-        where = f"{section.path}.expression of {section.file}"
-        return parse_expression(section.text("expression"), where)
+def _expression(
+    section: TomlTable, given: _ChannelTable, kind: str, si_unit: str, to_si: float
+) -> Expression:
+    index, count = given.index, {"quaternion": 4, "roll_pitch": 2}.get(kind, 0)
+    if index is not None:
+        _require(section, kind == "column", "index", "this key with column", f"it with {kind}", "Remove it.")
+        expected = f"a place from 0 to {LONGEST_LIST - 1}"
+        _require(section, 0 <= index < LONGEST_LIST, "index", expected, f"{index}", "The first is 0.")
+    if given.column is not None:
+        return Expression.of_column(given.column if index is None else element_name(given.column, index))
+    if given.expression is not None:
+        return parse_expression(given.expression, f"{section.path}.expression of {section.file}")
+    names = given.quaternion or given.roll_pitch or []
+    expected = f"a list of {count} column names"
+    _require(section, len(names) == count, kind, expected, f"{names}", "Correct the list.")
     if kind == "quaternion":
-        parts = dict(zip("wxyz", _columns(section, "quaternion", 4), strict=True))
-        return _formula("1 - 2 * (x*x + y*y) / (w*w + x*x + y*y + z*z)", parts)
+        return _formula(
+            "1 - 2 * (x*x + y*y) / (w*w + x*x + y*y + z*z)", dict(zip("wxyz", names, strict=True))
+        )
     received = f"a unit of {si_unit or 'pure numbers'}"
     _require(section, si_unit == "rad", "unit", "rad or deg", received, "State the angle's unit.")
-    return tilt_of_angles(to_si, *_columns(section, "roll_pitch", 2))
-
-
-def _index(section: TomlTable) -> int:
-    index = section.whole("index")
-    sound = 0 <= index < LONGEST_LIST
-    _require(section, sound, "index", f"a place from 0 to {LONGEST_LIST - 1}", f"{index}", "The first is 0.")
-    return index
-
-
-def _columns(section: TomlTable, key: str, count: int) -> tuple[str, ...]:
-    names = section.texts(key)
-    expected = f"a list of {count} column names"
-    _require(section, len(names) == count, key, expected, f"{list(names)}", "Correct the list.")
-    return names
+    return tilt_of_angles(to_si, *names)

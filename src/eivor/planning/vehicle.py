@@ -9,6 +9,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 
 from eivor import checks
@@ -259,7 +260,7 @@ class VehicleGuess:
             checks.kind("densities", self.densities, Densities, "Densities", "Leave it out.")
         if self.controller is not None:
             checks.kind("controller", self.controller, AltitudeController, "a controller", "Leave it out.")
-        checks.text("asked", self.requested)
+        checks.text("requested", self.requested)
 
     @property
     def input_gain(self) -> float:
@@ -339,12 +340,9 @@ def rough_vehicle(
 
 def read_vehicle(path: Path) -> VehicleGuess:
     """Vehicle from a TOML file with the rough numbers of `VehicleGuess`, all optional."""
-    table = read_toml(path, "a vehicle")
-    usual = VehicleGuess()
-    given: dict[str, Any] = {name: table.number(name, getattr(usual, name)) for name in VEHICLE_RANGES}
-    guess = VehicleGuess(**given)
-    table.finish()
-    return guess
+    keys = [(name, float, getattr(VehicleGuess, name)) for name in VEHICLE_RANGES]
+    numbers = msgspec.defstruct("VehicleFile", keys, forbid_unknown_fields=True)
+    return VehicleGuess(**msgspec.structs.asdict(read_toml(path, "a vehicle").convert(numbers)))
 
 
 def _within(name: str, value: float) -> float:

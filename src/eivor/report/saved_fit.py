@@ -7,8 +7,9 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
+import msgspec
 import numpy as np
 
 from eivor import checks
@@ -365,7 +366,7 @@ def load_fit(file: str | Path) -> SavedFit:
     try:
         if path.stat().st_size > LARGEST_BYTES:
             raise _no_document(path, f"a file of {path.stat().st_size} bytes")
-        document = json.loads(path.read_text(encoding="utf-8"))
+        document = json.loads(path.read_text(encoding="utf-8"))  # names may hold lone surrogates
     except OSError as error:
         received = f"'{path}': {error.strerror or error}"
         raise InputError("a result that can be read", received, "Check the path.") from error
@@ -375,7 +376,7 @@ def load_fit(file: str | Path) -> SavedFit:
         raise _no_document(path, "another document")
     try:
         return fit_of(document)
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
+    except (msgspec.ValidationError, ValueError) as error:
         raise _no_document(path, f"one that lacks parts ({error})") from error
 
 
@@ -387,58 +388,109 @@ def _no_document(path: Path, received: str) -> InputError:
     )
 
 
+class _Systematic(msgspec.Struct):
+    counts: Counts
+    below: float
+    above: float
+    sentence: str
+
+
+class _Quantity(msgspec.Struct):
+    value: float | None
+    unit: str
+    std_error: float | None
+    interval: tuple[float | None, float | None]
+    verdict: Status
+    by_segment: list[float | None] = []
+    reasons: list[str] = []
+    systematic: list[_Systematic] = []
+
+
+class _Quantities(msgspec.Struct):
+    parameters: dict[str, _Quantity]
+    derived: dict[str, _Quantity]
+
+
+class _OfFlight(_Quantities):
+    log: str
+
+
+class _Part(msgspec.Struct):
+    name: str
+    matrix: list[list[float | None]]
+    degrees: float | None
+    share: float
+
+
+class _Candidate(msgspec.Struct):
+    best: bool
+    values: list[float | None]
+    at: dict[str, float | None]
+    parts: Annotated[list[_Part], msgspec.Meta(min_length=1)]
+    excess: float | None = 0.0
+
+
+class _Covariance(msgspec.Struct):
+    names: list[str] = []
+    candidates: list[_Candidate] = []
+
+
+class _Document(_Quantities):
+    verdict: Status
+    reasons: list[str]
+    covariance: _Covariance | None = None
+    prediction: dict[str, Any] | None = None
+    by_flight: list[_OfFlight] | None = None
+
+
 def fit_of(document: Mapping[str, Any]) -> SavedFit:
     """Return the fit of a document."""
-    covariance = document.get("covariance") or {"names": [], "candidates": []}
+    given = msgspec.convert(document, _Document)
+    covariance = given.covariance or _Covariance()
     return SavedFit(
-        verdict=Status(document["verdict"]),
-        reasons=tuple(str(reason) for reason in document["reasons"]),
-        quantities=_read_quantities(document),
-        names=tuple(str(name) for name in covariance["names"]),
-        candidates=tuple(_candidate(item) for item in covariance["candidates"]),
-        prediction=dict(document.get("prediction") or {}),
+        verdict=given.verdict,
+        reasons=tuple(given.reasons),
+        quantities=_read_quantities(given),
+        names=tuple(covariance.names),
+        candidates=tuple(map(_candidate, covariance.candidates)),
+        prediction=given.prediction or {},
         document=document,
-        by_flight={str(row["log"]): _read_quantities(row) for row in document.get("by_flight") or ()},
+        by_flight={row.log: _read_quantities(row) for row in given.by_flight or ()},
     )
 
 
-def _read_quantities(row: Mapping[str, Any]) -> dict[str, Quantity]:
-    return {str(name): _read_quantity(item) for name, item in {**row["parameters"], **row["derived"]}.items()}
+def _read_quantities(given: _Quantities) -> dict[str, Quantity]:
+    return {name: _quantity(item) for name, item in {**given.parameters, **given.derived}.items()}
 
 
-def _read_quantity(first: Mapping[str, Any]) -> Quantity:
-    low, high = first["interval"]
-    status = Status(first["verdict"])
+def _quantity(given: _Quantity) -> Quantity:
+    low, high = given.interval
     return Quantity(
-        value=_number(first["value"], math.nan),
-        unit=str(first["unit"]),
-        std_error=_number(first["std_error"], math.nan),
+        value=_number(given.value, math.nan),
+        unit=given.unit,
+        std_error=_number(given.std_error, math.nan),
         interval=(_number(low, -math.inf), _number(high, math.inf)),
-        verdict=status,
-        by_run=tuple(_number(value, math.nan) for value in first.get("by_segment", ())),
-        reasons=tuple(Reason(status, str(sentence)) for sentence in first.get("reasons", ())),
+        verdict=given.verdict,
+        by_run=tuple(_number(value, math.nan) for value in given.by_segment),
+        reasons=tuple(Reason(given.verdict, sentence) for sentence in given.reasons),
         systematic_uncertainties=tuple(
-            SystematicUncertainty(
-                Counts(part["counts"]), float(part["below"]), float(part["above"]), str(part["sentence"])
-            )
-            for part in first.get("systematic", ())
+            SystematicUncertainty(part.counts, part.below, part.above, part.sentence)
+            for part in given.systematic
         ),
     )
 
 
-def _candidate(first: Mapping[str, Any]) -> SavedCandidate:
-    values = np.array([_number(value, math.nan) for value in first["values"]])
+def _candidate(given: _Candidate) -> SavedCandidate:
+    values = np.array([_number(value, math.nan) for value in given.values])
     parts = []
-    for part in first["parts"]:
-        numbers = np.array([[_number(value, math.nan) for value in row] for row in part["matrix"]])
-        matrix, degrees = numbers.reshape(values.size, values.size), _number(part["degrees"], math.inf)
-        parts.append(CovariancePart(str(part["name"]), matrix, degrees, float(part["share"])))
-    if not parts:
-        raise ValueError("a covariance without parts")
-    index = {str(name): _number(value, math.nan) for name, value in first["at"].items()}
-    excess = _number(first.get("excess", 0.0), math.inf)
-    return SavedCandidate(index, bool(first["best"]), values, JointCovariance(tuple(parts)), excess)
+    for part in given.parts:
+        numbers = np.array([[_number(value, math.nan) for value in row] for row in part.matrix])
+        matrix = numbers.reshape(values.size, values.size)
+        parts.append(CovariancePart(part.name, matrix, _number(part.degrees, math.inf), part.share))
+    nuisances = {name: _number(value, math.nan) for name, value in given.at.items()}
+    excess = _number(given.excess, math.inf)
+    return SavedCandidate(nuisances, given.best, values, JointCovariance(tuple(parts)), excess)
 
 
 def _number(value: float | None, missing: float) -> float:
-    return missing if value is None else float(value)
+    return missing if value is None else value

@@ -32,6 +32,7 @@ from starlette.routing import Route
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
+from eivor.cli.options import options_schema
 from eivor.errors import EivorError
 from eivor.process_pool import Limits
 from eivor.serve.jobs import (
@@ -281,6 +282,9 @@ class _Routes:
     def choices(self, _request: Request) -> Response:
         return JSONResponse({**self._server.workers.choices(), "largest_bytes": self._server.options.largest})
 
+    def options_schema(self, _request: Request) -> Response:
+        return JSONResponse(options_schema())
+
     async def keep_log(self, request: Request) -> Response:
         size = _length(request, self._server.options.largest)
         name = shown_name(request.headers.get("x-eivor-name", ""))
@@ -365,6 +369,7 @@ def _application(server: Server) -> Starlette:
             for method, path, endpoint in (
                 ("GET", "/", answers.page),
                 ("GET", "/choices", answers.choices),
+                ("GET", "/options.schema.json", answers.options_schema),
                 ("POST", "/logs", answers.keep_log),
                 ("POST", "/example", answers.keep_example),
                 ("DELETE", "/logs/{log}", answers.forget_log),

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-import inspect
 import json
 import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from http import HTTPStatus
-from typing import Any
+from typing import Annotated, Any
 from urllib.parse import unquote
 
-from eivor.cli.parsing import flight_options
+import msgspec
+
+from eivor.cli.options import FlightWords
 from eivor.errors import EivorError, NotIdentifiedError, did_you_mean
 from eivor.motions import DEFAULT
 
@@ -85,41 +86,43 @@ class JobRequest:
     options: Mapping[str, Any] = field(default_factory=dict)  # of `flight_options`
 
 
+class _WindowedLog(msgspec.Struct, forbid_unknown_fields=True):
+    log: str
+    window: str | list[float | None] | None = None
+
+
+class _Job(msgspec.Struct, forbid_unknown_fields=True):
+    logs: Annotated[list[str | _WindowedLog], msgspec.Meta(min_length=1, max_length=MOST_LOGS)]
+    options: dict[str, Any] | None = None
+
+
 def parse_job(body: bytes) -> JobRequest:
     """Job of the JSON of a request."""
     try:
-        job = json.loads(body)
-    except (ValueError, RecursionError):
-        raise _wrong_json("a job as JSON", "other text") from None
-    is_job = isinstance(job, dict) and not set(job) - {"logs", "options"}
-    _require(is_job, 'a job {"logs": [...], "options": {...}}', job)
-    logs, options = job.get("logs"), job.get("options") or {}
-    _require(isinstance(logs, list) and 1 <= len(logs) <= MOST_LOGS, f"1 to {MOST_LOGS} logs", logs)
-    _require(isinstance(options, dict), "options by name", options)
-    options = {name: value for name, value in options.items() if value not in (None, "", [])}
+        job = msgspec.json.decode(body, type=_Job)
+    except (msgspec.DecodeError, ValueError, RecursionError) as error:
+        expected = f'a job {{"logs": [...], "options": {{...}}}} as JSON, of 1 to {MOST_LOGS} logs'
+        raise _wrong_json(expected, f"other text ({str(error)[:100]})") from None
+    options = {name: value for name, value in (job.options or {}).items() if value not in (None, "", [])}
     words = (_text(options.pop(name, ""), name) for name in ("model", "vehicle", "map", "mass"))
     model, vehicle, channel_map, mass = words
-    parsed, known = tuple(map(_log, logs)), _flight_options(options)
+    parsed, known = tuple(map(_log, job.logs)), _flight_options(options)
     return JobRequest(parsed, model or DEFAULT, vehicle, channel_map, mass, known)
 
 
-def _log(record: Any) -> tuple[str, str]:
-    if isinstance(record, dict) and set(record) <= {"log", "window"}:
-        window = record.get("window")
-        return _text(record.get("log"), "log"), "" if window is None else _window(window)
-    return _text(record, "log"), ""
+def _log(given: str | _WindowedLog) -> tuple[str, str]:
+    if isinstance(given, str):
+        return _text(given, "log"), ""
+    return _text(given.log, "log"), "" if given.window is None else _window(given.window)
 
 
 def _flight_options(record: Mapping[str, Any]) -> dict[str, Any]:
-    known = {
-        name: parameter
-        for name, parameter in inspect.signature(flight_options).parameters.items()
-        if parameter.kind is parameter.KEYWORD_ONLY and name not in _PATHS
-    }
+    known = {item.name: item for item in msgspec.structs.fields(FlightWords)}
     for name in record:
-        if name not in known:
-            remedy = did_you_mean(name, known, "Leave it out.")
-            raise _wrong_json(f"options out of {', '.join(known)}", f"'{name[:100]}'", remedy)
+        if name not in known or name in _PATHS:
+            among = [word for word in known if word not in _PATHS]
+            remedy = did_you_mean(name, among, "Leave it out.")
+            raise _wrong_json(f"options out of {', '.join(among)}", f"'{name[:100]}'", remedy)
     return {name: _value(value, name, known[name].default) for name, value in record.items()}
 
 

@@ -13,6 +13,7 @@ from functools import partial
 from pathlib import Path
 
 from eivor.atomic_file import write_atomically
+from eivor.cli.export import supplied
 from eivor.cli.parsing import (
     LogArgument,
     check_mission,
@@ -23,7 +24,6 @@ from eivor.cli.parsing import (
     named_motion,
     parse_window,
     position_of,
-    supplied,
     with_distinct_names,
 )
 from eivor.errors import EivorError, InputError, UsageError, did_you_mean

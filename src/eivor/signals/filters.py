@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg.lapack import dtbtrs
+import scipy
 
 from eivor.signals.noise import padded_length
 from eivor.tools import Float
@@ -32,7 +32,9 @@ def _recursion(driven: Float[np.ndarray, "n rotors"], decay: float) -> Float[np.
     """w[k] = decay w[k-1] + driven[k] from rest, as the bidiagonal triangular system that it is."""
     band = np.empty((2, driven.shape[0]))
     band[0], band[1] = 1.0, -decay
-    state: Float[np.ndarray, "n rotors"] = dtbtrs(band, driven, uplo="L", diag="U", overwrite_b=True)[0]
+    state: Float[np.ndarray, "n rotors"] = scipy.linalg.lapack.dtbtrs(
+        band, driven, uplo="L", diag="U", overwrite_b=True
+    )[0]
     return state
 
 
@@ -173,7 +175,7 @@ def low_passed(
         driven[late:] += weight * moved[: moved.shape[0] - late]
     band = np.empty((3, values.shape[0]))
     band[0], band[1], band[2] = 1.0, first, second
-    filtered: Float[np.ndarray, "n columns"] = dtbtrs(band, driven, uplo="L", diag="U")[0]
+    filtered: Float[np.ndarray, "n columns"] = scipy.linalg.lapack.dtbtrs(band, driven, uplo="L", diag="U")[0]
     return filtered + start
 
 

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg.lapack import dtbtrs
+import scipy
 
 from eivor.checks import finite, non_negative, positive, require
 from eivor.errors import ParameterError
@@ -417,7 +417,9 @@ def autoregression(
     band[0] = 1.0
     for i in range(1, lags + 1):
         band[i, : count - i] = -coefficients[i:, i - 1]
-    series: Float[np.ndarray, " n"] = dtbtrs(band, driven[:, None], uplo="L", diag="U")[0][:, 0]
+    series: Float[np.ndarray, " n"] = scipy.linalg.lapack.dtbtrs(band, driven[:, None], uplo="L", diag="U")[
+        0
+    ][:, 0]
     return series
 
 

@@ -2,23 +2,40 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
 
 import eivor as ev
+from eivor.errors import EstimationError
+from eivor.estimation import spectral_iv
+from eivor.estimation.pair_whitening import CombinedProblem, PairedBins, PairWhitening, _weighted, responses
 from eivor.estimation.sampled_motion import (
     NoiseModel,
+    PairSpectrum,
     SampledMotion,
     SampledRecord,
     _Fit,
     prior_of,
     unitary_bins,
 )
+from eivor.estimation.spectral_iv import spectral_giv_of_flights
+from eivor.flights.options import FlightOptions
+from eivor.flights.prepare import prepare
+from eivor.inference.verdict import Status
 from eivor.lab.records import Intersample
 from eivor.lab.scenario_files import shipped_scenario
+from eivor.models.separable import LaggedReferences, SampledState, SeparableProblem
+from eivor.models.spectral import BinRows, SpectralRegression, SpectralRun
+from eivor.motions.vertical.motion import Vertical
+from eivor.signals.recording import Recording
 from eivor.tools import Float
+from tests.flights.flight_logs import FRICTION, GAIN, LAG_S, STEP_S, flown
+
+# -- What the motion does between samples, in frequency, against records and finite differences --
 
 
 def motion_of(intersample: Intersample, blend: float, samples: int = 801) -> SampledMotion:
@@ -117,3 +134,191 @@ def test_the_noise_model_is_the_covariance_of_what_noises_leave() -> None:
         pair = np.stack([first, second])
         ratios.append(float((pair.conj() * C.solved(pair)).real.sum() / (2 * pair.shape[1])))
     assert np.mean(ratios) == pytest.approx(1.0, abs=0.02)
+
+
+# -- Spectral methods of flights: lag and delay are nuisances, noises are told, and verdicts ar --
+
+TRUTH = {"viscous_friction": FRICTION, "input_gain": GAIN, "effective_lag": LAG_S}
+
+
+@cache
+def log_of(gust: float = 0.4) -> Recording:
+    return flown(seconds=30.0, gust=gust, seed=3)[0]
+
+
+def identified(method: str, noise: Mapping[str, float] | None = None) -> ev.FlightEstimate:
+    return ev.identify_flight(log_of(), method=method, input_map="square", noise=noise)
+
+
+def problem_of_flight() -> SeparableProblem:
+    flight = prepare(log_of(), Vertical(), FlightOptions(input_map="square"))
+    return Vertical().problem((flight,), LaggedReferences(flight.usable_references))
+
+
+@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
+@pytest.mark.thorough
+def test_a_flight_is_told_with_its_lag_and_its_noises() -> None:
+    result = identified("spectral_giv")
+    assert result.verdict.status is Status.IDENTIFIED
+    for name, true in TRUTH.items():
+        low, high = result.quantities[name].interval
+        assert low < true < high
+    assert result.fit is not None
+    velocity, acceleration, _ = result.fit.estimate.noises
+    for noise, std in ((velocity, 0.03), (acceleration, 0.3)):
+        at_low_order = std * np.sqrt(2.0 * STEP_S)
+        assert noise.strength == pytest.approx(at_low_order, abs=4.0 * noise.strength_error)
+        assert abs(noise.order) < 4.0 * noise.order_error
+        assert 0.0 < noise.strength_error < 0.5 * at_low_order
+    messages = [finding.message for finding in result.findings if finding.name == "fitted_noise"]
+    assert len(messages) == 1
+    assert "per root of Hz, at 1 Hz" in messages[0]
+
+
+@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
+@pytest.mark.thorough
+def test_declared_noises_are_taken_as_they_are() -> None:
+    result = identified("spectral_giv", noise={"velocity_z": 0.03, "specific_force_z": 0.3})
+    assert result.fit is not None
+    velocity, acceleration, disturbance = result.fit.estimate.noises
+    assert velocity.strength == pytest.approx(0.03 * np.sqrt(2.0 * STEP_S), rel=1e-3)
+    assert acceleration.strength == pytest.approx(0.3 * np.sqrt(2.0 * STEP_S), rel=1e-3)
+    assert velocity.strength_error == velocity.order == velocity.order_error == 0.0
+    assert disturbance.strength_error > 0.0
+
+
+@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
+@pytest.mark.thorough
+def test_a_likelihood_under_control_is_provisional_at_most() -> None:
+    result = identified("whittle_ml")
+    assert result.verdict.status is Status.PROVISIONAL
+    assert result.fit is not None
+    assert result.fit.estimate.method == "whittle_ml"
+    low, high = result.quantities["viscous_friction"].interval
+    assert low < FRICTION < high
+
+
+@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
+@pytest.mark.thorough
+def test_where_generalized_iv_contradicts_it_its_numbers_are_given(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(spectral_iv, "_least_distance", lambda *_: (30.0, 13.8))
+    result, plain = identified("spectral_giv"), identified("generalized_iv")
+    assert result.verdict.status is Status.WEAK
+    assert any("generalized IV's numbers" in sentence for sentence in result.verdict.sentences)
+    assert result.fit is not None
+    assert result.fit.estimate.method == "spectral_giv"
+    assert result.quantities["viscous_friction"].value == plain.quantities["viscous_friction"].value
+
+
+@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
+@pytest.mark.thorough
+def test_equations_without_a_solution_leave_generalized_iv(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fails(*_: object) -> None:
+        raise EstimationError("a solution", "none", "Fly more.")
+
+    monkeypatch.setattr(PairWhitening, "first_pass", fails)
+    result = identified("spectral_giv")
+    assert result.verdict.status is Status.WEAK
+    assert any("its equations have no solution" in sentence for sentence in result.verdict.sentences)
+
+
+@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
+@pytest.mark.parametrize("method", ["spectral_giv", "whittle_ml"])
+def test_without_an_accelerometer_it_is_refused(method: str) -> None:
+    log = log_of()
+    channels = {name: channel for name, channel in log.channels.items() if name != "specific_force_z"}
+    identify_flight = ev.identify_flight(replace(log, channels=channels), method=method, input_map="square")
+    assert identify_flight.verdict.status is Status.REFUSED
+    assert "accelerometer" in identify_flight.verdict.sentences[0]
+
+
+@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
+@pytest.mark.thorough
+def test_answers_that_are_apart_are_told_and_those_at_another_delay_are_not(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    problem = problem_of_flight()
+    spectral_giv = spectral_giv_of_flights("spectral_giv", problem)
+    distance, farthest = spectral_iv._least_distance(spectral_giv, spectral_giv)
+    assert distance == 0.0
+    theta = spectral_giv.best.theta * np.array([1.0, 2.0])
+    moved = replace(spectral_giv.best, solution=replace(spectral_giv.best.solution, theta=theta))
+    assert spectral_iv._least_distance(spectral_giv, replace(spectral_giv, candidates=(moved,)))[0] > farthest
+    assert (
+        spectral_iv._least_distance(
+            spectral_giv, replace(spectral_giv, candidates=(moved, *spectral_giv.candidates))
+        )[0]
+        == 0.0
+    )
+
+
+# -- pairs ------------------------------------------------------------------------------------------------
+
+
+def run_of(count: int, step_s: float = 0.1) -> SpectralRun:
+    return SpectralRun(0, count, step_s, (0.04, 4.0))
+
+
+@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
+def test_the_second_equation_is_exact_for_an_input_that_is_linear_between_samples() -> None:
+    K, b, step_s, count = 0.4, 3.0, 0.1, 4000
+    time = step_s * np.arange(count)
+    u = sum(np.sin(2.0 * np.pi * hertz * time + hertz) for hertz in (0.3, 1.1, 2.3))
+    decay = np.exp(-K * step_s)
+    prediction = (step_s - (1.0 - decay) / K) / (K * step_s)
+    v = np.zeros(count)
+    for k in range(count - 1):
+        v[k + 1] = decay * v[k] + b * (((1.0 - decay) / K - prediction) * u[k] + prediction * u[k + 1])
+    run = run_of(count, step_s)
+    columns = run.spectrum(np.column_stack([np.gradient(v, step_s), -v, u]))
+    bins = SpectralRegression(
+        columns[:, :1], columns[:, 1:], np.empty((run.count, 0), dtype=complex), (), BinRows((run,))
+    )
+    left = responses(bins)[:, 1] - bins.regressors @ np.array([K, b])
+    plain = bins.responses[:, 0] - bins.regressors @ np.array([K, b])
+    at_a_line = np.abs(columns[:, 2]) > 0.5 * np.abs(columns[:, 2]).max()
+    assert np.abs(left[at_a_line]).max() < 8e-3 * np.abs(b * columns[at_a_line, 2]).max()
+    assert np.abs(plain[at_a_line]).max() > 0.1 * np.abs(b * columns[at_a_line, 2]).max()
+
+
+@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
+def test_two_equations_are_combined_with_the_least_power() -> None:
+    problem = problem_of_flight()
+    bins = problem.bins(problem.first_values)
+    entries = np.ones(bins.responses.shape[0])
+    C = PairSpectrum(1.0 * entries, 4.0 * entries, (0.5 + 0.8j) * entries)
+    rows = _weighted(problem, bins, corrected=False, C=C, factor=entries, renewals=0)
+    assert isinstance(rows.problem, CombinedProblem)
+    weights = rows.problem.weights[0]
+    assert weights.sum() == pytest.approx(1.0)
+    matrix = np.array([[1.0, 0.5 + 0.8j], [0.5 - 0.8j, 4.0]])
+
+    def power(of_first: complex) -> float:
+        w = np.array([of_first, 1.0 - of_first])
+        return float((w @ matrix @ w.conj()).real)
+
+    assert rows.power[0] == pytest.approx(power(weights[0]))
+    assert all(power(weights[0] + step) > rows.power[0] for step in (0.01, -0.01, 0.01j, -0.01j))
+
+
+@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
+def test_the_noises_of_a_pair_are_those_that_made_it() -> None:
+    rng, run = np.random.default_rng(2), run_of(8000, 0.02)
+    layout = BinRows((run,))
+    state = SampledState(0, np.nan, np.nan, np.zeros(2))
+    pairs = PairedBins(layout, np.array([0.5, 2.0]), state)
+    series = 0.05 * rng.standard_normal((8000, 3)) * np.array([0.1, 1.0, 0.0])
+    moving = run.spectrum(np.column_stack([np.gradient(series[:, 0], 0.02), -series[:, 0], series[:, 1]]))
+    bins = SpectralRegression(
+        np.column_stack([moving[:, 2], moving[:, 0]]),
+        np.column_stack([moving[:, 1], 0.0 * moving[:, 0]]),
+        np.empty((run.count, 0), dtype=complex),
+        (),
+        layout,
+    )
+    velocity, acceleration, disturbance = pairs.fitted_noises(bins)
+    assert velocity.strength == pytest.approx(0.005 * 0.2, rel=0.1)
+    assert acceleration.strength == pytest.approx(0.05 * 0.2, rel=0.1)
+    assert abs(velocity.order) < 0.1
+    assert abs(acceleration.order) < 0.1
+    assert disturbance.strength < 0.3 * acceleration.strength

@@ -3,19 +3,40 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from eivor.errors import InputError, ParameterError, UsageError
+from eivor.flights.options import FlightOptions
+from eivor.flights.prepare import prepare
+from eivor.flights.prepared import PreparedFlight
+from eivor.inference.verdict import Status
+from eivor.lab.disturbances import OrnsteinUhlenbeck
+from eivor.lab.scenario_files import shipped_rigid_body_flight
+from eivor.motions.identify import identify_flight
+from eivor.motions.rigid_body.dynamics import coefficients_of, side_by_side, specific_force
+from eivor.motions.rigid_body.motion import RigidBody
 from eivor.motions.rigid_body.vehicle import (
     LAYOUTS,
+    BodyDrag,
     KnownNumber,
     KnownVehicle,
+    Rotors,
+    Vehicle,
     load_vehicle,
     shipped_vehicles,
     vehicle_template,
 )
+from eivor.motions.rigid_body.verdict import Order, observed_order
+from eivor.motions.vertical.model import GRAVITY
+from eivor.simulation.excitation import RandomSteps
+from eivor.simulation.rigid_body import simulate_rigid_body_flights
+from eivor.simulation.rigid_body_spec import AxisExcitations, RigidBodyFlightSpec, TorqueDisturbance
+from tests.motions.rigid_body.state_derivatives import state_derivative
+
+# -- Vehicle files: what they hold, and what each mistake in one is answered with --
 
 X = 'layout = "quad-x"\nnumbering = "px4"\n'
 EACH = "positions = [[0.1, -0.1], [-0.1, 0.1], [0.1, 0.1], [-0.1, -0.1]]\n"
@@ -108,7 +129,7 @@ def test_numberings_of_the_autopilots(numbering, mixed):
         ("mass = 0", X, "mass between 0.001 and 1000 kg in mine.toml; received 0. Check its unit"),
         ("mass = -1.2", X, "mass between"),
         ("mass = { value = 1, std = 0.5 }", X, "standard deviation of the mass of at most 0.4"),
-        ('mass = "1 kg"', X, "a finite number at mass"),
+        ('mass = "1 kg"', X, "a finite number or a table at mass"),
         ("delay_ms = 4000", X, "delay between 0 and 0.5 s"),
         ("gyro_cutoff_hz = 0", X, "gyro_cutoff_hz between 1 and 10000 Hz"),
         ("", X + "arm = 225", "0.005 to 10 m at rotors.arm of mine.toml; received 225. Check its unit"),
@@ -118,7 +139,7 @@ def test_numberings_of_the_autopilots(numbering, mixed):
         ("", 'layout = "quad-plus"\nnumbering = "crazyflie"', "one of px4, ardupilot, betaflight at"),
         ("", X + EACH, "received both"),
         ("", "arm = 1.0", "received neither"),
-        ("", EACH, "a list at rotors.spins"),
+        ("", EACH, "a spin for each in mine.toml; received 4 positions and 0 spins"),
         ("", EACH + 'spins = ["cw", "cw", "ccw"]', "4 positions and 3 spins"),
         ("", EACH + 'spins = ["cw", "cw", "left", "ccw"]', "one of cw, ccw at rotors.spins[3]"),
         ("", EACH + "spins = [1, 1, 2, -1]", "spins of +1 or -1"),
@@ -191,3 +212,206 @@ def test_known_numbers_and_vehicles_are_checked_in_python():
         KnownVehicle("x", tuple((*corner, 0.0) for corner in corners), (-1, -1, 1, 1))
     with pytest.raises(UsageError, match="input map"):
         KnownVehicle("x", corners, (-1, -1, 1, 1), thrust_map="")
+
+
+# -- Descriptions of vehicles: what they say, and what is refused --
+
+ROTORS = Rotors(
+    positions=((0.1, 0.0, 0.0), (-0.1, 0.0, 0.0)),
+    spins=(1, -1),
+    highest_speed=1000.0,
+    thrust_quadratic=1e-5,
+    torque_ratio=0.02,
+    lag_up=0.05,
+    lag_down=0.05,
+)
+VEHICLE = Vehicle(1.0, (0.01, 0.02, 0.025), ROTORS)
+
+
+@pytest.mark.parametrize(("linear", "quadratic"), [(0.0, 1e-5), (2e-3, 0.0), (2e-3, 1e-5)])
+def test_speed_of_thrust_inverts_it(linear, quadratic):
+    rotors = replace(ROTORS, thrust_linear=linear, thrust_quadratic=quadratic)
+    assert rotors.speed_of_thrust(rotors.thrust(432.1)) == pytest.approx(432.1, rel=1e-12)
+    assert rotors.speed_of_thrust(-1.0) == 0.0
+
+
+def test_hover_carries_the_weight():
+    hover = VEHICLE.hover_speed
+    assert 2.0 * ROTORS.thrust(hover) == pytest.approx(GRAVITY, rel=1e-12)
+    assert VEHICLE.full_thrust == pytest.approx(20.0)
+    body = [0.0] * 6 + [1.0] + [0.0] * 6
+    force = specific_force(coefficients_of(VEHICLE), body, [hover, hover], (0.0, 0.0, 0.0))
+    assert force == pytest.approx((0.0, 0.0, GRAVITY))
+
+
+def test_inertia_has_its_elements_in_order():
+    matrix = replace(VEHICLE, inertia=(1.0, 2.0, 3.0, 0.1, 0.2, 0.3)).inertia_matrix
+    np.testing.assert_array_equal(matrix, [[1.0, 0.1, 0.2], [0.1, 2.0, 0.3], [0.2, 0.3, 3.0]])
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"mass": 0.0}, "mass above zero"),
+        ({"inertia": (1.0, 2.0)}, "three numbers .* or six"),
+        ({"inertia": (1.0, 2.0, -3.0)}, "positive definite"),
+        ({"inertia": (1.0, 1.0, 1.0, 2.0, 0.0, 0.0)}, "positive definite"),
+        ({"inertia": (float("nan"), 1.0, 1.0)}, "positive definite"),
+    ],
+)
+def test_vehicle_is_checked(change, message):
+    with pytest.raises(ParameterError, match=message):
+        replace(VEHICLE, **change)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"spins": (1,)}, "a spin for each"),
+        ({"spins": (1, 2)}, r"spins of \+1 or -1"),
+        ({"positions": ((0.1, 0.0, 0.0),), "spins": (1,)}, "positions of 2 to"),
+        ({"positions": ((0.1, 0.0), (0.1, 0.0, 0.0))}, "three numbers for position"),
+        ({"positions": ((float("inf"), 0.0, 0.0), (0.1, 0.0, 0.0))}, "finite position"),
+        ({"lag_up": 0.0}, "lag_up above zero"),
+        ({"inertia": -1.0}, "inertia of zero or more"),
+        ({"thrust_quadratic": 0.0}, "rotors with thrust"),
+        ({"lowest_speed": 1000.0}, "below the highest_speed"),
+    ],
+)
+def test_rotors_are_checked(change, message):
+    with pytest.raises(ParameterError, match=message):
+        replace(ROTORS, **change)
+
+
+@pytest.mark.parametrize(
+    ("drag", "message"),
+    [({"linear": (1.0,)}, "three numbers"), ({"quadratic": (0.0, 0.0, -1.0)}, "zero or more")],
+)
+def test_drag_is_checked(drag, message):
+    with pytest.raises(ParameterError, match=message):
+        BodyDrag(**drag)
+
+
+def test_batch_of_states_is_each_of_them():
+    rng = np.random.default_rng(4)
+    state, command, wind = (
+        rng.standard_normal((5, 2, 15)),
+        rng.uniform(0.0, 1e3, (5, 2, 2)),
+        rng.standard_normal((5, 2, 3)),
+    )
+    together = state_derivative(side_by_side([VEHICLE]), state, command, wind)
+    alone = state_derivative(side_by_side([VEHICLE]), state[3, 1], command[3, 1], wind[3, 1])
+    np.testing.assert_allclose(together[3, 1], alone, rtol=1e-13, atol=1e-13)
+
+
+def test_several_need_equally_many_rotors():
+    three = replace(ROTORS, positions=(*ROTORS.positions, (0.0, 0.1, 0.0)), spins=(1, -1, 1))
+    with pytest.raises(UsageError, match="equally many rotors"):
+        side_by_side([VEHICLE, replace(VEHICLE, rotors=three)])
+
+
+# -- Rotors that the vehicle file has in another order than the flight shows --
+
+SPEC = replace(shipped_rigid_body_flight("crazyflie"), duration=8.0, seed=0)
+ROTOR_ROTORS = SPEC.vehicle.rotors
+TRUE = KnownVehicle("simulated", tuple((x, y) for x, y, _ in ROTOR_ROTORS.positions), ROTOR_ROTORS.spins)
+
+
+def ordered(*acts_as: int) -> KnownVehicle:
+    """A vehicle file in which the true rotors have these numbers, below zero with the other spin."""
+    positions, spins = [(0.0, 0.0)] * 4, [0] * 4
+    for true, number in enumerate(acts_as):
+        positions[abs(number) - 1] = TRUE.positions[true]
+        spins[abs(number) - 1] = TRUE.spins[true] * (1 if number > 0 else -1)
+    return replace(TRUE, positions=tuple(positions), spins=tuple(spins))
+
+
+def shown(flight: PreparedFlight, vehicle: KnownVehicle) -> Order | None:
+    return observed_order([flight], RigidBody(vehicle).layout)
+
+
+def flown(specs: list[RigidBodyFlightSpec]) -> list[PreparedFlight]:
+    logs = [flight.recording for flight in simulate_rigid_body_flights(specs)]
+    return [prepare(log, RigidBody(TRUE), FlightOptions()) for log in logs]
+
+
+@pytest.fixture(scope="module")
+def flight() -> PreparedFlight:
+    return flown([SPEC])[0]
+
+
+@pytest.mark.thorough
+def test_the_right_order_is_not_accused(flight):
+    assert shown(flight, TRUE) is None
+
+
+@pytest.mark.parametrize(
+    ("acts_as", "words"),
+    [
+        ((1, 3, 2, 4), "Rotors 2 and 3 look exchanged: so the rotors explain"),
+        ((2, 1, 3, 4), "Rotors 1 and 2 look exchanged:"),
+        ((3, 2, 1, 4), "Rotors 1 and 3 look exchanged:"),
+        ((1, -2, 3, 4), "Rotor 2 looks to spin the other way than the vehicle file says:"),
+        ((2, 3, 1, 4), "The commands 1, 2, 3, 4 look to act as the rotors 2, 3, 1, 4 of the vehicle file:"),
+    ],
+)
+def test_another_order_is_named(flight, acts_as, words):
+    result = shown(flight, ordered(*acts_as))
+    assert result is not None
+    assert result.acts_as == acts_as
+    assert result.sentence.startswith(words)
+    assert result.explained > 0.9
+    assert Order.of_numbers(result.numbers) == result
+
+
+def test_signs_alone_are_left_to_the_gains(flight):
+    assert shown(flight, replace(TRUE, spins=tuple(-spin for spin in TRUE.spins))) is None
+    assert shown(flight, replace(TRUE, positions=tuple((x, -y) for x, y in TRUE.positions))) is None
+
+
+@pytest.mark.thorough
+def test_of_more_rotors_two_may_be_exchanged():
+    angles = np.arange(6) * np.pi / 3.0 + 0.3
+    positions = tuple((float(np.cos(angle)), float(np.sin(angle))) for angle in angles)
+    rotors = replace(
+        ROTOR_ROTORS,
+        positions=tuple((0.043 * x, 0.043 * y, 0.0) for x, y in positions),
+        spins=(1, -1, 1, -1, 1, -1),
+    )
+    spec = replace(SPEC, vehicle=replace(SPEC.vehicle, mass=0.045, rotors=rotors))
+    six = KnownVehicle("six", positions, rotors.spins)
+    log = next(iter(simulate_rigid_body_flights([spec]))).recording
+    flight = prepare(log, RigidBody(six), FlightOptions())
+    swapped = replace(
+        six, positions=(*positions[:3], positions[4], positions[3], positions[5]), spins=(1, -1, 1, 1, -1, -1)
+    )
+    assert shown(flight, six) is None
+    result = shown(flight, swapped)
+    assert result is not None
+    assert result.acts_as == (1, 2, 3, 5, 4, 6)
+
+
+@pytest.mark.thorough
+def test_a_result_refuses_and_says_which(flight):
+    result = identify_flight(flight.recording, model=RigidBody(ordered(1, 3, 2, 4)))
+    assert result.verdict.status is Status.REFUSED
+    assert any(reason.sentence.startswith("Rotors 2 and 3 look") for reason in result.verdict.reasons)
+    assert result.diagnostics["rotor_2_acts_as"] == 3.0
+
+
+@pytest.mark.long
+def test_no_clean_flight_is_accused():
+    rough = TorqueDisturbance(*[OrnsteinUhlenbeck(4.0, 0.3)] * 3)
+    kinds = (
+        {"attitude": AxisExcitations()},
+        {"attitude": AxisExcitations(), "torque_disturbance": rough},
+        {"attitude": AxisExcitations(*[RandomSteps(0.08)] * 3), "torque_disturbance": rough},
+        {"attitude": AxisExcitations(yaw=RandomSteps(0.7))},
+    )
+    specs = [replace(SPEC, duration=15.0, seed=seed, **kind) for seed in range(5) for kind in kinds]
+    accused = wrong = 0
+    for flight in flown(specs):
+        accused += shown(flight, TRUE) is not None
+        result = shown(flight, ordered(1, 3, 2, 4))
+        wrong += result is not None and result.acts_as != (1, 3, 2, 4)
+    assert (accused, wrong) == (0, 0)

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eivor.estimation.methods import least_squares, reference_iv
+from eivor.estimation.methods import identify, least_squares, reference_iv
 from eivor.flights.estimate import instruments
 from eivor.flights.motion import VerdictInputs
 from eivor.flights.options import FlightOptions
@@ -21,18 +21,29 @@ from eivor.motions.vertical.misspecification import (
     OFFSET,
     SCALE,
     TILTS,
+    VOLTAGE_CHANGE,
     either_sentence,
+    omitted_variable_numbers,
+    omitted_variable_tests,
+    report_omitted,
     sensor_agreement_sentence,
     sensor_uncertainties,
     sentence,
+    voltage_numbers,
 )
 from eivor.motions.vertical.model import GRAVITY
 from eivor.motions.vertical.motion import Vertical
-from eivor.motions.vertical.verdict import SIDEWAYS, fast_sideways_reasons, sensor_reasons
+from eivor.motions.vertical.verdict import (
+    SIDEWAYS,
+    fast_sideways_reasons,
+    omitted_variable_reasons,
+    sensor_reasons,
+    sideways_reasons,
+)
 from eivor.signals.recording import Channel
-from flights.flight_logs import LAG_S, STEP_S, flown
+from flights.flight_logs import GAIN, LAG_S, STEP_S, flown
 
-pytestmark = pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
+# -- Sensors that disagree: what is told of them, what it harms, and what is taken out --
 
 VERTICAL = Vertical()
 
@@ -80,6 +91,7 @@ def agreement(*logs) -> SensorAgreement | None:
     return VERTICAL.sensors(VERTICAL.problem(flights, chosen.rule), flights)
 
 
+@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 @pytest.mark.thorough
 def test_sensors_that_agree(log):
     result = agreement(log)
@@ -89,6 +101,7 @@ def test_sensors_that_agree(log):
     assert sensor_agreement_sentence(result).startswith("velocity and accelerometer agree: offset ")
 
 
+@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 @pytest.mark.parametrize(
     ("channel", "late_s", "said"),
     [
@@ -104,6 +117,7 @@ def test_a_late_sensor_is_named(log, channel, late_s, said):
     assert re.fullmatch(said, sensor_agreement_sentence(result))
 
 
+@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 @pytest.mark.parametrize(
     ("channel", "factor", "said"),
     [("velocity_z", 1.06, "%) more than"), ("specific_force_z", 1.06, "%) less than")],
@@ -116,6 +130,7 @@ def test_a_scale_is_named(log, channel, factor, said):
     assert said in sensor_agreement_sentence(result)
 
 
+@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 def test_a_tilt_error_is_named_along_the_vehicles_axes(log):
     two = np.deg2rad(2.0)
     for yaw, name, sign in (
@@ -133,6 +148,7 @@ def test_a_tilt_error_is_named_along_the_vehicles_axes(log):
     assert ", tilt " in sensor_agreement_sentence(level)
 
 
+@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 def test_kinds_that_a_flight_does_not_tell_apart_are_told_by_what_each_explains_alone(log):
     """Sideways as up and down: what leans looks like a scale."""
     like, rng = log.channels["velocity_z"], np.random.default_rng(1)
@@ -160,6 +176,7 @@ def test_kinds_that_a_flight_does_not_tell_apart_are_told_by_what_each_explains_
     assert not list(sensor_reasons(replace(at(), sensors=both), OFFSET))
 
 
+@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 def test_a_difference_that_no_name_fits_is_told_all_the_same(log):
     """Up leans, and no horizontal velocity is logged."""
     leaning = sideways(log, leaning=np.deg2rad(8.0))
@@ -173,6 +190,7 @@ def test_a_difference_that_no_name_fits_is_told_all_the_same(log):
     assert list(agreement(replace(leaning, channels=without)).differences) == ["offset", "scale"]
 
 
+@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 def test_there_is_nothing_to_compare(log):
     alone = {name: channel for name, channel in log.channels.items() if name != "specific_force_z"}
     assert agreement(replace(log, channels=alone)) is None
@@ -181,12 +199,14 @@ def test_there_is_nothing_to_compare(log):
     assert VERTICAL.sensors(VERTICAL.problem(flights, none.rule), flights) is None
 
 
+@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 def test_small_differences_matter_to_nothing():
     assert not Difference(0.0005, 1e-5, least=0.001).matters
     assert Difference(0.0015, 1e-4, least=0.001).matters
     assert Difference(0.0, 0.0).p_value == 1.0
 
 
+@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 @pytest.mark.parametrize(
     ("times", "said"),
     [
@@ -220,6 +240,7 @@ def at(*, aligned: bool = False, p_value: float = 0.5) -> VerdictInputs:
     return VerdictInputs(1, 100.0, 100.0, exogenous=True, direct=False, sensors=sensors, aligned=aligned)
 
 
+@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 def test_what_a_disagreement_harms():
     every = (OFFSET, SCALE, *TILTS.values())
     sentences = [reason.sentence for reason in sensor_reasons(at(), *every)]
@@ -232,6 +253,7 @@ def test_what_a_disagreement_harms():
     assert not list(sensor_reasons(replace(at(), sensors=None), *every))
 
 
+@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 def test_the_lag_may_be_shorter_by_all_of_an_offset():
     parts = sensor_uncertainties(at().sensors, QUANTITIES, aligned=False)
     (lag,) = parts["effective_lag"]
@@ -245,6 +267,7 @@ def test_the_lag_may_be_shorter_by_all_of_an_offset():
     assert sensor_uncertainties(None, QUANTITIES, aligned=False) == {}
 
 
+@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 @pytest.mark.thorough
 def test_aligned_sensors_give_what_right_ones_give(log):
     right = identify_flight(log)
@@ -262,6 +285,7 @@ def test_aligned_sensors_give_what_right_ones_give(log):
     assert moved.half_width > right.quantities["effective_lag"].half_width
 
 
+@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 @pytest.mark.parametrize(("channel", "factor"), [("specific_force_z", 1.06), ("velocity_z", 1.06)])
 def test_the_sensor_that_is_wrong_is_scaled(log, channel, factor):
     """An accelerometer whose scale is wrong shows another gravity."""
@@ -276,6 +300,7 @@ def test_the_sensor_that_is_wrong_is_scaled(log, channel, factor):
     assert abs(right.signals.channel("specific_force_z").mean() - GRAVITY) < 0.1
 
 
+@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 def test_a_tilt_that_no_sensor_has_is_told_as_such():
     near, far = (sentence("tilt_left", Difference(np.deg2rad(-degrees), 0.01)) for degrees in (3.0, 52.0))
     assert near == "Attitude and accelerometer differ by 3.0 ± 1.2 degrees to the right."
@@ -284,9 +309,162 @@ def test_a_tilt_that_no_sensor_has_is_told_as_such():
     )
 
 
+@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
 def test_fast_sideways_flight_makes_the_gain_weak():
     (reason,) = fast_sideways_reasons(replace(at(), numbers={SIDEWAYS: 5.1}))
     assert reason.status is Status.WEAK
     assert "5.1 m/s" in reason.sentence
     assert not list(fast_sideways_reasons(replace(at(), numbers={SIDEWAYS: 2.9})))
     assert not list(fast_sideways_reasons(at()))
+
+
+# -- Terms that the model leaves out: the tests tell those that are missed, and no others --
+
+
+@pytest.fixture(scope="module")
+def log_left():
+    return flown(seconds=30.0, seed=5)[0]
+
+
+def terms_of(log_left, method=None) -> dict[str, Difference]:
+    chosen = method or reference_iv()
+    flights = (prepare(log_left, VERTICAL, FlightOptions()),)
+    problem = VERTICAL.problem(flights, instruments(flights, FlightOptions(), chosen).rule)
+    return omitted_variable_tests(problem, identify(problem, chosen), flights)
+
+
+def commanded(log_left, change):
+    """The log of a vehicle that needed another thrust: its mapped command is changed by what is given."""
+    command = log_left.channels["rotor_command_1"]
+    values = np.sqrt(change(command.values**2))
+    return replace(log_left, channels={**log_left.channels, command.name: replace(command, values=values)})
+
+
+def with_channel(log_left, name, values):
+    like = log_left.channels["velocity_z"]
+    return replace(log_left, channels={**log_left.channels, name: replace(like, name=name, values=values)})
+
+
+@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
+@pytest.mark.thorough
+def test_nothing_is_missed_where_the_model_holds(log_left):
+    terms = terms_of(with_channel(log_left, "position_z", log_left.channels["reference_position_z"].values))
+    assert list(terms) == ["quadratic_drag", "ground_effect", "thrust_curvature", "supply"]
+    assert min(term.p_value for term in terms.values()) > 0.005
+    ((title, sentence),) = report_omitted(omitted_variable_numbers(terms))
+    assert title == "left out"
+    assert sentence.startswith("not missed: quadratic drag (p ")
+
+
+@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
+@pytest.mark.thorough
+def test_quadratic_drag_is_missed(log_left):
+    velocity = log_left.channels["velocity_z"].values
+    terms = terms_of(commanded(log_left, lambda U: U + 0.2 / GAIN * velocity * np.abs(velocity)))
+    drag = terms["quadratic_drag"]
+    assert abs(drag.value - 0.2) < 3.0 * drag.half_width
+    assert "a drag of 0.2" in report_omitted(omitted_variable_numbers(terms))[0][1]
+
+
+@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
+@pytest.mark.thorough
+def test_a_supply_that_sags_is_missed_by_its_voltage_or_by_the_time(log_left):
+    count = log_left.channels["velocity_z"].values.size
+    share = np.linspace(0.0, 1.0, count)
+    sags = commanded(log_left, lambda U: U / (1.0 - 0.1 * share))
+    result = terms_of(sags)["supply"]
+    assert abs(result.value + 0.105) < 3.0 * result.half_width < 0.1
+    ((_, sentence),) = report_omitted(omitted_variable_numbers({"supply": result}))
+    assert sentence.startswith("the thrust of one command fell by 1")
+    logged = with_channel(sags, "battery_voltage", 12.0 * (1.0 - 0.05 * share))
+    volts = terms_of(logged)["supply"]
+    assert volts.value == pytest.approx(2.05, abs=3.0 * volts.half_width)  # thrust goes as its square
+    change = voltage_numbers([prepare(logged, VERTICAL, FlightOptions())])
+    assert change[VOLTAGE_CHANGE] == pytest.approx(0.05 / 0.975, rel=0.05)
+
+
+@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
+def test_thrust_by_a_logged_voltage_is_told_as_that():
+    """A vehicle whose thrust fell by 10 % with a voltage that fell by 10 % was said to have gained 100 %."""
+    numbers = omitted_variable_numbers({"supply": Difference(1.0, 0.1)}) | {VOLTAGE_CHANGE: 0.1}
+    (reason,) = omitted_variable_reasons(at_left(numbers))
+    assert reason.sentence == (
+        "The thrust of one command went as the battery's voltage to the power 1 ± 0.21: the voltage changed "
+        "by 10%, and the thrust by 10% (± 2%)."
+    )
+    assert "--term voltage" in reason.remedy
+    assert not list(omitted_variable_reasons(at_left(numbers | {VOLTAGE_CHANGE: 0.01})))
+
+
+@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
+def test_flights_without_a_voltage_among_others_are_told_by_the_time(log_left):
+    volts = with_channel(
+        log_left, "battery_voltage", np.linspace(12.0, 11.0, log_left.channels["velocity_z"].values.size)
+    )
+    flights = [prepare(item, VERTICAL, FlightOptions()) for item in (volts, log_left)]
+    assert list(voltage_numbers(flights[:1])) == [VOLTAGE_CHANGE]
+    assert voltage_numbers(flights) == voltage_numbers([]) == {}
+
+
+@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
+def test_a_thrust_curve_that_bends_is_missed(log_left):
+    mean = float(np.mean(log_left.channels["rotor_command_1"].values ** 2))
+    bent = commanded(log_left, lambda U: U + 0.3 * mean * (U / mean - 1.0) ** 2)
+    result = terms_of(bent)["thrust_curvature"]
+    assert abs(result.value + 0.3) < 3.0 * result.half_width < 0.3
+    ((_, sentence),) = report_omitted(omitted_variable_numbers({"thrust_curvature": result}))
+    assert sentence.startswith("thrust bends less than the input map: -0.3")
+
+
+@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
+def test_ground_effect_is_missed(log_left):
+    height = log_left.channels["reference_position_z"].values
+    over = height - height.min() + 0.5
+    closer = commanded(with_channel(log_left, "position_z", height), lambda U: U / (1.0 + 0.05 / over**2))
+    terms = terms_of(closer)
+    assert terms["ground_effect"].p_value < 0.005
+    assert "thrust grows towards the ground" in report_omitted(omitted_variable_numbers(terms))[0][1]
+
+
+@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
+def test_without_instruments_nothing_is_tested(log_left):
+    assert terms_of(log_left, least_squares()) == {}
+    assert report_omitted({}) == ()
+
+
+def at_left(numbers: dict[str, float], sensors: SensorAgreement | None = None) -> VerdictInputs:
+    return VerdictInputs(1, 100.0, 100.0, exogenous=True, direct=False, numbers=numbers, sensors=sensors)
+
+
+@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
+def test_what_is_missed_makes_the_gain_weak():
+    sure, unsure = Difference(-0.1, 0.01), Difference(-0.1, 0.1)
+    (reason,) = omitted_variable_reasons(
+        at_left(omitted_variable_numbers({"supply": sure, "ground_effect": unsure}))
+    )
+    assert reason.sentence.startswith("The thrust of one command fell by 10% (± 2%)")
+    (reason,) = omitted_variable_reasons(
+        at_left(omitted_variable_numbers({"supply": unsure, "ground_effect": sure}))
+    )
+    assert reason.sentence.startswith("Thrust falls towards the ground")
+    assert not list(omitted_variable_reasons(at_left(omitted_variable_numbers({"quadratic_drag": sure}))))
+    assert not list(
+        omitted_variable_reasons(at_left(omitted_variable_numbers({"supply": Difference(0.01, 0.001)})))
+    )
+
+
+@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
+def test_fast_sideways_flight_asks_for_a_known_tilt():
+    def agreement(std_error: float) -> SensorAgreement:
+        return SensorAgreement({"tilt_x": Difference(0.0, std_error)}, 0.5)
+
+    assert not list(sideways_reasons(at_left({"sideways_speed": 2.9})))
+    assert not list(sideways_reasons(at_left({"sideways_speed": float("nan")})))
+    assert not list(sideways_reasons(at_left({"sideways_speed": 4.0}, agreement(0.005))))
+    (unknown,) = sideways_reasons(at_left({"sideways_speed": 4.0}))
+    assert (
+        "4.0 m/s (rms), and the angle between attitude and accelerometer is known not at all."
+        in unknown.sentence
+    )
+    (rough,) = sideways_reasons(at_left({"sideways_speed": 4.0}, agreement(0.02)))
+    assert "is known to ±2.4 degrees only" in rough.sentence

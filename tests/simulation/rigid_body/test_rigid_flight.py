@@ -11,11 +11,21 @@ from scipy.spatial.transform import Rotation
 
 from eivor.errors import ParameterError
 from eivor.lab.disturbances import OrnsteinUhlenbeck
+from eivor.motions.rigid_body.dynamics import coefficients_of, turned, wrench
 from eivor.motions.rigid_body.vehicle import BodyDrag, Rotors, Vehicle
 from eivor.motions.vertical.model import GRAVITY
 from eivor.signals.filters import actuator_state
 from eivor.signals.noise import WhiteNoise
-from eivor.simulation.controller import FlightController, Sensor
+from eivor.simulation.controller import (
+    Cascade,
+    DelayLine,
+    FlightController,
+    Sensor,
+    gains_of,
+    mixer_of,
+    mixers_side_by_side,
+    torque_limits,
+)
 from eivor.simulation.environment import TrajectoryKind
 from eivor.simulation.excitation import DrydenGust, RandomSteps, SteppedExcitation
 from eivor.simulation.known_logs import log_of_rigid_body_flight, viscous_friction
@@ -28,9 +38,10 @@ from eivor.simulation.rigid_body_spec import (
     Sensors,
     TorqueDisturbance,
     Wind,
+    quaternions,
 )
 
-pytestmark = pytest.mark.usefixtures("unchecked_shapes")  # thousands of steps of the same shapes
+# -- Flights of a whole vehicle: logs against the truth, one route against another, and what is --
 
 VEHICLE = Vehicle(
     1.2,
@@ -84,6 +95,7 @@ def vectors(flight: RigidBodyFlight, stem: str, parts: str = "xyz") -> np.ndarra
 # -------------------------------------------------------------------------------------- log and truth
 
 
+@pytest.mark.usefixtures("unchecked_shapes")
 def test_log_of_exact_sensors_is_the_truth():
     flight = fly(QUIET)
     truth = flight.truth
@@ -108,6 +120,7 @@ def test_log_of_exact_sensors_is_the_truth():
     }
 
 
+@pytest.mark.usefixtures("unchecked_shapes")
 def test_truth_agrees_with_itself():
     """Velocity, attitude and specific force are those of one motion."""
     truth = fly(QUIET).truth
@@ -122,6 +135,7 @@ def test_truth_agrees_with_itself():
     np.testing.assert_allclose(turned, 2.0 * step * mean, atol=5e-5)
 
 
+@pytest.mark.usefixtures("unchecked_shapes")
 def test_rotors_follow_their_delayed_commands():
     spec = replace(LOUD, vehicle=replace(VEHICLE, rotors=replace(VEHICLE.rotors, delay=0.006)))
     truth = fly(spec).truth
@@ -133,6 +147,7 @@ def test_rotors_follow_their_delayed_commands():
     np.testing.assert_array_equal(truth.rotor_command[::2], truth.rotor_command[1::2])
 
 
+@pytest.mark.usefixtures("unchecked_shapes")
 def test_references_are_followed():
     slow = replace(
         QUIET,
@@ -147,6 +162,7 @@ def test_references_are_followed():
     assert np.median((wanted[:-150].inv() * now[150:]).magnitude()) < 0.05
 
 
+@pytest.mark.usefixtures("unchecked_shapes")
 def test_setpoints_do_to_the_body_what_they_say():
     """Behind the rotors' lag each torque setpoint accelerates as the control effectiveness says."""
     short = replace(VEHICLE, rotors=replace(VEHICLE.rotors, lag_up=1e-3, lag_down=1e-3, inertia=0.0))
@@ -165,6 +181,7 @@ def test_setpoints_do_to_the_body_what_they_say():
         assert result == pytest.approx(effectiveness, rel=0.05)
 
 
+@pytest.mark.usefixtures("unchecked_shapes")
 def test_equations_of_the_truth_hold():
     """Least squares of the rates' increments on interval means gives the parameters that the truth names."""
     truth = fly(replace(QUIET, vehicle=replace(VEHICLE, rotors=replace(VEHICLE.rotors, inertia=0.0)))).truth
@@ -204,6 +221,7 @@ def mean_squares(command: np.ndarray, speed: np.ndarray, step_s: float, lag_s: f
 # ---------------------------------------------------------------------------------------- sensors
 
 
+@pytest.mark.usefixtures("unchecked_shapes")
 def test_sensors_give_the_log_what_they_give_the_controller():
     """The rate loop's torque, recomputed from the logged rates, is the one that was set."""
     spec = replace(
@@ -221,6 +239,7 @@ def test_sensors_give_the_log_what_they_give_the_controller():
         np.testing.assert_allclose(torque[use, axis], gain * error[use, axis], atol=1e-12)
 
 
+@pytest.mark.usefixtures("unchecked_shapes")
 def test_sensor_filters_delays_and_errs():
     sensor = Sensor(WhiteNoise(0.0), bias=0.5, cutoff_hz=20.0, delay_s=0.01)
     step = np.r_[np.zeros(100), np.ones(400)][:, None]
@@ -233,6 +252,7 @@ def test_sensor_filters_delays_and_errs():
     assert Sensor(WhiteNoise(0.3)).errors(4000, 2, rng).std(axis=0) == pytest.approx([0.3, 0.3], rel=0.05)
 
 
+@pytest.mark.usefixtures("unchecked_shapes")
 def test_logged_rates_can_be_means_that_the_controller_does_not_get():
     mean = replace(QUIET, duration=0.6, sensors=replace(QUIET.sensors, angular_rate=Sensor(averaged_s=0.01)))
     flight = fly(mean)
@@ -243,6 +263,7 @@ def test_logged_rates_can_be_means_that_the_controller_does_not_get():
     np.testing.assert_allclose(values(flight, "angular_rate_y")[1], rates[:2, 1].mean(), atol=1e-15)
 
 
+@pytest.mark.usefixtures("unchecked_shapes")
 def test_stamps_have_their_rate_offset_and_error():
     sensor = Sensor(rate_hz=100.0, offset_s=0.006, jitter_s=0.001)
     rows = sensor.rows(5000, 0.002)
@@ -254,6 +275,7 @@ def test_stamps_have_their_rate_offset_and_error():
     assert np.array_equal(Sensor(rate_hz=1000.0).rows(100, 0.002), np.arange(100))
 
 
+@pytest.mark.usefixtures("unchecked_shapes")
 def test_each_group_has_its_own_stamps_and_some_are_left_out():
     spec = replace(
         QUIET,
@@ -283,6 +305,7 @@ def same(first: RigidBodyFlight, second: RigidBodyFlight) -> None:
         np.testing.assert_allclose(values(first, name), values(second, name), rtol=1e-9, atol=1e-11)
 
 
+@pytest.mark.usefixtures("unchecked_shapes")
 def test_flights_side_by_side_are_those_alone():
     """Other vehicles, delays, filters, gains and winds beside it make no difference."""
     short = replace(LOUD, duration=0.3)
@@ -301,12 +324,14 @@ def test_flights_side_by_side_are_those_alone():
     assert not np.array_equal(together[2].truth.attitude, together[0].truth.attitude)
 
 
+@pytest.mark.usefixtures("unchecked_shapes")
 def test_flights_of_several_lengths_keep_their_order():
     specs = [replace(QUIET, duration=0.2), replace(QUIET, duration=0.1), replace(QUIET, duration=0.2, seed=1)]
     flights = list(simulate_rigid_body_flights(specs))
     assert [flight.truth.time_s.size for flight in flights] == [100, 50, 100]
 
 
+@pytest.mark.usefixtures("unchecked_shapes")
 def test_streams_are_apart():
     noisy = replace(QUIET, duration=0.3, sensors=Sensors())
     first, second = fly(noisy), fly(replace(noisy, wind=Wind(x=OrnsteinUhlenbeck(1.0, 0.5))))
@@ -315,6 +340,7 @@ def test_streams_are_apart():
     assert not np.array_equal(first.truth.velocity, second.truth.velocity)
 
 
+@pytest.mark.usefixtures("unchecked_shapes")
 def test_adaptive_integrator_flies_the_same():
     short = replace(QUIET, duration=0.2)
     adaptive = replace(short, integrator=AdaptiveSteps(rtol=1e-9))
@@ -325,6 +351,7 @@ def test_adaptive_integrator_flies_the_same():
         np.testing.assert_allclose(simulate_rigid_body_flight.truth.attitude, other.truth.attitude, atol=1e-7)
 
 
+@pytest.mark.usefixtures("unchecked_shapes")
 def test_wind_and_torques_from_outside_have_their_size():
     flight = fly(replace(LOUD, rate_hz=250.0, duration=2.0, vehicle=VEHICLE))
     np.testing.assert_allclose(flight.truth.velocity[:, 0] - flight.truth.air_velocity[:, 0], 1.0)
@@ -333,6 +360,7 @@ def test_wind_and_torques_from_outside_have_their_size():
     assert not flight.truth.disturbance[:, [0, 2]].any()
 
 
+@pytest.mark.usefixtures("unchecked_shapes")
 def test_a_vehicle_that_holds_its_place_does():
     calm = replace(
         LOUD,
@@ -351,6 +379,7 @@ def test_a_vehicle_that_holds_its_place_does():
 # ------------------------------------------------------------------------------------------ refusals
 
 
+@pytest.mark.usefixtures("unchecked_shapes")
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -366,6 +395,7 @@ def test_specification_is_checked(change, message):
         replace(QUIET, **change)
 
 
+@pytest.mark.usefixtures("unchecked_shapes")
 @pytest.mark.parametrize(
     ("make", "message"),
     [
@@ -383,17 +413,20 @@ def test_parts_are_checked(make, message):
         make()
 
 
+@pytest.mark.usefixtures("unchecked_shapes")
 def test_filters_must_fit_the_rate():
     with pytest.raises(ParameterError, match="below half the simulation's rate"):
         fly(replace(QUIET, sensors=replace(QUIET.sensors, angular_rate=Sensor(cutoff_hz=300.0))))
 
 
+@pytest.mark.usefixtures("unchecked_shapes")
 def test_rotors_must_reach_every_axis():
     equal = replace(VEHICLE, rotors=replace(VEHICLE.rotors, spins=(1, 1, 1, 1)))
     with pytest.raises(ParameterError, match="a torque about each axis"):
         fly(replace(QUIET, vehicle=equal))
 
 
+@pytest.mark.usefixtures("unchecked_shapes")
 def test_a_lost_vehicle_is_told():
     storm = replace(
         QUIET, duration=1.0, torque_disturbance=TorqueDisturbance(roll=OrnsteinUhlenbeck(600.0, 1.0))
@@ -403,6 +436,7 @@ def test_a_lost_vehicle_is_told():
         log_of_rigid_body_flight(storm)
 
 
+@pytest.mark.usefixtures("unchecked_shapes")
 def test_friction_of_the_truth_is_that_of_the_flights_speeds():
     """Up and down at 1 and 3 m/s: half of the squares' weight is not half of the samples."""
     truth = fly(replace(QUIET, duration=0.1)).truth
@@ -419,3 +453,120 @@ def test_friction_of_the_truth_is_that_of_the_flights_speeds():
     assert viscous_friction(flown(1.0, -3.0)) == pytest.approx(0.2 + 0.05 * 28.0 / 10.0)
     sideways = (np.sqrt(0.5), np.sqrt(0.5), 0.0, 0.0)
     assert viscous_friction(flown(2.0, attitude=sideways)) == pytest.approx(0.2)
+
+
+# -- Mixer, loops and delay line by themselves --
+
+ANGLES = np.pi / 3.0 * np.arange(6) + 0.2
+HEXACOPTER = Vehicle(
+    2.0,
+    (0.02, 0.03, 0.04),
+    Rotors(
+        positions=tuple((0.3 * np.cos(a), 0.25 * np.sin(a), 0.0) for a in ANGLES.tolist()),
+        spins=(1, -1, 1, -1, 1, -1),
+        highest_speed=800.0,
+        thrust_quadratic=1e-5,
+        thrust_linear=1e-3,
+        torque_ratio=0.02,
+        lag_up=0.03,
+        lag_down=0.03,
+    ),
+)
+STILL = (0.0, 0.0, 0.0)
+
+
+def test_mixer_gives_the_thrust_and_torques_that_are_asked_for():
+    speeds = mixer_of(HEXACOPTER).commands(0.4, (0.1, -0.05, 0.08))
+    force, torque = wrench(coefficients_of(HEXACOPTER), STILL, STILL, speeds)
+    assert force[2] == pytest.approx(0.4 * HEXACOPTER.full_thrust)
+    limits = torque_limits(HEXACOPTER)
+    assert torque == pytest.approx((0.1 * limits[0], -0.05 * limits[1], 0.08 * limits[2]))
+
+
+def test_torque_of_one_is_that_of_one_side():
+    full, sides = HEXACOPTER.rotors.highest_speed, np.array(HEXACOPTER.rotors.positions)
+    coefficients = coefficients_of(HEXACOPTER)
+    for axis, side in enumerate([sides[:, 1] > 0, sides[:, 0] < 0, np.array(HEXACOPTER.rotors.spins) > 0]):
+        torque = wrench(coefficients, STILL, STILL, (full * side).tolist())[1]
+        assert torque[axis] == pytest.approx(torque_limits(HEXACOPTER)[axis])
+
+
+def test_commands_stay_within_the_rotors_limits():
+    mixer = mixer_of(replace(HEXACOPTER, rotors=replace(HEXACOPTER.rotors, lowest_speed=100.0)))
+    speeds = mixer.commands(0.5, (1.0, 1.0, 1.0))
+    assert max(speeds) == pytest.approx(800.0)
+    assert min(speeds) == pytest.approx(100.0)
+    idle = mixer_of(HEXACOPTER).commands(0.0, (0.0, 0.0, 0.0))
+    assert 0.0 < max(idle) < 80.0
+
+
+def test_mixers_side_by_side_are_each_of_them():
+    light = replace(HEXACOPTER, mass=1.0, rotors=replace(HEXACOPTER.rotors, torque_ratio=0.01))
+    (speeds,) = mixers_side_by_side([HEXACOPTER, light]).commands(
+        np.array([0.4, 0.5]), (np.array([0.1, 0.2]), np.zeros(2), np.array([0.0, 0.1]))
+    )
+    np.testing.assert_allclose(speeds[:, 1], mixer_of(light).commands(0.5, (0.2, 0.0, 0.1)))
+
+
+def test_attitude_loop_turns_the_shorter_way():
+    gains = gains_of(FlightController(), HEXACOPTER, 0.0)
+    cascade = Cascade(gains, 0.002, 0.02)
+    now, wanted = quaternions(np.array([[0.1, -0.2, 0.3], [0.15, -0.1, 0.35]])).tolist()
+    rates = cascade.rates(wanted, now)
+    opposite = cascade.rates([-part for part in wanted], now)
+    assert rates == pytest.approx(opposite)
+    small = [rate / gain for rate, gain in zip(rates, gains.attitude, strict=True)]
+    turn = Rotation.from_quat(now, scalar_first=True).inv() * Rotation.from_quat(wanted, scalar_first=True)
+    np.testing.assert_allclose(small, turn.as_rotvec(), rtol=1e-2, atol=1e-4)
+
+
+def test_a_weak_axis_is_not_driven_by_noise():
+    weak = replace(
+        HEXACOPTER, rotors=replace(HEXACOPTER.rotors, torque_ratio=1e-3, lag_up=5e-3, lag_down=5e-3)
+    )
+    gains = gains_of(FlightController(), weak, 0.0)
+    assert gains.rate[2] == pytest.approx(0.5)
+    assert gains.rate[0] < 0.5
+    assert gains.attitude[2] < 0.3 * gains.attitude[0]
+
+
+def test_derivative_is_that_of_the_filtered_rates():
+    steady = FlightController(integral_share=0.0)
+    quick = replace(steady, derivative_share=0.5, derivative_cutoff_hz=2.0)
+    plain, damped = (Cascade(gains_of(item, HEXACOPTER, 0.0), 0.002, 0.02) for item in (steady, quick))
+    decay, slope, gap = np.exp(-2.0 * np.pi * 2.0 / 500.0), 0.0, 0.0
+    gains = gains_of(quick, HEXACOPTER, 0.0)
+    before = 0.0
+    for rate in (0.0, 0.01, 0.03, 0.02):
+        slope = decay * slope + (1.0 - decay) * (rate - before) / 0.002
+        before = rate
+        gap = plain.torques(STILL, (rate, 0.0, 0.0))[0] - damped.torques(STILL, (rate, 0.0, 0.0))[0]
+        assert gap == pytest.approx(gains.derivative[0] * slope)
+    assert gap != 0.0
+
+
+def test_quaternions_are_yaw_then_pitch_then_roll():
+    angles = np.array([[0.3, -0.4, 1.2], [-0.1, 0.2, -2.0]])
+    expected = Rotation.from_euler("ZYX", angles[:, ::-1]).as_quat(scalar_first=True)
+    np.testing.assert_allclose(quaternions(angles), expected * np.sign(expected[:, :1]), atol=1e-12)
+
+
+def test_small_turns_are_about_the_own_axes():
+    start = quaternions(np.array([[0.3, -0.4, 1.2]]))[0]
+    moved = turned(start.tolist(), 1e-4, -2e-4, 3e-4)
+    turn = Rotation.from_quat(start, scalar_first=True).inv() * Rotation.from_quat(moved, scalar_first=True)
+    np.testing.assert_allclose(turn.as_rotvec(), [1e-4, -2e-4, 3e-4], atol=1e-9)
+
+
+def test_values_arrive_later():
+    line = DelayLine(2, [0.0])
+    assert [line.pass_on([float(k)])[0] for k in range(1, 6)] == [0.0, 0.0, 1.0, 2.0, 3.0]
+    assert DelayLine(0).pass_on([5.0]) == [5.0]
+    first = DelayLine(1)
+    assert [first.pass_on([float(k)])[0] for k in range(1, 4)] == [1.0, 1.0, 2.0]
+
+
+def test_each_flight_has_its_own_delay():
+    line = DelayLine(np.array([0, 2, 1]), [np.zeros((4, 3))])
+    arrived = [line.pass_on([np.full((4, 3), float(k))])[0][0].tolist() for k in range(1, 5)]
+    assert arrived == [[1.0, 0.0, 0.0], [2.0, 0.0, 1.0], [3.0, 1.0, 2.0], [4.0, 2.0, 3.0]]

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import special
+import scipy
 
 from eivor.inference.covariance import cosine_averages, unit_scale
 from eivor.inference.diagnostics.record import (
@@ -138,7 +138,7 @@ def endogeneity(
         durbin,
         chi_square_tail(durbin, degrees),
         wu,
-        float(special.fdtrc(degrees, freedom, wu)),
+        float(scipy.special.fdtrc(degrees, freedom, wu)),
         B,
     )
 
@@ -383,4 +383,4 @@ def critical_value(W: Float[np.ndarray, "q q"], bias: float = TOLERATED_BIAS, si
     if not trace > 0.0:
         return float("nan")
     K = trace**2 * (1.0 + 2.0 * x) / (float(eigenvalues @ eigenvalues) + 2.0 * x * trace * eigenvalues[-1])
-    return float(special.chndtrix(1.0 - size, K, x * K)) / K
+    return float(scipy.special.chndtrix(1.0 - size, K, x * K)) / K

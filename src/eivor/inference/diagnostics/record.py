@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy import special
+import scipy
 
 from eivor.inference.covariance import cosine_averages, unit_scale
 from eivor.inference.distributions import chi_square_tail
@@ -50,7 +50,7 @@ def hotelling_p_value(W: float, equations: int, averages: int | None) -> float:
     degrees = averages - equations + 1
     if degrees < 1:
         return float("nan")
-    return float(special.fdtrc(equations, degrees, W * degrees / (averages * equations)))
+    return float(scipy.special.fdtrc(equations, degrees, W * degrees / (averages * equations)))
 
 
 # -- Diagnostic --

@@ -10,7 +10,9 @@ from functools import cached_property, partial
 from importlib import resources
 from importlib.resources.abc import Traversable
 from pathlib import Path
+from typing import Any
 
+import msgspec
 import numpy as np
 
 from eivor import checks
@@ -530,45 +532,76 @@ def vehicle_template() -> str:
     return (resources.files("eivor.motions.rigid_body") / TEMPLATE).read_text(encoding="utf-8")
 
 
+class _Number(msgspec.Struct, forbid_unknown_fields=True):
+    value: float
+    std: float = 0.0
+
+
+class _Rotors(msgspec.Struct, forbid_unknown_fields=True):
+    layout: str | None = None
+    numbering: str = ""
+    arm: float | _Number | None = None
+    positions: list[list[float]] | None = None
+    positions_std: float = 0.0
+    spins: list[int | str] = []
+    speed_scale: float | _Number | None = None
+    torque_ratio: float | _Number | None = None
+    thrust_map: str = "square"
+    radius: float | None = None
+
+
+class _VehicleFile(msgspec.Struct, forbid_unknown_fields=True):
+    rotors: dict[str, Any]
+    name: str | None = None
+    mass: float | _Number | None = None
+    yaw_inertia_ratio: float | _Number | None = None
+    delay_ms: float | _Number | None = None
+    gyro_cutoff_hz: float | None = None
+    accelerometer_cutoff_hz: float | None = None
+
+
 def _vehicle(top: TomlTable) -> KnownVehicle:
-    """Vehicle of a file's top table, all of whose keys are taken."""
-    rotors = top.section("rotors")
+    """Vehicle of a file's top table."""
+    given, table = top.convert(_VehicleFile), top.part("rotors")
+    rotors = table.convert(_Rotors)
     try:
-        vehicle = KnownVehicle(
-            top.text("name", top.file.removesuffix(ENDING)),
-            *_rotors(rotors),
-            _known(top, "mass"),
-            _known(rotors, "speed_scale"),
-            _known(rotors, "torque_ratio"),
-            _known(top, "yaw_inertia_ratio"),
-            _known(top, "delay_ms", unit=1e-3),
-            rotors.text("thrust_map", "square"),
-            _plain(top, "gyro_cutoff_hz"),
-            _plain(top, "accelerometer_cutoff_hz"),
-            _plain(rotors, "radius"),
+        return KnownVehicle(
+            given.name or top.file.removesuffix(ENDING),
+            *_rotors(rotors, table),
+            _known(given.mass),
+            _known(rotors.speed_scale),
+            _known(rotors.torque_ratio),
+            _known(given.yaw_inertia_ratio),
+            _known(given.delay_ms, unit=1e-3),
+            rotors.thrust_map,
+            given.gyro_cutoff_hz,
+            given.accelerometer_cutoff_hz,
+            rotors.radius,
         )
     except UsageError as error:
         raise InputError(f"{error.expected} in {top.file}", error.received, error.remedy) from error
-    rotors.finish()
-    top.finish()
-    return vehicle
 
 
-def _rotors(table: TomlTable) -> RotorTable:
-    if table.has("layout") == table.has("positions"):
+def _rotors(rotors: _Rotors, table: TomlTable) -> RotorTable:
+    if (rotors.layout is None) == (rotors.positions is None):
         raise table.wrong(
             "",
             "either a layout, or positions and spins,",
-            "both" if table.has("layout") else "neither",
+            "neither" if rotors.layout is None else "both",
             f'Give layout = "{next(iter(LAYOUTS))}" with its numbering, or each rotor\'s place and spin.',
         )
-    return _of_layout(table) if table.has("layout") else _of_positions(table)
+    of_positions = {"positions", "positions_std", "spins"}
+    stray = (of_positions if rotors.positions is None else {"numbering", "arm"}) & table.values.keys()
+    if stray:
+        kind = "a layout" if rotors.positions is None else "positions"
+        raise table.wrong("", f"keys of {kind} alone", f"'{min(stray)}' as well", "Remove it.")
+    return _of_positions(rotors, table) if rotors.layout is None else _of_layout(rotors, table)
 
 
-def _of_layout(table: TomlTable) -> RotorTable:
-    layout = table.choice("layout", tuple(LAYOUTS))
-    chosen = LAYOUTS[layout][table.choice("numbering", tuple(LAYOUTS[layout]))]
-    arm = _known(table, "arm")
+def _of_layout(rotors: _Rotors, table: TomlTable) -> RotorTable:
+    layouts = LAYOUTS[table.choose("layout", rotors.layout or "", tuple(LAYOUTS))]
+    chosen = layouts[table.choose("numbering", rotors.numbering, tuple(layouts))]
+    arm = _known(rotors.arm)
     if arm is not None and not LEAST_ARM <= arm.value <= LARGEST_ARM:
         raise table.wrong("arm", f"{LEAST_ARM:g} to {LARGEST_ARM:g} m", f"{arm.value:g}", "Check its unit.")
     length = 1.0 if arm is None else arm.value
@@ -577,41 +610,30 @@ def _of_layout(table: TomlTable) -> RotorTable:
     return positions, tuple(spin for _, _, spin in chosen), scale
 
 
-def _of_positions(table: TomlTable) -> RotorTable:
-    rows = table.rows("positions")
+def _of_positions(rotors: _Rotors, table: TomlTable) -> RotorTable:
     positions = []
-    for key in rows.values:
-        pair = rows.numbers(key)
+    for number, pair in enumerate(rotors.positions or (), start=1):
+        key = f"positions[{number}]"
         if len(pair) != 2:
             remedy = "Give forward and left of the centre, in metres."
-            raise rows.wrong(key, "two numbers", f"{len(pair)} of them", remedy)
+            raise table.wrong(key, "two numbers", f"{len(pair)} of them", remedy)
         if not max(abs(pair[0]), abs(pair[1])) <= LARGEST_ARM:
-            raise rows.wrong(key, f"at most {LARGEST_ARM:g} m", f"{list(pair)}", "Check the unit.")
+            raise table.wrong(key, f"at most {LARGEST_ARM:g} m", f"{pair}", "Check the unit.")
         positions.append((pair[0], pair[1]))
-    return tuple(positions), _spins(table), KnownNumber(1.0, table.number("positions_std", 0.0))
+    spins = [
+        spin
+        if isinstance(spin, int)
+        else GYROSCOPIC_WORDS[table.choose(f"spins[{number}]", spin, tuple(GYROSCOPIC_WORDS))]
+        for number, spin in enumerate(rotors.spins, start=1)
+    ]
+    return tuple(positions), tuple(spins), KnownNumber(1.0, rotors.positions_std)
 
 
-def _spins(table: TomlTable) -> tuple[int, ...]:
-    rows = table.rows("spins")
-    if any(isinstance(value, str) for value in rows.values.values()):
-        return tuple(GYROSCOPIC_WORDS[rows.choice(key, tuple(GYROSCOPIC_WORDS))] for key in rows.values)
-    return tuple(rows.whole(key) for key in rows.values)
-
-
-def _known(table: TomlTable, key: str, unit: float = 1.0) -> KnownNumber | None:
+def _known(number: float | _Number | None, unit: float = 1.0) -> KnownNumber | None:
     """A number in units of SI, plain or with its standard deviation; None where there is none."""
-    if not isinstance(table.values.get(key), dict):
-        plain = _plain(table, key)
-        return None if plain is None else KnownNumber(unit * plain)
-    section = table.section(key)
-    value, std = section.number("value"), section.number("std", 0.0)
-    section.finish()
-    return KnownNumber(unit * value, unit * std)
-
-
-def _plain(table: TomlTable, key: str) -> float | None:
-    number = table.number(key, 0.0)
-    return number if table.has(key) else None
+    if isinstance(number, _Number):
+        return KnownNumber(unit * number.value, unit * number.std)
+    return None if number is None else KnownNumber(unit * number)
 
 
 # -- Vehicle --

@@ -1,0 +1,164 @@
+"""The command that writes a result for an autopilot, a controller or a simulator."""
+
+from __future__ import annotations
+
+import io
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from eivor.atomic_file import write_atomically
+from eivor.cli.options import NO_TEXTS, parse_pair
+from eivor.cli.outputs import (
+    STANDARD_OUTPUT,
+    ExitCode,
+    Reads,
+    Writes,
+    complain,
+    guarded,
+    option,
+    write_out,
+    writing,
+)
+from eivor.errors import NotIdentifiedError, UsageError
+from eivor.exports.fitted import Supplied, known_number
+from eivor.motions.rigid_body.vehicle import KnownNumber, load_vehicle
+from eivor.report.other_results import draws_table
+from eivor.report.saved_fit import SavedFit, load_fit
+
+EXPORT_EXIT_CODES = (
+    "[bold]Exit codes[/bold]: 0 all that the target has is written; 3 something is not identified: it is a "
+    "comment in the file with its reason, or, where the target cannot do without it, there is no file; "
+    "2 wrong usage, such as rotor speeds for an autopilot's share of thrust; 1 a file that cannot be read "
+    "or written.\n\n"
+    "[bold]Targets[/bold]: px4 (.params), ardupilot (.param), statespace (JSON); of simulators, which need a "
+    "mass and a vehicle: sih (PX4's, .params), rotorpy (Python), mujoco (MJCF), pybullet (URDF), "
+    "gazebo (SDF), drone-models (TOML)."
+)
+
+
+class Delays(StrEnum):
+    """At which delays draws are taken."""
+
+    BEST = "best"
+    ALL = "all"
+
+
+@guarded
+def export(
+    fit: Annotated[
+        Path,
+        typer.Argument(metavar="FIT.json", help="A result: eivor identify LOG --json FIT.json."),
+        Reads(),
+    ],
+    *,
+    to: Annotated[str, option("TARGET", "What for: see Targets below.")] = "",
+    draws: Annotated[
+        int | None,
+        option(
+            "N",
+            "N joint draws of the identified parameters: without --to as Parquet, else as the "
+            "simulator's randomisation (rotorpy, mujoco, isaaclab).",
+        ),
+    ] = None,
+    seed: Annotated[int, option("SEED", "Of the draws.", show_default=True)] = 0,
+    delays: Annotated[
+        Delays,
+        option(
+            "best|all",
+            "Of a table of draws: at the delay that fits best, or at all that fit, drawn too.",
+            show_default=True,
+        ),
+    ] = Delays.BEST,
+    mass: Annotated[
+        str,
+        option(
+            "KG[:STD]",
+            "Mass with all on board and its standard deviation, such as 1.53:0.02; for simulators and "
+            "draws. Without it that of the vehicle.",
+        ),
+    ] = "",
+    prior: Annotated[
+        list[str],
+        option(
+            "NAME=VALUE[:STD]",
+            "What is known of a quantity that the flight does not identify; several times for several.",
+        ),
+    ] = NO_TEXTS,
+    vehicle: Annotated[
+        str,
+        option(
+            "FILE.toml",
+            "Where the rotors are, for simulators: a vehicle file, or the name of a shipped one. "
+            "Without it that of the result, when it has one.",
+        ),
+        Reads(),
+    ] = "",
+    output: Annotated[
+        str,
+        option("FILE", "Where to; without it on standard output.", "-o", "--output", show_default=True),
+        Writes(),
+    ] = STANDARD_OUTPUT,
+) -> ExitCode:
+    """Write a result's numbers where they are used, with intervals; only what is identified."""
+    if not to and draws is None:
+        raise UsageError("--to TARGET, --draws N or both", "neither", "Say what is to be written.")
+    if delays is Delays.ALL and (to or draws is None):
+        raise UsageError(
+            "--delays all with a table of draws",
+            f"--to {to}",
+            "Simulators have no delay: their draws are at the one that fits best.",
+        )
+    given = supplied(mass, prior, vehicle)
+    if not to and output == STANDARD_OUTPUT:
+        raise UsageError("a file for the draws", "standard output", "Add -o draws.parquet.")
+    result = load_fit(fit)
+    try:
+        if draws is None or to:
+            made = result.exported(to, given, draws, seed)
+            write_out(made.text, output)
+            omitted = made.omitted
+        else:
+            omitted = _draw_vehicles(result, draws, seed, given, Path(output), delays)
+    except NotIdentifiedError as error:
+        omitted = (str(error),)
+    if omitted:
+        complain(*omitted)
+    return ExitCode.NOT_IDENTIFIED if omitted else ExitCode.IDENTIFIED
+
+
+def _draw_vehicles(
+    result: SavedFit, count: int, seed: int, supplied: Supplied, path: Path, delays: Delays
+) -> tuple[str, ...]:
+    replace(supplied, mass=None).check_only((), "draws of a table", body=False)
+    table = draws_table(result, count, seed, supplied.mass, delays=delays.value)
+    buffer = io.BytesIO()
+    table.write_parquet(buffer)
+    with writing(path):
+        write_atomically(path, buffer.getvalue())
+    absent = [name for name in result.names if name not in table.columns]
+    return (f"Not identified, hence no column: {', '.join(absent)}.",) if absent else ()
+
+
+def supplied(mass: str, priors: Sequence[str], vehicle: str) -> Supplied:
+    """What is known beside a flight, of ``KG[:STD]``, ``NAME=VALUE[:STD]`` and a vehicle's name or file."""
+    known = {}
+    for text in priors:
+        name, equals, number = text.partition("=")
+        if not equals:
+            raise UsageError("a prior NAME=VALUE:STD", f"'{text}'", "Give delay=0.01:0.002, for example.")
+        known[name.strip()] = _known(number, "--prior")
+    known_mass = _known(mass, "--mass") if mass else None
+    return Supplied(known_mass, known, load_vehicle(vehicle) if vehicle else None)
+
+
+def _known(text: str, option: str) -> KnownNumber:
+    value, std = parse_pair(text if ":" in text else f"{text}:0", omitted=(math.nan, math.nan))
+    if math.isnan(std) or not math.isfinite(value):
+        raise UsageError(f"VALUE or VALUE:STD for {option}", f"'{text}'", "Give 1.53:0.02, for example.")
+    return known_number(value, std)

@@ -1,0 +1,152 @@
+"""Options of an identification, declared once: for help, page, JSON Schema and documentation."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Any, get_type_hints
+
+import msgspec
+import typer
+
+from eivor.cli.outputs import ModelOption, Reads, VehicleOption, flag, log_paths, option
+
+#: Default of an option that may be given several times.
+NO_TEXTS: list[str] = []
+#: What is identified by default: `eivor.motions.DEFAULT`, which help does not load.
+DEFAULT_MODEL = "vertical"
+#: The names of `eivor.estimation.methods.TABLE`, which help does not load.
+METHODS = (
+    *("reference_iv", "least_squares", "whitened_least_squares", "total_least_squares", "extended_iv"),
+    *("generalized_iv", "generalized_iv_tls", "bias_compensated_least_squares", "spectral_giv", "whittle_ml"),
+)
+
+
+class FlightWords(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
+    """Choices for the identification of a flight, as they are typed; `eivor.cli.parsing` reads them."""
+
+    window: Annotated[str, option("START:END", "Use this window of each log, in seconds from its start.")] = (
+        ""
+    )
+    max_tilt: Annotated[
+        float | None, option("DEG", "Leave out what is tilted further (default: 25.8 degrees).")
+    ] = None
+    input_channel: Annotated[
+        str,
+        option("CHANNEL", "Channel, or family such as rotor_command, that drives the vehicle.", "--input"),
+    ] = ""
+    input_map: Annotated[
+        str,
+        option(
+            "MAP", "From command to thrust: linear, square, power:EXPONENT, mixed:SHARE; fit finds it out."
+        ),
+    ] = ""
+    accelerometer_bias: Annotated[
+        float | None,
+        option(
+            "STD",
+            "Standard deviation of the accelerometer's bias in m/s^2, which --input-map fit rests on "
+            "(default: 0.1; inf when nothing is known of it).",
+        ),
+    ] = None
+    instruments: Annotated[
+        str, option("NAMES", "references, lags, or channels with commas between them.")
+    ] = ""
+    method: Annotated[str, option("NAME", f"{', '.join(METHODS)}.", show_default=True)] = "reference_iv"
+    compare: Annotated[bool, flag("--compare", "List every method side by side.")] = False
+    lag: Annotated[
+        str,
+        option(
+            "MS:STD|LOW..HIGH|none",
+            "Lag and delay of the actuators together, known from elsewhere: 70:15 is 70 ms with a standard "
+            "deviation of 15 ms, 50..90 is anything between, none is neither lag nor delay.",
+        ),
+    ] = ""
+    lag_from: Annotated[
+        str,
+        option("FIT.json", "Take it from another flight of this vehicle, identified with --json."),
+        Reads(),
+    ] = ""
+    align: Annotated[bool, flag("--align", "Take offset and scale out of sensors that disagree.")] = False
+    pool_friction: Annotated[
+        str,
+        option(
+            "WAY",
+            "Of several flights: auto, common (one friction for all) or separate (each its own, and their "
+            "mean). auto takes them as common where they agree.",
+            show_default=True,
+        ),
+    ] = "auto"
+    terms: Annotated[
+        list[str],
+        option(
+            "NAME",
+            "Add an optional term of the motion to its equation, such as quadratic-drag; several times "
+            "for several.",
+            "--term",
+        ),
+    ] = msgspec.field(default_factory=list)
+    rotor_radius: Annotated[
+        float | None,
+        option(
+            "M", "Radius of a rotor in metres, such as 0.12: heights over the ground are reported in radii."
+        ),
+    ] = None
+    noise: Annotated[
+        list[str],
+        option(
+            "NAME=STD|estimate",
+            "Measurement noise of a channel, for methods that take it out: velocity_z=0.02, with a unit "
+            "where it is not SI (2cm/s), or a data sheet's velocity_z=density:0.002,bandwidth:50,step:0.01. "
+            "estimate reads all of them off the log. Several times for several channels.",
+        ),
+    ] = msgspec.field(default_factory=list)
+
+
+class LogWords(msgspec.Struct, kw_only=True):
+    """Logs, and what is identified of them."""
+
+    logs: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="LOG",
+            help="ULog, Crazyflie microSD, CSV or Parquet; - is standard input. Several are pooled as "
+            "flights of one vehicle. LOG@START:END takes a window of one log.",
+            show_default=False,
+        ),
+        Reads(log_paths),
+    ] = None
+    example: Annotated[bool, flag("--example", "Use the example flight that comes with Eivor.")] = False
+    model: ModelOption = DEFAULT_MODEL
+    vehicle: VehicleOption = ""
+    channel_map: Annotated[
+        str,
+        option(
+            "FILE.toml",
+            "Channel map of a table, a bag or a Crazyflie's log, or the name of a shipped one: "
+            "betaflight_csv, crazyflie_csv, inav_csv, nanobench, rotorpy.",
+            "--map",
+        ),
+        Reads(),
+    ] = ""
+
+
+def options_schema() -> dict[str, Any]:
+    """JSON Schema of the options of an identification."""
+    schema = msgspec.json.schema(FlightWords)
+    properties = schema["$defs"][FlightWords.__name__]["properties"]
+    for name, hint in get_type_hints(FlightWords, include_extras=True).items():
+        about = hint.__metadata__[0]
+        properties[name] |= {"title": about.metavar or name, "description": about.help}
+    return schema
+
+
+def parse_pair(
+    text: str, separator: str = ":", omitted: tuple[float, float] = (-math.inf, math.inf)
+) -> tuple[float, float]:
+    """Numbers on both sides of a separator, others in place of those left out; NaN where there are none."""
+    texts = text.split(separator, 1)
+    try:
+        first, second = (float(part) if part.strip() else omitted[side] for side, part in enumerate(texts))
+    except ValueError:  # also of a text without the separator
+        return math.nan, math.nan
+    return first, second

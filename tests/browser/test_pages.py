@@ -1,0 +1,289 @@
+"""Built documentation and reports in a browser, without a network."""
+
+from __future__ import annotations
+
+import json
+import os
+import threading
+from dataclasses import replace
+from functools import partial
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
+from importlib import resources
+from pathlib import Path
+
+import pytest
+
+from browser.conftest import PATIENCE_MS
+from coarse_search import coarse
+from eivor.flights.options import FlightOptions
+from eivor.flights.result import FlightEstimate
+from eivor.inference.verdict import Reason, Status, Verdict
+from eivor.logs.read import example_flight
+from eivor.motions.identify import identify_flight
+from eivor.report.flight_page import flight_page
+
+# -- The documentation as it was built, opened from disk and from a server of this machine, wit --
+
+SITE = os.environ.get("EIVOR_SITE", "")
+#: How many equations there are, how many are drawn, and what KaTeX did not understand.
+EQUATIONS = """() => {
+  const found = [...document.querySelectorAll(".arithmatex")];
+  return {
+    all: found.length,
+    drawn: found.filter((one) => one.querySelector(".katex-html")?.getBoundingClientRect().width > 0).length,
+    wrong: [...document.querySelectorAll(".katex-error")].map((one) => one.textContent),
+    fonts: found.length === 0 || document.fonts.check("16px KaTeX_Main"),
+  };
+}"""
+#: A word, and a page that is about it.
+WORDS = {"Whittle": "efficiency.html", "battery_brownout": "getting-started.html"}
+
+
+def searched(page, word):
+    """Names of the pages that a search finds."""
+    page.locator(".md-search__input").fill("")
+    page.locator(".md-search__input").press_sequentially(word)
+    locator = page.locator(".md-search-result__link", has_text=word)
+    locator.first.wait_for(state="attached")
+    return {item.get_attribute("href").partition("#")[0].rpartition("/")[2] for item in locator.all()}
+
+
+@pytest.fixture
+def watched(chromium):
+    """Open a page, and keep what it asks for and says; offline, but for a server of this machine."""
+    contexts = []
+
+    def opening(*, offline):
+        context = chromium.new_context(offline=offline, viewport={"width": 1440, "height": 900})
+        context.set_default_timeout(PATIENCE_MS)
+        contexts.append(context)
+        page = context.new_page()
+        page.asked, page.said = [], []
+        page.on("request", lambda request: page.asked.append(request.url))
+        page.on("console", lambda message: page.said.append(message.text))
+        page.on("pageerror", lambda error: page.said.append(str(error)))
+        return page
+
+    yield opening
+    for context in contexts:
+        context.close()
+
+
+@pytest.fixture
+def served():
+    """Address of a server of the pages."""
+    handler = partial(QuietHandler, directory=SITE)
+    with ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        yield f"http://127.0.0.1:{server.server_port}"
+        server.shutdown()
+
+
+class QuietHandler(SimpleHTTPRequestHandler):
+    def log_message(self, *_):
+        pass
+
+
+def outside(page, origin):
+    return [url for url in page.asked if not url.startswith((f"{origin}/", "data:"))]
+
+
+@pytest.mark.thorough
+@pytest.mark.skipif(
+    not SITE, reason="EIVOR_SITE names no documentation: mkdocs build --site-dir FOLDER makes it"
+)
+def test_every_page_from_disk(watched):
+    """Nothing is asked of a network, nothing is missing, and every equation is drawn."""
+    page = watched(offline=True)
+    paths = sorted(path for path in Path(SITE).rglob("*.html") if path.name != "404.html")
+    assert len(paths) > 28
+    equations = 0
+    for path in paths:
+        page.goto(path.as_uri())
+        page.evaluate("document.fonts.ready")
+        seen = page.evaluate(EQUATIONS)
+        assert seen == {"all": seen["all"], "drawn": seen["all"], "wrong": [], "fonts": True}, path.name
+        equations += seen["all"]
+    assert equations > 600
+    assert outside(page, f"file://{SITE}") == []
+    assert page.said == []
+
+
+@pytest.mark.thorough
+@pytest.mark.skipif(
+    not SITE, reason="EIVOR_SITE names no documentation: mkdocs build --site-dir FOLDER makes it"
+)
+def test_search_from_disk(watched):
+    page = watched(offline=True)
+    page.goto((Path(SITE) / "studies" / "coverage.html").as_uri())
+    for word, about in WORDS.items():
+        assert about in searched(page, word), word
+    page.locator(".md-search-result__link").first.click()
+    page.wait_for_url("file://**/*.html*")
+    assert page.url.partition("?")[0] != (Path(SITE) / "studies" / "coverage.html").as_uri()
+    assert outside(page, f"file://{SITE}") == []
+    assert page.said == []
+
+
+@pytest.mark.thorough
+@pytest.mark.skipif(
+    not SITE, reason="EIVOR_SITE names no documentation: mkdocs build --site-dir FOLDER makes it"
+)
+def test_search_and_equations_from_a_server(watched, served):
+    page = watched(offline=False)
+    page.goto(f"{served}/studies/coverage.html")
+    seen = page.evaluate(EQUATIONS)
+    assert seen["drawn"] == seen["all"] > 0
+    assert "efficiency.html" in searched(page, "Whittle")
+    assert outside(page, served) == []
+    assert page.said == []
+
+
+# -- The page of a result in a real browser, from a file and without a network --
+
+LOOKS = (Path(__file__).parent / "looks.js").read_text(encoding="utf-8")
+HOSTILE = "</script><script>alert(1)</script><img src=x onerror=alert(2)>\u202e\u2066" + 10_000 * "W"
+PLOTTED = ".charts .shown"
+UNFOLD = "document.querySelectorAll('details').forEach((one) => { one.open = true; })"
+KINDS = ("fit", "pool", "refused", "hostile")
+
+
+@pytest.fixture(scope="module")
+def fit() -> FlightEstimate:
+    with coarse():
+        return identify_flight(example_flight(), FlightOptions(window=(10.0, 50.0)))
+
+
+@pytest.fixture(scope="module")
+def pages(fit: FlightEstimate) -> dict[str, str]:
+    log = fit.prepared[0].recording
+    flights = [replace(log, name=name, sha256=name) for name in ("first", f"second-{60 * 'long'}")]
+    with coarse():
+        pool = identify_flight(flights, FlightOptions(compare=True), windows=[(0.0, 20.0), (20.0, 40.0)])
+    reasons = (Reason(Status.REFUSED, f"It says {HOSTILE}.", f"Do {HOSTILE}."),)
+    flight = replace(fit.prepared[0], recording=replace(log, name=HOSTILE, format=HOSTILE))
+    refused = replace(fit, fit=None, verdict=Verdict(Status.REFUSED, reasons[:1]))
+    results = {
+        "fit": fit,
+        "pool": pool,
+        "refused": replace(
+            refused, verdict=Verdict(Status.REFUSED, (Reason(Status.REFUSED, "It is still."),))
+        ),
+        "hostile": replace(fit, prepared=(flight,), verdict=Verdict(Status.REFUSED, reasons)),
+    }
+    return {name: flight_page(result) for name, result in results.items()}
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("kind", KINDS)
+def test_it_is_legible_and_asks_for_nothing(opened, pages, kind):
+    page = opened(pages[kind], width=360)
+    assert page.evaluate(LOOKS) == []
+    page.evaluate(UNFOLD)
+    for width in (360, 768, 1440):
+        page.set_viewport_size({"width": width, "height": 900})
+        page.wait_for_timeout(100)
+        assert page.evaluate(LOOKS) == [], width
+    assert [url for url in page.asked if not url.startswith(("file:", "data:,"))] == []
+    assert sum(url.startswith("file:") for url in page.asked) == 1
+    assert page.said == []
+    assert page.evaluate("broken") == []
+
+
+@pytest.mark.thorough
+def test_the_policy_holds(opened, pages):
+    page = opened(pages["fit"])
+    page.evaluate(
+        "document.body.append(Object.assign(document.createElement('img'), {src: 'https://eivor.invalid/'}))"
+    )
+    page.wait_for_function("broken.length > 0")
+    assert page.evaluate("broken") == ["img-src"]
+    with pytest.raises(Exception, match="TrustedHTML"):
+        page.evaluate("document.body.innerHTML = '<b>no</b>'")
+
+
+@pytest.mark.thorough
+def test_it_zooms_by_pointer_keys_and_buttons(opened, pages):
+    page = opened(pages["fit"])
+    locator = page.locator(PLOTTED)
+    text_content = locator.text_content()
+    assert text_content == "8.4 s to 51.6 s"
+    chart = page.locator(".chart .u-over").first
+    chart.scroll_into_view_if_needed()
+    box = chart.bounding_box()
+    middle = box["y"] + 0.5 * box["height"]
+    page.mouse.move(box["x"] + 0.25 * box["width"], middle)
+    page.mouse.down()
+    page.mouse.move(box["x"] + 0.5 * box["width"], middle, steps=5)
+    page.mouse.up()
+    first, last = seconds(locator.text_content())
+    assert first == pytest.approx(8.4 + 0.25 * 43.2, abs=0.3)
+    assert last == pytest.approx(8.4 + 0.5 * 43.2, abs=0.3)
+    assert page.locator(".legend output").first.text_content().endswith("m/s²")
+    chart.dblclick()
+    assert locator.text_content() == text_content
+    page.locator(".chart").nth(1).focus()
+    page.keyboard.press("+")
+    assert seconds(locator.text_content()) == pytest.approx((19.2, 40.8), abs=0.11)
+    page.keyboard.press("ArrowRight")
+    assert seconds(locator.text_content()) == pytest.approx((24.6, 46.2), abs=0.11)
+    page.keyboard.press("0")
+    assert seconds(locator.text_content()) == pytest.approx((0.0, 60.0), abs=0.11)
+    page.get_by_role("button", name="Show what is used").click()
+    assert locator.text_content() == text_content
+
+
+def seconds(text: str) -> tuple[float, ...]:
+    return tuple(float(item.removesuffix(" s")) for item in text.split(" to "))
+
+
+@pytest.mark.thorough
+def test_what_a_log_says_stays_text(opened, pages):
+    page = opened(pages["hostile"])
+    assert "<script>alert(1)</script>" in page.locator("h1").text_content()
+    assert page.locator("img").count() == 0
+    assert page.evaluate("JSON.parse(document.getElementById('result').textContent).logs[0].name") == HOSTILE
+    assert page.said == []
+
+
+@pytest.mark.thorough
+def test_the_theme_changes_and_paper_is_light(opened, pages):
+    page = opened(pages["fit"], scheme="dark")
+    paper = "getComputedStyle(document.body).backgroundColor"
+    dark = page.evaluate(paper)
+    page.locator("#theme").click()
+    assert page.evaluate(paper) != dark
+    page.locator("#theme").click()
+    assert page.evaluate(paper) == dark
+    page.evaluate("dispatchEvent(new Event('beforeprint'))")
+    assert page.evaluate(paper) != dark
+    page.evaluate("dispatchEvent(new Event('afterprint'))")
+    assert page.evaluate(paper) == dark
+
+
+@pytest.mark.thorough
+def test_it_saves_its_numbers(opened, pages, fit, tmp_path):
+    page = opened(pages["fit"])
+    with page.expect_download() as saved:
+        page.locator("#save").click()
+    saved.value.save_as(tmp_path / "saved.json")
+    assert json.loads((tmp_path / "saved.json").read_text()) == json.loads(fit.to_json())
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(
+    ("kind", "scheme", "rules"),
+    [("pool", "light", "{}"), ("refused", "dark", "{runOnly: ['color-contrast']}")],
+)
+def test_nothing_serious_stands_in_anybodys_way(opened, pages, kind, scheme, rules):
+    axe = resources.files(pytest.importorskip("axe_playwright_python")).joinpath("axe.min.js")
+    page = opened(pages[kind], scheme=scheme)
+    page.evaluate(UNFOLD)
+    page.evaluate(axe.read_text(encoding="utf-8"))
+    evaluate = page.evaluate(f"axe.run(document, {rules}).then((done) => done.violations)")
+    selected = [
+        (item["id"], item["nodes"][0]["html"])
+        for item in evaluate
+        if item["impact"] in {"serious", "critical"}
+    ]
+    assert selected == []

@@ -1,0 +1,570 @@
+"""`eivor export` as it is called."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+import shlex
+import shutil
+import threading
+from collections.abc import Callable, Iterator
+from functools import partial
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from typing import Any
+
+import polars
+import polars as pl
+import pytest
+
+import eivor as ev
+from eivor.cli import tools
+from eivor.cli.tools import PublicLog, fetched, public_logs
+from eivor.errors import CorruptLogError, InputError
+from eivor.motions.rigid_body.vehicle import load_vehicle, shipped_vehicles, vehicle_template
+from eivor.planning.vehicle import VehicleGuess
+from eivor.report import other_results
+from exports.documents import document, refused, written
+from exports.identified import TRUE, px4_log
+from exports.test_autopilots import qgc
+from planning.conftest import planned as plan_of
+
+# -- `eivor export` as it is called --
+
+Caller = Callable[..., Any]
+
+
+@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
+def test_parameters_are_written(eivor: Caller, tmp_path: Path) -> None:
+    log, fit, file = (tmp_path / name for name in ("flight.ulg", "fit.json", "vehicle.params"))
+    log.write_bytes(px4_log())
+    fitted = ("--input", "actuator_output", "--input-map", "fit")
+    assert eivor("identify", log, *fitted, "--json", fit).code == 0
+    assert eivor("export", fit, "--to", "px4", "-o", file).code == 0
+    assert qgc(file.read_text())["THR_MDL_FAC"] == pytest.approx(TRUE, abs=0.03)
+    assert eivor("export", fit, "--to", "px4").out == file.read_text()
+    log.write_bytes(px4_log(in_force=TRUE))
+    assert eivor("identify", log, "--json", fit).code == 0
+    partly = eivor("export", fit, "--to", "px4")
+    assert partly.code == 3
+    assert list(qgc(partly.out)) == ["MPC_THR_HOVER"]
+    assert "THR_MDL_FAC is not written" in partly.err
+
+
+def test_what_is_not_identified_leaves_with_code_3(eivor: Caller, tmp_path: Path) -> None:
+    fit, file = written(refused(document(), "viscous_friction"), tmp_path), tmp_path / "model.json"
+    run = eivor("export", fit, "--to", "statespace", "-o", file)
+    assert run.code == 3
+    assert "--prior viscous_friction=VALUE:STD" in run.err
+    assert not file.exists()
+    given = eivor("export", fit, "--to", "statespace", "--prior", "viscous_friction=0.3:0.1", "-o", file)
+    assert given.code == 0
+    assert json.loads(file.read_text())["numbers"]["viscous_friction"]["source"] == "given"
+
+
+def test_draws_are_a_table(eivor: Caller, tmp_path: Path) -> None:
+    fit, file = written(document(), tmp_path), tmp_path / "draws.parquet"
+    assert eivor("export", fit, "--draws", 50, "--mass", "1.53:0.02", "-o", file).code == 0
+    table = pl.read_parquet(file)
+    assert table.columns == ["viscous_friction", "input_gain", "actuator_lag", "delay", "mass"]
+    assert table.height == 50
+    assert table["mass"].std() == pytest.approx(0.02, rel=0.3)
+    assert eivor("export", fit, "--draws", 50, "--delays", "all", "-o", file).code == 0
+    assert set(pl.read_parquet(file).columns) == {"viscous_friction", "input_gain", "actuator_lag", "delay"}
+    partly = written(refused(document(), "viscous_friction"), tmp_path)
+    run = eivor("export", partly, "--draws", 50, "-o", file)
+    assert run.code == 3
+    assert "viscous_friction" in run.err
+    assert pl.read_parquet(file)["input_gain"].to_list() == table["input_gain"].to_list()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ([], "--to TARGET, --draws N or both"),
+        (["--to", "px4", "--draws", "5"], "draws for rotorpy, mujoco, isaaclab"),
+        (["--to", "rotorpy", "--draws", "5", "--delays", "all"], "Simulators have no delay"),
+        (["--to", "isaaclab"], "It takes draws: --draws 1000"),
+        (["--draws", "5", "--vehicle", "crazyflie-2x", "-o", "d.parquet"], "no vehicle for draws of a table"),
+        (["--to", "px"], "a target out of px4"),
+        (["--draws", "5"], "-o draws.parquet"),
+        (["--draws", "0", "-o", "d.parquet"], "0 draws"),
+        (["--to", "statespace", "--prior", "delay"], "a prior NAME=VALUE:STD"),
+        (["--to", "statespace", "--prior", "delay=x"], "VALUE or VALUE:STD"),
+        (["--to", "px4", "--mass", "-1"], "a mass above zero"),
+        (["--to", "px4", "-o", "fit.json"], "which would replace"),
+    ],
+)
+def test_wrong_usage(
+    arguments: list[str], message: str, eivor: Caller, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    run = eivor("export", written(document(), tmp_path), *arguments)
+    assert run.code == 2
+    assert message in " ".join(run.err.split())
+
+
+def test_a_file_that_is_no_result(eivor: Caller, tmp_path: Path) -> None:
+    assert eivor("export", tmp_path / "none.json", "--to", "px4").code == 1
+
+
+# -- `eivor inspect` --
+
+
+@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
+@pytest.mark.thorough
+def test_every_channel_is_listed_with_its_source(eivor: Caller, log: Path, flight: polars.DataFrame) -> None:
+    run = eivor("inspect", log)
+    assert run.code == 0
+    assert run.err == ""
+    for name in flight.columns:
+        assert name == "time" or name in run.out
+    assert "What identify says" in run.out
+    assert max(len(line) for line in run.out.splitlines()) <= 100
+
+
+@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
+@pytest.mark.thorough
+def test_json_has_the_documented_keys(eivor: Caller, log: Path, tmp_path: Path) -> None:
+    run = eivor("inspect", f"{log}@5:20", "--json", "-")
+    document = json.loads(run.out)
+    described = (
+        (Path(__file__).parents[2] / "docs" / "json.md").read_text().partition("## `eivor.inspect/1`")[2]
+    )
+    assert document["schema"] == "eivor.inspect/1"
+    assert all(f"| `{key}` |" in described for key in document)
+    assert all(f"`{key}`" in described for channel in document["channels"] for key in channel)
+    assert document["airborne"]["used"] == [pytest.approx([5.0, 20.0], abs=0.02)]
+    assert eivor("inspect", log, "--json", tmp_path / "x.json").code == 0
+    assert json.loads((tmp_path / "x.json").read_text())["verdict"]
+
+
+@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
+def test_a_log_that_identify_cannot_use_is_inspected(
+    eivor: Caller, flight: polars.DataFrame, tmp_path: Path
+) -> None:
+    path = tmp_path / "blind.csv"
+    flight.drop("velocity_z").write_csv(path)
+    run = eivor("inspect", path)
+    assert run.code == 0
+    assert "velocity_z (needed)" in run.out
+    assert "cannot begin" in run.out
+    assert "Add a column 'velocity_z'" in run.out
+    assert json.loads(eivor("inspect", path, "--json", "-").out)["verdict"] == "unusable"
+
+
+@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
+@pytest.mark.thorough
+def test_dirt_is_counted(eivor: Caller, flight: polars.DataFrame, tmp_path: Path) -> None:
+    path = tmp_path / "dirty.csv"
+    table = polars.concat([flight.head(1000), flight.slice(990, 10), flight.slice(1300, 1700)])
+    table.write_csv(path)
+    document = json.loads(eivor("inspect", path, "--json", "-").out)
+    velocity = next(channel for channel in document["channels"] if channel["name"] == "velocity_z")
+    assert velocity["duplicated_stamps"] + velocity["backward_stamps"] == 10
+    assert len(velocity["gaps"]) == 1
+    assert "1 gap of 3" in eivor("inspect", path).out
+
+
+@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
+@pytest.mark.thorough
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("--example",),
+        ("--example", "--window", "0:12"),
+        ("LOG", "--max-tilt", "4"),
+        ("LOG", "--input", "rotor_command_1"),
+        ("LOG", "--input-map", "linear"),
+        ("LOG@0:14", "LOG@14:29"),
+        ("LOG@0:14", "LOG@14:29", "--max-tilt", "4", "--input-map", "power:2"),
+    ],
+)
+def test_it_foretells_what_identify_says(eivor: Caller, log: Path, arguments: tuple[str, ...]) -> None:
+    """With the same arguments, for one log and for several."""
+    typed = [argument.replace("LOG", str(log)) for argument in arguments]
+    foretold = json.loads(eivor("inspect", *typed, "--json", "-").out)
+    sentence = json.loads(eivor("identify", *typed, "--json", "-").out)
+    assert (foretold["verdict"], foretold["reasons"]) == (sentence["verdict"], sentence["reasons"])
+
+
+@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
+@pytest.mark.thorough
+def test_several_logs_are_told_one_by_one_and_together(eivor: Caller, log: Path) -> None:
+    run = eivor("inspect", f"{log}@0:14", f"{log}@14:29")
+    assert run.code == 0
+    assert run.out.count("What identify says (found by running it)") == 2
+    assert "What identify says of the 2 logs together" in run.out
+    assert "flight.csv@0:14" in run.out
+    document = json.loads(eivor("inspect", f"{log}@0:14", f"{log}@14:29", "--json", "-").out)
+    described = (
+        (Path(__file__).parents[2] / "docs" / "json.md").read_text().partition("## `eivor.inspect_pool/1`")[2]
+    )
+    assert document["schema"] == "eivor.inspect_pool/1"
+    assert all(f"| `{key}` |" in described for key in document)
+    ends = [part["airborne"]["used"][-1][1] for part in document["logs"]]
+    assert ends == pytest.approx([14.0, 29.0], abs=0.05)
+    assert {part["schema"] for part in document["logs"]} == {"eivor.inspect/1"}
+
+
+@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
+@pytest.mark.thorough
+def test_a_log_of_several_windows_is_read_once(
+    eivor: Caller, log: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Standard input cannot be read a second time."""
+    read: list[Path] = []
+    read_log = ev.read_log
+
+    def counted(path: Path, **options: Any) -> ev.Recording:
+        read.append(path)
+        return read_log(path, **options)
+
+    monkeypatch.setattr("eivor.cli.results.read_log", counted)
+    document = json.loads(eivor("inspect", f"{log}@0:14", f"{log}@14:29", "--json", "-").out)
+    assert len(document["logs"]) == 2
+    assert read == [log]
+
+
+@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
+@pytest.mark.thorough
+def test_logs_that_cannot_be_pooled_are_inspected(
+    eivor: Caller, log: Path, flight: polars.DataFrame, tmp_path: Path
+) -> None:
+    blind = tmp_path / "blind.csv"
+    flight.drop("velocity_z").write_csv(blind)
+    document = json.loads(eivor("inspect", log, blind, "--json", "-").out)
+    assert document["verdict"] == "unusable"
+    assert "velocity_z" in document["reasons"][0]
+    assert [part["verdict"] == "unusable" for part in document["logs"]] == [False, True]
+    assert "cannot begin" in eivor("inspect", log, blind).out
+
+
+@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
+def test_wrong_usage_and_unreadable_input(eivor: Caller, log: Path, tmp_path: Path) -> None:
+    assert eivor("inspect").code == 2
+    assert "received both" in eivor("inspect", log, "--example").err
+    assert eivor("inspect", "--example", "--map", "nanobench").code == 2
+    assert eivor("inspect", log, "--max-tilt", "91").code == 2
+    assert eivor("inspect", log, "--input-map", "cube").code == 2
+    assert eivor("inspect", log, "--window", "x").code == 2
+    assert eivor("inspect", log, "--window", "900:901").code == 2
+    assert eivor("inspect", tmp_path / "none.ulg").code == 1
+    assert eivor("inspect", log, "--json", tmp_path / "none" / "x.json").code == 1
+
+
+# -- `eivor plan` as it is called; the plan itself is made elsewhere --
+
+
+@pytest.fixture
+def asked(monkeypatch: pytest.MonkeyPatch) -> list[dict[str, Any]]:
+    """What the command asks for; it gets a plan without simulations."""
+    calls: list[dict[str, Any]] = []
+
+    def made(vehicle: VehicleGuess, **options: Any) -> Any:
+        calls.append({"vehicle": vehicle, **options})
+        return plan_of(options["shape"] or "multisine")
+
+    monkeypatch.setattr(other_results, "make_plan", made)
+    return calls
+
+
+def test_every_form_is_written(eivor: Caller, asked: list[dict[str, Any]], tmp_path: Path) -> None:
+    files = {name: tmp_path / f"flight{ending}" for name, ending in (("csv", ".csv"), ("mavsdk", ".py"))}
+    files |= {"rotorpy": tmp_path / "trajectory.py", "qgc": tmp_path / "flight.plan"}
+    options = [text for name, path in files.items() for text in (f"--{name}", path)]
+    run = eivor("plan", "--for", "friction", "--home", "47.4,8.5", "--json", tmp_path / "plan.json", *options)
+    assert run.code == 3  # identified in one of two simulated flights
+    assert "identified in 1 of 2" in " ".join(run.out.split())
+    assert "is not identified in most" in run.err
+    assert all(path.stat().st_size > 500 for path in files.values())
+    assert json.loads((tmp_path / "plan.json").read_text())["schema"] == "eivor.plan/1"
+    assert asked[0]["shape"] == "steps"  # a mission has levels only
+
+
+def test_rough_numbers_and_limits_reach_the_plan(
+    eivor: Caller, asked: list[dict[str, Any]], tmp_path: Path
+) -> None:
+    limits = ("--height", "2:4", "--speed", "1", "--time", "90", "--tilt", "15", "--acceleration", "2")
+    run = eivor("plan", "--hover", "0.4", "--lag", "80", "--gusts", "0.6", *limits, "--json", "-")
+    assert json.loads(run.out)["target"] == "friction"
+    assert asked[0]["vehicle"] == VehicleGuess(hover_input=0.4, lag_s=0.08, gust_rms=0.6)
+    result = asked[0]["limits"]
+    assert (result.height_m, result.speed, result.duration_s) == ((2.0, 4.0), 1.0, 90.0)
+    assert (result.tilt_deg, result.acceleration) == (15.0, 2.0)
+    vehicle = tmp_path / "vehicle.toml"
+    vehicle.write_text("viscous_friction = 0.7\n")
+    assert eivor("plan", vehicle).code == 3
+    assert asked[1]["vehicle"].viscous_friction == 0.7
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--qgc", "a.plan"), "--home LAT,LON"),
+        (("--qgc", "a.plan", "--home", "1,2", "--shape", "multisine"), "--shape steps with --qgc"),
+        (("--height", "3:"), "with both ends"),
+        (("--height", "9:3"), "--height LOW:HIGH with both ends, LOW below HIGH; received '9:3'"),
+        (("--height", "high"), "--height LOW:HIGH with both ends"),
+        (("--csv", ""), "Expected a value for --csv; received an empty text. Give --csv FILE, or leave"),
+        (("--hover", "2"), "hover_input between"),
+        (("fit.json", "--hover", "0.5"), "rough numbers as options"),
+    ],
+)
+def test_wrong_usage_is_told(
+    eivor: Caller, asked: list[dict[str, Any]], options: tuple[str, ...], words: str
+) -> None:
+    run = eivor("plan", *options)
+    assert run.code == 2
+    assert words in run.err
+    assert not asked
+
+
+def test_a_file_that_is_no_result_is_told(eivor: Caller, tmp_path: Path) -> None:
+    assert eivor("plan", tmp_path / "none.json").code == 1
+
+
+# -- `eivor vehicle` as a user meets it --
+
+
+@pytest.fixture(autouse=True)
+def _here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+
+def test_new_writes_a_file_that_show_accepts(eivor, tmp_path):
+    run = eivor("vehicle", "new", "mine.toml")
+    assert (run.code, run.out, run.err) == (0, "mine.toml: fill in what you know\n", "")
+    assert load_vehicle(tmp_path / "mine.toml").name == "My quadrotor"
+    run = eivor("vehicle", "show", "mine.toml")
+    assert (run.code, run.out, run.err) == (0, vehicle_template(), "")
+
+
+def test_new_prints_where_there_is_no_file(eivor):
+    assert eivor("vehicle", "new").out == vehicle_template()
+
+
+def test_new_takes_nobodys_file(eivor, tmp_path):
+    (tmp_path / "mine.toml").write_text("name = 'kept'", encoding="utf-8")
+    run = eivor("vehicle", "new", "mine.toml")
+    assert run.code == 2
+    assert "which would be lost" in run.err
+    assert (tmp_path / "mine.toml").read_text(encoding="utf-8") == "name = 'kept'"
+
+
+@pytest.mark.parametrize(
+    ("file", "code", "told"),
+    [("mine.txt", 2, "ends in .toml"), ("none/mine.toml", 1, "does not exist"), (".", 2, "the folder")],
+)
+def test_new_needs_a_place(eivor, file, code, told):
+    run = eivor("vehicle", "new", file)
+    assert run.code == code
+    assert told in run.err
+
+
+def test_list_names_what_show_shows(eivor):
+    listed = eivor("vehicle", "list").out
+    for name in shipped_vehicles():
+        assert name in listed
+        run = eivor("vehicle", "show", name)
+        assert run.code == 0
+        assert "[rotors]" in run.out
+
+
+def test_show_tells_what_is_wrong(eivor, tmp_path):
+    (tmp_path / "mine.toml").write_text("mas = 1\n[rotors]\nlayout = 'quad-x'\nnumbering = 'px4'", "utf-8")
+    run = eivor("vehicle", "show", "mine.toml")
+    assert (run.code, run.out) == (1, "")
+    assert "Did you mean 'mass'" in run.err
+    run = eivor("vehicle", "show", "hexacopter")
+    assert run.code == 1
+    assert "crazyflie-2x" in run.err
+
+
+# -- `eivor example`: from a local server and from files, never from the network --
+
+CONTENT = b"a log"
+
+
+class _Quiet(SimpleHTTPRequestHandler):
+    def log_message(self, format: str, *args: object) -> None:
+        pass
+
+
+@pytest.fixture
+def server(tmp_path: Path) -> Iterator[str]:
+    """Address of a server on this machine that has one file."""
+    folder = tmp_path / "origin"
+    folder.mkdir()
+    (folder / "x.ulg").write_bytes(CONTENT)
+    with ThreadingHTTPServer(("127.0.0.1", 0), partial(_Quiet, directory=str(folder))) as result:
+        thread = threading.Thread(target=result.serve_forever, daemon=True)
+        thread.start()
+        yield f"http://127.0.0.1:{result.server_address[1]}"
+        result.shutdown()
+        thread.join()
+
+
+def _log(base: str, content: bytes = CONTENT) -> PublicLog:
+    return PublicLog("x", f"{base}/x.ulg", hashlib.sha256(content).hexdigest(), "A log.", "MIT")
+
+
+def test_a_log_is_fetched_once(server: str, tmp_path: Path) -> None:
+    folder = tmp_path / "cache"
+    path = fetched(_log(server), folder=folder)
+    assert path == folder / "x.ulg"
+    assert path.read_bytes() == CONTENT
+    (tmp_path / "origin" / "x.ulg").unlink()
+    assert fetched(_log(server), folder=folder) == path
+
+
+@pytest.mark.thorough
+def test_a_damaged_copy_is_fetched_again(server: str, tmp_path: Path) -> None:
+    path = fetched(_log(server), folder=tmp_path)
+    path.write_bytes(b"damage")
+    assert fetched(_log(server), folder=tmp_path).read_bytes() == CONTENT
+
+
+@pytest.mark.thorough
+def test_another_content_is_refused_and_not_kept(server: str, tmp_path: Path) -> None:
+    with pytest.raises(CorruptLogError, match="another content"):
+        fetched(_log(server, b"other"), folder=tmp_path / "cache")
+    assert not list((tmp_path / "cache").glob("*"))
+
+
+def test_what_is_not_there_is_told(server: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="404"):
+        fetched(_log(f"{server}/none"), folder=tmp_path / "cache")
+
+
+def test_no_network_is_told(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no connection"):
+        fetched(_log("http://127.0.0.1:1"), folder=tmp_path / "cache")
+
+
+def test_no_network_and_a_wrong_file_are_both_told(tmp_path: Path) -> None:
+    (tmp_path / "x.ulg").write_bytes(b"damage")
+    with pytest.raises(InputError, match=r"no connection; and '.*x\.ulg' is there with another content"):
+        fetched(_log("http://127.0.0.1:1"), folder=tmp_path)
+    assert (tmp_path / "x.ulg").read_bytes() == b"damage"
+    with pytest.raises(InputError, match=r"received no connection\. Check"):
+        fetched(_log("http://127.0.0.1:1"), folder=tmp_path / "empty")
+
+
+@pytest.mark.thorough
+def test_a_folder_that_cannot_be_is_told(server: str, tmp_path: Path) -> None:
+    (tmp_path / "cache").write_text("a file")
+    with pytest.raises(InputError, match="EIVOR_CACHE"):
+        fetched(_log(server), folder=tmp_path / "cache")
+
+
+def test_fetch_prints_the_path(eivor: Caller, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    origin = tmp_path / "origin folder"
+    origin.mkdir()
+    (origin / "x.ulg").write_bytes(CONTENT)
+    monkeypatch.setenv("EIVOR_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setattr(tools, "public_logs", lambda: {"x": _log(origin.as_uri())})
+    for name in ("x", "x.ulg"):
+        run = eivor("example", "fetch", name)
+        assert run.code == 0
+        assert run.out == f"{tmp_path / 'cache' / 'x.ulg'}\n"
+    monkeypatch.setattr(tools, "public_logs", lambda: {"x": _log("http://127.0.0.1:1", b"other")})
+    run = eivor("example", "fetch", "x")
+    assert run.code == 1
+    assert run.err.startswith("eivor: Expected")
+
+
+def test_an_unknown_name_is_wrong_usage(eivor: Caller) -> None:
+    run = eivor("example", "fetch", "nothing")
+    assert run.code == 2
+    assert "ekf_failure" in run.err
+
+
+def test_list_has_every_log(eivor: Caller) -> None:
+    run = eivor("example", "list")
+    assert run.code == 0
+    assert all(name in run.out for name in public_logs())
+
+
+def test_path_is_the_bundled_flight(eivor: Caller) -> None:
+    run = eivor("example", "path")
+    assert run.code == 0
+    assert Path(run.out.strip()).is_file()
+
+
+def test_every_source_is_at_a_fixed_version() -> None:
+    for log in public_logs().values():
+        assert log.url.startswith("https://raw.githubusercontent.com/")
+        assert any(len(part) == 40 and set(part) <= set("0123456789abcdef") for part in log.url.split("/"))
+        assert len(log.sha256) == 64
+
+
+@pytest.mark.recordings
+def test_the_hashes_are_those_of_the_files(recordings: Path) -> None:
+    hashes = {
+        path.name: hashlib.sha256(path.read_bytes()).hexdigest()
+        for path in recordings.glob("*/*")
+        if path.is_file()
+    }
+    for log in public_logs().values():
+        assert hashes[log.file_name] == log.sha256
+
+
+# -- The tutorial's commands run one after the other, and print what the page shows --
+
+PAGE = (Path(__file__).parents[2] / "docs" / "getting-started.md").read_text(encoding="utf-8")
+COMMANDS = re.compile(r"^```console\n(.*?)^```(?:\n\n```text\n(.*?)^```)?", re.MULTILINE | re.DOTALL)
+NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:e-?\d+)?")
+CLOSE = {"rel": 1e-2, "abs": 2e-3}
+
+
+def masked(text: str) -> list[str]:
+    return NUMBER.sub("#", text).split()
+
+
+def numbers(text: str) -> list[float]:
+    return [float(number) for number in NUMBER.findall(text)]
+
+
+def same(displayed: str, lines: list[str]) -> bool:
+    printed = "\n".join(lines)
+    return masked(displayed) == masked(printed) and numbers(displayed) == pytest.approx(
+        numbers(printed), **CLOSE
+    )
+
+
+def check(displayed: str, printed: str) -> None:
+    """Every part of what is shown, between lines of three dots, stands in what is printed, in this order."""
+    left = [line for line in printed.splitlines() if line.strip()]
+    for part in re.split(r"^\.\.\.\n", displayed, flags=re.MULTILINE):
+        rows = [line for line in part.splitlines() if line.strip()]
+        count = len(rows)
+        positions = (
+            index for index in range(len(left) - count + 1) if same(part, left[index : index + count])
+        )
+        position = next(positions, None)
+        assert position is not None, f"not printed:\n{part}\nbut\n{printed}"
+        left = left[position + count :]
+
+
+@pytest.mark.thorough
+def test_every_command_prints_what_is_shown(eivor, recordings, tmp_path, monkeypatch):
+    cache = tmp_path / "cache"
+    cache.mkdir()
+    monkeypatch.setenv("EIVOR_CACHE", str(cache))
+    monkeypatch.chdir(tmp_path)
+    steps = [(line, item) for block, item in COMMANDS.findall(PAGE) for line in block.splitlines()]
+    assert len(steps) == PAGE.count("\n$ ") > 10
+    for line, entry in steps:
+        fetched = re.fullmatch(r'\$ cp "\$\((eivor example fetch (\w+))\)" \.', line)
+        words = shlex.split(fetched[1] if fetched else line.removeprefix("$ "))
+        assert words[0] == "eivor"
+        if fetched:  # as if it had been downloaded before
+            (origin,) = recordings.rglob(f"{fetched[2]}.*[gv]")
+            shutil.copy(origin, cache)
+        ran = eivor(*words[1:])
+        if fetched:
+            shutil.copy(ran.out.strip(), tmp_path)
+        check(entry, ran.out + ran.err)
+    assert (tmp_path / "hover.html").stat().st_size > 100_000

@@ -1,0 +1,424 @@
+"""The lag as information: what it changes, what it is compared with, and when it cannot be had."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from flight_logs import LAG_S, changed, flown, prepare_vertical
+
+import eivor as ev
+from eivor.errors import ParameterError, UsageError
+from eivor.flights.estimate import SENSORS_APART_S, estimated, lags_from_rates
+from eivor.flights.lag_prior import LagMeasurement, LagPrior, with_lag_prior
+from eivor.flights.options import FlightOptions
+from eivor.flights.quantity import QuantityEstimate
+from eivor.inference.verdict import Status
+from eivor.lab.disturbances import OrnsteinUhlenbeck
+from eivor.models.separable import Nuisance, SeparableProblem, combinations
+from eivor.motions.rates.motion import Rates
+from eivor.motions.rigid_body.regression import searched_lag_and_delay
+from eivor.motions.vertical.motion import Vertical
+from eivor.report.flight import checks
+from eivor.signals.noise import WhiteNoise
+from eivor.signals.recording import Recording
+from eivor.simulation.controller import FlightController, Sensor
+from eivor.simulation.excitation import DrydenGust, RandomSteps
+from eivor.simulation.rigid_body import simulate_rigid_body_flights
+from eivor.simulation.rigid_body_spec import (
+    AxisExcitations,
+    Logged,
+    RigidBodyFlightSpec,
+    Sensors,
+    TorqueDisturbance,
+    Wind,
+)
+from motions.turning_logs import STEP_S, Vehicle, turned
+from simulation.rigid_body.test_rigid_flight import VEHICLE
+
+# -- The lag as information: what it changes, what it is compared with, and when it cannot be h --
+
+
+@pytest.fixture(scope="module")
+def log() -> Recording:
+    """A flight that hardly tells its lag."""
+    return flown(seconds=15.0, gust=3.0, amplitude=0.4, seed=5)[0]
+
+
+@pytest.mark.thorough
+@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
+def test_a_given_lag_narrows_what_it_moves(log):
+    alone = ev.identify_flight(log)
+    known = ev.identify_flight(log, lag=ev.Prior(LAG_S, 0.002))
+    for name in ("effective_lag", "viscous_friction"):
+        assert known.quantities[name].half_width < alone.quantities[name].half_width
+    assert known.quantities["effective_lag"].value == pytest.approx(LAG_S, abs=0.003)
+    vague = ev.identify_flight(log, lag=ev.Prior(LAG_S, 100.0))
+    for name, quantity in alone.quantities.items():
+        assert vague.quantities[name].value == pytest.approx(
+            quantity.value, abs=1e-3 * quantity.std_error if np.isfinite(quantity.std_error) else 0.0
+        )
+
+
+@pytest.mark.thorough
+@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
+def test_the_report_says_what_the_flight_alone_says(log):
+    alone = ev.identify_flight(log).quantities["effective_lag"]
+    known = ev.identify_flight(log, lag=ev.Prior(LAG_S, 0.015))
+    given = known.fit.lag_prior
+    assert given.alone.value == alone.value
+    assert given.p_value > 0.05
+    sentence = dict(checks(known))["lag"]
+    assert sentence.startswith("given 50 ± 15 ms (one standard deviation); the flight alone says ")
+    assert "they agree" in sentence
+    document = json.loads(known.to_json())
+    assert document["given_lag"]["alone"] == alone.value
+    assert document["provenance"]["options"]["lag"] == {"mean": LAG_S, "std": 0.015}
+    assert json.loads(ev.identify_flight(log).to_json())["given_lag"] is None
+
+
+@pytest.mark.thorough
+@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
+@pytest.mark.thorough
+def test_with_bounds_the_numbers_hold_for_every_lag_between(log):
+    bounds = ev.Bounds(0.03, 0.08)
+    between = ev.identify_flight(log, lag=bounds)
+    alone = ev.identify_flight(log)
+    known = [ev.identify_flight(log, lag=ev.Bounds(lag_s, lag_s)) for lag_s in (0.03, 0.055, 0.08)]
+    for name in ("viscous_friction", "input_gain", "intercept"):
+        low, high = between.quantities[name].interval
+        intervals = [at_one.quantities[name].interval for at_one in known]
+        assert low <= min(low for low, _ in intervals)
+        assert high >= max(high for _, high in intervals)
+    lag = between.quantities["effective_lag"]
+    assert lag.interval == (0.03, 0.08)
+    assert lag.value == pytest.approx(min(max(alone.quantities["effective_lag"].value, 0.03), 0.08))
+    assert "actuator_lag" not in between.estimate.names
+    assert all(
+        0.03 <= sum(candidate.nuisances.values()) <= 0.08 + 1e-9 for candidate in between.estimate.candidates
+    )
+    # the profile set is a union too, each lag having a least J of its own
+    sets = between.fit.sets["viscous_friction"]
+    ends = [at_one.fit.sets["viscous_friction"].profile.hull for at_one in known]
+    assert sets.profile.hull[0] == pytest.approx(min(low for low, _ in ends), rel=0.02)
+    assert sets.profile.hull[1] == pytest.approx(max(high for _, high in ends), rel=0.02)
+
+
+@pytest.mark.thorough
+@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
+def test_bounds_are_held_against_what_the_flight_says():
+    good = flown(seconds=15.0)[0]
+    around, beyond = (ev.identify_flight(good, lag=ev.Bounds(*ends)) for ends in ((0.02, 0.2), (0.12, 0.15)))
+    message = dict(checks(around))["lag"]
+    assert message.startswith("given 20 to 200 ms; the flight alone says ")
+    assert "they agree, and the flight alone is closer" in message
+    assert around.fit.lag_prior.p_value == 1.0
+    assert beyond.fit.lag_prior.contradicted
+    assert beyond.quantities["viscous_friction"].verdict is Status.WEAK
+    assert any("given 120 to 150 ms" in sentence for sentence in beyond.verdict.sentences)
+
+
+@pytest.mark.thorough
+@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
+def test_neither_lag_nor_delay_is_searched():
+    good = flown(seconds=15.0)[0]
+    none = ev.identify_flight(good, lag=ev.Bounds(0.0, 0.0))
+    assert dict(none.estimate.best.nuisances) == {"actuator_lag": 0.0, "delay": 0.0}
+    assert len(none.estimate.candidates) == 1
+    assert none.quantities["effective_lag"].interval == (0.0, 0.0)
+    assert "given neither lag nor delay" in dict(checks(none))["lag"]
+    assert none.fit.lag_prior.contradicted
+
+
+@pytest.mark.thorough
+@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
+def test_the_instruments_agree_or_not_whatever_was_given():
+    good = flown(seconds=15.0)[0]
+    alone, wrong = (ev.identify_flight(good, lag=lag) for lag in (None, ev.Prior(0.15, 0.01)))
+    assert wrong.fit.checks.agreement == alone.fit.checks.agreement
+
+
+@pytest.mark.thorough
+@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
+def test_what_is_known_the_instruments_need_not_tell(log):
+    alone, known, sure = (
+        ev.identify_flight(log, lag=prior) for prior in (None, ev.Prior(LAG_S, 0.002), ev.Prior(LAG_S, 1e-6))
+    )
+    strengths = [result.fit.checks.first_stage for result in (alone, known, sure)]
+    assert strengths[0]["actuator_lag"] < strengths[1]["actuator_lag"] < strengths[2]["actuator_lag"]
+    # with a lag that is known exactly the others are as strong as without one to find
+    problem = alone.fit.problem
+    index = problem.with_nuisances(
+        (problem.lag.known_at(sure.estimate.best.nuisances["actuator_lag"]), problem.delay)
+    )
+    fixed = ev.identify(index, ev.methods.reference_iv()).best.first_stage[0]
+    assert strengths[2]["viscous_friction"] == pytest.approx(fixed, rel=0.05)
+
+
+@pytest.mark.thorough
+@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
+def test_a_contradiction_is_said_and_makes_the_numbers_weak():
+    good = flown(seconds=15.0)[0]
+    wrong = ev.identify_flight(good, lag=ev.Prior(0.15, 0.01))
+    assert wrong.fit.lag_prior.contradicted
+    for name in ("viscous_friction", "input_gain", "effective_lag"):
+        assert wrong.quantities[name].verdict is Status.WEAK
+        assert any("contradicts the flight" in reason.sentence for reason in wrong.quantities[name].reasons)
+    assert not any("references disagree" in sentence for sentence in wrong.verdict.sentences)
+    assert wrong.quantities["hover_input"].verdict is Status.IDENTIFIED
+
+
+@pytest.mark.thorough
+@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
+@pytest.mark.parametrize(
+    ("value", "error", "p_value"), [(0.07, 0.004, 1.0), (0.08, 0.0, 0.0455), (0.083, 0.012, 0.4053)]
+)
+def test_the_test_is_that_of_two_independent_numbers(value, error, p_value):
+    alone = QuantityEstimate(value, "s", error, (value - 2.0 * error, value + 2.0 * error))
+    given = LagPrior(ev.Prior(0.07, 0.005 if error < 0.01 else 0.01), alone)
+    assert given.p_value == pytest.approx(p_value, abs=1e-3)
+
+
+@pytest.mark.thorough
+@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
+def test_a_measured_state_has_no_lag_to_know(log):
+    command = log.channels["rotor_command_1"]
+    measured = changed(
+        log, "rotor_command_1", rotor_speed_1=replace(command, name="rotor_speed_1", held=False)
+    )
+    with pytest.raises(UsageError, match="whose actuators' lag is searched for"):
+        ev.identify_flight(measured, lag=ev.Prior(0.05, 0.01))
+
+
+@pytest.mark.thorough
+@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
+@pytest.mark.parametrize("lag", [70, "70:15", (0.07, 0.015)])
+def test_a_lag_of_another_type_is_refused(log, lag):
+    with pytest.raises(UsageError, match=r"ev\.Prior\(0\.070, 0\.015\) or ev\.Bounds"):
+        ev.identify_flight(log, lag=lag)
+
+
+@pytest.mark.thorough
+@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
+def test_a_lag_below_zero_is_refused():
+    with pytest.raises(UsageError, match="a lag above zero"):
+        ev.FlightOptions(lag=ev.Prior(-0.02, 0.01))
+
+
+@pytest.mark.thorough
+@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
+@pytest.mark.parametrize("ends", [(50.0, 90.0), (-0.01, 0.05)])
+def test_bounds_in_another_unit_or_below_zero_are_refused(ends):
+    with pytest.raises(UsageError, match="between 0 and 1 s"):
+        ev.FlightOptions(lag=ev.Bounds(*ends))
+
+
+@pytest.mark.thorough
+@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
+def test_bounds_in_the_wrong_order_are_refused():
+    with pytest.raises(ParameterError, match="the lower one first"):
+        ev.Bounds(0.09, 0.05)
+
+
+@dataclass(frozen=True)
+class Searched(SeparableProblem):
+    """A problem of nuisances alone."""
+
+    nuisances: tuple[Nuisance, ...]
+
+    def rows(self, nuisance_values):
+        raise NotImplementedError
+
+    def bins(self, nuisance_values):
+        raise NotImplementedError
+
+
+@pytest.mark.thorough
+@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
+def test_bounds_leave_a_delay_that_is_no_choice_of_a_few_as_the_flight_tells_it():
+    lag, delay = searched_lag_and_delay()
+    alone = {lag.name: 0.044, delay.name: 0.008}
+    known = with_lag_prior(Searched((lag, delay)), ev.Bounds(0.05, 0.06), alone)
+    tried = list(combinations(known.nuisances))
+    assert {item[delay.name] for item in tried} == {0.008}
+    sums = [item[lag.name] + item[delay.name] for item in tried]
+    assert min(sums) == pytest.approx(0.05)
+    assert max(sums) == pytest.approx(0.06)
+    assert any(abs(item - 0.052) < 1e-9 for item in sums)  # the flight's own is among them
+
+
+# -- The lag by another motion of the same flight: what tells it, how it is used, and when it i --
+
+ROTORS = Vehicle(lag_s=LAG_S - 2 * STEP_S)
+
+
+@pytest.fixture(scope="module")
+def turning() -> Recording:
+    """What a flight that turns logs of that."""
+    return turned(3, vehicle=ROTORS, seconds=26.0)
+
+
+@pytest.fixture(scope="module")
+def slow() -> Recording:
+    """A flight whose climbs hardly tell the lag."""
+    return flown(seconds=15.0, gust=3.0, amplitude=0.4, seed=5)[0]
+
+
+def told(value: float = LAG_S, half_width: float = 0.004, source: str = "other") -> LagMeasurement:
+    interval = (value - half_width, value + half_width)
+    lag = QuantityEstimate(value, "s", 0.5 * half_width, interval)
+    return LagMeasurement(source, f"{source} motion", lag, SENSORS_APART_S, "delays")
+
+
+def estimate(log: Recording, *lag_measurement: LagMeasurement, options: FlightOptions | None = None):
+    chosen = options or FlightOptions()
+    return estimated(
+        Vertical(), (prepare_vertical(log, chosen),), chosen, lag_measurements=lambda: lag_measurement
+    )
+
+
+@pytest.mark.thorough
+@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
+@pytest.mark.thorough
+def test_the_lag_by_turning_is_used_and_said(slow, turning):
+    log = changed(slow, **turning.channels)
+    alone, known = estimate(log), ev.identify_flight(log)
+    for name in ("effective_lag", "viscous_friction"):
+        assert known.quantities[name].half_width < alone.quantities[name].half_width
+    sentence = dict(checks(known))["lag"]
+    assert sentence.startswith("turning about the body axes (--model rates) says ")
+    given = json.loads(known.to_json())["given_lag"]
+    low, high = given["told_interval"]
+    assert low < LAG_S < high
+    assert given["told_by"] == "rates"
+    assert given["telemetry_interval"] is None
+    assert given["alone"] == alone.quantities["effective_lag"].value
+    assert given["std"] == pytest.approx(np.hypot(0.25 * (high - low), SENSORS_APART_S), rel=0.05)
+
+
+@pytest.mark.thorough
+@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
+def test_what_a_user_knows_comes_first_and_nothing_else_is_asked(slow):
+    def asked() -> tuple[LagMeasurement, ...]:
+        raise AssertionError("asked")
+
+    for lag in (ev.Prior(LAG_S, 0.01), ev.Bounds(0.0, 0.0)):
+        options = FlightOptions(lag=lag)
+        flights = (prepare_vertical(slow, options),)
+        given = estimated(Vertical(), flights, options, lag_measurements=asked).fit.lag_prior
+        assert given.by is None
+        assert given.known == lag
+
+
+@pytest.mark.thorough
+@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
+def test_a_lag_that_contradicts_the_flight_is_told_and_not_used():
+    log = flown(seconds=15.0)[0]
+    alone, late = estimate(log), estimate(log, told(LAG_S + 0.1))
+    assert late.fit.lag_prior is None
+    assert late.quantities["viscous_friction"] == alone.quantities["viscous_friction"]
+    (finding,) = [item for item in late.findings if item.name == "other_contradicts"]
+    assert "is not used" in finding.message
+
+
+@pytest.mark.thorough
+@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
+def test_the_closest_that_agrees_serves():
+    log = flown(seconds=15.0)[0]
+    both = estimate(log, told(half_width=0.02, source="rough"), told(source="close"))
+    assert both.fit.lag_prior.by.source == "close"
+    wrong = estimate(log, told(half_width=0.02, source="rough"), told(LAG_S + 0.1, source="wrong"))
+    assert wrong.fit.lag_prior.by.source == "rough"
+    assert any(finding.name == "wrong_contradicts" for finding in wrong.findings)
+
+
+def every(log: Recording, family: str, nth: int) -> Recording:
+    slower = {
+        name: replace(channel, time_s=channel.time_s[::nth], values=channel.values[::nth])
+        for name, channel in log.channels.items()
+        if name.startswith(family)
+    }
+    return changed(log, **slower)
+
+
+def answering(log: Recording) -> Recording:
+    names = [name for name in log.channels if name.startswith("reference_")]
+    loops = {f"feedback_{name}": replace(log.channels[name], name=f"feedback_{name}") for name in names}
+    return changed(log, *names, **loops)
+
+
+@pytest.mark.thorough
+@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
+@pytest.mark.parametrize(
+    "spoilt",
+    [
+        lambda log: every(log, "angular_rate", 3),
+        lambda log: every(log, "torque_setpoint", 2),
+        lambda log: changed(log, "torque_setpoint_x"),
+        answering,
+    ],
+)
+def test_turning_that_cannot_tell_is_not_estimated(turning, spoilt, monkeypatch):
+    unmade(monkeypatch)
+    assert lags_from_rates((Rates(),), spoilt(turning), None) == ()
+    with pytest.raises(AssertionError, match="estimated"):
+        lags_from_rates((Rates(),), turning, None)
+
+
+@pytest.mark.thorough
+@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
+def test_turning_that_hardly_moves_the_lag_is_not_estimated_closely(monkeypatch):
+    unmade(monkeypatch)
+    assert lags_from_rates((Rates(),), turned(4, vehicle=ROTORS, seconds=26.0, size=0.02), None) == ()
+
+
+def unmade(monkeypatch: pytest.MonkeyPatch) -> None:
+    def not_to_be_made(*_: object, **__: object) -> None:
+        raise AssertionError("estimated")
+
+    monkeypatch.setattr("eivor.flights.estimate.estimated", not_to_be_made)
+
+
+@pytest.mark.thorough
+@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
+@pytest.mark.thorough
+def test_turning_that_is_not_trusted_says_nothing(turning):
+    assert lags_from_rates((Rates(),), turning, (5.0, 18.0)) == ()  # too short to be identified
+
+
+@pytest.mark.thorough
+@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
+@pytest.mark.thorough
+def test_flights_of_a_pool_tell_their_lag_together(monkeypatch):
+    monkeypatch.setattr("eivor.flights.identify.lags_from_rates", lambda *_: (told(),))
+    logs = [flown(seconds=10.0, seed=seed)[0] for seed in (1, 2)]
+    assert ev.identify_flight(logs[0]).fit.lag_prior.by.source == "other"
+    assert ev.identify_flight(logs).fit.lag_prior is None
+
+
+@pytest.mark.thorough
+@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
+@pytest.mark.long
+def test_a_whole_vehicle_that_turns_and_climbs_tells_more_of_its_climbs():
+    """Attitude steps of .2 rad, height excited, gusts of .5 m/s, setpoints at 50 Hz of a 400 Hz loop."""
+    gust, turning = DrydenGust(0.5, 3.0, 2.0), OrnsteinUhlenbeck(0.04, 0.3)
+    spec = RigidBodyFlightSpec(
+        VEHICLE,
+        rate_hz=400.0,
+        duration=30.0,
+        attitude=AxisExcitations(RandomSteps(0.2, 0.7), RandomSteps(0.2, 0.9)),
+        controller=FlightController(rate_hz=400.0, attitude_hz=200.0, derivative_share=0.3, hold=0.3),
+        wind=Wind(x=gust, y=gust, z=gust),
+        torque_disturbance=TorqueDisturbance(turning, turning),
+        sensors=Sensors(angular_rate=Sensor(WhiteNoise(0.02), rate_hz=200.0, cutoff_hz=80.0)),
+        logged=Logged(rotor_command_hz=50.0, setpoint_hz=50.0, reference_hz=50.0),
+        seed=1,
+    )
+    (flight,) = simulate_rigid_body_flights([spec])
+    alone, known = estimate(flight.recording), ev.identify_flight(flight.recording)
+    low, high = known.fit.lag_prior.by.measured.interval
+    assert low < flight.truth.parameters.lag_up + flight.truth.parameters.delay < high
+    for name in ("viscous_friction", "effective_lag"):
+        assert known.quantities[name].half_width < alone.quantities[name].half_width

@@ -1,0 +1,501 @@
+"""Commands that are logged more slowly than issued: what stamps tell, and what is put between them."""
+
+from __future__ import annotations
+
+import json
+import tracemalloc
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from flight_logs import LAG_S, changed, channel, flown, prepare_vertical
+from flight_logs import STEP_S as TELEMETRY_STEP_S
+
+import eivor as ev
+from eivor.flights.grid import Grid, command_on_grid
+from eivor.flights.lag_prior import OWN_DELAY_S, LagMeasurement, LagPrior, telemetry_lag
+from eivor.flights.options import FlightOptions
+from eivor.flights.quantity import QuantityEstimate
+from eivor.flights.references import jumps
+from eivor.flights.timestamps import (
+    CommandClock,
+    as_issued,
+    command_clock,
+    corrected_stamps,
+    finer_step,
+    period_from_aliasing,
+    stamps_are_true,
+    with_corrected_stamps,
+)
+from eivor.models.separable import Bounds, Prior
+from eivor.motions.vertical.select import selected
+from eivor.report.flight import checks
+from eivor.signals.filters import actuator_state
+from eivor.signals.recording import Channel, Frame, Recording
+
+# -- Commands that are logged more slowly than issued: what stamps tell, and what is put betwee --
+
+
+def logged(issued_s: float, rate_hz: float, *, jitter_s: float = 0.0, seconds: float = 60.0):
+    """Stamps of the commands in force at the instants of a slower logger, with a jitter of their own."""
+    issued = np.arange(0.0, seconds, issued_s)
+    instants = np.arange(0.0, seconds, 1.0 / rate_hz)
+    kept = issued[np.unique(np.searchsorted(issued, instants + 1e-9, side="right") - 1)]
+    return np.sort(kept + jitter_s * np.random.default_rng(1).standard_normal(kept.size))
+
+
+def command(time_s, values=None, name: str = "input") -> Channel:
+    return Channel(name, time_s, np.cos(time_s) if values is None else values, "", held=True)
+
+
+@pytest.mark.parametrize(
+    ("issued_s", "rate_hz", "jitter_s"),
+    [
+        (0.004, 47.3, 0.0),
+        (0.004, 47.3, 3e-4),
+        (0.010, 30.0, 3e-4),
+        (0.004, 100.0, 1e-4),
+        (0.0025, 48.0, 1e-4),
+        (0.00125, 49.0, 2e-5),
+    ],
+)
+def test_stamps_of_a_thinned_log_tell_the_step_of_its_controller(issued_s, rate_hz, jitter_s):
+    assert finer_step(logged(issued_s, rate_hz, jitter_s=jitter_s)) == pytest.approx(issued_s, rel=0.05)
+
+
+@pytest.mark.parametrize("jitter_s", [0.0, 2e-5, 3e-4, 1e-3, 4e-3])
+@pytest.mark.parametrize("rate_hz", [25.0, 50.0, 100.0, 250.0])
+def test_even_stamps_tell_no_finer_step_however_they_jitter(rate_hz, jitter_s):
+    assert finer_step(logged(1.0 / rate_hz, rate_hz, jitter_s=jitter_s)) is None
+
+
+def test_as_many_distances_of_one_kind_as_of_the_other_tell_the_step():
+    time = np.concatenate([[0.0], np.cumsum(np.tile([0.008, 0.012], 1000))])
+    assert finer_step(time) == pytest.approx(0.004)
+
+
+def test_uneven_stamps_tell_none():
+    rng = np.random.default_rng(2)
+    assert finer_step(np.cumsum(rng.uniform(0.015, 0.025, 2000))) is None
+
+
+def test_lost_samples_tell_none():
+    time = np.arange(0.0, 60.0, 0.02)
+    assert finer_step(time[np.random.default_rng(3).random(time.size) > 0.1]) is None
+
+
+def test_stamps_that_were_rounded_to_milliseconds_tell_none():
+    # distances of 21 and 22 ms; those of a controller of 4 ms are not powers of ten
+    assert finer_step(np.round(np.arange(0.0, 60.0, 1.0 / 47.3), 3)) is None
+    assert finer_step(np.round(logged(0.004, 47.3), 3)) == pytest.approx(0.004)
+
+
+def test_a_quick_log_holds_every_command_unless_others_are_logged_more_often():
+    even = command(np.arange(0.0, 20.0, 0.01))
+    assert not command_clock(even, []).thinned
+    quicker = Channel("velocity_z", np.arange(0.0, 20.0, 0.004), np.zeros(5000), "m/s")
+    assert command_clock(even, [even, quicker]).slack_s == pytest.approx(0.0025)
+
+
+@pytest.mark.parametrize(
+    ("issued_s", "rate_hz", "jitter_s"),
+    [
+        (0.004, 100.0, 0.001),
+        (0.004, 100.0, 0.003),
+        (0.004, 90.0, 0.002),
+        (0.01, 47.3, 0.003),
+        (0.01, 30.0, 0.003),
+    ],
+)
+def test_stamps_that_jitter_by_much_beat_with_the_step_of_their_controller(issued_s, rate_hz, jitter_s):
+    stamps = logged(issued_s, rate_hz, jitter_s=jitter_s)
+    assert period_from_aliasing(stamps, 0.001) == pytest.approx(issued_s, rel=0.01)
+    lost = stamps[(stamps < 20.0) | (stamps > 20.5)]
+    assert command_clock(command(lost), []).issued_s == pytest.approx(issued_s, rel=0.05)
+
+
+@pytest.mark.parametrize("rate_hz", [50.0, 100.0, 250.0])
+def test_stamps_of_every_command_do_not_beat(rate_hz):
+    for jitter_s in (0.0, 0.001, 0.3 / rate_hz):
+        assert period_from_aliasing(logged(1.0 / rate_hz, rate_hz, jitter_s=jitter_s), 0.001) is None
+    assert period_from_aliasing(np.arange(0.0, 4.0, 0.01), 0.001) is None
+
+
+def test_even_commands_among_irregular_samples_are_all_of_them():
+    random = np.random.default_rng(3)
+    time = np.arange(0.0, 60.0, 0.004)
+    even = Channel("position_z", time, np.sin(time), "m")
+    instants = np.sort(time + 0.001 * random.standard_normal(time.size))
+    irregular = Channel("position_z", instants, np.sin(instants), "m")
+    stamped_wrongly = Channel("position_z", instants, np.sin(time), "m")
+    issued = command(np.arange(0.0, 60.0, 0.01))
+    some = command(np.delete(issued.time_s, random.integers(0, issued.time_s.size, 400)))
+    for item in (issued, some):
+        clock = command_clock(item, [irregular])
+        assert clock.is_known
+        assert not clock.thinned
+    assert not command_clock(issued, [even]).is_known
+    assert not command_clock(issued, [stamped_wrongly]).is_known
+    slow = command(np.arange(0.0, 60.0, 0.02))
+    assert not command_clock(slow, [irregular]).is_known
+
+
+def test_what_a_slow_even_log_does_not_tell_is_slack_to_both_sides():
+    clock = command_clock(command(np.arange(0.0, 20.0, 0.02)), [])
+    assert clock.thinned
+    assert clock.slack_s == pytest.approx(0.005)
+    assert clock.band_hz((0.04, 5.0)) == (0.04, pytest.approx(1.25))
+    assert "may be 5 ms longer or shorter" in clock.sentence
+
+
+def test_a_clock_that_is_told_leaves_no_slack():
+    clock = command_clock(command(logged(0.004, 47.3)), [])
+    assert clock.is_known
+    assert clock.thinned
+    assert clock.slack_s == 0.0
+    assert "issued every 4 ms" in clock.sentence
+
+
+def test_commands_between_stamps_lie_on_the_line_between_them():
+    issued = as_issued(
+        command(np.array([0.0, 0.02, 0.032]), np.array([1.0, 2.0, 5.0])), CommandClock(0.02, 0.004)
+    )
+    np.testing.assert_allclose(issued.time_s, 0.004 * np.arange(9))
+    np.testing.assert_allclose(issued.values, [1.0, 1.2, 1.4, 1.6, 1.8, 2.0, 3.0, 4.0, 5.0])
+
+
+def test_a_log_of_every_command_stays_as_it_is():
+    even = command(np.arange(0.0, 20.0, 0.01))
+    assert as_issued(even, command_clock(even, [])) is even
+
+
+def test_nothing_is_put_into_gaps_or_beside_missing_values():
+    time = np.concatenate([np.arange(0.0, 1.0, 0.02), np.arange(3.0, 4.0, 0.02)])
+    values = np.ones(time.size)
+    values[10] = np.nan
+    issued = as_issued(command(time, values), CommandClock(0.02, 0.01))
+    assert not ((issued.time_s > 0.99) & (issued.time_s < 3.0)).any()
+    assert np.isnan(issued.values).sum() == 1
+    assert not ((issued.time_s > time[9]) & (issued.time_s < time[10])).any()
+    assert not ((issued.time_s > time[10]) & (issued.time_s < time[11])).any()
+
+
+def thinned(log, every: int):
+    """Log of one command out of several."""
+    whole = log.channels["rotor_command_1"]
+    return changed(
+        log, rotor_command_1=replace(whole, time_s=whole.time_s[::every], values=whole.values[::every])
+    )
+
+
+def lateness(rate_hz: float, clock: CommandClock) -> float:
+    """Time by which a command of a controller of 4 ms is late on the grid once its log is thinned [s]."""
+    issued = 0.004 * np.arange(15000)
+    kept = logged(0.004, rate_hz)
+    grid = Grid(1.0, 0.01, (range(5500),))
+    whole, thin = (
+        command_on_grid(item, grid)[0] for item in (command(issued), as_issued(command(kept), clock))
+    )
+    slope = -np.sin(grid.time_s)
+    return float((whole - thin) @ slope / (slope @ slope))
+
+
+def test_a_thinned_command_is_neither_late_nor_early():
+    clock = command_clock(command(logged(0.004, 47.3)), [])
+    assert lateness(47.3, clock) == pytest.approx(0.0, abs=2e-5)
+    # held from stamp to stamp it is late by half of what the log's step is longer than the controller's
+    assert lateness(47.3, CommandClock(0.0211, 0.0211)) == pytest.approx(0.0086, abs=2e-4)
+
+
+def test_without_a_told_clock_the_command_is_late_by_less_than_the_slack():
+    even = command_clock(command(logged(0.004, 50.0)), [])
+    assert lateness(50.0, even) == pytest.approx(0.003, abs=2e-5)
+    assert even.slack_s == pytest.approx(0.005)
+
+
+@pytest.mark.thorough
+def test_what_the_log_does_not_tell_is_said_with_the_lag():
+    log = thinned(flown(seconds=20.0, seed=4)[0], 3)
+    prepared = prepare_vertical(log, FlightOptions())
+    assert prepared.command_slack_s == pytest.approx(0.0075)
+    assert [finding.name for finding in prepared.findings] == ["command_clock"]
+
+
+def test_a_log_of_every_command_has_no_slack():
+    prepared = prepare_vertical(flown(seconds=20.0)[0], FlightOptions())
+    assert prepared.command_slack_s == 0.0
+    assert prepared.band_hz[1] == 5.0
+    assert not prepared.findings
+
+
+def test_a_given_lag_is_less_certain_where_the_command_may_be_late():
+    lag = QuantityEstimate(0.050, "s", 0.002, (0.046, 0.054))
+    given = LagPrior(Prior(0.060, 0.003), lag, 0.006)
+    assert given.for_the_log.std == pytest.approx(np.hypot(0.003, 0.006 / np.sqrt(3.0)))
+    assert LagPrior(Bounds(0.04, 0.05), lag, 0.006).for_the_log == Bounds(0.034, 0.056)
+    assert LagPrior(Prior(0.060, 0.003), lag).for_the_log == Prior(0.060, 0.003)
+    # 10 ms apart: with standard errors of 2 and 3 ms much, with 6 ms more that are open less
+    assert given.p_value > 5.0 * LagPrior(Prior(0.060, 0.003), lag).p_value
+    assert "[40, 60] ms" in given.sentence
+
+
+def changed_reference(log, value):
+    """The log with another position reference, of which `value` makes every sample from its time."""
+    held = log.channels["reference_position_z"]
+    return changed(log, reference_position_z=replace(held, values=value(held.time_s)))
+
+
+@pytest.mark.thorough
+def test_the_band_ends_early_where_a_reference_jumps_between_stamps():
+    (every,) = flown(seconds=20.0, seed=4)
+    log = thinned(every, 3)
+    for jumpy in (lambda t: np.where(t % 5.0 < 2.0, 1.0, 0.0), lambda t: np.abs(t % 5.0 - 2.0)):
+        prepared = prepare_vertical(changed_reference(log, jumpy), FlightOptions())
+        assert prepared.band_hz[1] == pytest.approx(100.0 / 3 / 40)
+    assert prepare_vertical(log, FlightOptions()).band_hz[1] == 5.0
+    whole = changed_reference(every, lambda t: np.where(t % 5.0 < 2.0, 1.0, 0.0))
+    assert prepare_vertical(whole, FlightOptions()).band_hz[1] == 5.0
+
+
+def test_uneven_stamps_and_stamps_that_err_make_no_jump():
+    grid, rng = Grid(0.0, 0.01, (range(4000),)), np.random.default_rng(7)
+    used = np.ones(4000, dtype=np.bool_)
+    even = np.arange(0.0, 39.9, 0.02)
+    jittered = np.sort(even + rng.uniform(0.0, 0.015, even.size))
+    wave = np.sin
+    assert not jumps(command(jittered, wave(jittered)), grid, used)
+    assert not jumps(command(jittered, wave(even)), grid, used)
+    late = wave(jittered - rng.uniform(0.0, 0.004, even.size))  # a setpoint that is renewed every 4 ms
+    assert not jumps(command(jittered, late), grid, used)
+    assert jumps(command(jittered, late + (jittered > 20.0)), grid, used)
+    # of what is not used nothing counts
+    assert not jumps(command(jittered, late + (jittered > 20.0)), grid, grid.time_s < 19.0)
+
+
+def looked_at(issued_s: float, instants, name: str = "input"):
+    """What is in force at a logger's own instants, of a noisy command."""
+    issued = np.arange(0.0, 62.0, issued_s)
+    noise = 0.05 * np.random.default_rng(8).standard_normal(issued.size)
+    which = np.searchsorted(issued, instants + 1e-9, side="right") - 1
+    return command(instants, np.cos(issued[which]) + noise[which], name)
+
+
+def irregular(step_s: float, jitter_s: float, seed: int = 9):
+    rng = np.random.default_rng(seed)
+    even = np.arange(0.02, 60.0, step_s)
+    return even, np.sort(even + jitter_s * rng.standard_normal(even.size))
+
+
+def height(stamps, instants) -> Channel:
+    noise = 0.01 * np.random.default_rng(10).standard_normal(stamps.size)
+    return Channel("position_z", stamps, np.sin(instants) + noise, "m")
+
+
+def test_a_smooth_channel_tells_whether_uneven_stamps_are_true():
+    even, uneven_times = irregular(0.01, 0.002)
+    assert stamps_are_true([height(uneven_times, uneven_times)]) is True
+    assert stamps_are_true([height(uneven_times, even)]) is False
+    assert stamps_are_true([height(even, even)]) is None
+    assert stamps_are_true([]) is None
+
+
+def test_a_logger_that_looks_at_its_own_times_is_told_by_values_that_repeat():
+    _, instants = irregular(0.01, 0.002)
+    _, others = irregular(0.01, 0.002, seed=11)
+    sensor = height(others, others)
+    clock = command_clock(looked_at(0.01, instants), [sensor])
+    assert clock.looked
+    assert clock.slack_s == 0.0
+    assert "some of its values repeat" in clock.sentence
+    # its values once each, at uneven times of its own: when they were issued is not told
+    thin = command_clock(looked_at(0.004, instants), [sensor])
+    assert not thin.looked
+    assert thin.slack_s == pytest.approx(0.0025, rel=0.02)
+    # stamps that err say nothing of the kind, nor does a loop that logs all it has at once
+    assert not command_clock(looked_at(0.01, instants), [height(others, irregular(0.01, 0.0)[0])]).thinned
+    assert not command_clock(looked_at(0.004, instants), [height(instants, instants)]).thinned
+
+
+def test_rounded_values_repeat_by_themselves():
+    _, instants = irregular(0.01, 0.002)
+    _, others = irregular(0.01, 0.002, seed=11)
+    exact = looked_at(0.004, instants)
+    rounded = replace(exact, values=np.round(exact.values, 2))
+    assert not command_clock(rounded, [height(others, others)]).looked
+
+
+def test_what_a_logger_looked_at_is_not_late():
+    _, instants = irregular(0.01, 0.002)
+    result = as_issued(looked_at(0.01, instants), CommandClock(0.01, 0.00125, looked=True))
+    grid = Grid(1.0, 0.01, (range(5500),))
+    thin = command_on_grid(result, grid)[0]
+    issued = np.arange(0.0, 62.0, 0.01)
+    whole = command_on_grid(command(issued, looked_at(0.01, issued).values), grid)[0]
+    slope = -np.sin(grid.time_s)
+    assert float((whole - thin) @ slope / (slope @ slope)) == pytest.approx(0.0, abs=1e-3)
+
+
+def test_a_clock_that_jumps_by_days_takes_no_memory_for_them():
+    rng = np.random.default_rng(0)
+    time_s = 0.02 * np.arange(1500) + 0.002 * rng.random(1500)
+    tracemalloc.start()
+    late = period_from_aliasing(np.append(time_s[:900], time_s[900:] + 1e6), 0.001)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert late == period_from_aliasing(time_s[:900], 0.001)
+    assert peak < 50e6
+
+
+# -- Stamps that err go to the line of those around; those that are true, or drift, stay --
+
+STEP_S, ERROR_S = 0.004, 0.001
+
+
+def even(seconds: float = 40.0) -> np.ndarray:
+    return np.arange(0.0, seconds, STEP_S)
+
+
+def erring(seed: int, error_s: float = ERROR_S) -> np.ndarray:
+    """Stamps of even samples, off by so much, in their order."""
+    noise = np.random.default_rng(seed).standard_normal(even().size)
+    return even() + np.clip(error_s * noise, -0.45 * STEP_S, 0.45 * STEP_S)
+
+
+def recording(stamps, taken, command_s) -> Recording:
+    """A smooth rate with noise, and a command that is not smooth."""
+    rng = np.random.default_rng(1)
+    rate = Channel(
+        "angular_rate_x", stamps, np.sin(5.0 * taken) + 0.01 * rng.standard_normal(taken.size), "rad/s"
+    )
+    command = Channel("rotor_command_1", command_s, rng.standard_normal(command_s.size), "", held=True)
+    return Recording("log", "frame", {item.name: item for item in (rate, command)}, Frame.Z_UP)
+
+
+def test_stamps_that_err_are_evened_those_of_commands_too():
+    log = recording(erring(2), even(), erring(3))
+    result, (reported,) = with_corrected_stamps(log)
+    for name in log.channels:
+        assert np.std(result.channel(name).time_s - even()) < 0.2 * np.std(log.channel(name).time_s - even())
+        assert result.channel(name).values is log.channel(name).values
+    assert reported.name == "erring_stamps"
+    said_ms = float(reported.message.split("by up to ")[1].split(" ms")[0])
+    assert said_ms == pytest.approx(1e3 * np.std(erring(2) - even()), rel=0.03)
+
+
+def test_stamps_that_are_true_stay_and_so_do_even_ones():
+    for log in (recording(erring(2), erring(2), erring(3)), recording(even(), even(), erring(3))):
+        assert with_corrected_stamps(log) == (log, ())
+
+
+def test_errors_that_add_up_stay():
+    waits = np.cumsum(STEP_S + 0.1 * STEP_S * np.random.default_rng(4).standard_normal(5000))
+    assert corrected_stamps(waits) is None
+    lost = np.delete(erring(5), np.random.default_rng(6).choice(even().size, 100, replace=False))
+    assert corrected_stamps(lost) is None
+    # in a log whose other stamps err as well
+    log = recording(erring(2), even(), waits)
+    result, _ = with_corrected_stamps(log)
+    assert result.channel("rotor_command_1") is log.channel("rotor_command_1")
+
+
+def test_a_pause_stays():
+    stamps = erring(7) + np.where(even() > 20.0, 3.0, 0.0)
+    result = corrected_stamps(stamps)
+    assert result is not None
+    assert np.diff(result).max() == pytest.approx(3.0, abs=0.01)
+    assert corrected_stamps(stamps[:20]) is None
+
+
+# -- Telemetry beside commands: the lag that it tells, how it is used, and when it is not --
+
+
+@pytest.fixture(scope="module")
+def log() -> Recording:
+    """A flight that hardly tells its lag."""
+    return flown(seconds=15.0, gust=3.0, amplitude=0.4, seed=5)[0]
+
+
+def with_telemetry(
+    log: Recording, *, rate_hz: float = 50.0, late_s: float = 0.0, power: float = 1.0, rotors: int = 1
+) -> Recording:
+    """The log with the speeds of its rotors in rpm, on a clock of their own."""
+    command = log.channels["rotor_command_1"]
+    state = actuator_state(command.values[:, None], step_s=TELEMETRY_STEP_S, lag_s=LAG_S, delay_s=0.0)[:, 0]
+    results = {}
+    for rotor in range(rotors):
+        stamps = np.arange(0.003, command.time_s[-1] - 0.1, 1.0 / rate_hz)
+        speeds = 1.8e4 * np.interp(stamps - late_s, command.time_s, state) ** power + 300.0
+        noise = 30.0 * np.random.default_rng(rotor).standard_normal(stamps.size)
+        name = f"rotor_speed_{rotor + 1}"
+        results[name] = replace(channel(name, stamps, speeds + noise), held=False)
+    return changed(log, **results)
+
+
+def told(log: Recording) -> LagMeasurement | None:
+    return telemetry_lag((prepare_vertical(log, FlightOptions()),), ("rotor_speed",))
+
+
+@pytest.mark.thorough
+@pytest.mark.usefixtures("unchecked_shapes")
+@pytest.mark.parametrize(
+    "how", [{}, {"rate_hz": 20.0}, {"rate_hz": 100.0, "late_s": 0.01}, {"power": 0.5}, {"rotors": 3}]
+)
+def test_telemetry_in_any_unit_tells_lag_and_its_own_delay(log, how):
+    result = told(with_telemetry(log, **how))
+    truth = LAG_S + how.get("late_s", 0.0)
+    low, high = result.measured.interval
+    assert low < truth < high
+    assert high - low < 0.015
+    assert result.prior.mean == result.measured.value
+    assert OWN_DELAY_S < result.prior.std < 0.025
+
+
+@pytest.mark.thorough
+@pytest.mark.usefixtures("unchecked_shapes")
+def test_slow_telemetry_and_what_does_not_follow_tell_nothing(log):
+    assert told(log) is None
+    assert told(with_telemetry(log, rate_hz=10.0)) is None
+    noise = np.random.default_rng(1).standard_normal(log.channels["rotor_command_1"].values.size)
+    assert told(changed(log, rotor_speed_1=noise)) is None
+
+
+@pytest.mark.thorough
+@pytest.mark.usefixtures("unchecked_shapes")
+@pytest.mark.usefixtures("coarse_search")
+def test_the_lag_by_telemetry_is_used_and_said(log):
+    alone, known = ev.identify_flight(log), ev.identify_flight(with_telemetry(log))
+    for name in ("effective_lag", "viscous_friction"):
+        assert known.quantities[name].half_width < alone.quantities[name].half_width
+    sentence = dict(checks(known))["lag"]
+    assert sentence.startswith("telemetry of the actuators says ")
+    assert "the flight alone says" in sentence
+    given = json.loads(known.to_json())["given_lag"]
+    low, high = given["telemetry_interval"]
+    assert low < given["mean"] < high
+    assert given["alone"] == alone.quantities["effective_lag"].value
+    # what a user knows comes first
+    typed = ev.identify_flight(with_telemetry(log), lag=ev.Prior(LAG_S, 0.01))
+    assert typed.fit.lag_prior.by is None
+
+
+@pytest.mark.thorough
+@pytest.mark.usefixtures("unchecked_shapes")
+@pytest.mark.usefixtures("coarse_search")
+def test_telemetry_that_contradicts_the_flight_is_told_and_not_used():
+    good = flown(seconds=15.0)[0]
+    alone, late = ev.identify_flight(good), ev.identify_flight(with_telemetry(good, late_s=0.12))
+    assert late.fit.lag_prior is None
+    assert late.quantities["viscous_friction"] == alone.quantities["viscous_friction"]
+    (finding,) = [item for item in late.findings if item.name == "telemetry_contradicts"]
+    assert "is not used" in finding.message
+
+
+@pytest.mark.thorough
+@pytest.mark.usefixtures("unchecked_shapes")
+def test_slow_telemetry_is_no_input_where_commands_are_logged(log):
+    thrust = channel("input", log.channels["rotor_command_1"].time_s, log.channels["rotor_command_1"].values)
+    for rate_hz, family in ((4.0, "input"), (50.0, "rotor_speed")):
+        neighbours = changed(with_telemetry(log, rate_hz=rate_hz), "rotor_command_1", input=thrust)
+        assert selected(neighbours, FlightOptions()).input.name == family
+    alone = changed(with_telemetry(log, rate_hz=4.0), "rotor_command_1")
+    assert selected(alone, FlightOptions()).input.name == "rotor_speed"

@@ -1,0 +1,671 @@
+"""Anderson-Rubin regions: closed forms, outside truth, coverage whatever the strength, and their shapes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from math import inf
+
+import mpmath
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy import stats
+from scipy.optimize import minimize_scalar
+from scipy.signal import lfilter
+from threadpoolctl import threadpool_limits
+
+from eivor.errors import CollinearError, ParameterError, ShapeError, TooFewSamplesError, UsageError
+from eivor.inference.anderson_rubin import (
+    Allowed,
+    LinearScores,
+    allowed,
+    averages_for,
+    excluded_sums,
+    homoskedastic_region,
+    least_ratio,
+    robust_region,
+    sign_perturbed_region,
+)
+from eivor.inference.confidence_set import ConfidenceSet
+from eivor.inference.covariance import COSINE_AVERAGES, cosine_averages, cosine_covariance
+from eivor.inference.distributions import chi_square_quantile, t_quantile
+from eivor.inference.regions import (
+    ConfidenceRegion,
+    Ellipse,
+    hotelling_quantile,
+    joint_ellipse,
+    scanned_shadow,
+)
+
+# -- Anderson-Rubin regions: closed forms, outside truth, coverage whatever the strength, and t --
+
+LEVEL = 0.95
+
+
+@pytest.fixture(autouse=True)
+def one_thread() -> Iterator[None]:
+    """Thousands of tiny problems: threads would only wait for each other."""
+    with threadpool_limits(1):
+        yield
+
+
+def scores_of(psi: np.ndarray, columns: np.ndarray, averages: int) -> LinearScores:
+    parts = [cosine_averages(psi * column[:, None], averages) for column in columns.T]
+    return LinearScores(psi.T @ columns, np.stack(parts, axis=2))
+
+
+def robust(psi: np.ndarray, columns: np.ndarray, averages: int | None = None) -> ConfidenceRegion:
+    names = tuple("abcd"[: columns.shape[1] - 1])
+    count = averages or averages_for(*psi.shape)
+    return robust_region(names, scores_of(psi, columns, count), LEVEL)
+
+
+def classical(psi: np.ndarray, columns: np.ndarray) -> ConfidenceRegion:
+    return homoskedastic_region(tuple("abcd"[: columns.shape[1] - 1]), psi, columns, LEVEL)
+
+
+def record(
+    rng: np.random.Generator, strength: float, rows: int = 200, p: int = 4
+) -> tuple[np.ndarray, np.ndarray]:
+    """White errors, one regressor that shares most of them; the truth is 1."""
+    psi = rng.standard_normal((rows, p))
+    e = rng.standard_normal(rows)
+    x = strength * psi.sum(axis=1) + 0.95 * e + 0.3 * rng.standard_normal(rows)
+    return psi, np.column_stack([x + e, x])
+
+
+def two_columns(rng: np.random.Generator, second: float = 0.5) -> tuple[np.ndarray, np.ndarray]:
+    psi = rng.standard_normal((400, 5))
+    e = rng.standard_normal(400)
+    x = psi[:, 0] + 0.5 * psi[:, 1] + e + rng.standard_normal(400)
+    z = second * (psi[:, 1] + psi[:, 2]) - e + rng.standard_normal(400)
+    return psi, np.column_stack([x + 2.0 * z + e, x, z])
+
+
+def test_statistics_are_their_formulas():
+    rng = np.random.default_rng(0)
+    psi, columns = two_columns(rng)
+    B = averages_for(400, 5)
+    bound = 5 * B / (B - 4) * stats.f(5, B - 4).ppf(LEVEL)
+    theta = np.array([1.1, 1.8])
+    e = columns @ np.array([1.0, -1.1, -1.8])
+    g, V = psi.T @ e, cosine_covariance([psi * e[:, None]], e.size, B)
+    assert robust(psi, columns).excess(theta) == pytest.approx(g @ np.linalg.solve(V, g) / bound, rel=1e-9)
+    fitted = psi @ np.linalg.lstsq(psi, e, rcond=None)[0]
+    F = (fitted @ fitted / 5) / ((e - fitted) @ (e - fitted) / 395)
+    assert classical(psi, columns).excess(theta) == pytest.approx(F / stats.f(5, 395).ppf(LEVEL), rel=1e-9)
+
+
+def test_closed_form_equals_the_general_inversion():
+    """The classical region scanned as if nothing were known of it, the joint critical value in both."""
+    for seed, second in ((1, 0.5), (2, 0.05), (3, 0.0)):
+        psi, columns = two_columns(np.random.default_rng(seed), second)
+        shape = classical(psi, columns).shape
+        same = type(shape)(shape.explained, shape.unexplained, shape.critical, shape.critical)
+        for axis in (1, 2):
+            closed, scanned = same.shadow(axis), scanned_shadow(same, axis)
+            assert len(closed.intervals) == len(scanned.intervals)
+            np.testing.assert_allclose(
+                np.ravel(closed.intervals), np.ravel(scanned.intervals), rtol=1e-5, atol=1e-6
+            )
+
+
+def test_one_regressor_is_a_quadratic_inequality():
+    """a^2 x'Dx - ... with D = P - k (I - P), written out."""
+    psi, columns = record(np.random.default_rng(4), 0.2)
+    y, x = columns.T
+    P = psi @ np.linalg.solve(psi.T @ psi, psi.T)
+    D = P - 4 / 196 * stats.f(4, 196).ppf(LEVEL) * (np.eye(200) - P)
+    roots = np.sort(np.roots([x @ D @ x, -2.0 * x @ D @ y, y @ D @ y]).real)
+    assert classical(psi, columns).interval("a").hull == pytest.approx(tuple(roots), rel=1e-10)
+
+
+def test_robust_ends_are_roots_and_membership_agrees_along_the_line():
+    for seed, strength in ((5, 0.3), (6, 0.1), (7, 0.02)):
+        psi, columns = record(np.random.default_rng(seed), strength)
+        region = robust(psi, columns)
+        interval = region.interval("a")
+        for end in (end for piece in interval.intervals for end in piece if np.isfinite(end)):
+            assert region.excess(np.array([end])) == pytest.approx(1.0, abs=1e-7)
+        for value in np.tan(np.linspace(-1.57, 1.57, 501)):
+            assert region.contains(np.array([value])) == interval.contains(value)
+
+
+@pytest.mark.thorough
+def test_shadow_of_two_parameters_is_the_least_over_the_other():
+    psi, columns = two_columns(np.random.default_rng(8))
+    region = robust(psi, columns)
+    low, high = region.interval("a").hull
+    other = region.frame.pivot[1] + region.frame.scale[1] * np.linspace(-8.0, 8.0, 4001)
+    for value, inside in ((low + 1e-4, True), (low - 1e-4, False), (high - 1e-4, True), (high + 1e-4, False)):
+        points = np.column_stack([np.full(4001, value), other])
+        scaled = (points - region.frame.pivot) / region.frame.scale
+        assert (region.shape.excess(np.column_stack([np.ones(4001), scaled])).min() <= 1.0) == inside
+    (outline,) = region.outline()
+    assert (outline[:, 0].min(), outline[:, 0].max()) == pytest.approx((low, high), rel=1e-9)
+    assert outline[:, 1].max() == pytest.approx(region.interval("b").hull[1], rel=1e-3)
+    inner = outline[5:-5:20]
+    assert [region.excess(corner) for corner in inner] == pytest.approx([1.0] * len(inner), abs=1e-5)
+
+
+@pytest.mark.thorough
+def test_three_parameters_by_search_agree_with_the_closed_form():
+    rng = np.random.default_rng(9)
+    psi = rng.standard_normal((400, 6))
+    e = rng.standard_normal(400)
+    Phi = psi[:, :3] + 0.4 * psi[:, 3:] + 0.8 * e[:, None] + rng.standard_normal((400, 3))
+    shape = classical(psi, np.column_stack([Phi @ [1.0, 2.0, 3.0] + e, Phi])).shape
+    same = type(shape)(shape.explained, shape.unexplained, shape.critical, shape.critical)
+    assert scanned_shadow(same, 2).hull == pytest.approx(same.shadow(2).hull, rel=1e-4)
+
+
+def test_units_and_mixtures_of_instruments_change_nothing():
+    rng = np.random.default_rng(10)
+    psi, columns = two_columns(rng)
+    mixed, units = psi @ rng.standard_normal((5, 5)), np.array([1e3, 1e-4, 30.0])
+    for make in (robust, classical):
+        item, other = make(psi, columns), make(mixed, columns * units)
+        assert item.interval("a").hull == pytest.approx(other.interval("a").scaled(1e-7).hull, rel=1e-6)
+        assert item.excess(np.array([1.0, 2.0])) == pytest.approx(
+            other.excess(np.array([1e7, 2e3 / 30.0])), rel=1e-7
+        )
+
+
+@pytest.mark.calibration
+@pytest.mark.parametrize("strength", [0.3, 0.01])
+def test_coverage_whatever_the_strength(strength):
+    """Both tests within 3.5 binomial errors of the level; Wald's interval fails when instruments are weak."""
+    runs, rng = 800, np.random.default_rng([11, int(100 * strength)])
+    error = np.sqrt(LEVEL * (1.0 - LEVEL) / runs)
+    covered, bounded = np.zeros(3), 0
+    for _ in range(runs):
+        psi, columns = record(rng, strength)
+        classic = classical(psi, columns)
+        bounded += classic.interval("a").is_bounded
+        truth = np.ones(1)
+        covered += classic.contains(truth), robust(psi, columns).contains(truth), wald_covers(psi, columns)
+    exact, hotelling, wald = covered / runs
+    assert abs(exact - LEVEL) < 3.5 * error, exact
+    assert abs(hotelling - LEVEL) < 3.5 * error, hotelling
+    if strength < 0.1:
+        assert wald < LEVEL - 20.0 * error, wald
+        # A set that covers so must be unbounded at least so often (Dufour 1997), up to the little there is.
+        assert bounded < 0.2 * runs, bounded
+    else:
+        assert bounded == runs
+
+
+def wald_covers(psi: np.ndarray, columns: np.ndarray) -> bool:
+    """Two-stage least squares plus and minus 1.96 standard errors."""
+    y, x = columns.T
+    fitted = psi @ np.linalg.lstsq(psi, x, rcond=None)[0]
+    estimate = (fitted @ y) / (fitted @ x)
+    residual = y - estimate * x
+    return bool(abs(estimate - 1.0) <= 1.96 * np.sqrt(residual @ residual / y.size / (fitted @ fitted)))
+
+
+def ar1(rng: np.random.Generator, shape: tuple[int, ...], rho: float) -> np.ndarray:
+    from scipy.signal import lfilter
+
+    return lfilter([1.0], [1.0, -rho], rng.standard_normal((100 + shape[0], *shape[1:])), axis=0)[100:]
+
+
+@pytest.mark.calibration
+def test_autocorrelated_errors_need_the_robust_test():
+    runs, rng = 600, np.random.default_rng(12)
+    error = np.sqrt(LEVEL * (1.0 - LEVEL) / runs)
+    covered = np.zeros(2)
+    for _ in range(runs):
+        psi, e = ar1(rng, (500, 3), 0.7), ar1(rng, (500,), 0.7)
+        x = 0.1 * psi.sum(axis=1) + e + rng.standard_normal(500)
+        columns = np.column_stack([x + e, x])
+        covered += robust(psi, columns).contains(np.ones(1)), classical(psi, columns).contains(np.ones(1))
+    hotelling, exact = covered / runs
+    assert hotelling > LEVEL - 3.5 * error, hotelling
+    assert exact < LEVEL - 10.0 * error, exact
+
+
+def test_empty_when_the_instruments_contradict_each_other():
+    """Two instruments that each say something else of the parameter, both loudly."""
+    rng = np.random.default_rng(13)
+    psi = rng.standard_normal((500, 2))
+    x = psi.sum(axis=1) + 0.1 * rng.standard_normal(500)
+    columns = np.column_stack([psi @ [1.0, 3.0] + 0.1 * rng.standard_normal(500), x])
+    for make in (robust, classical):
+        assert make(psi, columns).interval("a").is_empty
+
+
+def test_every_shape_is_reached():
+    """Bounded, two rays, and the whole line, as the strength falls; alike for both tests' limits."""
+    kinds = set()
+    for seed in range(40):
+        psi, columns = record(np.random.default_rng([14, seed]), 0.02 if seed % 2 else 0.3)
+        for make in (robust, classical):
+            interval = make(psi, columns).interval("a")
+            rays = not interval.is_bounded and len(interval.intervals) == 2
+            kinds.add(
+                "whole"
+                if interval.is_whole_line
+                else "rays"
+                if rays
+                else "bounded"
+                if interval.is_bounded
+                else ""
+            )
+    assert {"whole", "rays", "bounded"} <= kinds
+
+
+def test_what_cannot_be_tested_is_refused():
+    psi, columns = record(np.random.default_rng(15), 1.0)
+    with pytest.raises(CollinearError, match="errors that vary"):
+        classical(psi, np.column_stack([columns[:, 1], columns[:, 1]]))
+    with pytest.raises(CollinearError, match="errors that vary"):
+        robust(np.column_stack([psi, psi[:, 0]]), columns)
+    with pytest.raises(TooFewSamplesError, match="at least 32 samples for 4 moment"):
+        averages_for(20, 4)
+    with pytest.raises(UsageError, match="two parameters"):
+        robust(psi, columns).outline()
+    with pytest.raises(UsageError, match="out of a; received 'z'"):
+        robust(psi, columns).interval("z")
+
+
+# -- Confidence sets: every shape a quadratic inequality can give, roots to rounding, and how t --
+
+COEFFICIENT = st.floats(min_value=-1e6, max_value=1e6, allow_subnormal=False)
+
+
+@pytest.mark.parametrize(
+    ("coefficients", "wanted", "text"),
+    [
+        ((1.0, -3.0, 2.0), ((1.0, 2.0),), "[1, 2]"),
+        ((-1.0, 3.0, -2.0), ((-inf, 1.0), (2.0, inf)), "(-inf, 1] or [2, inf)"),
+        ((1.0, 0.0, 1.0), (), "empty"),
+        ((-1.0, 0.0, -1.0), ((-inf, inf),), "the whole line"),
+        ((1.0, -2.0, 1.0), ((1.0, 1.0),), "{1}"),
+        ((-1.0, 2.0, -1.0), ((-inf, inf),), "the whole line"),
+        ((1.0, 0.0, 0.0), ((0.0, 0.0),), "{0}"),
+        ((0.0, 2.0, -1.0), ((-inf, 0.5),), "(-inf, 0.5]"),
+        ((0.0, -2.0, 1.0), ((0.5, inf),), "[0.5, inf)"),
+        ((0.0, 0.0, 1.0), (), "empty"),
+        ((0.0, 0.0, 0.0), ((-inf, inf),), "the whole line"),
+        ((0.0, 1e-300, 1e300), (), "empty"),
+    ],
+)
+def test_quadratic_inequalities_of_every_kind(coefficients, wanted, text):
+    from_quadratic = ConfidenceSet.from_quadratic(*coefficients)
+    assert from_quadratic.intervals == wanted
+    assert str(from_quadratic) == text
+
+
+@pytest.mark.parametrize(
+    "coefficients",
+    [
+        (1.0, -1e8, 1.0),
+        (1e-200, -1e100, 1e-3),
+        (1e300, -3e300, 2e300),
+        (1.0, -2.0000000000000004, 1.0),
+        (94906265.625, -2 * 94906267.0, 94906268.375),  # Kahan's: the discriminant is lost in doubles
+        (5e-324, -1.0, 1.0),
+    ],
+)
+def test_roots_are_right_to_rounding(coefficients):
+    with mpmath.workdps(700):
+        a, b, c = map(mpmath.mpf, coefficients)
+        root = mpmath.sqrt(b * b - 4 * a * c)
+        low, high = (-b - root) / (2 * a), (-b + root) / (2 * a)
+        from_quadratic = ConfidenceSet.from_quadratic(*coefficients)
+        assert from_quadratic.hull == pytest.approx((float(low), float(high)), rel=3e-16)
+
+
+def test_whether_there_are_roots_is_decided_exactly():
+    assert ConfidenceSet.from_quadratic(1.0, 2.0, 1.0 + 2.0**-52).is_empty
+    assert not ConfidenceSet.from_quadratic(1.0, 2.0, 1.0).is_empty
+
+
+@given(COEFFICIENT, COEFFICIENT, COEFFICIENT, st.floats(-1e3, 1e3))
+def test_membership_is_the_inequality(a, b, c, x):
+    value = a * x * x + b * x + c
+    if abs(value) > 1e-9 * (abs(a * x * x) + abs(b * x) + abs(c)):
+        assert ConfidenceSet.from_quadratic(a, b, c).contains(x) == (value <= 0.0)
+
+
+def test_membership_between_roots():
+    outside = ConfidenceSet.from_membership(lambda x: (x <= 1.0) | (x >= 2.0), [2.0, 1.0, inf])
+    assert outside.intervals == ((-inf, 1.0), (2.0, inf))
+    assert ConfidenceSet.from_membership(lambda x: x == 1.0, [1.0, 3.0]).intervals == ((1.0, 1.0),)
+    assert ConfidenceSet.from_membership(np.isfinite, []).is_whole_line
+    assert ConfidenceSet.from_membership(np.isnan, []).is_empty
+    assert ConfidenceSet.from_membership(lambda x: x >= 0.0, [0.0]).intervals == ((0.0, inf),)
+
+
+def test_what_a_set_says_of_itself():
+    outside = ConfidenceSet.union([(3.0, inf), (-inf, 1.0), (-2.0, 0.5)])
+    assert outside.intervals == ((-inf, 1.0), (3.0, inf))
+    assert outside.contains(1.0)
+    assert not outside.contains(2.0)
+    assert not outside.is_bounded
+    assert outside.hull == (-inf, inf)
+    assert outside.length == inf
+    assert outside.scaled(-2.0).intervals == ((-inf, -6.0), (-2.0, inf))
+    empty = ConfidenceSet.empty()
+    assert empty.is_empty
+    assert empty.is_bounded
+    assert empty.length == 0.0
+    assert empty.hull != empty.hull
+    assert ConfidenceSet(((0.0, 1.0),)).is_bounded
+
+
+def test_sets_that_are_none_are_refused():
+    for intervals in [((1.0, 0.0),), ((0.0, 1.0), (1.0, 2.0)), ((float("nan"), 1.0),), ((inf, inf),)]:
+        with pytest.raises(ParameterError, match="ascending order"):
+            ConfidenceSet(intervals)
+    with pytest.raises(ParameterError, match="finite coefficients"):
+        ConfidenceSet.from_quadratic(inf, 0.0, 0.0)
+    with pytest.raises(ParameterError, match="other than zero"):
+        ConfidenceSet.whole_line().scaled(0.0)
+
+
+# -- Values that a ratio of quadratic forms allows, against a search over all of them --
+
+VALUES = np.linspace(-30.0, 30.0, 241)
+
+
+def forms(seed: int, strength: float) -> tuple[np.ndarray, np.ndarray]:
+    """N and D of thirty rows, five instruments that move two regressors so much, one more or less."""
+    rng = np.random.default_rng(seed)
+    Q = np.linalg.qr(rng.standard_normal((30, 5)))[0]
+    moved = strength * Q @ rng.standard_normal((5, 2)) + 0.3 * rng.standard_normal((30, 2))
+    response = moved @ [0.5, -1.0] + 0.3 * rng.standard_normal(30)
+    columns = np.column_stack([response, moved])
+    seen = Q.T @ columns
+    return seen.T @ seen, columns.T @ columns / 28.0
+
+
+def searched(N: np.ndarray, D: np.ndarray, value: float) -> float:
+    """Least ratio over the other parameter, by searching the angle that its tangent is."""
+
+    def ratio(angle: float) -> float:
+        x = np.array([np.cos(angle), -value * np.cos(angle), -np.sin(angle)])
+        return float(x @ N @ x / (x @ D @ x))
+
+    angles = np.linspace(-0.5 * np.pi, 0.5 * np.pi, 61)
+    best = angles[np.argmin([ratio(angle) for angle in angles])]
+    return float(minimize_scalar(ratio, bounds=(best - 0.06, best + 0.06), method="bounded").fun)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("strength", [3.0, 0.3, 0.05])
+@pytest.mark.parametrize("seed", range(4))
+def test_the_values_are_those_that_a_search_finds(seed, strength):
+    N, D = forms(seed, strength)
+    least = least_ratio(N[None], D[None])[0]
+    ratios = np.array([searched(N, D, value) for value in VALUES])
+    assert least <= ratios.min() + 1e-8
+    for bound in (0.5 * least, least + 1.0, least + 4.0):
+        union = ConfidenceSet.union(allowed(N[None], D[None], np.array([bound])).pieces())
+        clear = np.abs(ratios - bound) > 1e-4
+        inside = np.array([union.contains(float(value)) for value in VALUES])
+        assert (inside == (ratios <= bound))[clear].all()
+
+
+def test_kinds_of_sets_are_all_met():
+    kinds = set()
+    for seed in range(30):
+        N, D = forms(seed, 0.05)
+        for bound in (0.5, 2.0, 4.0, 8.0):
+            pieces = allowed(N[None], D[None], np.array([bound])).pieces()
+            kinds.add((len(pieces), bool(pieces and np.isinf(pieces[0][0]))))
+    assert kinds == {(0, False), (1, False), (2, True), (1, True)}
+
+
+def test_pairs_that_go_on_have_no_bound_where_they_move_to():
+    def of(*ends: tuple[float, float], outside: bool = False) -> Allowed:
+        low, high = np.array(ends).T
+        return Allowed(low, high, np.array([False] * (len(ends) - 1) + [outside]))
+
+    assert of((0.0, 1.0), (0.5, 2.0)).continued() == [(0.0, inf)]
+    assert of((0.0, 1.0), (-1.0, 0.5)).continued() == [(-inf, 1.0)]
+    assert of((0.0, 1.0), (0.2, 0.9)).continued() == [(0.0, inf)]
+    assert of((0.0, 1.0), (0.1, 0.3)).continued() == [(-inf, 1.0)]
+    assert of((np.nan, np.nan), (0.1, 0.3)).continued() == [(0.1, inf)]
+    assert of((np.nan, np.nan)).continued() == []
+    beyond = of((0.0, 1.0), (2.0, 3.0), outside=True)
+    assert beyond.pieces() == [(0.0, 1.0), (-inf, 2.0), (3.0, inf)]
+
+
+# -- Sign perturbation: exact coverage for errors without moments and of changing size, and its --
+
+ROWS, RUNS = 50, 1000
+
+
+def switching(rng: np.random.Generator, rows: int) -> np.ndarray:
+    """Uniform errors whose size grows tenfold at a third of the record and falls again at two thirds."""
+    size = np.where((np.arange(rows) >= rows // 3) & (np.arange(rows) < 2 * rows // 3), 10.0, 1.0)
+    return size * rng.uniform(-1.0, 1.0, rows)
+
+
+ERRORS = {
+    "Student t on 2": lambda rng, rows: rng.standard_t(2, rows),
+    "Student t on 3": lambda rng, rows: rng.standard_t(3, rows),
+    "Cauchy": lambda rng, rows: rng.standard_cauchy(rows),
+    "variance switch": switching,
+    "two values": lambda rng, rows: rng.choice([-1.0, 1.0], rows),
+}
+
+
+def record_sign(error: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """Instruments (an AR(1) input and a constant), and [y Phi] with a regressor that answers the error."""
+    reference = np.convolve(rng.standard_normal(error.size + 20), 0.8 ** np.arange(20))[20 : 20 + error.size]
+    regressor = reference + 0.7 * error + rng.standard_normal(error.size)
+    entries = np.ones(error.size)
+    return np.column_stack([reference, entries]), np.column_stack(
+        [2.0 * regressor - 1.0 + error, regressor, entries]
+    )
+
+
+@pytest.mark.calibration
+@pytest.mark.parametrize("kind", ERRORS)
+def test_coverage_is_exact_at_fifty_rows(kind):
+    """Within 3.5 binomial errors of the level, at two levels: one of them where a shortfall shows best."""
+    for level, sums in ((0.95, 100), (0.5, 10)):
+        rng = np.random.default_rng([5, list(ERRORS).index(kind), sums])
+        covered = 0
+        for _ in range(RUNS):
+            psi, columns = record_sign(ERRORS[kind](rng, ROWS), rng)
+            region = sign_perturbed_region(("a", "b"), psi, columns, rng, level=level, sums=sums)
+            covered += region.contains(np.array([2.0, -1.0]))
+        assert abs(covered / RUNS - level) < 3.5 * np.sqrt(level * (1.0 - level) / RUNS), covered / RUNS
+
+
+@pytest.mark.calibration
+def test_ties_are_broken_so_that_coverage_stays_exact():
+    """Five rows of errors +-1: most sums are as long as another, and the rank still has to be uniform."""
+    rng, covered, runs, level = np.random.default_rng(8), 0, 2000, 0.5
+    for _ in range(runs):
+        psi = np.ones((5, 1))
+        columns = np.column_stack([rng.choice([-1.0, 1.0], 5), np.ones(5)])
+        region = sign_perturbed_region(("mean",), psi, columns, rng, level=level, sums=4)
+        covered += region.contains(np.zeros(1))
+    assert abs(covered / runs - level) < 3.5 * np.sqrt(level * (1.0 - level) / runs), covered / runs
+
+
+def test_region_is_the_rank_of_explicit_sums():
+    """Second route: signs drawn again from the seed, sums and ranks written out."""
+    rng = np.random.default_rng(3)
+    psi, columns = record_sign(rng.standard_t(3, ROWS), rng)
+    region = sign_perturbed_region(("a", "b"), psi, columns, np.random.default_rng(4), level=0.9, sums=20)
+    again = np.random.default_rng(4)
+    order = again.permutation(20)
+    signs = np.vstack([np.ones(ROWS), 1 - 2.0 * again.integers(0, 2, size=(19, ROWS), dtype=np.int8)])
+    weight = np.linalg.inv(psi.T @ psi)
+    members = 0
+    for theta in np.array([2.0, -1.0]) + rng.uniform(-0.6, 0.6, (300, 2)):
+        residual = columns[:, 0] - columns[:, 1:] @ theta
+        S = (signs * residual) @ psi
+        lengths = np.einsum("ia,ab,ib->i", S, weight, S)
+        inside = (lengths[1:] < lengths[0]).sum() <= 20 - 2 - 1
+        members += inside
+        assert region.contains(theta) == inside
+    assert 30 < members < 270
+    assert order.size == 20
+
+
+@pytest.mark.thorough
+def test_lines_and_shadows_agree_with_membership():
+    rng = np.random.default_rng(3)
+    psi, columns = record_sign(rng.standard_t(3, ROWS), rng)
+    region = sign_perturbed_region(("a", "b"), psi, columns, rng, level=0.9, sums=20)
+    low, high = region.interval("a").hull
+    grid = np.column_stack([np.ones(20001), np.zeros(20001), np.linspace(-50.0, 50.0, 20001)])
+    for a, inside in ((low + 1e-4, True), (low - 1e-4, False), (high - 1e-4, True), (high + 1e-4, False)):
+        grid[:, 1] = (a - region.frame.pivot[0]) / region.frame.scale[0]
+        line = region.shape.along(grid[0] * [1, 1, 0], np.array([0.0, 0.0, 1.0]))
+        assert line.is_empty != inside
+        assert (region.shape.excess(grid).min() <= 1.0) <= inside
+    (outline,) = region.outline()
+    assert outline[:, 0].min() == pytest.approx(low)
+    middle = outline.mean(axis=0)
+    assert all(region.contains(middle + 0.999 * (corner - middle)) for corner in outline[::20])
+    assert not any(region.contains(middle + 1.01 * (corner - middle)) for corner in outline[::20])
+
+
+@pytest.mark.thorough
+def test_region_does_not_depend_on_units_or_on_the_mixture_of_instruments():
+    rng = np.random.default_rng(9)
+    psi, columns = record_sign(rng.standard_t(2, ROWS), rng)
+    mixed, units = psi @ rng.standard_normal((2, 2)), np.array([1e3, 1e-3, 7.0])
+    region = sign_perturbed_region(("a", "b"), psi, columns, np.random.default_rng(1), level=0.95, sums=100)
+    other = sign_perturbed_region(
+        ("a", "b"), mixed, columns * units, np.random.default_rng(1), level=0.95, sums=100
+    )
+    assert region.interval("a").hull == pytest.approx(other.interval("a").scaled(1e-6).hull, rel=1e-7)
+
+
+def test_a_useless_instrument_gives_the_whole_line():
+    rng = np.random.default_rng(2)
+    e = rng.standard_normal(200)
+    columns = np.column_stack([e, e + rng.standard_normal(200)])
+    region = sign_perturbed_region(("a",), rng.standard_normal((200, 1)), columns, rng, level=0.95, sums=100)
+    assert not region.interval("a").is_bounded
+
+
+def test_levels_and_instruments_that_do_not_fit_are_refused():
+    assert excluded_sums(0.95, 100) == 5
+    assert excluded_sums(0.99, 200) == 2
+    for level, sums in ((0.975, 100), (1.0, 100), (0.95, 10)):
+        with pytest.raises(ParameterError, match="whole number"):
+            excluded_sums(level, sums)
+    entries = np.ones((20, 2))
+    with pytest.raises(CollinearError, match="independent instruments"):
+        sign_perturbed_region(("a",), entries, entries, np.random.default_rng(0), level=0.95, sums=100)
+
+
+# -- Joint ellipses: their geometry, their quantile, and how often they hold the truth --
+
+COVARIANCE = np.array([[0.04, -0.9 * 0.2 * 30.0], [-0.9 * 0.2 * 30.0, 900.0]])
+CENTRE = np.array([0.4, 1.2e3])
+
+
+def test_quantile_of_one_dimension_is_that_of_t_squared() -> None:
+    assert hotelling_quantile(0.95, 1, 8.0) == pytest.approx(t_quantile(0.95, 8) ** 2)
+
+
+def test_quantile_of_two_dimensions_follows_hotelling() -> None:
+    assert hotelling_quantile(0.9, 2, 8.0) == pytest.approx(2 * 8 / 7 * stats.f.ppf(0.9, 2, 7))
+
+
+def test_quantile_tends_to_chi_square() -> None:
+    assert hotelling_quantile(0.95, 2, 1e8) == pytest.approx(chi_square_quantile(0.95, 2), rel=1e-6)
+    assert hotelling_quantile(0.95, 2) == chi_square_quantile(0.95, 2)
+
+
+@pytest.mark.parametrize(("level", "degrees"), [(0.0, 8.0), (1.0, 8.0), (0.95, 1.0), (0.95, math.nan)])
+def test_impossible_levels_and_degrees_are_refused(level: float, degrees: float) -> None:
+    with pytest.raises(UsageError):
+        Ellipse(CENTRE, COVARIANCE, level, degrees)
+
+
+@pytest.mark.parametrize(
+    "matrix", [[[1.0, 2.0], [2.0, 1.0]], [[1.0, 0.5], [0.4, 1.0]], [[-1.0, 0.0], [0.0, 1.0]]]
+)
+def test_what_is_no_covariance_is_refused(matrix: list[list[float]]) -> None:
+    with pytest.raises(UsageError, match="positive semidefinite"):
+        Ellipse(CENTRE, np.array(matrix))
+
+
+def test_every_point_of_the_outline_has_the_quantile_as_its_distance() -> None:
+    ellipse = Ellipse(CENTRE, COVARIANCE, 0.9, 8.0)
+    away = ellipse.outline(41) - CENTRE
+    distance = np.einsum("ij,ij->i", away, np.linalg.solve(COVARIANCE, away.T).T)
+    assert distance == pytest.approx(np.full(41, ellipse.squared_radius), rel=1e-9)
+    assert ellipse.distance(ellipse.outline(41)) == pytest.approx(distance, rel=1e-9)
+    assert ellipse.outline(41)[0] == pytest.approx(ellipse.outline(41)[-1])
+
+
+def test_points_just_inside_are_contained_and_points_just_outside_are_not() -> None:
+    ellipse = Ellipse(CENTRE, COVARIANCE)
+    away = ellipse.outline() - CENTRE
+    assert ellipse.contains(CENTRE + 0.999 * away).all()
+    assert not ellipse.contains(CENTRE + 1.001 * away).any()
+
+
+def test_bounds_area_and_axes_agree_with_the_outline() -> None:
+    ellipse = Ellipse(CENTRE, COVARIANCE)
+    outline = ellipse.outline(20_001)
+    assert ellipse.bounds == pytest.approx(
+        np.column_stack([outline.min(axis=0), outline.max(axis=0)]), rel=1e-6
+    )
+    x, y = (outline - CENTRE).T
+    polygon = 0.5 * abs(float(np.sum(x[:-1] * y[1:] - x[1:] * y[:-1])))
+    assert ellipse.area == pytest.approx(polygon, rel=1e-6)
+    lengths = np.linalg.norm(ellipse.semi_axes, axis=1)
+    assert math.pi * float(np.prod(lengths)) == pytest.approx(ellipse.area)
+    assert lengths[0] > lengths[1]
+    assert ellipse.distance(CENTRE + ellipse.semi_axes) == pytest.approx(np.full(2, ellipse.squared_radius))
+
+
+def test_an_exact_parameter_leaves_a_segment() -> None:
+    ellipse = Ellipse(np.zeros(2), np.diag([1.0, 0.0]))
+    assert ellipse.contains(np.array([[1.0, 0.0], [1.0, 1e-9], [9.0, 0.0]])).tolist() == [True, False, False]
+    assert ellipse.area == 0.0
+
+
+def test_full_correlation_leaves_a_line() -> None:
+    ellipse = Ellipse(np.zeros(2), np.array([[1.0, -2.0], [-2.0, 4.0]]))
+    assert ellipse.contains(np.array([[1.0, -2.0], [1.0, 2.0]])).tolist() == [True, False]
+
+
+def test_a_pair_of_a_longer_vector_and_two_combinations_of_it() -> None:
+    random = np.random.default_rng(1)
+    root = random.normal(size=(3, 3))
+    C, values = root @ root.T, np.array([1.0, 2.0, 3.0])
+    pair = joint_ellipse(values, C, np.eye(3)[[0, 2]], degrees=8.0)
+    assert pair.centre == pytest.approx([1.0, 3.0])
+    assert pair.covariance == pytest.approx(C[np.ix_([0, 2], [0, 2])])
+    sums = joint_ellipse(values, C, np.array([[1.0, 1.0, 0.0], [0.0, 1.0, 1.0]]), degrees=8.0)
+    assert sums.centre == pytest.approx([3.0, 5.0])
+    assert sums.covariance[0, 0] == pytest.approx(C[0, 0] + 2 * C[0, 1] + C[1, 1])
+    with pytest.raises(ShapeError):
+        joint_ellipse(values, C, np.eye(2))
+    with pytest.raises(ShapeError):
+        Ellipse(values, C)
+
+
+@pytest.mark.calibration
+def test_means_of_autocorrelated_pairs_are_covered_as_often_as_promised() -> None:
+    """Cosine averages of AR(1) pairs with Hotelling's quantile: binomial error about the level."""
+    random, runs, length = np.random.default_rng(7), 2_000, 1_000
+    held = chi_square = 0
+    for _ in range(runs):
+        shocks = random.normal(size=(length + 500, 2)) @ np.array([[1.0, 0.6], [0.0, 0.8]])
+        series = lfilter([1.0], [1.0, -0.5], shocks, axis=0)[500:]
+        centred = series - series.mean(axis=0)
+        C = cosine_covariance([centred], length) / length**2
+        zero = np.zeros((1, 2))
+        held += int(Ellipse(series.mean(axis=0), C, 0.95, float(COSINE_AVERAGES)).contains(zero)[0])
+        chi_square += int(Ellipse(series.mean(axis=0), C, 0.95).contains(zero)[0])
+    error = 3.0 * np.sqrt(0.95 * 0.05 / runs)
+    assert abs(held / runs - 0.95) < error
+    assert chi_square / runs < 0.95 - 4.0 * error  # without Hotelling's correction it does not cover

@@ -1,0 +1,356 @@
+"""Means of estimates that differ: against other people's programs, by hand, and by draws."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import statsmodels.api as sm
+from scipy import special, stats
+from statsmodels.stats.meta_analysis import combine_effects
+from statsmodels.stats.outliers_influence import OLSInfluence
+
+from eivor.fleet.change_points import Ordered, deviation_p_values, drifts, outlier_test, shared_slopes, steps
+from eivor.inference.random_effects import (
+    Groups,
+    between_distribution,
+    moment_between,
+    one_group,
+    paule_mandel,
+    q_profile,
+    random_effects_means,
+)
+
+# -- Means of estimates that differ: against other people's programs, by hand, and by draws --
+
+Y = np.array([0.1, 0.3, 0.8, 0.2])
+V = np.array([0.01, 0.02, 0.01, 0.04])
+
+
+def drawn(seed: int, sizes: list[int], between: float) -> tuple[Groups, np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(seed)
+    rows = sum(sizes)
+    errors = rng.uniform(0.01, 0.05, rows)
+    return (
+        Groups(np.array(sizes)),
+        0.3 + np.hypot(between, errors) * rng.standard_normal(rows),
+        errors**2,
+    )
+
+
+@pytest.mark.parametrize("between", [0.1, 0.2, 0.4])
+def test_statsmodels_gives_the_same_variances_between_and_means(between):
+    groups, y, v = drawn(3, [4, 9, 20], between)  # of two estimates its iteration does not converge
+    means = random_effects_means(groups, y, v, paule_mandel(groups, y, v))
+    moments = moment_between(groups, y, v)
+    for number, start in enumerate(groups.starts):
+        rows = slice(start, start + groups.sizes[number])
+        iterated = combine_effects(y[rows], v[rows], method_re="iterated", use_t=True, atol=1e-12)
+        assert means.between[number] == pytest.approx(max(iterated.tau2, 0.0), abs=1e-6)
+        assert means.value[number] == pytest.approx(iterated.mean_effect_re, abs=1e-6)
+        plain = iterated.sd_eff_w_re_hksj if iterated.scale_hksj_re >= 1.0 else iterated.sd_eff_w_re
+        assert np.sqrt(means.variance[number]) == pytest.approx(plain, abs=1e-6)
+        assert moments[number] == pytest.approx(
+            max(combine_effects(y[rows], v[rows], method_re="dl").tau2, 0.0), abs=1e-9
+        )
+
+
+def test_pymare_gives_the_same_interval_of_the_variance_between():
+    """PyMARE 0.0.13: ``q_profile(Y[:, None], V[:, None], np.ones((4, 1)))``, and DerSimonianLaird's tau2."""
+    low, high = q_profile(one_group(4), Y, V)
+    assert low[0] == pytest.approx(0.019482394633919074, abs=1e-6)
+    assert high[0] == pytest.approx(1.3314842698242637, abs=1e-6)
+    moments = moment_between(one_group(4), Y, V)
+    assert moments[0] == pytest.approx(0.12309523809523817, abs=1e-9)
+    means = random_effects_means(one_group(4), Y, V, moments)
+    assert means.value[0] == pytest.approx(0.3582979087615189, abs=1e-9)
+
+
+def test_pymare_gives_the_same_of_flights_as_they_are():
+    """The same of nine logarithms of a gain whose errors are unlike."""
+    y = np.array([3.61, 3.64, 3.58, 3.70, 3.55, 3.66, 3.49, 3.63, 3.60])
+    v = np.array([0.02, 0.03, 0.01, 0.05, 0.02, 0.04, 0.03, 0.015, 0.025]) ** 2
+    low, high = q_profile(one_group(9), y, v, near=np.array([1.0]))
+    assert (low[0], high[0]) == pytest.approx((0.0006566118607090315, 0.012827818979102555), abs=1e-6)
+    moments = moment_between(one_group(9), y, v)
+    assert moments[0] == pytest.approx(0.00144084, abs=1e-8)
+    means = random_effects_means(one_group(9), y, v, moments)
+    assert means.value[0] == pytest.approx(3.59964825, abs=1e-6)
+
+
+def test_groups_at_once_are_as_one_by_one():
+    groups, y, v = drawn(5, [3, 1, 7], 0.03)
+    means = random_effects_means(groups, y, v, paule_mandel(groups, y, v))
+    next_half_widths = between_distribution(groups, y, v).next_half_widths(means.value)
+    for number, (start, size) in enumerate(zip(groups.starts, groups.sizes, strict=True)):
+        group, rows = one_group(int(size)), slice(start, start + size)
+        alone = random_effects_means(group, y[rows], v[rows], paule_mandel(group, y[rows], v[rows]))
+        assert alone.value[0] == pytest.approx(means.value[number], rel=1e-12)
+        assert alone.half_widths()[0] == pytest.approx(means.half_widths()[number], rel=1e-9)
+        assert between_distribution(group, y[rows], v[rows]).next_half_widths(alone.value)[
+            0
+        ] == pytest.approx(next_half_widths[number], rel=1e-6)
+    assert means.half_widths()[1] == np.inf
+    assert next_half_widths[1] == np.inf
+    assert [end[1] for end in q_profile(groups, y, v)] == [0.0, np.inf]
+
+
+def test_the_mean_of_estimates_that_differ_counts_the_differences():
+    """By hand: equal variances v give equal weights, and the variance of the estimates over n."""
+    y, v = np.array([0.1, 0.3, 0.8]), np.full(3, 1e-4)
+    for between in (moment_between, paule_mandel):
+        means = random_effects_means(one_group(3), y, v, between(one_group(3), y, v))
+        assert means.value[0] == pytest.approx(0.4)
+        assert means.between[0] == pytest.approx(np.var(y, ddof=1) - 1e-4)
+        assert means.variance[0] == pytest.approx(np.var(y, ddof=1) / 3.0)
+    # estimates closer to each other than their errors: never below what these say
+    same = np.full(3, 0.4)
+    close = random_effects_means(one_group(3), same, v, paule_mandel(one_group(3), same, v))
+    assert close.variance[0] == pytest.approx(1e-4 / 3.0)
+
+
+def test_groups_that_go_together_have_one_variance_between():
+    """By hand: with equal v it is the pooled variance of the rows about the means of their groups, less v."""
+    groups, y = Groups(np.array([2, 3, 1])), np.array([0.0, 0.2, 1.0, 1.3, 1.6, 5.0])
+    v = np.full(6, 1e-3)
+    mandel = paule_mandel(groups, y, v, together=one_group(3))
+    assert mandel == pytest.approx(np.full(3, (0.02 + 0.18) / 3.0 - 1e-3))
+
+
+@pytest.mark.parametrize("between", [0.0, 0.02, 0.05])
+def test_the_prediction_is_that_of_draws_from_the_confidence_distribution(between):
+    """Second route: Q at the truth is chi-square, so solve Q(t) = draw, then draw the mean and the next."""
+    groups, y, v = drawn(8, [5], between)
+    centre = random_effects_means(groups, y, v, paule_mandel(groups, y, v)).value
+    half = between_distribution(groups, y, v).next_half_widths(centre)[0]
+    rng = np.random.default_rng(0)
+    draws = 4000
+    t = np.geomspace(1e-9, 1e3, 4000)
+    weights = 1.0 / (v + t[:, None])
+    means = weights @ y / weights.sum(axis=1)
+    q = (weights * (y - means[:, None]) ** 2).sum(axis=1)
+    index = np.clip(np.searchsorted(-q, -rng.chisquare(4, draws)), 0, t.size - 1)
+    following = means[index] + np.sqrt(1.0 / weights.sum(axis=1) + t)[index] * rng.standard_normal(draws)
+    inside = np.mean(np.abs(following - centre) <= half)
+    assert inside == pytest.approx(0.95, abs=4 * np.sqrt(0.95 * 0.05 / draws))
+
+
+@pytest.mark.parametrize("between", [0.0, 0.05, 0.5])
+def test_the_mean_of_estimates_with_equal_errors_is_no_longer_than_students(between):
+    """Truth: with equal v and a clear variance between, mixture and Hartung-Knapp are Student's t both."""
+    groups, y, _ = drawn(4, [6], between)
+    v = np.full(6, 1e-4)
+    means = random_effects_means(groups, y, v, paule_mandel(groups, y, v))
+    half = between_distribution(groups, y, v).mean_half_widths(means)[0]
+    assert half >= means.half_widths()[0]
+    if between == 0.5:
+        assert half == pytest.approx(special.stdtrit(5, 0.975) * np.std(y, ddof=1) / np.sqrt(6), rel=0.01)
+
+
+def test_the_prediction_of_many_that_agree_is_what_their_mean_says():
+    """A thousand estimates of one value: the next is within little more of it than chance says."""
+    groups, y, v = drawn(2, [1000], 0.0)
+    half = between_distribution(groups, y, v).next_half_widths(np.array([np.average(y, weights=1.0 / v)]))[0]
+    assert 0.0 < half < 0.012
+    wide = drawn(2, [1000], 0.3)
+    known = between_distribution(*wide).next_half_widths(np.array([wide[1].mean()]))[0]
+    assert known == pytest.approx(special.ndtri(0.975) * 0.3, rel=0.05)
+
+
+# -- Drifts, steps, slopes on covariates, deviations: against least squares of others, by hand, --
+
+
+def ordered(y, sizes, *, errors=1e-12, nuisances=None, weights=None) -> Ordered:
+    """Rows whose own variances are next to nothing unless said otherwise."""
+    y = np.asarray(y, dtype=float)
+    weights = np.ones(y.size) if weights is None else weights
+    nuisances = (
+        np.concatenate([np.arange(size, dtype=float) for size in sizes]) if nuisances is None else nuisances
+    )
+    none = np.zeros((0, y.size)), np.zeros((len(sizes), 0, 0))
+    return Ordered(Groups(np.array(sizes)), y, np.full(y.size, errors), weights, weights, nuisances, *none)
+
+
+def drawn_courses(seed: int, rows: int) -> tuple[np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(seed)
+    return rng.standard_normal(rows), rng.uniform(0.5, 2.0, rows)
+
+
+def test_drifts_are_those_of_weighted_least_squares():
+    y, weights = drawn_courses(1, 19)
+    result = drifts(ordered(y, [7, 12], weights=weights))
+    for number, rows in enumerate((slice(0, 7), slice(7, 19))):
+        position = np.arange(y[rows].size, dtype=float)
+        truth = sm.WLS(y[rows], sm.add_constant(position), weights=weights[rows]).fit()
+        assert result.slope[number] == pytest.approx(truth.params[1])
+        assert result.std_error[number] == pytest.approx(truth.bse[1])
+        assert result.p_values[number] == pytest.approx(truth.pvalues[1])
+        assert result.half_widths()[number] == pytest.approx(np.diff(truth.conf_int()[1])[0] / 2)
+        assert result.line[rows] == pytest.approx(truth.fittedvalues)
+
+
+def test_a_drift_of_flights_at_one_time_is_not_told():
+    result = drifts(ordered([1.0, 2.0, 4.0], [3], nuisances=np.zeros(3)))
+    assert result.p_values[0] == 1.0
+    assert result.half_widths()[0] == np.inf
+
+
+def test_what_errors_say_is_a_floor():
+    exact = ordered(np.arange(6.0), [6], errors=1.0)
+    assert drifts(exact).std_error[0] == pytest.approx(1.0 / np.sqrt(17.5))
+
+
+def test_a_step_is_the_best_of_all_pairs_of_means():
+    y, weights = drawn_courses(2, 25)
+    y[6:15] += 5.0  # the first group, of 15, after its sixth
+    result = steps(ordered(y, [15, 10], weights=weights))
+    for number, rows in enumerate((slice(0, 15), slice(15, 25))):
+        current, w = y[rows], weights[rows]
+        after = [np.arange(current.size) >= item for item in range(3, current.size - 2)]
+        fits = [sm.WLS(current, sm.add_constant(item.astype(float)), weights=w).fit() for item in after]
+        best = max(fits, key=lambda fit: abs(fit.tvalues[1]))
+        assert result.index[number] == 3 + fits.index(best)
+        assert result.size[number] == pytest.approx(best.params[1])
+        assert result.half_width[number] == pytest.approx(np.diff(best.conf_int()[1])[0] / 2)
+        assert result.squares[number] == pytest.approx(best.ssr)
+        line = ordered(current, [current.size], weights=w)
+        assert steps(line).after == pytest.approx(after[fits.index(best)])
+        # between what one test and all of them would say
+        assert best.pvalues[1] <= result.p_values[number] <= min(1.0, len(fits) * best.pvalues[1])
+        assert result.first[number] <= result.index[number] <= result.last[number]
+    assert result.index[0] == 6
+    assert result.p_values[0] < 0.01 < result.p_values[1]
+
+
+def test_too_few_estimates_have_no_step():
+    result = steps(ordered([0.0, 0.0, 0.0, 9.0, 9.0], [5]))
+    assert (result.p_values[0], result.size[0], result.half_width[0]) == (1.0, 0.0, np.inf)
+    assert not result.after.any()
+
+
+@pytest.mark.parametrize("size", [8, 40])
+def test_the_search_for_a_place_is_counted(size):
+    """Draws without a step: no more are told than the level says, and not many fewer."""
+    groups = 2000
+    y = np.random.default_rng(size).standard_normal(groups * size)
+    share = np.mean(steps(ordered(y, [size] * groups)).p_values < 0.019)
+    assert share <= 0.019 + 3 * np.sqrt(0.019 / groups)
+    assert share >= 0.008
+
+
+def test_slopes_are_those_of_least_squares_with_means_and_lines_of_their_own():
+    rng = np.random.default_rng(3)
+    sizes, position = [9, 12], np.concatenate([np.arange(9.0), np.arange(12.0)])
+    x = rng.standard_normal((2, 21))
+    y = (
+        0.7 * x[0]
+        - 0.2 * x[1]
+        + np.repeat([1.0, 5.0], sizes)
+        + 0.1 * position
+        + 3.0 * rng.standard_normal(21)
+    )
+    weights = rng.uniform(0.5, 2.0, 21)
+    nothing = np.zeros(2), np.full(2, np.inf)
+    slopes = shared_slopes(
+        Groups(np.array(sizes)), Groups(np.array([2])), y, weights, position[None, :], x, *nothing
+    )
+    current = np.repeat(np.eye(2), sizes, axis=0)
+    truth = sm.WLS(y, np.column_stack([x.T, current, current * position[:, None]]), weights=weights).fit()
+    assert truth.scale > 1.0
+    assert slopes.values[0] == pytest.approx(truth.params[:2])
+    assert slopes.covariance[0] == pytest.approx(truth.cov_params()[:2, :2])
+
+
+def test_what_is_expected_of_a_slope_is_one_more_measurement():
+    """By hand: alone where there are too few rows; a covariate that never varies has no other slope."""
+    few = Groups(np.array([3])), Groups(np.array([1])), np.arange(3.0), np.ones(3), np.arange(3.0)[None, :]
+    slopes = shared_slopes(*few, np.ones((1, 3)), np.array([1.0]), np.array([0.3]))
+    assert slopes.values[0] == pytest.approx([1.0])
+    assert slopes.covariance[0, 0] == pytest.approx([0.09])
+    many = (
+        Groups(np.array([20])),
+        Groups(np.array([1])),
+        np.arange(20.0),
+        np.ones(20),
+        np.arange(20.0)[None, :],
+    )
+    unknown = shared_slopes(*many, np.ones((1, 20)), np.zeros(1), np.full(1, np.inf))
+    assert unknown.values[0, 0] == 0.0
+
+
+def test_deviations_are_externally_studentized_residuals():
+    y, _ = drawn_courses(4, 12)
+    y[5] += 6.0
+    made = ordered(y, [12])
+    result = drifts(made)
+    p_values = deviation_p_values(made, result.line, result.leverage, np.array([2.0]))
+    truth = OLSInfluence(sm.OLS(y, sm.add_constant(np.arange(12.0))).fit())
+    far = np.abs(truth.resid_studentized_external) > 2.0
+    assert far[5]
+    expected = 2 * stats.t.sf(np.abs(truth.resid_studentized_external), 9)
+    assert p_values[far] == pytest.approx(expected[far])
+    assert (p_values[~far] == 1.0).all()
+
+
+def test_a_row_that_counts_little_is_judged_by_its_own_variance_and_hides_no_other():
+    """Truth: the residual of each of two far rows over the scatter of the rows that count."""
+    y = np.concatenate([drawn_courses(3, 20)[0], [40.0, 40.0]])
+    weights = np.concatenate([np.ones(20), np.full(2, 1e-12)])
+    rows = replace(ordered(y, [22], weights=weights), own_weights=np.ones(22))
+    mean = y[:20].mean()
+    p_values = deviation_p_values(rows, np.full(22, mean), weights / 20.0, np.ones(1))
+    degrees = 20  # of 22 rows, one mean, and the row itself
+    score = (40.0 - mean) / np.sqrt(np.sum((y[:20] - mean) ** 2) / degrees)
+    assert p_values[20:] == pytest.approx(2.0 * stats.t.sf(score, degrees), rel=1e-6)
+    assert (p_values[:20] > 1e-3).all()
+
+
+# -- Single estimates that lie far from those before and after them --
+
+
+def added(y: np.ndarray, sizes: list[int], sets: Groups | None = None) -> np.ndarray:
+    """What is added to variances of 1e-4, the groups a set unless said otherwise."""
+    v = np.full(y.size, 1e-4)
+    return outlier_test(Groups(np.array(sizes)), sets or one_group(len(sizes)), v)(y)
+
+
+def noise(seed: int, rows: int) -> np.ndarray:
+    return 0.004 * np.random.default_rng(seed).standard_normal(rows)
+
+
+@pytest.mark.parametrize("place", [0, 1, 2, 9, 18, 19])
+def test_a_single_far_estimate_has_its_distance_as_error(place):
+    y = noise(1, 20)
+    y[place] += 0.3
+    result = added(y, [20])
+    assert np.flatnonzero(result).tolist() == [place]
+    assert np.sqrt(result[place]) == pytest.approx(0.3, abs=0.03)
+
+
+@pytest.mark.parametrize("place", [3, 4, 10, 16, 17])
+@pytest.mark.parametrize("size", [0.05, 0.5, -5.0])
+def test_steps_and_drifts_are_courses(place, size):
+    y = noise(2, 20)
+    y[place:] += size
+    assert not added(y, [20]).any()
+    assert not added(noise(2, 20) + np.linspace(0.0, size, 20), [20]).any()
+
+
+def test_two_in_a_row_are_isolated():
+    y = noise(3, 20)
+    y[8:10] += 0.3
+    assert np.flatnonzero(added(y, [20])).tolist() == [8, 9]
+
+
+def test_groups_end_where_they_end():
+    """Another group's level is no neighbour; one that scatters more by itself is held to its own scatter."""
+    y = np.concatenate([noise(4, 1), 5.0 + noise(5, 12), -5.0 + 0.2 * (-1.0) ** np.arange(12), noise(7, 2)])
+    assert not added(y, [1, 12, 12, 2]).any()
+    assert added(y, [1, 12, 12, 2], Groups(np.array([1, 3]))).tolist() == added(y, [1, 12, 12, 2]).tolist()
+    assert not added(np.zeros(3), [1, 1, 1]).any()
+
+
+def test_few_of_normal_estimates_are_isolated():
+    sizes = [40] * 250
+    assert 0.0 < np.mean(added(2.5 * noise(8, 10_000), sizes) > 0.0) < 0.006

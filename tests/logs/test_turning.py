@@ -1,0 +1,308 @@
+"""What a Crazyflie's log holds of turning: torque setpoints, and what was asked of attitude and rates."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from dataflash_writer import FIRMWARES, DataflashWriter
+from usd_writer import UsdLog, fixed
+
+from eivor.inference.verdict import Status
+from eivor.logs import read_log
+from eivor.logs.ulog.channels import attitude_setpoints
+from eivor.logs.ulog.topics import Topic
+from eivor.motions.identify import identify_flight
+from eivor.signals.recording import Recording
+from motions.turning_logs import STEP_S, Vehicle, turned
+
+# -- What a Crazyflie's log holds of turning: torque setpoints, and what was asked of attitude  --
+
+FULL = 65535.0
+#: Variable of the firmware, canonical channel, and its factor from the canonical value.
+TURNING = (
+    ("gyro.x", "angular_rate_x", 180.0 / np.pi),
+    ("gyro.y", "angular_rate_y", 180.0 / np.pi),
+    ("gyro.z", "angular_rate_z", 180.0 / np.pi),
+    ("controller.cmd_roll", "torque_setpoint_x", FULL),
+    ("controller.cmd_pitch", "torque_setpoint_y", -FULL),
+    ("controller.cmd_yaw", "torque_setpoint_z", -FULL),
+    ("ctrltarget.roll", "reference_roll", 180.0 / np.pi),
+    ("ctrltarget.pitch", "reference_pitch", -180.0 / np.pi),
+)
+
+
+def read(tmp_path: Path, log: UsdLog) -> Recording:
+    (tmp_path / "log03").write_bytes(log.bytes())
+    return read_log(tmp_path / "log03")
+
+
+def test_units_and_signs(tmp_path):
+    """By the firmware's mixer: cmd_roll is for the left motors, cmd_pitch for those in front."""
+    variables = {
+        "controller.cmd_roll": 6553.5,
+        "controller.cmd_pitch": 6553.5,
+        "controller.cmd_yaw": 6553.5,
+        "ctrltarget.roll": 0.0,
+        "controller.roll": 90.0,
+        "ctrltarget.pitch": 90.0,
+        "controller.pitch": 45.0,
+        "ctrltarget.yaw": 180.0,
+        "controller.rollRate": 180.0,
+        "controller.pitchRate": 180.0,
+        "controller.yawRate": 180.0,
+    }
+    log = read(tmp_path, fixed(2, [f"{name}(f)" for name in variables], [list(variables.values())] * 3))
+    values = {name: channel.values[0] for name, channel in log.channels.items()}
+    assert values == pytest.approx(
+        {
+            "torque_setpoint_x": 0.1,
+            "torque_setpoint_y": -0.1,  # the nose goes up: about the left axis backwards
+            "torque_setpoint_z": -0.1,  # the body turns clockwise
+            "feedback_reference_roll": np.pi / 2.0,  # ctrltarget.roll is zero throughout: not in use
+            "reference_pitch": -np.pi / 2.0,
+            "feedback_reference_pitch": -np.pi / 4.0,
+            "reference_angular_rate_z": np.pi,
+            "feedback_reference_angular_rate_x": np.pi,
+            "feedback_reference_angular_rate_y": -np.pi,
+            "feedback_reference_angular_rate_z": np.pi,
+        }
+    )
+    assert all(channel.held for channel in log.channels.values())
+    assert "reference_roll" not in values
+
+
+def test_the_mellinger_controller_has_a_group_of_its_own(tmp_path):
+    names = ["controller.cmd_roll(f)", "ctrlMel.cmd_roll(f)"]
+    log = read(tmp_path, fixed(2, names, [[0.0, FULL]] * 3))
+    assert log.channels["torque_setpoint_x"].values[0] == 1.0
+
+
+def test_what_is_turned_by_the_mixer_turns_that_way():
+    """The signs above against the motors' places: m1 to m4 as the firmware adds up what it is asked."""
+    positions = np.array([[1.0, -1.0], [-1.0, -1.0], [-1.0, 1.0], [1.0, 1.0]])
+    spins = np.array([-1.0, 1.0, -1.0, 1.0])  # of the reaction: m1 and m3 turn counterclockwise
+    for item, motors in (
+        ((1.0, 0.0, 0.0), (-0.5, -0.5, 0.5, 0.5)),
+        ((0.0, -1.0, 0.0), (0.5, -0.5, -0.5, 0.5)),
+        ((0.0, 0.0, -1.0), (1.0, -1.0, 1.0, -1.0)),
+    ):
+        thrust = np.array(motors)
+        torque = (thrust @ positions[:, 1], -thrust @ positions[:, 0], thrust @ spins)
+        assert np.sign(torque) == pytest.approx(np.array(item))
+
+
+@pytest.mark.thorough
+def test_the_rates_model_takes_such_a_log(tmp_path):
+    vehicle = Vehicle()
+    flight = turned(3, vehicle=vehicle, seconds=40.0, command_hz=200.0)
+    clock = flight.channels["angular_rate_x"].time_s
+    columns = []
+    for _, name, factor in TURNING:
+        channel = flight.channels[name]
+        indices = np.searchsorted(channel.time_s, clock + 1e-9, side="right") - 1
+        columns.append(factor * channel.values[np.maximum(indices, 0)])
+    log = UsdLog()
+    log.add_type(0xFFFF, "fixedFrequency", *(f"{name}(f)" for name, _, _ in TURNING))
+    for second, row in zip(clock, np.column_stack(columns), strict=True):
+        log.add_record(0xFFFF, 1_000_000 + round(1e6 * second), *row)
+    result = identify_flight(read(tmp_path, log), model="rates")
+    assert result.verdict.status is Status.IDENTIFIED
+    for axis, truth in zip(("roll", "pitch"), vehicle.effectiveness, strict=False):
+        assert result.quantities[f"{axis}_effectiveness"].value == pytest.approx(truth, rel=0.08)
+    # the reader takes the delay of a low-pass off the gyroscope's stamps that this flight did not have
+    late = read_log(tmp_path / "log03").channels["angular_rate_x"].delay_s
+    assert result.quantities["effective_lag"].value + late == pytest.approx(
+        vehicle.effective_lag_s, abs=0.006
+    )
+
+
+# -- Turning in ArduPilot's logs: fast logging of RATE tells effectiveness and lag; sweeps are  --
+
+DEG = 180.0 / np.pi
+#: Signs of forward, left, up in forward, right, down.
+DOWN = {"x": 1.0, "y": -1.0, "z": -1.0}
+LETTERS = {"x": "R", "y": "P", "z": "Y"}
+STABILIZE, SYSTEM_IDENTIFICATION = 0, 25
+
+
+def turning_log(flight, mode):
+    """Write turning as firmware 4.6 does with LOG_BITMASK's bit 0: RATE and ATT at 400 Hz, IMU at 25 Hz."""
+    writer = DataflashWriter().text(FIRMWARES["4.6"]).parameters(SID_AXIS=10.0)
+    time = flight.channels["angular_rate_x"].time_s
+    writer.add("MODE", 0.0, "MBB", Mode=mode, ModeNum=mode, Rsn=1)
+    writer.add("EV", [0.0, time[-1]], "B", Id=[28, 18])
+    rate, gyro = {}, {}
+    for letter, axis in LETTERS.items():
+        turns = DOWN[letter] * flight.channels[f"angular_rate_{letter}"].values
+        out = DOWN[letter] * flight.channels[f"torque_setpoint_{letter}"].values
+        rate |= {f"{axis}Des": 0.0, axis: turns * DEG, f"{axis}Out": out}
+        gyro[f"Gyr{letter.upper()}"] = turns[::16]
+    writer.add("RATE", time, "f" * 12, **rate, ADes=0.0, A=0.0, AOut=0.4)
+    writer.add("IMU", time[::16], "Bffffff", I=0, **gyro, AccX=0.0, AccY=0.0, AccZ=-9.8)
+    attitude = {"AEKF": 3}
+    for angle, letter in (("Roll", "x"), ("Pitch", "y"), ("Yaw", "z")):
+        requested = DOWN[letter] * flight.channels[f"reference_{angle.lower()}"].values * DEG
+        attitude |= {f"Des{angle}": requested, angle: 0.0}
+    return writer.add("ATT", time[::8], "Bffffff", **attitude).units()
+
+
+def identified(tmp_path, writer):
+    """The fit of turning, whose headline must be told and hold the truth."""
+    path = tmp_path / "flight.bin"
+    path.write_bytes(writer.bytes())
+    log = read_log(path)
+    assert log.channels["angular_rate_x"].source == "RATE.R"
+    fit = identify_flight(log, model="rates")
+    assert fit.verdict.status is Status.IDENTIFIED
+    truth = Vehicle()
+    lag_measurements = {
+        "roll_effectiveness": truth.effectiveness[0],
+        "pitch_effectiveness": truth.effectiveness[1],
+    }
+    for name, value in (lag_measurements | {"effective_lag": truth.effective_lag_s}).items():
+        low, high = fit.quantities[name].interval
+        assert low <= value <= high, name
+    return fit
+
+
+@pytest.mark.thorough
+def test_sticks_in_stabilize(tmp_path):
+    flight = turned(1, command_hz=400.0, rate_hz=400.0)
+    identified(tmp_path, turning_log(flight, STABILIZE))
+
+
+@pytest.mark.thorough
+def test_sweeps_into_the_mixer_are_the_instruments(tmp_path):
+    """A sweep of roll, then one of pitch, while the sticks rest."""
+    count = round(60.0 / STEP_S)
+    time = np.arange(count) * STEP_S
+    injected = np.zeros((count, 3))
+    sweeps = ((0, 4.0, 10), (1, 32.0, 11))
+    for axis, start, _ in sweeps:
+        within = (time >= start) & (time < start + 26.0)
+        since = time[within] - start
+        injected[within, axis] = 0.15 * np.sin(2.0 * np.pi * (0.3 * since + 0.5 * 7.7 / 26.0 * since**2))
+    flight = turned(1, command_hz=400.0, rate_hz=400.0, seconds=60.0, size=0.0, injected=injected)
+    writer = turning_log(flight, SYSTEM_IDENTIFICATION)
+    for axis, start, number in sweeps:
+        within = (time >= start) & (time < start + 26.0)
+        sample = DOWN["xyz"[axis]] * injected[within, axis]
+        writer.add("SIDS", start, "Bf", Ax=number, Mag=0.15)
+        writer.add("SIDD", time[within], "ff", Time=time[within] - start, Targ=sample)
+    fit = identified(tmp_path, writer)
+    assert fit.prepared[0].usable_references == ("injected_torque_x", "injected_torque_y")
+
+
+@pytest.mark.thorough
+def test_a_short_sweep_of_the_attitude_serves_its_axis(tmp_path):
+    """Half a minute with resting sticks, 15 s of a sweep of roll: pitch, which did not move, is refused."""
+    time = np.arange(round(30.0 / STEP_S)) * STEP_S
+    within = (time >= 10.0) & (time < 25.0)
+    since = time[within] - 10.0
+    swept = np.zeros((time.size, 3))
+    swept[within, 0] = 0.12 * np.sin(2.0 * np.pi * (0.3 * since + 0.5 * 7.7 / 15.0 * since**2))
+    flight = turned(0, command_hz=400.0, rate_hz=400.0, seconds=30.0, size=0.0, swept=swept)
+    writer = turning_log(flight, SYSTEM_IDENTIFICATION)
+    writer.add("SIDS", 10.0, "Bf", Ax=1, Mag=7.0)
+    writer.add("SIDD", time[within], "ff", Time=since, Targ=swept[within, 0] * DEG)
+    path = tmp_path / "flight.bin"
+    path.write_bytes(writer.bytes())
+    fit = identify_flight(read_log(path), model="rates")
+    assert fit.prepared[0].usable_references == ("reference_roll",)
+    assert fit.verdict.status is Status.REFUSED
+    assert fit.quantities["pitch_effectiveness"].verdict is Status.REFUSED
+    roll = fit.quantities["roll_effectiveness"]
+    assert roll.verdict is Status.IDENTIFIED
+    assert roll.interval[0] <= Vehicle().effectiveness[0] <= roll.interval[1]
+
+
+# -- Setpoints of attitude and rates of a PX4 log, by who made them --
+
+COUNT = 8
+TIME = np.arange(COUNT, dtype=np.float64)
+
+
+def quaternion(roll: float, pitch: float, yaw: float) -> np.ndarray:
+    """Z, then y, then x."""
+    (cr, cp, cy), (sr, sp, sy) = (f(0.5 * np.array([roll, pitch, yaw])) for f in (np.cos, np.sin))
+    return np.array(
+        [
+            cr * cp * cy + sr * sp * sy,
+            sr * cp * cy - cr * sp * sy,
+            cr * sp * cy + sr * cp * sy,
+            cr * cp * sy - sr * sp * cy,
+        ]
+    )
+
+
+def log(states=(), **attitude) -> tuple[dict[str, Topic], dict[str, np.ndarray]]:
+    rates = {name: np.full(COUNT, value) for name, value in (("roll", 1.0), ("pitch", 2.0), ("yaw", 3.0))}
+    topics = {
+        "vehicle_attitude_setpoint": Topic("vehicle_attitude_setpoint", 0, attitude),
+        "vehicle_rates_setpoint": Topic("vehicle_rates_setpoint", 0, rates),
+    }
+    clocks = dict.fromkeys(topics, TIME)
+    if len(states):
+        topics["vehicle_status"] = Topic("vehicle_status", 0, {"nav_state": np.array(states)})
+        clocks["vehicle_status"] = TIME[: len(states)] * 2.0
+    return topics, clocks
+
+
+def made(topics, clocks) -> dict[str, np.ndarray]:
+    return {name: values for name, _, values, _ in attitude_setpoints(topics, clocks)}
+
+
+def of(angles) -> dict[str, np.ndarray]:
+    parts = np.stack([quaternion(*angle) for angle in angles], axis=1)
+    return {f"q_d[{index}]": part for index, part in enumerate(parts)}
+
+
+def test_quaternions_become_angles_and_yaw_has_no_jumps():
+    angles = [(0.1 * k, -0.05 * k, 2.5 + 0.2 * k) for k in range(COUNT)]
+    result = made(*log((15, 15, 15, 15), **of(angles)))
+    for number, name in enumerate(("roll", "pitch", "yaw")):
+        np.testing.assert_allclose(
+            result[f"reference_{name}"], [angle[number] for angle in angles], atol=1e-12
+        )
+        assert np.isnan(result[f"feedback_reference_{name}"]).all()
+
+
+def test_they_are_told_apart_by_the_mode_in_force():
+    # from second 0 stabilized, from 2 position, from 4 acro, from 6 altitude
+    result = made(*log((15, 2, 10, 1), **of([(0.3, 0.2, 0.1)] * COUNT)))
+    by_sticks = np.isfinite(result["reference_roll"])
+    np.testing.assert_array_equal(by_sticks, [True, True, False, False, False, False, True, True])
+    np.testing.assert_array_equal(np.isfinite(result["feedback_reference_roll"]), ~by_sticks)
+    np.testing.assert_array_equal(
+        np.isfinite(result["reference_angular_rate_y"]), [*[False] * 4, True, True, *[False] * 2]
+    )
+    assert result["reference_angular_rate_y"][4] == 2.0
+
+
+def test_without_a_mode_a_loop_made_them():
+    result = made(*log(**of([(0.3, 0.2, 0.1)] * COUNT)))
+    assert np.isnan(result["reference_roll"]).all()
+    assert np.isfinite(result["feedback_reference_roll"]).all()
+    assert np.isnan(result["reference_angular_rate_x"]).all()
+
+
+def test_old_logs_hold_angles():
+    angles = {
+        f"{name}_body": np.full(COUNT, value) for name, value in (("roll", 0.1), ("pitch", 0.2), ("yaw", 0.3))
+    }
+    never = {f"q_d[{index}]": np.zeros(COUNT) for index in range(4)}
+    result = made(*log((0, 0, 0, 0), **angles, **never))
+    assert result["reference_pitch"] == pytest.approx(np.full(COUNT, 0.2))
+
+
+def test_damaged_quaternions_are_missing():
+    parts = of([(0.3, 0.2, 0.1)] * COUNT)
+    parts["q_d[0]"][3], parts["q_d[1]"][5] = np.nan, 9.0
+    result = made(*log((15,), **parts))
+    np.testing.assert_array_equal(np.flatnonzero(np.isnan(result["reference_yaw"])), [3, 5])
+
+
+def test_a_setpoint_of_neither_kind_makes_no_channel():
+    assert [item for item in made(*log((15,))) if "angular" not in item] == []

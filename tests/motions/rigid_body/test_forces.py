@@ -1,0 +1,453 @@
+"""What lift turns, against the torques of the simulated rotors."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from eivor.estimation.methods import by_name, identify
+from eivor.flights.options import FlightOptions
+from eivor.flights.prepare import prepare
+from eivor.flights.quantity import SimpleModel
+from eivor.lab.scenario_files import shipped_rigid_body_flight
+from eivor.models.lagged_runs import LaggedRuns
+from eivor.models.separable import NoInstruments
+from eivor.motions.identify import identify_flight
+from eivor.motions.rigid_body.dynamics import body_derivative, coefficients_of, effective_parameters, wrench
+from eivor.motions.rigid_body.motion import SETTLED_S, RigidBody
+from eivor.motions.rigid_body.regression import (
+    FROM_HZ,
+    body_velocity,
+    drag_moments,
+    force_by_velocity,
+    gyroscopic_moment,
+    inferred_velocity,
+    lift_moments,
+)
+from eivor.motions.rigid_body.vehicle import (
+    DRAG_MOMENT,
+    FORCE_Z_EQUATION,
+    GYROSCOPIC_MOMENT,
+    LIFT_MOMENT,
+    PITCH_EQUATION,
+    REACTION,
+    ROLL_EQUATION,
+    YAW_EQUATION,
+    InertiaRatios,
+    KnownVehicle,
+    RotorLayout,
+    Vehicle,
+    by_pitch_coupling,
+    by_roll_coupling,
+    pitch_over_roll,
+)
+from eivor.motions.rigid_body.verdict import (
+    identified_ratios,
+    rotor_inertia_ratios,
+    with_common_rotor_inertia,
+    with_gyroscopic_moments,
+)
+from eivor.motions.vertical.model import GRAVITY
+from eivor.signals.signals import Signals
+from eivor.simulation.rigid_body import simulate_rigid_body_flights
+from eivor.simulation.rigid_body_spec import Sensors
+
+# -- What lift turns, against the torques of the simulated rotors --
+
+LIFT = 2e-4
+SPEC = replace(shipped_rigid_body_flight("crazyflie"), duration=4.0, seed=5)
+LIFTED = replace(SPEC.vehicle, rotors=replace(SPEC.vehicle.rotors, translational_lift=LIFT))
+KNOWN = KnownVehicle("simulated", tuple((x, y) for x, y, _ in LIFTED.rotors.positions), LIFTED.rotors.spins)
+
+
+def test_lift_turns_as_in_the_simulator():
+    air, rates, speeds = (3.0, -2.0, 0.5), (0.3, -0.7, 1.9), (1500.0, 1600.0, 1700.0, 1550.0)
+    turned = [wrench(coefficients_of(item), air, rates, speeds)[1] for item in (LIFTED, SPEC.vehicle)]
+    moments = lift_moments(RotorLayout(KNOWN), np.array(air)[:, None], np.array([rates[2]]))
+    expected = np.subtract(*np.array(turned, dtype=np.float64))[:2]
+    assert LIFT * moments[:, 0] == pytest.approx(expected, rel=1e-9)
+    assert np.abs(expected).min() > 1e-7
+
+
+def test_the_equations_of_roll_and_pitch_have_what_lift_turns():
+    (flight,) = simulate_rigid_body_flights([SPEC])
+    motion = RigidBody(KNOWN)
+    problem = motion.problem((prepare(flight.recording, motion, FlightOptions()),), NoInstruments())
+    assert (problem.band_hz(ROLL_EQUATION)[1], problem.band_hz(FORCE_Z_EQUATION)[1]) == (20.0, 8.0)
+    for axis, parameter in enumerate(LIFT_MOMENT):
+        index = problem.parameters.index(parameter)
+        moved = [bool(column.fixed[:, index].any()) for column in problem.columns]
+        assert moved == [column.axis == (ROLL_EQUATION, PITCH_EQUATION)[axis] for column in problem.columns]
+
+
+# -- What drag off the centre of mass and spinning rotors turn, against the simulated rotors an --
+
+BESIDE_SPEC = shipped_rigid_body_flight("crazyflie")
+STILL, HOVER = (0.0, 0.0, 0.0), BESIDE_SPEC.vehicle.hover_speed
+INERTIA_OF_A_ROTOR, HEIGHT_M = 2e-8, 0.006
+
+
+def moved(by: tuple[float, float, float], vehicle: Vehicle = BESIDE_SPEC.vehicle) -> Vehicle:
+    """Vehicle whose rotors all stand elsewhere from its centre of mass."""
+    positions = tuple(tuple(np.add(position, by).tolist()) for position in vehicle.rotors.positions)
+    return replace(vehicle, rotors=replace(vehicle.rotors, positions=positions))
+
+
+@pytest.mark.parametrize("by", [(0.01, 0.0, 0.0), (0.0, -0.02, 0.0), (0.0, 0.0, 0.015)])
+def test_drag_beside_the_centre_of_mass_turns_by_the_velocities_along_the_other_axes(by):
+    """The simulator's torques at equal speeds, velocity by velocity."""
+    coefficients = coefficients_of(moved(by))
+    speeds = [HOVER] * 4
+    resting = np.array(wrench(coefficients, STILL, STILL, speeds)[1])
+    of_velocity = np.column_stack(
+        [
+            np.array(wrench(coefficients, tuple(item), STILL, speeds)[1]) - resting
+            for item in np.eye(3).tolist()
+        ]
+    )
+    assert np.abs(of_velocity).max() > 1e-6
+    velocity = np.array([1.3, -0.7, 0.4])
+    torque = np.array(wrench(coefficients, tuple(velocity.tolist()), STILL, speeds)[1]) - resting
+    for axis in range(3):
+        others = [along for along in range(3) if along != axis]
+        columns = drag_moments(axis, velocity[:, None])[:, 0]
+        assert of_velocity[axis, others] @ columns == pytest.approx(torque[axis], abs=1e-12)
+
+
+def test_rotors_that_spin_turn_as_in_the_simulator():
+    spinning = replace(
+        BESIDE_SPEC.vehicle, rotors=replace(BESIDE_SPEC.vehicle.rotors, inertia=INERTIA_OF_A_ROTOR)
+    )
+    rates, speeds = (0.4, -0.9, 0.0), [1500.0, 1600.0, 1700.0, 1550.0]
+    body = [0.0] * 6 + [1.0, 0.0, 0.0, 0.0, *rates]
+    turned = [
+        np.array(body_derivative(coefficients_of(item), body, speeds, [0.0] * 4, STILL, STILL)[10:12])
+        for item in (spinning, BESIDE_SPEC.vehicle)
+    ]
+    spin = np.array([np.dot(speeds, BESIDE_SPEC.vehicle.rotors.spins)])
+    for axis in (0, 1):
+        expected = (
+            INERTIA_OF_A_ROTOR
+            / BESIDE_SPEC.vehicle.inertia[axis]
+            * gyroscopic_moment(axis, np.array(rates)[:, None], spin)
+        )
+        assert turned[0][axis] - turned[1][axis] == pytest.approx(expected[0], rel=1e-9)
+        assert abs(expected[0]) > 1e-3
+
+
+def test_damping_of_rotors_above_the_centre_of_mass_is_told_with_their_height():
+    high = moved((0.0, 0.0, 0.02))
+    damping = effective_parameters(high).rate_damping
+    for axis in (0, 1):
+        slopes = []
+        for rate in (0.0, 1.0):
+            rates = tuple(rate * (index == axis) for index in range(3))
+            body = [0.0] * 6 + [1.0, 0.0, 0.0, 0.0, *rates]
+            slopes.append(
+                body_derivative(coefficients_of(high), body, [HOVER] * 4, [0.0] * 4, STILL, STILL)[10 + axis]
+            )
+        assert slopes[0] - slopes[1] == pytest.approx(damping[axis], rel=1e-9)
+
+
+def known(vehicle: Vehicle) -> KnownVehicle:
+    """What its file says, which has neither a height nor where the centre of mass lies."""
+    return KnownVehicle(
+        "simulated", tuple((x, y) for x, y, _ in BESIDE_SPEC.vehicle.rotors.positions), vehicle.rotors.spins
+    )
+
+
+def test_turning_has_columns_for_it_where_velocity_is_logged():
+    (flight,) = simulate_rigid_body_flights([replace(BESIDE_SPEC, duration=4.0, seed=5)])
+    motion = RigidBody(known(BESIDE_SPEC.vehicle))
+    without = {
+        name: channel
+        for name, channel in flight.recording.channels.items()
+        if not name.startswith("velocity")
+    }
+    for log, there in ((flight.recording, True), (replace(flight.recording, channels=without), False)):
+        problem = motion.problem((prepare(log, motion, FlightOptions()),), NoInstruments())
+        names = {parameter.name for parameter in problem.parameters}
+        assert {item.name for item in GYROSCOPIC_MOMENT} <= names
+        assert all((item.name in names) == there for pair in DRAG_MOMENT for item in pair)
+
+
+def test_the_equations_hold_for_rotors_that_spin_above_and_beside_the_centre_of_mass():
+    """At the true lag, by least squares in time; without these columns the residual is many times larger."""
+    rotors = replace(BESIDE_SPEC.vehicle.rotors, inertia=INERTIA_OF_A_ROTOR)
+    vehicle = moved((0.004, -0.003, HEIGHT_M), replace(BESIDE_SPEC.vehicle, rotors=rotors))
+    record = replace(BESIDE_SPEC, vehicle=vehicle, sensors=Sensors.exact(), duration=10.0, seed=5)
+    (flight,) = simulate_rigid_body_flights([record])
+    motion = RigidBody(known(vehicle))
+    problem = motion.problem((prepare(flight.recording, motion, FlightOptions()),), NoInstruments())
+    truth, drag = effective_parameters(vehicle), 4.0 * vehicle.rotors.drag * HOVER
+    first, second, third = vehicle.inertia
+    expected = (
+        {"roll_by_spin": INERTIA_OF_A_ROTOR / first, "roll_by_drag_y": HEIGHT_M * drag / first},
+        {"pitch_by_spin": INERTIA_OF_A_ROTOR / second, "pitch_by_drag_x": -HEIGHT_M * drag / second},
+        {"yaw_by_drag_x": -0.003 * drag / third, "yaw_by_drag_y": -0.004 * drag / third},
+    )
+    neighbours = {
+        item.name for item in (*GYROSCOPIC_MOMENT, *(item for pair in DRAG_MOMENT for item in pair))
+    }
+    for axis, name in enumerate(("roll", "pitch", "yaw")):
+        result, left = in_time(problem, axis, set())
+        assert result[f"{name}_coupling"] == pytest.approx(truth.gyroscopic_ratios[axis], abs=0.015)
+        assert result[f"{name}_gain"] == pytest.approx(truth.torque_gains[axis], rel=2e-3)
+        for parameter, value in expected[axis].items():
+            assert result[parameter] == pytest.approx(value, rel=0.1)
+        assert in_time(problem, axis, neighbours)[1] > 8.0 * left
+
+
+def in_time(problem: LaggedRuns, axis: int, without: set[str]) -> tuple[dict[str, float], float]:
+    """Least squares of an equation at the true lag over what counts of a flight, and what it leaves."""
+    item = problem.columns[axis]
+    names = [parameter.name for parameter in problem.parameters]
+    fixed = item.fixed.shape[1]
+    columns = dict(zip(names[:fixed], item.fixed.T, strict=True))
+    moving = item.moving({"actuator_lag": BESIDE_SPEC.vehicle.rotors.lag_up, "delay": 0.0})
+    columns |= zip((names[fixed + entry] for entry in item.moved), moving.T, strict=True)
+    kept = {name: column for name, column in columns.items() if column.any() and name not in without}
+    (run,) = item.runs
+    rows = np.column_stack([*kept.values(), np.ones(len(moving))])[run]
+    scale = np.abs(rows).max(axis=0)
+    response = item.responses[run, 0]
+    theta = np.linalg.lstsq(rows / scale, response, rcond=None)[0] / scale
+    left = float(np.std(response - rows @ theta))
+    return dict(zip(kept, theta[:-1].tolist(), strict=True)), left
+
+
+def test_a_log_that_begins_in_the_air_counts_once_rotors_no_longer_know_how_they_began():
+    (flight,) = simulate_rigid_body_flights([replace(BESIDE_SPEC, duration=4.0, seed=5)])
+    prepared = prepare(flight.recording, RigidBody(known(BESIDE_SPEC.vehicle)), FlightOptions())
+    begin = prepared.signals.step_s * float(np.flatnonzero(prepared.used)[0])
+    assert begin == pytest.approx(SETTLED_S, abs=0.02)
+
+
+# -- Velocity, and the force that its change tells, on the body's axes --
+
+RATE_HZ = 100.0
+TIME = np.arange(400) / RATE_HZ
+VELOCITY = np.column_stack([np.sin(TIME), 0.5 * TIME, np.cos(2.0 * TIME)])
+FORCE = np.column_stack([np.cos(TIME), np.full(TIME.size, 0.5), GRAVITY - 2.0 * np.sin(2.0 * TIME)])
+
+
+def tilted(**none: None) -> tuple[Signals, Rotation]:
+    body = Rotation.from_euler("xyz", [0.2, -0.3, 0.9])
+    x, y, z, w = body.as_quat()
+    channels = {
+        **{f"velocity_{axis}": VELOCITY[:, i] for i, axis in enumerate("xyz")},
+        **{
+            f"attitude_{part}": np.full(TIME.size, item)
+            for part, item in zip("wxyz", (w, x, y, z), strict=True)
+        },
+    }
+    return Signals(RATE_HZ, {name: channel for name, channel in channels.items() if name not in none}), body
+
+
+def test_the_change_of_velocity_tells_what_an_accelerometer_reads():
+    signals, body = tilted()
+    force = force_by_velocity(signals)
+    inner = slice(5, -5)
+    assert force is not None
+    assert force[inner] == pytest.approx(body.inv().apply(FORCE)[inner], abs=1e-6)
+    assert body_velocity(signals) == pytest.approx(body.inv().apply(VELOCITY))
+
+
+def test_without_attitude_neither_is_known():
+    signals, _ = tilted(attitude_w=None)
+    assert force_by_velocity(signals) is None
+    assert body_velocity(signals) is None
+
+
+# -- Velocity along z out of the accelerometer, where none is logged --
+
+STEP_S = 0.01
+TIME_S = STEP_S * np.arange(4000)
+
+
+def signals(force: np.ndarray, roll: np.ndarray, **more: np.ndarray) -> Signals:
+    rates = {"angular_rate_x": np.gradient(roll, STEP_S), "angular_rate_y": np.zeros(force.size)}
+    return Signals(rate_hz=1.0 / STEP_S, channels={"specific_force_body_z": force, **rates, **more})
+
+
+def velocity(frequency_hz: float) -> np.ndarray:
+    return np.sin(2.0 * np.pi * frequency_hz * TIME_S)
+
+
+def inner(values: np.ndarray) -> np.ndarray:
+    return values[500:-500]
+
+
+@pytest.mark.parametrize("frequency_hz", [FROM_HZ, 0.5, 2.0])
+def test_what_is_quick_is_found_whatever_the_bias(frequency_hz):
+    moved = velocity(frequency_hz)
+    force = np.gradient(moved, STEP_S) + GRAVITY + 0.3
+    result = inferred_velocity(signals(force, np.zeros(TIME_S.size)), [slice(0, TIME_S.size)])
+    assert result is not None
+    assert np.std(inner(result - moved)) < 0.03
+
+
+@pytest.mark.parametrize("logged", [False, True])
+def test_a_tilt_is_no_fall(logged):
+    roll = 0.4 * np.sin(2.0 * np.pi * 0.7 * TIME_S)
+    moved = velocity(0.5)
+    force = np.gradient(moved, STEP_S) + GRAVITY * np.cos(roll)
+    quaternion = {"w": np.cos(roll / 2.0), "x": np.sin(roll / 2.0), "y": 0.0 * roll, "z": 0.0 * roll}
+    attitude = {f"attitude_{part}": values for part, values in quaternion.items()} if logged else {}
+    result = inferred_velocity(signals(force, roll, **attitude), [slice(0, TIME_S.size)])
+    assert result is not None
+    assert np.std(inner(result - moved)) < 0.03
+
+
+def test_runs_are_integrated_by_themselves():
+    moved = velocity(0.5)
+    runs = [slice(100, 1500), slice(2000, 3900)]
+    result = inferred_velocity(signals(np.gradient(moved, STEP_S) + GRAVITY, 0.0 * moved), runs)
+    assert result is not None
+    assert not result[:100].any()
+    assert not result[1500:2000].any()
+    assert np.std(result[2300:3600] - moved[2300:3600]) < 0.05
+
+
+def test_without_a_force_there_is_none():
+    blind = Signals(rate_hz=100.0, channels={"angular_rate_x": np.zeros(100)})
+    assert inferred_velocity(blind, [slice(0, 100)]) is None
+
+
+# -- One inertia of the rotors for all axes: when it is told, and that it is worth what it clai --
+
+ONE_SPEC = shipped_rigid_body_flight("crazyflie")
+ONE_INERTIA_OF_A_ROTOR = 5e-8
+SPINNING = replace(ONE_SPEC.vehicle, rotors=replace(ONE_SPEC.vehicle.rotors, inertia=ONE_INERTIA_OF_A_ROTOR))
+FIRST, SECOND, THIRD = ONE_SPEC.vehicle.inertia[:3]
+MOTION = RigidBody(
+    KnownVehicle(
+        "simulated",
+        tuple((x, y) for x, y, _ in ONE_SPEC.vehicle.rotors.positions),
+        ONE_SPEC.vehicle.rotors.spins,
+    )
+)
+METHOD = by_name("whitened_least_squares")
+AT = {"actuator_lag": ONE_SPEC.vehicle.rotors.lag_up, "delay": 0.0}
+
+
+@pytest.fixture(scope="module")
+def log():
+    """A noisy flight of a vehicle whose rotors have inertia."""
+    (flight,) = simulate_rigid_body_flights([replace(ONE_SPEC, vehicle=SPINNING, duration=20.0, seed=3)])
+    return flight.recording
+
+
+@pytest.fixture(scope="module")
+def problem(log) -> LaggedRuns:
+    return MOTION.problem((prepare(log, MOTION, FlightOptions()).shortened,), NoInstruments())
+
+
+def told(vehicle=SPINNING) -> dict[str, float]:
+    """Gains and couplings of a vehicle."""
+    truth = effective_parameters(vehicle)
+    gains = {f"{name}_gain": gain for name, gain in zip(("roll", "pitch"), truth.torque_gains, strict=False)}
+    pairs = zip(("roll", "pitch"), truth.gyroscopic_ratios, strict=False)
+    return gains | {f"{name}_coupling": ratio for name, ratio in pairs}
+
+
+def test_ratios_are_those_of_the_inertias():
+    values = told()
+    assert pitch_over_roll(values) == pytest.approx(SECOND / FIRST)
+    for ratio in (by_roll_coupling, by_pitch_coupling):
+        assert ratio(values) == pytest.approx(THIRD / FIRST)
+    ratios = InertiaRatios.of_values(values)
+    assert (ratios.of_axis(ROLL_EQUATION), ratios.of_axis(PITCH_EQUATION)) == pytest.approx(
+        (THIRD / FIRST, THIRD / SECOND)
+    )
+
+
+def test_columns_are_sums_of_those_that_they_replace(problem):
+    ratios = InertiaRatios(1.7, 1.5)
+    problem.bins(AT)  # remembers spectra, which the other problem takes
+    linked = with_common_rotor_inertia(problem, ratios)
+    anew = replace(linked)  # remembers nothing
+    assert rotor_inertia_ratios(problem) is None
+    assert rotor_inertia_ratios(linked) == ratios
+    assert not set(GYROSCOPIC_MOMENT) & set(linked.parameters)
+    names = [parameter.name for parameter in problem.parameters]
+    kept = [index for index, parameter in enumerate(problem.parameters) if parameter not in GYROSCOPIC_MOMENT]
+    for rows in (linked.bins(AT), anew.bins(AT)):
+        expected = problem.bins(AT).regressors
+        expected[:, names.index(REACTION.name)] += sum(
+            ratio * expected[:, names.index(item.name)]
+            for ratio, item in zip((1.7, 1.5), GYROSCOPIC_MOMENT, strict=True)
+        )
+        np.testing.assert_allclose(rows.regressors, expected[:, kept], rtol=1e-9, atol=1e-12)
+    axes = linked.rows(AT).layout.axis_of_row
+    reaction = linked.rows(AT).regressors[
+        :, [parameter.name for parameter in linked.parameters].index(REACTION.name)
+    ]
+    assert all(reaction[axes == axis].any() for axis in (ROLL_EQUATION, PITCH_EQUATION, YAW_EQUATION))
+
+
+@pytest.mark.thorough
+def test_a_flight_that_couples_tells_one_inertia_within_its_interval(log, problem):
+    free, flight = identify(problem, METHOD), identify_flight(log, model=MOTION, method=METHOD.name)
+    assert rotor_inertia_ratios(flight.fit.problem) is not None
+    for item, inertia in zip((*GYROSCOPIC_MOMENT, REACTION), (FIRST, SECOND, THIRD), strict=True):
+        low, high = flight.quantities[item.name].interval
+        assert low <= ONE_INERTIA_OF_A_ROTOR / inertia <= high
+        assert low > 0.0
+    for item in GYROSCOPIC_MOMENT:  # each by itself is told far worse
+        assert flight.quantities[item.name].std_error < 0.7 * free.std_error(item.name)
+    low, high = flight.quantities["effective_lag"].interval
+    assert low <= ONE_SPEC.vehicle.rotors.lag_up <= high
+
+
+def test_couplings_that_are_not_told_leave_three_columns(problem):
+    free = identify(problem, METHOD)
+    assert identified_ratios(free) is not None
+    blind = replace(problem, columns=tuple(uncoupled(column) for column in problem.columns))
+    assert identified_ratios(identify(blind, METHOD)) is None
+
+
+def uncoupled(first):
+    """Columns of a flight whose products of rates are hardly there."""
+    return replace(first, fixed=first.fixed * np.where(np.arange(first.fixed.shape[1]) < 3, 1e-9, 1.0))
+
+
+def test_columns_that_say_something_else_than_one_inertia_stay_three(problem):
+    """A reaction of yaw by far larger than that of any inertia, as of a motor that is slow to turn."""
+    free = identify(problem, METHOD)
+    slow = replace(problem, columns=tuple(reacting(column, problem) for column in problem.columns))
+    other = identify(slow, METHOD)
+    assert other.parameters[REACTION.name] > 10.0 * free.parameters[REACTION.name]
+    assert identified_ratios(other) is None
+
+
+def reacting(first, problem):
+    """The axis of yaw with a response that has more of a reaction in it."""
+    if first.axis != YAW_EQUATION:
+        return first
+    names = [parameter.name for parameter in problem.parameters[first.fixed.shape[1] :]]
+    index = first.moved.index(names.index(REACTION.name))
+    more = 20.0 * ONE_INERTIA_OF_A_ROTOR / THIRD * first.moving(AT)[:, index]
+    return replace(first, responses=first.responses + more[:, None])
+
+
+def test_predictions_know_what_all_axes_have():
+    values = told() | {REACTION.name: ONE_INERTIA_OF_A_ROTOR / THIRD}
+    other = {REACTION.name: 2.0}
+    spin_moments = with_gyroscopic_moments(
+        {"fit": SimpleModel("", values), "other": SimpleModel("", other)}, "fit"
+    )
+    for item, inertia in zip(GYROSCOPIC_MOMENT, (FIRST, SECOND), strict=True):
+        assert spin_moments["fit"].values[item.name] == pytest.approx(ONE_INERTIA_OF_A_ROTOR / inertia)
+        assert spin_moments["other"].values[item.name] == pytest.approx(2.0 * THIRD / inertia)
+    before = {
+        "fit": SimpleModel(
+            "",
+            values
+            | {GYROSCOPIC_MOMENT[ROLL_EQUATION].name: 3.0, GYROSCOPIC_MOMENT[PITCH_EQUATION].name: 4.0},
+        )
+    }
+    assert with_gyroscopic_moments(before, "fit") == before

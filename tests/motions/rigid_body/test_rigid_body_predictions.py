@@ -1,0 +1,341 @@
+"""Flights under torques from outside: what exogenous signals predict, and what instruments of it tell."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, replace
+
+import numpy as np
+import pytest
+
+import eivor as ev
+from eivor.errors import InputError, MissingChannelError, UsageError
+from eivor.flights.options import FlightOptions
+from eivor.flights.prepare import prepare
+from eivor.flights.prepared import PreparedFlight
+from eivor.flights.quantity import SimpleModel
+from eivor.lab.disturbances import Arma
+from eivor.lab.scenario_files import shipped_rigid_body_flight
+from eivor.models.separable import LaggedReferences
+from eivor.motions.identify import identify_flight
+from eivor.motions.rates.verdict import AXES
+from eivor.motions.rigid_body.motion import RigidBody
+from eivor.motions.rigid_body.regression import predicted_flight
+from eivor.motions.rigid_body.vehicle import KnownNumber, KnownVehicle, vehicle_from_record
+from eivor.report.saved_fit import SavedFit, load_fit
+from eivor.report.terminal import on_terminal
+from eivor.report.validation import validation_document
+from eivor.signals.recording import Recording
+from eivor.simulation.controller import Sensor
+from eivor.simulation.excitation import Multisine
+from eivor.simulation.rigid_body import RigidBodyFlight, simulate_rigid_body_flights
+from eivor.simulation.rigid_body_spec import AxisExcitations, RigidBodyFlightSpec, Sensors, TorqueDisturbance
+
+# -- Flights under torques from outside: what exogenous signals predict, and what instruments o --
+
+BASE = shipped_rigid_body_flight("crazyflie")
+#: Onboard low-passes [Hz], the delay of the rotors [s], and torques from outside of 4 rad/s^2 for .3 s.
+GYRO_HZ, FORCE_HZ, DELAY_S = 80.0, 30.0, 0.004
+DECAY = float(np.exp(-1.0 / (BASE.rate_hz * 0.3)))
+SHOVES = TorqueDisturbance(*[Arma(4.0 * float(np.sqrt(1.0 - DECAY**2)), (DECAY,))] * 3)
+SWEPT = AxisExcitations(*[Multisine(0.05, 0.3, 8.0)] * 3)
+
+
+def spec(seed: int, **changes: object) -> RigidBodyFlightSpec:
+    sensors = replace(
+        BASE.sensors,
+        angular_rate=replace(BASE.sensors.angular_rate, cutoff_hz=GYRO_HZ),
+        specific_force=replace(BASE.sensors.specific_force, cutoff_hz=FORCE_HZ),
+    )
+    vehicle = replace(BASE.vehicle, rotors=replace(BASE.vehicle.rotors, delay=DELAY_S))
+    controller = replace(BASE.controller, quickness=2.0, derivative_share=1.0)
+    made = replace(BASE, vehicle=vehicle, sensors=sensors, controller=controller, seed=seed, injection=SWEPT)
+    return replace(made, torque_disturbance=SHOVES, **changes)
+
+
+def motion(**known: float) -> RigidBody:
+    rotors = BASE.vehicle.rotors
+    positions = tuple((x, y) for x, y, _ in rotors.positions)
+    return RigidBody(KnownVehicle("simulated", positions, rotors.spins, **known))
+
+
+def flown(*specs: RigidBodyFlightSpec) -> list[RigidBodyFlight]:
+    flights = [flight for item in specs for flight in simulate_rigid_body_flights([item])]
+    assert all(flight.flew for flight in flights)
+    return flights
+
+
+@pytest.mark.thorough
+def test_references_and_sweeps_predict_the_flight_without_what_shoves_it():
+    shoved = spec(1, duration=11.0)
+    flights = flown(shoved, replace(shoved, torque_disturbance=TorqueDisturbance()))
+    disturbed, calm = (prepare(flight.recording, motion(), FlightOptions()) for flight in flights)
+    names = [name for name in disturbed.usable_references if name.startswith("injected")]
+    assert len(names) == 3  # what is injected serves
+    result = predicted_flight(disturbed, motion().layout, LaggedReferences(disturbed.usable_references))
+    assert set(result.signals.channels) == set(disturbed.signals.channels)
+    used = disturbed.used
+    for name in ("angular_rate_x", "angular_rate_y"):
+        truth = calm.signals.channel(name)[used]
+        predicted = result.signals.channel(name)[used]
+        assert np.std(predicted - truth) < 0.7 * np.std(truth)
+        shoved_by = disturbed.signals.channel(name)[used] - truth
+        assert abs(np.corrcoef(predicted - truth, shoved_by)[0, 1]) < 0.3
+    assert np.ptp(result.signals.channel("attitude_w")) == 0.0
+
+
+@pytest.mark.thorough
+def test_shoves_leave_the_gains_of_a_swept_flight_alone_which_least_squares_misses():
+    (flight,) = flown(spec(2))
+    truth = flight.truth.parameters.torque_gains
+    known = motion(gyro_cutoff_hz=GYRO_HZ, accelerometer_cutoff_hz=FORCE_HZ)
+    reported = identify_flight(flight.recording, model=known)
+    missed = identify_flight(flight.recording, model=known, method="least_squares")
+    for name, gain in zip(("roll_gain", "pitch_gain"), truth, strict=False):
+        assert reported.quantities[name].value == pytest.approx(gain, rel=0.05)
+        assert missed.quantities[name].value != pytest.approx(gain, rel=0.1)
+    assert reported.quantities["effective_lag"].value == pytest.approx(0.072 + DELAY_S, rel=0.05)
+
+
+@pytest.mark.long
+def test_gains_of_swept_flights_under_shoves_have_no_bias_and_intervals_that_hold():
+    flights = flown(*(spec(seed) for seed in range(12)))
+    known = motion(gyro_cutoff_hz=GYRO_HZ, accelerometer_cutoff_hz=FORCE_HZ)
+    held = []
+    errors = {name: [] for name in ("roll_gain", "pitch_gain", "yaw_gain")}
+    for flight in flights:
+        result = identify_flight(flight.recording, model=known)
+        for (name, error), truth in zip(errors.items(), flight.truth.parameters.torque_gains, strict=True):
+            quantity = result.quantities[name]
+            error.append(quantity.value / truth - 1.0)
+            held.append(quantity.interval[0] <= truth <= quantity.interval[1])
+    for name, error in errors.items():
+        assert abs(np.mean(error)) < 0.01, name
+        assert np.sqrt(np.mean(np.square(error))) < 0.025, name
+    assert np.mean(held) >= 0.85
+
+
+# -- Position, velocity, attitude and rates some tenths of a second ahead, of the rotors alone --
+
+SPEC = replace(shipped_rigid_body_flight("crazyflie"), duration=9.0, seed=3, sensors=Sensors(*[Sensor()] * 5))
+ROTORS = SPEC.vehicle.rotors
+KNOWN = KnownVehicle("simulated", tuple((x, y) for x, y, _ in ROTORS.positions), ROTORS.spins)
+MOTION = RigidBody(KNOWN)
+QUANTITIES = ["roll rate", "pitch rate", "yaw rate", "attitude", "velocity", "position"]
+
+
+@pytest.fixture(scope="module")
+def flown_ahead() -> RigidBodyFlight:
+    return next(iter(simulate_rigid_body_flights([SPEC])))
+
+
+@pytest.fixture(scope="module")
+def flight(flown_ahead: RigidBodyFlight) -> PreparedFlight:
+    return prepare(flown_ahead.recording, MOTION, FlightOptions()).shortened
+
+
+@pytest.fixture(scope="module")
+def truth(flown_ahead: RigidBodyFlight) -> dict[str, float]:
+    parameters = flown_ahead.truth.parameters
+    return {
+        **{
+            f"{axis.name}_gain": torque_gain
+            for axis, torque_gain in zip(AXES, parameters.torque_gains, strict=True)
+        },
+        **{
+            f"{axis.name}_coupling": gyroscopic_ratio
+            for axis, gyroscopic_ratio in zip(AXES, parameters.gyroscopic_ratios, strict=True)
+        },
+        **{f"{axis.name}_damping": item for axis, item in zip(AXES, parameters.rate_damping, strict=True)},
+        **{f"drag_{axis}": item for axis, item in zip("xyz", parameters.drag, strict=True)},
+        "thrust_gain": parameters.thrust_gain,
+        "actuator_lag": parameters.lag_up,
+        "delay": parameters.delay,
+    }
+
+
+def models(values: dict[str, float]) -> dict[str, SimpleModel]:
+    without = {**values, "actuator_lag": 0.0}
+    return {"fit": SimpleModel("the fit", values), "least_squares": SimpleModel("without lag", without)}
+
+
+def without(log: Recording, *excluded: str) -> Recording:
+    return replace(
+        log, channels={name: channel for name, channel in log.channels.items() if name not in excluded}
+    )
+
+
+def quantities(motion: RigidBody, log: Recording, values: dict[str, float], *refused: str) -> list[str]:
+    flight = prepare(log, motion, FlightOptions()).shortened
+    prediction = motion.multi_step_prediction((flight,), models(values), frozenset(refused))
+    return [item[0].quantity for item in prediction.by_quantity]
+
+
+@pytest.mark.thorough
+def test_true_numbers_predict_every_quantity(flight, truth):
+    prediction = MOTION.multi_step_prediction((flight,), models(truth), frozenset())
+    assert [item[0].quantity for item in prediction.by_quantity] == QUANTITIES
+    # of a flight without noise next to nothing is left half a second ahead
+    allowed = dict(zip(QUANTITIES, (5e-3, 5e-3, 5e-3, 2e-3, 0.02, 5e-3), strict=True))
+    for entry, lagless, unchanged in prediction.by_quantity:
+        assert entry.rms[-1] < allowed[entry.quantity]
+        assert entry.rms[-1] < 0.03 * unchanged.rms[-1]
+        assert entry.rms[-1] < 0.08 * lagless.rms[-1]
+    assert prediction.predicts
+
+
+def test_a_body_that_turns_on_is_predicted_by_its_rates():
+    """Constant rates about an axis that leans: the attitude that stays as it is, is exact."""
+    from eivor.flights.motion import Starts
+    from eivor.motions.rigid_body.predict import _angle, _unchanged
+
+    rates = np.array([0.4, -0.8, 1.1])
+    body = np.zeros((13, 1))
+    body[3:6, 0], body[6:10, 0], body[10:13, 0] = (1.0, 2.0, -1.0), (0.8, 0.0, 0.6, 0.0), rates
+    starts = Starts(np.array([0]), (1000,), 0.0005)
+    unchanged = _unchanged(body, starts)
+
+    def turning(state: np.ndarray, _now: np.ndarray) -> np.ndarray:
+        w, x, y, z = state
+        p, q, r = rates
+        return 0.5 * np.stack(
+            [-x * p - y * q - z * r, w * p + y * r - z * q, w * q + z * p - x * r, w * r + x * q - y * p]
+        )
+
+    propagate = starts.propagate(body[6:10], turning)
+    assert _angle(propagate, unchanged[:, 6:10]).max() < 1e-5
+    assert _angle(-propagate, unchanged[:, 6:10]).max() < 1e-5
+    assert np.allclose(unchanged[0, :3, 0], [0.5, 1.0, -0.5])
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(
+    ("refused", "left"),
+    [
+        (("roll_gain",), ["pitch rate", "yaw rate"]),
+        (("yaw_gain",), ["roll rate", "pitch rate", "velocity", "position"]),
+        (("thrust_gain",), QUANTITIES[:4]),
+        (("effective_lag",), []),
+        (("drag_x", "roll_coupling"), QUANTITIES),
+    ],
+)
+def test_what_rests_on_a_refused_gain_is_left_out(flight, truth, refused, left):
+    prediction = MOTION.multi_step_prediction((flight,), models(truth), frozenset(refused))
+    assert [item[0].quantity for item in prediction.by_quantity] == left
+    text = " ".join(prediction.omitted)
+    assert ("Not predicted" in text) == (left != QUANTITIES)
+    assert ("Counted as zero, since the fit does not identify it: roll coupling, drag x." in text) == (
+        "drag_x" in refused
+    )
+
+
+def test_a_refused_drag_counts_as_zero(flight, truth):
+    wild = {**truth, "drag_x": 1e3, "quadratic_drag_x": 1e3}
+    result = MOTION.multi_step_prediction((flight,), models(wild), frozenset({"drag_x"}))
+    velocity = {error.model: error for error in result.errors if error.quantity == "velocity"}
+    assert velocity["fit"].rms[-1] < 0.3
+    assert velocity["least_squares"].rms[-1] > 1.0
+
+
+@pytest.mark.thorough
+def test_what_the_log_lacks_is_left_out(flown_ahead, truth):
+    log = flown_ahead.recording
+    assert quantities(MOTION, without(log, "position_x", "position_y", "position_z"), truth) == QUANTITIES[:5]
+    assert quantities(MOTION, without(log, "position_x", "position_y"), truth)[-1] == "height"
+    assert quantities(MOTION, without(log, "velocity_y"), truth) == QUANTITIES[:4]
+    assert quantities(MOTION, without(log, "attitude_w"), truth) == QUANTITIES[:3]
+    no_force = without(log, *(f"specific_force_body_{axis}" for axis in "xyz"))
+    assert quantities(MOTION, no_force, truth) == QUANTITIES
+
+
+def saved(values: dict[str, float], tmp_path, **changed: object) -> SavedFit:
+    """A result of such numbers, as `eivor identify --json` writes it; what matters here of it."""
+    nuisances = {name: values[name] for name in ("actuator_lag", "delay")}
+    quantity = {"unit": "", "std_error": 0.1, "interval": [0.0, 1.0], "verdict": "identified"}
+    best = {
+        "at": nuisances,
+        "best": True,
+        "values": list(values.values()),
+        "parts": [{"name": "given", "matrix": np.eye(len(values)).tolist(), "degrees": None, "share": 1.0}],
+    }
+    document = {
+        "schema": "eivor.identify/1",
+        "model": {"name": "rigid_body"},
+        "verdict": "identified",
+        "reasons": [],
+        "parameters": {name: {"value": value, **quantity} for name, value in values.items()},
+        "derived": {},
+        "covariance": {"names": list(values), "candidates": [best]},
+        "prediction": {
+            "input": "rotor_command",
+            "input_map": "square",
+            "at": nuisances,
+            "limits": {"max_tilt_deg": 25.8},
+            "beside": {"least_squares": {"words": "without lag", "values": {**values, "actuator_lag": 0.0}}},
+            "input_level": 1700.0,
+            "vehicle": json.loads(json.dumps(asdict(KNOWN))),
+            **changed,
+        },
+        "provenance": {"logs": [{"name": "first.csv", "sha256": None}], "options": {}},
+    }
+    path = tmp_path / "fit.json"
+    path.write_text(json.dumps(document))
+    return load_fit(path)
+
+
+def test_another_flight_is_validated(flown_ahead, truth, tmp_path):
+    validate = ev.validate(saved(truth, tmp_path), flown_ahead.recording, window=(0.0, 7.0))
+    assert validate.predicts
+    assert "in the mean" in validate.sentence
+    document = json.loads(validate.to_json())
+    assert document["predictions"] == []
+    assert document["ahead"]["horizons"] == [0.1, 0.2, 0.3, 0.4, 0.5]
+    assert document["ahead"]["starts"] == validate.multi_step_prediction.start_s.size > 100
+    first = document["ahead"]["errors"][0]
+    assert (first["model"], first["quantity"], first["unit"]) == ("fit", "roll rate", "rad/s")
+    assert "position" in validate.summary()
+    assert "position" in validate._repr_html_()
+    assert on_terminal(validation_document(validate)).renderables
+    figure = validate.plot()
+    assert len(figure.axes) == 12
+    assert [axes.get_ylabel() for axes in figure.axes[:2]] == ["roll rate [deg/s]", "RMS error [deg/s]"]
+
+
+def test_what_cannot_be_validated_is_said(flown_ahead, truth, tmp_path):
+    log = flown_ahead.recording
+    with pytest.raises(InputError, match="says what flies"):
+        ev.validate(saved(truth, tmp_path, vehicle=None), log)
+    with pytest.raises(InputError, match="commands in the same unit"):
+        ev.validate(saved(truth, tmp_path, input_level=0.6), log)
+    with pytest.raises(InputError, match="4 rotors"):
+        ev.validate(saved(truth, tmp_path), without(log, "rotor_command_4"))
+    with pytest.raises(MissingChannelError, match="angular_rate_y"):
+        ev.validate(saved(truth, tmp_path), without(log, "angular_rate_y"))
+    nothing = {name: item for name, item in truth.items() if not name.endswith("gain")}
+    with pytest.raises(UsageError, match="does not identify the roll gain"):
+        ev.validate(saved(nothing, tmp_path), log)
+
+
+def test_a_vehicle_comes_back_from_a_result():
+    vehicle = replace(KNOWN, mass=KnownNumber(0.03, 0.001), arm_scale=KnownNumber(1.0), thrust_map="linear")
+    assert vehicle_from_record(json.loads(json.dumps(asdict(vehicle)))) == vehicle
+    for wrong in (
+        {},
+        {**asdict(vehicle), "mass": {"value": -1.0, "std": 0.0}},
+        {**asdict(vehicle), "wings": 2},
+    ):
+        with pytest.raises(InputError, match="says what flies"):
+            vehicle_from_record(wrong)
+
+
+@pytest.mark.thorough
+def test_a_result_predicts_its_own_flight_and_another(flown_ahead):
+    noisy = replace(shipped_rigid_body_flight("crazyflie"), duration=12.0)
+    first, second = simulate_rigid_body_flights([replace(noisy, seed=1), replace(noisy, seed=2)])
+    fit = ev.identify_flight(first.recording, model=MOTION, method="whitened_least_squares")
+    assert fit.multi_step_prediction is not None
+    assert all(ratio < 0.3 for ratio in fit.multi_step_prediction.ratios.values())
+    assert all(
+        ratio < 0.3 for ratio in ev.validate(fit, second.recording).multi_step_prediction.ratios.values()
+    )
+    assert json.loads(fit.to_json())["ahead"]["errors"]

@@ -1,0 +1,361 @@
+"""What noises say of their covariance, against direct sums and against noise that was drawn."""
+
+from __future__ import annotations
+
+from statistics import NormalDist
+
+import numpy as np
+import pytest
+from cost import in_transforms
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.special import gamma
+
+import eivor as ev
+from eivor.errors import NonFiniteError, ParameterError, TooFewSamplesError, UsageError
+from eivor.signals import noise
+from eivor.signals.noise import (
+    FractionalNoise,
+    GrowthTable,
+    MeasurementNoise,
+    WhiteNoise,
+    estimate_long_memory,
+    fractional_difference,
+    fractional_weights,
+)
+from eivor.signals.recording import DataSheet
+
+# -- What noises say of their covariance, against direct sums and against noise that was drawn --
+
+
+def direct(order: float, lag: int, start: int, count: int) -> np.ndarray:
+    """Sum of the products of weights, term by term."""
+    weights = fractional_weights(order, start + count + lag + 1)
+    return np.array(
+        [sum(weights[q] * weights[q + lag] for q in range(m + 1)) for m in range(start, start + count)]
+    )
+
+
+@given(
+    order=st.floats(-0.5, 0.5),
+    lag=st.integers(0, 12),
+    start=st.integers(0, 40),
+    count=st.integers(1, 40),
+)
+def test_fractional_autocovariance_is_the_double_sum(order, lag, start, count):
+    autocovariance = FractionalNoise(2.0, order).autocovariance(lag, start, count)
+    np.testing.assert_allclose(autocovariance, 4.0 * direct(order, lag, start, count), rtol=1e-11, atol=1e-14)
+
+
+@pytest.mark.parametrize("lag", [0, 3, 11])
+@pytest.mark.parametrize("order", [-0.5, -0.4, 0.3])
+def test_growth_across_blocks_is_the_growth_without_them(monkeypatch, order, lag):
+    whole = direct(order, lag, 0, 90)
+    monkeypatch.setattr(noise, "BLOCK", 7)
+    table = GrowthTable(order, lag)
+    # The default number of weights was bound when the class was made: blocks of seven need their own.
+    monkeypatch.setattr(GrowthTable._weights, "__defaults__", (8,), raising=True)
+    for start, count in ((60, 5), (0, 90), (6, 2), (13, 30), (89, 1)):
+        np.testing.assert_allclose(table.stretch(start, count), whole[start : start + count], rtol=1e-12)
+
+
+def test_growth_across_the_border_of_real_blocks():
+    border = noise.BLOCK
+    lag, order = 4, -0.4
+    weights = fractional_weights(order, border + 40)
+    whole = np.cumsum(weights[: border + 20] * weights[lag : border + 20 + lag])
+    stretch = GrowthTable(order, lag).stretch(border - 10, 25)
+    np.testing.assert_allclose(stretch, whole[border - 10 : border + 15], rtol=1e-10)
+
+
+@pytest.mark.parametrize(("order", "lag"), [(-0.5, 0), (-0.4, 3), (0.4, 1)])
+def test_fractional_autocovariance_is_that_of_drawn_noise(order, lag):
+    runs, count, std = 20_000, 30, 0.7
+    white = std * np.random.default_rng(8).standard_normal((count, runs))
+    drawn = fractional_difference(white, order)
+    products = drawn[: count - lag] * drawn[lag:]
+    expected = FractionalNoise(std, order).autocovariance(lag, 0, count - lag)
+    error = products.std(axis=1) / np.sqrt(runs)
+    # Thirty or so means, each within 4.5 standard errors: one in ten thousand fails by chance.
+    assert np.all(np.abs(products.mean(axis=1) - expected) < 4.5 * error)
+
+
+def test_white_noise_has_its_variance_at_lag_zero_only():
+    noise = WhiteNoise(0.3)
+    np.testing.assert_array_equal(noise.autocovariance(0, 5, 4), np.full(4, 0.3**2))
+    np.testing.assert_array_equal(noise.autocovariance(2, 0, 3), np.zeros(3))
+    assert noise.variance == pytest.approx(0.09)
+    np.testing.assert_allclose(FractionalNoise(0.3, 0.0).autocovariance(0, 9, 3), 0.09)
+    np.testing.assert_allclose(FractionalNoise(0.3, 0.0).autocovariance(2, 9, 3), 0.0, atol=1e-18)
+
+
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (lambda: WhiteNoise(-0.1), "std=-0.1"),
+        (lambda: WhiteNoise(float("nan")), "std=nan"),
+        (lambda: FractionalNoise(float("inf"), 0.1), "std=inf"),
+        (lambda: FractionalNoise(1.0, 0.51), "order=0.51"),
+        (lambda: FractionalNoise(1.0, float("nan")), "order=nan"),
+    ],
+)
+def test_impossible_noises_are_refused(make, said):
+    with pytest.raises(NonFiniteError, match=f"Expected .*; received {said}"):
+        make()
+
+
+def test_published_weights_and_differences():
+    """Order 0.4: 1, -0.4, -0.12, ...; order 0.5 of (1, 2, 4, 7, 0); by hand, from the binomial series."""
+    np.testing.assert_allclose(
+        fractional_weights(0.4, 6), [1.0, -0.4, -0.12, -0.064, -0.0416, -0.029952], rtol=1e-14
+    )
+    np.testing.assert_allclose(
+        fractional_difference(np.array([1.0, 2.0, 4.0, 7.0, 0.0]), 0.5),
+        [1.0, 1.5, 2.875, 4.6875, -4.1640625],
+        rtol=1e-13,
+    )
+
+
+@pytest.mark.parametrize("memory", [0.2, 0.3])
+def test_old_noise_has_the_moments_of_the_stationary_process(memory):
+    """ARFIMA(0, d, 0): variance Gamma(1 - 2d) / Gamma(1 - d)^2, lag-one autocorrelation d / (1 - d)."""
+    noise = FractionalNoise(1.0, -memory)
+    age = 2_000_000
+    variance = gamma(1.0 - 2.0 * memory) / gamma(1.0 - memory) ** 2
+    # The sum of a_q^2 ~ q^(2d - 2) / Gamma(d)^2 beyond the record's age is what is still missing.
+    missing = age ** (2.0 * memory - 1.0) / ((1.0 - 2.0 * memory) * gamma(memory) ** 2)
+    assert noise.autocovariance(0, age, 1)[0] == pytest.approx(variance - missing, rel=1e-6)
+    lagged = noise.autocovariance(1, age, 1)[0]
+    assert lagged == pytest.approx(variance * memory / (1.0 - memory) - missing, rel=1e-6)
+
+
+def test_half_derivative_of_a_ramp():
+    """The half-derivative of t at t = 1 is 2 / sqrt(pi)."""
+    step = 1e-5
+    ramp = step * np.arange(100_001)
+    result = fractional_difference(ramp, 0.5)[-1] / np.sqrt(step)
+    assert result == pytest.approx(2.0 / np.sqrt(np.pi), rel=1e-5)
+
+
+@pytest.mark.parametrize("noise", [WhiteNoise(0.3), FractionalNoise(0.3, -0.4), FractionalNoise(0.3, 0.5)])
+def test_sampled_noise_has_its_autocovariance(noise):
+    streams = np.random.default_rng(12).spawn(4000)
+    drawn = np.array([noise.sample(40, stream) for stream in streams])
+    for lag in (0, 1, 4):
+        products = drawn[:, : 40 - lag] * drawn[:, lag:]
+        error = products.std(axis=0) / np.sqrt(len(streams))
+        expected = noise.autocovariance(lag, 0, 40 - lag)
+        assert np.all(np.abs(products.mean(axis=0) - expected) < 4.5 * error)
+
+
+@pytest.mark.parametrize("noise", [WhiteNoise(0.3), FractionalNoise(0.3, -0.5)])
+def test_another_std_scales_every_sample(noise):
+    sample = noise.sample(50, np.random.default_rng(5))
+    other = noise.with_std(0.9).sample(50, np.random.default_rng(5))
+    np.testing.assert_allclose(other, 3.0 * sample, rtol=1e-12)
+    assert noise.with_std(0.9).std == 0.9
+    assert noise.with_std(noise.std) == noise
+    np.testing.assert_array_equal(noise.with_std(0.0).sample(50, np.random.default_rng(5)), 0.0)
+
+
+def test_order_is_the_slope_of_the_spectrum():
+    """Over the middle decades, log S rises by 2 * order per unit of log w."""
+    for order in (-0.5, -0.4, 0.3):
+        noise = FractionalNoise(1.0, order)
+        power = np.mean(
+            [
+                np.abs(np.fft.rfft(noise.sample(4096, stream) * np.hanning(4096))) ** 2
+                for stream in np.random.default_rng(2).spawn(60)
+            ],
+            axis=0,
+        )
+        w = 2.0 * np.pi * np.fft.rfftfreq(4096)
+        band = (w > 0.01) & (w < 0.5)
+        slope, _ = np.polyfit(np.log(2.0 * np.sin(w[band] / 2.0)), np.log(power[band]), 1)
+        assert slope == pytest.approx(2.0 * order, abs=0.06)
+
+
+# -- Noises that are neither white and normal nor fractional have the moments that they say --
+
+COUNT = 200_000
+NOISES = [
+    ev.AutoregressiveNoise(0.4, 0.9),
+    ev.AutoregressiveNoise(0.4, -0.5),
+    ev.HeavyTailedNoise(0.4, 5.0),
+    ev.RoundingNoise(0.4),
+]
+
+
+@pytest.mark.parametrize("noise", NOISES, ids=repr)
+@pytest.mark.parametrize("lag", [0, 1, 7])
+def test_samples_have_the_autocovariance(noise: MeasurementNoise, lag: int) -> None:
+    series = noise.sample(COUNT, np.random.default_rng(4))
+    result = np.mean(series[: COUNT - lag] * series[lag:])
+    expected = noise.autocovariance(lag, 1_000, 3)
+    assert expected.shape == (3,)
+    assert result == pytest.approx(expected[0], abs=0.03 * noise.std**2)
+
+
+@pytest.mark.parametrize("noise", NOISES, ids=repr)
+@pytest.mark.parametrize("lag", [0, 1, 3])
+def test_the_moving_average_has_the_autocovariance_of_a_record_that_begins(
+    noise: MeasurementNoise, lag: int
+) -> None:
+    weights = noise.moving_average(40)
+    expected = [weights[: m + 1] @ weights[lag : lag + m + 1] for m in range(20)]
+    np.testing.assert_allclose(noise.autocovariance(lag, 0, 20), expected, atol=1e-12)
+    np.testing.assert_allclose(noise.autocovariance(lag, 5, 4), expected[5:9], atol=1e-12)
+
+
+@pytest.mark.parametrize("noise", NOISES, ids=repr)
+def test_another_size_is_the_same_noise_larger(noise: MeasurementNoise) -> None:
+    louder = noise.with_std(2.0 * noise.std)
+    once, twice = (item.sample(50, np.random.default_rng(1)) for item in (noise, louder))
+    np.testing.assert_allclose(twice, 2.0 * once, rtol=1e-12)
+
+
+def test_tails_are_heavy_and_rounding_has_none() -> None:
+    heavy = ev.HeavyTailedNoise(1.0, 3.0).sample(COUNT, np.random.default_rng(2))
+    assert np.abs(heavy).max() > 12.0
+    rounding = ev.RoundingNoise(1.0)
+    assert rounding.step == pytest.approx(np.sqrt(12.0))
+    assert np.abs(rounding.sample(COUNT, np.random.default_rng(2))).max() <= 0.5 * rounding.step
+
+
+@pytest.mark.parametrize("coefficient", [1.0, -1.2, np.nan])
+def test_a_coefficient_that_is_not_stationary(coefficient: float) -> None:
+    with pytest.raises((ParameterError, NonFiniteError), match="coefficient"):
+        ev.AutoregressiveNoise(1.0, coefficient)
+
+
+@pytest.mark.parametrize("degrees", [2.0, -3.0, np.inf])
+def test_tails_without_a_standard_deviation(degrees: float) -> None:
+    with pytest.raises((ParameterError, NonFiniteError), match="degrees"):
+        ev.HeavyTailedNoise(1.0, degrees)
+
+
+def test_a_random_walk_is_a_fractional_noise() -> None:
+    walk = ev.FractionalNoise(1.0, -1.0).sample(100, np.random.default_rng(3))
+    white = ev.WhiteNoise(1.0).sample(100, np.random.default_rng(3))
+    np.testing.assert_allclose(walk, np.cumsum(white), atol=1e-9)
+    with pytest.raises(NonFiniteError, match=r"between -1\.0 and 0\.5"):
+        ev.FractionalNoise(1.0, -1.1)
+
+
+# -- What a data sheet says of a sensor's noise --
+
+
+def test_density_over_a_bandwidth_and_the_rounding_of_a_step_add_up():
+    assert DataSheet(density=0.002, bandwidth_hz=50.0).std(200.0) == pytest.approx(0.002 * 50.0**0.5)
+    assert DataSheet(density=0.002).std(200.0) == pytest.approx(0.02)
+    assert DataSheet(step=0.12).std(1.0) == pytest.approx(0.12 / 12.0**0.5)
+
+
+@pytest.mark.parametrize(
+    "stated", [{}, {"density": -1.0}, {"step": float("inf")}, {"density": 1.0, "bandwidth_hz": -1.0}]
+)
+def test_sheets_that_say_nothing(stated):
+    with pytest.raises(UsageError):
+        DataSheet(**stated)
+
+
+# -- Order and strength of a noise from a record at rest, over many seeds --
+
+RUNS = 500
+
+
+@pytest.mark.calibration
+@pytest.mark.parametrize("bandwidth", [None, 1999])
+@pytest.mark.parametrize("order", [-0.5, -0.4, 0.0, 0.3, 0.5])
+def test_estimates_are_centred_and_their_errors_cover(order, bandwidth):
+    rng = np.random.default_rng([31, int(10 * order + 10), bandwidth or 0])
+    records = 1.7 * fractional_difference(rng.standard_normal((4000, RUNS)), order) + 9.81
+    results = [estimate_long_memory(record.copy(), bandwidth=bandwidth) for record in records.T]
+    order_scores = np.array([(result.order - order) / result.order_error for result in results])
+    std_scores = np.array([(result.std - 1.7) / result.std_error for result in results])
+    # The periodogram's own bias is of the order of log(m)/sqrt(m): a fifth of a standard error at most.
+    for scores in (order_scores, std_scores):
+        assert abs(scores.mean()) < 0.2 + 4.0 / np.sqrt(RUNS)
+        assert scores.std() == pytest.approx(1.0, abs=0.03 + 4.0 / np.sqrt(2.0 * RUNS))
+    covered = np.mean([low <= order <= high for low, high in (result.order_interval() for result in results)])
+    assert abs(covered - 0.95) < 0.01 + 3.5 * np.sqrt(0.95 * 0.05 / RUNS)
+
+
+def test_errors_are_those_of_the_theory():
+    values = np.random.default_rng(4).standard_normal(100_001)
+    local, whole = (estimate_long_memory(values, bandwidth=m) for m in (500, 50_000))
+    assert local.order_error == pytest.approx(0.5 / np.sqrt(500), rel=0.04)  # ln(m)^2 / (2m) more
+    assert whole.order_error == pytest.approx(np.sqrt(6.0 / np.pi**2 / values.size), rel=0.01)
+    assert whole.std_error == pytest.approx(whole.std / np.sqrt(2.0 * values.size), rel=0.01)
+    assert local.bandwidth == 500
+    assert estimate_long_memory(values).bandwidth == int(100_001**0.65)
+    low, high = whole.order_interval(0.9)
+    assert high - low == pytest.approx(2.0 * NormalDist().inv_cdf(0.95) * whole.order_error)
+
+
+def test_unit_and_mean_do_not_matter():
+    values = FractionalNoise(0.02, -0.4).sample(3000, np.random.default_rng(6))
+    memory, other = estimate_long_memory(values), estimate_long_memory(1e3 * values + 5.0)
+    assert other.order == pytest.approx(memory.order, abs=1e-9)
+    assert other.std == pytest.approx(1e3 * memory.std, rel=1e-9)
+    assert memory.memory == -memory.order
+
+
+def test_short_memory_at_high_frequencies_is_left_out():
+    """A moving average on top of order -0.4 shifts the estimate from all frequencies, not the local one."""
+    rng = np.random.default_rng(9)
+    values = fractional_difference(rng.standard_normal(60_001), -0.4)
+    blurred = values[1:] + 0.9 * values[:-1]
+    local, whole = estimate_long_memory(blurred), estimate_long_memory(blurred, bandwidth=29_999)
+    assert abs(local.order + 0.4) < 4.0 * local.order_error
+    assert abs(whole.order + 0.4) > 20.0 * whole.order_error
+    # Delta^-0.4 of white noise with 1.9 times the std is what it is like at low frequencies.
+    assert local.std == pytest.approx(1.9, abs=4.0 * local.std_error)
+
+
+def test_noise_to_declare():
+    record = fractional_difference(np.random.default_rng(3).standard_normal(2000), -0.7)
+    memory = estimate_long_memory(record)
+    assert memory.order < -0.5
+    assert memory.noise() == FractionalNoise(memory.std, memory.order)
+
+
+@pytest.mark.thorough
+def test_a_million_samples_take_as_long_as_a_few_transforms():
+    """About six, of 0.04 s each."""
+    rng = np.random.default_rng(0)
+    values = FractionalNoise(1.0, -0.5).sample(999_983, rng)  # a prime: the FFT's worst case
+    memory = estimate_long_memory(values)
+    assert in_transforms(lambda: estimate_long_memory(values), values.size) < 20.0
+    assert abs(memory.order + 0.5) < 5.0 * memory.order_error
+
+
+@pytest.mark.parametrize(
+    ("values", "options", "error", "said"),
+    [
+        (np.arange(10.0), {}, TooFewSamplesError, "Expected 17 samples or more; received 10"),
+        (np.full(100, 3.3), {}, ParameterError, "a record that varies; received a constant one"),
+        (np.zeros(100), {}, ParameterError, "a record that varies; received a constant one"),
+        (np.full(100, np.nan), {}, NonFiniteError, "finite values; received NaN"),
+        (
+            np.arange(100.0),
+            {"bandwidth": 50},
+            ParameterError,
+            "from 8 to 49 frequencies; received bandwidth=50",
+        ),
+        (
+            np.arange(100.0),
+            {"bandwidth": 3},
+            ParameterError,
+            "from 8 to 49 frequencies; received bandwidth=3",
+        ),
+    ],
+)
+def test_records_that_tell_nothing(values, options, error, said):
+    with pytest.raises(error, match=said):
+        estimate_long_memory(values, **options)
+
+
+def test_level_is_a_probability():
+    with pytest.raises(ParameterError, match=r"a level between 0 and 1; received level=95"):
+        estimate_long_memory(np.arange(100.0) % 7).order_interval(95.0)

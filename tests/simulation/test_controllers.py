@@ -1,0 +1,422 @@
+"""Controlled vehicles against plain loops, a matrix exponential, an integrator, and each other."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.linalg import expm
+from scipy.signal import cont2discrete
+
+from eivor.errors import ParameterError
+from eivor.lab.records import (
+    ALWAYS_MEASURED,
+    NOISY_CHANNELS,
+    SMALL,
+    AltitudeControl,
+    Control,
+    DisturbanceRoute,
+    OpenLoop,
+    Scenario,
+    VelocityControl,
+    driven_motion,
+    misled_motion,
+    pushed_motion,
+    sampled_vehicle,
+    simulate,
+)
+from eivor.motions.vertical.model import GRAVITY
+from eivor.signals.noise import FractionalNoise, WhiteNoise
+from eivor.simulation.excitation import GivenSeries, SteppedExcitation, WhiteDisturbance, WhiteExcitation
+from eivor.simulation.vertical import (
+    THRUST_RANGE,
+    AltitudeController,
+    SimulatedMotion,
+    VerticalEnvironment,
+    VerticalVehicles,
+    simulate_vertical,
+)
+
+# -- Controlled vehicles against plain loops, a matrix exponential, an integrator, and each oth --
+
+K, K_U, T = 0.293, 0.021, 0.2
+VELOCITY = VelocityControl(15.0, 4.0)
+ALTITUDE = AltitudeControl(0.4, 30.0, 5.0)
+CONTROLS = [VELOCITY, VelocityControl(15.0), ALTITUDE, AltitudeControl(0.4, 30.0)]
+QUIET = Scenario(K, K_U, samples=150, excitation=WhiteExcitation(1.0), control=ALTITUDE)
+NOISY = replace(
+    QUIET,
+    noise={
+        "velocity_z": FractionalNoise(0.02, -0.4),
+        "acceleration_z": WhiteNoise(0.1),
+        "input": WhiteNoise(0.5),
+        "position_z": FractionalNoise(0.05, -0.2),
+    },
+    disturbance=WhiteDisturbance(0.05),
+    route=DisturbanceRoute.DYNAMICS,
+)
+
+
+def rng(seed: int = 1) -> np.random.Generator:
+    return np.random.default_rng(seed)
+
+
+@pytest.mark.parametrize("control", CONTROLS, ids=str)
+@pytest.mark.parametrize("route", list(DisturbanceRoute))
+@pytest.mark.parametrize("friction", [0.0, K])
+def test_loop_is_that_of_a_flight_controller(control, route, friction):
+    """Sample by sample, in the order in which a controller computes; motion between samples by expm."""
+    noise = {name: NOISY.noise[name] for name in ("velocity_z", "input")}
+    if isinstance(control, AltitudeControl):
+        noise["position_z"] = NOISY.noise["position_z"]
+    scenario = replace(NOISY, viscous_friction=friction, control=control, noise=noise, route=route)
+    result = simulate(scenario, rng())
+    truth, signals = result.truth.channels, result.signals.channels
+    errors = {name: signals[name] - truth[name] for name in noise}
+    flow = expm(T * np.array([[-friction, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]]))
+    velocity, altitude, total = 0.0, 0.0, 0.0
+    reference, disturbance = truth[control.reference], truth["disturbance"]
+    for k in range(scenario.samples):
+        setpoint = reference[k]
+        if isinstance(control, AltitudeControl):
+            assert truth["position_z"][k] == pytest.approx(altitude, abs=1e-11)
+            setpoint = control.altitude_gain * (reference[k] - altitude - errors["position_z"][k])
+        missing = setpoint - velocity - errors["velocity_z"][k]
+        total += missing
+        u = control.velocity_gain * missing + control.velocity_integral_gain * T * total
+        assert truth["velocity_z"][k] == pytest.approx(velocity, abs=1e-11)
+        assert truth["input"][k] == pytest.approx(u, abs=1e-9)
+        force = K_U * u + disturbance[k]
+        assert truth["acceleration_z"][k] == pytest.approx(force - friction * velocity, abs=1e-11)
+        push = K_U * u + (disturbance[k] if route is DisturbanceRoute.DYNAMICS else 0.0)
+        velocity, altitude, _ = flow @ [velocity, altitude, push]
+
+
+def test_altitude_is_the_integrators():
+    """Adaptive integration of position and velocity over every step, with the input that was held."""
+    truth = simulate(NOISY, rng()).truth
+    u, e = truth.channel("input"), truth.channel("disturbance")
+    state = np.zeros(2)
+    for k in range(40):
+        assert truth.channel("position_z")[k] == pytest.approx(state[0], abs=1e-10)
+        assert truth.channel("velocity_z")[k] == pytest.approx(state[1], abs=1e-10)
+        push = K_U * u[k] + e[k]
+        state = solve_ivp(
+            lambda _, x, push=push: [x[1], -K * x[1] + push], (0.0, T), state, rtol=1e-11, atol=1e-13
+        ).y[:, -1]
+
+
+@pytest.mark.parametrize("friction", [0.0, 1e-9, 1e-4, 0.99 * SMALL / T, 1.01 * SMALL / T, K, 12.0])
+def test_step_is_the_matrix_exponentials(friction):
+    vehicle = sampled_vehicle(friction, K_U, T)
+    system = (np.array([[-friction, 0.0], [1.0, 0.0]]), np.array([[1.0], [0.0]]), np.eye(2), np.zeros((2, 1)))
+    exact = cont2discrete(system, T, method="zoh")
+    np.testing.assert_allclose([[vehicle.decay, 0.0], [vehicle.held, 1.0]], exact[0], rtol=1e-12)
+    np.testing.assert_allclose([[vehicle.held], [vehicle.rise]], exact[1], rtol=1e-12)
+
+
+@pytest.mark.parametrize("control", CONTROLS, ids=str)
+def test_causes_add(control):
+    """The record is the sum of what reference, disturbance and measurement errors do alone."""
+    scenario = replace(
+        QUIET, control=control, disturbance=WhiteDisturbance(0.05), route=DisturbanceRoute.DYNAMICS
+    )
+    noise = {name: NOISY.noise[name] for name in scenario.measured}
+    scenario = replace(scenario, noise=noise)
+    result = simulate(scenario, rng())
+    truth = result.truth.channels
+    errors = {name: result.signals.channels[name] - truth[name] for name in scenario.measured}
+    feedback = control.feedback
+    assert feedback is not None
+    parts = [
+        driven_motion(scenario, truth[control.reference]),
+        pushed_motion(scenario, truth["disturbance"]),
+        misled_motion(scenario, feedback, errors),
+    ]
+    for part in parts:
+        assert np.std(part.velocity) > 1e-4
+    whole = sum(parts[1:], start=parts[0])
+    np.testing.assert_allclose(whole.input, truth["input"], atol=1e-10)
+    np.testing.assert_allclose(whole.velocity, truth["velocity_z"], atol=1e-12)
+    if "position_z" in truth:
+        assert whole.altitude is not None
+        np.testing.assert_allclose(whole.altitude, truth["position_z"], atol=1e-12)
+
+
+@pytest.mark.parametrize("channel", NOISY_CHANNELS)
+def test_noise_of_what_is_fed_back_moves_the_vehicle(channel):
+    calm = simulate(QUIET, rng()).truth
+    misled = simulate(replace(QUIET, noise={channel: WhiteNoise(0.05)}), rng()).truth
+    moved = [np.std(misled.channel(name) - calm.channel(name)) for name in ("position_z", "velocity_z")]
+    if channel in ("velocity_z", "position_z"):
+        assert min(moved) > 1e-4
+    else:
+        assert max(moved) == 0.0
+
+
+def test_altitude_noise_is_declared_and_of_its_own_stream():
+    """The others' realisations are those of a scenario without an altitude."""
+    with_exact_height = {name: noise for name, noise in NOISY.noise.items() if name != "position_z"}
+    with_altitude, without = simulate(NOISY, rng()), simulate(replace(NOISY, noise=with_exact_height), rng())
+    for name in ALWAYS_MEASURED:
+        item, other = (
+            entry.signals.channel(name) - entry.truth.channel(name) for entry in (with_altitude, without)
+        )
+        np.testing.assert_allclose(item, other, atol=1e-12)
+    error = with_altitude.signals.channel("position_z") - with_altitude.truth.channel("position_z")
+    np.testing.assert_allclose(error, NOISY.noise["position_z"].sample(150, rng().spawn(6)[5]), atol=1e-12)
+    assert with_altitude.signals.noise["position_z"] == NOISY.noise["position_z"]
+    assert without.signals.noise["position_z"] == WhiteNoise(0.0)
+    assert with_altitude.signals.noise["reference_position_z"] == WhiteNoise(0.0)
+
+
+def test_altitude_noise_by_ratio():
+    scenario = replace(QUIET, noise_to_signal={"position_z": 0.1})
+    spread = float(simulate(QUIET, rng()).truth.channel("position_z").std())
+    assert simulate(scenario, rng()).signals.noise["position_z"].std == pytest.approx(0.1 * spread, rel=1e-12)
+
+
+def test_altitude_follows_its_reference():
+    """Without steady error, also against a constant push, since the velocity's errors are summed."""
+    steps = replace(QUIET, excitation=SteppedExcitation((1.0,), 1e6), samples=1500)
+    result = simulate(steps, rng())
+    assert result.truth.channel("position_z")[-1] == pytest.approx(1.0, abs=1e-8)
+    assert result.truth.channel("position_z")[0] == 0.0
+    np.testing.assert_array_equal(result.signals.channel("reference_position_z"), 1.0)
+    pushed = pushed_motion(steps, np.full(1500, 0.3))
+    assert pushed.altitude is not None
+    assert pushed.altitude[-1] == pytest.approx(0.0, abs=1e-7)
+    assert pushed.input[-1] == pytest.approx(-0.3 / K_U, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("control", "channels"),
+    [
+        (OpenLoop(), ALWAYS_MEASURED),
+        (VELOCITY, (*ALWAYS_MEASURED, "reference_velocity_z")),
+        (ALTITUDE, (*NOISY_CHANNELS, "reference_position_z")),
+    ],
+)
+def test_records_have_what_their_control_needs(control, channels):
+    result = simulate(replace(QUIET, control=control), rng())
+    assert set(result.signals.channels) == set(channels)
+    assert set(result.truth.channels) == {*channels, "disturbance"}
+    assert set(result.signals.noise) == set(channels)
+
+
+def test_velocity_control_is_altitude_control_that_does_not_look():
+    """An altitude gain that is next to nothing, and a reference as much larger, is velocity control."""
+    given = GivenSeries(tuple(rng(3).standard_normal(150).tolist()))
+    far = GivenSeries(tuple((1e12 * np.array(given.values)).tolist()))
+    velocity = simulate(replace(QUIET, control=VELOCITY, excitation=given), rng()).truth
+    altitude = simulate(
+        replace(QUIET, control=AltitudeControl(1e-12, 15.0, 4.0), excitation=far), rng()
+    ).truth
+    np.testing.assert_allclose(altitude.channel("input"), velocity.channel("input"), atol=1e-8)
+
+
+def loop_by_columns(control: Control) -> np.ndarray:
+    """Matrix of the loop, each column by letting the controller and the vehicle make one step."""
+    assert isinstance(control, VelocityControl | AltitudeControl)
+    altitude_gain = control.altitude_gain if isinstance(control, AltitudeControl) else 0.0
+    a, held = np.exp(-K * T), (1.0 - np.exp(-K * T)) / K
+    columns = []
+    for velocity, altitude, total in np.eye(3):
+        missing = -altitude_gain * altitude - velocity
+        u = control.velocity_gain * missing + control.velocity_integral_gain * T * (total + missing)
+        pushed = K_U * u
+        climbed = altitude + held * velocity + (T - held) / K * pushed
+        columns.append([a * velocity + held * pushed, climbed, total + missing])
+    used = [True, altitude_gain != 0.0, control.velocity_integral_gain != 0.0]
+    return np.array(columns).T[np.ix_(used, used)]
+
+
+@pytest.mark.parametrize("altitude", [0.0, 0.3, 3.0, 40.0])
+@pytest.mark.parametrize("gain", np.geomspace(1.0, 900.0, 8).tolist())
+@pytest.mark.parametrize("integral", [0.0, 0.4, 40.0, 1500.0])
+def test_loops_called_stable_are(altitude, gain, integral):
+    control = AltitudeControl(altitude, gain, integral) if altitude else VelocityControl(gain, integral)
+    stable = bool(np.abs(np.linalg.eigvals(loop_by_columns(control))).max() < 1.0)
+    try:
+        replace(QUIET, control=control)
+        accepted = True
+    except ParameterError:
+        accepted = False
+    assert accepted == stable
+
+
+def test_grid_of_loops_holds_both_kinds():
+    radius = [
+        np.abs(np.linalg.eigvals(loop_by_columns(AltitudeControl(altitude, 30.0, 5.0)))).max()
+        for altitude in (0.3, 40.0)
+    ]
+    assert radius[0] < 1.0 < radius[1]
+
+
+@pytest.mark.parametrize(
+    "control",
+    [
+        VelocityControl(1e4),
+        VelocityControl(-20.0),
+        VelocityControl(15.0, -4.0),
+        AltitudeControl(40.0, 30.0, 5.0),
+        AltitudeControl(0.4, -30.0),
+        AltitudeControl(0.4, 30.0, -5.0),
+    ],
+    ids=str,
+)
+def test_unstable_loops_are_refused(control):
+    sentence = (
+        r"loop is stable.*received (Velocity|Altitude)Control\(.*at input_gain=0.021 and 5 Hz.*a factor of"
+    )
+    with pytest.raises(ParameterError, match=sentence):
+        replace(QUIET, control=control)
+
+
+@pytest.mark.parametrize(
+    ("gains", "said"),
+    [
+        ((0.0, 15.0), "a finite altitude_gain above zero; received altitude_gain=0.0"),
+        ((-0.4, 15.0), "a finite altitude_gain above zero"),
+        ((float("nan"), 15.0), "a finite altitude_gain above zero"),
+        ((0.4, float("inf")), "a finite velocity_gain"),
+        ((0.4, 15.0, float("nan")), "a finite velocity_integral_gain"),
+        ((0.4, 0.0), "a velocity_gain or a velocity_integral_gain; received both zero"),
+    ],
+)
+def test_impossible_gains_are_refused(gains, said):
+    with pytest.raises(ParameterError, match=said):
+        AltitudeControl(*gains)
+    if gains[0] == 0.4:
+        with pytest.raises(ParameterError, match=said):
+            VelocityControl(*gains[1:])
+
+
+# -- The simulator of vertical motion against an independent integration, and batches against s --
+
+STEP_S = 0.01
+VEHICLES = VerticalVehicles(
+    viscous_friction=np.array([0.18, 0.87, 0.4, 0.5]),
+    input_gain=np.array([40.0, 25.0, 9.0, 1.5e-5]),
+    lag_s=np.array([0.005, 0.12, 0.03, 0.06]),
+    delay_s=np.array([0.02, 0.0, 0.014, 0.006]),
+)
+CONTROLLER = AltitudeController(
+    position_gain=np.array([1.2, 0.8, 1.0, 0.9]),
+    velocity_gain=np.array([4.0, 2.2, 3.0, 2.5]),
+    integral_gain=np.array([1.0, 0.3, 0.5, 0.4]),
+)
+
+
+def environment(count: int = 300) -> VerticalEnvironment:
+    """Everything at once: trajectory, wind, tilt and noise, different for each flight."""
+    rng = np.random.default_rng(5)
+    time = STEP_S * np.arange(count)[:, None]
+    pulsation = np.array([1.0, 2.0, 3.0, 5.0])
+    gust = np.cumsum(0.1 * rng.standard_normal((count, 4)), axis=0)
+    return VerticalEnvironment(
+        reference_position=np.sin(pulsation * time),
+        reference_velocity=pulsation * np.cos(pulsation * time),
+        reference_acceleration=-(pulsation**2) * np.sin(pulsation * time),
+        gust=gust,
+        cos_tilt=np.cos(0.1 * np.sin(2.0 * time + pulsation)),
+        position_noise=0.01 * rng.standard_normal((count, 4)),
+        velocity_noise=0.05 * rng.standard_normal((count, 4)),
+        acceleration_noise=np.zeros((count, 4)),
+    )
+
+
+def single(index: int) -> tuple[VerticalVehicles, VerticalEnvironment, AltitudeController]:
+    """One of the flights alone."""
+    met = environment()
+    return (
+        VerticalVehicles(*(getattr(VEHICLES, f.name)[[index]] for f in fields(VEHICLES))),
+        VerticalEnvironment(*(getattr(met, f.name)[:, [index]] for f in fields(met))),
+        AltitudeController(*(float(getattr(CONTROLLER, f.name)[index]) for f in fields(CONTROLLER))),
+    )
+
+
+def fly_all() -> SimulatedMotion:
+    return simulate_vertical(VEHICLES, environment(), step_s=STEP_S, controller=CONTROLLER)
+
+
+@pytest.mark.parametrize("index", range(4))
+def test_flight_is_that_of_an_independent_integration(index):
+    """The closed loop once more: one flight, the equations as they are written, a general integrator."""
+    vehicle, met, gains = (
+        {f.name: np.squeeze(getattr(part, f.name)) for f in fields(part)} for part in single(index)
+    )
+    motion = fly_all()
+    K, K_u, lag = vehicle["viscous_friction"], vehicle["input_gain"], vehicle["lag_s"]
+    hover = np.sqrt(GRAVITY / K_u)
+    state = np.array([hover, met["reference_position"][0], met["reference_velocity"][0]])
+    integral, issued = 0.0, []
+
+    def received(time: float) -> float:
+        period = int(np.floor((time - vehicle["delay_s"]) / STEP_S + 1e-6))
+        return issued[period] if period >= 0 else hover
+
+    for k in range(met["gust"].size):
+        w, z, v = state
+        force = K_u * met["cos_tilt"][k] * w**2 - K * (v - met["gust"][k])
+        results = (motion.rotor_state, motion.position, motion.velocity, motion.specific_force)
+        ours = [column[k, index] for column in results]
+        np.testing.assert_allclose(ours, [w, z, v, force], rtol=1e-9, atol=1e-8)
+        wanted = met["reference_velocity"][k]
+        wanted += gains["position_gain"] * (met["reference_position"][k] - z - met["position_noise"][k])
+        error = wanted - v - met["velocity_noise"][k]
+        integral += error * STEP_S
+        pull = GRAVITY + met["reference_acceleration"][k]
+        pull += gains["velocity_gain"] * error + gains["integral_gain"] * integral
+        thrust = np.clip(pull / met["cos_tilt"][k] / GRAVITY, *THRUST_RANGE[:, 0])
+        issued.append(hover * np.sqrt(thrust))
+        assert motion.command[k, index] == pytest.approx(issued[-1], rel=1e-9)
+
+        def derivative(_, y, command, k=k):
+            lift = K_u * met["cos_tilt"][k] * y[0] ** 2
+            return [(command - y[0]) / lag, y[2], lift - K * (y[2] - met["gust"][k]) - GRAVITY]
+
+        # A command that comes late arrives inside a control period: integrate up to there, then on.
+        start = k * STEP_S
+        arrival = start + vehicle["delay_s"] % STEP_S
+        for begin, end in ((start, arrival), (arrival, start + STEP_S)):
+            if end - begin > 1e-9:
+                command = received(0.5 * (begin + end))
+                state = solve_ivp(
+                    derivative, (begin, end), state, "DOP853", rtol=1e-11, atol=1e-12, args=(command,)
+                ).y[:, -1]
+
+
+@pytest.mark.parametrize("index", range(4))
+def test_batch_is_its_flights_one_by_one(index):
+    together = fly_all()
+    vehicles, met, controller = single(index)
+    alone = simulate_vertical(vehicles, met, step_s=STEP_S, controller=controller)
+    for part in fields(alone):
+        np.testing.assert_allclose(
+            getattr(alone, part.name)[:, 0], getattr(together, part.name)[:, index], rtol=1e-12, atol=1e-12
+        )
+
+
+def test_vehicle_in_equilibrium_stays_there():
+    still = np.zeros((200, 4))
+    met = VerticalEnvironment(still, still, still, still, still + 1.0, still, still, still)
+    motion = simulate_vertical(VEHICLES, met, step_s=STEP_S, controller=CONTROLLER)
+    np.testing.assert_allclose(motion.position, 0.0, atol=1e-12)
+    np.testing.assert_allclose(motion.specific_force, GRAVITY, rtol=1e-12)
+
+
+def test_thrust_stays_in_its_range():
+    wild = environment()
+    hard = VerticalEnvironment(
+        *(
+            getattr(wild, f.name) * (300.0 if f.name == "reference_acceleration" else 1.0)
+            for f in fields(wild)
+        )
+    )
+    command = simulate_vertical(VEHICLES, hard, step_s=STEP_S, controller=CONTROLLER).command
+    share = command**2 * VEHICLES.input_gain / GRAVITY
+    assert share.min() == pytest.approx(THRUST_RANGE[0, 0])
+    assert share.max() == pytest.approx(THRUST_RANGE[1, 0])

@@ -1,0 +1,724 @@
+"""Scenarios from TOML: every kind, and every mistake with the place where it was made."""
+
+from __future__ import annotations
+
+import re
+import runpy
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+from scipy.stats import binom
+
+from eivor.errors import InputError, ParameterError, UsageError
+from eivor.lab import scenario_files
+from eivor.lab.disturbances import (
+    CoefficientCourse,
+    Garch,
+    SumOfDisturbances,
+    ThresholdMovingAverage,
+    TimeVaryingArma,
+    paper_disturbance,
+)
+from eivor.lab.experiments import page_with
+from eivor.lab.records import (
+    AltitudeControl,
+    DisturbanceRoute,
+    Intersample,
+    OpenLoop,
+    Scenario,
+    VelocityControl,
+    simulate,
+)
+from eivor.lab.scenario_files import KINDS as PAGE_KINDS
+from eivor.lab.scenario_files import (
+    SHIPPED,
+    read_flight,
+    read_rigid_body_flight,
+    read_scenario,
+    read_study,
+    shipped_flight,
+    shipped_rigid_body_flight,
+    shipped_scenario,
+    shipped_scenarios,
+)
+from eivor.motions.identify import identify_flight
+from eivor.signals.noise import FractionalNoise, WhiteNoise
+from eivor.simulation.environment import TrajectoryKind
+from eivor.simulation.excitation import (
+    DrydenGust,
+    GivenSeries,
+    PaperInput,
+    RandomSteps,
+    ScaledExcitation,
+    SteppedExcitation,
+    WhiteDisturbance,
+)
+from eivor.simulation.rigid_body import simulate_rigid_body_flights
+from eivor.simulation.rigid_body_spec import AdaptiveSteps
+from eivor.simulation.vertical import simulate_vertical_flights
+
+# -- Scenarios from TOML: every kind, and every mistake with the place where it was made --
+
+TRUTH = "viscous_friction = 0.293\ninput_gain = 0.021\n"
+
+
+@pytest.fixture
+def read(tmp_path):
+    def reader(text: str) -> Scenario:
+        path = tmp_path / "one.toml"
+        path.write_text(text, encoding="utf-8")
+        return read_scenario(path)
+
+    return reader
+
+
+def test_what_is_left_out_has_the_scenarios_default(read):
+    assert read(TRUTH) == Scenario(0.293, 0.021)
+    assert read(TRUTH + 'kind = "vertical"') == Scenario(0.293, 0.021)
+
+
+def test_everything_can_be_said(read):
+    result = read(
+        TRUTH
+        + """
+rate_hz = 10
+samples = 500
+route = "dynamics"
+
+[control]
+kind = "altitude"
+altitude_gain = 0.4
+velocity_gain = 30
+velocity_integral_gain = 5.0
+
+[excitation]
+kind = "scaled"
+std = 0.04
+series = { kind = "paper", variance = 1.0 }
+
+[noise.velocity_z]
+kind = "fractional"
+order = -0.4
+ratio_to_signal = 0.1
+
+[noise.input]
+kind = "white"
+std = 0.05
+
+[noise.position_z]
+kind = "white"
+std = 0.02
+
+[disturbance]
+kind = "paper"
+ratio_to_signal = 0.5
+"""
+    )
+    assert result == Scenario(
+        0.293,
+        0.021,
+        rate_hz=10.0,
+        samples=500,
+        excitation=ScaledExcitation(PaperInput(1.0), 0.04),
+        noise={
+            "velocity_z": FractionalNoise(1.0, -0.4),
+            "input": WhiteNoise(0.05),
+            "position_z": WhiteNoise(0.02),
+        },
+        noise_to_signal={"velocity_z": 0.1},
+        disturbance=paper_disturbance(),
+        disturbance_to_signal=0.5,
+        route=DisturbanceRoute.DYNAMICS,
+        control=AltitudeControl(0.4, 30.0, 5.0),
+    )
+    assert read(TRUTH + 'intersample = "linear"').intersample is Intersample.LINEAR
+    assert read(TRUTH).control == OpenLoop()
+    assert read(TRUTH + CONTROL).control == VelocityControl(15.0)
+
+
+KINDS = [
+    ("disturbance", 'kind = "white"\nstd = 0.1'),
+    ("disturbance", 'kind = "arma"\nstd = 1\nautoregression = [0.5]'),
+    ("disturbance", 'kind = "random_coefficient_moving_average"'),
+    (
+        "disturbance",
+        'kind = "threshold_moving_average"\nthresholds = [0]\ncoefficients = [[0.1], [0.9]]\ndelay = 2',
+    ),
+    ("disturbance", 'kind = "bilinear"\ncoefficient = 0.3'),
+    ("disturbance", 'kind = "garch"\nfloor = 0.1\nshocks = [0.85]\nlargest_square = 1e4'),
+    ("disturbance", 'kind = "variance_switch"\nseries = { kind = "white", std = 1.0 }'),
+    ("disturbance", 'kind = "trend"\ncoefficients = [0, 3]'),
+    ("disturbance", 'kind = "sinusoids"\namplitudes = [2]\nfrequencies = [0.05]'),
+    ("disturbance", 'kind = "bounded"\nbound = 0.1\nlongest_s = 20\nshortest_s = 1'),
+    ("disturbance", 'kind = "dryden"\nstd = 0.1\nlength_m = 10\nairspeed_mps = 5'),
+    ("disturbance", 'kind = "sum"\nparts = [{ kind = "paper" }, { kind = "white", std = 1 }]'),
+    (
+        "disturbance",
+        'kind = "time_varying_arma"\nstd = 1\nautoregression = [{ amplitude = 0.8, cycles = 3 }]',
+    ),
+    ("disturbance", 'kind = "series"\nvalues = [' + "1, -1, " * 60 + "]"),
+    (
+        "disturbance",
+        'kind = "bilinear_sum"\nterms = [{ coefficient = 0.3 }, { coefficient = -0.2, series_lag = 4 }]',
+    ),
+    (
+        "disturbance",
+        'kind = "time_varying_arma"\nstd = 1\nautoregression = [{ kind = "sum", parts = [{ mean = 0.3 }, '
+        '{ kind = "series", series = [' + "0.1, -0.1, " * 60 + "] }] }]",
+    ),
+    ("excitation", 'kind = "white"'),
+    ("excitation", 'kind = "filtered_white"\nstd = 1\nlow_hz = 0.1\nhigh_hz = 1'),
+    ("excitation", 'kind = "chirp"\namplitude = 1\nlow_hz = 0.1\nhigh_hz = 1'),
+    ("excitation", 'kind = "multisine"\nstd = 1\nlow_hz = 0.1\nhigh_hz = 1'),
+    ("excitation", 'kind = "pseudo_random_binary"\namplitude = 1\nregister = 7\nhold = 2'),
+    ("excitation", 'kind = "steps"\nlevels = [1, -1]\ndwell_s = 3'),
+    ("excitation", 'kind = "series"\nvalues = [' + "1, -1, " * 60 + "]"),
+]
+
+
+@pytest.mark.parametrize("route", [route.value for route in DisturbanceRoute])
+@pytest.mark.parametrize(("section", "body"), KINDS, ids=[body.split('"')[1] for _, body in KINDS])
+def test_every_kind_simulates(read, section, body, route):
+    """A disturbance moves the vehicle by the dynamics, and by the equation only shifts its response."""
+    scenario = read(f'{TRUTH}samples = 100\nroute = "{route}"\n[{section}]\n{body}\n')
+    result = simulate(scenario, np.random.default_rng(1))
+    assert np.isfinite(result.signals.channel("acceleration_z")).all()
+    calm = simulate(replace(scenario, disturbance=None), np.random.default_rng(1)).truth
+    moved = np.any(result.truth.channel("velocity_z") != calm.channel("velocity_z"))
+    assert moved == (section == "disturbance" and route == "dynamics")
+
+
+def test_nested_values_arrive(read):
+    disturbance = read(f"{TRUTH}[disturbance]\n{KINDS[3][1]}").disturbance
+    assert disturbance == ThresholdMovingAverage((0.0,), ((0.1,), (0.9,)), delay=2)
+    disturbance = read(f"{TRUTH}[disturbance]\n{KINDS[11][1]}").disturbance
+    assert disturbance == SumOfDisturbances((paper_disturbance(), WhiteDisturbance(1.0)))
+    disturbance = read(f"{TRUTH}[excitation]\n{KINDS[-1][1]}").excitation
+    assert disturbance == GivenSeries((1.0, -1.0) * 60)
+
+
+CONTROL = "[control]\nkind='velocity'\nvelocity_gain=15\n"
+WRONG = [
+    ("viscous_friction = 0.3", "input_gain of one.toml; received nothing. Add it"),
+    (
+        "viscous_frction = 0.3\ninput_gain = 1",
+        "unknown key 'viscous_frction'. Did you mean 'viscous_friction'",
+    ),
+    (TRUTH + "sample = 5", "the unknown key 'sample'. Did you mean 'samples'"),
+    (TRUTH + 'samples = "many"', "a whole number at samples of one.toml; received 'many'"),
+    (TRUTH + "samples = 4.5", "a whole number at samples"),
+    (TRUTH + "samples = 1", "samples of 2 or more.*received 1"),
+    (TRUTH + "samples = 99_000_000", "50000000 samples or fewer at samples"),
+    (TRUTH + "rate_hz = true", "a finite number at rate_hz of one.toml; received True"),
+    (TRUTH + "rate_hz = nan", "a finite number at rate_hz"),
+    (TRUTH + "rate_hz = -5", "rate_hz above zero.*received -5.0"),
+    (TRUTH + 'route = "wind"', "one of equation, dynamics at route of one.toml; received 'wind'"),
+    (TRUTH + 'kind = "lateral"', "one of vertical at kind"),
+    (TRUTH + "noise = 3", r"a table \[noise\]"),
+    (TRUTH + "[noise.velocity]\nkind='white'\nstd=1", "unknown key 'velocity'. Did you mean 'velocity_z'"),
+    (
+        TRUTH + "[noise.specific_force_z]\nkind='white'\nstd=1",
+        "velocity_z, acceleration_z, .*at noise of .*'specific_force_z'. A scenario moves about hover",
+    ),
+    (TRUTH + "[noise.input]\nkind='white'", "std or ratio_to_signal at noise.input.*received neither"),
+    (TRUTH + "[noise.input]\nkind='white'\nstd=1\nratio_to_signal=1", "noise.input.*received both"),
+    (TRUTH + "[noise.input]\nkind='white'\nstd=-1", "zero or more at noise.input.*received std=-1"),
+    (
+        TRUTH + "[noise.input]\nkind='white'\nratio_to_signal=-1",
+        "a finite number >= 0.0 at noise.input.ratio_to_signal",
+    ),
+    (TRUTH + "[noise.input]\nkind='fractional'\nstd=1\norder=0.7", "at noise.input of.*received order=0.7"),
+    (TRUTH + "[noise.input]\nkind='fractional'\nstd=1", "finite number at noise.input.order.*nothing"),
+    (TRUTH + "[excitation]\nkind='paper'\nvariance=-0.02", "at excitation of.*received variance=-0.02"),
+    (TRUTH + "[noise.input]\nkind='fractal'\nstd=1", "Did you mean 'fractional'"),
+    (TRUTH + "[disturbance]\nkind='garsh'", "one of paper, white.*Did you mean 'garch'"),
+    (TRUTH + "[disturbance]\nstd=1", "one of paper, white, .* at disturbance.kind.*received nothing"),
+    (TRUTH + "[disturbance]\nkind='white'\nstdev=1", "unknown key 'stdev'. Did you mean 'std'"),
+    (TRUTH + "[disturbance]\nkind='white'\nstd=1\ncolor=2", "unknown key 'color'"),
+    (TRUTH + "[disturbance]\nkind='arma'\nstd=1\nautoregression=[1.5]", "stationary.* at disturbance of"),
+    (
+        TRUTH + "[disturbance]\nkind='arma'\nstd=1\nautoregression=0.5",
+        "a list of numbers or a table at disturbance.",
+    ),
+    (
+        TRUTH + "[disturbance]\nkind='threshold_moving_average'\nthresholds=[0]\ncoefficients=[1,2]",
+        "a list of numbers at disturbance.coefficients.1. of one.toml; received 1",
+    ),
+    (
+        TRUTH + "[disturbance]\nkind='threshold_moving_average'\nthresholds=[0]\ncoefficients=3",
+        "a list of lists at disturbance.coefficients of one.toml; received 3",
+    ),
+    (TRUTH + "[disturbance]\nkind='sum'\nparts=[]", "one table .*parts.* or more"),
+    (TRUTH + "[disturbance]\nkind='variance_switch'\nseries=1", "a table at disturbance.series"),
+    (TRUTH + CONTROL.replace("15", "1e6"), "loop is stable.* at the top of one.toml; received Velocity"),
+    (TRUTH + CONTROL.replace("velocity'", "attitude'"), "Did you mean 'altitude'"),
+    (TRUTH + CONTROL.replace("velocity'", "altitude'"), "finite number at control.altitude_gain.*nothing"),
+    (TRUTH + CONTROL + "altitude_gain=1", "the unknown key 'altitude_gain'"),
+    (TRUTH + CONTROL.replace("15", "0"), "velocity_integral_gain at control of.*received both zero"),
+    (TRUTH + CONTROL.replace("15", "'fast'"), "a finite number at control.velocity_gain.*received 'fast'"),
+    (TRUTH + "control = 'altitude'", "a table at control"),
+    (TRUTH + "velocity_gain = 15", "the unknown key 'velocity_gain'"),
+    (
+        TRUTH + CONTROL + "[noise.position_z]\nkind='white'\nstd=1",
+        "received noise of 'position_z'.*under altitude control only",
+    ),
+    ("viscous_friction = ", "which is not"),
+]
+
+
+@pytest.mark.parametrize(("text", "said"), WRONG, ids=[item[:40] for _, item in WRONG])
+def test_mistakes_are_told_with_their_place(read, text, said):
+    with pytest.raises(InputError, match=f"(?s)Expected .*{said}") as caught:
+        read(text)
+    assert "one.toml" in str(caught.value)
+
+
+def test_missing_files_and_folders(tmp_path):
+    for path in (tmp_path / "none.toml", tmp_path):
+        with pytest.raises(InputError, match="a scenario in TOML"):
+            read_scenario(path)
+
+
+def test_shipped_scenarios_read_and_simulate():
+    names = shipped_scenarios()
+    assert {"v", "p", "rich", "rich-high", "rich-dynamic", "white"} <= set(names)
+    for name in names:
+        scenario = shipped_scenario(name)
+        assert scenario.samples == 4000
+        assert scenario.rate_hz == 5.0
+        simulate(scenario, np.random.default_rng(1))
+
+
+def test_shipped_scenarios_say_what_the_method_says():
+    assert shipped_scenario("arch").disturbance == Garch(0.1, (0.85,), largest_square=1e4)
+    assert shipped_scenario("time-varying-arma").disturbance == TimeVaryingArma(
+        1.0,
+        (CoefficientCourse(amplitude=0.8, cycles=3.0),),
+        (CoefficientCourse(amplitude=0.9, cycles=5.0, phase=np.pi / 2.0),),
+    )
+    closed = shipped_scenario("closed-loop")
+    assert closed.control == VelocityControl(15.0, 4.0)
+    # The reference is scaled to the standard deviation that z' has in the open loop.
+    spread = [
+        simulate(shipped_scenario("rich"), stream).truth.channel("velocity_z").std()
+        for stream in np.random.default_rng(3).spawn(10)
+    ]
+    assert isinstance(closed.excitation, ScaledExcitation)
+    assert closed.excitation.std == pytest.approx(np.mean(spread), rel=0.02)
+
+
+def test_unknown_shipped_scenario():
+    with pytest.raises(UsageError, match=r"a scenario out of arch, .*received 'rihc'"):
+        shipped_scenario("rihc")
+
+
+def test_scenario_files_are_in_the_package():
+    import eivor.lab.scenario_files
+
+    folder = Path(eivor.lab.scenario_files.__file__).parent / "scenarios"
+    assert sorted(path.stem for path in folder.glob("*.toml")) == list(shipped_scenarios())
+
+
+#: RMSE of least squares in per cent, K and K_u: reference errors over the bound times the bound, 200 runs
+#: (method page, section 10).
+REFERENCE = {
+    "v": (9.1 * 0.674, 8.0 * 0.547),
+    "rich": (5.3 * 0.565, 7.0 * 0.150),
+    "rich-high": (11 * 2.05, 14 * 0.750),
+    "rich-dynamic": (4.4 * 1.58, 3.7 * 0.833),
+    "white": (6.3 * 1.29, 4.2 * 0.246),
+}
+
+
+@pytest.mark.parametrize("name", REFERENCE)
+def test_least_squares_errs_as_the_reference_says(name):
+    """Least squares is biased by the noises, so that its error tells their sizes and shapes apart."""
+    runs = 60
+    scenario = shipped_scenario(name)
+    errors = np.empty((runs, 2))
+    for run, stream in enumerate(np.random.default_rng(17).spawn(runs)):
+        channels = simulate(scenario, stream).signals.channels
+        rows = np.column_stack([-channels["velocity_z"], channels["input"]])
+        theta = np.linalg.lstsq(rows, channels["acceleration_z"], rcond=None)[0]
+        errors[run] = 100.0 * (theta / [0.293, 0.021] - 1.0)
+    squares = errors**2
+    rmse = np.sqrt(squares.mean(axis=0))
+    error = squares.std(axis=0) / (2.0 * rmse)
+    # Three standard errors of the difference, and half a unit of the printed digit (at most 5 %).
+    allowed = 3.0 * error * np.sqrt(1 / runs + 1 / 200) + 0.03 * rmse
+    assert np.all(np.abs(rmse - REFERENCE[name]) < allowed), (rmse, REFERENCE[name], allowed)
+
+
+# -- The flight that comes with the package, over many seeds --
+
+SEEDS = 14
+#: The bounds are crossed by chance once in a thousand sets of seeds.
+CHANCE = 1e-3
+
+
+@pytest.mark.calibration
+def test_it_is_accepted_and_its_intervals_hold_the_truth():
+    """Seeds from zero on, none left out; 95 % intervals of four quantities each."""
+    specs = [replace(shipped_flight(), seed=seed) for seed in range(SEEDS)]
+    accepted, held = 0, dict.fromkeys(("viscous_friction", "input_gain", "effective_lag", "hover_input"), 0)
+    for spec, flight in zip(specs, simulate_vertical_flights(specs), strict=True):
+        fit = identify_flight(flight.recording)
+        accepted += fit.verdict.status.value == "identified"
+        for name in held:
+            truth = spec.actuator_lag + spec.delay if name == "effective_lag" else getattr(spec, name)
+            low, high = fit.interval(name)
+            held[name] += low <= truth <= high
+    assert accepted >= binom.ppf(CHANCE, SEEDS, 0.95)
+    assert min(held.values()) >= binom.ppf(CHANCE, SEEDS, 0.93), held
+    assert sum(held.values()) >= binom.ppf(CHANCE, 4 * SEEDS, 0.93), held
+
+
+# -- A user's own series from a file beside the scenario: what is read, and what is refused --
+
+SCENARIO = "viscous_friction = 0.293\ninput_gain = 0.021\nsamples = 60\n"
+SERIES = '[excitation]\nkind = "series"\nvalues = {{ file = "{file}", column = "{column}" }}\n'
+VALUES = np.random.default_rng(4).standard_normal(60)
+
+
+@pytest.fixture
+def series(tmp_path):
+    """Scenario file that names a file, and a column of it."""
+
+    def scenario(file: str, column: str = "u") -> Path:
+        path = tmp_path / "one.toml"
+        path.write_text(SCENARIO + SERIES.format(file=file, column=column), encoding="utf-8")
+        return path
+
+    return scenario
+
+
+def table(**columns: object) -> pl.DataFrame:
+    return pl.DataFrame({"time": np.arange(60.0), "u": VALUES} | columns)
+
+
+@pytest.mark.parametrize("name", ["mine.csv", "mine.parquet", "below/mine.CSV"])
+def test_column_is_the_input(series, tmp_path, name):
+    (tmp_path / "below").mkdir()
+    write = pl.DataFrame.write_parquet if name.endswith("parquet") else pl.DataFrame.write_csv
+    write(table(), tmp_path / name)
+    scenario = read_scenario(series(name))
+    assert scenario.excitation == GivenSeries(tuple(VALUES.tolist()))
+    truth = simulate(scenario, np.random.default_rng(0)).truth
+    np.testing.assert_array_equal(truth.channel("input"), VALUES)
+
+
+def test_whole_numbers_are_numbers(series, tmp_path):
+    (tmp_path / "mine.csv").write_text("u, v\n" + "".join(f" {k % 2} , 0\n" for k in range(60)))
+    table(u=np.arange(60)).write_parquet(tmp_path / "mine.parquet")
+    assert read_scenario(series("mine.csv")).excitation == GivenSeries((0.0, 1.0) * 30)
+    assert read_scenario(series("mine.parquet")).excitation == GivenSeries(tuple(map(float, range(60))))
+
+
+def test_any_list_of_numbers_may_stand_in_a_file(tmp_path):
+    (tmp_path / "levels.csv").write_text("level\n1\n-1\n0.5\n")
+    path = tmp_path / "one.toml"
+    values = 'levels = { file = "levels.csv", column = "level" }'
+    path.write_text(f'{SCENARIO}[excitation]\nkind = "steps"\ndwell_s = 2\n{values}\n')
+    assert read_scenario(path).excitation.levels == (1.0, -1.0, 0.5)
+
+
+def test_too_short_a_series_is_told(series, tmp_path):
+    table().head(59).write_csv(tmp_path / "mine.csv")
+    scenario = read_scenario(series("mine.csv"))
+    with pytest.raises(ParameterError, match=r"a series of 60 values or more.*received 59"):
+        simulate(scenario, np.random.default_rng(0))
+
+
+@pytest.mark.parametrize(
+    ("file", "said"),
+    [
+        ("none.csv", "a file that exists at excitation.values.file of one.toml; received 'none.csv'"),
+        ("../mine.csv", "beside the scenario or in a folder below it"),
+        ("below/../../mine.csv", "beside the scenario or in a folder below it"),
+        ("{absolute}", "beside the scenario or in a folder below it"),
+        ("link.csv", "beside the scenario or in a folder below it.*received 'link.csv'"),
+        ("loop.csv", "beside the scenario or in a folder below it|a file that exists"),
+        ("below", "ends in .csv or .parquet"),
+        ("folder.csv", "a file that exists"),
+        ("mine.xlsx", "ends in .csv or .parquet"),
+        ("broken.parquet", "a table as PARQUET.*'broken.parquet', which is not"),
+        ("empty.csv", "a table as CSV.*'empty.csv', which is not"),
+        ("ragged.csv", "a table as CSV.*'ragged.csv', which is not"),
+    ],
+)
+def test_files_that_are_refused(series, tmp_path, file, said):
+    outside = tmp_path.parent / f"{tmp_path.name}-outside.csv"
+    table().write_csv(outside)
+    (tmp_path / "below").mkdir()
+    (tmp_path / "folder.csv").mkdir()
+    (tmp_path / "link.csv").symlink_to(outside)
+    (tmp_path / "loop.csv").symlink_to(tmp_path / "loop.csv")
+    (tmp_path / "mine.xlsx").write_text("u\n1\n")
+    (tmp_path / "broken.parquet").write_bytes(b"PAR1 no more")
+    (tmp_path / "empty.csv").write_text("")
+    (tmp_path / "ragged.csv").write_text("u,v\n1,2\n3,4,5\n")
+    path = series(file.format(absolute=outside))
+    with pytest.raises(InputError, match=f"(?s)Expected .*{said}") as caught:
+        read_scenario(path)
+    assert "one.toml" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("column", "said"),
+    [
+        ("U", r"a column out of time, u, .*received 'U', not in mine.csv"),
+        ("word", "finite numbers in column 'word' of mine.csv.*received 'x'.*See its row 3, not"),
+        ("hole", "finite numbers in column 'hole'.*received no value.*row 60"),
+        ("infinite", "finite numbers in column 'infinite'.*received 'inf'.*row 1,"),
+    ],
+)
+def test_columns_that_are_refused(series, tmp_path, column, said):
+    words = ["1", "2", "x", *["4"] * 57]
+    columns = {"word": words, "hole": [1.0] * 59 + [None], "infinite": [np.inf] + [1.0] * 59}
+    table(**columns).write_csv(tmp_path / "mine.csv")
+    with pytest.raises(InputError, match=f"(?s){said}"):
+        read_scenario(series("mine.csv", column))
+
+
+def test_columns_of_parquet_that_are_refused(series, tmp_path):
+    holes = [1.0] * 59 + [None]
+    table(flag=[True] * 60, hole=holes, nan=[np.nan] * 60).write_parquet(tmp_path / "mine.parquet")
+    for column, item in (("flag", "values of Boolean"), ("hole", "no value"), ("nan", "received nan")):
+        with pytest.raises(InputError, match=item):
+            read_scenario(series("mine.parquet", column))
+
+
+@pytest.mark.parametrize(
+    ("values", "said"),
+    [
+        ('{ file = "mine.csv" }', "a text in quotes at excitation.values.column.*nothing"),
+        ('{ column = "u" }', "a text in quotes at excitation.values.file.*nothing"),
+        ('{ file = "mine.csv", column = "u", sheet = 2 }', "the unknown key 'sheet'"),
+        ('"mine.csv"', "a list of numbers or a table at excitation.values"),
+    ],
+)
+def test_tables_that_are_refused(tmp_path, values, said):
+    table().write_csv(tmp_path / "mine.csv")
+    path = tmp_path / "one.toml"
+    path.write_text(f'{SCENARIO}[excitation]\nkind = "series"\nvalues = {values}\n', encoding="utf-8")
+    with pytest.raises(InputError, match=said):
+        read_scenario(path)
+
+
+def test_what_is_too_large_is_refused(series, tmp_path, monkeypatch):
+    table().write_csv(tmp_path / "mine.csv")
+    monkeypatch.setattr(scenario_files, "MOST_NUMBERS", 59)
+    with pytest.raises(InputError, match="59 numbers or fewer"):
+        read_scenario(series("mine.csv"))
+    monkeypatch.setattr(scenario_files, "LARGEST_BYTES", 100)
+    with pytest.raises(InputError, match="a file of 100 bytes or fewer"):
+        read_scenario(series("mine.csv"))
+
+
+def study_identity(folder: Path, values: str) -> str:
+    path = folder / "study.toml"
+    body = SCENARIO + f'excitation = {{ kind = "series", values = {values} }}\n'
+    path.write_text(f'runs = 2\nseed = 1\n[scenario]\n{body}[[methods]]\nname = "least_squares"\n')
+    return read_study(path).identity
+
+
+def test_a_study_depends_on_the_numbers_and_not_on_the_file(tmp_path):
+    table().write_csv(tmp_path / "one.csv")
+    table(v=VALUES).write_parquet(tmp_path / "two.parquet")
+    changed = VALUES.copy()
+    changed[59] += 1e-15
+    table(u=changed).write_csv(tmp_path / "three.csv")
+    names = {name: f'{{ file = "{name}", column = "u" }}' for name in ("one.csv", "two.parquet", "three.csv")}
+    results = {name: study_identity(tmp_path, values) for name, values in names.items()}
+    assert results["one.csv"] == results["two.parquet"] == study_identity(tmp_path, str(VALUES.tolist()))
+    assert results["one.csv"] == study_identity(tmp_path, '{ file = "two.parquet", column = "v" }')
+    assert results["three.csv"] != results["one.csv"]
+
+
+def test_a_file_of_a_scenario_that_a_study_names_is_beside_the_scenario(tmp_path):
+    (tmp_path / "below").mkdir()
+    table().write_csv(tmp_path / "below" / "mine.csv")
+    (tmp_path / "below" / "one.toml").write_text(SCENARIO + SERIES.format(file="mine.csv", column="u"))
+    (tmp_path / "study.toml").write_text(
+        'runs = 2\nseed = 1\nscenario = "below/one.toml"\n[[methods]]\nname = "least_squares"\n'
+    )
+    assert read_study(tmp_path / "study.toml").experiment.scenario.excitation.values[:2] == tuple(VALUES[:2])
+
+
+# -- Flights of a whole vehicle from TOML: what is read, what is refused, those that come with  --
+
+VEHICLE = """
+kind = "rigid-body"
+duration = 0.2
+[vehicle]
+mass = 0.5
+inertia = [3.65e-3, 3.68e-3, 7.03e-3]
+[vehicle.rotors]
+positions = [[0.12, 0.12, 0], [0.12, -0.12, 0], [-0.12, -0.12, 0], [-0.12, 0.12, 0]]
+spins = [1, -1, 1, -1]
+highest_speed = 1500.0
+thrust_quadratic = 5.57e-6
+torque_ratio = 0.0244
+lag_up = 0.02
+lag_down = 0.03
+"""
+REST = """
+[vehicle.drag]
+linear = [0.1, 0.1, 0.2]
+[attitude.roll]
+kind = "random_steps"
+amplitude = 0.2
+[injection.yaw]
+kind = "steps"
+levels = [0.1, -0.1]
+dwell_s = 0.1
+[wind]
+steady = [1.0, 0.0, 0.0]
+[wind.z]
+kind = "dryden"
+std = 0.3
+length_m = 3.0
+airspeed_mps = 2.0
+[sensors.angular_rate]
+rate_hz = 250.0
+cutoff_hz = 80.0
+noise = { kind = "fractional", std = 0.02, order = -0.2 }
+[sensors.rotor_speed]
+[logged]
+omitted = ["rotor_command_*"]
+[integrator]
+kind = "adaptive"
+method = "RK45"
+rtol = 1e-6
+"""
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    return tmp_path / "mine.toml"
+
+
+def test_everything_is_read(file):
+    file.write_text(VEHICLE.replace("0.2", '0.2\ntrajectory = "chirp"', 1) + REST, encoding="utf-8")
+    flight = read_rigid_body_flight(file)
+    assert flight.vehicle.rotors.positions[1] == (0.12, -0.12, 0.0)
+    assert flight.vehicle.rotors.spins == (1, -1, 1, -1)
+    assert flight.vehicle.drag.linear == (0.1, 0.1, 0.2)
+    assert flight.attitude.roll == RandomSteps(0.2)
+    assert flight.attitude.pitch is None
+    assert flight.injection.yaw == SteppedExcitation((0.1, -0.1), 0.1)
+    assert (flight.wind.steady, flight.wind.z) == ((1.0, 0.0, 0.0), DrydenGust(0.3, 3.0, 2.0))
+    assert flight.sensors.angular_rate.noise == FractionalNoise(0.02, -0.2)
+    assert flight.sensors.velocity.noise == WhiteNoise(0.05)
+    assert flight.sensors.rotor_speed is not None
+    assert flight.logged.omitted == ("rotor_command_*",)
+    assert flight.integrator == AdaptiveSteps(rtol=1e-6, method="RK45")
+    assert (flight.trajectory, flight.duration, flight.seed) == (TrajectoryKind.CHIRP, 0.2, 0)
+
+
+@pytest.mark.parametrize(
+    ("right", "wrong", "message"),
+    [
+        ("mass = 0.5", "mas = 0.5", r"at vehicle of mine\.toml.*unknown key 'mas'. Did you mean 'mass'"),
+        ("mass = 0.5", "mass = 0.5\ncolour = 1", r"the unknown key 'colour'"),
+        (
+            "spins = [1, -1, 1, -1]",
+            "spins = [1, -1, 1, 0.5]",
+            r"a list of whole numbers at vehicle\.rotors\.spins",
+        ),
+        ("spins = [1, -1, 1, -1]", "spins = [1, -1]", r"a spin for each at vehicle\.rotors"),
+        ("lag_up = 0.02", "lag_up = -0.02", r"lag_up above zero at vehicle\.rotors"),
+        ("inertia = [3.65e-3,", "inertia = [-3.65e-3,", r"positive definite at vehicle"),
+        ("duration = 0.2", 'duration = 0.2\ntrajectory = "jump"', r"one of steps, .* at trajectory"),
+        ("duration = 0.2", "duration = 0.2\nseed = 1", r"the unknown key 'seed'"),
+        ("duration = 0.2", "duration = 0.2\nrate_hz = 700.0", r"rate_hz of the controller"),
+        ("duration = 0.2", "duration = 3600.0\nrate_hz = 1e4", r"2000000 steps or fewer at duration"),
+        ("[wind]", "[wind]\nx = 1.0", r"a table at wind\.x"),
+        ('kind = "dryden"', 'kind = "dry"', r"one of paper, .* at wind\.z\.kind"),
+        ("rtol = 1e-6", "rtol = 2.0", r"tolerances above zero.* at integrator"),
+        ('kind = "rigid-body"', 'kind = "flight"', r"one of rigid-body at kind"),
+    ],
+)
+def test_wrong_files_are_told(file, right, wrong, message):
+    text = VEHICLE + REST
+    assert right in text
+    file.write_text(text.replace(right, wrong), encoding="utf-8")
+    with pytest.raises(InputError, match=message):
+        read_rigid_body_flight(file)
+
+
+def test_there_is_none_of_that_name():
+    with pytest.raises(UsageError, match="a flight out of crazyflie, quadrotor"):
+        shipped_rigid_body_flight("helicopter")
+
+
+@pytest.mark.thorough
+@pytest.mark.usefixtures("unchecked_shapes")
+@pytest.mark.parametrize("name", SHIPPED)
+def test_shipped_flights_fly(name):
+    (flight,) = simulate_rigid_body_flights([replace(shipped_rigid_body_flight(name), duration=2.5, seed=1)])
+    assert flight.flew
+    assert np.abs(flight.truth.angular_rate[:, :2]).max() > 0.5
+    assert np.abs(flight.truth.torque_setpoint).max() < 1.0
+
+
+@pytest.mark.long
+def test_their_vertical_motion_is_identified():
+    """Seeds from zero on, none left out; 95 % intervals of the friction and the input gain."""
+    seeds, chance = 4, 1e-3
+    spec = shipped_rigid_body_flight("crazyflie")
+    flights = simulate_rigid_body_flights([replace(spec, seed=seed) for seed in range(seeds)])
+    accepted = held = 0
+    for flight in flights:
+        fit = identify_flight(flight.recording)
+        accepted += fit.verdict.status.value == "identified"
+        parameters = flight.truth.parameters
+        for name, truth in (
+            ("viscous_friction", parameters.drag[2]),
+            ("input_gain", 4.0 * parameters.thrust_gain),
+        ):
+            low, high = fit.interval(name)
+            held += low <= truth <= high
+    assert accepted >= binom.ppf(chance, seeds, 0.9)
+    assert held >= binom.ppf(chance, 2 * seeds, 0.93)
+
+
+# -- The page of the scenario files holds what the registry holds, and what it shows can be rea --
+
+pytest.importorskip("griffe")
+
+DOCS = Path(__file__).resolve().parents[2] / "docs"
+PAGE = (DOCS / "studies" / "scenarios.md").read_text(encoding="utf-8")
+
+
+def test_tables_are_fresh():
+    parts = runpy.run_path(str(DOCS / "scenario_tables.py"))["parts"]()
+    assert page_with(PAGE, parts) == PAGE, "run docs/scenario_tables.py"
+
+
+def test_every_kind_has_a_row():
+    rows = re.findall(r"^\| `(\w+)` \|", PAGE, flags=re.MULTILINE)
+    for kinds in PAGE_KINDS.values():
+        assert set(kinds) <= set(rows)
+
+
+@pytest.mark.thorough
+def test_examples_are_read_and_simulated(tmp_path):
+    examples = re.findall(r"^```toml\n(.*?)^```", PAGE, flags=re.MULTILINE | re.DOTALL)
+    about_hover, trends, flight, whole = examples[:4]  # then those of studies
+    path = tmp_path / "mine.toml"
+    (tmp_path / "mine.csv").write_text("a1\n" + "0.5\n-0.5\n" * 50, encoding="utf-8")
+    path.write_text(f"viscous_friction = 0.3\ninput_gain = 0.02\nsamples = 100\n{trends}", encoding="utf-8")
+    assert simulate(read_scenario(path), np.random.default_rng(0)).signals.sample_count == 100
+    path.write_text(about_hover, encoding="utf-8")
+    record = simulate(read_scenario(path), np.random.default_rng(0))
+    assert record.signals.sample_count == 4000
+    path.write_text(flight, encoding="utf-8")
+    (flights,) = simulate_vertical_flights([read_flight(path)])
+    assert flights.flew
+    path.write_text(whole.replace("duration = 30.0", "duration = 2.0"), encoding="utf-8")
+    (flight_of_all,) = simulate_rigid_body_flights([read_rigid_body_flight(path)])
+    assert flight_of_all.flew
