@@ -147,18 +147,18 @@ class FlightState:
     agreement: OverIdentification | None = None  # Of the flights of a pool; else that of the estimate counts
     with_sets: bool = True
     # Made by the stages, in this order
-    instruments: Instruments = UNMADE
-    method: Method = UNMADE
-    problem: SeparableProblem = UNMADE
+    instruments: Instruments | Any = UNMADE
+    method: Method | Any = UNMADE
+    problem: SeparableProblem | Any = UNMADE
     sensors: SensorAgreement | None = None
     aligned: bool = False
-    estimate: Estimate = UNMADE
+    estimate: Estimate | Any = UNMADE
     lag_prior: LagPrior | None = None
     without_prior: WithoutPrior | None = None
     findings: tuple[Finding, ...] = ()
-    checks: FitDiagnostics = UNMADE
+    checks: FitDiagnostics | Any = UNMADE
     sets: Mapping[str, ParameterSets] = field(default_factory=dict)
-    result: FlightEstimate = UNMADE
+    result: FlightEstimate | Any = UNMADE
 
     @property
     def flying(self) -> tuple[PreparedFlight, ...]:
