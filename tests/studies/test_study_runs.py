@@ -76,45 +76,6 @@ def test_a_flipped_byte_is_mended(finished, tmp_path, part):
     assert content(tmp_path) == content(finished.folder)
 
 
-@pytest.mark.thorough
-def test_shards_of_another_place_are_made_again(finished, tmp_path):
-    """One of another study with the same columns, and one of other trials of this study."""
-    other = tmp_path / "other"
-    run_study(small_study(seed=8), other)
-    here = tmp_path / "here"
-    shutil.copytree(finished.folder, here)
-    shards = here / "shards"
-    shutil.copy(other / "shards" / "000000.parquet", shards / "000000.parquet")
-    shutil.copy(shards / "000002.parquet", shards / "000001.parquet")
-    recorder = Recorder()
-    run_study(small_study(), here, executor=recorder)
-    assert recorder.asked == [1, 0]
-    assert content(here) == content(finished.folder)
-
-
-@dataclass(frozen=True)
-class Damaging(Executor):
-    """Something else changes a shard while the study runs."""
-
-    shard: Path
-
-    def map(
-        self, function: Callable[[Item], Result], items: Iterable[Item]
-    ) -> Generator[tuple[int, Result], None, None]:
-        yield from InProcess().map(function, items)
-        content = self.shard.read_bytes()
-        self.shard.write_bytes(content[:100] + bytes([content[100] ^ 1]) + content[101:])
-
-
-@pytest.mark.thorough
-def test_a_shard_that_changes_meanwhile_is_told(finished, tmp_path):
-    shard = tmp_path / "shards" / "000001.parquet"
-    with pytest.raises(InputError, match=r"000001.parquet' as it was written; received other bytes\. .*anew"):
-        run_study(small_study(), tmp_path, executor=Damaging(shard))
-    run_study(small_study(), tmp_path)
-    assert content(tmp_path) == content(finished.folder)
-
-
 def test_a_decoders_panic_is_told(tmp_path, monkeypatch):
     """It is no Exception, and would end the program with a traceback."""
 

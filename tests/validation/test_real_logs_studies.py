@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from msgspec.structs import replace as struct_replace
@@ -16,7 +14,7 @@ from eivor.signals.filters import actuator_state
 from eivor.simulation.environment import SensorNoise
 from validation.real_logs import study
 from validation.real_logs.closed_loop import STEP_S, FlightSpec, LoggerSpec, Reference, VehicleSpec
-from validation.real_logs.flights import LoggedFlight, estimated, logged_flight
+from validation.real_logs.flights import LoggedFlight, logged_flight
 from validation.real_logs.pool_information import lag_bound
 from validation.real_logs.study import PART, far_off
 from validation.real_logs.trials import folder_of, grid_from, published_grid
@@ -51,15 +49,6 @@ def test_rotor_follows_its_command_with_lag_and_delay():
     np.testing.assert_allclose(flight.truth.rotor_state[600:], expected[600:], atol=1e-11)
 
 
-def test_a_motor_that_slows_down_slowly_is_late_downwards_only():
-    flight = flown(VehicleSpec(actuator_lag=0.05, slower_down=2.0)).flown
-    state, command = flight.truth.rotor_state[:, 0], flight.command[:, 0]
-    up = command[:-1] > state[:-1]
-    share = np.diff(state) / (command[:-1] - state[:-1])
-    np.testing.assert_allclose(share[up], -np.expm1(-STEP_S / 0.05))
-    np.testing.assert_allclose(share[~up & (command[:-1] < state[:-1])], -np.expm1(-STEP_S / 0.1))
-
-
 def test_effective_values_are_nominal_where_the_model_holds():
     result = effective(
         flown(VehicleSpec(actuator_lag=0.03, delay=0.01, updraft=1.0, horizontal_friction=0.4))
@@ -92,23 +81,6 @@ def test_motors_of_two_lags_have_an_effective_one_between():
     log = flown(slower, LoggerSpec(), duration=40.0)
     low, high = identify_flight(log.recording).quantities["effective_lag"].interval
     assert low < effective(log)["effective_lag"] < high
-
-
-def test_sensors_are_late_filtered_and_scaled():
-    for late in ({"velocity_delay": 0.03}, {"velocity_filter": 0.03}):
-        flight = flown(VehicleSpec(), replace(QUIET, velocity_scale=1.05, **late))
-        channel = flight.recording.channels["velocity_z"]
-        inner = channel.time_s > 0.5
-        shifted = np.interp(channel.time_s - 0.03, flight.flown.truth.time_s, flight.flown.velocity)
-        error = (channel.values - 1.05 * shifted)[inner]
-        assert np.abs(error).max() < 0.01 * np.abs(shifted).max()
-
-
-def test_estimator_learns_a_bias_in_its_time():
-    time = 0.01 * np.arange(20000)
-    _, acceleration = estimated(time, np.full(time.size, 0.3), np.zeros(time.size), bias_time=40.0)
-    # The bias is learnt by 1 - 1/e after T, and the velocity's own settling time of a third of a second.
-    assert acceleration[4030] / 0.3 == pytest.approx(np.exp(-1.0), abs=0.02)
 
 
 GRID = published_grid()

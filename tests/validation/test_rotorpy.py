@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 import polars as pl
 import pytest
-from scipy.spatial.transform import Rotation
 
 from eivor.errors import CollinearError, ShapeError, TooFewSamplesError, UsageError
 from eivor.motions.rigid_body.dynamics import (
@@ -72,25 +71,6 @@ def everywhere(truth: FlightTruth) -> np.ndarray:
 
 @pytest.mark.thorough
 @pytest.mark.parametrize(
-    ("vehicle", "friction", "lag"),
-    [(Vehicle.CRAZYFLIE, 0.180, 0.072), (Vehicle.HUMMINGBIRD, 0.871, 0.005), (Vehicle.MEDIUM, 0.399, 0.04)],
-)
-def test_force_follows_the_nominal_parameters_exactly(vehicle, friction, lag):
-    parasitic = {Vehicle.CRAZYFLIE: 0.0, Vehicle.HUMMINGBIRD: 0.01 / 0.5, Vehicle.MEDIUM: 0.02 / 1.2}
-    truth = fly(calm(vehicle)).truth
-    assert truth.viscous_friction == pytest.approx(friction, abs=5e-4)
-    assert truth.actuator_lag == lag
-    assert truth.input_gain * truth.hover_input**2 == pytest.approx(9.81, rel=1e-12)
-    # In level flight through still air RotorPy's vertical force has this closed form.
-    velocity, speed = truth.air_velocity_z, truth.rotor_state.mean(axis=1)
-    rotor_drag = truth.viscous_friction * speed / truth.hover_input * velocity
-    expected = truth.input_gain * np.square(truth.rotor_state).mean(axis=1) - rotor_drag
-    expected -= parasitic[vehicle] * np.abs(velocity) * velocity
-    np.testing.assert_allclose(truth.specific_force_z, expected, atol=1e-9)
-
-
-@pytest.mark.thorough
-@pytest.mark.parametrize(
     ("vehicle", "lag", "delay"),
     [(Vehicle.CRAZYFLIE, None, 0.0), (Vehicle.CRAZYFLIE, 0.12, 0.02), (Vehicle.HUMMINGBIRD, None, 0.02)],
 )
@@ -108,24 +88,6 @@ def test_rotors_are_the_exact_lag_of_the_delayed_commands(vehicle, lag, delay):
         state = decay * state + (1.0 - decay) * acting[k]
     np.testing.assert_allclose(truth.rotor_state, expected, rtol=1e-6)
     assert np.std(truth.rotor_state) > 0.005 * truth.hover_input  # the comparison is not of constants
-
-
-@pytest.mark.thorough
-def test_log_without_noise_agrees_with_the_truth():
-    flight = fly(calm(gust_rms=1.0))
-    recording, truth = flight.recording, flight.truth
-    attitude = Rotation.from_quat(np.column_stack([values(recording, f"attitude_{axis}") for axis in "xyzw"]))
-    force = np.column_stack([values(recording, f"specific_force_body_{axis}") for axis in "xyz"])
-    np.testing.assert_allclose(attitude.apply(force)[:, 2], truth.specific_force_z, atol=1e-9)
-    np.testing.assert_allclose(attitude.as_matrix()[:, 2, 2], truth.cos_tilt, atol=1e-12)
-    assert truth.cos_tilt.min() < 0.9999  # the gusts do tilt it
-    # Position, velocity and force belong together: trapezoidal rule over the grid.
-    velocity = values(recording, "velocity_z")
-    mean_force = 0.5 * (truth.specific_force_z[1:] + truth.specific_force_z[:-1])
-    # The wind is held and jumps at the stamps, so the force's mean over a step differs a little.
-    np.testing.assert_allclose(np.diff(velocity), STEP_S * (mean_force - 9.81), atol=5e-4)
-    mean_velocity = 0.5 * (velocity[1:] + velocity[:-1])
-    np.testing.assert_allclose(np.diff(values(recording, "position_z")), STEP_S * mean_velocity, atol=1e-5)
 
 
 @pytest.mark.thorough
