@@ -126,7 +126,7 @@ def test_documented_order_is_the_contract():
 @pytest.mark.parametrize("room", ["flights", "report", "cli", "asked", "estimation", "inference"])
 def test_rooms_name_no_parameter_of_a_motion(room):
     """Only a motion knows what its parameters are called; others ask it."""
-    from eivor.motions import motion_by_name
+    from eivor.motions.table import motion_by_name
 
     of_actuators = {"actuator_lag", "delay", "effective_lag"}  # of every motion whose actuators lag
     plain_words = {"intercept"}

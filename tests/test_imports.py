@@ -57,7 +57,7 @@ def test_one_ulog_loads_no_tables_and_no_figures():
     """A whole command is held against a reading of the log: what few need is loaded by those."""
     loaded = modules_after(
         "import eivor.logs.ulog.reader, eivor.motions.identify\n"
-        "from eivor.motions import motion_by_name\n"
+        "from eivor.motions.table import motion_by_name\n"
         "motion_by_name('vertical')"
     )
     assert "eivor.flights.identify" in loaded

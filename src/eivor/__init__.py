@@ -47,8 +47,8 @@ if TYPE_CHECKING:
     from eivor.models.regression import Column, Regression, lags, regression
     from eivor.models.separable import Bounds, Prior
     from eivor.models.signal_regression import SignalRegression
-    from eivor.motions import motion_by_name
     from eivor.motions.identify import identify_flight, log_signals
+    from eivor.motions.table import motion_by_name
     from eivor.motions.vertical.model import VerticalMotion
     from eivor.planning.plan import FlightPlan
     from eivor.planning.vehicle import FlightLimits, VehicleGuess
@@ -101,7 +101,7 @@ _PLACES = {
     "eivor.models.regression": "Column Regression lags regression",
     "eivor.models.separable": "Bounds Prior",
     "eivor.models.signal_regression": "SignalRegression",
-    "eivor.motions": "motion_by_name",
+    "eivor.motions.table": "motion_by_name",
     "eivor.motions.identify": "identify_flight log_signals",
     "eivor.motions.vertical.model": "VerticalMotion",
     "eivor.planning.plan": "FlightPlan",

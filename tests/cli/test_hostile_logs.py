@@ -144,7 +144,7 @@ def use_library(log: Any, fit: Any, choices: dict[str, Any]) -> str:
     from eivor.errors import EivorError
     from eivor.flights.options import FlightOptions
     from eivor.flights.track import track
-    from eivor.motions import motion_by_name
+    from eivor.motions.table import motion_by_name
     from eivor.report.flight_page import flight_page
     from eivor.report.inspection import pooled_inspection
 

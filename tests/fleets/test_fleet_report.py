@@ -32,8 +32,8 @@ from eivor.fleet.logs import given_covariates, logs_found, with_covariates
 from eivor.fleet.report import few_footnote, fleet_document, flight_links, interval_text, linked, next_text
 from eivor.fleet.run import run_fleet
 from eivor.fleet.table import FleetOptions, read_flights, write_report
-from eivor.motions import motion_by_name
 from eivor.motions.rigid_body.motion import RigidBody
+from eivor.motions.table import motion_by_name
 from eivor.report.terminal import on_terminal
 from fleets.fleet_rows import row, write_fleet
 from validation.simulated_fleets import FleetSpec, fleet_rows, fleet_truth, write_fleet_logs

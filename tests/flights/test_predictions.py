@@ -18,7 +18,7 @@ from eivor.flights.prepare import prepare
 from eivor.flights.prepared import PreparedFlight
 from eivor.flights.track import Moment, Track, track
 from eivor.models.separable import NoInstruments
-from eivor.motions import motion_by_name
+from eivor.motions.table import motion_by_name
 from eivor.motions.vertical.motion import Vertical
 from eivor.report.other_results import marks, report_changes, track_document, track_figure, track_json, untold
 from eivor.report.terminal import on_terminal

@@ -28,8 +28,8 @@ from eivor.logs.common import KeptChannels
 from eivor.logs.dataflash import channels, messages, sources
 from eivor.logs.dataflash import messages as places_of_messages
 from eivor.logs.table import columnar
-from eivor.motions import motion_by_name
 from eivor.motions.identify import identify_flight
+from eivor.motions.table import motion_by_name
 from eivor.report import inspection as inspected
 from eivor.report.inspection import inspection_document
 from eivor.report.json_document import inspection_json

@@ -15,7 +15,6 @@ from turning_logs import turned
 from typer.testing import CliRunner
 
 import eivor as ev
-from eivor import motions
 from eivor.cli.main import app
 from eivor.errors import ChannelMapError, UsageError
 from eivor.flights import identify
@@ -26,11 +25,12 @@ from eivor.flights.result import FlightEstimate
 from eivor.flights.verdict import unbounded_reasons
 from eivor.inference.confidence_set import ConfidenceSet
 from eivor.inference.verdict import Reason, Status, verdict
-from eivor.motions import loaded_motion, motion_by_name, motion_names, wording_of
+from eivor.motions import table as motions
 from eivor.motions.identify import identify_flight
 from eivor.motions.rates import verdict as rates
 from eivor.motions.rates.verdict import AXES
 from eivor.motions.rigid_body import verdict as rigid_body
+from eivor.motions.table import loaded_motion, motion_by_name, motion_names, wording_of
 from eivor.motions.vertical import verdict as vertical
 from eivor.motions.vertical.motion import Vertical
 from eivor.signals import channels

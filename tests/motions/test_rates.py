@@ -15,9 +15,9 @@ from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import SimpleModel
 from eivor.inference.verdict import Status
 from eivor.logs import read_log
-from eivor.motions import motion_names
 from eivor.motions.identify import identify_flight
 from eivor.motions.rates.motion import Rates
+from eivor.motions.table import motion_names
 from eivor.signals.recording import Channel, Recording
 from motions.turning_logs import AXES
 from motions.turning_logs import Vehicle as Vehicle_ahead

@@ -16,10 +16,10 @@ from eivor.inference.verdict import Status
 from eivor.lab.scenario_files import shipped_rigid_body_flight
 from eivor.logs import read_log
 from eivor.models.separable import NoInstruments
-from eivor.motions import motion_by_name
 from eivor.motions.identify import identify_flight
 from eivor.motions.rigid_body.motion import RigidBody
 from eivor.motions.rigid_body.vehicle import FORCE_Z_EQUATION, BodyDrag, KnownNumber, KnownVehicle
+from eivor.motions.table import motion_by_name
 from eivor.report.flight import flight_document
 from eivor.report.json_document import json_document
 from eivor.signals.recording import Channel, Recording

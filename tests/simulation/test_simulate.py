@@ -22,7 +22,7 @@ from eivor.lab.records import (
     simulate,
 )
 from eivor.logs import read_log
-from eivor.motions import motion_by_name
+from eivor.motions.table import motion_by_name
 from eivor.motions.vertical.model import GRAVITY, VerticalMotion
 from eivor.signals.noise import FractionalNoise, WhiteNoise
 from eivor.signals.recording import Frame

@@ -19,7 +19,7 @@ import numpy as np
 import polars as pl
 
 from eivor.fleet.analysis import STEADY, STEPS, fleet_report
-from eivor.motions import motion_by_name
+from eivor.motions.table import motion_by_name
 from validation.simulated_fleets import FleetSpec, fleet_rows, fleet_truth
 from validation.studies import GridStruct, Group, KeptRun, KeptStudy, Requirement, alone, table_of
 from validation.suite_files import versions

@@ -28,8 +28,7 @@ from eivor.cli.outputs import (
 from eivor.errors import NotIdentifiedError, UsageError
 from eivor.exports.fitted import Supplied, known_number
 from eivor.motions.rigid_body.vehicle import KnownNumber, load_vehicle
-from eivor.report.other_results import draws_table
-from eivor.report.saved_fit import SavedFit, load_fit
+from eivor.report.saved_fit import SavedFit, draws_table, load_fit
 
 EXPORT_EXIT_CODES = (
     "[bold]Exit codes[/bold]: 0 all that the target has is written; 3 something is not identified: it is a "

@@ -24,8 +24,8 @@ from eivor.flights.result import FlightEstimate
 from eivor.inference.verdict import Status
 from eivor.logs.common import UNITS, unit_fits
 from eivor.models.separable import Bounds, Prior
-from eivor.motions import motion_by_name
 from eivor.motions.identify import identify_flight
+from eivor.motions.table import motion_by_name
 from eivor.planning.plan import Location
 from eivor.planning.vehicle import FlightLimits
 from eivor.report.flight import logging_advice_for, missing_channels

@@ -205,13 +205,13 @@ def validate(
     picture = figure_file(figure)
     options = FlightOptions(window=parse_window(window) if window else None)
     result = load_fit(fit)
-    (recording,), (current,) = read_logs([log], options, example=False, channel_map=channel_map)
+    (recording,), (own_window,) = read_logs([log], options, example=False, channel_map=channel_map)
     with step(f"Predicting {recording.name}"):
-        results = validated(result, recording, window=current or options.window, max_tilt_deg=max_tilt)
+        validation = validated(result, recording, window=own_window or options.window, max_tilt_deg=max_tilt)
     deliver_result(
-        lambda: on_terminal(validation_document(results)),
-        results.to_json,
+        lambda: on_terminal(validation_document(validation)),
+        validation.to_json,
         json,
-        *figure_parts(picture, results.plot),
+        *figure_parts(picture, validation.plot),
     )
-    return ExitCode.IDENTIFIED if results.predicts else ExitCode.NOT_IDENTIFIED
+    return ExitCode.IDENTIFIED if validation.predicts else ExitCode.NOT_IDENTIFIED

@@ -56,14 +56,14 @@ class ParameterEquations:
 
 def parameter_equations(rows: Regression, position: int) -> ParameterEquations:
     """Equations of the parameter of some number."""
-    current = rows.regressors[:, position] != 0.0
-    moving = np.flatnonzero(rows.regressors[current].any(axis=0))
+    involved = rows.regressors[:, position] != 0.0
+    moving = np.flatnonzero(rows.regressors[involved].any(axis=0))
     others = moving[moving != position]
     instruments = rows.instruments
-    if not current.all():
-        basis, sizes, _ = np.linalg.svd(instruments[current], full_matrices=False)
+    if not involved.all():
+        basis, sizes, _ = np.linalg.svd(instruments[involved], full_matrices=False)
         instruments = basis[:, sizes > INDEPENDENT]
-    return ParameterEquations(current, np.array([position, *others]), instruments)
+    return ParameterEquations(involved, np.array([position, *others]), instruments)
 
 
 @dataclass(frozen=True)
@@ -159,11 +159,11 @@ def _criterion(
 ) -> CandidateCriterion:
     theta = candidate.theta
     weights = weighting.last_pass(problem, theta, candidate.nuisances)
-    current = parameter_equations(weights.rows(candidate.nuisances), position)
-    unknowns = candidate.unknowns - (theta.size - current.regressors.size)
+    of_parameter = parameter_equations(weights.rows(candidate.nuisances), position)
+    unknowns = candidate.unknowns - (theta.size - of_parameter.regressors.size)
     points = [{**candidate.nuisances, **point} for point in nodes.points]
-    columns = current.columns(weights.columns(points), theta)
-    equations = current.instruments.T @ columns
+    columns = of_parameter.columns(weights.columns(points), theta)
+    equations = of_parameter.instruments.T @ columns
     power = columns.transpose(0, 2, 1) @ columns / (columns.shape[1] - unknowns)
     lengths = np.sqrt(np.diagonal(np.mean(power, axis=0)))
     sizes = np.where(lengths > 0.0, lengths, 1.0)

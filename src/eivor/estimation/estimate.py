@@ -260,15 +260,15 @@ def _moment_equation(candidate: Candidate, blocks: Blocks) -> EstimatingEquation
     theta, factor, constant = candidate.theta, candidate.factor, candidate.constant
     A, known = candidate.system.matrix, candidate.prior_rows()
     searched = candidate.nuisance_columns.shape[1]
-    current = searched if candidate.assembler.takes_out_own_noise else 0
+    own_equations = searched if candidate.assembler.takes_out_own_noise else 0
 
     if candidate.nuisance_columns.size:
-        moved, below = np.zeros((A.shape[0] + current, searched)), np.zeros((current, A.shape[1]))
+        moved, below = np.zeros((A.shape[0] + own_equations, searched)), np.zeros((own_equations, A.shape[1]))
         for block, nuisance in _with_nuisance(candidate, blocks):
             moved += _test_functions(candidate, block, nuisance).T @ nuisance
-            below += nuisance[:, :current].T @ block.regressors
+            below += nuisance[:, :own_equations].T @ block.regressors
         A = np.column_stack([np.vstack([A, below / candidate.count]), moved / candidate.count])
-        constant = np.pad(constant, (0, current))
+        constant = np.pad(constant, (0, own_equations))
     if factor is not None:
         A = scipy.linalg.solve_triangular(factor, A, lower=True)
     equations, power = A.shape[0], candidate.row_power() if known.size else 0.0
@@ -309,8 +309,8 @@ def _test_functions(
 ) -> Float[np.ndarray, "rows p"]:
     """The assembler's; columns that are their own instruments are so for nuisances as well, without noise."""
     psi = candidate.assembler.test_functions(block)
-    current = nuisance.size and candidate.assembler.takes_out_own_noise
-    return np.column_stack([psi, nuisance]) if current else psi
+    own_instruments = nuisance.size and candidate.assembler.takes_out_own_noise
+    return np.column_stack([psi, nuisance]) if own_instruments else psi
 
 
 def _in_combinations(

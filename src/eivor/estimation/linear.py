@@ -375,7 +375,7 @@ def _candidate(
     refined = [nuisance for nuisance in problem.nuisances if nuisance.refined]
     columns = [slope(weights, nuisance, minimum.nuisances, minimum.solution.theta) for nuisance in refined]
     misfits, precision = known_misfits(problem.nuisances, minimum.nuisances)
-    current = weights.criterion(solved.theta, minimum.nuisances)
+    criterion = weights.criterion(solved.theta, minimum.nuisances)
     return replace(
         solved,
         nuisance_columns=np.column_stack([np.empty((solved.rows.response.size, 0)), *columns]),
@@ -384,7 +384,7 @@ def _candidate(
         nuisances={nuisance.name: minimum.nuisances[nuisance.name] for nuisance in problem.nuisances},
         profiles=minimum.profiles,
         covariance_estimator=FEW_ROWS_DEFAULT if problem.few_rows else FLIGHT_DEFAULT,
-        flight_criterion=None if current is None else current + sum(misfits),
+        flight_criterion=None if criterion is None else criterion + sum(misfits),
     )
 
 

@@ -158,9 +158,9 @@ def signal_weights(
     spectrum: Complex[np.ndarray, " bins"], noise_variance: float
 ) -> Float[np.ndarray, " bins"]:
     """w, the squared share of signal in the input's power near each bin."""
-    current, around = np.abs(spectrum) ** 2, power_around(spectrum)
-    line = current > LINE * np.maximum(around, noise_variance)
-    share = 1.0 - noise_variance / np.where(line, current, around)
+    power, around = np.abs(spectrum) ** 2, power_around(spectrum)
+    line = power > LINE * np.maximum(around, noise_variance)
+    share = 1.0 - noise_variance / np.where(line, power, around)
     return np.clip(share, LEAST_SHARE, 1.0) ** 2
 
 

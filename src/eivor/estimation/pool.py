@@ -163,8 +163,8 @@ class PoolCriterion:
 
     def _joined(self, blocks: Forms) -> Float[np.ndarray, "k m m"]:
         """Form of all parameters: residual, each flight's own, and what is shared."""
-        flights, current = len(self.members), len(self.flight_specific)
-        width = 1 + flights * current + len(self.shared)
+        flights, specific = len(self.members), len(self.flight_specific)
+        width = 1 + flights * specific + len(self.shared)
         joined = np.zeros((blocks.shape[1], width, width))
         for number, block in enumerate(blocks):
             positions = self.indices_of(number)
@@ -173,10 +173,10 @@ class PoolCriterion:
 
     def indices_of(self, number: int) -> np.ndarray:
         """Where residual and parameters of a flight are among those of all."""
-        flights, current = len(self.members), len(self.flight_specific)
+        flights, specific = len(self.members), len(self.flight_specific)
         positions = np.zeros(1 + self.size, dtype=np.int64)
-        positions[[1 + item for item in self.flight_specific]] = 1 + number * current + np.arange(current)
-        positions[[1 + item for item in self.shared]] = 1 + flights * current + np.arange(len(self.shared))
+        positions[[1 + item for item in self.flight_specific]] = 1 + number * specific + np.arange(specific)
+        positions[[1 + item for item in self.shared]] = 1 + flights * specific + np.arange(len(self.shared))
         return positions
 
     def misfit(self, box: Box) -> Float[np.ndarray, " points"]:
@@ -386,10 +386,10 @@ class PoolJoint:
         """Conditional first-stage F of each parameter of the pool."""
         scale = unit_scale(np.diag(self.sensitivity))
         inverse = np.linalg.pinv(np.outer(scale, scale) * self.sensitivity, hermitian=True)
-        current = np.diag(inverse)
-        directions = inverse / np.where(current > 0.0, current, np.inf)
+        variances = np.diag(inverse)
+        directions = inverse / np.where(variances > 0.0, variances, np.inf)
         power = np.outer(scale, scale) * (self._summed(lambda item: item.power) + self.variance * self._prior)
-        explained = 1.0 / np.where(current > 0.0, current, np.inf)
+        explained = 1.0 / np.where(variances > 0.0, variances, np.inf)
         left = np.einsum("ij,ik,kj->j", directions, power, directions) - explained
         vector = self.slopes[0].power.shape[0]
         spare = max(self.criterion.instruments / len(self.slopes) - vector + 1.0, 1.0)
@@ -552,11 +552,11 @@ class Pooled:
 
     def whole_sets(self, name: str, level: float = 0.95) -> ParameterSets | None:
         """Sets of a parameter that all flights have in common, or of the common value of one that is not."""
-        current = name in self.flight_specific
-        if len(self.candidates[0].separate.nodes.axes) > 1 or (current and self.differs):
+        is_specific = name in self.flight_specific
+        if len(self.candidates[0].separate.nodes.axes) > 1 or (is_specific and self.differs):
             return None
         position = self._positions([name])[0]
-        criteria = [candidate.common if current else candidate.separate for candidate in self.candidates]
+        criteria = [candidate.common if is_specific else candidate.separate for candidate in self.candidates]
         instruments = max(member.instruments for member in criteria[0].members)
 
         def below(excess: float) -> ConfidenceSet:

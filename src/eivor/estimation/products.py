@@ -135,15 +135,16 @@ def _folded(
     positions = [_position(column, psi) for column in columns]
     strangers = [series for series, position in zip(values, positions, strict=True) if position is None]
     lagged = _lag_products(problem.signals.channel(psi[0].channel), psi, strangers, edges, last)
-    current, rest = lagged[:, :, : len(psi)], lagged[:, :, len(psi) :]
+    among_inputs, rest = lagged[:, :, : len(psi)], lagged[:, :, len(psi) :]
     remaining = iter(np.moveaxis(rest, 2, 0))
     cross = np.stack(
-        [next(remaining) if position is None else current[:, :, position] for position in positions], axis=2
+        [next(remaining) if position is None else among_inputs[:, :, position] for position in positions],
+        axis=2,
     )
     edges[-1] = last
     squares = _squares(values, positions, cross, edges - first)
     gains = np.array([psi[0].gain] * len(psi) + [column.gain for column in columns])
-    sums = np.block([[current, cross], [cross.transpose(0, 2, 1), squares]]) * np.outer(gains, gains)
+    sums = np.block([[among_inputs, cross], [cross.transpose(0, 2, 1), squares]]) * np.outer(gains, gains)
     layout = ProductLayout(len(psi), len(columns) - 1, whole=True)
     return Products(np.diff(edges).astype(np.float64), sums, layout)
 
@@ -178,15 +179,17 @@ def _lag_products(
         sums[-1] += np.outer(now, [other[sample - first] for other in with_lagged])
     # The sum at lags (i + 1, j + 1) is that at (i, j) but for the samples at both ends of the block.
     p = most - least + 1
-    current = np.empty((len(blocks), p, p))
-    current[:, :, 0] = current[:, 0, :] = sums[:, :, 0]
+    sums_of_lags = np.empty((len(blocks), p, p))
+    sums_of_lags[:, :, 0] = sums_of_lags[:, 0, :] = sums[:, :, 0]
     start, stop = edges[:-1], np.append(edges[1:-1], last)
     entering, leaving = (series[end[:, None] - 1 - least - np.arange(p)] for end in (start, stop))
     for i in range(p - 1):
         done = slice(0, i + 1)
         change = entering[:, [i]] * entering[:, done] - leaving[:, [i]] * leaving[:, done]
-        current[:, i + 1, 1 : i + 2] = current[:, 1 : i + 2, i + 1] = current[:, i, done] + change
-    return np.concatenate([current, sums[:, :, 1:]], axis=2)
+        sums_of_lags[:, i + 1, 1 : i + 2] = sums_of_lags[:, 1 : i + 2, i + 1] = (
+            sums_of_lags[:, i, done] + change
+        )
+    return np.concatenate([sums_of_lags, sums[:, :, 1:]], axis=2)
 
 
 def _squares(

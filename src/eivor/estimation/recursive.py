@@ -371,10 +371,10 @@ class RecursiveIdentification:
         taken, changes = rows.count, self.changes
         for look, reference in looks_between(weighted, after):
             watch = watch.after(look, detector)
-            reported = watch.detected(detector)
-            if reported:
+            detections = watch.detected(detector)
+            if detections:
                 names = [parameter.name for parameter in self._parameters]
-                changes = (*changes, *(Change(names[j], look.sample, up) for j, up in reported))
+                changes = (*changes, *(Change(names[j], look.sample, up) for j, up in detections))
                 taken = look.sample - weighted.samples
                 kept = weighted.then(rows.between(0, taken))
                 after = kept.last(detector.kept_looks * BLOCKS_PER_LOOK)
@@ -524,10 +524,10 @@ class Follower:
             if stretch.count < forgetting.block_length:
                 return
             watching = watching.after(newest_look(then), detector)
-            reported = watching.detected(detector)
+            detections = watching.detected(detector)
             change = 0
-            if reported:
-                change = 1 if reported[0][1] else -1
+            if detections:
+                change = 1 if detections[0][1] else -1
                 then, watching = then.last(detector.kept_looks * BLOCKS_PER_LOOK), watching.reset()
             posterior = self.posterior(then)
             watching = watching.expecting(self._reference(then, posterior), detector)
@@ -562,25 +562,29 @@ class Follower:
         moments = weighted.moments
         basis = _basis(moments.products.instruments.sum(axis=0) / moments.rows)
         A, b = np.hsplit(basis.T @ moments.equations, [-1])
-        current, seen = A.T @ A, A.T @ b[:, 0]
+        information, seen = A.T @ A, A.T @ b[:, 0]
         precision = np.diag([0.0 if prior is None else prior.std**-2 for prior in self.priors])
         mean = np.array([0.0 if prior is None else prior.mean for prior in self.priors])
-        if not current[self.index, self.index] > 0.0:
+        if not information[self.index, self.index] > 0.0:
             return None
         theta = self.start
         for _ in range(PASSES):
             scores = exponentially_weighted_covariance(weighted, theta, A.T @ basis.T)
-            row = _row_information(scores, np.diag(current))
-            row = min(row, MOST_INFORMATION / max(float(np.abs(seen).max()), float(np.abs(current).max())))
-            inverse = _inverse(row * current + precision)
+            row = _row_information(scores, np.diag(information))
+            row = min(
+                row, MOST_INFORMATION / max(float(np.abs(seen).max()), float(np.abs(information).max()))
+            )
+            inverse = _inverse(row * information + precision)
             theta = inverse @ (row * seen + precision @ mean)
         return Posterior(theta, row * inverse @ A.T @ basis.T, inverse @ precision @ inverse)
 
 
 def _row_information(scores: JointCovariance, powers: Float[np.ndarray, " n"]) -> float:
     """Information of the rows: one over the variance of their scores, each over its power, the largest."""
-    reported = powers > 0.0
-    variances = [float(np.mean(np.diag(part.matrix)[reported] / powers[reported])) for part in scores.parts]
+    informative = powers > 0.0
+    variances = [
+        float(np.mean(np.diag(part.matrix)[informative] / powers[informative])) for part in scores.parts
+    ]
     return 1.0 / max(*variances, np.finfo(np.float64).tiny)
 
 

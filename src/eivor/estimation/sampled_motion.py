@@ -290,10 +290,10 @@ def fitted_noises(
     errors[fitted] = np.linalg.norm(np.linalg.inv(root), axis=0)
     strengths, orders = np.sqrt(model.variances), model.orders
     by_strength, by_order = 0.5 * strengths * errors[:3], _order_slopes(orders) * errors[3:]
-    reported = zip(WHAT, strengths, by_strength, orders, by_order, strict=True)
+    starts = zip(WHAT, strengths, by_strength, orders, by_order, strict=True)
     return tuple(
         FittedNoise(of, float(strength), float(error), float(order), float(order_error), measure)
-        for of, strength, error, order, order_error in reported
+        for of, strength, error, order, order_error in starts
     )
 
 
@@ -347,15 +347,15 @@ class _Fit:
         determinant = first * second - real**2 - imaginary**2
         a, b, x, y = np.stack([second, first, -real, -imaginary]) / determinant  # C^-1
         p, q, u, v = self.seen_numbers
-        current, crossed = a * p + b * q, 2.0 * (x * u + y * v)
-        value = float(self.bins @ (np.log(determinant) + current + crossed))
+        within, crossed = a * p + b * q, 2.0 * (x * u + y * v)
+        value = float(self.bins @ (np.log(determinant) + within + crossed))
         size, product, straight, turned = x**2 + y**2, a * b, x**2 - y**2, 2.0 * x * y
         by_number = self.bins * np.stack(
             [
                 a - a * (a * p + crossed) - size * q,
                 b - b * (b * q + crossed) - size * p,
-                2.0 * (x - x * current - straight * u - turned * v - product * u),
-                2.0 * (y - y * current - turned * u + straight * v - product * v),
+                2.0 * (x - x * within - straight * u - turned * v - product * u),
+                2.0 * (y - y * within - turned * u + straight * v - product * v),
             ]
         )
         by_power = powers * (self.numbers * by_number).sum(axis=1)
@@ -625,10 +625,10 @@ def sampled_problem(problem: SignalRegression, method: str) -> SampledProblem:
     state, response, driver = motion_of(problem, method)
     signals = problem.signals
     noise = signals.noise[driver]
-    current = is_own_instrument(problem, driver)
+    is_own = is_own_instrument(problem, driver)
     bins = (unitary_bins(signals.channel(name)) for name in (response, state, driver))
     record = SampledRecord(signals.step_s, signals.sample_count, *bins)
-    instrument = None if current else unitary_bins(_projected(problem, driver, method))
+    instrument = None if is_own else unitary_bins(_projected(problem, driver, method))
     declared = signals.noise.get(state), signals.noise.get(response)
     return SampledProblem(problem, record, noise.std**2, instrument, declared)
 
@@ -671,5 +671,5 @@ def _projected(problem: SignalRegression, driver: str, method: str) -> Float[np.
     Psi = np.column_stack([problem.column(column) for column in problem.instrument_columns])
     values = problem.signals.channel(driver)
     centred = Psi - Psi.mean(axis=0)
-    reported = centred @ np.linalg.lstsq(centred, values[problem.first :] - values.mean(), rcond=None)[0]
-    return np.concatenate([np.zeros(problem.first), reported])
+    explained = centred @ np.linalg.lstsq(centred, values[problem.first :] - values.mean(), rcond=None)[0]
+    return np.concatenate([np.zeros(problem.first), explained])

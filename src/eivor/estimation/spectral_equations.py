@@ -135,17 +135,19 @@ class SpectralSolution:
     @cached_property
     def tests(self) -> Complex[np.ndarray, "n 2 bins"]:
         """Test functions before C^-1: w c U d_j, c psi, and c U s / S_u where sigma_u^2 is unknown."""
-        current = self.of_noise * self.instrument
+        by_instrument = self.of_noise * self.instrument
         shapes = self.nuisance_shapes * self.factors
-        return np.concatenate([current[: self.parameters], shapes, current[self.parameters :]])
+        return np.concatenate([by_instrument[: self.parameters], shapes, by_instrument[self.parameters :]])
 
     @cached_property
     def of_noise(self) -> Complex[np.ndarray, "m 2 bins"]:
         """What the input's noise is taken off with: w c d_j, and c s / S_u where sigma_u^2 is unknown."""
-        current = self.motion.directions[: self.parameters] * (self.weights * self.factors)
+        directions = self.motion.directions[: self.parameters] * (self.weights * self.factors)
         if self.noise_test is None:
-            return current
-        return np.concatenate([current, (self.motion.input_noise * (self.factors * self.noise_test))[None]])
+            return directions
+        return np.concatenate(
+            [directions, (self.motion.input_noise * (self.factors * self.noise_test))[None]]
+        )
 
     @property
     def noisy(self) -> Int[np.ndarray, " m"]:
@@ -374,10 +376,10 @@ def spectral_covariance(solution: SpectralSolution, chosen: slice = EVERY) -> Sp
     inverse = whole[: solution.parameters][chosen]
     answered = np.tensordot(inverse, solution.tests, axes=1)
     of_bins = _meat(solution, inverse, answered)
-    current = np.einsum("jjb->jb", of_bins)
-    degrees = 2.0 * current.sum(axis=1) ** 2 / (current**2).sum(axis=1)
+    powers = np.einsum("jjb->jb", of_bins)
+    degrees = 2.0 * powers.sum(axis=1) ** 2 / (powers**2).sum(axis=1)
     leverage = np.clip(solution.leverage(whole), 0.0, LARGEST_LEVERAGE)
-    enlarged = np.sqrt((current / (1.0 - leverage / 4.0)).sum(axis=1) / current.sum(axis=1))
+    enlarged = np.sqrt((powers / (1.0 - leverage / 4.0)).sum(axis=1) / powers.sum(axis=1))
     model = of_bins.sum(axis=2) * np.outer(enlarged, enlarged)
     influence = _influence(solution, answered) * enlarged
     in_time = sum_covariance(influence)
@@ -401,9 +403,9 @@ def _meat(
     """J^-1 M J^-T, bin by bin, with the tests that some rows of J^-1 are answered by."""
     meat = np.einsum("jkb,lkb->jlb", answered.conj(), solution.spectrum.solved(answered)).real
     if solution.input_variance:
-        current = np.tensordot(inverse[:, solution.noisy], solution.of_noise, axes=1)
+        by_noise = np.tensordot(inverse[:, solution.noisy], solution.of_noise, axes=1)
         shared = solution.spectrum.solved(solution.motion.input_noise)
-        phi = np.einsum("jkb,kb->jb", current.conj(), shared)
+        phi = np.einsum("jkb,kb->jb", by_noise.conj(), shared)
         meat += solution.input_variance**2 * (phi[:, None] * phi[None, :]).real
     return 0.5 * meat
 

@@ -140,8 +140,8 @@ def start_of(sampled: SampledProblem, plain: Estimate) -> SampledMotion | Reason
 def distance_of(plain: Estimate, solution: SpectralSolution) -> float:
     """Squared distance of friction and gain from generalized IV's, in the errors of both."""
     between = plain.best.values[:2] - solution.values
-    current = plain.with_covariance(EqualWeightedCosines()).covariance[:2, :2]
-    spread = np.diag(np.maximum(np.diag(solution.covariance.model[:2, :2]), 0.0)) + current
+    of_instruments = plain.with_covariance(EqualWeightedCosines()).covariance[:2, :2]
+    spread = np.diag(np.maximum(np.diag(solution.covariance.model[:2, :2]), 0.0)) + of_instruments
     return float(between @ np.linalg.solve(spread, between))
 
 

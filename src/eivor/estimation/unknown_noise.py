@@ -86,13 +86,13 @@ def long_memory_covariance(
     def sums(spectrum: np.ndarray) -> Float[np.ndarray, "lags *k"]:
         return np.fft.irfft(spectrum, length, axis=0)
 
-    of_error, current = np.fft.rfft(error, length), np.fft.rfft(influence, length, axis=0)
+    of_error, of_influence = np.fft.rfft(error, length), np.fft.rfft(influence, length, axis=0)
     by_error = weights * sums(np.abs(of_error) ** 2)
-    across = sums(current * of_error.conj()[:, None])
+    across = sums(of_influence * of_error.conj()[:, None])
     backwards = np.roll(across[::-1], 1, axis=0)
     results = across.T @ (weights[:, None] * backwards)
     for number in range(influence.shape[1]):
-        results[number] += by_error @ sums(current[:, [number]] * current.conj())
+        results[number] += by_error @ sums(of_influence[:, [number]] * of_influence.conj())
     return 0.5 * (results + results.T)
 
 

@@ -544,8 +544,8 @@ class Nodes:
         total = np.zeros(1)
         for axis, item in zip(self.axes, box, strict=True):
             prior = known.get(axis.nuisance.name)
-            current = np.zeros(item.size) if prior is None else prior.misfit(axis.values_at(item))
-            total = np.add.outer(total, current).ravel()
+            misfit = np.zeros(item.size) if prior is None else prior.misfit(axis.values_at(item))
+            total = np.add.outer(total, misfit).ravel()
         return total
 
 
@@ -592,9 +592,9 @@ class NuisanceScan:
         if not self.nodes.axes:
             positions = np.zeros(1)
             return positions, self.least(positions)
-        (current,) = self.nodes.nodes
-        steps = np.arange((current.size - 1) * BETWEEN + 1) / BETWEEN
-        positions = np.interp(steps, np.arange(current.size), current)
+        (nodes,) = self.nodes.nodes
+        steps = np.arange((nodes.size - 1) * BETWEEN + 1) / BETWEEN
+        positions = np.interp(steps, np.arange(nodes.size), nodes)
         J = self.least(positions)
         padded = np.concatenate([[np.inf], J, [np.inf]])
         lowest = np.flatnonzero((padded[:-2] >= J) & (padded[2:] >= J))

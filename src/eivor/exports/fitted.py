@@ -22,10 +22,10 @@ LONGEST = 400
 
 def one_line(text: str) -> str:
     """`text` in printable ASCII: control characters, line breaks and other letters as backslash escapes."""
-    displayed = "".join(
+    printable = "".join(
         c if " " <= c <= "~" else c.encode("unicode_escape", "surrogatepass").decode("ascii") for c in text
     )
-    return displayed if len(displayed) <= LONGEST else f"{displayed[: LONGEST - 3]}..."
+    return printable if len(printable) <= LONGEST else f"{printable[: LONGEST - 3]}..."
 
 
 def hash_comments(lines: Iterable[str]) -> list[str]:

@@ -223,8 +223,8 @@ def _lacks(
     lacking: Iterable[str], missing: Mapping[str, str], fitted: Fitted, target: str
 ) -> NotIdentifiedError:
     reasons = " ".join(missing.get(name, f"No flight of this kind determines {name}.") for name in lacking)
-    requested = {"thrust": MADE_OF[fitted.model]["thrust"]}
-    priors = " ".join(f"--prior {requested.get(name, name)}=VALUE:STD" for name in lacking)
+    formulas = {"thrust": MADE_OF[fitted.model]["thrust"]}
+    priors = " ".join(f"--prior {formulas.get(name, name)}=VALUE:STD" for name in lacking)
     words = ", ".join(WORDS[name] for name in lacking)
     return NotIdentifiedError(
         f"{words}: identified, or given, since {target} cannot do without",

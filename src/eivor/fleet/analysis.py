@@ -51,7 +51,7 @@ from eivor.inference.random_effects import (
     weights_of,
 )
 from eivor.inference.verdict import Status
-from eivor.motions import motion_by_name
+from eivor.motions.table import motion_by_name
 from eivor.process_pool import useful_workers
 from eivor.tools import Bool, Float
 
@@ -104,7 +104,7 @@ def in_order(table: pl.DataFrame) -> pl.DataFrame:
     kind, vehicle = (pl.col(name).cast(pl.String) for name in VEHICLE)
     earlier = pl.when(pl.col("name").is_duplicated()).then(pl.format(" {}", pl.col("sha256").str.head(12)))
     log = pl.concat_str(pl.lit(LOG), "name", earlier.fill_null(""))  # of a log that changed
-    current = pl.concat_str(pl.col("type"), pl.lit("\n"), pl.col("vehicle"))
+    by_vehicle = pl.concat_str(pl.col("type"), pl.lit("\n"), pl.col("vehicle"))
     return (
         table.filter(pl.col("verdict") != COPY)
         .with_columns(
@@ -114,7 +114,7 @@ def in_order(table: pl.DataFrame) -> pl.DataFrame:
             (kind.is_null() | vehicle.is_null()).alias(TOGETHER),
         )
         .sort(SINGLE, "type", TOGETHER, "vehicle", "start", "name", nulls_last=True)
-        .with_columns(pl.when(TOGETHER).then(current).otherwise("type").alias(TOGETHER))
+        .with_columns(pl.when(TOGETHER).then(by_vehicle).otherwise("type").alias(TOGETHER))
         .with_columns(((duration.cum_sum() - 0.5 * duration) / HOUR_S).over(VEHICLE).alias("hours"))
     )
 
@@ -398,12 +398,12 @@ def _verdicts(table: pl.DataFrame) -> pl.DataFrame:
 
 
 def _vehicles(table: pl.DataFrame) -> pl.DataFrame:
-    reported = pl.col("verdict").is_in((COPY, FAILED)).not_()
+    own_result = pl.col("verdict").is_in((COPY, FAILED)).not_()
     return (
         table.group_by("motion", "type", "vehicle")
         .agg(
             pl.len().alias("logs"),
-            reported.sum().alias("told"),
+            own_result.sum().alias("told"),
             (pl.col("verdict") == "identified").sum().alias("identified"),
             (pl.col("duration_s").sum() / HOUR_S).alias("hours"),
             pl.col("start").min().dt.date().alias("first"),
@@ -499,8 +499,8 @@ def fleet_report(table: pl.DataFrame, motion: Motion[Any], further: Sequence[str
     across = across_of(motion, further)
     absent = [name for name in wanted_columns(across) if name not in table.columns]
     table = table.with_columns(pl.lit(None, pl.Float64).alias(name) for name in absent)
-    current = table.filter(pl.col("motion") == motion.name)
-    rows = in_order(current)
+    of_motion = table.filter(pl.col("motion") == motion.name)
+    rows = in_order(of_motion)
     with ThreadPoolExecutor(useful_workers(None, len(across))) as pool:
         result = list(pool.map(partial(_Quantity.of, rows), across))
         selected = [item for item in result if item.used.height]
@@ -510,9 +510,9 @@ def fleet_report(table: pl.DataFrame, motion: Motion[Any], further: Sequence[str
         deviating = list(pool.map(lambda item: item.deviating(tests), selected))
     trends = ((item.across.name, item.trend) for item in selected if item.trend)
     logs = {
-        "logs": current.height,
-        "copies": int((current["verdict"] == COPY).sum()),
-        "failed": int((current["verdict"] == FAILED).sum()),
+        "logs": of_motion.height,
+        "copies": int((of_motion["verdict"] == COPY).sum()),
+        "failed": int((of_motion["verdict"] == FAILED).sum()),
     }
     together = _differing(pl.concat(vehicles, how="diagonal")) if vehicles else pl.DataFrame()
     return FleetReport(

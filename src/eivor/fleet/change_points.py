@@ -79,13 +79,13 @@ def deviation_p_values(
 ) -> Float[np.ndarray, " rows"]:
     """P-value of each row by its residual over what the other rows scatter. Performs no checks."""
     groups, w = ordered.groups, ordered.weights
-    current = np.maximum(1.0 - leverage, 1e-9)
+    remaining = np.maximum(1.0 - leverage, 1e-9)
     off = (ordered.y - line) ** 2
     square = w * off
     degrees = groups.spread(groups.sizes - parameters - 1.0)
-    others = groups.spread(groups.sums(square)) - square / current
+    others = groups.spread(groups.sums(square)) - square / remaining
     scale = np.maximum(others / np.maximum(degrees, 1.0), groups.spread(ordered.least_scale))
-    score = np.sqrt(ordered.own_weights * off / current / scale)
+    score = np.sqrt(ordered.own_weights * off / remaining / scale)
     p_values = np.ones(w.size)
     far = (degrees >= 1.0) & (score > NEAR)
     p_values[far] = 2.0 * scipy.special.stdtr(degrees[far], -score[far])
@@ -253,16 +253,16 @@ def shared_slopes(
         for j in range(count):
             gram[:, i, j] = total(weights * x[i] * x[j])
     degrees = sets.sums(np.maximum(groups.sizes - 1 - len(taken), 0).astype(float)) - count
-    reported = degrees >= FEWEST_DEGREES
+    enough = degrees >= FEWEST_DEGREES
     prior = np.diag(uncertainty**-2.0)
-    gram = np.where(reported[:, None, None], gram, 0.0) + prior
-    moment = np.where(reported[:, None], moment, 0.0) + prior @ expected
+    gram = np.where(enough[:, None, None], gram, 0.0) + prior
+    moment = np.where(enough[:, None], moment, 0.0) + prior @ expected
     size = np.sqrt(np.maximum(np.einsum("sii->si", gram), SMALL * whole + np.finfo(float).tiny))
     inverse = np.linalg.pinv(gram / (size[:, :, None] * size[:, None, :]), rcond=SMALL, hermitian=True)
     inverse = inverse / (size[:, :, None] * size[:, None, :])
     values = np.einsum("sij,sj->si", inverse, moment)
     squares = total(weights * left**2) + expected @ prior @ expected - np.einsum("si,si->s", values, moment)
-    scale = np.where(reported, np.maximum(squares / np.maximum(degrees, 1.0), 1.0), 1.0)
+    scale = np.where(enough, np.maximum(squares / np.maximum(degrees, 1.0), 1.0), 1.0)
     return SharedSlopes(values, scale[:, None, None] * inverse)
 
 
@@ -378,10 +378,10 @@ def _tail(
     k = np.flatnonzero(pairs)
     shared = before[k] * (total - before)[k + 1] / (before[k + 1] * (total - before)[k])
     rho = np.sqrt(np.clip(shared, 0.0, 1.0))
-    current = groups.spread(one_sided)[k]
-    c = -scipy.special.ndtri(current)
+    tail = groups.spread(one_sided)[k]
+    c = -scipy.special.ndtri(tail)
     both = np.zeros(before.size)
     for sign in (1.0, -1.0):
         separated = scipy.special.owens_t(c, np.sqrt((1.0 - sign * rho) / (1.0 + sign * rho)))
-        both[k] += 2.0 * np.maximum(current - 2.0 * separated, 0.0)
+        both[k] += 2.0 * np.maximum(tail - 2.0 * separated, 0.0)
     return np.clip(bound - groups.sums(both), 2.0 * one_sided, 1.0)

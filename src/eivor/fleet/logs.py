@@ -385,8 +385,8 @@ class PathPattern:
     text: str
 
     def __post_init__(self) -> None:
-        match = re.findall(r"\{(\w*)\}", self.text)
-        if not match or set(match) - set(PATH_KEYS) or len(set(match)) < len(match):
+        keys = re.findall(r"\{(\w*)\}", self.text)
+        if not keys or set(keys) - set(PATH_KEYS) or len(set(keys)) < len(keys):
             raise UsageError(
                 "a pattern with {vehicle}, and {type} where the path has it, each once",
                 f"'{self.text}'",

@@ -160,8 +160,8 @@ def _effect(report: FleetReport, across: AcrossFlights, row: Row, name: str) -> 
     numbers = [row[key] for key in (name, f"{name}_low", f"{name}_high")]
     scale, unit = (100.0, " %") if across.logarithm else (wording.scale, f" {wording.shown_unit}".rstrip())
     value, low, high = (scale * (float("nan") if number is None else number) for number in numbers)
-    displayed, interval = plain_numbers(value, (low, high))
-    return f"{displayed}{unit} {interval}"
+    value_text, interval = plain_numbers(value, (low, high))
+    return f"{value_text}{unit} {interval}"
 
 
 def report_differences(report: FleetReport) -> list[str]:
@@ -274,8 +274,8 @@ def _sections(report: FleetReport, links: Mapping[str, str] | None) -> Iterator[
     if types:
         few = _notes(few_footnote(types, "vehicles"))
         yield Section("By type", (_members(report, types, "vehicle"), *few))
-    displayed = _displayed(report.vehicles)
-    vehicles = list(displayed.iter_rows(named=True))
+    vehicle_rows = _displayed(report.vehicles)
+    vehicles = list(vehicle_rows.iter_rows(named=True))
     notes = [*few_footnote(vehicles, "flights"), *mean_footnote(vehicles), *singles_told(report)]
     if (count := report.vehicles.select("type", "vehicle").n_unique()) > MOST_VEHICLES:
         firsts = "those that change or differ first; the JSON has all."
@@ -291,8 +291,8 @@ def _sections(report: FleetReport, links: Mapping[str, str] | None) -> Iterator[
 
 
 def _notes(notes: Iterator[str] | list[str]) -> tuple[Bullets, ...]:
-    reported = tuple(notes)
-    return (Bullets(reported),) if reported else ()
+    note_texts = tuple(notes)
+    return (Bullets(note_texts),) if note_texts else ()
 
 
 def vehicles_to_report(vehicles: pl.DataFrame) -> pl.DataFrame:
@@ -490,8 +490,8 @@ def _over_hours(report: FleetReport, links: Mapping[str, str]) -> Iterator[Pictu
     shares = (is_share(across).name.suffix(f".{across.name}") for across in report.quantities)
     rows = report.flights.with_columns(shares)
     for kind, vehicle in chosen.iter_rows():
-        current = (pl.col("type") == kind) & (pl.col("vehicle") == vehicle)
-        flights, means = rows.filter(current), report.vehicles.filter(current)
+        of_vehicle = (pl.col("type") == kind) & (pl.col("vehicle") == vehicle)
+        flights, means = rows.filter(of_vehicle), report.vehicles.filter(of_vehicle)
         for across in report.quantities:
             row = next(means.filter(pl.col("quantity") == across.name).iter_rows(named=True), None)
             used = flights.with_columns(pl.col(f"{SHARE}.{across.name}").alias(SHARE))

@@ -31,8 +31,8 @@ from eivor.flights.options import FlightOptions
 from eivor.flights.result import FlightEstimate
 from eivor.logs.channel_map import load_channel_map, shipped_maps
 from eivor.logs.read import format_at, read_log
-from eivor.motions import DEFAULT, motion_by_name
 from eivor.motions.identify import identify_flight
+from eivor.motions.table import DEFAULT, motion_by_name
 from eivor.process_pool import Limits
 from eivor.signals.recording import Recording
 
@@ -490,8 +490,8 @@ def _whose_by_name(options: FleetOptions, log: Log) -> Mapping[str, str]:
     pattern = options.pattern()
     if pattern is not None:
         return pattern.fields_of(log.name)
-    reported = log.metadata.get(options.vehicle_from, "")
-    return {"vehicle": reported} if reported else {}
+    vehicle = log.metadata.get(options.vehicle_from, "")
+    return {"vehicle": vehicle} if vehicle else {}
 
 
 def failed_row(about: Mapping[str, Any], reason: str) -> dict[str, Any]:

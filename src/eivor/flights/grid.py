@@ -310,8 +310,8 @@ def airborne_by_log(log: Recording, grid: Grid, input_level: Float[np.ndarray, "
         if known.any():
             landed = (on_ground > 0.5) | ~known
             if "ground_contact" in log.channels:
-                touching, reported = on_grid(log.channels["ground_contact"], grid)
-                landed |= reported & (touching > 0.5)
+                touching, measured = on_grid(log.channels["ground_contact"], grid)
+                landed |= measured & (touching > 0.5)
     if "position_z" in log.channels:
         level, known = on_grid(log.channels["position_z"], grid)
         height = level if known.mean() >= HEIGHT_KNOWN_SHARE else None

@@ -78,16 +78,16 @@ def _together(
     alone = [estimated(motion, (flight,), options) for flight in prepared]
     result = pooled_result(motion, prepared, options, alone)
     if result is None:
-        current = agreement([item.fit.checks for item in alone if item.fit is not None])
-        result = estimated(motion, prepared, options, current)
+        over_identification = agreement([item.fit.checks for item in alone if item.fit is not None])
+        result = estimated(motion, prepared, options, over_identification)
     progress(Stage.DIAGNOSING)
     rows = [_row(flight.recording.name, item) for flight, item in zip(prepared, alone, strict=True)]
     return replace(result, flights=tuple(rows))
 
 
 def _row(label: str, result: FlightEstimate) -> FlightRow:
-    displayed = {name: result.quantities[name] for name in result.motion.rows if result.fit is not None}
-    return FlightRow(label, result.verdict.status, displayed, result.verdict.sentences)
+    quantities = {name: result.quantities[name] for name in result.motion.rows if result.fit is not None}
+    return FlightRow(label, result.verdict.status, quantities, result.verdict.sentences)
 
 
 def with_coupled_axes(
@@ -122,17 +122,17 @@ def _coupled(
     for words, names in axis.needs.items():
         if not all(any(name in log.channels for name in names) for log in logs):
             return f"no {words} is logged"
-    requested = result.options
+    given_options = result.options
     options = FlightOptions(
-        window=requested.window,
-        max_tilt_deg=requested.max_tilt_deg,
+        window=given_options.window,
+        max_tilt_deg=given_options.max_tilt_deg,
         input=axis.input,
-        input_map=requested.input_map or axis.input_map,
-        method=requested.method,
-        lag=requested.lag,
+        input_map=given_options.input_map or axis.input_map,
+        method=given_options.method,
+        lag=given_options.lag,
     )
     lag = lag_measured_by(result.motion, result.quantities[EFFECTIVE_LAG])
-    measured = () if lag is None or requested.lag is not None else (lag,)
+    measured = () if lag is None or given_options.lag is not None else (lag,)
     try:
         other = identified(logs, motion, options, windows, lag_measurements=measured)
     except InputError as error:

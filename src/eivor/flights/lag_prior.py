@@ -133,8 +133,8 @@ class LagMeasurement:
     @property
     def prior(self) -> Prior:
         """The same as what is known of the lag: half a 95 % interval is two standard errors at most."""
-        current = max(0.5 * self.measured.half_width, self.measured.std_error)
-        return Prior(self.measured.value, hypot(current, self.apart_s))
+        std_error = max(0.5 * self.measured.half_width, self.measured.std_error)
+        return Prior(self.measured.value, hypot(std_error, self.apart_s))
 
     @property
     def sentence(self) -> str:

@@ -235,10 +235,10 @@ def pooled_result(
     except (EstimationError, np.linalg.LinAlgError):
         return None
     serving = {id(member.logged): member.flight for member in members}
-    reported = tuple(serving.get(id(item), item) for item in prepared if not item.runs or id(item) in serving)
+    in_order = tuple(serving.get(id(item), item) for item in prepared if not item.runs or id(item) in serving)
     omitted = [item.recording.name for item in prepared if item.runs and id(item) not in serving]
     findings = (
-        *flight_findings(reported, motion.words),
+        *flight_findings(in_order, motion.words),
         *(
             Finding(
                 "left_out_of_pool",
@@ -248,14 +248,14 @@ def pooled_result(
         ),
         *result.findings,
     )
-    return replace(result, prepared=reported, findings=findings)
+    return replace(result, prepared=in_order, findings=findings)
 
 
 def _members(
     prepared: Sequence[PreparedFlight], options: FlightOptions, alone: Sequence[FlightEstimate]
 ) -> tuple[Member, ...]:
     """Flights with an estimate by whitened instruments; those that answer no vehicle, if there are any."""
-    requested, results = by_name(options.method), []
+    requested_method, results = by_name(options.method), []
     for flight, item in zip(prepared, alone, strict=True):
         method = None if item.fit is None else by_name(item.fit.estimate.method)
         if (
@@ -264,7 +264,7 @@ def _members(
             and isinstance(method.assembler, Instrumental)
             and isinstance(method.row_weighting, SpectralWhitening)
         ):
-            exogenous = instruments((flight,), options, requested).exogenous
+            exogenous = instruments((flight,), options, requested_method).exogenous
             results.append(Member(flight, item.prepared[0], item.fit, exogenous))
     return tuple(result for result in results if result.exogenous) or tuple(results)
 
@@ -365,7 +365,7 @@ class _Pool:
             )
             of_flight = _known({name: each[number] for name, each in of_own.items()})
             sets = {name: item for name, item in {**fit.sets, **of_flight}.items() if name in motion.headline}
-            current = Fit(
+            flight_fit = Fit(
                 problem,
                 estimate,
                 member.fit.instruments,
@@ -374,7 +374,10 @@ class _Pool:
                 sets,
                 profiles={**shared, **{name: item.profile for name, item in of_flight.items()}},
             )
-            name, result = member.flight.recording.name, with_fit(motion, flight, self.options, current, here)
+            name, result = (
+                member.flight.recording.name,
+                with_fit(motion, flight, self.options, flight_fit, here),
+            )
             yield FlightRow(name, result.verdict.status, result.quantities, result.verdict.sentences)
 
 

@@ -244,8 +244,8 @@ def chosen_input(
                 f"'{wanted}'",
                 f"Name a channel, or a family such as {families[0].name}.",
             )
-        current = next((family for family in families if family.holds(name)), InputFamily(name))
-        return replace(current, name=name), tuple(channels)
+        known_family = next((family for family in families if family.holds(name)), InputFamily(name))
+        return replace(known_family, name=name), tuple(channels)
     logged = [(family, tuple(channels)) for family in families if (channels := log.family(family.name))]
     for family, members in logged:
         if min(channel.rate_hz for channel in members) >= family.least_rate_hz:

@@ -79,9 +79,9 @@ def _saw(number: Int[np.ndarray, " n"], away: Float[np.ndarray, " n"], turns: fl
     phases = (np.arange(PHASES) + 0.5)[:, None] / PHASES
     saws = -np.mod(phases + np.mod(turns, 1.0) * number, 1.0)
     saws -= saws.mean(axis=1, keepdims=True)
-    along, current = saws @ away, np.sum(saws**2, axis=1)
-    best = int(np.argmax(along / np.sqrt(current)))
-    return float(along[best] / current[best]), float(along[best] ** 2 / current[best])
+    along, squares = saws @ away, np.sum(saws**2, axis=1)
+    best = int(np.argmax(along / np.sqrt(squares)))
+    return float(along[best] / squares[best]), float(along[best] ** 2 / squares[best])
 
 
 # -- Timestamp jitter --

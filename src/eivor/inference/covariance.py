@@ -93,8 +93,8 @@ class JointCovariance:
         """Correlations of the leading part, with the largest of the standard errors on the diagonal."""
         leading = self.parts[0].matrix
         largest = np.array([self.std_error(direction) for direction in np.eye(leading.shape[0])])
-        current = np.sqrt(np.maximum(np.diag(leading), 0.0))
-        scale = np.divide(largest, current, out=np.zeros(current.size), where=current > 0.0)
+        std_errors = np.sqrt(np.maximum(np.diag(leading), 0.0))
+        scale = np.divide(largest, std_errors, out=np.zeros(std_errors.size), where=std_errors > 0.0)
         return leading * np.outer(scale, scale)
 
 
@@ -449,8 +449,8 @@ class ByRow(CovarianceEstimator):
         """One part; O(rows n^2)."""
         P, e = equation.rows.test_functions, equation.rows.residual
         leverage = np.einsum("tj,jt->t", P, np.linalg.lstsq(P.T @ P, P.T, rcond=None)[0])
-        current = P * (e / (1.0 - np.minimum(leverage, LARGEST_LEVERAGE)))[:, None]
-        matrix = sandwich(equation.slope, current.T @ current + equation.prior_covariance)
+        scores = P * (e / (1.0 - np.minimum(leverage, LARGEST_LEVERAGE)))[:, None]
+        matrix = sandwich(equation.slope, scores.T @ scores + equation.prior_covariance)
         weights = np.linalg.lstsq(equation.slope, P.T, rcond=None)[0] ** 2
         fourth = (weights**2).sum(axis=1)
         rows = np.divide(weights.sum(axis=1) ** 2, fourth, out=np.ones(fourth.size), where=fourth > 0.0)

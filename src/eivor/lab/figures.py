@@ -34,7 +34,7 @@ from eivor.lab.paper import (
 )
 from eivor.lab.paper_errata import errata
 from eivor.lab.study import TOGETHER, Share, Spread, StudyResult, scores, trial_nrmse
-from eivor.motions import wording_of
+from eivor.motions.table import wording_of
 from eivor.report.document import printable
 from eivor.report.figure_panels import (
     BLUE,
@@ -113,8 +113,8 @@ def coverage_figure(
     axes.grid(axis="x", alpha=0.25)
     figure = figure_of(axes)
     if ax is None:
-        displayed = figure.legend(loc="outside lower center", ncols=3, fontsize=8)
-        for text in displayed.get_texts():
+        drawn_legend = figure.legend(loc="outside lower center", ncols=3, fontsize=8)
+        for text in drawn_legend.get_texts():
             text.set_parse_math(False)
     else:
         legend(axes)

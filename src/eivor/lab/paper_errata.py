@@ -325,8 +325,8 @@ def error_of_the_variables(simulated_record: SimulatedRecord) -> str:
     theta = np.array(list(TRUTH.values()))
     noisy, clean = (np.column_stack([-each["velocity_z"], each["input"]]) for each in (measured, true))
     error = measured["acceleration_z"] - true[DISTURBANCE] - noisy @ theta
-    current = measured["acceleration_z"] - true["acceleration_z"]
-    minus, plus = (current + sign * (noisy - clean) @ theta for sign in (-1.0, 1.0))
+    response_noise = measured["acceleration_z"] - true["acceleration_z"]
+    minus, plus = (response_noise + sign * (noisy - clean) @ theta for sign in (-1.0, 1.0))
     return (
         f"With the minus sign it is the residual of a record to {_off(minus, error):.0e}; as printed it is "
         f"off by {100 * _off(plus, error):.0f} %."

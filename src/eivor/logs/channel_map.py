@@ -103,9 +103,9 @@ def tilt_of_angles(radians: float, roll: str, pitch: str) -> Expression:
 def _formula(text: str, columns: Mapping[str, str]) -> Expression:
     """Return an expression in which other columns, of any name, stand for those of the text."""
     parsed = parse_expression(text, "formula")
-    match = re.sub("|".join(rf"\b{name}\b" for name in columns), lambda m: f'"{columns[m[0]]}"', text)
+    quoted = re.sub("|".join(rf"\b{name}\b" for name in columns), lambda m: f'"{columns[m[0]]}"', text)
     steps = tuple(columns.get(step, step) if isinstance(step, str) else step for step in parsed.steps)
-    return Expression(match, steps, tuple(dict.fromkeys(columns[name] for name in parsed.columns)))
+    return Expression(quoted, steps, tuple(dict.fromkeys(columns[name] for name in parsed.columns)))
 
 
 def _refused(where: str, received: str) -> ChannelMapError:

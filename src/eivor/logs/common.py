@@ -535,12 +535,12 @@ FEWEST_VALUES = 10
 
 def on_channel_clock(channel: Channel) -> Channel:
     """Return the channel at the rows that it has values in, where these are its own; else as it is."""
-    current = np.isfinite(channel.values)
-    rows = np.flatnonzero(current)
+    finite = np.isfinite(channel.values)
+    rows = np.flatnonzero(finite)
     if rows.size < FEWEST_VALUES or np.mean(np.diff(rows) > 1) < SKIPPING_SHARE:
         return channel
     quality = replace(channel.quality, missing_values=0)
-    on_own = replace(channel, time_s=channel.time_s[current], values=channel.values[current], quality=quality)
+    on_own = replace(channel, time_s=channel.time_s[finite], values=channel.values[finite], quality=quality)
     return silenced(on_own, float(channel.time_s[-1])) if channel.held else on_own
 
 

@@ -88,8 +88,8 @@ def _table(
             findings += [finding] if finding is not None else []
         else:
             chosen = load_channel_map(options.channel_map)
-        requested = [column for rule in chosen.rules for column in rule.expression.columns]
-        rules = fitted_rules(chosen, with_elements(requested, source.names), file.name)
+        columns = [column for rule in chosen.rules for column in rule.expression.columns]
+        rules = fitted_rules(chosen, with_elements(columns, source.names), file.name)
         needed = dict.fromkeys([chosen.time_column, *(c for rule in rules for c in rule.expression.columns)])
         if alone and chosen.origin == file.name:
             ignored = listed([name for name in source.names if name not in needed])

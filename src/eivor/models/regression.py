@@ -495,15 +495,15 @@ def regression(
     if names is not None:
         checks.texts("names", names, "Give one name for each regressor.")
         labels = tuple(names)
-    current = None if noise_covariance is None else _matrix("noise_covariance", noise_covariance)
+    regressor_noise = None if noise_covariance is None else _matrix("noise_covariance", noise_covariance)
     shared = None
     if instrument_noise_covariance is not None:
         shared = _matrix("instrument_noise_covariance", instrument_noise_covariance)
     # Checked here as well as by `Regression`, whose annotated shapes presuppose it.
     _check_rows(y, Phi, Psi, labels)
-    _check_noise(Phi, Psi, current, shared)
+    _check_noise(Phi, Psi, regressor_noise, shared)
     parameters = tuple(Parameter(label) for label in labels)
-    return Regression(y, Phi, Psi, parameters, regressor_noise=current, instrument_noise=shared)
+    return Regression(y, Phi, Psi, parameters, regressor_noise=regressor_noise, instrument_noise=shared)
 
 
 def _matrix(name: str, values: ArrayLike) -> Float[np.ndarray, "m n"]:

@@ -18,7 +18,7 @@ from eivor.flights.prepared import mask_of
 from eivor.flights.references import Declared
 from eivor.flights.result import FlightEstimate
 from eivor.models.separable import Bounds, Prior
-from eivor.motions import DEFAULT, motion_by_name
+from eivor.motions.table import DEFAULT, motion_by_name
 from eivor.signals.recording import Recording
 from eivor.signals.signals import Signals
 from eivor.tools import Progress, no_stage_callback

@@ -161,11 +161,11 @@ def ranked_std_errors(shape: Shape, vehicle: VehicleGuess) -> Float[np.ndarray, 
     drive = (s + vehicle.viscous_friction) * velocity
     columns = np.column_stack([-velocity, drive, -s / (1.0 + s * vehicle.lag_s) * drive])
     left = vehicle.left
-    current = 1.0 / (
+    gust_density = 1.0 / (
         1.0 / np.maximum(left.density_at("accelerometer", f), 1e-9)
         + 1.0 / np.maximum(np.abs(s) ** 2 * left.density_at("velocity", f), 1e-9)
     )
-    density = (left.density_at("force", f) + current) * count / (2.0 * STEP_S)
+    density = (left.density_at("force", f) + gust_density) * count / (2.0 * STEP_S)
     whitened = columns / np.sqrt(density)[:, None]
     rows = np.concatenate([whitened.real, whitened.imag])
     triangle = np.linalg.qr(rows, mode="r")
@@ -250,11 +250,11 @@ class FlightPlan:
     @property
     def sentence(self) -> str:
         """What is planned and expected, in a sentence."""
-        requested, result = TARGETS[self.target], self.predicted[self.target]
+        target, result = TARGETS[self.target], self.predicted[self.target]
         flights = len(result.verdicts)
         return (
-            f"{self.limits.duration_s:g} s of {self.shape.words}: the {requested.words} within ± "
-            f"{result.half_width:.2g} {requested.unit}, identified in {result.identified} of {flights} "
+            f"{self.limits.duration_s:g} s of {self.shape.words}: the {target.words} within ± "
+            f"{result.half_width:.2g} {target.unit}, identified in {result.identified} of {flights} "
             f"simulated flight{'' if flights == 1 else 's'}."
         )
 
@@ -262,9 +262,9 @@ class FlightPlan:
         """Setpoint, expected half-widths and what the simulated flights reached, as plain text."""
         lines = [self.sentence]
         for word, item in self.predicted.items():
-            requested = TARGETS[word]
-            of = "" if requested.relative else f" (of {item.value:.3g})"
-            lines.append(f"{requested.words:<18}± {item.half_width:.2g} {requested.unit}{of}")
+            target = TARGETS[word]
+            of = "" if target.relative else f" (of {item.value:.3g})"
+            lines.append(f"{target.words:<18}± {item.half_width:.2g} {target.unit}{of}")
         low, high, speed = self.reached
         lines.append(f"heights {low:.1f} to {high:.1f} m above take-off, up to {speed:.1f} m/s")
         return "\n".join(lines)
@@ -309,10 +309,10 @@ def _finalists(
     shapes = list(candidates(limits, kinds, seed))
     errors = np.array([ranked_std_errors(shape, vehicle) for shape in shapes])
     words = list(TARGETS)
-    requested, lag = errors[:, words.index(target)], errors[:, words.index("lag")]
-    best = [shapes[index] for index in np.argsort(requested)]
+    of_target, lag = errors[:, words.index(target)], errors[:, words.index("lag")]
+    best = [shapes[index] for index in np.argsort(of_target)]
     firsts = [next(item for item in best if item.kind == kind) for kind in kinds]
-    others = [shapes[index] for index in np.argsort(requested * lag)]
+    others = [shapes[index] for index in np.argsort(of_target * lag)]
     chosen = {id(item): item for item in (*firsts, *others)}
     return list(chosen.values())[:FINALISTS]
 
@@ -340,9 +340,9 @@ def _within_limits(
 
 def _half_width(result: FlightEstimate, target: str) -> float:
     """Half-width in SI, or as a share; infinite without an estimate."""
-    requested = TARGETS[target]
-    quantity = result.quantities[requested.quantity]
-    width = quantity.half_width / (abs(quantity.value) if requested.relative else 1.0)
+    target_quantity = TARGETS[target]
+    quantity = result.quantities[target_quantity.quantity]
+    width = quantity.half_width / (abs(quantity.value) if target_quantity.relative else 1.0)
     return width if math.isfinite(width) else math.inf
 
 

@@ -305,7 +305,7 @@ def vehicle_of_result(document: Mapping[str, Any]) -> VehicleGuess:
     gains, residual, taken = flight.get("controller"), flight.get("residual"), flight.get("taken", {})
     # the first of friction, lag and gain that is not identified
     order = {"friction": "viscous_friction", "lag": "effective_lag", "gain": "input_gain"}
-    requested = (word for word, name in order.items() if selected[name]["verdict"] != "identified")
+    unidentified = (word for word, name in order.items() if selected[name]["verdict"] != "identified")
     return VehicleGuess(
         hover_input=_hover(selected["hover_input"], document["model"]["input_map"], usual.hover_input),
         viscous_friction=_within("viscous_friction", taken.get("viscous_friction", usual.viscous_friction)),
@@ -316,7 +316,7 @@ def vehicle_of_result(document: Mapping[str, Any]) -> VehicleGuess:
             **{item.name: np.array(residual[item.name], dtype=np.float64) for item in fields(Densities)}
         ),
         controller=None if gains is None else AltitudeController(**gains),
-        requested=next(requested, ""),
+        requested=next(unidentified, ""),
     )
 
 

@@ -20,7 +20,7 @@ from eivor.inference.bootstrap import Bootstrap
 from eivor.inference.distributions import chi_square_quantile
 from eivor.inference.regions import Ellipse
 from eivor.inference.verdict import Status
-from eivor.motions import wording_of
+from eivor.motions.table import wording_of
 from eivor.report.document import printable, short_name
 from eivor.report.flight import (
     LEAST_AMPLITUDE,

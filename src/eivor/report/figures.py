@@ -174,8 +174,8 @@ def _unbroken(
     if time.size < 2:
         return time, values
     steps = np.diff(time, prepend=time[0])
-    displayed = np.where(steps > BROKEN_AFTER * float(np.median(np.diff(time))), np.nan, values)
-    return time, displayed
+    without_gaps = np.where(steps > BROKEN_AFTER * float(np.median(np.diff(time))), np.nan, values)
+    return time, without_gaps
 
 
 # -- Figure without estimate --
@@ -188,14 +188,14 @@ def flight_panels(result: FlightEstimate) -> Panels:
     prepared = result.prepared[0]
     level = prepared.signals.family(prepared.input.name).mean(axis=1)
     panels_of_motion = result.motion.overview(prepared)
-    displayed = {" ".join(item.label.split()).partition(" [")[0]: item for item in panels_of_motion}
-    displayed["input"] = PlotData(f"mean of\n{prepared.input.name}", level)
+    by_label = {" ".join(item.label.split()).partition(" [")[0]: item for item in panels_of_motion}
+    by_label["input"] = PlotData(f"mean of\n{prepared.input.name}", level)
     where, active = result.motion.words.where, prepared.active
     known = f"shaded where {where}" if active.mask.any() else f"never {where}"
     title = f"{printable(prepared.recording.name)}: {known}, by {active.rule}"
     panels: Panels = {
         name: partial(_draw, plot_data=panel, result=result, title="" if number else title)
-        for number, (name, panel) in enumerate(displayed.items())
+        for number, (name, panel) in enumerate(by_label.items())
     }
     panels["reasons"] = partial(_write_reasons, result=result)
     return panels

@@ -546,9 +546,9 @@ class FlightReport:
     def further(self) -> tuple[tuple[str, Reason], ...]:
         """Reasons against single quantities that are not reasons of the verdict, with their symbols."""
         against: dict[Reason, list[str]] = {}
-        for reported in self.quantities:
-            for reason in reported.quantity.reasons:
-                against.setdefault(reason, []).append(reported.wording.symbol)
+        for quantity_row in self.quantities:
+            for reason in quantity_row.quantity.reasons:
+                against.setdefault(reason, []).append(quantity_row.wording.symbol)
         known = {reason.sentence for reason in self.reasons}
         further = ((symbols, reason) for reason, symbols in against.items() if reason.sentence not in known)
         return tuple((", ".join(symbols), reason) for symbols, reason in further)

@@ -502,8 +502,8 @@ def forests(record: FlightReport, rows: tuple[ReportRow, ...], whole: str) -> Pi
     for item in record.reported:
         if item.name not in record.result.motion.rows:
             continue
-        displayed = ((row.label, each) for row in rows for each in row.quantities if each.name == item.name)
-        drawn = [_interval(label, each) for label, each in displayed]
+        estimates = ((row.label, each) for row in rows for each in row.quantities if each.name == item.name)
+        drawn = [_interval(label, each) for label, each in estimates]
         if whole:
             drawn.append(replace(_interval(whole, item), whole=True))
         pictures.append(forest_picture(capitalised(item.wording.words), axis_of(item.wording), drawn))

@@ -5,15 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from textwrap import fill
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from eivor.errors import NotIdentifiedError
 from eivor.flights.result import FlightEstimate
 from eivor.flights.track import HELD, TOLD, Moment, Track
-from eivor.inference.verdict import Status
-from eivor.motions.rigid_body.vehicle import KnownNumber
 from eivor.planning.plan import FlightPlan, make_plan
 from eivor.planning.vehicle import TARGETS, FlightLimits, VehicleGuess, vehicle_of_result
 from eivor.report.document import (
@@ -36,43 +33,7 @@ from eivor.report.saved_fit import SavedFit
 from eivor.signals.signals import stretches
 
 if TYPE_CHECKING:
-    import polars as pl
     from matplotlib.figure import Figure
-
-
-# -- Draws table --
-
-#: The mass is drawn from a stream of its own, so that it leaves the other draws alone.
-MASS_STREAM = 1
-
-
-def draws_table(
-    fit: SavedFit,
-    n: int,
-    seed: int = 0,
-    mass: KnownNumber | None = None,
-    *,
-    delays: Literal["best", "all"] = "best",
-) -> pl.DataFrame:
-    """Table of joint draws."""
-    import polars as pl
-
-    draws = fit.sample(n, seed, delays=delays)
-    selected = [name for name, quantity in fit.quantities.items() if quantity.verdict is Status.IDENTIFIED]
-    columns = {name: column for name, column in draws.items() if name in selected}
-    if not columns:
-        raise NotIdentifiedError(
-            "a parameter that is identified, to draw from",
-            f"a result without: {' '.join(fit.reasons)}",
-            "Fly again as the report says.",
-        )
-    for name, value in fit.prediction.get("at", {}).items():
-        if name in selected and name not in columns and value is not None:
-            columns[name] = np.full(n, float(value))
-    if mass is not None:
-        current = np.random.default_rng([seed, MASS_STREAM])
-        columns["mass"] = np.maximum(mass.value + mass.std * current.standard_normal(n), 0.0)
-    return pl.DataFrame(columns)
 
 
 # -- Track document --
@@ -292,10 +253,10 @@ def plan_document(made: FlightPlan) -> Document:
     )
     rows = []
     for word, item in made.predicted.items():
-        requested = TARGETS[word]
-        taken = "" if requested.relative else f"{item.value:.3g}"
+        target = TARGETS[word]
+        taken = "" if target.relative else f"{item.value:.3g}"
         text = f"in {item.identified} of {len(item.verdicts)}"
-        texts = (requested.words, taken, f"± {item.half_width:.2g}", requested.unit, text)
+        texts = (target.words, taken, f"± {item.half_width:.2g}", target.unit, text)
         rows.append(tuple(map(Cell, texts)))
     return Document(
         f"Plan for the {TARGETS[made.target].words}",
@@ -365,10 +326,10 @@ def track_figure(track: Track) -> Figure:
         return figure
     wording = track.result.motion.wording[track.name]
     time = np.array([moment.time_s for moment in track.moments])
-    reported = np.array([moment.is_precise for moment in track.moments])
+    precise = np.array([moment.is_precise for moment in track.moments])
     value, half = (
         np.where(
-            reported, wording.scale * np.array([getattr(moment, name) for moment in track.moments]), np.nan
+            precise, wording.scale * np.array([getattr(moment, name) for moment in track.moments]), np.nan
         )
         for name in ("value", "half_width")
     )

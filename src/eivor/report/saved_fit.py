@@ -7,13 +7,13 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import msgspec
 import numpy as np
 
 from eivor import checks
-from eivor.errors import EstimationError, InputError, UsageError
+from eivor.errors import EstimationError, InputError, NotIdentifiedError, UsageError
 from eivor.exports.autopilots import StateSpace, state_space
 from eivor.exports.fitted import Exported, Fitted, Supplied, known_number
 from eivor.exports.targets import randomisation_by_name, target_by_name
@@ -29,6 +29,10 @@ from eivor.inference.verdict import Reason, Status
 from eivor.motions.rigid_body.vehicle import KnownNumber, load_vehicle, vehicle_from_record
 from eivor.signals.channels import CurveSide
 from eivor.tools import Float, html_table
+
+if TYPE_CHECKING:
+    import polars as pl
+
 
 # -- Saved fit --
 
@@ -494,3 +498,38 @@ def _candidate(given: _Candidate) -> SavedCandidate:
 
 def _number(value: float | None, missing: float) -> float:
     return missing if value is None else value
+
+
+# -- Table of draws --
+
+#: The mass is drawn from a stream of its own, so that it leaves the other draws alone.
+MASS_STREAM = 1
+
+
+def draws_table(
+    fit: SavedFit,
+    n: int,
+    seed: int = 0,
+    mass: KnownNumber | None = None,
+    *,
+    delays: Literal["best", "all"] = "best",
+) -> pl.DataFrame:
+    """Table of joint draws."""
+    import polars as pl
+
+    draws = fit.sample(n, seed, delays=delays)
+    selected = [name for name, quantity in fit.quantities.items() if quantity.verdict is Status.IDENTIFIED]
+    columns = {name: column for name, column in draws.items() if name in selected}
+    if not columns:
+        raise NotIdentifiedError(
+            "a parameter that is identified, to draw from",
+            f"a result without: {' '.join(fit.reasons)}",
+            "Fly again as the report says.",
+        )
+    for name, value in fit.prediction.get("at", {}).items():
+        if name in selected and name not in columns and value is not None:
+            columns[name] = np.full(n, float(value))
+    if mass is not None:
+        random = np.random.default_rng([seed, MASS_STREAM])
+        columns["mass"] = np.maximum(mass.value + mass.std * random.standard_normal(n), 0.0)
+    return pl.DataFrame(columns)

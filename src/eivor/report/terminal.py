@@ -130,14 +130,14 @@ class FoldingTable:
         """Choose by what would become of the words in the width that there is."""
         words, whole = _words(self.table), options.max_width < NARROW
         table = _side_by_side(self.table, whole=whole, names=False)
-        displayed = _displayed(table, console, options)
-        if not words <= displayed:
+        drawn = _displayed(table, console, options)
+        if not words <= drawn:
             wider = _side_by_side(self.table, whole=whole, names=True)
             if words <= _displayed(wider, console, options):
                 yield wider
                 return
         not_long = Counter({word: count for word, count in words.items() if len(word) <= LONGEST_WHOLE})
-        yield table if not_long <= displayed else _folded(self.table, options.max_width)
+        yield table if not_long <= drawn else _folded(self.table, options.max_width)
 
 
 def _displayed(table: Table, console: Console, options: ConsoleOptions) -> Counter[str]:
@@ -158,10 +158,10 @@ def _width(text: str) -> int:
 
 def _side_by_side(table: TableOf, *, whole: bool, names: bool) -> Table:
     """A column for each; `whole` keeps intervals in one line, else they break between their numbers."""
-    displayed = Table(box=None, pad_edge=False, padding=(0, GAP, 0, 0), header_style="dim")
+    grid = Table(box=None, pad_edge=False, padding=(0, GAP, 0, 0), header_style="dim")
     for number, column in enumerate(table.columns):
         short = not number and all(_width(row[0].text) <= LONGEST_WHOLE for row in table.rows)
-        displayed.add_column(
+        grid.add_column(
             Text(printable(column.title)),  # a string would be markup: "[ms]" is a tag
             justify="right" if column.right else "left",
             no_wrap=(column.whole and whole) or short or (names and not number),
@@ -169,8 +169,8 @@ def _side_by_side(table: TableOf, *, whole: bool, names: bool) -> Table:
         )
     for row in table.rows:
         cells = (_cell(cell, column, "\n") for cell, column in zip(row, table.columns, strict=True))
-        displayed.add_row(*cells)
-    return displayed
+        grid.add_row(*cells)
+    return grid
 
 
 def _cell(cell: Cell, column: TableColumn, between: str) -> Text:

@@ -21,7 +21,7 @@ from eivor.flights.quantity import Horizon, PredictedQuantity, SimpleModel
 from eivor.flights.result import FlightEstimate
 from eivor.inference.verdict import Status
 from eivor.models.separable import NoInstruments
-from eivor.motions import motion_of_model
+from eivor.motions.table import motion_of_model
 from eivor.report.document import (
     Cell,
     Document,
@@ -126,20 +126,22 @@ class Validation:
         """
         if self.multi_step_prediction is not None:
             return self.multi_step_prediction.predicts
-        current, *others = self.by_quantity[-1]
-        return current.error.explained > 0.0 and all(current.error.rms <= other.error.rms for other in others)
+        farthest, *others = self.by_quantity[-1]
+        return farthest.error.explained > 0.0 and all(
+            farthest.error.rms <= other.error.rms for other in others
+        )
 
     @property
     def sentence(self) -> str:
         """What was found, in a sentence."""
         if self.multi_step_prediction is not None:
             return self.multi_step_prediction.sentence
-        current, *others = self.by_quantity[-1]
+        farthest, *others = self.by_quantity[-1]
         runs = f" in {len(self.flight.runs)} runs" if len(self.flight.runs) > 1 else ""
-        far = f"{current.quantity}, {current.horizon.words}, over {self.flight.used_s:.1f} s{runs}"
-        share = f"{current.error.explained:.1%}" if current.error.explained > 0.0 else "nothing"
+        far = f"{farthest.quantity}, {farthest.horizon.words}, over {self.flight.used_s:.1f} s{runs}"
+        share = f"{farthest.error.explained:.1%}" if farthest.error.explained > 0.0 else "nothing"
         text = f"The fit explains {share} of the {far}"
-        better = [item.words for item in others if item.error.rms < current.error.rms]
+        better = [item.words for item in others if item.error.rms < farthest.error.rms]
         if better:
             return f"{text}; {' and '.join(better)} leave{'s' if len(better) == 1 else ''} less."
         return f"{text}{', and leaves less than the simpler models' if others else ''}."
@@ -303,12 +305,12 @@ def _check_scale(fit: SavedFit, motion: Motion[Any], flight: PreparedFlight) -> 
 def _simpler_models(fit: SavedFit) -> dict[str, SimpleModel]:
     best = next(candidate for candidate in fit.candidates if candidate.best)
     index = {str(name): float(value) for name, value in fit.prediction["at"].items()}
-    current = index | dict(zip(fit.names, best.values.tolist(), strict=True))
+    values = index | dict(zip(fit.names, best.values.tolist(), strict=True))
     simpler = {
         name: SimpleModel(str(neighbour["words"]), dict(neighbour["values"]))
         for name, neighbour in fit.prediction.get("beside", {}).items()
     }
-    return {FIT: SimpleModel("the fit", current), **simpler}
+    return {FIT: SimpleModel("the fit", values), **simpler}
 
 
 def _of_model(name: str, words: str, record: PredictedQuantity, flight: PreparedFlight) -> ModelPrediction:
@@ -480,11 +482,11 @@ def validation_figure(validation: Validation, axes: GivenAxes | None = None) -> 
 
 
 def _draw_predicted(ax: Axes, validation: Validation, models: tuple[ModelPrediction, ...]) -> None:
-    time, displayed = _displayed(validation, models[0])
-    ax.plot(time, models[0].measured[displayed], color=DARK, lw=1.2, label="measured")
-    limits = _measured_limits(models[0].measured[displayed])
+    time, series = _displayed(validation, models[0])
+    ax.plot(time, models[0].measured[series], color=DARK, lw=1.2, label="measured")
+    limits = _measured_limits(models[0].measured[series])
     for model, colour in zip(models, VALIDATION_COLOURS, strict=False):
-        ax.plot(time, model.predicted[displayed], color=colour, lw=1.0, label=_label(model))
+        ax.plot(time, model.predicted[series], color=colour, lw=1.0, label=_label(model))
     first = models[0]
     ax.set_ylim(*limits)
     labelled(ax, y=f"{first.quantity} [{first.unit}]", size=9.0)
@@ -498,12 +500,12 @@ def _draw_predicted(ax: Axes, validation: Validation, models: tuple[ModelPredict
 
 
 def _draw_left(ax: Axes, validation: Validation, models: tuple[ModelPrediction, ...]) -> None:
-    time, displayed = _displayed(validation, models[0])
-    left = [(model.measured - model.predicted)[displayed] for model in models]
+    time, series = _displayed(validation, models[0])
+    left = [(model.measured - model.predicted)[series] for model in models]
     for values, colour in zip(left, VALIDATION_COLOURS, strict=False):
         ax.plot(time, values, color=colour, lw=0.9)
     ax.axhline(0.0, color="black", lw=0.5)
-    low, high = _measured_limits(models[0].measured[displayed])
+    low, high = _measured_limits(models[0].measured[series])
     half = min(1.1 * max(float(np.abs(values).max()) for values in left), 0.5 * (high - low))
     ax.set_ylim(-half, half)
     labelled(ax, x="time from the log's start [s]", y=f"left [{models[0].unit}]", size=9.0)

@@ -311,8 +311,8 @@ class _Routes:
         body = _Body(request, _length(request, MOST_JSON))
 
         def begin() -> str:
-            requested = parse_job(b"".join(body.parts(body.left)))
-            return self._jobs.begin(requested, {log: self._logs.get(log) for log, _ in requested.logs})
+            job_request = parse_job(b"".join(body.parts(body.left)))
+            return self._jobs.begin(job_request, {log: self._logs.get(log) for log, _ in job_request.logs})
 
         return JSONResponse({"job": await anyio.to_thread.run_sync(begin)})
 

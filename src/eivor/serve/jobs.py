@@ -340,12 +340,12 @@ class Job:
 
     def events(self) -> Iterator[Event]:
         """Everything that has happened, and what happens, to the last; something each second."""
-        reported = 0
+        sent = 0
         while True:
             with self._change:
-                if len(self._events) == reported:
+                if len(self._events) == sent:
                     self._change.wait(timeout=HEARTBEAT_S)
-                new, reported = self._events[reported:], len(self._events)
+                new, sent = self._events[sent:], len(self._events)
                 last = self._events[-1]
             for event in new or [last]:
                 yield self._timed(event) if "stage" in event else event

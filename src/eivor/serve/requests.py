@@ -15,7 +15,7 @@ import msgspec
 
 from eivor.cli.options import FlightWords
 from eivor.errors import EivorError, NotIdentifiedError, did_you_mean
-from eivor.motions import DEFAULT
+from eivor.motions.table import DEFAULT
 
 # -- Refusals --
 

@@ -36,8 +36,8 @@ from eivor.logs.read import FURTHER_ENDINGS, readable_formats
 from eivor.logs.rosbag.containers import ENDINGS as BAG_ENDINGS
 from eivor.logs.rosbag.containers import METADATA
 from eivor.logs.ulog.reader import TOPIC_TABLE, ULOG_ENDINGS
-from eivor.motions import motion_by_name, motion_names
 from eivor.motions.rigid_body.vehicle import load_vehicle, shipped_vehicles
+from eivor.motions.table import motion_by_name, motion_names
 from eivor.planning.plan import WRITTEN
 from eivor.process_pool import ProgressCallback
 from eivor.report.flight_page import flight_page
@@ -145,23 +145,23 @@ def _temporary_files_in(folder: Path) -> Iterator[None]:
 
 def _identify(task: Identify, progress: ProgressCallback) -> None:
     progress({"stage": "reading"})
-    requested, folder = task.request, task.folder
-    with _vehicle(requested.vehicle, folder) as vehicle:
-        motion = named_motion(requested.model, vehicle)
-    options = flight_options(motion, **requested.options)
-    supplied(requested.mass, (), "")  # exports take it: what it says is reported now
+    request, folder = task.request, task.folder
+    with _vehicle(request.vehicle, folder) as vehicle:
+        motion = named_motion(request.model, vehicle)
+    options = flight_options(motion, **request.options)
+    supplied(request.mass, (), "")  # exports take it: what it says is reported now
     given = [
         LogArgument(Path(name), parse_window(item) if item else None)
-        for name, (_, item) in zip(_log_names(task), requested.logs, strict=True)
+        for name, (_, item) in zip(_log_names(task), request.logs, strict=True)
     ]
-    with _as_file(requested.channel_map, folder / "map.toml", shipped_maps(), "map") as channel_map:
+    with _as_file(request.channel_map, folder / "map.toml", shipped_maps(), "map") as channel_map:
         read = {
-            log: _recording(task.logs[log], channel_map, several=len(requested.logs) > 1)
-            for log in dict.fromkeys(log for log, _ in requested.logs)
+            log: _recording(task.logs[log], channel_map, several=len(request.logs) > 1)
+            for log in dict.fromkeys(log for log, _ in request.logs)
         }
     recordings = with_distinct_names(
         given,
-        [_called(read[log], item.path.name) for item, (log, _) in zip(given, requested.logs, strict=True)],
+        [_called(read[log], item.path.name) for item, (log, _) in zip(given, request.logs, strict=True)],
     )
     windows = [item.window for item in given]
     check_windows(recordings, [window or options.window for window in windows])

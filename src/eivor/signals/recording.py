@@ -71,10 +71,10 @@ class LogOrigin:
 def utc_time(seconds: float) -> datetime | None:
     """Time of seconds since 1970; None of a clock that was never set."""
     try:
-        reported = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(seconds=seconds)
+        moment = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(seconds=seconds)
     except (OverflowError, ValueError):
         return None
-    return reported if EARLIEST <= reported <= LATEST else None
+    return moment if EARLIEST <= moment <= LATEST else None
 
 
 # -- Derived channels --

@@ -476,11 +476,11 @@ class DrydenGust(Disturbance):
         shocks = rng.standard_normal((2, count))
         # Covariance of what one step adds to (p, q): incomplete gamma functions, exact for small steps.
         added = np.array([0.5, 0.25, 0.25]) * gammainc([1.0, 2.0, 3.0], 2.0 * x)
-        current = np.sqrt(added[0])
-        shared = added[1] / current
+        std = np.sqrt(added[0])
+        shared = added[1] / std
         rest = np.sqrt(max(added[2] - shared**2, 0.0))
         decay = float(np.exp(-x))
-        driven = current * shocks[0]
+        driven = std * shocks[0]
         driven[0] = np.sqrt(0.5) * shocks[0, 0]
         first = autoregression(driven, constant((decay,), count))
         driven = shared * shocks[0] + rest * shocks[1]

@@ -328,12 +328,12 @@ def _logged_series(
     if met.injected.any():
         setpoints |= _named("injected_torque", "xyz", met.injected)
     height = ("reference_position_z", "reference_velocity_z", "reference_acceleration_z")
-    requested = (*height, "reference_roll", "reference_pitch", "reference_yaw")
+    references = (*height, "reference_roll", "reference_pitch", "reference_yaw")
     series = [*met.height.T, *roll_pitch_yaw(met.attitude.T)]
     return [
         (logged.rotor_command_hz, _numbered("rotor_command", flight.rotor_command)),
         (logged.setpoint_hz, setpoints),
-        (logged.reference_hz, dict(zip(requested, series, strict=True))),
+        (logged.reference_hz, dict(zip(references, series, strict=True))),
     ]
 
 

@@ -13,8 +13,8 @@ from eivor.errors import InputError, MissingChannelError, UsageError
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepare import check_options
 from eivor.flights.quantity import Horizon
-from eivor.motions import motion_by_name
 from eivor.motions.identify import identify_flight
+from eivor.motions.table import motion_by_name
 from eivor.motions.vertical.motion import Vertical
 from eivor.motions.vertical.predict import _run, dragged_run
 from eivor.report.json_document import json_document, json_text

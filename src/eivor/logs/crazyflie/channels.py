@@ -75,7 +75,7 @@ def _angles(group: str) -> VariableSource:
         for kind, function in (("c", "cos"), ("s", "sin"))
         for axis, angle, sign in (("r", "roll", ""), ("p", "pitch", "-"), ("y", "yaw", ""))
     }
-    reported = f"{group}.roll, .pitch and .yaw"
+    attitude_words = f"{group}.roll, .pitch and .yaw"
     texts = {
         "w": "{cr} * {cp} * {cy} + {sr} * {sp} * {sy}",
         "x": "{sr} * {cp} * {cy} - {cr} * {sp} * {sy}",
@@ -83,7 +83,9 @@ def _angles(group: str) -> VariableSource:
         "z": "{cr} * {cp} * {sy} - {sr} * {sp} * {cy}",
     }
     rules = (
-        ChannelRule(f"attitude_{part}", replace(parse_expression(text.format(**half), group), text=reported))
+        ChannelRule(
+            f"attitude_{part}", replace(parse_expression(text.format(**half), group), text=attitude_words)
+        )
         for part, text in texts.items()
     )
     return VariableSource("attitude", tuple(rules))

@@ -69,13 +69,13 @@ def unit_findings(tables: Mapping[str, Messages]) -> list[Finding]:
         if declared is None:
             continue
         coded = table.layout.fields[source.column].factor
-        reported = coded if coded != 1.0 else multipliers.get(of_multiplier)
+        multiplier = coded if coded != 1.0 else multipliers.get(of_multiplier)
         read = abs(source.factor_in(table)) * coded
         if declared[0] != unit:
             doubts[source.label.removeprefix("-")] = f"in {declared[0] or 'no unit'}, read in {unit}"
-        elif reported is not None and abs(reported * declared[1] / read - 1.0) > SAME:
+        elif multiplier is not None and abs(multiplier * declared[1] / read - 1.0) > SAME:
             doubts[source.label.removeprefix("-")] = (
-                f"as {reported * declared[1]:.4g} {unit}, read as {read:.4g}"
+                f"as {multiplier * declared[1]:.4g} {unit}, read as {read:.4g}"
             )
     sentence = "The log declares other units than are read (one stored): {}."
     return noted(
@@ -224,18 +224,18 @@ def disagreement(
 ) -> str:
     """Sentence on pulse widths that do not fit the throttle; empty where they do."""
     flight = np.isfinite(throttle) & np.isfinite(thrust) & (throttle > LEAST_THROTTLE)
-    requested, given = throttle[flight], thrust[flight]
-    if requested.size < LEAST_COUNT or requested.std() < LEAST_SPREAD:
+    throttle_in, given = throttle[flight], thrust[flight]
+    if throttle_in.size < LEAST_COUNT or throttle_in.std() < LEAST_SPREAD:
         return ""
-    order = np.argsort(requested, kind="stable")
-    requested, given = requested[order], given[order]
-    half = requested.size // 2
-    separated = requested[half:] - requested[: requested.size - half] > 0.5 * LEAST_SPREAD
+    order = np.argsort(throttle_in, kind="stable")
+    throttle_in, given = throttle_in[order], given[order]
+    half = throttle_in.size // 2
+    separated = throttle_in[half:] - throttle_in[: throttle_in.size - half] > 0.5 * LEAST_SPREAD
     if separated.sum() < LEAST_COUNT // 2:
         return ""
-    rises = (given[half:] - given[: requested.size - half])[separated]
-    slope = float(np.median(rises / (requested[half:] - requested[: requested.size - half])[separated]))
-    offset = float(np.median(given - requested))
+    rises = (given[half:] - given[: throttle_in.size - half])[separated]
+    slope = float(np.median(rises / (throttle_in[half:] - throttle_in[: throttle_in.size - half])[separated]))
+    offset = float(np.median(given - throttle_in))
     if abs(slope - 1.0) <= SLOPE_WITHIN and abs(offset) <= OFFSET_WITHIN:
         return ""
     return (
@@ -283,9 +283,9 @@ def add_outputs(reading: MessageReading) -> None:
     if throttle is None:
         reading.add("input", table, thrust, "RCOU through the thrust curve", CurveSide.BEFORE)
         return
-    requested = np.interp(reading.time_s(table), throttle.time_s, throttle.values)
+    throttle_values = np.interp(reading.time_s(table), throttle.time_s, throttle.values)
     free = np.all([(share > 0.0) & (share < 1.0) for share in shares.values()], axis=0)
-    doubt = disagreement(np.where(free, requested, np.nan), thrust, known)
+    doubt = disagreement(np.where(free, throttle_values, np.nan), thrust, known)
     reading.findings.extend(noted("motor_range", "{}", doubt))
 
 
@@ -298,16 +298,16 @@ def _used(table: Messages, reading: MessageReading) -> dict[int, str]:
 
 def _voltage(table: Messages, reading: MessageReading) -> Float[np.ndarray, " n"]:
     """Ratio of the battery's voltage to its largest, by which the thrust is corrected; 1 where it is not."""
-    reported = reading.table("MOTB")
-    column = reported.first("BatVolt", "BV") if reported is not None else ""
-    if reported is None or not column:
+    motor_table = reading.table("MOTB")
+    column = motor_table.first("BatVolt", "BV") if motor_table is not None else ""
+    if motor_table is None or not column:
         return np.ones(table.count)
-    ratio = reported.values(column)
+    ratio = motor_table.values(column)
     sound = np.isfinite(ratio) & (ratio > 0.1) & (ratio < 2.0)
     if not sound.any():
         return np.ones(table.count)
-    order = np.argsort(reported.time_s()[sound], kind="stable")
-    return np.asarray(np.interp(table.time_s(), reported.time_s()[sound][order], ratio[sound][order]))
+    order = np.argsort(motor_table.time_s()[sound], kind="stable")
+    return np.asarray(np.interp(table.time_s(), motor_table.time_s()[sound][order], ratio[sound][order]))
 
 
 def add_rotor_speeds(reading: MessageReading) -> None:
@@ -441,8 +441,8 @@ def add_setpoints(reading: MessageReading) -> None:
         by_sticks = reading.modes_at(table, modes)
         for kind, where in (("", by_sticks), ("feedback_", ~by_sticks)):
             if where.any():
-                reported = partial(_setpoint, table, column, None if where.all() else where)
-                reading.add(f"{kind}{name}", table, reported, f"{message}.{column}")
+                make_setpoint = partial(_setpoint, table, column, None if where.all() else where)
+                reading.add(f"{kind}{name}", table, make_setpoint, f"{message}.{column}")
 
 
 def _setpoint(table: Messages, column: str, where: Bool[np.ndarray, " n"] | None) -> Float[np.ndarray, " n"]:
@@ -490,7 +490,7 @@ def add_sweeps(reading: MessageReading) -> None:
 
 def _add_sweep(reading: MessageReading, name: str, sweep: Messages, values: Float[np.ndarray, " n"]) -> None:
     """Add a sweep: beside its samples nothing is injected, and sticks ask for what they do."""
-    requested = reading.channels.get(name)
+    given_channel = reading.channels.get(name)
     reading.add(name, sweep, np.nan_to_num(values), "SIDD.Targ")
     channel = reading.channels.get(name)
     if channel is None:
@@ -503,7 +503,7 @@ def _add_sweep(reading: MessageReading, name: str, sweep: Messages, values: Floa
     if time[0] > 0.0:
         time, injected = np.insert(time, 0, 0.0), np.insert(injected, 0, 0.0)
     channel = replace(channel, time_s=time, values=injected)
-    reading.keep(channel if requested is None else _with_sweep(requested, channel))
+    reading.keep(channel if given_channel is None else _with_sweep(given_channel, channel))
 
 
 def _with_sweep(channel: Channel, sweep: Channel) -> Channel:

@@ -60,11 +60,11 @@ def _start(table: Messages | None) -> datetime | None:
     if table is None or not table.has("GMS", "GWk") or not table.clock:
         return None
     weeks, milliseconds = table.values("GWk"), table.values("GMS")
-    reported = weeks > 0.0
-    if not reported.any():
+    dated = weeks > 0.0
+    if not dated.any():
         return None
     utc = GPS_EPOCH_S + weeks * WEEK_S + milliseconds * 1e-3 - LEAP_S
-    return utc_time(float(np.median((utc - table.time_s())[reported])))
+    return utc_time(float(np.median((utc - table.time_s())[dated])))
 
 
 # -- Sources --
@@ -171,8 +171,8 @@ def choose_estimator(
     logged = [name for name in ESTIMATORS if name in tables]
     if not logged:
         return
-    reported = _most(tables.get("ATT"), "AEKF") or int(parameters.get("AHRS_EKF_TYPE", 0.0))
-    chosen = _TYPES.get(reported, logged[0])
+    estimator = _most(tables.get("ATT"), "AEKF") or int(parameters.get("AHRS_EKF_TYPE", 0.0))
+    chosen = _TYPES.get(estimator, logged[0])
     chosen = chosen if chosen in logged else logged[0]
     for name in logged:
         if name != chosen:
@@ -277,15 +277,15 @@ class MessageReading:
 
     def time_s(self, table: Messages, delay_s: float = 0.0) -> Float[np.ndarray, " n"]:
         """Stamps of messages on the recording's clock, less a delay [s]: one array for all in a row."""
-        requested = (id(table.offsets), delay_s)
-        if requested not in self._clocks:
+        clock_key = (id(table.offsets), delay_s)
+        if clock_key not in self._clocks:
             stamps = table.time_s()
             stamps -= self.start_s + delay_s
             if stamps.nbytes > LONG_BYTES:
                 self._clocks.clear()
             # the places are kept too: what is alive keeps its identity
-            self._clocks[requested] = (table.offsets, stamps)
-        return self._clocks[requested][1]
+            self._clocks[clock_key] = (table.offsets, stamps)
+        return self._clocks[clock_key][1]
 
     def add(
         self,

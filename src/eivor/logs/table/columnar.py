@@ -541,8 +541,8 @@ def _origin(content: Mapping[str, Any]) -> LogOrigin:
 def _restored(channel: Channel, content: Mapping[str, Any]) -> Channel:
     quality = replace(channel.quality, **{name: _typed(content.get(name, 0), int) for name in _QUALITY})
     if _typed(content.get("own_clock", False), bool):
-        current = ~np.isnan(channel.values)
-        channel = replace(channel, time_s=channel.time_s[current], values=channel.values[current])
+        finite = ~np.isnan(channel.values)
+        channel = replace(channel, time_s=channel.time_s[finite], values=channel.values[finite])
         quality = replace(quality, missing_values=0)
     kept = {name: _typed(content.get(name, getattr(channel, name)), kind) for name, kind in _CHANNEL.items()}
     side = CurveSide(content.get("curve_side", channel.curve_side.value))

@@ -239,11 +239,11 @@ def _start(topic: Topic | None, start: np.uint64) -> datetime | None:
     if topic is None or "time_utc_usec" not in topic.fields:
         return None
     utc = topic.fields["time_utc_usec"].astype(float) * 1e-6
-    reported = utc > 0.0
-    if not reported.any():
+    dated = utc > 0.0
+    if not dated.any():
         return None
     since = since_start(topic.fields["timestamp"], start)
-    return utc_time(float(np.median(utc[reported] - since[reported])))
+    return utc_time(float(np.median(utc[dated] - since[dated])))
 
 
 def since_start(stamps: np.ndarray, start: np.uint64) -> np.ndarray:
@@ -283,8 +283,8 @@ MAV_TYPES = {
 def vehicle_of(topics: Mapping[str, Topic], parameters: Mapping[str, float]) -> str:
     """Kind of vehicle in words, empty when the log does not say."""
     status = topics.get("vehicle_status")
-    reported = status.fields.get("vehicle_type", ()) if status is not None else ()
-    kinds = [LOCOMOTION[kind] for kind in np.unique(reported).tolist() if kind in LOCOMOTION]
+    vehicle_types = status.fields.get("vehicle_type", ()) if status is not None else ()
+    kinds = [LOCOMOTION[kind] for kind in np.unique(vehicle_types).tolist() if kind in LOCOMOTION]
     if kinds:
         return ROTARY_WING if ROTARY_WING in kinds else kinds[0]
     return MAV_TYPES.get(parameters.get("MAV_TYPE", 0.0), "")

@@ -168,7 +168,7 @@ def _columns(
     damped = np.zeros((rate.size, len(fixed)))
     damped[:, fixed.index(axis.damping)] = -rate
     driven = DrivenSignals(signals, signals.channel(axis.torque))
-    current = (axis.effectiveness, axis.reaction) if axis.reacts else (axis.effectiveness,)
+    driven_terms = (axis.effectiveness, axis.reaction) if axis.reacts else (axis.effectiveness,)
     return AxisColumns(
         signals.step_s,
         flight.runs,
@@ -180,7 +180,7 @@ def _columns(
         axis.number,
         flight.band_hz,
         flight.usable,
-        tuple(moving.index(item) for item in current),
+        tuple(moving.index(item) for item in driven_terms),
     )
 
 
@@ -189,8 +189,8 @@ def of_axis(rule: InstrumentRule, axis: Axis) -> InstrumentRule:
     if not isinstance(rule, LaggedReferences):
         return rule
     others = {source.channel for item in AXES if item != axis for source in item.references}
-    current = tuple(name for name in rule.channels if name not in others)
-    return replace(rule, channels=current or rule.channels, lags=REFERENCE_LAGS)
+    of_axis = tuple(name for name in rule.channels if name not in others)
+    return replace(rule, channels=of_axis or rule.channels, lags=REFERENCE_LAGS)
 
 
 # -- Rate panel --
@@ -198,10 +198,10 @@ def of_axis(rule: InstrumentRule, axis: Axis) -> InstrumentRule:
 
 def rate_panel(flight: PreparedFlight, axis: Axis) -> PlotData:
     """Rate about one axis, and its setpoint where the log has one."""
-    requested = flight.reference_on_grid(f"reference_{axis.rate}")
+    setpoint = flight.reference_on_grid(f"reference_{axis.rate}")
     measured = np.rad2deg(flight.signals.channel(axis.rate))
     return PlotData(
-        f"{axis.name} rate\n[deg/s]", measured, None if requested is None else np.rad2deg(requested)
+        f"{axis.name} rate\n[deg/s]", measured, None if setpoint is None else np.rad2deg(setpoint)
     )
 
 

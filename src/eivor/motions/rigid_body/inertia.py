@@ -260,11 +260,11 @@ def _weighted(share: float, v: Mapping[str, float]) -> float:
 
 def _weight(combinations: Combinations, names: tuple[str, ...], level: float) -> float:
     """Weight of the first of both in their combination of least variance."""
-    current, other, separated = (
+    variance, other, separated = (
         combinations.function(formula, names, {}, level, math.inf).std_error ** 2
         for formula in (_by_roll, _by_pitch, lambda v: _by_roll(v) - _by_pitch(v))
     )
-    return min(max(0.5 * (other - current + separated) / separated, 0.0), 1.0) if separated > 0.0 else 0.5
+    return min(max(0.5 * (other - variance + separated) / separated, 0.0), 1.0) if separated > 0.0 else 0.5
 
 
 def _with_arm(over_thrust: FormulaFunction) -> FormulaFunction:

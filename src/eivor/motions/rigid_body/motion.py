@@ -426,9 +426,9 @@ class RigidBody(Motion[LaggedRuns]):
         self, problem: LaggedRuns, estimate: Estimate, flights: tuple[PreparedFlight, ...], /
     ) -> Mapping[str, float]:
         """Where a flight contradicts the vehicle file, `rotor_order` and `filters_shown`."""
-        displayed = observed_order(flights, self.layout)
-        if displayed is not None:
-            return displayed.numbers
+        order = observed_order(flights, self.layout)
+        if order is not None:
+            return order.numbers
         wind = steady_wind(problem, estimate.best.nuisances, flights)
         lags = lag_consistency_test(estimate)
         results = {**(wind.numbers if wind is not None else {}), **(lags.numbers if lags is not None else {})}

@@ -355,11 +355,11 @@ def rigid_body_prediction(
     """The state after each horizon, by each model and by rates and velocity at the start."""
     first, *_ = models
     models = with_gyroscopic_moments(models, first)
-    current = models[first].values
-    reported = frozenset({*current, EFFECTIVE_LAG}) - refused
+    values = models[first].values
+    identified_names = frozenset({*values, EFFECTIVE_LAG}) - refused
     logged = tuple(LoggedState(flight) for flight in flights)
-    what = Predictable(frozenset(current), reported, logged)
-    kept = {name: value for name, value in current.items() if name not in zeros(refused)}
+    what = Predictable(frozenset(values), identified_names, logged)
+    kept = {name: value for name, value in values.items() if name not in zeros(refused)}
     by_model = {**models, first: SimpleModel(models[first].words, kept)}
     results, times = [], []
     for item in logged:

@@ -495,10 +495,10 @@ class RotorColumns:
     @cached_property
     def indices(self) -> tuple[int, ...]:
         """Places of this equation's parameters among those of all moving columns."""
-        current = {*MOVING[self.axis]}
+        moving_here = {*MOVING[self.axis]}
         if self.common_rotor_inertia is not None and self.axis in (ROLL_EQUATION, PITCH_EQUATION):
-            current.add(REACTION)
-        return tuple(index for index, item in enumerate(self.moving) if item in current)
+            moving_here.add(REACTION)
+        return tuple(index for index, item in enumerate(self.moving) if item in moving_here)
 
     @cached_property
     def _sensor(self) -> OnboardFilter | None:

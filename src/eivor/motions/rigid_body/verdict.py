@@ -296,13 +296,15 @@ def filters_not_passed(
     if not p_value <= DISAGREE:
         return None
     number = max(range(len(flights)), key=lambda item: flights[item].used_s)
-    current = replace(problem, columns=tuple(column for column in problem.columns if column.flight == number))
+    of_flight = replace(
+        problem, columns=tuple(column for column in problem.columns if column.flight == number)
+    )
     if len(flights) > 1:
-        with_all = _disagreement(current, estimate.method)
+        with_all = _disagreement(of_flight, estimate.method)
     if not math.isfinite(with_all):
         return None
     results = {
-        key: _disagreement(_without_filter(current, flights[number], layout, key), estimate.method)
+        key: _disagreement(_without_filter(of_flight, flights[number], layout, key), estimate.method)
         for key in named
     }
     without = {key: J for key, J in results.items() if FAR_BETTER * with_all > J}
@@ -413,12 +415,12 @@ def _changes(estimate: Estimate) -> Iterator[tuple[str, float, float]]:
     rows, moves = best.rows, best.nuisance_columns[:, names.index(ACTUATOR_LAG.name)]
     residual, axes = rows.response - rows.regressors @ best.theta, rows.layout.axis_of_row
     for axis, name in DRIVEN.items():
-        current = axes == axis
-        neighbours = _unexplained(moves[current], rows.regressors[current])
+        on_axis = axes == axis
+        neighbours = _unexplained(moves[on_axis], rows.regressors[on_axis])
         squares = float(neighbours @ neighbours)
         if squares > 0.0:
-            change = float(neighbours @ residual[current]) / squares
-            yield name, change, float(np.mean(residual[current] ** 2)) / squares
+            change = float(neighbours @ residual[on_axis]) / squares
+            yield name, change, float(np.mean(residual[on_axis] ** 2)) / squares
 
 
 def _unexplained(
@@ -537,8 +539,8 @@ def _candidate(
     layout: RotorLayout, order: tuple[int, ...], spins: Float[np.ndarray, " rotors"]
 ) -> _Candidate:
     index = list(order)
-    current = spins * layout.yaw[index] > 0.0
-    acts_as = tuple(item + 1 if same else -(item + 1) for item, same in zip(order, current, strict=True))
+    same_spin = spins * layout.yaw[index] > 0.0
+    acts_as = tuple(item + 1 if same else -(item + 1) for item, same in zip(order, same_spin, strict=True))
     return _Candidate(acts_as, np.stack([layout.roll[index], layout.pitch[index], spins]))
 
 
@@ -593,10 +595,10 @@ class _Sums:
     ) -> tuple[Float[np.ndarray, "lags orders 3"], Float[np.ndarray, "lags orders 3"]]:
         """Share of each axis that each order leaves at each lag, and its gain."""
         rows = np.stack(arms)
-        current = np.einsum("oai,laij,oaj->loa", rows, self.rotors, rows)
+        squares = np.einsum("oai,laij,oaj->loa", rows, self.rotors, rows)
         with_turning = np.einsum("oai,lai->loa", rows, self.across)
         whole = self.turning[:, None, :]
-        gain = with_turning / np.where(current > 0.0, current, np.inf)
+        gain = with_turning / np.where(squares > 0.0, squares, np.inf)
         return np.maximum(1.0 - gain * with_turning / np.where(whole > 0.0, whole, np.inf), 1e-6), gain
 
 
@@ -701,15 +703,15 @@ def _of_flight(
     known = tuple(nuisance.known_at(nuisance_values[nuisance.name]) for nuisance in problem.nuisances)
     try:
         runs = LaggedRuns(columns, (*_WIND, *QUADRATIC_DRAG[:2], *DRAG[:2]), known)
-        reported = identify(runs, by_name("whitened_least_squares"))
+        estimate = identify(runs, by_name("whitened_least_squares"))
     except (DataError, EstimationError):  # too short, or a heading that stays
         return None
-    drag = 0.5 * sum(reported.parameters[entry.name] for entry in DRAG[:2])
-    intervals = [reported.interval(entry.name, SURE) for entry in _WIND]
+    drag = 0.5 * sum(estimate.parameters[entry.name] for entry in DRAG[:2])
+    intervals = [estimate.interval(entry.name, SURE) for entry in _WIND]
     sure = any(low > 0.0 or high < 0.0 for low, high in intervals)
     if not sure or not drag > 0.0:
         return None
-    wind = SteadyWind(*(reported.parameters[entry.name] / drag for entry in _WIND))
+    wind = SteadyWind(*(estimate.parameters[entry.name] / drag for entry in _WIND))
     return wind if wind.speed >= LEAST_SPEED else None
 
 

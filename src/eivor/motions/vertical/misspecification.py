@@ -76,22 +76,22 @@ def omitted_variable_tests(
     problem: VerticalFlights, estimate: Estimate, flights: Sequence[PreparedFlight]
 ) -> dict[str, Difference]:
     """Coefficient of each term as if it alone were added; none without instruments."""
-    current = problem.runs.columns
-    if not all(item.instruments.shape[1] for item in current):
+    columns = problem.runs.columns
+    if not all(item.instruments.shape[1] for item in columns):
         return {}
     nuisances = estimate.best.nuisances
     measured = [_measured(problem, item, flight, nuisances) for item, flight in enumerate(flights)]
     if any(of.voltage is None for of in measured):  # one coefficient has one meaning
         measured = [replace(of, voltage=None) for of in measured]
-    explained = [_explained(item, of) for item, of in zip(current, measured, strict=True)]
-    base = [_linear(problem, item, estimate) for item in current]
+    explained = [_explained(item, of) for item, of in zip(columns, measured, strict=True)]
+    base = [_linear(problem, item, estimate) for item in columns]
     gain = abs(estimate.parameters["input_gain"]) or math.nan
     added = {term.omission_sentence for term in problem.terms}
     differences: dict[str, Difference] = {}
     for name in _TERMS.keys() - added:
         pairs = [(_TERMS[name](of), _TERMS[name](by)) for of, by in zip(measured, explained, strict=True)]
         known = [(x, z) for x, z in pairs if x is not None and z is not None]
-        if len(known) < len(current):
+        if len(known) < len(columns):
             continue
         with_term = tuple(
             replace(
@@ -100,7 +100,7 @@ def omitted_variable_tests(
                 moving=nothing_moves(len(linear)),
                 instruments=np.column_stack([item.instruments, z]),
             )
-            for item, linear, (x, z) in zip(current, base, known, strict=True)
+            for item, linear, (x, z) in zip(columns, base, known, strict=True)
         )
         others = (Parameter(f"of the model {index}", "") for index in range(1, with_term[0].fixed.shape[1]))
         try:
@@ -235,14 +235,14 @@ SIDEWAYS_LAGS_S = (0.2, 0.2, 0.4)
 
 def difference_problem(problem: VerticalFlights, flights: Sequence[PreparedFlight]) -> LaggedRuns | None:
     """Regression of D - A on what each kind of disagreement would leave of it."""
-    current = problem.runs.columns
-    if any(item.responses.shape[1] < 2 or not item.instruments.shape[1] for item in current):
+    axis_columns = problem.runs.columns
+    if any(item.responses.shape[1] < 2 or not item.instruments.shape[1] for item in axis_columns):
         return None
     sideways = [_sideways(flight) for flight in flights]
     names = tuple(sideways[0]) if all(sideway.keys() == sideways[0].keys() for sideway in sideways) else ()
     columns = tuple(
         _columns(item, [sideway[name] for name in names])
-        for item, sideway in zip(current, sideways, strict=True)
+        for item, sideway in zip(axis_columns, sideways, strict=True)
     )
     return LaggedRuns(columns, (OFFSET, SCALE, *(TILTS[name] for name in names)), ())
 

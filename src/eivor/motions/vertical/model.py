@@ -223,10 +223,10 @@ class VerticalMotion(SignalModel):
         """
         checks.kind("signals", signals, Signals, "Signals", "Make them: ev.Signals(rate_hz, channels).")
         check_columns("instruments", instruments)
-        current = (Column(""),) if instruments and self.intercept else ()
+        constant = (Column(""),) if instruments and self.intercept else ()
         about_hover = "specific_force_z" not in signals.channels and "acceleration_z" in signals.channels
         equation = self.equation("acceleration_z" if about_hover else "specific_force_z")
-        return SignalRegression(signals, equation, (*instruments, *current))
+        return SignalRegression(signals, equation, (*instruments, *constant))
 
     def regression_lag(self, instruments: tuple[Column, ...] = ()) -> int:
         """Samples that a row reaches back."""

@@ -149,17 +149,17 @@ def residual_densities(problem: VerticalFlights, numbers: Values) -> dict[str, l
     if left.shape[1] == 1:
         noise = at_nodes["second"][-1] / pulsation[-1] ** 2
         force = np.maximum(at_nodes["second"] - noise * pulsation**2, 0.05 * at_nodes["second"])
-        current = np.zeros(NODES_HZ.size)
+        sensor_noise = np.zeros(NODES_HZ.size)
     else:
         least = 0.02 * np.minimum(at_nodes["first"], at_nodes["second"])
         force = np.maximum(at_nodes["shared"], least)
-        current = np.maximum(at_nodes["first"] - force, 0.0)
+        sensor_noise = np.maximum(at_nodes["first"] - force, 0.0)
         known = NODES_HZ >= VELOCITY_FROM_HZ
         noise = float(np.median((np.maximum(at_nodes["second"] - force, 0.0) / pulsation**2)[known]))
     return {
         "frequency_hz": NODES_HZ.tolist(),
         "force": force.tolist(),
-        "accelerometer": current.tolist(),
+        "accelerometer": sensor_noise.tolist(),
         "velocity": [float(noise)] * NODES_HZ.size,
     }
 
@@ -200,14 +200,14 @@ def controller_gains(
             integral = np.cumsum(errors[run, 1]) * flight.signals.step_s
             columns = np.column_stack([errors[run], integral])
             rows.append(columns - columns.mean(axis=0))
-            requested = command[run] - GRAVITY - feed_forward[run]
-            wanted.append(requested - requested.mean())
-    columns, requested = np.concatenate(rows), np.concatenate(wanted)
-    if not np.isfinite(columns).all() or not float(requested @ requested) > 0.0:
+            response = command[run] - GRAVITY - feed_forward[run]
+            wanted.append(response - response.mean())
+    columns, response = np.concatenate(rows), np.concatenate(wanted)
+    if not np.isfinite(columns).all() or not float(response @ response) > 0.0:
         return None
-    fitted = np.linalg.lstsq(columns, requested)[0]
-    left = requested - columns @ fitted
-    if float(left @ left) > (1.0 - LEAST_EXPLAINED) * float(requested @ requested):
+    fitted = np.linalg.lstsq(columns, response)[0]
+    left = response - columns @ fitted
+    if float(left @ left) > (1.0 - LEAST_EXPLAINED) * float(response @ response):
         return None
     return _gains(*fitted.tolist())
 
@@ -301,9 +301,11 @@ def _run(
     answer = _integrated(driven - driven.mean(), friction, step_s)
     trim = _integrated(np.ones(driven.size), friction, step_s)
     start = np.exp(-friction * step_s * np.arange(driven.size))
-    current = np.column_stack([trim, start])[counted]
+    transients = np.column_stack([trim, start])[counted]
     left = (measured - answer)[counted]
-    predicted: Float[np.ndarray, " counted"] = answer[counted] + current @ np.linalg.lstsq(current, left)[0]
+    predicted: Float[np.ndarray, " counted"] = (
+        answer[counted] + transients @ np.linalg.lstsq(transients, left)[0]
+    )
     return predicted
 
 

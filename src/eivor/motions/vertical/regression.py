@@ -297,10 +297,8 @@ class MovingColumns:
         """References, and where there are any an instrument for each term."""
         if not (self.terms and references.shape[1]):
             return references
-        current = term_instruments(
-            self.terms, self._ingredients(self._unlagged), references, self.flight.runs
-        )
-        return np.column_stack([references, current])
+        added = term_instruments(self.terms, self._ingredients(self._unlagged), references, self.flight.runs)
+        return np.column_stack([references, added])
 
     def _ingredients(self, mapped: Float[np.ndarray, " n"]) -> TermIngredients:
         lift = GRAVITY / self._mean * mapped

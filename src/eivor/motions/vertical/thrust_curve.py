@@ -44,8 +44,8 @@ def hover_and_exponent(problem: VerticalFlights, candidate: Candidate) -> tuple[
     if not mapped > 0.0:
         return NAN, NAN
     hover = chosen.inverse(mapped)
-    current = hover * chosen.slope(hover) / mapped
-    return hover, current * float(candidate.theta[1]) * mapped / GRAVITY
+    elasticity = hover * chosen.slope(hover) / mapped
+    return hover, elasticity * float(candidate.theta[1]) * mapped / GRAVITY
 
 
 def refined_curve(

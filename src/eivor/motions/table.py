@@ -1,0 +1,110 @@
+"""The motions that are identified, by name; other packages add theirs by entry points."""
+
+from __future__ import annotations
+
+from functools import cache
+from importlib import import_module
+from importlib.metadata import EntryPoint, entry_points
+from typing import Any
+
+from eivor import checks
+from eivor.errors import UsageError
+from eivor.flights.motion import Motion
+from eivor.flights.quantity import Wording
+from eivor.signals.channels import declare_channels
+
+#: Group of the entry points of other packages.
+GROUP = "eivor.motions"
+#: Where Eivor's own motions live.
+_OWN = {
+    "vertical": "eivor.motions.vertical.motion:Vertical",
+    "rates": "eivor.motions.rates.motion:Rates",
+    "rigid-body": "eivor.motions.rigid_body.motion:RigidBody",
+}
+#: What is identified unless something else is requested.
+DEFAULT = "vertical"
+
+
+def motion_names() -> tuple[str, ...]:
+    """Every motion that there is: Eivor's own, then those of other packages."""
+    return tuple(dict.fromkeys((*_OWN, *sorted(_added()))))
+
+
+def motion_by_name(name: str) -> Motion[Any]:
+    """Motion of a name, Eivor's own first. The channels that it adds are canonical from then on.
+
+    Parameters
+    ----------
+    name : str
+        "vertical", or the name of a motion that another package brings.
+
+    Raises
+    ------
+    UsageError
+        When there is none of that name, or another package's cannot be loaded, or adds a channel whose name
+        is that of another one.
+    """
+    checks.text("name", name)
+    return loaded_motion(name)
+
+
+def motion_of_model(model_name: str) -> Motion[Any]:
+    """Motion that a JSON document names by its `model_name`, Eivor's own first."""
+    for name in motion_names():
+        motion = motion_by_name(name)
+        if motion.model_name == model_name:
+            return motion
+    raise UsageError(
+        f"a model of one of the motions {', '.join(motion_names())}",
+        f"'{model_name}'",
+        "Install the package that brings its motion.",
+    )
+
+
+@cache
+def loaded_motion(name: str) -> Motion[Any]:
+    """Motion of a name, loaded once."""
+    if name in _OWN:
+        module, _, attribute = _OWN[name].partition(":")
+        own_motion: Motion[Any] = getattr(import_module(module), attribute)()
+        return own_motion
+    added = _added()
+    if name not in added:
+        raise UsageError(
+            f"a motion out of {', '.join(motion_names())}", f"'{name}'", "Name one of them with --model."
+        )
+    motion = _loaded(added[name])
+    declare_channels(*motion.channels)
+    return motion
+
+
+def wording_of(quantity: str) -> Wording | None:
+    """How a quantity of that name is called in Eivor's own motions; None when none of them has it."""
+    for name in _OWN:
+        wording = motion_by_name(name).wording.get(quantity)
+        if wording is not None:
+            return wording
+    return None
+
+
+def _added() -> dict[str, EntryPoint]:
+    return {point.name: point for point in entry_points(group=GROUP)}
+
+
+def _loaded(point: EntryPoint) -> Motion[Any]:
+    try:
+        kind = point.load()
+    except Exception as error:
+        raise UsageError(
+            f"a motion '{point.name}' that can be loaded from {point.value}",
+            f"{type(error).__name__}: {error}",
+            "Mend or update the package that brings it.",
+        ) from error
+    motion = kind() if isinstance(kind, type) and issubclass(kind, Motion) else None
+    if motion is None or motion.name != point.name:
+        raise UsageError(
+            f"a class of motion called '{point.name}' at {point.value}",
+            f"{kind!r}" if motion is None else f"one that is called '{motion.name}'",
+            "Mend the package that brings it: see docs/motions.md.",
+        )
+    return motion
