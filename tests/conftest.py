@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import nullcontext
+from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
@@ -69,6 +70,34 @@ def pytest_runtest_makereport(item: pytest.Item) -> Iterator[None]:
         report.outcome = "failed"
         report.longrepr = f"EIVOR_REQUIRE_DATA is set, but this test was skipped: {report.longrepr}"
     return report
+
+
+@dataclass(frozen=True)
+class CommandRun:
+    """What a command left behind."""
+
+    code: int
+    out: str
+    err: str
+
+
+@pytest.fixture
+def command_line(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> Callable[..., CommandRun]:
+    """The command `eivor` as a user meets it, called in this process."""
+    from eivor.cli.main import app
+
+    monkeypatch.setenv("COLUMNS", "80")
+    monkeypatch.delenv("EIVOR_DEBUG", raising=False)
+
+    def call(*arguments: object) -> CommandRun:
+        with pytest.raises(SystemExit) as left:
+            app([str(argument) for argument in arguments], prog_name="eivor")
+        captured = capsys.readouterr()
+        return CommandRun(int(left.value.code or 0), captured.out, captured.err)
+
+    return call
 
 
 @pytest.fixture

@@ -1,21 +1,34 @@
-"""Arrays as they are given: masked, complex, of texts, of other numbers than doubles; names and lags."""
+"""Arrays as they are given: masked, complex, of texts; names and lags; what errors are made of."""
 
 from __future__ import annotations
+
+import pickle
 
 import numpy as np
 import polars as pl
 import pytest
 
 import eivor as ev
-from eivor.errors import EivorError
-from eivor.linalg import LinearSystem
+from eivor.errors import CorruptLogError, EivorError, did_you_mean
 
 RNG = np.random.default_rng(0)
+
+
 PHI = RNG.standard_normal((60, 2))
+
+
 Y = PHI @ [1.0, 2.0] + 0.1 * RNG.standard_normal(60)
+
+
 PSI = PHI + 0.1 * RNG.standard_normal((60, 2))
+
+
 ROWS = ev.regression(response=Y, regressors=PHI, instruments=PSI)
+
+
 PARAMETERS = ROWS.parameters
+
+
 REGION = ev.anderson_rubin_set(ROWS, ev.methods.extended_iv()).region
 
 
@@ -94,7 +107,6 @@ def test_only_real_numbers_are_taken(spoil, said):
         lambda: ev.Signals(5.0, {"input": spoil(Y)}),
         lambda: ev.recording_from_columns({"time": np.arange(60), "velocity_z": spoil(Y)}),
         lambda: ev.estimate_long_memory(spoil(Y)),
-        lambda: LinearSystem(spoil(PHI), Y),
         lambda: REGION.contains(spoil(np.ones(2))),
     ):
         with pytest.raises(EivorError, match=said):
@@ -133,3 +145,19 @@ def test_values_that_nothing_measures_are_missing():
     ]
     np.testing.assert_array_equal(np.flatnonzero(np.isnan(channel.values)), [3, 4])
     assert channel.quality.missing_values == 2
+
+
+def test_the_nearest_name_is_proposed():
+    known = ("velocity_z", "position_z", "input")
+    assert did_you_mean("velocty_z", known, "Name one.") == "Did you mean 'velocity_z'?"
+    assert did_you_mean("battery", known, "Name one.") == "Name one."
+    both = ("velocity_z", "velocity_x", "input")
+    assert did_you_mean("velocity", both, "", most=3) == "Did you mean 'velocity_z' or 'velocity_x'?"
+    assert did_you_mean("battery", [], "Name one.") == "Name one."
+
+
+def test_errors_come_back_from_another_process():
+    """Workers raise them too."""
+    error = CorruptLogError("a log", "a cut one", "Copy it again.")
+    back = pickle.loads(pickle.dumps(error))  # noqa: S301 - made here
+    assert (type(back), str(back)) == (CorruptLogError, "Expected a log; received a cut one. Copy it again.")

@@ -11,9 +11,9 @@ import sys
 import pytest
 
 from eivor import process_pool
-from eivor.errors import InputError, UsageError
+from eivor.errors import InputError
 from eivor.process_pool import SANDBOX, AbandonedError, LimitError, Limits, WorkerProcess, begun_in_advance
-from studies.dask_cluster import SOURCES, wait_until
+from studies.study_parts import SOURCES, wait_until
 from worker_answers import always_reporting, answered, begin_another, counted, unreadable
 
 
@@ -69,11 +69,6 @@ def test_progress_comes_in_order_and_anew_with_another_attempt(tmp_path, monkeyp
     assert reported == [0, 1, 2, 0, 1, 0, 1]
 
 
-def test_progress_does_not_hide_limits():
-    with pytest.raises(LimitError, match=r"It took longer than 0\.1 s to answer"):
-        WorkerProcess(always_reporting, Limits(0.1, 4.0))(1, report=lambda _: None)
-
-
 def test_a_result_that_cannot_be_read_ends_its_process(monkeypatch):
     monkeypatch.setattr(process_pool, "WORDS_S", 0.1)
     with pytest.raises(LimitError, match=r"died \(signal 9\)"):
@@ -83,7 +78,7 @@ def test_a_result_that_cannot_be_read_ends_its_process(monkeypatch):
 PARENT = """
 import sys
 from eivor.process_pool import WorkerProcess
-from worker_answers import begin_another
+from worker_answers import always_reporting, answered, begin_another, counted, unreadable
 WorkerProcess(begin_another)(sys.argv[1])
 """
 
@@ -185,7 +180,6 @@ def test_a_process_that_nobody_took_is_ended(begun):
     assert len(begun) == 2
 
 
-def test_limits_are_above_zero():
-    for wrong in ({"time_s": 0.0}, {"memory_gb": float("nan")}):
-        with pytest.raises(UsageError, match=r"a limit .* above zero"):
-            Limits(**wrong)
+def test_progress_does_not_hide_limits():
+    with pytest.raises(LimitError, match=r"It took longer than 0\.1 s to answer"):
+        WorkerProcess(always_reporting, Limits(0.1, 4.0))(1, report=lambda _: None)

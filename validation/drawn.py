@@ -7,12 +7,16 @@ depends on another.
 from __future__ import annotations
 
 import zlib
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Annotated
 
 import msgspec
 import numpy as np
 
+from eivor.errors import InputError
+from eivor.simulation.environment import NoiseKind, SensorNoise
 from validation.studies import GridStruct
 
 Value = float | str
@@ -57,3 +61,21 @@ class Drawn(GridStruct, frozen=True):
 
     def draws(self) -> dict[str, Draw]:
         return {name: Draw(rule, values) for rule in RULES for name, values in getattr(self, rule).items()}
+
+
+def sensor_noise(values: dict[str, Value]) -> SensorNoise:
+    """Noise of a flight, whose levels are taken out of its values."""
+    kind = NoiseKind(str(values.pop("noise")))
+    levels = {name: float(values.pop(f"{name}_noise")) for name in ("acceleration", "velocity", "position")}
+    return SensorNoise(kind=kind, **levels)
+
+
+def check_apart(names: Sequence[str], seeds: Sequence[tuple[int, int]]) -> None:
+    """Refuse parts of a grid that have one name, or whose seeds, each from one to another, overlap."""
+    ranges = sorted(seeds)
+    if len(set(names)) < len(names) or any(end > start for (_, end), (start, _) in pairwise(ranges)):
+        raise InputError(
+            "parts with names and seeds of their own",
+            "some of one name, or whose seeds overlap",
+            "Give each its name, and a seed further from the next than it has flights.",
+        )

@@ -40,10 +40,7 @@ def effective_parameters(
             "at least four rows", f"{int(rows.sum())} rows", "Choose a longer part of the flight."
         )
     columns = np.column_stack(
-        [
-            -truth.air_velocity_z[rows],
-            truth.cos_tilt[rows] * input_map(truth.rotor_state[rows]).mean(axis=1),
-        ]
+        [-truth.air_velocity_z[rows], truth.cos_tilt[rows] * input_map(truth.rotor_state[rows]).mean(axis=1)]
     )
     response = truth.specific_force_z[rows]
     means, response_mean = columns.mean(axis=0), float(response.mean())

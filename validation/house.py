@@ -269,6 +269,43 @@ def architecture(package: Path) -> dict[str, int]:
     }
 
 
+#: Modules that are public doors, beside the public names of `eivor`; the last one is the command line.
+PUBLIC_MODULES = frozenset({"eivor", "eivor.methods", "eivor.errors", "eivor.cli.main"})
+
+
+def by_public_doors(tree: ast.Module, public: set[str]) -> bool:
+    """Whether a module imports nothing of the package but public names."""
+    named = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            named |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module == "eivor":
+            named |= {f"eivor.{alias.name}" for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            named.add(node.module)
+    return {name for name in named if name.startswith("eivor.")} <= PUBLIC_MODULES | public
+
+
+def project(root: Path) -> dict[str, int]:
+    """Counts of tests, studies and pages of a checkout."""
+    import eivor
+
+    public = {f"eivor.{name}" for name in eivor.__all__}
+    tests = [path.read_text(encoding="utf-8") for path in sorted((root / "tests").rglob("*.py"))]
+    studies = (path.read_text(encoding="utf-8") for path in (root / "validation").rglob("*.py"))
+    pages = [path.read_text(encoding="utf-8") for path in (root / "docs").rglob("*.md")]
+    return {
+        "files of tests": len(tests),
+        "lines of tests": sum(text.count("\n") for text in tests),
+        "files of tests by internal doors": sum(
+            not by_public_doors(ast.parse(text), public) for text in tests
+        ),
+        "lines of `validation/`": sum(text.count("\n") for text in studies),
+        "pages of `docs/`": len(pages),
+        "words of `docs/`": sum(len(text.split()) for text in pages),
+    }
+
+
 def only_forwards(tree: ast.Module) -> bool:
     """Whether a module has imports and a docstring only."""
     kept = [node for node in tree.body if not isinstance(node, ast.Import | ast.ImportFrom)]
@@ -434,7 +471,8 @@ def main() -> None:
     if chosen.walk:
         print(json.dumps(walk(chosen.walk, package)))
         return
-    for name, value in {**architecture(package), **counts(package)}.items():
+    table = {**architecture(package), **counts(package), **project(package.parents[1])}
+    for name, value in table.items():
         print(f"| {name} | {value} |")
     print(f"| which of the replaced names | {', '.join(replaced_names(modules(package)))} |")
     for title, numbers in ({} if chosen.no_walks else walks(package)).items():

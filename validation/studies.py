@@ -6,14 +6,12 @@ import argparse
 import hashlib
 import io
 import json
-import platform
 import sys
 import tempfile
 from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, nullcontext
 from dataclasses import asdict, dataclass
 from functools import cached_property
-from importlib.metadata import version
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, Generic, Protocol, TypeVar, runtime_checkable
@@ -23,21 +21,23 @@ import polars as pl
 
 from eivor.atomic_file import atomic_write, is_sealed, sealed, write_atomically
 from eivor.errors import EivorError, InputError
+from eivor.inference.distributions import normal_quantile
 from eivor.lab.experiments import markdown, page_text, page_with
 from eivor.lab.study import SHARD_TRIALS, Share, StudyResult, run_study
 from eivor.process_pool import check_workers, local_executor
-from validation.suite_files import Suite, SuiteStudy, read_suite
+from validation.suite_files import Suite, SuiteStudy, read_suite, versions
 
 #: Exit code when a requirement is not met, and for an input that cannot be used.
 NOT_MET, WRONG = 3, 2
-PACKAGES = ("eivor", "numpy", "scipy")
+EXIT_CODES = "The exit code is 0 when every requirement is met, 3 when one is not, 2 for an input of no use."
 #: What names a row of a run.
 KEYS = ("scenario", "samples", "method", "parameter")
 
 Row = Mapping[str, str | int | float]
-#: A dataclass that is kept as a line of a file, and what names it among the others.
-Told = TypeVar("Told")
+#: A dataclass that is kept as a line of a file, what names its trial, and what a grid's file holds.
+Line = TypeVar("Line")
 Key = TypeVar("Key", bound=Hashable)
+Settings = TypeVar("Settings")
 Item = TypeVar("Item")
 
 
@@ -89,6 +89,7 @@ class StudyCommand:
         parser = argparse.ArgumentParser(
             prog=f"python -m {self.module}",
             description=self.doc,
+            epilog=EXIT_CODES,
             formatter_class=argparse.RawDescriptionHelpFormatter,
         )
         for name, settings in self.options.items():
@@ -114,11 +115,26 @@ def requirement_table(requirements: Iterable[Requirement], what: str = "what", *
     return markdown((what, "asked", "measured", "met"), lines)
 
 
+def table_of(columns: Mapping[str, str | Callable[[Item], str]], items: Iterable[Item]) -> str:
+    """Markdown: a row for each item, of formats of its fields or of functions."""
+    rows = [
+        [cell.format(item) if isinstance(cell, str) else cell(item) for cell in columns.values()]
+        for item in items
+    ]
+    return markdown(tuple(columns), rows)
+
+
 def share_text(share: Share, digits: int = 3) -> str:
     low, high = share.interval
     if not share.count:
         return "-"
     return f"{share.value:.{digits}f} [{low:.{digits}f}, {high:.{digits}f}] of {share.count}"
+
+
+def may_be_within(share: float, count: int, bounds: tuple[float, float], level: float) -> bool:
+    """Whether a share is between bounds, or may be but for chance."""
+    low, high = (normal_quantile(level) * (bound * (1.0 - bound) / max(count, 1)) ** 0.5 for bound in bounds)
+    return bounds[0] - low <= share <= bounds[1] + high
 
 
 def with_bar(items: Iterable[Item], name: str, total: int) -> Iterator[Item]:
@@ -132,11 +148,6 @@ def with_bar(items: Iterable[Item], name: str, total: int) -> Iterator[Item]:
         for item in items:
             yield item
             bar.advance(task)
-
-
-def versions() -> str:
-    packages = ", ".join(f"{package} {version(package)}" for package in PACKAGES)
-    return f"{packages}, Python {platform.python_version()}"
 
 
 def read_as(kind: Callable[..., Item], path: Path, text: str | None = None) -> Item:
@@ -153,43 +164,105 @@ class GridStruct(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 # -- studies that keep every trial as a line of a file --
 
+#: Trials that are made together, and how: each result is the lines of one trial, which are kept at once.
+Group = tuple[Sequence[Key], Callable[[list[Key]], Iterable[Sequence[Line]]]]
 
-def keep(path: Path, record: Iterable[Any]) -> None:
+
+def keep(path: Path, lines: Iterable[Any]) -> None:
     with path.open("a", encoding="utf-8") as file:
-        file.writelines(json.dumps(asdict(item)) + "\n" for item in record)
+        file.writelines(json.dumps(asdict(line)) + "\n" for line in lines)
 
 
-def kept_lines(path: Path, kind: type[Told]) -> list[Told]:
+def kept_lines(path: Path, kind: type[Line]) -> list[Line]:
     """What the file of a study has; nothing where there is none yet."""
     if not path.exists():
         return []
     return [kind(**json.loads(line)) for line in path.read_text(encoding="utf-8").splitlines()]
 
 
+def alone(trials: Mapping[Key, Callable[[], Line]]) -> list[Group[Key, Line]]:
+    """Groups of one trial each, which makes one line."""
+
+    def group(key: Key, trial: Callable[[], Line]) -> Group[Key, Line]:
+        return [key], lambda _: [[trial()]]
+
+    return [group(key, trial) for key, trial in trials.items()]
+
+
 def completed(
-    path: Path, kind: type[Told], trials: Mapping[Key, Callable[[], Told]], key_of: Callable[[Told], Key]
-) -> list[Told]:
-    """One line for each trial, in their order; what the file does not have yet is made and kept."""
-    done = {key_of(line): line for line in kept_lines(path, kind)}
-    for key, trial in trials.items():
-        if key not in done:
-            done[key] = trial()
-            keep(path, [done[key]])
-    return [done[key] for key in trials]
+    path: Path, kind: type[Line], groups: Iterable[Group[Key, Line]], key_of: Callable[[Line], Key]
+) -> list[Line]:
+    """Lines of all trials, in their order; what the file does not have yet is made and kept."""
+    done: dict[Key, list[Line]] = {}
+    for line in kept_lines(path, kind):
+        done.setdefault(key_of(line), []).append(line)
+    result = []
+    for keys, made in groups:
+        missing = [key for key in keys if key not in done]
+        for lines in made(missing) if missing else ():
+            keep(path, lines)
+            done[key_of(lines[0])] = list(lines)
+        result += [line for key in keys for line in done[key]]
+    return result
 
 
-def kept_command(
-    module: str, doc: str | None, grid: Path, part: str, answer: Callable[[Path, str, Path], Answer]
-) -> StudyCommand:
-    """Command of a study whose file goes on where it was interrupted."""
-    options = {
-        "--grid": {"type": Path, "default": grid, "help": "instead of the published one"},
-        "--size": SIZE,
-        "--kept": KEPT,
-    }
-    return StudyCommand(
-        module, doc, part, lambda chosen: answer(chosen.grid, chosen.size, chosen.kept), options
-    )
+@dataclass(frozen=True)
+class KeptRun(Generic[Settings, Line]):
+    """What there is of a study when its tables are made."""
+
+    grid: Settings
+    size: str  # "small" or "full"
+    kept: Path  # The file of lines
+    lines: Sequence[Line]
+
+
+@dataclass(frozen=True)
+class KeptStudy(Generic[Settings, Line]):
+    """A study of the grid beside its file, whose command goes on where it was interrupted."""
+
+    module: str  # Below `validation`
+    doc: str | None
+    part: str  # Of the page
+    settings: type[Settings]  # What the grid's file holds
+    line: type[Line]
+    key: tuple[str, ...]  # Fields that name a trial among the others
+    groups: Callable[[Settings, str, Path], Iterable[Group[Any, Line]]]  # Of grid, size, and file of lines
+    requirements: Callable[[KeptRun[Settings, Line]], Iterable[Requirement]]
+    # What stands behind the command's name, and what below the requirements
+    tables: Callable[[KeptRun[Settings, Line]], Iterable[str]]
+    heading: str = "what"  # Of the requirements
+    file: str = "grid.toml"  # The published grid
+
+    @property
+    def grid(self) -> Path:
+        return Path(__file__).parent.joinpath(*self.module.split(".")[:-1], self.file)
+
+    def answer(self, grid: Path, size: str, kept: Path) -> Answer:
+        """Make what the file does not have yet, and judge all of it."""
+        settings = read_as(self.settings, grid)
+        lines = completed(
+            kept,
+            self.line,
+            self.groups(settings, size, kept),
+            lambda line: tuple(getattr(line, name) for name in self.key),
+        )
+        run = KeptRun(settings, size, kept, lines)
+        requirements = tuple(self.requirements(run))
+        made, *tables = self.tables(run)
+        command = f"Made by `python -m validation.{self.module}`{made}"
+        return "\n\n".join([command, requirement_table(requirements, self.heading), *tables]), requirements
+
+    def main(self, arguments: Sequence[str] | None = None) -> int:
+        options: Mapping[str, Option] = {
+            "--grid": {"type": Path, "default": self.grid, "help": "instead of the published one"},
+            "--size": SIZE,
+            "--kept": KEPT,
+        }
+
+        def answer(chosen: argparse.Namespace) -> Answer:
+            return self.answer(chosen.grid, chosen.size, chosen.kept)
+
+        return StudyCommand(f"validation.{self.module}", self.doc, self.part, answer, options).main(arguments)
 
 
 # -- studies that are a suite of scenarios --

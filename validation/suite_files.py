@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import platform
 from dataclasses import dataclass, replace
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +23,13 @@ from eivor.lab.scenario_files import (
 from eivor.lab.study import Study
 from eivor.strict_toml import TomlTable, read_toml
 
+PACKAGES = ("eivor", "numpy", "scipy")
+
+
+def versions() -> str:
+    packages = ", ".join(f"{package} {version(package)}" for package in PACKAGES)
+    return f"{packages}, Python {platform.python_version()}"
+
 
 @dataclass(frozen=True, slots=True)
 class SuiteStudy:
@@ -29,6 +38,21 @@ class SuiteStudy:
     scenario: str
     samples: int
     study: Study
+
+    def row(self, method: str, parameter: str, **values: str | float) -> dict[str, str | int | float]:
+        """A row of a method's estimates of a parameter, with whose they are."""
+        study = self.study
+        return {
+            "scenario": self.scenario,
+            "samples": self.samples,
+            "method": method,
+            "parameter": parameter,
+            **values,
+            "runs": study.runs,
+            "seed": study.seed,
+            "level": study.level,
+            "versions": versions(),
+        }
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,14 +1,10 @@
-"""Parameters of autopilots: read back by strict parsers, refused where not told, harmless in any name.
-
-Every result is of a log that a reader read. The curve of the motors is known, and whatever is in force and on
-whichever side of it the command was logged, the parameter is that curve.
-"""
+"""Parameters of autopilots: read back by strict parsers, refused where not told, harmless in any name."""
 
 from __future__ import annotations
 
 import copy
-import math
 import re
+import shlex
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -18,13 +14,18 @@ import pytest
 
 import eivor as ev
 from eivor.errors import UsageError
-from eivor.motions.vertical.model import MOT_THST_EXPO, THR_MDL_FAC, AutopilotParameter
-from exports.documents import refused, written
+from exports.documents import refused, vehicle_file, written
 from exports.identified import HOVER, TRUE, ardupilot_log, curve_told, identified, px4_log
 
 Document = dict[str, Any]
+
+
 HEADER = "# Vehicle-Id Component-Id Name Value Type"
+
+
 HOSTILE = "a\n1\t1\tMPC_THR_HOVER\t0.9\t9\r\u2028b\x1b[2J\udcff.ulg"
+
+
 FITTED = {"input": "actuator_output", "input_map": "fit"}
 
 
@@ -151,24 +152,15 @@ def test_a_value_in_force_that_is_too_large_is_said(tmp_path: Path) -> None:
     assert qgc(exported(reported, tmp_path)) == {}
 
 
-@pytest.mark.parametrize("parameter", [THR_MDL_FAC, MOT_THST_EXPO], ids=lambda item: item.name)
-@pytest.mark.parametrize("away", [1e-6, 0.3, math.inf])
-def test_a_value_beyond_the_range_is_a_sentence_without_it(
-    parameter: AutopilotParameter, away: float
-) -> None:
-    for value, side in ((parameter.lowest - away, "below"), (parameter.highest + away, "above")):
-        beyond = parameter.beyond((value, (value, value)))
-        assert f"lies {side} the range of {parameter.lowest:g} to {parameter.highest:g}" in beyond
-        assert "reaches" not in beyond
-        assert f"{value:.2f}" not in beyond or away == 1e-6
-    assert parameter.beyond((parameter.highest, (0.0, 2.0))) == ""
-    near = parameter.beyond((parameter.highest + 0.01, (parameter.highest - 0.1, parameter.highest)))
-    assert "Its 95 % interval reaches into that range." in near
-
-
 @pytest.mark.parametrize(
     ("curve", "hover"),
-    [((-0.2, 0.03), None), ((1.2, 0.05), None), (None, (0.95, 0.001)), (None, (0.05, 0.001))],
+    [
+        ((-0.2, 0.03), None),
+        ((1.2, 0.05), None),
+        ((1.2, 0.15), None),
+        (None, (0.95, 0.001)),
+        (None, (0.05, 0.001)),
+    ],
 )
 def test_what_px4_does_not_take_is_a_comment(
     curve: tuple[float, float] | None,
@@ -190,36 +182,6 @@ def test_what_px4_does_not_take_is_a_comment(
     assert text.count("is not written") == 2
     assert "that PX4 takes" in text
     assert all(f"{given[0]:g}" not in text for given in (curve, hover) if given)
-
-
-def test_a_curve_beyond_the_range_leaves_the_hover_of_the_setpoint(
-    motors: Callable[[], Document], tmp_path: Path
-) -> None:
-    reported = motors()
-    reported["parameters"]["thrust_curve"] |= {"value": -1.0, "interval": [-1.1, -0.9]}
-    text = exported(reported, tmp_path)
-    assert qgc(text) == {
-        "MPC_THR_HOVER": pytest.approx(reported["derived"]["hover_input"]["value"], rel=1e-6)
-    }
-    assert "THR_MDL_FAC is not written: what was found lies below the range of 0 to 1" in text
-    assert "The value in force stays." in text
-
-
-@pytest.mark.parametrize("name", ["thrust_curve", "hover_input"])
-def test_curve_and_hover_of_motor_signals_go_together(
-    name: str, outputs: Callable[[], Document], tmp_path: Path
-) -> None:
-    text = exported(refused(outputs(), name), tmp_path)
-    assert qgc(text) == {}
-    assert "The flight does not identify it." in text
-
-
-def test_a_refused_hover_is_a_comment_with_its_reason(
-    setpoint: Callable[[], Document], tmp_path: Path
-) -> None:
-    text = exported(refused(setpoint(), "hover_input", "Wind."), tmp_path)
-    assert qgc(text) == {}
-    assert "# MPC_THR_HOVER is not written: hover_input is refused. Wind." in text
 
 
 def test_without_the_value_in_force_a_setpoint_tells_no_curve(
@@ -288,3 +250,82 @@ def test_no_name_of_a_log_becomes_a_parameter(
     assert list(read(text).values()) == [pytest.approx(HOVER, rel=0.01)]
     hostile = exported(refused(reported, "hover_input", HOSTILE), tmp_path, to)
     assert read(hostile) == {}
+
+
+PAGE = Path(__file__).parents[2] / "docs" / "exports.md"
+
+
+COMMANDS = re.findall(r"^\$ eivor (.*)$", PAGE.read_text(encoding="utf-8"), re.MULTILINE)
+
+
+#: Those of autopilots, which need the two logs alone.
+OF_AUTOPILOTS = [
+    item for item in COMMANDS if re.search(r"--json|--to (px4|ardupilot)", item) and "rigid" not in item
+]
+
+
+def written_to(command: str) -> Path:
+    """The file that a command writes; the last word of each is one."""
+    return Path(re.findall(r"(?:-o|--json|--out) (\S+)", command)[0])
+
+
+@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
+def test_what_a_simulated_flight_of_each_autopilot_tells(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command_line: Any
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("flight.ulg").write_bytes(px4_log())
+    Path("flight.bin").write_bytes(ardupilot_log())
+    assert len(OF_AUTOPILOTS) == 5
+    for command in OF_AUTOPILOTS:
+        assert command_line(*shlex.split(command)).code == 0, command
+    for item in (qgc(Path("vehicle.params").read_text()), ardupilot(Path("vehicle.param").read_text())):
+        assert sorted(item.values()) == [pytest.approx(HOVER, abs=0.005), pytest.approx(TRUE, abs=0.03)]
+
+
+@pytest.mark.thorough
+@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
+def test_commands_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command_line: Any) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("flight.ulg").write_bytes(px4_log())
+    Path("flight.bin").write_bytes(ardupilot_log())
+    vehicle_file(tmp_path).rename("mine.toml")
+    assert len(COMMANDS) == 19
+    for command in COMMANDS:
+        assert command_line(*shlex.split(command)).code == 0, command
+        assert written_to(command).stat().st_size > 100
+
+
+@pytest.mark.recordings
+@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
+@pytest.mark.parametrize("log", ["battery_brownout", "log_123_2024-3-1-14-47-02"])
+def test_real_flights(
+    log: str, recordings: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command_line: Any
+) -> None:
+    """None of these flights tells its curve: nothing beyond a range is written, and it is said why."""
+    monkeypatch.chdir(tmp_path)
+    (ulog,) = recordings.rglob(f"{log}.ulg")
+    (dataflash,) = recordings.rglob("*.bin")
+    Path("flight.ulg").symlink_to(ulog)
+    Path("flight.bin").symlink_to(dataflash)
+    for command in OF_AUTOPILOTS:
+        assert command_line(*shlex.split(command)).code in {0, 3}, command
+    px4, of_ardupilot = Path("vehicle.params").read_text(), Path("vehicle.param").read_text()
+    assert "THR_MDL_FAC is not written: " in px4
+    assert "Command: actuator_output, before the autopilot's thrust curve" in px4
+    assert list(qgc(px4)) == (["MPC_THR_HOVER"] if log == "battery_brownout" else [])
+    assert "MOT_THST_EXPO is not written: " in of_ardupilot
+    assert "Command: actuator_output, behind the autopilot's thrust curve" in of_ardupilot
+    assert ardupilot(of_ardupilot) == {}
+
+
+@pytest.mark.recordings
+@pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
+def test_a_real_flight_whose_curve_is_below_the_range(recordings: Path) -> None:
+    log = (recordings / "px4" / "battery_brownout.ulg").read_bytes()
+    reported = identified(log, input="actuator_output", input_map="fit")
+    assert reported["parameters"]["thrust_curve"]["value"] < 0.0
+    assert curve_told(reported).startswith(
+        "No THR_MDL_FAC is proposed: what was found lies below the range of 0 to 1"
+    )
+    assert not re.search(r"-\d", curve_told(reported))

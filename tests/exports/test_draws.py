@@ -1,7 +1,9 @@
-"""Joint draws have the laws that the intervals are read from, and the covariance's correlations."""
+"""Joint draws: their laws and correlations, and files of simulators that are made of them."""
 
 from __future__ import annotations
 
+import json
+import runpy
 from pathlib import Path
 from typing import Any
 
@@ -13,14 +15,31 @@ import eivor as ev
 from eivor.errors import EstimationError, UsageError
 from eivor.inference.covariance import CovariancePart, JointCovariance, joint_draws
 from eivor.inference.distributions import shares_in_order
-from exports.documents import CORRELATIONS, JOINT, NUMBERS, document, written
+from exports.documents import (
+    CORRELATIONS,
+    GAIN,
+    GRAVITY,
+    HOVER,
+    JOINT,
+    KNOWN_VEHICLE,
+    NUMBERS,
+    PRIORS,
+    document,
+    of_rigid_body,
+    of_speeds,
+    refused,
+    saved,
+    vehicle_file,
+    written,
+)
+from exports.test_simulators import WORSE
 
-COUNT = 100_000
+LAW_DRAWS = 100_000
 
 
 @pytest.mark.parametrize("degrees", [5.0, 8.0, None])
 def test_marginal_laws_and_correlations(degrees: float | None, tmp_path: Path) -> None:
-    draws = ev.load_fit(written(document(degrees), tmp_path)).sample(COUNT, seed=3)
+    draws = ev.load_fit(written(document(degrees), tmp_path)).sample(LAW_DRAWS, seed=3)
     assert list(draws) == list(JOINT)
     edge = stats.norm.ppf(0.975) if degrees is None else stats.t.ppf(0.975, degrees)
     scaled = [(draws[name] - NUMBERS[name][0]) / NUMBERS[name][1] for name in JOINT]
@@ -28,21 +47,6 @@ def test_marginal_laws_and_correlations(degrees: float | None, tmp_path: Path) -
         assert np.median(item) == pytest.approx(0.0, abs=0.002)
         assert np.quantile(item, [0.025, 0.975]) == pytest.approx([-edge, edge], abs=0.005)
     np.testing.assert_allclose(np.corrcoef(scaled), CORRELATIONS, atol=0.01)
-
-
-@pytest.mark.thorough
-def test_single_draws_are_correlated_too() -> None:
-    """Each call has its own strata; the correlation must not come from the number of draws."""
-    covariance = JointCovariance((CovariancePart("classical", np.array([[1.0, 0.95], [0.95, 1.0]])),))
-    draws = [joint_draws(np.zeros(2), covariance, 1, np.random.default_rng(seed))[0] for seed in range(200)]
-    assert np.corrcoef(np.array(draws).T)[0, 1] == pytest.approx(0.95, abs=0.03)
-
-
-def test_the_same_seed_gives_the_same_draws(tmp_path: Path) -> None:
-    fit = ev.load_fit(written(document(), tmp_path))
-    first, again, other = (fit.sample(5, seed=seed)["input_gain"] for seed in (1, 1, 2))
-    np.testing.assert_array_equal(first, again)
-    assert not np.array_equal(first, other)
 
 
 def test_what_cannot_be_negative_is_cut_as_its_interval_is(tmp_path: Path) -> None:
@@ -57,7 +61,7 @@ def test_different_degrees_keep_their_correlation() -> None:
     matrix = np.array([[1.0, 0.8], [0.8, 1.0]])
     wide = CovariancePart("robust", matrix * [[1.0, 0.1], [0.1, 0.01]], 5.0)
     plain = CovariancePart("classical", matrix * [[0.01, 0.1], [0.1, 1.0]], share=0.81)
-    draws = joint_draws(np.zeros(2), JointCovariance((wide, plain)), COUNT, np.random.default_rng(1))
+    draws = joint_draws(np.zeros(2), JointCovariance((wide, plain)), LAW_DRAWS, np.random.default_rng(1))
     assert np.corrcoef(draws.T)[0, 1] == pytest.approx(0.8, abs=0.01)
     edges = [stats.t.ppf(0.975, 5.0), stats.norm.ppf(0.975) / 0.9]
     assert np.quantile(draws, 0.975, axis=0) == pytest.approx(edges, abs=0.005)
@@ -112,12 +116,11 @@ def test_several_nuisances_are_drawn_by_their_likelihood(tmp_path: Path) -> None
 
 
 @pytest.mark.usefixtures("unchecked_shapes")
-def test_other_delays_are_told(tmp_path: Path) -> None:
+def test_what_cannot_be_drawn_is_told(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="delays 'best' or 'all'"):
         ev.load_fit(written(document(), tmp_path)).sample(10, delays="some")
-
-
-def test_what_cannot_be_drawn_is_told(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="draws for rotorpy, mujoco, isaaclab"):
+        drawn("gazebo", tmp_path)
     fit = ev.load_fit(written(document(degrees=2.0), tmp_path))
     with pytest.raises(EstimationError, match="degrees of freedom"):
         fit.sample(10)
@@ -130,10 +133,105 @@ def test_what_cannot_be_drawn_is_told(tmp_path: Path) -> None:
         ev.load_fit(written(nothing, tmp_path)).sample(10)
 
 
-def test_hover_of_joint_draws_is_as_narrow_as_the_gain(tmp_path: Path) -> None:
-    """Mass and thrust drawn each by itself lose the ratio that a flight tells."""
-    draws = ev.load_fit(written(document(), tmp_path)).sample(10_000)
-    joint = 9.80665 / draws["input_gain"]
-    rng = np.random.default_rng(1)
-    boxes = rng.uniform(0.95, 1.05, 10_000) / rng.uniform(0.95, 1.05, 10_000)
-    assert 8.0 * joint.std() / joint.mean() < boxes.std()
+COUNT = 2000
+
+
+#: Relative standard deviations of what is drawn.
+GAIN_SPREAD, MASS_SPREAD = 8e-9 / GAIN * (8.0 / 6.0) ** 0.5, 0.01
+
+
+def drawn(to: str, folder: Path, record: dict[str, Any] | None = None) -> str:
+    fit = ev.load_fit(written(record or of_speeds(), folder))
+    return fit.export(to, vehicle=vehicle_file(folder), priors=PRIORS, draws=COUNT, seed=3)
+
+
+def python_file(to: str, folder: Path, **others: Any) -> dict[str, Any]:
+    path = folder / "draws.py"
+    path.write_text(drawn(to, folder, **others), encoding="utf-8")
+    return runpy.run_path(str(path))
+
+
+def spread(column: Any) -> float:
+    return float(np.std(column) / np.mean(column))
+
+
+def test_vehicles_of_rotorpy_hover_alike_though_masses_differ(tmp_path: Path) -> None:
+    vehicles = python_file("rotorpy", tmp_path)["vehicles"]
+    assert len(vehicles) == COUNT
+    mass, thrust = (np.array([vehicle[name] for vehicle in vehicles]) for name in ("mass", "k_eta"))
+    hover = np.sqrt(mass * 9.81 / (4 * thrust))
+    assert np.median(hover) == pytest.approx(HOVER, rel=1e-4)
+    assert spread(hover) == pytest.approx(GAIN_SPREAD / 2.0, rel=0.1)
+    assert spread(mass) == pytest.approx(MASS_SPREAD, rel=0.1)
+    boxes = np.sqrt(np.random.default_rng(1).permutation(mass) / thrust)
+    assert spread(boxes) > 4.0 * spread(hover)
+    assert all(vehicle["Izz"] <= vehicle["Ixx"] + vehicle["Iyy"] for vehicle in vehicles)
+    arms = [np.hypot(*vehicle["rotor_pos"]["r1"][:2]) for vehicle in vehicles]
+    assert spread(arms) == pytest.approx(0.0004 / 0.043, rel=0.1)
+    assert min(vehicle["tau_m"] for vehicle in vehicles) > 0.05
+
+
+@pytest.mark.thorough  # of the extra `simulators`
+def test_fields_of_mujoco_fit_its_model(tmp_path: Path) -> None:
+    mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed")
+    fields = {name: np.array(load) for name, load in json.loads(drawn("mujoco", tmp_path))["fields"].items()}
+    model = mujoco.MjModel.from_xml_path(saved("mujoco", tmp_path))
+    assert spread(fields["actuator_gainprm"] / fields["body_mass"]) == pytest.approx(GAIN_SPREAD, rel=0.1)
+    row = int(np.argmax(fields["body_mass"]))
+    model.body_mass[1], model.body_inertia[1] = fields["body_mass"][row], fields["body_inertia"][row]
+    model.actuator_gainprm[:, 0] = fields["actuator_gainprm"][row]
+    model.actuator_dynprm[:, 0] = fields["actuator_dynprm"][row]
+    model.actuator_gear[:, 5] = [-fields["actuator_gear"][row], fields["actuator_gear"][row]] * 2
+    model.dof_damping[:3] = fields["dof_damping"][row]
+    model.site_pos *= fields["site_pos"][row]
+    data = mujoco.MjData(model)
+    mujoco.mj_setConst(model, data)
+    mujoco.mj_resetDataKeyframe(model, data, 0)
+    mujoco.mj_step(model, data)
+    lift = 4 * fields["actuator_gainprm"][row] / fields["body_mass"][row]
+    assert data.qvel[2] / model.opt.timestep == pytest.approx(lift - GRAVITY, abs=1e-3)
+
+
+def test_ranges_of_isaac_lab_hold_95_percent_of_the_draws(tmp_path: Path) -> None:
+    file = python_file("isaaclab", tmp_path)
+    draws, thruster = file["draws"], file["thruster"]
+    hover = np.sqrt(np.array(draws["mass"]) * 9.81 / (4 * np.array(draws["thrust_const"])))
+    assert np.median(hover) * 2.0 * np.pi == pytest.approx(HOVER, rel=1e-4)
+    assert spread(hover) < 0.002
+    ends = file["events"]["randomize_rigid_body_mass"]["mass_distribution_params"]
+    for (low, high), name in (
+        (ends, "mass"),
+        (thruster["tau_inc_range"], "time_constant"),
+        (thruster["thrust_const_range"], "thrust_const"),
+    ):
+        inside = np.mean((np.array(draws[name]) >= low) & (np.array(draws[name]) <= high))
+        assert inside == pytest.approx(0.95, abs=0.002)
+    assert np.median(draws["linear_damping"]) == pytest.approx(0.3, rel=0.01)
+    assert thruster["use_discrete_approximation"] is False
+
+
+def test_draws_of_a_rigid_body_keep_what_its_flight_tells(tmp_path: Path) -> None:
+    """Inertia over mass and arm is a ratio of gains, told to a tenth of a percent."""
+    rigid_body = of_rigid_body(KNOWN_VEHICLE)
+    fit = ev.load_fit(written(rigid_body, tmp_path))
+    fields = {
+        name: np.array(load) for name, load in json.loads(fit.export("mujoco", draws=COUNT))["fields"].items()
+    }
+    ratio = fields["body_inertia"][:, 0] / (fields["body_mass"] * fields["site_pos"])
+    assert spread(ratio) < 0.004
+    assert spread(fields["body_inertia"][:, 0]) > 0.012
+    assert np.all(fields["body_inertia"][:, 2] <= fields["body_inertia"][:, :2].sum(axis=1))
+    assert np.median(fields["actuator_gear"]) == pytest.approx(0.034, rel=0.01)
+
+
+@pytest.mark.parametrize("to", ["rotorpy", "isaaclab", "mujoco"])
+def test_no_name_breaks_out_of_draws(to: str, tmp_path: Path) -> None:
+    reported = refused(of_speeds(), "viscous_friction", WORSE)
+    reported["provenance"]["logs"][0]["name"] = WORSE
+    text = drawn(to, tmp_path, reported)
+    assert text.isascii()
+    assert "drag_z is not written: viscous_friction is refused. a" in text
+    if to == "mujoco":
+        assert not np.any(json.loads(text)["fields"]["dof_damping"])
+    else:
+        assert "linear_damping" not in python_file(to, tmp_path, record=reported).get("draws", {})

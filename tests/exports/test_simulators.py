@@ -3,34 +3,102 @@
 from __future__ import annotations
 
 import ast
+import json
 import tomllib
-from dataclasses import asdict
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+from xml.parsers import expat
 
 import numpy as np
 import pytest
 
 import eivor as ev
-from eivor.errors import NotIdentifiedError, ParameterError, UsageError
-from eivor.motions.rigid_body.vehicle import load_vehicle
-from exports.documents import document, of_rigid_body, of_speeds, refused, written
-from exports.simulated import (
+from eivor.errors import MissingReaderError, NotIdentifiedError, ParameterError, UsageError
+from exports.documents import (
     FRICTION,
     GAIN,
     GRAVITY,
     HOVER,
+    JOINT,
+    KNOWN_VEHICLE,
+    LAG,
     PRIORS,
+    climb,
+    document,
     exported,
+    lopsided_file,
+    of_rigid_body,
+    of_speeds,
     quad_params,
+    quantity,
+    refused,
     table,
     vehicle_file,
+    written,
 )
 from exports.test_autopilots import HOSTILE, qgc
-from exports.xml_tree import xml_tree
+
+
+@dataclass
+class Element:
+    """An element; comments and blanks between elements are left out."""
+
+    name: str
+    attributes: dict[str, str] = field(default_factory=dict)
+    children: list[Element] = field(default_factory=list)
+    text: str = ""
+
+    def __getitem__(self, position: int) -> Element:
+        return self.children[position]
+
+    def all(self, name: str) -> list[Element]:
+        """Its children of a name."""
+        return [child for child in self.children if child.name == name]
+
+    def one(self, path: str) -> Element:
+        """The only child of each name on the path."""
+        result = self
+        for name in path.split("/"):
+            (result,) = result.all(name)
+        return result
+
+    def numbers(self, path: str) -> list[float]:
+        """Numbers in the text of the only child on the path."""
+        return [float(word) for word in self.one(path).text.split()]
+
+
+def xml_tree(text: str) -> Element:
+    """Root of a document without declarations of its own."""
+    top = Element("")
+    within = [top]
+    parser = expat.ParserCreate()
+
+    def start(name: str, attributes: dict[str, str]) -> None:
+        within[-1].children.append(Element(name, attributes))
+        within.append(within[-1].children[-1])
+
+    def letters(data: str) -> None:
+        within[-1].text += data.strip()
+
+    def declaration(*_: object) -> None:
+        raise AssertionError("a document type, which no file of ours has")
+
+    parser.StartElementHandler, parser.EndElementHandler = start, lambda _: within.pop()
+    parser.CharacterDataHandler, parser.StartDoctypeDeclHandler = letters, declaration
+    parser.buffer_text = True
+    parser.Parse(text, True)
+    (root,) = top.children
+    return root
+
 
 TARGETS = ("rotorpy", "mujoco", "pybullet", "gazebo", "drone-models", "sih")
+
+
 XML = ("mujoco", "pybullet", "gazebo")
+
+
 #: Ends comments and strings in every format.
 WORSE = f'{HOSTILE} --> </sdf> """ \' # [other]\nmass = 9 <!-- -'
 
@@ -47,8 +115,7 @@ def test_rotorpy_by_hand(tmp_path: Path) -> None:
 
 def test_a_rigid_body_tells_inertia_and_torque(tmp_path: Path) -> None:
     """Of a flight that turns about all axes only the largest command is asked for."""
-    rigid_body = of_rigid_body(asdict(load_vehicle(vehicle_file(tmp_path))) | {"name": WORSE})
-    rigid_body["prediction"]["vehicle"]["torque_ratio"] = None
+    rigid_body = of_rigid_body(KNOWN_VEHICLE | {"name": WORSE})
     fit = ev.load_fit(written(rigid_body, tmp_path))
     result = table(fit.export("drone-models"))
     np.testing.assert_allclose(np.diag(result["J"]) * 1e5, [1.43, 1.45, 2.7], rtol=1e-3)
@@ -101,6 +168,7 @@ def test_intervals_log_and_hash_stand_beside_the_numbers(target: str, tmp_path: 
     assert "lag of the rotors [s]: 0.072, 95 % interval [0.07, 0.074], identified" in text
     assert "flight.ulg, SHA-256 abab" in text
     assert "mass [kg]: 0.03, 95 % interval [0.029412, 0.030588], given" in text
+    assert "back by 0.015 s" in exported(target, tmp_path, of_speeds(delay=(0.015, 0.0)))
 
 
 @pytest.mark.parametrize("target", TARGETS)
@@ -140,6 +208,10 @@ def test_a_refused_lag_must_be_given(target: str, tmp_path: Path) -> None:
 
 
 def test_all_that_is_missing_is_said_at_once(tmp_path: Path) -> None:
+    turning = of_speeds()
+    turning["model"]["name"] = "angular_rates"
+    with pytest.raises(UsageError, match="the vertical motion or the rigid body"):
+        exported("mujoco", tmp_path, turning)
     fit = ev.load_fit(written(of_speeds(), tmp_path))
     with pytest.raises(NotIdentifiedError, match=r"--mass 1.53:0.02.* and .*--vehicle FILE.toml"):
         fit.export("rotorpy")
@@ -184,18 +256,6 @@ def test_rotors_elsewhere_are_refused_where_a_simulator_knows_one_order(tmp_path
     assert "rotor4" in fit.export("mujoco", vehicle=plus, priors=PRIORS)
 
 
-def test_other_motions_are_refused(tmp_path: Path) -> None:
-    speeds = of_speeds()
-    speeds["model"]["name"] = "angular_rates"
-    with pytest.raises(UsageError, match="the vertical motion or the rigid body"):
-        exported("mujoco", tmp_path, speeds)
-
-
-def test_a_delay_is_said(tmp_path: Path) -> None:
-    for target in ("rotorpy", "mujoco", "pybullet", "gazebo", "drone-models", "sih"):
-        assert "back by 0.015 s" in exported(target, tmp_path, of_speeds(delay=(0.015, 0.0)))
-
-
 def test_a_result_without_an_estimate_ends_in_a_sentence(tmp_path: Path) -> None:
     file = tmp_path / "fit.json"
     file.write_text(ev.identify_flight(ev.example_flight(), window=(0.0, 2.0)).to_json())
@@ -205,3 +265,163 @@ def test_a_result_without_an_estimate_ends_in_a_sentence(tmp_path: Path) -> None
     for target in TARGETS:
         with pytest.raises((NotIdentifiedError, UsageError)):
             fit.export(target)
+
+
+#: What each element holds, by the specification of SDFormat 1.9; plugins are their own.
+CHILDREN = {
+    "sdf": {"model"},
+    "model": {"link", "joint", "plugin"},
+    "link": {"pose", "inertial"},
+    "inertial": {"pose", "mass", "inertia"},
+    "inertia": {"ixx", "ixy", "ixz", "iyy", "iyz", "izz"},
+    "joint": {"parent", "child", "axis"},
+    "axis": {"xyz", "limit"},
+    "limit": {"lower", "upper"},
+}
+
+
+#: What gz-sim's motor model reads.
+MOTOR = {
+    *("robotNamespace", "jointName", "linkName", "turningDirection", "motorType", "actuator_number"),
+    *("timeConstantUp", "timeConstantDown", "maxRotVelocity", "motorConstant", "momentConstant"),
+    *("rotorDragCoefficient", "rollingMomentCoefficient", "rotorVelocitySlowdownSim"),
+    *("commandSubTopic", "motorSpeedPubTopic"),
+}
+
+
+def check(element: Element) -> None:
+    """Elements in their places, and names that are there once."""
+    if element.name == "plugin":
+        assert {child.name for child in element.children} == MOTOR
+        return
+    allowed = CHILDREN.get(element.name, set())
+    names = [child.name for child in element.children]
+    assert set(names) <= allowed, element.name
+    if element.name != "model":
+        assert len(set(names)) == len(names)
+    for child in element.children:
+        check(child)
+
+
+def body(link: Element) -> tuple[float, np.ndarray, np.ndarray]:
+    """Mass, centre and inertia about it of a link that a simulator takes."""
+    (mass,) = link.numbers("inertial/mass")
+    position, centre = (np.array(link.numbers(path)) for path in ("pose", "inertial/pose"))
+    assert position.shape == centre.shape == (6,)
+    assert not np.any(position[3:])
+    inertia = link.one("inertial/inertia")
+    xx, xy, xz, yy, yz, zz = (inertia.numbers(name)[0] for name in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"))
+    matrix = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    moments = np.linalg.eigvalsh(matrix)
+    assert mass > 0.0
+    assert moments[0] > 0.0
+    assert moments[2] <= moments[:2].sum() * (1.0 + 1e-9)
+    return mass, position[:3] + centre[:3], matrix
+
+
+@pytest.mark.parametrize("vehicle", [vehicle_file, lopsided_file])
+def test_links_together_are_the_vehicle(vehicle: Callable[[Path], Path], tmp_path: Path) -> None:
+    fit = ev.load_fit(written(of_speeds(), tmp_path))
+    root = xml_tree(fit.export("gazebo", vehicle=vehicle(tmp_path), priors=PRIORS))
+    check(root)
+    assert (root.name, root.attributes["version"]) == ("sdf", "1.9")
+    model = root.one("model")
+    bodies = [body(link) for link in model.all("link")]
+    mass = sum(item[0] for item in bodies)
+    centre = sum(item[0] * item[1] for item in bodies) / mass
+    inertia = sum(
+        matrix + each * (item @ item * np.eye(3) - np.outer(item, item)) for each, item, matrix in bodies
+    )
+    assert mass == pytest.approx(0.03, rel=1e-12)
+    np.testing.assert_allclose(centre, 0.0, atol=1e-15)
+    np.testing.assert_allclose(inertia, np.diag([1.43e-5, 1.45e-5, 2.7e-5]), atol=1e-17)
+
+
+def test_motors_are_those_of_the_flight(tmp_path: Path) -> None:
+    text = exported("gazebo", tmp_path)
+    model = xml_tree(text).one("model")
+    links = {link.attributes["name"] for link in model.all("link")}
+    joints = {joint.attributes["name"]: joint for joint in model.all("joint")}
+    motors = model.all("plugin")
+    assert len(motors) == 4
+    for number, motor in enumerate(motors):
+        assert motor.attributes["filename"] == "gz-sim-multicopter-motor-model-system"
+        assert motor.attributes["name"] == "gz::sim::systems::MulticopterMotorModel"
+        joint = joints[motor.one("jointName").text]
+        assert joint.one("child").text == motor.one("linkName").text
+        assert {joint.one("parent").text, joint.one("child").text} <= links
+        assert motor.one("turningDirection").text == ("ccw", "cw")[number % 2]
+        assert motor.numbers("actuator_number") == [number]
+        assert motor.numbers("timeConstantUp") == motor.numbers("timeConstantDown") == [LAG]
+        assert motor.numbers("momentConstant") == [0.034]
+    lift = 4 * motors[0].numbers("motorConstant")[0] * HOVER**2
+    assert lift == pytest.approx(0.03 * 9.8)
+    assert motors[0].numbers("motorConstant")[0] == pytest.approx(0.03 * GAIN / 4 * 9.8 / GRAVITY)
+    assert "drag along z is not in this file" in text
+
+
+def test_the_gain_at_rest_is_that_of_the_equation(tmp_path: Path) -> None:
+    made = ev.load_fit(written(document(delay=(0.005, 0.0)), tmp_path)).to_statespace()
+    assert made.states == ("actuator", "velocity_z")
+    assert made.delay_s == 0.005
+    rest = -made.C @ np.linalg.solve(made.A, made.B)
+    assert rest[0, 0] == pytest.approx(23.9 / 0.3)
+    assert sorted(np.linalg.eigvals(made.A).real) == pytest.approx([-1 / 0.05, -0.3])
+
+
+def test_a_curved_map_enters_by_its_slope_at_hover(tmp_path: Path) -> None:
+    reported = document()
+    reported["model"]["input_map"] = "square"
+    reported["model"]["input_measured"] = True
+    made = ev.load_fit(written(reported, tmp_path)).to_statespace()
+    assert made.B.item() == pytest.approx(23.9 * 2.0 * 0.41)
+    assert (made.A.item(), made.states) == (-0.3, ("velocity_z",))
+
+
+@pytest.mark.parametrize("name", [*JOINT, "delay", "hover_input"])
+def test_what_is_refused_must_be_given(name: str, tmp_path: Path) -> None:
+    fit = ev.load_fit(written(refused(document(), name), tmp_path))
+    with pytest.raises(NotIdentifiedError, match=f"{name} is refused. The flight does not identify it"):
+        fit.to_statespace()
+    reported = json.loads(fit.export("statespace", priors={name: (0.2, 0.01)}))
+    assert reported["numbers"][name]["value"] == 0.2
+    assert reported["numbers"][name]["source"] == "given"
+    assert reported["schema"] == "eivor.statespace/1"
+    assert np.shape(reported["A"]) == (2, 2)
+
+
+def test_wrong_priors_are_told(tmp_path: Path) -> None:
+    fit = ev.load_fit(written(document(), tmp_path))
+    with pytest.raises(UsageError, match="priors that statespace uses"):
+        fit.export("statespace", priors={"drag": (0.2, 0.01)})
+    with pytest.raises(UsageError, match="not below zero"):
+        fit.export("statespace", priors={"delay": (0.2, -0.01)})
+    with pytest.raises(UsageError, match="a mass above zero"):
+        fit.export("statespace", mass=(0.0, 0.01))
+
+
+@pytest.mark.thorough  # python-control takes seconds to import
+def test_python_control_takes_it_and_climbs_as_the_flight_did(tmp_path: Path) -> None:
+    control = pytest.importorskip("control", reason="python-control is not installed")
+    speeds = of_speeds(delay=(0.02, 0.0))
+    speeds["parameters"]["viscous_friction"] = quantity(FRICTION, 0.02)
+    linear = ev.load_fit(written(speeds, tmp_path)).to_statespace()
+    made = linear.to_control()
+    assert made.input_labels == ["rotor_command"]
+    assert made.output_labels == ["velocity_z"]
+    assert made.state_labels == ["actuator", "velocity_z"]
+    hover = speeds["derived"]["hover_input"]["value"]
+    assert float(np.real(control.dcgain(made))) == pytest.approx(2.0 * GAIN * hover / FRICTION)
+    answer = control.step_response(made, T=np.linspace(0.0, 1.0, 101))
+    assert 1e-4 * hover * answer.outputs[-1] == pytest.approx(climb(1.0 + 1e-4, 1.0), rel=1e-3)
+    late = made * control.tf(*control.pade(linear.delay_s, 4))
+    behind = control.step_response(late, T=np.linspace(0.0, 1.0, 101)).outputs
+    np.testing.assert_allclose(behind[20:], answer.outputs[18:-2], rtol=1e-3)
+
+
+def test_without_python_control_it_says_what_to_install(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(__import__("sys").modules, "control", None)
+    with pytest.raises(MissingReaderError, match="pip install control"):
+        ev.load_fit(written(document(), tmp_path)).to_statespace().to_control()

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from datetime import UTC, datetime
+from pathlib import Path
+
 import numpy as np
 import polars as pl
 import pytest
@@ -25,16 +28,19 @@ from eivor.fleet.analysis import (
     fleet_reports,
     wanted_columns,
 )
-from eivor.fleet.logs import given_covariates, with_covariates
-from eivor.fleet.report import few_footnote, fleet_document, interval_text, next_text
-from eivor.fleet.table import LEADING, TRAILING, read_flights
+from eivor.fleet.logs import given_covariates, logs_found, with_covariates
+from eivor.fleet.report import few_footnote, fleet_document, flight_links, interval_text, linked, next_text
+from eivor.fleet.run import run_fleet
+from eivor.fleet.table import FleetOptions, read_flights, write_report
 from eivor.motions.rigid_body.motion import RigidBody
 from eivor.motions.table import motion_by_name
 from eivor.report.terminal import on_terminal
 from fleets.fleet_rows import row, write_fleet
-from validation.simulated_fleets import FleetSpec, fleet_rows, fleet_truth
+from validation.simulated_fleets import FleetSpec, fleet_rows, fleet_truth, write_fleet_logs
 
 VERTICAL = motion_by_name("vertical")
+
+
 GAIN, FRICTION, HOVER = "input_gain", "viscous_friction", "hover_input"
 
 
@@ -167,18 +173,6 @@ def test_logs_without_a_vehicle_are_pooled_with_nothing() -> None:
     assert "A log without a vehicle id stands alone under its own name" in text
 
 
-def test_vehicles_of_no_known_type_are_of_no_type() -> None:
-    table = fleet_rows(FleetSpec(vehicles=2, flights=12, weather=0.05, seed=6))
-    report = reported(FleetSpec(), table.with_columns(type=pl.lit(None, pl.String)))
-    assert of(report, GAIN).select("type", "vehicle", "pooled").rows() == [
-        ("unknown", "v0000", 12),
-        ("unknown", "v0001", 12),
-    ]
-    assert report.types.height == 0
-    assert set(report.covariates["type"]) == {"unknown, v0000", "unknown, v0001"}
-    assert "2 vehicles of 0 types" in plain(report)
-
-
 def test_the_intervals_of_a_share_stay_within_its_bounds() -> None:
     """Two vehicles of a type that hover at .12 and at .93: by logarithms up to 140,000 times full command."""
     table = fleet_rows(FleetSpec(vehicles=2, flights=3, between_flights=0.2, seed=3))
@@ -226,17 +220,6 @@ def test_a_slope_that_the_flights_leave_as_expected_is_not_told() -> None:
     assert "load" not in report.covariates["covariate"].to_list()
     few = reported(FleetSpec(vehicles=5, flights=1, weather=0.05, battery=0.05))
     assert few.covariates.height == 0
-
-
-def test_flights_without_a_time_are_pooled_and_have_no_course():
-    table = fleet_rows(FleetSpec(vehicles=1, flights=12)).with_columns(
-        start=pl.lit(None, pl.Datetime("us", "UTC"))
-    )
-    (identified,) = of(reported(FleetSpec(), table), GAIN).rows(named=True)
-    assert (identified["pooled"], identified["course"]) == (12, "")
-    half = at(fleet_rows(FleetSpec(vehicles=1, flights=12)), "start", dict.fromkeys(range(7)))
-    (identified,) = of(reported(FleetSpec(), half), GAIN).rows(named=True)
-    assert (identified["pooled"], identified["course"], identified["change"]) == (12, "", None)
 
 
 def test_a_broken_propeller_is_dated_in_its_vehicle_and_nowhere_else():
@@ -338,44 +321,6 @@ def test_a_flight_and_a_vehicle_that_are_out_of_line_are_named():
     assert report.vehicles.filter(pl.col("differs"))["vehicle"].to_list() == ["v0000"]
 
 
-def test_a_flight_that_deviates_hides_no_step() -> None:
-    spec = FleetSpec(vehicles=2, flights=40, weather=0.05, battery=0.03, broken=((1, 17, 0.12),), seed=3)
-    table = fleet_rows(spec)
-    value = table[f"{GAIN}.value"].to_list()
-    table = at(table, f"{GAIN}.value", {item: 1.6 * value[item] for item in (8, 30, 50, 72)})
-    report = reported(FleetSpec(), table)
-    first, second = of(report, GAIN).rows(named=True)
-    assert (first["course"], second["course"]) == (STEADY, STEPS)
-    assert abs(second["step_flight"] - 18) <= 3
-    identified = report.deviating.filter(pl.col("quantity") == GAIN)["name"].to_list()
-    assert set(identified) == {table["name"][item] for item in (8, 30, 50, 72)}
-
-
-def test_a_vehicle_whose_flights_scatter_more_does_not_differ() -> None:
-    """Its mean is known less well than the scatter that its type shares would say."""
-    table = fleet_rows(FleetSpec(vehicles=12, flights=8, between_vehicles=0.01, seed=2))
-    value = table[f"{GAIN}.value"].to_list()
-    scatter = 1.12 + 0.35 * np.random.default_rng(1).standard_normal(8)
-    table = at(table, f"{GAIN}.value", {index: scatter[index] * value[index] for index in range(8)})
-    vehicles = of(reported(FleetSpec(), table), GAIN)
-    assert vehicles["mean"][0] > 1.08 * vehicles["mean"].median()
-    assert not vehicles["differs"].any()
-
-
-def test_simulated_rows_are_a_table_of_a_fleet(tmp_path):
-    table = fleet_rows(FleetSpec(vehicles=1, flights=2))
-    assert set(LEADING) | set(TRAILING) <= set(table.columns)
-    (tmp_path / "flights").mkdir()
-    table.write_parquet(tmp_path / "flights" / "part-0.parquet")
-    assert read_flights(tmp_path)["name"].to_list() == ["v0000-0000.ulg", "v0000-0001.ulg"]
-
-
-def test_a_table_that_tells_nothing_is_reported():
-    report = fleet_report(pl.DataFrame([row("a", verdict="failed", reason="It is empty.")]), VERTICAL)
-    assert not report.vehicles.height
-    assert not report.quantities
-
-
 def test_a_folder_has_a_report_for_each_motion(tmp_path):
     numbers = {f"{FRICTION}.{part}": 0.4 for part in ("value", "std_error", "low", "high")}
     fleet = write_fleet(
@@ -400,6 +345,61 @@ def test_a_next_vehicle_that_may_be_anywhere_has_no_interval() -> None:
     assert next_text(row | {"next_high": 4.0}, wording).endswith(" *")
 
 
+#: Where the clocks of logs of one vehicle begin [s since 1970].
+BEGIN = {"unset": 30.0, "autumn_of_1970": 86400.0 * 300, "set": 1.77e9, "far": 9.9e12}
+
+
+@pytest.mark.thorough
+def test_clocks_of_1970_tell_no_time(tmp_path: Path) -> None:
+    (log,) = write_fleet_logs(FleetSpec(vehicles=1, flights=1, duration_s=6.0), tmp_path / "made")
+    rows = pl.read_parquet(log)
+    logs = tmp_path / "logs"
+    (logs / "one").mkdir(parents=True)
+    for name, begin in BEGIN.items():
+        rows.with_columns(pl.col("time") - rows["time"][0] + begin).write_csv(logs / "one" / f"{name}.csv")
+    options = FleetOptions(vehicle_from="{vehicle}/*.csv")
+    run_fleet(logs_found(str(logs)), tmp_path / "fleet", options, guarded=False)
+    path = read_flights(tmp_path / "fleet", ["name", "start", "duration_s"])
+    assert dict(path.select("name", "start").rows()) == {
+        f"one/{name}.csv": datetime(2026, 2, 2, 2, 40, tzinfo=UTC) if name == "set" else None
+        for name in BEGIN
+    }
+    assert path["duration_s"].is_between(5.9, 6.0).all()
+    (report,) = fleet_reports(tmp_path / "fleet")
+    assert report.logs["logs"] == len(BEGIN)
+    assert report.flights["vehicle"].to_list() == ["one"] * len(BEGIN)
+
+
+HASH = "0123456789abcdef" * 4
+
+
+@pytest.mark.parametrize(
+    ("page", "address"),
+    [
+        ("report.html", f"my%20fleet/reports/{HASH}.html"),
+        ("my fleet/report.html", f"reports/{HASH}.html"),
+        ("pages/report.html", f"../my%20fleet/reports/{HASH}.html"),
+    ],
+)
+def test_addresses_are_relative_to_the_page_and_say_the_hash_alone(
+    tmp_path: Path, page: str, address: str
+) -> None:
+    folder = tmp_path / "my fleet"
+    folder.mkdir()
+    assert flight_links(folder, tmp_path / page) == {}
+    write_report(folder, HASH, "a page")
+    (folder / "reports" / "javascript:alert(1).html").write_text("somebody else's")
+    assert flight_links(folder, tmp_path / page) == {HASH: address}
+    assert linked("a.ulg", HASH, {HASH: "there"}).link == "there"
+    assert linked("a.ulg", "", {HASH: "there"}).below == "no report of its own"
+
+
+def test_a_table_that_tells_nothing_is_reported():
+    report = fleet_report(pl.DataFrame([row("a", verdict="failed", reason="It is empty.")]), VERTICAL)
+    assert not report.vehicles.height
+    assert not report.quantities
+
+
 def test_a_mean_that_reaches_far_keeps_its_digits() -> None:
     wording, names = RigidBody.wording["pitch_damping"], ("mean", "low", "high")
     assert interval_text({"mean": 0.2432, "low": 1.7e-5, "high": 3412.0}, wording, names) == (
@@ -408,3 +408,14 @@ def test_a_mean_that_reaches_far_keeps_its_digits() -> None:
     )
     assert interval_text({"mean": 24.32, "low": 11.0, "high": 350.0}, wording, names)[0] == "20"
     assert interval_text({"mean": None, "low": None, "high": None}, wording, names) == ("–", "–")
+
+
+def test_flights_without_a_time_are_pooled_and_have_no_course():
+    table = fleet_rows(FleetSpec(vehicles=1, flights=12)).with_columns(
+        start=pl.lit(None, pl.Datetime("us", "UTC"))
+    )
+    (identified,) = of(reported(FleetSpec(), table), GAIN).rows(named=True)
+    assert (identified["pooled"], identified["course"]) == (12, "")
+    half = at(fleet_rows(FleetSpec(vehicles=1, flights=12)), "start", dict.fromkeys(range(7)))
+    (identified,) = of(reported(FleetSpec(), half), GAIN).rows(named=True)
+    assert (identified["pooled"], identified["course"], identified["change"]) == (12, "", None)

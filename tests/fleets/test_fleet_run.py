@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import errno
+import hashlib
 import json
+import os
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,10 +16,11 @@ import pytest
 
 from eivor.atomic_file import folder_lock, parquet_bytes
 from eivor.errors import InputError, UsageError
-from eivor.fleet.logs import LogList, logs_found
-from eivor.fleet.run import COPIES, hashed, run_fleet
+from eivor.fleet.logs import Log, LogList, logs_found
+from eivor.fleet.run import COPIES, Work, hashed, run_fleet, work_of
 from eivor.fleet.table import (
     IDENTITY,
+    KEY_COLUMNS,
     RUN,
     FleetOptions,
     part_files,
@@ -25,6 +30,7 @@ from eivor.fleet.table import (
 )
 from eivor.process_pool import Limits
 from fleets.fleet_tasks import rows_of, write_logs
+from studies.study_parts import SOURCES
 
 OPTIONS = FleetOptions()
 
@@ -83,12 +89,6 @@ def test_what_is_there_is_not_made_again(logs, tmp_path):
     (logs / "e.csv").unlink()
     assert run(logs, folder).elsewhere == 1
     assert content(folder) != before
-
-
-def test_the_table_does_not_depend_on_the_tasks(logs, tmp_path):
-    for size in (1, 2, 100):
-        run(logs, tmp_path / f"{size}", shard_logs=size)
-    assert content(tmp_path / "1") == content(tmp_path / "2") == content(tmp_path / "100")
 
 
 def test_an_interrupt_keeps_what_was_done(logs, tmp_path, monkeypatch):
@@ -152,23 +152,6 @@ def test_logs_that_cannot_be_opened_have_rows_until_they_can(logs, tmp_path, mon
     write_logs(logs, {"huge.bin": "small"})
     run(logs, folder)
     assert not any("unopened" in path.name for path in part_files(folder))
-
-
-def test_rows_of_logs_that_could_not_be_opened_stay_where_other_logs_are_run(logs, tmp_path):
-    folder = tmp_path / "fleet"
-    for number in range(70):
-        (logs / f"gone-{number}.ulg").symlink_to("nowhere")
-    assert run(logs, folder).verdicts == {"weak": 3, "failed": 70, "copy": 1}
-    before, made = content(folder), {path: path.read_bytes() for path in part_files(folder)}
-    write_logs(tmp_path / "others", {"gone-1.ulg": "here", "x.csv": "other"})
-    assert run(tmp_path / "others", folder).verdicts == {"weak": 2}
-    table = read_flights(folder)
-    assert table.filter(pl.col("name").str.starts_with("gone-"), verdict="failed").height == 69
-    assert table.height == 4 + 70 + 1
-    run(logs, folder)
-    again = {path: path.read_bytes() for path in part_files(folder)}
-    assert made.items() <= again.items()
-    assert before != content(folder)  # gone-1.ulg of the other folder has a row of its own
 
 
 def test_every_row_has_the_vehicle_that_its_path_or_the_list_tells(logs, tmp_path):
@@ -244,18 +227,6 @@ def test_a_folder_of_other_options_or_versions_is_refused(logs, tmp_path):
         run(logs, logs / "a.csv")
 
 
-def test_motions_share_a_folder(logs, tmp_path):
-    folder = tmp_path / "fleet"
-    run(logs, folder)
-    done = run(logs, folder, FleetOptions(motion="rates"))
-    assert (done.before, done.elsewhere) == (0, 0)
-    assert read_flights(folder).group_by("motion").len().sort("motion").rows() == [
-        ("rates", 4),
-        ("vertical", 4),
-    ]
-    assert set(json.loads((folder / IDENTITY).read_text())["options"]) == {"rates", "vertical"}
-
-
 def test_one_run_at_a_time(logs, tmp_path):
     folder = tmp_path / "fleet"
     run(logs, folder)
@@ -282,15 +253,6 @@ def test_nothing_to_do_is_told(tmp_path):
     with pytest.raises(InputError, match=r"received none \(0 other files\)"):
         run(tmp_path / "logs", tmp_path / "fleet")
     assert not (tmp_path / "fleet").exists()
-
-
-def test_a_folder_that_cannot_be_written(logs, tmp_path, monkeypatch):
-    def refuse(*_choices, **_more):
-        raise PermissionError(errno.EACCES, "Permission denied")
-
-    monkeypatch.setattr(Path, "mkdir", refuse)
-    with pytest.raises(InputError, match=r"that the fleet can be written to; received .*Permission denied"):
-        run(logs, tmp_path / "fleet")
 
 
 def test_flights_have_reports_of_their_own_where_they_are_asked_for(logs, tmp_path):
@@ -321,3 +283,83 @@ def test_a_report_that_cannot_be_written_is_no_fault_of_its_log(logs, tmp_path):
     (tmp_path / "fleet" / "reports").unlink()
     run(logs, tmp_path / "fleet", page_of=str)
     assert "failed" not in set(read_flights(tmp_path / "fleet")["verdict"])
+
+
+#: Of the plan by which processes are killed.
+SEED = 0
+
+
+#: Begins runs as children of a process that has loaded everything, and kills them, until it was often enough.
+SCRIPT = """
+import os, signal, sys, time
+from pathlib import Path
+import numpy as np
+from eivor.fleet import run as shard
+from eivor.fleet.table import FleetOptions
+from eivor.fleet.logs import logs_found
+from eivor.fleet.run import run_fleet
+from fleets.fleet_tasks import QuickRow
+shard.RowOfLog = QuickRow
+logs, folder, kills, options = sys.argv[1], Path(sys.argv[2]), int(sys.argv[3]), FleetOptions()
+plan, killed, fleets = np.random.default_rng({seed}), 0, 1
+while killed < kills:
+    child = os.fork()
+    if not child:
+        run_fleet(logs_found(logs), folder / str(fleets), options, guarded=False, shard_logs=3)
+        os._exit(0)
+    time.sleep(plan.uniform(0.02, 1.2))
+    os.kill(child, signal.SIGKILL)
+    was_killed = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) != 0
+    killed, fleets = killed + was_killed, fleets + (not was_killed)
+for fleet in range(fleets + 1):  # the first was never killed
+    run_fleet(logs_found(logs), folder / str(fleet), options, guarded=False, shard_logs=3)
+"""
+
+
+@pytest.mark.parametrize(
+    "kills", [pytest.param(3, marks=pytest.mark.thorough), pytest.param(50, marks=pytest.mark.long)]
+)
+def test_killed_at_random_instants(tmp_path, kills):
+    """SIGKILL to who runs the fleet and begins it again; what is done is begun anew in another folder."""
+    texts = {f"{number:03d}.csv": f"slow {number % 50}" for number in range(60)}
+    logs = write_logs(tmp_path / "logs", texts)
+    script = tmp_path / "script.py"
+    script.write_text(SCRIPT.format(seed=SEED), encoding="utf-8")
+    fleets = tmp_path / "fleets"
+    subprocess.run(
+        [sys.executable, str(script), str(logs), str(fleets), str(kills)],
+        env=os.environ | {"PYTHONPATH": SOURCES},
+        check=True,
+    )
+    tables = {folder.name: content(folder) for folder in fleets.iterdir()}
+    assert len(tables) >= 2
+    assert read_flights(fleets / "0").height == len(texts)
+    assert set(tables.values()) == {tables["0"]}
+
+
+def sha256(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def log(name: str, content: str = "") -> Log:
+    return Log(f"/logs/{name}", name, {"tail": "N1"}, sha256(content) if content else "")
+
+
+def known_rows(*record: tuple[str, str, str]) -> pl.DataFrame:
+    known = [(name, sha256(content) if content else None, verdict) for name, content, verdict in record]
+    return pl.DataFrame(known, schema=dict.fromkeys(KEY_COLUMNS, pl.String), orient="row")
+
+
+def work(logs: list[Log], there: pl.DataFrame) -> Work:
+    return work_of(LogList.of(logs).table, there)
+
+
+def test_the_numbers_are_of_the_row_that_is_there_else_of_the_first_by_name():
+    logs = [log("c", "one"), log("a", "one"), log("b", "two"), log("d", "two"), log("e", "three"), log("f")]
+    there = known_rows(
+        ("gone", "two", "weak"), ("b", "two", "copy"), ("e", "three", "failed"), ("x", "", "failed")
+    )
+    result = work(logs, there)
+    assert result.identify["name"].to_list() == ["a"]
+    assert result.copies.select("name", "first").rows() == [("c", "a"), ("d", "gone")]
+    assert result.opened.height == 5

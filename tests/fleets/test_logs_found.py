@@ -21,12 +21,7 @@ def names(result):
 
 
 def test_content_or_ending_makes_a_log(tmp_path):
-    logs = {
-        "b/flight.CSV": "a,b\n1,2\n",
-        "a.ulg": "",
-        "table": CANONICAL,
-        "old.bag": "",
-    }
+    logs = {"b/flight.CSV": "a,b\n1,2\n", "a.ulg": "", "table": CANONICAL, "old.bag": ""}
     others = {"README.md": "Logs, and more\nof them\n", "b/notes": "a, b", "image.png": "\x00", "empty": ""}
     result = logs_found(str(write_logs(tmp_path, {**logs, **others})))
     assert names(result) == ["a.ulg", "b/flight.CSV", "old.bag", "table"]

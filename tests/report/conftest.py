@@ -8,39 +8,35 @@ from importlib import resources
 import numpy as np
 import pytest
 
+import eivor as ev
 import shape_checks
 from coarse_search import coarse
-from eivor.flights.options import FlightOptions
-from eivor.flights.result import FlightEstimate
-from eivor.logs import read_log
-from eivor.motions.identify import identify_flight
-from eivor.signals.recording import Recording
 
 
 @pytest.fixture(scope="session")
-def recording() -> Recording:
+def recording() -> ev.Recording:
     """The bundled example flight."""
     with resources.as_file(resources.files("eivor.data").joinpath("example_flight.parquet")) as path:
-        return read_log(path)
+        return ev.read_log(path)
 
 
 @pytest.fixture(scope="session")
-def fit(recording: Recording) -> FlightEstimate:
+def fit(recording: ev.Recording) -> ev.FlightEstimate:
     """Its result."""
-    return identify_flight(recording)
+    return ev.identify_flight(recording)
 
 
 @pytest.fixture(scope="session")
-def pool(recording: Recording) -> FlightEstimate:
+def pool(recording: ev.Recording) -> ev.FlightEstimate:
     """Its two halves as a pool, every method compared."""
     halves = [replace(recording, name=name, sha256=name) for name in ("first", "second")]
     windows = [(0.0, 30.0), (30.0, 60.0)]
     with shape_checks.unchecked(), coarse():  # `fit` is made with all checks and of a full search
-        return identify_flight(halves, FlightOptions(compare=True), windows=windows)
+        return ev.identify_flight(halves, ev.FlightOptions(compare=True), windows=windows)
 
 
 @pytest.fixture(scope="session")
-def still(recording: Recording) -> FlightEstimate:
+def still(recording: ev.Recording) -> ev.FlightEstimate:
     """A result without an estimate: the input is constant."""
     channels = {
         name: replace(channel, values=np.full_like(channel.values, 1800.0))
@@ -48,4 +44,4 @@ def still(recording: Recording) -> FlightEstimate:
         else channel
         for name, channel in recording.channels.items()
     }
-    return identify_flight(replace(recording, channels=channels))
+    return ev.identify_flight(replace(recording, channels=channels))

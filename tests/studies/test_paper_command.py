@@ -1,19 +1,32 @@
-"""`eivor paper`: what it prints and writes."""
+"""`eivor paper`: what it prints and writes; the studies of the examples; bounds of scenarios."""
 
 from __future__ import annotations
 
-import json
+import math
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
+from scipy.linalg import toeplitz
 from typer.testing import CliRunner, Result
 
+import eivor as ev
 from eivor.cli.main import app
+from eivor.errors import ParameterError
 from eivor.lab import figures
-from eivor.lab.experiments import page_with
+from eivor.lab.cramer_rao import disturbance_power
+from eivor.lab.disturbances import Arma, GivenDisturbance, SumOfDisturbances, Trend
 from eivor.lab.paper import named_readings, run_paper
+from eivor.lab.records import Scenario
+from eivor.lab.scenario_files import read_study, shipped_scenario
+from eivor.lab.study import MethodScore, run_study, scores
+from eivor.process_pool import LocalProcesses
+from eivor.signals.noise import WhiteNoise
+from eivor.simulation.excitation import Disturbance, WhiteDisturbance
+from eivor.tools import Float
 
-PARTS = ("run", "readings", "example 1", "example 2", "errata", "figures")
 SMALL = ("paper", "--runs", "3", "--workers", "1")
 
 
@@ -53,24 +66,6 @@ def test_without_names_there_is_an_overview(two_readings, monkeypatch):
     assert full.output.count("example 1: NRMSE") == 2
 
 
-def test_help_names_the_paper():
-    text = " ".join(eivor("paper", "--help").output.replace("│", " ").split())
-    assert "D. Ivanov, A. Zhdanov and I. Sandler, Identification of dynamical systems with" in text
-    assert "(2024)" in text
-
-
-@pytest.mark.thorough
-def test_json_is_finite_and_complete(two_readings):
-    run = eivor(*SMALL, "--readings", "two-lags", "--json", "-")
-    document = json.loads(run.output)
-    assert document["schema"] == "eivor.paper/1"
-    example = document["readings"][0]["examples"][1]
-    assert example["methods"]["generalized_iv"]["printed"]["viscous_friction"] == {"mean": 5.74, "sd": 2.7}
-    assert example["methods"]["extended_iv_tls"]["failed"] == 3
-    assert example["methods"]["extended_iv_tls"]["nrmse"]["together"]["mean"] is None
-    assert document["readings"][0]["choices"]["lags"] == 2
-
-
 @pytest.mark.thorough
 def test_weak_instruments_are_told(two_readings):
     run = eivor(*SMALL, "--readings", "white-input")
@@ -87,45 +82,6 @@ def test_weak_instruments_are_told(two_readings):
     assert page.count("Weak instruments (first-stage F below 10), in runs: `white-input` (3 of 3).") == 1
 
 
-@pytest.mark.thorough
-def test_figures_are_written_in_both_formats(tmp_path: Path, monkeypatch):
-    monkeypatch.setattr("eivor.lab.figures.save_figure", lambda _, path: path.touch())
-    run = eivor(*SMALL, "--readings", "ratios-of-std", "--out", str(tmp_path / "new" / "folder"))
-    assert run.exit_code == 0, run.output
-    written = {path.name for path in (tmp_path / "new" / "folder").iterdir()}
-    assert written == {f"figure-{number}.{ending}" for number in range(2, 9) for ending in ("svg", "png")}
-
-
-@pytest.mark.thorough
-def test_page_is_filled_between_its_marks(tmp_path: Path, two_readings):
-    page = (
-        "Before.\n"
-        + "\n".join(f"<!-- generated: {n} -->\nold\n<!-- end: {n} -->" for n in PARTS)
-        + "\nAfter.\n"
-    )
-    filled = page_with(page, figures.page_parts(two_readings))
-    assert filled.startswith("Before.\n")
-    assert filled.endswith("\nAfter.\n")
-    assert "old" not in filled
-    assert filled.count("| `ratios-of-variances` |") == 1 + 2 * 3
-    assert page_with(filled, figures.page_parts(two_readings)) == filled
-    file = tmp_path / "page.md"
-    file.write_text("no marks\n", encoding="utf-8")
-    run = eivor(*SMALL, "--readings", "two-lags", "--page", str(file))
-    assert run.exit_code == 1
-    assert file.read_text(encoding="utf-8") == "no marks\n"
-
-
-def test_the_nearest_reading_is_one_that_the_text_allows(two_readings):
-    assert figures.nearest(two_readings) == "ratios-of-variances"
-
-
-def test_readings_are_listed():
-    run = eivor("paper", "--list")
-    assert run.exit_code == 0
-    assert "central-10-lags" in run.output
-
-
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -140,6 +96,189 @@ def test_wrong_usage_is_told_before_anything_runs(arguments, message, monkeypatc
     run = eivor("paper", *arguments)
     assert run.exit_code in (1, 2)
     assert message in run.output
+
+
+FOLDER = Path(__file__).parents[2] / "examples" / "studies"
+
+
+#: Published runs of the dynamic errors-in-variables example.
+PUBLISHED_RUNS = 200
+
+
+Scored = Callable[[str, int], dict[str, MethodScore]]
+
+
+@pytest.fixture(scope="module")
+def scored(tmp_path_factory: pytest.TempPathFactory) -> Scored:
+    def run(name: str, runs: int) -> dict[str, MethodScore]:
+        study = replace(read_study(FOLDER / name), runs=runs)
+        result = run_study(study, tmp_path_factory.mktemp("study"), executor=LocalProcesses(2))
+        return {score.label: score for score in scores(result)}
+
+    return run
+
+
+@pytest.mark.calibration
+def test_dynamic_errors_in_variables(scored):
+    """Within three standard errors of what another implementation found in 200 runs."""
+    result = scored("dynamic-errors-in-variables.toml", 200)
+    published = {
+        ("least_squares", 0): (0.454, None),
+        ("least_squares", 1): (1.819, None),
+        ("generalized_iv", 0): (0.4994, 0.013),
+        ("generalized_iv", 1): (2.0000, 0.037),
+    }
+    for (label, name), (mean, std) in published.items():
+        score = result[label].parameters[name]
+        runs = result[label].trials
+        assert result[label].failed == 0
+        current = score.estimate.std
+        error = math.sqrt(current**2 / runs + (std or current) ** 2 / PUBLISHED_RUNS)
+        assert abs(score.estimate.mean - mean) < 3.0 * error, (label, score)
+        if std is not None:
+            # Standard error of a standard deviation, of both, and half of the last digit that is printed.
+            error = math.sqrt(current**2 / (2 * runs) + std**2 / (2 * PUBLISHED_RUNS))
+            assert abs(current - std) < 3.0 * error + 0.0005, (label, score)
+
+
+@pytest.mark.calibration
+def test_white_input(scored):
+    """Delayed white inputs are weak instruments, are called so, and cost more than a factor of ten."""
+    result = scored("white-input.toml", 50)
+    extended, generalized = result["extended_iv"], result["generalized_iv"]
+    gains = [item.parameters[1] for item in (extended, generalized)]
+    assert gains[0].name == "input_gain"
+    assert gains[0].rmse > 10.0 * gains[1].rmse
+    assert extended.weak == extended.trials
+    assert generalized.weak == 0
+    assert abs(gains[1].bias) < 4.0 * gains[1].estimate.std / math.sqrt(generalized.trials)
+
+
+@pytest.mark.calibration
+def test_altitude_control(scored):
+    """Only the reference is an instrument that the controller's answers do not spoil."""
+    result = scored("altitude-control.toml", 100)
+    errors = {
+        label: [
+            (parameter.estimate.mean - truth) / (parameter.estimate.std / math.sqrt(score.trials))
+            for parameter, truth in zip(score.parameters, (0.293, 0.021), strict=True)
+        ]
+        for label, score in result.items()
+    }
+    assert max(errors["least_squares"]) < -20.0
+    assert errors["iv_of_input"][1] < -20.0
+    assert max(map(abs, errors["iv_of_reference"])) < 4.0
+    assert result["iv_of_reference"].weak == 0
+
+
+@pytest.mark.parametrize("path", sorted(FOLDER.glob("*.toml")), ids=lambda path: path.stem)
+def test_every_example_can_be_read(path):
+    study = read_study(path)
+    assert study.runs >= 100
+
+
+#: Bounds in per cent of the parameters, 4,000 samples, worked out by an independent program.
+KNOWN = {
+    "v": (0.674, 0.547),
+    "p": (0.034, 0.027),
+    "rich": (0.565, 0.150),
+    "rich-high": (2.05, 0.750),
+    "rich-dynamic": (1.58, 0.833),
+    "white": (1.29, 0.246),
+}
+
+
+@pytest.mark.parametrize("name", KNOWN)
+def test_shipped_scenarios_have_the_bounds_known_of_them(name: str) -> None:
+    bound = ev.bounds.cramer_rao(shipped_scenario(name), runs=4)
+    np.testing.assert_allclose(100.0 * np.array(list(bound.relative.values())), KNOWN[name], rtol=0.04)
+
+
+def exact_regressors(disturbance: Disturbance | None, response_std: float) -> Scenario:
+    """The velocity is exact, and its equation, which would tell the friction without error, is kept out.
+
+    Noise of the velocity far above that of the input, and none to speak of beside the response's, does that.
+    """
+    noise = {"input": 1e-7, "velocity_z": 1e3, "acceleration_z": response_std}
+    return replace(
+        shipped_scenario("white"),
+        noise={name: WhiteNoise(std) for name, std in noise.items()},
+        noise_to_signal={},
+        disturbance=disturbance,
+        disturbance_to_signal=None,
+    )
+
+
+def regressors(scenario: Scenario) -> Float[np.ndarray, "n 2"]:
+    """Derivatives of z'' by K and K_u over the first record of a scenario, without their means."""
+    truth = ev.simulate(scenario, np.random.default_rng([0, 0])).truth
+    K, b, T = scenario.viscous_friction, scenario.input_gain, scenario.step_s
+    u = truth.channel("input")
+    # a = u b - K v of u alone: its derivatives by K and b, by recursion
+    v, v_K = np.zeros(u.size), np.zeros(u.size)
+    decay, held = np.exp(-K * T), (1.0 - np.exp(-K * T)) / K
+    held_K = (T * decay - held) / K
+    for k in range(u.size - 1):
+        v[k + 1] = decay * v[k] + held * b * u[k]
+        v_K[k + 1] = decay * v_K[k] - T * decay * v[k] + held_K * b * u[k]
+    X = np.stack([-v - K * v_K, u - K * v / b], axis=1)
+    return np.asarray(X - X.mean(axis=0))
+
+
+def test_exact_regressors_give_the_bound_of_least_squares() -> None:
+    """It is s_a^2 (X'X)^-1."""
+    scenario = exact_regressors(None, 1e-3)
+    X = regressors(scenario)
+    expected = 1e-3**2 * np.linalg.inv(X.T @ X)
+    np.testing.assert_allclose(ev.bounds.cramer_rao(scenario, runs=1).covariance, expected, rtol=0.01)
+
+
+def test_a_coloured_disturbance_gives_the_bound_of_generalized_least_squares() -> None:
+    """An autoregression that shifts the response: (X' S^-1 X)^-1, with its covariance matrix S."""
+    phi, std = 0.9, 1e-3
+    scenario = replace(exact_regressors(Arma(std, (phi,)), 1e-7), samples=1000)
+    X = regressors(scenario)
+    S = std**2 / (1.0 - phi**2) * toeplitz(phi ** np.arange(1000.0))
+    expected = np.linalg.inv(X.T @ np.linalg.solve(S, X))
+    bound = ev.bounds.cramer_rao(scenario, runs=1).covariance
+    np.testing.assert_allclose(np.sqrt(np.diag(bound)), np.sqrt(np.diag(expected)), rtol=0.05)
+    white = replace(scenario, disturbance=WhiteDisturbance(std / np.sqrt(1.0 - phi**2)))
+    separated = np.diag(ev.bounds.cramer_rao(white, runs=1).covariance) / np.diag(expected)
+    assert np.abs(np.log(separated)).max() > 1.0
+
+
+def test_what_every_record_has_alike_is_no_noise() -> None:
+    white = WhiteDisturbance(1e-3)
+    alone, drifting = (
+        ev.bounds.cramer_rao(replace(exact_regressors(item, 1e-5), samples=500), runs=2).covariance
+        for item in (SumOfDisturbances((white,)), SumOfDisturbances((white, Trend((0.0, 5.0)))))
+    )
+    np.testing.assert_allclose(drifting, alone, rtol=1e-6)
+
+
+def test_a_disturbance_that_is_given_counts_as_white() -> None:
+    """It has no mean over records: a single record's power is zero in some bins."""
+    series = np.random.default_rng(5).normal(0.0, 1e-3, 500)
+    given = exact_regressors(GivenDisturbance(tuple(series.tolist())), 1e-7)
+    power = disturbance_power(replace(given, samples=500))
+    np.testing.assert_allclose(power, series.var())
+
+
+def test_what_has_no_bound_is_refused() -> None:
+    with pytest.raises(ParameterError, match="in open loop"):
+        ev.bounds.cramer_rao(shipped_scenario("closed-loop"))
+    with pytest.raises(ParameterError, match="noise of input"):
+        ev.bounds.cramer_rao(ev.Scenario(0.3, 0.02))
+    with pytest.raises(ParameterError, match="1 to 10000 records"):
+        ev.bounds.cramer_rao(shipped_scenario("rich"), runs=0)
+    with pytest.raises(ParameterError, match="a seed of zero or more"):
+        ev.bounds.cramer_rao(shipped_scenario("rich"), seed=-1)
+
+
+def test_readings_are_listed():
+    run = eivor("paper", "--list")
+    assert run.exit_code == 0
+    assert "central-10-lags" in run.output
 
 
 def test_a_folder_that_is_a_file_is_told(tmp_path: Path):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -12,14 +11,12 @@ from scipy.special import binom
 from eivor.errors import UsageError
 from eivor.estimation import methods
 from eivor.estimation.methods import identify
-from eivor.inference.verdict import Status
 from eivor.lab import paper as paper_trials
 from eivor.lab.paper import (
     EXAMPLES,
     METHODS,
     RATE_HZ,
     READINGS,
-    SOURCES,
     TRUTH,
     AlternatingNoise,
     Compensation,
@@ -41,8 +38,7 @@ from eivor.lab.records import Intersample
 from eivor.lab.study import Spread
 from eivor.models.regression import lags
 from eivor.motions.vertical.model import VerticalMotion
-from eivor.signals.noise import FractionalNoise, WhiteNoise
-from eivor.signals.signals import Signals
+from eivor.signals.noise import FractionalNoise
 
 RUNS = 30
 PROTOTYPE_RUNS = 100
@@ -74,16 +70,6 @@ def test_the_prototype_is_met_within_three_standard_errors(results, name, number
         measured = result.spreads(method)[score]
         error = np.hypot(measured.std / np.sqrt(RUNS), std / np.sqrt(PROTOTYPE_RUNS))
         assert abs(measured.mean - mean) <= 3.0 * error, (method, score)
-
-
-@pytest.mark.thorough
-def test_central_differences_bias_least_squares_as_in_the_prototype():
-    result = run_example(reading("central-10-lags"), EXAMPLES[0], 12)
-    friction, gain, _ = result.spreads("least_squares")
-    three_errors = 3.0 * 0.12 / np.sqrt(12)
-    assert 6.35 - three_errors <= friction.mean <= 6.60 + three_errors
-    assert 5.0 - three_errors <= gain.mean <= 5.2 + three_errors
-    assert friction.std < 0.25
 
 
 @pytest.mark.calibration
@@ -147,33 +133,7 @@ def test_compensation_is_where_the_reading_has_it(compensation, row, counted):
     assert far == 0.0 if compensation is Compensation.SHARED else far > 1e-3
 
 
-@pytest.mark.parametrize("name", ["white-input", "ratios-of-variances"])
-def test_weak_is_what_identify_calls_weak(name):
-    chosen = reading(name)
-    signals = record(chosen, EXAMPLES[0], trial_generator(3)).signals
-    columns = lags("input", 1, chosen.lags)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        fit = identify(VerticalMotion(intercept=False).regression(signals, columns), methods.extended_iv())
-    weak = estimates(chosen, signals).weak[METHODS.index("extended_iv")]
-    assert weak == (fit.status is Status.WEAK) == (name == "white-input")
-
-
-def test_too_few_instruments_for_total_least_squares_are_no_estimate():
-    result = run_example(reading("two-lags"), EXAMPLES[0], 2)
-    assert result.failed("extended_iv_tls") == 2
-    assert result.failed("extended_iv") == 0
-    assert np.isnan(result.spreads("extended_iv_tls")[0].mean)
-
-
 # -- records -----------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("name", [item.name for item in READINGS])
-def test_every_reading_makes_records_of_the_papers_length(name):
-    made = record(reading(name), EXAMPLES[1], trial_generator(0))
-    assert made.signals.sample_count == made.truth.sample_count == 4000
-    assert np.isfinite(list(made.signals.channels.values())).all()
 
 
 @pytest.mark.parametrize("intersample", list(Intersample))
@@ -211,16 +171,6 @@ def test_differences_are_late_by_half_a_step_each(motion, velocity, acceleration
     assert np.abs(found_a[inner] - a[inner]).max() < 1.1e-3 * max(abs(acceleration), 0.01)
 
 
-def test_noise_that_is_differentiated_is_in_both_channels():
-    chosen = reading("noise-before-differences")
-    made = record(chosen, EXAMPLES[0], trial_generator(1))
-    plain = record(replace(chosen, motion=MotionSource.VELOCITY_CENTRAL), EXAMPLES[0], trial_generator(1))
-    assert np.array_equal(made.signals.channels["velocity_z"], plain.signals.channels["velocity_z"])
-    added = made.signals.channels["acceleration_z"] - plain.signals.channels["acceleration_z"]
-    error = plain.signals.channels["velocity_z"] - plain.truth.channels["velocity_z"]
-    assert added[1:-1] == pytest.approx(2.5 * (error[2:] - error[:-2]), abs=1e-12)
-
-
 # -- noises and ratios -------------------------------------------------------------------------------
 
 
@@ -232,6 +182,68 @@ def test_alternating_noise_has_the_printed_weights():
     weights = binom(-0.4, np.arange(60))
     expected = 2.0 * np.convolve(weights, white * signs)[:60]
     assert sample == pytest.approx(expected, rel=1e-10)
+
+
+def test_input_noise_of_the_second_example_is_five_thousandths_of_its_signal():
+    """The disturbance likewise: ratios of the paper to what is in a record."""
+    made = record(reading("ratios-of-std"), EXAMPLES[1], trial_generator(2))
+    noisy, exact = made.signals.channels["input"], made.truth.channels["input"]
+    # 4000 samples tell a standard deviation to 1.1 %
+    assert (noisy - exact).std() / exact.std() == pytest.approx(5e-3, rel=0.05)
+
+
+# -- the whole study ---------------------------------------------------------------------------------
+
+
+@pytest.mark.thorough
+def test_euler_steps_scale_both_parameters():
+    """y[k] (1 - K T) = -K v[k] + K_u u[k]: least squares errs alike in both, by 100 K T / (1 - K T) %."""
+    drive = np.random.default_rng(0).standard_normal(200)
+    velocity, acceleration = euler_steps(drive)
+    np.testing.assert_allclose(np.diff(velocity), acceleration[1:] / RATE_HZ, rtol=1e-9, atol=1e-15)
+    theta = np.array(list(TRUTH.values()))
+    np.testing.assert_allclose(
+        acceleration[1:], np.column_stack([-velocity[:-1], drive[1:]]) @ theta, atol=1e-14
+    )
+    fitted = np.linalg.lstsq(np.column_stack([-velocity, drive]), acceleration, rcond=None)[0]
+    shrunk = 1.0 - TRUTH["viscous_friction"] / RATE_HZ
+    np.testing.assert_allclose(fitted, theta / shrunk, rtol=1e-9)
+    for example in EXAMPLES:
+        friction, gain, _ = run_example(reading("euler-steps"), example, 10).spreads("least_squares")
+        assert (friction.mean, gain.mean) == pytest.approx((100 / shrunk - 100,) * 2, abs=0.1)
+
+
+def test_nrmse_is_the_papers():
+    scores = nrmse(np.array([[0.293 * 1.1, 0.021 * 0.8], [0.293, 0.021]]))
+    together = 100.0 * np.hypot(0.0293, 0.0042) / np.hypot(0.293, 0.021)
+    assert scores == pytest.approx(np.array([[10.0, 20.0, together], [0.0, 0.0, 0.0]]), abs=1e-9)
+
+
+def test_names_and_runs_are_checked():
+    names = [item.name for item in READINGS]
+    assert len(set(names)) == len(names)
+    assert named_readings(()) == READINGS
+    with pytest.raises(UsageError, match="readings out of ratios-of-std"):
+        named_readings(("nothing",))
+    with pytest.raises(UsageError, match="two runs or more"):
+        run_paper(READINGS, runs=1)
+
+
+def test_printed_tables_are_those_of_the_paper():
+    first, second = EXAMPLES
+    assert (first.number, first.ratio) == (1, 2e-3)
+    assert (second.number, second.ratio) == (2, 5e-3)
+    assert first.printed["least_squares"] == (Spread(6.43, 0.074), Spread(6.32, 0.075), Spread(6.42, 0.074))
+    assert second.printed["least_squares"] == (Spread(6.55, 0.10), Spread(6.442, 0.10), Spread(6.55, 0.10))
+    assert first.printed["extended_iv"][0] == Spread(187.2, 119.4)
+    assert second.printed["generalized_iv"][2] == Spread(5.739, 2.70)
+
+
+def test_too_few_instruments_for_total_least_squares_are_no_estimate():
+    result = run_example(reading("two-lags"), EXAMPLES[0], 2)
+    assert result.failed("extended_iv_tls") == 2
+    assert result.failed("extended_iv") == 0
+    assert np.isnan(result.spreads("extended_iv_tls")[0].mean)
 
 
 def test_alternating_noise_has_the_autocovariance_of_its_weights():
@@ -253,86 +265,6 @@ def test_ratios_are_of_what_the_reading_says():
     assert mean_variance == pytest.approx(noise["ratios-of-variances"] ** 2)
 
 
-@pytest.mark.parametrize("source", SOURCES)
-@pytest.mark.parametrize(("example", "smaller"), [(EXAMPLES[0], 2e-3), (EXAMPLES[1], 5e-3)], ids=["1", "2"])
-def test_the_larger_ratio_belongs_to_one_source(source, example, smaller):
-    made = paper_trials.scenario(reading("ratios-of-std", larger_on=source), example)
-    ratios = {**made.noise_to_signal, "disturbance": made.disturbance_to_signal}
-    assert {name for name, ratio in ratios.items() if ratio == 1e-2} == {source}
-    assert {ratio for name, ratio in ratios.items() if name != source} == {smaller}
-
-
-def test_input_noise_of_the_second_example_is_five_thousandths_of_its_signal():
-    """The disturbance likewise: ratios of the paper to what is in a record."""
-    made = record(reading("ratios-of-std"), EXAMPLES[1], trial_generator(2))
-    noisy, exact = made.signals.channels["input"], made.truth.channels["input"]
-    # 4000 samples tell a standard deviation to 1.1 %
-    assert (noisy - exact).std() / exact.std() == pytest.approx(5e-3, rel=0.05)
-
-
-def test_direct_methods_use_no_more_of_a_noise_than_its_mean_variance():
-    noise = {"velocity_z": FractionalNoise(0.3, -0.4), "input": WhiteNoise(0.1)}
-    channels = {name: np.linspace(0.0, 1.0, 50) for name in ("velocity_z", "acceleration_z", "input")}
-    signals = Signals(5.0, channels, noise=noise | {"acceleration_z": FractionalNoise(0.2, -0.5)})
-    model = VerticalMotion(intercept=False)
-    exact = model.regression(signals).regressor_noise_covariance()
-    simpler = model.regression(paper_trials._known_by_variance(signals)).regressor_noise_covariance()
-    assert simpler == pytest.approx(exact, rel=1e-12)
-
-
-# -- the whole study ---------------------------------------------------------------------------------
-
-
-@pytest.mark.thorough
-def test_results_do_not_depend_on_the_number_of_processes():
-    chosen = (reading("two-lags"),)
-    item, other = (list(run_paper(chosen, runs=2, workers=workers)) for workers in (1, 2))
-    for left, right in zip(item, other, strict=True):
-        assert np.array_equal(left.estimates, right.estimates, equal_nan=True)
-
-
-@pytest.mark.thorough
-def test_euler_steps_scale_both_parameters():
-    """y[k] (1 - K T) = -K v[k] + K_u u[k]: least squares errs alike in both, by 100 K T / (1 - K T) %."""
-    drive = np.random.default_rng(0).standard_normal(200)
-    velocity, acceleration = euler_steps(drive)
-    np.testing.assert_allclose(np.diff(velocity), acceleration[1:] / RATE_HZ, rtol=1e-9, atol=1e-15)
-    theta = np.array(list(TRUTH.values()))
-    np.testing.assert_allclose(
-        acceleration[1:], np.column_stack([-velocity[:-1], drive[1:]]) @ theta, atol=1e-14
-    )
-    fitted = np.linalg.lstsq(np.column_stack([-velocity, drive]), acceleration, rcond=None)[0]
-    shrunk = 1.0 - TRUTH["viscous_friction"] / RATE_HZ
-    np.testing.assert_allclose(fitted, theta / shrunk, rtol=1e-9)
-    for example in EXAMPLES:
-        friction, gain, _ = run_example(reading("euler-steps"), example, 10).spreads("least_squares")
-        assert (friction.mean, gain.mean) == pytest.approx((100 / shrunk - 100,) * 2, abs=0.1)
-
-
-@pytest.mark.thorough
-def test_readings_with_records_in_common_give_what_they_give_alone():
-    chosen = (reading("central-5-lags"), reading("two-lags"), reading("central-2-lags"))
-    assert chosen[0].records == chosen[2].records != chosen[1].records
-    together = list(run_paper(chosen, runs=2, workers=1))
-    assert [(item.reading, item.example.number) for item in together] == [
-        (r, n) for r in chosen for n in (1, 2)
-    ]
-    for result in together:
-        alone = run_example(result.reading, result.example, 2).estimates
-        assert np.array_equal(result.estimates, alone, equal_nan=True)
-
-
-def test_more_runs_continue_the_same_study():
-    few, more = (run_example(reading("ratios-of-std"), EXAMPLES[0], runs).estimates for runs in (2, 3))
-    assert np.array_equal(few, more[:2])
-
-
-def test_nrmse_is_the_papers():
-    scores = nrmse(np.array([[0.293 * 1.1, 0.021 * 0.8], [0.293, 0.021]]))
-    together = 100.0 * np.hypot(0.0293, 0.0042) / np.hypot(0.293, 0.021)
-    assert scores == pytest.approx(np.array([[10.0, 20.0, together], [0.0, 0.0, 0.0]]), abs=1e-9)
-
-
 def test_nearness_of_the_printed_tables_to_themselves():
     """Runs with exactly the printed means and SDs: two of them, one SD over the square root of two away."""
     for example in EXAMPLES:
@@ -348,6 +280,13 @@ def test_nearness_of_the_printed_tables_to_themselves():
         assert (result.means, result.spreads) == (pytest.approx(1.0, abs=1e-2), pytest.approx(1.0, abs=2e-1))
 
 
+@pytest.mark.parametrize("name", [item.name for item in READINGS])
+def test_every_reading_makes_records_of_the_papers_length(name):
+    made = record(reading(name), EXAMPLES[1], trial_generator(0))
+    assert made.signals.sample_count == made.truth.sample_count == 4000
+    assert np.isfinite(list(made.signals.channels.values())).all()
+
+
 def test_no_estimate_is_infinitely_far():
     result = PaperResult(
         READINGS[0],
@@ -357,23 +296,3 @@ def test_no_estimate_is_infinitely_far():
     )
     assert nearness([result]).means == float("inf")
     assert np.isnan(result.spreads("least_squares")[0].std)
-
-
-def test_names_and_runs_are_checked():
-    names = [item.name for item in READINGS]
-    assert len(set(names)) == len(names)
-    assert named_readings(()) == READINGS
-    with pytest.raises(UsageError, match="readings out of ratios-of-std"):
-        named_readings(("nothing",))
-    with pytest.raises(UsageError, match="two runs or more"):
-        run_paper(READINGS, runs=1)
-
-
-def test_printed_tables_are_those_of_the_paper():
-    first, second = EXAMPLES
-    assert (first.number, first.ratio) == (1, 2e-3)
-    assert (second.number, second.ratio) == (2, 5e-3)
-    assert first.printed["least_squares"] == (Spread(6.43, 0.074), Spread(6.32, 0.075), Spread(6.42, 0.074))
-    assert second.printed["least_squares"] == (Spread(6.55, 0.10), Spread(6.442, 0.10), Spread(6.55, 0.10))
-    assert first.printed["extended_iv"][0] == Spread(187.2, 119.4)
-    assert second.printed["generalized_iv"][2] == Spread(5.739, 2.70)

@@ -18,14 +18,22 @@ from eivor.lab.study import SHARD_TRIALS, run_study
 from eivor.process_pool import (
     TASKS_PER_WORKER,
     InProcess,
+    Limits,
     LocalProcesses,
     LocalThreads,
     in_order,
     local_executor,
 )
-from studies.dask_cluster import SOURCES, Cluster, dask_cluster, wait_for_workers, wait_until
 from studies.mapped_tasks import Arriving, Patient, late_first, refusing, text_of
-from studies.study_parts import content, small_study
+from studies.study_parts import (
+    SOURCES,
+    Cluster,
+    content,
+    dask_cluster,
+    small_study,
+    wait_for_workers,
+    wait_until,
+)
 from worker_answers import answered
 
 #: Enough shards that every worker has some and a killed one leaves some.
@@ -37,21 +45,6 @@ def expected(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
     folder = tmp_path_factory.mktemp("expected")
     run_study(small_study(RUNS), folder, executor=InProcess())
     return content(folder)
-
-
-@pytest.mark.thorough
-def test_local_processes(expected, tmp_path):
-    progress: list[tuple[int, int]] = []
-    run_study(
-        small_study(RUNS),
-        tmp_path,
-        executor=LocalProcesses(2),
-        progress=lambda done, total: progress.append((done, total)),
-    )
-    assert content(tmp_path) == expected
-    assert progress[0] == (0, RUNS)
-    assert progress[-1] == (RUNS, RUNS)
-    assert sorted(progress) == progress
 
 
 SCRIPT = """
@@ -126,19 +119,6 @@ def children() -> list[int]:
         int(item) for task in Path("/proc/self/task").glob("*/children") for item in task.read_text().split()
     ]
     return [item for item in below if b"process_pool" in Path(f"/proc/{item}/cmdline").read_bytes()]
-
-
-def test_workers_are_counted():
-    for refused in (lambda: LocalProcesses(0), lambda: LocalThreads(0), lambda: local_executor(0, 5)):
-        with pytest.raises(UsageError, match="Expected one worker or more; received 0"):
-            refused()
-
-
-def test_no_more_processes_than_tasks(monkeypatch):
-    monkeypatch.setattr(os, "cpu_count", lambda: 8)
-    assert local_executor(None, 100) == LocalProcesses(8)
-    assert local_executor(None, 3) == local_executor(5, 3) == LocalProcesses(3)
-    assert local_executor(1, 3) == local_executor(5, 1) == local_executor(None, 0) == InProcess()
 
 
 @pytest.mark.parametrize("executor", [InProcess(), LocalProcesses(2), LocalThreads(2)])
@@ -217,12 +197,20 @@ def test_dask_without_a_scheduler(tmp_path, monkeypatch):
         run_study(small_study(), tmp_path, executor=DaskCluster("tcp://127.0.0.1:1"))
 
 
-def test_dask_needs_an_address():
-    with pytest.raises(UsageError, match="Expected the address of a Dask scheduler; received 'somewhere'"):
-        DaskCluster("somewhere")
-
-
 def test_dask_is_optional(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(UsageError, match=r"Dask, which is needed .*pip install 'eivor\[dask\]'"):
         run_study(small_study(), tmp_path, executor=DaskCluster("tcp://127.0.0.1:1"))
+
+
+def test_workers_and_addresses_that_cannot_be_are_refused(monkeypatch):
+    for refused in (lambda: LocalProcesses(0), lambda: LocalThreads(0), lambda: local_executor(0, 5)):
+        with pytest.raises(UsageError, match="Expected one worker or more; received 0"):
+            refused()
+    with pytest.raises(UsageError, match="Expected the address of a Dask scheduler; received 'somewhere'"):
+        DaskCluster("somewhere")
+    with pytest.raises(UsageError, match=r"a limit .* above zero"):
+        Limits(time_s=0.0)
+    monkeypatch.setattr(os, "cpu_count", lambda: 8)
+    assert local_executor(None, 100) == LocalProcesses(8)
+    assert local_executor(5, 1) == local_executor(None, 0) == InProcess()

@@ -9,7 +9,7 @@ import shutil
 import sys
 import time
 from collections.abc import Callable, Generator, Iterable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -18,20 +18,7 @@ import pytest
 
 from eivor.atomic_file import ABANDONED_S, PREFIX, SUFFIX
 from eivor.errors import InputError, UsageError
-from eivor.lab.study import (
-    PARTS,
-    SHARD_TRIALS,
-    MethodChoice,
-    Row,
-    Share,
-    StudyResult,
-    run_study,
-    schema,
-    scores,
-    shard_trials,
-    trial,
-    trial_nrmse,
-)
+from eivor.lab.study import PARTS, Row, Share, StudyResult, run_study, schema, scores, trial_nrmse
 from eivor.process_pool import Executor, InProcess, Item, Result
 from studies.study_parts import METHODS, content, small_study
 
@@ -59,24 +46,6 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> StudyResult:
 
 
 @pytest.mark.thorough
-def test_trials_are_in_order(finished):
-    table = finished.trials
-    assert table["trial"].to_list() == list(range(60))
-    assert table.equals(pl.read_parquet(finished.folder / "trials.parquet"))
-    third = trial(finished.study, 3)
-    assert table["least_squares.output_lag_1"][3] == third["least_squares.output_lag_1"]
-    assert table.columns[:5] == [
-        "trial",
-        *(f"least_squares.{part}" for part in ("status", "error", "output_lag_1", "input_lag_1")),
-    ]
-    assert sorted(path.name for path in finished.folder.iterdir()) == [
-        "shards",
-        "study.json",
-        "trials.parquet",
-    ]
-
-
-@pytest.mark.thorough
 def test_interrupted_and_resumed(finished, tmp_path):
     first = Recorder(stop_after=1)
     with pytest.raises(KeyboardInterrupt):
@@ -93,29 +62,6 @@ def test_interrupted_and_resumed(finished, tmp_path):
 
 
 @pytest.mark.thorough
-def test_more_runs_continue(finished, tmp_path):
-    run_study(small_study(30), tmp_path)
-    recorder = Recorder()
-    run_study(small_study(), tmp_path, executor=recorder)
-    assert recorder.asked == [2, 1]
-    assert content(tmp_path) == content(finished.folder)
-    with pytest.raises(UsageError, match=r"at least 60 runs, as many as .* received 30"):
-        run_study(small_study(30), tmp_path)
-
-
-@pytest.mark.thorough
-def test_a_shard_that_was_damaged_is_made_again(finished, tmp_path):
-    run_study(small_study(), tmp_path)
-    shard = tmp_path / "shards" / "000001.parquet"
-    shard.write_bytes(shard.read_bytes()[:-10])
-    (tmp_path / "shards" / "000000.parquet").unlink()
-    recorder = Recorder()
-    run_study(small_study(), tmp_path, executor=recorder)
-    assert recorder.asked == [1, 0]
-    assert content(tmp_path) == content(finished.folder)
-
-
-@pytest.mark.thorough
 @pytest.mark.parametrize("part", np.linspace(0.0, 1.0, 12))
 def test_a_flipped_byte_is_mended(finished, tmp_path, part):
     """Wherever it is in a shard, the next run computes that shard anew, and the table is the same."""
@@ -127,45 +73,6 @@ def test_a_flipped_byte_is_mended(finished, tmp_path, part):
     recorder = Recorder()
     assert run_study(small_study(), tmp_path, executor=recorder).trials.equals(finished.trials)
     assert recorder.asked == [1]
-    assert content(tmp_path) == content(finished.folder)
-
-
-@pytest.mark.thorough
-def test_shards_of_another_place_are_made_again(finished, tmp_path):
-    """One of another study with the same columns, and one of other trials of this study."""
-    other = tmp_path / "other"
-    run_study(small_study(seed=8), other)
-    here = tmp_path / "here"
-    shutil.copytree(finished.folder, here)
-    shards = here / "shards"
-    shutil.copy(other / "shards" / "000000.parquet", shards / "000000.parquet")
-    shutil.copy(shards / "000002.parquet", shards / "000001.parquet")
-    recorder = Recorder()
-    run_study(small_study(), here, executor=recorder)
-    assert recorder.asked == [1, 0]
-    assert content(here) == content(finished.folder)
-
-
-@dataclass(frozen=True)
-class Damaging(Executor):
-    """Something else changes a shard while the study runs."""
-
-    shard: Path
-
-    def map(
-        self, function: Callable[[Item], Result], items: Iterable[Item]
-    ) -> Generator[tuple[int, Result], None, None]:
-        yield from InProcess().map(function, items)
-        content = self.shard.read_bytes()
-        self.shard.write_bytes(content[:100] + bytes([content[100] ^ 1]) + content[101:])
-
-
-@pytest.mark.thorough
-def test_a_shard_that_changes_meanwhile_is_told(finished, tmp_path):
-    shard = tmp_path / "shards" / "000001.parquet"
-    with pytest.raises(InputError, match=r"000001.parquet' as it was written; received other bytes\. .*anew"):
-        run_study(small_study(), tmp_path, executor=Damaging(shard))
-    run_study(small_study(), tmp_path)
     assert content(tmp_path) == content(finished.folder)
 
 
@@ -281,18 +188,6 @@ def test_a_full_disk_keeps_what_was_complete(finished, tmp_path, monkeypatch):
     assert content(tmp_path) == content(finished.folder)
 
 
-def test_failed_methods_are_counted(tmp_path):
-    blind = MethodChoice("generalized_iv", (0, 5), known_noise=(), label="blind")
-    result = run_study(small_study(30, methods=(METHODS[0], blind), intervals=True), tmp_path)
-    good, bad = scores(result)
-    assert (good.trials, good.failed, good.first_failure) == (30, 0, None)
-    assert (bad.trials, bad.failed, bad.first_failure) == (30, 30, 0)
-    assert np.isnan(bad.together.mean)
-    assert bad.parameters[0].coverage == Share(0, 0)
-    assert result.trials["blind.error"].unique().to_list() == ["MissingNoiseError"]
-    assert result.trials["blind.output_lag_1"].null_count() == 30
-
-
 def test_scores_by_hand():
     """Three trials with errors that can be reckoned in the head: truth (0.5, 2)."""
     study = small_study(4, methods=METHODS[:1], intervals=True)
@@ -335,17 +230,3 @@ def test_what_a_killed_run_left_is_removed(tmp_path):
         os.utime(path, (past, past))
     run_study(small_study(5), tmp_path)
     assert [path for path in (*left, young) if path.exists()] == [young]
-
-
-def test_shards_cover_every_trial_once():
-    for runs in (1, SHARD_TRIALS - 1, SHARD_TRIALS, SHARD_TRIALS + 1, 110):
-        count = -(-runs // SHARD_TRIALS)
-        assert [index for number in range(count) for index in shard_trials(runs, number)] == list(range(runs))
-
-
-def test_intervals_are_columns(tmp_path):
-    study = replace(small_study(2), intervals=True)
-    table = run_study(study, tmp_path).trials
-    for part in ("std_error", "low", "high"):
-        assert table[f"generalized_iv.input_lag_1.{part}"].dtype == pl.Float64
-    assert (table["generalized_iv.input_lag_1.low"] < table["generalized_iv.input_lag_1"]).all()

@@ -1,4 +1,4 @@
-"""Studies and their trials: what they refuse, and what a trial depends on."""
+"""Studies, their trials and equations: what they refuse, what a trial depends on, shares of trials."""
 
 from __future__ import annotations
 
@@ -6,14 +6,31 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
+from scipy.stats import binomtest
 
 import eivor
-from eivor.errors import UsageError
+import eivor as ev
+from eivor.errors import ParameterError, UsageError
 from eivor.lab.experiments import DifferenceEquation, VerticalExperiment
 from eivor.lab.records import Scenario
-from eivor.lab.study import DIRECT, PARTS, MethodChoice, failure, run_study, scores, trial
+from eivor.lab.scenario_files import method_choice
+from eivor.lab.study import (
+    DIRECT,
+    PARTS,
+    TARGETS,
+    MethodChoice,
+    Regularisation,
+    Share,
+    failure,
+    run_study,
+    scores,
+    trial,
+)
 from eivor.lab.study import METHODS as METHOD_NAMES
+from eivor.signals.noise import FractionalNoise, WhiteNoise
 from eivor.signals.signals import Signals
+from eivor.simulation.excitation import WhiteDisturbance, autoregression, constant
+from eivor.strict_toml import read_toml
 from studies.study_parts import EQUATION, METHODS, Coin, small_study
 
 
@@ -87,14 +104,6 @@ class Broken(DifferenceEquation):
         return DifferenceEquation.record(self, rng)
 
 
-def test_a_broken_record_is_a_result():
-    study = small_study(experiment=Broken((0.5,), (2.0,), Coin(), samples=100))
-    rows = [trial(study, index) for index in range(20)]
-    results = [{row[f"{choice.label}.error"] for choice in study.methods} for row in rows]
-    assert {"ZeroDivisionError"} in results
-    assert {None} in results
-
-
 def test_broken_records_in_the_middle_of_a_study_stop_nothing(tmp_path):
     """The table has every trial; what broke is counted, named, and told when it is asked for."""
     study = small_study(30, experiment=Broken((0.5,), (2.0,), Coin(), samples=100))
@@ -106,12 +115,6 @@ def test_broken_records_in_the_middle_of_a_study_stop_nothing(tmp_path):
     score = scores(result)[0]
     assert (score.failed, score.first_failure) == (broken.height, broken["trial"][0])
     assert failure(study, broken["trial"][0], label).startswith("ZeroDivisionError: ")
-
-
-def test_weak_instruments_are_a_status():
-    """Delayed white inputs do not move the input: no warning escapes, the status tells."""
-    row = trial(small_study(methods=(MethodChoice("extended_iv", (2, 6)),)), 0)
-    assert row["extended_iv.status"] == "weak"
 
 
 def test_identity():
@@ -162,3 +165,121 @@ def test_identity():
 def test_what_is_refused(make, message):
     with pytest.raises(UsageError, match=message):
         make()
+
+
+def choice_of(tmp_path, line, name="generalized_iv"):
+    path = tmp_path / "method.toml"
+    lags = "" if "squares" in name else "lags = [0, 5]"
+    path.write_text(f'name = "{name}"\n{lags}\n{line}\n', encoding="utf-8")
+    return method_choice(read_toml(path, "a method"))
+
+
+def test_every_word_of_a_file(tmp_path):
+    for towards in TARGETS:
+        made = choice_of(tmp_path, f'regularisation = {{ towards = "{towards}" }}')
+        assert made.regularisation == Regularisation(None, towards)
+        assert made.method.name == "generalized_iv_tikhonov"
+    given = choice_of(tmp_path, "regularisation = { parameter = 0.5 }")
+    assert given.regularisation == Regularisation(0.5)
+    assert choice_of(tmp_path, "strength = 4.0", "fuller").method == ev.methods.fuller(4.0)
+
+
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (lambda: Regularisation(towards="truth"), "a vector to be shrunk towards out of zero"),
+        (lambda: Regularisation(-1.0), "a parameter of zero or more"),
+        (lambda: MethodChoice("generalized_iv", (0, 5), strength=4.0), "a strength for fuller"),
+        (lambda: MethodChoice("fuller", (1, 5), strength=-4.0), "strength between 0 and"),
+        (
+            lambda: MethodChoice("spectral_giv", (0, 5), regularisation=Regularisation()),
+            "a regularisation of a linear method",
+        ),
+        (
+            lambda: MethodChoice("fuller", (1, 5), regularisation=Regularisation()),
+            "solved by least squares or total least squares",
+        ),
+    ],
+)
+def test_what_does_not_fit_is_refused(make, said):
+    with pytest.raises(UsageError, match=f"Expected .*{said}"):
+        make()
+
+
+def test_recursion_is_that_of_the_equation():
+    rng = np.random.default_rng(1)
+    a, driven = (1.2, -0.6, 0.1), rng.standard_normal(50)
+    y = np.zeros(53)
+    for k in range(50):
+        y[k + 3] = a[0] * y[k + 2] + a[1] * y[k + 1] + a[2] * y[k] + driven[k]
+    np.testing.assert_allclose(autoregression(driven, constant(a, driven.size)), y[3:], rtol=1e-12)
+    np.testing.assert_array_equal(autoregression(driven, constant((), driven.size)), driven)
+
+
+def test_noise_is_declared_as_added():
+    equation = DifferenceEquation(
+        (0.5,), (2.0,), Coin(), noise={"output": FractionalNoise(1.0, -0.4)}, noise_to_signal={"output": 0.1}
+    )
+    quiet = DifferenceEquation((0.5,), (2.0,), Coin())
+    noisy, true = (item.record(np.random.default_rng(3)) for item in (equation, quiet))
+    declared = noisy.noise["output"]
+    assert isinstance(declared, FractionalNoise)
+    assert declared.order == -0.4
+    assert declared.std == pytest.approx(0.1 * true.channel("output").std())
+    assert noisy.noise["input"] == WhiteNoise(0.0)
+    np.testing.assert_array_equal(noisy.channel("input"), true.channel("input"))
+    assert not np.array_equal(noisy.channel("output"), true.channel("output"))
+
+
+def test_a_disturbance_moves_the_machine():
+    """Its effect on the output is the recursion of the disturbance itself."""
+    parts = ((0.8,), (1.0,), Coin())
+    disturbed = DifferenceEquation(*parts, disturbance=WhiteDisturbance(1.0)).record(np.random.default_rng(4))
+    free = DifferenceEquation(*parts).record(np.random.default_rng(4))
+    effect = disturbed.channel("output") - free.channel("output")
+    series = effect - 0.8 * np.concatenate([[0.0], effect[:-1]])
+    assert series.std() == pytest.approx(1.0, rel=0.1)
+    assert abs(np.corrcoef(series[1:], series[:-1])[0, 1]) < 0.1
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"output_coefficients": (1.0,)}, r"stable equation; received \[1.0\], with a root of modulus 1"),
+        ({"input_coefficients": ()}, "at least one input coefficient; received none"),
+        ({"input_coefficients": (float("nan"),)}, "finite coefficients; received nan"),
+        ({"delay": -1}, "a delay of zero or more samples; received -1"),
+        ({"samples": 2}, "samples of 3 or more for 2 unknowns; received 2"),
+        ({"rate_hz": 0.0}, "rate_hz above zero; received 0.0"),
+        ({"noise_to_signal": {"input": -0.1}}, "noise_to_signal of zero or more for input; received -0.1"),
+        (
+            {"noise": {"velocity_z": WhiteNoise(1.0)}},
+            "noise of output, input; received noise of 'velocity_z'",
+        ),
+    ],
+)
+def test_equations_that_cannot_be_are_refused(changes, message):
+    parts = {"output_coefficients": (0.5,), "input_coefficients": (2.0,), "excitation": Coin()}
+    with pytest.raises(ParameterError, match=message):
+        DifferenceEquation(**(parts | changes))
+
+
+@pytest.mark.parametrize("level", [0.95, 0.99])
+@pytest.mark.parametrize(
+    ("hits", "count"), [(0, 5), (3, 7), (95, 100), (400, 400), (0, 10), (7, 10), (200, 200)]
+)
+def test_interval_is_that_of_scipy(hits, count, level):
+    """Another implementation of Wilson's interval."""
+    theirs = binomtest(hits, count).proportion_ci(level, method="wilson")
+    np.testing.assert_allclose(Share(hits, count, level).interval, (theirs.low, theirs.high), atol=1e-12)
+
+
+def test_a_trial_is_that_of_the_method():
+    study = small_study(methods=(MethodChoice("generalized_iv", (0, 5), regularisation=Regularisation(0.3)),))
+    rng = np.random.Generator(np.random.PCG64(np.random.SeedSequence(7, spawn_key=(3,))))
+    problem = EQUATION.problem(EQUATION.record(rng), ev.lags("input", 0, 5))
+    fit = ev.identify(problem, ev.methods.regularised(ev.methods.generalized_iv(), 0.3))
+    label, *_ = (choice.label for choice in study.methods)
+    row = trial(study, 3)
+    assert [row[f"{label}.{name}"] for name in study.parameters] == list(fit.parameters.values())
+    assert row[f"{label}.status"] == "weak"

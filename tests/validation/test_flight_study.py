@@ -1,24 +1,17 @@
-"""The small size of the flight study, judged with binomial bounds, and the command that runs it.
-
-The bounds are crossed by chance once in a thousand runs of a recipe that is exactly as good as it must be;
-this one is the same in every run.
-"""
+"""The flight study: its grid, its scores on made-up trials, and its small size judged by binomial bounds."""
 
 from __future__ import annotations
 
 import os
 import subprocess
 import sys
-from dataclasses import dataclass, replace
-from pathlib import Path
+from importlib.resources import files
 
 import polars as pl
 import pytest
 from scipy.stats import binom
 
-from eivor.lab.experiments import marks
-from validation.flight_recipe import study as flight_study
-from validation.flight_recipe import trials as flight_trials
+from eivor.errors import InputError, UsageError
 from validation.flight_recipe.study import (
     ERROR_BOUNDS,
     PART,
@@ -33,60 +26,85 @@ from validation.flight_recipe.trials import (
     NONLINEAR,
     QUANTITIES,
     TrialTable,
-    published_grid,
+    flight_grid,
     read_trial_table,
 )
 
+GRID_TEXT = files("validation.flight_recipe").joinpath("grid.toml").read_text(encoding="utf-8")
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("duration = 60.0", "", "missing required field `duration`"),
+        ('name = "gusty"', 'name = "calm"', "names and seeds of their own"),
+        ('kind = "climbs"', 'kind = "walks"', "Invalid enum value 'walks'.*kind"),
+        ("small_every = 19", "colour = 19", "unknown field `colour`"),
+        ("vigour = [0.6, 1.0]", "vigour = [1.0, 0.6]", "a range of vigour.*1.0, 0.6.*vertical"),
+        ("vigour = [0.6, 1.0]", "courage = [0.6, 1.0]", "every value of a flight"),
+        ('"fractional"]\ngust_rms = [0.0, 0.1, 0.2', '"pink"]\ngust_rms = [0.0, 0.1, 0.2', "every value"),
+        ("quickness = [0.2, 0.45]", "quickness = [2.0, 4.5]", "quickness between"),
+    ],
+)
+def test_damaged_grid_is_refused(old, new, message):
+    assert old in GRID_TEXT
+    with pytest.raises((InputError, UsageError), match=message):
+        flight_grid(GRID_TEXT.replace(old, new, 1))
+
+
+BEGIN, END = f"<!-- generated: {PART} -->", f"<!-- end: {PART} -->"
+
+
 pytest.importorskip("rotorpy")
-pytestmark = pytest.mark.calibration
+
 
 CHANCE = 1e-3
 
-BEGIN, END = marks(PART)
 
-
-PAGE = f"# Study\n\nBefore.\n\n{BEGIN}\n{END}\n\nAfter.\n"
-
-
-@dataclass(frozen=True)
-class Run:
-    """What the command left behind."""
-
-    code: int
-    printed: str
-    page: str
-    path: Path
+@pytest.fixture(scope="module")
+def calm(trials) -> pl.DataFrame:
+    return trials.rows.filter(pl.col("calm"))
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
-    """The command, in a process of its own: checks of every shape would make it three times as long."""
+def small_run(tmp_path_factory: pytest.TempPathFactory) -> tuple[TrialTable, str]:
+    """Trials and tables of the command, in a process of its own."""
     folder = tmp_path_factory.mktemp("study")
     trials, page = folder / "trials.parquet", folder / "page.md"
-    page.write_text(PAGE, encoding="utf-8")
+    page.write_text(f"Before.\n\n{BEGIN}\n{END}\n\nAfter.\n", encoding="utf-8")
+    command = [sys.executable, "-m", "validation.flight_recipe.study", "--size", "small"]
     done = subprocess.run(
-        [
-            *(sys.executable, "-m", "validation.flight_recipe.study", "--size", "small"),
-            *("--out", str(trials), "--page", str(page)),
-        ],
+        [*command, "--out", str(trials), "--page", str(page)],
         capture_output=True,
-        text=True,
         check=False,
         encoding="utf-8",
         env=os.environ | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "PYTHONUTF8": "1"},
     )
-    assert trials.exists(), done.stderr
-    return Run(done.returncode, done.stdout, page.read_text(encoding="utf-8"), trials)
+    assert done.returncode == 0, done.stdout + done.stderr
+    filled = f"Before.\n\n{BEGIN}\n\n{done.stdout.strip()}\n\n{END}\n\nAfter."
+    assert filled in page.read_text(encoding="utf-8")
+    return read_trial_table(trials), done.stdout
 
 
 @pytest.fixture(scope="module")
-def table(run) -> TrialTable:
-    return read_trial_table(run.path)
+def trials(small_run) -> TrialTable:
+    return small_run[0]
 
 
-@pytest.fixture(scope="module")
-def calm(table) -> pl.DataFrame:
-    return table.rows.filter(pl.col("calm"))
+@pytest.mark.calibration
+def test_the_small_grid_is_flown_and_meets_what_is_required(small_run, trials, calm):
+    assert "| constant-reference hovers accepted | none | 0 of 3 | yes |" in small_run[1]
+    assert trials.rows.height == flown(trials.rows).height == 36
+    assert set(trials.rows["simulator"]) == {"vertical", "rotorpy"}
+    assert all(item.met for item in requirements(trials.rows, allow_chance=True))
+    share = accepted_share(calm)
+    assert share.hits >= least(share.count, 0.75)
+    hovers = accepted_share(trials.rows.filter(pl.col("kind") == "hover"))
+    assert hovers.count >= 3
+    assert hovers.hits == 0
+    far = score(accepted(trials.rows), "viscous_friction").beyond_half
+    assert far.hits <= most(far.count, 0.04)
 
 
 def least(count: int, share: float) -> int:
@@ -98,19 +116,15 @@ def most(count: int, share: float) -> int:
     return int(binom.isf(CHANCE, count, share))
 
 
-def test_every_flight_of_the_small_grid_was_flown(table):
-    assert table.rows.height == 36
-    assert flown(table.rows).height == 36
-    assert set(table.rows["simulator"]) == {"vertical", "rotorpy"}
-
-
+@pytest.mark.calibration
 @pytest.mark.parametrize("quantity", QUANTITIES)
-def test_intervals_of_accepted_flights_hold_the_truth(table, quantity):
-    coverage = score(accepted(table.rows), quantity).coverage
+def test_intervals_of_accepted_flights_hold_the_truth(trials, quantity):
+    coverage = score(accepted(trials.rows), quantity).coverage
     assert coverage.count >= 20
     assert coverage.hits >= least(coverage.count, 0.92)
 
 
+@pytest.mark.calibration
 @pytest.mark.parametrize("quantity", list(ERROR_BOUNDS))
 def test_errors_of_calm_accepted_flights_are_small(calm, quantity):
     result = score(accepted(calm), quantity)
@@ -123,62 +137,13 @@ def test_errors_of_calm_accepted_flights_are_small(calm, quantity):
     assert beyond.height <= most(accepted(calm).height, 0.1)
 
 
-def test_calm_excited_flights_are_accepted_and_hovers_are_not(table, calm):
-    share = accepted_share(calm)
-    assert share.hits >= least(share.count, 0.75)
-    hovers = accepted_share(table.rows.filter(pl.col("kind") == "hover"))
-    assert hovers.count >= 3
-    assert hovers.hits == 0
-    far = score(accepted(table.rows), "viscous_friction").beyond_half
-    assert far.hits <= most(far.count, 0.04)
-
-
-def test_controls_fail(table, calm):
+@pytest.mark.calibration
+def test_controls_fail(trials, calm):
     ignored = score(calm, "viscous_friction", LAG_IGNORED)
     assert ignored.bias < -0.2
     assert ignored.coverage.hits < least(ignored.coverage.count, 0.8)
-    gusty = table.rows.filter((pl.col("kind") == "excited") & ~pl.col("calm"))
+    gusty = trials.rows.filter((pl.col("kind") == "excited") & ~pl.col("calm"))
     direct = score(gusty, "viscous_friction", NONLINEAR)
     assert direct.coverage.hits <= most(direct.coverage.count, 0.8)
     assert direct.bias < -0.05
     assert direct.bias < score(gusty, "viscous_friction").bias
-
-
-def test_no_requirement_is_missed_beyond_chance(table):
-    missed = [item for item in requirements(table.rows, allow_chance=True) if not item.met]
-    assert not missed
-
-
-def test_command_prints_its_tables_and_puts_them_into_the_page(run):
-    assert run.code == 0, run.printed
-    assert "| constant-reference hovers accepted | none | 0 of 3 | yes |" in run.printed
-    assert f"Before.\n\n{BEGIN}\n\n{run.printed.strip()}\n\n{END}\n\nAfter." in run.page
-
-
-def test_missed_requirement_is_the_exit_code(table, tmp_path, capsys, monkeypatch):
-    spoilt = TrialTable(table.rows.with_columns(pl.lit("identified").alias("verdict")), table.origin)
-    monkeypatch.setattr(flight_study, "run_grid", lambda *chosen: {("small", None): spoilt}[chosen])
-    assert flight_study.main(["--size", "small", "--out", str(tmp_path / "spoilt.parquet")]) == 3
-    assert "| constant-reference hovers accepted | none | 3 of 3 | **no** |" in capsys.readouterr().out
-
-
-@pytest.mark.long
-def test_the_table_does_not_depend_on_the_number_of_workers(tmp_path, monkeypatch):
-    """A few flights of both simulators, cut short, by one process and by two: the same bytes."""
-    whole = published_grid()
-    current = [case for case in whole.cases if case.simulator == "vertical"][::200]
-    other = [case for case in whole.cases if case.simulator == "rotorpy"][:1]
-    short = [
-        *(replace(case, spec=replace(case.spec, duration=2.0)) for case in other),
-        *(replace(case, spec=replace(case.spec, duration=12.0)) for case in current),
-    ]
-    monkeypatch.setattr(flight_study, "published_grid", lambda: replace(whole, cases=tuple(short)))
-    monkeypatch.setattr(flight_trials, "FLIGHTS_TOGETHER", 2)
-    written = []
-    for workers in (1, 2):
-        flight_study.run_grid("full", workers).write(tmp_path / "trials.parquet")
-        written.append((tmp_path / "trials.parquet").read_bytes())
-    assert written[0] == written[1]
-    rows = read_trial_table(tmp_path / "trials.parquet").rows
-    assert rows["flight"].to_list() == [case.name for case in (*current, *other)]
-    assert rows["recipe.viscous_friction.value"].is_finite().sum() >= len(current)

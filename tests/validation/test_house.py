@@ -116,3 +116,18 @@ def test_arrays_to_a_covariance_is_walked():
     assert 10 < numbers["functions"] < 200
     assert numbers["files"] < numbers["functions"]
     assert 1 < numbers["types"] < 60
+
+
+def test_tests_studies_and_pages_are_counted(tmp_path):
+    texts = {
+        "tests/test_a.py": "import eivor\nfrom eivor import methods\nfrom eivor.errors import EivorError\n",
+        "tests/room/test_b.py": "from eivor import estimation\n",
+        "tests/room/test_c.py": "def f():\n    import eivor.logs.read\n",
+        "validation/study.py": "x = 1\ny = 2\n",
+        "docs/page.md": "Three words here\n",
+    }
+    for name, text in texts.items():
+        path = tmp_path / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text)
+    assert list(house.project(tmp_path).values()) == [3, 6, 2, 2, 1, 3]

@@ -156,21 +156,6 @@ def test_what_was_compiled_before_a_swap_is_not_run(project, monkeypatch):
         assert copied.tested(mutant.tests).failed_of(mutant.tests[0]) == 1
 
 
-@pytest.mark.thorough
-def test_tests_that_fail_anyway_are_refused(project, capsys):
-    (project / "tests" / "test_toy.py").write_text(TESTS.replace("== 6", "== 7"))
-    assert main([], project=project, table=table(project, TWICE)) == UNNOTICED
-    assert "must pass before a line is swapped" in capsys.readouterr().err
-
-
-def test_a_line_that_is_there_twice_is_refused(project, capsys):
-    (project / "src" / "toy.py").write_text(
-        SOURCE.replace("    return doubled", "    doubled = 2 * x\n    return doubled")
-    )
-    assert main([], project=project, table=table(project, TWICE)) == UNNOTICED
-    assert "was found 2 times" in capsys.readouterr().err
-
-
 def test_every_line_of_the_table_is_in_the_project_once():
     assert not check_lines(read_mutants(TABLE), Path(__file__).parents[2])
 

@@ -117,13 +117,6 @@ def test_what_may_not_differ(path, value):
     assert [difference.path for difference in result.unexplained] == [path]
 
 
-def test_exact_shows_a_difference_in_the_last_digits():
-    last = changed(f"{FRICTION}/value", 0.5 + 1e-15)
-    assert compare(RECORD, last).agrees
-    result = compare(RECORD, last, exact=True, reworded=True)
-    assert [difference.path for difference in result.unexplained] == ["flights/example/sha256"]
-
-
 def test_sentences_may_be_reworded_but_not_dropped():
     path = "flights/example/document/reasons/0"
     other = changed(path, "The reference moved it.")
@@ -133,11 +126,6 @@ def test_sentences_may_be_reworded_but_not_dropped():
     assert not compare(RECORD, other, exact=True).agrees
     more = changed("flights/example/document/reasons", ["It moved.", "Twice."])
     assert [difference.path for difference in compare(RECORD, more).unexplained] == [path[:-1] + "1"]
-
-
-def test_missing_and_new_entries_differ():
-    assert str(compare(RECORD, {}).unexplained[0]) == "flights/example: entry -> (gone)"
-    assert str(compare({}, RECORD).unexplained[1]) == "problems/line: entry -> (new)"
 
 
 def test_a_listed_change_must_be_met():

@@ -25,7 +25,8 @@ from eivor.models.lagged_runs import lag_and_delay
 from eivor.motions.vertical.regression import VerticalFlights
 from eivor.process_pool import in_order, local_executor
 from eivor.simulation.vertical import VerticalFlightSpec, simulate_vertical_flights
-from validation.studies import WORKERS, Option, StudyCommand, share_text, versions
+from validation.studies import WORKERS, Option, StudyCommand, share_text
+from validation.suite_files import versions
 
 #: Every so many samples of a log of 100 Hz are kept: 100, 50, 20 and 10 Hz.
 THINNINGS = (1, 2, 5, 10)

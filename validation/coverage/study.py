@@ -4,9 +4,7 @@
 
 runs the suite that comes with the package, or another one, and prints its tables. `--from FILE.parquet`
 makes them anew from a finished run. Trials are kept in `--folder` as they are done, and a run that was
-interrupted goes on there. The method with the label "default" is judged. The exit code is 0 when every
-requirement is met (by few runs: as far as they can tell), 3 when one is not, 2 for an input that cannot be
-used.
+interrupted goes on there. The method with the label "default" is judged.
 """
 
 from __future__ import annotations
@@ -21,7 +19,13 @@ import polars as pl
 from eivor.inference.distributions import normal_quantile
 from eivor.lab.experiments import markdown
 from eivor.lab.study import FAILED, Share, StudyResult
-from validation.studies import Requirement, read_rows, requirement_table, suite_command, versions
+from validation.studies import (
+    Requirement,
+    may_be_within,
+    read_rows,
+    requirement_table,
+    suite_command,
+)
 from validation.suite_files import SuiteStudy, coverage_suite
 
 #: Columns of the table.
@@ -41,20 +45,14 @@ def coverage_rows(suite_study: SuiteStudy, result: StudyResult) -> Iterator[dict
                 kept[f"{choice.label}.{name}{part}"].to_numpy() for part in ("", ".low", ".high")
             )
             scatter = float(value.std(ddof=1)) if value.size > 1 else float("nan")
-            yield {
-                "scenario": suite_study.scenario,
-                "samples": suite_study.samples,
-                "method": choice.label,
-                "parameter": name,
-                "hits": int(((low <= truth) & (truth <= high)).sum()),
-                "count": int(value.size),
-                "length": float(np.mean(high - low)) / (2.0 * normal_quantile(study.level) * scatter),
-                "bias": float(np.mean(value - truth)) / scatter,
-                "runs": study.runs,
-                "seed": study.seed,
-                "level": study.level,
-                "versions": versions(),
-            }
+            yield suite_study.row(
+                choice.label,
+                name,
+                hits=int(((low <= truth) & (truth <= high)).sum()),
+                count=int(value.size),
+                length=float(np.mean(high - low)) / (2.0 * normal_quantile(study.level) * scatter),
+                bias=float(np.mean(value - truth)) / scatter,
+            )
 
 
 def read_coverage(path: Path) -> pl.DataFrame:
@@ -125,11 +123,7 @@ def _within(covered: Share, low: float, high: float) -> bool:
     """Whether a share is between bounds, or may be but for chance when the runs are few."""
     if covered.count >= 1000:
         return low <= covered.value <= high
-    slack = normal_quantile(CHANCE_LEVEL)
-    n = max(covered.count, 1)
-    below = slack * (low * (1.0 - low) / n) ** 0.5
-    above = slack * (high * (1.0 - high) / n) ** 0.5
-    return low - below <= covered.value <= high + above
+    return may_be_within(covered.value, covered.count, (low, high), CHANCE_LEVEL)
 
 
 PART = "coverage"

@@ -36,8 +36,8 @@ from validation.studies import (
     Option,
     Row,
     StudyCommand,
+    alone,
     completed,
-    versions,
     write_rows,
 )
 from validation.suite_files import SuiteStudy, read_suite
@@ -71,6 +71,10 @@ def _scenario(suite_study: SuiteStudy) -> Scenario:
     return experiment.scenario
 
 
+def key_of(found: Found) -> tuple[str, int, int]:
+    return found.scenario, found.samples, found.run
+
+
 def rows_of(suite_study: SuiteStudy, founds: Sequence[Found]) -> Iterator[Row]:
     """Rows of one scenario and length; there are no intervals."""
     scenario = _scenario(suite_study)
@@ -78,23 +82,12 @@ def rows_of(suite_study: SuiteStudy, founds: Sequence[Found]) -> Iterator[Row]:
     values = np.array([each.values for each in founds])
     for name, value in zip(truth, values.T, strict=True):
         errors = value - truth[name]
-        yield {
-            "scenario": suite_study.scenario,
-            "samples": suite_study.samples,
-            "method": KNOWN,
-            "parameter": name,
-            "bound": bounds[name],
+        error = {
             "rmse": float(np.sqrt(np.mean(errors**2))) / abs(truth[name]),
             "bias": float(errors.mean() / errors.std(ddof=1)),
-            "hits": 0,
-            "count": 0,
-            "failed": 0,
-            "weak": 0,
-            "runs": len(founds),
-            "seed": suite_study.study.seed,
-            "level": suite_study.study.level,
-            "versions": versions(),
         }
+        counts = dict.fromkeys(("hits", "count", "failed", "weak"), 0)
+        yield suite_study.row(KNOWN, name, bound=bounds[name], **error, **counts) | {"runs": len(founds)}
 
 
 def answer(chosen: argparse.Namespace) -> Answer:
@@ -108,7 +101,7 @@ def answer(chosen: argparse.Namespace) -> Answer:
             (study.scenario, study.samples, run): partial(trial, study, run)
             for run in range(study.study.runs)
         }
-        found = completed(chosen.kept, Found, trials, lambda each: (each.scenario, each.samples, each.run))
+        found = completed(chosen.kept, Found, alone(trials), key_of)
         rows.extend(rows_of(study, found))
     write_rows(pl.DataFrame(rows), chosen.out)
     return f"{len(rows)} rows", ()

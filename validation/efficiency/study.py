@@ -4,8 +4,7 @@
 
 runs the suite beside this file, or another one, and prints its tables. `--from FILE.parquet` makes them anew
 from a finished run, or from several of other scenarios or lengths. Trials are kept in `--folder` as they are
-done, and a run that was interrupted goes on there. The exit code is 0 when every requirement is met (by few
-runs: as far as they can tell), 3 when one is not, 2 for an input that cannot be used.
+done, and a run that was interrupted goes on there.
 """
 
 from __future__ import annotations
@@ -27,7 +26,7 @@ from eivor.lab.experiments import VerticalExperiment, markdown
 from eivor.lab.records import ALWAYS_MEASURED, OpenLoop, Scenario, simulate
 from eivor.lab.study import StudyResult, scores
 from eivor.simulation.excitation import GivenSeries
-from validation.studies import Requirement, Row, requirement_table, suite_command, versions
+from validation.studies import Requirement, Row, requirement_table, suite_command
 from validation.suite_files import Suite, SuiteStudy, read_suite
 
 
@@ -61,23 +60,17 @@ def efficiency_rows(suite_study: SuiteStudy, result: StudyResult) -> Iterator[Ro
     for score in scores(result):
         for parameter in score.parameters:
             covered = parameter.coverage
-            yield {
-                "scenario": suite_study.scenario,
-                "samples": suite_study.samples,
-                "method": score.label,
-                "parameter": parameter.name,
-                "bound": bounds.get(parameter.name, float("nan")),
-                "rmse": parameter.rmse / abs(parameter.truth),
-                "bias": parameter.bias / parameter.estimate.std,
-                "hits": 0 if covered is None else covered.hits,
-                "count": 0 if covered is None else covered.count,
-                "failed": score.failed,
-                "weak": score.weak,
-                "runs": suite_study.study.runs,
-                "seed": suite_study.study.seed,
-                "level": suite_study.study.level,
-                "versions": versions(),
-            }
+            yield suite_study.row(
+                score.label,
+                parameter.name,
+                bound=bounds.get(parameter.name, float("nan")),
+                rmse=parameter.rmse / abs(parameter.truth),
+                bias=parameter.bias / parameter.estimate.std,
+                hits=0 if covered is None else covered.hits,
+                count=0 if covered is None else covered.count,
+                failed=score.failed,
+                weak=score.weak,
+            )
 
 
 def bounds_of(suite_study: SuiteStudy) -> dict[str, float]:

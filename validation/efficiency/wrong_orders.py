@@ -5,7 +5,7 @@
 
 The noises of velocity and acceleration are fractional, and both methods take them as white: their orders are
 held at zero, their strengths are fitted as ever. Every trial is kept in the file; a run that was interrupted
-goes on. The exit code is 0 when every requirement is met, 3 when one is not, 2 for an input of no use.
+goes on.
 """
 
 from __future__ import annotations
@@ -16,7 +16,6 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
-import msgspec
 import numpy as np
 
 import eivor as ev
@@ -27,11 +26,9 @@ from eivor.estimation.spectral_iv import maximum_likelihood, start_of
 from eivor.inference.verdict import Reason
 from eivor.lab.experiments import markdown
 from eivor.lab.scenario_files import shipped_scenario
-from eivor.strict_toml import read_toml
-from validation.studies import Answer, Requirement, completed, kept_command, requirement_table, versions
+from validation.studies import GridStruct, Group, KeptRun, KeptStudy, Requirement, alone
+from validation.suite_files import versions
 
-PART = "wrong-orders"
-GRID = Path(__file__).with_name("wrong_orders.toml")
 SEED = 20261122
 #: Largest bias of spectral_giv that is asked for, over the parameter.
 LARGEST_BIAS = 0.008
@@ -73,62 +70,70 @@ def taken_as_white(start: SampledMotion, input_variance: float) -> Pilot:
     return Pilot(start, free.transient, fitted_noise(start, residual, centre, prior), prior)
 
 
-class RecordGrid(msgspec.Struct, forbid_unknown_fields=True):
-    scenarios: list[str]
+class Grid(GridStruct, frozen=True):
+    scenarios: tuple[str, ...]
     samples: int
-    small: int
+    small: int  # Records of each by size of the study
     full: int
 
 
-def answer(grid: Path, size: str, kept: Path) -> Answer:
-    """Run what the file does not have yet, and judge all of it."""
-    root = read_toml(grid, "grid of records").convert(RecordGrid)
-    names, samples, runs = root.scenarios, root.samples, {"small": root.small, "full": root.full}[size]
-    trials = {(name, run): partial(trial, name, samples, run) for name in names for run in range(runs)}
-    tried = completed(kept, Tried, trials, lambda line: (line.scenario, line.run))
-    results = {
-        name: {
-            method: np.array([line.errors[method] for line in tried if line.scenario == name])
-            for method in METHODS
+def groups(grid: Grid, size: str, _kept: Path) -> list[Group[tuple[str, int], Tried]]:
+    return alone(
+        {
+            (name, run): partial(trial, name, grid.samples, run)
+            for name in grid.scenarios
+            for run in range(getattr(grid, size))
         }
-        for name in names
-    }
-    requirement = _requirement({name: errors["spectral_giv"] for name, errors in results.items()})
-    tables = (
-        f"Made by `python -m validation.efficiency.wrong_orders` with {versions()}: {runs} records of "
-        f"{samples} samples of each scenario, seed {SEED}. Each cell is K / K_u.",
-        requirement_table([requirement]),
-        markdown(
-            ("scenario", *(f"{method}: {what}" for method in METHODS for what in ("bias", "scatter"))),
-            list(_lines(results)),
-        ),
     )
-    return "\n\n".join(tables), (requirement,)
 
 
-def _requirement(errors: dict[str, np.ndarray]) -> Requirement:
+def errors_of(run: KeptRun[Grid, Tried], method: str) -> dict[str, np.ndarray]:
+    """Errors of a method by scenario."""
+    return {
+        name: np.array([line.errors[method] for line in run.lines if line.scenario == name])
+        for name in run.grid.scenarios
+    }
+
+
+def requirements(run: KeptRun[Grid, Tried]) -> Iterator[Requirement]:
+    errors = errors_of(run, "spectral_giv")
     biases = {name: np.abs(each.mean(axis=0)) for name, each in errors.items()}
     chance = {name: each.std(axis=0) / np.sqrt(len(each)) for name, each in errors.items()}
     worst = max(biases, key=lambda name: float(biases[name].max()))
-    return Requirement(
+    yield Requirement(
         "spectral_giv, orders held at zero: bias over the parameter",
         f"at most {LARGEST_BIAS:.1%}",
         f"at most {biases[worst].max():.2%} ({worst})",
-        all(
-            bool(np.all(biases[biase] <= LARGEST_BIAS + STANDARD_ERRORS * chance[biase])) for biase in biases
-        ),
+        all(bool(np.all(biases[name] <= LARGEST_BIAS + STANDARD_ERRORS * chance[name])) for name in biases),
     )
 
 
-def _lines(dicts: dict[str, dict[str, np.ndarray]]) -> Iterator[tuple[str, ...]]:
-    for name, errors in dicts.items():
-        figures = (
-            item for method in METHODS for item in (errors[method].mean(axis=0), errors[method].std(axis=0))
-        )
-        yield name, *(" / ".join(f"{100.0 * item:.2g} %" for item in each) for each in figures)
+def tables(run: KeptRun[Grid, Tried]) -> Iterator[str]:
+    records = f"{getattr(run.grid, run.size)} records of {run.grid.samples} samples of each scenario"
+    yield f" with {versions()}: {records}, seed {SEED}. Each cell is K / K_u."
+    header = ("scenario", *(f"{method}: {what}" for method in METHODS for what in ("bias", "scatter")))
+    errors = [errors_of(run, method) for method in METHODS]
+    yield markdown(header, [(name, *_cells([each[name] for each in errors])) for name in run.grid.scenarios])
 
 
-main = kept_command("validation.efficiency.wrong_orders", __doc__, GRID, PART, answer).main
+def _cells(errors: list[np.ndarray]) -> Iterator[str]:
+    for figure in (figure for each in errors for figure in (each.mean(axis=0), each.std(axis=0))):
+        yield " / ".join(f"{100.0 * item:.2g} %" for item in figure)
+
+
+STUDY = KeptStudy(
+    "efficiency.wrong_orders",
+    __doc__,
+    "wrong-orders",
+    Grid,
+    Tried,
+    ("scenario", "run"),
+    groups,
+    requirements,
+    tables,
+    file="wrong_orders.toml",
+)
+main = STUDY.main
 
 if __name__ == "__main__":
     sys.exit(main())

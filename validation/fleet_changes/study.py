@@ -3,14 +3,13 @@
     python -m validation.fleet_changes.study --kept FILE.jsonl [--size small|full] [--page FILE.md]
 
 simulates the fleets of the grid beside this file, keeps every cell in the file, and prints its table: false
-alarms, wear with its sign and interval, steps and their dates. The exit code is 0 when every requirement is
-met, 3 when one is not, 2 for an input of no use.
+alarms, wear with its sign and interval, steps and their dates.
 """
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -20,19 +19,10 @@ import numpy as np
 import polars as pl
 
 from eivor.fleet.analysis import STEADY, STEPS, fleet_report
-from eivor.lab.experiments import markdown
 from eivor.motions.table import motion_by_name
 from validation.simulated_fleets import FleetSpec, fleet_rows, fleet_truth
-from validation.studies import (
-    Answer,
-    GridStruct,
-    Requirement,
-    completed,
-    kept_command,
-    read_as,
-    requirement_table,
-    versions,
-)
+from validation.studies import GridStruct, Group, KeptRun, KeptStudy, Requirement, alone, table_of
+from validation.suite_files import versions
 
 SEED = 20261122
 #: What loses thrust, and flights from either end without a step.
@@ -68,7 +58,7 @@ class Grid(GridStruct, frozen=True):
 
 
 @dataclass(frozen=True, slots=True)
-class Told:
+class Reported:
     what: str  # As in `Cell`
     flights: int  # Likewise
     vehicles: int
@@ -90,7 +80,7 @@ class Told:
     others: float
 
 
-def told(grid: Grid, cell: Cell, fleets: int) -> Told:
+def told(grid: Grid, cell: Cell, fleets: int) -> Reported:
     parts = [
         _reported(grid, cell, range(start, min(start + TOGETHER, fleets)))
         for start in range(0, fleets, TOGETHER)
@@ -106,7 +96,7 @@ def told(grid: Grid, cell: Cell, fleets: int) -> Told:
     steps = gains["course"].to_numpy() == STEPS
     flight = gains["step_flight"].fill_null(-np.inf).to_numpy()
     low, high = (gains[f"step_flight_{end}"].fill_null(np.nan).to_numpy() for end in ("first", "last"))
-    return Told(
+    return Reported(
         cell.what,
         cell.flights,
         cell.vehicles,
@@ -178,100 +168,78 @@ def _fleet(grid: Grid, cell: Cell, number: int) -> tuple[pl.DataFrame, np.ndarra
     return rows, first + 1 if first.size else np.full(cell.vehicles, -1)
 
 
-PART = "fleet-changes"
-GRID = Path(__file__).with_name("grid.toml")
 #: Asked: vehicles with a false alarm at most, or told to differ; worn ones with the sign, and with an
 #: interval that covers; steps dated within three flights.
 ALARMS, SIGN, COVERED, DATED = 0.05, 0.95, 0.93, 0.80
-HEADER = (
-    "what happens",
-    "flights",
-    "vehicles of a fleet",
-    "fleets",
-    "flights off by 30 %",
-    "payload",
-    "told to change, in any quantity",
-    "in the gain",
-    "drift's interval below zero",
-    "drift's interval holds the wear",
-    "step dated within 3 flights",
-    "flights left open hold it",
-    "flights off that are told to deviate",
-    "vehicles with another that is",
-    "weaker vehicles that are told to differ",
-    "others that are",
-)
 
 
-def answer(grid: Path, size: str, kept: Path) -> Answer:
-    """Simulate what the file does not have yet, and judge all of it."""
-    fleets = read_as(Grid, grid)
-    trials = {
-        _key(cell, getattr(cell, size)): partial(told, fleets, cell, getattr(cell, size))
-        for cell in fleets.cells
-    }
-    results = completed(kept, Told, trials, lambda item: _key(item, item.fleets))
-    requirements = tuple(_requirements(results))
-    return _tables(results, requirements), requirements
+def only(what: str, text: str) -> Callable[[Reported], str]:
+    """Number of the cells in which this happens."""
+    return lambda line: text.format(line) if line.what == what else "-"
 
 
-def _key(first: Cell | Told, fleets: int) -> tuple[str, int, int, int, int, float]:
-    return first.what, first.flights, first.vehicles, fleets, first.outliers, first.payload
+COLUMNS: dict[str, str | Callable[[Reported], str]] = {
+    "what happens": "{.what}",
+    "flights": "{.flights}",
+    "vehicles of a fleet": "{.vehicles}",
+    "fleets": "{.fleets}",
+    "flights off by 30 %": "{.outliers}",
+    "payload": "{.payload:g}",
+    "told to change, in any quantity": "{.changes:.3f}",
+    "in the gain": "{.gain_changes:.3f}",
+    "drift's interval below zero": only("wear", "{.sign:.3f}"),
+    "drift's interval holds the wear": only("wear", "{.covered:.3f}"),
+    "step dated within 3 flights": only("step", "{.dated:.3f}"),
+    "flights left open hold it": only("step", "{.held:.3f}"),
+    "flights off that are told to deviate": lambda line: f"{line.deviating:.3f}" if line.outliers else "-",
+    "vehicles with another that is": "{.wrong:.4f}",
+    "weaker vehicles that are told to differ": only("weaker", "{.differing:.3f}"),
+    "others that are": "{.others:.3f}",
+}
+#: What names a cell.
+KEY = ("what", "flights", "vehicles", "fleets", "outliers", "payload")
 
 
-def _requirements(tolds: list[Told]) -> Iterator[Requirement]:
-    for item in tolds:
+def groups(grid: Grid, size: str, _kept: Path) -> list[Group[tuple[object, ...], Reported]]:
+    trials = {}
+    for cell in grid.cells:
+        fleets = getattr(cell, size)
+        key = tuple(fleets if name == "fleets" else getattr(cell, name) for name in KEY)
+        trials[key] = partial(told, grid, cell, fleets)
+    return alone(trials)
+
+
+def requirements(run: KeptRun[Grid, Reported]) -> Iterator[Requirement]:
+    for item in run.lines:
         where = f"{item.flights} flights, fleets of {item.vehicles}"
         where += f", {item.outliers} flights off" if item.outliers else ""
         where += ", growing payload" if item.payload else ""
         if item.what == "nothing":
             yield Requirement.at_most(f"vehicles with a false alarm: {where}", item.changes, ALARMS)
         if item.what in ("nothing", "weaker") and item.vehicles > 1:
-            yield Requirement.at_most(
-                f"vehicles alike that are told to differ: {item.what}, {where}", item.others, ALARMS
-            )
-        for what, words, entry, measured in (
+            what = f"vehicles alike that are told to differ: {item.what}, {where}"
+            yield Requirement.at_most(what, item.others, ALARMS)
+        for what, words, least, measured in (
             ("wear", "the drift has the sign of the wear", SIGN, item.sign),
             ("wear", "the drift's interval holds the wear", COVERED, item.covered),
             ("step", "steps dated within three flights", DATED, item.dated),
         ):
             if item.what == what:
-                yield Requirement.at_least(f"{words}: {where}", measured, entry)
+                yield Requirement.at_least(f"{words}: {where}", measured, least)
 
 
-def _tables(tolds: list[Told], requirements: tuple[Requirement, ...]) -> str:
-    return "\n\n".join(
-        (
-            f"Made by `python -m validation.fleet_changes.study` with {versions()}, seed {SEED}.",
-            requirement_table(requirements),
-            markdown(HEADER, map(_line, tolds)),
-        )
-    )
-
-
-def _line(first: Told) -> tuple[str, ...]:
-    wear, step = first.what == "wear", first.what == "step"
-    return (
-        first.what,
-        f"{first.flights}",
-        f"{first.vehicles}",
-        f"{first.fleets}",
-        f"{first.outliers}",
-        f"{first.payload:g}",
-        f"{first.changes:.3f}",
-        f"{first.gain_changes:.3f}",
-        f"{first.sign:.3f}" if wear else "-",
-        f"{first.covered:.3f}" if wear else "-",
-        f"{first.dated:.3f}" if step else "-",
-        f"{first.held:.3f}" if step else "-",
-        f"{first.deviating:.3f}" if first.outliers else "-",
-        f"{first.wrong:.4f}",
-        f"{first.differing:.3f}" if first.what == "weaker" else "-",
-        f"{first.others:.3f}",
-    )
-
-
-main = kept_command("validation.fleet_changes.study", __doc__, GRID, PART, answer).main
+STUDY = KeptStudy(
+    "fleet_changes.study",
+    __doc__,
+    "fleet-changes",
+    Grid,
+    Reported,
+    KEY,
+    groups,
+    requirements,
+    lambda run: (f" with {versions()}, seed {SEED}.", table_of(COLUMNS, run.lines)),
+)
+main = STUDY.main
 
 if __name__ == "__main__":
     sys.exit(main())

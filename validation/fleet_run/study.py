@@ -5,8 +5,7 @@
 simulates the fleet of the grid beside this file, runs it in one process, in two, in two that are killed and
 interrupted at random instants and begun again, and on two workers of Dask of which one is killed, and
 compares the tables to the byte. Logs and fleets are in a folder beside the file; what is there is not made
-again. It ends with what a million logs take, reckoned from what was measured. The exit code is 0 when every
-requirement is met, 3 when one is not, 2 for an input of no use.
+again. It ends with what a million logs take, reckoned from what was measured.
 """
 
 from __future__ import annotations
@@ -43,17 +42,17 @@ from eivor.motions.identify import identify_flight
 from eivor.process_pool import Executor, InProcess, LocalThreads
 from validation.simulated_fleets import FleetSpec, write_fleet_logs
 from validation.studies import (
-    Answer,
     GridStruct,
+    Group,
+    KeptRun,
+    KeptStudy,
     Requirement,
-    completed,
+    alone,
     keep,
-    kept_command,
     kept_lines,
-    read_as,
-    requirement_table,
-    versions,
+    table_of,
 )
+from validation.suite_files import versions
 
 #: Of all draws.
 SEED = 20261122
@@ -272,8 +271,6 @@ def _report(what: str, size: Size, fleet: Path, took: Mapping[str, float], ended
     )
 
 
-PART = "fleet run"
-GRID = Path(__file__).with_name("grid.toml")
 #: Logs and cores of the cluster on paper, and logs of its tasks.
 MANY, CORES, PAPER_TASK_LOGS = 1_000_000, 100, 200
 
@@ -286,18 +283,19 @@ class Cost:
     cpu_s: float
 
 
-def answer(grid: Path, size: str, kept: Path) -> Answer:
-    """Run what the folder does not have yet, and judge all of it."""
-    requested, folder = read_as(dict[str, Size], grid)[size], kept.with_suffix("")
-    write_logs(requested, folder / "logs")
-    trials = {name: partial(_made, name, requested, folder) for name in MODES}
-    results = completed(kept, Told, trials, lambda line: line.mode)
-    costs = kept.with_suffix(".cost.jsonl")
-    if not costs.exists():
-        keep(costs, [_cost(requested.cost_s)])
-    (cost,) = kept_lines(costs, Cost)
-    requirements = tuple(_requirements(requested, results))
-    return _tables(requested, results, requirements, cost), requirements
+def groups(sizes: dict[str, Size], size: str, kept: Path) -> list[Group[tuple[str], Told]]:
+    """Logs, and what a plain identification costs, are made first where they are not there yet."""
+    chosen, folder = sizes[size], kept.with_suffix("")
+    write_logs(chosen, folder / "logs")
+    if not _costs(kept).exists():
+        keep(_costs(kept), [_cost(chosen.cost_s)])
+    return alone(
+        {(name,): partial(made, chosen, folder / "logs", folder / name) for name, made in MODES.items()}
+    )
+
+
+def _costs(kept: Path) -> Path:
+    return kept.with_suffix(".cost.jsonl")
 
 
 def _cost(flight_s: float) -> Cost:
@@ -310,49 +308,43 @@ def _cost(flight_s: float) -> Cost:
     return Cost(flight_s, time.process_time() - process_time)
 
 
-def _made(name: str, size: Size, folder: Path) -> Told:
-    return MODES[name](size, folder / "logs", folder / name)
-
-
-def _requirements(size: Size, tolds: Sequence[Told]) -> Iterator[Requirement]:
-    rows = {item.rows for item in tolds} | {item.names for item in tolds}
+def requirements(run: KeptRun[dict[str, Size], Told]) -> Iterator[Requirement]:
+    size = run.grid[run.size]
+    rows = {item.rows for item in run.lines} | {item.names for item in run.lines}
     yield Requirement(
         "a row for each log, and one only, in every case",
         f"{size.logs:,}",
         ", ".join(f"{count:,}" for count in sorted(rows)),
         rows == {size.logs},
     )
-    tables = len({item.sha256 for item in tolds})
+    tables = len({item.sha256 for item in run.lines})
     yield Requirement("different tables, compared to the byte", "1", f"{tables}", tables == 1)
-    ended = sum(item.ended for item in tolds)
+    ended = sum(item.ended for item in run.lines)
     wanted = size.kills + size.interrupts + 1
     yield Requirement("runs and workers that were ended", f"{wanted}", f"{ended}", ended >= wanted)
 
 
-def _tables(size: Size, tolds: Sequence[Told], requirements: Sequence[Requirement], cost: Cost) -> str:
-    verdicts = ", ".join(f"{count:,} {verdict}" for verdict, count in tolds[0].verdicts.items())
-    return "\n\n".join(
-        (
-            f"Made by `python -m validation.fleet_run.study` with {versions()}, seed {SEED}: "
-            f"{size.short_vehicles:,} vehicles with {size.short_flights} flights each that are too short to "
-            f"be told, {size.told_vehicles} with {size.told_flights} that are not; a copy, a damaged log and "
-            f"an empty one. Rows: {verdicts}.",
-            requirement_table(requirements),
-            markdown(("run", "rows", "parts", "table", "memory of who hands out"), map(_line, tolds)),
-            "On paper, from these figures:",
-            markdown((f"{MANY:,} logs", "take"), _on_paper(tolds[0], cost)),
-        )
-    )
+COLUMNS: Mapping[str, str | Callable[[Told], str]] = {
+    "run": "{.what}",
+    "rows": "{.rows:,}",
+    "parts": "{.parts:,}",
+    "table": lambda line: f"{line.table_bytes / 1e6:.1f} MB",
+    "memory of who hands out": "{.parent_mb:.0f} MB",
+}
 
 
-def _line(first: Told) -> tuple[str, ...]:
-    return (
-        first.what,
-        f"{first.rows:,}",
-        f"{first.parts:,}",
-        f"{first.table_bytes / 1e6:.1f} MB",
-        f"{first.parent_mb:.0f} MB",
+def tables(run: KeptRun[dict[str, Size], Told]) -> Iterator[str]:
+    size, first = run.grid[run.size], run.lines[0]
+    verdicts = ", ".join(f"{count:,} {verdict}" for verdict, count in first.verdicts.items())
+    yield (
+        f" with {versions()}, seed {SEED}: {size.short_vehicles:,} vehicles with {size.short_flights} "
+        f"flights each that are too short to be told, {size.told_vehicles} with {size.told_flights} that are "
+        f"not; a copy, a damaged log and an empty one. Rows: {verdicts}."
     )
+    yield table_of(COLUMNS, run.lines)
+    yield "On paper, from these figures:"
+    (cost,) = kept_lines(_costs(run.kept), Cost)
+    yield markdown((f"{MANY:,} logs", "take"), _on_paper(first, cost))
 
 
 def _on_paper(first: Told, cost: Cost) -> Iterator[tuple[str, str]]:
@@ -368,7 +360,11 @@ def _on_paper(first: Told, cost: Cost) -> Iterator[tuple[str, str]]:
     )
 
 
-main = kept_command("validation.fleet_run.study", __doc__, GRID, PART, answer).main
+STUDY = KeptStudy(
+    "fleet_run.study", __doc__, "fleet run", dict[str, Size], Told, ("mode",), groups, requirements, tables
+)
+main = STUDY.main
+
 
 if __name__ == "__main__":
     sys.exit(one_run(sys.argv[2:]) if sys.argv[1:2] == [ONE] else main())

@@ -4,8 +4,7 @@
 
 runs the grid beside this file, keeps every answer in the file, and prints its tables: what a lag that is left
 out does to each method, how they do in each regime, and whether one is better than the default. A run that
-was interrupted goes on. The exit code is 0 when every requirement is met, 3 when one is not, 2 for an input
-of no use.
+was interrupted goes on.
 """
 
 from __future__ import annotations
@@ -14,6 +13,7 @@ import sys
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -27,17 +27,8 @@ from eivor.signals.recording import Recording
 from eivor.simulation.environment import TrajectoryKind
 from eivor.simulation.known_logs import log_of_flight
 from eivor.simulation.vertical import VerticalFlightSpec
-from validation.studies import (
-    Answer,
-    GridStruct,
-    Requirement,
-    keep,
-    kept_command,
-    kept_lines,
-    read_as,
-    requirement_table,
-    versions,
-)
+from validation.studies import GridStruct, Group, KeptRun, KeptStudy, Requirement
+from validation.suite_files import versions
 
 SEED = 20261122
 #: References in turn.
@@ -58,8 +49,16 @@ class Regime(GridStruct, frozen=True):
     left_out: bool = False  # Whether methods are also told that there is no lag
 
 
+class Grid(GridStruct, frozen=True):
+    """What is flown, by what, and how often."""
+
+    vehicle: dict[str, float]
+    methods: tuple[str, ...]
+    regimes: tuple[Regime, ...]
+
+
 @dataclass(frozen=True, slots=True)
-class Told:
+class Identified:
     """What one method says of one flight."""
 
     regime: str  # Which flight
@@ -88,13 +87,13 @@ def flight(regime: Regime, vehicle: dict[str, float], run: int) -> tuple[Vertica
     return spec, replace(log, channels=channels)
 
 
-def trial(regime: Regime, vehicle: dict[str, float], methods: Sequence[str], run: int) -> Iterator[Told]:
-    spec, log = flight(regime, vehicle, run)
+def trial(regime: Regime, grid: Grid, run: int) -> Iterator[Identified]:
+    spec, log = flight(regime, grid.vehicle, run)
     truth = np.array([getattr(spec, name) for name in PARAMETERS])
     for lag, known in ((SEARCHED, None), (OMITTED, Bounds(0.0, 0.0))):
         if known is not None and not regime.left_out:
             continue
-        for method in methods:
+        for method in grid.methods:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
                 result = ev.identify_flight(
@@ -106,7 +105,7 @@ def trial(regime: Regime, vehicle: dict[str, float], methods: Sequence[str], run
                 item.interval[0] <= true <= item.interval[1]
                 for item, true in zip(selected, truth, strict=True)
             ]
-            yield Told(
+            yield Identified(
                 regime.name,
                 run,
                 method,
@@ -117,42 +116,23 @@ def trial(regime: Regime, vehicle: dict[str, float], methods: Sequence[str], run
             )
 
 
-PART = "flight-methods"
-GRID = Path(__file__).with_name("grid.toml")
 #: The default, and those that could take its place.
 DEFAULT, CANDIDATES = "reference_iv", ("spectral_giv", "whittle_ml")
 IDENTIFIED = Status.IDENTIFIED.value
 COLUMNS = ("flights", "bias of K / K_u", "RMSE", "coverage", "identified", "no estimate")
 
 
-class Grid(GridStruct, frozen=True):
-    """What is flown, by what, and how often."""
-
-    vehicle: dict[str, float]
-    methods: tuple[str, ...]
-    regimes: tuple[Regime, ...]
-
-
-def answer(grid: Path, size: str, kept: Path) -> Answer:
-    """Fly what the file does not have yet, and judge all of it."""
-    requested = read_as(Grid, grid)
-    done = kept_lines(kept, Told)
-    tolds: list[Told] = []
-    for run in range(max(getattr(regime, size) for regime in requested.regimes)):
-        for regime in requested.regimes:
-            if run >= getattr(regime, size):
-                continue
-            selected = [item for item in done if (item.regime, item.run) == (regime.name, run)]
-            if not selected:
-                selected = list(trial(regime, requested.vehicle, requested.methods, run))
-                keep(kept, selected)
-            tolds.extend(selected)
-    requirements = tuple(_requirements(tolds))
-    return _tables(requested, size, tolds, requirements), requirements
+def groups(grid: Grid, size: str, _kept: Path) -> Iterator[Group[tuple[str, int], Identified]]:
+    """Runs of all regimes in turn."""
+    for run in range(max(getattr(regime, size) for regime in grid.regimes)):
+        for regime in grid.regimes:
+            if run < getattr(regime, size):
+                made = partial(trial, regime, grid, run)
+                yield [(regime.name, run)], lambda _, made=made: [list(made())]  # type: ignore[misc]
 
 
-def _requirements(tolds: Sequence[Told]) -> Iterator[Requirement]:
-    without = [item for item in tolds if item.lag == OMITTED]
+def requirements(run: KeptRun[Grid, Identified]) -> Iterator[Requirement]:
+    without = [item for item in run.lines if item.lag == OMITTED]
     wrong = [item for item in without if item.verdict == IDENTIFIED and not all(item.held)]
     yield Requirement(
         "flights whose lag is left out, identified with a wrong number",
@@ -161,89 +141,97 @@ def _requirements(tolds: Sequence[Told]) -> Iterator[Requirement]:
         len(wrong) <= 0.05 * len(without),
     )
     for method in (DEFAULT, CANDIDATES[0]):
-        judged = [item for item in _searched(tolds, method) if item.verdict == IDENTIFIED]
-        held = [held for item in judged for held in item.held]
+        held = [
+            held for item in _searched(run.lines, method) if item.verdict == IDENTIFIED for held in item.held
+        ]
         share = float(np.mean(held)) if held else 1.0
-        yield Requirement(
-            f"{method}: intervals of identified flights hold", "at least 0.90", f"{share:.3f}", share >= 0.90
-        )
+        what = f"{method}: intervals of identified flights hold"
+        yield Requirement(what, "at least 0.90", f"{share:.3f}", share >= 0.90)
 
 
-def _searched(tolds: Sequence[Told], method: str) -> list[Told]:
-    return [item for item in tolds if (item.method, item.lag) == (method, SEARCHED)]
+def _searched(lines: Sequence[Identified], method: str) -> list[Identified]:
+    return [item for item in lines if (item.method, item.lag) == (method, SEARCHED)]
 
 
-def _tables(grid: Grid, size: str, tolds: Sequence[Told], requirements: Sequence[Requirement]) -> str:
-    flights = ", ".join(f"{getattr(regime, size)} of {regime.name}" for regime in grid.regimes)
+def tables(run: KeptRun[Grid, Identified]) -> Iterator[str]:
+    grid, lines = run.grid, run.lines
+    flights = ", ".join(f"{getattr(regime, run.size)} of {regime.name}" for regime in grid.regimes)
     compared = [regime.name for regime in grid.regimes if regime.left_out]
     of_lag = [
-        (lag, method, *_line([o for o in tolds if (o.regime, o.method, o.lag) == (name, method, lag)]))
+        (lag, method, *_row([o for o in lines if (o.regime, o.method, o.lag) == (name, method, lag)]))
         for name in compared
         for lag in (OMITTED, SEARCHED)
         for method in grid.methods
     ]
     of_regimes = [
-        (regime.name, method, *_line([o for o in _searched(tolds, method) if o.regime == regime.name]))
+        (regime.name, method, *_row([o for o in _searched(lines, method) if o.regime == regime.name]))
         for regime in grid.regimes
         for method in grid.methods
     ]
-    overall = [(method, *_line(_searched(tolds, method))) for method in grid.methods]
-    return "\n\n".join(
-        (
-            f"Made by `python -m validation.flight_methods.study` with {versions()}: flights {flights}, "
-            f"actuators of {1e3 * grid.vehicle['actuator_lag']:g} ms, seed {SEED}.",
-            requirement_table(requirements),
-            f"The lag left out, and a nuisance ({', '.join(compared)}):",
-            markdown(("lag", "method", *COLUMNS), of_lag),
-            "Regimes, the lag a nuisance:",
-            markdown(("regime", "method", *COLUMNS), of_regimes),
-            "All regimes together:",
-            markdown(("method", *COLUMNS), overall),
-            " ".join(_judged(tolds, method) for method in CANDIDATES if method in grid.methods),
-        )
-    )
+    lag_ms = 1e3 * grid.vehicle["actuator_lag"]
+    yield f" with {versions()}: flights {flights}, actuators of {lag_ms:g} ms, seed {SEED}."
+    yield f"The lag left out, and a nuisance ({', '.join(compared)}):"
+    yield markdown(("lag", "method", *COLUMNS), of_lag)
+    yield "Regimes, the lag a nuisance:"
+    yield markdown(("regime", "method", *COLUMNS), of_regimes)
+    yield "All regimes together:"
+    overall = [(method, *_row(_searched(lines, method))) for method in grid.methods]
+    yield markdown(("method", *COLUMNS), overall)
+    yield " ".join(_judged(lines, method) for method in CANDIDATES if method in grid.methods)
 
 
-def _line(tolds: Sequence[Told]) -> tuple[str, ...]:
-    errors = np.array([item.errors for item in tolds]).reshape(len(tolds), 2)
+def _row(lines: Sequence[Identified]) -> tuple[str, ...]:
+    errors = np.array([item.errors for item in lines]).reshape(len(lines), 2)
     known = np.isfinite(errors).all(axis=1)
-    held = np.array([item.held for item in tolds], dtype=np.float64).reshape(len(tolds), 2)[known]
+    held = np.array([item.held for item in lines], dtype=np.float64).reshape(len(lines), 2)[known]
     errors = errors[known]
 
     def both(of: Callable[[np.ndarray], np.ndarray], values: np.ndarray, displayed: str) -> str:
         return " / ".join(displayed.format(item) for item in of(values)) if values.size else "-"
 
     return (
-        f"{len(tolds)}",
+        f"{len(lines)}",
         both(lambda e: 100.0 * e.mean(axis=0), errors, "{:+.1f} %"),
         both(lambda e: 100.0 * np.sqrt((e**2).mean(axis=0)), errors, "{:.1f} %"),
         both(lambda h: h.mean(axis=0), held, "{:.2f}"),
-        f"{_identified(tolds):.2f}",
+        f"{_identified(lines):.2f}",
         f"{int((~known).sum())}",
     )
 
 
-def _identified(tolds: Sequence[Told]) -> float:
-    return float(np.mean([item.verdict == IDENTIFIED for item in tolds])) if tolds else 0.0
+def _identified(lines: Sequence[Identified]) -> float:
+    return float(np.mean([item.verdict == IDENTIFIED for item in lines])) if lines else 0.0
 
 
-def _coverage(tolds: Sequence[Told]) -> float:
-    held = [held for item in tolds for held in item.held if np.isfinite(item.errors).all()]
+def _coverage(lines: Sequence[Identified]) -> float:
+    held = [held for item in lines for held in item.held if np.isfinite(item.errors).all()]
     return float(np.mean(held)) if held else 0.0
 
 
-def _judged(tolds: Sequence[Told], method: str) -> str:
-    searched, usual = _searched(tolds, method), _searched(tolds, DEFAULT)
-    better = _coverage(searched) > _coverage(usual) and _identified(searched) > _identified(usual)
-    words = "better in both" if better else "not better in both"
+def _judged(lines: Sequence[Identified], method: str) -> str:
+    (share, usual_share), (found, usual_found) = (
+        [of(_searched(lines, name)) for name in (method, DEFAULT)] for of in (_coverage, _identified)
+    )
+    words = "better in both" if share > usual_share and found > usual_found else "not better in both"
     return (
-        f"`{method}` holds the truth in {_coverage(searched):.3f} of its intervals and identifies "
-        f"{_identified(searched):.3f} of the flights, `{DEFAULT}` {_coverage(usual):.3f} and "
-        f"{_identified(usual):.3f}: it is {words}."
+        f"`{method}` holds the truth in {share:.3f} of its intervals and identifies {found:.3f} of the "
+        f"flights, `{DEFAULT}` {usual_share:.3f} and {usual_found:.3f}: it is {words}."
     )
 
 
-main = kept_command("validation.flight_methods.study", __doc__, GRID, PART, answer).main
+STUDY = KeptStudy(
+    "flight_methods.study",
+    __doc__,
+    "flight-methods",
+    Grid,
+    Identified,
+    ("regime", "run"),
+    groups,
+    requirements,
+    tables,
+)
+main = STUDY.main
+
 
 if __name__ == "__main__":
     sys.exit(main())

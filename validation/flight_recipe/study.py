@@ -3,8 +3,7 @@
     python -m validation.flight_recipe.study [--size small|full] [--out FILE.parquet] [--page FILE.md]
 
 flies the published grid (`flight_grid.toml`), runs the recipe and its controls on every flight, and
-prints the tables. `--from FILE.parquet` makes them anew from a finished run. The exit code is 0 when
-every requirement is met, 3 when one is not, 2 for an input that cannot be used. A full run takes about
+prints the tables. `--from FILE.parquet` makes them anew from a finished run. A full run takes about
 half an hour on one core, a small one half a minute; `--workers` says how many are used.
 """
 

@@ -32,9 +32,9 @@ from eivor.models.lagged_runs import lag_and_delay
 from eivor.motions.identify import identify_flight
 from eivor.motions.vertical.regression import VerticalFlights
 from eivor.process_pool import Executor, in_order
-from eivor.simulation.environment import FlightTruth, NoiseKind, SensorNoise, SimulatedFlight, TrajectoryKind
+from eivor.simulation.environment import FlightTruth, SimulatedFlight, TrajectoryKind
 from eivor.simulation.vertical import VerticalFlightSpec, simulate_vertical_flights
-from validation.drawn import Drawn, Value, Values
+from validation.drawn import Drawn, Value, Values, check_apart, sensor_noise
 from validation.effective_parameters import effective_parameters
 from validation.flight_recipe.rotorpy_flight import RotorpyFlightSpec, Vehicle, simulate_rotorpy_flight
 from validation.studies import GridStruct, read_as
@@ -91,24 +91,14 @@ def published_grid() -> FlightGrid:
     return flight_grid(text)
 
 
-def read_grid(path: Path) -> FlightGrid:
-    return _grid(read_as(GridFile, path))
-
-
 def flight_grid(text: str) -> FlightGrid:
-    return _grid(read_as(GridFile, Path("grid.toml"), text))
+    return grid_of(read_as(GridFile, Path("grid.toml"), text))
 
 
-def _grid(file: GridFile) -> FlightGrid:
+def grid_of(file: GridFile) -> FlightGrid:
     cases = tuple(case for entry in file.classes for case in _class_cases(file, entry))
-    names = {case.name for case in cases}
-    seeds = {case.spec.seed for case in cases}
-    if min(len(names), len(seeds)) < len(cases):
-        raise InputError(
-            "flights with names and seeds of their own",
-            "classes of one name, or whose seeds overlap",
-            "Give each class its name, and a seed further away from the next than it has flights.",
-        )
+    seeds = [case.spec.seed for case in cases]
+    check_apart([case.name for case in cases], [(seed, seed + 1) for seed in seeds])
     return FlightGrid(file.name, file.calm_up_to, cases)
 
 
@@ -129,12 +119,7 @@ def _class_cases(file: GridFile, entry: FlightClass) -> Iterator[FlightCase]:
 def _spec(entry: FlightClass, values: Mapping[str, Value], seed: int, duration: float) -> FlightSpec:
     given = dict(values)
     try:
-        noise = SensorNoise(
-            kind=NoiseKind(str(given.pop("noise"))),
-            acceleration=float(given.pop("acceleration_noise")),
-            velocity=float(given.pop("velocity_noise")),
-            position=float(given.pop("position_noise")),
-        )
+        noise = sensor_noise(given)
         trajectory = TrajectoryKind(str(given.pop("trajectory")))
         vehicle = {"vehicle": Vehicle(str(given.pop("vehicle")))} if entry.simulator == "rotorpy" else {}
         numbers = {key: float(value) for key, value in given.items()}

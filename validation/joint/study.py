@@ -2,8 +2,7 @@
 
     python -m validation.joint.study --size full --kept FILE.jsonl [--page docs/studies/rigid-body.md]
 
-Flights are kept as they are done; a run that was interrupted goes on there. The exit code is 0 when every
-requirement is met, 3 when one is not, 2 for an input that cannot be used.
+Flights are kept as they are done; a run that was interrupted goes on there.
 """
 
 from __future__ import annotations
@@ -51,16 +50,8 @@ from eivor.simulation.rigid_body import RigidBodyFlight, simulate_rigid_body_fli
 from eivor.simulation.rigid_body_spec import AxisExcitations, Logged, RigidBodyFlightSpec, Sensors, Wind
 from validation.effective_parameters import effective_parameters
 from validation.flight_recipe.rotorpy_flight import RotorpyFlightSpec, rigid_body, vehicle_parameters
-from validation.flight_recipe.trials import FlightCase, FlightGrid, read_grid
-from validation.studies import (
-    Answer,
-    Requirement,
-    keep,
-    kept_command,
-    kept_lines,
-    requirement_table,
-    share_text,
-)
+from validation.flight_recipe.trials import FlightCase, GridFile, grid_of
+from validation.studies import Group, KeptRun, KeptStudy, Requirement, share_text
 
 
 def noise_of(kind: NoiseKind, std: float, order: float, count: int) -> MeasurementNoise:
@@ -234,7 +225,10 @@ def strength_of(case: FlightCase, flight: RigidBodyFlight, vehicle: Vehicle) -> 
             results.append(Told(case.name, formula, FAILED, FAILED))
             continue
         effective = effective_along if formula == JOINT else effective_vertical
-        friction = result.quantities[FRICTION]
+        friction = result.quantities.get(FRICTION)
+        if friction is None:  # The rigid body does not tell it of every flight.
+            results.append(Told(case.name, formula, FAILED, result.verdict.status.value))
+            continue
         results.append(
             Told(
                 case.name,
@@ -249,29 +243,29 @@ def strength_of(case: FlightCase, flight: RigidBodyFlight, vehicle: Vehicle) -> 
     return results
 
 
-def run(grid: FlightGrid, kept: Path) -> list[Told]:
-    """Run what is left of the study, and return all that its file has."""
-    result = kept_lines(kept, Told)
-    done = {item.flight for item in result}
-    left = [case for case in grid.cases if case.name not in done]
-    for first in range(0, len(left), TOGETHER):
-        cases = left[first : first + TOGETHER]
-        specs = [flight_of(case.spec) for case in cases if isinstance(case.spec, RotorpyFlightSpec)]
-        flights = simulate_rigid_body_flights(specs)
-        for case, spec, flight in zip(cases, specs, flights, strict=True):
-            reported = strength_of(case, flight, spec.vehicle)
-            result += reported
-            keep(kept, reported)
-    return result
-
-
-PART = "joint"
 #: What the interval of the coverage must meet, and its confidence level.
 COVERAGE, LEVEL = (0.92, 0.98), 0.99
 
 
-def requirements(tolds: Sequence[Told]) -> Iterator[Requirement]:
-    by = {formula: [item for item in tolds if item.formula == formula] for formula in (JOINT, GIVEN)}
+def groups(file: GridFile, size: str, _kept: Path) -> Iterator[Group[tuple[str], Told]]:
+    """Flights side by side."""
+    grid = grid_of(file)
+    cases = {case.name: case for case in (grid if size == "full" else grid.small()).cases}
+
+    def made(keys: list[tuple[str]]) -> Iterator[list[Told]]:
+        chosen = [cases[name] for (name,) in keys]
+        specs = [flight_of(case.spec) for case in chosen if isinstance(case.spec, RotorpyFlightSpec)]
+        flights = simulate_rigid_body_flights(specs)
+        for case, spec, flight in zip(chosen, specs, flights, strict=True):
+            yield strength_of(case, flight, spec.vehicle)
+
+    names = [(name,) for name in cases]
+    for first in range(0, len(names), TOGETHER):
+        yield names[first : first + TOGETHER], made
+
+
+def requirements(run: KeptRun[GridFile, Told]) -> Iterator[Requirement]:
+    by = {formula: [item for item in run.lines if item.formula == formula] for formula in (JOINT, GIVEN)}
     joint, given = (sum(item.accepted for item in by[formula]) for formula in (JOINT, GIVEN))
     yield Requirement(
         "flights whose K is identified",
@@ -279,13 +273,9 @@ def requirements(tolds: Sequence[Told]) -> Iterator[Requirement]:
         f"{joint}",
         joint >= given,
     )
-    ratio = float(np.median(_lengths(tolds, JOINT)))
-    yield Requirement(
-        "length of K's interval over that with the lag given, median",
-        "at most 1",
-        f"{ratio:.2f}",
-        ratio <= 1.0,
-    )
+    ratio = float(np.median(_lengths(run.lines, JOINT)))
+    what = "length of K's interval over that with the lag given, median"
+    yield Requirement(what, "at most 1", f"{ratio:.2f}", ratio <= 1.0)
     covered = _coverage(by[JOINT])
     low, high = covered.interval
     yield Requirement(
@@ -296,66 +286,57 @@ def requirements(tolds: Sequence[Told]) -> Iterator[Requirement]:
     )
 
 
-def tables(tolds: Sequence[Told]) -> str:
-    names = dict.fromkeys(item.flight for item in tolds)
-    header = (
-        "",
-        "K identified",
-        "flight identified",
-        "length over lag given",
-        "median size of error",
-        "coverage",
-    )
-    rows = [(formula, *_cells(tolds, formula)) for formula in (JOINT, GIVEN, TURNING, ALONE)]
-    lost = len({item.flight for item in tolds if item.verdict == LOST})
-    return "\n\n".join(
-        (
-            f"Made by `python -m validation.joint.study` of {len(names)} flights, of which {lost} were lost.",
-            requirement_table(requirements(tolds), "K in gusts, attitude and height excited"),
-            markdown(header, rows),
-        )
-    )
+FORMULAS = (JOINT, GIVEN, TURNING, ALONE)
+HEADER = (
+    *("", "K identified", "flight identified", "length over lag given", "median size of error", "coverage"),
+)
 
 
-def _cells(tolds: Sequence[Told], formula: str) -> tuple[str, ...]:
-    selected = [item for item in tolds if item.formula == formula]
+def tables(run: KeptRun[GridFile, Told]) -> Iterator[str]:
+    lost = len({item.flight for item in run.lines if item.verdict == LOST})
+    yield f" of {len({item.flight for item in run.lines})} flights, of which {lost} were lost."
+    yield markdown(HEADER, [(formula, *_cells(run.lines, formula)) for formula in FORMULAS])
+
+
+def _cells(lines: Sequence[Told], formula: str) -> tuple[str, ...]:
+    selected = [item for item in lines if item.formula == formula]
     errors = [abs(item.value / item.truth - 1.0) for item in selected if np.isfinite(item.length)]
     flights = sum(item.of_flight == Status.IDENTIFIED.value for item in selected)
     return (
         f"{sum(item.accepted for item in selected)} of {len(selected)}",
         f"{flights} of {len(selected)}",
-        f"{float(np.median(_lengths(tolds, formula))):.2f}",
+        f"{float(np.median(_lengths(lines, formula))):.2f}",
         f"{float(np.median(errors)):.1%}".replace("%", " %"),
         share_text(_coverage(selected), 2),
     )
 
 
-def _lengths(tolds: Sequence[Told], formula: str) -> list[float]:
+def _lengths(lines: Sequence[Told], formula: str) -> list[float]:
     """Length of K's interval over that with the lag given, of every flight that has both."""
-    given = {item.flight: item.length for item in tolds if item.formula == GIVEN}
-    return [
-        item.length / given[item.flight]
-        for item in tolds
-        if item.formula == formula and np.isfinite(item.length) and np.isfinite(given[item.flight])
-    ]
+    given = {item.flight: item.length for item in lines if item.formula == GIVEN}
+    both = (item for item in lines if item.formula == formula and np.isfinite(item.length))
+    return [item.length / given[item.flight] for item in both if np.isfinite(given[item.flight])]
 
 
-def _coverage(tolds: Sequence[Told]) -> Share:
-    held = [item.held for item in tolds if item.accepted]
+def _coverage(lines: Sequence[Told]) -> Share:
+    held = [item.held for item in lines if item.accepted]
     return Share(sum(held), len(held), LEVEL)
 
 
-GRID = Path(__file__).with_name("grid.toml")
+STUDY = KeptStudy(
+    "joint.study",
+    __doc__,
+    "joint",
+    GridFile,
+    Told,
+    ("flight",),
+    groups,
+    requirements,
+    tables,
+    "K in gusts, attitude and height excited",
+)
+main = STUDY.main
 
-
-def answer(grid_file: Path, size: str, kept: Path) -> Answer:
-    """Run what is left, and say what all of it says."""
-    grid = read_grid(grid_file)
-    completed = run(grid if size == "full" else grid.small(), kept)
-    return tables(completed), requirements(completed)
-
-
-main = kept_command("validation.joint.study", __doc__, GRID, PART, answer).main
 
 if __name__ == "__main__":
     sys.exit(main())

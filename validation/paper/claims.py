@@ -20,8 +20,8 @@ import polars as pl
 from eivor.estimation.methods import identify
 from eivor.lab.experiments import markdown
 from eivor.lab.study import MethodChoice, Study, StudyResult, scores, trial_nrmse
-from validation.studies import Row, suite_command, versions
-from validation.suite_files import Suite, SuiteStudy, read_suite
+from validation.studies import Row, suite_command
+from validation.suite_files import Suite, SuiteStudy, read_suite, versions
 
 PART = "claims"
 CALLED = "python -m validation.paper.claims"

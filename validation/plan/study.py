@@ -5,8 +5,7 @@
 Each vehicle of the grid beside this file flies a first flight that tells too little, along small steps about
 a hover. A plan is made after its result, for friction and for lag in turn, and flown with another controller,
 in other gusts and with other noise. The flight's half-widths are held against those that the plan printed.
-Every flight is kept in the file, and a run that was interrupted goes on. The exit code is 0 when every
-requirement is met, 3 when one is not, 2 for an input of no use.
+Every flight is kept in the file, and a run that was interrupted goes on.
 """
 
 from __future__ import annotations
@@ -14,6 +13,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Protocol
 
@@ -45,17 +45,8 @@ from eivor.simulation.vertical import (
     simulate_vertical,
 )
 from validation.flight_recipe.rotorpy_flight import RotorpyFlightSpec, Vehicle, simulate_rotorpy_flight
-from validation.studies import (
-    Answer,
-    GridStruct,
-    Requirement,
-    keep,
-    kept_command,
-    kept_lines,
-    read_as,
-    requirement_table,
-    versions,
-)
+from validation.studies import GridStruct, Group, KeptRun, KeptStudy, Requirement
+from validation.suite_files import versions
 
 STEP_S = 0.01
 #: Vertical gusts of every flight, the sensors' noise is that of the studies of the recipe [m/s].
@@ -208,28 +199,26 @@ class Outcome:
         return self.reached / self.predicted
 
 
-def outcomes(vehicle: Flyer, requested: Sequence[tuple[str, int]], seed: int) -> Iterator[Outcome]:
-    """Plans after one first flight, and those of their flights that are asked for, as (target, number)."""
-    if not requested:
-        return
+def outcomes(vehicle: Flyer, seed: int, keys: Sequence[tuple[str, str, int]]) -> Iterator[list[Outcome]]:
+    """Plans after one first flight, and those of their flights that are named."""
     rng = np.random.default_rng(seed)
     first = altitude_reference(
         TrajectoryKind.HOVER_STEPS, count=round(FIRST_S / STEP_S), step_s=STEP_S, rng=rng
     )
     flight = identify_flight(vehicle.fly(first, 1000 + seed, gains=1.0).recording)
-    for target in dict.fromkeys(target for target, _ in requested):
+    for target in dict.fromkeys(target for _, target, _ in keys):
         made = plan(flight, target=target, limits=LIMITS, seed=seed)
-        for number in (number for other, number in requested if other == target):
-            yield flown_outcome(vehicle, made, number, seed)
+        for number in (number for _, other, number in keys if other == target):
+            yield [flown_outcome(vehicle, made, number, seed)]
 
 
 def flown_outcome(vehicle: Flyer, made: FlightPlan, number: int, seed: int) -> Outcome:
     reference = Trajectory(made.shape.offset, made.velocity, made.acceleration)
     flight = vehicle.fly(reference, 2000 + 100 * seed + number, gains=OTHER_CONTROLLER)
     result = identify_flight(flight.recording)
-    requested = TARGETS[made.target]
-    quantity = result.quantities[requested.quantity]
-    width = quantity.half_width / (abs(quantity.value) if requested.relative else 1.0)
+    target = TARGETS[made.target]
+    quantity = result.quantities[target.quantity]
+    width = quantity.half_width / (abs(quantity.value) if target.relative else 1.0)
     half_height = 0.5 * (made.limits.height_m[1] - made.limits.height_m[0])
     kept = np.abs(flight.height).max() <= half_height and np.abs(flight.velocity).max() <= made.limits.speed
     return Outcome(
@@ -238,14 +227,12 @@ def flown_outcome(vehicle: Flyer, made: FlightPlan, number: int, seed: int) -> O
         number,
         made.shape.kind,
         made.predicted[made.target].half_width,
-        requested.scale * width,
+        target.scale * width,
         quantity.verdict is Status.IDENTIFIED,
         bool(kept),
     )
 
 
-PART = "planned flights"
-GRID = Path(__file__).with_name("grid.toml")
 #: Asked of the median ratio of reached to predicted: within these of one, by what is planned for.
 RATIOS = {"friction": (0.6, 1.4), "lag": (0.5, 2.0)}
 #: Asked: the share of flights in which what was planned for is identified.
@@ -253,77 +240,76 @@ IDENTIFIED = 0.9
 HEADER = ("vehicle", "planned for", "flights", "predicted", "reached", "ratio", "identified", "within limits")
 
 
-def answer(grid: Path, size: str, kept: Path) -> Answer:
-    """Fly what the file does not have yet, and judge all of it."""
-    selected = {
-        (kept_line.vehicle, kept_line.target, kept_line.number): kept_line
-        for kept_line in kept_lines(kept, Outcome)
-    }
-    told = read_as(Grid, grid)
-    results = []
-    for entry in told.vehicle:
-        name, flights = entry.name, getattr(entry, size)
-        requested = [(target, number) for target in PLANNED_FOR for number in range(flights)]
-        missing = [each for each in requested if (name, *each) not in selected]
-        for outcome in outcomes(VEHICLES[name], missing, told.seed):
-            selected[name, outcome.target, outcome.number] = outcome
-            keep(kept, [outcome])
-        results += [selected[name, target, number] for target, number in requested]
-    requirements = tuple(requirements_of(results))
-    return _tables(results, requirements), requirements
+def groups(grid: Grid, size: str, _kept: Path) -> Iterator[Group[tuple[str, str, int], Outcome]]:
+    for entry in grid.vehicle:
+        numbers = range(getattr(entry, size))
+        keys = [(entry.name, target, number) for target in PLANNED_FOR for number in numbers]
+        yield keys, partial(outcomes, VEHICLES[entry.name], grid.seed)
 
 
-def requirements_of(result: Sequence[Outcome]) -> Iterator[Requirement]:
+def requirements(run: KeptRun[Grid, Outcome]) -> Iterator[Requirement]:
     for target, bounds in RATIOS.items():
-        median = float(np.median([item.ratio for item in result if item.target == target]))
+        median = float(np.median([item.ratio for item in run.lines if item.target == target]))
         what = f"median of reached over predicted, {TARGETS[target].words}"
         yield Requirement.within(what, median, bounds, ".2f")
-    reported, kept = sum(item.identified for item in result), sum(item.kept for item in result)
+    count = len(run.lines)
+    reported, kept = (sum(getattr(item, name) for item in run.lines) for name in ("identified", "kept"))
     yield Requirement(
         "what was planned for is identified",
         f"at least {IDENTIFIED:g}",
-        f"{reported} of {len(result)}",
-        reported >= IDENTIFIED * len(result),
+        f"{reported} of {count}",
+        reported >= IDENTIFIED * count,
     )
-    yield Requirement("no limit is left", "every flight", f"{kept} of {len(result)}", kept == len(result))
+    yield Requirement("no limit is left", "every flight", f"{kept} of {count}", kept == count)
 
 
-def table(result: Sequence[Outcome]) -> str:
-    """Markdown: for each vehicle and target medians of both half-widths, their ratio, and shares."""
+def tables(run: KeptRun[Grid, Outcome]) -> Iterator[str]:
+    """For each vehicle and target medians of both half-widths, their ratio, and shares."""
+    yield f" with {versions()}: {len(run.lines)} planned flights."
     rows = [
-        _row(vehicle, target, [item for item in result if (item.vehicle, item.target) == (vehicle, target)])
-        for vehicle, target in dict.fromkeys((item.vehicle, item.target) for item in result)
+        _row(
+            vehicle, target, [item for item in run.lines if (item.vehicle, item.target) == (vehicle, target)]
+        )
+        for vehicle, target in dict.fromkeys((item.vehicle, item.target) for item in run.lines)
     ]
     rows += [
-        _row("**all**", target, [item for item in result if item.target == target]) for target in PLANNED_FOR
+        _row("**all**", target, [item for item in run.lines if item.target == target])
+        for target in PLANNED_FOR
     ]
-    return markdown(HEADER, rows)
+    yield markdown(HEADER, rows)
 
 
-def _tables(tolds: Sequence[Outcome], requirements: Sequence[Requirement]) -> str:
-    made = f"Made by `python -m validation.plan.study` with {versions()}: {len(tolds)} planned flights."
-    return "\n\n".join((made, requirement_table(requirements), table(tolds)))
-
-
-def _row(vehicle: str, target: str, specific: Sequence[Outcome]) -> tuple[str, ...]:
+def _row(vehicle: str, target: str, lines: Sequence[Outcome]) -> tuple[str, ...]:
     unit = TARGETS[target].unit
     predicted, reached, ratio = (
-        float(np.median([getattr(item, name) for item in specific]))
+        float(np.median([getattr(item, name) for item in lines]))
         for name in ("predicted", "reached", "ratio")
     )
     return (
         vehicle,
         TARGETS[target].words,
-        str(len(specific)),
+        str(len(lines)),
         f"{predicted:.2g} {unit}",
         f"{reached:.2g} {unit}",
         f"{ratio:.2f}",
-        f"{sum(item.identified for item in specific)} of {len(specific)}",
-        f"{sum(item.kept for item in specific)} of {len(specific)}",
+        f"{sum(item.identified for item in lines)} of {len(lines)}",
+        f"{sum(item.kept for item in lines)} of {len(lines)}",
     )
 
 
-main = kept_command("validation.plan.study", __doc__, GRID, PART, answer).main
+STUDY = KeptStudy(
+    "plan.study",
+    __doc__,
+    "planned flights",
+    Grid,
+    Outcome,
+    ("vehicle", "target", "number"),
+    groups,
+    requirements,
+    tables,
+)
+main = STUDY.main
+
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -3,8 +3,7 @@
     python -m validation.pooling.study --kept FILE.jsonl [--size small|full] [--page docs/studies/coverage.md]
 
 draws the grid beside this file, keeps every cell in the file, and prints its table: coverage of a vehicle's
-mean, of its next flight, and of the heterogeneity, nominal 95 %. The exit code is 0 when every requirement is
-met, 3 when one is not, 2 for an input of no use.
+mean, of its next flight, and of the heterogeneity, nominal 95 %.
 """
 
 from __future__ import annotations
@@ -27,23 +26,14 @@ from eivor.inference.random_effects import (
     q_profile,
     random_effects_means,
 )
-from eivor.lab.experiments import markdown
-from validation.studies import (
-    Answer,
-    GridStruct,
-    Requirement,
-    completed,
-    kept_command,
-    read_as,
-    requirement_table,
-    versions,
-)
+from validation.studies import GridStruct, Group, KeptRun, KeptStudy, Requirement, alone, table_of
+from validation.suite_files import versions
 
 SEED = 20261122
 
 
 @dataclass(frozen=True, slots=True)
-class Told:
+class Pooled:
     """Shares of the vehicles of a cell whose intervals hold the truth."""
 
     flights: int  # Of each vehicle
@@ -62,7 +52,7 @@ class Told:
     wider: float  # Median of Eivor's interval of the next flight over the plain one
 
 
-def cell(flights: int, heterogeneity: float, replications: int, std_errors: tuple[float, float]) -> Told:
+def cell(flights: int, heterogeneity: float, replications: int, std_errors: tuple[float, float]) -> Pooled:
     """Draw a cell and judge what is said of it; its numbers follow from its own seed."""
     rng = np.random.default_rng([SEED, flights, round(1e4 * heterogeneity), replications])
     groups = Groups(np.full(replications, flights))
@@ -82,7 +72,7 @@ def cell(flights: int, heterogeneity: float, replications: int, std_errors: tupl
     by_weights = [
         z / np.sqrt(groups.sums(1.0 / (variances + groups.spread(item.between)))) for item in (fixed, laird)
     ]
-    return Told(
+    return Pooled(
         flights,
         heterogeneity,
         replications,
@@ -102,23 +92,21 @@ def _share(off: np.ndarray, half_widths: np.ndarray) -> float:
     return float(np.mean(np.abs(off) <= half_widths))
 
 
-PART = "pooling"
-GRID = Path(__file__).with_name("grid.toml")
 #: Asked: coverage of the mean at least; at most where the heterogeneity exceeds the mean standard error; and
 #: of the next flight at least.
 MEAN, NOT_ABOVE, FOLLOWING = 0.93, 0.98, 0.90
-HEADER = (
-    "flights",
-    "heterogeneity",
-    "mean",
-    "Hartung-Knapp alone",
-    "fixed effect",
-    "DerSimonian-Laird",
-    "next flight",
-    "plain, t of n - 2",
-    "its length over the plain one's",
-    "heterogeneity's interval",
-)
+COLUMNS = {
+    "flights": "{.flights}",
+    "heterogeneity": "{.heterogeneity:g}",
+    "mean": "{.mean:.3f}",
+    "Hartung-Knapp alone": "{.knapp:.3f}",
+    "fixed effect": "{.fixed:.3f}",
+    "DerSimonian-Laird": "{.moments:.3f}",
+    "next flight": "{.following:.3f}",
+    "plain, t of n - 2": "{.plain:.3f}",
+    "its length over the plain one's": "{.wider:.2f}",
+    "heterogeneity's interval": "{.spread:.3f}",
+}
 
 
 class Grid(GridStruct, frozen=True):
@@ -129,58 +117,44 @@ class Grid(GridStruct, frozen=True):
     full: int
 
 
-def answer(grid: Path, size: str, kept: Path) -> Answer:
-    """Draw what the file does not have yet, and judge all of it."""
-    table = read_as(Grid, grid)
-    count = getattr(table, size)
-    trials = {
-        (flights, heterogeneity, count): partial(cell, flights, heterogeneity, count, table.std_errors)
-        for flights in table.flights
-        for heterogeneity in table.heterogeneity
-    }
-    results = completed(
-        kept, Told, trials, lambda line: (line.flights, line.heterogeneity, line.replications)
+def groups(grid: Grid, size: str, _kept: Path) -> list[Group[tuple[int, float, int], Pooled]]:
+    count = getattr(grid, size)
+    return alone(
+        {
+            (flights, heterogeneity, count): partial(cell, flights, heterogeneity, count, grid.std_errors)
+            for flights in grid.flights
+            for heterogeneity in grid.heterogeneity
+        }
     )
-    requirements = tuple(_requirements(results))
-    return _tables(results, requirements), requirements
 
 
-def _requirements(tolds: list[Told]) -> Iterator[Requirement]:
-    clear = [item.mean for item in tolds if item.heterogeneity > item.std_error]
-    means, following = min(item.mean for item in tolds), min(item.following for item in tolds)
+def requirements(run: KeptRun[Grid, Pooled]) -> Iterator[Requirement]:
+    clear = [item.mean for item in run.lines if item.heterogeneity > item.std_error]
+    means, following = (min(getattr(item, name) for item in run.lines) for name in ("mean", "following"))
     yield Requirement.at_least("coverage of the mean in every cell", means, MEAN)
     yield Requirement.at_least("coverage of the next flight in every cell", following, FOLLOWING)
     if clear:
-        yield Requirement.at_most(
-            "coverage of the mean where the heterogeneity exceeds the mean standard error",
-            max(clear),
-            NOT_ABOVE,
-        )
+        what = "coverage of the mean where the heterogeneity exceeds the mean standard error"
+        yield Requirement.at_most(what, max(clear), NOT_ABOVE)
 
 
-def _tables(tolds: list[Told], requirements: tuple[Requirement, ...]) -> str:
-    return "\n\n".join(
-        (
-            f"Made by `python -m validation.pooling.study` with {versions()}: {tolds[0].replications:,} "
-            f"vehicles in each cell, seed {SEED}.",
-            requirement_table(requirements),
-            markdown(HEADER, map(_line, tolds)),
-        )
-    )
+def tables(run: KeptRun[Grid, Pooled]) -> Iterator[str]:
+    yield f" with {versions()}: {run.lines[0].replications:,} vehicles in each cell, seed {SEED}."
+    yield table_of(COLUMNS, run.lines)
 
 
-def _line(first: Told) -> tuple[str, ...]:
-    shares = (first.mean, first.knapp, first.fixed, first.moments, first.following, first.plain)
-    return (
-        f"{first.flights}",
-        f"{first.heterogeneity:g}",
-        *(f"{share:.3f}" for share in shares),
-        f"{first.wider:.2f}",
-        f"{first.spread:.3f}",
-    )
-
-
-main = kept_command("validation.pooling.study", __doc__, GRID, PART, answer).main
+STUDY = KeptStudy(
+    "pooling.study",
+    __doc__,
+    "pooling",
+    Grid,
+    Pooled,
+    ("flights", "heterogeneity", "replications"),
+    groups,
+    requirements,
+    tables,
+)
+main = STUDY.main
 
 if __name__ == "__main__":
     sys.exit(main())

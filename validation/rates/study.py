@@ -2,8 +2,7 @@
 
     python -m validation.rates.study --size full --kept FILE.jsonl [--page docs/studies/rigid-body.md]
 
-Flights are kept as they are done; a run that was interrupted goes on there. The exit code is 0 when every
-requirement is met, 3 when one is not, 2 for an input that cannot be used.
+Flights are kept as they are done; a run that was interrupted goes on there.
 """
 
 from __future__ import annotations
@@ -16,7 +15,6 @@ from typing import Literal
 
 import numpy as np
 
-from eivor.inference.distributions import normal_quantile
 from eivor.inference.verdict import Status
 from eivor.lab.disturbances import OrnsteinUhlenbeck
 from eivor.lab.experiments import markdown
@@ -35,17 +33,7 @@ from eivor.simulation.rigid_body_spec import (
     Sensors,
     TorqueDisturbance,
 )
-from validation.studies import (
-    Answer,
-    GridStruct,
-    Requirement,
-    keep,
-    kept_command,
-    kept_lines,
-    read_as,
-    requirement_table,
-    share_text,
-)
+from validation.studies import GridStruct, Group, KeptRun, KeptStudy, Requirement, may_be_within, share_text
 
 CONTROLLER_HZ, GYROSCOPE_HZ = 400.0, 200.0
 #: Of the gyroscope [rad/s], and of the gusts' angular acceleration about each axis [rad/s^2], correlated [s].
@@ -103,9 +91,6 @@ def flight_of(vehicle: str, condition: Condition, seconds: float, seed: int) -> 
     )
 
 
-GRID = Path(__file__).with_name("grid.toml")
-
-
 class Grid(GridStruct, frozen=True):
     name: str
     seed: int  # Of the first flight of each cell
@@ -120,7 +105,7 @@ LAG = "effective_lag"
 
 
 @dataclass(frozen=True, slots=True)
-class Told:
+class Turned:
     """What one identification says of one quantity."""
 
     vehicle: str  # Names of the cell
@@ -138,7 +123,7 @@ class Told:
         return self.below <= 0.0 <= self.above
 
 
-def strength_of(flight: RigidBodyFlight, vehicle: str, condition: Condition, number: int) -> Iterator[Told]:
+def strength_of(flight: RigidBodyFlight, vehicle: str, condition: Condition, number: int) -> Iterator[Turned]:
     rotors = VEHICLES[vehicle].rotors
     truth = {
         **dict(zip(EFFECTIVENESS, flight.truth.control_effectiveness[:2], strict=True)),
@@ -149,7 +134,7 @@ def strength_of(flight: RigidBodyFlight, vehicle: str, condition: Condition, num
         for name, true in truth.items():
             quantity, unit = result.quantities[name], 1.0 if name == LAG else true
             low, high = quantity.interval
-            yield Told(
+            yield Turned(
                 vehicle,
                 condition.name,
                 number,
@@ -162,39 +147,33 @@ def strength_of(flight: RigidBodyFlight, vehicle: str, condition: Condition, num
             )
 
 
-def run(grid: Grid, size: str, kept: Path) -> list[Told]:
-    """Run what is left of the study, and return all that its file has."""
-    result = kept_lines(kept, Told)
-    done = {(item.vehicle, item.condition, item.number) for item in result}
-    for number in range(grid.flights[size]):
-        cells = [
-            (vehicle, condition)
-            for condition in grid.conditions
-            for vehicle in VEHICLES
-            if (vehicle, condition.name, number) not in done
+def groups(grid: Grid, size: str, _kept: Path) -> Iterator[Group[tuple[str, str, int], Turned]]:
+    """Flights of all cells with one number, side by side."""
+    conditions = {condition.name: condition for condition in grid.conditions}
+
+    def made(keys: list[tuple[str, str, int]]) -> Iterator[list[Turned]]:
+        specs = [
+            flight_of(vehicle, conditions[name], grid.seconds, grid.seed + number)
+            for vehicle, name, number in keys
         ]
-        seed = grid.seed + number
-        flights = simulate_rigid_body_flights(
-            [flight_of(vehicle, condition, grid.seconds, seed) for vehicle, condition in cells]
-        )
-        for (vehicle, condition), flight in zip(cells, flights, strict=True):
-            reported = list(strength_of(flight, vehicle, condition, number))
-            result += reported
-            keep(kept, reported)
-    return result
+        for (vehicle, name, number), flight in zip(keys, simulate_rigid_body_flights(specs), strict=True):
+            yield list(strength_of(flight, vehicle, conditions[name], number))
+
+    for number in range(grid.flights[size]):
+        yield [(vehicle, name, number) for name in conditions for vehicle in VEHICLES], made
 
 
-PART = "rates"
 #: Largest median of the size of errors: of effectiveness (a share), of the lag [s].
 LARGEST = {"50 Hz": (0.08, 0.006), "250 Hz": (0.02, 0.002)}
 #: Coverage of what is accepted, and the confidence with which a share of few is compared with it.
 COVERAGE, CHANCE_LEVEL = (0.90, 0.98), 0.999
 
 
-def requirements(grid: Grid, tolds: Sequence[Told]) -> Iterator[Requirement]:
+def requirements(run: KeptRun[Grid, Turned]) -> Iterator[Requirement]:
+    conditions = run.grid.conditions
     for judged, (share, seconds) in LARGEST.items():
-        names = {condition.name for condition in grid.conditions if condition.judged == judged}
-        selected = [item for item in tolds if item.condition in names and item.method == INSTRUMENTS]
+        names = {condition.name for condition in conditions if condition.judged == judged}
+        selected = [item for item in run.lines if item.condition in names and item.method == INSTRUMENTS]
         effect, lag = (
             float(np.median(np.abs(_errors(selected, item) or [np.nan]))) for item in (EFFECTIVENESS, (LAG,))
         )
@@ -202,75 +181,68 @@ def requirements(grid: Grid, tolds: Sequence[Told]) -> Iterator[Requirement]:
         yield Requirement(
             f"lag, {judged}", f"<= {1e3 * seconds:.0f} ms", f"{1e3 * lag:.1f} ms", lag <= seconds
         )
-    accepted = [item for item in tolds if item.accepted]
-    large = {condition.name for condition in grid.conditions if condition.judged != "small"}
+    accepted = [item for item in run.lines if item.accepted]
+    large = {condition.name for condition in conditions if condition.judged != "small"}
     held = [item.held for item in accepted if item.condition in large]
     covered, (low, high) = Share(sum(held), len(held)), COVERAGE
-    yield Requirement(
-        "coverage of what is accepted", f"{low:.2f} to {high:.2f}", share_text(covered, 2), _within(covered)
-    )
+    met = may_be_within(covered.value, covered.count, COVERAGE, CHANCE_LEVEL)
+    yield Requirement("coverage of what is accepted", f"{low:.2f} to {high:.2f}", share_text(covered, 2), met)
     missed = sum(not item.held for item in accepted if item.condition not in large)
     yield Requirement("small steps and hover: accepted intervals that miss", "0", f"{missed}", missed == 0)
 
 
-def _within(covered: Share) -> bool:
-    """Whether a share is between the bounds, or may be but for chance."""
-    slack = [normal_quantile(CHANCE_LEVEL) * (p * (1 - p) / max(covered.count, 1)) ** 0.5 for p in COVERAGE]
-    return COVERAGE[0] - slack[0] <= covered.value <= COVERAGE[1] + slack[1]
-
-
-def tables(grid: Grid, tolds: Sequence[Told]) -> str:
+def tables(run: KeptRun[Grid, Turned]) -> Iterator[str]:
+    flights = len({(item.vehicle, item.condition, item.number) for item in run.lines})
+    yield f" of {flights} flights of {run.grid.seconds:g} s."
     header = ("flights", "effectiveness", "lag", "accepted", "intervals that hold", "least squares")
     rows = []
-    for condition, vehicle in dict.fromkeys((item.condition, item.vehicle) for item in tolds):
-        selected = [item for item in tolds if (item.condition, item.vehicle) == (condition, vehicle)]
+    for condition, vehicle in dict.fromkeys((item.condition, item.vehicle) for item in run.lines):
+        selected = [item for item in run.lines if (item.condition, item.vehicle) == (condition, vehicle)]
         rows.append((f"{condition}: {vehicle}", *_cells(selected)))
-    flights = len({(item.vehicle, item.condition, item.number) for item in tolds})
-    return "\n\n".join(
-        (
-            f"Made by `python -m validation.rates.study` of {flights} flights of {grid.seconds:g} s.",
-            requirement_table(requirements(grid, tolds), "median size of errors, and coverage"),
-            markdown(header, rows),
-        )
-    )
+    yield markdown(header, rows)
 
 
-def _cells(tolds: Sequence[Told]) -> tuple[str, ...]:
-    selected = [item for item in tolds if item.method == INSTRUMENTS]
-    plain = [item for item in tolds if item.method == LEAST_SQUARES]
+def _cells(lines: Sequence[Turned]) -> tuple[str, ...]:
+    selected = [item for item in lines if item.method == INSTRUMENTS]
+    plain = [item for item in lines if item.method == LEAST_SQUARES]
     accepted = [item for item in selected if item.accepted]
+    biases = (
+        _of(plain, EFFECTIVENESS, lambda bias, _: f"{bias:+.0%}"),
+        _of(plain, (LAG,), lambda bias, _: f"{1e3 * bias:+.0f} ms"),
+    )
     return (
         _of(selected, EFFECTIVENESS, lambda bias, size: f"{bias:+.1%} ({size:.1%})"),
         _of(selected, (LAG,), lambda bias, size: f"{1e3 * bias:+.1f} ({1e3 * size:.1f}) ms"),
         f"{len(accepted)} of {len(selected)}",
         share_text(Share(sum(item.held for item in accepted), len(accepted)), 2) if accepted else "-",
-        ", ".join(
-            (
-                _of(plain, EFFECTIVENESS, lambda bias, _: f"{bias:+.0%}"),
-                _of(plain, (LAG,), lambda bias, _: f"{1e3 * bias:+.0f} ms"),
-            )
-        ),
+        ", ".join(biases),
     )
 
 
-def _of(tolds: Sequence[Told], names: Sequence[str], words: Callable[[float, float], str]) -> str:
+def _of(lines: Sequence[Turned], names: Sequence[str], words: Callable[[float, float], str]) -> str:
     """Median error, and median size of it, of what was told at all."""
-    errors = _errors(tolds, names)
+    errors = _errors(lines, names)
     return words(float(np.median(errors)), float(np.median(np.abs(errors)))) if errors else "-"
 
 
-def _errors(tolds: Sequence[Told], names: Sequence[str]) -> list[float]:
-    return [item.error for item in tolds if item.quantity in names and np.isfinite(item.error)]
+def _errors(lines: Sequence[Turned], names: Sequence[str]) -> list[float]:
+    return [item.error for item in lines if item.quantity in names and np.isfinite(item.error)]
 
 
-def answer(grid_file: Path, size: str, kept: Path) -> Answer:
-    """Run what is left, and say what all of it says."""
-    grid = read_as(Grid, grid_file)
-    completed = run(grid, size, kept)
-    return tables(grid, completed), requirements(grid, completed)
+STUDY = KeptStudy(
+    "rates.study",
+    __doc__,
+    "rates",
+    Grid,
+    Turned,
+    ("vehicle", "condition", "number"),
+    groups,
+    requirements,
+    tables,
+    "median size of errors, and coverage",
+)
+main = STUDY.main
 
-
-main = kept_command("validation.rates.study", __doc__, GRID, PART, answer).main
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -11,7 +11,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import cache
 from importlib.resources import files
-from itertools import pairwise
 from pathlib import Path
 from typing import Any, Literal
 
@@ -27,8 +26,7 @@ from eivor.inference.verdict import Status
 from eivor.models.separable import Prior
 from eivor.motions.identify import identify_flight
 from eivor.motions.vertical.misspecification import MISSED
-from eivor.simulation.environment import NoiseKind, SensorNoise
-from validation.drawn import Drawn, Value
+from validation.drawn import Drawn, Value, check_apart, sensor_noise
 from validation.flight_recipe.trials import LOST, QUANTITIES, RECIPE
 from validation.real_logs.closed_loop import FlightSpec, Jitter, LoggerSpec, Reference, VehicleSpec, stream
 from validation.real_logs.flights import LoggedFlight, logged_flight
@@ -129,14 +127,8 @@ def published_grid() -> Grid:
 def grid_from(text: str) -> Grid:
     read = read_as(Grid, Path(GRID_FILE), text)
     families = tuple(replace(family, common=read.draw) for family in read.families)
-    taken = sorted((family.seed, family.seed + family.count * family.pool) for family in families)
-    separated = all(end <= begin for (_, end), (begin, _) in pairwise(taken))
-    if not separated or len({family.name for family in families}) < len(families):
-        raise InputError(
-            "families with names and seeds of their own",
-            "some of one name, or whose seeds overlap",
-            "Give each its name, and a seed further from the next than it has flights.",
-        )
+    seeds = [(family.seed, family.seed + family.count * family.pool) for family in families]
+    check_apart([family.name for family in families], seeds)
     for family in families:
         try:
             family.flight(0)
@@ -148,12 +140,7 @@ def grid_from(text: str) -> Grid:
 
 def _spec(values: Mapping[str, Value], seed: int) -> FlightSpec:
     given = dict(values)
-    noise = SensorNoise(
-        kind=NoiseKind(str(given.pop("noise"))),
-        acceleration=float(given.pop("acceleration_noise")),
-        velocity=float(given.pop("velocity_noise")),
-        position=float(given.pop("position_noise")),
-    )
+    noise = sensor_noise(given)
     parts: list[dict[str, Any]] = [
         {
             name: _TYPES.get(name, float)(given.pop(name))

@@ -4,13 +4,13 @@
 
 runs the grid beside this file, keeps every trial in the file, and prints its table: false alarms and
 coverage of records without a change, delays after a parameter drops by a fifth. A run that was interrupted
-goes on. The exit code is 0 when every requirement is met, 3 when one is not, 2 for an input of no use.
+goes on.
 """
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -23,16 +23,8 @@ from eivor.lab.experiments import markdown
 from eivor.lab.records import Scenario, simulate
 from eivor.lab.scenario_files import shipped_scenario
 from eivor.signals.signals import Signals
-from validation.studies import (
-    Answer,
-    GridStruct,
-    Requirement,
-    completed,
-    kept_command,
-    read_as,
-    requirement_table,
-    versions,
-)
+from validation.studies import GridStruct, Group, KeptRun, KeptStudy, Requirement, alone
+from validation.suite_files import versions
 
 
 def changed_record(
@@ -66,7 +58,7 @@ SEED = 20261122
 
 
 @dataclass(frozen=True, slots=True)
-class Told:
+class Detected:
     scenario: str  # Name of a shipped one
     changed: str  # Parameter that drops, or "nothing"
     run: int  # Number of the record
@@ -76,7 +68,7 @@ class Told:
     half_width: dict[str, float]
 
 
-def trial(scenario: str, changed: str, run: int) -> Told:
+def trial(scenario: str, changed: str, run: int) -> Detected:
     """Run one record; the same scenario and run have the same noises with and without a change."""
     given = replace(shipped_scenario(scenario), samples=SAMPLES)
     rng = np.random.default_rng([SEED, run])
@@ -98,7 +90,7 @@ def trial(scenario: str, changed: str, run: int) -> Told:
     after = [sample - index for sample in selected if sample > index]
     estimate = recursion.estimate()
     ends = {name: estimate.interval(name) for name in truth}
-    return Told(
+    return Detected(
         scenario,
         changed,
         run,
@@ -109,22 +101,15 @@ def trial(scenario: str, changed: str, run: int) -> Told:
     )
 
 
-PART = "recursion"
-GRID = Path(__file__).with_name("grid.toml")
 #: Asked: share of records of 2,500 samples with a false alarm, median delay [samples], coverage of intervals.
 FALSE_ALARMS, DELAY, COVERAGE = 0.10, 150, (0.90, 0.99)
 #: What the requirements are asked of.
 SCENARIO, PARAMETER = "rich", "input_gain"
 NAMES = {"nothing": "nothing", "input_gain": "K_u", "viscous_friction": "K"}
+PARAMETERS = ("viscous_friction", "input_gain")
 HEADER = (
-    "scenario",
-    "what drops by a fifth",
-    "records",
-    "with a false alarm",
-    "told within 1,200 samples",
-    "delay: median, 90 %",
-    "coverage of K / K_u",
-    "half-width of K / K_u",
+    *("scenario", "what drops by a fifth", "records", "with a false alarm", "told within 1,200 samples"),
+    *("delay: median, 90 %", "coverage of K / K_u", "half-width of K / K_u"),
 )
 
 
@@ -139,70 +124,59 @@ class Grid(GridStruct, frozen=True):
     records: tuple[Records, ...]
 
 
-def answer(grid: Path, size: str, kept: Path) -> Answer:
-    """Run what the file does not have yet, and judge all of it."""
-    trials = {
-        (records.scenario, records.changed, run): partial(trial, records.scenario, records.changed, run)
-        for records in read_as(Grid, grid).records
-        for run in range(getattr(records, size))
-    }
-    results = completed(kept, Told, trials, lambda line: (line.scenario, line.changed, line.run))
-    requirements = tuple(_requirements(results))
-    return _tables(results, requirements), requirements
+def groups(grid: Grid, size: str, _kept: Path) -> list[Group[tuple[str, str, int], Detected]]:
+    return alone(
+        {
+            (records.scenario, records.changed, run): partial(trial, records.scenario, records.changed, run)
+            for records in grid.records
+            for run in range(getattr(records, size))
+        }
+    )
 
 
-def _of(tolds: list[Told], scenario: str, changed: str) -> list[Told]:
-    return [item for item in tolds if (item.scenario, item.changed) == (scenario, changed)]
+def _of(lines: Sequence[Detected], scenario: str, changed: str) -> list[Detected]:
+    return [item for item in lines if (item.scenario, item.changed) == (scenario, changed)]
 
 
-def _requirements(tolds: list[Told]) -> Iterator[Requirement]:
-    still = _of(tolds, SCENARIO, "nothing")
+def requirements(run: KeptRun[Grid, Detected]) -> Iterator[Requirement]:
+    still = _of(run.lines, SCENARIO, "nothing")
     alarms = float(np.mean([item.alarms > 0 for item in still]))
     yield Requirement.at_most(
         f"{SCENARIO}: records of 2,500 samples with a false alarm", alarms, FALSE_ALARMS
     )
-    delay = float(np.median(_delays(_of(tolds, SCENARIO, PARAMETER))))
-    yield Requirement(
-        f"{SCENARIO}: median delay after {NAMES[PARAMETER]} drops by a fifth",
-        f"at most {DELAY} samples",
-        f"{delay:.0f}",
-        delay <= DELAY,
-    )
-    for name in ("viscous_friction", "input_gain"):
+    delay = float(np.median(_delays(_of(run.lines, SCENARIO, PARAMETER))))
+    what = f"{SCENARIO}: median delay after {NAMES[PARAMETER]} drops by a fifth"
+    yield Requirement(what, f"at most {DELAY} samples", f"{delay:.0f}", delay <= DELAY)
+    for name in PARAMETERS:
         covered = float(np.mean([item.covered[name] for item in still]))
         yield Requirement.within(f"{SCENARIO}: coverage of the intervals of {NAMES[name]}", covered, COVERAGE)
 
 
-def _delays(tolds: list[Told]) -> list[float]:
-    return [float("inf") if item.delay is None else float(item.delay) for item in tolds]
+def _delays(lines: Sequence[Detected]) -> list[float]:
+    return [float("inf") if item.delay is None else float(item.delay) for item in lines]
 
 
-def _tables(tolds: list[Told], requirements: tuple[Requirement, ...]) -> str:
-    kinds = dict.fromkeys((item.scenario, item.changed) for item in tolds)
-    return "\n\n".join(
-        (
-            f"Made by `python -m validation.recursion.study` with {versions()}: records of 2,500 samples, "
-            f"memory 200, seed {SEED}.",
-            requirement_table(requirements),
-            markdown(HEADER, [_line(_of(tolds, *kind)) for kind in kinds]),
-        )
-    )
+def tables(run: KeptRun[Grid, Detected]) -> Iterator[str]:
+    kinds = dict.fromkeys((item.scenario, item.changed) for item in run.lines)
+    yield f" with {versions()}: records of 2,500 samples, memory 200, seed {SEED}."
+    yield markdown(HEADER, [_row(_of(run.lines, *kind)) for kind in kinds])
 
 
-def _line(tolds: list[Told]) -> tuple[str, ...]:
-    first, delays = tolds[0], _delays(tolds)
+def _row(lines: Sequence[Detected]) -> tuple[str, ...]:
+    first, delays = lines[0], _delays(lines)
     changed = first.changed != "nothing"
     middle, late = np.quantile(delays, [0.5, 0.9], method="inverted_cdf")
-    names = ("viscous_friction", "input_gain")
     return (
         first.scenario,
         NAMES[first.changed],
-        f"{len(tolds)}",
-        f"{np.mean([item.alarms > 0 for item in tolds]):.3f}",
+        f"{len(lines)}",
+        f"{np.mean([item.alarms > 0 for item in lines]):.3f}",
         f"{np.mean(np.isfinite(delays)):.3f}" if changed else "-",
         f"{_samples(middle)}, {_samples(late)}" if changed else "-",
-        " / ".join(f"{np.mean([item.covered[name] for item in tolds]):.3f}" for name in names),
-        " / ".join(f"{100.0 * np.median([item.half_width[name] for item in tolds]):.1f} %" for name in names),
+        " / ".join(f"{np.mean([item.covered[name] for item in lines]):.3f}" for name in PARAMETERS),
+        " / ".join(
+            f"{100.0 * np.median([item.half_width[name] for item in lines]):.1f} %" for name in PARAMETERS
+        ),
     )
 
 
@@ -210,7 +184,18 @@ def _samples(delay: float) -> str:
     return f"{delay:.0f}" if np.isfinite(delay) else "never"
 
 
-main = kept_command("validation.recursion.study", __doc__, GRID, PART, answer).main
+STUDY = KeptStudy(
+    "recursion.study",
+    __doc__,
+    "recursion",
+    Grid,
+    Detected,
+    ("scenario", "changed", "run"),
+    groups,
+    requirements,
+    tables,
+)
+main = STUDY.main
 
 if __name__ == "__main__":
     sys.exit(main())

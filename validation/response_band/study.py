@@ -4,8 +4,7 @@
 
 flies the grid beside this file, keeps every flight in the file, and prints its table: at each time after a
 step of the command the share of flights whose band of 90 % of the draws holds the true climb rate. A run that
-was interrupted goes on. The exit code is 0 when every requirement is met, 3 when one is not, 2 for an input
-of no use.
+was interrupted goes on.
 """
 
 from __future__ import annotations
@@ -13,8 +12,9 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -24,17 +24,8 @@ from eivor.lab.experiments import markdown
 from eivor.simulation.environment import SimulatedFlight
 from eivor.simulation.vertical import VerticalFlightSpec, simulate_vertical_flights
 from eivor.tools import Float
-from validation.studies import (
-    Answer,
-    GridStruct,
-    Requirement,
-    keep,
-    kept_command,
-    kept_lines,
-    read_as,
-    requirement_table,
-    versions,
-)
+from validation.studies import GridStruct, Group, KeptRun, KeptStudy, Requirement
+from validation.suite_files import versions
 
 #: Times after a step of the command at which the climb rate is asked [s].
 TIMES_S = (0.05, 0.1, 0.2, 0.4, 0.8, 1.6, 3.2)
@@ -61,7 +52,7 @@ class Grid(GridStruct, frozen=True):
 
 
 @dataclass(frozen=True, slots=True)
-class Told:
+class Banded:
     name: str  # Of its kind
     run: int  # Number of the flight
     verdict: str  # Of the flight; empty where nothing was estimated
@@ -72,37 +63,31 @@ class Told:
     width: list[float]  # Half of the band over the true climb rate
 
 
-def trials(kind: Kind, position: int, runs: Sequence[int]) -> Iterator[Told]:
+def trials(kind: Kind, position: int, keys: Sequence[tuple[str, int]]) -> Iterator[list[Banded]]:
     """Fly some of a kind side by side: the kind's place and a run give the same flight in any company."""
-    specs = [_spec(kind, position, run) for run in runs]
-    for run, spec, flight in zip(runs, specs, simulate_vertical_flights(specs), strict=True):
-        yield _report(kind.name, run, spec, flight)
+    specs = [_spec(kind, position, run) for _, run in keys]
+    for (name, run), spec, flight in zip(keys, specs, simulate_vertical_flights(specs), strict=True):
+        yield [_report(name, run, spec, flight)]
 
 
 def _spec(kind: Kind, position: int, run: int) -> VerticalFlightSpec:
     rng = np.random.default_rng([SEED, position, run])
-    vehicle = {key: float(rng.uniform(low, high)) for key, (low, high) in VEHICLES.items()}
+    vehicle: dict[str, Any] = {name: float(rng.uniform(*ends)) for name, ends in VEHICLES.items()}
     return VerticalFlightSpec(
-        viscous_friction=vehicle["viscous_friction"],
-        hover_input=vehicle["hover_input"],
-        actuator_lag=vehicle["actuator_lag"],
-        delay=kind.delay,
-        gust_rms=kind.gust_rms,
-        vigour=kind.vigour,
-        seed=int(rng.integers(2**31)),
+        **vehicle, delay=kind.delay, gust_rms=kind.gust_rms, vigour=kind.vigour, seed=int(rng.integers(2**31))
     )
 
 
-def _report(name: str, run: int, spec: VerticalFlightSpec, flight: SimulatedFlight) -> Told:
+def _report(name: str, run: int, spec: VerticalFlightSpec, flight: SimulatedFlight) -> Banded:
     numbers = (spec.viscous_friction, spec.input_gain, spec.actuator_lag, spec.delay)
     (truth,) = climb_rates(*(np.array([number]) for number in numbers))
     try:
         fit = ev.identify_flight(flight.recording)
         low, high = _band(fit, "all", run)
     except EivorError:
-        return Told(name, run, "", [], [], [])
+        return Banded(name, run, "", [], [], [])
     least, most = _band(fit, "best", run)
-    return Told(
+    return Banded(
         name,
         run,
         fit.verdict.status.value,
@@ -138,73 +123,65 @@ def climb_rates(
     return steep * (steady - passing)
 
 
-PART = "response band"
-GRID = Path(__file__).with_name("grid.toml")
 #: Asked: pointwise coverage of the band of 90 %.
 COVERAGE = (0.86, 0.94)
 #: Flights that are simulated side by side.
 TOGETHER = 25
-HEADER = (
-    "flights",
-    "how many",
-    "identified",
-    *(f"{time:g} s" for time in TIMES_S),
-    "all times",
-    "at the best delay",
-)
+TIMES = tuple(f"{time:g} s" for time in TIMES_S)
+HEADER = ("flights", "how many", "identified", *TIMES, "all times", "at the best delay")
 
 
-def answer(grid: Path, size: str, kept: Path) -> Answer:
-    """Fly what the file does not have yet, and judge all of it."""
-    selected = {(kept_line.name, kept_line.run): kept_line for kept_line in kept_lines(kept, Told)}
-    results = []
-    for kind, position, runs in _turns(read_as(Grid, grid), size):
-        missing = [run for run in runs if (kind.name, run) not in selected]
-        for trial in trials(kind, position, missing):
-            selected[kind.name, trial.run] = trial
-            keep(kept, [trial])
-        results += [selected[kind.name, run] for run in runs]
-    covered = float(np.mean([held for result in results for held in result.held]))
-    requirement = Requirement.within("pointwise coverage of the band of 90 %", covered, COVERAGE)
-    return _tables(results, requirement), (requirement,)
-
-
-def _turns(grid: Grid, size: str) -> list[tuple[Kind, int, range]]:
+def groups(grid: Grid, size: str, _kept: Path) -> list[Group[tuple[str, int], Banded]]:
     """Flights side by side; kinds take turns, so that a study that is cut short has some of each."""
-    requested = []
-    for position, kind in enumerate(grid.flights):
-        runs = getattr(kind, size)
-        starts = range(0, runs, TOGETHER)
-        requested += [(kind, position, range(first, min(first + TOGETHER, runs))) for first in starts]
-    return sorted(requested, key=lambda item: (item[2].start, item[1]))
+    turns = [
+        (first, position, kind, range(first, min(first + TOGETHER, getattr(kind, size))))
+        for position, kind in enumerate(grid.flights)
+        for first in range(0, getattr(kind, size), TOGETHER)
+    ]
+    return [
+        ([(kind.name, run) for run in runs], partial(trials, kind, position))
+        for _, position, kind, runs in sorted(turns, key=lambda turn: turn[:2])
+    ]
 
 
-def _tables(tolds: list[Told], requirement: Requirement) -> str:
-    kinds = dict.fromkeys(item.name for item in tolds)
-    rows = [_line(kind, [item for item in tolds if item.name == kind]) for kind in kinds]
-    return "\n\n".join(
-        (
-            f"Made by `python -m validation.response_band.study` with {versions()}: {len(tolds)} flights of "
-            f"a minute, {DRAWS} draws of each, seed {SEED}.",
-            requirement_table([requirement]),
-            markdown(HEADER, [*rows, _line("**all**", tolds)]),
-        )
-    )
+def requirements(run: KeptRun[Grid, Banded]) -> list[Requirement]:
+    covered = float(np.mean([held for line in run.lines for held in line.held]))
+    return [Requirement.within("pointwise coverage of the band of 90 %", covered, COVERAGE)]
 
 
-def _line(kind: str, tolds: list[Told]) -> tuple[str, ...]:
-    held = np.array([item.held for item in tolds if item.held], dtype=float)
+def tables(run: KeptRun[Grid, Banded]) -> Iterator[str]:
+    flights = f"{len(run.lines)} flights of a minute, {DRAWS} draws of each"
+    yield f" with {versions()}: {flights}, seed {SEED}."
+    kinds = dict.fromkeys(item.name for item in run.lines)
+    rows = [_row(kind, [item for item in run.lines if item.name == kind]) for kind in kinds]
+    yield markdown(HEADER, [*rows, _row("**all**", run.lines)])
+
+
+def _row(kind: str, lines: Sequence[Banded]) -> tuple[str, ...]:
+    held = np.array([item.held for item in lines if item.held], dtype=float)
     return (
         kind,
-        f"{len(tolds)}",
-        f"{sum(item.verdict == 'identified' for item in tolds)}",
+        f"{len(lines)}",
+        f"{sum(item.verdict == 'identified' for item in lines)}",
         *(f"{share:.2f}" for share in held.mean(axis=0)),
         f"{held.mean():.3f}",
-        f"{np.mean([held for item in tolds for held in item.held_at_best]):.3f}",
+        f"{np.mean([held for item in lines for held in item.held_at_best]):.3f}",
     )
 
 
-main = kept_command("validation.response_band.study", __doc__, GRID, PART, answer).main
+STUDY = KeptStudy(
+    "response_band.study",
+    __doc__,
+    "response band",
+    Grid,
+    Banded,
+    ("name", "run"),
+    groups,
+    requirements,
+    tables,
+)
+main = STUDY.main
+
 
 if __name__ == "__main__":
     sys.exit(main())

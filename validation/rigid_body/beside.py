@@ -254,12 +254,7 @@ def folder_of(chosen: argparse.Namespace) -> StudyFolder[Flown]:
 
 
 main = folder_command(
-    "validation.rigid_body.beside",
-    __doc__,
-    LAGS,
-    "--kinds",
-    folder_of,
-    lambda table: (tables(table), ()),
+    "validation.rigid_body.beside", __doc__, LAGS, "--kinds", folder_of, lambda table: (tables(table), ())
 ).main
 
 if __name__ == "__main__":

@@ -5,8 +5,7 @@
 flies the published grid (`grid.toml`), identifies every log, and prints the tables. Finished parts are kept
 in the folder: a run that was interrupted goes on there, and `--tables` makes the tables of what is done.
 `--share` flies only the first flights of each scenario, `--scenarios` only those whose name holds a word.
-`--from FILE.parquet` makes the tables anew from a finished run. The exit code is 0 when every requirement is
-met, 3 when one is not, 2 for an input that cannot be used.
+`--from FILE.parquet` makes the tables anew from a finished run.
 """
 
 from __future__ import annotations

@@ -1,8 +1,6 @@
 """Records whose noises are not declared, and what is told of parameters and noises.
 
-    python -m validation.unknown_noise.study [SUITE.toml] [--runs N] [--page FILE.md]
-
-The exit code is 0 when every requirement is met, 3 when one is not, 2 for an input that cannot be used.
+python -m validation.unknown_noise.study [SUITE.toml] [--runs N] [--page FILE.md]
 """
 
 from __future__ import annotations
@@ -31,8 +29,8 @@ from validation.studies import (
     StudyCommand,
     read_as,
     requirement_table,
-    versions,
 )
+from validation.suite_files import versions
 
 PART = "unknown-noise"
 VELOCITY = "velocity_z"

@@ -1,24 +1,35 @@
-"""Files are whole or not there."""
+"""Files are whole or not there, and a seal tells a table that was changed."""
 
 from __future__ import annotations
 
+import io
 import os
 import re
 import time
 from pathlib import Path
 
+import numpy as np
+import polars as pl
 import pytest
 
 import eivor
 from eivor.atomic_file import (
     ABANDONED_S,
     PREFIX,
+    SEAL_MARK,
     SUFFIX,
     atomic_write,
     check_writable,
+    is_sealed,
     remove_abandoned,
+    sealed,
     write_atomically,
 )
+from eivor.errors import InputError
+from eivor.lab.scenario_files import numbers_in_file
+from eivor.strict_toml import TomlTable
+from validation.coverage.study import read_coverage
+from validation.flight_recipe.trials import read_trial_table
 
 PACKAGE = Path(eivor.__file__).parent
 
@@ -130,3 +141,64 @@ def test_nothing_else_in_the_package_writes_files() -> None:
         if formulas.search(file.read_text(encoding="utf-8"))
     }
     assert results - {"logs/common.py"} == {"atomic_file.py"}  # a copy of a pipe, in a folder that goes again
+
+
+FACTS = {"eivor.study": "b" * 64, "eivor.trials": "25 to 49"}
+
+
+@pytest.fixture(scope="module")
+def table() -> pl.DataFrame:
+    rng = np.random.default_rng(3)
+    status = pl.Series("status", ["identified", "weak", None] * 8)
+    return pl.DataFrame({"trial": np.arange(24), "value": rng.standard_normal(24)}).with_columns(status)
+
+
+@pytest.fixture(scope="module")
+def content(table) -> bytes:
+    return sealed(table, FACTS)
+
+
+def test_the_file_is_what_was_sealed(table, content):
+    assert is_sealed(content, FACTS)
+    assert pl.read_parquet(io.BytesIO(content)).equals(table)
+    result = pl.read_parquet_metadata(io.BytesIO(content))
+    assert {key: result[key] for key in FACTS} == FACTS
+
+
+def test_every_flipped_bit_is_noticed(content):
+    """Of every byte each bit, and the whole byte: nothing is decoded, so nothing can crash."""
+    for index in range(len(content)):
+        for flip in (1, 2, 4, 8, 16, 32, 64, 128, 255):
+            damaged = bytearray(content)
+            damaged[index] ^= flip
+            assert not is_sealed(bytes(damaged), FACTS), (index, flip)
+
+
+def test_every_cut_and_every_addition_is_noticed(content):
+    for length in range(len(content)):
+        assert not is_sealed(content[:length], FACTS)
+    for more in (b"\0", content, SEAL_MARK, SEAL_MARK + b"0" * 64):
+        assert not is_sealed(content + more, FACTS)
+        assert not is_sealed(more + content, FACTS)
+
+
+@pytest.mark.parametrize("reader", ["coverage", "trials", "numbers"])
+def test_a_decoders_panic_is_told(tmp_path, monkeypatch, reader):
+    """Polars' own kind of crash is no Exception; every table that a study reads may be damaged."""
+
+    def panic(*parts: object, **options: object) -> None:
+        raise pl.exceptions.PanicException("index out of bounds")
+
+    path = tmp_path / "table.parquet"
+    pl.DataFrame({"u": [1.0]}).write_parquet(path)
+    monkeypatch.setattr(pl, "read_parquet", panic)
+    monkeypatch.setattr(pl, "scan_parquet", panic)
+    readers = {
+        "coverage": read_coverage,
+        "trials": read_trial_table,
+        "numbers": lambda file: numbers_in_file(
+            TomlTable({"file": file.name, "column": "u"}, "scenario.toml", folder=file.parent)
+        ),
+    }
+    with pytest.raises(InputError, match="index out of bounds"):
+        readers[reader](path)

@@ -1,4 +1,4 @@
-"""Files of simulators, loaded and flown by the programs that they are for."""
+"""Files of simulators: loaded and flown by their programs, and identified again."""
 
 from __future__ import annotations
 
@@ -6,13 +6,16 @@ import json
 import os
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from exports.simulated import GAIN, GRAVITY, HOVER, LAG, climb, quad_params, saved
+import eivor as ev
+from eivor.simulation.environment import TrajectoryKind, altitude_reference
+from exports.documents import FRICTION, GAIN, GRAVITY, HOVER, LAG, climb, quad_params, saved
 
 STEP, SECONDS = 1.02, 1.0
 
@@ -64,31 +67,6 @@ def test_mujoco_climbs_as_the_flight_did(tmp_path: Path) -> None:
     assert model.actuator_ctrlrange[0, 1] == pytest.approx((2500.0 / HOVER) ** 2)
 
 
-@pytest.mark.thorough  # of the extra `simulators`
-def test_pybullet_reads_mass_and_inertia(tmp_path: Path) -> None:
-    pybullet = pytest.importorskip("pybullet", reason="pybullet is not installed")
-    client = pybullet.connect(pybullet.DIRECT)
-    try:
-        body = pybullet.loadURDF(
-            saved("pybullet", tmp_path), flags=pybullet.URDF_USE_INERTIA_FROM_FILE, physicsClientId=client
-        )
-        mass, _, inertia = pybullet.getDynamicsInfo(body, -1, physicsClientId=client)[:3]
-        assert mass == 0.03
-        np.testing.assert_allclose(inertia, [1.43e-5, 1.45e-5, 2.7e-5], rtol=1e-9)
-        names = [pybullet.getJointInfo(body, joint, client)[12].decode() for joint in range(5)]
-        assert names == [*(f"prop{number}_link" for number in range(4)), "center_of_mass_link"]
-    finally:
-        pybullet.disconnect(client)
-
-
-@pytest.mark.thorough  # of the extra `simulators`
-def test_yourdfpy_finds_nothing_wrong(tmp_path: Path) -> None:
-    yourdfpy = pytest.importorskip("yourdfpy", reason="yourdfpy is not installed")
-    robot = yourdfpy.URDF.load(saved("pybullet", tmp_path), load_meshes=False)
-    assert robot.validate()
-    assert robot.robot.links[0].inertial.inertia[2, 2] == 2.7e-5
-
-
 #: In a process of its own: drone-models must be imported before SciPy.
 ACCELERATION = """
 import inspect, json, sys, tomllib
@@ -121,3 +99,77 @@ def test_drone_models_accelerate_as_the_flight_says(tmp_path: Path) -> None:
     arm, thrust = 0.043 / 2**0.5, 0.03 * GAIN / 4 * HOVER**2
     assert rates[0] == pytest.approx(2 * arm * thrust * (1.02**2 - 1.0) / 1.43e-5, rel=1e-6)
     assert speeds[0] / 60.0 * 2.0 * np.pi == pytest.approx(0.02 * HOVER / LAG, rel=1e-6)
+
+
+LOG_STEP_S, FLIGHT_S = 0.01, 40.0
+
+
+#: Standard deviations of height [m], velocity [m/s] and force [m/s^2] as logged.
+NOISE = (0.005, 0.02, 0.3)
+
+
+#: From a wanted acceleration to a command; then height, velocity and acceleration, and the same after a step.
+Command = Callable[[float], float]
+
+
+Measure = Callable[[], tuple[float, float, float]]
+
+
+Advance = Callable[[float], None]
+
+
+def identified_again(
+    command: Command, measure: Measure, advance: Advance, channel: str, input_map: str
+) -> dict[str, Any]:
+    """Quantities of a flight under control, of what a simulator gave."""
+    rng = np.random.default_rng(0)
+    count = round(FLIGHT_S / LOG_STEP_S)
+    wanted = altitude_reference(TrajectoryKind.MULTISINE, count=count, step_s=LOG_STEP_S, rng=rng)
+    errors = rng.standard_normal((count, 3)) * NOISE
+    rows = []
+    for k in range(count):
+        height, velocity, acceleration = np.array(measure()) + errors[k]
+        correction = 6.0 * (wanted.position[k] - height) + 4.0 * (wanted.velocity[k] - velocity)
+        reported = command(wanted.acceleration[k] + correction)
+        rows.append((height, velocity, acceleration + GRAVITY, reported))
+        advance(reported)
+    logged = dict(
+        zip(("position_z", "velocity_z", "specific_force_z", channel), np.array(rows).T, strict=True)
+    )
+    references = {
+        f"reference_{name}_z": getattr(wanted, name)[:count]
+        for name in ("position", "velocity", "acceleration")
+    }
+    time = {"time": LOG_STEP_S * np.arange(count)}
+    fit = ev.identify_flight(ev.recording_from_columns(time | logged | references, input_map=input_map))
+    assert fit.verdict.status.value == "identified", fit.verdict.sentences
+    return dict(fit.quantities)
+
+
+def holds(quantities: dict[str, Any], **truth: float) -> None:
+    for name, value in truth.items():
+        low, high = quantities[name].interval
+        assert low <= value <= high, (name, low, value, high)
+        assert high - low < 0.5 * value
+
+
+@pytest.mark.thorough  # RotorPy takes a millisecond for a step
+def test_rotorpy(tmp_path: Path) -> None:
+    rotorpy = pytest.importorskip("rotorpy.vehicles.multirotor", reason="RotorPy is not installed")
+    rest = {name: np.zeros(3) for name in ("x", "v", "w", "wind")}
+    state: dict[str, Any] = rest | {"q": np.array([0.0, 0.0, 0.0, 1.0]), "rotor_speeds": np.full(4, HOVER)}
+    vehicle = rotorpy.Multirotor(quad_params(tmp_path), state, "cmd_motor_speeds")
+    selected = [HOVER]
+
+    def measure() -> tuple[float, float, float]:
+        rate = vehicle.statedot(state, {"cmd_motor_speeds": np.full(4, selected[-1])}, LOG_STEP_S)["vdot"]
+        return state["x"][2], state["v"][2], rate[2]
+
+    def advance(command: float) -> None:
+        selected.append(command)
+        state.update(vehicle.step(state, {"cmd_motor_speeds": np.full(4, command)}, LOG_STEP_S))
+
+    again = identified_again(
+        lambda wanted: HOVER * (1.0 + 0.5 * wanted / GRAVITY), measure, advance, "rotor_command_1", "square"
+    )
+    holds(again, viscous_friction=FRICTION, input_gain=GAIN, actuator_lag=LAG, hover_input=HOVER)

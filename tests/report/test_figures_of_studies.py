@@ -1,4 +1,4 @@
-"""Figures of intervals, ellipses, residuals and coverage: their axes, and that all is on the page."""
+"""Figures of intervals, ellipses, residuals, signals, noises and studies."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from matplotlib.figure import Figure
 from scipy.signal import lfilter
 
 import eivor as ev
-from eivor.errors import NonFiniteError, TooFewSamplesError, UsageError
+from eivor.errors import MissingChannelError, NonFiniteError, TooFewSamplesError, UsageError
 from eivor.estimation.estimate import Estimate
 from eivor.inference.regions import Ellipse
 from eivor.lab.experiments import VerticalExperiment
-from eivor.lab.figures import CoverageRow, coverage_figure, study_coverage_figure
+from eivor.lab.figures import CoverageRow, coverage_figure, nrmse_figure, study_coverage_figure
 from eivor.lab.records import Scenario
-from eivor.lab.study import MethodChoice, Study, StudyResult
+from eivor.lab.study import MethodChoice, Spread, Study, StudyResult
 from eivor.report.figure_panels import (
     PlottedInterval,
     ellipse_figure,
@@ -26,7 +26,9 @@ from eivor.report.figure_panels import (
     interval_figure,
     pair_figure,
 )
-from eivor.report.figures import residual_figure, robust_band
+from eivor.report.figures import noise_spectrum_figure, residual_figure, robust_band, signals_figure
+from eivor.signals.noise import FractionalNoise, LongMemory
+from eivor.signals.signals import Signals
 
 TRUTH = {"viscous_friction": 0.3, "input_gain": 0.8}
 
@@ -53,9 +55,6 @@ def estimate() -> Estimate:
     channels = {"velocity_z": v, "specific_force_z": force, "input": u}
     problem = ev.VerticalMotion(intercept=False).regression(ev.Signals(5.0, channels))
     return ev.identify(problem, ev.methods.least_squares())
-
-
-# -- intervals ---------------------------------------------------------------------------------------
 
 
 def test_each_parameter_has_a_panel_with_its_unit_and_the_truth(estimate: Estimate) -> None:
@@ -91,21 +90,6 @@ def test_ends_without_bound_are_arrows_and_an_empty_set_says_so() -> None:
     assert inside(figure)
 
 
-def test_a_single_exact_value_still_has_an_axis() -> None:
-    figure = interval_figure({"a": [PlottedInterval("one", 2.0, ((2.0, 2.0),))]})
-    low, high = figure.axes[0].get_xlim()
-    assert low < 2.0 < high
-
-
-@pytest.mark.parametrize("panels", [{}, {"a": []}])
-def test_no_interval_is_no_figure(panels: dict[str, list[PlottedInterval]]) -> None:
-    with pytest.raises(UsageError, match="intervals to draw"):
-        interval_figure(panels)
-
-
-# -- ellipses ----------------------------------------------------------------------------------------
-
-
 def test_a_pair_has_its_ellipse_its_intervals_the_truth_and_a_cloud(estimate: Estimate) -> None:
     replicates = ev.bootstrap(estimate.best.rows, ev.methods.least_squares(), runs=40)
     figure = pair_figure(estimate, "viscous_friction", "input_gain", truth=TRUTH, replicates=replicates)
@@ -116,20 +100,15 @@ def test_a_pair_has_its_ellipse_its_intervals_the_truth_and_a_cloud(estimate: Es
     outline = estimate.ellipse("viscous_friction", "input_gain").outline()
     np.testing.assert_array_equal(axes.lines[1].get_xydata(), outline)
     assert inside(figure)
-
-
-def test_any_polygon_may_stand_beside_an_ellipse() -> None:
     corners = np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 2.0], [0.0, 0.0]])
     figure = ellipse_figure(
         {"Wald": Ellipse(np.zeros(2), np.eye(2))}, names=("a", "b"), regions={"set": [corners, corners + 3.0]}
     )
     assert words(figure) == ["Wald", "set"]
     assert figure.axes[0].get_xlim()[1] > 5.0
-    with pytest.raises(UsageError, match="an ellipse or a region"):
-        ellipse_figure({}, names=("a", "b"))
-
-
-# -- residuals ---------------------------------------------------------------------------------------
+    figure = interval_figure({"a": [PlottedInterval("one", 2.0, ((2.0, 2.0),))]})
+    low, high = figure.axes[0].get_xlim()
+    assert low < 2.0 < high
 
 
 @pytest.mark.thorough
@@ -149,12 +128,6 @@ def test_a_residual_has_time_autocorrelation_and_spectrum() -> None:
     assert inside(figure)
 
 
-def test_long_residuals_are_drawn_by_their_range() -> None:
-    figure = residual_figure(np.random.default_rng(3).normal(size=100_000), rate_hz=100.0)
-    assert len(figure.axes[0].lines) == 1  # zero; the range is an area
-    assert figure.axes[0].collections
-
-
 def test_the_robust_band_is_that_of_white_noise_when_its_strength_is_constant_and_holds_when_not() -> None:
     random = np.random.default_rng(4)
     assert robust_band(random.normal(size=20_000), 5) == pytest.approx(
@@ -170,18 +143,6 @@ def test_the_robust_band_is_that_of_white_noise_when_its_strength_is_constant_an
         robust += abs(r) > robust_band(e, 1)[0]
     assert left / 400 > 0.3
     assert robust / 400 < 0.05 + 3.0 * np.sqrt(0.05 * 0.95 / 400)
-
-
-def test_what_is_no_residual_is_refused() -> None:
-    with pytest.raises(NonFiniteError):
-        residual_figure(np.array([1.0, math.nan] * 20), rate_hz=5.0)
-    with pytest.raises(NonFiniteError):
-        residual_figure(np.ones(100), rate_hz=0.0)
-    with pytest.raises(TooFewSamplesError):
-        residual_figure(np.ones(9), rate_hz=5.0)
-
-
-# -- coverage ----------------------------------------------------------------------------------------
 
 
 def test_coverage_has_a_line_for_each_group_and_a_colour_for_each_label() -> None:
@@ -207,11 +168,6 @@ def test_coverage_has_a_line_for_each_group_and_a_colour_for_each_label() -> Non
     assert spans[0][:, 0] == pytest.approx([67.1, 72.8], abs=0.1)  # Wilson's
     assert axes.get_xlim()[0] < 67.0
     assert inside(figure)
-
-
-def test_no_count_is_no_figure() -> None:
-    with pytest.raises(UsageError, match="intervals that were counted"):
-        coverage_figure([CoverageRow("one", "a", 0, 0)])
 
 
 def finished(folder: Path, name: str, *, intervals: bool = True, level: float = 0.95) -> StudyResult:
@@ -243,8 +199,130 @@ def test_studies_show_each_parameter_with_its_methods_side_by_side(tmp_path: Pat
     assert inside(both)
 
 
-def test_studies_without_intervals_or_of_different_levels_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match="none with intervals"):
-        study_coverage_figure([finished(tmp_path, "one", intervals=False)])
-    with pytest.raises(UsageError, match="intervals of one level"):
-        study_coverage_figure([finished(tmp_path, "one"), finished(tmp_path, "two", level=0.9)])
+def labels(figure: Figure) -> list[str]:
+    return [text.get_text() for axes in figure.axes if axes.get_legend() for text in axes.get_legend().texts]
+
+
+def test_each_channel_has_a_panel_with_its_unit():
+    channels = {name: np.linspace(0.0, 1.0, 20) for name in ("input", "velocity_z", "specific_force_z")}
+    figure = signals_figure(Signals(5.0, channels, start_s=3.0), title="$a_b")
+    assert [axes.get_ylabel() for axes in figure.axes] == [
+        "input u [-]",
+        "velocity z' [m/s]",
+        "specific force z'' + g [m/s²]",
+    ]
+    assert figure.axes[-1].get_xlabel() == "time t [s]"
+    assert figure.axes[0].lines[0].get_xdata()[0] == 3.0
+    assert inside(figure)
+
+
+def test_what_is_not_valid_is_a_gap_and_truth_is_drawn_too():
+    values = np.arange(10.0)
+    valid = np.arange(10) != 4
+    measured = Signals(5.0, {"velocity_z": values}, valid=valid)
+    figure = signals_figure(measured, truth=Signals(5.0, {"velocity_z": values}))
+    drawn = figure.axes[0].lines[0].get_ydata()
+    assert np.isnan(drawn[4])
+    assert not np.isnan(np.delete(drawn, 4)).any()
+    assert labels(figure) == ["measured", "without noise"]
+
+
+def test_bars_hold_every_trial():
+    values = np.random.default_rng(0).exponential(size=200)
+    figure = nrmse_figure({"a": {"viscous_friction": values, "together": values[:50]}})
+    for axes, count in zip(figure.axes, (200, 50), strict=True):
+        assert sum(patch.get_height() for patch in axes.patches) == count
+    assert figure.axes[0].get_xlabel() == "NRMSE of K [%]"
+    assert figure.axes[1].get_xlabel() == "NRMSE of all parameters [%]"
+    assert figure.axes[0].get_ylabel() == "a\ntrials [count]"
+    assert inside(figure)
+
+
+def test_what_is_printed_is_drawn_when_it_is_near_and_told_when_it_is_not():
+    values = np.linspace(1.0, 2.0, 20)
+    for mean, drawn in ((2.5, True), (187.2, False)):
+        figure = nrmse_figure({"a": {"together": values}}, printed={"a": {"together": Spread(mean, 0.5)}})
+        assert any("off this axis" in label for label in labels(figure)) is not drawn
+        low, high = figure.axes[0].get_xlim()
+        assert bool(low < mean < high) is drawn
+
+
+def test_no_estimate_is_said():
+    figure = nrmse_figure({"a": {"together": np.full(4, np.nan)}})
+    assert "no estimate" in figure.axes[0].texts[0].get_text()
+    with pytest.raises(UsageError, match="scores to draw"):
+        nrmse_figure({})
+
+
+@pytest.mark.parametrize("order", [pytest.param(-0.5, marks=pytest.mark.thorough), -0.4, 0.0, 0.3])
+def test_the_fitted_line_lies_on_the_bands(order):
+    values = FractionalNoise(0.2, order).sample(20_000, np.random.default_rng(2))
+    figure = noise_spectrum_figure(values, rate_hz=50.0, unit="m/s²", title="accelerometer")
+    axes = figure.axes[0]
+    bands, fitted = axes.lines[1], axes.lines[3]
+    index = np.interp(np.log(bands.get_xdata()), np.log(fitted.get_xdata()), np.log(fitted.get_ydata()))
+    inner = (bands.get_xdata() < fitted.get_xdata()[-1]) & (bands.get_xdata() > 200.0 * fitted.get_xdata()[0])
+    assert np.abs(np.log(bands.get_ydata()) - index)[inner].max() < 0.25
+    assert axes.get_ylabel() == "amplitude density [m/s² per √Hz]"
+    assert axes.get_xlabel() == "frequency [Hz]"
+    assert inside(figure)
+
+
+def test_density_integrates_to_the_variance():
+    values = np.random.default_rng(3).standard_normal(4096)
+    periodogram = noise_spectrum_figure(values, rate_hz=10.0).axes[0].lines[0]
+    frequency, amplitude = periodogram.get_xdata(), periodogram.get_ydata()
+    assert np.sum(amplitude**2) * (frequency[1] - frequency[0]) == pytest.approx(values.var(), rel=1e-2)
+
+
+@pytest.mark.parametrize(
+    ("draw", "error", "message"),
+    [
+        (lambda: interval_figure({}), UsageError, "intervals to draw"),
+        (lambda: interval_figure({"a": []}), UsageError, "intervals to draw"),
+        (lambda: ellipse_figure({}, names=("a", "b")), UsageError, "an ellipse or a region"),
+        (lambda: residual_figure(np.array([1.0, math.nan] * 20), rate_hz=5.0), NonFiniteError, "Expected"),
+        (lambda: residual_figure(np.ones(100), rate_hz=0.0), NonFiniteError, "Expected"),
+        (lambda: residual_figure(np.ones(9), rate_hz=5.0), TooFewSamplesError, "Expected"),
+        (lambda: coverage_figure([CoverageRow("one", "a", 0, 0)]), UsageError, "that were counted"),
+        (
+            lambda: study_coverage_figure([finished(Path(), "one", intervals=False)]),
+            UsageError,
+            "none with intervals",
+        ),
+        (
+            lambda: study_coverage_figure([finished(Path(), "a"), finished(Path(), "b", level=0.9)]),
+            UsageError,
+            "intervals of one level",
+        ),
+        (
+            lambda: signals_figure(Signals(5.0, {"input": np.zeros(4)}), ("velocity_z",)),
+            MissingChannelError,
+            "velocity_z",
+        ),
+    ],
+)
+def test_what_cannot_be_drawn_is_refused(draw, error, message) -> None:
+    with pytest.raises(error, match=message):
+        draw()
+
+
+def test_long_residuals_are_drawn_by_their_range() -> None:
+    figure = residual_figure(np.random.default_rng(3).normal(size=100_000), rate_hz=100.0)
+    assert len(figure.axes[0].lines) == 1  # zero; the range is an area
+    assert figure.axes[0].collections
+
+
+def test_a_long_tail_is_logarithmic_and_loses_no_trial():
+    values = np.concatenate([np.full(50, 1.0), [1e-9, 500.0]])
+    axes = nrmse_figure({"a": {"together": values}}).axes[0]
+    assert axes.get_xscale() == "log"
+    assert sum(patch.get_height() for patch in axes.patches) == 52
+
+
+def test_an_estimate_of_ones_own_is_drawn():
+    long_memory = LongMemory(order=-0.2, order_error=0.01, std=1.0, std_error=0.1, bandwidth=20)
+    figure = noise_spectrum_figure(np.arange(100.0) % 7, rate_hz=1.0, estimate=long_memory)
+    assert any("order -0.200 ± 0.010" in label for label in labels(figure))
+    with pytest.raises(NonFiniteError, match="positive rate"):
+        noise_spectrum_figure(np.arange(100.0), rate_hz=0.0)

@@ -1,12 +1,12 @@
-"""Figures drawn into Axes that the caller made: the right panels, nothing cut off, and what is refused."""
+"""Figures of flights, and figures drawn into Axes that the caller made."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 import polars as pl
@@ -17,10 +17,9 @@ from matplotlib.figure import Figure
 import shape_checks
 from eivor.errors import EstimationError, UsageError
 from eivor.estimation.bootstrap import bootstrap
-from eivor.estimation.estimate import Candidate
+from eivor.estimation.estimate import Estimate
 from eivor.estimation.methods import least_squares
-from eivor.estimation.variable_projection import NuisanceProfile
-from eivor.flights.quantity import Wording
+from eivor.flights.quantity import Trace
 from eivor.flights.result import FlightEstimate
 from eivor.inference.bootstrap import Bootstrap
 from eivor.inference.regions import Ellipse
@@ -37,9 +36,9 @@ from eivor.lab.figures import (
 from eivor.lab.paper import EXAMPLES, named_readings, run_example
 from eivor.lab.records import Scenario
 from eivor.lab.study import MethodChoice, Study, StudyResult
-from eivor.models.regression import Parameter, regression
-from eivor.models.separable import Nuisance
+from eivor.models.regression import regression
 from eivor.motions.vertical.motion import Vertical
+from eivor.motions.vertical.regression import VerticalFlights
 from eivor.report.figure_panels import (
     PlottedInterval,
     ellipse_figure,
@@ -47,11 +46,98 @@ from eivor.report.figure_panels import (
     interval_figure,
     pair_figure,
 )
-from eivor.report.figures import flight_figure, noise_spectrum_figure, residual_figure, signals_figure
+from eivor.report.figures import (
+    flight_figure,
+    noise_spectrum_figure,
+    residual_figure,
+    save_figure,
+    signals_figure,
+)
 from eivor.signals.signals import Signals
 
+
+def _titles(figure: Figure) -> list[str]:
+    return [axes.get_title() for axes in figure.axes]
+
+
+def inside(figure: Figure) -> bool:
+    """Whether every text lies on the page."""
+    figure.draw_without_rendering()
+    width, height = figure.bbox.width, figure.bbox.height
+    boxes = [figure._suptitle.get_window_extent()] if figure._suptitle else []  # type: ignore[attr-defined]
+    boxes += [axes.get_tightbbox() for axes in figure.axes]
+    return all(
+        b.x0 > -1 and b.y0 > -1 and b.x1 < width + 1 and b.y1 < height + 1 for b in boxes if b is not None
+    )
+
+
+def test_a_flight_has_its_panels(fit: FlightEstimate) -> None:
+    figure = flight_figure(fit)
+    titles = _titles(figure)
+    assert titles[0].startswith("Measured and predicted, both band-passed 0.0")
+    assert titles[2:] == [
+        "Autocorrelation of the whitened residual",
+        "How well each actuator lag fits",
+        "Excitation",
+    ]
+    assert "identified" in figure.get_suptitle()
+    assert inside(figure)
+
+
+def test_the_lag_profile_is_least_at_the_lag(fit: FlightEstimate) -> None:
+    panel = flight_figure(fit).axes[3]
+    curve = next(line for line in panel.lines if str(line.get_label()).startswith("delay"))
+    fitting = fit.estimate.tenable() if fit.estimate is not None else ()
+    assert {f"delay {1e3 * item.nuisances['delay']:g} ms" for item in fitting} <= {
+        line.get_label() for line in panel.lines
+    }
+    lags, heights = np.asarray(curve.get_xdata()), np.asarray(curve.get_ydata())
+    assert lags[np.argmin(heights)] == pytest.approx(1e3 * fit.quantities["actuator_lag"].value, rel=1e-3)
+    assert heights.min() == pytest.approx(0.0, abs=1e-9)
+
+
+@dataclass(frozen=True)
+class TwoAxes(Vertical):
+    """A motion that has two axes to draw."""
+
+    def traces(self, problem: VerticalFlights, estimate: Estimate) -> tuple[Trace, ...]:
+        (up,) = super().traces(problem, estimate)
+        return up, replace(up, axis="forward acceleration", measured=-up.measured, band_hz=(0.05, 3.0))
+
+
+@pytest.mark.thorough
+def test_every_axis_of_a_motion_is_drawn(fit: FlightEstimate) -> None:
+    figure = flight_figure(replace(fit, motion=TwoAxes()))
+    assert [axes.get_ylabel().split("\n")[0] for axes in figure.axes[:4]] == [
+        "vertical acceleration",
+        "residual",
+        "forward acceleration",
+        "residual",
+    ]
+    assert "to 5 Hz" in _titles(figure)[0]
+    assert any("0.05 to 3 Hz" in title for title in _titles(figure))  # an axis with a band of its own
+    assert len(figure.axes[-1].lines) == 4
+    assert inside(figure)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("ending", ["png", "svg", "pdf"])
+def test_a_hostile_name_is_drawn_as_it_is(fit: FlightEstimate, tmp_path: Path, ending: str) -> None:
+    flight = fit.prepared[0]
+    name = "$\\frac{1}{$ <b>&\x1b[31m\n 飛行 " + "x" * 200
+    hostile = replace(fit, prepared=(replace(flight, recording=replace(flight.recording, name=name)),))
+    figure = flight_figure(hostile)
+    save_figure(figure, tmp_path / f"x.{ending}")
+    assert (tmp_path / f"x.{ending}").stat().st_size > 10_000
+    assert r"<b>&\x1b[31m\n" in _titles(figure)[0].replace("\n", " ")
+
+
 FLIGHT = ("fit", "residual", "autocorrelation", "profile", "excitation")
+
+
 TRUTH = {"viscous_friction": 0.3, "input_gain": 0.8}
+
+
 NOISE = np.random.default_rng(0).normal(size=400)
 
 
@@ -61,19 +147,8 @@ def page(rows: int, columns: int = 1) -> tuple[Figure, list[Axes]]:
     return figure, list(figure.subplots(rows, columns, squeeze=False).ravel())
 
 
-def inside(figure: Figure) -> bool:
-    """Whether every text lies on the page."""
-    figure.draw_without_rendering()
-    width, height = figure.bbox.width, figure.bbox.height
-    boxes = [axes.get_tightbbox() for axes in figure.axes]
-    return all(b.x0 > -1 and b.y0 > -1 and b.x1 < width + 1 and b.y1 < height + 1 for b in boxes if b)
-
-
 def drawn(axes: Axes) -> bool:
     return bool(axes.lines or axes.patches or axes.collections or axes.texts)
-
-
-# -- the figures of one panel ------------------------------------------------------------------------
 
 
 def study(folder: Path) -> StudyResult:
@@ -135,31 +210,10 @@ def test_a_single_panel_is_drawn_where_it_is_told(name: str, fit: FlightEstimate
     assert inside(figure)
 
 
-@pytest.mark.thorough
-@pytest.mark.parametrize("name", ONE_PANEL)
-def test_what_are_no_axes_is_refused(name: str, fit: FlightEstimate, tmp_path: Path) -> None:
-    figure, both = page(1, 2)
-    gone = figure.add_subplot()
-    gone.remove()
-    with shape_checks.unchecked():
-        for wrong, remedy in (
-            (3, "plt.subplots"),
-            ("ax", "plt.subplots"),
-            (figure, "plt.subplots"),
-            (both, "one of them"),
-            (gone, "removed"),
-        ):
-            with pytest.raises(UsageError, match=remedy):
-                ONE_PANEL[name](wrong, fit, tmp_path)
-
-
 def test_a_panel_of_a_subfigure_is_drawn_too() -> None:
     figure = Figure(layout="constrained")
     ax = figure.subfigures(1, 2)[1].add_subplot()
     assert noise_spectrum_figure(NOISE, rate_hz=5.0, ax=ax) is figure
-
-
-# -- the figures of several panels -------------------------------------------------------------------
 
 
 def signals() -> Signals:
@@ -270,9 +324,6 @@ def test_the_title_stands_above_the_first_panel_that_is_given() -> None:
     assert [axis.get_title() for axis in axes] == ["$a_b", "", ""]
 
 
-# -- flights -----------------------------------------------------------------------------------------
-
-
 def test_without_an_estimate_the_flight_is_drawn_by_its_names(still: FlightEstimate) -> None:
     figure, axes = page(2)
     flight_figure(still, {"climb rate": axes[0], "reasons": axes[1]})
@@ -283,60 +334,3 @@ def test_without_an_estimate_the_flight_is_drawn_by_its_names(still: FlightEstim
         flight_figure(still, {"zzz": axes[0]})
     with pytest.raises(EstimationError):
         still.plot(axes=axes)
-
-
-@dataclass(frozen=True)
-class Curved(Vertical):
-    """A motion whose input acts through a curve that is searched for, beside the lag."""
-
-    wording: ClassVar[Mapping[str, Wording]] = {
-        **Vertical.wording,
-        "curve_share": Wording("curve's share", "s", ""),
-    }
-
-
-@pytest.fixture
-def curved(fit: FlightEstimate) -> FlightEstimate:
-    """A result with a second continuous nuisance, whose objective is least at 0.4."""
-    assert fit.fit is not None
-    grid = np.linspace(0.0, 1.0, 11)
-    nuisance = Nuisance(Parameter("curve_share"), grid)
-
-    def with_share(candidate: Candidate) -> Candidate:
-        least = candidate.solution.objective
-        share = NuisanceProfile(nuisance, grid, least * (1.0 + (grid - 0.4) ** 2))
-        return replace(
-            candidate,
-            nuisances={**candidate.nuisances, "curve_share": 0.4},
-            profiles=(*candidate.profiles, share),
-        )
-
-    estimate = replace(
-        fit.fit.estimate, candidates=tuple(with_share(candidate) for candidate in fit.fit.estimate.candidates)
-    )
-    share = replace(fit.quantities["actuator_lag"], value=0.4, interval=(0.3, 0.5))
-    return replace(
-        fit,
-        motion=Curved(),
-        fit=replace(fit.fit, estimate=estimate),
-        quantities={**fit.quantities, "curve_share": share},
-    )
-
-
-@pytest.mark.thorough
-@pytest.mark.usefixtures("_as_a_user")
-def test_each_continuous_nuisance_has_a_panel(curved: FlightEstimate) -> None:
-    figure = flight_figure(curved)
-    assert [axes.get_title() for axes in figure.axes[3:5]] == [
-        "How well each actuator lag fits",
-        "How well each curve's share fits",
-    ]
-    share = figure.axes[4]
-    assert (share.get_xlabel(), share.get_xscale()) == ("curve's share s [-]", "linear")
-    curve = np.asarray(share.lines[0].get_xydata())
-    assert curve[np.argmin(curve[:, 1]), 0] == 0.4
-    assert share.patches[0].get_extents().width > 0
-    assert inside(figure)
-    alone, (ax,) = page(1)
-    flight_figure(curved, {"profile of curve_share": ax})
-    assert inside(alone)

@@ -1,0 +1,215 @@
+"""Documents of results and inspections: on the terminal, in any medium, and the words of their numbers."""
+
+from __future__ import annotations
+
+import io
+import re
+from collections import Counter
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from eivor.flights.options import FlightOptions
+from eivor.flights.quantity import Choice, Quantity, Wording
+from eivor.flights.result import FlightEstimate
+from eivor.inference.verdict import Status
+from eivor.motions.vertical.motion import Vertical
+from eivor.report.document import Bullets, TableOf, printable
+from eivor.report.flight import NO_NUMBER, flight_document, numbers
+from eivor.report.inspection import inspection, inspection_document
+from eivor.report.json_document import json_document
+from eivor.report.terminal import on_terminal
+from eivor.signals.recording import Finding, Recording
+
+
+@pytest.mark.parametrize("name", ["fit", pytest.param("pool", marks=pytest.mark.thorough), "still"])
+def test_json_and_document_tell_the_same(name: str, request: pytest.FixtureRequest) -> None:
+    result: FlightEstimate = request.getfixturevalue(name)
+    document, json = flight_document(result), json_document(result)
+    assert document.status is Status(json["verdict"])
+    sections = {section.heading: section.parts for section in document.sections}
+    why = sections["Why"][0] if "Why" in sections else Bullets(())
+    remedies = " ".join(sections["What to do"][0].sentences) if "What to do" in sections else ""
+    assert isinstance(why, Bullets)
+    for sentence, reason in zip(why.sentences, json["reasons"], strict=True):
+        assert reason.startswith(sentence)
+        assert reason.removeprefix(sentence).strip() in remedies
+    table = sections[""][1]
+    assert isinstance(table, TableOf)
+    reported = json["parameters"] | json["derived"]
+    displayed = [reported[key]["verdict"] for key in result.motion.plotted if key in reported]
+    assert [row[-1].status for row in table.rows] == [Status(verdict) for verdict in displayed]
+    rows = [row["verdict"] for row in (*json["flights"], *json["comparisons"])]
+    tables = [
+        sections[title][0] for title in ("Flights one by one", "Methods side by side") if title in sections
+    ]
+    assert [row[0].below for table in tables for row in table.rows] == rows
+
+
+HOSTILE = "[red]x[/] [link=http://a]y[/link]\x1b[2J\n$z$"
+
+
+def _text(report: object, width: int, *, colour: bool = False) -> str:
+    stream = io.StringIO()
+    system = "truecolor" if colour else None
+    Console(file=stream, width=width, force_terminal=colour, color_system=system).print(report)  # type: ignore[arg-type]
+    return stream.getvalue()
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("width", [40, 60, 80, 120])
+def test_nothing_is_cut_off(pool: FlightEstimate, width: int) -> None:
+    text = _text(on_terminal(flight_document(pool)), width)
+    assert "…" not in text
+    assert max(len(line) for line in text.splitlines()) <= width
+    assert all(title in text for title in ("K [1/s]", "K_u [m/s²]", "τ + d [ms]"))
+    squeezed = "".join(text.split())
+    assert "".join(pool.instruments.split()) in squeezed
+    for row in (*pool.flights, *pool.comparisons):
+        assert row.label in squeezed
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("width", [40, 60, 80, 120])
+@pytest.mark.parametrize("name", ["fit", "pool", "still"])
+def test_no_number_is_broken(name: str, width: int, request: pytest.FixtureRequest) -> None:
+    """In narrow windows no interval either."""
+    document = flight_document(request.getfixturevalue(name))
+    text = _text(on_terminal(document), width)
+    tables = [part for section in document.sections for part in section.parts if isinstance(part, TableOf)]
+    cells = [cell for table in tables for row in table.rows for cell in row]
+    numbers = [part for cell in cells for part in (cell.text, cell.below) if re.search(r"\d", part)]
+    assert len(numbers) >= (0 if name == "still" else 14)
+    pieces = numbers if width < 72 else [word for part in numbers for word in part.split()]
+    counter, needed = Counter(" ".join(text.split("\n")).split()), Counter(" ".join(pieces).split())
+    assert needed <= counter
+    assert all(any(piece in line for line in text.splitlines()) for piece in pieces)
+
+
+def test_the_verdict_is_in_words_and_in_colour(fit: FlightEstimate) -> None:
+    assert "IDENTIFIED" in _text(on_terminal(flight_document(fit)), 80)
+    assert "\x1b[1;32mIDENTIFIED" in _text(on_terminal(flight_document(fit)), 80, colour=True)
+
+
+def test_a_result_without_estimate_says_why_and_what_to_fly(still: FlightEstimate) -> None:
+    text = _text(on_terminal(flight_document(still, card=True)), 80)
+    assert "The input is constant" in text
+    assert "Flight card" in text
+    assert "--card" not in text
+    assert "nan" not in text
+    assert "inf" not in text.replace("information", "")
+
+
+def test_strings_of_a_log_are_shown_and_not_obeyed(fit: FlightEstimate) -> None:
+    flight = fit.prepared[0]
+    hostile = replace(
+        fit,
+        prepared=(replace(flight, recording=replace(flight.recording, name=HOSTILE)),),
+        findings=(Finding("x", HOSTILE),),
+    )
+    text = _text(on_terminal(flight_document(hostile)), 80)
+    assert "\x1b" not in text
+    assert text.count("[red]x[/] [link=http://a]y[/link]\\x1b[2J\\n$z$") == 2
+
+
+@pytest.mark.thorough
+def test_an_inspection_shows_hostile_sources(recording: Recording) -> None:
+    channels = {**recording.channels}
+    channels["velocity_z"] = replace(channels["velocity_z"], source=HOSTILE)
+    result = inspection(
+        replace(recording, channels=channels, parameters={"MPC_THR_HOVER": 0.35}), _options(), Vertical()
+    )
+    text = _text(on_terminal(inspection_document(result)), 120)
+    assert "\x1b" not in text
+    assert "[red]x[/]" in text
+    assert "MPC_THR_HOVER = 0.35" in text
+
+
+def _options() -> object:
+
+    return FlightOptions()
+
+
+NAN, INFINITY = float("nan"), float("inf")
+
+
+PLAIN = Wording("x", "x", "")
+
+
+def _quantity(value: float, low: float, high: float) -> Quantity:
+    return Quantity(value, "", NAN, (low, high), Status.WEAK)
+
+
+@pytest.mark.parametrize(
+    ("value", "low", "high", "shown"),
+    [
+        (0.18596, 0.1623, 0.2096, ("0.186", "[0.162, 0.210]")),
+        (69.29, 64.03, 75.67, ("69.3", "[64.0, 75.7]")),
+        (0.119812, 0.115812, 0.1232, ("0.1198", "[0.1158, 0.1232]")),
+        (1787.79, 1786.85, 1788.74, ("1787.79", "[1786.85, 1788.74]")),
+        (3.068e-6, 3.056e-6, 3.081e-6, ("3.068e-6", "[3.056e-6, 3.081e-6]")),
+        (-0.0001, -0.04, 0.04, ("0.000", "[-0.040, 0.040]")),
+        (12.0, -5870.0, 7012.0, ("0", "[-5900, 7000]")),
+        (0.0, 0.0, 0.0, ("0", "[0, 0]")),
+        (0.5, 0.5, 0.5, ("0.5000", "[0.5000, 0.5000]")),
+        (NAN, -INFINITY, INFINITY, (NO_NUMBER, NO_NUMBER)),
+        (0.5136, -INFINITY, INFINITY, ("0.5136", NO_NUMBER)),
+        (2.5e7, 2.4e7, 2.6e7, ("2.50e7", "[2.40e7, 2.60e7]")),
+    ],
+)
+def test_the_interval_decides_the_digits(
+    value: float, low: float, high: float, shown: tuple[str, str]
+) -> None:
+    assert numbers(_quantity(value, low, high), PLAIN) == shown
+
+
+@pytest.mark.parametrize(
+    ("fitting", "shown"),
+    [
+        ((0.0,), "0 (3 tried)"),
+        ((0.0, 0.01), "0 or 10 (3 tried)"),
+        ((0.0, 0.01, 0.02), "0, 10 or 20 (3 tried)"),
+    ],
+)
+def test_a_choice_is_no_interval(fitting: tuple[float, ...], shown: str) -> None:
+    chosen = Quantity(
+        0.01, "s", NAN, (fitting[0], fitting[-1]), Status.WEAK, Choice(fitting, (0.0, 0.01, 0.02))
+    )
+    assert numbers(chosen, Vertical.wording["delay"]) == ("10", shown)
+    alone = replace(chosen, choice=Choice((0.0,), (0.0,)))
+    assert numbers(alone, Vertical.wording["delay"]) == ("10", NO_NUMBER)
+
+
+def test_any_size_gives_short_text() -> None:
+    rng = np.random.default_rng(1)
+    for _ in range(300):
+        centre = rng.choice([-1, 1]) * 10 ** rng.uniform(-12, 12)
+        width = abs(centre) * 10 ** rng.uniform(-8, 8)
+        value, interval = numbers(_quantity(centre, centre - width, centre + width), PLAIN)
+        assert float(value) == pytest.approx(centre, abs=0.051 * width + 1e-9 * abs(centre))
+        low, high = (float(end) for end in interval.strip("[]").split(","))
+        assert high - low == pytest.approx(2 * width, rel=0.11, abs=1e-9 * abs(centre))
+
+
+@pytest.mark.parametrize(
+    ("text", "shown"),
+    [
+        ("flight.ulg", "flight.ulg"),
+        ("Übung 飛行.csv", "Übung 飛行.csv"),
+        ("\x1b[31mred", "\\x1b[31mred"),
+        ("a\nb\tc\r\x07", "a\\nb\\tc\\r\\x07"),
+        ("\u202egnp.exe", "\\u202egnp.exe"),
+        ("\udcff", "\\udcff"),
+        ("\x9b31m", "\\x9b31m"),
+    ],
+)
+def test_nothing_that_acts_on_a_terminal_passes(text: str, shown: str) -> None:
+    assert printable(text) == shown
+
+
+def test_a_reason_is_no_finding_besides(still: FlightEstimate) -> None:
+    reason = still.verdict.reasons[0].sentence
+    document = flight_document(replace(still, findings=(Finding("no_flight", reason),)))
+    assert str(document).count(reason) == 1

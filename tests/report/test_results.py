@@ -1,0 +1,302 @@
+"""Results in Python: at the prompt, in a notebook, in a frame, in a file, and for another flight."""
+
+from __future__ import annotations
+
+import json
+import pickle
+import runpy
+from dataclasses import replace
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import polars as pl
+import pytest
+from PIL import Image
+
+import eivor as ev
+from eivor.errors import EstimationError, InputError, UsageError
+
+
+def travelled(result: Any) -> Any:
+    """The same after a journey to another process."""
+    return pickle.loads(pickle.dumps(result))  # noqa: S301 - what was written a moment ago
+
+
+def test_a_table_for_a_notebook_escapes_what_a_log_says(fit: ev.FlightEstimate):
+    hostile = "<script>alert(1)</script>"
+    log = fit.prepared[0].recording
+    channels = {name: replace(channel, source=hostile) for name, channel in log.channels.items()}
+    repr_html_ = replace(log, name=hostile, channels=channels)._repr_html_()
+    assert "<script>" not in repr_html_
+    assert "&lt;script&gt;" in repr_html_
+    for table in (fit._repr_html_(), fit.estimate._repr_html_()):  # type: ignore[union-attr]
+        assert table.count("<tr>") == table.count("</tr>") > 2
+        assert "viscous_friction" in table
+
+
+def test_frames_hold_every_quantity(fit: ev.FlightEstimate, still: ev.FlightEstimate):
+    frame = fit.to_frame()
+    assert frame["quantity"].to_list() == list(fit.quantities)
+    friction = frame.row(0, named=True)
+    assert friction["value"] == fit.quantities["viscous_friction"].value
+    assert (friction["low"], friction["high"]) == fit.interval("viscous_friction")
+    empty = still.to_frame()
+    assert empty["low"].null_count() == empty.height
+    assert set(empty["verdict"]) == {"refused"}
+
+
+def test_results_travel_to_other_processes(fit: ev.FlightEstimate):
+    for result in (fit, fit.estimate, ev.diagnose(fit.estimate), fit.prepared[0].recording):  # type: ignore[arg-type]
+        back = travelled(result)
+        assert repr(back) == repr(result)
+    assert "\n" not in repr(fit)
+    assert "identified" in repr(fit)
+    back = travelled(fit)
+    np.testing.assert_array_equal(back.covariance, fit.covariance)
+    assert back.interval("viscous_friction", 0.9) == fit.interval("viscous_friction", 0.9)
+    assert ev.diagnose(back.estimate).summary() == ev.diagnose(fit.estimate).summary()  # type: ignore[arg-type]
+
+
+def test_an_estimate_of_arrays_travels_and_writes_itself():
+    rng = np.random.default_rng(1)
+    X = rng.standard_normal((100, 2))
+    fit = ev.identify(
+        ev.regression(response=X @ [1.0, 2.0] + rng.standard_normal(100), regressors=X),
+        ev.methods.least_squares(),
+    )
+    assert travelled(fit).interval("theta_1") == fit.interval("theta_1")
+    document = json.loads(fit.to_json())
+    assert document["parameters"][0]["value"] == fit.parameters["theta_1"]
+    np.testing.assert_allclose(document["covariance"], fit.covariance)
+
+
+def test_a_fit_is_read_back(fit: ev.FlightEstimate, tmp_path: Path):
+    file = tmp_path / "fit.json"
+    file.write_text(fit.to_json())
+    saved = ev.load_fit(file)
+    assert saved.verdict is fit.verdict.status
+    assert saved.parameters == fit.parameters
+    np.testing.assert_array_equal(saved.covariance, fit.covariance)
+    assert saved.names == fit.names
+    for level in (0.5, 0.95, 0.999):
+        for name in saved.names:
+            # the result cuts lags at zero, which no sensible one of this flight reaches
+            assert saved.interval(name, level) == pytest.approx(fit.interval(name, level), rel=1e-12)
+    assert saved.interval("hover_input") == fit.interval("hover_input")
+    assert saved.prediction["input_map"] == fit.prepared[0].input_map
+    assert saved.prediction["by_run"]["intercept"] == list(fit.quantities["intercept"].by_run)
+    with pytest.raises(UsageError, match="a quantity out of viscous_friction"):
+        saved.interval("friction")
+    with pytest.raises(UsageError, match="or of the joint vector"):
+        saved.interval("hover_input", 0.9)
+
+
+def test_a_refusal_is_read_back(still: ev.FlightEstimate, tmp_path: Path):
+    file = tmp_path / "fit.json"
+    file.write_text(still.to_json())
+    saved = ev.load_fit(file)
+    assert saved.verdict is still.verdict.status
+    assert saved.reasons == still.verdict.sentences
+    assert saved.names == ()
+    with pytest.raises(EstimationError, match="one without"):
+        saved.covariance  # noqa: B018 - reading it raises
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["", "[1]", "{}", '{"schema": "eivor.inspect/1"}', '{"schema": "eivor.identify/1"}', "[" * 100_000],
+)
+@pytest.mark.usefixtures("unchecked_shapes")
+def test_what_is_no_fit_is_refused(text: str, tmp_path: Path):
+    file = tmp_path / "x.json"
+    file.write_text(text)
+    with pytest.raises(InputError, match=r"a document of schema eivor\.identify/1 in x\.json"):
+        ev.load_fit(file)
+    with pytest.raises(InputError, match="a result that can be read"):
+        ev.load_fit(tmp_path / "absent.json")
+    with pytest.raises(UsageError, match="the path of a JSON file"):
+        ev.load_fit(3)  # type: ignore[arg-type]
+
+
+def test_parts_that_lie_are_refused(fit: ev.FlightEstimate, tmp_path: Path):
+    """Every key of the covariance, left out or replaced, is told and ends in no error of Python's."""
+    document = json.loads(fit.to_json())
+    file = tmp_path / "x.json"
+    for key in ("verdict", "reasons", "parameters", "derived"):
+        for wrong in ({**document, key: 3}, {name: value for name, value in document.items() if name != key}):
+            file.write_text(json.dumps(wrong))
+            with pytest.raises(InputError, match="one that lacks parts"):
+                ev.load_fit(file)
+    document["covariance"]["candidates"][0]["parts"][0]["matrix"] = [[1.0]]
+    file.write_text(json.dumps(document))
+    with pytest.raises(InputError, match="one that lacks parts"):
+        ev.load_fit(file)
+
+
+@pytest.mark.thorough
+def test_choices_are_named_one_by_one(fit: ev.FlightEstimate):
+    log = ev.example_flight()
+    named = ev.identify_flight(log, window=(5.0, 50.0), max_tilt_deg=20.0)
+    given = ev.identify_flight(log, ev.FlightOptions(window=(5.0, 50.0), max_tilt_deg=20.0))
+    assert named.parameters == given.parameters
+    assert named.parameters != fit.parameters
+    with pytest.raises(UsageError, match="each choice once; received method in options= and by name"):
+        ev.identify_flight(log, ev.FlightOptions(method="least_squares"), method="reference_iv")
+    with pytest.raises(UsageError, match="Did you mean 'window'"):
+        ev.identify_flight(log, windw=(1.0, 2.0))  # type: ignore[call-arg]
+    with pytest.raises(UsageError, match="Give either window= or windows="):
+        ev.identify_flight(log, window=(1.0, 2.0), windows=[None])
+
+
+DOCS = Path(__file__).parents[2] / "docs"
+
+
+KEYS = {
+    "schema",
+    "log",
+    "fit",
+    "predicts",
+    "sentence",
+    "runs",
+    "samples",
+    "rate_hz",
+    "band",
+    "predictions",
+    "ahead",
+    "provenance",
+}
+
+
+@pytest.fixture(scope="module")
+def found(fit: ev.FlightEstimate, recording: ev.Recording) -> ev.Validation:
+    """The example's first half by its own result, in two runs."""
+    gap = {
+        name: replace(channel, time_s=channel.time_s[kept], values=channel.values[kept])
+        for name, channel in recording.channels.items()
+        for kept in [(channel.time_s < 15.0) | (channel.time_s > 17.0)]
+    }
+    return ev.validate(fit, replace(recording, channels=gap), window=(0.0, 30.0))
+
+
+def test_the_fit_predicts_better_than_simpler_models(found: ev.Validation) -> None:
+    assert [prediction.model for prediction in found.predictions] == ["fit", "least_squares", "hover"] * 2
+    assert [prediction.horizon.value for prediction in found.predictions] == ["one_step"] * 3 + [
+        "open_loop"
+    ] * 3
+    assert found.predicts
+    assert "leaves less than the simpler models" in found.sentence
+    for models in found.by_quantity:
+        assert models[0].error.rms < min(model.error.rms for model in models[1:])
+        assert 0.5 < models[0].error.explained < 1.0
+
+
+def test_json_holds_what_the_page_says(found: ev.Validation) -> None:
+    document = json.loads(found.to_json())
+    assert set(document) == KEYS
+    assert document["schema"] == "eivor.validate/1"
+    assert document["predicts"] is True
+    first = document["predictions"][0]
+    assert set(first) == {"model", "horizon", "quantity", "unit", "rms", "explained", "by_run"}
+    assert len(first["by_run"]) == len(document["runs"]) == 2
+    page = (DOCS / "json.md").read_text(encoding="utf-8")
+    assert all(f"`{key}`" in page for key in (*document, *first, *document["fit"]))
+
+
+def test_text_and_tables_tell_the_same(
+    found: ev.Validation, fit: ev.FlightEstimate, tmp_path: Path, command_line: Any
+) -> None:
+    (tmp_path / "fit.json").write_text(fit.to_json())
+    with resources.as_file(resources.files("eivor.data") / "example_flight.parquet") as example:
+        gap = pl.read_parquet(example).filter(~pl.col("time").is_between(15.0, 17.0))
+    gap.write_csv(tmp_path / "flight.csv")
+    run = command_line("validate", tmp_path / "fit.json", tmp_path / "flight.csv", "--window", "0:30")
+    assert run.code == 0
+    assert "Of the fit, run by run" in run.out
+    rms = f"{found.predictions[0].error.rms:.3g}"
+    assert rms in found.summary()
+    assert rms in found._repr_html_()
+    assert "Validation of" in repr(found)
+    figure = found.plot()
+    assert [len(axes.lines) for axes in figure.axes[:2]] == [4, 4]
+    assert "climb rate" in figure.axes[2].get_ylabel()
+
+
+def test_a_result_read_back_predicts_the_same(
+    fit: ev.FlightEstimate, recording: ev.Recording, tmp_path: Path
+) -> None:
+    path = tmp_path / "fit.json"
+    path.write_text(fit.to_json())
+    window = (10.0, 25.0)
+    first = ev.validate(path, recording, window=window)
+    second = ev.validate(fit, recording, window=window)
+    assert first.to_json() == second.to_json()
+    older = json.loads(fit.to_json())
+    del older["prediction"]["beside"]  # as it was written before validation
+    path.write_text(json.dumps(older))
+    alone = ev.validate(path, recording, window=window, max_tilt_deg=20.0)
+    assert [prediction.model for prediction in alone.predictions] == ["fit", "fit"]
+    assert alone.predicts
+
+
+def test_a_wrong_fit_does_not_predict(
+    fit: ev.FlightEstimate, recording: ev.Recording, tmp_path: Path
+) -> None:
+    (tmp_path / "fit.json").write_text(fit.to_json())
+    saved = ev.load_fit(tmp_path / "fit.json")
+    (best,) = [candidate for candidate in saved.candidates if candidate.best]
+    wrong = replace(saved, candidates=(replace(best, values=best.values * [-5.0, 0.5, 1.0]),))
+    validate = ev.validate(wrong, recording, window=(0.0, 30.0))
+    assert not validate.predicts
+    assert "leave less" in validate.sentence
+
+
+def test_what_cannot_be_validated_is_told(
+    fit: ev.FlightEstimate,
+    still: ev.FlightEstimate,
+    recording: ev.Recording,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    with pytest.raises(UsageError, match="a result with an estimate"):
+        ev.validate(still, recording)
+    with pytest.raises(InputError, match="three seconds in the air"):
+        ev.validate(fit, recording, window=(10.0, 11.0))
+    (tmp_path / "fit.json").write_text(fit.to_json())
+    other = ev.load_fit(tmp_path / "fit.json")
+    other.document["model"]["name"] = "submarine"
+    with pytest.raises(UsageError, match="'submarine'"):
+        ev.validate(other, recording)
+    monkeypatch.setattr(type(fit.motion), "predictions", lambda *_: ())
+    with pytest.raises(UsageError, match="a motion that predicts"):
+        ev.validate(fit, recording)
+
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+SCRIPT = ROOT / "examples" / "draw_example.py"
+
+
+PICTURE = ROOT / "docs" / "images" / "example.png"
+
+
+#: Squares whose mean grey is compared [pixels], and how far it may be off, of 255. Letters that are drawn
+#: a pixel further on change it by 20 at most, a legend or a curve at another place by 50 and more.
+SQUARE, TOLERANCE = 10, 30.0
+
+
+def squares(path: Path) -> np.ndarray:
+    grey = np.asarray(Image.open(path).convert("L"), dtype=float)
+    height, width = (size // SQUARE for size in grey.shape)
+    whole = grey[: height * SQUARE, : width * SQUARE]
+    return whole.reshape(height, SQUARE, width, SQUARE).mean(axis=(1, 3))
+
+
+@pytest.mark.thorough
+def test_the_picture_is_what_is_drawn(tmp_path):
+    runpy.run_path(str(SCRIPT))["main"](tmp_path)
+    drawn, displayed = squares(tmp_path / "example.png"), squares(PICTURE)
+    assert drawn.shape == displayed.shape
+    assert np.abs(drawn - displayed).max() <= TOLERANCE, f"run {SCRIPT.relative_to(ROOT)}"

@@ -1,0 +1,371 @@
+"""The README and the pages: their examples run, and say what they say."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+import sys
+import tomllib
+from collections.abc import Callable
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import eivor
+import eivor as ev
+from benchmarks import check
+from eivor.motions.vertical.regression import VerticalFlights
+
+ROOT = Path(__file__).resolve().parents[1]
+
+
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+
+
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
+
+
+def blocks(text: str, language: str) -> list[str]:
+    """Fenced blocks of a language, without a list's indentation."""
+    match = re.findall(rf"^( *)```{language}\n(.*?)^ *```$", text, flags=re.MULTILINE | re.DOTALL)
+    return [re.sub(rf"^{indent}", "", body, flags=re.MULTILINE) for indent, body in match]
+
+
+@pytest.mark.usefixtures("unchecked_shapes")  # a reader's run checks none
+@pytest.mark.parametrize("number", range(len(blocks(README, "python"))))
+def test_python_example(number, tmp_path, monkeypatch, capsys):
+    """Each block runs on its own; the example flight stands in for the reader's log."""
+    monkeypatch.chdir(tmp_path)
+    example = resources.files("eivor.data") / "example_flight.parquet"
+    shutil.copy(str(example), tmp_path / "flight.ulg")
+    scope: dict[str, object] = {}
+    exec(compile(blocks(README, "python")[number], f"README.md, block {number + 1}", "exec"), scope)  # noqa: S102
+    printed = capsys.readouterr().out
+    assert "viscous_friction" in printed
+    if number == 0:
+        assert scope["fit"].verdict.status.value == "identified"
+    else:
+        claims = re.findall(r"input_gain in \[([\d.]+), ([\d.]+)\]", blocks(README, "python")[number])
+        for fit, claim in zip((scope["biased"], scope["fit"]), claims, strict=True):
+            assert fit.interval("input_gain") == pytest.approx([float(end) for end in claim], abs=6e-5)
+        assert not within(0.021, scope["biased"].interval("input_gain"))
+        assert scope["biased"].status.value == "weak"
+        assert scope["fit"].status.value == "identified"
+        (match,) = re.findall(r"reasons\[0\].sentence  # (.*), \.\.\.", blocks(README, "python")[number])
+        assert scope["biased"].reasons[0].sentence.startswith(match)
+        truth = {"viscous_friction": 0.293, "input_gain": 0.021}
+        code = blocks(README, "python")[number]
+        assert all(f"{value} * " in code for value in truth.values())
+        assert all(within(value, scope["fit"].interval(name)) for name, value in truth.items())
+
+
+def within(value: float, interval: tuple[float, float]) -> bool:
+    return interval[0] <= value <= interval[1]
+
+
+def numbers(text: str) -> list[float]:
+    return [float(word) for word in re.findall(r"-?\d+\.?\d*(?:e-?\d+)?", text)]
+
+
+def test_sample_output_is_what_is_printed():
+    """The plain_words are the same; the last digit of a number may differ from machine to machine."""
+    run = subprocess.run(
+        [sys.executable, "-c", "from eivor.cli.main import run; run()", "identify", "--example"],
+        capture_output=True,
+        text=True,
+        check=True,
+        env={"COLUMNS": "100", "PATH": "", "NO_COLOR": "1"},
+    )
+    block = blocks(README, "text")[0]
+    number = r"-?\d[\d.]*(e-?\d+)?"
+    assert re.sub(number, "#", block).split() == re.sub(number, "#", run.stdout).split()
+    assert numbers(block) == pytest.approx(numbers(run.stdout), rel=1e-2, abs=2e-3)
+
+
+def test_channel_maps_in_the_pages_are_valid():
+    from eivor.logs.channel_map import parse_channel_map
+
+    pages = [page for page in PAGES if page.parent != ROOT / "docs" / "studies"]
+    vehicles = ROOT / "docs" / "rigid-body.md"
+    maps = [
+        block
+        for page in pages
+        if page != vehicles
+        for block in blocks(page.read_text(encoding="utf-8"), "toml")
+    ]
+    assert len(maps) >= 2
+    for block in maps:
+        assert parse_channel_map(block, "the documentation").rules
+
+
+def test_vehicle_files_in_the_pages_are_valid(tmp_path):
+    from eivor.motions.rigid_body.vehicle import load_vehicle
+
+    page = (ROOT / "docs" / "rigid-body.md").read_text(encoding="utf-8")
+    result = blocks(page, "toml")
+    assert result
+    for block in result:
+        file = tmp_path / "vehicle.toml"
+        file.write_text(block, encoding="utf-8")
+        assert len(load_vehicle(file).spins) == 4
+
+
+def test_the_study_in_the_pages_is_valid(tmp_path):
+    from eivor.lab.scenario_files import read_study
+
+    page = (ROOT / "docs" / "studies" / "scenarios.md").read_text(encoding="utf-8")
+    page = page.partition("## Running a study")[2]
+    path = tmp_path / "study.toml"
+    path.write_text(blocks(page, "toml")[0], encoding="utf-8")
+    assert read_study(path).runs == 200
+
+
+def test_the_citation_is_of_this_version():
+    yaml = pytest.importorskip("yaml")
+    cited = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    assert {"cff-version", "message", "title", "authors"} <= set(cited)  # what the format asks for
+    assert (cited["version"], cited["license"]) == (project["version"], project["license"])
+    assert cited["authors"] == project["authors"]
+    (paper,) = cited["references"]
+    assert paper["title"] in plain_words((ROOT / "docs" / "paper.md").read_text(encoding="utf-8"))
+
+
+def plain_words(text: str) -> str:
+    """Text in one line, without emphasis."""
+    return " ".join(text.replace("*", "").split())
+
+
+def test_first_command_is_one_line_each():
+    """`.ci/run` takes its set-up and its tests from these lines."""
+    commands = [line for line in README.splitlines() if line.startswith("python3 -m venv .venv && ")]
+    assert [line.rpartition(" && ")[2] for line in commands] == [
+        ".venv/bin/eivor identify --example",
+        ".venv/bin/python -m pytest",
+    ]
+    contributing = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    assert commands[1] in contributing
+    assert commands[0] in (ROOT / "docs" / "getting-started.md").read_text(encoding="utf-8")
+
+
+def test_links_between_files_lead_somewhere():
+    for page in PAGES:
+        for target in re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", page.read_text(encoding="utf-8")):
+            made = target == "options.schema.json"  # by docs/hooks.py
+            assert made or (page.parent / target).exists(), f"{page.name}: {target}"
+
+
+def test_every_channel_and_every_unit_is_documented():
+    from eivor.signals.channels import BUILT_IN
+
+    page = (ROOT / "docs" / "logs.md").read_text(encoding="utf-8")
+    section = page.partition("## Channels")[2].partition("## PX4")[0]
+    rows = [line for line in section.splitlines() if line.startswith("| `")]
+    for channel in BUILT_IN:
+        row = [line for line in rows if f"`{channel.name}`" in line.split("|")[1]]
+        assert len(row) == 1, channel
+        assert channel.unit in row[0].split("|")[2], channel
+
+
+DOCS = Path(__file__).parents[1] / "docs"
+
+
+BLOCK = re.compile(r"^```python\n(.*?)^```", re.MULTILINE | re.DOTALL)
+
+
+def check_estimators(names: dict[str, Any]) -> None:
+    assert set(names["fit"].parameters) == {"viscous_friction", "input_gain"}
+    assert names["problem"].instrument_noise_covariance()[0, 1] == pytest.approx(0.0025)
+
+
+def check_from_arrays(names: dict[str, Any]) -> None:
+    page = (DOCS / "from-arrays.md").read_text(encoding="utf-8")
+    displayed = [tuple(map(float, pair)) for pair in re.findall(r"  # .*\[([\d.]+), ([\d.]+)\]", page)]
+    fits = [names[name] for name in ("biased", "fit", "attenuated", "compensated", "orthogonal")]
+    assert [fit.interval("slope") for fit in fits] == [pytest.approx(pair, abs=1e-3) for pair in displayed]
+
+
+def check_diagnostics(names: dict[str, Any]) -> None:
+    name = names["diagnostics"]
+    assert name.constancy.break_at == pytest.approx(0.6, abs=0.02)
+    assert any("input_gain by +0.5" in reason.sentence for reason in name.reasons)
+    page = (DOCS / "diagnostics.md").read_text(encoding="utf-8")
+    assert all(line in page for line in name.summary().splitlines() if not line.startswith("- "))
+
+
+def check_method(names: dict[str, Any]) -> None:
+    low, high = names["hac"].interval("input_gain", level=0.9)
+    assert low < names["fit"].parameters["input_gain"] < high
+    assert names["chunked"].interval("input_gain") == pytest.approx(names["fit"].interval("input_gain"))
+    assert all(interval.is_bounded for interval in names["known"].intervals.values())
+    assert not names["unknown"].interval("input_gain").is_bounded
+    assert names["sets"].region.contains([0.3, 0.5])
+    assert names["boot"].replicates.shape == (199, 2)
+    low, high = names["flights"].interval("hover_input")
+    assert low < names["pool"].quantities["hover_input"].value < high
+    assert [len(names[figure].axes) for figure in ("comparison", "joint", "residual")] == [2, 1, 3]
+
+
+def check_efficiency(names: dict[str, Any]) -> None:
+    assert names["spectral"].noises
+    assert {"viscous_friction", "input_gain"} <= set(names["undeclared"].parameters)
+
+
+def check_fractional_equations(names: dict[str, Any]) -> None:
+    low, high = names["fit"].interval("order")
+    assert low < names["fit"].parameters["order"] < high
+    assert names["fit"].parameters["order"] == pytest.approx(0.7, abs=0.02)
+
+
+def check_exports(names: dict[str, Any]) -> None:
+    assert names["model"].states == ("actuator", "velocity_z")
+    assert names["document"].startswith("{")
+    assert 0.0005 < names["hover"].std() / names["hover"].mean() < 0.003
+
+
+#: What the blocks of each page must leave behind.
+CHECKS: dict[str, Callable[[dict[str, Any]], None]] = {
+    "diagnostics.md": check_diagnostics,
+    "efficiency.md": check_efficiency,
+    "estimators.md": check_estimators,
+    "exports.md": check_exports,
+    "fractional-equations.md": check_fractional_equations,
+    "from-arrays.md": check_from_arrays,
+    "method.md": check_method,
+}
+
+
+@pytest.mark.filterwarnings("ignore::eivor.errors.WeakInstrumentsWarning")
+@pytest.mark.usefixtures("unchecked_shapes")  # a reader's run checks none
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=[pytest.mark.thorough] if name in {"exports.md", "method.md"} else [])
+        for name in CHECKS
+    ],
+)
+def test_blocks_run(name):
+    blocks = BLOCK.findall((DOCS / name).read_text(encoding="utf-8"))
+    assert blocks
+    names: dict[str, Any] = {}
+    for block in blocks:
+        exec(compile(block, name, "exec"), names)  # noqa: S102 - the project's own pages
+    CHECKS[name](names)
+
+
+@pytest.mark.usefixtures("unchecked_shapes")
+def test_the_first_steps_in_python_run(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    shutil.copy(str(resources.files("eivor.data") / "example_flight.parquet"), "flight.ulg")
+    (block,) = BLOCK.findall((DOCS / "getting-started.md").read_text(encoding="utf-8"))
+    names: dict[str, Any] = {}
+    exec(compile(block, "getting-started.md", "exec"), names)  # noqa: S102 - the project's own page
+    assert names["fit"].verdict.status.value == "identified"
+    assert Path("fit.png").stat().st_size > 1000
+
+
+@pytest.mark.parametrize("name", ["from-a-log.md", "getting-started.md", "to-a-simulator.md"])
+def test_every_option_that_is_named_exists(name):
+    from typer.main import get_command
+
+    from eivor.cli.main import app
+
+    def options(command: Any) -> set[str]:
+        selected = {option for parameter in command.params for option in parameter.opts}
+        return selected.union(*(options(child) for child in getattr(command, "commands", {}).values()))
+
+    text = re.sub(r"^python3 -m venv .*$", "", (DOCS / name).read_text(encoding="utf-8"), flags=re.MULTILINE)
+    named = set(re.findall(r"(?<![\w-])--[a-z][a-z-]+", text))
+    assert named
+    assert named <= options(get_command(app))
+
+
+GLOSSARY = (ROOT / "docs" / "glossary.md").read_text(encoding="utf-8")
+
+
+def test_every_public_name_is_listed_once():
+    public = {name for name in eivor.__all__ if not name.startswith("__")}
+    listed = re.findall(r"^\| `(\w+)` \| (?:class|function|module) \|", GLOSSARY, flags=re.MULTILINE)
+    assert sorted(listed) == sorted(public), "run docs/public_names.py"
+
+
+def test_words_in_code_are_words_of_the_code():
+    rows = [
+        line.split(" | ") for line in GLOSSARY.partition("## Words")[2].splitlines() if line.startswith("| ")
+    ]
+    words = {word for row in rows for word in re.findall(r"`(\w+)`", row[1])}
+    code = "\n".join(path.read_text(encoding="utf-8") for path in (ROOT / "src").rglob("*.py"))
+    assert len(words) > 30
+    assert [word for word in sorted(words) if not re.search(rf"\b{word}\b", code)] == []
+
+
+def test_every_word_is_explained_once():
+    first = re.findall(
+        r"^\| ([^|]+) \| [^|]* \| [^|]* \| [^|]* \|$", GLOSSARY.partition("## Words")[2], re.MULTILINE
+    )
+    terms = [term.strip() for cell in first[2:] for term in cell.split(",")]
+    assert len(terms) == len(set(terms))
+
+
+def words_of(*path: str) -> str:
+    return " ".join(ROOT.joinpath(*path).read_text(encoding="utf-8").split())
+
+
+@pytest.fixture(scope="module")
+def example() -> ev.FlightEstimate:
+    return ev.identify_flight(ev.example_flight())
+
+
+def fitted(example: ev.FlightEstimate, lag_s: float) -> tuple[float, float]:
+    """Friction by least squares of all samples with that lag, and its R squared."""
+    assert example.fit is not None
+    problem = example.fit.problem
+    assert isinstance(problem, VerticalFlights)
+    (flight,) = problem.flights
+    mapped = flight.mapped_input(problem.motion, lag_s, 0.0)
+    rows = np.column_stack([-flight.velocity, mapped, np.ones(mapped.size)])
+    theta = np.linalg.lstsq(rows, flight.acceleration, rcond=None)[0]
+    residual = flight.acceleration - rows @ theta
+    return float(theta[0]), 1.0 - float(residual.var() / flight.acceleration.var())
+
+
+@pytest.mark.thorough
+def test_least_squares_without_the_lag_is_negative(example):
+    friction, explained = fitted(example, 0.0)
+    readme, page = words_of("README.md"), words_of("docs", "method.md")
+    share, stated = re.findall(r"explains (\d+) % of the acceleration .* friction of (-[\d.]+) 1/s", readme)[
+        0
+    ]
+    assert (float(share), float(stated)) == pytest.approx((100.0 * explained, friction), rel=0.02)
+    stated, share = re.findall(r"friction of (-[\d.]+) 1/s at \$R\^2 = ([\d.]+)\$", page)[0]
+    assert (float(stated), float(share)) == pytest.approx((friction, explained), rel=0.02)
+    with_lag = re.findall(r"With the lag \$R\^2\$ is ([\d.]+)", page)[0]
+    assert float(with_lag) == pytest.approx(fitted(example, 0.072)[1], abs=0.006)
+
+
+@pytest.mark.thorough
+def test_a_wrong_map_shows_in_the_intercept(example):
+    wrong = ev.identify_flight(ev.example_flight(), ev.FlightOptions(input_map="power:1.5"))
+    stated = re.findall(
+        r"`power:1.5` for `square` gives the example flight (-[\d.]+)", words_of("docs", "method.md")
+    )[0]
+    assert wrong.parameters["intercept"] == pytest.approx(float(stated), abs=0.06)
+    assert abs(example.parameters["intercept"]) < 0.1
+
+
+def test_the_check_of_benchmarks_reads_every_row_and_sees_what_is_slower(capsys):
+    written = check.written_ratios(ROOT.joinpath("benchmarks", "README.md").read_text(encoding="utf-8"))
+    for script, rows in check.RATIOS.items():
+        assert ROOT.joinpath("benchmarks", f"{script}.py").exists()
+        for begins in rows:
+            assert any(of == script and row.startswith(begins) for of, row in written), begins
+    rows = ["| `python benchmarks/report.py` | the page of a report | 1 s | | 0.1-0.2 | | |"]
+    rows += ["| | with every method | 1 s | | 1/4 | | |"]
+    written_ratios = check.written_ratios("\n".join(rows))
+    assert written_ratios == {("report", "the page of a report"): 0.2, ("report", "with every method"): 0.25}
+    printed = "one method: page; ratio 0.29; x\nevery method: page; ratio 0.38; x\n"
+    assert check.exceeded("report", printed, written_ratios) == ["report, with every method"]

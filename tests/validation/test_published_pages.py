@@ -1,0 +1,160 @@
+"""Pages of the documentation are made of the published runs, and these meet what is required of them."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from pathlib import Path
+
+import polars as pl
+import pytest
+
+from eivor import methods
+from validation.choices import study as choices
+from validation.coverage.study import coverage_tables, read_coverage
+from validation.coverage.study import requirements as coverage_requirements
+from validation.crazyflie.study import PUBLISHED, PUBLISHED_LAG_S, Logs, Steps, best_lag, numbers, table
+from validation.efficiency import study as efficiency
+from validation.flight_methods import study as flight_methods
+from validation.flight_recipe.study import study_tables as flight_tables
+from validation.flight_recipe.trials import published_grid, read_trial_table
+from validation.paper.claims import COLUMNS as CLAIMS_COLUMNS
+from validation.paper.claims import claims_suite, claims_tables
+from validation.response_band.study import COVERAGE, LEVEL
+from validation.rigid_body import beside
+from validation.studies import read_as, read_rows
+from validation.suite_files import Suite, coverage_suite, read_suite
+from validation.unknown_noise import study as unknown_noise
+
+DOCS = Path(__file__).parents[2] / "docs"
+STUDIES = DOCS / "studies"
+SUITES = Path(__file__).parents[2] / "validation" / "efficiency"
+
+
+def part_of(page: str, part: str) -> str:
+    """Generated part of a page of the documentation."""
+    text = (DOCS / page).read_text(encoding="utf-8")
+    return text.partition(f"<!-- generated: {part} -->")[2].partition(f"<!-- end: {part} -->")[0]
+
+
+@pytest.fixture(scope="module")
+def coverage() -> pl.DataFrame:
+    return read_coverage(STUDIES / "coverage.parquet")
+
+
+@pytest.fixture(scope="module")
+def efficiencies() -> pl.DataFrame:
+    return read_rows(STUDIES / "efficiency.parquet", efficiency.COLUMNS, "efficiency")
+
+
+@pytest.fixture(scope="module")
+def claims() -> pl.DataFrame:
+    return read_rows(STUDIES / "claims.parquet", CLAIMS_COLUMNS, "claims")
+
+
+def is_of(rows: pl.DataFrame, suite: Suite, *more: str) -> bool:
+    """Whether the rows have the scenarios and methods of a suite, and more methods."""
+    labels = {choice.label for choice in suite.studies[0].study.methods}
+    scenarios = {study.scenario for study in suite.studies}
+    return set(rows["scenario"]) == scenarios and set(rows["method"]) == labels | set(more)
+
+
+def test_pages_are_made_of_the_published_tables(coverage, efficiencies, claims):
+    assert part_of("studies/coverage.md", "coverage").strip() == coverage_tables(coverage)
+    assert part_of("efficiency.md", "efficiency").strip() == efficiency.efficiency_tables(efficiencies)
+    assert part_of("paper.md", "claims").strip() == claims_tables(claims)
+    assert set(coverage["runs"]) == {1000}
+    assert is_of(coverage, coverage_suite())
+    assert is_of(efficiencies, efficiency.efficiency_suite(), efficiency.KNOWN)
+    assert is_of(claims, claims_suite())
+
+
+def test_the_page_of_the_flight_study_has_the_flights_of_the_grid():
+    trials = read_trial_table(STUDIES / "flight-recipe.parquet")
+    assert trials.origin["size"] == "full"
+    assert part_of("studies/coverage.md", "flight study").strip() == flight_tables(trials)
+    seeds = {case.name: case.spec.seed for case in published_grid().cases}
+    assert dict(zip(trials.rows["flight"], trials.rows["seed"], strict=True)) == seeds
+    assert (STUDIES / "flight-recipe.parquet").stat().st_size < 150 * 1024
+
+
+def test_coverage_is_as_required_and_need_not_be(coverage):
+    assert all(item.met for item in coverage_requirements(coverage))
+    low = pl.when(pl.col("scenario") == "rich").then(900).otherwise(pl.col("hits"))
+    each, mean, short = coverage_requirements(coverage.with_columns(low.alias("hits")))
+    assert [each.met, mean.met, short.met] == [False, True, True]
+    assert "rich, viscous_friction 0.900" in each.measured
+    always = coverage_requirements(coverage.with_columns(pl.col("count").alias("hits")))
+    assert [item.met for item in always] == [False, False, False]
+
+
+def test_suites_of_parts_have_the_records_of_the_whole_suite():
+    whole = {(item.scenario, item.samples): item.study for item in efficiency.efficiency_suite().studies}
+    held, quick = (
+        {(item.scenario, item.samples): item.study for item in read_suite(SUITES / name).studies}
+        for name in ("held.toml", "quick.toml")
+    )
+    assert set(held) == {(a, b) for a in efficiency.HELD for b in efficiency.OVER_BOUND}
+    assert all(study == whole[key] for key, study in held.items())
+    assert quick.keys() == whole.keys()
+    for key, study in quick.items():
+        assert study == dataclasses.replace(whole[key], methods=study.methods)
+        assert set(study.methods) < set(whole[key].methods)
+
+
+def test_pages_have_every_row_of_their_grids():
+    text = part_of("studies/coverage.md", choices.PART)
+    assert f"{choices.FLIGHTS} flights, seeds 0 to {choices.FLIGHTS - 1}" in text
+    assert text.count(f" of {choices.FLIGHTS} |") >= len(choices.THINNINGS) * len(choices.QUANTITIES)
+    grid = read_as(flight_methods.Grid, flight_methods.STUDY.grid)
+    text = part_of("efficiency.md", flight_methods.STUDY.part)
+    for regime in grid.regimes:
+        assert f"{regime.full} of {regime.name}" in text
+        for method in grid.methods:
+            assert hasattr(methods, method)
+            assert f"| {regime.name} | {method} | {regime.full} |" in text
+    for path in (unknown_noise.SUITE, unknown_noise.SUITE.with_name("spectral.toml")):
+        suite = read_as(unknown_noise.Suite, path)
+        text = part_of("efficiency.md", suite.part)
+        assert suite.runs >= 1000
+        assert f"{suite.runs} records of each case, seed {suite.seed}" in text
+        for name, case in suite.cases.items():
+            assert all(f"| {name} | {method} |" in text for method in case.methods)
+    assert all(part_of("rigid-body.md", kind) for kind in (beside.LAGS, beside.SPEEDS, *beside.OF_GRID))
+    text = (DOCS / "rigid-body.md").read_text(encoding="utf-8")
+    for up, down in beside.LAGS_S:
+        assert text.count(f"| {1e3 * up:.0f}, {1e3 * down:.0f} ms |") == 2
+    bounds, measured, met = re.findall(
+        r"\| ([\d.]+ to [\d.]+) \| ([\d.]+) \| (yes|no) \|", part_of("exports.md", "response band")
+    )[0]
+    low, high = COVERAGE
+    assert (bounds, LEVEL) == (f"{low:g} to {high:g}", 0.9)
+    assert met == ("yes" if low <= float(measured) <= high else "no")
+
+
+# -- what others published of a Crazyflie ---------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def logs(recordings) -> Logs:
+    return Logs.of_folder(recordings / "arpl-crazyflie")
+
+
+def test_the_published_numbers_of_a_crazyflie_come_out(logs):
+    result = numbers(logs, Steps())
+    assert result.thrust == pytest.approx(PUBLISHED.thrust, abs=1e-4)
+    assert result.inertia == pytest.approx(PUBLISHED.inertia, rel=1e-3)
+
+
+@pytest.mark.thorough
+def test_each_step_of_the_recipe_does_what_the_page_says(logs, recordings):
+    result = numbers(logs, Steps())
+    assert numbers(logs, Steps(gravity=9.81)).inertia[0] / result.inertia[0] == pytest.approx(9.81 / 9.18)
+    assert numbers(logs, Steps(torque_has_the_noise=True)).inertia[1] > 1.4 * result.inertia[1]
+    assert numbers(logs, Steps(own_thrust=True)).inertia[0] < 0.9 * result.inertia[0]
+    lag = best_lag(logs.thrust)
+    assert lag == pytest.approx(0.0741, abs=2e-4)
+    assert lag > PUBLISHED_LAG_S + 0.002
+    assert numbers(logs, Steps(lag_s=lag)).inertia[0] / result.inertia[0] == pytest.approx(0.981, abs=2e-3)
+    text = (DOCS / "crazyflie.md").read_text(encoding="utf-8")
+    assert all(row in text for row in table(recordings / "arpl-crazyflie"))

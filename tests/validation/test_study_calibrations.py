@@ -1,0 +1,335 @@
+"""Studies at reduced sizes, and what they require: intervals, delays, plans, pools and fleets."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+from msgspec.structs import replace as struct_replace
+from scipy.linalg import expm
+from scipy.stats import binom
+
+import eivor as ev
+from eivor.errors import InputError
+from validation.choices import study as choices
+from validation.coverage import study as coverage_study
+from validation.coverage.study import BOUNDS, PART, read_coverage
+from validation.efficiency.known_spectra import rows_of as known_rows_of
+from validation.efficiency.known_spectra import trial as known_trial
+from validation.efficiency.wrong_orders import trial as wrong_orders
+from validation.fleet_changes.study import Cell, told
+from validation.fleet_changes.study import Grid as FleetGrid
+from validation.fleet_run import study as fleet_run
+from validation.fleet_run.study import Told as FleetTold
+from validation.plan.study import OWN, PLANNED_FOR, Outcome, outcomes
+from validation.plan.study import main as plan_command
+from validation.pooling.study import cell as pooling_cell
+from validation.recursion.study import trial as recursion_trial
+from validation.response_band.study import TIMES_S, climb_rates
+from validation.studies import WRONG
+from validation.suite_files import coverage_suite, read_suite
+
+COVERAGE_RUNS = 20
+COVERAGE_CHANCE = 1e-4
+SUITE = """
+runs = {runs}
+seed = 1
+samples = [500]
+scenarios = ["rich-high", "mine.toml"]
+[[methods]]
+label = "default"
+name = "generalized_iv"
+lags = [0, 5]
+[[methods]]
+label = "classical"
+name = "generalized_iv"
+lags = [0, 5]
+covariance = "classical"
+"""
+
+
+MINE = """
+viscous_friction = 0.293
+input_gain = 0.021
+[excitation]
+kind = "white"
+std = 1.0
+[noise.input]
+kind = "white"
+ratio_to_signal = 0.1
+"""
+
+
+@dataclass(frozen=True)
+class Run:
+    code: int
+    printed: str
+    page: str
+    path: Path
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    """The command, in a process of its own: checks of every shape would make it many times as long."""
+    folder = tmp_path_factory.mktemp("coverage")
+    out, page = folder / "coverage.parquet", folder / "page.md"
+    page.write_text(f"<!-- generated: {PART} -->\n<!-- end: {PART} -->\n", encoding="utf-8")
+    done = subprocess.run(
+        [
+            *(sys.executable, "-m", "validation.coverage.study", "--runs", str(COVERAGE_RUNS)),
+            *("--out", str(out), "--page", str(page)),
+        ],
+        capture_output=True,
+        text=True,
+        check=False,
+        encoding="utf-8",
+        env=os.environ | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "PYTHONUTF8": "1"},
+    )
+    assert not done.stderr, done.stderr
+    return Run(done.returncode, done.stdout, page.read_text(encoding="utf-8"), out)
+
+
+@pytest.mark.calibration
+def test_default_intervals_cover_in_every_scenario(run):
+    rows = read_coverage(run.path).filter(pl.col("method") == "default")
+    suite = coverage_suite()
+    assert rows.height == 2 * len(suite.studies) == 44
+    assert set(rows["count"]) == {COVERAGE_RUNS}
+    for row in rows.iter_rows(named=True):
+        least, _ = BOUNDS[row["samples"]]
+        assert row["hits"] >= binom.ppf(COVERAGE_CHANCE / 44, COVERAGE_RUNS, least), row
+    # All together they neither miss too often nor are they always right.
+    for samples in BOUNDS:
+        here = rows.filter(pl.col("samples") == samples)
+        hits, count = here["hits"].sum(), here["count"].sum()
+        assert (
+            binom.ppf(COVERAGE_CHANCE, count, 0.94) <= hits <= binom.ppf(1.0 - COVERAGE_CHANCE, count, 0.98)
+        )
+    assert run.code == 0
+
+
+@pytest.mark.calibration
+def test_rivals_fall_short(run):
+    """Intervals that take the scores for white, or look a few lags back, miss far more often."""
+    rows = read_coverage(run.path)
+    shares = {}
+    for method in ("default", "classical", "newey_west"):
+        here = rows.filter(pl.col("method") == method, pl.col("samples") == 500)
+        shares[method] = here["hits"].sum() / here["count"].sum()
+    spread = (0.05 / (22 * COVERAGE_RUNS)) ** 0.5
+    assert shares["classical"] < shares["newey_west"] < shares["default"] - 2.0 * spread
+    paper = rows.filter(pl.col("scenario").is_in(["v", "p"]), pl.col("method") == "classical")
+    assert paper["hits"].sum() < binom.ppf(COVERAGE_CHANCE, paper["count"].sum(), 0.75)
+
+
+def test_own_suite_with_own_scenario(tmp_path, capsys):
+    (tmp_path / "suite.toml").write_text(SUITE.format(runs=3))
+    (tmp_path / "mine.toml").write_text(MINE)
+    suite = read_suite(tmp_path / "suite.toml")
+    assert [(item.scenario, item.samples) for item in suite.studies] == [
+        ("rich-high", 500),
+        ("mine.toml", 500),
+    ]
+    code = coverage_study.main(
+        [str(tmp_path / "suite.toml"), "--folder", str(tmp_path / "trials"), "--workers", "1"]
+    )
+    assert code == 0
+    assert "| mine.toml |" in capsys.readouterr().out
+    assert (tmp_path / "trials" / "rich-high-500" / "trials.parquet").exists()
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        (
+            SUITE.replace("rich-high", "rich-hihg"),
+            "names out of arch, .*, or files at scenarios .*; received 'rich-hihg'",
+        ),
+        (
+            SUITE.replace("[500]", "[500.5]"),
+            r"a whole number at samples.1. of suite.toml; received 500.5",
+        ),
+        (SUITE.replace('"classical"', '"clasical"'), "Did you mean 'classical'"),
+        (SUITE + "\nextra = 1\n", "extra"),
+        (SUITE.replace("[500]", "[]"), "one length or more"),
+        (SUITE.replace("[500]", "[500, 500]"), "each once"),
+        (SUITE.replace("[500]", "[1e12]"), "a whole number at samples"),
+        (SUITE.replace("runs = {runs}", "runs = 0"), "runs from 1"),
+    ],
+)
+def test_wrong_suites_are_refused(tmp_path, wrong, message, capsys):
+    (tmp_path / "suite.toml").write_text(wrong.replace("{runs}", "3"))
+    (tmp_path / "mine.toml").write_text(MINE)
+    with pytest.raises(InputError, match=message):
+        read_suite(tmp_path / "suite.toml")
+    assert coverage_study.main([str(tmp_path / "suite.toml")]) == WRONG
+    assert "Expected" in capsys.readouterr().err
+
+
+SEEDS, CHOICES_CHANCE = 4, 1e-3
+
+
+@pytest.mark.calibration
+def test_quick_logs_are_identified_and_a_delay_belongs_into_the_model():
+    """What the page is for; the seeds are its first ones."""
+    trials = choices.run(SEEDS, workers=1)
+    full = [trial.rates[0] for trial in trials]
+    assert sum(rate.verdict == "identified" for rate in full) >= binom.ppf(CHOICES_CHANCE, SEEDS, 0.95)
+    assert all(trial.rates[item].verdict != "identified" for trial in trials for item in (2, 3))
+    held = [all_held for rate in full for all_held in rate.held]
+    assert sum(held) >= binom.ppf(CHOICES_CHANCE, len(held), 0.93)
+    shift = np.array([[trial.with_delay.error, trial.without_delay.error] for trial in trials]).mean(axis=0)
+    assert abs(shift[0]) < 0.005
+    assert shift[1] > 0.01
+
+
+HELD = Path(__file__).parents[2] / "validation" / "efficiency" / "held.toml"
+
+
+def test_a_likelihood_that_knows_the_spectra_is_on_the_same_records(tmp_path: Path) -> None:
+    item = next(
+        study for study in read_suite(HELD).studies if (study.scenario, study.samples) == ("rich-high", 500)
+    )
+    results = [known_trial(item, run) for run in range(3)]
+    plain = [
+        ev.identify(
+            item.study.experiment.problem(item.study.experiment.record(item.study.rng(run)), ()),
+            ev.methods.spectral_giv(),
+        )
+        for run in range(3)
+    ]
+    rows = list(known_rows_of(item, results))
+    assert [row["parameter"] for row in rows] == ["viscous_friction", "input_gain"]
+    for each, other in zip(results, plain, strict=True):
+        separated = np.abs(np.array(each.values) - other.best.values[:2])
+        assert (separated < 2.0 * np.array([other.std_error(name) for name in other.names[:2]])).all()
+    assert all(float(row["rmse"]) < 2.5 * float(row["bound"]) for row in rows)
+
+
+@pytest.mark.thorough
+def test_the_likelihood_is_biased_by_wrong_orders_and_spectral_giv_is_not():
+    errors = [wrong_orders("rich-high", 4000, run).errors for run in range(3)]
+    likelihood, spectral = (
+        sum(error[name][0] for error in errors) / len(errors) for name in ("whittle_ml", "spectral_giv")
+    )
+    assert likelihood < -0.03
+    assert abs(spectral) < 0.02
+
+
+@pytest.mark.thorough
+def test_drops_are_told_and_nothing_else():
+    delays = []
+    for run in range(5):
+        assert recursion_trial("rich", "nothing", run).alarms == 0
+        delays.append(recursion_trial("rich", "input_gain", run).delay)
+    assert None not in delays
+    assert 0 < np.median(delays) <= 150
+    # a memory that follows the friction would leave most of these untold
+    assert sum(recursion_trial("rich", "viscous_friction", run).delay is not None for run in range(10)) >= 6
+
+
+@pytest.mark.parametrize(("flights", "heterogeneity"), [(4, 0.05), (10, 0.02)])
+def test_intervals_hold_and_those_of_others_do_not(flights, heterogeneity):
+    reported = pooling_cell(flights, heterogeneity, 1000, (0.01, 0.05))
+    assert reported.mean >= 0.93
+    assert reported.following >= 0.90
+    assert reported.fixed < reported.moments < reported.mean
+    assert reported.spread == pytest.approx(0.95, abs=0.03)
+    assert pooling_cell(flights, heterogeneity, 1000, (0.01, 0.05)) == reported
+
+
+CELL = Cell("nothing", 0.0, 40, 20, 1, 1)
+
+
+def told_of(**what):
+    return told(FleetGrid(0.05, 0.03, []), struct_replace(CELL, **what), 1)
+
+
+@pytest.mark.thorough
+def test_steps_are_dated_and_nothing_is_not_told():
+    assert told_of().changes <= 0.1
+    step = told_of(what="step", share=0.08)
+    assert step.dated >= 0.8
+    assert step.held >= 0.8
+    assert told_of(outliers=2).deviating >= 0.9
+    assert told_of(payload=0.3).changes <= 0.1
+    wear = told_of(what="wear", share=0.10)
+    assert wear.sign == 1.0
+    assert wear.covered >= 0.8
+
+
+FLEET_TOLD = FleetTold(
+    "one", "one process", 17, 17, 17, {"weak": 17}, "a", 1_000_000, 3, 1500.0, 0, 9.0, 8.0, 100.0
+)
+
+
+@pytest.mark.long
+def test_whatever_computes_a_fleet_and_whatever_is_killed(tmp_path, capsys):
+    """Two processes, runs that are killed and interrupted, two workers of Dask of which one is killed."""
+    assert fleet_run.main(["--kept", str(tmp_path / "kept.jsonl")]) == 0
+    assert "| different tables, compared to the byte | 1 | 1 | yes |" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(("other", "code"), [({}, 0), ({"sha256": "b"}, 3)])
+def test_the_page_of_a_fleet_that_is_run_four_ways(tmp_path, capsys, monkeypatch, other, code):
+    killed = replace(FLEET_TOLD, mode="ended", what="killed", **{"ended": 5, **other})
+    modes = {"one": lambda *_: FLEET_TOLD, "ended": lambda *_: killed}
+    monkeypatch.setattr(fleet_run, "MODES", modes)
+    monkeypatch.setattr(fleet_run, "write_logs", lambda *_: None)
+    (tmp_path / "kept.cost.jsonl").write_text(json.dumps({"flight_s": 300.0, "cpu_s": 0.9}) + "\n")
+    page, arguments = tmp_path / "page.md", ["--kept", str(tmp_path / "kept.jsonl"), "--page"]
+    page.write_text("<!-- generated: fleet run -->\n<!-- end: fleet run -->\n")
+    assert fleet_run.main([*arguments, str(page)]) == code
+    table = capsys.readouterr().out
+    assert "| processor time, 0.90 s for a flight of 300 s | 250 hours; 2.5 h on 100 cores |" in table
+    assert "| table, 1.50 kB a row | 1.5 GB |" in table
+    assert table.strip() in page.read_text()
+    modes.update(dict.fromkeys(modes, lambda *_: 1 / 0))  # what was kept is not made again
+    assert fleet_run.main([*arguments, str(page)]) == code
+
+
+def test_planned_flights_that_are_kept_are_not_flown_again(tmp_path, monkeypatch, capsys):
+    def flown(vehicle, seed, keys):
+        asked_of.append(list(keys))
+        return ([Outcome(*key, "steps", 1.0, 1.2, True, True)] for key in keys)
+
+    monkeypatch.setattr("validation.plan.study.outcomes", flown)
+    asked_of: list[list[tuple[str, str, int]]] = []
+    kept = tmp_path / "kept.jsonl"
+    assert plan_command(["--kept", str(kept)]) == 0
+    first = capsys.readouterr().out
+    assert [len(keys) for keys in asked_of] == [len(PLANNED_FOR) * 2] * len(OWN)
+    kept.write_text("".join(kept.read_text().splitlines(keepends=True)[:-1]))
+    asked_of.clear()
+    assert plan_command(["--kept", str(kept)]) == 0
+    assert capsys.readouterr().out == first
+    assert asked_of == [[("heavy, slow", "lag", 1)]]
+
+
+@pytest.mark.calibration
+def test_planned_flights_reach_what_was_predicted():
+    """Bounds of the study, with room for four flights."""
+    keys = [(OWN[1].name, target, number) for target in PLANNED_FOR for number in (0, 1)]
+    result = [outcome for made in outcomes(OWN[1], 1, keys) for outcome in made]
+    ratios = {
+        target: [item.ratio for item in result if item.target == target] for target in ("friction", "lag")
+    }
+    assert 0.6 < np.median(ratios["friction"]) < 1.6
+    assert 0.5 < np.median(ratios["lag"]) < 2.0
+    assert all(item.kept for item in result)
+
+
+def test_climb_rates_are_those_of_the_state_space() -> None:
+    friction, gain, lag, delay = 0.3, 23.9, 0.05, 0.012
+    motion = np.array([[-1.0 / lag, 0.0, 1.0 / lag], [gain, -friction, 0.0], [0.0, 0.0, 0.0]])
+    (rates,) = climb_rates(*(np.array([item]) for item in (friction, gain, lag, delay)))
+    for time, rate in zip(TIMES_S, rates, strict=True):
+        assert rate == pytest.approx(expm(motion * (time - delay))[1, 2], rel=1e-9)
+    assert climb_rates(*(np.array([item]) for item in (friction, gain, lag, 0.06)))[0, 0] == 0.0

@@ -1,0 +1,249 @@
+"""Commands of studies at their smallest size: tables, pages, and what is kept."""
+
+from __future__ import annotations
+
+import importlib
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from validation.studies import NOT_MET, WRONG
+
+thorough = pytest.mark.thorough
+CELL = '[[cells]]\nwhat = "{}"\nshare = {}\nflights = 14\nvehicles = 2\nsmall = 1\nfull = 2\n'
+RECORDS = '[[records]]\nscenario = "rich"\nchanged = "{}"\nsmall = 1\nfull = 1\n'
+FLIGHTS = """
+vehicle = { viscous_friction = 0.4, hover_input = 0.5, actuator_lag = 0.05 }
+methods = ["least_squares"]
+[[regimes]]
+name = "calm"
+gust_rms = 0.1
+duration = 20.0
+every = 1
+left_out = true
+small = 1
+full = 2
+"""
+#: Module, part of its page, grid, rows of its tables.
+KEPT = {
+    "pooling": (
+        "pooling.study",
+        "pooling",
+        "flights = [4]\nheterogeneity = [0.0, 0.05]\nstd_errors = [0.01, 0.05]\nsmall = 40\nfull = 50\n",
+        ["| 4 | 0.05 |"],
+    ),
+    "recursion": (
+        "recursion.study",
+        "recursion",
+        RECORDS.format("nothing") + RECORDS.format("input_gain"),
+        ["| rich | K_u | 1 |"],
+    ),
+    "fleet changes": (
+        "fleet_changes.study",
+        "fleet-changes",
+        "weather = 0.01\nbattery = 0.01\n"
+        + "".join(CELL.format(*item) for item in (("nothing", 0.0), ("wear", 0.1), ("step", 0.08))),
+        ["| wear | 14 | 2 | 1 |"],
+    ),
+    "flight methods": (
+        "flight_methods.study",
+        "flight-methods",
+        FLIGHTS,
+        ["| left out | least_squares | 1 |", "| searched for | least_squares | 1 |"],
+    ),
+    "response band": (
+        "response_band.study",
+        "response band",
+        '[[flights]]\nname = "calm"\nsmall = 2\nfull = 2\n',
+        ["| calm | 2 | 2 |"],
+    ),
+    "wrong orders": (
+        "efficiency.wrong_orders",
+        "wrong-orders",
+        'scenarios = ["rich"]\nsamples = 500\nsmall = 2\nfull = 2\n',
+        ["| rich |"],
+    ),
+}
+METHOD = '[[methods]]\nname = "{}"\nlags = [0, 10]\n'
+SUITE = 'name = "small"\nruns = 2\nseed = 1\nsamples = [500]\nscenarios = ["white"]\n' + "".join(
+    METHOD.format(name) for name in ("generalized_iv", "spectral_giv", "spectral_giv_combined")
+)
+CLAIMS = Path(__file__).parents[2] / "validation" / "paper" / "claims.toml"
+UNKNOWN = """
+name = "small"
+runs = 2
+seed = 1
+[cases.short]
+scenario = "rich-high"
+samples = 400
+order = 0.0
+methods = ["generalized_iv_unknown_noise", "frisch_scheme"]
+"""
+
+
+def command(module: str) -> Callable[[list[str]], int]:
+    result: Callable[[list[str]], int] = importlib.import_module(f"validation.{module}").main
+    return result
+
+
+def page_of(folder: Path, part: str) -> Path:
+    page = folder / "page.md"
+    page.write_text(f"Before.\n<!-- generated: {part} -->\n<!-- end: {part} -->\nAfter.\n", encoding="utf-8")
+    return page
+
+
+@pytest.mark.parametrize(
+    "study",
+    [
+        pytest.param(name, marks=[] if name in ("pooling", "recursion") else thorough, id=name)
+        for name in KEPT
+    ],
+)
+@pytest.mark.usefixtures("unchecked_shapes")
+def test_a_study_that_keeps_its_trials(study, tmp_path, capsys):
+    module, part, text, rows = KEPT[study]
+    grid, kept, page = tmp_path / "grid.toml", tmp_path / "kept.jsonl", page_of(tmp_path, part)
+    grid.write_text(text, encoding="utf-8")
+    arguments = ["--grid", str(grid), "--kept", str(kept), "--page", str(page)]
+    code = command(module)(arguments)
+    printed, lines = capsys.readouterr().out, kept.read_text(encoding="utf-8")
+    assert code in (0, NOT_MET)
+    assert all(row in printed for row in rows)
+    assert page.read_text(encoding="utf-8").count(printed.strip()) == 1
+    assert command(module)(arguments) == code
+    assert kept.read_text(encoding="utf-8") == lines
+    if study == "wrong orders":  # what it asks can fail
+        worse = [json.loads(line) for line in lines.splitlines()]
+        for line in worse:
+            line["errors"]["spectral_giv"] = [0.5, 0.5]
+        kept.write_text("".join(json.dumps(line) + "\n" for line in worse), encoding="utf-8")
+        assert command(module)(arguments) == NOT_MET
+    with pytest.raises(SystemExit):
+        command(module)(["--size", "huge"])
+
+
+@pytest.mark.parametrize(
+    ("module", "part", "text", "rows"),
+    [
+        pytest.param("efficiency.study", "efficiency", SUITE, ["| white |", "RMSE over the"], marks=thorough),
+        pytest.param(
+            "paper.claims",
+            "claims",
+            CLAIMS.read_text(encoding="utf-8")
+            .replace("[60, 150, 500, 4000]", "[150]")
+            .replace('["v", "p", "rich", "white"]', '["white"]'),
+            ["white noise"],
+            marks=thorough,
+        ),
+        ("unknown_noise.study", "unknown-noise", UNKNOWN, ["| short | frisch_scheme | noise_variance_velo"]),
+    ],
+    ids=["efficiency", "claims", "unknown noise"],
+)
+def test_a_study_of_a_suite(module, part, text, rows, tmp_path, capsys):
+    suite, page = tmp_path / "suite.toml", page_of(tmp_path, part)
+    suite.write_text(text, encoding="utf-8")
+    assert command(module)([str(suite), "--runs", "3", "--page", str(page)]) in (0, NOT_MET)
+    written = page.read_text(encoding="utf-8")
+    assert all(row in written for row in rows)
+    assert capsys.readouterr().out.strip() in written
+    assert command(module)([str(suite), "--page", str(suite)]) == WRONG
+
+
+@pytest.mark.parametrize(
+    ("module", "arguments", "message"),
+    [
+        ("choices.study", ["--flights", "1"], "Expected two flights or more; received 1"),
+        ("efficiency.study", ["--from", "none.parquet"], "a table of efficiency"),
+        ("coverage.study", ["--from", "none.parquet"], "a table of coverage"),
+        ("flight_recipe.study", ["--from", "none.parquet"], "a table of trials"),
+        ("real_logs.study", ["--from", "none.parquet"], "a table of the study"),
+        ("real_logs.study", ["--folder", "none", "--tables"], "a folder with finished tasks"),
+        ("rigid_body.study", ["--folder", "none", "--tables"], "a folder with finished tasks"),
+        ("rates.study", ["--kept", "kept.jsonl", "--grid", "none.toml"], "a grid of the study"),
+    ],
+)
+def test_a_wrong_call_is_a_sentence(module, arguments, message, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert command(module)(arguments) == WRONG
+    assert message in capsys.readouterr().err
+
+
+@thorough
+def test_bounds_of_pools_fill_their_page(tmp_path, capsys):
+    page = page_of(tmp_path, "pool information")
+    assert command("real_logs.pool_information")(["--pools", "1", "--page", str(page)]) == 0
+    assert capsys.readouterr().out.strip() in page.read_text(encoding="utf-8")
+
+
+@thorough
+def test_known_spectra_go_on_from_what_is_kept(tmp_path):
+    from validation.efficiency.study import COLUMNS, KNOWN
+    from validation.studies import read_rows
+
+    suite, kept, out = (tmp_path / name for name in ("suite.toml", "kept.jsonl", "rows.parquet"))
+    suite.write_text(SUITE.replace("runs = 2", "runs = 3"), encoding="utf-8")
+    arguments = [str(suite), "--kept", str(kept), "--out", str(out)]
+    main = command("efficiency.known_spectra")
+    assert main([*arguments, "--runs", "2"]) == 0
+    first = kept.read_text(encoding="utf-8")
+    assert main(arguments) == 0
+    lines = kept.read_text(encoding="utf-8")
+    assert lines.startswith(first)
+    assert len(lines.splitlines()) == 3
+    assert read_rows(out, COLUMNS, "efficiency")["method"].to_list() == [KNOWN, KNOWN]
+
+
+@thorough
+def test_orders_of_fractional_equations(tmp_path, monkeypatch, capsys):
+    """At 40 dB total least squares and the methods that allow for noise err by less than a hundredth."""
+    from validation.fractional.study import Cell, Relaxation, answers, formulas, sharper_ways
+
+    for scenario in (Relaxation(), Cell()):
+        errors = answers(scenario, formulas()["total_least_squares"], range(3))[:, -1, 0]
+        assert errors.size == 3
+        assert np.abs(errors).max() < 0.01
+    plain = answers(Cell(), formulas()["least_squares"], range(3))[:, -1]
+    assert (plain[:, 0] < -0.03).all()
+    assert not plain[:, 1].any()
+    for name in ("bias_compensated_least_squares, again", "generalized_iv, far"):
+        errors = answers(Cell(), sharper_ways()[name], range(4))[:, -1, 0]
+        assert errors.size == 4
+        assert np.abs(errors).max() < 0.006
+
+
+def test_the_fractional_page(tmp_path, monkeypatch, capsys):
+    from validation.fractional import study
+
+    total = {"total_least_squares": study.formulas()["total_least_squares"]}
+    monkeypatch.setattr(study, "SCENARIOS", (study.Relaxation(),))
+    monkeypatch.setattr(study, "formulas", lambda: total)
+    page = page_of(tmp_path, study.PART)
+    assert study.main(["--runs", "1", "--page", str(page)]) == 0
+    assert "| `total_least_squares` | 1 | `output_coefficient_2` | 8 |" in page.read_text(encoding="utf-8")
+    assert "relaxation" in capsys.readouterr().out
+
+
+@pytest.mark.long
+@pytest.mark.filterwarnings("ignore::eivor.errors.WeakInstrumentsWarning")
+@pytest.mark.parametrize(
+    ("equation", "name", "runs", "least"),
+    [
+        ("Cell", "generalized_iv, far", 24, 18),
+        *(
+            (equation, name, 60, 51)
+            for equation in ("Relaxation", "Cell")
+            for name in ("total_least_squares", "bias_compensated_least_squares", "generalized_iv")
+        ),
+    ],
+)
+def test_intervals_of_fractional_equations_cover(equation, name, runs, least):
+    """Of 95 % intervals fewer cover once in ten thousand times."""
+    from validation.fractional import study
+
+    formula = (study.formulas() | study.sharper_ways())[name]
+    result = study.answers(getattr(study, equation)(), formula, range(runs))
+    assert len(result) == runs
+    assert result[:, :, 1].sum(axis=0).min() >= least
