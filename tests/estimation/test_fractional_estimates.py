@@ -19,7 +19,7 @@ from eivor.errors import (
 )
 from eivor.estimation import methods
 from eivor.estimation.linear import refined_nuisances
-from eivor.estimation.unknown_noise import EquationChoice, SharedMoments, UnknownNoise
+from eivor.estimation.unknown_noise import EquationChoice, SharedMoments, UnknownNoise, long_memory_covariance
 from eivor.lab.scenario_files import shipped_scenario
 from eivor.models.signal_regression import shared_noise
 
@@ -354,3 +354,13 @@ def test_what_it_cannot_use():
         ev.identify(undeclared(signals, ()), ev.methods.bias_eliminating_least_squares())
     with pytest.raises(UsageError, match="zero lags"):
         ev.methods.generalized_iv_unknown_noise(lags=-1)
+
+
+def test_errors_of_noises_add_up_those_of_all_lags():
+    """Of independent white series the sum of products has the product of their powers as its variance."""
+    rng = np.random.default_rng(4)
+    count = 4000
+    influence, error = rng.standard_normal((count, 2)), 3.0 * rng.standard_normal(count)
+    covariance = long_memory_covariance(influence, error)
+    np.testing.assert_allclose(np.diag(covariance) / count, [9.0, 9.0], rtol=0.2)
+    assert abs(covariance[0, 1]) < 0.2 * covariance[0, 0]

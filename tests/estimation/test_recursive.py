@@ -209,6 +209,18 @@ def test_effective_rows_are_twice_the_memory():
     assert after(record(4000)).effective_rows == pytest.approx((1 + FACTOR) / (1 - FACTOR), rel=1e-6)
 
 
+def test_both_covariances_are_alike_for_white_errors_and_know_their_degrees():
+    parts = [after(record(6000, seed=seed)).estimate().best.covariance.parts for seed in range(30)]
+    cosines, blocks = (
+        np.mean([np.diag(part.matrix) for part in each], axis=0) for each in zip(*parts, strict=True)
+    )
+    np.testing.assert_allclose(cosines / blocks, 1.0, atol=0.35)
+    # squares of weights that fall by a factor: (1 + q) / (1 - q) blocks count, less one for each parameter
+    forgetting = after(record(400))._products.forgetting
+    q = FACTOR ** (2 * forgetting.block)
+    assert parts[0][1].degrees == pytest.approx((1.0 + q) / (1.0 - q) - 2.0, rel=0.05)
+
+
 def test_intervals_are_wider_in_errors_with_memory_than_for_white_ones():
     signals = record(3000)
     slow = np.convolve(np.random.default_rng(2).standard_normal(3039), np.ones(40), "valid") / np.sqrt(40)

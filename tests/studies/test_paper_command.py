@@ -194,6 +194,13 @@ def test_shipped_scenarios_have_the_bounds_known_of_them(name: str) -> None:
     np.testing.assert_allclose(100.0 * np.array(list(bound.relative.values())), KNOWN[name], rtol=0.04)
 
 
+def test_what_friction_does_to_a_disturbance_informs_of_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    scenario = replace(shipped_scenario("rich-dynamic"), samples=500)
+    bound = ev.bounds.cramer_rao(scenario, runs=2).covariance[0, 0]
+    monkeypatch.setattr("eivor.lab.cramer_rao._shaped_noise_information", lambda *_: 0.0)
+    assert bound < ev.bounds.cramer_rao(scenario, runs=2).covariance[0, 0]
+
+
 def exact_regressors(disturbance: Disturbance | None, response_std: float) -> Scenario:
     """The velocity is exact, and its equation, which would tell the friction without error, is kept out.
 

@@ -21,7 +21,9 @@ from eivor.estimation.sampled_motion import (
 )
 from eivor.estimation.spectral_equations import (
     SpectralSolution,
+    _meat,
     consistent_estimate,
+    moved_by,
     pilot_at,
     solved_equations,
     solved_rows,
@@ -386,6 +388,33 @@ def test_rows_meet_the_same_equations(solution: SpectralSolution, sampled: Sampl
     assert current.shape == (solution.parameters,)
     assert rows.response.size == 2 * sampled.record.count
     assert np.var(rows.response - rows.regressors @ theta) == pytest.approx(1.0, abs=0.15)
+
+
+def test_the_sensitivity_is_the_derivative_of_the_equations(solution: SpectralSolution) -> None:
+    """The compensation moves with the parameters: without it J differs by the input's share of noise."""
+    for j, size in enumerate((solution.motion.friction, solution.motion.gain, 1.0)[: solution.parameters]):
+        step = np.zeros(3)
+        step[j] = 1e-4 * size
+        ends = [
+            replace(solution, motion=moved_by(solution.motion, sign * step)).scores() for sign in (1.0, -1.0)
+        ]
+        slope = (ends[0] - ends[1])[: solution.parameters] / (2e-4 * size)
+        # derivatives of the test functions meet the residual, whose mean is zero
+        assert slope[j] == pytest.approx(solution.sensitivity[j, j], rel=0.05)
+
+
+def test_noise_of_the_input_and_leverage_enlarge_the_covariance(
+    solution: SpectralSolution, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    inverse = np.linalg.inv(solution.sensitivity)[: solution.parameters]
+    answered = np.tensordot(inverse, solution.tests, axes=1)
+    by_noise = _meat(solution, inverse, answered) - _meat(
+        replace(solution, input_variance=0.0), inverse, answered
+    )
+    assert np.diag(by_noise.sum(axis=2)).min() > 0.0
+    enlarged = np.diag(spectral_covariance(solution).model)
+    monkeypatch.setattr(SpectralSolution, "leverage", lambda *_: np.zeros(solution.weights.size))
+    assert np.all(enlarged > np.diag(spectral_covariance(solution).model))
 
 
 def test_the_compensation_matters(sampled: SampledProblem, solution: SpectralSolution) -> None:
