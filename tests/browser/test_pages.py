@@ -49,7 +49,7 @@ def searched(page, word):
 
 
 @pytest.fixture
-def watched(chromium):
+def watched_site(chromium):
     """Open a page, and keep what it asks for and says; offline, but for a server of this machine."""
     contexts = []
 
@@ -92,9 +92,9 @@ def outside(page, origin):
 @pytest.mark.skipif(
     not SITE, reason="EIVOR_SITE names no documentation: mkdocs build --site-dir FOLDER makes it"
 )
-def test_every_page_from_disk(watched):
+def test_every_page_from_disk(watched_site):
     """Nothing is asked of a network, nothing is missing, and every equation is drawn."""
-    page = watched(offline=True)
+    page = watched_site(offline=True)
     paths = sorted(path for path in Path(SITE).rglob("*.html") if path.name != "404.html")
     assert len(paths) > 28
     equations = 0
@@ -113,8 +113,8 @@ def test_every_page_from_disk(watched):
 @pytest.mark.skipif(
     not SITE, reason="EIVOR_SITE names no documentation: mkdocs build --site-dir FOLDER makes it"
 )
-def test_search_from_disk(watched):
-    page = watched(offline=True)
+def test_search_from_disk(watched_site):
+    page = watched_site(offline=True)
     page.goto((Path(SITE) / "studies" / "coverage.html").as_uri())
     for word, about in WORDS.items():
         assert about in searched(page, word), word
@@ -129,8 +129,8 @@ def test_search_from_disk(watched):
 @pytest.mark.skipif(
     not SITE, reason="EIVOR_SITE names no documentation: mkdocs build --site-dir FOLDER makes it"
 )
-def test_search_and_equations_from_a_server(watched, served):
-    page = watched(offline=False)
+def test_search_and_equations_from_a_server(watched_site, served):
+    page = watched_site(offline=False)
     page.goto(f"{served}/studies/coverage.html")
     seen = page.evaluate(EQUATIONS)
     assert seen["drawn"] == seen["all"] > 0
