@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.optimize import minimize_scalar
+from scipy.signal import lfilter
 
 import eivor as ev
 from eivor.errors import (
@@ -17,7 +19,7 @@ from eivor.errors import (
     TooFewSamplesError,
     UsageError,
 )
-from eivor.estimation import methods
+from eivor.estimation import methods, unknown_noise
 from eivor.estimation.linear import refined_nuisances
 from eivor.estimation.unknown_noise import EquationChoice, SharedMoments, UnknownNoise, long_memory_covariance
 from eivor.lab.scenario_files import shipped_scenario
@@ -364,3 +366,25 @@ def test_errors_of_noises_add_up_those_of_all_lags():
     covariance = long_memory_covariance(influence, error)
     np.testing.assert_allclose(np.diag(covariance) / count, [9.0, 9.0], rtol=0.2)
     assert abs(covariance[0, 1]) < 0.2 * covariance[0, 0]
+    # of an instrument that is the error before and after, twice the powers, and as much again for the answers
+    around = np.roll(error, 1) + np.roll(error, -1)
+    assert long_memory_covariance(around[:, None], error)[0, 0] / count > 1.5 * 2.0 * 81.0
+
+
+def weights_of(psi, error):
+    """Soderstrom's covariance of sums of instruments times errors, over the root of their number."""
+    rows = SimpleNamespace(instruments=psi, response=error, regressors=np.zeros((error.size, 0)))
+    fit = SimpleNamespace(cross=np.zeros((psi.shape[1], 1)), rows=rows, _count=error.size)
+    return unknown_noise._MomentSearch._covariance(fit, np.zeros(0))
+
+
+def test_weights_of_unknown_noise_allow_for_memory_and_for_answers():
+    rng = np.random.default_rng(8)
+    white = rng.standard_normal((2, 20_000))
+    slow = lfilter([0.6], [1.0, -0.8], white)  # of variance one
+    # of independent series with memory the sum of products of their correlations, 1.64 / 0.36
+    assert 3.0 < weights_of(slow[:1].T, slow[1])[0, 0] < 5.0
+    # of an instrument that is the error before and after: two, and as much again for the answers
+    error = white[0]
+    around = np.roll(error, 1) + np.roll(error, -1)
+    assert weights_of(around[:, None], error)[0, 0] == pytest.approx(4.0, rel=0.1)
