@@ -374,9 +374,9 @@ def _simulated(scenario: Simulated, seed: int, *, hover: bool) -> KnownLog:
 
 SCHEMA = "eivor.study/1"
 STUDY_EXIT_CODES = (
-    "[bold]Exit codes[/bold]: 0 the study is complete; 2 wrong usage, such as a folder that holds another "
-    "study; 1 a study that cannot be read, a file that cannot be written, a worker that was lost, or no "
-    "estimate in any trial; 130 interrupted. Complete trials are kept: the same command goes on."
+    "[bold]Exit codes[/bold]: 0 the study is complete. 2 wrong usage, such as a folder that holds another "
+    "study. 1 a study that cannot be read, a file that cannot be written, a worker that was lost, or no "
+    "estimate in any trial. 130 interrupted. Complete trials are kept: the same command goes on."
 )
 
 
