@@ -289,8 +289,8 @@ def simulate(
 ) -> ExitCode:
     """Simulate motion with known parameters into a log.
 
-    The scenario 'flight', and a file with kind = "flight", give a log as an autopilot keeps it. It has 100 Hz,
-    commands that the rotors follow with a lag, and the altitude that was requested.
+    The scenario 'flight', and a file with kind = "flight", give a log as an autopilot keeps it. It has
+    100 Hz, commands that the rotors follow with a lag, and the altitude that was requested.
 
     'crazyflie' and 'quadrotor', and a file with kind = "rigid-body", fly all axes of a vehicle: its log has
     body rates, attitude and the controller's setpoints too. What sensors log at several rates needs .parquet.

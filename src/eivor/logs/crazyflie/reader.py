@@ -151,7 +151,7 @@ TO_LOG = {
     "cos_tilt": "stateEstimate.qw, .qx, .qy and .qz",
 }
 _ADVICE = (
-    "Name the variables below 'on:fixedFrequency' in config.txt on the card, each with its group and on a "
+    "Name these variables below 'on:fixedFrequency' in config.txt on the card, each with its group and on a "
     "line of its own. Of the estimate and the reference: stateEstimate.z, .vz and .az, "
     "stateEstimate.qw, .qx, .qy and .qz, ctrltarget.z, .vz and .az. Of motors and sensors: motor.m1 to .m4, "
     "acc.x, .y and .z, gyro.x, .y and .z, pm.vbat.",
