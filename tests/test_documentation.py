@@ -284,6 +284,40 @@ def test_every_option_that_is_named_exists(name):
     assert named <= options(get_command(app))
 
 
+def long_sentences(text: str) -> list[str]:
+    """Sentences of more than 30 words; a link, a formula or a piece of code counts as its words or as one."""
+    text = re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", text)
+    text = re.sub(r"`[^`]*`|\$[^$]*\$", "x", text)
+    sentences = re.split(r"(?<=[.!?])[*_)\"]*\s+", text)
+    return [one for one in sentences if sum(bool(re.search(r"\w", word)) for word in one.split()) > 30]
+
+
+@pytest.mark.parametrize("page", PAGES[:1] + sorted((ROOT / "docs").glob("*.md")), ids=lambda page: page.name)
+def test_sentences_of_the_pages_are_short(page):
+    text = re.sub(
+        r"```.*?```|<!--.*?-->|\$\$.*?\$\$", "\n\n", page.read_text(encoding="utf-8"), flags=re.DOTALL
+    )
+    lines = ("" if line.lstrip().startswith(("|", "#", "!", "<")) else line for line in text.splitlines())
+    paragraphs = re.split(r"\n\s*\n|\n\s*(?:[*-]|\d+\.) ", "\n".join(lines))
+    written = [part for part in paragraphs if not part.lstrip().startswith("Made by `")]
+    assert [one for part in written for one in long_sentences(part)] == []
+
+
+def test_sentences_of_the_help_are_short():
+    from typer.main import get_command
+
+    from eivor.cli.main import app
+
+    def texts(command: Any) -> list[str]:
+        own = [command.help, command.epilog, *(getattr(one, "help", None) for one in command.params)]
+        below = [texts(child) for child in getattr(command, "commands", {}).values()]
+        return [text for text in own if text] + [text for some in below for text in some]
+
+    parts = [part for text in texts(get_command(app)) for part in re.split(r"\n\s*\n", text)]
+    assert len(parts) > 100
+    assert [one for part in parts for one in long_sentences(part)] == []
+
+
 GLOSSARY = (ROOT / "docs" / "glossary.md").read_text(encoding="utf-8")
 
 

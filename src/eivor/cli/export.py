@@ -31,9 +31,9 @@ from eivor.motions.rigid_body.vehicle import KnownNumber, load_vehicle
 from eivor.report.saved_fit import SavedFit, draws_table, load_fit
 
 EXPORT_EXIT_CODES = (
-    "[bold]Exit codes[/bold]: 0 all that the target has is written; 3 something is not identified: it is a "
-    "comment in the file with its reason, or, where the target cannot do without it, there is no file; "
-    "2 wrong usage, such as rotor speeds for an autopilot's share of thrust; 1 a file that cannot be read "
+    "[bold]Exit codes[/bold]: 0 all that the target has is written. 3 something is not identified: it is a "
+    "comment in the file with its reason, or, where the target cannot do without it, there is no file. "
+    "2 wrong usage, such as rotor speeds for an autopilot's share of thrust. 1 a file that cannot be read "
     "or written.\n\n"
     "[bold]Targets[/bold]: px4 (.params), ardupilot (.param), statespace (JSON); of simulators, which need a "
     "mass and a vehicle: sih (PX4's, .params), rotorpy (Python), mujoco (MJCF), pybullet (URDF), "

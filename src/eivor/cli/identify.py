@@ -31,8 +31,8 @@ def _work(command: str, **given: Any) -> ExitCode:
 # -- Identify --
 
 IDENTIFY_EXIT_CODES = (
-    "[bold]Exit codes[/bold]: 0 identified; 3 weak, provisional or refused (the numbers are printed all the "
-    "same); 2 wrong usage; 1 a log that cannot be read, or a file that cannot be written (the numbers are "
+    "[bold]Exit codes[/bold]: 0 identified. 3 weak, provisional or refused (the numbers are printed all the "
+    "same). 2 wrong usage. 1 a log that cannot be read, or a file that cannot be written (the numbers are "
     "printed all the same).\n\n"
     "[bold]JSON[/bold] (schema eivor.identify/1): verdict and reasons; parameters and derived quantities, "
     "each with value, unit, std_error, interval and its own verdict; diagnostics, findings and provenance."
@@ -60,8 +60,8 @@ def identify(
 # -- Report --
 
 REPORT_EXIT_CODES = (
-    "[bold]Exit codes[/bold]: 0 identified; 3 weak, provisional or refused (the page is written all the "
-    "same); 2 wrong usage; 1 a log that cannot be read, or a page that cannot be written.\n\n"
+    "[bold]Exit codes[/bold]: 0 identified. 3 weak, provisional or refused (the page is written all the "
+    "same). 2 wrong usage. 1 a log that cannot be read, or a page that cannot be written.\n\n"
     "The page holds the JSON of `eivor identify --json` too, and saves it."
 )
 
@@ -80,10 +80,9 @@ def report(
 # -- Track --
 
 TRACK_EXIT_CODES = (
-    "[bold]Exit codes[/bold]: 0 the gain is identified somewhere in the flight, changes or not; 3 it "
-    "is identified "
-    "nowhere; 2 wrong usage; 1 a log that cannot be read, or a file that cannot be written (what was found "
-    "is printed all the same).\n\n"
+    "[bold]Exit codes[/bold]: 0 the gain is identified somewhere in the flight, changes or not. 3 it "
+    "is identified nowhere. 2 wrong usage. 1 a log that cannot be read, or a file that cannot be written "
+    "(what was found is printed all the same).\n\n"
     "[bold]JSON[/bold] (schema eivor.track/1): the gain with its interval at each moment, changes, and what "
     "was taken as known."
 )
@@ -152,11 +151,11 @@ def track(
 
 VALIDATE_EXIT_CODES = (
     "[bold]Exit codes[/bold]: 0 the fit predicts the flight better than the simpler models do, in open loop "
-    "or, of turning and of the rigid body, half a second ahead; 3 it does not (the numbers are printed all "
-    "the same); 2 wrong usage, such as a result without an estimate; 1 a file that cannot be read or written "
+    "or, of turning and of the rigid body, half a second ahead. 3 it does not (the numbers are printed all "
+    "the same). 2 wrong usage, such as a result without an estimate. 1 a file that cannot be read or written "
     "(the numbers are printed all the same).\n\n"
     "[bold]JSON[/bold] (schema eivor.validate/1): for each model and quantity the RMS error and the share "
-    "explained, over all runs and in each; of turning and of the rigid body the RMS error after .1 to .5 s."
+    "explained, over all runs and in each. Of turning and of the rigid body the RMS error after .1 to .5 s."
 )
 
 

@@ -57,7 +57,7 @@ class FlightWords(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
         str,
         option(
             "MS:STD|LOW..HIGH|none",
-            "Lag and delay of the actuators together, known from elsewhere: 70:15 is 70 ms with a standard "
+            "Lag and delay of the actuators together, known from elsewhere. 70:15 is 70 ms with a standard "
             "deviation of 15 ms, 50..90 is anything between, none is neither lag nor delay.",
         ),
     ] = ""

@@ -210,7 +210,7 @@ def path() -> ExitCode:
 # -- Inspect --
 
 INSPECT_EXIT_CODES = (
-    "[bold]Exit codes[/bold]: 0 the logs can be read, whatever identify would say; 2 wrong usage; 1 a log "
+    "[bold]Exit codes[/bold]: 0 the logs can be read, whatever identify would say. 2 wrong usage. 1 a log "
     "that cannot be read, or a file that cannot be written (the list is printed all the same)."
 )
 
@@ -252,8 +252,8 @@ def inspect(
 # -- Plan --
 
 PLAN_EXIT_CODES = (
-    "[bold]Exit codes[/bold]: 0 planned, and identified in most of its simulated flights; 3 planned, and not "
-    "identified in most of them: give it more time, height or speed; 2 wrong usage; 1 a file that cannot be "
+    "[bold]Exit codes[/bold]: 0 planned, and identified in most of its simulated flights. 3 planned, and not "
+    "identified in most of them: give it more time, height or speed. 2 wrong usage. 1 a file that cannot be "
     "read or written, or limits that no flight keeps.\n\n"
     "[bold]JSON[/bold] (schema eivor.plan/1): the setpoint in words, the limits, and for friction, gain and "
     "lag the half-width that is expected."

@@ -139,7 +139,7 @@ def check_rank(system: LinearSystem) -> None:
             f"equations of numerical rank below {system.matrix.shape[1]} (singular values {singular})",
             "An input that never moves carries no information, and a white one cannot be "
             "instrumented by strictly "
-            "delayed inputs: use generalized_iv with lag 0, other instruments, or an input with memory.",
+            "delayed inputs. Use generalized_iv with lag 0, other instruments, or an input with memory.",
         )
 
 
@@ -185,7 +185,7 @@ def weak_instruments(
         f"{strengths[weakest]:.2g}, and {STRONG_FIRST_STAGE:.0f} is needed (singular values of the scaled "
         f"equations: {', '.join(f'{value:.3g}' for value in singular)}).",
         "An input that hardly moves carries no information, and a white one is no instrument for itself "
-        "once delayed: use generalized_iv with lag 0, other instruments, or an input with memory. The sets "
+        "once delayed. Use generalized_iv with lag 0, other instruments, or an input with memory. The sets "
         "of eivor.anderson_rubin_set hold all the same.",
     )
     warnings.warn(f"{reason.sentence} {reason.remedy}", WeakInstrumentsWarning, stacklevel=user_level())

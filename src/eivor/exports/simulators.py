@@ -162,7 +162,7 @@ def _of_point(x: float, y: float) -> Float[np.ndarray, "3 3"]:
 ISAAC_LAB_QUANTILES = (0.025, 0.975)
 ISAAC_LAB_REMARKS = (
     "events are the parameters of a term of events beside its asset_cfg; thruster is what a ThrusterCfg "
-    "takes beside dt and thruster_names_expr, with the lag as it is: the approximation that it has by itself "
+    "takes beside dt and thruster_names_expr, with the lag as it is. The approximation that it has by itself "
     "would make the lag longer by dt.",
     "events and thruster are ranges of 95 % of the draws, for terms that draw each number by itself: they "
     "hold vehicles that the flight excludes. draws are the joint ones: set them where you can.",

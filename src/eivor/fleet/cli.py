@@ -74,9 +74,9 @@ FleetArgument = Annotated[
 @app.command(
     "run",
     cls=ReadableCommand,
-    epilog="[bold]Exit codes[/bold]: 0 every log has a row, also those that could not be identified; 2 wrong "
-    "usage, such as a folder that was begun with other options; 1 no logs, a folder that cannot be read or "
-    "written, one on which another run works, or a cluster that was lost; 130 interrupted. Rows that were "
+    epilog="[bold]Exit codes[/bold]: 0 every log has a row, also those that could not be identified. 2 wrong "
+    "usage, such as a folder that was begun with other options. 1 no logs, a folder that cannot be read or "
+    "written, one on which another run works, or a cluster that was lost. 130 interrupted. Rows that were "
     "written are kept: the same command goes on.",
 )
 @guarded

@@ -218,7 +218,7 @@ class CommandClock:
         if self.looked:
             return (
                 "The command's stamps are uneven and some of its values repeat: the log holds what was in "
-                "force when the logger looked, and the command is taken from the line between stamps."
+                "force when the logger looked. The command is taken from the line between stamps."
             )
         if self.is_known:
             return (

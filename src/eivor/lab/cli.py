@@ -289,8 +289,8 @@ def simulate(
 ) -> ExitCode:
     """Simulate motion with known parameters into a log.
 
-    The scenario 'flight', and a file with kind = "flight", give a log as an autopilot keeps it: 100 Hz,
-    commands that the rotors follow with a lag, and the altitude that was requested.
+    The scenario 'flight', and a file with kind = "flight", give a log as an autopilot keeps it. It has
+    100 Hz, commands that the rotors follow with a lag, and the altitude that was requested.
 
     'crazyflie' and 'quadrotor', and a file with kind = "rigid-body", fly all axes of a vehicle: its log has
     body rates, attitude and the controller's setpoints too. What sensors log at several rates needs .parquet.
@@ -374,9 +374,9 @@ def _simulated(scenario: Simulated, seed: int, *, hover: bool) -> KnownLog:
 
 SCHEMA = "eivor.study/1"
 STUDY_EXIT_CODES = (
-    "[bold]Exit codes[/bold]: 0 the study is complete; 2 wrong usage, such as a folder that holds another "
-    "study; 1 a study that cannot be read, a file that cannot be written, a worker that was lost, or no "
-    "estimate in any trial; 130 interrupted. Complete trials are kept: the same command goes on."
+    "[bold]Exit codes[/bold]: 0 the study is complete. 2 wrong usage, such as a folder that holds another "
+    "study. 1 a study that cannot be read, a file that cannot be written, a worker that was lost, or no "
+    "estimate in any trial. 130 interrupted. Complete trials are kept: the same command goes on."
 )
 
 

@@ -447,7 +447,9 @@ def _log_size(file: Path) -> int:
     if not stat.S_ISREG(status.st_mode):
         kind = "a directory" if stat.S_ISDIR(status.st_mode) else "not a regular file"
         expected = "the path of a log file"
-        raise InputError(expected, f"'{file}', which is {kind}", "Give the file itself, one log at a time.")
+        raise InputError(
+            expected, f"'{file}', which is {kind}", "Give the file itself; eivor fleet run takes folders."
+        )
     return status.st_size
 
 

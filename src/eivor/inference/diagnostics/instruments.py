@@ -260,7 +260,7 @@ class FirstStageTest(Diagnostic):
             yield Reason(
                 Status.WEAK,
                 f"The instruments hardly move the regressor of {of.names[j]} once the others are accounted "
-                f"for: effective F is {self.effective[j]:.3g}, and {needed[j]:.3g} is needed for "
+                f"for. Effective F is {self.effective[j]:.3g}, and {needed[j]:.3g} is needed for "
                 "a bias below a tenth of its worst.",
                 remedy,
             )

@@ -151,9 +151,10 @@ TO_LOG = {
     "cos_tilt": "stateEstimate.qw, .qx, .qy and .qz",
 }
 _ADVICE = (
-    "Name these variables below 'on:fixedFrequency' in config.txt on the card: stateEstimate.z, .vz and .az, "
-    "stateEstimate.qw, .qx, .qy and .qz, ctrltarget.z, .vz and .az, motor.m1 to .m4, acc.x, .y and .z, "
-    "gyro.x, .y and .z, pm.vbat, each with its group and on a line of its own.",
+    "Name these variables below 'on:fixedFrequency' in config.txt on the card, each with its group and on a "
+    "line of its own. Of the estimate and the reference: stateEstimate.z, .vz and .az, "
+    "stateEstimate.qw, .qx, .qy and .qz, ctrltarget.z, .vz and .az. Of motors and sensors: motor.m1 to .m4, "
+    "acc.x, .y and .z, gyro.x, .y and .z, pm.vbat.",
     "Log at 250 Hz or more, synchronous with the stabilizer (mode 1), with a buffer of 4096 bytes or more, "
     "and end the logging before the power goes (usd.logging = 0).",
     "Fly height steps with the position controller, so that ctrltarget.z changes: a hover cannot be "

@@ -240,7 +240,7 @@ def disagreement(
         return ""
     return (
         f"The thrust by the motors' pulse widths is {slope:.2f} times the throttle's changes, and "
-        f"{offset:+.2f} off it: the range {known.low:g} to {known.high:g} us ({known.names}), MOT_SPIN_MIN, "
+        f"{offset:+.2f} off it. The range {known.low:g} to {known.high:g} us ({known.names}), MOT_SPIN_MIN, "
         "MOT_SPIN_MAX or MOT_THST_EXPO are not those of the flight."
     )
 
@@ -268,7 +268,7 @@ def add_outputs(reading: MessageReading) -> None:
     if known is None:
         sentence = (
             "RCOU holds pulse widths in microseconds, and no parameter gives their range (MOT_PWM_MIN and "
-            "MOT_PWM_MAX, or RC3_MIN and RC3_MAX): they stay as they are, and no input map fits an offset."
+            "MOT_PWM_MAX, or RC3_MIN and RC3_MAX). They stay as they are, and no input map fits an offset."
         )
         reading.findings.append(Finding("pulse_range_unknown", sentence))
         return

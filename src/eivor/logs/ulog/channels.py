@@ -247,7 +247,7 @@ def as_shares(
     if len(known) < len(ranges):
         sentence = (
             f"{PULSES_TOPIC} holds pulse widths in microseconds, and no parameter gives their range "
-            f"({group}_MIN1 and {group}_MAX1, or PWM_MIN and PWM_MAX): they stay as they are, and no input "
+            f"({group}_MIN1 and {group}_MAX1, or PWM_MIN and PWM_MAX). They stay as they are, and no input "
             "map fits an offset."
         )
         return dict(widths), Finding("pulse_range_unknown", sentence)

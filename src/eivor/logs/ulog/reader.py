@@ -178,9 +178,10 @@ def _topic_sentence(entry: TopicLogging) -> str:
 
 
 _PX4_ADVICE = (
-    "Set SDLOG_PROFILE to 25: bit 0 (default set), bit 3 (system identification: accelerations, rates and "
-    "motor commands at full rate) and bit 4 (high rate: thrust setpoint, attitude and stick at full rate).",
-    "No profile bit raises the rate of the position estimate and of its setpoints above 10 Hz: copy "
+    "Set SDLOG_PROFILE to 25. Bit 0 is the default set; bit 3 is system identification (accelerations, rates "
+    "and motor commands at full rate). Bit 4 is high rate (thrust setpoint, attitude and stick "
+    "at full rate).",
+    "No profile bit raises the rate of the position estimate and of its setpoints above 10 Hz. Copy "
     "etc/logging/logger_topics.txt onto the card, with the topics of the profile and the lines "
     + ", ".join(f"'{line}'" for line in EXTRA_TOPIC_LINES)
     + " (topic, interval in ms). That file replaces the profile.",

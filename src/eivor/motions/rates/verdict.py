@@ -278,7 +278,7 @@ _MANOEUVRES = (
     "Calm air, at least 3 m above the ground, a mode in which the sticks set the attitude "
     "(stabilized or altitude).",
     "60 s of roll and pitch steps of about 15°, to and fro, one every second or two at uneven times, "
-    "each axis by itself; a few turns of yaw; and for the thrust gain steps of height.",
+    "each axis by itself. A few turns of yaw, and for the thrust gain steps of height.",
     "Or the autopilot's identification mode, which injects a sweep.",
 )
 

@@ -361,7 +361,7 @@ def _of_lengths(combinations: Combinations, known: KnownVehicle, level: float) -
                 yield (
                     f"With the rotors' distances as supplied the inertia in {turning} would be "
                     f"{ratio.value:.3g} times that of the whole mass at the rotors, where vehicles have "
-                    f"{GYRATION[0]:g} to {GYRATION[1]:g}: check their unit, and the thrust map."
+                    f"{GYRATION[0]:g} to {GYRATION[1]:g}. Check their unit, and the thrust map."
                 )
 
 

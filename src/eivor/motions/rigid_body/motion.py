@@ -289,7 +289,7 @@ WORDS = Words(
 _MANOEUVRES = (
     "Calm air, at least 3 m above the ground.",
     "60 s: steps of roll and pitch of about 15°, of yaw of about 45°, and of height of 1 m, at uneven times, "
-    "each by itself and some together; a few fast straight legs along the body's axes.",
+    "each by itself and some together. A few fast straight legs along the body's axes.",
 )
 
 

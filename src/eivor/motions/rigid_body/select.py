@@ -220,7 +220,7 @@ def _findings(forces: dict[str, Channel | None], moving: bool) -> Iterator[Findi
         yield Finding(
             "no_body_velocity",
             "Velocity or attitude is not logged: no result for drag along x and y and of "
-            "translational lift; drag along z rests on the accelerometer's integral over less than 5 s.",
+            "translational lift. Drag along z rests on the accelerometer's integral over less than 5 s.",
         )
     absent = [name.removeprefix("force_") for name, channel in forces.items() if channel is None]
     if absent:

@@ -148,7 +148,7 @@ WORDS = Words(
 
 _MANOEUVRES = (
     "Calm air, at least 3 m above the ground, position (or altitude) mode, tilt below 20°.",
-    "60 s of height steps of 2 m, up and down, a new one every 3 to 6 s at uneven times; or a sweep of the "
+    "60 s of height steps of 2 m, up and down, a new one every 3 to 6 s at uneven times. Or a sweep of the "
     "height setpoint of ±1 m from 0.1 to 0.5 Hz. Climb and descend at about 2 m/s.",
     "Fly it two or three times and give all the logs: eivor identify LOG1 LOG2 LOG3 pools them.",
 )
