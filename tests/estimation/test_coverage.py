@@ -11,7 +11,7 @@ from scipy import stats
 
 import eivor as ev
 
-TRUTH = np.array([0.3, 0.02])
+TRUTH = (0.3, 0.02)
 MOTION = ev.VerticalMotion(intercept=False)
 INSTRUMENTS = ev.lags("input", 0, 10)
 SCENARIO = ev.Scenario(

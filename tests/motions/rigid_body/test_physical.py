@@ -306,7 +306,7 @@ def test_lengths_in_another_unit_are_told():
     values = combinations_of(QUADROTOR)
     values |= {name: 1e-3 * values[name] for name in ("roll_gain", "pitch_gain")}
     contradictions = physical_parameters(exact(values), wrong).contradictions
-    assert any("check their unit" in contradiction for contradiction in contradictions)
+    assert any("Check their unit" in contradiction for contradiction in contradictions)
 
 
 @pytest.mark.thorough
