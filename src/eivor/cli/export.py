@@ -22,6 +22,7 @@ from eivor.cli.outputs import (
     complain,
     guarded,
     option,
+    write,
     write_out,
     writing,
 )
@@ -121,6 +122,8 @@ def export(
         if draws is None or to:
             made = result.exported(to, given, draws, seed)
             write_out(made.text, output)
+            if output != STANDARD_OUTPUT:
+                write(f"{output}: {to}\n")
             omitted = made.omitted
         else:
             omitted = _draw_vehicles(result, draws, seed, given, Path(output), delays)

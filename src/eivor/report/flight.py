@@ -732,7 +732,7 @@ def card_section(card: tuple[CardSection, ...]) -> Iterator[Section]:
 def _facts(record: FlightReport) -> Facts:
     result = record.result
     with_what = "no instruments" if result.instruments == "none" else f"instruments: {result.instruments}"
-    summary = (Fact("identified", record.summary),) if record.summary else ()
+    summary = (Fact("summary", record.summary),) if record.summary else ()
     return Facts(
         (
             *summary,

@@ -744,7 +744,7 @@ def _displayed(section: Section, result: FlightEstimate) -> Section:
 def _without_summary(part: Part) -> Part:
     if not isinstance(part, Facts):
         return part
-    return Facts(tuple(fact for fact in part.facts if fact.label != "identified"))
+    return Facts(tuple(fact for fact in part.facts if fact.label != "summary"))
 
 
 def _provenance(written: Mapping[str, Any]) -> tuple[Section, Facts]:
