@@ -17,7 +17,7 @@ import polars as pl
 
 from eivor.atomic_file import folder_lock
 from eivor.errors import InputError
-from eivor.fleet.logs import Log, LogList, LogsFound
+from eivor.fleet.logs import PAGE_LOGS, Log, LogList, LogsFound
 from eivor.fleet.table import (
     COPY,
     FAILED,
@@ -268,9 +268,17 @@ class _Run:
         return FleetRun(total, before, +verdicts, others, unread, there.height - rows)
 
     def _hashed(self, logs: LogList) -> pl.DataFrame:
+        """The list with the hash of each log, or why it cannot be opened; no second list is made."""
         executor = self.executor if self.shared else InProcess()
+        hashes: list[str | None] = [None] * len(logs)
+        problems = [""] * len(logs)
         with closing(executor.map(all_hashed, logs.pages())) as results:
-            return LogList.of(log for _, page in results for log in page).table
+            for number, page in results:
+                for index, log in enumerate(page, start=number * PAGE_LOGS):
+                    hashes[index], problems[index] = log.sha256 or None, log.problem
+        return logs.table.with_columns(
+            pl.Series("sha256", hashes, dtype=pl.String), pl.Series("problem", problems, dtype=pl.String)
+        )
 
     def _mapped(self, shard: Shard, logs: pl.DataFrame, size: int | None = None) -> Iterable[int]:
         size = size or min(MOST_LOGS, max(1, logs.height // TASKS))
