@@ -384,7 +384,7 @@ def problem_of(seed, first=0, last=6):
 
 
 def parameter(estimate):
-    return estimate.best.solution.shrinkage.parameter
+    return estimate.solution.shrinkage.parameter
 
 
 def test_rows_are_the_equations_of_a_direct_method():
@@ -393,10 +393,8 @@ def test_rows_are_the_equations_of_a_direct_method():
     whole = RegularisedLeastSquares().solve(LinearSystem(rows.regressors, rows.response))
     result = ev.identify(rows, M.regularised(M.least_squares()))
     assert parameter(result) == whole.shrinkage.parameter
-    np.testing.assert_allclose(result.best.theta, whole.theta, rtol=1e-9)
-    uncounted = RegularisedLeastSquares().solve(
-        LinearSystem(result.best.system.matrix, result.best.system.right)
-    )
+    np.testing.assert_allclose(result.theta, whole.theta, rtol=1e-9)
+    uncounted = RegularisedLeastSquares().solve(LinearSystem(result.system.matrix, result.system.right))
     assert uncounted.shrinkage.parameter != whole.shrinkage.parameter
 
 
@@ -435,7 +433,7 @@ def test_nothing_is_changed_by_a_parameter_of_zero(name):
     method, made = getattr(M, name)(), problem_of(4)
     plain = ev.identify(made, method)
     result = ev.identify(made, M.regularised(method, parameter=0.0))
-    np.testing.assert_allclose(result.best.values, plain.best.values, rtol=1e-9)
+    np.testing.assert_allclose(result.values, plain.values, rtol=1e-9)
     np.testing.assert_allclose(result.covariance, plain.covariance, rtol=1e-7)
     assert result.status is plain.status
     assert result.method == f"{name}_tikhonov"
@@ -449,8 +447,8 @@ def test_intervals_count_the_whole_move(name):
     method, made = getattr(M, name)(), problem_of(5)
     plain = ev.identify(made, method)
     result = ev.identify(made, M.regularised(method, parameter=0.3))
-    move = result.best.values - plain.best.values
-    np.testing.assert_allclose(result.best.solution.shrinkage.shift, move, rtol=1e-6)
+    move = result.values - plain.values
+    np.testing.assert_allclose(result.solution.shrinkage.shift, move, rtol=1e-6)
     left = np.diag(result.covariance) - move**2
     assert (left > 0.5 * np.diag(plain.covariance)).all()
     assert result.status is Status.WEAK
@@ -469,7 +467,7 @@ def test_intervals_cover_although_the_estimate_is_biased():
         covariance = covariance.with_covariance(ev.covariances.Classical())
         low, high = covariance.interval("theta_2")
         covered += low <= 2.0 <= high
-        error = covariance.std_error("theta_2") ** 2 - covariance.best.solution.shrinkage.shift[1] ** 2
+        error = covariance.std_error("theta_2") ** 2 - covariance.solution.shrinkage.shift[1] ** 2
         narrow += abs(covariance.parameters["theta_2"] - 2.0) <= 1.96 * np.sqrt(error)
     assert narrow < 0.85 * runs
     assert covered > 0.91 * runs
@@ -480,13 +478,11 @@ def test_towards_the_estimate_of_another_method():
     made, least = problem_of(7), M.least_squares()
     result = ev.identify(made, M.regularised(M.generalized_iv(), parameter=1e9, towards=least))
     wanted = ev.identify(made, least)
-    np.testing.assert_allclose(result.best.values, wanted.best.values, rtol=1e-6)
+    np.testing.assert_allclose(result.values, wanted.values, rtol=1e-6)
     assert result.status is Status.WEAK
-    given = M.regularised(M.generalized_iv(), parameter=0.5, towards=wanted.best.theta)
+    given = M.regularised(M.generalized_iv(), parameter=0.5, towards=wanted.theta)
     named = M.regularised(M.generalized_iv(), parameter=0.5, towards=least)
-    np.testing.assert_allclose(
-        ev.identify(made, given).best.values, ev.identify(made, named).best.values, rtol=1e-12
-    )
+    np.testing.assert_allclose(ev.identify(made, given).values, ev.identify(made, named).values, rtol=1e-12)
     assert named.needs_instruments
 
 
@@ -497,7 +493,7 @@ def test_chunks_are_the_whole_record():
         parts = ev.identify_chunks(
             lambda: chunks_of(record, [90, 200]), model=MOTION, method=method, instruments=columns
         )
-        np.testing.assert_allclose(parts.best.values, whole.best.values, rtol=1e-9)
+        np.testing.assert_allclose(parts.values, whole.values, rtol=1e-9)
         assert parts.interval("input_gain") == pytest.approx(whole.interval("input_gain"), rel=1e-6)
 
 
@@ -507,8 +503,8 @@ def test_a_nuisance_beside_it_is_not_moved():
     result = ev.identify(made, M.regularised(M.least_squares(), parameter=1e-3))
     assert result.names == ("friction", "gain", "actuator_lag")
     assert "it moved friction by" in result.reasons[-1].sentence
-    move = result.best.equation.move
-    np.testing.assert_array_equal(move, np.append(result.best.solution.shrinkage.shift, 0.0))
+    move = result.equation.move
+    np.testing.assert_array_equal(move, np.append(result.solution.shrinkage.shift, 0.0))
 
 
 def test_what_cannot_be_regularised_is_refused():

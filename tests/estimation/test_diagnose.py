@@ -77,7 +77,7 @@ def test_folded_products_are_those_of_rows(lags):
         instruments=rows.instruments,
         instrument_noise_covariance=noise,
     )
-    folded, plain = (record_of(ev.identify(each, method).best) for each in (cut, arrays))
+    folded, plain = (record_of(ev.identify(each, method)) for each in (cut, arrays))
     assert folded.products.counts.size == plain.products.counts.size == 128
     assert folded.products.count == plain.products.count == rows.response.size
     np.testing.assert_allclose(folded.residual, plain.residual, atol=1e-10)
@@ -94,7 +94,7 @@ def test_folded_products_are_those_of_rows(lags):
 def test_blocks_of_folded_products_are_their_rows():
     made = signals(1, FOLDED_FROM + 1237)
     cut = problem(made)
-    solved = ev.identify(cut, ev.methods.generalized_iv()).best
+    solved = ev.identify(cut, ev.methods.generalized_iv())
     record = record_of(solved)
     rows = cut.rows()
     Z = np.column_stack(
@@ -133,8 +133,8 @@ def estimate_of(method, made):
 def test_every_method_s_scores_are_its_own(method):
     """Scores in blocks add up to those of the estimating equation, with its sensitivity."""
     fit = estimate_of(method, signals(2))
-    record = record_of(fit.best)
-    equation = fit.best.equation
+    record = record_of(fit)
+    equation = fit.equation
     edges = np.concatenate([[0], np.cumsum(record.products.counts)]).astype(int)
     scale = np.abs(equation.scores).sum()
     np.testing.assert_allclose(
@@ -171,19 +171,19 @@ def test_leverage_of_a_direct_method_is_that_of_leaving_rows_out():
     made = signals(4, 1280)
     fit = ev.identify(problem(made), ev.methods.least_squares())
     diagnose = ev.diagnose(fit)
-    rows = fit.best.rows
+    rows = fit.rows
     for k, (first, end) in enumerate(diagnose.segments):
         rest = np.ones(rows.response.size, dtype=bool)
         rest[first:end] = False
         again = np.linalg.lstsq(rows.regressors[rest], rows.response[rest], rcond=None)[0]
-        np.testing.assert_allclose(diagnose.leverage.shift[k], again - fit.best.theta, rtol=1e-6, atol=1e-12)
+        np.testing.assert_allclose(diagnose.leverage.shift[k], again - fit.theta, rtol=1e-6, atol=1e-12)
 
 
 def test_samples_without_history_are_left_out():
     valid = np.ones(3000, dtype=bool)
     valid[1000:1100] = False
     result = diagnosed(signals(5, 3000, valid=valid))
-    assert result.segments[-1][1] == result.estimate.best.rows.response.size
+    assert result.segments[-1][1] == result.estimate.rows.response.size
     assert result.over_identification.p_value > 1e-4
 
 
@@ -191,15 +191,15 @@ def test_samples_without_history_are_left_out():
 def test_frequency_rows_have_their_own_degrees_of_freedom():
     """Not those of the samples, of which there are ten times as many in a band of 5 Hz at 100 Hz."""
     fit = ev.identify(flight_problem(*flights(2, seconds=40.0, noise=Noise())), ev.methods.reference_iv())
-    diagnose, rows = ev.diagnose(fit), fit.best.rows
-    weights = record_of(fit.best).weights
+    diagnose, rows = ev.diagnose(fit), fit.rows
+    weights = record_of(fit).weights
     products = equation_products(
         instruments=rows.instruments,
-        jacobian=np.column_stack([rows.regressors, fit.best.nuisance_columns]),
+        jacobian=np.column_stack([rows.regressors, fit.nuisance_columns]),
         residual=fit.residuals,
         blocks=100,
     )
-    np.testing.assert_allclose(diagnose.first_stage.conditional, fit.best.first_stage, rtol=1e-6)
+    np.testing.assert_allclose(diagnose.first_stage.conditional, fit.first_stage, rtol=1e-6)
     direct = strength(products)
     assert diagnose.first_stage.cragg_donald == pytest.approx(direct.cragg_donald, rel=1e-6)
     np.testing.assert_allclose(diagnose.first_stage.shea_r_squared, direct.shea_r_squared, rtol=1e-6)
@@ -215,8 +215,8 @@ def test_frequency_rows_are_diagnosed_in_time():
     diagnose = ev.diagnose(fit)
     assert diagnose.names == fit.names
     assert len(diagnose.names) == 3
-    products = record_of(fit.best)
-    equation = fit.best.equation
+    products = record_of(fit)
+    equation = fit.equation
     # by Parseval the products in time add up to those of the bins
     np.testing.assert_allclose(
         products.sensitivities.sum(axis=0),
@@ -271,9 +271,7 @@ def test_noise_in_the_input_makes_least_squares_biased_and_that_is_told():
     assert any("Least squares would be biased" in reason.sentence for reason in result.reasons)
     fit = result.estimate
     least_squares = ev.identify(problem(signals(8, 20_000)), ev.methods.least_squares())
-    np.testing.assert_allclose(
-        result.endogeneity.difference, fit.best.theta - least_squares.best.theta, rtol=1e-6
-    )
+    np.testing.assert_allclose(result.endogeneity.difference, fit.theta - least_squares.theta, rtol=1e-6)
 
 
 DIRECT = [
@@ -400,12 +398,10 @@ def test_short_records_say_less():
 
 def test_moments_alone_cannot_be_diagnosed():
     fit = ev.identify(problem(signals(14)), ev.methods.generalized_iv())
-    moments_only = replace(fit.best, problem=None)
-    without = replace(fit, candidates=(moments_only,))
     with pytest.raises(
         EstimationError, match="Expected an estimate with its rows available, for diagnostics"
     ):
-        ev.diagnose(without)
+        ev.diagnose(replace(fit, problem=None))
 
 
 def test_a_diagnostic_that_there_is_not():

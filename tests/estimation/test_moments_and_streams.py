@@ -312,8 +312,8 @@ def test_it_widens_the_interval_of_an_order():
     problem = ev.VerticalMotion(intercept=False).regression(signals, ev.lags("input", 0, 10))
     reported = ev.identify(problem, ev.methods.generalized_iv_unknown_noise(orders=("velocity_z",)))
     index = reported.names.index("noise_order_velocity_z")
-    errors = {part.name: part.matrix[index, index] ** 0.5 for part in reported.best.covariance.parts}
+    errors = {part.name: part.matrix[index, index] ** 0.5 for part in reported.joint_covariance.parts}
     assert errors["of_long_memory"] > 1.2 * errors["of_normal_series"]
     assert reported.std_error("noise_order_velocity_z") >= errors["of_long_memory"]
     white = ev.identify(problem, ev.methods.generalized_iv_unknown_noise())
-    assert "of_long_memory" not in {part.name for part in white.best.covariance.parts}
+    assert "of_long_memory" not in {part.name for part in white.joint_covariance.parts}

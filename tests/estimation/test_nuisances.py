@@ -79,8 +79,8 @@ def named(method: LinearMethod) -> str:
 def test_two_nuisances_are_found_exactly_without_noise(method):
     fit = ev.identify(problem(lag(), share(), noise=0.0), method)
     assert fit.names == ("friction", "gain", "actuator_lag", "curve_share")
-    np.testing.assert_allclose(fit.best.values, TRUTH, rtol=1e-3)
-    assert fit.best.nuisances == {"actuator_lag": fit.best.values[2], "curve_share": fit.best.values[3]}
+    np.testing.assert_allclose(fit.values, TRUTH, rtol=1e-3)
+    assert fit.nuisances == {"actuator_lag": fit.values[2], "curve_share": fit.values[3]}
 
 
 @pytest.mark.usefixtures("unchecked_shapes")
@@ -93,8 +93,8 @@ def test_two_nuisances_are_joint_nonlinear_least_squares():
     variance = float(joint.fun @ joint.fun) / (joint.fun.size - 4)
     wanted = variance * np.linalg.inv(joint.jac.T @ joint.jac)
     errors = np.sqrt(np.diag(wanted))
-    np.testing.assert_allclose(fit.best.values, joint.x, atol=1e-3 * errors.min(), rtol=1e-5)
-    matrix = fit.best.covariance.part("classical").matrix
+    np.testing.assert_allclose(fit.values, joint.x, atol=1e-3 * errors.min(), rtol=1e-5)
+    matrix = fit.joint_covariance.part("classical").matrix
     np.testing.assert_allclose(
         matrix / np.outer(errors, errors), wanted / np.outer(errors, errors), atol=2e-3
     )
@@ -126,11 +126,11 @@ def test_profiles_are_the_least_over_the_others():
             for tau in nuisances[0].grid
         ]
     )
-    for axis, (profile, nuisance) in enumerate(zip(fit.best.profiles, nuisances, strict=True)):
+    for axis, (profile, nuisance) in enumerate(zip(fit.profiles, nuisances, strict=True)):
         assert profile.nuisance is nuisance
         np.testing.assert_array_equal(profile.grid, nuisance.grid)
         np.testing.assert_allclose(profile.objective, table.min(axis=1 - axis), rtol=1e-12)
-    assert fit.best.solution.objective < table.min()
+    assert fit.solution.objective < table.min()
 
 
 @pytest.mark.usefixtures("unchecked_shapes")
@@ -148,7 +148,7 @@ def test_products_of_grids_stay_small_and_keep_their_ends(count):
 def test_a_minimum_at_the_end_of_a_grid_stays_there():
     fit = ev.identify(problem(lag(), share(grid=np.linspace(0.0, 0.2, 6))), least_squares())
     assert fit.parameters["curve_share"] == pytest.approx(0.2, abs=1e-4)
-    assert fit.best.nuisances["curve_share"] <= 0.2
+    assert fit.nuisances["curve_share"] <= 0.2
 
 
 RUNS = 300
@@ -166,9 +166,9 @@ def spread() -> list[Estimate]:
 @pytest.mark.parametrize("number", range(4))
 def test_intervals_of_two_nuisances_cover(spread, number):
     direction = np.eye(4)[number]
-    away = np.array([fit.best.values[number] - TRUTH[number] for fit in spread])
+    away = np.array([fit.values[number] - TRUTH[number] for fit in spread])
     errors = np.array(
-        [np.sqrt(direction @ fit.best.covariance.part("classical").matrix @ direction) for fit in spread]
+        [np.sqrt(direction @ fit.joint_covariance.part("classical").matrix @ direction) for fit in spread]
     )
     covered = int((np.abs(away) <= 1.96 * errors).sum())
     assert stats.binom.ppf(1e-4, RUNS, 0.95) <= covered <= stats.binom.ppf(1.0 - 1e-4, RUNS, 0.95)
@@ -178,9 +178,9 @@ def test_intervals_of_two_nuisances_cover(spread, number):
 @pytest.mark.calibration
 def test_estimates_of_two_nuisances_scatter_by_their_joint_covariance(spread):
     squared = [
-        d @ np.linalg.solve(fit.best.covariance.part("classical").matrix, d)
+        d @ np.linalg.solve(fit.joint_covariance.part("classical").matrix, d)
         for fit in spread
-        for d in [fit.best.values - TRUTH]
+        for d in [fit.values - TRUTH]
     ]
     low, high = stats.chi2(4 * RUNS).ppf([1e-4, 1.0 - 1e-4])
     assert low < np.sum(squared) < high
@@ -194,24 +194,22 @@ def test_estimates_of_two_nuisances_scatter_by_their_joint_covariance(spread):
 def test_a_prior_that_says_nothing_changes_nothing(method):
     plain = ev.identify(problem(lag(), KNOWN_SHARE), method)
     vague = ev.identify(problem(lag(prior=Prior(0.3, 1e5)), KNOWN_SHARE), method)
-    np.testing.assert_allclose(vague.best.values, plain.best.values, rtol=1e-5)
-    for part, other in zip(vague.best.covariance.parts, plain.best.covariance.parts, strict=True):
+    np.testing.assert_allclose(vague.values, plain.values, rtol=1e-5)
+    for part, other in zip(vague.joint_covariance.parts, plain.joint_covariance.parts, strict=True):
         np.testing.assert_allclose(part.matrix, other.matrix, rtol=1e-4, atol=0.0)
     if method.needs_instruments:
         # One equation more, which any value of the lag meets.
-        J, p_value = vague.best.over_identification
-        assert pytest.approx(plain.best.over_identification[0], rel=1e-4, abs=1e-6) == J
-        degrees = vague.best.rank + 1 - 3
+        J, p_value = vague.over_identification
+        assert pytest.approx(plain.over_identification[0], rel=1e-4, abs=1e-6) == J
+        degrees = vague.rank + 1 - 3
         assert p_value == pytest.approx(stats.chi2(degrees).sf(J), rel=1e-6)
 
 
 def pseudo_observed(made, method, prior):
     """Joint minimum with the prior as one more row, and the covariance of that; s^2 is that of the rows."""
     fit = ev.identify(made, method)
-    rows = made.rows(fit.best.nuisances)
-    variance = float(np.sum((rows.response - rows.regressors @ fit.best.theta) ** 2)) / (
-        rows.response.size - 3
-    )
+    rows = made.rows(fit.nuisances)
+    variance = float(np.sum((rows.response - rows.regressors @ fit.theta) ** 2)) / (rows.response.size - 3)
     Q = np.eye(rows.response.size) if method.name == "least_squares" else np.linalg.qr(rows.instruments)[0]
 
     def stacked(x):
@@ -231,13 +229,13 @@ def test_a_prior_is_a_pseudo_observation(method, prior):
     made = problem(lag(prior=prior), KNOWN_SHARE, noise=0.2, hertz=HERTZ[:2])
     fit, values, covariance = pseudo_observed(made, method, prior)
     errors = np.sqrt(np.diag(covariance))
-    np.testing.assert_allclose(fit.best.values / errors, values / errors, atol=2e-3)
-    matrix = fit.best.covariance.part("classical").matrix
+    np.testing.assert_allclose(fit.values / errors, values / errors, atol=2e-3)
+    matrix = fit.joint_covariance.part("classical").matrix
     np.testing.assert_allclose(
         matrix / np.outer(errors, errors), covariance / np.outer(errors, errors), atol=2e-3
     )
     plain = ev.identify(problem(lag(), KNOWN_SHARE, noise=0.2, hertz=HERTZ[:2]), method)
-    part = plain.best.covariance.part("classical").matrix
+    part = plain.joint_covariance.part("classical").matrix
     assert matrix[2, 2] < min(part[2, 2], prior.std**2)
 
 
@@ -247,10 +245,10 @@ def test_a_prior_decides_where_the_data_say_little(method):
     """An input that is slower than any lag tells none."""
     slow, prior = {"hertz": (0.05, 0.11), "noise": 5.0}, Prior(0.06, 0.004)
     alone = ev.identify(problem(lag(), KNOWN_SHARE, **slow), method)
-    assert alone.best.covariance.part("classical").matrix[2, 2] > 25.0 * prior.std**2
+    assert alone.joint_covariance.part("classical").matrix[2, 2] > 25.0 * prior.std**2
     fit = ev.identify(problem(lag(prior=prior), KNOWN_SHARE, **slow), method)
     assert fit.parameters["actuator_lag"] == pytest.approx(prior.mean, abs=0.2 * prior.std)
-    for part in fit.best.covariance.parts:
+    for part in fit.joint_covariance.parts:
         assert np.sqrt(part.matrix[2, 2]) == pytest.approx(prior.std, rel=0.1)
 
 
@@ -263,10 +261,10 @@ def test_priors_of_two_nuisances_are_searched_together(method):
     plain = ev.identify(problem(lag(grid=FEW_LAGS), share(grid=FEW_SHARES), noise=0.2), method)
     fit = ev.identify(made, method)
     for number, prior in ((2, priors[0]), (3, priors[1])):
-        error = np.sqrt(fit.best.covariance.part("classical").matrix[number, number])
-        before = np.sqrt(plain.best.covariance.part("classical").matrix[number, number])
+        error = np.sqrt(fit.joint_covariance.part("classical").matrix[number, number])
+        before = np.sqrt(plain.joint_covariance.part("classical").matrix[number, number])
         assert error < min(prior.std, before)
-        assert abs(fit.best.values[number] - prior.mean) < 3.0 * prior.std
+        assert abs(fit.values[number] - prior.mean) < 3.0 * prior.std
 
 
 @pytest.mark.usefixtures("unchecked_shapes")
@@ -284,8 +282,8 @@ def test_intervals_with_a_prior_cover(method):
         prior = Prior(LAG_S + std * rng.standard_normal(), std)
         made = problem(lag(grid=FEW_LAGS, prior=prior), KNOWN_SHARE, seed=seed, noise=1.0)
         fit = ev.identify(made, method)
-        away.append(fit.best.values - TRUTH[:3])
-        errors.append(np.sqrt(np.diag(fit.best.covariance.part("classical").matrix)))
+        away.append(fit.values - TRUTH[:3])
+        errors.append(np.sqrt(np.diag(fit.joint_covariance.part("classical").matrix)))
     assert 0.3 * std < np.median(errors, axis=0)[2] < 0.9 * std
     covered = (np.abs(away) <= 1.96 * np.array(errors)).sum(axis=0)
     # The whitening is estimated from the same data, which costs a little.
@@ -318,9 +316,9 @@ def test_a_prior_of_a_sum_is_one_of_each_part_at_the_other(method):
     for candidate in both.candidates:
         fixed = candidate.nuisances[CURVE_SHARE.name]
         current = lag(grid=FEW_LAGS, prior=Prior(0.45 - fixed, 0.004))
-        alone = ev.identify(problem(current, discrete.known_at(fixed), noise=0.5), method).best
+        alone = ev.identify(problem(current, discrete.known_at(fixed), noise=0.5), method)
         np.testing.assert_allclose(candidate.values, alone.values, rtol=1e-5)
-        np.testing.assert_allclose(candidate.covariance.matrix, alone.covariance.matrix, rtol=1e-4)
+        np.testing.assert_allclose(candidate.joint_covariance.matrix, alone.covariance, rtol=1e-4)
         assert candidate.criterion == pytest.approx(alone.criterion, rel=1e-5)
 
 
@@ -365,8 +363,8 @@ def test_discrete_nuisances_have_a_candidate_for_each_combination():
         (candidate.nuisances["actuator_lag"], candidate.nuisances["curve_share"])
         for candidate in fit.candidates
     ]
-    assert positions == [(tau, bend) for tau in lags.grid for bend in shares.grid]
-    assert fit.best.nuisances == {"actuator_lag": LAG_S, "curve_share": SHARE}
+    assert sorted(positions) == [(tau, bend) for tau in lags.grid for bend in shares.grid]
+    assert fit.nuisances == {"actuator_lag": LAG_S, "curve_share": SHARE}
     assert fit.names == ("friction", "gain")
     for item in fit.candidates:
         rows = problem(lags, shares).rows(item.nuisances)
@@ -399,14 +397,12 @@ def test_axes_without_a_parameter_in_common_are_as_if_alone():
     ]
     names = (*PARAMETERS, *(replace(p, name=f"{p.name}_2") for p in PARAMETERS))
     both = ev.identify(LaggedRuns(_separated(quiet, loud), names, nuisances), reference_iv())
-    rows = both.best.rows
+    rows = both.rows
     assert set(zip(rows.layout.axis_of_row, rows.layout.flight_of_row, strict=True)) == {(0, 0), (1, 0)}
-    np.testing.assert_allclose(
-        both.best.values, np.concatenate([fit.best.values for fit in alone]), rtol=1e-9
-    )
+    np.testing.assert_allclose(both.values, np.concatenate([fit.values for fit in alone]), rtol=1e-9)
     for number, fit in enumerate(alone):
         here = slice(2 * number, 2 * number + 2)
-        part, other = (f.best.covariance.part("equal_weighted_cosines").matrix for f in (both, fit))
+        part, other = (f.joint_covariance.part("equal_weighted_cosines").matrix for f in (both, fit))
         np.testing.assert_allclose(part[here, here], other, rtol=1e-8)
 
 
@@ -446,18 +442,18 @@ def test_one_axis_told_twice_is_no_more_than_once(method):
     nuisances = lag(), KNOWN_SHARE
     once = ev.identify(LaggedRuns((item,), PARAMETERS, nuisances), method)
     twice = ev.identify(LaggedRuns((item, replace(item, axis=1)), PARAMETERS, nuisances), method)
-    np.testing.assert_allclose(twice.best.values, once.best.values, rtol=1e-4)
-    result, wanted = (fit.best.covariance.part("equal_weighted_cosines").matrix for fit in (twice, once))
+    np.testing.assert_allclose(twice.values, once.values, rtol=1e-4)
+    result, wanted = (fit.joint_covariance.part("equal_weighted_cosines").matrix for fit in (twice, once))
     np.testing.assert_allclose(np.sqrt(np.diag(result)), np.sqrt(np.diag(wanted)), rtol=1e-3)
     other = columns(4, noise=0.3, axis=1)
     separated = ev.identify(LaggedRuns((item, other), PARAMETERS, nuisances), method)
-    assert separated.best.equation.sample_count == once.best.equation.sample_count
+    assert separated.equation.sample_count == once.equation.sample_count
 
 
 @pytest.mark.usefixtures("unchecked_shapes")
 def test_flights_of_one_axis_are_told_apart():
     pool = LaggedRuns((columns(5), columns(6, flight=1)), PARAMETERS, (lag(), KNOWN_SHARE))
-    for rows in (pool.rows(pool.first_values), ev.identify(pool, reference_iv()).best.rows):
+    for rows in (pool.rows(pool.first_values), ev.identify(pool, reference_iv()).rows):
         assert set(rows.layout.flight_of_row) == {0, 1}
         assert set(rows.layout.axis_of_row) == {0}
 
@@ -510,11 +506,11 @@ def test_what_is_no_problem_is_refused():
 @pytest.mark.parametrize("method", METHODS, ids=named)
 def test_an_estimate_survives_pickling(method):
     fit = ev.identify(problem(lag(), KNOWN_SHARE), method)
-    interval, criterion = fit.interval("actuator_lag"), fit.best.criterion
+    interval, criterion = fit.interval("actuator_lag"), fit.criterion
     again = pickle.loads(pickle.dumps(fit))  # noqa: S301 - made here
     assert again.interval("actuator_lag") == interval
-    assert again.best.criterion == criterion
-    assert DELAY.name not in again.best.nuisances
+    assert again.criterion == criterion
+    assert DELAY.name not in again.nuisances
 
 
 # -- Search in boxes: valleys, ends of grids, and functions without a least value --

@@ -355,7 +355,7 @@ class TestAgainstPeers:
         fit = ev.identify(problem_of(housing), ev.methods.extended_iv(ev.methods.TwoStepRobust(bandwidth=0)))
         for name, published in truth.STATA_GMM.items():
             assert fit.parameters[name] == pytest.approx(published, rel=1e-7)
-        J = problem_of(housing).response.size * fit.best.solution.objective
+        J = problem_of(housing).response.size * fit.solution.objective
         assert pytest.approx(truth.STATA_GMM_J, rel=1e-9) == J
 
 
@@ -508,7 +508,7 @@ def test_scores_have_what_the_noises_add_to_regressors_and_response():
     residual = problem.response - problem.regressors @ theta
     sums = problem.instruments.T @ residual + ROWS * (noise[:, :2] @ theta - noise[:, 2])
     np.testing.assert_allclose(sums, 0.0, atol=1e-9 * ROWS)
-    scores = fit.best.equation.scores
+    scores = fit.equation.scores
     np.testing.assert_allclose(scores.sum(axis=0), 0.0, atol=1e-9 * np.abs(scores).sum())
 
 

@@ -210,7 +210,7 @@ def test_effective_rows_are_twice_the_memory():
 
 
 def test_both_covariances_are_alike_for_white_errors_and_know_their_degrees():
-    parts = [after(record(6000, seed=seed)).estimate().best.covariance.parts for seed in range(30)]
+    parts = [after(record(6000, seed=seed)).estimate().joint_covariance.parts for seed in range(30)]
     cosines, blocks = (
         np.mean([np.diag(part.matrix) for part in each], axis=0) for each in zip(*parts, strict=True)
     )

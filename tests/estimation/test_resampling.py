@@ -338,8 +338,8 @@ def test_all_flights_once_give_the_estimate_again(nuisances):
     problem = pool([0, 1, 2, 3], *nuisances)
     estimate = ev.identify(problem, reference_iv())
     whole = pool_flights(problem, estimate).whole
-    assert (np.abs(joint(estimate, whole) - estimate.best.values) < 0.01 * errors(estimate)).all()
-    assert whole.nuisances == pytest.approx(estimate.best.nuisances, rel=1e-3)
+    assert (np.abs(joint(estimate, whole) - estimate.values) < 0.01 * errors(estimate)).all()
+    assert whole.nuisances == pytest.approx(estimate.nuisances, rel=1e-3)
     assert whole.criterion < 1e-2
 
 
@@ -349,7 +349,7 @@ def test_a_replicate_written_out():
     problem = pool([0, 1, 2, 3], KNOWN_LAG, KNOWN_SHARE)
     estimate = ev.identify(problem, reference_iv())
     result, times = pool_flights(problem, estimate).replicate(np.random.default_rng(7))
-    best = estimate.best
+    best = estimate
     rows = whitened_by_residuals(problem, best.theta, best.nuisances).rows(best.nuisances)
     misfit = rows.instruments.T @ (rows.response - rows.regressors @ best.theta)
     drawn = np.repeat(np.arange(rows.response.size), times[rows.layout.flight_of_row].astype(int))
@@ -376,9 +376,9 @@ def test_replicates_are_what_the_method_makes_of_the_drawn_flights(nuisances):
         result, times = again.replicate(random)
         drawn = [seed for seed, count in enumerate(times) for _ in range(int(count))]
         full = ev.identify(pool(drawn, *nuisances), reference_iv())
-        away = joint(estimate, result) - full.best.values
+        away = joint(estimate, result) - full.values
         assert (np.abs(away) < 0.25 * errors(estimate)).all()
-        moved.append(np.abs(joint(estimate, result) - estimate.best.values) / errors(estimate))
+        moved.append(np.abs(joint(estimate, result) - estimate.values) / errors(estimate))
     assert (np.max(moved, axis=0) > 0.3).all()
 
 
@@ -406,7 +406,7 @@ def test_what_is_known_of_a_sum_is_measured_again_at_each_other_part():
     again, random = pool_flights(problem, estimate), np.random.default_rng(2)
     ats = [again.replicate(random)[0].nuisances for _ in range(100)]
     sums = np.array([item["actuator_lag"] + item["curve_share"] for item in ats])
-    wanted = estimate.parameters["actuator_lag"] + estimate.best.nuisances["curve_share"]
+    wanted = estimate.parameters["actuator_lag"] + estimate.nuisances["curve_share"]
     assert sums.std() == pytest.approx(0.002, rel=0.25)
     assert sums.mean() == pytest.approx(wanted, abs=0.001)
 

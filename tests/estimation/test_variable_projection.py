@@ -54,12 +54,12 @@ def test_direct_search_is_joint_nonlinear_least_squares():
     joint = scipy.optimize.least_squares(
         lambda x: residual_at(flight, x), start, x_scale=start, xtol=1e-14, ftol=1e-14, gtol=1e-14
     )
-    np.testing.assert_allclose(fit.best.values, joint.x, rtol=1e-4)
+    np.testing.assert_allclose(fit.values, joint.x, rtol=1e-4)
     np.testing.assert_allclose(fit.residuals, joint.fun, atol=1e-4)
     # The white part of the joint covariance is that of nonlinear least squares.
     variance = float(joint.fun @ joint.fun) / (joint.fun.size - 3)
     wanted = variance * np.linalg.inv(joint.jac.T @ joint.jac)
-    np.testing.assert_allclose(fit.best.covariance.part("classical").matrix, wanted, rtol=2e-3)
+    np.testing.assert_allclose(fit.joint_covariance.part("classical").matrix, wanted, rtol=2e-3)
 
 
 def test_instrumental_search_is_the_joint_minimum_of_its_equations():
@@ -72,15 +72,15 @@ def test_instrumental_search_is_the_joint_minimum_of_its_equations():
     joint = scipy.optimize.least_squares(
         lambda x: Q.T @ residual_at(flight, x), start, x_scale=start, xtol=1e-14, ftol=1e-14, gtol=1e-14
     )
-    np.testing.assert_allclose(fit.best.values, joint.x, rtol=1e-3)
+    np.testing.assert_allclose(fit.values, joint.x, rtol=1e-3)
     # M^-1 P' s^2 P M^-T with G the joint Jacobian, P = QQ'G and M = P'G.
-    G = -scipy.optimize.approx_fprime(fit.best.values, lambda x: residual_at(flight, x), [1e-6, 1e-5, 1e-7])
+    G = -scipy.optimize.approx_fprime(fit.values, lambda x: residual_at(flight, x), [1e-6, 1e-5, 1e-7])
     P = Q @ (Q.T @ G)
     M = P.T @ G
-    e = residual_at(flight, fit.best.values)
+    e = residual_at(flight, fit.values)
     wanted = float(e @ e) / (e.size - 3) * np.linalg.inv(M) @ P.T @ P @ np.linalg.inv(M).T
-    np.testing.assert_allclose(fit.best.covariance.part("classical").matrix, wanted, rtol=5e-3)
-    assert fit.best.over_identification[0] == pytest.approx(
+    np.testing.assert_allclose(fit.joint_covariance.part("classical").matrix, wanted, rtol=5e-3)
+    assert fit.over_identification[0] == pytest.approx(
         float(np.sum((Q.T @ e) ** 2)) / (float(e @ e) / (e.size - 3)), rel=1e-3
     )
 
@@ -91,11 +91,11 @@ def test_instrumental_search_is_the_joint_minimum_of_its_equations():
 def test_intervals_include_the_uncertainty_of_the_lag(method):
     (flight,) = flights(1, seconds=20.0, noise=Noise(), seed=3)
     searched = identify(problem(flight), method)
-    fixed = identify(problem(flight, lags=np.array([searched.best.nuisances["actuator_lag"]])), method)
+    fixed = identify(problem(flight, lags=np.array([searched.nuisances["actuator_lag"]])), method)
     assert "actuator_lag" not in fixed.names
     for number, name in enumerate(("viscous_friction", "input_gain")):
         assert fixed.parameters[name] == pytest.approx(searched.parameters[name], rel=1e-3)
-        both = [fit.best.covariance.part("classical").matrix[number, number] for fit in (searched, fixed)]
+        both = [fit.joint_covariance.part("classical").matrix[number, number] for fit in (searched, fixed)]
         assert both[1] < both[0]
     # The lag tells on the gain: an interval that took it for known would be much too narrow.
     assert both[1] < 0.9 * both[0]
@@ -112,7 +112,7 @@ def test_intervals_include_the_uncertainty_of_the_lag(method):
 def test_delay_is_found_and_told_from_the_others(method, delay_s):
     (flight,) = flights(1, seconds=12.0, noise=Noise(), delay_s=delay_s, seed=4)
     fit = identify(problem(flight, delays=(0.0, 0.01, 0.02, 0.03, 0.04)), method)
-    assert fit.best.nuisances["delay"] == delay_s
+    assert fit.nuisances["delay"] == delay_s
     assert fit.parameters["actuator_lag"] == pytest.approx(LAG_S, abs=0.004)
     assert [candidate.nuisances["delay"] for candidate in fit.tenable()] == [delay_s]
 
@@ -132,7 +132,7 @@ def test_interval_is_the_union_over_the_delays_that_fit(method, level):
     for number, name in enumerate(fit.names):
         direction = np.eye(3)[number]
         ends = [
-            c.values[number] + sign * c.covariance.half_width(direction, level)
+            c.values[number] + sign * c.joint_covariance.half_width(direction, level)
             for c in tenable
             for sign in (-1.0, 1.0)
         ]
@@ -140,7 +140,7 @@ def test_interval_is_the_union_over_the_delays_that_fit(method, level):
     if level == 0.95:
         assert len(tenable) > 1
         low, high = fit.interval("actuator_lag")
-        assert high - low > 2.0 * fit.best.covariance.half_width(np.eye(3)[2])
+        assert high - low > 2.0 * fit.joint_covariance.half_width(np.eye(3)[2])
 
 
 def test_unknown_names_and_levels_are_refused():
@@ -175,7 +175,7 @@ def test_a_lag_outside_the_grid_stops_at_its_end():
     (flight,) = flights(1, seconds=12.0, noise=Noise(), seed=8)
     for grid, end in ((np.geomspace(0.002, 0.02, 8), 0.02), (np.geomspace(0.1, 0.3, 8), 0.1)):
         fit = identify(problem(flight, lags=grid), least_squares())
-        assert fit.best.nuisances["actuator_lag"] == pytest.approx(end, abs=1e-4)
+        assert fit.nuisances["actuator_lag"] == pytest.approx(end, abs=1e-4)
 
 
 # -- the joint covariance against many flights ------------------------------------------------------------
@@ -196,7 +196,7 @@ def estimates_of_many():
         identify(problem(flight, lags=np.geomspace(0.02, 0.12, 4)), reference_iv())
         for flight in flights(RUNS, seconds=15.0, noise=Noise(), seed=9)
     ]
-    return np.array([fit.best.values for fit in fits]), [fit.best.covariance for fit in fits]
+    return np.array([fit.values for fit in fits]), [fit.joint_covariance for fit in fits]
 
 
 @pytest.mark.calibration

@@ -47,8 +47,8 @@ def test_leverage_of_a_run_is_the_solution_without_it():
     fit = ev.identify(made, ev.methods.reference_iv())
     leverage = run_leverage(ev.diagnose(fit))
     assert leverage.shift.shape == (4, 3)
-    equation, rows = fit.best.equation, fit.best.rows
-    jacobian = np.column_stack([rows.regressors, fit.best.nuisance_columns])
+    equation, rows = fit.equation, fit.rows
+    jacobian = np.column_stack([rows.regressors, fit.nuisance_columns])
     for flight in range(4):
         rest = rows.layout.flight_of_row != flight
         P, G, e = equation.test_functions[rest], jacobian[rest], equation.residual[rest]
@@ -235,7 +235,7 @@ def test_sets_are_those_of_a_search_over_everything(gusty, lag):
     wide = sets.profile.length
     assert wide > 0.2
     assert (J[:4] <= J.min() + 2.306**2).tolist() == [False, True, True, False]
-    degrees = result.fit.estimate.best.rank + (lag is not None) - 2
+    degrees = result.fit.estimate.rank + (lag is not None) - 2
     bound = float(scipy.stats.chi2.ppf(0.95, degrees))
     low, high = sets.anderson_rubin.hull
     step = 0.02 * (high - low)

@@ -646,6 +646,6 @@ def test_pictures_and_predictions_leave_them_out(log):
     passed = run.spectral.band_passed(trace.measured[:, None])
     assert passed.shape == (2000 - 140, 1)
     predicted = result.motion.predictions(
-        result.fit.problem, dict(result.fit.estimate.best.nuisances) | result.parameters
+        result.fit.problem, dict(result.fit.estimate.nuisances) | result.parameters
     )
     assert {item.measured.size for item in predicted} == {2000 - 140}

@@ -125,7 +125,7 @@ def test_bounds_are_held_against_what_the_flight_says():
 def test_neither_lag_nor_delay_is_searched():
     good = flown(seconds=15.0)[0]
     none = ev.identify_flight(good, lag=ev.Bounds(0.0, 0.0))
-    assert dict(none.estimate.best.nuisances) == {"actuator_lag": 0.0, "delay": 0.0}
+    assert dict(none.estimate.nuisances) == {"actuator_lag": 0.0, "delay": 0.0}
     assert len(none.estimate.candidates) == 1
     assert none.quantities["effective_lag"].interval == (0.0, 0.0)
     assert "given neither lag nor delay" in dict(checks(none))["lag"]
@@ -151,9 +151,9 @@ def test_what_is_known_the_instruments_need_not_tell(log):
     # with a lag that is known exactly the others are as strong as without one to find
     problem = alone.fit.problem
     index = problem.with_nuisances(
-        (problem.lag.known_at(sure.estimate.best.nuisances["actuator_lag"]), problem.delay)
+        (problem.lag.known_at(sure.estimate.nuisances["actuator_lag"]), problem.delay)
     )
-    fixed = ev.identify(index, ev.methods.reference_iv()).best.first_stage[0]
+    fixed = ev.identify(index, ev.methods.reference_iv()).first_stage[0]
     assert strengths[2]["viscous_friction"] == pytest.approx(fixed, rel=0.05)
 
 

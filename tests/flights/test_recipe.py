@@ -399,7 +399,7 @@ def three(fleet):
 
 def half(result, name: str) -> float:
     return (
-        result.estimate.best.covariance.part("classical").matrix[result.names.index(name)][
+        result.estimate.joint_covariance.part("classical").matrix[result.names.index(name)][
             result.names.index(name)
         ]
         ** 0.5
@@ -426,10 +426,10 @@ def test_pooled_flights_shrink_the_error_by_their_root(fleet, alone):
 def test_clusters_come_in_from_ten_flights_on(fleet):
     """Where all parameters are common: with a friction for each flight its part is by flight anyway."""
     common = FlightOptions(pool_friction="common")
-    parts = identify_flight(fleet[:3], common).estimate.best.covariance.parts
+    parts = identify_flight(fleet[:3], common).estimate.joint_covariance.parts
     assert [part.name for part in parts] == ["equal_weighted_cosines", "classical"]
     pool = identify_flight(fleet, common)
-    assert pool.estimate.best.covariance.part("clustered").degrees == 9
+    assert pool.estimate.joint_covariance.part("clustered").degrees == 9
     low, high = pool.interval("viscous_friction")
     assert low < FRICTION < high
 

@@ -323,7 +323,7 @@ def test_scores_add_up_to_zero_and_sensitivity_is_their_derivative(record, metho
     """At the solution the scores sum to nothing, and M is minus the derivative of their sum."""
     problem = MOTION.regression(record, instruments)
     fit = ev.identify(problem, method)
-    equation, solved = fit.best.equation, fit.best
+    equation, solved = fit.equation, fit
     scale = np.abs(equation.scores).sum(axis=0)
     # Total least squares of moment equations solves them to second order only.
     exact = 1e-3 if fit.method == "generalized_iv_tls" else 1e-9
@@ -334,9 +334,9 @@ def test_scores_add_up_to_zero_and_sensitivity_is_their_derivative(record, metho
             moved = replace(solved.solution, theta=theta)
             return equation_of(replace(solved, solution=moved)).scores.sum(axis=0)
 
-        step = 1e-3 * fit.best.values
+        step = 1e-3 * fit.values
         columns = [
-            (total(fit.best.values - step * unit) - total(fit.best.values + step * unit)) / (2 * step[i])
+            (total(fit.values - step * unit) - total(fit.values + step * unit)) / (2 * step[i])
             for i, unit in enumerate(np.eye(2))
         ]
         np.testing.assert_allclose(np.column_stack(columns), equation.sensitivity, rtol=1e-6)
@@ -463,7 +463,7 @@ def test_short_records_have_fewer_averages():
     for count in (4, 6, 40):
         problem = ev.regression(response=rng.standard_normal(count), regressors=np.ones((count, 1)))
         fit = ev.identify(problem, ev.methods.least_squares())
-        assert fit.best.covariance.parts[0].degrees == min(8, count - 1)
+        assert fit.joint_covariance.parts[0].degrees == min(8, count - 1)
 
 
 # -- Kernels, bandwidths and fixed-b critical values: explicit sums, published formulas, simula --

@@ -58,7 +58,7 @@ def estimate() -> Estimate:
 
 
 def test_each_parameter_has_a_panel_with_its_unit_and_the_truth(estimate: Estimate) -> None:
-    rows = estimate.best.rows
+    rows = estimate.rows
     replicates = ev.bootstrap(rows, ev.methods.least_squares(), runs=40)
     figure = estimates_figure({"least squares": estimate, "its bootstrap": replicates}, truth=TRUTH)
     assert [axes.get_xlabel() for axes in figure.axes] == [
@@ -91,7 +91,7 @@ def test_ends_without_bound_are_arrows_and_an_empty_set_says_so() -> None:
 
 
 def test_a_pair_has_its_ellipse_its_intervals_the_truth_and_a_cloud(estimate: Estimate) -> None:
-    replicates = ev.bootstrap(estimate.best.rows, ev.methods.least_squares(), runs=40)
+    replicates = ev.bootstrap(estimate.rows, ev.methods.least_squares(), runs=40)
     figure = pair_figure(estimate, "viscous_friction", "input_gain", truth=TRUTH, replicates=replicates)
     axes = figure.axes[0]
     assert axes.get_xlabel() == "viscous friction K [1/s]"

@@ -208,7 +208,7 @@ def test_a_likelihood_that_knows_the_spectra_is_on_the_same_records(tmp_path: Pa
     rows = list(known_rows_of(item, results))
     assert [row["parameter"] for row in rows] == ["viscous_friction", "input_gain"]
     for each, other in zip(results, plain, strict=True):
-        separated = np.abs(np.array(each.values) - other.best.values[:2])
+        separated = np.abs(np.array(each.values) - other.values[:2])
         assert (separated < 2.0 * np.array([other.std_error(name) for name in other.names[:2]])).all()
     assert all(float(row["rmse"]) < 2.5 * float(row["bound"]) for row in rows)
 

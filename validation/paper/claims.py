@@ -189,7 +189,7 @@ def _conditions(study: Study, choice: MethodChoice) -> tuple[float, float]:
             signals = study.experiment.record(study.rng(index))
             problem = study.experiment.problem(signals, choice.instruments)
             estimate = identify(problem, MethodChoice(choice.name, choice.lags, choice.channel).method)
-            results.append((estimate.condition, np.linalg.cond(estimate.best.system.matrix)))
+            results.append((estimate.condition, np.linalg.cond(estimate.system.matrix)))
     scaled, unscaled = np.median(results, axis=0).tolist()
     return scaled, unscaled
 

@@ -11,7 +11,7 @@ import scipy
 
 from eivor import checks
 from eivor.errors import EivorError, UsageError
-from eivor.estimation.estimate import Candidate, Estimate
+from eivor.estimation.estimate import Estimate
 from eivor.estimation.linear import LinearMethod, check_linear
 from eivor.estimation.methods import by_name
 from eivor.estimation.moments import CrossMoments, Instrumental, Moments, TriangularMoments
@@ -156,25 +156,25 @@ def pool_flights(problem: SeparableProblem, estimate: Estimate) -> PoolFlights:
     ):
         expected = "an estimate by whitened instruments (reference_iv)"
         raise UsageError(expected, f"one by {method.name}", "Identify the pool with the default method.")
-    flights = np.unique(problem.bins(estimate.best.nuisances).layout.flight_of_row).tolist()
+    flights = np.unique(problem.bins(estimate.nuisances).layout.flight_of_row).tolist()
     if len(flights) < 2:
         remedy = "Give several flights to identify_flight; ten or more make good intervals."
         raise UsageError("a pool of two flights or more with usable runs", f"{len(flights)}", remedy)
     nodes = nodes_of(problem.nuisances)
     candidates = tuple(
-        _candidate_flights(problem, nodes, estimate.best, candidate, number)
+        _candidate_flights(problem, nodes, estimate, candidate, number)
         for number, candidate in enumerate(estimate.candidates)
     )
     known = {
-        nuisance.name: replace(nuisance.prior, mean=nuisance.with_others(estimate.best.nuisances))
+        nuisance.name: replace(nuisance.prior, mean=nuisance.with_others(estimate.nuisances))
         for nuisance in problem.nuisances
         if nuisance.searched and nuisance.prior is not None
     }
-    return PoolFlights(tuple(flights), candidates, estimate.best.rows.parameters, method.solver, known)
+    return PoolFlights(tuple(flights), candidates, estimate.rows.parameters, method.solver, known)
 
 
 def _candidate_flights(
-    problem: SeparableProblem, nodes: Nodes, best: Candidate, candidate: Candidate, number: int
+    problem: SeparableProblem, nodes: Nodes, best: Estimate, candidate: Estimate, number: int
 ) -> CandidateFlights:
     weights = whitened_by_residuals(problem, candidate.theta, candidate.nuisances)
     products = flight_products(weights, [{**candidate.nuisances, **point} for point in nodes.points])
@@ -217,7 +217,7 @@ class CrossPieces:
         return CrossMoments(self.products.resampled(drawn), self.noise)
 
     def influence(
-        self, pieces: Int[np.ndarray, " k"] | slice, solved: Candidate, count: float
+        self, pieces: Int[np.ndarray, " k"] | slice, solved: Estimate, count: float
     ) -> Float[np.ndarray, "k n"]:
         """Of A'W (psi e + C theta - c)."""
         away = np.append(-solved.theta, 1.0)
@@ -250,7 +250,7 @@ class RootPieces:
     def influence(
         self,
         pieces: Int[np.ndarray, " k"] | slice,
-        solved: Candidate,
+        solved: Estimate,
         _count: float,  # a root is of the sum already
         /,
     ) -> Float[np.ndarray, "k n"]:
@@ -412,17 +412,17 @@ class _RowReplicates:
         both = np.stack([theta, spread])
         return both if np.isfinite(both).all() and spread.all() else None
 
-    def solved(self, moments: Moments) -> Candidate:
+    def solved(self, moments: Moments) -> Estimate:
         """Solution of a replicate's equations."""
         method, factor = self.method, self.factor
         if factor is None:
             return method.solve_moments(moments)
         system = method.assembler.system(moments)
         solution = method.solver.solve(divided(system, factor))
-        return Candidate(method.assembler, method.solver, moments, None, system, factor, solution)
+        return Estimate(method.assembler, method.solver, moments, None, system, factor, solution)
 
     def errors(
-        self, pieces: Int[np.ndarray, " k"] | slice, solved: Candidate, blocks: float
+        self, pieces: Int[np.ndarray, " k"] | slice, solved: Estimate, blocks: float
     ) -> Float[np.ndarray, " n"]:
         """Standard errors from the pieces' scores (Gotze and Kunsch 1996): M^-1 sum s s' M^-T."""
         count = blocks * float(self.pieces.products.counts[pieces].mean())
@@ -455,7 +455,7 @@ def _scheme(scheme: BlockScheme | str) -> BlockScheme:
 
 
 def _length(
-    wanted: int | None, rows: Regression, method: LinearMethod, solved: Candidate, scheme: BlockScheme
+    wanted: int | None, rows: Regression, method: LinearMethod, solved: Estimate, scheme: BlockScheme
 ) -> float:
     count = rows.response.size
     if wanted is None:
@@ -467,7 +467,7 @@ def _length(
     return float(wanted)
 
 
-def _influence(rows: Regression, method: LinearMethod, solved: Candidate) -> Float[np.ndarray, "rows n"]:
+def _influence(rows: Regression, method: LinearMethod, solved: Estimate) -> Float[np.ndarray, "rows n"]:
     """What each row moves the parameters by, up to a constant: M^-1 p_t e_t."""
     theta, system = solved.theta, solved.system
     residual, A = rows.response - rows.regressors @ theta, solved.system.matrix

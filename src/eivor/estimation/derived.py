@@ -11,7 +11,7 @@ import numpy as np
 
 from eivor import checks
 from eivor.errors import UsageError
-from eivor.estimation.estimate import Candidate, Estimate
+from eivor.estimation.estimate import Estimate
 from eivor.estimation.linear import LinearMethod
 from eivor.estimation.methods import by_name
 from eivor.estimation.moments import Instrumental
@@ -121,14 +121,14 @@ def parameter_sets(
 ) -> ParameterSets | None:
     """Confidence sets of one linear parameter."""
     check_level(level)
-    parameters = [parameter.name for parameter in estimate.best.rows.parameters]
+    parameters = [parameter.name for parameter in estimate.rows.parameters]
     if name not in parameters:
         raise UsageError(f"a parameter out of {', '.join(parameters)}", f"'{name}'", "Name one of them.")
     method, nodes = by_name(estimate.method).of_flights, nodes_of(problem.nuisances)
     if not (
         isinstance(method, LinearMethod)
         and isinstance(method.assembler, Instrumental)
-        and isinstance(estimate.best.rows.layout, BinRows)
+        and isinstance(estimate.rows.layout, BinRows)
         and len(nodes.axes) < 2
     ):
         return None
@@ -138,7 +138,7 @@ def parameter_sets(
         least = estimate.least_comparable_criteria([criterion.scan.minimum[1] for criterion in criteria])
     except np.linalg.LinAlgError:
         return None
-    best = estimate.best
+    best = estimate
     equations = parameter_equations(best.rows, index)
     held = set(equations.regressors.tolist())
     strange = tuple(other for number, other in enumerate(parameters) if number not in held)
@@ -155,7 +155,7 @@ def parameter_sets(
 
 
 def _criterion(
-    problem: SeparableProblem, nodes: Nodes, candidate: Candidate, position: int, weighting: RowWeighting
+    problem: SeparableProblem, nodes: Nodes, candidate: Estimate, position: int, weighting: RowWeighting
 ) -> CandidateCriterion:
     theta = candidate.theta
     weights = weighting.last_pass(problem, theta, candidate.nuisances)
@@ -243,8 +243,8 @@ def derived(estimate: Estimate, function: Function, level: float = 0.95) -> Deri
 
 def joint_estimates(estimate: Estimate, level: float) -> tuple[JointEstimate, ...]:
     """Vectors of the candidates that fit, the best first."""
-    others = [item for item in estimate.tenable(level) if item is not estimate.best]
-    return tuple(JointEstimate(item.values, item.covariance) for item in (estimate.best, *others))
+    others = [item for item in estimate.tenable(level) if item is not estimate]
+    return tuple(JointEstimate(item.values, item.joint_covariance) for item in (estimate, *others))
 
 
 def derived_from(
@@ -300,7 +300,7 @@ def ratio(
     rows = np.stack([estimate.direction(entry) if isinstance(entry, str) else nothing for entry in pair])
     intervals: list[tuple[float, float]] = []
     for candidate in estimate.tenable(level):
-        for part in candidate.covariance.parts:
+        for part in candidate.joint_covariance.parts:
             values, V = exact + rows @ candidate.values, rows @ part.matrix @ rows.T
             intervals.extend(fieller_set(values, V, _half_widths(part, level)).intervals)
     return ConfidenceSet.union(intervals)

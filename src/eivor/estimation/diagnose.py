@@ -13,7 +13,7 @@ import scipy
 
 from eivor import checks
 from eivor.errors import EivorError, EstimationError, UsageError
-from eivor.estimation.estimate import Candidate, Estimate, equation_of
+from eivor.estimation.estimate import Estimate, equation_of
 from eivor.estimation.linear import LinearMethod
 from eivor.estimation.moments import Compensated, CrossMoments, Instrumental
 from eivor.estimation.products import block_count
@@ -102,22 +102,22 @@ class Record:
         return self.weights.T @ (products.cross - products.counts[:, None, None] * products.shared)
 
 
-def record_of(candidate: Candidate) -> Record:
+def record_of(estimate: Estimate) -> Record:
     """Products of a solution's record. Linear in the rows."""
-    problem, moments = candidate.problem, candidate.moments
+    problem, moments = estimate.problem, estimate.moments
     if isinstance(problem, SignalRegression) and isinstance(moments, CrossMoments):
         made = moments.products
-        return _of_blocks(problem, candidate, made) if made.counts.size > 1 else _of_rows(candidate)
-    return _of_rows(candidate)
+        return _of_blocks(problem, estimate, made) if made.counts.size > 1 else _of_rows(estimate)
+    return _of_rows(estimate)
 
 
-def _of_rows(candidate: Candidate) -> Record:
-    rows, theta, jacobian = candidate.rows, candidate.theta, candidate.jacobian
-    residual = candidate.residuals
-    if candidate.assembler.moment_equations:
-        psi = candidate.assembler.test_functions(rows)
+def _of_rows(estimate: Estimate) -> Record:
+    rows, theta, jacobian = estimate.rows, estimate.theta, estimate.jacobian
+    residual = estimate.residuals
+    if estimate.assembler.moment_equations:
+        psi = estimate.assembler.test_functions(rows)
     else:
-        correction = candidate.solver.score_correction(residual, theta, candidate.system.error_covariance)
+        correction = estimate.solver.score_correction(residual, theta, estimate.system.error_covariance)
         psi = jacobian + np.pad(correction.rows, ((0, 0), (0, jacobian.shape[1] - theta.size)))
     step_s, thinning = None, None
     if isinstance(rows.layout, BinRows):
@@ -126,48 +126,48 @@ def _of_rows(candidate: Candidate) -> Record:
         residual = residual[:, 0]
         step_s = rows.layout.runs[0].step_s
         thinning = max(int(0.5 / (step_s * max(run.band_hz[1] for run in rows.layout.runs))), 1)
-    elif isinstance(candidate.problem, SignalRegression):
-        step_s = candidate.problem.signals.step_s
+    elif isinstance(estimate.problem, SignalRegression):
+        step_s = estimate.problem.signals.step_s
     residual = np.ascontiguousarray(residual)
     blocks = block_count(residual.size, psi.shape[1])
     products = equation_products(instruments=psi, jacobian=jacobian, residual=residual, blocks=blocks)
     columns = tuple(jacobian[:, j] for j in range(theta.size))
-    whole, weights = _assembled(candidate, products)
+    whole, weights = _assembled(estimate, products)
     return Record(whole, weights, residual, columns, tuple(theta.tolist()), step_s, thinning)
 
 
 def _assembled(
-    candidate: Candidate, products: EquationProducts
+    estimate: Estimate, products: EquationProducts
 ) -> tuple[EquationProducts, Float[np.ndarray, "p n"]]:
     """With what the compensation, or a direct method's correction, adds to the products; and W A."""
     total = np.asarray(products.cross.sum(axis=0))
-    if candidate.assembler.moment_equations:
+    if estimate.assembler.moment_equations:
         # the equations are means over rows; of rows in frequency there are not as many as samples
-        rows = candidate.count / products.count
-        A = total / candidate.count
-        linear = candidate.system.matrix.shape[1]
-        noise = A[:, :linear] - candidate.system.matrix
+        rows = estimate.count / products.count
+        A = total / estimate.count
+        linear = estimate.system.matrix.shape[1]
+        noise = A[:, :linear] - estimate.system.matrix
         shared = np.zeros(A.shape)
         seen = np.abs(noise) > SHARED_ROUNDING * np.abs(A[:, :linear])
         shared[:, :linear] = rows * np.where(seen, noise, 0.0)
-        A[:, :linear] = candidate.system.matrix
-        WA = A if candidate.factor is None else scipy.linalg.cho_solve((candidate.factor, True), A)
-        constant = rows * candidate.constant
+        A[:, :linear] = estimate.system.matrix
+        WA = A if estimate.factor is None else scipy.linalg.cho_solve((estimate.factor, True), A)
+        constant = rows * estimate.constant
     else:
-        known = candidate.prior_rows()
-        sensitivity = equation_of(candidate).sensitivity - candidate.residual_variance() * known.T @ known
+        known = estimate.prior_rows()
+        sensitivity = equation_of(estimate).sensitivity - estimate.residual_variance() * known.T @ known
         shared = (total - sensitivity) / products.count
         WA, constant = np.eye(total.shape[0]), np.zeros(total.shape[0])
-    return replace(products, shared=shared, constant=constant, rows=candidate.count), WA
+    return replace(products, shared=shared, constant=constant, rows=estimate.count), WA
 
 
 # -- a record whose products were made with its moments ---------------------------------------------------
 
 
-def _of_blocks(problem: SignalRegression, candidate: Candidate, made: Products) -> Record:
+def _of_blocks(problem: SignalRegression, estimate: Estimate, made: Products) -> Record:
     """Products with the residual y - Phi theta in place of y, from those with y."""
     first, last = problem.first, problem.signals.sample_count
-    theta, columns = candidate.theta, problem.regressor_columns
+    theta, columns = estimate.theta, problem.regressor_columns
     values = [problem.slice_of(column, first, last) for column in columns]
     factors = [float(parameter) * column.gain for parameter, column in zip(theta, columns, strict=True)]
     response = problem.equation.response
@@ -181,7 +181,7 @@ def _of_blocks(problem: SignalRegression, candidate: Candidate, made: Products) 
     nothing = np.zeros((0, 0)), np.zeros(0)
     result = EquationProducts(products.counts, products.sums, products.layout, *nothing)
     step_s = problem.signals.step_s
-    return Record(*_assembled(candidate, result), residual, tuple(values), tuple(factors), step_s)
+    return Record(*_assembled(estimate, result), residual, tuple(values), tuple(factors), step_s)
 
 
 def _less(
@@ -218,7 +218,7 @@ DIAGNOSTICS = (
 
 
 def diagnose(estimate: Estimate) -> Diagnostics:
-    """Diagnostics of an estimate at its best candidate.
+    """Diagnostics of an estimate.
 
     Parameters
     ----------
@@ -242,11 +242,11 @@ def diagnose(estimate: Estimate) -> Diagnostics:
     residual.
     """
     checks.kind("estimate", estimate, Estimate, "an estimate", "Make one by ev.identify(...).")
-    if not estimate.best.has_rows:
+    if not estimate.has_rows:
         expected = "an estimate with its rows available, for diagnostics"
         remedy = "Identify a chunk that fits in memory, or the whole problem."
         raise EstimationError(expected, "an estimate from moments, which do not keep the rows", remedy)
-    return Diagnostics(estimate, estimate.best)
+    return Diagnostics(estimate)
 
 
 @dataclass(frozen=True)
@@ -254,7 +254,6 @@ class Diagnostics:
     """What an estimate rests on."""
 
     estimate: Estimate = field(repr=False)
-    candidate: Candidate = field(repr=False)  # Of which everything is said
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -266,12 +265,12 @@ class Diagnostics:
     @cached_property
     def record(self) -> Record:
         """Products of the record's columns over blocks of time, and its residual."""
-        return record_of(self.candidate)
+        return record_of(self.estimate)
 
     @property
     def instrumental(self) -> bool:
         """Whether the method has instruments."""
-        return self.candidate.assembler.needs_instruments
+        return self.estimate.assembler.needs_instruments
 
     @property
     def testable(self) -> bool:
@@ -288,7 +287,7 @@ class Diagnostics:
     def fits_exactly(self) -> bool:
         """Whether the residual is nothing but rounding."""
         record, products = self.record, self.record.products
-        theta = np.abs(self.candidate.theta)
+        theta = np.abs(self.estimate.theta)
         # The products settle it without a pass: no value is above the root of its sum of squares.
         roots = np.sqrt(np.diag(products.regressor_mean)[: theta.size])
         if float(products.power.sum()) > (ROUNDING * products.count * float(theta @ roots)) ** 2:
@@ -306,7 +305,7 @@ class Diagnostics:
 
     def at_row(self, row: int) -> str:
         """Where a row is: in seconds and samples of a record, gaps and first lags counted, else as it is."""
-        problem = self.candidate.problem
+        problem = self.estimate.problem
         if not isinstance(problem, SignalRegression):
             step_s = self.record.step_s
             return f"row {row}" if step_s is None else f"{row * step_s:.4g} s of the time used"
@@ -320,18 +319,18 @@ class Diagnostics:
     @property
     def in_one_flight(self) -> bool:
         """Whether all rows are of one flight, and share its time."""
-        if isinstance(self.candidate.problem, SignalRegression):
+        if isinstance(self.estimate.problem, SignalRegression):
             return True
-        flights = self.candidate.rows.layout.flight_of_row
+        flights = self.estimate.rows.layout.flight_of_row
         return not bool((flights != flights[:1]).any())
 
     @cached_property
     def times(self) -> Float[np.ndarray, " samples"] | None:
         """Time of each sample of the residual of one flight; None where samples are one step apart."""
-        step, problem = self.record.step_s or 1.0, self.candidate.problem
+        step, problem = self.record.step_s or 1.0, self.estimate.problem
         if isinstance(problem, SignalRegression):
             return None if problem.used is None else step * np.flatnonzero(problem.used)
-        layout = self.candidate.rows.layout
+        layout = self.estimate.rows.layout
         if not isinstance(layout, BinRows):
             return None
         return step * np.concatenate([run.start + np.arange(run.length) for run in layout.runs])
@@ -343,17 +342,17 @@ class Diagnostics:
         """Strength of the instruments; None without instruments."""
         if not self.testable:
             return None
-        moments = self.candidate.moments
+        moments = self.estimate.moments
         of_rows = not (isinstance(moments, CrossMoments) and moments.products.layout.whole)
         # else it comes from products, as the estimate's warning
-        return strength(self.record.products, conditional=self.candidate.first_stage if of_rows else None)
+        return strength(self.record.products, conditional=self.estimate.first_stage if of_rows else None)
 
     @cached_property
     def over_identification(self) -> OverIdentification | None:
         """Hansen's J; None without instruments."""
         if self.instrumental and self.in_frequency:
-            J, p_value = self.candidate.over_identification
-            return OverIdentification(J, max(self.candidate.degrees, 0), p_value, None)
+            J, p_value = self.estimate.over_identification
+            return OverIdentification(J, max(self.estimate.degrees, 0), p_value, None)
         return robust_over_identification(self.record.products) if self.testable else None
 
     @cached_property
@@ -379,7 +378,7 @@ class Diagnostics:
     @cached_property
     def bands(self) -> BandPower:
         """Power of each column against that of the residual, in bands."""
-        record, theta = self.record, self.candidate.theta
+        record, theta = self.record, self.estimate.theta
         rate_hz = 1.0 if record.step_s is None else 1.0 / record.step_s
         # The products hold the sums of squares: no pass over the columns.
         squares = record.products.count * theta**2 * np.diag(record.products.regressor_mean)[: theta.size]
@@ -485,7 +484,7 @@ class Diagnostics:
 
 def contradiction(problem: LinearProblem, estimate: Estimate) -> tuple[Reason, ...]:
     """Reason against a direct estimate that the problem's own instruments contradict beyond doubt."""
-    direct = estimate.best
+    direct = estimate
     shrunk = direct.solution.shrinkage is not None and direct.solution.shrinkage.shift.any()
     if direct.problem is not problem or direct.assembler.needs_instruments or shrunk:
         return ()
@@ -493,7 +492,7 @@ def contradiction(problem: LinearProblem, estimate: Estimate) -> tuple[Reason, .
     assembler = Compensated() if shares else Instrumental()
     two_stage = LinearMethod("two_stage", assembler, LeastSquares(), equation_weighting=TwoStage())
     try:
-        instrumental = Diagnostics(estimate, two_stage.determined(two_stage.moments(problem), problem))
+        instrumental = Diagnostics(two_stage.determined(two_stage.moments(problem), problem))
     except (EivorError, np.linalg.LinAlgError):
         return ()  # the instruments do not determine the parameters
     if not instrumental.testable or instrumental.fits_exactly:
@@ -508,7 +507,7 @@ def contradiction(problem: LinearProblem, estimate: Estimate) -> tuple[Reason, .
         return ()
     sentence = (
         f"The instruments contradict it: they give {estimate.names[j]} "
-        f"{instrumental.candidate.theta[j]:.4g}, {separated[j]:.1f} standard errors away (p-value "
+        f"{instrumental.estimate.theta[j]:.4g}, {separated[j]:.1f} standard errors away (p-value "
         f"{test.p_value:.1g}). A regressor is correlated with the error, or a declared noise is wrong."
     )
     method = "generalized_iv" if shares else "extended_iv"
@@ -516,9 +515,9 @@ def contradiction(problem: LinearProblem, estimate: Estimate) -> tuple[Reason, .
     return (Reason(Status.WEAK, sentence, remedy),)
 
 
-def _scores(direct: Candidate, instrumental: Diagnostics) -> DirectScores:
+def _scores(direct: Estimate, instrumental: Diagnostics) -> DirectScores:
     products, theta = instrumental.record.products, direct.theta
-    difference = theta - instrumental.candidate.theta
+    difference = theta - instrumental.estimate.theta
     GG = np.asarray(products.regressors.sum(axis=0))
     power = float(products.power.sum() - 2.0 * difference @ products.regressor_response.sum(axis=0))
     power += float(difference @ GG @ difference)

@@ -47,22 +47,29 @@ if TYPE_CHECKING:
     import polars as pl
 
 
-# -- Candidate --
+# -- Estimate --
 
 Blocks = Callable[[], Iterable[RowBlock]]
 
+#: A scalar function of an estimate's joint vector: its value and its gradient.
+Quantity = Callable[["Estimate"], tuple[float, Float[np.ndarray, " n"]]]
+
 
 @dataclass(frozen=True, eq=False)
-class Candidate:
-    """The estimate at one combination of discrete nuisances, with all that inference needs to know of it."""
+class Estimate:
+    """Named parameters with units, intervals, and all that inference needs to know of them."""
 
     assembler: Assembler
     solver: Solver
     moments: Moments
-    problem: LinearProblem | None
+    problem: LinearProblem | None  # None of an estimate from moments
     system: LinearSystem  # Equations before their weighting
     factor: Float[np.ndarray, "p p"] | None  # Factor L of the equations' weighting
     solution: Solution  # Linear parameters, and the condition of their equations
+    method: str = ""  # Name of the method
+    joint_parameters: tuple[Parameter, ...] = ()  # In the order of the joint vector
+    reasons: tuple[Reason, ...] = ()  # Reasons against the estimate that were met while it was made
+    noises: tuple[FittedNoise, ...] = ()  # Fitted together with the parameters, by a spectral method
     nuisance_columns: Float[np.ndarray, "rows q"] = field(default_factory=lambda: np.empty((0, 0)))
     precision: Float[np.ndarray, " q"] = field(default_factory=lambda: np.empty(0))
     misfits: tuple[float, ...] = ()
@@ -74,6 +81,9 @@ class Candidate:
     #: What it is compared by in place of its own criterion: a pool's, or a likelihood's.
     flight_criterion: float | None = None
     origin: Float[np.ndarray, " n"] | None = None  # What the unknowns are changes of, in linearised equations
+    others: tuple[Estimate, ...] = field(default=(), repr=False)  # At further values of discrete nuisances
+    #: Discrete nuisances whose sum is known between bounds: every value of it counts.
+    bounded: tuple[tuple[str, ...], ...] = ()
 
     def __getstate__(self) -> dict[str, object]:
         """Without the estimating equation and the basis, which are made again when they are requested."""
@@ -220,228 +230,25 @@ class Candidate:
         return self.has_rows or self.streamed_covariance is not None
 
     @cached_property
-    def covariance(self) -> JointCovariance:
+    def joint_covariance(self) -> JointCovariance:
         """Of the joint vector; an `EstimationError` for moments over whose chunks no second pass was made."""
         if self.streamed_covariance is not None:
             return self.streamed_covariance
         return self.covariance_estimator.joint(self.equation)
 
-
-# -- Estimating equation --
-
-#: Rows that make coordinates for all, when their root, columns of one length, has a smaller condition.
-ENOUGH_ROWS = 65_536
-WELL_CONDITIONED = 1e4
-
-
-def equation_of(candidate: Candidate) -> EstimatingEquation:
-    """Estimating equation of a solution whose rows are available."""
-    problem = candidate.rows if candidate.problem is None else candidate.problem
-    if not isinstance(problem, Regression) or isinstance(problem.layout, SampleRows):
-        return estimating_equation(candidate, problem.blocks)
-    # Rows in frequency, and of several axes, go back to time all at once.
-    equation = estimating_equation(candidate, lambda: problem.blocks(round(candidate.count)))
-    whole = equation.rows
-    timed = replace(whole, scores=problem.layout.scores(whole.test_functions, whole.residual))
-    return replace(equation, sample_count=timed.scores.shape[0], blocks=lambda: [timed])
-
-
-def estimating_equation(candidate: Candidate, blocks: Blocks) -> EstimatingEquation:
-    """Estimating equation of a solution."""
-    make = _moment_equation if candidate.assembler.moment_equations else _direct_equation
-    equation, done = make(candidate, blocks), candidate.solution.shrinkage
-    if done is None:
-        return equation
-    return replace(equation, move=np.pad(done.shift, (0, candidate.nuisance_columns.shape[1])))
-
-
-def _moment_equation(candidate: Candidate, blocks: Blocks) -> EstimatingEquation:
-    """Equation of mean cross-products; its coordinates take a pass of their own, over some of the rows."""
-    theta, factor, constant = candidate.theta, candidate.factor, candidate.constant
-    A, known = candidate.system.matrix, candidate.prior_rows()
-    searched = candidate.nuisance_columns.shape[1]
-    own_equations = searched if candidate.assembler.takes_out_own_noise else 0
-
-    if candidate.nuisance_columns.size:
-        moved, below = np.zeros((A.shape[0] + own_equations, searched)), np.zeros((own_equations, A.shape[1]))
-        for block, nuisance in _with_nuisance(candidate, blocks):
-            moved += _test_functions(candidate, block, nuisance).T @ nuisance
-            below += nuisance[:, :own_equations].T @ block.regressors
-        A = np.column_stack([np.vstack([A, below / candidate.count]), moved / candidate.count])
-        constant = np.pad(constant, (0, own_equations))
-    if factor is not None:
-        A = scipy.linalg.solve_triangular(factor, A, lower=True)
-    equations, power = A.shape[0], candidate.row_power() if known.size else 0.0
-    unit = power * candidate.residual_variance() if known.size else 0.0
-    stacked = np.vstack([A, np.sqrt(unit / candidate.count) * known])
-    lengths = row_lengths(stacked)[:, None]  # as many equations as unknowns: coordinates without their units
-    combinations, R = np.linalg.qr(stacked / lengths)
-    own_root = (combinations * lengths).T @ stacked  # of A' psi
-    combinations = combinations / lengths
-    pseudo = np.sqrt(candidate.count) * combinations[equations:]
-    combinations = combinations[:equations]
-    if factor is not None:
-        combinations = scipy.linalg.solve_triangular(factor, combinations, lower=True, trans="T")
-
-    tests = (made().instruments for made in _in_combinations(candidate, blocks, combinations))
-    S = _root_of(tests, np.sqrt(power) * pseudo, ENOUGH_ROWS)  # coordinates
-    combinations = over_root(combinations, S)
-    combined = constant @ combinations
-
-    def in_coordinates(made: Callable[[], RowBlock]) -> EquationRows:
-        block = made()
-        residual = block.response - block.regressors @ theta
-        scores = block.instruments * residual[:, None]
-        scores += combined
-        return EquationRows(block.instruments, residual, scores, block.flights, combined)
-
-    def rows() -> Iterator[EquationRows]:
-        return made_ahead(in_coordinates, _in_combinations(candidate, blocks, combinations))
-
-    prior = np.sqrt(unit) * over_root(pseudo, S) if known.size else None
-    return EstimatingEquation(
-        S @ own_root, candidate.count * over_root(R.T, S).T, round(candidate.count), rows, prior
-    )
-
-
-def _test_functions(
-    candidate: Candidate, block: RowBlock, nuisance: Float[np.ndarray, "_ q"]
-) -> Float[np.ndarray, "rows p"]:
-    """The assembler's; columns that are their own instruments are so for nuisances as well, without noise."""
-    psi = candidate.assembler.test_functions(block)
-    own_instruments = nuisance.size and candidate.assembler.takes_out_own_noise
-    return np.column_stack([psi, nuisance]) if own_instruments else psi
-
-
-def _in_combinations(
-    candidate: Candidate, blocks: Blocks, combinations: Float[np.ndarray, "p n"]
-) -> Iterator[Callable[[], RowBlock]]:
-    """For each block, a function that makes it with combinations of test functions as its instruments."""
-    problem = candidate.problem
-    plain = not candidate.nuisance_columns.size and candidate.assembler.needs_instruments
-    if plain and lags_without_gaps(problem):
-        for ends in row_blocks(problem.first, problem.signals.sample_count, COPIED_ROWS):
-            yield partial(filtered_instruments, problem, combinations, *ends)
-        return
-    for block, nuisance in _with_nuisance(candidate, blocks):
-        # Columns stay contiguous, as those of a block are.
-        psi = (combinations.T @ _test_functions(candidate, block, nuisance).T).T
-        yield partial(replace, block, instruments=psi)
-
-
-def _direct_equation(candidate: Candidate, blocks: Blocks) -> EstimatingEquation:
-    system, theta, solver = candidate.system, candidate.theta, candidate.solver
-    covariance, searched = system.error_covariance, candidate.nuisance_columns.shape[1]
-    known, root = candidate.prior_rows(), triangular_root(system.matrix)
-    unit = candidate.residual_variance() if known.size else 0.0
-    if searched:
-        jacobians = (
-            np.column_stack([block.regressors, nuisance])
-            for block, nuisance in _with_nuisance(candidate, blocks)
-        )
-        root = _root_of(jacobians, np.sqrt(unit) * known)
-    residual = system.right - system.matrix @ theta
-    correction = np.pad(solver.score_correction(residual, theta, covariance).sensitivity, (0, searched))
-    slope = root + over_root(correction, root).T if correction.any() else root
-
-    def rows() -> Iterator[EquationRows]:
-        for block, nuisance in _with_nuisance(candidate, blocks):
-            residual = block.response - block.regressors @ theta
-            score_correction = solver.score_correction(residual, theta, covariance).rows
-            jacobian = np.column_stack([block.regressors, nuisance]) if searched else block.regressors
-            psi = over_root(jacobian + np.pad(score_correction, ((0, 0), (0, searched))), root)
-            yield EquationRows(psi, residual, psi * residual[:, None], block.flights)
-
-    prior = unit * over_root(known, root) if known.size else None
-    return EstimatingEquation(root, slope, round(candidate.count), rows, prior)
-
-
-def _with_nuisance(
-    candidate: Candidate, blocks: Blocks
-) -> Iterator[tuple[RowBlock, Float[np.ndarray, "rows q"]]]:
-    """Blocks that have rows, each with its rows of the nuisances' columns."""
-    start = 0
-    for block in blocks():
-        stop = start + block.response.size
-        if stop > start:
-            yield block, candidate.nuisance_columns[start:stop]
-        start = stop
-
-
-def _root_of(
-    blocks: Iterable[Float[np.ndarray, "_ n"]], known: Float[np.ndarray, "k n"], enough: float = math.inf
-) -> Float[np.ndarray, "n n"]:
-    """Triangular root of some rows and of rows in blocks: all, or `enough` that are well conditioned."""
-    root: Float[np.ndarray, "k n"] | None = triangular_root(known) if known.size else None
-    seen = 0
-    for block in blocks:
-        root = triangular_root(block) if root is None else merged_roots(root, block)
-        seen += block.shape[0]
-        if seen >= enough and _condition(root) < WELL_CONDITIONED:
-            break
-    if root is None or root.shape[0] < root.shape[1]:
-        raise singular_sensitivity()
-    return root
-
-
-def _condition(root: Float[np.ndarray, "k n"]) -> float:
-    return float(np.linalg.cond(root * unit_scale(np.sum(root**2, axis=0))))
-
-
-def over_root(rows: Float[np.ndarray, "k n"], root: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "k n"]:
-    """Rows in the coordinates of a triangular root: rows R^-1."""
-    if not np.diag(root).all():
-        raise singular_sensitivity()
-    return scipy.linalg.solve_triangular(root, rows.T, trans="T").T
-
-
-# -- Estimate --
-
-#: A scalar function of a candidate's joint vector: its value and its gradient.
-Quantity = Callable[[Candidate], tuple[float, Float[np.ndarray, " n"]]]
-
-
-@dataclass(frozen=True)
-class Estimate:
-    """Named parameters with units, intervals and what they rest on.
-
-    Parameters
-    ----------
-    method : str
-        Name of the method.
-    joint_parameters : tuple of Parameter
-        In the order of the joint vector.
-    candidates : tuple of Candidate
-        One for each combination of discrete nuisances, in the order of their grids.
-    reasons : tuple of Reason
-        Reasons against the estimate that were met while it was made.
-    bounded : tuple of tuple of str
-        Discrete nuisances whose sum is known between bounds: every value of it counts, and candidates are
-        compared with those of the same value only.
-    noises : tuple of FittedNoise
-        Noises that were fitted together with the parameters, by a spectral method.
-    """
-
-    method: str
-    joint_parameters: tuple[Parameter, ...]
-    candidates: tuple[Candidate, ...]
-    reasons: tuple[Reason, ...] = ()
-    bounded: tuple[tuple[str, ...], ...] = ()
-    noises: tuple[FittedNoise, ...] = ()
+    # -- named parameters and intervals -------------------------------------------------------------------
 
     @property
     def status(self) -> Status:
         """Weak when the instruments are; see `reasons`."""
         return verdict(list(self.reasons)).status
 
-    @cached_property
-    def best(self) -> Candidate:
-        """Candidate with the least criterion."""
-        if len(self.candidates) == 1:
-            return self.candidates[0]
-        return min(self.candidates, key=lambda candidate: candidate.criterion)
+    @property
+    def candidates(self) -> tuple[Estimate, ...]:
+        """The estimate, and those at further values of discrete nuisances."""
+        return (self, *self.others)
 
-    def tenable(self, level: float = 0.95) -> tuple[Candidate, ...]:
+    def tenable(self, level: float = 0.95) -> tuple[Estimate, ...]:
         """Candidates whose criterion is within a chi-square quantile of the least one they compete with.
 
         With a degree of freedom for each discrete nuisance that has a choice, but those that are bounded.
@@ -455,7 +262,7 @@ class Estimate:
     @property
     def choices(self) -> int:
         """Discrete nuisances that have a choice, but those that are bounded; one at least."""
-        discrete = set(self.best.nuisances) - {profile.nuisance.name for profile in self.best.profiles}
+        discrete = set(self.nuisances) - {profile.nuisance.name for profile in self.profiles}
         values = [{candidate.nuisances[name] for candidate in self.candidates} for name in discrete]
         return max(sum(len(each) > 1 for each in values) - len(self.bounded), 1)
 
@@ -485,23 +292,18 @@ class Estimate:
 
     @property
     def parameters(self) -> dict[str, float]:
-        """Value of each joint parameter of the best candidate."""
-        return {name: float(value) for name, value in zip(self.names, self.best.values, strict=True)}
+        """Value of each joint parameter ."""
+        return {name: float(value) for name, value in zip(self.names, self.values, strict=True)}
 
     @property
     def covariance(self) -> Float[np.ndarray, "n n"]:
-        """Covariance of the best candidate, in the order of `names`: see `JointCovariance.matrix`."""
-        return self.best.covariance.matrix
-
-    @property
-    def residuals(self) -> Float[np.ndarray, " rows"]:
-        """Residuals of the weighted rows of the best candidate."""
-        return self.best.residuals
+        """Covariance , in the order of `names`: see `JointCovariance.matrix`."""
+        return self.joint_covariance.matrix
 
     @property
     def condition(self) -> float:
         """Condition number of the equations, columns scaled to unit length."""
-        return self.best.solution.condition
+        return self.solution.condition
 
     def direction(self, name: str) -> Float[np.ndarray, " n"]:
         """Unit vector of a parameter.
@@ -529,11 +331,11 @@ class Estimate:
             expected = "an estimate with its rows available, for another covariance"
             remedy = "Name the covariance when you identify: identify_chunks(..., covariance=...)."
             raise EstimationError(expected, "one from chunks or moments, which keeps no rows", remedy)
-        changed = (replace(candidate, covariance_estimator=estimator) for candidate in self.candidates)
-        return replace(self, candidates=tuple(changed))
+        others = (replace(candidate, covariance_estimator=estimator) for candidate in self.others)
+        return replace(self, covariance_estimator=estimator, others=tuple(others))
 
     def ellipse(self, name: str, other: str, level: float = 0.95) -> Ellipse:
-        """Joint confidence region of two parameters of the best candidate.
+        """Joint confidence region of two parameters .
 
         Of several covariances, the one whose region is largest.
 
@@ -549,14 +351,14 @@ class Estimate:
             raise UsageError("two parameters", f"'{name}' twice", "Name another one.")
         pair = np.stack([self.direction(name), self.direction(other)])
         ellipses = [
-            joint_ellipse(self.best.values, part.matrix / part.share, pair, level=level, degrees=part.degrees)
-            for part in self.best.covariance.parts
+            joint_ellipse(self.values, part.matrix / part.share, pair, level=level, degrees=part.degrees)
+            for part in self.joint_covariance.parts
         ]
         return max(ellipses, key=lambda ellipse: ellipse.area)
 
     def std_error(self, name: str) -> float:
-        """Largest of the standard errors of the best candidate."""
-        return self.best.covariance.std_error(self.direction(name))
+        """Largest of the standard errors ."""
+        return self.joint_covariance.std_error(self.direction(name))
 
     def interval(self, name: str, level: float = 0.95) -> tuple[float, float]:
         """Confidence interval of a parameter, a union over the candidates that fit.
@@ -573,7 +375,7 @@ class Estimate:
         self,
         quantity: Quantity,
         level: float = 0.95,
-        extra_variance: Callable[[Candidate], float] = lambda _: 0.0,
+        extra_variance: Callable[[Estimate], float] = lambda _: 0.0,
     ) -> tuple[float, float]:
         """Confidence interval of a function of the joint vector, by the delta method at each candidate.
 
@@ -586,7 +388,7 @@ class Estimate:
         ends: list[float] = []
         for candidate in self.tenable(level):
             value, gradient = quantity(candidate)
-            half = candidate.covariance.half_width(gradient, level, extra_variance(candidate))
+            half = candidate.joint_covariance.half_width(gradient, level, extra_variance(candidate))
             ends.extend((value - half, value + half))
         return min(ends), max(ends)
 
@@ -606,7 +408,7 @@ class Estimate:
             "value": [self.parameters[name] for name in self.names],
             "unit": list(self.units),
         }
-        if self.best.has_covariance:
+        if self.has_covariance:
             intervals = [self.interval(name) for name in self.names]
             columns["std_error"] = [self.std_error(name) for name in self.names]
             columns["low"] = [low for low, _ in intervals]
@@ -630,13 +432,13 @@ class Estimate:
             return None if isinstance(value, float) and not math.isfinite(value) else value
 
         rows = [{key: finite(value) for key, value in row.items()} for row in self.to_frame().to_dicts()]
-        covariance = self.covariance.tolist() if self.best.has_covariance else None
+        covariance = self.covariance.tolist() if self.has_covariance else None
         document = {"method": self.method, "parameters": rows, "covariance": covariance}
         return json.dumps(document, indent=2, allow_nan=False) + "\n"
 
     def summary(self) -> str:
         """Table of parameters as text, with standard errors."""
-        if not self.best.has_covariance:
+        if not self.has_covariance:
             values = (f"{name:<20}{value:>12.5g}" for name, value in self.parameters.items())
             return "\n".join([f"{self.method} (from moments: no standard errors)", *values])
         head = f"{'parameter':<20}{'value':>12}{'std. error':>12}{'95 % interval':>30}  unit"
@@ -648,3 +450,171 @@ class Estimate:
         lines.extend(f"noise of {noise.sentence}" for noise in self.noises)
         lines.extend(f"- {reason.sentence} {reason.remedy}" for reason in self.reasons)
         return "\n".join(lines)
+
+
+# -- Estimating equation --
+
+#: Rows that make coordinates for all, when their root, columns of one length, has a smaller condition.
+ENOUGH_ROWS = 65_536
+WELL_CONDITIONED = 1e4
+
+
+def equation_of(estimate: Estimate) -> EstimatingEquation:
+    """Estimating equation of a solution whose rows are available."""
+    problem = estimate.rows if estimate.problem is None else estimate.problem
+    if not isinstance(problem, Regression) or isinstance(problem.layout, SampleRows):
+        return estimating_equation(estimate, problem.blocks)
+    # Rows in frequency, and of several axes, go back to time all at once.
+    equation = estimating_equation(estimate, lambda: problem.blocks(round(estimate.count)))
+    whole = equation.rows
+    timed = replace(whole, scores=problem.layout.scores(whole.test_functions, whole.residual))
+    return replace(equation, sample_count=timed.scores.shape[0], blocks=lambda: [timed])
+
+
+def estimating_equation(estimate: Estimate, blocks: Blocks) -> EstimatingEquation:
+    """Estimating equation of a solution."""
+    make = _moment_equation if estimate.assembler.moment_equations else _direct_equation
+    equation, done = make(estimate, blocks), estimate.solution.shrinkage
+    if done is None:
+        return equation
+    return replace(equation, move=np.pad(done.shift, (0, estimate.nuisance_columns.shape[1])))
+
+
+def _moment_equation(estimate: Estimate, blocks: Blocks) -> EstimatingEquation:
+    """Equation of mean cross-products; its coordinates take a pass of their own, over some of the rows."""
+    theta, factor, constant = estimate.theta, estimate.factor, estimate.constant
+    A, known = estimate.system.matrix, estimate.prior_rows()
+    searched = estimate.nuisance_columns.shape[1]
+    own_equations = searched if estimate.assembler.takes_out_own_noise else 0
+
+    if estimate.nuisance_columns.size:
+        moved, below = np.zeros((A.shape[0] + own_equations, searched)), np.zeros((own_equations, A.shape[1]))
+        for block, nuisance in _with_nuisance(estimate, blocks):
+            moved += _test_functions(estimate, block, nuisance).T @ nuisance
+            below += nuisance[:, :own_equations].T @ block.regressors
+        A = np.column_stack([np.vstack([A, below / estimate.count]), moved / estimate.count])
+        constant = np.pad(constant, (0, own_equations))
+    if factor is not None:
+        A = scipy.linalg.solve_triangular(factor, A, lower=True)
+    equations, power = A.shape[0], estimate.row_power() if known.size else 0.0
+    unit = power * estimate.residual_variance() if known.size else 0.0
+    stacked = np.vstack([A, np.sqrt(unit / estimate.count) * known])
+    lengths = row_lengths(stacked)[:, None]  # as many equations as unknowns: coordinates without their units
+    combinations, R = np.linalg.qr(stacked / lengths)
+    own_root = (combinations * lengths).T @ stacked  # of A' psi
+    combinations = combinations / lengths
+    pseudo = np.sqrt(estimate.count) * combinations[equations:]
+    combinations = combinations[:equations]
+    if factor is not None:
+        combinations = scipy.linalg.solve_triangular(factor, combinations, lower=True, trans="T")
+
+    tests = (made().instruments for made in _in_combinations(estimate, blocks, combinations))
+    S = _root_of(tests, np.sqrt(power) * pseudo, ENOUGH_ROWS)  # coordinates
+    combinations = over_root(combinations, S)
+    combined = constant @ combinations
+
+    def in_coordinates(made: Callable[[], RowBlock]) -> EquationRows:
+        block = made()
+        residual = block.response - block.regressors @ theta
+        scores = block.instruments * residual[:, None]
+        scores += combined
+        return EquationRows(block.instruments, residual, scores, block.flights, combined)
+
+    def rows() -> Iterator[EquationRows]:
+        return made_ahead(in_coordinates, _in_combinations(estimate, blocks, combinations))
+
+    prior = np.sqrt(unit) * over_root(pseudo, S) if known.size else None
+    return EstimatingEquation(
+        S @ own_root, estimate.count * over_root(R.T, S).T, round(estimate.count), rows, prior
+    )
+
+
+def _test_functions(
+    estimate: Estimate, block: RowBlock, nuisance: Float[np.ndarray, "_ q"]
+) -> Float[np.ndarray, "rows p"]:
+    """The assembler's; columns that are their own instruments are so for nuisances as well, without noise."""
+    psi = estimate.assembler.test_functions(block)
+    own_instruments = nuisance.size and estimate.assembler.takes_out_own_noise
+    return np.column_stack([psi, nuisance]) if own_instruments else psi
+
+
+def _in_combinations(
+    estimate: Estimate, blocks: Blocks, combinations: Float[np.ndarray, "p n"]
+) -> Iterator[Callable[[], RowBlock]]:
+    """For each block, a function that makes it with combinations of test functions as its instruments."""
+    problem = estimate.problem
+    plain = not estimate.nuisance_columns.size and estimate.assembler.needs_instruments
+    if plain and lags_without_gaps(problem):
+        for ends in row_blocks(problem.first, problem.signals.sample_count, COPIED_ROWS):
+            yield partial(filtered_instruments, problem, combinations, *ends)
+        return
+    for block, nuisance in _with_nuisance(estimate, blocks):
+        # Columns stay contiguous, as those of a block are.
+        psi = (combinations.T @ _test_functions(estimate, block, nuisance).T).T
+        yield partial(replace, block, instruments=psi)
+
+
+def _direct_equation(estimate: Estimate, blocks: Blocks) -> EstimatingEquation:
+    system, theta, solver = estimate.system, estimate.theta, estimate.solver
+    covariance, searched = system.error_covariance, estimate.nuisance_columns.shape[1]
+    known, root = estimate.prior_rows(), triangular_root(system.matrix)
+    unit = estimate.residual_variance() if known.size else 0.0
+    if searched:
+        jacobians = (
+            np.column_stack([block.regressors, nuisance])
+            for block, nuisance in _with_nuisance(estimate, blocks)
+        )
+        root = _root_of(jacobians, np.sqrt(unit) * known)
+    residual = system.right - system.matrix @ theta
+    correction = np.pad(solver.score_correction(residual, theta, covariance).sensitivity, (0, searched))
+    slope = root + over_root(correction, root).T if correction.any() else root
+
+    def rows() -> Iterator[EquationRows]:
+        for block, nuisance in _with_nuisance(estimate, blocks):
+            residual = block.response - block.regressors @ theta
+            score_correction = solver.score_correction(residual, theta, covariance).rows
+            jacobian = np.column_stack([block.regressors, nuisance]) if searched else block.regressors
+            psi = over_root(jacobian + np.pad(score_correction, ((0, 0), (0, searched))), root)
+            yield EquationRows(psi, residual, psi * residual[:, None], block.flights)
+
+    prior = unit * over_root(known, root) if known.size else None
+    return EstimatingEquation(root, slope, round(estimate.count), rows, prior)
+
+
+def _with_nuisance(
+    estimate: Estimate, blocks: Blocks
+) -> Iterator[tuple[RowBlock, Float[np.ndarray, "rows q"]]]:
+    """Blocks that have rows, each with its rows of the nuisances' columns."""
+    start = 0
+    for block in blocks():
+        stop = start + block.response.size
+        if stop > start:
+            yield block, estimate.nuisance_columns[start:stop]
+        start = stop
+
+
+def _root_of(
+    blocks: Iterable[Float[np.ndarray, "_ n"]], known: Float[np.ndarray, "k n"], enough: float = math.inf
+) -> Float[np.ndarray, "n n"]:
+    """Triangular root of some rows and of rows in blocks: all, or `enough` that are well conditioned."""
+    root: Float[np.ndarray, "k n"] | None = triangular_root(known) if known.size else None
+    seen = 0
+    for block in blocks:
+        root = triangular_root(block) if root is None else merged_roots(root, block)
+        seen += block.shape[0]
+        if seen >= enough and _condition(root) < WELL_CONDITIONED:
+            break
+    if root is None or root.shape[0] < root.shape[1]:
+        raise singular_sensitivity()
+    return root
+
+
+def _condition(root: Float[np.ndarray, "k n"]) -> float:
+    return float(np.linalg.cond(root * unit_scale(np.sum(root**2, axis=0))))
+
+
+def over_root(rows: Float[np.ndarray, "k n"], root: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "k n"]:
+    """Rows in the coordinates of a triangular root: rows R^-1."""
+    if not np.diag(root).all():
+        raise singular_sensitivity()
+    return scipy.linalg.solve_triangular(root, rows.T, trans="T").T

@@ -20,7 +20,7 @@ from eivor.errors import (
     UsageError,
     WeakInstrumentsWarning,
 )
-from eivor.estimation.estimate import Candidate, Estimate
+from eivor.estimation.estimate import Estimate
 from eivor.estimation.method import Method, NaturalInstruments, Problem
 from eivor.estimation.moments import Assembler, Compensated, CrossMoments, Moments, ProblemMoments
 from eivor.estimation.variable_projection import Minimum, bounded_sums, minimised, on_nested_grids
@@ -44,7 +44,7 @@ MOST_STEPS = 60
 CONVERGED = 1e-9
 
 #: A method, from a linear problem to its solution.
-Solve = Callable[[LinearProblem], Candidate]
+Solve = Callable[[LinearProblem], Estimate]
 
 
 def nearly(problem: LinearisableProblem, solve: Solve) -> dict[str, float]:
@@ -70,7 +70,7 @@ def nearly(problem: LinearisableProblem, solve: Solve) -> dict[str, float]:
     return minimised(problem.nuisances, {}, solution, objectives, coarse=True).nuisances
 
 
-def refined_nuisances(problem: LinearisableProblem, solve: Solve, start: Values) -> Candidate:
+def refined_nuisances(problem: LinearisableProblem, solve: Solve, start: Values) -> Estimate:
     """Solution beside the values at which a method changes nothing."""
     low = np.array([nuisance.first for nuisance in problem.nuisances])
     high = np.array([float(nuisance.grid[-1]) for nuisance in problem.nuisances])
@@ -272,12 +272,12 @@ class LinearMethod(Method):
         """Summary of rows that the equations, every weighting of them and the instruments' strength need."""
         return self.assembler.moments(problem, whole=self.needs_instruments)
 
-    def solve(self, problem: LinearProblem) -> Candidate:
+    def solve(self, problem: LinearProblem) -> Estimate:
         """Solve for the linear parameters of a problem with its rows available."""
         moments = self.assembler.moments(problem, whole=self.equation_weighting.needs_instrument_products)
         return self.solve_moments(moments, problem)
 
-    def solve_moments(self, moments: Moments, problem: LinearProblem | None = None) -> Candidate:
+    def solve_moments(self, moments: Moments, problem: LinearProblem | None = None) -> Estimate:
         """Solve for the linear parameters from moments."""
         spectra = isinstance(problem, Regression) and isinstance(problem.layout, BinRows)
         if self.row_weighting.needs_spectra and not spectra:
@@ -294,9 +294,12 @@ class LinearMethod(Method):
                 raise (error if problem is None else _collinear(system.matrix, problem.parameters)) from None
             theta = solution.theta
         solution = replace(solution, objective=self.assembler.left(moments, solution))
-        return Candidate(self.assembler, self.solver, moments, problem, system, factor, solution)
+        parameters = () if problem is None else problem.parameters
+        return Estimate(
+            self.assembler, self.solver, moments, problem, system, factor, solution, self.name, parameters
+        )
 
-    def determined(self, moments: Moments, problem: LinearProblem | None = None) -> Candidate:
+    def determined(self, moments: Moments, problem: LinearProblem | None = None) -> Estimate:
         """Solution of moments that determine the parameters, and leave a residual to judge them by."""
         system = self.assembler.system(moments)
         check_freedom(moments.rows, system.matrix.shape[1])
@@ -316,22 +319,20 @@ def _linearised_estimate(method: LinearMethod, problem: LinearisableProblem) -> 
     if method.needs_instruments:
         check_instruments(first.rows(), len(problem.nuisances), method.name)
 
-    def solve(linear: LinearProblem) -> Candidate:
+    def solve(linear: LinearProblem) -> Estimate:
         return method.determined(method.moments(linear), linear)
 
     candidate = refined_nuisances(problem, solve, nearly(problem, method.solve))
     return _plain_estimate(method, candidate, candidate.rows.parameters)
 
 
-def _plain_estimate(
-    method: LinearMethod, candidate: Candidate, parameters: tuple[Parameter, ...]
-) -> Estimate:
+def _plain_estimate(method: LinearMethod, candidate: Estimate, parameters: tuple[Parameter, ...]) -> Estimate:
     reasons = (
         *weak_instruments(candidate.moments, candidate.system, parameters),
         *overstated_noise(candidate.moments, parameters),
         *shrinkage_bias(candidate.solution, parameters),
     )
-    return Estimate(method.name, parameters, (candidate,), reasons)
+    return replace(candidate, method=method.name, joint_parameters=parameters, reasons=reasons)
 
 
 # -- problems with nuisances ------------------------------------------------------------------------------
@@ -351,15 +352,20 @@ def _separable_estimate(method: LinearMethod, problem: SeparableProblem) -> Esti
         lambda candidate: candidate.over_identification[1] < BEYOND_DOUBT,
     )
     refined = tuple(nuisance.parameter for nuisance in problem.nuisances if nuisance.refined)
-    joint = candidates[0].rows.parameters + refined
-    estimate = Estimate(method.name, joint, candidates, bounded=bounded_sums(problem.nuisances))
-    best = estimate.best
-    return replace(estimate, reasons=shrinkage_bias(best.solution, best.rows.parameters))
+    best, *others = sorted(candidates, key=lambda candidate: candidate.criterion)
+    return replace(
+        best,
+        method=method.name,
+        joint_parameters=best.rows.parameters + refined,
+        reasons=shrinkage_bias(best.solution, best.rows.parameters),
+        others=tuple(others),
+        bounded=bounded_sums(problem.nuisances),
+    )
 
 
 def _candidate(
-    method: LinearMethod, problem: SeparableProblem, fixed: dict[str, float], candidate: Candidate | None
-) -> Candidate:
+    method: LinearMethod, problem: SeparableProblem, fixed: dict[str, float], candidate: Estimate | None
+) -> Estimate:
     start = problem.warm_start
     if start is not None:
         weights = method.row_weighting.last_pass(problem, start.theta, start.nuisances)
@@ -408,7 +414,7 @@ def _minimum(
     if method.needs_instruments:
         check_instruments(rows, sum(nuisance.prior is None for nuisance in unknown), method.name)
 
-    def solve(values: Values) -> Candidate:
+    def solve(values: Values) -> Estimate:
         return method.solve(weights.rows(values))
 
     def objectives(points: Sequence[Values]) -> Float[np.ndarray, " points"]:

@@ -12,7 +12,7 @@ import numpy as np
 import scipy
 
 from eivor.estimation.derived import DEGREES, ParameterSets
-from eivor.estimation.estimate import Candidate, Estimate
+from eivor.estimation.estimate import Estimate
 from eivor.estimation.linear import LinearMethod, check_linear, known_misfits, slope
 from eivor.estimation.methods import by_name
 from eivor.estimation.variable_projection import (
@@ -397,7 +397,7 @@ class PoolJoint:
         return np.where(left > 0.0, explained / spare / (left / rest), np.inf)
 
 
-# -- Candidate --
+# -- Estimate --
 
 
 @dataclass(frozen=True)
@@ -621,10 +621,10 @@ class Pooled:
         return CommonValue(float(pool.common_theta[position]), weights / weights.sum(), None)
 
     def _positions(self, names: Sequence[str]) -> list[int]:
-        parameters = [parameter.name for parameter in self.estimates[0].best.rows.parameters]
+        parameters = [parameter.name for parameter in self.estimates[0].rows.parameters]
         return [parameters.index(name) for name in names]
 
-    def _of_all(self, pool: PoolCandidate) -> Candidate:
+    def _of_all(self, pool: PoolCandidate) -> Estimate:
         """Rows of all flights, their response less what a flight's own parameters differ from the mean."""
         joint, positions = pool.joint, self._positions(self.flight_specific)
         commons = (self.mean(name, pool) for name in self.flight_specific)
@@ -661,11 +661,18 @@ class Pooled:
         between = CovariancePart("between_flights", np.diag(variances), float(len(self.estimates) - 1))
         return JointCovariance((*result.parts, between))
 
-    def _estimate(self, candidates: Iterable[Candidate]) -> Estimate:
+    def _estimate(self, candidates: Iterable[Estimate]) -> Estimate:
         first = self.estimates[0]
         refined = (nuisance.parameter for nuisance in self.nuisances if nuisance.refined)
-        joint = (*first.best.rows.parameters, *refined)
-        return Estimate(first.method, joint, tuple(candidates), bounded=bounded_sums(self.nuisances))
+        joint = (*first.rows.parameters, *refined)
+        best, *others = sorted(candidates, key=lambda candidate: candidate.criterion)
+        return replace(
+            best,
+            method=first.method,
+            joint_parameters=joint,
+            others=tuple(others),
+            bounded=bounded_sums(self.nuisances),
+        )
 
     def _candidate(
         self,
@@ -674,7 +681,7 @@ class Pooled:
         theta: Float[np.ndarray, " n"],
         nuisance_columns: Float[np.ndarray, "rows c"],
         covariance: JointCovariance,
-    ) -> Candidate:
+    ) -> Estimate:
         method = by_name(self.estimates[0].method)
         check_linear(method)
         solved = cast("LinearMethod", method).solve(rows)
@@ -688,7 +695,7 @@ class Pooled:
             misfits=misfits,
             nuisances={nuisance.name: pool.nuisances[nuisance.name] for nuisance in self.nuisances},
             profiles=pool.profiles,
-            covariance_estimator=self.estimates[0].best.covariance_estimator,
+            covariance_estimator=self.estimates[0].covariance_estimator,
             streamed_covariance=covariance,
             flight_criterion=pool.criterion,
         )
@@ -714,9 +721,9 @@ def pooled(
     separate: bool = False,
 ) -> Pooled:
     """Pool flights that share some parameters."""
-    nuisances = reaching(nuisances, [estimate.best.nuisances for estimate in estimates])
+    nuisances = reaching(nuisances, [estimate.nuisances for estimate in estimates])
     nodes = nodes_of(nuisances, FEWEST_NODES)
-    parameters = [parameter.name for parameter in estimates[0].best.rows.parameters]
+    parameters = [parameter.name for parameter in estimates[0].rows.parameters]
     index = tuple(parameters.index(name) for name in names)
 
     criteria = on_nested_grids(
@@ -759,8 +766,8 @@ def _criterion(
     return weighted([nuisances] * len(alone), first.parameters(nuisances))
 
 
-def _nearest(estimate: Estimate, fixed: Values) -> Candidate:
-    refined = {profile.nuisance.name for profile in estimate.best.profiles}
+def _nearest(estimate: Estimate, fixed: Values) -> Estimate:
+    refined = {profile.nuisance.name for profile in estimate.profiles}
     names = [name for name in fixed if name not in refined]
     return min(
         estimate.candidates,

@@ -415,9 +415,8 @@ class RecursiveIdentification:
             remedy = "Give more samples than the largest lag, valid ones among the last of them."
             raise TooFewSamplesError("rows that are not forgotten yet", "none", remedy)
         result = identify(ProblemMoments(self._parameters, weighted.moments), self.method)
-        (candidate,) = result.candidates
-        covariance = exponentially_weighted_covariance(weighted, candidate.theta, equation_map(candidate))
-        return replace(result, candidates=(replace(candidate, streamed_covariance=covariance),))
+        covariance = exponentially_weighted_covariance(weighted, result.theta, equation_map(result))
+        return replace(result, streamed_covariance=covariance)
 
 
 def identify_recursively(

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from eivor.errors import EstimationError, WeakInstrumentsWarning
-from eivor.estimation.estimate import Candidate, Estimate
+from eivor.estimation.estimate import Estimate
 from eivor.estimation.linear import LinearMethod
 from eivor.estimation.moments import Compensated, FittedNoise
 from eivor.estimation.pair_whitening import LARGEST_LEVERAGE, corrected_spectrum, held_back, signal_weights
@@ -302,13 +302,13 @@ def moved_by(motion: SampledMotion, step: Float[np.ndarray, " n"]) -> SampledMot
 # -- Whitened rows --
 
 
-def solved_rows(solution: SpectralSolution, parameters: tuple[Parameter, ...]) -> Candidate:
+def solved_rows(solution: SpectralSolution, parameters: tuple[Parameter, ...]) -> Estimate:
     """Linear equations that the solution meets, and their solution."""
     rows = whitened_rows(solution, parameters)
     assembler, solver = Compensated(), LeastSquares()
     moments = assembler.moments(rows, whole=True)
     system = assembler.system(moments)
-    return Candidate(assembler, solver, moments, rows, system, None, solver.solve(system))
+    return Estimate(assembler, solver, moments, rows, system, None, solver.solve(system))
 
 
 def whitened_rows(solution: SpectralSolution, parameters: tuple[Parameter, ...]) -> Regression:

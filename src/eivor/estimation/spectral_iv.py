@@ -12,7 +12,7 @@ from itertools import product
 import numpy as np
 
 from eivor.errors import EivorError, EstimationError, FallbackWarning, MissingNoiseError
-from eivor.estimation.estimate import Candidate, Estimate
+from eivor.estimation.estimate import Estimate
 from eivor.estimation.linear import LinearMethod, user_level
 from eivor.estimation.method import Method, Problem
 from eivor.estimation.moments import Direct, FittedNoise, Instrumental
@@ -96,10 +96,10 @@ def joint_covariance(covariance: SpectralCovariance) -> JointCovariance:
 
 
 def with_reasons(
-    name: str, candidate: Candidate, noises: tuple[FittedNoise, ...], *, converged: bool
+    name: str, candidate: Estimate, noises: tuple[FittedNoise, ...], *, converged: bool
 ) -> Estimate:
     """Estimate with the reasons against it: passes that ran out, parameters that may be zero."""
-    estimate = Estimate(name, candidate.rows.parameters, (candidate,), noises=noises)
+    estimate = replace(candidate, method=name, joint_parameters=candidate.rows.parameters, noises=noises)
     reasons: list[Reason] = []
     if not converged:
         sentence = "The spectra of the residuals had not come to rest when the passes ran out."
@@ -131,7 +131,7 @@ def fallback(why: str, remedy: str = EXCITE) -> Reason:
 
 def start_of(sampled: SampledProblem, plain: Estimate) -> SampledMotion | Reason:
     """Motion at generalized IV's numbers, or why nothing can begin there."""
-    friction, gain = (float(value) for value in plain.best.values[:2])
+    friction, gain = (float(value) for value in plain.values[:2])
     if friction > 0.0 and gain != 0.0:
         return SampledMotion(sampled.record, friction, gain)
     return fallback(f"generalized IV, from which it begins, has a friction of {friction:.3g} 1/s")
@@ -139,7 +139,7 @@ def start_of(sampled: SampledProblem, plain: Estimate) -> SampledMotion | Reason
 
 def distance_of(plain: Estimate, solution: SpectralSolution) -> float:
     """Squared distance of friction and gain from generalized IV's, in the errors of both."""
-    between = plain.best.values[:2] - solution.values
+    between = plain.values[:2] - solution.values
     of_instruments = plain.with_covariance(EqualWeightedCosines()).covariance[:2, :2]
     spread = np.diag(np.maximum(np.diag(solution.covariance.model[:2, :2]), 0.0)) + of_instruments
     return float(between @ np.linalg.solve(spread, between))
@@ -245,7 +245,7 @@ def spectral_giv_of_flights(name: str, problem: SeparableProblem) -> Estimate:
 
 def with_noises(problem: SeparableProblem, estimate: Estimate) -> Estimate:
     """Estimate with the noises that fit what it leaves."""
-    best = estimate.best
+    best = estimate
     pairs = paired_bins(problem, best.theta, best.nuisances)
     return replace(estimate, noises=pairs.fitted_noises(problem.bins(best.nuisances)))
 
@@ -257,16 +257,16 @@ def _instead(name: str, plain: Estimate, why: str) -> Estimate:
 
 def _least_distance(estimate: Estimate, plain: Estimate) -> tuple[float, float]:
     """Least squared distance of the linear parameters of two estimates, and what chance hardly exceeds."""
-    count = estimate.best.theta.size
+    count = estimate.theta.size
     farthest = hotelling_quantile(ALLOWED, count, COSINE_AVERAGES)
     pairs = product(estimate.tenable(), plain.tenable())
     return min(_squared_distance(item, other) for item, other in pairs), farthest
 
 
-def _squared_distance(candidate: Candidate, other: Candidate) -> float:
+def _squared_distance(candidate: Estimate, other: Estimate) -> float:
     count = candidate.theta.size
     between = candidate.theta - other.theta
-    spread = candidate.covariance.matrix[:count, :count] + other.covariance.matrix[:count, :count]
+    spread = candidate.joint_covariance.matrix[:count, :count] + other.joint_covariance.matrix[:count, :count]
     return float(between @ np.linalg.lstsq(spread, between, rcond=None)[0])
 
 
@@ -392,7 +392,7 @@ def _doubt(solution: SpectralSolution, plain: Estimate) -> str:
         return "its search left every number behind"
     if solution.change > MOVING:
         return f"its last pass changed it by {solution.change:.0%}"
-    if values[0] <= 0.0 or values[1] * plain.best.values[1] <= 0.0:
+    if values[0] <= 0.0 or values[1] * plain.values[1] <= 0.0:
         return f"its friction came out at {values[0]:.3g} 1/s and its gain at {values[1]:.3g}"
     distance = distance_of(plain, solution)
     return f"{CONTRADICTS} (squared distance {distance:.3g})" if distance > FARTHEST else ""
@@ -415,15 +415,15 @@ def _with_blend(sampled: SampledProblem, start: SampledMotion) -> SpectralSoluti
     return free if usual is None else solved(replace(pilot, motion=replace(free.motion, blend=usual)))
 
 
-def _combined(candidate: Candidate, plain: Estimate, solution: SpectralSolution) -> Candidate:
+def _combined(candidate: Estimate, plain: Estimate, solution: SpectralSolution) -> Estimate:
     """theta_S - Cov(theta_S, delta) Var(delta)^-1 delta with delta = theta_G - theta_S."""
-    influence, equation, n = solution.covariance.influence, plain.best.equation, solution.parameters
+    influence, equation, n = solution.covariance.influence, plain.equation, solution.parameters
     other = np.zeros((influence.shape[0], 2))
     scores = np.linalg.solve(equation.sensitivity, equation.scores.T).T
     other[-scores.shape[0] :] = scores
     joint = sum_covariance(np.concatenate([influence, other - influence[:, :2]], axis=1))
     weights = np.linalg.solve(joint[n:, n:], joint[n:, :n]).T
-    theta = candidate.theta - weights @ (plain.best.values[:2] - solution.values)
+    theta = candidate.theta - weights @ (plain.values[:2] - solution.values)
     alone = joint_covariance(solution.covariance)
     matrix = joint[:n, :n] - weights @ joint[n:, :n]
     of_both = CovariancePart("equal_weighted_cosines", matrix, alone.parts[0].degrees)

@@ -11,7 +11,7 @@ import scipy
 
 from eivor import checks
 from eivor.errors import InstrumentError, TooFewSamplesError, UsageError
-from eivor.estimation.estimate import Candidate, Estimate, estimating_equation
+from eivor.estimation.estimate import Estimate, estimating_equation
 from eivor.estimation.linear import LinearMethod, check_linear
 from eivor.estimation.methods import identify
 from eivor.estimation.moments import Assembler, CrossMoments, ProblemMoments
@@ -186,7 +186,6 @@ def identify_chunks(
     first = moments(chunks(), model=model, method=method, instruments=instruments)
     estimate = identify(first, method)
     total = first.moments
-    (candidate,) = estimate.candidates
 
     def blocks() -> Iterator[RowBlock]:
         size = 0
@@ -199,9 +198,8 @@ def identify_chunks(
             remedy = "Give a function that starts the same chunks anew each time it is called."
             raise UsageError(expected, f"{size} in a later one", remedy)
 
-    equation = estimating_equation(candidate, blocks)
-    streamed = replace(candidate, streamed_covariance=covariance.joint(equation))
-    return replace(estimate, candidates=(streamed,))
+    equation = estimating_equation(estimate, blocks)
+    return replace(estimate, streamed_covariance=covariance.joint(equation))
 
 
 # -- Forgetting --
@@ -497,7 +495,7 @@ def nothing_yet(rows: TimedRows, forgetting: Forgetting, *, whole: bool) -> Expo
 # -- Exponentially weighted covariance --
 
 
-def equation_map(solved: Candidate) -> Float[np.ndarray, "n p"]:
+def equation_map(solved: Estimate) -> Float[np.ndarray, "n p"]:
     """Return what a change of the mean scores changes the solution by, to first order: (A'WA)^-1 A'W."""
     A, factor = solved.system.matrix, solved.factor
     if factor is not None:

@@ -12,7 +12,7 @@ import scipy
 from numpy.polynomial.chebyshev import chebder, chebfit, chebpts1, chebval
 
 from eivor.errors import InstrumentError, UsageError
-from eivor.estimation.estimate import Candidate, Estimate
+from eivor.estimation.estimate import Estimate
 from eivor.estimation.linear import check_freedom
 from eivor.estimation.method import Method, Problem
 from eivor.estimation.moments import Compensated
@@ -346,9 +346,10 @@ class _MomentSearch:
     def estimate(self, name: str, beta: Float[np.ndarray, " k"]) -> Estimate:
         """Estimate at the least."""
         alone = self._solved(beta)
-        covariance = JointCovariance((*alone.covariance.parts, *self._of_normal_series(beta)))
-        candidate = replace(alone, streamed_covariance=covariance)
-        estimate = Estimate(name, self.shared.parameters, (candidate,))
+        covariance = JointCovariance((*alone.joint_covariance.parts, *self._of_normal_series(beta)))
+        estimate = replace(
+            alone, method=name, joint_parameters=self.shared.parameters, streamed_covariance=covariance
+        )
         return replace(estimate, reasons=tuple(self._reasons(estimate, beta)))
 
     def _of_normal_series(self, beta: Float[np.ndarray, " k"]) -> Iterator[CovariancePart]:
@@ -364,7 +365,7 @@ class _MomentSearch:
         matrix = long_memory_covariance(self.rows.instruments @ answers, error)
         yield CovariancePart("of_long_memory", matrix / self._count**2)
 
-    def _solved(self, beta: Float[np.ndarray, " k"]) -> Candidate:
+    def _solved(self, beta: Float[np.ndarray, " k"]) -> Estimate:
         """Linear equations at the least: slopes by the noises stand among what is compensated."""
         added, slopes = self.shared.added(beta, self.known)
         more = beta.size - self.rows.regressors.shape[1]
@@ -385,7 +386,7 @@ class _MomentSearch:
                 f"equations with the condition number {solution.condition:.2g}",
                 "Give an input that is not white, more lags as instruments, or declare a noise.",
             )
-        return Candidate(assembler, solver, moments, rows, system, self.factor, replace(solution, theta=beta))
+        return Estimate(assembler, solver, moments, rows, system, self.factor, replace(solution, theta=beta))
 
     def _first_stage(self) -> dict[str, float]:
         """How well each regressor is identified by test functions that share no unknown noise with any."""

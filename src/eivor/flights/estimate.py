@@ -205,7 +205,7 @@ def apply_lag_prior(state: FlightState) -> FlightState:
     state = replace(state, lag_prior=prior, findings=findings)
     if prior is not None:
         alone = WithoutPrior(problem, estimate)
-        problem = with_lag_prior(problem, prior.for_the_log, estimate.best.nuisances)
+        problem = with_lag_prior(problem, prior.for_the_log, estimate.nuisances)
         problem, estimate = motion.refined(problem, _solver(state), state.options)
         state = replace(state, problem=problem, estimate=estimate, without_prior=alone)
     return replace(state, prepared=motion.with_refinement(state.prepared, problem))
@@ -225,7 +225,7 @@ def diagnose_fit(state: FlightState) -> FlightState:
 
 def build_confidence_sets(state: FlightState) -> FlightState:
     """Confidence sets of the linear parameters of the headline."""
-    linear = {parameter.name for parameter in state.estimate.best.rows.parameters}
+    linear = {parameter.name for parameter in state.estimate.rows.parameters}
     names = [name for name in state.motion.headline if name in linear and state.with_sets]
     sets = {name: parameter_sets(state.problem, state.estimate, name) for name in names}
     return replace(state, sets={name: item for name, item in sets.items() if item is not None})
@@ -382,7 +382,7 @@ def with_fit(
     flying = tuple(flight for flight in prepared if flight.runs)
     parts = motion.systematic_uncertainties(flying, estimates, inputs)
     estimates = with_systematic_uncertainties(motion, estimates, parts)
-    best, agreement = fit.estimate.best, fit.checks.agreement
+    best, agreement = fit.estimate, fit.checks.agreement
     searched = {
         profile.nuisance.name: Searched(best.nuisances[profile.nuisance.name], float(profile.grid[-1]))
         for profile in best.profiles
@@ -541,7 +541,7 @@ def _may_be_identified(motion: Motion[Any], flight: PreparedFlight, options: Fli
         result = identify(coarse, motion.weighted(method))
     except EstimationError:
         return False
-    first_stage = dict(zip(result.names, result.best.first_stage, strict=True))
+    first_stage = dict(zip(result.names, result.first_stage, strict=True))
     return first_stage.get(ACTUATOR_LAG.name, 0.0) >= LEAST_SHARE * STRONG_FIRST_STAGE
 
 

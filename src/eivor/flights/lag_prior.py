@@ -10,7 +10,7 @@ import numpy as np
 
 from eivor.errors import EstimationError, UsageError
 from eivor.estimation.derived import ratio
-from eivor.estimation.estimate import Candidate, Estimate
+from eivor.estimation.estimate import Estimate
 from eivor.estimation.methods import identify, least_squares
 from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import NAN, NO_INTERVAL, Choice, Kind, QuantityEstimate, Wording
@@ -59,7 +59,7 @@ def ratio_quantity(
     gradient = -above / below**2 * estimate.direction(denominator)
     if isinstance(numerator, str):
         gradient = gradient + estimate.direction(numerator) / below
-    return QuantityEstimate(above / below, unit, estimate.best.covariance.std_error(gradient), interval)
+    return QuantityEstimate(above / below, unit, estimate.joint_covariance.std_error(gradient), interval)
 
 
 def reciprocal(of: QuantityEstimate, unit: str) -> QuantityEstimate:
@@ -74,7 +74,7 @@ def reciprocal(of: QuantityEstimate, unit: str) -> QuantityEstimate:
 
 def lag_quantities(problem: SeparableProblem, estimate: Estimate) -> dict[str, QuantityEstimate]:
     """`actuator_lag`, `delay` and `effective_lag`, their sum; zero for what was not searched for."""
-    joint, index = joint_quantities(estimate), estimate.best.nuisances
+    joint, index = joint_quantities(estimate), estimate.nuisances
     named = {nuisance.name: nuisance for nuisance in problem.nuisances}
     lag = effective = joint.get(ACTUATOR_LAG.name, QuantityEstimate(0.0, "s", 0.0, (0.0, 0.0)))
     delay = joint[DELAY.name] if DELAY.name in joint else chosen(named[DELAY.name], estimate)
@@ -98,12 +98,12 @@ def _sum_of_both(estimate: Estimate) -> QuantityEstimate:
     if searched:
         direction = direction + estimate.direction(DELAY.name)
 
-    def sum_of(candidate: Candidate) -> tuple[float, Float[np.ndarray, " n"]]:
+    def sum_of(candidate: Estimate) -> tuple[float, Float[np.ndarray, " n"]]:
         delay_s = 0.0 if searched else candidate.nuisances[DELAY.name]
         return float(direction @ candidate.values) + delay_s, direction
 
-    error = estimate.best.covariance.std_error(direction)
-    value, _ = sum_of(estimate.best)
+    error = estimate.joint_covariance.std_error(direction)
+    value, _ = sum_of(estimate)
     return QuantityEstimate(value, "s", error, estimate.interval_of(sum_of), lowest=0.0)
 
 
@@ -113,7 +113,7 @@ def chosen(nuisance: Nuisance, estimate: Estimate) -> QuantityEstimate:
     fitting = tuple(sorted({candidate.nuisances[name] for candidate in estimate.tenable()}))
     tried = tuple(sorted({candidate.nuisances[name] for candidate in estimate.candidates}))
     interval = fitting[0], fitting[-1]
-    return QuantityEstimate(estimate.best.nuisances[name], unit, NAN, interval, Choice(fitting, tried))
+    return QuantityEstimate(estimate.nuisances[name], unit, NAN, interval, Choice(fitting, tried))
 
 
 # -- Measured lag --
@@ -316,9 +316,9 @@ def telemetry_lag(flights: tuple[PreparedFlight, ...], families: tuple[str, ...]
         lag_quantity = lag_quantities(problem, estimate)[EFFECTIVE_LAG]
     except EstimationError:
         return None
-    response = estimate.best.rows.response
+    response = estimate.rows.response
     left = float(estimate.residuals @ estimate.residuals) / float(response @ response)
-    at_the_end = estimate.best.nuisances[ACTUATOR_LAG.name] >= 0.999 * LAG_GRID_S[-1]
+    at_the_end = estimate.nuisances[ACTUATOR_LAG.name] >= 0.999 * LAG_GRID_S[-1]
     if not left < LARGEST_SHARE_LEFT or at_the_end or not np.isfinite(lag_quantity.half_width):
         return None
     slowest = min(channel.rate_hz for channels in logged for channel in channels)

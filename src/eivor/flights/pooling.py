@@ -168,7 +168,7 @@ def agreement(alone: Sequence[FitDiagnostics]) -> OverIdentification | None:
 
 def linear_names(pool: Pooled) -> tuple[str, ...]:
     """Linear parameters of a flight, in their order."""
-    return tuple(parameter.name for parameter in pool.estimates[0].best.rows.parameters)
+    return tuple(parameter.name for parameter in pool.estimates[0].rows.parameters)
 
 
 def pool_findings(motion: Motion[Any], pool: Pooled, inputs: VerdictInputs) -> Iterator[Finding]:
@@ -293,7 +293,7 @@ class _Pool:
         given, noticed = known_lag(motion, flights, self.options, problem, estimate)
         if given is not None:
             without_prior = WithoutPrior(problem, estimate)
-            problem = with_lag_prior(problem, given.for_the_log, estimate.best.nuisances)
+            problem = with_lag_prior(problem, given.for_the_log, estimate.nuisances)
             pool = self._pooled(problem)
             estimate = pool.whole()
         sets = _known({name: pool.whole_sets(name) for name in linear_names(pool)})

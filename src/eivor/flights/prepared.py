@@ -110,11 +110,11 @@ class Estimated:
 def estimated(problem: LaggedRuns, least: Mapping[str, float]) -> Estimated:
     """Coefficients of a problem without nuisances, estimated and judged as disagreements are."""
     estimate = identify(problem, reference_iv())
-    _, p_value = estimate.best.over_identification
+    _, p_value = estimate.over_identification
     parts = [
         part.matrix
         for estimator in (Classical(), EqualWeightedCosines(AVERAGES))
-        for part in estimate.with_covariance(estimator).best.covariance.parts
+        for part in estimate.with_covariance(estimator).joint_covariance.parts
     ]
     errors = np.sqrt(np.max([np.diag(part) for part in parts], axis=0))
     if not bool((errors > 0.0).all()):
@@ -123,7 +123,7 @@ def estimated(problem: LaggedRuns, least: Mapping[str, float]) -> Estimated:
             "sensors that differ by nothing, or by exactly what is sought",
             "Give what was measured.",
         )
-    values = estimate.best.values
+    values = estimate.values
     scaled, correlation = values / errors, parts[0] / np.outer(errors, errors)
     wald = float(scaled @ np.linalg.lstsq(correlation, scaled, rcond=None)[0])
     named = zip(estimate.names, values.tolist(), errors.tolist(), strict=True)

@@ -148,7 +148,7 @@ class FitDiagnostics:
 
 def fit_diagnostics(traces: tuple[Trace, ...], estimate: Estimate) -> FitDiagnostics:
     """Diagnostics of an estimate and of its residual in time, of several axes one after the other."""
-    record, best = diagnose(estimate), estimate.best
+    record, best = diagnose(estimate), estimate
     measured = np.concatenate([trace.measured for trace in traces])
     residual = measured - np.concatenate([trace.predicted for trace in traces])
     centred = np.concatenate([trace.measured - trace.measured.mean() for trace in traces])
@@ -214,7 +214,7 @@ def fit_numbers(
 
 def left_over_swings(record: Diagnostics, traces: tuple[Trace, ...]) -> tuple[Swing, ...]:
     """Swings of the residual of each axis, before any whitening; none but of rows in frequency."""
-    layout = record.candidate.rows.layout
+    layout = record.estimate.rows.layout
     if not isinstance(layout, BinRows) or not record.in_one_flight:
         return ()
     swings: list[Swing] = []
@@ -233,11 +233,11 @@ def left_over_swings(record: Diagnostics, traces: tuple[Trace, ...]) -> tuple[Sw
 
 def run_leverage(record: Diagnostics) -> SegmentLeverage | None:
     """Leverage of every run of a record with three or more; else of its tenths."""
-    solved = record.candidate
+    solved = record.estimate
     layout = solved.rows.layout
     if not isinstance(layout, BinRows) or len(layout.runs) < FEWEST_RUNS:
         return record.leverage
-    equation = record.estimate.best.equation
+    equation = record.estimate.equation
     ends = tuple(pairwise(np.cumsum([0, *(2 * run.count for run in layout.runs)]).tolist()))
     tests = [(slice(*end), equation.test_functions[slice(*end)].T) for end in ends]
     return segment_leverage(
@@ -441,8 +441,8 @@ class FlightEstimate:
         if self.fit is None:
             return None
         estimate = self.fit.estimate
-        names = dict(zip(estimate.names, estimate.best.values.tolist(), strict=True))
-        models = {FIT: SimpleModel("the fit", {**estimate.best.nuisances, **names}), **self.simple_models}
+        names = dict(zip(estimate.names, estimate.values.tolist(), strict=True))
+        models = {FIT: SimpleModel("the fit", {**estimate.nuisances, **names}), **self.simple_models}
         refused = (name for name, quantity in self.quantities.items() if quantity.verdict is Status.REFUSED)
         flying = tuple(flight.shortened for flight in self.prepared if flight.runs)
         return self.motion.multi_step_prediction(flying, models, frozenset(refused))

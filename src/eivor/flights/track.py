@@ -99,7 +99,7 @@ def _tracked(
     columns: AxisColumns,
     memory_s: float,
 ) -> Track:
-    index = fit.estimate.best.nuisances
+    index = fit.estimate.nuisances
     names = [parameter.name for parameter in tracked_parameter.runs.parameters]
     (unit,) = (
         parameter.unit

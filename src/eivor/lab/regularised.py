@@ -173,7 +173,7 @@ class ShrunkTowards(Method):
 
     def estimate(self, problem: Problem) -> Estimate:
         """Estimate of the target first, see `Method.estimate`."""
-        towards = self.target.estimate(problem).best.theta
+        towards = self.target.estimate(problem).theta
         return _shrunk(self.method, Tikhonov(self.parameter, towards)).estimate(problem)
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from eivor.checks import described
 from eivor.errors import UsageError, did_you_mean
-from eivor.estimation.estimate import Candidate, Estimate
+from eivor.estimation.estimate import Estimate
 from eivor.flights.quantity import Trace
 from eivor.flights.result import FlightEstimate
 from eivor.inference.bootstrap import Bootstrap
@@ -268,7 +268,7 @@ def liveliest(values: Float[np.ndarray, " length"], count: int) -> slice:
     return slice(first, first + count)
 
 
-def draw_autocorrelation(axes: Axes, best: Candidate, runs: list[FlightRun]) -> None:
+def draw_autocorrelation(axes: Axes, best: Estimate, runs: list[FlightRun]) -> None:
     """Autocorrelation of the residual that inference works on, sampled at twice the band's top."""
     autocorrelation = residual_autocorrelation(best, runs)
     lags, correlation, band = autocorrelation.shift_s, autocorrelation.correlation, autocorrelation.band
@@ -391,8 +391,7 @@ def estimates_figure(
     panels: dict[str, list[PlottedInterval]] = {}
     units: dict[str, str] = {}
     for label, estimate in estimates.items():
-        values = estimate.values if isinstance(estimate, Bootstrap) else estimate.best.values
-        for name, unit, value in zip(estimate.names, estimate.units, values, strict=True):
+        for name, unit, value in zip(estimate.names, estimate.units, estimate.values, strict=True):
             row = PlottedInterval(label, float(value), (estimate.interval(name, level),))
             panels.setdefault(name, []).append(row)
             units.setdefault(name, unit)
@@ -623,7 +622,7 @@ def draw_no_profile(axes: Axes, result: FlightEstimate) -> None:
 
 def draw_profile(axes: Axes, result: FlightEstimate, estimate: Estimate, number: int) -> None:
     """Draw the objective against one nuisance, a curve for each combination of discrete ones that fits."""
-    profile = estimate.best.profiles[number]
+    profile = estimate.profiles[number]
     quantity = result.quantities[profile.nuisance.name]
     wording = result.motion.wording[profile.nuisance.name]
     scale = wording.scale

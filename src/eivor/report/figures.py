@@ -290,8 +290,8 @@ def _panels(result: FlightEstimate, fit: Fit) -> Panels:
         of_axis = f" of {trace.axis}" if len(traces) > 1 else ""
         panels[f"fit{of_axis}"] = partial(draw_fit, trace=trace, runs=runs)
         panels[f"residual{of_axis}"] = partial(draw_residual, trace=trace, runs=runs)
-    panels["autocorrelation"] = partial(draw_autocorrelation, best=estimate.best, runs=runs)
-    profiles = estimate.best.profiles
+    panels["autocorrelation"] = partial(draw_autocorrelation, best=estimate, runs=runs)
+    profiles = estimate.profiles
     for number, profile in enumerate(profiles):
         of_nuisance = f" of {profile.nuisance.name}" if len(profiles) > 1 else ""
         panels[f"profile{of_nuisance}"] = partial(

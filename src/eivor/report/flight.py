@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from eivor.estimation.estimate import Candidate, Estimate
+from eivor.estimation.estimate import Estimate
 from eivor.estimation.variable_projection import NuisanceProfile
 from eivor.flights.estimate import not_estimated
 from eivor.flights.motion import Motion, MultiStepPrediction
@@ -373,7 +373,7 @@ def within_band(trace: Trace, run: FlightRun) -> Float[np.ndarray, "length 2"]:
     return run.spectral.band_passed(np.column_stack([trace.measured, trace.predicted])[run.rows])
 
 
-def residual_autocorrelation(best: Candidate, runs: list[FlightRun]) -> Autocorrelation:
+def residual_autocorrelation(best: Estimate, runs: list[FlightRun]) -> Autocorrelation:
     """Autocorrelation of the residual that inference works on, sampled at twice the band's top."""
     layout = best.rows.layout
     if isinstance(layout, BinRows):
@@ -456,7 +456,7 @@ def profile_curves(result: FlightEstimate, estimate: Estimate, number: int) -> l
 
 
 def _curve(
-    candidate: Candidate, profile: NuisanceProfile
+    candidate: Estimate, profile: NuisanceProfile
 ) -> tuple[Float[np.ndarray, " values"], Float[np.ndarray, " values"]]:
     """Values of a nuisance, and the objective above its least there, as chi-square."""
     least = candidate.solution.objective
@@ -470,7 +470,7 @@ def _curve(
     return values[order], excess[order]
 
 
-def _choice(candidate: Candidate, result: FlightEstimate) -> str:
+def _choice(candidate: Estimate, result: FlightEstimate) -> str:
     refined = {profile.nuisance.name for profile in candidate.profiles}
     selected = [
         (result.motion.wording[name], value)

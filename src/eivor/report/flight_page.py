@@ -358,18 +358,18 @@ def pictures_of_fit(result: FlightEstimate, fit: Fit) -> Pictures:
 
 
 def _autocorrelation(estimate: Estimate, runs: list[FlightRun]) -> Picture:
-    autocorrelation = residual_autocorrelation(estimate.best, runs)
+    autocorrelation = residual_autocorrelation(estimate, runs)
     shift, correlation = autocorrelation.shift_s[1:], autocorrelation.correlation[1:]
     return Picture(
         f"Autocorrelation of the {autocorrelation.what}",
         "Of a residual that holds nothing more, one stem in twenty leaves the band.",
-        partial(draw_autocorrelation, best=estimate.best, runs=runs),
+        partial(draw_autocorrelation, best=estimate, runs=runs),
         number_table(("shift [s]", "correlation"), zip(shift.tolist(), correlation.tolist(), strict=True)),
     )
 
 
 def _profiles(result: FlightEstimate, estimate: Estimate) -> Iterator[Picture]:
-    for index, profile in enumerate(estimate.best.profiles):
+    for index, profile in enumerate(estimate.profiles):
         wording = result.motion.wording[profile.nuisance.name]
         rows = [
             (curve.choice or "objective", value, excess)

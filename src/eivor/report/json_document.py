@@ -162,10 +162,10 @@ def _covariance(estimate: Estimate) -> Json:
         "candidates": [
             {
                 "at": candidate.nuisances,
-                "best": candidate is estimate.best,
+                "best": candidate is estimate,
                 "excess": excess,
                 "values": candidate.values,
-                "parts": candidate.covariance.parts,
+                "parts": candidate.joint_covariance.parts,
             }
             for candidate, excess in zip(estimate.candidates, estimate.excesses, strict=True)
             if excess <= most
@@ -180,7 +180,7 @@ def _prediction(result: FlightEstimate, fit: Fit) -> Json:
         "input": first.input.name,
         "input_map": first.input_map,
         "instruments": fit.instruments,
-        "at": fit.estimate.best.nuisances,
+        "at": fit.estimate.nuisances,
         "by_run": {
             name: result.quantities[name].by_run
             for name, words in result.motion.wording.items()

@@ -241,15 +241,9 @@ def test_answers_that_are_apart_are_told_and_those_at_another_delay_are_not(
     spectral_giv = spectral_giv_of_flights("spectral_giv", problem)
     distance, farthest = spectral_iv._least_distance(spectral_giv, spectral_giv)
     assert distance == 0.0
-    theta = spectral_giv.best.theta * np.array([1.0, 2.0])
-    moved = replace(spectral_giv.best, solution=replace(spectral_giv.best.solution, theta=theta))
-    assert spectral_iv._least_distance(spectral_giv, replace(spectral_giv, candidates=(moved,)))[0] > farthest
-    assert (
-        spectral_iv._least_distance(
-            spectral_giv, replace(spectral_giv, candidates=(moved, *spectral_giv.candidates))
-        )[0]
-        == 0.0
-    )
+    theta = spectral_giv.theta * np.array([1.0, 2.0])
+    moved = replace(spectral_giv, solution=replace(spectral_giv.solution, theta=theta))
+    assert spectral_iv._least_distance(spectral_giv, moved)[0] > farthest
 
 
 # -- pairs ------------------------------------------------------------------------------------------------

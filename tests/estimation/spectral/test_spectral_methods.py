@@ -61,7 +61,7 @@ def test_errors_are_smaller_than_generalized_ivs(problem_of: ProblemOf) -> None:
     for seed in range(24):
         problem = problem_of("white", 1000, seed)
         for name, method in (("spectral", ev.methods.spectral_giv), ("plain", ev.methods.generalized_iv)):
-            errors[name].append(ev.identify(problem, method()).best.values[:2] / TRUTH - 1.0)
+            errors[name].append(ev.identify(problem, method()).values[:2] / TRUTH - 1.0)
     rmse = {name: np.sqrt(np.mean(np.square(error), axis=0)) for name, error in errors.items()}
     assert rmse["spectral"][0] < 0.4 * rmse["plain"][0]
     assert rmse["spectral"][1] < rmse["plain"][1]
@@ -85,7 +85,7 @@ def test_a_sparse_multisine_is_estimated_near_the_bound(lines: int) -> None:
     for seed in range(records):
         signals = ev.simulate(scenario, np.random.default_rng(seed)).signals
         problem = ev.VerticalMotion(intercept=False).regression(signals, ev.lags("input", 0, 10))
-        errors.append(ev.identify(problem, ev.methods.spectral_giv()).best.values[:2] - TRUTH)
+        errors.append(ev.identify(problem, ev.methods.spectral_giv()).values[:2] - TRUTH)
     ratio = np.sqrt(np.mean(np.square(errors), axis=0)) / bound
     # 1.2, enlarged by what chance does to the RMSE of so few records once in a hundred times
     assert (ratio <= 1.2 * (1.0 + 2.33 / np.sqrt(2.0 * records))).all()
@@ -200,7 +200,7 @@ def test_where_there_is_no_spectral_answer_generalized_ivs_is_given(method: Call
         plain = ev.identify(problem, ev.methods.generalized_iv())
     with pytest.warns(FallbackWarning, match="generalized IV's numbers"):
         result = ev.identify(problem, method())
-    np.testing.assert_array_equal(result.best.values, plain.best.values)
+    np.testing.assert_array_equal(result.values, plain.values)
     assert result.status is Status.WEAK
     assert any("The spectral estimate is not given" in reason.sentence for reason in result.reasons)
     assert np.isfinite(result.interval("input_gain")).all()
@@ -224,7 +224,7 @@ def test_a_record_without_spectra_gets_generalized_ivs_answer(
         with pytest.warns(FallbackWarning, match=why):
             result = ev.identify(problem, method())
         plain = ev.identify(problem, ev.methods.generalized_iv())
-        np.testing.assert_array_equal(result.best.values, plain.best.values)
+        np.testing.assert_array_equal(result.values, plain.values)
         assert result.status is Status.WEAK
         assert why in result.summary()
         assert remedy in result.reasons[-1].remedy
@@ -236,7 +236,7 @@ def test_a_short_record_says_what_it_gets(problem_of: ProblemOf) -> None:
         ev.identify(problem, method())
         for method in (ev.methods.spectral_giv, ev.methods.spectral_giv_combined)
     )
-    np.testing.assert_array_equal(result.best.values, combined.best.values)
+    np.testing.assert_array_equal(result.values, combined.values)
     assert result.status is Status.IDENTIFIED
     assert "300 samples are fewer than 400: this is the combination" in result.summary()
     assert "fewer than" not in combined.summary()
@@ -244,7 +244,7 @@ def test_a_short_record_says_what_it_gets(problem_of: ProblemOf) -> None:
 
 def test_diagnostics_read_the_whitened_rows(problem_of: ProblemOf) -> None:
     result = ev.identify(problem_of("rich", 1000, 3), ev.methods.spectral_giv())
-    assert result.best.has_rows
+    assert result.has_rows
     assert result.residuals.size == 2000
     assert np.var(result.residuals) == pytest.approx(1.0, abs=0.15)
     assert result.to_frame().height == len(result.names)
@@ -257,13 +257,13 @@ def test_declared_noises_are_taken_as_they_are(problem_of: ProblemOf) -> None:
     bare = replace(problem.signals, noise={"input": problem.signals.noise["input"]})
     loud = replace(problem.signals, noise={**problem.signals.noise, "velocity_z": ev.WhiteNoise(10.0)})
     problems = problem, replace(problem, signals=bare), replace(problem, signals=loud)
-    known, fitted, wrong = (ev.identify(item, ev.methods.whittle_ml()).best.values for item in problems)
+    known, fitted, wrong = (ev.identify(item, ev.methods.whittle_ml()).values for item in problems)
     np.testing.assert_allclose(known, fitted, rtol=0.02)
     assert not np.array_equal(known, fitted)
     assert np.abs(wrong / known - 1.0).max() > 2.0 * np.abs(fitted / known - 1.0).max()
     np.testing.assert_allclose(
-        ev.identify(problems[0], ev.methods.spectral_giv()).best.values,
-        ev.identify(problems[2], ev.methods.spectral_giv()).best.values,
+        ev.identify(problems[0], ev.methods.spectral_giv()).values,
+        ev.identify(problems[2], ev.methods.spectral_giv()).values,
         rtol=1e-12,
     )
 
@@ -346,7 +346,7 @@ def sampled(problem_of: ProblemOf) -> SampledProblem:
 
 @pytest.fixture(params=[False, True], ids=["held", "free rho"])
 def solution(sampled: SampledProblem, request: pytest.FixtureRequest) -> SpectralSolution:
-    start = SampledMotion(sampled.record, *consistent_estimate(sampled.problem).best.values[:2].tolist())
+    start = SampledMotion(sampled.record, *consistent_estimate(sampled.problem).values[:2].tolist())
     pilot = pilot_at(start, sampled.input_variance)
     return solved_equations(pilot, sampled.input_variance, free_blend=request.param)
 

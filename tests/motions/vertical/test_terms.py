@@ -122,7 +122,7 @@ def test_thrust_follows_the_voltage_and_the_gain_is_that_of_its_mean(log):
     assert near(fit.quantities["voltage_exponent"], 2.0)
     assert fit.quantities["voltage_exponent"].interval[0] > 1.0
     # a slow column: its covariance is taken row by row as well
-    assert fit.estimate.best.covariance.part("by_row").matrix.shape == (4, 4)
+    assert fit.estimate.joint_covariance.part("by_row").matrix.shape == (4, 4)
     assert near(fit.quantities["input_gain"], GAIN)
     # at the mean voltage
     assert near(fit.quantities["hover_input"], HOVER)

@@ -77,7 +77,7 @@ def test_an_input_of_zero_says_nothing_of_its_variation():
 
 def test_the_trace_is_the_measured_acceleration_and_the_model(fit):
     (trace,) = Vertical().traces(fit.fit.problem, fit.estimate)
-    best, flight = fit.estimate.best, vertical_flight(fit.prepared[0])
+    best, flight = fit.estimate, vertical_flight(fit.prepared[0])
     (force,) = flight.cut(flight.acceleration[:, None])
     np.testing.assert_allclose(trace.measured, force[:, 0] - force.mean(), atol=1e-12)
     (speed,) = flight.cut(flight.velocity[:, None])

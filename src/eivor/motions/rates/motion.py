@@ -369,7 +369,7 @@ class Rates(Motion[LaggedRuns]):
 
     def simple_models(self, problem: LaggedRuns, estimate: Estimate) -> Mapping[str, SimpleModel]:
         """Least squares without a lag, see `Motion.simple_models`."""
-        return {quantity.NAME: quantity.least_squares_without_lag(problem, estimate.best.nuisances)}
+        return {quantity.NAME: quantity.least_squares_without_lag(problem, estimate.nuisances)}
 
     def multi_step_prediction(
         self, flights: tuple[PreparedFlight, ...], models: Mapping[str, SimpleModel], refused: frozenset[str]
@@ -383,7 +383,7 @@ class Rates(Motion[LaggedRuns]):
 
     def traces(self, problem: LaggedRuns, estimate: Estimate) -> tuple[Trace, ...]:
         """Angular acceleration about each axis within the band, see `Motion.traces`."""
-        best, traces = estimate.best, []
+        best, traces = estimate, []
         for axis in AXES:
             if axis.number in problem.axes:
                 of_input = (axis.effectiveness, axis.reaction)

@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass, replace
 import numpy as np
 
 from eivor.errors import UsageError
-from eivor.estimation.estimate import Candidate, Estimate
+from eivor.estimation.estimate import Estimate
 from eivor.estimation.linear import LinearMethod
 from eivor.estimation.method import Method
 from eivor.estimation.weighting import SpectralWhitening
@@ -117,12 +117,12 @@ def viscous_friction(problem: LaggedRuns, estimate: Estimate) -> dict[str, Quant
     gradient = ratio * estimate.direction(linear) + share * estimate.direction(quadratic)
     index = [estimate.names.index(name) for name in (linear, quadratic)]
 
-    def friction(candidate: Candidate) -> tuple[float, Float[np.ndarray, " n"]]:
+    def friction(candidate: Estimate) -> tuple[float, Float[np.ndarray, " n"]]:
         of_rotors, of_body = candidate.values[index].tolist()
         return ratio * of_rotors + share * of_body, gradient
 
-    value, _ = friction(estimate.best)
-    error = estimate.best.covariance.std_error(gradient)
+    value, _ = friction(estimate)
+    error = estimate.joint_covariance.std_error(gradient)
     return {FRICTION.name: QuantityEstimate(value, FRICTION.unit, error, estimate.interval_of(friction))}
 
 
@@ -172,7 +172,7 @@ def refined_band(
     if whole is problem:
         return problem, estimate
     for _ in range(PASSES):
-        best = estimate.best
+        best = estimate
         nuisances = tuple(_near(nuisance, best.nuisances[nuisance.name]) for nuisance in problem.nuisances)
         whole = replace(whole, nuisances=nuisances, warm_start=WarmStart(best.theta, best.nuisances))
         estimate = estimated(whole)
@@ -429,7 +429,7 @@ class RigidBody(Motion[LaggedRuns]):
         order = observed_order(flights, self.layout)
         if order is not None:
             return order.numbers
-        wind = steady_wind(problem, estimate.best.nuisances, flights)
+        wind = steady_wind(problem, estimate.nuisances, flights)
         lags = lag_consistency_test(estimate)
         results = {**(wind.numbers if wind is not None else {}), **(lags.numbers if lags is not None else {})}
         if self.pooled and len(flights) == 1:
@@ -445,7 +445,7 @@ class RigidBody(Motion[LaggedRuns]):
 
     def simple_models(self, problem: LaggedRuns, estimate: Estimate) -> Mapping[str, SimpleModel]:
         """Least squares without a lag, see `Motion.simple_models`."""
-        return {quantity.NAME: quantity.least_squares_without_lag(problem, estimate.best.nuisances)}
+        return {quantity.NAME: quantity.least_squares_without_lag(problem, estimate.nuisances)}
 
     def multi_step_prediction(
         self, flights: tuple[PreparedFlight, ...], models: Mapping[str, SimpleModel], refused: frozenset[str]
@@ -469,7 +469,7 @@ class RigidBody(Motion[LaggedRuns]):
     def traces(self, problem: LaggedRuns, estimate: Estimate) -> tuple[Trace, ...]:
         """Angular acceleration about each axis and force along it, within the bands; see `Motion.traces`."""
         driving = [number for number, parameter in enumerate(problem.parameters) if parameter in DRIVING]
-        results, best = [], estimate.best
+        results, best = [], estimate
         for axis in problem.axes:
             series = problem.series_in_band(best.nuisances, axis, best.theta, driving)
             words, unit = f"{(*TURNING, '', '', '')[axis]} acceleration", "rad/s²"

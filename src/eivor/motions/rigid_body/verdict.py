@@ -13,7 +13,7 @@ from math import inf
 import numpy as np
 
 from eivor.errors import DataError, EstimationError
-from eivor.estimation.estimate import Candidate, Estimate
+from eivor.estimation.estimate import Estimate
 from eivor.estimation.methods import by_name, identify
 from eivor.flights.lag_prior import EFFECTIVE_LAG
 from eivor.flights.motion import InstrumentStrength, VerdictInputs
@@ -154,7 +154,7 @@ def refined_rotor_inertia(
     ratios = identified_ratios(free)
     if ratios is None:
         return problem, free
-    linked = with_common_rotor_inertia(problem, ratios, free.best)
+    linked = with_common_rotor_inertia(problem, ratios, free)
     return linked, estimated(linked)
 
 
@@ -185,7 +185,7 @@ def _differs(axis: int, values: Mapping[str, float]) -> float:
 
 
 def with_common_rotor_inertia(
-    problem: LaggedRuns, ratios: InertiaRatios, free: Candidate | None = None
+    problem: LaggedRuns, ratios: InertiaRatios, free: Estimate | None = None
 ) -> LaggedRuns:
     """The same problem whose columns of rotors that spin go with J / Izz alone."""
     moving = problem.parameters[problem.columns[0].fixed.shape[1] :]
@@ -290,9 +290,9 @@ def filters_not_passed(
 ) -> FiltersNotPassed | None:
     """Filters of the vehicle file that flights have not passed; None where nothing says so."""
     named = [key for key in FILTERS if getattr(layout.vehicle, key) is not None]
-    if not named or not estimate.best.assembler.needs_instruments:
+    if not named or not estimate.assembler.needs_instruments:
         return None
-    with_all, p_value = estimate.best.over_identification
+    with_all, p_value = estimate.over_identification
     if not p_value <= DISAGREE:
         return None
     number = max(range(len(flights)), key=lambda item: flights[item].used_s)
@@ -314,7 +314,7 @@ def filters_not_passed(
 def _disagreement(problem: LaggedRuns, method: str) -> float:
     """J of the references; infinite where nothing can be identified."""
     try:
-        return identify(problem, by_name(method)).best.over_identification[0]
+        return identify(problem, by_name(method)).over_identification[0]
     except EstimationError:
         return math.inf
 
@@ -392,7 +392,7 @@ class LagConsistencyTest:
 
 def lag_consistency_test(estimate: Estimate) -> LagConsistencyTest | None:
     """Axes that disagree about the lag beyond doubt; None where they agree, or instruments say more."""
-    if estimate.best.assembler.needs_instruments:
+    if estimate.assembler.needs_instruments:
         return None
     results = {name: (change, variance) for name, change, variance in _changes(estimate)}
     if len(results) < 2:
@@ -402,13 +402,13 @@ def lag_consistency_test(estimate: Estimate) -> LagConsistencyTest | None:
     p_value = chi_square_tail(float(np.sum((changes - mean) ** 2 / variances)), len(results) - 1)
     if not p_value < BEYOND_DOUBT:
         return None
-    lag_s = sum(estimate.best.nuisances.get(item, 0.0) for item in (ACTUATOR_LAG.name, DELAY.name))
+    lag_s = sum(estimate.nuisances.get(item, 0.0) for item in (ACTUATOR_LAG.name, DELAY.name))
     return LagConsistencyTest(lag_s, dict(zip(results, changes.tolist(), strict=True)), p_value)
 
 
 def _changes(estimate: Estimate) -> Iterator[tuple[str, float, float]]:
     """Of each axis that rotors drive, what it would change the lag by, and the variance of that."""
-    best = estimate.best
+    best = estimate
     names = [profile.nuisance.name for profile in best.profiles]
     if ACTUATOR_LAG.name not in names:
         return

@@ -79,7 +79,7 @@ def omitted_variable_tests(
     columns = problem.runs.columns
     if not all(item.instruments.shape[1] for item in columns):
         return {}
-    nuisances = estimate.best.nuisances
+    nuisances = estimate.nuisances
     measured = [_measured(problem, item, flight, nuisances) for item, flight in enumerate(flights)]
     if any(of.voltage is None for of in measured):  # one coefficient has one meaning
         measured = [replace(of, voltage=None) for of in measured]
@@ -142,9 +142,9 @@ def _linear(
     problem: VerticalFlights, axis_columns: AxisColumns, estimate: Estimate
 ) -> Float[np.ndarray, "n k"]:
     """Columns of the linear parameters at the estimate, and derivatives by the nuisances searched for."""
-    index = estimate.best.nuisances
+    index = estimate.nuisances
     moving = axis_columns.moving(index)
-    theta = estimate.best.theta[axis_columns.fixed.shape[1] :]
+    theta = estimate.theta[axis_columns.fixed.shape[1] :]
     slopes = [
         nuisance.derivative(axis_columns.moving, index) @ theta
         for nuisance in problem.nuisances

@@ -10,7 +10,7 @@ from types import MappingProxyType
 import numpy as np
 
 from eivor.errors import InputError, UsageError
-from eivor.estimation.estimate import Candidate, Estimate
+from eivor.estimation.estimate import Estimate
 from eivor.flights.grid import on_grid
 from eivor.flights.lag_prior import (
     EFFECTIVE_LAG,
@@ -214,7 +214,7 @@ def map_numbers(
     results = []
     for candidate in estimate.candidates:
         value, gradient, variance = linear_intercept(problem, candidate, balance(problem, candidate))
-        results.append((value, candidate.covariance.half_width(gradient, SET_LEVEL, variance)))
+        results.append((value, candidate.joint_covariance.half_width(gradient, SET_LEVEL, variance)))
     values, halves = np.array(results).T
     excesses = np.array(estimate.excesses)
     best = float(values[np.argmin(excesses)])
@@ -257,7 +257,7 @@ def _hover(problem: VerticalFlights, estimate: Estimate, terms: Balances) -> Qua
     """Hover input: the interval of U_h through the input map's inverse."""
     chosen = problem.motion.input_map
 
-    def mapped(candidate: Candidate) -> Linear:
+    def mapped(candidate: Estimate) -> Linear:
         balance = terms[point_of(candidate)]
         variance = balance.residual_variance / float(candidate.theta[1]) ** 2
         return *hover_mapped(candidate, balance), variance
@@ -271,7 +271,7 @@ def _hover(problem: VerticalFlights, estimate: Estimate, terms: Balances) -> Qua
 
 def thrust_curve(problem: VerticalFlights, estimate: Estimate) -> dict[str, float]:
     """Exponents at hover: of thrust, m K_u U_h / g, see `map_rule`, and of the input map."""
-    best = estimate.best
+    best = estimate
     linear = dict(zip((p.name for p in problem.parameters), best.theta.tolist(), strict=True))
     sums = {name: float(each.sum()) for name, each in balance_sums(problem, best.nuisances).items()}
     mapped = hover_of_sums(linear, sums)
@@ -477,7 +477,7 @@ class Vertical(Motion[VerticalFlights]):
     def quantities(self, problem: VerticalFlights, estimate: Estimate) -> Mapping[str, QuantityEstimate]:
         """Parameters, hover input, effective lag and time constant, see `Motion.quantities`."""
         terms = {point_of(candidate): balance(problem, candidate) for candidate in estimate.candidates}
-        joint, best = joint_quantities(estimate), estimate.best
+        joint, best = joint_quantities(estimate), estimate
         by_run = tuple(intercepts_by_run(best, terms[point_of(best)]).tolist())
         intercept = linear_quantity(
             estimate, lambda item: linear_intercept(problem, item, terms[point_of(item)]), "m/s^2"
@@ -646,7 +646,7 @@ class Vertical(Motion[VerticalFlights]):
 
     def traces(self, problem: VerticalFlights, estimate: Estimate) -> tuple[Trace, ...]:
         """Vertical acceleration, means of each run removed, see `Motion.traces`."""
-        best = estimate.best
+        best = estimate
         rows = problem.rows(best.nuisances)
         predicted, driven = rows.regressors @ best.theta, rows.regressors[:, 1] * best.theta[1]
         words = ("vertical acceleration", "m/s²", "K_u U − K z'", "K_u U")

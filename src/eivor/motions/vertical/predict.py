@@ -113,8 +113,8 @@ def closed_loop_record(
 
 def taken(problem: VerticalFlights, estimate: Estimate) -> dict[str, float]:
     """Every parameter and nuisance that a flight is simulated with: the estimate's where identified."""
-    friction, gain = estimate.best.theta[:2].tolist()
-    index = estimate.best.nuisances
+    friction, gain = estimate.theta[:2].tolist()
+    index = estimate.nuisances
     lag, delay = index[ACTUATOR_LAG.name], index[DELAY.name]
     if not _half_width(estimate, VISCOUS_FRICTION.name) <= TOLD_FRICTION or not friction > 0.0:
         friction = USUAL_FRICTION
@@ -123,7 +123,7 @@ def taken(problem: VerticalFlights, estimate: Estimate) -> dict[str, float]:
     if not _half_width(estimate, INPUT_GAIN.name) <= TOLD_GAIN * abs(gain):
         sums = balance_sums(problem, {**index, ACTUATOR_LAG.name: lag, DELAY.name: delay})
         gain = GRAVITY * float(sums["samples"].sum() / sums["mapped"].sum())
-    linear = dict(zip((p.name for p in problem.parameters), estimate.best.theta.tolist(), strict=True))
+    linear = dict(zip((p.name for p in problem.parameters), estimate.theta.tolist(), strict=True))
     own = {VISCOUS_FRICTION.name: friction, INPUT_GAIN.name: gain}
     return {**index, **linear, **own, ACTUATOR_LAG.name: lag, DELAY.name: delay}
 
@@ -241,12 +241,12 @@ def _gains(velocity: float, height: float, integral: float) -> dict[str, float] 
 
 def simple_models(problem: VerticalFlights, estimate: Estimate) -> dict[str, SimpleModel]:
     """Least squares without lag and delay, and thrust over weight alone, of the same flights."""
-    index = {**estimate.best.nuisances, ACTUATOR_LAG.name: 0.0, DELAY.name: 0.0}
+    index = {**estimate.nuisances, ACTUATOR_LAG.name: 0.0, DELAY.name: 0.0}
     rows = problem.rows(index)
     fitted = np.linalg.lstsq(rows.regressors, rows.response)[0].tolist()
     least_squares = {**index, **{p.name: theta for p, theta in zip(rows.parameters, fitted, strict=True)}}
     sums = {name: float(each.sum()) for name, each in balance_sums(problem, index).items()}
-    linear = dict(zip((p.name for p in rows.parameters), estimate.best.theta.tolist(), strict=True))
+    linear = dict(zip((p.name for p in rows.parameters), estimate.theta.tolist(), strict=True))
     weight = GRAVITY / hover_of_sums(linear, sums)
     others = {parameter.name: 0.0 for parameter in rows.parameters}
     return {

@@ -10,7 +10,7 @@ from functools import cached_property, partial
 import numpy as np
 
 from eivor.errors import InputError, MissingChannelError, UsageError
-from eivor.estimation.estimate import Candidate
+from eivor.estimation.estimate import Estimate
 from eivor.flights.grid import on_grid
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import PreparedFlight
@@ -419,7 +419,7 @@ class Balance:
     by_run: Float[np.ndarray, "runs m"]  # Means of z'', z', U and the columns of terms in each run
 
 
-def balance(problem: VerticalFlights, candidate: Candidate) -> Balance:
+def balance(problem: VerticalFlights, candidate: Estimate) -> Balance:
     """Terms of the equation of motion, averaged over the runs."""
     columns = _columns(problem, candidate.nuisances)
     stacked = np.concatenate(columns)
@@ -484,7 +484,7 @@ def hover_of_sums(parameters: Mapping[str, float], sums: Mapping[str, float]) ->
     return (sums["mapped"] - drift / gain) / sums["samples"]
 
 
-def hover_mapped(candidate: Candidate, terms: Balance) -> tuple[float, Float[np.ndarray, " n"]]:
+def hover_mapped(candidate: Estimate, terms: Balance) -> tuple[float, Float[np.ndarray, " n"]]:
     """U_h and its gradient by the joint vector."""
     K, K_u = candidate.theta[:2]
     linear = candidate.theta.size
@@ -497,7 +497,7 @@ def hover_mapped(candidate: Candidate, terms: Balance) -> tuple[float, Float[np.
     return float(terms.mapped - drift / K_u), gradient
 
 
-def intercept(candidate: Candidate, terms: Balance) -> tuple[float, Float[np.ndarray, " n"]]:
+def intercept(candidate: Estimate, terms: Balance) -> tuple[float, Float[np.ndarray, " n"]]:
     """B = mean z'' + g + K mean z' - K_u mean U less the terms, and its gradient by the joint vector."""
     K, K_u = candidate.theta[:2]
     gradient = np.zeros(candidate.values.size)
@@ -508,7 +508,7 @@ def intercept(candidate: Candidate, terms: Balance) -> tuple[float, Float[np.nda
     return float(terms.derivative + GRAVITY + K * terms.velocity - K_u * terms.mapped - of_terms), gradient
 
 
-def intercepts_by_run(candidate: Candidate, terms: Balance) -> Float[np.ndarray, " runs"]:
+def intercepts_by_run(candidate: Estimate, terms: Balance) -> Float[np.ndarray, " runs"]:
     """B of each run."""
     K, K_u = candidate.theta[:2]
     D, V, U = terms.by_run[:, :3].T

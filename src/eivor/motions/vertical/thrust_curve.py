@@ -10,7 +10,7 @@ from functools import partial
 import numpy as np
 
 from eivor.estimation.derived import DEGREES
-from eivor.estimation.estimate import Candidate, Estimate
+from eivor.estimation.estimate import Estimate
 from eivor.estimation.variable_projection import DECIMALS, with_values_tried
 from eivor.flights.quantity import NAN, NO_INTERVAL, QuantityEstimate
 from eivor.inference.distributions import t_quantile
@@ -37,7 +37,7 @@ def with_map(problem: VerticalFlights, chosen: InputMap) -> VerticalFlights:
     return replace(problem, motion=replace(problem.motion, input_map=chosen), curve=None)
 
 
-def hover_and_exponent(problem: VerticalFlights, candidate: Candidate) -> tuple[float, float]:
+def hover_and_exponent(problem: VerticalFlights, candidate: Estimate) -> tuple[float, float]:
     """Command at hover, and the exponent of thrust there; NaN where the numbers make none."""
     mapped = hover_mapped(candidate, balance(problem, candidate))[0]
     chosen = problem.motion.input_map
@@ -76,7 +76,7 @@ def _by_intercept(
     """Parameter with which the intercept vanishes, or the nearest that is possible, NaN for none."""
     value, chosen, estimate = math.nan, problem, estimated(problem)
     for _ in range(SEARCHES):
-        before, value = value, _at_nuisances(chosen, estimated, estimate.best, family)
+        before, value = value, _at_nuisances(chosen, estimated, estimate, family)
         if math.isnan(value) or abs(value - before) < CONVERGED:
             break
         chosen = with_map(problem, family.map(value))
@@ -85,7 +85,7 @@ def _by_intercept(
 
 
 def _at_nuisances(
-    problem: VerticalFlights, estimated: Estimated, best: Candidate, family: CurveFamily
+    problem: VerticalFlights, estimated: Estimated, best: Estimate, family: CurveFamily
 ) -> float:
     """The same with lag and delay where they are: the map hardly moves them."""
     value, chosen = math.nan, problem
@@ -99,7 +99,7 @@ def _at_nuisances(
         if abs(value - before) < CONVERGED:
             break
         chosen = with_map(replace(problem, nuisances=known), family.map(value))
-        best = estimated(chosen).best
+        best = estimated(chosen)
     return value
 
 
@@ -107,7 +107,7 @@ def _by_curvature(problem: VerticalFlights, estimated: Estimated, family: CurveF
     """Parameter with the least criterion, and its standard error; infinite where an end of the grid fits."""
     grid = family.grid
     criterion = np.array(
-        [estimated(with_map(problem, family.map(value))).best.criterion for value in grid.tolist()]
+        [estimated(with_map(problem, family.map(value))).criterion for value in grid.tolist()]
     )
     least = int(np.argmin(criterion))
     quantile = t_quantile(0.95, DEGREES)
@@ -128,18 +128,18 @@ Point = tuple[float, ...]
 Balances = Mapping[Point, Balance]
 
 
-def point_of(candidate: Candidate) -> Point:
+def point_of(candidate: Estimate) -> Point:
     """Values of a candidate's nuisances."""
     return tuple(candidate.nuisances.values())
 
 
-def linear_quantity(estimate: Estimate, linear: Callable[[Candidate], Linear], unit: str) -> QuantityEstimate:
+def linear_quantity(estimate: Estimate, linear: Callable[[Estimate], Linear], unit: str) -> QuantityEstimate:
     """Quantity of an estimate by what it is at each candidate."""
     interval = estimate.interval_of(
         lambda candidate: linear(candidate)[:2], extra_variance=lambda candidate: linear(candidate)[2]
     )
-    value, gradient, variance = linear(estimate.best)
-    error = math.sqrt(estimate.best.covariance.std_error(gradient) ** 2 + variance)
+    value, gradient, variance = linear(estimate)
+    error = math.sqrt(estimate.joint_covariance.std_error(gradient) ** 2 + variance)
     return QuantityEstimate(value, unit, error, interval)
 
 
@@ -148,9 +148,9 @@ class AtCandidate:
     """A candidate with its balance, and the same combination of nuisances with maps to either side."""
 
     problem: VerticalFlights
-    candidate: Candidate
+    candidate: Estimate
     terms: Balance
-    sides: tuple[tuple[VerticalFlights, Candidate, Balance], ...]  # With the maps below and above
+    sides: tuple[tuple[VerticalFlights, Estimate, Balance], ...]  # With the maps below and above
 
     def slope(self, curve: FittedCurve, of: Of) -> float:
         """Derivative of a quantity by the map's parameter."""
@@ -179,7 +179,7 @@ class AtCandidate:
 
 
 #: From flights, a candidate and its balance.
-Of = Callable[[VerticalFlights, Candidate, Balance], Linear]
+Of = Callable[[VerticalFlights, Estimate, Balance], Linear]
 
 
 def curve_quantities(
@@ -203,14 +203,14 @@ def curve_quantities(
     return {**results, "thrust_curve": linear_quantity(estimate, partial(_at, of_curve), "")}
 
 
-def _at(results: Mapping[Point, Linear], candidate: Candidate) -> Linear:
+def _at(results: Mapping[Point, Linear], candidate: Estimate) -> Linear:
     return results[point_of(candidate)]
 
 
 def _points(problem: VerticalFlights, estimate: Estimate, curve: FittedCurve) -> dict[Point, AtCandidate]:
     """Candidates with those of the same discrete nuisances and maps to either side."""
 
-    def discrete(candidate: Candidate) -> Point:
+    def discrete(candidate: Estimate) -> Point:
         values = candidate.nuisances.items()
         return tuple(round(value, DECIMALS) for name, value in values if name not in estimate.names)
 
@@ -227,16 +227,16 @@ def _points(problem: VerticalFlights, estimate: Estimate, curve: FittedCurve) ->
     return results
 
 
-def _joint(position: int, _problem: VerticalFlights, candidate: Candidate, _terms: Balance) -> Linear:
+def _joint(position: int, _problem: VerticalFlights, candidate: Estimate, _terms: Balance) -> Linear:
     return float(candidate.values[position]), np.eye(candidate.values.size)[position], 0.0
 
 
-def linear_intercept(_problem: VerticalFlights, candidate: Candidate, terms: Balance) -> Linear:
+def linear_intercept(_problem: VerticalFlights, candidate: Estimate, terms: Balance) -> Linear:
     """The intercept at a candidate."""
     return *intercept(candidate, terms), terms.residual_variance
 
 
-def _hover(problem: VerticalFlights, candidate: Candidate, terms: Balance) -> Linear:
+def _hover(problem: VerticalFlights, candidate: Estimate, terms: Balance) -> Linear:
     mapped, gradient = hover_mapped(candidate, terms)
     chosen = problem.motion.input_map
     hover = chosen.inverse(mapped)

@@ -85,7 +85,7 @@ class Rover(Motion[LaggedRuns]):
 
     def traces(self, problem: LaggedRuns, estimate: Estimate) -> tuple[Trace, ...]:
         """Forward acceleration, means of each run removed."""
-        best = estimate.best
+        best = estimate
         rows = problem.rows(best.nuisances)
         return (
             Trace(
