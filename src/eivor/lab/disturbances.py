@@ -42,22 +42,12 @@ class CoefficientPath(ABC):
 
 @dataclass(frozen=True, slots=True)
 class CoefficientCourse(CoefficientPath):
-    """Course of a coefficient over a record: mean + amplitude sin(2 pi cycles k / N + phase).
+    """Course of a coefficient over a record: mean + amplitude sin(2 pi cycles k / N + phase)."""
 
-    Parameters
-    ----------
-    mean, amplitude : float
-        Pure numbers.
-    cycles : float
-        Periods in the record of N samples.
-    phase : float
-        At the first sample [rad].
-    """
-
-    mean: float = 0.0
+    mean: float = 0.0  # Pure numbers
     amplitude: float = 0.0
-    cycles: float = 1.0
-    phase: float = 0.0
+    cycles: float = 1.0  # Periods in the record of N samples
+    phase: float = 0.0  # At the first sample [rad]
 
     def __post_init__(self) -> None:
         for name in ("mean", "amplitude", "cycles", "phase"):
@@ -71,15 +61,9 @@ class CoefficientCourse(CoefficientPath):
 
 @dataclass(frozen=True, slots=True)
 class GivenCourse(CoefficientPath):
-    """A coefficient's own series, from the record's beginning.
+    """A coefficient's own series, from the record's beginning."""
 
-    Parameters
-    ----------
-    series : tuple of float
-        At least as many as the record has samples.
-    """
-
-    series: tuple[float, ...]
+    series: tuple[float, ...]  # At least as many as the record has samples
 
     def __post_init__(self) -> None:
         given("series", self.series)
@@ -97,15 +81,9 @@ class GivenCourse(CoefficientPath):
 
 @dataclass(frozen=True, slots=True)
 class SumOfCourses(CoefficientPath):
-    """Several courses, added: more than one sinusoid, say.
+    """Several courses, added: more than one sinusoid, say."""
 
-    Parameters
-    ----------
-    parts : tuple of Course
-        Each with its kind.
-    """
-
-    parts: tuple[CoefficientPath, ...]
+    parts: tuple[CoefficientPath, ...]  # Each with its kind
 
     def __post_init__(self) -> None:
         given("parts", self.parts)
@@ -128,21 +106,11 @@ CHECKED = 257
 
 @dataclass(frozen=True, slots=True)
 class Arma(Disturbance):
-    """Autoregressive moving average, stationary from its first sample.
+    """Autoregressive moving average, stationary from its first sample."""
 
-    Parameters
-    ----------
-    std : float
-        Standard deviation of the shocks w, in the unit of the equation.
-    autoregression : tuple of float
-        a_1, a_2, ...
-    moving_average : tuple of float
-        b_1, b_2, ...
-    """
-
-    std: float
-    autoregression: tuple[float, ...] = ()
-    moving_average: tuple[float, ...] = ()
+    std: float  # Standard deviation of the shocks w, in the unit of the equation
+    autoregression: tuple[float, ...] = ()  # a_1, a_2, ..
+    moving_average: tuple[float, ...] = ()  # b_1, b_2, ..
 
     def __post_init__(self) -> None:
         non_negative("std", self.std)
@@ -178,17 +146,10 @@ class Arma(Disturbance):
 
 @dataclass(frozen=True, slots=True)
 class TimeVaryingArma(Disturbance):
-    """Autoregressive moving average whose coefficients depend on time; zero before the record.
+    """Autoregressive moving average whose coefficients depend on time; zero before the record."""
 
-    Parameters
-    ----------
-    std : float
-        Standard deviation of the shocks w, in the unit of the equation.
-    autoregression, moving_average : tuple of Course
-        Of a_1, a_2, ... and b_1, b_2, ...: sinusoids where no kind is named.
-    """
-
-    std: float
+    std: float  # Standard deviation of the shocks w, in the unit of the equation
+    # Of a_1, a_2, ... and b_1, b_2, ...: sinusoids where no kind is named
     autoregression: tuple[CoefficientPath, ...] = ()
     moving_average: tuple[CoefficientPath, ...] = ()
 
@@ -217,19 +178,12 @@ class TimeVaryingArma(Disturbance):
 
 @dataclass(frozen=True, slots=True)
 class RandomCoefficientMovingAverage(Disturbance):
-    """x[k] = sum_j c_j(k) w[k-j], j = 1, 2, ..., with coefficients drawn anew at each sample.
+    """x[k] = sum_j c_j(k) w[k-j], j = 1, 2, ..., with coefficients drawn anew at each sample."""
 
-    Parameters
-    ----------
-    means, stds : tuple of float
-        Of the normal coefficients c_1, c_2, ... (the paper's: 0 and 3, 1 and 1).
-    std : float
-        Standard deviation of w, in the unit of the equation.
-    """
-
+    # Of the normal coefficients c_1, c_2, ... (the paper's: 0 and 3, 1 and 1)
     means: tuple[float, ...] = (0.0, 3.0)
     stds: tuple[float, ...] = (1.0, 1.0)
-    std: float = 1.0
+    std: float = 1.0  # Standard deviation of w, in the unit of the equation
 
     def __post_init__(self) -> None:
         given("means", self.means)
@@ -253,15 +207,9 @@ class RandomCoefficientMovingAverage(Disturbance):
 
 @dataclass(frozen=True, slots=True)
 class Trend(Disturbance):
-    """Polynomial of the time in the record, counted from -1 at its first sample to 1 at its last.
+    """Polynomial of the time in the record, counted from -1 at its first sample to 1 at its last."""
 
-    Parameters
-    ----------
-    coefficients : tuple of float
-        Of the powers 0, 1, ..., in the unit of the equation.
-    """
-
-    coefficients: tuple[float, ...]
+    coefficients: tuple[float, ...]  # Of the powers 0, 1, ..., in the unit of the equation
 
     def __post_init__(self) -> None:
         given("coefficients", self.coefficients)
@@ -274,21 +222,11 @@ class Trend(Disturbance):
 
 @dataclass(frozen=True, slots=True)
 class Sinusoids(Disturbance):
-    """sum_i amplitude_i sin(frequency_i t + phase_i).
+    """sum_i amplitude_i sin(frequency_i t + phase_i)."""
 
-    Parameters
-    ----------
-    amplitudes : tuple of float
-        In the unit of the equation.
-    frequencies : tuple of float
-        Angular [rad/s].
-    phases : tuple of float
-        At the first sample [rad]; zero when left out.
-    """
-
-    amplitudes: tuple[float, ...]
-    frequencies: tuple[float, ...]
-    phases: tuple[float, ...] = ()
+    amplitudes: tuple[float, ...]  # In the unit of the equation
+    frequencies: tuple[float, ...]  # Angular [rad/s]
+    phases: tuple[float, ...] = ()  # At the first sample [rad]; zero when left out
 
     def __post_init__(self) -> None:
         given("amplitudes", self.amplitudes)
@@ -311,23 +249,14 @@ class Sinusoids(Disturbance):
 class BoundedAdversary(Disturbance):
     """Unknown but bounded: always at one bound or the other, which is all that is known of it.
 
-    It switches with a period that shrinks geometrically over the record, so that no frequency band is
-    spared, and it need not have mean zero.
-
-    Parameters
-    ----------
-    bound : float
-        Largest absolute value, in the unit of the equation.
-    longest_s, shortest_s : float
-        Period at the beginning and at the end of the record [s].
-    high_share : float
-        Share of each period that is spent at the upper bound, from 0 to 1.
+    It switches with a period that shrinks geometrically over the record, so that no frequency band is spared,
+    and it need not have mean zero.
     """
 
-    bound: float
-    longest_s: float
+    bound: float  # Largest absolute value, in the unit of the equation
+    longest_s: float  # Period at the beginning and at the end of the record [s]
     shortest_s: float
-    high_share: float = 0.5
+    high_share: float = 0.5  # Share of each period that is spent at the upper bound, from 0 to 1
 
     def __post_init__(self) -> None:
         non_negative("bound", self.bound)
@@ -348,28 +277,17 @@ class BoundedAdversary(Disturbance):
 
 @dataclass(frozen=True, slots=True)
 class GivenDisturbance(GivenSeries, Disturbance):
-    """A user's own series, from its beginning.
+    """A user's own series, from its beginning."""
 
-    Parameters
-    ----------
-    values : tuple of float
-        At the rate of the record, in the unit of the equation; at least as many as it has samples.
-    """
-
+    # At the rate of the record, in the unit of the equation; at least as many as it has samples
     values: tuple[float, ...]
 
 
 @dataclass(frozen=True, slots=True)
 class SumOfDisturbances(Disturbance):
-    """Several independent disturbances at once.
+    """Several independent disturbances at once."""
 
-    Parameters
-    ----------
-    parts : tuple of Disturbance
-        Each draws from a stream of its own.
-    """
-
-    parts: tuple[Disturbance, ...]
+    parts: tuple[Disturbance, ...]  # Each draws from a stream of its own
 
     def __post_init__(self) -> None:
         given("parts", self.parts)
@@ -399,18 +317,10 @@ def paper_disturbance(std: float = 1.0) -> SumOfDisturbances:
 
 @dataclass(frozen=True, slots=True)
 class OrnsteinUhlenbeck(Disturbance):
-    """Normal series whose correlation falls exponentially; the longitudinal turbulence of MIL-F-8785C.
+    """Normal series whose correlation falls exponentially; the longitudinal turbulence of MIL-F-8785C."""
 
-    Parameters
-    ----------
-    std : float
-        Standard deviation, in the unit of what it disturbs.
-    correlation_s : float
-        Time in which the correlation falls to 1/e [s].
-    """
-
-    std: float
-    correlation_s: float
+    std: float  # Standard deviation, in the unit of what it disturbs
+    correlation_s: float  # Time in which the correlation falls to 1/e [s]
 
     def __post_init__(self) -> None:
         non_negative("std", self.std)
@@ -431,26 +341,15 @@ class OrnsteinUhlenbeck(Disturbance):
 class ThresholdMovingAverage(Disturbance):
     """Self-exciting threshold moving average: x[k] = w[k] + sum_j b_j w[k-j], b by where x[k-delay] lies.
 
-    Parameters
-    ----------
-    thresholds : tuple of float
-        Ascending, in the unit of the equation; a value on a threshold belongs to the regime below.
-    coefficients : tuple of tuple of float
-        b_1, b_2, ... of each regime, from the lowest to the highest: one more than thresholds.
-    delay : int
-        Samples back to the value that chooses the regime, one or more.
-    std : float
-        Standard deviation of the shocks w, in the unit of the equation.
-
-    Notes
-    -----
     Stationary for all coefficients. One step at a time: about 1 ms for 4000 samples.
     """
 
+    # Ascending, in the unit of the equation; a value on a threshold belongs to the regime below
     thresholds: tuple[float, ...]
+    # b_1, b_2, ... of each regime, from the lowest to the highest: one more than thresholds
     coefficients: tuple[tuple[float, ...], ...]
-    delay: int = 1
-    std: float = 1.0
+    delay: int = 1  # Samples back to the value that chooses the regime, one or more
+    std: float = 1.0  # Standard deviation of the shocks w, in the unit of the equation
 
     def __post_init__(self) -> None:
         given("thresholds", self.thresholds)
@@ -503,21 +402,12 @@ class Bilinear(Disturbance):
     """Strongly subdiagonal bilinear: x[k] = w[k] + b x[k - series_lag] w[k - shock_lag].
 
     Uncorrelated, but not independent: its extremes come from its own past.
-
-    Parameters
-    ----------
-    coefficient : float
-        b, in units of one over that of the equation.
-    series_lag, shock_lag : int
-        One or more; x must be strictly older than the shock that it multiplies.
-    std : float
-        Standard deviation of the shocks w, in the unit of the equation.
     """
 
-    coefficient: float
-    series_lag: int = 2
+    coefficient: float  # b, in units of one over that of the equation
+    series_lag: int = 2  # One or more; x must be strictly older than the shock that it multiplies
     shock_lag: int = 1
-    std: float = 1.0
+    std: float = 1.0  # Standard deviation of the shocks w, in the unit of the equation
 
     def __post_init__(self) -> None:
         BilinearTerm(self.coefficient, self.series_lag, self.shock_lag)  # refuses what no term may be
@@ -537,18 +427,10 @@ class Bilinear(Disturbance):
 
 @dataclass(frozen=True, slots=True)
 class BilinearSum(Disturbance):
-    """Strongly subdiagonal bilinear of several terms: x[k] = w[k] + sum_m b_m x[k - i_m] w[k - j_m].
+    """Strongly subdiagonal bilinear of several terms: x[k] = w[k] + sum_m b_m x[k - i_m] w[k - j_m]."""
 
-    Parameters
-    ----------
-    terms : tuple of BilinearTerm
-        One or more.
-    std : float
-        Standard deviation of the shocks w, in the unit of the equation.
-    """
-
-    terms: tuple[BilinearTerm, ...]
-    std: float = 1.0
+    terms: tuple[BilinearTerm, ...]  # One or more
+    std: float = 1.0  # Standard deviation of the shocks w, in the unit of the equation
 
     def __post_init__(self) -> None:
         given("terms", self.terms)
@@ -584,23 +466,12 @@ def _bilinear(
 
 @dataclass(frozen=True, slots=True)
 class Garch(Disturbance):
-    """x[k] = sqrt(h[k]) w[k], h[k] = floor + sum_i a_i x[k-i]^2 + sum_j b_j h[k-j]; ARCH without b.
+    """x[k] = sqrt(h[k]) w[k], h[k] = floor + sum_i a_i x[k-i]^2 + sum_j b_j h[k-j]; ARCH without b."""
 
-    Parameters
-    ----------
-    floor : float
-        Constant part of the variance, above zero, in the square of the equation's unit.
-    shocks : tuple of float
-        a_1, a_2, ..., zero or more.
-    persistence : tuple of float
-        b_1, b_2, ..., zero or more.
-    largest_square : float, optional
-        Squares beyond it count as it, which keeps a heavy-tailed series finite.
-    """
-
-    floor: float
-    shocks: tuple[float, ...]
-    persistence: tuple[float, ...] = ()
+    floor: float  # Constant part of the variance, above zero, in the square of the equation's unit
+    shocks: tuple[float, ...]  # a_1, a_2, ..., zero or more
+    persistence: tuple[float, ...] = ()  # b_1, b_2, ..., zero or more
+    # Squares beyond it count as it, which keeps a heavy-tailed series finite
     largest_square: float | None = None
 
     def __post_init__(self) -> None:
@@ -653,21 +524,11 @@ class Garch(Disturbance):
 
 @dataclass(frozen=True, slots=True)
 class VarianceSwitch(Disturbance):
-    """Another disturbance whose variance is multiplied from some time of the record on.
+    """Another disturbance whose variance is multiplied from some time of the record on."""
 
-    Parameters
-    ----------
-    series : Disturbance
-        What it is before.
-    factor : float
-        Of the variance, afterwards.
-    at : float
-        When, as a share of the record, from 0 to 1.
-    """
-
-    series: Disturbance
-    factor: float = 10.0
-    at: float = 0.5
+    series: Disturbance  # What it is before
+    factor: float = 10.0  # Of the variance, afterwards
+    at: float = 0.5  # When, as a share of the record, from 0 to 1
 
     def __post_init__(self) -> None:
         non_negative("factor", self.factor)

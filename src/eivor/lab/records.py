@@ -61,19 +61,11 @@ class OpenLoop(Control):
 
 @dataclass(frozen=True, slots=True)
 class VelocityControl(Control):
-    """PI control of the measured velocity: the excitation is its reference [m/s].
-
-    Parameters
-    ----------
-    velocity_gain : float
-        Input per velocity missing [input per m/s].
-    velocity_integral_gain : float
-        Input per metre that the missing velocity adds up to.
-    """
+    """PI control of the measured velocity: the excitation is its reference [m/s]."""
 
     reference: ClassVar[str] = "reference_velocity_z"
-    velocity_gain: float
-    velocity_integral_gain: float = 0.0
+    velocity_gain: float  # Input per velocity missing [input per m/s]
+    velocity_integral_gain: float = 0.0  # Input per metre that the missing velocity adds up to
 
     def __post_init__(self) -> None:
         _check_velocity_gains(self.velocity_gain, self.velocity_integral_gain)
@@ -89,18 +81,11 @@ class AltitudeControl(Control):
     """Proportional control of the measured altitude over PI control of the measured velocity.
 
     The excitation is the reference altitude [m].
-
-    Parameters
-    ----------
-    altitude_gain : float
-        Velocity setpoint per altitude missing [1/s].
-    velocity_gain, velocity_integral_gain : float
-        Input per velocity missing [input per m/s], and per metre that it adds up to.
     """
 
     reference: ClassVar[str] = "reference_position_z"
-    altitude_gain: float
-    velocity_gain: float
+    altitude_gain: float  # Velocity setpoint per altitude missing [1/s]
+    velocity_gain: float  # Input per velocity missing [input per m/s], and per metre that it adds up to
     velocity_integral_gain: float = 0.0
 
     def __post_init__(self) -> None:

@@ -39,41 +39,22 @@ class FlightController:
 
     Quickness is relative to the vehicle: T is the sum of the rotors' lag and delay, the delays of gyroscope
     and filter, and half a period of the rate loop.
-
-    Parameters
-    ----------
-    rate_hz, attitude_hz, height_hz : float
-        How often each loop runs [Hz]: the simulation's rate over a whole number.
-    quickness : float
-        Gain of the rate loop times T, less on an axis with little torque.
-    attitude_share : float
-        Gain of the attitude loop over that of the rate loop; half of it in yaw.
-    integral_share : float
-        Integral gain of the rate loop over the square of its gain.
-    derivative_share : float
-        Derivative time of the rate loop over T.
-    derivative_cutoff_hz : float
-        Of the first-order filter of that derivative [Hz].
-    climb_quickness : float
-        Gain of the climb rate's loop times T and half a period of the height loop.
-    height_share, climb_integral_share : float
-        Gain of the height loop over that of the climb rate's, and of its integrator over the square of that.
-    hold : float
-        Gain towards the place where the flight began [1/s]: zero for a vehicle that flies attitudes and
-        drifts.
     """
 
-    rate_hz: float = 500.0
+    rate_hz: float = 500.0  # How often each loop runs [Hz]: the simulation's rate over a whole number
     attitude_hz: float = 250.0
     height_hz: float = 50.0
-    quickness: float = 0.6
-    attitude_share: float = 0.5
-    integral_share: float = 0.05
-    derivative_share: float = 0.0
-    derivative_cutoff_hz: float = 30.0
+    quickness: float = 0.6  # Gain of the rate loop times T, less on an axis with little torque
+    attitude_share: float = 0.5  # Gain of the attitude loop over that of the rate loop; half of it in yaw
+    integral_share: float = 0.05  # Integral gain of the rate loop over the square of its gain
+    derivative_share: float = 0.0  # Derivative time of the rate loop over T
+    derivative_cutoff_hz: float = 30.0  # Of the first-order filter of that derivative [Hz]
+    # Gain of the climb rate's loop times T and half a period of the height loop
     climb_quickness: float = 0.35
+    # Gain of the height loop over that of the climb rate's, and of its integrator over the square of that
     height_share: float = 0.3
     climb_integral_share: float = 0.05
+    # Gain towards the place where the flight began [1/s]: zero for a vehicle that flies attitudes and drifts
     hold: float = 0.0
 
     def __post_init__(self) -> None:
@@ -348,37 +329,20 @@ LARGEST_JITTER = 0.45
 
 @dataclass(frozen=True, slots=True)
 class Sensor:
-    """How a quantity is measured, alike on each axis.
+    """How a quantity is measured, alike on each axis."""
 
-    Parameters
-    ----------
-    noise : MeasurementNoise
-        Of the readings, before the filter.
-    bias : float
-        Constant error, in the unit of the quantity.
-    rate_hz : float
-        At which it is logged [Hz]; every reading where zero.
-    cutoff_hz : float
-        Of the filter, a low-pass of the second order with Butterworth's damping [Hz]; none where zero.
-    delay_s : float
-        By which readings are late [s], rounded to steps of the simulation.
-    offset_s : float
-        Time of the first one that is logged [s], rounded likewise.
-    averaged_s : float
-        What is logged are means over so much time that ends with their stamps [s], rounded likewise; the
-        controller gets readings as they are.
-    jitter_s : float
-        Standard deviation of the stamps' error [s].
-    """
-
+    # Of the readings, before the filter
     noise: MeasurementNoise = field(default_factory=lambda: WhiteNoise(0.0))
-    bias: float = 0.0
-    rate_hz: float = 0.0
+    bias: float = 0.0  # Constant error, in the unit of the quantity
+    rate_hz: float = 0.0  # At which it is logged [Hz]; every reading where zero
+    # Of the filter, a low-pass of the second order with Butterworth's damping [Hz]; none where zero
     cutoff_hz: float = 0.0
-    delay_s: float = 0.0
-    offset_s: float = 0.0
+    delay_s: float = 0.0  # By which readings are late [s], rounded to steps of the simulation
+    offset_s: float = 0.0  # Time of the first one that is logged [s], rounded likewise
+    # What is logged are means over so much time that ends with their stamps [s], rounded likewise; the
+    # controller gets readings as they are
     averaged_s: float = 0.0
-    jitter_s: float = 0.0
+    jitter_s: float = 0.0  # Standard deviation of the stamps' error [s]
 
     def __post_init__(self) -> None:
         within(self, SENSOR_RANGES, "Correct the sensor.")

@@ -37,31 +37,16 @@ class NoiseKind(StrEnum):
 class SensorNoise:
     """Noise of what the controller sees and the log holds, alike on each axis.
 
-    Every level is the standard deviation over the whole record. That also holds for fractional noise,
-    whose variance grows along the record: its white source is scaled so that the mean variance is right.
-
-    Parameters
-    ----------
-    kind : NoiseKind
-        Of acceleration and velocity.
-    acceleration : float
-        Standard deviation of the specific force's error [m/s^2].
-    velocity : float
-        Standard deviation of the velocity's error [m/s].
-    position : float
-        Standard deviation of the altitude's error [m].
-    attitude : float
-        Standard deviation of small rotations about the body's axes [rad].
-    angular_rate : float
-        Standard deviation of the body rates' error [rad/s].
+    Every level is the standard deviation over the whole record. That also holds for fractional noise, whose
+    variance grows along the record: its white source is scaled so that the mean variance is right.
     """
 
-    kind: NoiseKind = NoiseKind.WHITE
-    acceleration: float = 0.4
-    velocity: float = 0.03
-    position: float = 0.01
-    attitude: float = 0.002
-    angular_rate: float = 0.01
+    kind: NoiseKind = NoiseKind.WHITE  # Of acceleration and velocity
+    acceleration: float = 0.4  # Standard deviation of the specific force's error [m/s^2]
+    velocity: float = 0.03  # Standard deviation of the velocity's error [m/s]
+    position: float = 0.01  # Standard deviation of the altitude's error [m]
+    attitude: float = 0.002  # Standard deviation of small rotations about the body's axes [rad]
+    angular_rate: float = 0.01  # Standard deviation of the body rates' error [rad/s]
 
     def __post_init__(self) -> None:
         levels = (self.acceleration, self.velocity, self.position, self.attitude, self.angular_rate)

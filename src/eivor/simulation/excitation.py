@@ -54,15 +54,9 @@ class Excitation(ABC):
 
 @dataclass(frozen=True, slots=True)
 class PaperInput(Excitation):
-    """The paper's (35): u(t_k) = 0.7 w(t_{k-1}) + 0.49 w(t_{k-2}) + sin(0.1 t_k^1.1), t in seconds.
+    """The paper's (35): u(t_k) = 0.7 w(t_{k-1}) + 0.49 w(t_{k-2}) + sin(0.1 t_k^1.1), t in seconds."""
 
-    Parameters
-    ----------
-    variance : float
-        Variance of the white sequence w.
-    """
-
-    variance: float = 0.02
+    variance: float = 0.02  # Variance of the white sequence w
 
     def __post_init__(self) -> None:
         non_negative("variance", self.variance)
@@ -76,15 +70,9 @@ class PaperInput(Excitation):
 
 @dataclass(frozen=True, slots=True)
 class WhiteExcitation(Excitation):
-    """Independent normal values.
+    """Independent normal values."""
 
-    Parameters
-    ----------
-    std : float
-        Standard deviation.
-    """
-
-    std: float = 1.0
+    std: float = 1.0  # Standard deviation
 
     def __post_init__(self) -> None:
         non_negative("std", self.std)
@@ -96,18 +84,10 @@ class WhiteExcitation(Excitation):
 
 @dataclass(frozen=True, slots=True)
 class SteppedExcitation(Excitation):
-    """Levels that are held one after the other, over and over.
+    """Levels that are held one after the other, over and over."""
 
-    Parameters
-    ----------
-    levels : tuple of float
-        In the order in which they come.
-    dwell_s : float
-        Time on each [s].
-    """
-
-    levels: tuple[float, ...]
-    dwell_s: float
+    levels: tuple[float, ...]  # In the order in which they come
+    dwell_s: float  # Time on each [s]
 
     def __post_init__(self) -> None:
         given("levels", self.levels)
@@ -123,18 +103,10 @@ class SteppedExcitation(Excitation):
 
 @dataclass(frozen=True, slots=True)
 class RandomSteps(Excitation):
-    """Levels drawn one after the other: an amplitude up, down, or nothing.
+    """Levels drawn one after the other: an amplitude up, down, or nothing."""
 
-    Parameters
-    ----------
-    amplitude : float
-        Of the levels that are not zero; those are two in three.
-    shortest_s, longest_s : float
-        Between these, each level's time is drawn [s].
-    """
-
-    amplitude: float
-    shortest_s: float = 0.5
+    amplitude: float  # Of the levels that are not zero; those are two in three
+    shortest_s: float = 0.5  # Between these, each level's time is drawn [s]
     longest_s: float = 1.5
 
     def __post_init__(self) -> None:
@@ -155,15 +127,9 @@ class RandomSteps(Excitation):
 
 @dataclass(frozen=True, slots=True)
 class GivenSeries(Excitation):
-    """A user's own series, from its beginning.
+    """A user's own series, from its beginning."""
 
-    Parameters
-    ----------
-    values : tuple of float
-        At the rate of the record, at least as many as it has samples.
-    """
-
-    values: tuple[float, ...]
+    values: tuple[float, ...]  # At the rate of the record, at least as many as it has samples
 
     def __post_init__(self) -> None:
         given("values", self.values)
@@ -176,18 +142,10 @@ class GivenSeries(Excitation):
 
 @dataclass(frozen=True, slots=True)
 class ScaledExcitation(Excitation):
-    """Another excitation, scaled to a standard deviation that each realisation has exactly.
+    """Another excitation, scaled to a standard deviation that each realisation has exactly."""
 
-    Parameters
-    ----------
-    series : Excitation
-        Its shape.
-    std : float
-        Standard deviation over the record.
-    """
-
-    series: Excitation
-    std: float
+    series: Excitation  # Its shape
+    std: float  # Standard deviation over the record
 
     def __post_init__(self) -> None:
         non_negative("std", self.std)
@@ -207,20 +165,12 @@ class ScaledExcitation(Excitation):
 class FilteredWhite(Excitation):
     """White noise with nothing outside a band, to rounding.
 
-    Parameters
-    ----------
-    std : float
-        Standard deviation in the mean over realisations.
-    low_hz, high_hz : float
-        The band [Hz], both ends included. It must hold a multiple of one over the record's duration,
-        and end below half the rate.
-
-    Notes
-    -----
     Filtered in the frequency domain: the series is periodic with the record. Mean zero.
     """
 
-    std: float
+    std: float  # Standard deviation in the mean over realisations
+    # The band [Hz], both ends included. It must hold a multiple of one over the record's duration, and end
+    # below half the rate
     low_hz: float
     high_hz: float
 
@@ -237,18 +187,10 @@ class FilteredWhite(Excitation):
 
 @dataclass(frozen=True, slots=True)
 class Chirp(Excitation):
-    """A sinus whose frequency grows linearly from one end of a band to the other over the record.
+    """A sinus whose frequency grows linearly from one end of a band to the other over the record."""
 
-    Parameters
-    ----------
-    amplitude : float
-        Its peak.
-    low_hz, high_hz : float
-        The band [Hz], which must end below half the rate.
-    """
-
-    amplitude: float
-    low_hz: float
+    amplitude: float  # Its peak
+    low_hz: float  # The band [Hz], which must end below half the rate
     high_hz: float
 
     def __post_init__(self) -> None:
@@ -266,19 +208,12 @@ class Chirp(Excitation):
 class Multisine(Excitation):
     """Equal sinusoids at every multiple of one over the record's duration in a band.
 
-    Schroeder's phases, -pi m (m - 1) / M for the m-th of M, keep the peak low: about 1.8 times the
-    standard deviation, as a chirp's (1.41) rather than as noise's.
-
-    Parameters
-    ----------
-    std : float
-        Standard deviation of the sum over the record.
-    low_hz, high_hz : float
-        The band [Hz], both ends included, as of filtered white noise.
+    Schroeder's phases, -pi m (m - 1) / M for the m-th of M, keep the peak low: about 1.8 times the standard
+    deviation, as a chirp's (1.41) rather than as noise's.
     """
 
-    std: float
-    low_hz: float
+    std: float  # Standard deviation of the sum over the record
+    low_hz: float  # The band [Hz], both ends included, as of filtered white noise
     high_hz: float
 
     def __post_init__(self) -> None:
@@ -340,23 +275,12 @@ _TAPS = dict.fromkeys(range(2, 17), (1,)) | {
 class PseudoRandomBinary(Excitation):
     """Pseudo-random binary sequence of maximal length, at plus or minus an amplitude.
 
-    Parameters
-    ----------
-    amplitude : float
-        Absolute value at every sample.
-    register : int
-        Stages of the shift register, 2 to 16; the period is 2^register - 1 values.
-    hold : int
-        Samples for which each value is held.
-
-    Notes
-    -----
     The first value comes from the generator, by a shift along the period; the rest follows.
     """
 
-    amplitude: float
-    register: int = 10
-    hold: int = 1
+    amplitude: float  # Absolute value at every sample
+    register: int = 10  # Stages of the shift register, 2 to 16; the period is 2^register - 1 values
+    hold: int = 1  # Samples for which each value is held
 
     def __post_init__(self) -> None:
         non_negative("amplitude", self.amplitude)
@@ -392,15 +316,9 @@ class Disturbance(ABC):
 
 @dataclass(frozen=True, slots=True)
 class WhiteDisturbance(WhiteExcitation, Disturbance):
-    """Uncorrelated Gaussian series.
+    """Uncorrelated Gaussian series."""
 
-    Parameters
-    ----------
-    std : float
-        Standard deviation, in the unit of the equation.
-    """
-
-    std: float
+    std: float  # Standard deviation, in the unit of the equation
 
 
 # -- Recursion --
@@ -447,21 +365,11 @@ def settling(ratio: float) -> int:
 
 @dataclass(frozen=True, slots=True)
 class DrydenGust(Disturbance):
-    """Vertical turbulence that a vehicle flies through.
+    """Vertical turbulence that a vehicle flies through."""
 
-    Parameters
-    ----------
-    std : float
-        In the unit of the equation: a vertical wind of W [m/s] pushes with K W [m/s^2].
-    length_m : float
-        Scale length of the turbulence [m]; close to the ground, the height.
-    airspeed_mps : float
-        Speed at which it is met [m/s].
-    """
-
-    std: float
-    length_m: float
-    airspeed_mps: float
+    std: float  # In the unit of the equation: a vertical wind of W [m/s] pushes with K W [m/s^2]
+    length_m: float  # Scale length of the turbulence [m]; close to the ground, the height
+    airspeed_mps: float  # Speed at which it is met [m/s]
 
     def __post_init__(self) -> None:
         non_negative("std", self.std)

@@ -89,20 +89,12 @@ class RungeKutta4(Integrator):
 
 @dataclass(frozen=True, slots=True)
 class AdaptiveSteps(Integrator):
-    """SciPy's integrators, which divide each step by the error that they estimate; some thirty times slower.
-
-    Parameters
-    ----------
-    rtol, atol : float
-        Relative and absolute tolerance of every component.
-    method : str
-        Of `scipy.integrate.solve_ivp`.
-    """
+    """SciPy's integrators, which divide each step by the error that they estimate; some thirty times slower."""
 
     side_by_side: ClassVar[bool] = False
-    rtol: float = 1e-8
+    rtol: float = 1e-8  # Relative and absolute tolerance of every component
     atol: float = 1e-10
-    method: str = "DOP853"
+    method: str = "DOP853"  # Of `scipy.integrate.solve_ivp`
 
     def __post_init__(self) -> None:
         if not (0.0 < self.rtol < 1.0 and 0.0 < self.atol < math.inf):
@@ -184,48 +176,28 @@ def _noisy(std: float) -> Sensor:
 
 @dataclass(frozen=True, slots=True)
 class AxisExcitations:
-    """A series about each axis of the body, or none.
+    """A series about each axis of the body, or none."""
 
-    Parameters
-    ----------
-    roll, pitch, yaw : Excitation or None
-        About the axes that point forward, left and up.
-    """
-
-    roll: Excitation | None = None
+    roll: Excitation | None = None  # About the axes that point forward, left and up
     pitch: Excitation | None = None
     yaw: Excitation | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class TorqueDisturbance:
-    """Torques from outside, as the angular acceleration that each would give by itself.
+    """Torques from outside, as the angular acceleration that each would give by itself."""
 
-    Parameters
-    ----------
-    roll, pitch, yaw : Disturbance or None
-        About the axes that point forward, left and up [rad/s^2].
-    """
-
-    roll: Disturbance | None = None
+    roll: Disturbance | None = None  # About the axes that point forward, left and up [rad/s^2]
     pitch: Disturbance | None = None
     yaw: Disturbance | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class Wind:
-    """Velocity of the air in the world.
+    """Velocity of the air in the world."""
 
-    Parameters
-    ----------
-    steady : tuple of float
-        What does not change, on three axes [m/s].
-    x, y, z : Disturbance or None
-        Gusts along each axis of the world [m/s].
-    """
-
-    steady: tuple[float, ...] = (0.0, 0.0, 0.0)
-    x: Disturbance | None = None
+    steady: tuple[float, ...] = (0.0, 0.0, 0.0)  # What does not change, on three axes [m/s]
+    x: Disturbance | None = None  # Gusts along each axis of the world [m/s]
     y: Disturbance | None = None
     z: Disturbance | None = None
 
@@ -237,28 +209,18 @@ class Wind:
 
 @dataclass(frozen=True, slots=True)
 class Sensors:
-    """What the vehicle measures; a sensor that is described has the noise of its description, else none.
+    """What the vehicle measures; a sensor that is described has the noise of its description, else none."""
 
-    Parameters
-    ----------
-    angular_rate : Sensor
-        Body rates [rad/s], which the rate loop gets; of .02 rad/s of white noise when left out.
-    specific_force : Sensor
-        Accelerometer in the centre of mass [m/s^2]; of .5 m/s^2.
-    velocity, position : Sensor
-        In the world [m/s, m]; of .05 m/s and .02 m.
-    attitude : Sensor
-        Its errors are small rotations about the body's axes [rad]; of .002 rad. It has no filter.
-    rotor_speed : Sensor or None
-        [rad/s]; not logged when left out.
-    """
-
+    # Body rates [rad/s], which the rate loop gets; of .02 rad/s of white noise when left out
     angular_rate: Sensor = field(default_factory=lambda: _noisy(0.02))
+    # Accelerometer in the centre of mass [m/s^2]; of .5 m/s^2
     specific_force: Sensor = field(default_factory=lambda: _noisy(0.5))
+    # In the world [m/s, m]; of .05 m/s and .02 m
     velocity: Sensor = field(default_factory=lambda: _noisy(0.05))
     position: Sensor = field(default_factory=lambda: _noisy(0.02))
+    # Its errors are small rotations about the body's axes [rad]; of .002 rad. It has no filter
     attitude: Sensor = field(default_factory=lambda: _noisy(0.002))
-    rotor_speed: Sensor | None = None
+    rotor_speed: Sensor | None = None  # [rad/s]; not logged when left out
 
     def __post_init__(self) -> None:
         for name in ("cutoff_hz", "averaged_s"):
@@ -275,24 +237,13 @@ class Sensors:
 
 @dataclass(frozen=True, slots=True)
 class Logged:
-    """How often what is no measurement is logged; at every step of the simulation where zero.
+    """How often what is no measurement is logged; at every step of the simulation where zero."""
 
-    Parameters
-    ----------
-    rotor_command_hz : float
-        Commands of the rotors [Hz].
-    setpoint_hz : float
-        Setpoints of thrust, torques and rates, and injected torques [Hz]: the values of that moment.
-    reference_hz : float
-        References of height and attitude [Hz].
-    omitted : tuple of str
-        Channels that are not logged, `rotor_command_*` for those of all rotors.
-    """
-
-    rotor_command_hz: float = 0.0
+    rotor_command_hz: float = 0.0  # Commands of the rotors [Hz]
+    # Setpoints of thrust, torques and rates, and injected torques [Hz]: the values of that moment
     setpoint_hz: float = 0.0
-    reference_hz: float = 0.0
-    omitted: tuple[str, ...] = ()
+    reference_hz: float = 0.0  # References of height and attitude [Hz]
+    omitted: tuple[str, ...] = ()  # Channels that are not logged, `rotor_command_*` for those of all rotors
 
     def __post_init__(self) -> None:
         rates = ("rotor_command_hz", "setpoint_hz", "reference_hz")
@@ -301,54 +252,25 @@ class Logged:
 
 @dataclass(frozen=True, slots=True)
 class RigidBodyFlightSpec:
-    """Everything that a flight is a function of.
+    """Everything that a flight is a function of."""
 
-    Parameters
-    ----------
-    vehicle : Vehicle
-        What flies.
-    rate_hz : float
-        Steps of the simulation per second [Hz], over which commands, wind and torques from outside are held.
-    duration : float
-        Of the flight [s].
-    trajectory : TrajectoryKind
-        The height reference.
-    vigour : float
-        Share of the speed and acceleration that an excitation of the height may reach.
-    attitude : AxisExcitations
-        Roll, pitch and yaw that are requested [rad], yaw first.
-    injection : AxisExcitations
-        What is added to the normalised torque setpoints.
-    controller : FlightController
-        Its loops.
-    wind : Wind
-        Of the air.
-    torque_disturbance : TorqueDisturbance
-        From outside.
-    sensors : Sensors
-        What is measured, and how.
-    logged : Logged
-        How often the rest is logged.
-    integrator : Integrator
-        Of the motion.
-    seed : int
-        Of the random streams.
-    """
-
-    vehicle: Vehicle
+    vehicle: Vehicle  # What flies
+    # Steps of the simulation per second [Hz], over which commands, wind and torques from outside are held
     rate_hz: float = 500.0
-    duration: float = 30.0
-    trajectory: TrajectoryKind = TrajectoryKind.MULTISINE
-    vigour: float = 1.0
+    duration: float = 30.0  # Of the flight [s]
+    trajectory: TrajectoryKind = TrajectoryKind.MULTISINE  # The height reference
+    vigour: float = 1.0  # Share of the speed and acceleration that an excitation of the height may reach
+    # Roll, pitch and yaw that are requested [rad], yaw first
     attitude: AxisExcitations = field(default_factory=AxisExcitations)
+    # What is added to the normalised torque setpoints
     injection: AxisExcitations = field(default_factory=AxisExcitations)
-    controller: FlightController = field(default_factory=FlightController)
-    wind: Wind = field(default_factory=Wind)
-    torque_disturbance: TorqueDisturbance = field(default_factory=TorqueDisturbance)
-    sensors: Sensors = field(default_factory=Sensors)
-    logged: Logged = field(default_factory=Logged)
-    integrator: Integrator = field(default_factory=RungeKutta4)
-    seed: int = 0
+    controller: FlightController = field(default_factory=FlightController)  # Its loops
+    wind: Wind = field(default_factory=Wind)  # Of the air
+    torque_disturbance: TorqueDisturbance = field(default_factory=TorqueDisturbance)  # From outside
+    sensors: Sensors = field(default_factory=Sensors)  # What is measured, and how
+    logged: Logged = field(default_factory=Logged)  # How often the rest is logged
+    integrator: Integrator = field(default_factory=RungeKutta4)  # Of the motion
+    seed: int = 0  # Of the random streams
 
     def __post_init__(self) -> None:
         within(self, SPEC_RANGES, "Correct the flight's description.")

@@ -183,62 +183,31 @@ LARGEST_VELOCITY_GAIN = 5.0
 
 @dataclass(frozen=True, slots=True)
 class VerticalFlightSpec:
-    """Everything that a flight is a function of.
+    """Everything that a flight is a function of."""
 
-    Parameters
-    ----------
-    viscous_friction : float
-        K [1/s].
-    hover_input : float
-        Command at which it hovers, a share of full command.
-    actuator_lag, delay : float
-        Time constant of the rotor and delay of its command [s]; the delay a multiple of 0.002.
-    gust_rms, gust_correlation : float
-        Standard deviation [m/s] and correlation time [s] of the vertical wind.
-    noise : SensorNoise
-        Of accelerometer, velocity, position and attitude.
-    accelerometer_bias : float
-        Constant error of the specific force [m/s^2].
-    tilt_rms : float
-        Standard deviation of roll and of pitch [rad], before they are smoothed.
-    gain_after : float
-        What K_u is multiplied by in the end; its controller does not know.
-    gain_changes_at, gain_changes_over : float
-        When it begins to change [s], and how long it takes [s]: zero for at once.
-    trajectory : TrajectoryKind
-        The altitude reference.
-    vigour : float
-        Share of the speed and acceleration that an excitation may reach.
-    quickness : float
-        Gain of the velocity loop times the sum of lag, delay and half a control step.
-    position_share, integral_share : float
-        Gain of the position loop over that of the velocity loop, and of the integrator over the square of
-        the latter.
-    seed : int
-        Of the random streams.
-    duration : float
-        Of the flight [s], a multiple of 0.01.
-    """
-
-    viscous_friction: float = 0.4
-    hover_input: float = 0.5
+    viscous_friction: float = 0.4  # K [1/s]
+    hover_input: float = 0.5  # Command at which it hovers, a share of full command
+    # Time constant of the rotor and delay of its command [s]; the delay a multiple of 0.002
     actuator_lag: float = 0.04
     delay: float = 0.0
-    gust_rms: float = 0.0
+    gust_rms: float = 0.0  # Standard deviation [m/s] and correlation time [s] of the vertical wind
     gust_correlation: float = 1.0
+    # Of accelerometer, velocity, position and attitude
     noise: SensorNoise = field(default_factory=SensorNoise)
-    accelerometer_bias: float = 0.0
-    tilt_rms: float = 0.05
-    gain_after: float = 1.0
-    gain_changes_at: float = 30.0
+    accelerometer_bias: float = 0.0  # Constant error of the specific force [m/s^2]
+    tilt_rms: float = 0.05  # Standard deviation of roll and of pitch [rad], before they are smoothed
+    gain_after: float = 1.0  # What K_u is multiplied by in the end; its controller does not know
+    gain_changes_at: float = 30.0  # When it begins to change [s], and how long it takes [s]: zero for at once
     gain_changes_over: float = 0.0
-    trajectory: TrajectoryKind = TrajectoryKind.MULTISINE
-    vigour: float = 1.0
-    quickness: float = 0.35
+    trajectory: TrajectoryKind = TrajectoryKind.MULTISINE  # The altitude reference
+    vigour: float = 1.0  # Share of the speed and acceleration that an excitation may reach
+    quickness: float = 0.35  # Gain of the velocity loop times the sum of lag, delay and half a control step
+    # Gain of the position loop over that of the velocity loop, and of the integrator over the square of the
+    # latter
     position_share: float = 0.3
     integral_share: float = 0.05
-    seed: int = 0
-    duration: float = 60.0
+    seed: int = 0  # Of the random streams
+    duration: float = 60.0  # Of the flight [s], a multiple of 0.01
 
     def __post_init__(self) -> None:
         checks.within(self, RANGES, "Correct the flight's specification.")
