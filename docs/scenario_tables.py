@@ -2,14 +2,15 @@
 
     python docs/scenario_tables.py
 
-The kinds come from the registry that reads the files, the words from the docstrings. A test compares the page
-with what this would write.
+The kinds come from the registry that reads the files, the words from docstrings and from the comments beside
+fields. A test compares the page with what this would write.
 """
 
 from __future__ import annotations
 
 import inspect
 import logging
+import re
 import sys
 from collections.abc import Callable, Mapping, Set
 from itertools import groupby
@@ -109,7 +110,7 @@ def summary(maker: Callable[..., Any]) -> str:
 
 def keys(maker: Callable[..., Any], elsewhere: Set[str] = ELSEWHERE) -> str:
     """Keys of a kind: what each means, and its default."""
-    meanings: dict[str, str] = {}
+    meanings = field_comments(maker) if inspect.isclass(maker) else {}
     for part in sections(maker):
         if part.kind is griffe.DocstringSectionKind.parameters:
             meanings |= {item.name: cell(item.description) for item in part.value}
@@ -125,6 +126,24 @@ def keys(maker: Callable[..., Any], elsewhere: Set[str] = ELSEWHERE) -> str:
         called = ", ".join(f"`{name}`" for name in names)
         lines.append(f"{called}, {kind_of_value(annotation)}{each}{text}: {meaning}")
     return "<br>".join(lines)
+
+
+def field_comments(kind: type) -> dict[str, str]:
+    """Comment of each field, beside it or above it; a field without one shares that of the field before."""
+    meanings: dict[str, str] = {}
+    for part in reversed(kind.__mro__[:-1]):
+        above, meaning = "", ""
+        for line in inspect.getsource(part).splitlines() if hasattr(part, "__dataclass_fields__") else ():
+            code, mark, comment = line.strip().partition("# ")
+            if mark and not code:
+                above = f"{above} {comment}".strip()
+            elif field := re.match(r"(\w+): ", code):
+                meaning = above or comment or meaning
+                meanings[field[1]] = cell(meaning.rstrip(".") + ".")
+                above = ""
+            elif code.startswith("def "):
+                break
+    return meanings
 
 
 def sections(maker: Callable[..., Any]) -> list[Any]:
