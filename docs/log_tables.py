@@ -1,6 +1,6 @@
 """Write the tables of docs/logs.md: where autopilots log each channel, how often, and units of maps.
 
-    python docs/log_tables.py
+    python -m docs.log_tables
 
 A test compares the page with what this would write.
 """
@@ -11,12 +11,12 @@ import sys
 from collections.abc import Iterable
 from pathlib import Path
 
-from eivor.lab.experiments import markdown, page_with
 from eivor.logs.common import UNITS
 from eivor.logs.crazyflie.channels import LOOKED_FOR as VARIABLES
 from eivor.logs.dataflash.sources import LOOKED_FOR as COLUMNS
 from eivor.logs.rosbag.channels import ROS_SOURCES as FIELDS
 from eivor.logs.ulog.topics import LOOKED_FOR, PROFILE_BITS, TOPIC_LOGGING
+from validation.pages import markdown, page_with
 
 PAGE = Path(__file__).resolve().parent / "logs.md"
 

@@ -1,6 +1,6 @@
 """Write the table of public names in docs/glossary.md: what `import eivor` offers, a line each.
 
-python docs/public_names.py
+python -m docs.public_names
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 
 import eivor
-from eivor.lab.experiments import markdown, page_with
+from validation.pages import markdown, page_with
 
 PAGE = Path(__file__).resolve().parent / "glossary.md"
 PART = "public names"

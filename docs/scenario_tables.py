@@ -1,6 +1,6 @@
 """Write the tables of docs/studies/scenarios.md: every kind that a scenario file may name, with its keys.
 
-    python docs/scenario_tables.py
+    python -m docs.scenario_tables
 
 The kinds come from the registry that reads the files, the words from docstrings and from the comments beside
 fields. A test compares the page with what this would write.
@@ -19,7 +19,6 @@ from typing import Any, get_args
 
 import griffe
 
-from eivor.lab.experiments import markdown, page_with
 from eivor.lab.scenario_files import (
     CONTROLS,
     COURSES,
@@ -44,6 +43,7 @@ from eivor.simulation.rigid_body_spec import (
     Wind,
 )
 from eivor.simulation.vertical import VerticalFlightSpec
+from validation.pages import markdown, page_with
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "docs" / "studies" / "scenarios.md"

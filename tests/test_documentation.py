@@ -324,7 +324,7 @@ GLOSSARY = (ROOT / "docs" / "glossary.md").read_text(encoding="utf-8")
 def test_every_public_name_is_listed_once():
     public = {name for name in eivor.__all__ if not name.startswith("__")}
     listed = re.findall(r"^\| `(\w+)` \| (?:class|function|module) \|", GLOSSARY, flags=re.MULTILINE)
-    assert sorted(listed) == sorted(public), "run docs/public_names.py"
+    assert sorted(listed) == sorted(public), "run python -m docs.public_names"
 
 
 def test_words_in_code_are_words_of_the_code():

@@ -22,9 +22,9 @@ import polars as pl
 from eivor.atomic_file import atomic_write, is_sealed, sealed, write_atomically
 from eivor.errors import EivorError, InputError
 from eivor.inference.distributions import normal_quantile
-from eivor.lab.experiments import markdown, page_text, page_with
 from eivor.lab.study import SHARD_TRIALS, Share, StudyResult, run_study
 from eivor.process_pool import check_workers, local_executor
+from validation.pages import markdown, page_text, page_with
 from validation.suite_files import Suite, SuiteStudy, read_suite, versions
 
 #: Exit code when a requirement is not met, and for an input that cannot be used.

@@ -465,13 +465,8 @@ def test_outputs_of_paper_do_not_replace_each_other(
     eivor: Caller, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("eivor.lab.cli.run_paper", None)
-    page = tmp_path / "page.md"
-    page.write_text("mine", encoding="utf-8")
-    assert "different files for --json and --page" in eivor("paper", "--json", page, "--page", page).err
     run = eivor("paper", "--out", tmp_path, "--json", tmp_path / "figure-2.svg")
     assert "different files for --out and --json" in run.err
-    assert "unreadable: No such file" in eivor("paper", "--page", tmp_path / "none.md").err
-    assert page.read_text(encoding="utf-8") == "mine"
 
 
 def limited(*arguments: str, bytes_: int, folder: Path) -> subprocess.CompletedProcess[str]:

@@ -17,11 +17,11 @@ from dataflash_writer import simulated
 from usd_writer import fixed
 
 from eivor.cli.main import app
-from eivor.lab.experiments import page_with
 from eivor.logs import logging_advice, read_log
 from eivor.logs.channel_map import parse_channel_map
 from eivor.logs.read import log_formats, readable_formats
 from eivor.logs.table.columnar import MAX_CELLS, MAX_CELLS_PER_BYTE
+from validation.pages import page_with
 
 # -- The page of logs holds what the code holds, and what it recommends can be read --
 
@@ -31,7 +31,7 @@ PAGE = (DOCS / "logs.md").read_text(encoding="utf-8")
 
 def test_tables_are_fresh():
     parts = runpy.run_path(str(DOCS / "log_tables.py"))["parts"]()
-    assert page_with(PAGE, parts) == PAGE, "run docs/log_tables.py"
+    assert page_with(PAGE, parts) == PAGE, "run python -m docs.log_tables"
     assert "| `velocity_z` | `vehicle_local_position.vz` |" in PAGE
     assert "| `km/h` | 0.277778 m/s |" in PAGE
 

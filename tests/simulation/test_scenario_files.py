@@ -22,7 +22,6 @@ from eivor.lab.disturbances import (
     TimeVaryingArma,
     paper_disturbance,
 )
-from eivor.lab.experiments import page_with
 from eivor.lab.records import (
     AltitudeControl,
     DisturbanceRoute,
@@ -59,6 +58,7 @@ from eivor.simulation.excitation import (
 from eivor.simulation.rigid_body import simulate_rigid_body_flights
 from eivor.simulation.rigid_body_spec import AdaptiveSteps
 from eivor.simulation.vertical import simulate_vertical_flights
+from validation.pages import page_with
 
 # -- Scenarios from TOML: every kind, and every mistake with the place where it was made --
 
@@ -696,7 +696,7 @@ PAGE = (DOCS / "studies" / "scenarios.md").read_text(encoding="utf-8")
 
 def test_tables_are_fresh():
     parts = runpy.run_path(str(DOCS / "scenario_tables.py"))["parts"]()
-    assert page_with(PAGE, parts) == PAGE, "run docs/scenario_tables.py"
+    assert page_with(PAGE, parts) == PAGE, "run python -m docs.scenario_tables"
 
 
 def test_every_kind_has_a_row():

@@ -26,6 +26,7 @@ from eivor.process_pool import LocalProcesses
 from eivor.signals.noise import WhiteNoise
 from eivor.simulation.excitation import Disturbance, WhiteDisturbance
 from eivor.tools import Float
+from validation.paper.page import page_parts
 
 SMALL = ("paper", "--runs", "3", "--workers", "1")
 
@@ -78,7 +79,7 @@ def test_weak_instruments_are_told(two_readings):
         item["methods"]["extended_iv"]["weak"] for part in document["readings"] for item in part["examples"]
     ]
     assert counts == [0, 0, 3, 3]
-    page = figures.page_parts(two_readings)["example 1"]
+    page = page_parts(two_readings)["example 1"]
     assert page.count("Weak instruments (first-stage F below 10), in runs: `white-input` (3 of 3).") == 1
 
 

@@ -7,8 +7,8 @@ import re
 import numpy as np
 import pytest
 
-from eivor.lab.paper_errata import INERTIA, errata
 from validation.paper import search as paper_search
+from validation.paper.page import INERTIA, errata
 from validation.paper.search import INSTRUMENTS, search_page, simulations, try_simulation
 
 

@@ -7,11 +7,11 @@ import pytest
 from msgspec.structs import replace as struct_replace
 
 from eivor.errors import InputError
-from eivor.lab.experiments import marks
 from eivor.motions.identify import identify_flight
 from eivor.motions.vertical.model import GRAVITY
 from eivor.signals.filters import actuator_state
 from eivor.simulation.environment import SensorNoise
+from validation.pages import marks
 from validation.real_logs import study
 from validation.real_logs.closed_loop import STEP_S, FlightSpec, LoggerSpec, Reference, VehicleSpec
 from validation.real_logs.flights import LoggedFlight, logged_flight

@@ -10,7 +10,6 @@ import numpy as np
 import polars as pl
 import pytest
 
-from eivor.lab.experiments import marks
 from eivor.simulation.rigid_body import simulate_rigid_body_flights
 from eivor.simulation.rigid_body_spec import AxisExcitations, Sensors, Wind
 from validation.flight_recipe.rotorpy_flight import Vehicle
@@ -19,6 +18,7 @@ from validation.joint import study as joint
 from validation.joint.study import ALONE, GIVEN, JOINT, TURNING, effective_along, effective_vertical
 from validation.joint.study import Told as ToldOfK
 from validation.joint.study import flight_of as joint_flight_of
+from validation.pages import marks
 from validation.rates import study as rates
 from validation.rigid_body import study
 from validation.rigid_body.study import PART, scores

@@ -18,13 +18,13 @@ import numpy as np
 import eivor as ev
 from eivor.errors import UsageError
 from eivor.inference.verdict import Status
-from eivor.lab.experiments import markdown
 from eivor.lab.scenario_files import shipped_flight
 from eivor.lab.study import Share
 from eivor.models.lagged_runs import lag_and_delay
 from eivor.motions.vertical.regression import VerticalFlights
 from eivor.process_pool import in_order, local_executor
 from eivor.simulation.vertical import VerticalFlightSpec, simulate_vertical_flights
+from validation.pages import markdown
 from validation.studies import WORKERS, Option, StudyCommand, share_text
 from validation.suite_files import versions
 

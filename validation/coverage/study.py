@@ -17,8 +17,8 @@ import numpy as np
 import polars as pl
 
 from eivor.inference.distributions import normal_quantile
-from eivor.lab.experiments import markdown
 from eivor.lab.study import FAILED, Share, StudyResult
+from validation.pages import markdown
 from validation.studies import (
     Requirement,
     may_be_within,

@@ -22,10 +22,11 @@ from eivor.errors import ParameterError
 from eivor.inference.distributions import normal_quantile
 from eivor.lab.cramer_rao import cramer_rao
 from eivor.lab.disturbances import GivenDisturbance
-from eivor.lab.experiments import VerticalExperiment, markdown
+from eivor.lab.experiments import VerticalExperiment
 from eivor.lab.records import ALWAYS_MEASURED, OpenLoop, Scenario, simulate
 from eivor.lab.study import StudyResult, scores
 from eivor.simulation.excitation import GivenSeries
+from validation.pages import markdown
 from validation.studies import Requirement, Row, requirement_table, suite_command
 from validation.suite_files import Suite, SuiteStudy, read_suite
 

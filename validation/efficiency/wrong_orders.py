@@ -24,8 +24,8 @@ from eivor.estimation.sampled_motion import NoisePrior, SampledMotion, fitted_no
 from eivor.estimation.spectral_equations import Pilot, consistent_estimate, pilot_at, solved_equations
 from eivor.estimation.spectral_iv import maximum_likelihood, start_of
 from eivor.inference.verdict import Reason
-from eivor.lab.experiments import markdown
 from eivor.lab.scenario_files import shipped_scenario
+from validation.pages import markdown
 from validation.studies import GridStruct, Group, KeptRun, KeptStudy, Requirement, alone
 from validation.suite_files import versions
 

@@ -36,10 +36,10 @@ from eivor.dask_executor import DaskCluster
 from eivor.fleet.logs import logs_found
 from eivor.fleet.run import run_fleet
 from eivor.fleet.table import FleetOptions, part_files, read_flights
-from eivor.lab.experiments import markdown
 from eivor.logs.read import read_log
 from eivor.motions.identify import identify_flight
 from eivor.process_pool import Executor, InProcess, LocalThreads
+from validation.pages import markdown
 from validation.simulated_fleets import FleetSpec, write_fleet_logs
 from validation.studies import (
     GridStruct,

@@ -21,12 +21,12 @@ import numpy as np
 
 import eivor as ev
 from eivor.inference.verdict import Status
-from eivor.lab.experiments import markdown
 from eivor.models.separable import Bounds
 from eivor.signals.recording import Recording
 from eivor.simulation.environment import TrajectoryKind
 from eivor.simulation.known_logs import log_of_flight
 from eivor.simulation.vertical import VerticalFlightSpec
+from validation.pages import markdown
 from validation.studies import GridStruct, Group, KeptRun, KeptStudy, Requirement
 from validation.suite_files import versions
 

@@ -21,7 +21,6 @@ from jaxtyping import Bool
 from eivor.inference.diagnostics.instruments import STRONG_FIRST_STAGE
 from eivor.inference.diagnostics.record import BEYOND_DOUBT
 from eivor.inference.verdict import Status
-from eivor.lab.experiments import markdown
 from eivor.lab.study import Share
 from eivor.process_pool import local_executor
 from validation.flight_recipe.trials import (
@@ -38,6 +37,7 @@ from validation.flight_recipe.trials import (
     run_trials,
     trial_table,
 )
+from validation.pages import markdown
 from validation.studies import (
     FINISHED,
     OUT,

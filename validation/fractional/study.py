@@ -21,10 +21,10 @@ import numpy as np
 import eivor as ev
 from eivor.errors import EstimationError, WeakInstrumentsWarning
 from eivor.estimation.method import Method
-from eivor.lab.experiments import markdown
 from eivor.models.regression import Column
 from eivor.signals.filters import filtered
 from eivor.tools import Float
+from validation.pages import markdown
 from validation.studies import Option, StudyCommand
 
 Series = Float[np.ndarray, " n"]

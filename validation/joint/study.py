@@ -23,7 +23,6 @@ from eivor.flights.prepared import PreparedFlight
 from eivor.flights.result import FlightEstimate
 from eivor.inference.verdict import Status
 from eivor.lab.disturbances import OrnsteinUhlenbeck
-from eivor.lab.experiments import markdown
 from eivor.lab.study import Share
 from eivor.models.separable import Prior
 from eivor.motions.identify import identify_flight
@@ -51,6 +50,7 @@ from eivor.simulation.rigid_body_spec import AxisExcitations, Logged, RigidBodyF
 from validation.effective_parameters import effective_parameters
 from validation.flight_recipe.rotorpy_flight import RotorpyFlightSpec, rigid_body, vehicle_parameters
 from validation.flight_recipe.trials import FlightCase, GridFile, grid_of
+from validation.pages import markdown
 from validation.studies import Group, KeptRun, KeptStudy, Requirement, share_text
 
 

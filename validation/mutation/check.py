@@ -23,7 +23,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from eivor.lab.experiments import markdown, page_with
+from validation.pages import markdown, page_with
 
 TABLE = Path(__file__).with_name("mutants.toml")
 

@@ -18,8 +18,8 @@ import numpy as np
 import polars as pl
 
 from eivor.estimation.methods import identify
-from eivor.lab.experiments import markdown
 from eivor.lab.study import MethodChoice, Study, StudyResult, scores, trial_nrmse
+from validation.pages import markdown
 from validation.studies import Row, suite_command
 from validation.suite_files import Suite, SuiteStudy, read_suite, versions
 

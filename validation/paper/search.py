@@ -18,7 +18,6 @@ from itertools import product
 import numpy as np
 from jaxtyping import Float
 
-from eivor.lab.experiments import markdown
 from eivor.lab.paper import (
     EXAMPLES,
     PRINTED_METHODS,
@@ -36,6 +35,7 @@ from eivor.lab.paper import (
 )
 from eivor.lab.records import Intersample
 from eivor.process_pool import in_order, local_executor
+from validation.pages import markdown
 from validation.studies import WORKERS, Option, StudyCommand
 
 RUNS = 10

@@ -21,7 +21,6 @@ import numpy as np
 from jaxtyping import Float
 
 from eivor.inference.verdict import Status
-from eivor.lab.experiments import markdown
 from eivor.motions.identify import identify_flight
 from eivor.motions.vertical.model import GRAVITY
 from eivor.planning.plan import FlightPlan
@@ -45,6 +44,7 @@ from eivor.simulation.vertical import (
     simulate_vertical,
 )
 from validation.flight_recipe.rotorpy_flight import RotorpyFlightSpec, Vehicle, simulate_rotorpy_flight
+from validation.pages import markdown
 from validation.studies import GridStruct, Group, KeptRun, KeptStudy, Requirement
 from validation.suite_files import versions
 

@@ -17,7 +17,6 @@ import numpy as np
 
 from eivor.inference.verdict import Status
 from eivor.lab.disturbances import OrnsteinUhlenbeck
-from eivor.lab.experiments import markdown
 from eivor.lab.study import Share
 from eivor.motions.identify import identify_flight
 from eivor.motions.rigid_body.vehicle import BodyDrag, Rotors, Vehicle
@@ -33,6 +32,7 @@ from eivor.simulation.rigid_body_spec import (
     Sensors,
     TorqueDisturbance,
 )
+from validation.pages import markdown
 from validation.studies import GridStruct, Group, KeptRun, KeptStudy, Requirement, may_be_within, share_text
 
 CONTROLLER_HZ, GYROSCOPE_HZ = 400.0, 200.0

@@ -20,9 +20,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from eivor.lab.experiments import markdown
 from eivor.motions.vertical.model import GRAVITY
 from eivor.signals.filters import actuator_state
+from validation.pages import markdown
 from validation.real_logs.closed_loop import STEP_S, FlightSpec, fly_own
 from validation.real_logs.trials import Family, published_grid
 from validation.studies import Answer, Option, StudyCommand

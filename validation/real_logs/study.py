@@ -18,7 +18,6 @@ import polars as pl
 from msgspec.structs import replace
 
 from eivor.inference.verdict import Status
-from eivor.lab.experiments import markdown
 from eivor.lab.study import Share
 from eivor.motions.vertical.verdict import HOVER_FLOOR
 from validation.flight_recipe.study import (
@@ -33,6 +32,7 @@ from validation.flight_recipe.study import (
 )
 from validation.flight_recipe.study import NAMES as SYMBOLS
 from validation.flight_recipe.trials import QUANTITIES, RECIPE
+from validation.pages import markdown
 from validation.real_logs.trials import NAMES, Family, Grid, folder_of, published_grid
 from validation.studies import Answer, Requirement, StudyTable, folder_command, requirement_table, share_text
 

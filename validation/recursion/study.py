@@ -19,10 +19,10 @@ from typing import Literal
 import numpy as np
 
 import eivor as ev
-from eivor.lab.experiments import markdown
 from eivor.lab.records import Scenario, simulate
 from eivor.lab.scenario_files import shipped_scenario
 from eivor.signals.signals import Signals
+from validation.pages import markdown
 from validation.studies import GridStruct, Group, KeptRun, KeptStudy, Requirement, alone
 from validation.suite_files import versions
 

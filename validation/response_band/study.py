@@ -20,10 +20,10 @@ import numpy as np
 
 import eivor as ev
 from eivor.errors import EivorError
-from eivor.lab.experiments import markdown
 from eivor.simulation.environment import SimulatedFlight
 from eivor.simulation.vertical import VerticalFlightSpec, simulate_vertical_flights
 from eivor.tools import Float
+from validation.pages import markdown
 from validation.studies import GridStruct, Group, KeptRun, KeptStudy, Requirement
 from validation.suite_files import versions
 

@@ -21,7 +21,6 @@ import polars as pl
 
 from eivor.flights.result import FlightEstimate
 from eivor.inference.verdict import Status
-from eivor.lab.experiments import markdown
 from eivor.motions.identify import identify_flight
 from eivor.motions.rigid_body.motion import RigidBody
 from eivor.motions.rigid_body.vehicle import DRAG, GAIN, THRUST
@@ -31,6 +30,7 @@ from eivor.simulation.controller import Sensor
 from eivor.simulation.rigid_body import simulate_rigid_body_flights
 from eivor.simulation.rigid_body_spec import RigidBodyFlightSpec
 from validation.flight_recipe.rotorpy_flight import Vehicle
+from validation.pages import markdown
 from validation.rigid_body.study import cell, scores
 from validation.rigid_body.trials import (
     GROUPS,

@@ -18,8 +18,8 @@ from dataclasses import dataclass
 import numpy as np
 import polars as pl
 
-from eivor.lab.experiments import markdown
 from eivor.lab.study import Share
+from validation.pages import markdown
 from validation.rigid_body.trials import (
     GRID,
     GROUPS,

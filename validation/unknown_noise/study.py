@@ -17,10 +17,10 @@ import numpy as np
 import eivor as ev
 from eivor.estimation.method import Method
 from eivor.inference.verdict import Status
-from eivor.lab.experiments import markdown
 from eivor.lab.scenario_files import shipped_scenario
 from eivor.signals.noise import FractionalNoise
 from eivor.tools import Float
+from validation.pages import markdown
 from validation.studies import (
     Answer,
     GridStruct,

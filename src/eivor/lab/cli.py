@@ -35,13 +35,11 @@ from eivor.cli.outputs import (
 )
 from eivor.dask_executor import DaskCluster
 from eivor.errors import InputError, ParameterError, UsageError, did_you_mean
-from eivor.lab.experiments import page_text, page_with
 from eivor.lab.figures import (
     by_reading,
     figure_files,
     nearest,
     overview_report,
-    page_parts,
     paper_document,
     paper_figures,
     reading_report,
@@ -130,13 +128,6 @@ def paper(
         int, typer.Option(metavar="N", help="Processes; default: one for each core.", show_default=False)
     ] = 0,
     json: JsonOption = "",
-    page: Annotated[
-        str,
-        typer.Option(
-            metavar="FILE.md", help="Put the tables between the marks of this page.", show_default=False
-        ),
-        Writes(),
-    ] = "",
 ) -> ExitCode:
     """Run examples 1 and 2 of the paper that Eivor started from, and print measured beside printed.
 
@@ -155,8 +146,6 @@ def paper(
         raise UsageError(expected, f"--runs {runs} --workers {workers}", "The paper has 100 runs.")
     for path in figure_files(_folder(out)) if out else ():
         output_file(str(path), option="--out")
-    if page:
-        page_text(Path(page), "run")
     start_s, results = time.perf_counter(), []
     with _progress("examples", 2 * len(chosen)) as progress:
         for result in run_paper(chosen, runs=runs, workers=workers or None):
@@ -168,7 +157,6 @@ def paper(
     outputs: dict[Callable[[], None], bool] = {
         partial(_print_paper, results, whole=bool(named)): json != STANDARD_OUTPUT,
         lambda: write_out(json_text(paper_document(results, seconds=seconds)), json): bool(json),
-        lambda: write_out(page_with(page_text(Path(page), "run"), page_parts(results)), page): bool(page),
         lambda: _draw(Path(out), paper_figures(nearest_group)): bool(out),
     }
     deliver(*(output for output, wanted in outputs.items() if wanted))

@@ -16,7 +16,6 @@ from rich.table import Table
 from rich.text import Text
 
 from eivor.errors import UsageError
-from eivor.lab.experiments import markdown
 from eivor.lab.paper import (
     EXAMPLES,
     METHODS,
@@ -32,7 +31,6 @@ from eivor.lab.paper import (
     record,
     trial_generator,
 )
-from eivor.lab.paper_errata import errata
 from eivor.lab.study import TOGETHER, Share, Spread, StudyResult, scores, trial_nrmse
 from eivor.motions.table import wording_of
 from eivor.report.document import printable
@@ -412,7 +410,7 @@ def overview_report(results: Sequence[PaperResult]) -> Iterator[RenderableType]:
     yield heading("How far from the printed tables")
     table = _plain("reading", "means off by", "SDs off by", "printed means met")
     for name, group in by_reading(results).items():
-        table.add_row(name, *_nearness_cells(nearness(group)))
+        table.add_row(name, *nearness_cells(nearness(group)))
     yield table
     yield Text(verdict_sentence(results))
 
@@ -428,15 +426,17 @@ def verdict_sentence(results: Sequence[PaperResult]) -> str:
     result = near[name]
     return (
         f"No reading gives the printed tables. Nearest is {name}: its means are off by a factor of "
-        f"{_factor(result.means)}, and {result.agreeing} of {result.printed} are met."
+        f"{factor_text(result.means)}, and {result.agreeing} of {result.printed} are met."
     )
 
 
-def _nearness_cells(result: Nearness) -> tuple[str, str, str]:
-    return _factor(result.means), _factor(result.spreads), f"{result.agreeing} of {result.printed}"
+def nearness_cells(result: Nearness) -> tuple[str, str, str]:
+    """How far a reading is from the printed tables, in a table."""
+    return factor_text(result.means), factor_text(result.spreads), f"{result.agreeing} of {result.printed}"
 
 
-def _factor(value: float) -> str:
+def factor_text(value: float) -> str:
+    """A factor to three digits."""
     return f"{value:.3g}" if math.isfinite(value) else NO_ESTIMATE
 
 
@@ -501,60 +501,3 @@ def _spreads(spreads: Sequence[Spread]) -> Json:
         name: {"mean": number(spread.mean), "sd": number(spread.std)}
         for name, spread in zip(SCORES, spreads, strict=False)
     }
-
-
-# -- Markdown ----------------------------------------------------------------------------------------
-
-
-def page_parts(results: Sequence[PaperResult]) -> dict[str, str]:
-    """Generated parts of the page, by the name of their marks."""
-    first = by_reading(results)[nearest(results)]
-    groups = list(by_reading(results).values())
-    parts = {
-        "run": f"Made by `eivor paper` with Eivor {version('eivor')}: {len(groups)} readings, "
-        f"2 examples, {len(first[0].estimates)} runs, 6 methods; seed {SEED}. {verdict_sentence(results)}",
-        "readings": _readings_table(results),
-    }
-    for index, example in enumerate(EXAMPLES):
-        tables = (
-            f"**{column}**, NRMSE in percent\n\n"
-            + _example_table([group[index] for group in groups], example, method)
-            for column, method in PRINTED_METHODS.items()
-        )
-        parts[f"example {example.number}"] = "\n\n".join(tables)
-    lines = [(item.where, item.printed, item.used, item.check) for item in errata()]
-    parts["errata"] = markdown(("where", "printed", "used here", "checked"), lines)
-    parts["figures"] = _figures(first[0].reading.name)
-    return parts
-
-
-def _readings_table(results: Sequence[PaperResult]) -> str:
-    lines = []
-    for name, group in by_reading(results).items():
-        tls = _factor(nearness(group, total_least_squares=True).means)
-        lines.append([f"`{name}`", group[0].reading.sentence, *_nearness_cells(nearness(group)), tls])
-    header = ("reading", "what it says", "means off by", "SDs off by", "means met", "TLS forms off by")
-    return markdown(header, lines)
-
-
-def _example_table(results: Sequence[PaperResult], example: Example, method: str) -> str:
-    partner = METHODS[METHODS.index(method) + 1]
-    header = ("reading", *SCORE_WORDS, *(f"{words}, TLS" for words in SCORE_WORDS))
-    lines = [["**printed**", *map(printed_text, example.printed[method]), "", "", ""]]
-    for result in results:
-        both = (*result.spreads(method), *result.spreads(partner))
-        lines.append([f"`{result.reading.name}`", *map(spread_text, both)])
-    counts = {result.reading.name: result.weak_runs(method) for result in results}
-    weak = [f"`{name}` ({count} of {len(results[0].weak)})" for name, count in counts.items() if count]
-    words = f"\n\nWeak instruments (first-stage F below 10), in runs: {', '.join(weak)}." if weak else ""
-    return markdown(header, lines) + words
-
-
-def _figures(name: str) -> str:
-    texts = [f"Under the reading `{name}`; red is what the paper prints, mean and one SD on both sides."]
-    captions = ["Input and height"]
-    captions += [f"NRMSE of {column}, example {item}" for item in (1, 2) for column in PRINTED_METHODS]
-    for index, caption in enumerate(captions, start=2):
-        texts.append(f"![{caption}](images/paper/figure-{index}.svg)")
-        texts.append(f"*Counterpart of figure {index}. {caption}.*")
-    return "\n\n".join(texts)

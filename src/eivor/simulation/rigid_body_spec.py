@@ -89,7 +89,7 @@ class RungeKutta4(Integrator):
 
 @dataclass(frozen=True, slots=True)
 class AdaptiveSteps(Integrator):
-    """SciPy's integrators, which divide each step by the error that they estimate; some thirty times slower."""
+    """SciPy's integrators, which divide each step by the error that they estimate: thirty times slower."""
 
     side_by_side: ClassVar[bool] = False
     rtol: float = 1e-8  # Relative and absolute tolerance of every component

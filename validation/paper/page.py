@@ -1,9 +1,17 @@
-"""Errata of the paper, and the checks that show them."""
+"""Generated parts of docs/paper.md: the tables of every reading, and the errata with their checks.
+
+    python -m validation.paper.page --page docs/paper.md [--runs N] [--workers N]
+
+runs what `eivor paper` runs, under a minute.
+"""
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from importlib.metadata import version
+from typing import NamedTuple
 
 import numpy as np
 from scipy.integrate import solve_ivp
@@ -13,16 +21,32 @@ from eivor.estimation import methods
 from eivor.estimation.linear import LinearMethod
 from eivor.estimation.moments import CrossMoments, Moments, TriangularMoments
 from eivor.lab.disturbances import RandomCoefficientMovingAverage
+from eivor.lab.figures import (
+    SCORE_WORDS,
+    by_reading,
+    factor_text,
+    nearest,
+    nearness_cells,
+    printed_text,
+    spread_text,
+    verdict_sentence,
+)
 from eivor.lab.paper import (
     DISTURBANCE,
     EXAMPLES,
+    METHODS,
     PRINTED_METHODS,
+    READINGS,
+    SEED,
     TRUTH,
     Example,
+    PaperResult,
     Ratio,
     named_readings,
+    nearness,
     nrmse,
     record,
+    run_paper,
     trial_generator,
 )
 from eivor.lab.records import SimulatedRecord
@@ -33,6 +57,65 @@ from eivor.motions.vertical.model import GRAVITY, VerticalMotion
 from eivor.signals.noise import fractional_weights
 from eivor.signals.signals import Signals
 from eivor.tools import Float
+from validation.pages import markdown
+from validation.studies import WORKERS, Option, StudyCommand
+
+# -- Tables --
+
+
+def page_parts(results: Sequence[PaperResult]) -> dict[str, str]:
+    """Generated parts of the page, by the name of their marks."""
+    first = by_reading(results)[nearest(results)]
+    groups = list(by_reading(results).values())
+    parts = {
+        "run": f"Made by `python -m validation.paper.page` with Eivor {version('eivor')}: {len(groups)} "
+        f"readings, 2 examples, {len(first[0].estimates)} runs, 6 methods; seed {SEED}. "
+        f"{verdict_sentence(results)}",
+        "readings": _readings_table(results),
+    }
+    for index, example in enumerate(EXAMPLES):
+        tables = (
+            f"**{column}**, NRMSE in percent\n\n"
+            + _example_table([group[index] for group in groups], example, method)
+            for column, method in PRINTED_METHODS.items()
+        )
+        parts[f"example {example.number}"] = "\n\n".join(tables)
+    parts["errata"] = markdown(("where", "printed", "used here", "checked"), errata())
+    parts["figures"] = _figures(first[0].reading.name)
+    return parts
+
+
+def _readings_table(results: Sequence[PaperResult]) -> str:
+    lines = []
+    for name, group in by_reading(results).items():
+        tls = factor_text(nearness(group, total_least_squares=True).means)
+        lines.append([f"`{name}`", group[0].reading.sentence, *nearness_cells(nearness(group)), tls])
+    header = ("reading", "what it says", "means off by", "SDs off by", "means met", "TLS forms off by")
+    return markdown(header, lines)
+
+
+def _example_table(results: Sequence[PaperResult], example: Example, method: str) -> str:
+    partner = METHODS[METHODS.index(method) + 1]
+    header = ("reading", *SCORE_WORDS, *(f"{words}, TLS" for words in SCORE_WORDS))
+    lines = [["**printed**", *map(printed_text, example.printed[method]), "", "", ""]]
+    for result in results:
+        both = (*result.spreads(method), *result.spreads(partner))
+        lines.append([f"`{result.reading.name}`", *map(spread_text, both)])
+    counts = {result.reading.name: result.weak_runs(method) for result in results}
+    weak = [f"`{name}` ({count} of {len(results[0].weak)})" for name, count in counts.items() if count]
+    words = f"\n\nWeak instruments (first-stage F below 10), in runs: {', '.join(weak)}." if weak else ""
+    return markdown(header, lines) + words
+
+
+def _figures(name: str) -> str:
+    texts = [f"Under the reading `{name}`; red is what the paper prints, mean and one SD on both sides."]
+    captions = ["Input and height"]
+    captions += [f"NRMSE of {column}, example {item}" for item in (1, 2) for column in PRINTED_METHODS]
+    for index, caption in enumerate(captions, start=2):
+        texts.append(f"![{caption}](images/paper/figure-{index}.svg)")
+        texts.append(f"*Counterpart of figure {index}. {caption}.*")
+    return "\n\n".join(texts)
+
 
 # -- Errata --
 
@@ -40,9 +123,8 @@ RUNS = 20
 STRONG = Example(0, 0.1, {})
 
 
-@dataclass(frozen=True, slots=True)
-class Erratum:
-    """One place."""
+class Erratum(NamedTuple):
+    """A place of the text."""
 
     where: str
     printed: str
@@ -209,7 +291,7 @@ def signal_variances(records: Sequence[SimulatedRecord]) -> str:
     """Weight total least squares by the power of the signals."""
 
     def with_signals(moments: Moments) -> Moments:
-        assert isinstance(moments, TriangularMoments)  # noqa: S101 - those of a direct method
+        assert isinstance(moments, TriangularMoments)
         power = np.einsum("ij,ij->j", moments.root, moments.root) / moments.count
         return replace(moments, noise=np.diag(power))
 
@@ -239,8 +321,8 @@ def _with_noise(
     """Change of compensated instrumental moments by one of their shared noise, which their rows are given."""
 
     def changed(before: Moments) -> Moments:
-        assert isinstance(before, CrossMoments)  # noqa: S101 - those of an instrumental method
-        assert before.noise is not None  # noqa: S101 - of a compensated one
+        assert isinstance(before, CrossMoments)
+        assert before.noise is not None
         return replace(before, noise=change(before.noise, before.rows))
 
     return changed
@@ -398,3 +480,19 @@ def roles_of_e() -> str:
         f"The moving average has {series.std():.2f} times the SD of the white sequence in it: a ratio "
         f"sigma_e / sigma_y means one or the other."
     )
+
+
+OPTIONS: dict[str, Option] = {
+    "--runs": {"type": int, "default": 100, "help": "of each example"},
+    "--workers": WORKERS,
+}
+main = StudyCommand(
+    "validation.paper.page",
+    __doc__,
+    "run",
+    lambda chosen: (page_parts(list(run_paper(READINGS, runs=chosen.runs, workers=chosen.workers))), ()),
+    OPTIONS,
+).main
+
+if __name__ == "__main__":
+    sys.exit(main())
