@@ -20,7 +20,7 @@ import polars as pl
 from eivor.errors import EivorError, InputError, UsageError
 from eivor.logs.common import FolderParts
 from eivor.logs.mapping import fitting_map
-from eivor.logs.read import FURTHER_ENDINGS, TEXTS, folder_parts, format_at, log_formats
+from eivor.logs.read import FURTHER_ENDINGS, folder_parts, format_at, log_formats
 from eivor.logs.table.delimited import DELIMITERS, open_csv
 
 # -- Covariates from a file --
@@ -345,7 +345,7 @@ def is_log(path: Path) -> bool:
         result = format_at(path)
     except (OSError, EivorError):
         return False
-    return result.is_read and (result not in TEXTS or _is_known_table(path))
+    return result.is_read and (result.name != "csv" or _is_known_table(path))
 
 
 def _is_known_table(path: Path) -> bool:

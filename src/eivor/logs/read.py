@@ -6,9 +6,10 @@ import codecs
 import hashlib
 import os
 import stat
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from importlib import resources
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import Never
 
 from eivor import checks
@@ -20,7 +21,6 @@ from eivor.errors import (
     UnknownFormatError,
     UsageError,
 )
-from eivor.logs.channel_map import load_channel_map
 from eivor.logs.common import (
     HEAD_BYTES,
     FolderParts,
@@ -31,92 +31,9 @@ from eivor.logs.common import (
     folder_size,
     is_stream,
     kept,
-    noted,
-    with_elements,
 )
-from eivor.logs.crazyflie.reader import CRAZYFLIE
-from eivor.logs.dataflash.reader import DATAFLASH
-from eivor.logs.mapping import fitted_rules, fitting_map, listed, mapped_recording
-from eivor.logs.rosbag.channels import BAGS
-from eivor.logs.table.columnar import open_hdf5, open_matlab, open_parquet, restore
-from eivor.logs.table.delimited import TableSource, is_delimited, open_csv
-from eivor.logs.ulog.reader import ULOG, ULOG_CSV
+from eivor.logs.table.delimited import is_delimited
 from eivor.signals.recording import Recording
-
-# -- Tables --
-
-
-_HDF5 = b"\x89HDF\r\n\x1a\n"
-_ADVICE = (
-    "Log at 100 Hz or more, one row per instant, with a column 'time' in seconds.",
-    "Log the motor commands (not only the thrust setpoint), the vertical velocity, the specific force or the "
-    "vertical acceleration, the attitude, and the height reference.",
-    "Log setpoints as they are commanded, not filtered or interpolated.",
-)
-_SETPOINTS = (
-    "reference_position_z (the height reference), rotor_command_1.. or input (the command), pilot_throttle "
-    "(the stick, when a pilot flies)."
-)
-
-
-def _is_csv(head: bytes, _file: Path) -> bool:
-    decoder = codecs.getincrementaldecoder("utf-8-sig")()
-    try:
-        return is_delimited(decoder.decode(head))
-    except UnicodeDecodeError:
-        return False
-
-
-def _advice(channel: str) -> tuple[str, ...]:
-    return (f"Add a column '{channel}', or map one in a channel map.",) if channel else _ADVICE
-
-
-def _table(
-    name: str,
-    label: str,
-    sniff: Callable[[bytes, Path], bool],
-    opened: Callable[[Path], TableSource],
-    *endings: str,
-) -> LogFormat:
-    """Row of a table: what is the same of all is said here."""
-
-    def read(file: Path, options: ReadOptions) -> Recording:
-        source, alone = opened(file), options.channel_map is None
-        findings = list(source.findings)
-        if options.channel_map is None:
-            chosen, finding = fitting_map(source.names, file.name)
-            findings += [finding] if finding is not None else []
-        else:
-            chosen = load_channel_map(options.channel_map)
-        columns = [column for rule in chosen.rules for column in rule.expression.columns]
-        rules = fitted_rules(chosen, with_elements(columns, source.names), file.name)
-        needed = dict.fromkeys([chosen.time_column, *(c for rule in rules for c in rule.expression.columns)])
-        if alone and chosen.origin == file.name:
-            ignored = listed([name for name in source.names if name not in needed])
-            sentence = "Columns without a canonical name are not used: {}."
-            findings += noted("ignored_columns", sentence, ignored)
-        recording = mapped_recording(
-            chosen,
-            rules,
-            source.read(list(needed)),
-            name=file.name,
-            log_format=name,
-            sha256=options.sha256,
-            findings=findings,
-        )
-        return restore(recording, source.metadata) if alone else recording
-
-    return LogFormat(
-        name, label, sniff, read, takes_map=True, advice=_advice, setpoints=_SETPOINTS, endings=endings
-    )
-
-
-CSV = _table("csv", "CSV", _is_csv, open_csv, ".csv", ".tsv")
-PARQUET = _table("parquet", "Parquet", begins_with(b"PAR1"), open_parquet, ".parquet")
-MATLAB = _table("matlab", "MATLAB", begins_with(b"MATLAB 5.0 MAT-file"), open_matlab, ".mat")
-#: HDF5 begins at once, or after the 512 bytes of text of MATLAB 7.3.
-HDF5 = _table("hdf5", "HDF5", lambda head, _: _HDF5 in (head[:8], head[512:520]), open_hdf5, ".h5", ".hdf5")
-
 
 # -- Logs that cannot be read --
 
@@ -255,22 +172,36 @@ EIGHT_BIT = _in_encoding(
 
 # -- Table of formats --
 
-_READ = (ULOG, ULOG_CSV, PARQUET, CRAZYFLIE, DATAFLASH, *BAGS, MATLAB, HDF5)
-#: Formats that are recognised by their first bytes.
-FORMATS: tuple[LogFormat, ...] = (*_READ, *RECOGNISED, TELEMETRY, DJI)
-#: Formats of text, which has no first bytes of its own: asked last.
-TEXTS: tuple[LogFormat, ...] = (UTF_16, CSV, EIGHT_BIT)
+#: Where formats are that are recognised by their first bytes, in the order of comparison. A module is loaded
+#: when the file is of no format before it.
+READERS = (
+    "eivor.logs.ulog.reader:FORMATS",
+    "eivor.logs.table.formats:PARQUETS",
+    "eivor.logs.crazyflie.reader:FORMATS",
+    "eivor.logs.dataflash.reader:FORMATS",
+    "eivor.logs.rosbag.channels:FORMATS",
+    "eivor.logs.table.formats:ARRAYS",
+)
+#: Formats of text, which has no first bytes of its own, are compared last; this module has that of tables.
+TABLES = "eivor.logs.table.formats:TEXTS"
 
 #: Ends of names of logs of formats that are recognised, or that others read: the reader says what to do.
 FURTHER_ENDINGS = (".bag", ".bbl", ".bfl", ".db3", ".db3.zstd", ".mcap", ".mcap.zstd", ".tlog")
 
-#: What other packages have declared, by name; asked after `FORMATS` and before `TEXTS`.
+#: What other packages have declared, by name; compared before texts.
 _DECLARED: dict[str, LogFormat] = {}
 
 
-def log_formats() -> tuple[LogFormat, ...]:
-    """Return all formats, in the order in which a file is compared with them."""
-    return (*FORMATS, *_DECLARED.values(), *TEXTS)
+def log_formats() -> Iterator[LogFormat]:
+    """All formats, in the order in which a file is compared with them."""
+    for reader in READERS:
+        yield from resolve_name(reader)
+    yield from (*RECOGNISED, TELEMETRY, DJI, *_DECLARED.values(), *text_formats())
+
+
+def text_formats() -> tuple[LogFormat, ...]:
+    """Formats of text."""
+    return (UTF_16, *resolve_name(TABLES), EIGHT_BIT)
 
 
 def readable_formats() -> tuple[LogFormat, ...]:
@@ -296,7 +227,10 @@ def log_format(name: str) -> LogFormat | None:
 def advising_format(name: str) -> LogFormat:
     """Return the format whose advice serves logs of a format: itself, or tables where it has none."""
     known = log_format(name)
-    return known if known is not None and known.advice("") and known.setpoints else CSV
+    if known is not None and known.advice("") and known.setpoints:
+        return known
+    (tables,) = resolve_name(TABLES)
+    return tables
 
 
 def format_of(head: bytes, file: Path) -> LogFormat:
@@ -325,7 +259,7 @@ def folder_parts(folder: Path) -> FolderParts:
     return FolderParts(next((result.members for result in results if result.members), frozenset()), derived)
 
 
-def logging_advice(name: str = ULOG.name, channel: str = "") -> tuple[str, ...]:
+def logging_advice(name: str = "ulog", channel: str = "") -> tuple[str, ...]:
     """Sentences that say what to log."""
     row = log_format(name)
     if row is None or not row.is_read:

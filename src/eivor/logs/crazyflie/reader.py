@@ -569,15 +569,17 @@ def _position(rule: ChannelRule, chosen: ChannelMap, events: Sequence[Event], na
     raise ChannelMapError(expected, received, f"Take columns of one type, and '{CLOCK}' for the time.")
 
 
-CRAZYFLIE = LogFormat(
-    NAME,
-    "Crazyflie microSD",
-    # a version of one byte follows the first one, which no text has
-    lambda head, _file: head.startswith(MAGIC) and head[2:3] in (b"", b"\x00"),
-    read_crazyflie,
-    takes_map=True,
-    advice=_advice,
-    setpoints="ctrltarget.z, ctrltarget.vz and ctrltarget.az (the height reference and its feed-forward), "
-    "motor.m1 to motor.m4 (the commands); of turning ctrltarget.roll, .pitch and .yaw, and "
-    "controller.cmd_roll, .cmd_pitch and .cmd_yaw.",
+FORMATS = (
+    LogFormat(
+        NAME,
+        "Crazyflie microSD",
+        # a version of one byte follows the first one, which no text has
+        lambda head, _file: head.startswith(MAGIC) and head[2:3] in (b"", b"\x00"),
+        read_crazyflie,
+        takes_map=True,
+        advice=_advice,
+        setpoints="ctrltarget.z, ctrltarget.vz and ctrltarget.az (the height reference and its "
+        "feed-forward), motor.m1 to motor.m4 (the commands); of turning ctrltarget.roll, .pitch and .yaw, "
+        "and controller.cmd_roll, .cmd_pitch and .cmd_yaw.",
+    ),
 )

@@ -218,13 +218,15 @@ def _add(reading: MessageReading, name: str, source: MessageSource) -> None:
 
 # -- Format --
 
-DATAFLASH = LogFormat(
-    "dataflash",
-    "ArduPilot DataFlash",
-    lambda head, _: head.startswith(HEAD) or is_text(head) or begins_within(head),
-    read_dataflash,
-    advice=_advice,
-    setpoints="PSCD.DPD, .DVD and .DAD (the height reference and its feed-forward), RATE.AOut (the command), "
-    "RCIN.C3 (the stick, when a pilot flies).",
-    endings=(".bin", ".log"),
+FORMATS = (
+    LogFormat(
+        "dataflash",
+        "ArduPilot DataFlash",
+        lambda head, _: head.startswith(HEAD) or is_text(head) or begins_within(head),
+        read_dataflash,
+        advice=_advice,
+        setpoints="PSCD.DPD, .DVD and .DAD (the height reference and its feed-forward), RATE.AOut (the "
+        "command), RCIN.C3 (the stick, when a pilot flies).",
+        endings=(".bin", ".log"),
+    ),
 )

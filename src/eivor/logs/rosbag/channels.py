@@ -372,7 +372,7 @@ def _bag(name: str, label: str, kind: str, ending: str, *, folders: bool = False
 
 
 #: ROS 1 bags, ROS 2 bags (a folder, or a file of sqlite3), and MCAP.
-BAGS: tuple[LogFormat, ...] = (
+FORMATS = (
     _bag("ros1", "ROS 1 bag", ROS1, ".bag"),
     _bag("ros2", "ROS 2 bag", SQLITE, ".db3", folders=True),
     _bag("mcap", "MCAP", MCAP, ".mcap"),

@@ -120,7 +120,7 @@ def read_csv_folder(folder: Path, options: ReadOptions) -> Recording:
     findings += unknown_filters(channels.values(), "These tables hold")
     return Recording(
         name=folder.name,
-        format=ULOG_CSV.name,
+        format="ulog2csv",
         channels=channels,
         frame=Frame.NED,
         sha256=options.sha256,
@@ -561,16 +561,24 @@ def _table(first: Mapping[str, np.ndarray], rows: list[bytes]) -> dict[str, np.n
 
 # -- Formats --
 
-ULOG = LogFormat(
-    "ulog", "ULog", begins_with(MAGIC), read_ulog, advice=_advice, setpoints=_SETPOINTS, endings=ULOG_ENDINGS
-)
-#: A folder of the tables that `ulog2csv` makes of one.
-ULOG_CSV = LogFormat(
-    "ulog2csv",
-    "ulog2csv folder",
-    lambda _head, folder: bool(tables_of(folder)),
-    read_csv_folder,
-    advice=_advice,
-    setpoints=_SETPOINTS,
-    parts=csv_parts,
+FORMATS = (
+    LogFormat(
+        "ulog",
+        "ULog",
+        begins_with(MAGIC),
+        read_ulog,
+        advice=_advice,
+        setpoints=_SETPOINTS,
+        endings=ULOG_ENDINGS,
+    ),
+    # a folder of the tables that `ulog2csv` makes of one
+    LogFormat(
+        "ulog2csv",
+        "ulog2csv folder",
+        lambda _head, folder: bool(tables_of(folder)),
+        read_csv_folder,
+        advice=_advice,
+        setpoints=_SETPOINTS,
+        parts=csv_parts,
+    ),
 )
