@@ -41,8 +41,8 @@ if TYPE_CHECKING:
     )
     from eivor.lab.records import Scenario, simulate
     from eivor.linalg.total_least_squares import weighted_total_least_squares
-    from eivor.logs import read_log, recording_from_columns
-    from eivor.logs.read import example_flight
+    from eivor.logs.mapping import recording_from_columns
+    from eivor.logs.read import example_flight, read_log
     from eivor.logs.table.delimited import read_chunks
     from eivor.models.regression import Column, Regression, lags, regression
     from eivor.models.separable import Bounds, Prior
@@ -94,8 +94,8 @@ _PLACES = {
     "FractionalDifferenceModel FractionalTerm UnknownOrder",
     "eivor.lab.records": "Scenario simulate",
     "eivor.linalg.total_least_squares": "weighted_total_least_squares",
-    "eivor.logs": "read_log recording_from_columns",
-    "eivor.logs.read": "example_flight",
+    "eivor.logs.mapping": "recording_from_columns",
+    "eivor.logs.read": "example_flight read_log",
     "eivor.logs.table.delimited": "read_chunks",
     "eivor.methods": "methods",
     "eivor.models.regression": "Column Regression lags regression",

@@ -90,7 +90,7 @@ def test_help_says_the_exit_codes(eivor: Caller) -> None:
 @pytest.mark.usefixtures("coarse_search")
 def test_help_names_every_method_and_shipped_map(eivor: Caller) -> None:
     from eivor.estimation.methods import TABLE
-    from eivor.logs import shipped_maps
+    from eivor.logs.channel_map import shipped_maps
 
     run = eivor("identify", "--help")
     assert all(name in run.out for name in (*TABLE, *shipped_maps()))

@@ -539,8 +539,8 @@ def test_inspect_and_study_print_what_their_file_does_not_hold(study: Path) -> N
         ("study-found.json", ("study", "study.toml", "--workers", "1")),
     ):
         if arguments[0] == "inspect":
-            from eivor.logs import write_recording
             from eivor.logs.read import example_flight
+            from eivor.logs.table.columnar import write_recording
 
             write_recording(example_flight(), folder / "drive.parquet")
         (folder / name).symlink_to("/dev/full")

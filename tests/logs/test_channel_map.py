@@ -14,9 +14,10 @@ from hypothesis import strategies as st
 
 from eivor.errors import ChannelMapError, EivorError, MissingReaderError, UsageError
 from eivor.inference.verdict import Status
-from eivor.logs import load_channel_map, read_log, shipped_maps, write_recording
-from eivor.logs.channel_map import parse_channel_map, parse_expression
+from eivor.logs import read_log
+from eivor.logs.channel_map import load_channel_map, parse_channel_map, parse_expression, shipped_maps
 from eivor.logs.table import columnar
+from eivor.logs.table.columnar import write_recording
 from eivor.motions.identify import identify_flight
 from eivor.signals.channels import CurveSide
 from eivor.signals.recording import DataSheet

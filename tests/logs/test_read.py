@@ -30,8 +30,9 @@ from eivor.errors import (
     UnknownFormatError,
     UsageError,
 )
-from eivor.logs import log_format, logging_advice, read, read_log, recording_from_columns
+from eivor.logs import log_format, logging_advice, read, read_log
 from eivor.logs.common import LogFormat, begins_with
+from eivor.logs.mapping import recording_from_columns
 from eivor.logs.mapping import recording_from_columns as recording_from_columns_columns
 from eivor.logs.mapping import recording_from_columns as recording_from_columns_own
 from eivor.logs.read import declare_format, log_formats, readable_formats

@@ -22,7 +22,9 @@ from eivor.errors import (
     UnknownFormatError,
     UsageError,
 )
-from eivor.logs import read_log, recording_from_columns, write_recording
+from eivor.logs import read_log
+from eivor.logs.mapping import recording_from_columns
+from eivor.logs.table.columnar import write_recording
 from eivor.signals.channels import held_by_default, unit_of
 from eivor.signals.recording import Channel, Frame, Recording
 

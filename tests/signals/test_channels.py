@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 
 from eivor.errors import ChannelMapError, UsageError
 from eivor.flights.grid import upward
-from eivor.logs import read_log, recording_from_columns
+from eivor.logs import read_log
+from eivor.logs.mapping import recording_from_columns
 from eivor.signals import channels
 from eivor.signals.channels import (
     CanonicalChannel,
