@@ -35,13 +35,12 @@ BOUNDS = {
     "files of fewer than 60 lines": 12,
     "files of more than 900 lines": 4,
     "files in the largest folder": 22,
-    "replaced names that still stand": 0,
     "the words told and tells": 30,
 }
 
 
 #: The same of tests, studies and pages.
-PROJECT_BOUNDS = {"lines of `validation/`": 10_700}
+PROJECT_BOUNDS = {"lines of `validation/`": 10_700, "lines of tests": 48_500}
 
 
 def lint_imports(source: Path) -> subprocess.CompletedProcess[str]:

@@ -1,10 +1,10 @@
 """Count what the package is built of: files, functions, names, imports, and what a run enters.
 
-    python -m validation.house [--package FOLDER] [--no-walks]
+    python -m validation.house [--package FOLDER] [--no-walks] [--page docs/architecture.md]
 
-The counts of another checkout are those of its `src/eivor`. `docs/architecture.md` shows them beside those of
-the version that the plan was drawn from. The walks run public doors under `sys.setprofile`, each in a process
-of its own; that of a PX4 log needs the recordings (EIVOR_DATA, or ../shared/data).
+prints the table of `docs/architecture.md`: the counts of a checkout beside those of two earlier versions. The
+walks run public doors under `sys.setprofile`, each in a process of its own; that of a PX4 log needs the
+recordings (EIVOR_DATA, or ../shared/data).
 """
 
 from __future__ import annotations
@@ -20,9 +20,8 @@ import subprocess
 import sys
 import tokenize
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from fnmatch import fnmatchcase
 from pathlib import Path
 from types import FrameType
 
@@ -30,34 +29,16 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from validation.pages import markdown, page_with
+
 ROOT = Path(__file__).resolve().parents[1]
 FUNCTIONS = ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda
 #: Lines from which a file is large, and below which it is small.
 LARGE, SMALL = 900, 60
-#: Names that the plan replaces by the field's words: as identifiers, a pattern with * for any characters.
-REPLACED = (
-    *("Unjudged", "Circumstances", "ground", "grounds", "Strength", "told_*", "Told*", "GivenLag"),
-    *(
-        "lag_beside",
-        "companion",
-        "companions",
-        "Unaided",
-        "by_itself",
-        "one_spin",
-        "whole_band",
-        "lags_apart",
-    ),
-    *("beside", "across", "steps", "carried", "CarriedBody", "ahead", "Way", "Sought", "Described", "bodily"),
-    *("settled_*", "Begun", "pulled", "competing", "least_place", "Faded*", "looks", "courses", "Course"),
-    *("isolated", "left_out", "Allowance", "reserved", "spread_alike", "beating_stamps", "erring_stamps"),
-    *("uneven_stamps", "followed", "flown", "Flown", "shown", "Panel", "asked", "expendable", "may_die"),
-    *("whole_file", "Telling", "nobody", "silent", "at"),
-)
-#: Of these only what stands for a module or a parameter: elsewhere they are words of other packages.
-MODULES_ONLY, PARAMETERS_ONLY = frozenset({"beside", "across", "steps"}), frozenset({"at"})
 #: Rooms that must not know a parameter of a motion, and what they must not know.
 GENERAL_ROOMS = ("flights", "report", "cli", "estimation", "inference")
-DELETED = re.compile(r"^ +del [a-z_, ]+$", re.MULTILINE)
+#: Rooms that a single flight does not need.
+LEAF_ROOMS = frozenset({"lab", "fleet", "serve"})
 A_PARAMETER = re.compile(r"viscous_friction|input_gain|hover_input")
 
 
@@ -190,36 +171,6 @@ def _is_text(node: ast.stmt) -> bool:
     )
 
 
-def identifiers(module: Module) -> Iterator[str]:
-    """Every identifier of a module, its own name included; a parameter as `NAME=`, a module as `NAME.py`."""
-    yield from (f"{part}.py" for part in module.name.split("."))
-    for node in ast.walk(module.tree):
-        if isinstance(node, ast.Name):
-            yield node.id
-        elif isinstance(node, ast.Attribute):
-            yield node.attr
-        elif isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
-            yield node.name
-        elif isinstance(node, ast.arg):
-            yield from (node.arg, f"{node.arg}=")
-        elif isinstance(node, ast.keyword) and node.arg:
-            yield node.arg
-
-
-def replaced_names(result: list[Module]) -> list[str]:
-    present = {name for module in result for name in identifiers(module)}
-    plain = {name.removesuffix(".py") for name in present}
-
-    def stands(pattern: str) -> bool:
-        if pattern in MODULES_ONLY:
-            return f"{pattern}.py" in present
-        if pattern in PARAMETERS_ONLY:
-            return f"{pattern}=" in present
-        return any(fnmatchcase(name, pattern) for name in plain)
-
-    return [pattern for pattern in REPLACED if stands(pattern)]
-
-
 def motion_members(result: list[Module]) -> int:
     """Members of the protocol of motions: the largest class that is named Motion."""
     members = [0]
@@ -244,9 +195,12 @@ def architecture(package: Path) -> dict[str, int]:
     folders = Counter(module.path.parent for module in result)
     words = (re.findall(r"\b(?:told|tells)\b", module.text, re.IGNORECASE) for module in result)
     plain = [module for module in result if not module.is_package]
+    library = [module for module in result if not LEAF_ROOMS & set(module.name.split("."))]
     return {
         "files": len(result),
         "lines": sum(module.lines for module in result),
+        "files of the library": len(library),
+        "lines of the library": sum(module.lines for module in library),
         "lines of code without docstrings and imports": sum(map(code_lines, result)),
         "circles of imports": len(knots),
         "files in circles of imports": sum(map(len, knots)),
@@ -263,7 +217,6 @@ def architecture(package: Path) -> dict[str, int]:
         f"files of fewer than {SMALL} lines": sum(module.lines < SMALL for module in plain),
         f"files of more than {LARGE} lines": sum(module.lines > LARGE for module in plain),
         "files in the largest folder": max(folders.values()),
-        "replaced names that still stand": len(replaced_names(result)),
         "the words told and tells": sum(map(len, words)),
         "members of the protocol of motions": motion_members(result),
     }
@@ -286,6 +239,19 @@ def by_public_doors(tree: ast.Module, public: set[str]) -> bool:
     return {name for name in named if name.startswith("eivor.")} <= PUBLIC_MODULES | public
 
 
+def rover(root: Path) -> tuple[int, int]:
+    """Lines of the own motion of the examples, and names of the package that it imports."""
+    texts = [path.read_text(encoding="utf-8") for path in (root / "examples/motions/rover/src").rglob("*.py")]
+    names = {
+        alias.name
+        for text in texts
+        for node in ast.walk(ast.parse(text))
+        if isinstance(node, ast.ImportFrom) and (node.module or "").partition(".")[0] == "eivor"
+        for alias in node.names
+    }
+    return sum(text.count("\n") for text in texts), len(names)
+
+
 def project(root: Path) -> dict[str, int]:
     """Counts of tests, studies and pages of a checkout."""
     import eivor
@@ -306,40 +272,16 @@ def project(root: Path) -> dict[str, int]:
     }
 
 
-def only_forwards(tree: ast.Module) -> bool:
-    """Whether a module has imports and a docstring only."""
-    kept = [node for node in tree.body if not isinstance(node, ast.Import | ast.ImportFrom)]
-    return len(kept) <= 1 and any(isinstance(node, ast.ImportFrom) for node in tree.body)
+def spread(numbers: list[int]) -> str:
+    """Median, 90th percentile and largest of some numbers."""
+    ordered = sorted(numbers)
+    return f"{statistics.median(ordered):.0f} / {ordered[int(0.9 * len(ordered))]} / {ordered[-1]}"
 
 
-def counts(package: Path) -> dict[str, str]:
-    result = modules(package)
-    plain = [module for module in result if not module.name.endswith(package.name)]
-    lengths = sorted(length for module in result for length in function_lengths(module.tree))
-    total = sum(module.lines for module in result)
-    docstrings, comments = (sum(part) for part in zip(*map(prose_lines, result), strict=True))
-    graph, loaded = import_graph(result), import_graph(result, at_start=True)
-    importers = Counter(name for imported in graph.values() for name in imported)
-    files = [module.lines for module in result]
-    rooms = dict.fromkeys(GENERAL_ROOMS, 0)
-    for module in result:
-        room = module.name.split(".")[1] if module.name.count(".") else ""
-        if room in rooms and A_PARAMETER.search(module.text):
-            rooms[room] += 1
-    return {
-        "files / lines": f"{len(result)} / {total / 1000:.1f}k",
-        "file median / max": f"{statistics.median(files):.0f} / {max(files)}",
-        "function median / p90 / max": f"{statistics.median(lengths):.0f} / "
-        f"{lengths[int(0.9 * len(lengths))]} / {lengths[-1]}",
-        "docstring / comment share": f"{docstrings / total:.0%} / {comments / total:.1%}",
-        "public top-level names": f"{sum(len(list(public_names(module.tree))) for module in result)}",
-        "modules that one other imports": f"{sum(importers[m.name] == 1 for m in plain)}",
-        "modules that only forward": f"{sum(only_forwards(module.tree) for module in plain)}",
-        "modules in circles of imports when they are loaded": f"{sum(map(len, circles(loaded)))}",
-        "files of general rooms that name a parameter of a motion": f"{sum(rooms.values())}",
-        "`del argument` lines": f"{sum(len(DELETED.findall(module.text)) for module in result)}",
-        "types for sums of products": f"{len(product_types(result))}: {', '.join(product_types(result))}",
-    }
+def parameter_files(result: list[Module]) -> int:
+    """Files of general rooms that name a parameter of a motion."""
+    rooms = [module for module in result if module.name.split(".")[1:2] and A_PARAMETER.search(module.text)]
+    return sum(module.name.split(".")[1] in GENERAL_ROOMS for module in rooms)
 
 
 def product_types(result: list[Module]) -> list[str]:
@@ -424,16 +366,16 @@ def from_px4_log() -> None:
     ev.identify_flight(ev.read_log(px4_log()), model="vertical").to_json()
 
 
-WALKS: dict[str, tuple[str, Callable[[], None]]] = {
-    "arrays": ("arrays to a covariance", from_arrays),
-    "example": ("the example flight to JSON", from_example),
-    "px4": ("a PX4 log to JSON", from_px4_log),
+WALKS: dict[str, Callable[[], None]] = {
+    "arrays": from_arrays,
+    "example": from_example,
+    "px4": from_px4_log,
 }
 
 
 def walk(name: str, package: Path) -> dict[str, int]:
     """What a run enters, the second time: what is imported late is imported by then."""
-    run = WALKS[name][1]
+    run = WALKS[name]
     run()
     taken = Walk(str(package), set(), set())
     sys.setprofile(taken.profile)
@@ -446,17 +388,89 @@ def walk(name: str, package: Path) -> dict[str, int]:
     return numbers | {"types": len(taken.types)}
 
 
-def walks(package: Path) -> dict[str, dict[str, int]]:
-    """What each run enters, in a process of its own that imports this package."""
+def walks(package: Path) -> Iterator[dict[str, int]]:
+    """What each run enters, in a process of its own that imports this package; nothing without its log."""
     environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(package.parent), str(ROOT)])}
-    results = {}
-    for name, (title, _) in WALKS.items():
+    for name in WALKS:
         if name == "px4" and not px4_log().exists():
+            yield {}
             continue
         command = [sys.executable, "-m", "validation.house", "--package", str(package), "--walk", name]
         done = subprocess.run(command, capture_output=True, text=True, check=True, env=environment)
-        results[title] = json.loads(done.stdout)
-    return results
+        yield json.loads(done.stdout)
+
+
+#: Counts of the version that the plan was drawn from, and of that before the redesign, by row.
+EARLIER: Mapping[str, tuple[str, str]] = {
+    "files / lines": ("230 / 31.5k", "732 / 92.1k"),
+    "without `lab`, `fleet` and `serve`: files / lines": ("", "659 / 82.0k"),
+    "lines of code without docstrings and imports": ("", "47.1k"),
+    "lines of a file: median / p90 / max": ("131 / - / 401", "106 / - / 461"),
+    "lines of a function: median / p90 / max": ("5 / 18 / 58", "4 / 16 / 54"),
+    "docstring / comment share": ("26% / 1.3%", "25% / 1.5%"),
+    "public top-level names, constants included": ("1116", "3216"),
+    "modules that one other imports": ("73", "231"),
+    "circles of imports / files in them / in the largest": ("", "6 / 125 / 105"),
+    "imports of Eivor inside functions / for type checking only": ("", "214 / 119"),
+    "files of general rooms that name a parameter of a motion": ("13", "0"),
+    "types that hold sums of products of rows": ("9", "3"),
+    "files of fewer than 60 lines / of more than 900 / in the largest folder": ("", "145 / 0 / 52"),
+    "members of `Motion`": ("", "60"),
+    "own motion of the rover: lines / names imported": ("", "353 / 39"),
+    "walk from arrays to a covariance: functions / files / depth / types": ("", "101 / 29 / 11 / 24"),
+    "walk from the example flight to JSON": ("", "805 / 159 / 29 / 118"),
+    "walk from a PX4 log to JSON": ("", "868 / 163 / 29 / 120"),
+    "tests: files / lines / files that use internal doors": ("", "358 / 51.8k / 303"),
+    "lines of `validation/`": ("", "10.7k"),
+    "pages / words of `docs/`": ("", "46 / 115.7k"),
+}
+PART = "counts"
+
+
+def table(package: Path, walked: Iterable[Mapping[str, int]]) -> str:
+    """Rows of `EARLIER` with the counts of today."""
+    result = modules(package)
+    plain = [module for module in result if module.name != package.name]
+    lengths = [length for module in result for length in function_lengths(module.tree)]
+    docstrings, comments = (sum(part) for part in zip(*map(prose_lines, result), strict=True))
+    importers = Counter(name for imported in import_graph(result).values() for name in imported)
+    a, p = architecture(package), project(package.parents[1])
+
+    def each(counted: Mapping[str, int], *names: str) -> str:
+        return " / ".join(_thousands(counted[name]) for name in names)
+
+    now = [
+        each(a, "files", "lines"),
+        each(a, "files of the library", "lines of the library"),
+        each(a, "lines of code without docstrings and imports"),
+        spread([module.lines for module in result]),
+        spread(lengths),
+        f"{docstrings / a['lines']:.0%} / {comments / a['lines']:.1%}",
+        f"{sum(len(list(public_names(module.tree))) for module in result)}",
+        f"{sum(importers[module.name] == 1 for module in plain)}",
+        each(a, "circles of imports", "files in circles of imports", "files in the largest circle"),
+        each(a, "imports of the package inside functions", "imports of the package for type checking only"),
+        f"{parameter_files(result)}",
+        f"{len(product_types(result))}",
+        each(
+            a,
+            f"files of fewer than {SMALL} lines",
+            f"files of more than {LARGE} lines",
+            "files in the largest folder",
+        ),
+        each(a, "members of the protocol of motions"),
+        " / ".join(map(str, rover(package.parents[1]))),
+        *(" / ".join(map(str, numbers.values())) for numbers in walked),
+        each(p, "files of tests", "lines of tests", "files of tests by internal doors"),
+        each(p, "lines of `validation/`"),
+        each(p, "pages of `docs/`", "words of `docs/`"),
+    ]
+    rows = [(name, *before, value) for (name, before), value in zip(EARLIER.items(), now, strict=True)]
+    return markdown(("", "first plan", "before the redesign", "now"), rows)
+
+
+def _thousands(number: int) -> str:
+    return f"{number / 1000:.1f}k" if number >= 10_000 else f"{number}"
 
 
 def main() -> None:
@@ -465,18 +479,18 @@ def main() -> None:
     )
     parser.add_argument("--package", type=Path, default=ROOT / "src" / "eivor")
     parser.add_argument("--no-walks", action="store_true", help="count only, run nothing")
+    parser.add_argument("--page", type=Path, metavar="FILE.md", help="put the table between the page's marks")
     parser.add_argument("--walk", choices=WALKS, help=argparse.SUPPRESS)
     chosen = parser.parse_args()
     package = chosen.package.resolve()
     if chosen.walk:
         print(json.dumps(walk(chosen.walk, package)))
         return
-    table = {**architecture(package), **counts(package), **project(package.parents[1])}
-    for name, value in table.items():
-        print(f"| {name} | {value} |")
-    print(f"| which of the replaced names | {', '.join(replaced_names(modules(package)))} |")
-    for title, numbers in ({} if chosen.no_walks else walks(package)).items():
-        print(f"| walk, {title}: {' / '.join(numbers)} | {' / '.join(map(str, numbers.values()))} |")
+    result = table(package, [{}] * len(WALKS) if chosen.no_walks else walks(package))
+    if chosen.page:
+        page = page_with(chosen.page.read_text(encoding="utf-8"), {PART: result})
+        chosen.page.write_text(page, encoding="utf-8")
+    print(result)
 
 
 if __name__ == "__main__":

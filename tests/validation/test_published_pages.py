@@ -13,7 +13,6 @@ from eivor import methods
 from validation.choices import study as choices
 from validation.coverage.study import coverage_tables, read_coverage
 from validation.coverage.study import requirements as coverage_requirements
-from validation.crazyflie.study import PUBLISHED, PUBLISHED_LAG_S, Logs, Steps, best_lag, numbers, table
 from validation.efficiency import study as efficiency
 from validation.flight_methods import study as flight_methods
 from validation.flight_recipe.study import study_tables as flight_tables
@@ -21,7 +20,6 @@ from validation.flight_recipe.trials import published_grid, read_trial_table
 from validation.paper.claims import COLUMNS as CLAIMS_COLUMNS
 from validation.paper.claims import claims_suite, claims_tables
 from validation.response_band.study import COVERAGE, LEVEL
-from validation.rigid_body import beside
 from validation.studies import read_as, read_rows
 from validation.suite_files import Suite, coverage_suite, read_suite
 from validation.unknown_noise import study as unknown_noise
@@ -120,41 +118,9 @@ def test_pages_have_every_row_of_their_grids():
         assert f"{suite.runs} records of each case, seed {suite.seed}" in text
         for name, case in suite.cases.items():
             assert all(f"| {name} | {method} |" in text for method in case.methods)
-    assert all(part_of("rigid-body.md", kind) for kind in (beside.LAGS, beside.SPEEDS, *beside.OF_GRID))
-    text = (DOCS / "rigid-body.md").read_text(encoding="utf-8")
-    for up, down in beside.LAGS_S:
-        assert text.count(f"| {1e3 * up:.0f}, {1e3 * down:.0f} ms |") == 2
     bounds, measured, met = re.findall(
         r"\| ([\d.]+ to [\d.]+) \| ([\d.]+) \| (yes|no) \|", part_of("exports.md", "response band")
     )[0]
     low, high = COVERAGE
     assert (bounds, LEVEL) == (f"{low:g} to {high:g}", 0.9)
     assert met == ("yes" if low <= float(measured) <= high else "no")
-
-
-# -- what others published of a Crazyflie ---------------------------------------------------------------
-
-
-@pytest.fixture(scope="module")
-def logs(recordings) -> Logs:
-    return Logs.of_folder(recordings / "arpl-crazyflie")
-
-
-def test_the_published_numbers_of_a_crazyflie_come_out(logs):
-    result = numbers(logs, Steps())
-    assert result.thrust == pytest.approx(PUBLISHED.thrust, abs=1e-4)
-    assert result.inertia == pytest.approx(PUBLISHED.inertia, rel=1e-3)
-
-
-@pytest.mark.thorough
-def test_each_step_of_the_recipe_does_what_the_page_says(logs, recordings):
-    result = numbers(logs, Steps())
-    assert numbers(logs, Steps(gravity=9.81)).inertia[0] / result.inertia[0] == pytest.approx(9.81 / 9.18)
-    assert numbers(logs, Steps(torque_has_the_noise=True)).inertia[1] > 1.4 * result.inertia[1]
-    assert numbers(logs, Steps(own_thrust=True)).inertia[0] < 0.9 * result.inertia[0]
-    lag = best_lag(logs.thrust)
-    assert lag == pytest.approx(0.0741, abs=2e-4)
-    assert lag > PUBLISHED_LAG_S + 0.002
-    assert numbers(logs, Steps(lag_s=lag)).inertia[0] / result.inertia[0] == pytest.approx(0.981, abs=2e-3)
-    text = (DOCS / "crazyflie.md").read_text(encoding="utf-8")
-    assert all(row in text for row in table(recordings / "arpl-crazyflie"))

@@ -23,7 +23,6 @@ from validation.coverage import study as coverage_study
 from validation.coverage.study import BOUNDS, PART, read_coverage
 from validation.efficiency.known_spectra import rows_of as known_rows_of
 from validation.efficiency.known_spectra import trial as known_trial
-from validation.efficiency.wrong_orders import trial as wrong_orders
 from validation.fleet_changes.study import Cell, told
 from validation.fleet_changes.study import Grid as FleetGrid
 from validation.fleet_run import study as fleet_run
@@ -211,16 +210,6 @@ def test_a_likelihood_that_knows_the_spectra_is_on_the_same_records(tmp_path: Pa
         separated = np.abs(np.array(each.values) - other.values[:2])
         assert (separated < 2.0 * np.array([other.std_error(name) for name in other.names[:2]])).all()
     assert all(float(row["rmse"]) < 2.5 * float(row["bound"]) for row in rows)
-
-
-@pytest.mark.thorough
-def test_the_likelihood_is_biased_by_wrong_orders_and_spectral_giv_is_not():
-    errors = [wrong_orders("rich-high", 4000, run).errors for run in range(3)]
-    likelihood, spectral = (
-        sum(error[name][0] for error in errors) / len(errors) for name in ("whittle_ml", "spectral_giv")
-    )
-    assert likelihood < -0.03
-    assert abs(spectral) < 0.02
 
 
 @pytest.mark.thorough
