@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 import eivor as ev
 from eivor.errors import InstrumentError, ShapeError, TooFewSamplesError
 from eivor.models import lagged_runs
-from eivor.models.lagged_runs import ACTUATOR_LAG, AxisColumns, LaggedRuns, lag_and_delay
+from eivor.models.lagged_runs import ACTUATOR_LAG, AxisColumns, LaggedRuns, lag_and_delay, nothing_moves
 from eivor.models.regression import AxisRows, Parameter
 from eivor.models.separable import Nuisance
 from eivor.models.spectral import BinRows, SpectralRegression, SpectralRun
@@ -330,6 +330,26 @@ def test_band_keeps_every_frequency_inside_and_none_outside(length, step_s):
     inside = (every >= low * (1 - 1e-12)) & (every <= 5.0 * (1 + 1e-12)) & (every < nyquist * (1 - 1e-12))
     np.testing.assert_allclose(run.frequency_hz, every[inside], rtol=1e-12)
     assert run.count == inside.sum()
+
+
+@pytest.mark.parametrize(("seconds", "degree"), [(14.9, 0), (15.0, 1), (40.0, 1)])
+def test_long_runs_lose_a_line_in_time_and_short_ones_a_constant(seconds, degree):
+    """Thrust of one command falls during a flight, for any weights and in rows of either kind."""
+    count, rng = round(seconds / 0.05), np.random.default_rng(3)
+    counted = rng.random(count) < 0.9
+    time = np.arange(count) * 0.05
+    moved = rng.standard_normal((count, 2))
+    drifting = moved + np.column_stack([3.0 - 0.2 * time, 1e3 + time])
+    for valid in (None, counted):
+        run = SpectralRun(0, count, 0.05, (0.04, 5.0), counted=valid)
+        left = run.spectrum(drifting) - run.spectrum(moved)
+        assert (np.abs(left).max() < 1e-9) == bool(degree)
+        here = AxisColumns(0.05, (slice(0, count),), drifting[:, :1], moved[:, :1], nothing_moves(count),
+                           drifting[:, 1:], valid=valid)  # fmt: skip
+        still = replace(here, responses=moved[:, :1], instruments=moved[:, 1:])
+        rows, flat = (LaggedRuns((item,), PAIR[:1], ()).rows({}) for item in (here, still))
+        assert np.allclose(rows.response, flat.response, atol=1e-9) == bool(degree)
+        assert np.allclose(rows.instruments, flat.instruments, atol=1e-9) == bool(degree)
 
 
 def test_band_without_a_bin_is_empty():

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
 from msgspec.structs import replace as struct_replace
@@ -12,10 +14,9 @@ from eivor.motions.vertical.model import GRAVITY
 from eivor.signals.filters import actuator_state
 from eivor.simulation.environment import SensorNoise
 from validation.pages import marks
-from validation.real_logs import study
+from validation.real_logs import scoreboard, study
 from validation.real_logs.closed_loop import STEP_S, FlightSpec, LoggerSpec, Reference, VehicleSpec
 from validation.real_logs.flights import LoggedFlight, logged_flight
-from validation.real_logs.pool_information import lag_bound
 from validation.real_logs.study import PART, far_off
 from validation.real_logs.trials import folder_of, grid_from, published_grid
 from validation.studies import StudyFolder
@@ -143,14 +144,18 @@ def test_small_size(tmp_path):
     assert far_off(table).value < 0.2
 
 
-def _sine(frequency, friction, gusts=0.2):
-    vehicle = VehicleSpec(viscous_friction=friction, gust_rms=gusts)
-    return FlightSpec(vehicle=vehicle, reference=Reference.SINE, frequency=frequency, duration=10.0)
+def test_scoreboard_counts_verdicts_and_pairs_that_agree(tmp_path, capsys):
+    def row(name, mode, verdict, value, p_value=0.5):
+        friction = ["viscous_friction", verdict, value, value - 0.1, value + 0.1]
+        return {"log": name, "mode": mode, "p_value": p_value, "quantities": [friction]}
 
-
-def test_frictions_that_differ_tell_the_lag_of_one_frequency():
-    separated, equal = (
-        lag_bound([_sine(0.3, friction) for friction in frictions])
-        for frictions in ((0.2, 0.6), (0.39, 0.41))
-    )
-    assert equal.delay_known > 5.0 * separated.delay_known
+    flights = ("alone", "identified", 0.3, 0.01), ("alone", "weak", 0.5), ("alone", "identified", 0.41)
+    rows = [row(f"nanobench/B9_trefoil_slow_rep{index}.csv", *flight) for index, flight in enumerate(flights)]
+    rows += [row("nanobench/B3.csv", "half", "identified", value) for value in (0.3, 0.4)]
+    (path := tmp_path / "rows.json").write_text(json.dumps(rows), encoding="utf-8")
+    assert scoreboard.main(["--from", str(path)]) == 0
+    printed = capsys.readouterr().out
+    assert "| trefoils, alone | 3 | 1/3 | 0 | 0 | 2/1/0 (0.1) | 0/0/3 (nan) |" in printed
+    assert "| trefoils, alone, identified | 1/1 |" in printed
+    assert "| trefoils, alone, or rough | 2/3 |" in printed
+    assert "| other NanoBench, half, identified | 1/1 |" in printed

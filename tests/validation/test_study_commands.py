@@ -159,13 +159,6 @@ def test_a_wrong_call_is_a_sentence(module, arguments, message, tmp_path, monkey
 
 
 @thorough
-def test_bounds_of_pools_fill_their_page(tmp_path, capsys):
-    page = page_of(tmp_path, "pool information")
-    assert command("real_logs.pool_information")(["--pools", "1", "--page", str(page)]) == 0
-    assert capsys.readouterr().out.strip() in page.read_text(encoding="utf-8")
-
-
-@thorough
 def test_known_spectra_go_on_from_what_is_kept(tmp_path):
     from validation.efficiency.study import COLUMNS, KNOWN
     from validation.studies import read_rows

@@ -196,9 +196,9 @@ class Trace:
     unit: str  # As it is shown
     model: str  # The prediction, and the part of it that the input makes, in symbols
     drive: str  # The prediction, and the part of it that the input makes, in symbols
-    measured: Float[np.ndarray, " samples"]  # In that unit; the mean of each run may be missing from them
-    predicted: Float[np.ndarray, " samples"]  # In that unit; the mean of each run may be missing from them
-    driven: Float[np.ndarray, " samples"]  # In that unit; the mean of each run may be missing from them
+    measured: Float[np.ndarray, " samples"]  # In that unit; mean and line of each run may be missing
+    predicted: Float[np.ndarray, " samples"]  # In that unit; mean and line of each run may be missing
+    driven: Float[np.ndarray, " samples"]  # In that unit; mean and line of each run may be missing
     #: Band that they are of, where it is another than that of the flights
     band_hz: tuple[float, float] | None = None
 

@@ -11,7 +11,7 @@ import numpy as np
 from eivor.errors import InstrumentError, ShapeError, TooFewSamplesError
 from eivor.models.regression import AxisRows, Parameter, Regression, RowLayout, SampleRows, noise_of_surrogate
 from eivor.models.separable import Nuisance, SeparableProblem, Values, WarmStart
-from eivor.models.spectral import BinRows, SpectralRegression, SpectralRun
+from eivor.models.spectral import BinRows, SpectralRegression, SpectralRun, detrended, trend
 from eivor.tools import Bool, Complex, Float
 
 #: Nuisances of nearly every vehicle, as they are called in results.
@@ -101,7 +101,7 @@ class LaggedRuns(SeparableProblem):
     #: Those of the fixed columns first; every axis has a column for each, maybe of zeros.
     parameters: tuple[Parameter, ...]
     nuisances: tuple[Nuisance, ...]  # What moves columns
-    intercepts: bool = True  # Whether rows in time lose the means of their run, as rows in frequency do
+    intercepts: bool = True  # Whether rows in time lose mean and line of their run, as rows in frequency do
     #: What is known of the noises in rows in time. Default: nothing, and that instruments are exact.
     noise: Callable[[Values], RowNoise] | None = None
     #: The same flights with so much more of every noise that is known: the difference has their covariance.
@@ -206,12 +206,13 @@ class LaggedRuns(SeparableProblem):
     # -- rows in time ---------------------------------------------------------------------------------
 
     def _timed(self, blocks: list[Float[np.ndarray, "_ columns"]]) -> Float[np.ndarray, "rows columns"]:
-        """Samples of all runs that count, without the means of their run when it has an intercept."""
+        """Samples of all runs that count, without mean and line of their run when it has an intercept."""
         rows: list[np.ndarray] = []
         for (item, run), block in zip(self._cut(), blocks, strict=True):
-            counted = item.counted(run)
-            kept = block if counted is None else block[counted]
-            rows.append(kept - kept.mean(axis=0) if self.intercepts else kept)
+            polynomials, counted = trend(run.stop - run.start, item.step_s), item.counted(run)
+            chosen = slice(None) if counted is None else counted
+            kept = block[chosen]
+            rows.append(detrended(kept, polynomials[chosen]) if self.intercepts else kept)
         return np.concatenate(rows)
 
     @cached_property
@@ -233,7 +234,7 @@ class LaggedRuns(SeparableProblem):
         return SampleRows(flights) if len(self.axes) == 1 else AxisRows(flights, axes, samples)
 
     def rows(self, nuisance_values: Values) -> Regression:
-        """Rows in time, means of each run removed when it has an intercept."""
+        """Rows in time, mean and line of each run removed when it has an intercept."""
         fixed, instruments = self._fixed_rows
         moving = self._timed(self._among_all(self._moving(nuisance_values)))
         regressors = np.column_stack([fixed[:, 1:], moving])

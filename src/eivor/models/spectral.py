@@ -15,6 +15,9 @@ TAPER_SHARE = 0.05
 LOWEST_CYCLES = 1.5
 #: So long is the taper before and after samples that do not count [s].
 TAPER_S = 0.1
+#: Runs that last this long or longer lose a straight line in time besides their mean: thrust of one command
+#: drifts while a battery empties and motors warm [s].
+LINE_S = 15.0
 #: Half-width of the smoothing window: a share of the frequency, and at least so many bins.
 SMOOTHING_SHARE = 0.3
 SMOOTHING_BINS = 10
@@ -63,17 +66,23 @@ class SpectralRun:
         return window
 
     def spectrum(self, values: Float[np.ndarray, "length columns"]) -> Complex[np.ndarray, "bins columns"]:
-        """Unitary real FFT of the tapered columns without their means, on the bins kept."""
+        """Unitary real FFT of the tapered columns without mean and line, on the bins kept."""
         moves = values.any(axis=0)  # an equation of one axis of several has columns of zeros
         if not moves.all():
             whole = np.zeros((self.count, values.shape[1]), dtype=np.complex128)
             if moves.any():
                 whole[:, moves] = self.spectrum(values[:, moves])
             return whole
-        mean = (values if self.counted is None else values[self.counted]).mean(axis=0)
-        centred = (values - mean) * self.taper[:, None]
-        spectrum: Complex[np.ndarray, "bins columns"] = np.fft.rfft(centred.T)[:, self.bins].T
-        return spectrum / np.sqrt(self.length)
+        tapered = values * self.taper[:, None]
+        basis, of_basis = self._trend
+        spectrum: Complex[np.ndarray, "bins columns"] = np.fft.rfft(tapered.T)[:, self.bins].T
+        return (spectrum - of_basis @ (basis.T @ tapered)) / np.sqrt(self.length)
+
+    @cached_property
+    def _trend(self) -> tuple[Float[np.ndarray, "length k"], Complex[np.ndarray, "bins k"]]:
+        """Orthonormal basis of what tapered columns lose, and its FFT on the bins kept."""
+        basis, _ = np.linalg.qr(trend(self.length, self.step_s) * self.taper[:, None])
+        return basis, np.fft.rfft(basis.T)[:, self.bins].T
 
     def series(self, spectrum: Complex[np.ndarray, "bins columns"]) -> Float[np.ndarray, "length columns"]:
         """Time series whose unitary FFT is `spectrum` on the bins kept and zero elsewhere."""
@@ -114,6 +123,21 @@ class SpectralRun:
         total = np.zeros((self.count + 1, values.shape[1]))
         np.cumsum(values, axis=0, out=total[1:])
         return (total[upper] - total[lower]) / (upper - lower)[:, None]
+
+
+def trend(length: int, step_s: float) -> Float[np.ndarray, "length k"]:
+    """What columns of a run lose: a constant, and from `LINE_S` on a line in time from -1 to 1."""
+    line = np.linspace(-1.0, 1.0, length)
+    return np.column_stack([np.ones(length), line] if length * step_s >= LINE_S else [np.ones(length)])
+
+
+def detrended(
+    values: Float[np.ndarray, "counted columns"], polynomials: Float[np.ndarray, "counted k"]
+) -> Float[np.ndarray, "counted columns"]:
+    """Columns without what polynomials of time explain of them by least squares."""
+    basis, _ = np.linalg.qr(polynomials)
+    result: Float[np.ndarray, "counted columns"] = values - basis @ (basis.T @ values)
+    return result
 
 
 def _taper(counted: Bool[np.ndarray, " length"], edge: int) -> Float[np.ndarray, " length"]:

@@ -645,7 +645,7 @@ class Vertical(Motion[VerticalFlights]):
         return f"U = cos(tilt) × {names} (map: {flight.input_map}), {moved}{of_terms}"
 
     def traces(self, problem: VerticalFlights, estimate: Estimate) -> tuple[Trace, ...]:
-        """Vertical acceleration, means of each run removed, see `Motion.traces`."""
+        """Vertical acceleration without mean and line of each run, see `Motion.traces`."""
         best = estimate
         rows = problem.rows(best.nuisances)
         predicted, driven = rows.regressors @ best.theta, rows.regressors[:, 1] * best.theta[1]

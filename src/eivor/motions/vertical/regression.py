@@ -380,7 +380,7 @@ class VerticalFlights(SeparableProblem):
         )
 
     def rows(self, nuisance_values: Values) -> Regression:
-        """Rows (-z', U) and z'' in time, means of each run removed when there is an intercept."""
+        """Rows (-z', U) and z'' in time, mean and line of each run removed when there is an intercept."""
         return self.runs.rows(nuisance_values)
 
     def bins(self, nuisance_values: Values) -> SpectralRegression:
