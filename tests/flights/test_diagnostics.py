@@ -98,6 +98,7 @@ def test_numbers_of_the_example(example):
     assert numbers["constancy_p_value"] > 0.01
     assert 0.15 <= numbers["constancy_break"] <= 0.85
     assert abs(numbers["residual_memory"]) < 0.3
+    assert abs(numbers["thrust_drift"]) < numbers["thrust_drift_half_width"] < 0.03
     assert abs(numbers["leverage_viscous_friction"]) < 1.5
     assert numbers["leverage_segments"] == 10.0
     assert 1.0 <= numbers["leverage_segment"] <= 10.0
@@ -114,6 +115,7 @@ def test_checks_are_said_in_words(example):
         "residual",
         "leverage",
         "least squares",
+        "drift",
         "left out",
     ]
     assert "first-stage F" in sentence["instruments"]

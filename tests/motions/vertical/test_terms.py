@@ -50,6 +50,25 @@ def with_channel(log, name, values, time_s=None):
     return replace(log, channels={**log.channels, name: channel})
 
 
+def test_thrust_that_falls_in_time_is_reported_and_moves_nothing_else(log):
+    """Real flights lose 1 to 5 per cent of the thrust of one command in half a minute."""
+    time = log.channels["rotor_command_1"].time_s
+    falling = commanded(log, lambda mapped: mapped * (1.0 + 0.04 * (time - time[0]) / np.ptp(time)))
+    still, fit = (identify_flight(item) for item in (log, falling))
+    for name in ("viscous_friction", "effective_lag"):
+        moved = fit.quantities[name].value - still.quantities[name].value
+        assert abs(moved) < 0.25 * still.quantities[name].half_width
+    assert fit.quantities["hover_input"].value == pytest.approx(1.01 * HOVER, rel=2e-3)
+    numbers = fit.diagnostics
+    assert numbers["thrust_drift"] == pytest.approx(-0.04 * 9.81, abs=numbers["thrust_drift_half_width"])
+    share = 0.02 * 60.0 / numbers["thrust_drift_duration_s"]
+    assert numbers["hover_drift"] == pytest.approx(share, abs=numbers["hover_drift_half_width"])
+    assert numbers["hover_drift_half_width"] < 0.4 * share
+    assert "thrust of one command fell by 0.3" in dict(Vertical().checks(numbers))["drift"]
+    short = identify_flight(log, FlightOptions(window=(5.0, 18.0)))
+    assert "thrust_drift" not in short.diagnostics
+
+
 def with_height(log, lowest):
     """Height over the ground, which the log begins on, and the log with it."""
     reference = log.channels["reference_position_z"].values

@@ -83,6 +83,8 @@ from eivor.motions.vertical.regression import (
     input_variance,
     intercepts_by_run,
     mean_voltage,
+    report_drift,
+    thrust_drift,
     with_surroundings,
 )
 from eivor.motions.vertical.select import (
@@ -578,9 +580,11 @@ class Vertical(Motion[VerticalFlights]):
     ) -> Mapping[str, float]:
         """Thrust near hover and in the input map, the gravity that is felt, height, and terms left out."""
         missed = omitted_variable_tests(problem, estimate, flights)
+        curve, drift = thrust_curve(problem, estimate), thrust_drift(problem, estimate)
         return {
             **map_numbers(problem, estimate, missed),
-            **thrust_curve(problem, estimate),
+            **curve,
+            **({} if drift is None else drift.numbers(curve[THRUST_EXPONENT])),
             APPARENT_GRAVITY: apparent_gravity(problem),
             SIDEWAYS: sideways_speed(flights),
             **near_ground(flights, self.rotor_radius, corrected=GROUND_EFFECT in self.added),
@@ -589,8 +593,8 @@ class Vertical(Motion[VerticalFlights]):
         }
 
     def checks(self, numbers: Mapping[str, float]) -> tuple[tuple[str, str], ...]:
-        """Terms that the model leaves out, and whether they are missed."""
-        return report_omitted(numbers)
+        """The drift of thrust; terms that the model leaves out, and whether they are missed."""
+        return (*report_drift(numbers), *report_omitted(numbers))
 
     def findings(
         self, flights: tuple[PreparedFlight, ...], quantities: Mapping[str, Quantity]

@@ -36,7 +36,7 @@ from eivor.models.separable import (
     SeparableProblem,
     Values,
 )
-from eivor.models.spectral import SpectralRegression
+from eivor.models.spectral import LINE_S, SpectralRegression
 from eivor.motions.vertical.model import GRAVITY, INPUT_GAIN, VISCOUS_FRICTION, VerticalMotion
 from eivor.motions.vertical.select import FittedCurve
 from eivor.signals.channels import family_members
@@ -274,6 +274,14 @@ class VerticalFlight:
         valid = self.signals.valid
         return [columns[run] if valid is None else columns[run][valid[run]] for run in self.runs]
 
+    @cached_property
+    def lines(self) -> list[Float[np.ndarray, " _"]]:
+        """Seconds from the middle of each run whose rows lose a line in time; zeros in shorter runs."""
+        time = np.arange(self.velocity.size) * self.signals.step_s
+        centred = [item[:, 0] - item[:, 0].mean() for item in self.cut(time[:, None])]
+        lengths = [(run.stop - run.start) * self.signals.step_s for run in self.runs]
+        return [item * (length >= LINE_S) for item, length in zip(centred, lengths, strict=True)]
+
 
 @dataclass(frozen=True)
 class MovingColumns:
@@ -405,6 +413,9 @@ class VerticalFlights(SeparableProblem):
 
 # -- Balance --
 
+#: Names of the change of the thrust of one command, and of that of the hover input.
+DRIFT, HOVER_DRIFT = "thrust_drift", "hover_drift"
+
 
 @dataclass(frozen=True)
 class Balance:
@@ -423,8 +434,7 @@ def balance(problem: VerticalFlights, candidate: Estimate) -> Balance:
     """Terms of the equation of motion, averaged over the runs."""
     columns = _columns(problem, candidate.nuisances)
     stacked = np.concatenate(columns)
-    K, K_u = candidate.theta[:2]
-    residual = stacked[:, 0] + K * stacked[:, 1] - K_u * stacked[:, 2] - stacked[:, 3:] @ candidate.theta[2:]
+    residual = stacked @ _signs(candidate)
     moving = [nuisance for nuisance in problem.nuisances if nuisance.refined]
 
     def mapped_mean(nuisance_values: Values) -> float:
@@ -438,8 +448,78 @@ def balance(problem: VerticalFlights, candidate: Estimate) -> Balance:
         mapped,
         moving[0].derivative(mapped_mean, candidate.nuisances) if moving else 0.0,
         means[3:],
-        long_run_mean_variance(residual - residual.mean()),
+        long_run_mean_variance(_without_lines(problem, residual - residual.mean())),
         np.stack([block.mean(axis=0) for block in columns]),
+    )
+
+
+def _signs(candidate: Estimate) -> Float[np.ndarray, " m"]:
+    """Coefficients with which z'', z', U and the columns of terms add up to the residual."""
+    K, K_u = candidate.theta[:2]
+    return np.array([1.0, K, -K_u, *-candidate.theta[2:]])
+
+
+def _without_lines(problem: VerticalFlights, residual: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    """A residual without the line in time that rows of long runs lose: it is no error of the mean."""
+    lines = [line for flight in problem.flights for line in flight.lines]
+    ends = np.cumsum([line.size for line in lines])[:-1]
+    pairs = zip(lines, np.split(residual, ends), strict=True)
+    return np.concatenate([part - line * (line @ part) / (line @ line or 1.0) for line, part in pairs])
+
+
+@dataclass(frozen=True, slots=True)
+class ThrustDrift:
+    """Line in time of the thrust of one command, which rows of long runs lose, with a 95 % interval."""
+
+    rate: float  # Change of the thrust over mass in a second [m/s^3]
+    half_width: float  # [m/s^3]
+    duration_s: float  # Of the runs that have it
+
+    def numbers(self, exponent: float) -> dict[str, float]:
+        """Change over the runs [m/s^2], and of the hover input [a minute] by the exponent of thrust."""
+        hover = 60.0 / (GRAVITY * exponent)
+        return {
+            DRIFT: self.rate * self.duration_s,
+            f"{DRIFT}_half_width": self.half_width * self.duration_s,
+            f"{DRIFT}_duration_s": self.duration_s,
+            HOVER_DRIFT: -self.rate * hover,
+            f"{HOVER_DRIFT}_half_width": self.half_width * abs(hover),
+        }
+
+
+def report_drift(numbers: Mapping[str, float]) -> tuple[tuple[str, str], ...]:
+    """The line that rows lose, as a check; none without one."""
+    if DRIFT not in numbers:
+        return ()
+    change, hover = numbers[DRIFT], numbers[HOVER_DRIFT]
+    half, width = (numbers[f"{name}_half_width"] for name in (DRIFT, HOVER_DRIFT))
+    moved, share = "rose" if change > 0.0 else "fell", abs(change) / GRAVITY
+    sentence = (
+        f"thrust of one command {moved} by {abs(change):.2f} ± {half:.2f} m/s² ({share:.1%}) in "
+        f"{numbers[f'{DRIFT}_duration_s']:.0f} s; hover input {hover:+.1%} ± {width:.1%} a minute"
+    )
+    return (("drift", sentence),)
+
+
+def thrust_drift(problem: VerticalFlights, estimate: Estimate) -> ThrustDrift | None:
+    """Slope of the residual in time, by least squares with an intercept for each run; None of short runs.
+
+    The error of the mean of the scores is robust to autocorrelation, and that of the parameters is added.
+    """
+    line = np.concatenate([item for flight in problem.flights for item in flight.lines])
+    squares = float(line @ line)
+    if not squares:
+        return None
+    columns = np.concatenate(_columns(problem, estimate.nuisances))
+    slopes = line @ columns / squares
+    rate = float(slopes @ _signs(estimate))
+    left = (columns - columns.mean(axis=0)) @ _signs(estimate) - rate * line
+    variance = long_run_mean_variance(line * left) * (line.size / squares) ** 2
+    gradient = np.zeros(estimate.values.size)
+    gradient[: slopes.size - 1] = [slopes[1], *-slopes[2:]]
+    duration_s = sum(float(np.ptp(item)) for flight in problem.flights for item in flight.lines)
+    return ThrustDrift(
+        rate, estimate.joint_covariance.half_width(gradient, extra_variance=variance), duration_s
     )
 
 
