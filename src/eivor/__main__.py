@@ -5,7 +5,7 @@ from __future__ import annotations
 import gc
 import sys
 from collections.abc import Iterable
-from importlib.abc import Loader, MetaPathFinder
+from importlib.abc import MetaPathFinder
 from importlib.machinery import ModuleSpec, PathFinder
 from importlib.util import LazyLoader
 from pkgutil import resolve_name
@@ -13,12 +13,8 @@ from types import ModuleType
 
 # -- Late modules --
 
-#: The reader of Fortran, what tests are written with, and what SciPy's searches import and few use.
-LATE = frozenset(
-    {"numpy.f2py", "numpy.testing", "scipy.linalg._decomp_interpolative", "scipy.spatial.transform"}
-)
-#: The module whose decorator parses and writes again 320 docstrings of SciPy while it is imported.
-DECORATES = "scipy._lib._array_api"
+#: The reader of Fortran, and what tests are written with, which brings the standard library's own.
+LATE = frozenset({"numpy.f2py", "numpy.testing"})
 
 
 class _Late(MetaPathFinder):
@@ -27,38 +23,13 @@ class _Late(MetaPathFinder):
     def find_spec(
         self, fullname: str, path: Iterable[str] | None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
-        """Return the specification of a module that is loaded in another way; None of any other module."""
-        if fullname not in LATE and fullname != DECORATES:
+        """Return the specification of one of `LATE`; None of any other module, which others find."""
+        if fullname not in LATE:
             return None
         spec = PathFinder.find_spec(fullname, None if path is None else [*path], target)
         if spec is not None and spec.loader is not None:
-            spec.loader = LazyLoader(spec.loader) if fullname in LATE else _Plain(spec.loader)
+            spec.loader = LazyLoader(spec.loader)
         return spec
-
-
-class _Plain(Loader):
-    """Loads `DECORATES`, and has its decorator keep docstrings as they are: a tenth of a second."""
-
-    def __init__(self, loader: Loader) -> None:
-        self._loader = loader
-
-    def create_module(self, spec: ModuleSpec) -> ModuleType | None:
-        return self._loader.create_module(spec)
-
-    def exec_module(self, module: ModuleType) -> None:
-        self._loader.exec_module(module)
-        module.__dict__["FunctionDoc"] = _PlainDocstring
-
-
-class _PlainDocstring(dict[str, list[str]]):
-    """A docstring in the place of SciPy's parsed one, which gets notes and is printed below a signature."""
-
-    def __init__(self, function: object) -> None:
-        super().__init__(Notes=[])
-        self._text = function.__doc__
-
-    def __str__(self) -> str:
-        return f"\n{self._text}"
 
 
 def load_late() -> None:
