@@ -338,7 +338,7 @@ def test_a_folder_has_a_report_for_each_motion(tmp_path):
 
 
 def test_a_next_vehicle_that_may_be_anywhere_has_no_interval() -> None:
-    wording = RigidBody.wording["roll_gain"]
+    wording = RigidBody.quantities["roll_gain"]
     row = {"mean": 2.0, "next_low": 0.0, "next_high": None, "pooled": 2}
     assert next_text(row, wording) == "–"
     assert not list(few_footnote([row], "vehicles"))
@@ -401,7 +401,7 @@ def test_a_table_that_tells_nothing_is_reported():
 
 
 def test_a_mean_that_reaches_far_keeps_its_digits() -> None:
-    wording, names = RigidBody.wording["pitch_damping"], ("mean", "low", "high")
+    wording, names = RigidBody.quantities["pitch_damping"], ("mean", "low", "high")
     assert interval_text({"mean": 0.2432, "low": 1.7e-5, "high": 3412.0}, wording, names) == (
         "0.24",
         "[1.7e-05, 3400]",

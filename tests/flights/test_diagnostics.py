@@ -19,7 +19,7 @@ from eivor.errors import UsageError
 from eivor.estimation.derived import ParameterSets, parameter_sets
 from eivor.estimation.weighting import whitened_by_residuals
 from eivor.flights.estimate import with_systematic_uncertainties
-from eivor.flights.quantity import NAN, Counts, QuantityEstimate, SystematicUncertainty, Wording, widened
+from eivor.flights.quantity import NAN, Counts, QuantityEstimate, SystematicUncertainty, QuantitySpec, widened
 from eivor.flights.result import FEWEST_RUNS, FlightEstimate, run_leverage
 from eivor.inference.confidence_set import ConfidenceSet
 from eivor.inference.diagnostics.excitation import Swing
@@ -413,7 +413,7 @@ def test_a_result_keeps_its_parts_and_widens_other_levels_by_them():
     quantity_estimate = QuantityEstimate(
         10.0, "s", 0.5, widened((9.0, 11.0), 10.0, (BOTH, RESERVE)), systematic_uncertainties=(BOTH, RESERVE)
     )
-    result = quantity_estimate.judged(Verdict(Status.WEAK), Wording("lag", "τ", "s"))
+    result = quantity_estimate.judged(Verdict(Status.WEAK), QuantitySpec("lag", "τ", "s"))
     assert result.systematic_uncertainties == (BOTH, RESERVE)
     assert result.interval == (8.5, 11.5)
     assert result.widened((9.5, 10.5)) == (9.0, 11.0)

@@ -645,7 +645,7 @@ def test_pictures_and_predictions_leave_them_out(log):
     assert run.time_s.size == trace.measured.size == 2000 - 140
     passed = run.spectral.band_passed(trace.measured[:, None])
     assert passed.shape == (2000 - 140, 1)
-    predicted = result.motion.predictions(
+    predicted = result.motion.abilities.prediction.another_flight(
         result.fit.problem, dict(result.fit.estimate.nuisances) | result.parameters
     )
     assert {item.measured.size for item in predicted} == {2000 - 140}

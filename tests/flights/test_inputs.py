@@ -168,7 +168,7 @@ def test_late_telemetry_moves_no_parameter_and_is_told(late_s):
         assert low < truth < high
     assert identify_flight.verdict.status is Status.IDENTIFIED
     assert identify_flight.names == ("viscous_friction", "input_gain", "delay")
-    assert "their stamps are late" in identify_flight.motion.symbols(identify_flight.prepared[0])
+    assert "their stamps are late" in identify_flight.motion.view(identify_flight.prepared[0]).symbols
 
 
 @pytest.mark.usefixtures("unchecked_shapes")

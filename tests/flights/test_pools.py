@@ -189,7 +189,7 @@ def test_a_pool_has_the_verdict_of_its_own_quantities(alike, one_sine):
     """Each flight of `one_sine` has its friction identified, and their mean is not."""
     order = list(Status)
     for pool in (alike, one_sine):
-        headline = [pool.quantities[name] for name in pool.motion.headline]
+        headline = [pool.quantities[name] for name in pool.motion.quantities.headline]
         assert pool.verdict.status is max((item.verdict for item in headline), key=order.index)
         assert bool(pool.verdict.reasons) == (pool.verdict.status is not Status.IDENTIFIED)
     assert {row.verdict for row in one_sine.by_flight} == {Status.IDENTIFIED}
@@ -224,8 +224,8 @@ def pooled(pair: FlightEstimate, recordings: list[Recording]) -> FlightEstimate:
     problem = replace(problem_of(pair), flights=tuple(vertical_flight(flight) for flight in prepared))
     estimate = identify(problem, reference_iv())
     quantities = {
-        name: quantity.judged(Verdict(Status.IDENTIFIED), pair.motion.wording[name])
-        for name, quantity in pair.motion.quantities(problem, estimate).items()
+        name: quantity.judged(Verdict(Status.IDENTIFIED), pair.motion.quantities[name])
+        for name, quantity in pair.motion.derive(problem, estimate).items()
     }
     assert pair.fit is not None
     return replace(

@@ -16,7 +16,7 @@ from coarse_search import coarse
 from eivor.errors import EivorError, EstimationError, PoolingError, UsageError
 from eivor.flights.estimate import single_frequency_hz
 from eivor.flights.options import FlightOptions
-from eivor.flights.quantity import QuantityEstimate, Wording
+from eivor.flights.quantity import QuantityEstimate, QuantitySpec
 from eivor.flights.verdict import unbounded_reasons
 from eivor.inference.verdict import Reason, Status, Verdict
 from eivor.motions.identify import identify_flight
@@ -648,7 +648,7 @@ def test_broken_logs_give_a_verdict_or_an_error_of_ours(rich, seed):
 
 # -- Quantities before and after they are judged --
 
-LAG = Wording("lag", "τ", "s", lowest=0.0)
+LAG = QuantitySpec("lag", "τ", "s", lowest=0.0)
 INFINITY = float("inf")
 
 

@@ -85,15 +85,15 @@ def added(monkeypatch: pytest.MonkeyPatch):
 def test_own_motions_are_known_by_name():
     motion = motion_by_name("vertical")
     assert motion == Vertical()
-    assert (motion.name, motion.model_name) == ("vertical", "vertical_motion")
+    assert (motion.name, motion.words.model) == ("vertical", "vertical_motion")
     assert "vertical" in motion_names()
 
 
 @pytest.mark.parametrize("name", ["vertical"])
 def test_a_motion_has_words_for_all_that_it_shows(name):
     motion = motion_by_name(name)
-    assert set(motion.plotted) == set(motion.wording)
-    assert {*motion.headline, *motion.rows} <= set(motion.wording)
+    assert set(motion.quantities) == set(motion.quantities)
+    assert {*motion.quantities.headline, *motion.quantities.rows} <= set(motion.quantities)
     assert isinstance(motion, Motion)
 
 

@@ -143,7 +143,7 @@ def test_what_is_supplied_makes_physical_parameters_and_what_is_not_is_said(flig
     mass = SPEC.vehicle.mass
     supplied = replace(known(SPEC), mass=KnownNumber(mass, 0.01 * mass), arm_scale=KnownNumber(1.0))
     motion = RigidBody(supplied)
-    follows = {number.name: number for number in motion.implications(fit.fit.estimate).numbers}
+    follows = {number.name: number for number in motion.abilities.implications(fit.fit.estimate).numbers}
     for name, truth in zip(("inertia_xx", "inertia_yy", "inertia_zz"), SPEC.vehicle.inertia, strict=True):
         low, high = follows[name].interval
         assert low - 0.01 * truth <= truth <= high + 0.01 * truth

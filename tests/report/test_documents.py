@@ -12,7 +12,7 @@ import pytest
 from rich.console import Console
 
 from eivor.flights.options import FlightOptions
-from eivor.flights.quantity import Choice, Quantity, Wording
+from eivor.flights.quantity import Choice, Quantity, QuantitySpec
 from eivor.flights.result import FlightEstimate
 from eivor.inference.verdict import Status
 from eivor.motions.vertical.motion import Vertical
@@ -39,7 +39,7 @@ def test_json_and_document_tell_the_same(name: str, request: pytest.FixtureReque
     table = sections[""][1]
     assert isinstance(table, TableOf)
     reported = json["parameters"] | json["derived"]
-    displayed = [reported[key]["verdict"] for key in result.motion.plotted if key in reported]
+    displayed = [reported[key]["verdict"] for key in result.motion.quantities if key in reported]
     assert [row[-1].status for row in table.rows] == [Status(verdict) for verdict in displayed]
     rows = [row["verdict"] for row in (*json["flights"], *json["comparisons"])]
     tables = [
@@ -135,7 +135,7 @@ def _options() -> object:
 NAN, INFINITY = float("nan"), float("inf")
 
 
-PLAIN = Wording("x", "x", "")
+PLAIN = QuantitySpec("x", "x", "")
 
 
 def _quantity(value: float, low: float, high: float) -> Quantity:
@@ -177,9 +177,9 @@ def test_a_choice_is_no_interval(fitting: tuple[float, ...], shown: str) -> None
     chosen = Quantity(
         0.01, "s", NAN, (fitting[0], fitting[-1]), Status.WEAK, Choice(fitting, (0.0, 0.01, 0.02))
     )
-    assert numbers(chosen, Vertical.wording["delay"]) == ("10", shown)
+    assert numbers(chosen, Vertical.quantities["delay"]) == ("10", shown)
     alone = replace(chosen, choice=Choice((0.0,), (0.0,)))
-    assert numbers(alone, Vertical.wording["delay"]) == ("10", NO_NUMBER)
+    assert numbers(alone, Vertical.quantities["delay"]) == ("10", NO_NUMBER)
 
 
 def test_any_size_gives_short_text() -> None:

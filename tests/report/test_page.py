@@ -129,19 +129,19 @@ def test_numbers_are_those_of_the_json(pages, name):
     result, _, page = pages[name]
     reported = json.loads(result.to_json())
     known = {**reported["parameters"], **reported["derived"]}
-    by_words = {words.words: key for key, words in result.motion.wording.items()}
+    by_words = {words.words: key for key, words in result.motion.quantities.items()}
     rows = [row for row in page.all("tr") if row.all("th") and row.all("th")[0].text in by_words]
     assert {by_words[row.all("th")[0].text] for row in rows} >= set(known)
     for row in rows[: len(known)]:
         key = by_words[row.all("th")[0].text]
         cells = [child.text for child in row.children if isinstance(child, Element)]
-        check(known[key], result.motion.wording[key].scale, cells[2], cells[3])
+        check(known[key], result.motion.quantities[key].scale, cells[2], cells[3])
         assert cells[-1] == known[key]["verdict"]
     for reading in page.all("div", class_="reading"):
         key = reading.attributes["data-quantity"]
         value = reading.all("span", class_="value")[0].text
         interval = reading.all("p", class_="interval")[0].text
-        check(known[key], result.motion.wording[key].scale, value, interval)
+        check(known[key], result.motion.quantities[key].scale, value, interval)
 
 
 def check(record: dict[str, Any], scale: float, value: str, interval: str) -> None:

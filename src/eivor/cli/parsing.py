@@ -16,7 +16,7 @@ from eivor.cli.options import FlightWords, parse_pair
 from eivor.errors import EivorError, MissingChannelError, UsageError, did_you_mean
 from eivor.estimation.methods import by_name
 from eivor.flights.lag_prior import EFFECTIVE_LAG, NO_LAG
-from eivor.flights.motion import Motion
+from eivor.flights.motion import Motion, of_vehicle
 from eivor.flights.options import ACCELEROMETER_BIAS, FIT_MAP, FlightOptions
 from eivor.flights.prepare import check_options
 from eivor.flights.references import ESTIMATE, Declared
@@ -262,7 +262,7 @@ def _size(name: str, text: str, what: str) -> float:
 def named_motion(name: str, vehicle: str = "") -> Motion[Any]:
     """Return the motion of a name, of a vehicle where one is given; its channels are known from then on."""
     motion = motion_by_name(name)
-    return motion.of_vehicle(vehicle) if vehicle else motion
+    return of_vehicle(motion, vehicle) if vehicle else motion
 
 
 def flight_options(motion: Motion[Any], **given: Any) -> FlightOptions:

@@ -79,8 +79,8 @@ NO_RESULT, NO_NUMBER, NO_REFERENCE, NOT_EXCITED, NOT_POSITIVE = (
 
 def across_of(motion: Motion[Any], further: Sequence[str] = ()) -> tuple[AcrossFlights, ...]:
     """What a motion compares over flights; its headline as it is where it says nothing."""
-    headline = (AcrossFlights(name, identified_by=(name,)) for name in motion.headline)
-    return tuple(_with_covariates(quantity, further) for quantity in motion.across or headline)
+    headline = (AcrossFlights(name, identified_by=(name,)) for name in motion.quantities.headline)
+    return tuple(_with_covariates(quantity, further) for quantity in motion.quantities.across or headline)
 
 
 def _with_covariates(across: AcrossFlights, names: Sequence[str]) -> AcrossFlights:

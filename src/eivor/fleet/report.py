@@ -29,7 +29,7 @@ from eivor.fleet.analysis import (
     omission_reason,
 )
 from eivor.fleet.table import report_path, reports_there
-from eivor.flights.quantity import AcrossFlights, Wording
+from eivor.flights.quantity import AcrossFlights, QuantitySpec
 from eivor.inference.random_effects import FEW
 from eivor.report.document import Bullets, Cell, Document, Figure, Section, TableColumn, TableOf, Tone
 from eivor.report.figure_panels import PlottedInterval
@@ -48,12 +48,12 @@ MOST = 20
 FAR = 20.0
 
 
-def titled(wording: Wording) -> str:
+def titled(wording: QuantitySpec) -> str:
     """Words, symbol and unit of a quantity."""
     return f"{wording.words} {wording.symbol}{_in_unit(wording)}"
 
 
-def _in_unit(wording: Wording) -> str:
+def _in_unit(wording: QuantitySpec) -> str:
     return f" [{wording.shown_unit}]" if wording.shown_unit else ""
 
 
@@ -62,7 +62,7 @@ def across_of_row(report: FleetReport, row: Row) -> AcrossFlights:
     return next(quantity for quantity in report.quantities if quantity.name == row["quantity"])
 
 
-def interval_text(row: Row, wording: Wording, names: tuple[str, str, str]) -> tuple[str, str]:
+def interval_text(row: Row, wording: QuantitySpec, names: tuple[str, str, str]) -> tuple[str, str]:
     """Value and interval of a row as they are shown."""
     value, low, high = (row[name] for name in names)
     if value is None:
@@ -74,7 +74,7 @@ def interval_text(row: Row, wording: Wording, names: tuple[str, str, str]) -> tu
     return plain_numbers(value, (low, high))
 
 
-def mean_text(row: Row, wording: Wording) -> tuple[str, str]:
+def mean_text(row: Row, wording: QuantitySpec) -> tuple[str, str]:
     """Mean and interval of a vehicle or type; of a single flight its own, with a mark."""
     if not _is_of_one_flight(row):
         return interval_text(row, wording, ("mean", "low", "high"))
@@ -105,7 +105,7 @@ def _two_digits(number: float) -> str:
     return f"{float(f'{number:.2g}'):g}"
 
 
-def between_text(row: Row, across: AcrossFlights, wording: Wording) -> tuple[str, str]:
+def between_text(row: Row, across: AcrossFlights, wording: QuantitySpec) -> tuple[str, str]:
     """Standard deviation between members, and its interval: a share where logarithms are compared."""
     numbers = [row[name] for name in ("between", "between_low", "between_high")]
     if any(number is None for number in numbers):
@@ -117,7 +117,7 @@ def between_text(row: Row, across: AcrossFlights, wording: Wording) -> tuple[str
     return plain_numbers(value, (low, high))
 
 
-def next_text(row: Row, wording: Wording) -> str:
+def next_text(row: Row, wording: QuantitySpec) -> str:
     """Interval of the next member, with a mark where there are few; none where it has no end."""
     if None in (row["next_low"], row["next_high"]):
         return NO_NUMBER
@@ -141,7 +141,7 @@ def report_changes(report: FleetReport) -> list[str]:
 
 def _change(report: FleetReport, row: Row) -> str:
     across = across_of_row(report, row)
-    words = report.motion.wording[across.name].words
+    words = report.motion.quantities[across.name].words
     who = f"{row['vehicle']}: the {words}"
     if row["course"] == DRIFTS:
         effect = _effect(report, across, row, "change")
@@ -156,7 +156,7 @@ def _change(report: FleetReport, row: Row) -> str:
 
 
 def _effect(report: FleetReport, across: AcrossFlights, row: Row, name: str) -> str:
-    wording = report.motion.wording[across.name]
+    wording = report.motion.quantities[across.name]
     numbers = [row[key] for key in (name, f"{name}_low", f"{name}_high")]
     scale, unit = (100.0, " %") if across.logarithm else (wording.scale, f" {wording.shown_unit}".rstrip())
     value, low, high = (scale * (float("nan") if number is None else number) for number in numbers)
@@ -169,7 +169,7 @@ def report_differences(report: FleetReport) -> list[str]:
     rows = report.vehicles.filter(report.vehicles["differs"]).sort("differs_p").iter_rows(named=True)
     selected = []
     for row in rows:
-        wording = report.motion.wording[row["quantity"]]
+        wording = report.motion.quantities[row["quantity"]]
         value, interval = interval_text(row, wording, ("mean", "low", "high"))
         unit = f" {wording.shown_unit}" if wording.shown_unit else ""
         selected.append(
@@ -183,7 +183,7 @@ def report_omitted(report: FleetReport) -> list[str]:
     """Return what was left out, and why."""
     selected = []
     for row in report.omitted.iter_rows(named=True):
-        words = report.motion.wording[row["quantity"]].words
+        words = report.motion.quantities[row["quantity"]].words
         flights = "1 flight" if row["flights"] == 1 else f"{row['flights']} flights"
         selected.append(f"{words}: {flights}; {row['reason']}.")
     return selected
@@ -193,7 +193,7 @@ def report_covariates(report: FleetReport) -> list[str]:
     """Return which slopes the flights reported, which were taken as expected, and what is not known."""
     selected = []
     for row in report.covariates.iter_rows(named=True):
-        words = report.motion.wording[row["quantity"]].words
+        words = report.motion.quantities[row["quantity"]].words
         power = f"{row['slope']:.2f} ± {1.96 * row['std_error']:.2f}"
         covariate = row["covariate"].replace("_", " ")
         selected.append(f"{words} goes with {covariate} (type {row['type']}: {power}).")
@@ -201,7 +201,7 @@ def report_covariates(report: FleetReport) -> list[str]:
     missing: dict[str, list[str]] = {}
     expected: dict[str, list[str]] = {}
     for across in report.quantities:
-        words = report.motion.wording[across.name].words
+        words = report.motion.quantities[across.name].words
         for covariate in across.covariates:
             pair = (across.name, covariate.name)
             if pair not in used:
@@ -317,7 +317,7 @@ def linked(name: str, sha256: str, links: Mapping[str, str]) -> Cell:
 def _deviating(report: FleetReport, links: Mapping[str, str] | None) -> Iterator[TableOf | Bullets]:
     cells = []
     for row in report.deviating.head(MOST).iter_rows(named=True):
-        wording = report.motion.wording[row["quantity"]]
+        wording = report.motion.quantities[row["quantity"]]
         name = linked(row["name"], row["sha256"], links or {})
         value = Cell(*interval_text(row, wording, ("value", "low", "high")))
         expected = Cell(f"{row['expected'] * wording.scale:.4g}")
@@ -351,7 +351,7 @@ def _members(report: FleetReport, rows: Sequence[Row], of: str) -> TableOf:
     cells = []
     for row in rows:
         across = across_of_row(report, row)
-        wording = report.motion.wording[across.name]
+        wording = report.motion.quantities[across.name]
         member = tuple(row[name] for name in key)
         omitted = f"{row['left_out']} left out" if row.get("left_out") else ""
         line = (
@@ -388,7 +388,7 @@ def _motion_json(report: FleetReport) -> dict[str, Json]:
         "quantities": [
             {
                 "name": quantity.name,
-                "unit": report.motion.wording[quantity.name].unit,
+                "unit": report.motion.quantities[quantity.name].unit,
                 "logarithm": quantity.logarithm,
                 "covariates": [each.name for each in quantity.covariates],
             }
@@ -462,7 +462,7 @@ def _forests(report: FleetReport) -> Iterator[Picture]:
     for across in report.quantities:
         mine = pl.col("quantity") == across.name
         rows = report.vehicles.filter(mine).join(chosen, on=VEHICLE, how="semi", maintain_order="left")
-        wording = report.motion.wording[across.name]
+        wording = report.motion.quantities[across.name]
         drawn = []
         for row in rows.iter_rows(named=True):
             label = f"{row['type']}: {row['vehicle']}" if several else row["vehicle"]
@@ -477,7 +477,7 @@ def _forests(report: FleetReport) -> Iterator[Picture]:
 def _forest_row(
     row: Row, report: FleetReport, across: AcrossFlights, label: str, *, whole: bool = False
 ) -> PlottedInterval:
-    wording = report.motion.wording[across.name]
+    wording = report.motion.quantities[across.name]
     ends = [row[name] for name in ("low", "high")]
     ends = [row.get(name) for name in ONLY] if None in ends else ends
     pieces = () if None in ends else ((ends[0] * wording.scale, ends[1] * wording.scale),)
@@ -503,7 +503,7 @@ def _over_hours(report: FleetReport, links: Mapping[str, str]) -> Iterator[Pictu
 def _line(
     report: FleetReport, across: AcrossFlights, row: Row, used: pl.DataFrame, links: Mapping[str, str]
 ) -> Picture:
-    wording = report.motion.wording[across.name]
+    wording = report.motion.quantities[across.name]
     hours = used["hours"].to_numpy()
     numbers = used.select(pl.col(f"{across.name}.value"), *flight_interval(across))
     value, low, high = (wording.scale * number.to_numpy() for number in numbers)

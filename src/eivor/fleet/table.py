@@ -26,7 +26,7 @@ from eivor import checks
 from eivor.atomic_file import is_sealed, remove_abandoned, report_system_errors, sealed, write_atomically
 from eivor.errors import EivorError, InputError, UsageError
 from eivor.fleet.logs import Log, PathPattern
-from eivor.flights.motion import Motion
+from eivor.flights.motion import Motion, of_vehicle
 from eivor.flights.options import FlightOptions
 from eivor.flights.result import FlightEstimate
 from eivor.logs.channel_map import load_channel_map, shipped_maps
@@ -65,7 +65,7 @@ class FleetOptions:
     def chosen_motion(self) -> Motion[Any]:
         """The motion, of its vehicle; its channels are known from then on."""
         motion = motion_by_name(self.motion)
-        return motion.of_vehicle(self.vehicle_file) if self.vehicle_file else motion
+        return of_vehicle(motion, self.vehicle_file) if self.vehicle_file else motion
 
     def pattern(self) -> PathPattern | None:
         """Pattern of paths; None when there is none."""

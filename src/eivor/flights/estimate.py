@@ -13,8 +13,10 @@ from eivor.errors import EstimationError, InputError, MissingNoiseError, TooFewS
 from eivor.estimation.derived import ParameterSets, parameter_sets
 from eivor.estimation.diagnose import diagnose
 from eivor.estimation.estimate import Estimate
+from eivor.estimation.linear import LinearMethod
 from eivor.estimation.method import Method, NaturalInstruments
 from eivor.estimation.methods import by_name, identify
+from eivor.estimation.weighting import SpectralWhitening
 from eivor.flights.grid import upward
 from eivor.flights.lag_prior import (
     EFFECTIVE_LAG,
@@ -23,6 +25,7 @@ from eivor.flights.lag_prior import (
     check_lag_searched,
     lag_quantities,
     lag_searched,
+    reciprocal,
     telemetry_lag,
     with_lag_prior,
 )
@@ -130,6 +133,9 @@ def single_frequency_hz(flying: tuple[PreparedFlight, ...], names: tuple[str, ..
 
 # -- Stages of an identification --
 
+#: The direct method that is whitened for motions that need it.
+TOTAL_LEAST_SQUARES = "total_least_squares"
+
 #: What other motions say of the lag, when it is requested.
 LagMeasurements = Callable[[], tuple[LagMeasurement, ...]]
 
@@ -173,9 +179,12 @@ def choose_instruments(state: FlightState) -> FlightState:
     """The method that was requested, and its instruments; without any the direct method of the motion."""
     motion, method = state.motion, by_name(state.options.method)
     chosen = instruments(state.flying, state.options, method)
+    whitened = motion.abilities.whitened
     if method.of_flights.needs_instruments and chosen.absent:
-        method = by_name(motion.direct)
-    return replace(state, instruments=chosen, method=motion.weighted(method))
+        method = by_name("whitened_least_squares" if whitened else "least_squares")
+    elif whitened and method.name == TOTAL_LEAST_SQUARES and isinstance(method, LinearMethod):
+        method = replace(method, row_weighting=SpectralWhitening())
+    return replace(state, instruments=chosen, method=method)
 
 
 def pose_problem(state: FlightState) -> FlightState:
@@ -183,16 +192,23 @@ def pose_problem(state: FlightState) -> FlightState:
     motion, rule = state.motion, state.instruments.rule
     _check_noises(state.flying, state.instruments, state.method, state.options)
     problem = motion.problem(state.shortened, rule)
-    sensors = motion.sensors(problem, state.shortened)
+    comparison = motion.abilities.sensors
+    if comparison is None:
+        return replace(state, problem=problem)
+    sensors = comparison.agreement(problem, state.shortened)
     if not (state.options.align and sensors is not None and sensors.significant):
         return replace(state, problem=problem, sensors=sensors)
-    state = replace(state, prepared=motion.aligned(state.prepared, sensors), sensors=sensors, aligned=True)
+    aligned = comparison.aligned(state.prepared, sensors)
+    state = replace(state, prepared=aligned, sensors=sensors, aligned=True)
     return replace(state, problem=motion.problem(state.shortened, rule))
 
 
 def estimate_parameters(state: FlightState) -> FlightState:
     """The estimate, and the problem with what the motion finds out by estimates."""
-    problem, estimate = state.motion.refined(state.problem, _solver(state), state.options)
+    solve, refinement = partial(identify, method=state.method), state.motion.abilities.refinement
+    if refinement is None:
+        return replace(state, estimate=solve(state.problem))
+    problem, estimate = refinement.estimate(state.problem, solve, state.options)
     return replace(state, problem=problem, estimate=estimate)
 
 
@@ -206,9 +222,11 @@ def apply_lag_prior(state: FlightState) -> FlightState:
     if prior is not None:
         alone = WithoutPrior(problem, estimate)
         problem = with_lag_prior(problem, prior.for_the_log, estimate.nuisances)
-        problem, estimate = motion.refined(problem, _solver(state), state.options)
-        state = replace(state, problem=problem, estimate=estimate, without_prior=alone)
-    return replace(state, prepared=motion.with_refinement(state.prepared, problem))
+        state = estimate_parameters(replace(state, problem=problem, without_prior=alone))
+    refinement = motion.abilities.refinement
+    if refinement is None or refinement.flights is None:
+        return state
+    return replace(state, prepared=refinement.flights(state.prepared, state.problem))
 
 
 def diagnose_fit(state: FlightState) -> FlightState:
@@ -226,7 +244,7 @@ def diagnose_fit(state: FlightState) -> FlightState:
 def build_confidence_sets(state: FlightState) -> FlightState:
     """Confidence sets of the linear parameters of the headline."""
     linear = {parameter.name for parameter in state.estimate.rows.parameters}
-    names = [name for name in state.motion.headline if name in linear and state.with_sets]
+    names = [name for name in state.motion.quantities.headline if name in linear and state.with_sets]
     sets = {name: parameter_sets(state.problem, state.estimate, name) for name in names}
     return replace(state, sets={name: item for name, item in sets.items() if item is not None})
 
@@ -289,10 +307,6 @@ def estimated(
     return state.result
 
 
-def _solver(state: FlightState) -> Callable[[SeparableProblem], Estimate]:
-    return partial(identify, method=state.method)
-
-
 def known_lag(
     motion: Motion[Any],
     flying: tuple[PreparedFlight, ...],
@@ -308,7 +322,7 @@ def known_lag(
         return LagPrior(options.lag, lag_quantities(problem, alone)[EFFECTIVE_LAG], slack_s), ()
     if not lag_searched(problem):
         return None, ()
-    by_telemetry = telemetry_lag(flying, motion.telemetry) if motion.telemetry else None
+    by_telemetry = telemetry_lag(flying, motion.channels.telemetry) if motion.channels.telemetry else None
     measurements = [*([] if by_telemetry is None else [by_telemetry]), *lag_measurements()]
     noticed: list[Finding] = []
     for item in sorted(measurements, key=lambda entry: entry.prior.std):
@@ -341,7 +355,7 @@ def verdict_inputs(
         direct=chosen.absent,
         missing_reference=chosen.missing,
         constant_reference=chosen.constant,
-        excitation=motion.excitation(flying),
+        excitation="" if motion.abilities.excitation is None else motion.abilities.excitation(flying),
         single_frequency_hz=single_frequency_hz(flying, chosen.names),
         numbers=numbers,
         lag_prior=fit.lag_prior,
@@ -373,12 +387,12 @@ def with_fit(
     inputs: VerdictInputs,
 ) -> FlightEstimate:
     """Result of a fit: quantities with intervals and verdicts."""
-    estimates = motion.quantities(fit.problem, fit.estimate)
+    estimates = motion.derive(fit.problem, fit.estimate)
     if fit.by_sets:
         # those that are judged by confidence sets have the hulls of these as intervals
         by_sets = {name: replace(estimates[name], interval=item.hull) for name, item in fit.by_sets.items()}
         estimates = {**estimates, **by_sets}
-        estimates = {**estimates, **motion.following(estimates)}
+        estimates = {**estimates, **_reciprocals(motion, estimates)}
     flying = tuple(flight for flight in prepared if flight.runs)
     parts = motion.systematic_uncertainties(flying, estimates, inputs)
     estimates = with_systematic_uncertainties(motion, estimates, parts)
@@ -399,16 +413,35 @@ def with_fit(
         quantities,
         {
             **flight_diagnostics(prepared),
-            **fit_numbers(fit.checks, fit.estimate, motion.headline),
+            **fit_numbers(fit.checks, fit.estimate, motion.quantities.headline),
             **({} if fit.sensors is None else fit.sensors.numbers),
             **inputs.numbers,
         },
         (
             *flight_findings(prepared, motion.words),
             *fitted_noise_findings(fit.estimate),
-            *motion.findings(prepared, quantities),
+            *own_findings(motion, prepared, quantities),
         ),
     )
+
+
+def own_findings(
+    motion: Motion[Any], prepared: tuple[PreparedFlight, ...], quantities: Mapping[str, Quantity]
+) -> tuple[Finding, ...]:
+    """What the motion alone notices in the logs."""
+    return () if motion.abilities.findings is None else motion.abilities.findings(prepared, quantities)
+
+
+def _reciprocals(
+    motion: Motion[Any], estimates: Mapping[str, QuantityEstimate]
+) -> dict[str, QuantityEstimate]:
+    """Quantities that are one over a quantity of the headline."""
+    headline = motion.quantities.headline
+    return {
+        name: reciprocal(estimates[spec.reciprocal_of], spec.unit)
+        for name, spec in motion.quantities.items()
+        if spec.reciprocal_of in headline
+    }
 
 
 def with_systematic_uncertainties(
@@ -421,9 +454,9 @@ def with_systematic_uncertainties(
     for name, part in parts.items():
         interval = widened(estimates[name].interval, estimates[name].value, part)
         quantities[name] = replace(estimates[name], interval=interval, systematic_uncertainties=part)
-    if all(quantities[name].interval == estimates[name].interval for name in motion.headline):
+    if all(quantities[name].interval == estimates[name].interval for name in motion.quantities.headline):
         return quantities
-    return {**quantities, **motion.following(quantities)}
+    return {**quantities, **_reciprocals(motion, quantities)}
 
 
 def _judged(
@@ -438,11 +471,11 @@ def _judged(
     for name, own in motion.reasons(estimates, strength, inputs).items():
         reasons[name] = [*own, *of_estimate]
         if name in estimates:
-            reasons[name] += unbounded_reasons(estimates[name], motion.wording[name].words, own)
-    against = dict.fromkeys(reason for name in motion.headline for reason in reasons[name])
+            reasons[name] += unbounded_reasons(estimates[name], motion.quantities[name].words, own)
+    against = dict.fromkeys(reason for name in motion.quantities.headline for reason in reasons[name])
     quantities = {
         name: estimates[name].judged(verdict(reasons[name]), wording)
-        for name, wording in motion.wording.items()
+        for name, wording in motion.quantities.items()
         if name in estimates or not wording.optional
     }
     return verdict(list(against)), quantities
@@ -452,8 +485,10 @@ def without_fit(
     motion: Motion[Any], prepared: tuple[PreparedFlight, ...], options: FlightOptions, reason: Reason
 ) -> FlightEstimate:
     """Result of flights that gave no estimate."""
-    quantities = not_estimated(motion, motion.known(tuple(flight for flight in prepared if flight.runs)))
-    findings = (*flight_findings(prepared, motion.words), *motion.findings(prepared, quantities))
+    known = motion.abilities.known
+    values = {} if known is None else known(tuple(flight for flight in prepared if flight.runs))
+    quantities = not_estimated(motion, values)
+    findings = (*flight_findings(prepared, motion.words), *own_findings(motion, prepared, quantities))
     numbers = flight_diagnostics(prepared)
     return FlightEstimate(motion, options, prepared, None, verdict([reason]), quantities, numbers, findings)
 
@@ -461,9 +496,9 @@ def without_fit(
 def not_estimated(motion: Motion[Any], known: Mapping[str, float]) -> dict[str, Quantity]:
     """Quantities of a flight that gives no estimate; some values may still be known."""
     return {
-        name: Quantity(known.get(name, NAN), wording.unit, NAN, NO_INTERVAL, Status.REFUSED)
-        for name, wording in motion.wording.items()
-        if not wording.optional
+        name: Quantity(known.get(name, NAN), spec.unit, NAN, NO_INTERVAL, Status.REFUSED)
+        for name, spec in motion.quantities.items()
+        if not spec.optional
     }
 
 
@@ -538,7 +573,7 @@ def _may_be_identified(motion: Motion[Any], flight: PreparedFlight, options: Fli
     try:
         problem = motion.problem((flight.shortened,), chosen.rule)
         coarse = problem.with_nuisances(tuple(map(_coarse, problem.nuisances)))
-        result = identify(coarse, motion.weighted(method))
+        result = identify(coarse, method)
     except EstimationError:
         return False
     first_stage = dict(zip(result.names, result.first_stage, strict=True))

@@ -11,7 +11,7 @@ from eivor.errors import InputError, UsageError
 from eivor.estimation.methods import TABLE, by_name
 from eivor.flights.estimate import LagMeasurements, estimated, lag_measured_by, lags_from_rates
 from eivor.flights.lag_prior import EFFECTIVE_LAG, LagMeasurement
-from eivor.flights.motion import Motion
+from eivor.flights.motion import Motion, for_flights
 from eivor.flights.options import FlightOptions
 from eivor.flights.pooling import agreement, pooled_result
 from eivor.flights.prepare import Window, check_options, check_poolable, prepare, without_duplicates
@@ -45,7 +45,7 @@ def identified(
         for log, window in kept
     )
     check_poolable(prepared, motion)
-    motion = motion.for_flights(prepared, options)
+    motion = for_flights(motion, prepared, options)
     neighbours: LagMeasurements = tuple
     if lag_measurements:
         neighbours = cache(lambda: lag_measurements)
@@ -86,7 +86,9 @@ def _together(
 
 
 def _row(label: str, result: FlightEstimate) -> FlightRow:
-    quantities = {name: result.quantities[name] for name in result.motion.rows if result.fit is not None}
+    quantities = {
+        name: result.quantities[name] for name in result.motion.quantities.rows if result.fit is not None
+    }
     return FlightRow(label, result.verdict.status, quantities, result.verdict.sentences)
 
 
@@ -99,8 +101,8 @@ def with_coupled_axes(
     """Result with the quantities that other motions identify, and a finding for each that none gives."""
     if result.fit is None:
         return result
-    wording, results, findings = result.motion.wording, dict(result.quantities), list(result.findings)
-    for axis in result.motion.coupled_axes:
+    wording, results, findings = result.motion.quantities, dict(result.quantities), list(result.findings)
+    for axis in result.motion.abilities.coupled_axes:
         quantity = _coupled(axis, motions[axis.motion], result, logs, windows)
         if isinstance(quantity, Quantity):
             results[axis.called] = quantity
@@ -137,7 +139,7 @@ def _coupled(
         other = identified(logs, motion, options, windows, lag_measurements=measured)
     except InputError as error:
         return f"{error.expected} is missing"
-    here, there = result.motion.wording[axis.called].words, motion.wording[axis.quantity].words
+    here, there = result.motion.quantities[axis.called].words, motion.quantities[axis.quantity].words
     quantity = other.quantities[axis.quantity]
     reasons = (replace(why, sentence=why.sentence.replace(there, here)) for why in quantity.reasons)
     return replace(quantity, reasons=tuple(reasons))

@@ -13,7 +13,7 @@ from eivor.estimation.derived import ratio
 from eivor.estimation.estimate import Estimate
 from eivor.estimation.methods import identify, least_squares
 from eivor.flights.prepared import PreparedFlight
-from eivor.flights.quantity import NAN, NO_INTERVAL, Choice, Kind, QuantityEstimate, Wording
+from eivor.flights.quantity import NAN, NO_INTERVAL, Choice, Kind, QuantityEstimate, QuantitySpec
 from eivor.inference.diagnostics.record import BEYOND_DOUBT, SIGNIFICANT, outcome_word
 from eivor.inference.distributions import chi_square_tail
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, LAG_GRID_S, AxisColumns, LaggedRuns, lag_and_delay
@@ -30,10 +30,10 @@ EFFECTIVE_LAG = "effective_lag"
 
 
 #: How the three are called and shown.
-LAG_WORDINGS = {
-    ACTUATOR_LAG.name: Wording("actuator lag", "τ", "s", shown_unit="ms", scale=1e3, lowest=0.0),
-    DELAY.name: Wording("delay", "d", "s", shown_unit="ms", scale=1e3),
-    EFFECTIVE_LAG: Wording("effective lag", "τ + d", "s", Kind.DERIVED, shown_unit="ms", scale=1e3),
+LAG_QUANTITIES = {
+    EFFECTIVE_LAG: QuantitySpec("effective lag", "τ + d", "s", Kind.DERIVED, shown_unit="ms", scale=1e3),
+    ACTUATOR_LAG.name: QuantitySpec("actuator lag", "τ", "s", shown_unit="ms", scale=1e3, lowest=0.0),
+    DELAY.name: QuantitySpec("delay", "d", "s", shown_unit="ms", scale=1e3),
 }
 
 

@@ -6,20 +6,17 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import ceil
-from typing import ClassVar, Generic, TypeVar
+from typing import Any, ClassVar, Generic, TypeVar
 
 import numpy as np
 
 from eivor.errors import UsageError
 from eivor.estimation.estimate import Estimate
-from eivor.estimation.method import Method
-from eivor.flights.grid import MEMORY_S, RECOVERY_S, Active, Grid, airborne_by_log
+from eivor.flights.grid import RECOVERY_S
 from eivor.flights.lag_prior import LagPrior
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import InputFamily, PreparedFlight, Selection, SensorAgreement
 from eivor.flights.quantity import (
-    AcrossFlights,
-    CardSection,
     CoupledAxis,
     Drawn,
     Implications,
@@ -27,11 +24,11 @@ from eivor.flights.quantity import (
     PredictedQuantity,
     Quantity,
     QuantityEstimate,
+    QuantityTable,
     SimpleModel,
     SystematicUncertainty,
     Trace,
     TrackedParameter,
-    Wording,
     Words,
 )
 from eivor.flights.references import ReferenceSource
@@ -260,6 +257,119 @@ class VerdictInputs:
 # -- Motion --
 
 P = TypeVar("P", bound=SeparableProblem)
+Solver = Callable[[P], Estimate]
+Flights = tuple[PreparedFlight, ...]
+
+
+@dataclass(frozen=True)
+class LogChannels:
+    """What a motion reads of a log."""
+
+    inputs: tuple[InputFamily, ...]  # What may drive the vehicle, in order of preference
+    needed: tuple[str, ...]  # Channels without which nothing can be identified, beside an input
+    references: tuple[ReferenceSource, ...]  # Channels that may be instruments
+    added: tuple[CanonicalChannel, ...] = ()  # Channels that the motion adds to the canonical ones
+    telemetry: tuple[str, ...] = ()  # Channels that are measured states of what drives the vehicle
+    parameters: tuple[str, ...] = ()  # Parameters of an autopilot that are worth showing
+    #: Parameters that stand for the vehicle: flights in which they differ make no pool
+    vehicle_parameters: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class VehicleSupport:
+    """A motion that depends on a description of the vehicle."""
+
+    load: Callable[[str], Motion[Any]]  # The motion of a vehicle, by the name of a shipped one or a file
+    record: Mapping[str, object] | None  # What a result says of the vehicle it was made for, for JSON
+    restore: Callable[[object], Motion[Any]]  # The motion of the vehicle that a result holds
+
+
+@dataclass(frozen=True)
+class OptionSupport:
+    """A motion that depends on options, or on all flights together."""
+
+    check: Callable[[FlightOptions], None]  # Refuses options before any log is read
+    for_flights: Callable[[Flights, FlightOptions], Motion[Any]]  # The motion of given flights
+    terms: Mapping[str, str] = field(default_factory=dict)  # Optional terms: the word of each, and what it is
+
+
+@dataclass(frozen=True)
+class Refinement(Generic[P]):
+    """A motion that is estimated in several steps."""
+
+    estimate: Callable[[P, Solver[P], FlightOptions], tuple[P, Estimate]]  # The last problem, its estimate
+    flights: Callable[[Flights, P], Flights] | None = None  # Flights with what the last problem found out
+
+
+@dataclass(frozen=True)
+class SensorComparison(Generic[P]):
+    """A motion with two measurements of one response."""
+
+    agreement: Callable[[P, Flights], SensorAgreement | None]  # None where flights have but one
+    sentence: Callable[[SensorAgreement], str]
+    aligned: Callable[[Flights, SensorAgreement], Flights]  # Flights without those differences
+
+
+@dataclass(frozen=True)
+class Resampling(Generic[P]):
+    """A motion whose replicates of a pool are more than its parameters."""
+
+    sums: Callable[
+        [P, Values], Mapping[str, Float[np.ndarray, " flights"]]
+    ]  # Over the samples of each flight
+    quantities: Callable[[P, Drawn], Mapping[str, float]]  # Of a draw of flights, in the order of results
+
+
+@dataclass(frozen=True)
+class Prediction(Generic[P]):
+    """A motion that predicts flights."""
+
+    simple_models: Callable[[P, Estimate], Mapping[str, SimpleModel]]  # To hold an estimate against
+    #: What parameters and nuisances say of flights; the farthest horizon comes last
+    another_flight: Callable[[P, Values], tuple[PredictedQuantity, ...]] | None = None
+    #: Some tenths of a second from many starts, by models and without refused quantities
+    multi_step: Callable[[Flights, Mapping[str, SimpleModel], frozenset[str]], MultiStepPrediction] | None = (
+        None
+    )
+
+
+@dataclass(frozen=True)
+class Abilities:
+    """What only some motions can do."""
+
+    vehicle: VehicleSupport | None = None
+    options: OptionSupport | None = None
+    refinement: Refinement[Any] | None = None
+    sensors: SensorComparison[Any] | None = None
+    resampling: Resampling[Any] | None = None
+    prediction: Prediction[Any] | None = None
+    #: A parameter that is followed over a flight
+    tracking: Callable[[Any, Mapping[str, Quantity], FlightOptions], TrackedParameter] | None = None
+    #: How the flights were flown, for JSON: what simulating another one needs
+    closed_loop_record: Callable[[Any, Estimate, Flights], Mapping[str, object]] | None = None
+    implications: Callable[[Estimate], Implications] | None = (
+        None  # What follows from a vehicle's description
+    )
+    signals: Callable[[PreparedFlight, float, float], Signals] | None = (
+        None  # With the input at lag and delay
+    )
+    #: Values of quantities that flights determine without an estimate
+    known: Callable[[Flights], Mapping[str, float]] | None = None
+    excitation: Callable[[Flights], str] | None = None  # How much flights moved, a sentence
+    findings: Callable[[Flights, Mapping[str, Quantity]], tuple[Finding, ...]] | None = None
+    #: A title and a sentence for each of the motion's own diagnostics that reports show
+    checks: Callable[[Mapping[str, float]], tuple[tuple[str, str], ...]] | None = None
+    whitened: bool = False  # Direct methods need whitened rows
+    lag_from: tuple[str, ...] = ()  # Motions that the same actuators make: they may identify the lag
+    coupled_axes: tuple[CoupledAxis, ...] = ()  # Quantities that other motions identify, with this lag
+
+
+@dataclass(frozen=True)
+class FlightView:
+    """A flight in reports."""
+
+    symbols: str  # What the symbols of the equation are in this flight
+    panels: tuple[PlotData, ...]  # Series to look at where nothing could be estimated
 
 
 class Motion(ABC, Generic[P]):
@@ -267,244 +377,65 @@ class Motion(ABC, Generic[P]):
 
     name: ClassVar[str]
     """The command line's word."""
-    model_name: ClassVar[str]
-    """The name in JSON documents."""
-    equation: ClassVar[tuple[str, str]]
-    """The equation in one line, and what its symbols are."""
-    wording: ClassVar[Mapping[str, Wording]]
-    """Every quantity, in the order of results; each joint parameter of the estimate is among them."""
-    plotted: ClassVar[tuple[str, ...]]
-    """The same names in the order of reports."""
-    headline: ClassVar[tuple[str, ...]]
-    """Quantities whose grounds make the overall verdict."""
-    rows: ClassVar[tuple[str, ...]]
-    """Quantities that a table of flights or of methods shows."""
     words: ClassVar[Words]
     """How reports speak of it."""
-    inputs: ClassVar[tuple[InputFamily, ...]]
-    """What may drive the vehicle, in order of preference."""
-    telemetry: ClassVar[tuple[str, ...]] = ()
-    """Channels that are measured states of what drives it."""
-    lag_from: ClassVar[tuple[str, ...]] = ()
-    """Names of other motions that the same actuators make: where they identify the lag."""
-    coupled_axes: ClassVar[tuple[CoupledAxis, ...]] = ()
-    """Quantities that other motions identify, with the lag that this one identifies."""
-    across: ClassVar[tuple[AcrossFlights, ...]] = ()
-    """Quantities that reports of fleets pool; the headline as it is where nothing is said."""
-    needed: ClassVar[tuple[str, ...]]
-    """Channels without which nothing can be identified, beside an input."""
-    references: ClassVar[tuple[ReferenceSource, ...]]
-    """Channels that may be instruments."""
-    channels: ClassVar[tuple[CanonicalChannel, ...]] = ()
-    """Channels that it adds to the canonical ones."""
-    of_flight: ClassVar[tuple[str, ...]] = ()
-    """Linear parameters that belong to the flight (wind, load) and not to the vehicle: flights of a pool have
-    each their own. Names out of the problem's parameters; what belongs to a run is none of them."""
-    terms: ClassVar[Mapping[str, str]] = {}
-    """Terms that its equation may have beside the others: the word of each, and what it is."""
-    direct: ClassVar[str] = "least_squares"
-    """Method that serves when no instrument is at hand."""
-    memory_s: ClassVar[float] = MEMORY_S
-    """Time before a sample that decides the state of what drives the vehicle [s]: 25 of the longest lags."""
-    logged_parameters: ClassVar[tuple[str, ...]] = ()
-    """Parameters of an autopilot that are worth showing."""
-    vehicle_parameters: ClassVar[tuple[str, ...]] = ()
-    """Parameters of an autopilot that stand for the vehicle: flights in which they differ make no pool."""
-
-    # -- from a log to a problem --------------------------------------------------------------------------
-
-    def check(self, options: FlightOptions) -> None:
-        """Refuse options that this motion does not have, before any log is looked at."""
-
-    def weighted(self, method: Method, /) -> Method:
-        """Return a method with the weights of rows that it needs for this motion; by default its own."""
-        return method
-
-    def for_flights(self, _flights: tuple[PreparedFlight, ...], _options: FlightOptions, /) -> Motion[P]:
-        """Return the same motion with the terms that were asked for, and what all flights say together."""
-        return self
-
-    @property
-    def written(self) -> tuple[str, str]:
-        """The equation with the terms that were asked for, and what its symbols are."""
-        return self.equation
-
-    def of_vehicle(self, vehicle: str) -> Motion[P]:
-        """Return the same motion of a vehicle that a user describes, by a name or a file."""
-        raise UsageError(
-            "a motion that asks what flies", f"'{self.name}', which does not", f"Leave out {vehicle!r}."
-        )
+    equation: tuple[str, str]
+    """The equation in one line, and what its symbols are."""
+    quantities: ClassVar[QuantityTable]
+    """Every quantity; each joint parameter of the estimate is among them."""
+    channels: ClassVar[LogChannels]
+    """What it reads of a log."""
+    abilities: Abilities = Abilities()
+    """What only some motions can do."""
 
     @abstractmethod
     def select(self, log: Recording, options: FlightOptions) -> Selection:
         """Return the channels by role, and which samples count."""
 
-    def active(self, log: Recording, grid: Grid, input_level: Float[np.ndarray, " n"]) -> Active:
-        """Samples during which the motion holds; for what flies: while it is in the air."""
-        return airborne_by_log(log, grid, input_level)
-
     @abstractmethod
-    def problem(self, flights: tuple[PreparedFlight, ...], rule: InstrumentRule) -> P:
+    def problem(self, flights: Flights, rule: InstrumentRule) -> P:
         """Return the problem of flights that all have runs."""
 
-    def signals(self, flight: PreparedFlight, _lag_s: float, _delay_s: float, /) -> Signals:
-        """Return a flight's signals for work in Python, what drives the vehicle as its equation has it."""
-        return flight.signals
-
-    def refined(
-        self, problem: P, estimated: Callable[[P], Estimate], _options: FlightOptions, /
-    ) -> tuple[P, Estimate]:
-        """Problem and its estimate, when all that the motion finds out by estimates is found out."""
-        return problem, estimated(problem)
-
-    def with_refinement(
-        self, flights: tuple[PreparedFlight, ...], _problem: P, /
-    ) -> tuple[PreparedFlight, ...]:
-        """Flights as a result holds them, with what was found out of them."""
-        return flights
-
-    def input_level(self, flight: PreparedFlight) -> float:
-        """Size of a flight's input over the samples used, by which inputs of other scales are identified."""
-        return float(np.abs(flight.used_input).mean())
-
-    # -- from an estimate to a result ---------------------------------------------------------------------
-
     @abstractmethod
-    def quantities(self, problem: P, estimate: Estimate) -> Mapping[str, QuantityEstimate]:
-        """Return every quantity of `wording`."""
+    def derive(self, problem: P, estimate: Estimate) -> Mapping[str, QuantityEstimate]:
+        """Return every quantity that the estimate gives."""
+
+    def diagnostics(self, _problem: P, _estimate: Estimate, _flights: Flights, /) -> Mapping[str, float]:
+        """Numbers behind the verdict that this motion alone has."""
+        return {}
 
     @abstractmethod
     def reasons(
         self, quantities: Mapping[str, QuantityEstimate], strength: InstrumentStrength, inputs: VerdictInputs
     ) -> Mapping[str, tuple[Reason, ...]]:
-        """Reasons against each quantity of `wording`."""
-
-    def known(self, _flights: tuple[PreparedFlight, ...], /) -> Mapping[str, float]:
-        """Values of quantities that flights with runs determine without an estimate."""
-        return {}
-
-    def excitation(self, _flights: tuple[PreparedFlight, ...], /) -> str:
-        """Say how much the flights moved, in a sentence; empty for nothing."""
-        return ""
+        """Reasons against each quantity."""
 
     def systematic_uncertainties(
-        self,
-        _flights: tuple[PreparedFlight, ...],
-        _quantities: Mapping[str, QuantityEstimate],
-        _inputs: VerdictInputs,
-        /,
+        self, _flights: Flights, _quantities: Mapping[str, QuantityEstimate], _inputs: VerdictInputs, /
     ) -> Mapping[str, tuple[SystematicUncertainty, ...]]:
         """Systematic parts by quantity: what the scatter within these flights, all with runs, cannot show."""
         return {}
-
-    # -- sensors that identify the same
-    # -----------------------------------------------------------------------
-
-    def sensors(self, _problem: P, _flights: tuple[PreparedFlight, ...], /) -> SensorAgreement | None:
-        """Whether two measurements of one response agree; None where the flights have but one."""
-        return None
-
-    def sensor_sentence(self, _sensors: SensorAgreement, /) -> str:
-        """What is reported about them, in a line."""
-        return ""
-
-    def aligned(
-        self, flights: tuple[PreparedFlight, ...], _sensors: SensorAgreement, /
-    ) -> tuple[PreparedFlight, ...]:
-        """Flights with those differences taken out that can be."""
-        return flights
-
-    def following(self, _quantities: Mapping[str, QuantityEstimate], /) -> Mapping[str, QuantityEstimate]:
-        """Quantities that follow from a headline whose interval is another than that of `quantities`."""
-        return {}
-
-    def diagnostics(
-        self, _problem: P, _estimate: Estimate, _flights: tuple[PreparedFlight, ...], /
-    ) -> Mapping[str, float]:
-        """Numbers behind the verdict that this motion alone has."""
-        return {}
-
-    def checks(self, _numbers: Mapping[str, float], /) -> tuple[tuple[str, str], ...]:
-        """What they say: a title and a sentence each, for those that reports show."""
-        return ()
-
-    def tracked_parameter(
-        self, _problem: P, _quantities: Mapping[str, Quantity], _options: FlightOptions, /
-    ) -> TrackedParameter | None:
-        """What can be followed over a flight, and what is known beside it; by default nothing can."""
-        return None
-
-    def implications(self, _estimate: Estimate, /) -> Implications:
-        """What follows from an estimate and from what a user supplied; by default nothing."""
-        return Implications()
-
-    def findings(
-        self, _flights: tuple[PreparedFlight, ...], _quantities: Mapping[str, Quantity], /
-    ) -> tuple[Finding, ...]:
-        """What this motion alone notices in the logs, beside the result."""
-        return ()
-
-    # -- for replicates of a pool, see `bootstrap_flights` -------------------------------------------------
-
-    def flight_sums(self, _problem: P, _at: Values, /) -> Mapping[str, Float[np.ndarray, " flights"]]:
-        """Sums over the samples of each flight, at values of the nuisances, that `resampled` needs."""
-        return {}
-
-    def resampled(self, problem: P, drawn: Drawn) -> Mapping[str, float]:
-        """Quantities of a draw of flights, in the order of results; each is a parameter or in `wording`."""
-        searched = [nuisance.name for nuisance in problem.nuisances if nuisance.searched]
-        return {**drawn.parameters, **{name: drawn.nuisances[name] for name in searched}}
-
-    # -- predictions of another flight, see `eivor.report.other_results` ------------------------
-
-    def simple_models(self, _problem: P, _estimate: Estimate, /) -> Mapping[str, SimpleModel]:
-        """Models that an estimate is held against in another flight, by name; none without predictions."""
-        return {}
-
-    def predictions(self, _problem: P, _values: Values, /) -> tuple[PredictedQuantity, ...]:
-        """What parameters and nuisances, by name, say of flights; the farthest horizon comes last."""
-        return ()
-
-    def multi_step_prediction(
-        self,
-        _flights: tuple[PreparedFlight, ...],
-        _models: Mapping[str, SimpleModel],
-        _refused: frozenset[str],
-        /,
-    ) -> MultiStepPrediction | None:
-        """Predictions some tenths of a second ahead, from many starts of flights that all have runs."""
-        return None
-
-    def vehicle_record(self) -> Mapping[str, object] | None:
-        """What a result says of the vehicle it was made for, for JSON; nothing for a motion that asks not."""
-        return None
-
-    def with_vehicle_record(self, _report: object, /) -> Motion[P]:
-        """Return the same motion of the vehicle that a result holds, see `vehicle_record`."""
-        return self
-
-    # -- for planning ---------------------------------------------------------------------------------------
-
-    def closed_loop_record(
-        self, _problem: P, _estimate: Estimate, _flights: tuple[PreparedFlight, ...], /
-    ) -> Mapping[str, object]:
-        """How the flights were flown: what simulating another one needs, for JSON; by default nothing."""
-        return {}
-
-    # -- for reports --------------------------------------------------------------------------------------
-
-    @abstractmethod
-    def symbols(self, flight: PreparedFlight) -> str:
-        """What the symbols of the equation are in this flight, one line."""
 
     @abstractmethod
     def traces(self, problem: P, estimate: Estimate) -> tuple[Trace, ...]:
         """Measured and predicted, for each axis."""
 
     @abstractmethod
-    def overview(self, flight: PreparedFlight) -> tuple[PlotData, ...]:
-        """Series to look at beside the input when nothing could be estimated."""
+    def view(self, flight: PreparedFlight) -> FlightView:
+        """Return what a report shows of a flight."""
 
-    @abstractmethod
-    def advice(self, log_format: str) -> tuple[CardSection, ...]:
-        """What to fly and to log."""
+
+def of_vehicle(motion: Motion[Any], vehicle: str) -> Motion[Any]:
+    """Return the motion of a vehicle that a user describes, by a name or a file."""
+    support = motion.abilities.vehicle
+    if support is None:
+        raise UsageError(
+            "a motion that asks what flies", f"'{motion.name}', which does not", f"Leave out {vehicle!r}."
+        )
+    return support.load(vehicle)
+
+
+def for_flights(motion: Motion[Any], flights: Flights, options: FlightOptions) -> Motion[Any]:
+    """Return the motion with the requested terms, and what all flights say together."""
+    support = motion.abilities.options
+    return motion if support is None else support.for_flights(flights, options)

@@ -16,7 +16,14 @@ from eivor.estimation.methods import by_name
 from eivor.estimation.moments import Instrumental
 from eivor.estimation.pool import Pooled, pooled
 from eivor.estimation.weighting import SpectralWhitening
-from eivor.flights.estimate import Instruments, instruments, known_lag, verdict_inputs, with_fit
+from eivor.flights.estimate import (
+    Instruments,
+    instruments,
+    known_lag,
+    own_findings,
+    verdict_inputs,
+    with_fit,
+)
 from eivor.flights.lag_prior import EFFECTIVE_LAG, with_lag_prior
 from eivor.flights.motion import Motion, VerdictInputs
 from eivor.flights.options import FlightOptions
@@ -93,7 +100,7 @@ def bootstrap_flights(
     whole = again.quantities(pool.whole, np.ones(len(pool.flights)))
     made = np.array(list(again.replicates(np.random.default_rng(seed), runs))).reshape(-1, len(whole))
     nuisances = [nuisance.parameter for nuisance in fitted.problem.nuisances]
-    units = {name: wording.unit for name, wording in fit.motion.wording.items()}
+    units = {name: wording.unit for name, wording in fit.motion.quantities.items()}
     units |= {item.name: item.unit for item in (*nuisances, *fitted.estimate.joint_parameters)}
     return Bootstrap(
         tuple(whole),
@@ -112,9 +119,11 @@ Sums = Mapping[str, Float[np.ndarray, "F T"]]
 
 
 def _sums(motion: Motion[Any], problem: SeparableProblem, pool: PoolFlights) -> tuple[Sums, ...]:
-    flights, results = list(pool.flights), []
+    resampling, flights, results = motion.abilities.resampling, list(pool.flights), []
+    if resampling is None:
+        return tuple({} for _ in pool.candidates)
     for candidate in pool.candidates:
-        at_nodes = [motion.flight_sums(problem, point) for point in candidate.points]
+        at_nodes = [resampling.sums(problem, point) for point in candidate.points]
         results.append(
             {name: np.stack([sums[name][flights] for sums in at_nodes], axis=1) for name in at_nodes[0]}
         )
@@ -147,7 +156,11 @@ class _FlightReplicates:
             for name, values in self.sums[replicate.candidate].items()
         }
         parameters = dict(zip(names, replicate.theta.tolist(), strict=True))
-        return self.motion.resampled(self.problem, Drawn(parameters, replicate.nuisances, sums))
+        resampling = self.motion.abilities.resampling
+        if resampling is not None:
+            return resampling.quantities(self.problem, Drawn(parameters, replicate.nuisances, sums))
+        searched = [nuisance.name for nuisance in self.problem.nuisances if nuisance.searched]
+        return {**parameters, **{name: replicate.nuisances[name] for name in searched}}
 
 
 # -- Pool verdict --
@@ -173,7 +186,7 @@ def linear_names(pool: Pooled) -> tuple[str, ...]:
 
 def pool_findings(motion: Motion[Any], pool: Pooled, inputs: VerdictInputs) -> Iterator[Finding]:
     """What stands out in a pool."""
-    text = " and ".join(motion.wording[name].words for name in pool.flight_specific)
+    text = " and ".join(motion.quantities[name].words for name in pool.flight_specific)
     if pool.differs:
         why = f" (p {pool.agreement_p_value:.2g})" if not pool.separate else ""
         yield Finding(
@@ -183,7 +196,7 @@ def pool_findings(motion: Motion[Any], pool: Pooled, inputs: VerdictInputs) -> I
         )
     if pool.inflation > 1.0:
         shared = [name for name in linear_names(pool) if name not in pool.flight_specific]
-        names = [motion.wording[name].words for name in shared]
+        names = [motion.quantities[name].words for name in shared]
         names += [
             axis.nuisance.parameter.name.replace("_", " ") for axis in pool.candidates[0].separate.nodes.axes
         ]
@@ -222,7 +235,7 @@ def pooled_result(
     alone: Sequence[FlightEstimate],
 ) -> FlightEstimate | None:
     """Result of a pool some of whose parameters belong to the flight."""
-    if not motion.of_flight or options.pool_friction == "common":
+    if not motion.quantities.of_flight or options.pool_friction == "common":
         return None
     members = _members(prepared, options, alone)
     if len(members) < 2 or any(member.flight.input_map != member.logged.input_map for member in members):
@@ -284,7 +297,8 @@ class _Pool:
         shortened = tuple(flight.shortened for flight in flights)
         logged = tuple(member.logged.shortened for member in self.members)
         problem = motion.problem(logged, self.chosen.rule)
-        sensors = motion.sensors(problem, logged)
+        comparison = motion.abilities.sensors
+        sensors = None if comparison is None else comparison.agreement(problem, logged)
         aligned = any(member.flight is not member.logged for member in self.members)
         if aligned:
             problem = motion.problem(shortened, self.chosen.rule)
@@ -303,7 +317,7 @@ class _Pool:
             self.chosen.rule.label,
             self._checks(pool),
             given,
-            {name: sets[name] for name in motion.headline if name in sets},
+            {name: sets[name] for name in motion.quantities.headline if name in sets},
             sensors,
             without_prior,
             pool,
@@ -322,7 +336,7 @@ class _Pool:
             by_flight=tuple(self._by_flight(pool, fit, inputs)),
             diagnostics={**whole.diagnostics, **tests},
             findings=(
-                *motion.findings(flights, whole.quantities),
+                *own_findings(motion, flights, whole.quantities),
                 *pool_findings(motion, pool, inputs),
                 *noticed,
             ),
@@ -333,7 +347,7 @@ class _Pool:
         return pooled(
             [item.problem for item in each],
             [item.estimate for item in each],
-            self.motion.of_flight,
+            self.motion.quantities.of_flight,
             nuisances=whole.nuisances,
             separate=self.options.pool_friction == "separate",
         )
@@ -349,7 +363,7 @@ class _Pool:
         )
 
     def _by_flight(self, pool: Pooled, fit: Fit, inputs: VerdictInputs) -> Iterator[FlightRow]:
-        motion = self.motion
+        motion, excitation = self.motion, self.motion.abilities.excitation
         of_own = {name: pool.member_sets(name) for name in pool.flight_specific}
         shared = {name: profile for name, profile in fit.profiles.items() if name not in pool.flight_specific}
         for number, member in enumerate(self.members):
@@ -360,11 +374,15 @@ class _Pool:
                 inputs,
                 flights=1,
                 command_rate_hz=member.flight.rates_hz["command"],
-                excitation=motion.excitation(flight),
+                excitation="" if excitation is None else excitation(flight),
                 numbers=motion.diagnostics(problem, estimate, (member.flight.shortened,)),
             )
             of_flight = _known({name: each[number] for name, each in of_own.items()})
-            sets = {name: item for name, item in {**fit.sets, **of_flight}.items() if name in motion.headline}
+            sets = {
+                name: item
+                for name, item in {**fit.sets, **of_flight}.items()
+                if name in motion.quantities.headline
+            }
             flight_fit = Fit(
                 problem,
                 estimate,

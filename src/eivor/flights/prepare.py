@@ -48,13 +48,13 @@ def prepare(recording: Recording, motion: Motion[Any], options: FlightOptions) -
     for channel in selected.channels:
         refuse_empty(log, channel)
     fast = [*selected.commands, *selected.logged_responses]
-    grid = common_grid(selected.channels, fast, motion.memory_s, selected.step_s)
+    grid = common_grid(selected.channels, fast, step_s=selected.step_s)
     clocks = _clocks(log, selected)
     channels, good = _gridded(selected, grid, clocks)
     if selected.matched_interpolation_filter:
         channels = matched_interpolation_filter(channels, selected, clocks, grid)
     level = np.stack([channels[command.name] for command in selected.commands], axis=1).mean(axis=1)
-    active = motion.active(log, grid, level)
+    active = selected.active(log, grid, level)
     standing = good & active.mask
     if window is not None:
         standing &= (grid.time_s >= window[0]) & (grid.time_s <= window[1])
@@ -89,7 +89,6 @@ def prepare(recording: Recording, motion: Motion[Any], options: FlightOptions) -
         selected.rates_hz,
         (*log.findings, *selected.findings, *by_clock, *noise_findings(listed)),
         grid,
-        motion.memory_s,
         selected.estimated,
         command_slack_s=max((clock.slack_s for clock in clocks.values()), default=0.0),
         unlogged_step_s=max((clock.issued_s for clock in clocks.values() if clock.thinned), default=0.0),
@@ -192,7 +191,7 @@ def _references(
     log: Recording, motion: Motion[Any], grid: Grid, used: Bool[np.ndarray, " n"], options: FlightOptions
 ) -> tuple[Reference, ...]:
     """References that the log has; in place of them those that a user named."""
-    automatic = references(log, motion.references, grid, used)
+    automatic = references(log, motion.channels.references, grid, used)
     named = [name for name in options.instruments if name not in {"references", "lags"}]
     if not named:
         return automatic
@@ -215,9 +214,9 @@ def overview(
     selected = motion.select(log, options)
     for channel in selected.channels:
         refuse_empty(log, channel)
-    grid = common_grid(selected.channels, selected.commands, motion.memory_s, OVERVIEW_STEP_S)
+    grid = common_grid(selected.channels, selected.commands, step_s=OVERVIEW_STEP_S)
     level = np.mean([on_grid(command, grid)[0] for command in selected.commands], axis=0)
-    active = motion.active(log, grid, level)
+    active = selected.active(log, grid, level)
     time_s, moving = grid.time_s, stretches(active.mask)
     return active.rule, tuple((float(time_s[run.start]), float(time_s[run.stop - 1])) for run in moving)
 
@@ -268,11 +267,11 @@ def _difference(first: PreparedFlight, other: PreparedFlight, motion: Motion[Any
         return f"inputs {first.input.name} and {other.input.name}"
     if first.actuators != other.actuators:
         return f"{first.actuators} and {other.actuators} rotors"
-    for name in motion.vehicle_parameters:
+    for name in motion.channels.vehicle_parameters:
         values = [flight.recording.parameters.get(name) for flight in (first, other)]
         if values[0] != values[1]:
             return f"{name} = {values[0]} and {values[1]}"
-    levels = [motion.input_level(flight) if flight.runs else float("nan") for flight in (first, other)]
+    levels = [flight.input_level if flight.runs else float("nan") for flight in (first, other)]
     if all(np.isfinite(levels)) and max(levels) > LARGEST_INPUT_RATIO * min(levels):
         return f"inputs of {levels[0]:.4g} and {levels[1]:.4g} on average, which are not on one scale"
     return ""
@@ -283,15 +282,18 @@ def _difference(first: PreparedFlight, other: PreparedFlight, motion: Motion[Any
 
 def check_options(motion: Motion[Any], options: FlightOptions) -> None:
     """Refuse options that a motion does not have, its optional terms among them."""
-    unknown = [word for word in options.terms if word not in motion.terms]
+    support = motion.abilities.options
+    terms = {} if support is None else support.terms
+    unknown = [word for word in options.terms if word not in terms]
     if unknown:
-        known = ", ".join(motion.terms)
+        known = ", ".join(terms)
         raise UsageError(
             f"terms out of {known}" if known else f"no optional terms: '{motion.name}' has none",
             ", ".join(f"'{word}'" for word in unknown),
-            did_you_mean(unknown[0], motion.terms, "Leave it out."),
+            did_you_mean(unknown[0], terms, "Leave it out."),
         )
     twice = sorted({word for word in options.terms if options.terms.count(word) > 1})
     if twice:
         raise UsageError("each term once", f"{', '.join(twice)} twice", "Name it once.")
-    motion.check(options)
+    if support is not None:
+        support.check(options)

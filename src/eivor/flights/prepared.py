@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -11,7 +11,7 @@ import numpy as np
 
 from eivor.errors import EstimationError, InstrumentError, MissingChannelError, TooFewSamplesError, UsageError
 from eivor.estimation.methods import identify, reference_iv
-from eivor.flights.grid import Active, Between, Grid, around, curve_between, line_between
+from eivor.flights.grid import Active, Between, Grid, airborne_by_log, around, curve_between, line_between
 from eivor.flights.references import NoiseLevel, Reference
 from eivor.flights.timestamps import CommandClock
 from eivor.inference.covariance import Classical, EqualWeightedCosines
@@ -199,6 +199,8 @@ class Selection:
     #: of a thinned command spreads what was issued, so that both sides of the equation are; the band is then
     #: kept whole. Else it is a curve.
     matched_interpolation_filter: bool = False
+    #: Samples during which the motion holds, by the input's level; for what flies: while it is in the air
+    active: Callable[[Recording, Grid, Float[np.ndarray, " n"]], Active] = airborne_by_log
 
     def between(self, channel: Channel) -> Between:
         """What a channel was between its stamps."""
@@ -330,7 +332,6 @@ class PreparedFlight:
     rates_hz: Mapping[str, float]
     findings: tuple[Finding, ...]  # Named diagnostics
     grid: Grid  # Times of the samples
-    memory_s: float  # Time before a sample that decides the state of the actuators [s]
     estimated: tuple[str, ...] = ()  # Roles of the selection whose channel comes from an estimator
     #: What the command may be late or early by throughout, see `CommandClock` [s]
     command_slack_s: float = 0.0
@@ -344,7 +345,7 @@ class PreparedFlight:
     @cached_property
     def shortened(self) -> PreparedFlight:
         """The same flight with the samples that its runs need and no others, whatever lies between them."""
-        kept = around(mask_of(self.runs, self.usable.size), self.grid, self.memory_s)
+        kept = around(mask_of(self.runs, self.usable.size), self.grid)
         if kept.all() or not self.runs:
             return self
         position = np.cumsum(kept) - 1
@@ -407,6 +408,11 @@ class PreparedFlight:
     def used_input(self) -> Float[np.ndarray, "used rotors"]:
         """Input over the samples used, one column for each actuator."""
         return self.signals.family(self.input.name)[self.used]
+
+    @property
+    def input_level(self) -> float:
+        """Size of the input over the samples used, by which inputs of other scales are recognised."""
+        return float(np.abs(self.used_input).mean())
 
     @property
     def driving(self) -> tuple[str, ...]:

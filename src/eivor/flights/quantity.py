@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from enum import Enum
 
@@ -253,6 +253,7 @@ class Words:
     """How reports speak of a motion."""
 
     title: str  # Name of the motion, as a heading
+    model: str  # Name in JSON documents
     meanings: Mapping[Status, str]  # What each verdict means
     fly: str  # What to fly when nothing else helps, one sentence
     #: What samples are limited by, after "three seconds in the air in runs of a second or more,"
@@ -265,6 +266,8 @@ class Words:
     where: str = "in the air"  # Where the vehicle is while the motion holds
     begins: str = "takes off"  # What it does to get there
     another_log: str = "Give a log of a flight."  # What to do when it never does
+    #: What to fly and to log, by the name of a log format
+    advice: Callable[[str], tuple[CardSection, ...]] = lambda _format: ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -289,8 +292,8 @@ class Kind(Enum):
 
 
 @dataclass(frozen=True, slots=True)
-class Wording:
-    """How a quantity is called, measured and shown."""
+class QuantitySpec:
+    """How a quantity is called, measured, shown and used."""
 
     words: str  # In words
     symbol: str  # As in the equation of motion
@@ -301,11 +304,41 @@ class Wording:
     lowest: float = -math.inf  # What no such quantity can be below; intervals are cut there
     by_run: bool = False  # The quantity has a value of its own in each run
     optional: bool = False  # Results have it only where it was requested
+    headline: bool = False  # Its reasons make the overall verdict
+    in_rows: bool = False  # Tables of flights or of methods show it
+    #: It belongs to the flight (wind, load) and not to the vehicle: flights of a pool have each their own
+    of_flight: bool = False
+    reciprocal_of: str = ""  # The quantity that it is one over
+    across: AcrossFlights | None = None  # How reports of fleets pool it
 
     def possible(self, interval: tuple[float, float]) -> tuple[float, float]:
         """Part of an interval that is not below `lowest`; one without a lower bound stays as it is."""
         low, high = interval
         return (self.lowest, high) if math.isfinite(low) and low < self.lowest <= high else interval
+
+
+class QuantityTable(dict[str, QuantitySpec]):
+    """Quantities of a motion by name, in the order of results and reports."""
+
+    @property
+    def headline(self) -> tuple[str, ...]:
+        """Quantities whose reasons make the overall verdict."""
+        return tuple(name for name, spec in self.items() if spec.headline)
+
+    @property
+    def rows(self) -> tuple[str, ...]:
+        """Quantities that a table of flights or of methods shows."""
+        return tuple(name for name, spec in self.items() if spec.in_rows)
+
+    @property
+    def of_flight(self) -> tuple[str, ...]:
+        """Linear parameters that belong to the flight and not to the vehicle."""
+        return tuple(name for name, spec in self.items() if spec.of_flight)
+
+    @property
+    def across(self) -> tuple[AcrossFlights, ...]:
+        """What reports of fleets pool."""
+        return tuple(spec.across for spec in self.values() if spec.across is not None)
 
 
 @dataclass(frozen=True, slots=True)
@@ -351,7 +384,7 @@ class QuantityEstimate:
             interval=(factor * low, factor * high),
         )
 
-    def judged(self, found: Verdict, wording: Wording) -> Quantity:
+    def judged(self, found: Verdict, wording: QuantitySpec) -> Quantity:
         """Return the quantity with its verdict; its interval holds possible values only."""
         return Quantity(
             self.value,

@@ -428,24 +428,29 @@ class FlightEstimate:
         """What follows from the estimate and from what was supplied; nothing from one that is refused."""
         if self.fit is None or self.verdict.status is Status.REFUSED:
             return Implications()
-        return self.motion.implications(self.fit.estimate)
+        implied = self.motion.abilities.implications
+        return Implications() if implied is None else implied(self.fit.estimate)
 
     @cached_property
     def simple_models(self) -> Mapping[str, SimpleModel]:
         """Models of the same flights that the estimate is held against, by name; none without an estimate."""
-        return {} if self.fit is None else self.motion.simple_models(self.fit.problem, self.fit.estimate)
+        prediction = self.motion.abilities.prediction
+        if self.fit is None or prediction is None:
+            return {}
+        return prediction.simple_models(self.fit.problem, self.fit.estimate)
 
     @cached_property
     def multi_step_prediction(self) -> MultiStepPrediction | None:
         """Predictions of the flights themselves some tenths of a second ahead; None where there are none."""
-        if self.fit is None:
+        prediction = self.motion.abilities.prediction
+        if self.fit is None or prediction is None or prediction.multi_step is None:
             return None
         estimate = self.fit.estimate
         names = dict(zip(estimate.names, estimate.values.tolist(), strict=True))
         models = {FIT: SimpleModel("the fit", {**estimate.nuisances, **names}), **self.simple_models}
         refused = (name for name, quantity in self.quantities.items() if quantity.verdict is Status.REFUSED)
         flying = tuple(flight.shortened for flight in self.prepared if flight.runs)
-        return self.motion.multi_step_prediction(flying, models, frozenset(refused))
+        return prediction.multi_step(flying, models, frozenset(refused))
 
     @property
     def instruments(self) -> str:
@@ -492,7 +497,7 @@ class FlightEstimate:
         fit = self._fitted()
         if name in fit.estimate.names:
             quantity = self.quantities[name]
-            return self.motion.wording[name].possible(quantity.widened(fit.interval(name, level)))
+            return self.motion.quantities[name].possible(quantity.widened(fit.interval(name, level)))
         if name not in self.quantities or level != 0.95:
             raise UsageError(
                 f"a quantity out of {', '.join(self.quantities)} (derived ones at level 0.95)",
@@ -518,7 +523,7 @@ class FlightEstimate:
         text = "; ".join(
             f"{name} {quantity.value:.4g} {_bounds(quantity)}"
             for name, quantity in self.quantities.items()
-            if name in self.motion.headline and self.fit is not None
+            if name in self.motion.quantities.headline and self.fit is not None
         )
         return f"<FlightEstimate {self.motion.name} of {names!r}: {self.verdict.status.value}; {text}>"
 

@@ -74,11 +74,12 @@ def track(result: FlightEstimate, memory_s: float | None = None) -> Track:
         raise UsageError("one flight to follow", f"{len(result.prepared)}", "Track the logs one by one.")
     if result.fit is None:
         return Track(result, "", "", MEMORY_S if memory_s is None else memory_s, {}, (), ())
-    tracked_parameter = result.motion.tracked_parameter(result.fit.problem, result.quantities, result.options)
-    if tracked_parameter is None:
+    tracking = result.motion.abilities.tracking
+    if tracking is None:
         raise UsageError(
             "a motion with a parameter to follow", f"{result.motion.name}", "The vertical motion has one."
         )
+    tracked_parameter = tracking(result.fit.problem, result.quantities, result.options)
     (columns,) = tracked_parameter.runs.columns
     length_s = columns.fixed.shape[0] * columns.step_s
     memory_s = min(MEMORY_S, length_s) if memory_s is None else memory_s

@@ -11,7 +11,7 @@ from typing import Any, TypedDict, Unpack
 from eivor import checks
 from eivor.errors import UsageError, did_you_mean
 from eivor.flights.identify import identified, with_coupled_axes
-from eivor.flights.motion import Motion
+from eivor.flights.motion import Motion, of_vehicle
 from eivor.flights.options import FlightOptions, check_window
 from eivor.flights.prepare import prepare
 from eivor.flights.prepared import mask_of
@@ -113,7 +113,7 @@ def identify_flight(
     if not callable(progress):
         raise UsageError("a function of what begins", checks.described(progress), "Give progress=print.")
     if vehicle:
-        motion = motion.of_vehicle(str(vehicle))
+        motion = of_vehicle(motion, str(vehicle))
     chosen = _chosen(options, choices)
     if windows is None:
         windows = [None] * len(logs)
@@ -123,10 +123,11 @@ def identify_flight(
     for window in windows:
         if window is not None:
             check_window(window)
-    others = tuple(motion_by_name(name) for name in motion.lag_from)
+    others = tuple(motion_by_name(name) for name in motion.abilities.lag_from)
     result = identified(logs, motion, chosen, list(windows), others, progress=progress)
     neighbours = {
-        coupled_axis.motion: motion_by_name(coupled_axis.motion) for coupled_axis in motion.coupled_axes
+        coupled_axis.motion: motion_by_name(coupled_axis.motion)
+        for coupled_axis in motion.abilities.coupled_axes
     }
     return with_coupled_axes(result, neighbours, logs, list(windows))
 
@@ -197,4 +198,6 @@ def log_signals(
     motion = motion_by_name(model)
     flight = prepare(log, motion, FlightOptions(**choices))
     used = mask_of(flight.runs, flight.usable.size) & flight.usable
-    return replace(motion.signals(flight, actuator_lag, delay), valid=used)
+    made = motion.abilities.signals
+    signals = flight.signals if made is None else made(flight, actuator_lag, delay)
+    return replace(signals, valid=used)

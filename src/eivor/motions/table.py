@@ -10,7 +10,7 @@ from typing import Any
 from eivor import checks
 from eivor.errors import UsageError
 from eivor.flights.motion import Motion
-from eivor.flights.quantity import Wording
+from eivor.flights.quantity import QuantitySpec
 from eivor.signals.channels import declare_channels
 
 #: Group of the entry points of other packages.
@@ -49,10 +49,10 @@ def motion_by_name(name: str) -> Motion[Any]:
 
 
 def motion_of_model(model_name: str) -> Motion[Any]:
-    """Motion that a JSON document names by its `model_name`, Eivor's own first."""
+    """Motion that a JSON document names by the name of its model, Eivor's own first."""
     for name in motion_names():
         motion = motion_by_name(name)
-        if motion.model_name == model_name:
+        if motion.words.model == model_name:
             return motion
     raise UsageError(
         f"a model of one of the motions {', '.join(motion_names())}",
@@ -74,14 +74,14 @@ def loaded_motion(name: str) -> Motion[Any]:
             f"a motion out of {', '.join(motion_names())}", f"'{name}'", "Name one of them with --model."
         )
     motion = _loaded(added[name])
-    declare_channels(*motion.channels)
+    declare_channels(*motion.channels.added)
     return motion
 
 
-def wording_of(quantity: str) -> Wording | None:
+def wording_of(quantity: str) -> QuantitySpec | None:
     """How a quantity of that name is called in Eivor's own motions; None when none of them has it."""
     for name in _OWN:
-        wording = motion_by_name(name).wording.get(quantity)
+        wording = motion_by_name(name).quantities.get(quantity)
         if wording is not None:
             return wording
     return None

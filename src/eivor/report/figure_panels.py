@@ -624,7 +624,7 @@ def draw_profile(axes: Axes, result: FlightEstimate, estimate: Estimate, number:
     """Draw the objective against one nuisance, a curve for each combination of discrete ones that fits."""
     profile = estimate.profiles[number]
     quantity = result.quantities[profile.nuisance.name]
-    wording = result.motion.wording[profile.nuisance.name]
+    wording = result.motion.quantities[profile.nuisance.name]
     scale = wording.scale
     quantile = chi_square_quantile(0.95)
     tallest = PROFILE_HEIGHT * quantile

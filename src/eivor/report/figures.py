@@ -187,7 +187,7 @@ def flight_panels(result: FlightEstimate) -> Panels:
     """What moves in the first flight and its input, shaded where it counts, and the reasons below."""
     prepared = result.prepared[0]
     level = prepared.signals.family(prepared.input.name).mean(axis=1)
-    panels_of_motion = result.motion.overview(prepared)
+    panels_of_motion = result.motion.view(prepared).panels
     by_label = {" ".join(item.label.split()).partition(" [")[0]: item for item in panels_of_motion}
     by_label["input"] = PlotData(f"mean of\n{prepared.input.name}", level)
     where, active = result.motion.words.where, prepared.active
@@ -326,8 +326,8 @@ def _flight_title(figure: Figure, result: FlightEstimate) -> None:
     if len(names) > 1:
         text = f"{len(names)} flights: {text}, …"
     parts = []
-    for name in result.motion.rows:
-        wording = result.motion.wording[name]
+    for name in result.motion.quantities.rows:
+        wording = result.motion.quantities[name]
         value, interval = numbers(result.quantities[name], wording)
         if value != NO_NUMBER:
             bounds = "" if interval == NO_NUMBER else f" {interval}"

@@ -14,7 +14,7 @@ from eivor.estimation.estimate import Estimate
 from eivor.estimation.variable_projection import NuisanceProfile
 from eivor.flights.estimate import not_estimated
 from eivor.flights.motion import Motion, MultiStepPrediction
-from eivor.flights.quantity import CardSection, Choice, Implications, Quantity, Trace, Wording
+from eivor.flights.quantity import CardSection, Choice, Implications, Quantity, QuantitySpec, Trace
 from eivor.flights.result import Fit, FlightEstimate, FlightRow
 from eivor.inference.diagnostics.instruments import STRONG_FIRST_STAGE
 from eivor.inference.diagnostics.record import outcome_word
@@ -47,13 +47,13 @@ def flight_card(result: FlightEstimate) -> tuple[CardSection, ...]:
     """What to fly and log instead; empty when the flight is identified."""
     if result.verdict.status is Status.IDENTIFIED:
         return ()
-    return result.motion.advice(result.prepared[0].recording.format)
+    return result.motion.words.advice(result.prepared[0].recording.format)
 
 
 def missing_channels(recording: Recording, motion: Motion[Any]) -> tuple[str, ...]:
     """Channels without which the motion cannot be identified, and that the log lacks."""
-    missing = [name for name in motion.needed if name not in recording.channels]
-    if not any(recording.family(family.name) for family in motion.inputs):
+    missing = [name for name in motion.channels.needed if name not in recording.channels]
+    if not any(recording.family(family.name) for family in motion.channels.inputs):
         missing.append("input")
     return tuple(missing)
 
@@ -64,7 +64,7 @@ def logging_advice_for(recording: Recording, channel: str) -> tuple[str, ...]:
     return known.advice(channel) if known is not None else ()
 
 
-# -- Wording --
+# -- QuantitySpec --
 
 #: What to print where there is no number.
 NO_NUMBER = "–"
@@ -72,7 +72,7 @@ NO_NUMBER = "–"
 PLAIN_RANGE = (1e-3, 1e6)
 
 
-def numbers(quantity: Quantity, wording: Wording) -> tuple[str, str]:
+def numbers(quantity: Quantity, wording: QuantitySpec) -> tuple[str, str]:
     """Value and interval in the shown unit: "0.186", "[0.162, 0.210]"; of a choice "0 or 10 (5 tried)"."""
     if quantity.choice is not None:
         return f"{quantity.value * wording.scale:g}", _fitting(quantity.choice, wording.scale)
@@ -122,7 +122,7 @@ def _number(value: float, position: int, exponent: int) -> str:
     return f"{rounded:.{max(decimals, 0)}f}" + (f"e{exponent}" if exponent else "")
 
 
-def axis_of(wording: Wording) -> str:
+def axis_of(wording: QuantitySpec) -> str:
     """Words of an axis for a quantity in its shown unit."""
     return f"{wording.words} {wording.symbol} [{wording.shown_unit or '-'}]"
 
@@ -195,7 +195,8 @@ def checks(result: FlightEstimate) -> tuple[Check, ...]:
         return ()
     makers = (_known_beforehand, _instruments, _constancy, _periodicity, _residual, _least_squares)
     shared = tuple(check for maker in makers for check in maker(result, result.fit))
-    return (*shared, *result.motion.checks(result.diagnostics))
+    checks = result.motion.abilities.checks
+    return (*shared, *([] if checks is None else checks(result.diagnostics)))
 
 
 def _known_beforehand(result: FlightEstimate, fit: Fit) -> Iterator[Check]:
@@ -203,20 +204,21 @@ def _known_beforehand(result: FlightEstimate, fit: Fit) -> Iterator[Check]:
         yield "lag", f"{fit.lag_prior.sentence} {_tail(fit.lag_prior.p_value)}"
     pool = fit.pooled
     if pool is not None:
-        text = ", ".join(result.motion.wording[name].symbol for name in pool.flight_specific)
+        text = ", ".join(result.motion.quantities[name].symbol for name in pool.flight_specific)
         yield (
             "pool",
             f"the flights {outcome_word(pool.agreement_p_value, AGREEMENT)} in {text} "
             f"{_tail(pool.agreement_p_value)} and "
             f"{outcome_word(pool.shared_p_value, AGREEMENT)} in what they share {_tail(pool.shared_p_value)}",
         )
-    if fit.sensors is not None:
-        yield "sensors", result.motion.sensor_sentence(fit.sensors)
+    comparison = result.motion.abilities.sensors
+    if fit.sensors is not None and comparison is not None:
+        yield "sensors", comparison.sentence(fit.sensors)
 
 
 def _instruments(result: FlightEstimate, fit: Fit) -> Iterator[Check]:
     strengths = [
-        f"{F:.0f} for {result.motion.wording[name].symbol}"
+        f"{F:.0f} for {result.motion.quantities[name].symbol}"
         for name, F in fit.checks.first_stage.items()
         if isfinite(F)
     ]
@@ -258,7 +260,7 @@ def _periodicity(result: FlightEstimate, fit: Fit) -> Iterator[Check]:
             "as by a wind or a supply that swings"
         )
     else:
-        wording = result.motion.wording[strongest.of]
+        wording = result.motion.quantities[strongest.of]
         extent = f"±{strongest.amplitude * wording.scale:.2g} {wording.shown_unit}".rstrip()
         sentence = f"{wording.symbol} varies by {extent} {period}"
     yield "periods", sentence
@@ -300,8 +302,12 @@ def _least_squares(result: FlightEstimate, fit: Fit) -> Iterator[Check]:
         yield "least squares", f"would give {'; '.join(sentence)}"
 
 
-def _closely(result: FlightEstimate) -> list[tuple[str, Wording]]:
-    return [(name, result.motion.wording[name]) for name in result.motion.headline if name in result.names]
+def _closely(result: FlightEstimate) -> list[tuple[str, QuantitySpec]]:
+    return [
+        (name, result.motion.quantities[name])
+        for name in result.motion.quantities.headline
+        if name in result.names
+    ]
 
 
 def _tail(p_value: float) -> str:
@@ -473,7 +479,7 @@ def _curve(
 def _choice(candidate: Estimate, result: FlightEstimate) -> str:
     refined = {profile.nuisance.name for profile in candidate.profiles}
     selected = [
-        (result.motion.wording[name], value)
+        (result.motion.quantities[name], value)
         for name, value in candidate.nuisances.items()
         if name not in refined
     ]
@@ -492,7 +498,7 @@ class QuantityReport:
     """A quantity with its words."""
 
     name: str
-    wording: Wording
+    wording: QuantitySpec
     quantity: Quantity
 
     @property
@@ -535,7 +541,7 @@ class FlightReport:
         """Quantities that tables of flights show, where there is an estimate."""
         if not any(np.isfinite(item.quantity.std_error) for item in self.quantities):
             return ()
-        return tuple(item for item in self.reported if item.name in self.result.motion.rows)
+        return tuple(item for item in self.reported if item.name in self.result.motion.quantities.rows)
 
     @property
     def reasons(self) -> tuple[Reason, ...]:
@@ -596,7 +602,7 @@ class FlightReport:
     def reported(self) -> tuple[QuantityReport, ...]:
         """Quantities in the order of reports."""
         by_name = {quantity.name: quantity for quantity in self.quantities}
-        return tuple(by_name[name] for name in self.result.motion.plotted if name in by_name)
+        return tuple(by_name[name] for name in self.result.motion.quantities if name in by_name)
 
     @property
     def reported_findings(self) -> tuple[Finding, ...]:
@@ -625,11 +631,11 @@ def flight_report(result: FlightEstimate) -> FlightReport:
         logs=tuple(flight.recording.name for flight in result.prepared),
         verdict=result.verdict,
         meaning=motion.words.meanings[result.verdict.status],
-        quantities=_report(result.quantities, motion.wording),
+        quantities=_report(result.quantities, motion.quantities),
         flights=tuple(_flight_row(row, result) for row in result.flights),
         comparisons=tuple(_flight_row(row, result) for row in result.comparisons),
         by_flight=tuple(
-            ReportRow(row.label, row.verdict, row.reasons, _report(row.quantities, motion.wording))
+            ReportRow(row.label, row.verdict, row.reasons, _report(row.quantities, motion.quantities))
             for row in result.by_flight
         ),
     )
@@ -650,11 +656,13 @@ def _as_continuation(sentence: str) -> str:
 def _flight_row(row: FlightRow, result: FlightEstimate) -> ReportRow:
     motion = result.motion
     quantities = not_estimated(motion, {}) | dict(row.quantities)
-    wording = {name: motion.wording[name] for name in motion.rows}
+    wording = {name: motion.quantities[name] for name in motion.quantities.rows}
     return ReportRow(row.label, row.verdict, row.reasons, _report(quantities, wording))
 
 
-def _report(quantities: Mapping[str, Quantity], wording: Mapping[str, Wording]) -> tuple[QuantityReport, ...]:
+def _report(
+    quantities: Mapping[str, Quantity], wording: Mapping[str, QuantitySpec]
+) -> tuple[QuantityReport, ...]:
     known = ((name, words) for name, words in wording.items() if name in quantities)
     return tuple(QuantityReport(name, words, quantities[name]) for name, words in known)
 
@@ -736,8 +744,8 @@ def _facts(record: FlightReport) -> Facts:
     return Facts(
         (
             *summary,
-            Fact("model", result.motion.written[0].replace(" - ", " − ")),
-            Fact("", result.motion.symbols(result.prepared[0])),
+            Fact("model", result.motion.equation[0].replace(" - ", " − ")),
+            Fact("", result.motion.view(result.prepared[0]).symbols),
             Fact("method", f"{result.method}; {with_what}"),
             Fact("used", used(result)),
         )
@@ -782,7 +790,7 @@ def _flight_table(by_flight: tuple[ReportRow, ...], result: FlightEstimate) -> T
     tables = [row.quantities for row in result.by_flight]
     alike = {
         name
-        for name in result.motion.plotted
+        for name in result.motion.quantities
         if not all(name in table for table in tables) or len({table[name].value for table in tables}) == 1
     }
     rows = (

@@ -370,7 +370,7 @@ def _autocorrelation(estimate: Estimate, runs: list[FlightRun]) -> Picture:
 
 def _profiles(result: FlightEstimate, estimate: Estimate) -> Iterator[Picture]:
     for index, profile in enumerate(estimate.profiles):
-        wording = result.motion.wording[profile.nuisance.name]
+        wording = result.motion.quantities[profile.nuisance.name]
         rows = [
             (curve.choice or "objective", value, excess)
             for curve in profile_curves(result, estimate, index)
@@ -404,7 +404,7 @@ def _spectra(trace: Trace, runs: list[FlightRun]) -> Picture:
 
 def _sets(result: FlightEstimate, fit: Fit) -> Iterator[Picture]:
     for name, sets in fit.sets.items():
-        wording, quantity = result.motion.wording[name], result.quantities[name]
+        wording, quantity = result.motion.quantities[name], result.quantities[name]
         rows = [_interval("reported", QuantityReport(name, wording, quantity))]
         value = quantity.value * wording.scale
         for label, item in (
@@ -444,7 +444,7 @@ def _ellipse(result: FlightEstimate, estimate: Estimate) -> Iterator[Picture]:
         ellipse = estimate.ellipse(*pair)
     except UsageError:  # too few degrees of freedom for a region of two
         return
-    words = [result.motion.wording[name] for name in pair]
+    words = [result.motion.quantities[name] for name in pair]
     scales = np.array([word.scale for word in words])
     covariance = ellipse.covariance * np.outer(scales, scales)
     scaled = replace(ellipse, centre=ellipse.centre * scales, covariance=covariance)
@@ -482,7 +482,7 @@ def _closest(result: FlightEstimate, estimate: Estimate) -> tuple[str, str] | No
     spread = np.sqrt(np.diag(covariance))
     known = [
         name
-        for name in result.motion.plotted
+        for name in result.motion.quantities
         if name in names and np.isfinite(spread[names.index(name)]) and spread[names.index(name)] > 0.0
     ]
 
@@ -500,7 +500,7 @@ def forests(record: FlightReport, rows: tuple[ReportRow, ...], whole: str) -> Pi
     """Forest of each quantity that the rows have; below them the result itself, named `whole`, if any."""
     pictures = []
     for item in record.reported:
-        if item.name not in record.result.motion.rows:
+        if item.name not in record.result.motion.quantities.rows:
             continue
         estimates = ((row.label, each) for row in rows for each in row.quantities if each.name == item.name)
         drawn = [_interval(label, each) for label, each in estimates]
@@ -587,7 +587,7 @@ def _airborne_pictures(number: int, flight: PreparedFlight, result: FlightEstima
     known = f"{capitalised(where)} by {active.rule}." if active.mask.any() else f"Never {where}."
     level = flight.signals.family(flight.input.name).mean(axis=1)
     mean = "" if flight.actuators == 1 else f", mean of {flight.actuators} actuators"
-    panels = (*result.motion.overview(flight), PlotData(f"input: {flight.input.name}{mean}", level))
+    panels = (*result.motion.view(flight).panels, PlotData(f"input: {flight.input.name}{mean}", level))
     for panel in panels:
         name, _, unit = " ".join(panel.label.split()).partition(" [")
         lines = [Line("measured" if unit else "logged", "measured", panel.values)]

@@ -128,7 +128,7 @@ class Inspection(_Tried):
     def parameters(self) -> dict[str, float]:
         """Logged parameters worth showing."""
         logged = self.recording.parameters
-        return {name: logged[name] for name in self.motion.logged_parameters if name in logged}
+        return {name: logged[name] for name in self.motion.channels.parameters if name in logged}
 
 
 @dataclass(frozen=True)

@@ -103,7 +103,7 @@ def json_of(record: FlightReport) -> dict[str, Json]:
     rates = {flight.signals.rate_hz for flight in result.prepared}
     parameters = _quantities(record.quantities, Kind.PARAMETER)
     for name in parameters:
-        if name in result.motion.headline:
+        if name in result.motion.quantities.headline:
             sets = None if fit is None else fit.sets.get(name)
             three = ("wald", "profile", "anderson_rubin")
             parameters[name]["sets"] = sets and {word: getattr(sets, word).intervals for word in three}
@@ -111,8 +111,8 @@ def json_of(record: FlightReport) -> dict[str, Json]:
         IDENTIFY_SCHEMA,
         logs=[_log(flight) for flight in result.prepared],
         model={
-            "name": result.motion.model_name,
-            "equation": "; ".join(result.motion.written),
+            "name": result.motion.words.model,
+            "equation": "; ".join(result.motion.equation),
             "input": first.input.name,
             "input_map": first.input_map,
             "input_measured": first.input.measured,
@@ -176,6 +176,8 @@ def _covariance(estimate: Estimate) -> Json:
 def _prediction(result: FlightEstimate, fit: Fit) -> Json:
     first = result.prepared[0]
     flying = tuple(flight.shortened for flight in result.prepared if flight.runs)
+    abilities = result.motion.abilities
+    record = abilities.closed_loop_record
     return {
         "input": first.input.name,
         "input_map": first.input_map,
@@ -183,7 +185,7 @@ def _prediction(result: FlightEstimate, fit: Fit) -> Json:
         "at": fit.estimate.nuisances,
         "by_run": {
             name: result.quantities[name].by_run
-            for name, words in result.motion.wording.items()
+            for name, words in result.motion.quantities.items()
             if words.by_run
         },
         "limits": {
@@ -192,9 +194,9 @@ def _prediction(result: FlightEstimate, fit: Fit) -> Json:
             "band_hz": first.band_hz,
         },
         "beside": result.simple_models,
-        "input_level": float(np.mean([result.motion.input_level(flight) for flight in flying])),
-        "vehicle": result.motion.vehicle_record(),
-        "flown": result.motion.closed_loop_record(fit.problem, fit.estimate, flying),
+        "input_level": float(np.mean([flight.input_level for flight in flying])),
+        "vehicle": None if abilities.vehicle is None else abilities.vehicle.record,
+        "flown": {} if record is None else record(fit.problem, fit.estimate, flying),
     }
 
 

@@ -64,7 +64,7 @@ def track_document(track: Track) -> Document:
 def _called(track: Track) -> str:
     if not track.name:
         return "Nothing"
-    wording = track.result.motion.wording[track.name]
+    wording = track.result.motion.quantities[track.name]
     return f"{wording.words} {wording.symbol}"
 
 
@@ -132,12 +132,12 @@ def _line(track: Track) -> Facts:
     thinned = _thinned(track, LINE)
     line = marks([item.value for item in thinned], [item.is_precise for item in thinned])
     ends = f"{track.moments[0].time_s:.1f} to {track.moments[-1].time_s:.1f} s"
-    symbol = track.result.motion.wording[track.name].symbol
+    symbol = track.result.motion.quantities[track.name].symbol
     return Facts((Fact(symbol, line), Fact("", f"{ends}; {UNTOLD} is not identified")))
 
 
 def _table(track: Track) -> TableOf:
-    wording = track.result.motion.wording[track.name]
+    wording = track.result.motion.quantities[track.name]
     columns = (
         TableColumn("time [s]", strong=True),
         TableColumn(f"{wording.symbol} [{wording.shown_unit or wording.unit}]", right=True, whole=True),
@@ -324,7 +324,7 @@ def track_figure(track: Track) -> Figure:
         words = fill("\n".join(map(printable, untold(track))), LETTERS)
         figure.text(0.5, 0.5, words, ha="center", parse_math=False)
         return figure
-    wording = track.result.motion.wording[track.name]
+    wording = track.result.motion.quantities[track.name]
     time = np.array([moment.time_s for moment in track.moments])
     precise = np.array([moment.is_precise for moment in track.moments])
     value, half = (

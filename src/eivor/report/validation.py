@@ -13,7 +13,7 @@ import numpy as np
 
 from eivor import checks
 from eivor.errors import InputError, UsageError
-from eivor.flights.motion import FIT, Motion, MultiStepPrediction
+from eivor.flights.motion import FIT, Motion, MultiStepPrediction, for_flights
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepare import LARGEST_INPUT_RATIO, check_options, prepare
 from eivor.flights.prepared import PreparedFlight
@@ -240,11 +240,13 @@ def validate(
             "Validate a flight that carries some information.",
         )
     motion = motion_of_model(str(result.document["model"]["name"]))
-    motion = motion.with_vehicle_record(result.prediction.get("vehicle"))
+    if motion.abilities.vehicle is not None:
+        motion = motion.abilities.vehicle.restore(result.prediction.get("vehicle"))
     motion, flight = _prepared(result, motion, recording, window, max_tilt_deg)
-    _check_scale(result, motion, flight)
-    prediction = motion.multi_step_prediction((flight.shortened,), _simpler_models(result), result.refused)
-    if prediction is not None:
+    _check_scale(result, flight)
+    predicts = motion.abilities.prediction
+    if predicts is not None and predicts.multi_step is not None:
+        prediction = predicts.multi_step((flight.shortened,), _simpler_models(result), result.refused)
         if not prediction.errors:
             raise UsageError(
                 "a result and a log that carry enough information of the vehicle to predict it",
@@ -252,15 +254,15 @@ def validate(
                 "Validate a flight that carries more information, on a log of the same vehicle.",
             )
         return Validation(result, motion, flight, (), prediction)
+    if predicts is None or predicts.another_flight is None:
+        received = f"'{motion.name}', which does not"
+        raise UsageError("a motion that predicts", received, "See docs/motions.md: predictions.")
     problem = motion.problem((flight.shortened,), NoInstruments())
     results = tuple(
         _of_model(name, model.words, predicted, flight)
         for name, model in _simpler_models(result).items()
-        for predicted in motion.predictions(problem, model.values)
+        for predicted in predicts.another_flight(problem, model.values)
     )
-    if not results:
-        received = f"'{motion.name}', which does not"
-        raise UsageError("a motion that predicts", received, "See docs/motions.md: predictions.")
     in_order = sorted(results, key=lambda item: list(Horizon).index(item.horizon))
     return Validation(result, motion, flight, tuple(in_order))
 
@@ -288,12 +290,12 @@ def _prepared(
             f"none in {recording.name}",
             motion.words.loosen,
         )
-    return motion.for_flights((flight,), options), flight
+    return for_flights(motion, (flight,), options), flight
 
 
-def _check_scale(fit: SavedFit, motion: Motion[Any], flight: PreparedFlight) -> None:
+def _check_scale(fit: SavedFit, flight: PreparedFlight) -> None:
     """Refuse a flight whose input is of another size than those of the fit, as far as the fit holds it."""
-    level, input_level = fit.prediction.get("input_level"), motion.input_level(flight)
+    level, input_level = fit.prediction.get("input_level"), flight.input_level
     if level is not None and max(level, input_level) > LARGEST_INPUT_RATIO * min(level, input_level):
         raise InputError(
             f"{flight.input.name} of about {level:.4g} on average, as in the flights of the fit",

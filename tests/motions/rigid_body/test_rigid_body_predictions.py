@@ -167,7 +167,7 @@ def without(log: Recording, *excluded: str) -> Recording:
 
 def quantities(motion: RigidBody, log: Recording, values: dict[str, float], *refused: str) -> list[str]:
     flight = prepare(log, motion, FlightOptions()).shortened
-    prediction = motion.multi_step_prediction((flight,), models(values), frozenset(refused))
+    prediction = motion.abilities.prediction.multi_step((flight,), models(values), frozenset(refused))
     return [item[0].quantity for item in prediction.by_quantity]
 
 

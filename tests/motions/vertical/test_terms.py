@@ -177,7 +177,7 @@ def test_terms_that_are_absent_cannot_be_told_from_zero_and_several_go_together(
         )
     assert near(fit.quantities["viscous_friction"], FRICTION)
     assert "voltage_exponent" in fit.summary()
-    assert fit.motion.symbols(fit.prepared[0]).endswith("; V the battery's voltage, V_0 its mean")
+    assert fit.motion.view(fit.prepared[0]).symbols.endswith("; V the battery's voltage, V_0 its mean")
     model = json_document(fit)["model"]
     assert model["equation"].startswith(
         "z'' + g = K_u U - K z' + b - K_2 z'|z'| + k g (U/mean U) (R/h)² + n g (U/mean U) (V/V_0 - 1); "

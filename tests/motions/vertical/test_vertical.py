@@ -45,7 +45,7 @@ def fit() -> ev.FlightEstimate:
 
 @pytest.mark.thorough
 def test_every_quantity_is_worded_and_in_the_order_of_results(fit):
-    always = {name: wording for name, wording in Vertical.wording.items() if not wording.optional}
+    always = {name: wording for name, wording in Vertical.quantities.items() if not wording.optional}
     assert list(fit.quantities) == list(always)
     assert {name: quantity.unit for name, quantity in fit.quantities.items()} == {
         name: wording.unit for name, wording in always.items()

@@ -15,10 +15,15 @@ from eivor.flights.grid import Active, Grid, airborne_by_log, on_grid
 from eivor.flights.lag_prior import EFFECTIVE_LAG, joint_quantities, lag_quantities
 from eivor.flights.motion import (
     UNCHANGED,
+    Abilities,
+    Flights,
+    FlightView,
     HorizonErrors,
     InstrumentStrength,
+    LogChannels,
     Motion,
     MultiStepPrediction,
+    Prediction,
     Starts,
     VerdictInputs,
     multi_step_predictions,
@@ -28,7 +33,6 @@ from eivor.flights.motion import (
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import InputFamily, PreparedFlight, Selection, chosen_input
 from eivor.flights.quantity import (
-    CardSection,
     PlotData,
     QuantityEstimate,
     SimpleModel,
@@ -43,7 +47,6 @@ from eivor.motions.rates.verdict import (
     AXES,
     EQUATION,
     PITCH,
-    PLOTTED,
     QUANTITIES,
     ROLL,
     THRUST,
@@ -52,7 +55,6 @@ from eivor.motions.rates.verdict import (
     Axis,
     all_reasons,
     all_systematic_uncertainties,
-    rates_card,
 )
 from eivor.signals.filters import actuator_state, time_derivative
 from eivor.signals.recording import ROTARY_WING, Channel, Finding, Recording
@@ -205,6 +207,11 @@ def rate_panel(flight: PreparedFlight, axis: Axis) -> PlotData:
     )
 
 
+def simple_models(problem: LaggedRuns, estimate: Estimate) -> dict[str, SimpleModel]:
+    """Least squares without a lag."""
+    return {quantity.NAME: quantity.least_squares_without_lag(problem, estimate.nuisances)}
+
+
 # -- Select --
 
 INPUTS = (InputFamily(TORQUE, numbered=False),)
@@ -261,6 +268,7 @@ def selected(log: Recording, options: FlightOptions) -> Selection:
         issued_within_s=float(np.median(np.diff(log.channel(ROLL.rate).time_s))),  # once a rate, or oftener
         step_s=FINE_STEP_S if slowest >= FINE_FROM_HZ else STEP_S,
         matched_interpolation_filter=True,
+        active=active,
     )
 
 
@@ -276,7 +284,7 @@ def refuse_degrees(rate: Channel, log: Recording) -> None:
         )
 
 
-def active(log: Recording, grid: Grid) -> Active:
+def active(log: Recording, grid: Grid, _input_level: Float[np.ndarray, " n"], /) -> Active:
     """Samples in the air: torque setpoints do not identify, so by the land detector."""
     members = next((members for family in LEVELS if (members := log.family(family))), [])
     if not members and "landed" not in log.channels:
@@ -300,58 +308,58 @@ def rates_std(flights: tuple[PreparedFlight, ...], axes: tuple[Axis, ...]) -> li
 # -- Motion --
 
 
+def excitation(flights: Flights) -> str:
+    """Standard deviations of the rates of roll and pitch."""
+    roll, pitch = rates_std(flights, (ROLL, PITCH))
+    return f"Roll turned at {roll:.2g} and pitch at {pitch:.2g} deg/s (standard deviations)."
+
+
 @dataclass(frozen=True)
 class Rates(Motion[LaggedRuns]):
     """p' = G u - D p + b about each axis, behind the lag of the actuators."""
 
     name = "rates"
-    model_name = "body_rates"
-    equation = EQUATION
-    wording = QUANTITIES
-    plotted = PLOTTED
-    headline = (ROLL.effectiveness.name, PITCH.effectiveness.name)
-    rows = (*headline, "effective_lag")
     words = WORDS
-    inputs = INPUTS
-    needed = (ROLL.rate, PITCH.rate)
-    references = REFERENCES
-    coupled_axes = (THRUST,)
-    logged_parameters = (
-        "IMU_GYRO_RATEMAX",
-        "IMU_GYRO_CUTOFF",
-        "IMU_DGYRO_CUTOFF",
-        "MC_ROLLRATE_P",
-        "MC_PITCHRATE_P",
-        "MC_YAWRATE_P",
-        "SYS_AUTOSTART",
-        "CA_ROTOR_COUNT",
-        "SDLOG_PROFILE",
+    equation = EQUATION
+    quantities = QUANTITIES
+    channels = LogChannels(
+        INPUTS,
+        (ROLL.rate, PITCH.rate),
+        REFERENCES,
+        parameters=(
+            "IMU_GYRO_RATEMAX",
+            "IMU_GYRO_CUTOFF",
+            "IMU_DGYRO_CUTOFF",
+            "MC_ROLLRATE_P",
+            "MC_PITCHRATE_P",
+            "MC_YAWRATE_P",
+            "SYS_AUTOSTART",
+            "CA_ROTOR_COUNT",
+            "SDLOG_PROFILE",
+        ),
+        vehicle_parameters=("SYS_AUTOSTART", "THR_MDL_FAC", "CA_ROTOR_COUNT"),
     )
-    vehicle_parameters = ("SYS_AUTOSTART", "THR_MDL_FAC", "CA_ROTOR_COUNT")
+    abilities = Abilities(
+        prediction=Prediction(simple_models, multi_step=rates_prediction),
+        excitation=excitation,
+        coupled_axes=(THRUST,),
+    )
 
     def select(self, log: Recording, options: FlightOptions) -> Selection:
-        """Rates and torque setpoints, see `Motion.select`."""
+        """Rates and torque setpoints."""
         return selected(log, options)
 
-    def active(self, log: Recording, grid: Grid, _input_level: Float[np.ndarray, " n"], /) -> Active:
-        """Samples in the air, see `Motion.active`."""
-        return active(log, grid)
-
-    def problem(self, flights: tuple[PreparedFlight, ...], rule: InstrumentRule) -> LaggedRuns:
-        """Regressions of the flights for each lag and delay, see `Motion.problem`."""
+    def problem(self, flights: Flights, rule: InstrumentRule) -> LaggedRuns:
+        """Regressions of the flights for each lag and delay."""
         return rates_problem(flights, rule)
 
-    def quantities(self, problem: LaggedRuns, estimate: Estimate) -> Mapping[str, QuantityEstimate]:
-        """Parameters of the axes that are logged, and the lag, see `Motion.quantities`."""
+    def derive(self, problem: LaggedRuns, estimate: Estimate) -> Mapping[str, QuantityEstimate]:
+        """Parameters of the axes that are logged, and the lag."""
         results = {**joint_quantities(estimate), **lag_quantities(problem, estimate)}
         return {name: results[name] for name in QUANTITIES if name in results}
 
     def systematic_uncertainties(
-        self,
-        flights: tuple[PreparedFlight, ...],
-        quantities: Mapping[str, QuantityEstimate],
-        _inputs: VerdictInputs,
-        /,
+        self, flights: Flights, quantities: Mapping[str, QuantityEstimate], _inputs: VerdictInputs, /
     ) -> Mapping[str, tuple[SystematicUncertainty, ...]]:
         """What rotors and the stamps of the setpoints leave open, see `eivor.motions.rates.verdict`."""
         return all_systematic_uncertainties(flights, quantities)
@@ -362,27 +370,8 @@ class Rates(Motion[LaggedRuns]):
         """The rule of the verdict, see `eivor.motions.rates.verdict`."""
         return all_reasons(quantities, strength, inputs)
 
-    def excitation(self, flights: tuple[PreparedFlight, ...]) -> str:
-        """Standard deviations of the rates of roll and pitch."""
-        roll, pitch = rates_std(flights, (ROLL, PITCH))
-        return f"Roll turned at {roll:.2g} and pitch at {pitch:.2g} deg/s (standard deviations)."
-
-    def simple_models(self, problem: LaggedRuns, estimate: Estimate) -> Mapping[str, SimpleModel]:
-        """Least squares without a lag, see `Motion.simple_models`."""
-        return {quantity.NAME: quantity.least_squares_without_lag(problem, estimate.nuisances)}
-
-    def multi_step_prediction(
-        self, flights: tuple[PreparedFlight, ...], models: Mapping[str, SimpleModel], refused: frozenset[str]
-    ) -> MultiStepPrediction:
-        """Rates of the setpoints alone, see `eivor.motions.rates.motion`."""
-        return rates_prediction(flights, models, refused)
-
-    def symbols(self, flight: PreparedFlight) -> str:
-        """What u is in this flight."""
-        return f"u = {flight.input.name} of each axis, behind a lag τ and a delay d that all share"
-
     def traces(self, problem: LaggedRuns, estimate: Estimate) -> tuple[Trace, ...]:
-        """Angular acceleration about each axis within the band, see `Motion.traces`."""
+        """Angular acceleration about each axis within the band."""
         best, traces = estimate, []
         for axis in AXES:
             if axis.number in problem.axes:
@@ -392,10 +381,7 @@ class Rates(Motion[LaggedRuns]):
                 traces.append(Trace(f"{axis.name} acceleration", "rad/s²", "G u − D ω", "G u", *series.T))
         return tuple(traces)
 
-    def overview(self, flight: PreparedFlight) -> tuple[PlotData, ...]:
-        """Rates of roll and pitch, see `Motion.overview`."""
-        return tuple(rate_panel(flight, axis) for axis in (ROLL, PITCH))
-
-    def advice(self, log_format: str) -> tuple[CardSection, ...]:
-        """What to fly and to log, see `Motion.advice`."""
-        return rates_card(log_format)
+    def view(self, flight: PreparedFlight) -> FlightView:
+        """What u is, and the rates of roll and pitch."""
+        symbols = f"u = {flight.input.name} of each axis, behind a lag τ and a delay d that all share"
+        return FlightView(symbols, tuple(rate_panel(flight, axis) for axis in (ROLL, PITCH)))

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import inf
 
-from eivor.flights.lag_prior import EFFECTIVE_LAG, LAG_WORDINGS
+from eivor.flights.lag_prior import EFFECTIVE_LAG, LAG_QUANTITIES
 from eivor.flights.motion import InstrumentStrength, VerdictInputs
 from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import (
@@ -14,8 +14,9 @@ from eivor.flights.quantity import (
     Counts,
     CoupledAxis,
     QuantityEstimate,
+    QuantitySpec,
+    QuantityTable,
     SystematicUncertainty,
-    Wording,
     Words,
     clock_uncertainty,
 )
@@ -229,49 +230,39 @@ THRUST = CoupledAxis(
 )
 
 
-# -- Wording --
+# -- QuantitySpec --
 
 EQUATION = (
     "p' = G_p u_p - D_p p + b; q' alike; r' = G_r u_r + J u_r' - D_r r + b; z'' + g = G_z u_z - K z' + b",
     "(p, q, r) body rates; tau u' + u = torque setpoint(t - d), one lag for all axes",
 )
-#: Every quantity, in the order of results.
-QUANTITIES = {
-    **{
-        parameter.name: Wording(
-            parameter.name.replace("_", " "),
-            symbol,
-            parameter.unit,
-            shown_unit=parameter.unit.replace("^2", "²"),
-            optional=axis.reacts,
-        )
-        for axis, rate in zip(AXES, "pqr", strict=True)
-        for parameter, symbol in (
-            (axis.effectiveness, f"G_{rate}"),
-            (axis.damping, f"D_{rate}"),
-            *([(axis.reaction, "J")] if axis.reacts else []),
-        )
-    },
-    THRUST.called: Wording("thrust gain", "G_z", "m/s^2", shown_unit="m/s²", optional=True),
-    **LAG_WORDINGS,
-}
-#: The same in the order of reports.
-PLOTTED = (
-    *(axis.effectiveness.name for axis in AXES),
-    *(THRUST.called, EFFECTIVE_LAG),
-    *(axis.damping.name for axis in AXES),
-    *(YAW.reaction.name, ACTUATOR_LAG.name, DELAY.name),
-)
-WORDS = Words(
-    title="Turning about the body axes",
-    meanings={
-        Status.IDENTIFIED: "the effectiveness of roll and pitch is identified, within its intervals.",
-        Status.WEAK: "the numbers are indications; something keeps the intervals from being trusted.",
-        Status.PROVISIONAL: "no instrument: least squares has the effectiveness too small, the lag too long.",
-        Status.REFUSED: "the flight does not identify the effectiveness of roll and pitch.",
-    },
-    fly=FLY,
-    no_reference="None is logged: no attitude setpoint, no stick, no injected sweep.",
+#: Every quantity: effectiveness of each axis, what all axes share, damping.
+QUANTITIES = QuantityTable(
+    {
+        **{
+            axis.effectiveness.name: QuantitySpec(
+                f"{axis.name} effectiveness",
+                f"G_{rate}",
+                "rad/s^2",
+                shown_unit="rad/s²",
+                optional=axis.reacts,
+                headline=not axis.reacts,
+                in_rows=not axis.reacts,
+            )
+            for axis, rate in zip(AXES, "pqr", strict=True)
+        },
+        THRUST.called: QuantitySpec("thrust gain", "G_z", "m/s^2", shown_unit="m/s²", optional=True),
+        EFFECTIVE_LAG: replace(LAG_QUANTITIES[EFFECTIVE_LAG], in_rows=True),
+        **{
+            axis.damping.name: QuantitySpec(
+                f"{axis.name} damping", f"D_{rate}", "1/s", shown_unit="1/s", optional=axis.reacts
+            )
+            for axis, rate in zip(AXES, "pqr", strict=True)
+        },
+        YAW.reaction.name: QuantitySpec("yaw reaction", "J", "rad/s", shown_unit="rad/s", optional=True),
+        ACTUATOR_LAG.name: LAG_QUANTITIES[ACTUATOR_LAG.name],
+        DELAY.name: LAG_QUANTITIES[DELAY.name],
+    }
 )
 
 _MANOEUVRES = (
@@ -291,3 +282,18 @@ def rates_card(log_format_name: str) -> tuple[CardSection, ...]:
         CardSection("Log", advising_format(log_format_name).advice("")),
         CardSection("Setpoints", (setpoints,)),
     )
+
+
+WORDS = Words(
+    title="Turning about the body axes",
+    model="body_rates",
+    meanings={
+        Status.IDENTIFIED: "the effectiveness of roll and pitch is identified, within its intervals.",
+        Status.WEAK: "the numbers are indications; something keeps the intervals from being trusted.",
+        Status.PROVISIONAL: "no instrument: least squares has the effectiveness too small, the lag too long.",
+        Status.REFUSED: "the flight does not identify the effectiveness of roll and pitch.",
+    },
+    fly=FLY,
+    no_reference="None is logged: no attitude setpoint, no stick, no injected sweep.",
+    advice=rates_card,
+)

@@ -9,13 +9,22 @@ import numpy as np
 
 from eivor.errors import UsageError
 from eivor.estimation.estimate import Estimate
-from eivor.estimation.linear import LinearMethod
-from eivor.estimation.method import Method
-from eivor.estimation.weighting import SpectralWhitening
-from eivor.flights import quantity
 from eivor.flights.grid import Active, Grid
-from eivor.flights.lag_prior import EFFECTIVE_LAG, LAG_WORDINGS, joint_quantities, lag_quantities
-from eivor.flights.motion import InstrumentStrength, Motion, MultiStepPrediction, VerdictInputs
+from eivor.flights.lag_prior import EFFECTIVE_LAG, LAG_QUANTITIES, joint_quantities, lag_quantities
+from eivor.flights.motion import (
+    Abilities,
+    Flights,
+    FlightView,
+    InstrumentStrength,
+    LogChannels,
+    Motion,
+    OptionSupport,
+    Prediction,
+    Refinement,
+    Solver,
+    VehicleSupport,
+    VerdictInputs,
+)
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import PreparedFlight, Selection
 from eivor.flights.quantity import (
@@ -23,20 +32,19 @@ from eivor.flights.quantity import (
     Implications,
     Implied,
     Kind,
-    PlotData,
     QuantityEstimate,
-    SimpleModel,
+    QuantitySpec,
+    QuantityTable,
     SystematicUncertainty,
     Trace,
-    Wording,
     Words,
 )
 from eivor.inference.verdict import Reason, Status
 from eivor.logs.read import advising_format
-from eivor.models.lagged_runs import ACTUATOR_LAG, AxisColumns, LaggedRuns
+from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, AxisColumns, LaggedRuns
 from eivor.models.regression import Parameter
 from eivor.models.separable import InstrumentRule, NoInstruments, Nuisance, WarmStart
-from eivor.motions.rates.motion import active, rate_panel, rates_std
+from eivor.motions.rates.motion import active, rate_panel, rates_std, simple_models
 from eivor.motions.rates.verdict import AXES
 from eivor.motions.rigid_body.inertia import Combinations
 from eivor.motions.rigid_body.physical_parameters import PhysicalEstimateRow, physical_parameters
@@ -205,7 +213,7 @@ def _near(nuisance: Nuisance, value: float) -> Nuisance:
     return replace(nuisance, grid=near) if near.size > 1 and near[0] <= value <= near[-1] else nuisance
 
 
-# -- Wording --
+# -- QuantitySpec --
 
 EQUATION = (
     "p' = beta_1 q r + alpha_p sum y phi - d_p p + b; "
@@ -215,17 +223,24 @@ EQUATION = (
 _RATES = "pqr"
 
 
-def _wordings(
-    parameters: Iterable[Parameter], words: Iterable[str], symbols: Iterable[str], *, optional: bool = True
-) -> dict[str, Wording]:
+def _specs(
+    parameters: Iterable[Parameter],
+    words: Iterable[str],
+    symbols: Iterable[str],
+    *,
+    optional: bool = True,
+    headline: bool = False,
+) -> dict[str, QuantitySpec]:
     """How parameters of several axes are called; those that need more than rates and rotors are optional."""
     return {
-        item.name: Wording(
+        item.name: QuantitySpec(
             text,
             symbol,
             item.unit,
             shown_unit=item.unit.replace("^2", "²").replace("^3", "³"),
             optional=optional,
+            headline=headline,
+            in_rows=headline,
         )
         for item, text, symbol in zip(parameters, words, symbols, strict=False)
     }
@@ -239,52 +254,38 @@ def _along(text: str) -> list[str]:
     return [text.format(axis) for axis in ALONG]
 
 
-QUANTITIES = {
-    **_wordings([THRUST], ["thrust gain"], ["α_z"]),
-    **_wordings(GAIN, _of_axes("{} gain"), [f"α_{rate}" for rate in _RATES], optional=False),
-    **_wordings(COUPLING, _of_axes("{} coupling"), ["β_1", "β_2", "β_3"], optional=False),
-    **_wordings(DAMPING, _of_axes("{} damping"), [f"d_{rate}" for rate in _RATES], optional=False),
-    **_wordings(DRAG, _along("drag along {}"), _along("d_{}")),
-    **_wordings(QUADRATIC_DRAG, _along("quadratic drag along {}"), _along("c_{}")),
-    FRICTION.name: Wording(
-        "viscous friction", "K", FRICTION.unit, kind=Kind.DERIVED, shown_unit="1/s", optional=True
-    ),
-    **_wordings([LIFT], ["translational lift"], ["h"]),
-    **_wordings(LIFT_MOMENT, _of_axes("{} by lift"), [f"h_{rate}" for rate in _RATES]),
-    **{
-        name: wording
-        for turning, letter, pair, axes in zip(TURNING, "LMN", DRAG_MOMENT, ("yz", "xz", "xy"), strict=True)
-        for name, wording in _wordings(
-            pair, [f"{turning} by drag along {axis}" for axis in axes], [f"{letter}_{axis}" for axis in axes]
-        ).items()
-    },
-    **_wordings(GYROSCOPIC_MOMENT, _of_axes("{} by spin"), [f"j_{rate}" for rate in _RATES], optional=False),
-    **_wordings([REACTION], ["rotor reaction"], ["j"], optional=False),
-    **_wordings(OFFSET, _of_axes("{} offset"), [f"o_{rate}" for rate in _RATES], optional=False),
-    **LAG_WORDINGS,
-}
-#: The same in the order of reports.
-PLOTTED = (
-    THRUST.name,
-    *(item.name for item in GAIN),
-    "effective_lag",
-    *(
-        name
-        for name in QUANTITIES
-        if name not in {THRUST.name, "effective_lag"} | {item.name for item in GAIN}
-    ),
-)
-WORDS = Words(
-    title="Rigid body",
-    meanings={
-        Status.IDENTIFIED: "thrust, roll and pitch gain and the lag are identified, within their intervals.",
-        Status.WEAK: "the numbers are indications; something keeps the intervals from being trusted.",
-        Status.PROVISIONAL: "no instrument: the numbers may be biased more than the intervals say.",
-        Status.REFUSED: "the flight does not identify the gains of thrust, roll and pitch.",
-    },
-    fly=FLY,
-    no_reference="None is logged: no setpoint of height or attitude, no injected sweep.",
-    no_lag="The rotor speeds were measured:\nthere is no lag to find.",
+QUANTITIES = QuantityTable(
+    {
+        **_specs([THRUST], ["thrust gain"], ["α_z"], headline=True),
+        **_specs(GAIN[:2], _of_axes("{} gain"), ["α_p", "α_q"], optional=False, headline=True),
+        **_specs(GAIN[2:], ["yaw gain"], ["α_r"], optional=False),
+        EFFECTIVE_LAG: replace(LAG_QUANTITIES[EFFECTIVE_LAG], headline=True, in_rows=True),
+        **_specs(COUPLING, _of_axes("{} coupling"), ["β_1", "β_2", "β_3"], optional=False),
+        **_specs(DAMPING, _of_axes("{} damping"), [f"d_{rate}" for rate in _RATES], optional=False),
+        **_specs(DRAG, _along("drag along {}"), _along("d_{}")),
+        **_specs(QUADRATIC_DRAG, _along("quadratic drag along {}"), _along("c_{}")),
+        FRICTION.name: QuantitySpec(
+            "viscous friction", "K", FRICTION.unit, kind=Kind.DERIVED, shown_unit="1/s", optional=True
+        ),
+        **_specs([LIFT], ["translational lift"], ["h"]),
+        **_specs(LIFT_MOMENT, _of_axes("{} by lift"), [f"h_{rate}" for rate in _RATES]),
+        **{
+            name: spec
+            for turning, letter, pair, axes in zip(
+                TURNING, "LMN", DRAG_MOMENT, ("yz", "xz", "xy"), strict=True
+            )
+            for name, spec in _specs(
+                pair,
+                [f"{turning} by drag along {axis}" for axis in axes],
+                [f"{letter}_{axis}" for axis in axes],
+            ).items()
+        },
+        **_specs(GYROSCOPIC_MOMENT, _of_axes("{} by spin"), [f"j_{rate}" for rate in _RATES], optional=False),
+        **_specs([REACTION], ["rotor reaction"], ["j"], optional=False),
+        **_specs(OFFSET, _of_axes("{} offset"), [f"o_{rate}" for rate in _RATES], optional=False),
+        ACTUATOR_LAG.name: LAG_QUANTITIES[ACTUATOR_LAG.name],
+        DELAY.name: LAG_QUANTITIES[DELAY.name],
+    }
 )
 _MANOEUVRES = (
     "Calm air, at least 3 m above the ground.",
@@ -307,12 +308,46 @@ def rigid_body_card(log_format_name: str) -> tuple[CardSection, ...]:
     )
 
 
+WORDS = Words(
+    title="Rigid body",
+    model="rigid_body",
+    meanings={
+        Status.IDENTIFIED: "thrust, roll and pitch gain and the lag are identified, within their intervals.",
+        Status.WEAK: "the numbers are indications; something keeps the intervals from being trusted.",
+        Status.PROVISIONAL: "no instrument: the numbers may be biased more than the intervals say.",
+        Status.REFUSED: "the flight does not identify the gains of thrust, roll and pitch.",
+    },
+    fly=FLY,
+    no_reference="None is logged: no setpoint of height or attitude, no injected sweep.",
+    no_lag="The rotor speeds were measured:\nthere is no lag to find.",
+    advice=rigid_body_card,
+)
+
+
 # -- Motion --
 
-#: The method whose rows are whitened, as those of the motion's own methods are.
-TOTAL_LEAST_SQUARES = "total_least_squares"
 #: What the rotors did before a log begins in the air is not known, and matters for so long [s].
 SETTLED_S = 1.0
+
+
+def settled(log: Recording, grid: Grid, input_level: Float[np.ndarray, " n"]) -> Active:
+    """Samples in the air at which the rotors no longer know how they began."""
+    result, converged = active(log, grid, input_level), grid.steps - grid.steps[0] >= SETTLED_S / grid.step_s
+    return replace(result, mask=result.mask & converged)
+
+
+def excitation(flights: Flights) -> str:
+    """Standard deviations of the rates."""
+    roll, pitch, yaw = rates_std(flights, AXES)
+    turned = f"Roll, pitch and yaw turned at {roll:.2g}, {pitch:.2g} and {yaw:.2g} deg/s"
+    return f"{turned} (standard deviations)."
+
+
+def refined(
+    problem: LaggedRuns, solve: Solver[LaggedRuns], _options: FlightOptions, /
+) -> tuple[LaggedRuns, Estimate]:
+    """With one inertia of the rotors about all axes where the flights identify it."""
+    return refined_band(*refined_rotor_inertia(problem, solve), solve)
 
 
 @dataclass(frozen=True)
@@ -323,17 +358,35 @@ class RigidBody(Motion[LaggedRuns]):
     pooled: bool = False
 
     name = "rigid-body"
-    model_name = "rigid_body"
-    equation = EQUATION
-    wording = QUANTITIES
-    plotted = PLOTTED
-    headline = (THRUST.name, GAIN[0].name, GAIN[1].name, EFFECTIVE_LAG)
-    rows = headline
     words = WORDS
-    inputs = INPUTS
-    needed = tuple(axis.rate for axis in AXES)
-    references = REFERENCES
-    direct = "whitened_least_squares"
+    equation = EQUATION
+    quantities = QUANTITIES
+    channels = LogChannels(INPUTS, tuple(axis.rate for axis in AXES), REFERENCES)
+
+    @property
+    def abilities(self) -> Abilities:  # type: ignore[override]
+        """What only some motions can do."""
+        return Abilities(
+            vehicle=VehicleSupport(
+                lambda vehicle: replace(self, vehicle=load_vehicle(vehicle)),
+                None if self.vehicle is None else asdict(self.vehicle),
+                lambda record: replace(self, vehicle=vehicle_from_record(record)),
+            ),
+            options=OptionSupport(
+                lambda _options: self._refuse_no_vehicle(),
+                lambda flights, _options: replace(self, pooled=len(flights) > 1),
+            ),
+            refinement=Refinement(refined),
+            prediction=Prediction(
+                simple_models,
+                multi_step=lambda flights, models, refused: rigid_body_prediction(
+                    flights, self.layout, models, refused
+                ),
+            ),
+            implications=self._implications,
+            excitation=excitation,
+            whitened=True,
+        )
 
     @property
     def layout(self) -> RotorLayout:
@@ -347,49 +400,23 @@ class RigidBody(Motion[LaggedRuns]):
             )
         return RotorLayout(self.vehicle)
 
-    def check(self, options: FlightOptions) -> None:
-        """Refuse to begin without a vehicle, see `Motion.check`."""
-        _ = options, self.layout
-
-    def of_vehicle(self, vehicle: str) -> RigidBody:
-        """Return the same motion of a vehicle, by the name of a shipped one or from a file."""
-        return replace(self, vehicle=load_vehicle(vehicle))
+    def _refuse_no_vehicle(self) -> None:
+        _ = self.layout
 
     def select(self, log: Recording, options: FlightOptions) -> Selection:
-        """Rotors, rates, forces, velocity and attitude, see `Motion.select`."""
-        return selected(log, options, self.layout)
+        """Rotors, rates, forces, velocity and attitude."""
+        return replace(selected(log, options, self.layout), active=settled)
 
-    def active(self, log: Recording, grid: Grid, _input_level: Float[np.ndarray, " n"], /) -> Active:
-        """Samples in the air at which the rotors no longer know how they began, see `Motion.active`."""
-        result, converged = active(log, grid), grid.steps - grid.steps[0] >= SETTLED_S / grid.step_s
-        return replace(result, mask=result.mask & converged)
-
-    def weighted(self, method: Method, /) -> Method:
-        """Total least squares of whitened rows: between samples rates and speeds are mostly noise."""
-        if method.name != TOTAL_LEAST_SQUARES or not isinstance(method, LinearMethod):
-            return method
-        return replace(method, row_weighting=SpectralWhitening())
-
-    def for_flights(self, flights: tuple[PreparedFlight, ...], _options: FlightOptions, /) -> RigidBody:
-        """With whether there are several, see `Motion.for_flights`."""
-        return replace(self, pooled=len(flights) > 1)
-
-    def problem(self, flights: tuple[PreparedFlight, ...], rule: InstrumentRule) -> LaggedRuns:
-        """Regressions of the flights for each lag and delay, see `Motion.problem`."""
+    def problem(self, flights: Flights, rule: InstrumentRule) -> LaggedRuns:
+        """Regressions of the flights for each lag and delay."""
         problem = rigid_body_problem(flights, self.layout, rule)
         if not all(map(noises_known, flights)):
             return problem
         surrogates = tuple(map(noisier, flights))
         return replace(problem, noisier=rigid_body_problem(surrogates, self.layout, NoInstruments()))
 
-    def refined(
-        self, problem: LaggedRuns, estimated: Callable[[LaggedRuns], Estimate], _options: FlightOptions, /
-    ) -> tuple[LaggedRuns, Estimate]:
-        """With one inertia of the rotors about all axes where the flights identify it."""
-        return refined_band(*refined_rotor_inertia(problem, estimated), estimated)
-
-    def quantities(self, problem: LaggedRuns, estimate: Estimate) -> Mapping[str, QuantityEstimate]:
-        """Parameters of the equations that are there, and the lag, see `Motion.quantities`."""
+    def derive(self, problem: LaggedRuns, estimate: Estimate) -> Mapping[str, QuantityEstimate]:
+        """Parameters of the equations that are there, and the lag."""
         joint = joint_quantities(estimate)
         results = {
             **at_hover(problem, joint),
@@ -400,11 +427,7 @@ class RigidBody(Motion[LaggedRuns]):
         return {name: results[name] for name in QUANTITIES if name in results}
 
     def systematic_uncertainties(
-        self,
-        flights: tuple[PreparedFlight, ...],
-        quantities: Mapping[str, QuantityEstimate],
-        _inputs: VerdictInputs,
-        /,
+        self, flights: Flights, quantities: Mapping[str, QuantityEstimate], _inputs: VerdictInputs, /
     ) -> Mapping[str, tuple[SystematicUncertainty, ...]]:
         """What the log does not say of commands and filters, see `eivor.motions.rigid_body.verdict`."""
         return all_systematic_uncertainties(flights, quantities, self.layout.vehicle)
@@ -415,15 +438,14 @@ class RigidBody(Motion[LaggedRuns]):
         """The rule of the verdict, see `eivor.motions.rigid_body.verdict`."""
         return all_reasons(quantities, strength, inputs)
 
-    def implications(self, estimate: Estimate) -> Implications:
-        """Physical parameters, as far as the flight and the vehicle file determine them; see `physical`."""
+    def _implications(self, estimate: Estimate) -> Implications:
         if self.vehicle is None:
             return Implications()
         parameters = physical_parameters(Combinations.of_estimate(estimate), self.vehicle)
         return Implications(tuple(map(_implied, parameters.rows)), parameters.contradictions)
 
     def diagnostics(
-        self, problem: LaggedRuns, estimate: Estimate, flights: tuple[PreparedFlight, ...], /
+        self, problem: LaggedRuns, estimate: Estimate, flights: Flights, /
     ) -> Mapping[str, float]:
         """Where a flight contradicts the vehicle file, `rotor_order` and `filters_shown`."""
         order = observed_order(flights, self.layout)
@@ -437,37 +459,8 @@ class RigidBody(Motion[LaggedRuns]):
         filters = filters_not_passed(problem, estimate, flights, self.layout)
         return results if filters is None else results | filters.numbers
 
-    def excitation(self, flights: tuple[PreparedFlight, ...]) -> str:
-        """Standard deviations of the rates."""
-        roll, pitch, yaw = rates_std(flights, AXES)
-        turned = f"Roll, pitch and yaw turned at {roll:.2g}, {pitch:.2g} and {yaw:.2g} deg/s"
-        return f"{turned} (standard deviations)."
-
-    def simple_models(self, problem: LaggedRuns, estimate: Estimate) -> Mapping[str, SimpleModel]:
-        """Least squares without a lag, see `Motion.simple_models`."""
-        return {quantity.NAME: quantity.least_squares_without_lag(problem, estimate.nuisances)}
-
-    def multi_step_prediction(
-        self, flights: tuple[PreparedFlight, ...], models: Mapping[str, SimpleModel], refused: frozenset[str]
-    ) -> MultiStepPrediction:
-        """The state of the rotors alone, see `eivor.motions.rigid_body.predict`."""
-        return rigid_body_prediction(flights, self.layout, models, refused)
-
-    def vehicle_record(self) -> Mapping[str, object] | None:
-        """What was known of the vehicle, see `Motion.told_vehicle`."""
-        return None if self.vehicle is None else asdict(self.vehicle)
-
-    def with_vehicle_record(self, record: object) -> RigidBody:
-        """Return the same motion of the vehicle of a result, see `Motion.of_told_vehicle`."""
-        return replace(self, vehicle=vehicle_from_record(record))
-
-    def symbols(self, flight: PreparedFlight) -> str:
-        """What n is in this flight."""
-        how = "measured" if flight.input.measured else "commands, behind a lag τ and a delay d that all share"
-        return f"n = {flight.input.name} of {flight.actuators} rotors (map: {flight.input_map}), {how}"
-
     def traces(self, problem: LaggedRuns, estimate: Estimate) -> tuple[Trace, ...]:
-        """Angular acceleration about each axis and force along it, within the bands; see `Motion.traces`."""
+        """Angular acceleration about each axis and force along it, within the bands."""
         driving = [number for number, parameter in enumerate(problem.parameters) if parameter in DRIVING]
         results, best = [], estimate
         for axis in problem.axes:
@@ -480,13 +473,11 @@ class RigidBody(Motion[LaggedRuns]):
             results.append(Trace(words, unit, "model", "rotors", measured, predicted, driven, band_hz))
         return tuple(results)
 
-    def overview(self, flight: PreparedFlight) -> tuple[PlotData, ...]:
-        """Rates, see `Motion.overview`."""
-        return tuple(rate_panel(flight, axis) for axis in AXES)
-
-    def advice(self, log_format: str) -> tuple[CardSection, ...]:
-        """What to fly and to log, see `Motion.advice`."""
-        return rigid_body_card(log_format)
+    def view(self, flight: PreparedFlight) -> FlightView:
+        """What n is, and the rates."""
+        how = "measured" if flight.input.measured else "commands, behind a lag τ and a delay d that all share"
+        symbols = f"n = {flight.input.name} of {flight.actuators} rotors (map: {flight.input_map}), {how}"
+        return FlightView(symbols, tuple(rate_panel(flight, axis) for axis in AXES))
 
 
 def _implied(row: PhysicalEstimateRow) -> Implied:

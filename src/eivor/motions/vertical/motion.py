@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from types import MappingProxyType
 
 import numpy as np
 
@@ -19,18 +18,30 @@ from eivor.flights.lag_prior import (
     ratio_quantity,
     reciprocal,
 )
-from eivor.flights.motion import InstrumentStrength, Motion, VerdictInputs
+from eivor.flights.motion import (
+    Abilities,
+    Flights,
+    FlightView,
+    InstrumentStrength,
+    LogChannels,
+    Motion,
+    OptionSupport,
+    Prediction,
+    Refinement,
+    Resampling,
+    SensorComparison,
+    Solver,
+    VehicleSupport,
+    VerdictInputs,
+)
 from eivor.flights.options import FIT_MAP, FlightOptions
-from eivor.flights.prepared import Difference, PreparedFlight, Selection, SensorAgreement, sensor_agreement
+from eivor.flights.prepared import Difference, PreparedFlight, Selection, sensor_agreement
 from eivor.flights.quantity import (
     NAN,
-    CardSection,
     Drawn,
     PlotData,
-    PredictedQuantity,
     Quantity,
     QuantityEstimate,
-    SimpleModel,
     SystematicUncertainty,
     Trace,
     TrackedParameter,
@@ -38,7 +49,7 @@ from eivor.flights.quantity import (
 from eivor.inference.distributions import chi_square_quantile, chi_square_tail
 from eivor.inference.verdict import Reason, Status
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
-from eivor.models.separable import InstrumentRule, Prior, Values
+from eivor.models.separable import InstrumentRule, Prior
 from eivor.motions.rigid_body.vehicle import load_vehicle
 from eivor.motions.vertical.misspecification import (
     CURVATURE,
@@ -88,17 +99,14 @@ from eivor.motions.vertical.regression import (
     with_surroundings,
 )
 from eivor.motions.vertical.select import (
-    ACROSS,
     EQUATION,
     INPUTS,
-    PLOTTED,
     QUANTITIES,
     REFERENCES,
     TELEMETRY,
     WORDS,
     open_loop_findings,
     selected,
-    vertical_card,
 )
 from eivor.motions.vertical.thrust_curve import (
     Balances,
@@ -329,34 +337,110 @@ def supply_findings(flights: tuple[PreparedFlight, ...]) -> Iterator[Finding]:
             yield Finding("voltage_sag", name + sentence)
 
 
+# -- Tracking --
+
+
+def tracked_gain(
+    problem: VerticalFlights, quantities: Mapping[str, Quantity], options: FlightOptions
+) -> TrackedParameter:
+    """Rows that identify K_u over a flight, and what is known of K and the intercept."""
+    quantity, friction = quantities["viscous_friction"], ANY_FRICTION
+    source = "as of any multirotor: the flight does not identify it"
+    if quantity.verdict is not Status.REFUSED and 0.0 < quantity.half_width < math.inf:
+        friction = Prior(quantity.value, max(quantity.std_error, 0.5 * quantity.half_width))
+        source = "as the whole flight identifies it"
+    bias, intercept = options.accelerometer_bias, None
+    level = "Nothing is known of the intercept: only movement identifies the gain."
+    if math.isfinite(bias):
+        intercept = Prior(-GRAVITY, bias)
+        level = (
+            f"Intercept 0 ± {1.96 * bias:.2g} m/s²: the input map is right, and the accelerometer's bias "
+            "small (--accelerometer-bias)."
+        )
+    known = f"Friction {friction.mean:.3g} ± {1.96 * friction.std:.2g} 1/s, {source}."
+    friction_prior = {"viscous_friction": friction}
+    return TrackedParameter("input_gain", problem.runs, friction_prior, intercept, (known, level))
+
+
+# -- Flights --
+
+
+def mean_input(flights: Flights) -> dict[str, float]:
+    """Mean input, which is near the hover input."""
+    means = [flight.used_input.mean() for flight in flights]
+    return {"hover_input": float(np.mean(means))} if means else {}
+
+
+def excitation(flights: Flights) -> str:
+    """Relative standard deviation of the mapped input, and that of the vertical speed."""
+    model = VerticalMotion(input_map(flights[0].input_map))
+    moved: list[Float[np.ndarray, "_ 2"]] = []
+    for flight in flights:
+        cut = vertical_flight(flight)
+        moved.extend(cut.cut(np.column_stack([cut.mapped_input(model, 0.0, 0.0), cut.velocity])))
+    mapped, speed = np.concatenate(moved).T
+    mean = abs(float(mapped.mean()))
+    if mean == 0.0 or not np.isfinite(mapped.std() / mean):
+        return ""
+    return (
+        f"The input varied by {mapped.std() / mean:.1%} and the vertical speed by "
+        f"{speed.std():.2g} m/s (standard deviations)."
+    )
+
+
+def flight_findings(flights: Flights, quantities: Mapping[str, Quantity]) -> tuple[Finding, ...]:
+    """Instruments where no loop acts, what the autopilot holds its hover input to be, a curve for it."""
+    listed = (*open_loop_findings(flights), *hover_findings(flights, quantities))
+    return (*listed, *supply_findings(flights), *curve_findings(flights, quantities))
+
+
+def driven_signals(flight: PreparedFlight, lag_s: float, delay_s: float) -> Signals:
+    """Signals with `input`: the mean of the mapped actuators, late, times the cosine of tilt."""
+    cut, motion = vertical_flight(flight), VerticalMotion(input_map(flight.input_map))
+    noise = WhiteNoise(input_variance(cut, motion.input_map) ** 0.5)
+    return replace(
+        flight.signals,
+        channels={**flight.signals.channels, "input": cut.mapped_input(motion, lag_s, delay_s)},
+        noise={**flight.signals.noise, "input": noise},
+    )
+
+
+def estimated_with_map(
+    problem: VerticalFlights, solve: Solver[VerticalFlights], options: FlightOptions
+) -> tuple[VerticalFlights, Estimate]:
+    """Estimate with the chosen map, or estimate the map: see `eivor.motions.vertical.thrust_curve`."""
+    if options.input_map == FIT_MAP:
+        return refined_curve(problem, solve, options.accelerometer_bias)
+    return problem, solve(problem)
+
+
+def with_fitted_map(flights: Flights, problem: VerticalFlights) -> Flights:
+    """Flights with the map that was found out."""
+    return tuple(replace(flight, input_map=problem.motion.input_map.name) for flight in flights)
+
+
+def resampled(problem: VerticalFlights, drawn: Drawn) -> dict[str, float]:
+    """Friction, gain and hover input; lag and effective lag when they were searched for."""
+    names = ("viscous_friction", "input_gain", *(term.parameter.name for term in problem.terms))
+    results = {name: drawn.parameters[name] for name in names}
+    inverse = problem.motion.input_map.inverse
+    results["hover_input"] = inverse(hover_of_sums(drawn.parameters, drawn.sums))
+    lag_s, delay_s = drawn.nuisances[ACTUATOR_LAG.name], drawn.nuisances[DELAY.name]
+    if problem.lag.searched:
+        results[ACTUATOR_LAG.name] = lag_s
+    if problem.lag.searched or problem.delay.searched:
+        results[EFFECTIVE_LAG] = lag_s + delay_s
+    return results
+
+
 # -- Motion --
 
-
-@dataclass(frozen=True)
-class Vertical(Motion[VerticalFlights]):
-    """z'' + g = K_u U - K z' + b, behind the lag of the actuators."""
-
-    added: tuple[OptionalTerm, ...] = ()
-    rotor_radius: float | None = None  # [m]
-    mean_voltage: float | None = None
-
-    name = "vertical"
-    model_name = "vertical_motion"
-    equation = EQUATION
-    wording = QUANTITIES
-    plotted = PLOTTED
-    headline = ("viscous_friction",)
-    of_flight = ("viscous_friction",)
-    terms = MappingProxyType({word: term.meaning for word, term in TERMS.items()})
-    rows = ("viscous_friction", "input_gain", "effective_lag", "hover_input")
-    across = ACROSS
-    words = WORDS
-    inputs = INPUTS
-    telemetry = TELEMETRY
-    lag_from = ("rates",)
-    needed = ("velocity_z",)
-    references = REFERENCES
-    logged_parameters = (
+CHANNELS = LogChannels(
+    INPUTS,
+    ("velocity_z",),
+    REFERENCES,
+    telemetry=TELEMETRY,
+    parameters=(
         *HOVER_PARAMETERS,
         "HTE_THR_RANGE",
         "THR_MDL_FAC",
@@ -368,9 +452,9 @@ class Vertical(Motion[VerticalFlights]):
         "SYS_AUTOSTART",
         "CA_ROTOR_COUNT",
         "SDLOG_PROFILE",
-    )
+    ),
     # the vehicle, and the path from its thrust setpoint to the rotors
-    vehicle_parameters = (
+    vehicle_parameters=(
         "SYS_AUTOSTART",
         "THR_MDL_FAC",
         "CA_ROTOR_COUNT",
@@ -379,105 +463,73 @@ class Vertical(Motion[VerticalFlights]):
         "PWM_MAX",
         "PWM_MAIN_MIN",
         "PWM_MAIN_MAX",
-    )
+    ),
+)
 
-    def check(self, options: FlightOptions) -> None:
-        """Refuse input maps that do not exist, and terms without what they need, see `Motion.check`."""
-        check_terms(options, self.rotor_radius)
-        if options.input_map not in ("", FIT_MAP):
-            input_map(options.input_map)
 
-    def select(self, log: Recording, options: FlightOptions) -> Selection:
-        """Velocity, specific force, tilt and what drives the rotors, see `Motion.select`."""
-        return selected(log, options)
+@dataclass(frozen=True)
+class Vertical(Motion[VerticalFlights]):
+    """z'' + g = K_u U - K z' + b, behind the lag of the actuators."""
 
-    def of_vehicle(self, vehicle: str) -> Vertical:
-        """Return the same motion with the radius of a vehicle's rotors, see `Motion.of_vehicle`."""
-        radius = load_vehicle(vehicle).rotor_radius
-        if radius is None:
-            raise UsageError(
-                f"a vehicle with the radius of its rotors, which is all that '{self.name}' asks of one",
-                f"{vehicle!r}, which has none",
-                "Write radius = 0.12 under [rotors] of its file, or leave the vehicle out.",
-            )
-        return replace(self, rotor_radius=radius)
+    added: tuple[OptionalTerm, ...] = ()
+    rotor_radius: float | None = None  # [m]
+    mean_voltage: float | None = None
 
-    def for_flights(self, flights: tuple[PreparedFlight, ...], options: FlightOptions) -> Vertical:
-        """With the terms that were asked for, see `Motion.for_flights`."""
-        check_flights(flights, options)
-        added = tuple(TERMS[word] for word in options.terms)
-        radius = self.rotor_radius if options.rotor_radius is None else options.rotor_radius
-        known = mean_voltage(flights) if self.mean_voltage is None else self.mean_voltage
-        return replace(self, added=added, rotor_radius=radius, mean_voltage=known)
-
-    def vehicle_record(self) -> Mapping[str, object] | None:
-        """What terms count in, see `Motion.told_vehicle`; nothing without terms."""
-        if not self.added:
-            return None
-        return {"rotor_radius": self.rotor_radius, "mean_voltage": self.mean_voltage}
-
-    def with_vehicle_record(self, record: object) -> Vertical:
-        """Return the same motion with what the terms of a result count in, see `Motion.of_told_vehicle`."""
-        if record is None:
-            return self
-        known = record if isinstance(record, Mapping) else {}
-        radius, volts = known.get("rotor_radius"), known.get("mean_voltage")
-        if known and isinstance(radius, int | float | None) and isinstance(volts, int | float | None):
-            return replace(self, rotor_radius=radius, mean_voltage=volts)
-        raise InputError(
-            "a result with rotor_radius and mean_voltage of its terms",
-            f"{record!r}",
-            "Identify the flight again with eivor identify --json.",
-        )
+    name = "vertical"
+    words = WORDS
+    quantities = QUANTITIES
+    channels = CHANNELS
 
     @property
-    def written(self) -> tuple[str, str]:
-        """The equation with the terms that were asked for, see `Motion.written`."""
-        equation, symbols = self.equation
+    def equation(self) -> tuple[str, str]:  # type: ignore[override]
+        """The equation with the requested terms, and its symbols."""
+        equation, symbols = EQUATION
         listed = (symbols, *(term.symbols for term in self.added if term.symbols))
         return " ".join((equation, *(term.written for term in self.added))), "; ".join(listed)
 
-    def problem(self, flights: tuple[PreparedFlight, ...], rule: InstrumentRule) -> VerticalFlights:
-        """Regressions of the flights for each lag and delay, see `Motion.problem`."""
-        model = VerticalMotion(input_map(flights[0].input_map))
-        cut = tuple(self._cut(flight) for flight in flights)
-        return VerticalFlights(cut, model, rule, terms=self.added)
-
-    def signals(self, flight: PreparedFlight, lag_s: float, delay_s: float) -> Signals:
-        """Signals with `input`: the mean of the mapped actuators, late, times the cosine of tilt."""
-        cut, motion = vertical_flight(flight), VerticalMotion(input_map(flight.input_map))
-        driving = cut.mapped_input(motion, lag_s, delay_s)
-        noise = WhiteNoise(input_variance(cut, motion.input_map) ** 0.5)
-        return replace(
-            flight.signals,
-            channels={**flight.signals.channels, "input": driving},
-            noise={**flight.signals.noise, "input": noise},
+    @property
+    def abilities(self) -> Abilities:  # type: ignore[override]
+        """What only some motions can do."""
+        return Abilities(
+            vehicle=VehicleSupport(self._of_vehicle, self._vehicle_record, self._restored),
+            options=OptionSupport(
+                self._check, self._for_flights, {word: term.meaning for word, term in TERMS.items()}
+            ),
+            refinement=Refinement(estimated_with_map, with_fitted_map),
+            sensors=SensorComparison(
+                lambda problem, flights: sensor_agreement(
+                    difference_problem(problem, flights), LEAST_SENSOR_DIFFERENCE
+                ),
+                sensor_agreement_sentence,
+                aligned,
+            ),
+            resampling=Resampling(balance_sums, resampled),
+            prediction=Prediction(simple_models, predictions),
+            tracking=tracked_gain,
+            closed_loop_record=closed_loop_record,
+            signals=driven_signals,
+            known=mean_input,
+            excitation=excitation,
+            findings=flight_findings,
+            checks=lambda numbers: (*report_drift(numbers), *report_omitted(numbers)),
+            lag_from=("rates",),
         )
 
-    def _cut(self, flight: PreparedFlight) -> VerticalFlight:
-        """What the regressions need of a flight, with what its terms need."""
-        cut = vertical_flight(flight)
-        return with_surroundings(cut, flight, self.rotor_radius, self.mean_voltage) if self.added else cut
+    def select(self, log: Recording, options: FlightOptions) -> Selection:
+        """Velocity, specific force, tilt and what drives the rotors."""
+        return selected(log, options)
 
-    def refined(
-        self,
-        problem: VerticalFlights,
-        estimated: Callable[[VerticalFlights], Estimate],
-        options: FlightOptions,
-    ) -> tuple[VerticalFlights, Estimate]:
-        """Estimate with the chosen map, or estimate the map: see `eivor.motions.vertical.thrust_curve`."""
-        if options.input_map == FIT_MAP:
-            return refined_curve(problem, estimated, options.accelerometer_bias)
-        return problem, estimated(problem)
+    def problem(self, flights: Flights, rule: InstrumentRule) -> VerticalFlights:
+        """Regressions of the flights for each lag and delay."""
+        model = VerticalMotion(input_map(flights[0].input_map))
+        cut = tuple(map(vertical_flight, flights))
+        if self.added:
+            pairs = zip(cut, flights, strict=True)
+            cut = tuple(with_surroundings(*pair, self.rotor_radius, self.mean_voltage) for pair in pairs)
+        return VerticalFlights(cut, model, rule, terms=self.added)
 
-    def with_refinement(
-        self, flights: tuple[PreparedFlight, ...], problem: VerticalFlights
-    ) -> tuple[PreparedFlight, ...]:
-        """Flights with the map that was found out, see `Motion.as_settled`."""
-        return tuple(replace(flight, input_map=problem.motion.input_map.name) for flight in flights)
-
-    def quantities(self, problem: VerticalFlights, estimate: Estimate) -> Mapping[str, QuantityEstimate]:
-        """Parameters, hover input, effective lag and time constant, see `Motion.quantities`."""
+    def derive(self, problem: VerticalFlights, estimate: Estimate) -> Mapping[str, QuantityEstimate]:
+        """Parameters, hover input, effective lag and time constant."""
         terms = {point_of(candidate): balance(problem, candidate) for candidate in estimate.candidates}
         joint, best = joint_quantities(estimate), estimate
         by_run = tuple(intercepts_by_run(best, terms[point_of(best)]).tolist())
@@ -498,85 +550,8 @@ class Vertical(Motion[VerticalFlights]):
         moved["intercept"] = replace(moved["intercept"], by_run=by_run)
         return {**results, **moved, "time_constant": reciprocal(moved["viscous_friction"], "s")}
 
-    def tracked_parameter(
-        self, problem: VerticalFlights, quantities: Mapping[str, Quantity], options: FlightOptions
-    ) -> TrackedParameter:
-        """Rows that identify K_u over a flight, and what is known of K and the intercept."""
-        quantity, friction = quantities["viscous_friction"], ANY_FRICTION
-        source = "as of any multirotor: the flight does not identify it"
-        if quantity.verdict is not Status.REFUSED and 0.0 < quantity.half_width < math.inf:
-            friction = Prior(quantity.value, max(quantity.std_error, 0.5 * quantity.half_width))
-            source = "as the whole flight identifies it"
-        bias, intercept = options.accelerometer_bias, None
-        level = "Nothing is known of the intercept: only movement identifies the gain."
-        if math.isfinite(bias):
-            intercept = Prior(-GRAVITY, bias)
-            level = (
-                f"Intercept 0 ± {1.96 * bias:.2g} m/s²: the input map is right, and the accelerometer's bias "
-                "small (--accelerometer-bias)."
-            )
-        known = f"Friction {friction.mean:.3g} ± {1.96 * friction.std:.2g} 1/s, {source}."
-        friction_prior = {"viscous_friction": friction}
-        return TrackedParameter("input_gain", problem.runs, friction_prior, intercept, (known, level))
-
-    def systematic_uncertainties(
-        self,
-        flights: tuple[PreparedFlight, ...],
-        quantities: Mapping[str, QuantityEstimate],
-        inputs: VerdictInputs,
-    ) -> Mapping[str, tuple[SystematicUncertainty, ...]]:
-        """Systematic parts, see `eivor.motions.vertical.verdict`."""
-        return all_systematic_uncertainties(flights, quantities, inputs)
-
-    def sensors(
-        self, problem: VerticalFlights, flights: tuple[PreparedFlight, ...]
-    ) -> SensorAgreement | None:
-        """Whether velocity and accelerometer agree, see `eivor.motions.vertical.misspecification`."""
-        return sensor_agreement(difference_problem(problem, flights), LEAST_SENSOR_DIFFERENCE)
-
-    def sensor_sentence(self, sensors: SensorAgreement) -> str:
-        """By how much they differ, or may differ."""
-        return sensor_agreement_sentence(sensors)
-
-    def aligned(
-        self, flights: tuple[PreparedFlight, ...], sensors: SensorAgreement
-    ) -> tuple[PreparedFlight, ...]:
-        """Offset and scale taken out, see `Motion.aligned`."""
-        return aligned(flights, sensors)
-
-    def following(self, quantities: Mapping[str, QuantityEstimate]) -> Mapping[str, QuantityEstimate]:
-        """The time constant, which is one over the friction, see `Motion.following`."""
-        return {"time_constant": reciprocal(quantities["viscous_friction"], "s")}
-
-    def reasons(
-        self, quantities: Mapping[str, QuantityEstimate], strength: InstrumentStrength, inputs: VerdictInputs
-    ) -> Mapping[str, tuple[Reason, ...]]:
-        """The rule of the verdict, see `eivor.motions.vertical.verdict`."""
-        return all_reasons(quantities, strength, inputs)
-
-    def known(self, flights: tuple[PreparedFlight, ...]) -> Mapping[str, float]:
-        """Mean input, which is near the hover input, see `Motion.known`."""
-        means = [flight.used_input.mean() for flight in flights]
-        return {"hover_input": float(np.mean(means))} if means else {}
-
-    def excitation(self, flights: tuple[PreparedFlight, ...]) -> str:
-        """Relative standard deviation of the mapped input, and that of the vertical speed."""
-        model = VerticalMotion(input_map(flights[0].input_map))
-        moved: list[Float[np.ndarray, "_ 2"]] = []
-        for flight in flights:
-            cut = vertical_flight(flight)
-            moved.extend(cut.cut(np.column_stack([cut.mapped_input(model, 0.0, 0.0), cut.velocity])))
-        mapped, speed = np.concatenate(moved).T
-        mean = abs(float(mapped.mean()))
-        if mean == 0.0 or not np.isfinite(mapped.std() / mean):
-            return ""
-        return (
-            f"The input varied by {mapped.std() / mean:.1%} and the vertical speed by "
-            f"{speed.std():.2g} m/s (standard deviations)."
-        )
-
     def diagnostics(
-        self, problem: VerticalFlights, estimate: Estimate, flights: tuple[PreparedFlight, ...]
+        self, problem: VerticalFlights, estimate: Estimate, flights: Flights
     ) -> Mapping[str, float]:
         """Thrust near hover and in the input map, the gravity that is felt, height, and terms left out."""
         missed = omitted_variable_tests(problem, estimate, flights)
@@ -592,52 +567,28 @@ class Vertical(Motion[VerticalFlights]):
             **(voltage_numbers(flights) if SUPPLY in missed else {}),
         }
 
-    def checks(self, numbers: Mapping[str, float]) -> tuple[tuple[str, str], ...]:
-        """The drift of thrust; terms that the model leaves out, and whether they are missed."""
-        return (*report_drift(numbers), *report_omitted(numbers))
+    def systematic_uncertainties(
+        self, flights: Flights, quantities: Mapping[str, QuantityEstimate], inputs: VerdictInputs
+    ) -> Mapping[str, tuple[SystematicUncertainty, ...]]:
+        """Systematic parts, see `eivor.motions.vertical.verdict`."""
+        return all_systematic_uncertainties(flights, quantities, inputs)
 
-    def findings(
-        self, flights: tuple[PreparedFlight, ...], quantities: Mapping[str, Quantity]
-    ) -> tuple[Finding, ...]:
-        """Instruments where no loop acts, what the autopilot holds its hover input to be, a curve for it."""
-        listed = (*open_loop_findings(flights), *hover_findings(flights, quantities))
-        return (*listed, *supply_findings(flights), *curve_findings(flights, quantities))
+    def reasons(
+        self, quantities: Mapping[str, QuantityEstimate], strength: InstrumentStrength, inputs: VerdictInputs
+    ) -> Mapping[str, tuple[Reason, ...]]:
+        """The rule of the verdict, see `eivor.motions.vertical.verdict`."""
+        return all_reasons(quantities, strength, inputs)
 
-    def flight_sums(
-        self, problem: VerticalFlights, nuisance_values: Values
-    ) -> Mapping[str, Float[np.ndarray, " flights"]]:
-        """Terms of the balance, see `Motion.flight_sums`."""
-        return balance_sums(problem, nuisance_values)
+    def traces(self, problem: VerticalFlights, estimate: Estimate) -> tuple[Trace, ...]:
+        """Vertical acceleration without mean and line of each run."""
+        best = estimate
+        rows = problem.rows(best.nuisances)
+        predicted, driven = rows.regressors @ best.theta, rows.regressors[:, 1] * best.theta[1]
+        words = ("vertical acceleration", "m/s²", "K_u U − K z'", "K_u U")
+        return (Trace(*words, rows.response, predicted, driven),)
 
-    def resampled(self, problem: VerticalFlights, drawn: Drawn) -> Mapping[str, float]:
-        """Friction, gain and hover input; lag and effective lag when they were searched for."""
-        names = ("viscous_friction", "input_gain", *(term.parameter.name for term in problem.terms))
-        results = {name: drawn.parameters[name] for name in names}
-        inverse = problem.motion.input_map.inverse
-        results["hover_input"] = inverse(hover_of_sums(drawn.parameters, drawn.sums))
-        lag_s, delay_s = drawn.nuisances[ACTUATOR_LAG.name], drawn.nuisances[DELAY.name]
-        if problem.lag.searched:
-            results[ACTUATOR_LAG.name] = lag_s
-        if problem.lag.searched or problem.delay.searched:
-            results[EFFECTIVE_LAG] = lag_s + delay_s
-        return results
-
-    def simple_models(self, problem: VerticalFlights, estimate: Estimate) -> Mapping[str, SimpleModel]:
-        """Least squares without a lag, and the hover input alone, see `Motion.simple_models`."""
-        return simple_models(problem, estimate)
-
-    def predictions(self, problem: VerticalFlights, values: Values) -> tuple[PredictedQuantity, ...]:
-        """Vertical acceleration one step ahead, and climb rate in open loop, see `Motion.predictions`."""
-        return predictions(problem, values)
-
-    def closed_loop_record(
-        self, problem: VerticalFlights, estimate: Estimate, flights: tuple[PreparedFlight, ...]
-    ) -> Mapping[str, object]:
-        """Residual, controller and tilt of the flights, see `Motion.flown`."""
-        return closed_loop_record(problem, estimate, flights)
-
-    def symbols(self, flight: PreparedFlight) -> str:
-        """What U is in this flight."""
+    def view(self, flight: PreparedFlight) -> FlightView:
+        """What U is; height where it is logged, and climb rate."""
         name = flight.input.name
         names = f"the mean of the mapped {name}" if flight.actuators > 1 else name
         moved = (
@@ -646,28 +597,55 @@ class Vertical(Motion[VerticalFlights]):
             else "behind a lag τ and a delay d"
         )
         of_terms = "".join(f"; {term.symbols}" for term in self.added if term.symbols)
-        return f"U = cos(tilt) × {names} (map: {flight.input_map}), {moved}{of_terms}"
-
-    def traces(self, problem: VerticalFlights, estimate: Estimate) -> tuple[Trace, ...]:
-        """Vertical acceleration without mean and line of each run, see `Motion.traces`."""
-        best = estimate
-        rows = problem.rows(best.nuisances)
-        predicted, driven = rows.regressors @ best.theta, rows.regressors[:, 1] * best.theta[1]
-        words = ("vertical acceleration", "m/s²", "K_u U − K z'", "K_u U")
-        return (Trace(*words, rows.response, predicted, driven),)
-
-    def overview(self, flight: PreparedFlight) -> tuple[PlotData, ...]:
-        """Height where it is logged, and climb rate, see `Motion.overview`."""
+        symbols = f"U = cos(tilt) × {names} (map: {flight.input_map}), {moved}{of_terms}"
         velocity, wanted = flight.signals.channel("velocity_z"), "reference_velocity_z"
         panels = [PlotData("climb rate\n[m/s]", velocity, flight.reference_on_grid(wanted))]
         if "position_z" in flight.recording.channels:
             height = on_grid(flight.recording.channel("position_z"), flight.grid)[0]
             panels.insert(0, PlotData("height [m]", height, flight.reference_on_grid("reference_position_z")))
-        return tuple(panels)
+        return FlightView(symbols, tuple(panels))
 
-    def advice(self, log_format: str) -> tuple[CardSection, ...]:
-        """What to fly and to log, see `Motion.advice`."""
-        return vertical_card(log_format)
+    def _check(self, options: FlightOptions) -> None:
+        check_terms(options, self.rotor_radius)
+        if options.input_map not in ("", FIT_MAP):
+            input_map(options.input_map)
+
+    def _for_flights(self, flights: Flights, options: FlightOptions) -> Vertical:
+        check_flights(flights, options)
+        added = tuple(TERMS[word] for word in options.terms)
+        radius = self.rotor_radius if options.rotor_radius is None else options.rotor_radius
+        known = mean_voltage(flights) if self.mean_voltage is None else self.mean_voltage
+        return replace(self, added=added, rotor_radius=radius, mean_voltage=known)
+
+    def _of_vehicle(self, vehicle: str) -> Vertical:
+        radius = load_vehicle(vehicle).rotor_radius
+        if radius is None:
+            raise UsageError(
+                f"a vehicle with the radius of its rotors, which is all that '{self.name}' asks of one",
+                f"{vehicle!r}, which has none",
+                "Write radius = 0.12 under [rotors] of its file, or leave the vehicle out.",
+            )
+        return replace(self, rotor_radius=radius)
+
+    @property
+    def _vehicle_record(self) -> Mapping[str, object] | None:
+        """What terms count in; nothing without terms."""
+        if not self.added:
+            return None
+        return {"rotor_radius": self.rotor_radius, "mean_voltage": self.mean_voltage}
+
+    def _restored(self, record: object) -> Vertical:
+        if record is None:
+            return self
+        known = record if isinstance(record, Mapping) else {}
+        radius, volts = known.get("rotor_radius"), known.get("mean_voltage")
+        if known and isinstance(radius, int | float | None) and isinstance(volts, int | float | None):
+            return replace(self, rotor_radius=radius, mean_voltage=volts)
+        raise InputError(
+            "a result with rotor_radius and mean_voltage of its terms",
+            f"{record!r}",
+            "Identify the flight again with eivor identify --json.",
+        )
 
 
 def vertical_flight(flight: PreparedFlight) -> VerticalFlight:

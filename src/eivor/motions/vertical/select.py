@@ -9,10 +9,18 @@ import numpy as np
 
 from eivor.errors import InputError, ShapeError
 from eivor.estimation.estimate import Estimate
-from eivor.flights.lag_prior import EFFECTIVE_LAG, LAG_WORDINGS
+from eivor.flights.lag_prior import EFFECTIVE_LAG, LAG_QUANTITIES
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import InputFamily, Limit, PreparedFlight, Selection, chosen_input
-from eivor.flights.quantity import AcrossFlights, CardSection, Covariate, Kind, Wording, Words
+from eivor.flights.quantity import (
+    AcrossFlights,
+    CardSection,
+    Covariate,
+    Kind,
+    QuantitySpec,
+    QuantityTable,
+    Words,
+)
 from eivor.flights.references import ReferenceSource
 from eivor.inference.verdict import Status
 from eivor.logs.read import advising_format
@@ -63,87 +71,86 @@ QUICKER = "Fly quicker steps, and log command and acceleration at 50 Hz or more.
 LOG_REFERENCE = "Log the position setpoint, or the pilot's stick, at 50 Hz or more."
 
 
-# -- Wording --
+# -- QuantitySpec --
 
 EQUATION = ("z'' + g = K_u U - K z' + b", "U = cos(tilt) * mean(map(w)); tau w' + w = command(t - d)")
-#: Every quantity, in the order of results.
-QUANTITIES = {
-    "viscous_friction": Wording("viscous friction", "K", "1/s", shown_unit="1/s"),
-    "input_gain": Wording("input gain", "K_u", "m/s^2", shown_unit="m/s²"),
-    "quadratic_drag": Wording("quadratic drag", "K_2", "1/m", shown_unit="1/m", optional=True),
-    "ground_effect": Wording("ground effect", "k", "", optional=True),
-    "voltage_exponent": Wording("voltage exponent", "n", "", optional=True),
-    "intercept": Wording("intercept", "b", "m/s^2", shown_unit="m/s²", by_run=True),
-    **LAG_WORDINGS,
-    "hover_input": Wording("hover input", "u_h", "", Kind.DERIVED),
-    "thrust_curve": Wording("thrust curve", "c", "", optional=True),
-    "time_constant": Wording("time constant", "1/K", "s", Kind.DERIVED, shown_unit="s", lowest=0.0),
-}
-#: The same in the order of reports.
-PLOTTED = (
-    "viscous_friction",
-    "time_constant",
-    "input_gain",
-    "hover_input",
-    "effective_lag",
-    "actuator_lag",
-    "delay",
-    "intercept",
-    "quadratic_drag",
-    "ground_effect",
-    "voltage_exponent",
-    "thrust_curve",
-)
 #: Thrust is proportional to the density of the air; with the voltage it grows by a power of 0 to 2.
 #: What hovers goes against both, by half as much where thrust goes with the square of the command.
 #: Forces that a payload leaves as they are accelerate a larger mass less.
-ACROSS = (
-    AcrossFlights(
-        "viscous_friction",
-        covariates=(Covariate("air_density"), Covariate("mass", -1.0, 0.3)),
-        identified_by=("viscous_friction",),
-    ),
-    AcrossFlights(
-        "input_gain",
-        logarithm=True,
-        covariates=(
-            Covariate("air_density", 1.0, 0.3),
-            Covariate("battery_voltage", 1.0, 1.0),
-            Covariate("mass", -1.0, 0.1),
+QUANTITIES = QuantityTable(
+    viscous_friction=QuantitySpec(
+        "viscous friction",
+        "K",
+        "1/s",
+        shown_unit="1/s",
+        headline=True,
+        in_rows=True,
+        of_flight=True,
+        across=AcrossFlights(
+            "viscous_friction",
+            covariates=(Covariate("air_density"), Covariate("mass", -1.0, 0.3)),
+            identified_by=("viscous_friction",),
         ),
-        identified_by=("input_gain",),
     ),
-    AcrossFlights(
+    time_constant=QuantitySpec(
+        "time constant",
+        "1/K",
+        "s",
+        Kind.DERIVED,
+        shown_unit="s",
+        lowest=0.0,
+        reciprocal_of="viscous_friction",
+    ),
+    input_gain=QuantitySpec(
+        "input gain",
+        "K_u",
+        "m/s^2",
+        shown_unit="m/s²",
+        in_rows=True,
+        across=AcrossFlights(
+            "input_gain",
+            logarithm=True,
+            covariates=(
+                Covariate("air_density", 1.0, 0.3),
+                Covariate("battery_voltage", 1.0, 1.0),
+                Covariate("mass", -1.0, 0.1),
+            ),
+            identified_by=("input_gain",),
+        ),
+    ),
+    hover_input=QuantitySpec(
+        "hover input",
+        "u_h",
+        "",
+        Kind.DERIVED,
+        in_rows=True,
+        across=AcrossFlights(
+            "hover_input",
+            logarithm=True,
+            largest=1.0,
+            covariates=(
+                Covariate("air_density", -0.75, 0.3),
+                Covariate("battery_voltage", -0.75, 0.75),
+                Covariate("mass", 0.75, 0.25),
+            ),
+        ),
+    ),
+    **LAG_QUANTITIES,
+    intercept=QuantitySpec("intercept", "b", "m/s^2", shown_unit="m/s²", by_run=True),
+    quadratic_drag=QuantitySpec("quadratic drag", "K_2", "1/m", shown_unit="1/m", optional=True),
+    ground_effect=QuantitySpec("ground effect", "k", "", optional=True),
+    voltage_exponent=QuantitySpec("voltage exponent", "n", "", optional=True),
+    thrust_curve=QuantitySpec("thrust curve", "c", "", optional=True),
+)
+QUANTITIES[EFFECTIVE_LAG] = replace(
+    QUANTITIES[EFFECTIVE_LAG],
+    in_rows=True,
+    across=AcrossFlights(
         EFFECTIVE_LAG,
         logarithm=True,
         covariates=(Covariate("battery_voltage", 0.0, 1.0),),
         identified_by=(ACTUATOR_LAG.name,),
     ),
-    AcrossFlights(
-        "hover_input",
-        logarithm=True,
-        largest=1.0,
-        covariates=(
-            Covariate("air_density", -0.75, 0.3),
-            Covariate("battery_voltage", -0.75, 0.75),
-            Covariate("mass", 0.75, 0.25),
-        ),
-    ),
-)
-WORDS = Words(
-    title="Vertical motion",
-    meanings={
-        Status.IDENTIFIED: "the viscous friction is identified, within its interval.",
-        Status.WEAK: "the numbers are indications; something keeps the intervals from being trusted.",
-        Status.PROVISIONAL: "no instrument: the numbers may be biased more than the intervals say.",
-        Status.REFUSED: "the flight does not identify the viscous friction.",
-    },
-    fly=FLY,
-    limits="inside the window and below the largest tilt",
-    limited_by="tilt, window and gaps",
-    loosen="Widen the window, allow more tilt with --max-tilt, or fly level.",
-    no_reference="None is logged: no position, velocity or acceleration setpoint, and no stick.",
-    no_lag="The rotor speeds were measured:\nthere is no lag to find.",
 )
 
 _MANOEUVRES = (
@@ -163,6 +170,24 @@ def vertical_card(log_format_name: str) -> tuple[CardSection, ...]:
         CardSection("Setpoints", (advised.setpoints,)),
     )
 
+
+WORDS = Words(
+    title="Vertical motion",
+    model="vertical_motion",
+    meanings={
+        Status.IDENTIFIED: "the viscous friction is identified, within its interval.",
+        Status.WEAK: "the numbers are indications; something keeps the intervals from being trusted.",
+        Status.PROVISIONAL: "no instrument: the numbers may be biased more than the intervals say.",
+        Status.REFUSED: "the flight does not identify the viscous friction.",
+    },
+    fly=FLY,
+    limits="inside the window and below the largest tilt",
+    limited_by="tilt, window and gaps",
+    loosen="Widen the window, allow more tilt with --max-tilt, or fly level.",
+    no_reference="None is logged: no position, velocity or acceleration setpoint, and no stick.",
+    no_lag="The rotor speeds were measured:\nthere is no lag to find.",
+    advice=vertical_card,
+)
 
 # -- Select --
 

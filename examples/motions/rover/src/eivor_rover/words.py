@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from eivor.flights.quantity import CardSection, Kind, Wording, Words
+from eivor.flights.quantity import CardSection, Kind, QuantitySpec, Words
 from eivor.inference.verdict import Status
 from eivor_rover.rule import DRIVE
 
@@ -12,14 +12,14 @@ EQUATION = (
 )
 MS = {"shown_unit": "ms", "scale": 1e3, "lowest": 0.0}
 QUANTITIES = {
-    "drive_gain": Wording("drive gain", "a", "m/s^2", shown_unit="m/s²"),
-    "rolling_drag": Wording("rolling drag", "c", "1/s", shown_unit="1/s"),
-    "dry_friction": Wording("dry friction", "d", "m/s^2", shown_unit="m/s²"),
-    "actuator_lag": Wording("lag of the drive", "τ", "s", **MS),
-    "delay": Wording("delay", "t_d", "s", **MS),
-    "effective_lag": Wording("effective lag", "τ + t_d", "s", Kind.DERIVED, **MS),
-    "breakaway_command": Wording("breakaway command", "d/a", "", Kind.DERIVED),
-    "time_constant": Wording("time constant", "1/c", "s", Kind.DERIVED, shown_unit="s", lowest=0.0),
+    "drive_gain": QuantitySpec("drive gain", "a", "m/s^2", shown_unit="m/s²"),
+    "rolling_drag": QuantitySpec("rolling drag", "c", "1/s", shown_unit="1/s"),
+    "dry_friction": QuantitySpec("dry friction", "d", "m/s^2", shown_unit="m/s²"),
+    "actuator_lag": QuantitySpec("lag of the drive", "τ", "s", **MS),
+    "delay": QuantitySpec("delay", "t_d", "s", **MS),
+    "effective_lag": QuantitySpec("effective lag", "τ + t_d", "s", Kind.DERIVED, **MS),
+    "breakaway_command": QuantitySpec("breakaway command", "d/a", "", Kind.DERIVED),
+    "time_constant": QuantitySpec("time constant", "1/c", "s", Kind.DERIVED, shown_unit="s", lowest=0.0),
 }
 WORDS = Words(
     title="Rover",
