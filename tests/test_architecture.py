@@ -129,7 +129,7 @@ def test_rooms_name_no_parameter_of_a_motion(room):
 
     of_actuators = {"actuator_lag", "delay", "effective_lag"}  # of every motion whose actuators lag
     plain_words = {"intercept"}
-    current = set(motion_by_name("vertical").wording) - of_actuators - plain_words
+    current = set(motion_by_name("vertical").quantities) - of_actuators - plain_words
     assert {"viscous_friction", "input_gain", "hover_input"} <= current
     for path in (ROOT / "src" / "eivor" / room).rglob("*.py"):
         named = [name for name in current if name in path.read_text(encoding="utf-8")]

@@ -211,7 +211,7 @@ def test_a_slope_that_the_flights_leave_as_expected_is_not_told() -> None:
     text = plain(report)
     assert "goes with battery voltage (type" not in text
     assert (
-        "The flights do not identify how input gain, effective lag or hover input goes with battery voltage"
+        "The flights do not identify how input gain, hover input or effective lag goes with battery voltage"
         in text
     )
     assert "battery voltage is not known of enough flights" not in text

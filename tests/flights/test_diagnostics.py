@@ -19,7 +19,7 @@ from eivor.errors import UsageError
 from eivor.estimation.derived import ParameterSets, parameter_sets
 from eivor.estimation.weighting import whitened_by_residuals
 from eivor.flights.estimate import with_systematic_uncertainties
-from eivor.flights.quantity import NAN, Counts, QuantityEstimate, SystematicUncertainty, QuantitySpec, widened
+from eivor.flights.quantity import NAN, Counts, QuantityEstimate, QuantitySpec, SystematicUncertainty, widened
 from eivor.flights.result import FEWEST_RUNS, FlightEstimate, run_leverage
 from eivor.inference.confidence_set import ConfidenceSet
 from eivor.inference.diagnostics.excitation import Swing

@@ -38,14 +38,14 @@ def problem():
 def left(problem, values):
     return [
         float(np.std(prediction.measured - prediction.predicted) / np.std(prediction.measured))
-        for prediction in Vertical().predictions(problem, values)
+        for prediction in Vertical().abilities.prediction.another_flight(problem, values)
     ]
 
 
 @pytest.mark.usefixtures("unchecked_shapes")
 @pytest.mark.thorough
 def test_the_truth_predicts(problem):
-    one_step, open_loop = Vertical().predictions(problem, TRUTH)
+    one_step, open_loop = Vertical().abilities.prediction.another_flight(problem, TRUTH)
     assert (one_step.horizon.words, open_loop.horizon.words) == ("one step ahead", "in open loop")
     assert one_step.measured.shape == one_step.predicted.shape == open_loop.measured.shape
     # the rotors' state before the log is not known: they start at their first command
@@ -64,7 +64,9 @@ def test_other_numbers_do_not(problem, name, value):
 
 @pytest.mark.usefixtures("unchecked_shapes")
 def test_the_simpler_models_come_from_the_same_flight(problem):
-    simple_models = Vertical().simple_models(problem, identify(problem, by_name("least_squares")))
+    simple_models = Vertical().abilities.prediction.simple_models(
+        problem, identify(problem, by_name("least_squares"))
+    )
     assert set(simple_models) == {"least_squares", "hover"}
     hover = simple_models["hover"].values
     assert hover["viscous_friction"] == hover["actuator_lag"] == hover["delay"] == 0.0

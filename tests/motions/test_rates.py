@@ -206,7 +206,7 @@ def models(fit: dict[str, float] = AHEAD_TRUTH) -> dict[str, SimpleModel]:
 
 
 def test_the_truth_predicts_and_numbers_without_a_lag_do_not(flight):
-    prediction = Rates().multi_step_prediction((flight,), models(), frozenset())
+    prediction = Rates().abilities.prediction.multi_step((flight,), models(), frozenset())
     assert [item[0].quantity for item in prediction.by_quantity] == ["roll rate", "pitch rate", "yaw rate"]
     assert [item.model for item in prediction.by_quantity[0]] == ["fit", "least_squares", "unchanged"]
     for entry, without, unchanged in prediction.by_quantity:
@@ -218,19 +218,24 @@ def test_the_truth_predicts_and_numbers_without_a_lag_do_not(flight):
 
 
 def test_axes_that_are_not_told_are_left_out_and_it_is_said(flight):
-    prediction = Rates().multi_step_prediction((flight,), models(), frozenset({"pitch_effectiveness"}))
+    prediction = Rates().abilities.prediction.multi_step(
+        (flight,), models(), frozenset({"pitch_effectiveness"})
+    )
     assert [item[0].quantity for item in prediction.by_quantity] == ["roll rate", "yaw rate"]
     assert prediction.omitted == ("The pitch rate is not predicted: its effectiveness is refused.",)
-    blind = Rates().multi_step_prediction((flight,), models(), frozenset({"effective_lag"}))
+    blind = Rates().abilities.prediction.multi_step((flight,), models(), frozenset({"effective_lag"}))
     assert not blind.errors
     assert len(blind.omitted) == 3
     channels = {
         name: channel for name, channel in flight.signals.channels.items() if name != "torque_setpoint_z"
     }
     two = replace(flight, signals=replace(flight.signals, channels=channels))
-    result = Rates().multi_step_prediction((two,), models(), frozenset())
+    result = Rates().abilities.prediction.multi_step((two,), models(), frozenset())
     assert [item[0].quantity for item in result.by_quantity] == ["roll rate", "pitch rate"]
     assert "not logged" in result.omitted[0]
     no_yaw = {name: item for name, item in AHEAD_TRUTH.items() if not name.startswith("yaw")}
     lesser = {"fit": SimpleModel("the fit", no_yaw)}
-    assert "the fit knows none" in Rates().multi_step_prediction((flight,), lesser, frozenset()).omitted[0]
+    assert (
+        "the fit knows none"
+        in Rates().abilities.prediction.multi_step((flight,), lesser, frozenset()).omitted[0]
+    )

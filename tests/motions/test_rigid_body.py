@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from eivor.errors import InputError, UsageError
+from eivor.flights.motion import of_vehicle
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepare import prepare
 from eivor.flights.result import FlightEstimate
@@ -190,7 +191,7 @@ def test_a_vehicle_is_asked_for(flight):
 
 
 def test_a_vehicle_may_be_named_or_come_from_a_file(flight, tmp_path: Path):
-    named = motion_by_name("rigid-body").of_vehicle("crazyflie-2x")
+    named = of_vehicle(motion_by_name("rigid-body"), "crazyflie-2x")
     assert named.vehicle is not None
     assert len(named.vehicle.spins) == 4
     with pytest.raises(UsageError, match="asks what flies"):

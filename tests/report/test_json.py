@@ -86,11 +86,11 @@ SCHEMA: dict[str, Any] = {
     "parameters": {
         "viscous_friction": SETS,
         "input_gain": QUANTITY,
-        "intercept": {**QUANTITY, "by_segment": [NUMBER]},
         "actuator_lag": QUANTITY,
         "delay": QUANTITY,
+        "intercept": {**QUANTITY, "by_segment": [NUMBER]},
     },
-    "derived": {"effective_lag": QUANTITY, "hover_input": QUANTITY, "time_constant": QUANTITY},
+    "derived": {"time_constant": QUANTITY, "hover_input": QUANTITY, "effective_lag": QUANTITY},
     "implied": [],
     "contradictions": [],
     "covariance": (dict, type(None)),

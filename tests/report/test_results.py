@@ -17,6 +17,7 @@ from PIL import Image
 
 import eivor as ev
 from eivor.errors import EstimationError, InputError, UsageError
+from eivor.flights.motion import Abilities
 
 
 def travelled(result: Any) -> Any:
@@ -268,7 +269,7 @@ def test_what_cannot_be_validated_is_told(
     other.document["model"]["name"] = "submarine"
     with pytest.raises(UsageError, match="'submarine'"):
         ev.validate(other, recording)
-    monkeypatch.setattr(type(fit.motion), "predictions", lambda *_: ())
+    monkeypatch.setattr(type(fit.motion), "abilities", Abilities())
     with pytest.raises(UsageError, match="a motion that predicts"):
         ev.validate(fit, recording)
 

@@ -173,7 +173,7 @@ def quantities(motion: RigidBody, log: Recording, values: dict[str, float], *ref
 
 @pytest.mark.thorough
 def test_true_numbers_predict_every_quantity(flight, truth):
-    prediction = MOTION.multi_step_prediction((flight,), models(truth), frozenset())
+    prediction = MOTION.abilities.prediction.multi_step((flight,), models(truth), frozenset())
     assert [item[0].quantity for item in prediction.by_quantity] == QUANTITIES
     # of a flight without noise next to nothing is left half a second ahead
     allowed = dict(zip(QUANTITIES, (5e-3, 5e-3, 5e-3, 2e-3, 0.02, 5e-3), strict=True))
@@ -220,7 +220,7 @@ def test_a_body_that_turns_on_is_predicted_by_its_rates():
     ],
 )
 def test_what_rests_on_a_refused_gain_is_left_out(flight, truth, refused, left):
-    prediction = MOTION.multi_step_prediction((flight,), models(truth), frozenset(refused))
+    prediction = MOTION.abilities.prediction.multi_step((flight,), models(truth), frozenset(refused))
     assert [item[0].quantity for item in prediction.by_quantity] == left
     text = " ".join(prediction.omitted)
     assert ("Not predicted" in text) == (left != QUANTITIES)
@@ -231,7 +231,7 @@ def test_what_rests_on_a_refused_gain_is_left_out(flight, truth, refused, left):
 
 def test_a_refused_drag_counts_as_zero(flight, truth):
     wild = {**truth, "drag_x": 1e3, "quadratic_drag_x": 1e3}
-    result = MOTION.multi_step_prediction((flight,), models(wild), frozenset({"drag_x"}))
+    result = MOTION.abilities.prediction.multi_step((flight,), models(wild), frozenset({"drag_x"}))
     velocity = {error.model: error for error in result.errors if error.quantity == "velocity"}
     assert velocity["fit"].rms[-1] < 0.3
     assert velocity["least_squares"].rms[-1] > 1.0

@@ -88,7 +88,7 @@ def sideways(log, *, leaning: float, yaw: float | None = None, seed: int = 0):
 def agreement(*logs) -> SensorAgreement | None:
     flights = tuple(prepare(log, VERTICAL, FlightOptions()) for log in logs)
     chosen = instruments(flights, FlightOptions(), reference_iv())
-    return VERTICAL.sensors(VERTICAL.problem(flights, chosen.rule), flights)
+    return VERTICAL.abilities.sensors.agreement(VERTICAL.problem(flights, chosen.rule), flights)
 
 
 @pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
@@ -196,7 +196,7 @@ def test_there_is_nothing_to_compare(log):
     assert agreement(replace(log, channels=alone)) is None
     flights = (prepare(log, VERTICAL, FlightOptions()),)
     none = instruments(flights, FlightOptions(), least_squares())
-    assert VERTICAL.sensors(VERTICAL.problem(flights, none.rule), flights) is None
+    assert VERTICAL.abilities.sensors.agreement(VERTICAL.problem(flights, none.rule), flights) is None
 
 
 @pytest.mark.usefixtures("unchecked_shapes", "coarse_search")
@@ -294,7 +294,7 @@ def test_the_sensor_that_is_wrong_is_scaled(log, channel, factor):
     sensors = SensorAgreement(
         {"scale": Difference(0.06 if channel == "velocity_z" else -0.06 / 1.06, 1e-3)}, 0.5
     )
-    (aligned,) = VERTICAL.aligned((flight,), sensors)
+    (aligned,) = VERTICAL.abilities.sensors.aligned((flight,), sensors)
     for name in ("velocity_z", "specific_force_z"):
         np.testing.assert_allclose(aligned.signals.channel(name), right.signals.channel(name), rtol=1e-9)
     assert abs(right.signals.channel("specific_force_z").mean() - GRAVITY) < 0.1

@@ -257,4 +257,3 @@ def test_the_command_line_takes_terms_before_a_log_is_read():
 def test_motions_without_terms_say_so():
     with pytest.raises(UsageError, match="no optional terms: 'rates' has none"):
         check_options(motion_by_name("rates"), FlightOptions(terms=("voltage",)))
-    assert Vertical().written == Vertical.equation

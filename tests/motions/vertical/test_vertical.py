@@ -13,7 +13,7 @@ from scipy import stats
 import eivor as ev
 from coarse_search import coarse
 from eivor.errors import InputError, UsageError
-from eivor.flights.motion import VerdictInputs
+from eivor.flights.motion import VerdictInputs, for_flights, of_vehicle
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepare import prepare
 from eivor.flights.prepared import Difference
@@ -54,7 +54,7 @@ def test_every_quantity_is_worded_and_in_the_order_of_results(fit):
 
 def test_excitation_is_that_of_the_runs(fit):
     (flight,) = fit.prepared
-    excitation = Vertical().excitation(fit.prepared)
+    excitation = Vertical().abilities.excitation(fit.prepared)
     command, speed = flight.used_input, flight.signals.channel("velocity_z")[flight.used]
     mapped = (command**2).mean(axis=1) * flight.signals.channel("cos_tilt")[flight.used]
     assert excitation == (
@@ -73,7 +73,7 @@ def test_an_input_of_zero_says_nothing_of_its_variation():
     idle = replace(log, channels={**log.channels, **off, "landed": replace(off["rotor_command_1"])})
     flight = prepare(idle, Vertical(), FlightOptions())
     assert flight.runs
-    assert Vertical().excitation((flight,)) == ""
+    assert Vertical().abilities.excitation((flight,)) == ""
 
 
 def test_the_trace_is_the_measured_acceleration_and_the_model(fit):
@@ -141,17 +141,17 @@ def test_the_radius_comes_from_a_vehicle_too(tmp_path: Path):
     file = tmp_path / "mine.toml"
     rotors = '[rotors]\nlayout = "quad-x"\nnumbering = "px4"\n'
     file.write_text(rotors + "radius = 0.15\n", encoding="utf-8")
-    vertical = Vertical().of_vehicle(str(file))
+    vertical = of_vehicle(Vertical(), str(file))
     assert vertical.rotor_radius == 0.15
     check_terms(FlightOptions(terms=("ground-effect",)), vertical.rotor_radius)
     low = (flight(0.4),)
-    assert vertical.for_flights(low, FlightOptions()).rotor_radius == 0.15
+    assert for_flights(vertical, low, FlightOptions()).rotor_radius == 0.15
     assert vertical.for_flights(low, FlightOptions(rotor_radius=0.3)).rotor_radius == 0.3
     with pytest.raises(UsageError, match="the radius of its rotors"):
-        Vertical().of_vehicle("quadrotor-x")
+        of_vehicle(Vertical(), "quadrotor-x")
     file.write_text(rotors + "radius = 15.0\n", encoding="utf-8")
     with pytest.raises(InputError, match="rotor_radius"):
-        Vertical().of_vehicle(str(file))
+        of_vehicle(Vertical(), str(file))
 
 
 # -- What the autopilot holds its hover input to be, beside the one that is identified --

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import numpy as np
+
+from eivor.flights.grid import Active, Grid
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import InputFamily, Selection, chosen_input
 from eivor.flights.references import ReferenceSource
@@ -21,6 +24,12 @@ REFERENCES = (ReferenceSource(REFERENCE),)
 BAND_HZ = (0.05, 5.0)
 
 
+def throughout(log: Recording, grid: Grid, input_level: np.ndarray) -> Active:
+    """Everywhere: a rover need not take off."""
+    del log, input_level
+    return Active(np.ones(grid.count, dtype=np.bool_), "the record, which is a drive throughout")
+
+
 def selected(log: Recording, options: FlightOptions) -> Selection:
     """Speed and command, and the accelerometer where there is one."""
     family, commands = chosen_input(
@@ -32,4 +41,5 @@ def selected(log: Recording, options: FlightOptions) -> Selection:
         states={"velocity": log.channel(SPEED)},
         responses={"acceleration": log.channels.get(ACCELERATION)},
         band_hz=BAND_HZ,
+        active=throughout,
     )

@@ -8,12 +8,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from eivor.estimation.estimate import Estimate
-from eivor.flights.grid import Active, Grid
 from eivor.flights.lag_prior import joint_quantities, lag_quantities, ratio_quantity
-from eivor.flights.motion import InstrumentStrength, Motion, VerdictInputs
+from eivor.flights.motion import (
+    Abilities,
+    Flights,
+    FlightView,
+    InstrumentStrength,
+    LogChannels,
+    Motion,
+    VerdictInputs,
+)
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import PreparedFlight, Selection
-from eivor.flights.quantity import CardSection, PlotData, QuantityEstimate, Trace
+from eivor.flights.quantity import PlotData, QuantityEstimate, Trace
 from eivor.inference.verdict import Reason
 from eivor.models.lagged_runs import LaggedRuns
 from eivor.models.separable import InstrumentRule
@@ -21,7 +28,17 @@ from eivor.signals.recording import Recording
 from eivor_rover.channels import CHANNELS, INPUTS, REFERENCES, SPEED, selected
 from eivor_rover.problem import rover_runs
 from eivor_rover.rule import reasons
-from eivor_rover.words import CARD, EQUATION, QUANTITIES, WORDS
+from eivor_rover.words import EQUATION, QUANTITIES, WORDS
+
+
+def excitation(flights: Flights) -> str:
+    """How much speed and command varied."""
+    speed = np.concatenate([flight.signals.channel(SPEED)[flight.used] for flight in flights])
+    command = np.concatenate([flight.used_input.mean(axis=1) for flight in flights])
+    return (
+        f"The command varied by {command.std():.2g} and the speed by {speed.std():.2g} m/s (standard "
+        "deviations)."
+    )
 
 
 @dataclass(frozen=True)
@@ -29,32 +46,21 @@ class Rover(Motion[LaggedRuns]):
     """v' = a u - c v - d sign(v) + b, behind the lag of the drive."""
 
     name = "rover"
-    model_name = "rover"
-    equation = EQUATION
-    wording = QUANTITIES
-    plotted = tuple(QUANTITIES)
-    headline = ("drive_gain", "dry_friction")
-    rows = ("drive_gain", "rolling_drag", "dry_friction", "effective_lag")
     words = WORDS
-    inputs = INPUTS
-    needed = (SPEED,)
-    references = REFERENCES
-    channels = CHANNELS
+    equation = EQUATION
+    quantities = QUANTITIES
+    channels = LogChannels(INPUTS, (SPEED,), REFERENCES, added=CHANNELS)
+    abilities = Abilities(excitation=excitation)
 
     def select(self, log: Recording, options: FlightOptions) -> Selection:
         """Speed, command and accelerometer."""
         return selected(log, options)
 
-    def active(self, log: Recording, grid: Grid, input_level: np.ndarray) -> Active:
-        """Everywhere: a rover need not take off."""
-        del log, input_level
-        return Active(np.ones(grid.count, dtype=np.bool_), "the record, which is a drive throughout")
-
     def problem(self, flights: tuple[PreparedFlight, ...], rule: InstrumentRule) -> LaggedRuns:
         """Regressions of the drives for each lag and delay."""
         return rover_runs(flights, rule)
 
-    def quantities(self, problem: LaggedRuns, estimate: Estimate) -> Mapping[str, QuantityEstimate]:
+    def derive(self, problem: LaggedRuns, estimate: Estimate) -> Mapping[str, QuantityEstimate]:
         """Parameters, lags, and what follows from them."""
         joint = joint_quantities(estimate)
         return {
@@ -69,19 +75,6 @@ class Rover(Motion[LaggedRuns]):
     ) -> Mapping[str, tuple[Reason, ...]]:
         """The rule of the verdicts."""
         return reasons(quantities, strength, inputs)
-
-    def excitation(self, flights: tuple[PreparedFlight, ...]) -> str:
-        """How much speed and command varied."""
-        speed = np.concatenate([flight.signals.channel(SPEED)[flight.used] for flight in flights])
-        command = np.concatenate([flight.used_input.mean(axis=1) for flight in flights])
-        return (
-            f"The command varied by {command.std():.2g} and the speed by {speed.std():.2g} m/s (standard "
-            "deviations)."
-        )
-
-    def symbols(self, flight: PreparedFlight) -> str:
-        """What u is in this drive."""
-        return f"u = {flight.input.name} behind a lag τ and a delay t_d"
 
     def traces(self, problem: LaggedRuns, estimate: Estimate) -> tuple[Trace, ...]:
         """Forward acceleration, means of each run removed."""
@@ -99,11 +92,7 @@ class Rover(Motion[LaggedRuns]):
             ),
         )
 
-    def overview(self, flight: PreparedFlight) -> tuple[PlotData, ...]:
-        """Speed."""
-        return (PlotData("forward speed\n[m/s]", flight.signals.channel(SPEED)),)
-
-    def advice(self, log_format: str) -> tuple[CardSection, ...]:
-        """What to drive and to log, whatever the format."""
-        del log_format
-        return CARD
+    def view(self, flight: PreparedFlight) -> FlightView:
+        """What u is in this drive, and the speed."""
+        symbols = f"u = {flight.input.name} behind a lag τ and a delay t_d"
+        return FlightView(symbols, (PlotData("forward speed\n[m/s]", flight.signals.channel(SPEED)),))

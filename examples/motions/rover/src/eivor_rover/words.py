@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from eivor.flights.quantity import CardSection, Kind, QuantitySpec, Words
+from eivor.flights.quantity import CardSection, Kind, QuantitySpec, QuantityTable, Words
 from eivor.inference.verdict import Status
 from eivor_rover.rule import DRIVE
 
@@ -11,18 +11,29 @@ EQUATION = (
     "tau w' + w = command(t - t_d), u = mean(w)",
 )
 MS = {"shown_unit": "ms", "scale": 1e3, "lowest": 0.0}
-QUANTITIES = {
-    "drive_gain": QuantitySpec("drive gain", "a", "m/s^2", shown_unit="m/s²"),
-    "rolling_drag": QuantitySpec("rolling drag", "c", "1/s", shown_unit="1/s"),
-    "dry_friction": QuantitySpec("dry friction", "d", "m/s^2", shown_unit="m/s²"),
-    "actuator_lag": QuantitySpec("lag of the drive", "τ", "s", **MS),
-    "delay": QuantitySpec("delay", "t_d", "s", **MS),
-    "effective_lag": QuantitySpec("effective lag", "τ + t_d", "s", Kind.DERIVED, **MS),
-    "breakaway_command": QuantitySpec("breakaway command", "d/a", "", Kind.DERIVED),
-    "time_constant": QuantitySpec("time constant", "1/c", "s", Kind.DERIVED, shown_unit="s", lowest=0.0),
-}
+QUANTITIES = QuantityTable(
+    drive_gain=QuantitySpec("drive gain", "a", "m/s^2", shown_unit="m/s²", headline=True, in_rows=True),
+    rolling_drag=QuantitySpec("rolling drag", "c", "1/s", shown_unit="1/s", in_rows=True),
+    dry_friction=QuantitySpec("dry friction", "d", "m/s^2", shown_unit="m/s²", headline=True, in_rows=True),
+    actuator_lag=QuantitySpec("lag of the drive", "τ", "s", **MS),
+    delay=QuantitySpec("delay", "t_d", "s", **MS),
+    effective_lag=QuantitySpec("effective lag", "τ + t_d", "s", Kind.DERIVED, in_rows=True, **MS),
+    breakaway_command=QuantitySpec("breakaway command", "d/a", "", Kind.DERIVED),
+    time_constant=QuantitySpec("time constant", "1/c", "s", Kind.DERIVED, shown_unit="s", lowest=0.0),
+)
+CARD = (
+    CardSection("Drive", (DRIVE, "Turn as little as possible, and keep the wheels from slipping.")),
+    CardSection(
+        "Log",
+        (
+            "forward_speed, drive_command and reference_forward_speed at 50 Hz or more, with a column time.",
+            "forward_acceleration too, where there is an accelerometer.",
+        ),
+    ),
+)
 WORDS = Words(
     title="Rover",
+    model="rover",
     meanings={
         Status.IDENTIFIED: "the drive tells gain and dry friction within their intervals.",
         Status.WEAK: "the numbers are indications; something keeps the intervals from being trusted.",
@@ -35,14 +46,5 @@ WORDS = Words(
     where="under way",
     begins="sets off",
     another_log="Give a log of a drive.",
-)
-CARD = (
-    CardSection("Drive", (DRIVE, "Turn as little as possible, and keep the wheels from slipping.")),
-    CardSection(
-        "Log",
-        (
-            "forward_speed, drive_command and reference_forward_speed at 50 Hz or more, with a column time.",
-            "forward_acceleration too, where there is an accelerometer.",
-        ),
-    ),
+    advice=lambda _format: CARD,
 )
