@@ -11,6 +11,7 @@ import pytest
 from eivor.estimation.estimate import Estimate
 from eivor.estimation.methods import by_name, identify
 from eivor.estimation.moments import Instrumental
+from eivor.flights.motion import for_flights
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepare import prepare
 from eivor.inference.verdict import Status
@@ -103,7 +104,7 @@ def test_of_a_pool_the_longest_flight_is_asked_and_no_member_by_itself(monkeypat
     known = KnownVehicle("simulated", positions, rotors.spins, gyro_cutoff_hz=CUTOFF_HZ)
     alone = RigidBody(known)
     flights = tuple(prepare(item.recording, alone, FlightOptions()).shortened for item in flight)
-    motion = alone.for_flights(flights, FlightOptions())
+    motion = for_flights(alone, flights, FlightOptions())
     problem = rigid_body_problem(flights, motion.layout, NoInstruments())
     requested = []
 

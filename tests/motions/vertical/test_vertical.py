@@ -146,7 +146,7 @@ def test_the_radius_comes_from_a_vehicle_too(tmp_path: Path):
     check_terms(FlightOptions(terms=("ground-effect",)), vertical.rotor_radius)
     low = (flight(0.4),)
     assert for_flights(vertical, low, FlightOptions()).rotor_radius == 0.15
-    assert vertical.for_flights(low, FlightOptions(rotor_radius=0.3)).rotor_radius == 0.3
+    assert for_flights(vertical, low, FlightOptions(rotor_radius=0.3)).rotor_radius == 0.3
     with pytest.raises(UsageError, match="the radius of its rotors"):
         of_vehicle(Vertical(), "quadrotor-x")
     file.write_text(rotors + "radius = 15.0\n", encoding="utf-8")
