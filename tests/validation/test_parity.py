@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import ast
 import copy
-import hashlib
-import json
 from pathlib import Path
 
 import pytest
@@ -162,19 +160,6 @@ def test_documents_are_kept_without_version(tmp_path):
     assert result["page"] is None
     assert "message" not in result
     assert folder.eivor("identify", "none.ulg")["message"].startswith("eivor: ")
-
-
-def test_files_are_equal_to_the_byte(tmp_path):
-    results = {"schema": recording.SCHEMA, "entries": record({"b/2": {"z": 1 / 3, "a": [1]}, "a/1": {}})}
-    for name in ("one.json.xz", "two.json.xz"):
-        write_record(tmp_path / name, results)
-    assert (tmp_path / "one.json.xz").read_bytes() == (tmp_path / "two.json.xz").read_bytes()
-    kept = recording.read_record(tmp_path / "one.json.xz")["entries"]["b/2"]
-    assert kept["content"] == {"z": 0.33333333333, "a": [1]}
-    assert (
-        kept["sha256"]
-        == hashlib.sha256(json.dumps({"a": [1], "z": 1 / 3}).replace(" ", "").encode()).hexdigest()
-    )
 
 
 def test_the_committed_record_has_every_part():
