@@ -38,7 +38,6 @@ class DaskCluster(Executor):
     def map(
         self, function: Callable[[Item], Result], items: Iterable[Item]
     ) -> Generator[tuple[int, Result], None, None]:
-        """As they are done, see `Executor.map`."""
         try:
             import distributed
         except ImportError as error:

@@ -347,7 +347,6 @@ class InProcess(Executor):
     def map(
         self, function: Callable[[Item], Result], items: Iterable[Item]
     ) -> Generator[tuple[int, Result], None, None]:
-        """In order, see `Executor.map`."""
         for index, item in enumerate(items):
             with threadpool_limits(limits=1):
                 result = function(item)
@@ -366,7 +365,6 @@ class LocalThreads(Executor):
     def map(
         self, function: Callable[[Item], Result], items: Iterable[Item]
     ) -> Generator[tuple[int, Result], None, None]:
-        """As they are done, see `Executor.map`."""
         waiting, running = enumerate(items), set[Future[tuple[int, Result]]]()
         stop = threading.Event()
 
@@ -401,7 +399,6 @@ class LocalProcesses(Executor):
     def map(
         self, function: Callable[[Item], Result], items: Iterable[Item]
     ) -> Generator[tuple[int, Result], None, None]:
-        """As they are done, see `Executor.map`."""
         processes = [WorkerProcess(function) for _ in range(self.workers)]
         free: queue.SimpleQueue[WorkerProcess] = queue.SimpleQueue()
         for process in processes:

@@ -10,7 +10,6 @@ from eivor.errors import ParameterError
 from eivor.lab.disturbances import (
     Arma,
     Bilinear,
-    BilinearSum,
     BilinearTerm,
     BoundedAdversary,
     CoefficientCourse,
@@ -26,6 +25,7 @@ from eivor.lab.disturbances import (
     TimeVaryingArma,
     Trend,
     VarianceSwitch,
+    bilinear,
     paper_disturbance,
 )
 from eivor.simulation.excitation import Disturbance, DrydenGust, WhiteDisturbance, settling
@@ -65,7 +65,7 @@ STATIONARY = [
     (Arma(1.0, (1.2, -0.5), ()), 1.5 / (0.5 * 0.81)),
     (Arma(1.0, (), (0.5, 0.3)), 1.34),
     (RandomCoefficientMovingAverage((0.0, 3.0), (1.0, 1.0), 0.4), 0.16 * 11.0),
-    (Bilinear(0.6, 3, 1, 1.1), 1.21 / (1.0 - 0.66**2)),
+    (bilinear(0.6, 3, 1, 1.1), 1.21 / (1.0 - 0.66**2)),
     (Garch(0.1, (0.3,), (0.5,)), 0.5),
     (DrydenGust(0.8, 5.0, 4.0), 0.64),
     (OrnsteinUhlenbeck(0.8, 0.7), 0.64),
@@ -182,7 +182,7 @@ def test_threshold_is_its_recursion():
 def test_bilinear_is_uncorrelated_with_heavy_tails():
     """E x^4 = 3 s^4 (1 + 2 b^2 E x^2) / (1 - 3 b^4 s^4), and no autocovariance at all."""
     b, s = 0.5, 1.0
-    process = Bilinear(b, 2, 1, s)
+    process = bilinear(b, 2, 1, s)
     variance = s**2 / (1 - (b * s) ** 2)
     fourth = 3 * s**4 * (1 + 2 * b**2 * variance) / (1 - 3 * b**4 * s**4)
     series = realisations(process, 300, 800)
@@ -195,8 +195,8 @@ def test_bilinear_is_uncorrelated_with_heavy_tails():
 
 
 def test_several_bilinear_terms_follow_their_recursion():
-    process = BilinearSum((BilinearTerm(0.3, 2, 1), BilinearTerm(-0.4, 5, 3)), std=0.9)
-    shocks = 0.9 * rng().standard_normal(5 * settling(0.9 * 0.7) + 60)
+    process = Bilinear((BilinearTerm(0.3, 2, 1), BilinearTerm(-0.4, 5, 3)), std=0.9)
+    shocks = 0.9 * rng().standard_normal(5 * settling((0.9 * 0.7) ** 2) + 60)
     series = [0.0] * 5
     for k in range(5, shocks.size):
         x = 0.3 * series[k - 2] * shocks[k - 1] - 0.4 * series[k - 5] * shocks[k - 3]
@@ -367,11 +367,11 @@ def test_dryden_on_a_fine_grid_is_smooth_and_finite(tiny):
         (lambda: GivenCourse(()), "one or more series"),
         (lambda: SumOfCourses(()), "one or more parts"),
         (lambda: GivenDisturbance((1.0, float("nan"))), "a finite value"),
-        (lambda: BilinearSum((BilinearTerm(0.6), BilinearTerm(-0.5, 3, 1))), "sizes below one"),
+        (lambda: Bilinear((BilinearTerm(0.6), BilinearTerm(-0.5, 3, 1))), "sizes below one"),
         (lambda: BilinearTerm(0.1, 1, 1), "a series_lag above shock_lag"),
-        (lambda: Bilinear(1.0, std=1.0), "below one, so that the series is stationary; received 1"),
-        (lambda: Bilinear(0.1, 1, 1), "a series_lag above shock_lag"),
-        (lambda: Bilinear(0.1, 1, 0), "shock_lag of 1 or more"),
+        (lambda: bilinear(1.0, std=1.0), "below one, so that the series is stationary; received 1"),
+        (lambda: bilinear(0.1, 1, 1), "a series_lag above shock_lag"),
+        (lambda: bilinear(0.1, 1, 0), "shock_lag of 1 or more"),
         (lambda: Garch(0.1, (0.5,), (0.5,)), "add up to less than one.*received 1"),
         (lambda: Garch(0.0, (0.5,)), "a finite floor above zero"),
         (lambda: Garch(0.1, (-0.5,)), "a finite coefficient of shocks of zero or more"),

@@ -24,8 +24,10 @@ from eivor.cli.outputs import (
     complain,
     console,
     deliver,
+    flag,
     guarded,
     keep_inputs,
+    option,
     output_file,
     show,
     step,
@@ -102,31 +104,22 @@ PAPER_EXIT_CODES = (
 @guarded
 def paper(
     *,
-    runs: Annotated[int, typer.Option(metavar="N", help="Runs of each example.")] = 100,
+    runs: Annotated[int, option("N", "Runs of each example.", show_default=True)] = 100,
     out: Annotated[
         str,
-        typer.Option(
-            metavar="FOLDER",
-            help="Write figures 2 to 8 of the nearest reading here, as SVG and PNG.",
-            show_default=False,
-        ),
+        option("FOLDER", "Write figures 2 to 8 of the nearest reading here, as SVG and PNG."),
         Writes(PAPER_FILES),
     ] = "",
     readings: Annotated[
         str,
-        typer.Option(
-            metavar="NAMES",
-            help="Readings with commas between, or all: print their tables in full. Default: run all, and "
-            "print the nearest one's tables and an overview.",
-            show_default=False,
+        option(
+            "NAMES",
+            "Readings with commas between, or all: print their tables in full. Default: run all, and print "
+            "the nearest one's tables and an overview.",
         ),
     ] = "",
-    list_readings: Annotated[
-        bool, typer.Option("--list", help="List the readings, what each says, and leave.")
-    ] = False,
-    workers: Annotated[
-        int, typer.Option(metavar="N", help="Processes; default: one for each core.", show_default=False)
-    ] = 0,
+    list_readings: Annotated[bool, flag("--list", "List the readings, what each says, and leave.")] = False,
+    workers: Annotated[int, option("N", "Processes; default: one for each core.")] = 0,
     json: JsonOption = "",
 ) -> ExitCode:
     """Run examples 1 and 2 of the paper that Eivor started from, and print measured beside printed.
@@ -247,33 +240,23 @@ def simulate(
     *,
     out: Annotated[
         str,
-        typer.Option("--out", "-o", metavar="FILE", help="The log, which ends in .parquet or .csv."),
+        option("FILE", "The log, which ends in .parquet or .csv.", "--out", "-o", show_default=True),
         Writes(),
     ],
     seed: Annotated[
-        int, typer.Option(metavar="N", help="Of all randomness: the same gives the same log.")
+        int, option("N", "Of all randomness: the same gives the same log.", show_default=True)
     ] = 0,
     truth: Annotated[
         str,
-        typer.Option(
-            metavar="FILE.json",
-            help="Write the parameters and the noises that were added.",
-            show_default=False,
-        ),
+        option("FILE.json", "Write the parameters and the noises that were added."),
         Writes(),
     ] = "",
     vehicle: Annotated[
         str,
-        typer.Option(
-            metavar="FILE.toml",
-            help="Write the vehicle file that `eivor identify --model rigid-body` asks for.",
-            show_default=False,
-        ),
+        option("FILE.toml", "Write the vehicle file that `eivor identify --model rigid-body` asks for."),
         Writes(),
     ] = "",
-    hover: Annotated[
-        bool, typer.Option("--hover", help="Add the input that carries the weight, g / K_u.")
-    ] = False,
+    hover: Annotated[bool, flag("--hover", "Add the input that carries the weight, g / K_u.")] = False,
 ) -> ExitCode:
     """Simulate motion with known parameters into a log.
 
@@ -376,33 +359,21 @@ def study(
     *,
     out: Annotated[
         str,
-        typer.Option(
-            metavar="FOLDER",
-            help="Folder of the trials; default: the study's file name with -study, here.",
-            show_default=False,
-        ),
+        option("FOLDER", "Folder of the trials; default: the study's file name with -study, here."),
         Writes(STUDY_FILES, default=lambda values: f"{Path(values['study_file']).stem}-study"),
     ] = "",
     runs: Annotated[
         int | None,
-        typer.Option(metavar="N", help="Trials, in place of the study's own number.", show_default=False),
+        option("N", "Trials, in place of the study's own number."),
     ] = None,
     workers: WorkersOption = None,
     dask: Annotated[
         str,
-        typer.Option(
-            metavar="ADDRESS",
-            help="Use the workers of a Dask scheduler, such as tcp://host:8786.",
-            show_default=False,
-        ),
+        option("ADDRESS", "Use the workers of a Dask scheduler, such as tcp://host:8786."),
     ] = "",
     figures: Annotated[
         bool,
-        typer.Option(
-            "--figures",
-            help="Draw histograms of NRMSE and, with intervals, their coverage into the folder.",
-            show_default=False,
-        ),
+        flag("--figures", "Draw histograms of NRMSE and, with intervals, their coverage into the folder."),
     ] = False,
     json: JsonOption = "",
 ) -> ExitCode:

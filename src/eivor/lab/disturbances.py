@@ -54,7 +54,6 @@ class CoefficientCourse(CoefficientPath):
             finite(name, getattr(self, name))
 
     def values(self, count: int) -> Float[np.ndarray, " count"]:
-        """Coefficient at each sample."""
         turns = self.cycles * np.arange(count) / count
         return self.mean + self.amplitude * np.sin(2.0 * np.pi * turns + self.phase)
 
@@ -71,11 +70,9 @@ class GivenCourse(CoefficientPath):
 
     @property
     def longest(self) -> int:
-        """Length of the series."""
         return len(self.series)
 
     def values(self, count: int) -> Float[np.ndarray, " count"]:
-        """Beginning of the series."""
         return beginning_of(self.series, count)
 
 
@@ -90,11 +87,9 @@ class SumOfCourses(CoefficientPath):
 
     @property
     def longest(self) -> int | None:
-        """Length of the shortest part that has one."""
         return min((part.longest for part in self.parts if part.longest is not None), default=None)
 
     def values(self, count: int) -> Float[np.ndarray, " count"]:
-        """Sum of the parts."""
         return np.sum([part.values(count) for part in self.parts], axis=0)
 
 
@@ -164,7 +159,6 @@ class TimeVaryingArma(Disturbance):
         require(root < 1.0, expected, received, "Make the means or amplitudes smaller.")
 
     def sample(self, count: int, _step_s: float, rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
-        """One realisation."""
         shocks = rng.standard_normal(count)
         driven = shocks.copy()
         for lag, path in enumerate(self.moving_average[: count - 1], start=1):
@@ -193,7 +187,6 @@ class RandomCoefficientMovingAverage(Disturbance):
         non_negative("std", self.std)
 
     def sample(self, count: int, _step_s: float, rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
-        """One realisation; w exists before the record."""
         order = len(self.means)
         shocks = rng.standard_normal(count + order)
         series = np.zeros(count)
@@ -216,7 +209,6 @@ class Trend(Disturbance):
         finite("coefficient", *self.coefficients)
 
     def sample(self, count: int, _step_s: float, _rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
-        """Draw nothing: it is always the same."""
         return np.polynomial.polynomial.polyval(np.linspace(-1.0, 1.0, count), np.array(self.coefficients))
 
 
@@ -238,7 +230,6 @@ class Sinusoids(Disturbance):
         finite("phase", *self.phases)
 
     def sample(self, count: int, step_s: float, _rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
-        """Draw nothing: it is always the same."""
         t = step_s * np.arange(count)
         phases = self.phases or (0.0,) * len(self.amplitudes)
         waves = zip(self.amplitudes, self.frequencies, phases, strict=True)
@@ -267,7 +258,6 @@ class BoundedAdversary(Disturbance):
         require(0.0 <= self.high_share <= 1.0, "a high_share from 0 to 1", f"high_share={self.high_share}")
 
     def sample(self, count: int, step_s: float, _rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
-        """Draw nothing: it is always the same."""
         t, duration = step_s * np.arange(count), step_s * max(count, 1)
         rate = np.log(self.longest_s / self.shortest_s) / duration
         turns = t if rate == 0.0 else np.expm1(rate * t) / rate
@@ -293,7 +283,6 @@ class SumOfDisturbances(Disturbance):
         given("parts", self.parts)
 
     def sample(self, count: int, step_s: float, rng: np.random.Generator) -> Float[np.ndarray, " count"]:
-        """Sum of one realisation of each."""
         drawn = zip(self.parts, rng.spawn(len(self.parts)), strict=True)
         return sum((part.sample(count, step_s, stream) for part, stream in drawn), np.zeros(count))
 
@@ -327,7 +316,6 @@ class OrnsteinUhlenbeck(Disturbance):
         positive("correlation_s", self.correlation_s)
 
     def sample(self, count: int, step_s: float, rng: np.random.Generator) -> Float[np.ndarray, " count"]:
-        """One realisation, stationary from its first sample."""
         decay = float(np.exp(-step_s / self.correlation_s))
         shocks = rng.standard_normal(count)
         shocks[1:] *= np.sqrt(1.0 - decay**2)
@@ -399,35 +387,10 @@ class BilinearTerm:
 
 @dataclass(frozen=True, slots=True)
 class Bilinear(Disturbance):
-    """Strongly subdiagonal bilinear: x[k] = w[k] + b x[k - series_lag] w[k - shock_lag].
+    """Strongly subdiagonal bilinear of several terms: x[k] = w[k] + sum_m b_m x[k - i_m] w[k - j_m].
 
     Uncorrelated, but not independent: its extremes come from its own past.
     """
-
-    coefficient: float  # b, in units of one over that of the equation
-    series_lag: int = 2  # One or more; x must be strictly older than the shock that it multiplies
-    shock_lag: int = 1
-    std: float = 1.0  # Standard deviation of the shocks w, in the unit of the equation
-
-    def __post_init__(self) -> None:
-        BilinearTerm(self.coefficient, self.series_lag, self.shock_lag)  # refuses what no term may be
-        non_negative("std", self.std)
-        expected = "(coefficient * std)^2 below one, so that the series is stationary"
-        require(self._growth < 1.0, expected, f"{self._growth:.4g}", "Make one of them smaller.")
-
-    def sample(self, count: int, _step_s: float, rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
-        """One realisation, settled to its stationary variance."""
-        term = BilinearTerm(self.coefficient, self.series_lag, self.shock_lag)
-        return _bilinear((term,), self.std, self._growth, count, rng)
-
-    @property
-    def _growth(self) -> float:
-        return (self.coefficient * self.std) ** 2
-
-
-@dataclass(frozen=True, slots=True)
-class BilinearSum(Disturbance):
-    """Strongly subdiagonal bilinear of several terms: x[k] = w[k] + sum_m b_m x[k - i_m] w[k - j_m]."""
 
     terms: tuple[BilinearTerm, ...]  # One or more
     std: float = 1.0  # Standard deviation of the shocks w, in the unit of the equation
@@ -436,29 +399,38 @@ class BilinearSum(Disturbance):
         given("terms", self.terms)
         non_negative("std", self.std)
         expected = "std times the sum of the coefficients' sizes below one, so that the series is stationary"
-        require(self._growth < 1.0, expected, f"{self._growth:.4g}", "Make some of them smaller.")
+        require(self._growth < 1.0, expected, f"{self._growth**0.5:.4g}", "Make some of them smaller.")
 
     def sample(self, count: int, _step_s: float, rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
-        """One realisation, settled."""
-        return _bilinear(self.terms, self.std, self._growth, count, rng)
+        # Given w it is a linear recursion in x, which settles to its stationary variance.
+        longest = max(term.series_lag for term in self.terms)
+        unused = longest * settling(self._growth)
+        shocks = self.std * rng.standard_normal(unused + count)
+        coefficients = np.zeros((shocks.size, longest))
+        for term in self.terms:
+            earlier = term.coefficient * shocks[: shocks.size - term.shock_lag]
+            coefficients[term.shock_lag :, term.series_lag - 1] += earlier
+        return autoregression(shocks, coefficients)[unused:]
 
     @property
     def _growth(self) -> float:
-        return self.std * sum(abs(term.coefficient) for term in self.terms)
+        """Largest factor of the variance from one term to the next."""
+        return (self.std * sum(abs(term.coefficient) for term in self.terms)) ** 2
 
 
-def _bilinear(
-    terms: tuple[BilinearTerm, ...], std: float, growth: float, count: int, rng: np.random.Generator
-) -> Float[np.ndarray, " count"]:
-    """Realisation once it has settled: given w it is a linear recursion in x."""
-    longest = max(term.series_lag for term in terms)
-    unused = longest * settling(growth)
-    shocks = std * rng.standard_normal(unused + count)
-    coefficients = np.zeros((shocks.size, longest))
-    for term in terms:
-        earlier = term.coefficient * shocks[: shocks.size - term.shock_lag]
-        coefficients[term.shock_lag :, term.series_lag - 1] += earlier
-    return autoregression(shocks, coefficients)[unused:]
+def bilinear(coefficient: float, series_lag: int = 2, shock_lag: int = 1, std: float = 1.0) -> Bilinear:
+    """Strongly subdiagonal bilinear: x[k] = w[k] + b x[k - series_lag] w[k - shock_lag].
+
+    Parameters
+    ----------
+    coefficient : float
+        b, in units of one over that of the equation.
+    series_lag, shock_lag : int
+        One or more; x must be strictly older than the shock that it multiplies.
+    std : float
+        Standard deviation of the shocks w, in the unit of the equation.
+    """
+    return Bilinear((BilinearTerm(coefficient, series_lag, shock_lag),), std)
 
 
 # -- Volatility --
@@ -536,7 +508,6 @@ class VarianceSwitch(Disturbance):
         require(0.0 <= self.at <= 1.0, "a share of the record from 0 to 1", f"at={self.at}")
 
     def sample(self, count: int, step_s: float, rng: np.random.Generator) -> Float[np.ndarray, " count"]:
-        """One realisation."""
         series = self.series.sample(count, step_s, rng).copy()
         series[int(np.ceil(self.at * count)) :] *= np.sqrt(self.factor)
         return series

@@ -50,12 +50,10 @@ class VerticalExperiment(Experiment):
 
     @property
     def truth(self) -> Mapping[str, float]:
-        """K and K_u."""
         return {"viscous_friction": self.scenario.viscous_friction, "input_gain": self.scenario.input_gain}
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """Measured channels, and under control the reference."""
         return (*self.scenario.measured, *self.scenario.references)
 
     @property
@@ -64,7 +62,6 @@ class VerticalExperiment(Experiment):
         return self.scenario.control.reference
 
     def record(self, rng: np.random.Generator) -> Signals:
-        """Simulate, see `eivor.lab.records`."""
         return simulate(self.scenario, rng).signals
 
     def problem(self, signals: Signals, instruments: tuple[Column, ...]) -> SignalRegression:
@@ -120,7 +117,6 @@ class DifferenceEquation(Experiment):
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """Output and input."""
         return OUTPUT, INPUT
 
     @property
@@ -132,7 +128,6 @@ class DifferenceEquation(Experiment):
 
     @property
     def truth(self) -> Mapping[str, float]:
-        """Coefficients by parameter."""
         values = (*self.output_coefficients, *self.input_coefficients)
         return {parameter.name: value for (parameter, _), value in zip(self.terms, values, strict=True)}
 
@@ -161,5 +156,4 @@ class DifferenceEquation(Experiment):
         return Signals(self.rate_hz, measured, noise=noise)
 
     def problem(self, signals: Signals, instruments: tuple[Column, ...]) -> SignalRegression:
-        """Rows of lagged outputs and inputs, with y(k) as the response."""
         return SignalRegression(signals, Equation(Column(OUTPUT), self.terms), instruments)

@@ -421,7 +421,6 @@ class FractionalRegression(LinearProblem):
 
     @property
     def instrument_count(self) -> int:
-        """Number of instruments."""
         return len(self.instrument_columns)
 
     @cached_property
@@ -438,11 +437,9 @@ class FractionalRegression(LinearProblem):
         return Regression(response, Phi, Psi, self.parameters, regressor_noise=noise)
 
     def rows(self) -> Regression:
-        """Rows in arrays, built once."""
         return self._rows
 
     def blocks(self, size: int = PASSED_ROWS) -> Iterator[RowBlock]:
-        """Views of successive rows."""
         return self._rows.blocks(size)
 
     @cached_property
@@ -454,15 +451,12 @@ class FractionalRegression(LinearProblem):
         return self.filtered.noise_covariance(self._columns, self.first)
 
     def regressor_noise_covariance(self) -> Float[np.ndarray, "n_plus_1 n_plus_1"]:
-        """Noise covariance of [Phi y] from the columns' tags and the declared noises."""
         return self._own_noise
 
     def instrument_noise_covariance(self) -> Float[np.ndarray, "p n_plus_1"]:
-        """C and c from the columns' tags and the declared noises."""
         return self.filtered.shared_noise(self.instrument_columns, self._columns, self.first)
 
     def instruments_share_noise(self) -> bool:
-        """Return whether declared noises make an instrument and another column correlated."""
         declared = self.filtered.signals.noise
         known = tuple(column for column in self.instrument_columns if column.channel in declared)
         return bool(np.any(self.filtered.shared_noise(known, self._columns, self.first)))
@@ -501,18 +495,15 @@ class FractionalProblem(LinearisableProblem):
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """Coefficients of the right side."""
         return tuple(parameter for parameter, _ in self.terms)
 
     def regression(self, nuisances: Values) -> FractionalRegression:
-        """Rows of the coefficients at some orders."""
         columns = tuple(term.column(nuisances) for _, term in self.terms)
         return FractionalRegression(
             self.filtered, self.parameters, self.response.column(nuisances), columns, self.instruments
         )
 
     def linearised(self, nuisances: Values, theta: Float[np.ndarray, " n"]) -> FractionalRegression:
-        """Rows of the coefficients and of the changes of the orders."""
         known = self.regression(nuisances)
         changes = tuple(self._by_order(nuisance.name, nuisances, theta) for nuisance in self.nuisances)
         orders = tuple(nuisance.parameter for nuisance in self.nuisances)

@@ -354,21 +354,17 @@ class AlternatingNoise(MeasurementNoise):
     order: float
 
     def autocovariance(self, lag: int, start: int, count: int) -> Float[np.ndarray, " count"]:
-        """(-1)^lag times that of `FractionalNoise`."""
         return (-1.0) ** lag * FractionalNoise(self.std, self.order).autocovariance(lag, start, count)
 
     def moving_average(self, count: int) -> Float[np.ndarray, " count"]:
-        """(-1)^m times those of `FractionalNoise`."""
         signs = 1.0 - 2.0 * (np.arange(count) % 2)
         return signs * FractionalNoise(self.std, self.order).moving_average(count)
 
     def sample(self, count: int, rng: np.random.Generator) -> Float[np.ndarray, " count"]:
-        """One realisation."""
         signs = 1.0 - 2.0 * (np.arange(count) % 2)
         return self.std * signs * fractional_difference(rng.standard_normal(count), self.order)
 
     def with_std(self, std: float) -> AlternatingNoise:
-        """Same order, another `std`."""
         return replace(self, std=std)
 
 
@@ -379,7 +375,6 @@ class SampleClockInput(Excitation):
     variance: float
 
     def sample(self, count: int, _step_s: float, rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
-        """One realisation."""
         return PaperInput(self.variance).sample(count, 1.0, rng)
 
 

@@ -55,7 +55,6 @@ class OpenLoop(Control):
 
     @property
     def feedback(self) -> Feedback | None:
-        """None."""
         return None
 
 
@@ -72,7 +71,6 @@ class VelocityControl(Control):
 
     @property
     def feedback(self) -> Feedback | None:
-        """The reference is the setpoint."""
         return Feedback(1.0, 0.0, self.velocity_gain, self.velocity_integral_gain)
 
 
@@ -94,7 +92,6 @@ class AltitudeControl(Control):
 
     @property
     def feedback(self) -> Feedback | None:
-        """The setpoint is the altitude that is missing, times the gain."""
         gain = self.altitude_gain
         return Feedback(gain, gain, self.velocity_gain, self.velocity_integral_gain)
 

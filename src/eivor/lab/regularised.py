@@ -124,7 +124,6 @@ class RegularisedLeastSquares(Solver):
     scheme: Tikhonov = Tikhonov()  # Parameter and vector
 
     def solve(self, system: LinearSystem) -> Solution:
-        """Regularised solution, see `Solver.solve`."""
         n = system.matrix.shape[1]
         scale = column_lengths(system.matrix)
         root = triangular_root(np.column_stack([system.matrix / scale, system.right]))
@@ -144,7 +143,6 @@ class RegularisedTotalLeastSquares(ErrorsInColumns):
     scheme: Tikhonov = Tikhonov()  # Parameter and vector
 
     def solve(self, system: LinearSystem) -> Solution:
-        """Regularised solution, see `RegularisedLeastSquares.solve`."""
         split = split_problem(system)
         if not split.noisy.size:
             return split.solution(split.theta(np.empty(0)))
@@ -168,11 +166,9 @@ class ShrunkTowards(Method):
 
     @property
     def needs_instruments(self) -> bool:
-        """Whether either of them does."""
         return self.method.needs_instruments or self.target.needs_instruments
 
     def estimate(self, problem: Problem) -> Estimate:
-        """Estimate of the target first, see `Method.estimate`."""
         towards = self.target.estimate(problem).theta
         return _shrunk(self.method, Tikhonov(self.parameter, towards)).estimate(problem)
 

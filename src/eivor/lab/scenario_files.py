@@ -18,7 +18,6 @@ from eivor.errors import EivorError, UsageError, did_you_mean
 from eivor.lab.disturbances import (
     Arma,
     Bilinear,
-    BilinearSum,
     BoundedAdversary,
     CoefficientCourse,
     CoefficientPath,
@@ -34,6 +33,7 @@ from eivor.lab.disturbances import (
     TimeVaryingArma,
     Trend,
     VarianceSwitch,
+    bilinear,
     paper_disturbance,
 )
 from eivor.lab.experiments import INPUT, OUTPUT, DifferenceEquation, Experiment, VerticalExperiment
@@ -172,8 +172,8 @@ DISTURBANCES: Mapping[str, Maker] = {
     "time_varying_arma": TimeVaryingArma,
     "random_coefficient_moving_average": RandomCoefficientMovingAverage,
     "threshold_moving_average": ThresholdMovingAverage,
-    "bilinear": Bilinear,
-    "bilinear_sum": BilinearSum,
+    "bilinear": bilinear,
+    "bilinear_sum": Bilinear,
     "garch": Garch,
     "variance_switch": VarianceSwitch,
     "trend": Trend,

@@ -62,7 +62,6 @@ class PaperInput(Excitation):
         non_negative("variance", self.variance)
 
     def sample(self, count: int, step_s: float, rng: np.random.Generator) -> Float[np.ndarray, " count"]:
-        """One realisation; w exists before the record."""
         w = np.sqrt(self.variance) * rng.standard_normal(count + 2)
         t = step_s * np.arange(count)
         return 0.7 * w[1:-1] + 0.49 * w[:-2] + np.sin(0.1 * t**1.1)
@@ -78,7 +77,6 @@ class WhiteExcitation(Excitation):
         non_negative("std", self.std)
 
     def sample(self, count: int, _step_s: float, rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
-        """One realisation."""
         return self.std * rng.standard_normal(count)
 
 
@@ -95,7 +93,6 @@ class SteppedExcitation(Excitation):
         positive("dwell_s", self.dwell_s)
 
     def sample(self, count: int, step_s: float, _rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
-        """Draw nothing: it is always the same."""
         # A step that falls on a sample, but for rounding, is taken there.
         number = np.floor(np.arange(count) * (step_s / self.dwell_s) + 1e-9).astype(np.int64)
         return np.array(self.levels)[number % len(self.levels)]
@@ -117,7 +114,6 @@ class RandomSteps(Excitation):
         require(self.shortest_s <= self.longest_s, "a shortest_s up to longest_s", received)
 
     def sample(self, count: int, step_s: float, rng: np.random.Generator) -> Float[np.ndarray, " count"]:
-        """One realisation, which begins with zero."""
         most = int(count * step_s / self.shortest_s) + 1
         ends = np.cumsum(rng.uniform(self.shortest_s, self.longest_s, most))
         levels = self.amplitude * rng.integers(-1, 2, most + 1).astype(np.float64)
@@ -136,7 +132,6 @@ class GivenSeries(Excitation):
         finite("value", *self.values)
 
     def sample(self, count: int, _step_s: float, _rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
-        """Draw nothing: it is always the same."""
         return beginning_of(self.values, count)
 
 
@@ -151,7 +146,6 @@ class ScaledExcitation(Excitation):
         non_negative("std", self.std)
 
     def sample(self, count: int, step_s: float, rng: np.random.Generator) -> Float[np.ndarray, " count"]:
-        """One realisation."""
         series = self.series.sample(count, step_s, rng)
         spread = float(series.std())
         require(spread > 0.0, "a series that varies, since it is to be scaled", "a constant one")
@@ -178,7 +172,6 @@ class FilteredWhite(Excitation):
         _check_size_and_band("std", self.std, self.low_hz, self.high_hz)
 
     def sample(self, count: int, step_s: float, rng: np.random.Generator) -> Float[np.ndarray, " count"]:
-        """One realisation."""
         spectrum = np.fft.rfft(rng.standard_normal(count))
         inside = _bins(count, step_s, self.low_hz, self.high_hz)
         spectrum[~inside] = 0.0
@@ -197,7 +190,6 @@ class Chirp(Excitation):
         _check_size_and_band("amplitude", self.amplitude, self.low_hz, self.high_hz)
 
     def sample(self, count: int, step_s: float, _rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
-        """Draw nothing: it is always the same."""
         _check_rate(self.high_hz, step_s)
         t, duration = step_s * np.arange(count), step_s * count
         turns = self.low_hz * t + 0.5 * (self.high_hz - self.low_hz) * t**2 / duration
@@ -220,7 +212,6 @@ class Multisine(Excitation):
         _check_size_and_band("std", self.std, self.low_hz, self.high_hz)
 
     def sample(self, count: int, step_s: float, _rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
-        """Draw nothing: it is always the same."""
         inside = _bins(count, step_s, self.low_hz, self.high_hz)
         lines = int(inside.sum())
         numbers = np.arange(1, lines + 1)
@@ -290,7 +281,6 @@ class PseudoRandomBinary(Excitation):
         require(self.hold >= 1, "hold of 1 or more", f"hold={self.hold}")
 
     def sample(self, count: int, _step_s: float, rng: np.random.Generator, /) -> Float[np.ndarray, " count"]:
-        """A stretch of the sequence."""
         period = maximal_sequence(self.register)
         start = int(rng.integers(period.size))
         return self.amplitude * period[(start + np.arange(count) // self.hold) % period.size]
@@ -377,7 +367,6 @@ class DrydenGust(Disturbance):
         positive("airspeed_mps", self.airspeed_mps)
 
     def sample(self, count: int, step_s: float, rng: np.random.Generator) -> Float[np.ndarray, " count"]:
-        """One realisation, stationary from its first sample."""
         from scipy.special import gammainc
 
         x = step_s * self.airspeed_mps / self.length_m

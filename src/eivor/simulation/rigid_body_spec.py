@@ -64,7 +64,6 @@ class RungeKutta4(Integrator):
     side_by_side: ClassVar[bool] = True
 
     def stepper(self, coefficients: Coefficients, step_s: float) -> Stepper:
-        """Return steps of Runge and Kutta's four slopes."""
         c, h = coefficients, step_s
         half = RotorCourse(c, h / 2.0)
 
@@ -105,7 +104,6 @@ class AdaptiveSteps(Integrator):
             raise ParameterError(f"a method out of {', '.join(methods)}", f"{self.method!r}", "Choose one.")
 
     def stepper(self, coefficients: Coefficients, step_s: float) -> Stepper:
-        """Return steps of this length [s], of a single flight."""
         from scipy.integrate import solve_ivp
 
         def step(body: Body, speeds: Sequence[Value], held: HeldInputs) -> Moved:
