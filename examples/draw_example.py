@@ -12,7 +12,8 @@ from pathlib import Path
 
 import eivor as ev
 from eivor.logs.read import example_flight
-from eivor.report.figures import flight_figure, save_figure
+from eivor.report.figures import save_figure
+from eivor.report.flight_figures import flight_figure
 
 PICTURES = Path(__file__).resolve().parents[1] / "docs" / "images"
 

@@ -260,7 +260,7 @@ def test_a_result_without_an_estimate_ends_in_a_sentence(tmp_path: Path) -> None
     file = tmp_path / "fit.json"
     file.write_text(ev.identify_flight(ev.example_flight(), window=(0.0, 2.0)).to_json())
     fit = ev.load_fit(file)
-    assert fit.document["covariance"] is None
+    assert fit.document.covariance is None
     assert "is not written" in fit.export("px4")
     for target in TARGETS:
         with pytest.raises((NotIdentifiedError, UsageError)):

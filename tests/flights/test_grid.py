@@ -636,7 +636,7 @@ def test_a_flight_that_tilts_now_and_then_tells_what_it_tells_level(log):
 @pytest.mark.thorough
 @pytest.mark.usefixtures("coarse_search")
 def test_pictures_and_predictions_leave_them_out(log):
-    from eivor.report.flight import flight_runs
+    from eivor.report.flight_figures import flight_runs
 
     result = identify_flight(tilting(log, (4.0, 4.6), (9.0, 9.8)))
     assert result.fit is not None

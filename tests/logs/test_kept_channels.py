@@ -31,8 +31,7 @@ from eivor.logs.table import columnar
 from eivor.motions.identify import identify_flight
 from eivor.motions.table import motion_by_name
 from eivor.report import inspection as inspected
-from eivor.report.inspection import inspection_document
-from eivor.report.json_document import inspection_json
+from eivor.report.inspection import inspection_document, inspection_json
 from eivor.signals.recording import Channel, Frame, Recording
 
 # -- Channels that do not fit into memory together, and what a long DataFlash log takes of it --

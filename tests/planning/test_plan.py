@@ -13,6 +13,7 @@ import pytest
 import eivor as ev
 from eivor.errors import InputError, UsageError
 from eivor.flights.options import FlightOptions
+from eivor.flights.quantity import Quantity
 from eivor.inference.verdict import Status
 from eivor.models.separable import NoInstruments
 from eivor.motions.vertical.motion import Vertical
@@ -158,31 +159,41 @@ def test_a_flight_that_cannot_keep_its_limits_is_refused(monkeypatch):
 
 
 def test_what_a_result_tells_is_planned_with_and_the_rest_is_usual():
-    quantity = {"value": 0.42, "interval": [0.3, 0.5], "verdict": "weak"}
-    document = {
-        "model": {"name": "vertical_motion", "input_map": "square"},
-        "parameters": {"viscous_friction": quantity, "input_gain": {**quantity, "verdict": "identified"}},
-        "derived": {"effective_lag": quantity, "hover_input": {**quantity, "value": 0.6}},
-        "prediction": {
-            "flown": {
-                "taken": {"viscous_friction": 0.42, "lag_s": 0.03},
-                "residual": {
-                    name: [1.0, 2.0] for name in ("frequency_hz", "force", "accelerometer", "velocity")
-                },
-                "controller": {"position_gain": 1.0, "velocity_gain": 2.0, "integral_gain": 0.1},
-                "tilt_rms": 0.5,
-            }
-        },
+    def quantity(value: float, verdict: Status) -> Quantity:
+        return Quantity(value, "", 0.1, (0.3, 0.5), verdict)
+
+    quantities = {
+        "viscous_friction": quantity(0.42, Status.WEAK),
+        "input_gain": quantity(0.42, Status.IDENTIFIED),
+        "effective_lag": quantity(0.42, Status.WEAK),
+        "hover_input": quantity(0.6, Status.WEAK),
     }
-    vehicle = vehicle_of_result(document)
+    flown = {
+        "taken": {"viscous_friction": 0.42, "lag_s": 0.03},
+        "residual": {name: [1.0, 2.0] for name in ("frequency_hz", "force", "accelerometer", "velocity")},
+        "controller": {"position_gain": 1.0, "velocity_gain": 2.0, "integral_gain": 0.1},
+        "tilt_rms": 0.5,
+    }
+    vehicle = vehicle_of_result("vertical_motion", "square", quantities, flown)
     assert (vehicle.viscous_friction, vehicle.lag_s, vehicle.hover_input) == (0.42, 0.03, 0.6)
     assert vehicle.follows.velocity_gain == 2.0
     assert vehicle.tilt_rms == 0.2  # the most that is flown
     assert vehicle.requested == "friction"
-    without = vehicle_of_result({**document, "prediction": None})
+    without = vehicle_of_result("vertical_motion", "square", quantities, {})
     assert replace(without, hover_input=0.5, requested="") == VehicleGuess()
     with pytest.raises(UsageError, match="'rover_motion'"):
-        vehicle_of_result({**document, "model": {"name": "rover_motion"}})
+        vehicle_of_result("rover_motion", "square", quantities, {})
+    for damaged in (
+        3,
+        {"taken": 3},
+        {"taken": {"lag_s": None}},
+        {"residual": {"force": [1.0]}},
+        {"controller": {"speed": 1.0}},
+    ):
+        with pytest.raises(InputError, match=r"under prediction\.flown"):
+            vehicle_of_result("vertical_motion", "square", quantities, damaged)
+    with pytest.raises(InputError, match=r"under prediction\.flown"):
+        vehicle_of_result("vertical_motion", "square", {}, flown)
 
 
 def test_a_vehicle_is_read_from_a_file(tmp_path):

@@ -16,8 +16,8 @@ from eivor.flights.quantity import Choice, Quantity, QuantitySpec
 from eivor.flights.result import FlightEstimate
 from eivor.inference.verdict import Status
 from eivor.motions.vertical.motion import Vertical
-from eivor.report.document import Bullets, TableOf, printable
-from eivor.report.flight import NO_NUMBER, flight_document, numbers
+from eivor.report.document import NO_NUMBER, Bullets, TableOf, numbers, printable
+from eivor.report.flight import flight_document
 from eivor.report.inspection import inspection, inspection_document
 from eivor.report.json_document import json_document
 from eivor.report.terminal import on_terminal
@@ -212,4 +212,4 @@ def test_nothing_that_acts_on_a_terminal_passes(text: str, shown: str) -> None:
 def test_a_reason_is_no_finding_besides(still: FlightEstimate) -> None:
     reason = still.verdict.reasons[0].sentence
     document = flight_document(replace(still, findings=(Finding("no_flight", reason),)))
-    assert str(document).count(reason) == 1
+    assert str(document.sections).count(reason) == 1

@@ -47,12 +47,12 @@ from eivor.report.figure_panels import (
     pair_figure,
 )
 from eivor.report.figures import (
-    flight_figure,
     noise_spectrum_figure,
     residual_figure,
     save_figure,
     signals_figure,
 )
+from eivor.report.flight_figures import flight_figure
 from eivor.signals.signals import Signals
 
 

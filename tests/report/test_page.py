@@ -21,8 +21,8 @@ from eivor.flights.result import FlightEstimate
 from eivor.inference.verdict import Reason, Status, Verdict
 from eivor.motions.identify import identify_flight
 from eivor.report.document import Cell, Section, TableColumn, TableOf
-from eivor.report.figure_panels import PlottedInterval, draw_forest
-from eivor.report.flight_page import LARGEST, MISSING, Chart, Line, drawing, flight_page, forest_picture
+from eivor.report.figure_panels import Chart, Line, PlottedInterval, draw_forest, forest_picture
+from eivor.report.flight_page import LARGEST, MISSING, drawing, flight_page, packed
 from eivor.report.html import element, own, section_html
 from eivor.signals.recording import Finding, Recording
 from report.parsed_page import Element, numbers_in, parsed
@@ -286,9 +286,9 @@ def test_a_short_series_comes_back_as_it_was():
     time_s = np.concatenate([np.arange(0.0, 1.0, 0.01), np.arange(2.0, 2.5, 0.01)])
     values = np.sin(7.0 * time_s)
     values[17] = np.nan
-    packed = chart(time_s, values).packed(1000)
-    times, back = unpacked(packed)
-    assert len(packed["stretches"]) == 2
+    made = packed(chart(time_s, values), 1000)
+    times, back = unpacked(made)
+    assert len(made["stretches"]) == 2
     np.testing.assert_allclose(times, time_s, atol=1e-9)
     np.testing.assert_allclose(back, values, atol=0.51 * 2.0 / LARGEST)
 
@@ -297,7 +297,7 @@ def test_a_long_series_keeps_its_extremes_where_they_are():
     time_s = 0.01 * np.arange(50_000)
     values = np.random.default_rng(0).standard_normal(time_s.size)
     values[[12_345, 30_001]] = 40.0, -50.0
-    times, back = unpacked(chart(time_s, values).packed(2000))
+    times, back = unpacked(packed(chart(time_s, values), 2000))
     assert times.size <= 2010
     assert times[np.argmax(back)] == pytest.approx(123.45, abs=0.5)
     assert times[np.argmin(back)] == pytest.approx(300.01, abs=0.5)
@@ -346,7 +346,7 @@ def test_numbers_with_powers_stay_in_one_line_each():
 
 @pytest.mark.parametrize("values", [np.full(5, np.nan), np.full(5, 1800.0), np.array([3.0])])
 def test_a_series_without_a_range_is_packed_too(values):
-    _, back = unpacked(chart(0.01 * np.arange(values.size), values).packed(1000))
+    _, back = unpacked(packed(chart(0.01 * np.arange(values.size), values), 1000))
     np.testing.assert_array_equal(back, values)
 
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import pickle
 import runpy
+from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import replace
 from importlib import resources
 from pathlib import Path
@@ -16,8 +18,9 @@ import pytest
 from PIL import Image
 
 import eivor as ev
-from eivor.errors import EstimationError, InputError, UsageError
+from eivor.errors import EivorError, EstimationError, InputError, UsageError
 from eivor.flights.motion import Abilities
+from eivor.report.saved_fit import fit_of
 
 
 def travelled(result: Any) -> Any:
@@ -86,8 +89,8 @@ def test_a_fit_is_read_back(fit: ev.FlightEstimate, tmp_path: Path):
             # the result cuts lags at zero, which no sensible one of this flight reaches
             assert saved.interval(name, level) == pytest.approx(fit.interval(name, level), rel=1e-12)
     assert saved.interval("hover_input") == fit.interval("hover_input")
-    assert saved.prediction["input_map"] == fit.prepared[0].input_map
-    assert saved.prediction["by_run"]["intercept"] == list(fit.quantities["intercept"].by_run)
+    assert saved.document.prediction.input_map == fit.prepared[0].input_map
+    assert saved.document.prediction.by_run["intercept"] == list(fit.quantities["intercept"].by_run)
     with pytest.raises(UsageError, match="a quantity out of viscous_friction"):
         saved.interval("friction")
     with pytest.raises(UsageError, match="or of the joint vector"):
@@ -121,17 +124,52 @@ def test_what_is_no_fit_is_refused(text: str, tmp_path: Path):
         ev.load_fit(3)  # type: ignore[arg-type]
 
 
-def test_parts_that_lie_are_refused(fit: ev.FlightEstimate, tmp_path: Path):
-    """Every key of the covariance, left out or replaced, is told and ends in no error of Python's."""
-    document = json.loads(fit.to_json())
+def places(value: Any, place: tuple[str | int, ...] = ()) -> Iterator[tuple[str | int, ...]]:
+    """Every place in a document; of a list the first."""
+    keys = value if isinstance(value, dict) else range(min(len(value), 1)) if isinstance(value, list) else ()
+    for key in keys:
+        yield (*place, key)
+        yield from places(value[key], (*place, key))
+
+
+USES: tuple[Callable[[ev.SavedFit], object], ...] = (
+    lambda fit: fit.fitted,
+    lambda fit: fit.sample(3),
+    lambda fit: [fit.interval(name, 0.9) for name in fit.names],
+    lambda fit: fit._repr_html_(),
+)
+
+
+@pytest.mark.usefixtures("unchecked_shapes")
+def test_a_damaged_document_ends_in_a_sentence(
+    fit: ev.FlightEstimate, recording: ev.Recording, tmp_path: Path
+) -> None:
+    """Finding 27: a part that is left out or replaced ends in no error of Python's, wherever it is used."""
+    text = fit.to_json()
+    spared = ("diagnostics", "findings", "prediction")
+    for place in (place for place in places(json.loads(text)) if place[0] not in spared):
+        for wrong in (..., 3, []):
+            document = holder = json.loads(text)
+            for key in place[:-1]:
+                holder = holder[key]
+            if wrong is ...:
+                del holder[place[-1]]
+            else:
+                holder[place[-1]] = wrong
+            try:
+                saved = fit_of(document)
+            except ValueError:  # `load_fit` makes a sentence of it
+                continue
+            for use in USES:
+                with suppress(EivorError):
+                    use(saved)
     file = tmp_path / "x.json"
-    for key in ("verdict", "reasons", "parameters", "derived"):
-        for wrong in ({**document, key: 3}, {name: value for name, value in document.items() if name != key}):
-            file.write_text(json.dumps(wrong))
-            with pytest.raises(InputError, match="one that lacks parts"):
-                ev.load_fit(file)
-    document["covariance"]["candidates"][0]["parts"][0]["matrix"] = [[1.0]]
+    document = json.loads(text)
+    del document["prediction"]["at"]["delay"], document["prediction"]["beside"]["hover"]["values"]["delay"]
     file.write_text(json.dumps(document))
+    with pytest.raises(InputError, match="a value for each parameter of its models"):
+        ev.validate(file, recording, window=(10.0, 15.0))
+    file.write_text(json.dumps({**document, "verdict": 3}))
     with pytest.raises(InputError, match="one that lacks parts"):
         ev.load_fit(file)
 
@@ -266,7 +304,7 @@ def test_what_cannot_be_validated_is_told(
         ev.validate(fit, recording, window=(10.0, 11.0))
     (tmp_path / "fit.json").write_text(fit.to_json())
     other = ev.load_fit(tmp_path / "fit.json")
-    other.document["model"]["name"] = "submarine"
+    other.document.model.name = "submarine"
     with pytest.raises(UsageError, match="'submarine'"):
         ev.validate(other, recording)
     monkeypatch.setattr(type(fit.motion), "abilities", Abilities())

@@ -38,9 +38,10 @@ from eivor.flights.track import track as tracked_parameter
 from eivor.inference.verdict import Status
 from eivor.logs import read_log
 from eivor.logs.read import example_flight
-from eivor.report.document import Document, Fact, Facts, Section
-from eivor.report.figures import flight_figure, save_figure
-from eivor.report.flight import flight_document, flight_report
+from eivor.report.document import Fact, Facts, Section
+from eivor.report.figures import save_figure
+from eivor.report.flight import flight_document
+from eivor.report.flight_figures import flight_figure
 from eivor.report.flight_page import flight_page
 from eivor.report.json_document import json_document, json_text
 from eivor.report.other_results import track_document, track_figure, track_json
@@ -155,10 +156,9 @@ def report(*, out: str, **given: Any) -> ExitCode:
     result = result_of(given)
     write_page(result, out)
     if out != STANDARD_OUTPUT:
-        flight = flight_report(result)
         size = f"{Path(out).stat().st_size / 1e6:.2f} MB"
         where = Section("", (Facts((Fact("page", f"{out} ({size})"),)),))
-        show(on_terminal(Document(", ".join(flight.logs), flight.verdict.status, flight.meaning, (where,))))
+        show(on_terminal(replace(flight_document(result), sections=(where,))))
     return exit_code(result)
 
 

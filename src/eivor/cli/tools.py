@@ -50,8 +50,14 @@ from eivor.motions.rigid_body.vehicle import (
 )
 from eivor.planning.plan import WRITTEN
 from eivor.planning.vehicle import VehicleGuess, read_vehicle, rough_vehicle
-from eivor.report.inspection import inspection_document, pooled_documents, pooled_inspection
-from eivor.report.json_document import inspection_json, json_text, pooled_json
+from eivor.report.inspection import (
+    inspection_document,
+    inspection_json,
+    pooled_documents,
+    pooled_inspection,
+    pooled_json,
+)
+from eivor.report.json_document import json_text
 from eivor.report.other_results import plan as planned
 from eivor.report.other_results import plan_document, plan_json
 from eivor.report.terminal import on_terminal

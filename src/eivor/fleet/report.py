@@ -31,10 +31,23 @@ from eivor.fleet.analysis import (
 from eivor.fleet.table import report_path, reports_there
 from eivor.flights.quantity import AcrossFlights, QuantitySpec
 from eivor.inference.random_effects import FEW
-from eivor.report.document import Bullets, Cell, Document, Figure, Section, TableColumn, TableOf, Tone
-from eivor.report.figure_panels import PlottedInterval
-from eivor.report.flight import NO_NUMBER, axis_of, plain_numbers, section
-from eivor.report.flight_page import Figures, Picture, Pictures, forest_picture, number_table, trend_picture
+from eivor.report.document import (
+    NO_NUMBER,
+    Bullets,
+    Cell,
+    Document,
+    Figure,
+    Section,
+    TableColumn,
+    TableOf,
+    Tone,
+    axis_of,
+    number_table,
+    plain_numbers,
+)
+from eivor.report.figure_panels import Picture, Pictures, PlottedInterval, forest_picture, trend_picture
+from eivor.report.flight import section
+from eivor.report.flight_page import Figures
 from eivor.report.html import element, joined, section_html, whole_page
 from eivor.report.json_document import Json
 

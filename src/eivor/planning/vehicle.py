@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,9 @@ import msgspec
 import numpy as np
 
 from eivor import checks
-from eivor.errors import UsageError, did_you_mean
+from eivor.errors import InputError, UsageError, did_you_mean
+from eivor.flights.quantity import Quantity
+from eivor.inference.verdict import Status
 from eivor.motions.vertical.model import GRAVITY
 from eivor.signals.filters import first_order_lag
 from eivor.simulation.vertical import AltitudeController
@@ -291,33 +293,43 @@ class VehicleGuess:
         )
 
 
-def vehicle_of_result(document: Mapping[str, Any]) -> VehicleGuess:
-    """Vehicle of a document of schema ``eivor.identify/1``; what it does not identify is taken as usual."""
-    if document["model"]["name"] != "vertical_motion":
-        raise UsageError(
-            "a result of the vertical motion",
-            f"one of '{document['model']['name']}'",
-            "Others are not planned.",
-        )
-    selected = {**document["parameters"], **document["derived"]}
-    usual = VehicleGuess()
-    flight = (document.get("prediction") or {}).get("flown") or {}
-    gains, residual, taken = flight.get("controller"), flight.get("residual"), flight.get("taken", {})
+class FlownRecord(msgspec.Struct):
+    """How the flights of a result were flown, as its motion has recorded it."""
+
+    taken: dict[str, float] = {}
+    residual: dict[str, list[float]] | None = None
+    controller: dict[str, float] | None = None
+    tilt_rms: float = VehicleGuess.tilt_rms
+
+
+def vehicle_of_result(
+    model: str, input_map: str, quantities: Mapping[str, Quantity], record: object
+) -> VehicleGuess:
+    """Vehicle of a result; what it does not identify is taken as usual."""
+    if model != "vertical_motion":
+        raise UsageError("a result of the vertical motion", f"one of '{model}'", "Others are not planned.")
     # the first of friction, lag and gain that is not identified
     order = {"friction": "viscous_friction", "lag": "effective_lag", "gain": "input_gain"}
-    unidentified = (word for word, name in order.items() if selected[name]["verdict"] != "identified")
-    return VehicleGuess(
-        hover_input=_hover(selected["hover_input"], document["model"]["input_map"], usual.hover_input),
-        viscous_friction=_within("viscous_friction", taken.get("viscous_friction", usual.viscous_friction)),
-        lag_s=_within("lag_s", taken.get("lag_s", usual.lag_s)),
-        tilt_rms=_within("tilt_rms", flight.get("tilt_rms", usual.tilt_rms)),
-        densities=residual
-        and Densities(
-            **{item.name: np.array(residual[item.name], dtype=np.float64) for item in fields(Densities)}
-        ),
-        controller=None if gains is None else AltitudeController(**gains),
-        requested=next(unidentified, ""),
-    )
+    try:
+        flown = msgspec.convert(record, FlownRecord)
+        verdicts = {word: quantities[name].verdict for word, name in order.items()}
+        unidentified = (word for word, verdict in verdicts.items() if verdict is not Status.IDENTIFIED)
+        left = flown.residual
+        return VehicleGuess(
+            hover_input=_hover(quantities["hover_input"].value, input_map),
+            viscous_friction=_within("viscous_friction", flown.taken),
+            lag_s=_within("lag_s", flown.taken),
+            tilt_rms=_within("tilt_rms", {"tilt_rms": flown.tilt_rms}),
+            densities=None if left is None else Densities(**{k: np.array(v) for k, v in left.items()}),
+            controller=None if flown.controller is None else AltitudeController(**flown.controller),
+            requested=next(unidentified, ""),
+        )
+    except (KeyError, TypeError, msgspec.ValidationError) as error:
+        raise InputError(
+            "a result of the vertical motion that says how it was flown, under prediction.flown",
+            f"one that does not ({error})",
+            "Identify the flight again.",
+        ) from error
 
 
 def rough_vehicle(
@@ -345,14 +357,13 @@ def read_vehicle(path: Path) -> VehicleGuess:
     return VehicleGuess(**msgspec.structs.asdict(read_toml(path, "a vehicle").convert(numbers)))
 
 
-def _within(name: str, value: float) -> float:
-    return float(np.clip(value, *VEHICLE_RANGES[name]))
+def _within(name: str, numbers: Mapping[str, float]) -> float:
+    """A number as far as it may go, or the usual one."""
+    return float(np.clip(numbers.get(name, getattr(VehicleGuess, name)), *VEHICLE_RANGES[name]))
 
 
-def _hover(quantity: Mapping[str, Any], input_map: str, usual: float) -> float:
+def _hover(value: float, input_map: str) -> float:
     """Hover input as the share of a rotor whose thrust goes with its square; speeds have no share."""
-    value = quantity["value"]
-    if value is None or not 0.0 < value < 1.0:
-        return usual
-    share = math.sqrt(value) if input_map == "linear" else value
-    return _within("hover_input", share)
+    if not 0.0 < value < 1.0:
+        return VehicleGuess.hover_input
+    return _within("hover_input", {"hover_input": math.sqrt(value) if input_map == "linear" else value})

@@ -6,7 +6,7 @@ import math
 import textwrap
 from collections.abc import Callable, Iterable, Mapping, Sequence, Sized
 from dataclasses import dataclass, replace
-from itertools import cycle
+from functools import partial
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
@@ -14,25 +14,11 @@ import numpy as np
 from eivor.checks import described
 from eivor.errors import UsageError, did_you_mean
 from eivor.estimation.estimate import Estimate
-from eivor.flights.quantity import Trace
-from eivor.flights.result import FlightEstimate
 from eivor.inference.bootstrap import Bootstrap
-from eivor.inference.distributions import chi_square_quantile
 from eivor.inference.regions import Ellipse
 from eivor.inference.verdict import Status
 from eivor.motions.table import wording_of
-from eivor.report.document import printable, short_name
-from eivor.report.flight import (
-    LEAST_AMPLITUDE,
-    FlightRun,
-    axis_of,
-    band_of,
-    banded,
-    profile_curves,
-    residual_autocorrelation,
-    spectrum,
-    within_band,
-)
+from eivor.report.document import TableOf, printable
 from eivor.tools import Float
 
 if TYPE_CHECKING:
@@ -113,7 +99,6 @@ def _check(name: str, axes: object) -> None:
 
 #: What draws each panel of a figure into its Axes, by the panel's name.
 Panels: TypeAlias = "dict[str, Callable[[Axes], None]]"
-
 DPI = 110
 #: Of nine points.
 LETTERS_PER_INCH = 14.0
@@ -210,53 +195,63 @@ def legend(
         text.set_parse_math(False)
 
 
-# -- Fit panels --
+# -- Pictures --
+
+#: Height of a drawing on a page, and what a row of a forest and its axis add to it [inch].
+HEIGHT_INCHES, FOREST_ROW_INCHES, FOREST_FOOT_INCHES = 2.7, 0.4, 0.55
+
+
+@dataclass(frozen=True)
+class Line:
+    """One series over time."""
+
+    label: str
+    look: str
+    values: Float[np.ndarray, " n"]  # Not a number where there is none
+
+
+@dataclass(frozen=True)
+class Chart:
+    """Series over one time, to zoom into."""
+
+    group: str
+    unit: str
+    time_s: Float[np.ndarray, " n"]
+    lines: tuple[Line, ...]  # With values at these times
+    over_s: tuple[float, float]
+    view_s: tuple[float, float]
+    omitted_s: tuple[tuple[float, float], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """A plot with its title, its words and its numbers: a panel of a figure, or a picture of a page."""
+
+    title: str
+    words: str
+    drawn: Chart | Callable[[Axes], None]  # A chart is on pages only
+    table: TableOf | None = None
+    height: float = HEIGHT_INCHES
+
+    def on(self, axes: Axes) -> None:
+        """Draw it as a panel of a figure."""
+        if not isinstance(self.drawn, Chart):
+            self.drawn(axes)
+        axes.set_title(self.title, fontsize=9, parse_math=False)
+
+
+@dataclass(frozen=True, slots=True)
+class Pictures:
+    """Pictures that belong together: those over time share their axis."""
+
+    heading: str  # May be empty
+    pictures: tuple[Picture, ...]
+
 
 #: At most so much of a flight is drawn over time [s].
 FIT_SHOWN_S = 40.0
-#: Line styles of several axes in one panel.
-STYLES = ("-", "--", ":")
-
-
-def draw_fit(axes: Axes, trace: Trace, runs: list[FlightRun]) -> None:
-    """Draw what was measured along one axis and what the model says, both within the band."""
-    run, time, band = _within_the_band(trace, runs)
-    low, high = band_of(trace, run)
-    axes.plot(time, band[:, 0], color=DARK, lw=0.9, label="measured")
-    axes.plot(time, band[:, 1], color=RED, lw=1.1, label=f"predicted: {trace.model}")
-    axes.set_ylabel(f"{trace.axis}\n[{trace.unit}]", parse_math=False)
-    count = len(runs)
-    what = "the whole run" if count == 1 else f"the longest of {count} runs"
-    if time.size < run.time_s.size:
-        what = f"the liveliest {time[-1] - time[0]:.0f} s of {what.replace('the whole', 'the')}"
-    passed = f"both band-passed {low:.2f} to {high:.0f} Hz"
-    title = f"Measured and predicted, {passed}: {what}, {short_name(run.name)}"
-    axes.set_title(fitting(axes, title), fontsize=9, parse_math=False)
-    legend(axes)
-    _time_axis(axes)
-
-
-def draw_residual(axes: Axes, trace: Trace, runs: list[FlightRun]) -> None:
-    """Draw what the model leaves of what `draw_fit` shows."""
-    _, time, band = _within_the_band(trace, runs)
-    axes.plot(time, band[:, 0] - band[:, 1], color=GREY, lw=0.9)
-    axes.axhline(0.0, color="black", lw=0.5)
-    axes.set_ylabel(f"residual\n[{trace.unit}]", parse_math=False)
-    _time_axis(axes)
-
-
-def _time_axis(axes: Axes) -> None:
-    labelled(axes, x="time from the log's start [s]")
-    axes.margins(x=0.005)
-
-
-def _within_the_band(
-    trace: Trace, runs: list[FlightRun]
-) -> tuple[FlightRun, Float[np.ndarray, " shown"], Float[np.ndarray, "shown 2"]]:
-    """The longest run, and time, measured and predicted in the part of it that moves most."""
-    run = max(runs, key=lambda candidate: candidate.time_s.size)
-    inside = liveliest(trace.measured[run.rows], int(FIT_SHOWN_S / run.spectral.step_s))
-    return run, run.time_s[inside], within_band(trace, run)[inside]
+#: Size of the figure of a flight.
+SIZE_INCHES = (11.0, 8.5)
 
 
 def liveliest(values: Float[np.ndarray, " length"], count: int) -> slice:
@@ -268,46 +263,15 @@ def liveliest(values: Float[np.ndarray, " length"], count: int) -> slice:
     return slice(first, first + count)
 
 
-def draw_autocorrelation(axes: Axes, best: Estimate, runs: list[FlightRun]) -> None:
-    """Autocorrelation of the residual that inference works on, sampled at twice the band's top."""
-    autocorrelation = residual_autocorrelation(best, runs)
-    lags, correlation, band = autocorrelation.shift_s, autocorrelation.correlation, autocorrelation.band
-    axes.axhspan(-band, band, color=BLUE, alpha=0.18, lw=0, label="95 % band of white noise")
-    axes.vlines(lags[1:], 0.0, correlation[1:], color=GREY, lw=1.6)
-    axes.plot(lags[1:], correlation[1:], "o", color=GREY, ms=3)
-    axes.axhline(0.0, color="black", lw=0.5)
-    axes.set_title(f"Autocorrelation of the {autocorrelation.what}", fontsize=9)
-    labelled(axes, x="shift [s]", y="correlation")
-    limit = max(0.3, 1.15 * float(np.max(np.abs(correlation[1:]), initial=0.0)))
-    axes.set_ylim(-limit, limit)
-    legend(axes, place="upper right")
-
-
-def draw_excitation(
-    axes: Axes, traces: tuple[Trace, ...], runs: list[FlightRun], per_decade: int | None = None
-) -> None:
-    """Amplitude of what the input does to each axis, and of what is left, of bins or bands."""
-    traces = tuple(trace for trace in traces if trace.unit == traces[0].unit and trace.driven.any())
-    for trace, style in zip(traces, cycle(STYLES), strict=False):
-        of_axis = f" ({trace.axis})" if len(traces) > 1 else ""
-        for values, colour, label in (
-            (trace.driven, RED, f"input: {trace.drive}{of_axis}"),
-            (trace.measured - trace.predicted, GREY, f"residual{of_axis}"),
-        ):
-            frequency, amplitude = spectrum(values, runs)
-            if per_decade is not None:
-                frequency, amplitude = banded(frequency, amplitude, per_decade)
-            axes.loglog(frequency, amplitude, color=colour, lw=1.2, ls=style, label=label)
-    low, high = axes.get_ylim()
-    if low < LEAST_AMPLITUDE * high:
-        axes.set_ylim(bottom=LEAST_AMPLITUDE * high)
-    low, high = runs[0].spectral.band_hz
-    axes.axvspan(low, high, color=BLUE, alpha=0.12, lw=0, label="band used")
-    axes.set_title("Excitation", fontsize=9)
-    axes.set_xlabel("frequency [Hz]")
-    axes.set_ylabel(f"amplitude [{traces[0].unit} per √Hz]", parse_math=False)
-    axes.grid(alpha=0.25, which="both")
-    legend(axes, size=8 if len(traces) == 1 else 6, place="lower left")
+def banded(
+    frequency: Float[np.ndarray, " bins"], amplitude: Float[np.ndarray, " bins"], per_decade: int
+) -> tuple[Float[np.ndarray, " bands"], Float[np.ndarray, " bands"]]:
+    """Geometric mean frequency and root mean square amplitude of bands of equal ratio."""
+    band = np.floor(per_decade * np.log10(frequency / frequency[0])).astype(np.int64)
+    _, position = np.unique(band, return_inverse=True)
+    count = np.bincount(position)
+    centre = np.exp(np.bincount(position, np.log(frequency)) / count)
+    return centre, np.sqrt(np.bincount(position, amplitude**2) / count)
 
 
 # -- Interval figures --
@@ -600,62 +564,32 @@ def _interval_limits(rows: Sequence[PlottedInterval], truth: float | None) -> tu
     return low - margin, high + margin
 
 
-# -- Profile panels --
-
-#: The profile is drawn up to so many times the height that bounds a delay, or higher; linear up to
-#: that height and logarithmic above it.
-PROFILE_HEIGHT = 5.0
-#: A grid of positive values whose ends have this ratio or a larger one has a logarithmic axis.
-WIDE_RATIO = 10.0
-#: Numbers that a logarithmic axis has in each decade.
-TICKS = (1, 2, 5)
+def forest_picture(
+    title: str, axis: str, rows: Iterable[PlottedInterval], words: str = "", table: TableOf | None = None
+) -> Picture:
+    """Intervals below each other, with their numbers."""
+    drawn = tuple(rows)
+    height = FOREST_ROW_INCHES * len(drawn) + FOREST_FOOT_INCHES
+    return Picture(title, words, partial(draw_forest, rows=drawn, words=axis), table, height)
 
 
-def draw_no_profile(axes: Axes, result: FlightEstimate) -> None:
-    """Say why there is no nuisance whose values could be compared."""
-    axes.set_title("How well each lag fits", fontsize=9)
-    given = None if result.fit is None else result.fit.lag_prior
-    why = result.motion.words.no_lag if given is None else f"The lag was given:\n{given.given}."
-    axes.text(0.5, 0.5, why, ha="center", va="center", transform=axes.transAxes)
-    axes.set_axis_off()
+def trend_picture(
+    title: str,
+    words: tuple[str, str],
+    points: tuple[Float[np.ndarray, " n"], ...],
+    lines: Iterable[tuple[str, Float[np.ndarray, " m"], Float[np.ndarray, " m"]]],
+    table: TableOf,
+) -> Picture:
+    """Values with their intervals (abscissa, value, low, high), and lines through them by their labels."""
+    drawn = tuple(lines)
 
+    def draw(axes: Axes) -> None:
+        x, value, low, high = points
+        axes.vlines(x, low, high, color=DARK, lw=1.2)
+        axes.plot(x, value, "o", color=DARK, ms=3.5, label="flights, 95 %")
+        for (label, *line), colour, style in zip(drawn, (RED, BLUE), ("-", "--"), strict=False):
+            axes.plot(*line, color=colour, lw=1.3, ls=style, label=label)
+        labelled(axes, x=words[0], y=words[1], size=9.0)
+        legend(axes, size=7)
 
-def draw_profile(axes: Axes, result: FlightEstimate, estimate: Estimate, number: int) -> None:
-    """Draw the objective against one nuisance, a curve for each combination of discrete ones that fits."""
-    profile = estimate.profiles[number]
-    quantity = result.quantities[profile.nuisance.name]
-    wording = result.motion.quantities[profile.nuisance.name]
-    scale = wording.scale
-    quantile = chi_square_quantile(0.95)
-    tallest = PROFILE_HEIGHT * quantile
-    for curve in profile_curves(result, estimate, number):
-        tallest = max(tallest, float(curve.excess.max()))
-        axes.plot(curve.values * scale, curve.excess, "-o", ms=2, lw=1.1, label=curve.choice)
-    _abscissa(axes, profile.grid * scale)
-    first, last = axes.get_xlim()  # an interval may have no end, and a logarithm has no zero
-    low, high = (float(np.clip(scale * end, first, last)) for end in quantity.interval)
-    axes.axvspan(low, high, color=BLUE, alpha=0.18, lw=0, label="95 % interval")
-    axes.axvline(scale * quantity.value, color=BLUE, lw=0.7)
-    axes.axhline(quantile, color="black", lw=0.7, ls="--", label="95 % by curves")
-    axes.set_yscale("symlog", linthresh=quantile)
-    axes.set_ylim(-0.15 * quantile, 60.0 * tallest)  # room for the legend above the curves
-    axes.set_title(f"How well each {wording.words} fits", fontsize=9, parse_math=False)
-    labelled(axes, x=axis_of(wording), y="objective above its least (χ² units)")
-    legend(axes, size=7, place="upper left", columns=2)
-
-
-def _abscissa(axes: Axes, grid: Float[np.ndarray, " values"]) -> None:
-    """Range of the grid: logarithmic, with round numbers, where it spans a decade."""
-    low, high = float(grid[0]), float(grid[-1])
-    if low <= 0.0 or high < WIDE_RATIO * low:
-        margin = 0.03 * (high - low)
-        axes.set_xlim(low - margin, high + margin)
-        return
-    axes.set_xscale("log")
-    low, high = 0.9 * low, 1.1 * high
-    axes.set_xlim(low, high)
-    decades = range(int(np.floor(np.log10(low))), int(np.ceil(np.log10(high))) + 1)
-    ticks = [tick * 10.0**decade for decade in decades for tick in TICKS]
-    ticks_kept = [tick for tick in ticks if low <= tick <= high]
-    axes.set_xticks(ticks_kept, labels=[f"{tick:g}" for tick in ticks_kept])
-    axes.minorticks_off()
+    return Picture(title, "", draw, table)

@@ -13,27 +13,18 @@ import numpy as np
 from eivor.atomic_file import atomic_write
 from eivor.errors import NonFiniteError, TooFewSamplesError
 from eivor.flights.motion import UNCHANGED, HorizonErrors, MultiStepPrediction
-from eivor.flights.quantity import PlotData
-from eivor.flights.result import Fit, FlightEstimate
 from eivor.inference.bootstrap import autocovariance
 from eivor.inference.distributions import normal_quantile
-from eivor.inference.verdict import Status
-from eivor.report.document import printable, short_name
+from eivor.report.document import printable
 from eivor.report.figure_panels import (
     BLUE,
     DARK,
     GREY,
     RED,
-    STATUS_COLOURS,
     GivenAxes,
     Panels,
+    banded,
     column_page,
-    draw_autocorrelation,
-    draw_excitation,
-    draw_fit,
-    draw_no_profile,
-    draw_profile,
-    draw_residual,
     drawable,
     figure_of,
     fitting,
@@ -43,9 +34,8 @@ from eivor.report.figure_panels import (
     mosaic,
     page,
     panel,
-    without_abscissa,
 )
-from eivor.report.flight import NO_NUMBER, banded, display_unit, flight_runs, numbers
+from eivor.report.flight import display_unit
 from eivor.signals.channels import canonical_channel
 from eivor.signals.noise import LEAST_BANDWIDTH, LongMemory, estimate_long_memory
 from eivor.signals.signals import Signals
@@ -178,92 +168,7 @@ def _unbroken(
     return time, without_gaps
 
 
-# -- Figure without estimate --
-
-SIZE_INCHES = (11.0, 8.5)
-
-
-def flight_panels(result: FlightEstimate) -> Panels:
-    """What moves in the first flight and its input, shaded where it counts, and the reasons below."""
-    prepared = result.prepared[0]
-    level = prepared.signals.family(prepared.input.name).mean(axis=1)
-    panels_of_motion = result.motion.view(prepared).panels
-    by_label = {" ".join(item.label.split()).partition(" [")[0]: item for item in panels_of_motion}
-    by_label["input"] = PlotData(f"mean of\n{prepared.input.name}", level)
-    where, active = result.motion.words.where, prepared.active
-    known = f"shaded where {where}" if active.mask.any() else f"never {where}"
-    title = f"{printable(prepared.recording.name)}: {known}, by {active.rule}"
-    panels: Panels = {
-        name: partial(_draw, plot_data=panel, result=result, title="" if number else title)
-        for number, (name, panel) in enumerate(by_label.items())
-    }
-    panels["reasons"] = partial(_write_reasons, result=result)
-    return panels
-
-
-def page_without_estimate(names: tuple[str, ...]) -> dict[str, Axes]:
-    """Axes of these panels, one below the other; the last has words only."""
-    above = len(names) - 1
-    return column_page(names, SIZE_INCHES, heights=(*[1.0] * above, 0.6), shared=max(above, 1))
-
-
-def _draw(axes: Axes, plot_data: PlotData, result: FlightEstimate, title: str) -> None:
-    prepared = result.prepared[0]
-    time = prepared.grid.time_s
-    axes.plot(time, plot_data.values, color=DARK, lw=0.9)
-    labelled(axes, x="time from the log's start [s]", y=plot_data.label)
-    axes.margins(x=0.005)
-    _shade(axes, time, prepared.active.mask, BLUE)
-    _shade(axes, time, prepared.used, STATUS_COLOURS[Status.IDENTIFIED])
-    if title:
-        axes.set_title(fitting(axes, title), fontsize=9, parse_math=False)
-
-
-def _write_reasons(axes: Axes, result: FlightEstimate) -> None:
-    axes.set_axis_off()
-    lines = [fitting(axes, printable(sentence)) for sentence in result.verdict.sentences]
-    axes.text(0.0, 1.0, "\n".join(lines), va="top", fontsize=9, parse_math=False)
-
-
-def _shade(panel: Axes, time: Float[np.ndarray, " n"], mask: Bool[np.ndarray, " n"], colour: str) -> None:
-    if mask.any():
-        across = panel.get_xaxis_transform()
-        panel.fill_between(time, 0.0, 1.0, where=mask, transform=across, color=colour, alpha=0.12, lw=0)
-
-
-# -- Flight figure --
-
-#: What each further axis adds to the height.
-AXIS_INCHES = 4.0
-#: So many panels stand side by side in that width; more of them make it wider.
-LEAST_BESIDE = 3
-
-
-def flight_figure(result: FlightEstimate, axes: GivenAxes | None = None) -> Figure:
-    """Figure of a result; without an estimate it shows the flight itself and says why.
-
-    Parameters
-    ----------
-    result : FlightEstimate
-        Of one flight or of a pool.
-
-    Notes
-    -----
-    Panels are "fit", "residual", "autocorrelation", "profile" and "excitation". A motion of several axes has
-    "fit of AXIS" and "residual of AXIS" for each; with several continuous nuisances there is a "profile of
-    NAME" for each. Without an estimate they are what the motion looks at, "input" and "reasons".
-    """
-    panels = flight_panels(result) if result.fit is None else _panels(result, result.fit)
-    if axes is not None:
-        placed = given_axes(axes, tuple(panels))
-    else:
-        placed = (page_without_estimate if result.fit is None else _flight_page)(tuple(panels))
-    for name, drawn_panel in placed.items():
-        panels[name](drawn_panel)
-    figure = figure_of(*placed.values())
-    if axes is None:
-        _flight_title(figure, result)
-    return figure
+# -- Files --
 
 
 def save_figure(figure: Figure, path: Path) -> None:
@@ -279,66 +184,6 @@ def write_figure(figure: Figure, file: BytesIO | BinaryIO, kind: str) -> None:
         # a log's name may hold letters that the font does not have; they become boxes
         warnings.filterwarnings("ignore", message="Glyph .* missing from")
         figure.savefig(file, format=kind, metadata=metadata)
-
-
-def _panels(result: FlightEstimate, fit: Fit) -> Panels:
-    """Panels of an estimate, in order; where there are several of a kind, they say what they are of."""
-    estimate, runs = fit.estimate, flight_runs(result)
-    traces = fit.traces(result.motion)
-    panels: Panels = {}
-    for trace in traces:
-        of_axis = f" of {trace.axis}" if len(traces) > 1 else ""
-        panels[f"fit{of_axis}"] = partial(draw_fit, trace=trace, runs=runs)
-        panels[f"residual{of_axis}"] = partial(draw_residual, trace=trace, runs=runs)
-    panels["autocorrelation"] = partial(draw_autocorrelation, best=estimate, runs=runs)
-    profiles = estimate.profiles
-    for number, profile in enumerate(profiles):
-        of_nuisance = f" of {profile.nuisance.name}" if len(profiles) > 1 else ""
-        panels[f"profile{of_nuisance}"] = partial(
-            draw_profile, result=result, estimate=estimate, number=number
-        )
-    if not profiles:
-        panels["profile"] = partial(draw_no_profile, result=result)
-    panels["excitation"] = partial(draw_excitation, traces=traces, runs=runs)
-    return panels
-
-
-def _flight_page(names: tuple[str, ...]) -> dict[str, Axes]:
-    """Fits and residuals over the whole width, one below the other; the rest side by side below them."""
-    wide = [name for name in names if name.startswith(("fit", "residual"))]
-    others = [name for name in names if name not in wide]
-    width, height = SIZE_INCHES
-    figure = page(width * max(len(others) / LEAST_BESIDE, 1.0), height + AXIS_INCHES * (len(wide) // 2 - 1))
-    placed = mosaic(
-        figure,
-        [*([name] * len(others) for name in wide), others],
-        height_ratios=(*(2.0, 0.9) * (len(wide) // 2), 2.2),
-    )
-    for fit, residual in zip(wide[::2], wide[1::2], strict=True):
-        placed[residual].sharex(placed[fit])
-        without_abscissa(placed[fit])
-    return placed
-
-
-def _flight_title(figure: Figure, result: FlightEstimate) -> None:
-    names = [printable(flight.recording.name) for flight in result.prepared]
-    text = short_name(names[0])
-    if len(names) > 1:
-        text = f"{len(names)} flights: {text}, …"
-    parts = []
-    for name in result.motion.quantities.rows:
-        wording = result.motion.quantities[name]
-        value, interval = numbers(result.quantities[name], wording)
-        if value != NO_NUMBER:
-            bounds = "" if interval == NO_NUMBER else f" {interval}"
-            parts.append(f"{wording.words} {value}{bounds} {wording.shown_unit}".rstrip())
-    lines = [f"{text} — {result.verdict.status.value}", "; ".join(parts[:2]), "; ".join(parts[2:])]
-    figure.suptitle(
-        "\n".join(line for line in lines if line),
-        fontsize=11,
-        color=STATUS_COLOURS[result.verdict.status],
-        parse_math=False,
-    )
 
 
 # -- Noise figures --

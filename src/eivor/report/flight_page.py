@@ -1,79 +1,54 @@
-"""HTML page of a result, and its pictures."""
+"""HTML page of a result, and its drawings."""
 
 from __future__ import annotations
 
 import base64
-import math
 import re
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from io import BytesIO
-from itertools import combinations, pairwise
-from typing import TYPE_CHECKING, Any, TypeAlias
+from itertools import pairwise
+from typing import TYPE_CHECKING
 from xml.etree import ElementTree
 
 import numpy as np
 from markupsafe import Markup
 
-from eivor.errors import UsageError
-from eivor.estimation.estimate import Estimate
 from eivor.flights.motion import MultiStepPrediction
 from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import PlotData, Trace
-from eivor.flights.result import Fit, FlightEstimate
-from eivor.inference.regions import Ellipse
-from eivor.inference.verdict import Status
+from eivor.flights.result import FlightEstimate, FlightRow
 from eivor.report.document import (
+    NO_NUMBER,
     Bullets,
     Cell,
-    Document,
     Fact,
     Facts,
     Part,
+    QuantityRow,
     Section,
     TableColumn,
     TableOf,
+    axis_of,
     capitalised,
+    number_table,
     printable,
 )
-from eivor.report.figure_panels import (
-    BLUE,
-    DARK,
-    RED,
-    PlottedInterval,
-    draw_autocorrelation,
-    draw_excitation,
-    draw_forest,
-    draw_profile,
-    ellipse_figure,
-    labelled,
-    legend,
-    page,
-)
+from eivor.report.figure_panels import Chart, Line, Picture, Pictures, forest_picture, page
 from eivor.report.figures import draw_by_horizon, write_figure
-from eivor.report.flight import (
-    NO_NUMBER,
-    FlightReport,
+from eivor.report.flight import flight_document, reported_rows, row_quantities, spans_of
+from eivor.report.flight_figures import (
     FlightRun,
-    QuantityReport,
-    ReportRow,
-    axis_of,
     band_of,
-    banded,
-    document_of,
-    flight_report,
+    fit_pictures,
     flight_runs,
-    plain_numbers,
-    profile_curves,
-    residual_autocorrelation,
-    spans_of,
-    spectrum,
+    quantity_interval,
     within_band,
 )
 from eivor.report.html import rendered, uplot, whole_page
-from eivor.report.json_document import json_of, number
+from eivor.report.json_document import FitDocument, fit_document, number, plain
 from eivor.tools import Float
 
 if TYPE_CHECKING:
@@ -87,43 +62,22 @@ MISSING, LARGEST = 65535, 65534
 BROKEN_AFTER = 1.5
 
 
-@dataclass(frozen=True)
-class Line:
-    """One series."""
-
-    label: str
-    look: str
-    values: Float[np.ndarray, " n"]  # Not a number where there is none
-
-
-@dataclass(frozen=True)
-class Chart:
-    """Series over one time."""
-
-    group: str
-    unit: str
-    time_s: Float[np.ndarray, " n"]
-    lines: tuple[Line, ...]  # With values at these times
-    over_s: tuple[float, float]
-    view_s: tuple[float, float]
-    omitted_s: tuple[tuple[float, float], ...]
-
-    def packed(self, most: int) -> dict[str, object]:
-        """Return it for the page's script, in about `most` samples."""
-        values = np.stack([line.values for line in self.lines], axis=1)
-        stretches, kept = _thinned(self.time_s, values, most)
-        return {
-            "group": self.group,
-            "unit": printable(self.unit),
-            "over": list(self.over_s),
-            "view": list(self.view_s),
-            "leftOut": [list(pair) for pair in self.omitted_s],
-            "stretches": stretches,
-            "lines": [
-                {"label": printable(line.label), "look": line.look, **_coded(kept[:, index])}
-                for index, line in enumerate(self.lines)
-            ],
-        }
+def packed(chart: Chart, most: int) -> dict[str, object]:
+    """A chart for the page's script, in about `most` samples."""
+    values = np.stack([line.values for line in chart.lines], axis=1)
+    stretches, kept = _thinned(chart.time_s, values, most)
+    return {
+        "group": chart.group,
+        "unit": printable(chart.unit),
+        "over": list(chart.over_s),
+        "view": list(chart.view_s),
+        "leftOut": [list(pair) for pair in chart.omitted_s],
+        "stretches": stretches,
+        "lines": [
+            {"label": printable(line.label), "look": line.look, **_coded(kept[:, index])}
+            for index, line in enumerate(chart.lines)
+        ],
+    }
 
 
 def _thinned(
@@ -165,67 +119,15 @@ def _coded(values: Float[np.ndarray, " n"]) -> dict[str, object]:
     return {"low": low, "step": step, "codes": base64.b64encode(codes.tobytes()).decode("ascii")}
 
 
-# -- Pictures --
+# -- Drawings --
 
-#: Draws a picture that nobody needs to pan.
-Draw: TypeAlias = "Callable[[Axes], None]"
-#: Width of a drawing, its height, and what a row of a forest and its axis add to it [inch].
-WIDTH_INCHES, HEIGHT_INCHES, FOREST_ROW_INCHES, FOREST_FOOT_INCHES = 3.5, 2.7, 0.4, 0.55
+#: Width of a drawing [inch].
+WIDTH_INCHES = 3.5
 #: Samples of all lines of a page together; each chart has its share.
 SAMPLES = 160_000
 #: What a chart has in any case, and what no screen has any use for.
 FEWEST, MOST = 1_000, 20_000
 _SVG, _LINK = "{http://www.w3.org/2000/svg}", "{http://www.w3.org/1999/xlink}href"
-
-
-@dataclass(frozen=True, slots=True)
-class Picture:
-    """Series over time to zoom into, or a drawing."""
-
-    title: str
-    words: str
-    drawn: Chart | Draw
-    table: TableOf | None = None
-    height: float = HEIGHT_INCHES
-
-
-@dataclass(frozen=True, slots=True)
-class Pictures:
-    """Pictures that belong together: those over time share their axis."""
-
-    heading: str  # May be empty
-    pictures: tuple[Picture, ...]
-
-
-def forest_picture(
-    title: str, axis: str, rows: Iterable[PlottedInterval], words: str = "", table: TableOf | None = None
-) -> Picture:
-    """Intervals below each other, with their numbers."""
-    drawn = tuple(rows)
-    height = FOREST_ROW_INCHES * len(drawn) + FOREST_FOOT_INCHES
-    return Picture(title, words, partial(draw_forest, rows=drawn, words=axis), table, height)
-
-
-def trend_picture(
-    title: str,
-    words: tuple[str, str],
-    points: tuple[Float[np.ndarray, " n"], ...],
-    lines: Iterable[tuple[str, Float[np.ndarray, " m"], Float[np.ndarray, " m"]]],
-    table: TableOf,
-) -> Picture:
-    """Values with their intervals (abscissa, value, low, high), and lines through them by their labels."""
-    drawn = tuple(lines)
-
-    def draw(axes: Axes) -> None:
-        x, value, low, high = points
-        axes.vlines(x, low, high, color=DARK, lw=1.2)
-        axes.plot(x, value, "o", color=DARK, ms=3.5, label="flights, 95 %")
-        for (label, *line), colour, style in zip(drawn, (RED, BLUE), ("-", "--"), strict=False):
-            axes.plot(*line, color=colour, lw=1.3, ls=style, label=label)
-        labelled(axes, x=words[0], y=words[1], size=9.0)
-        legend(axes, size=7)
-
-    return Picture(title, "", draw, table)
 
 
 @dataclass
@@ -251,12 +153,12 @@ class Figures:
         name = f"picture-{self.count}"
         if isinstance(picture.drawn, Chart):
             most = min(max(SAMPLES // max(self.lines, 1), FEWEST), MOST)
-            self.charts[name] = {**picture.drawn.packed(most), "title": printable(picture.title)}
+            self.charts[name] = {**packed(picture.drawn, most), "title": printable(picture.title)}
             return name, picture, Markup()
         return name, picture, drawing(picture.drawn, name, picture.title, picture.height)
 
 
-def drawing(draw: Draw, name: str, title: str, height: float) -> Markup:
+def drawing(draw: Callable[[Axes], None], name: str, title: str, height: float) -> Markup:
     """SVG with identifiers that begin with a name of its own, and attributes in place of styles."""
     from matplotlib import rc_context
 
@@ -321,210 +223,36 @@ def lines_of(groups: Iterable[Pictures]) -> int:
     return sum(len(item.lines) for item in drawn if isinstance(item, Chart))
 
 
-# -- Number tables --
+# -- Pictures of rows --
 
 
-def number_table(titles: Iterable[str], rows: Iterable[Iterable[float | str | Cell]]) -> TableOf:
-    """Table of numbers, and of words where a row has them."""
-    cells = tuple(tuple(map(_cell, row)) for row in rows)
-    left = {index for row in cells for index, cell in enumerate(row) if cell.text[:1].isalpha()}
-    columns = [(title, index not in left) for index, title in enumerate(titles)]
-    return TableOf(tuple(TableColumn(title, right=right, whole=right) for title, right in columns), cells)
-
-
-def _cell(item: float | str | Cell) -> Cell:
-    if isinstance(item, Cell | str):
-        return item if isinstance(item, Cell) else Cell(item)
-    return Cell(f"{item:.4g}".replace("-", "−") if np.isfinite(item) else NO_NUMBER)
-
-
-# -- Figures of a fit --
-
-#: Rows of a table beside a spectrum, and bands of its drawing, in each decade.
-ROWS_PER_DECADE, BANDS_PER_DECADE = 8, 90
-
-
-def pictures_of_fit(result: FlightEstimate, fit: Fit) -> Pictures:
-    """Pictures of an estimate that are not over time."""
-    runs = flight_runs(result)
-    pictures = (
-        _autocorrelation(fit.estimate, runs),
-        *_profiles(result, fit.estimate),
-        *(_spectra(trace, runs) for trace in fit.traces(result.motion) if trace.driven.any()),
-        *_sets(result, fit),
-        *_ellipse(result, fit.estimate),
-    )
-    return Pictures("", pictures)
-
-
-def _autocorrelation(estimate: Estimate, runs: list[FlightRun]) -> Picture:
-    autocorrelation = residual_autocorrelation(estimate, runs)
-    shift, correlation = autocorrelation.shift_s[1:], autocorrelation.correlation[1:]
-    return Picture(
-        f"Autocorrelation of the {autocorrelation.what}",
-        "Of a residual that holds nothing more, one stem in twenty leaves the band.",
-        partial(draw_autocorrelation, best=estimate, runs=runs),
-        number_table(("shift [s]", "correlation"), zip(shift.tolist(), correlation.tolist(), strict=True)),
-    )
-
-
-def _profiles(result: FlightEstimate, estimate: Estimate) -> Iterator[Picture]:
-    for index, profile in enumerate(estimate.profiles):
-        wording = result.motion.quantities[profile.nuisance.name]
-        rows = [
-            (curve.choice or "objective", value, excess)
-            for curve in profile_curves(result, estimate, index)
-            for value, excess in zip(
-                (wording.scale * curve.values).tolist(), curve.excess.tolist(), strict=True
-            )
-        ]
-        yield Picture(
-            f"How well each {wording.words} fits",
-            "Values whose curve stays below the dashed line fit the flight; equal steps below it, powers of "
-            "ten above.",
-            partial(draw_profile, result=result, estimate=estimate, number=index),
-            number_table(("curve", axis_of(wording), "above the least"), rows),
-        )
-
-
-def _spectra(trace: Trace, runs: list[FlightRun]) -> Picture:
-    frequency, driven = banded(*spectrum(trace.driven, runs), BANDS_PER_DECADE)
-    _, left = banded(*spectrum(trace.measured - trace.predicted, runs), BANDS_PER_DECADE)
-    steps = int(ROWS_PER_DECADE * np.log10(frequency[-1] / frequency[0])) + 2
-    kept = np.searchsorted(frequency, np.geomspace(frequency[0], frequency[-1], steps))
-    kept = np.unique(kept.clip(max=frequency.size - 1))
-    columns = (frequency[kept].tolist(), driven[kept].tolist(), left[kept].tolist())
-    return Picture(
-        f"What excites the {trace.axis}",
-        "Where the input stands above the residual, the flight carries some information.",
-        partial(draw_excitation, traces=(trace,), runs=runs, per_decade=BANDS_PER_DECADE),
-        number_table(("frequency [Hz]", f"input: {trace.drive}", "residual"), zip(*columns, strict=True)),
-    )
-
-
-def _sets(result: FlightEstimate, fit: Fit) -> Iterator[Picture]:
-    for name, sets in fit.sets.items():
-        wording, quantity = result.motion.quantities[name], result.quantities[name]
-        rows = [_interval("reported", QuantityReport(name, wording, quantity))]
-        value = quantity.value * wording.scale
-        for label, item in (
-            ("estimate plus and minus", sets.wald),
-            ("profile", sets.profile),
-            ("Anderson–Rubin", sets.anderson_rubin),
-        ):
-            pieces = tuple((low * wording.scale, high * wording.scale) for low, high in item.intervals)
-            texts = " or ".join(_piece(*piece, value) for piece in pieces) or "no value"
-            rows.append(PlottedInterval(label, np.nan, pieces, texts))
-        yield forest_picture(
-            f"Three 95 % sets of the {wording.words}",
-            axis_of(wording),
-            rows,
-            "Nearly one where instruments are strong; where they are weak, the wider of the last two counts.",
-            number_table(
-                ("set", f"{wording.symbol} [{wording.shown_unit}]"),
-                [(row.label, row.numbers) for row in rows],
-            ),
-        )
-
-
-def _piece(low: float, high: float, value: float) -> str:
-    plain_number = plain_numbers(value, (low, high))[1]
-    if plain_number != NO_NUMBER:
-        return plain_number
-    if np.isfinite(low):
-        return f"above {low:.3g}"
-    return f"below {high:.3g}" if np.isfinite(high) else "any value"
-
-
-def _ellipse(result: FlightEstimate, estimate: Estimate) -> Iterator[Picture]:
-    pair = _closest(result, estimate)
-    if pair is None:
-        return
-    try:
-        ellipse = estimate.ellipse(*pair)
-    except UsageError:  # too few degrees of freedom for a region of two
-        return
-    words = [result.motion.quantities[name] for name in pair]
-    scales = np.array([word.scale for word in words])
-    covariance = ellipse.covariance * np.outer(scales, scales)
-    scaled = replace(ellipse, centre=ellipse.centre * scales, covariance=covariance)
-    if not np.isfinite(scaled.outline()).all():
-        return
-    named = zip(pair, words, strict=True)
-    quantities = [QuantityReport(name, word, result.quantities[name]) for name, word in named]
-    first, other = (word.words for word in words)
-    yield Picture(
-        f"{capitalised(first)} and {other} together",
-        f"The two parameters that trade off most: their errors correlate by {ellipse.correlation:+.2f}.",
-        partial(_draw_ellipse, ellipse=scaled, quantities=quantities),
-        number_table(
-            ("quantity", "value", "95 % interval", "unit"),
-            [(item.wording.words, *item.numbers_text, item.wording.shown_unit) for item in quantities],
-        ),
-    )
-
-
-def _draw_ellipse(axes: Axes, ellipse: Ellipse, quantities: list[QuantityReport]) -> None:
-    names = [item.name for item in quantities]
-    intervals = [item.scaled_interval for item in quantities]
-    ellipse_figure(
-        {"joint 95 % ellipse": ellipse},
-        names=(names[0], names[1]),
-        intervals=(intervals[0], intervals[1]) if np.isfinite(intervals).all() else None,
-        ax=axes,
-    )
-    axes.set_xlabel(axis_of(quantities[0].wording), parse_math=False)
-    axes.set_ylabel(axis_of(quantities[1].wording), parse_math=False)
-
-
-def _closest(result: FlightEstimate, estimate: Estimate) -> tuple[str, str] | None:
-    covariance, names = estimate.covariance, list(estimate.names)
-    spread = np.sqrt(np.diag(covariance))
-    known = [
-        name
-        for name in result.motion.quantities
-        if name in names and np.isfinite(spread[names.index(name)]) and spread[names.index(name)] > 0.0
-    ]
-
-    def size(pair: tuple[str, str]) -> float:
-        item, other = (names.index(name) for name in pair)
-        return abs(float(covariance[item, other])) / float(spread[item] * spread[other])
-
-    return max(combinations(known, 2), key=size, default=None)
-
-
-# -- Figures of rows --
-
-
-def forests(record: FlightReport, rows: tuple[ReportRow, ...], whole: str) -> Pictures:
-    """Forest of each quantity that the rows have; below them the result itself, named `whole`, if any."""
+def forests(
+    result: FlightEstimate, rows: Sequence[FlightRow], whole: Mapping[str, QuantityRow]
+) -> list[Pictures]:
+    """Forest of each quantity of a motion's `rows`; below them that of the whole, if any. None of no rows."""
+    if not rows:
+        return []
+    motion = result.motion
+    by_label = [(row.label, {item.name: item for item in row_quantities(row, motion)}) for row in rows]
     pictures = []
-    for item in record.reported:
-        if item.name not in record.result.motion.quantities.rows:
-            continue
-        estimates = ((row.label, each) for row in rows for each in row.quantities if each.name == item.name)
-        drawn = [_interval(label, each) for label, each in estimates]
-        if whole:
-            drawn.append(replace(_interval(whole, item), whole=True))
-        pictures.append(forest_picture(capitalised(item.wording.words), axis_of(item.wording), drawn))
-    return Pictures("", tuple(pictures))
+    for name in (name for name in motion.quantities if name in motion.quantities.rows):
+        drawn = [quantity_interval(label, quantities[name]) for label, quantities in by_label]
+        if name in whole:
+            drawn.append(replace(quantity_interval("all together", whole[name]), whole=True))
+        wording = motion.quantities[name]
+        pictures.append(forest_picture(capitalised(wording.words), axis_of(wording), drawn))
+    return [Pictures("", tuple(pictures))]
 
 
-def _interval(label: str, record: QuantityReport) -> PlottedInterval:
-    low, high = record.scaled_interval
-    value = record.quantity.value * record.wording.scale
-    known = math.isfinite(value) and not (math.isnan(low) or math.isnan(high))
-    texts = " ".join(dict.fromkeys(record.numbers_text))
-    return PlottedInterval(label, value, ((low, high),) if known else (), texts, record.quantity.verdict)
-
-
-def prediction_pictures(prediction: MultiStepPrediction) -> Pictures:
+def prediction_pictures(prediction: MultiStepPrediction | None) -> list[Pictures]:
     """Errors by horizon, of every quantity."""
+    if prediction is None:
+        return []
     pictures = []
     for models in prediction.by_quantity:
         draw = partial(draw_by_horizon, prediction=prediction, models=models, key=True)
         pictures.append(Picture(f"Error of {models[0].quantity} by horizon", "", draw))
-    return Pictures("", tuple(pictures))
+    return [Pictures("", tuple(pictures))]
 
 
 # -- Over time --
@@ -542,48 +270,44 @@ def flights_over_time(result: FlightEstimate) -> Iterator[Pictures]:
     runs = [] if result.fit is None else flight_runs(result)
     for index, flight in enumerate(result.prepared[:MOST_FLIGHTS]):
         runs_kept = [run for run in runs if run.flight == index]
-        pictures = (*_fitted(index, flight, traces, runs_kept), *_airborne_pictures(index, flight, result))
+        fitted = _fitted(index, flight, traces, runs_kept) if runs_kept else ()
+        pictures = (*fitted, *_flown(index, flight, result))
         yield Pictures(flight.recording.name if several else "", pictures)
 
 
 def _fitted(
     number: int, flight: PreparedFlight, traces: tuple[Trace, ...], runs: list[FlightRun]
 ) -> Iterator[Picture]:
-    if not runs:
-        return
+    """What was measured along each axis, what the model says, and what it leaves."""
     time = np.concatenate([run.time_s for run in runs])
     for trace in traces:
-        bands = [within_band(trace, run) for run in runs]
+        rows, parts = [], []
+        for run in runs:
+            part = np.column_stack([band := within_band(trace, run), band[:, 0] - band[:, 1]])
+            times = (f"{run.time_s[0]:.2f}", f"{run.time_s[-1]:.2f}", f"{run.time_s.size}")
+            rows.append((*times, *np.sqrt(np.mean(part**2, axis=0)).tolist()))
+            parts.append(part)
+        of_rms = (f"RMS {what} [{trace.unit}]" for what in ("measured", "predicted", "left"))
+        table = number_table(("from [s]", "to [s]", "samples", *of_rms), rows)
+        measured, predicted, left = np.concatenate(parts).T
         low, high = band_of(trace, runs[0])
-        both = np.concatenate(bands)
-        table = _by_run(runs, bands, trace.unit)
-        measured = Line("measured", "measured", both[:, 0])
-        predicted = Line(f"predicted: {trace.model}", "predicted", both[:, 1])
-        left = Line("measured − predicted", "residual", both[:, 0] - both[:, 1])
+        passed = f"Both are band-passed {low:.2f} to {high:.0f} Hz.{_hatched(flight)}"
+        both = (
+            Line("measured", "measured", measured),
+            Line(f"predicted: {trace.model}", "predicted", predicted),
+        )
+        residual = (Line("measured − predicted", "residual", left),)
         for what, words, lines in (
-            (
-                "measured and predicted",
-                f"Both are band-passed {low:.2f} to {high:.0f} Hz.{_hatched(flight)}",
-                (measured, predicted),
-            ),
-            ("what the model leaves", "Nothing of the vehicle's movement should be seen in it.", (left,)),
+            ("measured and predicted", passed, both),
+            ("what the model leaves", "Nothing of the vehicle's movement should be seen in it.", residual),
         ):
             title = f"{capitalised(trace.axis)}, {what} [{trace.unit}]"
             yield Picture(title, words, _chart(number, flight, trace.unit, time, lines), table)
 
 
-def _by_run(runs: list[FlightRun], bands: list[Float[np.ndarray, "length 2"]], unit: str) -> TableOf:
-    of_rms = (f"RMS {what} [{unit}]" for what in ("measured", "predicted", "left"))
-    rows: list[tuple[float | str, ...]] = []
-    for run, band in zip(runs, bands, strict=True):
-        times = (f"{run.time_s[0]:.2f}", f"{run.time_s[-1]:.2f}", f"{run.time_s.size}")
-        rows.append((*times, _rms(band[:, 0]), _rms(band[:, 1]), _rms(band[:, 0] - band[:, 1])))
-    return number_table(("from [s]", "to [s]", "samples", *of_rms), rows)
-
-
-def _airborne_pictures(number: int, flight: PreparedFlight, result: FlightEstimate) -> Iterator[Picture]:
-    where = result.motion.words.where
-    active = flight.active
+def _flown(number: int, flight: PreparedFlight, result: FlightEstimate) -> Iterator[Picture]:
+    """What the motion looks at, and the input."""
+    where, active = result.motion.words.where, flight.active
     known = f"{capitalised(where)} by {active.rule}." if active.mask.any() else f"Never {where}."
     level = flight.signals.family(flight.input.name).mean(axis=1)
     mean = "" if flight.actuators == 1 else f", mean of {flight.actuators} actuators"
@@ -594,10 +318,13 @@ def _airborne_pictures(number: int, flight: PreparedFlight, result: FlightEstima
         if panel.reference is not None:
             lines.append(Line("asked for", "predicted", panel.reference))
         title = f"{capitalised(name)} [{unit}" if unit else capitalised(name)
-        table = number_table(
-            ("series", "least", "mean", "greatest", "standard deviation"),
-            [(line.label, *_spread(line.values)) for line in lines],
-        )
+        measures = (np.min, np.mean, np.max, np.std)
+        rows: list[tuple[float | str, ...]] = []
+        for line in lines:
+            there = line.values[np.isfinite(line.values)]
+            numbers = (float(measure(there)) if there.size else np.nan for measure in measures)
+            rows.append((line.label, *numbers))
+        table = number_table(("series", "least", "mean", "greatest", "standard deviation"), rows)
         chart = _chart(number, flight, unit.removesuffix("]"), flight.grid.time_s, tuple(lines))
         yield Picture(title, f"{known}{_hatched(flight)}", chart, table)
 
@@ -606,8 +333,7 @@ def _chart(
     number: int, flight: PreparedFlight, unit: str, time_s: Float[np.ndarray, " n"], lines: tuple[Line, ...]
 ) -> Chart:
     whole = flight.grid.time_s
-    over = (float(whole[0]), float(whole[-1]))
-    view = over
+    over = view = (float(whole[0]), float(whole[-1]))
     if flight.runs:
         first, last = flight.span_s
         around = AROUND * (last - first)
@@ -615,56 +341,8 @@ def _chart(
     return Chart(f"flight-{number + 1}", unit, time_s, lines, over, view, spans_of(~flight.used, whole))
 
 
-def _spread(values: Float[np.ndarray, " n"]) -> tuple[float, ...]:
-    there = values[np.isfinite(values)]
-    measures = (np.min, np.mean, np.max, np.std)
-    return tuple(float(measure(there)) if there.size else np.nan for measure in measures)
-
-
-def _rms(values: Float[np.ndarray, " n"]) -> float:
-    return float(np.sqrt(np.mean(values**2)))
-
-
 def _hatched(flight: PreparedFlight) -> str:
     return "" if flight.used.all() else " Hatched: left out of the estimate."
-
-
-# -- Verdict data --
-
-
-def verdict_details(record: FlightReport) -> tuple[str, ...]:
-    """What is said below the verdict: what is identified and what is not, or the first reason against it."""
-    if record.summary:
-        return (record.summary,)
-    if record.verdict.status is Status.IDENTIFIED or not record.reasons:
-        return ()
-    return (record.reasons[0].sentence,)
-
-
-def verdict_data(document: Document, record: FlightReport) -> dict[str, object]:
-    """The verdict, what is said of it, and the quantities that it is about."""
-    return {
-        "status": record.verdict.status.value,
-        "about": printable(document.about),
-        "more": [printable(verdict_detail) for verdict_detail in verdict_details(record)],
-        "logs": [printable(log) for log in record.logs],
-        "readings": [_reading_json(item) for item in record.brief],
-    }
-
-
-def _reading_json(record: QuantityReport) -> dict[str, object]:
-    """A quantity in its shown unit: as it is written, and as numbers to draw; null for no bound."""
-    wording, quantity = record.wording, record.quantity
-    return {
-        "name": record.name,
-        "words": wording.words,
-        "symbol": wording.symbol,
-        "unit": wording.shown_unit,
-        "shown": list(record.numbers_text),
-        "status": quantity.verdict.value,
-        "at": number(quantity.value * wording.scale),
-        "interval": [number(end) for end in record.scaled_interval],
-    }
 
 
 # -- Flight page --
@@ -687,29 +365,33 @@ TITLES = ("log", "format", "span [s]", "used [s]", "runs", "samples", "rate [Hz]
 
 def flight_page(result: FlightEstimate) -> str:
     """HTML page of a result, without anything to fetch."""
-    flight = flight_report(result)
-    document, written = document_of(flight, card=True), json_of(flight)
+    document, tree = flight_document(result, card=True), fit_document(result)
     over_time = list(flights_over_time(result))
     figures = Figures(lines_of(over_time))
+    whole = {row.name: row for row in reported_rows(result)}
+    of_fit = () if result.fit is None else tuple(fit_pictures(result, result.fit))
     groups = {
-        "ahead": [prediction_pictures(multi_step)] if (multi_step := result.multi_step_prediction) else [],
-        "flights": [forests(flight, flight.flights, "all together")] if flight.flights else [],
-        "methods": [forests(flight, flight.comparisons, "")] if flight.comparisons else [],
-        "flight": [*over_time, *([] if result.fit is None else [pictures_of_fit(result, result.fit)])],
+        "ahead": prediction_pictures(result.multi_step_prediction),
+        "flights": forests(result, result.flights, whole),
+        "methods": forests(result, result.comparisons, {}),
+        "flight": [*over_time, *([Pictures("", of_fit)] if of_fit else [])],
     }
-    provenance, options = _provenance(written)
+    provenance, options = _provenance(tree)
     sections = [
         (_displayed(section, result), SHORT.get(section.heading, section.heading))
         for section in document.sections
     ]
-    title = _title(flight)
+    logs = [flight.recording.name for flight in result.prepared]
+    title = ", ".join(logs[:NAMED])
+    if len(logs) > NAMED:
+        title = f"{len(logs)} flights: {title}, …"
+    title = title if len(title) <= LONGEST_TITLE else f"{title[: LONGEST_TITLE - 1]}…"
+    status = result.verdict.status.value
     body = rendered(
         "flight.html",
         title=title,
         about=result.motion.words.title,
-        meaning=document.about,
-        report=flight,
-        details=verdict_details(flight),
+        document=document,
         sections=[
             ("-".join(re.findall(r"[^\W_]+", words.lower())), words, section)
             for section, words in (*sections, (provenance, provenance.heading))
@@ -719,21 +401,35 @@ def flight_page(result: FlightEstimate) -> str:
         drawing=uplot(),
         figures={name: figures.html(group) for name, group in groups.items()},
     )
-    data = {"result": written, "charts": figures.charts, "verdict": verdict_data(document, flight)}
-    return whole_page(f"{title}: {flight.verdict.status.value}", body, data)
+    verdict = {
+        "status": status,
+        "about": printable(document.about),
+        "more": [printable(detail) for detail in document.details],
+        "logs": [printable(log) for log in logs],
+        "readings": [_reading(row) for row in document.readings],
+    }
+    data = {"result": plain(tree), "charts": figures.charts, "verdict": verdict}
+    return whole_page(f"{title}: {status}", body, data)
 
 
-def _title(record: FlightReport) -> str:
-    names = ", ".join(record.logs[:NAMED])
-    if len(record.logs) > NAMED:
-        names = f"{len(record.logs)} flights: {names}, …"
-    return names if len(names) <= LONGEST_TITLE else f"{names[: LONGEST_TITLE - 1]}…"
+def _reading(row: QuantityRow) -> dict[str, object]:
+    """A quantity in its shown unit: as it is written, and as numbers to draw; null for no bound."""
+    return {
+        "name": row.name,
+        "words": row.wording.words,
+        "symbol": row.wording.symbol,
+        "unit": row.wording.shown_unit,
+        "shown": list(row.texts),
+        "status": row.quantity.verdict.value,
+        "at": number(row.value),
+        "interval": [number(end) for end in row.interval],
+    }
 
 
 def _displayed(section: Section, result: FlightEstimate) -> Section:
     """Section as a page has it: without what the verdict above has said, and what is not drawn."""
     if not section.heading:
-        return replace(section, parts=tuple(_without_summary(part) for part in section.parts))
+        return replace(section, parts=tuple(map(_without_summary, section.parts)))
     if section.heading != "Figure":
         return section
     omitted = len(result.prepared) - MOST_FLIGHTS
@@ -747,23 +443,22 @@ def _without_summary(part: Part) -> Part:
     return Facts(tuple(fact for fact in part.facts if fact.label != "summary"))
 
 
-def _provenance(written: Mapping[str, Any]) -> tuple[Section, Facts]:
-    made = written["provenance"]
+def _provenance(tree: FitDocument) -> tuple[Section, Facts]:
+    made = tree.provenance
     rows = []
-    for log, source in zip(written["logs"], made["logs"], strict=True):
+    for log, source in zip(tree.logs, made.logs, strict=True):
         checksum = f"SHA-256 {source['sha256']}" if source["sha256"] else ""
-        counts = (str(log["runs"]), str(log["samples"]), f"{log['rate_hz']:g}")
-        texts = (log["format"], _span(log["span"]), _span(log["window"]), *counts)
-        rows.append((Cell(log["name"], checksum), *map(Cell, texts)))
+        counts = (str(log.runs), str(log.samples), f"{log.rate_hz:g}")
+        spans = (
+            NO_NUMBER if pair is None else f"{pair[0]:.2f} to {pair[1]:.2f}"
+            for pair in (log.span, log.window)
+        )
+        rows.append((Cell(log.name, checksum), *map(Cell, (log.format, *spans, *counts))))
     columns = (*map(TableColumn, TITLES[:2]), *(TableColumn(title, whole=True) for title in TITLES[2:]))
-    facts = (Fact("made by", f"Eivor {made['version']}"), Fact("schema", written["schema"]))
-    given = {name: item for name, item in made["options"].items() if item not in (None, "", [], {})}
-    options = (Fact(name, _option(item)) for name, item in given.items())
-    return Section("Provenance", (Facts(facts), TableOf(columns, tuple(rows)))), Facts(tuple(options))
-
-
-def _span(pair: list[float] | None) -> str:
-    return NO_NUMBER if pair is None else f"{pair[0]:.2f} to {pair[1]:.2f}"
+    facts = (Fact("made by", f"Eivor {made.version}"), Fact("schema", tree.schema_))
+    options = plain(made.options)
+    given = (Fact(name, _option(item)) for name, item in options.items() if item not in (None, "", [], {}))
+    return Section("Provenance", (Facts(facts), TableOf(columns, tuple(rows)))), Facts(tuple(given))
 
 
 def _option(value: object) -> str:
@@ -772,7 +467,7 @@ def _option(value: object) -> str:
             return "yes" if value else "no"
         case float():
             return f"{value:g}"
-        case list() | tuple():
+        case list():
             return ", ".join(map(_option, value))
         case _:
             return str(value)

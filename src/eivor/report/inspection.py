@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -19,6 +19,7 @@ from eivor.flights.result import FlightEstimate
 from eivor.inference.verdict import Status
 from eivor.motions.identify import identify_flight
 from eivor.report.document import (
+    NO_NUMBER,
     Bullets,
     Cell,
     Document,
@@ -30,7 +31,6 @@ from eivor.report.document import (
     capitalised,
 )
 from eivor.report.flight import (
-    NO_NUMBER,
     card_section,
     flight_card,
     logging_advice_for,
@@ -38,6 +38,7 @@ from eivor.report.flight import (
     section,
     spans_of,
 )
+from eivor.report.json_document import Json, document
 from eivor.signals.recording import Channel, ChannelQuality, Finding, MadeChannels, Recording
 
 # -- Inspection --
@@ -198,6 +199,61 @@ def _summary(channel: Channel) -> ChannelSummary:
         highest=high if known.any() else np.nan,
         # a held channel may rest: silence is no gap in it
         gaps=() if channel.held and channel.rate_hz < 1.0 else tuple(channel.gaps()),
+    )
+
+
+# -- Inspection JSON --
+
+INSPECT_SCHEMA = "eivor.inspect/1"
+POOLED_SCHEMA = "eivor.inspect_pool/1"
+OF_CHANNEL = ("name", "source", "unit", "samples", "rate_hz", "held", "estimated", "delay_s")
+
+
+def inspection_json(inspection: Inspection) -> dict[str, Json]:
+    """Document of an inspection, ready for `json_text`."""
+    log, airborne = inspection.recording, inspection.airborne
+    return document(
+        INSPECT_SCHEMA,
+        log={
+            "name": log.name,
+            "format": log.format,
+            "frame": log.frame.name.lower(),
+            "sha256": log.sha256 or None,
+            "span": log.span_s,
+        },
+        channels=[
+            {
+                **{name: getattr(channel, name) for name in OF_CHANNEL},
+                "range": (channel.lowest, channel.highest),
+                "gaps": channel.gaps,
+                **asdict(channel.quality),
+            }
+            for channel in inspection.channels
+        ],
+        missing=inspection.missing,
+        looked_for=log.looked_for,
+        advice=inspection.advice,
+        airborne=airborne and {"rule": airborne.rule, "segments": airborne.active, "used": airborne.used},
+        tried=inspection.tried,
+        references=[
+            {"name": reference.name, "usable": reference.usable, "remark": reference.remark}
+            for reference in (airborne.references if airborne else ())
+        ],
+        parameters=inspection.parameters,
+        findings=inspection.findings,
+        verdict=inspection.verdict,
+        reasons=inspection.reasons,
+    )
+
+
+def pooled_json(pooled: PooledInspection) -> dict[str, Json]:
+    """Document of several logs, ready for `json_text`."""
+    return document(
+        POOLED_SCHEMA,
+        logs=[inspection_json(log) for log in pooled.logs],
+        findings=[] if pooled.result is None else pooled.result.findings,
+        verdict=pooled.verdict,
+        reasons=pooled.reasons,
     )
 
 

@@ -1,36 +1,42 @@
-"""JSON documents of results and inspections."""
+"""JSON documents: values, and the tree of a result, which is written and read by the same structures."""
 
 from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, fields, is_dataclass
 from enum import Enum
 from importlib.metadata import version
+from typing import Annotated, Any, TypeAlias
 
+import msgspec
 import numpy as np
 
 from eivor.estimation.estimate import Estimate
 from eivor.flights.lag_prior import TELEMETRY, LagPrior
 from eivor.flights.motion import MultiStepPrediction
-from eivor.flights.prepared import PreparedFlight
-from eivor.flights.quantity import Kind
-from eivor.flights.result import Fit, FlightEstimate
+from eivor.flights.options import MAX_TILT_DEG
+from eivor.flights.quantity import Kind, SimpleModel, SystematicUncertainty
+from eivor.flights.result import Fit, FlightEstimate, FlightRow
 from eivor.inference.distributions import chi_square_quantile
+from eivor.inference.verdict import Status
 from eivor.motions.vertical.model import curve_in_force
-from eivor.report.flight import FlightReport, QuantityReport, ReportRow, flight_report, spans_of
-from eivor.report.inspection import Inspection, PooledInspection
-from eivor.report.saved_fit import IDENTIFY_SCHEMA
+from eivor.report.document import QuantityRow, quantity_rows
+from eivor.report.flight import row_quantities, spans_of, summary
 from eivor.signals.channels import common_side
+from eivor.signals.recording import Finding
 
 # -- Values --
 
 #: A value of JSON: null, a boolean, a number, a string, a list of values, or an object of them.
 Json = object
+#: A number; null for none, and for one that is not finite.
+Number: TypeAlias = float | None
+Pair: TypeAlias = tuple[Number, Number]
 
 
-def plain(value: object) -> Json:
+def plain(value: object) -> Any:
     """A value as JSON has it: records are objects, arrays are lists, numbers are finite or null."""
     if isinstance(value, np.ndarray | np.generic):
         value = value.tolist()
@@ -38,6 +44,9 @@ def plain(value: object) -> Json:
         value = value.value
     elif is_dataclass(value):
         value = {item.name: getattr(value, item.name) for item in fields(value)}
+    elif isinstance(value, msgspec.Struct):
+        pairs = ((item.encode_name, getattr(value, item.name)) for item in msgspec.structs.fields(value))
+        value = {name: item for name, item in pairs if item is not msgspec.UNSET}
     if isinstance(value, float):
         return number(value)
     if isinstance(value, Mapping):
@@ -47,11 +56,10 @@ def plain(value: object) -> Json:
     return value
 
 
-def document(schema: str, **parts: object) -> dict[str, Json]:
+def document(schema: str, **parts: object) -> dict[str, Any]:
     """Document of a schema, with the version that wrote it."""
-    provenance: object = parts.pop("provenance", {})
-    made = {"version": version("eivor")} | dict(provenance if isinstance(provenance, Mapping) else {})
-    return {name: plain(value) for name, value in ({"schema": schema} | parts | {"provenance": made}).items()}
+    made = {"schema": schema} | parts | {"provenance": {"version": version("eivor")}}
+    return {name: plain(value) for name, value in made.items()}
 
 
 def json_text(document: Mapping[str, Json]) -> str:
@@ -64,178 +72,303 @@ def number(value: float | None) -> float | None:
     return None if value is None or not math.isfinite(value) else float(value)
 
 
-# -- JSON ahead --
+# -- Tree of a result --
+
+IDENTIFY_SCHEMA = "eivor.identify/1"
 
 
-def prediction_json(prediction: MultiStepPrediction | None) -> dict[str, object]:
-    """The key of multi-step predictions; null for none."""
-    if prediction is None:
-        return {"ahead": None}
-    fields = {
-        "horizons": prediction.horizons_s,
-        "starts": prediction.start_s.size,
-        "errors": [
-            {name: getattr(error, name) for name in ("model", "words", "quantity", "unit", "rms")}
-            for error in prediction.errors
-        ],
-        "left_out": prediction.omitted,
-        "sentence": prediction.sentence if prediction.errors else "",
-    }
-    return {"ahead": fields}
+class JsonQuantity(msgspec.Struct, kw_only=True):
+    """A quantity; what belongs to a run has its value in each, a headline parameter its three sets."""
+
+    value: Number
+    unit: str
+    std_error: Number
+    interval: Pair
+    verdict: Status
+    reasons: Sequence[str] = ()
+    systematic: Sequence[SystematicUncertainty] = ()
+    lowest: Number = None
+    by_segment: Sequence[Number] | msgspec.UnsetType = msgspec.UNSET
+    sets: Any = msgspec.UNSET
 
 
-# -- JSON document --
+class JsonRow(msgspec.Struct, kw_only=True):
+    """One flight of a pool, or one method."""
+
+    log: str | msgspec.UnsetType = msgspec.UNSET
+    method: str | msgspec.UnsetType = msgspec.UNSET
+    verdict: Status = Status.REFUSED
+    reasons: Sequence[str] = ()
+    parameters: Mapping[str, JsonQuantity]
+    derived: Mapping[str, JsonQuantity]
+
+
+class JsonLog(msgspec.Struct, kw_only=True):
+    """A log, and what was used of it."""
+
+    name: str
+    format: str
+    span: Pair | None = None
+    window: Pair | None = None
+    runs: int = 0
+    samples: int = 0
+    rate_hz: Number = None
+
+
+class JsonModel(msgspec.Struct, kw_only=True):
+    """What was identified, and what drove it."""
+
+    name: str
+    equation: str = ""
+    input: str = ""
+    input_map: str = ""
+    input_measured: bool = False
+    #: On which side of the autopilot's thrust curve the input is, and the parameters in force
+    autopilot_curve: Mapping[str, str | Mapping[str, float] | None] = {}
+
+
+class JsonPart(msgspec.Struct, kw_only=True):
+    """The covariance under one assumption on the residual."""
+
+    name: str
+    matrix: Sequence[Sequence[Number]]
+    degrees: Number
+    share: Annotated[float, msgspec.Meta(gt=0.0)]
+
+
+class JsonCandidate(msgspec.Struct, kw_only=True):
+    """The joint vector at one combination of the discrete nuisances."""
+
+    at: Mapping[str, Number]
+    best: bool
+    excess: Number = 0.0
+    values: Sequence[Number]
+    parts: Annotated[Sequence[JsonPart], msgspec.Meta(min_length=1)]
+
+
+class JsonCovariance(msgspec.Struct, kw_only=True):
+    """The joint vector and its covariance, for each combination of discrete nuisances that fits."""
+
+    names: Sequence[str] = ()
+    choices: int = 1
+    candidates: Sequence[JsonCandidate] = ()
+
+
+class JsonPrediction(msgspec.Struct, kw_only=True):
+    """What a prediction needs beside the quantities."""
+
+    input: str = ""
+    input_map: str = ""
+    instruments: str = ""
+    at: Mapping[str, Number]
+    by_run: Mapping[str, Sequence[Number]] = {}
+    limits: Mapping[str, float | Pair | None] = {}
+    beside: Mapping[str, SimpleModel] = {}
+    input_level: Number = None
+    vehicle: Any = None
+    flown: Any = {}
+
+    @property
+    def max_tilt_deg(self) -> float:
+        """Largest tilt of the flights; the default one where a document does not say it [deg]."""
+        most = self.limits.get("max_tilt_deg")
+        return most if isinstance(most, float) else MAX_TILT_DEG
+
+
+class JsonProvenance(msgspec.Struct, kw_only=True, frozen=True):
+    """Where a document comes from."""
+
+    version: str = ""
+    logs: Sequence[Mapping[str, str | None]] = ()
+    options: Mapping[str, Any] = {}
+
+
+class FitDocument(msgspec.Struct, kw_only=True, rename={"schema_": "schema"}):
+    """The document of a result, as ``eivor identify --json`` writes it and `eivor.load_fit` reads it."""
+
+    schema_: str = IDENTIFY_SCHEMA
+    logs: Sequence[JsonLog] = ()
+    model: JsonModel
+    method: str = ""
+    instruments: str = ""
+    window: Pair | None = None
+    samples: int = 0
+    rate_hz: Number = None
+    verdict: Status
+    summary: str = ""
+    reasons: Sequence[str]
+    parameters: Mapping[str, JsonQuantity]
+    derived: Mapping[str, JsonQuantity]
+    implied: Any = ()
+    contradictions: Sequence[str] = ()
+    covariance: JsonCovariance | None = None
+    prediction: JsonPrediction | None = None
+    ahead: Any = None
+    given_lag: Any = None
+    diagnostics: Any = {}
+    findings: Sequence[Finding] = ()
+    flights: Sequence[JsonRow] = ()
+    by_flight: Sequence[JsonRow] | None = None
+    comparisons: Sequence[JsonRow] = ()
+    provenance: JsonProvenance = JsonProvenance()
+
+
+# -- Document of a result --
 
 #: Candidates that do not fit even at this level are left out.
 WIDEST_LEVEL = 0.999
-OF_QUANTITY = ("value", "unit", "std_error", "interval", "verdict")
 
 
-def json_document(result: FlightEstimate) -> dict[str, Json]:
+def json_document(result: FlightEstimate) -> dict[str, Any]:
     """Document of a result."""
-    return json_of(flight_report(result))
+    made: dict[str, Any] = plain(fit_document(result))
+    return made
 
 
-def json_of(record: FlightReport) -> dict[str, Json]:
-    """Document of what is reported about a result, and of what besides only programs read."""
-    result = record.result
-    first, fit = result.prepared[0], result.fit
+def fit_document(result: FlightEstimate) -> FitDocument:
+    """Tree of a result's document."""
+    motion, first, fit = result.motion, result.prepared[0], result.fit
     rates = {flight.signals.rate_hz for flight in result.prepared}
-    parameters = _quantities(record.quantities, Kind.PARAMETER)
+    rows = quantity_rows(result.quantities, motion.quantities)
+    parameters = _quantities(rows, Kind.PARAMETER)
     for name in parameters:
-        if name in result.motion.quantities.headline:
+        if name in motion.quantities.headline:
             sets = None if fit is None else fit.sets.get(name)
             three = ("wald", "profile", "anderson_rubin")
-            parameters[name]["sets"] = sets and {word: getattr(sets, word).intervals for word in three}
-    return document(
-        IDENTIFY_SCHEMA,
-        logs=[_log(flight) for flight in result.prepared],
-        model={
-            "name": result.motion.words.model,
-            "equation": "; ".join(result.motion.equation),
-            "input": first.input.name,
-            "input_map": first.input_map,
-            "input_measured": first.input.measured,
-            # on which side of the autopilot's thrust curve the input is, and the parameters in force
-            "autopilot_curve": {
+            parameters[name].sets = sets and {word: getattr(sets, word).intervals for word in three}
+    logs = []
+    for flight in result.prepared:
+        spans, log = spans_of(flight.used, flight.grid.time_s), flight.recording
+        logs.append(
+            JsonLog(
+                name=log.name,
+                format=log.format,
+                span=log.span_s,
+                window=(spans[0][0], spans[-1][1]) if spans else None,
+                runs=len(flight.runs),
+                samples=int(flight.used.sum()),
+                rate_hz=flight.signals.rate_hz,
+            )
+        )
+    return FitDocument(
+        logs=logs,
+        model=JsonModel(
+            name=motion.words.model,
+            equation="; ".join(motion.equation),
+            input=first.input.name,
+            input_map=first.input_map,
+            input_measured=first.input.measured,
+            autopilot_curve={
                 "side": common_side(flight.curve_side for flight in result.prepared).value or None,
                 "in_force": curve_in_force([flight.recording.parameters for flight in result.prepared]),
             },
-        },
+        ),
         method=result.method,
         instruments=result.instruments,
         window=result.window_s,
-        samples=sum(int(flight.used.sum()) for flight in result.prepared),
+        samples=sum(log.samples for log in logs),
         rate_hz=rates.pop() if len(rates) == 1 else None,
-        verdict=record.verdict.status,
-        summary=record.summary,
-        reasons=record.verdict.sentences,
+        verdict=result.verdict.status,
+        summary=summary(result),
+        reasons=result.verdict.sentences,
         parameters=parameters,
-        derived=_quantities(record.quantities, Kind.DERIVED),
+        derived=_quantities(rows, Kind.DERIVED),
         implied=result.implications.numbers,
         contradictions=result.implications.contradictions,
         covariance=None if fit is None else _covariance(fit.estimate),
         prediction=None if fit is None else _prediction(result, fit),
-        **prediction_json(result.multi_step_prediction),
+        ahead=prediction_json(result.multi_step_prediction),
         given_lag=None if fit is None or fit.lag_prior is None else _lag_prior(fit.lag_prior),
         diagnostics=result.diagnostics,
         findings=result.findings,
-        flights=[_row("log", row) for row in record.flights],
-        by_flight=[_row("log", row) for row in record.by_flight],
-        comparisons=[_row("method", row) for row in record.comparisons],
-        provenance={
-            "logs": [
+        flights=[_row(row, row_quantities(row, motion), log=row.label) for row in result.flights],
+        by_flight=[
+            _row(row, quantity_rows(row.quantities, motion.quantities), log=row.label)
+            for row in result.by_flight
+        ],
+        comparisons=[_row(row, row_quantities(row, motion), method=row.label) for row in result.comparisons],
+        provenance=JsonProvenance(
+            version=version("eivor"),
+            logs=[
                 {"name": flight.recording.name, "sha256": flight.recording.sha256 or None}
                 for flight in result.prepared
             ],
-            "options": result.options,
-        },
+            options=asdict(result.options),
+        ),
     )
 
 
-def _covariance(estimate: Estimate) -> Json:
-    """Joint vector and its covariance, for each combination of the discrete nuisances that fits at all."""
-    most = chi_square_quantile(WIDEST_LEVEL, estimate.choices)
+def _quantities(rows: Sequence[QuantityRow], kind: Kind) -> dict[str, JsonQuantity]:
     return {
-        "names": estimate.names,
-        "choices": estimate.choices,
-        "candidates": [
-            {
-                "at": candidate.nuisances,
-                "best": candidate is estimate,
-                "excess": excess,
-                "values": candidate.values,
-                "parts": candidate.joint_covariance.parts,
-            }
-            for candidate, excess in zip(estimate.candidates, estimate.excesses, strict=True)
-            if excess <= most
-        ],
+        row.name: JsonQuantity(
+            value=row.quantity.value,
+            unit=row.quantity.unit,
+            std_error=row.quantity.std_error,
+            interval=row.quantity.interval,
+            verdict=row.quantity.verdict,
+            reasons=[reason.sentence for reason in row.quantity.reasons],
+            systematic=row.quantity.systematic_uncertainties,
+            lowest=row.wording.lowest,
+            by_segment=row.quantity.by_run if row.wording.by_run else msgspec.UNSET,
+        )
+        for row in rows
+        if row.wording.kind is kind
     }
 
 
-def _prediction(result: FlightEstimate, fit: Fit) -> Json:
-    first = result.prepared[0]
-    flying = tuple(flight.shortened for flight in result.prepared if flight.runs)
-    abilities = result.motion.abilities
+def _row(row: FlightRow, quantities: Sequence[QuantityRow], **label: str) -> JsonRow:
+    parameters, derived = (_quantities(quantities, kind) for kind in (Kind.PARAMETER, Kind.DERIVED))
+    return JsonRow(**label, verdict=row.verdict, reasons=row.reasons, parameters=parameters, derived=derived)
+
+
+def _covariance(estimate: Estimate) -> JsonCovariance:
+    most = chi_square_quantile(WIDEST_LEVEL, estimate.choices)
+    return JsonCovariance(
+        names=estimate.names,
+        choices=estimate.choices,
+        candidates=[
+            JsonCandidate(
+                at=candidate.nuisances,
+                best=candidate is estimate,
+                excess=excess,
+                values=candidate.values.tolist(),
+                parts=[
+                    JsonPart(
+                        name=part.name, matrix=part.matrix.tolist(), degrees=part.degrees, share=part.share
+                    )
+                    for part in candidate.joint_covariance.parts
+                ],
+            )
+            for candidate, excess in zip(estimate.candidates, estimate.excesses, strict=True)
+            if excess <= most
+        ],
+    )
+
+
+def _prediction(result: FlightEstimate, fit: Fit) -> JsonPrediction:
+    first, abilities = result.prepared[0], result.motion.abilities
     record = abilities.closed_loop_record
-    return {
-        "input": first.input.name,
-        "input_map": first.input_map,
-        "instruments": fit.instruments,
-        "at": fit.estimate.nuisances,
-        "by_run": {
+    flying = tuple(flight.shortened for flight in result.prepared if flight.runs)
+    return JsonPrediction(
+        input=first.input.name,
+        input_map=first.input_map,
+        instruments=fit.instruments,
+        at=fit.estimate.nuisances,
+        by_run={
             name: result.quantities[name].by_run
             for name, words in result.motion.quantities.items()
             if words.by_run
         },
-        "limits": {
+        limits={
             "max_tilt_deg": result.options.max_tilt_deg,
             "window": result.options.window,
             "band_hz": first.band_hz,
         },
-        "beside": result.simple_models,
-        "input_level": float(np.mean([flight.input_level for flight in flying])),
-        "vehicle": None if abilities.vehicle is None else abilities.vehicle.record,
-        "flown": {} if record is None else record(fit.problem, fit.estimate, flying),
-    }
-
-
-def _log(flight: PreparedFlight) -> Json:
-    spans = spans_of(flight.used, flight.grid.time_s)
-    return {
-        "name": flight.recording.name,
-        "format": flight.recording.format,
-        "span": flight.recording.span_s,
-        "window": (spans[0][0], spans[-1][1]) if spans else None,
-        "runs": len(flight.runs),
-        "samples": int(flight.used.sum()),
-        "rate_hz": flight.signals.rate_hz,
-    }
-
-
-def _quantities(quantities: tuple[QuantityReport, ...], kind: Kind) -> dict[str, dict[str, object]]:
-    """Quantities of one kind; what belongs to a run has its value in each besides."""
-    return {
-        item.name: {
-            **{name: getattr(item.quantity, name) for name in OF_QUANTITY},
-            "reasons": [reason.sentence for reason in item.quantity.reasons],
-            "systematic": item.quantity.systematic_uncertainties,
-            "lowest": item.wording.lowest,
-        }
-        | ({"by_segment": item.quantity.by_run} if item.wording.by_run else {})
-        for item in quantities
-        if item.wording.kind is kind
-    }
-
-
-def _row(key: str, row: ReportRow) -> Json:
-    return {
-        key: row.label,
-        "verdict": row.status,
-        "reasons": row.reasons,
-        "parameters": _quantities(row.quantities, Kind.PARAMETER),
-        "derived": _quantities(row.quantities, Kind.DERIVED),
-    }
+        beside=result.simple_models,
+        input_level=float(np.mean([flight.input_level for flight in flying])),
+        vehicle=None if abilities.vehicle is None else abilities.vehicle.record,
+        flown={} if record is None else record(fit.problem, fit.estimate, flying),
+    )
 
 
 def _lag_prior(given: LagPrior) -> Json:
@@ -253,56 +386,15 @@ def _lag_prior(given: LagPrior) -> Json:
     }
 
 
-# -- JSON inspection --
-
-INSPECT_SCHEMA = "eivor.inspect/1"
-POOLED_SCHEMA = "eivor.inspect_pool/1"
-OF_CHANNEL = ("name", "source", "unit", "samples", "rate_hz", "held", "estimated", "delay_s")
-
-
-def inspection_json(inspection: Inspection) -> dict[str, Json]:
-    """Document of an inspection, ready for `json_text`."""
-    log, airborne = inspection.recording, inspection.airborne
-    return document(
-        INSPECT_SCHEMA,
-        log={
-            "name": log.name,
-            "format": log.format,
-            "frame": log.frame.name.lower(),
-            "sha256": log.sha256 or None,
-            "span": log.span_s,
-        },
-        channels=[
-            {
-                **{name: getattr(channel, name) for name in OF_CHANNEL},
-                "range": (channel.lowest, channel.highest),
-                "gaps": channel.gaps,
-                **asdict(channel.quality),
-            }
-            for channel in inspection.channels
+def prediction_json(prediction: MultiStepPrediction | None) -> Json:
+    """Multi-step predictions; null for none."""
+    return prediction and {
+        "horizons": prediction.horizons_s,
+        "starts": prediction.start_s.size,
+        "errors": [
+            {name: getattr(error, name) for name in ("model", "words", "quantity", "unit", "rms")}
+            for error in prediction.errors
         ],
-        missing=inspection.missing,
-        looked_for=log.looked_for,
-        advice=inspection.advice,
-        airborne=airborne and {"rule": airborne.rule, "segments": airborne.active, "used": airborne.used},
-        tried=inspection.tried,
-        references=[
-            {"name": reference.name, "usable": reference.usable, "remark": reference.remark}
-            for reference in (airborne.references if airborne else ())
-        ],
-        parameters=inspection.parameters,
-        findings=inspection.findings,
-        verdict=inspection.verdict,
-        reasons=inspection.reasons,
-    )
-
-
-def pooled_json(pooled: PooledInspection) -> dict[str, Json]:
-    """Document of several logs, ready for `json_text`."""
-    return document(
-        POOLED_SCHEMA,
-        logs=[inspection_json(log) for log in pooled.logs],
-        findings=[] if pooled.result is None else pooled.result.findings,
-        verdict=pooled.verdict,
-        reasons=pooled.reasons,
-    )
+        "left_out": prediction.omitted,
+        "sentence": prediction.sentence if prediction.errors else "",
+    }

@@ -14,6 +14,7 @@ from eivor.flights.track import HELD, TOLD, Moment, Track
 from eivor.planning.plan import FlightPlan, make_plan
 from eivor.planning.vehicle import TARGETS, FlightLimits, VehicleGuess, vehicle_of_result
 from eivor.report.document import (
+    NO_NUMBER,
     Bullets,
     Cell,
     Document,
@@ -23,10 +24,11 @@ from eivor.report.document import (
     TableColumn,
     TableOf,
     Tone,
+    plain_numbers,
     printable,
 )
 from eivor.report.figure_panels import BLUE, RED, labelled, legend, page
-from eivor.report.flight import NO_NUMBER, plain_numbers, section
+from eivor.report.flight import section
 from eivor.report.json_document import Json, document
 from eivor.report.outputs import saved_of
 from eivor.report.saved_fit import SavedFit
@@ -238,7 +240,9 @@ def plan(
     if not isinstance(source, VehicleGuess):
         expected = "a result, the path of its JSON file, or a vehicle"
         fit = saved_of(source, expected, 'Such as ev.plan("fit.json") or ev.plan(ev.VehicleGuess()).')
-        source = vehicle_of_result(fit.document)
+        model, prediction = fit.document.model, fit.document.prediction
+        flown = {} if prediction is None else prediction.flown
+        source = vehicle_of_result(model.name, model.input_map, fit.quantities, flown)
     return make_plan(source, target=target, limits=limits, shape=shape, seed=seed)
 
 

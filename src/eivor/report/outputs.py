@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -10,7 +9,7 @@ from typing import TYPE_CHECKING
 from eivor.checks import described
 from eivor.errors import UsageError
 from eivor.flights.result import FlightEstimate
-from eivor.report.figures import flight_figure
+from eivor.report.flight_figures import flight_figure
 from eivor.report.json_document import json_document, json_text
 from eivor.report.saved_fit import SavedFit, fit_of, load_fit
 
@@ -21,7 +20,7 @@ if TYPE_CHECKING:
 
 def saved_fit(result: FlightEstimate) -> SavedFit:
     """Return what `eivor.load_fit` would read of a result's document."""
-    return fit_of(json.loads(json_text(json_document(result))))
+    return fit_of(json_document(result))
 
 
 def saved_of(source: object, expected: str, remedy: str) -> SavedFit:

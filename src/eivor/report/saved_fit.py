@@ -7,7 +7,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import msgspec
 import numpy as np
@@ -17,7 +17,7 @@ from eivor.errors import EstimationError, InputError, NotIdentifiedError, UsageE
 from eivor.exports.autopilots import StateSpace, state_space
 from eivor.exports.fitted import Exported, Fitted, Supplied, known_number
 from eivor.exports.targets import randomisation_by_name, target_by_name
-from eivor.flights.quantity import Counts, Quantity, SystematicUncertainty
+from eivor.flights.quantity import Quantity
 from eivor.inference.covariance import CovariancePart, JointCovariance, JointEstimate, joint_draws
 from eivor.inference.distributions import (
     check_level,
@@ -27,6 +27,14 @@ from eivor.inference.distributions import (
 )
 from eivor.inference.verdict import Reason, Status
 from eivor.motions.rigid_body.vehicle import KnownNumber, load_vehicle, vehicle_from_record
+from eivor.report.json_document import (
+    IDENTIFY_SCHEMA,
+    FitDocument,
+    JsonCandidate,
+    JsonCovariance,
+    JsonQuantity,
+    JsonRow,
+)
 from eivor.signals.channels import CurveSide
 from eivor.tools import Float, html_table
 
@@ -48,7 +56,6 @@ class SavedCandidate:
     excess: float = 0.0
 
 
-IDENTIFY_SCHEMA = "eivor.identify/1"
 #: More draws at once would fill the memory.
 MOST_DRAWS = 10_000_000
 
@@ -57,19 +64,28 @@ MOST_DRAWS = 10_000_000
 class SavedFit:
     """What a document of schema ``eivor.identify/1`` says."""
 
-    verdict: Status
-    reasons: tuple[str, ...]  # Why the verdict is not better
     quantities: Mapping[str, Quantity]  # Parameters and derived quantities
-    names: tuple[str, ...]  # Joint vector; empty without an estimate
     #: Those that fit at a level of .999, or of a document without their `excess` at .95; empty without an
     #: estimate.
     candidates: tuple[SavedCandidate, ...]
-    #: What a prediction needs beside the quantities: `input`, `input_map`, `instruments`, `at`, `by_run`,
-    #: `limits`, `beside`; empty without an estimate.
-    prediction: Mapping[str, Any]
-    document: Mapping[str, Any] = field(repr=False)  # The whole document
+    document: FitDocument = field(repr=False)  # The whole document
     #: For each flight of a pool its quantities, those that are its own among them; empty otherwise.
     by_flight: Mapping[str, Mapping[str, Quantity]] = field(default_factory=dict)
+
+    @property
+    def verdict(self) -> Status:
+        """Verdict of the whole."""
+        return self.document.verdict
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """Why the verdict is not better."""
+        return tuple(self.document.reasons)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the joint vector; empty without an estimate."""
+        return () if self.document.covariance is None else tuple(self.document.covariance.names)
 
     @property
     def parameters(self) -> dict[str, float]:
@@ -276,22 +292,20 @@ class SavedFit:
     @property
     def fitted(self) -> Fitted:
         """What exports take of it."""
-        model, provenance = self.document["model"], self.document["provenance"]
-        vehicle = self.prediction.get("vehicle")
-        curve = model.get("autopilot_curve") or {}  # older documents have none
+        document, model = self.document, self.document.model
+        vehicle = document.prediction and document.prediction.vehicle
+        side, in_force = (model.autopilot_curve.get(name) for name in ("side", "in_force"))
         return Fitted(
-            model=str(model["name"]),
+            model=model.name,
             quantities=self.quantities,
-            input=str(model["input"]),
-            map_name=str(model["input_map"]),
-            curve_side=next(
-                (item for item in CurveSide if item.value == curve.get("side")), CurveSide.UNKNOWN
-            ),
-            curve_in_force=dict(curve.get("in_force") or {}),
-            input_measured=bool(model["input_measured"]),
-            formats=tuple(str(log["format"]) for log in self.document["logs"]),
-            logs=tuple((str(log["name"]), str(log["sha256"] or "")) for log in provenance["logs"]),
-            version=str(provenance["version"]),
+            input=model.input,
+            map_name=model.input_map,
+            curve_side=next((item for item in CurveSide if item.value == side), CurveSide.UNKNOWN),
+            curve_in_force=in_force if isinstance(in_force, dict) else {},
+            input_measured=model.input_measured,
+            formats=tuple(log.format for log in document.logs),
+            logs=tuple((str(log.get("name")), log.get("sha256") or "") for log in document.provenance.logs),
+            version=document.provenance.version,
             vehicle=None if vehicle is None else vehicle_from_record(vehicle),
             names=self.names,
             candidates=self._joint(),
@@ -306,11 +320,12 @@ class SavedFit:
 
     def _largest_excess(self, level: float) -> float:
         """What the criterion of another candidate may be above that of the best."""
-        return chi_square_quantile(level, (self.document["covariance"] or {}).get("choices", 1))
+        covariance = self.document.covariance
+        return chi_square_quantile(level, 1 if covariance is None else covariance.choices)
 
     def _lowest(self, name: str) -> float:
-        lowest = self.document["parameters"].get(name, {}).get("lowest")
-        return -math.inf if lowest is None else float(lowest)
+        parameter = self.document.parameters.get(name)
+        return -math.inf if parameter is None else _number(parameter.lowest, -math.inf)
 
     def _wald(self, name: str, level: float) -> tuple[float, float]:
         index = self.names.index(name)
@@ -392,82 +407,31 @@ def _no_document(path: Path, received: str) -> InputError:
     )
 
 
-class _Systematic(msgspec.Struct):
-    counts: Counts
-    below: float
-    above: float
-    sentence: str
-
-
-class _Quantity(msgspec.Struct):
-    value: float | None
-    unit: str
-    std_error: float | None
-    interval: tuple[float | None, float | None]
-    verdict: Status
-    by_segment: list[float | None] = []
-    reasons: list[str] = []
-    systematic: list[_Systematic] = []
-
-
-class _Quantities(msgspec.Struct):
-    parameters: dict[str, _Quantity]
-    derived: dict[str, _Quantity]
-
-
-class _OfFlight(_Quantities):
-    log: str
-
-
-class _Part(msgspec.Struct):
-    name: str
-    matrix: list[list[float | None]]
-    degrees: float | None
-    share: float
-
-
-class _Candidate(msgspec.Struct):
-    best: bool
-    values: list[float | None]
-    at: dict[str, float | None]
-    parts: Annotated[list[_Part], msgspec.Meta(min_length=1)]
-    excess: float | None = 0.0
-
-
-class _Covariance(msgspec.Struct):
-    names: list[str] = []
-    candidates: list[_Candidate] = []
-
-
-class _Document(_Quantities):
-    verdict: Status
-    reasons: list[str]
-    covariance: _Covariance | None = None
-    prediction: dict[str, Any] | None = None
-    by_flight: list[_OfFlight] | None = None
-
-
 def fit_of(document: Mapping[str, Any]) -> SavedFit:
     """Return the fit of a document."""
-    given = msgspec.convert(document, _Document)
-    covariance = given.covariance or _Covariance()
+    given = msgspec.convert(document, FitDocument)
+    quantities, covariance = _read_quantities(given), given.covariance
+    if covariance is None:
+        covariance = JsonCovariance()
+    elif sum(item.best for item in covariance.candidates) != 1 or not set(covariance.names) <= set(
+        quantities
+    ):
+        raise ValueError("a covariance of its quantities, and which candidate is the best")
+    if any(len(item.values) != len(covariance.names) for item in covariance.candidates):
+        raise ValueError("a value for each name of the covariance")
     return SavedFit(
-        verdict=given.verdict,
-        reasons=tuple(given.reasons),
-        quantities=_read_quantities(given),
-        names=tuple(covariance.names),
+        quantities=quantities,
         candidates=tuple(map(_candidate, covariance.candidates)),
-        prediction=given.prediction or {},
-        document=document,
-        by_flight={row.log: _read_quantities(row) for row in given.by_flight or ()},
+        document=given,
+        by_flight={str(row.log): _read_quantities(row) for row in given.by_flight or ()},
     )
 
 
-def _read_quantities(given: _Quantities) -> dict[str, Quantity]:
+def _read_quantities(given: FitDocument | JsonRow) -> dict[str, Quantity]:
     return {name: _quantity(item) for name, item in {**given.parameters, **given.derived}.items()}
 
 
-def _quantity(given: _Quantity) -> Quantity:
+def _quantity(given: JsonQuantity) -> Quantity:
     low, high = given.interval
     return Quantity(
         value=_number(given.value, math.nan),
@@ -475,16 +439,13 @@ def _quantity(given: _Quantity) -> Quantity:
         std_error=_number(given.std_error, math.nan),
         interval=(_number(low, -math.inf), _number(high, math.inf)),
         verdict=given.verdict,
-        by_run=tuple(_number(value, math.nan) for value in given.by_segment),
+        by_run=tuple(_number(value, math.nan) for value in given.by_segment or ()),
         reasons=tuple(Reason(given.verdict, sentence) for sentence in given.reasons),
-        systematic_uncertainties=tuple(
-            SystematicUncertainty(part.counts, part.below, part.above, part.sentence)
-            for part in given.systematic
-        ),
+        systematic_uncertainties=tuple(given.systematic),
     )
 
 
-def _candidate(given: _Candidate) -> SavedCandidate:
+def _candidate(given: JsonCandidate) -> SavedCandidate:
     values = np.array([_number(value, math.nan) for value in given.values])
     parts = []
     for part in given.parts:
@@ -526,7 +487,8 @@ def draws_table(
             f"a result without: {' '.join(fit.reasons)}",
             "Fly again as the report says.",
         )
-    for name, value in fit.prediction.get("at", {}).items():
+    prediction = fit.document.prediction
+    for name, value in (prediction.at if prediction else {}).items():
         if name in selected and name not in columns and value is not None:
             columns[name] = np.full(n, float(value))
     if mass is not None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import textwrap
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
@@ -23,6 +24,7 @@ from eivor.inference.verdict import Status
 from eivor.models.separable import NoInstruments
 from eivor.motions.table import motion_of_model
 from eivor.report.document import (
+    NO_NUMBER,
     Cell,
     Document,
     Fact,
@@ -40,6 +42,7 @@ from eivor.report.figure_panels import (
     FIT_SHOWN_S,
     GREY,
     RED,
+    SIZE_INCHES,
     GivenAxes,
     Panels,
     column_page,
@@ -50,9 +53,9 @@ from eivor.report.figure_panels import (
     legend,
     liveliest,
 )
-from eivor.report.figures import SIZE_INCHES, prediction_page, prediction_panels
-from eivor.report.flight import NO_NUMBER, prediction_parts, prediction_rows
-from eivor.report.json_document import Json, document, json_text, prediction_json
+from eivor.report.figures import prediction_page, prediction_panels
+from eivor.report.flight import prediction_parts, prediction_rows
+from eivor.report.json_document import Json, JsonPrediction, document, json_text, prediction_json
 from eivor.report.outputs import saved_of
 from eivor.report.saved_fit import SavedFit
 from eivor.signals.recording import Recording
@@ -233,34 +236,36 @@ def validate(
     """
     result = saved_of(fit, "a result, or the path of its JSON file", 'Such as ev.load_fit("fit.json").')
     checks.kind("recording", recording, Recording, "a Recording", 'Read it: ev.read_log("other.ulg").')
-    if not result.prediction:
+    prediction = result.document.prediction
+    if prediction is None:
         raise UsageError(
             "a result with an estimate",
             f"one without: {' '.join(result.reasons).rstrip('.')}",
             "Validate a flight that carries some information.",
         )
-    motion = motion_of_model(str(result.document["model"]["name"]))
+    motion = motion_of_model(result.document.model.name)
     if motion.abilities.vehicle is not None:
-        motion = motion.abilities.vehicle.restore(result.prediction.get("vehicle"))
-    motion, flight = _prepared(result, motion, recording, window, max_tilt_deg)
-    _check_scale(result, flight)
+        motion = motion.abilities.vehicle.restore(prediction.vehicle)
+    motion, flight = _prepared(result, prediction, motion, recording, window, max_tilt_deg)
+    _check_scale(prediction, flight)
+    models = _simpler_models(result, prediction)
     predicts = motion.abilities.prediction
     if predicts is not None and predicts.multi_step is not None:
-        prediction = predicts.multi_step((flight.shortened,), _simpler_models(result), result.refused)
-        if not prediction.errors:
+        ahead = predicts.multi_step((flight.shortened,), models, result.refused)
+        if not ahead.errors:
             raise UsageError(
                 "a result and a log that carry enough information of the vehicle to predict it",
-                " ".join(prediction.omitted) or "no half second without a gap",
+                " ".join(ahead.omitted) or "no half second without a gap",
                 "Validate a flight that carries more information, on a log of the same vehicle.",
             )
-        return Validation(result, motion, flight, (), prediction)
+        return Validation(result, motion, flight, (), ahead)
     if predicts is None or predicts.another_flight is None:
         received = f"'{motion.name}', which does not"
         raise UsageError("a motion that predicts", received, "See docs/motions.md: predictions.")
     problem = motion.problem((flight.shortened,), NoInstruments())
     results = tuple(
         _of_model(name, model.words, predicted, flight)
-        for name, model in _simpler_models(result).items()
+        for name, model in models.items()
         for predicted in predicts.another_flight(problem, model.values)
     )
     in_order = sorted(results, key=lambda item: list(Horizon).index(item.horizon))
@@ -269,18 +274,19 @@ def validate(
 
 def _prepared(
     fit: SavedFit,
+    prediction: JsonPrediction,
     motion: Motion[Any],
     recording: Recording,
     window: tuple[float, float] | None,
     max_tilt_deg: float | None,
 ) -> tuple[Motion[Any], PreparedFlight]:
-    prediction = fit.prediction
+    terms = fit.document.provenance.options.get("terms")
     options = FlightOptions(
         window=window,
-        max_tilt_deg=prediction["limits"]["max_tilt_deg"] if max_tilt_deg is None else max_tilt_deg,
-        input=prediction["input"],
-        input_map=prediction["input_map"],
-        terms=tuple(fit.document["provenance"]["options"].get("terms", ())),
+        max_tilt_deg=prediction.max_tilt_deg if max_tilt_deg is None else max_tilt_deg,
+        input=prediction.input,
+        input_map=prediction.input_map,
+        terms=tuple(map(str, terms)) if isinstance(terms, list) else (),
     )
     check_options(motion, options)
     flight = prepare(recording, motion, options)
@@ -293,9 +299,9 @@ def _prepared(
     return for_flights(motion, (flight,), options), flight
 
 
-def _check_scale(fit: SavedFit, flight: PreparedFlight) -> None:
+def _check_scale(prediction: JsonPrediction, flight: PreparedFlight) -> None:
     """Refuse a flight whose input is of another size than those of the fit, as far as the fit holds it."""
-    level, input_level = fit.prediction.get("input_level"), flight.input_level
+    level, input_level = prediction.input_level, flight.input_level
     if level is not None and max(level, input_level) > LARGEST_INPUT_RATIO * min(level, input_level):
         raise InputError(
             f"{flight.input.name} of about {level:.4g} on average, as in the flights of the fit",
@@ -304,15 +310,18 @@ def _check_scale(fit: SavedFit, flight: PreparedFlight) -> None:
         )
 
 
-def _simpler_models(fit: SavedFit) -> dict[str, SimpleModel]:
-    best = next(candidate for candidate in fit.candidates if candidate.best)
-    index = {str(name): float(value) for name, value in fit.prediction["at"].items()}
-    values = index | dict(zip(fit.names, best.values.tolist(), strict=True))
-    simpler = {
-        name: SimpleModel(str(neighbour["words"]), dict(neighbour["values"]))
-        for name, neighbour in fit.prediction.get("beside", {}).items()
-    }
-    return {FIT: SimpleModel("the fit", values), **simpler}
+def _simpler_models(fit: SavedFit, prediction: JsonPrediction) -> dict[str, SimpleModel]:
+    best = next((candidate for candidate in fit.candidates if candidate.best), None)
+    values = {name: math.nan if x is None else x for name, x in prediction.at.items()}
+    if best is not None:
+        values = {**best.nuisances, **values, **dict(zip(fit.names, best.values.tolist(), strict=True))}
+    if best is None or any(not set(values) <= set(model.values) for model in prediction.beside.values()):
+        raise InputError(
+            "a result with a value for each parameter of its models",
+            "one that lacks some",
+            "Identify the flight again.",
+        )
+    return {FIT: SimpleModel("the fit", values), **prediction.beside}
 
 
 def _of_model(name: str, words: str, record: PredictedQuantity, flight: PreparedFlight) -> ModelPrediction:
@@ -362,8 +371,8 @@ def validation_json(validation: Validation) -> dict[str, Json]:
         VALIDATE_SCHEMA,
         log={"name": log.name, "sha256": log.sha256 or None},
         fit={
-            "logs": fitted["provenance"]["logs"],
-            "model": fitted["model"]["name"],
+            "logs": fitted.provenance.logs,
+            "model": fitted.model.name,
             "verdict": validation.fit.verdict,
         },
         predicts=validation.predicts,
@@ -383,7 +392,7 @@ def validation_json(validation: Validation) -> dict[str, Json]:
             }
             for item in validation.predictions
         ],
-        **prediction_json(validation.multi_step_prediction),
+        ahead=prediction_json(validation.multi_step_prediction),
     )
 
 
@@ -402,7 +411,7 @@ def validation_document(validation: Validation) -> Document:
 
 
 def _validation_facts(validation: Validation) -> Facts:
-    logs = ", ".join(str(log["name"]) for log in validation.fit.document["provenance"]["logs"])
+    logs = ", ".join(str(log.get("name")) for log in validation.fit.document.provenance.logs)
     verdict, flight = validation.fit.verdict, validation.flight
     trust = "" if verdict is Status.IDENTIFIED else f" ({verdict.value})"
     runs, multi_step = len(validation.spans_s), validation.multi_step_prediction

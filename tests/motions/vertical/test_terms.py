@@ -18,7 +18,7 @@ from eivor.motions.table import motion_by_name
 from eivor.motions.vertical.motion import Vertical
 from eivor.motions.vertical.predict import _run, dragged_run
 from eivor.report.json_document import json_document, json_text
-from eivor.report.outputs import saved_fit
+from eivor.report.saved_fit import fit_of
 from eivor.report.validation import validate
 from flights.flight_logs import FRICTION, GAIN, HOVER, changed, flown
 
@@ -191,10 +191,10 @@ def test_terms_that_are_absent_cannot_be_told_from_zero_and_several_go_together(
     }
     reported["prediction"]["vehicle"] = None  # as it was written before terms were predicted with
     with pytest.raises(UsageError, match="radius of a rotor"):
-        validate(replace(saved_fit(fit), prediction=reported["prediction"]), high_up)
+        validate(fit_of(reported), high_up)
     reported["prediction"]["vehicle"] = {"rotor_radius": "wide"}
     with pytest.raises(InputError, match="with rotor_radius and mean_voltage of its terms"):
-        validate(replace(saved_fit(fit), prediction=reported["prediction"]), high_up)
+        validate(fit_of(reported), high_up)
 
 
 @pytest.mark.thorough

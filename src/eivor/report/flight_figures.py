@@ -1,0 +1,639 @@
+"""Figures of a flight's result: the same plots in files and on pages."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import combinations, cycle
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from eivor.errors import UsageError
+from eivor.estimation.estimate import Estimate
+from eivor.estimation.variable_projection import NuisanceProfile
+from eivor.flights.quantity import PlotData, Trace
+from eivor.flights.result import Fit, FlightEstimate
+from eivor.inference.distributions import chi_square_quantile
+from eivor.inference.verdict import Status
+from eivor.models.spectral import BinRows, SpectralRun
+from eivor.report.document import (
+    NO_NUMBER,
+    QuantityRow,
+    axis_of,
+    capitalised,
+    number_table,
+    plain_numbers,
+    printable,
+    short_name,
+)
+from eivor.report.figure_panels import (
+    BLUE,
+    DARK,
+    FIT_SHOWN_S,
+    GREY,
+    RED,
+    SIZE_INCHES,
+    STATUS_COLOURS,
+    GivenAxes,
+    Panels,
+    Picture,
+    PlottedInterval,
+    banded,
+    column_page,
+    ellipse_figure,
+    figure_of,
+    fitting,
+    forest_picture,
+    given_axes,
+    labelled,
+    legend,
+    liveliest,
+    mosaic,
+    page,
+    without_abscissa,
+)
+from eivor.tools import Bool, Complex, Float
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+# -- Numbers of a fit --
+
+#: Lags of the autocorrelation: so many samples at twice the band's highest frequency.
+AUTOCORRELATION_LAGS = 30
+#: Length of the segments that spectra are averaged over [s].
+SEGMENT_S = 10.0
+#: Amplitudes below this share of the largest are not drawn: outside of the band there may be none at all.
+LEAST_AMPLITUDE = 1e-6
+
+
+@dataclass(frozen=True)
+class FlightRun:
+    """One run of the time rows."""
+
+    flight: int  # Number of its flight among all that were prepared
+    name: str  # Its log
+    time_s: Float[np.ndarray, " length"]  # On the log's clock
+    rows: slice  # Its rows among all
+    spectral: SpectralRun
+
+
+@dataclass(frozen=True)
+class Autocorrelation:
+    """Autocorrelation of a residual."""
+
+    what: str
+    shift_s: Float[np.ndarray, " lags"]
+    correlation: Float[np.ndarray, " lags"]  # [s]
+    band: float
+
+
+@dataclass(frozen=True)
+class ProfileCurve:
+    """How well each value of a continuous nuisance fits, with the discrete ones at one of their choices."""
+
+    choice: str
+    values: Float[np.ndarray, " values"]
+    excess: Float[np.ndarray, " values"]
+
+
+def flight_runs(result: FlightEstimate) -> list[FlightRun]:
+    """Every run, in the order of the samples of a trace."""
+    results: list[FlightRun] = []
+    first = 0
+    flying = [(index, flight) for index, flight in enumerate(result.prepared) if flight.runs]
+    for number, (item, flight) in enumerate(flying):
+        seconds, name = flight.grid.time_s, printable(flight.recording.name)
+        for samples, spectral in zip(flight.samples_of_runs, flight.spectral_runs(number), strict=True):
+            rows = slice(first, first + samples.size)
+            results.append(FlightRun(item, name, seconds[samples], rows, spectral))
+            first = rows.stop
+    return results
+
+
+def band_of(trace: Trace, run: FlightRun) -> tuple[float, float]:
+    """Band that a trace is shown in [Hz]."""
+    frequency, (low, high) = run.spectral.frequency_hz, run.spectral.band_hz
+    return trace.band_hz or (float(frequency[0]) if frequency.size else low, high)
+
+
+def within_band(trace: Trace, run: FlightRun) -> Float[np.ndarray, "length 2"]:
+    """Measured and predicted over a run, both within the band."""
+    return run.spectral.band_passed(np.column_stack([trace.measured, trace.predicted])[run.rows])
+
+
+def residual_autocorrelation(best: Estimate, runs: list[FlightRun]) -> Autocorrelation:
+    """Autocorrelation of the residual that inference works on, sampled at twice the band's top."""
+    layout = best.rows.layout
+    if isinstance(layout, BinRows):
+        blocks = [block[:, 0] for block in layout.complex_blocks(best.residuals[:, None])]
+        spectral, what = list(layout.runs), "whitened residual"
+    else:
+        spectral, what = [run.spectral for run in runs], "residual, band-passed"
+        blocks = [
+            run.spectral.spectrum(run.spectral.spread(best.residuals[run.rows][:, None]))[:, 0]
+            for run in runs
+            if run.rows.stop <= best.residuals.size
+        ]
+    correlation, shift_s = _autocorrelation(blocks, spectral)
+    band = 1.96 / np.sqrt(max(2.0 * sum(block.size for block in blocks), 1.0))
+    return Autocorrelation(what, shift_s, correlation, float(band))
+
+
+def _autocorrelation(
+    blocks: list[Complex[np.ndarray, " _"]], runs: list[SpectralRun]
+) -> tuple[Float[np.ndarray, " lags"], Float[np.ndarray, " lags"]]:
+    """Correlation at multiples of half a period of the band's top, from the power of the bins."""
+    step = 1.0 / (2.0 * max(run.band_hz[1] for run in runs))
+    lags = step * np.arange(AUTOCORRELATION_LAGS + 1)
+    power = np.concatenate([np.abs(block) ** 2 for block in blocks])
+    frequency = np.concatenate([run.frequency_hz for run, _ in zip(runs, blocks, strict=False)])
+    total = float(power.sum())
+    if total <= 0.0:
+        return np.zeros(lags.size), lags
+    correlation: Float[np.ndarray, " lags"] = np.cos(2.0 * np.pi * np.outer(lags, frequency)) @ power / total
+    return correlation, lags
+
+
+def spectrum(
+    values: Float[np.ndarray, " rows"], runs: list[FlightRun]
+) -> tuple[Float[np.ndarray, " bins"], Float[np.ndarray, " bins"]]:
+    """Amplitude density, averaged over half-overlapping Hann segments of every run at one rate."""
+    step = min(run.spectral.step_s for run in runs)
+    runs_kept = [run for run in runs if run.spectral.step_s == step]
+    longest = max(run.time_s.size for run in runs_kept)
+    length = min(int(SEGMENT_S / step), longest)
+    window = np.hanning(length + 1)[:length] if length > 1 else np.ones(length)
+    total, count = np.zeros(length // 2 + 1), 0
+    for run in runs_kept:
+        series = values[run.rows]
+        for first in range(0, series.size - length + 1, max(length // 2, 1)):
+            segment = series[first : first + length]
+            total += np.abs(np.fft.rfft((segment - segment.mean()) * window)) ** 2
+            count += 1
+    density = 2.0 * step * total / (max(count, 1) * float(window @ window))
+    frequency = np.fft.rfftfreq(length, step)
+    return frequency[1:], np.sqrt(np.maximum(density[1:], 1e-20))
+
+
+def profile_curves(result: FlightEstimate, estimate: Estimate, number: int) -> list[ProfileCurve]:
+    """Objective against one nuisance, a curve for each combination of discrete ones that fits."""
+    lowest = min(candidate.criterion for candidate in estimate.candidates)
+    curves = []
+    for candidate in estimate.tenable():
+        values, height = _curve(candidate, candidate.profiles[number])
+        curves.append(ProfileCurve(_choice(candidate, result), values, height + candidate.criterion - lowest))
+    return curves
+
+
+def _curve(
+    candidate: Estimate, profile: NuisanceProfile
+) -> tuple[Float[np.ndarray, " values"], Float[np.ndarray, " values"]]:
+    """Values of a nuisance, and the objective above its least there, as chi-square."""
+    least = candidate.solution.objective
+    # J of a method with instruments; for a direct one the logarithm's slope at its minimum
+    height = candidate.criterion if candidate.rank else candidate.rows.response.size
+    scale = height / least if least > 0.0 and height > 0.0 else 1.0
+    # the refined minimum lies between points of the grid: without it a sharp valley has no bottom
+    values = np.append(profile.grid, candidate.nuisances[profile.nuisance.name])
+    excess = scale * (np.append(profile.objective, least) - least)
+    order = np.argsort(values)
+    return values[order], excess[order]
+
+
+def _choice(candidate: Estimate, result: FlightEstimate) -> str:
+    refined = {profile.nuisance.name for profile in candidate.profiles}
+    selected = [
+        (result.motion.quantities[name], value)
+        for name, value in candidate.nuisances.items()
+        if name not in refined
+    ]
+    texts = (f"{item.words} {value * item.scale:.3g} {item.shown_unit}" for item, value in selected)
+    return ", ".join(map(str.rstrip, texts))
+
+
+# -- Measured and predicted --
+
+#: Line styles of several axes in one panel.
+STYLES = ("-", "--", ":")
+
+
+def _draw_fit(axes: Axes, trace: Trace, runs: list[FlightRun], *, left: bool) -> None:
+    """Draw what was measured along one axis and what the model says within the band, or what is left."""
+    run = max(runs, key=lambda candidate: candidate.time_s.size)
+    inside = liveliest(trace.measured[run.rows], int(FIT_SHOWN_S / run.spectral.step_s))
+    time, (measured, predicted) = run.time_s[inside], within_band(trace, run)[inside].T
+    if left:
+        axes.plot(time, measured - predicted, color=GREY, lw=0.9)
+        axes.axhline(0.0, color="black", lw=0.5)
+        axes.set_ylabel(f"residual\n[{trace.unit}]", parse_math=False)
+    else:
+        axes.plot(time, measured, color=DARK, lw=0.9, label="measured")
+        axes.plot(time, predicted, color=RED, lw=1.1, label=f"predicted: {trace.model}")
+        axes.set_ylabel(f"{trace.axis}\n[{trace.unit}]", parse_math=False)
+        what = "the whole run" if len(runs) == 1 else f"the longest of {len(runs)} runs"
+        if time.size < run.time_s.size:
+            what = f"the liveliest {time[-1] - time[0]:.0f} s of {what.replace('the whole', 'the')}"
+        low, high = band_of(trace, run)
+        passed = f"both band-passed {low:.2f} to {high:.0f} Hz"
+        title = f"Measured and predicted, {passed}: {what}, {short_name(run.name)}"
+        axes.set_title(fitting(axes, title), fontsize=9, parse_math=False)
+        legend(axes)
+    labelled(axes, x="time from the log's start [s]")
+    axes.margins(x=0.005)
+
+
+# -- Plots of a fit --
+
+#: Rows of a table beside a spectrum, and bands of its drawing on a page, in each decade.
+ROWS_PER_DECADE, BANDS_PER_DECADE = 8, 90
+#: The profile is drawn up to so many times the height that bounds a delay, or higher; linear up to
+#: that height and logarithmic above it.
+PROFILE_HEIGHT = 5.0
+#: A grid of positive values whose ends have this ratio or a larger one has a logarithmic axis.
+WIDE_RATIO = 10.0
+#: Numbers that a logarithmic axis has in each decade.
+TICKS = (1, 2, 5)
+
+
+def fit_pictures(result: FlightEstimate, fit: Fit) -> Iterator[Picture]:
+    """Pictures of an estimate that are not over time."""
+    runs = flight_runs(result)
+    yield _autocorrelation_picture(fit.estimate, runs)
+    for number in range(len(fit.estimate.profiles)):
+        yield _profile_picture(result, fit.estimate, number)
+    for trace in fit.traces(result.motion):
+        if trace.driven.any():
+            yield _excitation_picture((trace,), runs, f"What excites the {trace.axis}", BANDS_PER_DECADE)
+    yield from _sets(result, fit)
+    yield from _ellipse(result, fit.estimate)
+
+
+def _autocorrelation_picture(estimate: Estimate, runs: list[FlightRun]) -> Picture:
+    """Autocorrelation of the residual that inference works on, sampled at twice the band's top."""
+    autocorrelation = residual_autocorrelation(estimate, runs)
+    shift, correlation = autocorrelation.shift_s[1:], autocorrelation.correlation[1:]
+
+    def draw(axes: Axes) -> None:
+        band = autocorrelation.band
+        axes.axhspan(-band, band, color=BLUE, alpha=0.18, lw=0, label="95 % band of white noise")
+        axes.vlines(shift, 0.0, correlation, color=GREY, lw=1.6)
+        axes.plot(shift, correlation, "o", color=GREY, ms=3)
+        axes.axhline(0.0, color="black", lw=0.5)
+        labelled(axes, x="shift [s]", y="correlation")
+        limit = max(0.3, 1.15 * float(np.max(np.abs(correlation), initial=0.0)))
+        axes.set_ylim(-limit, limit)
+        legend(axes, place="upper right")
+
+    return Picture(
+        f"Autocorrelation of the {autocorrelation.what}",
+        "Of a residual that holds nothing more, one stem in twenty leaves the band.",
+        draw,
+        number_table(("shift [s]", "correlation"), zip(shift.tolist(), correlation.tolist(), strict=True)),
+    )
+
+
+def _profile_picture(result: FlightEstimate, estimate: Estimate, number: int) -> Picture:
+    """The objective against one nuisance, a curve for each combination of discrete ones that fits."""
+    profile = estimate.profiles[number]
+    name = profile.nuisance.name
+    row = QuantityRow(name, result.motion.quantities[name], result.quantities[name])
+    wording, scale, quantile = row.wording, row.wording.scale, chi_square_quantile(0.95)
+    curves = profile_curves(result, estimate, number)
+
+    def draw(axes: Axes) -> None:
+        for curve in curves:
+            axes.plot(curve.values * scale, curve.excess, "-o", ms=2, lw=1.1, label=curve.choice)
+        _abscissa(axes, profile.grid * scale)
+        first, last = axes.get_xlim()  # an interval may have no end, and a logarithm has no zero
+        low, high = (float(np.clip(end, first, last)) for end in row.interval)
+        axes.axvspan(low, high, color=BLUE, alpha=0.18, lw=0, label="95 % interval")
+        axes.axvline(row.value, color=BLUE, lw=0.7)
+        axes.axhline(quantile, color="black", lw=0.7, ls="--", label="95 % by curves")
+        axes.set_yscale("symlog", linthresh=quantile)
+        tallest = max(PROFILE_HEIGHT * quantile, *(float(curve.excess.max()) for curve in curves))
+        axes.set_ylim(-0.15 * quantile, 60.0 * tallest)  # room for the legend above the curves
+        labelled(axes, x=axis_of(wording), y="objective above its least (χ² units)")
+        legend(axes, size=7, place="upper left", columns=2)
+
+    rows = [
+        (curve.choice or "objective", value, excess)
+        for curve in curves
+        for value, excess in zip((scale * curve.values).tolist(), curve.excess.tolist(), strict=True)
+    ]
+    return Picture(
+        f"How well each {wording.words} fits",
+        "Values whose curve stays below the dashed line fit the flight; equal steps below it, powers of "
+        "ten above.",
+        draw,
+        number_table(("curve", axis_of(wording), "above the least"), rows),
+    )
+
+
+def _abscissa(axes: Axes, grid: Float[np.ndarray, " values"]) -> None:
+    """Range of the grid: logarithmic, with round numbers, where it spans a decade."""
+    low, high = float(grid[0]), float(grid[-1])
+    if low <= 0.0 or high < WIDE_RATIO * low:
+        margin = 0.03 * (high - low)
+        axes.set_xlim(low - margin, high + margin)
+        return
+    axes.set_xscale("log")
+    low, high = 0.9 * low, 1.1 * high
+    axes.set_xlim(low, high)
+    decades = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
+    ticks = [
+        tick * 10.0**decade for decade in decades for tick in TICKS if low <= tick * 10.0**decade <= high
+    ]
+    axes.set_xticks(ticks, labels=[f"{tick:g}" for tick in ticks])
+    axes.minorticks_off()
+
+
+def _excitation_picture(
+    traces: tuple[Trace, ...], runs: list[FlightRun], title: str, per_decade: int | None = None
+) -> Picture:
+    """Amplitude of what the input does to each axis, and of what is left, of bins or bands."""
+    traces = tuple(trace for trace in traces if trace.unit == traces[0].unit and trace.driven.any())
+    lines = []
+    for trace, style in zip(traces, cycle(STYLES), strict=False):
+        of_axis = f" ({trace.axis})" if len(traces) > 1 else ""
+        for values, colour, label in (
+            (trace.driven, RED, f"input: {trace.drive}{of_axis}"),
+            (trace.measured - trace.predicted, GREY, f"residual{of_axis}"),
+        ):
+            frequency, amplitude = spectrum(values, runs)
+            if per_decade is not None:
+                frequency, amplitude = banded(frequency, amplitude, per_decade)
+            lines.append((label, colour, style, frequency, amplitude))
+
+    def draw(axes: Axes) -> None:
+        for label, colour, style, frequency, amplitude in lines:
+            axes.loglog(frequency, amplitude, color=colour, lw=1.2, ls=style, label=label)
+        low, high = axes.get_ylim()
+        axes.set_ylim(bottom=max(low, LEAST_AMPLITUDE * high))
+        low, high = runs[0].spectral.band_hz
+        axes.axvspan(low, high, color=BLUE, alpha=0.12, lw=0, label="band used")
+        labelled(axes, x="frequency [Hz]", y=f"amplitude [{traces[0].unit} per √Hz]")
+        axes.grid(alpha=0.25, which="both")
+        legend(axes, size=8 if len(traces) == 1 else 6, place="lower left")
+
+    frequency = lines[0][3]
+    steps = int(ROWS_PER_DECADE * np.log10(frequency[-1] / frequency[0])) + 2
+    kept = np.searchsorted(frequency, np.geomspace(frequency[0], frequency[-1], steps))
+    kept = np.unique(kept.clip(max=frequency.size - 1))
+    columns = (frequency[kept].tolist(), *(line[4][kept].tolist() for line in lines))
+    titles = ("frequency [Hz]", *(line[0] for line in lines))
+    return Picture(
+        title,
+        "Where the input stands above the residual, the flight carries some information.",
+        draw,
+        number_table(titles, zip(*columns, strict=True)),
+    )
+
+
+def _sets(result: FlightEstimate, fit: Fit) -> Iterator[Picture]:
+    for name, sets in fit.sets.items():
+        row = QuantityRow(name, result.motion.quantities[name], result.quantities[name])
+        wording = row.wording
+        rows = [quantity_interval("reported", row)]
+        for label, item in (
+            ("estimate plus and minus", sets.wald),
+            ("profile", sets.profile),
+            ("Anderson–Rubin", sets.anderson_rubin),
+        ):
+            pieces = tuple((low * wording.scale, high * wording.scale) for low, high in item.intervals)
+            texts = " or ".join(_piece(*piece, row.value) for piece in pieces) or "no value"
+            rows.append(PlottedInterval(label, np.nan, pieces, texts))
+        yield forest_picture(
+            f"Three 95 % sets of the {wording.words}",
+            axis_of(wording),
+            rows,
+            "Nearly one where instruments are strong; where they are weak, the wider of the last two counts.",
+            number_table(
+                ("set", f"{wording.symbol} [{wording.shown_unit}]"),
+                [(item.label, item.numbers) for item in rows],
+            ),
+        )
+
+
+def quantity_interval(label: str, row: QuantityRow) -> PlottedInterval:
+    """A quantity as a row of a forest."""
+    low, high = row.interval
+    known = math.isfinite(row.value) and not (math.isnan(low) or math.isnan(high))
+    texts = " ".join(dict.fromkeys(row.texts))
+    return PlottedInterval(label, row.value, ((low, high),) if known else (), texts, row.quantity.verdict)
+
+
+def _piece(low: float, high: float, value: float) -> str:
+    text = plain_numbers(value, (low, high))[1]
+    if text != NO_NUMBER:
+        return text
+    if np.isfinite(low):
+        return f"above {low:.3g}"
+    return f"below {high:.3g}" if np.isfinite(high) else "any value"
+
+
+def _ellipse(result: FlightEstimate, estimate: Estimate) -> Iterator[Picture]:
+    """The two parameters whose errors correlate most, together."""
+    covariance, names = estimate.covariance, list(estimate.names)
+    spread = np.sqrt(np.diag(covariance))
+    known = [
+        name
+        for name in result.motion.quantities
+        if name in names and np.isfinite(spread[names.index(name)]) and spread[names.index(name)] > 0.0
+    ]
+
+    def correlation(pair: tuple[str, str]) -> float:
+        item, other = (names.index(name) for name in pair)
+        return abs(float(covariance[item, other])) / float(spread[item] * spread[other])
+
+    pair = max(combinations(known, 2), key=correlation, default=None)
+    if pair is None:
+        return
+    try:
+        ellipse = estimate.ellipse(*pair)
+    except UsageError:  # too few degrees of freedom for a region of two
+        return
+    rows = [QuantityRow(name, result.motion.quantities[name], result.quantities[name]) for name in pair]
+    scales = np.array([row.wording.scale for row in rows])
+    scaled = replace(
+        ellipse, centre=ellipse.centre * scales, covariance=ellipse.covariance * np.outer(scales, scales)
+    )
+    if not np.isfinite(scaled.outline()).all():
+        return
+    intervals = (rows[0].interval, rows[1].interval)
+
+    def draw(axes: Axes) -> None:
+        ellipse_figure(
+            {"joint 95 % ellipse": scaled},
+            names=pair,
+            intervals=intervals if np.isfinite(intervals).all() else None,
+            ax=axes,
+        )
+        axes.set_xlabel(axis_of(rows[0].wording), parse_math=False)
+        axes.set_ylabel(axis_of(rows[1].wording), parse_math=False)
+
+    yield Picture(
+        f"{capitalised(rows[0].wording.words)} and {rows[1].wording.words} together",
+        f"The two parameters that trade off most: their errors correlate by {ellipse.correlation:+.2f}.",
+        draw,
+        number_table(
+            ("quantity", "value", "95 % interval", "unit"),
+            [(row.wording.words, *row.texts, row.wording.shown_unit) for row in rows],
+        ),
+    )
+
+
+# -- Figure of a flight --
+
+#: What each further axis adds to the height.
+AXIS_INCHES = 4.0
+#: So many panels stand side by side in that width; more of them make it wider.
+LEAST_BESIDE = 3
+
+
+def flight_figure(result: FlightEstimate, axes: GivenAxes | None = None) -> Figure:
+    """Figure of a result; without an estimate it shows the flight itself and says why.
+
+    Parameters
+    ----------
+    result : FlightEstimate
+        Of one flight or of a pool.
+
+    Notes
+    -----
+    Panels are "fit", "residual", "autocorrelation", "profile" and "excitation". A motion of several axes has
+    "fit of AXIS" and "residual of AXIS" for each; with several continuous nuisances there is a "profile of
+    NAME" for each. Without an estimate they are what the motion looks at, "input" and "reasons".
+    """
+    panels = _flight_panels(result) if result.fit is None else _fit_panels(result, result.fit)
+    names = tuple(panels)
+    if axes is not None:
+        placed = given_axes(axes, names)
+    elif result.fit is None:
+        above = len(names) - 1  # the last has words only
+        placed = column_page(names, SIZE_INCHES, heights=(*[1.0] * above, 0.6), shared=max(above, 1))
+    else:
+        placed = _fit_page(names)
+    for name, panel in placed.items():
+        panels[name](panel)
+    figure = figure_of(*placed.values())
+    if axes is None:
+        _title(figure, result)
+    return figure
+
+
+def _fit_panels(result: FlightEstimate, fit: Fit) -> Panels:
+    """Panels of an estimate, in order; where there are several of a kind, they say what they are of."""
+    estimate, runs = fit.estimate, flight_runs(result)
+    traces = fit.traces(result.motion)
+    panels: Panels = {}
+    for trace in traces:
+        of_axis = f" of {trace.axis}" if len(traces) > 1 else ""
+        panels[f"fit{of_axis}"] = partial(_draw_fit, trace=trace, runs=runs, left=False)
+        panels[f"residual{of_axis}"] = partial(_draw_fit, trace=trace, runs=runs, left=True)
+    panels["autocorrelation"] = _autocorrelation_picture(estimate, runs).on
+    profiles = estimate.profiles
+    for number, profile in enumerate(profiles):
+        of_nuisance = f" of {profile.nuisance.name}" if len(profiles) > 1 else ""
+        panels[f"profile{of_nuisance}"] = _profile_picture(result, estimate, number).on
+    if not profiles:
+        panels["profile"] = partial(_draw_no_profile, result=result)
+    panels["excitation"] = _excitation_picture(traces, runs, "Excitation").on
+    return panels
+
+
+def _draw_no_profile(axes: Axes, result: FlightEstimate) -> None:
+    """Say why there is no nuisance whose values could be compared."""
+    axes.set_title("How well each lag fits", fontsize=9)
+    given = None if result.fit is None else result.fit.lag_prior
+    why = result.motion.words.no_lag if given is None else f"The lag was given:\n{given.given}."
+    axes.text(0.5, 0.5, why, ha="center", va="center", transform=axes.transAxes)
+    axes.set_axis_off()
+
+
+def _fit_page(names: tuple[str, ...]) -> dict[str, Axes]:
+    """Fits and residuals over the whole width, one below the other; the rest side by side below them."""
+    wide = [name for name in names if name.startswith(("fit", "residual"))]
+    others = [name for name in names if name not in wide]
+    width, height = SIZE_INCHES
+    figure = page(width * max(len(others) / LEAST_BESIDE, 1.0), height + AXIS_INCHES * (len(wide) // 2 - 1))
+    placed = mosaic(
+        figure,
+        [*([name] * len(others) for name in wide), others],
+        height_ratios=(*(2.0, 0.9) * (len(wide) // 2), 2.2),
+    )
+    for fit, residual in zip(wide[::2], wide[1::2], strict=True):
+        placed[residual].sharex(placed[fit])
+        without_abscissa(placed[fit])
+    return placed
+
+
+def _title(figure: Figure, result: FlightEstimate) -> None:
+    names = [printable(flight.recording.name) for flight in result.prepared]
+    text = short_name(names[0])
+    if len(names) > 1:
+        text = f"{len(names)} flights: {text}, …"
+    parts = []
+    for name in result.motion.quantities.rows:
+        row = QuantityRow(name, result.motion.quantities[name], result.quantities[name])
+        value, interval = row.texts
+        if value != NO_NUMBER:
+            bounds = "" if interval == NO_NUMBER else f" {interval}"
+            parts.append(f"{row.wording.words} {value}{bounds} {row.wording.shown_unit}".rstrip())
+    lines = [f"{text} — {result.verdict.status.value}", "; ".join(parts[:2]), "; ".join(parts[2:])]
+    figure.suptitle(
+        "\n".join(line for line in lines if line),
+        fontsize=11,
+        color=STATUS_COLOURS[result.verdict.status],
+        parse_math=False,
+    )
+
+
+# -- Figure without estimate --
+
+
+def _flight_panels(result: FlightEstimate) -> Panels:
+    """What moves in the first flight and its input, shaded where it counts, and the reasons below."""
+    prepared = result.prepared[0]
+    level = prepared.signals.family(prepared.input.name).mean(axis=1)
+    by_label = {
+        " ".join(item.label.split()).partition(" [")[0]: item for item in result.motion.view(prepared).panels
+    }
+    by_label["input"] = PlotData(f"mean of\n{prepared.input.name}", level)
+    where, active = result.motion.words.where, prepared.active
+    known = f"shaded where {where}" if active.mask.any() else f"never {where}"
+    title = f"{printable(prepared.recording.name)}: {known}, by {active.rule}"
+    panels: Panels = {
+        name: partial(_draw_series, plot_data=item, result=result, title="" if number else title)
+        for number, (name, item) in enumerate(by_label.items())
+    }
+    panels["reasons"] = partial(_write_reasons, result=result)
+    return panels
+
+
+def _draw_series(axes: Axes, plot_data: PlotData, result: FlightEstimate, title: str) -> None:
+    prepared = result.prepared[0]
+    time = prepared.grid.time_s
+    axes.plot(time, plot_data.values, color=DARK, lw=0.9)
+    labelled(axes, x="time from the log's start [s]", y=plot_data.label)
+    axes.margins(x=0.005)
+    for mask, colour in ((prepared.active.mask, BLUE), (prepared.used, STATUS_COLOURS[Status.IDENTIFIED])):
+        _shade(axes, time, mask, colour)
+    if title:
+        axes.set_title(fitting(axes, title), fontsize=9, parse_math=False)
+
+
+def _write_reasons(axes: Axes, result: FlightEstimate) -> None:
+    axes.set_axis_off()
+    lines = [fitting(axes, printable(sentence)) for sentence in result.verdict.sentences]
+    axes.text(0.0, 1.0, "\n".join(lines), va="top", fontsize=9, parse_math=False)
+
+
+def _shade(axes: Axes, time: Float[np.ndarray, " n"], mask: Bool[np.ndarray, " n"], colour: str) -> None:
+    if mask.any():
+        across = axes.get_xaxis_transform()
+        axes.fill_between(time, 0.0, 1.0, where=mask, transform=across, color=colour, alpha=0.12, lw=0)
