@@ -16,6 +16,7 @@ from typing import Any, get_args
 import pytest
 import typer
 
+import eivor as ev
 from eivor.cli.main import app
 from eivor.cli.outputs import (
     FLEET_FILES,
@@ -37,17 +38,6 @@ from eivor.errors import InputError, UsageError
 Caller = Callable[..., Any]
 pytestmark = pytest.mark.usefixtures("coarse_search")
 
-MAP = """
-name = "mine"
-[time]
-column = "time"
-[channels.velocity_z]
-column = "v"
-[channels.specific_force_z]
-column = "a"
-[channels.input]
-column = "u"
-"""
 STUDY = """
 runs = 2
 seed = 3
@@ -333,16 +323,11 @@ def test_an_output_needs_a_folder(tmp_path: Path) -> None:
     (tmp_path / "dangling").symlink_to("no/x.json")
     with pytest.raises(InputError, match="No such file"):
         output_file(str(tmp_path / "dangling"), option="--json")
-    assert output_file(str(tmp_path / "x.json"), option="--json") == tmp_path / "x.json"
-    assert [path.name for path in tmp_path.iterdir()] == ["dangling"]
-
-
-def test_eivor_s_own_files_are_no_outputs() -> None:
-    import eivor
-
-    example = Path(eivor.__file__).parent / "data" / "example_flight.parquet"
+    example = Path(ev.__file__).parent / "data" / "example_flight.parquet"
     with pytest.raises(UsageError, match="belongs to Eivor"):
         output_file(str(example), option="--json")
+    assert output_file(str(tmp_path / "x.json"), option="--json") == tmp_path / "x.json"
+    assert [path.name for path in tmp_path.iterdir()] == ["dangling"]
 
 
 def test_a_figure_has_a_format(tmp_path: Path) -> None:
@@ -367,47 +352,6 @@ def test_every_part_is_delivered_whatever_happens_to_others(capsys: pytest.Captu
         deliver(lambda: done.append(0), lambda: refused(1), lambda: refused(2), lambda: done.append(3))
     assert done == [0, 1, 2, 3]
     assert capsys.readouterr().err == "eivor: Expected a file; received number 2. Choose another.\n"
-
-
-@pytest.fixture
-def mapped(log: Path) -> Path:
-    """A table of other names beside its map."""
-    import polars
-
-    table = polars.read_csv(log)
-    table.select("time", v="velocity_z", a="specific_force_body_z", u="rotor_command_1").write_csv(log)
-    path = log.parent / "map.toml"
-    path.write_text(MAP, encoding="utf-8")
-    return path
-
-
-@pytest.mark.parametrize("option", ["--json", "--figure"])
-def test_identify_keeps_what_it_reads(eivor: Caller, log: Path, mapped: Path, option: str) -> None:
-    link = mapped.with_name("link.svg")
-    for source, what in ((log, "LOG"), (mapped, "--map")):
-        before = source.read_bytes()
-        link.unlink(missing_ok=True)
-        link.symlink_to(source)
-        run = eivor("identify", log, "--map", mapped, option, link)
-        assert (run.code, run.out) == (2, "")
-        assert f"'{link}', which would replace '{source}' of {what}" in run.err
-        assert source.read_bytes() == before
-        assert link.is_symlink()
-
-
-def test_inspect_keeps_what_it_reads(eivor: Caller, log: Path, mapped: Path) -> None:
-    for source in (log, mapped):
-        before = source.read_bytes()
-        assert eivor("inspect", log, "--map", mapped, "--json", source).code == 2
-        assert source.read_bytes() == before
-
-
-def test_outputs_of_identify_do_not_replace_each_other(eivor: Caller, log: Path) -> None:
-    same = log.parent / "same.svg"
-    run = eivor("identify", log, "--json", same, "--figure", same)
-    assert (run.code, run.out) == (2, "")
-    assert "different files for --json and --figure" in run.err
-    assert not same.exists()
 
 
 @pytest.fixture
@@ -459,14 +403,6 @@ def test_simulate_keeps_every_file_that_it_names(eivor: Caller, study: Path) -> 
         assert source.read_bytes() == before
         assert not Path("log.parquet").exists()
     assert eivor("simulate", "scene.toml", "-o", "drive.csv").code == 2
-
-
-def test_outputs_of_paper_do_not_replace_each_other(
-    eivor: Caller, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("eivor.lab.cli.run_paper", None)
-    run = eivor("paper", "--out", tmp_path, "--json", tmp_path / "figure-2.svg")
-    assert "different files for --out and --json" in run.err
 
 
 def limited(*arguments: str, bytes_: int, folder: Path) -> subprocess.CompletedProcess[str]:
