@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import sys
 from dataclasses import dataclass, replace
 from importlib.metadata import EntryPoint
@@ -128,11 +129,11 @@ def test_own_motions_come_first(added):
             r"a motion out of vertical, rates, rigid-body; received 'walk'\. Name one of them with --model",
         ),
         ("walk", "no_such_package:Walk", "a motion 'walk' that can be loaded .*ModuleNotFoundError"),
-        ("walk", f"{HERE}:NO_MOTION", "a class of motion called 'walk' .*; received 7"),
+        ("walk", f"{HERE}:NO_MOTION", "a motion called 'walk' .*; received 7"),
         (
             "walk",
             f"{HERE}:Misnamed",
-            "a class of motion called 'walk' .*; received one .* called 'other'",
+            "a motion called 'walk' .*; received one .* called 'other'",
         ),
     ],
 )
@@ -268,7 +269,7 @@ def test_the_rover_is_identified_and_refused(simulate, tmp_path):
     document = json.loads(done.output)
     assert document["model"]["name"] == "rover"
     assert document["verdict"] == "refused"
-    assert list(document["derived"]) == ["effective_lag", "breakaway_command", "time_constant"]
+    assert list(document["derived"]) == ["breakaway_command", "time_constant", "effective_lag"]
 
 
 @pytest.mark.long
@@ -299,17 +300,39 @@ def test_other_motions_do_not_know_its_channels(simulate, tmp_path):
 
 @pytest.mark.usefixtures("simulate")
 def test_weak_instruments_refuse_what_has_no_set():
-    from eivor_rover.rule import reasons
-
+    rover = motion_by_name("rover")
     names = ("drive_gain", "dry_friction", "rolling_drag", "effective_lag")
-    quantities = {name: QuantityEstimate(1.0, "", 0.02, (0.95, 1.05)) for name in names}
+    quantities = {name: QuantityEstimate(1.0, "", 0.02, (0.95, 1.05)) for name in names[:3]}
+    quantities["effective_lag"] = QuantityEstimate(0.1, "s", 0.005, (0.09, 0.11))
     verdict_inputs = VerdictInputs(1, 100.0, 100.0, exogenous=True, direct=False)
     sets = dict.fromkeys(names[:2], ConfidenceSet(((0.95, 1.05),)))
     for F, robust, wanted in ((3.0, sets, "refused"), (3.0, {}, "refused"), (30.0, {}, "identified")):
-        result = reasons(quantities, InstrumentStrength({"drive_gain": F}, 0.5, {}, robust), verdict_inputs)
-        sentence = {name: verdict(list(reasons)).status.value for name, reasons in result.items()}
-        assert sentence["rolling_drag"] == sentence["breakaway_command"] == wanted
-        assert sentence["drive_gain"] == ("weak" if robust else wanted)
+        strength = InstrumentStrength({"drive_gain": F}, 0.5, {}, robust)
+        reasons = rover.reasons(quantities, strength, verdict_inputs)
+        given = {name: verdict(list(against)).status.value for name, against in reasons.items()}
+        assert given["rolling_drag"] == given["breakaway_command"] == wanted
+        assert given["drive_gain"] == ("weak" if robust else wanted)
+
+
+@pytest.mark.parametrize(
+    ("interval", "status", "sentence"),
+    [
+        ((-0.1, 2.1), "refused", "The drive gain cannot be distinguished from zero"),
+        ((0.7, 1.3), "weak", "The drive gain's interval is \\+-30% wide; identified asks for \\+-20%"),
+        ((0.9, 1.1), "identified", ""),
+    ],
+)
+@pytest.mark.usefixtures("simulate")
+def test_the_width_of_an_interval_decides_about_a_declared_motion(interval, status, sentence):
+    names = ("drive_gain", "dry_friction", "rolling_drag")
+    quantities = {name: QuantityEstimate(1.0, "", 0.1, (0.9, 1.1)) for name in names}
+    quantities["drive_gain"] = QuantityEstimate(1.0, "", 0.1, interval)
+    quantities["effective_lag"] = QuantityEstimate(0.1, "s", 0.005, (0.09, 0.11))
+    inputs = VerdictInputs(1, 100.0, 100.0, exogenous=True, direct=False)
+    strength = InstrumentStrength(dict.fromkeys(names, 30.0), 0.5)
+    result = verdict(list(motion_by_name("rover").reasons(quantities, strength, inputs)["drive_gain"]))
+    assert result.status.value == status
+    assert re.match(sentence, " ".join(result.sentences))
 
 
 # -- An interval without an end is refused as such: no sentence of a motion gives it a width --

@@ -222,7 +222,7 @@ def test_axes_that_are_not_told_are_left_out_and_it_is_said(flight):
         (flight,), models(), frozenset({"pitch_effectiveness"})
     )
     assert [item[0].quantity for item in prediction.by_quantity] == ["roll rate", "yaw rate"]
-    assert prediction.omitted == ("The pitch rate is not predicted: its effectiveness is refused.",)
+    assert prediction.omitted == ("The pitch rate is not predicted: the pitch effectiveness is refused.",)
     blind = Rates().abilities.prediction.multi_step((flight,), models(), frozenset({"effective_lag"}))
     assert not blind.errors
     assert len(blind.omitted) == 3
@@ -236,6 +236,6 @@ def test_axes_that_are_not_told_are_left_out_and_it_is_said(flight):
     no_yaw = {name: item for name, item in AHEAD_TRUTH.items() if not name.startswith("yaw")}
     lesser = {"fit": SimpleModel("the fit", no_yaw)}
     assert (
-        "the fit knows none"
+        "the fit has no yaw effectiveness"
         in Rates().abilities.prediction.multi_step((flight,), lesser, frozenset()).omitted[0]
     )

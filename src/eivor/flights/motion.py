@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import ceil
-from typing import Any, ClassVar, Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 
@@ -375,15 +375,15 @@ class FlightView:
 class Motion(ABC, Generic[P]):
     """One kind of motion: its equation, its quantities, their verdicts and their words."""
 
-    name: ClassVar[str]
+    name: str
     """The command line's word."""
-    words: ClassVar[Words]
+    words: Words
     """How reports speak of it."""
     equation: tuple[str, str]
     """The equation in one line, and what its symbols are."""
-    quantities: ClassVar[QuantityTable]
+    quantities: QuantityTable
     """Every quantity; each joint parameter of the estimate is among them."""
-    channels: ClassVar[LogChannels]
+    channels: LogChannels
     """What it reads of a log."""
     abilities: Abilities = Abilities()
     """What only some motions can do."""

@@ -65,7 +65,7 @@ class FlightOptions:
         flight's own and a common value where they agree, "separate" for each flight's own and their mean,
         "common" for one value throughout.
     terms : tuple of str
-        Optional terms of the motion that its equation is to have, by the words of `Motion.terms`.
+        Optional terms of the motion that its equation is to have, by the words of `OptionSupport.terms`.
     rotor_radius : float, optional
         Radius of a rotor [m], for what a motion identifies in radii.
     noise : mapping of str to float or DataSheet, or str, optional

@@ -28,6 +28,7 @@ from eivor.tools import Float
 #: Elementwise functions; how many arguments one has is the ufunc's `nin`.
 FUNCTIONS: Mapping[str, np.ufunc] = {
     "abs": np.absolute,
+    "sign": np.sign,
     "sqrt": np.sqrt,
     "exp": np.exp,
     "ln": np.log,

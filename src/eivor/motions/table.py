@@ -100,10 +100,12 @@ def _loaded(point: EntryPoint) -> Motion[Any]:
             f"{type(error).__name__}: {error}",
             "Mend or update the package that brings it.",
         ) from error
-    motion = kind() if isinstance(kind, type) and issubclass(kind, Motion) else None
+    motion = kind() if isinstance(kind, type) and issubclass(kind, Motion) else kind
+    if not isinstance(motion, Motion):
+        motion = None
     if motion is None or motion.name != point.name:
         raise UsageError(
-            f"a class of motion called '{point.name}' at {point.value}",
+            f"a motion called '{point.name}' at {point.value}",
             f"{kind!r}" if motion is None else f"one that is called '{motion.name}'",
             "Mend the package that brings it: see docs/motions.md.",
         )

@@ -2,47 +2,45 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 
 from eivor.errors import InputError, MissingChannelError
 from eivor.estimation.estimate import Estimate
-from eivor.flights import quantity
 from eivor.flights.grid import Active, Grid, airborne_by_log, on_grid
-from eivor.flights.lag_prior import EFFECTIVE_LAG, joint_quantities, lag_quantities
 from eivor.flights.motion import (
-    UNCHANGED,
     Abilities,
     Flights,
     FlightView,
-    HorizonErrors,
     InstrumentStrength,
     LogChannels,
     Motion,
-    MultiStepPrediction,
     Prediction,
-    Starts,
     VerdictInputs,
-    multi_step_predictions,
-    starts_of,
-    trim,
 )
 from eivor.flights.options import FlightOptions
 from eivor.flights.prepared import InputFamily, PreparedFlight, Selection, chosen_input
 from eivor.flights.quantity import (
     PlotData,
     QuantityEstimate,
-    SimpleModel,
     SystematicUncertainty,
     Trace,
 )
 from eivor.inference.verdict import Reason
-from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY, AxisColumns, LaggedRuns, lag_and_delay
-from eivor.models.regression import Parameter
-from eivor.models.separable import DrivenSignals, InstrumentRule, LaggedReferences, Values
+from eivor.models.lagged_runs import LaggedRuns
+from eivor.models.separable import InstrumentRule
+from eivor.motions.equation import (
+    AxisEquation,
+    Term,
+    equation_prediction,
+    equation_problem,
+    equation_quantities,
+    equation_traces,
+    simple_models,
+)
 from eivor.motions.rates.verdict import (
     AXES,
     EQUATION,
@@ -56,75 +54,10 @@ from eivor.motions.rates.verdict import (
     all_reasons,
     all_systematic_uncertainties,
 )
-from eivor.signals.filters import actuator_state, time_derivative
 from eivor.signals.recording import ROTARY_WING, Channel, Finding, Recording
-from eivor.signals.signals import Signals
 from eivor.tools import Float
 
-# -- Multi-step prediction --
-
-#: What it is that everything stays as it is.
-STAYS = "stays as it is"
-
-
-def rates_prediction(
-    flights: tuple[PreparedFlight, ...], models: Mapping[str, SimpleModel], refused: frozenset[str]
-) -> MultiStepPrediction:
-    """Rates after each horizon, by each model and by the rates at the start."""
-    fit = next(iter(models.values())).values
-    predicted_axes, omitted = [], []
-    for axis in AXES:
-        name, why = axis.effectiveness.name, ""
-        if not all(axis.torque in flight.signals.channels for flight in flights):
-            why = "its setpoint or rate is not logged"
-        elif EFFECTIVE_LAG in refused:
-            why = "the lag is refused"
-        elif name in refused or name not in fit:
-            why = "its effectiveness is refused" if name in refused else "the fit knows none"
-        if why:
-            omitted.append(f"The {axis.name} rate is not predicted: {why}.")
-        else:
-            predicted_axes.append(axis)
-    results, times = [], []
-    for flight in flights:
-        starts = starts_of(flight)
-        times.append(flight.grid.time_s[starts.samples])
-        errors = [error for axis in predicted_axes for error in _of_axis(axis, flight, starts, models)]
-        results.append(tuple(errors))
-    return multi_step_predictions(results, times, tuple(omitted))
-
-
-def _of_axis(
-    axis: Axis, flight: PreparedFlight, starts: Starts, models: Mapping[str, SimpleModel]
-) -> Iterator[HorizonErrors]:
-    rate = flight.signals.channel(axis.rate)
-    measured, started = rate[starts.ends], rate[starts.samples]
-    by_model = {
-        name: (model.words, _predicted(axis, flight, starts, model.values)) for name, model in models.items()
-    }
-    by_model[UNCHANGED] = (STAYS, np.broadcast_to(started, measured.shape))
-    for name, (words, predicted) in by_model.items():
-        left, series = np.abs(predicted - measured).T, np.column_stack([measured[-1], predicted[-1]])
-        yield HorizonErrors(name, words, f"{axis.name} rate", "rad/s", left, series)
-
-
-def _predicted(
-    axis: Axis, flight: PreparedFlight, starts: Starts, values: Values
-) -> Float[np.ndarray, "horizons starts"]:
-    """Answer of one rate to its setpoint, from every start."""
-    signals = flight.signals
-    rate, damping = signals.channel(axis.rate), values[axis.damping.name]
-    state, *changes = lagged_torque(signals, axis, values).T
-    driven = values[axis.effectiveness.name] * state
-    for change in changes:
-        driven += values[axis.reaction.name] * change
-    driven += trim(flight, time_derivative(rate, signals.step_s) + damping * rate - driven)
-    force = starts.over_step(driven)
-    started = rate[starts.samples][None, :]
-    return starts.propagate(started, lambda rates, now: force[now] - damping * rates)[:, 0]
-
-
-# -- Flights --
+# -- Equations --
 
 #: Lags of each reference: how many, and their time constant [s]. Rates follow within a tenth of a second.
 REFERENCE_LAGS = (4, 0.06)
@@ -135,64 +68,29 @@ LAGS_S = np.geomspace(0.004, 0.15, 30)
 DELAYS_S = (0.0, 0.005, 0.010, 0.015, 0.020, 0.030)
 
 
-def lagged_torque(signals: Signals, axis: Axis, nuisance_values: Values) -> Float[np.ndarray, "n m"]:
-    """State of the actuators at a lag and a delay and, where it reacts, its rate of change."""
-    command, step_s = signals.channel(axis.torque)[:, None], signals.step_s
-    lag_s, delay_s = nuisance_values[ACTUATOR_LAG.name], nuisance_values[DELAY.name]
-    state = actuator_state(command, step_s=step_s, lag_s=lag_s, delay_s=delay_s)
-    return np.column_stack([state, time_derivative(state[:, 0], step_s)]) if axis.reacts else state
-
-
-def rates_problem(flights: tuple[PreparedFlight, ...], rule: InstrumentRule) -> LaggedRuns:
-    """Regressions of the flights for each lag and delay."""
-    axes = tuple(axis for axis in AXES if all(axis.torque in flight.signals.channels for flight in flights))
-    fixed = tuple(axis.damping for axis in axes)
-    moving = (*(axis.effectiveness for axis in axes), *(axis.reaction for axis in axes if axis.reacts))
-    columns = tuple(
-        _columns(number, flight, axis, rule, fixed, moving)
-        for number, flight in enumerate(flights)
-        for axis in axes
-    )
-    step_s = max((column.step_s for column in columns), default=0.0)
-    return LaggedRuns(columns, (*fixed, *moving), lag_and_delay(LAGS_S, DELAYS_S, step_s=step_s))
-
-
-def _columns(
-    number: int,
-    flight: PreparedFlight,
-    axis: Axis,
-    rule: InstrumentRule,
-    fixed: tuple[Parameter, ...],
-    moving: tuple[Parameter, ...],
-) -> AxisColumns:
-    signals = flight.signals
-    rate = signals.channel(axis.rate)
-    damped = np.zeros((rate.size, len(fixed)))
-    damped[:, fixed.index(axis.damping)] = -rate
-    driven = DrivenSignals(signals, signals.channel(axis.torque))
-    driven_terms = (axis.effectiveness, axis.reaction) if axis.reacts else (axis.effectiveness,)
-    return AxisColumns(
-        signals.step_s,
-        flight.runs,
-        time_derivative(rate, signals.step_s)[:, None],
-        damped,
-        partial(lagged_torque, signals, axis),
-        of_axis(rule, axis).columns(driven),
-        number,
-        axis.number,
-        flight.band_hz,
-        flight.usable,
-        tuple(moving.index(item) for item in driven_terms),
+def _equation(axis: Axis) -> AxisEquation:
+    """P' = G u - D p, with the reaction J u' where the axis has one."""
+    letter = "pqr"[axis.number]
+    damping, effect, reaction = axis.damping, axis.effectiveness, axis.reaction
+    terms = [
+        Term(damping.name, f"-{axis.rate}", f"D_{letter}", damping.unit),
+        Term(effect.name, axis.torque, f"G_{letter}", effect.unit, behind=True),
+    ]
+    if axis.reacts:
+        terms.append(Term(reaction.name, f"ddt({axis.torque})", "J", reaction.unit, behind=True))
+    return AxisEquation(
+        axis.name,
+        axis.torque,
+        (f"ddt({axis.rate})",),
+        tuple(terms),
+        (f"{axis.name} acceleration", "rad/s²", "G u − D ω", "G u"),
+        axis.references,
+        REFERENCE_LAGS,
+        (axis.rate, f"{axis.name} rate", "rad/s"),
     )
 
 
-def of_axis(rule: InstrumentRule, axis: Axis) -> InstrumentRule:
-    """Rule of an axis: its own references, with lags that are quick enough for its motion."""
-    if not isinstance(rule, LaggedReferences):
-        return rule
-    others = {source.channel for item in AXES if item != axis for source in item.references}
-    of_axis = tuple(name for name in rule.channels if name not in others)
-    return replace(rule, channels=of_axis or rule.channels, lags=REFERENCE_LAGS)
+EQUATIONS = tuple(_equation(axis) for axis in AXES)
 
 
 # -- Rate panel --
@@ -205,11 +103,6 @@ def rate_panel(flight: PreparedFlight, axis: Axis) -> PlotData:
     return PlotData(
         f"{axis.name} rate\n[deg/s]", measured, None if setpoint is None else np.rad2deg(setpoint)
     )
-
-
-def simple_models(problem: LaggedRuns, estimate: Estimate) -> dict[str, SimpleModel]:
-    """Least squares without a lag."""
-    return {quantity.NAME: quantity.least_squares_without_lag(problem, estimate.nuisances)}
 
 
 # -- Select --
@@ -340,7 +233,7 @@ class Rates(Motion[LaggedRuns]):
         vehicle_parameters=("SYS_AUTOSTART", "THR_MDL_FAC", "CA_ROTOR_COUNT"),
     )
     abilities = Abilities(
-        prediction=Prediction(simple_models, multi_step=rates_prediction),
+        prediction=Prediction(simple_models, multi_step=partial(equation_prediction, EQUATIONS)),
         excitation=excitation,
         coupled_axes=(THRUST,),
     )
@@ -351,12 +244,11 @@ class Rates(Motion[LaggedRuns]):
 
     def problem(self, flights: Flights, rule: InstrumentRule) -> LaggedRuns:
         """Regressions of the flights for each lag and delay."""
-        return rates_problem(flights, rule)
+        return equation_problem(EQUATIONS, flights, rule, lags_s=LAGS_S, delays_s=DELAYS_S)
 
     def derive(self, problem: LaggedRuns, estimate: Estimate) -> Mapping[str, QuantityEstimate]:
         """Parameters of the axes that are logged, and the lag."""
-        results = {**joint_quantities(estimate), **lag_quantities(problem, estimate)}
-        return {name: results[name] for name in QUANTITIES if name in results}
+        return equation_quantities(QUANTITIES, problem, estimate)
 
     def systematic_uncertainties(
         self, flights: Flights, quantities: Mapping[str, QuantityEstimate], _inputs: VerdictInputs, /
@@ -372,14 +264,7 @@ class Rates(Motion[LaggedRuns]):
 
     def traces(self, problem: LaggedRuns, estimate: Estimate) -> tuple[Trace, ...]:
         """Angular acceleration about each axis within the band."""
-        best, traces = estimate, []
-        for axis in AXES:
-            if axis.number in problem.axes:
-                of_input = (axis.effectiveness, axis.reaction)
-                driving = [number for number, item in enumerate(problem.parameters) if item in of_input]
-                series = problem.series_in_band(best.nuisances, axis.number, best.theta, driving)
-                traces.append(Trace(f"{axis.name} acceleration", "rad/s²", "G u − D ω", "G u", *series.T))
-        return tuple(traces)
+        return equation_traces(EQUATIONS, problem, estimate)
 
     def view(self, flight: PreparedFlight) -> FlightView:
         """What u is, and the rates of roll and pitch."""

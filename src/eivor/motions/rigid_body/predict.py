@@ -23,6 +23,7 @@ from eivor.flights.prepared import PreparedFlight
 from eivor.flights.quantity import SimpleModel
 from eivor.models.lagged_runs import ACTUATOR_LAG, DELAY
 from eivor.models.separable import Values
+from eivor.motions.equation import STAYS
 from eivor.motions.rates.verdict import AXES
 from eivor.motions.rigid_body.dynamics import BODY, Triple, into_body, rotation
 from eivor.motions.rigid_body.regression import (
@@ -256,8 +257,6 @@ class StatePropagator:
 
 # -- Multi-step prediction --
 
-#: What it is that everything stays as it is.
-STAYS = "stays as it is"
 #: Terms without which a prediction is a little worse; one that the fit refuses counts as zero.
 SMALL = (
     *COUPLING,
