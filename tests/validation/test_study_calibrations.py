@@ -18,7 +18,6 @@ from scipy.stats import binom
 
 import eivor as ev
 from eivor.errors import InputError
-from validation.choices import study as choices
 from validation.coverage import study as coverage_study
 from validation.coverage.study import BOUNDS, PART, read_coverage
 from validation.efficiency.known_spectra import rows_of as known_rows_of
@@ -170,23 +169,6 @@ def test_wrong_suites_are_refused(tmp_path, wrong, message, capsys):
         read_suite(tmp_path / "suite.toml")
     assert coverage_study.main([str(tmp_path / "suite.toml")]) == WRONG
     assert "Expected" in capsys.readouterr().err
-
-
-SEEDS, CHOICES_CHANCE = 4, 1e-3
-
-
-@pytest.mark.calibration
-def test_quick_logs_are_identified_and_a_delay_belongs_into_the_model():
-    """What the page is for; the seeds are its first ones."""
-    trials = choices.run(SEEDS, workers=1)
-    full = [trial.rates[0] for trial in trials]
-    assert sum(rate.verdict == "identified" for rate in full) >= binom.ppf(CHOICES_CHANCE, SEEDS, 0.95)
-    assert all(trial.rates[item].verdict != "identified" for trial in trials for item in (2, 3))
-    held = [all_held for rate in full for all_held in rate.held]
-    assert sum(held) >= binom.ppf(CHOICES_CHANCE, len(held), 0.93)
-    shift = np.array([[trial.with_delay.error, trial.without_delay.error] for trial in trials]).mean(axis=0)
-    assert abs(shift[0]) < 0.005
-    assert shift[1] > 0.01
 
 
 HELD = Path(__file__).parents[2] / "validation" / "efficiency" / "held.toml"

@@ -142,7 +142,6 @@ def test_a_study_of_a_suite(module, part, text, rows, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("module", "arguments", "message"),
     [
-        ("choices.study", ["--flights", "1"], "Expected two flights or more; received 1"),
         ("efficiency.study", ["--from", "none.parquet"], "a table of efficiency"),
         ("coverage.study", ["--from", "none.parquet"], "a table of coverage"),
         ("flight_recipe.study", ["--from", "none.parquet"], "a table of trials"),

@@ -1,1 +1,0 @@
-"""What the recipe's choices rest on, measured."""
