@@ -21,7 +21,6 @@ from eivor.lab.records import (
     VelocityControl,
     simulate,
 )
-from eivor.logs import read_log
 from eivor.motions.table import motion_by_name
 from eivor.motions.vertical.model import GRAVITY, VerticalMotion
 from eivor.signals.noise import FractionalNoise, WhiteNoise
@@ -45,7 +44,7 @@ from eivor.simulation.excitation import (
 )
 from eivor.simulation.vertical import BATCH, VerticalFlightSpec, simulate_vertical_flights
 from validation.effective_parameters import effective_parameters
-from validation.simulated_fleets import FleetSpec, fleet_rows, fleet_truth, write_fleet_logs
+from validation.simulated_fleets import FleetSpec, fleet_rows, fleet_truth
 
 # -- Simulated records against an integrator, against the model's own equation, and against eac --
 
@@ -350,21 +349,6 @@ def test_rows_are_the_truth_with_errors_as_they_say():
     assert columns - set(rows.columns) == {"mass"}  # which no log tells
     assert rows.equals(fleet_rows(spec))
     assert rows.filter(pl.col("vehicle") == "v0001")["start"].is_sorted()
-
-
-@pytest.mark.long
-@pytest.mark.usefixtures("unchecked_shapes")
-def test_logs_are_flights_of_the_truth(tmp_path):
-    spec = FleetSpec(vehicles=2, flights=1, duration_s=4.0)
-    logs = list(write_fleet_logs(spec, tmp_path))
-    assert [path.relative_to(tmp_path).as_posix() for path in logs] == [
-        "v0000/0000.parquet",
-        "v0001/0000.parquet",
-    ]
-    truth = fleet_truth(spec)
-    for path, hover in zip(logs, truth.hover_input, strict=True):
-        command = read_log(path).channels["rotor_command_1"].values
-        assert np.sqrt(np.mean(command**2)) == pytest.approx(hover, rel=0.1)
 
 
 @pytest.mark.parametrize("wrong", [{"vehicles": 0}, {"wear": 1.0}, {"broken": ((0, 1, 1.5),)}])

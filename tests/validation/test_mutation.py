@@ -109,18 +109,6 @@ def test_what_is_noticed_is_told_and_shown(project, capsys):
 
 
 @pytest.mark.thorough
-def test_what_survives_is_told(project, capsys):
-    """The second name of the first mutant has only tests that cannot notice."""
-    blind = TWICE | {"tests": [*TWICE["tests"], "tests/test_toy.py::TestHalf::test_half"]}
-    equal = HALF | {"replacement": "return 0.5 * x"}
-    assert main([], project=project, table=table(project, blind, equal)) == UNNOTICED
-    out = capsys.readouterr().out
-    assert "twice: NOT NOTICED by tests/test_toy.py::TestHalf::test_half" in out
-    assert "half: NOT NOTICED by tests/test_toy.py::TestHalf" in out
-    assert "0 of 2 noticed" in out
-
-
-@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("change", "said"),
     [

@@ -6,24 +6,19 @@ from dataclasses import replace
 from pathlib import Path
 
 import msgspec
-import numpy as np
 import polars as pl
 import pytest
 
-from eivor.simulation.rigid_body import simulate_rigid_body_flights
-from eivor.simulation.rigid_body_spec import AxisExcitations, Sensors, Wind
 from validation.flight_recipe.rotorpy_flight import Vehicle
-from validation.flight_recipe.trials import GridFile, grid_of
 from validation.joint import study as joint
-from validation.joint.study import ALONE, GIVEN, JOINT, TURNING, effective_along, effective_vertical
+from validation.joint.study import ALONE, GIVEN, JOINT, TURNING
 from validation.joint.study import Told as ToldOfK
-from validation.joint.study import flight_of as joint_flight_of
 from validation.pages import marks
 from validation.rates import study as rates
 from validation.rigid_body import study
 from validation.rigid_body.study import PART, scores
 from validation.rigid_body.trials import GROUPS, Task, published_grid, rows_of, tasks_of
-from validation.studies import KeptRun, Requirement, Row, read_as
+from validation.studies import KeptRun, Requirement, Row
 
 pytest.importorskip("rotorpy")
 
@@ -111,17 +106,6 @@ def all_formulas(half: float = 0.05) -> list[ToldOfK]:
 
 def required(lines: list[ToldOfK]) -> list[Requirement]:
     return list(joint.requirements(KeptRun(None, "full", Path(), lines)))
-
-
-@pytest.mark.thorough
-def test_without_gusts_and_tilt_both_truths_are_the_vehicle_s():
-    spec = joint_flight_of(replace(grid_of(read_as(GridFile, joint.STUDY.grid)).cases[0].spec, duration=8.0))
-    calm = replace(spec, wind=Wind(), attitude=AxisExcitations(), sensors=Sensors.exact())
-    (flight,) = simulate_rigid_body_flights([calm])
-    used = np.ones(flight.truth.time_s.size, dtype=np.bool_)
-    nominal = flight.truth.parameters.drag[2]
-    assert effective_along(flight, calm.vehicle, used) == pytest.approx(nominal, rel=0.02)
-    assert effective_vertical(flight, calm.vehicle, used) == pytest.approx(nominal, rel=0.05)
 
 
 def test_requirements_compare_what_is_identified_and_how_long_intervals_are():

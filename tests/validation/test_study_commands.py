@@ -158,24 +158,6 @@ def test_a_wrong_call_is_a_sentence(module, arguments, message, tmp_path, monkey
 
 
 @thorough
-def test_known_spectra_go_on_from_what_is_kept(tmp_path):
-    from validation.efficiency.study import COLUMNS, KNOWN
-    from validation.studies import read_rows
-
-    suite, kept, out = (tmp_path / name for name in ("suite.toml", "kept.jsonl", "rows.parquet"))
-    suite.write_text(SUITE.replace("runs = 2", "runs = 3"), encoding="utf-8")
-    arguments = [str(suite), "--kept", str(kept), "--out", str(out)]
-    main = command("efficiency.known_spectra")
-    assert main([*arguments, "--runs", "2"]) == 0
-    first = kept.read_text(encoding="utf-8")
-    assert main(arguments) == 0
-    lines = kept.read_text(encoding="utf-8")
-    assert lines.startswith(first)
-    assert len(lines.splitlines()) == 3
-    assert read_rows(out, COLUMNS, "efficiency")["method"].to_list() == [KNOWN, KNOWN]
-
-
-@thorough
 def test_orders_of_fractional_equations(tmp_path, monkeypatch, capsys):
     """At 40 dB total least squares and the methods that allow for noise err by less than a hundredth."""
     from validation.fractional.study import Cell, Relaxation, answers, formulas, sharper_ways
@@ -203,26 +185,3 @@ def test_the_fractional_page(tmp_path, monkeypatch, capsys):
     assert study.main(["--runs", "1", "--page", str(page)]) == 0
     assert "| `total_least_squares` | 1 | `output_coefficient_2` | 8 |" in page.read_text(encoding="utf-8")
     assert "relaxation" in capsys.readouterr().out
-
-
-@pytest.mark.long
-@pytest.mark.filterwarnings("ignore::eivor.errors.WeakInstrumentsWarning")
-@pytest.mark.parametrize(
-    ("equation", "name", "runs", "least"),
-    [
-        ("Cell", "generalized_iv, far", 24, 18),
-        *(
-            (equation, name, 60, 51)
-            for equation in ("Relaxation", "Cell")
-            for name in ("total_least_squares", "bias_compensated_least_squares", "generalized_iv")
-        ),
-    ],
-)
-def test_intervals_of_fractional_equations_cover(equation, name, runs, least):
-    """Of 95 % intervals fewer cover once in ten thousand times."""
-    from validation.fractional import study
-
-    formula = (study.formulas() | study.sharper_ways())[name]
-    result = study.answers(getattr(study, equation)(), formula, range(runs))
-    assert len(result) == runs
-    assert result[:, :, 1].sum(axis=0).min() >= least
