@@ -268,6 +268,10 @@ def test_uneven_stamps_and_stamps_that_err_make_no_jump():
     late = wave(jittered - rng.uniform(0.0, 0.004, even.size))  # a setpoint that is renewed every 4 ms
     assert not jumps(command(jittered, late), grid, used)
     assert jumps(command(jittered, late + (jittered > 20.0)), grid, used)
+    # nothing is known of what a reference did while no block was logged
+    lost = (even % 5.0 > 2.0) & (even % 5.0 < 3.0)
+    quick = wave(even) + 0.3 * wave(5.0 * even)
+    assert not jumps(command(even[~lost], quick[~lost]), grid, used)
     # of what is not used nothing counts
     assert not jumps(command(jittered, late + (jittered > 20.0)), grid, grid.time_s < 19.0)
 

@@ -492,6 +492,34 @@ def test_a_column_of_a_slower_topic_has_its_own_rate(every):
     assert message.endswith(f"read at rates of their own: rotor_command_1 {100 / every:.3g} Hz.")
 
 
+@pytest.mark.parametrize(("rate_hz", "name"), [(5.0, "velocity_x"), (30.0, "input"), (50.0, "input")])
+def test_values_that_fill_the_rows_until_the_next_are_of_a_slower_logger(rate_hz, name):
+    logged = np.floor(OWN_TIME_S * rate_hz + 1e-9) / rate_hz
+    constant = (logged >= 4.0) & (logged < 5.0)
+    column = np.where(constant, 0.0, np.cos(3.0 * logged))
+    recording = recording_from_columns_own({"time": OWN_TIME_S, name: column, "velocity_z": VALUES})
+    channel = recording.channels[name]
+    assert channel.rate_hz == pytest.approx(rate_hz, rel=0.01)
+    assert np.diff(channel.time_s).max() < 1.1 / rate_hz  # also while it is constant
+    (message,) = found(recording)
+    assert f"read at rates of their own: {name} {channel.rate_hz:.3g} Hz" in message
+
+
+@pytest.mark.parametrize(
+    "column",
+    [
+        np.round(VALUES, 1),
+        np.round(VALUES + 0.05 * np.random.default_rng(0).standard_normal(ROWS), 1),
+        np.floor(OWN_TIME_S),
+        np.sign(VALUES),
+    ],
+    ids=["rounded", "rounded noise", "steps", "two values"],
+)
+def test_values_that_repeat_by_themselves_are_of_every_row(column):
+    channel = recording_from_columns_own({"time": OWN_TIME_S, "input": column}).channels["input"]
+    np.testing.assert_array_equal(channel.time_s, OWN_TIME_S)
+
+
 def test_a_setpoint_that_is_not_in_force_for_a_while_stays_so():
     slow = np.arange(ROWS) % 10 == 0
     gone = (OWN_TIME_S > 4.0) & (OWN_TIME_S < 7.0)

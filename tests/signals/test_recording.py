@@ -81,8 +81,11 @@ def test_channels_refuse_unequal_lengths(make):
         make("velocity_z", np.arange(3.0), np.arange(4.0), "m/s")
 
 
-@pytest.mark.parametrize(("time", "rate"), [([], 0.0), ([3.0], 0.0), ([1.0, 1.5, 2.0, 2.5], 2.0)])
-def test_rate_is_steps_over_span(time, rate):
+@pytest.mark.parametrize(
+    ("time", "rate"),
+    [([], 0.0), ([3.0], 0.0), ([1.0, 1.5, 2.0, 2.5], 2.0), ([0.0, 0.5, 1.0, 1.5, 9.0, 9.5], 2.0)],
+)
+def test_rate_is_steps_over_span_without_gaps(time, rate):
     assert channel(time).rate_hz == rate
 
 

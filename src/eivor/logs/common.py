@@ -24,6 +24,7 @@ import numpy as np
 
 from eivor.errors import InputError, LogTooLargeError
 from eivor.signals.channels import CanonicalChannel, CurveSide, held_by_default, unit_of
+from eivor.signals.filters import on_lines
 from eivor.signals.recording import Channel, ChannelQuality, Finding, MadeChannels, Recording, clean_channel
 from eivor.tools import Bool, Float
 
@@ -531,11 +532,21 @@ def logged_channel(
 SKIPPING_SHARE = 0.1
 #: Fewer values carry no information about a clock.
 FEWEST_VALUES = 10
+#: A column at even stamps repeats the values of a slower logger where there are so many runs of equal values,
+#: and this share of them is about as long as their mean. Rounded values repeat in runs of any length; what
+#: changes more rarely than this steps by itself [s].
+FEWEST_RUNS, ALIKE_SHARE, ALIKE, RAREST_S = 30, 0.9, (0.7, 1.4), 0.25
+#: Runs longer than so many medians are constant values.
+CONSTANT_RUN = 3.0
+#: Stamps are even where their distances, pauses left out, spread by less than this share of the median.
+EVEN_SHARE, PAUSE = 0.03, 3.0
 
 
 def on_channel_clock(channel: Channel) -> Channel:
-    """Return the channel at the rows that it has values in, where these are its own; else as it is."""
+    """Return the channel at the rows that it has values of its own in, where these are not all rows."""
     finite = np.isfinite(channel.values)
+    if finite.all():
+        return _without_repeats(channel)
     rows = np.flatnonzero(finite)
     if rows.size < FEWEST_VALUES or np.mean(np.diff(rows) > 1) < SKIPPING_SHARE:
         return channel
@@ -544,10 +555,34 @@ def on_channel_clock(channel: Channel) -> Channel:
     return silenced(on_own, float(channel.time_s[-1])) if channel.held else on_own
 
 
+def _without_repeats(channel: Channel) -> Channel:
+    """The channel at the stamps of a slower logger whose values fill the rows between; else as it is."""
+    starts = np.flatnonzero(np.diff(channel.values, prepend=np.nan) != 0.0)
+    if starts.size < FEWEST_RUNS:
+        return channel
+    steps = np.diff(channel.time_s)
+    step_s = float(np.median(steps))
+    if np.std(steps[steps <= PAUSE * step_s]) > EVEN_SHARE * step_s:
+        return channel
+    lengths = np.diff(starts, append=channel.values.size)
+    usual = float(lengths[lengths <= CONSTANT_RUN * np.median(lengths)].mean())
+    alike = (lengths >= ALIKE[0] * usual) & (lengths <= ALIKE[1] * usual)
+    if not 1.0 / ALIKE[0] <= usual <= RAREST_S / step_s or alike.mean() < ALIKE_SHARE:
+        return channel
+    times = np.maximum(np.rint(lengths / usual), 1.0).astype(np.int64)  # of a value that was logged again
+    again = np.arange(times.sum()) - np.repeat(np.cumsum(times) - times, times)
+    rows = np.repeat(starts, times) + again * np.repeat(lengths, times) // np.repeat(times, times)
+    time_s = channel.time_s[rows]
+    if np.ptp(lengths[alike]) == 1:  # of a rate that the rows' is no multiple of
+        time_s = on_lines(time_s, np.inf)
+    return replace(channel, time_s=time_s, values=channel.values[rows])
+
+
 def own_clock_findings(before: Mapping[str, Channel], after: Mapping[str, Channel]) -> list[Finding]:
     """Say which columns have clocks of their own, and how quick these are."""
     texts = [f"{name} {item.rate_hz:.3g} Hz" for name, item in after.items() if item is not before[name]]
-    return noted("own_clock", "Without a value in some rows, and read at rates of their own: {}.", texts)
+    sentence = "Without a value of their own in some rows, and read at rates of their own: {}."
+    return noted("own_clock", sentence, texts)
 
 
 # -- Stamps --

@@ -162,12 +162,12 @@ class Channel:
 
     @property
     def rate_hz(self) -> float:
-        """Mean rate over the channel's own span, silences left out [Hz]; 0 with fewer than two samples."""
+        """Mean rate over the channel's own span, gaps left out [Hz]; 0 with fewer than two samples."""
         if self.time_s.size < 2:
             return 0.0
-        silences = self.silences()
-        logged = float(self.time_s[-1] - self.time_s[0]) - sum(end - start for start, end in silences)
-        return float((self.time_s.size - 1 - len(silences)) / logged)
+        gaps = self.gaps()
+        logged = float(self.time_s[-1] - self.time_s[0]) - sum(end - start for start, end in gaps)
+        return float((self.time_s.size - 1 - len(gaps)) / logged)
 
     def silences(self) -> list[tuple[float, float]]:
         """Gaps [s] that are longer than `SILENCE_S`."""
