@@ -282,8 +282,8 @@ def test_silences_of_several_channels_are_joined():
 
 
 def test_the_mean_rate_is_that_of_the_time_logged():
-    assert jumping(1e6).rate_hz == pytest.approx(100.0)
-    assert jumping(0.5).rate_hz == pytest.approx(1999 / 20.49)
+    for gap_s in (1e6, 0.5):
+        assert jumping(gap_s).rate_hz == pytest.approx(100.0)
     resting = channel([0.0, 50.0, 110.0, 150.0], np.zeros(4), held=True)
     assert resting.rate_hz == pytest.approx(3 / 150.0)
 
