@@ -18,6 +18,8 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
+from eivor.logs.table.columnar import METADATA_KEY
+from eivor.signals.recording import CONTROLLER_RATE
 from eivor.simulation.environment import SensorNoise, SimulatedFlight, TrajectoryKind
 from validation.flight_recipe.rotorpy_flight import RotorpyFlightSpec, Vehicle, simulate_rotorpy_flight
 
@@ -42,6 +44,14 @@ RESOLUTION = {
     "position": 2.0**-12,
     "attitude": 2.0**-14,
     "reference": 2.0**-14,
+}
+
+#: What is no column: the log holds every command of a controller of 100 Hz.
+KEPT = {
+    "frame": "Z_UP",
+    "input_map": "",
+    "parameters": {CONTROLLER_RATE: 100.0},
+    "channels": {},
 }
 
 
@@ -95,7 +105,10 @@ def main() -> None:
     if not flight.flew:
         raise SystemExit("The vehicle was lost; the example is a flight, so nothing was written.")
     path = folder / "example_flight.parquet"
-    table(flight).write_parquet(path, compression="zstd", compression_level=19, statistics=False)
+    metadata = {METADATA_KEY: json.dumps(KEPT)}
+    table(flight).write_parquet(
+        path, compression="zstd", compression_level=19, statistics=False, metadata=metadata
+    )
     record = json.dumps(truth_record(flight), indent=2)
     (folder / "example_flight_truth.json").write_text(record + "\n", encoding="utf-8")
     print(f"{path.name}: {path.stat().st_size / 1024:.0f} KiB")

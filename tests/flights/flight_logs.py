@@ -10,7 +10,7 @@ from eivor.flights.options import FlightOptions
 from eivor.flights.prepare import prepare
 from eivor.flights.prepared import PreparedFlight
 from eivor.motions.vertical.motion import Vertical
-from eivor.signals.recording import Channel, Recording
+from eivor.signals.recording import CONTROLLER_RATE, Channel, Recording
 from eivor.simulation.vertical import (
     AltitudeController,
     VerticalEnvironment,
@@ -85,11 +85,13 @@ def flown(
 def recording(
     columns: dict[str, np.ndarray], *, name: str = "flight", time_s: np.ndarray | None = None
 ) -> Recording:
-    """Recording whose channels share one clock, 100 Hz unless stamps are given."""
+    """Recording whose channels share one clock, 100 Hz unless stamps are given, with every command."""
     count = next(iter(columns.values())).size
     time = STEP_S * np.arange(count) if time_s is None else time_s
     channels = {key: channel(key, time, values) for key, values in columns.items()}
-    return Recording(name, "frame", channels, input_map="square" if "rotor_command_1" in columns else "")
+    parameters = {CONTROLLER_RATE: 1.0 / float(np.median(np.diff(time)))}
+    input_map = "square" if "rotor_command_1" in columns else ""
+    return Recording(name, "frame", channels, parameters=parameters, input_map=input_map)
 
 
 def channel(name: str, time_s: np.ndarray, values: np.ndarray) -> Channel:

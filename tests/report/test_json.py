@@ -119,6 +119,7 @@ SCHEMA: dict[str, Any] = {
             "pool_friction": {"auto", "common", "separate"},
             "terms": [str],
             "rotor_radius": (float, type(None)),
+            "controller_rate_hz": (float, type(None)),
             "noise": (dict, str, type(None)),
         },
     },

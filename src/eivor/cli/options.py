@@ -91,6 +91,14 @@ class FlightWords(msgspec.Struct, kw_only=True, forbid_unknown_fields=True):
             "M", "Radius of a rotor in metres, such as 0.12: heights over the ground are reported in radii."
         ),
     ] = None
+    controller_rate: Annotated[
+        float | None,
+        option(
+            "HZ",
+            "Rate of the controller that issues the commands, such as 400, where the log does not show it: "
+            "the lag is known closer then.",
+        ),
+    ] = None
     noise: Annotated[
         list[str],
         option(

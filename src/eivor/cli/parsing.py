@@ -296,6 +296,7 @@ def flight_options(motion: Motion[Any], **given: Any) -> FlightOptions:
         pool_friction=words.pool_friction,
         terms=tuple(words.terms),
         rotor_radius=words.rotor_radius,
+        controller_rate_hz=words.controller_rate,
         noise=declared_noise(words.noise),
     )
     check_options(motion, options)

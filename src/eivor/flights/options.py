@@ -23,6 +23,8 @@ LONGEST_LAG_S = 1.0
 
 #: Largest radius of a rotor [m].
 LARGEST_RADIUS = 5.0
+#: Quickest controller [Hz].
+FASTEST_HZ = 32_000.0
 
 #: What flights of a pool may share of what belongs to a flight.
 POOL_FRICTIONS = ("auto", "common", "separate")
@@ -68,6 +70,8 @@ class FlightOptions:
         Optional terms of the motion that its equation is to have, by the words of `OptionSupport.terms`.
     rotor_radius : float, optional
         Radius of a rotor [m], for what a motion identifies in radii.
+    controller_rate_hz : float, optional
+        How often the controller issues commands [Hz], where stamps and parameters of a log do not show it.
     noise : mapping of str to float or DataSheet, or str, optional
         Measurement noise by channel, for methods that take it out: the standard deviation of a sample as it
         is logged, in the channel's SI unit, or the sensor's data sheet; a family's name stands for all its
@@ -92,6 +96,7 @@ class FlightOptions:
     pool_friction: str = "auto"
     terms: tuple[str, ...] = ()
     rotor_radius: float | None = None
+    controller_rate_hz: float | None = None
     noise: Mapping[str, Declared] | str | None = None
 
     def __post_init__(self) -> None:
@@ -111,6 +116,12 @@ class FlightOptions:
                 f"a rotor's radius between 0 and {LARGEST_RADIUS:g} m",
                 f"{self.rotor_radius:g} m",
                 "Give it in metres: half a propeller's diameter, such as 0.12.",
+            )
+        if self.controller_rate_hz is not None and not 0.0 < self.controller_rate_hz <= FASTEST_HZ:
+            raise UsageError(
+                f"a controller's rate between 0 and {FASTEST_HZ:g} Hz",
+                f"{self.controller_rate_hz:g} Hz",
+                "Give it in Hz, such as 400; leave it out where it is not known.",
             )
         if isinstance(self.lag, Prior) and not self.lag.mean > 0.0:
             raise UsageError("a lag above zero", f"{self.lag.mean:g} s", "Give it in seconds.")
@@ -140,8 +151,9 @@ class FlightOptions:
             checks.text(name, getattr(self, name))
         checks.items("instruments", self.instruments, str, "names", 'Give ("references",), for example.')
         checks.items("terms", self.terms, str, "names", 'Give ("quadratic-drag",), for example.')
-        if self.rotor_radius is not None:
-            checks.number("rotor_radius", self.rotor_radius)
+        for name in ("rotor_radius", "controller_rate_hz"):
+            if getattr(self, name) is not None:
+                checks.number(name, getattr(self, name))
         checks.flag("compare", self.compare)
         check_noise(self.noise)
         checks.flag("align", self.align)

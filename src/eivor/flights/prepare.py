@@ -20,11 +20,11 @@ from eivor.flights.references import (
     noise_levels,
     references,
 )
-from eivor.flights.timestamps import CommandClock, as_issued, command_clock
+from eivor.flights.timestamps import CommandClock, as_issued, command_clock, known_clock
 from eivor.signals.channels import common_side
 from eivor.signals.filters import fast_length
 from eivor.signals.noise import WhiteNoise
-from eivor.signals.recording import Channel, Finding, Recording, interval_within
+from eivor.signals.recording import CONTROLLER_RATE, Channel, Finding, Recording, interval_within
 from eivor.signals.signals import Signals, stretches
 from eivor.tools import Bool, Float
 
@@ -36,6 +36,9 @@ LEAST_USED_S = 3.0
 #: Excursions beyond a limit that are no longer than this do not end a run, unless they are most of it [s].
 LONGEST_EXCURSION_S = 1.0
 LEAST_COUNTED_SHARE = 0.5
+#: Parameters that hold the rate of the loop that issues commands [Hz]: ArduPilot's, and of simulated flights.
+#: PX4's IMU_GYRO_RATEMAX is not of them: its thrust is that of the position controller, which is slower.
+CONTROLLER_RATES = ("SCHED_LOOP_RATE", CONTROLLER_RATE)
 #: So much of a long log is read beside the window: more than actuators remember [s].
 BESIDE_S = 30.0
 
@@ -49,7 +52,7 @@ def prepare(recording: Recording, motion: Motion[Any], options: FlightOptions) -
         refuse_empty(log, channel)
     fast = [*selected.commands, *selected.logged_responses]
     grid = common_grid(selected.channels, fast, step_s=selected.step_s)
-    clocks = _clocks(log, selected)
+    clocks = _clocks(log, selected, options.controller_rate_hz)
     channels, good = _gridded(selected, grid, clocks)
     if selected.matched_interpolation_filter:
         channels = matched_interpolation_filter(channels, selected, clocks, grid)
@@ -142,15 +145,17 @@ def refuse_empty(log: Recording, channel: Channel) -> None:
         )
 
 
-def _clocks(log: Recording, selected: Selection) -> dict[str, CommandClock]:
-    """When each held command was logged and issued."""
+def _clocks(log: Recording, selected: Selection, rate_hz: float | None) -> dict[str, CommandClock]:
+    """When each held command was logged and issued, at a rate that is given or among the log's parameters."""
+    rates = (rate_hz, *(log.parameters.get(name) for name in CONTROLLER_RATES))
+    known_hz = next((rate for rate in rates if rate), None)
     names = {command.name for command in selected.commands}
     others = [name for name in log.channels if name not in names]
     return {
         # made one at a time: those of a long log do not fit into memory together
-        command.name: command_clock(
-            command, (log.channels[name] for name in others), selected.issued_within_s
-        )
+        command.name: known_clock(command, known_hz)
+        if known_hz
+        else command_clock(command, (log.channels[name] for name in others), selected.issued_within_s)
         for command in selected.commands
         if command.held
     }

@@ -172,8 +172,9 @@ SHORTEST_STEP_S = 0.001
 RARELY_LOGGED_S = 1.0
 #: Stamps rounded to a power of ten up to this are multiples of it, whatever was rounded [s].
 ROUNDED_S = 0.001
-#: A command that was logged at steps up to this is taken as logged whenever it was issued, unless other
-#: channels are logged more often [s]; also then, if theirs are uneven and its own are at even steps.
+#: A command that was logged at uneven steps up to this is taken as logged whenever it was issued, unless
+#: other channels are logged more often [s]; also then, if theirs are uneven and its own are at even steps.
+#: Where all steps are even the logger may have had a clock of its own.
 QUICK_STEP_S = 0.0105
 #: Upper end of the band of spectral rows, as a share of the rate of a log that does not hold every command: a
 #: jump of the reference between two stamps moves the command by what no line between stamps has.
@@ -227,8 +228,15 @@ class CommandClock:
             )
         return (
             f"The command is logged every {logged:.3g} ms, and the log does not show whether more were "
-            f"issued: the lag may be {1e3 * self.slack_s:.2g} ms longer or shorter."
+            f"issued: the lag may be {1e3 * self.slack_s:.2g} ms longer or shorter. "
+            "Give --controller-rate where it is known."
         )
+
+
+def known_clock(command: Channel, rate_hz: float) -> CommandClock:
+    """Clock of a held command whose controller's rate [Hz] is known."""
+    logged = float(np.median(np.diff(command.time_s)))
+    return CommandClock(logged, min(1.0 / rate_hz, logged))
 
 
 def command_clock(
@@ -262,7 +270,9 @@ def command_clock(
             return CommandClock(logged, logged / FINE_PARTS, looked=True)
         if not sampled_with_it:
             return unknown
-    return as_logged if logged <= QUICK_STEP_S and quickest >= MORE_OFTEN * logged else unknown
+    if logged <= QUICK_STEP_S and quickest >= MORE_OFTEN * logged and has_jitter(command):
+        return as_logged
+    return unknown
 
 
 def _multiples(steps: Float[np.ndarray, " n"], usual: float) -> bool:

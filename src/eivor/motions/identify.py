@@ -45,6 +45,7 @@ class OptionChoices(TypedDict, total=False):
     pool_friction: str
     terms: tuple[str, ...]
     rotor_radius: float | None
+    controller_rate_hz: float | None
     noise: Mapping[str, Declared] | str | None
 
 
@@ -80,7 +81,7 @@ def identify_flight(
         Fields of `FlightOptions`, one by one: ``window=(20, 80)``, ``max_tilt_deg=15``, ``input=``,
         ``input_map=``, ``instruments=``, ``method=``, ``compare=``, ``lag=``, ``align=``,
         ``accelerometer_bias=``, ``pool_friction=``, ``terms=("quadratic-drag",)``, ``rotor_radius=``,
-        ``noise={"velocity_z": 0.02}``.
+        ``controller_rate_hz=``, ``noise={"velocity_z": 0.02}``.
 
     Returns
     -------

@@ -101,6 +101,8 @@ class MadeChannels(Mapping[str, "Channel"]):
 
 #: A longer gap is silence: the logger paused or its clock jumped, and the time is no part of the record [s].
 SILENCE_S = 10.0
+#: Of `Recording.parameters` of simulated flights: how often their controller issues commands [Hz].
+CONTROLLER_RATE = "controller_rate_hz"
 #: `Recording.vehicle` of what flies on rotors.
 ROTARY_WING = "rotary wing"
 #: No sensor gives more, in any unit: its square is a number yet, and so is a sum of such.

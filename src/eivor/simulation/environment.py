@@ -11,7 +11,7 @@ import numpy as np
 from eivor.errors import ShapeError, UsageError
 from eivor.signals.channels import unit_of
 from eivor.signals.noise import fractional_difference, fractional_weights
-from eivor.signals.recording import Channel, Frame, Recording
+from eivor.signals.recording import CONTROLLER_RATE, Channel, Frame, Recording
 from eivor.tools import Float
 
 Series = Float[np.ndarray, " n"]
@@ -107,7 +107,15 @@ def simulated_recording(
         key: Channel(key, time_s, values.copy(), unit_of(key), source=simulator, held=key in held)
         for key, values in (dict(held) | dict(sampled)).items()
     }
-    return Recording(name=name, format="simulation", channels=channels, frame=Frame.Z_UP, input_map="square")
+    rate_hz = (time_s.size - 1) / float(time_s[-1] - time_s[0])
+    return Recording(
+        name=name,
+        format="simulation",
+        channels=channels,
+        frame=Frame.Z_UP,
+        parameters={CONTROLLER_RATE: rate_hz},
+        input_map="square",
+    )
 
 
 # -- Trajectories --

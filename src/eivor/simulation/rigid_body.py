@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatch
@@ -25,7 +26,7 @@ from eivor.motions.rigid_body.dynamics import (
     turned,
 )
 from eivor.signals.channels import held_by_default, roll_pitch_yaw, unit_of
-from eivor.signals.recording import Channel, Frame, Recording
+from eivor.signals.recording import CONTROLLER_RATE, Channel, Frame, Recording
 from eivor.simulation.controller import (
     Cascade,
     DelayLine,
@@ -281,11 +282,14 @@ def recording_of(
     for rate_hz, series in _logged_series(spec, met, flight):
         rows = Sensor(rate_hz=rate_hz).rows(spec.count, spec.step_s)
         add(rows * spec.step_s, rows, series)
+    logged_hz = [rate or math.inf for rate in (spec.logged.rotor_command_hz, spec.logged.setpoint_hz)]
+    whole = min(logged_hz) >= spec.controller.rate_hz
     return Recording(
         name=f"rigid body, {spec.trajectory}, seed {spec.seed}",
         format="simulation",
         channels=channels,
         frame=Frame.Z_UP,
+        parameters={CONTROLLER_RATE: spec.controller.rate_hz} if whole else {},
         input_map="" if spec.vehicle.rotors.thrust_linear else "square",
     )
 
