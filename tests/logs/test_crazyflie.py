@@ -14,8 +14,7 @@ from eivor.cli.main import app
 from eivor.errors import ChannelMapError, CorruptLogError, EivorError, EmptyLogError
 from eivor.logs import log_format, logging_advice, read_log
 from eivor.logs.crazyflie import reader
-from eivor.logs.crazyflie.channels import SOURCES
-from eivor.logs.crazyflie.reader import TO_LOG
+from eivor.logs.crazyflie.reader import SOURCES, TO_LOG
 from eivor.signals.channels import canonical_channel
 from eivor.signals.recording import Frame
 

@@ -342,8 +342,9 @@ def as_issued(command: Channel, clock: CommandClock) -> Channel:
     share = (np.arange(begins.size) - np.repeat(np.cumsum(parts) - parts, parts)) / parts[begins]
     between = time[begins] + share * distances[begins]
     rise = np.where(parts > 1, np.diff(np.nan_to_num(values)), 0.0)
-    if clock.looked:
-        share = share + 0.5 / parts[begins]  # the line's mean over the part, not its value at the beginning
+    # a part holds the mean of the line over it; what was issued then was held for as long, or not at all
+    held_s = 0.0 if clock.looked else clock.issued_s
+    share = share + 0.5 * (1.0 / parts - held_s / distances)[begins]
     return replace(
         command,
         time_s=np.append(between, time[-1]),
