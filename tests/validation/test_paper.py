@@ -1,4 +1,4 @@
-"""The search through all combinations of readings, and the numbers of the errata."""
+"""The numbers of the errata."""
 
 from __future__ import annotations
 
@@ -7,26 +7,7 @@ import re
 import numpy as np
 import pytest
 
-from validation.paper import search as paper_search
 from validation.paper.page import INERTIA, errata
-from validation.paper.search import INSTRUMENTS, search_page, simulations, try_simulation
-
-
-@pytest.fixture(scope="module")
-def tried() -> list[paper_search.Tried]:
-    return try_simulation(next(iter(simulations())), 3)
-
-
-@pytest.mark.thorough
-def test_each_choice_of_instruments_is_tried_with_both_solvers_where_there_are_enough(tried):
-    assert len(tried) == 2 * len(INSTRUMENTS) - 2  # n = 2 has no total least squares solution
-    assert all(np.isfinite(item.means).all() for item in tried)
-
-
-def test_the_page_shows_what_is_nearest(tried):
-    page = search_page(tried, 3)
-    assert "10 combinations" in page
-    assert page.count("| **printed** | 6.43 ± 0.074 / 6.32 ± 0.075 |") == 4
 
 
 @pytest.fixture(scope="module")
